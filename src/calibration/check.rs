@@ -1,0 +1,162 @@
+//! What can be said about a request before anything is computed.
+
+use crate::calibration::observe::{free_parameters, observe};
+use crate::calibration::request::{CalibrationRequest, Loss, Method, Model, VerifySource};
+use crate::calibration::{Error, unusable};
+use crate::identification::KinematicModel;
+use crate::identification::bpnn_pso::fits;
+use crate::identification::identifiability::prior_scale;
+use crate::identification::objective::Observation;
+use crate::identification::parameters::Parameter;
+use crate::identification::search_space::decomposition_at;
+use crate::kinematics::Robot;
+use crate::measurement::{Frame, Subset};
+use nalgebra::Vector3;
+use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Random poses that show a model's rank; three times the largest number of parameters there can be.
+const GENERIC_POSES: usize = 300;
+/// A singular value this small, relative to the largest, is zero.
+const ZERO: f64 = 1e-9;
+/// Positions of three and more points on a rigid flange fix six numbers, however many points there are.
+const EQUATIONS_PER_CONFIGURATION: usize = 6;
+
+/// The checks of `calibrate` that need no fit, for the moment a job is posted.
+///
+/// # Errors
+/// [`Error::Unusable`] with code `not_available`, `frames_required`, `model_mismatch`, `no_network`, `network_mismatch`,
+/// `unknown_parameter`, `bad_subset`, `target_without_identify_points` or `under_determined`.
+pub fn check(request: &CalibrationRequest) -> Result<(), Error> {
+    check_available(request)?;
+    check_model(request)?;
+    let observed = observe(request)?;
+    let n_targets = n_targets(request);
+    let parameters = free_parameters(request, n_targets)?;
+    check_network(request, &parameters)?;
+    let identify = observed.of(Subset::Identify);
+    check_targets(request, &identify, n_targets)?;
+    check_determined(request, &identify, &parameters)
+}
+
+/// Targets of the request: those of its set; the verify set's own are fitted to it.
+pub fn n_targets(request: &CalibrationRequest) -> usize {
+    request.set.n_targets()
+}
+
+fn check_available(request: &CalibrationRequest) -> Result<(), Error> {
+    if matches!(request.options.loss, Some(Loss::Huber | Loss::Tukey)) {
+        return Err(unusable("not_available", "options.loss: only \"squares\" is built so far"));
+    }
+    let stations: BTreeSet<_> = request.set.points.iter().map(|p| &p.station).collect();
+    if stations.len() > 1 {
+        return Err(unusable(
+            "not_available",
+            "the set has several stations; identifying across stations is not built yet: upload one set per station",
+        ));
+    }
+    Ok(())
+}
+
+fn check_model(request: &CalibrationRequest) -> Result<(), Error> {
+    if request.model() != Model::Paper {
+        return Ok(());
+    }
+    if request.set.frame == Frame::Instrument && request.frames.is_none() {
+        let detail = "model \"paper\" needs positions in the base frame: upload sweeps of joints 1, 2 and 5 to the robot's frames and name frames_id, \
+                      upload the set with frame=base, or ask for model \"complete\"";
+        return Err(unusable("frames_required", detail));
+    }
+    if request.set.n_targets() > 1 {
+        let detail = "model \"paper\" has one target on the flange axis, the set has several; ask for model \"complete\"";
+        return Err(unusable("model_mismatch", detail));
+    }
+    Ok(())
+}
+
+fn check_network(request: &CalibrationRequest, parameters: &[Parameter]) -> Result<(), Error> {
+    match (&request.network, request.method) {
+        (None, Method::BpnnPso) => {
+            let detail = "the robot has no trained network of this model and preset; run a job with method \"pso\" first";
+            Err(unusable("no_network", detail))
+        }
+        (Some(network), Method::BpnnPso) if !fits(network, parameters) || network.model != request.model() => {
+            let detail = "the network was trained on other parameters than this job identifies; run a job with method \"pso\" and the same model, preset and \
+                          parameters, or leave network_id out";
+            Err(unusable("network_mismatch", detail))
+        }
+        _ => Ok(()),
+    }
+}
+
+fn check_targets(request: &CalibrationRequest, identify: &[Observation], n_targets: usize) -> Result<(), Error> {
+    // No identify rows at all is a matter of equations, which is checked next.
+    if request.model() == Model::Paper || identify.is_empty() {
+        return Ok(());
+    }
+    match (0..n_targets).find(|target| !identify.iter().any(|o| o.target == *target)) {
+        Some(target) => {
+            let detail = format!(
+                "target {target} has no row in the identify subset, so its offset cannot be identified; number targets from 0 without gaps"
+            );
+            Err(unusable("target_without_identify_points", detail))
+        }
+        None => Ok(()),
+    }
+}
+
+/// Refuses sets with fewer equations from distinct configurations than the model's rank.
+fn check_determined(request: &CalibrationRequest, identify: &[Observation], parameters: &[Parameter]) -> Result<(), Error> {
+    let needed = model_rank(&request.robot, parameters, n_targets(request));
+    let found = n_equations(identify);
+    if found < needed {
+        let names: Vec<String> = parameters.iter().map(Parameter::name).collect();
+        let more = (needed - found).div_ceil(3);
+        let detail = format!(
+            "{found} equations from distinct configurations in the identify subset cannot fix {needed} independent parameters ({}); measure at least {more} more \
+             configurations, spread over the workspace, or hold parameters",
+            names.join(", ")
+        );
+        return Err(unusable("under_determined", detail));
+    }
+    if let VerifySource::Set(set) = &request.verify
+        && set.points.is_empty()
+    {
+        return Err(unusable("under_determined", "the verify set has no points"));
+    }
+    Ok(())
+}
+
+/// Equations from distinct configurations: three for each target seen there, six at most.
+pub fn n_equations(observations: &[Observation]) -> usize {
+    let mut targets_at: BTreeMap<Vec<i64>, BTreeSet<usize>> = BTreeMap::new();
+    for o in observations {
+        let key = o.q_rad.iter().map(|q| (q / DISTINCT_RAD).round() as i64).collect();
+        targets_at.entry(key).or_default().insert(o.target);
+    }
+    targets_at.values().map(|targets| (3 * targets.len()).min(EQUATIONS_PER_CONFIGURATION)).sum()
+}
+
+/// Configurations closer than this in every joint tell nothing new, rad (0.05°).
+const DISTINCT_RAD: f64 = 8.7e-4;
+
+/// Rank of the model: what positions at generic poses can see, whatever the measured poses are.
+pub fn model_rank(robot: &Robot, parameters: &[Parameter], n_targets: usize) -> usize {
+    let mut random = ChaCha8Rng::seed_from_u64(0);
+    let mut angle = || random.random_range(-std::f64::consts::PI..std::f64::consts::PI);
+    let observations: Vec<Observation> = (0..GENERIC_POSES)
+        .map(|i| Observation {
+            q_rad: (0..robot.links.len()).map(|_| angle()).collect(),
+            position_mm: Vector3::zeros(),
+            target: i % n_targets.max(1),
+            weight: 1.0,
+        })
+        .collect();
+    let mut model = KinematicModel::nominal(&robot.links, n_targets.max(1));
+    if parameters.iter().any(|p| matches!(p, Parameter::Target(..))) {
+        // off every axis of the robot, where a target is generic
+        model.targets_mm.iter_mut().enumerate().for_each(|(i, t)| *t = Vector3::new(61.0 + 17.0 * i as f64, -43.0, 97.0));
+    }
+    let scale: Vec<f64> = parameters.iter().map(prior_scale).collect();
+    decomposition_at(&model, parameters, &scale, &observations).rank_relative(ZERO)
+}

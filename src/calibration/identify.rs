@@ -1,0 +1,311 @@
+//! The flow chart of a calibration, stage by stage.
+
+use crate::calibration::check::{check, n_targets};
+use crate::calibration::observe::{Observed, free_parameters, observe};
+use crate::calibration::outcome::report;
+use crate::calibration::report::{CalibrationReport, MethodComparison};
+use crate::calibration::request::{CalibrationRequest, Method, Model};
+use crate::calibration::settings::{Settings, settings};
+use crate::calibration::{Error, Event, Monitor};
+use crate::identification::fit::fit_in_space;
+use crate::identification::identifiability::{Decomposition, prior_scale};
+use crate::identification::objective::{Observation, cost};
+use crate::identification::parameters::{Parameter, apply};
+use crate::identification::search_space::{SearchSpace, decomposition_at};
+use crate::identification::start::fit_base_and_targets;
+use crate::identification::swarm::run_swarm;
+use crate::identification::{KinematicModel, TrainedNetwork, bpnn_pso};
+use crate::measurement::Subset;
+use crate::solvers::{least_squares, pso};
+use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
+use std::ops::ControlFlow;
+
+/// After least squares has converged, the seen directions are taken anew at its answer and it goes on, at most this often.
+const MAX_ROUNDS: usize = 3;
+/// A round that lowers F by less than this share is the last.
+const ROUND_GAIN: f64 = 1e-6;
+/// Least squares stops when the points fit to this, rms, mm: a picometre, the last digit that any of our files holds.
+const EXACT_MM: f64 = 1e-9;
+/// The plain warm start draws its particles around the last answer with this standard deviation, as a share of the half-width.
+const WARM_START_SPREAD: f64 = 0.05;
+
+/// Everything that does not change while methods run on a request.
+pub struct Problem<'a> {
+    /// The request.
+    pub request: &'a CalibrationRequest,
+    /// Resolved options.
+    pub settings: Settings,
+    /// All points, with their subsets.
+    pub observed: Observed,
+    /// What is fitted.
+    pub identify: Vec<Observation>,
+    /// The free parameters.
+    pub parameters: Vec<Parameter>,
+    /// The nominal robot, with base and targets fitted where they are unknown: "before", and what least squares starts from.
+    pub nominal: KinematicModel,
+    /// What the identify subset can see, at the nominal robot, scaled by the stated priors.
+    pub decomposition: Decomposition,
+}
+
+/// A method's answer.
+pub struct Found {
+    /// The identified model.
+    pub model: KinematicModel,
+    /// Iterations done.
+    pub n_iterations: usize,
+    /// Cost evaluations done.
+    pub n_evaluations: usize,
+    /// Smallest F after each iteration.
+    pub convergence: Vec<f64>,
+    /// Why it stopped.
+    pub termination: &'static str,
+    /// The swarm behind it and the space it ran in, for the network.
+    pub swarm: Option<(SearchSpace, pso::Summary)>,
+}
+
+/// Runs one calibration. Pure: the same request gives the same report, bit for bit.
+///
+/// # Errors
+/// [`Error::Unusable`] for a request that cannot be identified from, [`Error::Cancelled`] when the monitor breaks.
+pub fn calibrate(request: &CalibrationRequest, monitor: &mut Monitor<'_>) -> Result<CalibrationReport, Error> {
+    check(request)?;
+    let problem = Problem::new(request)?;
+    let (method, reason) = choose(request);
+    let mut found = stage(monitor, method.name(), |monitor| match method {
+        Method::Pso => swarm(&problem, &problem.nominal, Start::Cold, monitor),
+        Method::BpnnPso => swarm(&problem, &problem.predicted_start(), Start::Network, monitor),
+        Method::Auto | Method::LeastSquares => least_squares_from(&problem, &problem.nominal, monitor),
+    })?;
+    let own = comparison_row(&problem, method.name(), method.name(), &found);
+    let network = match (&found.swarm, method) {
+        (Some((space, summary)), Method::Pso) => {
+            let train = || bpnn_pso::train(space, summary, request.seed, request.model(), request.preset);
+            Some(stage(monitor, "train_network", |_| Ok(train()))?)
+        }
+        _ => None,
+    };
+    if problem.settings.refine && method != Method::LeastSquares {
+        let refined = stage(monitor, "refine", |monitor| least_squares_from(&problem, &found.model, &mut quiet(monitor)))?;
+        found.model = refined.model;
+    }
+    let comparison = compare(&problem, method, own, monitor)?;
+    report(&problem, method, reason, found, comparison, network)
+}
+
+impl<'a> Problem<'a> {
+    fn new(request: &'a CalibrationRequest) -> Result<Self, Error> {
+        let observed = observe(request)?;
+        let identify = observed.of(Subset::Identify);
+        let parameters = free_parameters(request, n_targets(request))?;
+        let nominal = nominal_model(request, &identify);
+        let scale: Vec<f64> = parameters.iter().map(prior_scale).collect();
+        let decomposition = decomposition_at(&nominal, &parameters, &scale, &identify);
+        Ok(Self { request, settings: settings(request), observed, identify, parameters, nominal, decomposition })
+    }
+
+    /// Half-width of the search box of each parameter; base and targets get as much more as their prior is wider.
+    fn half_widths(&self) -> Vec<f64> {
+        let half_width = |p: &Parameter| match (p.is_angle(), p.is_link()) {
+            (true, _) => self.settings.half_width_rad,
+            (false, true) => self.settings.half_width_mm,
+            (false, false) => self.settings.half_width_mm * prior_scale(p) / crate::identification::identifiability::PRIOR_LENGTH_MM,
+        };
+        self.parameters.iter().map(half_width).collect()
+    }
+
+    fn network(&self) -> Option<&TrainedNetwork> {
+        self.request.network.as_ref()
+    }
+
+    /// Link deviations of the network's answer, spread over all parameters (base and targets: none).
+    fn answer_deviation(&self) -> Vec<f64> {
+        let mut answer = self.network().map(|n| n.answer.clone()).unwrap_or_default().into_iter();
+        self.parameters.iter().map(|p| if p.is_link() { answer.next().unwrap_or(0.0) } else { 0.0 }).collect()
+    }
+
+    /// Nominal links, but base and targets fitted with the links that the network was trained on: the nominal robot would place them
+    /// wrongly by as much as the robot errs.
+    fn predicted_start(&self) -> KinematicModel {
+        if self.request.model() == Model::Paper {
+            return self.nominal.clone();
+        }
+        let links = apply(&self.nominal, &self.parameters, &self.answer_deviation()).links;
+        let placed = fit_base_and_targets(&links, &self.identify, self.nominal.targets_mm.len());
+        KinematicModel { links: self.nominal.links.clone(), ..placed }
+    }
+}
+
+/// The nominal robot in the frame of the fit. With sweeps, z_t is merged into d of the last link [Gao 2018, section 2.2].
+fn nominal_model(request: &CalibrationRequest, identify: &[Observation]) -> KinematicModel {
+    let links = &request.robot.links;
+    let n_targets = n_targets(request);
+    match request.model() {
+        Model::Complete => fit_base_and_targets(links, identify, n_targets),
+        Model::Paper => {
+            let mut model = KinematicModel::nominal(links, n_targets);
+            let last = model.links.len() - 1;
+            model.links[last].d_mm += request.frames.as_ref().map_or(0.0, |frames| frames.z_tool_mm);
+            model
+        }
+    }
+}
+
+fn choose(request: &CalibrationRequest) -> (Method, String) {
+    match request.method {
+        Method::Auto => {
+            let reason = "least squares: from nominal kinematics it converges on robots whose joints are mastered, in a few steps and to the same answer every time; \
+                          a swarm is there for when it does not";
+            (Method::LeastSquares, reason.into())
+        }
+        method => (method, "asked for".into()),
+    }
+}
+
+/// Runs one stage between its two events.
+fn stage<T>(monitor: &mut Monitor<'_>, name: &str, run: impl FnOnce(&mut Monitor<'_>) -> Result<T, Error>) -> Result<T, Error> {
+    tell(monitor, Event::StageStarted(name))?;
+    let result = run(monitor)?;
+    tell(monitor, Event::StageEnded(name))?;
+    Ok(result)
+}
+
+fn tell(monitor: &mut Monitor<'_>, event: Event<'_>) -> Result<(), Error> {
+    if monitor(event).is_break() { Err(Error::Cancelled) } else { Ok(()) }
+}
+
+/// Passes on nothing but the question whether to stop: iterations of later stages are not the main method's progress.
+fn quiet<'m>(monitor: &'m mut Monitor<'_>) -> impl FnMut(Event<'_>) -> ControlFlow<()> + 'm {
+    |event| match event {
+        Event::Iteration { .. } => monitor(Event::Heartbeat),
+        event => monitor(event),
+    }
+}
+
+/// Levenberg-Marquardt along the directions that the data see; what they do not see stays at `start`.
+fn least_squares_from(problem: &Problem<'_>, start: &KinematicModel, monitor: &mut Monitor<'_>) -> Result<Found, Error> {
+    let exact = problem.identify.len() as f64 * EXACT_MM * EXACT_MM;
+    let stop_at = problem.settings.pso.stop_at_cost.unwrap_or(0.0).max(exact);
+    let options = least_squares::Options { stop_at_cost: Some(stop_at), ..least_squares::Options::default() };
+    let mut found =
+        Found { model: start.clone(), n_iterations: 0, n_evaluations: 0, convergence: vec![], termination: "converged", swarm: None };
+    for round in 0..MAX_ROUNDS {
+        let decomposition = decomposition_at(&found.model, &problem.parameters, &problem.decomposition.scale, &problem.identify);
+        let space = SearchSpace::along(found.model.clone(), problem.parameters.clone(), &decomposition);
+        let done = found.n_iterations;
+        let mut watch = |i: least_squares::Iteration| {
+            monitor(Event::Iteration { iteration: done + i.iteration, n_iterations: done + i.max_iterations, best_cost_mm2: i.cost })
+        };
+        let fit = fit_in_space(&space, &problem.identify, &options, &mut watch);
+        if fit.summary.termination == least_squares::Termination::Stopped {
+            return Err(Error::Cancelled);
+        }
+        found.n_iterations += fit.summary.n_iterations;
+        found.n_evaluations += fit.summary.n_evaluations;
+        let before = fit.summary.convergence[0];
+        // the first entry of a later round repeats the last of the round before
+        found.convergence.extend(fit.summary.convergence.iter().skip(usize::from(round > 0)));
+        found.model = fit.model;
+        found.termination = least_squares_termination(fit.summary.termination);
+        if fit.summary.termination == least_squares::Termination::CostReached || fit.summary.cost > before * (1.0 - ROUND_GAIN) {
+            break;
+        }
+    }
+    Ok(found)
+}
+
+fn least_squares_termination(termination: least_squares::Termination) -> &'static str {
+    match termination {
+        least_squares::Termination::CostReached => "cost_reached",
+        least_squares::Termination::IterationLimit => "iteration_limit",
+        least_squares::Termination::NotFinite => "not_finite",
+        t if t.converged() => "converged",
+        _ => "stopped",
+    }
+}
+
+/// What a swarm starts from.
+#[derive(Clone, Copy, PartialEq)]
+enum Start {
+    /// Uniform in the box.
+    Cold,
+    /// The network moves the particles once, before the first evaluation (our reading of figure 5).
+    Network,
+    /// A Gaussian ball around the last answer, for comparison.
+    WarmBall,
+}
+
+fn swarm(problem: &Problem<'_>, reference: &KinematicModel, start: Start, monitor: &mut Monitor<'_>) -> Result<Found, Error> {
+    let (parameters, scale) = (problem.parameters.clone(), problem.half_widths());
+    let space = match problem.settings.singular_directions {
+        true => SearchSpace::singular(reference.clone(), parameters, scale, &problem.identify),
+        false => SearchSpace::raw(reference.clone(), parameters, scale),
+    };
+    let mut move_particles = |iteration: usize, positions: &mut pso::Positions| match (iteration, start, problem.network()) {
+        (0, Start::Network, Some(network)) => bpnn_pso::move_particles(&space, network, positions),
+        (0, Start::WarmBall, Some(_)) => warm_ball(&space, &problem.answer_deviation(), problem.request.seed, positions),
+        _ => {}
+    };
+    let mut watch =
+        |i: pso::Iteration| monitor(Event::Iteration { iteration: i.iteration, n_iterations: i.n_iterations, best_cost_mm2: i.best_cost });
+    let summary = run_swarm(&space, &problem.identify, &problem.settings.pso, Some(&mut move_particles), &mut watch);
+    let termination = match summary.termination {
+        pso::Termination::Stopped => return Err(Error::Cancelled),
+        pso::Termination::CostReached => "cost_reached",
+        pso::Termination::IterationLimit => "iteration_limit",
+    };
+    Ok(Found {
+        model: space.model(&summary.best_position),
+        n_iterations: summary.n_iterations,
+        n_evaluations: summary.n_evaluations,
+        convergence: summary.convergence.clone(),
+        termination,
+        swarm: Some((space, summary)),
+    })
+}
+
+/// Normal numbers around the last answer (Box and Muller 1958).
+fn warm_ball(space: &SearchSpace, answer: &[f64], seed: u64, positions: &mut pso::Positions) {
+    let centre = space.coordinates(answer);
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let mut normal = || {
+        let (u, v): (f64, f64) = (1.0 - random.random::<f64>(), random.random());
+        (-2.0 * libm::log(u)).sqrt() * libm::cos(std::f64::consts::TAU * v)
+    };
+    for particle in 0..positions.n_particles {
+        let position: Vec<f64> = centre.iter().map(|c| c + WARM_START_SPREAD * normal()).collect();
+        positions.set_particle(particle, &position);
+    }
+}
+
+/// The other methods on the same points: always least squares; for BPNN-PSO also the cold swarm and the plain warm start.
+fn compare(
+    problem: &Problem<'_>,
+    method: Method,
+    own: MethodComparison,
+    monitor: &mut Monitor<'_>,
+) -> Result<Vec<MethodComparison>, Error> {
+    let mut rows = vec![own];
+    if method != Method::LeastSquares {
+        let other = stage(monitor, "compare_least_squares", |monitor| least_squares_from(problem, &problem.nominal, &mut quiet(monitor)))?;
+        rows.push(comparison_row(problem, "least_squares", "compare_least_squares", &other));
+    }
+    if method == Method::BpnnPso {
+        let cold = stage(monitor, "compare_pso", |monitor| swarm(problem, &problem.nominal, Start::Cold, &mut quiet(monitor)))?;
+        rows.push(comparison_row(problem, "pso", "compare_pso", &cold));
+        let start = problem.predicted_start();
+        let warm = stage(monitor, "compare_warm_start", |monitor| swarm(problem, &start, Start::WarmBall, &mut quiet(monitor)))?;
+        rows.push(comparison_row(problem, "warm_start", "compare_warm_start", &warm));
+    }
+    Ok(rows)
+}
+
+fn comparison_row(problem: &Problem<'_>, method: &'static str, stage: &'static str, found: &Found) -> MethodComparison {
+    MethodComparison {
+        method,
+        stage,
+        n_iterations: found.n_iterations,
+        n_evaluations: found.n_evaluations,
+        cost_mm2: cost(&found.model, &problem.identify),
+        verify_after: crate::calibration::outcome::verify_errors(problem, &found.model),
+    }
+}

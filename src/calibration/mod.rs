@@ -1,0 +1,64 @@
+//! `calibrate(request, monitor) -> report`: the paper's flow chart as one function over plain data.
+
+mod check;
+mod identify;
+mod observe;
+mod outcome;
+pub mod predict;
+pub mod report;
+pub mod request;
+mod settings;
+pub mod upload;
+
+pub use check::check;
+pub use identify::calibrate;
+pub use predict::predict;
+pub use report::{CalibrationReport, Errors};
+pub use request::{CalibrationRequest, Method, Model, Preset};
+
+use std::ops::ControlFlow;
+
+/// What the monitor is told while a calibration runs.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Event<'a> {
+    /// A named stage begins: `least_squares`, `pso` or `bpnn_pso` for the main method, then `refine`, `train_network`,
+    /// `compare_least_squares`, `compare_pso`, `compare_warm_start`.
+    StageStarted(&'a str),
+    /// Nothing to report: a stage other than the main method is at work and asks whether to stop.
+    Heartbeat,
+    /// The stage of that name ended.
+    StageEnded(&'a str),
+    /// One iteration of the main method is done.
+    Iteration {
+        /// Iterations done so far.
+        iteration: usize,
+        /// The limit.
+        n_iterations: usize,
+        /// Smallest F so far, mm².
+        best_cost_mm2: f64,
+    },
+}
+
+/// Progress out, cancellation in: the only seam between the core and the service.
+/// Called at least once per iteration; `Break` ends the calibration with [`Error::Cancelled`].
+pub type Monitor<'a> = dyn FnMut(Event<'_>) -> ControlFlow<()> + 'a;
+
+/// Why a calibration could not be done.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum Error {
+    /// The monitor asked to stop.
+    #[error("the calibration was cancelled")]
+    Cancelled,
+    /// Something in the request does not fit together. `code` is stable and goes to the client as it is.
+    #[error("{detail}")]
+    Unusable {
+        /// Machine-readable reason, as in api.md (`under_determined`, `network_mismatch`, `not_available`, …).
+        code: &'static str,
+        /// What, where and how to mend it.
+        detail: String,
+    },
+}
+
+fn unusable(code: &'static str, detail: impl Into<String>) -> Error {
+    Error::Unusable { code, detail: detail.into() }
+}

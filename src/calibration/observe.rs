@@ -1,0 +1,122 @@
+//! From a request to what is fitted and scored: observations in the model's joint convention, their subsets, the free parameters.
+
+use crate::calibration::request::{CalibrationRequest, Model, ParameterChoice, VerifySource};
+use crate::calibration::{Error, unusable};
+use crate::identification::objective::Observation;
+use crate::identification::parameters::{Parameter, complete_parameters, paper_parameters};
+use crate::kinematics::Robot;
+use crate::measurement::{Frame, MeasurementSet, Subset, split};
+use nalgebra::{IsometryMatrix3, Point3};
+use std::collections::BTreeSet;
+
+/// Share of the configurations kept for verification where nothing else is said.
+const DEFAULT_VERIFY_FRACTION: f64 = 0.5;
+
+/// Points of one set, fitted or scored together.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Observed {
+    /// One per point, in order.
+    pub all: Vec<Observation>,
+    /// One per point.
+    pub subsets: Vec<Subset>,
+    /// One per point.
+    pub configurations: Vec<String>,
+}
+
+impl Observed {
+    /// The observations of one subset.
+    pub fn of(&self, subset: Subset) -> Vec<Observation> {
+        self.all.iter().zip(&self.subsets).filter(|(_, s)| **s == subset).map(|(o, _)| o.clone()).collect()
+    }
+}
+
+/// The request's own set, split.
+pub fn observe(request: &CalibrationRequest) -> Result<Observed, Error> {
+    let set = &request.set;
+    let to_base = to_base(request);
+    Ok(Observed {
+        all: observations(&request.robot, set, &to_base),
+        subsets: subsets(request)?,
+        configurations: set.points.iter().map(|p| p.configuration.clone()).collect(),
+    })
+}
+
+/// Another set of the same robot: all of it to verify.
+pub fn observe_verify_set(request: &CalibrationRequest, set: &MeasurementSet) -> Observed {
+    Observed {
+        all: observations(&request.robot, set, &IsometryMatrix3::identity()),
+        subsets: vec![Subset::Verify; set.points.len()],
+        configurations: set.points.iter().map(|p| p.configuration.clone()).collect(),
+    }
+}
+
+/// What turns measured positions into the frame of the fit: the base frame where sweeps give it, else the measuring frame.
+fn to_base(request: &CalibrationRequest) -> IsometryMatrix3<f64> {
+    match (&request.frames, request.model(), request.set.frame) {
+        (Some(frames), Model::Paper, Frame::Instrument) => frames.t_instrument_base.inverse(),
+        _ => IsometryMatrix3::identity(),
+    }
+}
+
+fn observations(robot: &Robot, set: &MeasurementSet, to_base: &IsometryMatrix3<f64>) -> Vec<Observation> {
+    let weights = weights(set);
+    let observation = |(point, weight): (&crate::measurement::Point, f64)| Observation {
+        q_rad: robot.q_model_rad(&point.q_rad),
+        position_mm: (to_base * Point3::from(point.position_mm)).coords,
+        target: point.target,
+        weight,
+    };
+    set.points.iter().zip(weights).map(observation).collect()
+}
+
+/// 1/std² of each point relative to the set's mean of that, so that equal uncertainties leave F as it is; 1 where none are given.
+fn weights(set: &MeasurementSet) -> Vec<f64> {
+    let n = set.points.len() as f64;
+    let all: Option<Vec<f64>> = set.points.iter().map(|p| p.std_mm.map(|std| 1.0 / (std * std))).collect();
+    match all {
+        Some(precisions) => {
+            let mean = precisions.iter().sum::<f64>() / n;
+            precisions.iter().map(|w| w / mean).collect()
+        }
+        None => vec![1.0; set.points.len()],
+    }
+}
+
+fn subsets(request: &CalibrationRequest) -> Result<Vec<Subset>, Error> {
+    let set = &request.set;
+    let by_column = || split::by_column(set).map_err(|e| unusable("bad_subset", e.to_string()));
+    match request.verify {
+        VerifySource::Set(_) => Ok(vec![Subset::Identify; set.points.len()]),
+        VerifySource::Subset => by_column(),
+        VerifySource::Fraction(fraction) => Ok(split::by_fraction(set, fraction, request.seed)),
+        VerifySource::Default if split::has_column(set) => by_column(),
+        VerifySource::Default => Ok(split::by_fraction(set, DEFAULT_VERIFY_FRACTION, request.seed)),
+    }
+}
+
+/// The free parameters: the model's, less what the request holds.
+pub fn free_parameters(request: &CalibrationRequest, n_targets: usize) -> Result<Vec<Parameter>, Error> {
+    let links = &request.robot.links;
+    let model = match request.model() {
+        Model::Paper => paper_parameters(links.len()),
+        Model::Complete => complete_parameters(links, n_targets),
+    };
+    let names: BTreeSet<String> = model.iter().map(Parameter::name).collect();
+    let (ParameterChoice::Hold(asked) | ParameterChoice::Identify(asked)) = &request.parameters else {
+        return Ok(model);
+    };
+    if let Some(unknown) = asked.iter().find(|name| !names.contains(*name)) {
+        let known = names.into_iter().collect::<Vec<_>>().join(", ");
+        return Err(unusable("unknown_parameter", format!("parameter {unknown:?} is not in this model; it has {known}")));
+    }
+    let keep = |p: &Parameter| match &request.parameters {
+        ParameterChoice::Hold(_) => !asked.contains(&p.name()),
+        // base and targets belong to the measurement, not to the robot: they stay free unless held by name
+        _ => asked.contains(&p.name()) || !p.is_link(),
+    };
+    let free: Vec<Parameter> = model.into_iter().filter(keep).collect();
+    if free.is_empty() {
+        return Err(unusable("nothing_to_identify", "every parameter is held; leave at least one free"));
+    }
+    Ok(free)
+}

@@ -1,0 +1,246 @@
+//! From an identified model to the report: errors before and after, parameters with their uncertainty, remarks.
+
+use crate::calibration::Error;
+use crate::calibration::identify::{Found, Problem};
+use crate::calibration::observe::{Observed, observe_verify_set};
+use crate::calibration::report::*;
+use crate::calibration::request::{Method, Model, VerifySource};
+use crate::identification::objective::{Observation, cost, residuals, weighted_jacobian};
+use crate::identification::parameters::{Parameter, quantity_mut};
+use crate::identification::start::fit_base_and_targets;
+use crate::identification::{KinematicModel, TrainedNetwork};
+use crate::measurement::{Frame, Subset};
+use nalgebra::{DMatrix, IsometryMatrix3, Rotation3, Vector3};
+
+/// Iteration limit of a singular value decomposition.
+const SVD_ITERATIONS: usize = 10_000;
+
+/// Mean, standard deviation, rms and largest of |residual|; `None` for no points.
+pub fn errors(model: &KinematicModel, observations: &[Observation]) -> Option<Errors> {
+    let sizes: Vec<f64> = residuals(model, observations).iter().map(Vector3::norm).collect();
+    if sizes.is_empty() {
+        return None;
+    }
+    let n = sizes.len() as f64;
+    let mean_mm = sizes.iter().sum::<f64>() / n;
+    let rms_mm = (sizes.iter().map(|e| e * e).sum::<f64>() / n).sqrt();
+    let std_mm = (sizes.iter().map(|e| (e - mean_mm) * (e - mean_mm)).sum::<f64>() / n).sqrt();
+    Some(Errors { mean_mm, std_mm, rms_mm, max_mm: sizes.iter().fold(0.0, |m, e| m.max(*e)) })
+}
+
+/// A model as it scores the verify points: as it is for points of its own set, with base and targets refitted for another set in the
+/// instrument frame.
+fn verify_points(problem: &Problem<'_>) -> (Observed, bool) {
+    match &problem.request.verify {
+        VerifySource::Set(set) => (observe_verify_set(problem.request, set), set.frame == Frame::Instrument),
+        _ => (problem.observed.clone(), false),
+    }
+}
+
+fn placed(model: &KinematicModel, observations: &[Observation], refit: bool) -> KinematicModel {
+    if !refit {
+        return model.clone();
+    }
+    let n_targets = observations.iter().map(|o| o.target + 1).max().unwrap_or(0);
+    fit_base_and_targets(&model.links, observations, n_targets)
+}
+
+/// Errors of a model on the verify points.
+pub fn verify_errors(problem: &Problem<'_>, model: &KinematicModel) -> Option<Errors> {
+    let (observed, refit) = verify_points(problem);
+    let points = observed.of(Subset::Verify);
+    if points.is_empty() {
+        return None;
+    }
+    errors(&placed(model, &points, refit), &points)
+}
+
+/// The report of a finished calibration.
+pub fn report(
+    problem: &Problem<'_>,
+    method: Method,
+    method_reason: String,
+    found: Found,
+    comparison: Vec<MethodComparison>,
+    network: Option<TrainedNetwork>,
+) -> Result<CalibrationReport, Error> {
+    let request = problem.request;
+    let model = &found.model;
+    let both = |points: &[Observation], before: &KinematicModel, after: &KinematicModel| {
+        let (before, after) = (errors(before, points)?, errors(after, points)?);
+        Some(SubsetErrors { n_points: points.len(), before, after })
+    };
+    let Some(identify) = both(&problem.identify, &problem.nominal, model) else {
+        return Err(crate::calibration::unusable("under_determined", "the identify subset has no points"));
+    };
+    let (verify_observed, refit) = verify_points(problem);
+    let points = verify_observed.of(Subset::Verify);
+    let (before, after) = (placed(&problem.nominal, &points, refit), placed(model, &points, refit));
+    let verify = both(&points, &before, &after);
+    let mut per_point = per_point(&problem.observed, &problem.nominal, model);
+    if matches!(request.verify, VerifySource::Set(_)) {
+        per_point.extend(self::per_point(&verify_observed, &before, &after));
+    }
+    let (links, t_instrument_base, targets_mm) = as_delivered(problem, model);
+    let mut report = CalibrationReport {
+        method,
+        method_reason,
+        model: request.model(),
+        preset: request.preset,
+        seed: request.seed,
+        termination: found.termination,
+        n_iterations: found.n_iterations,
+        n_evaluations: found.n_evaluations,
+        cost_mm2: cost(model, &problem.identify),
+        convergence_mm2: found.convergence,
+        identify,
+        verify,
+        per_point,
+        parameters: parameters(problem, model),
+        identifiability: identifiability(problem),
+        comparison,
+        warnings: vec![],
+        links,
+        t_instrument_base,
+        targets_mm,
+        network,
+    };
+    report.warnings = warnings(&report);
+    Ok(report)
+}
+
+fn per_point(observed: &Observed, before: &KinematicModel, after: &KinematicModel) -> Vec<PointErrors> {
+    let (before, after) = (residuals(before, &observed.all), residuals(after, &observed.all));
+    (0..observed.all.len())
+        .map(|i| PointErrors {
+            configuration: observed.configurations[i].clone(),
+            target: observed.all[i].target,
+            subset: observed.subsets[i],
+            before_mm: before[i].norm(),
+            after_mm: after[i].norm(),
+        })
+        .collect()
+}
+
+/// Links, base and targets as the cell gets them: with sweeps, z_t is taken out of d of the last link again and becomes the target.
+fn as_delivered(problem: &Problem<'_>, model: &KinematicModel) -> (Vec<crate::kinematics::Link>, IsometryMatrix3<f64>, Vec<Vector3<f64>>) {
+    let (mut links, mut base, mut targets) = (model.links.clone(), model.t_instrument_base, model.targets_mm.clone());
+    if let (Model::Paper, Some(frames)) = (problem.request.model(), &problem.request.frames) {
+        let last = links.len() - 1;
+        links[last].d_mm -= frames.z_tool_mm;
+        targets = vec![Vector3::new(0.0, 0.0, frames.z_tool_mm)];
+        if problem.request.set.frame == Frame::Instrument {
+            base = frames.t_instrument_base;
+        }
+    }
+    (links, base, targets)
+}
+
+/// Nominal and identified value of each free parameter, in mm and degrees.
+fn parameters(problem: &Problem<'_>, model: &KinematicModel) -> Vec<ParameterOutcome> {
+    let std = standard_uncertainties(problem, model);
+    let identifiable = problem.decomposition.identifiable();
+    let merged_d = problem.request.frames.as_ref().filter(|_| problem.request.model() == Model::Paper).map_or(0.0, |f| f.z_tool_mm);
+    let last = model.links.len() - 1;
+    let outcome = |(i, parameter): (usize, &Parameter)| {
+        let (mut nominal, mut identified) = (value(&problem.nominal, parameter), value(model, parameter));
+        if let Parameter::BaseRotation(axis) = parameter {
+            (nominal, identified) = (0.0, rotation_between(&problem.nominal, model)[*axis]);
+        }
+        if *parameter == Parameter::Link(last, crate::identification::parameters::Quantity::D) {
+            (nominal, identified) = (nominal - merged_d, identified - merged_d);
+        }
+        let to_wire = |value: f64| if parameter.is_angle() { value.to_degrees() } else { value };
+        ParameterOutcome {
+            name: parameter.name(),
+            link: if let Parameter::Link(link, _) = parameter { Some(link + 1) } else { None },
+            unit: if parameter.is_angle() { "deg" } else { "mm" },
+            nominal: to_wire(nominal),
+            identified: to_wire(identified),
+            delta: to_wire(identified - nominal),
+            std_uncertainty: std[i].filter(|_| identifiable[i]).map(to_wire),
+            identifiable: identifiable[i],
+        }
+    };
+    problem.parameters.iter().enumerate().map(outcome).collect()
+}
+
+fn value(model: &KinematicModel, parameter: &Parameter) -> f64 {
+    match *parameter {
+        Parameter::Link(link, quantity) => *quantity_mut(&mut model.links[link].clone(), quantity),
+        Parameter::BaseTranslation(axis) => model.t_instrument_base.translation.vector[axis],
+        Parameter::BaseRotation(_) => 0.0,
+        Parameter::Target(target, axis) => model.targets_mm[target][axis],
+    }
+}
+
+/// Rotation vector from one base to another, in the measuring frame, rad.
+fn rotation_between(from: &KinematicModel, to: &KinematicModel) -> Vector3<f64> {
+    let turn: Rotation3<f64> = to.t_instrument_base.rotation * from.t_instrument_base.rotation.inverse();
+    let m = turn.matrix();
+    let twice_sine = Vector3::new(m[(2, 1)] - m[(1, 2)], m[(0, 2)] - m[(2, 0)], m[(1, 0)] - m[(0, 1)]);
+    let sine = twice_sine.norm() / 2.0;
+    let angle = libm::atan2(sine, (m.trace() - 1.0) / 2.0);
+    if sine < 1e-9 { twice_sine / 2.0 } else { twice_sine * (angle / (2.0 * sine)) }
+}
+
+/// One standard deviation of each parameter, mm or rad: s²·(AᵀA)⁻¹ along the seen directions, s² = F / (3·N − rank).
+fn standard_uncertainties(problem: &Problem<'_>, model: &KinematicModel) -> Vec<Option<f64>> {
+    let n_parameters = problem.parameters.len();
+    let directions = problem.decomposition.seen_directions();
+    let freedom = 3 * problem.identify.len() as i64 - directions.ncols() as i64;
+    if freedom <= 0 || directions.ncols() == 0 {
+        return vec![None; n_parameters];
+    }
+    let variance = cost(model, &problem.identify) / freedom as f64;
+    let jacobian = weighted_jacobian(model, &problem.parameters, &problem.identify, &Vector3::zeros()) * &directions;
+    let r = jacobian.qr().r();
+    let Some(svd) = r.try_svd(false, true, f64::EPSILON, SVD_ITERATIONS) else { return vec![None; n_parameters] };
+    let Some(v_t) = svd.v_t else { return vec![None; n_parameters] };
+    // directions · V · Σ⁻¹: its rows' norms are the standard deviations per unit of s
+    let spread: DMatrix<f64> = DMatrix::from_fn(v_t.ncols(), v_t.nrows(), |i, k| v_t[(k, i)] / svd.singular_values[k]);
+    let roots = directions * spread;
+    roots.row_iter().map(|row| Some((variance * row.norm_squared()).sqrt()).filter(|s| s.is_finite())).collect()
+}
+
+fn identifiability(problem: &Problem<'_>) -> Identifiability {
+    let names = |group: Vec<usize>| group.into_iter().map(|i| problem.parameters[i].name()).collect();
+    Identifiability {
+        n_parameters: problem.parameters.len(),
+        rank: problem.decomposition.rank(),
+        condition_number: problem.decomposition.condition_number(),
+        unidentifiable: problem.decomposition.unseen_groups().into_iter().map(names).collect(),
+        observability_index_o1: problem.decomposition.observability_index_o1(),
+    }
+}
+
+fn warnings(report: &CalibrationReport) -> Vec<Warning> {
+    let warning = |code, detail: String| Warning { code, detail, rows: vec![] };
+    let mut warnings = Vec::new();
+    match &report.verify {
+        None => {
+            warnings.push(warning("no_verify_points", "no points were kept to verify: the errors after are those of the fit itself".into()))
+        }
+        Some(verify) if verify.after.rms_mm >= verify.before.rms_mm => warnings.push(warning(
+            "no_better_than_nominal",
+            format!(
+                "on points that the fit has not seen the identified robot ({:.4} mm rms) is no better than the nominal one ({:.4} mm rms)",
+                verify.after.rms_mm, verify.before.rms_mm
+            ),
+        )),
+        Some(_) => {}
+    }
+    let unseen = &report.identifiability.unidentifiable;
+    if !unseen.is_empty() {
+        let groups: Vec<String> = unseen.iter().map(|group| group.join(" with ")).collect();
+        let detail = format!("these cannot be told apart or seen from the measured positions and stay as they were: {}", groups.join("; "));
+        warnings.push(warning("unidentifiable_parameters", detail));
+    }
+    if report.method == Method::LeastSquares && matches!(report.termination, "iteration_limit" | "not_finite") {
+        warnings.push(warning(
+            "not_converged",
+            "least squares did not converge; check joint offsets and wild points, or try method \"pso\"".into(),
+        ));
+    }
+    warnings
+}

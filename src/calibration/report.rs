@@ -1,0 +1,157 @@
+//! What a calibration answers: plain data; `wire::report` gives it its JSON shape.
+
+use crate::calibration::request::{Method, Model, Preset};
+use crate::identification::TrainedNetwork;
+use crate::kinematics::Link;
+use crate::measurement::Subset;
+use nalgebra::{IsometryMatrix3, Vector3};
+
+/// Mean, standard deviation (population), root mean square and largest of the 3-D position errors, mm.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Errors {
+    /// Mean of |residual|, mm.
+    pub mean_mm: f64,
+    /// Population standard deviation of |residual|, mm.
+    pub std_mm: f64,
+    /// Root mean square of |residual|, mm.
+    pub rms_mm: f64,
+    /// Largest |residual|, mm.
+    pub max_mm: f64,
+}
+
+/// Errors of one subset before (nominal) and after (identified).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SubsetErrors {
+    /// Points in the subset.
+    pub n_points: usize,
+    /// The nominal robot's.
+    pub before: Errors,
+    /// The identified robot's.
+    pub after: Errors,
+}
+
+/// One point's error before and after.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PointErrors {
+    /// Its configuration.
+    pub configuration: String,
+    /// Its target.
+    pub target: usize,
+    /// Its subset.
+    pub subset: Subset,
+    /// |residual| of the nominal robot, mm.
+    pub before_mm: f64,
+    /// |residual| of the identified robot, mm.
+    pub after_mm: f64,
+}
+
+/// One parameter's outcome, in the unit of the wire (mm or deg).
+#[derive(Clone, Debug, PartialEq)]
+pub struct ParameterOutcome {
+    /// `a_1`, `theta_offset_3`, `base_x`, `target_0_z`, ….
+    pub name: String,
+    /// 1-based link, for link parameters.
+    pub link: Option<usize>,
+    /// `mm` or `deg`.
+    pub unit: &'static str,
+    /// Nominal (for base and targets: the initial estimate).
+    pub nominal: f64,
+    /// Identified.
+    pub identified: f64,
+    /// identified − nominal.
+    pub delta: f64,
+    /// One standard deviation, where it can be stated.
+    pub std_uncertainty: Option<f64>,
+    /// False where the data cannot see it (alone).
+    pub identifiable: bool,
+}
+
+/// What the data can see.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Identifiability {
+    /// Free parameters.
+    pub n_parameters: usize,
+    /// Rank of the scaled identification Jacobian.
+    pub rank: usize,
+    /// Largest over smallest seen singular value of the scaled Jacobian.
+    pub condition_number: f64,
+    /// Combinations that cannot be seen, each by the names that take part in it.
+    pub unidentifiable: Vec<Vec<String>>,
+    /// O1 = (σ1 … σr)^(1/r) / sqrt(N), of the scaled Jacobian.
+    pub observability_index_o1: f64,
+}
+
+/// One other method on the same points. Its duration is stamped by the service, which sees the stage begin and end.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MethodComparison {
+    /// `least_squares`, `pso`, `bpnn_pso`, `warm_start`.
+    pub method: &'static str,
+    /// Name of the stage ([`crate::calibration::Event`]) whose duration is this method's.
+    pub stage: &'static str,
+    /// Iterations it took.
+    pub n_iterations: usize,
+    /// Cost (or residual) evaluations it took.
+    pub n_evaluations: usize,
+    /// F on the identify subset, mm².
+    pub cost_mm2: f64,
+    /// Errors on the verify subset.
+    pub verify_after: Option<Errors>,
+}
+
+/// A remark that the reader should not miss.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Warning {
+    /// Stable code.
+    pub code: &'static str,
+    /// In words.
+    pub detail: String,
+    /// 0-based data rows it is about, if any.
+    pub rows: Vec<usize>,
+}
+
+/// The outcome of one calibration.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CalibrationReport {
+    /// The method that ran (never `Auto`).
+    pub method: Method,
+    /// Why that method.
+    pub method_reason: String,
+    /// The model that was identified.
+    pub model: Model,
+    /// The preset.
+    pub preset: Preset,
+    /// The seed.
+    pub seed: u64,
+    /// Why the main method stopped (`iteration_limit`, `cost_reached`, `converged`, …).
+    pub termination: &'static str,
+    /// Swarm updates (or least-squares steps); refine and comparison not counted.
+    pub n_iterations: usize,
+    /// Cost evaluations; refine and comparison not counted.
+    pub n_evaluations: usize,
+    /// F on the identify subset after everything, mm².
+    pub cost_mm2: f64,
+    /// Smallest F after each iteration of the main method, index 0 = the start, mm².
+    pub convergence_mm2: Vec<f64>,
+    /// The identify half.
+    pub identify: SubsetErrors,
+    /// The verify half, if there is one.
+    pub verify: Option<SubsetErrors>,
+    /// Every point of the set (and of the verify set, after them), in order.
+    pub per_point: Vec<PointErrors>,
+    /// Every free parameter.
+    pub parameters: Vec<ParameterOutcome>,
+    /// What the data can see.
+    pub identifiability: Identifiability,
+    /// Other methods on the same points.
+    pub comparison: Vec<MethodComparison>,
+    /// Remarks.
+    pub warnings: Vec<Warning>,
+    /// Identified links.
+    pub links: Vec<Link>,
+    /// Measuring frame to base; identity for `model: paper` on frame=base.
+    pub t_instrument_base: IsometryMatrix3<f64>,
+    /// Target offsets in the flange frame, mm; index = target.
+    pub targets_mm: Vec<Vector3<f64>>,
+    /// The network trained on this run, if it was a swarm.
+    pub network: Option<TrainedNetwork>,
+}

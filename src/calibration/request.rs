@@ -1,0 +1,151 @@
+//! What a calibration needs: everything, and nothing that is not plain data.
+
+use crate::frames::PreliminaryFrames;
+pub use crate::identification::{Model, Preset};
+
+use crate::identification::TrainedNetwork;
+use crate::kinematics::Robot;
+use crate::measurement::{Frame, MeasurementSet};
+
+/// How the parameters are identified.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Method {
+    /// The best we know for this set.
+    Auto,
+    /// Levenberg-Marquardt from nominal.
+    LeastSquares,
+    /// Particle swarm, cold.
+    Pso,
+    /// Particle swarm moved by the robot's network first.
+    BpnnPso,
+}
+
+/// Which of the model's parameters are free. Names are `a_1`, `alpha_1`, `d_1`, `theta_offset_1`, `beta_1`, ….
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub enum ParameterChoice {
+    /// All of the model's.
+    #[default]
+    All,
+    /// All but these.
+    Hold(Vec<String>),
+    /// Only these.
+    Identify(Vec<String>),
+}
+
+/// Where the verify points come from.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub enum VerifySource {
+    /// The `subset` column if there is one, else a seeded half by configuration.
+    #[default]
+    Default,
+    /// The `subset` column.
+    Subset,
+    /// A seeded share of the configurations.
+    Fraction(f64),
+    /// Another set of the same robot.
+    Set(MeasurementSet),
+}
+
+/// The loss of a residual.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Loss {
+    /// |r|².
+    Squares,
+    /// Huber's.
+    Huber,
+    /// Tukey's biweight.
+    Tukey,
+}
+
+/// Search options; `None` takes the preset's value.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SearchOptions {
+    /// Particles in the swarm.
+    pub n_particles: Option<usize>,
+    /// Limit of swarm updates.
+    pub n_iterations: Option<usize>,
+    /// w of [Gao 2018, eq. 9].
+    pub inertia_weight: Option<f64>,
+    /// c1 of [Gao 2018, eq. 9].
+    pub cognitive: Option<f64>,
+    /// c2 of [Gao 2018, eq. 9].
+    pub social: Option<f64>,
+    /// Half-width of the search box for lengths, mm.
+    pub search_half_width_mm: Option<f64>,
+    /// Half-width of the search box for angles, degrees.
+    pub search_half_width_deg: Option<f64>,
+    /// Stop once F on the identify subset is at or below this, mm².
+    pub stop_at_cost_mm2: Option<f64>,
+    /// Loss of a residual.
+    pub loss: Option<Loss>,
+}
+
+/// One calibration, complete.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CalibrationRequest {
+    /// The robot with its nominal links.
+    pub robot: Robot,
+    /// The measured points.
+    pub set: MeasurementSet,
+    /// How.
+    pub method: Method,
+    /// Which parameters exist; `None`: paper for frame=base, else complete.
+    pub model: Option<Model>,
+    /// Where unset options come from.
+    pub preset: Preset,
+    /// Which are free.
+    pub parameters: ParameterChoice,
+    /// Base and tool frame from sweeps, for `model: paper` on a set in the instrument frame.
+    pub frames: Option<PreliminaryFrames>,
+    /// The robot's trained network, for `bpnn_pso`.
+    pub network: Option<TrainedNetwork>,
+    /// Seed of every random number.
+    pub seed: u64,
+    /// Levenberg-Marquardt after the swarm; `None` takes the preset's value.
+    pub refine: Option<bool>,
+    /// Where the verify points come from.
+    pub verify: VerifySource,
+    /// Search options.
+    pub options: SearchOptions,
+}
+
+impl Method {
+    /// Its name on the wire.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Auto => "auto",
+            Self::LeastSquares => "least_squares",
+            Self::Pso => "pso",
+            Self::BpnnPso => "bpnn_pso",
+        }
+    }
+}
+
+impl CalibrationRequest {
+    /// A request with every default, for `robot` and `set`.
+    pub fn new(robot: Robot, set: MeasurementSet) -> Self {
+        Self {
+            robot,
+            set,
+            method: Method::Auto,
+            model: None,
+            preset: Preset::Default,
+            parameters: ParameterChoice::All,
+            frames: None,
+            network: None,
+            seed: 0,
+            refine: None,
+            verify: VerifySource::Default,
+            options: SearchOptions::default(),
+        }
+    }
+
+    /// The model that is identified: the one asked for, else paper where positions are in the base frame, else complete.
+    pub fn model(&self) -> Model {
+        self.model.unwrap_or(match (self.set.frame, &self.frames) {
+            (Frame::Base, _) => Model::Paper,
+            (Frame::Instrument, Some(_)) => Model::Paper,
+            (Frame::Instrument, None) => Model::Complete,
+        })
+    }
+}

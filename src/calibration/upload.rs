@@ -1,0 +1,78 @@
+//! What can be said of a measurement set when it arrives. Remarks only: a set that is too small to identify from may still verify.
+
+use crate::calibration::report::Warning;
+use crate::calibration::{CalibrationRequest, Error, check};
+use crate::kinematics::Robot;
+use crate::measurement::{MeasurementSet, split};
+use nalgebra::Vector3;
+use std::collections::BTreeSet;
+
+/// A joint that moves less than this over the whole set hardly tells its link from its neighbours, rad (20°).
+const SMALL_JOINT_RANGE_RAD: f64 = 0.349;
+/// Measured points this close together (rms distance from their centre, as a share of the arm's reach) do not show the workspace.
+const SMALL_CLOUD: f64 = 0.1;
+
+/// Remarks on a set of `robot`, for its summary.
+pub fn warnings(robot: &Robot, set: &MeasurementSet) -> Vec<Warning> {
+    let mut warnings = Vec::new();
+    warnings.extend(too_small(robot, set));
+    warnings.extend(duplicates(set));
+    warnings.extend(still_joints(set));
+    warnings.extend(narrow_cloud(robot, set));
+    if split::has_column(set)
+        && let Err(error) = split::by_column(set)
+    {
+        warnings.push(Warning { code: "bad_subset", detail: error.to_string(), rows: vec![] });
+    }
+    warnings
+}
+
+fn warning(code: &'static str, detail: String) -> Warning {
+    Warning { code, detail, rows: vec![] }
+}
+
+/// What a default job would be refused for, if it is a lack of equations.
+fn too_small(robot: &Robot, set: &MeasurementSet) -> Option<Warning> {
+    match check(&CalibrationRequest::new(robot.clone(), set.clone())) {
+        Err(Error::Unusable { code: "under_determined", detail }) => {
+            Some(warning("under_determined", format!("kept, but as it is it can only serve to verify: {detail}")))
+        }
+        _ => None,
+    }
+}
+
+fn duplicates(set: &MeasurementSet) -> Option<Warning> {
+    let mut seen = BTreeSet::new();
+    let key = |p: &crate::measurement::Point| (p.target, p.q_rad.iter().map(|q| (q * 1e5).round() as i64).collect::<Vec<_>>());
+    let rows: Vec<usize> = set.points.iter().enumerate().filter(|(_, p)| !seen.insert(key(p))).map(|(row, _)| row).collect();
+    let detail = format!(
+        "{} rows repeat the joint values of an earlier row; they tell about repeatability, not about the robot's geometry",
+        rows.len()
+    );
+    (!rows.is_empty()).then_some(Warning { code: "duplicate_poses", detail, rows })
+}
+
+fn still_joints(set: &MeasurementSet) -> Option<Warning> {
+    let n_joints = set.points.first()?.q_rad.len();
+    let range = |joint: usize| {
+        let values = set.points.iter().map(|p| p.q_rad[joint]);
+        values.clone().fold(f64::MIN, f64::max) - values.fold(f64::MAX, f64::min)
+    };
+    let still: Vec<String> = (0..n_joints)
+        .filter(|joint| range(*joint) < SMALL_JOINT_RANGE_RAD)
+        .map(|joint| format!("{} ({:.1}°)", joint + 1, range(joint).to_degrees()))
+        .collect();
+    let detail = format!("joints that move less than 20° over the whole set: {}; their parameters will be uncertain", still.join(", "));
+    (!still.is_empty()).then(|| warning("joint_hardly_moves", detail))
+}
+
+fn narrow_cloud(robot: &Robot, set: &MeasurementSet) -> Option<Warning> {
+    let reach: f64 = robot.links.iter().map(|l| (l.a_mm * l.a_mm + l.d_mm * l.d_mm).sqrt()).sum();
+    let n = set.points.len() as f64;
+    let centre = set.points.iter().map(|p| p.position_mm).sum::<Vector3<f64>>() / n;
+    let spread = (set.points.iter().map(|p| (p.position_mm - centre).norm_squared()).sum::<f64>() / n).sqrt();
+    let detail = format!(
+        "the points lie within {spread:.0} mm (rms) of their centre, the arm reaches {reach:.0} mm; spread the poses evenly over the workspace"
+    );
+    (spread < SMALL_CLOUD * reach).then(|| warning("poses_not_spread", detail))
+}

@@ -1,0 +1,133 @@
+//! `kincal calibrate`: offline, no server, no database.
+
+use super::{Usage, table};
+use crate::jobs::JobFailure;
+use crate::jobs::execution::{self, Calibrated};
+use crate::wire::job::{JobParts, JobRequestBody, Method, Model, Preset};
+use crate::wire::measurement::{self, Frame};
+use crate::wire::robot::RobotBody;
+use crate::wire::{Invalid, Problem, json};
+use anyhow::Context;
+use indicatif::{ProgressBar, ProgressStyle};
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+
+/// The id that an offline report has in place of a job's.
+const OFFLINE: &str = "offline";
+
+/// Identify a robot from two files.
+#[derive(Debug, clap::Args)]
+pub struct Arguments {
+    /// Robot file: the body of POST /v1/robots.
+    #[arg(value_name = "ROBOT.json")]
+    robot: PathBuf,
+    /// Measurement set: CSV with units in its header, or JSON.
+    #[arg(value_name = "SET.csv")]
+    set: PathBuf,
+    /// Frame of the measured positions.
+    #[arg(long, env = "KINCAL_FRAME", default_value = "base", value_parser = ["base", "instrument"])]
+    frame: String,
+    /// How: auto, least_squares or pso.
+    #[arg(long, env = "KINCAL_METHOD", default_value = "auto", value_parser = ["auto", "least_squares", "pso"])]
+    method: String,
+    /// Which parameters exist [default: paper for frame base, else complete].
+    #[arg(long, env = "KINCAL_MODEL", value_parser = ["paper", "complete"])]
+    model: Option<String>,
+    /// Where options come from.
+    #[arg(long, env = "KINCAL_PRESET", default_value = "default", value_parser = ["default", "paper"])]
+    preset: String,
+    /// Seed of every random number.
+    #[arg(long, env = "KINCAL_SEED", default_value_t = 0)]
+    seed: u64,
+    /// Least squares after a swarm [default: true, false in preset paper].
+    #[arg(long, env = "KINCAL_REFINE")]
+    refine: Option<bool>,
+    /// Print the report alone, as JSON, on standard output.
+    #[arg(long, env = "KINCAL_JSON")]
+    json: bool,
+}
+
+/// Runs it.
+pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let robot = read_robot(&arguments.robot)?;
+    let frame = Frame::parse(&arguments.frame).context("--frame is base or instrument")?;
+    let bytes = read(&arguments.set)?;
+    let kind = if arguments.set.extension().is_some_and(|e| e == "json") { "application/json" } else { "text/csv" };
+    let set = measurement::from_upload(kind, &bytes, frame, robot.links.len())
+        .map_err(|invalid| Usage(invalid_text(&arguments.set, &invalid)))?;
+    for remark in measurement::warnings(&robot, &set) {
+        eprintln!("warning ({}): {}", remark.code, remark.detail);
+    }
+    let parts = JobParts { robot, set, verify_set: None, frames: None, network: None };
+    let request = body(arguments)?.to_core(parts).map_err(|invalid| Usage(invalid.summary()))?;
+    let bar = (!arguments.json).then(|| progress_bar("iterations"));
+    let mut monitor = |progress: crate::jobs::Progress| {
+        if let Some(bar) = &bar {
+            show(bar, progress.iteration, progress.n_iterations, progress.best_cost_mm2);
+        }
+        ControlFlow::Continue(())
+    };
+    let calibrated = execution::calibrated(&request, &mut monitor).map_err(failure)?;
+    if let Some(bar) = bar {
+        bar.finish_and_clear();
+    }
+    print(arguments, &calibrated)
+}
+
+fn print(arguments: &Arguments, calibrated: &Calibrated) -> anyhow::Result<()> {
+    let report = calibrated.report(OFFLINE, false)?;
+    if arguments.json {
+        println!("{}", serde_json::to_string_pretty(&report)?);
+    } else {
+        println!("{}", table::report(&report));
+    }
+    Ok(())
+}
+
+fn body(arguments: &Arguments) -> anyhow::Result<JobRequestBody> {
+    let method: Method = serde_json::from_value(arguments.method.clone().into())?;
+    let preset: Preset = serde_json::from_value(arguments.preset.clone().into())?;
+    let model: Option<Model> = arguments.model.clone().map(|m| serde_json::from_value(m.into())).transpose()?;
+    Ok(JobRequestBody { method, preset, model, seed: arguments.seed, refine: arguments.refine, ..JobRequestBody::for_set(OFFLINE) })
+}
+
+fn read_robot(path: &Path) -> anyhow::Result<crate::kinematics::Robot> {
+    let body: RobotBody = json::parse(&read(path)?).map_err(|e| Usage(format!("{}: {e}", path.display())))?;
+    Ok(body.to_core().map_err(|invalid| Usage(invalid_text(path, &invalid)))?)
+}
+
+fn read(path: &Path) -> anyhow::Result<Vec<u8>> {
+    std::fs::read(path).map_err(|e| Usage(format!("cannot read {}: {e}", path.display())).into())
+}
+
+/// Every reason on a line of its own, as an engineer wants to mend them.
+fn invalid_text(path: &Path, invalid: &Invalid) -> String {
+    let lines: Vec<String> = invalid.issues.iter().map(|issue| format!("\n  {}", issue.detail)).collect();
+    format!("{} cannot be used:{}", path.display(), lines.concat())
+}
+
+fn failure(failure: JobFailure) -> anyhow::Error {
+    match failure {
+        JobFailure::Cancelled => anyhow::anyhow!("cancelled"),
+        JobFailure::Failed { problem_json } => {
+            let problem: Option<Problem> = serde_json::from_str(&problem_json).ok();
+            Usage(problem.map_or(problem_json, |p| format!("{} ({})", p.detail, p.code))).into()
+        }
+    }
+}
+
+/// A bar with the smallest F beside it; it draws itself on a terminal only.
+pub fn progress_bar(what: &'static str) -> ProgressBar {
+    let bar = ProgressBar::new(0);
+    let style = ProgressStyle::with_template("{bar:32} {pos}/{len} {msg}").unwrap_or_else(|_| ProgressStyle::default_bar());
+    bar.set_style(style);
+    bar.set_message(what);
+    bar
+}
+
+/// Moves the bar.
+pub fn show(bar: &ProgressBar, iteration: u64, n_iterations: u64, best_cost_mm2: f64) {
+    bar.set_length(n_iterations);
+    bar.set_position(iteration);
+    bar.set_message(format!("iterations, F = {} mm²", table::number(best_cost_mm2)));
+}

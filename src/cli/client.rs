@@ -1,0 +1,133 @@
+//! The cell PC's side of the REST interface.
+
+use crate::wire::Problem;
+use crate::wire::job::JobAnswer;
+use anyhow::{Context, bail};
+use serde_json::Value;
+use std::time::Duration;
+use tokio_stream::StreamExt;
+
+/// A request that is not answered in this time is given up.
+const REQUEST_TIMEOUT: Duration = Duration::from_secs(60);
+/// A job that tells nothing for this long is asked for once more, this often.
+const MAX_RECONNECTS: usize = 20;
+
+/// A server, and the key to it.
+#[derive(Clone, Debug)]
+pub struct Client {
+    http: reqwest::Client,
+    url: String,
+    key: Option<String>,
+}
+
+impl Client {
+    /// A client of the server at `url` (`http://HOST:PORT`).
+    ///
+    /// # Errors
+    /// If the HTTP client cannot be made.
+    pub fn new(url: &str, key: Option<String>) -> anyhow::Result<Self> {
+        let http = reqwest::Client::builder().connect_timeout(Duration::from_secs(5)).no_proxy().build()?;
+        Ok(Self { http, url: url.trim_end_matches('/').into(), key })
+    }
+
+    /// GET, answered in JSON.
+    ///
+    /// # Errors
+    /// The connection, or the server's problem in words.
+    pub async fn get(&self, path: &str) -> anyhow::Result<Value> {
+        let request = self.http.get(format!("{}{path}", self.url)).timeout(REQUEST_TIMEOUT);
+        answer(self.with_key(request).send().await?).await
+    }
+
+    /// POST of a body of some content type, answered in JSON.
+    ///
+    /// # Errors
+    /// As [`Self::get`].
+    pub async fn post(&self, path: &str, content_type: &str, body: Vec<u8>) -> anyhow::Result<Value> {
+        let request = self.http.post(format!("{}{path}", self.url)).timeout(REQUEST_TIMEOUT);
+        let request = request.header("content-type", content_type).body(body);
+        answer(self.with_key(request).send().await?).await
+    }
+
+    /// POST of JSON.
+    ///
+    /// # Errors
+    /// As [`Self::get`].
+    pub async fn post_json(&self, path: &str, body: &Value) -> anyhow::Result<Value> {
+        self.post(path, "application/json", serde_json::to_vec(body)?).await
+    }
+
+    /// Follows a job by its events to its end.
+    ///
+    /// # Errors
+    /// As [`Self::get`], and if the job does not succeed.
+    pub async fn follow(&self, job_id: &str, mut moved: impl FnMut(&JobAnswer)) -> anyhow::Result<JobAnswer> {
+        for _ in 0..MAX_RECONNECTS {
+            if let Some(job) = self.events(job_id, &mut moved).await? {
+                return succeeded(job);
+            }
+        }
+        bail!("job {job_id}: the connection was lost {MAX_RECONNECTS} times; ask for it later with GET /v1/jobs/{job_id}")
+    }
+
+    /// One connection's events; the job if it is over, nothing if the connection ended first.
+    async fn events(&self, job_id: &str, moved: &mut impl FnMut(&JobAnswer)) -> anyhow::Result<Option<JobAnswer>> {
+        let response = self.with_key(self.http.get(format!("{}/v1/jobs/{job_id}/events", self.url))).send().await?;
+        if !response.status().is_success() {
+            return answer(response).await.map(|_| None);
+        }
+        let mut stream = response.bytes_stream();
+        let mut text = Vec::new();
+        while let Some(Ok(chunk)) = stream.next().await {
+            text.extend_from_slice(&chunk);
+            while let Some(end) = text.windows(2).position(|w| w == b"\n\n") {
+                let event: Vec<u8> = text.drain(..end + 2).collect();
+                let Some((name, job)) = parse_event(&event) else { continue };
+                moved(&job);
+                if name == "finished" {
+                    return Ok(Some(job));
+                }
+            }
+        }
+        Ok(None)
+    }
+
+    fn with_key(&self, request: reqwest::RequestBuilder) -> reqwest::RequestBuilder {
+        match &self.key {
+            Some(key) => request.bearer_auth(key),
+            None => request,
+        }
+    }
+}
+
+fn succeeded(job: JobAnswer) -> anyhow::Result<JobAnswer> {
+    let status = serde_json::to_value(job.status)?;
+    if status == "succeeded" {
+        return Ok(job);
+    }
+    let reason = job.error.as_ref().map_or(String::new(), |e| format!(": {} ({})", e.detail, e.code));
+    bail!("job {} is {}{reason}", job.id, status.as_str().unwrap_or("over"))
+}
+
+/// Name and job of one server-sent event; nothing for a comment.
+fn parse_event(event: &[u8]) -> Option<(String, JobAnswer)> {
+    let text = std::str::from_utf8(event).ok()?;
+    let field = |name: &str| text.lines().find_map(|line| line.strip_prefix(name)).map(str::trim);
+    Some((field("event:")?.to_string(), serde_json::from_str(field("data:")?).ok()?))
+}
+
+/// The body of a success, or the problem in words.
+async fn answer(response: reqwest::Response) -> anyhow::Result<Value> {
+    let status = response.status();
+    let bytes = response.bytes().await?;
+    if status.is_success() {
+        return serde_json::from_slice(&bytes).context("the server's answer is not JSON");
+    }
+    match serde_json::from_slice::<Problem>(&bytes) {
+        Ok(problem) => {
+            let more: Vec<String> = problem.errors.iter().map(|issue| format!("\n  {}", issue.detail)).collect();
+            bail!("{} ({}){}", problem.detail, problem.code, more.concat())
+        }
+        Err(_) => bail!("the server answered {status}"),
+    }
+}

@@ -1,0 +1,120 @@
+//! `kincal key`: may run beside a server.
+
+use super::{Usage, block_on};
+use crate::config::DatabaseConfig;
+use crate::http::auth::{Scope, new_key};
+use crate::http::server::location;
+use crate::store::{ApiKeyRow, NewApiKey, PageRequest, Store, api_keys, robots};
+use crate::wire::time::rfc3339;
+use clap::Subcommand;
+
+/// Make, list and revoke keys.
+#[derive(Debug, clap::Args)]
+pub struct Arguments {
+    #[command(subcommand)]
+    action: Action,
+}
+
+#[derive(Debug, Subcommand)]
+enum Action {
+    /// Make a key; it is printed once, on standard output.
+    Create {
+        #[command(flatten)]
+        database: DatabaseConfig,
+        /// Whose key it is, e.g. cell-4.
+        #[arg(long)]
+        name: String,
+        /// What it may do; may be given several times.
+        #[arg(long = "scope", required = true, value_enum)]
+        scopes: Vec<Scope>,
+        /// Limit it to this robot; may be given several times.
+        #[arg(long = "robot", value_name = "ID")]
+        robots: Vec<String>,
+    },
+    /// List all keys, newest first; the keys themselves are not kept.
+    List {
+        #[command(flatten)]
+        database: DatabaseConfig,
+    },
+    /// Revoke a key by its id, or every key of a name.
+    Revoke {
+        #[command(flatten)]
+        database: DatabaseConfig,
+        /// Id of the key, as `kincal key list` shows it.
+        #[arg(required_unless_present = "name", conflicts_with = "name")]
+        id: Option<String>,
+        /// Name of the keys.
+        #[arg(long)]
+        name: Option<String>,
+    },
+}
+
+/// Does what was asked.
+pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    block_on(async {
+        match &arguments.action {
+            Action::Create { database, name, scopes, robots } => create(&open(database).await?, name, scopes, robots).await,
+            Action::List { database } => list(&open(database).await?).await,
+            Action::Revoke { database, id, name } => revoke(&open(database).await?, id.as_deref(), name.as_deref()).await,
+        }
+    })
+}
+
+async fn open(database: &DatabaseConfig) -> anyhow::Result<Store> {
+    Ok(Store::open_beside_a_server(location(database)).await?)
+}
+
+async fn create(store: &Store, name: &str, scopes: &[Scope], robot_ids: &[String]) -> anyhow::Result<()> {
+    for id in robot_ids {
+        if robots::get(store, id).await.is_err() {
+            return Err(Usage(format!("there is no robot {id:?}; `GET /v1/robots` lists them")).into());
+        }
+    }
+    let names: Vec<&str> = scopes.iter().map(|scope| scope.as_str()).collect();
+    let (key, key_sha256) = new_key()?;
+    let robots_json = (!robot_ids.is_empty()).then(|| serde_json::to_string(robot_ids)).transpose()?;
+    let new = NewApiKey { name: name.into(), key_sha256, scopes_json: serde_json::to_string(&names)?, robots_json };
+    let mut tx = store.begin().await?;
+    let row = api_keys::insert(&mut tx, &new).await?;
+    tx.commit().await?;
+    eprintln!("Key {} for {name:?} with {}. It is shown only now; send it as `Authorization: Bearer KEY`:", row.id, names.join(", "));
+    println!("{key}");
+    Ok(())
+}
+
+async fn all(store: &Store) -> anyhow::Result<Vec<ApiKeyRow>> {
+    let mut rows = Vec::new();
+    let mut request = PageRequest::default();
+    loop {
+        let page = api_keys::list(store, &request).await?;
+        rows.extend(page.items);
+        match page.next_cursor {
+            Some(cursor) => request.cursor = Some(cursor),
+            None => return Ok(rows),
+        }
+    }
+}
+
+async fn list(store: &Store) -> anyhow::Result<()> {
+    for row in all(store).await? {
+        let robots = row.robots_json.as_deref().unwrap_or("all robots");
+        let revoked = row.revoked_at_ms.map_or(String::new(), |at| format!("\trevoked {}", rfc3339(at)));
+        println!("{}\t{:?}\t{}\t{robots}\t{}{revoked}", row.id, row.name, row.scopes_json, rfc3339(row.created_at_ms));
+    }
+    Ok(())
+}
+
+async fn revoke(store: &Store, id: Option<&str>, name: Option<&str>) -> anyhow::Result<()> {
+    let matches = |row: &ApiKeyRow| row.revoked_at_ms.is_none() && (Some(row.id.as_str()) == id || Some(row.name.as_str()) == name);
+    let rows: Vec<ApiKeyRow> = all(store).await?.into_iter().filter(matches).collect();
+    if rows.is_empty() {
+        anyhow::bail!("no key in force has this id or name; `kincal key list` shows them");
+    }
+    let mut tx = store.begin().await?;
+    for row in &rows {
+        api_keys::revoke(&mut tx, &row.id).await?;
+    }
+    tx.commit().await?;
+    rows.iter().for_each(|row| println!("revoked {} ({:?})", row.id, row.name));
+    Ok(())
+}

@@ -1,0 +1,62 @@
+//! The command line. Exit codes: 0 done, 1 failed, 2 wrong usage.
+
+mod calibrate;
+mod client;
+mod demo;
+mod key;
+mod openapi;
+mod serve;
+mod table;
+
+use clap::{Parser, Subcommand};
+use std::process::ExitCode;
+
+/// Kinematic calibration of industrial robots.
+#[derive(Debug, Parser)]
+#[command(name = "kincal", version, about, propagate_version = true)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Serve the REST interface and compute calibrations.
+    Serve(crate::config::ServeConfig),
+    /// Make, list and revoke keys.
+    Key(key::Arguments),
+    /// Identify a robot from two files, offline: no server, no database.
+    Calibrate(calibrate::Arguments),
+    /// Run the paper's calibrations through a real server on a temporary database, and print its tables beside ours.
+    Demo(demo::Arguments),
+    /// Print the OpenAPI document.
+    Openapi,
+}
+
+/// A wrong use of the command line: exit code 2.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+struct Usage(String);
+
+/// Runs the command line.
+pub fn main() -> ExitCode {
+    let result = match Arguments::parse().command {
+        Command::Serve(config) => serve::run(&config),
+        Command::Key(arguments) => key::run(&arguments),
+        Command::Calibrate(arguments) => calibrate::run(&arguments),
+        Command::Demo(arguments) => demo::run(&arguments),
+        Command::Openapi => openapi::run(),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("kincal: {error:#}");
+            if error.is::<Usage>() { ExitCode::from(2) } else { ExitCode::FAILURE }
+        }
+    }
+}
+
+/// Runs something asynchronous to its end.
+fn block_on<T>(work: impl Future<Output = anyhow::Result<T>>) -> anyhow::Result<T> {
+    tokio::runtime::Builder::new_multi_thread().enable_all().build()?.block_on(work)
+}

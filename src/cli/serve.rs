@@ -1,0 +1,59 @@
+//! `kincal serve`.
+
+use super::{Usage, block_on};
+use crate::config::ServeConfig;
+use crate::http::server::{self, RunningServer};
+use crate::store::{PageRequest, api_keys};
+use crate::telemetry;
+use std::io::Write;
+
+/// Serves until told to stop.
+pub fn run(config: &ServeConfig) -> anyhow::Result<()> {
+    config.check().map_err(|error| Usage(error.to_string()))?;
+    telemetry::start();
+    block_on(async {
+        // Before the first request, so that no signal finds the default action.
+        let told_to_stop = told_to_stop()?;
+        let server = server::start(config).await?;
+        announce(config, &server).await?;
+        told_to_stop.await;
+        tracing::info!("stopping: finishing requests, handing running jobs back");
+        server.shutdown().await;
+        Ok(())
+    })
+}
+
+async fn announce(config: &ServeConfig, server: &RunningServer) -> anyhow::Result<()> {
+    let mut out = std::io::stdout().lock();
+    writeln!(out, "kincal listening on {}", server.url())?;
+    out.flush()?;
+    drop(out);
+    if !config.no_auth && api_keys::list(&server.store, &PageRequest { limit: 1, cursor: None }).await?.items.is_empty() {
+        eprintln!(
+            "There is no key yet, so every request is refused. Make one:\n  kincal key create --data-dir {:?} --name my-cell --scope admin",
+            config.database.data_dir
+        );
+    }
+    Ok(())
+}
+
+/// Resolves on SIGTERM or SIGINT (ctrl-c).
+#[cfg(unix)]
+fn told_to_stop() -> anyhow::Result<impl Future<Output = ()>> {
+    use tokio::signal::unix::{SignalKind, signal};
+    let (mut terminate, mut interrupt) = (signal(SignalKind::terminate())?, signal(SignalKind::interrupt())?);
+    Ok(async move {
+        tokio::select! {
+            _ = terminate.recv() => {}
+            _ = interrupt.recv() => {}
+        }
+    })
+}
+
+/// Resolves on ctrl-c.
+#[cfg(not(unix))]
+fn told_to_stop() -> anyhow::Result<impl Future<Output = ()>> {
+    Ok(async {
+        let _ = tokio::signal::ctrl_c().await;
+    })
+}

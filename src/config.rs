@@ -1,0 +1,136 @@
+//! Settings: command line flags and environment in flat structs, checked once.
+
+use std::net::SocketAddr;
+use std::path::PathBuf;
+use std::time::Duration;
+
+/// Longest lease that makes sense: a dead worker's job waits this long.
+const MAX_LEASE_S: u64 = 3_600;
+/// Most workers of one process.
+const MAX_WORKERS: usize = 256;
+
+/// Where the database is.
+#[derive(Clone, Debug, PartialEq, Eq, clap::Args)]
+pub struct DatabaseConfig {
+    /// Directory of the embedded database; made if it is missing.
+    #[arg(long, env = "KINCAL_DATA_DIR", default_value = "./kincal-data", value_name = "DIR")]
+    pub data_dir: PathBuf,
+    /// PostgreSQL instead of the embedded database: postgres://user:password@host/database.
+    #[arg(long, env = "KINCAL_DATABASE_URL", value_name = "URL", hide_env_values = true)]
+    pub database_url: Option<String>,
+}
+
+/// Settings of `kincal serve`.
+#[derive(Clone, Debug, PartialEq, Eq, clap::Args)]
+pub struct ServeConfig {
+    /// Address and port; port 0 takes a free one.
+    #[arg(long, env = "KINCAL_LISTEN", default_value = "127.0.0.1:8080", value_name = "ADDRESS:PORT")]
+    pub listen: SocketAddr,
+    /// Where the database is.
+    #[command(flatten)]
+    pub database: DatabaseConfig,
+    /// Calibrations that run at the same time; default: one per core; 0 only serves.
+    #[arg(long, env = "KINCAL_WORKERS", value_name = "N")]
+    pub workers: Option<usize>,
+    /// Let everyone in without a key; loopback addresses only.
+    #[arg(long, env = "KINCAL_NO_AUTH", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue)]
+    pub no_auth: bool,
+    /// How long a worker that stopped answering keeps its job, seconds.
+    #[arg(long, env = "KINCAL_LEASE_S", default_value_t = 15, value_name = "SECONDS")]
+    pub lease_s: u64,
+    /// How often a job is begun before it is given up.
+    #[arg(long, env = "KINCAL_MAX_ATTEMPTS", default_value_t = 3, value_name = "N")]
+    pub max_attempts: u32,
+}
+
+/// Settings that cannot be used together; exit code 2.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum Error {
+    /// Anyone on the network could move a robot.
+    #[error(
+        "--no-auth lets everyone in, so it is accepted on loopback addresses only, not on {listen}: listen on 127.0.0.1, or make a key with `kincal key create`"
+    )]
+    NoAuthBeyondLoopback {
+        /// The address asked for.
+        listen: SocketAddr,
+    },
+    /// A number is out of range.
+    #[error("{option} is {found}; {range} is allowed")]
+    OutOfRange {
+        /// Which.
+        option: &'static str,
+        /// What was given.
+        found: u64,
+        /// What is allowed.
+        range: &'static str,
+    },
+}
+
+impl ServeConfig {
+    /// A server on a free loopback port without keys: what `demo` and the tests start.
+    pub fn loopback(data_dir: PathBuf, workers: usize) -> Self {
+        Self {
+            listen: SocketAddr::from(([127, 0, 0, 1], 0)),
+            database: DatabaseConfig { data_dir, database_url: None },
+            workers: Some(workers),
+            no_auth: true,
+            lease_s: 15,
+            max_attempts: 3,
+        }
+    }
+
+    /// Every check that needs the settings alone.
+    ///
+    /// # Errors
+    /// [`Error`] saying what and how to mend it.
+    pub fn check(&self) -> Result<(), Error> {
+        if self.no_auth && !self.listen.ip().is_loopback() {
+            return Err(Error::NoAuthBeyondLoopback { listen: self.listen });
+        }
+        if !(1..=MAX_LEASE_S).contains(&self.lease_s) {
+            return Err(Error::OutOfRange { option: "--lease-s", found: self.lease_s, range: "1 to 3600" });
+        }
+        if !(1..=100).contains(&self.max_attempts) {
+            return Err(Error::OutOfRange { option: "--max-attempts", found: self.max_attempts.into(), range: "1 to 100" });
+        }
+        if self.workers.is_some_and(|workers| workers > MAX_WORKERS) {
+            return Err(Error::OutOfRange { option: "--workers", found: self.n_workers() as u64, range: "0 to 256" });
+        }
+        Ok(())
+    }
+
+    /// Workers to start.
+    pub fn n_workers(&self) -> usize {
+        self.workers.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from))
+    }
+
+    /// The lease of a job.
+    pub fn lease(&self) -> Duration {
+        Duration::from_secs(self.lease_s)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Error, ServeConfig};
+
+    #[test]
+    fn everyone_is_let_in_on_loopback_addresses_only() {
+        let mut config = ServeConfig::loopback("data".into(), 1);
+        assert_eq!(config.check(), Ok(()));
+        config.listen = "[::1]:0".parse().unwrap();
+        assert_eq!(config.check(), Ok(()));
+        for listen in ["0.0.0.0:8080", "192.168.1.5:8080", "[::]:8080"] {
+            config.listen = listen.parse().unwrap();
+            assert_eq!(config.check(), Err(Error::NoAuthBeyondLoopback { listen: config.listen }));
+        }
+        config.no_auth = false;
+        assert_eq!(config.check(), Ok(()));
+    }
+
+    #[test]
+    fn a_lease_of_no_time_is_refused() {
+        let config = ServeConfig { lease_s: 0, ..ServeConfig::loopback("data".into(), 1) };
+        assert_eq!(config.check(), Err(Error::OutOfRange { option: "--lease-s", found: 0, range: "1 to 3600" }));
+    }
+}

@@ -1,0 +1,67 @@
+//! Reads of stored things, for those who may see them. A robot that a key may not see is as absent as one that does not exist.
+
+use crate::http::auth::Caller;
+use crate::http::{App, Error};
+use crate::store::{self, FramesRow, JobRow, MeasurementSetRow, NetworkRow, ParameterSetRow, RobotRow};
+use crate::store::{frames, jobs, measurement_sets, networks, parameter_sets, robots};
+use crate::wire::json;
+use crate::wire::robot::RobotBody;
+
+/// The robot, if it exists and this key may see it.
+pub async fn robot(app: &App, caller: &Caller, id: &str) -> Result<RobotRow, Error> {
+    if !caller.may_see(id) {
+        return Err(Error::NotFound("robot"));
+    }
+    robots::get(&app.store, id).await.map_err(|error| absent(error, "robot"))
+}
+
+/// The document of a stored robot.
+pub fn robot_body(row: &RobotRow) -> Result<RobotBody, Error> {
+    json::parse(row.body_json.as_bytes()).map_err(|error| Error::Internal(format!("robot {} cannot be read: {error}", row.id)))
+}
+
+/// The measurement set, if this key may see it.
+pub async fn measurement_set(app: &App, caller: &Caller, id: &str) -> Result<MeasurementSetRow, Error> {
+    let row = measurement_sets::get(&app.store, id).await.map_err(|error| absent(error, "measurement set"))?;
+    visible(caller, &row.robot_id, "measurement set")?;
+    Ok(row)
+}
+
+/// The frames, if this key may see them.
+pub async fn frames(app: &App, caller: &Caller, id: &str) -> Result<FramesRow, Error> {
+    let row = frames::get(&app.store, id).await.map_err(|error| absent(error, "frames"))?;
+    visible(caller, &row.robot_id, "frames")?;
+    Ok(row)
+}
+
+/// The job, if this key may see it.
+pub async fn job(app: &App, caller: &Caller, id: &str) -> Result<JobRow, Error> {
+    let row = jobs::get(&app.store, id).await.map_err(|error| absent(error, "job"))?;
+    visible(caller, &row.robot_id, "job")?;
+    Ok(row)
+}
+
+/// The parameter set, if this key may see it.
+pub async fn parameter_set(app: &App, caller: &Caller, id: &str) -> Result<ParameterSetRow, Error> {
+    let row = parameter_sets::get(&app.store, id).await.map_err(|error| absent(error, "parameter set"))?;
+    visible(caller, &row.robot_id, "parameter set")?;
+    Ok(row)
+}
+
+/// The network, if this key may see it.
+pub async fn network(app: &App, caller: &Caller, id: &str) -> Result<NetworkRow, Error> {
+    let row = networks::get(&app.store, id).await.map_err(|error| absent(error, "network"))?;
+    visible(caller, &row.robot_id, "network")?;
+    Ok(row)
+}
+
+fn visible(caller: &Caller, robot_id: &str, what: &'static str) -> Result<(), Error> {
+    if caller.may_see(robot_id) { Ok(()) } else { Err(Error::NotFound(what)) }
+}
+
+fn absent(error: store::Error, what: &'static str) -> Error {
+    match error {
+        store::Error::NotFound => Error::NotFound(what),
+        other => other.into(),
+    }
+}

@@ -1,0 +1,177 @@
+//! Who may do what: keys, their scopes, and the one table that says which scope a route takes.
+
+use crate::http::{App, Error};
+use crate::store::{ApiKeyRow, api_keys};
+use crate::wire::canonical;
+use axum::extract::{MatchedPath, Request, State};
+use axum::http::{HeaderMap, HeaderValue, Method, header};
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Response};
+
+/// Characters before a key's random part; lets a leaked key be recognised.
+const KEY_PREFIX: &str = "kincal_";
+/// Random bytes of a key: 256 bits.
+const KEY_BYTES: usize = 32;
+
+/// What a key may do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum Scope {
+    /// Read everything but keys, and predict.
+    Read,
+    /// Store robots, measurement sets and frames.
+    Upload,
+    /// Post and cancel jobs.
+    Identify,
+    /// Release and withdraw parameter sets.
+    Release,
+    /// Everything.
+    Admin,
+}
+
+impl Scope {
+    /// As it stands in keys and problems.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Read => "read",
+            Self::Upload => "upload",
+            Self::Identify => "identify",
+            Self::Release => "release",
+            Self::Admin => "admin",
+        }
+    }
+
+    /// From its spelling.
+    pub fn parse(text: &str) -> Option<Self> {
+        [Self::Read, Self::Upload, Self::Identify, Self::Release, Self::Admin].into_iter().find(|scope| scope.as_str() == text)
+    }
+}
+
+/// Every route below `/v1` and the scope it takes. A route that is not here is refused; a test walks the contract.
+pub const POLICY: &[(Method, &str, Scope)] = &[
+    (Method::POST, "/v1/robots", Scope::Upload),
+    (Method::GET, "/v1/robots", Scope::Read),
+    (Method::GET, "/v1/robots/{robot_id}", Scope::Read),
+    (Method::POST, "/v1/robots/{robot_id}/measurement-sets", Scope::Upload),
+    (Method::GET, "/v1/robots/{robot_id}/measurement-sets", Scope::Read),
+    (Method::GET, "/v1/measurement-sets/{id}", Scope::Read),
+    (Method::GET, "/v1/measurement-sets/{id}/points", Scope::Read),
+    (Method::POST, "/v1/robots/{robot_id}/frames", Scope::Upload),
+    (Method::GET, "/v1/frames/{id}", Scope::Read),
+    (Method::POST, "/v1/robots/{robot_id}/jobs", Scope::Identify),
+    (Method::GET, "/v1/robots/{robot_id}/jobs", Scope::Read),
+    (Method::GET, "/v1/jobs/{id}", Scope::Read),
+    (Method::GET, "/v1/jobs/{id}/events", Scope::Read),
+    (Method::POST, "/v1/jobs/{id}/cancel", Scope::Identify),
+    (Method::GET, "/v1/jobs/{id}/report", Scope::Read),
+    (Method::GET, "/v1/jobs/{id}/convergence", Scope::Read),
+    (Method::GET, "/v1/robots/{robot_id}/parameter-sets", Scope::Read),
+    (Method::GET, "/v1/robots/{robot_id}/parameter-sets/active", Scope::Read),
+    (Method::GET, "/v1/parameter-sets/{id}", Scope::Read),
+    (Method::POST, "/v1/parameter-sets/{id}/release", Scope::Release),
+    (Method::POST, "/v1/parameter-sets/{id}/withdraw", Scope::Release),
+    (Method::POST, "/v1/parameter-sets/{id}/predict", Scope::Read),
+    (Method::GET, "/v1/robots/{robot_id}/networks", Scope::Read),
+    (Method::GET, "/v1/networks/{id}", Scope::Read),
+    (Method::GET, "/v1/networks/{id}/weights", Scope::Read),
+];
+
+/// Routes that need no key.
+pub const OPEN: &[&str] = &["/", "/healthz", "/readyz", "/openapi.yaml"];
+
+/// Who sends a request.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Caller {
+    /// The key's id; `anonymous` with `--no-auth`. Scope of Idempotency-Keys.
+    pub holder: String,
+    /// What the key may do.
+    pub scopes: Vec<Scope>,
+    /// The robots it is limited to; none for all.
+    pub robots: Option<Vec<String>>,
+}
+
+impl Caller {
+    fn anonymous() -> Self {
+        Self { holder: "anonymous".into(), scopes: vec![Scope::Admin], robots: None }
+    }
+
+    fn of_key(row: ApiKeyRow) -> Result<Self, Error> {
+        let scopes: Vec<String> = serde_json::from_str(&row.scopes_json)?;
+        let robots = row.robots_json.as_deref().map(serde_json::from_str).transpose()?;
+        Ok(Self { holder: row.id, scopes: scopes.iter().filter_map(|scope| Scope::parse(scope)).collect(), robots })
+    }
+
+    fn has(&self, scope: Scope) -> bool {
+        self.scopes.contains(&scope) || self.scopes.contains(&Scope::Admin)
+    }
+
+    /// Whether this key may see that robot; others' ids answer 404.
+    pub fn may_see(&self, robot_id: &str) -> bool {
+        self.robots.as_ref().is_none_or(|robots| robots.iter().any(|id| id == robot_id))
+    }
+}
+
+/// Lets a request through if its key has the route's scope.
+pub async fn authorize(State(app): State<App>, mut request: Request, next: Next) -> Response {
+    let template = request.extensions().get::<MatchedPath>().map(|path| path.as_str().to_owned());
+    let (method, headers) = (request.method().clone(), request.headers().clone());
+    match admit(&app, template.as_deref(), &method, &headers).await {
+        Ok(caller) => {
+            request.extensions_mut().insert(caller);
+            next.run(request).await
+        }
+        Err(Refusal::Error(error)) => error.into_response(),
+        Err(Refusal::Method(allow)) => {
+            let mut response = Error::MethodNotAllowed.into_response();
+            response.headers_mut().extend(HeaderValue::from_str(&allow).ok().map(|value| (header::ALLOW, value)));
+            response
+        }
+    }
+}
+
+enum Refusal {
+    Error(Error),
+    Method(String),
+}
+
+async fn admit(app: &App, template: Option<&str>, method: &Method, headers: &HeaderMap) -> Result<Caller, Refusal> {
+    let Some(template) = template.filter(|template| !OPEN.contains(template)) else { return Ok(Caller::anonymous()) };
+    let caller = if app.no_auth { Caller::anonymous() } else { caller_of(app, headers).await.map_err(Refusal::Error)? };
+    let method = if method == Method::HEAD { &Method::GET } else { method };
+    match POLICY.iter().find(|(m, path, _)| m == method && *path == template) {
+        Some((_, _, scope)) if caller.has(*scope) => Ok(caller),
+        Some((_, _, scope)) => Err(Refusal::Error(Error::InsufficientScope(scope.as_str()))),
+        None => Err(allowed_methods(template).map_or(Refusal::Error(Error::Forbidden("this route has no policy")), Refusal::Method)),
+    }
+}
+
+fn allowed_methods(template: &str) -> Option<String> {
+    let methods = POLICY.iter().filter(|(_, path, _)| *path == template);
+    let methods: Vec<&str> = methods.flat_map(|(m, _, _)| if m == Method::GET { vec!["GET", "HEAD"] } else { vec![m.as_str()] }).collect();
+    (!methods.is_empty()).then(|| methods.join(","))
+}
+
+async fn caller_of(app: &App, headers: &HeaderMap) -> Result<Caller, Error> {
+    let Some(value) = headers.get(header::AUTHORIZATION) else {
+        return Err(Error::Unauthorized("a key is needed: send `Authorization: Bearer KEY`; `kincal key create` makes one"));
+    };
+    let key = value.to_str().ok().and_then(|text| text.split_once(' '));
+    let Some((_, key)) = key.filter(|(scheme, _)| scheme.eq_ignore_ascii_case("bearer")) else {
+        return Err(Error::Unauthorized("the Authorization header should read `Bearer KEY`"));
+    };
+    match api_keys::find(&app.store, &canonical::sha256_hex(key.trim().as_bytes())).await? {
+        Some(row) => Caller::of_key(row),
+        None => Err(Error::Unauthorized("this key is not known or was revoked; `kincal key create` makes a new one")),
+    }
+}
+
+/// A new key: its text, shown once, and the hash that is kept.
+///
+/// # Errors
+/// If the operating system has no random numbers.
+pub fn new_key() -> Result<(String, String), Error> {
+    let mut random = [0_u8; KEY_BYTES];
+    getrandom::fill(&mut random).map_err(|error| Error::Internal(format!("no random numbers: {error}")))?;
+    let key = format!("{KEY_PREFIX}{}", canonical::hex(&random));
+    let hash = canonical::sha256_hex(key.as_bytes());
+    Ok((key, hash))
+}

@@ -1,0 +1,152 @@
+//! POSTs that create: the body, and an `Idempotency-Key` that makes a retry harmless.
+
+use crate::http::auth::Caller;
+use crate::http::error::Error;
+use crate::http::extract::{media_type, whole_body};
+use crate::store::{IdempotencyScope, IdempotentOutcome, Store, StoredResponse, Tx};
+use crate::wire::{canonical, json};
+use axum::body::Bytes;
+use axum::extract::{FromRequest, OriginalUri, Request};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
+/// Longest Idempotency-Key, characters.
+const MAX_KEY: usize = 200;
+const IDEMPOTENCY_KEY: HeaderName = HeaderName::from_static("idempotency-key");
+const IDEMPOTENCY_REPLAYED: HeaderName = HeaderName::from_static("idempotency-replayed");
+
+/// A request that creates something.
+pub struct Submission {
+    /// Who sent it.
+    pub caller: Caller,
+    /// Its media type, without parameters.
+    pub media_type: String,
+    /// Its media type as it came.
+    pub content_type: String,
+    /// Its body.
+    pub body: Bytes,
+    scope: Option<IdempotencyScope>,
+}
+
+impl<S: Send + Sync> FromRequest<S> for Submission {
+    type Rejection = Error;
+
+    async fn from_request(request: Request, state: &S) -> Result<Self, Error> {
+        let caller = request.extensions().get::<Caller>().cloned();
+        let caller = caller.ok_or_else(|| Error::Internal("a route without authorisation".into()))?;
+        let key = idempotency_key(request.headers())?;
+        let uri = request.extensions().get::<OriginalUri>().map_or_else(|| request.uri().clone(), |uri| uri.0.clone());
+        let method = request.method().to_string();
+        let media_type = media_type(request.headers()).unwrap_or_default();
+        let content_type = request.headers().get(header::CONTENT_TYPE).and_then(|v| v.to_str().ok()).unwrap_or_default().to_owned();
+        let body = whole_body(request, state).await?;
+        let scope = key.map(|key| IdempotencyScope {
+            holder: caller.holder.clone(),
+            method,
+            path: uri.path().into(),
+            key,
+            request_sha256: fingerprint(uri.query().unwrap_or_default(), &content_type, &body),
+        });
+        Ok(Self { caller, media_type, content_type, body, scope })
+    }
+}
+
+fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, Error> {
+    let Some(value) = headers.get(IDEMPOTENCY_KEY) else { return Ok(None) };
+    let text = value.to_str().unwrap_or_default();
+    if text.is_empty() || text.len() > MAX_KEY {
+        let detail = format!("an Idempotency-Key has 1 to {MAX_KEY} printable ASCII characters");
+        return Err(Error::BadRequest { code: "invalid_idempotency_key", detail });
+    }
+    Ok(Some(text.into()))
+}
+
+/// What makes two requests the same: query, type and body.
+fn fingerprint(query: &str, content_type: &str, body: &[u8]) -> String {
+    let parts = [query.as_bytes(), content_type.as_bytes(), body].map(canonical::sha256_hex);
+    canonical::sha256_hex(parts.concat().as_bytes())
+}
+
+impl Submission {
+    /// The body as JSON of this shape.
+    ///
+    /// # Errors
+    /// 415, 400 or 422.
+    pub fn json<T: DeserializeOwned>(&self) -> Result<T, Error> {
+        if self.media_type != "application/json" {
+            return Err(self.unsupported("application/json"));
+        }
+        Ok(json::parse(&self.body)?)
+    }
+
+    /// 415 for this body.
+    pub fn unsupported(&self, expected: &'static str) -> Error {
+        let found = if self.content_type.is_empty() { "without a Content-Type".into() } else { self.content_type.clone() };
+        Error::UnsupportedMediaType { found, expected }
+    }
+
+    /// The first answer, if this request was done before. Comes before every other check: a replay is not judged anew.
+    ///
+    /// # Errors
+    /// [`Error::IdempotencyKeyReused`], [`Error::Store`].
+    pub async fn replay(&self, store: &Store) -> Result<Option<Response>, Error> {
+        if self.scope.is_none() {
+            return Ok(None);
+        }
+        // Taking the key and giving it back at once tells whether it was free.
+        let probe = store.create_idempotent(self.scope.as_ref(), async |_: &mut Tx| Err(Probe::Free)).await;
+        match probe {
+            Err(Probe::Free) => Ok(None),
+            Err(Probe::Store(error)) => Err(error.into()),
+            Ok(outcome) => respond(outcome).map(Some),
+        }
+    }
+
+    /// Runs `effect` in a transaction, once for its Idempotency-Key, and answers.
+    ///
+    /// # Errors
+    /// What `effect` returns, [`Error::IdempotencyKeyReused`], [`Error::Store`].
+    pub async fn create<F>(&self, store: &Store, effect: F) -> Result<Response, Error>
+    where
+        F: AsyncFnOnce(&mut Tx) -> Result<StoredResponse, Error>,
+    {
+        respond(store.create_idempotent(self.scope.as_ref(), effect).await?)
+    }
+}
+
+enum Probe {
+    Free,
+    Store(crate::store::Error),
+}
+
+impl From<crate::store::Error> for Probe {
+    fn from(error: crate::store::Error) -> Self {
+        Self::Store(error)
+    }
+}
+
+fn respond(outcome: IdempotentOutcome) -> Result<Response, Error> {
+    let (stored, replayed) = match outcome {
+        IdempotentOutcome::Fresh(stored) => (stored, false),
+        IdempotentOutcome::Replay(stored) => (stored, true),
+        IdempotentOutcome::Reused => return Err(Error::IdempotencyKeyReused),
+    };
+    let status = StatusCode::from_u16(stored.status).map_err(|e| Error::Internal(e.to_string()))?;
+    let mut response = (status, [(header::CONTENT_TYPE, stored.content_type)], stored.body).into_response();
+    let location = stored.location.as_deref().map(HeaderValue::from_str).transpose().map_err(|e| Error::Internal(e.to_string()))?;
+    response.headers_mut().extend(location.map(|value| (header::LOCATION, value)));
+    if replayed {
+        response.headers_mut().insert(IDEMPOTENCY_REPLAYED, HeaderValue::from_static("true"));
+    }
+    Ok(response)
+}
+
+/// The answer to a creation, in JSON.
+///
+/// # Errors
+/// [`Error::Internal`] if it cannot be written.
+pub fn stored_json(status: u16, location: Option<String>, answer: &impl Serialize) -> Result<StoredResponse, Error> {
+    Ok(StoredResponse { status, location, content_type: "application/json".into(), body: serde_json::to_vec(answer)? })
+}

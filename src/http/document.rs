@@ -1,0 +1,139 @@
+//! The OpenAPI document: what the routes say, and what is true of all of them.
+
+use crate::http::auth::{OPEN, POLICY};
+use crate::http::routes;
+use crate::wire::Problem;
+use crate::wire::problem::PROBLEM_JSON;
+use std::sync::LazyLock;
+use utoipa::OpenApi;
+use utoipa::openapi::header::Header;
+use utoipa::openapi::path::{Operation, Parameter, ParameterBuilder, ParameterIn, PathItem};
+use utoipa::openapi::schema::{ObjectBuilder, Type};
+use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityRequirement, SecurityScheme};
+use utoipa::openapi::{Content, Ref, RefOr, Response, ResponseBuilder};
+
+/// Name of the key scheme in the document.
+const KEY_SCHEME: &str = "key";
+/// Creations whose retry an `Idempotency-Key` makes harmless.
+const IDEMPOTENT: &[&str] =
+    &["createRobot", "createMeasurementSet", "createFrames", "createJob", "releaseParameterSet", "withdrawParameterSet"];
+/// Operations that may not fit how things stand.
+const CONFLICTS: &[&str] = &["createJob", "getReport", "getConvergence", "releaseParameterSet", "withdrawParameterSet"];
+
+const DESCRIPTION: &str = "Calibrates industrial robots: upload measured poses, post a job, fetch the compensated parameters. \
+    Every answer that is not a success is a problem (RFC 9457) with a stable `code`. Lists are paged by `limit` and `cursor`, newest first. \
+    Times are RFC 3339 UTC, identifiers opaque; lengths are millimetres, angles degrees.";
+
+#[derive(OpenApi)]
+#[openapi(info(title = "kincal", description = DESCRIPTION, license(name = "MIT OR Apache-2.0", identifier = "MIT OR Apache-2.0")), components(schemas(Problem)))]
+struct Base;
+
+static YAML: LazyLock<Result<String, String>> = LazyLock::new(|| {
+    let text = openapi().to_yaml().map_err(|error| error.to_string())?;
+    Ok(format!("# Made by `kincal openapi`; a test holds it to the code.\n{text}"))
+});
+
+/// The document in YAML: `openapi.yaml`, `/openapi.yaml` and `kincal openapi`.
+///
+/// # Errors
+/// If it cannot be written; does not happen.
+pub fn yaml() -> Result<&'static str, &'static str> {
+    YAML.as_deref().map_err(String::as_str)
+}
+
+/// The whole contract.
+pub fn openapi() -> utoipa::openapi::OpenApi {
+    let mut document = Base::openapi();
+    document.merge(routes().into_openapi());
+    for (path, item) in &mut document.paths.paths {
+        for operation in operations(item) {
+            complete(path, operation);
+        }
+    }
+    let scheme = HttpBuilder::new().scheme(HttpAuthScheme::Bearer).description(Some("`kincal key create` makes one")).build();
+    let components = document.components.get_or_insert_default();
+    components.add_security_scheme(KEY_SCHEME, SecurityScheme::Http(scheme));
+    document
+}
+
+fn operations(item: &mut PathItem) -> impl Iterator<Item = &mut Operation> {
+    [&mut item.get, &mut item.post, &mut item.put, &mut item.delete, &mut item.patch].into_iter().filter_map(Option::as_mut)
+}
+
+/// Adds what layers and extractors do to every operation.
+fn complete(path: &str, operation: &mut Operation) {
+    let id = operation.operation_id.clone().unwrap_or_default();
+    let takes_body = operation.request_body.is_some();
+    let mut add = |status: &str, description: &str| {
+        operation.responses.responses.entry(status.into()).or_insert_with(|| RefOr::T(problem(status, description)));
+    };
+    add("500", "Something went wrong inside");
+    if OPEN.contains(&path) {
+        return;
+    }
+    add("400", "Path, query, header or body cannot be read");
+    add("401", "A key is needed");
+    add("403", "The key lacks the scope");
+    if path.contains('{') {
+        add("404", "No such thing, or none that this key may see");
+    }
+    add("503", "The database is busy: try again");
+    if takes_body {
+        add("408", "The body did not arrive in time");
+        add("413", "The body is too large");
+        add("415", "The body is of another type");
+        add("422", "Understood, but wrong: `errors` says where");
+    }
+    if CONFLICTS.contains(&id.as_str()) {
+        add("409", "It does not fit how things stand");
+    }
+    if id == "createJob" {
+        add("429", "Too many jobs of this robot wait");
+    }
+    if IDEMPOTENT.contains(&id.as_str()) {
+        operation.parameters.get_or_insert_default().push(RefOr::T(idempotency_key()));
+        replayed(operation);
+    }
+    let scope = POLICY.iter().find(|(_, route, _)| *route == path).map(|(_, _, scope)| scope.as_str()).unwrap_or_default();
+    operation.security = Some(vec![SecurityRequirement::new::<_, _, &str>(KEY_SCHEME, [scope])]);
+}
+
+fn problem(status: &str, description: &str) -> Response {
+    let mut response =
+        ResponseBuilder::new().description(description).content(PROBLEM_JSON, Content::new(Some(Ref::from_schema_name("Problem")))).build();
+    let mut header = |name: &str, description: &str| {
+        response.headers.insert(name.into(), RefOr::T(text_header(description)));
+    };
+    match status {
+        "401" | "403" => header("WWW-Authenticate", "How to authenticate"),
+        "429" | "503" => header("Retry-After", "Seconds to wait"),
+        _ => {}
+    }
+    response
+}
+
+fn text_header(description: &str) -> Header {
+    let mut header = Header::new(ObjectBuilder::new().schema_type(Type::String).build());
+    header.description = Some(description.into());
+    header
+}
+
+fn idempotency_key() -> Parameter {
+    let schema = ObjectBuilder::new().schema_type(Type::String).min_length(Some(1)).max_length(Some(200)).pattern(Some("^[ -~]+$")).build();
+    ParameterBuilder::new()
+        .name("Idempotency-Key")
+        .parameter_in(ParameterIn::Header)
+        .description(Some("Makes a retry harmless: the same key and request give the first answer again"))
+        .schema(Some(schema))
+        .build()
+}
+
+fn replayed(operation: &mut Operation) {
+    for (status, response) in &mut operation.responses.responses {
+        if let (true, RefOr::T(response)) = (status.starts_with('2'), response) {
+            response
+                .headers
+                .insert("Idempotency-Replayed".into(), RefOr::T(text_header("`true` if this is the answer of an earlier request")));
+        }
+    }
+}

@@ -1,0 +1,218 @@
+//! The only place where an error becomes a status.
+
+use crate::calibration;
+use crate::store;
+use crate::wire::problem::PROBLEM_JSON;
+use crate::wire::{Invalid, Issue, Problem, json};
+use axum::http::{HeaderName, HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+
+/// When to come back after a 429 or 503, seconds.
+const RETRY_AFTER_S: &str = "1";
+
+/// Why a request was not done.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// No such thing, or none that this key may see.
+    #[error("there is no {0} with this id")]
+    NotFound(&'static str),
+    /// The robot has no released parameter set.
+    #[error("the robot has no released parameter set: release one with POST /v1/parameter-sets/{{id}}/release")]
+    NoActiveParameterSet,
+    /// The path is not one of the contract's.
+    #[error("there is nothing at this path; /openapi.yaml lists what there is")]
+    NoSuchRoute,
+    /// The path takes other methods.
+    #[error("this path does not take this method; see the Allow header")]
+    MethodNotAllowed,
+    /// The body is not JSON.
+    #[error("the body is not JSON: {0}")]
+    Syntax(String),
+    /// Path, query or a header cannot be read.
+    #[error("{detail}")]
+    BadRequest {
+        /// Stable reason.
+        code: &'static str,
+        /// What, where and how to mend it.
+        detail: String,
+    },
+    /// Understood, but wrong.
+    #[error(transparent)]
+    Invalid(#[from] Invalid),
+    /// The core cannot work with it.
+    #[error("{detail}")]
+    Unusable {
+        /// The core's reason.
+        code: &'static str,
+        /// In words.
+        detail: String,
+    },
+    /// No key, or one that is not known.
+    #[error("{0}")]
+    Unauthorized(&'static str),
+    /// The key lacks a scope.
+    #[error("this key lacks the scope {0:?}; a key with it is made by `kincal key create --scope {0} …`")]
+    InsufficientScope(&'static str),
+    /// The key may not do this at all.
+    #[error("{0}")]
+    Forbidden(&'static str),
+    /// The body did not come in time.
+    #[error("the request did not arrive in time")]
+    RequestTimeout,
+    /// The body is too large.
+    #[error("the body is larger than {limit} bytes: split the measurement set")]
+    TooLarge {
+        /// The limit.
+        limit: usize,
+    },
+    /// The body is of a type that this route does not take.
+    #[error("the body is {found}; this route takes {expected}")]
+    UnsupportedMediaType {
+        /// What came.
+        found: String,
+        /// What is taken.
+        expected: &'static str,
+    },
+    /// The Idempotency-Key was used before for something else.
+    #[error("this Idempotency-Key was used for another request on this path; use a new key for a new request")]
+    IdempotencyKeyReused,
+    /// It does not fit how things stand.
+    #[error("{detail}")]
+    Conflict {
+        /// Stable reason.
+        code: &'static str,
+        /// In words.
+        detail: String,
+        /// The single reasons, e.g. the gates that failed.
+        errors: Vec<Issue>,
+    },
+    /// The store's answer.
+    #[error(transparent)]
+    Store(#[from] store::Error),
+    /// The database does not answer.
+    #[error("the database does not answer")]
+    NotReady(String),
+    /// Something that should not happen.
+    #[error("{0}")]
+    Internal(String),
+}
+
+impl From<json::Error> for Error {
+    fn from(error: json::Error) -> Self {
+        match error {
+            json::Error::Syntax(detail) => Self::Syntax(detail),
+            json::Error::Shape(invalid) => Self::Invalid(invalid),
+        }
+    }
+}
+
+impl From<calibration::Error> for Error {
+    fn from(error: calibration::Error) -> Self {
+        match error {
+            calibration::Error::Unusable { code, detail } => Self::Unusable { code, detail },
+            calibration::Error::Cancelled => Self::Internal("a check was cancelled".into()),
+        }
+    }
+}
+
+impl From<serde_json::Error> for Error {
+    fn from(error: serde_json::Error) -> Self {
+        Self::Internal(format!("a stored document cannot be read or written: {error}"))
+    }
+}
+
+/// Status, code and detail of what the store says.
+fn of_store(error: &store::Error) -> (u16, &'static str, String) {
+    use store::{Conflict, Error as E, JobStatus};
+    match error {
+        E::NotFound => (404, "not_found", "there is nothing with this id".into()),
+        E::Conflict(Conflict::QueueFull { .. }) => (429, "queue_full", format!("{error}: wait until some are done, or cancel some")),
+        E::Conflict(Conflict::JobStatus { status: JobStatus::Queued | JobStatus::Running }) => {
+            (409, "not_finished", "the job is not over yet: poll it with ?wait_s=30, or listen to its events".into())
+        }
+        E::Conflict(Conflict::JobStatus { status }) => {
+            (409, "no_result", format!("the job is {}, so it has no result; its `error` says why", status.as_str()))
+        }
+        E::Conflict(Conflict::Withdrawn) => (409, "release_refused", format!("{error}: identify anew, or release another set")),
+        E::Conflict(Conflict::ActiveChanged) => (409, "release_refused", format!("{error}: look at that one, then try again")),
+        E::Conflict(_) => (409, "conflict", error.to_string()),
+        E::Open { .. } | E::Database(_) if error.is_unavailable() => {
+            (503, "unavailable", "the database cannot be written or read right now: try again".into())
+        }
+        E::Open { .. } | E::Database(_) => internal(),
+    }
+}
+
+fn internal() -> (u16, &'static str, String) {
+    (500, "internal", "something went wrong inside kincal; the log has the cause under this answer's X-Request-Id".into())
+}
+
+impl Error {
+    fn status_code_detail(&self) -> (u16, &'static str, String) {
+        let (status, code) = match self {
+            Self::NotFound(_) => (404, "not_found"),
+            Self::NoActiveParameterSet => (404, "no_active_parameter_set"),
+            Self::NoSuchRoute => (404, "no_such_route"),
+            Self::MethodNotAllowed => (405, "method_not_allowed"),
+            Self::Syntax(_) => (400, "malformed_json"),
+            Self::BadRequest { code, .. } => (400, *code),
+            Self::Invalid(invalid) => (422, invalid.code),
+            Self::Unusable { code: code @ ("no_network" | "network_mismatch"), .. } => (409, *code),
+            Self::Unusable { code, .. } => (422, *code),
+            Self::Unauthorized(_) => (401, "unauthorized"),
+            Self::InsufficientScope(_) => (403, "insufficient_scope"),
+            Self::Forbidden(_) => (403, "forbidden"),
+            Self::RequestTimeout => (408, "request_timeout"),
+            Self::TooLarge { .. } => (413, "too_large"),
+            Self::UnsupportedMediaType { .. } => (415, "unsupported_media_type"),
+            Self::IdempotencyKeyReused => (422, "idempotency_key_reused"),
+            Self::Conflict { code, .. } => (409, *code),
+            Self::NotReady(_) => (503, "not_ready"),
+            Self::Store(error) => return of_store(error),
+            Self::Internal(_) => return internal(),
+        };
+        (status, code, self.to_string())
+    }
+
+    /// The problem that the client gets.
+    pub fn problem(&self) -> Problem {
+        let (status, code, detail) = self.status_code_detail();
+        let errors = match self {
+            Self::Invalid(invalid) => invalid.issues.clone(),
+            Self::Conflict { errors, .. } => errors.clone(),
+            _ => Vec::new(),
+        };
+        Problem { errors, ..Problem::new(status, code, detail) }
+    }
+
+    fn headers(&self, status: u16) -> Vec<(HeaderName, HeaderValue)> {
+        let challenge = |text: String| HeaderValue::from_str(&text).map(|value| (header::WWW_AUTHENTICATE, value)).into_iter().collect();
+        match self {
+            Self::Unauthorized(_) => challenge("Bearer realm=\"kincal\"".into()),
+            Self::InsufficientScope(scope) => {
+                challenge(format!("Bearer realm=\"kincal\", error=\"insufficient_scope\", scope=\"{scope}\""))
+            }
+            _ if status == 429 || status == 503 => vec![(header::RETRY_AFTER, HeaderValue::from_static(RETRY_AFTER_S))],
+            _ => Vec::new(),
+        }
+    }
+}
+
+/// The answer for a problem.
+pub fn answer(problem: &Problem) -> Response {
+    let body = serde_json::to_vec(problem).unwrap_or_default();
+    let status = StatusCode::from_u16(problem.status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
+    (status, [(header::CONTENT_TYPE, PROBLEM_JSON)], body).into_response()
+}
+
+impl IntoResponse for Error {
+    fn into_response(self) -> Response {
+        let problem = self.problem();
+        if problem.status >= 500 {
+            tracing::error!(status = problem.status, cause = ?self, "request failed");
+        }
+        let mut response = answer(&problem);
+        response.headers_mut().extend(self.headers(problem.status));
+        response
+    }
+}

@@ -1,0 +1,72 @@
+//! A job's progress as server-sent events.
+
+use crate::http::auth::Caller;
+use crate::http::extract::Id;
+use crate::http::{App, Error, access, jobs};
+use crate::store::JobRow;
+use crate::wire::job::{JobAnswer, JobEvent};
+use axum::extract::State;
+use axum::response::sse::{Event, KeepAlive, Sse};
+use std::convert::Infallible;
+use std::time::Duration;
+use tokio_stream::Stream;
+use utoipa_axum::{router::OpenApiRouter, routes};
+
+/// A comment is sent this often where nothing happens, so that proxies keep the connection.
+const KEEP_ALIVE: Duration = Duration::from_secs(15);
+
+/// Routes of events.
+pub fn router() -> OpenApiRouter<App> {
+    OpenApiRouter::new().routes(routes!(events))
+}
+
+/// Server-sent events: `progress` at once and whenever the job moves, then one `finished`. The data of each is the job.
+#[utoipa::path(
+    get, path = "/v1/jobs/{id}/events", tag = "jobs", operation_id = "listenToJob", params(("id" = String, Path, description = "The job")),
+    responses((status = 200, description = "`event: progress` or `event: finished`, `data:` the job in JSON", body = JobEvent, content_type = "text/event-stream"))
+)]
+async fn events(
+    State(app): State<App>,
+    caller: Caller,
+    Id(id): Id,
+) -> Result<Sse<impl Stream<Item = Result<Event, Infallible>> + use<>>, Error> {
+    let row = access::job(&app, &caller, &id).await?;
+    Ok(Sse::new(stream(app, row)).keep_alive(KeepAlive::new().interval(KEEP_ALIVE)))
+}
+
+fn stream(app: App, mut row: JobRow) -> impl Stream<Item = Result<Event, Infallible>> {
+    async_stream::stream! {
+        loop {
+            let is_over = row.status.is_over();
+            let Ok(answer) = jobs::answer(&row) else { break };
+            if let Some(event) = event(if is_over { "finished" } else { "progress" }, &answer) {
+                yield Ok(event);
+            }
+            if is_over {
+                break;
+            }
+            let next = tokio::select! {
+                next = changed(&app, &row) => next,
+                () = app.stopped() => None,
+            };
+            // On a database error or a shutdown the stream ends; clients reconnect and get the job anew.
+            let Some(next) = next else { break };
+            row = next;
+        }
+    }
+}
+
+/// The job once something about it has changed; none if the database fails.
+async fn changed(app: &App, seen: &JobRow) -> Option<JobRow> {
+    loop {
+        let row = app.signals.wait_for_change(&app.store, seen, KEEP_ALIVE).await.ok()?;
+        let what = |row: &JobRow| (row.status, row.attempt, row.progress_json.clone());
+        if what(&row) != what(seen) {
+            return Some(row);
+        }
+    }
+}
+
+fn event(name: &str, job: &JobAnswer) -> Option<Event> {
+    Event::default().event(name).json_data(job).ok()
+}

@@ -1,0 +1,143 @@
+//! Posting a job: everything that can be refused is refused now, not when a worker gets to it.
+
+use crate::calibration;
+use crate::http::creation::{Submission, stored_json};
+use crate::http::extract::Id;
+use crate::http::{App, Error, access, jobs};
+use crate::jobs::queue;
+use crate::store::{MeasurementSetRow, NewJob, RobotRow, Tx, frames, measurement_sets, networks, parameter_sets};
+use crate::wire::frames::FramesContent;
+use crate::wire::job::{JobAnswer, JobParts, JobRequestBody, Kind, Method, Model, VerifyBody};
+use crate::wire::measurement::{Frame, from_upload};
+use crate::wire::{Invalid, safetensors};
+use axum::extract::State;
+use axum::response::Response;
+
+/// What a job refers to, as it is stored.
+struct Sources {
+    robot: RobotRow,
+    set: (MeasurementSetRow, Vec<u8>),
+    verify_set: Option<(MeasurementSetRow, Vec<u8>)>,
+    frames: Option<FramesContent>,
+    network: Option<(String, Vec<u8>)>,
+}
+
+/// Queues a calibration. The answer comes at once; poll the job with `wait_s`, or listen to its events.
+#[utoipa::path(
+    post, path = "/v1/robots/{robot_id}/jobs", tag = "jobs", operation_id = "createJob",
+    params(("robot_id" = String, Path, description = "The robot")), request_body = JobRequestBody,
+    responses((status = 202, description = "The job, queued", body = JobAnswer, headers(("Location" = String, description = "Its path"))))
+)]
+pub async fn create(State(app): State<App>, Id(robot_id): Id, submission: Submission) -> Result<Response, Error> {
+    let robot = access::robot(&app, &submission.caller, &robot_id).await?;
+    if let Some(answer) = submission.replay(&app.store).await? {
+        return Ok(answer);
+    }
+    let request: JobRequestBody = submission.json()?;
+    request.check()?;
+    let sources = load(&app, robot, &request).await?;
+    let new = new_job(&request, &sources)?;
+    app.compute(move || check(&request, sources)).await?;
+    let effect = async |tx: &mut Tx| {
+        let row = queue::enqueue(tx, &new).await?;
+        stored_json(202, Some(format!("/v1/jobs/{}", row.id)), &jobs::answer(&row)?)
+    };
+    let answer = submission.create(&app.store, effect).await?;
+    app.signals.job_enqueued();
+    Ok(answer)
+}
+
+fn new_job(request: &JobRequestBody, sources: &Sources) -> Result<NewJob, Error> {
+    Ok(NewJob {
+        robot_id: sources.robot.id.clone(),
+        measurement_set_id: request.measurement_set_id.clone(),
+        verify_set_id: sources.verify_set.as_ref().map(|(row, _)| row.id.clone()),
+        frames_id: request.frames_id.clone(),
+        network_input_id: sources.network.as_ref().map(|(id, _)| id.clone()),
+        parameter_set_input_id: request.parameter_set_id.clone(),
+        kind: match request.kind {
+            Kind::Identify => "identify".into(),
+            Kind::Verify => "verify".into(),
+        },
+        method: request.method.as_str().into(),
+        request_json: serde_json::to_string(request)?,
+        priority: 0,
+    })
+}
+
+async fn load(app: &App, robot: RobotRow, request: &JobRequestBody) -> Result<Sources, Error> {
+    let set = set(app, &robot, &request.measurement_set_id, "/measurement_set_id").await?;
+    let verify_set = match &request.verify {
+        Some(VerifyBody::Set { measurement_set_id }) => {
+            Some(self::set(app, &robot, measurement_set_id, "/verify/measurement_set_id").await?)
+        }
+        _ => None,
+    };
+    let frames = match &request.frames_id {
+        Some(id) => {
+            let row = own(frames::get(&app.store, id).await, |row| row.robot_id == robot.id, "/frames_id", "frames")?;
+            Some(serde_json::from_str(&row.result_json)?)
+        }
+        None => None,
+    };
+    if let Some(id) = &request.parameter_set_id {
+        own(parameter_sets::get(&app.store, id).await, |row| row.robot_id == robot.id, "/parameter_set_id", "parameter set")?;
+    }
+    let network = network(app, &robot, request, &set.0).await?;
+    Ok(Sources { robot, set, verify_set, frames, network })
+}
+
+async fn set(app: &App, robot: &RobotRow, id: &str, at: &str) -> Result<(MeasurementSetRow, Vec<u8>), Error> {
+    let row = own(measurement_sets::get(&app.store, id).await, |row| row.robot_id == robot.id, at, "measurement set")?;
+    let body = measurement_sets::body(&app.store, &row.id).await?;
+    Ok((row, body))
+}
+
+/// The network that the job will use whatever is trained meanwhile: the one named, or for `bpnn_pso` the newest that fits.
+async fn network(
+    app: &App,
+    robot: &RobotRow,
+    request: &JobRequestBody,
+    set: &MeasurementSetRow,
+) -> Result<Option<(String, Vec<u8>)>, Error> {
+    let row = match &request.network_id {
+        Some(id) => Some(own(networks::get(&app.store, id).await, |row| row.robot_id == robot.id, "/network_id", "network")?),
+        None if request.method == Method::BpnnPso => {
+            let default = if set.frame == Frame::Base.as_str() { Model::Paper } else { Model::Complete };
+            let model = request.model.unwrap_or(default);
+            networks::newest(&app.store, &robot.id, model.as_str(), request.preset.as_str()).await?
+        }
+        None => None,
+    };
+    let Some(row) = row else { return Ok(None) };
+    Ok(Some((row.id.clone(), networks::weights(&app.store, &row.id).await?)))
+}
+
+/// What the request names must exist and belong to the robot; both failures look the same from outside.
+fn own<T>(found: Result<T, crate::store::Error>, is_own: impl Fn(&T) -> bool, at: &str, what: &str) -> Result<T, Error> {
+    match found {
+        Ok(row) if is_own(&row) => Ok(row),
+        Ok(_) | Err(crate::store::Error::NotFound) => {
+            Err(Invalid::at(at, "unknown_reference", format!("this robot has no {what} with this id")).into())
+        }
+        Err(error) => Err(error.into()),
+    }
+}
+
+fn check(request: &JobRequestBody, sources: Sources) -> Result<(), Error> {
+    let robot = access::robot_body(&sources.robot)?.to_core()?;
+    let n_joints = robot.links.len();
+    let parse = |(row, body): &(MeasurementSetRow, Vec<u8>)| {
+        let frame = Frame::parse(&row.frame).ok_or_else(|| Error::Internal(format!("set {} has frame {:?}", row.id, row.frame)))?;
+        from_upload(&row.content_type, body, frame, n_joints).map_err(Error::Invalid)
+    };
+    let network = sources.network.as_ref().map(|(_, bytes)| safetensors::read(bytes)).transpose();
+    let parts = JobParts {
+        set: parse(&sources.set)?,
+        verify_set: sources.verify_set.as_ref().map(parse).transpose()?,
+        frames: sources.frames.as_ref().map(FramesContent::to_core),
+        network: network.map_err(|error| Error::Internal(error.to_string()))?,
+        robot,
+    };
+    Ok(calibration::check(&request.to_core(parts)?)?)
+}

@@ -1,0 +1,148 @@
+//! Jobs: how they stand, what came out.
+
+use crate::http::auth::Caller;
+use crate::http::extract::{Id, ListQuery, Query};
+use crate::http::{App, Error, access, job_posting};
+use crate::jobs::queue;
+use crate::store::{self, JobRow, jobs};
+use crate::wire::job::{JobAnswer, JobRequestBody, JobStatus};
+use crate::wire::page::Page;
+use crate::wire::report_shape::{Convergence, Report};
+use crate::wire::time::rfc3339;
+use axum::Json;
+use axum::extract::State;
+use axum::http::header;
+use axum::response::{IntoResponse, Response};
+use serde::Deserialize;
+use std::time::Duration;
+use utoipa::IntoParams;
+use utoipa_axum::{router::OpenApiRouter, routes};
+
+/// Longest long poll, seconds; proxies cut connections after 60.
+const MAX_WAIT_S: u64 = 30;
+
+/// Routes of jobs.
+pub fn router() -> OpenApiRouter<App> {
+    OpenApiRouter::new()
+        .routes(routes!(job_posting::create, list))
+        .routes(routes!(get))
+        .routes(routes!(cancel))
+        .routes(routes!(report))
+        .routes(routes!(convergence))
+}
+
+/// Query of a job.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+struct WaitQuery {
+    /// Wait up to this many seconds for the status to change.
+    #[param(minimum = 0, maximum = 30)]
+    wait_s: Option<u64>,
+}
+
+/// A robot's jobs, newest first.
+#[utoipa::path(
+    get, path = "/v1/robots/{robot_id}/jobs", tag = "jobs", operation_id = "listJobs",
+    params(("robot_id" = String, Path, description = "The robot"), ListQuery),
+    responses((status = 200, description = "One page", body = Page<JobAnswer>))
+)]
+async fn list(
+    State(app): State<App>,
+    caller: Caller,
+    Id(robot_id): Id,
+    Query(query): Query<ListQuery>,
+) -> Result<Json<Page<JobAnswer>>, Error> {
+    access::robot(&app, &caller, &robot_id).await?;
+    let page = jobs::list(&app.store, &robot_id, &query.page()?).await?;
+    let items = page.items.iter().map(answer).collect::<Result<_, _>>()?;
+    Ok(Json(Page { items, next_cursor: page.next_cursor.map(|cursor| cursor.to_string()) }))
+}
+
+/// How a job stands. With `wait_s` it answers when the status changes or the job is over, at the latest after that time.
+#[utoipa::path(
+    get, path = "/v1/jobs/{id}", tag = "jobs", operation_id = "getJob", params(("id" = String, Path, description = "The job"), WaitQuery),
+    responses((status = 200, description = "The job", body = JobAnswer))
+)]
+async fn get(State(app): State<App>, caller: Caller, Id(id): Id, Query(query): Query<WaitQuery>) -> Result<Json<JobAnswer>, Error> {
+    let wait_s = query.wait_s.unwrap_or(0);
+    if wait_s > MAX_WAIT_S {
+        return Err(Error::BadRequest { code: "invalid_query", detail: format!("wait_s is {wait_s}; 0 to {MAX_WAIT_S} is allowed") });
+    }
+    let row = access::job(&app, &caller, &id).await?;
+    let row = if wait_s > 0 && !row.status.is_over() { wait(&app, row, Duration::from_secs(wait_s)).await? } else { row };
+    Ok(Json(answer(&row)?))
+}
+
+/// The job once its status has changed, the time is over, or the server stops.
+async fn wait(app: &App, row: JobRow, timeout: Duration) -> Result<JobRow, store::Error> {
+    tokio::select! {
+        changed = app.signals.wait_for_status_change(&app.store, &row.id, row.status, timeout) => changed,
+        () = app.stopped() => jobs::get(&app.store, &row.id).await,
+    }
+}
+
+/// Cancels a job: at once if it waits, soon if it runs. One that is over stays as it is.
+#[utoipa::path(
+    post, path = "/v1/jobs/{id}/cancel", tag = "jobs", operation_id = "cancelJob", params(("id" = String, Path, description = "The job")),
+    responses((status = 200, description = "The job", body = JobAnswer))
+)]
+async fn cancel(State(app): State<App>, caller: Caller, Id(id): Id) -> Result<Json<JobAnswer>, Error> {
+    access::job(&app, &caller, &id).await?;
+    Ok(Json(answer(&queue::cancel(&app.store, &app.signals, &id).await?)?))
+}
+
+/// The report of a job that succeeded.
+#[utoipa::path(
+    get, path = "/v1/jobs/{id}/report", tag = "jobs", operation_id = "getReport", params(("id" = String, Path, description = "The job")),
+    responses((status = 200, description = "The report", body = Report))
+)]
+async fn report(State(app): State<App>, caller: Caller, Id(id): Id) -> Result<Response, Error> {
+    access::job(&app, &caller, &id).await?;
+    Ok(stored(jobs::report(&app.store, &id).await?))
+}
+
+/// How the cost fell, iteration by iteration.
+#[utoipa::path(
+    get, path = "/v1/jobs/{id}/convergence", tag = "jobs", operation_id = "getConvergence", params(("id" = String, Path, description = "The job")),
+    responses((status = 200, description = "The curve", body = Convergence))
+)]
+async fn convergence(State(app): State<App>, caller: Caller, Id(id): Id) -> Result<Response, Error> {
+    access::job(&app, &caller, &id).await?;
+    Ok(stored(jobs::convergence(&app.store, &id).await?))
+}
+
+fn stored(json: String) -> Response {
+    ([(header::CONTENT_TYPE, "application/json")], json).into_response()
+}
+
+/// The job as it is answered.
+pub fn answer(row: &JobRow) -> Result<JobAnswer, Error> {
+    let request: JobRequestBody = serde_json::from_str(&row.request_json)?;
+    Ok(JobAnswer {
+        id: row.id.clone(),
+        robot_id: row.robot_id.clone(),
+        measurement_set_id: row.measurement_set_id.clone(),
+        kind: request.kind,
+        method: request.method,
+        status: status(row.status),
+        attempt: u32::try_from(row.attempt).unwrap_or(u32::MAX),
+        progress: row.progress_json.as_deref().map(serde_json::from_str).transpose()?,
+        error: row.error_json.as_deref().map(serde_json::from_str).transpose()?,
+        parameter_set_id: row.parameter_set_id.clone(),
+        network_id: row.network_id.clone(),
+        created_at: rfc3339(row.created_at_ms),
+        started_at: row.started_at_ms.map(rfc3339),
+        finished_at: row.finished_at_ms.map(rfc3339),
+    })
+}
+
+fn status(status: store::JobStatus) -> JobStatus {
+    match status {
+        store::JobStatus::Queued => JobStatus::Queued,
+        store::JobStatus::Running => JobStatus::Running,
+        store::JobStatus::Succeeded => JobStatus::Succeeded,
+        store::JobStatus::Failed => JobStatus::Failed,
+        store::JobStatus::Cancelled => JobStatus::Cancelled,
+    }
+}

@@ -1,0 +1,117 @@
+//! What surrounds every request: an id, one log line, and problems in place of everything that layers answer on their own.
+
+use crate::http::error::{self, Error};
+use crate::wire::Problem;
+use crate::wire::problem::PROBLEM_JSON;
+use axum::Router;
+use axum::extract::{MatchedPath, Request};
+use axum::http::{HeaderName, HeaderValue, StatusCode, header};
+use axum::middleware::{Next, from_fn};
+use axum::response::{IntoResponse, Response};
+use std::any::Any;
+use std::time::Instant;
+use tower_http::catch_panic::CatchPanicLayer;
+use tracing::Instrument;
+
+const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
+
+/// Puts all of it around a router.
+pub fn surround<S: Clone + Send + Sync + 'static>(router: Router<S>) -> Router<S> {
+    router.layer(from_fn(only_problems)).layer(CatchPanicLayer::custom(panicked)).layer(from_fn(observe))
+}
+
+/// Gives the request an id that its log lines and its answer carry. Route templates are logged, never raw paths.
+async fn observe(request: Request, next: Next) -> Response {
+    let id = uuid::Uuid::now_v7().simple().to_string();
+    let route = request.extensions().get::<MatchedPath>().map_or("-", MatchedPath::as_str).to_owned();
+    let span = tracing::info_span!("request", request_id = %id, method = %request.method(), route);
+    let begun = Instant::now();
+    let mut response = next.run(request).instrument(span.clone()).await;
+    let duration_ms = begun.elapsed().as_secs_f64() * 1e3;
+    span.in_scope(|| tracing::debug!(status = response.status().as_u16(), duration_ms, "answered"));
+    let headers = response.headers_mut();
+    if let Ok(value) = HeaderValue::from_str(&id) {
+        headers.insert(REQUEST_ID, value);
+    }
+    headers.insert(header::X_CONTENT_TYPE_OPTIONS, HeaderValue::from_static("nosniff"));
+    response
+}
+
+/// Turns error answers that a layer or extractor made on its own into problems; their headers (`Allow`, …) stay.
+async fn only_problems(request: Request, next: Next) -> Response {
+    let response = next.run(request).await;
+    let status = response.status();
+    let is_problem = response.headers().get(header::CONTENT_TYPE).is_some_and(|value| value == PROBLEM_JSON);
+    if is_problem || !(status.is_client_error() || status.is_server_error()) {
+        return response;
+    }
+    let mut headers = response.into_parts().0.headers;
+    for name in [header::CONTENT_TYPE, header::CONTENT_LENGTH] {
+        headers.remove(name);
+    }
+    let reason = status.canonical_reason().unwrap_or("error");
+    let code = reason.to_lowercase().replace([' ', '-'], "_");
+    let mut answer = error::answer(&Problem::new(status.as_u16(), &code, reason));
+    answer.headers_mut().extend(headers);
+    answer
+}
+
+/// A panic in a handler: the cause is logged, the client gets a 500.
+fn panicked(cause: Box<dyn Any + Send + 'static>) -> Response {
+    let text = cause.downcast_ref::<String>().map(String::as_str).or_else(|| cause.downcast_ref::<&str>().copied());
+    Error::Internal(format!("a handler panicked: {}", text.unwrap_or("no message"))).into_response()
+}
+
+/// 404 for paths that are not in the contract.
+pub async fn no_such_route() -> Error {
+    Error::NoSuchRoute
+}
+
+/// 405; the router adds the `Allow` header.
+pub async fn method_not_allowed() -> (StatusCode, Error) {
+    (StatusCode::METHOD_NOT_ALLOWED, Error::MethodNotAllowed)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::surround;
+    use crate::wire::Problem;
+    use axum::Router;
+    use axum::body::{Body, to_bytes};
+    use axum::http::{Request, StatusCode, header};
+    use axum::routing::get;
+    use tower::ServiceExt;
+
+    async fn answer(path: &str) -> (Problem, axum::http::HeaderMap) {
+        let router = Router::new()
+            .route(
+                "/panics",
+                get(|| async {
+                    if true {
+                        panic!("the secret cause")
+                    }
+                }),
+            )
+            .route("/plain", get(|| async { (StatusCode::IM_A_TEAPOT, [(header::ALLOW, "POST")], "short and stout") }));
+        let response = surround::<()>(router).oneshot(Request::get(path).body(Body::empty()).unwrap()).await.unwrap();
+        let headers = response.headers().clone();
+        let body = to_bytes(response.into_body(), 10_000).await.unwrap();
+        (serde_json::from_slice(&body).unwrap(), headers)
+    }
+
+    #[tokio::test]
+    async fn a_panic_is_a_problem_that_hides_its_cause() {
+        let (problem, headers) = answer("/panics").await;
+        assert_eq!((problem.status, problem.code.as_str()), (500, "internal"));
+        assert!(!problem.detail.contains("secret"));
+        assert_eq!(headers[header::CONTENT_TYPE], "application/problem+json");
+        assert!(headers.contains_key("x-request-id"));
+    }
+
+    #[tokio::test]
+    async fn an_error_that_a_layer_made_becomes_a_problem_and_keeps_its_headers() {
+        let (problem, headers) = answer("/plain").await;
+        assert_eq!((problem.status, problem.code.as_str()), (418, "i'm_a_teapot"));
+        assert_eq!(headers[header::ALLOW], "POST");
+    }
+}

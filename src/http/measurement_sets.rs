@@ -1,0 +1,176 @@
+//! Measurement sets: uploads, kept byte for byte.
+
+use crate::http::auth::Caller;
+use crate::http::creation::{Submission, stored_json};
+use crate::http::extract::{Id, ListQuery, Query};
+use crate::http::{App, Error, access};
+use crate::store::{MeasurementSetRow, NewMeasurementSet, Tx, measurement_sets};
+use crate::wire::issue::Checker;
+use crate::wire::measurement::{self, Frame, MeasurementSetBody, SetSummary, Warning};
+use crate::wire::page::Page;
+use crate::wire::robot::{MAX_NAME, RobotBody};
+use crate::wire::time::rfc3339;
+use crate::wire::{canonical, json};
+use axum::Json;
+use axum::body::Bytes;
+use axum::extract::State;
+use axum::http::header;
+use axum::response::{IntoResponse, Response};
+use serde::Deserialize;
+use utoipa::IntoParams;
+use utoipa_axum::{router::OpenApiRouter, routes};
+
+/// Routes of measurement sets.
+pub fn router() -> OpenApiRouter<App> {
+    OpenApiRouter::new().routes(routes!(create, list)).routes(routes!(get)).routes(routes!(points))
+}
+
+/// Query of an upload.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+struct UploadQuery {
+    /// The frame of every position; `base` where neither query nor a JSON body says it.
+    #[param(inline)]
+    frame: Option<Frame>,
+    /// What people call the set; a name in a JSON body wins.
+    #[param(min_length = 1, max_length = 200)]
+    name: Option<String>,
+}
+
+/// An upload that was understood.
+struct Upload {
+    frame: Frame,
+    name: Option<String>,
+    n_points: usize,
+    n_configurations: usize,
+    n_targets: usize,
+    warnings: Vec<Warning>,
+    sha256: String,
+}
+
+/// Uploads a measurement set, as CSV (a header row with units) or JSON.
+#[utoipa::path(
+    post, path = "/v1/robots/{robot_id}/measurement-sets", tag = "measurement sets", operation_id = "createMeasurementSet",
+    params(("robot_id" = String, Path, description = "The robot"), UploadQuery),
+    request_body(
+        description = "CSV: `q1_deg … qn_deg` or `q1_rad …`, `x_mm y_mm z_mm` or `x_m …`; optional `configuration`, `target`, `subset`, `measured_at`, `std_mm`, `station`, `session`, `sequence`, `temperature_c`",
+        content((String = "text/csv"), (MeasurementSetBody = "application/json"))
+    ),
+    responses((status = 201, description = "What was understood", body = SetSummary, headers(("Location" = String, description = "Its path"))))
+)]
+async fn create(
+    State(app): State<App>,
+    Id(robot_id): Id,
+    Query(query): Query<UploadQuery>,
+    submission: Submission,
+) -> Result<Response, Error> {
+    let robot = access::robot(&app, &submission.caller, &robot_id).await?;
+    if let Some(answer) = submission.replay(&app.store).await? {
+        return Ok(answer);
+    }
+    let is_json = is_json(&submission)?;
+    let (robot, bytes) = (access::robot_body(&robot)?, submission.body.clone());
+    let upload = app.compute(move || understand(&robot, &bytes, is_json, query)).await?;
+    let new = NewMeasurementSet {
+        robot_id,
+        name: upload.name,
+        frame: upload.frame.as_str().into(),
+        content_type: submission.content_type.clone(),
+        body: submission.body.to_vec(),
+        sha256: upload.sha256,
+        n_points: upload.n_points as i64,
+        n_configurations: upload.n_configurations as i64,
+        n_targets: upload.n_targets as i64,
+        warnings_json: serde_json::to_string(&upload.warnings)?,
+    };
+    let effect = async |tx: &mut Tx| {
+        let row = measurement_sets::insert(tx, &new).await?;
+        stored_json(201, Some(format!("/v1/measurement-sets/{}", row.id)), &summary(&row)?)
+    };
+    submission.create(&app.store, effect).await
+}
+
+fn is_json(submission: &Submission) -> Result<bool, Error> {
+    match submission.media_type.as_str() {
+        "application/json" => Ok(true),
+        "text/csv" => Ok(false),
+        _ => Err(submission.unsupported("text/csv or application/json (export a workbook as CSV first)")),
+    }
+}
+
+fn understand(robot: &RobotBody, bytes: &Bytes, is_json: bool, query: UploadQuery) -> Result<Upload, Error> {
+    let robot = robot.to_core()?;
+    let n_joints = robot.links.len();
+    let (frame, name, set) = if is_json {
+        let body: MeasurementSetBody = json::parse(bytes)?;
+        let frame = body.resolve_frame(query.frame)?;
+        let set = body.to_core(Some(frame), n_joints)?;
+        (frame, body.name.or(query.name), set)
+    } else {
+        let frame = query.frame.unwrap_or(Frame::Base);
+        (frame, query.name, measurement::from_csv(bytes, frame, n_joints)?)
+    };
+    let mut checker = Checker::default();
+    name.iter().for_each(|name| checker.text("/name", name, MAX_NAME));
+    checker.finish("invalid_name")?;
+    let (n_configurations, n_targets) = measurement::counts(&set);
+    let warnings = measurement::warnings(&robot, &set);
+    Ok(Upload { frame, name, n_points: set.points.len(), n_configurations, n_targets, warnings, sha256: canonical::sha256_hex(bytes) })
+}
+
+/// A robot's measurement sets, newest first.
+#[utoipa::path(
+    get, path = "/v1/robots/{robot_id}/measurement-sets", tag = "measurement sets", operation_id = "listMeasurementSets",
+    params(("robot_id" = String, Path, description = "The robot"), ListQuery),
+    responses((status = 200, description = "One page", body = Page<SetSummary>))
+)]
+async fn list(
+    State(app): State<App>,
+    caller: Caller,
+    Id(robot_id): Id,
+    Query(query): Query<ListQuery>,
+) -> Result<Json<Page<SetSummary>>, Error> {
+    access::robot(&app, &caller, &robot_id).await?;
+    let page = measurement_sets::list(&app.store, &robot_id, &query.page()?).await?;
+    let items = page.items.iter().map(summary).collect::<Result<_, _>>()?;
+    Ok(Json(Page { items, next_cursor: page.next_cursor.map(|cursor| cursor.to_string()) }))
+}
+
+/// What is known of a set.
+#[utoipa::path(
+    get, path = "/v1/measurement-sets/{id}", tag = "measurement sets", operation_id = "getMeasurementSet",
+    params(("id" = String, Path, description = "The set")),
+    responses((status = 200, description = "The summary", body = SetSummary))
+)]
+async fn get(State(app): State<App>, caller: Caller, Id(id): Id) -> Result<Json<SetSummary>, Error> {
+    Ok(Json(summary(&access::measurement_set(&app, &caller, &id).await?)?))
+}
+
+/// The uploaded bytes, in their own type.
+#[utoipa::path(
+    get, path = "/v1/measurement-sets/{id}/points", tag = "measurement sets", operation_id = "getMeasurementSetPoints",
+    params(("id" = String, Path, description = "The set")),
+    responses((status = 200, description = "What was uploaded, byte for byte", content((String = "text/csv"), (MeasurementSetBody = "application/json"))))
+)]
+async fn points(State(app): State<App>, caller: Caller, Id(id): Id) -> Result<Response, Error> {
+    let row = access::measurement_set(&app, &caller, &id).await?;
+    let body = measurement_sets::body(&app.store, &id).await?;
+    Ok(([(header::CONTENT_TYPE, row.content_type)], body).into_response())
+}
+
+fn summary(row: &MeasurementSetRow) -> Result<SetSummary, Error> {
+    let frame = Frame::parse(&row.frame).ok_or_else(|| Error::Internal(format!("set {} has frame {:?}", row.id, row.frame)))?;
+    Ok(SetSummary {
+        id: row.id.clone(),
+        robot_id: row.robot_id.clone(),
+        name: row.name.clone(),
+        frame,
+        n_points: row.n_points.unsigned_abs() as usize,
+        n_configurations: row.n_configurations.unsigned_abs() as usize,
+        n_targets: row.n_targets.unsigned_abs() as usize,
+        sha256: row.sha256.clone(),
+        created_at: rfc3339(row.created_at_ms),
+        warnings: serde_json::from_str(&row.warnings_json)?,
+    })
+}

@@ -1,0 +1,107 @@
+//! The REST service: one file per resource, each with its `router()`. A handler is four moves: extract, convert, one call,
+//! answer.
+
+mod access;
+pub mod auth;
+mod creation;
+mod document;
+mod error;
+mod extract;
+mod frames;
+mod index;
+mod job_events;
+mod job_posting;
+mod jobs;
+mod layers;
+mod measurement_sets;
+mod networks;
+mod parameter_sets;
+mod predict;
+mod release;
+mod robots;
+pub mod server;
+
+pub use document::{openapi, yaml};
+pub use error::Error;
+
+use crate::jobs::JobSignals;
+use crate::store::Store;
+use axum::Router;
+use axum::extract::DefaultBodyLimit;
+use axum::middleware::from_fn_with_state;
+use std::sync::Arc;
+use tokio::sync::{Semaphore, watch};
+use utoipa_axum::router::OpenApiRouter;
+
+/// Largest request body, bytes: ten times the largest campaign.
+pub const MAX_BODY_BYTES: usize = 32 * 1024 * 1024;
+/// Parsing and predicting at the same time; more only makes each slower and memory larger.
+const MAX_COMPUTATIONS: usize = 8;
+
+/// What handlers need.
+#[derive(Clone, Debug)]
+pub struct App {
+    /// The database.
+    pub store: Store,
+    /// True lets everyone in (`--no-auth`).
+    pub no_auth: bool,
+    /// Turns true when the server is about to stop: long polls and event streams end.
+    pub stopping: watch::Receiver<bool>,
+    /// Wakes workers, long polls and event streams.
+    pub signals: JobSignals,
+    computations: Arc<Semaphore>,
+}
+
+impl App {
+    /// The state of a server on this store.
+    pub fn new(store: Store, no_auth: bool, stopping: watch::Receiver<bool>, signals: JobSignals) -> Self {
+        Self { store, no_auth, stopping, signals, computations: Arc::new(Semaphore::new(MAX_COMPUTATIONS)) }
+    }
+
+    /// Resolves when the server is about to stop.
+    pub async fn stopped(&self) {
+        let mut stopping = self.stopping.clone();
+        // An error means that whoever could stop it is gone: then it runs as long as the process.
+        let told = stopping.wait_for(|stop| *stop).await.is_ok();
+        if !told {
+            std::future::pending::<()>().await;
+        }
+    }
+
+    /// Runs something that computes on a thread of its own, so that others are answered meanwhile.
+    ///
+    /// # Errors
+    /// What `work` returns, or [`Error::Internal`] if it panicked.
+    pub async fn compute<T: Send + 'static>(&self, work: impl FnOnce() -> Result<T, Error> + Send + 'static) -> Result<T, Error> {
+        let permit = Arc::clone(&self.computations).acquire_owned().await.map_err(|e| Error::Internal(e.to_string()))?;
+        let task = tokio::task::spawn_blocking(move || {
+            let result = work();
+            drop(permit);
+            result
+        });
+        task.await.map_err(|error| Error::Internal(format!("a computation did not end: {error}")))?
+    }
+}
+
+/// Every route with its documentation.
+fn routes() -> OpenApiRouter<App> {
+    OpenApiRouter::new()
+        .merge(robots::router())
+        .merge(measurement_sets::router())
+        .merge(frames::router())
+        .merge(jobs::router())
+        .merge(job_events::router())
+        .merge(parameter_sets::router())
+        .merge(release::router())
+        .merge(predict::router())
+        .merge(networks::router())
+        .merge(index::router())
+}
+
+/// The whole service.
+pub fn router(app: App) -> Router {
+    let (router, _) = routes().split_for_parts();
+    let router = router.fallback(layers::no_such_route).method_not_allowed_fallback(layers::method_not_allowed);
+    let guarded = router.layer(from_fn_with_state(app.clone(), auth::authorize)).layer(DefaultBodyLimit::max(MAX_BODY_BYTES));
+    layers::surround(guarded).with_state(app)
+}

@@ -1,0 +1,77 @@
+//! Trained networks.
+
+use crate::http::auth::Caller;
+use crate::http::extract::{Id, ListQuery, Query};
+use crate::http::{App, Error, access};
+use crate::store::{NetworkRow, networks};
+use crate::wire::network::NetworkAnswer;
+use crate::wire::page::Page;
+use crate::wire::safetensors::NetworkMetadata;
+use crate::wire::time::rfc3339;
+use axum::Json;
+use axum::extract::State;
+use axum::http::header;
+use axum::response::{IntoResponse, Response};
+use utoipa_axum::{router::OpenApiRouter, routes};
+
+/// Routes of networks.
+pub fn router() -> OpenApiRouter<App> {
+    OpenApiRouter::new().routes(routes!(list)).routes(routes!(get)).routes(routes!(weights))
+}
+
+/// A robot's networks, newest first.
+#[utoipa::path(
+    get, path = "/v1/robots/{robot_id}/networks", tag = "networks", operation_id = "listNetworks",
+    params(("robot_id" = String, Path, description = "The robot"), ListQuery),
+    responses((status = 200, description = "One page", body = Page<NetworkAnswer>))
+)]
+async fn list(
+    State(app): State<App>,
+    caller: Caller,
+    Id(robot_id): Id,
+    Query(query): Query<ListQuery>,
+) -> Result<Json<Page<NetworkAnswer>>, Error> {
+    access::robot(&app, &caller, &robot_id).await?;
+    let page = networks::list(&app.store, &robot_id, &query.page()?).await?;
+    let items = page.items.into_iter().map(answer).collect::<Result<_, _>>()?;
+    Ok(Json(Page { items, next_cursor: page.next_cursor.map(|cursor| cursor.to_string()) }))
+}
+
+/// What is known of a network.
+#[utoipa::path(
+    get, path = "/v1/networks/{id}", tag = "networks", operation_id = "getNetwork", params(("id" = String, Path, description = "The network")),
+    responses((status = 200, description = "The network", body = NetworkAnswer))
+)]
+async fn get(State(app): State<App>, caller: Caller, Id(id): Id) -> Result<Json<NetworkAnswer>, Error> {
+    Ok(Json(answer(access::network(&app, &caller, &id).await?)?))
+}
+
+/// Its weights, in the safetensors format.
+#[utoipa::path(
+    get, path = "/v1/networks/{id}/weights", tag = "networks", operation_id = "getNetworkWeights", params(("id" = String, Path, description = "The network")),
+    responses((status = 200, description = "safetensors, 64-bit floats", body = Vec<u8>, content_type = "application/octet-stream"))
+)]
+async fn weights(State(app): State<App>, caller: Caller, Id(id): Id) -> Result<Response, Error> {
+    access::network(&app, &caller, &id).await?;
+    let disposition = format!("attachment; filename=\"{id}.safetensors\"");
+    let headers = [(header::CONTENT_TYPE, "application/octet-stream".to_owned()), (header::CONTENT_DISPOSITION, disposition)];
+    Ok((headers, networks::weights(&app.store, &id).await?).into_response())
+}
+
+fn answer(row: NetworkRow) -> Result<NetworkAnswer, Error> {
+    let NetworkMetadata { parameter_names, model, preset, n_hidden, training_error, validation_error } =
+        serde_json::from_str(&row.metadata_json)?;
+    Ok(NetworkAnswer {
+        id: row.id,
+        robot_id: row.robot_id,
+        job_id: row.job_id,
+        model,
+        preset,
+        parameter_names,
+        n_hidden,
+        training_error,
+        validation_error,
+        sha256: row.weights_sha256,
+        created_at: rfc3339(row.created_at_ms),
+    })
+}

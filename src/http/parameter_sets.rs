@@ -1,0 +1,97 @@
+//! Parameter sets: what the controller needs.
+
+use crate::http::auth::Caller;
+use crate::http::extract::{Id, ListQuery, Query};
+use crate::http::{App, Error, access};
+use crate::store::{self, ParameterSetRow, parameter_sets};
+use crate::wire::canonical;
+use crate::wire::page::Page;
+use crate::wire::parameter_set::{ParameterSetAnswer, ParameterSetContent, ParameterSetStatus};
+use crate::wire::time::rfc3339;
+use axum::Json;
+use axum::extract::State;
+use axum::http::{HeaderMap, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use utoipa_axum::{router::OpenApiRouter, routes};
+
+/// Routes of parameter sets.
+pub fn router() -> OpenApiRouter<App> {
+    OpenApiRouter::new().routes(routes!(list)).routes(routes!(get)).routes(routes!(active))
+}
+
+/// A robot's parameter sets, newest first.
+#[utoipa::path(
+    get, path = "/v1/robots/{robot_id}/parameter-sets", tag = "parameter sets", operation_id = "listParameterSets",
+    params(("robot_id" = String, Path, description = "The robot"), ListQuery),
+    responses((status = 200, description = "One page", body = Page<ParameterSetAnswer>))
+)]
+async fn list(
+    State(app): State<App>,
+    caller: Caller,
+    Id(robot_id): Id,
+    Query(query): Query<ListQuery>,
+) -> Result<Json<Page<ParameterSetAnswer>>, Error> {
+    access::robot(&app, &caller, &robot_id).await?;
+    let page = parameter_sets::list(&app.store, &robot_id, &query.page()?).await?;
+    let items = page.items.into_iter().map(answer).collect::<Result<_, _>>()?;
+    Ok(Json(Page { items, next_cursor: page.next_cursor.map(|cursor| cursor.to_string()) }))
+}
+
+/// One parameter set.
+#[utoipa::path(
+    get, path = "/v1/parameter-sets/{id}", tag = "parameter sets", operation_id = "getParameterSet",
+    params(("id" = String, Path, description = "The parameter set")),
+    responses((status = 200, description = "The parameter set", body = ParameterSetAnswer))
+)]
+async fn get(State(app): State<App>, caller: Caller, Id(id): Id) -> Result<Json<ParameterSetAnswer>, Error> {
+    Ok(Json(answer(access::parameter_set(&app, &caller, &id).await?)?))
+}
+
+/// The robot's released parameter set. Send its `ETag` as `If-None-Match` to be told when it is still the same.
+#[utoipa::path(
+    get, path = "/v1/robots/{robot_id}/parameter-sets/active", tag = "parameter sets", operation_id = "getActiveParameterSet",
+    params(("robot_id" = String, Path, description = "The robot"), ("If-None-Match" = Option<String>, Header, description = "An ETag known already")),
+    responses(
+        (status = 200, description = "The released set", body = ParameterSetAnswer, headers(("ETag" = String, description = "Changes with the set"))),
+        (status = 304, description = "Still the set of that ETag")
+    )
+)]
+async fn active(State(app): State<App>, caller: Caller, Id(robot_id): Id, headers: HeaderMap) -> Result<Response, Error> {
+    access::robot(&app, &caller, &robot_id).await?;
+    let row = parameter_sets::active(&app.store, &robot_id).await?.ok_or(Error::NoActiveParameterSet)?;
+    let body = serde_json::to_vec(&answer(row)?)?;
+    let etag = format!("\"{}\"", canonical::sha256_hex(&body));
+    let known = headers.get(header::IF_NONE_MATCH).and_then(|value| value.to_str().ok()).unwrap_or_default();
+    if known.split(',').any(|tag| tag.trim() == "*" || tag.trim().trim_start_matches("W/") == etag) {
+        return Ok((StatusCode::NOT_MODIFIED, [(header::ETAG, etag)]).into_response());
+    }
+    let headers = [(header::CONTENT_TYPE, "application/json".to_owned()), (header::ETAG, etag)];
+    Ok((headers, body).into_response())
+}
+
+/// What was identified.
+pub fn content(row: &ParameterSetRow) -> Result<ParameterSetContent, Error> {
+    Ok(serde_json::from_str(&row.body_json)?)
+}
+
+/// The parameter set as it is answered.
+pub fn answer(row: ParameterSetRow) -> Result<ParameterSetAnswer, Error> {
+    let ParameterSetContent { links, t_instrument_base, targets } = content(&row)?;
+    Ok(ParameterSetAnswer {
+        id: row.id,
+        robot_id: row.robot_id,
+        job_id: row.job_id,
+        status: match row.status {
+            store::ParameterSetStatus::Candidate => ParameterSetStatus::Candidate,
+            store::ParameterSetStatus::Released => ParameterSetStatus::Released,
+            store::ParameterSetStatus::Superseded => ParameterSetStatus::Superseded,
+            store::ParameterSetStatus::Withdrawn => ParameterSetStatus::Withdrawn,
+        },
+        links,
+        t_instrument_base,
+        targets,
+        sha256: row.sha256,
+        created_at: rfc3339(row.created_at_ms),
+        released_at: row.released_at_ms.map(rfc3339),
+    })
+}

@@ -1,0 +1,37 @@
+//! Where an identified robot has its target.
+
+use crate::http::auth::Caller;
+use crate::http::extract::{Id, media_type, whole_body};
+use crate::http::{App, Error, access, parameter_sets};
+use crate::wire::json;
+use crate::wire::predict::{PredictAnswer, PredictBody};
+use axum::Json;
+use axum::extract::{Request, State};
+use utoipa_axum::{router::OpenApiRouter, routes};
+
+/// Routes of predictions.
+pub fn router() -> OpenApiRouter<App> {
+    OpenApiRouter::new().routes(routes!(predict))
+}
+
+/// Positions of a target in the set's measuring frame, for the controller's joint values.
+#[utoipa::path(
+    post, path = "/v1/parameter-sets/{id}/predict", tag = "parameter sets", operation_id = "predict",
+    params(("id" = String, Path, description = "The parameter set")), request_body = PredictBody,
+    responses((status = 200, description = "Positions, pose by pose", body = PredictAnswer))
+)]
+async fn predict(State(app): State<App>, caller: Caller, Id(id): Id, request: Request) -> Result<Json<PredictAnswer>, Error> {
+    let row = access::parameter_set(&app, &caller, &id).await?;
+    let robot = access::robot(&app, &caller, &row.robot_id).await?;
+    if media_type(request.headers()).as_deref() != Some("application/json") {
+        let found = media_type(request.headers()).unwrap_or_else(|| "without a Content-Type".into());
+        return Err(Error::UnsupportedMediaType { found, expected: "application/json" });
+    }
+    let bytes = whole_body(request, &app).await?;
+    let (robot, content) = (access::robot_body(&robot)?, parameter_sets::content(&row)?);
+    let answer = app.compute(move || {
+        let body: PredictBody = json::parse(&bytes)?;
+        Ok(body.run(&robot.to_core()?, &content)?)
+    });
+    Ok(Json(answer.await?))
+}

@@ -1,0 +1,65 @@
+//! Robots.
+
+use crate::http::auth::Caller;
+use crate::http::creation::{Submission, stored_json};
+use crate::http::extract::{Id, ListQuery, Query};
+use crate::http::{App, Error, access};
+use crate::store::{NewRobot, RobotRow, Tx, robots};
+use crate::wire::page::Page;
+use crate::wire::robot::{RobotAnswer, RobotBody};
+use crate::wire::time::rfc3339;
+use axum::Json;
+use axum::extract::State;
+use axum::response::Response;
+use utoipa_axum::{router::OpenApiRouter, routes};
+
+/// Routes of robots.
+pub fn router() -> OpenApiRouter<App> {
+    OpenApiRouter::new().routes(routes!(create, list)).routes(routes!(get))
+}
+
+/// Stores a robot with its nominal links.
+#[utoipa::path(
+    post, path = "/v1/robots", tag = "robots", operation_id = "createRobot", request_body = RobotBody,
+    responses((status = 201, description = "The robot, stored", body = RobotAnswer, headers(("Location" = String, description = "Its path"))))
+)]
+async fn create(State(app): State<App>, submission: Submission) -> Result<Response, Error> {
+    if submission.caller.robots.is_some() {
+        return Err(Error::Forbidden("this key is limited to certain robots, so it cannot make new ones"));
+    }
+    if let Some(answer) = submission.replay(&app.store).await? {
+        return Ok(answer);
+    }
+    let body: RobotBody = submission.json()?;
+    body.to_core()?;
+    let new = NewRobot { name: body.name.clone(), body_json: serde_json::to_string(&body)? };
+    let effect = async |tx: &mut Tx| {
+        let row = robots::insert(tx, &new).await?;
+        stored_json(201, Some(format!("/v1/robots/{}", row.id)), &answer(&row)?)
+    };
+    submission.create(&app.store, effect).await
+}
+
+/// Robots, newest first.
+#[utoipa::path(
+    get, path = "/v1/robots", tag = "robots", operation_id = "listRobots", params(ListQuery),
+    responses((status = 200, description = "One page", body = Page<RobotAnswer>))
+)]
+async fn list(State(app): State<App>, caller: Caller, Query(query): Query<ListQuery>) -> Result<Json<Page<RobotAnswer>>, Error> {
+    let page = robots::list(&app.store, caller.robots.as_deref(), &query.page()?).await?;
+    let items = page.items.iter().map(answer).collect::<Result<_, _>>()?;
+    Ok(Json(Page { items, next_cursor: page.next_cursor.map(|cursor| cursor.to_string()) }))
+}
+
+/// One robot.
+#[utoipa::path(
+    get, path = "/v1/robots/{robot_id}", tag = "robots", operation_id = "getRobot", params(("robot_id" = String, Path, description = "The robot")),
+    responses((status = 200, description = "The robot", body = RobotAnswer))
+)]
+async fn get(State(app): State<App>, caller: Caller, Id(robot_id): Id) -> Result<Json<RobotAnswer>, Error> {
+    Ok(Json(answer(&access::robot(&app, &caller, &robot_id).await?)?))
+}
+
+fn answer(row: &RobotRow) -> Result<RobotAnswer, Error> {
+    Ok(RobotAnswer::new(row.id.clone(), access::robot_body(row)?, rfc3339(row.created_at_ms)))
+}

@@ -1,0 +1,105 @@
+//! Starting and stopping the service, for `kincal serve`, `kincal demo` and the tests alike.
+
+use crate::config::{self, ServeConfig};
+use crate::http::{App, router};
+use crate::jobs::{JobSignals, WorkerPool, execution};
+use crate::store::{self, Store, StoreLocation};
+use std::future::IntoFuture;
+use std::net::SocketAddr;
+use std::time::Duration;
+use tokio::net::TcpListener;
+use tokio::sync::watch;
+use tokio::task::JoinHandle;
+
+/// Requests and running jobs get this long to end when the server stops; service managers kill after 10 s.
+const STOP_WITHIN: Duration = Duration::from_secs(8);
+
+/// Why a server did not start.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The settings cannot be used together.
+    #[error(transparent)]
+    Config(#[from] config::Error),
+    /// The database.
+    #[error(transparent)]
+    Store(#[from] store::Error),
+    /// The address.
+    #[error("cannot listen on {address}: {cause}; is another server running there? choose another with --listen")]
+    Listen {
+        /// The address.
+        address: SocketAddr,
+        /// What the operating system says.
+        cause: std::io::Error,
+    },
+}
+
+/// A server that answers. Dropping it leaves it running; [`RunningServer::shutdown`] ends it.
+#[derive(Debug)]
+pub struct RunningServer {
+    /// Where it listens; never port 0.
+    pub address: SocketAddr,
+    /// Its database.
+    pub store: Store,
+    stop: watch::Sender<bool>,
+    serving: JoinHandle<std::io::Result<()>>,
+    workers: WorkerPool,
+}
+
+/// Where these settings say the database is.
+pub fn location(database: &config::DatabaseConfig) -> StoreLocation {
+    match &database.database_url {
+        Some(url) => StoreLocation::Postgres { url: url.clone() },
+        None => StoreLocation::Sqlite { data_dir: database.data_dir.clone() },
+    }
+}
+
+/// Opens the database, starts the workers, and answers.
+///
+/// # Errors
+/// [`Error`] saying what is wrong and how to mend it.
+pub async fn start(config: &ServeConfig) -> Result<RunningServer, Error> {
+    config.check()?;
+    let listen_error = |cause| Error::Listen { address: config.listen, cause };
+    let listener = TcpListener::bind(config.listen).await.map_err(listen_error)?;
+    let address = listener.local_addr().map_err(listen_error)?;
+    let store = Store::open(location(&config.database)).await?;
+    let signals = JobSignals::default();
+    let workers =
+        WorkerPool::start(store.clone(), execution::compute, config.n_workers(), config.lease(), config.max_attempts, signals.clone());
+    let (stop, stopping) = watch::channel(false);
+    let app = App::new(store.clone(), config.no_auth, stopping, signals);
+    let serving = tokio::spawn(serve(listener, app));
+    Ok(RunningServer { address, store, stop, serving, workers })
+}
+
+async fn serve(listener: TcpListener, app: App) -> std::io::Result<()> {
+    let stopped = {
+        let app = app.clone();
+        async move { app.stopped().await }
+    };
+    axum::serve(listener, router(app)).with_graceful_shutdown(stopped).into_future().await
+}
+
+impl RunningServer {
+    /// `http://ADDRESS:PORT`.
+    pub fn url(&self) -> String {
+        format!("http://{}", self.address)
+    }
+
+    /// Takes no more requests, finishes those under way, lets running jobs end or hands them back, and closes the
+    /// database: within ten seconds, whatever clients do.
+    pub async fn shutdown(mut self) {
+        self.stop.send_replace(true);
+        let requests = async {
+            if tokio::time::timeout(STOP_WITHIN, &mut self.serving).await.is_err() {
+                tracing::warn!("some clients did not finish their requests in time; they are cut off");
+                self.serving.abort();
+            }
+        };
+        tokio::join!(requests, self.workers.shutdown(STOP_WITHIN));
+        // Connections that are still busy belong to requests that were cut off.
+        if tokio::time::timeout(Duration::from_secs(1), self.store.close()).await.is_err() {
+            tracing::warn!("the database was still in use when the server ended");
+        }
+    }
+}

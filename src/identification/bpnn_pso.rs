@@ -1,0 +1,81 @@
+//! BPNN-PSO [Gao 2018, section 3.2, figures 4 and 5]: a network trained on one swarm's run moves the particles of the next one.
+//!
+//! Its inputs are a particle's initial position, its outputs the optimum that the run ended with, both as link parameter deviations
+//! divided by the half-width of the search box. Cost and update rule of the swarm stay as they are.
+
+use crate::identification::parameters::Parameter;
+use crate::identification::search_space::SearchSpace;
+use crate::identification::{Model, Preset, TrainedNetwork};
+use crate::solvers::bpnn::{self, Network};
+use crate::solvers::pso::{self, Positions};
+
+/// Trains the robot's network on a finished swarm: 200 particles, all with the same answer.
+pub fn train(space: &SearchSpace, swarm: &pso::Summary, seed: u64, model: Model, preset: Preset) -> TrainedNetwork {
+    let links = link_indices(&space.parameters);
+    let scale: Vec<f64> = links.iter().map(|i| space.scale[*i]).collect();
+    let scaled = |coordinates: &[f64]| -> Vec<f64> {
+        let deviation = space.deviation(coordinates);
+        links.iter().map(|i| deviation[*i] / space.scale[*i]).collect()
+    };
+    let n = swarm.initial_positions.n_particles;
+    let inputs: Vec<Vec<f64>> = (0..n).map(|i| scaled(&swarm.initial_positions.particle(i))).collect();
+    let answer = scaled(&swarm.best_position);
+    let targets = vec![answer.clone(); n];
+    let (network, trained) = bpnn::choose_size_and_train(&inputs, &targets, &bpnn::Options { seed, ..bpnn::Options::default() });
+    TrainedNetwork {
+        hidden_weights: network.hidden_weights,
+        hidden_thresholds: network.hidden_thresholds,
+        output_weights: network.output_weights,
+        output_thresholds: network.output_thresholds,
+        model,
+        preset,
+        parameter_names: links.iter().map(|i| space.parameters[*i].name()).collect(),
+        answer: answer.iter().zip(&scale).map(|(a, s)| a * s).collect(),
+        scale,
+        training_error: trained.training_error,
+        validation_error: trained.validation_error,
+    }
+}
+
+/// Deviations of the link parameters that the network predicts for a particle with these deviations, mm or rad.
+pub fn predict(network: &TrainedNetwork, link_deviation: &[f64]) -> Vec<f64> {
+    let inputs: Vec<f64> = link_deviation.iter().zip(&network.scale).map(|(x, s)| x / s).collect();
+    layers(network).evaluate(&inputs).iter().zip(&network.scale).map(|(y, s)| y * s).collect()
+}
+
+/// Moves every particle to the network's prediction. Base and targets, of which the network knows nothing, stay where the particle has them.
+pub fn move_particles(space: &SearchSpace, network: &TrainedNetwork, positions: &mut Positions) {
+    let links = link_indices(&space.parameters);
+    for particle in 0..positions.n_particles {
+        let mut deviation = space.deviation(&positions.particle(particle));
+        let now: Vec<f64> = links.iter().map(|i| deviation[*i]).collect();
+        for (i, value) in links.iter().zip(predict(network, &now)) {
+            deviation[*i] = value;
+        }
+        positions.set_particle(particle, &space.coordinates(&deviation));
+    }
+}
+
+/// True if the network speaks of exactly these link parameters, in this order.
+pub fn fits(network: &TrainedNetwork, parameters: &[Parameter]) -> bool {
+    let names = parameters.iter().filter(|p| p.is_link()).map(Parameter::name);
+    names.eq(network.parameter_names.iter().cloned())
+}
+
+/// The network's two layers, as the solver has them.
+fn layers(network: &TrainedNetwork) -> Network {
+    Network {
+        n_inputs: network.parameter_names.len(),
+        n_hidden: network.hidden_thresholds.len(),
+        n_outputs: network.parameter_names.len(),
+        hidden_weights: network.hidden_weights.clone(),
+        hidden_thresholds: network.hidden_thresholds.clone(),
+        output_weights: network.output_weights.clone(),
+        output_thresholds: network.output_thresholds.clone(),
+        output_activation: bpnn::Activation::Identity,
+    }
+}
+
+fn link_indices(parameters: &[Parameter]) -> Vec<usize> {
+    parameters.iter().enumerate().filter(|(_, p)| p.is_link()).map(|(i, _)| i).collect()
+}

@@ -1,0 +1,83 @@
+//! From measured points to parameters: which, in which scale, at which cost, and by which search.
+
+pub mod bpnn_pso;
+pub mod fit;
+pub mod identifiability;
+pub mod objective;
+pub mod parameters;
+pub mod search_space;
+pub mod start;
+pub mod swarm;
+
+use crate::kinematics::{Link, forward_kinematics};
+use nalgebra::{IsometryMatrix3, Vector3};
+
+/// A robot as measured: where its base stands in the measuring frame, its links, and the targets it carries.
+#[derive(Clone, Debug, PartialEq)]
+pub struct KinematicModel {
+    /// Base in the measuring frame, mm; identity where positions are given in the base frame.
+    pub t_instrument_base: IsometryMatrix3<f64>,
+    /// Links 1..n.
+    pub links: Vec<Link>,
+    /// Target offsets in the flange frame, mm.
+    pub targets_mm: Vec<Vector3<f64>>,
+}
+
+impl KinematicModel {
+    /// Base at the measuring frame, targets at the flange.
+    pub fn nominal(links: &[Link], n_targets: usize) -> Self {
+        Self { t_instrument_base: IsometryMatrix3::identity(), links: links.to_vec(), targets_mm: vec![Vector3::zeros(); n_targets] }
+    }
+
+    /// Position of a target in the measuring frame, mm.
+    pub fn position(&self, q_rad: &[f64], target: usize) -> Vector3<f64> {
+        let p = forward_kinematics(&self.links, q_rad, &self.targets_mm[target]);
+        self.t_instrument_base.rotation * p + self.t_instrument_base.translation.vector
+    }
+}
+
+/// Which parameters exist.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Model {
+    /// The paper's: four per link, base known, target on the flange axis.
+    Paper,
+    /// Base pose, targets, links and beta, redundancy taken out.
+    Complete,
+}
+
+/// Where unset options come from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Preset {
+    /// Ours: singular-vector search.
+    Default,
+    /// The paper's method to the letter.
+    Paper,
+}
+
+/// The network of [Gao 2018, section 3.2], kept per robot between calibrations. It speaks of link parameter
+/// deviations in physical units (mm, rad), never of base poses or search coordinates.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TrainedNetwork {
+    /// Names of inputs and outputs, in order (`a_1`, `alpha_1`, …).
+    pub parameter_names: Vec<String>,
+    /// Scale of each input and output: the half-width of the search box, mm or rad.
+    pub scale: Vec<f64>,
+    /// Hidden layer: n_hidden × n_inputs weights, row-major.
+    pub hidden_weights: Vec<f64>,
+    /// Hidden thresholds T_j, n_hidden.
+    pub hidden_thresholds: Vec<f64>,
+    /// Output layer: n_outputs × n_hidden weights, row-major.
+    pub output_weights: Vec<f64>,
+    /// Output thresholds, n_outputs.
+    pub output_thresholds: Vec<f64>,
+    /// The optimum it was trained on: deviations from nominal, mm or rad, in the order of the names.
+    pub answer: Vec<f64>,
+    /// Mean squared training error, in scaled units.
+    pub training_error: f64,
+    /// Mean squared error on the held-out particles, in scaled units.
+    pub validation_error: f64,
+    /// Model it belongs to.
+    pub model: Model,
+    /// Preset it belongs to.
+    pub preset: Preset,
+}

@@ -1,0 +1,187 @@
+//! Which parameters a model has, what they are called, and how a vector of deviations changes a robot.
+
+use crate::identification::KinematicModel;
+use crate::kinematics::Link;
+use nalgebra::{IsometryMatrix3, Rotation3, Translation3, Vector3};
+
+/// Axes i-1 and i count as parallel (or antiparallel) below this |sin alpha_i|; about 1.1°.
+pub const PARALLEL_SINE: f64 = 0.02;
+
+/// A quantity of one link.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Quantity {
+    /// a, mm.
+    A,
+    /// alpha, rad.
+    Alpha,
+    /// d, mm.
+    D,
+    /// theta_offset, rad.
+    ThetaOffset,
+    /// beta, rad.
+    Beta,
+}
+
+/// One free parameter. Its value is a deviation from the reference model, in mm or rad.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Parameter {
+    /// A quantity of a link (0-based here, 1-based in the name).
+    Link(usize, Quantity),
+    /// Translation of the base along an axis of the measuring frame.
+    BaseTranslation(usize),
+    /// Rotation vector of the base about an axis of the measuring frame, through the base's origin.
+    BaseRotation(usize),
+    /// Target offset along an axis of the flange frame.
+    Target(usize, usize),
+}
+
+const AXES: [&str; 3] = ["x", "y", "z"];
+
+impl Parameter {
+    /// Its name on the wire: `a_1`, `theta_offset_3`, `base_x`, `base_rx`, `target_0_z`.
+    pub fn name(&self) -> String {
+        match self {
+            Self::Link(link, quantity) => {
+                let quantity = match quantity {
+                    Quantity::A => "a",
+                    Quantity::Alpha => "alpha",
+                    Quantity::D => "d",
+                    Quantity::ThetaOffset => "theta_offset",
+                    Quantity::Beta => "beta",
+                };
+                format!("{quantity}_{}", link + 1)
+            }
+            Self::BaseTranslation(axis) => format!("base_{}", AXES[*axis]),
+            Self::BaseRotation(axis) => format!("base_r{}", AXES[*axis]),
+            Self::Target(target, axis) => format!("target_{target}_{}", AXES[*axis]),
+        }
+    }
+
+    /// True for parameters in rad, false for those in mm.
+    pub fn is_angle(&self) -> bool {
+        matches!(self, Self::Link(_, Quantity::Alpha | Quantity::ThetaOffset | Quantity::Beta) | Self::BaseRotation(_))
+    }
+
+    /// True for parameters of the robot itself, not of where it stands or what it carries.
+    pub fn is_link(&self) -> bool {
+        matches!(self, Self::Link(..))
+    }
+}
+
+/// The 4·n parameters of the paper [Gao 2018, Table 2]: a, alpha, d and theta_offset of every link.
+pub fn paper_parameters(n_links: usize) -> Vec<Parameter> {
+    let quantities = [Quantity::A, Quantity::Alpha, Quantity::D, Quantity::ThetaOffset];
+    (0..n_links).flat_map(|link| quantities.map(|quantity| Parameter::Link(link, quantity))).collect()
+}
+
+/// Base pose, links and targets with the redundancy taken out: link 1 stays nominal (the base carries it), theta_offset and d of the
+/// last link stay nominal (the targets carry them), of each group of parallel axes all d but one stay nominal, and links i ≥ 2 whose
+/// axis is parallel to the one before get Hayati's beta (Hayati & Mirmirani 1985; counting as in Everett, Driels & Mooring 1987).
+pub fn complete_parameters(nominal: &[Link], n_targets: usize) -> Vec<Parameter> {
+    let mut parameters: Vec<Parameter> = (0..3).map(Parameter::BaseTranslation).chain((0..3).map(Parameter::BaseRotation)).collect();
+    let last = nominal.len() - 1;
+    for link in 1..nominal.len() {
+        parameters.push(Parameter::Link(link, Quantity::A));
+        parameters.push(Parameter::Link(link, Quantity::Alpha));
+        if link != last && d_is_free(nominal, link) {
+            parameters.push(Parameter::Link(link, Quantity::D));
+        }
+        if link != last {
+            parameters.push(Parameter::Link(link, Quantity::ThetaOffset));
+        }
+        if is_parallel(&nominal[link]) {
+            parameters.push(Parameter::Link(link, Quantity::Beta));
+        }
+    }
+    parameters.extend((0..n_targets).flat_map(|target| (0..3).map(move |axis| Parameter::Target(target, axis))));
+    parameters
+}
+
+fn is_parallel(link: &Link) -> bool {
+    libm::sin(link.alpha_rad).abs() < PARALLEL_SINE
+}
+
+/// d of a link is free if its group of parallel axes holds no end of the chain (whose d the base or a target carries) and it is the
+/// group's first.
+fn d_is_free(nominal: &[Link], link: usize) -> bool {
+    let mut first = link;
+    while first > 0 && is_parallel(&nominal[first]) {
+        first -= 1;
+    }
+    let mut last = link;
+    while last + 1 < nominal.len() && is_parallel(&nominal[last + 1]) {
+        last += 1;
+    }
+    first != 0 && last != nominal.len() - 1 && first == link
+}
+
+/// The reference with each parameter moved by its deviation.
+pub fn apply(reference: &KinematicModel, parameters: &[Parameter], deviation: &[f64]) -> KinematicModel {
+    let mut model = reference.clone();
+    apply_into(reference, parameters, deviation, &mut model);
+    model
+}
+
+/// As [`apply`], into a model of the same size, without allocating.
+pub fn apply_into(reference: &KinematicModel, parameters: &[Parameter], deviation: &[f64], model: &mut KinematicModel) {
+    model.links.copy_from_slice(&reference.links);
+    model.targets_mm.copy_from_slice(&reference.targets_mm);
+    let mut translation = Vector3::zeros();
+    let mut rotation = Vector3::zeros();
+    for (parameter, value) in parameters.iter().zip(deviation) {
+        match *parameter {
+            Parameter::Link(link, quantity) => *quantity_mut(&mut model.links[link], quantity) += value,
+            Parameter::BaseTranslation(axis) => translation[axis] += value,
+            Parameter::BaseRotation(axis) => rotation[axis] += value,
+            Parameter::Target(target, axis) => model.targets_mm[target][axis] += value,
+        }
+    }
+    model.t_instrument_base = moved_base(&reference.t_instrument_base, &translation, &rotation);
+}
+
+/// One quantity of a link.
+pub fn quantity_mut(link: &mut Link, quantity: Quantity) -> &mut f64 {
+    match quantity {
+        Quantity::A => &mut link.a_mm,
+        Quantity::Alpha => &mut link.alpha_rad,
+        Quantity::D => &mut link.d_mm,
+        Quantity::ThetaOffset => &mut link.theta_offset_rad,
+        Quantity::Beta => &mut link.beta_rad,
+    }
+}
+
+fn moved_base(base: &IsometryMatrix3<f64>, translation: &Vector3<f64>, rotation: &Vector3<f64>) -> IsometryMatrix3<f64> {
+    if *translation == Vector3::zeros() && *rotation == Vector3::zeros() {
+        return *base;
+    }
+    let turned = rotation_exp(rotation) * base.rotation;
+    IsometryMatrix3::from_parts(Translation3::from(base.translation.vector + translation), turned)
+}
+
+/// Rotation of a rotation vector (Rodrigues' formula).
+pub fn rotation_exp(w: &Vector3<f64>) -> Rotation3<f64> {
+    let angle = w.norm();
+    let k = w.cross_matrix();
+    let (a, b) = if angle < SMALL_ANGLE_RAD {
+        (1.0 - angle * angle / 6.0, 0.5 - angle * angle / 24.0)
+    } else {
+        (libm::sin(angle) / angle, (1.0 - libm::cos(angle)) / (angle * angle))
+    };
+    Rotation3::from_matrix_unchecked(nalgebra::Matrix3::identity() + k * a + k * k * b)
+}
+
+/// Left Jacobian of SO(3): d(Exp(w)·y)/dw = −[Exp(w)·y]× · J(w) (Chirikjian 2011, eq. 10.86).
+pub fn left_jacobian(w: &Vector3<f64>) -> nalgebra::Matrix3<f64> {
+    let angle = w.norm();
+    let k = w.cross_matrix();
+    let square = angle * angle;
+    let (a, b) = if angle < SMALL_ANGLE_RAD {
+        (0.5 - square / 24.0, 1.0 / 6.0 - square / 120.0)
+    } else {
+        ((1.0 - libm::cos(angle)) / square, (angle - libm::sin(angle)) / (square * angle))
+    };
+    nalgebra::Matrix3::identity() + k * a + k * k * b
+}
+
+/// Below this the series of the two formulas above is exact to rounding (its next term is angle⁴/1920 < 1e-16 relative).
+const SMALL_ANGLE_RAD: f64 = 1e-3;

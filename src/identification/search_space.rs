@@ -1,0 +1,110 @@
+//! The coordinates that a search runs in: raw parameters, or the singular directions of the scaled identification Jacobian.
+
+use crate::identification::KinematicModel;
+use crate::identification::identifiability::{Decomposition, decompose};
+use crate::identification::objective::{Observation, weighted_jacobian};
+use crate::identification::parameters::{Parameter, apply_into};
+use nalgebra::{DMatrix, DVector, Vector3};
+
+/// deviation = directions · coordinates, counted from the reference. In a search box every coordinate runs from −1 to 1.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SearchSpace {
+    /// What deviations are counted from.
+    pub reference: KinematicModel,
+    /// The free parameters.
+    pub parameters: Vec<Parameter>,
+    /// p × r.
+    directions: DMatrix<f64>,
+    /// The scale of each parameter (half-width of the box), mm or rad.
+    pub scale: Vec<f64>,
+    /// Each coordinate is one parameter.
+    is_raw: bool,
+}
+
+impl SearchSpace {
+    /// One coordinate per parameter: deviation = scale · coordinate. The paper's search.
+    pub fn raw(reference: KinematicModel, parameters: Vec<Parameter>, scale: Vec<f64>) -> Self {
+        let directions = DMatrix::from_diagonal(&DVector::from_column_slice(&scale));
+        Self { reference, parameters, directions, scale, is_raw: true }
+    }
+
+    /// One coordinate per combination that the data see: deviation = S·V·coordinate, with J·S = U·Σ·Vᵀ at the reference. The box of
+    /// these coordinates is the parameters' box turned (a uniform cube's spread is the same in every direction).
+    pub fn singular(reference: KinematicModel, parameters: Vec<Parameter>, scale: Vec<f64>, observations: &[Observation]) -> Self {
+        let decomposition = decomposition_at(&reference, &parameters, &scale, observations);
+        Self { reference, parameters, directions: decomposition.seen_directions(), scale, is_raw: false }
+    }
+
+    /// As [`Self::singular`], along the seen combinations of a decomposition made elsewhere.
+    pub fn along(reference: KinematicModel, parameters: Vec<Parameter>, decomposition: &Decomposition) -> Self {
+        let scale = decomposition.scale.clone();
+        Self { reference, parameters, directions: decomposition.seen_directions(), scale, is_raw: false }
+    }
+
+    /// Number of coordinates.
+    pub fn n_coordinates(&self) -> usize {
+        self.directions.ncols()
+    }
+
+    /// p × r: deviation = directions · coordinates.
+    pub fn directions(&self) -> &DMatrix<f64> {
+        &self.directions
+    }
+
+    /// Deviations of the parameters, mm or rad.
+    pub fn deviation(&self, coordinates: &[f64]) -> Vec<f64> {
+        let mut deviation = vec![0.0; self.parameters.len()];
+        self.deviation_into(coordinates, &mut deviation);
+        deviation
+    }
+
+    /// As [`Self::deviation`], without allocating.
+    pub fn deviation_into(&self, coordinates: &[f64], deviation: &mut [f64]) {
+        if self.is_raw {
+            for ((to, z), s) in deviation.iter_mut().zip(coordinates).zip(&self.scale) {
+                *to = z * s;
+            }
+            return;
+        }
+        deviation.fill(0.0);
+        for (column, z) in self.directions.column_iter().zip(coordinates) {
+            for (to, v) in deviation.iter_mut().zip(column.iter()) {
+                *to = v.mul_add(*z, *to);
+            }
+        }
+    }
+
+    /// The coordinates whose deviation is nearest (in scaled parameters): Vᵀ·S⁻¹·deviation.
+    pub fn coordinates(&self, deviation: &[f64]) -> Vec<f64> {
+        let scaled = |row: usize| deviation[row] / self.scale[row];
+        if self.is_raw {
+            return (0..deviation.len()).map(scaled).collect();
+        }
+        let along =
+            |column: nalgebra::DVectorView<'_, f64>| column.iter().enumerate().map(|(row, v)| v / self.scale[row] * scaled(row)).sum();
+        self.directions.column_iter().map(along).collect()
+    }
+
+    /// The model at some coordinates.
+    pub fn model(&self, coordinates: &[f64]) -> KinematicModel {
+        let mut model = self.reference.clone();
+        apply_into(&self.reference, &self.parameters, &self.deviation(coordinates), &mut model);
+        model
+    }
+
+    /// The rotation vector among some deviations: how far the base is turned from the reference.
+    pub fn base_rotation(&self, deviation: &[f64]) -> Vector3<f64> {
+        let mut rotation = Vector3::zeros();
+        for (parameter, value) in self.parameters.iter().zip(deviation) {
+            if let Parameter::BaseRotation(axis) = parameter {
+                rotation[*axis] = *value;
+            }
+        }
+        rotation
+    }
+}
+
+/// The scaled identification Jacobian at a model, taken apart.
+pub fn decomposition_at(model: &KinematicModel, parameters: &[Parameter], scale: &[f64], observations: &[Observation]) -> Decomposition {
+    decompose(&weighted_jacobian(model, parameters, observations, &Vector3::zeros()), scale)
+}

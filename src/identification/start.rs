@@ -1,0 +1,144 @@
+//! Base pose and targets from nominal kinematics, with no starting guess from the user.
+
+use crate::identification::KinematicModel;
+use crate::identification::fit::fit_least_squares;
+use crate::identification::objective::{Observation, cost};
+use crate::identification::parameters::Parameter;
+use crate::kinematics::{Link, t_base_flange};
+use nalgebra::{DMatrix, DVector, IsometryMatrix3, Matrix3, Rotation3, Translation3, Vector3};
+
+/// Iteration limit of a singular value decomposition.
+const SVD_ITERATIONS: usize = 10_000;
+
+/// Base pose and target offsets that fit `observations` best with the links held.
+///
+/// Starts from a closed form (linear in the rotation's entries, then projected onto the rotations), from Kabsch's fit with the targets
+/// at the flange, and from the 24 rotations of the cube; each is polished by least squares, and the lowest cost wins.
+pub fn fit_base_and_targets(links: &[Link], observations: &[Observation], n_targets: usize) -> KinematicModel {
+    let flanges: Vec<IsometryMatrix3<f64>> = observations.iter().map(|o| t_base_flange(links, &o.q_rad)).collect();
+    let parameters: Vec<Parameter> = (0..3)
+        .map(Parameter::BaseTranslation)
+        .chain((0..3).map(Parameter::BaseRotation))
+        .chain((0..n_targets).flat_map(|target| (0..3).map(move |axis| Parameter::Target(target, axis))))
+        .collect();
+    let polish = |rotation: Rotation3<f64>| {
+        let start = with_rotation(links, observations, &flanges, n_targets, rotation);
+        let fitted = fit_least_squares(&start, &parameters, observations).model;
+        (cost(&fitted, observations), fitted)
+    };
+    let best = |candidates: Vec<Rotation3<f64>>| candidates.into_iter().map(polish).min_by(|a, b| a.0.total_cmp(&b.0));
+    let direct = [linear_rotation(observations, &flanges, n_targets), Some(kabsch_rotation(observations, &flanges))];
+    let first = best(direct.into_iter().flatten().collect());
+    let rms = |cost: f64| (cost / observations.len() as f64).sqrt();
+    match first {
+        Some((cost, model)) if rms(cost) <= GOOD_START_RMS_MM => model,
+        first => {
+            let cube = best(cube_rotations());
+            let lower = first.into_iter().chain(cube).min_by(|a, b| a.0.total_cmp(&b.0));
+            lower.map_or_else(|| KinematicModel::nominal(links, n_targets), |(_, model)| model)
+        }
+    }
+}
+
+/// Nominal kinematics fit real robots to some millimetres, with an unmastered joint to some tens; above this a closed form may have
+/// landed in the wrong valley, and the cube's rotations are tried as well.
+const GOOD_START_RMS_MM: f64 = 20.0;
+
+/// With the rotation given, base translation and targets are linear: measured = R·A + R·B·target + t.
+fn with_rotation(
+    links: &[Link],
+    observations: &[Observation],
+    flanges: &[IsometryMatrix3<f64>],
+    n_targets: usize,
+    rotation: Rotation3<f64>,
+) -> KinematicModel {
+    let unknowns = 3 + 3 * n_targets;
+    let mut normal = DMatrix::<f64>::zeros(unknowns, unknowns);
+    let mut right = DVector::<f64>::zeros(unknowns);
+    for (o, flange) in observations.iter().zip(flanges) {
+        let b = rotation.matrix() * flange.rotation.matrix();
+        let y = o.position_mm - rotation * flange.translation.vector;
+        let at = 3 + 3 * o.target;
+        let mut add = |row: usize, column: usize, m: &Matrix3<f64>| {
+            let mut block = normal.fixed_view_mut::<3, 3>(row, column);
+            block += m * o.weight;
+        };
+        add(0, 0, &Matrix3::identity());
+        add(0, at, &b);
+        add(at, 0, &b.transpose());
+        add(at, at, &Matrix3::identity());
+        let (top, bottom) = (y * o.weight, b.transpose() * y * o.weight);
+        (0..3).for_each(|axis| {
+            right[axis] += top[axis];
+            right[at + axis] += bottom[axis];
+        });
+    }
+    let solved =
+        normal.try_svd(true, true, f64::EPSILON, SVD_ITERATIONS).and_then(|svd| svd.solve(&right, 1e-9 * svd.singular_values[0]).ok());
+    let x = solved.unwrap_or_else(|| DVector::zeros(unknowns));
+    let vector = |at: usize| Vector3::new(x[at], x[at + 1], x[at + 2]);
+    KinematicModel {
+        links: links.to_vec(),
+        t_instrument_base: IsometryMatrix3::from_parts(Translation3::from(vector(0)), rotation),
+        targets_mm: (0..n_targets).map(|target| vector(3 + 3 * target)).collect(),
+    }
+}
+
+/// Rᵀ·m − B·target − u = A is linear in the nine entries of Rᵀ, the targets and u = Rᵀ·t; the entries are then projected onto the rotations.
+fn linear_rotation(observations: &[Observation], flanges: &[IsometryMatrix3<f64>], n_targets: usize) -> Option<Rotation3<f64>> {
+    let unknowns = 12 + 3 * n_targets;
+    if 3 * observations.len() < unknowns {
+        return None;
+    }
+    let centroid = observations.iter().map(|o| o.position_mm).sum::<Vector3<f64>>() / observations.len() as f64;
+    let size = observations.iter().map(|o| (o.position_mm - centroid).norm_squared()).sum::<f64>() / observations.len() as f64;
+    let size = size.sqrt().max(1e-9);
+    let mut design = DMatrix::<f64>::zeros(3 * observations.len(), unknowns);
+    let mut right = DVector::<f64>::zeros(3 * observations.len());
+    for (i, (o, flange)) in observations.iter().zip(flanges).enumerate() {
+        let m = (o.position_mm - centroid) / size;
+        for axis in 0..3 {
+            let row = 3 * i + axis;
+            for k in 0..3 {
+                design[(row, 3 * axis + k)] = m[k];
+                design[(row, 12 + 3 * o.target + k)] = -flange.rotation.matrix()[(axis, k)];
+            }
+            design[(row, 9 + axis)] = -1.0;
+            right[row] = flange.translation.vector[axis] / size;
+        }
+    }
+    let svd = design.try_svd(true, true, f64::EPSILON, SVD_ITERATIONS)?;
+    let x = svd.solve(&right, 1e-9 * svd.singular_values[0]).ok()?;
+    let transposed = Matrix3::from_fn(|row, column| x[3 * row + column]);
+    nearest_rotation(&transposed.transpose())
+}
+
+/// Kabsch's rotation (1976) between flange origins and measured positions.
+fn kabsch_rotation(observations: &[Observation], flanges: &[IsometryMatrix3<f64>]) -> Rotation3<f64> {
+    let n = observations.len() as f64;
+    let measured = observations.iter().map(|o| o.position_mm).sum::<Vector3<f64>>() / n;
+    let nominal = flanges.iter().map(|f| f.translation.vector).sum::<Vector3<f64>>() / n;
+    let covariance: Matrix3<f64> =
+        observations.iter().zip(flanges).map(|(o, f)| (o.position_mm - measured) * (f.translation.vector - nominal).transpose()).sum();
+    nearest_rotation(&covariance).unwrap_or_else(Rotation3::identity)
+}
+
+/// The rotation nearest to a matrix (orthogonal Procrustes).
+fn nearest_rotation(m: &Matrix3<f64>) -> Option<Rotation3<f64>> {
+    let svd = m.try_svd(true, true, f64::EPSILON, SVD_ITERATIONS)?;
+    let (u, v_t) = (svd.u?, svd.v_t?);
+    let sign = (u * v_t).determinant().signum();
+    Some(Rotation3::from_matrix_unchecked(u * Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, sign)) * v_t))
+}
+
+/// The 24 rotations that map the axes onto axes.
+fn cube_rotations() -> Vec<Rotation3<f64>> {
+    let units: Vec<Vector3<f64>> = (0..3).flat_map(|axis| [Vector3::ith(axis, 1.0), Vector3::ith(axis, -1.0)]).collect();
+    let mut rotations = Vec::new();
+    for x in &units {
+        for y in units.iter().filter(|y| x.dot(y) == 0.0) {
+            rotations.push(Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[*x, *y, x.cross(y)])));
+        }
+    }
+    rotations
+}

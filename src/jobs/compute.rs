@@ -1,0 +1,127 @@
+//! The seam between the workers and what they compute.
+
+use std::ops::ControlFlow;
+
+use crate::store::{
+    FramesRow, JobRow, MeasurementSetRow, NetworkRow, NewNetwork, NewParameterSet, ParameterSetRow, Result, RobotRow, Store, frames, jobs,
+    measurement_sets, networks, parameter_sets, robots,
+};
+
+/// Computes a job from its inputs alone. Tells its progress at least once per iteration, and stops with
+/// [`JobFailure::Cancelled`] when the answer is `Break`. Runs on a thread of its own; may panic.
+pub type Compute = fn(&JobInputs, &mut dyn FnMut(Progress) -> ControlFlow<()>) -> std::result::Result<JobOutcome, JobFailure>;
+
+/// Everything a job's result depends on.
+#[derive(Clone, Debug, PartialEq)]
+pub struct JobInputs {
+    /// The job, running.
+    pub job: JobRow,
+    /// Its robot.
+    pub robot: RobotRow,
+    /// The set to identify from, or to verify on.
+    pub set: MeasurementSetInput,
+    /// Another set to verify on.
+    pub verify_set: Option<MeasurementSetInput>,
+    /// Frames found from sweeps.
+    pub frames: Option<FramesRow>,
+    /// The network to start from.
+    pub network: Option<NetworkInput>,
+    /// The parameter set to start from or to verify.
+    pub parameter_set: Option<ParameterSetRow>,
+}
+
+/// A measurement set with its bytes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MeasurementSetInput {
+    /// What is known about it.
+    pub row: MeasurementSetRow,
+    /// The uploaded bytes.
+    pub body: Vec<u8>,
+}
+
+/// A network with its weights.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NetworkInput {
+    /// What is known about it.
+    pub row: NetworkRow,
+    /// Safetensors.
+    pub weights: Vec<u8>,
+}
+
+/// How far a computation is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Progress {
+    /// Iterations done.
+    pub iteration: u64,
+    /// The limit.
+    pub n_iterations: u64,
+    /// Smallest F so far, mm²; not finite if there is none.
+    pub best_cost_mm2: f64,
+}
+
+/// What a computation gives.
+#[derive(Clone, Debug, PartialEq)]
+pub struct JobOutcome {
+    /// The whole report.
+    pub report_json: String,
+    /// The convergence curve.
+    pub convergence_json: String,
+    /// Of the result, hexadecimal.
+    pub result_sha256: String,
+    /// The parameter set, if one was identified.
+    pub parameter_set: Option<NewParameterSet>,
+    /// The network, if one was trained.
+    pub network: Option<NewNetwork>,
+}
+
+/// Why a computation gave nothing.
+#[derive(Clone, Debug, PartialEq)]
+pub enum JobFailure {
+    /// Its monitor said `Break`.
+    Cancelled,
+    /// It cannot be computed, and trying again would not help.
+    Failed {
+        /// Problem details, as the client gets them.
+        problem_json: String,
+    },
+}
+
+impl Progress {
+    /// As it is stored and answered.
+    pub(super) fn to_json(self) -> String {
+        let Progress { iteration, n_iterations, best_cost_mm2 } = self;
+        // A number that is not finite becomes null.
+        serde_json::json!({ "iteration": iteration, "n_iterations": n_iterations, "best_cost_mm2": best_cost_mm2 }).to_string()
+    }
+}
+
+impl JobInputs {
+    /// Reads what the job names.
+    pub(super) async fn load(store: &Store, job_id: &str) -> Result<JobInputs> {
+        let job = jobs::get(store, job_id).await?;
+        let robot = robots::get(store, &job.robot_id).await?;
+        let set = load_set(store, &job.measurement_set_id).await?;
+        let verify_set = match &job.verify_set_id {
+            Some(id) => Some(load_set(store, id).await?),
+            None => None,
+        };
+        let frames = match &job.frames_id {
+            Some(id) => Some(frames::get(store, id).await?),
+            None => None,
+        };
+        let network = match &job.network_input_id {
+            Some(id) => Some(NetworkInput { row: networks::get(store, id).await?, weights: networks::weights(store, id).await? }),
+            None => None,
+        };
+        let parameter_set = match &job.parameter_set_input_id {
+            Some(id) => Some(parameter_sets::get(store, id).await?),
+            None => None,
+        };
+        Ok(JobInputs { job, robot, set, verify_set, frames, network, parameter_set })
+    }
+}
+
+async fn load_set(store: &Store, id: &str) -> Result<MeasurementSetInput> {
+    let row = measurement_sets::get(store, id).await?;
+    Ok(MeasurementSetInput { row, body: measurement_sets::body(store, id).await? })
+}

@@ -1,0 +1,182 @@
+//! From a job's stored inputs to `calibration::calibrate` and back: the same inputs give the same outcome on any worker,
+//! but for the durations.
+
+use crate::calibration::{self, CalibrationReport, CalibrationRequest, Event, calibrate};
+use crate::jobs::{JobFailure, JobInputs, JobOutcome, MeasurementSetInput, Progress};
+use crate::store::{NewNetwork, NewParameterSet};
+use crate::wire::frames::FramesContent;
+use crate::wire::job::{JobParts, JobRequestBody, VerifyBody};
+use crate::wire::measurement::{Frame, MeasurementSet, from_upload};
+use crate::wire::parameter_set::ParameterSetContent;
+use crate::wire::report::{self, RunContext};
+use crate::wire::report_shape::Report;
+use crate::wire::robot::RobotBody;
+use crate::wire::safetensors::{self, StoredNetwork};
+use crate::wire::{Invalid, Problem, json};
+use std::ops::ControlFlow;
+use std::time::Instant;
+
+/// Stages whose name begins so belong to the report's comparison and not to its duration.
+const COMPARISON: &str = "compare_";
+
+/// Computes one job.
+///
+/// # Errors
+/// [`JobFailure::Cancelled`] when `progress` breaks, [`JobFailure::Failed`] with the problem that the client gets.
+pub fn compute(inputs: &JobInputs, progress: &mut dyn FnMut(Progress) -> ControlFlow<()>) -> Result<JobOutcome, JobFailure> {
+    let (request, verify_set_is_another) = request_of(inputs)?;
+    let calibrated = calibrated(&request, progress)?;
+    let report = calibrated.report(&inputs.job.id, verify_set_is_another).map_err(broken)?;
+    let content = ParameterSetContent::from_core(&calibrated.core);
+    Ok(JobOutcome {
+        report_json: serde_json::to_string(&report).map_err(broken)?,
+        convergence_json: serde_json::to_string(&report::convergence(&calibrated.core)).map_err(broken)?,
+        parameter_set: Some(NewParameterSet {
+            body_json: serde_json::to_string(&content).map_err(broken)?,
+            sha256: content.sha256().map_err(broken)?,
+        }),
+        network: calibrated.network.map(new_network).transpose()?,
+        result_sha256: report.result_sha256,
+    })
+}
+
+/// A finished calibration: what the core found, and when its stages ran.
+pub struct Calibrated {
+    core: CalibrationReport,
+    network: Option<StoredNetwork>,
+    clock: StageClock,
+}
+
+impl Calibrated {
+    /// The wire's report of it.
+    ///
+    /// # Errors
+    /// If it cannot be serialised; does not happen for finite numbers, and only those come here.
+    pub fn report(&self, job_id: &str, verify_set_is_another: bool) -> Result<Report, serde_json::Error> {
+        let run = RunContext {
+            job_id,
+            duration_ms: self.clock.duration_ms(),
+            comparison_ms: self.core.comparison.iter().map(|other| self.clock.stage_ms(other.stage)).collect(),
+            verify_set_is_another,
+            network_sha256: self.network.as_ref().map(|network| network.sha256.as_str()),
+        };
+        report::build(&self.core, &run)
+    }
+}
+
+/// Runs the core with its stages timed and its progress passed on.
+///
+/// # Errors
+/// As [`compute`].
+pub fn calibrated(request: &CalibrationRequest, progress: &mut dyn FnMut(Progress) -> ControlFlow<()>) -> Result<Calibrated, JobFailure> {
+    let mut clock = StageClock::start();
+    let mut last = Progress { iteration: 0, n_iterations: 0, best_cost_mm2: f64::INFINITY };
+    let mut monitor = |event: Event<'_>| {
+        clock.note(event);
+        if let Event::Iteration { iteration, n_iterations, best_cost_mm2 } = event {
+            last = Progress { iteration: iteration as u64, n_iterations: n_iterations as u64, best_cost_mm2 };
+        }
+        progress(last)
+    };
+    let core = calibrate(request, &mut monitor).map_err(|error| match error {
+        calibration::Error::Cancelled => JobFailure::Cancelled,
+        calibration::Error::Unusable { code, detail } => failed(&Problem::new(422, code, detail)),
+    })?;
+    clock.stop();
+    if !report::is_finite(&core) {
+        let detail = "the result holds a number that is not finite; nothing was kept. Look for a row with a wild value in the set";
+        return Err(failed(&Problem::new(422, "result_not_finite", detail)));
+    }
+    let network = core.network.as_ref().map(safetensors::write).transpose().map_err(broken)?;
+    Ok(Calibrated { core, network, clock })
+}
+
+fn new_network(network: StoredNetwork) -> Result<NewNetwork, JobFailure> {
+    Ok(NewNetwork {
+        model: network.metadata.model.as_str().into(),
+        preset: network.metadata.preset.as_str().into(),
+        metadata_json: serde_json::to_string(&network.metadata).map_err(broken)?,
+        weights: network.bytes,
+        weights_sha256: network.sha256,
+    })
+}
+
+/// The core's request from what is stored, and whether it verifies on another set than it identifies from.
+fn request_of(inputs: &JobInputs) -> Result<(CalibrationRequest, bool), JobFailure> {
+    let request: JobRequestBody = json::parse(inputs.job.request_json.as_bytes()).map_err(broken)?;
+    let body: RobotBody = json::parse(inputs.robot.body_json.as_bytes()).map_err(broken)?;
+    let robot = body.to_core().map_err(broken)?;
+    let n_joints = robot.links.len();
+    let frames = inputs.frames.as_ref().map(|row| serde_json::from_str::<FramesContent>(&row.result_json));
+    let network = inputs.network.as_ref().map(|network| safetensors::read(&network.weights));
+    let parts = JobParts {
+        set: set_of(&inputs.set, n_joints)?,
+        verify_set: inputs.verify_set.as_ref().map(|set| set_of(set, n_joints)).transpose()?,
+        frames: frames.transpose().map_err(broken)?.map(|content| content.to_core()),
+        network: network.transpose().map_err(broken)?,
+        robot,
+    };
+    let another = matches!(&request.verify, Some(VerifyBody::Set { measurement_set_id }) if *measurement_set_id != inputs.set.row.id);
+    let request = request.to_core(parts).map_err(|invalid: Invalid| failed(&Problem::new(422, invalid.code, invalid.summary())))?;
+    Ok((request, another))
+}
+
+fn set_of(input: &MeasurementSetInput, n_joints: usize) -> Result<MeasurementSet, JobFailure> {
+    let frame = Frame::parse(&input.row.frame).ok_or_else(|| broken(format!("unknown frame {:?}", input.row.frame)))?;
+    from_upload(&input.row.content_type, &input.body, frame, n_joints).map_err(broken)
+}
+
+/// What was accepted once cannot be read any more: not the client's fault.
+fn broken(cause: impl std::fmt::Display) -> JobFailure {
+    tracing::error!(%cause, "a job's stored documents do not fit together");
+    failed(&Problem::new(500, "internal", "something that this job needs cannot be read or written; the log has the cause"))
+}
+
+fn failed(problem: &Problem) -> JobFailure {
+    JobFailure::Failed { problem_json: serde_json::json!(problem).to_string() }
+}
+
+/// When stages began and how long they took.
+struct StageClock {
+    begun: Instant,
+    whole_ms: f64,
+    running: Option<(String, Instant)>,
+    ended_ms: Vec<(String, f64)>,
+}
+
+impl StageClock {
+    fn start() -> Self {
+        Self { begun: Instant::now(), whole_ms: 0.0, running: None, ended_ms: Vec::new() }
+    }
+
+    fn stop(&mut self) {
+        self.whole_ms = milliseconds(self.begun);
+    }
+
+    fn note(&mut self, event: Event<'_>) {
+        match event {
+            Event::StageStarted(name) => self.running = Some((name.into(), Instant::now())),
+            Event::StageEnded(name) => {
+                if let Some((running, since)) = self.running.take_if(|(running, _)| running == name) {
+                    self.ended_ms.push((running, milliseconds(since)));
+                }
+            }
+            Event::Iteration { .. } | Event::Heartbeat => {}
+        }
+    }
+
+    fn stage_ms(&self, name: &str) -> f64 {
+        self.ended_ms.iter().filter(|(stage, _)| stage == name).map(|(_, ms)| ms).sum()
+    }
+
+    /// Everything but the comparison.
+    fn duration_ms(&self) -> f64 {
+        let compared: f64 = self.ended_ms.iter().filter(|(stage, _)| stage.starts_with(COMPARISON)).map(|(_, ms)| ms).sum();
+        self.whole_ms - compared
+    }
+}
+
+/// Microsecond resolution, so that reports stay readable.
+fn milliseconds(since: Instant) -> f64 {
+    since.elapsed().as_micros() as f64 / 1e3
+}

@@ -1,0 +1,175 @@
+//! Keeps a worker's lease while it computes, as a task of its own.
+
+use std::ops::ControlFlow;
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::time::Duration;
+
+use tokio::sync::watch;
+use tokio::task::JoinHandle;
+use tokio::time::{Instant, sleep, timeout_at};
+
+use super::Progress;
+use super::progress::{Cancellations, JobSignals};
+use crate::store::{Conflict, Error, Lease, Store, leases};
+
+/// How far a pool's shutdown is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Drain {
+    /// None is under way.
+    No,
+    /// No job is claimed any more.
+    Finish,
+    /// Computations are told to stop.
+    Stop,
+    /// Computations that did not stop are left to themselves.
+    Abandon,
+}
+
+/// Why a computation was told to stop.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Stop {
+    /// Somebody wants the job cancelled.
+    Cancelled,
+    /// The service shuts down.
+    ShuttingDown,
+    /// The job is somebody else's now.
+    LeaseLost,
+}
+
+/// What the computing thread and its heartbeat tell each other.
+#[derive(Debug, Default)]
+pub(super) struct Control {
+    progress: Mutex<Option<Progress>>,
+    stop: OnceLock<Stop>,
+}
+
+impl Control {
+    /// Takes the progress, and gives the word to go on or to stop. Called in the middle of the computation: cheap.
+    pub(super) fn report(&self, progress: Progress) -> ControlFlow<()> {
+        *self.progress.lock().unwrap_or_else(PoisonError::into_inner) = Some(progress);
+        if self.stop.get().is_some() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    }
+
+    /// Tells the computation to stop; the first reason counts.
+    pub(super) fn stop(&self, reason: Stop) {
+        let _ = self.stop.set(reason);
+    }
+
+    pub(super) fn stopped(&self) -> Option<Stop> {
+        self.stop.get().copied()
+    }
+
+    fn progress(&self) -> Option<Progress> {
+        *self.progress.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Progress is shown to people; more often than this is not seen.
+const PROGRESS_EVERY: Duration = Duration::from_millis(300);
+/// Longest time between two looks at the cancel flag, when another process took the request.
+const RENEW_EVERY: Duration = Duration::from_secs(1);
+
+/// A lease that is being renewed. Dropped, it is renewed no more and the computation is told to stop.
+pub(super) struct KeptLease {
+    control: Arc<Control>,
+    task: JoinHandle<()>,
+}
+
+impl KeptLease {
+    pub(super) fn new(beat: Beat) -> KeptLease {
+        KeptLease { control: Arc::clone(&beat.control), task: tokio::spawn(beat.run()) }
+    }
+
+    /// Whether the lease is lost, or nothing is known of it for so long that it must be.
+    pub(super) fn is_lost(&self) -> bool {
+        self.task.is_finished()
+    }
+}
+
+impl Drop for KeptLease {
+    fn drop(&mut self) {
+        self.control.stop(Stop::LeaseLost);
+        self.task.abort();
+    }
+}
+
+/// The heartbeat of one attempt.
+pub(super) struct Beat {
+    pub(super) store: Store,
+    pub(super) lease: Lease,
+    pub(super) duration: Duration,
+    pub(super) control: Arc<Control>,
+    pub(super) signals: JobSignals,
+    pub(super) cancellations: Cancellations,
+    pub(super) drain: watch::Receiver<Drain>,
+}
+
+impl Beat {
+    /// Renews the lease until it is lost. If the database does not answer, tries on until the lease is over.
+    async fn run(mut self) {
+        let tick = PROGRESS_EVERY.min(self.duration / 4);
+        let renew_every = RENEW_EVERY.min(self.duration / 3);
+        let mut renewed = Instant::now();
+        let mut written = None;
+        loop {
+            let asked = self.wait(tick).await;
+            let progress = self.control.progress().filter(|progress| written != Some(*progress));
+            if !asked && progress.is_none() && renewed.elapsed() < renew_every {
+                continue;
+            }
+            let begun = Instant::now();
+            // After a pause of the whole process one try is still worth while: it fails if somebody else has the job.
+            let until = (renewed + self.duration).max(begun + self.duration / 4);
+            match timeout_at(until, self.renew(progress)).await {
+                Ok(Ok(())) => (renewed, written) = (begun, progress.or(written)),
+                Ok(Err(Error::Conflict(Conflict::LeaseLost))) | Err(_) => break,
+                Ok(Err(error)) if renewed.elapsed() < self.duration => {
+                    tracing::warn!(job_id = self.lease.job_id, error = %cause(&error), "the lease could not be renewed; trying again");
+                }
+                Ok(Err(_)) => break,
+            }
+        }
+        tracing::warn!(job_id = self.lease.job_id, owner = self.lease.owner, attempt = self.lease.attempt, "lease lost");
+        self.control.stop(Stop::LeaseLost);
+    }
+
+    /// Waits for the next tick; true if something happened that should be looked into at once.
+    async fn wait(&mut self, tick: Duration) -> bool {
+        let stopping = self.control.stopped().is_some();
+        tokio::select! {
+            () = sleep(tick) => false,
+            () = self.cancellations.next() => true,
+            () = reached(&mut self.drain, Drain::Stop), if !stopping => {
+                self.control.stop(Stop::ShuttingDown);
+                false
+            }
+        }
+    }
+
+    async fn renew(&self, progress: Option<Progress>) -> Result<(), Error> {
+        let progress_json = progress.map(Progress::to_json);
+        let beat = leases::heartbeat(&self.store, &self.lease, self.duration, progress_json.as_deref()).await?;
+        if beat.cancel_requested {
+            self.control.stop(Stop::Cancelled);
+        }
+        if progress.is_some() {
+            self.signals.job_changed(&self.lease.job_id);
+        }
+        Ok(())
+    }
+}
+
+/// Resolves when the shutdown is this far.
+pub(super) async fn reached(drain: &mut watch::Receiver<Drain>, stage: Drain) {
+    if drain.wait_for(|now| *now >= stage).await.is_err() {
+        std::future::pending().await
+    }
+}
+
+/// The error with what caused it, for the log.
+pub(super) fn cause(error: &Error) -> String {
+    match error {
+        Error::Database(source) => format!("{error}: {source}"),
+        _ => error.to_string(),
+    }
+}

@@ -1,0 +1,97 @@
+//! The workers of a process.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use tokio::sync::watch;
+use tokio::task::JoinSet;
+use tokio::time::{Instant, MissedTickBehavior, interval, sleep, timeout, timeout_at};
+
+use super::heartbeat::{Drain, cause, reached};
+use super::{Compute, JobSignals, WorkerContext, queue, run_next_job};
+use crate::store::Store;
+
+/// Workers that run until they are shut down. Dropped, they stop at once, and what they had is begun again when its lease is over.
+#[derive(Debug)]
+pub struct WorkerPool {
+    drain: Arc<watch::Sender<Drain>>,
+    tasks: JoinSet<()>,
+}
+
+/// How often a worker looks for jobs that nobody signalled: posted through another process.
+const POLL: Duration = Duration::from_secs(1);
+/// How often leases are looked at, unless they are shorter.
+const SWEEP: Duration = Duration::from_secs(1);
+/// How long a computation that was told to stop may take to do so.
+const STOP_WITHIN: Duration = Duration::from_secs(1);
+
+impl WorkerPool {
+    /// Starts `n_workers` workers, and the sweep that takes jobs from workers which did not renew their leases.
+    pub fn start(store: Store, compute: Compute, n_workers: usize, lease: Duration, max_attempts: u32, signals: JobSignals) -> WorkerPool {
+        let drain = Arc::new(watch::Sender::new(Drain::No));
+        let mut tasks = JoinSet::new();
+        for _ in 0..n_workers {
+            let context = WorkerContext { drain: Arc::clone(&drain), ..WorkerContext::new(compute, lease, signals.clone()) };
+            tasks.spawn(work(store.clone(), context));
+        }
+        let every = SWEEP.min(lease / 2).max(Duration::from_millis(1));
+        tasks.spawn(sweep(store, max_attempts, signals, every, drain.subscribe()));
+        WorkerPool { drain, tasks }
+    }
+
+    /// Claims nothing more and lets computations finish; those that are not done shortly before the deadline are
+    /// stopped and handed back to the queue, as if they had not been begun. Returns within about the deadline.
+    pub async fn shutdown(mut self, deadline: Duration) {
+        let deadline = Instant::now() + deadline;
+        let stages = [
+            (Drain::Finish, deadline.checked_sub(2 * STOP_WITHIN).unwrap_or(deadline)),
+            (Drain::Stop, deadline.checked_sub(STOP_WITHIN).unwrap_or(deadline).max(Instant::now() + STOP_WITHIN / 2)),
+            (Drain::Abandon, deadline.max(Instant::now() + STOP_WITHIN)),
+        ];
+        for (stage, until) in stages {
+            self.drain.send_replace(stage);
+            if timeout_at(until, self.all_ended()).await.is_ok() {
+                return;
+            }
+        }
+        tracing::warn!("workers did not end in time; their jobs are begun again when the leases are over");
+    }
+
+    async fn all_ended(&mut self) {
+        while self.tasks.join_next().await.is_some() {}
+    }
+}
+
+async fn work(store: Store, context: WorkerContext) {
+    let mut drain = context.drain.subscribe();
+    while *drain.borrow() == Drain::No {
+        match run_next_job(&store, &context).await {
+            Ok(Some(_)) => {}
+            Ok(None) => {
+                tokio::select! {
+                    () = context.signals.enqueued() => {}
+                    () = sleep(POLL) => {}
+                    () = reached(&mut drain, Drain::Finish) => {}
+                }
+            }
+            Err(error) => {
+                tracing::warn!(error = %cause(&error), "no job could be claimed; trying again");
+                let _ = timeout(POLL, reached(&mut drain, Drain::Finish)).await;
+            }
+        }
+    }
+}
+
+async fn sweep(store: Store, max_attempts: u32, signals: JobSignals, every: Duration, mut drain: watch::Receiver<Drain>) {
+    let mut ticks = interval(every);
+    ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    loop {
+        tokio::select! {
+            _ = ticks.tick() => {}
+            () = reached(&mut drain, Drain::Finish) => return,
+        }
+        if let Err(error) = queue::expire(&store, max_attempts, &signals).await {
+            tracing::warn!(error = %cause(&error), "leases could not be looked at; trying again");
+        }
+    }
+}

@@ -1,0 +1,131 @@
+//! Who hears of what: workers of new jobs and cancellations, long polls and event streams of changes.
+//! Signals only save waiting; what happened is always read from the database, also when nobody signals.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use tokio::sync::{Notify, broadcast};
+use tokio::time::{Instant, timeout_at};
+
+use crate::store::{Engine, JobRow, JobStatus, Result, Store, jobs};
+
+/// Wake-ups within this process; clones share them.
+#[derive(Clone, Debug)]
+pub struct JobSignals {
+    enqueued: Arc<Notify>,
+    sent: broadcast::Sender<Signal>,
+}
+
+#[derive(Clone, Debug)]
+enum Signal {
+    Changed(Arc<str>),
+    CancelRequested(Arc<str>),
+}
+
+/// A listener that falls behind by more looks at the database instead.
+const SIGNALS_KEPT: usize = 256;
+/// How often a listener looks at the database when another process may run the job.
+const POLL_SHARED: Duration = Duration::from_millis(500);
+/// The same when every job runs in this process, which signals.
+const POLL_ALONE: Duration = Duration::from_secs(2);
+
+impl Default for JobSignals {
+    fn default() -> Self {
+        JobSignals { enqueued: Arc::default(), sent: broadcast::Sender::new(SIGNALS_KEPT) }
+    }
+}
+
+impl JobSignals {
+    /// A job waits (its transaction is committed): wakes a worker.
+    pub fn job_enqueued(&self) {
+        self.enqueued.notify_one();
+    }
+
+    /// A job's status or progress is not what it was: wakes those who wait for that.
+    pub fn job_changed(&self, job_id: &str) {
+        // An error only says that nobody listens.
+        let _ = self.sent.send(Signal::Changed(job_id.into()));
+    }
+
+    /// Somebody wants a job cancelled: wakes its worker too.
+    pub fn job_cancel_requested(&self, job_id: &str) {
+        let _ = self.sent.send(Signal::CancelRequested(job_id.into()));
+    }
+
+    /// The job as soon as its status is not `seen` or it is over, at the latest after `timeout`: a long poll.
+    ///
+    /// # Errors
+    /// Those of [`jobs::get`].
+    pub async fn wait_for_status_change(&self, store: &Store, job_id: &str, seen: JobStatus, timeout: Duration) -> Result<JobRow> {
+        self.wait(store, job_id, timeout, |job| job.status != seen).await
+    }
+
+    /// The job as soon as its status, attempt or progress is not as in `seen` or it is over, at the latest after `timeout`:
+    /// one step of an event stream.
+    ///
+    /// # Errors
+    /// Those of [`jobs::get`].
+    pub async fn wait_for_change(&self, store: &Store, seen: &JobRow, timeout: Duration) -> Result<JobRow> {
+        let what = |job: &JobRow| (job.status, job.attempt, job.progress_json.clone());
+        let seen_what = what(seen);
+        self.wait(store, &seen.id, timeout, |job| what(job) != seen_what).await
+    }
+
+    async fn wait(&self, store: &Store, job_id: &str, timeout: Duration, is_news: impl Fn(&JobRow) -> bool) -> Result<JobRow> {
+        let poll = match store.engine() {
+            Engine::Sqlite => POLL_ALONE,
+            Engine::Postgres => POLL_SHARED,
+        };
+        let deadline = Instant::now() + timeout;
+        // Before the first look, so that no change falls between.
+        let mut signals = self.sent.subscribe();
+        loop {
+            let job = jobs::get(store, job_id).await?;
+            if job.status.is_over() || is_news(&job) || Instant::now() >= deadline {
+                return Ok(job);
+            }
+            let look_again = deadline.min(Instant::now() + poll);
+            let _ = timeout_at(look_again, concerning(&mut signals, job_id)).await;
+        }
+    }
+
+    /// Resolves when a job was enqueued since the last time.
+    pub(super) async fn enqueued(&self) {
+        self.enqueued.notified().await;
+    }
+
+    pub(super) fn cancellations(&self, job_id: &str) -> Cancellations {
+        Cancellations { job_id: job_id.to_owned(), signals: self.sent.subscribe() }
+    }
+}
+
+/// Hears when this job's cancellation is asked for.
+pub(super) struct Cancellations {
+    job_id: String,
+    signals: broadcast::Receiver<Signal>,
+}
+
+impl Cancellations {
+    pub(super) async fn next(&mut self) {
+        loop {
+            match self.signals.recv().await {
+                Ok(Signal::CancelRequested(id)) if *id == *self.job_id => return,
+                Ok(_) => {}
+                Err(broadcast::error::RecvError::Lagged(_)) => return,
+                Err(broadcast::error::RecvError::Closed) => std::future::pending().await,
+            }
+        }
+    }
+}
+
+/// Resolves when something about this job was signalled, or may have been.
+async fn concerning(signals: &mut broadcast::Receiver<Signal>, job_id: &str) {
+    loop {
+        match signals.recv().await {
+            Ok(Signal::Changed(id) | Signal::CancelRequested(id)) if *id == *job_id => return,
+            Ok(_) => {}
+            Err(broadcast::error::RecvError::Lagged(_)) => return,
+            Err(broadcast::error::RecvError::Closed) => std::future::pending().await,
+        }
+    }
+}

@@ -1,0 +1,99 @@
+//! The queue's rules on top of the job table.
+
+use super::{JobOutcome, JobSignals};
+use crate::store::{Conflict, Expired, JobRow, Lease, NewJob, Result, Store, Tx, jobs, leases, networks, parameter_sets};
+use crate::wire::Problem;
+
+/// How many jobs of one robot may wait: days of work for all workers; a client that posts more has run wild.
+pub const MAX_WAITING_JOBS_PER_ROBOT: i64 = 10_000;
+
+/// Posts a job in the caller's transaction. After the commit, tell the workers: [`JobSignals::job_enqueued`].
+///
+/// # Errors
+/// [`Conflict::QueueFull`], and those of [`jobs::insert`].
+pub async fn enqueue(tx: &mut Tx, new: &NewJob) -> Result<JobRow> {
+    let limit = MAX_WAITING_JOBS_PER_ROBOT;
+    if jobs::waiting(tx, &new.robot_id, limit).await? >= limit {
+        return Err(Conflict::QueueFull { limit }.into());
+    }
+    jobs::insert(tx, new).await
+}
+
+/// Cancels a job (see [`jobs::cancel`]) and tells its worker and its listeners at once.
+///
+/// # Errors
+/// Those of [`jobs::cancel`].
+pub async fn cancel(store: &Store, signals: &JobSignals, job_id: &str) -> Result<JobRow> {
+    let mut tx = store.begin().await?;
+    let job = jobs::cancel(&mut tx, job_id).await?;
+    tx.commit().await?;
+    signals.job_cancel_requested(job_id);
+    Ok(job)
+}
+
+/// Ends a job with everything it made, in one transaction: all of it or, if the lease is lost, nothing.
+///
+/// # Errors
+/// [`Conflict::LeaseLost`], [`crate::store::Error::Database`].
+pub async fn finish(store: &Store, lease: &Lease, outcome: &JobOutcome) -> Result<()> {
+    let mut tx = store.begin().await?;
+    leases::succeed(&mut tx, lease, &outcome.report_json, &outcome.convergence_json, &outcome.result_sha256).await?;
+    if let Some(parameter_set) = &outcome.parameter_set {
+        parameter_sets::insert(&mut tx, &lease.job_id, parameter_set).await?;
+    }
+    if let Some(network) = &outcome.network {
+        networks::insert(&mut tx, &lease.job_id, network).await?;
+    }
+    tx.commit().await
+}
+
+/// Ends a job with problem details.
+///
+/// # Errors
+/// [`Conflict::LeaseLost`], [`crate::store::Error::Database`].
+pub async fn fail(store: &Store, lease: &Lease, problem_json: &str) -> Result<()> {
+    let mut tx = store.begin().await?;
+    leases::fail(&mut tx, lease, problem_json).await?;
+    tx.commit().await
+}
+
+/// Ends a job as cancelled.
+///
+/// # Errors
+/// [`Conflict::LeaseLost`], [`crate::store::Error::Database`].
+pub async fn end_cancelled(store: &Store, lease: &Lease) -> Result<()> {
+    let mut tx = store.begin().await?;
+    leases::cancelled(&mut tx, lease).await?;
+    tx.commit().await
+}
+
+/// Puts a job back for another worker, without counting this attempt.
+///
+/// # Errors
+/// [`Conflict::LeaseLost`], [`crate::store::Error::Database`].
+pub async fn hand_back(store: &Store, lease: &Lease) -> Result<()> {
+    let mut tx = store.begin().await?;
+    leases::hand_back(&mut tx, lease).await?;
+    tx.commit().await
+}
+
+/// Takes jobs from workers whose leases ran out, and tells whom it concerns.
+///
+/// # Errors
+/// [`crate::store::Error::Database`].
+pub async fn expire(store: &Store, max_attempts: u32, signals: &JobSignals) -> Result<Expired> {
+    let detail = format!("{max_attempts} attempts to compute this job ended without a result; the worker stopped or was cut off each time");
+    let problem = problem_json(&Problem::new(500, "attempts_exhausted", detail));
+    let expired = leases::expire(store, i64::from(max_attempts), &problem).await?;
+    for _ in &expired.queued {
+        signals.job_enqueued();
+    }
+    for job_id in expired.queued.iter().chain(&expired.failed).chain(&expired.cancelled) {
+        signals.job_changed(job_id);
+    }
+    Ok(expired)
+}
+
+pub(super) fn problem_json(problem: &Problem) -> String {
+    serde_json::json!(problem).to_string()
+}

@@ -1,0 +1,171 @@
+//! One worker, one job.
+
+use std::any::Any;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
+use std::time::Duration;
+
+use tokio::sync::watch;
+
+use super::heartbeat::{Beat, Control, Drain, KeptLease, Stop, cause, reached};
+use super::{Compute, JobFailure, JobInputs, JobOutcome, JobSignals, queue};
+use crate::store::{Conflict, Error, Lease, Result, Store, leases};
+use crate::wire::Problem;
+
+/// How a worker works.
+#[derive(Clone, Debug)]
+pub struct WorkerContext {
+    /// Its name; never used before.
+    pub owner: String,
+    /// What it computes.
+    pub compute: Compute,
+    /// How long it has a job without renewing.
+    pub lease: Duration,
+    /// Whom it tells.
+    pub signals: JobSignals,
+    pub(super) drain: Arc<watch::Sender<Drain>>,
+}
+
+impl WorkerContext {
+    /// A worker with a new name.
+    pub fn new(compute: Compute, lease: Duration, signals: JobSignals) -> WorkerContext {
+        let owner = format!("worker_{}", uuid::Uuid::now_v7().simple());
+        WorkerContext { owner, compute, lease, signals, drain: Arc::new(watch::Sender::new(Drain::No)) }
+    }
+}
+
+/// How an attempt ended.
+enum Ended {
+    Finished(Box<JobOutcome>),
+    Failed(String),
+    Cancelled,
+    HandedBack,
+    /// The job is not ours any more, or its inputs cannot be read: its lease says what happens next.
+    LeftToItsLease,
+}
+
+/// While the database is away, an ended job is offered again after this, as long as the lease holds.
+const RETRY_END_AFTER: Duration = Duration::from_millis(200);
+
+/// Claims the next job, computes it and ends it; none if no job waits.
+///
+/// # Errors
+/// [`Error::Database`] if nothing could be claimed. What happens afterwards is the job's, not the caller's.
+pub async fn run_next_job(store: &Store, context: &WorkerContext) -> Result<Option<String>> {
+    let Some(lease) = leases::claim(store, &context.owner, context.lease).await? else {
+        return Ok(None);
+    };
+    tracing::info!(job_id = lease.job_id, owner = lease.owner, attempt = lease.attempt, "job begun");
+    context.signals.job_changed(&lease.job_id);
+    run(store, context, &lease).await;
+    context.signals.job_changed(&lease.job_id);
+    Ok(Some(lease.job_id))
+}
+
+/// Runs jobs until none waits: how tests step a worker.
+///
+/// # Errors
+/// As [`run_next_job`].
+pub async fn run_pending_jobs(store: &Store, context: &WorkerContext) -> Result<Vec<String>> {
+    let mut done = Vec::new();
+    while let Some(job_id) = run_next_job(store, context).await? {
+        done.push(job_id);
+    }
+    Ok(done)
+}
+
+async fn run(store: &Store, context: &WorkerContext, lease: &Lease) {
+    let control = Arc::new(Control::default());
+    let kept = KeptLease::new(Beat {
+        store: store.clone(),
+        lease: lease.clone(),
+        duration: context.lease,
+        control: Arc::clone(&control),
+        signals: context.signals.clone(),
+        cancellations: context.signals.cancellations(&lease.job_id),
+        drain: context.drain.subscribe(),
+    });
+    let ended = match JobInputs::load(store, &lease.job_id).await {
+        Ok(inputs) => compute(context, inputs, &control).await,
+        Err(error) => {
+            tracing::error!(job_id = lease.job_id, error = %cause(&error), "the job's inputs cannot be read");
+            Ended::LeftToItsLease
+        }
+    };
+    end(store, lease, &kept, ended).await;
+}
+
+async fn compute(context: &WorkerContext, inputs: JobInputs, control: &Arc<Control>) -> Ended {
+    let (function, theirs, job_id) = (context.compute, Arc::clone(control), inputs.job.id.clone());
+    let mut thread =
+        tokio::task::spawn_blocking(move || catch_unwind(AssertUnwindSafe(|| function(&inputs, &mut |progress| theirs.report(progress)))));
+    let mut drain = context.drain.subscribe();
+    let result = tokio::select! {
+        result = &mut thread => result,
+        () = reached(&mut drain, Drain::Abandon) => return Ended::HandedBack,
+    };
+    match result {
+        Ok(Ok(Ok(outcome))) => Ended::Finished(Box::new(outcome)),
+        Ok(Ok(Err(JobFailure::Failed { problem_json }))) => Ended::Failed(problem_json),
+        Ok(Ok(Err(JobFailure::Cancelled))) => match control.stopped() {
+            Some(Stop::Cancelled) => Ended::Cancelled,
+            Some(Stop::ShuttingDown) => Ended::HandedBack,
+            Some(Stop::LeaseLost) => Ended::LeftToItsLease,
+            None => Ended::Failed(internal(&job_id, "it stopped without being told to")),
+        },
+        Ok(Err(panic)) => Ended::Failed(internal(&job_id, &format!("it panicked: {}", message(&*panic)))),
+        // The runtime goes down: the lease runs out.
+        Err(_) => Ended::LeftToItsLease,
+    }
+}
+
+/// Ends the job, as often as it takes while the lease holds.
+async fn end(store: &Store, lease: &Lease, kept: &KeptLease, mut ended: Ended) {
+    loop {
+        match try_to_end(store, lease, &ended).await {
+            Ok(()) => return,
+            Err(Error::Conflict(Conflict::LeaseLost)) => {
+                tracing::warn!(
+                    job_id = lease.job_id,
+                    owner = lease.owner,
+                    attempt = lease.attempt,
+                    "the job is not ours any more; nothing was written"
+                );
+                return;
+            }
+            Err(error) if error.is_unavailable() && !kept.is_lost() => {
+                tracing::warn!(job_id = lease.job_id, error = %cause(&error), "the job could not be ended; trying again");
+                tokio::time::sleep(RETRY_END_AFTER).await;
+            }
+            Err(error) if matches!(ended, Ended::Finished(_)) && !kept.is_lost() => {
+                tracing::error!(job_id = lease.job_id, error = %cause(&error), "the result cannot be stored");
+                ended = Ended::Failed(internal(&lease.job_id, "its result could not be stored"));
+            }
+            Err(error) => {
+                tracing::error!(job_id = lease.job_id, error = %cause(&error), "the job cannot be ended; its lease will run out");
+                return;
+            }
+        }
+    }
+}
+
+async fn try_to_end(store: &Store, lease: &Lease, ended: &Ended) -> Result<()> {
+    match ended {
+        Ended::Finished(outcome) => queue::finish(store, lease, outcome).await,
+        Ended::Failed(problem_json) => queue::fail(store, lease, problem_json).await,
+        Ended::Cancelled => queue::end_cancelled(store, lease).await,
+        Ended::HandedBack => queue::hand_back(store, lease).await,
+        Ended::LeftToItsLease => Ok(()),
+    }
+}
+
+/// The problem of a computation that broke; the cause is for the log only.
+fn internal(job_id: &str, what: &str) -> String {
+    tracing::error!(job_id, what, "a computation broke");
+    queue::problem_json(&Problem::new(500, "internal", "the computation broke; the server's log says why"))
+}
+
+fn message(panic: &(dyn Any + Send)) -> &str {
+    let text = panic.downcast_ref::<&str>().copied();
+    text.or_else(|| panic.downcast_ref::<String>().map(String::as_str)).unwrap_or("(no message)")
+}

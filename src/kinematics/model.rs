@@ -1,0 +1,81 @@
+//! Plain data that describes a robot of 1 to 12 revolute links.
+
+use nalgebra::{DMatrix, Vector3};
+
+/// Most links a robot may have; more than any industrial arm on a track with a wrist extension.
+pub const MAX_LINKS: usize = 12;
+
+/// One link in modified Denavit-Hartenberg form (Craig), with Hayati's extra angle beta for parallel axes:
+/// `T_{i-1,i} = Rx(alpha) · Dx(a) · Ry(beta) · Rz(q + theta_offset) · Dz(d)`. With beta 0 it is [Gao 2018, eq. 3].
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Link {
+    /// Distance from axis i-1 to axis i along x_{i-1}, mm.
+    pub a_mm: f64,
+    /// Angle from axis i-1 to axis i about x_{i-1}, rad.
+    pub alpha_rad: f64,
+    /// Distance from x_{i-1} to x_i along axis i, mm.
+    pub d_mm: f64,
+    /// Offset added to the joint value q_i, rad.
+    pub theta_offset_rad: f64,
+    /// Hayati's angle about y after the shift by a, rad; 0 unless axes i-1 and i are nearly parallel.
+    pub beta_rad: f64,
+}
+
+/// From the controller's joint values to the model's: `q_model = coupling · (sign ∘ q_controller) + offset`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct JointMap {
+    /// +1 or -1 for each joint.
+    pub sign: Vec<f64>,
+    /// Added last, rad.
+    pub offset_rad: Vec<f64>,
+    /// n × n, invertible; identity where joints are not coupled.
+    pub coupling: DMatrix<f64>,
+}
+
+impl JointMap {
+    /// The model's joint values for the controller's, rad.
+    pub fn to_model(&self, q_controller_rad: &[f64]) -> Vec<f64> {
+        let n = self.sign.len();
+        (0..n)
+            .map(|i| (0..n).map(|j| self.coupling[(i, j)] * self.sign[j] * q_controller_rad[j]).sum::<f64>() + self.offset_rad[i])
+            .collect()
+    }
+}
+
+/// How the robot stands: the direction of gravity in the base frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Mounting {
+    /// Unit vector along gravity, in the base frame.
+    pub gravity_in_base: Vector3<f64>,
+    /// How well that direction is known, rad (one standard deviation).
+    pub std_rad: f64,
+}
+
+/// A robot with its nominal (catalogue) links, base to flange.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Robot {
+    /// Links 1..n in order, base to flange.
+    pub links: Vec<Link>,
+    /// Lower and upper limit of each joint, rad, where known.
+    pub joint_limits_rad: Vec<Option<(f64, f64)>>,
+    /// The controller's joint convention, where it differs from the model's.
+    pub joint_map: Option<JointMap>,
+    /// Gravity in the base frame, where known.
+    pub mounting: Option<Mounting>,
+}
+
+impl Robot {
+    /// The model's joint values for the controller's, rad: through the joint map where there is one.
+    pub fn q_model_rad(&self, q_controller_rad: &[f64]) -> Vec<f64> {
+        match &self.joint_map {
+            Some(map) => map.to_model(q_controller_rad),
+            None => q_controller_rad.to_vec(),
+        }
+    }
+
+    /// A robot without limits, joint map or mounting.
+    pub fn from_links(links: Vec<Link>) -> Self {
+        let joint_limits_rad = vec![None; links.len()];
+        Self { links, joint_limits_rad, joint_map: None, mounting: None }
+    }
+}

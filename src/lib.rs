@@ -1,0 +1,27 @@
+//! kincal: kinematic calibration of industrial robots, as a pure numeric core and a thin service around it.
+//!
+//! Core (no IO, no async, no clock, no unseeded randomness): [`kinematics`], [`solvers`], [`measurement`],
+//! [`frames`], [`identification`], [`calibration`]. Service: [`wire`], [`store`], [`jobs`], [`http`], [`cli`].
+//! `ARCHITECTURE.md` has the map and the reasons; `tests/architecture.rs` holds who may use whom.
+
+// The core: clippy.toml names the float functions it may not use.
+#[warn(clippy::disallowed_methods)]
+pub mod calibration;
+#[warn(clippy::disallowed_methods)]
+pub mod frames;
+#[warn(clippy::disallowed_methods)]
+pub mod identification;
+#[warn(clippy::disallowed_methods)]
+pub mod kinematics;
+#[warn(clippy::disallowed_methods)]
+pub mod measurement;
+#[warn(clippy::disallowed_methods)]
+pub mod solvers;
+
+pub mod cli;
+pub mod config;
+pub mod http;
+pub mod jobs;
+pub mod store;
+pub mod telemetry;
+pub mod wire;

@@ -1,0 +1,328 @@
+//! Measurement sets as CSV: header with units, one row per measured point. Parses bytes, never corrects silently.
+
+use crate::measurement::set::{Frame, MeasurementSet, Point, Subset};
+use std::collections::BTreeMap;
+
+/// Most rows a set may have: ten times the largest campaign we know of, and still under a second to identify from.
+pub const MAX_ROWS: usize = 100_000;
+/// Most errors reported at once; a wrong column makes one per row.
+pub const MAX_ISSUES: usize = 20;
+/// Largest coordinate that is taken for a measurement, mm: 1 km.
+pub const MAX_COORDINATE_MM: f64 = 1.0e6;
+/// Largest joint value, rad: 100 turns.
+pub const MAX_JOINT_RAD: f64 = 628.4;
+/// Most reflectors on one tool.
+pub const MAX_TARGETS: usize = 64;
+/// Longest label (configuration, station, session).
+pub const MAX_LABEL_LENGTH: usize = 200;
+
+/// One thing that is wrong with a file.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Issue {
+    /// 0-based data row (the header is not counted), where it is about a row.
+    pub row: Option<usize>,
+    /// Column name, where it is about a column.
+    pub column: Option<String>,
+    /// Stable code.
+    pub code: &'static str,
+    /// What is wrong and how to mend it.
+    pub detail: String,
+}
+
+/// Why a file was refused.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("the measurement file cannot be used: {} problem(s), the first: {}", .issues.len(), .issues.first().map_or("", |i| &i.detail))]
+pub struct ParseError {
+    /// What is wrong, at most [`MAX_ISSUES`].
+    pub issues: Vec<Issue>,
+}
+
+/// What a column holds, and the factor from its unit to mm or rad.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Column {
+    Joint(usize, f64),
+    Position(usize, f64),
+    Configuration,
+    Target,
+    Subset,
+    MeasuredAt,
+    StdMm,
+    Station,
+    Session,
+    Sequence,
+    TemperatureC,
+    SweepJoint,
+}
+
+/// Parses a CSV file. `n_joints` is the robot's number of links.
+///
+/// # Errors
+/// [`ParseError`] with row, column and a hint for everything that is wrong (at most [`MAX_ISSUES`]).
+pub fn parse(bytes: &[u8], frame: Frame, n_joints: usize) -> Result<MeasurementSet, ParseError> {
+    let text = decode(bytes)?;
+    let mut reader = csv::ReaderBuilder::new().flexible(true).trim(csv::Trim::All).from_reader(text.as_bytes());
+    let header = reader.headers().map_err(|e| whole("unreadable", format!("the header row cannot be read: {e}")))?.clone();
+    let columns = parse_header(&header, n_joints)?;
+    let mut issues = Vec::new();
+    let mut points = Vec::new();
+    for (row, record) in reader.records().enumerate() {
+        if row >= MAX_ROWS {
+            return Err(whole("too_many_rows", format!("more than {MAX_ROWS} rows; split the campaign into several sets")));
+        }
+        match record {
+            Ok(record) => {
+                if let Some(point) = parse_row(row, &record, &header, &columns, n_joints, &mut issues) {
+                    points.push(point);
+                }
+            }
+            Err(e) => {
+                issues.push(Issue { row: Some(row), column: None, code: "unreadable", detail: format!("row {row} cannot be read: {e}") })
+            }
+        }
+        if issues.len() >= MAX_ISSUES {
+            break;
+        }
+    }
+    if points.is_empty() && issues.is_empty() {
+        issues.push(Issue { row: None, column: None, code: "no_rows", detail: "the file has a header but no data rows".into() });
+    }
+    if issues.is_empty() { Ok(MeasurementSet::new(frame, points)) } else { Err(ParseError { issues }) }
+}
+
+/// UTF-8 text without a byte order mark, and not something that only looks like a CSV.
+fn decode(bytes: &[u8]) -> Result<&str, ParseError> {
+    if bytes.starts_with(b"PK\x03\x04") {
+        return Err(whole("not_csv", "this is a zip or xlsx file; save the sheet as CSV (UTF-8) and upload that".into()));
+    }
+    let bytes = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes);
+    let text = std::str::from_utf8(bytes)
+        .map_err(|e| whole("not_utf8", format!("byte {} is not UTF-8 text; save the file as CSV (UTF-8)", e.valid_up_to())))?;
+    if text.trim().is_empty() {
+        return Err(whole("empty", "the file is empty".into()));
+    }
+    let header = text.lines().next().unwrap_or("");
+    if !header.contains(',') && (header.contains(';') || header.contains('\t')) {
+        return Err(whole(
+            "wrong_separator",
+            "columns are separated by ';' or tabs; separate them by ',' with '.' as the decimal point".into(),
+        ));
+    }
+    Ok(text)
+}
+
+fn whole(code: &'static str, detail: String) -> ParseError {
+    ParseError { issues: vec![Issue { row: None, column: None, code, detail }] }
+}
+
+fn parse_header(header: &csv::StringRecord, n_joints: usize) -> Result<Vec<Column>, ParseError> {
+    let mut issues = Vec::new();
+    let mut seen: BTreeMap<String, usize> = BTreeMap::new();
+    let mut columns = Vec::new();
+    for (index, name) in header.iter().enumerate() {
+        if seen.insert(name.to_string(), index).is_some() {
+            issues.push(column_issue(name, "duplicate_column", format!("column {name} appears twice")));
+        }
+        match column_of(name, n_joints) {
+            Ok(column) => columns.push(column),
+            Err(issue) => issues.push(issue),
+        }
+        if issues.len() >= MAX_ISSUES {
+            break;
+        }
+    }
+    if issues.is_empty() {
+        issues = missing_columns(&columns, n_joints);
+    }
+    if issues.is_empty() { Ok(columns) } else { Err(ParseError { issues }) }
+}
+
+fn column_of(name: &str, n_joints: usize) -> Result<Column, Issue> {
+    let plain = match name {
+        "x_mm" => Column::Position(0, 1.0),
+        "y_mm" => Column::Position(1, 1.0),
+        "z_mm" => Column::Position(2, 1.0),
+        "x_m" => Column::Position(0, 1000.0),
+        "y_m" => Column::Position(1, 1000.0),
+        "z_m" => Column::Position(2, 1000.0),
+        "configuration" => Column::Configuration,
+        "target" => Column::Target,
+        "subset" => Column::Subset,
+        "measured_at" => Column::MeasuredAt,
+        "std_mm" => Column::StdMm,
+        "station" => Column::Station,
+        "session" => Column::Session,
+        "sequence" => Column::Sequence,
+        "temperature_c" => Column::TemperatureC,
+        "sweep_joint" => Column::SweepJoint,
+        _ => return joint_column(name, n_joints),
+    };
+    Ok(plain)
+}
+
+fn joint_column(name: &str, n_joints: usize) -> Result<Column, Issue> {
+    let unitless = matches!(name, "x" | "y" | "z");
+    let Some(rest) = name.strip_prefix('q') else {
+        let detail = if unitless {
+            format!("column {name} has no unit; name it {name}_mm or {name}_m")
+        } else {
+            format!(
+                "column {name:?} is not known; known are q1_deg … or q1_rad …, x_mm y_mm z_mm or x_m y_m z_m, configuration, target, subset, \
+                 measured_at, std_mm, station, session, sequence, temperature_c, sweep_joint"
+            )
+        };
+        return Err(column_issue(name, if unitless { "missing_unit" } else { "unknown_column" }, detail));
+    };
+    let (number, unit) = rest.split_once('_').unwrap_or((rest, ""));
+    let joint: usize = number
+        .parse()
+        .ok()
+        .filter(|j| *j >= 1 && number == format!("{j}"))
+        .ok_or_else(|| column_issue(name, "unknown_column", format!("column {name:?} is not known; joints are q1_deg, q2_deg, …")))?;
+    if joint > n_joints {
+        return Err(column_issue(
+            name,
+            "wrong_joint_count",
+            format!("column {name} is for joint {joint}, but the robot has {n_joints} joints"),
+        ));
+    }
+    match unit {
+        "deg" => Ok(Column::Joint(joint - 1, std::f64::consts::PI / 180.0)),
+        "rad" => Ok(Column::Joint(joint - 1, 1.0)),
+        _ => Err(column_issue(name, "missing_unit", format!("column {name} has no unit; name it q{joint}_deg or q{joint}_rad"))),
+    }
+}
+
+fn missing_columns(columns: &[Column], n_joints: usize) -> Vec<Issue> {
+    let mut issues = Vec::new();
+    for joint in 0..n_joints {
+        if columns.iter().filter(|c| matches!(c, Column::Joint(j, _) if *j == joint)).count() != 1 {
+            let name = format!("q{}_deg", joint + 1);
+            let detail =
+                format!("joint {} needs exactly one column, {name} or q{}_rad; the robot has {n_joints} joints", joint + 1, joint + 1);
+            issues.push(column_issue(&name, "wrong_joint_count", detail));
+        }
+    }
+    for (axis, name) in ["x_mm", "y_mm", "z_mm"].into_iter().enumerate() {
+        if columns.iter().filter(|c| matches!(c, Column::Position(a, _) if *a == axis)).count() != 1 {
+            let detail = format!("the position needs exactly one column {name} (or {}_m)", &name[..1]);
+            issues.push(column_issue(name, "missing_column", detail));
+        }
+    }
+    let deg = columns.iter().any(|c| matches!(c, Column::Joint(_, f) if *f != 1.0));
+    let rad = columns.iter().any(|c| matches!(c, Column::Joint(_, f) if *f == 1.0));
+    let mm = columns.iter().any(|c| matches!(c, Column::Position(_, f) if *f == 1.0));
+    let m = columns.iter().any(|c| matches!(c, Column::Position(_, f) if *f != 1.0));
+    if issues.is_empty() && ((deg && rad) || (mm && m)) {
+        issues.push(Issue {
+            row: None,
+            column: None,
+            code: "mixed_units",
+            detail: "joints (or coordinates) are in two different units; use one unit for all of them".into(),
+        });
+    }
+    issues
+}
+
+fn column_issue(name: &str, code: &'static str, detail: String) -> Issue {
+    Issue { row: None, column: Some(name.to_string()), code, detail }
+}
+
+fn parse_row(
+    row: usize,
+    record: &csv::StringRecord,
+    header: &csv::StringRecord,
+    columns: &[Column],
+    n_joints: usize,
+    issues: &mut Vec<Issue>,
+) -> Option<Point> {
+    if record.len() != columns.len() {
+        let detail = format!(
+            "row {row} has {} cells, the header has {}; a decimal comma makes extra cells: write 12.5, not 12,5",
+            record.len(),
+            columns.len()
+        );
+        issues.push(Issue { row: Some(row), column: None, code: "wrong_cell_count", detail });
+        return None;
+    }
+    let mut point = Point::empty(n_joints, row);
+    let before = issues.len();
+    for ((cell, column), name) in record.iter().zip(columns).zip(header) {
+        if let Err((code, detail)) = fill(&mut point, *column, cell, n_joints) {
+            let detail = format!("row {row}, column {name}: {detail}");
+            issues.push(Issue { row: Some(row), column: Some(name.to_string()), code, detail });
+        }
+    }
+    (issues.len() == before).then_some(point)
+}
+
+type CellError = (&'static str, String);
+
+fn fill(point: &mut Point, column: Column, cell: &str, n_joints: usize) -> Result<(), CellError> {
+    match column {
+        Column::Joint(joint, factor) => point.q_rad[joint] = number(cell, factor, MAX_JOINT_RAD)?,
+        Column::Position(axis, factor) => point.position_mm[axis] = number(cell, factor, MAX_COORDINATE_MM)?,
+        Column::Configuration => point.configuration = label(cell)?,
+        Column::Target => point.target = index(cell, MAX_TARGETS - 1)?,
+        Column::Subset => point.subset = subset(cell)?,
+        Column::MeasuredAt => drop(label(cell)?),
+        Column::StdMm => {
+            let std = number(cell, 1.0, 1000.0)?;
+            if std <= 0.0 {
+                return Err(("out_of_range", format!("{cell} is not a standard uncertainty; it must be above 0 mm")));
+            }
+            point.std_mm = Some(std);
+        }
+        Column::Station => point.station = Some(label(cell)?),
+        Column::Session => point.session = Some(label(cell)?),
+        Column::Sequence => point.sequence = number(cell, 1.0, 1.0e12)? as i64,
+        Column::TemperatureC => point.temperature_c = Some(number(cell, 1.0, 1000.0)?),
+        Column::SweepJoint => {
+            let joint = index(cell, n_joints)?;
+            if joint == 0 {
+                return Err(("out_of_range", "joints are counted from 1".into()));
+            }
+            point.sweep_joint = Some(joint);
+        }
+    }
+    Ok(())
+}
+
+fn number(cell: &str, factor: f64, limit: f64) -> Result<f64, CellError> {
+    if cell.is_empty() {
+        return Err(("empty_cell", "the cell is empty; remove the row or fill it in".into()));
+    }
+    if cell.contains(',') {
+        return Err(("decimal_comma", format!("{cell:?} has a comma; write the number with a decimal point")));
+    }
+    let value: f64 = cell.parse().map_err(|_| ("not_a_number", format!("{cell:?} is not a number")))?;
+    if !value.is_finite() {
+        return Err(("not_finite", format!("{cell:?} is not a finite number")));
+    }
+    let scaled = value * factor;
+    if scaled.abs() > limit {
+        return Err(("out_of_range", format!("{cell} is beyond what can be meant; check the column's unit")));
+    }
+    Ok(scaled)
+}
+
+fn index(cell: &str, largest: usize) -> Result<usize, CellError> {
+    cell.parse()
+        .ok()
+        .filter(|i| *i <= largest)
+        .ok_or_else(|| ("not_an_index", format!("{cell:?} is not a whole number from 0 to {largest}")))
+}
+
+fn label(cell: &str) -> Result<String, CellError> {
+    if cell.len() > MAX_LABEL_LENGTH {
+        return Err(("label_too_long", format!("the label is longer than {MAX_LABEL_LENGTH} bytes")));
+    }
+    Ok(cell.to_string())
+}
+
+fn subset(cell: &str) -> Result<Option<Subset>, CellError> {
+    match cell {
+        "identify" => Ok(Some(Subset::Identify)),
+        "verify" => Ok(Some(Subset::Verify)),
+        _ => Err(("unknown_subset", format!("{cell:?} is neither identify nor verify"))),
+    }
+}

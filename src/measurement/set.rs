@@ -1,0 +1,106 @@
+//! A measurement set: joint values and where the instrument saw the target.
+
+use nalgebra::Vector3;
+use std::collections::BTreeMap;
+
+/// The frame in which positions were measured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Frame {
+    /// The robot's base frame: the base pose is known.
+    Base,
+    /// The instrument's frame: base pose and target offsets are unknown.
+    Instrument,
+}
+
+/// Which half of a set a point belongs to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Subset {
+    /// The parameters are fitted to it.
+    Identify,
+    /// The parameters are scored on it.
+    Verify,
+}
+
+/// One measured position.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Point {
+    /// Joint values as uploaded (the controller's convention), rad.
+    pub q_rad: Vec<f64>,
+    /// Measured target position in the measuring frame, mm.
+    pub position_mm: Vector3<f64>,
+    /// Points of one arm configuration share this label; never split between identify and verify.
+    /// Filled for every point by the parsers (by equal joint values where the column is absent).
+    pub configuration: String,
+    /// Which reflector on the tool, 0-based.
+    pub target: usize,
+    /// The subset the file names, if it does.
+    pub subset: Option<Subset>,
+    /// The point's own standard uncertainty, mm; weights are 1/std².
+    pub std_mm: Option<f64>,
+    /// Label of the instrument's set-up; a new one means that the base pose is unknown anew.
+    pub station: Option<String>,
+    /// Label of the measuring session.
+    pub session: Option<String>,
+    /// Place in the measuring order; default: the row.
+    pub sequence: i64,
+    /// Air temperature at the robot, °C.
+    pub temperature_c: Option<f64>,
+    /// The joint this point sweeps (1-based), in a file of sweeps.
+    pub sweep_joint: Option<usize>,
+}
+
+/// All points of one upload, in file order.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MeasurementSet {
+    /// The frame of every position.
+    pub frame: Frame,
+    /// The points, in file order: index = 0-based data row.
+    pub points: Vec<Point>,
+}
+
+impl Point {
+    /// A point to fill in: `n_joints` zeros, measured in file order at `row`.
+    pub fn empty(n_joints: usize, row: usize) -> Self {
+        Self {
+            q_rad: vec![0.0; n_joints],
+            position_mm: Vector3::zeros(),
+            configuration: String::new(),
+            target: 0,
+            subset: None,
+            std_mm: None,
+            station: None,
+            session: None,
+            sequence: row as i64,
+            temperature_c: None,
+            sweep_joint: None,
+        }
+    }
+}
+
+impl MeasurementSet {
+    /// A set whose points all have a configuration: points without a label share one when their joint values are equal.
+    pub fn new(frame: Frame, mut points: Vec<Point>) -> Self {
+        let mut label_of: BTreeMap<Vec<i64>, String> = BTreeMap::new();
+        for (row, point) in points.iter_mut().enumerate() {
+            if point.configuration.is_empty() {
+                let key = point.q_rad.iter().map(|q| (q / SAME_JOINT_RAD).round() as i64).collect();
+                point.configuration = label_of.entry(key).or_insert_with(|| format!("row_{row}")).clone();
+            }
+        }
+        Self { frame, points }
+    }
+
+    /// Configurations in order of their first row.
+    pub fn configurations(&self) -> Vec<&str> {
+        let mut seen = std::collections::BTreeSet::new();
+        self.points.iter().map(|p| p.configuration.as_str()).filter(|c| seen.insert(*c)).collect()
+    }
+
+    /// Number of targets: one more than the largest index.
+    pub fn n_targets(&self) -> usize {
+        self.points.iter().map(|p| p.target + 1).max().unwrap_or(0)
+    }
+}
+
+/// Joint values closer than this are one configuration where the file names none: below any controller's resolution.
+const SAME_JOINT_RAD: f64 = 1e-6;

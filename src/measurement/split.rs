@@ -1,0 +1,56 @@
+//! Which points the parameters are fitted to and which they are scored on. Rows of one configuration stay together.
+
+use crate::measurement::set::{MeasurementSet, Subset};
+use rand::seq::SliceRandom;
+use rand::{SeedableRng, rngs::ChaCha8Rng};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Why a split cannot be made.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum Error {
+    /// `subset` was asked for, but a row has none.
+    #[error("row {row} has no subset; name identify or verify in every row, or leave the column out")]
+    MissingSubset {
+        /// 0-based data row.
+        row: usize,
+    },
+    /// A configuration's rows stand on both sides.
+    #[error("configuration {configuration:?} has rows in identify and in verify; rows of one configuration belong to one subset")]
+    ConfigurationOnBothSides {
+        /// The configuration.
+        configuration: String,
+    },
+}
+
+/// The subsets the file names, one per point.
+///
+/// # Errors
+/// A row without a subset, or a configuration on both sides.
+pub fn by_column(set: &MeasurementSet) -> Result<Vec<Subset>, Error> {
+    let mut subsets = Vec::with_capacity(set.points.len());
+    let mut side: BTreeMap<&str, Subset> = BTreeMap::new();
+    for (row, point) in set.points.iter().enumerate() {
+        let subset = point.subset.ok_or(Error::MissingSubset { row })?;
+        if *side.entry(&point.configuration).or_insert(subset) != subset {
+            return Err(Error::ConfigurationOnBothSides { configuration: point.configuration.clone() });
+        }
+        subsets.push(subset);
+    }
+    Ok(subsets)
+}
+
+/// A seeded share of the configurations to verify, the rest to identify; one subset per point.
+/// `verify_fraction` 0 puts everything into identify.
+pub fn by_fraction(set: &MeasurementSet, verify_fraction: f64, seed: u64) -> Vec<Subset> {
+    let mut configurations = set.configurations();
+    configurations.shuffle(&mut ChaCha8Rng::seed_from_u64(seed));
+    let n_verify = (verify_fraction * configurations.len() as f64).round() as usize;
+    let verify: BTreeSet<&str> = configurations.into_iter().take(n_verify).collect();
+    let side = |c: &str| if verify.contains(c) { Subset::Verify } else { Subset::Identify };
+    set.points.iter().map(|p| side(&p.configuration)).collect()
+}
+
+/// True if any row names a subset.
+pub fn has_column(set: &MeasurementSet) -> bool {
+    set.points.iter().any(|p| p.subset.is_some())
+}

@@ -1,0 +1,126 @@
+//! The trust region's step, along the singular directions of the scaled Jacobian.
+
+use super::norm;
+use crate::solvers::qr::{dot, triangularise};
+use nalgebra::DMatrix;
+
+/// Singular values of R·D⁻¹, relative to the largest, that count as zero. Jacobians are right to about 1e-15 of their
+/// columns, so below 1e-12 a singular vector is mostly rounding.
+pub(super) const SMALLEST_SINGULAR_VALUE: f64 = 1e-12;
+
+/// Iterations of the singular value decomposition per parameter at most; it takes two or three.
+pub(super) const SVD_ITERATIONS_PER_PARAMETER: usize = 100;
+
+/// The step may be this much longer or shorter than Δ [Moré 1978, σ].
+const RADIUS_TOLERANCE: f64 = 0.1;
+
+/// Tries to fit the step's length to Δ; MINPACK's limit. Two are usual.
+const MAX_DAMPING_TRIES: usize = 10;
+
+/// The linearised problem along its singular directions: with R·D⁻¹ = U·S·Vᵀ and D·p = V·w, it is to minimise
+/// Σ (σ_k w_k + b_k)², b = UᵀQᵀr. Directions that the residuals cannot see are left out.
+pub(super) struct Directions {
+    /// σ.
+    singular_values: Vec<f64>,
+    /// b, the residuals along each direction.
+    along: Vec<f64>,
+    /// D⁻¹·V, parameters × directions: p = D⁻¹·V·w.
+    pub unscaled: DMatrix<f64>,
+}
+
+impl Directions {
+    /// No direction at all, for `n` parameters.
+    pub fn none(n: usize) -> Self {
+        Self { singular_values: vec![], along: vec![], unscaled: DMatrix::zeros(n, 0) }
+    }
+
+    /// `None` where the decomposition fails, which no finite matrix is known to do.
+    pub fn of(jacobian: &DMatrix<f64>, residuals: &[f64], scale: &[f64]) -> Option<Self> {
+        let n = scale.len();
+        let (mut r, qt_residuals) = reduce(jacobian, residuals);
+        for (column, scale) in r.chunks_exact_mut(n).zip(scale) {
+            column.iter_mut().for_each(|value| *value /= scale);
+        }
+        let svd = DMatrix::from_vec(n, n, r).try_svd(true, true, f64::EPSILON, SVD_ITERATIONS_PER_PARAMETER * n)?;
+        let (u, v_t) = (svd.u?, svd.v_t?);
+        let smallest = SMALLEST_SINGULAR_VALUE * svd.singular_values.max();
+        let seen: Vec<usize> = (0..n).filter(|&k| svd.singular_values[k] > smallest).collect();
+        Some(Self {
+            singular_values: seen.iter().map(|&k| svd.singular_values[k]).collect(),
+            along: seen.iter().map(|&k| dot(u.column(k).as_slice(), &qt_residuals)).collect(),
+            unscaled: DMatrix::from_fn(n, seen.len(), |j, k| v_t[(seen[k], j)] / scale[j]),
+        })
+    }
+
+    /// w(λ) = −σ b / (σ² + λ).
+    fn step(&self, damping: f64) -> Vec<f64> {
+        self.singular_values.iter().zip(&self.along).map(|(sigma, b)| -sigma * b / sigma.mul_add(*sigma, damping)).collect()
+    }
+
+    /// ‖J·p‖².
+    pub fn change(&self, w: &[f64]) -> f64 {
+        let change: Vec<f64> = self.singular_values.iter().zip(w).map(|(sigma, w)| sigma * w).collect();
+        dot(&change, &change)
+    }
+
+    /// λ and w(λ): λ = 0 if that step is not longer than Δ, else such that its length is Δ to 10 %, by Newton's method
+    /// on 1/Δ − 1/‖w(λ)‖ from `guess`, between bounds [Moré 1978, algorithm 5.5].
+    pub fn step_within(&self, radius: f64, guess: f64) -> (f64, Vec<f64>) {
+        let mut w = self.step(0.0);
+        if norm(&w) <= (1.0 + RADIUS_TOLERANCE) * radius {
+            return (0.0, w);
+        }
+        let mut lowest = self.newton_step(0.0, &w, radius);
+        let gradient: Vec<f64> = self.singular_values.iter().zip(&self.along).map(|(sigma, b)| sigma * b).collect();
+        let mut highest = norm(&gradient) / radius;
+        let mut damping = guess.clamp(lowest, highest.max(lowest));
+        for _ in 0..MAX_DAMPING_TRIES {
+            w = self.step(damping);
+            let excess = norm(&w) - radius;
+            if excess.abs() <= RADIUS_TOLERANCE * radius {
+                break;
+            }
+            if excess > 0.0 {
+                lowest = lowest.max(damping);
+            } else {
+                highest = highest.min(damping);
+            }
+            damping = (damping + self.newton_step(damping, &w, radius)).clamp(lowest, highest.max(lowest));
+        }
+        (damping, w)
+    }
+
+    /// (‖w‖ − Δ)/Δ · ‖w‖ / −d‖w‖/dλ.
+    fn newton_step(&self, damping: f64, w: &[f64], radius: f64) -> f64 {
+        let squares = dot(w, w);
+        let slope = self.singular_values.iter().zip(w).fold(0.0, |sum: f64, (sigma, w)| {
+            let curvature = sigma.mul_add(*sigma, damping);
+            (w / curvature).mul_add(*w, sum)
+        });
+        (squares.sqrt() - radius) / radius * (squares / slope)
+    }
+}
+
+/// R (n × n, column-major) and the first n entries of Qᵀr. With fewer residuals than parameters, rows of zeros are
+/// added.
+pub(super) fn reduce(jacobian: &DMatrix<f64>, residuals: &[f64]) -> (Vec<f64>, Vec<f64>) {
+    let (m, n) = jacobian.shape();
+    let n_rows = m.max(n);
+    let mut matrix = vec![0.0; n_rows * n];
+    let mut rhs = vec![0.0; n_rows];
+    rhs[..m].copy_from_slice(residuals);
+    if m > 0 {
+        for (to, from) in matrix.chunks_exact_mut(n_rows).zip(jacobian.as_slice().chunks_exact(m)) {
+            to[..m].copy_from_slice(from);
+        }
+    }
+    if n > 0 {
+        triangularise(&mut matrix, n_rows, &mut rhs);
+    }
+    let mut r = vec![0.0; n * n];
+    for j in 0..n {
+        r[j * n..j * n + j + 1].copy_from_slice(&matrix[j * n_rows..j * n_rows + j + 1]);
+    }
+    rhs.truncate(n);
+    (r, rhs)
+}

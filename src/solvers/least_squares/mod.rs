@@ -1,0 +1,329 @@
+//! Levenberg-Marquardt for Σ r_i², with a trust region [Moré 1978: The Levenberg-Marquardt algorithm, implementation
+//! and theory, Lecture Notes in Mathematics 630, 105–116], the algorithm of MINPACK's `lmder`.
+//!
+//! Each step minimises ‖r + J·p‖ over ‖D·p‖ ≤ Δ. D holds the running maxima of the Jacobian's column norms, so a change
+//! of a parameter's unit changes nothing; Δ grows and shrinks with the ratio of actual to predicted reduction.
+//!
+//! One thing differs from MINPACK. J is reduced to a triangle R by Householder reflections, as there; but then R·D⁻¹ is
+//! decomposed into singular values, where MINPACK pivots. Directions in the parameters that the residuals cannot see
+//! are then known, and no step goes along them; and each damping λ costs only a sum over the singular values.
+
+mod covariance;
+mod directions;
+
+pub use covariance::{Covariance, covariance};
+
+use super::qr::dot;
+use directions::Directions;
+use nalgebra::{DMatrix, DVector};
+use std::ops::ControlFlow;
+
+/// A step is taken if it brings this part of the predicted reduction [Moré 1978, algorithm 7.1].
+const ACCEPTED_RATIO: f64 = 1e-4;
+
+/// When to stop.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Options {
+    /// Trial steps at most: 200. From far starts the hardest of NIST's problems take up to 800.
+    pub max_iterations: usize,
+    /// Stops when actual and predicted relative reduction of the cost are both at most this: 1e-15, a few roundings.
+    pub cost_tolerance: f64,
+    /// Stops when Δ is at most this part of ‖D·x‖: 1e-12.
+    pub step_tolerance: f64,
+    /// Stops when the cosine between the residuals and every column of the Jacobian is at most this: 1e-12.
+    pub gradient_tolerance: f64,
+    /// Stops as soon as the cost is at or below this: never.
+    pub stop_at_cost: Option<f64>,
+    /// First Δ as a multiple of ‖D·x‖, or of the residuals' norm where x is zero: 10. Smaller is more careful with a
+    /// far start; with MINPACK's 100 one of NIST's starts (BoxBOD) overshoots and ends on a plateau.
+    pub initial_radius: f64,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            max_iterations: 200,
+            cost_tolerance: 1e-15,
+            step_tolerance: 1e-12,
+            gradient_tolerance: 1e-12,
+            stop_at_cost: None,
+            initial_radius: 10.0,
+        }
+    }
+}
+
+/// What the monitor is told, once for the start (iteration 0) and once after each trial step.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Iteration {
+    /// Trial steps done, taken or rejected.
+    pub iteration: usize,
+    /// The limit.
+    pub max_iterations: usize,
+    /// Σ r_i² at the best point so far.
+    pub cost: f64,
+}
+
+/// Why the search ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Termination {
+    /// The cost no longer falls: [`Options::cost_tolerance`].
+    CostTolerance,
+    /// The steps are small: [`Options::step_tolerance`].
+    StepTolerance,
+    /// The residuals are perpendicular to the Jacobian: [`Options::gradient_tolerance`].
+    GradientTolerance,
+    /// The cost reached [`Options::stop_at_cost`], or is exactly zero.
+    CostReached,
+    /// Rounding allows no further progress, though a tolerance asks for it.
+    NoFurtherProgress,
+    /// [`Options::max_iterations`].
+    IterationLimit,
+    /// Residuals at the start, or a Jacobian, were not finite.
+    NotFinite,
+    /// The monitor asked to stop.
+    Stopped,
+}
+
+impl Termination {
+    /// Whether a minimum was reached to the asked or to the possible accuracy.
+    pub fn converged(self) -> bool {
+        !matches!(self, Self::IterationLimit | Self::NotFinite | Self::Stopped)
+    }
+}
+
+/// What the search found.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Summary {
+    /// The best point.
+    pub x: Vec<f64>,
+    /// Σ r_i² there (no ½); +∞ if the start was not finite.
+    pub cost: f64,
+    /// Residuals there.
+    pub residuals: DVector<f64>,
+    /// Trial steps done, taken or rejected.
+    pub n_iterations: usize,
+    /// Evaluations of the residuals, those with a Jacobian included.
+    pub n_evaluations: usize,
+    /// Evaluations of the Jacobian.
+    pub n_jacobians: usize,
+    /// Cost of the best point at the start (index 0) and after each trial step; never rises.
+    pub convergence: Vec<f64>,
+    /// Why the search ended.
+    pub termination: Termination,
+}
+
+/// Fills the residuals at x and, where asked, also the Jacobian d(residual)/dx, residuals × parameters.
+///
+/// The sign matters: residual = measured − predicted, so the Jacobian is that of the residual, the *negative* of the
+/// prediction's. Residuals that are not finite mean "not here": the step is rejected and a shorter one tried.
+pub type Problem<'a> = dyn FnMut(&[f64], &mut DVector<f64>, Option<&mut DMatrix<f64>>) + 'a;
+
+/// Gets each iteration; `Break` stops the search.
+pub type Monitor<'a> = dyn FnMut(Iteration) -> ControlFlow<()> + 'a;
+
+/// Minimises Σ r_i² from `x0`, where `problem` has `n_residuals` residuals.
+pub fn minimize(problem: &mut Problem<'_>, n_residuals: usize, x0: &[f64], options: &Options, monitor: &mut Monitor<'_>) -> Summary {
+    let mut search = Search::new(problem, n_residuals, x0, options);
+    let termination = loop {
+        let told = Iteration { iteration: search.n_iterations, max_iterations: options.max_iterations, cost: search.cost };
+        search.convergence.push(search.cost);
+        if monitor(told).is_break() {
+            break Termination::Stopped;
+        }
+        if let Some(termination) = search.ended(options) {
+            break termination;
+        }
+        if search.linearisation_is_stale
+            && let Some(termination) = search.linearise(problem, options)
+        {
+            break termination;
+        }
+        search.try_step(problem, options);
+    };
+    Summary {
+        x: search.x,
+        cost: search.cost,
+        residuals: search.residuals,
+        n_iterations: search.n_iterations,
+        n_evaluations: search.n_evaluations,
+        n_jacobians: search.n_jacobians,
+        convergence: search.convergence,
+        termination,
+    }
+}
+
+/// The state between trial steps.
+struct Search {
+    x: Vec<f64>,
+    residuals: DVector<f64>,
+    cost: f64,
+    jacobian: DMatrix<f64>,
+    linearisation_is_stale: bool,
+    directions: Directions,
+    /// D.
+    scale: Vec<f64>,
+    /// Δ.
+    radius: f64,
+    /// λ.
+    damping: f64,
+    /// Set by the last trial step.
+    outcome: Option<Termination>,
+    n_iterations: usize,
+    n_evaluations: usize,
+    n_jacobians: usize,
+    convergence: Vec<f64>,
+}
+
+impl Search {
+    fn new(problem: &mut Problem<'_>, n_residuals: usize, x0: &[f64], options: &Options) -> Self {
+        let n = x0.len();
+        let mut residuals = DVector::zeros(n_residuals);
+        problem(x0, &mut residuals, None);
+        let cost = sum_of_squares(residuals.as_slice());
+        Self {
+            x: x0.to_vec(),
+            residuals,
+            cost,
+            jacobian: DMatrix::zeros(n_residuals, n),
+            linearisation_is_stale: true,
+            directions: Directions::none(n),
+            scale: vec![0.0; n],
+            radius: 0.0,
+            damping: 0.0,
+            outcome: (!cost.is_finite()).then_some(Termination::NotFinite),
+            n_iterations: 0,
+            n_evaluations: 1,
+            n_jacobians: 0,
+            convergence: Vec::with_capacity(options.max_iterations.min(1000) + 1),
+        }
+    }
+
+    fn ended(&self, options: &Options) -> Option<Termination> {
+        if self.cost == 0.0 || options.stop_at_cost.is_some_and(|target| self.cost <= target) {
+            return Some(Termination::CostReached);
+        }
+        self.outcome.or((self.n_iterations == options.max_iterations).then_some(Termination::IterationLimit))
+    }
+
+    /// Evaluates the Jacobian, updates D, and at the first call sets Δ.
+    fn linearise(&mut self, problem: &mut Problem<'_>, options: &Options) -> Option<Termination> {
+        problem(&self.x, &mut self.residuals, Some(&mut self.jacobian));
+        self.n_evaluations += 1;
+        self.n_jacobians += 1;
+        self.linearisation_is_stale = false;
+        if !self.jacobian.iter().all(|value| value.is_finite()) {
+            return Some(Termination::NotFinite);
+        }
+        let first = self.n_jacobians == 1;
+        for (scale, norm) in self.scale.iter_mut().zip(column_norms(&self.jacobian)) {
+            *scale = if first && norm == 0.0 { 1.0 } else { scale.max(norm) };
+        }
+        if first {
+            let length = self.scaled_norm(&self.x);
+            self.radius = options.initial_radius * if length > 0.0 { length } else { self.cost.sqrt() };
+        }
+        if self.largest_cosine() <= options.gradient_tolerance {
+            return Some(Termination::GradientTolerance);
+        }
+        match Directions::of(&self.jacobian, self.residuals.as_slice(), &self.scale) {
+            Some(directions) => self.directions = directions,
+            None => return Some(Termination::NoFurtherProgress),
+        }
+        None
+    }
+
+    /// The largest cosine of the angle between the residuals and a column of the Jacobian.
+    fn largest_cosine(&self) -> f64 {
+        let residual_norm = self.cost.sqrt();
+        let columns = self.jacobian.as_slice().chunks_exact(self.residuals.len());
+        let cosines = columns.zip(column_norms(&self.jacobian)).filter(|(_, norm)| *norm > 0.0);
+        cosines.fold(0.0, |largest, (column, norm)| {
+            let cosine = dot(column, self.residuals.as_slice()) / (norm * residual_norm);
+            largest.max(cosine.abs())
+        })
+    }
+
+    /// Tries one step and takes it if the cost falls as predicted [Moré 1978, algorithm 7.1].
+    fn try_step(&mut self, problem: &mut Problem<'_>, options: &Options) {
+        let (damping, w) = self.directions.step_within(self.radius, self.damping);
+        self.damping = damping;
+        let length = norm(&w);
+        if self.n_iterations == 0 {
+            self.radius = self.radius.min(length);
+        }
+        let step = &self.directions.unscaled * DVector::from_column_slice(&w);
+        let trial: Vec<f64> = self.x.iter().zip(&step).map(|(x, p)| x + p).collect();
+        let mut residuals = DVector::zeros(self.residuals.len());
+        problem(&trial, &mut residuals, None);
+        self.n_evaluations += 1;
+        self.n_iterations += 1;
+        let cost = sum_of_squares(residuals.as_slice());
+
+        // Reductions relative to the present cost; a tenfold growth counts as -1 (also where it is infinite).
+        let actual = if 0.01 * cost < self.cost { 1.0 - cost / self.cost } else { -1.0 };
+        let linear = self.directions.change(&w) / self.cost;
+        let damped = damping * length * length / self.cost;
+        let predicted = linear + 2.0 * damped;
+        let slope = -(linear + damped);
+        let ratio = if predicted > 0.0 { actual / predicted } else { 0.0 };
+        self.adapt_radius(ratio, actual, slope, cost, length);
+        if ratio >= ACCEPTED_RATIO {
+            self.x = trial;
+            self.residuals = residuals;
+            self.cost = cost;
+            self.linearisation_is_stale = true;
+        }
+        self.outcome = self.outcome_of(actual, predicted, ratio, options);
+    }
+
+    /// Shrinks Δ after a bad step, by the minimiser of the parabola through what is known; grows it after a good one.
+    fn adapt_radius(&mut self, ratio: f64, actual: f64, slope: f64, cost: f64, length: f64) {
+        if ratio <= 0.25 {
+            let mut factor = if actual >= 0.0 { 0.5 } else { 0.5 * slope / (slope + 0.5 * actual) };
+            if 0.01 * cost >= self.cost || factor < 0.1 || !cost.is_finite() {
+                factor = 0.1;
+            }
+            self.radius = factor * self.radius.min(10.0 * length);
+            self.damping /= factor;
+        } else if self.damping == 0.0 || ratio >= 0.75 {
+            self.radius = 2.0 * length;
+            self.damping *= 0.5;
+        }
+    }
+
+    fn outcome_of(&self, actual: f64, predicted: f64, ratio: f64, options: &Options) -> Option<Termination> {
+        let small = |limit: f64| actual.abs() <= limit && predicted <= limit && 0.5 * ratio <= 1.0;
+        let length = self.scaled_norm(&self.x);
+        if small(options.cost_tolerance) {
+            Some(Termination::CostTolerance)
+        } else if self.radius <= options.step_tolerance * length {
+            Some(Termination::StepTolerance)
+        } else if small(f64::EPSILON) || self.radius <= f64::EPSILON * length || self.radius < f64::MIN_POSITIVE {
+            Some(Termination::NoFurtherProgress)
+        } else {
+            None
+        }
+    }
+
+    fn scaled_norm(&self, x: &[f64]) -> f64 {
+        scaled_norm(&self.scale, x)
+    }
+}
+
+fn sum_of_squares(residuals: &[f64]) -> f64 {
+    let sum = dot(residuals, residuals);
+    if sum.is_finite() { sum } else { f64::INFINITY }
+}
+
+fn norm(x: &[f64]) -> f64 {
+    dot(x, x).sqrt()
+}
+
+fn column_norms(matrix: &DMatrix<f64>) -> impl Iterator<Item = f64> {
+    matrix.column_iter().map(|column| norm(column.as_slice()))
+}
+
+fn scaled_norm(scale: &[f64], x: &[f64]) -> f64 {
+    let scaled: Vec<f64> = scale.iter().zip(x).map(|(d, x)| d * x).collect();
+    norm(&scaled)
+}

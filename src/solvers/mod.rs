@@ -1,0 +1,7 @@
+//! Optimisers over plain vectors. They have never heard of a robot.
+
+pub mod bpnn;
+pub mod least_squares;
+pub mod pso;
+mod qr;
+pub mod random;

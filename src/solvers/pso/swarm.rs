@@ -1,0 +1,170 @@
+//! The moving swarm: update [Gao 2018, eq. 9, 10], evaluation, best-keeping. Nothing in here allocates after `new`,
+//! and every inner loop runs over particles, which lie side by side in memory.
+
+use super::{Boundary, Cost, InitialVelocity, Options, Positions, RandomNumbers, SearchBox};
+use crate::solvers::random::LaneRandom;
+use multiversion::multiversion;
+
+/// All that changes during a search.
+pub(super) struct Swarm {
+    pub positions: Positions,
+    pub velocities: Positions,
+    pub costs: Vec<f64>,
+    pub own_best_positions: Positions,
+    pub own_best_costs: Vec<f64>,
+    pub best_position: Vec<f64>,
+    pub best_cost: f64,
+    /// r1 of all particles, then r2 of all particles.
+    random_numbers: Vec<f64>,
+}
+
+/// What eq. 9 and 10 need to know of one coordinate, besides the particles.
+struct Coordinate {
+    inertia_weight: f64,
+    cognitive: f64,
+    social: f64,
+    swarm_best: f64,
+    /// Largest speed; +∞ without a limit.
+    largest_speed: f64,
+    boundary: Boundary,
+    lowest: f64,
+    highest: f64,
+}
+
+impl Swarm {
+    /// A swarm at the given positions; `random` draws its first velocities.
+    pub fn new(positions: &Positions, search_box: &SearchBox, options: &Options, random: &mut LaneRandom) -> Self {
+        let n = positions.n_particles;
+        Self {
+            positions: positions.clone(),
+            velocities: initial_velocities(search_box, options, random),
+            costs: vec![f64::INFINITY; n],
+            own_best_positions: positions.clone(),
+            own_best_costs: vec![f64::INFINITY; n],
+            best_position: positions.particle(0),
+            best_cost: f64::INFINITY,
+            random_numbers: vec![0.0; 2 * n],
+        }
+    }
+
+    /// Evaluates all positions and keeps each particle's and the swarm's best. An equal cost replaces nothing, and of
+    /// equal particles the first is the swarm's best.
+    pub fn evaluate(&mut self, cost: &mut Cost<'_>) {
+        cost(&self.positions, &mut self.costs);
+        for cost in &mut self.costs {
+            if !cost.is_finite() {
+                *cost = f64::INFINITY;
+            }
+        }
+        keep_own_best(&self.costs, &self.positions, &mut self.own_best_costs, &mut self.own_best_positions);
+        let best = (0..self.costs.len()).min_by(|&a, &b| self.costs[a].total_cmp(&self.costs[b]));
+        if let Some(best) = best.filter(|&best| self.costs[best] < self.best_cost) {
+            self.best_cost = self.costs[best];
+            for (j, x) in self.best_position.iter_mut().enumerate() {
+                *x = self.positions.get(best, j);
+            }
+        }
+    }
+
+    /// Moves all particles once [Gao 2018, eq. 9, 10].
+    pub fn update(&mut self, search_box: &SearchBox, options: &Options, random: &mut LaneRandom) {
+        if options.random_numbers == RandomNumbers::PerParticle {
+            random.fill(&mut self.random_numbers);
+        }
+        for j in 0..self.positions.n_coordinates {
+            if options.random_numbers == RandomNumbers::PerCoordinate {
+                random.fill(&mut self.random_numbers);
+            }
+            let (r1, r2) = self.random_numbers.split_at(self.positions.n_particles);
+            let coordinate = Coordinate {
+                inertia_weight: options.inertia_weight,
+                cognitive: options.cognitive,
+                social: options.social,
+                swarm_best: self.best_position[j],
+                largest_speed: options.velocity_limit.map_or(f64::INFINITY, |limit| limit * search_box.half_width[j]),
+                boundary: options.boundary,
+                lowest: search_box.centre[j] - search_box.half_width[j],
+                highest: search_box.centre[j] + search_box.half_width[j],
+            };
+            let own_best = self.own_best_positions.coordinate(j);
+            move_coordinate(&coordinate, r1, r2, own_best, self.positions.coordinate_mut(j), self.velocities.coordinate_mut(j));
+        }
+    }
+}
+
+fn initial_velocities(search_box: &SearchBox, options: &Options, random: &mut LaneRandom) -> Positions {
+    let mut velocities = Positions::zeros(options.n_particles, search_box.centre.len());
+    if let InitialVelocity::Uniform { fraction } = options.initial_velocity {
+        for (j, half_width) in search_box.half_width.iter().enumerate() {
+            let v = velocities.coordinate_mut(j);
+            random.fill(v);
+            for v in v {
+                *v = fraction * half_width * (2.0 * *v - 1.0);
+            }
+        }
+    }
+    velocities
+}
+
+/// Copies the coordinates of the particles that improved. Without branches, so that lanes can hold particles.
+#[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl", "x86_64+avx2+fma"))]
+fn keep_own_best(costs: &[f64], positions: &Positions, own_best_costs: &mut [f64], own_best_positions: &mut Positions) {
+    let n = costs.len();
+    let own_best_costs = &mut own_best_costs[..n];
+    for (x, best) in positions.values.chunks_exact(n).zip(own_best_positions.values.chunks_exact_mut(n)) {
+        for i in 0..n {
+            best[i] = if costs[i] < own_best_costs[i] { x[i] } else { best[i] };
+        }
+    }
+    for i in 0..n {
+        own_best_costs[i] = if costs[i] < own_best_costs[i] { costs[i] } else { own_best_costs[i] };
+    }
+}
+
+/// [Gao 2018, eq. 9, 10] for one coordinate of all particles.
+#[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl", "x86_64+avx2+fma"))]
+fn move_coordinate(coordinate: &Coordinate, r1: &[f64], r2: &[f64], own_best: &[f64], x: &mut [f64], v: &mut [f64]) {
+    let Coordinate { inertia_weight, cognitive, social, swarm_best, largest_speed, .. } = *coordinate;
+    let n = x.len();
+    let (r1, r2, own_best, x, v) = (&r1[..n], &r2[..n], &own_best[..n], &mut x[..n], &mut v[..n]);
+    for i in 0..n {
+        let inertia = inertia_weight * v[i];
+        let towards_swarm = (social * r2[i]).mul_add(swarm_best - x[i], inertia);
+        let velocity = (cognitive * r1[i]).mul_add(own_best[i] - x[i], towards_swarm);
+        v[i] = velocity.max(-largest_speed).min(largest_speed);
+        x[i] += v[i];
+    }
+    match coordinate.boundary {
+        Boundary::None => {}
+        Boundary::Clamp => clamp(coordinate.lowest, coordinate.highest, x, v),
+        Boundary::Reflect => reflect(coordinate.lowest, coordinate.highest, x, v),
+    }
+}
+
+/// Sets what is outside to the wall, at rest.
+#[inline(always)]
+fn clamp(lowest: f64, highest: f64, x: &mut [f64], v: &mut [f64]) {
+    for (x, v) in x.iter_mut().zip(v) {
+        let inside = x.max(lowest).min(highest);
+        *v = if *x == inside { *v } else { 0.0 };
+        *x = inside;
+    }
+}
+
+/// Mirrors what is outside at the wall it went through.
+#[inline(always)]
+fn reflect(lowest: f64, highest: f64, x: &mut [f64], v: &mut [f64]) {
+    for (x, v) in x.iter_mut().zip(v) {
+        let below = *x < lowest;
+        let above = *x > highest;
+        let mirrored = if below {
+            lowest + (lowest - *x)
+        } else if above {
+            highest - (*x - highest)
+        } else {
+            *x
+        };
+        *v = if below || above { -*v } else { *v };
+        *x = mirrored.max(lowest).min(highest);
+    }
+}

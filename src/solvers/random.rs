@@ -1,0 +1,94 @@
+//! Seeded random numbers in bulk: eight xoshiro256+ generators side by side, so that one vector instruction steps
+//! all of them. The number of lanes is fixed: the numbers never depend on the CPU.
+//!
+//! xoshiro256+ [Blackman, Vigna: Scrambled linear pseudorandom number generators, ACM TOMS 47(4), 2021, section 5] is
+//! made for floating-point numbers: only its lowest bits are weak, and those are dropped.
+
+use multiversion::multiversion;
+use rand::rngs::ChaCha8Rng;
+use rand::{Rng, SeedableRng};
+
+/// Generators side by side: one AVX-512 register of 64-bit words, two of AVX2.
+pub const LANES: usize = 8;
+
+/// A ChaCha8 generator for everything that is drawn outside hot loops. `stream` separates the uses of one seed.
+///
+/// The key is spelled out here rather than taken from `seed_from_u64`, whose expansion may change between releases.
+pub fn chacha8(seed: u64, stream: u64) -> ChaCha8Rng {
+    let mut key = [0_u8; 32];
+    key[..8].copy_from_slice(&seed.to_le_bytes());
+    key[8..16].copy_from_slice(&stream.to_le_bytes());
+    ChaCha8Rng::from_seed(key)
+}
+
+/// The 53 upper bits as a number in [0, 1).
+#[inline(always)]
+pub fn unit_interval(bits: u64) -> f64 {
+    const TWO_POW_MINUS_53: f64 = 1.0 / 9_007_199_254_740_992.0;
+    (bits >> 11) as f64 * TWO_POW_MINUS_53
+}
+
+/// Eight independent xoshiro256+ generators.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct LaneRandom {
+    /// `state[word][lane]`.
+    state: [[u64; LANES]; 4],
+}
+
+impl LaneRandom {
+    /// The generator of a seed. `stream` separates the uses of one seed (first positions, updates, …).
+    ///
+    /// Each lane's 256 bits come from ChaCha8: streams that overlap within any run have probability below 2⁻¹⁸⁰.
+    pub fn new(seed: u64, stream: u64) -> Self {
+        let mut source = chacha8(seed, stream);
+        let mut state = [[0; LANES]; 4];
+        for lane in 0..LANES {
+            for word in &mut state {
+                word[lane] = source.next_u64();
+            }
+        }
+        Self { state }
+    }
+
+    /// Generators with the given states, `state[word][lane]`. A lane must not be all zero: it would stay there.
+    pub fn from_state(state: [[u64; LANES]; 4]) -> Self {
+        Self { state }
+    }
+
+    /// Fills `numbers` with draws from [0, 1): number i is from lane i mod 8. A last, partial block of eight uses up
+    /// a whole block.
+    pub fn fill(&mut self, numbers: &mut [f64]) {
+        fill(&mut self.state, numbers);
+    }
+}
+
+#[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl", "x86_64+avx2+fma"))]
+fn fill(state: &mut [[u64; LANES]; 4], numbers: &mut [f64]) {
+    let mut blocks = numbers.chunks_exact_mut(LANES);
+    for block in &mut blocks {
+        block.copy_from_slice(&step(state));
+    }
+    let rest = blocks.into_remainder();
+    if !rest.is_empty() {
+        let block = step(state);
+        rest.copy_from_slice(&block[..rest.len()]);
+    }
+}
+
+/// One xoshiro256+ step in every lane.
+#[inline(always)]
+fn step(state: &mut [[u64; LANES]; 4]) -> [f64; LANES] {
+    let [s0, s1, s2, s3] = state;
+    let mut numbers = [0.0; LANES];
+    for lane in 0..LANES {
+        numbers[lane] = unit_interval(s0[lane].wrapping_add(s3[lane]));
+        let shifted = s1[lane] << 17;
+        s2[lane] ^= s0[lane];
+        s3[lane] ^= s1[lane];
+        s1[lane] ^= s2[lane];
+        s0[lane] ^= s3[lane];
+        s2[lane] ^= shifted;
+        s3[lane] = s3[lane].rotate_left(45);
+    }
+    numbers
+}

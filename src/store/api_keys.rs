@@ -1,0 +1,109 @@
+//! API keys: only the SHA-256 of a key is kept.
+
+use super::{Page, PageRequest, Result, Store, Tx, new_id};
+
+/// An API key.
+#[derive(Clone, Debug, PartialEq, sqlx::FromRow)]
+pub struct ApiKeyRow {
+    /// `key_…`
+    pub id: String,
+    /// Whose key it is; need not be unique.
+    pub name: String,
+    /// Of the key, hexadecimal.
+    pub key_sha256: String,
+    /// The list of scopes.
+    pub scopes_json: String,
+    /// The list of the robots it is limited to; none for all.
+    pub robots_json: Option<String>,
+    /// When it was made.
+    pub created_at_ms: i64,
+    /// When it was revoked.
+    pub revoked_at_ms: Option<i64>,
+}
+
+/// An API key to be stored.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NewApiKey {
+    /// Whose key it is; need not be unique.
+    pub name: String,
+    /// Of the key, hexadecimal.
+    pub key_sha256: String,
+    /// The list of scopes.
+    pub scopes_json: String,
+    /// The list of the robots it is limited to; none for all.
+    pub robots_json: Option<String>,
+}
+
+macro_rules! columns {
+    () => {
+        "id, name, key_sha256, scopes_json, robots_json, created_at_ms, revoked_at_ms"
+    };
+}
+
+pub(super) const ALL_QUERIES: &[&str] = &[INSERT, FIND, LIST, REVOKE];
+
+const INSERT: &str = concat!(
+    "insert into api_key (id, name, key_sha256, scopes_json, robots_json, created_at_ms)
+     values ($1, $2, $3, $4, $5, (select now_ms from clock))
+     returning ",
+    columns!()
+);
+
+const FIND: &str = concat!("select ", columns!(), " from api_key where key_sha256 = $1 and revoked_at_ms is null");
+
+const LIST: &str = concat!(
+    "select ",
+    columns!(),
+    " from api_key
+     where (created_at_ms, id) < ($1, $2)
+     order by created_at_ms desc, id desc
+     limit $3"
+);
+
+const REVOKE: &str = concat!(
+    "update api_key set revoked_at_ms = coalesce(revoked_at_ms, (select now_ms from clock))
+     where id = $1
+     returning ",
+    columns!()
+);
+
+/// Stores a key.
+///
+/// # Errors
+/// [`super::Conflict::Duplicate`] if this very key is there, [`super::Error::Database`].
+pub async fn insert(tx: &mut Tx, new: &NewApiKey) -> Result<ApiKeyRow> {
+    let query = sqlx::query_as(INSERT)
+        .bind(new_id("key"))
+        .bind(&new.name)
+        .bind(&new.key_sha256)
+        .bind(&new.scopes_json)
+        .bind(new.robots_json.as_deref());
+    Ok(query.fetch_one(tx.connection()).await?)
+}
+
+/// The key with this hash, unless it is unknown or revoked.
+///
+/// # Errors
+/// [`super::Error::Database`].
+pub async fn find(store: &Store, key_sha256: &str) -> Result<Option<ApiKeyRow>> {
+    Ok(sqlx::query_as(FIND).bind(key_sha256).fetch_optional(store.pool()).await?)
+}
+
+/// All keys, also revoked ones, newest first.
+///
+/// # Errors
+/// [`super::Error::Database`].
+pub async fn list(store: &Store, request: &PageRequest) -> Result<Page<ApiKeyRow>> {
+    let keyset = request.keyset();
+    let query = sqlx::query_as(LIST).bind(keyset.created_at_ms).bind(keyset.id).bind(keyset.limit);
+    let rows: Vec<ApiKeyRow> = query.fetch_all(store.pool()).await?;
+    Ok(request.page(rows, |row| (row.created_at_ms, &row.id)))
+}
+
+/// Revokes a key; revoking it again changes nothing.
+///
+/// # Errors
+/// [`super::Error::NotFound`], [`super::Error::Database`].
+pub async fn revoke(tx: &mut Tx, id: &str) -> Result<ApiKeyRow> {
+    Ok(sqlx::query_as(REVOKE).bind(id).fetch_one(tx.connection()).await?)
+}

@@ -1,0 +1,98 @@
+//! What can go wrong in the store.
+
+use sqlx::error::ErrorKind;
+
+use super::JobStatus;
+
+/// The store's result.
+pub type Result<T, E = Error> = std::result::Result<T, E>;
+
+/// Why the store could not do what was asked.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// There is no such row.
+    #[error("not found")]
+    NotFound,
+    /// The request does not fit the state of what is stored.
+    #[error(transparent)]
+    Conflict(#[from] Conflict),
+    /// The database cannot be opened.
+    #[error("{detail}")]
+    Open {
+        /// What is wrong and how to mend it.
+        detail: String,
+    },
+    /// The database failed; see [`Error::is_unavailable`].
+    #[error("the database failed")]
+    Database(#[source] sqlx::Error),
+}
+
+/// The states a request may collide with.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum Conflict {
+    /// The job is not this worker's any more: its lease ran out, or it was ended by someone else.
+    #[error("the lease on this job is lost")]
+    LeaseLost,
+    /// The robot has as many jobs waiting as it may.
+    #[error("{limit} jobs of this robot are waiting already")]
+    QueueFull {
+        /// The limit.
+        limit: i64,
+    },
+    /// The job is not in the state that this needs.
+    #[error("the job is {}", .status.as_str())]
+    JobStatus {
+        /// The state it is in.
+        status: JobStatus,
+    },
+    /// A withdrawn parameter set cannot be released.
+    #[error("the parameter set was withdrawn")]
+    Withdrawn,
+    /// The released set is not the one that the release checks compared with.
+    #[error("another parameter set was released in the meantime")]
+    ActiveChanged,
+    /// Something that must be unique exists already.
+    #[error("it exists already")]
+    Duplicate,
+}
+
+impl Error {
+    /// Whether waiting may help (busy, out of connections, disk full, restarting): 503 rather than 500.
+    pub fn is_unavailable(&self) -> bool {
+        match self {
+            Error::Database(sqlx::Error::PoolTimedOut | sqlx::Error::PoolClosed | sqlx::Error::Io(_) | sqlx::Error::WorkerCrashed) => true,
+            Error::Database(sqlx::Error::Database(error)) => error.code().is_some_and(|code| is_unavailable_code(&code)),
+            _ => false,
+        }
+    }
+}
+
+/// PostgreSQL's SQLSTATE has five characters; SQLite's extended result codes are numbers of at most four digits
+/// whose low byte is the primary code.
+fn is_unavailable_code(code: &str) -> bool {
+    const BUSY: u32 = 5;
+    const LOCKED: u32 = 6;
+    const READ_ONLY: u32 = 8;
+    const IO: u32 = 10;
+    const FULL: u32 = 13;
+    const CANNOT_OPEN: u32 = 14;
+    if code.len() == 5 {
+        // connection failures, out of resources, shutting down or starting, serialization failures and deadlocks
+        return ["08", "53", "57P", "40"].iter().any(|class| code.starts_with(class));
+    }
+    code.parse::<u32>().is_ok_and(|code| [BUSY, LOCKED, READ_ONLY, IO, FULL, CANNOT_OPEN].contains(&(code & 0xff)))
+}
+
+impl From<sqlx::Error> for Error {
+    fn from(error: sqlx::Error) -> Self {
+        match &error {
+            sqlx::Error::RowNotFound => Error::NotFound,
+            sqlx::Error::Database(database) => match database.kind() {
+                ErrorKind::UniqueViolation => Conflict::Duplicate.into(),
+                ErrorKind::ForeignKeyViolation => Error::NotFound,
+                _ => Error::Database(error),
+            },
+            _ => Error::Database(error),
+        }
+    }
+}

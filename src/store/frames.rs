@@ -1,0 +1,89 @@
+//! Base and tool frames found from sweeps, with the upload they were found from.
+
+use super::{Page, PageRequest, Result, Store, Tx, new_id};
+
+/// What was found from one upload of sweeps.
+#[derive(Clone, Debug, PartialEq, sqlx::FromRow)]
+pub struct FramesRow {
+    /// `frm_…`
+    pub id: String,
+    /// Its robot.
+    pub robot_id: String,
+    /// The upload's own media type.
+    pub content_type: String,
+    /// The frames and circles.
+    pub result_json: String,
+    /// When it was stored.
+    pub created_at_ms: i64,
+}
+
+/// Frames to be stored.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NewFrames {
+    /// Its robot.
+    pub robot_id: String,
+    /// The upload's own media type.
+    pub content_type: String,
+    /// The uploaded bytes.
+    pub body: Vec<u8>,
+    /// The frames and circles.
+    pub result_json: String,
+}
+
+pub(super) const ALL_QUERIES: &[&str] = &[INSERT, GET, BODY, LIST];
+
+const INSERT: &str = "
+    insert into frames (id, robot_id, content_type, body, result_json, created_at_ms)
+    values ($1, $2, $3, $4, $5, (select now_ms from clock))
+    returning id, robot_id, content_type, result_json, created_at_ms";
+
+const GET: &str = "select id, robot_id, content_type, result_json, created_at_ms from frames where id = $1";
+
+const BODY: &str = "select body from frames where id = $1";
+
+const LIST: &str = "
+    select id, robot_id, content_type, result_json, created_at_ms from frames
+    where robot_id = $1 and (created_at_ms, id) < ($2, $3)
+    order by created_at_ms desc, id desc
+    limit $4";
+
+/// Stores frames.
+///
+/// # Errors
+/// [`super::Error::NotFound`] if there is no such robot, [`super::Error::Database`].
+pub async fn insert(tx: &mut Tx, new: &NewFrames) -> Result<FramesRow> {
+    let query = sqlx::query_as(INSERT)
+        .bind(new_id("frm"))
+        .bind(&new.robot_id)
+        .bind(&new.content_type)
+        .bind(new.body.as_slice())
+        .bind(&new.result_json);
+    Ok(query.fetch_one(tx.connection()).await?)
+}
+
+/// One result.
+///
+/// # Errors
+/// [`super::Error::NotFound`], [`super::Error::Database`].
+pub async fn get(store: &Store, id: &str) -> Result<FramesRow> {
+    Ok(sqlx::query_as(GET).bind(id).fetch_one(store.pool()).await?)
+}
+
+/// The uploaded bytes.
+///
+/// # Errors
+/// [`super::Error::NotFound`], [`super::Error::Database`].
+pub async fn body(store: &Store, id: &str) -> Result<Vec<u8>> {
+    Ok(sqlx::query_scalar(BODY).bind(id).fetch_one(store.pool()).await?)
+}
+
+/// A robot's frames, newest first.
+///
+/// # Errors
+/// [`super::Error::Database`].
+pub async fn list(store: &Store, robot_id: &str, request: &PageRequest) -> Result<Page<FramesRow>> {
+    let keyset = request.keyset();
+    let query = sqlx::query_as(LIST).bind(robot_id).bind(keyset.created_at_ms).bind(keyset.id).bind(keyset.limit);
+    let rows: Vec<FramesRow> = query.fetch_all(store.pool()).await?;
+    Ok(request.page(rows, |row| (row.created_at_ms, &row.id)))
+}

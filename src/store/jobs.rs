@@ -1,0 +1,268 @@
+//! Jobs: what was asked, how far it is, what came out. How a worker holds one is in [`super::leases`].
+
+use super::{Conflict, Error, Page, PageRequest, Result, Store, Tx, new_id};
+
+/// Where a job is in its life.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum JobStatus {
+    /// Waiting for a worker.
+    Queued,
+    /// A worker has it.
+    Running,
+    /// Over, with a report.
+    Succeeded,
+    /// Over, with an error.
+    Failed,
+    /// Over, because someone asked for it.
+    Cancelled,
+}
+
+impl JobStatus {
+    /// As in api.md.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            JobStatus::Queued => "queued",
+            JobStatus::Running => "running",
+            JobStatus::Succeeded => "succeeded",
+            JobStatus::Failed => "failed",
+            JobStatus::Cancelled => "cancelled",
+        }
+    }
+
+    /// Whether it stays so for ever.
+    pub fn is_over(self) -> bool {
+        matches!(self, JobStatus::Succeeded | JobStatus::Failed | JobStatus::Cancelled)
+    }
+}
+
+impl TryFrom<String> for JobStatus {
+    type Error = String;
+
+    fn try_from(text: String) -> std::result::Result<Self, String> {
+        [JobStatus::Queued, JobStatus::Running, JobStatus::Succeeded, JobStatus::Failed, JobStatus::Cancelled]
+            .into_iter()
+            .find(|status| status.as_str() == text)
+            .ok_or_else(|| format!("unknown job status {text:?}"))
+    }
+}
+
+/// A job without its report and convergence curve.
+#[derive(Clone, Debug, PartialEq, sqlx::FromRow)]
+pub struct JobRow {
+    /// `job_…`
+    pub id: String,
+    /// Its robot.
+    pub robot_id: String,
+    /// The set to identify from, or to verify on.
+    pub measurement_set_id: String,
+    /// Another set to verify on.
+    pub verify_set_id: Option<String>,
+    /// Frames found from sweeps.
+    pub frames_id: Option<String>,
+    /// The network to start from, chosen when the job was posted.
+    pub network_input_id: Option<String>,
+    /// The parameter set to start from or to verify, chosen when the job was posted.
+    pub parameter_set_input_id: Option<String>,
+    /// `identify` or `verify`.
+    pub kind: String,
+    /// The method asked for.
+    pub method: String,
+    /// The whole request.
+    pub request_json: String,
+    /// Where it is in its life.
+    #[sqlx(try_from = "String")]
+    pub status: JobStatus,
+    /// Higher ones first.
+    pub priority: i64,
+    /// How often it was begun; attempts handed back do not count.
+    pub attempt: i64,
+    /// The worker that has or had it.
+    pub owner: Option<String>,
+    /// Until when that worker has it, if it does not renew.
+    pub lease_until_ms: Option<i64>,
+    /// When its cancellation was asked for.
+    pub cancel_requested_at_ms: Option<i64>,
+    /// How far this attempt is.
+    pub progress_json: Option<String>,
+    /// Why it failed.
+    pub error_json: Option<String>,
+    /// Of its result.
+    pub result_sha256: Option<String>,
+    /// The parameter set that it made.
+    pub parameter_set_id: Option<String>,
+    /// The network that it made.
+    pub network_id: Option<String>,
+    /// When it was posted.
+    pub created_at_ms: i64,
+    /// When this attempt began.
+    pub started_at_ms: Option<i64>,
+    /// When it ended.
+    pub finished_at_ms: Option<i64>,
+}
+
+/// A job to be stored. Everything its result depends on is named here, so that every attempt computes the same.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct NewJob {
+    /// Its robot.
+    pub robot_id: String,
+    /// The set to identify from, or to verify on.
+    pub measurement_set_id: String,
+    /// Another set to verify on.
+    pub verify_set_id: Option<String>,
+    /// Frames found from sweeps.
+    pub frames_id: Option<String>,
+    /// The network to start from.
+    pub network_input_id: Option<String>,
+    /// The parameter set to start from or to verify.
+    pub parameter_set_input_id: Option<String>,
+    /// `identify` or `verify`.
+    pub kind: String,
+    /// The method asked for.
+    pub method: String,
+    /// The whole request.
+    pub request_json: String,
+    /// Higher ones first; 0 is usual.
+    pub priority: i64,
+}
+
+macro_rules! columns {
+    () => {
+        "id, robot_id, measurement_set_id, verify_set_id, frames_id, network_input_id, parameter_set_input_id,
+         kind, method, request_json, status, priority, attempt, owner, lease_until_ms, cancel_requested_at_ms,
+         progress_json, error_json, result_sha256, created_at_ms, started_at_ms, finished_at_ms,
+         (select p.id from parameter_set p where p.job_id = job.id) as parameter_set_id,
+         (select n.id from network n where n.job_id = job.id) as network_id"
+    };
+}
+
+pub(super) const ALL_QUERIES: &[&str] = &[INSERT, GET, LIST, REPORT, CONVERGENCE, WAITING, CANCEL, COUNT_BY_STATUS];
+
+const INSERT: &str = "
+    insert into job (id, robot_id, measurement_set_id, verify_set_id, frames_id, network_input_id,
+        parameter_set_input_id, kind, method, request_json, priority, status, attempt, created_at_ms)
+    values ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, 'queued', 0, (select now_ms from clock))";
+
+const GET: &str = concat!("select ", columns!(), " from job where id = $1");
+
+const LIST: &str = concat!(
+    "select ",
+    columns!(),
+    " from job
+     where robot_id = $1 and (created_at_ms, id) < ($2, $3)
+     order by created_at_ms desc, id desc
+     limit $4"
+);
+
+const REPORT: &str = "select status, report_json from job where id = $1";
+
+const CONVERGENCE: &str = "select status, convergence_json from job where id = $1";
+
+const WAITING: &str = "
+    select count(*) from (select 1 from job where robot_id = $1 and status = 'queued' limit $2) as waiting";
+
+const CANCEL: &str = "
+    update job set
+        cancel_requested_at_ms = coalesce(cancel_requested_at_ms, (select now_ms from clock)),
+        finished_at_ms = case when status = 'queued' then (select now_ms from clock) else finished_at_ms end,
+        status = case when status = 'queued' then 'cancelled' else status end
+    where id = $1 and status in ('queued', 'running')";
+
+const COUNT_BY_STATUS: &str = "select status, count(*) from job where status in ('queued', 'running') group by status";
+
+/// Stores a job as queued. [`crate::jobs::queue::enqueue`] is the way to post one: it keeps the limit.
+///
+/// # Errors
+/// [`Error::NotFound`] if something it names does not exist, [`Error::Database`].
+pub async fn insert(tx: &mut Tx, new: &NewJob) -> Result<JobRow> {
+    let id = new_id("job");
+    let query = sqlx::query(INSERT)
+        .bind(&id)
+        .bind(&new.robot_id)
+        .bind(&new.measurement_set_id)
+        .bind(new.verify_set_id.as_deref())
+        .bind(new.frames_id.as_deref())
+        .bind(new.network_input_id.as_deref())
+        .bind(new.parameter_set_input_id.as_deref())
+        .bind(&new.kind)
+        .bind(&new.method)
+        .bind(&new.request_json)
+        .bind(new.priority);
+    query.execute(tx.connection()).await?;
+    get_in(tx, &id).await
+}
+
+/// One job.
+///
+/// # Errors
+/// [`Error::NotFound`], [`Error::Database`].
+pub async fn get(store: &Store, id: &str) -> Result<JobRow> {
+    Ok(sqlx::query_as(GET).bind(id).fetch_one(store.pool()).await?)
+}
+
+/// One job, as this transaction sees it.
+///
+/// # Errors
+/// [`Error::NotFound`], [`Error::Database`].
+pub async fn get_in(tx: &mut Tx, id: &str) -> Result<JobRow> {
+    Ok(sqlx::query_as(GET).bind(id).fetch_one(tx.connection()).await?)
+}
+
+/// A robot's jobs, newest first.
+///
+/// # Errors
+/// [`Error::Database`].
+pub async fn list(store: &Store, robot_id: &str, request: &PageRequest) -> Result<Page<JobRow>> {
+    let keyset = request.keyset();
+    let query = sqlx::query_as(LIST).bind(robot_id).bind(keyset.created_at_ms).bind(keyset.id).bind(keyset.limit);
+    let rows: Vec<JobRow> = query.fetch_all(store.pool()).await?;
+    Ok(request.page(rows, |row| (row.created_at_ms, &row.id)))
+}
+
+/// The report of a job that succeeded.
+///
+/// # Errors
+/// [`Error::NotFound`], [`Conflict::JobStatus`] if it did not succeed (yet), [`Error::Database`].
+pub async fn report(store: &Store, id: &str) -> Result<String> {
+    document(store, REPORT, id).await
+}
+
+/// The convergence curve of a job that succeeded.
+///
+/// # Errors
+/// [`Error::NotFound`], [`Conflict::JobStatus`] if it did not succeed (yet), [`Error::Database`].
+pub async fn convergence(store: &Store, id: &str) -> Result<String> {
+    document(store, CONVERGENCE, id).await
+}
+
+async fn document(store: &Store, query: &'static str, id: &str) -> Result<String> {
+    let (status, document): (String, Option<String>) = sqlx::query_as(query).bind(id).fetch_one(store.pool()).await?;
+    let status = JobStatus::try_from(status).map_err(|e| Error::Database(sqlx::Error::Decode(e.into())))?;
+    document.ok_or(Conflict::JobStatus { status }.into())
+}
+
+/// How many jobs of this robot wait, counted up to `limit`.
+///
+/// # Errors
+/// [`Error::Database`].
+pub async fn waiting(tx: &mut Tx, robot_id: &str, limit: i64) -> Result<i64> {
+    Ok(sqlx::query_scalar(WAITING).bind(robot_id).bind(limit).fetch_one(tx.connection()).await?)
+}
+
+/// How many jobs of all robots are queued, and how many are running.
+///
+/// # Errors
+/// [`Error::Database`].
+pub async fn queued_and_running(store: &Store) -> Result<(i64, i64)> {
+    let counts: Vec<(String, i64)> = sqlx::query_as(COUNT_BY_STATUS).fetch_all(store.pool()).await?;
+    let of = |status: JobStatus| counts.iter().find(|(s, _)| s == status.as_str()).map_or(0, |(_, n)| *n);
+    Ok((of(JobStatus::Queued), of(JobStatus::Running)))
+}
+
+/// Cancels a job: at once if it waits; if it runs, its worker is told with its next heartbeat. One that is over stays as it is.
+///
+/// # Errors
+/// [`Error::NotFound`], [`Error::Database`].
+pub async fn cancel(tx: &mut Tx, id: &str) -> Result<JobRow> {
+    sqlx::query(CANCEL).bind(id).execute(tx.connection()).await?;
+    get_in(tx, id).await
+}

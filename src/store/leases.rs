@@ -1,0 +1,213 @@
+//! How a worker holds a job. Every update carries the fencing token (owner, attempt), so that a worker that was stopped
+//! and resumed, or cut off, cannot touch a job that is not its own any more.
+
+use std::time::Duration;
+
+use super::{Conflict, Engine, Result, Store, Tx};
+
+/// A worker's hold on a job: the fencing token.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Lease {
+    /// The job.
+    pub job_id: String,
+    /// The worker; a new name at every start.
+    pub owner: String,
+    /// Which attempt this is, from 1.
+    pub attempt: i64,
+}
+
+/// What a worker hears when it renews its lease.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Heartbeat {
+    /// Somebody wants the job cancelled.
+    pub cancel_requested: bool,
+}
+
+/// What became of the jobs whose leases ran out.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Expired {
+    /// Waiting again.
+    pub queued: Vec<String>,
+    /// Out of attempts.
+    pub failed: Vec<String>,
+    /// Somebody had wanted them cancelled.
+    pub cancelled: Vec<String>,
+}
+
+macro_rules! claim {
+    ($lock:literal) => {
+        concat!(
+            "update job set status = 'running', owner = $1, attempt = attempt + 1,
+                 lease_until_ms = (select now_ms from clock) + $2, started_at_ms = (select now_ms from clock), progress_json = null
+             where status = 'queued' and id = (
+                 select id from job where status = 'queued' order by priority desc, created_at_ms, id limit 1",
+            $lock,
+            ")
+             returning id, attempt"
+        )
+    };
+}
+
+/// The fence: this job, if this worker still has it in this attempt.
+macro_rules! fenced {
+    ($update:literal) => {
+        concat!($update, " where id = $1 and owner = $2 and attempt = $3 and status = 'running'")
+    };
+}
+
+macro_rules! expired {
+    ($update:literal, $condition:literal) => {
+        concat!($update, " where status = 'running' and lease_until_ms < (select now_ms from clock) and ", $condition, " returning id")
+    };
+}
+
+pub(super) const QUERIES_SQLITE: &[&str] = &[CLAIM_SQLITE];
+pub(super) const QUERIES_POSTGRES: &[&str] = &[CLAIM_POSTGRES];
+pub(super) const ALL_QUERIES: &[&str] =
+    &[HEARTBEAT, SUCCEED, FAIL, CANCELLED, HAND_BACK, N_EXPIRED, EXPIRE_CANCELLED, EXPIRE_FAILED, EXPIRE_QUEUED, END_ALL];
+
+const CLAIM_SQLITE: &str = claim!("");
+// Workers that claim at the same moment pass each other by instead of waiting for the same row.
+const CLAIM_POSTGRES: &str = claim!(" for update skip locked");
+
+const HEARTBEAT: &str = concat!(
+    fenced!("update job set lease_until_ms = (select now_ms from clock) + $4, progress_json = coalesce($5, progress_json)"),
+    " returning cancel_requested_at_ms"
+);
+
+const SUCCEED: &str = fenced!(
+    "update job set status = 'succeeded', report_json = $4, convergence_json = $5, result_sha256 = $6,
+         lease_until_ms = null, finished_at_ms = (select now_ms from clock)"
+);
+
+const FAIL: &str =
+    fenced!("update job set status = 'failed', error_json = $4, lease_until_ms = null, finished_at_ms = (select now_ms from clock)");
+
+const CANCELLED: &str = fenced!("update job set status = 'cancelled', lease_until_ms = null, finished_at_ms = (select now_ms from clock)");
+
+const HAND_BACK: &str = fenced!(
+    "update job set
+         status = case when cancel_requested_at_ms is null then 'queued' else 'cancelled' end,
+         finished_at_ms = case when cancel_requested_at_ms is null then null else (select now_ms from clock) end,
+         attempt = attempt - 1, owner = null, lease_until_ms = null, started_at_ms = null, progress_json = null"
+);
+
+const N_EXPIRED: &str = "select count(*) from job where status = 'running' and lease_until_ms < (select now_ms from clock)";
+
+const EXPIRE_CANCELLED: &str = expired!(
+    "update job set status = 'cancelled', lease_until_ms = null, finished_at_ms = (select now_ms from clock)",
+    "cancel_requested_at_ms is not null"
+);
+
+const EXPIRE_FAILED: &str = expired!(
+    "update job set status = 'failed', error_json = $2, lease_until_ms = null, finished_at_ms = (select now_ms from clock)",
+    "attempt >= $1"
+);
+
+const EXPIRE_QUEUED: &str = expired!(
+    "update job set status = 'queued', owner = null, lease_until_ms = null, started_at_ms = null, progress_json = null",
+    "attempt < $1"
+);
+
+const END_ALL: &str = "update job set lease_until_ms = 0 where status = 'running'";
+
+/// Takes the next waiting job: the highest priority, of those the oldest.
+///
+/// # Errors
+/// [`super::Error::Database`].
+pub async fn claim(store: &Store, owner: &str, lease: Duration) -> Result<Option<Lease>> {
+    let statement = match store.engine() {
+        Engine::Sqlite => CLAIM_SQLITE,
+        Engine::Postgres => CLAIM_POSTGRES,
+    };
+    let mut tx = store.begin().await?;
+    let query = sqlx::query_as(statement).bind(owner).bind(millis(lease));
+    let claimed: Option<(String, i64)> = query.fetch_optional(tx.connection()).await?;
+    tx.commit().await?;
+    Ok(claimed.map(|(job_id, attempt)| Lease { job_id, owner: owner.to_owned(), attempt }))
+}
+
+/// Renews a lease, stores the progress if there is some, and reads the cancel flag, all in one statement.
+///
+/// # Errors
+/// [`Conflict::LeaseLost`], [`super::Error::Database`].
+pub async fn heartbeat(store: &Store, lease: &Lease, duration: Duration, progress_json: Option<&str>) -> Result<Heartbeat> {
+    let mut tx = store.begin().await?;
+    let query = sqlx::query_scalar(HEARTBEAT).bind(&lease.job_id).bind(&lease.owner).bind(lease.attempt);
+    let query = query.bind(millis(duration)).bind(progress_json);
+    let cancel_requested_at_ms: Option<Option<i64>> = query.fetch_optional(tx.connection()).await?;
+    tx.commit().await?;
+    let cancel_requested_at_ms = cancel_requested_at_ms.ok_or(Conflict::LeaseLost)?;
+    Ok(Heartbeat { cancel_requested: cancel_requested_at_ms.is_some() })
+}
+
+/// Ends a job with its report.
+///
+/// # Errors
+/// [`Conflict::LeaseLost`], [`super::Error::Database`]; the transaction must then not be committed.
+pub async fn succeed(tx: &mut Tx, lease: &Lease, report_json: &str, convergence_json: &str, result_sha256: &str) -> Result<()> {
+    let query = sqlx::query(SUCCEED).bind(&lease.job_id).bind(&lease.owner).bind(lease.attempt);
+    let query = query.bind(report_json).bind(convergence_json).bind(result_sha256);
+    held(query.execute(tx.connection()).await?.rows_affected())
+}
+
+/// Ends a job with an error.
+///
+/// # Errors
+/// [`Conflict::LeaseLost`], [`super::Error::Database`].
+pub async fn fail(tx: &mut Tx, lease: &Lease, error_json: &str) -> Result<()> {
+    let query = sqlx::query(FAIL).bind(&lease.job_id).bind(&lease.owner).bind(lease.attempt).bind(error_json);
+    held(query.execute(tx.connection()).await?.rows_affected())
+}
+
+/// Ends a job because somebody asked for it.
+///
+/// # Errors
+/// [`Conflict::LeaseLost`], [`super::Error::Database`].
+pub async fn cancelled(tx: &mut Tx, lease: &Lease) -> Result<()> {
+    let query = sqlx::query(CANCELLED).bind(&lease.job_id).bind(&lease.owner).bind(lease.attempt);
+    held(query.execute(tx.connection()).await?.rows_affected())
+}
+
+/// Puts a job back into the queue as if this attempt had not been; to its end if somebody wanted it cancelled.
+///
+/// # Errors
+/// [`Conflict::LeaseLost`], [`super::Error::Database`].
+pub async fn hand_back(tx: &mut Tx, lease: &Lease) -> Result<()> {
+    let query = sqlx::query(HAND_BACK).bind(&lease.job_id).bind(&lease.owner).bind(lease.attempt);
+    held(query.execute(tx.connection()).await?.rows_affected())
+}
+
+/// Takes jobs from workers that did not renew: back into the queue, or to their end with `exhausted_json` if this
+/// was attempt number `max_attempts`.
+///
+/// # Errors
+/// [`super::Error::Database`].
+pub async fn expire(store: &Store, max_attempts: i64, exhausted_json: &str) -> Result<Expired> {
+    // Mostly there are none, and looking needs no write lock.
+    let n_expired: i64 = sqlx::query_scalar(N_EXPIRED).fetch_one(store.pool()).await?;
+    if n_expired == 0 {
+        return Ok(Expired::default());
+    }
+    let mut tx = store.begin().await?;
+    let cancelled = sqlx::query_scalar(EXPIRE_CANCELLED).fetch_all(tx.connection()).await?;
+    let failed = sqlx::query_scalar(EXPIRE_FAILED).bind(max_attempts).bind(exhausted_json).fetch_all(tx.connection()).await?;
+    let queued = sqlx::query_scalar(EXPIRE_QUEUED).bind(max_attempts).fetch_all(tx.connection()).await?;
+    tx.commit().await?;
+    Ok(Expired { queued, failed, cancelled })
+}
+
+/// Ends every lease: whoever holds the data directory alone knows that the workers before it are dead.
+pub(super) async fn end_all(store: &Store) -> Result<()> {
+    let mut tx = store.begin().await?;
+    sqlx::query(END_ALL).execute(tx.connection()).await?;
+    tx.commit().await
+}
+
+fn millis(duration: Duration) -> i64 {
+    i64::try_from(duration.as_millis()).unwrap_or(i64::MAX / 2)
+}
+
+fn held(rows: u64) -> Result<()> {
+    if rows == 0 { Err(Conflict::LeaseLost.into()) } else { Ok(()) }
+}

@@ -1,0 +1,131 @@
+//! Measurement sets: what was uploaded, byte for byte, and what was found out about it.
+
+use super::{Page, PageRequest, Result, Store, Tx, new_id};
+
+/// A measurement set without its bytes.
+#[derive(Clone, Debug, PartialEq, sqlx::FromRow)]
+pub struct MeasurementSetRow {
+    /// `set_…`
+    pub id: String,
+    /// Its robot.
+    pub robot_id: String,
+    /// Need not be unique.
+    pub name: Option<String>,
+    /// `base` or `instrument`.
+    pub frame: String,
+    /// The upload's own media type.
+    pub content_type: String,
+    /// Of the uploaded bytes, hexadecimal.
+    pub sha256: String,
+    /// How many points.
+    pub n_points: i64,
+    /// How many arm configurations.
+    pub n_configurations: i64,
+    /// How many targets on the tool.
+    pub n_targets: i64,
+    /// The list of warnings.
+    pub warnings_json: String,
+    /// When it was stored.
+    pub created_at_ms: i64,
+}
+
+/// A measurement set to be stored.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NewMeasurementSet {
+    /// Its robot.
+    pub robot_id: String,
+    /// Need not be unique.
+    pub name: Option<String>,
+    /// `base` or `instrument`.
+    pub frame: String,
+    /// The upload's own media type.
+    pub content_type: String,
+    /// The uploaded bytes.
+    pub body: Vec<u8>,
+    /// Of the uploaded bytes, hexadecimal.
+    pub sha256: String,
+    /// How many points.
+    pub n_points: i64,
+    /// How many arm configurations.
+    pub n_configurations: i64,
+    /// How many targets on the tool.
+    pub n_targets: i64,
+    /// The list of warnings.
+    pub warnings_json: String,
+}
+
+macro_rules! columns {
+    () => {
+        "id, robot_id, name, frame, content_type, sha256, n_points, n_configurations, n_targets, warnings_json, created_at_ms"
+    };
+}
+
+pub(super) const ALL_QUERIES: &[&str] = &[INSERT, GET, BODY, LIST];
+
+const INSERT: &str = concat!(
+    "insert into measurement_set (id, robot_id, name, frame, content_type, body, sha256,
+         n_points, n_configurations, n_targets, warnings_json, created_at_ms)
+     values ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, (select now_ms from clock))
+     returning ",
+    columns!()
+);
+
+const GET: &str = concat!("select ", columns!(), " from measurement_set where id = $1");
+
+const BODY: &str = "select body from measurement_set where id = $1";
+
+const LIST: &str = concat!(
+    "select ",
+    columns!(),
+    " from measurement_set
+     where robot_id = $1 and (created_at_ms, id) < ($2, $3)
+     order by created_at_ms desc, id desc
+     limit $4"
+);
+
+/// Stores a measurement set.
+///
+/// # Errors
+/// [`super::Error::NotFound`] if there is no such robot, [`super::Error::Database`].
+pub async fn insert(tx: &mut Tx, new: &NewMeasurementSet) -> Result<MeasurementSetRow> {
+    let query = sqlx::query_as(INSERT)
+        .bind(new_id("set"))
+        .bind(&new.robot_id)
+        .bind(new.name.as_deref())
+        .bind(&new.frame)
+        .bind(&new.content_type)
+        .bind(new.body.as_slice())
+        .bind(&new.sha256)
+        .bind(new.n_points)
+        .bind(new.n_configurations)
+        .bind(new.n_targets)
+        .bind(&new.warnings_json);
+    Ok(query.fetch_one(tx.connection()).await?)
+}
+
+/// One measurement set.
+///
+/// # Errors
+/// [`super::Error::NotFound`], [`super::Error::Database`].
+pub async fn get(store: &Store, id: &str) -> Result<MeasurementSetRow> {
+    Ok(sqlx::query_as(GET).bind(id).fetch_one(store.pool()).await?)
+}
+
+/// The uploaded bytes of one measurement set.
+///
+/// # Errors
+/// [`super::Error::NotFound`], [`super::Error::Database`].
+pub async fn body(store: &Store, id: &str) -> Result<Vec<u8>> {
+    Ok(sqlx::query_scalar(BODY).bind(id).fetch_one(store.pool()).await?)
+}
+
+/// A robot's measurement sets, newest first.
+///
+/// # Errors
+/// [`super::Error::Database`].
+pub async fn list(store: &Store, robot_id: &str, request: &PageRequest) -> Result<Page<MeasurementSetRow>> {
+    let keyset = request.keyset();
+    let query = sqlx::query_as(LIST).bind(robot_id).bind(keyset.created_at_ms).bind(keyset.id).bind(keyset.limit);
+    let rows: Vec<MeasurementSetRow> = query.fetch_all(store.pool()).await?;
+    Ok(request.page(rows, |row| (row.created_at_ms, &row.id)))
+}

@@ -1,0 +1,127 @@
+//! Trained networks: at most one per job.
+
+use super::{Page, PageRequest, Result, Store, Tx, new_id};
+
+/// A network without its weights.
+#[derive(Clone, Debug, PartialEq, sqlx::FromRow)]
+pub struct NetworkRow {
+    /// `net_…`
+    pub id: String,
+    /// Its robot.
+    pub robot_id: String,
+    /// The job that trained it.
+    pub job_id: String,
+    /// The model whose parameters it speaks of.
+    pub model: String,
+    /// The preset of that job.
+    pub preset: String,
+    /// What else is known about it.
+    pub metadata_json: String,
+    /// Of the weights, hexadecimal.
+    pub weights_sha256: String,
+    /// When it was stored.
+    pub created_at_ms: i64,
+}
+
+/// A network to be stored with the job that trained it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NewNetwork {
+    /// The model whose parameters it speaks of.
+    pub model: String,
+    /// The preset of that job.
+    pub preset: String,
+    /// What else is known about it.
+    pub metadata_json: String,
+    /// Safetensors.
+    pub weights: Vec<u8>,
+    /// Of the weights, hexadecimal.
+    pub weights_sha256: String,
+}
+
+macro_rules! columns {
+    () => {
+        "id, robot_id, job_id, model, preset, metadata_json, weights_sha256, created_at_ms"
+    };
+}
+
+pub(super) const ALL_QUERIES: &[&str] = &[INSERT, GET, WEIGHTS, NEWEST, LIST];
+
+const INSERT: &str = concat!(
+    "insert into network (id, robot_id, job_id, model, preset, metadata_json, weights, weights_sha256, created_at_ms)
+     values ($1, (select robot_id from job where id = $2), $2, $3, $4, $5, $6, $7, (select now_ms from clock))
+     returning ",
+    columns!()
+);
+
+const GET: &str = concat!("select ", columns!(), " from network where id = $1");
+
+const WEIGHTS: &str = "select weights from network where id = $1";
+
+const NEWEST: &str = concat!(
+    "select ",
+    columns!(),
+    " from network
+     where robot_id = $1 and model = $2 and preset = $3
+     order by created_at_ms desc, id desc
+     limit 1"
+);
+
+const LIST: &str = concat!(
+    "select ",
+    columns!(),
+    " from network
+     where robot_id = $1 and (created_at_ms, id) < ($2, $3)
+     order by created_at_ms desc, id desc
+     limit $4"
+);
+
+/// Stores the network of a job.
+///
+/// # Errors
+/// [`super::Conflict::Duplicate`] if the job has one, [`super::Error::Database`].
+pub async fn insert(tx: &mut Tx, job_id: &str, new: &NewNetwork) -> Result<NetworkRow> {
+    let query = sqlx::query_as(INSERT)
+        .bind(new_id("net"))
+        .bind(job_id)
+        .bind(&new.model)
+        .bind(&new.preset)
+        .bind(&new.metadata_json)
+        .bind(new.weights.as_slice())
+        .bind(&new.weights_sha256);
+    Ok(query.fetch_one(tx.connection()).await?)
+}
+
+/// One network.
+///
+/// # Errors
+/// [`super::Error::NotFound`], [`super::Error::Database`].
+pub async fn get(store: &Store, id: &str) -> Result<NetworkRow> {
+    Ok(sqlx::query_as(GET).bind(id).fetch_one(store.pool()).await?)
+}
+
+/// The weights of one network.
+///
+/// # Errors
+/// [`super::Error::NotFound`], [`super::Error::Database`].
+pub async fn weights(store: &Store, id: &str) -> Result<Vec<u8>> {
+    Ok(sqlx::query_scalar(WEIGHTS).bind(id).fetch_one(store.pool()).await?)
+}
+
+/// The robot's newest network of this model and preset.
+///
+/// # Errors
+/// [`super::Error::Database`].
+pub async fn newest(store: &Store, robot_id: &str, model: &str, preset: &str) -> Result<Option<NetworkRow>> {
+    Ok(sqlx::query_as(NEWEST).bind(robot_id).bind(model).bind(preset).fetch_optional(store.pool()).await?)
+}
+
+/// A robot's networks, newest first.
+///
+/// # Errors
+/// [`super::Error::Database`].
+pub async fn list(store: &Store, robot_id: &str, request: &PageRequest) -> Result<Page<NetworkRow>> {
+    let keyset = request.keyset();
+    let query = sqlx::query_as(LIST).bind(robot_id).bind(keyset.created_at_ms).bind(keyset.id).bind(keyset.limit);
+    let rows: Vec<NetworkRow> = query.fetch_all(store.pool()).await?;
+    Ok(request.page(rows, |row| (row.created_at_ms, &row.id)))
+}

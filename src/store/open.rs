@@ -1,0 +1,164 @@
+//! Opening the database: where it is, its settings, its lock and its schema.
+
+use std::fs::{File, TryLockError};
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+use std::sync::Arc;
+use std::time::Duration;
+
+use sqlx::any::{AnyConnectOptions, AnyPoolOptions};
+use sqlx::migrate::{Migration, MigrationType, Migrator};
+use sqlx::{AnyPool, Executor, SqlSafeStr};
+
+use super::{Engine, Error, Inner, Result, Store, idempotency, leases};
+
+/// Where the database is.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum StoreLocation {
+    /// The embedded database, in this directory, which is made if it is missing.
+    Sqlite {
+        /// The directory.
+        data_dir: PathBuf,
+    },
+    /// A database server.
+    Postgres {
+        /// `postgres://user:password@host:port/database`.
+        url: String,
+    },
+}
+
+/// The schema's steps, the same numbers on both engines: (version, name, SQLite, PostgreSQL).
+const MIGRATIONS: &[(i64, &str, &str, &str)] =
+    &[(1, "initial", include_str!("../../migrations/sqlite/0001_initial.sql"), include_str!("../../migrations/postgres/0001_initial.sql"))];
+
+/// Older ones can corrupt a database in WAL mode.
+const OLDEST_SQLITE: (u32, u32, u32) = (3, 51, 3);
+/// SQLite's readers do not wait for each other; more connections than this only cost memory.
+const SQLITE_CONNECTIONS: u32 = 8;
+/// Per process; a PostgreSQL server takes 100 connections unless told otherwise.
+const POSTGRES_CONNECTIONS: u32 = 16;
+/// How long a request waits for a connection before it is told to come back later.
+const ACQUIRE_TIMEOUT: Duration = Duration::from_secs(5);
+/// WAL and FULL: what was acknowledged survives power loss. The busy timeout (ms) covers tools beside the server.
+const SQLITE_PRAGMAS: &str = "pragma busy_timeout = 5000; pragma journal_mode = wal; pragma synchronous = full; pragma foreign_keys = on";
+
+pub(super) async fn as_server(location: StoreLocation) -> Result<Store> {
+    match location {
+        StoreLocation::Sqlite { data_dir } => {
+            let data_dir = make_data_dir(&data_dir)?;
+            let lock_file = lock(&data_dir)?.ok_or_else(|| Error::Open {
+                detail: format!(
+                    "the data directory {} is in use by another kincal server; stop that one or choose another",
+                    data_dir.display()
+                ),
+            })?;
+            let store = connect_sqlite(&data_dir, Some(lock_file)).await?;
+            migrate(&store).await?;
+            leases::end_all(&store).await?;
+            idempotency::forget_old(&store).await?;
+            Ok(store)
+        }
+        StoreLocation::Postgres { url } => open_postgres(&url).await,
+    }
+}
+
+pub(super) async fn beside_a_server(location: StoreLocation) -> Result<Store> {
+    match location {
+        StoreLocation::Sqlite { data_dir } => {
+            let data_dir = make_data_dir(&data_dir)?;
+            let alone = lock(&data_dir)?;
+            let store = connect_sqlite(&data_dir, None).await?;
+            if alone.is_some() {
+                migrate(&store).await?;
+            }
+            Ok(store)
+        }
+        StoreLocation::Postgres { url } => open_postgres(&url).await,
+    }
+}
+
+async fn open_postgres(url: &str) -> Result<Store> {
+    if !url.starts_with("postgres://") && !url.starts_with("postgresql://") {
+        return Err(Error::Open { detail: "the database URL must begin with postgres://".into() });
+    }
+    let options = AnyPoolOptions::new().max_connections(POSTGRES_CONNECTIONS).acquire_timeout(ACQUIRE_TIMEOUT);
+    let pool = connect(options, url).await?;
+    let store = new_store(pool, Engine::Postgres, None);
+    migrate(&store).await?;
+    idempotency::forget_old(&store).await?;
+    Ok(store)
+}
+
+fn new_store(pool: AnyPool, engine: Engine, lock_file: Option<File>) -> Store {
+    Store { inner: Arc::new(Inner { pool, engine, write_lock: Arc::default(), _lock_file: lock_file }) }
+}
+
+async fn connect(options: AnyPoolOptions, url: &str) -> Result<AnyPool> {
+    sqlx::any::install_default_drivers();
+    let url = AnyConnectOptions::from_str(url).map_err(|e| Error::Open { detail: format!("the database URL: {e}") })?;
+    options.connect_with(url).await.map_err(|e| Error::Open { detail: format!("cannot open the database: {e}") })
+}
+
+async fn connect_sqlite(data_dir: &Path, lock_file: Option<File>) -> Result<Store> {
+    let options = AnyPoolOptions::new()
+        .max_connections(SQLITE_CONNECTIONS)
+        .acquire_timeout(ACQUIRE_TIMEOUT)
+        .test_before_acquire(false)
+        .after_connect(|connection, _| Box::pin(async move { connection.execute(SQLITE_PRAGMAS).await.map(drop) }));
+    let pool = connect(options, &sqlite_url(data_dir)?).await?;
+    refuse_old_sqlite(&pool).await?;
+    Ok(new_store(pool, Engine::Sqlite, lock_file))
+}
+
+fn sqlite_url(data_dir: &Path) -> Result<String> {
+    let file = data_dir.join("kincal.sqlite");
+    let path = file.to_str().ok_or_else(|| Error::Open { detail: format!("the data directory {} is not UTF-8", data_dir.display()) })?;
+    let mut url = String::from("sqlite://");
+    for byte in path.bytes() {
+        match byte {
+            b'a'..=b'z' | b'A'..=b'Z' | b'0'..=b'9' | b'/' | b'.' | b'-' | b'_' => url.push(char::from(byte)),
+            other => url.push_str(&format!("%{other:02X}")),
+        }
+    }
+    Ok(url + "?mode=rwc")
+}
+
+async fn refuse_old_sqlite(pool: &AnyPool) -> Result<()> {
+    let version: String = sqlx::query_scalar("select sqlite_version()").fetch_one(pool).await?;
+    let mut numbers = version.split('.').map(|n| n.parse().unwrap_or(0));
+    let mut next = || numbers.next().unwrap_or(0);
+    if (next(), next(), next()) < OLDEST_SQLITE {
+        return Err(Error::Open { detail: format!("SQLite {version} can corrupt the database; 3.51.3 or later is needed") });
+    }
+    Ok(())
+}
+
+fn make_data_dir(data_dir: &Path) -> Result<PathBuf> {
+    let failed = |e: std::io::Error| Error::Open { detail: format!("the data directory {}: {e}", data_dir.display()) };
+    std::fs::create_dir_all(data_dir).map_err(failed)?;
+    data_dir.canonicalize().map_err(failed)
+}
+
+/// The lock on the data directory, none if another process has it. It ends with the file, and so with the process.
+fn lock(data_dir: &Path) -> Result<Option<File>> {
+    let path = data_dir.join("lock");
+    let failed = |e: std::io::Error| Error::Open { detail: format!("the lock file {}: {e}", path.display()) };
+    let file = File::options().create(true).truncate(false).write(true).open(&path).map_err(failed)?;
+    match file.try_lock() {
+        Ok(()) => Ok(Some(file)),
+        Err(TryLockError::WouldBlock) => Ok(None),
+        Err(TryLockError::Error(e)) => Err(failed(e)),
+    }
+}
+
+async fn migrate(store: &Store) -> Result<()> {
+    let migrations = MIGRATIONS.iter().map(|&(version, name, sqlite, postgres)| {
+        let sql = match store.engine() {
+            Engine::Sqlite => sqlite,
+            Engine::Postgres => postgres,
+        };
+        Migration::new(version, name.into(), MigrationType::Simple, sql.into_sql_str(), false)
+    });
+    let migrator = Migrator::with_migrations(migrations.collect());
+    migrator.run(store.pool()).await.map_err(|e| Error::Open { detail: format!("the database's schema: {e}") })
+}

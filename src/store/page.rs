@@ -1,0 +1,91 @@
+//! Lists, page by page, newest first: what was there at the first page comes exactly once, whatever is added meanwhile.
+
+/// The most items on one page: a page of summaries stays well under a megabyte.
+pub const MAX_PAGE_SIZE: u32 = 200;
+
+/// Which page of a list.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct PageRequest {
+    /// At most so many items; brought into 1..=[`MAX_PAGE_SIZE`].
+    pub limit: u32,
+    /// Where the page before ended; none for the first page.
+    pub cursor: Option<Cursor>,
+}
+
+/// One page of a list.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Page<T> {
+    /// The items, newest first.
+    pub items: Vec<T>,
+    /// Where the next page begins; none on the last page.
+    pub next_cursor: Option<Cursor>,
+}
+
+/// The last item of a page. Opaque to clients, who get its text and give it back.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Cursor {
+    created_at_ms: i64,
+    id: String,
+}
+
+/// The text is not a cursor that this service made.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("this is not a cursor of this service")]
+pub struct InvalidCursor;
+
+impl std::fmt::Display for Cursor {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}-{}", self.created_at_ms, self.id)
+    }
+}
+
+impl std::str::FromStr for Cursor {
+    type Err = InvalidCursor;
+
+    fn from_str(text: &str) -> Result<Self, InvalidCursor> {
+        let (created_at_ms, id) = text.split_once('-').ok_or(InvalidCursor)?;
+        let is_id = !id.is_empty() && id.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'_');
+        match created_at_ms.parse() {
+            Ok(created_at_ms) if is_id => Ok(Cursor { created_at_ms, id: id.to_owned() }),
+            _ => Err(InvalidCursor),
+        }
+    }
+}
+
+impl Default for PageRequest {
+    fn default() -> Self {
+        PageRequest { limit: MAX_PAGE_SIZE, cursor: None }
+    }
+}
+
+/// What a list query binds: everything before (`created_at_ms`, `id`), one row more than the page holds.
+pub(crate) struct Keyset {
+    pub(crate) created_at_ms: i64,
+    pub(crate) id: String,
+    pub(crate) limit: i64,
+}
+
+impl PageRequest {
+    fn limit(&self) -> usize {
+        self.limit.clamp(1, MAX_PAGE_SIZE) as usize
+    }
+
+    pub(crate) fn keyset(&self) -> Keyset {
+        let limit = self.limit() as i64 + 1;
+        match self.cursor.clone() {
+            Some(Cursor { created_at_ms, id }) => Keyset { created_at_ms, id, limit },
+            None => Keyset { created_at_ms: i64::MAX, id: String::new(), limit },
+        }
+    }
+
+    /// The page from the rows that [`PageRequest::keyset`] asked for.
+    pub(crate) fn page<T>(&self, mut rows: Vec<T>, key: impl Fn(&T) -> (i64, &str)) -> Page<T> {
+        let more = rows.len() > self.limit();
+        rows.truncate(self.limit());
+        let next_cursor = rows.last().filter(|_| more).map(|last| {
+            let (created_at_ms, id) = key(last);
+            Cursor { created_at_ms, id: id.to_owned() }
+        });
+        Page { items: rows, next_cursor }
+    }
+}

@@ -1,0 +1,213 @@
+//! Parameter sets: at most one per job, at most one released per robot, none released without its checks; the schema
+//! has a constraint for each.
+
+use super::{Conflict, Page, PageRequest, Result, Store, Tx, new_id};
+
+/// Where a parameter set is in its life.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ParameterSetStatus {
+    /// Just identified.
+    Candidate,
+    /// The robot's active one.
+    Released,
+    /// It was active until another one was released.
+    Superseded,
+    /// Not to be used.
+    Withdrawn,
+}
+
+impl ParameterSetStatus {
+    /// As in api.md.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            ParameterSetStatus::Candidate => "candidate",
+            ParameterSetStatus::Released => "released",
+            ParameterSetStatus::Superseded => "superseded",
+            ParameterSetStatus::Withdrawn => "withdrawn",
+        }
+    }
+}
+
+impl TryFrom<String> for ParameterSetStatus {
+    type Error = String;
+
+    fn try_from(text: String) -> std::result::Result<Self, String> {
+        [ParameterSetStatus::Candidate, ParameterSetStatus::Released, ParameterSetStatus::Superseded, ParameterSetStatus::Withdrawn]
+            .into_iter()
+            .find(|status| status.as_str() == text)
+            .ok_or_else(|| format!("unknown parameter set status {text:?}"))
+    }
+}
+
+/// A parameter set.
+#[derive(Clone, Debug, PartialEq, sqlx::FromRow)]
+pub struct ParameterSetRow {
+    /// `par_…`
+    pub id: String,
+    /// Its robot.
+    pub robot_id: String,
+    /// The job that identified it.
+    pub job_id: String,
+    /// Where it is in its life.
+    #[sqlx(try_from = "String")]
+    pub status: ParameterSetStatus,
+    /// The parameters.
+    pub body_json: String,
+    /// Of the parameters, hexadecimal.
+    pub sha256: String,
+    /// When it was stored.
+    pub created_at_ms: i64,
+    /// When it was last released.
+    pub released_at_ms: Option<i64>,
+    /// Why it was last released.
+    pub release_reason: Option<String>,
+    /// What was checked before that.
+    pub release_checks_json: Option<String>,
+    /// When it was withdrawn.
+    pub withdrawn_at_ms: Option<i64>,
+    /// Why it was withdrawn.
+    pub withdraw_reason: Option<String>,
+}
+
+/// A parameter set to be stored with the job that identified it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NewParameterSet {
+    /// The parameters.
+    pub body_json: String,
+    /// Of the parameters, hexadecimal.
+    pub sha256: String,
+}
+
+/// The wish to make a parameter set the active one.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Release {
+    /// Which.
+    pub id: String,
+    /// The set that was active when the checks were made, because they compare with it.
+    pub active_when_checked: Option<String>,
+    /// Why.
+    pub reason: String,
+    /// What was checked, and how it came out.
+    pub checks_json: String,
+}
+
+macro_rules! columns {
+    () => {
+        "id, robot_id, job_id, status, body_json, sha256, created_at_ms,
+         released_at_ms, release_reason, release_checks_json, withdrawn_at_ms, withdraw_reason"
+    };
+}
+
+pub(super) const ALL_QUERIES: &[&str] = &[INSERT, GET, ACTIVE, LIST, LOCK_ROBOT, SUPERSEDE, RELEASE, WITHDRAW];
+
+const INSERT: &str = concat!(
+    "insert into parameter_set (id, robot_id, job_id, status, body_json, sha256, created_at_ms)
+     values ($1, (select robot_id from job where id = $2), $2, 'candidate', $3, $4, (select now_ms from clock))
+     returning ",
+    columns!()
+);
+
+const GET: &str = concat!("select ", columns!(), " from parameter_set where id = $1");
+
+const ACTIVE: &str = concat!("select ", columns!(), " from parameter_set where robot_id = $1 and status = 'released'");
+
+const LIST: &str = concat!(
+    "select ",
+    columns!(),
+    " from parameter_set
+     where robot_id = $1 and (created_at_ms, id) < ($2, $3)
+     order by created_at_ms desc, id desc
+     limit $4"
+);
+
+// Changes nothing, but on both engines the next release or withdrawal for this robot waits for this one.
+const LOCK_ROBOT: &str = "update robot set name = name where id = (select robot_id from parameter_set where id = $1)";
+
+const SUPERSEDE: &str = "update parameter_set set status = 'superseded' where robot_id = $1 and status = 'released'";
+
+const RELEASE: &str = "
+    update parameter_set set status = 'released', released_at_ms = (select now_ms from clock),
+        release_reason = $2, release_checks_json = $3
+    where id = $1";
+
+const WITHDRAW: &str = "
+    update parameter_set set status = 'withdrawn', withdrawn_at_ms = (select now_ms from clock), withdraw_reason = $2
+    where id = $1 and status <> 'withdrawn'";
+
+/// Stores the parameter set of a job, as a candidate.
+///
+/// # Errors
+/// [`Conflict::Duplicate`] if the job has one, [`super::Error::Database`].
+pub async fn insert(tx: &mut Tx, job_id: &str, new: &NewParameterSet) -> Result<ParameterSetRow> {
+    let query = sqlx::query_as(INSERT).bind(new_id("par")).bind(job_id).bind(&new.body_json).bind(&new.sha256);
+    Ok(query.fetch_one(tx.connection()).await?)
+}
+
+/// One parameter set.
+///
+/// # Errors
+/// [`super::Error::NotFound`], [`super::Error::Database`].
+pub async fn get(store: &Store, id: &str) -> Result<ParameterSetRow> {
+    Ok(sqlx::query_as(GET).bind(id).fetch_one(store.pool()).await?)
+}
+
+/// The robot's released parameter set.
+///
+/// # Errors
+/// [`super::Error::Database`].
+pub async fn active(store: &Store, robot_id: &str) -> Result<Option<ParameterSetRow>> {
+    Ok(sqlx::query_as(ACTIVE).bind(robot_id).fetch_optional(store.pool()).await?)
+}
+
+/// A robot's parameter sets, newest first.
+///
+/// # Errors
+/// [`super::Error::Database`].
+pub async fn list(store: &Store, robot_id: &str, request: &PageRequest) -> Result<Page<ParameterSetRow>> {
+    let keyset = request.keyset();
+    let query = sqlx::query_as(LIST).bind(robot_id).bind(keyset.created_at_ms).bind(keyset.id).bind(keyset.limit);
+    let rows: Vec<ParameterSetRow> = query.fetch_all(store.pool()).await?;
+    Ok(request.page(rows, |row| (row.created_at_ms, &row.id)))
+}
+
+/// Makes a candidate or superseded set the active one; the active one before becomes superseded.
+/// Releasing the active one again changes nothing.
+///
+/// # Errors
+/// [`super::Error::NotFound`], [`Conflict::Withdrawn`], [`Conflict::ActiveChanged`], [`super::Error::Database`];
+/// the transaction must then not be committed.
+pub async fn release(tx: &mut Tx, release: &Release) -> Result<ParameterSetRow> {
+    let set = lock_and_get(tx, &release.id).await?;
+    match set.status {
+        ParameterSetStatus::Released => return Ok(set),
+        ParameterSetStatus::Withdrawn => return Err(Conflict::Withdrawn.into()),
+        ParameterSetStatus::Candidate | ParameterSetStatus::Superseded => {}
+    }
+    let active: Option<ParameterSetRow> = sqlx::query_as(ACTIVE).bind(&set.robot_id).fetch_optional(tx.connection()).await?;
+    if active.map(|active| active.id) != release.active_when_checked {
+        return Err(Conflict::ActiveChanged.into());
+    }
+    sqlx::query(SUPERSEDE).bind(&set.robot_id).execute(tx.connection()).await?;
+    let query = sqlx::query(RELEASE).bind(&release.id).bind(&release.reason).bind(&release.checks_json);
+    query.execute(tx.connection()).await?;
+    get_in(tx, &release.id).await
+}
+
+/// Withdraws a set in whatever state it is; if it was the active one, the robot has none afterwards.
+///
+/// # Errors
+/// [`super::Error::NotFound`], [`super::Error::Database`].
+pub async fn withdraw(tx: &mut Tx, id: &str, reason: &str) -> Result<ParameterSetRow> {
+    lock_and_get(tx, id).await?;
+    sqlx::query(WITHDRAW).bind(id).bind(reason).execute(tx.connection()).await?;
+    get_in(tx, id).await
+}
+
+async fn lock_and_get(tx: &mut Tx, id: &str) -> Result<ParameterSetRow> {
+    sqlx::query(LOCK_ROBOT).bind(id).execute(tx.connection()).await?;
+    get_in(tx, id).await
+}
+
+async fn get_in(tx: &mut Tx, id: &str) -> Result<ParameterSetRow> {
+    Ok(sqlx::query_as(GET).bind(id).fetch_one(tx.connection()).await?)
+}

@@ -1,0 +1,134 @@
+//! Canonical JSON and its hash: the same content has the same bytes, whoever writes it.
+//!
+//! The form is RFC 8785 (JCS): no white space, keys sorted, numbers as ECMAScript prints them (the shortest text that reads
+//! back as the same 64-bit float; `1.0` is `1`). Libraries for it exist in every language, so a cell PC can check a
+//! parameter set's `sha256` on its own. One deviation: integers beyond 2^53 (seeds) are written exactly.
+
+use serde::Serialize;
+use serde_json::{Number, Value};
+use sha2::{Digest, Sha256};
+
+/// Canonical JSON of anything that serialises.
+///
+/// # Errors
+/// If the value cannot be JSON at all (a map with keys that are not text).
+pub fn to_canonical_json(value: &impl Serialize) -> Result<String, serde_json::Error> {
+    let mut text = String::new();
+    write_value(&serde_json::to_value(value)?, &mut text);
+    Ok(text)
+}
+
+/// Lower-case hexadecimal SHA-256 of the canonical JSON.
+///
+/// # Errors
+/// As [`to_canonical_json`].
+pub fn sha256_of(value: &impl Serialize) -> Result<String, serde_json::Error> {
+    Ok(sha256_hex(to_canonical_json(value)?.as_bytes()))
+}
+
+/// Lower-case hexadecimal SHA-256 of bytes.
+pub fn sha256_hex(bytes: &[u8]) -> String {
+    hex(&Sha256::digest(bytes))
+}
+
+/// Lower-case hexadecimal.
+pub fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+fn write_value(value: &Value, out: &mut String) {
+    match value {
+        Value::Number(number) => out.push_str(&number_text(number)),
+        Value::Array(items) => write_joined(out, ('[', ']'), items.iter(), write_value),
+        Value::Object(map) => {
+            let mut entries: Vec<_> = map.iter().collect();
+            entries.sort_by(|(a, _), (b, _)| a.encode_utf16().cmp(b.encode_utf16()));
+            write_joined(out, ('{', '}'), entries.into_iter(), |(key, item), out| {
+                out.push_str(&Value::from(key.as_str()).to_string());
+                out.push(':');
+                write_value(item, out);
+            });
+        }
+        Value::Null | Value::Bool(_) | Value::String(_) => out.push_str(&value.to_string()),
+    }
+}
+
+fn write_joined<T>(out: &mut String, (open, close): (char, char), items: impl Iterator<Item = T>, write: impl Fn(T, &mut String)) {
+    out.push(open);
+    for (i, item) in items.enumerate() {
+        if i > 0 {
+            out.push(',');
+        }
+        write(item, out);
+    }
+    out.push(close);
+}
+
+fn number_text(number: &Number) -> String {
+    match number.as_f64() {
+        Some(float) if number.is_f64() => ecmascript_number(float),
+        _ => number.to_string(),
+    }
+}
+
+/// Number::toString of ECMAScript: digits d1…dk and n such that the value is 0.d1…dk × 10^n.
+fn ecmascript_number(value: f64) -> String {
+    if value == 0.0 {
+        return "0".into();
+    }
+    let scientific = format!("{:e}", value.abs());
+    let (mantissa, exponent) = scientific.split_once('e').unwrap_or((&scientific, "0"));
+    let digits = mantissa.replace('.', "");
+    let (k, n) = (digits.len() as i32, exponent.parse::<i32>().unwrap_or(0) + 1);
+    let text = if k <= n && n <= 21 {
+        format!("{digits}{}", "0".repeat((n - k) as usize))
+    } else if 0 < n && n <= 21 {
+        format!("{}.{}", &digits[..n as usize], &digits[n as usize..])
+    } else if -6 < n && n <= 0 {
+        format!("0.{}{digits}", "0".repeat(-n as usize))
+    } else {
+        let point = if k > 1 { "." } else { "" };
+        format!("{}{point}{}e{:+}", &digits[..1], &digits[1..], n - 1)
+    };
+    if value < 0.0 { format!("-{text}") } else { text }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{ecmascript_number, sha256_hex, to_canonical_json};
+    use serde_json::json;
+
+    #[test]
+    fn numbers_follow_the_table_of_rfc_8785() {
+        let table: [(u64, &str); 14] = [
+            (0x0000_0000_0000_0000, "0"),
+            (0x8000_0000_0000_0000, "0"),
+            (0x0000_0000_0000_0001, "5e-324"),
+            (0x8000_0000_0000_0001, "-5e-324"),
+            (0x7fef_ffff_ffff_ffff, "1.7976931348623157e+308"),
+            (0x4340_0000_0000_0000, "9007199254740992"),
+            (0x4430_0000_0000_0000, "295147905179352830000"),
+            (0x44b5_2d02_c7e1_4af6, "1e+23"),
+            (0x444b_1ae4_d6e2_ef4f, "999999999999999900000"),
+            (0x444b_1ae4_d6e2_ef50, "1e+21"),
+            (0x3eb0_c6f7_a0b5_ed8d, "0.000001"),
+            (0x3eb0_c6f7_a0b5_ed8c, "9.999999999999997e-7"),
+            (0x41b3_de43_5555_5553, "333333333.3333332"),
+            (0xbecb_f647_612f_3696, "-0.0000033333333333333333"),
+        ];
+        for (bits, expected) in table {
+            assert_eq!(ecmascript_number(f64::from_bits(bits)), expected, "{bits:016x}");
+        }
+    }
+
+    #[test]
+    fn keys_are_sorted_and_white_space_is_gone() {
+        let text = to_canonical_json(&json!({"b": [1.0, -0.5, u64::MAX], "a": {"z": null, "k": "é\n"}})).unwrap();
+        assert_eq!(text, r#"{"a":{"k":"é\n","z":null},"b":[1,-0.5,18446744073709551615]}"#);
+    }
+
+    #[test]
+    fn the_hash_is_the_one_everyone_else_computes() {
+        assert_eq!(sha256_hex(b"abc"), "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
+    }
+}

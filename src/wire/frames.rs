@@ -1,0 +1,136 @@
+//! Preliminary frames from sweeps (section 2.2 of the paper).
+
+use crate::frames::{PreliminaryFrames, SweepCircle, preliminary_frames};
+use crate::kinematics::Robot;
+use crate::wire::issue::Invalid;
+use crate::wire::measurement::{Frame, from_csv};
+use nalgebra::{IsometryMatrix3, Matrix3, Rotation3, Translation3, Vector3};
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// A rigid transformation: p_to = rotation · p_from + translation.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Transform {
+    /// Rotation matrix, row by row.
+    pub rotation: [[f64; 3]; 3],
+    /// Translation, mm.
+    pub translation_mm: [f64; 3],
+}
+
+impl Transform {
+    /// From the core's transformation.
+    pub fn from_core(t: &IsometryMatrix3<f64>) -> Self {
+        let r = t.rotation.matrix();
+        let row = |i| [r[(i, 0)], r[(i, 1)], r[(i, 2)]];
+        Self { rotation: [row(0), row(1), row(2)], translation_mm: t.translation.vector.into() }
+    }
+
+    /// The core's transformation, bit for bit what [`Transform::from_core`] was given.
+    pub fn to_core(&self) -> IsometryMatrix3<f64> {
+        let matrix = Matrix3::from_fn(|i, j| self.rotation[i][j]);
+        IsometryMatrix3::from_parts(Translation3::from(Vector3::from(self.translation_mm)), Rotation3::from_matrix_unchecked(matrix))
+    }
+}
+
+/// Base and tool frame, with the circles behind them.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct FramesContent {
+    /// Base frame in the instrument's frame.
+    pub t_instrument_base: Transform,
+    /// The target's distance from the flange along its axis, mm.
+    pub z_tool_mm: f64,
+    /// One circle for each swept joint.
+    pub circles: Vec<Circle>,
+}
+
+/// A circle fitted to one sweep.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Circle {
+    /// The joint that moved, 1-based.
+    pub joint: usize,
+    /// Centre in the instrument's frame, mm.
+    pub centre_mm: [f64; 3],
+    /// Unit normal along the joint's positive axis.
+    pub normal: [f64; 3],
+    /// Radius, mm.
+    pub radius_mm: f64,
+    /// Root mean square distance of the points from the circle, mm.
+    pub rms_mm: f64,
+}
+
+/// Stored frames.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct FramesAnswer {
+    /// Opaque identifier; a job takes it as `frames_id`.
+    pub id: String,
+    /// The robot that was swept.
+    pub robot_id: String,
+    /// Base frame in the instrument's frame.
+    pub t_instrument_base: Transform,
+    /// The target's distance from the flange along its axis, mm.
+    pub z_tool_mm: f64,
+    /// One circle for each swept joint.
+    pub circles: Vec<Circle>,
+    /// RFC 3339, UTC.
+    pub created_at: String,
+}
+
+impl FramesAnswer {
+    /// The answer for stored frames.
+    pub fn new(id: String, robot_id: String, content: FramesContent, created_at: String) -> Self {
+        let FramesContent { t_instrument_base, z_tool_mm, circles } = content;
+        Self { id, robot_id, t_instrument_base, z_tool_mm, circles, created_at }
+    }
+}
+
+/// Reads sweeps and finds base and tool frame.
+///
+/// # Errors
+/// [`Invalid`] for a file that cannot be read, or sweeps that do not say enough (parallel axes, too short an arc).
+pub fn from_sweeps(bytes: &[u8], robot: &Robot) -> Result<FramesContent, Invalid> {
+    let set = from_csv(bytes, Frame::Instrument, robot.links.len())?;
+    let frames = preliminary_frames(robot, &set).map_err(|error| Invalid::at("", error.code(), error.to_string()))?;
+    Ok(FramesContent::from_core(&frames))
+}
+
+impl FramesContent {
+    /// From the core's frames.
+    pub fn from_core(frames: &PreliminaryFrames) -> Self {
+        Self {
+            t_instrument_base: Transform::from_core(&frames.t_instrument_base),
+            z_tool_mm: frames.z_tool_mm,
+            circles: frames.circles.iter().map(Circle::from_core).collect(),
+        }
+    }
+
+    /// The core's frames.
+    pub fn to_core(&self) -> PreliminaryFrames {
+        PreliminaryFrames {
+            t_instrument_base: self.t_instrument_base.to_core(),
+            z_tool_mm: self.z_tool_mm,
+            circles: self.circles.iter().copied().map(Circle::to_core).collect(),
+        }
+    }
+}
+
+impl Circle {
+    fn from_core(circle: &SweepCircle) -> Self {
+        Self {
+            joint: circle.joint,
+            centre_mm: circle.centre_mm.into(),
+            normal: circle.normal.into(),
+            radius_mm: circle.radius_mm,
+            rms_mm: circle.rms_mm,
+        }
+    }
+
+    fn to_core(self) -> SweepCircle {
+        SweepCircle {
+            joint: self.joint,
+            centre_mm: self.centre_mm.into(),
+            normal: self.normal.into(),
+            radius_mm: self.radius_mm,
+            rms_mm: self.rms_mm,
+        }
+    }
+}

@@ -1,0 +1,114 @@
+//! What is wrong with an upload, item by item.
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// Most issues one answer lists: enough to mend a file in one go, small enough to read.
+pub const MAX_ISSUES: usize = 100;
+
+/// One thing that is wrong with the input: where, what, and how to mend it.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct Issue {
+    /// 0-based data row of a CSV file (the header is not counted).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub row: Option<usize>,
+    /// Column of a CSV file, or name of a query parameter.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub column: Option<String>,
+    /// JSON pointer (RFC 6901) into the request body.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pointer: Option<String>,
+    /// Stable, machine-readable reason.
+    pub code: String,
+    /// In words: the value found, and a hint.
+    pub detail: String,
+}
+
+impl Issue {
+    /// An issue at a JSON pointer.
+    pub fn at(pointer: impl Into<String>, code: &str, detail: impl Into<String>) -> Self {
+        Self { pointer: Some(pointer.into()), code: code.into(), detail: detail.into(), ..Self::default() }
+    }
+}
+
+/// Input that was understood but cannot be used (422), with every reason found.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{}", self.summary())]
+pub struct Invalid {
+    /// Code of the problem as a whole.
+    pub code: &'static str,
+    /// Every reason; at most [`MAX_ISSUES`].
+    pub issues: Vec<Issue>,
+}
+
+impl Invalid {
+    /// One reason at a JSON pointer; its code is the whole problem's too.
+    pub fn at(pointer: &str, code: &'static str, detail: impl Into<String>) -> Self {
+        Self { code, issues: vec![Issue::at(pointer, code, detail)] }
+    }
+
+    /// The first reason and how many more there are.
+    pub fn summary(&self) -> String {
+        let Some(first) = self.issues.first() else { return "the input cannot be used".into() };
+        let place = match (&first.pointer, first.row, &first.column) {
+            (Some(pointer), _, _) if !pointer.is_empty() => format!("{pointer}: "),
+            (_, Some(row), Some(column)) => format!("row {row}, column {column}: "),
+            (_, Some(row), None) => format!("row {row}: "),
+            (_, None, Some(column)) => format!("{column}: "),
+            _ => String::new(),
+        };
+        match self.issues.len() - 1 {
+            0 => format!("{place}{}", first.detail),
+            more => format!("{place}{} (and {more} more, see errors)", first.detail),
+        }
+    }
+}
+
+/// Collects issues while a document is checked, so that one answer names them all.
+#[derive(Debug, Default)]
+pub struct Checker {
+    issues: Vec<Issue>,
+}
+
+impl Checker {
+    /// Notes an issue; past [`MAX_ISSUES`] they are dropped.
+    pub fn note(&mut self, pointer: impl Into<String>, code: &str, detail: impl Into<String>) {
+        if self.issues.len() < MAX_ISSUES {
+            self.issues.push(Issue::at(pointer, code, detail));
+        }
+    }
+
+    /// Notes an issue unless `value` is finite and within `[-limit, limit]`.
+    pub fn magnitude(&mut self, pointer: impl Into<String>, value: f64, limit: f64, hint: &str) {
+        if value.is_nan() || value.abs() > limit {
+            self.note(pointer, "out_of_range", format!("{value} is outside ±{limit}: {hint}"));
+        }
+    }
+
+    /// Notes an issue unless `found` equals `expected`; true when it does.
+    pub fn length(&mut self, pointer: impl Into<String>, found: usize, expected: usize, what: &str) -> bool {
+        if found != expected {
+            self.note(pointer, "wrong_length", format!("{found} values where {expected} belong: {what}"));
+        }
+        found == expected
+    }
+
+    /// Notes an issue unless the text has 1 to `max` characters, none of them NUL.
+    pub fn text(&mut self, pointer: &str, text: &str, max: usize) {
+        let n = text.chars().count();
+        if n == 0 || n > max {
+            self.note(pointer, "wrong_length", format!("{n} characters; 1 to {max} are allowed"));
+        }
+        if text.contains('\0') {
+            self.note(pointer, "nul_character", "it holds U+0000, which no database text may hold: take it out");
+        }
+    }
+
+    /// `Ok` if nothing was noted.
+    ///
+    /// # Errors
+    /// [`Invalid`] with everything that was.
+    pub fn finish(self, code: &'static str) -> Result<(), Invalid> {
+        if self.issues.is_empty() { Ok(()) } else { Err(Invalid { code, issues: self.issues }) }
+    }
+}

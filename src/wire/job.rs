@@ -1,0 +1,416 @@
+//! A job: what is asked, and how it stands.
+
+use crate::calibration::request::{self, CalibrationRequest, ParameterChoice, VerifySource};
+use crate::frames::PreliminaryFrames;
+use crate::identification::TrainedNetwork;
+use crate::kinematics::Robot;
+use crate::measurement::MeasurementSet;
+use crate::wire::issue::{Checker, Invalid};
+use crate::wire::options::OptionsBody;
+use crate::wire::problem::Problem;
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// Most names in `hold`, `identify` or `priors`: more than any model has.
+pub const MAX_NAMES: usize = 500;
+/// Longest parameter name, characters.
+pub const MAX_PARAMETER_NAME: usize = 64;
+
+/// What a job does.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Kind {
+    /// Identifies parameters.
+    #[default]
+    Identify,
+    /// Scores a parameter set (not built yet).
+    Verify,
+}
+
+/// How the parameters are identified.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Method {
+    /// The best we know for this set.
+    #[default]
+    Auto,
+    /// Levenberg-Marquardt from nominal.
+    LeastSquares,
+    /// Particle swarm, cold.
+    Pso,
+    /// Particle swarm that the robot's network moves first.
+    BpnnPso,
+}
+
+/// Which parameters exist.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Model {
+    /// The paper's: four per link, base known, target on the flange axis.
+    Paper,
+    /// Base pose, targets, links and beta, redundancy taken out.
+    Complete,
+}
+
+/// Where options that are not given come from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Preset {
+    /// Ours.
+    #[default]
+    Default,
+    /// The paper's, to the letter.
+    Paper,
+}
+
+/// What link parameters cannot say.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Corrections {
+    /// None.
+    Off,
+    /// Those that win by cross-validation; none is built yet, so it chooses none.
+    Auto,
+}
+
+/// A calibration to run. All but the set is optional.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct JobRequestBody {
+    /// The measured points.
+    pub measurement_set_id: String,
+    /// What to do.
+    #[serde(default)]
+    #[schema(inline)]
+    pub kind: Kind,
+    /// The parameter set to verify (`kind: verify`).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub parameter_set_id: Option<String>,
+    /// How.
+    #[serde(default)]
+    #[schema(inline)]
+    pub method: Method,
+    /// Which parameters exist; default: paper for a set in the base frame, else complete.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub model: Option<Model>,
+    /// Where options that are not given come from.
+    #[serde(default)]
+    #[schema(inline)]
+    pub preset: Preset,
+    /// Which of them are free; default: all.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub parameters: Option<ParametersBody>,
+    /// Base and tool frame from sweeps.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub frames_id: Option<String>,
+    /// The network for `bpnn_pso`; default: the newest of the same model and preset.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub network_id: Option<String>,
+    /// Seed of every random number.
+    #[serde(default)]
+    pub seed: u64,
+    /// Levenberg-Marquardt after the swarm; default: true, false in preset paper.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub refine: Option<bool>,
+    /// Where the verify points come from.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub verify: Option<VerifyBody>,
+    /// What link parameters cannot say.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub corrections: Option<Corrections>,
+    /// Search options.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub options: Option<OptionsBody>,
+}
+
+/// Which of the model's parameters are free: all but `hold`, or only `identify`.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ParametersBody {
+    /// Names to hold at nominal, e.g. `a_1`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub hold: Option<Vec<String>>,
+    /// The only names to identify, e.g. `theta_offset_3`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub identify: Option<Vec<String>>,
+    /// What is known beforehand (not built yet).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub priors: Option<Vec<Prior>>,
+}
+
+/// What is known of a parameter beforehand.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Prior {
+    /// The parameter.
+    pub name: String,
+    /// One standard deviation about nominal, mm or degrees.
+    pub std: f64,
+    /// Smallest value allowed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub min: Option<f64>,
+    /// Largest value allowed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub max: Option<f64>,
+}
+
+/// Where the verify points come from.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(tag = "source", rename_all = "snake_case", deny_unknown_fields)]
+pub enum VerifyBody {
+    /// The set's `subset` column.
+    Subset,
+    /// A seeded share of the configurations.
+    Fraction {
+        /// Between 0 and 1.
+        fraction: f64,
+    },
+    /// Another set of the same robot.
+    Set {
+        /// That set.
+        measurement_set_id: String,
+    },
+}
+
+/// The stored things a job refers to, already read.
+#[derive(Clone, Debug)]
+pub struct JobParts {
+    /// The robot.
+    pub robot: Robot,
+    /// The set.
+    pub set: MeasurementSet,
+    /// The set of `verify: {source: "set"}`.
+    pub verify_set: Option<MeasurementSet>,
+    /// The frames of `frames_id`.
+    pub frames: Option<PreliminaryFrames>,
+    /// The network that was pinned when the job was posted.
+    pub network: Option<TrainedNetwork>,
+}
+
+impl JobRequestBody {
+    /// The request for a set, everything else by default.
+    pub fn for_set(measurement_set_id: &str) -> Self {
+        Self {
+            measurement_set_id: measurement_set_id.into(),
+            kind: Kind::default(),
+            parameter_set_id: None,
+            method: Method::default(),
+            model: None,
+            preset: Preset::default(),
+            parameters: None,
+            frames_id: None,
+            network_id: None,
+            seed: 0,
+            refine: None,
+            verify: None,
+            corrections: None,
+            options: None,
+        }
+    }
+
+    /// Every check that needs the request alone.
+    ///
+    /// # Errors
+    /// [`Invalid`]: `invalid_job` for values out of range, `not_available` for what is not built yet.
+    pub fn check(&self) -> Result<(), Invalid> {
+        let mut checker = Checker::default();
+        self.options.unwrap_or_default().check(&mut checker);
+        if let Some(VerifyBody::Fraction { fraction }) = self.verify
+            && !(fraction > 0.0 && fraction < 1.0)
+        {
+            checker.note("/verify/fraction", "out_of_range", format!("{fraction} is not between 0 and 1, e.g. 0.5"));
+        }
+        if let Some(parameters) = &self.parameters {
+            parameters.check(&mut checker);
+        }
+        checker.finish("invalid_job")?;
+        let mut missing = Checker::default();
+        if self.kind == Kind::Verify {
+            missing.note(
+                "/kind",
+                "not_available",
+                "kind \"verify\" is not built yet: post an identify job, its report scores the verify points",
+            );
+        }
+        if self.parameters.as_ref().is_some_and(|p| p.priors.is_some()) {
+            missing.note("/parameters/priors", "not_available", "priors are not built yet: leave them out, or hold the parameters");
+        }
+        missing.finish("not_available")
+    }
+
+    /// The core's request.
+    ///
+    /// # Errors
+    /// As [`JobRequestBody::check`].
+    pub fn to_core(&self, parts: JobParts) -> Result<CalibrationRequest, Invalid> {
+        self.check()?;
+        Ok(CalibrationRequest {
+            robot: parts.robot,
+            set: parts.set,
+            method: self.method.to_core(),
+            model: self.model.map(Model::to_core),
+            preset: self.preset.to_core(),
+            parameters: self.parameters.clone().unwrap_or_default().into_core(),
+            frames: parts.frames,
+            network: parts.network,
+            seed: self.seed,
+            refine: self.refine,
+            verify: match (&self.verify, parts.verify_set) {
+                (Some(VerifyBody::Set { .. }), Some(set)) => VerifySource::Set(set),
+                (Some(VerifyBody::Fraction { fraction }), _) => VerifySource::Fraction(*fraction),
+                (Some(VerifyBody::Subset), _) => VerifySource::Subset,
+                _ => VerifySource::Default,
+            },
+            options: self.options.unwrap_or_default().to_core(),
+        })
+    }
+}
+
+impl ParametersBody {
+    fn check(&self, checker: &mut Checker) {
+        if self.hold.is_some() && self.identify.is_some() {
+            checker.note("/parameters", "hold_and_identify", "give either hold or identify, not both");
+        }
+        for (at, names) in [("hold", &self.hold), ("identify", &self.identify)] {
+            let names = names.as_deref().unwrap_or_default();
+            if names.len() > MAX_NAMES {
+                checker.note(format!("/parameters/{at}"), "wrong_length", format!("{} names; at most {MAX_NAMES}", names.len()));
+            }
+            for (i, name) in names.iter().take(MAX_NAMES).enumerate() {
+                checker.text(&format!("/parameters/{at}/{i}"), name, MAX_PARAMETER_NAME);
+            }
+        }
+    }
+
+    fn into_core(self) -> ParameterChoice {
+        match (self.hold, self.identify) {
+            (Some(hold), _) => ParameterChoice::Hold(hold),
+            (None, Some(identify)) => ParameterChoice::Identify(identify),
+            (None, None) => ParameterChoice::All,
+        }
+    }
+}
+
+/// Both directions between a wire enum and the core's, and its spelling.
+macro_rules! same_as_core {
+    ($wire:ident, $core:ty, $($variant:ident = $text:literal),+) => {
+        impl $wire {
+            /// The core's value.
+            pub fn to_core(self) -> $core {
+                match self { $(Self::$variant => <$core>::$variant),+ }
+            }
+
+            /// From the core's value.
+            pub fn from_core(value: $core) -> Self {
+                match value { $(<$core>::$variant => Self::$variant),+ }
+            }
+
+            /// As it stands on the wire.
+            pub fn as_str(self) -> &'static str {
+                match self { $(Self::$variant => $text),+ }
+            }
+
+            /// From its spelling on the wire.
+            pub fn parse(text: &str) -> Option<Self> {
+                match text { $($text => Some(Self::$variant),)+ _ => None }
+            }
+        }
+    };
+}
+
+same_as_core!(Method, request::Method, Auto = "auto", LeastSquares = "least_squares", Pso = "pso", BpnnPso = "bpnn_pso");
+same_as_core!(Model, request::Model, Paper = "paper", Complete = "complete");
+same_as_core!(Preset, request::Preset, Default = "default", Paper = "paper");
+
+/// How a job stands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum JobStatus {
+    /// Waiting for a worker.
+    Queued,
+    /// A worker has it.
+    Running,
+    /// Done; report and parameter set exist.
+    Succeeded,
+    /// Over without a result; `error` says why.
+    Failed,
+    /// Stopped on request.
+    Cancelled,
+}
+
+impl JobStatus {
+    /// True once nothing changes any more.
+    pub fn is_over(self) -> bool {
+        matches!(self, Self::Succeeded | Self::Failed | Self::Cancelled)
+    }
+}
+
+/// How far a running job is.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ProgressAnswer {
+    /// Iterations done.
+    pub iteration: u64,
+    /// The limit.
+    pub n_iterations: u64,
+    /// Smallest F so far, mm².
+    #[schema(required)]
+    pub best_cost_mm2: Option<f64>,
+}
+
+/// A job as the service answers it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct JobAnswer {
+    /// Opaque identifier.
+    pub id: String,
+    /// The robot.
+    pub robot_id: String,
+    /// The set it identifies from.
+    pub measurement_set_id: String,
+    /// What it does.
+    pub kind: Kind,
+    /// The method asked for; the report says which one ran.
+    pub method: Method,
+    /// How it stands.
+    pub status: JobStatus,
+    /// How often a worker has begun it.
+    pub attempt: u32,
+    /// How far it is.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub progress: Option<ProgressAnswer>,
+    /// Why it failed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub error: Option<Problem>,
+    /// Its parameter set, once it has succeeded.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub parameter_set_id: Option<String>,
+    /// The network it trained, if it was a swarm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub network_id: Option<String>,
+    /// RFC 3339, UTC.
+    pub created_at: String,
+    /// RFC 3339, UTC.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub started_at: Option<String>,
+    /// RFC 3339, UTC.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub finished_at: Option<String>,
+}
+
+/// One server-sent event of a job.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct JobEvent {
+    /// `progress` whenever the job moves, `finished` once when it is over.
+    pub event: JobEventName,
+    /// The job, in JSON.
+    pub data: String,
+}
+
+/// What a job's event is called.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum JobEventName {
+    /// The job moved.
+    Progress,
+    /// The job is over; nothing follows.
+    Finished,
+}

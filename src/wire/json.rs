@@ -1,0 +1,89 @@
+//! Request bodies in JSON, with errors that say where.
+
+use crate::wire::{Invalid, Issue};
+use serde::de::DeserializeOwned;
+use serde_path_to_error::{Path, Segment};
+
+/// Why a body could not be read.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum Error {
+    /// Not JSON at all (400).
+    #[error("the body is not JSON: {0}")]
+    Syntax(String),
+    /// JSON of another shape (422).
+    #[error(transparent)]
+    Shape(#[from] Invalid),
+}
+
+/// Reads a body; unknown fields, missing fields and wrong types are named with a JSON pointer.
+///
+/// # Errors
+/// [`Error::Syntax`] if it is not JSON, [`Error::Shape`] if it is JSON of another shape.
+pub fn parse<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Error> {
+    let mut reader = serde_json::Deserializer::from_slice(bytes);
+    let value = serde_path_to_error::deserialize(&mut reader).map_err(|error| {
+        let pointer = pointer(error.path());
+        explain(pointer, error.inner())
+    })?;
+    reader.end().map_err(|error| Error::Syntax(error.to_string()))?;
+    Ok(value)
+}
+
+fn explain(pointer: String, error: &serde_json::Error) -> Error {
+    use serde_json::error::Category;
+    let text = error.to_string();
+    if text.starts_with("number out of range") {
+        let detail = format!("{text}: numbers must fit a 64-bit float");
+        return Error::Shape(Invalid { code: "out_of_range", issues: vec![Issue::at(pointer, "out_of_range", detail)] });
+    }
+    match error.classify() {
+        Category::Data => Error::Shape(Invalid { code: "invalid_body", issues: vec![Issue::at(pointer, "invalid_body", text)] }),
+        Category::Syntax | Category::Eof | Category::Io => Error::Syntax(text),
+    }
+}
+
+/// RFC 6901: `~` and `/` inside a key are escaped.
+fn pointer(path: &Path) -> String {
+    let mut pointer = String::new();
+    for segment in path.iter() {
+        match segment {
+            Segment::Seq { index } => pointer.push_str(&format!("/{index}")),
+            Segment::Map { key } => pointer.push_str(&format!("/{}", key.replace('~', "~0").replace('/', "~1"))),
+            Segment::Enum { .. } | Segment::Unknown => {}
+        }
+    }
+    pointer
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Error, parse};
+    use crate::wire::robot::RobotBody;
+
+    fn issue_of(body: &str) -> (Option<String>, String) {
+        match parse::<RobotBody>(body.as_bytes()) {
+            Err(Error::Shape(invalid)) => (invalid.issues[0].pointer.clone(), invalid.issues[0].code.clone()),
+            other => panic!("expected a shape error, got {other:?}"),
+        }
+    }
+
+    #[test]
+    fn a_number_that_would_become_infinite_is_refused_where_it_stands() {
+        let body = r#"{"name": "x", "links": [{"a_mm": 1e400, "alpha_deg": 0, "d_mm": 0, "theta_offset_deg": 0}]}"#;
+        assert_eq!(issue_of(body), (Some("/links/0/a_mm".into()), "out_of_range".into()));
+    }
+
+    #[test]
+    fn an_unknown_field_is_refused_where_it_stands() {
+        let body = r#"{"name": "x", "links": [{"a_mm": 1, "alpha_rad": 0, "d_mm": 0, "theta_offset_deg": 0}]}"#;
+        assert_eq!(issue_of(body), (Some("/links/0/alpha_rad".into()), "invalid_body".into()));
+    }
+
+    #[test]
+    fn text_after_the_document_and_deep_nesting_are_syntax_errors() {
+        assert!(matches!(parse::<Vec<f64>>(b"[1] [2]"), Err(Error::Syntax(_))));
+        let deep = "[".repeat(1_000_000);
+        assert!(matches!(parse::<serde_json::Value>(deep.as_bytes()), Err(Error::Syntax(_))));
+        assert!(matches!(parse::<serde_json::Value>(b"{\"a\": NaN}"), Err(Error::Syntax(_))));
+    }
+}

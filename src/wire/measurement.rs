@@ -1,0 +1,332 @@
+//! Measurement sets: CSV or JSON in, a summary out.
+
+use crate::calibration::upload;
+use crate::kinematics::Robot;
+pub use crate::measurement::MeasurementSet;
+use crate::measurement::{self, Point, Subset};
+use crate::wire::angle::{to_degrees, to_radians};
+use crate::wire::issue::{Checker, Invalid, Issue, MAX_ISSUES};
+use crate::wire::json;
+use crate::wire::robot::MAX_NAME;
+use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
+use utoipa::ToSchema;
+
+/// Most points of one set; the largest public campaigns have under a thousand.
+pub const MAX_POINTS: usize = 100_000;
+/// Farthest a measured coordinate may be from the instrument or base, mm: trackers reach 80 m.
+pub const MAX_POSITION_MM: f64 = 100_000.0;
+/// Largest joint value, degrees: ten turns.
+pub const MAX_JOINT_VALUE_DEG: f64 = 3_600.0;
+/// Most reflectors on one tool.
+pub const MAX_TARGETS: usize = 32;
+/// Most rows one warning names.
+const MAX_WARNED_ROWS: usize = 20;
+
+/// The frame in which positions were measured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Frame {
+    /// The robot's base frame.
+    Base,
+    /// The instrument's own frame: base pose and target offsets are unknown.
+    Instrument,
+}
+
+impl Frame {
+    /// The core's frame.
+    pub fn to_core(self) -> measurement::Frame {
+        match self {
+            Self::Base => measurement::Frame::Base,
+            Self::Instrument => measurement::Frame::Instrument,
+        }
+    }
+
+    /// From its spelling on the wire.
+    pub fn parse(text: &str) -> Option<Self> {
+        [Self::Base, Self::Instrument].into_iter().find(|frame| frame.as_str() == text)
+    }
+
+    /// As it stands on the wire.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Base => "base",
+            Self::Instrument => "instrument",
+        }
+    }
+}
+
+/// Which half of a set a point belongs to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum SubsetName {
+    /// The parameters are fitted to it.
+    Identify,
+    /// The parameters are scored on it.
+    Verify,
+}
+
+/// A measurement set in JSON.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct MeasurementSetBody {
+    /// The frame of every position; may be given in the query instead.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub frame: Option<Frame>,
+    /// What people call it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(min_length = 1, max_length = 200)]
+    pub name: Option<String>,
+    /// The points, in measuring order.
+    #[schema(min_items = 1, max_items = 100000)]
+    pub points: Vec<PointBody>,
+}
+
+/// One measured position.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PointBody {
+    /// The controller's joint values, degrees.
+    pub q_deg: Vec<f64>,
+    /// Where the target was seen, mm.
+    pub position_mm: [f64; 3],
+    /// Points of one arm configuration share this label; default: equal joint values.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub configuration: Option<String>,
+    /// Which reflector on the tool, 0-based; default 0.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(maximum = 31)]
+    pub target: Option<usize>,
+    /// Which half it belongs to.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub subset: Option<SubsetName>,
+    /// Its own standard uncertainty, mm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub std_mm: Option<f64>,
+    /// Label of the instrument's set-up.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub station: Option<String>,
+    /// Label of the measuring session.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub session: Option<String>,
+    /// Place in the measuring order; default: the order of the points.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sequence: Option<i64>,
+    /// Air temperature at the robot, °C.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub temperature_c: Option<f64>,
+    /// When it was measured; kept with the upload.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub measured_at: Option<String>,
+}
+
+/// What is known of a stored set.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct SetSummary {
+    /// Opaque identifier.
+    pub id: String,
+    /// The robot it was measured on.
+    pub robot_id: String,
+    /// What people call it.
+    #[schema(required)]
+    pub name: Option<String>,
+    /// The frame of every position.
+    pub frame: Frame,
+    /// Number of points.
+    pub n_points: usize,
+    /// Number of distinct arm configurations.
+    pub n_configurations: usize,
+    /// Number of reflectors.
+    pub n_targets: usize,
+    /// SHA-256 of the uploaded bytes, lower-case hexadecimal.
+    pub sha256: String,
+    /// RFC 3339, UTC.
+    pub created_at: String,
+    /// What one should know before using it.
+    pub warnings: Vec<Warning>,
+}
+
+/// A remark that the reader should not miss.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct Warning {
+    /// Stable code.
+    pub code: String,
+    /// In words.
+    pub detail: String,
+    /// 0-based data rows it is about.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub rows: Vec<usize>,
+}
+
+impl Warning {
+    /// The core's remark.
+    pub fn from_core(warning: &crate::calibration::report::Warning) -> Self {
+        Self { code: warning.code.into(), detail: warning.detail.clone(), rows: warning.rows.clone() }
+    }
+}
+
+/// Reads an uploaded CSV file.
+///
+/// # Errors
+/// [`Invalid`] with row, column and value of everything that is wrong.
+pub fn from_csv(bytes: &[u8], frame: Frame, n_joints: usize) -> Result<MeasurementSet, Invalid> {
+    let set = measurement::csv::parse(bytes, frame.to_core(), n_joints).map_err(|error| Invalid {
+        code: "invalid_measurements",
+        issues: error.issues.into_iter().take(MAX_ISSUES).map(csv_issue).collect(),
+    })?;
+    if set.points.len() > MAX_POINTS {
+        let detail = format!("{} rows; a set holds at most {MAX_POINTS}: split the file", set.points.len());
+        return Err(Invalid::at("", "too_many_points", detail));
+    }
+    Ok(set)
+}
+
+/// Reads a stored upload again.
+///
+/// # Errors
+/// [`Invalid`]; does not happen for bytes that were accepted once.
+pub fn from_upload(content_type: &str, bytes: &[u8], frame: Frame, n_joints: usize) -> Result<MeasurementSet, Invalid> {
+    if !content_type.to_ascii_lowercase().starts_with("application/json") {
+        return from_csv(bytes, frame, n_joints);
+    }
+    let body: MeasurementSetBody = json::parse(bytes).map_err(|error| match error {
+        json::Error::Shape(invalid) => invalid,
+        json::Error::Syntax(detail) => Invalid::at("", "malformed_json", detail),
+    })?;
+    body.to_core(Some(frame), n_joints)
+}
+
+fn csv_issue(issue: measurement::csv::Issue) -> Issue {
+    Issue { row: issue.row, column: issue.column, pointer: None, code: issue.code.into(), detail: issue.detail }
+}
+
+impl MeasurementSetBody {
+    /// The core's set, after the same checks as for CSV. `frame` is what the query said.
+    ///
+    /// # Errors
+    /// [`Invalid`] with a JSON pointer to everything that is wrong.
+    pub fn to_core(&self, frame: Option<Frame>, n_joints: usize) -> Result<MeasurementSet, Invalid> {
+        let frame = self.resolve_frame(frame)?;
+        let mut checker = Checker::default();
+        if self.points.is_empty() || self.points.len() > MAX_POINTS {
+            checker.note("/points", "wrong_length", format!("{} points; 1 to {MAX_POINTS} are allowed", self.points.len()));
+        }
+        if let Some(name) = &self.name {
+            checker.text("/name", name, MAX_NAME);
+        }
+        for (i, point) in self.points.iter().take(MAX_POINTS).enumerate() {
+            point.check(&format!("/points/{i}"), n_joints, &mut checker);
+        }
+        checker.finish("invalid_measurements")?;
+        let points = self.points.iter().enumerate().map(|(row, point)| point.to_core(row)).collect();
+        Ok(MeasurementSet::new(frame.to_core(), points))
+    }
+
+    /// The frame of the body, or else of the query.
+    ///
+    /// # Errors
+    /// [`Invalid`] if neither says it, or they differ.
+    pub fn resolve_frame(&self, query: Option<Frame>) -> Result<Frame, Invalid> {
+        match (self.frame, query) {
+            (Some(body), Some(query)) if body != query => {
+                let detail = format!("the body says {:?}, the query {:?}: drop one", body.as_str(), query.as_str());
+                Err(Invalid::at("/frame", "frame_conflict", detail))
+            }
+            (Some(frame), _) | (None, Some(frame)) => Ok(frame),
+            (None, None) => Err(Invalid::at("/frame", "frame_required", "say in which frame it was measured: \"base\" or \"instrument\"")),
+        }
+    }
+}
+
+impl PointBody {
+    fn check(&self, at: &str, n_joints: usize, checker: &mut Checker) {
+        checker.length(format!("{at}/q_deg"), self.q_deg.len(), n_joints, "one joint value per link of the robot");
+        for (j, q) in self.q_deg.iter().enumerate() {
+            checker.magnitude(format!("{at}/q_deg/{j}"), *q, MAX_JOINT_VALUE_DEG, "joint values are in degrees");
+        }
+        for (j, x) in self.position_mm.iter().enumerate() {
+            checker.magnitude(format!("{at}/position_mm/{j}"), *x, MAX_POSITION_MM, "positions are in millimetres");
+        }
+        if let Some(target) = self.target.filter(|target| *target >= MAX_TARGETS) {
+            checker.note(format!("{at}/target"), "out_of_range", format!("{target}: targets are numbered from 0, at most {MAX_TARGETS}"));
+        }
+        if let Some(std) = self.std_mm.filter(|std| !(*std > 0.0 && *std <= MAX_POSITION_MM)) {
+            checker.note(format!("{at}/std_mm"), "out_of_range", format!("{std}: a standard uncertainty is above 0 mm"));
+        }
+        for (label, name) in [(&self.configuration, "configuration"), (&self.station, "station"), (&self.session, "session")] {
+            if let Some(label) = label {
+                checker.text(&format!("{at}/{name}"), label, MAX_NAME);
+            }
+        }
+    }
+
+    fn to_core(&self, row: usize) -> Point {
+        Point {
+            q_rad: self.q_deg.iter().map(|deg| to_radians(*deg)).collect(),
+            position_mm: Vector3::from(self.position_mm),
+            configuration: self.configuration.clone().unwrap_or_default(),
+            target: self.target.unwrap_or(0),
+            subset: self.subset.map(SubsetName::to_core),
+            std_mm: self.std_mm,
+            station: self.station.clone(),
+            session: self.session.clone(),
+            sequence: self.sequence.unwrap_or(row as i64),
+            temperature_c: self.temperature_c,
+            sweep_joint: None,
+        }
+    }
+}
+
+impl SubsetName {
+    fn to_core(self) -> Subset {
+        match self {
+            Self::Identify => Subset::Identify,
+            Self::Verify => Subset::Verify,
+        }
+    }
+
+    /// From the core's subset.
+    pub fn from_core(subset: Subset) -> Self {
+        match subset {
+            Subset::Identify => Self::Identify,
+            Subset::Verify => Self::Verify,
+        }
+    }
+}
+
+/// Number of distinct configurations and of targets.
+pub fn counts(set: &MeasurementSet) -> (usize, usize) {
+    let targets: BTreeSet<usize> = set.points.iter().map(|p| p.target).collect();
+    (set.configurations().len(), targets.len())
+}
+
+/// What the uploader should know: the set is kept all the same.
+pub fn warnings(robot: &Robot, set: &MeasurementSet) -> Vec<Warning> {
+    let of_the_set = upload::warnings(robot, set);
+    let mut warnings: Vec<Warning> = of_the_set.iter().map(Warning::from_core).collect();
+    warnings.iter_mut().for_each(|warning| warning.rows.truncate(MAX_WARNED_ROWS));
+    warnings.extend(outside_limits(robot, set));
+    warnings
+}
+
+fn outside_limits(robot: &Robot, set: &MeasurementSet) -> Option<Warning> {
+    let mut rows = Vec::new();
+    let mut first = None;
+    for (row, point) in set.points.iter().enumerate() {
+        let q_model_rad = robot.q_model_rad(&point.q_rad);
+        let outside =
+            robot.joint_limits_rad.iter().zip(&q_model_rad).position(|(limits, q)| limits.is_some_and(|(lo, hi)| *q < lo || *q > hi));
+        if let Some(joint) = outside {
+            first.get_or_insert((row, joint + 1, to_degrees(q_model_rad[joint])));
+            rows.push(row);
+        }
+    }
+    let (row, joint, q_deg) = first?;
+    let detail = format!(
+        "{} rows lie outside the joint limits, first row {row}: joint {joint} at {q_deg:.3}°; degrees and radians mixed up?",
+        rows.len()
+    );
+    rows.truncate(MAX_WARNED_ROWS);
+    Some(Warning { code: "outside_joint_limits".into(), detail, rows })
+}

@@ -1,0 +1,27 @@
+//! The JSON shapes of `openapi.yaml` and their conversion to and from the core.
+//!
+//! Here, and only here, millimetres and degrees meet radians: everything on the wire carries its unit last in its name,
+//! everything behind [`angle`] is in radians. What has passed a `to_core` function is valid by type.
+
+pub mod angle;
+pub mod canonical;
+pub mod frames;
+pub mod issue;
+pub mod job;
+pub mod json;
+pub mod measurement;
+pub mod network;
+pub mod options;
+pub mod page;
+pub mod parameter_set;
+pub mod predict;
+pub mod problem;
+pub mod release;
+pub mod report;
+pub mod report_shape;
+pub mod robot;
+pub mod safetensors;
+pub mod time;
+
+pub use issue::{Invalid, Issue};
+pub use problem::Problem;

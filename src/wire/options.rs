@@ -1,0 +1,137 @@
+//! Search options of a job, and their limits.
+
+use crate::calibration::request::{self, SearchOptions};
+use crate::wire::issue::Checker;
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// Fewest particles that make a swarm.
+pub const MIN_PARTICLES: usize = 2;
+/// Most particles; five hundred times the paper's.
+pub const MAX_PARTICLES: usize = 100_000;
+/// Most swarm updates.
+pub const MAX_ITERATIONS: usize = 100_000;
+/// Most cost evaluations one job may ask for; minutes of one core, so that no job blocks a worker for hours.
+pub const MAX_EVALUATIONS: usize = 50_000_000;
+/// Widest search box for lengths, mm: beyond it the nominal robot is another robot.
+pub const MAX_HALF_WIDTH_MM: f64 = 1_000.0;
+/// Widest search box for angles, degrees.
+pub const MAX_HALF_WIDTH_DEG: f64 = 180.0;
+/// Largest inertia weight or acceleration; anything above 4 diverges.
+pub const MAX_COEFFICIENT: f64 = 10.0;
+/// Largest cost to stop at, mm².
+const MAX_COST_MM2: f64 = 1e12;
+
+/// Search options; what is absent takes the preset's value.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct OptionsBody {
+    /// Particles in the swarm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(minimum = 2, maximum = 100000)]
+    pub n_particles: Option<usize>,
+    /// Limit of swarm updates.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(maximum = 100000)]
+    pub n_iterations: Option<usize>,
+    /// w of the paper's eq. 9.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(minimum = 0, maximum = 10)]
+    pub inertia_weight: Option<f64>,
+    /// c1 of the paper's eq. 9.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(minimum = 0, maximum = 10)]
+    pub cognitive: Option<f64>,
+    /// c2 of the paper's eq. 9.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(minimum = 0, maximum = 10)]
+    pub social: Option<f64>,
+    /// Half-width of the search box for lengths, mm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(exclusive_minimum = 0, maximum = 1000)]
+    pub search_half_width_mm: Option<f64>,
+    /// Half-width of the search box for angles, degrees.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(exclusive_minimum = 0, maximum = 180)]
+    pub search_half_width_deg: Option<f64>,
+    /// Stop once F on the identify subset is at or below this, mm².
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(minimum = 0)]
+    pub stop_at_cost_mm2: Option<f64>,
+    /// Loss of a residual.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub loss: Option<Loss>,
+}
+
+/// How a residual counts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Loss {
+    /// Its square.
+    Squares,
+    /// Huber's.
+    Huber,
+    /// Tukey's biweight.
+    Tukey,
+}
+
+impl OptionsBody {
+    /// Notes every option that is out of its range.
+    pub fn check(&self, checker: &mut Checker) {
+        let within = |checker: &mut Checker, name: &str, value: Option<usize>, min: usize, max: usize| {
+            if let Some(value) = value.filter(|value| !(min..=max).contains(value)) {
+                checker.note(format!("/options/{name}"), "out_of_range", format!("{value} is outside {min} to {max}"));
+            }
+        };
+        within(checker, "n_particles", self.n_particles, MIN_PARTICLES, MAX_PARTICLES);
+        within(checker, "n_iterations", self.n_iterations, 0, MAX_ITERATIONS);
+        let evaluations = self.n_particles.unwrap_or(0).saturating_mul(self.n_iterations.unwrap_or(0));
+        if evaluations > MAX_EVALUATIONS {
+            let detail = format!("n_particles × n_iterations is {evaluations}; at most {MAX_EVALUATIONS} cost evaluations are allowed");
+            checker.note("/options/n_iterations", "too_much_work", detail);
+        }
+        for (name, value) in [("inertia_weight", self.inertia_weight), ("cognitive", self.cognitive), ("social", self.social)] {
+            at_least_zero(checker, name, value, MAX_COEFFICIENT);
+        }
+        at_least_zero(checker, "stop_at_cost_mm2", self.stop_at_cost_mm2, MAX_COST_MM2);
+        above_zero(checker, "search_half_width_mm", self.search_half_width_mm, MAX_HALF_WIDTH_MM);
+        above_zero(checker, "search_half_width_deg", self.search_half_width_deg, MAX_HALF_WIDTH_DEG);
+    }
+
+    /// The core's options.
+    pub fn to_core(self) -> SearchOptions {
+        SearchOptions {
+            n_particles: self.n_particles,
+            n_iterations: self.n_iterations,
+            inertia_weight: self.inertia_weight,
+            cognitive: self.cognitive,
+            social: self.social,
+            search_half_width_mm: self.search_half_width_mm,
+            search_half_width_deg: self.search_half_width_deg,
+            stop_at_cost_mm2: self.stop_at_cost_mm2,
+            loss: self.loss.map(Loss::to_core),
+        }
+    }
+}
+
+fn at_least_zero(checker: &mut Checker, name: &str, value: Option<f64>, max: f64) {
+    if let Some(value) = value.filter(|value| !(0.0..=max).contains(value)) {
+        checker.note(format!("/options/{name}"), "out_of_range", format!("{value} is outside 0 to {max}"));
+    }
+}
+
+fn above_zero(checker: &mut Checker, name: &str, value: Option<f64>, max: f64) {
+    if let Some(value) = value.filter(|value| !(*value > 0.0 && *value <= max)) {
+        checker.note(format!("/options/{name}"), "out_of_range", format!("{value}: must be above 0 and at most {max}"));
+    }
+}
+
+impl Loss {
+    fn to_core(self) -> request::Loss {
+        match self {
+            Self::Squares => request::Loss::Squares,
+            Self::Huber => request::Loss::Huber,
+            Self::Tukey => request::Loss::Tukey,
+        }
+    }
+}

@@ -1,0 +1,174 @@
+//! A parameter set: what the controller needs, with a hash it can check.
+
+use crate::calibration::CalibrationReport;
+use crate::kinematics::Link;
+use crate::wire::angle::{to_degrees, to_radians};
+use crate::wire::canonical;
+use crate::wire::frames::Transform;
+use crate::wire::issue::{Checker, Invalid};
+use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// Longest reason for a release or withdrawal, characters.
+pub const MAX_REASON: usize = 2_000;
+
+/// What `sha256` of a parameter set covers: the SHA-256 of this object's canonical JSON (RFC 8785), lower-case hexadecimal.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ParameterSetContent {
+    /// Identified links, base to flange.
+    pub links: Vec<IdentifiedLink>,
+    /// Base in the measuring frame; the identity for a set in the base frame.
+    pub t_instrument_base: Transform,
+    /// Where the reflectors are, in the flange frame.
+    pub targets: Vec<Target>,
+}
+
+/// One identified link: Rx(alpha) · Dx(a) · Ry(beta) · Rz(q + theta_offset) · Dz(d).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct IdentifiedLink {
+    /// mm.
+    pub a_mm: f64,
+    /// Degrees.
+    pub alpha_deg: f64,
+    /// mm.
+    pub d_mm: f64,
+    /// Degrees.
+    pub theta_offset_deg: f64,
+    /// Degrees.
+    pub beta_deg: f64,
+}
+
+/// One reflector on the tool.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Target {
+    /// 0-based.
+    pub target: usize,
+    /// Stretch between steps, where something moved.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub segment: Option<u32>,
+    /// In the flange frame, mm.
+    pub position_mm: [f64; 3],
+}
+
+/// How a parameter set stands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum ParameterSetStatus {
+    /// Identified, not released.
+    Candidate,
+    /// The robot's active set.
+    Released,
+    /// Was released; another took its place.
+    Superseded,
+    /// Taken back.
+    Withdrawn,
+}
+
+/// A parameter set as the service answers it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ParameterSetAnswer {
+    /// Opaque identifier.
+    pub id: String,
+    /// The robot.
+    pub robot_id: String,
+    /// The job that identified it.
+    pub job_id: String,
+    /// How it stands.
+    pub status: ParameterSetStatus,
+    /// Identified links, base to flange.
+    pub links: Vec<IdentifiedLink>,
+    /// Base in the measuring frame; the identity for a set in the base frame.
+    pub t_instrument_base: Transform,
+    /// Where the reflectors are, in the flange frame.
+    pub targets: Vec<Target>,
+    /// SHA-256 of the canonical JSON (RFC 8785) of {links, t_instrument_base, targets}.
+    pub sha256: String,
+    /// RFC 3339, UTC.
+    pub created_at: String,
+    /// RFC 3339, UTC.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub released_at: Option<String>,
+}
+
+/// Why a set is released or withdrawn.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ReasonBody {
+    /// In words, for those who come after.
+    #[schema(min_length = 1, max_length = 2000)]
+    pub reason: String,
+}
+
+impl ReasonBody {
+    /// A reason is a sentence, not nothing and not a book.
+    ///
+    /// # Errors
+    /// [`Invalid`] for an empty or overlong one.
+    pub fn check(&self) -> Result<(), Invalid> {
+        let mut checker = Checker::default();
+        checker.text("/reason", &self.reason, MAX_REASON);
+        checker.finish("invalid_reason")
+    }
+}
+
+impl ParameterSetContent {
+    /// From the core's report.
+    pub fn from_core(core: &CalibrationReport) -> Self {
+        Self {
+            links: core.links.iter().map(IdentifiedLink::from_core).collect(),
+            t_instrument_base: Transform::from_core(&core.t_instrument_base),
+            targets: core
+                .targets_mm
+                .iter()
+                .enumerate()
+                .map(|(target, position)| Target { target, segment: None, position_mm: (*position).into() })
+                .collect(),
+        }
+    }
+
+    /// What the cell PC checks.
+    ///
+    /// # Errors
+    /// If it cannot be serialised; does not happen for finite numbers.
+    pub fn sha256(&self) -> Result<String, serde_json::Error> {
+        canonical::sha256_of(self)
+    }
+
+    /// The core's links.
+    pub fn links_to_core(&self) -> Vec<Link> {
+        self.links.iter().copied().map(IdentifiedLink::to_core).collect()
+    }
+
+    /// Offset of a target in the flange frame: of the stretch asked for, else of the last.
+    pub fn target_mm(&self, target: usize, segment: Option<u32>) -> Option<Vector3<f64>> {
+        let mut of_target = self.targets.iter().filter(|t| t.target == target);
+        match segment {
+            Some(segment) => of_target.find(|t| t.segment.unwrap_or(0) == segment),
+            None => of_target.max_by_key(|t| t.segment),
+        }
+        .map(|t| Vector3::from(t.position_mm))
+    }
+}
+
+impl IdentifiedLink {
+    fn from_core(link: &Link) -> Self {
+        Self {
+            a_mm: link.a_mm,
+            alpha_deg: to_degrees(link.alpha_rad),
+            d_mm: link.d_mm,
+            theta_offset_deg: to_degrees(link.theta_offset_rad),
+            beta_deg: to_degrees(link.beta_rad),
+        }
+    }
+
+    fn to_core(self) -> Link {
+        Link {
+            a_mm: self.a_mm,
+            alpha_rad: to_radians(self.alpha_deg),
+            d_mm: self.d_mm,
+            theta_offset_rad: to_radians(self.theta_offset_deg),
+            beta_rad: to_radians(self.beta_deg),
+        }
+    }
+}

@@ -1,0 +1,82 @@
+//! Where an identified robot has its target.
+
+use crate::calibration::predict;
+use crate::kinematics::Robot;
+use crate::wire::angle::to_radians;
+use crate::wire::issue::{Checker, Invalid};
+use crate::wire::measurement::{MAX_JOINT_VALUE_DEG, MAX_TARGETS};
+use crate::wire::parameter_set::ParameterSetContent;
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// Most poses of one request.
+pub const MAX_POSES: usize = 100_000;
+
+/// Poses to predict.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PredictBody {
+    /// The controller's joint values, degrees, pose by pose.
+    #[schema(max_items = 100000)]
+    pub q_deg: Vec<Vec<f64>>,
+    /// Which reflector, 0-based.
+    #[serde(default)]
+    #[schema(maximum = 31)]
+    pub target: usize,
+    /// Which stretch between steps; default: the last.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub segment: Option<u32>,
+}
+
+/// Predicted positions.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct PredictAnswer {
+    /// In the parameter set's measuring frame, mm, pose by pose.
+    pub position_mm: Vec<[f64; 3]>,
+    /// True where the corrections were never trained; without corrections always false.
+    pub extrapolated: Vec<bool>,
+}
+
+impl PredictBody {
+    /// Where the identified robot has the target: through the joint map, the identified links and the measuring frame.
+    ///
+    /// # Errors
+    /// [`Invalid`] for poses that do not fit the robot, or a target that the set does not have.
+    pub fn run(&self, robot: &Robot, content: &ParameterSetContent) -> Result<PredictAnswer, Invalid> {
+        self.check(robot.links.len())?;
+        let Some(p_flange_target_mm) = content.target_mm(self.target, self.segment) else {
+            return Err(Invalid::at(
+                "/target",
+                "unknown_target",
+                "the parameter set has no such target (or segment); its `targets` lists them",
+            ));
+        };
+        let (links, t_instrument_base) = (content.links_to_core(), content.t_instrument_base.to_core());
+        let position = |q_deg: &Vec<f64>| {
+            let q_rad: Vec<f64> = q_deg.iter().map(|deg| to_radians(*deg)).collect();
+            predict(&links, &t_instrument_base, &p_flange_target_mm, &robot.q_model_rad(&q_rad)).into()
+        };
+        Ok(PredictAnswer { position_mm: self.q_deg.iter().map(position).collect(), extrapolated: vec![false; self.q_deg.len()] })
+    }
+
+    /// Every check that needs the request and the number of joints alone.
+    ///
+    /// # Errors
+    /// [`Invalid`] with a JSON pointer to everything that is wrong.
+    pub fn check(&self, n_joints: usize) -> Result<(), Invalid> {
+        let mut checker = Checker::default();
+        if self.q_deg.len() > MAX_POSES {
+            checker.note("/q_deg", "wrong_length", format!("{} poses; at most {MAX_POSES}", self.q_deg.len()));
+        }
+        for (i, pose) in self.q_deg.iter().take(MAX_POSES).enumerate() {
+            checker.length(format!("/q_deg/{i}"), pose.len(), n_joints, "one joint value per link of the robot");
+            for (j, q) in pose.iter().enumerate() {
+                checker.magnitude(format!("/q_deg/{i}/{j}"), *q, MAX_JOINT_VALUE_DEG, "joint values are in degrees");
+            }
+        }
+        if self.target >= MAX_TARGETS {
+            checker.note("/target", "out_of_range", format!("{}: targets are numbered from 0, at most {MAX_TARGETS}", self.target));
+        }
+        checker.finish("invalid_poses")
+    }
+}

@@ -1,0 +1,40 @@
+//! RFC 9457: every answer that is not a success has this shape.
+
+use crate::wire::Issue;
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// Media type of a problem.
+pub const PROBLEM_JSON: &str = "application/problem+json";
+
+/// Prefix of every `type`: `code` with dashes follows. The README lists the codes.
+const TYPE_PREFIX: &str = "urn:kincal:problem:";
+
+/// What went wrong (RFC 9457).
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct Problem {
+    /// `urn:kincal:problem:` and the code.
+    #[serde(rename = "type")]
+    pub kind: String,
+    /// The code in words.
+    pub title: String,
+    /// HTTP status.
+    pub status: u16,
+    /// What happened, where, and how to mend it.
+    pub detail: String,
+    /// Stable, machine-readable reason.
+    pub code: String,
+    /// For bad input: every place that is wrong. For a refused release: every gate that failed.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub errors: Vec<Issue>,
+}
+
+impl Problem {
+    /// A problem from its code; type and title follow from it.
+    pub fn new(status: u16, code: &str, detail: impl Into<String>) -> Self {
+        let words = code.replace('_', " ");
+        let mut letters = words.chars();
+        let title = letters.next().map(|first| first.to_uppercase().chain(letters).collect()).unwrap_or_default();
+        Self { kind: format!("{TYPE_PREFIX}{code}"), title, status, detail: detail.into(), code: code.into(), errors: Vec::new() }
+    }
+}

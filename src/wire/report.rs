@@ -1,0 +1,166 @@
+//! From the core's report to the wire's, and the hash that tells whether two results are the same.
+
+use crate::calibration::CalibrationReport;
+use crate::calibration::report::{Errors, MethodComparison, ParameterOutcome, PointErrors, SubsetErrors};
+use crate::wire::canonical;
+use crate::wire::job::{Method, Model, Preset};
+use crate::wire::measurement::{SubsetName, Warning};
+use crate::wire::parameter_set::ParameterSetContent;
+use crate::wire::report_shape::{
+    ComparisonReport, Convergence, ErrorsReport, Evidence, IdentifiabilityReport, ParameterReport, PointReport, Report, SubsetReport,
+};
+use serde::Serialize;
+
+/// What the core cannot know of its own run.
+#[derive(Clone, Debug)]
+pub struct RunContext<'a> {
+    /// The job.
+    pub job_id: &'a str,
+    /// Wall time without the comparison, ms.
+    pub duration_ms: f64,
+    /// Wall time of each compared method, in the order of `comparison`, ms.
+    pub comparison_ms: Vec<f64>,
+    /// True if the verify points come from another set.
+    pub verify_set_is_another: bool,
+    /// SHA-256 of the trained network's tensors.
+    pub network_sha256: Option<&'a str>,
+}
+
+/// The version every report names.
+pub const VERSION: &str = env!("CARGO_PKG_VERSION");
+
+/// What `result_sha256` covers.
+#[derive(Serialize)]
+struct ResultContent<'a> {
+    report: &'a serde_json::Value,
+    parameter_set: &'a ParameterSetContent,
+    convergence: &'a Convergence,
+    network_sha256: Option<&'a str>,
+}
+
+/// The wire's report, hash included.
+///
+/// # Errors
+/// If the content cannot be serialised; does not happen for a report without NaN.
+pub fn build(core: &CalibrationReport, run: &RunContext<'_>) -> Result<Report, serde_json::Error> {
+    let mut report = without_hash(core, run);
+    report.result_sha256 = result_sha256(&report, core, run.network_sha256)?;
+    Ok(report)
+}
+
+fn without_hash(core: &CalibrationReport, run: &RunContext<'_>) -> Report {
+    Report {
+        job_id: run.job_id.into(),
+        method: Method::from_core(core.method),
+        method_reason: core.method_reason.clone(),
+        model: Model::from_core(core.model),
+        preset: Preset::from_core(core.preset),
+        seed: core.seed,
+        version: VERSION.into(),
+        termination: core.termination.into(),
+        n_iterations: core.n_iterations,
+        n_evaluations: core.n_evaluations,
+        duration_ms: run.duration_ms,
+        cost_mm2: core.cost_mm2,
+        identify: subset(&core.identify),
+        verify: core.verify.as_ref().map(subset),
+        per_point: core.per_point.iter().map(point).collect(),
+        parameters: core.parameters.iter().map(parameter).collect(),
+        identifiability: IdentifiabilityReport {
+            n_parameters: core.identifiability.n_parameters,
+            rank: core.identifiability.rank,
+            condition_number: finite(core.identifiability.condition_number),
+            unidentifiable: core.identifiability.unidentifiable.clone(),
+            observability_index_o1: finite(core.identifiability.observability_index_o1),
+        },
+        comparison: core.comparison.iter().enumerate().map(|(i, c)| comparison(c, run.comparison_ms.get(i))).collect(),
+        corrections: None,
+        changed: None,
+        evidence: match (&core.verify, run.verify_set_is_another) {
+            (None, _) => Evidence::None,
+            (Some(_), false) => Evidence::SameUpload,
+            (Some(_), true) => Evidence::IndependentSession,
+        },
+        warnings: core.warnings.iter().map(Warning::from_core).collect(),
+        result_sha256: String::new(),
+    }
+}
+
+/// Identifiers, times and durations are taken out before hashing.
+fn result_sha256(report: &Report, core: &CalibrationReport, network_sha256: Option<&str>) -> Result<String, serde_json::Error> {
+    let mut value = serde_json::to_value(report)?;
+    if let Some(fields) = value.as_object_mut() {
+        fields.retain(|name, _| !["job_id", "duration_ms", "result_sha256"].contains(&name.as_str()));
+        for row in fields.get_mut("comparison").and_then(|rows| rows.as_array_mut()).into_iter().flatten() {
+            row.as_object_mut().map(|row| row.remove("duration_ms"));
+        }
+    }
+    let (parameter_set, convergence) = (ParameterSetContent::from_core(core), convergence(core));
+    canonical::sha256_of(&ResultContent { report: &value, parameter_set: &parameter_set, convergence: &convergence, network_sha256 })
+}
+
+/// The convergence curve.
+pub fn convergence(core: &CalibrationReport) -> Convergence {
+    Convergence { iteration: (0..core.convergence_mm2.len()).collect(), best_cost_mm2: core.convergence_mm2.clone() }
+}
+
+/// True if every number that a controller or a reader would rely on is finite. JSON cannot hold the others.
+pub fn is_finite(core: &CalibrationReport) -> bool {
+    let subsets = [Some(&core.identify), core.verify.as_ref()];
+    let errors = subsets.into_iter().flatten().flat_map(|s| [s.before, s.after]);
+    let compared = core.comparison.iter().filter_map(|c| c.verify_after);
+    let statistics = errors.chain(compared).flat_map(|e| [e.mean_mm, e.std_mm, e.rms_mm, e.max_mm]);
+    let parameters = core.parameters.iter().flat_map(|p| [p.nominal, p.identified, p.delta]);
+    let points = core.per_point.iter().flat_map(|p| [p.before_mm, p.after_mm]);
+    let links = core.links.iter().flat_map(|l| [l.a_mm, l.alpha_rad, l.d_mm, l.theta_offset_rad, l.beta_rad]);
+    let base = core.t_instrument_base.to_homogeneous();
+    let targets = core.targets_mm.iter().flat_map(|t| [t.x, t.y, t.z]);
+    let costs = core.comparison.iter().map(|c| c.cost_mm2).chain(core.convergence_mm2.iter().copied()).chain([core.cost_mm2]);
+    statistics.chain(parameters).chain(points).chain(links).chain(base.iter().copied()).chain(targets).chain(costs).all(f64::is_finite)
+}
+
+fn finite(value: f64) -> Option<f64> {
+    value.is_finite().then_some(value)
+}
+
+fn errors(e: &Errors) -> ErrorsReport {
+    ErrorsReport { mean_mm: e.mean_mm, std_mm: e.std_mm, rms_mm: e.rms_mm, max_mm: e.max_mm }
+}
+
+fn subset(s: &SubsetErrors) -> SubsetReport {
+    SubsetReport { n_points: s.n_points, before: errors(&s.before), after: errors(&s.after), corrected: None }
+}
+
+fn point(p: &PointErrors) -> PointReport {
+    PointReport {
+        configuration: p.configuration.clone(),
+        target: p.target,
+        subset: SubsetName::from_core(p.subset),
+        before_mm: p.before_mm,
+        after_mm: p.after_mm,
+    }
+}
+
+fn parameter(p: &ParameterOutcome) -> ParameterReport {
+    ParameterReport {
+        name: p.name.clone(),
+        link: p.link,
+        unit: p.unit.into(),
+        nominal: p.nominal,
+        identified: p.identified,
+        delta: p.delta,
+        std_uncertainty: p.std_uncertainty.and_then(finite),
+        identifiable: p.identifiable,
+    }
+}
+
+fn comparison(c: &MethodComparison, duration_ms: Option<&f64>) -> ComparisonReport {
+    ComparisonReport {
+        method: c.method.to_string(),
+        n_iterations: c.n_iterations,
+        n_evaluations: c.n_evaluations,
+        duration_ms: duration_ms.copied().unwrap_or(0.0),
+        cost_mm2: c.cost_mm2,
+        verify_after: c.verify_after.as_ref().map(errors),
+    }
+}

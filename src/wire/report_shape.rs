@@ -1,0 +1,205 @@
+//! The shape of a report.
+
+use crate::wire::job::{Method, Model, Preset};
+use crate::wire::measurement::{SubsetName, Warning};
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// The outcome of one calibration.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Report {
+    /// The job.
+    pub job_id: String,
+    /// The method that ran.
+    pub method: Method,
+    /// Why that method.
+    pub method_reason: String,
+    /// The model that was identified.
+    pub model: Model,
+    /// The preset.
+    pub preset: Preset,
+    /// The seed.
+    pub seed: u64,
+    /// The version of kincal that computed it.
+    pub version: String,
+    /// Why the main method stopped.
+    pub termination: String,
+    /// Swarm updates or least-squares steps; refine and comparison not counted.
+    pub n_iterations: usize,
+    /// Cost evaluations; refine and comparison not counted.
+    pub n_evaluations: usize,
+    /// Wall time of the whole calibration, comparison not counted, ms.
+    pub duration_ms: f64,
+    /// F on the identify subset after everything, mm².
+    pub cost_mm2: f64,
+    /// Errors on the points it was fitted to.
+    pub identify: SubsetReport,
+    /// Errors on the points it was not fitted to; null if there are none.
+    #[schema(required)]
+    pub verify: Option<SubsetReport>,
+    /// Every point of the set, then of the verify set, in order.
+    pub per_point: Vec<PointReport>,
+    /// Every free parameter.
+    pub parameters: Vec<ParameterReport>,
+    /// What the data can see.
+    pub identifiability: IdentifiabilityReport,
+    /// Other methods on the same points.
+    pub comparison: Vec<ComparisonReport>,
+    /// Corrections that were tried.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub corrections: Option<Vec<CorrectionReport>>,
+    /// What moved since the set before.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub changed: Option<Vec<ChangeReport>>,
+    /// How strong the verification is.
+    pub evidence: Evidence,
+    /// What one should know before using it.
+    pub warnings: Vec<Warning>,
+    /// SHA-256 over the canonical content without identifiers, times and durations: equal for the same request, seed and version.
+    pub result_sha256: String,
+}
+
+/// Mean, standard deviation, root mean square and maximum of the 3-D position errors.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ErrorsReport {
+    /// Mean, mm.
+    pub mean_mm: f64,
+    /// Population standard deviation, mm.
+    pub std_mm: f64,
+    /// Root mean square, mm.
+    pub rms_mm: f64,
+    /// Largest, mm.
+    pub max_mm: f64,
+}
+
+/// Errors of one half of the points.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct SubsetReport {
+    /// Points in it.
+    pub n_points: usize,
+    /// Of the nominal robot.
+    pub before: ErrorsReport,
+    /// Of the identified links.
+    pub after: ErrorsReport,
+    /// Of the identified links with corrections.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub corrected: Option<ErrorsReport>,
+}
+
+/// One point's error.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct PointReport {
+    /// Its configuration.
+    pub configuration: String,
+    /// Its target.
+    pub target: usize,
+    /// Its half.
+    pub subset: SubsetName,
+    /// Of the nominal robot, mm.
+    pub before_mm: f64,
+    /// Of the identified robot, mm.
+    pub after_mm: f64,
+}
+
+/// One parameter's outcome.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ParameterReport {
+    /// `a_1`, `theta_offset_3`, `base_x`, ….
+    pub name: String,
+    /// 1-based link, for link parameters.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub link: Option<usize>,
+    /// `mm` or `deg`.
+    pub unit: String,
+    /// Nominal value; for base and targets the first estimate.
+    pub nominal: f64,
+    /// Identified value.
+    pub identified: f64,
+    /// identified − nominal.
+    pub delta: f64,
+    /// One standard deviation; null where it cannot be stated.
+    #[schema(required)]
+    pub std_uncertainty: Option<f64>,
+    /// False where the data cannot see it alone.
+    pub identifiable: bool,
+}
+
+/// What the data can see.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct IdentifiabilityReport {
+    /// Free parameters.
+    pub n_parameters: usize,
+    /// Rank of the scaled identification Jacobian.
+    pub rank: usize,
+    /// Largest over smallest singular value seen; null if it is beyond a float.
+    #[schema(required)]
+    pub condition_number: Option<f64>,
+    /// Combinations that cannot be seen, each by the names that take part in it.
+    pub unidentifiable: Vec<Vec<String>>,
+    /// O1 of the scaled Jacobian; null if it is beyond a float.
+    #[schema(required)]
+    pub observability_index_o1: Option<f64>,
+}
+
+/// Another method on the same points.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ComparisonReport {
+    /// `least_squares`, `pso`, `warm_start`, ….
+    pub method: String,
+    /// Iterations it took.
+    pub n_iterations: usize,
+    /// Cost evaluations it took.
+    pub n_evaluations: usize,
+    /// Wall time, ms.
+    pub duration_ms: f64,
+    /// F on the identify subset, mm².
+    pub cost_mm2: f64,
+    /// Errors on the verify subset; null if there is none.
+    #[schema(required)]
+    pub verify_after: Option<ErrorsReport>,
+}
+
+/// A correction that was tried.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct CorrectionReport {
+    /// Which.
+    pub kind: String,
+    /// True if it won.
+    pub kept: bool,
+    /// Cross-validated rms without it, mm.
+    pub cross_validated_rms_mm_before: f64,
+    /// Cross-validated rms with it, mm.
+    pub cross_validated_rms_mm_after: f64,
+}
+
+/// A parameter that moved since the set before.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ChangeReport {
+    /// The parameter.
+    pub name: String,
+    /// By how much.
+    pub delta: f64,
+    /// In units of its own uncertainty.
+    pub sigmas: f64,
+}
+
+/// How strong the verification is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Evidence {
+    /// No point was held out.
+    None,
+    /// Verified on points of the same upload.
+    SameUpload,
+    /// Verified on another measuring session.
+    IndependentSession,
+}
+
+/// How the cost fell.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Convergence {
+    /// 0 is the start.
+    pub iteration: Vec<usize>,
+    /// Smallest F so far, mm².
+    pub best_cost_mm2: Vec<f64>,
+}

@@ -1,0 +1,307 @@
+//! A robot as the cell PC describes it.
+
+use crate::kinematics::model::MAX_LINKS;
+use crate::kinematics::{JointMap, Link, Mounting, Robot};
+use crate::wire::angle::to_radians;
+use crate::wire::issue::{Checker, Invalid};
+use nalgebra::{DMatrix, Vector3};
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// Longest name or serial number, characters.
+pub const MAX_NAME: usize = 200;
+/// Longest description, characters.
+pub const MAX_DESCRIPTION: usize = 10_000;
+/// Longest a or d; no industrial arm has a link of 10 m, and metres given as millimetres stay well below.
+pub const MAX_LENGTH_MM: f64 = 10_000.0;
+/// Largest alpha or theta_offset: a full turn.
+pub const MAX_ANGLE_DEG: f64 = 360.0;
+/// Largest beta: it is a small misalignment of nearly parallel axes.
+pub const MAX_BETA_DEG: f64 = 45.0;
+/// Widest joint limit: ten turns, for endless wrists.
+pub const MAX_JOINT_DEG: f64 = 3_600.0;
+/// Largest entry of a coupling matrix.
+pub const MAX_COUPLING: f64 = 10.0;
+/// A coupling whose determinant is smaller than this cannot be undone.
+const MIN_COUPLING_DETERMINANT: f64 = 1e-6;
+/// How far the length of a gravity direction may be from 1.
+const GRAVITY_TOLERANCE: f64 = 1e-3;
+/// How well gravity is known for a robot on a floor, wall or ceiling, degrees.
+const DEFAULT_MOUNTING_STD_DEG: f64 = 2.0;
+
+/// A robot: its nominal (catalogue) links, base to flange.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct RobotBody {
+    /// What people call it. Need not be unique.
+    #[schema(min_length = 1, max_length = 200)]
+    pub name: String,
+    /// The maker's serial number.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(min_length = 1, max_length = 200)]
+    pub serial_number: Option<String>,
+    /// Anything else worth knowing.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(min_length = 1, max_length = 10000)]
+    pub description: Option<String>,
+    /// Links 1..n in order, base to flange; all joints are revolute.
+    #[schema(min_items = 1, max_items = 12)]
+    pub links: Vec<LinkBody>,
+    /// How the robot stands.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mounting: Option<MountingBody>,
+    /// The controller's joint convention, where it differs from the model's.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub joint_map: Option<JointMapBody>,
+}
+
+/// One link in modified Denavit-Hartenberg form (Craig): Rx(alpha) · Dx(a) · Ry(beta) · Rz(q + theta_offset) · Dz(d).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct LinkBody {
+    /// Distance from axis i-1 to axis i along x of i-1, mm.
+    #[schema(minimum = -10000, maximum = 10000)]
+    pub a_mm: f64,
+    /// Angle from axis i-1 to axis i about x of i-1, degrees.
+    #[schema(minimum = -360, maximum = 360)]
+    pub alpha_deg: f64,
+    /// Distance along axis i, mm.
+    #[schema(minimum = -10000, maximum = 10000)]
+    pub d_mm: f64,
+    /// Added to the joint value, degrees.
+    #[schema(minimum = -360, maximum = 360)]
+    pub theta_offset_deg: f64,
+    /// Hayati's angle for nearly parallel axes, degrees; 0 where absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(minimum = -45, maximum = 45)]
+    pub beta_deg: Option<f64>,
+    /// Lower and upper joint limit, degrees.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub joint_limits_deg: Option<[f64; 2]>,
+}
+
+/// How the robot stands, which says where gravity pulls.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(untagged, expecting = "mounting is \"floor\", \"wall\", \"ceiling\" or {gravity_in_base: [x, y, z], std_deg}")]
+pub enum MountingBody {
+    /// One of the usual ways.
+    Named(NamedMounting),
+    /// Any other direction.
+    Direction(GravityDirection),
+}
+
+/// The usual ways to mount a robot.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum NamedMounting {
+    /// Gravity along -z of the base frame.
+    Floor,
+    /// Gravity along +x of the base frame (the base turned by 90° about y); give `gravity_in_base` for any other wall.
+    Wall,
+    /// Gravity along +z of the base frame.
+    Ceiling,
+}
+
+/// Gravity in the base frame.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct GravityDirection {
+    /// Unit vector along which things fall, in the base frame.
+    pub gravity_in_base: [f64; 3],
+    /// One standard deviation of that direction, degrees.
+    #[schema(minimum = 0, maximum = 90)]
+    pub std_deg: f64,
+}
+
+/// q_model = coupling · (sign ∘ q_controller) + offset.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct JointMapBody {
+    /// +1 or -1 for each joint; all +1 where absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sign: Option<Vec<f64>>,
+    /// Added last, degrees; all 0 where absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub offset_deg: Option<Vec<f64>>,
+    /// n rows of n values, invertible; the identity where absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub coupling: Option<Vec<Vec<f64>>>,
+}
+
+/// A robot as the service answers it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct RobotAnswer {
+    /// Opaque identifier.
+    pub id: String,
+    /// What people call it.
+    pub name: String,
+    /// The maker's serial number.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub serial_number: Option<String>,
+    /// Anything else worth knowing.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub description: Option<String>,
+    /// Links 1..n in order, base to flange.
+    pub links: Vec<LinkBody>,
+    /// How the robot stands.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mounting: Option<MountingBody>,
+    /// The controller's joint convention.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub joint_map: Option<JointMapBody>,
+    /// RFC 3339, UTC.
+    pub created_at: String,
+}
+
+impl RobotAnswer {
+    /// The answer for a stored robot.
+    pub fn new(id: String, body: RobotBody, created_at: String) -> Self {
+        let RobotBody { name, serial_number, description, links, mounting, joint_map } = body;
+        Self { id, name, serial_number, description, links, mounting, joint_map, created_at }
+    }
+}
+
+impl RobotBody {
+    /// The core's robot, after every check.
+    ///
+    /// # Errors
+    /// [`Invalid`] naming every place that is wrong.
+    pub fn to_core(&self) -> Result<Robot, Invalid> {
+        let mut checker = Checker::default();
+        self.check(&mut checker);
+        checker.finish("invalid_robot")?;
+        Ok(Robot {
+            links: self.links.iter().map(LinkBody::to_core).collect(),
+            joint_limits_rad: self.links.iter().map(|l| l.joint_limits_deg.map(|[lo, hi]| (to_radians(lo), to_radians(hi)))).collect(),
+            joint_map: self.joint_map.as_ref().map(|map| map.to_core(self.links.len())),
+            mounting: self.mounting.map(|mounting| mounting.to_core()),
+        })
+    }
+
+    fn check(&self, checker: &mut Checker) {
+        checker.text("/name", &self.name, MAX_NAME);
+        if let Some(serial_number) = &self.serial_number {
+            checker.text("/serial_number", serial_number, MAX_NAME);
+        }
+        if let Some(description) = &self.description {
+            checker.text("/description", description, MAX_DESCRIPTION);
+        }
+        let n = self.links.len();
+        if n == 0 || n > MAX_LINKS {
+            checker.note("/links", "wrong_length", format!("{n} links; 1 to {MAX_LINKS} are allowed, base to flange"));
+            return;
+        }
+        self.links.iter().enumerate().for_each(|(i, link)| link.check(&format!("/links/{i}"), checker));
+        if let Some(map) = &self.joint_map {
+            map.check(n, checker);
+        }
+        if let Some(MountingBody::Direction(direction)) = &self.mounting {
+            direction.check(checker);
+        }
+    }
+}
+
+impl LinkBody {
+    /// The core's link.
+    pub fn to_core(&self) -> Link {
+        Link {
+            a_mm: self.a_mm,
+            alpha_rad: to_radians(self.alpha_deg),
+            d_mm: self.d_mm,
+            theta_offset_rad: to_radians(self.theta_offset_deg),
+            beta_rad: to_radians(self.beta_deg.unwrap_or(0.0)),
+        }
+    }
+
+    fn check(&self, at: &str, checker: &mut Checker) {
+        let millimetres = "lengths are in millimetres";
+        let degrees = "angles are in degrees";
+        checker.magnitude(format!("{at}/a_mm"), self.a_mm, MAX_LENGTH_MM, millimetres);
+        checker.magnitude(format!("{at}/d_mm"), self.d_mm, MAX_LENGTH_MM, millimetres);
+        checker.magnitude(format!("{at}/alpha_deg"), self.alpha_deg, MAX_ANGLE_DEG, degrees);
+        checker.magnitude(format!("{at}/theta_offset_deg"), self.theta_offset_deg, MAX_ANGLE_DEG, degrees);
+        checker.magnitude(format!("{at}/beta_deg"), self.beta_deg.unwrap_or(0.0), MAX_BETA_DEG, "beta is a small misalignment");
+        let Some([lo, hi]) = self.joint_limits_deg else { return };
+        checker.magnitude(format!("{at}/joint_limits_deg/0"), lo, MAX_JOINT_DEG, degrees);
+        checker.magnitude(format!("{at}/joint_limits_deg/1"), hi, MAX_JOINT_DEG, degrees);
+        if lo >= hi {
+            checker.note(format!("{at}/joint_limits_deg"), "limits_reversed", format!("[{lo}, {hi}]: the lower limit comes first"));
+        }
+    }
+}
+
+impl JointMapBody {
+    fn check(&self, n: usize, checker: &mut Checker) {
+        if let Some(sign) = &self.sign {
+            checker.length("/joint_map/sign", sign.len(), n, "one sign per link");
+            for (i, s) in sign.iter().enumerate().filter(|(_, s)| s.abs() != 1.0) {
+                checker.note(format!("/joint_map/sign/{i}"), "out_of_range", format!("{s} is neither 1 nor -1"));
+            }
+        }
+        if let Some(offsets) = &self.offset_deg {
+            checker.length("/joint_map/offset_deg", offsets.len(), n, "one offset per link");
+            for (i, offset) in offsets.iter().enumerate() {
+                checker.magnitude(format!("/joint_map/offset_deg/{i}"), *offset, MAX_ANGLE_DEG, "angles are in degrees");
+            }
+        }
+        if let Some(coupling) = &self.coupling {
+            check_coupling(coupling, n, checker);
+        }
+    }
+
+    /// The core's joint map of `n` joints; call after the checks.
+    fn to_core(&self, n: usize) -> JointMap {
+        JointMap {
+            sign: self.sign.clone().unwrap_or_else(|| vec![1.0; n]),
+            offset_rad: self.offset_deg.as_ref().map_or_else(|| vec![0.0; n], |o| o.iter().map(|deg| to_radians(*deg)).collect()),
+            coupling: self.coupling.as_ref().map_or_else(|| DMatrix::identity(n, n), |rows| matrix(rows)),
+        }
+    }
+}
+
+fn matrix(rows: &[Vec<f64>]) -> DMatrix<f64> {
+    DMatrix::from_fn(rows.len(), rows.len(), |i, j| rows[i][j])
+}
+
+fn check_coupling(rows: &[Vec<f64>], n: usize, checker: &mut Checker) {
+    let at = "/joint_map/coupling";
+    if !checker.length(at, rows.len(), n, "one row per link") {
+        return;
+    }
+    let mut square = true;
+    for (i, row) in rows.iter().enumerate() {
+        square &= checker.length(format!("{at}/{i}"), row.len(), n, "one column per link");
+        for (j, value) in row.iter().enumerate() {
+            checker.magnitude(format!("{at}/{i}/{j}"), *value, MAX_COUPLING, "couplings are ratios of joint angles");
+        }
+    }
+    if square && matrix(rows).determinant().abs() < MIN_COUPLING_DETERMINANT {
+        checker.note(at, "not_invertible", "the matrix cannot be inverted: two joints would be one; an uncoupled robot has the identity");
+    }
+}
+
+impl GravityDirection {
+    fn check(&self, checker: &mut Checker) {
+        let length = Vector3::from(self.gravity_in_base).norm();
+        if length.is_nan() || (length - 1.0).abs() > GRAVITY_TOLERANCE {
+            let detail =
+                format!("its length is {length}; give the unit vector along which things fall, e.g. [0, 0, -1] for a robot on the floor");
+            checker.note("/mounting/gravity_in_base", "not_a_direction", detail);
+        }
+        if !(0.0..=90.0).contains(&self.std_deg) {
+            checker.note("/mounting/std_deg", "out_of_range", format!("{} is outside 0 to 90 degrees", self.std_deg));
+        }
+    }
+}
+
+impl MountingBody {
+    fn to_core(self) -> Mounting {
+        let (gravity, std_deg) = match self {
+            Self::Named(NamedMounting::Floor) => ([0.0, 0.0, -1.0], DEFAULT_MOUNTING_STD_DEG),
+            Self::Named(NamedMounting::Wall) => ([1.0, 0.0, 0.0], DEFAULT_MOUNTING_STD_DEG),
+            Self::Named(NamedMounting::Ceiling) => ([0.0, 0.0, 1.0], DEFAULT_MOUNTING_STD_DEG),
+            Self::Direction(direction) => (direction.gravity_in_base, direction.std_deg),
+        };
+        Mounting { gravity_in_base: Vector3::from(gravity).normalize(), std_rad: to_radians(std_deg) }
+    }
+}

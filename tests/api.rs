@@ -1,0 +1,23 @@
+//! The REST interface, driven over loopback as a cell PC drives it.
+
+#[path = "support/app.rs"]
+mod app;
+
+#[path = "api/auth.rs"]
+mod auth;
+#[path = "api/contract.rs"]
+mod contract;
+#[path = "api/idempotency.rs"]
+mod idempotency;
+#[path = "api/jobs.rs"]
+mod jobs;
+#[path = "api/measurement_sets.rs"]
+mod measurement_sets;
+#[path = "api/parameter_sets.rs"]
+mod parameter_sets;
+#[path = "api/problems.rs"]
+mod problems;
+#[path = "api/process.rs"]
+mod process;
+#[path = "api/robots.rs"]
+mod robots;

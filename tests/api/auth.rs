@@ -1,0 +1,137 @@
+use crate::app::{Answer, TestApp, paper, text};
+use kincal::config::ServeConfig;
+use kincal::http::auth::{OPEN, POLICY, Scope, new_key};
+use kincal::store::{NewApiKey, api_keys};
+use reqwest::Method;
+use serde_json::json;
+
+/// A server that asks for keys; the directory lives as long as the test needs it.
+async fn guarded() -> (TestApp, tempfile::TempDir) {
+    let dir = tempfile::tempdir().unwrap();
+    let config = ServeConfig { no_auth: false, ..ServeConfig::loopback(dir.path().join("data"), 0) };
+    (TestApp::with_config(config).await, dir)
+}
+
+/// A new key and its id.
+async fn key(app: &TestApp, scopes: &[&str], robots: Option<Vec<&str>>) -> (String, String) {
+    let (key, key_sha256) = new_key().unwrap();
+    let robots_json = robots.map(|robots| json!(robots).to_string());
+    let new = NewApiKey { name: "test".into(), key_sha256, scopes_json: json!(scopes).to_string(), robots_json };
+    let mut tx = app.server.store.begin().await.unwrap();
+    let row = api_keys::insert(&mut tx, &new).await.unwrap();
+    tx.commit().await.unwrap();
+    (key, row.id)
+}
+
+async fn with_key(app: &TestApp, method: Method, path: &str, key: &str, body: Vec<u8>) -> Answer {
+    Answer::of(app.request(method, path).bearer_auth(key).header("content-type", "application/json").body(body)).await
+}
+
+#[tokio::test]
+async fn without_a_key_nothing_but_health_and_contract_answers() {
+    let (app, _dir) = guarded().await;
+    for path in OPEN {
+        assert_eq!(app.get(path).await.status, 200, "{path}");
+    }
+    for (method, path, _) in POLICY {
+        let path = path.replace("{robot_id}", "rob_1").replace("{id}", "x_1");
+        let answer = Answer::of(app.request(method.clone(), &path)).await;
+        answer.problem(401, "unauthorized");
+        assert_eq!(answer.header("www-authenticate"), Some("Bearer realm=\"kincal\""));
+    }
+    for value in ["Bearer nonsense", "Basic dTpw", "Bearer", "Bearer \u{e9}"] {
+        let value = reqwest::header::HeaderValue::from_bytes(value.as_bytes()).unwrap();
+        Answer::of(app.request(Method::GET, "/v1/robots").header("authorization", value)).await.problem(401, "unauthorized");
+    }
+}
+
+#[tokio::test]
+async fn each_route_takes_its_scope_and_no_other() {
+    let (app, _dir) = guarded().await;
+    let all = ["read", "upload", "identify", "release"];
+    for (method, path, scope) in POLICY {
+        let path = path.replace("{robot_id}", "rob_1").replace("{id}", "x_1");
+        for name in all.into_iter().chain(["admin"]) {
+            let (key, _) = key(&app, &[name], None).await;
+            let answer = with_key(&app, method.clone(), &path, &key, Vec::new()).await;
+            if name == scope.as_str() || name == "admin" {
+                assert!(answer.status != 401 && answer.status != 403, "{method} {path} with {name}: {}", answer.text());
+            } else {
+                answer.problem(403, "insufficient_scope");
+                assert!(answer.header("www-authenticate").unwrap().contains(scope.as_str()));
+            }
+        }
+    }
+}
+
+#[tokio::test]
+async fn every_documented_route_has_a_policy() {
+    let document = kincal::http::openapi();
+    for (path, item) in &document.paths.paths {
+        let documented = [(Method::GET, &item.get), (Method::POST, &item.post), (Method::PUT, &item.put), (Method::DELETE, &item.delete)];
+        for (method, _) in documented.into_iter().filter(|(_, operation)| operation.is_some()) {
+            let has_policy = POLICY.iter().any(|(m, route, _)| *m == method && route == path);
+            assert!(has_policy || OPEN.contains(&path.as_str()), "{method} {path} has no policy");
+        }
+    }
+    for (method, route, _) in POLICY {
+        assert!(document.paths.paths.contains_key(*route), "{method} {route} is in the policy but not in the contract");
+    }
+}
+
+#[tokio::test]
+async fn a_key_limited_to_a_robot_sees_no_other() {
+    let (app, _dir) = guarded().await;
+    let (admin, _) = key(&app, &["admin"], None).await;
+    let mut ids = Vec::new();
+    for _ in 0..2 {
+        ids.push(text(&with_key(&app, Method::POST, "/v1/robots", &admin, paper("robot.json")).await.ok(201)["id"]).to_owned());
+    }
+    let set = json!({"frame": "base", "points": [{"q_deg": [0, 0, 0, 0, 0, 0], "position_mm": [1, 2, 3]}]}).to_string().into_bytes();
+    let other_set = with_key(&app, Method::POST, &format!("/v1/robots/{}/measurement-sets", ids[1]), &admin, set.clone()).await.ok(201);
+    let (limited, _) = key(&app, &["read", "upload", "identify"], Some(vec![&ids[0]])).await;
+    let list = with_key(&app, Method::GET, "/v1/robots", &limited, Vec::new()).await.ok(200);
+    assert_eq!(list["items"].as_array().unwrap().iter().map(|robot| text(&robot["id"])).collect::<Vec<_>>(), [ids[0].as_str()]);
+    for path in [
+        format!("/v1/robots/{}", ids[1]),
+        format!("/v1/robots/{}/jobs", ids[1]),
+        format!("/v1/measurement-sets/{}", text(&other_set["id"])),
+    ] {
+        with_key(&app, Method::GET, &path, &limited, Vec::new()).await.problem(404, "not_found");
+    }
+    with_key(&app, Method::POST, &format!("/v1/robots/{}/measurement-sets", ids[1]), &limited, set.clone()).await.problem(404, "not_found");
+    with_key(&app, Method::POST, "/v1/robots", &limited, paper("robot.json")).await.problem(403, "forbidden");
+    with_key(&app, Method::POST, &format!("/v1/robots/{}/measurement-sets", ids[0]), &limited, set).await.ok(201);
+}
+
+#[tokio::test]
+async fn a_revoked_key_is_refused_at_once() {
+    let (app, _dir) = guarded().await;
+    let (key, id) = key(&app, &["read"], None).await;
+    with_key(&app, Method::GET, "/v1/robots", &key, Vec::new()).await.ok(200);
+    let mut tx = app.server.store.begin().await.unwrap();
+    api_keys::revoke(&mut tx, &id).await.unwrap();
+    tx.commit().await.unwrap();
+    with_key(&app, Method::GET, "/v1/robots", &key, Vec::new()).await.problem(401, "unauthorized");
+}
+
+#[tokio::test]
+async fn one_holders_idempotency_keys_are_not_anothers() {
+    let (app, _dir) = guarded().await;
+    let mut ids = Vec::new();
+    for _ in 0..2 {
+        let (key, _) = key(&app, &["upload"], None).await;
+        let request = app.request(Method::POST, "/v1/robots").bearer_auth(key).header("idempotency-key", "same");
+        ids.push(Answer::of(request.header("content-type", "application/json").body(paper("robot.json"))).await.ok(201)["id"].clone());
+    }
+    assert_ne!(ids[0], ids[1]);
+}
+
+#[test]
+fn a_key_has_256_random_bits() {
+    let (key, hash) = new_key().unwrap();
+    assert_eq!(key.len(), "kincal_".len() + 64);
+    assert_eq!(hash, kincal::wire::canonical::sha256_hex(key.as_bytes()));
+    assert_ne!(new_key().unwrap().0, key);
+    assert_eq!(Scope::parse("upload"), Some(Scope::Upload));
+}

@@ -1,0 +1,237 @@
+use crate::app::{TestApp, paper, text};
+use serde_json::{Value, json};
+
+#[tokio::test]
+async fn a_job_is_queued_at_once_and_succeeds_with_a_report() {
+    let app = TestApp::with_workers(1).await;
+    let (robot, set) = app.robot_with_set("first.csv").await;
+    let job = app.run(&robot, &json!({"measurement_set_id": set, "method": "pso", "seed": 7})).await;
+    assert_eq!(
+        (&job["status"], &job["method"], &job["kind"], &job["attempt"]),
+        (&json!("succeeded"), &json!("pso"), &json!("identify"), &json!(1))
+    );
+    let report = app.get(&format!("/v1/jobs/{}/report", text(&job["id"]))).await.ok(200);
+    assert_eq!(
+        (&report["job_id"], &report["method"], &report["seed"], &report["model"]),
+        (&job["id"], &json!("pso"), &json!(7), &json!("paper"))
+    );
+    assert_eq!((&report["identify"]["n_points"], &report["verify"]["n_points"]), (&json!(50), &json!(50)));
+    assert!(report["verify"]["after"]["rms_mm"].as_f64() < report["verify"]["before"]["rms_mm"].as_f64());
+    assert_eq!(report["per_point"].as_array().unwrap().len(), 100);
+    assert_eq!(report["evidence"], "same_upload");
+    assert_eq!(text(&report["result_sha256"]).len(), 64);
+    assert!(report["comparison"].as_array().unwrap().iter().any(|other| other["method"] == "least_squares"), "{}", report["comparison"]);
+    assert!(report["duration_ms"].as_f64() > Some(0.0));
+    assert!(job["parameter_set_id"].is_string() && job["network_id"].is_string());
+}
+
+#[tokio::test]
+async fn the_convergence_curve_begins_at_0_never_rises_and_ends_at_the_last_iteration() {
+    let app = TestApp::with_workers(1).await;
+    let (robot, set) = app.robot_with_set("first.csv").await;
+    let job = app.run(&robot, &json!({"measurement_set_id": set, "method": "pso", "refine": false, "options": {"n_iterations": 25}})).await;
+    let path = format!("/v1/jobs/{}", text(&job["id"]));
+    let curve = app.get(&format!("{path}/convergence")).await.ok(200);
+    let report = app.get(&format!("{path}/report")).await.ok(200);
+    let costs: Vec<f64> = curve["best_cost_mm2"].as_array().unwrap().iter().map(|cost| cost.as_f64().unwrap()).collect();
+    assert_eq!(curve["iteration"], json!((0..=25).collect::<Vec<_>>()));
+    assert_eq!(report["n_iterations"], 25);
+    assert!(costs.windows(2).all(|pair| pair[1] <= pair[0]));
+}
+
+#[tokio::test]
+async fn a_swarms_network_is_stored_and_moves_the_next_swarm() {
+    let app = TestApp::with_workers(1).await;
+    let (robot, first) = app.robot_with_set("first.csv").await;
+    let follow_up = app.upload(&robot, "followup_unchanged.csv").await;
+    let request = json!({"measurement_set_id": follow_up, "method": "bpnn_pso"});
+    app.post_json(&format!("{robot}/jobs"), &request).await.problem(409, "no_network");
+    let trained = app.run(&robot, &json!({"measurement_set_id": first, "method": "pso"})).await;
+    let network = app.get(&format!("/v1/networks/{}", text(&trained["network_id"]))).await.ok(200);
+    assert_eq!((&network["job_id"], &network["model"], &network["preset"]), (&trained["id"], &json!("paper"), &json!("default")));
+    assert_eq!(app.get(&format!("{robot}/networks")).await.ok(200)["items"], json!([network]));
+    let weights = app.get(&format!("/v1/networks/{}/weights", text(&trained["network_id"]))).await;
+    assert_eq!(weights.header("content-type"), Some("application/octet-stream"));
+    let read = kincal::wire::safetensors::read(&weights.bytes).unwrap();
+    assert_eq!(json!(read.parameter_names), network["parameter_names"]);
+    assert_eq!(kincal::wire::safetensors::write(&read).unwrap().sha256, text(&network["sha256"]));
+    let job = app.run(&robot, &request).await;
+    assert_eq!(job["status"], "succeeded", "{job}");
+    app.post_json(&format!("{robot}/jobs"), &json!({"measurement_set_id": follow_up, "method": "bpnn_pso", "preset": "paper"}))
+        .await
+        .problem(409, "no_network");
+    let other = json!({"measurement_set_id": follow_up, "method": "bpnn_pso", "model": "complete", "network_id": trained["network_id"]});
+    app.post_json(&format!("{robot}/jobs"), &other).await.problem(409, "network_mismatch");
+}
+
+#[tokio::test]
+async fn the_same_request_gives_the_same_result_also_after_a_restart_and_with_other_workers() {
+    let mut app = TestApp::with_workers(1).await;
+    let (robot, set) = app.robot_with_set("first_noisy.csv").await;
+    let request = json!({"measurement_set_id": set, "method": "pso", "seed": 3, "options": {"n_iterations": 40}});
+    let mut hashes = Vec::new();
+    for workers in [1, 3] {
+        for _ in 0..2 {
+            let job = app.run(&robot, &request).await;
+            let report = app.get(&format!("/v1/jobs/{}/report", text(&job["id"]))).await.ok(200);
+            let set = app.get(&format!("/v1/parameter-sets/{}", text(&job["parameter_set_id"]))).await.ok(200);
+            hashes.push((report["result_sha256"].clone(), set["sha256"].clone()));
+        }
+        app.config.workers = Some(workers + 2);
+        app = app.restart().await;
+    }
+    assert!(hashes.windows(2).all(|pair| pair[0] == pair[1]), "{hashes:?}");
+    let other = app.run(&robot, &json!({"measurement_set_id": set, "method": "pso", "seed": 4, "options": {"n_iterations": 40}})).await;
+    let report = app.get(&format!("/v1/jobs/{}/report", text(&other["id"]))).await.ok(200);
+    assert_ne!(report["result_sha256"], hashes[0].0, "another seed is another result");
+}
+
+#[tokio::test]
+async fn a_waiting_job_has_no_result_and_can_be_cancelled() {
+    let app = TestApp::spawn().await;
+    let (robot, set) = app.robot_with_set("first.csv").await;
+    let job = app.post_json(&format!("{robot}/jobs"), &json!({"measurement_set_id": set})).await.ok(202);
+    let path = format!("/v1/jobs/{}", text(&job["id"]));
+    assert_eq!((&job["status"], &job["attempt"]), (&json!("queued"), &json!(0)));
+    app.get(&format!("{path}/report")).await.problem(409, "not_finished");
+    app.get(&format!("{path}/convergence")).await.problem(409, "not_finished");
+    let cancelled = app.post(&format!("{path}/cancel"), "application/json", "").await.ok(200);
+    assert_eq!(cancelled["status"], "cancelled");
+    assert!(cancelled["finished_at"].is_string());
+    assert_eq!(app.post(&format!("{path}/cancel"), "application/json", "").await.ok(200), cancelled, "cancelling again changes nothing");
+    app.get(&format!("{path}/report")).await.problem(409, "no_result");
+    assert_eq!(app.get(&format!("{robot}/jobs")).await.ok(200)["items"][0], cancelled);
+}
+
+#[tokio::test]
+async fn a_long_poll_answers_at_once_when_the_job_is_cancelled() {
+    let app = TestApp::spawn().await;
+    let (robot, set) = app.robot_with_set("first.csv").await;
+    let job = app.post_json(&format!("{robot}/jobs"), &json!({"measurement_set_id": set})).await.ok(202);
+    let path = format!("/v1/jobs/{}", text(&job["id"]));
+    let (waiting, cancel) = (format!("{path}?wait_s=30"), format!("{path}/cancel"));
+    let (polled, _) = tokio::join!(app.get(&waiting), app.post(&cancel, "application/json", ""));
+    assert_eq!(polled.ok(200)["status"], "cancelled");
+    app.get(&format!("{path}?wait_s=31")).await.problem(400, "invalid_query");
+    app.get(&format!("{path}?wait_s=-1")).await.problem(400, "invalid_query");
+    app.get("/v1/jobs/job_0").await.problem(404, "not_found");
+}
+
+#[tokio::test]
+async fn events_tell_progress_and_end_with_finished() {
+    let app = TestApp::with_workers(1).await;
+    let (robot, set) = app.robot_with_set("first.csv").await;
+    let job = app.post_json(&format!("{robot}/jobs"), &json!({"measurement_set_id": set, "method": "pso"})).await.ok(202);
+    let stream = app.get(&format!("/v1/jobs/{}/events", text(&job["id"]))).await;
+    assert_eq!((stream.status, stream.header("content-type")), (200, Some("text/event-stream")));
+    let all = stream.text();
+    let events: Vec<(&str, Value)> = all
+        .split("\n\n")
+        .filter_map(|event| {
+            let (name, data) = event.strip_prefix("event: ")?.split_once("\ndata: ")?;
+            Some((name, serde_json::from_str(data).unwrap()))
+        })
+        .collect();
+    let (last, before) = events.split_last().unwrap();
+    assert_eq!((last.0, &last.1["status"], &last.1["id"]), ("finished", &json!("succeeded"), &job["id"]));
+    assert!(before.iter().all(|(name, _)| *name == "progress"));
+    app.get("/v1/jobs/job_0/events").await.problem(404, "not_found");
+}
+
+#[tokio::test]
+async fn what_is_not_built_yet_is_refused_and_named() {
+    let app = TestApp::spawn().await;
+    let (robot, set) = app.robot_with_set("first.csv").await;
+    for (extra, pointer) in [
+        (json!({"kind": "verify"}), Some("/kind")),
+        (json!({"parameters": {"priors": [{"name": "a_1", "std": 0.1}]}}), Some("/parameters/priors")),
+        (json!({"options": {"loss": "huber"}}), None),
+    ] {
+        let mut request = extra.clone();
+        request["measurement_set_id"] = json!(set);
+        let problem = app.post_json(&format!("{robot}/jobs"), &request).await.problem(422, "not_available");
+        if let Some(pointer) = pointer {
+            assert_eq!(problem["errors"][0]["pointer"], pointer);
+        }
+    }
+    for corrections in ["off", "auto"] {
+        app.post_json(&format!("{robot}/jobs"), &json!({"measurement_set_id": set, "corrections": corrections})).await.ok(202);
+    }
+}
+
+#[tokio::test]
+async fn options_out_of_range_are_refused_by_pointer() {
+    let app = TestApp::spawn().await;
+    let (robot, set) = app.robot_with_set("first.csv").await;
+    for (options, pointer) in [
+        (json!({"n_particles": 1}), "/options/n_particles"),
+        (json!({"n_particles": 100_001}), "/options/n_particles"),
+        (json!({"n_iterations": 100_001}), "/options/n_iterations"),
+        (json!({"n_particles": 100_000, "n_iterations": 100_000}), "/options/n_iterations"),
+        (json!({"search_half_width_mm": 0.0}), "/options/search_half_width_mm"),
+        (json!({"search_half_width_deg": -1.0}), "/options/search_half_width_deg"),
+        (json!({"inertia_weight": -0.1}), "/options/inertia_weight"),
+        (json!({"stop_at_cost_mm2": -1.0}), "/options/stop_at_cost_mm2"),
+    ] {
+        let problem = app
+            .post_json(&format!("{robot}/jobs"), &json!({"measurement_set_id": set, "options": options}))
+            .await
+            .problem(422, "invalid_job");
+        assert_eq!(problem["errors"][0]["pointer"], pointer);
+    }
+    for verify in [json!({"source": "fraction", "fraction": 1.0}), json!({"source": "fraction", "fraction": 0.0})] {
+        app.post_json(&format!("{robot}/jobs"), &json!({"measurement_set_id": set, "verify": verify})).await.problem(422, "invalid_job");
+    }
+    for request in
+        [json!({"seed": -1}), json!({"method": "guess"}), json!({"verify": {"source": "moon"}}), json!({"options": {"n_particle": 9}})]
+    {
+        let mut request = request;
+        request["measurement_set_id"] = json!(set);
+        app.post_json(&format!("{robot}/jobs"), &request).await.problem(422, "invalid_body");
+    }
+    app.post_json(&format!("{robot}/jobs"), &json!({"measurement_set_id": set, "parameters": {"identify": ["a_99"]}}))
+        .await
+        .problem(422, "unknown_parameter");
+}
+
+#[tokio::test]
+async fn a_job_refers_only_to_things_of_its_own_robot() {
+    let app = TestApp::spawn().await;
+    let (robot, set) = app.robot_with_set("first.csv").await;
+    let other = app.paper_robot().await;
+    let problem = app.post_json(&format!("{other}/jobs"), &json!({"measurement_set_id": set})).await.problem(422, "unknown_reference");
+    assert_eq!(problem["errors"][0]["pointer"], "/measurement_set_id");
+    for (key, pointer) in [("frames_id", "/frames_id"), ("network_id", "/network_id"), ("parameter_set_id", "/parameter_set_id")] {
+        let problem = app
+            .post_json(&format!("{robot}/jobs"), &json!({"measurement_set_id": set, key: "nothing"}))
+            .await
+            .problem(422, "unknown_reference");
+        assert_eq!(problem["errors"][0]["pointer"], pointer);
+    }
+    app.post_json("/v1/robots/rob_0/jobs", &json!({"measurement_set_id": set})).await.problem(404, "not_found");
+}
+
+#[tokio::test]
+async fn another_set_can_verify_and_is_stronger_evidence() {
+    let app = TestApp::with_workers(1).await;
+    let (robot, first) = app.robot_with_set("first.csv").await;
+    let second = app.upload(&robot, "followup_unchanged.csv").await;
+    let verify = json!({"source": "set", "measurement_set_id": second});
+    let job = app.run(&robot, &json!({"measurement_set_id": first, "method": "least_squares", "verify": verify})).await;
+    let report = app.get(&format!("/v1/jobs/{}/report", text(&job["id"]))).await.ok(200);
+    assert_eq!(report["evidence"], "independent_session");
+}
+
+#[tokio::test]
+async fn sweeps_and_a_set_in_the_instruments_frame_give_the_papers_model() {
+    let app = TestApp::with_workers(1).await;
+    let robot = app.paper_robot().await;
+    let set = app.post(&format!("{robot}/measurement-sets?frame=instrument"), "text/csv", paper("first.csv")).await.ok(201);
+    let request = json!({"measurement_set_id": set["id"], "model": "paper", "method": "least_squares"});
+    app.post_json(&format!("{robot}/jobs"), &request).await.problem(422, "frames_required");
+    let frames = app.post(&format!("{robot}/frames"), "text/csv", paper("sweeps_instrument.csv")).await.ok(201);
+    let mut request = request;
+    request["frames_id"] = frames["id"].clone();
+    let job = app.run(&robot, &request).await;
+    assert_eq!(job["status"], "succeeded", "{job}");
+}

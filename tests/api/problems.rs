@@ -1,0 +1,65 @@
+use crate::app::{Answer, TestApp};
+use reqwest::Method;
+use serde_json::json;
+
+#[tokio::test]
+async fn unknown_paths_and_methods_are_problems() {
+    let app = TestApp::spawn().await;
+    for path in ["/v1", "/v1/nothing", "/v2/robots", "/v1/robots/", "//", "/robots"] {
+        app.get(path).await.problem(404, "no_such_route");
+    }
+    for (method, path, allow) in [
+        (Method::DELETE, "/v1/robots", vec!["GET", "HEAD", "POST"]),
+        (Method::POST, "/healthz", vec!["GET", "HEAD"]),
+        (Method::GET, "/v1/jobs/job_1/cancel", vec!["POST"]),
+        (Method::from_bytes(b"BREW").unwrap(), "/v1/jobs/job_1", vec!["GET", "HEAD"]),
+    ] {
+        let answer = Answer::of(app.request(method, path)).await;
+        answer.problem(405, "method_not_allowed");
+        let mut allowed: Vec<&str> = answer.header("allow").unwrap().split(',').map(str::trim).collect();
+        allowed.sort_unstable();
+        assert_eq!(allowed, allow, "{path}");
+    }
+}
+
+#[tokio::test]
+async fn every_answer_has_a_request_id_of_its_own() {
+    let app = TestApp::spawn().await;
+    let (first, second) = (app.get("/healthz").await, app.get("/nothing").await);
+    let ids = [first.header("x-request-id").unwrap(), second.header("x-request-id").unwrap()];
+    assert_ne!(ids[0], ids[1]);
+}
+
+#[tokio::test]
+async fn a_bad_path_is_not_looked_up() {
+    let app = TestApp::spawn().await;
+    for id in ["%ff", "%00", "a%2Fb", "..%2f..", &"x".repeat(5000), "'%20or%201=1"] {
+        let answer = app.get(&format!("/v1/robots/{id}")).await;
+        assert_eq!(answer.status, 404, "{id}: {}", answer.text());
+        answer.problem(404, "not_found");
+    }
+}
+
+#[tokio::test]
+async fn json_that_is_nested_a_million_deep_is_refused() {
+    let app = TestApp::spawn().await;
+    app.post("/v1/robots", "application/json", "[".repeat(1_000_000)).await.problem(422, "invalid_body");
+    let deep = format!("{{\"name\": {}", "[".repeat(1_000_000));
+    let answer = app.post("/v1/robots", "application/json", deep).await;
+    assert!(answer.status == 400 || answer.status == 422, "{}", answer.text());
+}
+
+#[tokio::test]
+async fn a_closed_database_is_503_and_hides_the_cause() {
+    let app = TestApp::spawn().await;
+    app.server.store.close().await;
+    assert_eq!(app.get("/healthz").await.status, 200);
+    let not_ready = app.get("/readyz").await;
+    not_ready.problem(503, "not_ready");
+    assert!(not_ready.header("retry-after").is_some());
+    let problem = app.get("/v1/robots").await.problem(503, "unavailable");
+    assert!(!problem.to_string().to_lowercase().contains("pool"), "{problem}");
+    app.post_json("/v1/robots", &json!({"name": "r", "links": [{"a_mm": 1, "alpha_deg": 0, "d_mm": 0, "theta_offset_deg": 0}]}))
+        .await
+        .problem(503, "unavailable");
+}

@@ -1,0 +1,149 @@
+//! The released binary as a process.
+
+use crate::app::{paper, text};
+use serde_json::{Value, json};
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+fn kincal(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_kincal")).args(arguments).output().unwrap()
+}
+
+struct Process {
+    child: Child,
+    url: String,
+}
+
+impl Process {
+    fn serve(data_dir: &Path, workers: &str, extra: &[&str]) -> Self {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_kincal"));
+        command.args(["serve", "--listen", "127.0.0.1:0", "--workers", workers, "--data-dir"]).arg(data_dir).args(extra);
+        let mut child = command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
+        let mut line = String::new();
+        BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
+        let url = line.trim().strip_prefix("kincal listening on ").unwrap_or_else(|| panic!("{line:?}")).to_owned();
+        Self { child, url }
+    }
+
+    /// Asks it to stop and waits; how long that took.
+    fn terminate(&mut self) -> (Duration, Option<i32>) {
+        let begun = Instant::now();
+        assert!(Command::new("kill").arg(self.child.id().to_string()).status().unwrap().success());
+        let status = self.child.wait().unwrap();
+        (begun.elapsed(), status.code())
+    }
+
+    async fn post(&self, path: &str, content_type: &str, body: Vec<u8>) -> Value {
+        let request = reqwest::Client::new().post(format!("{}{path}", self.url)).header("content-type", content_type).body(body);
+        request.send().await.unwrap().error_for_status().unwrap().json().await.unwrap()
+    }
+
+    async fn get(&self, path: &str) -> Value {
+        reqwest::get(format!("{}{path}", self.url)).await.unwrap().error_for_status().unwrap().json().await.unwrap()
+    }
+}
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+#[tokio::test]
+async fn everything_is_there_after_sigterm_and_a_new_start() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut server = Process::serve(dir.path(), "1", &["--no-auth"]);
+    let robot = server.post("/v1/robots", "application/json", paper("robot.json")).await;
+    let sets = format!("/v1/robots/{}/measurement-sets?frame=base", text(&robot["id"]));
+    let set = server.post(&sets, "text/csv", paper("first.csv")).await;
+    let jobs = format!("/v1/robots/{}/jobs", text(&robot["id"]));
+    let request = json!({"measurement_set_id": set["id"], "method": "pso"}).to_string().into_bytes();
+    let posted = server.post(&jobs, "application/json", request).await;
+    // Whether the job is running or waiting by now: it is finished or handed back, and ends once.
+    let (took, code) = server.terminate();
+    assert_eq!(code, Some(0));
+    assert!(took < Duration::from_secs(10), "{took:?}");
+    let server = Process::serve(dir.path(), "1", &["--no-auth"]);
+    assert_eq!(server.get(&format!("/v1/robots/{}", text(&robot["id"]))).await, robot);
+    assert_eq!(server.get(&format!("/v1/measurement-sets/{}", text(&set["id"]))).await, set);
+    let mut job = posted.clone();
+    while ["queued", "running"].contains(&text(&job["status"])) {
+        job = server.get(&format!("/v1/jobs/{}?wait_s=30", text(&posted["id"]))).await;
+    }
+    assert_eq!((&job["status"], &job["attempt"]), (&json!("succeeded"), &json!(1)), "{job}");
+    let sets = server.get(&format!("/v1/robots/{}/parameter-sets", text(&robot["id"]))).await;
+    assert_eq!(sets["items"].as_array().unwrap().len(), 1);
+}
+
+#[tokio::test]
+async fn sigterm_ends_long_polls_and_event_streams_within_ten_seconds() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut server = Process::serve(dir.path(), "0", &["--no-auth"]);
+    let robot = server.post("/v1/robots", "application/json", paper("robot.json")).await;
+    let set = server.post(&format!("/v1/robots/{}/measurement-sets", text(&robot["id"])), "text/csv", paper("first.csv")).await;
+    let request = json!({"measurement_set_id": set["id"]}).to_string().into_bytes();
+    let job = server.post(&format!("/v1/robots/{}/jobs", text(&robot["id"])), "application/json", request).await;
+    let job = format!("{}/v1/jobs/{}", server.url, text(&job["id"]));
+    let events = reqwest::get(format!("{job}/events")).await.unwrap();
+    let poll = tokio::spawn(reqwest::get(format!("{job}?wait_s=30")));
+    // Once this answers, the poll before it on the same server has been accepted or will be cut before it is heard.
+    reqwest::get(&job).await.unwrap();
+    let (took, code) = tokio::task::spawn_blocking(move || server.terminate()).await.unwrap();
+    assert_eq!(code, Some(0));
+    assert!(took < Duration::from_secs(10), "{took:?}");
+    assert!(events.text().await.unwrap().starts_with("event: progress"));
+    if let Ok(answer) = poll.await.unwrap() {
+        assert_eq!(answer.json::<Value>().await.unwrap()["status"], "queued");
+    }
+}
+
+#[test]
+fn no_auth_beyond_loopback_is_wrong_usage() {
+    let output = kincal(&["serve", "--no-auth", "--listen", "0.0.0.0:0"]);
+    assert_eq!(output.status.code(), Some(2));
+    let message = String::from_utf8(output.stderr).unwrap();
+    assert!(message.contains("loopback") && message.contains("kincal key create"), "{message}");
+    assert_eq!(kincal(&["serve", "--listen", "nowhere"]).status.code(), Some(2));
+    assert_eq!(kincal(&["fly"]).status.code(), Some(2));
+}
+
+#[test]
+fn an_address_in_use_is_a_failure_that_says_so() {
+    let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let dir = tempfile::tempdir().unwrap();
+    let address = taken.local_addr().unwrap().to_string();
+    let output = kincal(&["serve", "--no-auth", "--listen", &address, "--data-dir", dir.path().to_str().unwrap()]);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(String::from_utf8(output.stderr).unwrap().contains("--listen"));
+}
+
+#[tokio::test]
+async fn a_key_made_beside_the_server_opens_it_until_it_is_revoked() {
+    let dir = tempfile::tempdir().unwrap();
+    let data_dir = dir.path().to_str().unwrap().to_owned();
+    let server = Process::serve(dir.path(), "0", &[]);
+    let get = |key: String| reqwest::Client::new().get(format!("{}/v1/robots", server.url)).bearer_auth(key).send();
+    assert_eq!(get("wrong".into()).await.unwrap().status(), 401);
+    let create = ["key", "create", "--data-dir", &data_dir, "--name", "cell-4", "--scope", "read", "--scope", "upload"];
+    let key = String::from_utf8(kincal(&create).stdout).unwrap().trim().to_owned();
+    assert_eq!(get(key.clone()).await.unwrap().status(), 200);
+    let list = String::from_utf8(kincal(&["key", "list", "--data-dir", &data_dir]).stdout).unwrap();
+    assert!(list.contains("cell-4") && list.contains("upload") && !list.contains(&key), "{list}");
+    let revoked = kincal(&["key", "revoke", "--data-dir", &data_dir, "--name", "cell-4"]);
+    assert_eq!(revoked.status.code(), Some(0));
+    assert_eq!(get(key).await.unwrap().status(), 401);
+    assert_eq!(kincal(&["key", "revoke", "--data-dir", &data_dir, "--name", "cell-4"]).status.code(), Some(1));
+    assert_eq!(kincal(&["key", "create", "--data-dir", &data_dir, "--name", "x", "--scope", "everything"]).status.code(), Some(2));
+    assert_eq!(
+        kincal(&["key", "create", "--data-dir", &data_dir, "--name", "x", "--scope", "read", "--robot", "rob_0"]).status.code(),
+        Some(2)
+    );
+}
+
+#[test]
+fn openapi_prints_the_checked_in_document() {
+    assert_eq!(String::from_utf8(kincal(&["openapi"]).stdout).unwrap(), include_str!("../../openapi.yaml"));
+}

@@ -1,0 +1,128 @@
+//! The pool: runs what is posted, and shuts down without losing or repeating anything.
+
+use std::time::{Duration, Instant};
+
+use kincal::jobs::{JobSignals, WorkerPool};
+use kincal::store::{JobStatus, PageRequest, jobs, leases, parameter_sets};
+
+use crate::computations::{LONG, arrived, gate, obey, until};
+use crate::engines::for_each_engine;
+use crate::fixtures::{a_job, a_robot, a_set};
+
+const ATTEMPTS: u32 = 3;
+
+#[test]
+fn a_pool_runs_every_job_once() {
+    for_each_engine(async |database| {
+        let store = &database.store;
+        let set = a_set(store, &a_robot(store, "r").await).await;
+        let signals = JobSignals::default();
+        let pool = WorkerPool::start(store.clone(), obey, 4, LONG, ATTEMPTS, signals.clone());
+        let mut ids = Vec::new();
+        for i in 0..40 {
+            let request = if i % 10 == 3 { "panic" } else { "succeed" };
+            ids.push((a_job(store, &set, request).await.id, i % 10 == 3));
+            signals.job_enqueued();
+        }
+        for (id, panics) in &ids {
+            let job = until(store, id, |job| job.status.is_over()).await;
+            let expected = if *panics { JobStatus::Failed } else { JobStatus::Succeeded };
+            assert_eq!((job.status, job.attempt), (expected, 1));
+        }
+        pool.shutdown(LONG).await;
+        let sets = parameter_sets::list(store, &set.robot_id, &PageRequest::default()).await.unwrap().items;
+        assert_eq!(sets.len(), 36);
+    });
+}
+
+#[test]
+fn a_pool_finds_jobs_that_nobody_signalled() {
+    for_each_engine(async |database| {
+        let store = &database.store;
+        let pool = WorkerPool::start(store.clone(), obey, 1, LONG, ATTEMPTS, JobSignals::default());
+        // Posted through another process.
+        let job = a_job(store, &a_set(store, &a_robot(store, "r").await).await, "succeed").await;
+        assert_eq!(until(store, &job.id, |job| job.status.is_over()).await.status, JobStatus::Succeeded);
+        pool.shutdown(LONG).await;
+    });
+}
+
+#[test]
+fn a_pool_takes_over_the_job_of_a_worker_that_died() {
+    for_each_engine(async |database| {
+        let store = &database.store;
+        let job = a_job(store, &a_set(store, &a_robot(store, "r").await).await, "succeed").await;
+        leases::claim(store, "dead", Duration::from_millis(1)).await.unwrap().unwrap();
+        let pool = WorkerPool::start(store.clone(), obey, 1, LONG, ATTEMPTS, JobSignals::default());
+        let done = until(store, &job.id, |job| job.status.is_over()).await;
+        assert_eq!((done.status, done.attempt), (JobStatus::Succeeded, 2));
+        pool.shutdown(LONG).await;
+    });
+}
+
+#[test]
+fn a_pool_that_shuts_down_lets_computations_finish_in_time() {
+    for_each_engine(async |database| {
+        let store = &database.store;
+        let job = a_job(store, &a_set(store, &a_robot(store, "r").await).await, "report progress, wait at the gate").await;
+        let waiting = a_job(store, &a_set(store, &a_robot(store, "r").await).await, "succeed").await;
+        // The lease is shorter than what the draining takes: it must be kept.
+        let pool = WorkerPool::start(store.clone(), obey, 1, Duration::from_millis(1500), ATTEMPTS, JobSignals::default());
+        arrived(&job.id).await;
+        let shutdown = tokio::spawn(pool.shutdown(LONG));
+        let begun = jobs::get(store, &job.id).await.unwrap();
+        until(store, &job.id, |job| job.lease_until_ms > begun.lease_until_ms.map(|ms| ms + 2000)).await;
+        gate(&job.id).open();
+        shutdown.await.unwrap();
+        let done = jobs::get(store, &job.id).await.unwrap();
+        assert_eq!((done.status, done.attempt), (JobStatus::Succeeded, 1));
+        assert_eq!(jobs::get(store, &waiting.id).await.unwrap().status, JobStatus::Queued, "nothing new was begun");
+    });
+}
+
+#[test]
+fn a_pool_that_shuts_down_hands_unfinished_jobs_back_with_their_attempt() {
+    for_each_engine(async |database| {
+        let store = &database.store;
+        let job = a_job(store, &a_set(store, &a_robot(store, "r").await).await, "run until stopped").await;
+        let pool = WorkerPool::start(store.clone(), obey, 2, LONG, ATTEMPTS, JobSignals::default());
+        arrived(&job.id).await;
+        let begun = Instant::now();
+        pool.shutdown(Duration::from_secs(1)).await;
+        assert!(begun.elapsed() < LONG / 4, "the shutdown took {:?}", begun.elapsed());
+        let handed_back = jobs::get(store, &job.id).await.unwrap();
+        assert_eq!((handed_back.status, handed_back.attempt, handed_back.owner), (JobStatus::Queued, 0, None));
+    });
+}
+
+#[test]
+fn a_computation_that_does_not_stop_is_handed_back_and_its_late_result_is_not_stored() {
+    for_each_engine(async |database| {
+        let store = &database.store;
+        let set = a_set(store, &a_robot(store, "r").await).await;
+        let job = a_job(store, &set, "report progress, wait at the gate").await;
+        let pool = WorkerPool::start(store.clone(), obey, 1, LONG, ATTEMPTS, JobSignals::default());
+        arrived(&job.id).await;
+        pool.shutdown(Duration::from_secs(1)).await;
+        assert_eq!(jobs::get(store, &job.id).await.unwrap().status, JobStatus::Queued);
+        gate(&job.id).open();
+        // Another pool computes it, once.
+        let pool = WorkerPool::start(store.clone(), obey, 1, LONG, ATTEMPTS, JobSignals::default());
+        let done = until(store, &job.id, |job| job.status.is_over()).await;
+        assert_eq!((done.status, done.attempt), (JobStatus::Succeeded, 1));
+        pool.shutdown(LONG).await;
+        assert_eq!(parameter_sets::list(store, &set.robot_id, &PageRequest::default()).await.unwrap().items.len(), 1);
+    });
+}
+
+#[test]
+fn a_pool_without_work_shuts_down_at_once() {
+    for_each_engine(async |database| {
+        for n_workers in [0, 3] {
+            let pool = WorkerPool::start(database.store.clone(), obey, n_workers, LONG, ATTEMPTS, JobSignals::default());
+            let begun = Instant::now();
+            pool.shutdown(LONG).await;
+            assert!(begun.elapsed() < LONG / 2);
+        }
+    });
+}

@@ -1,0 +1,14 @@
+//! What the store promises, on each engine.
+
+#[path = "support/engines.rs"]
+mod engines;
+#[path = "support/fixtures.rs"]
+mod fixtures;
+#[path = "store/idempotency.rs"]
+mod idempotency;
+#[path = "store/opening.rs"]
+mod opening;
+#[path = "store/parameter_sets.rs"]
+mod parameter_sets;
+#[path = "store/rows.rs"]
+mod rows;

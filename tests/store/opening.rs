@@ -1,0 +1,142 @@
+//! Opening: settings, lock, schema.
+
+use std::time::{Duration, SystemTime};
+
+use kincal::store::{Engine, Error, Store, StoreLocation, all_queries, jobs, leases, robots};
+use sqlx::{Executor, query_scalar};
+use tempfile::TempDir;
+
+use crate::engines::{for_each_engine, on_sqlite};
+use crate::fixtures::{a_job, a_robot, a_set};
+
+#[test]
+fn each_engine_prepares_every_query() {
+    for_each_engine(async |database| {
+        let queries = all_queries(database.store.engine());
+        assert!(queries.len() > 50, "the list of queries is incomplete: {}", queries.len());
+        let mut connection = database.store.pool().acquire().await.unwrap();
+        for query in queries {
+            let prepared = (&mut *connection).prepare(sqlx::SqlSafeStr::into_sql_str(query)).await;
+            prepared.unwrap_or_else(|error| panic!("{error}: {query}"));
+        }
+    });
+}
+
+#[test]
+fn every_query_constant_of_the_store_is_listed() {
+    // A constant that is not in the list would not be prepared above.
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("src/store");
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let text = std::fs::read_to_string(entry.unwrap().path()).unwrap();
+        let lists: String = text.split("QUERIES").skip(1).filter_map(|rest| rest.split_once("];")).map(|(list, _)| list).collect();
+        for line in text.lines().filter_map(|line| line.strip_prefix("const ")) {
+            let (name, definition) = line.split_once(':').unwrap();
+            if definition.contains("&str =") && !["SQLITE_PRAGMAS", "NOW"].contains(&name) {
+                assert!(lists.contains(name), "{name} is in no list");
+            }
+        }
+    }
+}
+
+#[test]
+fn every_pooled_connection_has_the_durable_settings() {
+    on_sqlite(async |database| {
+        let n = database.store.pool().options().get_max_connections();
+        let mut connections = Vec::new();
+        for _ in 0..n {
+            connections.push(database.store.pool().acquire().await.unwrap());
+        }
+        for connection in &mut connections {
+            let journal: String = query_scalar("pragma journal_mode").fetch_one(&mut **connection).await.unwrap();
+            let synchronous: i64 = query_scalar("pragma synchronous").fetch_one(&mut **connection).await.unwrap();
+            let foreign_keys: i64 = query_scalar("pragma foreign_keys").fetch_one(&mut **connection).await.unwrap();
+            let busy_timeout: i64 = query_scalar("pragma busy_timeout").fetch_one(&mut **connection).await.unwrap();
+            assert_eq!((journal.as_str(), synchronous, foreign_keys, busy_timeout), ("wal", 2, 1, 5000));
+        }
+        assert_eq!(connections.len(), 8);
+    });
+}
+
+#[test]
+fn a_data_directory_serves_one_server_at_a_time() {
+    on_sqlite(async |database| {
+        let error = Store::open(database.location.clone()).await.unwrap_err();
+        assert!(matches!(&error, Error::Open { detail } if detail.contains("in use by another kincal server")), "{error}");
+        let tool = Store::open_beside_a_server(database.location.clone()).await.unwrap();
+        assert_eq!(robots::list(&tool, None, &Default::default()).await.unwrap().items, []);
+    });
+}
+
+#[test]
+fn a_data_directory_is_free_again_when_its_server_is_gone_and_keeps_its_rows() {
+    let directory = TempDir::new().unwrap();
+    let location = StoreLocation::Sqlite { data_dir: directory.path().join("kept") };
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    runtime.block_on(async {
+        let tool = Store::open_beside_a_server(location.clone()).await.unwrap();
+        let robot = a_robot(&tool, "made by a tool before any server ran").await;
+        drop(tool);
+        let first = Store::open(location.clone()).await.unwrap();
+        assert_eq!(robots::get(&first, &robot.id).await.unwrap(), robot);
+        drop(first);
+        let second = Store::open(location).await.unwrap();
+        assert_eq!(robots::get(&second, &robot.id).await.unwrap(), robot);
+    });
+}
+
+#[test]
+fn a_server_that_opens_a_data_directory_ends_the_leases_of_the_dead_one() {
+    let directory = TempDir::new().unwrap();
+    let location = StoreLocation::Sqlite { data_dir: directory.path().to_owned() };
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    runtime.block_on(async {
+        let dead = Store::open(location.clone()).await.unwrap();
+        let job = a_job(&dead, &a_set(&dead, &a_robot(&dead, "r").await).await, "{}").await;
+        leases::claim(&dead, "dead", Duration::from_secs(3600)).await.unwrap().unwrap();
+        drop(dead);
+        let store = Store::open(location.clone()).await.unwrap();
+        let beside = Store::open_beside_a_server(location).await.unwrap();
+        assert_eq!(leases::expire(&store, 3, "{}").await.unwrap().queued, std::slice::from_ref(&job.id));
+        let mine = leases::claim(&store, "alive", Duration::from_secs(3600)).await.unwrap().unwrap();
+        assert_eq!(mine.attempt, 2);
+        // A tool leaves the leases of the server beside it alone.
+        assert!(jobs::get(&beside, &job.id).await.unwrap().lease_until_ms.unwrap() > store.now_ms().await.unwrap());
+    });
+}
+
+#[test]
+fn opening_again_changes_nothing() {
+    for_each_engine(async |database| {
+        let robot = a_robot(&database.store, "r").await;
+        let again = Store::open_beside_a_server(database.location.clone()).await.unwrap();
+        assert_eq!(robots::get(&again, &robot.id).await.unwrap(), robot);
+        again.close().await;
+    });
+}
+
+#[test]
+fn a_url_of_another_kind_is_refused_with_the_reason() {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    runtime.block_on(async {
+        for url in ["mysql://localhost/x", "sqlite://x", "nonsense"] {
+            let error = Store::open(StoreLocation::Postgres { url: url.into() }).await.unwrap_err();
+            assert!(matches!(&error, Error::Open { detail } if detail.contains("postgres://")), "{error}");
+        }
+    });
+}
+
+#[test]
+fn the_databases_clock_tells_the_time() {
+    for_each_engine(async |database| {
+        let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap().as_millis() as i64;
+        let difference_ms = (database.store.now_ms().await.unwrap() - now).abs();
+        assert!(difference_ms < 60_000, "{difference_ms} ms apart");
+        // Milliseconds, not whole seconds: of 20 readings not all end in 000.
+        let mut in_between = false;
+        for _ in 0..20 {
+            in_between |= database.store.now_ms().await.unwrap() % 1000 != 0;
+        }
+        assert!(in_between);
+        assert!(matches!(database.store.engine(), Engine::Sqlite | Engine::Postgres));
+    });
+}

@@ -1,0 +1,145 @@
+//! Release and withdrawal of parameter sets.
+
+use kincal::store::{Conflict, Error, NewParameterSet, ParameterSetRow, ParameterSetStatus, Release, Result, Store, jobs, parameter_sets};
+
+use crate::engines::for_each_engine;
+use crate::fixtures::{a_candidate, a_job, a_robot, a_set, in_transaction};
+
+async fn release(store: &Store, set: &ParameterSetRow, active: Option<&ParameterSetRow>) -> Result<ParameterSetRow> {
+    let release = Release {
+        id: set.id.clone(),
+        active_when_checked: active.map(|active| active.id.clone()),
+        reason: "after the collision".into(),
+        checks_json: "[]".into(),
+    };
+    let mut tx = store.begin().await?;
+    let released = parameter_sets::release(&mut tx, &release).await?;
+    tx.commit().await?;
+    Ok(released)
+}
+
+async fn status(store: &Store, set: &ParameterSetRow) -> ParameterSetStatus {
+    parameter_sets::get(store, &set.id).await.unwrap().status
+}
+
+#[test]
+fn a_release_supersedes_the_one_before_and_can_be_rolled_back_in_one_call() {
+    for_each_engine(async |database| {
+        let store = &database.store;
+        let robot = a_robot(store, "r").await;
+        let set = a_set(store, &robot).await;
+        let (first, second) = (a_candidate(store, &set).await, a_candidate(store, &set).await);
+        assert_eq!(first.status, ParameterSetStatus::Candidate);
+        assert_eq!(parameter_sets::active(store, &robot.id).await.unwrap(), None);
+        let released = release(store, &first, None).await.unwrap();
+        assert_eq!(released.release_reason.as_deref(), Some("after the collision"));
+        assert!(released.released_at_ms.unwrap() >= first.created_at_ms);
+        assert_eq!(release(store, &first, None).await.unwrap(), released, "releasing it again changes nothing");
+        release(store, &second, Some(&first)).await.unwrap();
+        assert_eq!(status(store, &first).await, ParameterSetStatus::Superseded);
+        assert_eq!(parameter_sets::active(store, &robot.id).await.unwrap().unwrap().id, second.id);
+        release(store, &first, Some(&second)).await.unwrap();
+        assert_eq!(parameter_sets::active(store, &robot.id).await.unwrap().unwrap().id, first.id);
+        assert_eq!(status(store, &second).await, ParameterSetStatus::Superseded);
+    });
+}
+
+#[test]
+fn a_release_is_refused_when_another_was_released_since_its_checks() {
+    for_each_engine(async |database| {
+        let store = &database.store;
+        let set = a_set(store, &a_robot(store, "r").await).await;
+        let (first, second) = (a_candidate(store, &set).await, a_candidate(store, &set).await);
+        release(store, &first, None).await.unwrap();
+        let refused = release(store, &second, None).await;
+        assert!(matches!(refused, Err(Error::Conflict(Conflict::ActiveChanged))), "{refused:?}");
+        assert_eq!(status(store, &first).await, ParameterSetStatus::Released);
+        assert_eq!(status(store, &second).await, ParameterSetStatus::Candidate);
+    });
+}
+
+#[test]
+fn a_withdrawn_set_is_not_active_and_cannot_be_released() {
+    for_each_engine(async |database| {
+        let store = &database.store;
+        let robot = a_robot(store, "r").await;
+        let candidate = a_candidate(store, &a_set(store, &robot).await).await;
+        release(store, &candidate, None).await.unwrap();
+        let withdrawn = in_transaction(store, async |tx| parameter_sets::withdraw(tx, &candidate.id, "wrong tool").await).await;
+        assert_eq!((withdrawn.status, withdrawn.withdraw_reason.as_deref()), (ParameterSetStatus::Withdrawn, Some("wrong tool")));
+        assert_eq!(parameter_sets::active(store, &robot.id).await.unwrap(), None);
+        let again = in_transaction(store, async |tx| parameter_sets::withdraw(tx, &candidate.id, "again").await).await;
+        assert_eq!(again, withdrawn, "withdrawing it again changes nothing");
+        let refused = release(store, &candidate, None).await;
+        assert!(matches!(refused, Err(Error::Conflict(Conflict::Withdrawn))), "{refused:?}");
+    });
+}
+
+#[test]
+fn of_concurrent_releases_exactly_one_wins() {
+    for_each_engine(async |database| {
+        let robot = a_robot(&database.store, "r").await;
+        let set = a_set(&database.store, &robot).await;
+        let mut attempts = Vec::new();
+        for _ in 0..8 {
+            let (store, candidate) = (database.store.clone(), a_candidate(&database.store, &set).await);
+            attempts.push(tokio::spawn(async move { release(&store, &candidate, None).await }));
+        }
+        let mut won = 0;
+        for attempt in attempts {
+            match attempt.await.unwrap() {
+                Ok(_) => won += 1,
+                Err(error) => assert!(matches!(error, Error::Conflict(Conflict::ActiveChanged)), "{error:?}"),
+            }
+        }
+        assert_eq!(won, 1);
+    });
+}
+
+#[test]
+fn the_schema_itself_refuses_a_second_released_set() {
+    for_each_engine(async |database| {
+        let store = &database.store;
+        let set = a_set(store, &a_robot(store, "r").await).await;
+        let (first, second) = (a_candidate(store, &set).await, a_candidate(store, &set).await);
+        release(store, &first, None).await.unwrap();
+        let sql = "update parameter_set set status = 'released', released_at_ms = 1, release_checks_json = '[]' where id = $1";
+        let error = sqlx::query(sql).bind(&second.id).execute(store.pool()).await.unwrap_err();
+        assert!(error.as_database_error().unwrap().is_unique_violation(), "{error}");
+        // Another robot has its own.
+        let elsewhere = a_candidate(store, &a_set(store, &a_robot(store, "other").await).await).await;
+        sqlx::query(sql).bind(&elsewhere.id).execute(store.pool()).await.unwrap();
+    });
+}
+
+#[test]
+fn the_schema_itself_refuses_a_release_without_checks_and_states_that_do_not_exist() {
+    for_each_engine(async |database| {
+        let store = &database.store;
+        let candidate = a_candidate(store, &a_set(store, &a_robot(store, "r").await).await).await;
+        for sql in [
+            "update parameter_set set status = 'released', released_at_ms = 1 where id = $1",
+            "update parameter_set set status = 'released', release_checks_json = '[]' where id = $1",
+            "update parameter_set set status = 'approved' where id = $1",
+            "update parameter_set set status = 'withdrawn' where id = $1",
+        ] {
+            let error = sqlx::query(sql).bind(&candidate.id).execute(store.pool()).await.unwrap_err();
+            assert!(error.as_database_error().unwrap().is_check_violation(), "{sql}: {error}");
+        }
+    });
+}
+
+#[test]
+fn a_job_has_at_most_one_parameter_set() {
+    for_each_engine(async |database| {
+        let store = &database.store;
+        let job = a_job(store, &a_set(store, &a_robot(store, "r").await).await, "{}").await;
+        let new = NewParameterSet { body_json: "{}".into(), sha256: "00".into() };
+        let first = in_transaction(store, async |tx| parameter_sets::insert(tx, &job.id, &new).await).await;
+        let mut tx = store.begin().await.unwrap();
+        let second = parameter_sets::insert(&mut tx, &job.id, &new).await;
+        assert!(matches!(second, Err(Error::Conflict(Conflict::Duplicate))), "{second:?}");
+        tx.rollback().await.unwrap();
+        assert_eq!(jobs::get(store, &job.id).await.unwrap().parameter_set_id, Some(first.id));
+    });
+}

@@ -1,0 +1,47 @@
+//! The data that tests use: the paper's robot and sets (in `data/paper`), and measured sets of real robots where they are.
+
+#![allow(dead_code)] // each test binary uses its part
+
+use kincal::kinematics::{Link, Robot};
+use kincal::measurement::{Frame, MeasurementSet, csv};
+use std::path::{Path, PathBuf};
+
+/// Path of a file in `data/paper`.
+pub fn paper_path(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("data/paper").join(name)
+}
+
+/// Where measured sets lie, or `None` with one loud line where they are absent.
+pub fn real_data() -> Option<PathBuf> {
+    let root = std::env::var("KINCAL_REAL_DATA").unwrap_or_else(|_| "../shared/data/real".into());
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(root);
+    if path.is_dir() {
+        return Some(path);
+    }
+    eprintln!("!!! NO REAL DATA at {} (KINCAL_REAL_DATA): the tests on measured robots DID NOT RUN !!!", path.display());
+    None
+}
+
+/// A robot file.
+pub fn robot(path: &Path) -> Robot {
+    let json: serde_json::Value = serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap();
+    let number = |link: &serde_json::Value, key: &str| link.get(key).and_then(serde_json::Value::as_f64).unwrap_or(0.0);
+    let link = |link: &serde_json::Value| Link {
+        a_mm: number(link, "a_mm"),
+        alpha_rad: number(link, "alpha_deg").to_radians(),
+        d_mm: number(link, "d_mm"),
+        theta_offset_rad: number(link, "theta_offset_deg").to_radians(),
+        beta_rad: number(link, "beta_deg").to_radians(),
+    };
+    Robot::from_links(json["links"].as_array().unwrap().iter().map(link).collect())
+}
+
+/// The paper's robot.
+pub fn paper_robot() -> Robot {
+    robot(&paper_path("robot.json"))
+}
+
+/// A set of the paper's robot, in the base frame.
+pub fn paper_set(name: &str) -> MeasurementSet {
+    csv::parse(&std::fs::read(paper_path(name)).unwrap(), Frame::Base, 6).unwrap()
+}

@@ -1,0 +1,62 @@
+//! Rows to begin a test with.
+
+use kincal::jobs::queue;
+use kincal::store::{
+    JobRow, MeasurementSetRow, NewJob, NewMeasurementSet, NewRobot, ParameterSetRow, RobotRow, Store, Tx, measurement_sets, parameter_sets,
+    robots,
+};
+
+pub async fn in_transaction<T>(store: &Store, write: impl AsyncFnOnce(&mut Tx) -> kincal::store::Result<T>) -> T {
+    let mut tx = store.begin().await.expect("a transaction");
+    let written = write(&mut tx).await.expect("the write is accepted");
+    tx.commit().await.expect("it is committed");
+    written
+}
+
+pub async fn a_robot(store: &Store, name: &str) -> RobotRow {
+    let new = NewRobot { name: name.into(), body_json: "{}".into() };
+    in_transaction(store, async |tx| robots::insert(tx, &new).await).await
+}
+
+pub fn new_set(robot: &RobotRow, body: &[u8]) -> NewMeasurementSet {
+    NewMeasurementSet {
+        robot_id: robot.id.clone(),
+        name: None,
+        frame: "base".into(),
+        content_type: "text/csv".into(),
+        body: body.to_vec(),
+        sha256: "00".into(),
+        n_points: 1,
+        n_configurations: 1,
+        n_targets: 1,
+        warnings_json: "[]".into(),
+    }
+}
+
+pub async fn a_set(store: &Store, robot: &RobotRow) -> MeasurementSetRow {
+    in_transaction(store, async |tx| measurement_sets::insert(tx, &new_set(robot, b"the bytes")).await).await
+}
+
+pub fn new_job(set: &MeasurementSetRow, request_json: &str) -> NewJob {
+    NewJob {
+        robot_id: set.robot_id.clone(),
+        measurement_set_id: set.id.clone(),
+        kind: "identify".into(),
+        method: "auto".into(),
+        request_json: request_json.into(),
+        ..NewJob::default()
+    }
+}
+
+/// A job whose request tells the computation of the test what to do.
+pub async fn a_job(store: &Store, set: &MeasurementSetRow, request_json: &str) -> JobRow {
+    in_transaction(store, async |tx| queue::enqueue(tx, &new_job(set, request_json)).await).await
+}
+
+/// A candidate with the job that it comes from.
+#[allow(dead_code, reason = "each test binary uses its part")]
+pub async fn a_candidate(store: &Store, set: &MeasurementSetRow) -> ParameterSetRow {
+    let job = a_job(store, set, "{}").await;
+    let new = kincal::store::NewParameterSet { body_json: "{}".into(), sha256: "00".into() };
+    in_transaction(store, async |tx| parameter_sets::insert(tx, &job.id, &new).await).await
+}

@@ -1,0 +1,147 @@
+//! The real binary as a real process, driven over HTTP as a cell PC does.
+#![allow(dead_code)] // each test binary uses its part
+
+use serde_json::Value;
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+/// No job of these tests takes longer than this, even on a busy machine with an unoptimised build.
+const PATIENCE: Duration = Duration::from_secs(120);
+
+/// A running `kincal serve`.
+pub struct Server {
+    child: Child,
+    /// `http://127.0.0.1:PORT`.
+    pub url: String,
+    http: reqwest::Client,
+    runtime: tokio::runtime::Runtime,
+}
+
+/// The binary under test with arguments.
+pub fn kincal(arguments: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_kincal"));
+    command.args(arguments);
+    command
+}
+
+/// Runs the binary to its end.
+pub fn run(arguments: &[&str]) -> Output {
+    kincal(arguments).output().unwrap()
+}
+
+impl Server {
+    /// Starts a server on a free port over the database in `data_dir`.
+    pub fn start(data_dir: &Path, workers: usize) -> Self {
+        Self::start_with(data_dir, workers, &[])
+    }
+
+    /// As [`Self::start`], with more environment.
+    pub fn start_with(data_dir: &Path, workers: usize, environment: &[(&str, &str)]) -> Self {
+        let mut command = kincal(&["serve", "--listen", "127.0.0.1:0", "--no-auth", "--workers", &workers.to_string(), "--data-dir"]);
+        command.arg(data_dir).envs(environment.iter().copied()).stdout(Stdio::piped()).stderr(Stdio::null());
+        let mut child = command.spawn().unwrap();
+        let mut line = String::new();
+        BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
+        let url = line.trim().strip_prefix("kincal listening on ").unwrap_or_else(|| panic!("said {line:?}")).to_string();
+        let http = reqwest::Client::builder().no_proxy().timeout(PATIENCE).build().unwrap();
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+        Self { child, url, http, runtime }
+    }
+
+    /// kill -9.
+    pub fn kill(mut self) {
+        self.child.kill().unwrap();
+        self.child.wait().unwrap();
+    }
+
+    /// SIGTERM, and how long it took to end.
+    pub fn terminate(mut self) -> (std::process::ExitStatus, Duration) {
+        let since = Instant::now();
+        assert!(Command::new("kill").args(["-TERM", &self.child.id().to_string()]).status().unwrap().success());
+        (self.child.wait().unwrap(), since.elapsed())
+    }
+
+    /// GET: status and JSON.
+    pub fn get(&self, path: &str) -> (u16, Value) {
+        self.send(self.http.get(format!("{}{path}", self.url)))
+    }
+
+    /// POST: status and JSON.
+    pub fn post(&self, path: &str, content_type: &str, body: Vec<u8>) -> (u16, Value) {
+        self.send(self.http.post(format!("{}{path}", self.url)).header("content-type", content_type).body(body))
+    }
+
+    /// POST that must create; its `id`.
+    pub fn create(&self, path: &str, content_type: &str, body: Vec<u8>) -> String {
+        let (status, answer) = self.post(path, content_type, body);
+        assert!(matches!(status, 201 | 202), "{path} answered {status}: {answer}");
+        answer["id"].as_str().unwrap().to_string()
+    }
+
+    /// A robot from a file.
+    pub fn robot(&self, path: &Path) -> String {
+        self.create("/v1/robots", "application/json", std::fs::read(path).unwrap())
+    }
+
+    /// A set from a CSV file.
+    pub fn set(&self, robot: &str, path: &Path, frame: &str) -> String {
+        self.create(&format!("/v1/robots/{robot}/measurement-sets?frame={frame}"), "text/csv", std::fs::read(path).unwrap())
+    }
+
+    /// A job, accepted.
+    pub fn job(&self, robot: &str, request: &Value) -> String {
+        self.create(&format!("/v1/robots/{robot}/jobs"), "application/json", serde_json::to_vec(request).unwrap())
+    }
+
+    /// Waits until a job is over.
+    pub fn finished(&self, job: &str) -> Value {
+        let deadline = Instant::now() + PATIENCE;
+        while Instant::now() < deadline {
+            let (status, answer) = self.get(&format!("/v1/jobs/{job}?wait_s=10"));
+            assert_eq!(status, 200, "{answer}");
+            if !matches!(answer["status"].as_str().unwrap(), "queued" | "running") {
+                return answer;
+            }
+        }
+        panic!("job {job} is not over after {PATIENCE:?}");
+    }
+
+    /// Waits until a worker has begun a job and told an iteration.
+    pub fn begun(&self, job: &str) -> Value {
+        let deadline = Instant::now() + PATIENCE;
+        while Instant::now() < deadline {
+            let (_, answer) = self.get(&format!("/v1/jobs/{job}?wait_s=1"));
+            if answer["status"] == "running" && answer["progress"]["iteration"].as_u64().unwrap_or(0) > 0 {
+                return answer;
+            }
+            assert!(matches!(answer["status"].as_str().unwrap(), "queued" | "running"), "over too early: {answer}");
+        }
+        panic!("job {job} has not begun after {PATIENCE:?}");
+    }
+
+    /// Runs a job to its success; its report.
+    pub fn report(&self, robot: &str, request: &Value) -> Value {
+        let job = self.job(robot, request);
+        let end = self.finished(&job);
+        assert_eq!(end["status"], "succeeded", "{end}");
+        self.get(&format!("/v1/jobs/{job}/report")).1
+    }
+
+    fn send(&self, request: reqwest::RequestBuilder) -> (u16, Value) {
+        self.runtime.block_on(async {
+            let response = request.send().await.unwrap();
+            let status = response.status().as_u16();
+            let bytes = response.bytes().await.unwrap();
+            (status, serde_json::from_slice(&bytes).unwrap_or(Value::Null))
+        })
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
