@@ -19,6 +19,8 @@ const CSV: &str = "text/csv";
 
 /// Iterations of the paper's PSO and BPNN-PSO [Gao 2018, section 4.1]; the follow-up gets the same limit as the first.
 const ITERATIONS: u64 = 404;
+/// F that the paper's PSO ends with in its simulation [Gao 2018, section 4.1].
+const PRINTED_COST_MM2: f64 = 5.5519e-5;
 
 /// Settings of the demo.
 #[derive(Debug, clap::Args)]
@@ -133,18 +135,29 @@ fn print_table(done: &[Done]) {
         row(&format!("  {}", d.label), &d.report.n_iterations.to_string(), &table::number(d.report.cost_mm2), &time, errors);
     }
     println!();
-    for pair in done.chunks_exact(2) {
-        let cold = pair[0].convergence_mm2.last().copied().unwrap_or(f64::NAN);
-        match pair[1].convergence_mm2.iter().position(|f| *f <= cold) {
-            Some(n) => println!(
-                "{} is where the cold swarm ended after {n} iterations ({:.3} of {ITERATIONS}; the paper: 0.176).",
-                pair[1].label,
-                n as f64 / ITERATIONS as f64
-            ),
-            None => println!("{} did not reach where the cold swarm ended.", pair[1].label),
+    if let [cold, follow_up, ..] = done {
+        let reached_mm2 = cold.convergence_mm2.last().copied().unwrap_or(f64::NAN);
+        let n = iterations_to(follow_up, reached_mm2);
+        println!("{}: where the cold swarm ended {} (the paper: after 71 of 404).", follow_up.label, after(n));
+    }
+    if let [_, _, cold, follow_up, ..] = done {
+        for (d, printed) in [(cold, 404), (follow_up, 71)] {
+            println!(
+                "{}: the paper's F of {PRINTED_COST_MM2:.2e} mm² {} (the paper: {printed}).",
+                d.label,
+                after(iterations_to(d, PRINTED_COST_MM2))
+            );
         }
     }
     println!("Medians over seeds, and how least squares compares: docs/paper-comparison.md");
+}
+
+fn iterations_to(done: &Done, cost_mm2: f64) -> Option<usize> {
+    done.convergence_mm2.iter().position(|f| *f <= cost_mm2)
+}
+
+fn after(n: Option<usize>) -> String {
+    n.map_or_else(|| format!("not in {ITERATIONS} iterations"), |n| format!("after {n} of {ITERATIONS} iterations"))
 }
 
 fn errors(e: &ErrorsReport) -> [String; 3] {
