@@ -2,6 +2,7 @@
 
 pub mod bpnn;
 pub mod least_squares;
+pub mod loss;
 pub mod pso;
 mod qr;
 pub mod random;
