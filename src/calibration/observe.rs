@@ -7,7 +7,7 @@ use crate::identification::parameters::{Parameter, complete_parameters, paper_pa
 use crate::kinematics::Robot;
 use crate::measurement::{Frame, MeasurementSet, Subset, split};
 use nalgebra::{IsometryMatrix3, Point3};
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Share of the configurations kept for verification where nothing else is said.
 const DEFAULT_VERIFY_FRACTION: f64 = 0.5;
@@ -27,6 +27,20 @@ impl Observed {
     /// The observations of one subset.
     pub fn of(&self, subset: Subset) -> Vec<Observation> {
         self.all.iter().zip(&self.subsets).filter(|(_, s)| **s == subset).map(|(o, _)| o.clone()).collect()
+    }
+}
+
+impl Observed {
+    /// The number of each point's configuration, of the points of one subset, counted from 0 in their order.
+    pub fn clusters(&self, subset: Subset) -> Vec<usize> {
+        let mut number: BTreeMap<&str, usize> = BTreeMap::new();
+        let of_subset = self.configurations.iter().zip(&self.subsets).filter(|(_, s)| **s == subset);
+        of_subset
+            .map(|(configuration, _)| {
+                let next = number.len();
+                *number.entry(configuration).or_insert(next)
+            })
+            .collect()
     }
 }
 

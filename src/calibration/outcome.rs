@@ -5,15 +5,18 @@ use crate::calibration::identify::{Found, Problem};
 use crate::calibration::observe::{Observed, observe_verify_set};
 use crate::calibration::report::*;
 use crate::calibration::request::{Method, Model, VerifySource};
-use crate::identification::objective::{Observation, cost, residuals, weighted_jacobian};
+use crate::identification::misfit::gravity_directions;
+use crate::identification::objective::{Observation, cost, residuals};
 use crate::identification::parameters::{Parameter, quantity_mut};
 use crate::identification::start::fit_base_and_targets;
+use crate::identification::uncertainty::{Uncertainty, uncertainty};
+use crate::identification::workspace::tool_uncertainty;
 use crate::identification::{KinematicModel, TrainedNetwork};
 use crate::measurement::{Frame, Subset};
-use nalgebra::{DMatrix, IsometryMatrix3, Rotation3, Vector3};
+use nalgebra::{IsometryMatrix3, Rotation3, Vector3};
 
-/// Iteration limit of a singular value decomposition.
-const SVD_ITERATIONS: usize = 10_000;
+/// Probability with which a parameter's stated interval holds the truth.
+const CONFIDENCE: f64 = 0.95;
 
 /// Mean, standard deviation, rms and largest of |residual|; `None` for no points.
 pub fn errors(model: &KinematicModel, observations: &[Observation]) -> Option<Errors> {
@@ -82,6 +85,7 @@ pub fn report(
         per_point.extend(self::per_point(&verify_observed, &before, &after));
     }
     let (links, t_instrument_base, targets_mm) = as_delivered(problem, model);
+    let uncertainty = uncertainty_of(problem, model);
     let mut report = CalibrationReport {
         method,
         method_reason,
@@ -96,7 +100,9 @@ pub fn report(
         identify,
         verify,
         per_point,
-        parameters: parameters(problem, model),
+        parameters: parameters(problem, model, uncertainty.as_ref()),
+        tool_uncertainty: uncertainty.as_ref().map(|u| tool_uncertainty(&request.robot, model, &problem.parameters, &problem.identify, u)),
+        error_model: uncertainty.as_ref().map(ErrorModel::of),
         identifiability: identifiability(problem),
         comparison,
         warnings: vec![],
@@ -137,8 +143,7 @@ fn as_delivered(problem: &Problem<'_>, model: &KinematicModel) -> (Vec<crate::ki
 }
 
 /// Nominal and identified value of each free parameter, in mm and degrees.
-fn parameters(problem: &Problem<'_>, model: &KinematicModel) -> Vec<ParameterOutcome> {
-    let std = standard_uncertainties(problem, model);
+fn parameters(problem: &Problem<'_>, model: &KinematicModel, uncertainty: Option<&Uncertainty>) -> Vec<ParameterOutcome> {
     let identifiable = problem.decomposition.identifiable();
     let merged_d = problem.request.frames.as_ref().filter(|_| problem.request.model() == Model::Paper).map_or(0.0, |f| f.z_tool_mm);
     let last = model.links.len() - 1;
@@ -151,6 +156,11 @@ fn parameters(problem: &Problem<'_>, model: &KinematicModel) -> Vec<ParameterOut
             (nominal, identified) = (nominal - merged_d, identified - merged_d);
         }
         let to_wire = |value: f64| if parameter.is_angle() { value.to_degrees() } else { value };
+        let known = uncertainty.filter(|_| identifiable[i]);
+        let interval = |u: &Uncertainty| {
+            let half_width = u.half_width(i, CONFIDENCE);
+            [to_wire(identified - half_width), to_wire(identified + half_width)]
+        };
         ParameterOutcome {
             name: parameter.name(),
             link: if let Parameter::Link(link, _) = parameter { Some(link + 1) } else { None },
@@ -158,7 +168,8 @@ fn parameters(problem: &Problem<'_>, model: &KinematicModel) -> Vec<ParameterOut
             nominal: to_wire(nominal),
             identified: to_wire(identified),
             delta: to_wire(identified - nominal),
-            std_uncertainty: std[i].filter(|_| identifiable[i]).map(to_wire),
+            std_uncertainty: known.map(|u| to_wire(u.std(i))),
+            interval_95: known.map(interval),
             identifiable: identifiable[i],
         }
     };
@@ -184,23 +195,11 @@ fn rotation_between(from: &KinematicModel, to: &KinematicModel) -> Vector3<f64> 
     if sine < 1e-9 { twice_sine / 2.0 } else { twice_sine * (angle / (2.0 * sine)) }
 }
 
-/// One standard deviation of each parameter, mm or rad: s²·(AᵀA)⁻¹ along the seen directions, s² = F / (3·N − rank).
-fn standard_uncertainties(problem: &Problem<'_>, model: &KinematicModel) -> Vec<Option<f64>> {
-    let n_parameters = problem.parameters.len();
-    let directions = problem.decomposition.seen_directions();
-    let freedom = 3 * problem.identify.len() as i64 - directions.ncols() as i64;
-    if freedom <= 0 || directions.ncols() == 0 {
-        return vec![None; n_parameters];
-    }
-    let variance = cost(model, &problem.identify) / freedom as f64;
-    let jacobian = weighted_jacobian(model, &problem.parameters, &problem.identify, &Vector3::zeros()) * &directions;
-    let r = jacobian.qr().r();
-    let Some(svd) = r.try_svd(false, true, f64::EPSILON, SVD_ITERATIONS) else { return vec![None; n_parameters] };
-    let Some(v_t) = svd.v_t else { return vec![None; n_parameters] };
-    // directions · V · Σ⁻¹: its rows' norms are the standard deviations per unit of s
-    let spread: DMatrix<f64> = DMatrix::from_fn(v_t.ncols(), v_t.nrows(), |i, k| v_t[(k, i)] / svd.singular_values[k]);
-    let roots = directions * spread;
-    roots.row_iter().map(|row| Some((variance * row.norm_squared()).sqrt()).filter(|s| s.is_finite())).collect()
+/// What the residuals say about the errors of parameters and tool.
+fn uncertainty_of(problem: &Problem<'_>, model: &KinematicModel) -> Option<Uncertainty> {
+    let gravity = gravity_directions(problem.request.robot.mounting.as_ref().map(|m| &m.gravity_in_base));
+    let clusters = problem.observed.clusters(Subset::Identify);
+    uncertainty(model, &problem.parameters, &problem.decomposition, &problem.identify, &clusters, &gravity)
 }
 
 fn identifiability(problem: &Problem<'_>) -> Identifiability {

@@ -2,6 +2,8 @@
 
 use crate::calibration::request::{Method, Model, Preset};
 use crate::identification::TrainedNetwork;
+use crate::identification::uncertainty::Uncertainty;
+use crate::identification::workspace::ToolUncertainty;
 use crate::kinematics::Link;
 use crate::measurement::Subset;
 use nalgebra::{IsometryMatrix3, Vector3};
@@ -62,8 +64,29 @@ pub struct ParameterOutcome {
     pub delta: f64,
     /// One standard deviation, where it can be stated.
     pub std_uncertainty: Option<f64>,
+    /// The interval that holds the true value with 95 % probability, in the same unit, where it can be stated.
+    pub interval_95: Option<[f64; 2]>,
     /// False where the data cannot see it (alone).
     pub identifiable: bool,
+}
+
+/// How the points scatter about the model ([`crate::identification::uncertainty`]).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ErrorModel {
+    /// White noise of one coordinate of a point of weight 1, one standard deviation, mm.
+    pub noise_std_mm: f64,
+    /// What all points of one configuration share, mm; 0 where it does not stand out.
+    pub configuration_std_mm: f64,
+    /// What the model cannot say: random turning of the joints with their values and with gravity, rad; 0 where it does not stand out.
+    pub misfit_std_rad: f64,
+}
+
+impl ErrorModel {
+    /// The part of an uncertainty that belongs into the report.
+    pub fn of(uncertainty: &Uncertainty) -> Self {
+        let Uncertainty { noise_std_mm, configuration_std_mm, misfit_std_rad, .. } = *uncertainty;
+        Self { noise_std_mm, configuration_std_mm, misfit_std_rad }
+    }
 }
 
 /// What the data can see.
@@ -140,6 +163,10 @@ pub struct CalibrationReport {
     pub per_point: Vec<PointErrors>,
     /// Every free parameter.
     pub parameters: Vec<ParameterOutcome>,
+    /// Predicted uncertainty of the tool's position over the workspace, where it can be stated.
+    pub tool_uncertainty: Option<ToolUncertainty>,
+    /// How the points scatter about the model, where it can be stated.
+    pub error_model: Option<ErrorModel>,
     /// What the data can see.
     pub identifiability: Identifiability,
     /// Other methods on the same points.

@@ -108,6 +108,13 @@ impl Decomposition {
         DMatrix::from_fn(self.scale.len(), rank, |row, k| self.scale[row] * self.directions[(row, k)])
     }
 
+    /// S·V of the combinations that the data do not see, p × (p − rank).
+    pub fn unseen_directions(&self) -> DMatrix<f64> {
+        let rank = self.rank();
+        let p = self.scale.len();
+        DMatrix::from_fn(p, p - rank, |row, k| self.scale[row] * self.directions[(row, rank + k)])
+    }
+
     /// For each parameter: false if it takes part in a combination that the data cannot see.
     pub fn identifiable(&self) -> Vec<bool> {
         let rank = self.rank();

@@ -1,13 +1,17 @@
 //! From measured points to parameters: which, in which scale, at which cost, and by which search.
 
 pub mod bpnn_pso;
+pub mod distributions;
 pub mod fit;
 pub mod identifiability;
+pub mod misfit;
 pub mod objective;
 pub mod parameters;
 pub mod search_space;
 pub mod start;
 pub mod swarm;
+pub mod uncertainty;
+pub mod workspace;
 
 use crate::kinematics::{Link, forward_kinematics};
 use nalgebra::{IsometryMatrix3, Vector3};

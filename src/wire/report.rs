@@ -1,13 +1,16 @@
 //! From the core's report to the wire's, and the hash that tells whether two results are the same.
 
 use crate::calibration::CalibrationReport;
-use crate::calibration::report::{Errors, MethodComparison, ParameterOutcome, PointErrors, SubsetErrors};
+use crate::calibration::report::{ErrorModel, Errors, MethodComparison, ParameterOutcome, PointErrors, SubsetErrors};
+use crate::identification::workspace::ToolUncertainty;
+use crate::wire::angle::to_degrees;
 use crate::wire::canonical;
 use crate::wire::job::{Method, Model, Preset};
 use crate::wire::measurement::{SubsetName, Warning};
 use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::report_shape::{
-    ComparisonReport, Convergence, ErrorsReport, Evidence, IdentifiabilityReport, ParameterReport, PointReport, Report, SubsetReport,
+    ComparisonReport, Convergence, ErrorModelReport, ErrorsReport, Evidence, IdentifiabilityReport, ParameterReport, PointReport, Report,
+    SubsetReport, ToolUncertaintyReport,
 };
 use serde::Serialize;
 
@@ -66,6 +69,8 @@ fn without_hash(core: &CalibrationReport, run: &RunContext<'_>) -> Report {
         verify: core.verify.as_ref().map(subset),
         per_point: core.per_point.iter().map(point).collect(),
         parameters: core.parameters.iter().map(parameter).collect(),
+        tool_uncertainty_mm: core.tool_uncertainty.filter(|t| t.max_mm.is_finite()).map(tool_uncertainty),
+        error_model: core.error_model.map(error_model),
         identifiability: IdentifiabilityReport {
             n_parameters: core.identifiability.n_parameters,
             rank: core.identifiability.rank,
@@ -150,7 +155,20 @@ fn parameter(p: &ParameterOutcome) -> ParameterReport {
         identified: p.identified,
         delta: p.delta,
         std_uncertainty: p.std_uncertainty.and_then(finite),
+        interval_95: p.interval_95.filter(|[low, high]| low.is_finite() && high.is_finite()),
         identifiable: p.identifiable,
+    }
+}
+
+fn tool_uncertainty(t: ToolUncertainty) -> ToolUncertaintyReport {
+    ToolUncertaintyReport { mean: t.mean_mm, max: t.max_mm }
+}
+
+fn error_model(e: ErrorModel) -> ErrorModelReport {
+    ErrorModelReport {
+        noise_std_mm: e.noise_std_mm,
+        configuration_std_mm: e.configuration_std_mm,
+        misfit_std_deg: to_degrees(e.misfit_std_rad),
     }
 }
 

@@ -41,6 +41,12 @@ pub struct Report {
     pub per_point: Vec<PointReport>,
     /// Every free parameter.
     pub parameters: Vec<ParameterReport>,
+    /// Predicted uncertainty of the tool's position over the workspace; null where it cannot be stated.
+    #[schema(required)]
+    pub tool_uncertainty_mm: Option<ToolUncertaintyReport>,
+    /// How the points scatter about the model; null where it cannot be stated.
+    #[schema(required)]
+    pub error_model: Option<ErrorModelReport>,
     /// What the data can see.
     pub identifiability: IdentifiabilityReport,
     /// Other methods on the same points.
@@ -120,8 +126,32 @@ pub struct ParameterReport {
     /// One standard deviation; null where it cannot be stated.
     #[schema(required)]
     pub std_uncertainty: Option<f64>,
+    /// The interval that holds the true value with 95 % probability, in the same unit; null where it cannot be stated.
+    #[schema(required)]
+    pub interval_95: Option<[f64; 2]>,
     /// False where the data cannot see it alone.
     pub identifiable: bool,
+}
+
+/// One standard deviation of the tool's position (3-D) at random configurations within the joint limits, or where they are unknown over
+/// what was measured and at least half a turn. Noise, combinations that the data do not see, and misfit of the model all count.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ToolUncertaintyReport {
+    /// Mean, mm.
+    pub mean: f64,
+    /// Largest, mm.
+    pub max: f64,
+}
+
+/// How the points scatter about the model, one standard deviation each.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ErrorModelReport {
+    /// White noise of one coordinate, mm.
+    pub noise_std_mm: f64,
+    /// What all points of one configuration share, mm; 0 where it does not stand out of the noise.
+    pub configuration_std_mm: f64,
+    /// What the model cannot say, as a turning of each joint with its value and with gravity, degrees; 0 where it does not stand out.
+    pub misfit_std_deg: f64,
 }
 
 /// What the data can see.

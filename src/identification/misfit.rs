@@ -1,0 +1,66 @@
+//! What link parameters cannot say, as a random function of the joint values: joints that give under gravity, and joints whose
+//! transmission is eccentric. Nothing here is identified; it says how a robot errs where nobody has measured it, and by how much
+//! parameters that were fitted without it are wrong.
+
+use crate::identification::KinematicModel;
+use crate::kinematics::forward::t_previous_link;
+use nalgebra::{DMatrix, IsometryMatrix3, Vector3};
+
+/// The features of some poses: displacement of the target, mm, per rad of each feature, times sqrt(weight); 3·N × m.
+///
+/// Every joint turns by a sum of features: the moments about its axis of unit masses at each later link's origin and at the target,
+/// under each of `gravity` (divided by the arm's reach, so that a feature is at most about 1), and sine and cosine of its own value.
+pub fn features<'a>(
+    model: &KinematicModel,
+    poses: impl ExactSizeIterator<Item = (&'a [f64], usize, f64)>,
+    gravity: &[Vector3<f64>],
+) -> DMatrix<f64> {
+    let reach_mm = model.links.iter().map(|l| libm::hypot(l.a_mm, l.d_mm)).sum::<f64>().max(f64::MIN_POSITIVE);
+    let n_features = count(model.links.len(), gravity.len());
+    let mut all = DMatrix::zeros(3 * poses.len(), n_features);
+    for (row, (q_rad, target, weight)) in poses.enumerate() {
+        let columns = displacements(model, q_rad, target, gravity, reach_mm);
+        for (column, displacement) in columns.into_iter().enumerate() {
+            for axis in 0..3 {
+                all[(3 * row + axis, column)] = weight.sqrt() * displacement[axis];
+            }
+        }
+    }
+    all
+}
+
+/// Features of an arm: each joint has one per mass beyond it and direction of gravity, and two harmonics.
+fn count(n_links: usize, n_gravity: usize) -> usize {
+    n_gravity * n_links * (n_links + 1) / 2 + 2 * n_links
+}
+
+fn displacements(model: &KinematicModel, q_rad: &[f64], target: usize, gravity: &[Vector3<f64>], reach_mm: f64) -> Vec<Vector3<f64>> {
+    let mut chain: Vec<IsometryMatrix3<f64>> = Vec::with_capacity(q_rad.len());
+    let mut t_base_link = IsometryMatrix3::identity();
+    for (link, q) in model.links.iter().zip(q_rad) {
+        t_base_link *= t_previous_link(link, *q);
+        chain.push(t_base_link);
+    }
+    let tip = t_base_link.rotation * model.targets_mm[target] + t_base_link.translation.vector;
+    let origins: Vec<Vector3<f64>> = chain.iter().map(|t| t.translation.vector).chain([tip]).collect();
+    let mut displacements = Vec::with_capacity(count(q_rad.len(), gravity.len()));
+    for (joint, t_base_joint) in chain.iter().enumerate() {
+        let axis: Vector3<f64> = t_base_joint.rotation.matrix().column(2).into();
+        // the target's displacement per rad of this joint, in the measuring frame
+        let lever = model.t_instrument_base.rotation * axis.cross(&(tip - origins[joint]));
+        for g in gravity {
+            displacements.extend(origins[joint + 1..].iter().map(|o| lever * (axis.dot(&(o - origins[joint]).cross(g)) / reach_mm)));
+        }
+        let (s, c) = libm::sincos(q_rad[joint]);
+        displacements.extend([lever * s, lever * c]);
+    }
+    displacements
+}
+
+/// The directions of gravity to reckon with, in the base frame: the mounting's, or any where it is not known.
+pub fn gravity_directions(known: Option<&Vector3<f64>>) -> Vec<Vector3<f64>> {
+    match known {
+        Some(direction) => vec![*direction],
+        None => (0..3).map(|axis| Vector3::ith(axis, 1.0)).collect(),
+    }
+}

@@ -1,0 +1,325 @@
+//! How far identified parameters, and the tool, may be from the truth.
+//!
+//! The errors of the weighted residuals have three parts, V = σe²·(I + ρ·B) + σm²·Φ·Φᵀ:
+//!
+//! - white noise of the instrument and the robot's repeatability, σe;
+//! - what all points of one arm configuration share (B: ones within a configuration, axis by axis), where there are several;
+//! - the misfit of the model, a random function of the joint values with the features Φ of [`misfit`], σm in rad.
+//!
+//! ρ is found by moments, σm by restricted maximum likelihood (Patterson & Thompson 1971); each is kept only where white noise alone
+//! would show as much in at most one of twenty cases. The parameters are those of least squares, E·y with E = D·(AᵀA)⁻¹·Aᵀ, so their
+//! covariance is E·V·Eᵀ; intervals use Student's t with the degrees of freedom of Satterthwaite (1946). A covariance summed from the
+//! configurations' own scores is not used: with about as many configurations as parameters it has not full rank.
+
+use crate::identification::KinematicModel;
+use crate::identification::distributions::t_half_width;
+use crate::identification::identifiability::Decomposition;
+use crate::identification::misfit;
+use crate::identification::objective::{Observation, weighted_jacobian, weighted_residuals};
+use crate::identification::parameters::Parameter;
+use nalgebra::{DMatrix, DVector, Vector3};
+
+/// A part of V is kept if its test is above this: the upper 5 % of a standard normal variable; its square is the upper 5 % of a
+/// likelihood ratio at the boundary (Self & Liang 1987).
+const KEPT_ABOVE: f64 = 1.645;
+/// Ratios σm²/σe² that are tried, as powers of ten per unit feature of 1 mm: from invisible to all there is.
+const LOG10_RATIO: (f64, f64) = (-8.0, 12.0);
+/// Points of the grid over them, and golden sections around its best.
+const GRID: usize = 81;
+/// Golden sections: the bracket shrinks by 0.618 each.
+const SECTIONS: usize = 40;
+/// Features below this share of the largest tell nothing.
+const NEGLIGIBLE: f64 = 1e-12;
+/// Iteration limit of an eigenvalue decomposition.
+const EIGEN_ITERATIONS: usize = 10_000;
+
+/// Errors of an identification, one standard deviation, as roots: covariance = root · rootᵀ.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Uncertainty {
+    /// σe, mm: white noise of one coordinate of a point of weight 1.
+    pub noise_std_mm: f64,
+    /// σe·sqrt(ρ), mm: what points of one configuration share.
+    pub configuration_std_mm: f64,
+    /// σm, rad: misfit of a joint per unit feature.
+    pub misfit_std_rad: f64,
+    /// p × k, mm or rad: what comes from noise; independent from one session to the next.
+    pub noise: DMatrix<f64>,
+    /// p × m, mm or rad: what comes from the misfit, by feature; sessions of one robot share the features' values. No columns without.
+    pub misfit: DMatrix<f64>,
+    /// p × (p − rank): S·V of the combinations that the data do not see, which are off by their prior.
+    pub unseen: DMatrix<f64>,
+    /// Directions of gravity that the features were made with.
+    pub gravity: Vec<Vector3<f64>>,
+    /// Residuals less fitted combinations.
+    pub freedom: f64,
+    /// Covariance of the estimated (σe², σm²), for the degrees of freedom of a combination of the two.
+    variance_of_variances: [[f64; 2]; 2],
+}
+
+/// The linear problem behind a fit: residuals and derivatives along the seen combinations, weighted.
+struct Linear {
+    y: DVector<f64>,
+    /// 3·N × r.
+    a: DMatrix<f64>,
+    /// 3·N × m.
+    features: DMatrix<f64>,
+    /// 3·N × 3·(configurations with several points).
+    shared: DMatrix<f64>,
+}
+
+/// The uncertainty of the least-squares answer `model`. `clusters` numbers each observation's configuration; `None` where there are no
+/// more residuals than combinations.
+pub fn uncertainty(
+    model: &KinematicModel,
+    parameters: &[Parameter],
+    decomposition: &Decomposition,
+    observations: &[Observation],
+    clusters: &[usize],
+    gravity: &[Vector3<f64>],
+) -> Option<Uncertainty> {
+    let directions = decomposition.seen_directions();
+    let n_free = 3 * observations.len() as i64 - directions.ncols() as i64;
+    if n_free <= 0 || directions.ncols() == 0 {
+        return None;
+    }
+    let poses = observations.iter().map(|o| (o.q_rad.as_slice(), o.target, o.weight));
+    let linear = Linear {
+        y: weighted_residuals(model, observations),
+        a: weighted_jacobian(model, parameters, observations, &Vector3::zeros()) * &directions,
+        features: misfit::features(model, poses, gravity),
+        shared: shared(observations, clusters),
+    };
+    let ratio = shared_ratio(&linear)?;
+    let components = misfit_components(&whitened(&linear, ratio), n_free as f64)?;
+    // least squares as it was fitted: E = D·R⁻¹·Qᵀ
+    let (q, r) = linear.a.clone().qr().unpack();
+    let per_score = directions * r.try_inverse()?;
+    let noise_std_mm = components.noise_variance.sqrt();
+    let configuration_std_mm = noise_std_mm * ratio.sqrt();
+    let misfit_std_rad = components.misfit_variance.sqrt();
+    let through = |columns: &DMatrix<f64>| &per_score * (q.transpose() * columns);
+    let shared = if ratio > 0.0 { through(&linear.shared) * configuration_std_mm } else { DMatrix::zeros(per_score.nrows(), 0) };
+    let misfit = if misfit_std_rad > 0.0 { through(&linear.features) * misfit_std_rad } else { DMatrix::zeros(per_score.nrows(), 0) };
+    let noise = beside(&(per_score * noise_std_mm), &shared);
+    let finite = noise.iter().chain(misfit.iter()).all(|v| v.is_finite());
+    finite.then(|| Uncertainty {
+        noise_std_mm,
+        configuration_std_mm,
+        misfit_std_rad,
+        noise,
+        misfit,
+        unseen: decomposition.unseen_directions(),
+        gravity: gravity.to_vec(),
+        freedom: n_free as f64,
+        variance_of_variances: components.variance_of_variances,
+    })
+}
+
+fn beside(left: &DMatrix<f64>, right: &DMatrix<f64>) -> DMatrix<f64> {
+    let mut both = DMatrix::zeros(left.nrows(), left.ncols() + right.ncols());
+    both.columns_mut(0, left.ncols()).copy_from(left);
+    both.columns_mut(left.ncols(), right.ncols()).copy_from(right);
+    both
+}
+
+/// Z with B = Z·Zᵀ: three columns for each configuration of several points, sqrt(weight) in its rows.
+fn shared(observations: &[Observation], clusters: &[usize]) -> DMatrix<f64> {
+    let n_clusters = clusters.iter().map(|c| c + 1).max().unwrap_or(0);
+    let mut size = vec![0usize; n_clusters];
+    clusters.iter().for_each(|c| size[*c] += 1);
+    let several: Vec<usize> = (0..n_clusters).filter(|c| size[*c] > 1).collect();
+    let mut z = DMatrix::zeros(3 * observations.len(), 3 * several.len());
+    for (row, (o, cluster)) in observations.iter().zip(clusters).enumerate() {
+        if let Ok(k) = several.binary_search(cluster) {
+            (0..3).for_each(|axis| z[(3 * row + axis, 3 * k + axis)] = o.weight.sqrt());
+        }
+    }
+    z
+}
+
+/// What the columns of `m` leave outside the span of the orthonormal columns of `q`.
+fn outside(q: &DMatrix<f64>, m: &DMatrix<f64>) -> DMatrix<f64> {
+    m - q * (q.transpose() * m)
+}
+
+/// ρ by moments: with P the projection out of the span of A, E[yᵀPBPy] = σe²·(tr PB + ρ·tr PBPB) and
+/// E[yᵀPy] = σe²·(tr P + ρ·tr PB).
+fn shared_ratio(linear: &Linear) -> Option<f64> {
+    if linear.shared.ncols() == 0 {
+        return Some(0.0);
+    }
+    let q = linear.a.clone().qr().q();
+    let z = outside(&q, &linear.shared);
+    let y = &linear.y - &q * (q.transpose() * &linear.y);
+    let n_free = (linear.a.nrows() - linear.a.ncols()) as f64;
+    let gram = z.transpose() * &z;
+    let (trace, trace_of_square) = (gram.trace(), gram.norm_squared());
+    let whole = y.norm_squared();
+    if whole <= 0.0 {
+        return Some(0.0);
+    }
+    let ratio = (z.transpose() * &y).norm_squared() / whole * n_free;
+    let spread = (2.0 * (trace_of_square - trace * trace / n_free)).max(0.0).sqrt();
+    if ratio - trace <= KEPT_ABOVE * spread {
+        return Some(0.0);
+    }
+    let below = trace_of_square - ratio * trace / n_free;
+    (below > 0.0).then(|| (ratio - trace) / below).or(Some(MOST_SHARED))
+}
+
+/// ρ where nothing but what a configuration shares can be seen.
+const MOST_SHARED: f64 = 1e6;
+
+/// The problem with (I + ρ·B)^(-1/2) from the left. Z's columns are orthogonal: along each, of squared length l, the factor is
+/// 1/sqrt(1 + ρ·l).
+fn whitened(linear: &Linear, ratio: f64) -> Linear {
+    let mut white = Linear { y: linear.y.clone(), a: linear.a.clone(), features: linear.features.clone(), shared: DMatrix::zeros(0, 0) };
+    if ratio == 0.0 {
+        return white;
+    }
+    let lengths: Vec<f64> = linear.shared.column_iter().map(|z| z.norm_squared()).collect();
+    let shrink = |m: &DMatrix<f64>| {
+        let mut along = linear.shared.transpose() * m;
+        for (mut row, l) in along.row_iter_mut().zip(&lengths) {
+            row *= (1.0 - 1.0 / (1.0 + ratio * l).sqrt()) / l;
+        }
+        m - &linear.shared * along
+    };
+    (white.a, white.features) = (shrink(&white.a), shrink(&white.features));
+    white.y = shrink(&DMatrix::from_column_slice(white.y.len(), 1, white.y.as_slice())).column(0).into();
+    white
+}
+
+/// σe², σm² and how well they are known.
+struct Components {
+    noise_variance: f64,
+    misfit_variance: f64,
+    variance_of_variances: [[f64; 2]; 2],
+}
+
+/// The residuals along the eigenvectors of P·Φ·Φᵀ·P: their squares, the eigenvalues there, and the rest.
+struct Spectrum {
+    squares: Vec<f64>,
+    eigenvalues: Vec<f64>,
+    rest: f64,
+    n_free: f64,
+}
+
+impl Spectrum {
+    /// σe² for a ratio λ = σm²/σe².
+    fn noise_variance(&self, ratio: f64) -> f64 {
+        let along: f64 = self.squares.iter().zip(&self.eigenvalues).map(|(z, s)| z / (1.0 + ratio * s)).sum();
+        (along + self.rest) / self.n_free
+    }
+
+    /// −2 · log of the restricted likelihood, σe² profiled out, up to a constant.
+    fn deviance(&self, ratio: f64) -> f64 {
+        let volume: f64 = self.eigenvalues.iter().map(|s| libm::log1p(ratio * s)).sum();
+        self.n_free * libm::log(self.noise_variance(ratio).max(f64::MIN_POSITIVE)) + volume
+    }
+
+    /// The ratio of smallest deviance: a grid over its logarithm, then golden sections.
+    fn best_ratio(&self) -> f64 {
+        let at = |log10: f64| self.deviance(libm::pow(10.0, log10));
+        let step = (LOG10_RATIO.1 - LOG10_RATIO.0) / (GRID - 1) as f64;
+        let grid = (0..GRID).map(|i| LOG10_RATIO.0 + step * i as f64);
+        let best = grid.min_by(|a, b| at(*a).total_cmp(&at(*b))).unwrap_or(LOG10_RATIO.0);
+        let (mut low, mut high) = (best - step, best + step);
+        for _ in 0..SECTIONS {
+            let third = 0.381_966 * (high - low);
+            if at(low + third) < at(high - third) {
+                high -= third;
+            } else {
+                low += third;
+            }
+        }
+        libm::pow(10.0, 0.5 * (low + high))
+    }
+
+    /// Inverse of the Fisher information of (σe², σm²).
+    fn variance_of_variances(&self, noise: f64, misfit: f64) -> [[f64; 2]; 2] {
+        let rest = self.n_free - self.eigenvalues.len() as f64;
+        let (mut ee, mut em, mut mm) = (rest.max(0.0) / (noise * noise), 0.0, 0.0);
+        for s in &self.eigenvalues {
+            let weight = 1.0 / ((noise + misfit * s) * (noise + misfit * s));
+            (ee, em, mm) = (ee + weight, em + s * weight, mm + s * s * weight);
+        }
+        if misfit == 0.0 {
+            return [[2.0 / ee, 0.0], [0.0, 0.0]];
+        }
+        let determinant = (ee * mm - em * em).max(f64::MIN_POSITIVE);
+        [[2.0 * mm / determinant, -2.0 * em / determinant], [-2.0 * em / determinant, 2.0 * ee / determinant]]
+    }
+}
+
+fn misfit_components(linear: &Linear, n_free: f64) -> Option<Components> {
+    let spectrum = spectrum(linear, n_free)?;
+    let white = |noise_variance: f64| Components {
+        noise_variance,
+        misfit_variance: 0.0,
+        variance_of_variances: spectrum.variance_of_variances(noise_variance, 0.0),
+    };
+    let alone = spectrum.noise_variance(0.0);
+    if alone <= 0.0 {
+        return Some(Components { noise_variance: 0.0, misfit_variance: 0.0, variance_of_variances: [[0.0; 2]; 2] });
+    }
+    let ratio = spectrum.best_ratio();
+    if spectrum.deviance(0.0) - spectrum.deviance(ratio) <= KEPT_ABOVE * KEPT_ABOVE {
+        return Some(white(alone));
+    }
+    let noise_variance = spectrum.noise_variance(ratio);
+    let misfit_variance = ratio * noise_variance;
+    let variance_of_variances = spectrum.variance_of_variances(noise_variance, misfit_variance);
+    Some(Components { noise_variance, misfit_variance, variance_of_variances })
+}
+
+fn spectrum(linear: &Linear, n_free: f64) -> Option<Spectrum> {
+    let q = linear.a.clone().qr().q();
+    let y = &linear.y - &q * (q.transpose() * &linear.y);
+    let features = outside(&q, &linear.features);
+    let eigen = (features.transpose() * &features).try_symmetric_eigen(f64::EPSILON, EIGEN_ITERATIONS)?;
+    let scores = eigen.eigenvectors.transpose() * (features.transpose() * &y);
+    let smallest = NEGLIGIBLE * eigen.eigenvalues.max();
+    let mut kept: Vec<usize> = (0..scores.len()).filter(|k| eigen.eigenvalues[*k] > smallest).collect();
+    kept.sort_by(|i, j| eigen.eigenvalues[*j].total_cmp(&eigen.eigenvalues[*i]).then(i.cmp(j)));
+    kept.truncate(n_free as usize);
+    let squares: Vec<f64> = kept.iter().map(|k| scores[*k] * scores[*k] / eigen.eigenvalues[*k]).collect();
+    let rest = (y.norm_squared() - squares.iter().sum::<f64>()).max(0.0);
+    Some(Spectrum { squares, eigenvalues: kept.iter().map(|k| eigen.eigenvalues[*k]).collect(), rest, n_free })
+}
+
+impl Uncertainty {
+    /// One standard deviation of a parameter, mm or rad, as far as the data see it.
+    pub fn std(&self, parameter: usize) -> f64 {
+        (self.noise.row(parameter).norm_squared() + self.misfit.row(parameter).norm_squared()).sqrt()
+    }
+
+    /// Half-width of the interval that holds the parameter with probability `confidence`, mm or rad.
+    pub fn half_width(&self, parameter: usize, confidence: f64) -> f64 {
+        let (noise, misfit) = (self.noise.row(parameter).norm_squared(), self.misfit.row(parameter).norm_squared());
+        t_half_width(confidence, self.freedom_of(noise, misfit)) * (noise + misfit).sqrt()
+    }
+
+    /// Degrees of freedom of a variance that is `noise` by noise and `misfit` by misfit (Satterthwaite 1946): 2·v²/var(v).
+    pub fn freedom_of(&self, noise: f64, misfit: f64) -> f64 {
+        let share = |part: f64, std: f64| if std > 0.0 { part / (std * std) } else { 0.0 };
+        let (a, b) = (share(noise, self.noise_std_mm), share(misfit, self.misfit_std_rad));
+        let [[ee, em], [_, mm]] = self.variance_of_variances;
+        let variance = a * a * ee + 2.0 * a * b * em + b * b * mm;
+        let freedom = 2.0 * (noise + misfit) * (noise + misfit) / variance;
+        if freedom.is_finite() { freedom.clamp(1.0, self.freedom) } else { self.freedom }
+    }
+
+    /// One standard deviation (3-D: the root of the three variances' sum) of where `model` predicts a target, mm: J·C·Jᵀ with C of
+    /// noise, of the combinations that the data do not see, and of the misfit both at the measured poses and at this one.
+    pub fn position_std_mm(&self, model: &KinematicModel, parameters: &[Parameter], q_rad: &[f64], target: usize) -> f64 {
+        let here = [Observation { q_rad: q_rad.to_vec(), position_mm: Vector3::zeros(), target, weight: 1.0 }];
+        let jacobian = weighted_jacobian(model, parameters, &here, &Vector3::zeros());
+        let mut variance = (&jacobian * &self.noise).norm_squared() + (&jacobian * &self.unseen).norm_squared();
+        if self.misfit.ncols() > 0 {
+            let features = misfit::features(model, [(q_rad, target, 1.0)].into_iter(), &self.gravity);
+            variance += (&jacobian * &self.misfit - features * self.misfit_std_rad).norm_squared();
+        }
+        variance.sqrt()
+    }
+}

@@ -1,0 +1,57 @@
+//! How well a calibrated robot is known over its workspace.
+
+use crate::identification::KinematicModel;
+use crate::identification::objective::Observation;
+use crate::identification::parameters::Parameter;
+use crate::identification::uncertainty::Uncertainty;
+use crate::kinematics::Robot;
+use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
+use std::f64::consts::{FRAC_PI_2, PI};
+
+/// Random configurations that stand for the workspace: their mean is known to about 2 %.
+const N_CONFIGURATIONS: usize = 256;
+/// Seed of these configurations: the same for every robot and job, so that numbers can be compared.
+const SEED: u64 = 0;
+
+/// Predicted uncertainty of the tool's position over the workspace, one standard deviation, mm.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ToolUncertainty {
+    /// Mean over configurations.
+    pub mean_mm: f64,
+    /// Largest.
+    pub max_mm: f64,
+}
+
+/// The tool's uncertainty at random configurations of the workspace: within the joint limits, where they are known; elsewhere over what
+/// was measured, and at least a quarter turn to both sides of its middle. The largest of the targets counts.
+pub fn tool_uncertainty(
+    robot: &Robot,
+    model: &KinematicModel,
+    parameters: &[Parameter],
+    observations: &[Observation],
+    uncertainty: &Uncertainty,
+) -> ToolUncertainty {
+    let ranges: Vec<(f64, f64)> = (0..model.links.len()).map(|joint| range(robot, observations, joint)).collect();
+    let mut random = ChaCha8Rng::seed_from_u64(SEED);
+    let (mut sum, mut max_mm) = (0.0, 0.0f64);
+    for _ in 0..N_CONFIGURATIONS {
+        let q_rad: Vec<f64> = ranges.iter().map(|(low, high)| low + (high - low) * random.random::<f64>()).collect();
+        let of_target = |target| uncertainty.position_std_mm(model, parameters, &q_rad, target);
+        let std_mm = (0..model.targets_mm.len()).map(of_target).fold(0.0, f64::max);
+        sum += std_mm;
+        max_mm = max_mm.max(std_mm);
+    }
+    ToolUncertainty { mean_mm: sum / N_CONFIGURATIONS as f64, max_mm }
+}
+
+/// Range of a joint, rad, in the model's convention. Limits are the controller's: with a joint map they are not used.
+fn range(robot: &Robot, observations: &[Observation], joint: usize) -> (f64, f64) {
+    let limits = robot.joint_limits_rad.get(joint).copied().flatten().filter(|_| robot.joint_map.is_none());
+    if let Some((low, high)) = limits {
+        return (low.max(-PI), high.min(PI));
+    }
+    let values = observations.iter().map(|o| o.q_rad[joint]);
+    let (low, high) = values.fold((f64::MAX, f64::MIN), |(low, high), q| (low.min(q), high.max(q)));
+    let middle = 0.5 * (low + high);
+    (low.min(middle - FRAC_PI_2), high.max(middle + FRAC_PI_2))
+}

@@ -1,0 +1,153 @@
+//! Simulated robots: random errors of exactly the parameters of the complete model, random poses, normal noise, and sag that no model here
+//! knows of.
+
+#![allow(dead_code)] // each user takes its part
+
+use kincal::identification::KinematicModel;
+use kincal::identification::parameters::{Parameter, apply, complete_parameters};
+use kincal::kinematics::Robot;
+use kincal::kinematics::forward::t_previous_link;
+use kincal::measurement::{Frame, MeasurementSet, Point, Subset};
+use nalgebra::{IsometryMatrix3, Rotation3, Translation3, Unit, Vector3};
+use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
+use std::f64::consts::TAU;
+
+/// Middle and half-width of the poses of each joint, rad.
+const JOINTS_RAD: [(f64, f64); 6] = [(0.0, 2.6), (-0.4, 1.0), (0.3, 1.1), (0.0, 2.8), (0.0, 1.7), (0.0, 3.0)];
+
+/// Seeded normal numbers (Box and Muller 1958).
+pub struct Normal(pub ChaCha8Rng);
+
+impl Normal {
+    pub fn new(seed: u64) -> Self {
+        Self(ChaCha8Rng::seed_from_u64(seed))
+    }
+
+    pub fn draw(&mut self) -> f64 {
+        let (u, v): (f64, f64) = (1.0 - self.0.random::<f64>(), self.0.random());
+        (-2.0 * u.ln()).sqrt() * (TAU * v).cos()
+    }
+
+    pub fn vector(&mut self) -> Vector3<f64> {
+        Vector3::new(self.draw(), self.draw(), self.draw())
+    }
+}
+
+/// How a simulated campaign is measured.
+#[derive(Clone, Copy, Debug)]
+pub struct Campaign {
+    pub n_configurations: usize,
+    pub n_targets: usize,
+    /// White noise of each coordinate, mm.
+    pub noise_mm: f64,
+    /// What the points of one configuration share, each coordinate, mm.
+    pub shared_mm: f64,
+    /// Stiffness of joints 2 and 3: turning per unit moment (1 kg at 1 m), rad; half of it about the axes across.
+    pub sag_rad: f64,
+}
+
+impl Campaign {
+    /// White noise alone, one target.
+    pub const PLAIN: Self = Self { n_configurations: 50, n_targets: 1, noise_mm: 0.03, shared_mm: 0.0, sag_rad: 0.0 };
+}
+
+/// A robot as it truly is: errors of 0.3 mm and 0.05° (one standard deviation) in every link parameter of the complete model, somewhere
+/// in the room, with targets off the flange's axis.
+pub fn true_robot(nominal: &Robot, n_targets: usize, random: &mut Normal) -> KinematicModel {
+    let parameters: Vec<Parameter> = complete_parameters(&nominal.links, n_targets).into_iter().filter(Parameter::is_link).collect();
+    let errors: Vec<f64> = parameters.iter().map(|p| random.draw() * if p.is_angle() { 0.05f64.to_radians() } else { 0.3 }).collect();
+    let mut truth = apply(&KinematicModel::nominal(&nominal.links, n_targets), &parameters, &errors);
+    let axis = Unit::new_normalize(random.vector() + Vector3::z() * 0.1);
+    let turn = Rotation3::from_axis_angle(&axis, random.draw());
+    truth.t_instrument_base = IsometryMatrix3::from_parts(Translation3::from(random.vector() * 800.0), turn);
+    for (k, target) in truth.targets_mm.iter_mut().enumerate() {
+        let angle = TAU * k as f64 / n_targets as f64 + 0.4;
+        *target = Vector3::new(90.0 * angle.cos(), 90.0 * angle.sin(), 110.0) + random.vector() * 5.0;
+    }
+    truth
+}
+
+/// Random poses of the paper's arm.
+pub fn poses(n: usize, random: &mut Normal) -> Vec<Vec<f64>> {
+    let mut joint = |(middle, half_width): &(f64, f64)| middle + half_width * (2.0 * random.0.random::<f64>() - 1.0);
+    (0..n).map(|_| JOINTS_RAD.iter().map(&mut joint).collect()).collect()
+}
+
+/// The paper's arm, with the joint limits that [`poses`] keeps.
+pub fn limited(mut nominal: Robot) -> Robot {
+    nominal.joint_limits_rad = JOINTS_RAD.iter().map(|(middle, half_width)| Some((middle - half_width, middle + half_width))).collect();
+    nominal
+}
+
+/// Measures `truth` at `poses`, every point to identify, in the instrument frame.
+pub fn measure(truth: &KinematicModel, poses: &[Vec<f64>], campaign: &Campaign, random: &mut Normal) -> MeasurementSet {
+    let mut points = Vec::new();
+    for (configuration, q_rad) in poses.iter().enumerate() {
+        let shared = random.vector() * campaign.shared_mm;
+        for target in 0..campaign.n_targets {
+            let true_mm = position_with_sag(truth, q_rad, target, campaign.sag_rad);
+            points.push(Point {
+                q_rad: q_rad.clone(),
+                position_mm: true_mm + shared + random.vector() * campaign.noise_mm,
+                configuration: format!("c{configuration}"),
+                target,
+                subset: Some(Subset::Identify),
+                ..Point::empty(6, points.len())
+            });
+        }
+    }
+    MeasurementSet::new(Frame::Instrument, points)
+}
+
+/// Where a target is, mm, when joints 2 and 3 give under masses of 1, 1 and 0.5 kg at the origins of links 3, 5 and 6.
+pub fn position_with_sag(model: &KinematicModel, q_rad: &[f64], target: usize, sag_rad: f64) -> Vector3<f64> {
+    let mut frames = vec![IsometryMatrix3::identity()];
+    for (link, q) in model.links.iter().zip(q_rad) {
+        frames.push(frames[frames.len() - 1] * t_previous_link(link, *q));
+    }
+    let moment = |joint: usize| -> Vector3<f64> {
+        let at = frames[joint].translation.vector;
+        [(3, 1.0), (5, 1.0), (6, 0.5)]
+            .iter()
+            .filter(|(link, _)| *link > joint)
+            .map(|(link, mass)| (frames[*link].translation.vector - at).cross(&(-Vector3::z())) * (mass / 1000.0))
+            .sum()
+    };
+    let mut t = model.t_instrument_base;
+    for (i, (link, q)) in model.links.iter().zip(q_rad).enumerate() {
+        t *= t_previous_link(link, *q);
+        if i == 1 || i == 2 {
+            let turn = (frames[i + 1].rotation.inverse() * moment(i + 1)).component_mul(&Vector3::new(0.5, 0.5, 1.0)) * sag_rad;
+            t *= IsometryMatrix3::from_parts(Translation3::identity(), Rotation3::new(turn));
+        }
+    }
+    t.rotation * model.targets_mm[target] + t.translation.vector
+}
+
+/// The true value of a parameter of the complete model, mm or degrees; `None` for the base's rotation, which is counted from the fit.
+pub fn true_value(truth: &KinematicModel, parameter: &Parameter) -> Option<f64> {
+    use kincal::identification::parameters::quantity_mut;
+    match *parameter {
+        Parameter::Link(link, quantity) => {
+            let value = *quantity_mut(&mut truth.links[link].clone(), quantity);
+            Some(if parameter.is_angle() { value.to_degrees() } else { value })
+        }
+        Parameter::BaseTranslation(axis) => Some(truth.t_instrument_base.translation.vector[axis]),
+        Parameter::BaseRotation(_) => None,
+        Parameter::Target(target, axis) => Some(truth.targets_mm[target][axis]),
+    }
+}
+
+/// Of the stated 95 % intervals of a report: how many there are, and how many hold the truth.
+pub fn intervals_held(nominal: &Robot, truth: &KinematicModel, report: &kincal::calibration::CalibrationReport) -> (usize, usize) {
+    let parameters = complete_parameters(&nominal.links, truth.targets_mm.len());
+    let mut counts = (0, 0);
+    for parameter in &parameters {
+        let stated = report.parameters.iter().find(|p| p.name == parameter.name()).and_then(|p| p.interval_95);
+        if let (Some([low, high]), Some(value)) = (stated, true_value(truth, parameter)) {
+            counts.0 += 1;
+            counts.1 += usize::from((low..=high).contains(&value));
+        }
+    }
+    counts
+}

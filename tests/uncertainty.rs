@@ -1,0 +1,126 @@
+//! What the report says of its own errors, held against robots whose truth is known.
+
+#[path = "support/data.rs"]
+mod data;
+#[path = "support/simulation.rs"]
+mod simulation;
+
+use data::paper_robot;
+use kincal::calibration::{CalibrationReport, CalibrationRequest, Method, calibrate};
+use kincal::identification::KinematicModel;
+use simulation::{Campaign, Normal, intervals_held, limited, measure, poses, position_with_sag, true_robot};
+use std::ops::ControlFlow;
+
+/// Robots per test; `examples/belief_study.rs` takes 1,000.
+const ROBOTS: u64 = 80;
+
+struct Run {
+    truth: KinematicModel,
+    report: CalibrationReport,
+}
+
+fn runs(campaign: Campaign) -> Vec<Run> {
+    let run = |seed: u64| {
+        let nominal = limited(paper_robot());
+        let mut random = Normal::new(seed);
+        let truth = true_robot(&nominal, campaign.n_targets, &mut random);
+        let set = measure(&truth, &poses(campaign.n_configurations, &mut random), &campaign, &mut random);
+        let request = CalibrationRequest { method: Method::LeastSquares, ..CalibrationRequest::new(nominal, set) };
+        Run { truth, report: calibrate(&request, &mut |_| ControlFlow::Continue(())).unwrap() }
+    };
+    (0..ROBOTS).map(run).collect()
+}
+
+/// Share of the stated 95 % intervals that hold the truth, %.
+fn coverage(runs: &[Run]) -> f64 {
+    let counts = runs.iter().map(|r| intervals_held(&paper_robot(), &r.truth, &r.report));
+    let (stated, held) = counts.fold((0, 0), |(s, h), (stated, held)| (s + stated, h + held));
+    assert!(stated >= 24 * ROBOTS as usize, "every parameter but the base's rotation has an interval");
+    100.0 * held as f64 / stated as f64
+}
+
+/// How many runs kept a part of the error model.
+fn kept(runs: &[Run], part: impl Fn(&kincal::calibration::report::ErrorModel) -> f64) -> usize {
+    runs.iter().filter(|r| r.report.error_model.is_some_and(|e| part(&e) > 0.0)).count()
+}
+
+#[test]
+fn with_white_noise_the_stated_intervals_hold_the_truth_in_93_to_97_of_100_cases() {
+    let runs = runs(Campaign::PLAIN);
+    let held = coverage(&runs);
+    println!("{held:.2} % held");
+    assert!((93.0..=97.0).contains(&held), "{held} %");
+    // a part that is not there is kept in at most one of twenty cases; 80 · 0.05 and three standard deviations of that
+    assert!(kept(&runs, |e| e.misfit_std_rad) <= 10 && kept(&runs, |e| e.configuration_std_mm) == 0);
+    let noise = runs.iter().map(|r| r.report.error_model.unwrap().noise_std_mm).sum::<f64>() / ROBOTS as f64;
+    assert!((noise / 0.03 - 1.0).abs() < 0.02, "the noise of 0.03 mm is found: {noise}");
+}
+
+#[test]
+fn what_the_points_of_a_configuration_share_is_found_and_counted() {
+    let shared = Campaign { n_configurations: 20, n_targets: 3, shared_mm: 0.06, ..Campaign::PLAIN };
+    let runs = runs(shared);
+    assert!(kept(&runs, |e| e.configuration_std_mm) >= 76, "twice the noise is found in 95 % of the campaigns");
+    let held = coverage(&runs);
+    println!("{held:.2} % held");
+    assert!((93.0..=97.0).contains(&held), "{held} %");
+}
+
+#[test]
+fn sag_that_no_model_knows_is_noticed_and_widens_the_intervals() {
+    let runs = runs(Campaign { sag_rad: 5e-4, ..Campaign::PLAIN });
+    assert_eq!(kept(&runs, |e| e.misfit_std_rad), ROBOTS as usize);
+    let held = coverage(&runs);
+    println!("{held:.2} % held");
+    // 86 % in the study: the links take up part of the sag, and what they take up cannot be seen in the residuals
+    assert!((80.0..97.0).contains(&held), "{held} %");
+}
+
+/// The predicted standard deviation against the true error, both over the same workspace. 80 robots leave 4 %, of which three; and the
+/// mean over the workspace is a little below the root mean square.
+const PREDICTED_OVER_TRUE: std::ops::Range<f64> = 0.85..1.13;
+/// With sag, what is predicted rests on an estimate of one number from the residuals of each robot, and gravity may come from anywhere.
+const PREDICTED_OVER_TRUE_WITH_SAG: std::ops::Range<f64> = 0.85..1.8;
+
+#[test]
+fn the_predicted_tool_uncertainty_is_that_of_unseen_poses() {
+    for sag_rad in [0.0, 1e-4] {
+        let runs = runs(Campaign { sag_rad, ..Campaign::PLAIN });
+        let (mut predicted, mut missed) = (0.0, 0.0);
+        for (seed, Run { truth, report }) in runs.iter().enumerate() {
+            let tool = report.tool_uncertainty.unwrap();
+            assert!(tool.max_mm >= tool.mean_mm);
+            predicted += tool.mean_mm * tool.mean_mm;
+            let found = KinematicModel {
+                t_instrument_base: report.t_instrument_base,
+                links: report.links.clone(),
+                targets_mm: report.targets_mm.clone(),
+            };
+            let error = |q: &Vec<f64>| (position_with_sag(truth, q, 0, sag_rad) - found.position(q, 0)).norm_squared();
+            missed += poses(20, &mut Normal::new(1000 + seed as u64)).iter().map(error).sum::<f64>() / 20.0;
+        }
+        let ratio = (predicted / missed).sqrt();
+        println!("sag {sag_rad}: predicted over true {ratio:.3}");
+        let limit = if sag_rad > 0.0 { PREDICTED_OVER_TRUE_WITH_SAG } else { PREDICTED_OVER_TRUE };
+        assert!(limit.contains(&ratio), "{ratio}");
+    }
+}
+
+#[test]
+fn poses_that_show_little_of_the_robot_leave_the_tool_uncertain() {
+    let nominal = paper_robot();
+    let campaign = Campaign::PLAIN;
+    let mut random = Normal::new(7);
+    let truth = true_robot(&nominal, 1, &mut random);
+    let good = poses(50, &mut random);
+    let frozen_wrist: Vec<Vec<f64>> = good.iter().map(|q| [&q[..3], &[0.3, -0.7, 0.2]].concat()).collect();
+    let narrow: Vec<Vec<f64>> = good.iter().map(|q| q.iter().map(|q| 0.3 + 0.1 * q).collect()).collect();
+    let mut std_mm = |poses: &[Vec<f64>]| {
+        let set = measure(&truth, poses, &campaign, &mut random);
+        let request = CalibrationRequest { method: Method::LeastSquares, ..CalibrationRequest::new(nominal.clone(), set) };
+        calibrate(&request, &mut |_| ControlFlow::Continue(())).unwrap().tool_uncertainty.unwrap().mean_mm
+    };
+    let (wide, frozen, narrow) = (std_mm(&good), std_mm(&frozen_wrist), std_mm(&narrow));
+    println!("wide {wide:.4} mm, frozen wrist {frozen:.4} mm, narrow cloud {narrow:.4} mm");
+    assert!(wide < 0.05 && frozen > 10.0 * wide && narrow > 10.0 * wide);
+}
