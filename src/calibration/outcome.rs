@@ -124,6 +124,9 @@ fn per_point(observed: &Observed, before: &KinematicModel, after: &KinematicMode
             subset: observed.subsets[i],
             before_mm: before[i].norm(),
             after_mm: after[i].norm(),
+            position_mm: observed.all[i].position_mm,
+            before_vector_mm: before[i],
+            after_vector_mm: after[i],
         })
         .collect()
 }

@@ -45,6 +45,12 @@ pub struct PointErrors {
     pub before_mm: f64,
     /// |residual| of the identified robot, mm.
     pub after_mm: f64,
+    /// Where it was measured, in the measuring frame, mm.
+    pub position_mm: Vector3<f64>,
+    /// Residual (measured − predicted) of the nominal robot, in the measuring frame, mm.
+    pub before_vector_mm: Vector3<f64>,
+    /// Residual of the identified robot, in the measuring frame, mm.
+    pub after_vector_mm: Vector3<f64>,
 }
 
 /// One parameter's outcome, in the unit of the wire (mm or deg).

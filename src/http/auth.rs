@@ -48,6 +48,7 @@ impl Scope {
 
 /// Every route below `/v1` and the scope it takes. A route that is not here is refused; a test walks the contract.
 pub const POLICY: &[(Method, &str, Scope)] = &[
+    (Method::GET, "/v1/me", Scope::Read),
     (Method::POST, "/v1/robots", Scope::Upload),
     (Method::GET, "/v1/robots", Scope::Read),
     (Method::GET, "/v1/robots/{robot_id}", Scope::Read),
@@ -76,7 +77,7 @@ pub const POLICY: &[(Method, &str, Scope)] = &[
 ];
 
 /// Routes that need no key.
-pub const OPEN: &[&str] = &["/", "/healthz", "/readyz", "/openapi.yaml"];
+pub const OPEN: &[&str] = &["/", "/docs", "/assets/{file}", "/healthz", "/readyz", "/openapi.yaml", "/openapi.json"];
 
 /// Who sends a request.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -41,6 +41,16 @@ pub fn yaml() -> Result<&'static str, &'static str> {
     YAML.as_deref().map_err(String::as_str)
 }
 
+static JSON: LazyLock<Result<String, String>> = LazyLock::new(|| openapi().to_json().map_err(|error| error.to_string()));
+
+/// The document in JSON: `/openapi.json`, which `/docs` reads.
+///
+/// # Errors
+/// If it cannot be written; does not happen.
+pub fn json() -> Result<&'static str, &'static str> {
+    JSON.as_deref().map_err(String::as_str)
+}
+
 /// The whole contract.
 pub fn openapi() -> utoipa::openapi::OpenApi {
     let mut document = Base::openapi();

@@ -1,26 +1,14 @@
-//! What needs no key: the front page, health, and the contract.
+//! What needs no key: health and the contract.
 
 use crate::http::{App, Error, document};
 use axum::extract::State;
 use axum::http::header;
-use axum::response::{Html, IntoResponse, Response};
+use axum::response::{IntoResponse, Response};
 use utoipa_axum::{router::OpenApiRouter, routes};
-
-/// Self-contained: factories are offline.
-const PAGE: &str = include_str!("index.html");
-/// Nothing but this page's own style.
-const CONTENT_SECURITY_POLICY: &str =
-    "default-src 'none'; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 
 /// Routes that need no key.
 pub fn router() -> OpenApiRouter<App> {
-    OpenApiRouter::new().routes(routes!(index)).routes(routes!(healthz)).routes(routes!(readyz)).routes(routes!(openapi_yaml))
-}
-
-/// What this is.
-#[utoipa::path(get, path = "/", tag = "service", operation_id = "index", responses((status = 200, description = "A page", body = String, content_type = "text/html")))]
-async fn index() -> Response {
-    ([(header::CONTENT_SECURITY_POLICY, CONTENT_SECURITY_POLICY)], Html(PAGE)).into_response()
+    OpenApiRouter::new().routes(routes!(healthz)).routes(routes!(readyz)).routes(routes!(openapi_yaml)).routes(routes!(openapi_json))
 }
 
 /// The process answers.
@@ -47,4 +35,11 @@ async fn readyz(State(app): State<App>) -> Result<&'static str, Error> {
 async fn openapi_yaml() -> Result<Response, Error> {
     let text = document::yaml().map_err(|error| Error::Internal(error.into()))?;
     Ok(([(header::CONTENT_TYPE, "application/yaml")], text).into_response())
+}
+
+/// The contract, for readers of JSON.
+#[utoipa::path(get, path = "/openapi.json", tag = "service", operation_id = "openapiJson", responses((status = 200, description = "OpenAPI 3.1", body = serde_json::Value)))]
+async fn openapi_json() -> Result<Response, Error> {
+    let text = document::json().map_err(|error| Error::Internal(error.into()))?;
+    Ok(([(header::CONTENT_TYPE, "application/json")], text).into_response())
 }

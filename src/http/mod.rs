@@ -4,6 +4,7 @@
 mod access;
 pub mod auth;
 mod creation;
+mod dashboard;
 mod document;
 mod error;
 mod extract;
@@ -13,6 +14,7 @@ mod job_events;
 mod job_posting;
 mod jobs;
 mod layers;
+mod me;
 mod measurement_sets;
 mod networks;
 mod parameter_sets;
@@ -95,7 +97,9 @@ fn routes() -> OpenApiRouter<App> {
         .merge(release::router())
         .merge(predict::router())
         .merge(networks::router())
+        .merge(me::router())
         .merge(index::router())
+        .merge(dashboard::router())
 }
 
 /// The whole service.

@@ -9,6 +9,7 @@ pub mod frames;
 pub mod issue;
 pub mod job;
 pub mod json;
+pub mod key;
 pub mod measurement;
 pub mod network;
 pub mod options;

@@ -143,6 +143,9 @@ fn point(p: &PointErrors) -> PointReport {
         subset: SubsetName::from_core(p.subset),
         before_mm: p.before_mm,
         after_mm: p.after_mm,
+        position_mm: Some(p.position_mm.into()),
+        before_vector_mm: Some(p.before_vector_mm.into()),
+        after_vector_mm: Some(p.after_vector_mm.into()),
     }
 }
 

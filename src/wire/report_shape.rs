@@ -105,6 +105,15 @@ pub struct PointReport {
     pub before_mm: f64,
     /// Of the identified robot, mm.
     pub after_mm: f64,
+    /// Where it was measured, in the measuring frame, mm. Reports of older versions have no vectors.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub position_mm: Option<[f64; 3]>,
+    /// Measured − predicted by the nominal robot, in the measuring frame, mm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub before_vector_mm: Option<[f64; 3]>,
+    /// Measured − predicted by the identified robot, in the measuring frame, mm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub after_vector_mm: Option<[f64; 3]>,
 }
 
 /// One parameter's outcome.

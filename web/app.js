@@ -1,0 +1,87 @@
+// The frame of the dashboard: who is signed in, and which page the address names.
+
+import { dropKey, get, keepKey, noAuth, signedIn } from "./api.js";
+import { el, fill, problem } from "./dom.js";
+import { robotsPage } from "./robots.js";
+import { robotPage } from "./robot.js";
+import { jobPage } from "./job.js";
+
+const main = document.getElementById("main");
+const session = document.getElementById("session");
+const PAGES = [
+  [/^#\/robots\/(\w+)$/, robotPage],
+  [/^#\/jobs\/(\w+)$/, jobPage],
+  [/^(#\/?)?$/, robotsPage],
+];
+
+let leaving = new AbortController();
+let me = null;
+
+/** What pages need: where to draw, what the user may do, and the signal that ends their requests when they are left. */
+function context(signal) {
+  const may = (scope) => me.scopes.includes(scope) || me.scopes.includes("admin");
+  return { main, signal, may, me };
+}
+
+async function show(moveFocus) {
+  if (location.hash === "#main") return;
+  leaving.abort();
+  leaving = new AbortController();
+  const { signal } = leaving;
+  if (!signedIn()) return signIn();
+  main.setAttribute("aria-busy", "true");
+  try {
+    me ??= await get("/v1/me", signal);
+    who();
+    const [match, page] = PAGES.map(([pattern, page]) => [pattern.exec(location.hash), page]).find(([match]) => match) ?? [];
+    if (!page) fill(main, el("h1", {}, "There is no such page"), el("p", {}, el("a", { href: "#/" }, "All robots")));
+    else await page(context(signal), ...match.slice(1));
+  } catch (error) {
+    if (error.name === "AbortError") return;
+    if (error.status === 401) return signIn(error);
+    fill(main, el("h1", {}, "This page cannot be shown"), problem(error), el("p", {}, el("a", { href: "#/" }, "All robots")));
+  } finally {
+    if (!signal.aborted) main.removeAttribute("aria-busy");
+  }
+  if (moveFocus && !signal.aborted) main.focus({ preventScroll: true });
+}
+
+function who() {
+  if (noAuth) return fill(session, el("span.badge", { title: "The server runs with --no-auth on this computer only" }, "no keys needed"));
+  const scopes = me.scopes.join(", ");
+  const leave = () => {
+    dropKey();
+    me = null;
+    fill(session);
+    location.hash = "#/";
+    show(true);
+  };
+  fill(session, el("span", { title: "What this key may do" }, `key: ${scopes}`), el("button.plain", { type: "button", click: leave }, "Sign out"));
+}
+
+function signIn(error) {
+  dropKey();
+  me = null;
+  fill(session);
+  document.title = "kincal: sign in";
+  const field = el("input", { id: "key", name: "key", type: "password", autocomplete: "off", spellcheck: "false", required: true });
+  const submit = (event) => {
+    event.preventDefault();
+    const text = field.value.trim();
+    if (text === "") return;
+    keepKey(text);
+    show(true);
+  };
+  fill(main, el("form.signin", { submit }, el("h1", {}, "Sign in"),
+    error && problem(error),
+    el("label", { for: "key" }, "API key"), field,
+    el("button.primary", { type: "submit" }, "Sign in"),
+    el("p.note", {}, "A key with the scope read shows everything; upload, identify and release allow more. Whoever runs the server makes one with"),
+    el("pre", {}, "kincal key create --name my-desk --scope read"),
+    el("p.note", {}, "It is kept in this tab only and forgotten when the tab is closed.")));
+  main.removeAttribute("aria-busy");
+  field.focus();
+}
+
+window.addEventListener("hashchange", () => show(true));
+show(false);

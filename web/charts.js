@@ -1,0 +1,101 @@
+// Charts in SVG: scales, axes and frames. What is drawn in them is in figures.js.
+
+import { el, fill, svg } from "./dom.js";
+import { number, powerOfTen } from "./format.js";
+
+/** A figure with a heading and a sentence that says what it shows; `draw(width)` gives its SVG children for that width. */
+export function figure(title, caption, height, draw, ...extras) {
+  const image = svg("svg", { role: "img", "aria-label": `${title}. ${caption}`, height });
+  const redraw = () => {
+    const width = Math.floor(image.parentNode?.clientWidth ?? 0);
+    if (width < 50) return;
+    image.setAttribute("viewBox", `0 0 ${width} ${height}`);
+    image.setAttribute("width", width);
+    fill(image, draw(width, height));
+  };
+  const box = el("div.plot", {}, image);
+  let drawnFor = 0;
+  new ResizeObserver(() => {
+    if (box.clientWidth === drawnFor) return;
+    drawnFor = box.clientWidth;
+    redraw();
+  }).observe(box);
+  const node = el("figure", {}, el("figcaption", {}, el("h3", {}, title), ...extras, el("p.note", {}, caption)), box);
+  node.redraw = redraw;
+  return node;
+}
+
+/** Which mark means what. */
+export function legend(entries) {
+  return el("p.legend", {}, entries.map(([kind, text]) => el("span", {}, svg("svg.key", { width: 14, height: 12, "aria-hidden": "true" }, svg(`rect.${kind}`, { x: 1, y: 1, width: 12, height: 10 })), text)));
+}
+
+/** From values to pixels, linear or logarithmic. */
+export function scale({ min, max, log = false }, from, to) {
+  const f = log ? (v) => Math.log10(Math.max(v, min)) : (v) => v;
+  const [a, b] = [f(min), f(max)];
+  const size = b - a || 1;
+  return (value) => from + ((f(value) - a) / size) * (to - from);
+}
+
+/** Round values that cover the range. */
+export function ticks({ min, max, log = false }, count) {
+  if (log) return logTicks(min, max, count);
+  const raw = (max - min || 1) / Math.max(1, count);
+  const base = 10 ** Math.floor(Math.log10(raw));
+  const step = base * [1, 2, 5, 10].find((m) => m * base >= raw * 0.999);
+  const first = Math.ceil(min / step - 1e-9);
+  const found = [];
+  for (let i = first; i * step <= max + step * 1e-9; i += 1) found.push(Number((i * step).toPrecision(12)));
+  return found;
+}
+
+function logTicks(min, max, count) {
+  const [low, high] = [Math.ceil(Math.log10(min) - 1e-9), Math.floor(Math.log10(max) + 1e-9)];
+  const every = Math.max(1, Math.ceil((high - low + 1) / Math.max(1, count)));
+  const found = [];
+  for (let e = low; e <= high; e += 1) if ((high - e) % every === 0) found.push(10 ** e);
+  if (found.length >= 2) return found;
+  const steps = [];
+  for (let e = low - 1; e <= high + 1; e += 1) for (const m of [1, 2, 5]) steps.push(m * 10 ** e);
+  return steps.filter((v) => v >= min * 0.999 && v <= max * 1.001);
+}
+
+/** A range that holds all values, with round ends. */
+export function range(values, { zero = false, log = false, pad = 0.04 } = {}) {
+  const finite = values.filter((v) => Number.isFinite(v) && (!log || v > 0));
+  if (finite.length === 0) return log ? { min: 0.1, max: 1, log } : { min: 0, max: 1, log };
+  let [min, max] = [finite.reduce((a, b) => Math.min(a, b)), finite.reduce((a, b) => Math.max(a, b))];
+  if (log) return { min: min / 1.3, max: Math.max(max * 1.3, min * 4), log };
+  if (zero) min = Math.min(0, min);
+  if (zero) max = Math.max(0, max);
+  const space = (max - min || Math.abs(max) || 1) * pad;
+  return { min: zero && min === 0 ? 0 : min - space, max: max + space, log };
+}
+
+const label = (value, log) => (log && (value < 0.01 || value >= 1e4) ? powerOfTen(Math.round(Math.log10(value))) : number(value, 3).replace(/(\.\d*?)0+$/, "$1").replace(/\.$/, ""));
+
+/** Both axes with grid lines; gives the pixel functions and the nodes. */
+export function axes(width, height, x, y) {
+  const margin = { left: 58, right: 14, top: 10, bottom: 38 };
+  const [left, right, top, bottom] = [margin.left, width - margin.right, margin.top, height - margin.bottom];
+  const [px, py] = [scale(x, left, right), scale(y, bottom, top)];
+  const nodes = [];
+  for (const v of y.ticks ?? ticks(y, Math.max(2, Math.floor((bottom - top) / 45)))) {
+    nodes.push(svg("line.grid", { x1: left, x2: right, y1: py(v), y2: py(v) }));
+    nodes.push(svg("text.tick", { x: left - 7, y: py(v) + 4, "text-anchor": "end" }, (y.format ?? ((t) => label(t, y.log)))(v)));
+  }
+  for (const v of x.ticks ?? ticks(x, Math.max(2, Math.floor((right - left) / 90)))) {
+    nodes.push(svg("line.tickmark", { x1: px(v), x2: px(v), y1: bottom, y2: bottom + 4 }));
+    nodes.push(svg("text.tick", { x: px(v), y: bottom + 17, "text-anchor": "middle" }, (x.format ?? ((t) => label(t, x.log)))(v)));
+  }
+  nodes.push(svg("line.axis", { x1: left, x2: right, y1: bottom, y2: bottom }));
+  if (x.label) nodes.push(svg("text.axislabel", { x: right, y: height - 5, "text-anchor": "end" }, x.label));
+  if (y.label) nodes.push(svg("text.axislabel", { x: 13, y: top, "text-anchor": "end", transform: `rotate(-90 13 ${top})` }, y.label));
+  return { x: px, y: py, left, right, top, bottom, nodes };
+}
+
+/** Points joined by straight lines. */
+export function polyline(kind, points) {
+  return svg(`path.${kind}`, { d: points.map(([x, y], i) => `${i === 0 ? "M" : "L"}${x.toFixed(1)} ${y.toFixed(1)}`).join("") });
+}

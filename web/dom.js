@@ -1,0 +1,61 @@
+// Elements from data. Text always becomes a text node, so that no name can become markup.
+
+const SVG = "http://www.w3.org/2000/svg";
+
+/** An HTML element: el("a.button", {href: "#/"}, "text", child…). Functions among the attributes are listeners. */
+export function el(what, attributes = {}, ...children) {
+  const [tag, ...classes] = what.split(".");
+  return filled(document.createElement(tag), classes, attributes, children);
+}
+
+/** An SVG element, likewise. */
+export function svg(what, attributes = {}, ...children) {
+  const [tag, ...classes] = what.split(".");
+  return filled(document.createElementNS(SVG, tag), classes, attributes, children);
+}
+
+function filled(node, classes, attributes, children) {
+  if (classes.length > 0) node.setAttribute("class", classes.join(" "));
+  for (const [name, value] of Object.entries(attributes)) {
+    if (value === undefined || value === null || value === false) continue;
+    if (typeof value === "function") node.addEventListener(name, value);
+    else node.setAttribute(name, value === true ? "" : String(value));
+  }
+  append(node, children);
+  return node;
+}
+
+function append(node, children) {
+  for (const child of children.flat(Infinity)) {
+    if (child === undefined || child === null || child === false) continue;
+    node.append(child instanceof Node ? child : document.createTextNode(String(child)));
+  }
+}
+
+/** Puts these children in place of those that are there. */
+export function fill(node, ...children) {
+  node.replaceChildren();
+  append(node, children);
+  return node;
+}
+
+/** A table: columns are [heading, cell of a row, class?]. Wide tables scroll inside a region of their own. */
+export function table(caption, columns, rows, empty) {
+  if (rows.length === 0) return el("p.empty", {}, empty);
+  const head = el("tr", {}, columns.map(([heading, , kind]) => el(kind ? `th.${kind}` : "th", { scope: "col" }, heading)));
+  const body = rows.map((row) => el("tr", {}, columns.map(([, cell, kind]) => el(kind ? `td.${kind}` : "td", {}, cell(row)))));
+  return el("div.scroll", { tabindex: 0, role: "region", "aria-label": caption },
+    el("table", {}, el("caption.quiet", {}, caption), el("thead", {}, head), el("tbody", {}, body)));
+}
+
+/** Says something to everyone, also to those who listen. */
+export function say(text) {
+  fill(document.getElementById("said"), text);
+}
+
+/** A problem as the service tells it: its sentence, and every single reason. */
+export function problem(error) {
+  const reasons = (error.errors ?? []).map((issue) => el("li", {}, issue.detail));
+  return el("div.problem", { role: "alert" }, el("p", {}, el("strong", {}, error.title ?? "It did not work"), ". ", error.detail ?? String(error.message ?? error)),
+    reasons.length > 0 && el("ul", {}, reasons));
+}

@@ -1,0 +1,90 @@
+// One job: live while it runs, then what came out.
+
+import { follow, get, post } from "./api.js";
+import { convergence } from "./figures.js";
+import { el, fill, problem, say } from "./dom.js";
+import { method, number, span, when } from "./format.js";
+import { statusBadge } from "./robot.js";
+import { result } from "./result.js";
+
+const isOver = (job) => !["queued", "running"].includes(job.status);
+
+/** The page of one job. */
+export async function jobPage(context, id) {
+  const { main, signal, may } = context;
+  let job = await get(`/v1/jobs/${id}`, signal);
+  const [robot, set] = await Promise.all([get(`/v1/robots/${job.robot_id}`, signal), get(`/v1/measurement-sets/${job.measurement_set_id}`, signal)]);
+  document.title = `kincal: calibration of ${robot.name}`;
+  const [top, body] = [el("div", {}), el("div", {})];
+  fill(main, top, body);
+  fill(top, head(job, robot, set));
+  if (!isOver(job)) {
+    const live = watch(job, may);
+    fill(body, live.node);
+    job = await follow(id, (now) => live.moved(now), signal);
+    say(`The calibration ${job.status === "succeeded" ? "is done" : `has ${job.status === "failed" ? "failed" : "been cancelled"}`}`);
+    fill(top, head(job, robot, set));
+  }
+  if (signal.aborted) return;
+  if (job.status === "succeeded") await result(body, context, { job, robot, set });
+  else fill(body, ending(job, robot));
+}
+
+function head(job, robot, set) {
+  return el("div.head", {}, el("div", {}, el("p.crumbs", {}, el("a", { href: "#/" }, "Robots"), " / ", el("a", { href: `#/robots/${robot.id}` }, robot.name)),
+    el("h1", {}, `Calibration of ${robot.name}`),
+    el("p.quiet", {}, `from ${set.name ?? "a set without a name"} (${set.n_points} points, ${set.frame === "base" ? "robot base" : "instrument"} frame) · begun ${when(job.created_at)} · method: ${method(job.method)}`)),
+    el("div.actions", {}, statusBadge(job.status)));
+}
+
+function ending(job, robot) {
+  const back = el("p", {}, el("a", { href: `#/robots/${robot.id}` }, `Back to ${robot.name}`));
+  if (job.status === "failed") return [problem({ title: "The calibration failed", ...job.error }), back];
+  return [el("p", {}, "The calibration was cancelled; nothing came out of it."), back];
+}
+
+/** Progress, remaining time and the curve so far. */
+function watch(first, may) {
+  const bar = el("progress", { max: 1, "aria-label": "Progress of the calibration" });
+  const text = el("p", {}, "Waiting for a worker …");
+  const plot = el("div", {});
+  const out = el("div", {});
+  const cancel = async () => {
+    try {
+      await post(`/v1/jobs/${first.id}/cancel`, {});
+      say("Cancelling");
+    } catch (error) {
+      fill(out, problem(error));
+    }
+  };
+  const node = el("section.card", {}, el("h2", {}, "Running"), bar, text, out, may("identify") && el("button.danger", { type: "button", click: cancel }, "Cancel"), plot);
+  const curve = { iteration: [], best_cost_mm2: [], limit: 1 };
+  let chart = null;
+  let begun = null;
+  const moved = (job) => {
+    const progress = job.progress;
+    if (!progress || job.status !== "running") return;
+    const now = performance.now();
+    begun ??= { at: now, iteration: progress.iteration };
+    bar.max = progress.n_iterations;
+    bar.value = progress.iteration;
+    fill(text, `Iteration ${progress.iteration} of at most ${progress.n_iterations}. `, remaining(progress, begun, now),
+      progress.best_cost_mm2 === null ? "" : ` Smallest cost so far: ${number(progress.best_cost_mm2)} mm².`);
+    if (progress.best_cost_mm2 === null || progress.iteration <= (curve.iteration.at(-1) ?? -1)) return;
+    curve.iteration.push(progress.iteration);
+    curve.best_cost_mm2.push(progress.best_cost_mm2);
+    curve.limit = progress.n_iterations;
+    if (curve.iteration.length < 2) return;
+    if (chart) chart.redraw();
+    else fill(plot, (chart = convergence(curve, "The smallest cost F so far, mm²; the axis ends at the limit of iterations.")));
+  };
+  moved(first);
+  return { node, moved };
+}
+
+function remaining(progress, begun, now) {
+  const done = progress.iteration - begun.iteration;
+  if (done < 5) return "";
+  const seconds = ((now - begun.at) / 1000 / done) * (progress.n_iterations - progress.iteration);
+  return `At most ${span(seconds)} to go.`;
+}

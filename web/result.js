@@ -1,0 +1,169 @@
+// What came out of a calibration, in the order in which a person asks: is it good, may I use it, what changed, how was it found.
+
+import { download, get, noAuth, post } from "./api.js";
+import { arrows, convergence, histogram, interval, perPoint } from "./figures.js";
+import { el, fill, problem, say, table } from "./dom.js";
+import { error, EVIDENCE, gateTitle, method, mm, number, parameter, signed, span, warningTitle, when } from "./format.js";
+import { statusBadge } from "./robot.js";
+import { facts } from "./robots.js";
+
+/** Draws a finished job. */
+export async function result(body, context, { job, robot, set }) {
+  const { signal } = context;
+  const [report, curve, parameterSet] = await Promise.all([
+    get(`/v1/jobs/${job.id}/report`, signal), get(`/v1/jobs/${job.id}/convergence`, signal),
+    job.parameter_set_id ? get(`/v1/parameter-sets/${job.parameter_set_id}`, signal) : null,
+  ]);
+  const half = report.verify ?? report.identify;
+  const swarm = curve.iteration.length > 1 && convergence(curve);
+  fill(body, verdict(report, half), summary(report, half), parameterSet && decision(parameterSet, context, job, robot),
+    report.warnings.map(warning), el("div.two", {}, errorTable(report), histogram(report.per_point)), perPoint(report.per_point),
+    pairs(arrows(report.per_point)), parameterTable(report), el("div.two", {}, swarm, comparison(report)), corrections(report), changed(report), files(job, set, parameterSet), origin(report, set, parameterSet));
+}
+
+const pairs = (figures) => figures.length > 0 && el("div.two", {}, figures);
+
+function verdict(report, half) {
+  const share = 1 - half.after.mean_mm / half.before.mean_mm;
+  const where = report.verify ? `On ${half.n_points} points that were not fitted` : `On the ${half.n_points} points of the fit itself`;
+  const better = share > 0.001 ? `fell from ${mm(half.before.mean_mm)} to ${mm(half.after.mean_mm)}, by ${share > 0.9995 ? "more than 99.9" : (100 * share).toFixed(1)} %` : `went from ${mm(half.before.mean_mm)} to ${mm(half.after.mean_mm)}: it did not get better`;
+  return el(share > 0.001 && report.verify ? "div.done" : "div.warning", {}, el("p", {}, `${where}, the mean position error ${better}.`));
+}
+
+function summary(report, half) {
+  const { rank, n_parameters: n } = report.identifiability;
+  const [evidence, why] = EVIDENCE[report.evidence] ?? [report.evidence, ""];
+  return facts([
+    ["Mean error", mm(half.after.mean_mm), `before ${mm(half.before.mean_mm)}`],
+    ["Largest error", mm(half.after.max_mm), `before ${mm(half.before.max_mm)}`],
+    report.tool_uncertainty_mm && ["Uncertainty at the tool", mm(report.tool_uncertainty_mm.mean ?? report.tool_uncertainty_mm), report.tool_uncertainty_mm.max ? `at worst ${mm(report.tool_uncertainty_mm.max)}` : "one standard deviation"],
+    ["Evidence", evidence, why],
+    ["Identified", `${rank} of ${n}`, rank < n ? "the data cannot see the others alone" : "all parameters were seen"],
+    ["Took", span(report.duration_ms / 1000), `${report.n_iterations} iterations, ${method(report.method)}`],
+  ]);
+}
+
+function warning({ code, detail, rows }) {
+  return el("div.warning", {}, el("p", {}, el("strong", {}, warningTitle(code), ". "), detail, rows?.length > 0 && ` (from row ${rows[0]} of the file)`));
+}
+
+/** The state of the parameter set and what this user may do with it. */
+function decision(parameterSet, context, job, robot) {
+  const node = el("section.card", { "aria-label": "Parameter set" });
+  const draw = (current, said) => {
+    const again = (action, title) => () => ask(action, title, current, draw, robot);
+    const buttons = [];
+    if (context.may("release") && ["candidate", "superseded"].includes(current.status)) buttons.push(el("button.primary", { type: "button", click: again("release", "Release this parameter set") }, current.status === "candidate" ? "Release …" : "Release again …"));
+    if (context.may("release") && ["released", "candidate"].includes(current.status)) buttons.push(el("button.danger", { type: "button", click: again("withdraw", "Withdraw this parameter set") }, "Withdraw …"));
+    buttons.push(el("button", { type: "button", click: () => download(`/v1/parameter-sets/${current.id}`, `${current.id}.json`) }, "Download parameters"));
+    fill(node, said && el("div.done", {}, el("p", {}, said)), el("div.head", {}, el("div", {}, el("h2", {}, "Parameter set ", statusBadge(current.status)), el("p.quiet", {}, MEANING[current.status] ?? "", current.released_at ? ` Released ${when(current.released_at)}.` : "")), el("div.actions", {}, buttons)));
+    if (said) say(said);
+  };
+  draw(parameterSet, null);
+  return node;
+}
+
+const MEANING = {
+  candidate: "Identified, but no controller gets it before someone releases it.",
+  released: "This is the robot's active set: the cell gets it.",
+  superseded: "It was active once; another set took its place.",
+  withdrawn: "It was taken back and cannot be released any more.",
+};
+
+/** Asks for the reason in a dialog and does it. A refusal lists the gates in words. */
+function ask(action, title, set, draw, robot) {
+  const reason = el("textarea", { id: "reason", rows: 3, required: true, maxlength: 2000 });
+  const out = el("div", {});
+  const close = () => { dialog.close(); };
+  const submit = async (event) => {
+    event.preventDefault();
+    try {
+      const now = await post(`/v1/parameter-sets/${set.id}/${action}`, { reason: reason.value });
+      dialog.close();
+      draw(now, action === "release" ? `Released: ${robot.name} now uses this set.` : "Withdrawn.");
+    } catch (refused) {
+      fill(out, refused.code === "release_refused" ? refusal(refused) : problem(refused));
+    }
+  };
+  const dialog = el("dialog", { "aria-label": title, close: () => dialog.remove() },
+    el("form", { submit }, el("h2", {}, title), el("p", {}, MEANING[action === "release" ? "released" : "withdrawn"]), out,
+      el("label", { for: "reason" }, "Reason, for those who come after"), reason,
+      el("p", {}), el("div.actions", {}, el(action === "release" ? "button.primary" : "button.danger", { type: "submit" }, action === "release" ? "Release" : "Withdraw"), el("button", { type: "button", click: close }, "Not now"))));
+  document.body.append(dialog);
+  dialog.showModal();
+}
+
+function refusal({ errors, detail }) {
+  return el("div.problem", { role: "alert" }, el("p", {}, el("strong", {}, "It was not released. "), errors.length > 0 ? "What was not fulfilled:" : detail),
+    errors.length > 0 && el("ul", {}, errors.map((issue) => el("li", {}, el("strong", {}, gateTitle(issue.code)), ": ", issue.detail))));
+}
+
+function errorTable(report) {
+  const rows = [["identify", "Identify", report.identify], ["verify", "Verify", report.verify]].filter(([, , half]) => half);
+  const flat = rows.flatMap(([, name, half]) => [[`${name} (${half.n_points})`, "before", half.before], ["", "after", half.after], ...(half.corrected ? [["", "after, with corrections", half.corrected]] : [])]);
+  const columns = [["Points", ([name]) => name], ["", ([, stage]) => stage], ...["mean", "std", "rms", "max"].map((name) => [name, ([, , e]) => error(e[`${name}_mm`]), "n"])];
+  return el("section.card", {}, el("h2", {}, "Errors before and after"), table("Position errors in mm. Identify: the points of the fit. Verify: points kept aside.", columns, flat, ""));
+}
+
+function parameterTable(report) {
+  const rows = report.parameters;
+  // links move by tenths, base and targets by tens of mm: each kind has a scale of its own
+  const kind = (r) => `${r.link ? "links" : "base and targets"}, ${r.unit === "deg" ? "°" : r.unit}`;
+  const scales = new Map();
+  for (const r of rows) scales.set(kind(r), Math.max(scales.get(kind(r)) ?? 1e-9, Math.abs(r.delta) + 2 * (r.std_uncertainty ?? 0)));
+  const unit = (row) => (row.unit === "deg" ? "°" : row.unit);
+  const columns = [
+    ["Parameter", (r) => el("span", { title: r.name }, parameter(r.name))],
+    ["Name", (r) => el("code", {}, r.name)],
+    ["Unit", unit], ["Nominal", (r) => signed(r.nominal, 4), "n"], ["Identified", (r) => signed(r.identified, 4), "n"], ["Change", (r) => signed(r.delta, 4), "n"],
+    ["± std", (r) => (!r.identifiable ? "not seen alone" : r.std_uncertainty === null ? "–" : number(r.std_uncertainty, 2)), "n"],
+    ["Change ± 2 std", (r) => interval(r, scales.get(kind(r)))],
+  ];
+  const ends = [...scales].map(([name, end]) => `±${number(end, 2)} ${name.split(", ")[1]} (${name.split(", ")[0]})`).join(", ");
+  const node = table(`Hollow marks: the data cannot see this parameter alone, so its value says nothing by itself. The last column's scale ends at ${ends}.`, columns, rows, "None was free.");
+  [...node.querySelectorAll("tbody tr")].forEach((tr, i) => rows[i].identifiable || tr.classList.add("unseen"));
+  const groups = report.identifiability.unidentifiable;
+  return el("section.card", {}, el("h2", {}, "Parameters"), node,
+    groups.length > 0 && [el("h3.below", {}, "What could not be identified"), el("p.note", {}, "Only the sum of each group's effects can be seen in the measured positions. The positions are right all the same."),
+      el("ul", {}, groups.map((group) => el("li", {}, group.map(parameter).join(" with "))))]);
+}
+
+function comparison(report) {
+  const rows = [{ method: report.method, n_iterations: report.n_iterations, duration_ms: report.duration_ms, cost_mm2: report.cost_mm2, verify_after: report.verify?.after ?? null, used: true },
+    ...report.comparison.filter((r) => r.method !== report.method || r.cost_mm2 !== report.cost_mm2)];
+  const columns = [
+    ["Method", (r) => (r.used ? el("strong", {}, `${method(r.method)} (this result)`) : method(r.method))],
+    ["Iterations", (r) => r.n_iterations, "n"], ["Time", (r) => span(r.duration_ms / 1000), "n"], ["F, mm²", (r) => number(r.cost_mm2), "n"],
+    ["Verify rms", (r) => mm(r.verify_after?.rms_mm), "n"],
+  ];
+  return el("section.card", {}, el("h2", {}, "Methods on the same points"), table(report.method_reason, columns, rows, ""));
+}
+
+function corrections(report) {
+  if (!report.corrections?.length) return [];
+  const columns = [["Correction", (c) => c.kind.replaceAll("_", " ")], ["Kept", (c) => (c.kept ? "yes" : "no")],
+    ["Without", (c) => mm(c.cross_validated_rms_mm_before), "n"], ["With", (c) => mm(c.cross_validated_rms_mm_after), "n"]];
+  return el("section.card", {}, el("h2", {}, "What links cannot say"), table("Each is kept only where it lowers the cross-validated error.", columns, report.corrections, ""));
+}
+
+function changed(report) {
+  if (!report.changed?.length) return [];
+  const columns = [["Parameter", (c) => parameter(c.name)], ["Change", (c) => signed(c.delta, 5), "n"], ["In units of its uncertainty", (c) => number(c.sigmas), "n"]];
+  return el("section.card", {}, el("h2", {}, "Moved since the set before"), table("Changes that are larger than chance.", columns, report.changed, ""));
+}
+
+function files(job, set, parameterSet) {
+  const reportPage = `/v1/jobs/${job.id}/report.html`;
+  return el("section.card", {}, el("h2", {}, "Take it along"), el("div.actions", {},
+    noAuth ? el("a.button", { href: reportPage, target: "_blank", rel: "noopener" }, "Report to print") : el("button", { type: "button", click: () => download(reportPage, `report-${job.id}.html`) }, "Report to print"),
+    el("button", { type: "button", click: () => download(`/v1/jobs/${job.id}/report`, `report-${job.id}.json`) }, "Report as JSON"),
+    parameterSet && el("button", { type: "button", click: () => download(`/v1/parameter-sets/${parameterSet.id}`, `${parameterSet.id}.json`) }, "Parameters"),
+    el("button", { type: "button", click: () => download(`/v1/measurement-sets/${set.id}/points`, `${set.name ?? set.id}.csv`) }, "Measured points")));
+}
+
+function origin(report, set, parameterSet) {
+  const entries = [["Model", report.model], ["Preset", report.preset], ["Seed", report.seed], ["Ended by", report.termination.replaceAll("_", " ")], ["Version", report.version],
+    ["Result SHA-256", report.result_sha256], ["Upload SHA-256", set.sha256], parameterSet && ["Parameters SHA-256", parameterSet.sha256]].filter(Boolean);
+  return el("section.card", {}, el("details", {}, el("summary", {}, "Where it comes from"),
+    el("dl.facts.plain", {}, entries.map(([name, value]) => el("div.fact.plain", {}, el("dt", {}, name), el("dd.hash", {}, value))))));
+}

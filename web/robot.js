@@ -1,0 +1,117 @@
+// One robot: how it stands, its history, and everything stored of it.
+
+import { download, get, list } from "./api.js";
+import { el, fill, table } from "./dom.js";
+import { age, EVIDENCE, method, mm, number, span, when } from "./format.js";
+import { best, errorHistory, parameterHistory, past, state } from "./history.js";
+import { facts, standing } from "./robots.js";
+import { uploadCard } from "./upload.js";
+
+const SHOWN = 20;
+
+/** The page of one robot. */
+export async function robotPage({ main, signal, may }, id) {
+  const robot = await get(`/v1/robots/${id}`, signal);
+  document.title = `kincal: ${robot.name}`;
+  const [stand, sets, jobs, networks] = await Promise.all([
+    state(robot, signal),
+    list(`/v1/robots/${id}/measurement-sets`, SHOWN, signal),
+    list(`/v1/robots/${id}/jobs`, SHOWN, signal),
+    list(`/v1/robots/${id}/networks`, SHOWN, signal),
+  ]);
+  const entries = await past(stand.sets, signal);
+  fill(main, head(robot, stand), known(robot, stand), uploadCard(robot, sets, may), history(entries),
+    section("Parameter sets", parameterSets(entries)), section("Jobs", jobTable(jobs, sets)), section("Measurement sets", setTable(sets)),
+    networks.length > 0 && section("Networks", networkTable(networks)), nominal(robot));
+}
+
+function head(robot, stand) {
+  const details = [robot.serial_number && `serial number ${robot.serial_number}`, robot.description, `${robot.links.length} joints`].filter(Boolean);
+  return el("div.head", {}, el("div", {}, el("p.crumbs", {}, el("a", { href: "#/" }, "Robots")), el("h1", {}, robot.name), el("p.quiet", {}, details.join(" · "))),
+    el("div.actions", {}, standing(stand)));
+}
+
+function known(robot, { active, newest, report, since, drift }) {
+  if (!newest) return el("p", {}, "This robot has not been calibrated yet. Upload measured points below to begin.");
+  const error = best(report);
+  return facts([
+    ["Active set", active ? `released ${age(active.released_at)}` : "none", active ? when(active.released_at) : "the newest result waits for its release"],
+    [`Error now (${active ? "active set" : "newest result"})`, mm(error.after.rms_mm), `rms; nominal robot ${mm(error.before.rms_mm)}`],
+    ["Largest error", mm(error.after.max_mm), `nominal robot ${mm(error.before.max_mm)}`],
+    ["Evidence", EVIDENCE[report.evidence]?.[0] ?? report.evidence, `${error.n_points} points checked`],
+    since && ["Drift", mm(drift), "the newest result puts the tool this far from the active one, on average"],
+  ]);
+}
+
+function history(entries) {
+  if (entries.length === 0) return [];
+  return el("div.two", {}, errorHistory(entries), parameterHistory(entries));
+}
+
+const section = (title, content) => el("section.card", {}, el("h2", {}, title), content);
+
+/** A parameter set's status. */
+export function statusBadge(status) {
+  const kinds = { released: "good", succeeded: "good", failed: "bad", withdrawn: "bad", running: "wait", queued: "wait", candidate: "wait" };
+  return el(kinds[status] ? `span.badge.${kinds[status]}` : "span.badge", {}, status);
+}
+
+function parameterSets(entries) {
+  const columns = [
+    ["Identified", ({ set }) => el("a", { href: `#/jobs/${set.job_id}` }, when(set.created_at))],
+    ["State", ({ set }) => statusBadge(set.status)],
+    ["Method", ({ report }) => method(report.method)],
+    ["Before", ({ report }) => mm(best(report).before.rms_mm), "n"],
+    ["After", ({ report }) => mm(best(report).after.rms_mm), "n"],
+    ["Evidence", ({ report }) => EVIDENCE[report.evidence]?.[0] ?? report.evidence],
+    ["Parameters", ({ set }) => el("button", { type: "button", click: () => download(`/v1/parameter-sets/${set.id}`, `${set.id}.json`), "aria-label": `Download the parameter set of ${when(set.created_at)}` }, "Download")],
+  ];
+  return table("What was identified, newest first. Errors are rms on the verify points.", columns, [...entries].reverse(), "None yet.");
+}
+
+function jobTable(jobs, sets) {
+  const name = (job) => sets.find((set) => set.id === job.measurement_set_id)?.name ?? "–";
+  const columns = [
+    ["Begun", (job) => el("a", { href: `#/jobs/${job.id}` }, when(job.created_at))],
+    ["State", (job) => statusBadge(job.status)],
+    ["Method", (job) => method(job.method)],
+    ["Measurement set", name, "name"],
+    ["Took", (job) => (job.started_at && job.finished_at ? span((new Date(job.finished_at) - new Date(job.started_at)) / 1000) : "–"), "n"],
+    ["Remark", (job) => job.error?.detail ?? "", "name"],
+  ];
+  return table(`The last ${SHOWN} calibrations.`, columns, jobs, "None yet.");
+}
+
+function setTable(sets) {
+  const columns = [
+    ["Name", (set) => set.name ?? "–", "name"],
+    ["Uploaded", (set) => when(set.created_at)],
+    ["Frame", (set) => (set.frame === "base" ? "robot base" : "instrument")],
+    ["Points", (set) => set.n_points, "n"],
+    ["Configurations", (set) => set.n_configurations, "n"],
+    ["Remarks", (set) => set.warnings.map((warning) => warning.detail).join("; "), "name"],
+    ["File", (set) => el("button", { type: "button", click: () => download(`/v1/measurement-sets/${set.id}/points`, `${set.name ?? set.id}.csv`), "aria-label": `Download ${set.name ?? set.id}` }, "Download")],
+  ];
+  return table(`The last ${SHOWN} uploads.`, columns, sets, "None yet.");
+}
+
+function networkTable(networks) {
+  const columns = [
+    ["Trained", (network) => el("a", { href: `#/jobs/${network.job_id}` }, when(network.created_at))],
+    ["Model", (network) => network.model],
+    ["Preset", (network) => network.preset],
+    ["Hidden nodes", (network) => network.n_hidden, "n"],
+    ["Validation error", (network) => number(network.validation_error), "n"],
+    ["Weights", (network) => el("button", { type: "button", click: () => download(`/v1/networks/${network.id}/weights`, `${network.id}.safetensors`), "aria-label": `Download the weights of ${when(network.created_at)}` }, "Download")],
+  ];
+  return table("Small networks that start the next calibration near its answer. Errors in units of the search box.", columns, networks, "None yet.");
+}
+
+function nominal(robot) {
+  const link = (i) => i + 1;
+  const columns = [
+    ["Link", ([, i]) => link(i), "n"], ["a, mm", ([l]) => l.a_mm, "n"], ["α, °", ([l]) => l.alpha_deg, "n"], ["d, mm", ([l]) => l.d_mm, "n"],
+    ["θ offset, °", ([l]) => l.theta_offset_deg ?? 0, "n"], ["Joint limits, °", ([l]) => l.joint_limits_deg?.join(" to ") ?? "–", "n"],
+  ];
+  return el("section.card", {}, el("details", {}, el("summary", {}, "Nominal links"), table("As the robot was registered, in Craig's convention.", columns, robot.links.map((l, i) => [l, i]), "")));
+}
