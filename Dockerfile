@@ -1,5 +1,6 @@
 # kincal as a container: `docker build -t kincal .`, then
-# `docker run --read-only --cap-drop ALL -p 8080:8080 -v kincal-data:/data kincal`.
+# `docker run --read-only --cap-drop ALL -p 127.0.0.1:8080:8080 -e KINCAL_INSECURE_HTTP=1 -v kincal-data:/data kincal`.
+# Inside the container it listens beyond loopback, which takes TLS or a word: see docs/operations.md.
 # All that it writes is in /data, so the root file system may be read-only. docs/operations.md says more.
 
 FROM rust:1.95-slim-bookworm AS build

@@ -1,13 +1,18 @@
 //! Settings: command line flags and environment in flat structs, checked once.
 
 use std::net::SocketAddr;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// Longest lease that makes sense: a dead worker's job waits this long.
 const MAX_LEASE_S: u64 = 3_600;
 /// Most workers of one process.
 const MAX_WORKERS: usize = 256;
+
+/// Longest silence of a client that can be meant.
+const MAX_CLIENT_TIMEOUT_S: u64 = 600;
+/// More connections than any system gives file descriptors for by default.
+const MAX_CONNECTIONS: usize = 100_000;
 
 /// Where the database is.
 #[derive(Clone, Debug, PartialEq, Eq, clap::Args)]
@@ -18,6 +23,54 @@ pub struct DatabaseConfig {
     /// PostgreSQL instead of the embedded database: postgres://user:password@host/database.
     #[arg(long, env = "KINCAL_DATABASE_URL", value_name = "URL", hide_env_values = true)]
     pub database_url: Option<String>,
+}
+
+/// Limits on clients. Each has a default that a factory need not touch.
+#[derive(Clone, Debug, PartialEq, Eq, clap::Args)]
+pub struct LimitsConfig {
+    /// Clients connected at the same time; one more is answered 503.
+    #[arg(long, env = "KINCAL_MAX_CONNECTIONS", default_value_t = 4096, value_name = "N")]
+    pub max_connections: usize,
+    /// How long a client may be silent, seconds: before its request, within it, between requests, and when it should read.
+    #[arg(long, env = "KINCAL_CLIENT_TIMEOUT_S", default_value_t = 10, value_name = "SECONDS")]
+    pub client_timeout_s: u64,
+    /// Requests a second of one key, twice as many in a burst; 0 for no limit. More are answered 429.
+    #[arg(long, env = "KINCAL_RATE_PER_KEY", default_value_t = 500, value_name = "N")]
+    pub rate_per_key: u32,
+}
+
+impl Default for LimitsConfig {
+    fn default() -> Self {
+        Self { max_connections: 4096, client_timeout_s: 10, rate_per_key: 500 }
+    }
+}
+
+impl LimitsConfig {
+    /// How long a client may be silent.
+    pub fn client_timeout(&self) -> Duration {
+        Duration::from_secs(self.client_timeout_s)
+    }
+}
+
+/// Certificate and key for TLS.
+#[derive(Clone, Debug, Default, PartialEq, Eq, clap::Args)]
+pub struct TlsConfig {
+    /// Certificate chain for TLS, PEM.
+    #[arg(long, env = "KINCAL_TLS_CERT", requires = "tls_key", value_name = "FILE")]
+    pub tls_cert: Option<PathBuf>,
+    /// Private key for TLS, PEM.
+    #[arg(long, env = "KINCAL_TLS_KEY", requires = "tls_cert", value_name = "FILE")]
+    pub tls_key: Option<PathBuf>,
+    /// Speak plain HTTP beyond this machine: keys and measurements can be read on the way.
+    #[arg(long, env = "KINCAL_INSECURE_HTTP", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue)]
+    pub insecure_http: bool,
+}
+
+impl TlsConfig {
+    /// Certificate and key, if both are given.
+    pub fn files(&self) -> Option<(&Path, &Path)> {
+        self.tls_cert.as_deref().zip(self.tls_key.as_deref())
+    }
 }
 
 /// Settings of `kincal serve`.
@@ -41,6 +94,12 @@ pub struct ServeConfig {
     /// How often a job is begun before it is given up.
     #[arg(long, env = "KINCAL_MAX_ATTEMPTS", default_value_t = 3, value_name = "N")]
     pub max_attempts: u32,
+    /// Limits on clients.
+    #[command(flatten)]
+    pub limits: LimitsConfig,
+    /// Certificate and key.
+    #[command(flatten)]
+    pub tls: TlsConfig,
 }
 
 /// Settings that cannot be used together; exit code 2.
@@ -51,6 +110,14 @@ pub enum Error {
         "--no-auth lets everyone in, so it is accepted on loopback addresses only, not on {listen}: listen on 127.0.0.1, or make a key with `kincal key create`"
     )]
     NoAuthBeyondLoopback {
+        /// The address asked for.
+        listen: SocketAddr,
+    },
+    /// Keys would travel in the open.
+    #[error(
+        "{listen} is beyond this machine, and plain HTTP shows keys to everyone on the way: give --tls-cert and --tls-key, listen on 127.0.0.1 behind a proxy that speaks TLS, or say --insecure-http"
+    )]
+    PlainHttpBeyondLoopback {
         /// The address asked for.
         listen: SocketAddr,
     },
@@ -76,6 +143,8 @@ impl ServeConfig {
             no_auth: true,
             lease_s: 15,
             max_attempts: 3,
+            limits: LimitsConfig::default(),
+            tls: TlsConfig::default(),
         }
     }
 
@@ -86,6 +155,15 @@ impl ServeConfig {
     pub fn check(&self) -> Result<(), Error> {
         if self.no_auth && !self.listen.ip().is_loopback() {
             return Err(Error::NoAuthBeyondLoopback { listen: self.listen });
+        }
+        if !self.listen.ip().is_loopback() && self.tls.files().is_none() && !self.tls.insecure_http {
+            return Err(Error::PlainHttpBeyondLoopback { listen: self.listen });
+        }
+        if !(1..=MAX_CLIENT_TIMEOUT_S).contains(&self.limits.client_timeout_s) {
+            return Err(Error::OutOfRange { option: "--client-timeout-s", found: self.limits.client_timeout_s, range: "1 to 600" });
+        }
+        if !(1..=MAX_CONNECTIONS).contains(&self.limits.max_connections) {
+            return Err(Error::OutOfRange { option: "--max-connections", found: self.limits.max_connections as u64, range: "1 to 100000" });
         }
         if !(1..=MAX_LEASE_S).contains(&self.lease_s) {
             return Err(Error::OutOfRange { option: "--lease-s", found: self.lease_s, range: "1 to 3600" });
@@ -112,7 +190,7 @@ impl ServeConfig {
 
 #[cfg(test)]
 mod tests {
-    use super::{Error, ServeConfig};
+    use super::{Error, ServeConfig, TlsConfig};
 
     #[test]
     fn everyone_is_let_in_on_loopback_addresses_only() {
@@ -125,7 +203,19 @@ mod tests {
             assert_eq!(config.check(), Err(Error::NoAuthBeyondLoopback { listen: config.listen }));
         }
         config.no_auth = false;
+        assert_eq!(config.check(), Err(Error::PlainHttpBeyondLoopback { listen: config.listen }));
+    }
+
+    #[test]
+    fn beyond_loopback_it_is_tls_or_said_aloud() {
+        let mut config = ServeConfig { no_auth: false, listen: "0.0.0.0:8080".parse().unwrap(), ..ServeConfig::loopback("data".into(), 1) };
+        assert!(config.check().is_err());
+        config.tls.insecure_http = true;
         assert_eq!(config.check(), Ok(()));
+        config.tls = TlsConfig { tls_cert: Some("c.pem".into()), tls_key: Some("k.pem".into()), insecure_http: false };
+        assert_eq!(config.check(), Ok(()));
+        config.no_auth = true;
+        assert_eq!(config.check(), Err(Error::NoAuthBeyondLoopback { listen: config.listen }));
     }
 
     #[test]

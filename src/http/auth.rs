@@ -1,5 +1,6 @@
 //! Who may do what: keys, their scopes, and the one table that says which scope a route takes.
 
+use crate::http::accept::Peer;
 use crate::http::{App, Error};
 use crate::store::{ApiKeyRow, api_keys};
 use crate::wire::canonical;
@@ -12,6 +13,8 @@ use axum::response::{IntoResponse, Response};
 const KEY_PREFIX: &str = "kincal_";
 /// Random bytes of a key: 256 bits.
 const KEY_BYTES: usize = 32;
+
+const UNKNOWN_KEY: &str = "this key is not known or was revoked; `kincal key create` makes a new one";
 
 /// What a key may do.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -46,9 +49,10 @@ impl Scope {
     }
 }
 
-/// Every route below `/v1` and the scope it takes. A route that is not here is refused; a test walks the contract.
+/// Every route that takes a key, and the scope it takes. A route that is not here is refused; a test walks the contract.
 pub const POLICY: &[(Method, &str, Scope)] = &[
     (Method::GET, "/v1/me", Scope::Read),
+    (Method::GET, "/metrics", Scope::Read),
     (Method::POST, "/v1/robots", Scope::Upload),
     (Method::GET, "/v1/robots", Scope::Read),
     (Method::GET, "/v1/robots/{robot_id}", Scope::Read),
@@ -115,7 +119,8 @@ impl Caller {
 pub async fn authorize(State(app): State<App>, mut request: Request, next: Next) -> Response {
     let template = request.extensions().get::<MatchedPath>().map(|path| path.as_str().to_owned());
     let (method, headers) = (request.method().clone(), request.headers().clone());
-    match admit(&app, template.as_deref(), &method, &headers).await {
+    let peer = request.extensions().get::<Peer>().copied();
+    match admit(&app, template.as_deref(), &method, &headers, peer).await {
         Ok(caller) => {
             request.extensions_mut().insert(caller);
             next.run(request).await
@@ -134,9 +139,10 @@ enum Refusal {
     Method(String),
 }
 
-async fn admit(app: &App, template: Option<&str>, method: &Method, headers: &HeaderMap) -> Result<Caller, Refusal> {
+async fn admit(app: &App, template: Option<&str>, method: &Method, headers: &HeaderMap, peer: Option<Peer>) -> Result<Caller, Refusal> {
     let Some(template) = template.filter(|template| !OPEN.contains(template)) else { return Ok(Caller::anonymous()) };
-    let caller = if app.no_auth { Caller::anonymous() } else { caller_of(app, headers).await.map_err(Refusal::Error)? };
+    let caller = if app.no_auth { Caller::anonymous() } else { caller_of(app, headers, peer).await.map_err(Refusal::Error)? };
+    app.limits.count(&caller).map_err(Refusal::Error)?;
     let method = if method == Method::HEAD { &Method::GET } else { method };
     match POLICY.iter().find(|(m, path, _)| m == method && *path == template) {
         Some((_, _, scope)) if caller.has(*scope) => Ok(caller),
@@ -151,7 +157,7 @@ fn allowed_methods(template: &str) -> Option<String> {
     (!methods.is_empty()).then(|| methods.join(","))
 }
 
-async fn caller_of(app: &App, headers: &HeaderMap) -> Result<Caller, Error> {
+async fn caller_of(app: &App, headers: &HeaderMap, peer: Option<Peer>) -> Result<Caller, Error> {
     let Some(value) = headers.get(header::AUTHORIZATION) else {
         return Err(Error::Unauthorized("a key is needed: send `Authorization: Bearer KEY`; `kincal key create` makes one"));
     };
@@ -161,7 +167,7 @@ async fn caller_of(app: &App, headers: &HeaderMap) -> Result<Caller, Error> {
     };
     match api_keys::find(&app.store, &canonical::sha256_hex(key.trim().as_bytes())).await? {
         Some(row) => Caller::of_key(row),
-        None => Err(Error::Unauthorized("this key is not known or was revoked; `kincal key create` makes a new one")),
+        None => Err(app.limits.failed_attempt(peer).err().unwrap_or(Error::Unauthorized(UNKNOWN_KEY))),
     }
 }
 

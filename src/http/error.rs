@@ -7,6 +7,10 @@ use crate::wire::{Invalid, Issue, Problem, json};
 use axum::http::{HeaderName, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 
+/// Code of an error answer, for the counters.
+#[derive(Clone, Debug)]
+pub struct Code(pub String);
+
 /// When to come back after a 429 or 503, seconds.
 const RETRY_AFTER_S: &str = "1";
 
@@ -89,6 +93,12 @@ pub enum Error {
     /// The store's answer.
     #[error(transparent)]
     Store(#[from] store::Error),
+    /// As much is under way as the server can take.
+    #[error("the server is busy: try again")]
+    Busy,
+    /// Too often.
+    #[error("{0}: wait a little")]
+    RateLimited(&'static str),
     /// The database does not answer.
     #[error("the database does not answer")]
     NotReady(String),
@@ -167,6 +177,8 @@ impl Error {
             Self::UnsupportedMediaType { .. } => (415, "unsupported_media_type"),
             Self::IdempotencyKeyReused => (422, "idempotency_key_reused"),
             Self::Conflict { code, .. } => (409, *code),
+            Self::Busy => (503, "overloaded"),
+            Self::RateLimited(_) => (429, "rate_limited"),
             Self::NotReady(_) => (503, "not_ready"),
             Self::Store(error) => return of_store(error),
             Self::Internal(_) => return internal(),
@@ -202,13 +214,16 @@ impl Error {
 pub fn answer(problem: &Problem) -> Response {
     let body = serde_json::to_vec(problem).unwrap_or_default();
     let status = StatusCode::from_u16(problem.status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
-    (status, [(header::CONTENT_TYPE, PROBLEM_JSON)], body).into_response()
+    let mut response = (status, [(header::CONTENT_TYPE, PROBLEM_JSON)], body).into_response();
+    response.extensions_mut().insert(Code(problem.code.clone()));
+    response
 }
 
 impl IntoResponse for Error {
     fn into_response(self) -> Response {
         let problem = self.problem();
-        if problem.status >= 500 {
+        // Being busy is no fault: it is counted, and logging it would make it worse.
+        if problem.status >= 500 && !matches!(self, Self::Busy) {
             tracing::error!(status = problem.status, cause = ?self, "request failed");
         }
         let mut response = answer(&problem);

@@ -1,22 +1,26 @@
 //! Extractors whose refusals are problems.
 
+use crate::http::admission::{BodyRoom, LARGE_BODY_BYTES, Limits};
 use crate::http::auth::Caller;
 use crate::http::{Error, MAX_BODY_BYTES};
 use crate::store::{Cursor, PageRequest};
 use crate::wire::page::{DEFAULT_PAGE, MAX_PAGE};
-use axum::body::Bytes;
-use axum::extract::{FromRequest, FromRequestParts, Path, Request};
+use axum::body::{Body, Bytes};
+use axum::extract::{FromRequestParts, Path, Request};
 use axum::http::request::Parts;
 use axum::http::{HeaderMap, header};
+use http_body_util::BodyExt;
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use std::time::Duration;
+use tokio::sync::OwnedSemaphorePermit;
+use tokio::time::{Instant, timeout_at};
 use utoipa::IntoParams;
 
 /// Longest id that is looked up; ours have 36 characters.
 const MAX_ID: usize = 100;
-/// How long a body may take to arrive.
-const BODY_TIMEOUT: Duration = Duration::from_secs(60);
+/// A body that comes slower than this on the whole, after the first seconds, is cut off.
+const MIN_BYTES_PER_S: f64 = 16.0 * 1024.0;
 
 /// The id in a path. Anything that cannot be one of ours is not looked up.
 pub struct Id(pub String);
@@ -84,19 +88,51 @@ pub fn media_type(headers: &HeaderMap) -> Option<String> {
     Some(value.split(';').next().unwrap_or(value).trim().to_ascii_lowercase())
 }
 
-/// The whole body, within size and time.
-pub async fn whole_body<S: Send + Sync>(request: Request, state: &S) -> Result<Bytes, Error> {
+/// The whole body, within size, time and memory. Its room among the writes is held as long as the bytes are.
+pub async fn whole_body<S: Send + Sync>(request: Request, _: &S) -> Result<Bytes, Error> {
     let headers = request.headers();
-    let length = headers.get(header::CONTENT_LENGTH).and_then(|value| value.to_str().ok()?.parse::<usize>().ok());
-    if length.is_some_and(|length| length > MAX_BODY_BYTES) {
+    let declared = headers.get(header::CONTENT_LENGTH).and_then(|value| value.to_str().ok()?.parse::<usize>().ok());
+    if declared.is_some_and(|bytes| bytes > MAX_BODY_BYTES) {
         return Err(Error::TooLarge { limit: MAX_BODY_BYTES });
     }
     if let Some(encoding) = headers.get(header::CONTENT_ENCODING).filter(|value| *value != "identity") {
         return Err(Error::UnsupportedMediaType { found: format!("{encoding:?}-encoded"), expected: "bodies without Content-Encoding" });
     }
-    let body = tokio::time::timeout(BODY_TIMEOUT, Bytes::from_request(request, state)).await.map_err(|_| Error::RequestTimeout)?;
-    body.map_err(|rejection| match rejection.status().as_u16() {
-        413 => Error::TooLarge { limit: MAX_BODY_BYTES },
-        _ => Error::BadRequest { code: "unreadable_body", detail: rejection.body_text() },
-    })
+    let limits = request.extensions().get::<Limits>().cloned().ok_or_else(|| Error::Internal("a route without limits".into()))?;
+    let mut room = limits.body(declared)?;
+    let bytes = arrive(request.into_body(), declared, &mut room, limits.client_timeout()).await?;
+    Ok(Bytes::from_owner(Received { bytes, _room: room.arrived()? }))
+}
+
+/// A body and the room that it takes.
+struct Received {
+    bytes: Vec<u8>,
+    _room: Vec<OwnedSemaphorePermit>,
+}
+
+impl AsRef<[u8]> for Received {
+    fn as_ref(&self) -> &[u8] {
+        &self.bytes
+    }
+}
+
+/// Reads a body that keeps coming. One that dribbles is cut off: it holds room that others need.
+async fn arrive(mut body: Body, declared: Option<usize>, room: &mut BodyRoom, patience: Duration) -> Result<Vec<u8>, Error> {
+    let begun = Instant::now();
+    let mut bytes =
+        Vec::with_capacity(declared.unwrap_or(0).min(if declared > Some(LARGE_BODY_BYTES) { MAX_BODY_BYTES } else { 64 * 1024 }));
+    loop {
+        let deadline = begun + patience + Duration::from_secs_f64(bytes.len() as f64 / MIN_BYTES_PER_S);
+        let frame = timeout_at(deadline, body.frame()).await.map_err(|_| Error::RequestTimeout)?;
+        let Some(frame) = frame else { return Ok(bytes) };
+        let frame = frame.map_err(|error| Error::BadRequest { code: "unreadable_body", detail: error.to_string() })?;
+        // Trailers are of no interest.
+        let Ok(data) = frame.into_data() else { continue };
+        let length = bytes.len() + data.len();
+        if length > MAX_BODY_BYTES {
+            return Err(Error::TooLarge { limit: MAX_BODY_BYTES });
+        }
+        room.grow(length)?;
+        bytes.extend_from_slice(&data);
+    }
 }

@@ -9,6 +9,7 @@ use axum::extract::State;
 use axum::response::sse::{Event, KeepAlive, Sse};
 use std::convert::Infallible;
 use std::time::Duration;
+use tokio::sync::OwnedSemaphorePermit;
 use tokio_stream::Stream;
 use utoipa_axum::{router::OpenApiRouter, routes};
 
@@ -31,11 +32,13 @@ async fn events(
     Id(id): Id,
 ) -> Result<Sse<impl Stream<Item = Result<Event, Infallible>> + use<>>, Error> {
     let row = access::job(&app, &caller, &id).await?;
-    Ok(Sse::new(stream(app, row)).keep_alive(KeepAlive::new().interval(KEEP_ALIVE)))
+    let room = app.limits.wait()?;
+    Ok(Sse::new(stream(app, row, room)).keep_alive(KeepAlive::new().interval(KEEP_ALIVE)))
 }
 
-fn stream(app: App, mut row: JobRow) -> impl Stream<Item = Result<Event, Infallible>> {
+fn stream(app: App, mut row: JobRow, room: OwnedSemaphorePermit) -> impl Stream<Item = Result<Event, Infallible>> {
     async_stream::stream! {
+        let _room = room;
         loop {
             let is_over = row.status.is_over();
             let Ok(answer) = jobs::answer(&row) else { break };

@@ -1,12 +1,13 @@
 //! What surrounds every request: an id, one log line, and problems in place of everything that layers answer on their own.
 
-use crate::http::error::{self, Error};
+use crate::http::error::{self, Code, Error};
+use crate::http::metrics::Metrics;
 use crate::wire::Problem;
 use crate::wire::problem::PROBLEM_JSON;
 use axum::Router;
-use axum::extract::{MatchedPath, Request};
-use axum::http::{HeaderName, HeaderValue, StatusCode, header};
-use axum::middleware::{Next, from_fn};
+use axum::extract::{MatchedPath, Request, State};
+use axum::http::{HeaderName, HeaderValue, Method, StatusCode, header};
+use axum::middleware::{Next, from_fn, from_fn_with_state};
 use axum::response::{IntoResponse, Response};
 use std::any::Any;
 use std::time::Instant;
@@ -15,25 +16,42 @@ use tracing::Instrument;
 
 const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
 
+/// What every answer says unless its handler says otherwise: nothing in it is to be run, framed, guessed at or kept.
+const SAFE: [(HeaderName, HeaderValue); 5] = [
+    (header::X_CONTENT_TYPE_OPTIONS, HeaderValue::from_static("nosniff")),
+    (header::CONTENT_SECURITY_POLICY, HeaderValue::from_static("default-src 'none'; frame-ancestors 'none'")),
+    (header::X_FRAME_OPTIONS, HeaderValue::from_static("DENY")),
+    (header::REFERRER_POLICY, HeaderValue::from_static("no-referrer")),
+    (header::CACHE_CONTROL, HeaderValue::from_static("no-store")),
+];
+
 /// Puts all of it around a router.
-pub fn surround<S: Clone + Send + Sync + 'static>(router: Router<S>) -> Router<S> {
-    router.layer(from_fn(only_problems)).layer(CatchPanicLayer::custom(panicked)).layer(from_fn(observe))
+pub fn surround<S: Clone + Send + Sync + 'static>(router: Router<S>, metrics: Metrics) -> Router<S> {
+    router.layer(from_fn(only_problems)).layer(CatchPanicLayer::custom(panicked)).layer(from_fn_with_state(metrics, observe))
 }
 
-/// Gives the request an id that its log lines and its answer carry. Route templates are logged, never raw paths.
-async fn observe(request: Request, next: Next) -> Response {
+/// Gives the request an id that its log lines and its answer carry, and counts it. Route templates are logged, never raw paths.
+async fn observe(State(metrics): State<Metrics>, request: Request, next: Next) -> Response {
     let id = uuid::Uuid::now_v7().simple().to_string();
     let route = request.extensions().get::<MatchedPath>().map_or("-", MatchedPath::as_str).to_owned();
-    let span = tracing::info_span!("request", request_id = %id, method = %request.method(), route);
+    let method = request.method().clone();
+    let span = tracing::info_span!("request", request_id = %id, %method, route);
     let begun = Instant::now();
     let mut response = next.run(request).instrument(span.clone()).await;
-    let duration_ms = begun.elapsed().as_secs_f64() * 1e3;
-    span.in_scope(|| tracing::debug!(status = response.status().as_u16(), duration_ms, "answered"));
+    let (status, duration) = (response.status(), begun.elapsed());
+    let code = response.extensions().get::<Code>().map(|code| code.0.as_str());
+    metrics.answered(&method, &route, status, code, duration);
+    let duration_ms = duration.as_secs_f64() * 1e3;
+    // Reads are many and alike; what changes something, or was refused, is worth a line. Being busy is counted only.
+    span.in_scope(|| match (&method, status.as_u16()) {
+        (_, 429 | 503) | (&Method::GET | &Method::HEAD, ..=399) => tracing::debug!(status = status.as_u16(), duration_ms, "answered"),
+        _ => tracing::info!(status = status.as_u16(), code, duration_ms, "answered"),
+    });
     let headers = response.headers_mut();
-    if let Ok(value) = HeaderValue::from_str(&id) {
-        headers.insert(REQUEST_ID, value);
+    headers.extend(HeaderValue::from_str(&id).ok().map(|value| (REQUEST_ID, value)));
+    for (name, value) in SAFE {
+        headers.entry(name).or_insert(value);
     }
-    headers.insert(header::X_CONTENT_TYPE_OPTIONS, HeaderValue::from_static("nosniff"));
     response
 }
 
@@ -75,6 +93,7 @@ pub async fn method_not_allowed() -> (StatusCode, Error) {
 #[cfg(test)]
 mod tests {
     use super::surround;
+    use crate::http::metrics::Metrics;
     use crate::wire::Problem;
     use axum::Router;
     use axum::body::{Body, to_bytes};
@@ -93,7 +112,7 @@ mod tests {
                 }),
             )
             .route("/plain", get(|| async { (StatusCode::IM_A_TEAPOT, [(header::ALLOW, "POST")], "short and stout") }));
-        let response = surround::<()>(router).oneshot(Request::get(path).body(Body::empty()).unwrap()).await.unwrap();
+        let response = surround::<()>(router, Metrics::default()).oneshot(Request::get(path).body(Body::empty()).unwrap()).await.unwrap();
         let headers = response.headers().clone();
         let body = to_bytes(response.into_body(), 10_000).await.unwrap();
         (serde_json::from_slice(&body).unwrap(), headers)

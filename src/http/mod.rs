@@ -1,7 +1,9 @@
 //! The REST service: one file per resource, each with its `router()`. A handler is four moves: extract, convert, one call,
 //! answer.
 
+mod accept;
 mod access;
+mod admission;
 pub mod auth;
 mod creation;
 mod dashboard;
@@ -16,16 +18,21 @@ mod jobs;
 mod layers;
 mod me;
 mod measurement_sets;
+mod metrics;
 mod networks;
 mod parameter_sets;
 mod predict;
 mod release;
 mod robots;
 pub mod server;
+mod tls;
 
 pub use document::{openapi, yaml};
 pub use error::Error;
 
+use crate::config::ServeConfig;
+use crate::http::admission::Limits;
+use crate::http::metrics::Metrics;
 use crate::jobs::JobSignals;
 use crate::store::Store;
 use axum::Router;
@@ -51,13 +58,24 @@ pub struct App {
     pub stopping: watch::Receiver<bool>,
     /// Wakes workers, long polls and event streams.
     pub signals: JobSignals,
+    limits: Limits,
+    metrics: Metrics,
     computations: Arc<Semaphore>,
 }
 
 impl App {
     /// The state of a server on this store.
-    pub fn new(store: Store, no_auth: bool, stopping: watch::Receiver<bool>, signals: JobSignals) -> Self {
-        Self { store, no_auth, stopping, signals, computations: Arc::new(Semaphore::new(MAX_COMPUTATIONS)) }
+    pub fn new(store: Store, config: &ServeConfig, stopping: watch::Receiver<bool>, signals: JobSignals) -> Self {
+        let limits = Limits::new(&config.limits, config.no_auth);
+        Self {
+            store,
+            no_auth: config.no_auth,
+            stopping,
+            signals,
+            limits,
+            metrics: Metrics::default(),
+            computations: Arc::new(Semaphore::new(MAX_COMPUTATIONS)),
+        }
     }
 
     /// Resolves when the server is about to stop.
@@ -100,12 +118,16 @@ fn routes() -> OpenApiRouter<App> {
         .merge(me::router())
         .merge(index::router())
         .merge(dashboard::router())
+        .merge(metrics::router())
 }
 
 /// The whole service.
 pub fn router(app: App) -> Router {
     let (router, _) = routes().split_for_parts();
     let router = router.fallback(layers::no_such_route).method_not_allowed_fallback(layers::method_not_allowed);
-    let guarded = router.layer(from_fn_with_state(app.clone(), auth::authorize)).layer(DefaultBodyLimit::max(MAX_BODY_BYTES));
-    layers::surround(guarded).with_state(app)
+    let guarded = router
+        .layer(from_fn_with_state(app.clone(), auth::authorize))
+        .layer(from_fn_with_state(app.clone(), admission::bound))
+        .layer(DefaultBodyLimit::max(MAX_BODY_BYTES));
+    layers::surround(guarded, app.metrics.clone()).with_state(app)
 }

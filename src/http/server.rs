@@ -1,10 +1,9 @@
 //! Starting and stopping the service, for `kincal serve`, `kincal demo` and the tests alike.
 
 use crate::config::{self, ServeConfig};
-use crate::http::{App, router};
+use crate::http::{App, accept, router, tls};
 use crate::jobs::{JobSignals, WorkerPool, execution};
 use crate::store::{self, Store, StoreLocation};
-use std::future::IntoFuture;
 use std::net::SocketAddr;
 use std::time::Duration;
 use tokio::net::TcpListener;
@@ -23,6 +22,9 @@ pub enum Error {
     /// The database.
     #[error(transparent)]
     Store(#[from] store::Error),
+    /// Certificate or key.
+    #[error("TLS: {0}")]
+    Tls(std::io::Error),
     /// The address.
     #[error("cannot listen on {address}: {cause}; is another server running there? choose another with --listen")]
     Listen {
@@ -41,7 +43,8 @@ pub struct RunningServer {
     /// Its database.
     pub store: Store,
     stop: watch::Sender<bool>,
-    serving: JoinHandle<std::io::Result<()>>,
+    serving: JoinHandle<()>,
+    scheme: &'static str,
     workers: WorkerPool,
 }
 
@@ -59,6 +62,7 @@ pub fn location(database: &config::DatabaseConfig) -> StoreLocation {
 /// [`Error`] saying what is wrong and how to mend it.
 pub async fn start(config: &ServeConfig) -> Result<RunningServer, Error> {
     config.check()?;
+    let tls = config.tls.files().map(|(certificates, key)| tls::load(certificates, key)).transpose().map_err(Error::Tls)?;
     let listen_error = |cause| Error::Listen { address: config.listen, cause };
     let listener = TcpListener::bind(config.listen).await.map_err(listen_error)?;
     let address = listener.local_addr().map_err(listen_error)?;
@@ -67,23 +71,17 @@ pub async fn start(config: &ServeConfig) -> Result<RunningServer, Error> {
     let workers =
         WorkerPool::start(store.clone(), execution::compute, config.n_workers(), config.lease(), config.max_attempts, signals.clone());
     let (stop, stopping) = watch::channel(false);
-    let app = App::new(store.clone(), config.no_auth, stopping, signals);
-    let serving = tokio::spawn(serve(listener, app));
-    Ok(RunningServer { address, store, stop, serving, workers })
-}
-
-async fn serve(listener: TcpListener, app: App) -> std::io::Result<()> {
-    let stopped = {
-        let app = app.clone();
-        async move { app.stopped().await }
-    };
-    axum::serve(listener, router(app)).with_graceful_shutdown(stopped).into_future().await
+    let app = App::new(store.clone(), config, stopping.clone(), signals);
+    let limits = config.limits.clone();
+    let scheme = if tls.is_some() { "https" } else { "http" };
+    let serving = tokio::spawn(async move { accept::accept_all(listener, router(app), &limits, tls, stopping).await });
+    Ok(RunningServer { address, store, stop, serving, scheme, workers })
 }
 
 impl RunningServer {
-    /// `http://ADDRESS:PORT`.
+    /// `http://ADDRESS:PORT`, or `https://…`.
     pub fn url(&self) -> String {
-        format!("http://{}", self.address)
+        format!("{}://{}", self.scheme, self.address)
     }
 
     /// Takes no more requests, finishes those under way, lets running jobs end or hands them back, and closes the

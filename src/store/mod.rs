@@ -19,6 +19,7 @@ mod open;
 mod page;
 pub mod parameter_sets;
 pub mod robots;
+pub mod statistics;
 
 pub use api_keys::{ApiKeyRow, NewApiKey};
 pub use error::{Conflict, Error, Result};
@@ -174,6 +175,7 @@ pub fn all_queries(engine: Engine) -> Vec<&'static str> {
         networks::ALL_QUERIES,
         parameter_sets::ALL_QUERIES,
         robots::ALL_QUERIES,
+        statistics::ALL_QUERIES,
     ]
     .concat()
 }

@@ -1,0 +1,147 @@
+//! The accept loop: how many may be connected, and how long a client may keep the server waiting.
+//! `axum::serve` has neither limit.
+
+use crate::config::LimitsConfig;
+use crate::http::tls::Tls;
+use axum::Router;
+use axum::body::Body;
+use hyper::server::conn::http1;
+use hyper_util::rt::{TokioIo, TokioTimer};
+use std::net::{IpAddr, SocketAddr};
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
+use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::{OwnedSemaphorePermit, Semaphore, watch};
+use tokio::task::JoinSet;
+use tokio::time::timeout;
+use tokio_io_timeout::TimeoutStream;
+use tower::ServiceExt;
+
+/// Largest header; cell PCs send under a kilobyte.
+const MAX_HEADER_BYTES: usize = 32 * 1024;
+/// A failed `accept` (out of file descriptors) is tried again after this.
+const ACCEPT_AGAIN: Duration = Duration::from_millis(50);
+/// Clients that are turned away politely at the same time; more are just closed.
+const MAX_TURNED_AWAY: usize = 256;
+/// How long one that is turned away may take to read the reason.
+const TURN_AWAY_WITHIN: Duration = Duration::from_secs(1);
+/// The whole answer to a connection too many. Without TLS only: a handshake costs more than the answer.
+const TURNED_AWAY: &[u8] = b"HTTP/1.1 503 Service Unavailable\r\ncontent-type: application/problem+json\r\nretry-after: 1\r\n\
+connection: close\r\ncontent-length: 186\r\n\r\n{\"type\":\"urn:kincal:problem:too_many_connections\",\"title\":\"Too many connections\",\"status\":503,\
+\"detail\":\"the server has no room for more clients: try again\",\"code\":\"too_many_connections\"}";
+
+/// Where a request comes from.
+#[derive(Clone, Copy, Debug)]
+pub struct Peer(pub IpAddr);
+
+/// What all connections share.
+#[derive(Clone)]
+struct Serving {
+    router: Router,
+    client_timeout: Duration,
+    tls: Option<Tls>,
+    stopping: watch::Receiver<bool>,
+}
+
+/// Answers clients until told to stop, then until the last request under way is answered.
+pub async fn accept_all(listener: TcpListener, router: Router, limits: &LimitsConfig, tls: Option<Tls>, stopping: watch::Receiver<bool>) {
+    let serving = Serving { router, client_timeout: limits.client_timeout(), tls, stopping: stopping.clone() };
+    let room = Arc::new(Semaphore::new(limits.max_connections));
+    let room_to_turn_away = Arc::new(Semaphore::new(MAX_TURNED_AWAY));
+    let mut connections = JoinSet::new();
+    let stopped = told_to_stop(stopping);
+    tokio::pin!(stopped);
+    loop {
+        let accepted = tokio::select! {
+            accepted = listener.accept() => accepted,
+            Some(_) = connections.join_next(), if !connections.is_empty() => continue,
+            () = &mut stopped => break,
+        };
+        match accepted {
+            Ok((stream, peer)) => match Arc::clone(&room).try_acquire_owned() {
+                Ok(slot) => drop(connections.spawn(connection(stream, peer, serving.clone(), slot))),
+                Err(_) if serving.tls.is_none() => {
+                    let _ = Arc::clone(&room_to_turn_away).try_acquire_owned().map(|slot| connections.spawn(turn_away(stream, slot)));
+                }
+                Err(_) => {}
+            },
+            Err(error) => {
+                tracing::warn!(%error, "a client could not be accepted");
+                tokio::time::sleep(ACCEPT_AGAIN).await;
+            }
+        }
+    }
+    drop(listener);
+    while connections.join_next().await.is_some() {}
+}
+
+async fn told_to_stop(mut stopping: watch::Receiver<bool>) {
+    // An error means that whoever could stop it is gone: then it runs as long as the process.
+    if stopping.wait_for(|stop| *stop).await.is_err() {
+        std::future::pending::<()>().await;
+    }
+}
+
+async fn connection(stream: TcpStream, peer: SocketAddr, serving: Serving, _slot: OwnedSemaphorePermit) {
+    // Answers are small and awaited.
+    let _ = stream.set_nodelay(true);
+    let mut stream = TimeoutStream::new(stream);
+    // A client that does not read its answer. Reading has no such limit: long polls are silent; hyper watches headers, `whole_body` bodies.
+    stream.set_write_timeout(Some(serving.client_timeout));
+    let stream = Box::pin(stream);
+    match &serving.tls {
+        None => requests(stream, peer, &serving).await,
+        Some(tls) => {
+            if let Ok(Ok(stream)) = timeout(serving.client_timeout, tls.accept(stream)).await {
+                requests(stream, peer, &serving).await;
+            }
+        }
+    }
+}
+
+/// The requests of one connection, one after the other.
+async fn requests(stream: impl AsyncRead + AsyncWrite + Unpin + Send + 'static, peer: SocketAddr, serving: &Serving) {
+    let answer = |mut request: hyper::Request<hyper::body::Incoming>| {
+        request.extensions_mut().insert(Peer(peer.ip()));
+        serving.router.clone().oneshot(request.map(Body::new))
+    };
+    let mut builder = http1::Builder::new();
+    builder.timer(TokioTimer::new()).header_read_timeout(serving.client_timeout).max_buf_size(MAX_HEADER_BYTES);
+    let connection = builder.serve_connection(TokioIo::new(stream), hyper::service::service_fn(answer));
+    tokio::pin!(connection);
+    // Clients come and go as they like, so how a connection ended is of no interest.
+    tokio::select! {
+        _ = &mut connection => return,
+        () = told_to_stop(serving.stopping.clone()) => connection.as_mut().graceful_shutdown(),
+    }
+    let _ = connection.await;
+}
+
+/// Says why, waits until it was read, and closes.
+async fn turn_away(mut stream: TcpStream, _slot: OwnedSemaphorePermit) {
+    let _ = timeout(TURN_AWAY_WITHIN, async {
+        stream.write_all(TURNED_AWAY).await?;
+        stream.shutdown().await?;
+        // Closing with unread bytes would take the answer away from the client.
+        let mut unread = [0_u8; 4096];
+        while stream.read(&mut unread).await? > 0 {}
+        std::io::Result::Ok(())
+    })
+    .await;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::TURNED_AWAY;
+
+    #[test]
+    fn the_answer_to_a_connection_too_many_has_the_length_that_it_says() {
+        let text = std::str::from_utf8(TURNED_AWAY).unwrap();
+        let (header, body) = text.split_once("\r\n\r\n").unwrap();
+        assert!(header.contains(&format!("content-length: {}", body.len())), "{}", body.len());
+        let problem: crate::wire::Problem = serde_json::from_str(body).unwrap();
+        let expected = crate::wire::Problem::new(503, "too_many_connections", problem.detail.clone());
+        assert_eq!(problem, expected);
+    }
+}

@@ -1,0 +1,41 @@
+//! How the queue stands, for `/metrics`.
+
+use super::{Result, Store};
+
+/// The jobs of one status.
+#[derive(Clone, Debug, PartialEq, sqlx::FromRow)]
+pub struct JobStatistics {
+    /// As it is stored.
+    pub status: String,
+    /// How many.
+    pub n_jobs: i64,
+    /// How long ago the oldest was posted, ms.
+    pub oldest_age_ms: i64,
+    /// How many of them have begun.
+    pub n_begun: i64,
+    /// From posting to the (last) beginning, all together, ms.
+    pub waited_ms: i64,
+    /// From the (last) beginning to the end, all together, ms.
+    pub ran_ms: i64,
+}
+
+pub(super) const ALL_QUERIES: &[&str] = &[JOBS];
+
+// Sums of bigint are numeric on PostgreSQL, hence the casts.
+const JOBS: &str = "
+    select status, count(*) as n_jobs,
+        cast(max(now_ms - created_at_ms) as bigint) as oldest_age_ms,
+        count(started_at_ms) as n_begun,
+        cast(coalesce(sum(started_at_ms - created_at_ms), 0) as bigint) as waited_ms,
+        cast(coalesce(sum(finished_at_ms - started_at_ms), 0) as bigint) as ran_ms
+    from job cross join (select now_ms from clock) as clock_now
+    group by status
+    order by status";
+
+/// The jobs, status by status; a status without jobs has no row.
+///
+/// # Errors
+/// [`super::Error::Database`].
+pub async fn jobs(store: &Store) -> Result<Vec<JobStatistics>> {
+    Ok(sqlx::query_as(JOBS).fetch_all(store.pool()).await?)
+}

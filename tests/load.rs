@@ -1,0 +1,10 @@
+//! Clients that are slow, too many, too large or hostile: everyone is answered or cut off in time, and the others go on.
+
+#[path = "support/app.rs"]
+mod app;
+#[path = "load/clients.rs"]
+mod clients;
+#[path = "load/hostile.rs"]
+mod hostile;
+#[path = "support/raw.rs"]
+mod raw;

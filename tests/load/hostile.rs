@@ -1,0 +1,110 @@
+use crate::app::{Answer, TestApp, paper};
+use reqwest::Method;
+use std::io::Write;
+use std::time::{Duration, Instant};
+
+/// trust.md's second, fivefold for an unoptimised build on a busy machine.
+const WITHIN: Duration = Duration::from_secs(5);
+
+async fn upload(app: &TestApp, robot: &str, content_type: &str, body: Vec<u8>) -> (Answer, Duration) {
+    let begun = Instant::now();
+    let answer = app.post(&format!("{robot}/measurement-sets?frame=base"), content_type, body).await;
+    (answer, begun.elapsed())
+}
+
+#[tokio::test]
+async fn a_million_rows_are_refused_in_time() {
+    let app = TestApp::spawn().await;
+    let robot = app.paper_robot().await;
+    let header = "q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,x_mm,y_mm,z_mm\n".to_owned();
+    let (answer, took) = upload(&app, &robot, "text/csv", (header + &"1,2,3,4,5,6,7,8,9\n".repeat(1_000_000)).into_bytes()).await;
+    let problem = answer.problem(422, "invalid_measurements");
+    assert_eq!(problem["errors"][0]["code"], "too_many_rows", "{problem}");
+    assert!(took < WITHIN, "{took:?}");
+}
+
+#[tokio::test]
+async fn a_million_points_in_json_are_refused_in_time() {
+    let app = TestApp::spawn().await;
+    let robot = app.paper_robot().await;
+    let points = "{\"q_deg\":[],\"position_mm\":[0,0,0]},".repeat(900_000);
+    let body = format!("{{\"frame\":\"base\",\"points\":[{}]}}", points.trim_end_matches(','));
+    let (answer, took) = upload(&app, &robot, "application/json", body.into_bytes()).await;
+    assert_eq!(answer.status, 422, "{}", answer.text());
+    assert!(took < WITHIN, "{took:?}");
+}
+
+#[tokio::test]
+async fn json_nested_a_million_deep_is_refused_in_time_wherever_it_hides() {
+    let app = TestApp::spawn().await;
+    let robot = app.paper_robot().await;
+    for (open, close) in [("[", "]"), ("{\"a\":", "}")] {
+        let deep = format!("{}1{}", open.repeat(1_000_000), close.repeat(1_000_000));
+        for body in [deep.clone(), format!("{{\"frame\":\"base\",\"points\":{deep}}}"), format!("{{\"points\":[{{\"q_deg\":{deep}}}]}}")] {
+            let (answer, took) = upload(&app, &robot, "application/json", body.into_bytes()).await;
+            assert!(matches!(answer.status, 400 | 422), "{}", answer.text());
+            assert!(took < WITHIN, "{took:?}");
+        }
+    }
+}
+
+#[tokio::test]
+async fn a_gzip_bomb_is_not_unpacked() {
+    let app = TestApp::spawn().await;
+    let robot = app.paper_robot().await;
+    for encoding in ["gzip", "deflate", "br", "zstd", "gzip, identity"] {
+        let request = app.request(Method::POST, &format!("{robot}/measurement-sets"));
+        let request = request.header("content-type", "text/csv").header("content-encoding", encoding).body(vec![0x1f; 1000]);
+        Answer::of(request).await.problem(415, "unsupported_media_type");
+    }
+}
+
+#[tokio::test]
+async fn a_body_that_hides_its_length_is_cut_off_at_the_limit() {
+    let app = TestApp::spawn().await;
+    let robot = app.paper_robot().await;
+    let mut client = crate::raw::Raw::connect(app.server.address).await;
+    let mut head = Vec::new();
+    write!(head, "POST {robot}/measurement-sets HTTP/1.1\r\nhost: x\r\ncontent-type: text/csv\r\ntransfer-encoding: chunked\r\n\r\n")
+        .unwrap();
+    client.send(&head).await;
+    let chunk = [b"100000\r\n".as_slice(), &vec![b'1'; 0x10_0000], b"\r\n"].concat();
+    for _ in 0..40 {
+        if !client.send(&chunk).await {
+            break;
+        }
+    }
+    let answer = client.rest().await;
+    assert!(answer.is_empty() || answer.starts_with("HTTP/1.1 413"), "{answer}");
+    assert_eq!(app.get("/healthz").await.status, 200);
+}
+
+#[tokio::test]
+async fn many_large_bodies_at_once_are_all_answered_and_small_ones_go_on() {
+    let app = std::sync::Arc::new(TestApp::spawn().await);
+    let robot = app.paper_robot().await;
+    let body = a_full_body();
+    let mut uploads = tokio::task::JoinSet::new();
+    for _ in 0..16 {
+        let (app, robot, body) = (app.clone(), robot.clone(), body.clone());
+        uploads.spawn(async move {
+            let request = app.request(Method::POST, &format!("{robot}/measurement-sets")).header("content-type", "text/csv").body(body);
+            // A server that answers before it has read everything may close while the client still writes.
+            request.send().await.map(|response| (response.status().as_u16(), response.headers().contains_key("retry-after")))
+        });
+    }
+    app.upload(&robot, "first.csv").await;
+    let answers = uploads.join_all().await;
+    let known = answers.iter().flatten().collect::<Vec<_>>();
+    assert!(known.iter().all(|answer| matches!(answer, (422, false) | (503, true))), "{known:?}");
+    assert!(known.iter().any(|answer| answer.0 == 422), "{known:?}");
+    let (answer, _) = upload(&app, &robot, "text/csv", paper("first.csv")).await;
+    answer.ok(201);
+}
+
+/// As large as is allowed, and of no use.
+fn a_full_body() -> Vec<u8> {
+    let mut body = b"q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,x_mm,y_mm,z_mm\n".to_vec();
+    body.resize(kincal::http::MAX_BODY_BYTES, b'1');
+    body
+}
