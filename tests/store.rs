@@ -1,9 +1,13 @@
 //! What the store promises, on each engine.
 
+#[path = "store/audit.rs"]
+mod audit;
 #[path = "support/engines.rs"]
 mod engines;
 #[path = "support/fixtures.rs"]
 mod fixtures;
+#[path = "store/group_commit.rs"]
+mod group_commit;
 #[path = "store/idempotency.rs"]
 mod idempotency;
 #[path = "store/opening.rs"]
@@ -12,3 +16,5 @@ mod opening;
 mod parameter_sets;
 #[path = "store/rows.rs"]
 mod rows;
+#[path = "store/verify.rs"]
+mod verify;

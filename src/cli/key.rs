@@ -8,6 +8,9 @@ use crate::store::{ApiKeyRow, NewApiKey, PageRequest, Store, api_keys, robots};
 use crate::wire::time::rfc3339;
 use clap::Subcommand;
 
+/// Who makes and revokes keys, in the audit chain.
+const COMMAND_LINE: &str = "command line";
+
 /// Make, list and revoke keys.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
@@ -75,6 +78,7 @@ async fn create(store: &Store, name: &str, scopes: &[Scope], robot_ids: &[String
     let robots_json = (!robot_ids.is_empty()).then(|| serde_json::to_string(robot_ids)).transpose()?;
     let new = NewApiKey { name: name.into(), key_sha256, scopes_json: serde_json::to_string(&names)?, robots_json };
     let mut tx = store.begin().await?;
+    tx.act_as(COMMAND_LINE);
     let row = api_keys::insert(&mut tx, &new).await?;
     tx.commit().await?;
     eprintln!("Key {} for {name:?} with {}. It is shown only now; send it as `Authorization: Bearer KEY`:", row.id, names.join(", "));
@@ -111,6 +115,7 @@ async fn revoke(store: &Store, id: Option<&str>, name: Option<&str>) -> anyhow::
         anyhow::bail!("no key in force has this id or name; `kincal key list` shows them");
     }
     let mut tx = store.begin().await?;
+    tx.act_as(COMMAND_LINE);
     for row in &rows {
         api_keys::revoke(&mut tx, &row.id).await?;
     }

@@ -7,6 +7,7 @@ mod key;
 mod openapi;
 mod serve;
 mod table;
+mod verify_store;
 
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
@@ -25,6 +26,8 @@ enum Command {
     Serve(crate::config::ServeConfig),
     /// Make, list and revoke keys.
     Key(key::Arguments),
+    /// Check that the database keeps its promises; exit code 1 if it does not.
+    VerifyStore(verify_store::Arguments),
     /// Identify a robot from two files, offline: no server, no database.
     Calibrate(calibrate::Arguments),
     /// Run the paper's calibrations through a real server on a temporary database, and print its tables beside ours.
@@ -43,6 +46,7 @@ pub fn main() -> ExitCode {
     let result = match Arguments::parse().command {
         Command::Serve(config) => serve::run(&config),
         Command::Key(arguments) => key::run(&arguments),
+        Command::VerifyStore(arguments) => verify_store::run(&arguments),
         Command::Calibrate(arguments) => calibrate::run(&arguments),
         Command::Demo(arguments) => demo::run(&arguments),
         Command::Openapi => openapi::run(),

@@ -112,6 +112,10 @@ impl Submission {
     where
         F: AsyncFnOnce(&mut Tx) -> Result<StoredResponse, Error>,
     {
+        let effect = async |tx: &mut Tx| {
+            tx.act_as(&self.caller.holder);
+            effect(tx).await
+        };
         respond(store.create_idempotent(self.scope.as_ref(), effect).await?)
     }
 }

@@ -146,10 +146,11 @@ fn of_store(error: &store::Error) -> (u16, &'static str, String) {
         E::Conflict(Conflict::Withdrawn) => (409, "release_refused", format!("{error}: identify anew, or release another set")),
         E::Conflict(Conflict::ActiveChanged) => (409, "release_refused", format!("{error}: look at that one, then try again")),
         E::Conflict(_) => (409, "conflict", error.to_string()),
-        E::Open { .. } | E::Database(_) if error.is_unavailable() => {
+        E::NoRoom { .. } => (507, "no_room", format!("{error}: make room, or move the data directory")),
+        E::Open { .. } | E::Database(_) | E::NotCommitted(_) if error.is_unavailable() => {
             (503, "unavailable", "the database cannot be written or read right now: try again".into())
         }
-        E::Open { .. } | E::Database(_) => internal(),
+        E::Open { .. } | E::Database(_) | E::NotCommitted(_) => internal(),
     }
 }
 
@@ -204,7 +205,7 @@ impl Error {
             Self::InsufficientScope(scope) => {
                 challenge(format!("Bearer realm=\"kincal\", error=\"insufficient_scope\", scope=\"{scope}\""))
             }
-            _ if status == 429 || status == 503 => vec![(header::RETRY_AFTER, HeaderValue::from_static(RETRY_AFTER_S))],
+            _ if matches!(status, 429 | 503 | 507) => vec![(header::RETRY_AFTER, HeaderValue::from_static(RETRY_AFTER_S))],
             _ => Vec::new(),
         }
     }

@@ -89,7 +89,7 @@ async fn wait(app: &App, row: JobRow, timeout: Duration) -> Result<JobRow, store
 )]
 async fn cancel(State(app): State<App>, caller: Caller, Id(id): Id) -> Result<Json<JobAnswer>, Error> {
     access::job(&app, &caller, &id).await?;
-    Ok(Json(answer(&queue::cancel(&app.store, &app.signals, &id).await?)?))
+    Ok(Json(answer(&queue::cancel(&app.store, &app.signals, &id, &caller.holder).await?)?))
 }
 
 /// The report of a job that succeeded.

@@ -31,7 +31,13 @@ async fn release(State(app): State<App>, Id(id): Id, submission: Submission) -> 
     let ReasonBody { reason } = reason(&submission)?;
     let checks = pass(&app, &row).await?;
     let active = parameter_sets::active(&app.store, &row.robot_id).await?;
-    let release = Release { id, active_when_checked: active.map(|active| active.id), reason, checks_json: serde_json::to_string(&checks)? };
+    let release = Release {
+        id,
+        active_when_checked: active.map(|active| active.id),
+        reason,
+        checks_json: serde_json::to_string(&checks)?,
+        released_by: submission.caller.holder.clone(),
+    };
     let effect = async |tx: &mut Tx| stored_json(200, None, &answers::answer(parameter_sets::release(tx, &release).await?)?);
     submission.create(&app.store, effect).await
 }
@@ -48,7 +54,9 @@ async fn withdraw(State(app): State<App>, Id(id): Id, submission: Submission) ->
         return Ok(answer);
     }
     let ReasonBody { reason } = reason(&submission)?;
-    let effect = async |tx: &mut Tx| stored_json(200, None, &answers::answer(parameter_sets::withdraw(tx, &id, &reason).await?)?);
+    let effect = async |tx: &mut Tx| {
+        stored_json(200, None, &answers::answer(parameter_sets::withdraw(tx, &id, &reason, &submission.caller.holder).await?)?)
+    };
     submission.create(&app.store, effect).await
 }
 

@@ -124,7 +124,7 @@ impl Beat {
                 Ok(Ok(())) => (renewed, written) = (begun, progress.or(written)),
                 Ok(Err(Error::Conflict(Conflict::LeaseLost))) | Err(_) => break,
                 Ok(Err(error)) if renewed.elapsed() < self.duration => {
-                    tracing::warn!(job_id = self.lease.job_id, error = %cause(&error), "the lease could not be renewed; trying again");
+                    tracing::warn!(job_id = self.lease.job_id, error = %error.cause(), "the lease could not be renewed; trying again");
                 }
                 Ok(Err(_)) => break,
             }
@@ -163,13 +163,5 @@ impl Beat {
 pub(super) async fn reached(drain: &mut watch::Receiver<Drain>, stage: Drain) {
     if drain.wait_for(|now| *now >= stage).await.is_err() {
         std::future::pending().await
-    }
-}
-
-/// The error with what caused it, for the log.
-pub(super) fn cause(error: &Error) -> String {
-    match error {
-        Error::Database(source) => format!("{error}: {source}"),
-        _ => error.to_string(),
     }
 }

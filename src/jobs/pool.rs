@@ -7,7 +7,7 @@ use tokio::sync::watch;
 use tokio::task::JoinSet;
 use tokio::time::{Instant, MissedTickBehavior, interval, sleep, timeout, timeout_at};
 
-use super::heartbeat::{Drain, cause, reached};
+use super::heartbeat::{Drain, reached};
 use super::{Compute, JobSignals, WorkerContext, queue, run_next_job};
 use crate::store::Store;
 
@@ -75,7 +75,7 @@ async fn work(store: Store, context: WorkerContext) {
                 }
             }
             Err(error) => {
-                tracing::warn!(error = %cause(&error), "no job could be claimed; trying again");
+                tracing::warn!(error = %error.cause(), "no job could be claimed; trying again");
                 let _ = timeout(POLL, reached(&mut drain, Drain::Finish)).await;
             }
         }
@@ -91,7 +91,7 @@ async fn sweep(store: Store, max_attempts: u32, signals: JobSignals, every: Dura
             () = reached(&mut drain, Drain::Finish) => return,
         }
         if let Err(error) = queue::expire(&store, max_attempts, &signals).await {
-            tracing::warn!(error = %cause(&error), "leases could not be looked at; trying again");
+            tracing::warn!(error = %error.cause(), "leases could not be looked at; trying again");
         }
     }
 }

@@ -23,8 +23,9 @@ pub async fn enqueue(tx: &mut Tx, new: &NewJob) -> Result<JobRow> {
 ///
 /// # Errors
 /// Those of [`jobs::cancel`].
-pub async fn cancel(store: &Store, signals: &JobSignals, job_id: &str) -> Result<JobRow> {
+pub async fn cancel(store: &Store, signals: &JobSignals, job_id: &str, by: &str) -> Result<JobRow> {
     let mut tx = store.begin().await?;
+    tx.act_as(by);
     let job = jobs::cancel(&mut tx, job_id).await?;
     tx.commit().await?;
     signals.job_cancel_requested(job_id);
@@ -77,12 +78,24 @@ pub async fn hand_back(store: &Store, lease: &Lease) -> Result<()> {
     tx.commit().await
 }
 
+/// Ends the lease of a computation that panicked: this attempt counts, and [`expire`] says what comes next.
+///
+/// # Errors
+/// [`Conflict::LeaseLost`], [`crate::store::Error::Database`].
+pub async fn give_up(store: &Store, lease: &Lease) -> Result<()> {
+    let mut tx = store.begin().await?;
+    leases::give_up(&mut tx, lease).await?;
+    tx.commit().await
+}
+
 /// Takes jobs from workers whose leases ran out, and tells whom it concerns.
 ///
 /// # Errors
 /// [`crate::store::Error::Database`].
 pub async fn expire(store: &Store, max_attempts: u32, signals: &JobSignals) -> Result<Expired> {
-    let detail = format!("{max_attempts} attempts to compute this job ended without a result; the worker stopped or was cut off each time");
+    let detail = format!(
+        "{max_attempts} attempts to compute this job ended without a result; each time it broke, or its worker stopped or was cut off"
+    );
     let problem = problem_json(&Problem::new(500, "attempts_exhausted", detail));
     let expired = leases::expire(store, i64::from(max_attempts), &problem).await?;
     for _ in &expired.queued {

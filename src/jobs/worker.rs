@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use tokio::sync::watch;
 
-use super::heartbeat::{Beat, Control, Drain, KeptLease, Stop, cause, reached};
+use super::heartbeat::{Beat, Control, Drain, KeptLease, Stop, reached};
 use super::{Compute, JobFailure, JobInputs, JobOutcome, JobSignals, queue};
 use crate::store::{Conflict, Error, Lease, Result, Store, leases};
 use crate::wire::Problem;
@@ -40,6 +40,8 @@ enum Ended {
     Failed(String),
     Cancelled,
     HandedBack,
+    /// It panicked: another attempt, if there is one left.
+    GaveUp,
     /// The job is not ours any more, or its inputs cannot be read: its lease says what happens next.
     LeftToItsLease,
 }
@@ -88,7 +90,7 @@ async fn run(store: &Store, context: &WorkerContext, lease: &Lease) {
     let ended = match JobInputs::load(store, &lease.job_id).await {
         Ok(inputs) => compute(context, inputs, &control).await,
         Err(error) => {
-            tracing::error!(job_id = lease.job_id, error = %cause(&error), "the job's inputs cannot be read");
+            tracing::error!(job_id = lease.job_id, error = %error.cause(), "the job's inputs cannot be read");
             Ended::LeftToItsLease
         }
     };
@@ -113,7 +115,10 @@ async fn compute(context: &WorkerContext, inputs: JobInputs, control: &Arc<Contr
             Some(Stop::LeaseLost) => Ended::LeftToItsLease,
             None => Ended::Failed(internal(&job_id, "it stopped without being told to")),
         },
-        Ok(Err(panic)) => Ended::Failed(internal(&job_id, &format!("it panicked: {}", message(&*panic)))),
+        Ok(Err(panic)) => {
+            tracing::error!(job_id, what = message(&*panic), "a computation panicked");
+            Ended::GaveUp
+        }
         // The runtime goes down: the lease runs out.
         Err(_) => Ended::LeftToItsLease,
     }
@@ -134,15 +139,15 @@ async fn end(store: &Store, lease: &Lease, kept: &KeptLease, mut ended: Ended) {
                 return;
             }
             Err(error) if error.is_unavailable() && !kept.is_lost() => {
-                tracing::warn!(job_id = lease.job_id, error = %cause(&error), "the job could not be ended; trying again");
+                tracing::warn!(job_id = lease.job_id, error = %error.cause(), "the job could not be ended; trying again");
                 tokio::time::sleep(RETRY_END_AFTER).await;
             }
             Err(error) if matches!(ended, Ended::Finished(_)) && !kept.is_lost() => {
-                tracing::error!(job_id = lease.job_id, error = %cause(&error), "the result cannot be stored");
+                tracing::error!(job_id = lease.job_id, error = %error.cause(), "the result cannot be stored");
                 ended = Ended::Failed(internal(&lease.job_id, "its result could not be stored"));
             }
             Err(error) => {
-                tracing::error!(job_id = lease.job_id, error = %cause(&error), "the job cannot be ended; its lease will run out");
+                tracing::error!(job_id = lease.job_id, error = %error.cause(), "the job cannot be ended; its lease will run out");
                 return;
             }
         }
@@ -155,6 +160,7 @@ async fn try_to_end(store: &Store, lease: &Lease, ended: &Ended) -> Result<()> {
         Ended::Failed(problem_json) => queue::fail(store, lease, problem_json).await,
         Ended::Cancelled => queue::end_cancelled(store, lease).await,
         Ended::HandedBack => queue::hand_back(store, lease).await,
+        Ended::GaveUp => queue::give_up(store, lease).await,
         Ended::LeftToItsLease => Ok(()),
     }
 }

@@ -1,5 +1,7 @@
 //! API keys: only the SHA-256 of a key is kept.
 
+use serde_json::json;
+
 use super::{Page, PageRequest, Result, Store, Tx, new_id};
 
 /// An API key.
@@ -40,7 +42,7 @@ macro_rules! columns {
     };
 }
 
-pub(super) const ALL_QUERIES: &[&str] = &[INSERT, FIND, LIST, REVOKE];
+pub(super) const ALL_QUERIES: &[&str] = &[INSERT, FIND, GET, LIST, REVOKE];
 
 const INSERT: &str = concat!(
     "insert into api_key (id, name, key_sha256, scopes_json, robots_json, created_at_ms)
@@ -50,6 +52,8 @@ const INSERT: &str = concat!(
 );
 
 const FIND: &str = concat!("select ", columns!(), " from api_key where key_sha256 = $1 and revoked_at_ms is null");
+
+const GET: &str = concat!("select ", columns!(), " from api_key where id = $1");
 
 const LIST: &str = concat!(
     "select ",
@@ -78,7 +82,10 @@ pub async fn insert(tx: &mut Tx, new: &NewApiKey) -> Result<ApiKeyRow> {
         .bind(&new.key_sha256)
         .bind(&new.scopes_json)
         .bind(new.robots_json.as_deref());
-    Ok(query.fetch_one(tx.connection()).await?)
+    let row: ApiKeyRow = query.fetch_one(tx.connection()?).await?;
+    let detail = json!({"name": row.name, "scopes": row.scopes_json, "robots": row.robots_json});
+    tx.note("key_created", &row.id, &detail);
+    Ok(row)
 }
 
 /// The key with this hash, unless it is unknown or revoked.
@@ -87,6 +94,14 @@ pub async fn insert(tx: &mut Tx, new: &NewApiKey) -> Result<ApiKeyRow> {
 /// [`super::Error::Database`].
 pub async fn find(store: &Store, key_sha256: &str) -> Result<Option<ApiKeyRow>> {
     Ok(sqlx::query_as(FIND).bind(key_sha256).fetch_optional(store.pool()).await?)
+}
+
+/// One key, also a revoked one.
+///
+/// # Errors
+/// [`super::Error::NotFound`], [`super::Error::Database`].
+pub async fn get(store: &Store, id: &str) -> Result<ApiKeyRow> {
+    Ok(sqlx::query_as(GET).bind(id).fetch_one(store.pool()).await?)
 }
 
 /// All keys, also revoked ones, newest first.
@@ -105,5 +120,7 @@ pub async fn list(store: &Store, request: &PageRequest) -> Result<Page<ApiKeyRow
 /// # Errors
 /// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn revoke(tx: &mut Tx, id: &str) -> Result<ApiKeyRow> {
-    Ok(sqlx::query_as(REVOKE).bind(id).fetch_one(tx.connection()).await?)
+    let row: ApiKeyRow = sqlx::query_as(REVOKE).bind(id).fetch_one(tx.connection()?).await?;
+    tx.note("key_revoked", &row.id, &json!({"name": row.name}));
+    Ok(row)
 }

@@ -1,5 +1,7 @@
 //! What can go wrong in the store.
 
+use std::sync::Arc;
+
 use sqlx::error::ErrorKind;
 
 use super::JobStatus;
@@ -25,6 +27,15 @@ pub enum Error {
     /// The database failed; see [`Error::is_unavailable`].
     #[error("the database failed")]
     Database(#[source] sqlx::Error),
+    /// The commit that this write shared with others failed; see [`Error::is_unavailable`].
+    #[error("the database failed")]
+    NotCommitted(#[source] Arc<sqlx::Error>),
+    /// The disk is nearly full: what is left is kept for ending and withdrawing what there is.
+    #[error("only {free_mib} MiB are left on the disk")]
+    NoRoom {
+        /// What is left.
+        free_mib: u64,
+    },
 }
 
 /// The states a request may collide with.
@@ -60,10 +71,27 @@ impl Error {
     /// Whether waiting may help (busy, out of connections, disk full, restarting): 503 rather than 500.
     pub fn is_unavailable(&self) -> bool {
         match self {
-            Error::Database(sqlx::Error::PoolTimedOut | sqlx::Error::PoolClosed | sqlx::Error::Io(_) | sqlx::Error::WorkerCrashed) => true,
-            Error::Database(sqlx::Error::Database(error)) => error.code().is_some_and(|code| is_unavailable_code(&code)),
+            Error::Database(error) => is_unavailable(error),
+            Error::NotCommitted(error) => is_unavailable(error),
             _ => false,
         }
+    }
+
+    /// The error with what caused it, for the log.
+    pub fn cause(&self) -> String {
+        match self {
+            Error::Database(source) => format!("{self}: {source}"),
+            Error::NotCommitted(source) => format!("{self}: {source}"),
+            _ => self.to_string(),
+        }
+    }
+}
+
+fn is_unavailable(error: &sqlx::Error) -> bool {
+    match error {
+        sqlx::Error::PoolTimedOut | sqlx::Error::PoolClosed | sqlx::Error::Io(_) | sqlx::Error::WorkerCrashed => true,
+        sqlx::Error::Database(error) => error.code().is_some_and(|code| is_unavailable_code(&code)),
+        _ => false,
     }
 }
 

@@ -1,6 +1,9 @@
 //! Base and tool frames found from sweeps, with the upload they were found from.
 
+use serde_json::json;
+
 use super::{Page, PageRequest, Result, Store, Tx, new_id};
+use crate::wire::canonical;
 
 /// What was found from one upload of sweeps.
 #[derive(Clone, Debug, PartialEq, sqlx::FromRow)]
@@ -58,7 +61,10 @@ pub async fn insert(tx: &mut Tx, new: &NewFrames) -> Result<FramesRow> {
         .bind(&new.content_type)
         .bind(new.body.as_slice())
         .bind(&new.result_json);
-    Ok(query.fetch_one(tx.connection()).await?)
+    tx.needs_room()?;
+    let row: FramesRow = query.fetch_one(tx.connection()?).await?;
+    tx.note("frames_created", &row.id, &json!({"robot_id": row.robot_id, "sha256": canonical::sha256_hex(&new.body)}));
+    Ok(row)
 }
 
 /// One result.

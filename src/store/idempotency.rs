@@ -103,19 +103,19 @@ impl Store {
 
 async fn claim(tx: &mut Tx, scope: &IdempotencyScope) -> Result<bool> {
     let query = sqlx::query(CLAIM).bind(&scope.holder).bind(&scope.method).bind(&scope.path).bind(&scope.key);
-    Ok(query.bind(&scope.request_sha256).execute(tx.connection()).await?.rows_affected() == 1)
+    Ok(query.bind(&scope.request_sha256).execute(tx.connection()?).await?.rows_affected() == 1)
 }
 
 async fn answer(tx: &mut Tx, scope: &IdempotencyScope, response: &StoredResponse) -> Result<()> {
     let query = sqlx::query(ANSWER).bind(&scope.holder).bind(&scope.method).bind(&scope.path).bind(&scope.key);
     let query = query.bind(i64::from(response.status)).bind(response.location.as_deref()).bind(&response.content_type);
-    query.bind(response.body.as_slice()).execute(tx.connection()).await?;
+    query.bind(response.body.as_slice()).execute(tx.connection()?).await?;
     Ok(())
 }
 
 async fn answer_again(tx: &mut Tx, scope: &IdempotencyScope) -> Result<IdempotentOutcome> {
     let query = sqlx::query_as(FIND).bind(&scope.holder).bind(&scope.method).bind(&scope.path).bind(&scope.key);
-    let (request_sha256, status, location, content_type, body): Found = query.fetch_one(tx.connection()).await?;
+    let (request_sha256, status, location, content_type, body): Found = query.fetch_one(tx.connection()?).await?;
     if request_sha256 != scope.request_sha256 {
         return Ok(IdempotentOutcome::Reused);
     }
@@ -126,6 +126,6 @@ async fn answer_again(tx: &mut Tx, scope: &IdempotencyScope) -> Result<Idempoten
 /// Forgets the keys of long ago.
 pub(super) async fn forget_old(store: &Store) -> Result<()> {
     let mut tx = store.begin().await?;
-    sqlx::query(FORGET_OLD).bind(KEPT_MS).execute(tx.connection()).await?;
+    sqlx::query(FORGET_OLD).bind(KEPT_MS).execute(tx.connection()?).await?;
     tx.commit().await
 }

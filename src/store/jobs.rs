@@ -1,6 +1,9 @@
 //! Jobs: what was asked, how far it is, what came out. How a worker holds one is in [`super::leases`].
 
+use serde_json::json;
+
 use super::{Conflict, Error, Page, PageRequest, Result, Store, Tx, new_id};
+use crate::wire::canonical;
 
 /// Where a job is in its life.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -187,7 +190,11 @@ pub async fn insert(tx: &mut Tx, new: &NewJob) -> Result<JobRow> {
         .bind(&new.method)
         .bind(&new.request_json)
         .bind(new.priority);
-    query.execute(tx.connection()).await?;
+    tx.needs_room()?;
+    query.execute(tx.connection()?).await?;
+    let request_sha256 = canonical::sha256_hex(new.request_json.as_bytes());
+    let detail = json!({"robot_id": new.robot_id, "measurement_set_id": new.measurement_set_id, "request_sha256": request_sha256});
+    tx.note("job_created", &id, &detail);
     get_in(tx, &id).await
 }
 
@@ -204,7 +211,7 @@ pub async fn get(store: &Store, id: &str) -> Result<JobRow> {
 /// # Errors
 /// [`Error::NotFound`], [`Error::Database`].
 pub async fn get_in(tx: &mut Tx, id: &str) -> Result<JobRow> {
-    Ok(sqlx::query_as(GET).bind(id).fetch_one(tx.connection()).await?)
+    Ok(sqlx::query_as(GET).bind(id).fetch_one(tx.connection()?).await?)
 }
 
 /// A robot's jobs, newest first.
@@ -245,7 +252,7 @@ async fn document(store: &Store, query: &'static str, id: &str) -> Result<String
 /// # Errors
 /// [`Error::Database`].
 pub async fn waiting(tx: &mut Tx, robot_id: &str, limit: i64) -> Result<i64> {
-    Ok(sqlx::query_scalar(WAITING).bind(robot_id).bind(limit).fetch_one(tx.connection()).await?)
+    Ok(sqlx::query_scalar(WAITING).bind(robot_id).bind(limit).fetch_one(tx.connection()?).await?)
 }
 
 /// How many jobs of all robots are queued, and how many are running.
@@ -263,6 +270,11 @@ pub async fn queued_and_running(store: &Store) -> Result<(i64, i64)> {
 /// # Errors
 /// [`Error::NotFound`], [`Error::Database`].
 pub async fn cancel(tx: &mut Tx, id: &str) -> Result<JobRow> {
-    sqlx::query(CANCEL).bind(id).execute(tx.connection()).await?;
-    get_in(tx, id).await
+    let changed = sqlx::query(CANCEL).bind(id).execute(tx.connection()?).await?.rows_affected();
+    let row = get_in(tx, id).await?;
+    if changed > 0 {
+        let event = if row.status == JobStatus::Cancelled { "job_cancelled" } else { "job_cancel_requested" };
+        tx.note(event, id, &json!({}));
+    }
+    Ok(row)
 }

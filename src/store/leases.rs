@@ -3,7 +3,10 @@
 
 use std::time::Duration;
 
+use serde_json::json;
+
 use super::{Conflict, Engine, Result, Store, Tx};
+use crate::wire::canonical;
 
 /// A worker's hold on a job: the fencing token.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -40,7 +43,7 @@ macro_rules! claim {
             "update job set status = 'running', owner = $1, attempt = attempt + 1,
                  lease_until_ms = (select now_ms from clock) + $2, started_at_ms = (select now_ms from clock), progress_json = null
              where status = 'queued' and id = (
-                 select id from job where status = 'queued' order by priority desc, created_at_ms, id limit 1",
+                 select id from job where status = 'queued' order by deaths, priority desc, created_at_ms, id limit 1",
             $lock,
             ")
              returning id, attempt"
@@ -63,8 +66,20 @@ macro_rules! expired {
 
 pub(super) const QUERIES_SQLITE: &[&str] = &[CLAIM_SQLITE];
 pub(super) const QUERIES_POSTGRES: &[&str] = &[CLAIM_POSTGRES];
-pub(super) const ALL_QUERIES: &[&str] =
-    &[HEARTBEAT, SUCCEED, FAIL, CANCELLED, HAND_BACK, N_EXPIRED, EXPIRE_CANCELLED, EXPIRE_FAILED, EXPIRE_QUEUED, END_ALL];
+pub(super) const ALL_QUERIES: &[&str] = &[
+    HEARTBEAT,
+    SUCCEED,
+    FAIL,
+    CANCELLED,
+    HAND_BACK,
+    GIVE_UP,
+    N_EXPIRED,
+    EXPIRE_CANCELLED,
+    EXPIRE_FAILED,
+    EXPIRE_QUEUED,
+    GIVE_BACK,
+    END_ALL,
+];
 
 const CLAIM_SQLITE: &str = claim!("");
 // Workers that claim at the same moment pass each other by instead of waiting for the same row.
@@ -85,11 +100,16 @@ const FAIL: &str =
 
 const CANCELLED: &str = fenced!("update job set status = 'cancelled', lease_until_ms = null, finished_at_ms = (select now_ms from clock)");
 
-const HAND_BACK: &str = fenced!(
-    "update job set
+const GIVE_UP: &str = fenced!("update job set lease_until_ms = 0");
+
+const HAND_BACK: &str = concat!(
+    fenced!(
+        "update job set
          status = case when cancel_requested_at_ms is null then 'queued' else 'cancelled' end,
          finished_at_ms = case when cancel_requested_at_ms is null then null else (select now_ms from clock) end,
          attempt = attempt - 1, owner = null, lease_until_ms = null, started_at_ms = null, progress_json = null"
+    ),
+    " returning status"
 );
 
 const N_EXPIRED: &str = "select count(*) from job where status = 'running' and lease_until_ms < (select now_ms from clock)";
@@ -101,15 +121,22 @@ const EXPIRE_CANCELLED: &str = expired!(
 
 const EXPIRE_FAILED: &str = expired!(
     "update job set status = 'failed', error_json = $2, lease_until_ms = null, finished_at_ms = (select now_ms from clock)",
-    "attempt >= $1"
+    "(attempt >= $1 or deaths >= $3)"
 );
 
 const EXPIRE_QUEUED: &str = expired!(
     "update job set status = 'queued', owner = null, lease_until_ms = null, started_at_ms = null, progress_json = null",
-    "attempt < $1"
+    "attempt < $1 and deaths < $2"
 );
 
+const GIVE_BACK: &str = "
+    update job set attempt = attempt - 1, deaths = deaths + 1 where status = 'running' and lease_until_ms > 0";
+
 const END_ALL: &str = "update job set lease_until_ms = 0 where status = 'running'";
+
+/// How often the process may die under a job. That is not the job's fault as a rule, so it uses up no attempt; but a job that
+/// overflows the stack kills every process that computes it, and has to end too.
+pub const MAX_DEATHS: i64 = 10;
 
 /// Takes the next waiting job: the highest priority, of those the oldest.
 ///
@@ -122,7 +149,7 @@ pub async fn claim(store: &Store, owner: &str, lease: Duration) -> Result<Option
     };
     let mut tx = store.begin().await?;
     let query = sqlx::query_as(statement).bind(owner).bind(millis(lease));
-    let claimed: Option<(String, i64)> = query.fetch_optional(tx.connection()).await?;
+    let claimed: Option<(String, i64)> = query.fetch_optional(tx.connection()?).await?;
     tx.commit().await?;
     Ok(claimed.map(|(job_id, attempt)| Lease { job_id, owner: owner.to_owned(), attempt }))
 }
@@ -135,7 +162,7 @@ pub async fn heartbeat(store: &Store, lease: &Lease, duration: Duration, progres
     let mut tx = store.begin().await?;
     let query = sqlx::query_scalar(HEARTBEAT).bind(&lease.job_id).bind(&lease.owner).bind(lease.attempt);
     let query = query.bind(millis(duration)).bind(progress_json);
-    let cancel_requested_at_ms: Option<Option<i64>> = query.fetch_optional(tx.connection()).await?;
+    let cancel_requested_at_ms: Option<Option<i64>> = query.fetch_optional(tx.connection()?).await?;
     tx.commit().await?;
     let cancel_requested_at_ms = cancel_requested_at_ms.ok_or(Conflict::LeaseLost)?;
     Ok(Heartbeat { cancel_requested: cancel_requested_at_ms.is_some() })
@@ -148,7 +175,10 @@ pub async fn heartbeat(store: &Store, lease: &Lease, duration: Duration, progres
 pub async fn succeed(tx: &mut Tx, lease: &Lease, report_json: &str, convergence_json: &str, result_sha256: &str) -> Result<()> {
     let query = sqlx::query(SUCCEED).bind(&lease.job_id).bind(&lease.owner).bind(lease.attempt);
     let query = query.bind(report_json).bind(convergence_json).bind(result_sha256);
-    held(query.execute(tx.connection()).await?.rows_affected())
+    held(query.execute(tx.connection()?).await?.rows_affected())?;
+    let report_sha256 = canonical::sha256_hex(report_json.as_bytes());
+    note(tx, lease, "job_succeeded", &json!({"result_sha256": result_sha256, "report_sha256": report_sha256}));
+    Ok(())
 }
 
 /// Ends a job with an error.
@@ -157,7 +187,9 @@ pub async fn succeed(tx: &mut Tx, lease: &Lease, report_json: &str, convergence_
 /// [`Conflict::LeaseLost`], [`super::Error::Database`].
 pub async fn fail(tx: &mut Tx, lease: &Lease, error_json: &str) -> Result<()> {
     let query = sqlx::query(FAIL).bind(&lease.job_id).bind(&lease.owner).bind(lease.attempt).bind(error_json);
-    held(query.execute(tx.connection()).await?.rows_affected())
+    held(query.execute(tx.connection()?).await?.rows_affected())?;
+    note(tx, lease, "job_failed", &json!({}));
+    Ok(())
 }
 
 /// Ends a job because somebody asked for it.
@@ -166,7 +198,9 @@ pub async fn fail(tx: &mut Tx, lease: &Lease, error_json: &str) -> Result<()> {
 /// [`Conflict::LeaseLost`], [`super::Error::Database`].
 pub async fn cancelled(tx: &mut Tx, lease: &Lease) -> Result<()> {
     let query = sqlx::query(CANCELLED).bind(&lease.job_id).bind(&lease.owner).bind(lease.attempt);
-    held(query.execute(tx.connection()).await?.rows_affected())
+    held(query.execute(tx.connection()?).await?.rows_affected())?;
+    note(tx, lease, "job_cancelled", &json!({}));
+    Ok(())
 }
 
 /// Puts a job back into the queue as if this attempt had not been; to its end if somebody wanted it cancelled.
@@ -174,8 +208,26 @@ pub async fn cancelled(tx: &mut Tx, lease: &Lease) -> Result<()> {
 /// # Errors
 /// [`Conflict::LeaseLost`], [`super::Error::Database`].
 pub async fn hand_back(tx: &mut Tx, lease: &Lease) -> Result<()> {
-    let query = sqlx::query(HAND_BACK).bind(&lease.job_id).bind(&lease.owner).bind(lease.attempt);
-    held(query.execute(tx.connection()).await?.rows_affected())
+    let query = sqlx::query_scalar(HAND_BACK).bind(&lease.job_id).bind(&lease.owner).bind(lease.attempt);
+    let status: Option<String> = query.fetch_optional(tx.connection()?).await?;
+    if status.ok_or(Conflict::LeaseLost)? == "cancelled" {
+        note(tx, lease, "job_cancelled", &json!({}));
+    }
+    Ok(())
+}
+
+/// Gives a job up without a result: its lease ends now, and this attempt counts.
+///
+/// # Errors
+/// [`Conflict::LeaseLost`], [`super::Error::Database`].
+pub async fn give_up(tx: &mut Tx, lease: &Lease) -> Result<()> {
+    let query = sqlx::query(GIVE_UP).bind(&lease.job_id).bind(&lease.owner).bind(lease.attempt);
+    held(query.execute(tx.connection()?).await?.rows_affected())
+}
+
+fn note(tx: &mut Tx, lease: &Lease, event: &'static str, detail: &serde_json::Value) {
+    tx.act_as(&lease.owner);
+    tx.note(event, &lease.job_id, detail);
 }
 
 /// Takes jobs from workers that did not renew: back into the queue, or to their end with `exhausted_json` if this
@@ -190,17 +242,22 @@ pub async fn expire(store: &Store, max_attempts: i64, exhausted_json: &str) -> R
         return Ok(Expired::default());
     }
     let mut tx = store.begin().await?;
-    let cancelled = sqlx::query_scalar(EXPIRE_CANCELLED).fetch_all(tx.connection()).await?;
-    let failed = sqlx::query_scalar(EXPIRE_FAILED).bind(max_attempts).bind(exhausted_json).fetch_all(tx.connection()).await?;
-    let queued = sqlx::query_scalar(EXPIRE_QUEUED).bind(max_attempts).fetch_all(tx.connection()).await?;
+    let cancelled = sqlx::query_scalar(EXPIRE_CANCELLED).fetch_all(tx.connection()?).await?;
+    let failed = sqlx::query_scalar(EXPIRE_FAILED).bind(max_attempts).bind(exhausted_json).bind(MAX_DEATHS);
+    let failed: Vec<String> = failed.fetch_all(tx.connection()?).await?;
+    let queued = sqlx::query_scalar(EXPIRE_QUEUED).bind(max_attempts).bind(MAX_DEATHS).fetch_all(tx.connection()?).await?;
+    cancelled.iter().for_each(|id: &String| tx.note("job_cancelled", id, &json!({})));
+    failed.iter().for_each(|id| tx.note("job_failed", id, &json!({"code": "attempts_exhausted"})));
     tx.commit().await?;
     Ok(Expired { queued, failed, cancelled })
 }
 
-/// Ends every lease: whoever holds the data directory alone knows that the workers before it are dead.
+/// Ends every lease: whoever holds the data directory alone knows that the workers before it are dead. The attempts are
+/// given back.
 pub(super) async fn end_all(store: &Store) -> Result<()> {
     let mut tx = store.begin().await?;
-    sqlx::query(END_ALL).execute(tx.connection()).await?;
+    sqlx::query(GIVE_BACK).execute(tx.connection()?).await?;
+    sqlx::query(END_ALL).execute(tx.connection()?).await?;
     tx.commit().await
 }
 

@@ -1,5 +1,7 @@
 //! Measurement sets: what was uploaded, byte for byte, and what was found out about it.
 
+use serde_json::json;
+
 use super::{Page, PageRequest, Result, Store, Tx, new_id};
 
 /// A measurement set without its bytes.
@@ -100,7 +102,10 @@ pub async fn insert(tx: &mut Tx, new: &NewMeasurementSet) -> Result<MeasurementS
         .bind(new.n_configurations)
         .bind(new.n_targets)
         .bind(&new.warnings_json);
-    Ok(query.fetch_one(tx.connection()).await?)
+    tx.needs_room()?;
+    let row: MeasurementSetRow = query.fetch_one(tx.connection()?).await?;
+    tx.note("measurement_set_created", &row.id, &json!({"robot_id": row.robot_id, "sha256": row.sha256}));
+    Ok(row)
 }
 
 /// One measurement set.

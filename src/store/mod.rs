@@ -8,6 +8,7 @@
 //! through sqlx's `Any`: text, bigint, blob. [`all_queries`] lists it so that a test can prepare every one on both.
 
 pub mod api_keys;
+pub mod audit;
 mod error;
 pub mod frames;
 mod idempotency;
@@ -20,8 +21,11 @@ mod page;
 pub mod parameter_sets;
 pub mod robots;
 pub mod statistics;
+pub mod verify;
+mod writer;
 
 pub use api_keys::{ApiKeyRow, NewApiKey};
+pub use audit::{AuditHead, AuditRow};
 pub use error::{Conflict, Error, Result};
 pub use frames::{FramesRow, NewFrames};
 pub use idempotency::{IdempotencyScope, IdempotentOutcome, StoredResponse};
@@ -35,10 +39,13 @@ pub use parameter_sets::{NewParameterSet, ParameterSetRow, ParameterSetStatus, R
 pub use robots::{NewRobot, RobotRow};
 
 use std::fs::File;
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use sqlx::{Any, AnyConnection, AnyPool, Transaction};
-use tokio::sync::{Mutex, OwnedMutexGuard};
+
+use audit::Note;
+use writer::{Member, Writer};
 
 /// Which database is behind a [`Store`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -59,8 +66,10 @@ pub struct Store {
 struct Inner {
     pool: AnyPool,
     engine: Engine,
-    /// SQLite has one writer at a time; waiting here costs nothing, waiting in its busy handler costs a spin.
-    write_lock: Arc<Mutex<()>>,
+    data_dir: Option<PathBuf>,
+    is_served: bool,
+    /// SQLite has one writer at a time; those who wait for it share a commit.
+    writer: Option<Writer>,
     /// Held as long as the store is open, so that two servers never share a data directory.
     _lock_file: Option<File>,
 }
@@ -68,10 +77,25 @@ struct Inner {
 /// An open transaction; dropping it rolls everything back.
 #[derive(Debug)]
 pub struct Tx {
-    // Before the guard: the rollback of a dropped transaction is on its way when the next writer is let in.
-    transaction: Transaction<'static, Any>,
-    _writer: Option<OwnedMutexGuard<()>>,
+    kind: TxKind,
+    actor: String,
+    notes: Vec<Note>,
+    free_bytes: Option<u64>,
 }
+
+#[derive(Debug)]
+enum TxKind {
+    /// On PostgreSQL: a transaction on a connection of its own.
+    Own(Transaction<'static, Any>),
+    /// On SQLite: a share of the group that is committed together.
+    Shared(Member),
+}
+
+/// This much of the disk is kept free: twice the largest upload in the WAL and its copy in the database.
+const RESERVE_BYTES: u64 = 64 << 20;
+
+/// Who wrote, where nobody says: the process itself.
+const NOBODY: &str = "kincal";
 
 impl Store {
     /// Opens the database as a server does: brings its schema up to date and, on SQLite, takes the data directory
@@ -91,17 +115,35 @@ impl Store {
         open::beside_a_server(location).await
     }
 
+    /// Opens the database to look at it: it must be there, and its schema is left as it is.
+    ///
+    /// # Errors
+    /// As [`Store::open`].
+    pub async fn open_as_it_is(location: StoreLocation) -> Result<Store> {
+        open::as_it_is(location).await
+    }
+
+    /// Whether a server is at work on this database, as far as can be told: on PostgreSQL one should be.
+    pub fn is_served(&self) -> bool {
+        self.inner.is_served
+    }
+
     /// Begins a transaction that may write.
     ///
     /// # Errors
     /// [`Error::Database`].
     pub async fn begin(&self) -> Result<Tx> {
-        let (writer, statement) = match self.inner.engine {
-            Engine::Sqlite => (Some(Arc::clone(&self.inner.write_lock).lock_owned().await), "begin immediate"),
-            Engine::Postgres => (None, "begin"),
+        let kind = match &self.inner.writer {
+            Some(writer) => TxKind::Shared(writer.join().await?),
+            None => TxKind::Own(self.inner.pool.begin().await?),
         };
-        let transaction = self.inner.pool.begin_with(statement).await?;
-        Ok(Tx { transaction, _writer: writer })
+        Ok(Tx { kind, actor: NOBODY.into(), notes: Vec::new(), free_bytes: self.free_bytes() })
+    }
+
+    /// What is left on the disk of an embedded database; none if that cannot be told.
+    fn free_bytes(&self) -> Option<u64> {
+        let disk = rustix::fs::statvfs(self.inner.data_dir.as_ref()?).ok()?;
+        Some(disk.f_bavail.saturating_mul(disk.f_frsize))
     }
 
     /// The engine behind this store.
@@ -129,24 +171,61 @@ impl Store {
 }
 
 impl Tx {
-    /// Makes everything done in this transaction last.
+    /// Says who writes, for the audit chain.
+    pub fn act_as(&mut self, actor: &str) {
+        actor.clone_into(&mut self.actor);
+    }
+
+    /// Makes everything done in this transaction last, with its entries in the audit chain.
     ///
     /// # Errors
-    /// [`Error::Database`]; then it is unknown whether it did, unless the engine says so.
+    /// [`Error::Database`], [`Error::NotCommitted`]; then it is unknown whether it did, unless the engine says so.
     pub async fn commit(self) -> Result<()> {
-        Ok(self.transaction.commit().await?)
+        match self.kind {
+            TxKind::Shared(member) => member.commit(self.actor, self.notes).await,
+            TxKind::Own(mut transaction) => {
+                if !self.notes.is_empty() {
+                    let head = audit::head_in(&mut transaction, true).await?;
+                    let head = audit::append(&mut transaction, &head, &self.actor, self.notes).await?;
+                    audit::move_head(&mut transaction, &head).await?;
+                }
+                Ok(transaction.commit().await?)
+            }
+        }
     }
 
     /// Undoes everything done in this transaction, as dropping it does, but waits until that is done.
     ///
     /// # Errors
-    /// [`Error::Database`].
+    /// [`Error::Database`], [`Error::NotCommitted`]: then nothing that was read in it is certain either.
     pub async fn rollback(self) -> Result<()> {
-        Ok(self.transaction.rollback().await?)
+        match self.kind {
+            TxKind::Shared(member) => member.rollback().await,
+            TxKind::Own(transaction) => Ok(transaction.rollback().await?),
+        }
     }
 
-    pub(crate) fn connection(&mut self) -> &mut AnyConnection {
-        &mut self.transaction
+    pub(crate) fn connection(&mut self) -> Result<&mut AnyConnection> {
+        match &mut self.kind {
+            TxKind::Shared(member) => member.connection().ok_or(Error::Database(sqlx::Error::WorkerCrashed)),
+            TxKind::Own(transaction) => Ok(transaction),
+        }
+    }
+
+    /// Refuses what can wait while the disk is nearly full, so that what cannot (ending jobs, withdrawing) still goes.
+    ///
+    /// # Errors
+    /// [`Error::NoRoom`].
+    pub(crate) fn needs_room(&self) -> Result<()> {
+        match self.free_bytes {
+            Some(free) if free < RESERVE_BYTES => Err(Error::NoRoom { free_mib: free >> 20 }),
+            _ => Ok(()),
+        }
+    }
+
+    /// Adds an entry to the audit chain, if this transaction is committed.
+    fn note(&mut self, event: &'static str, subject: &str, detail: &serde_json::Value) {
+        self.notes.push(Note { event, subject: subject.into(), detail_json: detail.to_string() });
     }
 }
 
@@ -159,13 +238,14 @@ pub(crate) fn new_id(prefix: &str) -> String {
 
 /// Every SQL text of the store that the engine gets to see.
 pub fn all_queries(engine: Engine) -> Vec<&'static str> {
-    let own: &[&str] = match engine {
-        Engine::Sqlite => leases::QUERIES_SQLITE,
-        Engine::Postgres => leases::QUERIES_POSTGRES,
+    let own = match engine {
+        Engine::Sqlite => [leases::QUERIES_SQLITE, verify::QUERIES_SQLITE].concat(),
+        Engine::Postgres => [leases::QUERIES_POSTGRES, audit::QUERIES_POSTGRES, verify::QUERIES_POSTGRES].concat(),
     };
     [
-        &[NOW],
-        own,
+        &[NOW][..],
+        own.as_slice(),
+        audit::ALL_QUERIES,
         api_keys::ALL_QUERIES,
         frames::ALL_QUERIES,
         idempotency::ALL_QUERIES,
@@ -176,6 +256,7 @@ pub fn all_queries(engine: Engine) -> Vec<&'static str> {
         parameter_sets::ALL_QUERIES,
         robots::ALL_QUERIES,
         statistics::ALL_QUERIES,
+        verify::ALL_QUERIES,
     ]
     .concat()
 }

@@ -1,6 +1,9 @@
 //! Trained networks: at most one per job.
 
+use serde_json::json;
+
 use super::{Page, PageRequest, Result, Store, Tx, new_id};
+use crate::wire::canonical;
 
 /// A network without its weights.
 #[derive(Clone, Debug, PartialEq, sqlx::FromRow)]
@@ -88,7 +91,9 @@ pub async fn insert(tx: &mut Tx, job_id: &str, new: &NewNetwork) -> Result<Netwo
         .bind(&new.metadata_json)
         .bind(new.weights.as_slice())
         .bind(&new.weights_sha256);
-    Ok(query.fetch_one(tx.connection()).await?)
+    let row: NetworkRow = query.fetch_one(tx.connection()?).await?;
+    tx.note("network_created", &row.id, &json!({"job_id": job_id, "sha256": canonical::sha256_hex(&new.weights)}));
+    Ok(row)
 }
 
 /// One network.

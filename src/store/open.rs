@@ -10,6 +10,7 @@ use sqlx::any::{AnyConnectOptions, AnyPoolOptions};
 use sqlx::migrate::{Migration, MigrationType, Migrator};
 use sqlx::{AnyPool, Executor, SqlSafeStr};
 
+use super::writer::Writer;
 use super::{Engine, Error, Inner, Result, Store, idempotency, leases};
 
 /// Where the database is.
@@ -28,9 +29,13 @@ pub enum StoreLocation {
 }
 
 /// The schema's steps, the same numbers on both engines: (version, name, SQLite, PostgreSQL).
-const MIGRATIONS: &[(i64, &str, &str, &str)] =
-    &[(1, "initial", include_str!("../../migrations/sqlite/0001_initial.sql"), include_str!("../../migrations/postgres/0001_initial.sql"))];
+const MIGRATIONS: &[(i64, &str, &str, &str)] = &[
+    (1, "initial", include_str!("../../migrations/sqlite/0001_initial.sql"), include_str!("../../migrations/postgres/0001_initial.sql")),
+    (2, "trust", include_str!("../../migrations/sqlite/0002_trust.sql"), include_str!("../../migrations/postgres/0002_trust.sql")),
+];
 
+/// The database's file in the data directory.
+pub(super) const DATABASE: &str = "kincal.sqlite";
 /// Older ones can corrupt a database in WAL mode.
 const OLDEST_SQLITE: (u32, u32, u32) = (3, 51, 3);
 /// SQLite's readers do not wait for each other; more connections than this only cost memory.
@@ -52,7 +57,7 @@ pub(super) async fn as_server(location: StoreLocation) -> Result<Store> {
                     data_dir.display()
                 ),
             })?;
-            let store = connect_sqlite(&data_dir, Some(lock_file)).await?;
+            let store = connect_sqlite(&data_dir, Some(lock_file), true).await?;
             migrate(&store).await?;
             leases::end_all(&store).await?;
             idempotency::forget_old(&store).await?;
@@ -67,7 +72,7 @@ pub(super) async fn beside_a_server(location: StoreLocation) -> Result<Store> {
         StoreLocation::Sqlite { data_dir } => {
             let data_dir = make_data_dir(&data_dir)?;
             let alone = lock(&data_dir)?;
-            let store = connect_sqlite(&data_dir, None).await?;
+            let store = connect_sqlite(&data_dir, None, alone.is_none()).await?;
             if alone.is_some() {
                 migrate(&store).await?;
             }
@@ -77,20 +82,34 @@ pub(super) async fn beside_a_server(location: StoreLocation) -> Result<Store> {
     }
 }
 
-async fn open_postgres(url: &str) -> Result<Store> {
-    if !url.starts_with("postgres://") && !url.starts_with("postgresql://") {
-        return Err(Error::Open { detail: "the database URL must begin with postgres://".into() });
+pub(super) async fn as_it_is(location: StoreLocation) -> Result<Store> {
+    match location {
+        StoreLocation::Sqlite { data_dir } => {
+            if !data_dir.join(DATABASE).is_file() {
+                return Err(Error::Open { detail: format!("there is no database in {}", data_dir.display()) });
+            }
+            let is_served = lock(&data_dir)?.is_none();
+            connect_sqlite(&data_dir, None, is_served).await
+        }
+        StoreLocation::Postgres { url } => connect_postgres(&url).await,
     }
-    let options = AnyPoolOptions::new().max_connections(POSTGRES_CONNECTIONS).acquire_timeout(ACQUIRE_TIMEOUT);
-    let pool = connect(options, url).await?;
-    let store = new_store(pool, Engine::Postgres, None);
+}
+
+async fn open_postgres(url: &str) -> Result<Store> {
+    let store = connect_postgres(url).await?;
     migrate(&store).await?;
     idempotency::forget_old(&store).await?;
     Ok(store)
 }
 
-fn new_store(pool: AnyPool, engine: Engine, lock_file: Option<File>) -> Store {
-    Store { inner: Arc::new(Inner { pool, engine, write_lock: Arc::default(), _lock_file: lock_file }) }
+async fn connect_postgres(url: &str) -> Result<Store> {
+    if !url.starts_with("postgres://") && !url.starts_with("postgresql://") {
+        return Err(Error::Open { detail: "the database URL must begin with postgres://".into() });
+    }
+    let options = AnyPoolOptions::new().max_connections(POSTGRES_CONNECTIONS).acquire_timeout(ACQUIRE_TIMEOUT);
+    let pool = connect(options, url).await?;
+    let (engine, is_served) = (Engine::Postgres, true);
+    Ok(Store { inner: Arc::new(Inner { pool, engine, data_dir: None, is_served, writer: None, _lock_file: None }) })
 }
 
 async fn connect(options: AnyPoolOptions, url: &str) -> Result<AnyPool> {
@@ -99,7 +118,7 @@ async fn connect(options: AnyPoolOptions, url: &str) -> Result<AnyPool> {
     options.connect_with(url).await.map_err(|e| Error::Open { detail: format!("cannot open the database: {e}") })
 }
 
-async fn connect_sqlite(data_dir: &Path, lock_file: Option<File>) -> Result<Store> {
+async fn connect_sqlite(data_dir: &Path, lock_file: Option<File>, is_served: bool) -> Result<Store> {
     let options = AnyPoolOptions::new()
         .max_connections(SQLITE_CONNECTIONS)
         .acquire_timeout(ACQUIRE_TIMEOUT)
@@ -107,11 +126,13 @@ async fn connect_sqlite(data_dir: &Path, lock_file: Option<File>) -> Result<Stor
         .after_connect(|connection, _| Box::pin(async move { connection.execute(SQLITE_PRAGMAS).await.map(drop) }));
     let pool = connect(options, &sqlite_url(data_dir)?).await?;
     refuse_old_sqlite(&pool).await?;
-    Ok(new_store(pool, Engine::Sqlite, lock_file))
+    let writer = Some(Writer::new(pool.clone()));
+    let data_dir = Some(data_dir.to_owned());
+    Ok(Store { inner: Arc::new(Inner { pool, engine: Engine::Sqlite, data_dir, is_served, writer, _lock_file: lock_file }) })
 }
 
 fn sqlite_url(data_dir: &Path) -> Result<String> {
-    let file = data_dir.join("kincal.sqlite");
+    let file = data_dir.join(DATABASE);
     let path = file.to_str().ok_or_else(|| Error::Open { detail: format!("the data directory {} is not UTF-8", data_dir.display()) })?;
     let mut url = String::from("sqlite://");
     for byte in path.bytes() {

@@ -1,7 +1,10 @@
 //! Parameter sets: at most one per job, at most one released per robot, none released without its checks; the schema
 //! has a constraint for each.
 
+use serde_json::json;
+
 use super::{Conflict, Page, PageRequest, Result, Store, Tx, new_id};
+use crate::wire::canonical;
 
 /// Where a parameter set is in its life.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -67,6 +70,10 @@ pub struct ParameterSetRow {
     pub withdrawn_at_ms: Option<i64>,
     /// Why it was withdrawn.
     pub withdraw_reason: Option<String>,
+    /// Who last released it.
+    pub released_by: Option<String>,
+    /// Who withdrew it.
+    pub withdrawn_by: Option<String>,
 }
 
 /// A parameter set to be stored with the job that identified it.
@@ -89,12 +96,14 @@ pub struct Release {
     pub reason: String,
     /// What was checked, and how it came out.
     pub checks_json: String,
+    /// Who releases: the id of a key.
+    pub released_by: String,
 }
 
 macro_rules! columns {
     () => {
         "id, robot_id, job_id, status, body_json, sha256, created_at_ms,
-         released_at_ms, release_reason, release_checks_json, withdrawn_at_ms, withdraw_reason"
+         released_at_ms, release_reason, release_checks_json, withdrawn_at_ms, withdraw_reason, released_by, withdrawn_by"
     };
 }
 
@@ -127,11 +136,11 @@ const SUPERSEDE: &str = "update parameter_set set status = 'superseded' where ro
 
 const RELEASE: &str = "
     update parameter_set set status = 'released', released_at_ms = (select now_ms from clock),
-        release_reason = $2, release_checks_json = $3
+        release_reason = $2, release_checks_json = $3, released_by = $4
     where id = $1";
 
 const WITHDRAW: &str = "
-    update parameter_set set status = 'withdrawn', withdrawn_at_ms = (select now_ms from clock), withdraw_reason = $2
+    update parameter_set set status = 'withdrawn', withdrawn_at_ms = (select now_ms from clock), withdraw_reason = $2, withdrawn_by = $3
     where id = $1 and status <> 'withdrawn'";
 
 /// Stores the parameter set of a job, as a candidate.
@@ -140,7 +149,10 @@ const WITHDRAW: &str = "
 /// [`Conflict::Duplicate`] if the job has one, [`super::Error::Database`].
 pub async fn insert(tx: &mut Tx, job_id: &str, new: &NewParameterSet) -> Result<ParameterSetRow> {
     let query = sqlx::query_as(INSERT).bind(new_id("par")).bind(job_id).bind(&new.body_json).bind(&new.sha256);
-    Ok(query.fetch_one(tx.connection()).await?)
+    let row: ParameterSetRow = query.fetch_one(tx.connection()?).await?;
+    let detail = json!({"job_id": job_id, "sha256": row.sha256, "body_sha256": canonical::sha256_hex(row.body_json.as_bytes())});
+    tx.note("parameter_set_created", &row.id, &detail);
+    Ok(row)
 }
 
 /// One parameter set.
@@ -183,13 +195,20 @@ pub async fn release(tx: &mut Tx, release: &Release) -> Result<ParameterSetRow> 
         ParameterSetStatus::Withdrawn => return Err(Conflict::Withdrawn.into()),
         ParameterSetStatus::Candidate | ParameterSetStatus::Superseded => {}
     }
-    let active: Option<ParameterSetRow> = sqlx::query_as(ACTIVE).bind(&set.robot_id).fetch_optional(tx.connection()).await?;
-    if active.map(|active| active.id) != release.active_when_checked {
+    let active: Option<ParameterSetRow> = sqlx::query_as(ACTIVE).bind(&set.robot_id).fetch_optional(tx.connection()?).await?;
+    let active = active.map(|active| active.id);
+    if active != release.active_when_checked {
         return Err(Conflict::ActiveChanged.into());
     }
-    sqlx::query(SUPERSEDE).bind(&set.robot_id).execute(tx.connection()).await?;
+    sqlx::query(SUPERSEDE).bind(&set.robot_id).execute(tx.connection()?).await?;
     let query = sqlx::query(RELEASE).bind(&release.id).bind(&release.reason).bind(&release.checks_json);
-    query.execute(tx.connection()).await?;
+    query.bind(&release.released_by).execute(tx.connection()?).await?;
+    if let Some(active) = &active {
+        tx.note("parameter_set_superseded", active, &json!({"by": release.id}));
+    }
+    let checks_sha256 = canonical::sha256_hex(release.checks_json.as_bytes());
+    let detail = json!({"reason": release.reason, "sha256": set.sha256, "checks_sha256": checks_sha256});
+    tx.note("parameter_set_released", &release.id, &detail);
     get_in(tx, &release.id).await
 }
 
@@ -197,17 +216,20 @@ pub async fn release(tx: &mut Tx, release: &Release) -> Result<ParameterSetRow> 
 ///
 /// # Errors
 /// [`super::Error::NotFound`], [`super::Error::Database`].
-pub async fn withdraw(tx: &mut Tx, id: &str, reason: &str) -> Result<ParameterSetRow> {
+pub async fn withdraw(tx: &mut Tx, id: &str, reason: &str, by: &str) -> Result<ParameterSetRow> {
     lock_and_get(tx, id).await?;
-    sqlx::query(WITHDRAW).bind(id).bind(reason).execute(tx.connection()).await?;
+    let changed = sqlx::query(WITHDRAW).bind(id).bind(reason).bind(by).execute(tx.connection()?).await?.rows_affected();
+    if changed > 0 {
+        tx.note("parameter_set_withdrawn", id, &json!({"reason": reason}));
+    }
     get_in(tx, id).await
 }
 
 async fn lock_and_get(tx: &mut Tx, id: &str) -> Result<ParameterSetRow> {
-    sqlx::query(LOCK_ROBOT).bind(id).execute(tx.connection()).await?;
+    sqlx::query(LOCK_ROBOT).bind(id).execute(tx.connection()?).await?;
     get_in(tx, id).await
 }
 
 async fn get_in(tx: &mut Tx, id: &str) -> Result<ParameterSetRow> {
-    Ok(sqlx::query_as(GET).bind(id).fetch_one(tx.connection()).await?)
+    Ok(sqlx::query_as(GET).bind(id).fetch_one(tx.connection()?).await?)
 }

@@ -1,6 +1,9 @@
 //! Robots.
 
+use serde_json::json;
+
 use super::{Page, PageRequest, Result, Store, Tx, new_id};
+use crate::wire::canonical;
 
 /// A robot.
 #[derive(Clone, Debug, PartialEq, sqlx::FromRow)]
@@ -47,7 +50,10 @@ const LIST: &str = "
 /// [`super::Error::Database`].
 pub async fn insert(tx: &mut Tx, new: &NewRobot) -> Result<RobotRow> {
     let query = sqlx::query_as(INSERT).bind(new_id("rob")).bind(&new.name).bind(&new.body_json);
-    Ok(query.fetch_one(tx.connection()).await?)
+    tx.needs_room()?;
+    let row: RobotRow = query.fetch_one(tx.connection()?).await?;
+    tx.note("robot_created", &row.id, &json!({"sha256": canonical::sha256_hex(row.body_json.as_bytes())}));
+    Ok(row)
 }
 
 /// One robot.

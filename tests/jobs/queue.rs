@@ -52,6 +52,7 @@ async fn everything_is_refused(store: &Store, lease: &Lease) {
     assert!(is_lost(&queue::fail(store, lease, "{}").await));
     assert!(is_lost(&queue::end_cancelled(store, lease).await));
     assert!(is_lost(&queue::hand_back(store, lease).await));
+    assert!(is_lost(&queue::give_up(store, lease).await));
 }
 
 #[test]
@@ -245,24 +246,24 @@ fn a_waiting_job_is_cancelled_at_once_and_a_running_one_hears_of_it() {
     for_each_engine(async |database| {
         let (store, signals) = (&database.store, JobSignals::default());
         let waiting = some_job(database).await;
-        let cancelled = queue::cancel(store, &signals, &waiting.id).await.unwrap();
+        let cancelled = queue::cancel(store, &signals, &waiting.id, "key_1").await.unwrap();
         assert_eq!(cancelled.status, JobStatus::Cancelled);
         assert!(cancelled.finished_at_ms.is_some());
         assert_eq!(leases::claim(store, "w", LONG).await.unwrap(), None);
-        assert_eq!(queue::cancel(store, &signals, &waiting.id).await.unwrap(), cancelled, "again changes nothing");
+        assert_eq!(queue::cancel(store, &signals, &waiting.id, "key_1").await.unwrap(), cancelled, "again changes nothing");
 
         let running = some_job(database).await;
         let lease = claim(store, "w").await;
         assert!(!leases::heartbeat(store, &lease, LONG, None).await.unwrap().cancel_requested);
-        assert_eq!(queue::cancel(store, &signals, &running.id).await.unwrap().status, JobStatus::Running);
+        assert_eq!(queue::cancel(store, &signals, &running.id, "key_1").await.unwrap().status, JobStatus::Running);
         assert!(leases::heartbeat(store, &lease, LONG, None).await.unwrap().cancel_requested);
         queue::end_cancelled(store, &lease).await.unwrap();
         assert_eq!(jobs::get(store, &running.id).await.unwrap().status, JobStatus::Cancelled);
 
         let finished = some_job(database).await;
         queue::finish(store, &claim(store, "w").await, &an_outcome("done")).await.unwrap();
-        assert_eq!(queue::cancel(store, &signals, &finished.id).await.unwrap().status, JobStatus::Succeeded);
-        assert!(matches!(queue::cancel(store, &signals, "job_0").await, Err(Error::NotFound)));
+        assert_eq!(queue::cancel(store, &signals, &finished.id, "key_1").await.unwrap().status, JobStatus::Succeeded);
+        assert!(matches!(queue::cancel(store, &signals, "job_0", "key_1").await, Err(Error::NotFound)));
     });
 }
 
@@ -272,14 +273,14 @@ fn a_cancelled_job_is_not_begun_again_when_its_worker_dies_or_leaves() {
         let (store, signals) = (&database.store, JobSignals::default());
         let orphan = some_job(database).await;
         let lease = claim(store, "dies").await;
-        queue::cancel(store, &signals, &orphan.id).await.unwrap();
+        queue::cancel(store, &signals, &orphan.id, "key_1").await.unwrap();
         let_it_run_out(store, &lease).await;
         assert_eq!(expire(store).await, (vec![], vec![], vec![orphan.id.clone()]));
         assert_eq!(jobs::get(store, &orphan.id).await.unwrap().status, JobStatus::Cancelled);
 
         let left = some_job(database).await;
         let lease = claim(store, "leaves").await;
-        queue::cancel(store, &signals, &left.id).await.unwrap();
+        queue::cancel(store, &signals, &left.id, "key_1").await.unwrap();
         queue::hand_back(store, &lease).await.unwrap();
         assert_eq!(jobs::get(store, &left.id).await.unwrap().status, JobStatus::Cancelled);
     });
@@ -320,5 +321,25 @@ fn a_job_of_a_transaction_that_is_rolled_back_was_never_there() {
         queue::enqueue(&mut tx, &new_job(&set, "{}")).await.unwrap();
         drop(tx);
         assert_eq!(leases::claim(store, "w", Duration::from_secs(1)).await.unwrap(), None);
+    });
+}
+
+#[test]
+fn a_job_under_which_the_process_died_is_tried_last_and_not_for_ever() {
+    for_each_engine(async |database| {
+        let store = &database.store;
+        let job = some_job(database).await;
+        let innocent = some_job(database).await;
+        let died = |n: i64| sqlx::query("update job set deaths = $2 where id = $1").bind(job.id.clone()).bind(n);
+        died(leases::MAX_DEATHS - 1).execute(store.pool()).await.unwrap();
+        assert_eq!(claim(store, "w").await.job_id, innocent.id);
+        let lease = claim(store, "w").await;
+        assert_eq!(lease.job_id, job.id);
+        let_it_run_out(store, &lease).await;
+        assert_eq!(expire(store).await.0, std::slice::from_ref(&job.id), "below the limit it is tried again");
+        let lease = claim(store, "w").await;
+        died(leases::MAX_DEATHS).execute(store.pool()).await.unwrap();
+        let_it_run_out(store, &lease).await;
+        assert_eq!(expire(store).await.1, std::slice::from_ref(&job.id));
     });
 }

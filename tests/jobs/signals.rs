@@ -74,7 +74,7 @@ fn a_long_poll_hears_of_what_another_process_does() {
             let (store, id) = (store.clone(), job.id.clone());
             async move { JobSignals::default().wait_for_status_change(&store, &id, JobStatus::Queued, LONG).await.unwrap() }
         });
-        queue::cancel(store, &JobSignals::default(), &job.id).await.unwrap();
+        queue::cancel(store, &JobSignals::default(), &job.id, "key_1").await.unwrap();
         assert_eq!(poll.await.unwrap().status, JobStatus::Cancelled);
     });
 }
@@ -89,7 +89,7 @@ fn a_long_poll_ends_at_once_for_a_job_that_is_over_and_in_time_for_one_that_is_n
         let unchanged = signals.wait_for_status_change(store, &job.id, JobStatus::Queued, wait).await.unwrap();
         assert_eq!(unchanged, job);
         assert!(begun.elapsed() >= wait);
-        queue::cancel(store, &signals, &job.id).await.unwrap();
+        queue::cancel(store, &signals, &job.id, "key_1").await.unwrap();
         let over = signals.wait_for_status_change(store, &job.id, JobStatus::Cancelled, LONG).await.unwrap();
         assert_eq!(over.status, JobStatus::Cancelled);
         assert!(begun.elapsed() < LONG / 2);

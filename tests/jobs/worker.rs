@@ -104,17 +104,23 @@ fn a_computation_that_fails_fails_its_job_with_its_problem() {
 }
 
 #[test]
-fn a_computation_that_panics_fails_its_job_and_its_worker_goes_on() {
+fn a_computation_that_panics_is_tried_as_often_as_allowed_and_others_go_on() {
     for_each_engine(async |database| {
         let store = &database.store;
         let set = some_set(database).await;
         let (first, second) = (a_job(store, &set, "panic").await, a_job(store, &set, "succeed").await);
         let done = run_pending_jobs(store, &a_worker(LONG)).await.unwrap();
         assert_eq!(done, [first.id.clone(), second.id.clone()]);
-        let failed = jobs::get(store, &first.id).await.unwrap();
-        assert_eq!((failed.status, code(&failed).as_str()), (JobStatus::Failed, "internal"));
-        assert!(!failed.error_json.unwrap().contains("did not expect"), "the cause is for the log");
         assert_eq!(jobs::get(store, &second.id).await.unwrap().status, JobStatus::Succeeded);
+        for attempt in 1..=3 {
+            let job = jobs::get(store, &first.id).await.unwrap();
+            assert_eq!((job.status, job.attempt), (JobStatus::Running, attempt), "its lease ends at once");
+            queue::expire(store, 3, &JobSignals::default()).await.unwrap();
+            run_pending_jobs(store, &a_worker(LONG)).await.unwrap();
+        }
+        let failed = jobs::get(store, &first.id).await.unwrap();
+        assert_eq!((failed.status, code(&failed).as_str(), failed.attempt), (JobStatus::Failed, "attempts_exhausted", 3));
+        assert!(!failed.error_json.unwrap().contains("did not expect"), "the cause is for the log");
     });
 }
 
@@ -154,7 +160,7 @@ fn a_running_job_stops_when_it_is_cancelled() {
             let worker = begin(store, &context);
             arrived(&job.id).await;
             let signals = if signalled { context.signals.clone() } else { JobSignals::default() };
-            queue::cancel(store, &signals, &job.id).await.unwrap();
+            queue::cancel(store, &signals, &job.id, "key_1").await.unwrap();
             worker.await.unwrap();
             let cancelled = jobs::get(store, &job.id).await.unwrap();
             assert_eq!((cancelled.status, cancelled.parameter_set_id), (JobStatus::Cancelled, None));

@@ -26,12 +26,15 @@ fn each_engine_prepares_every_query() {
 fn every_query_constant_of_the_store_is_listed() {
     // A constant that is not in the list would not be prepared above.
     let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("src/store");
-    for entry in std::fs::read_dir(folder).unwrap() {
-        let text = std::fs::read_to_string(entry.unwrap().path()).unwrap();
+    let files = [folder.clone(), folder.join("verify")].into_iter().flat_map(|folder| std::fs::read_dir(folder).unwrap());
+    for path in files.map(|entry| entry.unwrap().path()).filter(|path| path.is_file()) {
+        let text = std::fs::read_to_string(path).unwrap();
         let lists: String = text.split("QUERIES").skip(1).filter_map(|rest| rest.split_once("];")).map(|(list, _)| list).collect();
         for line in text.lines().filter_map(|line| line.strip_prefix("const ")) {
             let (name, definition) = line.split_once(':').unwrap();
-            if definition.contains("&str =") && !["SQLITE_PRAGMAS", "NOW"].contains(&name) {
+            if definition.contains("&str =")
+                && !["SQLITE_PRAGMAS", "NOW", "DATABASE", "NOBODY", "BEGIN", "SAVE", "RELEASE", "UNDO", "COMMIT"].contains(&name)
+            {
                 assert!(lists.contains(name), "{name} is in no list");
             }
         }
@@ -98,7 +101,7 @@ fn a_server_that_opens_a_data_directory_ends_the_leases_of_the_dead_one() {
         let beside = Store::open_beside_a_server(location).await.unwrap();
         assert_eq!(leases::expire(&store, 3, "{}").await.unwrap().queued, std::slice::from_ref(&job.id));
         let mine = leases::claim(&store, "alive", Duration::from_secs(3600)).await.unwrap().unwrap();
-        assert_eq!(mine.attempt, 2);
+        assert_eq!(mine.attempt, 1, "the death of the process was not the job's fault");
         // A tool leaves the leases of the server beside it alone.
         assert!(jobs::get(&beside, &job.id).await.unwrap().lease_until_ms.unwrap() > store.now_ms().await.unwrap());
     });

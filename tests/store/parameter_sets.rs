@@ -1,16 +1,22 @@
 //! Release and withdrawal of parameter sets.
 
-use kincal::store::{Conflict, Error, NewParameterSet, ParameterSetRow, ParameterSetStatus, Release, Result, Store, jobs, parameter_sets};
+use kincal::store::{
+    Conflict, Engine, Error, NewParameterSet, ParameterSetRow, ParameterSetStatus, Release, Result, Store, jobs, parameter_sets,
+};
 
 use crate::engines::for_each_engine;
 use crate::fixtures::{a_candidate, a_job, a_robot, a_set, in_transaction};
+
+/// What a release keeps of its gates.
+const PASSED: &str = r#"[{"gate":"x","passed":true}]"#;
 
 async fn release(store: &Store, set: &ParameterSetRow, active: Option<&ParameterSetRow>) -> Result<ParameterSetRow> {
     let release = Release {
         id: set.id.clone(),
         active_when_checked: active.map(|active| active.id.clone()),
         reason: "after the collision".into(),
-        checks_json: "[]".into(),
+        checks_json: PASSED.into(),
+        released_by: "key_1".into(),
     };
     let mut tx = store.begin().await?;
     let released = parameter_sets::release(&mut tx, &release).await?;
@@ -65,10 +71,10 @@ fn a_withdrawn_set_is_not_active_and_cannot_be_released() {
         let robot = a_robot(store, "r").await;
         let candidate = a_candidate(store, &a_set(store, &robot).await).await;
         release(store, &candidate, None).await.unwrap();
-        let withdrawn = in_transaction(store, async |tx| parameter_sets::withdraw(tx, &candidate.id, "wrong tool").await).await;
+        let withdrawn = in_transaction(store, async |tx| parameter_sets::withdraw(tx, &candidate.id, "wrong tool", "key_2").await).await;
         assert_eq!((withdrawn.status, withdrawn.withdraw_reason.as_deref()), (ParameterSetStatus::Withdrawn, Some("wrong tool")));
         assert_eq!(parameter_sets::active(store, &robot.id).await.unwrap(), None);
-        let again = in_transaction(store, async |tx| parameter_sets::withdraw(tx, &candidate.id, "again").await).await;
+        let again = in_transaction(store, async |tx| parameter_sets::withdraw(tx, &candidate.id, "again", "key_3").await).await;
         assert_eq!(again, withdrawn, "withdrawing it again changes nothing");
         let refused = release(store, &candidate, None).await;
         assert!(matches!(refused, Err(Error::Conflict(Conflict::Withdrawn))), "{refused:?}");
@@ -103,12 +109,12 @@ fn the_schema_itself_refuses_a_second_released_set() {
         let set = a_set(store, &a_robot(store, "r").await).await;
         let (first, second) = (a_candidate(store, &set).await, a_candidate(store, &set).await);
         release(store, &first, None).await.unwrap();
-        let sql = "update parameter_set set status = 'released', released_at_ms = 1, release_checks_json = '[]' where id = $1";
-        let error = sqlx::query(sql).bind(&second.id).execute(store.pool()).await.unwrap_err();
+        let sql = "update parameter_set set status = 'released', released_at_ms = 1, release_checks_json = $2 where id = $1";
+        let error = sqlx::query(sql).bind(&second.id).bind(PASSED).execute(store.pool()).await.unwrap_err();
         assert!(error.as_database_error().unwrap().is_unique_violation(), "{error}");
         // Another robot has its own.
         let elsewhere = a_candidate(store, &a_set(store, &a_robot(store, "other").await).await).await;
-        sqlx::query(sql).bind(&elsewhere.id).execute(store.pool()).await.unwrap();
+        sqlx::query(sql).bind(&elsewhere.id).bind(PASSED).execute(store.pool()).await.unwrap();
     });
 }
 
@@ -119,7 +125,7 @@ fn the_schema_itself_refuses_a_release_without_checks_and_states_that_do_not_exi
         let candidate = a_candidate(store, &a_set(store, &a_robot(store, "r").await).await).await;
         for sql in [
             "update parameter_set set status = 'released', released_at_ms = 1 where id = $1",
-            "update parameter_set set status = 'released', release_checks_json = '[]' where id = $1",
+            "update parameter_set set status = 'released', release_checks_json = '[{\"passed\":true}]' where id = $1",
             "update parameter_set set status = 'approved' where id = $1",
             "update parameter_set set status = 'withdrawn' where id = $1",
         ] {
@@ -143,3 +149,44 @@ fn a_job_has_at_most_one_parameter_set() {
         assert_eq!(jobs::get(store, &job.id).await.unwrap().parameter_set_id, Some(first.id));
     });
 }
+
+#[test]
+fn the_schema_itself_refuses_a_release_in_spite_of_a_failed_gate_or_without_any() {
+    for_each_engine(async |database| {
+        let store = &database.store;
+        let candidate = a_candidate(store, &a_set(store, &a_robot(store, "r").await).await).await;
+        for checks in ["[]", "{}", r#"[{"gate":"x","passed":false}]"#, r#"[{"gate":"x","passed":true},{"gate":"y","passed":false}]"#] {
+            let sql = "update parameter_set set status = 'released', released_at_ms = 1, release_checks_json = $2 where id = $1";
+            let error = sqlx::query(sql).bind(&candidate.id).bind(checks).execute(store.pool()).await.unwrap_err();
+            assert!(error.to_string().contains("all of them passed"), "{checks}: {error}");
+        }
+    });
+}
+
+#[test]
+fn the_schema_itself_keeps_the_life_and_the_content_of_a_set() {
+    for_each_engine(async |database| {
+        let store = &database.store;
+        let set = a_set(store, &a_robot(store, "r").await).await;
+        let (first, second) = (a_candidate(store, &set).await, a_candidate(store, &set).await);
+        release(store, &first, None).await.unwrap();
+        in_transaction(store, async |tx| parameter_sets::withdraw(tx, &second.id, "no", "key_1").await).await;
+        let refused: [(&'static str, &str, &str); 8] = [
+            ("update parameter_set set status = 'candidate' where id = $1", &first.id, "never back"),
+            ("update parameter_set set status = 'candidate', withdrawn_at_ms = null where id = $1", &second.id, "never back"),
+            ("update parameter_set set status = 'superseded', withdrawn_at_ms = null where id = $1", &second.id, "never back"),
+            ("update parameter_set set body_json = '{}' where id = $1", &first.id, "never changed"),
+            ("delete from parameter_set where id = $1", &first.id, "never deleted"),
+            ("update measurement_set set body = x'00' where id = $1", &set.id, "never changed"),
+            ("update measurement_set set sha256 = '' where id = $1", &set.id, "never changed"),
+            ("update robot set body_json = '{}' where id = $1", &set.robot_id, "never changed"),
+        ];
+        for (sql, id, expected) in refused {
+            let sql = if sql.contains("x'00'") && store.engine() == Engine::Postgres { POSTGRES_BYTES } else { sql };
+            let error = sqlx::query(sql).bind(id).execute(store.pool()).await.unwrap_err();
+            assert!(error.to_string().contains(expected), "{sql}: {error}");
+        }
+    });
+}
+
+const POSTGRES_BYTES: &str = "update measurement_set set body = '' where id = $1";

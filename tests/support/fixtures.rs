@@ -5,6 +5,7 @@ use kincal::store::{
     JobRow, MeasurementSetRow, NewJob, NewMeasurementSet, NewRobot, ParameterSetRow, RobotRow, Store, Tx, measurement_sets, parameter_sets,
     robots,
 };
+use kincal::wire::canonical;
 
 pub async fn in_transaction<T>(store: &Store, write: impl AsyncFnOnce(&mut Tx) -> kincal::store::Result<T>) -> T {
     let mut tx = store.begin().await.expect("a transaction");
@@ -25,7 +26,7 @@ pub fn new_set(robot: &RobotRow, body: &[u8]) -> NewMeasurementSet {
         frame: "base".into(),
         content_type: "text/csv".into(),
         body: body.to_vec(),
-        sha256: "00".into(),
+        sha256: canonical::sha256_hex(body),
         n_points: 1,
         n_configurations: 1,
         n_targets: 1,

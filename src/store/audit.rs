@@ -1,0 +1,135 @@
+//! The audit chain: every creation, release, withdrawal, end of a job and change of a key, in the transaction that did it.
+//! Each entry's hash covers its content and the hash before it, so that an edit, a deletion or another order shows.
+//!
+//! Whoever can write to the database can also compute a new chain from the edit on. Against that, keep a head elsewhere now
+//! and then (`kincal verify-store` prints it) and have it looked for later (`--known-head`).
+
+use sqlx::AnyConnection;
+
+use super::{Result, Store};
+use crate::wire::canonical;
+
+/// One entry of the chain.
+#[derive(Clone, Debug, PartialEq, Eq, sqlx::FromRow)]
+pub struct AuditRow {
+    /// 1, 2, 3, ….
+    pub seq: i64,
+    /// When, by the database's clock.
+    pub at_ms: i64,
+    /// The id of the key, `worker`, `command line`, ….
+    pub actor: String,
+    /// `robot_created`, `parameter_set_released`, ….
+    pub event: String,
+    /// The id of what it is about.
+    pub subject: String,
+    /// What else is worth keeping: hashes, reasons.
+    pub detail_json: String,
+    /// Of this entry and the one before, hexadecimal.
+    pub sha256: String,
+}
+
+/// The chain's newest entry; 0 and empty before the first.
+#[derive(Clone, Debug, Default, PartialEq, Eq, sqlx::FromRow)]
+pub struct AuditHead {
+    /// Its number.
+    pub seq: i64,
+    /// Its hash.
+    pub sha256: String,
+    /// When the chain was begun: what is older has no entries.
+    pub begun_at_ms: i64,
+    /// The database's clock when this was read.
+    pub now_ms: i64,
+}
+
+/// What a transaction will add to the chain when it is committed.
+#[derive(Clone, Debug)]
+pub(super) struct Note {
+    pub(super) event: &'static str,
+    pub(super) subject: String,
+    pub(super) detail_json: String,
+}
+
+pub(super) const ALL_QUERIES: &[&str] = &[INSERT, HEAD, MOVE_HEAD, LIST, ACTOR, DETAIL];
+pub(super) const QUERIES_POSTGRES: &[&str] = &[HEAD_LOCKED];
+
+const INSERT: &str = "
+    insert into audit (seq, at_ms, actor, event, subject, detail_json, sha256) values ($1, $2, $3, $4, $5, $6, $7)";
+
+const HEAD: &str = "select seq, sha256, begun_at_ms, (select now_ms from clock) as now_ms from audit_head";
+
+// The chain has one end: on PostgreSQL the transactions that add to it do so one after the other, as their last act.
+const HEAD_LOCKED: &str = "select seq, sha256, begun_at_ms, (select now_ms from clock) as now_ms from audit_head for update";
+
+const MOVE_HEAD: &str = "update audit_head set seq = $1, sha256 = $2";
+
+const LIST: &str = "
+    select seq, at_ms, actor, event, subject, detail_json, sha256 from audit where seq > $1 order by seq limit $2";
+
+const ACTOR: &str = "select actor from audit where subject = $1 and event = $2 order by seq limit 1";
+
+const DETAIL: &str = "select detail_json from audit where subject = $1 and event = $2 order by seq limit 1";
+
+/// What the entry's hash is: of the JSON list of the hash before and all its fields.
+pub(super) fn hash(before: &str, row: &AuditRow) -> String {
+    let AuditRow { seq, at_ms, actor, event, subject, detail_json, .. } = row;
+    let text = serde_json::json!([before, seq, at_ms, actor, event, subject, detail_json]).to_string();
+    canonical::sha256_hex(text.as_bytes())
+}
+
+/// The end of the chain as this transaction sees it.
+pub(super) async fn head_in(connection: &mut AnyConnection, lock: bool) -> Result<AuditHead> {
+    Ok(sqlx::query_as(if lock { HEAD_LOCKED } else { HEAD }).fetch_one(connection).await?)
+}
+
+/// Adds to the chain behind `head`; gives the new head, which the caller stores before the commit.
+pub(super) async fn append(connection: &mut AnyConnection, head: &AuditHead, actor: &str, notes: Vec<Note>) -> Result<AuditHead> {
+    let mut head = head.clone();
+    for Note { event, subject, detail_json } in notes {
+        let seq = head.seq + 1;
+        let mut row =
+            AuditRow { seq, at_ms: head.now_ms, actor: actor.into(), event: event.into(), subject, detail_json, sha256: String::new() };
+        row.sha256 = hash(&head.sha256, &row);
+        let query = sqlx::query(INSERT).bind(row.seq).bind(row.at_ms).bind(row.actor).bind(row.event).bind(row.subject);
+        query.bind(row.detail_json).bind(&row.sha256).execute(&mut *connection).await?;
+        head = AuditHead { seq: row.seq, sha256: row.sha256, ..head };
+    }
+    Ok(head)
+}
+
+/// Stores where the chain ends now.
+pub(super) async fn move_head(connection: &mut AnyConnection, head: &AuditHead) -> Result<()> {
+    sqlx::query(MOVE_HEAD).bind(head.seq).bind(&head.sha256).execute(connection).await?;
+    Ok(())
+}
+
+/// The end of the chain.
+///
+/// # Errors
+/// [`super::Error::Database`].
+pub async fn head(store: &Store) -> Result<AuditHead> {
+    Ok(sqlx::query_as(HEAD).fetch_one(store.pool()).await?)
+}
+
+/// The entries after number `after`, in order, at most `limit`.
+///
+/// # Errors
+/// [`super::Error::Database`].
+pub async fn list(store: &Store, after: i64, limit: i64) -> Result<Vec<AuditRow>> {
+    Ok(sqlx::query_as(LIST).bind(after).bind(limit).fetch_all(store.pool()).await?)
+}
+
+/// Who first did this to that: the id of a key, as a rule.
+///
+/// # Errors
+/// [`super::Error::Database`].
+pub async fn actor(store: &Store, subject: &str, event: &str) -> Result<Option<String>> {
+    Ok(sqlx::query_scalar(ACTOR).bind(subject).bind(event).fetch_optional(store.pool()).await?)
+}
+
+/// What was noted when this first happened to that.
+///
+/// # Errors
+/// [`super::Error::Database`].
+pub async fn detail(store: &Store, subject: &str, event: &str) -> Result<Option<String>> {
+    Ok(sqlx::query_scalar(DETAIL).bind(subject).bind(event).fetch_optional(store.pool()).await?)
+}

@@ -1,0 +1,97 @@
+//! Whether what is stored keeps its promises: I1 to I9. Reads only; may run beside a server.
+
+mod chain;
+mod content;
+mod schema;
+
+use super::{Result, Store};
+
+/// One promise, and how it stands.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Check {
+    /// `I1` to `I9`.
+    pub id: &'static str,
+    /// What is promised.
+    pub promise: &'static str,
+    /// How many things were looked at.
+    pub n_examined: i64,
+    /// What breaks it, in words; at most [`MAX_LISTED`] of them.
+    pub violations: Vec<String>,
+    /// How many break it.
+    pub n_violations: i64,
+}
+
+/// More violations than this are counted and not listed.
+pub const MAX_LISTED: usize = 100;
+/// Rows read at a time.
+const BATCH: i64 = 200;
+
+/// How to look.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Options {
+    /// A head of the audit chain that was kept elsewhere: number and hash.
+    pub known_head: Option<(i64, String)>,
+    /// Whether a worker should be at work, so that a lease that ran out long ago is a fault.
+    pub is_served: bool,
+}
+
+impl Check {
+    fn new(id: &'static str, promise: &'static str) -> Self {
+        Check { id, promise, n_examined: 0, violations: Vec::new(), n_violations: 0 }
+    }
+
+    fn violated(&mut self, what: String) {
+        self.n_violations += 1;
+        if self.violations.len() < MAX_LISTED {
+            self.violations.push(what);
+        }
+    }
+
+    fn require(&mut self, is_kept: bool, what: impl FnOnce() -> String) {
+        if !is_kept {
+            self.violated(what());
+        }
+    }
+}
+
+pub(super) const ALL_QUERIES: &[&str] = &[
+    content::SETS,
+    content::FRAMES,
+    content::ROBOTS,
+    content::PARAMETER_SETS,
+    content::NETWORKS,
+    content::JOBS,
+    content::ANSWERS,
+    content::SUBJECT_SET,
+    content::SUBJECT_FRAMES,
+    content::SUBJECT_ROBOT,
+    content::SUBJECT_JOB,
+    content::SUBJECT_PARAMETER_SET,
+    content::ENDS,
+    content::STUCK,
+    content::TWO_SETS,
+    content::TWO_RELEASED,
+    content::RELEASES,
+    chain::MISSING,
+];
+pub(super) const QUERIES_SQLITE: &[&str] = schema::QUERIES_SQLITE;
+pub(super) const QUERIES_POSTGRES: &[&str] = schema::QUERIES_POSTGRES;
+
+/// Every check, in order.
+///
+/// # Errors
+/// [`super::Error::Database`] if the database cannot be read at all.
+pub async fn verify(store: &Store, options: &Options) -> Result<Vec<Check>> {
+    let chain = chain::read(store, options).await?;
+    Ok(vec![
+        content::uploads_read_back(store, &chain).await?,
+        content::answers_have_effects(store).await?,
+        content::jobs_end_once(store, &chain, options).await?,
+        content::one_set_per_job(store).await?,
+        content::same_request_same_result(store).await?,
+        content::one_released_per_robot(store).await?,
+        content::releases_have_checks(store, &chain).await?,
+        chain.check,
+        schema::is_sound(store).await?,
+    ])
+}

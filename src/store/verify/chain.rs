@@ -1,0 +1,77 @@
+//! I8: the audit chain, walked from its first entry; what it says is what the other checks compare with.
+
+use std::collections::BTreeMap;
+
+use super::{BATCH, Check, Options};
+use crate::store::audit::{self, AuditRow};
+use crate::store::{Result, Store};
+
+/// What the chain says, by the id of what it is about.
+pub(super) struct Chain {
+    pub(super) check: Check,
+    /// What is older has no entries.
+    pub(super) begun_at_ms: i64,
+    /// Events of each subject in order, with their details.
+    pub(super) events: BTreeMap<String, Vec<(String, serde_json::Value)>>,
+}
+
+/// Things that were made after the chain was begun and are not in it.
+pub(super) const MISSING: &str = "
+    select id from (
+        select id, created_at_ms from robot union all select id, created_at_ms from measurement_set
+        union all select id, created_at_ms from frames union all select id, created_at_ms from job
+        union all select id, created_at_ms from network union all select id, created_at_ms from parameter_set
+        union all select id, created_at_ms from api_key) as things
+    where created_at_ms > $1 and not exists (select 1 from audit where subject = id and event like '%_created')
+    order by id limit $2";
+
+impl Chain {
+    /// The details of one kind of event about one thing.
+    pub(super) fn details<'a>(&'a self, subject: &str, event: &'a str) -> impl Iterator<Item = &'a serde_json::Value> {
+        let events = self.events.get(subject).map_or(&[][..], Vec::as_slice);
+        events.iter().filter(move |(name, _)| name == event).map(|(_, detail)| detail)
+    }
+
+    /// What the newest event of this kind says in one field.
+    pub(super) fn says(&self, subject: &str, event: &str, field: &str) -> Option<String> {
+        self.details(subject, event).last()?.get(field)?.as_str().map(str::to_owned)
+    }
+}
+
+pub(super) async fn read(store: &Store, options: &Options) -> Result<Chain> {
+    let head = audit::head(store).await?;
+    let mut check = Check::new("I8", "the audit chain holds: nothing in it was edited, deleted or moved");
+    let mut events: BTreeMap<String, Vec<_>> = BTreeMap::new();
+    let (mut seq, mut sha256) = (0, String::new());
+    let mut known = options.known_head.clone();
+    loop {
+        let rows = audit::list(store, seq, BATCH).await?;
+        let Some(last) = rows.last().map(|row| row.seq) else { break };
+        for row in rows {
+            look_at(&mut check, &row, seq, &sha256);
+            known = known.filter(|(n, hash)| (*n, hash) != (row.seq, &row.sha256));
+            (seq, sha256) = (row.seq, row.sha256.clone());
+            let detail = serde_json::from_str(&row.detail_json).unwrap_or_default();
+            events.entry(row.subject).or_default().push((row.event, detail));
+        }
+        debug_assert_eq!(seq, last);
+    }
+    // A server beside this one adds to the chain meanwhile; the head read first is then somewhere in it.
+    check.require(head.seq <= seq, || format!("the chain ends at entry {seq}, but entry {} was the last one", head.seq));
+    check.require(head.seq != seq || head.sha256 == sha256, || format!("entry {seq} is not the one that was last"));
+    if let Some((n, _)) = known {
+        check.violated(format!("the head kept elsewhere, entry {n}, is not in the chain"));
+    }
+    let missing: Vec<String> =
+        sqlx::query_scalar(MISSING).bind(head.begun_at_ms).bind(super::MAX_LISTED as i64).fetch_all(store.pool()).await?;
+    missing.into_iter().for_each(|id| check.violated(format!("{id} was made, but no entry says so")));
+    Ok(Chain { check, begun_at_ms: head.begun_at_ms, events })
+}
+
+fn look_at(check: &mut Check, row: &AuditRow, seq_before: i64, sha256_before: &str) {
+    check.n_examined += 1;
+    check.require(row.seq == seq_before + 1, || format!("after entry {seq_before} comes entry {}", row.seq));
+    check.require(row.sha256 == audit::hash(sha256_before, row), || {
+        format!("entry {} ({} {}) does not fit its hash and the entry before", row.seq, row.event, row.subject)
+    });
+}

@@ -1,0 +1,210 @@
+//! I1 to I7: what the rows say, against their hashes and the audit chain.
+
+use std::collections::BTreeMap;
+
+use super::chain::Chain;
+use super::{BATCH, Check, Options};
+use crate::store::{Result, Store};
+use crate::wire::canonical::sha256_hex;
+
+pub(super) const SETS: &str = "select id, sha256, body from measurement_set where id > $1 order by id limit $2";
+pub(super) const FRAMES: &str = "select id, cast('' as text), body from frames where id > $1 order by id limit $2";
+pub(super) const NETWORKS: &str = "select id, cast('' as text), weights from network where id > $1 order by id limit $2";
+pub(super) const ROBOTS: &str = "select id, body_json from robot where id > $1 order by id limit $2";
+pub(super) const PARAMETER_SETS: &str = "select id, body_json from parameter_set where id > $1 order by id limit $2";
+pub(super) const JOBS: &str = "
+    select id, robot_id, measurement_set_id, coalesce(verify_set_id, ''), coalesce(frames_id, ''), coalesce(network_input_id, ''),
+        coalesce(parameter_set_input_id, ''), request_json, report_json, coalesce(result_sha256, '')
+    from job where status = 'succeeded' and id > $1 order by id limit $2";
+pub(super) const ANSWERS: &str = "
+    select key_holder, method, path, idempotency_key, status, location from idempotency
+    order by key_holder, method, path, idempotency_key";
+pub(super) const SUBJECT_SET: &str = "select count(*) from measurement_set where id = $1";
+pub(super) const SUBJECT_FRAMES: &str = "select count(*) from frames where id = $1";
+pub(super) const SUBJECT_ROBOT: &str = "select count(*) from robot where id = $1";
+pub(super) const SUBJECT_JOB: &str = "select count(*) from job where id = $1";
+pub(super) const SUBJECT_PARAMETER_SET: &str = "select count(*) from parameter_set where id = $1";
+pub(super) const ENDS: &str = "
+    select id, status, created_at_ms, (select count(*) from parameter_set p where p.job_id = job.id)
+    from job where id > $1 order by id limit $2";
+pub(super) const STUCK: &str = "
+    select id from job where status = 'running' and lease_until_ms < (select now_ms from clock) - $1 order by id";
+pub(super) const TWO_SETS: &str = "select job_id, count(*) from parameter_set group by job_id having count(*) > 1";
+pub(super) const TWO_RELEASED: &str = "
+    select robot_id, count(*) from parameter_set where status = 'released' group by robot_id having count(*) > 1";
+pub(super) const RELEASES: &str = "
+    select id, status, coalesce(release_checks_json, ''), coalesce(released_at_ms, 0) from parameter_set
+    where released_at_ms is not null order by id";
+
+/// A worker looks at leases every second; this is past any delay of a busy machine, ms.
+const STUCK_AFTER_MS: i64 = 60_000;
+
+/// I1: bytes and documents are those whose hash was kept when they were acknowledged.
+pub(super) async fn uploads_read_back(store: &Store, chain: &Chain) -> Result<Check> {
+    let mut check = Check::new("I1", "every acknowledged upload reads back bit for bit");
+    let mut found = 0;
+    for (query, event) in [(SETS, "measurement_set_created"), (FRAMES, "frames_created"), (NETWORKS, "network_created")] {
+        let mut after = String::new();
+        loop {
+            let query = sqlx::query_as(query).bind(&after).bind(BATCH);
+            let rows: Vec<(String, String, Vec<u8>)> = query.fetch_all(store.pool()).await?;
+            let Some(last) = rows.last() else { break };
+            after.clone_from(&last.0);
+            for (id, kept, body) in rows {
+                found += 1;
+                let now = sha256_hex(&body);
+                check.require(kept.is_empty() || kept == now, || format!("{id}: its bytes are not those of its hash"));
+                noted(&mut check, chain, &id, event, "sha256", &now);
+            }
+        }
+    }
+    for (query, event, field) in [(ROBOTS, "robot_created", "sha256"), (PARAMETER_SETS, "parameter_set_created", "body_sha256")] {
+        let mut after = String::new();
+        loop {
+            let rows: Vec<(String, String)> = sqlx::query_as(query).bind(&after).bind(BATCH).fetch_all(store.pool()).await?;
+            let Some(last) = rows.last() else { break };
+            after.clone_from(&last.0);
+            for (id, document) in rows {
+                found += 1;
+                noted(&mut check, chain, &id, event, field, &sha256_hex(document.as_bytes()));
+            }
+        }
+    }
+    check.n_examined = found;
+    lost(&mut check, store, chain).await?;
+    Ok(check)
+}
+
+fn noted(check: &mut Check, chain: &Chain, id: &str, event: &str, field: &str, now: &str) {
+    // What is older than the chain has no entry; what should have one and has none is for I8 to tell.
+    if let Some(then) = chain.says(id, event, field) {
+        check.require(then == now, || format!("{id}: it is not what was acknowledged"));
+    }
+}
+
+/// Everything that the chain says was made is there.
+async fn lost(check: &mut Check, store: &Store, chain: &Chain) -> Result<()> {
+    for (id, events) in &chain.events {
+        if events.iter().any(|(event, _)| event.ends_with("_created")) && !is_there(store, id).await? {
+            check.violated(format!("{id} was acknowledged and is gone"));
+        }
+    }
+    Ok(())
+}
+
+async fn is_there(store: &Store, id: &str) -> Result<bool> {
+    let query = match id.split_once('_').map(|(prefix, _)| prefix) {
+        Some("set") => SUBJECT_SET,
+        Some("frm") => SUBJECT_FRAMES,
+        Some("rob") => SUBJECT_ROBOT,
+        Some("job") => SUBJECT_JOB,
+        Some("par") => SUBJECT_PARAMETER_SET,
+        _ => return Ok(true),
+    };
+    let n: i64 = sqlx::query_scalar(query).bind(id).fetch_one(store.pool()).await?;
+    Ok(n == 1)
+}
+
+type Answered = (String, String, String, String, Option<i64>, Option<String>);
+
+/// I2: a key's answer and its effect were one transaction.
+pub(super) async fn answers_have_effects(store: &Store) -> Result<Check> {
+    let mut check = Check::new("I2", "a request happened wholly or not at all, and once per Idempotency-Key");
+    let rows: Vec<Answered> = sqlx::query_as(ANSWERS).fetch_all(store.pool()).await?;
+    for (_, method, path, key, status, location) in rows {
+        check.n_examined += 1;
+        check.require(status.is_some(), || format!("{method} {path} with key {key:?} was begun and never answered"));
+        if let Some(id) = location.as_deref().and_then(|location| location.rsplit('/').next()) {
+            check.require(is_there(store, id).await?, || {
+                format!("{method} {path} with key {key:?} was answered with {id}, which is not there")
+            });
+        }
+    }
+    Ok(check)
+}
+
+/// I3: one end per job in the chain, none before the end; nobody holds a job past its lease.
+pub(super) async fn jobs_end_once(store: &Store, chain: &Chain, options: &Options) -> Result<Check> {
+    let mut check = Check::new("I3", "every accepted job ends in exactly one state, and none is stuck");
+    let mut after = String::new();
+    loop {
+        let rows: Vec<(String, String, i64, i64)> = sqlx::query_as(ENDS).bind(&after).bind(BATCH).fetch_all(store.pool()).await?;
+        let Some(last) = rows.last() else { break };
+        after.clone_from(&last.0);
+        for (id, status, created_at_ms, n_sets) in rows {
+            check.n_examined += 1;
+            let ended = |event: &'static str| chain.details(&id, event).count();
+            let ends = [("succeeded", ended("job_succeeded")), ("failed", ended("job_failed")), ("cancelled", ended("job_cancelled"))];
+            let n_ends: usize = ends.iter().map(|(_, n)| n).sum();
+            let is_over = ends.iter().any(|(end, _)| *end == status);
+            if created_at_ms > chain.begun_at_ms {
+                check.require(n_ends == usize::from(is_over), || format!("{id} is {status} and has ended {n_ends} times"));
+                let agrees = !is_over || ends.contains(&(status.as_str(), 1));
+                check.require(agrees, || format!("{id} is {status}, which is not how it ended"));
+            }
+            check.require(n_sets == 0 || status == "succeeded", || format!("{id} is {status} and has a parameter set"));
+        }
+    }
+    if options.is_served {
+        let stuck: Vec<String> = sqlx::query_scalar(STUCK).bind(STUCK_AFTER_MS).fetch_all(store.pool()).await?;
+        stuck.into_iter().for_each(|id| check.violated(format!("{id} is stuck: its lease ran out over a minute ago")));
+    }
+    Ok(check)
+}
+
+/// I4.
+pub(super) async fn one_set_per_job(store: &Store) -> Result<Check> {
+    let mut check = Check::new("I4", "a job has at most one parameter set");
+    let twice: Vec<(String, i64)> = sqlx::query_as(TWO_SETS).fetch_all(store.pool()).await?;
+    twice.into_iter().for_each(|(id, n)| check.violated(format!("{id} has {n} parameter sets")));
+    Ok(check)
+}
+
+type Result5 = (String, String, String, String, String, String, String, String, String, String);
+
+/// I5: equal inputs, equal results.
+pub(super) async fn same_request_same_result(store: &Store) -> Result<Check> {
+    let mut check = Check::new("I5", "the same request, seed and version gives the same bytes");
+    let mut results: BTreeMap<String, (String, String)> = BTreeMap::new();
+    let mut after = String::new();
+    loop {
+        let rows: Vec<Result5> = sqlx::query_as(JOBS).bind(&after).bind(BATCH).fetch_all(store.pool()).await?;
+        let Some(last) = rows.last() else { break };
+        after.clone_from(&last.0);
+        for (id, robot, set, verify, frames, network, parameters, request, report, result_sha256) in rows {
+            check.n_examined += 1;
+            let report: serde_json::Value = serde_json::from_str(&report).unwrap_or_default();
+            check.require(report["result_sha256"] == *result_sha256, || format!("{id}: its report is not the one that was hashed"));
+            let inputs = serde_json::json!([robot, set, verify, frames, network, parameters, request, report["version"]]).to_string();
+            let (first, expected) = results.entry(inputs).or_insert_with(|| (id.clone(), result_sha256.clone()));
+            check.require(*expected == result_sha256, || format!("{id} and {first} asked for the same and got different results"));
+        }
+    }
+    Ok(check)
+}
+
+/// I6.
+pub(super) async fn one_released_per_robot(store: &Store) -> Result<Check> {
+    let mut check = Check::new("I6", "a robot has at most one released parameter set");
+    let twice: Vec<(String, i64)> = sqlx::query_as(TWO_RELEASED).fetch_all(store.pool()).await?;
+    twice.into_iter().for_each(|(id, n)| check.violated(format!("{id} has {n} released parameter sets")));
+    Ok(check)
+}
+
+/// I7: the checks are kept, all passed, and are those of the chain.
+pub(super) async fn releases_have_checks(store: &Store, chain: &Chain) -> Result<Check> {
+    let mut check = Check::new("I7", "no release without its checks");
+    let rows: Vec<(String, String, String, i64)> = sqlx::query_as(RELEASES).fetch_all(store.pool()).await?;
+    for (id, status, checks_json, released_at_ms) in rows {
+        check.n_examined += 1;
+        let checks: Vec<serde_json::Value> = serde_json::from_str(&checks_json).unwrap_or_default();
+        check.require(!checks.is_empty(), || format!("{id} is {status} without checks"));
+        check.require(checks.iter().all(|gate| gate["passed"] == true), || format!("{id} is {status} in spite of a gate that failed"));
+        if released_at_ms > chain.begun_at_ms {
+            let noted = chain.says(&id, "parameter_set_released", "checks_sha256");
+            let is_noted = noted.as_deref() == Some(sha256_hex(checks_json.as_bytes()).as_str());
+            check.require(is_noted, || format!("{id} is {status}, but the audit chain does not say so with these checks"));
+        }
+    }
+    Ok(check)
+}

@@ -1,0 +1,71 @@
+//! I9, and the constraints behind I4, I6 and I7: the database is sound and still has its schema.
+
+use super::Check;
+use crate::store::{Engine, Result, Store};
+
+pub(super) const QUERIES_SQLITE: &[&str] = &[INTEGRITY, FOREIGN_KEYS, OBJECTS_SQLITE, UNIQUE_SQLITE];
+pub(super) const QUERIES_POSTGRES: &[&str] = &[UNPROVEN_POSTGRES, OBJECTS_POSTGRES, UNIQUE_POSTGRES];
+
+const INTEGRITY: &str = "select integrity_check from pragma_integrity_check";
+const FOREIGN_KEYS: &str = "select \"table\" from pragma_foreign_key_check";
+const OBJECTS_SQLITE: &str = "select name from sqlite_master where type in ('trigger', 'index')";
+const UNIQUE_SQLITE: &str = "
+    select m.name || '(' || (select group_concat(i.name) from pragma_index_info(l.name) i) || ')'
+    from sqlite_master m, pragma_index_list(m.name) l where m.type = 'table' and l.\"unique\" = 1";
+
+const UNPROVEN_POSTGRES: &str = "select cast(conname as text) from pg_constraint where not convalidated";
+const OBJECTS_POSTGRES: &str = "
+    select cast(tgname as text) from pg_trigger where tgenabled <> 'D' and not tgisinternal
+    union all select cast(indexname as text) from pg_indexes where schemaname = current_schema()";
+const UNIQUE_POSTGRES: &str = "
+    select c.relname || '(' || (select string_agg(cast(a.attname as text), ',' order by k.n)
+        from unnest(i.indkey) with ordinality k (attnum, n) join pg_attribute a on a.attrelid = c.oid and a.attnum = k.attnum) || ')'
+    from pg_index i join pg_class c on c.oid = i.indrelid join pg_namespace s on s.oid = c.relnamespace
+    where i.indisunique and i.indisvalid and s.nspname = current_schema()";
+
+/// Without one of these something is promised that nothing keeps.
+const GUARDS: &[&str] = &[
+    "audit_entry_stays",
+    "audit_entry_is_kept",
+    "parameter_set_one_released",
+    "parameter_set_life",
+    "parameter_set_checks",
+    "parameter_set_stays",
+    "parameter_set_is_kept",
+    "measurement_set_stays",
+    "robot_stays",
+    "job_stays_over",
+];
+const UNIQUE: &[&str] = &[
+    "parameter_set(job_id)",
+    "parameter_set(robot_id)",
+    "network(job_id)",
+    "idempotency(key_holder,method,path,idempotency_key)",
+    "api_key(key_sha256)",
+];
+
+pub(super) async fn is_sound(store: &Store) -> Result<Check> {
+    let mut check = Check::new("I9", "the database is sound, its references hold and its constraints are in force");
+    let (objects, unique) = match store.engine() {
+        Engine::Sqlite => {
+            let lines: Vec<String> = sqlx::query_scalar(INTEGRITY).fetch_all(store.pool()).await?;
+            check.n_examined += lines.len() as i64;
+            lines.into_iter().filter(|line| line != "ok").for_each(|line| check.violated(line));
+            let tables: Vec<String> = sqlx::query_scalar(FOREIGN_KEYS).fetch_all(store.pool()).await?;
+            tables.into_iter().for_each(|table| check.violated(format!("a row of {table} refers to one that is not there")));
+            (OBJECTS_SQLITE, UNIQUE_SQLITE)
+        }
+        Engine::Postgres => {
+            let unproven: Vec<String> = sqlx::query_scalar(UNPROVEN_POSTGRES).fetch_all(store.pool()).await?;
+            unproven.into_iter().for_each(|name| check.violated(format!("constraint {name} is not validated")));
+            (OBJECTS_POSTGRES, UNIQUE_POSTGRES)
+        }
+    };
+    let objects: Vec<String> = sqlx::query_scalar(objects).fetch_all(store.pool()).await?;
+    let unique: Vec<String> = sqlx::query_scalar(unique).fetch_all(store.pool()).await?;
+    for (name, found) in GUARDS.iter().map(|name| (name, &objects)).chain(UNIQUE.iter().map(|name| (name, &unique))) {
+        check.n_examined += 1;
+        check.require(found.iter().any(|object| object == name), || format!("the schema has lost {name}"));
+    }
+    Ok(check)
+}

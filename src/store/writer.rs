@@ -1,0 +1,226 @@
+//! Group commit on SQLite: writers that wait at the same moment share one transaction, and so one fsync.
+//!
+//! The first writer opens the transaction and queues its end behind all who wait already; each writer works between two
+//! savepoints, so that one can fail without the others; none is answered before the common commit. What is not a writer's
+//! own statement runs in a task of its own: a client that goes away in the middle leaves no half-open transaction.
+
+use std::sync::Arc;
+
+use sqlx::pool::PoolConnection;
+use sqlx::{Any, AnyConnection, AnyPool, Executor};
+use tokio::sync::{Mutex, OwnedMutexGuard, oneshot};
+use tokio::time::Instant;
+
+use super::audit::{self, AuditHead, Note};
+use super::{Error, Result};
+
+/// The one writer of a SQLite database.
+#[derive(Debug)]
+pub(super) struct Writer {
+    pool: AnyPool,
+    state: Arc<Mutex<State>>,
+}
+
+#[derive(Debug, Default)]
+struct State {
+    group: Option<Group>,
+    /// When opening a group failed last: those who waited then need not find out for themselves.
+    failed: Option<(Instant, Arc<sqlx::Error>)>,
+}
+
+/// An open transaction with a savepoint set, and those who wait for its end.
+#[derive(Debug)]
+struct Group {
+    connection: PoolConnection<Any>,
+    begun_with: AuditHead,
+    head: AuditHead,
+    waiting: Vec<oneshot::Sender<Verdict>>,
+}
+
+type Verdict = Result<(), Arc<sqlx::Error>>;
+
+/// One writer's share of a group. Dropped, it is undone.
+#[derive(Debug)]
+pub(super) struct Member {
+    /// Holds the group; none once this member is done.
+    state: Option<OwnedMutexGuard<State>>,
+}
+
+const BEGIN: &str = "begin immediate";
+const SAVE: &str = "savepoint member";
+const RELEASE: &str = "release member";
+const UNDO: &str = "rollback to member";
+const COMMIT: &str = "commit";
+
+impl Writer {
+    pub(super) fn new(pool: AnyPool) -> Self {
+        Self { pool, state: Arc::default() }
+    }
+
+    /// Waits for its turn in the group that is open, or opens one.
+    pub(super) async fn join(&self) -> Result<Member> {
+        in_a_task(enter(self.pool.clone(), Arc::clone(&self.state), Instant::now())).await
+    }
+}
+
+async fn enter(pool: AnyPool, state: Arc<Mutex<State>>, asked: Instant) -> Result<Member> {
+    let mut guard = Arc::clone(&state).lock_owned().await;
+    if guard.group.is_none() {
+        if let Some((_, error)) = guard.failed.as_ref().filter(|(when, _)| *when > asked) {
+            return Err(Error::NotCommitted(Arc::clone(error)));
+        }
+        match open(&pool).await {
+            Ok(group) => guard.group = Some(group),
+            Err(Error::Database(error)) => {
+                let error = Arc::new(error);
+                guard.failed = Some((Instant::now(), Arc::clone(&error)));
+                return Err(Error::NotCommitted(error));
+            }
+            Err(error) => return Err(error),
+        }
+        tokio::spawn(async move { close(&mut *state.lock_owned().await).await });
+    }
+    Ok(Member { state: Some(guard) })
+}
+
+async fn open(pool: &AnyPool) -> Result<Group> {
+    let mut connection = pool.acquire().await?;
+    connection.execute(BEGIN).await?;
+    let prepared = async {
+        let head = audit::head_in(&mut connection, false).await?;
+        connection.execute(SAVE).await?;
+        Ok(head)
+    };
+    match prepared.await {
+        Ok(head) => Ok(Group { connection, begun_with: head.clone(), head, waiting: Vec::new() }),
+        Err(error) => {
+            connection.close_on_drop();
+            Err(error)
+        }
+    }
+}
+
+/// Commits the group, if there is one, and tells everybody in it.
+async fn close(state: &mut State) {
+    let Some(mut group) = state.group.take() else { return };
+    match group.commit().await {
+        Ok(()) => group.tell(&Ok(())),
+        Err(error) => group.fail(error),
+    }
+}
+
+impl Group {
+    async fn commit(&mut self) -> Result<()> {
+        self.connection.execute(RELEASE).await?;
+        if self.head != self.begun_with {
+            audit::move_head(&mut self.connection, &self.head).await?;
+        }
+        self.connection.execute(COMMIT).await?;
+        Ok(())
+    }
+
+    fn tell(&mut self, verdict: &Verdict) {
+        for waiting in self.waiting.drain(..) {
+            // Nobody listens where the client has gone.
+            let _ = waiting.send(verdict.clone());
+        }
+    }
+
+    /// The transaction is not to be trusted any more: it goes down with its connection.
+    fn fail(mut self, error: Error) {
+        let error = match error {
+            Error::Database(error) => Arc::new(error),
+            Error::NotCommitted(error) => error,
+            other => Arc::new(sqlx::Error::Protocol(other.to_string())),
+        };
+        self.connection.close_on_drop();
+        self.tell(&Err(error));
+    }
+}
+
+impl Member {
+    pub(super) fn connection(&mut self) -> Option<&mut AnyConnection> {
+        self.state.as_mut()?.group.as_mut().map(|group| &mut *group.connection)
+    }
+
+    /// Leaves this member's writes and its audit entries to the group, and waits until the group is committed.
+    pub(super) async fn commit(mut self, actor: String, notes: Vec<Note>) -> Result<()> {
+        let Some(mut state) = self.state.take() else { return Ok(()) };
+        in_a_task(async move {
+            let appended = match state.group.as_mut() {
+                Some(group) => keep(group, &actor, notes).await,
+                None => return Err(broken()),
+            };
+            if let Err(error) = appended {
+                undo(&mut state).await;
+                return Err(error);
+            }
+            wait_for_the_group(state).await
+        })
+        .await
+    }
+
+    /// Undoes what this member did. What it saw may have been others' writes, so it waits for them too.
+    pub(super) async fn rollback(mut self) -> Result<()> {
+        let Some(mut state) = self.state.take() else { return Ok(()) };
+        in_a_task(async move {
+            undo(&mut state).await;
+            wait_for_the_group(state).await
+        })
+        .await
+    }
+}
+
+impl Drop for Member {
+    fn drop(&mut self) {
+        let Some(mut state) = self.state.take() else { return };
+        match tokio::runtime::Handle::try_current() {
+            Ok(runtime) => drop(runtime.spawn(async move { undo(&mut state).await })),
+            Err(_) => {
+                if let Some(group) = state.group.take() {
+                    group.fail(broken());
+                }
+            }
+        }
+    }
+}
+
+/// Writes the audit entries and puts the savepoint behind everything done so far.
+async fn keep(group: &mut Group, actor: &str, notes: Vec<Note>) -> Result<()> {
+    let head = audit::append(&mut group.connection, &group.head, actor, notes).await?;
+    group.connection.execute(RELEASE).await?;
+    group.connection.execute(SAVE).await?;
+    group.head = head;
+    Ok(())
+}
+
+/// Back to the savepoint. If that fails, the engine has given up the whole transaction (disk full, I/O error), and with it all
+/// members before.
+async fn undo(state: &mut State) {
+    let Some(group) = state.group.as_mut() else { return };
+    if let Err(error) = group.connection.execute(UNDO).await
+        && let Some(group) = state.group.take()
+    {
+        group.fail(error.into());
+    }
+}
+
+async fn wait_for_the_group(mut state: OwnedMutexGuard<State>) -> Result<()> {
+    let Some(group) = state.group.as_mut() else { return Err(broken()) };
+    let (sender, verdict) = oneshot::channel();
+    group.waiting.push(sender);
+    drop(state);
+    match verdict.await {
+        Ok(verdict) => verdict.map_err(Error::NotCommitted),
+        Err(_) => Err(broken()),
+    }
+}
+
+fn broken() -> Error {
+    Error::NotCommitted(Arc::new(sqlx::Error::WorkerCrashed))
+}
+
+/// Runs to its end even if whoever waits for it goes away.
+async fn in_a_task<T: Send + 'static>(work: impl Future<Output = Result<T>> + Send + 'static) -> Result<T> {
+    tokio::spawn(work).await.unwrap_or_else(|_| Err(broken()))
+}

@@ -1,0 +1,58 @@
+#!/usr/bin/env bash
+# Plants one fault at a time in a copy of the tree and runs the test that has to catch it. A fault that no test catches fails this script.
+# By hand, not in CI: each fault is a build. `tests/planted_faults.sh [part of a name]`; KINCAL_PLANT_TARGET keeps the copy's target directory.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+
+# name | file | sed expression | test binary | filter of the tests that must fail
+faults() {
+    grep -vE '^\s*(#|$)' <<'TABLE'
+acknowledged before the commit        | src/store/writer.rs         | s/match verdict.await \{/match Ok::<_, oneshot::error::RecvError>(Ok::<(), Arc<sqlx::Error>>(drop(verdict))) {/ | store | what_a_writer_sees
+a failed writer keeps its writes      | src/store/writer.rs         | s/const UNDO: \&str = "rollback to member"/const UNDO: \&str = "select 1"/ | store | takes_no_other
+no fencing token                      | src/store/leases.rs         | s/ where id = \$1 and owner = \$2 and attempt = \$3 and status = 'running'/ where id = $1 and $2 = $2 and $3 = $3 and status = 'running'/ | jobs | queue::
+no UNIQUE on the job's parameter set  | migrations/sqlite/0001_initial.sql | /create table parameter_set/,/);/ s/job_id              text   not null unique/job_id              text   not null/ | store | a_job_has_at_most_one
+no UNIQUE on the released set         | migrations/sqlite/0001_initial.sql | s/create unique index parameter_set_one_released/create index parameter_set_one_released/ | store | the_schema_itself_refuses_a_second
+a release in spite of a failed gate   | migrations/sqlite/0002_trust.sql | s/or new.release_checks_json like '%"passed":false%'// | store | in_spite_of_a_failed_gate
+a withdrawn set comes back            | migrations/sqlite/0002_trust.sql | s/old.status = 'withdrawn' and new.status <> 'withdrawn'/1 = 0/ | store | keeps_the_life
+the chain forgets the hash before     | src/store/audit.rs          | s/json!\(\[before, seq/json!(["", seq/ | store | an_edit_a_deletion
+the chain leaves out who did it       | src/store/audit.rs          | s/seq, at_ms, actor, event, subject, detail_json\]\)/seq, at_ms, "", event, subject, detail_json])/ | store | an_edit_a_deletion
+the key is claimed outside its effect | src/store/idempotency.rs    | s/    on conflict do nothing"/    on conflict (key_holder, method, path, idempotency_key) do update set status = null"/ | store | idempotency::
+synchronous = NORMAL                  | src/store/open.rs           | s/pragma synchronous = full/pragma synchronous = normal/ | store | durable_settings
+attempts without end                  | src/store/leases.rs         | s/"\(attempt >= \$1 or deaths >= \$3\)"/"($1 < 0 or $3 < 0)"/ | jobs | is_tried_as_often
+bytes are not compared                | src/store/verify/content.rs | s/kept.is_empty\(\) \|\| kept == now/true || kept == now/; s/then == now/true || then == now/ | store | each_fault_is_told
+TABLE
+}
+
+copy=$(mktemp -d)
+trap 'rm -rf "$copy"' EXIT
+target=${KINCAL_PLANT_TARGET:-$copy/target}
+caught=0 missed=0
+trim() { sed -E 's/^\s+|\s+$//g' <<<"$1"; }
+
+while IFS= read -r line; do
+    # A pipe inside a sed expression is written as || or with a backslash; the columns are separated by " | ".
+    IFS=$'\x1f' read -r name file expression binary filter <<<"${line// | /$'\x1f'}"
+    name=$(trim "$name") file=$(trim "$file") expression=$(trim "$expression") binary=$(trim "$binary") filter=$(trim "$filter")
+    case "$name" in *"${1:-}"*) ;; *) continue ;; esac
+    rm -rf "$copy/tree" && mkdir "$copy/tree"
+    git ls-files -z | xargs -0 cp --parents --no-dereference --preserve=timestamps -t "$copy/tree"
+    sed -E -i "$expression" "$copy/tree/$file"
+    if cmp --silent "$file" "$copy/tree/$file"; then
+        printf 'NOT PLANTED  %-40s the expression changes nothing in %s\n' "$name" "$file"
+        missed=$((missed + 1))
+        continue
+    fi
+    log="$copy/log"
+    if ! (cd "$copy/tree" && CARGO_TARGET_DIR=$target cargo test --test "$binary" --no-run) >"$log" 2>&1; then
+        printf 'NO BUILD     %-40s\n' "$name"; grep -E '^error' -A5 "$log" | head -20
+        missed=$((missed + 1))
+    elif (cd "$copy/tree" && CARGO_TARGET_DIR=$target RUST_BACKTRACE=0 timeout 300 cargo test --test "$binary" -- "$filter") >"$log" 2>&1; then
+        printf 'MISSED       %-40s %s %s passed\n' "$name" "$binary" "$filter"
+        missed=$((missed + 1))
+    else
+        printf 'caught       %-40s by %s\n' "$name" "$(grep -E '^test .* FAILED' "$log" | sed -E 's/^test (.*) \.\.\. FAILED/\1/' | paste -sd' ')"
+        caught=$((caught + 1))
+    fi
+done < <(faults)
+printf '%d caught, %d not\n' "$caught" "$missed"
+[ "$missed" = 0 ]

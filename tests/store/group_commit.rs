@@ -1,0 +1,145 @@
+//! Writers that share a commit on SQLite: each for itself, all answered after it.
+
+use std::time::Duration;
+
+use kincal::store::{Error, NewRobot, PageRequest, Store, Tx, robots};
+use sqlx::{Connection, Executor};
+
+use crate::engines::{for_each_engine, on_sqlite};
+use crate::fixtures::a_robot;
+
+async fn insert(tx: &mut Tx, name: &str) {
+    robots::insert(tx, &NewRobot { name: name.into(), body_json: "{}".into() }).await.unwrap();
+}
+
+async fn names(store: &Store) -> Vec<String> {
+    let mut names: Vec<String> =
+        robots::list(store, None, &PageRequest::default()).await.unwrap().items.into_iter().map(|robot| robot.name).collect();
+    names.sort();
+    names
+}
+
+/// A writer of each kind, all waiting behind `first`; what each of them heard.
+async fn behind(store: &Store, first: Tx) -> (Result<(), Error>, Vec<Result<(), Error>>) {
+    let writers: Vec<_> = (0..9)
+        .map(|i| {
+            let store = store.clone();
+            tokio::spawn(async move {
+                let mut tx = store.begin().await?;
+                insert(&mut tx, &format!("{i}")).await;
+                match i % 3 {
+                    0 => tx.commit().await,
+                    1 => tx.rollback().await,
+                    _ => {
+                        drop(tx);
+                        Ok(())
+                    }
+                }
+            })
+        })
+        .collect();
+    let first = first.commit().await;
+    let mut heard = Vec::new();
+    for writer in writers {
+        heard.push(writer.await.unwrap());
+    }
+    (first, heard)
+}
+
+#[test]
+fn a_writer_that_rolls_back_or_goes_away_takes_no_other_with_it() {
+    for_each_engine(async |database| {
+        let store = &database.store;
+        let mut first = store.begin().await.unwrap();
+        insert(&mut first, "first").await;
+        let (first, heard) = behind(store, first).await;
+        first.unwrap();
+        heard.into_iter().for_each(|result| result.unwrap());
+        assert_eq!(names(store).await, ["0", "3", "6", "first"]);
+        a_robot(store, "later").await;
+        assert_eq!(names(store).await.len(), 5);
+    });
+}
+
+#[test]
+fn what_a_writer_sees_of_its_group_is_kept_from_readers_until_the_commit() {
+    on_sqlite(async |database| {
+        let store = &database.store;
+        let mut tx = store.begin().await.unwrap();
+        insert(&mut tx, "r").await;
+        assert_eq!(names(store).await, [""; 0]);
+        tx.commit().await.unwrap();
+        assert_eq!(names(store).await, ["r"]);
+    });
+}
+
+#[test]
+fn an_engine_that_gives_up_the_transaction_fails_everybody_in_it_and_nobody_after() {
+    on_sqlite(async |database| {
+        let store = &database.store;
+        let mut first = store.begin().await.unwrap();
+        insert(&mut first, "first").await;
+        // A constraint with `on conflict rollback` gives up the whole transaction, as a full disk does.
+        let mut saboteur = sqlx::AnyConnection::connect(&url(database)).await.unwrap();
+        first.rollback().await.unwrap();
+        saboteur.execute("create table strict (n bigint unique on conflict rollback)").await.unwrap();
+        saboteur
+            .execute("create trigger sabotage after insert on robot when new.name = 'bad' begin insert into strict values (1); end")
+            .await
+            .unwrap();
+        saboteur.execute("insert into strict values (1)").await.unwrap();
+        let mut first = store.begin().await.unwrap();
+        insert(&mut first, "first").await;
+        let bad = tokio::spawn({
+            let store = store.clone();
+            async move {
+                let mut tx = store.begin().await?;
+                robots::insert(&mut tx, &NewRobot { name: "bad".into(), body_json: "{}".into() }).await?;
+                tx.commit().await
+            }
+        });
+        let first = tokio::time::timeout(Duration::from_secs(20), first.commit()).await.expect("it is answered");
+        let bad = bad.await.unwrap();
+        assert!(bad.is_err());
+        // Whether the two shared a commit depends on who came when; what counts: an answer of success is kept, one of failure is not there.
+        let kept = names(store).await;
+        assert_eq!(kept, if first.is_ok() { vec!["first"] } else { vec![] });
+        a_robot(store, "after").await;
+        assert!(names(store).await.contains(&"after".to_owned()));
+    });
+}
+
+fn url(database: &crate::engines::TestDatabase) -> String {
+    let kincal::store::StoreLocation::Sqlite { data_dir } = &database.location else { unreachable!() };
+    format!("sqlite://{}/kincal.sqlite", data_dir.to_str().unwrap().replace('%', "%25").replace(' ', "%20"))
+}
+
+#[test]
+fn a_client_that_goes_away_at_any_moment_leaves_no_transaction_open() {
+    for_each_engine(async |database| {
+        let store = &database.store;
+        for polls in 0..60 {
+            let mut write = Box::pin(async {
+                let mut tx = store.begin().await.unwrap();
+                insert(&mut tx, "cut off").await;
+                tx.commit().await.unwrap();
+            });
+            for _ in 0..polls {
+                if futures_poll(&mut write).await {
+                    break;
+                }
+            }
+            drop(write);
+        }
+        tokio::time::timeout(Duration::from_secs(20), a_robot(store, "after")).await.expect("the writer is free");
+        let checks = kincal::store::verify::verify(store, &Default::default()).await.unwrap();
+        assert!(checks.iter().all(|check| check.n_violations == 0), "{checks:?}");
+    });
+}
+
+/// Polls once, then lets others run; whether it is done.
+async fn futures_poll(future: &mut (impl Future<Output = ()> + Unpin)) -> bool {
+    let done = std::future::poll_fn(|context| std::task::Poll::Ready(std::pin::Pin::new(&mut *future).poll(context).is_ready())).await;
+    tokio::task::yield_now().await;
+    done
+}
