@@ -9,12 +9,14 @@ pub mod report;
 pub mod request;
 mod settings;
 pub mod upload;
+mod verify;
 
 pub use check::check;
 pub use identify::calibrate;
 pub use predict::predict;
 pub use report::{CalibrationReport, Errors};
 pub use request::{CalibrationRequest, Method, Model, Preset};
+pub use verify::{check_verify, verify};
 
 use std::ops::ControlFlow;
 

@@ -55,6 +55,16 @@ pub fn observe(request: &CalibrationRequest) -> Result<Observed, Error> {
     })
 }
 
+/// The request's own set, all of it to verify.
+pub fn observe_to_verify(request: &CalibrationRequest) -> Observed {
+    let set = &request.set;
+    Observed {
+        all: observations(&request.robot, set, &to_base(request)),
+        subsets: vec![Subset::Verify; set.points.len()],
+        configurations: set.points.iter().map(|p| p.configuration.clone()).collect(),
+    }
+}
+
 /// Another set of the same robot: all of it to verify.
 pub fn observe_verify_set(request: &CalibrationRequest, set: &MeasurementSet) -> Observed {
     Observed {

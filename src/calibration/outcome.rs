@@ -115,7 +115,8 @@ pub fn report(
     Ok(report)
 }
 
-fn per_point(observed: &Observed, before: &KinematicModel, after: &KinematicModel) -> Vec<PointErrors> {
+/// Every point's error before and after.
+pub fn per_point(observed: &Observed, before: &KinematicModel, after: &KinematicModel) -> Vec<PointErrors> {
     let (before, after) = (residuals(before, &observed.all), residuals(after, &observed.all));
     (0..observed.all.len())
         .map(|i| PointErrors {

@@ -5,10 +5,11 @@ use crate::http::creation::{Submission, stored_json};
 use crate::http::extract::Id;
 use crate::http::{App, Error, access, jobs};
 use crate::jobs::queue;
-use crate::store::{MeasurementSetRow, NewJob, RobotRow, Tx, frames, measurement_sets, networks, parameter_sets};
+use crate::store::{MeasurementSetRow, NewJob, ParameterSetRow, RobotRow, Tx, frames, measurement_sets, networks, parameter_sets};
 use crate::wire::frames::FramesContent;
 use crate::wire::job::{JobAnswer, JobParts, JobRequestBody, Kind, Method, Model, VerifyBody};
 use crate::wire::measurement::{Frame, from_upload};
+use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::{Invalid, safetensors};
 use axum::extract::State;
 use axum::response::Response;
@@ -20,6 +21,7 @@ struct Sources {
     verify_set: Option<(MeasurementSetRow, Vec<u8>)>,
     frames: Option<FramesContent>,
     network: Option<(String, Vec<u8>)>,
+    parameter_set: Option<ParameterSetRow>,
 }
 
 /// Queues a calibration. The answer comes at once; poll the job with `wait_s`, or listen to its events.
@@ -54,7 +56,7 @@ fn new_job(request: &JobRequestBody, sources: &Sources) -> Result<NewJob, Error>
         verify_set_id: sources.verify_set.as_ref().map(|(row, _)| row.id.clone()),
         frames_id: request.frames_id.clone(),
         network_input_id: sources.network.as_ref().map(|(id, _)| id.clone()),
-        parameter_set_input_id: request.parameter_set_id.clone(),
+        parameter_set_input_id: sources.parameter_set.as_ref().map(|row| row.id.clone()),
         kind: match request.kind {
             Kind::Identify => "identify".into(),
             Kind::Verify => "verify".into(),
@@ -80,17 +82,32 @@ async fn load(app: &App, robot: RobotRow, request: &JobRequestBody) -> Result<So
         }
         None => None,
     };
-    if let Some(id) = &request.parameter_set_id {
-        own(parameter_sets::get(&app.store, id).await, |row| row.robot_id == robot.id, "/parameter_set_id", "parameter set")?;
-    }
+    let parameter_set = parameter_set(app, &robot, request, &set.0).await?;
     let network = network(app, &robot, request, &set.0).await?;
-    Ok(Sources { robot, set, verify_set, frames, network })
+    Ok(Sources { robot, set, verify_set, frames, network, parameter_set })
 }
 
 async fn set(app: &App, robot: &RobotRow, id: &str, at: &str) -> Result<(MeasurementSetRow, Vec<u8>), Error> {
     let row = own(measurement_sets::get(&app.store, id).await, |row| row.robot_id == robot.id, at, "measurement set")?;
     let body = measurement_sets::body(&app.store, &row.id).await?;
     Ok((row, body))
+}
+
+/// The parameter set that the job will use whatever is identified or released meanwhile: the one named; to verify, else the active one;
+/// to identify, else the robot's last from another upload, to compare with.
+async fn parameter_set(
+    app: &App,
+    robot: &RobotRow,
+    request: &JobRequestBody,
+    set: &MeasurementSetRow,
+) -> Result<Option<ParameterSetRow>, Error> {
+    Ok(match (&request.parameter_set_id, request.kind) {
+        (Some(id), _) => {
+            Some(own(parameter_sets::get(&app.store, id).await, |row| row.robot_id == robot.id, "/parameter_set_id", "parameter set")?)
+        }
+        (None, Kind::Verify) => parameter_sets::active(&app.store, &robot.id).await?,
+        (None, Kind::Identify) => parameter_sets::of_another_session(&app.store, &robot.id, &set.sha256).await?,
+    })
 }
 
 /// The network that the job will use whatever is trained meanwhile: the one named, or for `bpnn_pso` the newest that fits.
@@ -139,5 +156,13 @@ fn check(request: &JobRequestBody, sources: Sources) -> Result<(), Error> {
         network: network.map_err(|error| Error::Internal(error.to_string()))?,
         robot,
     };
-    Ok(calibration::check(&request.to_core(parts)?)?)
+    let calibration_request = request.to_core(parts)?;
+    match request.kind {
+        Kind::Identify => Ok(calibration::check(&calibration_request)?),
+        Kind::Verify => {
+            let parse = |row: &ParameterSetRow| serde_json::from_str::<ParameterSetContent>(&row.body_json);
+            let identified = sources.parameter_set.as_ref().map(parse).transpose()?.map(|content| content.to_core());
+            Ok(calibration::check_verify(&calibration_request, identified.as_ref())?)
+        }
+    }
 }

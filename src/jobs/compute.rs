@@ -26,8 +26,19 @@ pub struct JobInputs {
     pub frames: Option<FramesRow>,
     /// The network to start from.
     pub network: Option<NetworkInput>,
-    /// The parameter set to start from or to verify.
-    pub parameter_set: Option<ParameterSetRow>,
+    /// The parameter set to verify, or the robot's last identification, to compare with.
+    pub parameter_set: Option<ParameterSetInput>,
+}
+
+/// A parameter set, and what it was identified from.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ParameterSetInput {
+    /// The parameter set.
+    pub row: ParameterSetRow,
+    /// The points that it was identified from.
+    pub set: MeasurementSetInput,
+    /// The frames that they were identified with.
+    pub frames: Option<FramesRow>,
 }
 
 /// A measurement set with its bytes.
@@ -114,11 +125,21 @@ impl JobInputs {
             None => None,
         };
         let parameter_set = match &job.parameter_set_input_id {
-            Some(id) => Some(parameter_sets::get(store, id).await?),
+            Some(id) => Some(load_parameter_set(store, id).await?),
             None => None,
         };
         Ok(JobInputs { job, robot, set, verify_set, frames, network, parameter_set })
     }
+}
+
+async fn load_parameter_set(store: &Store, id: &str) -> Result<ParameterSetInput> {
+    let row = parameter_sets::get(store, id).await?;
+    let job = jobs::get(store, &row.job_id).await?;
+    let frames = match &job.frames_id {
+        Some(id) => Some(frames::get(store, id).await?),
+        None => None,
+    };
+    Ok(ParameterSetInput { row, set: load_set(store, &job.measurement_set_id).await?, frames })
 }
 
 async fn load_set(store: &Store, id: &str) -> Result<MeasurementSetInput> {

@@ -2,10 +2,10 @@
 //! but for the durations.
 
 use crate::calibration::{self, CalibrationReport, CalibrationRequest, Event, calibrate};
-use crate::jobs::{JobFailure, JobInputs, JobOutcome, MeasurementSetInput, Progress};
+use crate::jobs::{JobFailure, JobInputs, JobOutcome, MeasurementSetInput, ParameterSetInput, Progress};
 use crate::store::{NewNetwork, NewParameterSet};
 use crate::wire::frames::FramesContent;
-use crate::wire::job::{JobParts, JobRequestBody, VerifyBody};
+use crate::wire::job::{JobParts, JobRequestBody, Kind};
 use crate::wire::measurement::{Frame, MeasurementSet, from_upload};
 use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::report::{self, RunContext};
@@ -24,7 +24,11 @@ const COMPARISON: &str = "compare_";
 /// # Errors
 /// [`JobFailure::Cancelled`] when `progress` breaks, [`JobFailure::Failed`] with the problem that the client gets.
 pub fn compute(inputs: &JobInputs, progress: &mut dyn FnMut(Progress) -> ControlFlow<()>) -> Result<JobOutcome, JobFailure> {
-    let (request, verify_set_is_another) = request_of(inputs)?;
+    let body: JobRequestBody = json::parse(inputs.job.request_json.as_bytes()).map_err(broken)?;
+    let (request, verify_set_is_another) = request_of(&body, inputs)?;
+    if body.kind == Kind::Verify {
+        return verified(&request, inputs, progress);
+    }
     let calibrated = calibrated(&request, progress)?;
     let report = calibrated.report(&inputs.job.id, verify_set_is_another).map_err(broken)?;
     let content = ParameterSetContent::from_core(&calibrated.core);
@@ -36,6 +40,27 @@ pub fn compute(inputs: &JobInputs, progress: &mut dyn FnMut(Progress) -> Control
             sha256: content.sha256().map_err(broken)?,
         }),
         network: calibrated.network.map(new_network).transpose()?,
+        result_sha256: report.result_sha256,
+    })
+}
+
+/// Scores a parameter set, or the nominal robot; identifies nothing.
+fn verified(
+    request: &CalibrationRequest,
+    inputs: &JobInputs,
+    progress: &mut dyn FnMut(Progress) -> ControlFlow<()>,
+) -> Result<JobOutcome, JobFailure> {
+    let parse = |input: &ParameterSetInput| serde_json::from_str::<ParameterSetContent>(&input.row.body_json);
+    let identified = inputs.parameter_set.as_ref().map(parse).transpose().map_err(broken)?.map(|content| content.to_core());
+    let scored = |monitor: &mut calibration::Monitor<'_>| calibration::verify(request, identified.as_ref(), monitor);
+    let calibrated = timed(&scored, progress)?;
+    let another = inputs.parameter_set.as_ref().is_none_or(|input| input.set.row.sha256 != inputs.set.row.sha256);
+    let report = calibrated.report(&inputs.job.id, another).map_err(broken)?;
+    Ok(JobOutcome {
+        report_json: serde_json::to_string(&report).map_err(broken)?,
+        convergence_json: serde_json::to_string(&report::convergence(&calibrated.core)).map_err(broken)?,
+        parameter_set: None,
+        network: None,
         result_sha256: report.result_sha256,
     })
 }
@@ -69,6 +94,13 @@ impl Calibrated {
 /// # Errors
 /// As [`compute`].
 pub fn calibrated(request: &CalibrationRequest, progress: &mut dyn FnMut(Progress) -> ControlFlow<()>) -> Result<Calibrated, JobFailure> {
+    timed(&|monitor| calibrate(request, monitor), progress)
+}
+
+/// What the core computes when it is given a monitor.
+type Computation<'a> = dyn Fn(&mut calibration::Monitor<'_>) -> Result<CalibrationReport, calibration::Error> + 'a;
+
+fn timed(computation: &Computation<'_>, progress: &mut dyn FnMut(Progress) -> ControlFlow<()>) -> Result<Calibrated, JobFailure> {
     let mut clock = StageClock::start();
     let mut last = Progress { iteration: 0, n_iterations: 0, best_cost_mm2: f64::INFINITY };
     let mut monitor = |event: Event<'_>| {
@@ -78,7 +110,7 @@ pub fn calibrated(request: &CalibrationRequest, progress: &mut dyn FnMut(Progres
         }
         progress(last)
     };
-    let core = calibrate(request, &mut monitor).map_err(|error| match error {
+    let core = computation(&mut monitor).map_err(|error| match error {
         calibration::Error::Cancelled => JobFailure::Cancelled,
         calibration::Error::Unusable { code, detail } => failed(&Problem::new(422, code, detail)),
     })?;
@@ -102,8 +134,7 @@ fn new_network(network: StoredNetwork) -> Result<NewNetwork, JobFailure> {
 }
 
 /// The core's request from what is stored, and whether it verifies on another set than it identifies from.
-fn request_of(inputs: &JobInputs) -> Result<(CalibrationRequest, bool), JobFailure> {
-    let request: JobRequestBody = json::parse(inputs.job.request_json.as_bytes()).map_err(broken)?;
+fn request_of(request: &JobRequestBody, inputs: &JobInputs) -> Result<(CalibrationRequest, bool), JobFailure> {
     let body: RobotBody = json::parse(inputs.robot.body_json.as_bytes()).map_err(broken)?;
     let robot = body.to_core().map_err(broken)?;
     let n_joints = robot.links.len();
@@ -116,7 +147,8 @@ fn request_of(inputs: &JobInputs) -> Result<(CalibrationRequest, bool), JobFailu
         network: network.transpose().map_err(broken)?,
         robot,
     };
-    let another = matches!(&request.verify, Some(VerifyBody::Set { measurement_set_id }) if *measurement_set_id != inputs.set.row.id);
+    // the same bytes uploaded again are the same session
+    let another = inputs.verify_set.as_ref().is_some_and(|set| set.row.sha256 != inputs.set.row.sha256);
     let request = request.to_core(parts).map_err(|invalid: Invalid| failed(&Problem::new(422, invalid.code, invalid.summary())))?;
     Ok((request, another))
 }

@@ -12,7 +12,7 @@ mod progress;
 pub mod queue;
 mod worker;
 
-pub use compute::{Compute, JobFailure, JobInputs, JobOutcome, MeasurementSetInput, NetworkInput, Progress};
+pub use compute::{Compute, JobFailure, JobInputs, JobOutcome, MeasurementSetInput, NetworkInput, ParameterSetInput, Progress};
 pub use pool::WorkerPool;
 pub use progress::JobSignals;
 pub use worker::{WorkerContext, run_next_job, run_pending_jobs};

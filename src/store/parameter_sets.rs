@@ -107,7 +107,7 @@ macro_rules! columns {
     };
 }
 
-pub(super) const ALL_QUERIES: &[&str] = &[INSERT, GET, ACTIVE, LIST, LOCK_ROBOT, SUPERSEDE, RELEASE, WITHDRAW];
+pub(super) const ALL_QUERIES: &[&str] = &[INSERT, GET, ACTIVE, OF_ANOTHER_SESSION, LIST, LOCK_ROBOT, SUPERSEDE, RELEASE, WITHDRAW];
 
 const INSERT: &str = concat!(
     "insert into parameter_set (id, robot_id, job_id, status, body_json, sha256, created_at_ms)
@@ -119,6 +119,17 @@ const INSERT: &str = concat!(
 const GET: &str = concat!("select ", columns!(), " from parameter_set where id = $1");
 
 const ACTIVE: &str = concat!("select ", columns!(), " from parameter_set where robot_id = $1 and status = 'released'");
+
+const OF_ANOTHER_SESSION: &str = concat!(
+    "select ",
+    columns!(),
+    " from parameter_set
+     where robot_id = $1 and exists (
+         select 1 from job join measurement_set on measurement_set.id = job.measurement_set_id
+         where job.id = parameter_set.job_id and measurement_set.sha256 <> $2)
+     order by created_at_ms desc, id desc
+     limit 1"
+);
 
 const LIST: &str = concat!(
     "select ",
@@ -169,6 +180,14 @@ pub async fn get(store: &Store, id: &str) -> Result<ParameterSetRow> {
 /// [`super::Error::Database`].
 pub async fn active(store: &Store, robot_id: &str) -> Result<Option<ParameterSetRow>> {
     Ok(sqlx::query_as(ACTIVE).bind(robot_id).fetch_optional(store.pool()).await?)
+}
+
+/// The robot's newest parameter set that was identified from other bytes than those with this SHA-256.
+///
+/// # Errors
+/// [`super::Error::Database`].
+pub async fn of_another_session(store: &Store, robot_id: &str, set_sha256: &str) -> Result<Option<ParameterSetRow>> {
+    Ok(sqlx::query_as(OF_ANOTHER_SESSION).bind(robot_id).bind(set_sha256).fetch_optional(store.pool()).await?)
 }
 
 /// A robot's parameter sets, newest first.

@@ -23,7 +23,7 @@ pub enum Kind {
     /// Identifies parameters.
     #[default]
     Identify,
-    /// Scores a parameter set (not built yet).
+    /// Scores a parameter set on all points; identifies nothing.
     Verify,
 }
 
@@ -83,7 +83,8 @@ pub struct JobRequestBody {
     #[serde(default)]
     #[schema(inline)]
     pub kind: Kind,
-    /// The parameter set to verify (`kind: verify`).
+    /// `kind: verify`: the parameter set to score; default: the active one, else the nominal robot. `kind: identify`: the one whose
+    /// session to compare with; default: the robot's last from another upload.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub parameter_set_id: Option<String>,
     /// How.
@@ -225,13 +226,6 @@ impl JobRequestBody {
         }
         checker.finish("invalid_job")?;
         let mut missing = Checker::default();
-        if self.kind == Kind::Verify {
-            missing.note(
-                "/kind",
-                "not_available",
-                "kind \"verify\" is not built yet: post an identify job, its report scores the verify points",
-            );
-        }
         if self.parameters.as_ref().is_some_and(|p| p.priors.is_some()) {
             missing.note("/parameters/priors", "not_available", "priors are not built yet: leave them out, or hold the parameters");
         }

@@ -1,6 +1,7 @@
 //! A parameter set: what the controller needs, with a hash it can check.
 
 use crate::calibration::CalibrationReport;
+use crate::identification::KinematicModel;
 use crate::kinematics::Link;
 use crate::wire::angle::{to_degrees, to_radians};
 use crate::wire::canonical;
@@ -124,6 +125,16 @@ impl ParameterSetContent {
                 .enumerate()
                 .map(|(target, position)| Target { target, segment: None, position_mm: (*position).into() })
                 .collect(),
+        }
+    }
+
+    /// The core's model. Of a target that moved while it was measured, the last position.
+    pub fn to_core(&self) -> KinematicModel {
+        let n_targets = self.targets.iter().map(|t| t.target + 1).max().unwrap_or(0);
+        KinematicModel {
+            t_instrument_base: self.t_instrument_base.to_core(),
+            links: self.links_to_core(),
+            targets_mm: (0..n_targets).map(|target| self.target_mm(target, None).unwrap_or_else(Vector3::zeros)).collect(),
         }
     }
 

@@ -139,11 +139,48 @@ async fn events_tell_progress_and_end_with_finished() {
 }
 
 #[tokio::test]
+async fn a_verify_job_scores_the_named_set_else_the_active_one_else_the_nominal_robot() {
+    let app = TestApp::with_workers(1).await;
+    let (robot, identified) = app.identified().await;
+    let other = app.upload(&robot, "followup_unchanged.csv").await;
+    let request = json!({"measurement_set_id": other, "kind": "verify"});
+    let report = async |request: &Value| {
+        let job = app.run(&robot, request).await;
+        assert_eq!(
+            (&job["status"], &job["kind"], &job["parameter_set_id"]),
+            (&json!("succeeded"), &json!("verify"), &Value::Null),
+            "{job}"
+        );
+        app.get(&format!("/v1/jobs/{}/report", text(&job["id"]))).await.ok(200)
+    };
+    let nominal = report(&request).await;
+    assert_eq!(nominal["verify"]["before"], nominal["verify"]["after"]);
+    assert!(text(&nominal["method_reason"]).contains("nominal robot was scored"), "{}", nominal["method_reason"]);
+
+    let mut named = request.clone();
+    named["parameter_set_id"] = identified["parameter_set_id"].clone();
+    let scored = report(&named).await;
+    assert_eq!(
+        (&scored["evidence"], &scored["verify"]["n_points"], &scored["n_evaluations"]),
+        (&json!("independent_session"), &json!(100), &json!(0))
+    );
+    // planted without noise, and nothing changed in between
+    assert!(scored["verify"]["after"]["rms_mm"].as_f64() < Some(1e-6), "{}", scored["verify"]);
+    assert_eq!(scored["verify"]["before"], nominal["verify"]["before"]);
+    assert_eq!(scored["warnings"], json!([]));
+    named["measurement_set_id"] = identified["measurement_set_id"].clone();
+    assert_eq!(report(&named).await["evidence"], "same_upload");
+
+    let release = format!("/v1/parameter-sets/{}/release", text(&identified["parameter_set_id"]));
+    app.post_json(&release, &json!({"reason": "verified on another session"})).await.ok(200);
+    assert_eq!(report(&request).await["verify"], scored["verify"]);
+}
+
+#[tokio::test]
 async fn what_is_not_built_yet_is_refused_and_named() {
     let app = TestApp::spawn().await;
     let (robot, set) = app.robot_with_set("first.csv").await;
     for (extra, pointer) in [
-        (json!({"kind": "verify"}), Some("/kind")),
         (json!({"parameters": {"priors": [{"name": "a_1", "std": 0.1}]}}), Some("/parameters/priors")),
         (json!({"options": {"loss": "huber"}}), None),
     ] {

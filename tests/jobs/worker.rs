@@ -55,7 +55,7 @@ fn a_computation_gets_everything_that_its_job_names() {
             "verify_set": inputs.verify_set.as_ref().map(|set| (&set.row.id, &set.body)),
             "frames": inputs.frames.as_ref().map(|frames| &frames.id),
             "network": inputs.network.as_ref().map(|network| (&network.row.id, &network.weights)),
-            "parameter_set": inputs.parameter_set.as_ref().map(|set| &set.id),
+            "parameter_set": inputs.parameter_set.as_ref().map(|set| &set.row.id),
         });
         Err(JobFailure::Failed { problem_json: ids.to_string() })
     }

@@ -1,0 +1,173 @@
+//! `kind: "verify"`: how well a parameter set predicts points that it was not identified from. Nothing of the robot is fitted; where the
+//! points do not come in the base frame, base and targets are, for the nominal robot and for the identified one each for itself.
+
+use crate::calibration::observe::{Observed, observe_to_verify};
+use crate::calibration::outcome::{errors, per_point};
+use crate::calibration::report::{CalibrationReport, Errors, Identifiability, SubsetErrors, Warning};
+use crate::calibration::request::{CalibrationRequest, Model};
+use crate::calibration::{Error, Event, Monitor, unusable};
+use crate::identification::KinematicModel;
+use crate::identification::objective::cost;
+use crate::identification::start::fit_base_and_targets;
+use crate::measurement::Frame;
+use nalgebra::IsometryMatrix3;
+
+/// Below this many residuals for each number that is refitted, the refit hides a good part of the error.
+const FEW_RESIDUALS: usize = 3;
+
+/// A parameter set on a request's points, and the nominal robot beside it.
+struct Scored {
+    before: KinematicModel,
+    after: KinematicModel,
+    /// Numbers of base and targets that were refitted.
+    n_refitted: usize,
+}
+
+/// The checks of [`verify`] that need no fit.
+///
+/// # Errors
+/// [`Error::Unusable`] with code `under_determined` or `model_mismatch`.
+pub fn check_verify(request: &CalibrationRequest, identified: Option<&KinematicModel>) -> Result<(), Error> {
+    let n_links = request.robot.links.len();
+    if identified.is_some_and(|model| model.links.len() != n_links) {
+        return Err(unusable("model_mismatch", format!("the parameter set is not of this robot: the robot has {n_links} links")));
+    }
+    let (found, needed) = (3 * request.set.points.len(), n_refitted(request, identified) + 1);
+    if found < needed {
+        let detail = format!(
+            "{found} equations cannot place base and targets anew and still verify; measure at least {} points",
+            needed.div_ceil(3)
+        );
+        return Err(unusable("under_determined", detail));
+    }
+    Ok(())
+}
+
+/// Scores `identified` (the nominal robot where there is none) on all points of the request's set.
+///
+/// # Errors
+/// As [`check_verify`], and [`Error::Cancelled`].
+pub fn verify(
+    request: &CalibrationRequest,
+    identified: Option<&KinematicModel>,
+    monitor: &mut Monitor<'_>,
+) -> Result<CalibrationReport, Error> {
+    check_verify(request, identified)?;
+    if monitor(Event::Heartbeat).is_break() {
+        return Err(Error::Cancelled);
+    }
+    let observed = observe_to_verify(request);
+    let scored = score(request, identified, &observed);
+    let (Some(before), Some(after)) = (errors(&scored.before, &observed.all), errors(&scored.after, &observed.all)) else {
+        return Err(unusable("under_determined", "the set has no points"));
+    };
+    Ok(report(request, identified.is_some(), &observed, scored, SubsetErrors { n_points: observed.all.len(), before, after }))
+}
+
+/// Positions are in the base frame, so that nothing has to be placed.
+fn in_base_frame(request: &CalibrationRequest) -> bool {
+    request.set.frame == Frame::Base || (request.model() == Model::Paper && request.frames.is_some())
+}
+
+fn n_refitted(request: &CalibrationRequest, identified: Option<&KinematicModel>) -> usize {
+    let n_targets = request.set.n_targets();
+    let placed = in_base_frame(request)
+        && match identified {
+            // where its base is, or which target is which, is only known in the frame that it was identified in
+            Some(model) => model.t_instrument_base == IsometryMatrix3::identity() && n_targets <= model.targets_mm.len(),
+            None => n_targets <= 1,
+        };
+    if placed { 0 } else { 6 + 3 * n_targets }
+}
+
+fn score(request: &CalibrationRequest, identified: Option<&KinematicModel>, observed: &Observed) -> Scored {
+    let nominal = KinematicModel::nominal(&request.robot.links, request.set.n_targets());
+    let after = identified.cloned().unwrap_or_else(|| nominal.clone());
+    let n_refitted = n_refitted(request, identified);
+    if n_refitted > 0 {
+        let place = |model: &KinematicModel| fit_base_and_targets(&model.links, &observed.all, request.set.n_targets());
+        return Scored { before: place(&nominal), after: place(&after), n_refitted };
+    }
+    let mut before = KinematicModel { links: nominal.links, ..after.clone() };
+    if let (None, Some(frames)) = (identified, &request.frames) {
+        before.targets_mm[0].z = frames.z_tool_mm;
+    }
+    let after = if identified.is_some() { after } else { before.clone() };
+    Scored { before, after, n_refitted }
+}
+
+fn report(
+    request: &CalibrationRequest,
+    is_identified: bool,
+    observed: &Observed,
+    scored: Scored,
+    verify: SubsetErrors,
+) -> CalibrationReport {
+    let none = Errors { mean_mm: 0.0, std_mm: 0.0, rms_mm: 0.0, max_mm: 0.0 };
+    CalibrationReport {
+        method: request.method,
+        method_reason: verdict(is_identified, &verify),
+        model: request.model(),
+        preset: request.preset,
+        seed: request.seed,
+        termination: "verified",
+        n_iterations: 0,
+        n_evaluations: 0,
+        cost_mm2: cost(&scored.after, &observed.all),
+        convergence_mm2: vec![],
+        identify: SubsetErrors { n_points: 0, before: none, after: none },
+        verify: Some(verify),
+        per_point: per_point(observed, &scored.before, &scored.after),
+        parameters: vec![],
+        tool_uncertainty: None,
+        error_model: None,
+        identifiability: Identifiability {
+            n_parameters: 0,
+            rank: 0,
+            condition_number: f64::INFINITY,
+            unidentifiable: vec![],
+            observability_index_o1: 0.0,
+        },
+        comparison: vec![],
+        warnings: warnings(is_identified, &scored, &verify),
+        links: scored.after.links,
+        t_instrument_base: scored.after.t_instrument_base,
+        targets_mm: scored.after.targets_mm,
+        network: None,
+    }
+}
+
+/// In one sentence.
+fn verdict(is_identified: bool, verify: &SubsetErrors) -> String {
+    let (before, after) = (verify.before.rms_mm, verify.after.rms_mm);
+    match (is_identified, after < before) {
+        (false, _) => format!(
+            "nothing was identified: the nominal robot was scored, {before:.4} mm rms; no parameter set was named and none is released"
+        ),
+        (true, true) => {
+            format!("nothing was identified: the parameter set was scored, {after:.4} mm rms against {before:.4} mm of the nominal robot")
+        }
+        (true, false) => format!(
+            "nothing was identified: the parameter set was scored, and with {after:.4} mm rms the calibrated robot is no better than the nominal one ({before:.4} mm)"
+        ),
+    }
+}
+
+fn warnings(is_identified: bool, scored: &Scored, verify: &SubsetErrors) -> Vec<Warning> {
+    let mut warnings = Vec::new();
+    let (before, after) = (verify.before.rms_mm, verify.after.rms_mm);
+    if is_identified && after >= before {
+        let detail = format!(
+            "on these points the calibrated robot ({after:.4} mm rms) is no better than the nominal one ({before:.4} mm rms): do not use it"
+        );
+        warnings.push(Warning { code: "no_better_than_nominal", detail, rows: vec![] });
+    }
+    if 3 * verify.n_points < FEW_RESIDUALS * scored.n_refitted {
+        let detail = format!(
+            "{} points, from which {} numbers of base and targets were refitted: the errors are smaller than they would be elsewhere",
+            verify.n_points, scored.n_refitted
+        );
+        warnings.push(Warning { code: "few_verify_points", detail, rows: vec![] });
+    }
+    warnings
+}
