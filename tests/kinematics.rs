@@ -2,11 +2,12 @@
 
 #[path = "support/data.rs"]
 mod data;
+#[path = "kinematics/kernel.rs"]
+mod kernel;
 
 use data::{paper_robot, paper_set};
 use kincal::identification::parameters::{Parameter, Quantity, apply, complete_parameters};
 use kincal::identification::{KinematicModel, objective};
-use kincal::kinematics::batch::{LANES, LaneRobots, PreparedPoses, sum_of_squares};
 use kincal::kinematics::{Link, forward_kinematics, t_base_flange};
 use kincal::measurement::Subset;
 use nalgebra::{IsometryMatrix3, Matrix4, Rotation3, Translation3, Vector3, Vector4};
@@ -130,41 +131,6 @@ fn every_column_of_the_jacobian_equals_central_differences() {
             };
             let difference = (predicted(1.0) - predicted(-1.0)) / (2.0 * step);
             assert!((difference - jacobian.column(column)).norm() < DIFFERENCE, "{} with {n_links} links", parameter.name());
-        }
-    }
-}
-
-/// The kernel pushes points back with fused multiply-adds where the reference multiplies matrices: lengths of metres, some roundings.
-const KERNEL_RELATIVE: f64 = 1e-12;
-
-#[test]
-fn the_lane_kernel_equals_the_readable_cost_for_any_robot() {
-    let mut random = ChaCha8Rng::seed_from_u64(4);
-    for n_links in 1..=12 {
-        for base_known in [false, true] {
-            let mut models: Vec<KinematicModel> = (0..LANES).map(|_| random_model(&mut random, n_links, 3)).collect();
-            if base_known {
-                models.iter_mut().for_each(|m| m.t_instrument_base = IsometryMatrix3::identity());
-            }
-            let observations: Vec<objective::Observation> = (0..40)
-                .map(|i| objective::Observation {
-                    q_rad: random_q(&mut random, n_links),
-                    position_mm: Vector3::new(random.random_range(-1000.0..1000.0), 500.0, -200.0),
-                    target: i % 3,
-                    weight: random.random_range(0.1..2.0),
-                })
-                .collect();
-            let mut poses = PreparedPoses::new(n_links);
-            observations.iter().for_each(|o| poses.push(&o.q_rad, o.position_mm, o.weight, o.target));
-            let mut lanes = LaneRobots::new(n_links, 3);
-            lanes.clear();
-            for (lane, m) in models.iter().enumerate() {
-                lanes.set_lane(lane, &m.links, &m.t_instrument_base, &m.targets_mm);
-            }
-            for (lane, fast) in sum_of_squares(&lanes, &poses).into_iter().enumerate() {
-                let readable = objective::cost(&models[lane], &observations);
-                assert!((fast - readable).abs() <= KERNEL_RELATIVE * readable, "{n_links} links, lane {lane}: {fast} and {readable}");
-            }
         }
     }
 }

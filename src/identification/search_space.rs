@@ -41,6 +41,11 @@ impl SearchSpace {
         Self { reference, parameters, directions: decomposition.seen_directions(), scale, is_raw: false }
     }
 
+    /// True if every coordinate is one parameter, scaled.
+    pub fn is_raw(&self) -> bool {
+        self.is_raw
+    }
+
     /// Number of coordinates.
     pub fn n_coordinates(&self) -> usize {
         self.directions.ncols()

@@ -1,62 +1,104 @@
 //! The swarm on a search space: F of all particles through the fast kernel.
 
-use crate::identification::KinematicModel;
 use crate::identification::objective::Observation;
-use crate::identification::parameters::apply_into;
+use crate::identification::parameters::{Parameter, Quantity};
 use crate::identification::search_space::SearchSpace;
-use crate::kinematics::batch::{LANES, LaneRobots, PreparedPoses, sum_of_squares};
+use crate::kinematics::batch::{LANES, LaneRobots, Lanes, Moved, PreparedPoses, sum_of_squares};
 use crate::solvers::pso::{self, Positions};
+use multiversion::multiversion;
 
 /// F of a swarm's particles, with everything prepared that does not change between iterations.
 pub struct SwarmCost<'a> {
     space: &'a SearchSpace,
     poses: PreparedPoses,
-    lanes: LaneRobots,
-    coordinates: Vec<f64>,
-    deviation: Vec<f64>,
-    model: KinematicModel,
+    robots: LaneRobots,
+    /// One per parameter.
+    deviations: Vec<Lanes>,
 }
 
 impl<'a> SwarmCost<'a> {
     /// Prepares the poses of `observations`.
     pub fn new(space: &'a SearchSpace, observations: &[Observation]) -> Self {
-        let n_links = space.reference.links.len();
-        let mut poses = PreparedPoses::new(n_links);
-        for o in observations {
-            poses.push(&o.q_rad, o.position_mm, o.weight, o.target);
-        }
         Self {
             space,
-            poses,
-            lanes: LaneRobots::new(n_links, space.reference.targets_mm.len()),
-            coordinates: vec![0.0; space.n_coordinates()],
-            deviation: vec![0.0; space.parameters.len()],
-            model: space.reference.clone(),
+            poses: prepared_poses(space, observations),
+            robots: lane_robots(space),
+            deviations: vec![Lanes::ZERO; space.parameters.len()],
         }
     }
 
     /// F of every particle, mm². Positions are coordinates of the search space.
     pub fn evaluate(&mut self, positions: &Positions, costs: &mut [f64]) {
-        let n = positions.n_particles;
-        for first in (0..n).step_by(LANES) {
-            self.lanes.clear();
-            for lane in 0..LANES {
-                // a last chunk that is not full repeats its last particle
-                self.load(positions, (first + lane).min(n - 1));
-                self.lanes.set_lane(lane, &self.model.links, &self.model.t_instrument_base, &self.model.targets_mm);
-            }
-            let sums = sum_of_squares(&self.lanes, &self.poses);
-            let in_chunk = LANES.min(n - first);
-            costs[first..first + in_chunk].copy_from_slice(&sums[..in_chunk]);
+        for (chunk, costs) in costs.chunks_mut(LANES).enumerate() {
+            self.space.deviations_of_chunk(positions, chunk * LANES, &mut self.deviations);
+            self.robots.set(&self.deviations);
+            let sums = sum_of_squares(&self.robots, &self.poses);
+            costs.copy_from_slice(&sums.0[..costs.len()]);
         }
     }
+}
 
-    fn load(&mut self, positions: &Positions, particle: usize) {
-        for (j, z) in self.coordinates.iter_mut().enumerate() {
-            *z = positions.get(particle, j);
+/// The measured poses as the kernel wants them.
+pub fn prepared_poses(space: &SearchSpace, observations: &[Observation]) -> PreparedPoses {
+    let mut poses = PreparedPoses::new(space.reference.links.len());
+    for o in observations {
+        poses.push(&o.q_rad, o.position_mm, o.weight, o.target);
+    }
+    poses
+}
+
+/// Eight robots at the space's reference, to be moved by its parameters.
+pub fn lane_robots(space: &SearchSpace) -> LaneRobots {
+    let moved: Vec<Moved> = space.parameters.iter().map(moved).collect();
+    let reference = &space.reference;
+    LaneRobots::new(&reference.t_instrument_base, &reference.links, &reference.targets_mm, &moved)
+}
+
+fn moved(parameter: &Parameter) -> Moved {
+    match *parameter {
+        Parameter::Link(link, Quantity::A) => Moved::A(link),
+        Parameter::Link(link, Quantity::Alpha) => Moved::Alpha(link),
+        Parameter::Link(link, Quantity::D) => Moved::D(link),
+        Parameter::Link(link, Quantity::ThetaOffset) => Moved::ThetaOffset(link),
+        Parameter::Link(link, Quantity::Beta) => Moved::Beta(link),
+        Parameter::BaseTranslation(axis) => Moved::BaseTranslation(axis),
+        Parameter::BaseRotation(axis) => Moved::BaseRotation(axis),
+        Parameter::Target(target, axis) => Moved::Target(target, axis),
+    }
+}
+
+impl SearchSpace {
+    /// As [`SearchSpace::deviation`] for the eight particles from `first` on, to the same bits. A chunk that is not full repeats its
+    /// last particle.
+    pub fn deviations_of_chunk(&self, positions: &Positions, first: usize, deviations: &mut [Lanes]) {
+        let coordinate = |j: usize| lanes_of(&positions.coordinate(j)[first..]);
+        if self.is_raw() {
+            for (j, (deviation, scale)) in deviations.iter_mut().zip(&self.scale).enumerate() {
+                *deviation = Lanes(coordinate(j).0.map(|z| z * scale));
+            }
+            return;
         }
-        self.space.deviation_into(&self.coordinates, &mut self.deviation);
-        apply_into(&self.space.reference, &self.space.parameters, &self.deviation, &mut self.model);
+        deviations.fill(Lanes::ZERO);
+        for (j, direction) in self.directions().as_slice().chunks_exact(deviations.len()).enumerate() {
+            add_along(direction, &coordinate(j), deviations);
+        }
+    }
+}
+
+fn lanes_of(values: &[f64]) -> Lanes {
+    match values.first_chunk() {
+        Some(full) => Lanes(*full),
+        None => Lanes(std::array::from_fn(|lane| values[lane.min(values.len() - 1)])),
+    }
+}
+
+/// deviations += direction · z.
+#[multiversion(targets("x86_64+avx512f+avx512vl+fma", "x86_64+avx2+fma"))]
+fn add_along(direction: &[f64], z: &Lanes, deviations: &mut [Lanes]) {
+    for (deviation, v) in deviations.iter_mut().zip(direction) {
+        for lane in 0..LANES {
+            deviation.0[lane] = v.mul_add(z.0[lane], deviation.0[lane]);
+        }
     }
 }
 

@@ -1,4 +1,4 @@
-//! Forward kinematics, the readable reference: the fast kernel in `batch.rs` is tested against it.
+//! Forward kinematics, the readable reference: the fast kernel in `batch/` is tested against it.
 
 use crate::kinematics::model::Link;
 use nalgebra::{IsometryMatrix3, Matrix3, Rotation3, Translation3, Vector3};

@@ -1,0 +1,150 @@
+//! Eight values side by side, the arithmetic on as many of them as a register holds, and which registers there are.
+
+use std::ops::{Add, Mul, Neg, Sub};
+
+/// Particles per chunk; fixed, so that nothing depends on the machine's vector width.
+pub const LANES: usize = 8;
+
+/// One value for each of the eight particles, in one cache line.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[repr(C, align(64))]
+pub struct Lanes(pub [f64; LANES]);
+
+impl Lanes {
+    /// All zero.
+    pub const ZERO: Self = Self([0.0; LANES]);
+
+    /// The same value for every particle.
+    pub const fn splat(value: f64) -> Self {
+        Self([value; LANES])
+    }
+}
+
+/// The code paths of the kernel: one source, compiled for each.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum InstructionSet {
+    /// What every CPU of the target has: NEON on ARM; on x86-64 a fused multiply-add is then a call.
+    Baseline,
+    /// Four lanes, 16 registers.
+    Avx2,
+    /// Eight lanes, 32 registers.
+    Avx512,
+}
+
+impl InstructionSet {
+    /// All that this CPU has, the fastest first.
+    pub fn all_here() -> Vec<Self> {
+        [Self::Avx512, Self::Avx2, Self::Baseline].into_iter().filter(|set| set.is_here()).collect()
+    }
+
+    /// The fastest that this CPU has.
+    pub fn fastest() -> Self {
+        Self::all_here()[0]
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    fn is_here(self) -> bool {
+        match self {
+            Self::Baseline => true,
+            Self::Avx2 => is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma"),
+            Self::Avx512 => is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512vl") && is_x86_feature_detected!("fma"),
+        }
+    }
+
+    #[cfg(not(target_arch = "x86_64"))]
+    fn is_here(self) -> bool {
+        self == Self::Baseline
+    }
+}
+
+/// W of the eight lanes, one register full. The compiler turns the loops into vector instructions where the code around is compiled for
+/// them. Nothing is fused but [`Vector::mul_add`].
+#[derive(Clone, Copy)]
+pub(super) struct Vector<const W: usize>([f64; W]);
+
+impl<const W: usize> Vector<W> {
+    /// Registers that eight lanes take.
+    pub const PER_CHUNK: usize = LANES / W;
+
+    #[inline(always)]
+    pub fn splat(value: f64) -> Self {
+        Self([value; W])
+    }
+
+    /// Register `part` of the eight lanes.
+    #[inline(always)]
+    pub fn load(from: &Lanes, part: usize) -> Self {
+        let mut values = [0.0; W];
+        values.copy_from_slice(&from.0[part * W..(part + 1) * W]);
+        Self(values)
+    }
+
+    /// Register `part` of three coordinates.
+    #[inline(always)]
+    pub fn load_all([x, y, z]: &[Lanes; 3], part: usize) -> [Self; 3] {
+        [Self::load(x, part), Self::load(y, part), Self::load(z, part)]
+    }
+
+    #[inline(always)]
+    pub fn store(self, to: &mut Lanes, part: usize) {
+        to.0[part * W..(part + 1) * W].copy_from_slice(&self.0);
+    }
+
+    /// self · factor + addend, rounded once.
+    #[inline(always)]
+    pub fn mul_add(self, factor: Self, addend: Self) -> Self {
+        let mut result = self;
+        for i in 0..W {
+            result.0[i] = self.0[i].mul_add(factor.0[i], addend.0[i]);
+        }
+        result
+    }
+}
+
+impl<const W: usize> Add for Vector<W> {
+    type Output = Self;
+    #[inline(always)]
+    fn add(self, other: Self) -> Self {
+        let mut result = self;
+        for i in 0..W {
+            result.0[i] += other.0[i];
+        }
+        result
+    }
+}
+
+impl<const W: usize> Sub for Vector<W> {
+    type Output = Self;
+    #[inline(always)]
+    fn sub(self, other: Self) -> Self {
+        let mut result = self;
+        for i in 0..W {
+            result.0[i] -= other.0[i];
+        }
+        result
+    }
+}
+
+impl<const W: usize> Mul for Vector<W> {
+    type Output = Self;
+    #[inline(always)]
+    fn mul(self, other: Self) -> Self {
+        let mut result = self;
+        for i in 0..W {
+            result.0[i] *= other.0[i];
+        }
+        result
+    }
+}
+
+impl<const W: usize> Neg for Vector<W> {
+    type Output = Self;
+    #[inline(always)]
+    fn neg(self) -> Self {
+        let mut result = self;
+        for i in 0..W {
+            result.0[i] = -self.0[i];
+        }
+        result
+    }
+}

@@ -1,0 +1,26 @@
+//! The fast cost kernel: F of eight particles at once over all poses, no trigonometry in the inner loop.
+//!
+//! `forward.rs` is its oracle. What is commanded and what a particle says are kept apart. With
+//!
+//! ```text
+//! M_0 = base · Rx(alpha_1) · Dx(a_1) · Ry(beta_1)
+//! M_i = Rz(theta_offset_i) · Dz(d_i) · Rx(alpha_{i+1}) · Dx(a_{i+1}) · Ry(beta_{i+1})     0 < i < n
+//! M_n = Rz(theta_offset_n) · Dz(d_n) · target
+//! ```
+//!
+//! the chain of [Gao 2018, eq. 2, 3] is `M_0 · Rz(q_1) · M_1 · Rz(q_2) · … · Rz(q_n) · M_n`: the M depend on the particle alone and are
+//! made once per particle ([`LaneRobots::set`]), the rotations by q on the pose alone and are made once per job ([`PreparedPoses`]).
+//!
+//! Lanes hold particles, so each particle's sum runs in pose order whatever the vector width, and products are added with an explicit
+//! fused multiply-add: the bits are the same on every CPU ([`InstructionSet`]).
+
+mod kernel;
+mod lanes;
+mod poses;
+mod robots;
+mod sincos;
+
+pub use kernel::sum_of_squares;
+pub use lanes::{InstructionSet, LANES, Lanes};
+pub use poses::PreparedPoses;
+pub use robots::{LaneRobots, Moved};

@@ -1,0 +1,419 @@
+//! Eight particles' robots, as the kernel wants them: what lies between two commanded rotations, multiplied out.
+
+use super::lanes::{InstructionSet, LANES, Lanes, Vector};
+use super::sincos::{LARGEST_RAD, rotation_terms, sin_cos};
+use crate::kinematics::model::Link;
+use multiversion::multiversion;
+use nalgebra::{IsometryMatrix3, Vector3};
+
+/// A quantity in which particles differ from the reference. Links and targets count from 0, axes are x, y, z.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Moved {
+    /// a of a link, mm.
+    A(usize),
+    /// alpha of a link, rad.
+    Alpha(usize),
+    /// d of a link, mm.
+    D(usize),
+    /// theta_offset of a link, rad.
+    ThetaOffset(usize),
+    /// beta of a link, rad.
+    Beta(usize),
+    /// The base along an axis of the measuring frame, mm.
+    BaseTranslation(usize),
+    /// The base's rotation vector about an axis of the measuring frame, through its origin, rad.
+    BaseRotation(usize),
+    /// A target along an axis of the flange frame, mm.
+    Target(usize, usize),
+}
+
+/// An angle: the reference's and the particles' deviations from it.
+#[derive(Clone, Copy, Debug)]
+struct Angle {
+    /// (sin, cos) of the reference.
+    reference: (f64, f64),
+    deviation_rad: Lanes,
+    is_moved: bool,
+    sin: Lanes,
+    cos: Lanes,
+}
+
+/// One link of eight particles, lengths in mm.
+#[derive(Clone, Copy, Debug)]
+struct LaneLink {
+    a: Lanes,
+    d: Lanes,
+    alpha: Angle,
+    theta: Angle,
+    beta: Angle,
+}
+
+/// M_i: rotation (row-major) and translation. With beta 0 the rotation's r20 is 0 too.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Between {
+    pub rotation: [[Lanes; 3]; 3],
+    pub translation: [Lanes; 3],
+    pub is_tilted: bool,
+}
+
+/// The point behind the first commanded rotation: K + cos q · A + sin q · B.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Circle {
+    pub centre: [Lanes; 3],
+    pub cos: [Lanes; 3],
+    pub sin: [Lanes; 3],
+}
+
+/// How the chain ends at the base.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum BaseStage {
+    /// Base at the measuring frame, beta_1 = 0: M_0 = Rx(alpha_1) · Dx(a_1).
+    Known,
+    /// Any M_0.
+    Any,
+    /// A single joint turns the target: its circle already is in the measuring frame.
+    None,
+}
+
+/// Eight particles' robots around one reference.
+#[derive(Clone, Debug)]
+pub struct LaneRobots {
+    reference_base: IsometryMatrix3<f64>,
+    reference_links: Vec<Link>,
+    reference_targets_mm: Vec<Vector3<f64>>,
+    moved: Vec<Moved>,
+    links: Vec<LaneLink>,
+    targets_mm: Vec<[Lanes; 3]>,
+    base_translation_mm: [Lanes; 3],
+    base_rotation_rad: [Lanes; 3],
+    /// Joints that turn any target: one less than there are if all targets lie on the last axis.
+    pub(super) n_joints: usize,
+    pub(super) base_stage: BaseStage,
+    /// Per target.
+    pub(super) circles: Vec<Circle>,
+    /// M_0 … of the joints behind the circle.
+    pub(super) between: Vec<Between>,
+    pub(super) instructions: InstructionSet,
+}
+
+impl LaneRobots {
+    /// Robots that all are the reference. `moved` says what [`Self::set`] will move.
+    pub fn new(base: &IsometryMatrix3<f64>, links: &[Link], targets_mm: &[Vector3<f64>], moved: &[Moved]) -> Self {
+        let lane_link = |link: &Link| LaneLink {
+            a: Lanes::splat(link.a_mm),
+            d: Lanes::splat(link.d_mm),
+            alpha: Angle::reference(link.alpha_rad),
+            theta: Angle::reference(link.theta_offset_rad),
+            beta: Angle::reference(link.beta_rad),
+        };
+        let on_axis = |target: &Vector3<f64>| target.x == 0.0 && target.y == 0.0;
+        let moves_off_axis = moved.iter().any(|m| matches!(m, Moved::Target(_, 0 | 1)));
+        let last_turns = links.len() == 1 || moves_off_axis || !targets_mm.iter().all(on_axis);
+        let n_joints = links.len() - usize::from(!last_turns);
+        let base_moves = moved.iter().any(|m| matches!(m, Moved::BaseTranslation(_) | Moved::BaseRotation(_) | Moved::Beta(0)));
+        let base_is_known = !base_moves && *base == IsometryMatrix3::identity() && links[0].beta_rad == 0.0;
+        let between = Between { rotation: [[Lanes::ZERO; 3]; 3], translation: [Lanes::ZERO; 3], is_tilted: false };
+        let mut robots = Self {
+            reference_base: *base,
+            reference_links: links.to_vec(),
+            reference_targets_mm: targets_mm.to_vec(),
+            moved: moved.to_vec(),
+            links: links.iter().map(lane_link).collect(),
+            targets_mm: targets_mm.iter().map(|t| [t.x, t.y, t.z].map(Lanes::splat)).collect(),
+            base_translation_mm: [0, 1, 2].map(|axis| Lanes::splat(base.translation.vector[axis])),
+            base_rotation_rad: [Lanes::ZERO; 3],
+            n_joints,
+            base_stage: match (n_joints, base_is_known) {
+                (1, _) => BaseStage::None,
+                (_, true) => BaseStage::Known,
+                (_, false) => BaseStage::Any,
+            },
+            circles: vec![Circle { centre: [Lanes::ZERO; 3], cos: [Lanes::ZERO; 3], sin: [Lanes::ZERO; 3] }; targets_mm.len()],
+            between: vec![between; n_joints - 1],
+            instructions: InstructionSet::fastest(),
+        };
+        for m in moved {
+            robots.mark_moved(*m);
+        }
+        robots.set(&vec![Lanes::ZERO; moved.len()]);
+        robots
+    }
+
+    /// Number of links.
+    pub(super) fn n_links(&self) -> usize {
+        self.links.len()
+    }
+
+    /// With another code path; the bits are the same.
+    pub fn with_instructions(mut self, instructions: InstructionSet) -> Self {
+        self.instructions = instructions;
+        self
+    }
+
+    /// Moves the robots: one deviation from the reference per entry of `moved`, in its order.
+    ///
+    /// # Panics
+    /// When there are fewer or more.
+    pub fn set(&mut self, deviations: &[Lanes]) {
+        assert_eq!(deviations.len(), self.moved.len(), "one deviation per moved quantity");
+        self.place(deviations);
+        match self.instructions {
+            InstructionSet::Avx512 => refresh_on_avx512(self),
+            InstructionSet::Avx2 => refresh_on_avx2(self),
+            InstructionSet::Baseline => self.refresh::<2>(),
+        }
+    }
+
+    fn mark_moved(&mut self, moved: Moved) {
+        match moved {
+            Moved::Alpha(link) => self.links[link].alpha.is_moved = true,
+            Moved::ThetaOffset(link) => self.links[link].theta.is_moved = true,
+            Moved::Beta(link) => self.links[link].beta.is_moved = true,
+            _ => {}
+        }
+    }
+
+    /// Stores the deviations where they belong.
+    #[inline(always)]
+    fn place(&mut self, deviations: &[Lanes]) {
+        let moved_by = |reference: f64, deviation: &Lanes| Lanes(deviation.0.map(|d| reference + d));
+        for (moved, deviation) in self.moved.iter().zip(deviations) {
+            match *moved {
+                Moved::A(link) => self.links[link].a = moved_by(self.reference_links[link].a_mm, deviation),
+                Moved::D(link) => self.links[link].d = moved_by(self.reference_links[link].d_mm, deviation),
+                Moved::Alpha(link) => self.links[link].alpha.deviation_rad = *deviation,
+                Moved::ThetaOffset(link) => self.links[link].theta.deviation_rad = *deviation,
+                Moved::Beta(link) => self.links[link].beta.deviation_rad = *deviation,
+                Moved::BaseTranslation(axis) => {
+                    self.base_translation_mm[axis] = moved_by(self.reference_base.translation.vector[axis], deviation);
+                }
+                Moved::BaseRotation(axis) => self.base_rotation_rad[axis] = *deviation,
+                Moved::Target(target, axis) => {
+                    self.targets_mm[target][axis] = moved_by(self.reference_targets_mm[target][axis], deviation);
+                }
+            }
+        }
+    }
+}
+
+impl Angle {
+    fn reference(reference_rad: f64) -> Self {
+        let (sin, cos) = libm::sincos(reference_rad);
+        let still = Lanes::ZERO;
+        Self { reference: (sin, cos), deviation_rad: still, is_moved: false, sin: Lanes::splat(sin), cos: Lanes::splat(cos) }
+    }
+
+    /// Sine and cosine of reference + deviation, by the addition theorems.
+    #[inline(always)]
+    fn refresh<const W: usize>(&mut self, all_are_small: bool) {
+        if !self.is_moved {
+            return;
+        }
+        let (reference_sin, reference_cos) = (Vector::<W>::splat(self.reference.0), Vector::<W>::splat(self.reference.1));
+        for part in 0..Vector::<W>::PER_CHUNK {
+            let (s, c) = sin_cos(Vector::<W>::load(&self.deviation_rad, part));
+            reference_sin.mul_add(c, reference_cos * s).store(&mut self.sin, part);
+            reference_cos.mul_add(c, -(reference_sin * s)).store(&mut self.cos, part);
+        }
+        if !all_are_small {
+            self.refresh_large();
+        }
+    }
+
+    /// As above for the lanes where the polynomials do not hold.
+    #[cold]
+    fn refresh_large(&mut self) {
+        for lane in (0..LANES).filter(|lane| self.deviation_rad.0[*lane].abs() > LARGEST_RAD) {
+            let (s, c) = libm::sincos(self.deviation_rad.0[lane]);
+            self.sin.0[lane] = self.reference.0.mul_add(c, self.reference.1 * s);
+            self.cos.0[lane] = self.reference.1.mul_add(c, -(self.reference.0 * s));
+        }
+    }
+}
+
+#[multiversion(targets("x86_64+avx512f+avx512vl+fma"))]
+fn refresh_on_avx512(robots: &mut LaneRobots) {
+    robots.refresh::<8>();
+}
+
+#[multiversion(targets("x86_64+avx2+fma"))]
+fn refresh_on_avx2(robots: &mut LaneRobots) {
+    robots.refresh::<4>();
+}
+
+impl LaneRobots {
+    /// Circles and M from lengths and angles.
+    #[inline(always)]
+    fn refresh<const W: usize>(&mut self) {
+        let all_are_small = self.angles_are_small();
+        for link in &mut self.links {
+            link.alpha.refresh::<W>(all_are_small);
+            link.theta.refresh::<W>(all_are_small);
+            link.beta.refresh::<W>(all_are_small);
+        }
+        let mut base = [[Lanes::ZERO; 3]; 3];
+        if self.base_stage != BaseStage::Known {
+            self.base_rotation::<W>(&mut base);
+        }
+        for part in 0..Vector::<W>::PER_CHUNK {
+            self.refresh_part::<W>(&base, part);
+        }
+    }
+
+    #[inline(always)]
+    fn refresh_part<const W: usize>(&mut self, base: &[[Lanes; 3]; 3], part: usize) {
+        let mut behind = self.first::<W>(base, part);
+        for i in 0..self.between.len() {
+            behind.store(&mut self.between[i], part);
+            self.between[i].is_tilted = i == 0 || self.links[i].has_beta();
+            behind = between(&self.links[i], &self.links[i + 1], part);
+        }
+        for target in 0..self.targets_mm.len() {
+            let point = self.turned_point(&self.targets_mm[target], part);
+            behind.store_circle(point, &mut self.circles[target], part);
+        }
+    }
+
+    /// Whether the polynomials hold for all deviations of all lanes.
+    #[inline(always)]
+    fn angles_are_small(&self) -> bool {
+        let mut largest = [0.0; LANES];
+        for link in &self.links {
+            for angle in [&link.alpha, &link.theta, &link.beta] {
+                for (largest, deviation) in largest.iter_mut().zip(&angle.deviation_rad.0) {
+                    *largest = if deviation.abs() > *largest { deviation.abs() } else { *largest };
+                }
+            }
+        }
+        largest.iter().all(|largest| *largest <= LARGEST_RAD)
+    }
+
+    /// M_0 = base · Rx(alpha_1) · Dx(a_1) · Ry(beta_1).
+    #[inline(always)]
+    fn first<const W: usize>(&self, base: &[[Lanes; 3]; 3], part: usize) -> Affine<W> {
+        let mut first = before_joint(&self.links[0], part);
+        if self.base_stage == BaseStage::Known {
+            return first;
+        }
+        let Affine { rotation: [x, y, z], translation: [a, ..] } = first;
+        for (row, base) in base.iter().enumerate() {
+            let [r0, r1, r2] = Vector::<W>::load_all(base, part);
+            for column in 0..3 {
+                first.rotation[row][column] = r0.mul_add(x[column], r1.mul_add(y[column], r2 * z[column]));
+            }
+            first.translation[row] = r0.mul_add(a, Vector::load(&self.base_translation_mm[row], part));
+        }
+        first
+    }
+
+    /// The target as the last turning joint has it: M_n, or M_{n-1} · Dz(d_n) · target where the last joint turns nothing.
+    #[inline(always)]
+    fn turned_point<const W: usize>(&self, target: &[Lanes; 3], part: usize) -> [Vector<W>; 3] {
+        let last = self.links.len() - 1;
+        let link = &self.links[last];
+        let [x, y, z] = Vector::<W>::load_all(target, part);
+        let z = z + Vector::load(&link.d, part);
+        if self.n_joints == self.links.len() {
+            let (s, c) = (Vector::<W>::load(&link.theta.sin, part), Vector::<W>::load(&link.theta.cos, part));
+            return [c.mul_add(x, -(s * y)), s.mul_add(x, c * y), z];
+        }
+        let Affine { rotation: [row_x, row_y, row_z], translation: [tx, ty, tz] } = between(&self.links[last - 1], link, part);
+        [row_x[2].mul_add(z, tx), row_y[2].mul_add(z, ty), row_z[2].mul_add(z, tz)]
+    }
+
+    /// Exp(w) · (the reference's rotation), by Rodrigues' formula.
+    #[inline(always)]
+    fn base_rotation<const W: usize>(&self, rotation: &mut [[Lanes; 3]; 3]) {
+        let (sine, versine) = rotation_terms::<W>(&self.base_rotation_rad);
+        let reference = self.reference_base.rotation.matrix();
+        for part in 0..Vector::<W>::PER_CHUNK {
+            let exp =
+                exponential(Vector::<W>::load_all(&self.base_rotation_rad, part), Vector::load(&sine, part), Vector::load(&versine, part));
+            for row in 0..3 {
+                let [e0, e1, e2] = exp[row];
+                for column in 0..3 {
+                    let [r0, r1, r2] = [reference[(0, column)], reference[(1, column)], reference[(2, column)]];
+                    let product = e0.mul_add(Vector::splat(r0), e1.mul_add(Vector::splat(r1), e2 * Vector::splat(r2)));
+                    product.store(&mut rotation[row][column], part);
+                }
+            }
+        }
+    }
+}
+
+/// I + a·[w]× + b·[w]×², with [w]×² = w·wᵀ − |w|².
+#[inline(always)]
+fn exponential<const W: usize>([x, y, z]: [Vector<W>; 3], a: Vector<W>, b: Vector<W>) -> [[Vector<W>; 3]; 3] {
+    let one = Vector::splat(1.0);
+    let (ax, ay, az) = (a * x, a * y, a * z);
+    let (bx, by) = (b * x, b * y);
+    let (xx, yy, zz) = (x * x, y * y, z * z);
+    [
+        [one - b * (yy + zz), bx.mul_add(y, -az), bx.mul_add(z, ay)],
+        [bx.mul_add(y, az), one - b * (xx + zz), by.mul_add(z, -ax)],
+        [bx.mul_add(z, -ay), by.mul_add(z, ax), one - b * (xx + yy)],
+    ]
+}
+
+impl LaneLink {
+    #[inline(always)]
+    fn has_beta(&self) -> bool {
+        self.beta.is_moved || self.beta.reference.0 != 0.0
+    }
+}
+
+/// Rotation and translation of as many robots as a register holds.
+#[derive(Clone, Copy)]
+struct Affine<const W: usize> {
+    rotation: [[Vector<W>; 3]; 3],
+    translation: [Vector<W>; 3],
+}
+
+impl<const W: usize> Affine<W> {
+    #[inline(always)]
+    fn store(&self, to: &mut Between, part: usize) {
+        for row in 0..3 {
+            for column in 0..3 {
+                self.rotation[row][column].store(&mut to.rotation[row][column], part);
+            }
+            self.translation[row].store(&mut to.translation[row], part);
+        }
+    }
+
+    /// This · Rz(q) · point, as a function of q.
+    #[inline(always)]
+    fn store_circle(&self, [x, y, z]: [Vector<W>; 3], to: &mut Circle, part: usize) {
+        for row in 0..3 {
+            let [r0, r1, r2] = self.rotation[row];
+            r2.mul_add(z, self.translation[row]).store(&mut to.centre[row], part);
+            r0.mul_add(x, r1 * y).store(&mut to.cos[row], part);
+            r1.mul_add(x, -(r0 * y)).store(&mut to.sin[row], part);
+        }
+    }
+}
+
+/// Rx(alpha) · Dx(a) · Ry(beta).
+#[inline(always)]
+fn before_joint<const W: usize>(link: &LaneLink, part: usize) -> Affine<W> {
+    let (zero, one) = (Vector::splat(0.0), Vector::splat(1.0));
+    let (sa, ca) = (Vector::<W>::load(&link.alpha.sin, part), Vector::<W>::load(&link.alpha.cos, part));
+    let translation = [Vector::load(&link.a, part), zero, zero];
+    if !link.has_beta() {
+        return Affine { rotation: [[one, zero, zero], [zero, ca, -sa], [zero, sa, ca]], translation };
+    }
+    let (sb, cb) = (Vector::<W>::load(&link.beta.sin, part), Vector::<W>::load(&link.beta.cos, part));
+    Affine { rotation: [[cb, zero, sb], [sa * sb, ca, -(sa * cb)], [-(ca * sb), sa, ca * cb]], translation }
+}
+
+/// M_i = Rz(theta_offset_i) · Dz(d_i) · Rx(alpha_{i+1}) · Dx(a_{i+1}) · Ry(beta_{i+1}), from links i and i+1.
+#[inline(always)]
+fn between<const W: usize>(link: &LaneLink, next: &LaneLink, part: usize) -> Affine<W> {
+    let (s, c) = (Vector::<W>::load(&link.theta.sin, part), Vector::<W>::load(&link.theta.cos, part));
+    let Affine { mut rotation, translation: [a, ..] } = before_joint(next, part);
+    let [x, y, _] = rotation;
+    for column in 0..3 {
+        rotation[0][column] = c.mul_add(x[column], -(s * y[column]));
+        rotation[1][column] = s.mul_add(x[column], c * y[column]);
+    }
+    Affine { rotation, translation: [c * a, s * a, Vector::load(&link.d, part)] }
+}
