@@ -7,7 +7,8 @@ mod simulation;
 
 use data::{paper_robot, real_data};
 use kincal::calibration::report::CalibrationReport;
-use kincal::calibration::{CalibrationRequest, Error, Method, calibrate, check_verify, verify};
+use kincal::calibration::request::VerifySource;
+use kincal::calibration::{CalibrationRequest, Error, Method, Model, calibrate, check, check_verify, verify};
 use kincal::identification::KinematicModel;
 use kincal::kinematics::Robot;
 use kincal::measurement::{Frame, MeasurementSet, csv};
@@ -84,4 +85,71 @@ fn too_few_points_to_place_base_and_targets_and_still_verify_are_refused() {
         matches!(&refused, Err(Error::Unusable { code: "under_determined", detail }) if detail.contains("at least 5 points")),
         "{refused:?}"
     );
+}
+
+fn to_identify_and_verify(first: &MeasurementSet, second: MeasurementSet) -> CalibrationRequest {
+    let request = CalibrationRequest { method: Method::LeastSquares, ..CalibrationRequest::new(paper_robot(), first.clone()) };
+    CalibrationRequest { verify: VerifySource::Set(second), ..request }
+}
+
+fn refusal(request: &CalibrationRequest) -> Option<&'static str> {
+    match check(request) {
+        Err(Error::Unusable { code, .. }) => Some(code),
+        _ => None,
+    }
+}
+
+fn some(set: &MeasurementSet, n: usize) -> MeasurementSet {
+    MeasurementSet { frame: set.frame, points: set.points[..n].to_vec() }
+}
+
+#[test]
+fn a_verify_set_needs_twice_the_equations_that_placing_it_takes() {
+    let (first, second) = two_sessions(6, |_| ());
+    // two targets: 12 numbers of base and targets, 6 equations a configuration, two rows each
+    assert_eq!(refusal(&to_identify_and_verify(&first, some(&second, 1))), Some("under_determined"));
+    assert_eq!(refusal(&to_identify_and_verify(&first, some(&second, 6))), Some("under_determined"));
+    assert_eq!(refusal(&to_identify_and_verify(&first, some(&second, 8))), None);
+    let repeated = MeasurementSet { frame: second.frame, points: vec![second.points[0].clone(); 30] };
+    assert_eq!(refusal(&to_identify_and_verify(&first, repeated)), Some("under_determined"));
+}
+
+#[test]
+fn points_that_were_fitted_verify_nothing_in_whatever_order_they_come_again() {
+    let (first, second) = two_sessions(7, |_| ());
+    let mut again = first.clone();
+    again.points.reverse();
+    again.points.truncate(50);
+    assert_eq!(refusal(&to_identify_and_verify(&first, again)), Some("verify_overlaps_identify"));
+    assert_eq!(refusal(&to_identify_and_verify(&first, second)), None);
+}
+
+#[test]
+fn a_verify_set_of_several_stations_is_refused_when_the_job_is_posted() {
+    let (first, mut second) = two_sessions(8, |_| ());
+    second.points[40].station = Some("b".into());
+    assert_eq!(refusal(&to_identify_and_verify(&first, second)), Some("not_available"));
+}
+
+#[test]
+fn a_verify_set_is_placed_anew_whenever_its_frame_or_its_targets_are_others() {
+    let robot = paper_robot();
+    let (first, second) = two_sessions(9, |_| ());
+    let verify_rms = |first: &MeasurementSet, second: MeasurementSet| {
+        calibrate(&to_identify_and_verify(first, second), &mut |_| ControlFlow::Continue(())).unwrap().verify.unwrap().after.rms_mm
+    };
+    // noise of 0.03 mm in each coordinate is 0.052 mm
+    assert!(verify_rms(&first, second.clone()) < 0.06, "both in the instrument frame");
+    let in_base = |truth: &KinematicModel, seed: u64, n_targets: usize| {
+        let mut random = Normal::new(seed);
+        let model = KinematicModel { t_instrument_base: IsometryMatrix3::identity(), ..truth.clone() };
+        let campaign = Campaign { n_configurations: 40, n_targets, ..Campaign::PLAIN };
+        MeasurementSet { frame: Frame::Base, ..measure(&model, &poses(40, &mut random), &campaign, &mut random) }
+    };
+    let truth = true_robot(&robot, 2, &mut Normal::new(9));
+    assert!(verify_rms(&first, in_base(&truth, 100, 2)) < 0.06, "identified from an instrument, verified in the base frame");
+    let one_target = in_base(&truth, 101, 1);
+    let complete = CalibrationRequest { model: Some(Model::Complete), ..to_identify_and_verify(&one_target, in_base(&truth, 102, 2)) };
+    let report = calibrate(&complete, &mut |_| ControlFlow::Continue(())).unwrap();
+    assert!(report.verify.unwrap().after.rms_mm < 0.06, "more targets than were identified");
 }

@@ -391,3 +391,47 @@ fn a_monitor_that_breaks_cancels_at_once() {
     assert_eq!(calibrate(&request("first.csv", Method::Pso, Preset::Default), &mut monitor), Err(Error::Cancelled));
     assert_eq!(iterations, 5);
 }
+
+#[test]
+fn a_swarm_without_link_parameters_places_base_and_target_and_trains_no_network() {
+    let set = MeasurementSet { frame: Frame::Instrument, ..paper_set("first.csv") };
+    let request = CalibrationRequest {
+        method: Method::Pso,
+        parameters: ParameterChoice::Identify(vec![]),
+        ..CalibrationRequest::new(paper_robot(), set)
+    };
+    let report = run(&request);
+    assert!(report.network.is_none() && report.parameters.iter().all(|p| p.link.is_none()));
+}
+
+#[test]
+fn parameters_that_no_position_depends_on_are_refused_by_every_method() {
+    for method in [Method::LeastSquares, Method::Pso] {
+        // the target is on the last axis, which turns it in its place
+        let parameters = ParameterChoice::Identify(vec!["theta_offset_6".into()]);
+        let request = CalibrationRequest { parameters, ..request("first.csv", method, Preset::Default) };
+        assert!(matches!(check(&request), Err(Error::Unusable { code: "nothing_to_identify", .. })));
+    }
+}
+
+#[test]
+fn what_is_only_verified_does_not_weigh_on_the_fit() {
+    let cost_with = |verify_std_mm: f64| {
+        let mut request = request("first_noisy.csv", Method::LeastSquares, Preset::Default);
+        for point in &mut request.set.points {
+            point.std_mm = Some(if point.subset == Some(Subset::Verify) { verify_std_mm } else { 0.05 });
+        }
+        run(&request).cost_mm2
+    };
+    assert_eq!(cost_with(0.05), cost_with(0.001));
+}
+
+#[test]
+fn the_cost_to_stop_at_stops_the_method_and_neither_refinement_nor_comparison() {
+    let mut request = request("first.csv", Method::Pso, Preset::Default);
+    request.options.stop_at_cost_mm2 = Some(1.0);
+    let report = run(&request);
+    assert_eq!(report.termination, "cost_reached");
+    assert!(report.convergence_mm2.last().unwrap() > &1e-3, "the swarm stopped early: {:?}", report.convergence_mm2.last());
+    assert!(report.cost_mm2 < 1e-12 && report.comparison[1].cost_mm2 < 1e-12, "{} {}", report.cost_mm2, report.comparison[1].cost_mm2);
+}

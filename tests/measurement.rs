@@ -60,6 +60,15 @@ fn rows_with_equal_joint_values_share_a_configuration_where_none_is_named() {
 }
 
 #[test]
+fn rows_of_an_arm_that_holds_still_are_one_configuration_though_its_encoders_flicker() {
+    let row = |q1: f64, q2: f64| format!("{q1},{q2},3,4,5\n");
+    for q1 in [0.0, 10.0, -77.77, 179.99] {
+        let text: String = (0..40).map(|i| row(q1 + 0.001 * f64::from(i % 7), -30.0 - 0.002 * f64::from(i % 5))).collect();
+        assert_eq!(two_joints(&format!("{HEADER}\n{text}{}", row(q1 + 0.06, -30.0))).unwrap().configurations().len(), 2);
+    }
+}
+
+#[test]
 fn bad_cells_are_refused_with_row_and_column() {
     let x = Some("x_mm".to_string());
     assert_eq!(cell("1,2,NaN,4,5"), ("not_finite", Some(1), x.clone()));

@@ -38,7 +38,10 @@ set=$(post "/v1/robots/$robot/measurement-sets?frame=base" text/csv @data/paper/
 frames=$(post "/v1/robots/$robot/frames" text/csv @data/paper/sweeps_instrument.csv | field id)
 job=$(post "/v1/robots/$robot/jobs" application/json "{\"measurement_set_id\": \"$set\", \"method\": \"pso\"}" | field id)
 done_job() { curl -sSf "$url/v1/jobs/$job?wait_s=30"; }
-until done_job | grep -q '"succeeded"'; do :; done
+for _ in $(seq 10); do
+    done_job | grep -qE '"status": ?"(succeeded|failed|cancelled)"' && break
+done
+done_job | grep -q '"status": \?"succeeded"' || { echo "the first job did not succeed:"; done_job; exit 1; }
 parameter_set=$(done_job | field parameter_set_id)
 network=$(done_job | field network_id)
 post "/v1/parameter-sets/$parameter_set/release" application/json '{"reason": "for the fuzzer"}' >/dev/null

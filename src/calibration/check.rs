@@ -2,15 +2,17 @@
 
 use crate::calibration::observe::{free_parameters, observe};
 use crate::calibration::request::{CalibrationRequest, Loss, Method, Model, VerifySource};
+use crate::calibration::settings::settings;
+use crate::calibration::verify::check_verify_set;
 use crate::calibration::{Error, unusable};
-use crate::identification::KinematicModel;
 use crate::identification::bpnn_pso::fits;
 use crate::identification::identifiability::prior_scale;
 use crate::identification::objective::Observation;
 use crate::identification::parameters::Parameter;
 use crate::identification::search_space::decomposition_at;
+use crate::identification::{KinematicModel, TrainedNetwork};
 use crate::kinematics::Robot;
-use crate::measurement::{Frame, Subset};
+use crate::measurement::{Frame, Subset, set::SAME_JOINT_RAD};
 use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 use std::collections::{BTreeMap, BTreeSet};
@@ -19,6 +21,8 @@ use std::collections::{BTreeMap, BTreeSet};
 const GENERIC_POSES: usize = 300;
 /// A singular value this small, relative to the largest, is zero.
 const ZERO: f64 = 1e-9;
+/// Most evaluations of one particle at one point that a job may ask of the swarm: some minutes of one core.
+const MAX_POINT_EVALUATIONS: usize = 100_000_000_000;
 /// Positions of three and more points on a rigid flange fix six numbers, however many points there are.
 const EQUATIONS_PER_CONFIGURATION: usize = 6;
 
@@ -26,7 +30,8 @@ const EQUATIONS_PER_CONFIGURATION: usize = 6;
 ///
 /// # Errors
 /// [`Error::Unusable`] with code `not_available`, `frames_required`, `model_mismatch`, `no_network`, `network_mismatch`,
-/// `unknown_parameter`, `bad_subset`, `target_without_identify_points` or `under_determined`.
+/// `unknown_parameter`, `bad_subset`, `target_without_identify_points`, `under_determined`, `nothing_to_identify`, `too_much_work`,
+/// `verify_overlaps_identify`.
 pub fn check(request: &CalibrationRequest) -> Result<(), Error> {
     check_available(request)?;
     check_model(request)?;
@@ -36,7 +41,12 @@ pub fn check(request: &CalibrationRequest) -> Result<(), Error> {
     check_network(request, &parameters)?;
     let identify = observed.of(Subset::Identify);
     check_targets(request, &identify, n_targets)?;
-    check_determined(request, &identify, &parameters)
+    check_determined(request, &identify, &parameters)?;
+    check_work(request, identify.len())?;
+    match &request.verify {
+        VerifySource::Set(set) => check_verify_set(request, set),
+        _ => Ok(()),
+    }
 }
 
 /// Targets of the request: those of its set; the verify set's own are fitted to it.
@@ -74,6 +84,12 @@ fn check_model(request: &CalibrationRequest) -> Result<(), Error> {
     Ok(())
 }
 
+/// True if the request may start from this network: trained on the same model and link parameters.
+pub fn network_fits(request: &CalibrationRequest, network: &TrainedNetwork) -> bool {
+    let parameters = free_parameters(request, n_targets(request));
+    network.model == request.model() && parameters.is_ok_and(|parameters| fits(network, &parameters))
+}
+
 fn check_network(request: &CalibrationRequest, parameters: &[Parameter]) -> Result<(), Error> {
     match (&request.network, request.method) {
         (None, Method::BpnnPso) => {
@@ -108,6 +124,11 @@ fn check_targets(request: &CalibrationRequest, identify: &[Observation], n_targe
 /// Refuses sets with fewer equations from distinct configurations than the model's rank.
 fn check_determined(request: &CalibrationRequest, identify: &[Observation], parameters: &[Parameter]) -> Result<(), Error> {
     let needed = model_rank(&request.robot, parameters, n_targets(request));
+    if needed == 0 {
+        let names: Vec<String> = parameters.iter().map(Parameter::name).collect();
+        let detail = format!("no measured position depends on {} in this model: free other parameters as well", names.join(", "));
+        return Err(unusable("nothing_to_identify", detail));
+    }
     let found = n_equations(identify);
     if found < needed {
         let names: Vec<String> = parameters.iter().map(Parameter::name).collect();
@@ -119,10 +140,29 @@ fn check_determined(request: &CalibrationRequest, identify: &[Observation], para
         );
         return Err(unusable("under_determined", detail));
     }
-    if let VerifySource::Set(set) = &request.verify
-        && set.points.is_empty()
-    {
-        return Err(unusable("under_determined", "the verify set has no points"));
+    Ok(())
+}
+
+/// Particles, iterations and points each have their limit; so has their product.
+fn check_work(request: &CalibrationRequest, n_points: usize) -> Result<(), Error> {
+    // least squares needs tens of evaluations; bpnn_pso runs three swarms, two of them to compare with
+    let n_swarms = match request.method {
+        Method::Auto | Method::LeastSquares => return Ok(()),
+        Method::Pso => 1,
+        Method::BpnnPso => 3,
+    };
+    let pso = settings(request).pso;
+    let work = [pso.n_particles, pso.n_iterations + 1, n_points].into_iter().fold(n_swarms, usize::saturating_mul);
+    if work > MAX_POINT_EVALUATIONS {
+        let detail = format!(
+            "{} particles × {} iterations × {n_points} points × {n_swarms} swarms are {work:.1e} evaluations; at most {MAX_POINT_EVALUATIONS:.0e} \
+             are allowed: take fewer particles or iterations, or identify from fewer points",
+            pso.n_particles,
+            pso.n_iterations,
+            work = work as f64,
+            MAX_POINT_EVALUATIONS = MAX_POINT_EVALUATIONS as f64
+        );
+        return Err(unusable("too_much_work", detail));
     }
     Ok(())
 }
@@ -131,14 +171,11 @@ fn check_determined(request: &CalibrationRequest, identify: &[Observation], para
 pub fn n_equations(observations: &[Observation]) -> usize {
     let mut targets_at: BTreeMap<Vec<i64>, BTreeSet<usize>> = BTreeMap::new();
     for o in observations {
-        let key = o.q_rad.iter().map(|q| (q / DISTINCT_RAD).round() as i64).collect();
+        let key = o.q_rad.iter().map(|q| (q / SAME_JOINT_RAD).round() as i64).collect();
         targets_at.entry(key).or_default().insert(o.target);
     }
     targets_at.values().map(|targets| (3 * targets.len()).min(EQUATIONS_PER_CONFIGURATION)).sum()
 }
-
-/// Configurations closer than this in every joint tell nothing new, rad (0.05°).
-const DISTINCT_RAD: f64 = 8.7e-4;
 
 /// Rank of the model: what positions at generic poses can see, whatever the measured poses are.
 pub fn model_rank(robot: &Robot, parameters: &[Parameter], n_targets: usize) -> usize {

@@ -6,7 +6,7 @@ use crate::calibration::outcome::report;
 use crate::calibration::report::{CalibrationReport, MethodComparison};
 use crate::calibration::request::{CalibrationRequest, Method, Model};
 use crate::calibration::settings::{Settings, settings};
-use crate::calibration::{Error, Event, Monitor};
+use crate::calibration::{Error, Event, Monitor, unusable};
 use crate::identification::fit::fit_in_space;
 use crate::identification::identifiability::{Decomposition, prior_scale};
 use crate::identification::objective::{Observation, cost};
@@ -74,18 +74,19 @@ pub fn calibrate(request: &CalibrationRequest, monitor: &mut Monitor<'_>) -> Res
     let mut found = stage(monitor, method.name(), |monitor| match method {
         Method::Pso => swarm(&problem, &problem.nominal, Start::Cold, monitor),
         Method::BpnnPso => swarm(&problem, &problem.predicted_start(), Start::Network, monitor),
-        Method::Auto | Method::LeastSquares => least_squares_from(&problem, &problem.nominal, monitor),
+        Method::Auto | Method::LeastSquares => least_squares_from(&problem, &problem.nominal, problem.settings.pso.stop_at_cost, monitor),
     })?;
     let own = comparison_row(&problem, method.name(), method.name(), &found);
     let network = match (&found.swarm, method) {
-        (Some((space, summary)), Method::Pso) => {
+        // a network speaks of link parameters; where none is free there is nothing for it to learn
+        (Some((space, summary)), Method::Pso) if problem.parameters.iter().any(Parameter::is_link) => {
             let train = || bpnn_pso::train(space, summary, request.seed, request.model(), request.preset);
             Some(stage(monitor, "train_network", |_| Ok(train()))?)
         }
         _ => None,
     };
     if problem.settings.refine && method != Method::LeastSquares {
-        let refined = stage(monitor, "refine", |monitor| least_squares_from(&problem, &found.model, &mut quiet(monitor)))?;
+        let refined = stage(monitor, "refine", |monitor| least_squares_from(&problem, &found.model, None, &mut quiet(monitor)))?;
         found.model = refined.model;
     }
     let comparison = compare(&problem, method, own, monitor)?;
@@ -100,6 +101,12 @@ impl<'a> Problem<'a> {
         let nominal = nominal_model(request, &identify);
         let scale: Vec<f64> = parameters.iter().map(prior_scale).collect();
         let decomposition = decomposition_at(&nominal, &parameters, &scale, &identify);
+        if decomposition.rank() == 0 {
+            return Err(unusable(
+                "nothing_to_identify",
+                "the measured positions depend on none of the free parameters: free others as well",
+            ));
+        }
         Ok(Self { request, settings: settings(request), observed, identify, parameters, nominal, decomposition })
     }
 
@@ -181,10 +188,16 @@ fn quiet<'m>(monitor: &'m mut Monitor<'_>) -> impl FnMut(Event<'_>) -> ControlFl
     }
 }
 
-/// Levenberg-Marquardt along the directions that the data see; what they do not see stays at `start`.
-fn least_squares_from(problem: &Problem<'_>, start: &KinematicModel, monitor: &mut Monitor<'_>) -> Result<Found, Error> {
+/// Levenberg-Marquardt along the directions that the data see; what they do not see stays at `start`. `stop_at_cost_mm2` is the
+/// main method's; to refine and to compare, least squares goes on to its end.
+fn least_squares_from(
+    problem: &Problem<'_>,
+    start: &KinematicModel,
+    stop_at_cost_mm2: Option<f64>,
+    monitor: &mut Monitor<'_>,
+) -> Result<Found, Error> {
     let exact = problem.identify.len() as f64 * EXACT_MM * EXACT_MM;
-    let stop_at = problem.settings.pso.stop_at_cost.unwrap_or(0.0).max(exact);
+    let stop_at = stop_at_cost_mm2.unwrap_or(0.0).max(exact);
     let options = least_squares::Options { stop_at_cost: Some(stop_at), ..least_squares::Options::default() };
     let mut found =
         Found { model: start.clone(), n_iterations: 0, n_evaluations: 0, convergence: vec![], termination: "converged", swarm: None };
@@ -286,7 +299,8 @@ fn compare(
 ) -> Result<Vec<MethodComparison>, Error> {
     let mut rows = vec![own];
     if method != Method::LeastSquares {
-        let other = stage(monitor, "compare_least_squares", |monitor| least_squares_from(problem, &problem.nominal, &mut quiet(monitor)))?;
+        let other =
+            stage(monitor, "compare_least_squares", |monitor| least_squares_from(problem, &problem.nominal, None, &mut quiet(monitor)))?;
         rows.push(comparison_row(problem, "least_squares", "compare_least_squares", &other));
     }
     if method == Method::BpnnPso {

@@ -11,7 +11,7 @@ mod settings;
 pub mod upload;
 mod verify;
 
-pub use check::check;
+pub use check::{check, network_fits};
 pub use identify::calibrate;
 pub use predict::predict;
 pub use report::{CalibrationReport, Errors};

@@ -47,10 +47,10 @@ impl Observed {
 /// The request's own set, split.
 pub fn observe(request: &CalibrationRequest) -> Result<Observed, Error> {
     let set = &request.set;
-    let to_base = to_base(request);
+    let subsets = subsets(request)?;
     Ok(Observed {
-        all: observations(&request.robot, set, &to_base),
-        subsets: subsets(request)?,
+        all: observations(&request.robot, set, &to_base(request), &subsets),
+        subsets,
         configurations: set.points.iter().map(|p| p.configuration.clone()).collect(),
     })
 }
@@ -58,18 +58,20 @@ pub fn observe(request: &CalibrationRequest) -> Result<Observed, Error> {
 /// The request's own set, all of it to verify.
 pub fn observe_to_verify(request: &CalibrationRequest) -> Observed {
     let set = &request.set;
+    let subsets = vec![Subset::Verify; set.points.len()];
     Observed {
-        all: observations(&request.robot, set, &to_base(request)),
-        subsets: vec![Subset::Verify; set.points.len()],
+        all: observations(&request.robot, set, &to_base(request), &subsets),
+        subsets,
         configurations: set.points.iter().map(|p| p.configuration.clone()).collect(),
     }
 }
 
 /// Another set of the same robot: all of it to verify.
 pub fn observe_verify_set(request: &CalibrationRequest, set: &MeasurementSet) -> Observed {
+    let subsets = vec![Subset::Verify; set.points.len()];
     Observed {
-        all: observations(&request.robot, set, &IsometryMatrix3::identity()),
-        subsets: vec![Subset::Verify; set.points.len()],
+        all: observations(&request.robot, set, &IsometryMatrix3::identity(), &subsets),
+        subsets,
         configurations: set.points.iter().map(|p| p.configuration.clone()).collect(),
     }
 }
@@ -82,8 +84,8 @@ fn to_base(request: &CalibrationRequest) -> IsometryMatrix3<f64> {
     }
 }
 
-fn observations(robot: &Robot, set: &MeasurementSet, to_base: &IsometryMatrix3<f64>) -> Vec<Observation> {
-    let weights = weights(set);
+fn observations(robot: &Robot, set: &MeasurementSet, to_base: &IsometryMatrix3<f64>, subsets: &[Subset]) -> Vec<Observation> {
+    let weights = weights(set, subsets);
     let observation = |(point, weight): (&crate::measurement::Point, f64)| Observation {
         q_rad: robot.q_model_rad(&point.q_rad),
         position_mm: (to_base * Point3::from(point.position_mm)).coords,
@@ -93,17 +95,15 @@ fn observations(robot: &Robot, set: &MeasurementSet, to_base: &IsometryMatrix3<f
     set.points.iter().zip(weights).map(observation).collect()
 }
 
-/// 1/std² of each point relative to the set's mean of that, so that equal uncertainties leave F as it is; 1 where none are given.
-fn weights(set: &MeasurementSet) -> Vec<f64> {
-    let n = set.points.len() as f64;
+/// 1/std² of each point relative to the mean of that over the points that are fitted (all of them where none is), so that equal
+/// uncertainties leave F as it is and what is only verified has no say; 1 where no uncertainties are given.
+fn weights(set: &MeasurementSet, subsets: &[Subset]) -> Vec<f64> {
     let all: Option<Vec<f64>> = set.points.iter().map(|p| p.std_mm.map(|std| 1.0 / (std * std))).collect();
-    match all {
-        Some(precisions) => {
-            let mean = precisions.iter().sum::<f64>() / n;
-            precisions.iter().map(|w| w / mean).collect()
-        }
-        None => vec![1.0; set.points.len()],
-    }
+    let Some(precisions) = all else { return vec![1.0; set.points.len()] };
+    let fitted: Vec<f64> = precisions.iter().zip(subsets).filter(|(_, s)| **s == Subset::Identify).map(|(w, _)| *w).collect();
+    let counted = if fitted.is_empty() { &precisions } else { &fitted };
+    let mean = counted.iter().sum::<f64>() / counted.len().max(1) as f64;
+    precisions.iter().map(|w| w / mean).collect()
 }
 
 fn subsets(request: &CalibrationRequest) -> Result<Vec<Subset>, Error> {

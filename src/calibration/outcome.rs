@@ -4,7 +4,8 @@ use crate::calibration::Error;
 use crate::calibration::identify::{Found, Problem};
 use crate::calibration::observe::{Observed, observe_verify_set};
 use crate::calibration::report::*;
-use crate::calibration::request::{Method, Model, VerifySource};
+use crate::calibration::request::{Method, Model, Preset, VerifySource};
+use crate::calibration::verify::refits;
 use crate::identification::misfit::gravity_directions;
 use crate::identification::objective::{Observation, cost, residuals};
 use crate::identification::parameters::{Parameter, quantity_mut};
@@ -31,11 +32,10 @@ pub fn errors(model: &KinematicModel, observations: &[Observation]) -> Option<Er
     Some(Errors { mean_mm, std_mm, rms_mm, max_mm: sizes.iter().fold(0.0, |m, e| m.max(*e)) })
 }
 
-/// A model as it scores the verify points: as it is for points of its own set, with base and targets refitted for another set in the
-/// instrument frame.
+/// The verify points, and whether base and targets are fitted to them anew: not for points of the fit's own set.
 fn verify_points(problem: &Problem<'_>) -> (Observed, bool) {
     match &problem.request.verify {
-        VerifySource::Set(set) => (observe_verify_set(problem.request, set), set.frame == Frame::Instrument),
+        VerifySource::Set(set) => (observe_verify_set(problem.request, set), refits(problem.request, set)),
         _ => (problem.observed.clone(), false),
     }
 }
@@ -236,7 +236,11 @@ fn warnings(report: &CalibrationReport) -> Vec<Warning> {
     let unseen = &report.identifiability.unidentifiable;
     if !unseen.is_empty() {
         let groups: Vec<String> = unseen.iter().map(|group| group.join(" with ")).collect();
-        let detail = format!("these cannot be told apart or seen from the measured positions and stay as they were: {}", groups.join("; "));
+        let stay = match (report.method, report.preset) {
+            (Method::Pso | Method::BpnnPso, Preset::Paper) => "what the swarm left them at has no meaning one by one",
+            _ => "what the data do not see of them stays nominal",
+        };
+        let detail = format!("these cannot be told apart or seen from the measured positions; {stay}: {}", groups.join("; "));
         warnings.push(warning("unidentifiable_parameters", detail));
     }
     if report.method == Method::LeastSquares && matches!(report.termination, "iteration_limit" | "not_finite") {

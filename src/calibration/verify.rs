@@ -1,17 +1,24 @@
 //! `kind: "verify"`: how well a parameter set predicts points that it was not identified from. Nothing of the robot is fitted; where the
 //! points do not come in the base frame, base and targets are, for the nominal robot and for the identified one each for itself.
 
-use crate::calibration::observe::{Observed, observe_to_verify};
+use crate::calibration::check::n_equations;
+use crate::calibration::observe::{Observed, observe_to_verify, observe_verify_set};
 use crate::calibration::outcome::{errors, per_point};
 use crate::calibration::report::{CalibrationReport, Errors, Identifiability, SubsetErrors, Warning};
 use crate::calibration::request::{CalibrationRequest, Model};
 use crate::calibration::{Error, Event, Monitor, unusable};
 use crate::identification::KinematicModel;
-use crate::identification::objective::cost;
+use crate::identification::objective::{Observation, cost};
 use crate::identification::start::fit_base_and_targets;
-use crate::measurement::Frame;
+use crate::measurement::{Frame, MeasurementSet, Point};
 use nalgebra::IsometryMatrix3;
+use std::collections::BTreeSet;
 
+/// Fewer equations for each number that is refitted are refused: with as many equations as numbers every robot fits.
+const EQUATIONS_PER_REFITTED: usize = 2;
+/// At most one in this many points of a verify set may be, bit for bit, a point of the set to identify from: a pose that was measured
+/// twice may repeat by chance, a file that was uploaded twice repeats in every row.
+const MAX_SHARED: usize = 10;
 /// Below this many residuals for each number that is refitted, the refit hides a good part of the error.
 const FEW_RESIDUALS: usize = 3;
 
@@ -32,11 +39,52 @@ pub fn check_verify(request: &CalibrationRequest, identified: Option<&KinematicM
     if identified.is_some_and(|model| model.links.len() != n_links) {
         return Err(unusable("model_mismatch", format!("the parameter set is not of this robot: the robot has {n_links} links")));
     }
-    let (found, needed) = (3 * request.set.points.len(), n_refitted(request, identified) + 1);
+    let observed = observe_to_verify(request);
+    check_enough(&observed.all, n_refitted(request, identified), request.set.n_targets())
+}
+
+/// The checks of a second set to verify on: it may be scored by the job, and what it says is about the robot.
+///
+/// # Errors
+/// [`Error::Unusable`] with code `not_available`, `under_determined` or `verify_overlaps_identify`.
+pub fn check_verify_set(request: &CalibrationRequest, set: &MeasurementSet) -> Result<(), Error> {
+    let first_station = set.points.first().map(|p| &p.station);
+    if set.points.iter().any(|p| Some(&p.station) != first_station) {
+        return Err(unusable("not_available", "the verify set has several stations, which is not built yet: upload one set per station"));
+    }
+    let key = |p: &Point| (p.q_rad.iter().map(|q| q.to_bits()).collect::<Vec<_>>(), p.position_mm.map(f64::to_bits).data.0);
+    let fitted: BTreeSet<_> = request.set.points.iter().map(key).collect();
+    let n_same = set.points.iter().filter(|p| fitted.contains(&key(p))).count();
+    if MAX_SHARED * n_same > set.points.len() {
+        let detail = format!(
+            "{n_same} of the verify set's {} points are in the set to identify from as well, joints and positions: that proves nothing. Upload \
+             points that were measured anew",
+            set.points.len()
+        );
+        return Err(unusable("verify_overlaps_identify", detail));
+    }
+    let n_refitted = if refits(request, set) { 6 + 3 * set.n_targets() } else { 0 };
+    check_enough(&observe_verify_set(request, set).all, n_refitted, set.n_targets())
+}
+
+/// True if base and targets are fitted anew to another set: unless both are in the base frame and the targets are the ones identified.
+pub fn refits(request: &CalibrationRequest, set: &MeasurementSet) -> bool {
+    let same_frame = set.frame == Frame::Base && in_base_frame(request);
+    !same_frame || set.n_targets() > request.set.n_targets()
+}
+
+/// Refuses points that leave too little to verify once base and targets are fitted to them.
+fn check_enough(observations: &[Observation], n_refitted: usize, n_targets: usize) -> Result<(), Error> {
+    if let Some(target) = (0..n_targets).find(|target| n_refitted > 0 && !observations.iter().any(|o| o.target == *target)) {
+        let detail = format!("target {target} has no row among the points to verify on; number targets from 0 without gaps");
+        return Err(unusable("under_determined", detail));
+    }
+    let (found, needed) = (n_equations(observations), (EQUATIONS_PER_REFITTED * n_refitted).max(1));
     if found < needed {
         let detail = format!(
-            "{found} equations cannot place base and targets anew and still verify; measure at least {} points",
-            needed.div_ceil(3)
+            "{found} equations from distinct configurations cannot place base and targets anew ({n_refitted} numbers) and still verify; measure at \
+             least {} more configurations",
+            (needed - found).div_ceil(3)
         );
         return Err(unusable("under_determined", detail));
     }

@@ -111,7 +111,11 @@ fn failure(failure: JobFailure) -> anyhow::Error {
         JobFailure::Cancelled => anyhow::anyhow!("cancelled"),
         JobFailure::Failed { problem_json } => {
             let problem: Option<Problem> = serde_json::from_str(&problem_json).ok();
-            Usage(problem.map_or(problem_json, |p| format!("{} ({})", p.detail, p.code))).into()
+            match problem {
+                Some(p) if p.status < 500 => Usage(format!("{} ({})", p.detail, p.code)).into(),
+                Some(p) => anyhow::anyhow!("{} ({})", p.detail, p.code),
+                None => anyhow::anyhow!("{problem_json}"),
+            }
         }
     }
 }

@@ -9,7 +9,7 @@ use tokio_stream::StreamExt;
 
 /// A request that is not answered in this time is given up.
 const REQUEST_TIMEOUT: Duration = Duration::from_secs(60);
-/// A job that tells nothing for this long is asked for once more, this often.
+/// A connection that ends before the job does is made anew at most this often.
 const MAX_RECONNECTS: usize = 20;
 
 /// A server, and the key to it.

@@ -11,6 +11,7 @@ mod verify_store;
 
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
+use std::time::Duration;
 
 /// Kinematic calibration of industrial robots.
 #[derive(Debug, Parser)]
@@ -60,7 +61,13 @@ pub fn main() -> ExitCode {
     }
 }
 
+/// Computations that are still at work when a command ends are left behind after this long: their jobs have been handed back.
+const LEAVE_BEHIND_AFTER: Duration = Duration::from_secs(1);
+
 /// Runs something asynchronous to its end.
 fn block_on<T>(work: impl Future<Output = anyhow::Result<T>>) -> anyhow::Result<T> {
-    tokio::runtime::Builder::new_multi_thread().enable_all().build()?.block_on(work)
+    let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
+    let result = runtime.block_on(work);
+    runtime.shutdown_timeout(LEAVE_BEHIND_AFTER);
+    result
 }

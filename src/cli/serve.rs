@@ -29,10 +29,12 @@ async fn announce(config: &ServeConfig, server: &RunningServer) -> anyhow::Resul
     out.flush()?;
     drop(out);
     if !config.no_auth && api_keys::list(&server.store, &PageRequest { limit: 1, cursor: None }).await?.items.is_empty() {
-        eprintln!(
-            "There is no key yet, so every request is refused. Make one:\n  kincal key create --data-dir {:?} --name my-cell --scope admin",
-            config.database.data_dir
-        );
+        let store = match &config.database.database_url {
+            // not printed: an URL may hold a password
+            Some(_) => "--database-url \"$KINCAL_DATABASE_URL\"".into(),
+            None => format!("--data-dir {:?}", config.database.data_dir),
+        };
+        eprintln!("There is no key yet, so every request is refused. Make one:\n  kincal key create {store} --name my-cell --scope admin");
     }
     Ok(())
 }

@@ -8,6 +8,7 @@ pub mod tool_frame;
 use crate::kinematics::Robot;
 use crate::measurement::MeasurementSet;
 use nalgebra::{IsometryMatrix3, Vector3};
+use std::collections::BTreeSet;
 
 /// A circle fitted to one sweep.
 #[derive(Clone, Debug, PartialEq)]
@@ -84,6 +85,25 @@ pub enum Error {
         /// 1-based joint.
         joint: usize,
     },
+    /// The points do not lie on one circle.
+    #[error(
+        "the points of the sweep of joint {joint} lie {rms_mm:.2} mm rms off one circle, at most {limit_mm:.2} mm are allowed; look for a wild point, a \
+         reflector that slipped, or two reflectors in one sweep"
+    )]
+    PoorCircle {
+        /// 1-based joint.
+        joint: usize,
+        /// Distance of the points from the circle, rms, mm.
+        rms_mm: f64,
+        /// The limit, mm.
+        limit_mm: f64,
+    },
+    /// More than one reflector.
+    #[error("the sweeps are of several reflectors ({targets:?}); measure one reflector, on the flange's axis, in all three sweeps")]
+    SeveralTargets {
+        /// The targets named.
+        targets: Vec<usize>,
+    },
     /// The measured arc is not the one the joint made.
     #[error("the points of the sweep of joint {joint} turn by {measured_deg:.1}°, the joint by {arc_deg:.1}°; is sweep_joint right?")]
     ArcMismatch {
@@ -118,6 +138,8 @@ impl Error {
             Self::OtherJointMoved { .. } => "other_joint_moved",
             Self::ShortArc { .. } => "short_arc",
             Self::DegenerateSweep { .. } => "degenerate_sweep",
+            Self::PoorCircle { .. } => "poor_circle",
+            Self::SeveralTargets { .. } => "several_targets",
             Self::ArcMismatch { .. } => "arc_mismatch",
             Self::ParallelAxes { .. } => "parallel_axes",
             Self::ToolNotVisible { .. } => "tool_not_visible",
@@ -133,6 +155,10 @@ pub fn preliminary_frames(robot: &Robot, sweeps: &MeasurementSet) -> Result<Prel
     let n_joints = robot.links.len();
     if n_joints < 3 {
         return Err(Error::TooFewJoints { n_joints });
+    }
+    let targets: BTreeSet<usize> = sweeps.points.iter().map(|p| p.target).collect();
+    if targets.len() > 1 {
+        return Err(Error::SeveralTargets { targets: targets.into_iter().collect() });
     }
     let sweep_1 = sweep::fit_sweep(robot, sweeps, 1)?;
     let sweep_2 = sweep::fit_sweep(robot, sweeps, 2)?;

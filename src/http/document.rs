@@ -4,6 +4,7 @@ use crate::http::auth::{OPEN, POLICY};
 use crate::http::routes;
 use crate::wire::Problem;
 use crate::wire::problem::PROBLEM_JSON;
+use axum::http::Method;
 use std::sync::LazyLock;
 use utoipa::OpenApi;
 use utoipa::openapi::header::Header;
@@ -56,8 +57,8 @@ pub fn openapi() -> utoipa::openapi::OpenApi {
     let mut document = Base::openapi();
     document.merge(routes().into_openapi());
     for (path, item) in &mut document.paths.paths {
-        for operation in operations(item) {
-            complete(path, operation);
+        for (method, operation) in operations(item) {
+            complete(&method, path, operation);
         }
     }
     let scheme = HttpBuilder::new().scheme(HttpAuthScheme::Bearer).description(Some("`kincal key create` makes one")).build();
@@ -66,12 +67,14 @@ pub fn openapi() -> utoipa::openapi::OpenApi {
     document
 }
 
-fn operations(item: &mut PathItem) -> impl Iterator<Item = &mut Operation> {
-    [&mut item.get, &mut item.post, &mut item.put, &mut item.delete, &mut item.patch].into_iter().filter_map(Option::as_mut)
+fn operations(item: &mut PathItem) -> impl Iterator<Item = (Method, &mut Operation)> {
+    let methods = [Method::GET, Method::POST, Method::PUT, Method::DELETE, Method::PATCH];
+    let operations = [&mut item.get, &mut item.post, &mut item.put, &mut item.delete, &mut item.patch];
+    methods.into_iter().zip(operations).filter_map(|(method, operation)| Some((method, operation.as_mut()?)))
 }
 
 /// Adds what layers and extractors do to every operation.
-fn complete(path: &str, operation: &mut Operation) {
+fn complete(method: &Method, path: &str, operation: &mut Operation) {
     let id = operation.operation_id.clone().unwrap_or_default();
     let takes_body = operation.request_body.is_some();
     let mut add = |status: &str, description: &str| {
@@ -104,7 +107,7 @@ fn complete(path: &str, operation: &mut Operation) {
         operation.parameters.get_or_insert_default().push(RefOr::T(idempotency_key()));
         replayed(operation);
     }
-    let scope = POLICY.iter().find(|(_, route, _)| *route == path).map(|(_, _, scope)| scope.as_str()).unwrap_or_default();
+    let scope = POLICY.iter().find(|(m, route, _)| m == method && *route == path).map(|(_, _, scope)| scope.as_str()).unwrap_or_default();
     operation.security = Some(vec![SecurityRequirement::new::<_, _, &str>(KEY_SCHEME, [scope])]);
 }
 

@@ -7,12 +7,15 @@ use crate::http::{App, Error, access, jobs};
 use crate::jobs::queue;
 use crate::store::{MeasurementSetRow, NewJob, ParameterSetRow, RobotRow, Tx, frames, measurement_sets, networks, parameter_sets};
 use crate::wire::frames::FramesContent;
-use crate::wire::job::{JobAnswer, JobParts, JobRequestBody, Kind, Method, Model, VerifyBody};
+use crate::wire::job::{JobAnswer, JobParts, JobRequestBody, Kind, Method, VerifyBody};
 use crate::wire::measurement::{Frame, from_upload};
 use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::{Invalid, safetensors};
 use axum::extract::State;
 use axum::response::Response;
+
+/// Of a robot's networks of one model and preset, the newest that are looked at for one that speaks of the same parameters.
+const MAX_NETWORKS: i64 = 8;
 
 /// What a job refers to, as it is stored.
 struct Sources {
@@ -20,7 +23,7 @@ struct Sources {
     set: (MeasurementSetRow, Vec<u8>),
     verify_set: Option<(MeasurementSetRow, Vec<u8>)>,
     frames: Option<FramesContent>,
-    network: Option<(String, Vec<u8>)>,
+    networks: Vec<(String, Vec<u8>)>,
     parameter_set: Option<ParameterSetRow>,
 }
 
@@ -38,8 +41,8 @@ pub async fn create(State(app): State<App>, Id(robot_id): Id, submission: Submis
     let request: JobRequestBody = submission.json()?;
     request.check()?;
     let sources = load(&app, robot, &request).await?;
-    let new = new_job(&request, &sources)?;
-    app.compute(move || check(&request, sources)).await?;
+    let mut new = new_job(&request, &sources)?;
+    new.network_input_id = app.compute(move || check(&request, sources)).await?;
     let effect = async |tx: &mut Tx| {
         let row = queue::enqueue(tx, &new).await?;
         stored_json(202, Some(format!("/v1/jobs/{}", row.id)), &jobs::answer(&row)?)
@@ -55,7 +58,7 @@ fn new_job(request: &JobRequestBody, sources: &Sources) -> Result<NewJob, Error>
         measurement_set_id: request.measurement_set_id.clone(),
         verify_set_id: sources.verify_set.as_ref().map(|(row, _)| row.id.clone()),
         frames_id: request.frames_id.clone(),
-        network_input_id: sources.network.as_ref().map(|(id, _)| id.clone()),
+        network_input_id: None,
         parameter_set_input_id: sources.parameter_set.as_ref().map(|row| row.id.clone()),
         kind: match request.kind {
             Kind::Identify => "identify".into(),
@@ -83,8 +86,8 @@ async fn load(app: &App, robot: RobotRow, request: &JobRequestBody) -> Result<So
         None => None,
     };
     let parameter_set = parameter_set(app, &robot, request, &set.0).await?;
-    let network = network(app, &robot, request, &set.0).await?;
-    Ok(Sources { robot, set, verify_set, frames, network, parameter_set })
+    let networks = networks(app, &robot, request, &set.0).await?;
+    Ok(Sources { robot, set, verify_set, frames, networks, parameter_set })
 }
 
 async fn set(app: &App, robot: &RobotRow, id: &str, at: &str) -> Result<(MeasurementSetRow, Vec<u8>), Error> {
@@ -110,24 +113,21 @@ async fn parameter_set(
     })
 }
 
-/// The network that the job will use whatever is trained meanwhile: the one named, or for `bpnn_pso` the newest that fits.
-async fn network(
-    app: &App,
-    robot: &RobotRow,
-    request: &JobRequestBody,
-    set: &MeasurementSetRow,
-) -> Result<Option<(String, Vec<u8>)>, Error> {
-    let row = match &request.network_id {
-        Some(id) => Some(own(networks::get(&app.store, id).await, |row| row.robot_id == robot.id, "/network_id", "network")?),
-        None if request.method == Method::BpnnPso => {
-            let default = if set.frame == Frame::Base.as_str() { Model::Paper } else { Model::Complete };
-            let model = request.model.unwrap_or(default);
-            networks::newest(&app.store, &robot.id, model.as_str(), request.preset.as_str()).await?
-        }
-        None => None,
-    };
-    let Some(row) = row else { return Ok(None) };
-    Ok(Some((row.id.clone(), networks::weights(&app.store, &row.id).await?)))
+/// The networks that the job may start from, whatever is trained meanwhile: the one named, or for `bpnn_pso` the newest.
+async fn networks(app: &App, robot: &RobotRow, request: &JobRequestBody, set: &MeasurementSetRow) -> Result<Vec<(String, Vec<u8>)>, Error> {
+    if let Some(id) = &request.network_id {
+        let row = own(networks::get(&app.store, id).await, |row| row.robot_id == robot.id, "/network_id", "network")?;
+        return Ok(vec![(row.id.clone(), networks::weights(&app.store, &row.id).await?)]);
+    }
+    if request.method != Method::BpnnPso {
+        return Ok(vec![]);
+    }
+    let model = request.model_for(frame_of(set)?);
+    Ok(networks::newest(&app.store, &robot.id, model.as_str(), request.preset.as_str(), MAX_NETWORKS).await?)
+}
+
+fn frame_of(set: &MeasurementSetRow) -> Result<Frame, Error> {
+    Frame::parse(&set.frame).ok_or_else(|| Error::Internal(format!("set {} has frame {:?}", set.id, set.frame)))
 }
 
 /// What the request names must exist and belong to the robot; both failures look the same from outside.
@@ -141,28 +141,32 @@ fn own<T>(found: Result<T, crate::store::Error>, is_own: impl Fn(&T) -> bool, at
     }
 }
 
-fn check(request: &JobRequestBody, sources: Sources) -> Result<(), Error> {
+/// Every check of the core; the id of the network that the job will start from.
+fn check(request: &JobRequestBody, sources: Sources) -> Result<Option<String>, Error> {
     let robot = access::robot_body(&sources.robot)?.to_core()?;
     let n_joints = robot.links.len();
-    let parse = |(row, body): &(MeasurementSetRow, Vec<u8>)| {
-        let frame = Frame::parse(&row.frame).ok_or_else(|| Error::Internal(format!("set {} has frame {:?}", row.id, row.frame)))?;
-        from_upload(&row.content_type, body, frame, n_joints).map_err(Error::Invalid)
-    };
-    let network = sources.network.as_ref().map(|(_, bytes)| safetensors::read(bytes)).transpose();
+    let parse =
+        |(row, body): &(MeasurementSetRow, Vec<u8>)| from_upload(&row.content_type, body, frame_of(row)?, n_joints).map_err(Error::Invalid);
+    let networks = sources.networks.iter().map(|(_, bytes)| safetensors::read(bytes)).collect::<Result<Vec<_>, _>>();
     let parts = JobParts {
         set: parse(&sources.set)?,
         verify_set: sources.verify_set.as_ref().map(parse).transpose()?,
         frames: sources.frames.as_ref().map(FramesContent::to_core),
-        network: network.map_err(|error| Error::Internal(error.to_string()))?,
+        network: None,
         robot,
     };
-    let calibration_request = request.to_core(parts)?;
+    let mut calibration_request = request.to_core(parts)?;
+    let networks = networks.map_err(|error| Error::Internal(error.to_string()))?;
+    // the newest that fits; where none does, the newest, so that the refusal says that it does not fit
+    let chosen = networks.iter().position(|network| calibration::network_fits(&calibration_request, network)).unwrap_or(0);
+    calibration_request.network = networks.into_iter().nth(chosen);
     match request.kind {
-        Kind::Identify => Ok(calibration::check(&calibration_request)?),
+        Kind::Identify => calibration::check(&calibration_request)?,
         Kind::Verify => {
             let parse = |row: &ParameterSetRow| serde_json::from_str::<ParameterSetContent>(&row.body_json);
             let identified = sources.parameter_set.as_ref().map(parse).transpose()?.map(|content| content.to_core());
-            Ok(calibration::check_verify(&calibration_request, identified.as_ref())?)
+            calibration::check_verify(&calibration_request, identified.as_ref())?;
         }
     }
+    Ok(sources.networks.into_iter().nth(chosen).map(|(id, _)| id))
 }

@@ -125,6 +125,7 @@ pub fn answer(row: &JobRow) -> Result<JobAnswer, Error> {
         measurement_set_id: row.measurement_set_id.clone(),
         kind: request.kind,
         method: request.method,
+        request,
         status: status(row.status),
         attempt: u32::try_from(row.attempt).unwrap_or(u32::MAX),
         progress: row.progress_json.as_deref().map(serde_json::from_str).transpose()?,

@@ -6,7 +6,7 @@ use crate::http::extract::{Id, ListQuery, Query};
 use crate::http::{App, Error, access};
 use crate::store::{MeasurementSetRow, NewMeasurementSet, Tx, measurement_sets};
 use crate::wire::issue::Checker;
-use crate::wire::measurement::{self, Frame, MeasurementSetBody, SetSummary, Warning};
+use crate::wire::measurement::{self, DEFAULT_FRAME, Frame, MeasurementSetBody, SetSummary, Warning};
 use crate::wire::page::Page;
 use crate::wire::robot::{MAX_NAME, RobotBody};
 use crate::wire::time::rfc3339;
@@ -102,20 +102,23 @@ fn is_json(submission: &Submission) -> Result<bool, Error> {
 fn understand(robot: &RobotBody, bytes: &Bytes, is_json: bool, query: UploadQuery) -> Result<Upload, Error> {
     let robot = robot.to_core()?;
     let n_joints = robot.links.len();
-    let (frame, name, set) = if is_json {
+    let (said, name, set) = if is_json {
         let body: MeasurementSetBody = json::parse(bytes)?;
         let frame = body.resolve_frame(query.frame)?;
-        let set = body.to_core(Some(frame), n_joints)?;
+        let set = body.to_core(frame, n_joints)?;
         (frame, body.name.or(query.name), set)
     } else {
-        let frame = query.frame.unwrap_or(Frame::Base);
-        (frame, query.name, measurement::from_csv(bytes, frame, n_joints)?)
+        (query.frame, query.name, measurement::from_csv(bytes, query.frame.unwrap_or(DEFAULT_FRAME), n_joints)?)
     };
     let mut checker = Checker::default();
     name.iter().for_each(|name| checker.text("/name", name, MAX_NAME));
     checker.finish("invalid_name")?;
     let (n_configurations, n_targets) = measurement::counts(&set);
-    let warnings = measurement::warnings(&robot, &set);
+    let mut warnings = measurement::warnings(&robot, &set);
+    if said.is_none() {
+        warnings.push(measurement::frame_assumed());
+    }
+    let frame = said.unwrap_or(DEFAULT_FRAME);
     Ok(Upload { frame, name, n_points: set.points.len(), n_configurations, n_targets, warnings, sha256: canonical::sha256_hex(bytes) })
 }
 

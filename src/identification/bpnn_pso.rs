@@ -17,6 +17,9 @@ const TARGET_ERROR_PAPER: f64 = 1e-4;
 /// As [`TARGET_ERROR_PAPER`], for the default preset: smaller helps a robot that has not changed, larger one that has.
 const TARGET_ERROR_DEFAULT: f64 = 5e-6;
 
+/// Particles that the network learns from at most: the paper's swarm. More take longer and teach nothing new, for all have one answer.
+const MAX_SAMPLES: usize = 200;
+
 /// Trains the robot's network on a finished swarm: 200 particles, all with the same answer.
 pub fn train(space: &SearchSpace, swarm: &pso::Summary, seed: u64, model: Model, preset: Preset) -> TrainedNetwork {
     let links = link_indices(&space.parameters);
@@ -25,7 +28,7 @@ pub fn train(space: &SearchSpace, swarm: &pso::Summary, seed: u64, model: Model,
         let deviation = space.deviation(coordinates);
         links.iter().map(|i| deviation[*i] / space.scale[*i]).collect()
     };
-    let n = swarm.initial_positions.n_particles;
+    let n = swarm.initial_positions.n_particles.min(MAX_SAMPLES);
     let inputs: Vec<Vec<f64>> = (0..n).map(|i| scaled(&swarm.initial_positions.particle(i))).collect();
     let answer = scaled(&swarm.best_position);
     let targets = vec![answer.clone(); n];

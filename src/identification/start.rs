@@ -7,6 +7,8 @@ use crate::identification::parameters::Parameter;
 use crate::kinematics::{Link, t_base_flange};
 use nalgebra::{DMatrix, DVector, IsometryMatrix3, Matrix3, Rotation3, Translation3, Vector3};
 
+/// Observations of each target that the closed form takes at most; the least-squares fit after it takes all.
+const START_OBSERVATIONS: usize = 200;
 /// Iteration limit of a singular value decomposition.
 const SVD_ITERATIONS: usize = 10_000;
 
@@ -27,7 +29,8 @@ pub fn fit_base_and_targets(links: &[Link], observations: &[Observation], n_targ
         (cost(&fitted, observations), fitted)
     };
     let best = |candidates: Vec<Rotation3<f64>>| candidates.into_iter().map(polish).min_by(|a, b| a.0.total_cmp(&b.0));
-    let direct = [linear_rotation(observations, &flanges, n_targets), Some(kabsch_rotation(observations, &flanges))];
+    let (few, few_flanges) = thinned(observations, &flanges, n_targets);
+    let direct = [linear_rotation(&few, &few_flanges, n_targets), Some(kabsch_rotation(observations, &flanges))];
     let first = best(direct.into_iter().flatten().collect());
     let rms = |cost: f64| (cost / observations.len() as f64).sqrt();
     match first {
@@ -111,6 +114,19 @@ fn linear_rotation(observations: &[Observation], flanges: &[IsometryMatrix3<f64>
     let x = svd.solve(&right, 1e-9 * svd.singular_values[0]).ok()?;
     let transposed = Matrix3::from_fn(|row, column| x[3 * row + column]);
     nearest_rotation(&transposed.transpose())
+}
+
+/// Enough observations of each target to start from, evenly spread: the closed form makes a dense matrix of them.
+fn thinned(
+    observations: &[Observation],
+    flanges: &[IsometryMatrix3<f64>],
+    n_targets: usize,
+) -> (Vec<Observation>, Vec<IsometryMatrix3<f64>>) {
+    let mut of_target = vec![Vec::new(); n_targets];
+    observations.iter().enumerate().for_each(|(i, o)| of_target[o.target].push(i));
+    let evenly =
+        |rows: &Vec<usize>| -> Vec<usize> { rows.iter().copied().step_by(rows.len().div_ceil(START_OBSERVATIONS).max(1)).collect() };
+    of_target.iter().flat_map(evenly).map(|i| (observations[i].clone(), flanges[i])).unzip()
 }
 
 /// Kabsch's rotation (1976) between flange origins and measured positions.

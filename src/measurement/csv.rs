@@ -7,12 +7,18 @@ use std::collections::BTreeMap;
 pub const MAX_ROWS: usize = 100_000;
 /// Most errors reported at once; a wrong column makes one per row.
 pub const MAX_ISSUES: usize = 20;
-/// Largest coordinate that is taken for a measurement, mm: 1 km.
-pub const MAX_COORDINATE_MM: f64 = 1.0e6;
-/// Largest joint value, rad: 100 turns.
-pub const MAX_JOINT_RAD: f64 = 628.4;
+/// Farthest a measured coordinate may be from the instrument or base, mm: trackers reach 80 m.
+pub const MAX_COORDINATE_MM: f64 = 100_000.0;
+/// Largest joint value, rad: ten turns.
+pub const MAX_JOINT_RAD: f64 = 20.0 * std::f64::consts::PI;
 /// Most reflectors on one tool.
-pub const MAX_TARGETS: usize = 64;
+pub const MAX_TARGETS: usize = 32;
+/// Smallest standard uncertainty of a point, mm: no instrument is better than a nanometre, and weights are 1/std².
+pub const MIN_STD_MM: f64 = 1.0e-6;
+/// Largest standard uncertainty of a point, mm.
+pub const MAX_STD_MM: f64 = 1000.0;
+/// Farthest a temperature may be from 0 °C.
+pub const MAX_TEMPERATURE_C: f64 = 1000.0;
 /// Longest label (configuration, station, session).
 pub const MAX_LABEL_LENGTH: usize = 200;
 
@@ -266,16 +272,16 @@ fn fill(point: &mut Point, column: Column, cell: &str, n_joints: usize) -> Resul
         Column::Subset => point.subset = subset(cell)?,
         Column::MeasuredAt => drop(label(cell)?),
         Column::StdMm => {
-            let std = number(cell, 1.0, 1000.0)?;
-            if std <= 0.0 {
-                return Err(("out_of_range", format!("{cell} is not a standard uncertainty; it must be above 0 mm")));
+            let std = number(cell, 1.0, MAX_STD_MM)?;
+            if std < MIN_STD_MM {
+                return Err(("out_of_range", format!("{cell} is not a standard uncertainty; it must be at least {MIN_STD_MM} mm")));
             }
             point.std_mm = Some(std);
         }
         Column::Station => point.station = Some(label(cell)?),
         Column::Session => point.session = Some(label(cell)?),
         Column::Sequence => point.sequence = number(cell, 1.0, 1.0e12)? as i64,
-        Column::TemperatureC => point.temperature_c = Some(number(cell, 1.0, 1000.0)?),
+        Column::TemperatureC => point.temperature_c = Some(number(cell, 1.0, MAX_TEMPERATURE_C)?),
         Column::SweepJoint => {
             let joint = index(cell, n_joints)?;
             if joint == 0 {

@@ -80,11 +80,10 @@ impl Point {
 impl MeasurementSet {
     /// A set whose points all have a configuration: points without a label share one when their joint values are equal.
     pub fn new(frame: Frame, mut points: Vec<Point>) -> Self {
-        let mut label_of: BTreeMap<Vec<i64>, String> = BTreeMap::new();
+        let mut groups = Groups::default();
         for (row, point) in points.iter_mut().enumerate() {
             if point.configuration.is_empty() {
-                let key = point.q_rad.iter().map(|q| (q / SAME_JOINT_RAD).round() as i64).collect();
-                point.configuration = label_of.entry(key).or_insert_with(|| format!("row_{row}")).clone();
+                point.configuration = format!("row_{}", groups.first_row_like(&point.q_rad, row));
             }
         }
         Self { frame, points }
@@ -102,5 +101,31 @@ impl MeasurementSet {
     }
 }
 
-/// Joint values closer than this are one configuration where the file names none: below any controller's resolution.
-const SAME_JOINT_RAD: f64 = 1e-6;
+/// Joint values closer than this in every joint are one configuration where the file names none, rad (0.05°): a robot that holds still
+/// reads a little differently from row to row, and two poses this close say the same about the robot.
+pub const SAME_JOINT_RAD: f64 = 8.7e-4;
+
+/// The first row of each configuration met so far, found again by a weighted sum of its joint values.
+#[derive(Default)]
+struct Groups {
+    /// Rounded sum → joint values and row of the first of each configuration.
+    near: BTreeMap<i64, Vec<(Vec<f64>, usize)>>,
+}
+
+impl Groups {
+    /// The first row whose joint values are the same as `q_rad`: an earlier one, else `row`.
+    fn first_row_like(&mut self, q_rad: &[f64], row: usize) -> usize {
+        // incommensurable weights, so that different poses rarely share a sum; equal joints differ by no more than one cell
+        let weight = |joint: usize| 1.0 / (joint as f64 + 1.0).sqrt();
+        let (sum, reach) =
+            q_rad.iter().enumerate().fold((0.0, 0.0), |(sum, reach), (j, q)| (sum + weight(j) * q, reach + weight(j) * SAME_JOINT_RAD));
+        let cell = (sum / f64::max(reach, SAME_JOINT_RAD)).floor() as i64;
+        let same = |other: &[f64]| other.iter().zip(q_rad).all(|(a, b)| (a - b).abs() < SAME_JOINT_RAD);
+        let known =
+            (cell - 1..=cell + 1).filter_map(|cell| self.near.get(&cell)).flatten().filter(|(q, _)| same(q)).map(|(_, row)| *row).min();
+        known.unwrap_or_else(|| {
+            self.near.entry(cell).or_default().push((q_rad.to_vec(), row));
+            row
+        })
+    }
+}

@@ -60,14 +60,10 @@ const GET: &str = concat!("select ", columns!(), " from network where id = $1");
 
 const WEIGHTS: &str = "select weights from network where id = $1";
 
-const NEWEST: &str = concat!(
-    "select ",
-    columns!(),
-    " from network
+const NEWEST: &str = "select id, weights from network
      where robot_id = $1 and model = $2 and preset = $3
      order by created_at_ms desc, id desc
-     limit 1"
-);
+     limit $4";
 
 const LIST: &str = concat!(
     "select ",
@@ -112,12 +108,12 @@ pub async fn weights(store: &Store, id: &str) -> Result<Vec<u8>> {
     Ok(sqlx::query_scalar(WEIGHTS).bind(id).fetch_one(store.pool()).await?)
 }
 
-/// The robot's newest network of this model and preset.
+/// Id and weights of the robot's newest networks of this model and preset, newest first, at most `limit`.
 ///
 /// # Errors
 /// [`super::Error::Database`].
-pub async fn newest(store: &Store, robot_id: &str, model: &str, preset: &str) -> Result<Option<NetworkRow>> {
-    Ok(sqlx::query_as(NEWEST).bind(robot_id).bind(model).bind(preset).fetch_optional(store.pool()).await?)
+pub async fn newest(store: &Store, robot_id: &str, model: &str, preset: &str, limit: i64) -> Result<Vec<(String, Vec<u8>)>> {
+    Ok(sqlx::query_as(NEWEST).bind(robot_id).bind(model).bind(preset).bind(limit).fetch_all(store.pool()).await?)
 }
 
 /// A robot's networks, newest first.

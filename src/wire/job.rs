@@ -6,6 +6,7 @@ use crate::identification::TrainedNetwork;
 use crate::kinematics::Robot;
 use crate::measurement::MeasurementSet;
 use crate::wire::issue::{Checker, Invalid};
+use crate::wire::measurement::Frame;
 use crate::wire::options::OptionsBody;
 use crate::wire::problem::Problem;
 use serde::{Deserialize, Serialize};
@@ -104,7 +105,7 @@ pub struct JobRequestBody {
     /// Base and tool frame from sweeps.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frames_id: Option<String>,
-    /// The network for `bpnn_pso`; default: the newest of the same model and preset.
+    /// The network for `bpnn_pso`; default: the newest of the same model, preset and parameters.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub network_id: Option<String>,
     /// Seed of every random number.
@@ -225,11 +226,46 @@ impl JobRequestBody {
             parameters.check(&mut checker);
         }
         checker.finish("invalid_job")?;
+        self.check_applicable()?;
         let mut missing = Checker::default();
         if self.parameters.as_ref().is_some_and(|p| p.priors.is_some()) {
             missing.note("/parameters/priors", "not_available", "priors are not built yet: leave them out, or hold the parameters");
         }
         missing.finish("not_available")
+    }
+
+    /// Refuses what the job would quietly leave unused.
+    fn check_applicable(&self) -> Result<(), Invalid> {
+        let mut checker = Checker::default();
+        let mut unused = |pointer: &str, detail: &str| checker.note(pointer, "not_applicable", detail);
+        if self.network_id.is_some() && self.method != Method::BpnnPso {
+            unused("/network_id", "only method \"bpnn_pso\" starts from a network: ask for it, or leave network_id out");
+        }
+        if self.frames_id.is_some() && self.model == Some(Model::Complete) {
+            unused("/frames_id", "model \"complete\" identifies base and targets itself: leave frames_id out, or ask for model \"paper\"");
+        }
+        if self.kind == Kind::Verify {
+            if self.verify.is_some() {
+                unused("/verify", "kind \"verify\" scores all points of measurement_set_id: leave verify out");
+            }
+            if self.parameters.is_some() {
+                unused("/parameters", "kind \"verify\" identifies nothing: leave parameters out");
+            }
+            if self.network_id.is_some() {
+                unused("/network_id", "kind \"verify\" identifies nothing: leave network_id out");
+            }
+        }
+        if matches!(&self.verify, Some(VerifyBody::Set { measurement_set_id }) if *measurement_set_id == self.measurement_set_id) {
+            let detail =
+                "a set cannot verify what was identified from it: name another set, or leave verify out to keep a part of this one";
+            checker.note("/verify/measurement_set_id", "same_set", detail);
+        }
+        checker.finish("invalid_job")
+    }
+
+    /// The model that is identified from a set in this frame: the one asked for, else the default.
+    pub fn model_for(&self, frame: Frame) -> Model {
+        self.model.unwrap_or_else(|| Model::from_core(request::default_model(frame.to_core(), self.frames_id.is_some())))
     }
 
     /// The core's request.
@@ -364,6 +400,8 @@ pub struct JobAnswer {
     pub kind: Kind,
     /// The method asked for; the report says which one ran.
     pub method: Method,
+    /// What was asked, as it was understood.
+    pub request: JobRequestBody,
     /// How it stands.
     pub status: JobStatus,
     /// How often a worker has begun it.

@@ -3,6 +3,7 @@
 use crate::calibration::upload;
 use crate::kinematics::Robot;
 pub use crate::measurement::MeasurementSet;
+use crate::measurement::csv::{MAX_COORDINATE_MM, MAX_STD_MM, MAX_TARGETS, MAX_TEMPERATURE_C, MIN_STD_MM};
 use crate::measurement::{self, Point, Subset};
 use crate::wire::angle::{to_degrees, to_radians};
 use crate::wire::issue::{Checker, Invalid, Issue, MAX_ISSUES};
@@ -14,13 +15,9 @@ use std::collections::BTreeSet;
 use utoipa::ToSchema;
 
 /// Most points of one set; the largest public campaigns have under a thousand.
-pub const MAX_POINTS: usize = 100_000;
-/// Farthest a measured coordinate may be from the instrument or base, mm: trackers reach 80 m.
-pub const MAX_POSITION_MM: f64 = 100_000.0;
+pub const MAX_POINTS: usize = measurement::csv::MAX_ROWS;
 /// Largest joint value, degrees: ten turns.
 pub const MAX_JOINT_VALUE_DEG: f64 = 3_600.0;
-/// Most reflectors on one tool.
-pub const MAX_TARGETS: usize = 32;
 /// Most rows one warning names.
 const MAX_WARNED_ROWS: usize = 20;
 
@@ -55,6 +52,16 @@ impl Frame {
             Self::Instrument => "instrument",
         }
     }
+}
+
+/// The frame where an upload does not say it: as on the command line.
+pub const DEFAULT_FRAME: Frame = Frame::Base;
+
+/// What an upload is told that did not say its frame.
+pub fn frame_assumed() -> Warning {
+    let detail = "the upload does not say in which frame positions are; the robot's base frame was taken. Say frame=base, or frame=instrument \
+                  where base pose and targets are unknown";
+    Warning { code: "frame_assumed".into(), detail: detail.into(), rows: vec![] }
 }
 
 /// Which half of a set a point belongs to.
@@ -171,15 +178,10 @@ impl Warning {
 /// # Errors
 /// [`Invalid`] with row, column and value of everything that is wrong.
 pub fn from_csv(bytes: &[u8], frame: Frame, n_joints: usize) -> Result<MeasurementSet, Invalid> {
-    let set = measurement::csv::parse(bytes, frame.to_core(), n_joints).map_err(|error| Invalid {
+    measurement::csv::parse(bytes, frame.to_core(), n_joints).map_err(|error| Invalid {
         code: "invalid_measurements",
         issues: error.issues.into_iter().take(MAX_ISSUES).map(csv_issue).collect(),
-    })?;
-    if set.points.len() > MAX_POINTS {
-        let detail = format!("{} rows; a set holds at most {MAX_POINTS}: split the file", set.points.len());
-        return Err(Invalid::at("", "too_many_points", detail));
-    }
-    Ok(set)
+    })
 }
 
 /// Reads a stored upload again.
@@ -207,7 +209,7 @@ impl MeasurementSetBody {
     /// # Errors
     /// [`Invalid`] with a JSON pointer to everything that is wrong.
     pub fn to_core(&self, frame: Option<Frame>, n_joints: usize) -> Result<MeasurementSet, Invalid> {
-        let frame = self.resolve_frame(frame)?;
+        let frame = self.resolve_frame(frame)?.unwrap_or(DEFAULT_FRAME);
         let mut checker = Checker::default();
         if self.points.is_empty() || self.points.len() > MAX_POINTS {
             checker.note("/points", "wrong_length", format!("{} points; 1 to {MAX_POINTS} are allowed", self.points.len()));
@@ -218,23 +220,30 @@ impl MeasurementSetBody {
         for (i, point) in self.points.iter().take(MAX_POINTS).enumerate() {
             point.check(&format!("/points/{i}"), n_joints, &mut checker);
         }
+        let with_std = self.points.iter().filter(|p| p.std_mm.is_some()).count();
+        if with_std > 0
+            && let Some(i) = self.points.iter().position(|p| p.std_mm.is_none())
+        {
+            let detail =
+                format!("{with_std} of {} points have std_mm and this one has none; give it to every point or to none", self.points.len());
+            checker.note(format!("/points/{i}/std_mm"), "mixed_std_mm", detail);
+        }
         checker.finish("invalid_measurements")?;
         let points = self.points.iter().enumerate().map(|(row, point)| point.to_core(row)).collect();
         Ok(MeasurementSet::new(frame.to_core(), points))
     }
 
-    /// The frame of the body, or else of the query.
+    /// The frame of the body, or else of the query; nothing where neither says it.
     ///
     /// # Errors
-    /// [`Invalid`] if neither says it, or they differ.
-    pub fn resolve_frame(&self, query: Option<Frame>) -> Result<Frame, Invalid> {
+    /// [`Invalid`] if they differ.
+    pub fn resolve_frame(&self, query: Option<Frame>) -> Result<Option<Frame>, Invalid> {
         match (self.frame, query) {
             (Some(body), Some(query)) if body != query => {
                 let detail = format!("the body says {:?}, the query {:?}: drop one", body.as_str(), query.as_str());
                 Err(Invalid::at("/frame", "frame_conflict", detail))
             }
-            (Some(frame), _) | (None, Some(frame)) => Ok(frame),
-            (None, None) => Err(Invalid::at("/frame", "frame_required", "say in which frame it was measured: \"base\" or \"instrument\"")),
+            (body, query) => Ok(body.or(query)),
         }
     }
 }
@@ -246,15 +255,24 @@ impl PointBody {
             checker.magnitude(format!("{at}/q_deg/{j}"), *q, MAX_JOINT_VALUE_DEG, "joint values are in degrees");
         }
         for (j, x) in self.position_mm.iter().enumerate() {
-            checker.magnitude(format!("{at}/position_mm/{j}"), *x, MAX_POSITION_MM, "positions are in millimetres");
+            checker.magnitude(format!("{at}/position_mm/{j}"), *x, MAX_COORDINATE_MM, "positions are in millimetres");
         }
         if let Some(target) = self.target.filter(|target| *target >= MAX_TARGETS) {
             checker.note(format!("{at}/target"), "out_of_range", format!("{target}: targets are numbered from 0, at most {MAX_TARGETS}"));
         }
-        if let Some(std) = self.std_mm.filter(|std| !(*std > 0.0 && *std <= MAX_POSITION_MM)) {
-            checker.note(format!("{at}/std_mm"), "out_of_range", format!("{std}: a standard uncertainty is above 0 mm"));
+        if let Some(std) = self.std_mm.filter(|std| !(MIN_STD_MM..=MAX_STD_MM).contains(std)) {
+            let detail = format!("{std}: a standard uncertainty is {MIN_STD_MM} to {MAX_STD_MM} mm");
+            checker.note(format!("{at}/std_mm"), "out_of_range", detail);
         }
-        for (label, name) in [(&self.configuration, "configuration"), (&self.station, "station"), (&self.session, "session")] {
+        if let Some(temperature_c) = self.temperature_c {
+            checker.magnitude(format!("{at}/temperature_c"), temperature_c, MAX_TEMPERATURE_C, "temperatures are in °C");
+        }
+        for (label, name) in [
+            (&self.configuration, "configuration"),
+            (&self.station, "station"),
+            (&self.session, "session"),
+            (&self.measured_at, "measured_at"),
+        ] {
             if let Some(label) = label {
                 checker.text(&format!("{at}/{name}"), label, MAX_NAME);
             }

@@ -19,7 +19,7 @@ pub const MAX_REASON: usize = 2_000;
 pub struct ParameterSetContent {
     /// Identified links, base to flange.
     pub links: Vec<IdentifiedLink>,
-    /// Base in the measuring frame; the identity for a set in the base frame.
+    /// Base in the measuring frame; the identity where positions are in the base frame and the model is the paper's.
     pub t_instrument_base: Transform,
     /// Where the reflectors are, in the flange frame.
     pub targets: Vec<Target>,
@@ -79,7 +79,7 @@ pub struct ParameterSetAnswer {
     pub status: ParameterSetStatus,
     /// Identified links, base to flange.
     pub links: Vec<IdentifiedLink>,
-    /// Base in the measuring frame; the identity for a set in the base frame.
+    /// Base in the measuring frame; the identity where positions are in the base frame and the model is the paper's.
     pub t_instrument_base: Transform,
     /// Where the reflectors are, in the flange frame.
     pub targets: Vec<Target>,

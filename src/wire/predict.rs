@@ -2,9 +2,10 @@
 
 use crate::calibration::predict;
 use crate::kinematics::Robot;
+use crate::measurement::csv::MAX_TARGETS;
 use crate::wire::angle::to_radians;
 use crate::wire::issue::{Checker, Invalid};
-use crate::wire::measurement::{MAX_JOINT_VALUE_DEG, MAX_TARGETS};
+use crate::wire::measurement::MAX_JOINT_VALUE_DEG;
 use crate::wire::parameter_set::ParameterSetContent;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;

@@ -7,7 +7,7 @@ use utoipa::ToSchema;
 /// Media type of a problem.
 pub const PROBLEM_JSON: &str = "application/problem+json";
 
-/// Prefix of every `type`: `code` with dashes follows. The README lists the codes.
+/// Prefix of every `type`: the `code` follows.
 const TYPE_PREFIX: &str = "urn:kincal:problem:";
 
 /// What went wrong (RFC 9457).

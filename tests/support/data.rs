@@ -4,6 +4,7 @@
 
 use kincal::kinematics::{Link, Robot};
 use kincal::measurement::{Frame, MeasurementSet, csv};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 /// Path of a file in `data/paper`.
@@ -18,7 +19,12 @@ pub fn real_data() -> Option<PathBuf> {
     if path.is_dir() {
         return Some(path);
     }
-    eprintln!("!!! NO REAL DATA at {} (KINCAL_REAL_DATA): the tests on measured robots DID NOT RUN !!!", path.display());
+    static SAID: std::sync::Once = std::sync::Once::new();
+    // written past the test runner's capture, which would hide it
+    SAID.call_once(|| {
+        let line = format!("!!! NO REAL DATA at {} (KINCAL_REAL_DATA): the tests on measured robots DID NOT RUN !!!", path.display());
+        let _ = writeln!(std::io::stderr(), "{line}");
+    });
     None
 }
 
