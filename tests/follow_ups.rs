@@ -12,6 +12,7 @@ use kincal::calibration::{CalibrationRequest, Error, Method, Model, calibrate, c
 use kincal::identification::KinematicModel;
 use kincal::kinematics::Robot;
 use kincal::measurement::{Frame, MeasurementSet, csv};
+use nalgebra::IsometryMatrix3;
 use simulation::{Campaign, Normal, measure, poses, true_robot};
 use std::ops::ControlFlow;
 
@@ -80,9 +81,9 @@ fn too_few_points_to_place_base_and_targets_and_still_verify_are_refused() {
     second.points.truncate(4);
     let request = CalibrationRequest::new(robot.clone(), second);
     let refused = check_verify(&request, Some(&identified(&robot, &first)));
-    // 12 equations, 6 numbers of the base and 6 of the targets
+    // 12 equations, 6 numbers of the base and 6 of the targets, of which twice as many are needed
     assert!(
-        matches!(&refused, Err(Error::Unusable { code: "under_determined", detail }) if detail.contains("at least 5 points")),
+        matches!(&refused, Err(Error::Unusable { code: "under_determined", detail }) if detail.contains("at least 4 more configurations")),
         "{refused:?}"
     );
 }

@@ -242,7 +242,7 @@ async fn a_job_refers_only_to_things_of_its_own_robot() {
     assert_eq!(problem["errors"][0]["pointer"], "/measurement_set_id");
     for (key, pointer) in [("frames_id", "/frames_id"), ("network_id", "/network_id"), ("parameter_set_id", "/parameter_set_id")] {
         let problem = app
-            .post_json(&format!("{robot}/jobs"), &json!({"measurement_set_id": set, key: "nothing"}))
+            .post_json(&format!("{robot}/jobs"), &json!({"measurement_set_id": set, "method": "bpnn_pso", key: "nothing"}))
             .await
             .problem(422, "unknown_reference");
         assert_eq!(problem["errors"][0]["pointer"], pointer);
@@ -354,7 +354,7 @@ async fn a_swarm_that_would_take_hours_is_refused() {
     let options = json!({"n_particles": 100_000, "n_iterations": 500});
     let request = json!({"measurement_set_id": set, "method": "pso", "options": options});
     app.post_json(&format!("{robot}/jobs"), &request).await.ok(202);
-    let rows: String = (0..3000).map(|i| format!("{},{},{},0,{},0,0.1,0.2,0.3\n", i % 170, i / 60, i % 50, i % 90)).collect();
+    let rows: String = (0..6000).map(|i| format!("{},{},{},0,{},0,0.1,0.2,0.3\n", i % 170, i / 60, i % 50, i % 90)).collect();
     let csv = format!("q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,x_mm,y_mm,z_mm\n{rows}");
     let large = app.post(&format!("{robot}/measurement-sets?frame=base"), "text/csv", csv).await.ok(201);
     let request = json!({"measurement_set_id": large["id"], "method": "pso", "options": options});

@@ -71,9 +71,18 @@ async fn what_is_wrong_in_a_json_set_is_named_by_pointer() {
         json!({"frame": "base", "points": [row(1.0, 2.0), {"q_deg": [1.0], "position_mm": [1e9, 0.0, 0.0], "std_mm": 0.0, "target": 99}]});
     let problem = app.post_json(&path, &body).await.problem(422, "invalid_measurements");
     let pointers: Vec<&str> = problem["errors"].as_array().unwrap().iter().map(|issue| text(&issue["pointer"])).collect();
-    assert_eq!(pointers, ["/points/1/q_deg", "/points/1/position_mm/0", "/points/1/target", "/points/1/std_mm"]);
+    assert_eq!(pointers, ["/points/1/q_deg", "/points/1/position_mm/0", "/points/1/target", "/points/1/std_mm", "/points/0/std_mm"]);
     app.post_json(&path, &json!({"frame": "base", "points": []})).await.problem(422, "invalid_measurements");
-    app.post_json(&path, &json!({"points": [row(1.0, 2.0)]})).await.problem(422, "frame_required");
+    // without a frame CSV and JSON are read alike, and the answer says how
+    let bodies = [
+        ("application/json", json!({"points": [row(1.0, 2.0)]}).to_string()),
+        ("text/csv", String::from_utf8(paper("first.csv")).unwrap()),
+    ];
+    for (content_type, body) in bodies {
+        let set = app.post(&path, content_type, body).await.ok(201);
+        assert_eq!(set["frame"], "base");
+        assert!(set["warnings"].as_array().unwrap().iter().any(|warning| warning["code"] == "frame_assumed"), "{set}");
+    }
     app.post_json(&format!("{path}?frame=instrument"), &json!({"frame": "base", "points": [row(1.0, 2.0)]}))
         .await
         .problem(422, "frame_conflict");
