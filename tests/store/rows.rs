@@ -69,8 +69,10 @@ fn a_network_reads_back_and_the_newest_of_its_kind_is_found() {
             tx.rollback().await.unwrap();
             rows.push(row);
         }
-        assert_eq!(networks::newest(store, &robot.id, "paper", "paper").await.unwrap().as_ref(), Some(&rows[2]));
-        assert_eq!(networks::newest(store, &robot.id, "complete", "default").await.unwrap(), None);
+        let newest = networks::newest(store, &robot.id, "paper", "paper", 2).await.unwrap();
+        let ids: Vec<&str> = newest.iter().map(|(id, _)| id.as_str()).collect();
+        assert_eq!(ids, [&rows[2].id, &rows[1].id], "newest first, no more than asked for");
+        assert_eq!(networks::newest(store, &robot.id, "complete", "default", 9).await.unwrap(), []);
         rows.reverse();
         assert_eq!(networks::list(store, &robot.id, &PageRequest::default()).await.unwrap().items, rows);
     });
