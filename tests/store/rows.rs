@@ -71,7 +71,7 @@ fn a_network_reads_back_and_the_newest_of_its_kind_is_found() {
         }
         let newest = networks::newest(store, &robot.id, "paper", "paper", 2).await.unwrap();
         let ids: Vec<&str> = newest.iter().map(|(id, _)| id.as_str()).collect();
-        assert_eq!(ids, [&rows[2].id, &rows[1].id], "newest first, no more than asked for");
+        assert_eq!(ids, [&rows[2].id, &rows[0].id], "newest first, of this model and preset");
         assert_eq!(networks::newest(store, &robot.id, "complete", "default", 9).await.unwrap(), []);
         rows.reverse();
         assert_eq!(networks::list(store, &robot.id, &PageRequest::default()).await.unwrap().items, rows);
