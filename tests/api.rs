@@ -19,5 +19,7 @@ mod parameter_sets;
 mod problems;
 #[path = "api/process.rs"]
 mod process;
+#[path = "api/release.rs"]
+mod release;
 #[path = "api/robots.rs"]
 mod robots;

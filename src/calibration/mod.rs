@@ -4,18 +4,22 @@ mod check;
 mod identify;
 mod observe;
 mod outcome;
+mod plausibility;
 pub mod predict;
 pub mod report;
 pub mod request;
+mod rescoring;
 mod settings;
 pub mod upload;
 mod verify;
 
 pub use check::{check, network_fits};
 pub use identify::calibrate;
+pub use plausibility::implausible_changes;
 pub use predict::predict;
 pub use report::{CalibrationReport, Errors};
 pub use request::{CalibrationRequest, Method, Model, Preset};
+pub use rescoring::{score, verify_points_of};
 pub use verify::{check_verify, verify};
 
 use std::ops::ControlFlow;

@@ -1,11 +1,11 @@
 //! From an identified model to the report: errors before and after, parameters with their uncertainty, remarks.
 
-use crate::calibration::Error;
 use crate::calibration::identify::{Found, Problem};
 use crate::calibration::observe::{Observed, observe_verify_set};
 use crate::calibration::report::*;
 use crate::calibration::request::{Method, Model, Preset, VerifySource};
 use crate::calibration::verify::refits;
+use crate::calibration::{Error, plausibility};
 use crate::identification::misfit::gravity_directions;
 use crate::identification::objective::{Observation, cost, residuals};
 use crate::identification::parameters::{Parameter, quantity_mut};
@@ -111,7 +111,7 @@ pub fn report(
         targets_mm,
         network,
     };
-    report.warnings = warnings(&report);
+    report.warnings = warnings(&report, &problem.request.robot.links);
     Ok(report)
 }
 
@@ -217,7 +217,7 @@ fn identifiability(problem: &Problem<'_>) -> Identifiability {
     }
 }
 
-fn warnings(report: &CalibrationReport) -> Vec<Warning> {
+fn warnings(report: &CalibrationReport, nominal: &[crate::kinematics::Link]) -> Vec<Warning> {
     let warning = |code, detail: String| Warning { code, detail, rows: vec![] };
     let mut warnings = Vec::new();
     match &report.verify {
@@ -243,6 +243,7 @@ fn warnings(report: &CalibrationReport) -> Vec<Warning> {
         let detail = format!("these cannot be told apart or seen from the measured positions; {stay}: {}", groups.join("; "));
         warnings.push(warning("unidentifiable_parameters", detail));
     }
+    warnings.extend(plausibility::warnings(report, nominal));
     if report.method == Method::LeastSquares && matches!(report.termination, "iteration_limit" | "not_finite") {
         warnings.push(warning(
             "not_converged",

@@ -16,10 +16,19 @@ use utoipa::openapi::{Content, Ref, RefOr, Response, ResponseBuilder};
 /// Name of the key scheme in the document.
 const KEY_SCHEME: &str = "key";
 /// Creations whose retry an `Idempotency-Key` makes harmless.
-const IDEMPOTENT: &[&str] =
-    &["createRobot", "createMeasurementSet", "createFrames", "createJob", "releaseParameterSet", "withdrawParameterSet"];
+const IDEMPOTENT: &[&str] = &[
+    "createRobot",
+    "createMeasurementSet",
+    "createFrames",
+    "createJob",
+    "releaseParameterSet",
+    "withdrawParameterSet",
+    "rollBackParameterSet",
+    "putPolicy",
+];
 /// Operations that may not fit how things stand.
-const CONFLICTS: &[&str] = &["createJob", "getReport", "getConvergence", "releaseParameterSet", "withdrawParameterSet"];
+const CONFLICTS: &[&str] =
+    &["createJob", "getReport", "getConvergence", "releaseParameterSet", "withdrawParameterSet", "rollBackParameterSet"];
 
 const DESCRIPTION: &str = "Calibrates industrial robots: upload measured poses, post a job, fetch the compensated parameters. \
     Every answer that is not a success is a problem (RFC 9457) with a stable `code`. Lists are paged by `limit` and `cursor`, newest first. \

@@ -10,7 +10,7 @@ use crate::wire::measurement::{self, DEFAULT_FRAME, Frame, MeasurementSetBody, S
 use crate::wire::page::Page;
 use crate::wire::robot::{MAX_NAME, RobotBody};
 use crate::wire::time::rfc3339;
-use crate::wire::{canonical, json};
+use crate::wire::{Invalid, canonical, json};
 use axum::Json;
 use axum::body::Bytes;
 use axum::extract::State;
@@ -36,12 +36,16 @@ struct UploadQuery {
     /// What people call the set; a name in a JSON body wins.
     #[param(min_length = 1, max_length = 200)]
     name: Option<String>,
+    /// Serial number of the robot that was measured; an upload for another robot is refused.
+    #[param(min_length = 1, max_length = 200)]
+    serial_number: Option<String>,
 }
 
 /// An upload that was understood.
 struct Upload {
     frame: Frame,
     name: Option<String>,
+    serial_number: Option<String>,
     n_points: usize,
     n_configurations: usize,
     n_targets: usize,
@@ -83,6 +87,8 @@ async fn create(
         n_configurations: upload.n_configurations as i64,
         n_targets: upload.n_targets as i64,
         warnings_json: serde_json::to_string(&upload.warnings)?,
+        uploaded_by: Some(submission.caller.holder.clone()),
+        serial_number: upload.serial_number,
     };
     let effect = async |tx: &mut Tx| {
         let row = measurement_sets::insert(tx, &new).await?;
@@ -99,8 +105,10 @@ fn is_json(submission: &Submission) -> Result<bool, Error> {
     }
 }
 
-fn understand(robot: &RobotBody, bytes: &Bytes, is_json: bool, query: UploadQuery) -> Result<Upload, Error> {
-    let robot = robot.to_core()?;
+fn understand(body: &RobotBody, bytes: &Bytes, is_json: bool, query: UploadQuery) -> Result<Upload, Error> {
+    let serial_number = query.serial_number.clone();
+    check_serial_number(body, serial_number.as_deref())?;
+    let robot = body.to_core()?;
     let n_joints = robot.links.len();
     let (said, name, set) = if is_json {
         let body: MeasurementSetBody = json::parse(bytes)?;
@@ -119,7 +127,32 @@ fn understand(robot: &RobotBody, bytes: &Bytes, is_json: bool, query: UploadQuer
         warnings.push(measurement::frame_assumed());
     }
     let frame = said.unwrap_or(DEFAULT_FRAME);
-    Ok(Upload { frame, name, n_points: set.points.len(), n_configurations, n_targets, warnings, sha256: canonical::sha256_hex(bytes) })
+    Ok(Upload {
+        frame,
+        name,
+        serial_number,
+        n_points: set.points.len(),
+        n_configurations,
+        n_targets,
+        warnings,
+        sha256: canonical::sha256_hex(bytes),
+    })
+}
+
+/// Whoever says which robot was measured says the right one.
+fn check_serial_number(robot: &RobotBody, stated: Option<&str>) -> Result<(), Error> {
+    let Some(stated) = stated else { return Ok(()) };
+    let mut checker = Checker::default();
+    checker.text("/serial_number", stated, MAX_NAME);
+    checker.finish("invalid_serial_number")?;
+    match &robot.serial_number {
+        Some(own) if own != stated => {
+            let detail =
+                format!("the upload says serial number {stated:?}, this robot has {own:?}: upload it to the robot that was measured");
+            Err(Invalid::at("/serial_number", "robot_mismatch", detail).into())
+        }
+        _ => Ok(()),
+    }
 }
 
 /// A robot's measurement sets, newest first.

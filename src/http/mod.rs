@@ -21,6 +21,7 @@ mod measurement_sets;
 mod metrics;
 mod networks;
 mod parameter_sets;
+mod policies;
 mod predict;
 mod release;
 mod robots;
@@ -113,6 +114,7 @@ fn routes() -> OpenApiRouter<App> {
         .merge(job_events::router())
         .merge(parameter_sets::router())
         .merge(release::router())
+        .merge(policies::router())
         .merge(predict::router())
         .merge(networks::router())
         .merge(me::router())

@@ -93,5 +93,6 @@ pub fn answer(row: ParameterSetRow) -> Result<ParameterSetAnswer, Error> {
         sha256: row.sha256,
         created_at: rfc3339(row.created_at_ms),
         released_at: row.released_at_ms.map(rfc3339),
+        release_checks: row.release_checks_json.as_deref().map(serde_json::from_str).transpose()?,
     })
 }

@@ -1,26 +1,30 @@
-//! Releasing and withdrawing parameter sets.
+//! Releasing and withdrawing parameter sets, and going back to the one before.
 
+use crate::http::auth::Caller;
 use crate::http::creation::{Submission, stored_json};
 use crate::http::extract::Id;
-use crate::http::{App, Error, access, parameter_sets as answers};
-use crate::store::{ParameterSetRow, ParameterSetStatus, Release, Tx, jobs, parameter_sets};
-use crate::wire::Issue;
+use crate::http::{App, Error, access, parameter_sets as answers, policies as policy_answers};
+use crate::jobs::evidence::{self, Weighed};
+use crate::store::{Checked, MeasurementSetRow, ParameterSetRow, ParameterSetStatus, PolicyRow, Release, Tx};
+use crate::store::{jobs, measurement_sets, parameter_sets, policies, robots};
 use crate::wire::parameter_set::{ParameterSetAnswer, ReasonBody};
-use crate::wire::release::{Gate, gates};
-use crate::wire::report_shape::Report;
+use crate::wire::release::{Facts, Gate, ReleaseBody, gates};
+use crate::wire::report_shape::Evidence;
+use crate::wire::robot::RobotBody;
+use crate::wire::{Issue, Problem};
 use axum::extract::State;
 use axum::response::Response;
 use utoipa_axum::{router::OpenApiRouter, routes};
 
 /// Routes of releases.
 pub fn router() -> OpenApiRouter<App> {
-    OpenApiRouter::new().routes(routes!(release)).routes(routes!(withdraw))
+    OpenApiRouter::new().routes(routes!(release)).routes(routes!(withdraw)).routes(routes!(roll_back))
 }
 
 /// Makes a parameter set the robot's active one, if it passes every gate. The one before becomes superseded.
 #[utoipa::path(
     post, path = "/v1/parameter-sets/{id}/release", tag = "parameter sets", operation_id = "releaseParameterSet",
-    params(("id" = String, Path, description = "The parameter set")), request_body = ReasonBody,
+    params(("id" = String, Path, description = "The parameter set")), request_body = ReleaseBody,
     responses((status = 200, description = "The set, released", body = ParameterSetAnswer))
 )]
 async fn release(State(app): State<App>, Id(id): Id, submission: Submission) -> Result<Response, Error> {
@@ -28,17 +32,28 @@ async fn release(State(app): State<App>, Id(id): Id, submission: Submission) -> 
     if let Some(answer) = submission.replay(&app.store).await? {
         return Ok(answer);
     }
-    let ReasonBody { reason } = reason(&submission)?;
-    let checks = pass(&app, &row).await?;
-    let active = parameter_sets::active(&app.store, &row.robot_id).await?;
-    let release = Release {
-        id,
-        active_when_checked: active.map(|active| active.id),
-        reason,
-        checks_json: serde_json::to_string(&checks)?,
-        released_by: submission.caller.holder.clone(),
-    };
+    let body: ReleaseBody = submission.json()?;
+    body.check()?;
+    let release = checked(&app, &submission.caller, row, body).await?;
     let effect = async |tx: &mut Tx| stored_json(200, None, &answers::answer(parameter_sets::release(tx, &release).await?)?);
+    submission.create(&app.store, effect).await
+}
+
+/// Goes back in one call: the active set is withdrawn, and the one that it superseded is active again.
+#[utoipa::path(
+    post, path = "/v1/robots/{robot_id}/parameter-sets/rollback", tag = "parameter sets", operation_id = "rollBackParameterSet",
+    params(("robot_id" = String, Path, description = "The robot")), request_body = ReasonBody,
+    responses((status = 200, description = "The set that is active now", body = ParameterSetAnswer))
+)]
+async fn roll_back(State(app): State<App>, Id(robot_id): Id, submission: Submission) -> Result<Response, Error> {
+    access::robot(&app, &submission.caller, &robot_id).await?;
+    if let Some(answer) = submission.replay(&app.store).await? {
+        return Ok(answer);
+    }
+    let ReasonBody { reason } = self::reason(&submission)?;
+    let row = parameter_sets::before_active(&app.store, &robot_id).await?;
+    let release = checked(&app, &submission.caller, row, ReleaseBody { reason, change_reason: None }).await?;
+    let effect = async |tx: &mut Tx| stored_json(200, None, &answers::answer(parameter_sets::roll_back(tx, &release).await?)?);
     submission.create(&app.store, effect).await
 }
 
@@ -66,15 +81,69 @@ fn reason(submission: &Submission) -> Result<ReasonBody, Error> {
     Ok(body)
 }
 
-/// Every gate's outcome if all passed. A set that was released before has passed them.
-async fn pass(app: &App, row: &ParameterSetRow) -> Result<Vec<Gate>, Error> {
+/// All but the stored documents that the gates look at.
+struct Around {
+    robot: RobotBody,
+    set: MeasurementSetRow,
+    policy: PolicyRow,
+    is_rollback: bool,
+    approver: String,
+    change_reason: Option<String>,
+}
+
+/// The release to be written, if every gate is passed.
+async fn checked(app: &App, caller: &Caller, row: ParameterSetRow, body: ReleaseBody) -> Result<Release, Error> {
     if row.status == ParameterSetStatus::Withdrawn {
         return Err(refused(vec![Issue { code: "withdrawn".into(), detail: "the set was withdrawn".into(), ..Issue::default() }]));
     }
-    let report: Report = serde_json::from_str(&jobs::report(&app.store, &row.job_id).await?)?;
-    let gates = gates(&report, &answers::content(row)?);
+    let policy = policies::get(&app.store, &row.robot_id).await?;
+    let active = parameter_sets::active(&app.store, &row.robot_id).await?;
+    let job = jobs::get(&app.store, &row.job_id).await?;
+    let around = Around {
+        robot: access::robot_body(&robots::get(&app.store, &row.robot_id).await?)?,
+        set: measurement_sets::get(&app.store, &job.measurement_set_id).await?,
+        policy: policy.clone(),
+        is_rollback: row.status == ParameterSetStatus::Superseded,
+        approver: caller.holder.clone(),
+        change_reason: body.change_reason,
+    };
+    let other = active.as_ref().filter(|active| active.id != row.id);
+    let stored = evidence::load(&app.store, &row, other).await?.map_err(unreadable)?;
+    let checked = Checked { active: active.map(|active| active.id), policy_version: policy.version, n_sessions: stored.n_sessions };
+    let (checks, evidence, uncertainty_mm) = app.compute(move || judge(&evidence::weigh(stored).map_err(unreadable)?, &around)).await?;
+    Ok(Release {
+        id: row.id,
+        checked,
+        reason: body.reason,
+        checks_json: serde_json::to_string(&checks)?,
+        released_by: caller.holder.clone(),
+        evidence: evidence.as_str().into(),
+        uncertainty_mm,
+    })
+}
+
+fn judge(weighed: &Weighed, around: &Around) -> Result<(Vec<Gate>, Evidence, Option<f64>), Error> {
+    let facts = Facts {
+        robot: &around.robot.to_core()?,
+        report: &weighed.report,
+        verified_elsewhere: weighed.verified_elsewhere,
+        content: &weighed.content,
+        active: weighed.active.as_ref(),
+        sessions: &weighed.sessions,
+        comparisons: &weighed.comparisons,
+        is_rollback: around.is_rollback,
+        serial_numbers: (around.robot.serial_number.as_deref(), around.set.serial_number.as_deref()),
+        people: (around.set.uploaded_by.as_deref(), &around.approver),
+        change_reason: around.change_reason.as_deref(),
+        policy: &policy_answers::body(&around.policy),
+    };
+    let gates = gates(&facts);
     let failed: Vec<Issue> = gates.iter().filter(|gate| !gate.passed).map(Gate::issue).collect();
-    if failed.is_empty() { Ok(gates) } else { Err(refused(failed)) }
+    if failed.is_empty() { Ok((gates, facts.evidence(), facts.uncertainty_mm())) } else { Err(refused(failed)) }
+}
+
+fn unreadable(problem: impl AsRef<Problem>) -> Error {
+    Error::Internal(problem.as_ref().detail.clone())
 }
 
 fn refused(errors: Vec<Issue>) -> Error {

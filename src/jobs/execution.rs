@@ -1,12 +1,13 @@
 //! From a job's stored inputs to `calibration::calibrate` and back: the same inputs give the same outcome on any worker,
 //! but for the durations.
 
+use crate::calibration::request::VerifySource;
 use crate::calibration::{self, CalibrationReport, CalibrationRequest, Event, calibrate};
 use crate::jobs::{JobFailure, JobInputs, JobOutcome, MeasurementSetInput, ParameterSetInput, Progress};
 use crate::store::{NewNetwork, NewParameterSet};
 use crate::wire::frames::FramesContent;
 use crate::wire::job::{JobParts, JobRequestBody, Kind};
-use crate::wire::measurement::{Frame, MeasurementSet, from_upload};
+use crate::wire::measurement::{Frame, MeasurementSet, from_upload, n_shared_points};
 use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::report::{self, RunContext};
 use crate::wire::report_shape::Report;
@@ -19,18 +20,23 @@ use std::time::Instant;
 /// Stages whose name begins so belong to the report's comparison and not to its duration.
 const COMPARISON: &str = "compare_";
 
+/// A session that shares more than this part of its points with the identification was not measured anew.
+const SHARED: f64 = 0.1;
+
 /// Computes one job.
 ///
 /// # Errors
 /// [`JobFailure::Cancelled`] when `progress` breaks, [`JobFailure::Failed`] with the problem that the client gets.
 pub fn compute(inputs: &JobInputs, progress: &mut dyn FnMut(Progress) -> ControlFlow<()>) -> Result<JobOutcome, JobFailure> {
     let body: JobRequestBody = json::parse(inputs.job.request_json.as_bytes()).map_err(broken)?;
-    let (request, verify_set_is_another) = request_of(&body, inputs)?;
+    let request = request_of(inputs)?;
     if body.kind == Kind::Verify {
         return verified(&request, inputs, progress);
     }
     let calibrated = calibrated(&request, progress)?;
-    let report = calibrated.report(&inputs.job.id, verify_set_is_another).map_err(broken)?;
+    // the same points uploaded again are the same session
+    let another = matches!(&request.verify, VerifySource::Set(set) if is_anew(&request.set, set));
+    let report = calibrated.report(&inputs.job.id, another).map_err(broken)?;
     let content = ParameterSetContent::from_core(&calibrated.core);
     Ok(JobOutcome {
         report_json: serde_json::to_string(&report).map_err(broken)?,
@@ -54,7 +60,8 @@ fn verified(
     let identified = inputs.parameter_set.as_ref().map(parse).transpose().map_err(broken)?.map(|content| content.to_core());
     let scored = |monitor: &mut calibration::Monitor<'_>| calibration::verify(request, identified.as_ref(), monitor);
     let calibrated = timed(&scored, progress)?;
-    let another = inputs.parameter_set.as_ref().is_none_or(|input| input.set.row.sha256 != inputs.set.row.sha256);
+    let identified_from = inputs.parameter_set.as_ref().map(|input| set_of(&input.set, request.robot.links.len())).transpose()?;
+    let another = identified_from.is_none_or(|identified_from| is_anew(&identified_from, &request.set));
     let report = calibrated.report(&inputs.job.id, another).map_err(broken)?;
     Ok(JobOutcome {
         report_json: serde_json::to_string(&report).map_err(broken)?,
@@ -133,8 +140,12 @@ fn new_network(network: StoredNetwork) -> Result<NewNetwork, JobFailure> {
     })
 }
 
-/// The core's request from what is stored, and whether it verifies on another set than it identifies from.
-fn request_of(request: &JobRequestBody, inputs: &JobInputs) -> Result<(CalibrationRequest, bool), JobFailure> {
+/// The core's request from what is stored.
+///
+/// # Errors
+/// [`JobFailure::Failed`] for what was accepted once and cannot be read any more.
+pub fn request_of(inputs: &JobInputs) -> Result<CalibrationRequest, JobFailure> {
+    let request: JobRequestBody = json::parse(inputs.job.request_json.as_bytes()).map_err(broken)?;
     let body: RobotBody = json::parse(inputs.robot.body_json.as_bytes()).map_err(broken)?;
     let robot = body.to_core().map_err(broken)?;
     let n_joints = robot.links.len();
@@ -147,15 +158,17 @@ fn request_of(request: &JobRequestBody, inputs: &JobInputs) -> Result<(Calibrati
         network: network.transpose().map_err(broken)?,
         robot,
     };
-    // the same bytes uploaded again are the same session
-    let another = inputs.verify_set.as_ref().is_some_and(|set| set.row.sha256 != inputs.set.row.sha256);
-    let request = request.to_core(parts).map_err(|invalid: Invalid| failed(&Problem::new(422, invalid.code, invalid.summary())))?;
-    Ok((request, another))
+    request.to_core(parts).map_err(|invalid: Invalid| failed(&Problem::new(422, invalid.code, invalid.summary())))
 }
 
 fn set_of(input: &MeasurementSetInput, n_joints: usize) -> Result<MeasurementSet, JobFailure> {
     let frame = Frame::parse(&input.row.frame).ok_or_else(|| broken(format!("unknown frame {:?}", input.row.frame)))?;
     from_upload(&input.row.content_type, &input.body, frame, n_joints).map_err(broken)
+}
+
+/// Whether points were measured anew, and not taken from the session that something was identified from.
+pub fn is_anew(identified_from: &MeasurementSet, points: &MeasurementSet) -> bool {
+    n_shared_points(identified_from, points) as f64 <= SHARED * points.points.len() as f64
 }
 
 /// What was accepted once cannot be read any more: not the client's fault.

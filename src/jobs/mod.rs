@@ -5,6 +5,7 @@
 //! lease, and ends it, all fenced by (owner, attempt). If the worker dies, the lease runs out and the job is computed again.
 
 mod compute;
+pub mod evidence;
 pub mod execution;
 mod heartbeat;
 mod pool;

@@ -129,3 +129,17 @@ impl Groups {
         })
     }
 }
+
+/// How many of the points of `b` stand in `a` as well, same joints and same position to a micrometre: a session measured anew never
+/// repeats the noise of another.
+pub fn n_shared_points(a: &MeasurementSet, b: &MeasurementSet) -> usize {
+    let key = |p: &Point| {
+        let joints = p.q_rad.iter().map(|q| (q / SAME_READING_RAD).round() as i64);
+        joints.chain(p.position_mm.iter().map(|x| (x * 1e3).round() as i64)).collect::<Vec<i64>>()
+    };
+    let known: std::collections::BTreeSet<_> = a.points.iter().map(key).collect();
+    b.points.iter().filter(|p| known.contains(&key(p))).count()
+}
+
+/// Joint values closer than this are the same reading: below any controller's resolution, rad.
+const SAME_READING_RAD: f64 = 1e-6;

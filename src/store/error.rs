@@ -62,6 +62,12 @@ pub enum Conflict {
     /// The released set is not the one that the release checks compared with.
     #[error("another parameter set was released in the meantime")]
     ActiveChanged,
+    /// The robot's policy, or the sessions that the set was scored on, are not those of the release checks.
+    #[error("the robot's policy or the set's sessions changed in the meantime")]
+    ChecksOutdated,
+    /// The robot has no set to go back to.
+    #[error("the robot has no superseded parameter set to go back to")]
+    NothingToRollBackTo,
     /// Something that must be unique exists already.
     #[error("it exists already")]
     Duplicate,

@@ -29,6 +29,10 @@ pub struct MeasurementSetRow {
     pub warnings_json: String,
     /// When it was stored.
     pub created_at_ms: i64,
+    /// Who uploaded it: the id of a key.
+    pub uploaded_by: Option<String>,
+    /// The serial number that the uploader stated.
+    pub serial_number: Option<String>,
 }
 
 /// A measurement set to be stored.
@@ -54,11 +58,16 @@ pub struct NewMeasurementSet {
     pub n_targets: i64,
     /// The list of warnings.
     pub warnings_json: String,
+    /// Who uploads it: the id of a key.
+    pub uploaded_by: Option<String>,
+    /// The serial number that the uploader states.
+    pub serial_number: Option<String>,
 }
 
 macro_rules! columns {
     () => {
-        "id, robot_id, name, frame, content_type, sha256, n_points, n_configurations, n_targets, warnings_json, created_at_ms"
+        "id, robot_id, name, frame, content_type, sha256, n_points, n_configurations, n_targets, warnings_json, created_at_ms,
+         uploaded_by, serial_number"
     };
 }
 
@@ -66,8 +75,8 @@ pub(super) const ALL_QUERIES: &[&str] = &[INSERT, GET, BODY, LIST];
 
 const INSERT: &str = concat!(
     "insert into measurement_set (id, robot_id, name, frame, content_type, body, sha256,
-         n_points, n_configurations, n_targets, warnings_json, created_at_ms)
-     values ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, (select now_ms from clock))
+         n_points, n_configurations, n_targets, warnings_json, created_at_ms, uploaded_by, serial_number)
+     values ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, (select now_ms from clock), $12, $13)
      returning ",
     columns!()
 );
@@ -101,7 +110,9 @@ pub async fn insert(tx: &mut Tx, new: &NewMeasurementSet) -> Result<MeasurementS
         .bind(new.n_points)
         .bind(new.n_configurations)
         .bind(new.n_targets)
-        .bind(&new.warnings_json);
+        .bind(&new.warnings_json)
+        .bind(new.uploaded_by.as_deref())
+        .bind(new.serial_number.as_deref());
     tx.needs_room()?;
     let row: MeasurementSetRow = query.fetch_one(tx.connection()?).await?;
     tx.note("measurement_set_created", &row.id, &json!({"robot_id": row.robot_id, "sha256": row.sha256}));

@@ -19,7 +19,9 @@ pub mod networks;
 mod open;
 mod page;
 pub mod parameter_sets;
+pub mod policies;
 pub mod robots;
+pub mod sessions;
 pub mod statistics;
 pub mod verify;
 mod writer;
@@ -35,8 +37,10 @@ pub use measurement_sets::{MeasurementSetRow, NewMeasurementSet};
 pub use networks::{NetworkRow, NewNetwork};
 pub use open::StoreLocation;
 pub use page::{Cursor, InvalidCursor, MAX_PAGE_SIZE, Page, PageRequest};
-pub use parameter_sets::{NewParameterSet, ParameterSetRow, ParameterSetStatus, Release};
+pub use parameter_sets::{Checked, NewParameterSet, ParameterSetRow, ParameterSetStatus, Release};
+pub use policies::PolicyRow;
 pub use robots::{NewRobot, RobotRow};
+pub use sessions::SessionRow;
 
 use std::fs::File;
 use std::path::PathBuf;
@@ -254,7 +258,9 @@ pub fn all_queries(engine: Engine) -> Vec<&'static str> {
         measurement_sets::ALL_QUERIES,
         networks::ALL_QUERIES,
         parameter_sets::ALL_QUERIES,
+        policies::ALL_QUERIES,
         robots::ALL_QUERIES,
+        sessions::ALL_QUERIES,
         statistics::ALL_QUERIES,
         verify::ALL_QUERIES,
     ]

@@ -32,6 +32,7 @@ pub enum StoreLocation {
 const MIGRATIONS: &[(i64, &str, &str, &str)] = &[
     (1, "initial", include_str!("../../migrations/sqlite/0001_initial.sql"), include_str!("../../migrations/postgres/0001_initial.sql")),
     (2, "trust", include_str!("../../migrations/sqlite/0002_trust.sql"), include_str!("../../migrations/postgres/0002_trust.sql")),
+    (4, "release", include_str!("../../migrations/sqlite/0004_release.sql"), include_str!("../../migrations/postgres/0004_release.sql")),
 ];
 
 /// The database's file in the data directory.

@@ -3,7 +3,7 @@
 
 use serde_json::json;
 
-use super::{Conflict, Page, PageRequest, Result, Store, Tx, new_id};
+use super::{Conflict, Page, PageRequest, Result, Store, Tx, new_id, policies, sessions};
 use crate::wire::canonical;
 
 /// Where a parameter set is in its life.
@@ -74,6 +74,10 @@ pub struct ParameterSetRow {
     pub released_by: Option<String>,
     /// Who withdrew it.
     pub withdrawn_by: Option<String>,
+    /// How strong the verification was that the last release rests on.
+    pub release_evidence: Option<String>,
+    /// The tool's largest uncertainty that the last release rests on, mm.
+    pub release_uncertainty_mm: Option<f64>,
 }
 
 /// A parameter set to be stored with the job that identified it.
@@ -90,24 +94,41 @@ pub struct NewParameterSet {
 pub struct Release {
     /// Which.
     pub id: String,
-    /// The set that was active when the checks were made, because they compare with it.
-    pub active_when_checked: Option<String>,
+    /// How things stood when the checks were made.
+    pub checked: Checked,
     /// Why.
     pub reason: String,
     /// What was checked, and how it came out.
     pub checks_json: String,
     /// Who releases: the id of a key.
     pub released_by: String,
+    /// How strong the verification is: `none`, `same_upload` or `independent_session`.
+    pub evidence: String,
+    /// The tool's largest uncertainty over the workspace, mm.
+    pub uncertainty_mm: Option<f64>,
+}
+
+/// What the checks of a release looked at. If any of it is otherwise when the release is written, they have to be made again.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Checked {
+    /// The robot's active set.
+    pub active: Option<String>,
+    /// Version of the robot's policy.
+    pub policy_version: i64,
+    /// How many sessions the set was scored on.
+    pub n_sessions: i64,
 }
 
 macro_rules! columns {
     () => {
         "id, robot_id, job_id, status, body_json, sha256, created_at_ms,
-         released_at_ms, release_reason, release_checks_json, withdrawn_at_ms, withdraw_reason, released_by, withdrawn_by"
+         released_at_ms, release_reason, release_checks_json, withdrawn_at_ms, withdraw_reason, released_by, withdrawn_by,
+         release_evidence, release_uncertainty_mm"
     };
 }
 
-pub(super) const ALL_QUERIES: &[&str] = &[INSERT, GET, ACTIVE, OF_ANOTHER_SESSION, LIST, LOCK_ROBOT, SUPERSEDE, RELEASE, WITHDRAW];
+pub(super) const ALL_QUERIES: &[&str] =
+    &[INSERT, GET, ACTIVE, BEFORE_ACTIVE, OF_ANOTHER_SESSION, LIST, LOCK_ROBOT, SUPERSEDE, RELEASE, WITHDRAW];
 
 const INSERT: &str = concat!(
     "insert into parameter_set (id, robot_id, job_id, status, body_json, sha256, created_at_ms)
@@ -119,6 +140,15 @@ const INSERT: &str = concat!(
 const GET: &str = concat!("select ", columns!(), " from parameter_set where id = $1");
 
 const ACTIVE: &str = concat!("select ", columns!(), " from parameter_set where robot_id = $1 and status = 'released'");
+
+const BEFORE_ACTIVE: &str = concat!(
+    "select ",
+    columns!(),
+    " from parameter_set
+     where robot_id = $1 and status = 'superseded'
+     order by released_at_ms desc, id desc
+     limit 1"
+);
 
 const OF_ANOTHER_SESSION: &str = concat!(
     "select ",
@@ -147,7 +177,7 @@ const SUPERSEDE: &str = "update parameter_set set status = 'superseded' where ro
 
 const RELEASE: &str = "
     update parameter_set set status = 'released', released_at_ms = (select now_ms from clock),
-        release_reason = $2, release_checks_json = $3, released_by = $4
+        release_reason = $2, release_checks_json = $3, released_by = $4, release_evidence = $5, release_uncertainty_mm = $6
     where id = $1";
 
 const WITHDRAW: &str = "
@@ -182,6 +212,15 @@ pub async fn active(store: &Store, robot_id: &str) -> Result<Option<ParameterSet
     Ok(sqlx::query_as(ACTIVE).bind(robot_id).fetch_optional(store.pool()).await?)
 }
 
+/// The set that a rollback goes back to: of those that were superseded, the one released last.
+///
+/// # Errors
+/// [`Conflict::NothingToRollBackTo`], [`super::Error::Database`].
+pub async fn before_active(store: &Store, robot_id: &str) -> Result<ParameterSetRow> {
+    let row: Option<ParameterSetRow> = sqlx::query_as(BEFORE_ACTIVE).bind(robot_id).fetch_optional(store.pool()).await?;
+    row.ok_or_else(|| Conflict::NothingToRollBackTo.into())
+}
+
 /// The robot's newest parameter set that was identified from other bytes than those with this SHA-256.
 ///
 /// # Errors
@@ -205,7 +244,7 @@ pub async fn list(store: &Store, robot_id: &str, request: &PageRequest) -> Resul
 /// Releasing the active one again changes nothing.
 ///
 /// # Errors
-/// [`super::Error::NotFound`], [`Conflict::Withdrawn`], [`Conflict::ActiveChanged`], [`super::Error::Database`];
+/// [`super::Error::NotFound`], [`Conflict::Withdrawn`], [`Conflict::ActiveChanged`], [`Conflict::ChecksOutdated`], [`super::Error::Database`];
 /// the transaction must then not be committed.
 pub async fn release(tx: &mut Tx, release: &Release) -> Result<ParameterSetRow> {
     let set = lock_and_get(tx, &release.id).await?;
@@ -216,19 +255,40 @@ pub async fn release(tx: &mut Tx, release: &Release) -> Result<ParameterSetRow> 
     }
     let active: Option<ParameterSetRow> = sqlx::query_as(ACTIVE).bind(&set.robot_id).fetch_optional(tx.connection()?).await?;
     let active = active.map(|active| active.id);
-    if active != release.active_when_checked {
+    if active != release.checked.active {
         return Err(Conflict::ActiveChanged.into());
+    }
+    let policy = policies::get_in(tx, &set.robot_id).await?;
+    if (policy.version, sessions::count_in(tx, &release.id).await?) != (release.checked.policy_version, release.checked.n_sessions) {
+        return Err(Conflict::ChecksOutdated.into());
     }
     sqlx::query(SUPERSEDE).bind(&set.robot_id).execute(tx.connection()?).await?;
     let query = sqlx::query(RELEASE).bind(&release.id).bind(&release.reason).bind(&release.checks_json);
-    query.bind(&release.released_by).execute(tx.connection()?).await?;
+    query.bind(&release.released_by).bind(&release.evidence).bind(release.uncertainty_mm).execute(tx.connection()?).await?;
     if let Some(active) = &active {
         tx.note("parameter_set_superseded", active, &json!({"by": release.id}));
     }
     let checks_sha256 = canonical::sha256_hex(release.checks_json.as_bytes());
-    let detail = json!({"reason": release.reason, "sha256": set.sha256, "checks_sha256": checks_sha256});
+    let detail = json!({"reason": release.reason, "sha256": set.sha256, "checks_sha256": checks_sha256, "evidence": release.evidence});
     tx.note("parameter_set_released", &release.id, &detail);
     get_in(tx, &release.id).await
+}
+
+/// Goes back: the active set is withdrawn, and `release` (a superseded set) takes its place, both or neither.
+///
+/// # Errors
+/// As [`release`].
+pub async fn roll_back(tx: &mut Tx, release: &Release) -> Result<ParameterSetRow> {
+    let set = lock_and_get(tx, &release.id).await?;
+    let active: Option<ParameterSetRow> = sqlx::query_as(ACTIVE).bind(&set.robot_id).fetch_optional(tx.connection()?).await?;
+    if active.as_ref().map(|active| &active.id) != release.checked.active.as_ref() || set.status != ParameterSetStatus::Superseded {
+        return Err(Conflict::ActiveChanged.into());
+    }
+    if let Some(active) = active {
+        withdraw(tx, &active.id, &release.reason, &release.released_by).await?;
+    }
+    let checked = Checked { active: None, ..release.checked.clone() };
+    self::release(tx, &Release { checked, ..release.clone() }).await
 }
 
 /// Withdraws a set in whatever state it is; if it was the active one, the robot has none afterwards.

@@ -4,6 +4,7 @@ use crate::calibration::upload;
 use crate::kinematics::Robot;
 pub use crate::measurement::MeasurementSet;
 use crate::measurement::csv::{MAX_COORDINATE_MM, MAX_STD_MM, MAX_TARGETS, MAX_TEMPERATURE_C, MIN_STD_MM};
+pub use crate::measurement::set::n_shared_points;
 use crate::measurement::{self, Point, Subset};
 use crate::wire::angle::{to_degrees, to_radians};
 use crate::wire::issue::{Checker, Invalid, Issue, MAX_ISSUES};

@@ -15,6 +15,7 @@ pub mod network;
 pub mod options;
 pub mod page;
 pub mod parameter_set;
+pub mod policy;
 pub mod predict;
 pub mod problem;
 pub mod release;

@@ -7,6 +7,7 @@ use crate::wire::angle::{to_degrees, to_radians};
 use crate::wire::canonical;
 use crate::wire::frames::Transform;
 use crate::wire::issue::{Checker, Invalid};
+use crate::wire::release::Gate;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -90,6 +91,9 @@ pub struct ParameterSetAnswer {
     /// RFC 3339, UTC.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub released_at: Option<String>,
+    /// The gates of the last release and what they found; look at those with `warning`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub release_checks: Option<Vec<Gate>>,
 }
 
 /// Why a set is released or withdrawn.

@@ -1,12 +1,25 @@
 //! The gates a parameter set passes before it may move a robot.
 
-use crate::wire::issue::Issue;
-use crate::wire::parameter_set::ParameterSetContent;
-use crate::wire::report_shape::Report;
+use crate::calibration::implausible_changes;
+use crate::kinematics::Robot;
+use crate::wire::issue::{Checker, Invalid, Issue};
+use crate::wire::parameter_set::{MAX_REASON, ParameterSetContent};
+use crate::wire::policy::PolicyBody;
+use crate::wire::report_shape::{Evidence, Report};
 use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// Fewer points than this prove nothing.
+const MIN_VERIFY_POINTS: usize = 5;
+/// Two parameter sets whose errors differ by less are equally good, mm: a tenth of what a laser tracker resolves over an arm's reach.
+const SAME_MM: f64 = 0.001;
+/// Nominal values in a report may have gone through degrees and back.
+const SAME_NOMINAL: f64 = 1e-6;
+/// The active set's errors on new points, in units of the candidate's, from which on something must have happened to the robot.
+const CHANGED: f64 = 3.0;
 
 /// One gate and how it came out; kept with the release.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct Gate {
     /// Its name.
     pub gate: String,
@@ -14,11 +27,18 @@ pub struct Gate {
     pub passed: bool,
     /// What was found.
     pub detail: String,
+    /// True where it was passed and somebody should look all the same.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub warning: bool,
 }
 
 impl Gate {
-    fn new(gate: &str, passed: bool, detail: String) -> Self {
-        Self { gate: gate.into(), passed, detail }
+    fn new(gate: &str, passed: bool, detail: impl Into<String>) -> Self {
+        Self { gate: gate.into(), passed, detail: detail.into(), warning: false }
+    }
+
+    fn warned(self, warning: bool) -> Self {
+        Self { warning: warning && self.passed, ..self }
     }
 
     /// As it is listed in a refusal.
@@ -27,26 +47,292 @@ impl Gate {
     }
 }
 
-/// Every gate, passed or not: points held out, errors on them improved, all numbers finite, the content as it was hashed.
-pub fn gates(report: &Report, content: &ParameterSetContent) -> Vec<Gate> {
-    let verified = match &report.verify {
-        Some(verify) => (verify.n_points > 0, format!("{} points were held out to verify", verify.n_points)),
-        None => (false, "no points were held out to verify: post a job with verify".into()),
+/// Why a set is released.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ReleaseBody {
+    /// In words, for those who come after.
+    #[schema(min_length = 1, max_length = 2000)]
+    pub reason: String,
+    /// Why parameters changed by more than can be expected, e.g. `collision on Monday`; needed only then.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(min_length = 1, max_length = 2000)]
+    pub change_reason: Option<String>,
+}
+
+impl ReleaseBody {
+    /// Reasons are sentences, not nothing and not books.
+    ///
+    /// # Errors
+    /// [`Invalid`] for an empty or overlong one.
+    pub fn check(&self) -> Result<(), Invalid> {
+        let mut checker = Checker::default();
+        checker.text("/reason", &self.reason, MAX_REASON);
+        self.change_reason.iter().for_each(|reason| checker.text("/change_reason", reason, MAX_REASON));
+        checker.finish("invalid_reason")
+    }
+}
+
+/// A session that the set was scored on by a job of kind `verify`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Session {
+    /// The job.
+    pub job_id: String,
+    /// Points.
+    pub n_points: usize,
+    /// Of the nominal robot, mm.
+    pub before_rms_mm: f64,
+    /// Of the set, mm.
+    pub after_rms_mm: f64,
+    /// Measured anew, with enough points, and none of them from the session that the set was identified from.
+    pub is_independent: bool,
+}
+
+/// The set and the robot's active one on the same points.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Comparison {
+    /// Which points, in words.
+    pub points: String,
+    /// rms of both, mm: of the set, of the active one; or why that cannot be told.
+    pub rms_mm: Result<(f64, f64), String>,
+}
+
+/// All that the gates look at.
+#[derive(Clone, Debug)]
+pub struct Facts<'a> {
+    /// The robot's nominal model.
+    pub robot: &'a Robot,
+    /// The report of the job that identified the set.
+    pub report: &'a Report,
+    /// Whether that job's verify points are another session's.
+    pub verified_elsewhere: bool,
+    /// The set.
+    pub content: &'a ParameterSetContent,
+    /// The active set, if there is one.
+    pub active: Option<&'a ParameterSetContent>,
+    /// What it was scored on since.
+    pub sessions: &'a [Session],
+    /// Against the active set.
+    pub comparisons: &'a [Comparison],
+    /// It was released before, and is to come back.
+    pub is_rollback: bool,
+    /// Serial number of the robot, and as the uploader stated it.
+    pub serial_numbers: (Option<&'a str>, Option<&'a str>),
+    /// Who uploaded, and who releases.
+    pub people: (Option<&'a str>, &'a str),
+    /// Why it changed so much.
+    pub change_reason: Option<&'a str>,
+    /// What the robot asks.
+    pub policy: &'a PolicyBody,
+}
+
+impl Facts<'_> {
+    /// How strong the verification is.
+    pub fn evidence(&self) -> Evidence {
+        let independent = self.sessions.iter().any(|session| session.is_independent) || (self.verified_elsewhere && self.has_own_points());
+        match (independent, self.has_own_points()) {
+            (true, _) => Evidence::IndependentSession,
+            (false, true) => Evidence::SameUpload,
+            (false, false) => Evidence::None,
+        }
+    }
+
+    /// The tool's largest predicted uncertainty, mm.
+    pub fn uncertainty_mm(&self) -> Option<f64> {
+        self.report.tool_uncertainty_mm.map(|tool| tool.max)
+    }
+
+    fn has_own_points(&self) -> bool {
+        self.report.verify.is_some_and(|verify| verify.n_points >= MIN_VERIFY_POINTS)
+    }
+}
+
+/// Every gate, passed or not.
+pub fn gates(facts: &Facts<'_>) -> Vec<Gate> {
+    let mut gates = vec![verified(facts), errors_improved(facts), all_finite(facts.content), better_than_nominal(facts)];
+    gates.extend([better_than_active(facts), evidence(facts), uncertainty(facts), errors_within_tolerance(facts)]);
+    gates.extend([identity(facts), change(facts), second_person(facts)]);
+    gates
+}
+
+fn verified(facts: &Facts<'_>) -> Gate {
+    let n = facts.report.verify.map_or(0, |verify| verify.n_points);
+    let passed = facts.evidence() != Evidence::None;
+    let detail = match passed {
+        true => format!("{n} points were held out to verify, {} sessions scored", facts.sessions.len()),
+        false => format!("{n} points were held out to verify; {MIN_VERIFY_POINTS} are needed: post a job with verify, or of kind verify"),
     };
-    let improved = match &report.verify {
+    Gate::new("verified", passed, detail)
+}
+
+fn errors_improved(facts: &Facts<'_>) -> Gate {
+    let name = "verify_errors_improved";
+    match &facts.report.verify {
         Some(verify) => {
             let (before, after) = (verify.before.rms_mm, verify.after.rms_mm);
-            (after < before, format!("rms on the verify points: {before:.4} mm before, {after:.4} mm after"))
+            Gate::new(name, after < before, format!("rms on the verify points: {before:.4} mm before, {after:.4} mm after"))
         }
-        None => (false, "without verify points nobody knows".into()),
-    };
+        None if facts.sessions.iter().any(|session| session.is_independent) => Gate::new(name, true, "see the sessions"),
+        None => Gate::new(name, false, "without verify points nobody knows"),
+    }
+}
+
+fn all_finite(content: &ParameterSetContent) -> Gate {
     let links = content.links.iter().flat_map(|l| [l.a_mm, l.alpha_deg, l.d_mm, l.theta_offset_deg, l.beta_deg]);
     let base = content.t_instrument_base;
     let frame = base.rotation.into_iter().flatten().chain(base.translation_mm);
     let finite = links.chain(frame).chain(content.targets.iter().flat_map(|t| t.position_mm)).all(f64::is_finite);
-    vec![
-        Gate::new("verified", verified.0, verified.1),
-        Gate::new("verify_errors_improved", improved.0, improved.1),
-        Gate::new("all_finite", finite, "every number is finite".into()),
-    ]
+    Gate::new("all_finite", finite, "every number is finite")
+}
+
+/// Fails closed: an error that cannot be compared is not smaller.
+fn better_than_nominal(facts: &Facts<'_>) -> Gate {
+    let name = "sessions_better_than_nominal";
+    let worse = facts.sessions.iter().find(|s| s.after_rms_mm.partial_cmp(&s.before_rms_mm) != Some(std::cmp::Ordering::Less));
+    match worse {
+        Some(s) => {
+            let detail = format!(
+                "job {} scored the set on another session: {:.4} mm rms, the nominal robot {:.4} mm; it is no better than nominal, so it is never released",
+                s.job_id, s.after_rms_mm, s.before_rms_mm
+            );
+            Gate::new(name, false, detail)
+        }
+        None => Gate::new(name, true, format!("{} sessions, each better than nominal", facts.sessions.len())),
+    }
+}
+
+fn better_than_active(facts: &Facts<'_>) -> Gate {
+    let name = "improved_on_active";
+    if facts.active.is_none() {
+        return Gate::new(name, true, "the robot has no active set");
+    }
+    if facts.is_rollback {
+        return Gate::new(name, true, "not compared: the set was active before").warned(true);
+    }
+    let mut said = Vec::new();
+    let (mut passed, mut changed) = (!facts.comparisons.is_empty(), false);
+    for comparison in facts.comparisons {
+        match &comparison.rms_mm {
+            Ok((own, active)) => {
+                passed &= *own <= active + SAME_MM;
+                changed |= *active > CHANGED * own + SAME_MM;
+                said.push(format!("{}: {own:.4} mm rms, the active set {active:.4} mm", comparison.points));
+            }
+            Err(why) => {
+                passed = false;
+                said.push(format!("{}: cannot be compared with the active set: {why}", comparison.points));
+            }
+        }
+    }
+    if changed {
+        said.push("the active set is far off on these points: the robot, its tool or its base changed, or it is another robot".into());
+    }
+    if said.is_empty() {
+        said.push("without verify points it cannot be compared with the active set".into());
+    }
+    Gate::new(name, passed, said.join("; ")).warned(changed)
+}
+
+fn evidence(facts: &Facts<'_>) -> Gate {
+    let evidence = facts.evidence();
+    let detail = match evidence {
+        Evidence::IndependentSession => "independent_session: another session, measured anew, was scored",
+        Evidence::SameUpload => {
+            "same_upload: only points of the same upload were held out; a wrong base, tool or scale would not show. Measure another session, and post a job of kind verify"
+        }
+        Evidence::None => "none: nothing was held out",
+    };
+    let passed = !facts.policy.independent_session_required || evidence == Evidence::IndependentSession;
+    Gate::new("evidence", passed, detail).warned(evidence != Evidence::IndependentSession)
+}
+
+fn uncertainty(facts: &Facts<'_>) -> Gate {
+    let name = "uncertainty_within_tolerance";
+    match (facts.uncertainty_mm(), facts.policy.tolerance_mm) {
+        (Some(found), Some(tolerance)) => {
+            let detail =
+                format!("predicted uncertainty of the tool over the workspace: at most {found:.4} mm, the tolerance is {tolerance} mm");
+            Gate::new(name, found <= tolerance, detail)
+        }
+        (None, Some(tolerance)) => Gate::new(name, false, format!("the uncertainty cannot be stated; the tolerance is {tolerance} mm")),
+        (found, None) => {
+            let found = found.map_or("cannot be stated".to_owned(), |found| format!("is {found:.4} mm"));
+            Gate::new(name, true, format!("the robot's policy has no tolerance; the uncertainty {found}"))
+        }
+    }
+}
+
+/// What was measured has to be within the tolerance too: on other sessions where there are any, else on the points held out.
+fn errors_within_tolerance(facts: &Facts<'_>) -> Gate {
+    let name = "verify_errors_within_tolerance";
+    let Some(tolerance) = facts.policy.tolerance_mm else { return Gate::new(name, true, "the robot's policy has no tolerance") };
+    let elsewhere = facts.sessions.iter().filter(|s| s.is_independent).map(|s| s.after_rms_mm);
+    let found: Vec<f64> = elsewhere.chain(facts.report.verify.map(|verify| verify.after.rms_mm)).collect();
+    let largest = found.iter().fold(f64::NEG_INFINITY, |largest, rms| if rms.is_nan() { f64::INFINITY } else { largest.max(*rms) });
+    let detail = format!("largest rms on verify points: {largest:.4} mm, the tolerance is {tolerance} mm");
+    Gate::new(name, !found.is_empty() && largest <= tolerance, detail)
+}
+
+fn identity(facts: &Facts<'_>) -> Gate {
+    if let (Some(robots), Some(stated)) = facts.serial_numbers
+        && robots != stated
+    {
+        let detail = format!("the upload says serial number {stated:?}, the robot has {robots:?}");
+        return Gate::new("identity", false, detail);
+    }
+    let nominal = |link: usize, name: &str| {
+        let link = facts.robot.links.get(link.checked_sub(1)?)?;
+        Some(match name.rsplit_once('_')?.0 {
+            "a" => link.a_mm,
+            "alpha" => link.alpha_rad.to_degrees(),
+            "d" => link.d_mm,
+            "theta_offset" => link.theta_offset_rad.to_degrees(),
+            "beta" => link.beta_rad.to_degrees(),
+            _ => return None,
+        })
+    };
+    let of_links = facts.report.parameters.iter().filter_map(|p| Some((p, p.link?)));
+    let other =
+        of_links.clone().find(|(p, link)| nominal(*link, &p.name).is_some_and(|expected| (expected - p.nominal).abs() > SAME_NOMINAL));
+    match other {
+        Some((p, _)) => {
+            Gate::new("identity", false, format!("{} is nominally {} in the report, which is not the robot's", p.name, p.nominal))
+        }
+        None if facts.content.links.len() != facts.robot.links.len() => Gate::new("identity", false, "another number of links"),
+        None => match facts.serial_numbers {
+            (Some(_), Some(stated)) => Gate::new("identity", true, format!("serial number {stated:?}, the robot's nominal model")),
+            _ => Gate::new("identity", true, "the robot's nominal model; no serial number was stated with the upload").warned(true),
+        },
+    }
+}
+
+fn change(facts: &Facts<'_>) -> Gate {
+    let (reference, name) = match facts.active {
+        Some(active) => (active.links_to_core(), "the active set"),
+        None => (facts.robot.links.clone(), "the nominal robot"),
+    };
+    let changes = implausible_changes(&facts.content.links_to_core(), &reference);
+    if changes.is_empty() {
+        return Gate::new("change_plausible", true, format!("no parameter is far from {name}"));
+    }
+    let found = format!("against {name} it changes {}", changes.join(", "));
+    match facts.change_reason {
+        Some(reason) => Gate::new("change_plausible", true, format!("{found}; the reason given: {reason}")).warned(true),
+        None if facts.is_rollback => Gate::new("change_plausible", true, format!("{found}; the set was active before")).warned(true),
+        None => {
+            let detail = format!("{found}: a wrong tool, another robot? If it is right, say why in change_reason");
+            Gate::new("change_plausible", false, detail)
+        }
+    }
+}
+
+fn second_person(facts: &Facts<'_>) -> Gate {
+    let (uploader, approver) = facts.people;
+    let other = uploader.is_some_and(|uploader| uploader != approver);
+    let detail = match (uploader, other) {
+        (Some(uploader), true) => format!("uploaded by {uploader}, released by {approver}"),
+        (Some(_), false) => format!("uploaded and released by {approver}"),
+        (None, _) => "who uploaded it is not known".into(),
+    };
+    Gate::new("second_person", other || !facts.policy.second_person_required, detail)
 }

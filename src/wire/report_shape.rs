@@ -234,6 +234,17 @@ pub enum Evidence {
     IndependentSession,
 }
 
+impl Evidence {
+    /// As it stands on the wire.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::None => "none",
+            Self::SameUpload => "same_upload",
+            Self::IndependentSession => "independent_session",
+        }
+    }
+}
+
 /// How the cost fell.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Convergence {

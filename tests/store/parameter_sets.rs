@@ -1,7 +1,8 @@
 //! Release and withdrawal of parameter sets.
 
 use kincal::store::{
-    Conflict, Engine, Error, NewParameterSet, ParameterSetRow, ParameterSetStatus, Release, Result, Store, jobs, parameter_sets,
+    Checked, Conflict, Engine, Error, NewParameterSet, ParameterSetRow, ParameterSetStatus, PolicyRow, Release, Result, Store, jobs,
+    parameter_sets, policies,
 };
 
 use crate::engines::for_each_engine;
@@ -13,10 +14,12 @@ const PASSED: &str = r#"[{"gate":"x","passed":true}]"#;
 async fn release(store: &Store, set: &ParameterSetRow, active: Option<&ParameterSetRow>) -> Result<ParameterSetRow> {
     let release = Release {
         id: set.id.clone(),
-        active_when_checked: active.map(|active| active.id.clone()),
+        checked: Checked { active: active.map(|active| active.id.clone()), ..Checked::default() },
         reason: "after the collision".into(),
         checks_json: PASSED.into(),
         released_by: "key_1".into(),
+        evidence: "same_upload".into(),
+        uncertainty_mm: Some(0.1),
     };
     let mut tx = store.begin().await?;
     let released = parameter_sets::release(&mut tx, &release).await?;
@@ -190,3 +193,46 @@ fn the_schema_itself_keeps_the_life_and_the_content_of_a_set() {
 }
 
 const POSTGRES_BYTES: &str = "update measurement_set set body = '' where id = $1";
+
+/// What the code would write if it forgot to look.
+const FORGETFUL: &str = "update parameter_set set status = 'released', released_at_ms = 1, release_checks_json = '[{\"passed\":true}]',
+    release_evidence = $2, release_uncertainty_mm = $3, released_by = $4 where id = $1";
+
+#[test]
+fn the_schema_itself_keeps_the_robots_policy() {
+    for_each_engine(async |database| {
+        let store = &database.store;
+        let robot = a_robot(store, "r").await;
+        let candidate = a_candidate(store, &a_set(store, &robot).await).await;
+        let strict = PolicyRow { tolerance_mm: Some(0.2), independent_session_required: 1, second_person_required: 1, version: 0 };
+        let set = in_transaction(store, async |tx| policies::put(tx, &robot.id, &strict, "boss").await).await;
+        assert_eq!(set, PolicyRow { version: 1, ..strict.clone() });
+        let write = async |evidence: &str, uncertainty_mm: Option<f64>, by: &str| {
+            sqlx::query(FORGETFUL).bind(&candidate.id).bind(evidence).bind(uncertainty_mm).bind(by).execute(store.pool()).await
+        };
+        for (evidence, uncertainty_mm, by) in [
+            ("same_upload", Some(0.1), "engineer"),
+            ("independent_session", Some(0.21), "engineer"),
+            ("independent_session", None, "engineer"),
+            ("independent_session", Some(0.1), "key_uploader"),
+        ] {
+            let error = write(evidence, uncertainty_mm, by).await.unwrap_err();
+            assert!(error.to_string().contains("policy"), "{evidence} {uncertainty_mm:?} {by}: {error}");
+        }
+        write("independent_session", Some(0.1), "engineer").await.unwrap();
+    });
+}
+
+#[test]
+fn a_release_is_refused_when_the_policy_changed_since_its_checks() {
+    for_each_engine(async |database| {
+        let store = &database.store;
+        let robot = a_robot(store, "r").await;
+        let candidate = a_candidate(store, &a_set(store, &robot).await).await;
+        let loose = PolicyRow { tolerance_mm: Some(10.0), ..PolicyRow::default() };
+        in_transaction(store, async |tx| policies::put(tx, &robot.id, &loose, "boss").await).await;
+        let refused = release(store, &candidate, None).await;
+        assert!(matches!(refused, Err(Error::Conflict(Conflict::ChecksOutdated))), "{refused:?}");
+        assert_eq!(status(store, &candidate).await, ParameterSetStatus::Candidate);
+    });
+}

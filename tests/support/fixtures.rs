@@ -31,6 +31,8 @@ pub fn new_set(robot: &RobotRow, body: &[u8]) -> NewMeasurementSet {
         n_configurations: 1,
         n_targets: 1,
         warnings_json: "[]".into(),
+        uploaded_by: Some("key_uploader".into()),
+        serial_number: None,
     }
 }
 

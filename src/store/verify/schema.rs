@@ -32,7 +32,10 @@ const GUARDS: &[&str] = &[
     "parameter_set_checks",
     "parameter_set_stays",
     "parameter_set_is_kept",
+    "parameter_set_policy",
+    "parameter_set_no_better",
     "measurement_set_stays",
+    "measurement_set_uploader_stays",
     "robot_stays",
     "job_stays_over",
 ];

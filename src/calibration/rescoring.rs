@@ -1,0 +1,33 @@
+//! A parameter set on the points that another one was verified on: what a release compares.
+
+use crate::calibration::observe::observe;
+use crate::calibration::report::Errors;
+use crate::calibration::request::{CalibrationRequest, VerifySource};
+use crate::calibration::verify::verify;
+use crate::calibration::{Error, unusable};
+use crate::identification::KinematicModel;
+use crate::measurement::{MeasurementSet, Subset};
+use std::ops::ControlFlow;
+
+/// The points that a request keeps to verify: another set, or its own verify subset.
+///
+/// # Errors
+/// [`Error::Unusable`] for a set whose split cannot be made.
+pub fn verify_points_of(request: &CalibrationRequest) -> Result<MeasurementSet, Error> {
+    if let VerifySource::Set(set) = &request.verify {
+        return Ok(set.clone());
+    }
+    let subsets = observe(request)?.subsets;
+    let kept = request.set.points.iter().zip(subsets).filter(|(_, subset)| *subset == Subset::Verify);
+    Ok(MeasurementSet { frame: request.set.frame, points: kept.map(|(point, _)| point.clone()).collect() })
+}
+
+/// Errors of a model on all points of `set`, base and targets placed anew as [`verify`] does it.
+///
+/// # Errors
+/// As [`verify`].
+pub fn score(request: &CalibrationRequest, set: &MeasurementSet, model: &KinematicModel) -> Result<Errors, Error> {
+    let request = CalibrationRequest { set: set.clone(), verify: VerifySource::Default, ..request.clone() };
+    let report = verify(&request, Some(model), &mut |_| ControlFlow::Continue(()))?;
+    report.verify.map(|verify| verify.after).ok_or_else(|| unusable("under_determined", "there are no points to verify on"))
+}

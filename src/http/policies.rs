@@ -1,0 +1,58 @@
+//! What a robot asks of a release.
+
+use crate::http::auth::Caller;
+use crate::http::creation::{Submission, stored_json};
+use crate::http::extract::Id;
+use crate::http::{App, Error, access};
+use crate::store::{PolicyRow, Tx, policies};
+use crate::wire::policy::PolicyBody;
+use axum::Json;
+use axum::extract::State;
+use axum::response::Response;
+use utoipa_axum::{router::OpenApiRouter, routes};
+
+/// Routes of policies.
+pub fn router() -> OpenApiRouter<App> {
+    OpenApiRouter::new().routes(routes!(get, put))
+}
+
+/// What the robot asks of a release; where nothing was set, nothing beyond the gates that always stand.
+#[utoipa::path(
+    get, path = "/v1/robots/{robot_id}/policy", tag = "robots", operation_id = "getPolicy",
+    params(("robot_id" = String, Path, description = "The robot")),
+    responses((status = 200, description = "The policy", body = PolicyBody))
+)]
+async fn get(State(app): State<App>, caller: Caller, Id(robot_id): Id) -> Result<Json<PolicyBody>, Error> {
+    access::robot(&app, &caller, &robot_id).await?;
+    Ok(Json(body(&policies::get(&app.store, &robot_id).await?)))
+}
+
+/// Sets what the robot asks of a release; takes the scope `admin`.
+#[utoipa::path(
+    put, path = "/v1/robots/{robot_id}/policy", tag = "robots", operation_id = "putPolicy",
+    params(("robot_id" = String, Path, description = "The robot")), request_body = PolicyBody,
+    responses((status = 200, description = "The policy, stored", body = PolicyBody))
+)]
+async fn put(State(app): State<App>, Id(robot_id): Id, submission: Submission) -> Result<Response, Error> {
+    access::robot(&app, &submission.caller, &robot_id).await?;
+    let policy: PolicyBody = submission.json()?;
+    policy.check()?;
+    let row = PolicyRow {
+        tolerance_mm: policy.tolerance_mm,
+        independent_session_required: policy.independent_session_required.into(),
+        second_person_required: policy.second_person_required.into(),
+        version: 0,
+    };
+    let by = &submission.caller.holder;
+    let effect = async |tx: &mut Tx| stored_json(200, None, &body(&policies::put(tx, &robot_id, &row, by).await?));
+    submission.create(&app.store, effect).await
+}
+
+/// The policy as it is answered.
+pub fn body(row: &PolicyRow) -> PolicyBody {
+    PolicyBody {
+        tolerance_mm: row.tolerance_mm,
+        independent_session_required: row.independent_session_required == 1,
+        second_person_required: row.second_person_required == 1,
+    }
+}

@@ -1,0 +1,143 @@
+//! What a release rests on: the sessions that a parameter set was verified on, and the active set on the same points.
+
+use crate::calibration::{self, CalibrationRequest};
+use crate::jobs::JobInputs;
+use crate::jobs::execution::{is_anew, request_of};
+use crate::store::{ParameterSetRow, Result, Store, jobs, sessions};
+use crate::wire::Problem;
+use crate::wire::measurement::MeasurementSet;
+use crate::wire::parameter_set::ParameterSetContent;
+use crate::wire::release::{Comparison, Session};
+use crate::wire::report_shape::{Evidence, Report};
+
+/// Sessions that are looked at: the newest. That none shows the set to be no better than nominal is kept by the schema for all of them.
+const MAX_SESSIONS: i64 = 8;
+/// Fewer points than this in a session prove nothing.
+const MIN_POINTS: usize = 5;
+
+/// What is stored about a parameter set, read and not yet weighed.
+#[derive(Debug)]
+pub struct Stored {
+    identification: (JobInputs, Report),
+    sessions: Vec<(JobInputs, Report)>,
+    content: ParameterSetContent,
+    active: Option<ParameterSetContent>,
+    /// How many sessions there are.
+    pub n_sessions: i64,
+}
+
+/// What the gates need of it.
+#[derive(Debug)]
+pub struct Weighed {
+    /// The identification's report.
+    pub report: Report,
+    /// Whether that job's verify points are another session's.
+    pub verified_elsewhere: bool,
+    /// The set.
+    pub content: ParameterSetContent,
+    /// The active set.
+    pub active: Option<ParameterSetContent>,
+    /// What it was scored on.
+    pub sessions: Vec<Session>,
+    /// Against the active set.
+    pub comparisons: Vec<Comparison>,
+}
+
+/// Reads all of it.
+///
+/// # Errors
+/// [`crate::store::Error`].
+pub async fn load(
+    store: &Store,
+    set: &ParameterSetRow,
+    active: Option<&ParameterSetRow>,
+) -> Result<std::result::Result<Stored, Box<Problem>>> {
+    // Counted first: a session that comes in between makes the release ask again.
+    let n_sessions = sessions::count(store, &set.id).await?;
+    let mut read = Vec::new();
+    for session in sessions::newest(store, &set.id, MAX_SESSIONS).await? {
+        read.push((JobInputs::load(store, &session.job_id).await?, session.report_json));
+    }
+    let identification = (JobInputs::load(store, &set.job_id).await?, jobs::report(store, &set.job_id).await?);
+    let parsed = || {
+        let sessions = read.into_iter().map(|(inputs, report)| Ok((inputs, serde_json::from_str(&report)?)));
+        let content = |row: &ParameterSetRow| serde_json::from_str(&row.body_json);
+        Ok(Stored {
+            identification: (identification.0, serde_json::from_str(&identification.1)?),
+            sessions: sessions.collect::<serde_json::Result<_>>()?,
+            content: content(set)?,
+            active: active.map(content).transpose()?,
+            n_sessions,
+        })
+    };
+    Ok(parsed().map_err(|error: serde_json::Error| broken(&error.to_string())))
+}
+
+fn broken(cause: &str) -> Box<Problem> {
+    tracing::error!(cause, "what a release rests on cannot be read");
+    Box::new(Problem::new(500, "internal", "something that this release rests on cannot be read; the log has the cause"))
+}
+
+/// Weighs it; computes, so on a thread of its own.
+///
+/// # Errors
+/// A problem where stored documents cannot be read any more.
+pub fn weigh(stored: Stored) -> std::result::Result<Weighed, Box<Problem>> {
+    let Stored { identification: (inputs, report), sessions, content, active, .. } = stored;
+    let own = request(&inputs)?;
+    let own_verify = points("the points held out", &own);
+    let verified_elsewhere =
+        report.evidence == Evidence::IndependentSession && own_verify.1.as_ref().is_ok_and(|points| is_anew(&own.set, points));
+    let mut weighed = Vec::new();
+    let mut compared = Vec::new();
+    for (inputs, report) in &sessions {
+        let request = request(inputs)?;
+        let session = session(&own.set, &request, inputs, report);
+        if session.is_independent {
+            compared.push((format!("session of job {}", session.job_id), Ok(request.set.clone())));
+        }
+        weighed.push(session);
+    }
+    if compared.is_empty() {
+        compared.push(own_verify);
+    }
+    let comparisons = match &active {
+        Some(active) => compared.into_iter().map(|on| compare(&own, on, &content, active)).collect(),
+        None => Vec::new(),
+    };
+    Ok(Weighed { report, verified_elsewhere, content, active, sessions: weighed, comparisons })
+}
+
+type Points = (String, std::result::Result<MeasurementSet, String>);
+
+fn request(inputs: &JobInputs) -> std::result::Result<CalibrationRequest, Box<Problem>> {
+    request_of(inputs).map_err(|_| broken(&format!("the inputs of {}", inputs.job.id)))
+}
+
+fn points(name: &str, request: &CalibrationRequest) -> Points {
+    (name.into(), calibration::verify_points_of(request).map_err(|error| error.to_string()))
+}
+
+fn session(identified_from: &MeasurementSet, request: &CalibrationRequest, inputs: &JobInputs, report: &Report) -> Session {
+    // A report of kind verify always has verify errors; without them nothing is better than anything.
+    let (n_points, before, after) = report.verify.map_or((0, f64::NAN, f64::NAN), |v| (v.n_points, v.before.rms_mm, v.after.rms_mm));
+    let is_small = n_points < MIN_POINTS || report.warnings.iter().any(|warning| warning.code == "few_verify_points");
+    Session {
+        job_id: inputs.job.id.clone(),
+        n_points,
+        before_rms_mm: before,
+        after_rms_mm: after,
+        is_independent: !is_small && is_anew(identified_from, &request.set),
+    }
+}
+
+fn compare(request: &CalibrationRequest, (points, set): Points, own: &ParameterSetContent, active: &ParameterSetContent) -> Comparison {
+    let score = |set: &MeasurementSet, content: &ParameterSetContent| {
+        calibration::score(request, set, &content.to_core()).map(|errors| errors.rms_mm)
+    };
+    let rms_mm = set.and_then(|set| {
+        let both = score(&set, own).and_then(|own| Ok((own, score(&set, active)?)));
+        both.map_err(|error| error.to_string())
+    });
+    Comparison { points, rms_mm }
+}

@@ -1,0 +1,39 @@
+//! What a robot asks of a release.
+
+use crate::wire::issue::{Checker, Invalid};
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// Largest tolerance: a robot that errs by more needs no calibration, mm.
+const MAX_TOLERANCE_MM: f64 = 1_000.0;
+
+/// A robot's policy. The gates that always stand are not listed: errors on verify points improved on nominal and on the active set,
+/// no session in which the set was no better than nominal, an identity that is not contradicted, plausible changes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PolicyBody {
+    /// Largest predicted uncertainty of the tool over the workspace, and largest rms on verify points, mm; none: not asked.
+    #[serde(default)]
+    #[schema(exclusive_minimum = 0, maximum = 1000)]
+    pub tolerance_mm: Option<f64>,
+    /// Another measuring session must have verified the set.
+    #[serde(default)]
+    pub independent_session_required: bool,
+    /// Who releases must not be who uploaded.
+    #[serde(default)]
+    pub second_person_required: bool,
+}
+
+impl PolicyBody {
+    /// A tolerance is a length above zero.
+    ///
+    /// # Errors
+    /// [`Invalid`] for any other.
+    pub fn check(&self) -> Result<(), Invalid> {
+        let mut checker = Checker::default();
+        if let Some(tolerance) = self.tolerance_mm.filter(|tolerance| !(*tolerance > 0.0 && *tolerance <= MAX_TOLERANCE_MM)) {
+            checker.note("/tolerance_mm", "out_of_range", format!("{tolerance} is not above 0 and at most {MAX_TOLERANCE_MM} mm"));
+        }
+        checker.finish("invalid_policy")
+    }
+}

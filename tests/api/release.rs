@@ -1,0 +1,149 @@
+use crate::app::{Answer, TestApp, paper, text};
+use kincal::kinematics::{Link, t_base_flange};
+use reqwest::Method;
+use serde_json::{Value, json};
+
+fn failed(refusal: &Value) -> Vec<&str> {
+    refusal["errors"].as_array().unwrap().iter().map(|issue| text(&issue["code"])).collect()
+}
+
+fn path(job: &Value) -> String {
+    format!("/v1/parameter-sets/{}", text(&job["parameter_set_id"]))
+}
+
+#[tokio::test]
+async fn one_call_goes_back_to_the_set_before_and_a_second_one_further() {
+    let app = TestApp::with_workers(1).await;
+    let (robot, first) = app.identified().await;
+    let rollback = format!("{robot}/parameter-sets/rollback");
+    let why = json!({"reason": "the cell makes scrap"});
+    app.post_json(&rollback, &why).await.problem(409, "nothing_to_roll_back_to");
+    let mut jobs = vec![first];
+    for seed in [1, 2] {
+        let request = json!({"measurement_set_id": jobs[0]["measurement_set_id"], "method": "least_squares", "seed": seed});
+        jobs.push(app.run(&robot, &request).await);
+    }
+    for job in &jobs {
+        app.post_json(&format!("{}/release", path(job)), &json!({"reason": "better"})).await.ok(200);
+    }
+    app.post_json(&rollback, &json!({"reason": ""})).await.problem(422, "invalid_reason");
+    for back_to in [1, 0] {
+        let active = app.post_json(&rollback, &why).await.ok(200);
+        assert_eq!((&active["id"], &active["status"]), (&jobs[back_to]["parameter_set_id"], &json!("released")));
+        assert_eq!(app.get(&format!("{robot}/parameter-sets/active")).await.ok(200)["id"], active["id"]);
+        assert_eq!(app.get(&path(&jobs[back_to + 1])).await.ok(200)["status"], "withdrawn");
+    }
+    app.post_json(&rollback, &why).await.problem(409, "nothing_to_roll_back_to");
+}
+
+#[tokio::test]
+async fn a_set_that_another_session_shows_to_be_no_better_than_nominal_is_never_released() {
+    let app = TestApp::with_workers(1).await;
+    let (robot, job) = app.identified().await;
+    // A session of the robot as it was drawn: there the nominal robot is right, and the identified one is not.
+    let exact = predicted_by_nominal();
+    let session = app.post(&format!("{robot}/measurement-sets?frame=base"), "text/csv", exact).await.ok(201);
+    let verify = json!({"kind": "verify", "measurement_set_id": session["id"], "parameter_set_id": job["parameter_set_id"]});
+    assert_eq!(app.run(&robot, &verify).await["status"], "succeeded");
+    let refused = app.post_json(&format!("{}/release", path(&job)), &json!({"reason": "it fits"})).await.problem(409, "release_refused");
+    assert!(failed(&refused).contains(&"sessions_better_than_nominal"), "{refused}");
+    // Nor if the code forgot to look: the schema refuses it too.
+    let sql = "update parameter_set set status = 'released', released_at_ms = 1, release_checks_json = '[{\"passed\":true}]' where id = $1";
+    let error = sqlx::query(sql).bind(text(&job["parameter_set_id"])).execute(app.server.store.pool()).await.unwrap_err();
+    assert!(error.to_string().contains("no better than nominal"), "{error}");
+    app.get(&format!("{robot}/parameter-sets/active")).await.problem(404, "no_active_parameter_set");
+}
+
+/// Poses of the paper's set with the positions that the nominal robot would have.
+fn predicted_by_nominal() -> String {
+    let robot: Value = serde_json::from_slice(&paper("robot.json")).unwrap();
+    let of = |link: &Value, key: &str| link[key].as_f64().unwrap_or(0.0);
+    let link = |link: &Value| Link {
+        a_mm: of(link, "a_mm"),
+        alpha_rad: of(link, "alpha_deg").to_radians(),
+        d_mm: of(link, "d_mm"),
+        theta_offset_rad: of(link, "theta_offset_deg").to_radians(),
+        beta_rad: 0.0,
+    };
+    let links: Vec<Link> = robot["links"].as_array().unwrap().iter().map(link).collect();
+    let mut text = "q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,x_mm,y_mm,z_mm\n".to_owned();
+    for line in String::from_utf8(paper("first.csv")).unwrap().lines().skip(1) {
+        let q: Vec<f64> = line.split(',').skip(2).take(6).map(|cell| cell.parse().unwrap()).collect();
+        let q_rad: Vec<f64> = q.iter().map(|q| q.to_radians()).collect();
+        let p = t_base_flange(&links, &q_rad).translation.vector;
+        let cells: Vec<String> = q.into_iter().chain([p.x, p.y, p.z]).map(|x| format!("{x:.6}")).collect();
+        text += &(cells.join(",") + "\n");
+    }
+    text
+}
+
+#[tokio::test]
+async fn a_set_that_is_worse_than_the_active_one_on_the_same_points_is_not_released() {
+    let app = TestApp::with_workers(1).await;
+    let (robot, first) = app.identified().await;
+    app.post_json(&format!("{}/release", path(&first)), &json!({"reason": "first"})).await.ok(200);
+    // Only two parameters: better than nominal, and worse than what is active.
+    let few = json!({"measurement_set_id": first["measurement_set_id"], "method": "least_squares", "parameters": {"identify": ["theta_offset_2", "theta_offset_3"]}});
+    let second = app.run(&robot, &few).await;
+    let refused = app.post_json(&format!("{}/release", path(&second)), &json!({"reason": "simpler"})).await.problem(409, "release_refused");
+    assert_eq!(failed(&refused), ["improved_on_active"]);
+    assert_eq!(app.get(&format!("{robot}/parameter-sets/active")).await.ok(200)["id"], first["parameter_set_id"]);
+}
+
+#[tokio::test]
+async fn the_same_points_uploaded_again_are_no_independent_session() {
+    let app = TestApp::with_workers(1).await;
+    let (robot, job) = app.identified().await;
+    let policy = json!({"tolerance_mm": null, "independent_session_required": true, "second_person_required": false});
+    let put = app.request(Method::PUT, &format!("{robot}/policy")).header("content-type", "application/json").body(policy.to_string());
+    Answer::of(put).await.ok(200);
+    // Other bytes, same points: the last row is missing and the order is another.
+    let all = String::from_utf8(paper("first.csv")).unwrap();
+    let (header, rows) = all.split_once('\n').unwrap();
+    let mut rows: Vec<&str> = rows.lines().collect();
+    rows.pop();
+    rows.reverse();
+    let again =
+        app.post(&format!("{robot}/measurement-sets?frame=base"), "text/csv", format!("{header}\n{}\n", rows.join("\n"))).await.ok(201);
+    let verify = json!({"kind": "verify", "measurement_set_id": again["id"], "parameter_set_id": job["parameter_set_id"]});
+    let verified = app.run(&robot, &verify).await;
+    assert_eq!(app.get(&format!("/v1/jobs/{}/report", text(&verified["id"]))).await.ok(200)["evidence"], "same_upload");
+    let refused = app.post_json(&format!("{}/release", path(&job)), &json!({"reason": "verified"})).await.problem(409, "release_refused");
+    assert_eq!(failed(&refused), ["evidence"]);
+}
+
+#[tokio::test]
+async fn a_policy_is_stored_checked_and_read_back() {
+    let app = TestApp::spawn().await;
+    let path = format!("{}/policy", app.paper_robot().await);
+    let asks_nothing = json!({"tolerance_mm": null, "independent_session_required": false, "second_person_required": false});
+    assert_eq!(app.get(&path).await.ok(200), asks_nothing);
+    let put = async |body: Value| {
+        let request = app.request(Method::PUT, &path).header("content-type", "application/json").body(body.to_string());
+        Answer::of(request).await
+    };
+    let strict = json!({"tolerance_mm": 0.25, "independent_session_required": true, "second_person_required": true});
+    assert_eq!(put(strict.clone()).await.ok(200), strict);
+    assert_eq!(app.get(&path).await.ok(200), strict);
+    for wrong in [0.0, -1.0, 1e6] {
+        put(json!({"tolerance_mm": wrong})).await.problem(422, "invalid_policy");
+    }
+    put(json!({"tolerance": 1.0})).await.problem(422, "invalid_body");
+    assert_eq!(app.get(&path).await.ok(200), strict);
+    app.get("/v1/robots/rob_0/policy").await.problem(404, "not_found");
+}
+
+#[tokio::test]
+async fn an_upload_for_another_serial_number_is_refused() {
+    let app = TestApp::spawn().await;
+    let mut body: Value = serde_json::from_slice(&paper("robot.json")).unwrap();
+    body["serial_number"] = json!("R-1234");
+    let robot = format!("/v1/robots/{}", text(&app.post_json("/v1/robots", &body).await.ok(201)["id"]));
+    let upload = async |serial: &str| {
+        app.post(&format!("{robot}/measurement-sets?frame=base&serial_number={serial}"), "text/csv", paper("first.csv")).await
+    };
+    upload("R-1234").await.ok(201);
+    let refused = upload("R-9999").await.problem(422, "robot_mismatch");
+    assert!(text(&refused["detail"]).contains("R-1234"), "{refused}");
+    assert_eq!(app.get(&format!("{robot}/measurement-sets")).await.ok(200)["items"].as_array().unwrap().len(), 1);
+}
