@@ -3,6 +3,7 @@
 
 use serde_json::json;
 
+use super::policies::ABSENT;
 use super::{Conflict, Page, PageRequest, Result, Store, Tx, new_id, policies, sessions};
 use crate::wire::canonical;
 
@@ -177,7 +178,7 @@ const SUPERSEDE: &str = "update parameter_set set status = 'superseded' where ro
 
 const RELEASE: &str = "
     update parameter_set set status = 'released', released_at_ms = (select now_ms from clock),
-        release_reason = $2, release_checks_json = $3, released_by = $4, release_evidence = $5, release_uncertainty_mm = $6
+        release_reason = $2, release_checks_json = $3, released_by = $4, release_evidence = $5, release_uncertainty_mm = nullif($6, cast(-1 as double precision))
     where id = $1";
 
 const WITHDRAW: &str = "
@@ -264,7 +265,12 @@ pub async fn release(tx: &mut Tx, release: &Release) -> Result<ParameterSetRow> 
     }
     sqlx::query(SUPERSEDE).bind(&set.robot_id).execute(tx.connection()?).await?;
     let query = sqlx::query(RELEASE).bind(&release.id).bind(&release.reason).bind(&release.checks_json);
-    query.bind(&release.released_by).bind(&release.evidence).bind(release.uncertainty_mm).execute(tx.connection()?).await?;
+    query
+        .bind(&release.released_by)
+        .bind(&release.evidence)
+        .bind(release.uncertainty_mm.unwrap_or(ABSENT))
+        .execute(tx.connection()?)
+        .await?;
     if let Some(active) = &active {
         tx.note("parameter_set_superseded", active, &json!({"by": release.id}));
     }

@@ -17,6 +17,10 @@ pub struct PolicyRow {
     pub version: i64,
 }
 
+/// Stands for a number that is not there. `Any` binds an absent double as a float4, which PostgreSQL then refuses where a statement was
+/// prepared for the other of the two.
+pub(super) const ABSENT: f64 = -1.0;
+
 pub(super) const ALL_QUERIES: &[&str] = &[GET, PUT];
 
 const GET: &str = "
@@ -24,7 +28,7 @@ const GET: &str = "
 
 const PUT: &str = "
     insert into robot_policy (robot_id, tolerance_mm, independent_session_required, second_person_required, version, changed_by, changed_at_ms)
-    values ($1, $2, $3, $4, 1, $5, (select now_ms from clock))
+    values ($1, nullif($2, cast(-1 as double precision)), $3, $4, 1, $5, (select now_ms from clock))
     on conflict (robot_id) do update set tolerance_mm = excluded.tolerance_mm,
         independent_session_required = excluded.independent_session_required, second_person_required = excluded.second_person_required,
         version = robot_policy.version + 1, changed_by = excluded.changed_by, changed_at_ms = excluded.changed_at_ms
@@ -49,7 +53,7 @@ pub(super) async fn get_in(tx: &mut Tx, robot_id: &str) -> Result<PolicyRow> {
 /// # Errors
 /// [`super::Error::NotFound`] if there is no such robot, [`super::Error::Database`].
 pub async fn put(tx: &mut Tx, robot_id: &str, policy: &PolicyRow, by: &str) -> Result<PolicyRow> {
-    let query = sqlx::query_as(PUT).bind(robot_id).bind(policy.tolerance_mm);
+    let query = sqlx::query_as(PUT).bind(robot_id).bind(policy.tolerance_mm.unwrap_or(ABSENT));
     let query = query.bind(policy.independent_session_required).bind(policy.second_person_required).bind(by);
     let row: PolicyRow = query.fetch_one(tx.connection()?).await?;
     let detail = json!({"tolerance_mm": row.tolerance_mm, "independent_session_required": row.independent_session_required == 1,

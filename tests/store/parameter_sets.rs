@@ -196,7 +196,7 @@ const POSTGRES_BYTES: &str = "update measurement_set set body = '' where id = $1
 
 /// What the code would write if it forgot to look.
 const FORGETFUL: &str = "update parameter_set set status = 'released', released_at_ms = 1, release_checks_json = '[{\"passed\":true}]',
-    release_evidence = $2, release_uncertainty_mm = $3, released_by = $4 where id = $1";
+    release_evidence = $2, release_uncertainty_mm = nullif($3, cast(-1 as double precision)), released_by = $4 where id = $1";
 
 #[test]
 fn the_schema_itself_keeps_the_robots_policy() {
@@ -207,19 +207,19 @@ fn the_schema_itself_keeps_the_robots_policy() {
         let strict = PolicyRow { tolerance_mm: Some(0.2), independent_session_required: 1, second_person_required: 1, version: 0 };
         let set = in_transaction(store, async |tx| policies::put(tx, &robot.id, &strict, "boss").await).await;
         assert_eq!(set, PolicyRow { version: 1, ..strict.clone() });
-        let write = async |evidence: &str, uncertainty_mm: Option<f64>, by: &str| {
+        let write = async |evidence: &str, uncertainty_mm: f64, by: &str| {
             sqlx::query(FORGETFUL).bind(&candidate.id).bind(evidence).bind(uncertainty_mm).bind(by).execute(store.pool()).await
         };
         for (evidence, uncertainty_mm, by) in [
-            ("same_upload", Some(0.1), "engineer"),
-            ("independent_session", Some(0.21), "engineer"),
-            ("independent_session", None, "engineer"),
-            ("independent_session", Some(0.1), "key_uploader"),
+            ("same_upload", 0.1, "engineer"),
+            ("independent_session", 0.21, "engineer"),
+            ("independent_session", -1.0, "engineer"), // which stands for none
+            ("independent_session", 0.1, "key_uploader"),
         ] {
             let error = write(evidence, uncertainty_mm, by).await.unwrap_err();
-            assert!(error.to_string().contains("policy"), "{evidence} {uncertainty_mm:?} {by}: {error}");
+            assert!(error.to_string().contains("policy"), "{evidence} {uncertainty_mm} {by}: {error}");
         }
-        write("independent_session", Some(0.1), "engineer").await.unwrap();
+        write("independent_session", 0.1, "engineer").await.unwrap();
     });
 }
 
