@@ -73,6 +73,84 @@ impl TlsConfig {
     }
 }
 
+/// Leases and attempts of jobs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::Args)]
+pub struct QueueConfig {
+    /// How long a worker that stopped answering keeps its job, seconds.
+    #[arg(long, env = "KINCAL_LEASE_S", default_value_t = 15, value_name = "SECONDS")]
+    pub lease_s: u64,
+    /// How often a job is begun before it is given up.
+    #[arg(long, env = "KINCAL_MAX_ATTEMPTS", default_value_t = 3, value_name = "N")]
+    pub max_attempts: u32,
+}
+
+impl QueueConfig {
+    /// The lease of a job.
+    pub fn lease(&self) -> Duration {
+        Duration::from_secs(self.lease_s)
+    }
+
+    fn check(&self) -> Result<(), Error> {
+        if !(1..=MAX_LEASE_S).contains(&self.lease_s) {
+            return Err(Error::OutOfRange { option: "--lease-s", found: self.lease_s, range: "1 to 3600" });
+        }
+        if !(1..=100).contains(&self.max_attempts) {
+            return Err(Error::OutOfRange { option: "--max-attempts", found: self.max_attempts.into(), range: "1 to 100" });
+        }
+        Ok(())
+    }
+}
+
+impl Default for QueueConfig {
+    fn default() -> Self {
+        Self { lease_s: 15, max_attempts: 3 }
+    }
+}
+
+/// Settings of `kincal worker`.
+#[derive(Clone, Debug, PartialEq, Eq, clap::Args)]
+pub struct WorkerConfig {
+    /// Where the database is: PostgreSQL, which several processes can share.
+    #[command(flatten)]
+    pub database: DatabaseConfig,
+    /// Calibrations that run at the same time; default: one per core.
+    #[arg(long, env = "KINCAL_WORKERS", value_name = "N")]
+    pub workers: Option<usize>,
+    /// Leases and attempts.
+    #[command(flatten)]
+    pub queue: QueueConfig,
+}
+
+impl WorkerConfig {
+    /// Every check that needs the settings alone.
+    ///
+    /// # Errors
+    /// [`Error`] saying what and how to mend it.
+    pub fn check(&self) -> Result<(), Error> {
+        if self.database.database_url.is_none() {
+            return Err(Error::NoSharedDatabase);
+        }
+        check_workers(self.workers, 1, "1 to 256")?;
+        self.queue.check()
+    }
+
+    /// Workers to start.
+    pub fn n_workers(&self) -> usize {
+        n_workers(self.workers)
+    }
+}
+
+fn n_workers(asked: Option<usize>) -> usize {
+    asked.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from))
+}
+
+fn check_workers(asked: Option<usize>, fewest: usize, range: &'static str) -> Result<(), Error> {
+    match asked.filter(|n| !(fewest..=MAX_WORKERS).contains(n)) {
+        Some(found) => Err(Error::OutOfRange { option: "--workers", found: found as u64, range }),
+        None => Ok(()),
+    }
+}
+
 /// Settings of `kincal serve`.
 #[derive(Clone, Debug, PartialEq, Eq, clap::Args)]
 pub struct ServeConfig {
@@ -88,12 +166,9 @@ pub struct ServeConfig {
     /// Let everyone in without a key; loopback addresses only.
     #[arg(long, env = "KINCAL_NO_AUTH", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue)]
     pub no_auth: bool,
-    /// How long a worker that stopped answering keeps its job, seconds.
-    #[arg(long, env = "KINCAL_LEASE_S", default_value_t = 15, value_name = "SECONDS")]
-    pub lease_s: u64,
-    /// How often a job is begun before it is given up.
-    #[arg(long, env = "KINCAL_MAX_ATTEMPTS", default_value_t = 3, value_name = "N")]
-    pub max_attempts: u32,
+    /// Leases and attempts.
+    #[command(flatten)]
+    pub queue: QueueConfig,
     /// Limits on clients.
     #[command(flatten)]
     pub limits: LimitsConfig,
@@ -121,6 +196,11 @@ pub enum Error {
         /// The address asked for.
         listen: SocketAddr,
     },
+    /// Workers alone need a database that others can reach.
+    #[error(
+        "a worker takes its jobs from a PostgreSQL that API nodes share: give --database-url postgres://…; with the embedded database `kincal serve` computes itself"
+    )]
+    NoSharedDatabase,
     /// A number is out of range.
     #[error("{option} is {found}; {range} is allowed")]
     OutOfRange {
@@ -141,8 +221,7 @@ impl ServeConfig {
             database: DatabaseConfig { data_dir, database_url: None },
             workers: Some(workers),
             no_auth: true,
-            lease_s: 15,
-            max_attempts: 3,
+            queue: QueueConfig::default(),
             limits: LimitsConfig::default(),
             tls: TlsConfig::default(),
         }
@@ -165,26 +244,13 @@ impl ServeConfig {
         if !(1..=MAX_CONNECTIONS).contains(&self.limits.max_connections) {
             return Err(Error::OutOfRange { option: "--max-connections", found: self.limits.max_connections as u64, range: "1 to 100000" });
         }
-        if !(1..=MAX_LEASE_S).contains(&self.lease_s) {
-            return Err(Error::OutOfRange { option: "--lease-s", found: self.lease_s, range: "1 to 3600" });
-        }
-        if !(1..=100).contains(&self.max_attempts) {
-            return Err(Error::OutOfRange { option: "--max-attempts", found: self.max_attempts.into(), range: "1 to 100" });
-        }
-        if self.workers.is_some_and(|workers| workers > MAX_WORKERS) {
-            return Err(Error::OutOfRange { option: "--workers", found: self.n_workers() as u64, range: "0 to 256" });
-        }
-        Ok(())
+        check_workers(self.workers, 0, "0 to 256")?;
+        self.queue.check()
     }
 
     /// Workers to start.
     pub fn n_workers(&self) -> usize {
-        self.workers.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from))
-    }
-
-    /// The lease of a job.
-    pub fn lease(&self) -> Duration {
-        Duration::from_secs(self.lease_s)
+        n_workers(self.workers)
     }
 }
 
@@ -220,7 +286,8 @@ mod tests {
 
     #[test]
     fn a_lease_of_no_time_is_refused() {
-        let config = ServeConfig { lease_s: 0, ..ServeConfig::loopback("data".into(), 1) };
+        let queue = super::QueueConfig { lease_s: 0, ..super::QueueConfig::default() };
+        let config = ServeConfig { queue, ..ServeConfig::loopback("data".into(), 1) };
         assert_eq!(config.check(), Err(Error::OutOfRange { option: "--lease-s", found: 0, range: "1 to 3600" }));
     }
 }

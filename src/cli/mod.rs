@@ -8,6 +8,7 @@ mod openapi;
 mod serve;
 mod table;
 mod verify_store;
+mod worker;
 
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
@@ -25,6 +26,10 @@ struct Arguments {
 enum Command {
     /// Serve the REST interface and compute calibrations.
     Serve(crate::config::ServeConfig),
+    /// Compute calibrations only: a node beside others on one PostgreSQL.
+    Worker(crate::config::WorkerConfig),
+    /// Bring the database's schema up to date.
+    Migrate(worker::MigrateArguments),
     /// Make, list and revoke keys.
     Key(key::Arguments),
     /// Check that the database keeps its promises; exit code 1 if it does not.
@@ -46,6 +51,8 @@ struct Usage(String);
 pub fn main() -> ExitCode {
     let result = match Arguments::parse().command {
         Command::Serve(config) => serve::run(&config),
+        Command::Worker(config) => worker::run(&config),
+        Command::Migrate(arguments) => worker::migrate(&arguments),
         Command::Key(arguments) => key::run(&arguments),
         Command::VerifyStore(arguments) => verify_store::run(&arguments),
         Command::Calibrate(arguments) => calibrate::run(&arguments),

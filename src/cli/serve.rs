@@ -41,7 +41,7 @@ async fn announce(config: &ServeConfig, server: &RunningServer) -> anyhow::Resul
 
 /// Resolves on SIGTERM or SIGINT (ctrl-c).
 #[cfg(unix)]
-fn told_to_stop() -> anyhow::Result<impl Future<Output = ()>> {
+pub fn told_to_stop() -> anyhow::Result<impl Future<Output = ()>> {
     use tokio::signal::unix::{SignalKind, signal};
     let (mut terminate, mut interrupt) = (signal(SignalKind::terminate())?, signal(SignalKind::interrupt())?);
     Ok(async move {
@@ -54,7 +54,7 @@ fn told_to_stop() -> anyhow::Result<impl Future<Output = ()>> {
 
 /// Resolves on ctrl-c.
 #[cfg(not(unix))]
-fn told_to_stop() -> anyhow::Result<impl Future<Output = ()>> {
+pub fn told_to_stop() -> anyhow::Result<impl Future<Output = ()>> {
     Ok(async {
         let _ = tokio::signal::ctrl_c().await;
     })

@@ -108,7 +108,8 @@ impl Caller {
         Ok(Self { holder: row.id, scopes: scopes.iter().filter_map(|scope| Scope::parse(scope)).collect(), robots })
     }
 
-    fn has(&self, scope: Scope) -> bool {
+    /// Whether the key has this scope.
+    pub fn has(&self, scope: Scope) -> bool {
         self.scopes.contains(&scope) || self.scopes.contains(&Scope::Admin)
     }
 

@@ -1,6 +1,7 @@
 //! Posting a job: everything that can be refused is refused now, not when a worker gets to it.
 
 use crate::calibration;
+use crate::http::auth::Scope;
 use crate::http::creation::{Submission, stored_json};
 use crate::http::extract::Id;
 use crate::http::{App, Error, access, jobs};
@@ -40,8 +41,11 @@ pub async fn create(State(app): State<App>, Id(robot_id): Id, submission: Submis
     }
     let request: JobRequestBody = submission.json()?;
     request.check()?;
+    if request.priority > 0 && !submission.caller.has(Scope::Admin) {
+        return Err(Error::InsufficientScope("admin, for a priority above 0"));
+    }
     let sources = load(&app, robot, &request).await?;
-    let mut new = new_job(&request, &sources)?;
+    let mut new = new_job(&request, &sources, &submission.caller.holder)?;
     new.network_input_id = app.compute(move || check(&request, sources)).await?;
     let effect = async |tx: &mut Tx| {
         let row = queue::enqueue(tx, &new).await?;
@@ -52,7 +56,7 @@ pub async fn create(State(app): State<App>, Id(robot_id): Id, submission: Submis
     Ok(answer)
 }
 
-fn new_job(request: &JobRequestBody, sources: &Sources) -> Result<NewJob, Error> {
+fn new_job(request: &JobRequestBody, sources: &Sources, client: &str) -> Result<NewJob, Error> {
     Ok(NewJob {
         robot_id: sources.robot.id.clone(),
         measurement_set_id: request.measurement_set_id.clone(),
@@ -66,7 +70,8 @@ fn new_job(request: &JobRequestBody, sources: &Sources) -> Result<NewJob, Error>
         },
         method: request.method.as_str().into(),
         request_json: serde_json::to_string(request)?,
-        priority: 0,
+        priority: request.priority,
+        client: client.into(),
     })
 }
 

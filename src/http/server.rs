@@ -68,8 +68,14 @@ pub async fn start(config: &ServeConfig) -> Result<RunningServer, Error> {
     let address = listener.local_addr().map_err(listen_error)?;
     let store = Store::open(location(&config.database)).await?;
     let signals = JobSignals::default();
-    let workers =
-        WorkerPool::start(store.clone(), execution::compute, config.n_workers(), config.lease(), config.max_attempts, signals.clone());
+    let workers = WorkerPool::start(
+        store.clone(),
+        execution::compute,
+        config.n_workers(),
+        config.queue.lease(),
+        config.queue.max_attempts,
+        signals.clone(),
+    );
     let (stop, stopping) = watch::channel(false);
     let app = App::new(store.clone(), config, stopping.clone(), signals);
     let limits = config.limits.clone();

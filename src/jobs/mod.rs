@@ -11,6 +11,7 @@ mod heartbeat;
 mod pool;
 mod progress;
 pub mod queue;
+mod relay;
 mod worker;
 
 pub use compute::{Compute, JobFailure, JobInputs, JobOutcome, MeasurementSetInput, NetworkInput, ParameterSetInput, Progress};

@@ -8,7 +8,7 @@ use tokio::task::JoinSet;
 use tokio::time::{Instant, MissedTickBehavior, interval, sleep, timeout, timeout_at};
 
 use super::heartbeat::{Drain, reached};
-use super::{Compute, JobSignals, WorkerContext, queue, run_next_job};
+use super::{Compute, JobSignals, WorkerContext, queue, relay, run_next_job};
 use crate::store::Store;
 
 /// Workers that run until they are shut down. Dropped, they stop at once, and what they had is begun again when its lease is over.
@@ -16,9 +16,10 @@ use crate::store::Store;
 pub struct WorkerPool {
     drain: Arc<watch::Sender<Drain>>,
     tasks: JoinSet<()>,
+    _relays: JoinSet<()>,
 }
 
-/// How often a worker looks for jobs that nobody signalled: posted through another process.
+/// How often a worker looks for jobs of which no signal came: posted through another process, its notice lost.
 const POLL: Duration = Duration::from_secs(1);
 /// How often leases are looked at, unless they are shorter.
 const SWEEP: Duration = Duration::from_secs(1);
@@ -28,6 +29,7 @@ const STOP_WITHIN: Duration = Duration::from_secs(1);
 impl WorkerPool {
     /// Starts `n_workers` workers, and the sweep that takes jobs from workers which did not renew their leases.
     pub fn start(store: Store, compute: Compute, n_workers: usize, lease: Duration, max_attempts: u32, signals: JobSignals) -> WorkerPool {
+        let relays = relay::start(&store, &signals);
         let drain = Arc::new(watch::Sender::new(Drain::No));
         let mut tasks = JoinSet::new();
         for _ in 0..n_workers {
@@ -36,7 +38,7 @@ impl WorkerPool {
         }
         let every = SWEEP.min(lease / 2).max(Duration::from_millis(1));
         tasks.spawn(sweep(store, max_attempts, signals, every, drain.subscribe()));
-        WorkerPool { drain, tasks }
+        WorkerPool { drain, tasks, _relays: relays }
     }
 
     /// Claims nothing more and lets computations finish; those that are not done shortly before the deadline are

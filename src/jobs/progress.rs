@@ -9,47 +9,102 @@ use tokio::time::{Instant, timeout_at};
 
 use crate::store::{Engine, JobRow, JobStatus, Result, Store, jobs};
 
-/// Wake-ups within this process; clones share them.
+/// Wake-ups within this process; clones share them. A [`super::relay`] passes them on to other processes.
 #[derive(Clone, Debug)]
 pub struct JobSignals {
     enqueued: Arc<Notify>,
-    sent: broadcast::Sender<Signal>,
+    /// What happened, here or elsewhere.
+    heard: broadcast::Sender<Signal>,
+    /// What happened here.
+    raised: broadcast::Sender<Signal>,
 }
 
-#[derive(Clone, Debug)]
-enum Signal {
+/// Something that others wait for.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum Signal {
+    Enqueued,
     Changed(Arc<str>),
     CancelRequested(Arc<str>),
+    /// Nobody knows: look at the database.
+    Anything,
+}
+
+impl Signal {
+    /// For other processes.
+    pub(super) fn to_text(&self) -> String {
+        match self {
+            Signal::Enqueued => "enqueued".into(),
+            Signal::Changed(id) => format!("changed {id}"),
+            Signal::CancelRequested(id) => format!("cancel {id}"),
+            Signal::Anything => "anything".into(),
+        }
+    }
+
+    /// From another process; what is not understood, because that one is newer, may mean anything.
+    pub(super) fn from_text(text: &str) -> Signal {
+        match text.split_once(' ') {
+            None if text == "enqueued" => Signal::Enqueued,
+            Some(("changed", id)) => Signal::Changed(id.into()),
+            Some(("cancel", id)) => Signal::CancelRequested(id.into()),
+            _ => Signal::Anything,
+        }
+    }
 }
 
 /// A listener that falls behind by more looks at the database instead.
 const SIGNALS_KEPT: usize = 256;
-/// How often a listener looks at the database when another process may run the job.
+/// How often a listener looks at the database when another process may run the job, and its notice may be lost.
 const POLL_SHARED: Duration = Duration::from_millis(500);
 /// The same when every job runs in this process, which signals.
 const POLL_ALONE: Duration = Duration::from_secs(2);
 
 impl Default for JobSignals {
     fn default() -> Self {
-        JobSignals { enqueued: Arc::default(), sent: broadcast::Sender::new(SIGNALS_KEPT) }
+        JobSignals { enqueued: Arc::default(), heard: broadcast::Sender::new(SIGNALS_KEPT), raised: broadcast::Sender::new(SIGNALS_KEPT) }
     }
 }
 
 impl JobSignals {
     /// A job waits (its transaction is committed): wakes a worker.
     pub fn job_enqueued(&self) {
-        self.enqueued.notify_one();
+        self.raise(Signal::Enqueued);
     }
 
     /// A job's status or progress is not what it was: wakes those who wait for that.
     pub fn job_changed(&self, job_id: &str) {
-        // An error only says that nobody listens.
-        let _ = self.sent.send(Signal::Changed(job_id.into()));
+        self.raise(Signal::Changed(job_id.into()));
     }
 
     /// Somebody wants a job cancelled: wakes its worker too.
     pub fn job_cancel_requested(&self, job_id: &str) {
-        let _ = self.sent.send(Signal::CancelRequested(job_id.into()));
+        self.raise(Signal::CancelRequested(job_id.into()));
+    }
+
+    fn raise(&self, signal: Signal) {
+        // An error only says that nobody listens.
+        let _ = self.raised.send(signal.clone());
+        self.told(signal);
+    }
+
+    /// Another process tells that something happened.
+    pub(super) fn told(&self, signal: Signal) {
+        match signal {
+            Signal::Enqueued => self.enqueued.notify_one(),
+            Signal::Anything => {
+                // those who wait now, and one who comes later
+                self.enqueued.notify_waiters();
+                self.enqueued.notify_one();
+                let _ = self.heard.send(signal);
+            }
+            Signal::Changed(_) | Signal::CancelRequested(_) => {
+                let _ = self.heard.send(signal);
+            }
+        }
+    }
+
+    /// What happens here from now on.
+    pub(super) fn raised(&self) -> broadcast::Receiver<Signal> {
+        self.raised.subscribe()
     }
 
     /// The job as soon as its status is not `seen` or it is over, at the latest after `timeout`: a long poll.
@@ -78,7 +133,7 @@ impl JobSignals {
         };
         let deadline = Instant::now() + timeout;
         // Before the first look, so that no change falls between.
-        let mut signals = self.sent.subscribe();
+        let mut signals = self.heard.subscribe();
         loop {
             let job = jobs::get(store, job_id).await?;
             if job.status.is_over() || is_news(&job) || Instant::now() >= deadline {
@@ -95,7 +150,7 @@ impl JobSignals {
     }
 
     pub(super) fn cancellations(&self, job_id: &str) -> Cancellations {
-        Cancellations { job_id: job_id.to_owned(), signals: self.sent.subscribe() }
+        Cancellations { job_id: job_id.to_owned(), signals: self.heard.subscribe() }
     }
 }
 
@@ -110,6 +165,7 @@ impl Cancellations {
         loop {
             match self.signals.recv().await {
                 Ok(Signal::CancelRequested(id)) if *id == *self.job_id => return,
+                Ok(Signal::Anything) => return,
                 Ok(_) => {}
                 Err(broadcast::error::RecvError::Lagged(_)) => return,
                 Err(broadcast::error::RecvError::Closed) => std::future::pending().await,
@@ -123,6 +179,7 @@ async fn concerning(signals: &mut broadcast::Receiver<Signal>, job_id: &str) {
     loop {
         match signals.recv().await {
             Ok(Signal::Changed(id) | Signal::CancelRequested(id)) if *id == *job_id => return,
+            Ok(Signal::Anything) => return,
             Ok(_) => {}
             Err(broadcast::error::RecvError::Lagged(_)) => return,
             Err(broadcast::error::RecvError::Closed) => std::future::pending().await,

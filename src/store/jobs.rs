@@ -126,6 +126,8 @@ pub struct NewJob {
     pub request_json: String,
     /// Higher ones first; 0 is usual.
     pub priority: i64,
+    /// Who posts it: clients are served in turn.
+    pub client: String,
 }
 
 macro_rules! columns {
@@ -138,12 +140,20 @@ macro_rules! columns {
     };
 }
 
-pub(super) const ALL_QUERIES: &[&str] = &[INSERT, GET, LIST, REPORT, CONVERGENCE, WAITING, CANCEL, COUNT_BY_STATUS];
+pub(super) const ALL_QUERIES: &[&str] = &[INSERT, TURN, GET, LIST, REPORT, CONVERGENCE, WAITING, CANCEL, COUNT_BY_STATUS];
 
 const INSERT: &str = "
     insert into job (id, robot_id, measurement_set_id, verify_set_id, frames_id, network_input_id,
-        parameter_set_input_id, kind, method, request_json, priority, status, attempt, created_at_ms)
-    values ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, 'queued', 0, (select now_ms from clock))";
+        parameter_set_input_id, kind, method, request_json, priority, client, turn, status, attempt, created_at_ms)
+    values ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13, 'queued', 0, (select now_ms from clock))";
+
+// The turn after the client's last that waits, and never before the turn that is being served: who has not posted for a while does not
+// hold back the others now.
+const TURN: &str = "
+    select coalesce(max(turn), 0) from (
+        select max(turn) + 1 as turn from job where status = 'queued' and client = $1 and priority = $2
+        union all
+        select min(turn) as turn from job where status = 'queued' and priority = $2) as turns";
 
 const GET: &str = concat!("select ", columns!(), " from job where id = $1");
 
@@ -177,6 +187,8 @@ const COUNT_BY_STATUS: &str = "select status, count(*) from job where status in 
 /// # Errors
 /// [`Error::NotFound`] if something it names does not exist, [`Error::Database`].
 pub async fn insert(tx: &mut Tx, new: &NewJob) -> Result<JobRow> {
+    tx.needs_room()?;
+    let turn: i64 = sqlx::query_scalar(TURN).bind(&new.client).bind(new.priority).fetch_one(tx.connection()?).await?;
     let id = new_id("job");
     let query = sqlx::query(INSERT)
         .bind(&id)
@@ -189,8 +201,9 @@ pub async fn insert(tx: &mut Tx, new: &NewJob) -> Result<JobRow> {
         .bind(&new.kind)
         .bind(&new.method)
         .bind(&new.request_json)
-        .bind(new.priority);
-    tx.needs_room()?;
+        .bind(new.priority)
+        .bind(&new.client)
+        .bind(turn);
     query.execute(tx.connection()?).await?;
     let request_sha256 = canonical::sha256_hex(new.request_json.as_bytes());
     let detail = json!({"robot_id": new.robot_id, "measurement_set_id": new.measurement_set_id, "request_sha256": request_sha256});

@@ -43,7 +43,7 @@ macro_rules! claim {
             "update job set status = 'running', owner = $1, attempt = attempt + 1,
                  lease_until_ms = (select now_ms from clock) + $2, started_at_ms = (select now_ms from clock), progress_json = null
              where status = 'queued' and id = (
-                 select id from job where status = 'queued' order by deaths, priority desc, created_at_ms, id limit 1",
+                 select id from job where status = 'queued' order by deaths, priority desc, turn, created_at_ms, id limit 1",
             $lock,
             ")
              returning id, attempt"

@@ -16,6 +16,7 @@ pub mod jobs;
 pub mod leases;
 pub mod measurement_sets;
 pub mod networks;
+pub mod notices;
 mod open;
 mod page;
 pub mod parameter_sets;
@@ -72,6 +73,7 @@ struct Inner {
     engine: Engine,
     data_dir: Option<PathBuf>,
     is_served: bool,
+    postgres_url: Option<String>,
     /// SQLite has one writer at a time; those who wait for it share a commit.
     writer: Option<Writer>,
     /// Held as long as the store is open, so that two servers never share a data directory.
@@ -168,6 +170,19 @@ impl Store {
         Ok(sqlx::query_scalar(NOW).fetch_one(self.pool()).await?)
     }
 
+    /// Where the database server is, for a connection that listens.
+    fn postgres_url(&self) -> Option<&str> {
+        self.inner.postgres_url.as_deref()
+    }
+
+    /// The version of the schema, as far as this database's steps have gone.
+    ///
+    /// # Errors
+    /// [`Error::Database`].
+    pub async fn schema_version(&self) -> Result<i64> {
+        Ok(sqlx::query_scalar(SCHEMA_VERSION).fetch_one(self.pool()).await?)
+    }
+
     /// Closes all connections, after which SQLite's WAL is folded into the database file.
     pub async fn close(&self) {
         self.inner.pool.close().await;
@@ -235,6 +250,8 @@ impl Tx {
 
 const NOW: &str = "select now_ms from clock";
 
+const SCHEMA_VERSION: &str = "select coalesce(max(version), 0) from _sqlx_migrations where success";
+
 /// A new identifier: a prefix that says of what, and a UUID of version 7, so that ids of one process sort by age.
 pub(crate) fn new_id(prefix: &str) -> String {
     format!("{prefix}_{}", uuid::Uuid::now_v7().simple())
@@ -244,10 +261,12 @@ pub(crate) fn new_id(prefix: &str) -> String {
 pub fn all_queries(engine: Engine) -> Vec<&'static str> {
     let own = match engine {
         Engine::Sqlite => [leases::QUERIES_SQLITE, verify::QUERIES_SQLITE].concat(),
-        Engine::Postgres => [leases::QUERIES_POSTGRES, audit::QUERIES_POSTGRES, verify::QUERIES_POSTGRES].concat(),
+        Engine::Postgres => {
+            [leases::QUERIES_POSTGRES, notices::QUERIES_POSTGRES, audit::QUERIES_POSTGRES, verify::QUERIES_POSTGRES].concat()
+        }
     };
     [
-        &[NOW][..],
+        &[NOW, SCHEMA_VERSION][..],
         own.as_slice(),
         audit::ALL_QUERIES,
         api_keys::ALL_QUERIES,

@@ -32,6 +32,7 @@ pub enum StoreLocation {
 const MIGRATIONS: &[(i64, &str, &str, &str)] = &[
     (1, "initial", include_str!("../../migrations/sqlite/0001_initial.sql"), include_str!("../../migrations/postgres/0001_initial.sql")),
     (2, "trust", include_str!("../../migrations/sqlite/0002_trust.sql"), include_str!("../../migrations/postgres/0002_trust.sql")),
+    (3, "turns", include_str!("../../migrations/sqlite/0003_turns.sql"), include_str!("../../migrations/postgres/0003_turns.sql")),
     (4, "release", include_str!("../../migrations/sqlite/0004_release.sql"), include_str!("../../migrations/postgres/0004_release.sql")),
 ];
 
@@ -110,7 +111,8 @@ async fn connect_postgres(url: &str) -> Result<Store> {
     let options = AnyPoolOptions::new().max_connections(POSTGRES_CONNECTIONS).acquire_timeout(ACQUIRE_TIMEOUT);
     let pool = connect(options, url).await?;
     let (engine, is_served) = (Engine::Postgres, true);
-    Ok(Store { inner: Arc::new(Inner { pool, engine, data_dir: None, is_served, writer: None, _lock_file: None }) })
+    let postgres_url = Some(url.to_owned());
+    Ok(Store { inner: Arc::new(Inner { pool, engine, data_dir: None, is_served, postgres_url, writer: None, _lock_file: None }) })
 }
 
 async fn connect(options: AnyPoolOptions, url: &str) -> Result<AnyPool> {
@@ -129,7 +131,8 @@ async fn connect_sqlite(data_dir: &Path, lock_file: Option<File>, is_served: boo
     refuse_old_sqlite(&pool).await?;
     let writer = Some(Writer::new(pool.clone()));
     let data_dir = Some(data_dir.to_owned());
-    Ok(Store { inner: Arc::new(Inner { pool, engine: Engine::Sqlite, data_dir, is_served, writer, _lock_file: lock_file }) })
+    let inner = Inner { pool, engine: Engine::Sqlite, data_dir, is_served, postgres_url: None, writer, _lock_file: lock_file };
+    Ok(Store { inner: Arc::new(inner) })
 }
 
 fn sqlite_url(data_dir: &Path) -> Result<String> {

@@ -17,6 +17,9 @@ pub const MAX_NAMES: usize = 500;
 /// Longest parameter name, characters.
 pub const MAX_PARAMETER_NAME: usize = 64;
 
+/// Highest priority of a job, and with a minus the lowest.
+pub const MAX_PRIORITY: i64 = 10;
+
 /// What a job does.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
@@ -117,6 +120,10 @@ pub struct JobRequestBody {
     /// Where the verify points come from.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub verify: Option<VerifyBody>,
+    /// Jobs of a higher priority go first, -10 to 10; above 0 it takes a key with scope admin.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    #[schema(minimum = -10, maximum = 10)]
+    pub priority: i64,
     /// What link parameters cannot say.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub corrections: Option<Corrections>,
@@ -205,6 +212,7 @@ impl JobRequestBody {
             seed: 0,
             refine: None,
             verify: None,
+            priority: 0,
             corrections: None,
             options: None,
         }
@@ -224,6 +232,9 @@ impl JobRequestBody {
         }
         if let Some(parameters) = &self.parameters {
             parameters.check(&mut checker);
+        }
+        if !(-MAX_PRIORITY..=MAX_PRIORITY).contains(&self.priority) {
+            checker.note("/priority", "out_of_range", format!("{} is outside ±{MAX_PRIORITY}", self.priority));
         }
         checker.finish("invalid_job")?;
         self.check_applicable()?;
@@ -319,6 +330,11 @@ impl ParametersBody {
             (None, None) => ParameterChoice::All,
         }
     }
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref, reason = "serde hands a reference")]
+fn is_zero(value: &i64) -> bool {
+    *value == 0
 }
 
 /// Both directions between a wire enum and the core's, and its spelling.

@@ -343,3 +343,31 @@ fn a_job_under_which_the_process_died_is_tried_last_and_not_for_ever() {
         assert_eq!(expire(store).await.1, std::slice::from_ref(&job.id));
     });
 }
+
+#[test]
+fn clients_are_served_in_turn_however_many_jobs_one_of_them_posts() {
+    for_each_engine(async |database| {
+        let store = &database.store;
+        let set = a_set(store, &a_robot(store, "r").await).await;
+        let post = async |client: &str| {
+            let new = NewJob { client: client.into(), ..new_job(&set, "{}") };
+            in_transaction(store, async |tx| queue::enqueue(tx, &new).await).await.id
+        };
+        for _ in 0..50 {
+            post("many").await;
+        }
+        let next = async || claim(store, "w").await.job_id;
+        for _ in 0..20 {
+            next().await;
+        }
+        let first = post("few").await;
+        let second = post("few").await;
+        let served: Vec<String> = [next().await, next().await, next().await, next().await].into();
+        assert!(served[..2].contains(&first), "the first job of a client that comes later is among the next two");
+        assert!(served.contains(&second), "its second among the next four");
+        // nobody gets ahead by having been away: a new client does not go before everyone who waited
+        let third = post("late").await;
+        let served: Vec<String> = [next().await, next().await].into();
+        assert!(served.contains(&third));
+    });
+}

@@ -40,7 +40,13 @@ impl Server {
     /// As [`Self::start`], with more environment.
     pub fn start_with(data_dir: &Path, workers: usize, environment: &[(&str, &str)]) -> Self {
         let mut command = kincal(&["serve", "--listen", "127.0.0.1:0", "--no-auth", "--workers", &workers.to_string(), "--data-dir"]);
-        command.arg(data_dir).envs(environment.iter().copied()).stdout(Stdio::piped()).stderr(Stdio::null());
+        command.arg(data_dir).envs(environment.iter().copied());
+        Self::of(command)
+    }
+
+    /// A server by its command line.
+    pub fn of(mut command: Command) -> Self {
+        command.stdout(Stdio::piped()).stderr(Stdio::null());
         let mut child = command.spawn().unwrap();
         let mut line = String::new();
         BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
@@ -48,6 +54,11 @@ impl Server {
         let http = reqwest::Client::builder().no_proxy().timeout(PATIENCE).build().unwrap();
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
         Self { child, url, http, runtime }
+    }
+
+    /// The process.
+    pub fn id(&self) -> u32 {
+        self.child.id()
     }
 
     /// kill -9.

@@ -1,0 +1,56 @@
+//! `kincal worker`, a node that only computes, and `kincal migrate`.
+
+use super::serve::told_to_stop;
+use super::{Usage, block_on};
+use crate::config::{DatabaseConfig, WorkerConfig};
+use crate::http::server::location;
+use crate::jobs::{JobSignals, WorkerPool, execution};
+use crate::store::Store;
+use crate::telemetry;
+use std::time::Duration;
+
+/// Running jobs get this long to end when the node stops; service managers kill after 10 s.
+const STOP_WITHIN: Duration = Duration::from_secs(8);
+
+/// Computes until told to stop.
+pub fn run(config: &WorkerConfig) -> anyhow::Result<()> {
+    config.check().map_err(|error| Usage(error.to_string()))?;
+    telemetry::start();
+    block_on(async {
+        // Before the first job, so that no signal finds the default action.
+        let told_to_stop = told_to_stop()?;
+        let store = Store::open(location(&config.database)).await?;
+        let queue = config.queue;
+        let pool = WorkerPool::start(
+            store.clone(),
+            execution::compute,
+            config.n_workers(),
+            queue.lease(),
+            queue.max_attempts,
+            JobSignals::default(),
+        );
+        println!("kincal computing with {} workers", config.n_workers());
+        told_to_stop.await;
+        tracing::info!("stopping: handing running jobs back");
+        pool.shutdown(STOP_WITHIN).await;
+        let _ = tokio::time::timeout(Duration::from_secs(1), store.close()).await;
+        Ok(())
+    })
+}
+
+/// Bring the database's schema up to date, and say which it is. `serve` and `worker` do the same when they start; several may do it at once.
+#[derive(Debug, clap::Args)]
+pub struct MigrateArguments {
+    #[command(flatten)]
+    database: DatabaseConfig,
+}
+
+/// Migrates.
+pub fn migrate(arguments: &MigrateArguments) -> anyhow::Result<()> {
+    block_on(async {
+        let store = Store::open(location(&arguments.database)).await?;
+        println!("the schema is at version {}", store.schema_version().await?);
+        store.close().await;
+        Ok(())
+    })
+}

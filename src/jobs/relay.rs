@@ -1,0 +1,80 @@
+//! Passes signals on between processes that share a PostgreSQL. Without it they would find out by polling.
+
+use std::time::Duration;
+
+use tokio::sync::broadcast;
+use tokio::task::JoinSet;
+use tokio::time::sleep;
+
+use super::JobSignals;
+use super::progress::Signal;
+use crate::store::{Engine, Store, notices};
+
+/// After the connection failed.
+const TRY_AGAIN_AFTER: Duration = Duration::from_millis(200);
+/// Notices of one kind of change that come in bursts (a thousand jobs posted) are sent together after this.
+const GATHER: Duration = Duration::from_millis(5);
+
+/// Starts relaying in both directions, until the tasks are dropped. On SQLite there is nobody to tell.
+pub(super) fn start(store: &Store, signals: &JobSignals) -> JoinSet<()> {
+    let mut tasks = JoinSet::new();
+    if store.engine() == Engine::Postgres {
+        let process = uuid::Uuid::now_v7().simple().to_string();
+        tasks.spawn(send(store.clone(), signals.raised(), process.clone()));
+        tasks.spawn(receive(store.clone(), signals.clone(), process));
+    }
+    tasks
+}
+
+/// Tells the others what was raised here.
+async fn send(store: Store, mut raised: broadcast::Receiver<Signal>, process: String) {
+    loop {
+        let first = match raised.recv().await {
+            Ok(signal) => signal,
+            Err(broadcast::error::RecvError::Lagged(_)) => Signal::Anything,
+            Err(broadcast::error::RecvError::Closed) => return,
+        };
+        sleep(GATHER).await;
+        let mut batch = vec![first];
+        loop {
+            match raised.try_recv() {
+                Ok(signal) if !batch.contains(&signal) => batch.push(signal),
+                Ok(_) => {}
+                Err(broadcast::error::TryRecvError::Lagged(_)) => batch = vec![Signal::Anything],
+                Err(_) => break,
+            }
+        }
+        for signal in batch {
+            if let Err(error) = notices::send(&store, &format!("{process} {}", signal.to_text())).await {
+                tracing::warn!(error = %error.cause(), "the other nodes could not be told; they will find out by polling");
+                break;
+            }
+        }
+    }
+}
+
+/// Passes on here what the others tell.
+async fn receive(store: Store, signals: JobSignals, process: String) {
+    loop {
+        if let Err(error) = receive_from_one_connection(&store, &signals, &process).await {
+            tracing::warn!(error = %error.cause(), "the other nodes cannot be heard; polling until they can");
+        }
+        sleep(TRY_AGAIN_AFTER).await;
+        signals.told(Signal::Anything);
+    }
+}
+
+async fn receive_from_one_connection(store: &Store, signals: &JobSignals, process: &str) -> crate::store::Result<()> {
+    let Some(mut notices) = notices::listen(store).await? else { return Ok(()) };
+    loop {
+        let Some(notice) = notices.next().await? else {
+            signals.told(Signal::Anything);
+            continue;
+        };
+        match notice.split_once(' ') {
+            Some((from, _)) if from == process => {}
+            Some((_, text)) => signals.told(Signal::from_text(text)),
+            None => signals.told(Signal::Anything),
+        }
+    }
+}
