@@ -8,6 +8,7 @@ pub mod canonical;
 pub mod frames;
 pub mod issue;
 pub mod job;
+mod job_answer;
 pub mod json;
 pub mod key;
 pub mod measurement;
