@@ -1,0 +1,101 @@
+//! How a job stands, as it is answered.
+
+use crate::wire::job::{JobRequestBody, Kind, Method};
+use crate::wire::problem::Problem;
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// How a job stands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum JobStatus {
+    /// Waiting for a worker.
+    Queued,
+    /// A worker has it.
+    Running,
+    /// Done; report and parameter set exist.
+    Succeeded,
+    /// Over without a result; `error` says why.
+    Failed,
+    /// Stopped on request.
+    Cancelled,
+}
+
+impl JobStatus {
+    /// True once nothing changes any more.
+    pub fn is_over(self) -> bool {
+        matches!(self, Self::Succeeded | Self::Failed | Self::Cancelled)
+    }
+}
+
+/// How far a running job is.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ProgressAnswer {
+    /// Iterations done.
+    pub iteration: u64,
+    /// The limit.
+    pub n_iterations: u64,
+    /// Smallest F so far, mm².
+    #[schema(required)]
+    pub best_cost_mm2: Option<f64>,
+}
+
+/// A job as the service answers it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct JobAnswer {
+    /// Opaque identifier.
+    pub id: String,
+    /// The robot.
+    pub robot_id: String,
+    /// The set it identifies from.
+    pub measurement_set_id: String,
+    /// What it does.
+    pub kind: Kind,
+    /// The method asked for; the report says which one ran.
+    pub method: Method,
+    /// What was asked, as it was understood.
+    pub request: JobRequestBody,
+    /// How it stands.
+    pub status: JobStatus,
+    /// How often a worker has begun it.
+    pub attempt: u32,
+    /// How far it is.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub progress: Option<ProgressAnswer>,
+    /// Why it failed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub error: Option<Problem>,
+    /// Its parameter set, once it has succeeded.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub parameter_set_id: Option<String>,
+    /// The network it trained, if it was a swarm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub network_id: Option<String>,
+    /// RFC 3339, UTC.
+    pub created_at: String,
+    /// RFC 3339, UTC.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub started_at: Option<String>,
+    /// RFC 3339, UTC.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub finished_at: Option<String>,
+}
+
+/// One server-sent event of a job.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct JobEvent {
+    /// `progress` whenever the job moves, `finished` once when it is over.
+    pub event: JobEventName,
+    /// The job, in JSON.
+    pub data: String,
+}
+
+/// What a job's event is called.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum JobEventName {
+    /// The job moved.
+    Progress,
+    /// The job is over; nothing follows.
+    Finished,
+}
