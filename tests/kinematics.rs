@@ -4,6 +4,8 @@
 mod data;
 #[path = "kinematics/kernel.rs"]
 mod kernel;
+#[path = "kinematics/one_robot.rs"]
+mod one_robot;
 
 use data::{paper_robot, paper_set};
 use kincal::identification::parameters::{Parameter, Quantity, apply, complete_parameters};

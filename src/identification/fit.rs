@@ -1,7 +1,8 @@
 //! Least squares on a search space.
 
 use crate::identification::KinematicModel;
-use crate::identification::objective::{Observation, weighted_jacobian, weighted_residuals};
+use crate::identification::linearisation::Linearisation;
+use crate::identification::objective::Observation;
 use crate::identification::parameters::Parameter;
 use crate::identification::search_space::SearchSpace;
 use crate::solvers::least_squares::{Iteration, Options, Summary, minimize};
@@ -15,7 +16,7 @@ pub struct Fit {
     pub model: KinematicModel,
     /// Deviations from the space's reference, mm or rad.
     pub deviation: Vec<f64>,
-    /// Iterations, evaluations, convergence.
+    /// Iterations, evaluations, convergence; residuals in the order of [`Linearisation`].
     pub summary: Summary,
 }
 
@@ -26,18 +27,14 @@ pub fn fit_in_space(
     options: &Options,
     monitor: &mut dyn FnMut(Iteration) -> ControlFlow<()>,
 ) -> Fit {
-    let mut problem = |z: &[f64], residuals: &mut DVector<f64>, jacobian: Option<&mut DMatrix<f64>>| {
-        let deviation = space.deviation(z);
-        let model = crate::identification::parameters::apply(&space.reference, &space.parameters, &deviation);
-        residuals.copy_from(&weighted_residuals(&model, observations));
-        if let Some(jacobian) = jacobian {
-            let by_parameter = weighted_jacobian(&model, &space.parameters, observations, &space.base_rotation(&deviation));
-            // d(residual) = −d(prediction)
-            jacobian.gemm(-1.0, &by_parameter, space.directions(), 0.0);
-        }
+    let mut linearisation = Linearisation::new(space, observations);
+    let n_rows = linearisation.n_rows();
+    let mut problem = |z: &[f64], residuals: &mut DVector<f64>, jacobian: Option<&mut DMatrix<f64>>| match jacobian {
+        Some(jacobian) => linearisation.linearise(z, residuals.as_mut_slice(), jacobian.as_mut_slice()),
+        None => linearisation.residuals(z, residuals.as_mut_slice()),
     };
     let start = vec![0.0; space.n_coordinates()];
-    let summary = minimize(&mut problem, 3 * observations.len(), &start, options, monitor);
+    let summary = minimize(&mut problem, n_rows, &start, options, monitor);
     Fit { model: space.model(&summary.x), deviation: space.deviation(&summary.x), summary }
 }
 

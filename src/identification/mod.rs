@@ -4,6 +4,7 @@ pub mod bpnn_pso;
 pub mod distributions;
 pub mod fit;
 pub mod identifiability;
+pub mod linearisation;
 pub mod misfit;
 pub mod objective;
 pub mod parameters;

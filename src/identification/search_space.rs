@@ -4,6 +4,7 @@ use crate::identification::KinematicModel;
 use crate::identification::identifiability::{Decomposition, decompose};
 use crate::identification::objective::{Observation, weighted_jacobian};
 use crate::identification::parameters::{Parameter, apply_into};
+use multiversion::multiversion;
 use nalgebra::{DMatrix, DVector, Vector3};
 
 /// deviation = directions · coordinates, counted from the reference. In a search box every coordinate runs from −1 to 1.
@@ -71,12 +72,7 @@ impl SearchSpace {
             }
             return;
         }
-        deviation.fill(0.0);
-        for (column, z) in self.directions.column_iter().zip(coordinates) {
-            for (to, v) in deviation.iter_mut().zip(column.iter()) {
-                *to = v.mul_add(*z, *to);
-            }
-        }
+        combine(self.directions.as_slice(), coordinates, deviation);
     }
 
     /// The coordinates whose deviation is nearest (in scaled parameters): Vᵀ·S⁻¹·deviation.
@@ -106,6 +102,17 @@ impl SearchSpace {
             }
         }
         rotation
+    }
+}
+
+/// directions · coordinates.
+#[multiversion(targets("x86_64+avx512f+avx512vl+fma", "x86_64+avx2+fma"))]
+fn combine(directions: &[f64], coordinates: &[f64], deviation: &mut [f64]) {
+    deviation.fill(0.0);
+    for (column, z) in directions.chunks_exact(deviation.len().max(1)).zip(coordinates) {
+        for (to, v) in deviation.iter_mut().zip(column) {
+            *to = v.mul_add(*z, *to);
+        }
     }
 }
 

@@ -54,7 +54,8 @@ pub fn lane_robots(space: &SearchSpace) -> LaneRobots {
     LaneRobots::new(&reference.t_instrument_base, &reference.links, &reference.targets_mm, &moved)
 }
 
-fn moved(parameter: &Parameter) -> Moved {
+/// A parameter as the kernels know it.
+pub fn moved(parameter: &Parameter) -> Moved {
     match *parameter {
         Parameter::Link(link, Quantity::A) => Moved::A(link),
         Parameter::Link(link, Quantity::Alpha) => Moved::Alpha(link),

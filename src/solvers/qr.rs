@@ -25,7 +25,7 @@ pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
 
 /// y <- y + factor · x
 #[inline(always)]
-fn add_scaled(factor: f64, x: &[f64], y: &mut [f64]) {
+pub(super) fn add_scaled(factor: f64, x: &[f64], y: &mut [f64]) {
     for (x, y) in x.iter().zip(y) {
         *y = factor.mul_add(*x, *y);
     }
@@ -34,7 +34,7 @@ fn add_scaled(factor: f64, x: &[f64], y: &mut [f64]) {
 /// Makes `tail` the Householder vector v that maps it to (diagonal, 0, …, 0); gives the diagonal and 2 / vᵀv, or
 /// `None` where the tail is all zero.
 #[inline(always)]
-fn householder(tail: &mut [f64]) -> Option<(f64, f64)> {
+pub(super) fn householder(tail: &mut [f64]) -> Option<(f64, f64)> {
     let norm = dot(tail, tail).sqrt();
     if norm == 0.0 {
         return None;

@@ -90,6 +90,11 @@ impl<const W: usize> Vector<W> {
         to.0[part * W..(part + 1) * W].copy_from_slice(&self.0);
     }
 
+    #[inline(always)]
+    pub fn store_at(self, to: &mut [f64], at: usize) {
+        to[at..at + W].copy_from_slice(&self.0);
+    }
+
     /// self · factor + addend, rounded once.
     #[inline(always)]
     pub fn mul_add(self, factor: Self, addend: Self) -> Self {

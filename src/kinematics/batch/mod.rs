@@ -16,11 +16,13 @@
 
 mod kernel;
 mod lanes;
+mod one_robot;
 mod poses;
 mod robots;
 mod sincos;
 
 pub use kernel::sum_of_squares;
 pub use lanes::{InstructionSet, LANES, Lanes};
+pub use one_robot::{Along, OneRobot, PoseLanes};
 pub use poses::PreparedPoses;
 pub use robots::{LaneRobots, Moved};

@@ -1,7 +1,8 @@
 //! Uncertainty of the parameters at a minimum.
 
-use super::column_norms;
-use super::directions::{SMALLEST_SINGULAR_VALUE, SVD_ITERATIONS_PER_PARAMETER, reduce};
+use super::directions::{SMALLEST_SINGULAR_VALUE, SVD_ITERATIONS_PER_PARAMETER};
+use super::norm;
+use crate::solvers::qr::triangularise;
 use nalgebra::DMatrix;
 
 /// What the residuals say about the parameters' uncertainty.
@@ -24,10 +25,15 @@ pub fn covariance(jacobian: &DMatrix<f64>, variance: f64) -> Option<Covariance> 
     if !jacobian.iter().all(|value| value.is_finite()) {
         return None;
     }
-    let inverse: Vec<f64> = column_norms(jacobian).map(|norm| if norm > 0.0 { 1.0 / norm } else { 0.0 }).collect();
-    let scaled = DMatrix::from_fn(m, n, |i, j| jacobian[(i, j)] * inverse[j]);
-    let (r, _) = reduce(&scaled, &vec![0.0; m]);
-    let svd = DMatrix::from_vec(n, n, r).try_svd(false, true, f64::EPSILON, SVD_ITERATIONS_PER_PARAMETER * n.max(1))?;
+    let norms = jacobian.column_iter().map(|column| norm(column.as_slice()));
+    let inverse: Vec<f64> = norms.map(|norm| if norm > 0.0 { 1.0 / norm } else { 0.0 }).collect();
+    // with fewer residuals than parameters, rows of zeros are added
+    let mut scaled = DMatrix::from_fn(m.max(n), n, |i, j| if i < m { jacobian[(i, j)] * inverse[j] } else { 0.0 });
+    if n > 0 {
+        triangularise(scaled.as_mut_slice(), m.max(n), &mut vec![0.0; m.max(n)]);
+    }
+    let r = DMatrix::from_fn(n, n, |i, j| if i <= j { scaled[(i, j)] } else { 0.0 });
+    let svd = r.try_svd(false, true, f64::EPSILON, SVD_ITERATIONS_PER_PARAMETER * n.max(1))?;
     let v_t = svd.v_t?;
     let smallest = SMALLEST_SINGULAR_VALUE * svd.singular_values.max();
     let seen: Vec<usize> = (0..n).filter(|&k| svd.singular_values[k] > smallest).collect();

@@ -1,7 +1,7 @@
 //! The trust region's step, along the singular directions of the scaled Jacobian.
 
 use super::norm;
-use crate::solvers::qr::{dot, triangularise};
+use crate::solvers::qr::dot;
 use nalgebra::DMatrix;
 
 /// Singular values of R·D⁻¹, relative to the largest, that count as zero. Jacobians are right to about 1e-15 of their
@@ -12,7 +12,7 @@ pub(super) const SMALLEST_SINGULAR_VALUE: f64 = 1e-12;
 pub(super) const SVD_ITERATIONS_PER_PARAMETER: usize = 100;
 
 /// The step may be this much longer or shorter than Δ [Moré 1978, σ].
-const RADIUS_TOLERANCE: f64 = 0.1;
+pub(super) const RADIUS_TOLERANCE: f64 = 0.1;
 
 /// Tries to fit the step's length to Δ; MINPACK's limit. Two are usual.
 const MAX_DAMPING_TRIES: usize = 10;
@@ -29,25 +29,18 @@ pub(super) struct Directions {
 }
 
 impl Directions {
-    /// No direction at all, for `n` parameters.
-    pub fn none(n: usize) -> Self {
-        Self { singular_values: vec![], along: vec![], unscaled: DMatrix::zeros(n, 0) }
-    }
-
-    /// `None` where the decomposition fails, which no finite matrix is known to do.
-    pub fn of(jacobian: &DMatrix<f64>, residuals: &[f64], scale: &[f64]) -> Option<Self> {
+    /// Of the scaled triangle T = R·D⁻¹ (n × n, column-major) and Qᵀr. `None` where the decomposition fails, which no finite matrix is
+    /// known to do.
+    pub fn of(triangle: &[f64], qt_residuals: &[f64], scale: &[f64]) -> Option<Self> {
         let n = scale.len();
-        let (mut r, qt_residuals) = reduce(jacobian, residuals);
-        for (column, scale) in r.chunks_exact_mut(n).zip(scale) {
-            column.iter_mut().for_each(|value| *value /= scale);
-        }
-        let svd = DMatrix::from_vec(n, n, r).try_svd(true, true, f64::EPSILON, SVD_ITERATIONS_PER_PARAMETER * n)?;
+        let matrix = DMatrix::from_column_slice(n, n, triangle);
+        let svd = matrix.try_svd(true, true, f64::EPSILON, SVD_ITERATIONS_PER_PARAMETER * n.max(1))?;
         let (u, v_t) = (svd.u?, svd.v_t?);
         let smallest = SMALLEST_SINGULAR_VALUE * svd.singular_values.max();
         let seen: Vec<usize> = (0..n).filter(|&k| svd.singular_values[k] > smallest).collect();
         Some(Self {
             singular_values: seen.iter().map(|&k| svd.singular_values[k]).collect(),
-            along: seen.iter().map(|&k| dot(u.column(k).as_slice(), &qt_residuals)).collect(),
+            along: seen.iter().map(|&k| dot(u.column(k).as_slice(), qt_residuals)).collect(),
             unscaled: DMatrix::from_fn(n, seen.len(), |j, k| v_t[(seen[k], j)] / scale[j]),
         })
     }
@@ -99,28 +92,4 @@ impl Directions {
         });
         (squares.sqrt() - radius) / radius * (squares / slope)
     }
-}
-
-/// R (n × n, column-major) and the first n entries of Qᵀr. With fewer residuals than parameters, rows of zeros are
-/// added.
-pub(super) fn reduce(jacobian: &DMatrix<f64>, residuals: &[f64]) -> (Vec<f64>, Vec<f64>) {
-    let (m, n) = jacobian.shape();
-    let n_rows = m.max(n);
-    let mut matrix = vec![0.0; n_rows * n];
-    let mut rhs = vec![0.0; n_rows];
-    rhs[..m].copy_from_slice(residuals);
-    if m > 0 {
-        for (to, from) in matrix.chunks_exact_mut(n_rows).zip(jacobian.as_slice().chunks_exact(m)) {
-            to[..m].copy_from_slice(from);
-        }
-    }
-    if n > 0 {
-        triangularise(&mut matrix, n_rows, &mut rhs);
-    }
-    let mut r = vec![0.0; n * n];
-    for j in 0..n {
-        r[j * n..j * n + j + 1].copy_from_slice(&matrix[j * n_rows..j * n_rows + j + 1]);
-    }
-    rhs.truncate(n);
-    (r, rhs)
 }

@@ -4,17 +4,21 @@
 //! Each step minimises ‖r + J·p‖ over ‖D·p‖ ≤ Δ. D holds the running maxima of the Jacobian's column norms, so a change
 //! of a parameter's unit changes nothing; Δ grows and shrinks with the ratio of actual to predicted reduction.
 //!
-//! One thing differs from MINPACK. J is reduced to a triangle R by Householder reflections, as there; but then R·D⁻¹ is
-//! decomposed into singular values, where MINPACK pivots. Directions in the parameters that the residuals cannot see
-//! are then known, and no step goes along them; and each damping λ costs only a sum over the singular values.
+//! One thing differs from MINPACK. J is reduced to a triangle R by Householder reflections, as there; but where the step must be
+//! damped, R·D⁻¹ is decomposed into singular values, where MINPACK pivots. Directions in the parameters that the residuals cannot see
+//! are then known, and no step goes along them; and each damping λ costs only a sum over the singular values. An undamped step is the
+//! shortest solution instead, by back-substitution: the same, where the rank is clear.
 
 mod covariance;
 mod directions;
+mod linear_model;
+mod minimum_norm;
 
 pub use covariance::{Covariance, covariance};
 
 use super::qr::dot;
-use directions::Directions;
+use linear_model::{LinearModel, Step};
+use multiversion::multiversion;
 use nalgebra::{DMatrix, DVector};
 use std::ops::ControlFlow;
 
@@ -152,14 +156,18 @@ pub fn minimize(problem: &mut Problem<'_>, n_residuals: usize, x0: &[f64], optio
     }
 }
 
-/// The state between trial steps.
+/// The state between trial steps. All room is made once: a step allocates nothing unless it meets directions that the residuals cannot see.
 struct Search {
     x: Vec<f64>,
     residuals: DVector<f64>,
     cost: f64,
+    trial: Vec<f64>,
+    trial_residuals: DVector<f64>,
+    /// Only good between its evaluation and its reduction, which overwrites it.
     jacobian: DMatrix<f64>,
+    column_norms: Vec<f64>,
     linearisation_is_stale: bool,
-    directions: Directions,
+    model: LinearModel,
     /// D.
     scale: Vec<f64>,
     /// Δ.
@@ -182,11 +190,14 @@ impl Search {
         let cost = sum_of_squares(residuals.as_slice());
         Self {
             x: x0.to_vec(),
+            trial: x0.to_vec(),
+            trial_residuals: DVector::zeros(n_residuals),
             residuals,
             cost,
             jacobian: DMatrix::zeros(n_residuals, n),
+            column_norms: vec![0.0; n],
             linearisation_is_stale: true,
-            directions: Directions::none(n),
+            model: LinearModel::new(n_residuals, n),
             scale: vec![0.0; n],
             radius: 0.0,
             damping: 0.0,
@@ -211,65 +222,55 @@ impl Search {
         self.n_evaluations += 1;
         self.n_jacobians += 1;
         self.linearisation_is_stale = false;
-        if !self.jacobian.iter().all(|value| value.is_finite()) {
+        let largest_cosine =
+            norms_and_cosine(self.jacobian.as_slice(), self.residuals.as_slice(), self.cost.sqrt(), &mut self.column_norms);
+        if !self.column_norms.iter().all(|norm| norm.is_finite()) && !self.jacobian.iter().all(|value| value.is_finite()) {
             return Some(Termination::NotFinite);
         }
         let first = self.n_jacobians == 1;
-        for (scale, norm) in self.scale.iter_mut().zip(column_norms(&self.jacobian)) {
-            *scale = if first && norm == 0.0 { 1.0 } else { scale.max(norm) };
+        for (scale, norm) in self.scale.iter_mut().zip(&self.column_norms) {
+            *scale = if first && *norm == 0.0 { 1.0 } else { scale.max(*norm) };
         }
         if first {
             let length = self.scaled_norm(&self.x);
             self.radius = options.initial_radius * if length > 0.0 { length } else { self.cost.sqrt() };
         }
-        if self.largest_cosine() <= options.gradient_tolerance {
+        if largest_cosine <= options.gradient_tolerance {
             return Some(Termination::GradientTolerance);
         }
-        match Directions::of(&self.jacobian, self.residuals.as_slice(), &self.scale) {
-            Some(directions) => self.directions = directions,
-            None => return Some(Termination::NoFurtherProgress),
-        }
+        self.model.reduce(&mut self.jacobian, self.residuals.as_slice(), &self.scale);
         None
-    }
-
-    /// The largest cosine of the angle between the residuals and a column of the Jacobian.
-    fn largest_cosine(&self) -> f64 {
-        let residual_norm = self.cost.sqrt();
-        let columns = self.jacobian.as_slice().chunks_exact(self.residuals.len());
-        let cosines = columns.zip(column_norms(&self.jacobian)).filter(|(_, norm)| *norm > 0.0);
-        cosines.fold(0.0, |largest, (column, norm)| {
-            let cosine = dot(column, self.residuals.as_slice()) / (norm * residual_norm);
-            largest.max(cosine.abs())
-        })
     }
 
     /// Tries one step and takes it if the cost falls as predicted [Moré 1978, algorithm 7.1].
     fn try_step(&mut self, problem: &mut Problem<'_>, options: &Options) {
-        let (damping, w) = self.directions.step_within(self.radius, self.damping);
+        let Some(Step { damping, length, change }) = self.model.step_within(self.radius, self.damping, &self.scale) else {
+            self.outcome = Some(Termination::NoFurtherProgress);
+            return;
+        };
         self.damping = damping;
-        let length = norm(&w);
         if self.n_iterations == 0 {
             self.radius = self.radius.min(length);
         }
-        let step = &self.directions.unscaled * DVector::from_column_slice(&w);
-        let trial: Vec<f64> = self.x.iter().zip(&step).map(|(x, p)| x + p).collect();
-        let mut residuals = DVector::zeros(self.residuals.len());
-        problem(&trial, &mut residuals, None);
+        for ((trial, x), p) in self.trial.iter_mut().zip(&self.x).zip(self.model.step()) {
+            *trial = x + p;
+        }
+        problem(&self.trial, &mut self.trial_residuals, None);
         self.n_evaluations += 1;
         self.n_iterations += 1;
-        let cost = sum_of_squares(residuals.as_slice());
+        let cost = sum_of_squares(self.trial_residuals.as_slice());
 
         // Reductions relative to the present cost; a tenfold growth counts as -1 (also where it is infinite).
         let actual = if 0.01 * cost < self.cost { 1.0 - cost / self.cost } else { -1.0 };
-        let linear = self.directions.change(&w) / self.cost;
+        let linear = change / self.cost;
         let damped = damping * length * length / self.cost;
         let predicted = linear + 2.0 * damped;
         let slope = -(linear + damped);
         let ratio = if predicted > 0.0 { actual / predicted } else { 0.0 };
         self.adapt_radius(ratio, actual, slope, cost, length);
         if ratio >= ACCEPTED_RATIO {
-            self.x = trial;
-            self.residuals = residuals;
+            std::mem::swap(&mut self.x, &mut self.trial);
+            std::mem::swap(&mut self.residuals, &mut self.trial_residuals);
             self.cost = cost;
             self.linearisation_is_stale = true;
         }
@@ -311,19 +312,32 @@ impl Search {
 }
 
 fn sum_of_squares(residuals: &[f64]) -> f64 {
-    let sum = dot(residuals, residuals);
+    let sum = squares(residuals);
     if sum.is_finite() { sum } else { f64::INFINITY }
 }
 
 fn norm(x: &[f64]) -> f64 {
-    dot(x, x).sqrt()
+    squares(x).sqrt()
 }
 
-fn column_norms(matrix: &DMatrix<f64>) -> impl Iterator<Item = f64> {
-    matrix.column_iter().map(|column| norm(column.as_slice()))
+#[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl+fma", "x86_64+avx2+fma"))]
+fn squares(x: &[f64]) -> f64 {
+    dot(x, x)
+}
+
+/// Norms of the columns, and the largest cosine of the angle between the residuals and a column.
+#[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl+fma", "x86_64+avx2+fma"))]
+fn norms_and_cosine(jacobian: &[f64], residuals: &[f64], residual_norm: f64, norms: &mut [f64]) -> f64 {
+    let mut largest = 0.0_f64;
+    for (column, norm) in jacobian.chunks_exact(residuals.len().max(1)).zip(norms) {
+        *norm = dot(column, column).sqrt();
+        if *norm > 0.0 {
+            largest = largest.max((dot(column, residuals) / (*norm * residual_norm)).abs());
+        }
+    }
+    largest
 }
 
 fn scaled_norm(scale: &[f64], x: &[f64]) -> f64 {
-    let scaled: Vec<f64> = scale.iter().zip(x).map(|(d, x)| d * x).collect();
-    norm(&scaled)
+    scale.iter().zip(x).fold(0.0, |sum: f64, (d, x)| sum + (d * x) * (d * x)).sqrt()
 }
