@@ -72,33 +72,50 @@ impl SearchSpace {
     /// As [`SearchSpace::deviation`] for the eight particles from `first` on, to the same bits. A chunk that is not full repeats its
     /// last particle.
     pub fn deviations_of_chunk(&self, positions: &Positions, first: usize, deviations: &mut [Lanes]) {
-        let coordinate = |j: usize| lanes_of(&positions.coordinate(j)[first..]);
         if self.is_raw() {
-            for (j, (deviation, scale)) in deviations.iter_mut().zip(&self.scale).enumerate() {
-                *deviation = Lanes(coordinate(j).0.map(|z| z * scale));
-            }
-            return;
-        }
-        deviations.fill(Lanes::ZERO);
-        for (j, direction) in self.directions().as_slice().chunks_exact(deviations.len()).enumerate() {
-            add_along(direction, &coordinate(j), deviations);
+            scale_coordinates(&self.scale, positions, first, deviations);
+        } else {
+            combine_coordinates(self.directions().as_slice(), positions, first, deviations);
         }
     }
 }
 
-fn lanes_of(values: &[f64]) -> Lanes {
+/// Coordinate j of the eight particles from `first` on; the last particle again where there are fewer.
+#[inline(always)]
+fn lanes_of(positions: &Positions, j: usize, first: usize) -> Lanes {
+    let values = &positions.coordinate(j)[first..];
     match values.first_chunk() {
         Some(full) => Lanes(*full),
-        None => Lanes(std::array::from_fn(|lane| values[lane.min(values.len() - 1)])),
+        None => repeated(values),
     }
 }
 
-/// deviations += direction · z.
+#[cold]
+fn repeated(values: &[f64]) -> Lanes {
+    Lanes(std::array::from_fn(|lane| values[lane.min(values.len() - 1)]))
+}
+
+/// deviation = z · scale.
 #[multiversion(targets("x86_64+avx512f+avx512vl+fma", "x86_64+avx2+fma"))]
-fn add_along(direction: &[f64], z: &Lanes, deviations: &mut [Lanes]) {
-    for (deviation, v) in deviations.iter_mut().zip(direction) {
+fn scale_coordinates(scale: &[f64], positions: &Positions, first: usize, deviations: &mut [Lanes]) {
+    for (j, (deviation, scale)) in deviations.iter_mut().zip(scale).enumerate() {
+        let z = lanes_of(positions, j, first);
         for lane in 0..LANES {
-            deviation.0[lane] = v.mul_add(z.0[lane], deviation.0[lane]);
+            deviation.0[lane] = z.0[lane] * scale;
+        }
+    }
+}
+
+/// deviations = directions · z.
+#[multiversion(targets("x86_64+avx512f+avx512vl+fma", "x86_64+avx2+fma"))]
+fn combine_coordinates(directions: &[f64], positions: &Positions, first: usize, deviations: &mut [Lanes]) {
+    deviations.fill(Lanes::ZERO);
+    for (j, direction) in directions.chunks_exact(deviations.len()).enumerate() {
+        let z = lanes_of(positions, j, first);
+        for (deviation, v) in deviations.iter_mut().zip(direction) {
+            for lane in 0..LANES {
+                deviation.0[lane] = v.mul_add(z.0[lane], deviation.0[lane]);
+            }
         }
     }
 }

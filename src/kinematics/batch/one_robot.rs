@@ -327,8 +327,8 @@ impl PoseLanes {
     #[inline(always)]
     fn weigh<const W: usize>(&self, chunk: usize, part: usize, tip: &[Vector<W>; 3], rows: &mut [f64]) {
         let root = Vector::load(&self.root_weight[chunk], part);
-        for axis in 0..3 {
-            let residual = root * (Vector::load(&self.measured_mm[chunk][axis], part) - tip[axis]);
+        for (axis, tip) in tip.iter().enumerate() {
+            let residual = root * (Vector::load(&self.measured_mm[chunk][axis], part) - *tip);
             residual.store_at(rows, axis * LANES + part * W);
         }
     }
@@ -418,9 +418,9 @@ fn combine_block<const W: usize, const K: usize>(
             }
         }
         let root = Vector::<W>::load(root_weight, part);
-        for k in 0..K {
-            for axis in 0..3 {
-                (-(root * sums[k][axis])).store_at(columns, k * n_rows + first + axis * LANES + part * W);
+        for (k, sums) in sums.iter().enumerate() {
+            for (axis, sum) in sums.iter().enumerate() {
+                (-(root * *sum)).store_at(columns, k * n_rows + first + axis * LANES + part * W);
             }
         }
     }

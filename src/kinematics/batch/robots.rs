@@ -156,11 +156,10 @@ impl LaneRobots {
     /// When there are fewer or more.
     pub fn set(&mut self, deviations: &[Lanes]) {
         assert_eq!(deviations.len(), self.moved.len(), "one deviation per moved quantity");
-        self.place(deviations);
         match self.instructions {
-            InstructionSet::Avx512 => refresh_on_avx512(self),
-            InstructionSet::Avx2 => refresh_on_avx2(self),
-            InstructionSet::Baseline => self.refresh::<2>(),
+            InstructionSet::Avx512 => set_on_avx512(self, deviations),
+            InstructionSet::Avx2 => set_on_avx2(self, deviations),
+            InstructionSet::Baseline => self.set_with::<2>(deviations),
         }
     }
 
@@ -175,24 +174,31 @@ impl LaneRobots {
 
     /// Stores the deviations where they belong.
     #[inline(always)]
-    fn place(&mut self, deviations: &[Lanes]) {
-        let moved_by = |reference: f64, deviation: &Lanes| Lanes(deviation.0.map(|d| reference + d));
+    fn place<const W: usize>(&mut self, deviations: &[Lanes]) {
         for (moved, deviation) in self.moved.iter().zip(deviations) {
             match *moved {
-                Moved::A(link) => self.links[link].a = moved_by(self.reference_links[link].a_mm, deviation),
-                Moved::D(link) => self.links[link].d = moved_by(self.reference_links[link].d_mm, deviation),
+                Moved::A(link) => add::<W>(self.reference_links[link].a_mm, deviation, &mut self.links[link].a),
+                Moved::D(link) => add::<W>(self.reference_links[link].d_mm, deviation, &mut self.links[link].d),
                 Moved::Alpha(link) => self.links[link].alpha.deviation_rad = *deviation,
                 Moved::ThetaOffset(link) => self.links[link].theta.deviation_rad = *deviation,
                 Moved::Beta(link) => self.links[link].beta.deviation_rad = *deviation,
                 Moved::BaseTranslation(axis) => {
-                    self.base_translation_mm[axis] = moved_by(self.reference_base.translation.vector[axis], deviation);
+                    add::<W>(self.reference_base.translation.vector[axis], deviation, &mut self.base_translation_mm[axis]);
                 }
                 Moved::BaseRotation(axis) => self.base_rotation_rad[axis] = *deviation,
                 Moved::Target(target, axis) => {
-                    self.targets_mm[target][axis] = moved_by(self.reference_targets_mm[target][axis], deviation);
+                    add::<W>(self.reference_targets_mm[target][axis], deviation, &mut self.targets_mm[target][axis]);
                 }
             }
         }
+    }
+}
+
+/// to <- reference + deviation.
+#[inline(always)]
+fn add<const W: usize>(reference: f64, deviation: &Lanes, to: &mut Lanes) {
+    for part in 0..Vector::<W>::PER_CHUNK {
+        (Vector::<W>::splat(reference) + Vector::load(deviation, part)).store(to, part);
     }
 }
 
@@ -232,16 +238,22 @@ impl Angle {
 }
 
 #[multiversion(targets("x86_64+avx512f+avx512vl+fma"))]
-fn refresh_on_avx512(robots: &mut LaneRobots) {
-    robots.refresh::<8>();
+fn set_on_avx512(robots: &mut LaneRobots, deviations: &[Lanes]) {
+    robots.set_with::<8>(deviations);
 }
 
 #[multiversion(targets("x86_64+avx2+fma"))]
-fn refresh_on_avx2(robots: &mut LaneRobots) {
-    robots.refresh::<4>();
+fn set_on_avx2(robots: &mut LaneRobots, deviations: &[Lanes]) {
+    robots.set_with::<4>(deviations);
 }
 
 impl LaneRobots {
+    #[inline(always)]
+    fn set_with<const W: usize>(&mut self, deviations: &[Lanes]) {
+        self.place::<W>(deviations);
+        self.refresh::<W>();
+    }
+
     /// Circles and M from lengths and angles.
     #[inline(always)]
     fn refresh<const W: usize>(&mut self) {
@@ -262,12 +274,21 @@ impl LaneRobots {
 
     #[inline(always)]
     fn refresh_part<const W: usize>(&mut self, base: &[[Lanes; 3]; 3], part: usize) {
-        let mut behind = self.first::<W>(base, part);
-        for i in 0..self.between.len() {
-            behind.store(&mut self.between[i], part);
-            self.between[i].is_tilted = i == 0 || self.links[i].has_beta();
-            behind = between(&self.links[i], &self.links[i + 1], part);
+        let n = self.between.len();
+        if n > 0 {
+            self.first::<W>(base, part).store(&mut self.between[0], part);
+            self.between[0].is_tilted = true;
         }
+        for i in 1..n {
+            let (link, next) = (&self.links[i - 1], &self.links[i]);
+            self.between[i].is_tilted = next.has_beta();
+            if next.has_beta() {
+                between::<W>(link, next, part).store(&mut self.between[i], part);
+            } else {
+                store_untilted::<W>(link, next, &mut self.between[i], part);
+            }
+        }
+        let behind = if n > 0 { between(&self.links[n - 1], &self.links[n], part) } else { self.first::<W>(base, part) };
         for target in 0..self.targets_mm.len() {
             let point = self.turned_point(&self.targets_mm[target], part);
             behind.store_circle(point, &mut self.circles[target], part);
@@ -279,7 +300,7 @@ impl LaneRobots {
     fn angles_are_small(&self) -> bool {
         let mut largest = [0.0; LANES];
         for link in &self.links {
-            for angle in [&link.alpha, &link.theta, &link.beta] {
+            for angle in [&link.alpha, &link.theta, &link.beta].into_iter().filter(|angle| angle.is_moved) {
                 for (largest, deviation) in largest.iter_mut().zip(&angle.deviation_rad.0) {
                     *largest = if deviation.abs() > *largest { deviation.abs() } else { *largest };
                 }
@@ -416,4 +437,23 @@ fn between<const W: usize>(link: &LaneLink, next: &LaneLink, part: usize) -> Aff
         rotation[1][column] = s.mul_add(x[column], c * y[column]);
     }
     Affine { rotation, translation: [c * a, s * a, Vector::load(&link.d, part)] }
+}
+
+/// As [`between`] where beta_{i+1} is 0, without what is 0 then.
+#[inline(always)]
+fn store_untilted<const W: usize>(link: &LaneLink, next: &LaneLink, to: &mut Between, part: usize) {
+    let (s, c) = (Vector::<W>::load(&link.theta.sin, part), Vector::<W>::load(&link.theta.cos, part));
+    let (sa, ca) = (Vector::<W>::load(&next.alpha.sin, part), Vector::<W>::load(&next.alpha.cos, part));
+    let a = Vector::<W>::load(&next.a, part);
+    c.store(&mut to.rotation[0][0], part);
+    (-(s * ca)).store(&mut to.rotation[0][1], part);
+    (s * sa).store(&mut to.rotation[0][2], part);
+    (c * a).store(&mut to.translation[0], part);
+    s.store(&mut to.rotation[1][0], part);
+    (c * ca).store(&mut to.rotation[1][1], part);
+    (-(c * sa)).store(&mut to.rotation[1][2], part);
+    (s * a).store(&mut to.translation[1], part);
+    sa.store(&mut to.rotation[2][1], part);
+    ca.store(&mut to.rotation[2][2], part);
+    Vector::<W>::load(&link.d, part).store(&mut to.translation[2], part);
 }

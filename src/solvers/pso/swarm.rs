@@ -2,7 +2,7 @@
 //! and every inner loop runs over particles, which lie side by side in memory.
 
 use super::{Boundary, Cost, InitialVelocity, Options, Positions, RandomNumbers, SearchBox};
-use crate::solvers::random::LaneRandom;
+use crate::solvers::random::{LANES, LaneRandom};
 use multiversion::multiversion;
 
 /// All that changes during a search.
@@ -51,14 +51,8 @@ impl Swarm {
     /// equal particles the first is the swarm's best.
     pub fn evaluate(&mut self, cost: &mut Cost<'_>) {
         cost(&self.positions, &mut self.costs);
-        for cost in &mut self.costs {
-            if !cost.is_finite() {
-                *cost = f64::INFINITY;
-            }
-        }
-        keep_own_best(&self.costs, &self.positions, &mut self.own_best_costs, &mut self.own_best_positions);
-        let best = (0..self.costs.len()).min_by(|&a, &b| self.costs[a].total_cmp(&self.costs[b]));
-        if let Some(best) = best.filter(|&best| self.costs[best] < self.best_cost) {
+        let best = keep_own_best(&mut self.costs, &self.positions, &mut self.own_best_costs, &mut self.own_best_positions);
+        if self.costs[best] < self.best_cost {
             self.best_cost = self.costs[best];
             for (j, x) in self.best_position.iter_mut().enumerate() {
                 *x = self.positions.get(best, j);
@@ -106,24 +100,50 @@ fn initial_velocities(search_box: &SearchBox, options: &Options, random: &mut La
     velocities
 }
 
-/// Copies the coordinates of the particles that improved. Without branches, so that lanes can hold particles.
+/// Makes costs that are not finite +∞, copies cost and coordinates of the particles that improved, and gives the first of the cheapest.
 #[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl", "x86_64+avx2+fma"))]
-fn keep_own_best(costs: &[f64], positions: &Positions, own_best_costs: &mut [f64], own_best_positions: &mut Positions) {
+fn keep_own_best(costs: &mut [f64], positions: &Positions, own_best_costs: &mut [f64], own_best_positions: &mut Positions) -> usize {
     let n = costs.len();
-    let own_best_costs = &mut own_best_costs[..n];
-    for (x, best) in positions.values.chunks_exact(n).zip(own_best_positions.values.chunks_exact_mut(n)) {
-        for i in 0..n {
-            best[i] = if costs[i] < own_best_costs[i] { x[i] } else { best[i] };
+    let mut lowest = f64::INFINITY;
+    for cost in costs.iter_mut() {
+        *cost = if cost.is_finite() { *cost } else { f64::INFINITY };
+        lowest = if *cost < lowest { *cost } else { lowest };
+    }
+    for first in (0..n).step_by(LANES) {
+        let block = first..n.min(first + LANES);
+        // few particles improve: mostly there is nothing to copy
+        if costs[block.clone()].iter().zip(&own_best_costs[block.clone()]).all(|(cost, own)| cost >= own) {
+            continue;
+        }
+        for (x, best) in positions.values.chunks_exact(n).zip(own_best_positions.values.chunks_exact_mut(n)) {
+            for i in block.clone() {
+                best[i] = if costs[i] < own_best_costs[i] { x[i] } else { best[i] };
+            }
+        }
+        for i in block {
+            own_best_costs[i] = if costs[i] < own_best_costs[i] { costs[i] } else { own_best_costs[i] };
         }
     }
-    for i in 0..n {
-        own_best_costs[i] = if costs[i] < own_best_costs[i] { costs[i] } else { own_best_costs[i] };
-    }
+    costs.iter().position(|cost| *cost == lowest).unwrap_or(0)
 }
 
 /// [Gao 2018, eq. 9, 10] for one coordinate of all particles.
 #[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl", "x86_64+avx2+fma"))]
 fn move_coordinate(coordinate: &Coordinate, r1: &[f64], r2: &[f64], own_best: &[f64], x: &mut [f64], v: &mut [f64]) {
+    if coordinate.largest_speed < f64::INFINITY {
+        step::<true>(coordinate, r1, r2, own_best, x, v);
+    } else {
+        step::<false>(coordinate, r1, r2, own_best, x, v);
+    }
+    match coordinate.boundary {
+        Boundary::None => {}
+        Boundary::Clamp => clamp(coordinate.lowest, coordinate.highest, x, v),
+        Boundary::Reflect => reflect(coordinate.lowest, coordinate.highest, x, v),
+    }
+}
+
+#[inline(always)]
+fn step<const LIMITED: bool>(coordinate: &Coordinate, r1: &[f64], r2: &[f64], own_best: &[f64], x: &mut [f64], v: &mut [f64]) {
     let Coordinate { inertia_weight, cognitive, social, swarm_best, largest_speed, .. } = *coordinate;
     let n = x.len();
     let (r1, r2, own_best, x, v) = (&r1[..n], &r2[..n], &own_best[..n], &mut x[..n], &mut v[..n]);
@@ -131,13 +151,8 @@ fn move_coordinate(coordinate: &Coordinate, r1: &[f64], r2: &[f64], own_best: &[
         let inertia = inertia_weight * v[i];
         let towards_swarm = (social * r2[i]).mul_add(swarm_best - x[i], inertia);
         let velocity = (cognitive * r1[i]).mul_add(own_best[i] - x[i], towards_swarm);
-        v[i] = velocity.max(-largest_speed).min(largest_speed);
+        v[i] = if LIMITED { velocity.max(-largest_speed).min(largest_speed) } else { velocity };
         x[i] += v[i];
-    }
-    match coordinate.boundary {
-        Boundary::None => {}
-        Boundary::Clamp => clamp(coordinate.lowest, coordinate.highest, x, v),
-        Boundary::Reflect => reflect(coordinate.lowest, coordinate.highest, x, v),
     }
 }
 

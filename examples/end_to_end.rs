@@ -1,0 +1,136 @@
+//! A least-squares job from its POST to the fetched parameter set, through the real server with its durable database, and where the
+//! time goes.
+//!
+//! `cargo run --release --example end_to_end` prints one line of JSON, medians over the jobs: what an fsync costs in the folder of the
+//! database, what the job took, what the computation took of it, and the rest as a multiple of the job's fsyncs.
+
+use anyhow::Context;
+use kincal::config::ServeConfig;
+use kincal::http::server;
+use serde_json::{Value, json};
+use std::fs::File;
+use std::io::Write;
+use std::path::Path;
+use std::time::Instant;
+
+/// Jobs that are timed, after some that warm up.
+const JOBS: usize = 100;
+const WARM_UP: usize = 10;
+/// A job is durable three times: when it is posted, when it is claimed, and when its result is stored.
+/// `strace -f -c -e trace=fsync,fdatasync` counts them.
+const FSYNCS: f64 = 3.0;
+/// Bytes that a commit appends to the write-ahead log, about.
+const COMMIT_BYTES: usize = 8 * 4096;
+
+const ROBOT: &[u8] = include_bytes!("../data/paper/robot.json");
+const SET: &[u8] = include_bytes!("../data/paper/first.csv");
+
+/// One job's times, µs.
+struct Times {
+    posted: f64,
+    waited: f64,
+    fetched: f64,
+    computed: f64,
+}
+
+/// A client of the server.
+struct Client {
+    http: reqwest::Client,
+    url: String,
+}
+
+impl Client {
+    async fn get(&self, path: &str) -> anyhow::Result<Value> {
+        answer(self.http.get(format!("{}{path}", self.url))).await
+    }
+
+    async fn post(&self, path: &str, content_type: &str, body: Vec<u8>) -> anyhow::Result<Value> {
+        answer(self.http.post(format!("{}{path}", self.url)).header("content-type", content_type).body(body)).await
+    }
+}
+
+async fn answer(request: reqwest::RequestBuilder) -> anyhow::Result<Value> {
+    let bytes = request.send().await?.error_for_status()?.bytes().await?;
+    serde_json::from_slice(&bytes).context("the server's answer is not JSON")
+}
+
+fn main() -> anyhow::Result<()> {
+    let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
+    runtime.block_on(run())
+}
+
+async fn run() -> anyhow::Result<()> {
+    // beside the sources: a folder in memory has no fsync to speak of
+    let folder = tempfile::tempdir_in(std::env::var("END_TO_END_DIR").unwrap_or_else(|_| "target".into()))?;
+    let server = server::start(&ServeConfig::loopback(folder.path().join("data"), 1)).await?;
+    let client = Client { http: reqwest::Client::builder().no_proxy().build()?, url: server.url() };
+    let robot = id(&client.post("/v1/robots", "application/json", ROBOT.to_vec()).await?)?;
+    let set = id(&client.post(&format!("/v1/robots/{robot}/measurement-sets?frame=base&name=first"), "text/csv", SET.to_vec()).await?)?;
+    let mut times = Vec::new();
+    for _ in 0..WARM_UP + JOBS {
+        times.push(job(&client, &robot, &set).await?);
+    }
+    let times = &times[WARM_UP..];
+    server.shutdown().await;
+    let fsync = fsync_us(folder.path())?;
+    let of = |what: fn(&Times) -> f64| median(times.iter().map(what).collect());
+    let rest = of(|t| t.posted + t.waited + t.fetched - t.computed);
+    println!(
+        "{}",
+        json!({
+            "us_job": of(|t| t.posted + t.waited + t.fetched),
+            "us_post": of(|t| t.posted),
+            "us_wait": of(|t| t.waited),
+            "us_fetch": of(|t| t.fetched),
+            "us_compute": of(|t| t.computed),
+            "us_rest": rest,
+            "us_fsync": fsync,
+            "rest_over_fsyncs": rest / (FSYNCS * fsync),
+            "jobs": JOBS,
+        })
+    );
+    Ok(())
+}
+
+async fn job(client: &Client, robot: &str, set: &str) -> anyhow::Result<Times> {
+    let request = json!({"measurement_set_id": set, "method": "least_squares", "model": "paper"});
+    let begun = Instant::now();
+    let job = id(&client.post(&format!("/v1/robots/{robot}/jobs"), "application/json", serde_json::to_vec(&request)?).await?)?;
+    let posted = begun.elapsed();
+    let done = loop {
+        let job = client.get(&format!("/v1/jobs/{job}?wait_s=10")).await?;
+        if job["finished_at"].is_string() {
+            break job;
+        }
+    };
+    let waited = begun.elapsed() - posted;
+    let parameter_set = done["parameter_set_id"].as_str().with_context(|| format!("the job gave no parameters: {done}"))?;
+    client.get(&format!("/v1/parameter-sets/{parameter_set}")).await?;
+    let fetched = begun.elapsed() - waited - posted;
+    let report = client.get(&format!("/v1/jobs/{job}/report")).await?;
+    let computed = report["duration_ms"].as_f64().context("the report has no duration")? * 1e3;
+    let us = |d: std::time::Duration| d.as_secs_f64() * 1e6;
+    Ok(Times { posted: us(posted), waited: us(waited), fetched: us(fetched), computed })
+}
+
+/// What it takes to append as much as a commit does to a file in this folder, and to have it on the disk.
+fn fsync_us(folder: &Path) -> anyhow::Result<f64> {
+    let mut file = File::create(folder.join("fsync"))?;
+    let bytes = vec![7_u8; COMMIT_BYTES];
+    let mut one = || -> anyhow::Result<f64> {
+        let begun = Instant::now();
+        file.write_all(&bytes)?;
+        file.sync_data()?;
+        Ok(begun.elapsed().as_secs_f64() * 1e6)
+    };
+    Ok(median((0..JOBS).map(|_| one()).collect::<anyhow::Result<_>>()?))
+}
+
+fn id(answer: &Value) -> anyhow::Result<String> {
+    Ok(answer["id"].as_str().context("the server's answer has no id")?.to_string())
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values[values.len() / 2]
+}
