@@ -14,6 +14,7 @@
 //! Lanes hold particles, so each particle's sum runs in pose order whatever the vector width, and products are added with an explicit
 //! fused multiply-add: the bits are the same on every CPU ([`InstructionSet`]).
 
+mod affine;
 mod kernel;
 mod lanes;
 mod one_robot;

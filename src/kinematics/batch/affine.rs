@@ -1,0 +1,93 @@
+//! What lies between two commanded rotations, for as many robots as a register holds.
+
+use super::lanes::Vector;
+use super::robots::{Between, Circle, LaneLink};
+
+/// Rotation and translation of as many robots as a register holds.
+#[derive(Clone, Copy)]
+pub(super) struct Affine<const W: usize> {
+    pub rotation: [[Vector<W>; 3]; 3],
+    pub translation: [Vector<W>; 3],
+}
+
+impl<const W: usize> Affine<W> {
+    #[inline(always)]
+    pub fn store(&self, to: &mut Between, part: usize) {
+        for row in 0..3 {
+            for column in 0..3 {
+                self.rotation[row][column].store(&mut to.rotation[row][column], part);
+            }
+            self.translation[row].store(&mut to.translation[row], part);
+        }
+    }
+
+    /// This · Rz(q) · point, as a function of q.
+    #[inline(always)]
+    pub fn store_circle(&self, [x, y, z]: [Vector<W>; 3], to: &mut Circle, part: usize) {
+        for row in 0..3 {
+            let [r0, r1, r2] = self.rotation[row];
+            r2.mul_add(z, self.translation[row]).store(&mut to.centre[row], part);
+            r0.mul_add(x, r1 * y).store(&mut to.cos[row], part);
+            r1.mul_add(x, -(r0 * y)).store(&mut to.sin[row], part);
+        }
+    }
+}
+
+/// Rx(alpha) · Dx(a) · Ry(beta).
+#[inline(always)]
+pub(super) fn before_joint<const W: usize>(link: &LaneLink, part: usize) -> Affine<W> {
+    let (zero, one) = (Vector::splat(0.0), Vector::splat(1.0));
+    let (sa, ca) = (Vector::<W>::load(&link.alpha.sin, part), Vector::<W>::load(&link.alpha.cos, part));
+    let translation = [Vector::load(&link.a, part), zero, zero];
+    if !link.has_beta() {
+        return Affine { rotation: [[one, zero, zero], [zero, ca, -sa], [zero, sa, ca]], translation };
+    }
+    let (sb, cb) = (Vector::<W>::load(&link.beta.sin, part), Vector::<W>::load(&link.beta.cos, part));
+    Affine { rotation: [[cb, zero, sb], [sa * sb, ca, -(sa * cb)], [-(ca * sb), sa, ca * cb]], translation }
+}
+
+/// M_i = Rz(theta_offset_i) · Dz(d_i) · Rx(alpha_{i+1}) · Dx(a_{i+1}) · Ry(beta_{i+1}), from links i and i+1.
+#[inline(always)]
+pub(super) fn between<const W: usize>(link: &LaneLink, next: &LaneLink, part: usize) -> Affine<W> {
+    let (s, c) = (Vector::<W>::load(&link.theta.sin, part), Vector::<W>::load(&link.theta.cos, part));
+    let Affine { mut rotation, translation: [a, ..] } = before_joint(next, part);
+    let [x, y, _] = rotation;
+    for column in 0..3 {
+        rotation[0][column] = c.mul_add(x[column], -(s * y[column]));
+        rotation[1][column] = s.mul_add(x[column], c * y[column]);
+    }
+    Affine { rotation, translation: [c * a, s * a, Vector::load(&link.d, part)] }
+}
+
+/// As [`between`] where beta_{i+1} is 0, without what is 0 then.
+#[inline(always)]
+pub(super) fn store_untilted<const W: usize>(link: &LaneLink, next: &LaneLink, to: &mut Between, part: usize) {
+    let (s, c) = (Vector::<W>::load(&link.theta.sin, part), Vector::<W>::load(&link.theta.cos, part));
+    let (sa, ca) = (Vector::<W>::load(&next.alpha.sin, part), Vector::<W>::load(&next.alpha.cos, part));
+    let a = Vector::<W>::load(&next.a, part);
+    c.store(&mut to.rotation[0][0], part);
+    (-(s * ca)).store(&mut to.rotation[0][1], part);
+    (s * sa).store(&mut to.rotation[0][2], part);
+    (c * a).store(&mut to.translation[0], part);
+    s.store(&mut to.rotation[1][0], part);
+    (c * ca).store(&mut to.rotation[1][1], part);
+    (-(c * sa)).store(&mut to.rotation[1][2], part);
+    (s * a).store(&mut to.translation[1], part);
+    sa.store(&mut to.rotation[2][1], part);
+    ca.store(&mut to.rotation[2][2], part);
+    Vector::<W>::load(&link.d, part).store(&mut to.translation[2], part);
+}
+
+/// I + a·[w]× + b·[w]×², with [w]×² = w·wᵀ − |w|².
+#[inline(always)]
+pub(super) fn exponential<const W: usize>([x, y, z]: [Vector<W>; 3], a: Vector<W>, b: Vector<W>) -> [[Vector<W>; 3]; 3] {
+    let one = Vector::splat(1.0);
+    let (ax, ay, az) = (a * x, a * y, a * z);
+    let (bx, by) = (b * x, b * y);
+    let (xx, yy, zz) = (x * x, y * y, z * z);
+    [
+        [one - b * (yy + zz), bx.mul_add(y, -az), bx.mul_add(z, ay)],
+        [bx.mul_add(y, az), one - b * (xx + zz), by.mul_add(z, -ax)],
+        [bx.mul_add(z, -ay), by.mul_add(z, ax), one - b * (xx + yy)],
+    ]
+}
