@@ -103,6 +103,7 @@ pub fn report(
         parameters: parameters(problem, model, uncertainty.as_ref()),
         tool_uncertainty: uncertainty.as_ref().map(|u| tool_uncertainty(&request.robot, model, &problem.parameters, &problem.identify, u)),
         error_model: uncertainty.as_ref().map(ErrorModel::of),
+        uncertainty,
         identifiability: identifiability(problem),
         comparison,
         warnings: vec![],

@@ -173,6 +173,8 @@ pub struct CalibrationReport {
     pub tool_uncertainty: Option<ToolUncertainty>,
     /// How the points scatter about the model, where it can be stated.
     pub error_model: Option<ErrorModel>,
+    /// The whole of it, for whoever wants the covariance: rows in the order of `parameters`.
+    pub uncertainty: Option<Uncertainty>,
     /// What the data can see.
     pub identifiability: Identifiability,
     /// Other methods on the same points.

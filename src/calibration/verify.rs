@@ -169,6 +169,7 @@ fn report(
         parameters: vec![],
         tool_uncertainty: None,
         error_model: None,
+        uncertainty: None,
         identifiability: Identifiability {
             n_parameters: 0,
             rank: 0,

@@ -9,6 +9,7 @@ pub mod misfit;
 pub mod objective;
 pub mod parameters;
 pub mod search_space;
+pub mod shared;
 pub mod start;
 pub mod swarm;
 pub mod uncertainty;

@@ -17,6 +17,7 @@ use crate::identification::identifiability::Decomposition;
 use crate::identification::misfit;
 use crate::identification::objective::{Observation, weighted_jacobian, weighted_residuals};
 use crate::identification::parameters::Parameter;
+use crate::identification::shared::Shared;
 use nalgebra::{DMatrix, DVector, Vector3};
 
 /// A part of V is kept if its test is above this: the upper 5 % of a standard normal variable; its square is the upper 5 % of a
@@ -63,8 +64,7 @@ struct Linear {
     a: DMatrix<f64>,
     /// 3·N × m.
     features: DMatrix<f64>,
-    /// 3·N × 3·(configurations with several points).
-    shared: DMatrix<f64>,
+    shared: Shared,
 }
 
 /// The uncertainty of the least-squares answer `model`. `clusters` numbers each observation's configuration; `None` where there are no
@@ -87,20 +87,22 @@ pub fn uncertainty(
         y: weighted_residuals(model, observations),
         a: weighted_jacobian(model, parameters, observations, &Vector3::zeros()) * &directions,
         features: misfit::features(model, poses, gravity),
-        shared: shared(observations, clusters),
+        shared: Shared::new(observations, clusters),
     };
     let ratio = shared_ratio(&linear)?;
-    let components = misfit_components(&whitened(&linear, ratio), n_free as f64)?;
     // least squares as it was fitted: E = D·R⁻¹·Qᵀ
     let (q, r) = linear.a.clone().qr().unpack();
     let per_score = directions * r.try_inverse()?;
+    let through_shared = &per_score * linear.shared.transpose_times(&q).transpose();
+    let through_features = &per_score * (q.transpose() * &linear.features);
+    let components = misfit_components(&whitened(linear, ratio), n_free as f64)?;
     let noise_std_mm = components.noise_variance.sqrt();
     let configuration_std_mm = noise_std_mm * ratio.sqrt();
     let misfit_std_rad = components.misfit_variance.sqrt();
-    let through = |columns: &DMatrix<f64>| &per_score * (q.transpose() * columns);
-    let shared = if ratio > 0.0 { through(&linear.shared) * configuration_std_mm } else { DMatrix::zeros(per_score.nrows(), 0) };
-    let misfit = if misfit_std_rad > 0.0 { through(&linear.features) * misfit_std_rad } else { DMatrix::zeros(per_score.nrows(), 0) };
-    let noise = beside(&(per_score * noise_std_mm), &shared);
+    let kept = |root: DMatrix<f64>, std: f64| if std > 0.0 { root * std } else { DMatrix::zeros(per_score.nrows(), 0) };
+    let shared = kept(through_shared, configuration_std_mm);
+    let misfit = kept(through_features, misfit_std_rad);
+    let noise = beside(&(&per_score * noise_std_mm), &shared);
     let finite = noise.iter().chain(misfit.iter()).all(|v| v.is_finite());
     finite.then(|| Uncertainty {
         noise_std_mm,
@@ -122,43 +124,30 @@ fn beside(left: &DMatrix<f64>, right: &DMatrix<f64>) -> DMatrix<f64> {
     both
 }
 
-/// Z with B = Z·Zᵀ: three columns for each configuration of several points, sqrt(weight) in its rows.
-fn shared(observations: &[Observation], clusters: &[usize]) -> DMatrix<f64> {
-    let n_clusters = clusters.iter().map(|c| c + 1).max().unwrap_or(0);
-    let mut size = vec![0usize; n_clusters];
-    clusters.iter().for_each(|c| size[*c] += 1);
-    let several: Vec<usize> = (0..n_clusters).filter(|c| size[*c] > 1).collect();
-    let mut z = DMatrix::zeros(3 * observations.len(), 3 * several.len());
-    for (row, (o, cluster)) in observations.iter().zip(clusters).enumerate() {
-        if let Ok(k) = several.binary_search(cluster) {
-            (0..3).for_each(|axis| z[(3 * row + axis, 3 * k + axis)] = o.weight.sqrt());
-        }
-    }
-    z
-}
-
 /// What the columns of `m` leave outside the span of the orthonormal columns of `q`.
 fn outside(q: &DMatrix<f64>, m: &DMatrix<f64>) -> DMatrix<f64> {
     m - q * (q.transpose() * m)
 }
 
 /// ρ by moments: with P the projection out of the span of A, E[yᵀPBPy] = σe²·(tr PB + ρ·tr PBPB) and
-/// E[yᵀPy] = σe²·(tr P + ρ·tr PB).
+/// E[yᵀPy] = σe²·(tr P + ρ·tr PB). ZᵀPZ = L − WᵀW, with L the squared lengths of Z's columns and W = QᵀZ, is never written out.
 fn shared_ratio(linear: &Linear) -> Option<f64> {
     if linear.shared.ncols() == 0 {
         return Some(0.0);
     }
     let q = linear.a.clone().qr().q();
-    let z = outside(&q, &linear.shared);
-    let y = &linear.y - &q * (q.transpose() * &linear.y);
+    let w = linear.shared.transpose_times(&q).transpose();
+    let lengths = linear.shared.squared_lengths();
+    let y = outside(&q, &DMatrix::from_column_slice(linear.y.len(), 1, linear.y.as_slice()));
     let n_free = (linear.a.nrows() - linear.a.ncols()) as f64;
-    let gram = z.transpose() * &z;
-    let (trace, trace_of_square) = (gram.trace(), gram.norm_squared());
+    let trace = lengths.iter().sum::<f64>() - w.norm_squared();
+    let crossed: f64 = lengths.iter().zip(w.column_iter()).map(|(l, w)| l * (l - 2.0 * w.norm_squared())).sum();
+    let trace_of_square = crossed + (&w * w.transpose()).norm_squared();
     let whole = y.norm_squared();
     if whole <= 0.0 {
         return Some(0.0);
     }
-    let ratio = (z.transpose() * &y).norm_squared() / whole * n_free;
+    let ratio = linear.shared.transpose_times(&y).norm_squared() / whole * n_free;
     let spread = (2.0 * (trace_of_square - trace * trace / n_free)).max(0.0).sqrt();
     if ratio - trace <= KEPT_ABOVE * spread {
         return Some(0.0);
@@ -172,22 +161,21 @@ const MOST_SHARED: f64 = 1e6;
 
 /// The problem with (I + ρ·B)^(-1/2) from the left. Z's columns are orthogonal: along each, of squared length l, the factor is
 /// 1/sqrt(1 + ρ·l).
-fn whitened(linear: &Linear, ratio: f64) -> Linear {
-    let mut white = Linear { y: linear.y.clone(), a: linear.a.clone(), features: linear.features.clone(), shared: DMatrix::zeros(0, 0) };
+fn whitened(linear: Linear, ratio: f64) -> Linear {
     if ratio == 0.0 {
-        return white;
+        return linear;
     }
-    let lengths: Vec<f64> = linear.shared.column_iter().map(|z| z.norm_squared()).collect();
+    let lengths = linear.shared.squared_lengths();
     let shrink = |m: &DMatrix<f64>| {
-        let mut along = linear.shared.transpose() * m;
+        let mut along = linear.shared.transpose_times(m);
         for (mut row, l) in along.row_iter_mut().zip(&lengths) {
             row *= (1.0 - 1.0 / (1.0 + ratio * l).sqrt()) / l;
         }
-        m - &linear.shared * along
+        m - linear.shared.times(&along)
     };
-    (white.a, white.features) = (shrink(&white.a), shrink(&white.features));
-    white.y = shrink(&DMatrix::from_column_slice(white.y.len(), 1, white.y.as_slice())).column(0).into();
-    white
+    let (a, features) = (shrink(&linear.a), shrink(&linear.features));
+    let y = shrink(&DMatrix::from_column_slice(linear.y.len(), 1, linear.y.as_slice())).column(0).into();
+    Linear { y, a, features, shared: linear.shared }
 }
 
 /// σe², σm² and how well they are known.
@@ -313,13 +301,32 @@ impl Uncertainty {
     /// One standard deviation (3-D: the root of the three variances' sum) of where `model` predicts a target, mm: J·C·Jᵀ with C of
     /// noise, of the combinations that the data do not see, and of the misfit both at the measured poses and at this one.
     pub fn position_std_mm(&self, model: &KinematicModel, parameters: &[Parameter], q_rad: &[f64], target: usize) -> f64 {
+        let variances = self.position_variances_mm2(model, parameters, q_rad, target);
+        variances.iter().map(|[known, misfit]| known + misfit).sum::<f64>().sqrt()
+    }
+
+    /// Half-width, along each axis of the measuring frame, of the interval that holds where a target is with probability `confidence`, mm.
+    pub fn position_half_widths_mm(
+        &self,
+        model: &KinematicModel,
+        parameters: &[Parameter],
+        (q_rad, target): (&[f64], usize),
+        confidence: f64,
+    ) -> [f64; 3] {
+        let half_width = |[known, misfit]: [f64; 2]| t_half_width(confidence, self.freedom_of(known, misfit)) * (known + misfit).sqrt();
+        self.position_variances_mm2(model, parameters, q_rad, target).map(half_width)
+    }
+
+    /// Variances along each axis of the measuring frame: from noise and the unseen, and from the misfit.
+    fn position_variances_mm2(&self, model: &KinematicModel, parameters: &[Parameter], q_rad: &[f64], target: usize) -> [[f64; 2]; 3] {
         let here = [Observation { q_rad: q_rad.to_vec(), position_mm: Vector3::zeros(), target, weight: 1.0 }];
         let jacobian = weighted_jacobian(model, parameters, &here, &Vector3::zeros());
-        let mut variance = (&jacobian * &self.noise).norm_squared() + (&jacobian * &self.unseen).norm_squared();
-        if self.misfit.ncols() > 0 {
-            let features = misfit::features(model, [(q_rad, target, 1.0)].into_iter(), &self.gravity);
-            variance += (&jacobian * &self.misfit - features * self.misfit_std_rad).norm_squared();
+        let (noise, unseen) = (&jacobian * &self.noise, &jacobian * &self.unseen);
+        let mut misfit = &jacobian * &self.misfit;
+        if misfit.ncols() > 0 {
+            misfit -= misfit::features(model, [(q_rad, target, 1.0)].into_iter(), &self.gravity) * self.misfit_std_rad;
         }
-        variance.sqrt()
+        let along = |axis: usize| [noise.row(axis).norm_squared() + unseen.row(axis).norm_squared(), misfit.row(axis).norm_squared()];
+        [along(0), along(1), along(2)]
     }
 }

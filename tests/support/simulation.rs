@@ -151,3 +151,26 @@ pub fn intervals_held(nominal: &Robot, truth: &KinematicModel, report: &kincal::
     }
     counts
 }
+
+/// The robot as a report found it.
+pub fn found(report: &kincal::calibration::CalibrationReport) -> KinematicModel {
+    KinematicModel { t_instrument_base: report.t_instrument_base, links: report.links.clone(), targets_mm: report.targets_mm.clone() }
+}
+
+/// Of the stated 95 % intervals of where target 0 is at some poses, along each axis: how many there are, and how many hold the truth.
+pub fn tool_intervals_held(
+    nominal: &Robot,
+    truth: &KinematicModel,
+    report: &kincal::calibration::CalibrationReport,
+    poses: &[Vec<f64>],
+    sag_rad: f64,
+) -> (usize, usize) {
+    let Some(uncertainty) = &report.uncertainty else { return (0, 0) };
+    let (parameters, found) = (complete_parameters(&nominal.links, truth.targets_mm.len()), found(report));
+    let held = |q: &Vec<f64>| {
+        let half_widths = uncertainty.position_half_widths_mm(&found, &parameters, (q, 0), 0.95);
+        let missed = position_with_sag(truth, q, 0, sag_rad) - found.position(q, 0);
+        (0..3).filter(|axis| missed[*axis].abs() <= half_widths[*axis]).count()
+    };
+    (3 * poses.len(), poses.iter().map(held).sum())
+}
