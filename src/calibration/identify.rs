@@ -1,5 +1,6 @@
 //! The flow chart of a calibration, stage by stage.
 
+use crate::calibration::changes::changes;
 use crate::calibration::check::{check, n_targets};
 use crate::calibration::observe::{Observed, free_parameters, observe};
 use crate::calibration::outcome::report;
@@ -90,12 +91,21 @@ pub fn calibrate(request: &CalibrationRequest, monitor: &mut Monitor<'_>) -> Res
         found.model = refined.model;
     }
     let comparison = compare(&problem, method, own, monitor)?;
-    report(&problem, method, reason, found, comparison, network)
+    let mut report = report(&problem, method, reason, found, comparison, network)?;
+    if request.previous.is_some() {
+        report.changes = stage(monitor, "compare_sessions", |monitor| changes(request, &mut quiet(monitor)))?;
+        report.warnings.extend(report.changes.iter().flat_map(|changes| changes.warnings.iter().cloned()));
+    }
+    Ok(report)
 }
 
 impl<'a> Problem<'a> {
     fn new(request: &'a CalibrationRequest) -> Result<Self, Error> {
-        let observed = observe(request)?;
+        Self::of(request, observe(request)?)
+    }
+
+    /// The problem of a request whose points are already split.
+    pub fn of(request: &'a CalibrationRequest, observed: Observed) -> Result<Self, Error> {
         let identify = observed.of(Subset::Identify);
         let parameters = free_parameters(request, n_targets(request))?;
         let nominal = nominal_model(request, &identify);
@@ -190,7 +200,7 @@ fn quiet<'m>(monitor: &'m mut Monitor<'_>) -> impl FnMut(Event<'_>) -> ControlFl
 
 /// Levenberg-Marquardt along the directions that the data see; what they do not see stays at `start`. `stop_at_cost_mm2` is the
 /// main method's; to refine and to compare, least squares goes on to its end.
-fn least_squares_from(
+pub fn least_squares_from(
     problem: &Problem<'_>,
     start: &KinematicModel,
     stop_at_cost_mm2: Option<f64>,

@@ -1,5 +1,6 @@
 //! `calibrate(request, monitor) -> report`: the paper's flow chart as one function over plain data.
 
+pub mod changes;
 mod check;
 mod identify;
 mod observe;
@@ -28,7 +29,7 @@ use std::ops::ControlFlow;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Event<'a> {
     /// A named stage begins: `least_squares`, `pso` or `bpnn_pso` for the main method, then `refine`, `train_network`,
-    /// `compare_least_squares`, `compare_pso`, `compare_warm_start`.
+    /// `compare_least_squares`, `compare_pso`, `compare_warm_start`, `compare_sessions`.
     StageStarted(&'a str),
     /// Nothing to report: a stage other than the main method is at work and asks whether to stop.
     Heartbeat,

@@ -8,13 +8,13 @@ use crate::calibration::verify::refits;
 use crate::calibration::{Error, plausibility};
 use crate::identification::misfit::gravity_directions;
 use crate::identification::objective::{Observation, cost, residuals};
-use crate::identification::parameters::{Parameter, quantity_mut};
+use crate::identification::parameters::{Parameter, quantity_mut, rotation_log};
 use crate::identification::start::fit_base_and_targets;
 use crate::identification::uncertainty::{Uncertainty, uncertainty};
 use crate::identification::workspace::tool_uncertainty;
 use crate::identification::{KinematicModel, TrainedNetwork};
 use crate::measurement::{Frame, Subset};
-use nalgebra::{IsometryMatrix3, Rotation3, Vector3};
+use nalgebra::{IsometryMatrix3, Vector3};
 
 /// Probability with which a parameter's stated interval holds the truth.
 const CONFIDENCE: f64 = 0.95;
@@ -104,6 +104,7 @@ pub fn report(
         tool_uncertainty: uncertainty.as_ref().map(|u| tool_uncertainty(&request.robot, model, &problem.parameters, &problem.identify, u)),
         error_model: uncertainty.as_ref().map(ErrorModel::of),
         uncertainty,
+        changes: None,
         identifiability: identifiability(problem),
         comparison,
         warnings: vec![],
@@ -192,16 +193,11 @@ fn value(model: &KinematicModel, parameter: &Parameter) -> f64 {
 
 /// Rotation vector from one base to another, in the measuring frame, rad.
 fn rotation_between(from: &KinematicModel, to: &KinematicModel) -> Vector3<f64> {
-    let turn: Rotation3<f64> = to.t_instrument_base.rotation * from.t_instrument_base.rotation.inverse();
-    let m = turn.matrix();
-    let twice_sine = Vector3::new(m[(2, 1)] - m[(1, 2)], m[(0, 2)] - m[(2, 0)], m[(1, 0)] - m[(0, 1)]);
-    let sine = twice_sine.norm() / 2.0;
-    let angle = libm::atan2(sine, (m.trace() - 1.0) / 2.0);
-    if sine < 1e-9 { twice_sine / 2.0 } else { twice_sine * (angle / (2.0 * sine)) }
+    rotation_log(&(to.t_instrument_base.rotation * from.t_instrument_base.rotation.inverse()))
 }
 
 /// What the residuals say about the errors of parameters and tool.
-fn uncertainty_of(problem: &Problem<'_>, model: &KinematicModel) -> Option<Uncertainty> {
+pub fn uncertainty_of(problem: &Problem<'_>, model: &KinematicModel) -> Option<Uncertainty> {
     let gravity = gravity_directions(problem.request.robot.mounting.as_ref().map(|m| &m.gravity_in_base));
     let clusters = problem.observed.clusters(Subset::Identify);
     uncertainty(model, &problem.parameters, &problem.decomposition, &problem.identify, &clusters, &gravity)

@@ -1,5 +1,6 @@
 //! What a calibration answers: plain data; `wire::report` gives it its JSON shape.
 
+use crate::calibration::changes::Changes;
 use crate::calibration::request::{Method, Model, Preset};
 use crate::identification::TrainedNetwork;
 use crate::identification::uncertainty::Uncertainty;
@@ -175,6 +176,8 @@ pub struct CalibrationReport {
     pub error_model: Option<ErrorModel>,
     /// The whole of it, for whoever wants the covariance: rows in the order of `parameters`.
     pub uncertainty: Option<Uncertainty>,
+    /// What changed since the robot's last identification, where that was given.
+    pub changes: Option<Changes>,
     /// What the data can see.
     pub identifiability: Identifiability,
     /// Other methods on the same points.

@@ -107,6 +107,17 @@ pub struct CalibrationRequest {
     pub verify: VerifySource,
     /// Search options.
     pub options: SearchOptions,
+    /// The session that the robot was last identified from, to compare with.
+    pub previous: Option<PreviousSession>,
+}
+
+/// An earlier session of the same robot.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PreviousSession {
+    /// Its points.
+    pub set: MeasurementSet,
+    /// The frames that they were identified with.
+    pub frames: Option<PreliminaryFrames>,
 }
 
 impl Method {
@@ -137,6 +148,7 @@ impl CalibrationRequest {
             refine: None,
             verify: VerifySource::Default,
             options: SearchOptions::default(),
+            previous: None,
         }
     }
 

@@ -170,6 +170,7 @@ fn report(
         tool_uncertainty: None,
         error_model: None,
         uncertainty: None,
+        changes: None,
         identifiability: Identifiability {
             n_parameters: 0,
             rank: 0,

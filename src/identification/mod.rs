@@ -1,6 +1,7 @@
 //! From measured points to parameters: which, in which scale, at which cost, and by which search.
 
 pub mod bpnn_pso;
+pub mod changes;
 pub mod distributions;
 pub mod fit;
 pub mod identifiability;

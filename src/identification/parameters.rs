@@ -170,6 +170,15 @@ pub fn rotation_exp(w: &Vector3<f64>) -> Rotation3<f64> {
     Rotation3::from_matrix_unchecked(nalgebra::Matrix3::identity() + k * a + k * k * b)
 }
 
+/// Rotation vector of a rotation, the inverse of [`rotation_exp`] below half a turn.
+pub fn rotation_log(rotation: &Rotation3<f64>) -> Vector3<f64> {
+    let m = rotation.matrix();
+    let twice_sine = Vector3::new(m[(2, 1)] - m[(1, 2)], m[(0, 2)] - m[(2, 0)], m[(1, 0)] - m[(0, 1)]);
+    let sine = twice_sine.norm() / 2.0;
+    let angle = libm::atan2(sine, (m.trace() - 1.0) / 2.0);
+    if sine < 1e-9 { twice_sine / 2.0 } else { twice_sine * (angle / (2.0 * sine)) }
+}
+
 /// Left Jacobian of SO(3): d(Exp(w)·y)/dw = −[Exp(w)·y]× · J(w) (Chirikjian 2011, eq. 10.86).
 pub fn left_jacobian(w: &Vector3<f64>) -> nalgebra::Matrix3<f64> {
     let angle = w.norm();

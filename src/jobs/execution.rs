@@ -1,7 +1,7 @@
 //! From a job's stored inputs to `calibration::calibrate` and back: the same inputs give the same outcome on any worker,
 //! but for the durations.
 
-use crate::calibration::request::VerifySource;
+use crate::calibration::request::{PreviousSession, VerifySource};
 use crate::calibration::{self, CalibrationReport, CalibrationRequest, Event, calibrate};
 use crate::jobs::{JobFailure, JobInputs, JobOutcome, MeasurementSetInput, ParameterSetInput, Progress};
 use crate::store::{NewNetwork, NewParameterSet};
@@ -156,9 +156,18 @@ pub fn request_of(inputs: &JobInputs) -> Result<CalibrationRequest, JobFailure> 
         verify_set: inputs.verify_set.as_ref().map(|set| set_of(set, n_joints)).transpose()?,
         frames: frames.transpose().map_err(broken)?.map(|content| content.to_core()),
         network: network.transpose().map_err(broken)?,
+        previous: previous_of(&request, inputs, n_joints),
         robot,
     };
     request.to_core(parts).map_err(|invalid: Invalid| failed(&Problem::new(422, invalid.code, invalid.summary())))
+}
+
+/// The session that the robot was last identified from. One that cannot be read any more is not compared with, and the job goes on.
+fn previous_of(request: &JobRequestBody, inputs: &JobInputs, n_joints: usize) -> Option<PreviousSession> {
+    let input = inputs.parameter_set.as_ref().filter(|_| request.kind == Kind::Identify)?;
+    let frames = input.frames.as_ref().map(|row| serde_json::from_str::<FramesContent>(&row.result_json)).transpose().ok()?;
+    let set = set_of(&input.set, n_joints).ok()?;
+    Some(PreviousSession { set, frames: frames.map(|content| content.to_core()) })
 }
 
 fn set_of(input: &MeasurementSetInput, n_joints: usize) -> Result<MeasurementSet, JobFailure> {

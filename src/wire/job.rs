@@ -1,7 +1,6 @@
 //! A job: what is asked. How it stands is in [`crate::wire::job_answer`].
 
-use crate::calibration::request::{self, CalibrationRequest, ParameterChoice, VerifySource};
-use crate::frames::PreliminaryFrames;
+use crate::calibration::request::{self, CalibrationRequest, ParameterChoice, PreviousSession, VerifySource};
 use crate::identification::TrainedNetwork;
 use crate::kinematics::Robot;
 use crate::measurement::MeasurementSet;
@@ -191,9 +190,11 @@ pub struct JobParts {
     /// The set of `verify: {source: "set"}`.
     pub verify_set: Option<MeasurementSet>,
     /// The frames of `frames_id`.
-    pub frames: Option<PreliminaryFrames>,
+    pub frames: Option<crate::frames::PreliminaryFrames>,
     /// The network that was pinned when the job was posted.
     pub network: Option<TrainedNetwork>,
+    /// The session of the robot's last identification, to compare with.
+    pub previous: Option<PreviousSession>,
 }
 
 impl JobRequestBody {
@@ -303,6 +304,7 @@ impl JobRequestBody {
                 _ => VerifySource::Default,
             },
             options: self.options.unwrap_or_default().to_core(),
+            previous: parts.previous,
         })
     }
 }

@@ -1,6 +1,7 @@
 //! From the core's report to the wire's, and the hash that tells whether two results are the same.
 
 use crate::calibration::CalibrationReport;
+use crate::calibration::changes::NamedChange;
 use crate::calibration::report::{ErrorModel, Errors, MethodComparison, ParameterOutcome, PointErrors, SubsetErrors};
 use crate::identification::workspace::ToolUncertainty;
 use crate::wire::angle::to_degrees;
@@ -9,8 +10,8 @@ use crate::wire::job::{Method, Model, Preset};
 use crate::wire::measurement::{SubsetName, Warning};
 use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::report_shape::{
-    ComparisonReport, Convergence, ErrorModelReport, ErrorsReport, Evidence, IdentifiabilityReport, ParameterReport, PointReport, Report,
-    SubsetReport, ToolUncertaintyReport,
+    ChangeReport, ComparisonReport, Convergence, ErrorModelReport, ErrorsReport, Evidence, IdentifiabilityReport, ParameterReport,
+    PointReport, Report, SubsetReport, ToolUncertaintyReport,
 };
 use serde::Serialize;
 
@@ -31,6 +32,9 @@ pub struct RunContext<'a> {
 
 /// The version every report names.
 pub const VERSION: &str = env!("CARGO_PKG_VERSION");
+
+/// Warnings that compare with earlier sessions.
+const ABOUT_EARLIER_SESSIONS: [&str; 2] = ["robot_changed", "placement_changed"];
 
 /// What `result_sha256` covers.
 #[derive(Serialize)]
@@ -80,7 +84,7 @@ fn without_hash(core: &CalibrationReport, run: &RunContext<'_>) -> Report {
         },
         comparison: core.comparison.iter().enumerate().map(|(i, c)| comparison(c, run.comparison_ms.get(i))).collect(),
         corrections: None,
-        changed: None,
+        changed: core.changes.as_ref().map(|changes| changes.all.iter().map(change).collect()),
         evidence: match (&core.verify, run.verify_set_is_another) {
             (None, _) => Evidence::None,
             (Some(_), false) => Evidence::SameUpload,
@@ -91,11 +95,15 @@ fn without_hash(core: &CalibrationReport, run: &RunContext<'_>) -> Report {
     }
 }
 
-/// Identifiers, times and durations are taken out before hashing.
+/// Identifiers, times and durations are taken out before hashing, and what is said about earlier sessions: it depends on what was there
+/// before, and the result does not.
 fn result_sha256(report: &Report, core: &CalibrationReport, network_sha256: Option<&str>) -> Result<String, serde_json::Error> {
     let mut value = serde_json::to_value(report)?;
     if let Some(fields) = value.as_object_mut() {
-        fields.retain(|name, _| !["job_id", "duration_ms", "result_sha256"].contains(&name.as_str()));
+        fields.retain(|name, _| !["job_id", "duration_ms", "result_sha256", "changed"].contains(&name.as_str()));
+        if let Some(warnings) = fields.get_mut("warnings").and_then(|warnings| warnings.as_array_mut()) {
+            warnings.retain(|warning| !ABOUT_EARLIER_SESSIONS.contains(&warning["code"].as_str().unwrap_or_default()));
+        }
         for row in fields.get_mut("comparison").and_then(|rows| rows.as_array_mut()).into_iter().flatten() {
             row.as_object_mut().map(|row| row.remove("duration_ms"));
         }
@@ -161,6 +169,10 @@ fn parameter(p: &ParameterOutcome) -> ParameterReport {
         interval_95: p.interval_95.filter(|[low, high]| low.is_finite() && high.is_finite()),
         identifiable: p.identifiable,
     }
+}
+
+fn change(c: &NamedChange) -> ChangeReport {
+    ChangeReport { name: c.name.clone(), delta: c.delta, sigmas: c.sigmas }
 }
 
 fn tool_uncertainty(t: ToolUncertainty) -> ToolUncertaintyReport {

@@ -54,14 +54,15 @@ pub struct Report {
     /// Corrections that were tried.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub corrections: Option<Vec<CorrectionReport>>,
-    /// What moved since the set before.
+    /// What moved since the session of the robot's last identification: the robot's parameters, then base and targets. Empty if it was
+    /// compared and nothing moved beyond chance; absent if there was nothing to compare with.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub changed: Option<Vec<ChangeReport>>,
     /// How strong the verification is.
     pub evidence: Evidence,
     /// What one should know before using it.
     pub warnings: Vec<Warning>,
-    /// SHA-256 over the canonical content without identifiers, times and durations: equal for the same request, seed and version.
+    /// SHA-256 over the canonical content without identifiers, times and durations, and without what is said about earlier sessions: equal for the same request, seed and version.
     pub result_sha256: String,
 }
 
@@ -214,11 +215,11 @@ pub struct CorrectionReport {
 /// A parameter that moved since the set before.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ChangeReport {
-    /// The parameter.
+    /// The parameter; several names with "or" between them where positions cannot tell which.
     pub name: String,
-    /// By how much.
+    /// By how much, mm or degrees: now − then.
     pub delta: f64,
-    /// In units of its own uncertainty.
+    /// |delta| in units of its own uncertainty.
     pub sigmas: f64,
 }
 

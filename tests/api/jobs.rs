@@ -67,6 +67,29 @@ async fn a_swarms_network_is_stored_and_moves_the_next_swarm() {
 }
 
 #[tokio::test]
+async fn a_job_says_what_changed_since_the_robots_last_identification_and_its_hash_does_not_depend_on_that() {
+    let app = TestApp::with_workers(1).await;
+    let (robot, first) = app.robot_with_set("first.csv").await;
+    let collided = app.upload(&robot, "followup_collision.csv").await;
+    let report_of = async |set: &str| {
+        let job = app.run(&robot, &json!({"measurement_set_id": set, "method": "least_squares"})).await;
+        app.get(&format!("/v1/jobs/{}/report", text(&job["id"]))).await.ok(200)
+    };
+    let (new, after_collision, back) = (report_of(&first).await, report_of(&collided).await, report_of(&first).await);
+    assert_eq!(new.get("changed"), None, "there is nothing to compare with");
+    let first_names = |report: &Value| -> Vec<String> {
+        let mut names: Vec<String> = report["changed"].as_array().unwrap()[..3].iter().map(|c| text(&c["name"]).into()).collect();
+        names.sort_unstable();
+        names
+    };
+    assert_eq!(first_names(&after_collision), ["a_3", "theta_offset_2", "theta_offset_3"]);
+    assert_eq!(first_names(&back), first_names(&after_collision));
+    let warned = |report: &Value| report["warnings"].as_array().unwrap().iter().any(|w| w["code"] == "robot_changed");
+    assert!(!warned(&new) && warned(&after_collision) && warned(&back));
+    assert_eq!(new["result_sha256"], back["result_sha256"]);
+}
+
+#[tokio::test]
 async fn the_same_request_gives_the_same_result_also_after_a_restart_and_with_other_workers() {
     let mut app = TestApp::with_workers(1).await;
     let (robot, set) = app.robot_with_set("first_noisy.csv").await;
