@@ -281,3 +281,112 @@ fn nodes_come_and_go_and_several_may_start_on_an_empty_database_at_once() {
     assert_eq!(nodes[1].finished(&job)["status"], "succeeded");
     cluster.verify();
 }
+
+/// haproxy with the configuration that compose.yaml uses, or none with a loud line.
+fn proxy(nodes: &[Server; 2]) -> Option<(std::process::Child, String)> {
+    let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+    let address = format!("127.0.0.1:{port}");
+    let mut command = std::process::Command::new("haproxy");
+    let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("deploy/haproxy.cfg");
+    command.arg("-f").arg(config).arg("-db").env("KINCAL_PROXY", &address);
+    for (name, node) in ["KINCAL_NODE_1", "KINCAL_NODE_2"].into_iter().zip(nodes) {
+        command.env(name, node.url.trim_start_matches("http://"));
+    }
+    let Ok(child) = command.stdout(std::process::Stdio::null()).stderr(std::process::Stdio::null()).spawn() else {
+        let _ = writeln!(std::io::stderr(), "!!! haproxy IS NOT INSTALLED: NO TEST RUNS BEHIND A PROXY !!!");
+        return None;
+    };
+    Some((child, format!("http://{address}")))
+}
+
+#[test]
+fn behind_a_proxy_a_node_may_die_and_a_client_that_tries_again_loses_nothing() {
+    let Some(cluster) = Cluster::start() else { return };
+    let nodes = [cluster.api_node(NO_AUTH), cluster.api_node(NO_AUTH)];
+    let _workers = (cluster.worker(), cluster.worker());
+    let Some((mut proxy, url)) = proxy(&nodes) else { return };
+    let (robot, set) = robot_and_set(&nodes[0]);
+    let [unlucky, lucky] = nodes;
+    let mut unlucky = Some(unlucky);
+    let http = reqwest::Client::builder().no_proxy().timeout(PATIENCE).build().unwrap();
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    let mut ids = std::collections::BTreeSet::new();
+    for number in 0..20 {
+        if number == 5
+            && let Some(node) = unlucky.take()
+        {
+            node.kill();
+        }
+        let deadline = Instant::now() + PATIENCE;
+        let id = loop {
+            assert!(Instant::now() < deadline, "job {number} was not accepted");
+            let request = http
+                .post(format!("{url}/v1/robots/{robot}/jobs"))
+                .header("idempotency-key", format!("job-{number}"))
+                .header("content-type", "application/json")
+                .body(json!({"measurement_set_id": set, "seed": number}).to_string());
+            let answer = runtime.block_on(async {
+                let response = request.send().await.ok()?;
+                let status = response.status().as_u16();
+                assert!(status == 202 || status >= 502, "{status}: neither accepted nor a proxy without a node");
+                if status == 202 { response.text().await.ok() } else { None }
+            });
+            if let Some(answer) = answer {
+                break serde_json::from_str::<Value>(&answer).unwrap()["id"].as_str().unwrap().to_string();
+            }
+        };
+        ids.insert(id);
+    }
+    assert_eq!(ids.len(), 20);
+    for id in &ids {
+        assert_eq!(lucky.finished(id)["status"], "succeeded");
+    }
+    let (_, page) = lucky.get(&format!("/v1/robots/{robot}/jobs?limit=100"));
+    assert_eq!(page["items"].as_array().unwrap().len(), 20, "each request had one effect");
+    proxy.kill().unwrap();
+    proxy.wait().unwrap();
+    cluster.verify();
+}
+
+#[test]
+fn a_database_moves_from_the_embedded_engine_to_postgresql_and_back_with_all_it_holds() {
+    let Some(cluster) = Cluster::start() else { return };
+    let home = tempfile::tempdir().unwrap();
+    let (here, back) = (home.path().join("here"), home.path().join("back"));
+    let server = Server::start(&here, 1);
+    let (robot, set) = robot_and_set(&server);
+    let swarm = server.finished(&server.job(&robot, &json!({"measurement_set_id": set, "method": "pso"})));
+    let follow_up = server.set(&robot, &paper("followup_drifted.csv"), "base");
+    let second = server.finished(&server.job(&robot, &json!({"measurement_set_id": follow_up, "method": "bpnn_pso"})));
+    let parameter_set = second["parameter_set_id"].as_str().unwrap().to_string();
+    let reason = json!({"reason": "moves with the rest"}).to_string();
+    assert_eq!(server.post(&format!("/v1/parameter-sets/{parameter_set}/release"), "application/json", reason.into()).0, 200);
+    let seen = |node: &Server| {
+        let documents = [
+            format!("/v1/robots/{robot}/parameter-sets/active"),
+            format!("/v1/jobs/{}/report", second["id"].as_str().unwrap()),
+            format!("/v1/networks/{}", swarm["network_id"].as_str().unwrap()),
+            format!("/v1/robots/{robot}/measurement-sets"),
+            format!("/v1/robots/{robot}/jobs"),
+        ];
+        documents.map(|path| node.get(&path)).to_vec()
+    };
+    let before = seen(&server);
+    let copy = |from: &str, to: &str| process::run(&["copy-store", "--from", from, "--to", to]);
+    let (here, back) = (here.to_str().unwrap(), back.to_str().unwrap());
+    let refused = copy(here, &cluster.url());
+    assert!(!refused.status.success() && String::from_utf8_lossy(&refused.stderr).contains("in use"), "a served database is not copied");
+    assert!(server.terminate().0.success());
+    let copied = copy(here, &cluster.url());
+    assert!(copied.status.success(), "{}{}", String::from_utf8_lossy(&copied.stdout), String::from_utf8_lossy(&copied.stderr));
+    cluster.verify();
+    let again = copy(here, &cluster.url());
+    assert!(!again.status.success() && String::from_utf8_lossy(&again.stderr).contains("has rows in robot"), "nothing is mixed");
+    let node = cluster.api_node(NO_AUTH);
+    assert_eq!(seen(&node), before);
+    drop(node);
+    let returned = copy(&cluster.url(), back);
+    assert!(returned.status.success(), "{}", String::from_utf8_lossy(&returned.stderr));
+    let server = Server::start(Path::new(back), 0);
+    assert_eq!(seen(&server), before);
+}

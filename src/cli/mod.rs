@@ -2,6 +2,7 @@
 
 mod calibrate;
 mod client;
+mod copy_store;
 mod demo;
 mod key;
 mod openapi;
@@ -30,6 +31,8 @@ enum Command {
     Worker(crate::config::WorkerConfig),
     /// Bring the database's schema up to date.
     Migrate(worker::MigrateArguments),
+    /// Copy a whole database into an empty one of either kind.
+    CopyStore(copy_store::Arguments),
     /// Make, list and revoke keys.
     Key(key::Arguments),
     /// Check that the database keeps its promises; exit code 1 if it does not.
@@ -53,6 +56,7 @@ pub fn main() -> ExitCode {
         Command::Serve(config) => serve::run(&config),
         Command::Worker(config) => worker::run(&config),
         Command::Migrate(arguments) => worker::migrate(&arguments),
+        Command::CopyStore(arguments) => copy_store::run(&arguments),
         Command::Key(arguments) => key::run(&arguments),
         Command::VerifyStore(arguments) => verify_store::run(&arguments),
         Command::Calibrate(arguments) => calibrate::run(&arguments),

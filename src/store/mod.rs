@@ -9,6 +9,7 @@
 
 pub mod api_keys;
 pub mod audit;
+pub mod copy;
 mod error;
 pub mod frames;
 mod idempotency;

@@ -156,3 +156,23 @@ fn the_databases_clock_tells_the_time() {
         assert!(matches!(database.store.engine(), Engine::Sqlite | Engine::Postgres));
     });
 }
+
+#[test]
+fn a_copy_of_the_database_takes_every_table() {
+    for_each_engine(async |database| {
+        let sql = match database.store.engine() {
+            Engine::Sqlite => {
+                "select name from sqlite_master where type = 'table' and name not like 'sqlite%' and name not like '\\_%' escape '\\'"
+            }
+            Engine::Postgres => {
+                "select cast(table_name as text) from information_schema.tables
+                 where table_schema = current_schema() and table_type = 'BASE TABLE' and table_name not like '\\_%'"
+            }
+        };
+        let mut found: Vec<String> = query_scalar(sql).fetch_all(database.store.pool()).await.unwrap();
+        let mut copied: Vec<String> = kincal::store::copy::TABLES.iter().map(ToString::to_string).collect();
+        found.sort();
+        copied.sort();
+        assert_eq!(found, copied);
+    });
+}

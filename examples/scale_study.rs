@@ -1,0 +1,212 @@
+//! How kincal's queue and lists behave on a PostgreSQL that holds a million jobs and a million sets.
+//!
+//!     cargo run --release --example scale_study -- postgres://postgres@127.0.0.1:5432/empty [rows]
+//!
+//! The database must be empty. Rows are made by SQL in the database; what is measured goes through kincal's own store. The table is that of
+//! docs/scaling.md.
+
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use kincal::jobs::queue;
+use kincal::store::{NewJob, NewMeasurementSet, NewRobot, PageRequest, Store, StoreLocation, jobs, leases, measurement_sets, robots};
+use kincal::wire::canonical::sha256_hex;
+use kincal::wire::job::JobRequestBody;
+
+/// Robots that the rows belong to.
+const N_ROBOTS: usize = 1000;
+/// Times each statement is measured.
+const N_TIMES: usize = 1000;
+/// Jobs that worker processes share in one measurement.
+const N_COMPUTED: usize = 400;
+/// Longest a measurement of worker processes may take.
+const PATIENCE: Duration = Duration::from_secs(300);
+
+#[tokio::main]
+async fn main() {
+    let mut arguments = std::env::args().skip(1);
+    let url = arguments.next().expect("give the URL of an empty PostgreSQL database");
+    let n_rows: i64 = arguments.next().map_or(1_000_000, |n| n.parse().expect("a number of rows"));
+    let store = Store::open(StoreLocation::Postgres { url: url.clone() }).await.expect("the database opens");
+    println!("| what, {n_rows} queued jobs and {n_rows} sets of {N_ROBOTS} robots | median ms | p99 ms |\n|---|---|---|");
+    let robots = fill(&store, n_rows).await;
+    vacuum(&store).await;
+    let robot = &robots[robots.len() / 2];
+
+    let mut claimed = Vec::new();
+    measured("claim a job", async || {
+        claimed.push(leases::claim(&store, "study", Duration::from_secs(600)).await.expect("it answers").expect("jobs wait"));
+    })
+    .await;
+    measured("renew a lease", async || {
+        let lease = &claimed[claimed.len() / 2];
+        leases::heartbeat(&store, lease, Duration::from_secs(600), Some("{}")).await.expect("the lease is ours");
+    })
+    .await;
+    let set = measurement_sets::list(&store, robot, &PageRequest::default()).await.expect("a list").items.remove(0);
+    let new = NewJob {
+        robot_id: robot.clone(),
+        measurement_set_id: set.id.clone(),
+        kind: "identify".into(),
+        method: "least_squares".into(),
+        request_json: serde_json::to_string(&JobRequestBody::for_set(&set.id)).expect("JSON"),
+        client: "study".into(),
+        ..NewJob::default()
+    };
+    measured("post a job", async || {
+        let mut tx = store.begin().await.expect("a transaction");
+        queue::enqueue(&mut tx, &new).await.expect("there is room");
+        tx.commit().await.expect("a commit");
+    })
+    .await;
+    let body = std::fs::read("data/paper/first.csv").expect("the paper's data");
+    let new_set = NewMeasurementSet {
+        robot_id: robot.clone(),
+        name: None,
+        frame: "base".into(),
+        content_type: "text/csv".into(),
+        sha256: sha256_hex(&body),
+        body,
+        n_points: 100,
+        n_configurations: 100,
+        n_targets: 1,
+        warnings_json: "[]".into(),
+        uploaded_by: None,
+        serial_number: None,
+    };
+    measured("store a set of 100 points", async || {
+        let mut tx = store.begin().await.expect("a transaction");
+        measurement_sets::insert(&mut tx, &new_set).await.expect("it is stored");
+        tx.commit().await.expect("a commit");
+    })
+    .await;
+    measured("get a job", async || drop(jobs::get(&store, &claimed[0].job_id).await.expect("it is there"))).await;
+    measured("list 50 jobs of a robot", async || drop(jobs::list(&store, robot, &page()).await.expect("a list"))).await;
+    measured("list 50 sets of a robot", async || drop(measurement_sets::list(&store, robot, &page()).await.expect("a list"))).await;
+    measured("get a set's bytes", async || drop(measurement_sets::body(&store, &set.id).await.expect("it is there"))).await;
+    measured_few("count jobs by status, for /metrics", 5, async || {
+        kincal::store::statistics::jobs(&store).await.expect("counts");
+    })
+    .await;
+    for lease in &claimed {
+        queue::fail(&store, lease, "{}").await.expect("the lease is ours");
+    }
+    let since = Instant::now();
+    vacuum(&store).await;
+    println!("| vacuum analyze of everything | {:.0} | once |", since.elapsed().as_secs_f64() * 1e3);
+    sqlx::query("update job set status = 'cancelled', finished_at_ms = 1 where status = 'queued'")
+        .execute(store.pool())
+        .await
+        .expect("nothing waits any more");
+    workers(&store, &url).await;
+    store.close().await;
+}
+
+fn page() -> PageRequest {
+    PageRequest { limit: 50, cursor: None }
+}
+
+/// Robots, and rows of sets and queued jobs, made in the database.
+async fn fill(store: &Store, n_rows: i64) -> Vec<String> {
+    let mut ids = Vec::new();
+    for n in 0..N_ROBOTS {
+        let mut tx = store.begin().await.expect("a transaction");
+        let new = NewRobot { name: format!("robot {n}"), body_json: "{}".into() };
+        ids.push(robots::insert(&mut tx, &new).await.expect("a robot").id);
+        tx.commit().await.expect("a commit");
+    }
+    let since = Instant::now();
+    for sql in [
+        "insert into measurement_set (id, robot_id, frame, content_type, body, sha256, n_points, n_configurations, n_targets, warnings_json, created_at_ms)
+         select 'set_study_' || n, robots.ids[1 + n % 1000], 'base', 'text/csv', decode(repeat('00', 200), 'hex'), 'x', 1, 1, 1, '[]', n
+         from generate_series(1, $1) as n, (select array_agg(id order by id) as ids from robot) as robots",
+        "insert into job (id, robot_id, measurement_set_id, kind, method, request_json, status, priority, client, turn, attempt, created_at_ms)
+         select 'job_study_' || n, m.robot_id, m.id, 'identify', 'auto', '{}', 'queued', 0, 'client ' || n % 1000, n / 1000, 0, n
+         from generate_series(1, $1) as n join measurement_set m on m.id = 'set_study_' || n",
+    ] {
+        sqlx::query(sql).bind(n_rows).execute(store.pool()).await.expect("rows are made");
+    }
+    eprintln!("filled in {:.0} s", since.elapsed().as_secs_f64());
+    ids
+}
+
+async fn vacuum(store: &Store) {
+    sqlx::query("vacuum analyze").execute(store.pool()).await.expect("it vacuums");
+}
+
+async fn measured(what: &str, run: impl AsyncFnMut()) {
+    measured_few(what, N_TIMES, run).await;
+}
+
+async fn measured_few(what: &str, times: usize, mut run: impl AsyncFnMut()) {
+    let mut took_ms = Vec::with_capacity(times);
+    for _ in 0..times {
+        let since = Instant::now();
+        run().await;
+        took_ms.push(since.elapsed().as_secs_f64() * 1e3);
+    }
+    took_ms.sort_by(f64::total_cmp);
+    println!("| {what} | {:.2} | {:.2} |", took_ms[times / 2], took_ms[(times * 99 / 100).min(times - 1)]);
+}
+
+/// Least-squares jobs per second with 1, 2 and 4 worker processes.
+async fn workers(store: &Store, url: &str) {
+    println!("\n| worker processes | least-squares jobs per second |\n|---|---|");
+    let robot_json = std::fs::read_to_string("data/paper/robot.json").expect("the paper's data");
+    let body = std::fs::read("data/paper/first.csv").expect("the paper's data");
+    let mut tx = store.begin().await.expect("a transaction");
+    let robot = robots::insert(&mut tx, &NewRobot { name: "paper".into(), body_json: robot_json }).await.expect("a robot");
+    let new_set = NewMeasurementSet {
+        robot_id: robot.id.clone(),
+        frame: "base".into(),
+        content_type: "text/csv".into(),
+        sha256: sha256_hex(&body),
+        body,
+        n_points: 100,
+        n_configurations: 100,
+        n_targets: 1,
+        warnings_json: "[]".into(),
+        uploaded_by: None,
+        serial_number: None,
+    };
+    let set = measurement_sets::insert(&mut tx, &new_set).await.expect("a set");
+    tx.commit().await.expect("a commit");
+    for n_workers in [1, 2, 4] {
+        let mut last = String::new();
+        for _ in 0..N_COMPUTED {
+            let new = NewJob {
+                robot_id: robot.id.clone(),
+                measurement_set_id: set.id.clone(),
+                kind: "identify".into(),
+                method: "least_squares".into(),
+                request_json: serde_json::to_string(&JobRequestBody::for_set(&set.id)).expect("JSON"),
+                ..NewJob::default()
+            };
+            let mut tx = store.begin().await.expect("a transaction");
+            last = queue::enqueue(&mut tx, &new).await.expect("there is room").id;
+            tx.commit().await.expect("a commit");
+        }
+        let since = Instant::now();
+        let mut processes: Vec<Child> = (0..n_workers).map(|_| worker(url)).collect();
+        while jobs::queued_and_running(store).await.expect("counts") != (0, 0) {
+            assert!(since.elapsed() < PATIENCE, "the workers did not end");
+            tokio::time::sleep(Duration::from_millis(20)).await;
+        }
+        let per_second = N_COMPUTED as f64 / since.elapsed().as_secs_f64();
+        println!("| {n_workers} | {per_second:.0} |");
+        assert!(jobs::get(store, &last).await.expect("it is there").status.is_over());
+        for process in &mut processes {
+            process.kill().expect("it runs");
+            process.wait().expect("it ends");
+        }
+    }
+}
+
+/// The binary beside this example, as `cargo build` leaves it.
+fn worker(url: &str) -> Child {
+    let here = std::env::current_exe().expect("a path");
+    let binary = here.parent().and_then(|examples| examples.parent()).expect("target/PROFILE/examples").join("kincal");
+    let mut command = Command::new(binary);
+    command.args(["worker", "--workers", "1", "--database-url", url]).stdout(Stdio::null()).stderr(Stdio::null());
+    command.spawn().expect("cargo build --release first: the study starts the binary")
+}

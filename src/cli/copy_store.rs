@@ -1,0 +1,54 @@
+//! `kincal copy-store`: from the embedded database to PostgreSQL, or back.
+
+use super::{Usage, block_on};
+use crate::store::verify::{self, Options};
+use crate::store::{Store, StoreLocation, copy};
+use std::path::PathBuf;
+
+/// Copy a whole database into an empty one, and check the copy as `verify-store` does. Stop all servers and workers first.
+#[derive(Debug, clap::Args)]
+pub struct Arguments {
+    /// Where from: a data directory, or postgres://….
+    #[arg(long, env = "KINCAL_FROM", value_name = "DIR|URL", hide_env_values = true)]
+    from: String,
+    /// Where to: a data directory that is made, or the URL of an empty PostgreSQL database.
+    #[arg(long, env = "KINCAL_TO", value_name = "DIR|URL", hide_env_values = true)]
+    to: String,
+}
+
+/// Copies and checks.
+pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let (from, to) = (location(&arguments.from), location(&arguments.to));
+    if from == to {
+        return Err(Usage("--from and --to are the same database".into()).into());
+    }
+    if let StoreLocation::Sqlite { data_dir } = &from
+        && !data_dir.is_dir()
+    {
+        return Err(Usage(format!("--from {}: there is no such data directory", data_dir.display())).into());
+    }
+    block_on(async {
+        // opened as a server does: its schema is brought up to date, and a data directory that is in use is refused
+        let from = Store::open(from).await?;
+        let to = Store::open(to).await?;
+        for copied in copy::copy(&from, &to, |table| eprintln!("copying {table}")).await? {
+            println!("{:>10} rows of {}", copied.n_rows, copied.table);
+        }
+        let checks = verify::verify(&to, &Options { known_head: None, is_served: false }).await?;
+        let n_violations: i64 = checks.iter().map(|check| check.n_violations).sum();
+        let heads = (crate::store::audit::head(&from).await?, crate::store::audit::head(&to).await?);
+        from.close().await;
+        to.close().await;
+        anyhow::ensure!(n_violations == 0, "the copy breaks {n_violations} promises; `kincal verify-store` on it says which");
+        anyhow::ensure!(heads.0 == heads.1, "the copy's audit chain ends elsewhere: somebody wrote to the source meanwhile; copy again");
+        println!("the copy keeps all promises; head of the audit chain: {}:{}", heads.1.seq, heads.1.sha256);
+        Ok(())
+    })
+}
+
+fn location(text: &str) -> StoreLocation {
+    match text.starts_with("postgres://") || text.starts_with("postgresql://") {
+        true => StoreLocation::Postgres { url: text.into() },
+        false => StoreLocation::Sqlite { data_dir: PathBuf::from(text) },
+    }
+}

@@ -1,0 +1,175 @@
+//! A whole database into another, empty one of either engine, for `kincal copy-store`.
+//!
+//! Rows are copied column by column as the target's schema names them, so that a later migration needs no change here unless it adds a table.
+
+use sqlx::any::AnyArguments;
+use sqlx::query::Query;
+use sqlx::{Any, AnyConnection, AssertSqlSafe, Row, ValueRef};
+use tokio_stream::StreamExt;
+
+use super::{Engine, Error, Result, Store};
+
+/// Every table, each after those that it refers to.
+pub const TABLES: &[&str] = &[
+    "robot",
+    "robot_policy",
+    "measurement_set",
+    "frames",
+    "job",
+    "network",
+    "parameter_set",
+    "idempotency",
+    "api_key",
+    "audit",
+    "audit_head",
+];
+
+/// A job may start from what another job made, which is copied after it: these are filled in at the end.
+const LATER: &[&str] = &["network_input_id", "parameter_set_input_id"];
+
+/// Rows copied of one table.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Copied {
+    /// The table.
+    pub table: &'static str,
+    /// Its rows.
+    pub n_rows: u64,
+}
+
+/// What a column holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Kind {
+    Text,
+    BigInt,
+    Double,
+    Bytes,
+}
+
+struct Column {
+    name: String,
+    kind: Kind,
+}
+
+/// Copies everything from one store into another in one transaction of the target: all of it or nothing. Nobody may write to the source
+/// meanwhile. `moved` hears of each table when it begins.
+///
+/// # Errors
+/// [`Error::Open`] if the target is not empty or the schemas differ, [`Error::Database`].
+pub async fn copy(from: &Store, to: &Store, mut moved: impl FnMut(&'static str)) -> Result<Vec<Copied>> {
+    let versions = (from.schema_version().await?, to.schema_version().await?);
+    if versions.0 != versions.1 {
+        let detail =
+            format!("the schemas are at versions {} and {}: run `kincal migrate` of the same kincal on both", versions.0, versions.1);
+        return Err(Error::Open { detail });
+    }
+    let mut tx = to.begin().await?;
+    let mut source = from.pool().acquire().await?;
+    if from.engine() == Engine::Postgres {
+        // one moment's view of all tables
+        sqlx::query("begin isolation level repeatable read read only").execute(&mut *source).await?;
+    }
+    let target = tx.connection()?;
+    for table in TABLES.iter().filter(|table| **table != "audit_head") {
+        refuse_rows(target, table).await?;
+    }
+    let mut copied = Vec::new();
+    for &table in TABLES {
+        moved(table);
+        copied.push(Copied { table, n_rows: copy_table(&mut source, target, to.engine(), table).await? });
+    }
+    link_jobs(&mut source, target).await?;
+    if from.engine() == Engine::Postgres {
+        sqlx::query("commit").execute(&mut *source).await?;
+    }
+    tx.commit().await?;
+    Ok(copied)
+}
+
+async fn refuse_rows(target: &mut AnyConnection, table: &str) -> Result<()> {
+    let sql = format!("select count(*) from (select 1 from {table} limit 1) as first_row");
+    let n: i64 = sqlx::query_scalar(AssertSqlSafe(sql)).fetch_one(target).await?;
+    if n > 0 {
+        let detail = format!("the database to copy to has rows in {table} already: give an empty one, so that nothing is mixed");
+        return Err(Error::Open { detail });
+    }
+    Ok(())
+}
+
+async fn copy_table(source: &mut AnyConnection, target: &mut AnyConnection, engine: Engine, table: &'static str) -> Result<u64> {
+    let mut columns = columns(target, engine, table).await?;
+    if table == "job" {
+        columns.retain(|column| !LATER.contains(&column.name.as_str()));
+    }
+    if table == "audit_head" {
+        // a new database has a head of its own
+        sqlx::query("delete from audit_head").execute(&mut *target).await?;
+    }
+    let names = columns.iter().map(|column| column.name.as_str()).collect::<Vec<_>>().join(", ");
+    let select = format!("select {names} from {table}");
+    let mut rows = sqlx::query(AssertSqlSafe(select)).fetch(source);
+    let mut n_rows = 0;
+    while let Some(row) = rows.next().await {
+        let row = row?;
+        // what is absent is left out: an absent value has no type that both engines agree on
+        let mut present = Vec::new();
+        for (at, column) in columns.iter().enumerate() {
+            if !row.try_get_raw(at)?.is_null() {
+                present.push((at, column));
+            }
+        }
+        let names = present.iter().map(|(_, column)| column.name.as_str()).collect::<Vec<_>>().join(", ");
+        let places = (1..=present.len()).map(|n| format!("${n}")).collect::<Vec<_>>().join(", ");
+        let mut query = sqlx::query(AssertSqlSafe(format!("insert into {table} ({names}) values ({places})")));
+        for (at, column) in present {
+            query = bind(query, &row, at, column.kind)?;
+        }
+        query.execute(&mut *target).await?;
+        n_rows += 1;
+    }
+    Ok(n_rows)
+}
+
+fn bind<'q>(query: Query<'q, Any, AnyArguments>, row: &sqlx::any::AnyRow, at: usize, kind: Kind) -> Result<Query<'q, Any, AnyArguments>> {
+    Ok(match kind {
+        Kind::Text => query.bind(row.try_get::<String, _>(at)?),
+        Kind::BigInt => query.bind(row.try_get::<i64, _>(at)?),
+        Kind::Double => query.bind(row.try_get::<f64, _>(at)?),
+        Kind::Bytes => query.bind(row.try_get::<Vec<u8>, _>(at)?),
+    })
+}
+
+/// What jobs started from.
+async fn link_jobs(source: &mut AnyConnection, target: &mut AnyConnection) -> Result<()> {
+    for column in LATER {
+        let select = format!("select id, {column} from job where {column} is not null");
+        let update = format!("update job set {column} = $2 where id = $1");
+        let mut rows = sqlx::query_as::<_, (String, String)>(AssertSqlSafe(select)).fetch(&mut *source);
+        while let Some(row) = rows.next().await {
+            let (id, value) = row?;
+            sqlx::query(AssertSqlSafe(update.clone())).bind(id).bind(value).execute(&mut *target).await?;
+        }
+    }
+    Ok(())
+}
+
+async fn columns(target: &mut AnyConnection, engine: Engine, table: &str) -> Result<Vec<Column>> {
+    let sql = match engine {
+        Engine::Sqlite => "select name, lower(type) from pragma_table_info($1) order by cid",
+        Engine::Postgres => {
+            "select cast(column_name as text), cast(data_type as text) from information_schema.columns
+             where table_schema = current_schema() and table_name = $1 order by ordinal_position"
+        }
+    };
+    let found: Vec<(String, String)> = sqlx::query_as(sql).bind(table).fetch_all(target).await?;
+    let column = |(name, kind): (String, String)| {
+        let kind = match kind.as_str() {
+            "text" => Kind::Text,
+            "bigint" => Kind::BigInt,
+            "double precision" => Kind::Double,
+            "blob" | "bytea" => Kind::Bytes,
+            other => return Err(Error::Open { detail: format!("column {table}.{name} is of type {other}, which is not copied yet") }),
+        };
+        Ok(Column { name, kind })
+    };
+    found.into_iter().map(column).collect()
+}
