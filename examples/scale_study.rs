@@ -158,6 +158,7 @@ async fn workers(store: &Store, url: &str) {
     let robot = robots::insert(&mut tx, &NewRobot { name: "paper".into(), body_json: robot_json }).await.expect("a robot");
     let new_set = NewMeasurementSet {
         robot_id: robot.id.clone(),
+        name: None,
         frame: "base".into(),
         content_type: "text/csv".into(),
         sha256: sha256_hex(&body),
