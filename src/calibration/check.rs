@@ -1,7 +1,7 @@
 //! What can be said about a request before anything is computed.
 
 use crate::calibration::observe::{free_parameters, observe};
-use crate::calibration::request::{CalibrationRequest, Loss, Method, Model, VerifySource};
+use crate::calibration::request::{CalibrationRequest, Method, Model, VerifySource};
 use crate::calibration::settings::settings;
 use crate::calibration::verify::check_verify_set;
 use crate::calibration::{Error, unusable};
@@ -29,11 +29,10 @@ const EQUATIONS_PER_CONFIGURATION: usize = 6;
 /// The checks of `calibrate` that need no fit, for the moment a job is posted.
 ///
 /// # Errors
-/// [`Error::Unusable`] with code `not_available`, `frames_required`, `model_mismatch`, `no_network`, `network_mismatch`,
+/// [`Error::Unusable`] with code `frames_required`, `model_mismatch`, `no_network`, `network_mismatch`,
 /// `unknown_parameter`, `bad_subset`, `target_without_identify_points`, `under_determined`, `nothing_to_identify`, `too_much_work`,
 /// `verify_overlaps_identify`.
 pub fn check(request: &CalibrationRequest) -> Result<(), Error> {
-    check_available(request)?;
     check_model(request)?;
     let observed = observe(request)?;
     let n_targets = n_targets(request);
@@ -52,20 +51,6 @@ pub fn check(request: &CalibrationRequest) -> Result<(), Error> {
 /// Targets of the request: those of its set; the verify set's own are fitted to it.
 pub fn n_targets(request: &CalibrationRequest) -> usize {
     request.set.n_targets()
-}
-
-fn check_available(request: &CalibrationRequest) -> Result<(), Error> {
-    if matches!(request.options.loss, Some(Loss::Huber | Loss::Tukey)) {
-        return Err(unusable("not_available", "options.loss: only \"squares\" is built so far"));
-    }
-    let stations: BTreeSet<_> = request.set.points.iter().map(|p| &p.station).collect();
-    if stations.len() > 1 {
-        return Err(unusable(
-            "not_available",
-            "the set has several stations; identifying across stations is not built yet: upload one set per station",
-        ));
-    }
-    Ok(())
 }
 
 fn check_model(request: &CalibrationRequest) -> Result<(), Error> {

@@ -1,32 +1,30 @@
 //! The flow chart of a calibration, stage by stage.
 
 use crate::calibration::changes::changes;
-use crate::calibration::check::{check, n_targets};
-use crate::calibration::observe::{Observed, free_parameters, observe};
+use crate::calibration::check::check;
+use crate::calibration::observe::{Observed, observe};
 use crate::calibration::outcome::report;
 use crate::calibration::report::{CalibrationReport, MethodComparison};
-use crate::calibration::request::{CalibrationRequest, Method, Model};
+use crate::calibration::request::{CalibrationRequest, Method, Model, Preset};
+use crate::calibration::robust::{PointLoss, robust_fit};
+use crate::calibration::screening::{Screening, parameters_of, screen};
 use crate::calibration::settings::{Settings, settings};
 use crate::calibration::{Error, Event, Monitor, unusable};
-use crate::identification::fit::fit_in_space;
+use crate::identification::fit::fit_along_seen;
 use crate::identification::identifiability::{Decomposition, prior_scale};
-use crate::identification::objective::{Observation, cost};
+use crate::identification::objective::Observation;
 use crate::identification::parameters::{Parameter, apply};
 use crate::identification::search_space::{SearchSpace, decomposition_at};
+use crate::identification::settle::settle;
 use crate::identification::start::fit_base_and_targets;
-use crate::identification::swarm::run_swarm;
+use crate::identification::swarm::run_bounded_swarm;
 use crate::identification::{KinematicModel, TrainedNetwork, bpnn_pso};
 use crate::measurement::Subset;
 use crate::solvers::{least_squares, pso};
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
+use std::collections::BTreeSet;
 use std::ops::ControlFlow;
 
-/// After least squares has converged, the seen directions are taken anew at its answer and it goes on, at most this often.
-const MAX_ROUNDS: usize = 3;
-/// A round that lowers F by less than this share is the last.
-const ROUND_GAIN: f64 = 1e-6;
-/// Least squares stops when the points fit to this, rms, mm: a picometre, the last digit that any of our files holds.
-const EXACT_MM: f64 = 1e-9;
 /// The plain warm start draws its particles around the last answer with this standard deviation, as a share of the half-width.
 const WARM_START_SPREAD: f64 = 0.05;
 
@@ -36,8 +34,12 @@ pub struct Problem<'a> {
     pub request: &'a CalibrationRequest,
     /// Resolved options.
     pub settings: Settings,
-    /// All points, with their subsets.
+    /// All points as they are fitted, with their subsets.
     pub observed: Observed,
+    /// Which points do not belong, and what moved.
+    pub screening: Screening,
+    /// How a residual counts.
+    pub loss: PointLoss,
     /// What is fitted.
     pub identify: Vec<Observation>,
     /// The free parameters.
@@ -90,6 +92,10 @@ pub fn calibrate(request: &CalibrationRequest, monitor: &mut Monitor<'_>) -> Res
         let refined = stage(monitor, "refine", |monitor| least_squares_from(&problem, &found.model, None, &mut quiet(monitor)))?;
         found.model = refined.model;
     }
+    if request.preset == Preset::Default && problem.settings.refine {
+        let counting = problem.loss.reweighted(&found.model, &problem.identify);
+        found.model = settle(&found.model, &problem.nominal, &problem.parameters, &problem.decomposition.scale, &counting);
+    }
     let comparison = compare(&problem, method, own, monitor)?;
     let mut report = report(&problem, method, reason, found, comparison, network)?;
     if request.previous.is_some() {
@@ -104,11 +110,12 @@ impl<'a> Problem<'a> {
         Self::of(request, observe(request)?)
     }
 
-    /// The problem of a request whose points are already split.
-    pub fn of(request: &'a CalibrationRequest, observed: Observed) -> Result<Self, Error> {
+    /// The problem of a request whose points are already split: screened, and arranged for the fit.
+    pub fn of(request: &'a CalibrationRequest, mut observed: Observed) -> Result<Self, Error> {
+        let screening = screen(request, &mut observed)?;
         let identify = observed.of(Subset::Identify);
-        let parameters = free_parameters(request, n_targets(request))?;
-        let nominal = nominal_model(request, &identify);
+        let parameters = parameters_of(request, &screening.targets)?;
+        let nominal = nominal_model(request, &identify, screening.targets.len());
         let scale: Vec<f64> = parameters.iter().map(prior_scale).collect();
         let decomposition = decomposition_at(&nominal, &parameters, &scale, &identify);
         if decomposition.rank() == 0 {
@@ -117,7 +124,8 @@ impl<'a> Problem<'a> {
                 "the measured positions depend on none of the free parameters: free others as well",
             ));
         }
-        Ok(Self { request, settings: settings(request), observed, identify, parameters, nominal, decomposition })
+        let loss = PointLoss::of(request, &screening);
+        Ok(Self { request, settings: settings(request), observed, screening, loss, identify, parameters, nominal, decomposition })
     }
 
     /// Half-width of the search box of each parameter; base and targets get as much more as their prior is wider.
@@ -128,6 +136,14 @@ impl<'a> Problem<'a> {
             (false, false) => self.settings.half_width_mm * prior_scale(p) / crate::identification::identifiability::PRIOR_LENGTH_MM,
         };
         self.parameters.iter().map(half_width).collect()
+    }
+
+    /// The points to identify, those that do not belong without weight.
+    fn trusted(&self) -> Vec<Observation> {
+        let wild: BTreeSet<usize> = self.screening.wild.iter().map(|w| w.row).collect();
+        let rows = (0..self.observed.all.len()).filter(|row| self.observed.subsets[*row] == Subset::Identify);
+        let weight = |o: &Observation, row: usize| if wild.contains(&row) { 0.0 } else { o.weight };
+        self.identify.iter().zip(rows).map(|(o, row)| Observation { weight: weight(o, row), ..o.clone() }).collect()
     }
 
     fn network(&self) -> Option<&TrainedNetwork> {
@@ -147,17 +163,19 @@ impl<'a> Problem<'a> {
             return self.nominal.clone();
         }
         let links = apply(&self.nominal, &self.parameters, &self.answer_deviation()).links;
-        let placed = fit_base_and_targets(&links, &self.identify, self.nominal.targets_mm.len());
+        let placed = fit_base_and_targets(&links, &self.identify, self.screening.targets.len());
         KinematicModel { links: self.nominal.links.clone(), ..placed }
     }
 }
 
 /// The nominal robot in the frame of the fit. With sweeps, z_t is merged into d of the last link [Gao 2018, section 2.2].
-fn nominal_model(request: &CalibrationRequest, identify: &[Observation]) -> KinematicModel {
+pub fn nominal_model(request: &CalibrationRequest, identify: &[Observation], n_targets: usize) -> KinematicModel {
     let links = &request.robot.links;
-    let n_targets = n_targets(request);
     match request.model() {
-        Model::Complete => fit_base_and_targets(links, identify, n_targets),
+        Model::Complete => {
+            let counting: Vec<Observation> = identify.iter().filter(|o| o.weight > 0.0).cloned().collect();
+            fit_base_and_targets(links, &counting, n_targets)
+        }
         Model::Paper => {
             let mut model = KinematicModel::nominal(links, n_targets);
             let last = model.links.len() - 1;
@@ -198,42 +216,35 @@ fn quiet<'m>(monitor: &'m mut Monitor<'_>) -> impl FnMut(Event<'_>) -> ControlFl
     }
 }
 
-/// Levenberg-Marquardt along the directions that the data see; what they do not see stays at `start`. `stop_at_cost_mm2` is the
-/// main method's; to refine and to compare, least squares goes on to its end.
+/// Levenberg-Marquardt along the directions that the data see; what they do not see stays at `start`. With another loss than squares,
+/// again and again with the weights that it gives. `stop_at_cost_mm2` is the main method's; to refine and to compare, least squares goes on
+/// to its end.
 pub fn least_squares_from(
     problem: &Problem<'_>,
     start: &KinematicModel,
     stop_at_cost_mm2: Option<f64>,
     monitor: &mut Monitor<'_>,
 ) -> Result<Found, Error> {
-    let exact = problem.identify.len() as f64 * EXACT_MM * EXACT_MM;
-    let stop_at = stop_at_cost_mm2.unwrap_or(0.0).max(exact);
-    let options = least_squares::Options { stop_at_cost: Some(stop_at), ..least_squares::Options::default() };
-    let mut found =
-        Found { model: start.clone(), n_iterations: 0, n_evaluations: 0, convergence: vec![], termination: "converged", swarm: None };
-    for round in 0..MAX_ROUNDS {
-        let decomposition = decomposition_at(&found.model, &problem.parameters, &problem.decomposition.scale, &problem.identify);
-        let space = SearchSpace::along(found.model.clone(), problem.parameters.clone(), &decomposition);
-        let done = found.n_iterations;
-        let mut watch = |i: least_squares::Iteration| {
-            monitor(Event::Iteration { iteration: done + i.iteration, n_iterations: done + i.max_iterations, best_cost_mm2: i.cost })
-        };
-        let fit = fit_in_space(&space, &problem.identify, &options, &mut watch);
-        if fit.summary.termination == least_squares::Termination::Stopped {
-            return Err(Error::Cancelled);
-        }
-        found.n_iterations += fit.summary.n_iterations;
-        found.n_evaluations += fit.summary.n_evaluations;
-        let before = fit.summary.convergence[0];
-        // the first entry of a later round repeats the last of the round before
-        found.convergence.extend(fit.summary.convergence.iter().skip(usize::from(round > 0)));
-        found.model = fit.model;
-        found.termination = least_squares_termination(fit.summary.termination);
-        if fit.summary.termination == least_squares::Termination::CostReached || fit.summary.cost > before * (1.0 - ROUND_GAIN) {
-            break;
-        }
+    let stop_at = stop_at_cost_mm2.unwrap_or(0.0);
+    let (parameters, scale) = (&problem.parameters, &problem.decomposition.scale);
+    let mut watch = |i: least_squares::Iteration| {
+        monitor(Event::Iteration { iteration: i.iteration, n_iterations: i.max_iterations, best_cost_mm2: i.cost })
+    };
+    let fit = match problem.loss {
+        PointLoss::Squares => fit_along_seen(start, parameters, scale, &problem.identify, stop_at, &mut watch),
+        PointLoss::Bounded { .. } => robust_fit(start, parameters, scale, &problem.identify, &problem.trusted(), problem.loss, &mut watch),
+    };
+    if fit.termination == least_squares::Termination::Stopped {
+        return Err(Error::Cancelled);
     }
-    Ok(found)
+    Ok(Found {
+        model: fit.model,
+        n_iterations: fit.n_iterations,
+        n_evaluations: fit.n_evaluations,
+        convergence: fit.convergence,
+        termination: least_squares_termination(fit.termination),
+        swarm: None,
+    })
 }
 
 fn least_squares_termination(termination: least_squares::Termination) -> &'static str {
@@ -270,7 +281,8 @@ fn swarm(problem: &Problem<'_>, reference: &KinematicModel, start: Start, monito
     };
     let mut watch =
         |i: pso::Iteration| monitor(Event::Iteration { iteration: i.iteration, n_iterations: i.n_iterations, best_cost_mm2: i.best_cost });
-    let summary = run_swarm(&space, &problem.identify, &problem.settings.pso, Some(&mut move_particles), &mut watch);
+    let summary =
+        run_bounded_swarm(&space, &problem.identify, problem.loss.bound(), &problem.settings.pso, Some(&mut move_particles), &mut watch);
     let termination = match summary.termination {
         pso::Termination::Stopped => return Err(Error::Cancelled),
         pso::Termination::CostReached => "cost_reached",
@@ -329,7 +341,7 @@ fn comparison_row(problem: &Problem<'_>, method: &'static str, stage: &'static s
         stage,
         n_iterations: found.n_iterations,
         n_evaluations: found.n_evaluations,
-        cost_mm2: cost(&found.model, &problem.identify),
+        cost_mm2: problem.loss.cost(&found.model, &problem.identify),
         verify_after: crate::calibration::outcome::verify_errors(problem, &found.model),
     }
 }

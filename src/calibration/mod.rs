@@ -1,5 +1,6 @@
 //! `calibrate(request, monitor) -> report`: the paper's flow chart as one function over plain data.
 
+mod arrangement;
 pub mod changes;
 mod check;
 mod identify;
@@ -7,9 +8,12 @@ mod observe;
 mod outcome;
 mod plausibility;
 pub mod predict;
+mod remarks;
 pub mod report;
 pub mod request;
 mod rescoring;
+mod robust;
+mod screening;
 mod settings;
 pub mod upload;
 mod verify;

@@ -6,7 +6,7 @@ use crate::identification::objective::Observation;
 use crate::identification::parameters::{Parameter, complete_parameters, paper_parameters};
 use crate::kinematics::Robot;
 use crate::measurement::{Frame, MeasurementSet, Subset, split};
-use nalgebra::{IsometryMatrix3, Point3};
+use nalgebra::{IsometryMatrix3, Point3, Vector3};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Share of the configurations kept for verification where nothing else is said.
@@ -21,59 +21,65 @@ pub struct Observed {
     pub subsets: Vec<Subset>,
     /// One per point.
     pub configurations: Vec<String>,
+    /// The target of each point as the file counts it; the fit may count anew ([`crate::calibration::arrangement`]).
+    pub targets: Vec<usize>,
+    /// Where each point was measured, mm, before the fit carried it anywhere.
+    pub positions_mm: Vec<Vector3<f64>>,
 }
 
 impl Observed {
+    fn new(request: &CalibrationRequest, set: &MeasurementSet, to_base: &IsometryMatrix3<f64>, subsets: Vec<Subset>) -> Self {
+        let all = observations(&request.robot, set, to_base, &subsets);
+        Self {
+            subsets,
+            configurations: set.points.iter().map(|p| p.configuration.clone()).collect(),
+            targets: all.iter().map(|o| o.target).collect(),
+            positions_mm: all.iter().map(|o| o.position_mm).collect(),
+            all,
+        }
+    }
+
     /// The observations of one subset.
     pub fn of(&self, subset: Subset) -> Vec<Observation> {
         self.all.iter().zip(&self.subsets).filter(|(_, s)| **s == subset).map(|(o, _)| o.clone()).collect()
     }
-}
 
-impl Observed {
     /// The number of each point's configuration, of the points of one subset, counted from 0 in their order.
     pub fn clusters(&self, subset: Subset) -> Vec<usize> {
-        let mut number: BTreeMap<&str, usize> = BTreeMap::new();
-        let of_subset = self.configurations.iter().zip(&self.subsets).filter(|(_, s)| **s == subset);
-        of_subset
-            .map(|(configuration, _)| {
-                let next = number.len();
-                *number.entry(configuration).or_insert(next)
-            })
-            .collect()
+        numbered(self.configurations.iter().zip(&self.subsets).filter(|(_, s)| **s == subset).map(|(configuration, _)| configuration))
     }
+
+    /// The number of every point's configuration.
+    pub fn all_clusters(&self) -> Vec<usize> {
+        numbered(self.configurations.iter())
+    }
+}
+
+fn numbered<'a>(labels: impl Iterator<Item = &'a String>) -> Vec<usize> {
+    let mut number: BTreeMap<&String, usize> = BTreeMap::new();
+    labels
+        .map(|label| {
+            let next = number.len();
+            *number.entry(label).or_insert(next)
+        })
+        .collect()
 }
 
 /// The request's own set, split.
 pub fn observe(request: &CalibrationRequest) -> Result<Observed, Error> {
     let set = &request.set;
-    let subsets = subsets(request)?;
-    Ok(Observed {
-        all: observations(&request.robot, set, &to_base(request), &subsets),
-        subsets,
-        configurations: set.points.iter().map(|p| p.configuration.clone()).collect(),
-    })
+    Ok(Observed::new(request, set, &to_base(request), subsets(request)?))
 }
 
 /// The request's own set, all of it to verify.
 pub fn observe_to_verify(request: &CalibrationRequest) -> Observed {
     let set = &request.set;
-    let subsets = vec![Subset::Verify; set.points.len()];
-    Observed {
-        all: observations(&request.robot, set, &to_base(request), &subsets),
-        subsets,
-        configurations: set.points.iter().map(|p| p.configuration.clone()).collect(),
-    }
+    Observed::new(request, set, &to_base(request), vec![Subset::Verify; set.points.len()])
 }
 
 /// Another set of the same robot: all of it to verify.
 pub fn observe_verify_set(request: &CalibrationRequest, set: &MeasurementSet) -> Observed {
-    let subsets = vec![Subset::Verify; set.points.len()];
-    Observed {
-        all: observations(&request.robot, set, &IsometryMatrix3::identity(), &subsets),
-        subsets,
-        configurations: set.points.iter().map(|p| p.configuration.clone()).collect(),
-    }
+    Observed::new(request, set, &IsometryMatrix3::identity(), vec![Subset::Verify; set.points.len()])
 }
 
 /// What turns measured positions into the frame of the fit: the base frame where sweeps give it, else the measuring frame.
@@ -93,6 +99,12 @@ fn observations(robot: &Robot, set: &MeasurementSet, to_base: &IsometryMatrix3<f
         weight,
     };
     set.points.iter().zip(weights).map(observation).collect()
+}
+
+/// The stated standard deviation of a coordinate of a point of weight 1, mm; 0 where none is stated.
+pub fn stated_scale_mm(set: &MeasurementSet) -> f64 {
+    let all: Option<Vec<f64>> = set.points.iter().map(|p| p.std_mm.map(|std| 1.0 / (std * std))).collect();
+    all.map_or(0.0, |precisions| (precisions.len() as f64 / precisions.iter().sum::<f64>()).sqrt())
 }
 
 /// 1/std² of each point relative to the mean of that over the points that are fitted (all of them where none is), so that equal

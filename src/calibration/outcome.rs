@@ -2,12 +2,13 @@
 
 use crate::calibration::identify::{Found, Problem};
 use crate::calibration::observe::{Observed, observe_verify_set};
+use crate::calibration::remarks::remarks;
 use crate::calibration::report::*;
 use crate::calibration::request::{Method, Model, Preset, VerifySource};
 use crate::calibration::verify::refits;
 use crate::calibration::{Error, plausibility};
 use crate::identification::misfit::gravity_directions;
-use crate::identification::objective::{Observation, cost, residuals};
+use crate::identification::objective::{Observation, residuals};
 use crate::identification::parameters::{Parameter, quantity_mut, rotation_log};
 use crate::identification::start::fit_base_and_targets;
 use crate::identification::uncertainty::{Uncertainty, uncertainty};
@@ -95,7 +96,7 @@ pub fn report(
         termination: found.termination,
         n_iterations: found.n_iterations,
         n_evaluations: found.n_evaluations,
-        cost_mm2: cost(model, &problem.identify),
+        cost_mm2: problem.loss.cost(model, &problem.identify),
         convergence_mm2: found.convergence,
         identify,
         verify,
@@ -111,9 +112,11 @@ pub fn report(
         links,
         t_instrument_base,
         targets_mm,
+        target_segments: problem.screening.targets.segments.clone(),
         network,
     };
     report.warnings = warnings(&report, &problem.request.robot.links);
+    report.warnings.extend(remarks(problem, &problem.screening));
     Ok(report)
 }
 
@@ -123,11 +126,11 @@ pub fn per_point(observed: &Observed, before: &KinematicModel, after: &Kinematic
     (0..observed.all.len())
         .map(|i| PointErrors {
             configuration: observed.configurations[i].clone(),
-            target: observed.all[i].target,
+            target: observed.targets[i],
             subset: observed.subsets[i],
             before_mm: before[i].norm(),
             after_mm: after[i].norm(),
-            position_mm: observed.all[i].position_mm,
+            position_mm: observed.positions_mm[i],
             before_vector_mm: before[i],
             after_vector_mm: after[i],
         })
@@ -140,7 +143,7 @@ fn as_delivered(problem: &Problem<'_>, model: &KinematicModel) -> (Vec<crate::ki
     if let (Model::Paper, Some(frames)) = (problem.request.model(), &problem.request.frames) {
         let last = links.len() - 1;
         links[last].d_mm -= frames.z_tool_mm;
-        targets = vec![Vector3::new(0.0, 0.0, frames.z_tool_mm)];
+        targets.iter_mut().for_each(|target| target.z += frames.z_tool_mm);
         if problem.request.set.frame == Frame::Instrument {
             base = frames.t_instrument_base;
         }
@@ -168,7 +171,7 @@ fn parameters(problem: &Problem<'_>, model: &KinematicModel, uncertainty: Option
             [to_wire(identified - half_width), to_wire(identified + half_width)]
         };
         ParameterOutcome {
-            name: parameter.name(),
+            name: problem.screening.targets.name(parameter),
             link: if let Parameter::Link(link, _) = parameter { Some(link + 1) } else { None },
             unit: if parameter.is_angle() { "deg" } else { "mm" },
             nominal: to_wire(nominal),
@@ -200,11 +203,14 @@ fn rotation_between(from: &KinematicModel, to: &KinematicModel) -> Vector3<f64> 
 pub fn uncertainty_of(problem: &Problem<'_>, model: &KinematicModel) -> Option<Uncertainty> {
     let gravity = gravity_directions(problem.request.robot.mounting.as_ref().map(|m| &m.gravity_in_base));
     let clusters = problem.observed.clusters(Subset::Identify);
-    uncertainty(model, &problem.parameters, &problem.decomposition, &problem.identify, &clusters, &gravity)
+    let counting: Vec<usize> = (0..clusters.len()).filter(|i| problem.identify[*i].weight > 0.0).collect();
+    let observations: Vec<Observation> = counting.iter().map(|i| problem.identify[*i].clone()).collect();
+    let clusters: Vec<usize> = counting.iter().map(|i| clusters[*i]).collect();
+    uncertainty(model, &problem.parameters, &problem.decomposition, &observations, &clusters, &gravity)
 }
 
 fn identifiability(problem: &Problem<'_>) -> Identifiability {
-    let names = |group: Vec<usize>| group.into_iter().map(|i| problem.parameters[i].name()).collect();
+    let names = |group: Vec<usize>| group.into_iter().map(|i| problem.screening.targets.name(&problem.parameters[i])).collect();
     Identifiability {
         n_parameters: problem.parameters.len(),
         rank: problem.decomposition.rank(),

@@ -188,8 +188,10 @@ pub struct CalibrationReport {
     pub links: Vec<Link>,
     /// Measuring frame to base; identity for `model: paper` on frame=base.
     pub t_instrument_base: IsometryMatrix3<f64>,
-    /// Target offsets in the flange frame, mm; index = target.
+    /// Target offsets in the flange frame, mm: first every target as it was last, then the earlier stretches of those that moved.
     pub targets_mm: Vec<Vector3<f64>>,
+    /// (target, stretch) of each of them; stretches count from 0.
+    pub target_segments: Vec<(usize, usize)>,
     /// The network trained on this run, if it was a swarm.
     pub network: Option<TrainedNetwork>,
 }

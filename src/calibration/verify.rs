@@ -182,6 +182,7 @@ fn report(
         warnings: warnings(is_identified, &scored, &verify),
         links: scored.after.links,
         t_instrument_base: scored.after.t_instrument_base,
+        target_segments: (0..scored.after.targets_mm.len()).map(|target| (target, 0)).collect(),
         targets_mm: scored.after.targets_mm,
         network: None,
     }

@@ -10,10 +10,13 @@ pub mod misfit;
 pub mod objective;
 pub mod parameters;
 pub mod search_space;
+pub mod settle;
 pub mod shared;
 pub mod start;
+pub mod steps;
 pub mod swarm;
 pub mod uncertainty;
+pub mod wild;
 pub mod workspace;
 
 use crate::kinematics::{Link, forward_kinematics};

@@ -139,6 +139,15 @@ pub fn apply_into(reference: &KinematicModel, parameters: &[Parameter], deviatio
     model.t_instrument_base = moved_base(&reference.t_instrument_base, &translation, &rotation);
 }
 
+/// How far a link parameter of a model is from nominal, mm or rad; `None` for base and targets.
+pub fn deviation_of(model: &KinematicModel, nominal: &KinematicModel, parameter: &Parameter) -> Option<f64> {
+    let value = |model: &KinematicModel, link: usize, quantity| *quantity_mut(&mut model.links[link].clone(), quantity);
+    match *parameter {
+        Parameter::Link(link, quantity) => Some(value(model, link, quantity) - value(nominal, link, quantity)),
+        _ => None,
+    }
+}
+
 /// One quantity of a link.
 pub fn quantity_mut(link: &mut Link, quantity: Quantity) -> &mut f64 {
     match quantity {

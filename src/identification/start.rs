@@ -139,6 +139,15 @@ fn kabsch_rotation(observations: &[Observation], flanges: &[IsometryMatrix3<f64>
     nearest_rotation(&covariance).unwrap_or_else(Rotation3::identity)
 }
 
+/// The rigid motion that takes `from` to `to` best (Kabsch 1976).
+pub fn rigid_motion(from: &[Vector3<f64>], to: &[Vector3<f64>]) -> IsometryMatrix3<f64> {
+    let n = from.len().max(1) as f64;
+    let (centre_from, centre_to) = (from.iter().sum::<Vector3<f64>>() / n, to.iter().sum::<Vector3<f64>>() / n);
+    let covariance: Matrix3<f64> = from.iter().zip(to).map(|(f, t)| (t - centre_to) * (f - centre_from).transpose()).sum();
+    let rotation = nearest_rotation(&covariance).unwrap_or_else(Rotation3::identity);
+    IsometryMatrix3::from_parts(Translation3::from(centre_to - rotation * centre_from), rotation)
+}
+
 /// The rotation nearest to a matrix (orthogonal Procrustes).
 fn nearest_rotation(m: &Matrix3<f64>) -> Option<Rotation3<f64>> {
     let svd = m.try_svd(true, true, f64::EPSILON, SVD_ITERATIONS)?;

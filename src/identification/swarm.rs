@@ -3,7 +3,7 @@
 use crate::identification::objective::Observation;
 use crate::identification::parameters::{Parameter, Quantity};
 use crate::identification::search_space::SearchSpace;
-use crate::kinematics::batch::{LANES, LaneRobots, Lanes, Moved, PreparedPoses, sum_of_squares};
+use crate::kinematics::batch::{Bound, LANES, LaneRobots, Lanes, Moved, PreparedPoses, sum_of_squares};
 use crate::solvers::pso::{self, Positions};
 use multiversion::multiversion;
 
@@ -19,9 +19,14 @@ pub struct SwarmCost<'a> {
 impl<'a> SwarmCost<'a> {
     /// Prepares the poses of `observations`.
     pub fn new(space: &'a SearchSpace, observations: &[Observation]) -> Self {
+        Self::bounded(space, observations, None)
+    }
+
+    /// With a loss that bounds what one pose adds.
+    pub fn bounded(space: &'a SearchSpace, observations: &[Observation], bound: Option<Bound>) -> Self {
         Self {
             space,
-            poses: prepared_poses(space, observations),
+            poses: prepared_poses(space, observations).bounded(bound),
             robots: lane_robots(space),
             deviations: vec![Lanes::ZERO; space.parameters.len()],
         }
@@ -128,8 +133,20 @@ pub fn run_swarm(
     move_particles: Option<&mut pso::MoveParticles<'_>>,
     monitor: &mut pso::Monitor<'_>,
 ) -> pso::Summary {
+    run_bounded_swarm(space, observations, None, options, move_particles, monitor)
+}
+
+/// As [`run_swarm`], with a loss that bounds what one pose adds to the cost.
+pub fn run_bounded_swarm(
+    space: &SearchSpace,
+    observations: &[Observation],
+    bound: Option<Bound>,
+    options: &pso::Options,
+    move_particles: Option<&mut pso::MoveParticles<'_>>,
+    monitor: &mut pso::Monitor<'_>,
+) -> pso::Summary {
     let n = space.n_coordinates();
     let search_box = pso::SearchBox { centre: vec![0.0; n], half_width: vec![1.0; n] };
-    let mut cost = SwarmCost::new(space, observations);
+    let mut cost = SwarmCost::bounded(space, observations, bound);
     pso::minimize(&mut |positions, costs| cost.evaluate(positions, costs), &search_box, options, move_particles, monitor)
 }

@@ -262,9 +262,12 @@ fn misfit_components(linear: &Linear, n_free: f64) -> Option<Components> {
 }
 
 fn spectrum(linear: &Linear, n_free: f64) -> Option<Spectrum> {
-    let q = linear.a.clone().qr().q();
-    let y = &linear.y - &q * (q.transpose() * &linear.y);
-    let features = outside(&q, &linear.features);
+    spectrum_outside(&linear.y, &linear.a.clone().qr().q(), &linear.features, n_free)
+}
+
+fn spectrum_outside(y: &DVector<f64>, q: &DMatrix<f64>, features: &DMatrix<f64>, n_free: f64) -> Option<Spectrum> {
+    let y = y - q * (q.transpose() * y);
+    let features = outside(q, features);
     let eigen = (features.transpose() * &features).try_symmetric_eigen(f64::EPSILON, EIGEN_ITERATIONS)?;
     let scores = eigen.eigenvectors.transpose() * (features.transpose() * &y);
     let smallest = NEGLIGIBLE * eigen.eigenvalues.max();
@@ -274,6 +277,13 @@ fn spectrum(linear: &Linear, n_free: f64) -> Option<Spectrum> {
     let squares: Vec<f64> = kept.iter().map(|k| scores[*k] * scores[*k] / eigen.eigenvalues[*k]).collect();
     let rest = (y.norm_squared() - squares.iter().sum::<f64>()).max(0.0);
     Some(Spectrum { squares, eigenvalues: kept.iter().map(|k| eigen.eigenvalues[*k]).collect(), rest, n_free })
+}
+
+/// σm²/σe² by restricted maximum likelihood: how much more than white noise the residuals of a fit follow the features of the misfit.
+/// `basis` spans what the fit can change, with orthonormal columns.
+pub fn misfit_ratio(residuals: &DVector<f64>, basis: &DMatrix<f64>, features: &DMatrix<f64>) -> f64 {
+    let n_free = residuals.len() as f64 - basis.ncols() as f64;
+    spectrum_outside(residuals, basis, features, n_free).map_or(0.0, |spectrum| spectrum.best_ratio())
 }
 
 impl Uncertainty {

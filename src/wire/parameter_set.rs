@@ -123,12 +123,7 @@ impl ParameterSetContent {
         Self {
             links: core.links.iter().map(IdentifiedLink::from_core).collect(),
             t_instrument_base: Transform::from_core(&core.t_instrument_base),
-            targets: core
-                .targets_mm
-                .iter()
-                .enumerate()
-                .map(|(target, position)| Target { target, segment: None, position_mm: (*position).into() })
-                .collect(),
+            targets: targets_from_core(core),
         }
     }
 
@@ -164,6 +159,19 @@ impl ParameterSetContent {
         }
         .map(|t| Vector3::from(t.position_mm))
     }
+}
+
+/// Every target, and every stretch of those that moved, in their order.
+fn targets_from_core(core: &CalibrationReport) -> Vec<Target> {
+    let moved = |target: usize| core.target_segments.iter().filter(|(t, _)| *t == target).count() > 1;
+    let of = |((target, segment), position): (&(usize, usize), &Vector3<f64>)| Target {
+        target: *target,
+        segment: moved(*target).then_some(*segment as u32),
+        position_mm: (*position).into(),
+    };
+    let mut targets: Vec<Target> = core.target_segments.iter().zip(&core.targets_mm).map(of).collect();
+    targets.sort_by_key(|t| (t.target, t.segment));
+    targets
 }
 
 impl IdentifiedLink {

@@ -205,10 +205,7 @@ async fn a_verify_job_scores_the_named_set_else_the_active_one_else_the_nominal_
 async fn what_is_not_built_yet_is_refused_and_named() {
     let app = TestApp::spawn().await;
     let (robot, set) = app.robot_with_set("first.csv").await;
-    for (extra, pointer) in [
-        (json!({"parameters": {"priors": [{"name": "a_1", "std": 0.1}]}}), Some("/parameters/priors")),
-        (json!({"options": {"loss": "huber"}}), None),
-    ] {
+    for (extra, pointer) in [(json!({"parameters": {"priors": [{"name": "a_1", "std": 0.1}]}}), Some("/parameters/priors"))] {
         let mut request = extra.clone();
         request["measurement_set_id"] = json!(set);
         let problem = app.post_json(&format!("{robot}/jobs"), &request).await.problem(422, "not_available");

@@ -50,27 +50,30 @@ struct SumOfSquares<'a> {
 impl SumOfSquares<'_> {
     #[inline(always)]
     fn of_all_poses<const W: usize, const P: usize>(self) -> Lanes {
-        match (self.robots.base_stage, self.poses.is_unweighted) {
-            (BaseStage::Known, true) => self.sums::<W, P, KNOWN, true>(),
-            (BaseStage::Known, false) => self.sums::<W, P, KNOWN, false>(),
-            (BaseStage::Any, true) => self.sums::<W, P, ANY, true>(),
-            (BaseStage::Any, false) => self.sums::<W, P, ANY, false>(),
-            (BaseStage::None, _) => self.sums::<W, P, NONE, false>(),
+        match (self.robots.base_stage, self.poses.is_unweighted, self.poses.bound) {
+            (BaseStage::Known, _, Some(_)) => self.sums::<W, P, KNOWN, BOUNDED>(),
+            (BaseStage::Any, _, Some(_)) => self.sums::<W, P, ANY, BOUNDED>(),
+            (BaseStage::None, _, Some(_)) => self.sums::<W, P, NONE, BOUNDED>(),
+            (BaseStage::Known, true, None) => self.sums::<W, P, KNOWN, UNWEIGHTED>(),
+            (BaseStage::Known, false, None) => self.sums::<W, P, KNOWN, WEIGHTED>(),
+            (BaseStage::Any, true, None) => self.sums::<W, P, ANY, UNWEIGHTED>(),
+            (BaseStage::Any, false, None) => self.sums::<W, P, ANY, WEIGHTED>(),
+            (BaseStage::None, _, None) => self.sums::<W, P, NONE, WEIGHTED>(),
         }
     }
 
     #[inline(always)]
-    fn sums<const W: usize, const P: usize, const BASE: u8, const UNWEIGHTED: bool>(self) -> Lanes {
+    fn sums<const W: usize, const P: usize, const BASE: u8, const LOSS: u8>(self) -> Lanes {
         let mut sums = Lanes::ZERO;
         for part in 0..Vector::<W>::PER_CHUNK {
             let mut sum = Vector::<W>::splat(0.0);
             let mut first = 0;
             while first + P <= self.poses.len() {
-                self.add::<W, P, BASE, UNWEIGHTED>(part, first, &mut sum);
+                self.add::<W, P, BASE, LOSS>(part, first, &mut sum);
                 first += P;
             }
             while first < self.poses.len() {
-                self.add::<W, 1, BASE, UNWEIGHTED>(part, first, &mut sum);
+                self.add::<W, 1, BASE, LOSS>(part, first, &mut sum);
                 first += 1;
             }
             sum.store(&mut sums, part);
@@ -80,7 +83,7 @@ impl SumOfSquares<'_> {
 
     /// Adds the poses `first` … `first + P - 1`, from the target to the base, stage by stage.
     #[inline(always)]
-    fn add<const W: usize, const P: usize, const BASE: u8, const UNWEIGHTED: bool>(self, part: usize, first: usize, sum: &mut Vector<W>) {
+    fn add<const W: usize, const P: usize, const BASE: u8, const LOSS: u8>(self, part: usize, first: usize, sum: &mut Vector<W>) {
         let Self { robots, poses } = self;
         let n = poses.n_links;
         let cos_sin = &poses.cos_sin_q[first * n..(first + P) * n];
@@ -109,7 +112,11 @@ impl SumOfSquares<'_> {
             };
             let square = x.mul_add(x, y.mul_add(y, z * z));
             // 1 · square + sum is the same bits as square + sum
-            *sum = if UNWEIGHTED { square + *sum } else { Vector::splat(poses.weight[first + i]).mul_add(square, *sum) };
+            *sum = match (LOSS, poses.bound) {
+                (UNWEIGHTED, _) => square + *sum,
+                (BOUNDED, Some(bound)) => bound.of(Vector::splat(poses.weight[first + i]) * square) + *sum,
+                _ => Vector::splat(poses.weight[first + i]).mul_add(square, *sum),
+            };
         }
     }
 }
@@ -118,6 +125,11 @@ impl SumOfSquares<'_> {
 const KNOWN: u8 = 0;
 const ANY: u8 = 1;
 const NONE: u8 = 2;
+
+/// How an error counts, as a constant of the compiled loop.
+const UNWEIGHTED: u8 = 0;
+const WEIGHTED: u8 = 1;
+const BOUNDED: u8 = 2;
 
 /// x, y, z of one target of as many robots as a register holds.
 type Point<const W: usize> = [Vector<W>; 3];

@@ -85,6 +85,17 @@ impl<const W: usize> Vector<W> {
         [Self::load(x, part), Self::load(y, part), Self::load(z, part)]
     }
 
+    /// The smaller of the two, lane by lane.
+    #[inline(always)]
+    pub fn at_most(self, limit: f64) -> Self {
+        Self(self.0.map(|v| if v < limit { v } else { limit }))
+    }
+
+    #[inline(always)]
+    pub fn sqrt(self) -> Self {
+        Self(self.0.map(f64::sqrt))
+    }
+
     #[inline(always)]
     pub fn store(self, to: &mut Lanes, part: usize) {
         to.0[part * W..(part + 1) * W].copy_from_slice(&self.0);

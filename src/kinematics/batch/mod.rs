@@ -15,6 +15,7 @@
 //! fused multiply-add: the bits are the same on every CPU ([`InstructionSet`]).
 
 mod affine;
+mod bound;
 mod kernel;
 mod lanes;
 mod one_robot;
@@ -22,6 +23,7 @@ mod poses;
 mod robots;
 mod sincos;
 
+pub use bound::Bound;
 pub use kernel::sum_of_squares;
 pub use lanes::{InstructionSet, LANES, Lanes};
 pub use one_robot::{Along, OneRobot, PoseLanes};

@@ -1,5 +1,6 @@
 //! The measured poses, prepared once per job.
 
+use super::bound::Bound;
 use nalgebra::Vector3;
 
 /// Measured poses: the trigonometry of the commanded joints, and what was measured there.
@@ -16,12 +17,14 @@ pub struct PreparedPoses {
     pub(super) n_links: usize,
     /// All weights are 1.
     pub(super) is_unweighted: bool,
+    /// What bounds a pose's share of the cost; squares without.
+    pub(super) bound: Option<Bound>,
 }
 
 impl PreparedPoses {
     /// Room for poses of a robot with `n_links` links.
     pub fn new(n_links: usize) -> Self {
-        Self { cos_sin_q: vec![], measured_mm: vec![], weight: vec![], target: vec![], n_links, is_unweighted: true }
+        Self { cos_sin_q: vec![], measured_mm: vec![], weight: vec![], target: vec![], n_links, is_unweighted: true, bound: None }
     }
 
     /// Adds one pose: joint values (rad), the measured position (mm), the weight of its squared residual.
@@ -35,6 +38,12 @@ impl PreparedPoses {
         self.weight.push(weight);
         self.target.push(target);
         self.is_unweighted &= weight == 1.0;
+    }
+
+    /// The same poses with a bounded loss.
+    #[must_use]
+    pub fn bounded(self, bound: Option<Bound>) -> Self {
+        Self { bound, ..self }
     }
 
     /// Number of poses.

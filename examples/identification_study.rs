@@ -1,0 +1,35 @@
+//! How well robots are identified: measured ones, and simulated ones with what goes wrong in a cell. Prints `docs/identification.md`.
+//!
+//! `cargo run --release --example identification_study [all|real|wild|steps|starts|swarm] [n] > docs/identification.md`
+//! `cargo run --release --example identification_study splits DIR` writes the splits that `docs/oracles/scipy_least_squares.py` reads.
+
+#[path = "../tests/support/data.rs"]
+mod data;
+#[path = "identification_study/real.rs"]
+mod real;
+#[path = "../tests/support/simulation.rs"]
+mod simulation;
+#[path = "identification_study/steps.rs"]
+mod steps;
+#[path = "identification_study/wild.rs"]
+mod wild;
+
+fn main() {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let what = arguments.first().map_or("all", String::as_str);
+    if let ("splits", Some(folder)) = (what, arguments.get(1)) {
+        return real::write_splits(std::path::Path::new(folder));
+    }
+    let n: Option<u64> = arguments.get(1).and_then(|n| n.parse().ok());
+    let wanted = |name: &str| what == "all" || what == name;
+    println!("# Identification\n\nMade by `cargo run --release --example identification_study`.\n");
+    if wanted("real") {
+        real::tables();
+    }
+    if wanted("wild") {
+        wild::table(n.unwrap_or(100));
+    }
+    if wanted("steps") {
+        steps::table(n.unwrap_or(1000));
+    }
+}

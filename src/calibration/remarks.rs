@@ -1,0 +1,74 @@
+//! What screening found, in words.
+
+use crate::calibration::identify::Problem;
+use crate::calibration::report::Warning;
+use crate::calibration::screening::{FoundStep, Screening, WildPoint};
+use crate::identification::steps::Moved;
+use crate::measurement::Subset;
+
+/// Points listed by their size in a detail; `rows` has them all.
+const LISTED: usize = 20;
+
+/// The warnings about wild points and about what moved.
+pub fn remarks(problem: &Problem<'_>, screening: &Screening) -> Vec<Warning> {
+    let mut warnings: Vec<Warning> = screening.steps.iter().map(moved).collect();
+    if !screening.unfitted_rows.is_empty() {
+        let detail = "no point to identify lies in the stretch after a step: these rows are scored as if nothing had moved";
+        warnings.push(Warning { code: "stretch_without_identify_points", detail: detail.into(), rows: screening.unfitted_rows.clone() });
+    }
+    warnings.extend(outliers(problem, screening));
+    warnings
+}
+
+fn moved(step: &FoundStep) -> Warning {
+    let v = step.vector_mm;
+    let vector = format!("({:.3}, {:.3}, {:.3}) mm, {:.3} mm long", v.x, v.y, v.z, v.norm());
+    let (code, what) = match step.moved {
+        Moved::Target(target) => ("target_moved", format!("target {target} moved by {vector}, in the flange frame")),
+        Moved::Base => {
+            let turn = step.turn_rad.norm().to_degrees();
+            ("base_moved", format!("the base moved against the instrument by {vector}, and by {turn:.4}\u{b0}, in the measuring frame"))
+        }
+    };
+    let consequence = match step.is_one_point {
+        true => "it is one point alone, which may have slipped or may be wild: it was left out where it was to be fitted",
+        false => "the stretches before and after it were fitted apart",
+    };
+    Warning { code, detail: format!("before row {}, {what}; {consequence}", step.row), rows: vec![step.row] }
+}
+
+fn outliers(problem: &Problem<'_>, screening: &Screening) -> Option<Warning> {
+    if screening.wild.is_empty() {
+        return None;
+    }
+    let rows: Vec<usize> = screening.wild.iter().map(|w| w.row).collect();
+    let n_fitted = rows.iter().filter(|row| problem.observed.subsets[**row] == Subset::Identify).count();
+    let what = format!(
+        "{} of {} points do not belong to the others, which scatter by {:.4} mm (one standard deviation of a coordinate): {}",
+        rows.len(),
+        problem.observed.all.len(),
+        screening.scale_mm,
+        listed(&screening.wild)
+    );
+    let asked = problem.request.options.loss.is_some();
+    let (code, consequence) = match (screening.is_for_review, asked) {
+        (false, false) => {
+            ("outliers", format!("the {n_fitted} of them that were to be fitted count nothing; all stay in the statistics, as measured"))
+        }
+        (false, true) => ("outliers", "they count as the loss that was asked for has it".into()),
+        (true, true) => ("outliers_review", "look at them: more than a twentieth; they count as the loss that was asked for has it".into()),
+        (true, false) => (
+            "outliers_review",
+            "look at them: more than a twentieth, so none was left out; Huber's loss keeps them from pulling hard".into(),
+        ),
+    };
+    Some(Warning { code, detail: format!("{what}; {consequence}"), rows })
+}
+
+fn listed(wild: &[WildPoint]) -> String {
+    let mut names: Vec<String> = wild.iter().take(LISTED).map(|w| format!("row {} by {:.3} mm", w.row, w.size_mm)).collect();
+    if wild.len() > LISTED {
+        names.push(format!("and {} more", wild.len() - LISTED));
+    }
+    names.join(", ")
+}

@@ -1,0 +1,314 @@
+//! Before anything is identified: which points do not belong, and did anything move while it was measured?
+//!
+//! Both are asked of all points of the upload, those to verify included: they are questions about the measurement. No parameter of the
+//! robot is taken from the fits made here.
+
+use crate::calibration::Error;
+use crate::calibration::arrangement::{Arrangement, FEWEST_OF_SETUP, FittedTargets, motion, standing, with_moved_targets};
+use crate::calibration::identify::nominal_model;
+use crate::calibration::observe::{Observed, free_parameters, stated_scale_mm};
+use crate::calibration::request::{CalibrationRequest, Loss, Preset};
+use crate::identification::KinematicModel;
+use crate::identification::fit::fit_along_seen;
+use crate::identification::identifiability::prior_scale;
+use crate::identification::misfit::{features, gravity_directions};
+use crate::identification::objective::{Observation, weighted_jacobian, weighted_residuals};
+use crate::identification::parameters::Parameter;
+use crate::identification::search_space::decomposition_at;
+use crate::identification::steps::{Campaign, Columns, Moved, Step, Whitened};
+use crate::identification::wild::{Linearised, ROUNDING_MM, Wild};
+use crate::measurement::Subset;
+use nalgebra::{DMatrix, Vector3};
+use std::ops::ControlFlow;
+
+/// Share of all points that may be left out of the fit; where more are wild, a person has to look.
+const DOWN_WEIGHTED_SHARE: f64 = 0.05;
+/// Steps at most; a campaign with more is not worth fitting.
+const MAX_STEPS: usize = 4;
+/// Fits of the motions between set-ups; each is a Gauss-Newton step, two are usual.
+const MOTION_FITS: usize = 6;
+/// Motions that change the points by less are found, mm.
+const MOTION_FOUND_MM: f64 = 1e-6;
+
+/// A point that does not belong.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct WildPoint {
+    /// 0-based data row.
+    pub row: usize,
+    /// How far it lies from where the others put it, mm.
+    pub size_mm: f64,
+}
+
+/// Something that moved.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FoundStep {
+    /// What.
+    pub moved: Moved,
+    /// First data row after it.
+    pub row: usize,
+    /// By how much: a target in the flange frame, the base (and the instrument the other way) in the measuring frame, mm.
+    pub vector_mm: Vector3<f64>,
+    /// Turn of the base, rad.
+    pub turn_rad: Vector3<f64>,
+    /// One point alone at an end: it may as well be wild, and is treated so.
+    pub is_one_point: bool,
+}
+
+/// What was found.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Screening {
+    /// Points that do not belong, by row.
+    pub wild: Vec<WildPoint>,
+    /// Standard deviation of one coordinate of the others, mm.
+    pub scale_mm: f64,
+    /// The wild points are few enough, and the loss is ours to choose: those to identify count nothing.
+    pub is_down_weighted: bool,
+    /// More points are wild than may be left out.
+    pub is_for_review: bool,
+    /// Steps, by row.
+    pub steps: Vec<FoundStep>,
+    /// Rows of stretches without identify points: they are scored with the stretch before.
+    pub unfitted_rows: Vec<usize>,
+    /// The targets of the fit.
+    pub targets: FittedTargets,
+}
+
+/// A fit to all points, and the linear problem there.
+struct AllFit {
+    linear: Linearised,
+    least_scale_mm: f64,
+    /// What the misfit of a robot looks like, 3·N × m.
+    features: DMatrix<f64>,
+    columns: Columns,
+}
+
+/// Screens the points, and arranges them for the fit: wild points lose their weight, what moved is taken apart.
+pub fn screen(request: &CalibrationRequest, observed: &mut Observed) -> Result<Screening, Error> {
+    let mut arrangement = Arrangement::of(request);
+    let mut screening = Screening::default();
+    place_setups(request, observed, &mut arrangement)?;
+    if request.preset == Preset::Default {
+        let wild = search(request, observed, &mut arrangement, &mut screening)?;
+        screening.unfitted_rows = arrangement.join_unfitted(observed);
+        if let Some(wild) = wild {
+            judge(request, observed, &mut screening, &wild);
+        }
+    }
+    fit_motions(request, observed, &mut arrangement, Some(Subset::Identify))?;
+    arrangement.apply(observed);
+    screening.targets = arrangement.fitted_targets(observed);
+    Ok(screening)
+}
+
+/// Finds steps one after another, and what is wild beside them.
+fn search(
+    request: &CalibrationRequest,
+    observed: &mut Observed,
+    arrangement: &mut Arrangement,
+    screening: &mut Screening,
+) -> Result<Option<Wild>, Error> {
+    let mut fit = fit_all(request, observed, arrangement)?;
+    let mut wild = fit.linear.wild(fit.least_scale_mm);
+    while screening.steps.len() < MAX_STEPS {
+        let suspects = wild.as_ref().map_or(vec![], |w| w.points.clone());
+        let belonging: Vec<usize> = arrangement.order.iter().copied().filter(|p| !suspects.contains(p)).collect();
+        let with_all = find(observed, &fit, &arrangement.order);
+        let without = if suspects.is_empty() { None } else { find(observed, &fit, &belonging) };
+        let mut accepted = false;
+        // with wild points in the fit, a step has to explain some of them
+        for (step, must_explain) in [(&with_all, !suspects.is_empty()), (&without, false)] {
+            let Some(step) = step.as_ref().filter(|s| s.n_minor > 1) else { continue };
+            let mut trial = split(observed, &fit, arrangement, step);
+            let refit = fit_all(request, observed, &mut trial)?;
+            let left = refit.linear.wild(refit.least_scale_mm);
+            if must_explain && left.as_ref().is_some_and(|w| w.points.len() >= suspects.len()) {
+                continue;
+            }
+            screening.steps.push(found(step, false));
+            (*arrangement, fit, wild, accepted) = (trial, refit, left, true);
+            break;
+        }
+        if !accepted {
+            let lone = with_all.filter(|s| s.n_minor == 1 && suspects.iter().all(|p| *p == lone_point(observed, arrangement, s)));
+            screening.steps.extend(lone.map(|step| found(&step, true)));
+            break;
+        }
+    }
+    screening.steps.sort_by_key(|s| s.row);
+    Ok(wild)
+}
+
+fn find(observed: &Observed, fit: &AllFit, order: &[usize]) -> Option<Step> {
+    let rows: Vec<usize> = order.iter().flat_map(|p| 3 * p..3 * p + 3).collect();
+    let problem = Whitened::new(&fit.linear.of(order), &fit.features.select_rows(&rows));
+    let clusters = observed.all_clusters();
+    let least_scale_mm = fit.least_scale_mm;
+    let campaign =
+        Campaign { problem: &problem, columns: &fit.columns, order, targets: &observed.targets, clusters: &clusters, least_scale_mm };
+    campaign.step()
+}
+
+fn split(observed: &Observed, fit: &AllFit, arrangement: &Arrangement, step: &Step) -> Arrangement {
+    let mut trial = arrangement.clone();
+    match step.moved {
+        Moved::Target(_) => trial.split_target(observed, step.first),
+        Moved::Base => trial.split_base(step.first, &motion(&step.shift_mm, &step.turn_rad, &fit.columns.centre)),
+    }
+    trial
+}
+
+fn found(step: &Step, is_one_point: bool) -> FoundStep {
+    FoundStep { moved: step.moved, row: step.first, vector_mm: step.shift_mm, turn_rad: step.turn_rad, is_one_point }
+}
+
+/// The point that a step at an end cuts off.
+fn lone_point(observed: &Observed, arrangement: &Arrangement, step: &Step) -> usize {
+    let of_target = |p: &&usize| observed.targets[**p] == observed.targets[step.first];
+    let last = arrangement.order.iter().rfind(of_target).copied().unwrap_or(step.first);
+    if last == step.first { last } else { arrangement.order.iter().find(of_target).copied().unwrap_or(last) }
+}
+
+/// What the wild points are to the fit.
+fn judge(request: &CalibrationRequest, observed: &mut Observed, screening: &mut Screening, wild: &Wild) {
+    let size = |(point, size): (&usize, &f64)| WildPoint { row: *point, size_mm: size / observed.all[*point].weight.sqrt() };
+    screening.wild = wild.points.iter().zip(&wild.sizes_mm).map(size).collect();
+    screening.scale_mm = wild.scale_mm;
+    let most = (DOWN_WEIGHTED_SHARE * observed.all.len() as f64).ceil() as usize;
+    screening.is_for_review = wild.points.len() > most;
+    screening.is_down_weighted = request.options.loss.is_none() && !screening.is_for_review;
+    if screening.is_down_weighted {
+        let to_identify = |point: &&usize| observed.subsets[**point] == Subset::Identify;
+        let down: Vec<usize> = wild.points.iter().filter(to_identify).copied().collect();
+        down.iter().for_each(|point| observed.all[*point].weight = 0.0);
+    }
+}
+
+/// The loss that the fit takes: the one asked for, else squares; with too many wild points to leave out, Huber's, which keeps them all and
+/// lets none pull hard.
+pub fn loss(request: &CalibrationRequest, screening: &Screening) -> Loss {
+    let ours = if screening.is_for_review { Loss::Huber } else { Loss::Squares };
+    request.options.loss.unwrap_or(ours)
+}
+
+/// The free parameters of the request as its points are arranged.
+pub fn parameters_of(request: &CalibrationRequest, targets: &FittedTargets) -> Result<Vec<Parameter>, Error> {
+    Ok(with_moved_targets(request, free_parameters(request, targets.len())?, targets))
+}
+
+/// Least squares on all points, with the motions between set-ups.
+fn fit_all(request: &CalibrationRequest, observed: &mut Observed, arrangement: &mut Arrangement) -> Result<AllFit, Error> {
+    let model = fit_motions(request, observed, arrangement, None)?;
+    arrangement.apply(observed);
+    let parameters = parameters_of(request, &arrangement.fitted_targets(observed))?;
+    let columns = Columns::new(&model, &observed.all);
+    let everything: Vec<usize> = (0..observed.all.len()).collect();
+    let derivatives = derivatives(&model, &parameters, &observed.all, &columns, arrangement, &everything);
+    let linear = Linearised::new(&weighted_residuals(&model, &observed.all), derivatives);
+    let gravity = gravity_directions(request.robot.mounting.as_ref().map(|m| &m.gravity_in_base));
+    let poses = observed.all.iter().map(|o| (o.q_rad.as_slice(), o.target, o.weight));
+    let features = features(&model, poses, &gravity);
+    Ok(AllFit { linear, columns, features, least_scale_mm: stated_scale_mm(&request.set).max(ROUNDING_MM) })
+}
+
+/// Derivatives along the seen combinations, and along the motion of every set-up that does not rest.
+fn derivatives(
+    model: &KinematicModel,
+    parameters: &[Parameter],
+    observations: &[Observation],
+    columns: &Columns,
+    arrangement: &Arrangement,
+    points: &[usize],
+) -> DMatrix<f64> {
+    let scale: Vec<f64> = parameters.iter().map(prior_scale).collect();
+    let directions = decomposition_at(model, parameters, &scale, observations).seen_directions();
+    let seen = weighted_jacobian(model, parameters, observations, &Vector3::zeros()) * directions;
+    let moving: Vec<usize> = (0..arrangement.motions.len()).filter(|s| *s != arrangement.resting()).collect();
+    let mut all = DMatrix::zeros(seen.nrows(), seen.ncols() + 6 * moving.len());
+    all.columns_mut(0, seen.ncols()).copy_from(&seen);
+    for (k, setup) in moving.iter().enumerate() {
+        for (row, point) in points.iter().enumerate().filter(|(_, point)| arrangement.setups[**point] == *setup) {
+            all.fixed_view_mut::<3, 6>(3 * row, seen.ncols() + 6 * k).copy_from(columns.base(*point));
+        }
+    }
+    all
+}
+
+/// First estimate of where the stations stood: each by Kabsch's fit to the robot as the station of most points sees it.
+fn place_setups(request: &CalibrationRequest, observed: &mut Observed, arrangement: &mut Arrangement) -> Result<(), Error> {
+    if arrangement.motions.len() < 2 {
+        return Ok(());
+    }
+    let of = |setup: usize| -> Vec<Observation> {
+        observed.all.iter().zip(&arrangement.setups).filter(|(_, s)| **s == setup).map(|(o, _)| o.clone()).collect()
+    };
+    let n_setups = arrangement.motions.len();
+    let largest = (0..n_setups).max_by_key(|setup| (of(*setup).len(), std::cmp::Reverse(*setup))).unwrap_or(0);
+    let model = nominal_model(request, &of(largest), request.set.n_targets());
+    let motions: Vec<_> = (0..n_setups).map(|setup| standing(&model, &of(setup)).inverse()).collect();
+    arrangement.motions = motions;
+    arrangement.rest();
+    fit_motions(request, observed, arrangement, None).map(|_| ())
+}
+
+/// Fits robot, placement and the motions between set-ups: least squares with the motions held, and Gauss-Newton steps of both together.
+/// Without motions it is least squares alone. Set-ups with too few points keep their motion.
+fn fit_motions(
+    request: &CalibrationRequest,
+    observed: &mut Observed,
+    arrangement: &mut Arrangement,
+    subset: Option<Subset>,
+) -> Result<KinematicModel, Error> {
+    let targets = arrangement.fitted_targets(observed);
+    let parameters = parameters_of(request, &targets)?;
+    let scale: Vec<f64> = parameters.iter().map(prior_scale).collect();
+    let points: Vec<usize> =
+        (0..observed.all.len()).filter(|p| subset.is_none_or(|s| observed.subsets[*p] == s) && observed.all[*p].weight > 0.0).collect();
+    let mut model = None;
+    for _ in 0..MOTION_FITS {
+        arrangement.apply(observed);
+        let fitted: Vec<Observation> = points.iter().map(|p| observed.all[*p].clone()).collect();
+        if subset.is_some() && arrangement.motions.len() < 2 {
+            break;
+        }
+        let start = model.take().unwrap_or_else(|| nominal_model(request, &fitted, targets.len()));
+        let fit = fit_along_seen(&start, &parameters, &scale, &fitted, 0.0, &mut |_| ControlFlow::Continue(()));
+        let found = if arrangement.motions.len() < 2 { true } else { move_setups(&fit.model, &parameters, observed, arrangement, &points) };
+        model = Some(fit.model);
+        if found {
+            break;
+        }
+    }
+    Ok(model.unwrap_or_else(|| KinematicModel::nominal(&request.robot.links, targets.len())))
+}
+
+/// One Gauss-Newton step of the motions, together with everything else; true once it is small.
+fn move_setups(
+    model: &KinematicModel,
+    parameters: &[Parameter],
+    observed: &Observed,
+    arrangement: &mut Arrangement,
+    points: &[usize],
+) -> bool {
+    let columns = Columns::new(model, &observed.all);
+    let fitted: Vec<Observation> = points.iter().map(|p| observed.all[*p].clone()).collect();
+    let derivatives = derivatives(model, parameters, &fitted, &columns, arrangement, points);
+    let moving: Vec<usize> = (0..arrangement.motions.len()).filter(|s| *s != arrangement.resting()).collect();
+    let n_seen = derivatives.ncols() - 6 * moving.len();
+    let Some(solution) = least_squares_solution(derivatives, &weighted_residuals(model, &fitted)) else { return true };
+    let mut largest = 0.0f64;
+    for (k, setup) in moving.into_iter().enumerate() {
+        if points.iter().filter(|p| arrangement.setups[**p] == setup).count() < FEWEST_OF_SETUP {
+            continue;
+        }
+        let (shift_mm, turn_rad) = columns.motion(&solution[n_seen + 6 * k..n_seen + 6 * k + 6]);
+        largest = largest.max(shift_mm.norm() + turn_rad.norm() * columns.size_mm());
+        // measured = moved by this; carried back
+        arrangement.motions[setup] = motion(&shift_mm, &turn_rad, &columns.centre).inverse() * arrangement.motions[setup];
+    }
+    largest <= MOTION_FOUND_MM
+}
+
+fn least_squares_solution(derivatives: DMatrix<f64>, residuals: &nalgebra::DVector<f64>) -> Option<Vec<f64>> {
+    let (q, r) = derivatives.qr().unpack();
+    r.solve_upper_triangular(&q.tr_mul(residuals)).map(|x| x.iter().copied().collect())
+}

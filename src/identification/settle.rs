@@ -1,0 +1,88 @@
+//! The last step of least squares: what the data hardly see is drawn towards nominal, as far as noise would move it.
+//!
+//! With the width S of each link parameter's prior, δ its deviation from nominal and σ² the variance of a coordinate, the most probable answer
+//! minimises F + σ²·Σ (δ/S)² (maximum a posteriori; ridge regression [Hoerl & Kennard 1970] with its factor from the data). A combination of
+//! singular value s (mm rms per prior) keeps the share N·s²/(N·s² + σ²) of what least squares says: all of it where the data see it well,
+//! and everything where they hold no noise. A parameter that comes out several priors away (a joint that was not mastered) gets a prior as
+//! wide as that, and is not held back.
+
+use crate::identification::KinematicModel;
+use crate::identification::objective::{Observation, weighted_jacobian, weighted_residuals};
+use crate::identification::parameters::{Parameter, Quantity, apply, deviation_of};
+use crate::identification::search_space::decomposition_at;
+use nalgebra::{DMatrix, DVector, Vector3};
+
+/// How far a machined length is off, mm (one standard deviation).
+const MACHINED_MM: f64 = 0.5;
+/// How far a machined angle between two axes is off, rad (0.05°).
+const MACHINED_RAD: f64 = 0.05 * std::f64::consts::PI / 180.0;
+/// Gauss-Newton steps: the fit is at its minimum already, and the draw moves it by less than a prior.
+const STEPS: usize = 4;
+/// A deviation of so many priors is no error of a robot fresh from the factory: its prior becomes as wide as it.
+const SURPRISING: f64 = 3.0;
+
+/// `model`, the answer of least squares, drawn towards `nominal`. `scale` holds the parameters' priors.
+pub fn settle(
+    model: &KinematicModel,
+    nominal: &KinematicModel,
+    parameters: &[Parameter],
+    scale: &[f64],
+    observations: &[Observation],
+) -> KinematicModel {
+    let counting = observations.iter().filter(|o| o.weight > 0.0).count();
+    let directions = decomposition_at(model, parameters, scale, observations).seen_directions();
+    let freedom = 3.0 * counting as f64 - directions.ncols() as f64;
+    if freedom <= 0.0 || directions.ncols() == 0 {
+        return model.clone();
+    }
+    let variance = weighted_residuals(model, observations).norm_squared() / freedom;
+    let priors: Vec<f64> = parameters.iter().zip(scale).map(|(p, s)| width(p, *s)).collect();
+    let (mut settled, mut widths) = (model.clone(), priors.clone());
+    for _ in 0..STEPS {
+        let Some(next) = step(&settled, nominal, parameters, &widths, &directions, observations, variance) else { return settled };
+        for (j, width) in widths.iter_mut().enumerate() {
+            let size = deviation_of(&next, nominal, &parameters[j]).map_or(0.0, f64::abs);
+            *width = if size > SURPRISING * priors[j] { size } else { priors[j] };
+        }
+        settled = next;
+    }
+    settled
+}
+
+/// Links are machined, and their errors small; joint offsets are mastered on the shop floor and keep the scale of the search.
+fn width(parameter: &Parameter, scale: f64) -> f64 {
+    match parameter {
+        Parameter::Link(_, Quantity::A | Quantity::D) => MACHINED_MM,
+        Parameter::Link(_, Quantity::Alpha | Quantity::Beta) => MACHINED_RAD,
+        _ => scale,
+    }
+}
+
+/// One Gauss-Newton step of F + σ²·Σ (δ/S)².
+fn step(
+    model: &KinematicModel,
+    nominal: &KinematicModel,
+    parameters: &[Parameter],
+    widths: &[f64],
+    directions: &DMatrix<f64>,
+    observations: &[Observation],
+    variance: f64,
+) -> Option<KinematicModel> {
+    let seen = weighted_jacobian(model, parameters, observations, &Vector3::zeros()) * directions;
+    let drawn: Vec<(usize, f64)> =
+        parameters.iter().enumerate().filter_map(|(j, p)| deviation_of(model, nominal, p).map(|delta| (j, delta))).collect();
+    let (n, r) = (seen.nrows(), directions.ncols());
+    let mut rows = DMatrix::zeros(n + drawn.len(), r);
+    let mut right = DVector::zeros(n + drawn.len());
+    rows.rows_mut(0, n).copy_from(&seen);
+    right.rows_mut(0, n).copy_from(&weighted_residuals(model, observations));
+    for (k, (j, delta)) in drawn.iter().enumerate() {
+        let pull = variance.sqrt() / widths[*j];
+        rows.row_mut(n + k).copy_from(&(directions.row(*j) * pull));
+        right[n + k] = -pull * delta;
+    }
+    let (q, r) = rows.qr().unpack();
+    let z = r.solve_upper_triangular(&q.tr_mul(&right))?;
+    let deviation: Vec<f64> = (directions * z).iter().copied().collect();
+    deviation.iter().all(|v| v.is_finite()).then(|| apply(model, parameters, &deviation))
+}

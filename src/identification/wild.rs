@@ -1,0 +1,224 @@
+//! Points that do not belong: found from the linear problem at a fit, without knowing how many there are.
+//!
+//! Least squares spreads a wild point over its neighbours, so its own residual does not show it. Two starts that do not do that (the
+//! fit of least absolute lengths, and deleting point after point by the residual it would have if it were not fitted) are each carried
+//! on by Tukey's biweight at the scale found there (an MM-estimate [Yohai 1987]). Of the two the one is kept whose best nine tenths
+//! scatter least (least trimmed squares [Rousseeuw 1984]). Points are then put in and out by the residual that each would have if it
+//! were not fitted, over its standard deviation, until nothing changes.
+
+use crate::identification::distributions::f_tail;
+use crate::solvers::loss::{Loss, TUKEY_C_95};
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix3, Vector3};
+
+/// A point is wild from so many standard deviations of its predicted residual on: one in 10⁷ normal points.
+const WILD_SIGMAS: f64 = 6.0;
+/// And if noise would show a residual as large in at most one of a thousand sets of this size.
+const FALSE_ALARMS: f64 = 1e-3;
+/// Iterations of each start and of the biweight; the weights settle in about ten.
+const REWEIGHTINGS: usize = 30;
+/// Times that points are put in and out.
+const EXCHANGES: usize = 20;
+/// Share of the points that may be wild before the search gives up on them.
+const MOST_WILD: f64 = 0.1;
+/// Median of the length of three standard normal numbers.
+const MEDIAN_LENGTH: f64 = 1.538_17;
+/// Residuals below this tell nothing, mm: a nanometre, what files and iterations are rounded to.
+pub const ROUNDING_MM: f64 = 1e-6;
+
+/// The linear problem at a fit: residuals, and an orthonormal basis of what the parameters can change. Three rows a point, weighted.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Linearised {
+    /// 3·N, mm.
+    pub residuals: DVector<f64>,
+    /// 3·N × r, orthonormal columns.
+    pub basis: DMatrix<f64>,
+}
+
+/// What does not belong.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Wild {
+    /// Indices of the points, ascending.
+    pub points: Vec<usize>,
+    /// The residual each of them has when it is not fitted, mm (times the root of its weight).
+    pub sizes_mm: Vec<f64>,
+    /// Standard deviation of one coordinate of the others, mm.
+    pub scale_mm: f64,
+}
+
+/// Residuals of every point, and the factor of the normal matrix.
+type Solved = (Vec<Vector3<f64>>, Cholesky<f64, Dyn>);
+
+/// A fit to some of the points, of the linear problem.
+struct Kept {
+    /// Residuals of all points.
+    residuals: Vec<Vector3<f64>>,
+    /// (Q_Kᵀ·Q_K)⁻¹.
+    inverse: DMatrix<f64>,
+    /// σ², mm².
+    variance: f64,
+    freedom: f64,
+}
+
+impl Linearised {
+    /// From weighted residuals and the weighted derivatives along the seen combinations.
+    pub fn new(residuals: &DVector<f64>, derivatives: DMatrix<f64>) -> Self {
+        let basis = derivatives.qr().q();
+        Self { residuals: residuals - &basis * basis.tr_mul(residuals), basis }
+    }
+
+    /// The problem of some of the points, one after another as named.
+    pub fn of(&self, points: &[usize]) -> Self {
+        let row = |row: usize| 3 * points[row / 3] + row % 3;
+        let basis = DMatrix::from_fn(3 * points.len(), self.basis.ncols(), |r, c| self.basis[(row(r), c)]);
+        Self::new(&DVector::from_fn(3 * points.len(), |r, _| self.residuals[row(r)]), basis)
+    }
+
+    /// Number of points.
+    pub fn n_points(&self) -> usize {
+        self.residuals.len() / 3
+    }
+
+    /// The points with weights 1 and more residuals than twice the combinations; fewer cannot tell which is wild.
+    fn is_overdetermined(&self) -> bool {
+        3 * self.n_points() > self.basis.ncols() + self.basis.ncols() / 2 + 6
+    }
+
+    fn point(&self, residuals: &DVector<f64>, i: usize) -> Vector3<f64> {
+        residuals.fixed_rows::<3>(3 * i).into()
+    }
+
+    /// Residuals of every point after a fit with these weights, and the factor of its normal matrix.
+    fn solve(&self, weights: &[f64]) -> Option<Solved> {
+        let mut weighted = self.basis.clone();
+        for (row, mut values) in weighted.row_iter_mut().enumerate() {
+            values *= weights[row / 3];
+        }
+        let normal = self.basis.tr_mul(&weighted);
+        let factor = Cholesky::new(normal)?;
+        let u = factor.solve(&weighted.tr_mul(&self.residuals));
+        let left = &self.residuals - &self.basis * u;
+        Some(((0..self.n_points()).map(|i| self.point(&left, i)).collect(), factor))
+    }
+
+    fn keep(&self, kept: &[bool]) -> Option<Kept> {
+        let weights: Vec<f64> = kept.iter().map(|k| f64::from(u8::from(*k))).collect();
+        let (residuals, factor) = self.solve(&weights)?;
+        let freedom = 3.0 * weights.iter().sum::<f64>() - self.basis.ncols() as f64;
+        let sum: f64 = residuals.iter().zip(&weights).map(|(r, w)| w * r.norm_squared()).sum();
+        (freedom >= 3.0).then(|| Kept { residuals, inverse: factor.inverse(), variance: sum / freedom, freedom })
+    }
+
+    /// Squared length of the residual that point i would have if it were not fitted, over its covariance for σ = 1, mm².
+    fn surprise(&self, of: &Kept, i: usize, is_kept: bool) -> f64 {
+        let q = self.basis.fixed_rows::<3>(3 * i);
+        let leverage: Matrix3<f64> = q * &of.inverse * q.transpose();
+        let covariance = if is_kept { Matrix3::identity() - leverage } else { Matrix3::identity() + leverage };
+        let solved = covariance.cholesky().map(|c| c.solve(&of.residuals[i]));
+        solved.map_or(0.0, |x| x.dot(&of.residuals[i]))
+    }
+
+    /// σ of one coordinate from the median length, without the points that the fit goes through.
+    fn median_scale(&self, residuals: &[Vector3<f64>]) -> f64 {
+        let mut lengths: Vec<f64> = residuals.iter().map(Vector3::norm).collect();
+        lengths.sort_by(f64::total_cmp);
+        let through = (self.basis.ncols() / 3).min(lengths.len().saturating_sub(1));
+        let rest = &lengths[through..];
+        (rest[rest.len() / 2] / MEDIAN_LENGTH).max(ROUNDING_MM)
+    }
+
+    /// The fit of least absolute lengths.
+    fn least_lengths(&self) -> Option<Vec<Vector3<f64>>> {
+        let mut weights = vec![1.0; self.n_points()];
+        let mut residuals = self.solve(&weights)?.0;
+        for _ in 0..REWEIGHTINGS {
+            let smallest = 1e-3 * self.median_scale(&residuals);
+            weights.iter_mut().zip(&residuals).for_each(|(w, r)| *w = smallest / r.norm().max(smallest));
+            residuals = self.solve(&weights)?.0;
+        }
+        Some(residuals)
+    }
+
+    /// Deletes point after point, the most surprising first.
+    fn deletions(&self) -> Option<Vec<Vector3<f64>>> {
+        let n = self.n_points();
+        let mut kept = vec![true; n];
+        let mut fit = self.keep(&kept)?;
+        for _ in 0..most_wild(n) {
+            let surprise = |i: &usize| self.surprise(&fit, *i, true);
+            let worst = (0..n).filter(|i| kept[*i]).max_by(|i, j| surprise(i).total_cmp(&surprise(j)))?;
+            kept[worst] = false;
+            match self.keep(&kept) {
+                Some(next) => fit = next,
+                None => break,
+            }
+        }
+        Some(fit.residuals)
+    }
+
+    /// Tukey's biweight from a start, at the start's scale.
+    fn biweight(&self, mut residuals: Vec<Vector3<f64>>) -> Vec<Vector3<f64>> {
+        let scale = self.median_scale(&residuals);
+        let loss = Loss::Tukey { c: TUKEY_C_95 };
+        for _ in 0..REWEIGHTINGS {
+            let weights: Vec<f64> = residuals.iter().map(|r| loss.weight(r.norm() / scale)).collect();
+            match self.solve(&weights) {
+                Some((next, _)) => residuals = next,
+                None => break,
+            }
+        }
+        residuals
+    }
+
+    /// The robust fit's residuals, one per point, and the standard deviation of a coordinate; `None` where there are too few points.
+    pub fn robust(&self) -> Option<(Vec<Vector3<f64>>, f64)> {
+        if !self.is_overdetermined() {
+            return None;
+        }
+        let starts = [self.least_lengths(), self.deletions()].into_iter().flatten();
+        let ends = starts.map(|start| self.biweight(start));
+        let best = ends.min_by(|a, b| trimmed(a).total_cmp(&trimmed(b)))?;
+        let scale = self.median_scale(&best);
+        Some((best, scale))
+    }
+
+    /// The points that do not belong; none where there are too few to tell.
+    /// A coordinate's standard deviation counts as at least `least_scale_mm`.
+    pub fn wild(&self, least_scale_mm: f64) -> Option<Wild> {
+        let (residuals, scale) = self.robust()?;
+        let n = self.n_points();
+        let least_scale_mm = least_scale_mm.max(ROUNDING_MM);
+        let mut kept: Vec<bool> = residuals.iter().map(|r| r.norm() <= WILD_SIGMAS * scale.max(least_scale_mm)).collect();
+        let mut fit = self.keep(&kept).or_else(|| {
+            kept = vec![true; n];
+            self.keep(&kept)
+        })?;
+        for _ in 0..EXCHANGES {
+            let next: Vec<bool> = (0..n).map(|i| !is_wild(self.surprise(&fit, i, kept[i]), &fit, least_scale_mm, n)).collect();
+            if next == kept {
+                break;
+            }
+            let Some(refit) = self.keep(&next) else { break };
+            (kept, fit) = (next, refit);
+        }
+        let points: Vec<usize> = (0..n).filter(|i| !kept[*i]).collect();
+        let sizes_mm = points.iter().map(|i| fit.residuals[*i].norm()).collect();
+        Some(Wild { points, sizes_mm, scale_mm: fit.variance.sqrt().max(least_scale_mm) })
+    }
+}
+
+fn is_wild(surprise: f64, fit: &Kept, least_scale_mm: f64, n_points: usize) -> bool {
+    let square = surprise / fit.variance.max(least_scale_mm * least_scale_mm);
+    square > WILD_SIGMAS * WILD_SIGMAS && f_tail(square / 3.0, 3.0, fit.freedom) * (n_points as f64) < FALSE_ALARMS
+}
+
+fn most_wild(n_points: usize) -> usize {
+    (MOST_WILD * n_points as f64).ceil() as usize
+}
+
+/// Sum of the smallest squares, without the share that may be wild.
+fn trimmed(residuals: &[Vector3<f64>]) -> f64 {
+    let mut squares: Vec<f64> = residuals.iter().map(Vector3::norm_squared).collect();
+    squares.sort_by(f64::total_cmp);
+    squares.truncate(squares.len() - most_wild(squares.len()).min(squares.len()));
+    squares.iter().sum()
+}
