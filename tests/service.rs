@@ -206,3 +206,38 @@ fn demo_runs_the_papers_calibrations_and_prints_its_table_beside_ours() {
         assert!(text.contains(expected), "{expected:?} is missing in\n{text}");
     }
 }
+
+#[test]
+fn a_set_is_submitted_from_the_command_line_and_what_came_of_it_can_be_looked_at() {
+    let home = tempfile::tempdir().unwrap();
+    let server = Server::start(home.path(), 1);
+    let robot = server.robot(&paper_path("robot.json"));
+    let set = paper_path("first.csv");
+    let cli = |arguments: &[&str]| {
+        let output = process::kincal(arguments).args(["--server", &server.url]).output().unwrap();
+        let texts = [output.stdout, output.stderr].map(|bytes| String::from_utf8(bytes).unwrap());
+        (output.status.code(), texts)
+    };
+    let set = set.to_str().unwrap();
+    let (code, [out, err]) = cli(&["submit", "--robot", &robot, set, "--wait"]);
+    assert_eq!(code, Some(0), "{err}");
+    assert!(out.contains("100 points") && out.contains("verify (50), after") && out.contains("next: kincal params"), "{out}");
+    let (code, [out, err]) = cli(&["submit", "--robot", &robot, set, "--wait", "--json", "--method", "least_squares"]);
+    assert_eq!(code, Some(0), "{err}");
+    let report: serde_json::Value = serde_json::from_str(&out).expect("the report alone");
+    assert!(report["verify"]["after"]["rms_mm"].as_f64().unwrap() < 1e-3);
+    let (_, [listed, _]) = cli(&["jobs", "--robot", &robot]);
+    assert_eq!(listed.matches("succeeded").count(), 2, "{listed}");
+    let (_, [one, _]) = cli(&["params", "--robot", &robot, "--json"]);
+    assert_eq!(serde_json::from_str::<serde_json::Value>(&one).unwrap()["items"].as_array().unwrap().len(), 2);
+    assert!(cli(&["robots"]).1[0].contains(&robot));
+    let bad = home.path().join("bad.csv");
+    std::fs::write(&bad, "q1_deg,x\n1,2\n").unwrap();
+    let (code, [_, err]) = cli(&["submit", "--robot", &robot, bad.to_str().unwrap()]);
+    assert!(code == Some(2) && err.contains("column x has no unit"), "{code:?} {err}");
+    let (code, [_, err]) = cli(&["submit", "--robot", "rob_nowhere", set]);
+    assert!(code == Some(1) && err.contains("not_found"), "{code:?} {err}");
+    server.kill();
+    let nowhere = process::run(&["robots", "--server", "http://127.0.0.1:1"]);
+    assert!(String::from_utf8_lossy(&nowhere.stderr).contains("cannot be reached"));
+}

@@ -1,5 +1,6 @@
 //! The cell PC's side of the REST interface.
 
+use super::Usage;
 use crate::wire::Problem;
 use crate::wire::job::JobAnswer;
 use anyhow::{Context, bail};
@@ -11,6 +12,32 @@ use tokio_stream::StreamExt;
 const REQUEST_TIMEOUT: Duration = Duration::from_secs(60);
 /// A connection that ends before the job does is made anew at most this often.
 const MAX_RECONNECTS: usize = 20;
+
+/// A request that creates is sent again with the same Idempotency-Key when the connection broke, at most this often.
+const MAX_TRIES: usize = 5;
+/// And after this long.
+const TRY_AGAIN_AFTER: Duration = Duration::from_secs(1);
+
+/// Where the server is, and the key to it.
+#[derive(Debug, clap::Args)]
+pub struct ServerArguments {
+    /// The server.
+    #[arg(long, env = "KINCAL_SERVER", default_value = "http://127.0.0.1:8080", value_name = "URL")]
+    server: String,
+    /// The key; better given in the environment, where nobody sees it.
+    #[arg(long, env = "KINCAL_KEY", value_name = "KEY", hide_env_values = true)]
+    key: Option<String>,
+}
+
+impl ServerArguments {
+    /// A client of that server.
+    ///
+    /// # Errors
+    /// As [`Client::new`].
+    pub fn client(&self) -> anyhow::Result<Client> {
+        Client::new(&self.server, self.key.clone())
+    }
+}
 
 /// A server, and the key to it.
 #[derive(Clone, Debug)]
@@ -36,7 +63,7 @@ impl Client {
     /// The connection, or the server's problem in words.
     pub async fn get(&self, path: &str) -> anyhow::Result<Value> {
         let request = self.http.get(format!("{}{path}", self.url)).timeout(REQUEST_TIMEOUT);
-        answer(self.with_key(request).send().await?).await
+        answer(self.with_key(request).send().await.map_err(|error| unreachable(&self.url, &error))?).await
     }
 
     /// POST of a body of some content type, answered in JSON.
@@ -47,6 +74,24 @@ impl Client {
         let request = self.http.post(format!("{}{path}", self.url)).timeout(REQUEST_TIMEOUT);
         let request = request.header("content-type", content_type).body(body);
         answer(self.with_key(request).send().await?).await
+    }
+
+    /// POST that creates, once however often it has to be sent.
+    ///
+    /// # Errors
+    /// As [`Self::get`].
+    pub async fn create(&self, path: &str, content_type: &str, body: Vec<u8>) -> anyhow::Result<Value> {
+        let key = uuid::Uuid::now_v7().simple().to_string();
+        for attempt in 1..=MAX_TRIES {
+            let request = self.http.post(format!("{}{path}", self.url)).timeout(REQUEST_TIMEOUT);
+            let request = request.header("content-type", content_type).header("idempotency-key", &key).body(body.clone());
+            match self.with_key(request).send().await {
+                Ok(response) => return answer(response).await,
+                Err(error) if attempt >= MAX_TRIES || error.is_builder() => return Err(unreachable(&self.url, &error)),
+                Err(_) => tokio::time::sleep(TRY_AGAIN_AFTER).await,
+            }
+        }
+        bail!("the server {} cannot be reached", self.url)
     }
 
     /// POST of JSON.
@@ -100,6 +145,11 @@ impl Client {
     }
 }
 
+fn unreachable(url: &str, error: &reqwest::Error) -> anyhow::Error {
+    let reason = if error.is_timeout() { "it did not answer in time".to_owned() } else { error.to_string() };
+    anyhow::anyhow!("the server {url} cannot be reached: {reason}; is it running, and is --server right?")
+}
+
 fn succeeded(job: JobAnswer) -> anyhow::Result<JobAnswer> {
     let status = serde_json::to_value(job.status)?;
     if status == "succeeded" {
@@ -126,7 +176,9 @@ async fn answer(response: reqwest::Response) -> anyhow::Result<Value> {
     match serde_json::from_slice::<Problem>(&bytes) {
         Ok(problem) => {
             let more: Vec<String> = problem.errors.iter().map(|issue| format!("\n  {}", issue.detail)).collect();
-            bail!("{} ({}){}", problem.detail, problem.code, more.concat())
+            let text = format!("{} ({}){}", problem.detail, problem.code, more.concat());
+            // as `kincal calibrate` ends on the same file
+            if matches!(status.as_u16(), 400 | 415 | 422) { Err(Usage(text).into()) } else { bail!("{text}") }
         }
         Err(_) => bail!("the server answered {status}"),
     }

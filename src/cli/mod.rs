@@ -5,8 +5,10 @@ mod client;
 mod copy_store;
 mod demo;
 mod key;
+mod look;
 mod openapi;
 mod serve;
+mod submit;
 mod table;
 mod verify_store;
 mod worker;
@@ -39,6 +41,16 @@ enum Command {
     VerifyStore(verify_store::Arguments),
     /// Identify a robot from two files, offline: no server, no database.
     Calibrate(calibrate::Arguments),
+    /// Upload a measurement set to a server and have it identified.
+    Submit(submit::Arguments),
+    /// List a server's robots, or show one.
+    Robots(look::Robots),
+    /// List a robot's measurement sets, or show one.
+    Sets(look::OfRobot),
+    /// List a robot's jobs, or show one.
+    Jobs(look::OfRobot),
+    /// List a robot's parameter sets, or show one.
+    Params(look::OfRobot),
     /// Run the paper's calibrations through a real server on a temporary database, and print its tables beside ours.
     Demo(demo::Arguments),
     /// Print the OpenAPI document.
@@ -60,6 +72,11 @@ pub fn main() -> ExitCode {
         Command::Key(arguments) => key::run(&arguments),
         Command::VerifyStore(arguments) => verify_store::run(&arguments),
         Command::Calibrate(arguments) => calibrate::run(&arguments),
+        Command::Submit(arguments) => submit::run(&arguments),
+        Command::Robots(arguments) => look::robots(&arguments),
+        Command::Sets(arguments) => look::sets(&arguments),
+        Command::Jobs(arguments) => look::jobs(&arguments),
+        Command::Params(arguments) => look::parameter_sets(&arguments),
         Command::Demo(arguments) => demo::run(&arguments),
         Command::Openapi => openapi::run(),
     };

@@ -1,0 +1,131 @@
+//! `kincal robots|sets|jobs|params`: to look around on a server.
+
+use super::block_on;
+use super::client::ServerArguments;
+use serde_json::Value;
+
+/// Most rows of a list; the newest come first.
+const MAX_ROWS: usize = 100;
+
+/// What a list shows: path, and the fields that are its columns.
+struct Kind {
+    /// Of the things of one robot, or of all.
+    list: fn(&str) -> String,
+    /// Of one thing.
+    one: &'static str,
+    columns: &'static [&'static str],
+}
+
+const ROBOTS: Kind = Kind { list: |_| "/v1/robots".into(), one: "/v1/robots", columns: &["id", "name", "serial_number"] };
+const SETS: Kind = Kind {
+    list: |robot| format!("/v1/robots/{robot}/measurement-sets"),
+    one: "/v1/measurement-sets",
+    columns: &["id", "name", "frame", "n_points", "n_configurations", "n_targets", "created_at"],
+};
+const JOBS: Kind = Kind {
+    list: |robot| format!("/v1/robots/{robot}/jobs"),
+    one: "/v1/jobs",
+    columns: &["id", "kind", "method", "status", "parameter_set_id", "created_at", "finished_at"],
+};
+const PARAMETER_SETS: Kind = Kind {
+    list: |robot| format!("/v1/robots/{robot}/parameter-sets"),
+    one: "/v1/parameter-sets",
+    columns: &["id", "status", "job_id", "created_at", "released_at"],
+};
+
+/// Robots of a server.
+#[derive(Debug, clap::Args)]
+pub struct Robots {
+    #[command(flatten)]
+    server: ServerArguments,
+    /// One of them, in full.
+    #[arg(value_name = "ID")]
+    id: Option<String>,
+    /// Print JSON.
+    #[arg(long, env = "KINCAL_JSON", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue)]
+    json: bool,
+}
+
+/// What one robot has, or one thing of it by its own id.
+#[derive(Debug, clap::Args)]
+pub struct OfRobot {
+    #[command(flatten)]
+    server: ServerArguments,
+    /// The robot whose list is wanted.
+    #[arg(long, env = "KINCAL_ROBOT", value_name = "ID", required_unless_present = "id")]
+    robot: Option<String>,
+    /// One of them, in full.
+    #[arg(value_name = "ID")]
+    id: Option<String>,
+    /// Print JSON.
+    #[arg(long, env = "KINCAL_JSON", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue)]
+    json: bool,
+}
+
+/// `kincal robots`.
+pub fn robots(arguments: &Robots) -> anyhow::Result<()> {
+    look(&arguments.server, &ROBOTS, "", arguments.id.as_deref(), arguments.json)
+}
+
+/// `kincal sets`.
+pub fn sets(arguments: &OfRobot) -> anyhow::Result<()> {
+    of_robot(arguments, &SETS)
+}
+
+/// `kincal jobs`.
+pub fn jobs(arguments: &OfRobot) -> anyhow::Result<()> {
+    of_robot(arguments, &JOBS)
+}
+
+/// `kincal params`.
+pub fn parameter_sets(arguments: &OfRobot) -> anyhow::Result<()> {
+    of_robot(arguments, &PARAMETER_SETS)
+}
+
+fn of_robot(arguments: &OfRobot, kind: &Kind) -> anyhow::Result<()> {
+    look(&arguments.server, kind, arguments.robot.as_deref().unwrap_or_default(), arguments.id.as_deref(), arguments.json)
+}
+
+fn look(server: &ServerArguments, kind: &Kind, robot: &str, id: Option<&str>, json: bool) -> anyhow::Result<()> {
+    block_on(async {
+        let client = server.client()?;
+        if let Some(id) = id {
+            let one = client.get(&format!("{}/{id}", kind.one)).await?;
+            println!("{}", serde_json::to_string_pretty(&one)?);
+            return Ok(());
+        }
+        let page = client.get(&format!("{}?limit={MAX_ROWS}", (kind.list)(robot))).await?;
+        if json {
+            println!("{}", serde_json::to_string_pretty(&page)?);
+            return Ok(());
+        }
+        let rows: Vec<Vec<String>> = page["items"].as_array().into_iter().flatten().map(|item| cells(item, kind.columns)).collect();
+        print!("{}", columns(kind.columns, &rows));
+        if !page["next_cursor"].is_null() {
+            eprintln!("the newest {MAX_ROWS} are shown; there are more");
+        }
+        Ok(())
+    })
+}
+
+fn cells(item: &Value, columns: &[&str]) -> Vec<String> {
+    let cell = |value: &Value| match value {
+        Value::Null => "–".to_owned(),
+        // a name may hold anything; a terminal must not obey it
+        Value::String(text) => text.chars().map(|c| if c.is_control() { '\u{fffd}' } else { c }).collect(),
+        other => other.to_string(),
+    };
+    columns.iter().map(|column| cell(&item[*column])).collect()
+}
+
+/// Columns as wide as what is in them.
+fn columns(names: &[&str], rows: &[Vec<String>]) -> String {
+    let width = |at: usize| rows.iter().map(|row| row[at].chars().count()).chain([names[at].len()]).max().unwrap_or(0);
+    let widths: Vec<usize> = (0..names.len()).map(width).collect();
+    let line = |cells: Vec<&str>| {
+        let padded: Vec<String> = cells.iter().zip(&widths).map(|(cell, width)| format!("{cell:<width$}")).collect();
+        format!("{}\n", padded.join("  ").trim_end())
+    };
+    let body: String = rows.iter().map(|row| line(row.iter().map(String::as_str).collect())).collect();
+    line(names.to_vec()) + &body
+}

@@ -1,0 +1,121 @@
+//! `kincal submit`: a measurement set to a server, and its calibration back.
+
+use super::calibrate::{progress_bar, show};
+use super::client::{Client, ServerArguments};
+use super::{Usage, block_on, table};
+use crate::wire::job::{JobAnswer, JobRequestBody, Method, Model, Preset};
+use crate::wire::report_shape::Report;
+use anyhow::Context;
+use serde_json::Value;
+use std::path::PathBuf;
+
+/// Upload a measurement set to a server and have it identified.
+#[derive(Debug, clap::Args)]
+pub struct Arguments {
+    #[command(flatten)]
+    server: ServerArguments,
+    /// The robot's id, as `kincal robots` lists it.
+    #[arg(long, env = "KINCAL_ROBOT", value_name = "ID")]
+    robot: String,
+    /// Measurement set: CSV with units in its header, or JSON.
+    #[arg(value_name = "SET.csv")]
+    set: PathBuf,
+    /// Frame of the measured positions.
+    #[arg(long, env = "KINCAL_FRAME", default_value = "base", value_parser = ["base", "instrument"])]
+    frame: String,
+    /// How.
+    #[arg(long, env = "KINCAL_METHOD", default_value = "auto", value_parser = ["auto", "least_squares", "pso", "bpnn_pso"])]
+    method: String,
+    /// Which parameters exist [default: paper for frame base, else complete].
+    #[arg(long, env = "KINCAL_MODEL", value_parser = ["paper", "complete"])]
+    model: Option<String>,
+    /// Where options come from.
+    #[arg(long, env = "KINCAL_PRESET", default_value = "default", value_parser = ["default", "paper"])]
+    preset: String,
+    /// Seed of every random number.
+    #[arg(long, env = "KINCAL_SEED", default_value_t = 0)]
+    seed: u64,
+    /// Wait for the result, with a progress bar on a terminal.
+    #[arg(long, env = "KINCAL_WAIT", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue)]
+    wait: bool,
+    /// Print JSON alone on standard output: the report with --wait, else the job.
+    #[arg(long, env = "KINCAL_JSON", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue)]
+    json: bool,
+}
+
+/// Uploads, asks for the job and, with `--wait`, follows it to its end.
+pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let bytes = std::fs::read(&arguments.set).map_err(|e| Usage(format!("cannot read {}: {e}", arguments.set.display())))?;
+    block_on(async {
+        let client = arguments.server.client()?;
+        let set = upload(&client, arguments, bytes).await?;
+        let request = serde_json::to_value(request(arguments, text(&set, "id")?)?)?;
+        let posted =
+            client.create(&format!("/v1/robots/{}/jobs", arguments.robot), "application/json", serde_json::to_vec(&request)?).await?;
+        let job_id = text(&posted, "id")?;
+        if !arguments.wait {
+            return told(arguments, &posted, &format!("job {job_id} is queued\nnext: kincal jobs {job_id}, or submit with --wait"));
+        }
+        let job = follow(&client, arguments, job_id).await?;
+        let report = client.get(&format!("/v1/jobs/{job_id}/report")).await?;
+        if arguments.json {
+            return told(arguments, &report, "");
+        }
+        let shaped: Report = serde_json::from_value(report).context("the server's report is of another version of kincal")?;
+        println!("{}", table::report(&shaped));
+        if let Some(id) = job.parameter_set_id {
+            println!("next: kincal params {id} shows the parameter set; it is a candidate until it is released");
+        }
+        Ok(())
+    })
+}
+
+async fn upload(client: &Client, arguments: &Arguments, bytes: Vec<u8>) -> anyhow::Result<Value> {
+    let content_type = if arguments.set.extension().is_some_and(|e| e == "json") { "application/json" } else { "text/csv" };
+    let set =
+        client.create(&format!("/v1/robots/{}/measurement-sets?frame={}", arguments.robot, arguments.frame), content_type, bytes).await?;
+    for warning in set["warnings"].as_array().into_iter().flatten() {
+        eprintln!("warning ({}): {}", warning["code"].as_str().unwrap_or_default(), warning["detail"].as_str().unwrap_or_default());
+    }
+    if !arguments.json {
+        println!("set {}: {} points, {} configurations", text(&set, "id")?, set["n_points"], set["n_configurations"]);
+    }
+    Ok(set)
+}
+
+async fn follow(client: &Client, arguments: &Arguments, job_id: &str) -> anyhow::Result<JobAnswer> {
+    let bar = (!arguments.json).then(|| progress_bar("waiting for a worker"));
+    let moved = |job: &JobAnswer| {
+        if let (Some(bar), Some(progress)) = (&bar, &job.progress) {
+            show(bar, progress.iteration, progress.n_iterations, progress.best_cost_mm2.unwrap_or(f64::NAN));
+        }
+    };
+    let job = client.follow(job_id, moved).await;
+    if let Some(bar) = bar {
+        bar.finish_and_clear();
+    }
+    job
+}
+
+fn request(arguments: &Arguments, set_id: &str) -> anyhow::Result<JobRequestBody> {
+    Ok(JobRequestBody {
+        method: Method::parse(&arguments.method).context("--method")?,
+        model: arguments.model.as_deref().and_then(Model::parse),
+        preset: Preset::parse(&arguments.preset).context("--preset")?,
+        seed: arguments.seed,
+        ..JobRequestBody::for_set(set_id)
+    })
+}
+
+fn text<'a>(answer: &'a Value, field: &str) -> anyhow::Result<&'a str> {
+    answer[field].as_str().with_context(|| format!("the server's answer has no {field}"))
+}
+
+fn told(arguments: &Arguments, json: &Value, words: &str) -> anyhow::Result<()> {
+    if arguments.json {
+        println!("{}", serde_json::to_string_pretty(json)?);
+    } else {
+        println!("{words}");
+    }
+    Ok(())
+}
