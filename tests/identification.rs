@@ -2,6 +2,9 @@
 
 #[path = "support/data.rs"]
 mod data;
+#[path = "../examples/throughput.rs"]
+#[allow(dead_code)]
+mod throughput;
 
 use data::{paper_path, paper_robot, paper_set, real_data};
 use kincal::calibration::request::{ParameterChoice, VerifySource};
@@ -9,10 +12,12 @@ use kincal::calibration::{CalibrationReport, CalibrationRequest, Error, Event, M
 use kincal::identification::identifiability::prior_scale;
 use kincal::identification::objective::{Observation, cost};
 use kincal::identification::parameters::{Parameter, Quantity, complete_parameters, paper_parameters};
-use kincal::identification::search_space::decomposition_at;
+use kincal::identification::search_space::{SearchSpace, decomposition_at};
+use kincal::identification::swarm::{SwarmCost, run_swarm};
 use kincal::identification::{KinematicModel, start};
 use kincal::kinematics::{JointMap, Robot};
 use kincal::measurement::{Frame, MeasurementSet, Subset, csv};
+use kincal::solvers::pso;
 use nalgebra::{DMatrix, IsometryMatrix3, Rotation3, Translation3, Vector3};
 use std::ops::ControlFlow;
 
@@ -436,4 +441,41 @@ fn the_cost_to_stop_at_stops_the_method_and_neither_refinement_nor_comparison() 
     assert_eq!(report.termination, "cost_reached");
     assert!(report.convergence_mm2.last().unwrap() > &1e-3, "the swarm stopped early: {:?}", report.convergence_mm2.last());
     assert!(report.cost_mm2 < 1e-12 && report.comparison[1].cost_mm2 < 1e-12, "{} {}", report.cost_mm2, report.comparison[1].cost_mm2);
+}
+
+#[test]
+fn the_yardsticks_swarm_ends_where_the_services_does() {
+    let request = CalibrationRequest { seed: 0, ..request("first.csv", Method::Pso, Preset::Paper) };
+    let report = run(&request);
+    let file = |name: &str| std::fs::read(paper_path(name)).unwrap();
+    let (space, observations) = throughput::problem(&file("robot.json"), &file("first.csv")).unwrap();
+    let summary = run_swarm(&space, &observations, &pso::Options::default(), None, &mut |_| ControlFlow::Continue(()));
+    assert_eq!(report.convergence_mm2, summary.convergence);
+}
+
+#[test]
+fn a_swarm_that_gives_up_hopeless_particles_ends_as_one_that_does_not_on_any_number_of_threads() {
+    let links = paper_robot().links;
+    let observations: Vec<Observation> = paper_set("first_noisy.csv")
+        .points
+        .iter()
+        .cycle()
+        .take(250)
+        .map(|p| Observation { q_rad: p.q_rad.clone(), position_mm: p.position_mm, target: 0, weight: 1.0 })
+        .collect();
+    let parameters = paper_parameters(links.len());
+    let scale = parameters.iter().map(|p| if p.is_angle() { 0.01 } else { 1.0 }).collect();
+    let space = SearchSpace::raw(KinematicModel::nominal(&links, 1), parameters, scale);
+    let n = space.n_coordinates();
+    let search_box = pso::SearchBox { centre: vec![0.0; n], half_width: vec![1.0; n] };
+    // 4,003 particles times 250 poses: enough to start threads, and no multiple of eight
+    let options = pso::Options { n_particles: 4_003, n_iterations: 5, ..pso::Options::default() };
+    let run = |cost: &mut pso::Cost<'_>| pso::minimize(cost, &search_box, &options, None, &mut |_| ControlFlow::Continue(()));
+    let mut to_the_end = SwarmCost::new(&space, &observations);
+    let expected = run(&mut |positions, costs| to_the_end.evaluate(positions, costs));
+    for n_threads in [1, 2, 3, 7] {
+        let mut cost = SwarmCost::new(&space, &observations).on_threads(n_threads);
+        let found = run(&mut |positions, costs| cost.evaluate_below(positions, costs));
+        assert!(found == expected, "{n_threads} threads");
+    }
 }

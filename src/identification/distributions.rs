@@ -92,6 +92,9 @@ pub fn t_half_width(confidence: f64, freedom: f64) -> f64 {
     }
     for _ in 0..BISECTIONS {
         let middle = 0.5 * (low + high);
+        if middle <= low || middle >= high {
+            break;
+        }
         if outside(middle) > 1.0 - confidence {
             low = middle;
         } else {

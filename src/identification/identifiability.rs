@@ -1,6 +1,7 @@
 //! What the data can see: the singular values of the scaled identification Jacobian, its rank and its null space by name.
 
 use crate::identification::parameters::Parameter;
+use crate::solvers::qr::triangularise;
 use nalgebra::{DMatrix, DVector};
 
 /// A combination is seen if moving it by its prior scale displaces the measured points by at least this, rms, mm: 1 µm, a tenth of
@@ -38,17 +39,18 @@ pub struct Decomposition {
     pub scale: Vec<f64>,
 }
 
-/// Takes J·S apart. `jacobian` is 3·N × p.
-pub fn decompose(jacobian: &DMatrix<f64>, scale: &[f64]) -> Decomposition {
+/// Takes J·S / sqrt(N points) apart; its rows in any order.
+pub fn decompose(mut scaled: DMatrix<f64>, scale: &[f64]) -> Decomposition {
     let p = scale.len();
-    let mut scaled = jacobian.clone();
-    for (column, s) in scale.iter().enumerate() {
-        scaled.column_mut(column).scale_mut(*s / (jacobian.nrows() as f64 / 3.0).sqrt());
+    if scaled.nrows() < p {
+        scaled = scaled.resize_vertically(p, 0.0);
     }
     // R of J·S has its singular values and right vectors, at p × p
-    let mut square = DMatrix::zeros(p, p);
-    let r = scaled.qr().r();
-    square.view_mut((0, 0), (r.nrows(), p)).copy_from(&r);
+    let n_rows = scaled.nrows();
+    if p > 0 {
+        triangularise(scaled.as_mut_slice(), n_rows, &mut vec![0.0; n_rows]);
+    }
+    let square = DMatrix::from_fn(p, p, |row, column| if row <= column { scaled[(row, column)] } else { 0.0 });
     let (values, v_t) = match square.try_svd(false, true, f64::EPSILON, SVD_ITERATIONS) {
         Some(svd) => (svd.singular_values, svd.v_t.unwrap_or_else(|| DMatrix::identity(p, p))),
         None => (DVector::zeros(p), DMatrix::identity(p, p)),

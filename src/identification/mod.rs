@@ -8,6 +8,7 @@ pub mod identifiability;
 pub mod linearisation;
 pub mod misfit;
 pub mod objective;
+mod parallel;
 pub mod parameters;
 pub mod search_space;
 pub mod settle;

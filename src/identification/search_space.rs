@@ -2,7 +2,8 @@
 
 use crate::identification::KinematicModel;
 use crate::identification::identifiability::{Decomposition, decompose};
-use crate::identification::objective::{Observation, weighted_jacobian};
+use crate::identification::linearisation::Linearisation;
+use crate::identification::objective::Observation;
 use crate::identification::parameters::{Parameter, apply_into};
 use multiversion::multiversion;
 use nalgebra::{DMatrix, DVector, Vector3};
@@ -118,5 +119,12 @@ fn combine(directions: &[f64], coordinates: &[f64], deviation: &mut [f64]) {
 
 /// The scaled identification Jacobian at a model, taken apart.
 pub fn decomposition_at(model: &KinematicModel, parameters: &[Parameter], scale: &[f64], observations: &[Observation]) -> Decomposition {
-    decompose(&weighted_jacobian(model, parameters, observations, &Vector3::zeros()), scale)
+    let per_point = 1.0 / (observations.len().max(1) as f64).sqrt();
+    let shares = scale.iter().map(|s| s * per_point).collect();
+    let space = SearchSpace::raw(model.clone(), parameters.to_vec(), shares);
+    let mut linearisation = Linearisation::new(&space, observations);
+    let n_rows = linearisation.n_rows();
+    let mut scaled = DMatrix::zeros(n_rows, parameters.len());
+    linearisation.linearise(&vec![0.0; parameters.len()], &mut vec![0.0; n_rows], scaled.as_mut_slice());
+    decompose(scaled, scale)
 }

@@ -1,9 +1,10 @@
 //! The swarm on a search space: F of all particles through the fast kernel.
 
 use crate::identification::objective::Observation;
+use crate::identification::parallel::{in_parallel, n_cores};
 use crate::identification::parameters::{Parameter, Quantity};
 use crate::identification::search_space::SearchSpace;
-use crate::kinematics::batch::{Bound, LANES, LaneRobots, Lanes, Moved, PreparedPoses, sum_of_squares};
+use crate::kinematics::batch::{Bound, Elimination, LANES, LaneRobots, Lanes, Moved, PreparedPoses};
 use crate::solvers::pso::{self, Positions};
 use multiversion::multiversion;
 
@@ -11,7 +12,15 @@ use multiversion::multiversion;
 pub struct SwarmCost<'a> {
     space: &'a SearchSpace,
     poses: PreparedPoses,
+    /// One for each thread.
+    lanes: Vec<SwarmLanes>,
+}
+
+/// Eight particles at a time.
+#[derive(Clone)]
+struct SwarmLanes {
     robots: LaneRobots,
+    elimination: Elimination,
     /// One per parameter.
     deviations: Vec<Lanes>,
 }
@@ -24,24 +33,48 @@ impl<'a> SwarmCost<'a> {
 
     /// With a loss that bounds what one pose adds.
     pub fn bounded(space: &'a SearchSpace, observations: &[Observation], bound: Option<Bound>) -> Self {
-        Self {
-            space,
-            poses: prepared_poses(space, observations).bounded(bound),
-            robots: lane_robots(space),
-            deviations: vec![Lanes::ZERO; space.parameters.len()],
-        }
+        let (poses, robots) = (prepared_poses(space, observations).bounded(bound), lane_robots(space));
+        let elimination = Elimination::new(&robots, &poses);
+        let lanes = SwarmLanes { robots, elimination, deviations: vec![Lanes::ZERO; space.parameters.len()] };
+        Self { space, poses, lanes: vec![lanes] }
+    }
+
+    /// To be evaluated on so many threads where that is worth their start; the bits are the same.
+    pub fn on_threads(mut self, n_threads: usize) -> Self {
+        self.lanes.resize(n_threads.max(1), self.lanes[0].clone());
+        self
     }
 
     /// F of every particle, mm². Positions are coordinates of the search space.
     pub fn evaluate(&mut self, positions: &Positions, costs: &mut [f64]) {
-        for (chunk, costs) in costs.chunks_mut(LANES).enumerate() {
-            self.space.deviations_of_chunk(positions, chunk * LANES, &mut self.deviations);
-            self.robots.set(&self.deviations);
-            let sums = sum_of_squares(&self.robots, &self.poses);
-            costs.copy_from_slice(&sums.0[..costs.len()]);
-        }
+        costs.fill(f64::INFINITY);
+        self.evaluate_below(positions, costs);
+    }
+
+    /// F of every particle that is not above its bound, mm²; something above its bound for the others. `costs` holds the bounds.
+    pub fn evaluate_below(&mut self, positions: &Positions, costs: &mut [f64]) {
+        let (space, poses) = (self.space, &self.poses);
+        let n_threads = if costs.len() * poses.len() < WORTH_A_THREAD { 1 } else { self.lanes.len() };
+        let share = costs.len().div_ceil(n_threads).next_multiple_of(LANES);
+        let parts = self.lanes.iter_mut().zip(costs.chunks_mut(share)).enumerate();
+        in_parallel(parts.map(|(part, (lanes, costs))| move || lanes.evaluate(space, poses, positions, part * share, costs)));
     }
 }
+
+impl SwarmLanes {
+    /// The particles from `first` on, as many as there are costs.
+    fn evaluate(&mut self, space: &SearchSpace, poses: &PreparedPoses, positions: &Positions, first: usize, costs: &mut [f64]) {
+        for start in (0..costs.len()).step_by(LANES) {
+            space.deviations_of_chunk(positions, first + start, &mut self.deviations);
+            self.robots.set(&self.deviations);
+            self.elimination.add(&self.robots, poses, start, LANES.min(costs.len() - start), costs);
+        }
+        self.elimination.finish(poses, costs);
+    }
+}
+
+/// Particles times poses from which on threads are started, for every iteration anew: about 2 ms of work, to some 20 µs for a thread.
+const WORTH_A_THREAD: usize = 1_000_000;
 
 /// The measured poses as the kernel wants them.
 pub fn prepared_poses(space: &SearchSpace, observations: &[Observation]) -> PreparedPoses {
@@ -147,6 +180,6 @@ pub fn run_bounded_swarm(
 ) -> pso::Summary {
     let n = space.n_coordinates();
     let search_box = pso::SearchBox { centre: vec![0.0; n], half_width: vec![1.0; n] };
-    let mut cost = SwarmCost::bounded(space, observations, bound);
-    pso::minimize(&mut |positions, costs| cost.evaluate(positions, costs), &search_box, options, move_particles, monitor)
+    let mut cost = SwarmCost::bounded(space, observations, bound).on_threads(n_cores());
+    pso::minimize(&mut |positions, costs| cost.evaluate_below(positions, costs), &search_box, options, move_particles, monitor)
 }

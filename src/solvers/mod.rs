@@ -4,5 +4,5 @@ pub mod bpnn;
 pub mod least_squares;
 pub mod loss;
 pub mod pso;
-mod qr;
+pub mod qr;
 pub mod random;

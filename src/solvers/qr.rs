@@ -47,7 +47,7 @@ pub(super) fn householder(tail: &mut [f64]) -> Option<(f64, f64)> {
 /// Replaces `matrix` (rows × columns, rows ≥ columns, column-major) by R in its upper triangle, what is below being
 /// of no use, and `rhs` by Qᵀ · rhs.
 #[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl", "x86_64+avx2+fma"))]
-pub(super) fn triangularise(matrix: &mut [f64], n_rows: usize, rhs: &mut [f64]) {
+pub fn triangularise(matrix: &mut [f64], n_rows: usize, rhs: &mut [f64]) {
     let n_columns = matrix.len() / n_rows;
     for k in 0..n_columns {
         let (left, right) = matrix.split_at_mut((k + 1) * n_rows);

@@ -46,11 +46,11 @@ pub(super) struct Member {
     state: Option<OwnedMutexGuard<State>>,
 }
 
-const BEGIN: &str = "begin immediate";
-const SAVE: &str = "savepoint member";
-const RELEASE: &str = "release member";
+// Each execution is a trip to the connection's thread and back: what belongs together goes in one.
+const BEGIN: &str = "begin immediate; savepoint member";
+const NEXT: &str = "release member; savepoint member";
 const UNDO: &str = "rollback to member";
-const COMMIT: &str = "commit";
+const COMMIT: &str = "release member; commit";
 
 impl Writer {
     pub(super) fn new(pool: AnyPool) -> Self {
@@ -86,12 +86,7 @@ async fn enter(pool: AnyPool, state: Arc<Mutex<State>>, asked: Instant) -> Resul
 async fn open(pool: &AnyPool) -> Result<Group> {
     let mut connection = pool.acquire().await?;
     connection.execute(BEGIN).await?;
-    let prepared = async {
-        let head = audit::head_in(&mut connection, false).await?;
-        connection.execute(SAVE).await?;
-        Ok(head)
-    };
-    match prepared.await {
+    match audit::head_in(&mut connection, false).await {
         Ok(head) => Ok(Group { connection, begun_with: head.clone(), head, waiting: Vec::new() }),
         Err(error) => {
             connection.close_on_drop();
@@ -111,7 +106,6 @@ async fn close(state: &mut State) {
 
 impl Group {
     async fn commit(&mut self) -> Result<()> {
-        self.connection.execute(RELEASE).await?;
         if self.head != self.begun_with {
             audit::move_head(&mut self.connection, &self.head).await?;
         }
@@ -188,8 +182,7 @@ impl Drop for Member {
 /// Writes the audit entries and puts the savepoint behind everything done so far.
 async fn keep(group: &mut Group, actor: &str, notes: Vec<Note>) -> Result<()> {
     let head = audit::append(&mut group.connection, &group.head, actor, notes).await?;
-    group.connection.execute(RELEASE).await?;
-    group.connection.execute(SAVE).await?;
+    group.connection.execute(NEXT).await?;
     group.head = head;
     Ok(())
 }

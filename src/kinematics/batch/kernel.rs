@@ -8,6 +8,7 @@ use super::poses::PreparedPoses;
 use super::robots::{BaseStage, Between, Circle, LaneRobots};
 use multiversion::multiversion;
 use nalgebra::Vector3;
+use std::ops::Range;
 
 /// Poses side by side with 32 registers.
 const POSES_OF_32_REGISTERS: usize = 4;
@@ -19,26 +20,31 @@ const POSES_OF_16_REGISTERS: usize = 2;
 /// # Panics
 /// When the poses are of a robot with another number of links, or of a target that the robots do not have.
 pub fn sum_of_squares(robots: &LaneRobots, poses: &PreparedPoses) -> Lanes {
+    add_squares(robots, poses, 0..poses.len(), Lanes::ZERO)
+}
+
+/// As [`sum_of_squares`] of some of the poses, added to what the poses before gave: in parts it is the same bits as at once.
+pub(super) fn add_squares(robots: &LaneRobots, poses: &PreparedPoses, range: Range<usize>, sums: Lanes) -> Lanes {
     assert_eq!(poses.n_links, robots.n_links(), "poses and robots have the same number of links");
     match robots.instructions {
-        InstructionSet::Avx512 => on_avx512(robots, poses),
-        InstructionSet::Avx2 => on_avx2(robots, poses),
-        InstructionSet::Baseline => on_baseline(robots, poses),
+        InstructionSet::Avx512 => on_avx512(robots, poses, range, sums),
+        InstructionSet::Avx2 => on_avx2(robots, poses, range, sums),
+        InstructionSet::Baseline => on_baseline(robots, poses, range, sums),
     }
 }
 
 #[multiversion(targets("x86_64+avx512f+avx512vl+fma"))]
-fn on_avx512(robots: &LaneRobots, poses: &PreparedPoses) -> Lanes {
-    SumOfSquares { robots, poses }.of_all_poses::<8, POSES_OF_32_REGISTERS>()
+fn on_avx512(robots: &LaneRobots, poses: &PreparedPoses, range: Range<usize>, sums: Lanes) -> Lanes {
+    SumOfSquares { robots, poses }.of::<8, POSES_OF_32_REGISTERS>(range, sums)
 }
 
 #[multiversion(targets("x86_64+avx2+fma"))]
-fn on_avx2(robots: &LaneRobots, poses: &PreparedPoses) -> Lanes {
-    SumOfSquares { robots, poses }.of_all_poses::<4, POSES_OF_16_REGISTERS>()
+fn on_avx2(robots: &LaneRobots, poses: &PreparedPoses, range: Range<usize>, sums: Lanes) -> Lanes {
+    SumOfSquares { robots, poses }.of::<4, POSES_OF_16_REGISTERS>(range, sums)
 }
 
-fn on_baseline(robots: &LaneRobots, poses: &PreparedPoses) -> Lanes {
-    SumOfSquares { robots, poses }.of_all_poses::<2, POSES_OF_32_REGISTERS>()
+fn on_baseline(robots: &LaneRobots, poses: &PreparedPoses, range: Range<usize>, sums: Lanes) -> Lanes {
+    SumOfSquares { robots, poses }.of::<2, POSES_OF_32_REGISTERS>(range, sums)
 }
 
 #[derive(Clone, Copy)]
@@ -49,30 +55,29 @@ struct SumOfSquares<'a> {
 
 impl SumOfSquares<'_> {
     #[inline(always)]
-    fn of_all_poses<const W: usize, const P: usize>(self) -> Lanes {
+    fn of<const W: usize, const P: usize>(self, range: Range<usize>, sums: Lanes) -> Lanes {
         match (self.robots.base_stage, self.poses.is_unweighted, self.poses.bound) {
-            (BaseStage::Known, _, Some(_)) => self.sums::<W, P, KNOWN, BOUNDED>(),
-            (BaseStage::Any, _, Some(_)) => self.sums::<W, P, ANY, BOUNDED>(),
-            (BaseStage::None, _, Some(_)) => self.sums::<W, P, NONE, BOUNDED>(),
-            (BaseStage::Known, true, None) => self.sums::<W, P, KNOWN, UNWEIGHTED>(),
-            (BaseStage::Known, false, None) => self.sums::<W, P, KNOWN, WEIGHTED>(),
-            (BaseStage::Any, true, None) => self.sums::<W, P, ANY, UNWEIGHTED>(),
-            (BaseStage::Any, false, None) => self.sums::<W, P, ANY, WEIGHTED>(),
-            (BaseStage::None, _, None) => self.sums::<W, P, NONE, WEIGHTED>(),
+            (BaseStage::Known, _, Some(_)) => self.sums::<W, P, KNOWN, BOUNDED>(range, sums),
+            (BaseStage::Any, _, Some(_)) => self.sums::<W, P, ANY, BOUNDED>(range, sums),
+            (BaseStage::None, _, Some(_)) => self.sums::<W, P, NONE, BOUNDED>(range, sums),
+            (BaseStage::Known, true, None) => self.sums::<W, P, KNOWN, UNWEIGHTED>(range, sums),
+            (BaseStage::Known, false, None) => self.sums::<W, P, KNOWN, WEIGHTED>(range, sums),
+            (BaseStage::Any, true, None) => self.sums::<W, P, ANY, UNWEIGHTED>(range, sums),
+            (BaseStage::Any, false, None) => self.sums::<W, P, ANY, WEIGHTED>(range, sums),
+            (BaseStage::None, _, None) => self.sums::<W, P, NONE, WEIGHTED>(range, sums),
         }
     }
 
     #[inline(always)]
-    fn sums<const W: usize, const P: usize, const BASE: u8, const LOSS: u8>(self) -> Lanes {
-        let mut sums = Lanes::ZERO;
+    fn sums<const W: usize, const P: usize, const BASE: u8, const LOSS: u8>(self, range: Range<usize>, mut sums: Lanes) -> Lanes {
         for part in 0..Vector::<W>::PER_CHUNK {
-            let mut sum = Vector::<W>::splat(0.0);
-            let mut first = 0;
-            while first + P <= self.poses.len() {
+            let mut sum = Vector::<W>::load(&sums, part);
+            let mut first = range.start;
+            while first + P <= range.end {
                 self.add::<W, P, BASE, LOSS>(part, first, &mut sum);
                 first += P;
             }
-            while first < self.poses.len() {
+            while first < range.end {
                 self.add::<W, 1, BASE, LOSS>(part, first, &mut sum);
                 first += 1;
             }

@@ -16,6 +16,7 @@
 
 mod affine;
 mod bound;
+mod elimination;
 mod kernel;
 mod lanes;
 mod one_robot;
@@ -24,6 +25,7 @@ mod robots;
 mod sincos;
 
 pub use bound::Bound;
+pub use elimination::Elimination;
 pub use kernel::sum_of_squares;
 pub use lanes::{InstructionSet, LANES, Lanes};
 pub use one_robot::{Along, OneRobot, PoseLanes};

@@ -164,6 +164,29 @@ impl LaneRobots {
         }
     }
 
+    /// Makes one of these robots one of those, as far as the kernel looks.
+    #[inline]
+    pub(super) fn copy_lane(&mut self, lane: usize, from: &Self, from_lane: usize) {
+        let (lane, from_lane) = (lane % LANES, from_lane % LANES);
+        let copy = |to: &mut [Lanes; 3], from: &[Lanes; 3]| {
+            for (to, from) in to.iter_mut().zip(from) {
+                to.0[lane] = from.0[from_lane];
+            }
+        };
+        for (to, from) in self.circles.iter_mut().zip(&from.circles) {
+            copy(&mut to.centre, &from.centre);
+            copy(&mut to.cos, &from.cos);
+            copy(&mut to.sin, &from.sin);
+        }
+        for (to, from) in self.between.iter_mut().zip(&from.between) {
+            to.is_tilted = from.is_tilted;
+            copy(&mut to.translation, &from.translation);
+            for (to, from) in to.rotation.iter_mut().zip(&from.rotation) {
+                copy(to, from);
+            }
+        }
+    }
+
     fn mark_moved(&mut self, moved: Moved) {
         match moved {
             Moved::Alpha(link) => self.links[link].alpha.is_moved = true,

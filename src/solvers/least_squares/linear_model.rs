@@ -18,7 +18,7 @@ pub(super) struct LinearModel {
     qt_residuals: Vec<f64>,
     /// Where there are fewer residuals than parameters: the Jacobian with rows of zeros.
     padded: Vec<f64>,
-    /// The shortest minimiser of ‖T·w + b‖, and ‖T·w‖ there; `None` where T is neither surely regular nor clearly singular.
+    /// The shortest minimiser of ‖T·w + b‖, and ‖T·w‖ there; `None` where its rank is not clear.
     undamped: Vec<f64>,
     undamped_change: Option<f64>,
     minimum_norm: MinimumNorm,

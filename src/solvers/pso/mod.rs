@@ -212,7 +212,8 @@ pub struct Summary {
     pub termination: Termination,
 }
 
-/// The cost of all positions at once: fills one cost per particle. A cost that is not finite counts as +∞.
+/// The cost of all positions at once: fills one cost per particle. A cost that is not finite counts as +∞. What comes in is each
+/// particle's own best cost so far: a cost that is not below it may be left unfinished, with anything that is not below it either.
 pub type Cost<'a> = dyn FnMut(&Positions, &mut [f64]) + 'a;
 
 /// Changes the positions before they are evaluated: called with 0 before the first evaluation, and with k ≥ 1 after

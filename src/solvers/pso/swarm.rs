@@ -50,6 +50,7 @@ impl Swarm {
     /// Evaluates all positions and keeps each particle's and the swarm's best. An equal cost replaces nothing, and of
     /// equal particles the first is the swarm's best.
     pub fn evaluate(&mut self, cost: &mut Cost<'_>) {
+        self.costs.copy_from_slice(&self.own_best_costs);
         cost(&self.positions, &mut self.costs);
         let best = keep_own_best(&mut self.costs, &self.positions, &mut self.own_best_costs, &mut self.own_best_positions);
         if self.costs[best] < self.best_cost {
@@ -104,15 +105,19 @@ fn initial_velocities(search_box: &SearchBox, options: &Options, random: &mut La
 #[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl", "x86_64+avx2+fma"))]
 fn keep_own_best(costs: &mut [f64], positions: &Positions, own_best_costs: &mut [f64], own_best_positions: &mut Positions) -> usize {
     let n = costs.len();
-    let mut lowest = f64::INFINITY;
-    for cost in costs.iter_mut() {
-        *cost = if cost.is_finite() { *cost } else { f64::INFINITY };
-        lowest = if *cost < lowest { *cost } else { lowest };
+    let mut lowest = [f64::INFINITY; LANES];
+    for block in costs.chunks_mut(LANES) {
+        for (cost, lowest) in block.iter_mut().zip(&mut lowest) {
+            *cost = if cost.is_finite() { *cost } else { f64::INFINITY };
+            *lowest = if *cost < *lowest { *cost } else { *lowest };
+        }
     }
+    let lowest = lowest.into_iter().fold(f64::INFINITY, f64::min);
     for first in (0..n).step_by(LANES) {
         let block = first..n.min(first + LANES);
         // few particles improve: mostly there is nothing to copy
-        if costs[block.clone()].iter().zip(&own_best_costs[block.clone()]).all(|(cost, own)| cost >= own) {
+        let improved = costs[block.clone()].iter().zip(&own_best_costs[block.clone()]).fold(0, |n, (cost, own)| n + u64::from(cost < own));
+        if improved == 0 {
             continue;
         }
         for (x, best) in positions.values.chunks_exact(n).zip(own_best_positions.values.chunks_exact_mut(n)) {
