@@ -1,5 +1,6 @@
 //! `calibrate(request, monitor) -> report`: the paper's flow chart as one function over plain data.
 
+pub mod alignment;
 mod arrangement;
 pub mod changes;
 mod check;

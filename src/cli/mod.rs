@@ -1,5 +1,6 @@
 //! The command line. Exit codes: 0 done, 1 failed, 2 wrong usage.
 
+mod backup;
 mod calibrate;
 mod client;
 mod copy_store;
@@ -39,6 +40,8 @@ enum Command {
     Key(key::Arguments),
     /// Check that the database keeps its promises; exit code 1 if it does not.
     VerifyStore(verify_store::Arguments),
+    /// Copy the embedded database while it is served, and check the copy.
+    Backup(backup::Arguments),
     /// Identify a robot from two files, offline: no server, no database.
     Calibrate(calibrate::Arguments),
     /// Upload a measurement set to a server and have it identified.
@@ -70,6 +73,7 @@ pub fn main() -> ExitCode {
         Command::Migrate(arguments) => worker::migrate(&arguments),
         Command::CopyStore(arguments) => copy_store::run(&arguments),
         Command::Key(arguments) => key::run(&arguments),
+        Command::Backup(arguments) => backup::run(&arguments),
         Command::VerifyStore(arguments) => verify_store::run(&arguments),
         Command::Calibrate(arguments) => calibrate::run(&arguments),
         Command::Submit(arguments) => submit::run(&arguments),

@@ -3,6 +3,7 @@
 use crate::http::auth::Caller;
 use crate::http::creation::{Submission, stored_json};
 use crate::http::extract::{Id, ListQuery, Query};
+use crate::http::upload_check::{self, Off};
 use crate::http::{App, Error, access};
 use crate::store::{MeasurementSetRow, NewMeasurementSet, Tx, measurement_sets};
 use crate::wire::issue::Checker;
@@ -51,6 +52,7 @@ struct Upload {
     n_targets: usize,
     warnings: Vec<Warning>,
     sha256: String,
+    off: Option<Off>,
 }
 
 /// Uploads a measurement set, as CSV (a header row with units) or JSON.
@@ -75,7 +77,10 @@ async fn create(
     }
     let is_json = is_json(&submission)?;
     let (robot, bytes) = (access::robot_body(&robot)?, submission.body.clone());
-    let upload = app.compute(move || understand(&robot, &bytes, is_json, query)).await?;
+    let mut upload = app.compute(move || understand(&robot, &bytes, is_json, query)).await?;
+    if let Some(off) = upload.off.take() {
+        upload.warnings.push(upload_check::explain(&app, &submission.caller, &robot_id, off).await?);
+    }
     let new = NewMeasurementSet {
         robot_id,
         name: upload.name,
@@ -97,7 +102,14 @@ async fn create(
     submission.create(&app.store, effect).await
 }
 
+/// First bytes of archives (xlsx is one) and of old workbooks.
+const NO_TEXT: [&[u8]; 2] = [b"PK\x03\x04", b"\xD0\xCF\x11\xE0"];
+
 fn is_json(submission: &Submission) -> Result<bool, Error> {
+    if NO_TEXT.iter().any(|magic| submission.body.starts_with(magic)) {
+        let found = "an archive or a workbook".into();
+        return Err(Error::UnsupportedMediaType { found, expected: "text/csv or application/json (save the sheet as CSV first)" });
+    }
     match submission.media_type.as_str() {
         "application/json" => Ok(true),
         "text/csv" => Ok(false),
@@ -111,10 +123,10 @@ fn understand(body: &RobotBody, bytes: &Bytes, is_json: bool, query: UploadQuery
     let robot = body.to_core()?;
     let n_joints = robot.links.len();
     let (said, name, set) = if is_json {
-        let body: MeasurementSetBody = json::parse(bytes)?;
-        let frame = body.resolve_frame(query.frame)?;
-        let set = body.to_core(frame, n_joints)?;
-        (frame, body.name.or(query.name), set)
+        let upload: MeasurementSetBody = json::parse(bytes)?;
+        let frame = upload.resolve_frame(query.frame)?;
+        let set = upload.to_core(frame, n_joints)?;
+        (frame, upload.name.or(query.name), set)
     } else {
         (query.frame, query.name, measurement::from_csv(bytes, query.frame.unwrap_or(DEFAULT_FRAME), n_joints)?)
     };
@@ -136,6 +148,7 @@ fn understand(body: &RobotBody, bytes: &Bytes, is_json: bool, query: UploadQuery
         n_targets,
         warnings,
         sha256: canonical::sha256_hex(bytes),
+        off: upload_check::look(body, set)?,
     })
 }
 

@@ -27,6 +27,7 @@ mod release;
 mod robots;
 pub mod server;
 mod tls;
+mod upload_check;
 
 pub use document::{openapi, yaml};
 pub use error::Error;

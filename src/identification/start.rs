@@ -43,6 +43,14 @@ pub fn fit_base_and_targets(links: &[Link], observations: &[Observation], n_targ
     }
 }
 
+/// Base pose and targets in closed form, without polish: good to some millimetres where the data are right. With `is_base_known` the base
+/// is only shifted. `None` where the points are too few, or too much alike, to tell.
+pub fn align_in_closed_form(links: &[Link], observations: &[Observation], n_targets: usize, is_base_known: bool) -> Option<KinematicModel> {
+    let flanges: Vec<IsometryMatrix3<f64>> = observations.iter().map(|o| t_base_flange(links, &o.q_rad)).collect();
+    let rotation = if is_base_known { Rotation3::identity() } else { linear_rotation(observations, &flanges, n_targets)? };
+    Some(with_rotation(links, observations, &flanges, n_targets, rotation))
+}
+
 /// Nominal kinematics fit real robots to some millimetres, with an unmastered joint to some tens; above this a closed form may have
 /// landed in the wrong valley, and the cube's rotations are tried as well.
 const GOOD_START_RMS_MM: f64 = 20.0;

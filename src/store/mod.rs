@@ -9,6 +9,7 @@
 
 pub mod api_keys;
 pub mod audit;
+pub mod backup;
 pub mod copy;
 mod error;
 pub mod frames;
@@ -261,7 +262,7 @@ pub(crate) fn new_id(prefix: &str) -> String {
 /// Every SQL text of the store that the engine gets to see.
 pub fn all_queries(engine: Engine) -> Vec<&'static str> {
     let own = match engine {
-        Engine::Sqlite => [leases::QUERIES_SQLITE, verify::QUERIES_SQLITE].concat(),
+        Engine::Sqlite => [leases::QUERIES_SQLITE, backup::QUERIES_SQLITE, verify::QUERIES_SQLITE].concat(),
         Engine::Postgres => {
             [leases::QUERIES_POSTGRES, notices::QUERIES_POSTGRES, audit::QUERIES_POSTGRES, verify::QUERIES_POSTGRES].concat()
         }
