@@ -9,8 +9,12 @@ mod data;
 mod real;
 #[path = "../tests/support/simulation.rs"]
 mod simulation;
+#[path = "identification_study/starts.rs"]
+mod starts;
 #[path = "identification_study/steps.rs"]
 mod steps;
+#[path = "identification_study/swarm.rs"]
+mod swarm;
 #[path = "identification_study/wild.rs"]
 mod wild;
 
@@ -25,6 +29,12 @@ fn main() {
     println!("# Identification\n\nMade by `cargo run --release --example identification_study`.\n");
     if wanted("real") {
         real::tables();
+    }
+    if wanted("starts") {
+        starts::table(n.unwrap_or(100));
+    }
+    if wanted("swarm") {
+        swarm::table(n.unwrap_or(50));
     }
     if wanted("wild") {
         wild::table(n.unwrap_or(100));

@@ -12,6 +12,7 @@ use crate::calibration::settings::{Settings, settings};
 use crate::calibration::{Error, Event, Monitor, unusable};
 use crate::identification::fit::fit_along_seen;
 use crate::identification::identifiability::{Decomposition, prior_scale};
+use crate::identification::multistart::{FOUND_MM, best_start};
 use crate::identification::objective::Observation;
 use crate::identification::parameters::{Parameter, apply};
 use crate::identification::search_space::{SearchSpace, decomposition_at};
@@ -73,11 +74,12 @@ pub struct Found {
 pub fn calibrate(request: &CalibrationRequest, monitor: &mut Monitor<'_>) -> Result<CalibrationReport, Error> {
     check(request)?;
     let problem = Problem::new(request)?;
-    let (method, reason) = choose(request);
+    let choice = choose(&problem);
+    let (method, reason) = (choice.method, choice.reason);
     let mut found = stage(monitor, method.name(), |monitor| match method {
-        Method::Pso => swarm(&problem, &problem.nominal, Start::Cold, monitor),
+        Method::Pso => swarm(&problem, &choice.start, Start::Cold, monitor),
         Method::BpnnPso => swarm(&problem, &problem.predicted_start(), Start::Network, monitor),
-        Method::Auto | Method::LeastSquares => least_squares_from(&problem, &problem.nominal, problem.settings.pso.stop_at_cost, monitor),
+        Method::Auto | Method::LeastSquares => least_squares_from(&problem, &choice.start, problem.settings.pso.stop_at_cost, monitor),
     })?;
     let own = comparison_row(&problem, method.name(), method.name(), &found);
     let network = match (&found.swarm, method) {
@@ -185,15 +187,35 @@ pub fn nominal_model(request: &CalibrationRequest, identify: &[Observation], n_t
     }
 }
 
-fn choose(request: &CalibrationRequest) -> (Method, String) {
-    match request.method {
-        Method::Auto => {
-            let reason = "least squares: from nominal kinematics it converges on robots whose joints are mastered, in a few steps and to the same answer every time; \
-                          a swarm is there for when it does not";
-            (Method::LeastSquares, reason.into())
-        }
-        method => (method, "asked for".into()),
+/// What runs, from where, and why.
+struct Choice {
+    method: Method,
+    start: KinematicModel,
+    reason: String,
+}
+
+/// For `auto`: least squares where it finds the robot, from nominal or, where joints are far off, from the best of other joint offsets; a
+/// swarm around that where it does not.
+fn choose(problem: &Problem<'_>) -> Choice {
+    let method = problem.request.method;
+    if method != Method::Auto {
+        return Choice { method, start: problem.nominal.clone(), reason: "asked for".into() };
     }
+    let is_known = problem.request.model() == Model::Paper;
+    let best = best_start(&problem.nominal, &problem.parameters, &problem.decomposition.scale, &problem.identify, is_known);
+    let from_nominal = format!("least squares from nominal ended with half of the points within {:.3} mm", best.from_nominal_mm);
+    let (method, reason) = match (best.n_starts, best.best_mm <= FOUND_MM) {
+        (0, _) => (Method::LeastSquares, format!("{from_nominal}: it converges, in a few steps and to the same answer every time")),
+        (n, true) => {
+            let others = format!("with other joint offsets, placed anew, the {n}th start reached {:.3} mm", best.best_mm);
+            (Method::LeastSquares, format!("{from_nominal}, which is no fit; {others}. Check the mastering of the joints"))
+        }
+        (n, false) => {
+            let others = format!("{n} starts with other joint offsets came no nearer than {:.3} mm", best.best_mm);
+            (Method::Pso, format!("{from_nominal}, which is no fit, and {others}: a swarm searches around the best of them"))
+        }
+    };
+    Choice { method, start: best.model, reason }
 }
 
 /// Runs one stage between its two events.

@@ -7,11 +7,12 @@ use crate::calibration::Error;
 use crate::calibration::arrangement::{Arrangement, FEWEST_OF_SETUP, FittedTargets, motion, standing, with_moved_targets};
 use crate::calibration::identify::nominal_model;
 use crate::calibration::observe::{Observed, free_parameters, stated_scale_mm};
-use crate::calibration::request::{CalibrationRequest, Loss, Preset};
+use crate::calibration::request::{CalibrationRequest, Loss, Model, Preset};
 use crate::identification::KinematicModel;
 use crate::identification::fit::fit_along_seen;
 use crate::identification::identifiability::prior_scale;
 use crate::identification::misfit::{features, gravity_directions};
+use crate::identification::multistart::best_start;
 use crate::identification::objective::{Observation, weighted_jacobian, weighted_residuals};
 use crate::identification::parameters::Parameter;
 use crate::identification::search_space::decomposition_at;
@@ -270,7 +271,10 @@ fn fit_motions(
         if subset.is_some() && arrangement.motions.len() < 2 {
             break;
         }
-        let start = model.take().unwrap_or_else(|| nominal_model(request, &fitted, targets.len()));
+        let start = model.take().unwrap_or_else(|| {
+            let nominal = nominal_model(request, &fitted, targets.len());
+            best_start(&nominal, &parameters, &scale, &fitted, request.model() == Model::Paper).model
+        });
         let fit = fit_along_seen(&start, &parameters, &scale, &fitted, 0.0, &mut |_| ControlFlow::Continue(()));
         let found = if arrangement.motions.len() < 2 { true } else { move_setups(&fit.model, &parameters, observed, arrangement, &points) };
         model = Some(fit.model);

@@ -7,6 +7,7 @@ pub mod fit;
 pub mod identifiability;
 pub mod linearisation;
 pub mod misfit;
+pub mod multistart;
 pub mod objective;
 mod parallel;
 pub mod parameters;

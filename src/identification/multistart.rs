@@ -1,0 +1,83 @@
+//! A start for least squares where nominal kinematics are too far off: joints that were never mastered.
+
+use crate::identification::KinematicModel;
+use crate::identification::fit::fit_along_seen;
+use crate::identification::objective::{Observation, residuals};
+use crate::identification::parameters::{Parameter, Quantity};
+use crate::identification::start::fit_base_and_targets;
+use nalgebra::Vector3;
+use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
+use std::ops::ControlFlow;
+
+/// Least squares has found the robot if half of the points fit to this, mm: ten times what real arms leave, and far below what another
+/// valley of joint offsets does.
+pub const FOUND_MM: f64 = 2.0;
+/// Starts with other joint offsets at most.
+const STARTS: usize = 40;
+/// Offsets of a start are drawn up to this to both sides, rad (90°).
+const WIDEST_RAD: f64 = std::f64::consts::FRAC_PI_2;
+/// Points that starts are compared on, evenly taken from all.
+const COMPARED_POINTS: usize = 60;
+
+/// Where least squares should begin, and what that rests on.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BestStart {
+    /// The start: nominal, or the end of the best of several searches.
+    pub model: KinematicModel,
+    /// Median residual where least squares from nominal ended, mm.
+    pub from_nominal_mm: f64,
+    /// Median residual at the best end, mm.
+    pub best_mm: f64,
+    /// Starts with other offsets that were tried.
+    pub n_starts: usize,
+}
+
+/// Runs least squares from nominal; if it ends far from the points, from random joint offsets of up to 90° as well, base and targets
+/// placed anew for each, until one of them fits.
+pub fn best_start(
+    nominal: &KinematicModel,
+    parameters: &[Parameter],
+    scale: &[f64],
+    observations: &[Observation],
+    base_is_known: bool,
+) -> BestStart {
+    let every = observations.len().div_ceil(COMPARED_POINTS).max(1);
+    let compared: Vec<Observation> = observations.iter().filter(|o| o.weight > 0.0).step_by(every).cloned().collect();
+    let compared = if 3 * compared.len() < 2 * parameters.len() { observations.to_vec() } else { compared };
+    let end = |start: &KinematicModel| {
+        let fit = fit_along_seen(start, parameters, scale, &compared, 0.0, &mut |_| ControlFlow::Continue(()));
+        (median_mm(&fit.model, &compared), fit.model)
+    };
+    let (from_nominal_mm, mut best) = end(nominal);
+    let mut found = BestStart { model: nominal.clone(), from_nominal_mm, best_mm: from_nominal_mm, n_starts: 0 };
+    let mut random = ChaCha8Rng::seed_from_u64(0);
+    while found.best_mm > FOUND_MM && found.n_starts < STARTS {
+        found.n_starts += 1;
+        // narrow first: most joints are off by little
+        let widest = WIDEST_RAD * found.n_starts as f64 / STARTS as f64;
+        let mut links = nominal.links.clone();
+        for parameter in parameters {
+            if let Parameter::Link(link, Quantity::ThetaOffset) = parameter {
+                links[*link].theta_offset_rad += widest * (2.0 * random.random::<f64>() - 1.0);
+            }
+        }
+        let start = match base_is_known {
+            true => KinematicModel { links, ..nominal.clone() },
+            false => fit_base_and_targets(&links, &compared, nominal.targets_mm.len()),
+        };
+        let (median, model) = end(&start);
+        if median < found.best_mm {
+            (found.best_mm, best) = (median, model);
+        }
+    }
+    if found.n_starts > 0 {
+        found.model = best;
+    }
+    found
+}
+
+fn median_mm(model: &KinematicModel, observations: &[Observation]) -> f64 {
+    let mut lengths: Vec<f64> = residuals(model, observations).iter().map(Vector3::norm).collect();
+    lengths.sort_by(f64::total_cmp);
+    lengths.get(lengths.len() / 2).copied().unwrap_or(0.0)
+}
