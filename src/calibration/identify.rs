@@ -11,6 +11,7 @@ use crate::calibration::screening::{Screening, parameters_of, screen};
 use crate::calibration::settings::{Settings, settings};
 use crate::calibration::{Error, Event, Monitor, unusable};
 use crate::identification::fit::fit_along_seen;
+use crate::identification::guide::GuidedSwarm;
 use crate::identification::identifiability::{Decomposition, prior_scale};
 use crate::identification::multistart::{FOUND_MM, best_start};
 use crate::identification::objective::Observation;
@@ -284,7 +285,8 @@ fn least_squares_termination(termination: least_squares::Termination) -> &'stati
 enum Start {
     /// Uniform in the box.
     Cold,
-    /// The network moves the particles once, before the first evaluation (our reading of figure 5).
+    /// The stored network moves the particles once, before the first evaluation (our reading of figure 5); in the default preset a part
+    /// of them, and the network of `guide` moves them on.
     Network,
     /// A Gaussian ball around the last answer, for comparison.
     WarmBall,
@@ -296,7 +298,14 @@ fn swarm(problem: &Problem<'_>, reference: &KinematicModel, start: Start, monito
         true => SearchSpace::singular(reference.clone(), parameters, scale, &problem.identify),
         false => SearchSpace::raw(reference.clone(), parameters, scale),
     };
+    let mut guided = guided_swarm(problem, &space).filter(|_| start == Start::Network);
     let mut move_particles = |iteration: usize, positions: &mut pso::Positions| match (iteration, start, problem.network()) {
+        (_, Start::Network, Some(network)) if guided.is_some() => {
+            if iteration == 0 {
+                remember(&space, network, positions);
+            }
+            guided.iter_mut().for_each(|guided| guided.move_particles(positions));
+        }
         (0, Start::Network, Some(network)) => bpnn_pso::move_particles(&space, network, positions),
         (0, Start::WarmBall, Some(_)) => warm_ball(&space, &problem.answer_deviation(), problem.request.seed, positions),
         _ => {}
@@ -318,6 +327,26 @@ fn swarm(problem: &Problem<'_>, reference: &KinematicModel, start: Start, monito
         termination,
         swarm: Some((space, summary)),
     })
+}
+
+/// In the default preset a second network, trained on what the swarm sees, shows a part of it the way.
+fn guided_swarm<'s>(problem: &Problem<'_>, space: &'s SearchSpace) -> Option<GuidedSwarm<'s>> {
+    let n_particles = problem.settings.pso.n_particles;
+    if !problem.settings.singular_directions || !GuidedSwarm::is_possible(space, n_particles) {
+        return None;
+    }
+    let decomposition = decomposition_at(&space.reference, &space.parameters, &space.scale, &problem.identify);
+    let effects_mm = &decomposition.singular_values[..space.n_coordinates()];
+    Some(GuidedSwarm::new(space, &problem.identify, effects_mm, problem.request.seed))
+}
+
+/// The stored network moves the particles that remember; the others stay where they were drawn.
+fn remember(space: &SearchSpace, network: &TrainedNetwork, positions: &mut pso::Positions) {
+    let mut predicted = positions.clone();
+    bpnn_pso::move_particles(space, network, &mut predicted);
+    for particle in GuidedSwarm::remembering(positions.n_particles) {
+        positions.set_particle(particle, &predicted.particle(particle));
+    }
 }
 
 /// Normal numbers around the last answer (Box and Muller 1958).

@@ -4,6 +4,7 @@ pub mod bpnn_pso;
 pub mod changes;
 pub mod distributions;
 pub mod fit;
+pub mod guide;
 pub mod identifiability;
 pub mod linearisation;
 pub mod misfit;

@@ -1,0 +1,78 @@
+//! Follow-ups by BPNN-PSO in the default preset: the network that learns the way from what the swarm sees.
+
+#[path = "support/data.rs"]
+mod data;
+#[path = "support/simulation.rs"]
+mod simulation;
+
+use data::{paper_robot, paper_set};
+use kincal::calibration::{CalibrationReport, CalibrationRequest, Method, calibrate};
+use kincal::identification::TrainedNetwork;
+use kincal::measurement::MeasurementSet;
+use simulation::{Campaign, Normal, measure, poses, true_robot};
+use std::ops::ControlFlow;
+
+/// F that the paper's PSO ends with in its simulation, mm² [Gao 2018, section 4.1].
+const PRINTED_COST_MM2: f64 = 5.5519e-5;
+
+fn run(set: MeasurementSet, method: Method, seed: u64, n_iterations: usize, network: Option<&TrainedNetwork>) -> CalibrationReport {
+    let mut request = CalibrationRequest::new(paper_robot(), set);
+    (request.method, request.seed, request.refine, request.network) = (method, seed, Some(false), network.cloned());
+    request.options.n_iterations = Some(n_iterations);
+    calibrate(&request, &mut |_| ControlFlow::Continue(())).unwrap()
+}
+
+fn trained_on(set: MeasurementSet, seed: u64) -> TrainedNetwork {
+    run(set, Method::Pso, seed, 120, None).network.unwrap()
+}
+
+fn cost_of(report: &CalibrationReport, method: &str) -> f64 {
+    report.comparison.iter().find(|c| c.method == method).unwrap().cost_mm2
+}
+
+#[test]
+fn a_follow_up_reaches_the_papers_cost_in_a_few_iterations_whatever_happened_to_the_robot() {
+    for seed in 0..3 {
+        let network = trained_on(paper_set("first.csv"), seed);
+        // the paper: 71 on a robot that has not changed; asked of us: 10, 25, 50; seen over 20 seeds: at most 2, 4, 5
+        for (set, at_most) in [("followup_unchanged.csv", 4), ("followup_drifted.csv", 8), ("followup_collision.csv", 10)] {
+            let report = run(paper_set(set), Method::BpnnPso, seed, 20, Some(&network));
+            let reached = report.convergence_mm2.iter().position(|f| *f <= PRINTED_COST_MM2);
+            assert!(reached.is_some_and(|n| n <= at_most), "{set}, seed {seed}: {reached:?}");
+        }
+    }
+}
+
+#[test]
+fn a_network_of_another_robot_ends_no_worse_than_a_cold_start() {
+    // errors of 0.3 mm and 0.05° in every parameter, others than the measured robot's
+    let campaign = Campaign { n_configurations: 50, ..Campaign::PLAIN };
+    let mut random = Normal::new(1);
+    let other = true_robot(&paper_robot(), 1, &mut random);
+    let mut session = |links, random: &mut Normal| {
+        let mut truth = true_robot(&paper_robot(), 1, random);
+        truth.links = links;
+        measure(&truth, &poses(50, random), &campaign, random)
+    };
+    let stale = trained_on(session(other.links, &mut random), 0);
+    for seed in 0..3 {
+        let links = true_robot(&paper_robot(), 1, &mut random).links;
+        let report = run(session(links, &mut random), Method::BpnnPso, seed, 60, Some(&stale));
+        let (cold, least) = (cost_of(&report, "pso"), cost_of(&report, "least_squares"));
+        println!("seed {seed}: {} against {cold} cold and {least} by least squares", report.cost_mm2);
+        assert!(report.cost_mm2 <= cold);
+        // the tracker stands elsewhere and there is noise: what is left is what least squares leaves
+        assert!(report.cost_mm2 < 1.05 * least);
+    }
+}
+
+#[test]
+fn a_swarm_too_small_to_learn_from_is_moved_by_the_stored_network_alone() {
+    let network = trained_on(paper_set("first.csv"), 0);
+    let mut request = CalibrationRequest::new(paper_robot(), paper_set("followup_unchanged.csv"));
+    (request.method, request.refine, request.network) = (Method::BpnnPso, Some(false), Some(network));
+    (request.options.n_particles, request.options.n_iterations) = (Some(12), Some(10));
+    let report = calibrate(&request, &mut |_| ControlFlow::Continue(())).unwrap();
+    // it starts where the robot was, to the spread that training leaves, and not at 64.9 mm²
+    assert!(report.convergence_mm2[0] < 1.0 && report.n_evaluations == 12 * 11, "{}", report.convergence_mm2[0]);
+}
