@@ -21,7 +21,8 @@ A follow-up of the default preset has two networks. The stored one, the paper's,
 particles there. The second is trained in the run, by back-propagation, on what its own swarm saw (positions and mixtures of residuals of
 pairs of particles; `src/identification/guide.rs`), and moves half of the particles the way it has learnt, anew whenever they stop coming
 nearer; the others search as a cold swarm does. It is the second that makes the difference: without the stored answer the three
-follow-ups take 2, 4 and 4 iterations. Its trainings take about 0.1 s in all and are part of the time.
+follow-ups take 2, 4 and 4 iterations. Its trainings are part of the time. Noise costs it a part of F in the end (its view of the
+residuals is narrower than theirs), which the swarm and `refine` take back.
 ";
 
 struct Run {
