@@ -18,18 +18,16 @@ use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 
 /// Points that are looked at, at most, evenly spread over the set: ten times as many residuals as a six-axis arm has parameters.
 const MOST_POINTS: usize = 100;
-/// Mixtures for each coordinate of the search. What noise there is in them costs about 1/(MIXTURES − 1) of F where the network's ways end.
-const MIXTURES: usize = 4;
+/// Mixtures for each coordinate of the search: with as many as coordinates some way would hardly be seen.
+const MIXTURES: usize = 2;
 /// Hidden neurons beyond one for each coordinate: fewer could not pass on a way in every direction, and [Gao 2018]'s rule gives fewer.
 const MORE_HIDDEN: usize = 4;
 /// Passes over the samples in one training.
 const EPOCHS: usize = 300;
 /// Trainings in one run. Each learns what the one before left: the long ways first, then the short ones.
-const MOST_TRAININGS: usize = 6;
+const MOST_TRAININGS: usize = 4;
 /// As long as half of the guided particles come to at most this share of their cost in one move, the network is good enough.
-const GOOD_ENOUGH: f64 = 0.7;
-/// After the last training: a move that lowers costs by less than to this share (median) is the last.
-const WORTH_GOING_ON: f64 = 0.95;
+const GOOD_ENOUGH: f64 = 0.3;
 /// Swarms of fewer particles for each coordinate show too little to learn from.
 const PARTICLES_PER_COORDINATE: usize = 2;
 /// One particle of so many is moved by networks; the others search as a cold swarm does.
@@ -183,12 +181,11 @@ impl<'a> GuidedSwarm<'a> {
         for (now, best) in now.iter_mut().zip(&mut self.best).filter(|(now, best)| now.cost < best.cost) {
             std::mem::swap(now, best);
         }
-        let share = shares[shares.len() / 2];
-        if share <= GOOD_ENOUGH {
+        if shares[shares.len() / 2] <= GOOD_ENOUGH {
             return;
         }
         if self.n_trained == MOST_TRAININGS {
-            self.is_over = share > WORTH_GOING_ON || share.is_nan();
+            self.is_over = true;
             return;
         }
         now.extend(self.best.iter().cloned());
