@@ -49,7 +49,7 @@ fn a_network_of_another_robot_ends_no_worse_than_a_cold_start() {
     let campaign = Campaign { n_configurations: 50, ..Campaign::PLAIN };
     let mut random = Normal::new(1);
     let other = true_robot(&paper_robot(), 1, &mut random);
-    let mut session = |links, random: &mut Normal| {
+    let session = |links, random: &mut Normal| {
         let mut truth = true_robot(&paper_robot(), 1, random);
         truth.links = links;
         measure(&truth, &poses(50, random), &campaign, random)
