@@ -10,8 +10,6 @@ mod engines;
 mod kill;
 #[path = "faults/load.rs"]
 mod load;
-#[path = "faults/power.rs"]
-mod power;
 #[path = "support/process.rs"]
 mod process;
 #[path = "faults/stop.rs"]

@@ -20,6 +20,15 @@ the key is claimed outside its effect | src/store/idempotency.rs    | s/    on c
 synchronous = NORMAL                  | src/store/open.rs           | s/pragma synchronous = full/pragma synchronous = normal/ | store | durable_settings
 attempts without end                  | src/store/leases.rs         | s/"\(attempt >= \$1 or deaths >= \$3\)"/"($1 < 0 or $3 < 0)"/ | jobs | is_tried_as_often
 bytes are not compared                | src/store/verify/content.rs | s/kept.is_empty\(\) \|\| kept == now/true || kept == now/; s/then == now/true || then == now/ | store | each_fault_is_told
+a gate that fails open                | src/wire/release.rs         | s/s.after_rms_mm.partial_cmp\(&s.before_rms_mm\) != Some\(std::cmp::Ordering::Less\)/s.after_rms_mm.is_infinite()/ | api | no_better_than_nominal
+a policy that only code keeps         | migrations/sqlite/0004_release.sql | s/p.independent_session_required = 1 and/p.independent_session_required = 2 and/ | store | keeps_the_robots_policy
+releases what was uploaded alone      | src/wire/release.rs         | s/other || !facts.policy.second_person_required/other || facts.policy.second_person_required/ | dangerous_uploads | no_dangerous_upload
+the same points count as a session    | src/jobs/execution.rs       | s/n_shared_points\(identified_from, points\) as f64/0.0/ | api | the_same_points_uploaded_again
+no look at the active set             | src/wire/release.rs         | s/passed \&= \*own <= active \+ SAME_MM/passed \&= *own <= active + 1000.0/ | api | worse_than_the_active_one
+no scope check                        | src/http/auth.rs            | s/if caller.has\(\*scope\) => Ok/if caller.has(*scope) || true => Ok/ | api | each_route_takes_its_scope
+no finite check                       | src/measurement/csv.rs      | s/if !value.is_finite\(\)/if value.is_nan() \&\& false/ | bad_input | every_bad_file
+no alignment check                    | src/calibration/alignment/mod.rs | s/pub const FITS_MM: f64 = 20.0/pub const FITS_MM: f64 = 1e12/ | bad_input | wrong_as_a_whole
+other robots' things are seen         | src/http/access.rs          | s/if caller.may_see\(robot_id\) \{ Ok/if true || caller.may_see(robot_id) { Ok/ | api | sees_no_other
 TABLE
 }
 
