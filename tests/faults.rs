@@ -10,6 +10,8 @@ mod engines;
 mod kill;
 #[path = "faults/load.rs"]
 mod load;
+#[path = "faults/power.rs"]
+mod power;
 #[path = "support/process.rs"]
 mod process;
 #[path = "faults/stop.rs"]

@@ -84,7 +84,6 @@ pub struct JobRequestBody {
     pub measurement_set_id: String,
     /// What to do.
     #[serde(default)]
-    #[schema(inline)]
     pub kind: Kind,
     /// `kind: verify`: the parameter set to score; default: the active one, else the nominal robot. `kind: identify`: the one whose
     /// session to compare with; default: the robot's last from another upload.
@@ -92,14 +91,12 @@ pub struct JobRequestBody {
     pub parameter_set_id: Option<String>,
     /// How.
     #[serde(default)]
-    #[schema(inline)]
     pub method: Method,
     /// Which parameters exist; default: paper for a set in the base frame, else complete.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub model: Option<Model>,
     /// Where options that are not given come from.
     #[serde(default)]
-    #[schema(inline)]
     pub preset: Preset,
     /// Which of them are free; default: all.
     #[serde(default, skip_serializing_if = "Option::is_none")]

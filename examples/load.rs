@@ -1,0 +1,263 @@
+//! Open-loop load against a real server: requests come at their appointed times, whether the ones before are answered or not, and an answer's
+//! time counts from the appointed one. Prints a table.
+//!
+//! `cargo build --release && cargo run --release --example load -- target/release/kincal [seconds]`
+
+use anyhow::{Context, ensure};
+use kincal::store::{NewJob, NewMeasurementSet, NewRobot, Store, StoreLocation, jobs, leases, measurement_sets, robots};
+use std::io::{BufRead, BufReader};
+use std::process::{Child, Command, Stdio};
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::TcpStream;
+use tokio::time::{Instant, sleep_until, timeout};
+
+/// Connections that the generator keeps open.
+const CONNECTIONS: usize = 128;
+/// A request that takes longer has failed.
+const PATIENCE: Duration = Duration::from_secs(30);
+/// Jobs waiting, for the claim.
+const QUEUED: usize = 100_000;
+const CLAIMS: usize = 500;
+
+struct Server {
+    child: Child,
+    address: String,
+}
+
+impl Server {
+    fn start(binary: &str, data_dir: &std::path::Path) -> anyhow::Result<Self> {
+        let mut command = Command::new(binary);
+        command.args(["serve", "--listen", "127.0.0.1:0", "--no-auth", "--workers", "0", "--data-dir"]).arg(data_dir);
+        let mut child = command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().context("the binary starts")?;
+        let mut line = String::new();
+        BufReader::new(child.stdout.take().context("its output")?).read_line(&mut line)?;
+        let address = line.trim().strip_prefix("kincal listening on http://").context("it listens")?.to_owned();
+        Ok(Self { child, address })
+    }
+
+    /// Largest memory that it ever had, MiB.
+    fn peak_mib(&self) -> u64 {
+        let status = std::fs::read_to_string(format!("/proc/{}/status", self.child.id())).unwrap_or_default();
+        let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
+        line.and_then(|line| line.split_whitespace().next()?.parse::<u64>().ok()).unwrap_or(0) / 1024
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// One answer: status and time since the appointed moment.
+type Answer = (u16, Duration);
+
+async fn exchange(stream: &mut TcpStream, request: &[u8]) -> anyhow::Result<u16> {
+    stream.write_all(request).await?;
+    let mut bytes = Vec::new();
+    let (head_end, length) = loop {
+        let mut chunk = [0; 16 * 1024];
+        let n = stream.read(&mut chunk).await?;
+        ensure!(n > 0, "closed");
+        bytes.extend_from_slice(&chunk[..n]);
+        if let Some(end) = bytes.windows(4).position(|w| w == b"\r\n\r\n") {
+            let head = String::from_utf8_lossy(&bytes[..end]).to_ascii_lowercase();
+            let length = head.lines().find_map(|line| line.strip_prefix("content-length:")).and_then(|n| n.trim().parse().ok());
+            break (end + 4, length.unwrap_or(0));
+        }
+    };
+    while bytes.len() < head_end + length {
+        let mut chunk = [0; 16 * 1024];
+        let n = stream.read(&mut chunk).await?;
+        ensure!(n > 0, "closed");
+        bytes.extend_from_slice(&chunk[..n]);
+    }
+    Ok(String::from_utf8_lossy(&bytes[9..12]).parse()?)
+}
+
+/// Sends at `rate` for `seconds`; every request's answer.
+async fn at_rate(address: &str, rate: f64, seconds: f64, request: impl Fn(usize) -> Vec<u8> + Send + Sync + 'static) -> Vec<Answer> {
+    let n = (rate * seconds) as usize;
+    let (begun, request) = (Instant::now() + Duration::from_millis(200), Arc::new(request));
+    let tasks: Vec<_> = (0..CONNECTIONS)
+        .map(|connection| {
+            let (address, request) = (address.to_owned(), Arc::clone(&request));
+            tokio::spawn(async move {
+                let mut answers = Vec::new();
+                let mut stream = TcpStream::connect(&address).await.ok();
+                for i in (connection..n).step_by(CONNECTIONS) {
+                    let appointed = begun + Duration::from_secs_f64(i as f64 / rate);
+                    sleep_until(appointed).await;
+                    if stream.is_none() {
+                        stream = TcpStream::connect(&address).await.ok();
+                    }
+                    let status = match &mut stream {
+                        Some(open) => timeout(PATIENCE, exchange(open, &request(i))).await.ok().and_then(Result::ok),
+                        None => None,
+                    };
+                    if status.is_none() {
+                        stream = None;
+                    }
+                    answers.push((status.unwrap_or(0), appointed.elapsed()));
+                }
+                answers
+            })
+        })
+        .collect();
+    let mut all = Vec::new();
+    for task in tasks {
+        all.extend(task.await.unwrap_or_default());
+    }
+    all
+}
+
+fn percentile(times: &mut [Duration], share: f64) -> f64 {
+    times.sort();
+    times.get(((times.len() as f64 * share) as usize).min(times.len().saturating_sub(1))).map_or(f64::NAN, |t| t.as_secs_f64() * 1e3)
+}
+
+fn row(what: &str, rate: f64, seconds: f64, answers: &[Answer], target: &str) {
+    let is_good = |status: u16| (200..300).contains(&status);
+    let mut good: Vec<Duration> = answers.iter().filter(|(status, _)| is_good(*status)).map(|(_, t)| *t).collect();
+    let mut told: Vec<Duration> = answers.iter().filter(|(status, _)| matches!(status, 429 | 503)).map(|(_, t)| *t).collect();
+    let other = answers.len() - good.len() - told.len();
+    let goodput = good.len() as f64 / seconds;
+    println!(
+        "| {what} | {rate:.0} | {goodput:.0} | {:.1} | {:.1} | {} | {:.1} | {other} | {target} |",
+        percentile(&mut good, 0.5),
+        percentile(&mut good, 0.99),
+        told.len(),
+        percentile(&mut told, 0.99)
+    );
+}
+
+fn post(path: &str, content_type: &str, body: &[u8]) -> Vec<u8> {
+    let head = format!("POST {path} HTTP/1.1\r\nhost: l\r\ncontent-type: {content_type}\r\ncontent-length: {}\r\n\r\n", body.len());
+    [head.as_bytes(), body].concat()
+}
+
+async fn created(client: &reqwest::Client, url: &str, content_type: &str, body: Vec<u8>) -> anyhow::Result<String> {
+    let answer = client.post(url).header("content-type", content_type).body(body).send().await?.error_for_status()?;
+    let answer: serde_json::Value = answer.json().await?;
+    Ok(answer["id"].as_str().context("an id")?.to_owned())
+}
+
+#[tokio::main]
+async fn main() -> anyhow::Result<()> {
+    let mut arguments = std::env::args().skip(1);
+    let binary = arguments.next().context("usage: load BINARY [seconds]")?;
+    let seconds: f64 = arguments.next().map_or(Ok(5.0), |text| text.parse())?;
+    let dir = tempfile::tempdir()?;
+    let server = Server::start(&binary, &dir.path().join("data"))?;
+    let client = reqwest::Client::builder().no_proxy().build()?;
+    let url = format!("http://{}/v1/robots", server.address);
+    let robot = created(&client, &url, "application/json", std::fs::read("data/paper/robot.json")?).await?;
+    let csv = std::fs::read_to_string("data/paper/first.csv")?;
+    let sixty = csv.lines().take(61).collect::<Vec<_>>().join("\n").into_bytes();
+    println!(
+        "| what | offered, 1/s | done, 1/s | median, ms | p99, ms | told to come back | p99 of these, ms | failed | target |\n|---|---|---|---|---|---|---|---|---|"
+    );
+    let get = format!("GET /v1/robots/{robot} HTTP/1.1\r\nhost: l\r\n\r\n").into_bytes();
+    for rate in [1000.0, 2500.0, 5000.0, 10_000.0] {
+        let request = get.clone();
+        let answers = at_rate(&server.address, rate, seconds, move |_| request.clone()).await;
+        row("GET of a robot", rate, seconds, &answers, "5,000/s, p99 10 ms");
+    }
+    let path = format!("/v1/robots/{robot}/measurement-sets?frame=base");
+    for rate in [250.0, 500.0, 1000.0, 2000.0, 10_000.0] {
+        let request = post(&path, "text/csv", &sixty);
+        let answers = at_rate(&server.address, rate, seconds, move |_| request.clone()).await;
+        row("durable upload of 60 poses", rate, seconds, &answers, "1,000/s, p99 50 ms");
+    }
+    println!("\nLargest memory of the server: {} MiB.", server.peak_mib());
+    slow_clients(&server, &get).await?;
+    drop(server);
+    claims(&dir.path().join("queue")).await
+}
+
+/// 2,000 clients that say nothing, half a header or half a body, and one that behaves.
+async fn slow_clients(server: &Server, get: &[u8]) -> anyhow::Result<()> {
+    const SLOW: usize = 2000;
+    let begun = Instant::now();
+    let mut slow = Vec::new();
+    for i in 0..SLOW {
+        let mut stream = TcpStream::connect(&server.address).await?;
+        let beginning: &[u8] = match i % 3 {
+            0 => b"",
+            1 => b"GET / HT",
+            _ => b"POST /v1/robots HTTP/1.1\r\nhost: l\r\ncontent-type: application/json\r\ncontent-length: 1000\r\n\r\n{",
+        };
+        stream.write_all(beginning).await?;
+        slow.push(tokio::spawn(async move {
+            let mut rest = Vec::new();
+            let _ = timeout(Duration::from_secs(60), stream.read_to_end(&mut rest)).await;
+        }));
+    }
+    let request = get.to_vec();
+    let answers = at_rate(&server.address, 200.0, 5.0, move |_| request.clone()).await;
+    let mut times: Vec<Duration> = answers.iter().map(|(_, time)| *time).collect();
+    let good = answers.iter().filter(|(status, _)| *status == 200).count();
+    let p99 = percentile(&mut times, 0.99);
+    for task in slow {
+        task.await?;
+    }
+    println!(
+        "\n{SLOW} slow clients: all cut off after {:.1} s (target 15); meanwhile {good} of {} others answered, p99 {p99:.1} ms (target 100).",
+        begun.elapsed().as_secs_f64(),
+        answers.len()
+    );
+    Ok(())
+}
+
+/// Claims from a long queue, straight at the store.
+async fn claims(data_dir: &std::path::Path) -> anyhow::Result<()> {
+    let store = Store::open(StoreLocation::Sqlite { data_dir: data_dir.to_owned() }).await?;
+    let mut tx = store.begin().await?;
+    let robot = robots::insert(&mut tx, &NewRobot { name: "r".into(), body_json: "{}".into() }).await?;
+    let set = NewMeasurementSet {
+        robot_id: robot.id.clone(),
+        name: None,
+        frame: "base".into(),
+        content_type: "text/csv".into(),
+        body: vec![0],
+        sha256: String::new(),
+        n_points: 1,
+        n_configurations: 1,
+        n_targets: 1,
+        warnings_json: "[]".into(),
+        uploaded_by: None,
+        serial_number: None,
+    };
+    let set = measurement_sets::insert(&mut tx, &set).await?;
+    tx.commit().await?;
+    let new = NewJob {
+        robot_id: robot.id,
+        measurement_set_id: set.id,
+        kind: "identify".into(),
+        method: "auto".into(),
+        request_json: "{}".into(),
+        ..NewJob::default()
+    };
+    for _ in 0..QUEUED / 1000 {
+        let mut tx = store.begin().await?;
+        for _ in 0..1000 {
+            jobs::insert(&mut tx, &new).await?;
+        }
+        tx.commit().await?;
+    }
+    let mut times = Vec::new();
+    for _ in 0..CLAIMS {
+        let begun = Instant::now();
+        leases::claim(&store, "load", Duration::from_secs(60)).await?.context("a job")?;
+        times.push(begun.elapsed());
+    }
+    println!(
+        "\n{QUEUED} jobs waiting: claim, median {:.2} ms, p99 {:.2} ms (target p99 15).",
+        percentile(&mut times, 0.5),
+        percentile(&mut times, 0.99)
+    );
+    Ok(())
+}
