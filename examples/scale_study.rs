@@ -99,6 +99,7 @@ async fn main() {
         .await
         .expect("nothing waits any more");
     workers(&store, &url).await;
+    another_client(&store, &url).await;
     store.close().await;
 }
 
@@ -201,6 +202,49 @@ async fn workers(store: &Store, url: &str) {
             process.wait().expect("it ends");
         }
     }
+}
+
+/// How long the first job of a client takes while another one's 100,000 wait, with one worker process.
+async fn another_client(store: &Store, url: &str) {
+    let sql = "insert into job (id, robot_id, measurement_set_id, kind, method, request_json, status, priority, client, turn, attempt, created_at_ms)
+         select 'job_many_' || n, j.robot_id, j.measurement_set_id, j.kind, j.method, j.request_json, 'queued', 0, 'many', n, 0, n
+         from generate_series(1, 100000) as n,
+             (select * from job where status = 'succeeded' order by created_at_ms desc limit 1) as j";
+    sqlx::query(sql).execute(store.pool()).await.expect("jobs wait");
+    let of: (String, String, String) = sqlx::query_as("select robot_id, measurement_set_id, request_json from job where id = 'job_many_1'")
+        .fetch_one(store.pool())
+        .await
+        .expect("a job");
+    let mut process = worker(url);
+    let mut took_ms = Vec::new();
+    for n in 0..20 {
+        let new = NewJob {
+            robot_id: of.0.clone(),
+            measurement_set_id: of.1.clone(),
+            kind: "identify".into(),
+            method: "least_squares".into(),
+            request_json: of.2.clone(),
+            client: format!("newcomer {n}"),
+            ..NewJob::default()
+        };
+        let since = Instant::now();
+        let mut tx = store.begin().await.expect("a transaction");
+        // past the queue's limit of a robot, which is not what is measured here
+        let id = jobs::insert(&mut tx, &new).await.expect("it is stored").id;
+        tx.commit().await.expect("a commit");
+        while !jobs::get(store, &id).await.expect("it is there").status.is_over() {
+            assert!(since.elapsed() < PATIENCE, "the newcomer waits for ever");
+            tokio::time::sleep(Duration::from_millis(2)).await;
+        }
+        took_ms.push(since.elapsed().as_secs_f64() * 1e3);
+    }
+    process.kill().expect("it runs");
+    process.wait().expect("it ends");
+    took_ms.sort_by(f64::total_cmp);
+    println!(
+        "\nFirst job of a client while 100,000 of another wait, one worker process, posted to over: median {:.0} ms, longest {:.0} ms of 20.",
+        took_ms[10], took_ms[19]
+    );
 }
 
 /// The binary beside this example, as `cargo build` leaves it.

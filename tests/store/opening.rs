@@ -164,3 +164,47 @@ fn a_copy_of_the_database_takes_every_table() {
         assert_eq!(found, copied);
     });
 }
+
+#[test]
+fn a_node_of_the_first_version_works_on_beside_todays_schema() {
+    // The statements that it had, to the letter: steps may only add.
+    for_each_engine(async |database| {
+        let store = &database.store;
+        let set = a_set(store, &a_robot(store, "r").await).await;
+        let run = async |sql: &'static str, texts: &[&str]| {
+            let query = texts.iter().fold(sqlx::query(sql), |query, text| query.bind(*text));
+            assert_eq!(query.execute(store.pool()).await.unwrap_or_else(|e| panic!("{e}: {sql}")).rows_affected(), 1, "{sql}");
+        };
+        run(
+            "insert into measurement_set (id, robot_id, name, frame, content_type, body, sha256,
+                 n_points, n_configurations, n_targets, warnings_json, created_at_ms)
+             select 'set_old', $1, name, frame, content_type, body, sha256,
+                 n_points, n_configurations, n_targets, warnings_json, (select now_ms from clock) from measurement_set",
+            &[&set.robot_id],
+        )
+        .await;
+        run(
+            "insert into job (id, robot_id, measurement_set_id, verify_set_id, frames_id, network_input_id,
+                 parameter_set_input_id, kind, method, request_json, priority, status, attempt, created_at_ms)
+             values ('job_old', $1, 'set_old', null, null, null, null, 'identify', 'auto', '{}', 0, 'queued', 0, (select now_ms from clock))",
+            &[&set.robot_id],
+        )
+        .await;
+        run(
+            "update job set status = 'running', owner = $1, attempt = attempt + 1,
+                 lease_until_ms = (select now_ms from clock) + 1000, started_at_ms = (select now_ms from clock), progress_json = null
+             where status = 'queued' and id = (
+                 select id from job where status = 'queued' order by priority desc, created_at_ms, id limit 1)",
+            &["worker_old"],
+        )
+        .await;
+        run(
+            "update job set status = 'succeeded', report_json = '{}', convergence_json = '{}', result_sha256 = 'x',
+                 lease_until_ms = null, finished_at_ms = (select now_ms from clock)
+             where id = 'job_old' and owner = $1 and attempt = 1 and status = 'running'",
+            &["worker_old"],
+        )
+        .await;
+        assert!(jobs::get(store, "job_old").await.unwrap().status.is_over());
+    });
+}
