@@ -78,8 +78,8 @@ async fn exchange(stream: &mut TcpStream, request: &[u8]) -> anyhow::Result<u16>
     Ok(String::from_utf8_lossy(&bytes[9..12]).parse()?)
 }
 
-/// Sends at `rate` for `seconds`; every request's answer.
-async fn at_rate(address: &str, rate: f64, seconds: f64, request: impl Fn(usize) -> Vec<u8> + Send + Sync + 'static) -> Vec<Answer> {
+/// Sends at `rate` for `seconds`; every request's answer, and how many seconds it took until the last came.
+async fn at_rate(address: &str, rate: f64, seconds: f64, request: impl Fn(usize) -> Vec<u8> + Send + Sync + 'static) -> (Vec<Answer>, f64) {
     let n = (rate * seconds) as usize;
     let (begun, request) = (Instant::now() + Duration::from_millis(200), Arc::new(request));
     let tasks: Vec<_> = (0..CONNECTIONS)
@@ -111,7 +111,7 @@ async fn at_rate(address: &str, rate: f64, seconds: f64, request: impl Fn(usize)
     for task in tasks {
         all.extend(task.await.unwrap_or_default());
     }
-    all
+    (all, begun.elapsed().as_secs_f64())
 }
 
 fn percentile(times: &mut [Duration], share: f64) -> f64 {
@@ -119,12 +119,12 @@ fn percentile(times: &mut [Duration], share: f64) -> f64 {
     times.get(((times.len() as f64 * share) as usize).min(times.len().saturating_sub(1))).map_or(f64::NAN, |t| t.as_secs_f64() * 1e3)
 }
 
-fn row(what: &str, rate: f64, seconds: f64, answers: &[Answer], target: &str) {
+fn row(what: &str, rate: f64, took_s: f64, answers: &[Answer], target: &str) {
     let is_good = |status: u16| (200..300).contains(&status);
     let mut good: Vec<Duration> = answers.iter().filter(|(status, _)| is_good(*status)).map(|(_, t)| *t).collect();
     let mut told: Vec<Duration> = answers.iter().filter(|(status, _)| matches!(status, 429 | 503)).map(|(_, t)| *t).collect();
     let other = answers.len() - good.len() - told.len();
-    let goodput = good.len() as f64 / seconds;
+    let goodput = good.len() as f64 / took_s;
     println!(
         "| {what} | {rate:.0} | {goodput:.0} | {:.1} | {:.1} | {} | {:.1} | {other} | {target} |",
         percentile(&mut good, 0.5),
@@ -163,14 +163,14 @@ async fn main() -> anyhow::Result<()> {
     let get = format!("GET /v1/robots/{robot} HTTP/1.1\r\nhost: l\r\n\r\n").into_bytes();
     for rate in [1000.0, 2500.0, 5000.0, 10_000.0] {
         let request = get.clone();
-        let answers = at_rate(&server.address, rate, seconds, move |_| request.clone()).await;
-        row("GET of a robot", rate, seconds, &answers, "5,000/s, p99 10 ms");
+        let (answers, took_s) = at_rate(&server.address, rate, seconds, move |_| request.clone()).await;
+        row("GET of a robot", rate, took_s, &answers, "5,000/s, p99 10 ms");
     }
     let path = format!("/v1/robots/{robot}/measurement-sets?frame=base");
     for rate in [250.0, 500.0, 1000.0, 2000.0, 10_000.0] {
         let request = post(&path, "text/csv", &sixty);
-        let answers = at_rate(&server.address, rate, seconds, move |_| request.clone()).await;
-        row("durable upload of 60 poses", rate, seconds, &answers, "1,000/s, p99 50 ms");
+        let (answers, took_s) = at_rate(&server.address, rate, seconds, move |_| request.clone()).await;
+        row("durable upload of 60 poses", rate, took_s, &answers, "1,000/s, p99 50 ms");
     }
     println!("\nLargest memory of the server: {} MiB.", server.peak_mib());
     slow_clients(&server, &get).await?;
@@ -197,7 +197,7 @@ async fn slow_clients(server: &Server, get: &[u8]) -> anyhow::Result<()> {
         }));
     }
     let request = get.to_vec();
-    let answers = at_rate(&server.address, 200.0, 5.0, move |_| request.clone()).await;
+    let (answers, _) = at_rate(&server.address, 200.0, 5.0, move |_| request.clone()).await;
     let mut times: Vec<Duration> = answers.iter().map(|(_, time)| *time).collect();
     let good = answers.iter().filter(|(status, _)| *status == 200).count();
     let p99 = percentile(&mut times, 0.99);
