@@ -59,21 +59,7 @@ async fn main() {
         tx.commit().await.expect("a commit");
     })
     .await;
-    let body = std::fs::read("data/paper/first.csv").expect("the paper's data");
-    let new_set = NewMeasurementSet {
-        robot_id: robot.clone(),
-        name: None,
-        frame: "base".into(),
-        content_type: "text/csv".into(),
-        sha256: sha256_hex(&body),
-        body,
-        n_points: 100,
-        n_configurations: 100,
-        n_targets: 1,
-        warnings_json: "[]".into(),
-        uploaded_by: None,
-        serial_number: None,
-    };
+    let new_set = papers_set(robot);
     measured("store a set of 100 points", async || {
         let mut tx = store.begin().await.expect("a transaction");
         measurement_sets::insert(&mut tx, &new_set).await.expect("it is stored");
@@ -150,15 +136,11 @@ async fn measured_few(what: &str, times: usize, mut run: impl AsyncFnMut()) {
     println!("| {what} | {:.2} | {:.2} |", took_ms[times / 2], took_ms[(times * 99 / 100).min(times - 1)]);
 }
 
-/// Least-squares jobs per second with 1, 2 and 4 worker processes.
-async fn workers(store: &Store, url: &str) {
-    println!("\n| worker processes | least-squares jobs per second |\n|---|---|");
-    let robot_json = std::fs::read_to_string("data/paper/robot.json").expect("the paper's data");
+/// The paper's first set, of this robot.
+fn papers_set(robot_id: &str) -> NewMeasurementSet {
     let body = std::fs::read("data/paper/first.csv").expect("the paper's data");
-    let mut tx = store.begin().await.expect("a transaction");
-    let robot = robots::insert(&mut tx, &NewRobot { name: "paper".into(), body_json: robot_json }).await.expect("a robot");
-    let new_set = NewMeasurementSet {
-        robot_id: robot.id.clone(),
+    NewMeasurementSet {
+        robot_id: robot_id.into(),
         name: None,
         frame: "base".into(),
         content_type: "text/csv".into(),
@@ -170,8 +152,16 @@ async fn workers(store: &Store, url: &str) {
         warnings_json: "[]".into(),
         uploaded_by: None,
         serial_number: None,
-    };
-    let set = measurement_sets::insert(&mut tx, &new_set).await.expect("a set");
+    }
+}
+
+/// Least-squares jobs per second with 1, 2 and 4 worker processes.
+async fn workers(store: &Store, url: &str) {
+    println!("\n| worker processes | least-squares jobs per second |\n|---|---|");
+    let robot_json = std::fs::read_to_string("data/paper/robot.json").expect("the paper's data");
+    let mut tx = store.begin().await.expect("a transaction");
+    let robot = robots::insert(&mut tx, &NewRobot { name: "paper".into(), body_json: robot_json }).await.expect("a robot");
+    let set = measurement_sets::insert(&mut tx, &papers_set(&robot.id)).await.expect("a set");
     tx.commit().await.expect("a commit");
     for n_workers in [1, 2, 4] {
         let mut last = String::new();
