@@ -1,5 +1,7 @@
 //! Forward kinematics, its Jacobian and the lane kernel, each against a second oracle.
 
+#[path = "kinematics/compliance.rs"]
+mod compliance;
 #[path = "support/data.rs"]
 mod data;
 #[path = "kinematics/kernel.rs"]

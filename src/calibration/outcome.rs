@@ -113,6 +113,7 @@ pub fn report(
         t_instrument_base,
         targets_mm,
         target_segments: problem.screening.targets.segments.clone(),
+        corrected: None,
         network,
     };
     report.warnings = warnings(&report, &problem.request.robot.links);

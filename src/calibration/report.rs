@@ -3,6 +3,7 @@
 use crate::calibration::changes::Changes;
 use crate::calibration::request::{Method, Model, Preset};
 use crate::identification::TrainedNetwork;
+use crate::identification::corrected::CorrectedModel;
 use crate::identification::uncertainty::Uncertainty;
 use crate::identification::workspace::ToolUncertainty;
 use crate::kinematics::Link;
@@ -192,6 +193,8 @@ pub struct CalibrationReport {
     pub targets_mm: Vec<Vector3<f64>>,
     /// (target, stretch) of each of them; stretches count from 0.
     pub target_segments: Vec<(usize, usize)>,
+    /// The robot with what its links cannot say, where something of that was kept. Its targets are in the order of `targets_mm`.
+    pub corrected: Option<CorrectedModel>,
     /// The network trained on this run, if it was a swarm.
     pub network: Option<TrainedNetwork>,
 }

@@ -184,6 +184,7 @@ fn report(
         t_instrument_base: scored.after.t_instrument_base,
         target_segments: (0..scored.after.targets_mm.len()).map(|target| (target, 0)).collect(),
         targets_mm: scored.after.targets_mm,
+        corrected: None,
         network: None,
     }
 }

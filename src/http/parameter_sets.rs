@@ -76,7 +76,7 @@ pub fn content(row: &ParameterSetRow) -> Result<ParameterSetContent, Error> {
 
 /// The parameter set as it is answered.
 pub fn answer(row: ParameterSetRow) -> Result<ParameterSetAnswer, Error> {
-    let ParameterSetContent { links, t_instrument_base, targets } = content(&row)?;
+    let ParameterSetContent { links, t_instrument_base, targets, links_with_corrections, corrections } = content(&row)?;
     Ok(ParameterSetAnswer {
         id: row.id,
         robot_id: row.robot_id,
@@ -90,6 +90,8 @@ pub fn answer(row: ParameterSetRow) -> Result<ParameterSetAnswer, Error> {
         links,
         t_instrument_base,
         targets,
+        links_with_corrections,
+        corrections,
         sha256: row.sha256,
         created_at: rfc3339(row.created_at_ms),
         released_at: row.released_at_ms.map(rfc3339),

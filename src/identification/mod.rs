@@ -2,6 +2,7 @@
 
 pub mod bpnn_pso;
 pub mod changes;
+pub mod corrected;
 pub mod distributions;
 pub mod fit;
 pub mod guide;

@@ -1,10 +1,17 @@
-//! The robot's geometry: modified Denavit-Hartenberg (Craig) links, forward kinematics and its derivatives.
+//! The robot's geometry: modified Denavit-Hartenberg (Craig) links, forward kinematics and its derivatives; and what
+//! links cannot say: compliance under gravity, harmonics of the joints, a residual network.
 
 pub mod batch;
+pub mod compliance;
+pub mod corrections;
 pub mod forward;
 pub mod jacobian;
 pub mod model;
+pub mod region;
+pub mod rotation;
 
+pub use corrections::{Compliance, Corrections, Harmonic, Payload, ResidualNetwork};
 pub use forward::{forward_kinematics, t_base_flange};
 pub use jacobian::{PositionJacobian, position_jacobian};
 pub use model::{JointMap, Link, Mounting, Robot};
+pub use region::MeasuredRegion;

@@ -5,6 +5,7 @@
 
 pub mod angle;
 pub mod canonical;
+pub mod corrections;
 pub mod frames;
 pub mod issue;
 pub mod job;

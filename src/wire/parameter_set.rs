@@ -2,9 +2,11 @@
 
 use crate::calibration::CalibrationReport;
 use crate::identification::KinematicModel;
+use crate::identification::corrected::IdentifiedRobot;
 use crate::kinematics::Link;
 use crate::wire::angle::{to_degrees, to_radians};
 use crate::wire::canonical;
+use crate::wire::corrections::CorrectionsContent;
 use crate::wire::frames::Transform;
 use crate::wire::issue::{Checker, Invalid};
 use crate::wire::release::Gate;
@@ -24,6 +26,12 @@ pub struct ParameterSetContent {
     pub t_instrument_base: Transform,
     /// Where the reflectors are, in the flange frame.
     pub targets: Vec<Target>,
+    /// Links identified together with `corrections`; absent where no correction was kept.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub links_with_corrections: Option<Vec<IdentifiedLink>>,
+    /// What link parameters cannot say; absent where none was kept.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub corrections: Option<CorrectionsContent>,
 }
 
 /// One identified link: Rx(alpha) · Dx(a) · Ry(beta) · Rz(q + theta_offset) · Dz(d).
@@ -84,7 +92,13 @@ pub struct ParameterSetAnswer {
     pub t_instrument_base: Transform,
     /// Where the reflectors are, in the flange frame.
     pub targets: Vec<Target>,
-    /// SHA-256 of the canonical JSON (RFC 8785) of {links, t_instrument_base, targets}.
+    /// Links identified together with `corrections`; absent where no correction was kept.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub links_with_corrections: Option<Vec<IdentifiedLink>>,
+    /// What link parameters cannot say; absent where none was kept.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub corrections: Option<CorrectionsContent>,
+    /// SHA-256 of the canonical JSON (RFC 8785) of {links, t_instrument_base, targets} and, where they are there, {links_with_corrections, corrections}.
     pub sha256: String,
     /// RFC 3339, UTC.
     pub created_at: String,
@@ -123,18 +137,53 @@ impl ParameterSetContent {
         Self {
             links: core.links.iter().map(IdentifiedLink::from_core).collect(),
             t_instrument_base: Transform::from_core(&core.t_instrument_base),
-            targets: targets_from_core(core),
+            targets: targets_from_core(core, &core.targets_mm),
+            links_with_corrections: core.corrected.as_ref().map(|c| c.model.links.iter().map(IdentifiedLink::from_core).collect()),
+            corrections: core.corrected.as_ref().map(|c| CorrectionsContent::from_core(c, targets_from_core(core, &c.model.targets_mm))),
         }
     }
 
-    /// The core's model. Of a target that moved while it was measured, the last position.
+    /// The core's model of the links alone. Of a target that moved while it was measured, the last position.
     pub fn to_core(&self) -> KinematicModel {
+        self.plain_to_core(None)
+    }
+
+    /// The robot as identified: links, and corrections where there are some. Of a target that moved while it was measured, the position of
+    /// that stretch, else the last.
+    pub fn robot_to_core(&self, segment: Option<u32>) -> IdentifiedRobot {
+        let with_corrections = self.links_with_corrections.as_ref().zip(self.corrections.as_ref());
+        IdentifiedRobot {
+            plain: self.plain_to_core(segment),
+            corrected: with_corrections
+                .map(|(links, corrections)| corrections.to_core(links.iter().copied().map(IdentifiedLink::to_core).collect(), segment)),
+        }
+    }
+
+    fn plain_to_core(&self, segment: Option<u32>) -> KinematicModel {
         let n_targets = self.targets.iter().map(|t| t.target + 1).max().unwrap_or(0);
+        let target_mm = |target| self.target_mm(target, segment).or_else(|| self.target_mm(target, None)).unwrap_or_else(Vector3::zeros);
         KinematicModel {
             t_instrument_base: self.t_instrument_base.to_core(),
             links: self.links_to_core(),
-            targets_mm: (0..n_targets).map(|target| self.target_mm(target, None).unwrap_or_else(Vector3::zeros)).collect(),
+            targets_mm: (0..n_targets).map(target_mm).collect(),
         }
+    }
+
+    /// Checks a document from outside (a parameter set in a file) against a robot of `n_links`.
+    ///
+    /// # Errors
+    /// [`Invalid`] with a JSON pointer to every part that does not fit.
+    pub fn check(&self, n_links: usize) -> Result<(), Invalid> {
+        let mut checker = Checker::default();
+        checker.length("/links", self.links.len(), n_links, "one per link of the robot");
+        if let Some(links) = &self.links_with_corrections {
+            checker.length("/links_with_corrections", links.len(), n_links, "one per link of the robot");
+        }
+        if self.links_with_corrections.is_some() != self.corrections.is_some() {
+            checker.note("/corrections", "incomplete", "links_with_corrections and corrections belong together");
+        }
+        checker.finish("invalid_parameter_set")?;
+        self.corrections.as_ref().map_or(Ok(()), |corrections| corrections.check(n_links))
     }
 
     /// What the cell PC checks.
@@ -152,24 +201,29 @@ impl ParameterSetContent {
 
     /// Offset of a target in the flange frame: of the stretch asked for, else of the last.
     pub fn target_mm(&self, target: usize, segment: Option<u32>) -> Option<Vector3<f64>> {
-        let mut of_target = self.targets.iter().filter(|t| t.target == target);
-        match segment {
-            Some(segment) => of_target.find(|t| t.segment.unwrap_or(0) == segment),
-            None => of_target.max_by_key(|t| t.segment),
-        }
-        .map(|t| Vector3::from(t.position_mm))
+        of_target(&self.targets, target, segment)
     }
 }
 
+/// Offset of a target among `targets`: of the stretch asked for, else of the last.
+pub(super) fn of_target(targets: &[Target], target: usize, segment: Option<u32>) -> Option<Vector3<f64>> {
+    let mut of_target = targets.iter().filter(|t| t.target == target);
+    match segment {
+        Some(segment) => of_target.find(|t| t.segment.unwrap_or(0) == segment),
+        None => of_target.max_by_key(|t| t.segment),
+    }
+    .map(|t| Vector3::from(t.position_mm))
+}
+
 /// Every target, and every stretch of those that moved, in their order.
-fn targets_from_core(core: &CalibrationReport) -> Vec<Target> {
+fn targets_from_core(core: &CalibrationReport, targets_mm: &[Vector3<f64>]) -> Vec<Target> {
     let moved = |target: usize| core.target_segments.iter().filter(|(t, _)| *t == target).count() > 1;
     let of = |((target, segment), position): (&(usize, usize), &Vector3<f64>)| Target {
         target: *target,
         segment: moved(*target).then_some(*segment as u32),
         position_mm: (*position).into(),
     };
-    let mut targets: Vec<Target> = core.target_segments.iter().zip(&core.targets_mm).map(of).collect();
+    let mut targets: Vec<Target> = core.target_segments.iter().zip(targets_mm).map(of).collect();
     targets.sort_by_key(|t| (t.target, t.segment));
     targets
 }

@@ -1,9 +1,9 @@
 //! Where an identified robot has its target.
 
-use crate::calibration::predict;
 use crate::kinematics::Robot;
 use crate::measurement::csv::MAX_TARGETS;
 use crate::wire::angle::to_radians;
+use crate::wire::corrections::PayloadBody;
 use crate::wire::issue::{Checker, Invalid};
 use crate::wire::measurement::MAX_JOINT_VALUE_DEG;
 use crate::wire::parameter_set::ParameterSetContent;
@@ -27,6 +27,9 @@ pub struct PredictBody {
     /// Which stretch between steps; default: the last.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub segment: Option<u32>,
+    /// What the flange carries at these poses; default: what it carried when the robot was identified. Without corrections it has no effect.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub payload: Option<PayloadBody>,
 }
 
 /// Predicted positions.
@@ -34,30 +37,29 @@ pub struct PredictBody {
 pub struct PredictAnswer {
     /// In the parameter set's measuring frame, mm, pose by pose.
     pub position_mm: Vec<[f64; 3]>,
-    /// True where the corrections were never trained; without corrections always false.
+    /// True where the pose is outside of what was measured, so that corrections fade into the links alone; without corrections always false.
     pub extrapolated: Vec<bool>,
 }
 
 impl PredictBody {
-    /// Where the identified robot has the target: through the joint map, the identified links and the measuring frame.
+    /// Where the identified robot has the target: through the joint map, the identified links, the corrections and the measuring frame.
     ///
     /// # Errors
     /// [`Invalid`] for poses that do not fit the robot, or a target that the set does not have.
     pub fn run(&self, robot: &Robot, content: &ParameterSetContent) -> Result<PredictAnswer, Invalid> {
         self.check(robot.links.len())?;
-        let Some(p_flange_target_mm) = content.target_mm(self.target, self.segment) else {
-            return Err(Invalid::at(
-                "/target",
-                "unknown_target",
-                "the parameter set has no such target (or segment); its `targets` lists them",
-            ));
-        };
-        let (links, t_instrument_base) = (content.links_to_core(), content.t_instrument_base.to_core());
-        let position = |q_deg: &Vec<f64>| {
+        if content.target_mm(self.target, self.segment).is_none() {
+            let detail = "the parameter set has no such target (or segment); its `targets` lists them";
+            return Err(Invalid::at("/target", "unknown_target", detail));
+        }
+        let identified = content.robot_to_core(self.segment).carrying(self.payload.map(PayloadBody::to_core));
+        let predicted = |q_deg: &Vec<f64>| -> ([f64; 3], bool) {
             let q_rad: Vec<f64> = q_deg.iter().map(|deg| to_radians(*deg)).collect();
-            predict(&links, &t_instrument_base, &p_flange_target_mm, &robot.q_model_rad(&q_rad)).into()
+            let q_rad = robot.q_model_rad(&q_rad);
+            (identified.position(&q_rad, self.target).into(), identified.is_extrapolated(&q_rad))
         };
-        Ok(PredictAnswer { position_mm: self.q_deg.iter().map(position).collect(), extrapolated: vec![false; self.q_deg.len()] })
+        let (position_mm, extrapolated) = self.q_deg.iter().map(predicted).unzip();
+        Ok(PredictAnswer { position_mm, extrapolated })
     }
 
     /// Every check that needs the request and the number of joints alone.
@@ -77,6 +79,9 @@ impl PredictBody {
         }
         if self.target >= MAX_TARGETS {
             checker.note("/target", "out_of_range", format!("{}: targets are numbered from 0, at most {MAX_TARGETS}", self.target));
+        }
+        if let Some(payload) = &self.payload {
+            payload.check("/payload", &mut checker);
         }
         checker.finish("invalid_poses")
     }

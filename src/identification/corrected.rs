@@ -1,0 +1,95 @@
+//! A robot with corrections, and where they hold.
+
+use crate::identification::KinematicModel;
+use crate::kinematics::compliance::t_base_flange_corrected;
+use crate::kinematics::rotation::between;
+use crate::kinematics::{Corrections, MeasuredRegion, Payload, t_base_flange};
+use nalgebra::{IsometryMatrix3, Vector3};
+
+/// A robot as measured, with what its links cannot say. Base, links and targets were identified together with the corrections and are not
+/// those of the links alone.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CorrectedModel {
+    /// Base, links and targets.
+    pub model: KinematicModel,
+    /// What acts beside them.
+    pub corrections: Corrections,
+    /// Where it was measured.
+    pub region: MeasuredRegion,
+}
+
+/// An identified robot: its links alone, and with corrections where some were kept.
+///
+/// Where the robot was measured, the corrected model speaks; outside of that it fades into the links alone.
+#[derive(Clone, Debug, PartialEq)]
+pub struct IdentifiedRobot {
+    /// Links alone, the best for a controller that knows nothing else.
+    pub plain: KinematicModel,
+    /// With corrections.
+    pub corrected: Option<CorrectedModel>,
+}
+
+impl CorrectedModel {
+    /// Flange in the base frame of this model, wherever it was measured.
+    pub fn t_base_flange(&self, q_rad: &[f64]) -> IsometryMatrix3<f64> {
+        t_base_flange_corrected(&self.model.links, &self.corrections, q_rad)
+    }
+
+    /// Flange in the measuring frame.
+    pub fn t_instrument_flange(&self, q_rad: &[f64]) -> IsometryMatrix3<f64> {
+        self.model.t_instrument_base * self.t_base_flange(q_rad)
+    }
+
+    /// Position of a target in the measuring frame, mm.
+    pub fn position(&self, q_rad: &[f64], target: usize) -> Vector3<f64> {
+        let flange = self.t_instrument_flange(q_rad);
+        flange.rotation * self.model.targets_mm[target] + flange.translation.vector
+    }
+}
+
+impl IdentifiedRobot {
+    /// Links alone.
+    pub fn of_links(plain: KinematicModel) -> Self {
+        Self { plain, corrected: None }
+    }
+
+    /// The same robot with this on its flange; with `None`, what it carried when it was identified.
+    pub fn carrying(mut self, payload: Option<Payload>) -> Self {
+        if let (Some(corrected), Some(payload)) = (&mut self.corrected, payload) {
+            corrected.corrections.compliance.payload = Some(payload);
+        }
+        self
+    }
+
+    /// How far corrections hold at a pose, 0 to 1; 0 where there are none.
+    pub fn weight(&self, q_rad: &[f64]) -> f64 {
+        self.corrected.as_ref().map_or(0.0, |corrected| corrected.region.weight(q_rad))
+    }
+
+    /// True where there are corrections that do not hold fully.
+    pub fn is_extrapolated(&self, q_rad: &[f64]) -> bool {
+        self.corrected.as_ref().is_some_and(|corrected| corrected.region.is_extrapolated(q_rad))
+    }
+
+    /// Flange in the measuring frame.
+    pub fn t_instrument_flange(&self, q_rad: &[f64]) -> IsometryMatrix3<f64> {
+        let plain = || self.plain.t_instrument_base * t_base_flange(&self.plain.links, q_rad);
+        match (&self.corrected, self.weight(q_rad)) {
+            (Some(corrected), 1.0) => corrected.t_instrument_flange(q_rad),
+            (Some(corrected), weight) if weight > 0.0 => between(&plain(), &corrected.t_instrument_flange(q_rad), weight),
+            _ => plain(),
+        }
+    }
+
+    /// Position of a target in the measuring frame, mm.
+    pub fn position(&self, q_rad: &[f64], target: usize) -> Vector3<f64> {
+        match (&self.corrected, self.weight(q_rad)) {
+            (Some(corrected), 1.0) => corrected.position(q_rad, target),
+            (Some(corrected), weight) if weight > 0.0 => {
+                let plain = self.plain.position(q_rad, target);
+                plain + (corrected.position(q_rad, target) - plain) * weight
+            }
+            _ => self.plain.position(q_rad, target),
+        }
+    }
+}

@@ -1,0 +1,97 @@
+//! Where a robot was measured, in its joint space: what was learnt there is not to be trusted far from it.
+
+use nalgebra::{DMatrix, DVector};
+use std::f64::consts::TAU;
+
+/// A joint may leave its measured range by this share of it and still count as measured: half a gap between fifty random poses is 1 %, and
+/// physics does not end at the last pose.
+const MARGIN: f64 = 0.1;
+/// And by at least this, rad (2°).
+const LEAST_MARGIN_RAD: f64 = 0.035;
+/// Combinations of joints count as measured up to this multiple of the largest squared (Mahalanobis) distance of a measured pose from
+/// their mean: random poses of the same kind stay below.
+const FARTHER: f64 = 1.5;
+
+/// The joint values at which a robot was measured.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MeasuredRegion {
+    /// Smallest value of each joint, rad.
+    pub lowest_rad: Vec<f64>,
+    /// Largest value of each joint, rad.
+    pub highest_rad: Vec<f64>,
+    /// Mean of each joint, rad.
+    pub mean_rad: Vec<f64>,
+    /// Lower triangle L, row by row, of the Cholesky factor L·Lᵀ of the joints' covariance, rad.
+    pub spread_rad: Vec<f64>,
+    /// Largest squared distance |L⁻¹·(q − mean)|² of a measured pose.
+    pub farthest: f64,
+}
+
+impl MeasuredRegion {
+    /// Of some poses (rows of joint values, rad), at least one.
+    pub fn of<'a>(poses: impl Iterator<Item = &'a [f64]> + Clone, n_joints: usize) -> Self {
+        let n = poses.clone().count().max(1) as f64;
+        let (mut lowest_rad, mut highest_rad, mut mean_rad) = (vec![f64::MAX; n_joints], vec![f64::MIN; n_joints], vec![0.0; n_joints]);
+        for q in poses.clone() {
+            for j in 0..n_joints {
+                lowest_rad[j] = lowest_rad[j].min(q[j]);
+                highest_rad[j] = highest_rad[j].max(q[j]);
+                mean_rad[j] += q[j] / n;
+            }
+        }
+        // a joint that hardly moves is bounded by its range; here it counts as if it had moved by the margin
+        let mut covariance = DMatrix::from_diagonal_element(n_joints, n_joints, LEAST_MARGIN_RAD * LEAST_MARGIN_RAD);
+        for q in poses.clone() {
+            let off = DVector::from_fn(n_joints, |j, _| q[j] - mean_rad[j]);
+            covariance.ger(1.0 / n, &off, &off, 1.0);
+        }
+        let factor = covariance.cholesky().map_or_else(|| DMatrix::identity(n_joints, n_joints), |cholesky| cholesky.l());
+        let spread_rad = (0..n_joints).flat_map(|row| (0..=row).map(move |column| (row, column))).map(|at| factor[at]).collect();
+        let mut region = Self { lowest_rad, highest_rad, mean_rad, spread_rad, farthest: 0.0 };
+        region.farthest = poses.map(|q| region.distance(q)).fold(0.0, f64::max);
+        region
+    }
+
+    /// How far corrections hold at a pose: 1 where the robot was measured, 0 far from it, and smoothly between. Whole turns of a joint make
+    /// no difference.
+    pub fn weight(&self, q_rad: &[f64]) -> f64 {
+        let turned: Vec<f64> = (0..q_rad.len()).map(|j| self.nearest_turn(j, q_rad[j])).collect();
+        let beyond = |j: usize| {
+            let margin = self.margin_rad(j);
+            let outside = (self.lowest_rad[j] - turned[j]).max(turned[j] - self.highest_rad[j]);
+            (outside - margin) / margin
+        };
+        let joints = (0..turned.len()).map(beyond).fold(f64::MIN, f64::max);
+        let together = if self.farthest > 0.0 { self.distance(&turned) / (FARTHER * self.farthest) - 1.0 } else { 0.0 };
+        let t = joints.max(together).clamp(0.0, 1.0);
+        1.0 - t * t * (3.0 - 2.0 * t)
+    }
+
+    /// True where corrections hold less than fully.
+    pub fn is_extrapolated(&self, q_rad: &[f64]) -> bool {
+        self.weight(q_rad) < 1.0
+    }
+
+    fn margin_rad(&self, joint: usize) -> f64 {
+        (MARGIN * (self.highest_rad[joint] - self.lowest_rad[joint])).max(LEAST_MARGIN_RAD)
+    }
+
+    /// The joint value, by whole turns nearest to the middle of the measured range.
+    fn nearest_turn(&self, joint: usize, q_rad: f64) -> f64 {
+        let middle = 0.5 * (self.lowest_rad[joint] + self.highest_rad[joint]);
+        q_rad - TAU * ((q_rad - middle) / TAU).round()
+    }
+
+    /// |L⁻¹·(q − mean)|², by forward substitution.
+    fn distance(&self, q_rad: &[f64]) -> f64 {
+        let n = q_rad.len();
+        let (mut z, mut at, mut sum) = (vec![0.0; n], 0, 0.0);
+        for row in 0..n {
+            let known: f64 = (0..row).map(|column| self.spread_rad[at + column] * z[column]).sum();
+            z[row] = (q_rad[row] - self.mean_rad[row] - known) / self.spread_rad[at + row];
+            at += row + 1;
+            sum += z[row] * z[row];
+        }
+        sum
+    }
+}

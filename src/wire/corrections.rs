@@ -1,0 +1,303 @@
+//! What link parameters cannot say, as part of a parameter set.
+
+use crate::identification::KinematicModel;
+use crate::identification::corrected::CorrectedModel;
+use crate::kinematics::corrections::HARMONIC_ORDERS;
+use crate::kinematics::{Compliance, Corrections, Harmonic, Link, MeasuredRegion, Payload, ResidualNetwork};
+use crate::wire::angle::{to_degrees, to_radians};
+use crate::wire::frames::Transform;
+use crate::wire::issue::{Checker, Invalid};
+use crate::wire::parameter_set::{Target, of_target};
+use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// The version of this shape. Another one is refused: it would mean another formula.
+pub const CORRECTIONS_VERSION: u32 = 1;
+/// Largest mass of a payload, kg.
+pub const MAX_PAYLOAD_KG: f64 = 10_000.0;
+/// Farthest centre of a payload from the flange, mm.
+pub const MAX_PAYLOAD_OFFSET_MM: f64 = 10_000.0;
+
+/// What acts beside `links_with_corrections`, and where it holds. With M_i the moment of gravity about the origin of frame i, in that
+/// frame, M_i = R_iᵀ·Σ_{j≥i} [m_j·(o_j − o_i) + R_j·c_j] × g on the links alone (lengths in metres, g a unit vector), and M_0 the same
+/// about the base's origin in the base frame:
+/// T_base_flange = Trans(net(q)) · Rot(B∘M_0) · Π [Rx(alpha)·Dx(a)·Ry(beta)·Rz(q + theta_offset + h(q))·Dz(d)·Rot(K_i∘M_i)].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct CorrectionsContent {
+    /// 1.
+    pub version: u32,
+    /// Base in the measuring frame, as identified together with the corrections.
+    pub t_instrument_base: Transform,
+    /// Where the reflectors are in the flange frame, as identified together with the corrections.
+    pub targets: Vec<Target>,
+    /// g: unit vector along gravity, in the base frame.
+    pub gravity_in_base: [f64; 3],
+    /// m: mass at the origin of each link's frame, in units of mass.
+    pub masses: Vec<f64>,
+    /// c: first moment of each link about that origin, in the link's frame, units of mass × metres.
+    pub first_moments_m: Vec<[f64; 3]>,
+    /// K: turn of each joint's frame about its x, y and z per unit moment, degrees.
+    pub joint_compliance_deg: Vec<[f64; 3]>,
+    /// B: turn of the base about x, y and z of the base frame per unit moment, degrees.
+    pub base_compliance_deg: [f64; 3],
+    /// What hung on the flange while the robot was measured, where that was said; its mass is not among `masses`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub payload: Option<PayloadBody>,
+    /// Kilograms that a unit of mass stands for where a payload is weighed against the links.
+    pub mass_unit_kg: f64,
+    /// h(q) = Σ sin_deg · sin(order·q) + cos_deg · cos(order·q), by joint; those that are not listed are 0.
+    pub harmonics: Vec<HarmonicContent>,
+    /// net(q): displacement of the flange in the base frame.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub residual_network: Option<ResidualNetworkContent>,
+    /// Where the robot was measured. Outside of it the prediction fades into that of `links`.
+    pub measured: MeasuredRegionContent,
+}
+
+/// What hangs on the flange.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PayloadBody {
+    /// Mass, kg.
+    #[schema(minimum = 0, maximum = 10000)]
+    pub mass_kg: f64,
+    /// Its centre in the flange frame, mm; the flange's origin where absent.
+    #[serde(default)]
+    pub centre_mm: [f64; 3],
+}
+
+/// One harmonic of a joint.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct HarmonicContent {
+    /// 1-based.
+    pub joint: usize,
+    /// Multiple of the joint value, from 1.
+    pub order: usize,
+    /// Amplitude of the sine, degrees.
+    pub sin_deg: f64,
+    /// Amplitude of the cosine, degrees.
+    pub cos_deg: f64,
+}
+
+/// Single hidden layer: y = scale_mm · (W2·tanh(W1·x − T1) − T2), x_j = (q_j − centre_j) / half_range_j, q the model's joint values.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ResidualNetworkContent {
+    /// Middle of each joint's range, degrees.
+    pub centre_deg: Vec<f64>,
+    /// Half of that range, degrees.
+    pub half_range_deg: Vec<f64>,
+    /// W1, row by row: hidden × joints.
+    pub hidden_weights: Vec<f64>,
+    /// T1.
+    pub hidden_thresholds: Vec<f64>,
+    /// W2, row by row: 3 × hidden.
+    pub output_weights: Vec<f64>,
+    /// T2.
+    pub output_thresholds: Vec<f64>,
+    /// Unit of the outputs, mm.
+    pub scale_mm: f64,
+}
+
+/// The joint values at which the robot was measured, in the model's convention (after the joint map).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct MeasuredRegionContent {
+    /// Smallest value of each joint, degrees.
+    pub q_lowest_deg: Vec<f64>,
+    /// Largest value of each joint, degrees.
+    pub q_highest_deg: Vec<f64>,
+    /// Mean of each joint, degrees.
+    pub q_mean_deg: Vec<f64>,
+    /// Lower triangle of the Cholesky factor of the joints' covariance, row by row, degrees.
+    pub q_spread_deg: Vec<f64>,
+    /// Largest squared Mahalanobis distance of a measured pose.
+    pub farthest: f64,
+}
+
+fn degrees(values: &[f64]) -> Vec<f64> {
+    values.iter().map(|v| to_degrees(*v)).collect()
+}
+
+fn radians(values: &[f64]) -> Vec<f64> {
+    values.iter().map(|v| to_radians(*v)).collect()
+}
+
+fn degrees3(v: &Vector3<f64>) -> [f64; 3] {
+    [to_degrees(v.x), to_degrees(v.y), to_degrees(v.z)]
+}
+
+fn radians3(v: &[f64; 3]) -> Vector3<f64> {
+    Vector3::from(v.map(to_radians))
+}
+
+impl PayloadBody {
+    /// Notes what is out of range.
+    pub fn check(&self, pointer: &str, checker: &mut Checker) {
+        if !(0.0..=MAX_PAYLOAD_KG).contains(&self.mass_kg) {
+            checker.note(format!("{pointer}/mass_kg"), "out_of_range", format!("{} is outside 0 to {MAX_PAYLOAD_KG} kg", self.mass_kg));
+        }
+        for (axis, v) in self.centre_mm.iter().enumerate() {
+            checker.magnitude(format!("{pointer}/centre_mm/{axis}"), *v, MAX_PAYLOAD_OFFSET_MM, "the payload's centre, mm from the flange");
+        }
+    }
+
+    /// The core's payload.
+    pub fn to_core(self) -> Payload {
+        Payload { mass_kg: self.mass_kg, centre_mm: Vector3::from(self.centre_mm) }
+    }
+
+    fn from_core(payload: &Payload) -> Self {
+        Self { mass_kg: payload.mass_kg, centre_mm: payload.centre_mm.into() }
+    }
+}
+
+impl ResidualNetworkContent {
+    /// From the core's network.
+    pub fn from_core(network: &ResidualNetwork) -> Self {
+        Self {
+            centre_deg: degrees(&network.centre_rad),
+            half_range_deg: degrees(&network.half_range_rad),
+            hidden_weights: network.hidden_weights.clone(),
+            hidden_thresholds: network.hidden_thresholds.clone(),
+            output_weights: network.output_weights.clone(),
+            output_thresholds: network.output_thresholds.clone(),
+            scale_mm: network.scale_mm,
+        }
+    }
+
+    /// The core's network.
+    pub fn to_core(&self) -> ResidualNetwork {
+        ResidualNetwork {
+            centre_rad: radians(&self.centre_deg),
+            half_range_rad: radians(&self.half_range_deg),
+            hidden_weights: self.hidden_weights.clone(),
+            hidden_thresholds: self.hidden_thresholds.clone(),
+            output_weights: self.output_weights.clone(),
+            output_thresholds: self.output_thresholds.clone(),
+            scale_mm: self.scale_mm,
+        }
+    }
+
+    fn check(&self, n: usize, checker: &mut Checker) {
+        let hidden = self.hidden_thresholds.len();
+        let sizes = [
+            ("centre_deg", self.centre_deg.len(), n),
+            ("half_range_deg", self.half_range_deg.len(), n),
+            ("hidden_weights", self.hidden_weights.len(), hidden * n),
+            ("output_weights", self.output_weights.len(), 3 * hidden),
+            ("output_thresholds", self.output_thresholds.len(), 3),
+        ];
+        for (name, found, expected) in sizes {
+            checker.length(format!("/corrections/residual_network/{name}"), found, expected, "a network of joints → position");
+        }
+    }
+}
+
+impl CorrectionsContent {
+    /// From the core's model, whose targets are `targets` on the wire.
+    pub fn from_core(corrected: &CorrectedModel, targets: Vec<Target>) -> Self {
+        let Corrections { compliance, harmonics, residual } = &corrected.corrections;
+        let region = &corrected.region;
+        let listed = |(joint, orders): (usize, &Vec<Harmonic>)| {
+            let content = move |(k, h): (usize, &Harmonic)| HarmonicContent {
+                joint: joint + 1,
+                order: k + 1,
+                sin_deg: to_degrees(h.sin_rad),
+                cos_deg: to_degrees(h.cos_rad),
+            };
+            orders.iter().enumerate().filter(|(_, h)| **h != Harmonic::default()).map(content).collect::<Vec<_>>()
+        };
+        Self {
+            version: CORRECTIONS_VERSION,
+            t_instrument_base: Transform::from_core(&corrected.model.t_instrument_base),
+            targets,
+            gravity_in_base: compliance.gravity_in_base.into(),
+            masses: compliance.masses.clone(),
+            first_moments_m: compliance.first_moments_m.iter().map(|c| (*c).into()).collect(),
+            joint_compliance_deg: compliance.joints_rad.iter().map(degrees3).collect(),
+            base_compliance_deg: degrees3(&compliance.base_rad),
+            payload: compliance.payload.as_ref().map(PayloadBody::from_core),
+            mass_unit_kg: compliance.mass_unit_kg,
+            harmonics: harmonics.iter().enumerate().flat_map(listed).collect(),
+            residual_network: residual.as_ref().map(ResidualNetworkContent::from_core),
+            measured: MeasuredRegionContent {
+                q_lowest_deg: degrees(&region.lowest_rad),
+                q_highest_deg: degrees(&region.highest_rad),
+                q_mean_deg: degrees(&region.mean_rad),
+                q_spread_deg: degrees(&region.spread_rad),
+                farthest: region.farthest,
+            },
+        }
+    }
+
+    /// The core's model with these links. `segment`: the stretch of targets that moved; default: the last.
+    pub fn to_core(&self, links: Vec<Link>, segment: Option<u32>) -> CorrectedModel {
+        let n_targets = self.targets.iter().map(|t| t.target + 1).max().unwrap_or(0);
+        let target_mm = |target| of_target(&self.targets, target, segment).or_else(|| of_target(&self.targets, target, None));
+        let mut harmonics = vec![vec![Harmonic::default(); HARMONIC_ORDERS]; links.len()];
+        for h in &self.harmonics {
+            harmonics[h.joint - 1][h.order - 1] = Harmonic { sin_rad: to_radians(h.sin_deg), cos_rad: to_radians(h.cos_deg) };
+        }
+        CorrectedModel {
+            model: KinematicModel {
+                t_instrument_base: self.t_instrument_base.to_core(),
+                links,
+                targets_mm: (0..n_targets).map(|target| target_mm(target).unwrap_or_else(Vector3::zeros)).collect(),
+            },
+            corrections: Corrections {
+                compliance: Compliance {
+                    gravity_in_base: Vector3::from(self.gravity_in_base),
+                    masses: self.masses.clone(),
+                    first_moments_m: self.first_moments_m.iter().map(|c| Vector3::from(*c)).collect(),
+                    joints_rad: self.joint_compliance_deg.iter().map(radians3).collect(),
+                    base_rad: radians3(&self.base_compliance_deg),
+                    payload: self.payload.map(PayloadBody::to_core),
+                    mass_unit_kg: self.mass_unit_kg,
+                },
+                harmonics,
+                residual: self.residual_network.as_ref().map(ResidualNetworkContent::to_core),
+            },
+            region: MeasuredRegion {
+                lowest_rad: radians(&self.measured.q_lowest_deg),
+                highest_rad: radians(&self.measured.q_highest_deg),
+                mean_rad: radians(&self.measured.q_mean_deg),
+                spread_rad: radians(&self.measured.q_spread_deg),
+                farthest: self.measured.farthest,
+            },
+        }
+    }
+
+    /// Checks a document from outside (a parameter set in a file) against a robot of `n` links.
+    ///
+    /// # Errors
+    /// [`Invalid`] with a JSON pointer to every part that does not fit.
+    pub fn check(&self, n: usize) -> Result<(), Invalid> {
+        let mut checker = Checker::default();
+        if self.version != CORRECTIONS_VERSION {
+            let detail = format!("version {} is not known; this version of kincal reads {CORRECTIONS_VERSION}", self.version);
+            checker.note("/corrections/version", "unknown_version", detail);
+        }
+        let sizes = [
+            ("masses", self.masses.len(), n),
+            ("first_moments_m", self.first_moments_m.len(), n),
+            ("joint_compliance_deg", self.joint_compliance_deg.len(), n),
+            ("measured/q_lowest_deg", self.measured.q_lowest_deg.len(), n),
+            ("measured/q_highest_deg", self.measured.q_highest_deg.len(), n),
+            ("measured/q_mean_deg", self.measured.q_mean_deg.len(), n),
+            ("measured/q_spread_deg", self.measured.q_spread_deg.len(), n * (n + 1) / 2),
+        ];
+        for (name, found, expected) in sizes {
+            checker.length(format!("/corrections/{name}"), found, expected, "one value per link of the robot");
+        }
+        for (i, h) in self.harmonics.iter().enumerate() {
+            if !(1..=n).contains(&h.joint) || !(1..=HARMONIC_ORDERS).contains(&h.order) {
+                let detail = format!("joint {} order {}: joints are 1 to {n}, orders 1 to {HARMONIC_ORDERS}", h.joint, h.order);
+                checker.note(format!("/corrections/harmonics/{i}"), "out_of_range", detail);
+            }
+        }
+        if let Some(network) = &self.residual_network {
+            network.check(n, &mut checker);
+        }
+        checker.finish("invalid_corrections")
+    }
+}
