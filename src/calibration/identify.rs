@@ -2,6 +2,7 @@
 
 use crate::calibration::changes::changes;
 use crate::calibration::check::check;
+use crate::calibration::corrections;
 use crate::calibration::observe::{Observed, observe};
 use crate::calibration::outcome::report;
 use crate::calibration::report::{CalibrationReport, MethodComparison};
@@ -99,8 +100,12 @@ pub fn calibrate(request: &CalibrationRequest, monitor: &mut Monitor<'_>) -> Res
         let counting = problem.loss.reweighted(&found.model, &problem.identify);
         found.model = settle(&found.model, &problem.nominal, &problem.parameters, &problem.decomposition.scale, &counting);
     }
+    let corrections = match corrections::are_wanted(request.corrections, request.preset) {
+        true => stage(monitor, "corrections", |_| Ok(Some(corrections::corrections(&problem, &found.model))))?,
+        false => None,
+    };
     let comparison = compare(&problem, method, own, monitor)?;
-    let mut report = report(&problem, method, reason, found, comparison, network)?;
+    let mut report = report(&problem, method, reason, found, comparison, network, corrections)?;
     if request.previous.is_some() {
         report.changes = stage(monitor, "compare_sessions", |monitor| changes(request, &mut quiet(monitor)))?;
         report.warnings.extend(report.changes.iter().flat_map(|changes| changes.warnings.iter().cloned()));

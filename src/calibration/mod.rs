@@ -4,6 +4,7 @@ pub mod alignment;
 mod arrangement;
 pub mod changes;
 mod check;
+mod corrections;
 mod identify;
 mod observe;
 mod outcome;
@@ -32,7 +33,7 @@ use std::ops::ControlFlow;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Event<'a> {
     /// A named stage begins: `least_squares`, `pso` or `bpnn_pso` for the main method, then `refine`, `train_network`,
-    /// `compare_least_squares`, `compare_pso`, `compare_warm_start`, `compare_sessions`.
+    /// `corrections`, `compare_least_squares`, `compare_pso`, `compare_warm_start`, `compare_sessions`.
     StageStarted(&'a str),
     /// Nothing to report: a stage other than the main method is at work and asks whether to stop.
     Heartbeat,

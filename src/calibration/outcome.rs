@@ -1,5 +1,6 @@
 //! From an identified model to the report: errors before and after, parameters with their uncertainty, remarks.
 
+use crate::calibration::corrections::{self, placed_anew};
 use crate::calibration::identify::{Found, Problem};
 use crate::calibration::observe::{Observed, observe_verify_set};
 use crate::calibration::remarks::remarks;
@@ -7,6 +8,7 @@ use crate::calibration::report::*;
 use crate::calibration::request::{Method, Model, Preset, VerifySource};
 use crate::calibration::verify::refits;
 use crate::calibration::{Error, plausibility};
+use crate::identification::corrected::{CorrectedModel, IdentifiedRobot};
 use crate::identification::misfit::gravity_directions;
 use crate::identification::objective::{Observation, residuals};
 use crate::identification::parameters::{Parameter, quantity_mut, rotation_log};
@@ -22,7 +24,16 @@ const CONFIDENCE: f64 = 0.95;
 
 /// Mean, standard deviation, rms and largest of |residual|; `None` for no points.
 pub fn errors(model: &KinematicModel, observations: &[Observation]) -> Option<Errors> {
-    let sizes: Vec<f64> = residuals(model, observations).iter().map(Vector3::norm).collect();
+    statistics(&residuals(model, observations).iter().map(Vector3::norm).collect::<Vec<f64>>())
+}
+
+/// As [`errors`], of a robot with corrections.
+pub fn corrected_errors(robot: &IdentifiedRobot, observations: &[Observation]) -> Option<Errors> {
+    let size = |o: &Observation| (o.position_mm - robot.position(&o.q_rad, o.target)).norm();
+    statistics(&observations.iter().map(size).collect::<Vec<f64>>())
+}
+
+fn statistics(sizes: &[f64]) -> Option<Errors> {
     if sizes.is_empty() {
         return None;
     }
@@ -67,20 +78,25 @@ pub fn report(
     found: Found,
     comparison: Vec<MethodComparison>,
     network: Option<TrainedNetwork>,
+    corrections: Option<corrections::Found>,
 ) -> Result<CalibrationReport, Error> {
     let request = problem.request;
     let model = &found.model;
-    let both = |points: &[Observation], before: &KinematicModel, after: &KinematicModel| {
+    // in the frame of the fit
+    let robot = corrections.as_ref().map(|c| IdentifiedRobot { plain: delivered(problem, model), corrected: c.corrected.clone() });
+    let both = |points: &[Observation], before: &KinematicModel, after: &KinematicModel, robot: Option<&IdentifiedRobot>| {
         let (before, after) = (errors(before, points)?, errors(after, points)?);
-        Some(SubsetErrors { n_points: points.len(), before, after })
+        let corrected = robot.and_then(|robot| if robot.corrected.is_some() { corrected_errors(robot, points) } else { Some(after) });
+        Some(SubsetErrors { n_points: points.len(), before, after, corrected })
     };
-    let Some(identify) = both(&problem.identify, &problem.nominal, model) else {
+    let Some(identify) = both(&problem.identify, &problem.nominal, model, robot.as_ref()) else {
         return Err(crate::calibration::unusable("under_determined", "the identify subset has no points"));
     };
     let (verify_observed, refit) = verify_points(problem);
     let points = verify_observed.of(Subset::Verify);
     let (before, after) = (placed(&problem.nominal, &points, refit), placed(model, &points, refit));
-    let verify = both(&points, &before, &after);
+    let robot_there = if refit && !points.is_empty() { robot.as_ref().map(|robot| placed_anew(robot, &points)) } else { robot };
+    let verify = both(&points, &before, &after, robot_there.as_ref());
     let mut per_point = per_point(&problem.observed, &problem.nominal, model);
     if matches!(request.verify, VerifySource::Set(_)) {
         per_point.extend(self::per_point(&verify_observed, &before, &after));
@@ -113,7 +129,8 @@ pub fn report(
         t_instrument_base,
         targets_mm,
         target_segments: problem.screening.targets.segments.clone(),
-        corrected: None,
+        corrected: corrections.as_ref().and_then(|c| c.corrected.as_ref()).map(|c| corrected_as_delivered(problem, c)),
+        corrections: corrections.map(|c| c.evidence),
         network,
     };
     report.warnings = warnings(&report, &problem.request.robot.links);
@@ -140,16 +157,32 @@ pub fn per_point(observed: &Observed, before: &KinematicModel, after: &Kinematic
 
 /// Links, base and targets as the cell gets them: with sweeps, z_t is taken out of d of the last link again and becomes the target.
 fn as_delivered(problem: &Problem<'_>, model: &KinematicModel) -> (Vec<crate::kinematics::Link>, IsometryMatrix3<f64>, Vec<Vector3<f64>>) {
-    let (mut links, mut base, mut targets) = (model.links.clone(), model.t_instrument_base, model.targets_mm.clone());
-    if let (Model::Paper, Some(frames)) = (problem.request.model(), &problem.request.frames) {
-        let last = links.len() - 1;
-        links[last].d_mm -= frames.z_tool_mm;
-        targets.iter_mut().for_each(|target| target.z += frames.z_tool_mm);
-        if problem.request.set.frame == Frame::Instrument {
-            base = frames.t_instrument_base;
-        }
+    let KinematicModel { links, t_instrument_base, targets_mm } = delivered(problem, model);
+    (links, base_as_delivered(problem, &t_instrument_base), targets_mm)
+}
+
+fn corrected_as_delivered(problem: &Problem<'_>, corrected: &CorrectedModel) -> CorrectedModel {
+    let mut corrected = corrected.clone();
+    corrected.model.t_instrument_base = base_as_delivered(problem, &corrected.model.t_instrument_base);
+    corrected
+}
+
+fn base_as_delivered(problem: &Problem<'_>, fitted: &IsometryMatrix3<f64>) -> IsometryMatrix3<f64> {
+    match (problem.request.model(), &problem.request.frames, problem.request.set.frame) {
+        (Model::Paper, Some(frames), Frame::Instrument) => frames.t_instrument_base,
+        _ => *fitted,
     }
-    (links, base, targets)
+}
+
+/// The model with z_t of the sweeps taken out of the last link and put into the targets, in the frame of the fit: positions stay.
+pub fn delivered(problem: &Problem<'_>, model: &KinematicModel) -> KinematicModel {
+    let mut model = model.clone();
+    if let (Model::Paper, Some(frames)) = (problem.request.model(), &problem.request.frames) {
+        let last = model.links.len() - 1;
+        model.links[last].d_mm -= frames.z_tool_mm;
+        model.targets_mm.iter_mut().for_each(|target| target.z += frames.z_tool_mm);
+    }
+    model
 }
 
 /// Nominal and identified value of each free parameter, in mm and degrees.

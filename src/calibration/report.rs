@@ -4,6 +4,7 @@ use crate::calibration::changes::Changes;
 use crate::calibration::request::{Method, Model, Preset};
 use crate::identification::TrainedNetwork;
 use crate::identification::corrected::CorrectedModel;
+use crate::identification::corrections::Evidence;
 use crate::identification::uncertainty::Uncertainty;
 use crate::identification::workspace::ToolUncertainty;
 use crate::kinematics::Link;
@@ -32,6 +33,8 @@ pub struct SubsetErrors {
     pub before: Errors,
     /// The identified robot's.
     pub after: Errors,
+    /// With corrections, where they were looked for: as `after` where none was kept.
+    pub corrected: Option<Errors>,
 }
 
 /// One point's error before and after.
@@ -195,6 +198,8 @@ pub struct CalibrationReport {
     pub target_segments: Vec<(usize, usize)>,
     /// The robot with what its links cannot say, where something of that was kept. Its targets are in the order of `targets_mm`.
     pub corrected: Option<CorrectedModel>,
+    /// Which corrections were tried, and what they did; `None` where none was looked for.
+    pub corrections: Option<Vec<Evidence>>,
     /// The network trained on this run, if it was a swarm.
     pub network: Option<TrainedNetwork>,
 }

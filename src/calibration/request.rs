@@ -4,7 +4,7 @@ use crate::frames::PreliminaryFrames;
 pub use crate::identification::{Model, Preset};
 
 use crate::identification::TrainedNetwork;
-use crate::kinematics::Robot;
+use crate::kinematics::{Payload, ResidualNetwork, Robot};
 use crate::measurement::{Frame, MeasurementSet};
 
 /// How the parameters are identified.
@@ -80,6 +80,15 @@ pub struct SearchOptions {
     pub loss: Option<Loss>,
 }
 
+/// Whether corrections are looked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CorrectionsChoice {
+    /// Links alone.
+    Off,
+    /// Those that win by cross-validation.
+    Auto,
+}
+
 /// One calibration, complete.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CalibrationRequest {
@@ -107,6 +116,12 @@ pub struct CalibrationRequest {
     pub verify: VerifySource,
     /// Search options.
     pub options: SearchOptions,
+    /// What links cannot say; `None`: looked for, but not in the paper's preset.
+    pub corrections: Option<CorrectionsChoice>,
+    /// What the flange carried while the set was measured, where it is known.
+    pub payload: Option<Payload>,
+    /// The residual network of the robot's last identification: where the training of a new one starts.
+    pub residual_network: Option<ResidualNetwork>,
     /// The session that the robot was last identified from, to compare with.
     pub previous: Option<PreviousSession>,
 }
@@ -148,6 +163,9 @@ impl CalibrationRequest {
             refine: None,
             verify: VerifySource::Default,
             options: SearchOptions::default(),
+            corrections: None,
+            payload: None,
+            residual_network: None,
             previous: None,
         }
     }

@@ -6,6 +6,7 @@ use crate::calibration::request::{CalibrationRequest, VerifySource};
 use crate::calibration::verify::verify;
 use crate::calibration::{Error, unusable};
 use crate::identification::KinematicModel;
+use crate::identification::corrected::IdentifiedRobot;
 use crate::measurement::{MeasurementSet, Subset};
 use std::ops::ControlFlow;
 
@@ -28,6 +29,6 @@ pub fn verify_points_of(request: &CalibrationRequest) -> Result<MeasurementSet, 
 /// As [`verify`].
 pub fn score(request: &CalibrationRequest, set: &MeasurementSet, model: &KinematicModel) -> Result<Errors, Error> {
     let request = CalibrationRequest { set: set.clone(), verify: VerifySource::Default, ..request.clone() };
-    let report = verify(&request, Some(model), &mut |_| ControlFlow::Continue(()))?;
+    let report = verify(&request, Some(&IdentifiedRobot::of_links(model.clone())), &mut |_| ControlFlow::Continue(()))?;
     report.verify.map(|verify| verify.after).ok_or_else(|| unusable("under_determined", "there are no points to verify on"))
 }

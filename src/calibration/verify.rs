@@ -2,12 +2,14 @@
 //! points do not come in the base frame, base and targets are, for the nominal robot and for the identified one each for itself.
 
 use crate::calibration::check::n_equations;
+use crate::calibration::corrections::placed_anew;
 use crate::calibration::observe::{Observed, observe_to_verify, observe_verify_set};
-use crate::calibration::outcome::{errors, per_point};
+use crate::calibration::outcome::{corrected_errors, errors, per_point};
 use crate::calibration::report::{CalibrationReport, Errors, Identifiability, SubsetErrors, Warning};
 use crate::calibration::request::{CalibrationRequest, Model};
 use crate::calibration::{Error, Event, Monitor, unusable};
 use crate::identification::KinematicModel;
+use crate::identification::corrected::IdentifiedRobot;
 use crate::identification::objective::{Observation, cost};
 use crate::identification::start::fit_base_and_targets;
 use crate::measurement::{Frame, MeasurementSet, Point};
@@ -26,6 +28,8 @@ const FEW_RESIDUALS: usize = 3;
 struct Scored {
     before: KinematicModel,
     after: KinematicModel,
+    /// With corrections, where a parameter set was scored.
+    corrected: Option<IdentifiedRobot>,
     /// Numbers of base and targets that were refitted.
     n_refitted: usize,
 }
@@ -97,10 +101,10 @@ fn check_enough(observations: &[Observation], n_refitted: usize, n_targets: usiz
 /// As [`check_verify`], and [`Error::Cancelled`].
 pub fn verify(
     request: &CalibrationRequest,
-    identified: Option<&KinematicModel>,
+    identified: Option<&IdentifiedRobot>,
     monitor: &mut Monitor<'_>,
 ) -> Result<CalibrationReport, Error> {
-    check_verify(request, identified)?;
+    check_verify(request, identified.map(|robot| &robot.plain))?;
     if monitor(Event::Heartbeat).is_break() {
         return Err(Error::Cancelled);
     }
@@ -109,7 +113,13 @@ pub fn verify(
     let (Some(before), Some(after)) = (errors(&scored.before, &observed.all), errors(&scored.after, &observed.all)) else {
         return Err(unusable("under_determined", "the set has no points"));
     };
-    Ok(report(request, identified.is_some(), &observed, scored, SubsetErrors { n_points: observed.all.len(), before, after }))
+    let corrected = match &scored.corrected {
+        Some(robot) if robot.corrected.is_some() => corrected_errors(robot, &observed.all),
+        Some(_) => Some(after),
+        None => None,
+    };
+    let errors = SubsetErrors { n_points: observed.all.len(), before, after, corrected };
+    Ok(report(request, identified.is_some(), &observed, scored, errors))
 }
 
 /// Positions are in the base frame, so that nothing has to be placed.
@@ -128,20 +138,22 @@ fn n_refitted(request: &CalibrationRequest, identified: Option<&KinematicModel>)
     if placed { 0 } else { 6 + 3 * n_targets }
 }
 
-fn score(request: &CalibrationRequest, identified: Option<&KinematicModel>, observed: &Observed) -> Scored {
+fn score(request: &CalibrationRequest, robot: Option<&IdentifiedRobot>, observed: &Observed) -> Scored {
+    let identified = robot.map(|robot| &robot.plain);
     let nominal = KinematicModel::nominal(&request.robot.links, request.set.n_targets());
     let after = identified.cloned().unwrap_or_else(|| nominal.clone());
     let n_refitted = n_refitted(request, identified);
     if n_refitted > 0 {
         let place = |model: &KinematicModel| fit_base_and_targets(&model.links, &observed.all, request.set.n_targets());
-        return Scored { before: place(&nominal), after: place(&after), n_refitted };
+        let corrected = robot.map(|robot| placed_anew(robot, &observed.all));
+        return Scored { before: place(&nominal), after: place(&after), corrected, n_refitted };
     }
     let mut before = KinematicModel { links: nominal.links, ..after.clone() };
     if let (None, Some(frames)) = (identified, &request.frames) {
         before.targets_mm[0].z = frames.z_tool_mm;
     }
     let after = if identified.is_some() { after } else { before.clone() };
-    Scored { before, after, n_refitted }
+    Scored { before, after, corrected: robot.cloned(), n_refitted }
 }
 
 fn report(
@@ -163,7 +175,7 @@ fn report(
         n_evaluations: 0,
         cost_mm2: cost(&scored.after, &observed.all),
         convergence_mm2: vec![],
-        identify: SubsetErrors { n_points: 0, before: none, after: none },
+        identify: SubsetErrors { n_points: 0, before: none, after: none, corrected: None },
         verify: Some(verify),
         per_point: per_point(observed, &scored.before, &scored.after),
         parameters: vec![],
@@ -184,7 +196,8 @@ fn report(
         t_instrument_base: scored.after.t_instrument_base,
         target_segments: (0..scored.after.targets_mm.len()).map(|target| (target, 0)).collect(),
         targets_mm: scored.after.targets_mm,
-        corrected: None,
+        corrected: scored.corrected.and_then(|robot| robot.corrected),
+        corrections: None,
         network: None,
     }
 }

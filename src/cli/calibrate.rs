@@ -58,7 +58,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     for remark in measurement::warnings(&robot, &set) {
         eprintln!("warning ({}): {}", remark.code, remark.detail);
     }
-    let parts = JobParts { robot, set, verify_set: None, frames: None, network: None, previous: None };
+    let parts = JobParts { robot, set, verify_set: None, frames: None, network: None, residual_network: None, previous: None };
     let request = body(arguments)?.to_core(parts).map_err(|invalid| Usage(invalid.summary()))?;
     let bar = (!arguments.json).then(|| progress_bar("iterations"));
     let mut monitor = |progress: crate::jobs::Progress| {

@@ -158,6 +158,7 @@ fn check(request: &JobRequestBody, sources: Sources) -> Result<Option<String>, E
         verify_set: sources.verify_set.as_ref().map(parse).transpose()?,
         frames: sources.frames.as_ref().map(FramesContent::to_core),
         network: None,
+        residual_network: None,
         previous: None,
         robot,
     };

@@ -3,6 +3,7 @@
 pub mod bpnn_pso;
 pub mod changes;
 pub mod corrected;
+pub mod corrections;
 pub mod distributions;
 pub mod fit;
 pub mod guide;

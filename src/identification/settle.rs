@@ -36,17 +36,24 @@ pub fn settle(
         return model.clone();
     }
     let variance = weighted_residuals(model, observations).norm_squared() / freedom;
-    let priors: Vec<f64> = parameters.iter().zip(scale).map(|(p, s)| width(p, *s)).collect();
-    let (mut settled, mut widths) = (model.clone(), priors.clone());
+    let mut settled = model.clone();
+    let mut widths: Vec<f64> = parameters.iter().zip(scale).map(|(p, s)| width(p, *s)).collect();
     for _ in 0..STEPS {
         let Some(next) = step(&settled, nominal, parameters, &widths, &directions, observations, variance) else { return settled };
-        for (j, width) in widths.iter_mut().enumerate() {
-            let size = deviation_of(&next, nominal, &parameters[j]).map_or(0.0, f64::abs);
-            *width = if size > SURPRISING * priors[j] { size } else { priors[j] };
-        }
+        widths = prior_widths(&next, nominal, parameters, scale);
         settled = next;
     }
     settled
+}
+
+/// How far each parameter may be off, mm or rad: its prior, or where it has come out several priors away, as far as it has.
+pub fn prior_widths(model: &KinematicModel, nominal: &KinematicModel, parameters: &[Parameter], scale: &[f64]) -> Vec<f64> {
+    let of = |(parameter, scale): (&Parameter, &f64)| {
+        let prior = width(parameter, *scale);
+        let size = deviation_of(model, nominal, parameter).map_or(0.0, f64::abs);
+        if size > SURPRISING * prior { size } else { prior }
+    };
+    parameters.iter().zip(scale).map(of).collect()
 }
 
 /// Links are machined, and their errors small; joint offsets are mastered on the shop floor and keep the scale of the search.

@@ -57,7 +57,7 @@ fn verified(
     progress: &mut dyn FnMut(Progress) -> ControlFlow<()>,
 ) -> Result<JobOutcome, JobFailure> {
     let parse = |input: &ParameterSetInput| serde_json::from_str::<ParameterSetContent>(&input.row.body_json);
-    let identified = inputs.parameter_set.as_ref().map(parse).transpose().map_err(broken)?.map(|content| content.to_core());
+    let identified = inputs.parameter_set.as_ref().map(parse).transpose().map_err(broken)?.map(|content| content.robot_to_core(None));
     let scored = |monitor: &mut calibration::Monitor<'_>| calibration::verify(request, identified.as_ref(), monitor);
     let calibrated = timed(&scored, progress)?;
     let identified_from = inputs.parameter_set.as_ref().map(|input| set_of(&input.set, request.robot.links.len())).transpose()?;
@@ -151,11 +151,15 @@ pub fn request_of(inputs: &JobInputs) -> Result<CalibrationRequest, JobFailure> 
     let n_joints = robot.links.len();
     let frames = inputs.frames.as_ref().map(|row| serde_json::from_str::<FramesContent>(&row.result_json));
     let network = inputs.network.as_ref().map(|network| safetensors::read(&network.weights));
+    // of the robot's last identification; one that cannot be read any more is not started from
+    let last = inputs.parameter_set.as_ref().filter(|_| request.kind == Kind::Identify);
+    let last = last.and_then(|input| serde_json::from_str::<ParameterSetContent>(&input.row.body_json).ok());
     let parts = JobParts {
         set: set_of(&inputs.set, n_joints)?,
         verify_set: inputs.verify_set.as_ref().map(|set| set_of(set, n_joints)).transpose()?,
         frames: frames.transpose().map_err(broken)?.map(|content| content.to_core()),
         network: network.transpose().map_err(broken)?,
+        residual_network: last.and_then(|content| content.residual_network(n_joints)),
         previous: previous_of(&request, inputs, n_joints),
         robot,
     };

@@ -36,24 +36,39 @@ pub fn rigid_chain(links: &[Link], q_rad: &[f64]) -> Vec<IsometryMatrix3<f64>> {
     links.iter().zip(q_rad).map(&mut next).collect()
 }
 
-/// The moments of gravity about the base and every joint, from the frames of [`rigid_chain`].
-pub fn moments(chain: &[IsometryMatrix3<f64>], compliance: &Compliance) -> Moments {
-    let g = &compliance.gravity_in_base;
+/// First moments of what gravity pulls at, in the axes of the base frame, mass units × metres.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FirstMoments {
+    /// Of all masses about the base's origin.
+    pub base: Vector3<f64>,
+    /// Of the masses from each link outwards, about the origin of its frame.
+    pub joints: Vec<Vector3<f64>>,
+}
+
+/// First moments at the frames of [`rigid_chain`].
+pub fn first_moments(chain: &[IsometryMatrix3<f64>], compliance: &Compliance) -> FirstMoments {
     // outboard mass, and its first moment about the base's origin, from the flange inwards
-    let (mut mass, mut first_moment_m) = (0.0, Vector3::zeros());
+    let (mut mass, mut about_base) = (0.0, Vector3::zeros());
     if let (Some(payload), Some(flange)) = (&compliance.payload, chain.last()) {
         mass = payload.mass_kg / compliance.mass_unit_kg;
-        first_moment_m = (flange.rotation * payload.centre_mm + flange.translation.vector) * (mass / MM);
+        about_base = (flange.rotation * payload.centre_mm + flange.translation.vector) * (mass / MM);
     }
     let mut joints = vec![Vector3::zeros(); chain.len()];
     for (j, frame) in chain.iter().enumerate().rev() {
         let origin_m = frame.translation.vector / MM;
         mass += compliance.masses[j];
-        first_moment_m += origin_m * compliance.masses[j] + frame.rotation * compliance.first_moments_m[j];
-        let about_origin = (first_moment_m - origin_m * mass).cross(g);
-        joints[j] = frame.rotation.inverse() * about_origin;
+        about_base += origin_m * compliance.masses[j] + frame.rotation * compliance.first_moments_m[j];
+        joints[j] = about_base - origin_m * mass;
     }
-    Moments { base: first_moment_m.cross(g), joints }
+    FirstMoments { base: about_base, joints }
+}
+
+/// The moments of gravity about the base and every joint, from the frames of [`rigid_chain`].
+pub fn moments(chain: &[IsometryMatrix3<f64>], compliance: &Compliance) -> Moments {
+    let g = &compliance.gravity_in_base;
+    let first = first_moments(chain, compliance);
+    let joints = chain.iter().zip(&first.joints).map(|(frame, s)| frame.rotation.inverse() * s.cross(g)).collect();
+    Moments { base: first.base.cross(g), joints }
 }
 
 /// Flange in the base frame, corrections included; with none it is [`t_base_flange`](crate::kinematics::t_base_flange).

@@ -3,14 +3,16 @@
 use nalgebra::{DMatrix, DVector};
 use std::f64::consts::TAU;
 
-/// A joint may leave its measured range by this share of it and still count as measured: half a gap between fifty random poses is 1 %, and
-/// physics does not end at the last pose.
-const MARGIN: f64 = 0.1;
+/// A joint may leave its measured range by this share of it and still count as measured: the outermost of twenty random poses leave a
+/// twentieth free at either end, and physics does not end at the last pose.
+const MARGIN: f64 = 0.2;
 /// And by at least this, rad (2°).
 const LEAST_MARGIN_RAD: f64 = 0.035;
 /// Combinations of joints count as measured up to this multiple of the largest squared (Mahalanobis) distance of a measured pose from
-/// their mean: random poses of the same kind stay below.
+/// the others: random poses of the same kind stay below.
 const FARTHER: f64 = 1.5;
+/// A pose that the others do not reach at all has a leverage of 1; above this the distance from the others is not told apart from it.
+const HIGHEST_LEVERAGE: f64 = 0.8;
 
 /// The joint values at which a robot was measured.
 #[derive(Clone, Debug, PartialEq)]
@@ -23,7 +25,7 @@ pub struct MeasuredRegion {
     pub mean_rad: Vec<f64>,
     /// Lower triangle L, row by row, of the Cholesky factor L·Lᵀ of the joints' covariance, rad.
     pub spread_rad: Vec<f64>,
-    /// Largest squared distance |L⁻¹·(q − mean)|² of a measured pose.
+    /// Largest squared distance |L⁻¹·(q − mean)|² at which a pose would have been measured: of the measured poses, each from the others.
     pub farthest: f64,
 }
 
@@ -48,7 +50,12 @@ impl MeasuredRegion {
         let factor = covariance.cholesky().map_or_else(|| DMatrix::identity(n_joints, n_joints), |cholesky| cholesky.l());
         let spread_rad = (0..n_joints).flat_map(|row| (0..=row).map(move |column| (row, column))).map(|at| factor[at]).collect();
         let mut region = Self { lowest_rad, highest_rad, mean_rad, spread_rad, farthest: 0.0 };
-        region.farthest = poses.map(|q| region.distance(q)).fold(0.0, f64::max);
+        // d² of a pose from the mean and covariance of the others is about d²/(1 − leverage)²
+        let from_others = |distance: f64| {
+            let left = 1.0 - ((1.0 + distance) / n).min(HIGHEST_LEVERAGE);
+            distance / (left * left)
+        };
+        region.farthest = poses.map(|q| from_others(region.distance(q))).fold(0.0, f64::max);
         region
     }
 

@@ -110,7 +110,7 @@ pub struct MeasuredRegionContent {
     pub q_mean_deg: Vec<f64>,
     /// Lower triangle of the Cholesky factor of the joints' covariance, row by row, degrees.
     pub q_spread_deg: Vec<f64>,
-    /// Largest squared Mahalanobis distance of a measured pose.
+    /// Largest squared Mahalanobis distance of a measured pose from the others.
     pub farthest: f64,
 }
 

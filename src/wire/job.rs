@@ -2,8 +2,9 @@
 
 use crate::calibration::request::{self, CalibrationRequest, ParameterChoice, PreviousSession, VerifySource};
 use crate::identification::TrainedNetwork;
-use crate::kinematics::Robot;
+use crate::kinematics::{ResidualNetwork, Robot};
 use crate::measurement::MeasurementSet;
+use crate::wire::corrections::PayloadBody;
 use crate::wire::issue::{Checker, Invalid};
 pub use crate::wire::job_answer::{JobAnswer, JobEvent, JobEventName, JobStatus, ProgressAnswer};
 use crate::wire::measurement::Frame;
@@ -72,7 +73,7 @@ pub enum Preset {
 pub enum Corrections {
     /// None.
     Off,
-    /// Those that win by cross-validation; none is built yet, so it chooses none.
+    /// Those that win by cross-validation.
     Auto,
 }
 
@@ -120,9 +121,12 @@ pub struct JobRequestBody {
     #[serde(default, skip_serializing_if = "is_zero")]
     #[schema(minimum = -10, maximum = 10)]
     pub priority: i64,
-    /// What link parameters cannot say.
+    /// What link parameters cannot say; default: auto, off in preset paper.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub corrections: Option<Corrections>,
+    /// What the flange carried while the set was measured; with it, corrections hold for other payloads too.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub payload: Option<PayloadBody>,
     /// Search options.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub options: Option<OptionsBody>,
@@ -190,6 +194,8 @@ pub struct JobParts {
     pub frames: Option<crate::frames::PreliminaryFrames>,
     /// The network that was pinned when the job was posted.
     pub network: Option<TrainedNetwork>,
+    /// The residual network of the robot's last identification, where the training of a new one starts.
+    pub residual_network: Option<ResidualNetwork>,
     /// The session of the robot's last identification, to compare with.
     pub previous: Option<PreviousSession>,
 }
@@ -212,6 +218,7 @@ impl JobRequestBody {
             verify: None,
             priority: 0,
             corrections: None,
+            payload: None,
             options: None,
         }
     }
@@ -230,6 +237,9 @@ impl JobRequestBody {
         }
         if let Some(parameters) = &self.parameters {
             parameters.check(&mut checker);
+        }
+        if let Some(payload) = &self.payload {
+            payload.check("/payload", &mut checker);
         }
         if !(-MAX_PRIORITY..=MAX_PRIORITY).contains(&self.priority) {
             checker.note("/priority", "out_of_range", format!("{} is outside ±{MAX_PRIORITY}", self.priority));
@@ -301,6 +311,9 @@ impl JobRequestBody {
                 _ => VerifySource::Default,
             },
             options: self.options.unwrap_or_default().to_core(),
+            corrections: self.corrections.map(Corrections::to_core),
+            payload: self.payload.map(PayloadBody::to_core),
+            residual_network: parts.residual_network,
             previous: parts.previous,
         })
     }
@@ -364,5 +377,6 @@ macro_rules! same_as_core {
 }
 
 same_as_core!(Method, request::Method, Auto = "auto", LeastSquares = "least_squares", Pso = "pso", BpnnPso = "bpnn_pso");
+same_as_core!(Corrections, request::CorrectionsChoice, Off = "off", Auto = "auto");
 same_as_core!(Model, request::Model, Paper = "paper", Complete = "complete");
 same_as_core!(Preset, request::Preset, Default = "default", Paper = "paper");

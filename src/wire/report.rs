@@ -3,6 +3,7 @@
 use crate::calibration::CalibrationReport;
 use crate::calibration::changes::NamedChange;
 use crate::calibration::report::{ErrorModel, Errors, MethodComparison, ParameterOutcome, PointErrors, SubsetErrors};
+use crate::identification::corrections::Evidence;
 use crate::identification::workspace::ToolUncertainty;
 use crate::wire::angle::to_degrees;
 use crate::wire::canonical;
@@ -10,8 +11,8 @@ use crate::wire::job::{Method, Model, Preset};
 use crate::wire::measurement::{SubsetName, Warning};
 use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::report_shape::{
-    ChangeReport, ComparisonReport, Convergence, ErrorModelReport, ErrorsReport, Evidence, IdentifiabilityReport, ParameterReport,
-    PointReport, Report, SubsetReport, ToolUncertaintyReport,
+    ChangeReport, ComparisonReport, Convergence, CorrectionReport, ErrorModelReport, ErrorsReport, Evidence as VerifyEvidence,
+    IdentifiabilityReport, ParameterReport, PointReport, Report, SubsetReport, ToolUncertaintyReport,
 };
 use serde::Serialize;
 
@@ -83,12 +84,12 @@ fn without_hash(core: &CalibrationReport, run: &RunContext<'_>) -> Report {
             observability_index_o1: finite(core.identifiability.observability_index_o1),
         },
         comparison: core.comparison.iter().enumerate().map(|(i, c)| comparison(c, run.comparison_ms.get(i))).collect(),
-        corrections: None,
+        corrections: core.corrections.as_ref().map(|tried| tried.iter().map(correction).collect()),
         changed: core.changes.as_ref().map(|changes| changes.all.iter().map(change).collect()),
         evidence: match (&core.verify, run.verify_set_is_another) {
-            (None, _) => Evidence::None,
-            (Some(_), false) => Evidence::SameUpload,
-            (Some(_), true) => Evidence::IndependentSession,
+            (None, _) => VerifyEvidence::None,
+            (Some(_), false) => VerifyEvidence::SameUpload,
+            (Some(_), true) => VerifyEvidence::IndependentSession,
         },
         warnings: core.warnings.iter().map(Warning::from_core).collect(),
         result_sha256: String::new(),
@@ -120,7 +121,7 @@ pub fn convergence(core: &CalibrationReport) -> Convergence {
 /// True if every number that a controller or a reader would rely on is finite. JSON cannot hold the others.
 pub fn is_finite(core: &CalibrationReport) -> bool {
     let subsets = [Some(&core.identify), core.verify.as_ref()];
-    let errors = subsets.into_iter().flatten().flat_map(|s| [s.before, s.after]);
+    let errors = subsets.into_iter().flatten().flat_map(|s| [Some(s.before), Some(s.after), s.corrected]).flatten();
     let compared = core.comparison.iter().filter_map(|c| c.verify_after);
     let statistics = errors.chain(compared).flat_map(|e| [e.mean_mm, e.std_mm, e.rms_mm, e.max_mm]);
     let parameters = core.parameters.iter().flat_map(|p| [p.nominal, p.identified, p.delta]);
@@ -141,7 +142,7 @@ fn errors(e: &Errors) -> ErrorsReport {
 }
 
 fn subset(s: &SubsetErrors) -> SubsetReport {
-    SubsetReport { n_points: s.n_points, before: errors(&s.before), after: errors(&s.after), corrected: None }
+    SubsetReport { n_points: s.n_points, before: errors(&s.before), after: errors(&s.after), corrected: s.corrected.as_ref().map(errors) }
 }
 
 fn point(p: &PointErrors) -> PointReport {
@@ -168,6 +169,17 @@ fn parameter(p: &ParameterOutcome) -> ParameterReport {
         std_uncertainty: p.std_uncertainty.and_then(finite),
         interval_95: p.interval_95.filter(|[low, high]| low.is_finite() && high.is_finite()),
         identifiable: p.identifiable,
+    }
+}
+
+fn correction(e: &Evidence) -> CorrectionReport {
+    CorrectionReport {
+        kind: e.kind.clone(),
+        kept: e.kept,
+        cross_validated_rms_mm_before: e.before_mm,
+        cross_validated_rms_mm_after: e.after_mm,
+        gain_mm2: e.gain_mm2,
+        standard_error_mm2: e.standard_error_mm2,
     }
 }
 

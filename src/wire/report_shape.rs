@@ -51,7 +51,8 @@ pub struct Report {
     pub identifiability: IdentifiabilityReport,
     /// Other methods on the same points.
     pub comparison: Vec<ComparisonReport>,
-    /// Corrections that were tried.
+    /// Corrections that were tried, in order; empty where the links leave nothing to explain or there are too few points to tell, absent where
+    /// none was looked for.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub corrections: Option<Vec<CorrectionReport>>,
     /// What moved since the session of the robot's last identification: the robot's parameters, then base and targets. Empty if it was
@@ -88,7 +89,7 @@ pub struct SubsetReport {
     pub before: ErrorsReport,
     /// Of the identified links.
     pub after: ErrorsReport,
-    /// Of the identified links with corrections.
+    /// Of the links with corrections: as `after` where none was kept, absent where none was looked for.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub corrected: Option<ErrorsReport>,
 }
@@ -202,14 +203,19 @@ pub struct ComparisonReport {
 /// A correction that was tried.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct CorrectionReport {
-    /// Which.
+    /// `stiffness_2_3` (the two joints that gravity loads most), `stiffness_all`, `base_compliance`, `link_masses`, `link_centres`,
+    /// `joint_harmonics`, `residual_network`: the order in which they are tried, each beside those kept before it; `all_together` at last.
     pub kind: String,
-    /// True if it won.
+    /// True if it won: the gain is above its standard error, and that of all together above twice its own.
     pub kept: bool,
     /// Cross-validated rms without it, mm.
     pub cross_validated_rms_mm_before: f64,
     /// Cross-validated rms with it, mm.
     pub cross_validated_rms_mm_after: f64,
+    /// Mean over configurations of the squared error without it less that with it, mm².
+    pub gain_mm2: f64,
+    /// Standard error of that mean, mm².
+    pub standard_error_mm2: f64,
 }
 
 /// A parameter that moved since the set before.

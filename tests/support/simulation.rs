@@ -174,3 +174,71 @@ pub fn tool_intervals_held(
     };
     (3 * poses.len(), poses.iter().map(held).sum())
 }
+
+/// What a simulated robot is beyond links.
+#[derive(Clone, Copy, Debug)]
+pub struct Bent {
+    /// As [`Campaign::sag_rad`].
+    pub sag_rad: f64,
+    /// Amplitude of each joint's first harmonic, half of it of the second; phases are random.
+    pub harmonic_rad: f64,
+}
+
+impl Bent {
+    pub const NONE: Self = Self { sag_rad: 0.0, harmonic_rad: 0.0 };
+}
+
+/// A robot with what bends it.
+pub struct BentRobot {
+    pub truth: KinematicModel,
+    bent: Bent,
+    phases_rad: Vec<[f64; 2]>,
+}
+
+impl BentRobot {
+    /// Where a target truly is, mm.
+    pub fn position(&self, q_rad: &[f64], target: usize) -> Vector3<f64> {
+        let turned = |(q, phase): (&f64, &[f64; 2])| q + self.bent.harmonic_rad * ((q + phase[0]).sin() + 0.5 * (2.0 * q + phase[1]).sin());
+        let q_rad: Vec<f64> = q_rad.iter().zip(&self.phases_rad).map(turned).collect();
+        position_with_sag(&self.truth, &q_rad, target, self.bent.sag_rad)
+    }
+}
+
+/// A bent robot and a campaign on it, every point to identify, in the instrument frame.
+pub fn bent_set(nominal: &Robot, campaign: &Campaign, bent: &Bent, random: &mut Normal) -> (BentRobot, MeasurementSet) {
+    let truth = true_robot(nominal, campaign.n_targets, random);
+    let phases_rad = nominal.links.iter().map(|_| [TAU * random.0.random::<f64>(), TAU * random.0.random::<f64>()]).collect();
+    let robot = BentRobot { truth, bent: *bent, phases_rad };
+    let poses = poses(campaign.n_configurations, random);
+    let mut set = measure(&robot.truth, &poses, &Campaign { noise_mm: 0.0, sag_rad: 0.0, ..*campaign }, random);
+    for point in &mut set.points {
+        point.position_mm = robot.position(&point.q_rad, point.target) + random.vector() * campaign.noise_mm;
+    }
+    (robot, set)
+}
+
+/// An identified bent robot, scored at unseen poses of the same kind, against the truth without noise.
+pub struct Scored {
+    pub report: kincal::calibration::CalibrationReport,
+    /// rms of links alone, mm.
+    pub links_mm: f64,
+    /// With corrections, mm.
+    pub corrected_mm: f64,
+}
+
+/// Identifies a simulated robot and scores it.
+pub fn identified(nominal: &Robot, campaign: &Campaign, bent: &Bent, seed: u64, n_unseen: usize) -> Scored {
+    use kincal::identification::corrected::IdentifiedRobot;
+    let mut random = Normal::new(seed);
+    let (robot, set) = bent_set(nominal, campaign, bent, &mut random);
+    let request = kincal::calibration::CalibrationRequest::new(nominal.clone(), set);
+    let report = kincal::calibration::calibrate(&request, &mut |_| std::ops::ControlFlow::Continue(())).unwrap();
+    let found = IdentifiedRobot { plain: found(&report), corrected: report.corrected.clone() };
+    let unseen = poses(n_unseen, &mut random);
+    let rms = |predicted: &dyn Fn(&[f64]) -> Vector3<f64>| {
+        let squares = unseen.iter().map(|q| (robot.position(q, 0) - predicted(q)).norm_squared());
+        (squares.sum::<f64>() / n_unseen as f64).sqrt()
+    };
+    let (links_mm, corrected_mm) = (rms(&|q| found.plain.position(q, 0)), rms(&|q| found.position(q, 0)));
+    Scored { report, links_mm, corrected_mm }
+}

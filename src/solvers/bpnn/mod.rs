@@ -9,7 +9,7 @@ mod tanh;
 mod training;
 
 pub use size::{Candidate, SizeChoice, choose_size_and_train, hidden_size_candidates};
-pub use training::{Termination, TrainingSummary, error_and_gradient, initial_network, mean_squared_error, train};
+pub use training::{Termination, TrainingSummary, error_and_gradient, initial_network, mean_squared_error, train, train_from};
 
 use kernel::{Pass, Samples};
 
@@ -105,6 +105,9 @@ pub struct Options {
     pub update_rule: UpdateRule,
     /// f of the output neurons: the identity, see [`Activation`].
     pub output_activation: Activation,
+    /// λ: λ·Σ w² over the weights, thresholds not counted, is added to the error: 0. Weights of size one are as probable as not where it is
+    /// the noise's variance over samples and outputs.
+    pub weight_decay: f64,
     /// Seed of the first weights, and of the split into training and validation: 0.
     pub seed: u64,
     /// Share of the samples that are kept from training while sizes are compared: 0.2.
@@ -122,6 +125,7 @@ impl Default for Options {
             target_error: 0.0,
             update_rule: UpdateRule::Rprop { initial_step: 0.01, largest_step: 1.0 },
             output_activation: Activation::Identity,
+            weight_decay: 0.0,
             seed: 0,
             validation_fraction: 0.2,
             n_trial_epochs: 300,

@@ -23,7 +23,7 @@ pub enum Termination {
 pub struct TrainingSummary {
     /// Weight updates done.
     pub n_epochs: usize,
-    /// Mean squared error of the network that was returned, over samples and outputs.
+    /// Mean squared error of the network that was returned, over samples and outputs, with the decay of its weights.
     pub training_error: f64,
     /// Mean squared error before each update, and after the last.
     pub convergence: Vec<f64>,
@@ -75,9 +75,17 @@ pub fn error_and_gradient(network: &Network, inputs: &[Vec<f64>], targets: &[Vec
 /// When there are no samples, or inputs and targets differ in number, or rows in length.
 pub fn train(inputs: &[Vec<f64>], targets: &[Vec<f64>], n_hidden: usize, options: &Options) -> (Network, TrainingSummary) {
     assert!(!inputs.is_empty() && inputs.len() == targets.len(), "at least one input, and one target per input");
-    let (n_inputs, n_outputs) = (inputs[0].len(), targets[0].len());
+    train_from(initial_network(inputs[0].len(), n_hidden, targets[0].len(), options), inputs, targets, options)
+}
+
+/// As [`train`], from a network that is there already.
+///
+/// # Panics
+/// As [`train`], and when rows do not fit the network.
+pub fn train_from(mut network: Network, inputs: &[Vec<f64>], targets: &[Vec<f64>], options: &Options) -> (Network, TrainingSummary) {
+    assert!(!inputs.is_empty() && inputs.len() == targets.len(), "at least one input, and one target per input");
+    let (n_inputs, n_outputs) = (network.n_inputs, network.n_outputs);
     assert!(inputs.iter().all(|row| row.len() == n_inputs) && targets.iter().all(|row| row.len() == n_outputs), "rows of one length");
-    let mut network = initial_network(n_inputs, n_hidden, n_outputs, options);
     let (mut pass, mut gradient) = (Pass::new(&network, inputs.len()), Gradient::zeros(&network));
     let (inputs, targets) = (Samples::from_rows(inputs, n_inputs), Samples::from_rows(targets, n_outputs));
     let mut memories = Memories::new(&network, options.update_rule);
@@ -85,7 +93,10 @@ pub fn train(inputs: &[Vec<f64>], targets: &[Vec<f64>], n_hidden: usize, options
     let mut best = (f64::INFINITY, network.clone());
     let termination = loop {
         pass.forward(&network, &inputs);
-        let error = pass.backward(&network, &inputs, &targets, &mut gradient);
+        let mut error = pass.backward(&network, &inputs, &targets, &mut gradient);
+        if options.weight_decay > 0.0 {
+            error += decay(&network, &mut gradient, options.weight_decay);
+        }
         convergence.push(error);
         if error < best.0 {
             best.0 = error;
@@ -101,6 +112,19 @@ pub fn train(inputs: &[Vec<f64>], targets: &[Vec<f64>], n_hidden: usize, options
     };
     let summary = TrainingSummary { n_epochs: convergence.len() - 1, training_error: best.0, convergence, termination };
     (best.1, summary)
+}
+
+/// Adds λ·Σ w² over the weights (thresholds are free) to the gradient; its value.
+fn decay(network: &Network, gradient: &mut Gradient, lambda: f64) -> f64 {
+    let mut sum = 0.0;
+    let pairs = [(&network.hidden_weights, &mut gradient.hidden_weights), (&network.output_weights, &mut gradient.output_weights)];
+    for (weights, gradient) in pairs {
+        for (weight, slope) in weights.iter().zip(gradient) {
+            *slope = (2.0 * lambda).mul_add(*weight, *slope);
+            sum = weight.mul_add(*weight, sum);
+        }
+    }
+    lambda * sum
 }
 
 /// What an update rule remembers of each weight: Rprop its step and last gradient, Adam its two means, momentum the

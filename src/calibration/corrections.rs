@@ -1,0 +1,124 @@
+//! The stage of a calibration that looks for what links cannot say, after the links are found. It changes nothing about them.
+
+use crate::calibration::identify::Problem;
+use crate::calibration::observe::stated_scale_mm;
+use crate::calibration::outcome::delivered;
+use crate::calibration::request::{CorrectionsChoice, Preset};
+use crate::identification::KinematicModel;
+use crate::identification::corrected::{CorrectedModel, IdentifiedRobot};
+use crate::identification::corrections::{Evidence, Fitted, Setting, select};
+use crate::identification::fit::fit_least_squares;
+use crate::identification::objective::{Observation, weighted_residuals};
+use crate::identification::parameters::Parameter;
+use crate::identification::start::fit_base_and_targets;
+use crate::kinematics::{MeasuredRegion, Mounting, t_base_flange};
+use crate::measurement::Subset;
+use nalgebra::Vector3;
+
+/// How well gravity is known where nobody says how the robot stands: on a floor, to 2°.
+const USUAL_MOUNTING_STD_RAD: f64 = 2.0 * std::f64::consts::PI / 180.0;
+/// Points that corrections are identified from at most, evenly taken: many more than there are numbers.
+const MOST_POINTS: usize = 3_000;
+/// Residuals below this are rounding, rms, mm: there is nothing to explain.
+const EXACT_MM: f64 = 1e-3;
+/// Fits of base and targets to another set, each with the corrections where the one before has put the robot; each leaves a thousandth.
+const PLACEMENTS: usize = 3;
+
+/// What was found, in the frame of the delivered robot.
+pub struct Found {
+    /// What was tried.
+    pub evidence: Vec<Evidence>,
+    /// The robot with what was kept, in the frame of the fit.
+    pub corrected: Option<CorrectedModel>,
+}
+
+/// Whether corrections are looked for: by default not in the paper's preset.
+pub fn are_wanted(choice: Option<CorrectionsChoice>, preset: Preset) -> bool {
+    match choice {
+        Some(choice) => choice == CorrectionsChoice::Auto,
+        None => preset == Preset::Default,
+    }
+}
+
+/// Looks for corrections beside the identified `model`.
+pub fn corrections(problem: &Problem<'_>, model: &KinematicModel) -> Found {
+    let request = problem.request;
+    let nothing = Found { evidence: vec![], corrected: None };
+    let counting: Vec<(Observation, usize, Option<String>)> = {
+        let weighted = problem.loss.reweighted(model, &problem.identify);
+        let clusters = problem.observed.clusters(Subset::Identify);
+        let rows = (0..problem.observed.all.len()).filter(|row| problem.observed.subsets[*row] == Subset::Identify);
+        let sessions = rows.map(|row| request.set.points[row].session.clone());
+        let all = weighted.into_iter().zip(clusters).zip(sessions).map(|((o, cluster), session)| (o, cluster, session));
+        all.filter(|(o, ..)| o.weight > 0.0).collect()
+    };
+    let step = counting.len().div_ceil(MOST_POINTS).max(1);
+    let taken: Vec<_> = counting.into_iter().step_by(step).collect();
+    let observations: Vec<Observation> = taken.iter().map(|(o, ..)| o.clone()).collect();
+    let freedom = 3.0 * observations.len() as f64 - problem.decomposition.rank() as f64;
+    let variance = weighted_residuals(model, &observations).norm_squared() / freedom;
+    let noise_mm = stated_scale_mm(&request.set).max(EXACT_MM);
+    if freedom <= 0.0 || variance <= noise_mm * noise_mm {
+        return nothing;
+    }
+    let (links, nominal) = (delivered(problem, model), delivered(problem, &problem.nominal));
+    let setting = Setting {
+        nominal: &nominal,
+        mounting: request.robot.mounting.unwrap_or(Mounting { gravity_in_base: -Vector3::z(), std_rad: USUAL_MOUNTING_STD_RAD }),
+        payload: request.payload,
+        parameters: &problem.parameters,
+        scale: &problem.decomposition.scale,
+        observations: &observations,
+    };
+    let clusters = renumbered(taken.iter().map(|(_, cluster, _)| *cluster));
+    let sessions: Vec<Option<String>> = taken.iter().map(|(.., session)| session.clone()).collect();
+    let start = Fitted { model: links, terms: vec![], values: vec![], variance };
+    let Some(selected) = select(&setting, &start, &clusters, &sessions, request.residual_network.as_ref(), request.seed) else {
+        return nothing;
+    };
+    let is_kept = selected.evidence.last().is_some_and(|all| all.kept);
+    let region = MeasuredRegion::of(observations.iter().map(|o| o.q_rad.as_slice()), nominal.links.len());
+    let corrected = is_kept.then_some(CorrectedModel { model: selected.fitted.model, corrections: selected.corrections, region });
+    Found { evidence: selected.evidence, corrected }
+}
+
+/// Numbers from 0 in order of first appearance.
+fn renumbered(labels: impl Iterator<Item = usize>) -> Vec<usize> {
+    let mut known = std::collections::BTreeMap::new();
+    let mut number = |label| {
+        let next = known.len();
+        *known.entry(label).or_insert(next)
+    };
+    labels.map(&mut number).collect()
+}
+
+/// The robot with base and targets fitted anew to other points, for the links alone and with corrections each for itself.
+pub fn placed_anew(robot: &IdentifiedRobot, observations: &[Observation]) -> IdentifiedRobot {
+    let n_targets = observations.iter().map(|o| o.target + 1).max().unwrap_or(0);
+    let plain = fit_base_and_targets(&robot.plain.links, observations, n_targets);
+    let corrected = robot.corrected.as_ref().map(|corrected| placed_corrected(corrected, observations, n_targets));
+    IdentifiedRobot { plain, corrected }
+}
+
+fn placed_corrected(corrected: &CorrectedModel, observations: &[Observation], n_targets: usize) -> CorrectedModel {
+    let mut placed = corrected.clone();
+    placed.model = fit_base_and_targets(&corrected.model.links, observations, n_targets);
+    let parameters: Vec<Parameter> = (0..3)
+        .map(Parameter::BaseTranslation)
+        .chain((0..3).map(Parameter::BaseRotation))
+        .chain((0..n_targets).flat_map(|target| (0..3).map(move |axis| Parameter::Target(target, axis))))
+        .collect();
+    for _ in 0..PLACEMENTS {
+        // measured less what corrections displace is what the links alone would show
+        let straightened = |o: &Observation| {
+            let target = placed.model.targets_mm[o.target];
+            let (rigid, bent) = (t_base_flange(&placed.model.links, &o.q_rad), placed.t_base_flange(&o.q_rad));
+            let displaced =
+                (bent.rotation.matrix() - rigid.rotation.matrix()) * target + bent.translation.vector - rigid.translation.vector;
+            Observation { position_mm: o.position_mm - placed.model.t_instrument_base.rotation * displaced, ..o.clone() }
+        };
+        let straight: Vec<Observation> = observations.iter().map(straightened).collect();
+        placed.model = fit_least_squares(&placed.model, &parameters, &straight).model;
+    }
+    placed
+}

@@ -1,0 +1,138 @@
+//! Links and corrections together: the most probable answer, with each number's prior, by Gauss-Newton steps.
+//!
+//! F + σ²·Σ (x/S)² is minimised, as in [`settle`](crate::identification::settle): x runs over the corrections and over the deviations of link
+//! parameters from nominal, S is how far each is expected to be off, and σ² the variance of a coordinate about the model, taken from the
+//! fit with as many degrees of freedom as it has used up.
+
+use super::linear::linearise;
+use super::{Term, corrections_at};
+use crate::identification::KinematicModel;
+use crate::identification::objective::Observation;
+use crate::identification::parameters::{Parameter, apply, deviation_of};
+use crate::identification::search_space::decomposition_at;
+use crate::identification::settle::prior_widths;
+use crate::kinematics::{Corrections, Mounting, Payload};
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
+
+/// Gauss-Newton steps: the links are found already, corrections are nearly linear, and each step leaves a thousandth.
+const STEPS: usize = 4;
+
+/// What does not change from fit to fit.
+pub struct Setting<'a> {
+    /// The nominal robot.
+    pub nominal: &'a KinematicModel,
+    /// Gravity.
+    pub mounting: Mounting,
+    /// What hung on the flange, where it is known.
+    pub payload: Option<Payload>,
+    /// The free parameters of links, base and targets.
+    pub parameters: &'a [Parameter],
+    /// Their prior scales.
+    pub scale: &'a [f64],
+    /// The points, every one with some weight.
+    pub observations: &'a [Observation],
+}
+
+/// Links with some corrections, fitted.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Fitted {
+    /// Base, links and targets.
+    pub model: KinematicModel,
+    /// The corrections' free numbers.
+    pub terms: Vec<Term>,
+    /// Their values.
+    pub values: Vec<f64>,
+    /// σ², mm².
+    pub variance: f64,
+}
+
+/// The linear problem at a fit: residuals ≈ `residuals` − `columns`·x, with the priors as further rows.
+pub struct Linear {
+    /// 3·N, weighted.
+    pub residuals: DVector<f64>,
+    /// 3·N × m: the combinations of links, base and targets that the data see, then the terms, each in units of its prior.
+    pub columns: DMatrix<f64>,
+    /// Λ, m × m: Σ (x/S)² = (x − pulled)ᵀ·Λ·(x − pulled) up to a constant.
+    pub prior: DMatrix<f64>,
+    /// Λ·pulled, m.
+    pub pull: DVector<f64>,
+    /// p × seen.
+    directions: DMatrix<f64>,
+}
+
+impl Setting<'_> {
+    /// The corrections of a fit.
+    pub fn corrections(&self, fitted: &Fitted) -> Corrections {
+        let mut corrections = corrections_at(self.nominal.links.len(), &self.mounting, &fitted.terms, &fitted.values);
+        corrections.compliance.payload = self.payload;
+        corrections
+    }
+
+    /// The linear problem at a fit, along the combinations that the data see there.
+    pub fn linear(&self, at: &Fitted) -> Linear {
+        let directions = decomposition_at(&at.model, self.parameters, self.scale, self.observations).seen_directions();
+        self.linear_along(at, directions)
+    }
+
+    fn linear_along(&self, at: &Fitted, directions: DMatrix<f64>) -> Linear {
+        let corrections = self.corrections(at);
+        let unknowns = (self.parameters, at.terms.as_slice());
+        let (residuals, by_parameter, mut by_term) = linearise(&at.model, &corrections, &self.mounting, unknowns, self.observations);
+        let (seen, k) = (directions.ncols(), at.terms.len());
+        let mut columns = DMatrix::zeros(residuals.len(), seen + k);
+        columns.columns_mut(0, seen).copy_from(&(by_parameter * &directions));
+        // what the points at hand hardly see moves no further than its scale in one step
+        let (mut prior, mut pull) = (DMatrix::<f64>::identity(seen + k, seen + k), DVector::<f64>::zeros(seen + k));
+        let widths = prior_widths(&at.model, self.nominal, self.parameters, self.scale);
+        for (j, parameter) in self.parameters.iter().enumerate() {
+            let Some(delta) = deviation_of(&at.model, self.nominal, parameter) else { continue };
+            let row = directions.row(j) / widths[j];
+            prior.view_mut((0, 0), (seen, seen)).ger(1.0, &row.transpose(), &row.transpose(), 1.0);
+            pull.rows_mut(0, seen).axpy(-delta / widths[j], &row.transpose(), 1.0);
+        }
+        for (j, (term, value)) in at.terms.iter().zip(&at.values).enumerate() {
+            let width = term.prior(&self.mounting);
+            by_term.column_mut(j).scale_mut(width);
+            pull[seen + j] = -value / width;
+        }
+        columns.columns_mut(seen, k).copy_from(&by_term);
+        Linear { residuals, columns, prior, pull, directions }
+    }
+}
+
+impl Linear {
+    /// x of the most probable answer, from the normal matrix AᵀA and Aᵀr of some of the rows.
+    pub fn solve(&self, normal: DMatrix<f64>, right: DVector<f64>, variance: f64) -> Option<DVector<f64>> {
+        self.solved(normal, right, variance).map(|(x, _)| x)
+    }
+
+    fn solved(&self, normal: DMatrix<f64>, right: DVector<f64>, variance: f64) -> Option<(DVector<f64>, Cholesky<f64, Dyn>)> {
+        let cholesky = (normal + &self.prior * variance).cholesky()?;
+        let x = cholesky.solve(&(right + &self.pull * variance));
+        x.iter().all(|v| v.is_finite()).then_some((x, cholesky))
+    }
+}
+
+/// Fits links and `terms` from `start`, whose own terms keep their values at first.
+pub fn fit(setting: &Setting<'_>, start: &Fitted, terms: &[Term]) -> Option<Fitted> {
+    let known = |term: &Term| start.terms.iter().position(|t| t == term).map_or(0.0, |i| start.values[i]);
+    let mut at = Fitted { terms: terms.to_vec(), values: terms.iter().map(known).collect(), ..start.clone() };
+    let directions = decomposition_at(&at.model, setting.parameters, setting.scale, setting.observations).seen_directions();
+    for _ in 0..STEPS {
+        let linear = setting.linear_along(&at, directions.clone());
+        let normal = linear.columns.tr_mul(&linear.columns);
+        let right = linear.columns.tr_mul(&linear.residuals);
+        let (x, cholesky) = linear.solved(normal, right, at.variance)?;
+        let seen = linear.directions.ncols();
+        let deviation = &linear.directions * x.rows(0, seen);
+        at.model = apply(&at.model, setting.parameters, deviation.as_slice());
+        for (j, term) in terms.iter().enumerate() {
+            at.values[j] += x[seen + j] * term.prior(&setting.mounting);
+        }
+        // degrees of freedom used up: trace((AᵀA + σ²Λ)⁻¹·AᵀA)
+        let used = x.len() as f64 - at.variance * cholesky.inverse().component_mul(&linear.prior).sum();
+        let left = (&linear.residuals - &linear.columns * &x).norm_squared();
+        at.variance = left / (linear.residuals.len() as f64 - used).max(1.0);
+    }
+    at.variance.is_finite().then_some(at)
+}

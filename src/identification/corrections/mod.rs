@@ -1,0 +1,88 @@
+//! Identifying what link parameters cannot say ([`crate::kinematics::compliance`]): which numbers there are, how far each is expected to be
+//! from zero, how they are fitted together with the links, and which of them are kept.
+
+mod fit;
+mod linear;
+mod network;
+mod selection;
+
+pub use fit::{Fitted, Setting, fit};
+pub use linear::linearise;
+pub use selection::{Evidence, Selected, select};
+
+use crate::kinematics::{Corrections, Mounting};
+use nalgebra::{Unit, Vector3};
+
+/// One number of the corrections. All are 0 on a robot without.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Term {
+    /// Compliance of a joint (0-based) about an axis of its frame, rad per unit moment.
+    Joint(usize, usize),
+    /// Compliance of the base about an axis of its frame, rad per unit moment.
+    Base(usize),
+    /// Mass of a link beyond [`usual_masses`](crate::kinematics::corrections::usual_masses).
+    Mass(usize),
+    /// First moment of a link along an axis of its frame, mass × metres.
+    FirstMoment(usize, usize),
+    /// Tilt of gravity against the mounting's direction, along one of two axes across it, rad.
+    Gravity(usize),
+    /// Amplitude of a joint's harmonic: joint, order (from 0), and 0 for the sine, 1 for the cosine; rad.
+    Harmonic(usize, usize, usize),
+}
+
+/// Compliance of a joint about its own axis, rad per unit moment (one standard deviation).
+const PRIOR_JOINT_RAD: f64 = 1e-3;
+/// And across it: bearings are stiffer than gears.
+const PRIOR_ACROSS_RAD: f64 = 0.5e-3;
+/// Compliance of the base, rad per unit moment.
+const PRIOR_BASE_RAD: f64 = 0.3e-3;
+/// Mass of a link beyond the first guess.
+const PRIOR_MASS: f64 = 0.2;
+/// First moment of a link: such a mass, a quarter of a metre off its frame's origin.
+const PRIOR_FIRST_MOMENT_M: f64 = 0.05;
+/// Amplitude of a harmonic, rad (0.01°): what eccentric gears and encoders show.
+const PRIOR_HARMONIC_RAD: f64 = 2e-4;
+
+impl Term {
+    /// How far it is expected to be from zero, one standard deviation.
+    pub fn prior(&self, mounting: &Mounting) -> f64 {
+        match self {
+            Self::Joint(_, 2) => PRIOR_JOINT_RAD,
+            Self::Joint(..) => PRIOR_ACROSS_RAD,
+            Self::Base(_) => PRIOR_BASE_RAD,
+            Self::Mass(_) => PRIOR_MASS,
+            Self::FirstMoment(..) => PRIOR_FIRST_MOMENT_M,
+            // a direction that is stated to be exact stays, but for rounding
+            Self::Gravity(_) => mounting.std_rad.max(1e-9),
+            Self::Harmonic(..) => PRIOR_HARMONIC_RAD,
+        }
+    }
+}
+
+/// Two axes across the mounting's gravity.
+pub fn across_gravity(mounting: &Mounting) -> [Vector3<f64>; 2] {
+    let g = &mounting.gravity_in_base;
+    let first = g.cross(&Vector3::ith(g.iamin(), 1.0)).normalize();
+    [first, g.cross(&first)]
+}
+
+/// The corrections at some values of the terms.
+pub fn corrections_at(n_links: usize, mounting: &Mounting, terms: &[Term], values: &[f64]) -> Corrections {
+    let mut corrections = Corrections::none(n_links, mounting);
+    let axes = across_gravity(mounting);
+    let mut gravity = mounting.gravity_in_base;
+    let compliance = &mut corrections.compliance;
+    for (term, value) in terms.iter().zip(values) {
+        match *term {
+            Term::Joint(joint, axis) => compliance.joints_rad[joint][axis] += value,
+            Term::Base(axis) => compliance.base_rad[axis] += value,
+            Term::Mass(link) => compliance.masses[link] += value,
+            Term::FirstMoment(link, axis) => compliance.first_moments_m[link][axis] += value,
+            Term::Gravity(axis) => gravity += axes[axis] * *value,
+            Term::Harmonic(joint, order, 0) => corrections.harmonics[joint][order].sin_rad += value,
+            Term::Harmonic(joint, order, _) => corrections.harmonics[joint][order].cos_rad += value,
+        }
+    }
+    compliance.gravity_in_base = Unit::new_normalize(gravity).into_inner();
+    corrections
+}

@@ -1,0 +1,170 @@
+//! The robot's residual network: joints → what links and physics leave, trained by back-propagation on this robot alone.
+//!
+//! Its samples are the residuals of the points, in the base frame. A network that is large enough fits noise as well: its weights are held
+//! back by a prior as wide as one (weight decay), and it is kept only where it wins on configurations that it has not seen.
+
+use super::fit::{Fitted, Setting};
+use super::selection::{Evidence, Folds, Unseen};
+use crate::kinematics::ResidualNetwork;
+use crate::solvers::bpnn::{self, Activation, Network};
+use nalgebra::{DVector, Vector3};
+
+/// Hidden neurons: beyond ten, unseen points of measured robots gain nothing.
+const HIDDEN: usize = 10;
+/// Passes over the samples.
+const EPOCHS: usize = 300;
+/// With fewer configurations there is nothing left to learn from once links and physics are identified.
+const FEWEST_CONFIGURATIONS: usize = 30;
+/// Samples at most, evenly taken.
+const MOST_SAMPLES: usize = 1_000;
+
+/// What cross-validation of the other corrections leaves.
+pub(super) struct FoldedResiduals<'a> {
+    pub folds: &'a Folds,
+    /// By part left out: weighted residuals of all points.
+    pub residuals: &'a [DVector<f64>],
+    pub unseen: &'a Unseen,
+}
+
+/// A network that was tried.
+pub(super) struct Tried {
+    pub evidence: Evidence,
+    /// Errors with it.
+    pub unseen: Unseen,
+    /// The network, if it won.
+    pub network: Option<ResidualNetwork>,
+}
+
+/// Poses and what is left there, in the base frame, mm.
+struct Samples {
+    poses: Vec<Vec<f64>>,
+    left_mm: Vec<Vector3<f64>>,
+}
+
+/// Tries a network; `None` where there is too little to learn from, or nothing smooth is left.
+pub(super) fn choose_network(
+    setting: &Setting<'_>,
+    fitted: &Fitted,
+    folded: &FoldedResiduals<'_>,
+    earlier: Option<&ResidualNetwork>,
+    seed: u64,
+) -> Option<Tried> {
+    let folds = folded.folds;
+    if folded.unseen.errors.len() < FEWEST_CONFIGURATIONS || !neighbours_agree(setting, fitted) {
+        return None;
+    }
+    let to_base = fitted.model.t_instrument_base.rotation.inverse();
+    let left = |residuals: &DVector<f64>, point: usize| -> Vector3<f64> {
+        to_base * residuals.fixed_rows::<3>(3 * point) / setting.observations[point].weight.sqrt()
+    };
+    let mut errors = vec![0.0; setting.observations.len()];
+    for fold in 0..folds.n_folds {
+        let residuals = &folded.residuals[fold];
+        let (unseen, seen): (Vec<usize>, Vec<usize>) = (0..errors.len()).partition(|point| folds.folds[*point] == fold);
+        let network = train_residual_network(&samples(setting, &seen, |point| left(residuals, point)), earlier, seed)?;
+        for point in unseen {
+            let o = &setting.observations[point];
+            errors[point] = o.weight * (left(residuals, point) - network.displacement_mm(&o.q_rad)).norm_squared();
+        }
+    }
+    let unseen = folds.by_configuration(|point| errors[point]);
+    let evidence = folded.unseen.evidence(&unseen, "residual_network");
+    if !evidence.kept {
+        return Some(Tried { evidence, unseen, network: None });
+    }
+    let residuals = setting.linear(fitted).residuals;
+    let all: Vec<usize> = (0..errors.len()).collect();
+    let network = train_residual_network(&samples(setting, &all, |point| left(&residuals, point)), earlier, seed)?;
+    Some(Tried { evidence, unseen, network: Some(network) })
+}
+
+/// A cheap look before anything is trained: a smooth function of the joints makes the residuals of neighbouring poses alike. True if their
+/// mean product with the nearest other configuration is above its standard error.
+fn neighbours_agree(setting: &Setting<'_>, fitted: &Fitted) -> bool {
+    let residuals = setting.linear(fitted).residuals;
+    let step = setting.observations.len().div_ceil(MOST_SAMPLES).max(1);
+    let points: Vec<usize> = (0..setting.observations.len()).step_by(step).collect();
+    let distance = |a: usize, b: usize| -> f64 {
+        let (a, b) = (&setting.observations[a].q_rad, &setting.observations[b].q_rad);
+        a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum()
+    };
+    let product = |point: &usize| -> Option<f64> {
+        // another target at the same pose, or the same pose again, says nothing about the joints
+        let others = points.iter().map(|other| (distance(*point, *other), *other)).filter(|(d, _)| *d > 1e-6);
+        let (_, nearest) = others.min_by(|a, b| a.0.total_cmp(&b.0))?;
+        Some(residuals.fixed_rows::<3>(3 * point).dot(&residuals.fixed_rows::<3>(3 * nearest)))
+    };
+    let products: Vec<f64> = points.iter().filter_map(product).collect();
+    let n = products.len() as f64;
+    let mean = products.iter().sum::<f64>() / n;
+    let variance = products.iter().map(|p| (p - mean) * (p - mean)).sum::<f64>() / (n - 1.0);
+    mean > (variance / n).sqrt()
+}
+
+fn samples(setting: &Setting<'_>, points: &[usize], left: impl Fn(usize) -> Vector3<f64>) -> Samples {
+    let step = points.len().div_ceil(MOST_SAMPLES).max(1);
+    let taken: Vec<usize> = points.iter().copied().step_by(step).collect();
+    Samples {
+        poses: taken.iter().map(|point| setting.observations[*point].q_rad.clone()).collect(),
+        left_mm: taken.iter().map(|point| left(*point)).collect(),
+    }
+}
+
+/// Trains a network on poses and what is left there (base frame, mm), from random weights or, where the robot has a network of the same
+/// size, from that one's. `None` without samples.
+fn train_residual_network(samples: &Samples, earlier: Option<&ResidualNetwork>, seed: u64) -> Option<ResidualNetwork> {
+    let n_joints = samples.poses.first()?.len();
+    let n = samples.poses.len() as f64;
+    let scale_mm = (samples.left_mm.iter().map(Vector3::norm_squared).sum::<f64>() / (3.0 * n)).sqrt().max(1e-6);
+    let range = |joint: usize| {
+        let values = samples.poses.iter().map(|q| q[joint]);
+        values.fold((f64::MAX, f64::MIN), |(low, high), q| (low.min(q), high.max(q)))
+    };
+    let ranges: Vec<(f64, f64)> = (0..n_joints).map(range).collect();
+    let mut found = ResidualNetwork {
+        centre_rad: ranges.iter().map(|(low, high)| 0.5 * (low + high)).collect(),
+        half_range_rad: ranges.iter().map(|(low, high)| (0.5 * (high - low)).max(0.1)).collect(),
+        hidden_weights: vec![],
+        hidden_thresholds: vec![],
+        output_weights: vec![],
+        output_thresholds: vec![],
+        scale_mm,
+    };
+    let inputs: Vec<Vec<f64>> =
+        samples.poses.iter().map(|q| (0..n_joints).map(|j| (q[j] - found.centre_rad[j]) / found.half_range_rad[j]).collect()).collect();
+    let targets: Vec<Vec<f64>> = samples.left_mm.iter().map(|left| (left / scale_mm).as_slice().to_vec()).collect();
+    let options = bpnn::Options { seed, n_epochs: EPOCHS, weight_decay: 1.0 / (3.0 * n), ..bpnn::Options::default() };
+    let first =
+        earlier.and_then(|earlier| remembered(earlier, &found)).unwrap_or_else(|| bpnn::initial_network(n_joints, HIDDEN, 3, &options));
+    let (network, _) = bpnn::train_from(first, &inputs, &targets, &options);
+    let Network { hidden_weights, hidden_thresholds, output_weights, output_thresholds, .. } = network;
+    found = ResidualNetwork { hidden_weights, hidden_thresholds, output_weights, output_thresholds, ..found };
+    Some(found)
+}
+
+/// An earlier network's weights, so that they give the same displacements at the scales of the new one: the warm start.
+fn remembered(earlier: &ResidualNetwork, scales: &ResidualNetwork) -> Option<Network> {
+    let n_joints = scales.centre_rad.len();
+    if earlier.centre_rad.len() != n_joints || earlier.hidden_thresholds.len() != HIDDEN {
+        return None;
+    }
+    let mut network = Network {
+        n_inputs: n_joints,
+        n_hidden: HIDDEN,
+        n_outputs: 3,
+        hidden_weights: earlier.hidden_weights.clone(),
+        hidden_thresholds: earlier.hidden_thresholds.clone(),
+        output_weights: earlier.output_weights.iter().map(|w| w * earlier.scale_mm / scales.scale_mm).collect(),
+        output_thresholds: earlier.output_thresholds.iter().map(|t| t * earlier.scale_mm / scales.scale_mm).collect(),
+        output_activation: Activation::Identity,
+    };
+    // w·(q − c)/h − t at the old scales is w'·(q − c')/h' − t' at the new ones
+    for k in 0..HIDDEN {
+        for j in 0..n_joints {
+            let old = earlier.hidden_weights[k * n_joints + j] / earlier.half_range_rad[j];
+            network.hidden_weights[k * n_joints + j] = old * scales.half_range_rad[j];
+            network.hidden_thresholds[k] -= old * (scales.centre_rad[j] - earlier.centre_rad[j]);
+        }
+    }
+    Some(network)
+}

@@ -1,0 +1,246 @@
+//! Which corrections are kept: step by step, each only where it lowers the error of points that it was not fitted to.
+//!
+//! The points are divided into five parts, whole configurations together (by session where there are several); each part is predicted by
+//! links and corrections fitted to the others. What a correction gains is the mean over configurations of the squared error without it less
+//! that with it; it is kept where that exceeds its own standard error. The fits to four parts are steps of the linear problem at the
+//! fit to all: both differ by noise, over which the robot is linear to a ten-thousandth.
+
+use super::fit::{Fitted, Linear, Setting, fit};
+use super::network::{FoldedResiduals, choose_network};
+use super::{Term, corrections_at};
+use crate::kinematics::compliance::{moments, rigid_chain};
+use crate::kinematics::corrections::HARMONIC_ORDERS;
+use crate::kinematics::{Corrections, ResidualNetwork};
+use nalgebra::{DMatrix, DVector, Vector3};
+use rand::seq::SliceRandom;
+use rand::{SeedableRng, rngs::ChaCha8Rng};
+use std::collections::BTreeMap;
+
+/// Parts of the cross-validation.
+const FOLDS: usize = 5;
+/// Divisions into such parts, over which a configuration's error is averaged: with few configurations one division is a matter of luck.
+const DIVISIONS: u64 = 5;
+/// All that was kept, together, has to win by so many standard errors: each had its chance of winning by one through luck.
+const TOGETHER: f64 = 2.0;
+/// Fewer configurations than this say nothing about unseen ones.
+const FEWEST_CONFIGURATIONS: usize = 10;
+
+/// What a correction was found to do.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Evidence {
+    /// `stiffness_2_3` (the two joints that gravity loads most), `stiffness_all`, `base_compliance`, `link_masses`, `link_centres`,
+    /// `joint_harmonics`, `residual_network`, and at last `all_together` where something was kept.
+    pub kind: String,
+    /// It won.
+    pub kept: bool,
+    /// Root mean square error of unseen points without it, mm.
+    pub before_mm: f64,
+    /// And with it, mm.
+    pub after_mm: f64,
+    /// Mean gain in squared error over configurations, mm².
+    pub gain_mm2: f64,
+    /// Standard error of that, mm².
+    pub standard_error_mm2: f64,
+}
+
+/// What was kept.
+pub struct Selected {
+    /// Links and corrections, but for the network.
+    pub fitted: Fitted,
+    /// All corrections.
+    pub corrections: Corrections,
+    /// What was tried, in order.
+    pub evidence: Vec<Evidence>,
+}
+
+/// Squared error of each configuration when it was not fitted, mm² (mean over its points).
+#[derive(Clone)]
+pub(super) struct Unseen {
+    pub errors: Vec<f64>,
+}
+
+impl Unseen {
+    /// Mean gain from `self` to `other`, and its standard error.
+    pub fn gain(&self, other: &Self) -> (f64, f64) {
+        let gains: Vec<f64> = self.errors.iter().zip(&other.errors).map(|(before, after)| before - after).collect();
+        let n = gains.len() as f64;
+        let mean = gains.iter().sum::<f64>() / n;
+        let variance = gains.iter().map(|g| (g - mean) * (g - mean)).sum::<f64>() / (n - 1.0);
+        (mean, (variance / n).sqrt())
+    }
+
+    pub fn rms_mm(&self) -> f64 {
+        (self.errors.iter().sum::<f64>() / self.errors.len() as f64).sqrt()
+    }
+
+    pub fn evidence(&self, with: &Self, kind: &str) -> Evidence {
+        let (gain_mm2, standard_error_mm2) = self.gain(with);
+        let kept = gain_mm2 > standard_error_mm2;
+        Evidence { kind: kind.into(), kept, before_mm: self.rms_mm(), after_mm: with.rms_mm(), gain_mm2, standard_error_mm2 }
+    }
+}
+
+/// How the points are divided.
+pub(super) struct Folds {
+    /// Configuration of each point, counted from 0.
+    pub clusters: Vec<usize>,
+    /// Part of each point.
+    pub folds: Vec<usize>,
+    pub n_folds: usize,
+    n_clusters: usize,
+}
+
+/// By session where there are several; else the configurations at random, several times.
+fn divisions(clusters: &[usize], sessions: &[Option<String>], seed: u64) -> Vec<Folds> {
+    let n_clusters = clusters.iter().max().map_or(0, |last| last + 1);
+    let mut labels: BTreeMap<&Option<String>, usize> = BTreeMap::new();
+    for session in sessions {
+        let next = labels.len();
+        labels.entry(session).or_insert(next);
+    }
+    if labels.len() > 1 {
+        let folds = sessions.iter().map(|session| labels[session]).collect();
+        return vec![Folds { clusters: clusters.to_vec(), folds, n_folds: labels.len(), n_clusters }];
+    }
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let mut order: Vec<usize> = (0..n_clusters).collect();
+    let mut division = |_| {
+        order.shuffle(&mut random);
+        let mut fold_of = vec![0; n_clusters];
+        order.iter().enumerate().for_each(|(i, cluster)| fold_of[*cluster] = i % FOLDS);
+        let folds = clusters.iter().map(|cluster| fold_of[*cluster]).collect();
+        Folds { clusters: clusters.to_vec(), folds, n_folds: FOLDS, n_clusters }
+    };
+    (0..DIVISIONS).map(&mut division).collect()
+}
+
+impl Folds {
+    /// Means over configurations of a value of each point.
+    pub fn by_configuration(&self, of_point: impl Fn(usize) -> f64) -> Unseen {
+        let (mut sums, mut counts) = (vec![0.0; self.n_clusters], vec![0.0; self.n_clusters]);
+        for (point, cluster) in self.clusters.iter().enumerate() {
+            sums[*cluster] += of_point(point);
+            counts[*cluster] += 1.0;
+        }
+        Unseen { errors: sums.iter().zip(&counts).filter(|(_, n)| **n > 0.0).map(|(sum, n)| sum / n).collect() }
+    }
+}
+
+/// Residuals of all points for each part left out of the fit; the points of that part are the unseen ones.
+pub(super) fn residuals_by_fold(linear: &Linear, folds: &Folds, variance: f64) -> Option<Vec<DVector<f64>>> {
+    let m = linear.columns.ncols();
+    let mut normals = vec![(DMatrix::<f64>::zeros(m, m), DVector::<f64>::zeros(m)); folds.n_folds];
+    for fold in 0..folds.n_folds {
+        let rows: Vec<usize> = (0..folds.folds.len()).filter(|p| folds.folds[*p] == fold).flat_map(|p| 3 * p..3 * p + 3).collect();
+        let (columns, residuals) = (linear.columns.select_rows(&rows), linear.residuals.select_rows(&rows));
+        normals[fold] = (columns.tr_mul(&columns), columns.tr_mul(&residuals));
+    }
+    let left_out = |fold: usize| {
+        let mut sum = (DMatrix::<f64>::zeros(m, m), DVector::<f64>::zeros(m));
+        for (_, (normal, right)) in normals.iter().enumerate().filter(|(other, _)| *other != fold) {
+            sum.0 += normal;
+            sum.1 += right;
+        }
+        let x = linear.solve(sum.0, sum.1, variance)?;
+        Some(&linear.residuals - &linear.columns * x)
+    };
+    (0..folds.n_folds).map(left_out).collect()
+}
+
+/// Errors of unseen points over all divisions, and the residuals by part of the first.
+fn unseen(setting: &Setting<'_>, fitted: &Fitted, divisions: &[Folds]) -> Option<(Unseen, Vec<DVector<f64>>)> {
+    let linear = setting.linear(fitted);
+    let (mut errors, mut first) = (vec![0.0; setting.observations.len()], None);
+    for folds in divisions {
+        let residuals = residuals_by_fold(&linear, folds, fitted.variance)?;
+        for (point, error) in errors.iter_mut().enumerate() {
+            *error += residuals[folds.folds[point]].fixed_rows::<3>(3 * point).norm_squared() / divisions.len() as f64;
+        }
+        first.get_or_insert(residuals);
+    }
+    Some((divisions.first()?.by_configuration(|point| errors[point]), first?))
+}
+
+/// Chooses corrections for the robot that `links` is, the answer of links alone. `clusters` numbers each observation's configuration,
+/// `earlier` is the robot's last residual network. `None` where there is too little to choose from.
+pub fn select(
+    setting: &Setting<'_>,
+    links: &Fitted,
+    clusters: &[usize],
+    sessions: &[Option<String>],
+    earlier: Option<&ResidualNetwork>,
+    seed: u64,
+) -> Option<Selected> {
+    let divisions = divisions(clusters, sessions, seed);
+    let folds = divisions.first().filter(|folds| folds.n_clusters >= FEWEST_CONFIGURATIONS)?;
+    let mut best = fit(setting, links, &[])?;
+    let (mut error, mut residuals) = unseen(setting, &best, &divisions)?;
+    let links_alone = error.clone();
+    let mut evidence = Vec::new();
+    for (kind, more) in kinds(setting, &best) {
+        let gives = best.terms.iter().any(|t| matches!(t, Term::Joint(..) | Term::Base(_)));
+        if more.iter().any(|t| matches!(t, Term::Mass(_) | Term::FirstMoment(..))) && !gives {
+            continue; // masses that nothing gives under cannot be seen
+        }
+        let mut terms = best.terms.clone();
+        terms.extend(more.iter().filter(|t| !best.terms.contains(t)));
+        let Some(candidate) = fit(setting, &best, &terms) else { continue };
+        let Some((with, left)) = unseen(setting, &candidate, &divisions) else { continue };
+        let found = error.evidence(&with, &kind);
+        if found.kept {
+            (best, error, residuals) = (candidate, with, left);
+        }
+        evidence.push(found);
+    }
+    let mut corrections = setting.corrections(&best);
+    let folded = FoldedResiduals { folds, residuals: &residuals, unseen: &error };
+    if let Some(tried) = choose_network(setting, &best, &folded, earlier, seed) {
+        corrections.residual = tried.network;
+        error = if tried.evidence.kept { tried.unseen } else { error };
+        evidence.push(tried.evidence);
+    }
+    if evidence.iter().any(|e| e.kept) {
+        let mut all = links_alone.evidence(&error, "all_together");
+        all.kept = all.gain_mm2 > TOGETHER * all.standard_error_mm2;
+        evidence.iter_mut().for_each(|e| e.kept &= all.kept);
+        evidence.push(all);
+    }
+    Some(Selected { fitted: best, corrections, evidence })
+}
+
+/// The corrections in the order in which they are tried, with the numbers that each adds.
+fn kinds(setting: &Setting<'_>, links: &Fitted) -> Vec<(String, Vec<Term>)> {
+    let n = setting.nominal.links.len();
+    let gravity = [Term::Gravity(0), Term::Gravity(1)];
+    let giving = |terms: Vec<Term>| -> Vec<Term> { terms.into_iter().chain(gravity).collect() };
+    let loaded = most_loaded(setting, links);
+    let names: Vec<String> = loaded.iter().map(|joint| (joint + 1).to_string()).collect();
+    let axes = |of: fn(usize, usize) -> Term, links: std::ops::Range<usize>| -> Vec<Term> {
+        links.flat_map(|link| (0..3).map(move |axis| of(link, axis))).collect()
+    };
+    let phases = |joint| (0..HARMONIC_ORDERS).flat_map(move |order| (0..2).map(move |phase| Term::Harmonic(joint, order, phase)));
+    vec![
+        (format!("stiffness_{}", names.join("_")), giving(loaded.iter().map(|joint| Term::Joint(*joint, 2)).collect())),
+        ("stiffness_all".into(), giving(axes(Term::Joint, 0..n))),
+        ("base_compliance".into(), giving((0..3).map(Term::Base).collect())),
+        ("link_masses".into(), (1..n).map(Term::Mass).collect()),
+        ("link_centres".into(), axes(Term::FirstMoment, 1..n)),
+        ("joint_harmonics".into(), (0..n).flat_map(phases).collect()),
+    ]
+}
+
+/// The two joints about whose axes gravity turns most: 2 and 3 of an arm on a floor.
+fn most_loaded(setting: &Setting<'_>, links: &Fitted) -> Vec<usize> {
+    let n = links.model.links.len();
+    let none = corrections_at(n, &setting.mounting, &[], &[]);
+    let mut load = vec![0.0; n];
+    for o in setting.observations {
+        let moments: Vec<Vector3<f64>> = moments(&rigid_chain(&links.model.links, &o.q_rad), &none.compliance).joints;
+        load.iter_mut().zip(moments).for_each(|(sum, moment)| *sum += moment.z * moment.z);
+    }
+    let mut order: Vec<usize> = (0..n).collect();
+    order.sort_by(|a, b| load[*b].total_cmp(&load[*a]).then(a.cmp(b)));
+    order.truncate(2);
+    order.sort_unstable();
+    order
+}
