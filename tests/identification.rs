@@ -16,7 +16,7 @@ use kincal::identification::search_space::{SearchSpace, decomposition_at};
 use kincal::identification::swarm::{SwarmCost, run_swarm};
 use kincal::identification::{KinematicModel, start};
 use kincal::kinematics::{JointMap, Robot};
-use kincal::measurement::{Frame, MeasurementSet, Subset, csv};
+use kincal::measurement::{Frame, MeasurementSet, Point, Subset, csv};
 use kincal::solvers::pso;
 use nalgebra::{DMatrix, IsometryMatrix3, Rotation3, Translation3, Vector3};
 use std::ops::ControlFlow;
@@ -469,7 +469,7 @@ fn a_swarm_that_gives_up_hopeless_particles_ends_as_one_that_does_not_on_any_num
     let n = space.n_coordinates();
     let search_box = pso::SearchBox { centre: vec![0.0; n], half_width: vec![1.0; n] };
     // 4,003 particles times 250 poses: enough to start threads, and no multiple of eight
-    let options = pso::Options { n_particles: 4_003, n_iterations: 5, ..pso::Options::default() };
+    let options = pso::Options { n_particles: 4_003, n_iterations: 8, ..pso::Options::default() };
     let run = |cost: &mut pso::Cost<'_>| pso::minimize(cost, &search_box, &options, None, &mut |_| ControlFlow::Continue(()));
     let mut to_the_end = SwarmCost::new(&space, &observations);
     let expected = run(&mut |positions, costs| to_the_end.evaluate(positions, costs));
@@ -477,5 +477,39 @@ fn a_swarm_that_gives_up_hopeless_particles_ends_as_one_that_does_not_on_any_num
         let mut cost = SwarmCost::new(&space, &observations).on_threads(n_threads);
         let found = run(&mut |positions, costs| cost.evaluate_below(positions, costs));
         assert!(found == expected, "{n_threads} threads");
+        assert!(cost.n_needless() > 4_003, "the lower bound finds hopeless particles: {}", cost.n_needless());
+    }
+}
+
+#[test]
+fn a_swarm_in_any_space_finds_the_same_with_the_lower_bound_of_its_costs_as_without() {
+    let links = paper_robot().links;
+    let observation = |p: &Point| Observation {
+        q_rad: p.q_rad.clone(),
+        position_mm: p.position_mm,
+        target: 0,
+        // some count more
+        weight: if p.q_rad[0] > 0.0 { 2.5 } else { 1.0 },
+    };
+    let nominal = KinematicModel::nominal(&links, 1);
+    for set in ["first.csv", "first_noisy.csv"] {
+        let observations: Vec<Observation> = paper_set(set).points.iter().map(observation).collect();
+        for parameters in [paper_parameters(links.len()), complete_parameters(&links, 1)] {
+            let scale: Vec<f64> = parameters.iter().map(|p| if p.is_angle() { 0.01 } else { 1.0 }).collect();
+            let raw = SearchSpace::raw(nominal.clone(), parameters.clone(), scale.clone());
+            let singular = SearchSpace::singular(nominal.clone(), parameters, scale, &observations);
+            for space in [raw, singular] {
+                let search_box = pso::SearchBox { centre: vec![0.0; space.n_coordinates()], half_width: vec![1.0; space.n_coordinates()] };
+                // long enough for the swarm to close in and the anchor to follow
+                let options = pso::Options { n_particles: 77, n_iterations: 500, seed: 9, ..pso::Options::default() };
+                let run = |cost: &mut pso::Cost<'_>| pso::minimize(cost, &search_box, &options, None, &mut |_| ControlFlow::Continue(()));
+                let (mut with, mut without) = (SwarmCost::new(&space, &observations), SwarmCost::new(&space, &observations));
+                let found = run(&mut |positions, costs| with.evaluate_below(positions, costs));
+                assert!(found == run(&mut |positions, costs| without.evaluate(positions, costs)));
+                let share = with.n_needless() as f64 / found.n_evaluations as f64;
+                eprintln!("{set}, {} coordinates: {share:.3} needless, F {:.3e}", space.n_coordinates(), found.best_cost);
+                assert!(share > 0.5, "{share}");
+            }
+        }
     }
 }

@@ -6,6 +6,8 @@ mod compliance;
 mod data;
 #[path = "kinematics/kernel.rs"]
 mod kernel;
+#[path = "kinematics/lower_bound.rs"]
+mod lower_bound;
 #[path = "kinematics/one_robot.rs"]
 mod one_robot;
 

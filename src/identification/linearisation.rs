@@ -6,11 +6,12 @@ use crate::identification::parameters::{apply_into, left_jacobian};
 use crate::identification::search_space::SearchSpace;
 use crate::identification::swarm::moved;
 use crate::kinematics::batch::{Along, InstructionSet, Lanes, Moved, OneRobot, PoseLanes};
+use std::borrow::Cow;
 
 /// The residuals of some observations as a function of a space's coordinates. Rows are in the order of [`PoseLanes`], and those of
 /// missing poses are zero: sums over all rows are those of `objective.rs`.
 pub struct Linearisation<'a> {
-    space: &'a SearchSpace,
+    space: Cow<'a, SearchSpace>,
     poses: PoseLanes,
     moved: Vec<Moved>,
     robot: OneRobot,
@@ -22,19 +23,29 @@ pub struct Linearisation<'a> {
 impl<'a> Linearisation<'a> {
     /// Prepares the poses of `observations`.
     pub fn new(space: &'a SearchSpace, observations: &[Observation]) -> Self {
+        Self::prepare(Cow::Borrowed(space), observations)
+    }
+
+    /// As [`Self::new`], with the space's parameters themselves for coordinates, mm or rad.
+    pub fn of_parameters(space: &SearchSpace, observations: &[Observation]) -> Linearisation<'static> {
+        let unscaled = SearchSpace::raw(space.reference.clone(), space.parameters.clone(), vec![1.0; space.parameters.len()]);
+        Linearisation::prepare(Cow::Owned(unscaled), observations)
+    }
+
+    fn prepare(space: Cow<'a, SearchSpace>, observations: &[Observation]) -> Self {
         let mut poses = PoseLanes::new(space.reference.links.len());
         for o in observations {
             poses.push(&o.q_rad, o.position_mm, o.weight, o.target);
         }
         let p = space.parameters.len();
         Self {
-            space,
             poses,
             moved: space.parameters.iter().map(moved).collect(),
             robot: OneRobot::new(space.reference.links.len()),
             model: space.reference.clone(),
             deviation: vec![0.0; p],
             raw: vec![[Lanes::ZERO; 3]; p],
+            space,
         }
     }
 
@@ -61,6 +72,11 @@ impl<'a> Linearisation<'a> {
         let left = left_jacobian(&self.space.base_rotation(&self.deviation));
         let along = Along { moved: &self.moved, directions: self.space.directions().as_slice(), left_jacobian: &left };
         self.robot.linearise(&self.poses, &along, &mut self.raw, residuals, jacobian);
+    }
+
+    /// The model at the last coordinates.
+    pub fn model(&self) -> &KinematicModel {
+        &self.model
     }
 
     fn place(&mut self, coordinates: &[f64]) {

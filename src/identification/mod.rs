@@ -1,5 +1,6 @@
 //! From measured points to parameters: which, in which scale, at which cost, and by which search.
 
+pub mod anchor;
 pub mod bpnn_pso;
 pub mod changes;
 pub mod corrected;

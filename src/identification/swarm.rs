@@ -1,10 +1,11 @@
 //! The swarm on a search space: F of all particles through the fast kernel.
 
+use crate::identification::anchor::Anchor;
 use crate::identification::objective::Observation;
 use crate::identification::parallel::{in_parallel, n_cores};
 use crate::identification::parameters::{Parameter, Quantity};
 use crate::identification::search_space::SearchSpace;
-use crate::kinematics::batch::{Bound, Elimination, LANES, LaneRobots, Lanes, Moved, PreparedPoses};
+use crate::kinematics::batch::{Bound, Elimination, LANES, LaneRobots, Lanes, LowerBound, Moved, PreparedPoses};
 use crate::solvers::pso::{self, Positions};
 use multiversion::multiversion;
 
@@ -12,9 +13,32 @@ use multiversion::multiversion;
 pub struct SwarmCost<'a> {
     space: &'a SearchSpace,
     poses: PreparedPoses,
+    screen: Option<Screen>,
+    n_needless: usize,
     /// One for each thread.
     lanes: Vec<SwarmLanes>,
 }
+
+/// Who looks at a lower bound before F is computed, and where that is anchored. What is looked at changes what is computed, not what is
+/// found.
+struct Screen {
+    anchor: Anchor,
+    /// Evaluations since the anchor was looked after.
+    n_evaluations: usize,
+    /// Evaluations to go without: most particles improved, or are too far from the anchor.
+    n_without: usize,
+    coordinates: Vec<f64>,
+    deviation: Vec<f64>,
+}
+
+/// The anchor is looked after once in so many evaluations.
+const LOOK_AFTER: usize = 8;
+/// It is moved to a particle that costs so much less than it does: what the bound loses grows with the square of the distance.
+const CLOSER_IN: f64 = 4.0;
+/// The bound, a tenth of F, is worth its time where it saves the F of at least this share of the particles,
+const WORTH_LOOKING: f64 = 0.2;
+/// and else is left out for so many evaluations.
+const WITHOUT: usize = 4;
 
 /// Eight particles at a time.
 #[derive(Clone)]
@@ -23,6 +47,12 @@ struct SwarmLanes {
     elimination: Elimination,
     /// One per parameter.
     deviations: Vec<Lanes>,
+    room: Vec<Lanes>,
+    /// Those whose F is needed, until they are eight.
+    waiting: Vec<Lanes>,
+    particles: [usize; LANES],
+    n_waiting: usize,
+    n_out: usize,
 }
 
 impl<'a> SwarmCost<'a> {
@@ -35,8 +65,27 @@ impl<'a> SwarmCost<'a> {
     pub fn bounded(space: &'a SearchSpace, observations: &[Observation], bound: Option<Bound>) -> Self {
         let (poses, robots) = (prepared_poses(space, observations).bounded(bound), lane_robots(space));
         let elimination = Elimination::new(&robots, &poses);
-        let lanes = SwarmLanes { robots, elimination, deviations: vec![Lanes::ZERO; space.parameters.len()] };
-        Self { space, poses, lanes: vec![lanes] }
+        // the lower bound is one of squares
+        let anchor = if bound.is_none() { Anchor::at_reference(space, observations) } else { None };
+        let screen = anchor.map(|anchor| Screen {
+            anchor,
+            n_evaluations: 0,
+            n_without: 0,
+            coordinates: vec![0.0; space.n_coordinates()],
+            deviation: vec![0.0; space.parameters.len()],
+        });
+        let deviations = vec![Lanes::ZERO; space.parameters.len()];
+        let lanes = SwarmLanes {
+            robots,
+            elimination,
+            room: deviations.clone(),
+            waiting: deviations.clone(),
+            deviations,
+            particles: [0; LANES],
+            n_waiting: 0,
+            n_out: 0,
+        };
+        Self { space, poses, screen, n_needless: 0, lanes: vec![lanes] }
     }
 
     /// To be evaluated on so many threads where that is worth their start; the bits are the same.
@@ -51,25 +100,107 @@ impl<'a> SwarmCost<'a> {
         self.evaluate_below(positions, costs);
     }
 
+    /// How often so far a particle's F was needless: a lower bound of it was above the particle's bound.
+    pub fn n_needless(&self) -> usize {
+        self.n_needless
+    }
+
     /// F of every particle that is not above its bound, mm²; something above its bound for the others. `costs` holds the bounds.
     pub fn evaluate_below(&mut self, positions: &Positions, costs: &mut [f64]) {
         let (space, poses) = (self.space, &self.poses);
+        // nothing is above +∞
+        let screen = self.screen.as_mut().filter(|_| costs.iter().any(|cost| cost.is_finite()));
+        let lower_bound = screen.as_ref().filter(|screen| screen.n_without == 0).map(|screen| screen.anchor.bound());
         let n_threads = if costs.len() * poses.len() < WORTH_A_THREAD { 1 } else { self.lanes.len() };
         let share = costs.len().div_ceil(n_threads).next_multiple_of(LANES);
         let parts = self.lanes.iter_mut().zip(costs.chunks_mut(share)).enumerate();
-        in_parallel(parts.map(|(part, (lanes, costs))| move || lanes.evaluate(space, poses, positions, part * share, costs)));
+        in_parallel(parts.map(|(part, (lanes, costs))| move || lanes.evaluate(space, poses, lower_bound, positions, part * share, costs)));
+        if let Some(screen) = screen {
+            let n_out = self.lanes.iter_mut().map(|lanes| std::mem::take(&mut lanes.n_out)).sum();
+            self.n_needless += n_out;
+            screen.look_after(space, positions, costs, n_out);
+        }
+    }
+}
+
+impl Screen {
+    /// After an evaluation in which `n_out` were out.
+    fn look_after(&mut self, space: &SearchSpace, positions: &Positions, costs: &[f64], n_out: usize) {
+        if self.n_without > 0 {
+            self.n_without -= 1;
+        } else if (n_out as f64) < WORTH_LOOKING * costs.len() as f64 {
+            self.n_without = WITHOUT;
+        }
+        self.n_evaluations += 1;
+        if !self.n_evaluations.is_multiple_of(LOOK_AFTER) {
+            return;
+        }
+        let best = (0..costs.len()).min_by(|a, b| costs[*a].total_cmp(&costs[*b]));
+        if let Some(best) = best.filter(|best| costs[*best] * CLOSER_IN <= self.anchor.cost_mm2()) {
+            for (j, coordinate) in self.coordinates.iter_mut().enumerate() {
+                *coordinate = positions.get(best, j);
+            }
+            space.deviation_into(&self.coordinates, &mut self.deviation);
+            self.anchor.move_to(&self.deviation);
+        }
     }
 }
 
 impl SwarmLanes {
     /// The particles from `first` on, as many as there are costs.
-    fn evaluate(&mut self, space: &SearchSpace, poses: &PreparedPoses, positions: &Positions, first: usize, costs: &mut [f64]) {
+    fn evaluate(
+        &mut self,
+        space: &SearchSpace,
+        poses: &PreparedPoses,
+        lower_bound: Option<&LowerBound>,
+        positions: &Positions,
+        first: usize,
+        costs: &mut [f64],
+    ) {
         for start in (0..costs.len()).step_by(LANES) {
             space.deviations_of_chunk(positions, first + start, &mut self.deviations);
-            self.robots.set(&self.deviations);
-            self.elimination.add(&self.robots, poses, start, LANES.min(costs.len() - start), costs);
+            let particles: [usize; LANES] = std::array::from_fn(|lane| start + lane);
+            let particles = &particles[..LANES.min(costs.len() - start)];
+            match lower_bound {
+                Some(lower_bound) => self.screen(lower_bound, poses, particles, costs),
+                None => {
+                    self.robots.set(&self.deviations);
+                    self.elimination.add(&self.robots, poses, particles, costs);
+                }
+            }
         }
+        self.add_waiting(poses, costs);
         self.elimination.finish(poses, costs);
+    }
+
+    /// Lets those wait whose F is needed.
+    fn screen(&mut self, lower_bound: &LowerBound, poses: &PreparedPoses, particles: &[usize], costs: &mut [f64]) {
+        let mut limits = Lanes::splat(f64::INFINITY);
+        limits.0[..particles.len()].copy_from_slice(&costs[particles[0]..particles[0] + particles.len()]);
+        let is_out = lower_bound.exceeds(&self.deviations, &limits, &mut self.room);
+        for (lane, &particle) in particles.iter().enumerate() {
+            if is_out[lane] {
+                costs[particle] = f64::INFINITY;
+                self.n_out += 1;
+                continue;
+            }
+            for (to, from) in self.waiting.iter_mut().zip(&self.deviations) {
+                to.0[self.n_waiting] = from.0[lane];
+            }
+            self.particles[self.n_waiting] = particle;
+            self.n_waiting += 1;
+            if self.n_waiting == LANES {
+                self.add_waiting(poses, costs);
+            }
+        }
+    }
+
+    fn add_waiting(&mut self, poses: &PreparedPoses, costs: &mut [f64]) {
+        let particles = &self.particles[..std::mem::take(&mut self.n_waiting)];
+        if !particles.is_empty() {
+            self.robots.set(&self.waiting);
+            self.elimination.add(&self.robots, poses, particles, costs);
+        }
     }
 }
 

@@ -17,30 +17,30 @@ const KERNEL_RELATIVE: f64 = 1e-13;
 const RESIDUAL_ROUNDING_MM: f64 = 1e-11;
 
 /// A reference, the parameters that move, eight particles' deviations, and poses.
-struct Case {
-    space: SearchSpace,
-    deviations: Vec<Lanes>,
-    observations: Vec<Observation>,
+pub struct Case {
+    pub space: SearchSpace,
+    pub deviations: Vec<Lanes>,
+    pub observations: Vec<Observation>,
 }
 
 impl Case {
-    fn model(&self, lane: usize) -> KinematicModel {
+    pub fn model(&self, lane: usize) -> KinematicModel {
         let deviation: Vec<f64> = self.deviations.iter().map(|d| d.0[lane]).collect();
         apply(&self.space.reference, &self.space.parameters, &deviation)
     }
 
-    fn robots(&self) -> LaneRobots {
+    pub fn robots(&self) -> LaneRobots {
         let mut robots = lane_robots(&self.space);
         robots.set(&self.deviations);
         robots
     }
 
-    fn poses(&self) -> PreparedPoses {
+    pub fn poses(&self) -> PreparedPoses {
         prepared_poses(&self.space, &self.observations)
     }
 }
 
-fn all_parameters(n_links: usize, n_targets: usize) -> Vec<Parameter> {
+pub fn all_parameters(n_links: usize, n_targets: usize) -> Vec<Parameter> {
     let quantities = [Quantity::A, Quantity::Alpha, Quantity::D, Quantity::ThetaOffset, Quantity::Beta];
     let links = (0..n_links).flat_map(|link| quantities.map(|quantity| Parameter::Link(link, quantity)));
     let base = (0..3).flat_map(|axis| [Parameter::BaseTranslation(axis), Parameter::BaseRotation(axis)]);
@@ -62,7 +62,7 @@ fn observations(random: &mut ChaCha8Rng, model: &KinematicModel, n: usize, noise
 }
 
 /// Deviations by up to these half-widths.
-fn case(random: &mut ChaCha8Rng, reference: KinematicModel, parameters: Vec<Parameter>, (mm, rad): (f64, f64), weighted: bool) -> Case {
+pub fn case(random: &mut ChaCha8Rng, reference: KinematicModel, parameters: Vec<Parameter>, (mm, rad): (f64, f64), weighted: bool) -> Case {
     let deviation = |p: &Parameter, random: &mut ChaCha8Rng| random.random_range(-1.0..1.0) * if p.is_angle() { rad } else { mm };
     let deviations = parameters.iter().map(|p| Lanes(std::array::from_fn(|_| deviation(p, random)))).collect();
     // no multiple of the poses that are pushed side by side

@@ -13,6 +13,9 @@ use std::ops::Range;
 /// Share of the poses after which ranks are closed. After 16 of 50 poses one of five particles is left in the paper's swarm; to copy
 /// one costs as much as ten of its poses, so that closing twice gains nothing.
 const RANKS_CLOSE_AT: f64 = 0.33;
+/// So many of eight are moved to another rank; more go on where they are: the rest of the poses for eight costs as much as to move three and
+/// to go on with them there.
+const WORTH_MOVING: usize = 2;
 /// Poses after which the last few are looked at again.
 const LOOK_EVERY: usize = 10;
 /// With fewer poses nobody drops out early.
@@ -47,13 +50,17 @@ impl Elimination {
         Self { close_at, rank }
     }
 
-    /// Evaluates the particles `first` … `first + n - 1`, who are the first lanes of `robots`. `costs` holds everybody's bound, and for
-    /// those who were evaluated gets F, or something above their bound. Some may still be under way until [`Self::finish`].
-    pub fn add(&mut self, robots: &LaneRobots, poses: &PreparedPoses, first: usize, n: usize, costs: &mut [f64]) {
+    /// Evaluates particles, who are the first lanes of `robots`. `costs` holds everybody's bound, and for those who were evaluated gets F,
+    /// or something above their bound. Some may still be under way until [`Self::finish`].
+    pub fn add(&mut self, robots: &LaneRobots, poses: &PreparedPoses, particles: &[usize], costs: &mut [f64]) {
         let sums = add_squares(robots, poses, 0..self.close_at, Lanes::ZERO);
-        for (lane, &sum) in sums.0[..n].iter().enumerate() {
-            let particle = first + lane;
-            if is_out(sum, costs[particle]) || self.rank.poses.is_empty() {
+        let is_left = |(particle, sum): &(&usize, &f64)| !is_out(**sum, costs[**particle]);
+        let n_left = particles.iter().zip(&sums.0).filter(is_left).count();
+        if n_left > WORTH_MOVING {
+            return go_on(robots, poses, self.rank.poses.clone(), sums, particles, costs);
+        }
+        for (lane, (&particle, &sum)) in particles.iter().zip(&sums.0).enumerate() {
+            if is_out(sum, costs[particle]) {
                 costs[particle] = sum;
                 continue;
             }
@@ -79,19 +86,23 @@ impl Rank {
         self.n += 1;
     }
 
-    /// Goes on until the last pose, or until all are out.
     fn run(&mut self, poses: &PreparedPoses, costs: &mut [f64]) {
         let particles = &self.particles[..std::mem::take(&mut self.n)];
-        for start in self.poses.clone().step_by(LOOK_EVERY) {
-            let end = self.poses.end.min(start + LOOK_EVERY);
-            self.sums = add_squares(&self.robots, poses, start..end, self.sums);
-            if particles.iter().zip(&self.sums.0).all(|(particle, sum)| is_out(*sum, costs[*particle])) {
-                break;
-            }
+        go_on(&self.robots, poses, self.poses.clone(), self.sums, particles, costs);
+    }
+}
+
+/// Goes on until the last pose, or until all are out.
+fn go_on(robots: &LaneRobots, poses: &PreparedPoses, range: Range<usize>, mut sums: Lanes, particles: &[usize], costs: &mut [f64]) {
+    for start in range.clone().step_by(LOOK_EVERY) {
+        let end = range.end.min(start + LOOK_EVERY);
+        sums = add_squares(robots, poses, start..end, sums);
+        if particles.iter().zip(&sums.0).all(|(particle, sum)| is_out(*sum, costs[*particle])) {
+            break;
         }
-        for (particle, sum) in particles.iter().zip(&self.sums.0) {
-            costs[*particle] = *sum;
-        }
+    }
+    for (particle, sum) in particles.iter().zip(&sums.0) {
+        costs[*particle] = *sum;
     }
 }
 

@@ -92,6 +92,11 @@ impl<const W: usize> Vector<W> {
     }
 
     #[inline(always)]
+    pub fn abs(self) -> Self {
+        Self(self.0.map(f64::abs))
+    }
+
+    #[inline(always)]
     pub fn sqrt(self) -> Self {
         Self(self.0.map(f64::sqrt))
     }

@@ -113,20 +113,13 @@ fn keep_own_best(costs: &mut [f64], positions: &Positions, own_best_costs: &mut 
         }
     }
     let lowest = lowest.into_iter().fold(f64::INFINITY, f64::min);
-    for first in (0..n).step_by(LANES) {
-        let block = first..n.min(first + LANES);
-        // few particles improve: mostly there is nothing to copy
-        let improved = costs[block.clone()].iter().zip(&own_best_costs[block.clone()]).fold(0, |n, (cost, own)| n + u64::from(cost < own));
-        if improved == 0 {
-            continue;
-        }
-        for (x, best) in positions.values.chunks_exact(n).zip(own_best_positions.values.chunks_exact_mut(n)) {
-            for i in block.clone() {
-                best[i] = if costs[i] < own_best_costs[i] { x[i] } else { best[i] };
+    // few particles improve
+    for i in 0..n {
+        if costs[i] < own_best_costs[i] {
+            own_best_costs[i] = costs[i];
+            for (x, best) in positions.values.chunks_exact(n).zip(own_best_positions.values.chunks_exact_mut(n)) {
+                best[i] = x[i];
             }
-        }
-        for i in block {
-            own_best_costs[i] = if costs[i] < own_best_costs[i] { costs[i] } else { own_best_costs[i] };
         }
     }
     costs.iter().position(|cost| *cost == lowest).unwrap_or(0)

@@ -1,0 +1,272 @@
+//! A lower bound of F for eight particles that costs a tenth of F: who is surely above its own best needs no F.
+//!
+//! Let r be all residuals times the roots of their weights, so that F = ‖r‖², and δ a particle's deviations from an anchor, where
+//! r is r₀ and its derivative J. With r(δ) = r₀ + J·δ + e and J = Q·R,
+//!
+//! ```text
+//! sqrt(F) >= ‖r₀ + J·δ‖ − ‖e‖ >= ‖c + R·δ‖ − ‖e‖          c: the first entries of Qᵀ·r₀
+//! ```
+//!
+//! **What e can be at most.** On the way from the anchor to the particle, δ(t) = t·δ, Taylor's formula with its remainder as an integral gives
+//! ‖e‖ ≤ ½·max‖r″(t)‖. Let the quantities be numbered from the base to the target. The position p is a product of
+//! elementary motions, and what lies nearer to the base moves all that lies behind it: for i before j, or i = j,
+//!
+//! ```text
+//! ∂²p/∂δᵢ∂δⱼ = axisᵢ × ∂p/∂δⱼ      if i is an angle, and 0 if it is a length
+//! ‖r″‖ <= Σⱼ |δⱼ|·mⱼ·(|δⱼ| if j is an angle  +  2·Σ |δᵢ| over the angles i before j)
+//! ```
+//!
+//! with mⱼ an upper bound of ‖∂r/∂δⱼ‖ on the way. For a length that does not change. For an angle it is the target's distance from the
+//! axis, over all poses, which changes by no more than the target moves as seen from the axis, and only what lies behind moves it there:
+//! mⱼ = ‖∂r/∂δⱼ‖ at the anchor + Σ |δₖ|·mₖ over k behind j. (Sums over poses by Minkowski's inequality.) One sweep from the target to the
+//! base makes all of these sums.
+//!
+//! The base's rotation vector w is one angle |w|. Along w + t·δ the base turns at ω = J(w)·δ, |ω| ≤ |δ| and |ω′| ≤ ½·|δ|², for
+//! J(w) = ∫ Exp(s·w) ds, so that its own second derivative is at most 3/2·|δ|² times the target's distance from the base's origin.
+//!
+//! Nothing of this asks for small deviations: large ones make a large e, and the bound says nothing. Nor does it ask for exact arithmetic:
+//! see [`Anchored::rounding`]. What is not a number is above nothing.
+
+use super::lanes::{InstructionSet, LANES, Lanes, Vector};
+use super::robots::Moved;
+use multiversion::multiversion;
+
+/// Rows of R that are summed side by side.
+const ROWS: usize = 4;
+
+/// The lower bound around one anchor.
+#[derive(Clone, Debug)]
+pub struct LowerBound {
+    /// Links' and targets' quantities, from the target to the base.
+    chain: Vec<Quantity>,
+    base_rotation: Vec<Quantity>,
+    base_translation: Vec<Quantity>,
+    /// The anchor, mm or rad.
+    anchor: Vec<f64>,
+    base_arm_mm: f64,
+    /// c, filled up with zeros to a multiple of [`ROWS`].
+    constant: Vec<f64>,
+    /// R, [`ROWS`] rows after one another, of each the columns from its first row's diagonal on.
+    panels: Vec<[f64; ROWS]>,
+    rounding: f64,
+    size_mm: f64,
+    instructions: InstructionSet,
+}
+
+/// A quantity in which robots differ.
+#[derive(Clone, Copy, Debug)]
+struct Quantity {
+    /// Its place among the deviations.
+    at: usize,
+    /// 1 for an angle, 0 for a length.
+    turns: f64,
+    /// ‖∂r/∂δ‖ at the anchor, mm per mm or rad.
+    effect_mm: f64,
+}
+
+/// What is known at an anchor.
+#[derive(Clone, Copy, Debug)]
+pub struct Anchored<'a> {
+    /// Deviations of the anchor from the reference, mm or rad.
+    pub deviation: &'a [f64],
+    /// Norm of each column of J, mm per mm or rad.
+    pub effects_mm: &'a [f64],
+    /// R in the upper triangle of a column-major matrix.
+    pub triangle: &'a [f64],
+    /// Rows of that matrix.
+    pub n_rows: usize,
+    /// c in its first entries.
+    pub qt_residuals: &'a [f64],
+    /// Root of Σ weight · (distance of the target from the base's origin)², mm, or more.
+    pub base_arm_mm: f64,
+    /// Share of the sizes that are added by which the bound is lowered: many times what they are rounded by, here and in F.
+    pub rounding: f64,
+    /// An upper bound of these sizes at the anchor, over all poses: residuals, measured positions, lengths, mm. What a deviation adds to
+    /// them is known here.
+    pub size_mm: f64,
+}
+
+impl LowerBound {
+    /// Room for robots that differ in these quantities. It is above nothing until it is given an anchor.
+    pub fn new(moved: &[Moved]) -> Self {
+        let p = moved.len();
+        let quantity = |at: usize| {
+            let is_angle = matches!(moved[at], Moved::Alpha(_) | Moved::Beta(_) | Moved::ThetaOffset(_));
+            Quantity { at, turns: f64::from(u8::from(is_angle)), effect_mm: 0.0 }
+        };
+        let those = |wanted: fn(&Moved) -> bool| (0..p).filter(|at| wanted(&moved[*at])).map(quantity).collect();
+        let mut chain: Vec<Quantity> = those(|m| place(m).is_some());
+        chain.sort_by_key(|quantity| std::cmp::Reverse(place(&moved[quantity.at])));
+        Self {
+            chain,
+            base_rotation: those(|m| matches!(m, Moved::BaseRotation(_))),
+            base_translation: those(|m| matches!(m, Moved::BaseTranslation(_))),
+            anchor: vec![0.0; p],
+            base_arm_mm: 0.0,
+            constant: vec![0.0; p.next_multiple_of(ROWS)],
+            panels: (0..p).step_by(ROWS).flat_map(|first| first..p).map(|_| [0.0; ROWS]).collect(),
+            rounding: f64::INFINITY,
+            size_mm: f64::INFINITY,
+            instructions: InstructionSet::fastest(),
+        }
+    }
+
+    /// With another code path.
+    pub fn with_instructions(mut self, instructions: InstructionSet) -> Self {
+        self.instructions = instructions;
+        self
+    }
+
+    /// Moves the anchor.
+    ///
+    /// # Panics
+    /// When it is of another number of quantities, or has fewer rows than these.
+    pub fn set(&mut self, anchored: &Anchored<'_>) {
+        let p = anchored.deviation.len();
+        self.anchor.copy_from_slice(anchored.deviation);
+        let Self { chain, base_rotation, base_translation, .. } = self;
+        for quantity in [chain, base_rotation, base_translation].into_iter().flatten() {
+            quantity.effect_mm = anchored.effects_mm[quantity.at];
+        }
+        self.constant[..p].copy_from_slice(&anchored.qt_residuals[..p]);
+        let mut panels = self.panels.iter_mut();
+        for first in (0..p).step_by(ROWS) {
+            for (column, panel) in (first..p).zip(&mut panels) {
+                let entry = |row: usize| if row <= column { anchored.triangle[column * anchored.n_rows + row] } else { 0.0 };
+                *panel = std::array::from_fn(|row| entry(first + row));
+            }
+        }
+        (self.base_arm_mm, self.rounding, self.size_mm) = (anchored.base_arm_mm, anchored.rounding, anchored.size_mm);
+    }
+
+    /// Whether F is surely above `limits`, mm², as the kernel computes it. `deviations` as for [`super::LaneRobots::set`]; `room` is for
+    /// as many.
+    pub fn exceeds(&self, deviations: &[Lanes], limits: &Lanes, room: &mut [Lanes]) -> [bool; LANES] {
+        match self.instructions {
+            InstructionSet::Avx512 => on_avx512(self, deviations, limits, room),
+            InstructionSet::Avx2 => on_avx2(self, deviations, limits, room),
+            InstructionSet::Baseline => self.exceeds_with::<2, 4>(deviations, limits, room),
+        }
+    }
+
+    #[inline(always)]
+    fn exceeds_with<const W: usize, const P: usize>(&self, deviations: &[Lanes], limits: &Lanes, room: &mut [Lanes]) -> [bool; LANES] {
+        for ((delta, deviation), anchor) in room.iter_mut().zip(deviations).zip(&self.anchor) {
+            for lane in 0..LANES {
+                delta.0[lane] = deviation.0[lane] - anchor;
+            }
+        }
+        let (error, way) = self.remainder::<W, P>(room);
+        let squares = self.linear_squares::<W, P>(room);
+        let (mut linear, mut allowed) = (Lanes::ZERO, Lanes::ZERO);
+        for part in 0..P {
+            let rounding = Vector::splat(self.rounding) * (way[part] + error[part] + Vector::splat(self.size_mm));
+            let root = Vector::load(limits, part).sqrt() + (error[part] + rounding);
+            (root * root).store(&mut allowed, part);
+            squares[part].store(&mut linear, part);
+        }
+        let mut exceeds = [false; LANES];
+        for (exceeds, (linear, allowed)) in exceeds.iter_mut().zip(linear.0.iter().zip(&allowed.0)) {
+            *exceeds = linear > allowed;
+        }
+        exceeds
+    }
+
+    /// Upper bounds of ‖e‖ and of how far the targets move, over all poses.
+    #[inline(always)]
+    fn remainder<const W: usize, const P: usize>(&self, deltas: &[Lanes]) -> ([Vector<W>; P], [Vector<W>; P]) {
+        let (mut error, mut way) = ([Vector::<W>::splat(0.0); P], [Vector::<W>::splat(0.0); P]);
+        for quantity in &self.chain {
+            for part in 0..P {
+                let size = Vector::<W>::load(&deltas[quantity.at], part).abs();
+                let (angle, direct) = (size * Vector::splat(quantity.turns), size * Vector::splat(quantity.effect_mm));
+                turn(angle, direct, HALF, &mut error[part], &mut way[part]);
+            }
+        }
+        if !self.base_rotation.is_empty() {
+            let mut squares = [Vector::<W>::splat(0.0); P];
+            for angle in &self.base_rotation {
+                for (part, squares) in squares.iter_mut().enumerate() {
+                    let size = Vector::load(&deltas[angle.at], part);
+                    *squares = size.mul_add(size, *squares);
+                }
+            }
+            for part in 0..P {
+                let size = squares[part].sqrt();
+                turn(size, size * Vector::splat(self.base_arm_mm), THREE_QUARTERS, &mut error[part], &mut way[part]);
+            }
+        }
+        for length in &self.base_translation {
+            for (part, way) in way.iter_mut().enumerate() {
+                *way = Vector::load(&deltas[length.at], part).abs().mul_add(Vector::splat(length.effect_mm), *way);
+            }
+        }
+        (error, way)
+    }
+
+    /// ‖c + R·δ‖².
+    #[inline(always)]
+    fn linear_squares<const W: usize, const P: usize>(&self, deltas: &[Lanes]) -> [Vector<W>; P] {
+        let mut squares = [Vector::<W>::splat(0.0); P];
+        let mut rest = self.panels.as_slice();
+        for (block, constant) in self.constant.chunks_exact(ROWS).enumerate() {
+            let deltas = &deltas[block * ROWS..];
+            let (panels, behind) = rest.split_at(deltas.len());
+            rest = behind;
+            let mut rows = [[Vector::<W>::splat(0.0); P]; ROWS];
+            for (row, constant) in rows.iter_mut().zip(constant) {
+                *row = [Vector::splat(*constant); P];
+            }
+            for (panel, delta) in panels.iter().zip(deltas) {
+                for (row, factor) in rows.iter_mut().zip(panel) {
+                    for (part, sum) in row.iter_mut().enumerate() {
+                        *sum = Vector::splat(*factor).mul_add(Vector::load(delta, part), *sum);
+                    }
+                }
+            }
+            for row in rows {
+                for part in 0..P {
+                    squares[part] = row[part].mul_add(row[part], squares[part]);
+                }
+            }
+        }
+        squares
+    }
+}
+
+/// Of an angle's own second derivative: ½ of it at most.
+const HALF: f64 = 0.5;
+/// As [`HALF`] of a rotation vector: ½ · 3/2.
+const THREE_QUARTERS: f64 = 0.75;
+
+/// A quantity that moves the target by `direct` where the anchor is, and by angle · way more for what lies behind.
+#[inline(always)]
+fn turn<const W: usize>(angle: Vector<W>, direct: Vector<W>, own: f64, error: &mut Vector<W>, way: &mut Vector<W>) {
+    let moved = angle.mul_add(*way, direct);
+    *error = angle.mul_add(Vector::splat(own).mul_add(moved, *way), *error);
+    *way = *way + moved;
+}
+
+#[multiversion(targets("x86_64+avx512f+avx512vl+fma"))]
+fn on_avx512(bound: &LowerBound, deviations: &[Lanes], limits: &Lanes, room: &mut [Lanes]) -> [bool; LANES] {
+    bound.exceeds_with::<8, 1>(deviations, limits, room)
+}
+
+#[multiversion(targets("x86_64+avx2+fma"))]
+fn on_avx2(bound: &LowerBound, deviations: &[Lanes], limits: &Lanes, room: &mut [Lanes]) -> [bool; LANES] {
+    bound.exceeds_with::<4, 2>(deviations, limits, room)
+}
+
+/// Where a quantity stands in the chain base … target; `None` for the base itself. Rx and Dx of a link commute, as do Rz and Dz: with the
+/// length nearer to the base its own angle does not turn it.
+fn place(moved: &Moved) -> Option<(usize, u8)> {
+    match *moved {
+        Moved::BaseTranslation(_) | Moved::BaseRotation(_) => None,
+        Moved::A(link) => Some((link, 0)),
+        Moved::Alpha(link) => Some((link, 1)),
+        Moved::Beta(link) => Some((link, 2)),
+        Moved::D(link) => Some((link, 3)),
+        Moved::ThetaOffset(link) => Some((link, 4)),
+        Moved::Target(..) => Some((usize::MAX, 0)),
+    }
+}
