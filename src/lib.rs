@@ -1,12 +1,16 @@
 //! kincal: kinematic calibration of industrial robots, as a pure numeric core and a thin service around it.
 //!
 //! Core (no IO, no async, no clock, no unseeded randomness): [`kinematics`], [`solvers`], [`measurement`],
-//! [`frames`], [`identification`], [`calibration`]. Service: [`wire`], [`store`], [`jobs`], [`http`], [`cli`].
+//! [`frames`], [`identification`], [`compensation`], [`planning`], [`exchange`], [`calibration`]. Service: [`wire`], [`store`], [`jobs`], [`http`], [`cli`].
 //! `ARCHITECTURE.md` has the map and the reasons; `tests/architecture.rs` holds who may use whom.
 
 // The core: clippy.toml names the float functions it may not use.
 #[warn(clippy::disallowed_methods)]
 pub mod calibration;
+#[warn(clippy::disallowed_methods)]
+pub mod compensation;
+#[warn(clippy::disallowed_methods)]
+pub mod exchange;
 #[warn(clippy::disallowed_methods)]
 pub mod frames;
 #[warn(clippy::disallowed_methods)]
@@ -15,6 +19,8 @@ pub mod identification;
 pub mod kinematics;
 #[warn(clippy::disallowed_methods)]
 pub mod measurement;
+#[warn(clippy::disallowed_methods)]
+pub mod planning;
 #[warn(clippy::disallowed_methods)]
 pub mod solvers;
 

@@ -5,8 +5,14 @@ mod app;
 
 #[path = "api/auth.rs"]
 mod auth;
+#[path = "api/compensate.rs"]
+mod compensate;
 #[path = "api/contract.rs"]
 mod contract;
+#[path = "api/export.rs"]
+mod export;
+#[path = "api/history.rs"]
+mod history;
 #[path = "api/idempotency.rs"]
 mod idempotency;
 #[path = "api/jobs.rs"]
@@ -15,6 +21,8 @@ mod jobs;
 mod measurement_sets;
 #[path = "api/parameter_sets.rs"]
 mod parameter_sets;
+#[path = "api/pose_plans.rs"]
+mod pose_plans;
 #[path = "api/problems.rs"]
 mod problems;
 #[path = "api/process.rs"]
@@ -23,3 +31,5 @@ mod process;
 mod release;
 #[path = "api/robots.rs"]
 mod robots;
+#[path = "api/tools.rs"]
+mod tools;

@@ -42,6 +42,12 @@ pub struct Changes {
     pub kind: Option<Kind>,
     /// In words.
     pub warnings: Vec<Warning>,
+    /// dᵀ·V⁻¹·d of the robot's own parameters.
+    pub chi_square: f64,
+    /// Combinations of them that both sessions see.
+    pub n_combinations: usize,
+    /// Probability that an unchanged robot shows as much.
+    pub probability: f64,
 }
 
 /// One change, in the unit of the wire (mm or deg).
@@ -120,7 +126,14 @@ fn in_words(comparison: &Comparison) -> Changes {
         );
         warnings.push(Warning { code: "placement_changed", detail, rows: vec![] });
     }
-    Changes { all: robot.changes.iter().chain(placement).map(named).collect(), kind, warnings }
+    Changes {
+        all: robot.changes.iter().chain(placement).map(named).collect(),
+        kind,
+        warnings,
+        chi_square: robot.chi_square,
+        n_combinations: robot.n_combinations,
+        probability: robot.probability,
+    }
 }
 
 fn kind(changes: &[Change], n_combinations: usize) -> Kind {

@@ -91,17 +91,19 @@ fn body(arguments: &Arguments) -> anyhow::Result<JobRequestBody> {
     Ok(JobRequestBody { method, preset, model, seed: arguments.seed, refine: arguments.refine, ..JobRequestBody::for_set(OFFLINE) })
 }
 
-fn read_robot(path: &Path) -> anyhow::Result<crate::kinematics::Robot> {
+/// A robot file, after every check.
+pub fn read_robot(path: &Path) -> anyhow::Result<crate::kinematics::Robot> {
     let body: RobotBody = json::parse(&read(path)?).map_err(|e| Usage(format!("{}: {e}", path.display())))?;
     Ok(body.to_core().map_err(|invalid| Usage(invalid_text(path, &invalid)))?)
 }
 
-fn read(path: &Path) -> anyhow::Result<Vec<u8>> {
+/// A file's bytes.
+pub fn read(path: &Path) -> anyhow::Result<Vec<u8>> {
     std::fs::read(path).map_err(|e| Usage(format!("cannot read {}: {e}", path.display())).into())
 }
 
 /// Every reason on a line of its own, as an engineer wants to mend them.
-fn invalid_text(path: &Path, invalid: &Invalid) -> String {
+pub fn invalid_text(path: &Path, invalid: &Invalid) -> String {
     let lines: Vec<String> = invalid.issues.iter().map(|issue| format!("\n  {}", issue.detail)).collect();
     format!("{} cannot be used:{}", path.display(), lines.concat())
 }

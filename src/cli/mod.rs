@@ -3,11 +3,14 @@
 mod backup;
 mod calibrate;
 mod client;
+mod compensate;
 mod copy_store;
 mod demo;
+mod import;
 mod key;
 mod look;
 mod openapi;
+mod plan;
 mod serve;
 mod submit;
 mod table;
@@ -46,6 +49,12 @@ enum Command {
     Calibrate(calibrate::Arguments),
     /// Upload a measurement set to a server and have it identified.
     Submit(submit::Arguments),
+    /// Correct the joint targets of a program that was made offline.
+    Compensate(compensate::Arguments),
+    /// Plan which configurations to measure.
+    Plan(plan::Arguments),
+    /// Make a robot file from a URDF or a table of Denavit-Hartenberg parameters.
+    Import(import::Arguments),
     /// List a server's robots, or show one.
     Robots(look::Robots),
     /// List a robot's measurement sets, or show one.
@@ -77,6 +86,9 @@ pub fn main() -> ExitCode {
         Command::VerifyStore(arguments) => verify_store::run(&arguments),
         Command::Calibrate(arguments) => calibrate::run(&arguments),
         Command::Submit(arguments) => submit::run(&arguments),
+        Command::Compensate(arguments) => compensate::run(&arguments),
+        Command::Plan(arguments) => plan::run(&arguments),
+        Command::Import(arguments) => import::run(&arguments),
         Command::Robots(arguments) => look::robots(&arguments),
         Command::Sets(arguments) => look::sets(&arguments),
         Command::Jobs(arguments) => look::jobs(&arguments),

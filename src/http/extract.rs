@@ -88,6 +88,16 @@ pub fn media_type(headers: &HeaderMap) -> Option<String> {
     Some(value.split(';').next().unwrap_or(value).trim().to_ascii_lowercase())
 }
 
+/// The whole body of a request in JSON.
+pub async fn json_body<S: Send + Sync>(request: Request, state: &S) -> Result<Bytes, Error> {
+    let found = media_type(request.headers());
+    if found.as_deref() != Some("application/json") {
+        let found = found.unwrap_or_else(|| "without a Content-Type".into());
+        return Err(Error::UnsupportedMediaType { found, expected: "application/json" });
+    }
+    whole_body(request, state).await
+}
+
 /// The whole body, within size, time and memory. Its room among the writes is held as long as the bytes are.
 pub async fn whole_body<S: Send + Sync>(request: Request, _: &S) -> Result<Bytes, Error> {
     let headers = request.headers();

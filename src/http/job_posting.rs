@@ -131,12 +131,13 @@ async fn networks(app: &App, robot: &RobotRow, request: &JobRequestBody, set: &M
     Ok(networks::newest(&app.store, &robot.id, model.as_str(), request.preset.as_str(), MAX_NETWORKS).await?)
 }
 
-fn frame_of(set: &MeasurementSetRow) -> Result<Frame, Error> {
+/// The frame of a stored set.
+pub fn frame_of(set: &MeasurementSetRow) -> Result<Frame, Error> {
     Frame::parse(&set.frame).ok_or_else(|| Error::Internal(format!("set {} has frame {:?}", set.id, set.frame)))
 }
 
 /// What the request names must exist and belong to the robot; both failures look the same from outside.
-fn own<T>(found: Result<T, crate::store::Error>, is_own: impl Fn(&T) -> bool, at: &str, what: &str) -> Result<T, Error> {
+pub fn own<T>(found: Result<T, crate::store::Error>, is_own: impl Fn(&T) -> bool, at: &str, what: &str) -> Result<T, Error> {
     match found {
         Ok(row) if is_own(&row) => Ok(row),
         Ok(_) | Err(crate::store::Error::NotFound) => {

@@ -5,12 +5,15 @@ mod accept;
 mod access;
 mod admission;
 pub mod auth;
+mod compensate;
 mod creation;
 mod dashboard;
 mod document;
 mod error;
+mod export;
 mod extract;
 mod frames;
+mod history;
 mod index;
 mod job_events;
 mod job_posting;
@@ -22,6 +25,7 @@ mod metrics;
 mod networks;
 mod parameter_sets;
 mod policies;
+mod pose_plans;
 mod predict;
 mod release;
 mod robots;
@@ -117,6 +121,10 @@ fn routes() -> OpenApiRouter<App> {
         .merge(release::router())
         .merge(policies::router())
         .merge(predict::router())
+        .merge(compensate::router())
+        .merge(export::router())
+        .merge(history::router())
+        .merge(pose_plans::router())
         .merge(networks::router())
         .merge(me::router())
         .merge(index::router())

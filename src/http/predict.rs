@@ -1,7 +1,7 @@
 //! Where an identified robot has its target.
 
 use crate::http::auth::Caller;
-use crate::http::extract::{Id, media_type, whole_body};
+use crate::http::extract::{Id, json_body};
 use crate::http::{App, Error, access, parameter_sets};
 use crate::wire::json;
 use crate::wire::predict::{PredictAnswer, PredictBody};
@@ -23,11 +23,7 @@ pub fn router() -> OpenApiRouter<App> {
 async fn predict(State(app): State<App>, caller: Caller, Id(id): Id, request: Request) -> Result<Json<PredictAnswer>, Error> {
     let row = access::parameter_set(&app, &caller, &id).await?;
     let robot = access::robot(&app, &caller, &row.robot_id).await?;
-    if media_type(request.headers()).as_deref() != Some("application/json") {
-        let found = media_type(request.headers()).unwrap_or_else(|| "without a Content-Type".into());
-        return Err(Error::UnsupportedMediaType { found, expected: "application/json" });
-    }
-    let bytes = whole_body(request, &app).await?;
+    let bytes = json_body(request, &app).await?;
     let (robot, content) = (access::robot_body(&robot)?, parameter_sets::content(&row)?);
     let answer = app.compute(move || {
         let body: PredictBody = json::parse(&bytes)?;

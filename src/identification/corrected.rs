@@ -61,6 +61,11 @@ impl IdentifiedRobot {
         self
     }
 
+    /// Offset of a target in the flange frame of the links with corrections where there are some, else of the links alone, mm.
+    pub fn target_mm(&self, target: usize) -> Vector3<f64> {
+        self.corrected.as_ref().map_or(&self.plain, |corrected| &corrected.model).targets_mm[target]
+    }
+
     /// How far corrections hold at a pose, 0 to 1; 0 where there are none.
     pub fn weight(&self, q_rad: &[f64]) -> f64 {
         self.corrected.as_ref().map_or(0.0, |corrected| corrected.region.weight(q_rad))

@@ -98,7 +98,8 @@ pub fn complete_parameters(nominal: &[Link], n_targets: usize) -> Vec<Parameter>
     parameters
 }
 
-fn is_parallel(link: &Link) -> bool {
+/// True if the link's axis counts as parallel (or antiparallel) to the one before.
+pub fn is_parallel(link: &Link) -> bool {
     libm::sin(link.alpha_rad).abs() < PARALLEL_SINE
 }
 

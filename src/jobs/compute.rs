@@ -108,7 +108,7 @@ impl Progress {
 
 impl JobInputs {
     /// Reads what the job names.
-    pub(super) async fn load(store: &Store, job_id: &str) -> Result<JobInputs> {
+    pub async fn load(store: &Store, job_id: &str) -> Result<JobInputs> {
         let job = jobs::get(store, job_id).await?;
         let robot = robots::get(store, &job.robot_id).await?;
         let set = load_set(store, &job.measurement_set_id).await?;

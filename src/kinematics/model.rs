@@ -40,6 +40,11 @@ impl JointMap {
             .map(|i| (0..n).map(|j| self.coupling[(i, j)] * self.sign[j] * q_controller_rad[j]).sum::<f64>() + self.offset_rad[i])
             .collect()
     }
+
+    /// ∂q_model/∂q_controller, n × n: the coupling with the signs on its columns.
+    pub fn rates(&self) -> DMatrix<f64> {
+        DMatrix::from_fn(self.sign.len(), self.sign.len(), |i, j| self.coupling[(i, j)] * self.sign[j])
+    }
 }
 
 /// How the robot stands: the direction of gravity in the base frame.
@@ -71,6 +76,11 @@ impl Robot {
             Some(map) => map.to_model(q_controller_rad),
             None => q_controller_rad.to_vec(),
         }
+    }
+
+    /// ∂q_model/∂q_controller, n × n; the identity without a joint map.
+    pub fn joint_rates(&self) -> DMatrix<f64> {
+        self.joint_map.as_ref().map_or_else(|| DMatrix::identity(self.links.len(), self.links.len()), JointMap::rates)
     }
 
     /// A robot without limits, joint map or mounting.

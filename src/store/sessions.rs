@@ -9,12 +9,14 @@ pub struct SessionRow {
     pub job_id: String,
     /// Its whole report.
     pub report_json: String,
+    /// When it was posted.
+    pub created_at_ms: i64,
 }
 
 pub(super) const ALL_QUERIES: &[&str] = &[NEWEST, COUNT];
 
 const NEWEST: &str = "
-    select id as job_id, report_json from job
+    select id as job_id, report_json, created_at_ms from job
     where kind = 'verify' and parameter_set_input_id = $1 and status = 'succeeded'
     order by created_at_ms desc, id desc limit $2";
 

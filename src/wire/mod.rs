@@ -5,8 +5,12 @@
 
 pub mod angle;
 pub mod canonical;
+pub mod compensate;
 pub mod corrections;
+pub mod export;
 pub mod frames;
+pub mod history;
+pub mod import;
 pub mod issue;
 pub mod job;
 mod job_answer;
@@ -18,6 +22,7 @@ pub mod options;
 pub mod page;
 pub mod parameter_set;
 pub mod policy;
+pub mod pose_plan;
 pub mod predict;
 pub mod problem;
 pub mod release;
@@ -26,6 +31,8 @@ pub mod report_shape;
 pub mod robot;
 pub mod safetensors;
 pub mod time;
+pub mod trend;
+pub mod urdf;
 
 pub use issue::{Invalid, Issue};
 pub use problem::Problem;

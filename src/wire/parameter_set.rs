@@ -235,7 +235,8 @@ fn targets_from_core(core: &CalibrationReport, targets_mm: &[Vector3<f64>]) -> V
 }
 
 impl IdentifiedLink {
-    fn from_core(link: &Link) -> Self {
+    /// From the core's link.
+    pub fn from_core(link: &Link) -> Self {
         Self {
             a_mm: link.a_mm,
             alpha_deg: to_degrees(link.alpha_rad),

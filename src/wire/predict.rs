@@ -49,8 +49,7 @@ impl PredictBody {
     pub fn run(&self, robot: &Robot, content: &ParameterSetContent) -> Result<PredictAnswer, Invalid> {
         self.check(robot.links.len())?;
         if content.target_mm(self.target, self.segment).is_none() {
-            let detail = "the parameter set has no such target (or segment); its `targets` lists them";
-            return Err(Invalid::at("/target", "unknown_target", detail));
+            return Err(unknown_target());
         }
         let identified = content.robot_to_core(self.segment).carrying(self.payload.map(PayloadBody::to_core));
         let predicted = |q_deg: &Vec<f64>| -> ([f64; 3], bool) {
@@ -72,10 +71,7 @@ impl PredictBody {
             checker.note("/q_deg", "wrong_length", format!("{} poses; at most {MAX_POSES}", self.q_deg.len()));
         }
         for (i, pose) in self.q_deg.iter().take(MAX_POSES).enumerate() {
-            checker.length(format!("/q_deg/{i}"), pose.len(), n_joints, "one joint value per link of the robot");
-            for (j, q) in pose.iter().enumerate() {
-                checker.magnitude(format!("/q_deg/{i}/{j}"), *q, MAX_JOINT_VALUE_DEG, "joint values are in degrees");
-            }
+            check_pose(&mut checker, i, pose, n_joints);
         }
         if self.target >= MAX_TARGETS {
             checker.note("/target", "out_of_range", format!("{}: targets are numbered from 0, at most {MAX_TARGETS}", self.target));
@@ -85,4 +81,17 @@ impl PredictBody {
         }
         checker.finish("invalid_poses")
     }
+}
+
+/// Notes what is wrong with the joint values of pose `i` of `q_deg`.
+pub fn check_pose(checker: &mut Checker, i: usize, pose: &[f64], n_joints: usize) {
+    checker.length(format!("/q_deg/{i}"), pose.len(), n_joints, "one joint value per link of the robot");
+    for (j, q) in pose.iter().enumerate() {
+        checker.magnitude(format!("/q_deg/{i}/{j}"), *q, MAX_JOINT_VALUE_DEG, "joint values are in degrees");
+    }
+}
+
+/// A target that the parameter set does not have.
+pub fn unknown_target() -> Invalid {
+    Invalid::at("/target", "unknown_target", "the parameter set has no such target (or segment); its `targets` lists them")
 }

@@ -4,7 +4,8 @@ use crate::source::{Token, UsedPath, production_tokens, starts_with, used_paths}
 use std::fmt;
 
 /// The numeric core, in the order of its dependencies.
-pub const CORE: &[&str] = &["kinematics", "solvers", "measurement", "frames", "identification", "compensation", "calibration"];
+pub const CORE: &[&str] =
+    &["kinematics", "solvers", "measurement", "frames", "identification", "compensation", "planning", "exchange", "calibration"];
 
 /// Which modules each module may use besides itself (ARCHITECTURE.md, "Who may use whom").
 pub const MAY_USE: &[(&str, &[&str])] = &[
@@ -13,7 +14,9 @@ pub const MAY_USE: &[(&str, &[&str])] = &[
     ("measurement", &["kinematics"]),
     ("frames", &["kinematics", "solvers", "measurement"]),
     ("identification", &["kinematics", "solvers", "measurement"]),
-    ("compensation", &["kinematics", "solvers", "measurement", "frames", "identification"]),
+    ("compensation", &["kinematics", "identification"]),
+    ("planning", &["kinematics", "identification"]),
+    ("exchange", &["kinematics", "identification", "compensation"]),
     ("calibration", CORE),
     ("config", &[]),
     ("telemetry", &["config"]),

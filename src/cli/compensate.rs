@@ -1,0 +1,138 @@
+//! `kincal compensate`: the joint targets of a program, corrected.
+
+use super::calibrate::read;
+use super::client::ServerArguments;
+use super::{Usage, block_on};
+use crate::wire::compensate::{CompensateAnswer, CompensateBody, CompensateMode, CompensateStatus, MAX_TARGETS_PER_REQUEST};
+use crate::wire::export::ExportDocument;
+use crate::wire::json;
+use anyhow::Context;
+use std::path::PathBuf;
+
+/// Correct the joint targets of a program that was made offline.
+#[derive(Debug, clap::Args)]
+pub struct Arguments {
+    /// With --parameters: PROGRAM.csv. Without: PARAMETERS.json (GET /v1/parameter-sets/{id}/export) and PROGRAM.csv.
+    #[arg(value_name = "PARAMETERS.json PROGRAM.csv", num_args = 1..=2, required = true)]
+    files: Vec<PathBuf>,
+    /// A parameter set of the server, instead of a file.
+    #[arg(long, env = "KINCAL_PARAMETERS", value_name = "ID")]
+    parameters: Option<String>,
+    #[command(flatten)]
+    server: ServerArguments,
+    /// What of the tool is kept.
+    #[arg(long, env = "KINCAL_MODE", default_value = "pose", value_parser = ["pose", "position"])]
+    mode: String,
+    /// The tool is this reflector (0-based) [default: 0, or the tool of --tool-mm].
+    #[arg(long, env = "KINCAL_TARGET")]
+    target: Option<usize>,
+    /// The tool centre point in the flange frame: X,Y,Z in mm.
+    #[arg(long, env = "KINCAL_TOOL_MM", value_name = "X,Y,Z", value_delimiter = ',', num_args = 3, allow_negative_numbers = true)]
+    tool_mm: Vec<f64>,
+}
+
+/// A program: its header, its rows, and where the joint values stand.
+struct Program {
+    header: Vec<String>,
+    rows: Vec<Vec<String>>,
+    /// Column of each joint, and whether it is in radians.
+    joints: Vec<(usize, bool)>,
+}
+
+/// Prints the program with corrected joint values on standard output; every other column stays as it is.
+pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let Some(program) = arguments.files.last() else { return Err(Usage("PROGRAM.csv is missing".into()).into()) };
+    let program = Program::parse(&read(program)?).map_err(|error| Usage(format!("{}: {error}", program.display())))?;
+    eprintln!("warning (taught_targets): targets that were taught by moving the robot there already hold its errors: correct only those that were programmed offline");
+    let targets = program.q_deg()?;
+    let mut statuses = Vec::new();
+    let mut corrected = Vec::new();
+    for part in targets.chunks(MAX_TARGETS_PER_REQUEST) {
+        let answer = correct(arguments, part)?;
+        corrected.extend(answer.q_deg);
+        statuses.extend(answer.status);
+    }
+    print!("{}", program.with(&corrected)?);
+    for (status, what) in [
+        (CompensateStatus::NearSingular, "near a singularity: as near as the joints get without a wild motion"),
+        (CompensateStatus::JointLimit, "at a joint limit: as near as the other joints get"),
+        (CompensateStatus::NotReached, "out of reach"),
+    ] {
+        let rows: Vec<String> = statuses.iter().enumerate().filter(|(_, s)| **s == status).map(|(row, _)| row.to_string()).collect();
+        if !rows.is_empty() {
+            eprintln!("warning: {} of {} targets are {what} (rows {})", rows.len(), statuses.len(), rows.join(", "));
+        }
+    }
+    Ok(())
+}
+
+fn correct(arguments: &Arguments, q_deg: &[Vec<f64>]) -> anyhow::Result<CompensateAnswer> {
+    let tool = <[f64; 3]>::try_from(arguments.tool_mm.clone()).ok();
+    let body = CompensateBody {
+        q_deg: q_deg.to_vec(),
+        target: arguments.target,
+        tool: tool.map(|translation_mm| crate::wire::compensate::ToolBody { translation_mm, rotation: None }),
+        payload: None,
+        mode: if arguments.mode == "position" { CompensateMode::Position } else { CompensateMode::Pose },
+    };
+    match (&arguments.parameters, arguments.files.as_slice()) {
+        (Some(id), [_]) => block_on(async {
+            let path = format!("/v1/parameter-sets/{id}/compensate");
+            let answer = arguments.server.client()?.post_json(&path, &serde_json::to_value(&body)?).await?;
+            serde_json::from_value(answer).context("the server's answer is of another version of kincal")
+        }),
+        (None, [parameters, _]) => {
+            let document: ExportDocument = json::parse(&read(parameters)?).map_err(|error| {
+                Usage(format!("{}: {error}; GET /v1/parameter-sets/ID/export writes such a file", parameters.display()))
+            })?;
+            let robot = document.robot.to_core().map_err(|invalid| Usage(format!("{}: {}", parameters.display(), invalid.summary())))?;
+            document.content.check(robot.links.len()).map_err(|invalid| Usage(format!("{}: {}", parameters.display(), invalid.summary())))?;
+            Ok(body.run(&robot, &document.content).map_err(|invalid| Usage(invalid.summary()))?)
+        }
+        (Some(_), _) => Err(Usage("with --parameters only PROGRAM.csv is given".into()).into()),
+        (None, _) => Err(Usage("give PARAMETERS.json and PROGRAM.csv, or --parameters ID and PROGRAM.csv".into()).into()),
+    }
+}
+
+impl Program {
+    fn parse(bytes: &[u8]) -> Result<Self, String> {
+        let mut reader = csv::ReaderBuilder::new().has_headers(false).from_reader(bytes);
+        let mut records = reader.records();
+        let cells = |record: csv::StringRecord| record.iter().map(str::to_owned).collect::<Vec<_>>();
+        let header = records.next().ok_or("the file is empty")?.map(cells).map_err(|e| e.to_string())?;
+        let rows = records.map(|record| record.map(cells)).collect::<Result<Vec<_>, _>>().map_err(|e| e.to_string())?;
+        let place = |joint: usize| {
+            let named = |unit: &str| header.iter().position(|name| name.trim().trim_start_matches('\u{feff}') == format!("q{joint}_{unit}"));
+            named("deg").map(|column| (column, false)).or_else(|| named("rad").map(|column| (column, true)))
+        };
+        let joints: Vec<(usize, bool)> = (1..).map_while(place).collect();
+        if joints.is_empty() {
+            return Err("it has no column q1_deg or q1_rad: joint values are in columns q1_deg … qn_deg, or q1_rad … qn_rad".into());
+        }
+        Ok(Self { header, rows, joints })
+    }
+
+    fn q_deg(&self) -> anyhow::Result<Vec<Vec<f64>>> {
+        let cell = |(row, cells): (usize, &Vec<String>), (column, is_rad): (usize, bool)| {
+            let text = cells[column].trim();
+            let number = text.parse::<f64>().ok().filter(|number| number.is_finite());
+            let number = number.ok_or_else(|| Usage(format!("row {row}, column {}: {text:?} is not a number", self.header[column])))?;
+            Ok(if is_rad { number.to_degrees() } else { number })
+        };
+        let row = |row: (usize, &Vec<String>)| self.joints.iter().map(|joint| cell(row, *joint)).collect();
+        self.rows.iter().enumerate().map(row).collect()
+    }
+
+    fn with(&self, q_deg: &[Vec<f64>]) -> anyhow::Result<String> {
+        let mut writer = csv::Writer::from_writer(Vec::new());
+        writer.write_record(&self.header)?;
+        for (row, q_deg) in self.rows.iter().zip(q_deg) {
+            let mut row = row.clone();
+            for ((column, is_rad), q) in self.joints.iter().zip(q_deg) {
+                row[*column] = if *is_rad { format!("{:.9}", q.to_radians()) } else { format!("{q:.7}") };
+            }
+            writer.write_record(&row)?;
+        }
+        Ok(String::from_utf8(writer.into_inner()?)?)
+    }
+}

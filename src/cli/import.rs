@@ -1,0 +1,52 @@
+//! `kincal import`: a robot file from other people's descriptions.
+
+use super::Usage;
+use super::calibrate::{invalid_text, read};
+use crate::wire::frames::Transform;
+use crate::wire::import::{ImportFormat, import};
+use std::path::PathBuf;
+
+/// Make a robot file from a URDF or a table of Denavit-Hartenberg parameters.
+#[derive(Debug, clap::Args)]
+pub struct Arguments {
+    /// A URDF (xacro expanded), or a CSV table with a_mm, alpha_deg, d_mm, theta_offset_deg, one row per link.
+    #[arg(value_name = "ROBOT.urdf|TABLE.csv")]
+    file: PathBuf,
+    /// What it is [default: urdf for .urdf and .xml, else mdh].
+    #[arg(long, env = "KINCAL_CONVENTION", value_parser = ["urdf", "dh", "mdh"])]
+    convention: Option<String>,
+    /// The robot's name [default: the file's].
+    #[arg(long, env = "KINCAL_NAME")]
+    name: Option<String>,
+    /// The link at the end of the robot, in a URDF with several.
+    #[arg(long, env = "KINCAL_TIP", value_name = "LINK")]
+    tip: Option<String>,
+}
+
+/// Prints the robot on standard output, and what its links cannot hold on standard error.
+pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let bytes = read(&arguments.file)?;
+    let is_urdf = arguments.file.extension().is_some_and(|e| e == "urdf" || e == "xml");
+    let format = match arguments.convention.as_deref() {
+        Some("urdf") => ImportFormat::Urdf,
+        Some("dh") => ImportFormat::Dh,
+        Some(_) => ImportFormat::Mdh,
+        None if is_urdf => ImportFormat::Urdf,
+        None => ImportFormat::Mdh,
+    };
+    let stem = arguments.file.file_stem().map_or_else(|| "imported robot".into(), |stem| stem.to_string_lossy().into_owned());
+    let name = arguments.name.as_deref().unwrap_or(&stem);
+    let imported =
+        import(&bytes, format, name, arguments.tip.as_deref()).map_err(|invalid| Usage(invalid_text(&arguments.file, &invalid)))?;
+    for (what, t) in [("base of the links in the description's root", imported.t_root_base), ("tip on the links' flange", imported.t_flange_tip)] {
+        if t != IDENTITY {
+            eprintln!("note: the {what} is {}", serde_json::to_string(&t)?);
+        }
+    }
+    eprintln!("note: links and description differ by at most {:.1e} mm over random configurations", imported.largest_difference_mm);
+    println!("{}", serde_json::to_string_pretty(&imported.robot)?);
+    Ok(())
+}
+
+const IDENTITY: Transform =
+    Transform { rotation: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], translation_mm: [0.0, 0.0, 0.0] };

@@ -1,0 +1,67 @@
+//! Where an identified robot has its base and its flange, whatever the identification gave to links, base and targets.
+//!
+//! Moving the base does the same as other values of link 1, and moving the targets the same as another theta_offset and d of the last
+//! link. Which of them a set of parameters names says nothing of the robot. So base and flange are anchored to its axes: the base frame is
+//! the one in which link 1 is nominal, the flange the one for which theta_offset and d of the last link are.
+
+use crate::identification::parameters::is_parallel;
+use crate::kinematics::Link;
+use crate::kinematics::forward::t_previous_link;
+use nalgebra::IsometryMatrix3;
+
+/// T_identified(q) = `t_base_anchored` · T_anchored(q) · `t_anchored_flange`, with T the flange in the base frame. Two identifications of one
+/// robot have the same T_anchored.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Anchor {
+    /// The anchored base in the base frame of the identified links, mm.
+    pub t_base_anchored: IsometryMatrix3<f64>,
+    /// The flange of the identified links in the anchored flange, mm.
+    pub t_anchored_flange: IsometryMatrix3<f64>,
+}
+
+/// The anchor of identified links. With link 1 = P·Rz(q + θ)·Dz(d), P = Rx(α)·Dx(a)·Ry(β), it is B·P̂·Rz(q + θ̂)·Dz(d̂) for
+/// B = P·Rz(θ − θ̂)·Dz(d − d̂)·P̂⁻¹, as Rz and Dz commute; the last link likewise with E = Rz(θ − θ̂)·Dz(d − d̂) on its right. The d of links
+/// whose axes are parallel to the first or to the last one slide the same way and are counted there.
+///
+/// # Panics
+/// If the robots have not the same number of links.
+pub fn anchor(identified: &[Link], nominal: &[Link]) -> Anchor {
+    assert_eq!(identified.len(), nominal.len(), "one identified link per nominal link");
+    let last = nominal.len() - 1;
+    let (first_group, last_group) = (first_group_end(nominal), last_group_start(nominal));
+    let slide = |link: usize| identified[link].d_mm - nominal[link].d_mm;
+    // d along axis i moves along axis 1 (or n) by the product of the cosines between
+    let cosine = |from: usize, to: usize| nominal[from + 1..=to].iter().map(|l| libm::cos(l.alpha_rad)).product::<f64>();
+    let at_base: f64 = (0..=first_group).map(|link| cosine(0, link) * slide(link)).sum();
+    let turned = |link: usize, d_mm: f64| Link {
+        theta_offset_rad: identified[link].theta_offset_rad - nominal[link].theta_offset_rad,
+        d_mm,
+        ..Link::default()
+    };
+    let before = |link: &Link| t_previous_link(&Link { theta_offset_rad: 0.0, d_mm: 0.0, ..*link }, 0.0);
+    let t_base_anchored = before(&identified[0]) * t_previous_link(&turned(0, at_base), 0.0) * before(&nominal[0]).inverse();
+    let t_anchored_flange = if last_group == 0 {
+        IsometryMatrix3::identity() // all axes are parallel: the base carries it
+    } else {
+        let at_flange: f64 = (last_group..=last).map(|link| cosine(link, last) * slide(link)).sum();
+        t_previous_link(&turned(last, at_flange), 0.0)
+    };
+    Anchor { t_base_anchored, t_anchored_flange }
+}
+
+/// Last link of those whose axes are parallel to the first.
+fn first_group_end(nominal: &[Link]) -> usize {
+    (1..nominal.len()).take_while(|link| is_parallel(&nominal[*link])).last().unwrap_or(0)
+}
+
+/// First link of those whose axes are parallel to the last.
+fn last_group_start(nominal: &[Link]) -> usize {
+    (1..nominal.len()).rev().take_while(|link| is_parallel(&nominal[*link])).last().map_or(nominal.len() - 1, |link| link - 1)
+}
+
+impl Anchor {
+    /// The anchored flange in the anchored base, from the flange of the identified links in their base.
+    pub fn anchored(&self, t_base_flange: &IsometryMatrix3<f64>) -> IsometryMatrix3<f64> {
+        self.t_base_anchored.inverse() * t_base_flange * self.t_anchored_flange.inverse()
+    }
+}

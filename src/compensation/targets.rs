@@ -1,0 +1,307 @@
+//! Corrected joint targets: Gauss-Newton on the identified robot, damped along the directions in which it hardly moves, within joint limits.
+
+use crate::compensation::anchor::{Anchor, anchor};
+use crate::identification::corrected::{CorrectedModel, IdentifiedRobot};
+use crate::kinematics::forward::t_previous_link;
+use crate::kinematics::model::MAX_LINKS;
+use crate::kinematics::rotation::{between, rotation_log};
+use crate::kinematics::{Link, Robot, t_base_flange};
+use nalgebra::{DMatrix, IsometryMatrix3, Matrix6, Point3, Rotation3, SMatrix, SVector, Translation3, Vector3, Vector6};
+
+/// A turn of the tool counts as the displacement that it makes at this distance, mm.
+const LEVER_MM: f64 = 500.0;
+/// Directions in which the tool moves by less than this per rad of all joints, mm, are damped: about 1.6° from a wrist's singularity. They
+/// could amplify the error of 1 mm into more than 6° of joint motion.
+const SINGULAR_MM: f64 = 10.0;
+/// Damping where the tool does not move at all, mm per rad.
+const MAX_DAMPING_MM: f64 = 10.0;
+/// No joint is moved by more than this, beyond the largest joint offset that was identified: 10°.
+const MAX_CHANGE_RAD: f64 = 10.0 * std::f64::consts::PI / 180.0;
+/// Counts as reached: 1 µm and 0.0001°.
+const REACHED_MM: f64 = 1e-3;
+/// See [`REACHED_MM`].
+const REACHED_RAD: f64 = 1e-4 * std::f64::consts::PI / 180.0;
+/// Steps below this end the iteration.
+const STEP_RAD: f64 = 1e-12;
+/// Most steps; away from singularities four are enough.
+const MAX_STEPS: usize = 40;
+/// Iteration limit of an eigenvalue decomposition.
+const EIGEN_ITERATIONS: usize = 1_000;
+
+/// ∂(tool)/∂(controller's joint values): displacement in mm, then rotation times [`LEVER_MM`], per rad; columns beyond the last joint are 0.
+type Jacobian = SMatrix<f64, 6, MAX_LINKS>;
+type Joints = SVector<f64, MAX_LINKS>;
+
+/// What of the tool is kept.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Mode {
+    /// Position and orientation.
+    Pose,
+    /// The position, with the smallest change of the joints.
+    Position,
+}
+
+/// What is corrected.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Tool {
+    /// A point that was identified as a target: its offset in the flange frame of the identified links (of those with corrections, where
+    /// there are some), mm.
+    Target(Vector3<f64>),
+    /// The tool centre point as the controller knows it: its pose in the nominal flange frame, mm.
+    Tcp(IsometryMatrix3<f64>),
+}
+
+/// How a target came out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Status {
+    /// Reached within 1 µm and 0.0001°.
+    Ok,
+    /// The robot is near a singularity: the closest that it gets without a wild motion of the joints.
+    NearSingular,
+    /// A joint ended at its limit, or was commanded beyond it: the closest that the others get.
+    JointLimit,
+    /// The robot cannot have its tool there, for instance with fewer than six joints.
+    NotReached,
+}
+
+/// One corrected target.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Corrected {
+    /// The controller's joint values, rad.
+    pub q_controller_rad: Vec<f64>,
+    /// Distance of the tool from where the nominal robot would have it, with the joint values as they came, mm.
+    pub position_error_before_mm: f64,
+    /// The same with the corrected ones, mm.
+    pub position_error_after_mm: f64,
+    /// Angle between the tool and where the nominal robot would have it, with the corrected ones, rad.
+    pub orientation_error_after_rad: f64,
+    /// How it came out.
+    pub status: Status,
+}
+
+/// A robot as it was ordered and as it is.
+#[derive(Clone, Debug)]
+pub struct Compensation<'a> {
+    nominal: &'a Robot,
+    /// The links that the Jacobian is taken from, and their anchor: with corrections, those identified together with them.
+    links: &'a [Link],
+    anchor: Anchor,
+    /// Where there are corrections: the robot, and the anchor of its links alone, into which corrections fade.
+    fading: Option<(&'a IdentifiedRobot, Anchor)>,
+    joint_rates: DMatrix<f64>,
+    max_change_rad: f64,
+}
+
+/// Where the tool has to go, and from which joint values.
+struct Goal<'g> {
+    q_rad: &'g [f64],
+    t_base_tool: IsometryMatrix3<f64>,
+    t_flange_tool: IsometryMatrix3<f64>,
+    mode: Mode,
+}
+
+/// The tool's error at some joint values.
+struct Miss {
+    translation_mm: Vector3<f64>,
+    rotation_rad: Vector3<f64>,
+}
+
+impl<'a> Compensation<'a> {
+    /// Prepares the correction of targets of `nominal`, which in truth has the links `identified`.
+    pub fn new(nominal: &'a Robot, identified: &'a [Link]) -> Self {
+        let offset = |(a, b): (&Link, &Link)| (a.theta_offset_rad - b.theta_offset_rad).abs();
+        let inner = 1..identified.len().saturating_sub(1).max(1);
+        let worst = identified[inner.clone()].iter().zip(&nominal.links[inner]).map(offset).fold(0.0, f64::max);
+        Self {
+            nominal,
+            links: identified,
+            anchor: anchor(identified, &nominal.links),
+            fading: None,
+            joint_rates: nominal.joint_rates(),
+            max_change_rad: MAX_CHANGE_RAD + worst,
+        }
+    }
+
+    /// As [`Self::new`], with the corrections of the identified robot where it has some.
+    pub fn of(nominal: &'a Robot, identified: &'a IdentifiedRobot) -> Self {
+        let Some(corrected) = &identified.corrected else { return Self::new(nominal, &identified.plain.links) };
+        let fading = Some((identified, anchor(&identified.plain.links, &nominal.links)));
+        Self { fading, ..Self::new(nominal, &corrected.model.links) }
+    }
+
+    /// The anchored flange in the anchored base, mm, at the model's joint values, rad: with corrections where they hold.
+    pub fn t_base_flange(&self, q_rad: &[f64]) -> IsometryMatrix3<f64> {
+        let Some((identified, plain_anchor)) = &self.fading else { return self.anchor.anchored(&t_base_flange(self.links, q_rad)) };
+        let plain = || plain_anchor.anchored(&t_base_flange(&identified.plain.links, q_rad));
+        let corrected = |corrected: &CorrectedModel| self.anchor.anchored(&corrected.t_base_flange(q_rad));
+        match (&identified.corrected, identified.weight(q_rad)) {
+            (Some(model), 1.0) => corrected(model),
+            (Some(model), weight) if weight > 0.0 => between(&plain(), &corrected(model), weight),
+            _ => plain(),
+        }
+    }
+
+    /// Where a target sits on the anchored flange, mm, from its offset in the flange frame of the links that it was identified with.
+    pub fn p_anchored_mm(&self, p_flange_target_mm: &Vector3<f64>) -> Vector3<f64> {
+        (self.anchor.t_anchored_flange * Point3::from(*p_flange_target_mm)).coords
+    }
+
+    /// The controller's joint values, rad, with which the robot has its tool where the nominal robot would have it for `q_controller_rad`.
+    pub fn correct(&self, q_controller_rad: &[f64], tool: &Tool, mode: Mode) -> Corrected {
+        let t_flange_tool = match tool {
+            Tool::Target(p) => IsometryMatrix3::from_parts(Translation3::from(self.p_anchored_mm(p)), Rotation3::identity()),
+            Tool::Tcp(pose) => *pose,
+        };
+        let t_base_tool = t_base_flange(&self.nominal.links, &self.nominal.q_model_rad(q_controller_rad)) * t_flange_tool;
+        let goal = Goal { q_rad: q_controller_rad, t_base_tool, t_flange_tool, mode };
+        let before = self.miss(&goal, &Joints::zeros());
+        let (change, status) = self.within_limits(&goal);
+        let after = self.miss(&goal, &change);
+        Corrected {
+            q_controller_rad: q_controller_rad.iter().zip(change.iter()).map(|(q, dq)| q + dq).collect(),
+            position_error_before_mm: before.translation_mm.norm(),
+            position_error_after_mm: after.translation_mm.norm(),
+            orientation_error_after_rad: after.rotation_rad.norm(),
+            status: if status == Status::Ok && !after.is_reached(mode) { Status::NotReached } else { status },
+        }
+    }
+
+    /// Solves, holds what went beyond its limit there, and solves for the rest.
+    fn within_limits(&self, goal: &Goal<'_>) -> (Joints, Status) {
+        let mut held = [None; MAX_LINKS];
+        let is_beyond = |(q, limit): (&f64, &Option<(f64, f64)>)| limit.is_some_and(|(low, high)| *q < low || *q > high);
+        let mut is_limited = goal.q_rad.iter().zip(&self.nominal.joint_limits_rad).any(is_beyond);
+        for _ in 0..=goal.q_rad.len() {
+            let (change, is_singular) = self.solve(goal, &held);
+            let beyond = (0..goal.q_rad.len()).find_map(|joint| Some((joint, self.beyond(goal, joint, change[joint])?)));
+            let Some((joint, change_to_limit)) = beyond.filter(|(joint, _)| held[*joint].is_none()) else {
+                let reached = self.miss(goal, &change).is_reached(goal.mode);
+                let status = match (is_limited, is_singular && !reached) {
+                    (true, _) => Status::JointLimit,
+                    (_, true) => Status::NearSingular,
+                    _ => Status::Ok,
+                };
+                return (change, status);
+            };
+            (held[joint], is_limited) = (Some(change_to_limit), true);
+        }
+        (Joints::zeros(), Status::JointLimit)
+    }
+
+    /// The change up to the limit, if this change goes beyond it. A joint that was commanded beyond its limit goes no further.
+    fn beyond(&self, goal: &Goal<'_>, joint: usize, change_rad: f64) -> Option<f64> {
+        let (low, high) = self.nominal.joint_limits_rad[joint]?;
+        let (low, high) = (low.min(goal.q_rad[joint]) - goal.q_rad[joint], high.max(goal.q_rad[joint]) - goal.q_rad[joint]);
+        (change_rad < low || change_rad > high).then(|| change_rad.clamp(low, high))
+    }
+
+    /// The change of the joints, and whether a direction was damped or the change was cut off. With J = U·Σ·Vᵀ at the present change Δ and
+    /// the miss e the next one is V·F·Uᵀ·(J·Δ + e), F = σ/(σ² + λ²): of all that reach the goal the smallest, or where λ > 0 the least
+    /// squares of miss and damped change (Chiaverini, Siciliano & Egeland 1994, eq. 16, direction by direction).
+    fn solve(&self, goal: &Goal<'_>, held: &[Option<f64>; MAX_LINKS]) -> (Joints, bool) {
+        let mut change = Joints::from_fn(|joint, _| held[joint].unwrap_or(0.0));
+        let (mut best, mut best_cost, mut is_singular) = (change, f64::INFINITY, false);
+        for _ in 0..MAX_STEPS {
+            let miss = self.miss(goal, &change);
+            let cost = miss.weighted(goal.mode).norm_squared();
+            if cost < best_cost {
+                (best, best_cost) = (change, cost);
+            }
+            let jacobian = self.jacobian(goal, &change, held);
+            let free = Joints::from_fn(|joint, _| if held[joint].is_some() { 0.0 } else { change[joint] });
+            let wanted = jacobian * free + miss.weighted(goal.mode);
+            let Some((solution, damped)) = damped_solution(&jacobian, &wanted, self.n_directions(goal.mode, held)) else { break };
+            let mut next = Joints::from_fn(|joint, _| held[joint].unwrap_or(solution[joint]));
+            let largest = next.amax();
+            is_singular = damped || largest > self.max_change_rad;
+            if largest > self.max_change_rad {
+                next *= self.max_change_rad / largest;
+            }
+            let step = (next - change).amax();
+            change = next;
+            if step < STEP_RAD {
+                // a damped answer balances miss and change: it is the answer, not the smallest miss on the way
+                return (change, is_singular);
+            }
+        }
+        (best, is_singular)
+    }
+
+    /// Directions that the free joints can move the tool in.
+    fn n_directions(&self, mode: Mode, held: &[Option<f64>; MAX_LINKS]) -> usize {
+        let n_free = held[..self.links.len()].iter().filter(|h| h.is_none()).count();
+        n_free.min(if mode == Mode::Pose { 6 } else { 3 })
+    }
+
+    fn q_model_rad(&self, goal: &Goal<'_>, change: &Joints) -> Vec<f64> {
+        let q: Vec<f64> = goal.q_rad.iter().zip(change.iter()).map(|(q, dq)| q + dq).collect();
+        self.nominal.q_model_rad(&q)
+    }
+
+    fn miss(&self, goal: &Goal<'_>, change: &Joints) -> Miss {
+        let t = self.t_base_flange(&self.q_model_rad(goal, change)) * goal.t_flange_tool;
+        Miss {
+            translation_mm: goal.t_base_tool.translation.vector - t.translation.vector,
+            rotation_rad: rotation_log(&(goal.t_base_tool.rotation * t.rotation.inverse())),
+        }
+    }
+
+    /// Columns z × lever and z of the identified links' axes, by the controller's joints. What corrections add to them is left out: the
+    /// iteration takes their effect from the miss.
+    fn jacobian(&self, goal: &Goal<'_>, change: &Joints, held: &[Option<f64>; MAX_LINKS]) -> Jacobian {
+        let n = self.links.len();
+        let mut chain = [IsometryMatrix3::identity(); MAX_LINKS];
+        let mut t = self.anchor.t_base_anchored.inverse();
+        for (joint, q) in self.q_model_rad(goal, change).iter().enumerate() {
+            t *= t_previous_link(&self.links[joint], *q);
+            chain[joint] = t;
+        }
+        let tool = t * self.anchor.t_anchored_flange.inverse() * goal.t_flange_tool;
+        let mut by_model = Jacobian::zeros();
+        for (joint, t_base_link) in chain[..n].iter().enumerate() {
+            let axis: Vector3<f64> = t_base_link.rotation.matrix().column(2).into();
+            let along = axis.cross(&(tool.translation.vector - t_base_link.translation.vector));
+            by_model.fixed_view_mut::<3, 1>(0, joint).copy_from(&along);
+            if goal.mode == Mode::Pose {
+                by_model.fixed_view_mut::<3, 1>(3, joint).copy_from(&(axis * LEVER_MM));
+            }
+        }
+        let mut by_controller = Jacobian::zeros();
+        for joint in (0..n).filter(|joint| held[*joint].is_none()) {
+            for model in 0..n {
+                let rate = self.joint_rates[(model, joint)];
+                if rate != 0.0 {
+                    by_controller.column_mut(joint).axpy(rate, &by_model.column(model), 1.0);
+                }
+            }
+        }
+        by_controller
+    }
+}
+
+impl Miss {
+    fn weighted(&self, mode: Mode) -> Vector6<f64> {
+        let (t, r) = (self.translation_mm, if mode == Mode::Pose { self.rotation_rad * LEVER_MM } else { Vector3::zeros() });
+        Vector6::new(t.x, t.y, t.z, r.x, r.y, r.z)
+    }
+
+    fn is_reached(&self, mode: Mode) -> bool {
+        self.translation_mm.norm() <= REACHED_MM && (mode == Mode::Position || self.rotation_rad.norm() <= REACHED_RAD)
+    }
+}
+
+/// V·F·Uᵀ·wanted, and whether one of the `n_directions` that the tool should be able to move in is damped.
+fn damped_solution(jacobian: &Jacobian, wanted: &Vector6<f64>, n_directions: usize) -> Option<(Joints, bool)> {
+    let square: Matrix6<f64> = jacobian * jacobian.transpose();
+    let eigen = square.try_symmetric_eigen(f64::EPSILON, EIGEN_ITERATIONS)?;
+    let mut scaled = eigen.eigenvectors.transpose() * wanted;
+    for k in 0..6 {
+        let square = eigen.eigenvalues[k].max(0.0);
+        let nearness = 1.0 - square / (SINGULAR_MM * SINGULAR_MM);
+        let damping = if nearness > 0.0 { MAX_DAMPING_MM * MAX_DAMPING_MM * nearness } else { 0.0 };
+        scaled[k] /= square + damping;
+    }
+    let n_free = eigen.eigenvalues.iter().filter(|e| **e > SINGULAR_MM * SINGULAR_MM).count();
+    Some((jacobian.transpose() * (eigen.eigenvectors * scaled), n_free < n_directions))
+}
+

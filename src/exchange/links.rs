@@ -1,0 +1,113 @@
+//! From the axes of a chain to links in Craig's convention, with Hayati's beta where neighbouring axes are nearly parallel.
+
+use crate::exchange::chain::{Axis, Chain};
+use crate::identification::parameters::PARALLEL_SINE;
+use crate::kinematics::Link;
+use crate::kinematics::forward::t_previous_link;
+use nalgebra::{IsometryMatrix3, Matrix3, Rotation3, Translation3, Vector3};
+
+/// Lengths and cosines below this are rounding.
+const NOTHING: f64 = 1e-9;
+
+/// Links, and what stands before the first and behind the last one: T_root_tip(q) = `t_root_base` · Π links(q) · `t_flange_tip`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ImportedLinks {
+    /// Frame 0 of the links in the chain's root, mm.
+    pub t_root_base: IsometryMatrix3<f64>,
+    /// One per moving joint.
+    pub links: Vec<Link>,
+    /// The chain's tip in the flange (frame n of the links), mm.
+    pub t_flange_tip: IsometryMatrix3<f64>,
+}
+
+/// Links with the kinematics of a chain, at the chain's own joint values.
+///
+/// Frame i stands on axis i with x along the common normal to axis i + 1 (Craig, Introduction to Robotics, section 3.4). Where the two are
+/// nearly parallel the normal runs away, and x goes to where axis i + 1 pierces the plane across axis i (Hayati & Mirmirani 1985). The base
+/// stands on axis 1 at the foot of the root's origin, the flange on the last axis at the foot of the tip's.
+///
+/// # Panics
+/// If no joint moves.
+pub fn links_of_chain(chain: &Chain) -> ImportedLinks {
+    let axes = chain.axes();
+    let t_root_tip = chain.t_root_tip(&vec![0.0; axes.len()]);
+    let t_root_base = on_axis(&axes[0], &Vector3::zeros(), [Vector3::x(), Vector3::y()]);
+    let mut links: Vec<Link> = Vec::with_capacity(axes.len());
+    // the frame after Rx(alpha)·Dx(a)·Ry(beta) of the link at hand
+    let mut before = t_root_base;
+    let mut to_axis = Link::default();
+    for (i, axis) in axes.iter().enumerate() {
+        let old_x: Vector3<f64> = before.rotation.matrix().column(0).into();
+        let wanted = match axes.get(i + 1) {
+            Some(next) => towards(axis, next, &before.translation.vector, &old_x),
+            None => {
+                let columns = [0, 1].map(|k| t_root_tip.rotation.matrix().column(k).into());
+                on_axis(axis, &t_root_tip.translation.vector, columns)
+            }
+        };
+        let seen = before.inverse() * wanted;
+        let turned: Vector3<f64> = seen.rotation.matrix().column(0).into();
+        let link = Link { theta_offset_rad: libm::atan2(turned.y, turned.x), d_mm: seen.translation.vector.z, ..to_axis };
+        let at_link = before * t_previous_link(&Link { d_mm: link.d_mm, theta_offset_rad: link.theta_offset_rad, ..Link::default() }, 0.0);
+        links.push(link);
+        before = at_link;
+        if let Some(next) = axes.get(i + 1) {
+            to_axis = reaching(&at_link, next);
+            before = at_link * t_previous_link(&to_axis, 0.0);
+        }
+    }
+    ImportedLinks { t_root_base, links, t_flange_tip: before.inverse() * t_root_tip }
+}
+
+/// A frame on an axis at the foot of a point, with x as near to the first of the two directions as it can be that is not along the axis.
+fn on_axis(axis: &Axis, point_mm: &Vector3<f64>, directions: [Vector3<f64>; 2]) -> IsometryMatrix3<f64> {
+    let z = axis.direction;
+    let along = |d: &Vector3<f64>| d.dot(&z).abs();
+    let x = if along(&directions[0]) < 0.9 { directions[0] } else { directions[1] };
+    framed(axis.point_mm + z * (point_mm - axis.point_mm).dot(&z), &x, &z)
+}
+
+/// A frame with this origin and z, and x the part of `x` across z.
+fn framed(origin_mm: Vector3<f64>, x: &Vector3<f64>, z: &Vector3<f64>) -> IsometryMatrix3<f64> {
+    let x = (x - z * x.dot(z)).normalize();
+    let rotation = Matrix3::from_columns(&[x, z.cross(&x), *z]);
+    IsometryMatrix3::from_parts(Translation3::from(origin_mm), Rotation3::from_matrix_unchecked(rotation))
+}
+
+/// The frame on `axis` from which `next` is reached by Rx·Dx·Ry.
+fn towards(axis: &Axis, next: &Axis, from_mm: &Vector3<f64>, old_x: &Vector3<f64>) -> IsometryMatrix3<f64> {
+    let (z, v) = (axis.direction, next.direction);
+    let normal = z.cross(&v);
+    let between = next.point_mm - axis.point_mm;
+    if normal.norm() < PARALLEL_SINE {
+        // where the next axis pierces the plane across this one
+        let origin = axis.point_mm + z * (from_mm - axis.point_mm).dot(&z);
+        let pierced = next.point_mm + v * ((origin - next.point_mm).dot(&z) / v.dot(&z));
+        let x = pierced - origin;
+        return framed(origin, if x.norm() > NOTHING { &x } else { old_x }, &z);
+    }
+    let square = normal.norm_squared();
+    let origin = axis.point_mm + z * (between.cross(&v).dot(&normal) / square);
+    let length = between.dot(&normal) / normal.norm();
+    let is_forward = if length.abs() > NOTHING { length > 0.0 } else { normal.dot(old_x) >= -NOTHING };
+    framed(origin, &(if is_forward { normal } else { -normal }), &z)
+}
+
+/// Rx(alpha)·Dx(a)·Ry(beta) that takes frame i to axis i + 1, which its x meets.
+fn reaching(t_root_link: &IsometryMatrix3<f64>, next: &Axis) -> Link {
+    let v = t_root_link.rotation.inverse() * next.direction;
+    let p = t_root_link.inverse() * nalgebra::Point3::from(next.point_mm);
+    let across = (v.y * v.y + v.z * v.z).sqrt();
+    // x at which the axis is nearest to the frame's x
+    let along = -(p.y * v.y + p.z * v.z) / (across * across);
+    let beta = libm::atan2(v.x, across);
+    Link {
+        a_mm: p.x + v.x * along,
+        alpha_rad: libm::atan2(-v.y, v.z),
+        beta_rad: if beta.abs() < ROUNDING_RAD { 0.0 } else { beta },
+        ..Link::default()
+    }
+}
+
+/// An angle that is 0 but for rounding.
+const ROUNDING_RAD: f64 = 1e-14;

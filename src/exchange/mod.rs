@@ -1,0 +1,13 @@
+//! Robots in other people's descriptions: serial chains as in a URDF, Denavit-Hartenberg tables of the distal convention, joint origins by
+//! roll, pitch and yaw, links for controllers without beta, mastering offsets. Geometry only; the texts are in `wire`.
+
+pub mod chain;
+pub mod dh;
+pub mod links;
+pub mod origin;
+pub mod refit;
+pub mod transplant;
+
+pub use chain::{Chain, ChainJoint};
+pub use links::{ImportedLinks, links_of_chain};
+pub use origin::{Origin, origin_of, pose_of};

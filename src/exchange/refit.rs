@@ -1,0 +1,84 @@
+//! Links for controllers that know less: without beta, or with the mastering alone.
+
+use crate::compensation::anchor;
+use crate::identification::KinematicModel;
+use crate::identification::fit::fit_along_seen;
+use crate::identification::identifiability::prior_scale;
+use crate::identification::objective::{Observation, residuals};
+use crate::identification::parameters::{Parameter, Quantity, paper_parameters};
+use crate::identification::workspace::random_configurations;
+use crate::kinematics::{Link, Robot, t_base_flange};
+use nalgebra::{IsometryMatrix3, Point3, Vector3};
+use std::ops::ControlFlow;
+
+/// Configurations that stand for the workspace.
+const N_CONFIGURATIONS: usize = 256;
+/// Seeds of those that are fitted, and of others that what remains is measured at.
+const SEEDS: (u64, u64) = (0, 1);
+/// The flange's pose is fitted by three points on its axes at this distance, mm: about where tools are.
+const TOOL_MM: f64 = 100.0;
+
+/// Links that a controller can hold, and how far the tool is off with them.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Refit {
+    /// The links.
+    pub links: Vec<Link>,
+    /// Mean distance of three points 100 mm from the flange's origin from where the identified links have them, over the workspace, mm.
+    pub mean_mm: f64,
+    /// The largest.
+    pub max_mm: f64,
+}
+
+/// The links with beta 0 that come nearest to the identified ones over the workspace. a, alpha, d and theta_offset may change; what the
+/// workspace does not see of them stays.
+pub fn without_beta(robot: &Robot, identified: &[Link]) -> Refit {
+    let start = identified.iter().map(|link| Link { beta_rad: 0.0, ..*link }).collect();
+    let truth = |q: &[f64]| t_base_flange(identified, q);
+    refit(robot, start, &paper_parameters(identified.len()), &truth)
+}
+
+/// The nominal links with the joint offsets that come nearest to the identified robot over the workspace. Offsets of the first and the
+/// last joint stay nominal: the base and the tool carry them.
+pub fn mastering(robot: &Robot, identified: &[Link]) -> Refit {
+    let anchor = anchor(identified, &robot.links);
+    let truth = |q: &[f64]| anchor.anchored(&t_base_flange(identified, q));
+    let inner = 1..robot.links.len().saturating_sub(1).max(1);
+    let parameters: Vec<Parameter> = inner.map(|link| Parameter::Link(link, Quantity::ThetaOffset)).collect();
+    refit(robot, robot.links.clone(), &parameters, &truth)
+}
+
+fn refit(robot: &Robot, start: Vec<Link>, parameters: &[Parameter], truth: &dyn Fn(&[f64]) -> IsometryMatrix3<f64>) -> Refit {
+    let targets_mm: Vec<Vector3<f64>> = (0..3).map(|axis| Vector3::ith(axis, TOOL_MM)).collect();
+    let start = KinematicModel { t_instrument_base: IsometryMatrix3::identity(), links: start, targets_mm };
+    let scale: Vec<f64> = parameters.iter().map(prior_scale).collect();
+    let fitted = observations(robot, &start.targets_mm, truth, SEEDS.0);
+    let model = if parameters.is_empty() {
+        start
+    } else {
+        fit_along_seen(&start, parameters, &scale, &fitted, 0.0, &mut |_| ControlFlow::Continue(())).model
+    };
+    let others = observations(robot, &model.targets_mm, truth, SEEDS.1);
+    let missed: Vec<f64> = residuals(&model, &others).iter().map(Vector3::norm).collect();
+    let mean_mm = missed.iter().sum::<f64>() / missed.len() as f64;
+    Refit { links: model.links, mean_mm, max_mm: missed.iter().fold(0.0, |m, e| m.max(*e)) }
+}
+
+fn observations(
+    robot: &Robot,
+    targets_mm: &[Vector3<f64>],
+    truth: &dyn Fn(&[f64]) -> IsometryMatrix3<f64>,
+    seed: u64,
+) -> Vec<Observation> {
+    let at = |q_controller: Vec<f64>| {
+        let q_rad = robot.q_model_rad(&q_controller);
+        let flange = truth(&q_rad);
+        let point = move |(target, p): (usize, &Vector3<f64>)| Observation {
+            q_rad: q_rad.clone(),
+            position_mm: (flange * Point3::from(*p)).coords,
+            target,
+            weight: 1.0,
+        };
+        targets_mm.iter().enumerate().map(point).collect::<Vec<_>>()
+    };
+    random_configurations(robot, N_CONFIGURATIONS, seed).into_iter().flat_map(at).collect()
+}

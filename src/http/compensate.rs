@@ -1,0 +1,33 @@
+//! Corrected joint targets.
+
+use crate::http::auth::Caller;
+use crate::http::extract::{Id, json_body};
+use crate::http::{App, Error, access, parameter_sets};
+use crate::wire::compensate::{CompensateAnswer, CompensateBody};
+use crate::wire::json;
+use axum::Json;
+use axum::extract::{Request, State};
+use utoipa_axum::{router::OpenApiRouter, routes};
+
+/// Routes of corrected targets.
+pub fn router() -> OpenApiRouter<App> {
+    OpenApiRouter::new().routes(routes!(compensate))
+}
+
+/// Joint values with which the robot has its tool where the nominal robot would have it. For targets programmed offline, not for taught ones.
+#[utoipa::path(
+    post, path = "/v1/parameter-sets/{id}/compensate", tag = "parameter sets", operation_id = "compensate",
+    params(("id" = String, Path, description = "The parameter set")), request_body = CompensateBody,
+    responses((status = 200, description = "Corrected targets, in the order of the request", body = CompensateAnswer))
+)]
+async fn compensate(State(app): State<App>, caller: Caller, Id(id): Id, request: Request) -> Result<Json<CompensateAnswer>, Error> {
+    let row = access::parameter_set(&app, &caller, &id).await?;
+    let robot = access::robot(&app, &caller, &row.robot_id).await?;
+    let bytes = json_body(request, &app).await?;
+    let (robot, content) = (access::robot_body(&robot)?, parameter_sets::content(&row)?);
+    let answer = app.compute(move || {
+        let body: CompensateBody = json::parse(&bytes)?;
+        Ok(body.run(&robot.to_core()?, &content)?)
+    });
+    Ok(Json(answer.await?))
+}

@@ -1,0 +1,155 @@
+//! Parameter sets in other formats, and robots from them.
+
+use crate::http::auth::Caller;
+use crate::http::extract::{Id, Query, whole_body};
+use crate::http::{App, Error, access, parameter_sets};
+use crate::store::ParameterSetRow;
+use crate::wire::export::{self, BetaChoice, ExportFormat, Exported, Source};
+use crate::wire::import::{ImportAnswer, ImportFormat, import};
+use crate::wire::parameter_set::ParameterSetContent;
+use crate::wire::robot::RobotBody;
+use axum::Json;
+use axum::extract::{Request, State};
+use axum::http::{HeaderName, HeaderValue, header};
+use axum::response::{IntoResponse, Response};
+use serde::Deserialize;
+use utoipa::IntoParams;
+use utoipa_axum::{router::OpenApiRouter, routes};
+
+/// What is lost with a format, mm.
+const REMAINING_ERROR: HeaderName = HeaderName::from_static("kincal-remaining-error-mm");
+
+/// Routes of exports and imports.
+pub fn router() -> OpenApiRouter<App> {
+    OpenApiRouter::new().routes(routes!(get, patch_urdf)).routes(routes!(import_robot))
+}
+
+/// Query of an export.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+struct ExportQuery {
+    /// How it is written.
+    #[serde(default)]
+    #[param(inline)]
+    format: ExportFormat,
+    /// What becomes of beta: `refit` for controllers without it.
+    #[serde(default)]
+    #[param(inline)]
+    beta: BetaChoice,
+}
+
+/// Query of a patch.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+struct PatchQuery {
+    /// `urdf`.
+    #[param(inline)]
+    format: ExportFormat,
+    /// The link at the end of the robot; default: the end of the chain with as many moving joints as the robot has links.
+    tip: Option<String>,
+}
+
+/// Query of an import.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+struct ImportQuery {
+    /// What the body is.
+    #[param(inline)]
+    format: ImportFormat,
+    /// The robot's name.
+    #[param(min_length = 1, max_length = 200)]
+    name: Option<String>,
+    /// The link at the end of the robot, in a URDF with several.
+    tip: Option<String>,
+}
+
+/// The identified links in a format of other software or of a controller, read back and compared to 1e-9 mm before it is answered.
+#[utoipa::path(
+    get, path = "/v1/parameter-sets/{id}/export", tag = "parameter sets", operation_id = "exportParameterSet",
+    params(("id" = String, Path, description = "The parameter set"), ExportQuery),
+    responses((status = 200, description = "The text; json and yaml are the document below", content(
+        (export::ExportDocument = "application/json"), (String = "application/yaml"), (String = "text/csv"), (String = "application/xml")
+    ), headers(("Kincal-Remaining-Error-Mm" = String, description = "What is lost with beta=refit or format=mastering: mean and max"))))
+)]
+async fn get(State(app): State<App>, caller: Caller, Id(id): Id, Query(query): Query<ExportQuery>) -> Result<Response, Error> {
+    let stored = stored(&app, &caller, &id).await?;
+    let ExportQuery { format, beta } = query;
+    let exported = app.compute(move || stored.with(|source| export::export(source, format, beta)));
+    respond(&id, exported.await?)
+}
+
+/// The body, a URDF, with the joint origins of the identified robot; nothing else of it changes.
+#[utoipa::path(
+    post, path = "/v1/parameter-sets/{id}/export", tag = "parameter sets", operation_id = "patchUrdf",
+    params(("id" = String, Path, description = "The parameter set"), PatchQuery),
+    request_body(description = "A URDF of the nominal robot, xacro expanded", content((String = "application/xml"))),
+    responses((status = 200, description = "The same text with other origins", content((String = "application/xml"))))
+)]
+async fn patch_urdf(
+    State(app): State<App>,
+    caller: Caller,
+    Id(id): Id,
+    Query(query): Query<PatchQuery>,
+    request: Request,
+) -> Result<Response, Error> {
+    let stored = stored(&app, &caller, &id).await?;
+    if query.format != ExportFormat::Urdf {
+        return Err(Error::BadRequest { code: "invalid_query", detail: "only a URDF can be patched: format=urdf; else GET".into() });
+    }
+    let bytes = whole_body(request, &app).await?;
+    let exported = app.compute(move || stored.with(|source| export::patch_urdf(source, &bytes, query.tip.as_deref())));
+    respond(&id, exported.await?)
+}
+
+/// A robot from a URDF or a table of Denavit-Hartenberg parameters, to be posted to /v1/robots; nothing is stored.
+#[utoipa::path(
+    post, path = "/v1/robot-imports", tag = "robots", operation_id = "importRobot", params(ImportQuery),
+    request_body(description = "The description", content((String = "application/xml"), (String = "text/csv"))),
+    responses((status = 200, description = "The robot, and what links cannot hold", body = ImportAnswer))
+)]
+async fn import_robot(State(app): State<App>, Query(query): Query<ImportQuery>, request: Request) -> Result<Json<ImportAnswer>, Error> {
+    let bytes = whole_body(request, &app).await?;
+    let answer = app.compute(move || {
+        let name = query.name.as_deref().unwrap_or("imported robot");
+        Ok(import(&bytes, query.format, name, query.tip.as_deref())?)
+    });
+    Ok(Json(answer.await?))
+}
+
+/// What an export needs.
+struct Stored {
+    row: ParameterSetRow,
+    body: RobotBody,
+    content: ParameterSetContent,
+}
+
+impl Stored {
+    fn with(&self, write: impl Fn(&Source<'_>) -> Result<Exported, export::Error>) -> Result<Exported, Error> {
+        let robot = self.body.to_core()?;
+        write(&Source { id: &self.row.id, body: &self.body, robot: &robot, content: &self.content }).map_err(|error| match error {
+            export::Error::Invalid(invalid) => invalid.into(),
+            error @ export::Error::ReadBack { .. } => Error::Internal(error.to_string()),
+        })
+    }
+}
+
+async fn stored(app: &App, caller: &Caller, id: &str) -> Result<Stored, Error> {
+    let row = access::parameter_set(app, caller, id).await?;
+    let body = access::robot_body(&access::robot(app, caller, &row.robot_id).await?)?;
+    let content = parameter_sets::content(&row)?;
+    Ok(Stored { row, body, content })
+}
+
+fn respond(id: &str, exported: Exported) -> Result<Response, Error> {
+    let Exported { content_type, extension, text, remaining } = exported;
+    let text_header = |value: String| HeaderValue::from_str(&value).map_err(|e| Error::Internal(e.to_string()));
+    let name = text_header(format!("attachment; filename=\"{id}.{extension}\""))?;
+    let mut response = ([(header::CONTENT_TYPE, HeaderValue::from_static(content_type)), (header::CONTENT_DISPOSITION, name)], text).into_response();
+    if let Some(remaining) = remaining {
+        response.headers_mut().insert(REMAINING_ERROR, text_header(format!("mean={}, max={}", remaining.mean, remaining.max))?);
+    }
+    Ok(response)
+}

@@ -1,0 +1,125 @@
+//! How a robot's parameters went over time, and what two parameter sets say differently.
+
+use crate::calibration::changes::changes;
+use crate::calibration::request::PreviousSession;
+use crate::http::auth::Caller;
+use crate::http::extract::{Id, ListQuery, Query};
+use crate::http::{App, Error, access, parameter_sets as answers};
+use crate::jobs::JobInputs;
+use crate::jobs::execution::request_of;
+use crate::store::{ParameterSetRow, jobs, parameter_sets, policies, sessions};
+use crate::wire::Invalid;
+use crate::wire::history::{CompareAnswer, HistoryAnswer, HistoryItem, ReportExcerpt, SessionTest, map};
+use crate::wire::trend::{Scored, Trend};
+use axum::Json;
+use axum::extract::State;
+use serde::Deserialize;
+use std::ops::ControlFlow;
+use utoipa::IntoParams;
+use utoipa_axum::{router::OpenApiRouter, routes};
+
+/// Most sessions that a trend is drawn through: the newest.
+const MAX_SESSIONS: i64 = 200;
+/// Milliseconds of a day.
+const DAY_MS: f64 = 86_400_000.0;
+
+/// Routes of history and comparison.
+pub fn router() -> OpenApiRouter<App> {
+    OpenApiRouter::new().routes(routes!(history)).routes(routes!(compare))
+}
+
+/// Query of a comparison.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+struct CompareQuery {
+    /// The other parameter set, of the same robot.
+    with: String,
+}
+
+/// What was identified when, what moved since the session before in units of its own uncertainty, and when to calibrate next.
+#[utoipa::path(
+    get, path = "/v1/robots/{robot_id}/history", tag = "parameter sets", operation_id = "getHistory",
+    params(("robot_id" = String, Path, description = "The robot"), ListQuery),
+    responses((status = 200, description = "One page, newest first", body = HistoryAnswer))
+)]
+async fn history(
+    State(app): State<App>,
+    caller: Caller,
+    Id(robot_id): Id,
+    Query(query): Query<ListQuery>,
+) -> Result<Json<HistoryAnswer>, Error> {
+    access::robot(&app, &caller, &robot_id).await?;
+    let page = parameter_sets::list(&app.store, &robot_id, &query.page()?).await?;
+    let mut items = Vec::with_capacity(page.items.len());
+    for row in page.items {
+        let report: ReportExcerpt = serde_json::from_str(&jobs::report(&app.store, &row.job_id).await?)?;
+        let verify_rms_mm = report.verify_rms_mm();
+        let ReportExcerpt { parameters, changed, .. } = report;
+        let answer = answers::answer(row)?;
+        items.push(HistoryItem {
+            parameter_set_id: answer.id,
+            created_at: answer.created_at,
+            status: answer.status,
+            parameters,
+            verify_rms_mm,
+            changed: changed.unwrap_or_default(),
+        });
+    }
+    let trend = trend(&app, &robot_id).await?;
+    Ok(Json(HistoryAnswer { items, next_cursor: page.next_cursor.map(|cursor| cursor.to_string()), trend }))
+}
+
+/// The trend of the released set's errors: of its own held-out points, and of the sessions that it was scored on.
+async fn trend(app: &App, robot_id: &str) -> Result<Trend, Error> {
+    let limit_mm = policies::get(&app.store, robot_id).await?.tolerance_mm;
+    let Some(active) = parameter_sets::active(&app.store, robot_id).await? else { return Ok(Trend::of(&[], limit_mm)) };
+    let identified = (active.created_at_ms, jobs::report(&app.store, &active.job_id).await?);
+    let sessions = sessions::newest(&app.store, &active.id, MAX_SESSIONS).await?;
+    let all = sessions.into_iter().map(|session| (session.created_at_ms, session.report_json)).chain([identified]);
+    let mut scored = Vec::new();
+    for (at_ms, report) in all {
+        let report: ReportExcerpt = serde_json::from_str(&report)?;
+        scored.extend(report.verify_rms_mm().map(|rms_mm| Scored { day: at_ms as f64 / DAY_MS, rms_mm }));
+    }
+    Ok(Trend::of(&scored, limit_mm))
+}
+
+/// What two parameter sets of a robot say differently: the tool over the workspace, and a test of the sessions behind them.
+#[utoipa::path(
+    get, path = "/v1/parameter-sets/{id}/compare", tag = "parameter sets", operation_id = "compareParameterSets",
+    params(("id" = String, Path, description = "The parameter set"), CompareQuery),
+    responses((status = 200, description = "The differences", body = CompareAnswer))
+)]
+async fn compare(
+    State(app): State<App>,
+    caller: Caller,
+    Id(id): Id,
+    Query(query): Query<CompareQuery>,
+) -> Result<Json<CompareAnswer>, Error> {
+    let row = access::parameter_set(&app, &caller, &id).await?;
+    let other = access::parameter_set(&app, &caller, &query.with).await.ok().filter(|other| other.robot_id == row.robot_id);
+    let Some(other) = other else {
+        return Err(Invalid::at("/with", "unknown_reference", "this robot has no parameter set with this id").into());
+    };
+    let inputs = (JobInputs::load(&app.store, &row.job_id).await?, JobInputs::load(&app.store, &other.job_id).await?);
+    let answer = app.compute(move || compared(&row, &other, &inputs.0, &inputs.1));
+    Ok(Json(answer.await?))
+}
+
+fn compared(row: &ParameterSetRow, other: &ParameterSetRow, own: &JobInputs, others: &JobInputs) -> Result<CompareAnswer, Error> {
+    let unreadable = |_| Error::Internal("what a comparison rests on cannot be read".into());
+    let (mut request, other_request) = (request_of(own).map_err(unreadable)?, request_of(others).map_err(unreadable)?);
+    let (map, mean_mm, max_mm) = map(&request.robot, &answers::content(row)?, &answers::content(other)?);
+    let same_upload = own.set.row.sha256 == others.set.row.sha256;
+    request.previous = (!same_upload).then_some(PreviousSession { set: other_request.set, frames: other_request.frames });
+    let changes = changes(&request, &mut |_| ControlFlow::Continue(()))?;
+    Ok(CompareAnswer {
+        parameter_set_id: row.id.clone(),
+        with: other.id.clone(),
+        mean_mm,
+        max_mm,
+        map,
+        sessions: changes.as_ref().map(SessionTest::from_core),
+    })
+}

@@ -1,0 +1,224 @@
+//! The exchange: which candidates make tr(M⁻¹·W) small, M the information of those chosen and W that of the workspace.
+
+use nalgebra::{DMatrix, Matrix3};
+
+/// Candidates side by side in one vector register or two.
+const LANES: usize = 8;
+/// Passes of exchanges at most.
+const MAX_PASSES: usize = 6;
+/// After the first choice, exchanges look only at this many of the candidates that would help most.
+const N_PROMISING: usize = 2_000;
+/// An exchange that lowers the criterion by less than this share is none.
+const GAIN: f64 = 1e-9;
+
+type Lanes = [f64; LANES];
+
+/// Eight candidates: their rows, column by column, and two symmetric 3 × 3 matrices each (00, 10, 11, 20, 21, 22).
+#[derive(Clone, Debug)]
+struct Block {
+    /// p entries of 3 rows.
+    rows: Vec<[Lanes; 3]>,
+    /// J·A·Jᵀ.
+    spread: [Lanes; 6],
+    /// J·A·W·A·Jᵀ.
+    worth: [Lanes; 6],
+}
+
+/// Candidates, those chosen, and A = M⁻¹.
+#[derive(Debug)]
+pub struct Design {
+    candidates: DMatrix<f64>,
+    /// Candidate in each lane of the blocks.
+    members: Vec<usize>,
+    blocks: Vec<Block>,
+    covariance: DMatrix<f64>,
+    interest: DMatrix<f64>,
+    chosen: Vec<usize>,
+}
+
+/// Places in the packed symmetric matrices.
+const PACKED: [(usize, usize); 6] = [(0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2)];
+
+impl Design {
+    /// Nothing chosen yet. `rows` holds three rows per candidate, `prior` is the information there is already, `interest` W.
+    pub fn new(rows: DMatrix<f64>, prior: &DMatrix<f64>, interest: &DMatrix<f64>) -> Self {
+        let covariance = prior.clone().cholesky().map_or_else(|| DMatrix::identity(prior.nrows(), prior.nrows()), |root| root.inverse());
+        let members = (0..rows.nrows() / 3).collect();
+        let mut design = Self { candidates: rows, members, blocks: vec![], covariance, interest: interest.clone(), chosen: vec![] };
+        design.rebuild();
+        design
+    }
+
+    /// Chooses `n` candidates; their numbers.
+    pub fn choose(mut self, n: usize) -> Vec<usize> {
+        let n = n.min(self.candidates.nrows() / 3);
+        while self.chosen.len() < n {
+            let Some((best, _)) = self.best() else { break };
+            self.change(best, true);
+        }
+        self.keep_promising();
+        for _ in 0..MAX_PASSES {
+            let mut is_better = false;
+            for slot in 0..self.chosen.len() {
+                let old = self.chosen[slot];
+                let before = self.criterion();
+                self.change(old, false);
+                let Some((best, gain)) = self.best() else { break };
+                let keep = best == old || self.criterion() - gain >= before * (1.0 - GAIN);
+                self.change(if keep { old } else { best }, true);
+                // the newcomer stands last: put it into the slot
+                let last = self.chosen.len() - 1;
+                self.chosen[slot..=last].rotate_right(1);
+                is_better |= !keep;
+            }
+            if !is_better {
+                break;
+            }
+        }
+        self.chosen
+    }
+
+    fn criterion(&self) -> f64 {
+        self.covariance.dot(&self.interest)
+    }
+
+    fn rows_of(&self, candidate: usize) -> DMatrix<f64> {
+        self.candidates.rows(3 * candidate, 3).into_owned()
+    }
+
+    /// The candidate whose addition lowers the criterion most, by how much: tr((I + J·A·Jᵀ)⁻¹·J·A·W·A·Jᵀ).
+    fn best(&self) -> Option<(usize, f64)> {
+        let mut best: Option<(usize, f64)> = None;
+        for (at, gain) in self.gains().into_iter().enumerate() {
+            let candidate = self.members[at];
+            if best.is_none_or(|(_, most)| gain > most) && !self.chosen.contains(&candidate) {
+                best = Some((candidate, gain));
+            }
+        }
+        best
+    }
+
+    fn gains(&self) -> Vec<f64> {
+        let gain = |at: usize| {
+            let block = &self.blocks[at / LANES];
+            let k = unpacked(&block.spread, at % LANES) + Matrix3::identity();
+            k.try_inverse().map_or(0.0, |inverse| inverse.dot(&unpacked(&block.worth, at % LANES)))
+        };
+        (0..self.members.len()).map(gain).collect()
+    }
+
+    /// Adds a candidate to those chosen, or takes it out: A' = A − U·C·Uᵀ with U = A·Jᵀ, C = (I + J·U)⁻¹, or −(I − J·U)⁻¹.
+    fn change(&mut self, candidate: usize, is_added: bool) {
+        let rows = self.rows_of(candidate);
+        let u = &self.covariance * rows.transpose();
+        let spread = small(&(&rows * &u));
+        let core = if is_added { Matrix3::identity() + spread } else { spread - Matrix3::identity() };
+        let Some(c) = core.try_inverse() else { return };
+        let through = &self.interest * &u;
+        let v = &self.covariance * &through;
+        let s = small(&u.tr_mul(&through));
+        for block in &mut self.blocks {
+            block.update(&u, &v, &c, &s);
+        }
+        let dynamic = DMatrix::from_fn(3, 3, |i, j| c[(i, j)]);
+        self.covariance -= &u * dynamic * u.transpose();
+        if is_added {
+            self.chosen.push(candidate);
+        } else {
+            self.chosen.retain(|chosen| *chosen != candidate);
+        }
+    }
+
+    /// Leaves the candidates that would help most, and those chosen.
+    fn keep_promising(&mut self) {
+        let gains = self.gains();
+        let mut order: Vec<usize> = (0..self.members.len()).collect();
+        order.sort_by(|a, b| gains[*b].total_cmp(&gains[*a]).then(a.cmp(b)));
+        let mut kept: Vec<usize> = order.into_iter().take(N_PROMISING).map(|at| self.members[at]).chain(self.chosen.iter().copied()).collect();
+        kept.sort_unstable();
+        kept.dedup();
+        self.members = kept;
+        self.rebuild();
+    }
+
+    fn rebuild(&mut self) {
+        let wawa = &self.covariance * &self.interest * &self.covariance;
+        let p = self.covariance.nrows();
+        self.blocks = self.members.chunks(LANES).map(|members| block(&self.candidates, members, p, &self.covariance, &wawa)).collect();
+    }
+}
+
+fn block(candidates: &DMatrix<f64>, members: &[usize], p: usize, covariance: &DMatrix<f64>, worth: &DMatrix<f64>) -> Block {
+    let lane = |k: usize, row: usize| std::array::from_fn(|lane| members.get(lane).map_or(0.0, |c| candidates[(3 * c + row, k)]));
+    let rows: Vec<[Lanes; 3]> = (0..p).map(|k| std::array::from_fn(|row| lane(k, row))).collect();
+    Block { spread: quadratic(&rows, covariance), worth: quadratic(&rows, worth), rows }
+}
+
+/// J·B·Jᵀ of each lane.
+fn quadratic(rows: &[[Lanes; 3]], b: &DMatrix<f64>) -> [Lanes; 6] {
+    let mut sum = [[0.0; LANES]; 6];
+    for (l, right) in rows.iter().enumerate() {
+        let mut through = [[0.0; LANES]; 3];
+        for (k, left) in rows.iter().enumerate() {
+            let factor = b[(k, l)];
+            for row in 0..3 {
+                for lane in 0..LANES {
+                    through[row][lane] += left[row][lane] * factor;
+                }
+            }
+        }
+        for (packed, (i, j)) in sum.iter_mut().zip(PACKED) {
+            for lane in 0..LANES {
+                packed[lane] += through[i][lane] * right[j][lane];
+            }
+        }
+    }
+    sum
+}
+
+fn small(m: &DMatrix<f64>) -> Matrix3<f64> {
+    Matrix3::from_fn(|i, j| m[(i, j)])
+}
+
+fn unpacked(packed: &[Lanes; 6], lane: usize) -> Matrix3<f64> {
+    let [a, b, c, d, e, f] = packed.map(|lanes| lanes[lane]);
+    Matrix3::new(a, b, d, b, c, e, d, e, f)
+}
+
+impl Block {
+    /// With E = J·U, F = J·V, V = A·W·U and S = Uᵀ·W·U: J·A·Jᵀ loses E·C·Eᵀ, and J·A·W·A·Jᵀ becomes itself − E·C·Fᵀ − F·C·Eᵀ + E·C·S·C·Eᵀ.
+    fn update(&mut self, u: &DMatrix<f64>, v: &DMatrix<f64>, c: &Matrix3<f64>, s: &Matrix3<f64>) {
+        let (e, f) = (self.times(u), self.times(v));
+        let csc = c * s * c;
+        for (packed, (i, j)) in PACKED.iter().enumerate() {
+            for lane in 0..LANES {
+                let (mut spread, mut worth) = (0.0, 0.0);
+                for k in 0..3 {
+                    for l in 0..3 {
+                        let (ei, ej, fi, fj) = (e[*i][k][lane], e[*j][l][lane], f[*i][k][lane], f[*j][l][lane]);
+                        spread += ei * c[(k, l)] * ej;
+                        worth += ei * csc[(k, l)] * ej - c[(k, l)] * (ei * fj + fi * ej);
+                    }
+                }
+                self.spread[packed][lane] -= spread;
+                self.worth[packed][lane] += worth;
+            }
+        }
+    }
+
+    /// J·B for a p × 3 matrix B.
+    fn times(&self, b: &DMatrix<f64>) -> [[Lanes; 3]; 3] {
+        let mut product = [[[0.0; LANES]; 3]; 3];
+        for (k, rows) in self.rows.iter().enumerate() {
+            for column in 0..3 {
+                let factor = b[(k, column)];
+                for row in 0..3 {
+                    for lane in 0..LANES {
+                        product[row][column][lane] += rows[row][lane] * factor;
+                    }
+                }
+            }
+        }
+        product
+    }
+}

@@ -1,0 +1,178 @@
+//! Which poses to measure next.
+
+mod design;
+mod information;
+mod order;
+mod room;
+
+pub use room::{BaseCylinder, Room};
+
+use crate::identification::identifiability::{decompose, prior_scale};
+use crate::identification::objective::{Observation, weighted_jacobian};
+use crate::identification::parameters::{Parameter, complete_parameters, paper_parameters};
+use crate::identification::workspace::{ToolUncertainty, random_configurations};
+use crate::identification::{KinematicModel, Model};
+use crate::kinematics::Robot;
+use design::Design;
+use information::{Tool, of_measured};
+use nalgebra::{DMatrix, Vector3};
+
+/// Configurations that stand for the workspace; others than those of the candidates.
+const N_WORKSPACE: usize = 256;
+/// Their seed: the same for every plan, so that plans can be compared.
+const WORKSPACE_SEED: u64 = 0;
+/// Random configurations that are tried for each candidate that is wanted.
+const TRIES: usize = 20;
+
+/// What is to be planned.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PlanRequest<'a> {
+    /// The robot with its nominal links and joint limits.
+    pub robot: &'a Robot,
+    /// The model that will be identified.
+    pub model: Model,
+    /// Where the reflector will be, in the flange frame, mm.
+    pub target_mm: Vector3<f64>,
+    /// Configurations in the plan, repeats included.
+    pub n_configurations: usize,
+    /// Of them, how many of the first are measured again at the end.
+    pub n_repeats: usize,
+    /// Random configurations to choose from.
+    pub n_candidates: usize,
+    /// Standard deviation of a measured coordinate, mm.
+    pub noise_std_mm: f64,
+    /// Seed of the candidates.
+    pub seed: u64,
+    /// Where the robot may go.
+    pub room: Room,
+    /// What was measured already: each session's points.
+    pub measured: Vec<Vec<Observation>>,
+}
+
+/// One configuration of a plan.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Planned {
+    /// The controller's joint values, rad.
+    pub q_controller_rad: Vec<f64>,
+    /// Which configuration of the plan it repeats.
+    pub repeats: Option<usize>,
+}
+
+/// A plan.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Plan {
+    /// In the order in which they should be measured.
+    pub configurations: Vec<Planned>,
+    /// O1 of the planned configurations (Borm & Menq 1991).
+    pub observability_index_o1: f64,
+    /// Predicted uncertainty of the tool over the workspace, with what was measured already and the plan.
+    pub predicted: ToolUncertainty,
+    /// The same with the first of the random candidates in the plan's place.
+    pub predicted_random: ToolUncertainty,
+}
+
+/// Too little room.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "only {found} of {tried} random configurations within the joint limits keep the tool in its boxes and clear of the obstacles; \
+     {wanted} are wanted: widen the boxes, or plan fewer configurations"
+)]
+pub struct TooLittleRoom {
+    /// That keep to it.
+    pub found: usize,
+    /// That were tried.
+    pub tried: usize,
+    /// That were wanted.
+    pub wanted: usize,
+}
+
+/// Chooses configurations that make the mean variance of the tool over the workspace small (I-optimal design): one after the other the best
+/// of all candidates, then each exchanged for a better one while that helps (Fedorov 1972), with rank-3 updates of the covariance.
+/// Parameters have the priors of a robot fresh from the factory.
+///
+/// # Errors
+/// [`TooLittleRoom`].
+pub fn plan(request: &PlanRequest<'_>) -> Result<Plan, TooLittleRoom> {
+    let tool = Tool::new(request);
+    let Candidates { q: candidates, even } = candidates(request)?;
+    let q_model: Vec<Vec<f64>> = candidates.iter().map(|q| request.robot.q_model_rad(q)).collect();
+    let prior = request.measured.iter().fold(DMatrix::identity(tool.n(), tool.n()), |sum, set| sum + of_measured(request, &tool, set));
+    let workspace: Vec<Vec<f64>> =
+        random_configurations(request.robot, N_WORKSPACE, WORKSPACE_SEED).iter().map(|q| request.robot.q_model_rad(q)).collect();
+    let interest = tool.mean_information(&workspace, 1.0);
+    let n_repeats = request.n_repeats.min(request.n_configurations / 2);
+    let n_distinct = request.n_configurations - n_repeats;
+    let rows = tool.scaled_rows(&q_model, request.noise_std_mm);
+    let chosen = Design::new(rows, &prior, &interest).choose(n_distinct);
+    let ordered = order::short_moves(chosen, &candidates);
+    let all: Vec<usize> = ordered.iter().copied().chain(ordered[..n_repeats].iter().copied()).collect();
+    let after = |chosen: &[usize]| {
+        let q: Vec<Vec<f64>> = chosen.iter().map(|i| q_model[*i].clone()).collect();
+        let gained = tool.mean_information(&q, request.noise_std_mm) * chosen.len() as f64;
+        tool.uncertainty(&(&prior + gained), &workspace)
+    };
+    let random: Vec<usize> = even.into_iter().take(all.len()).collect();
+    Ok(Plan {
+        observability_index_o1: observability(request, &tool, &all, &q_model),
+        predicted: after(&all),
+        predicted_random: after(&random),
+        configurations: all
+            .iter()
+            .enumerate()
+            .map(|(i, candidate)| Planned { q_controller_rad: candidates[*candidate].clone(), repeats: i.checked_sub(n_distinct) })
+            .collect(),
+    })
+}
+
+/// The free parameters of a model with some targets.
+fn parameters(robot: &Robot, model: Model, n_targets: usize) -> Vec<Parameter> {
+    match model {
+        Model::Paper => paper_parameters(robot.links.len()),
+        Model::Complete => complete_parameters(&robot.links, n_targets),
+    }
+}
+
+/// Random configurations that keep to the room, the controller's joint values, rad.
+struct Candidates {
+    q: Vec<Vec<f64>>,
+    /// Those that were drawn evenly.
+    even: Vec<usize>,
+}
+
+/// One half drawn evenly, the other towards the limits, where parameters show most.
+fn candidates(request: &PlanRequest<'_>) -> Result<Candidates, TooLittleRoom> {
+    let wanted = request.n_configurations;
+    let n = request.n_candidates.max(wanted);
+    let mut found = Candidates { q: Vec::with_capacity(n), even: vec![] };
+    let mut tried = 0;
+    for batch in 0..TRIES as u64 {
+        let drawn = random_configurations(request.robot, n, request.seed.wrapping_mul(TRIES as u64).wrapping_add(batch));
+        for (i, q) in drawn.into_iter().enumerate() {
+            let is_even = i % 2 == 0;
+            let q = if is_even { q } else { room::towards_limits(request.robot, q) };
+            tried += 1;
+            if request.room.holds(request.robot, &q, &request.target_mm) {
+                found.even.extend(is_even.then_some(found.q.len()));
+                found.q.push(q);
+                if found.q.len() == n {
+                    return Ok(found);
+                }
+            }
+        }
+    }
+    if found.q.len() < wanted { Err(TooLittleRoom { found: found.q.len(), tried, wanted }) } else { Ok(found) }
+}
+
+fn observability(request: &PlanRequest<'_>, tool: &Tool, chosen: &[usize], q_model: &[Vec<f64>]) -> f64 {
+    let scale: Vec<f64> = tool.parameters.iter().map(prior_scale).collect();
+    let observations: Vec<Observation> = chosen.iter().map(|i| tool.observation(&q_model[*i], 0)).collect();
+    let mut jacobian = weighted_jacobian(&tool.model, &tool.parameters, &observations, &Vector3::zeros());
+    let root = (request.n_configurations.max(1) as f64).sqrt();
+    jacobian.column_iter_mut().zip(&scale).for_each(|(mut column, s)| column *= s / root);
+    decompose(jacobian, &scale).observability_index_o1()
+}
+
+/// The nominal robot at its base, with one target.
+fn nominal(robot: &Robot, targets_mm: Vec<Vector3<f64>>) -> KinematicModel {
+    KinematicModel { targets_mm, ..KinematicModel::nominal(&robot.links, 0) }
+}

@@ -1,0 +1,204 @@
+//! Corrected joint targets.
+
+use crate::compensation::{Compensation, Mode, Status, Tool};
+use crate::kinematics::Robot;
+use crate::wire::angle::{to_degrees, to_radians};
+use crate::wire::corrections::PayloadBody;
+use crate::wire::issue::{Checker, Invalid};
+use crate::wire::parameter_set::ParameterSetContent;
+use crate::wire::predict::{check_pose, unknown_target};
+use crate::wire::robot::MAX_LENGTH_MM;
+use nalgebra::{IsometryMatrix3, Matrix3, Rotation3, Translation3, Vector3};
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// Most targets of one request: some seconds of one core.
+pub const MAX_TARGETS_PER_REQUEST: usize = 20_000;
+/// How far rows and columns of a rotation may be from unit length and from right angles.
+const ROTATION_TOLERANCE: f64 = 1e-6;
+
+/// Targets to correct. They must have been programmed offline: one that was taught already holds the robot's errors.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct CompensateBody {
+    /// The controller's joint values, degrees, target by target.
+    #[schema(max_items = 20000)]
+    pub q_deg: Vec<Vec<f64>>,
+    /// The tool is this reflector, 0-based.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(maximum = 31)]
+    pub target: Option<usize>,
+    /// The tool centre point instead of a reflector.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tool: Option<ToolBody>,
+    /// What is kept.
+    #[serde(default)]
+    pub mode: CompensateMode,
+    /// What the flange carries at these targets; default: what it carried when the robot was identified. Without corrections it has no effect.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub payload: Option<PayloadBody>,
+}
+
+/// A tool centre point in the flange frame of the nominal robot, as controllers keep it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ToolBody {
+    /// mm.
+    pub translation_mm: [f64; 3],
+    /// Rotation matrix, row by row; the identity where absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rotation: Option<[[f64; 3]; 3]>,
+}
+
+/// What of the tool is kept.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum CompensateMode {
+    /// Position and orientation.
+    #[default]
+    Pose,
+    /// The position, with the smallest change of the joints.
+    Position,
+}
+
+/// How a target came out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum CompensateStatus {
+    /// Reached within 1 µm and 0.0001°.
+    Ok,
+    /// Near a singularity: the closest without a wild motion of the joints.
+    NearSingular,
+    /// A joint is at or beyond its limit: the closest that the others get.
+    JointLimit,
+    /// The robot cannot have its tool there.
+    NotReached,
+}
+
+/// Corrected targets, in the order of the request.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct CompensateAnswer {
+    /// The controller's joint values with which the robot has its tool where the nominal robot would have it, degrees.
+    pub q_deg: Vec<Vec<f64>>,
+    /// How far the tool is off with the joint values as they came, mm.
+    pub position_error_before_mm: Vec<f64>,
+    /// How far with the corrected ones, by the identified robot, mm.
+    pub position_error_after_mm: Vec<f64>,
+    /// Angle by which the tool is turned with the corrected ones, degrees.
+    pub orientation_error_after_deg: Vec<f64>,
+    /// How each came out.
+    pub status: Vec<CompensateStatus>,
+    /// True where the corrected target is outside of what was measured, so that corrections fade into the links alone; without corrections
+    /// always false.
+    pub extrapolated: Vec<bool>,
+}
+
+impl CompensateBody {
+    /// The corrected targets.
+    ///
+    /// # Errors
+    /// [`Invalid`] for joint values that do not fit the robot, a tool that is none, or a target that the set does not have.
+    pub fn run(&self, robot: &Robot, content: &ParameterSetContent) -> Result<CompensateAnswer, Invalid> {
+        self.check(robot.links.len())?;
+        let target = self.target.unwrap_or(0);
+        if self.tool.is_none() && content.target_mm(target, None).is_none() {
+            return Err(unknown_target());
+        }
+        let identified = content.robot_to_core(None).carrying(self.payload.map(PayloadBody::to_core));
+        let compensation = Compensation::of(robot, &identified);
+        let tool = self.tool.map_or_else(|| Tool::Target(identified.target_mm(target)), |tool| Tool::Tcp(tool.to_core()));
+        let mut answer = CompensateAnswer::with_capacity(self.q_deg.len());
+        for q_deg in &self.q_deg {
+            let q_rad: Vec<f64> = q_deg.iter().map(|deg| to_radians(*deg)).collect();
+            let corrected = compensation.correct(&q_rad, &tool, self.mode.to_core());
+            answer.q_deg.push(corrected.q_controller_rad.iter().map(|rad| to_degrees(*rad)).collect());
+            answer.position_error_before_mm.push(corrected.position_error_before_mm);
+            answer.position_error_after_mm.push(corrected.position_error_after_mm);
+            answer.orientation_error_after_deg.push(to_degrees(corrected.orientation_error_after_rad));
+            answer.status.push(CompensateStatus::from_core(corrected.status));
+            answer.extrapolated.push(identified.is_extrapolated(&robot.q_model_rad(&corrected.q_controller_rad)));
+        }
+        Ok(answer)
+    }
+
+    /// Every check that needs the request and the number of joints alone.
+    ///
+    /// # Errors
+    /// [`Invalid`] with a JSON pointer to everything that is wrong.
+    pub fn check(&self, n_joints: usize) -> Result<(), Invalid> {
+        let mut checker = Checker::default();
+        if self.q_deg.len() > MAX_TARGETS_PER_REQUEST {
+            let detail = format!("{} targets; at most {MAX_TARGETS_PER_REQUEST}: send a long program in parts", self.q_deg.len());
+            checker.note("/q_deg", "wrong_length", detail);
+        }
+        for (i, pose) in self.q_deg.iter().take(MAX_TARGETS_PER_REQUEST).enumerate() {
+            check_pose(&mut checker, i, pose, n_joints);
+        }
+        if self.target.is_some() && self.tool.is_some() {
+            checker.note("/tool", "target_and_tool", "the tool is either a reflector (target) or a tool centre point (tool): give one");
+        }
+        if let Some(tool) = &self.tool {
+            tool.check(&mut checker);
+        }
+        if let Some(payload) = &self.payload {
+            payload.check("/payload", &mut checker);
+        }
+        checker.finish("invalid_poses")
+    }
+}
+
+impl ToolBody {
+    fn check(&self, checker: &mut Checker) {
+        for (i, value) in self.translation_mm.iter().enumerate() {
+            checker.magnitude(format!("/tool/translation_mm/{i}"), *value, MAX_LENGTH_MM, "lengths are in millimetres");
+        }
+        let rotation = self.matrix();
+        let off = (rotation * rotation.transpose() - Matrix3::identity()).amax();
+        if off.is_nan() || off > ROTATION_TOLERANCE || rotation.determinant() < 0.0 {
+            let detail = "it is not a rotation matrix: rows of length 1, at right angles, right-handed; leave it out for no rotation";
+            checker.note("/tool/rotation", "not_a_rotation", detail);
+        }
+    }
+
+    fn matrix(&self) -> Matrix3<f64> {
+        self.rotation.map_or_else(Matrix3::identity, |rows| Matrix3::from_fn(|i, j| rows[i][j]))
+    }
+
+    fn to_core(self) -> IsometryMatrix3<f64> {
+        let rotation = Rotation3::from_matrix_unchecked(self.matrix());
+        IsometryMatrix3::from_parts(Translation3::from(Vector3::from(self.translation_mm)), rotation)
+    }
+}
+
+impl CompensateMode {
+    fn to_core(self) -> Mode {
+        match self {
+            Self::Pose => Mode::Pose,
+            Self::Position => Mode::Position,
+        }
+    }
+}
+
+impl CompensateStatus {
+    fn from_core(status: Status) -> Self {
+        match status {
+            Status::Ok => Self::Ok,
+            Status::NearSingular => Self::NearSingular,
+            Status::JointLimit => Self::JointLimit,
+            Status::NotReached => Self::NotReached,
+        }
+    }
+}
+
+impl CompensateAnswer {
+    fn with_capacity(n: usize) -> Self {
+        Self {
+            q_deg: Vec::with_capacity(n),
+            position_error_before_mm: Vec::with_capacity(n),
+            position_error_after_mm: Vec::with_capacity(n),
+            orientation_error_after_deg: Vec::with_capacity(n),
+            status: Vec::with_capacity(n),
+            extrapolated: Vec::with_capacity(n),
+        }
+    }
+}

@@ -1,0 +1,64 @@
+//! What was written is read back and moved beside what was meant.
+
+use super::Error;
+use crate::identification::workspace::random_configurations;
+use crate::kinematics::{Link, Robot, t_base_flange};
+use crate::wire::urdf::Urdf;
+use nalgebra::IsometryMatrix3;
+
+/// Configurations that are compared.
+const N_CONFIGURATIONS: usize = 100;
+/// And their seed.
+const SEED: u64 = 1;
+/// How far positions may be apart, mm.
+pub const SAME_MM: f64 = 1e-9;
+/// And entries of rotations: 1e-9 mm at a metre.
+const SAME_ROTATION: f64 = 1e-12;
+
+/// Links that were read back.
+pub fn same_links(format: &'static str, robot: &Robot, meant: &[Link], back: &[Link]) -> Result<(), Error> {
+    if meant.len() != back.len() {
+        return Err(Error::ReadBack { format, cause: format!("{} links became {}", meant.len(), back.len()) });
+    }
+    same_poses(format, robot, meant, &|q| t_base_flange(back, q))
+}
+
+/// Flange poses at the model's joint values.
+pub fn same_poses(
+    format: &'static str,
+    robot: &Robot,
+    meant: &[Link],
+    back: &dyn Fn(&[f64]) -> IsometryMatrix3<f64>,
+) -> Result<(), Error> {
+    let as_model = |q_controller: &[f64]| back(&robot.q_model_rad(q_controller));
+    same_at_controller(format, robot, meant, &as_model)
+}
+
+/// Flange poses at the controller's joint values.
+pub fn same_at_controller(
+    format: &'static str,
+    robot: &Robot,
+    meant: &[Link],
+    back: &dyn Fn(&[f64]) -> IsometryMatrix3<f64>,
+) -> Result<(), Error> {
+    for q in random_configurations(robot, N_CONFIGURATIONS, SEED) {
+        let (a, b) = (t_base_flange(meant, &robot.q_model_rad(&q)), back(&q));
+        let mm = (a.translation.vector - b.translation.vector).norm();
+        let turn = (a.rotation.matrix() - b.rotation.matrix()).amax();
+        if !(mm <= SAME_MM && turn <= SAME_ROTATION) {
+            return Err(Error::ReadBack { format, cause: format!("the flange is {mm:.1e} mm and {turn:.1e} rad away at {q:?} rad") });
+        }
+    }
+    Ok(())
+}
+
+/// A URDF of ours, by the joint values it has.
+pub fn same_chain(format: &'static str, robot: &Robot, meant: &[Link], text: &[u8]) -> Result<(), Error> {
+    let urdf = Urdf::parse(text)?;
+    let flange = format!("link_{}", meant.len());
+    let chain = urdf.chain(Some(&flange), Some(meant.len()))?.chain;
+    if robot.joint_map.as_ref().is_some_and(|map| !map.coupling.is_identity(0.0)) {
+        return same_poses(format, robot, meant, &|q| chain.t_root_tip(q));
+    }
+    same_at_controller(format, robot, meant, &|q| chain.t_root_tip(q))
+}

@@ -1,0 +1,144 @@
+//! The shapes of exports that are documents.
+
+use super::Source;
+use crate::exchange::refit::Refit;
+use crate::exchange::{Chain, ChainJoint, Origin, origin_of, pose_of};
+use crate::kinematics::forward::t_previous_link;
+use crate::kinematics::{Link, Robot};
+use crate::wire::angle::{to_degrees, to_radians};
+use crate::wire::parameter_set::{IdentifiedLink, ParameterSetContent};
+use crate::wire::robot::RobotBody;
+use nalgebra::{DVector, Vector3};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::fmt::Write;
+use utoipa::ToSchema;
+
+/// The nominal robot and what was identified, in one document.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ExportDocument {
+    /// The parameter set.
+    pub parameter_set_id: String,
+    /// The nominal robot, as it was given.
+    pub robot: RobotBody,
+    /// What was identified.
+    #[serde(flatten)]
+    pub content: ParameterSetContent,
+    /// With `beta=refit`: how far the tool is off by these links from where the identified ones have it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub remaining_error_mm: Option<RemainingError>,
+}
+
+/// Distance of points 100 mm from the flange's origin from where the identified links have them, over the workspace.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct RemainingError {
+    /// Mean, mm.
+    pub mean: f64,
+    /// Largest, mm.
+    pub max: f64,
+}
+
+/// Joint offsets for a controller that takes nothing else.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct MasteringDocument {
+    /// One per joint.
+    pub joints: Vec<MasteringOffset>,
+    /// How far the tool still is off with them.
+    pub remaining_error_mm: RemainingError,
+}
+
+/// What a joint's value has to be raised by, in the controller's own sign: where the controller shows q, it should show q + offset.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct MasteringOffset {
+    /// 1-based.
+    pub joint: usize,
+    /// Degrees.
+    pub offset_deg: f64,
+    /// False for the first and the last joint, whose offsets positions cannot tell from where base and tool are.
+    pub determined: bool,
+}
+
+impl ExportDocument {
+    /// A parameter set with these links.
+    pub fn new(source: &Source<'_>, links: &[Link], remaining_error_mm: Option<RemainingError>) -> Self {
+        let mut content = source.content.clone();
+        if remaining_error_mm.is_some() {
+            content.links = links.iter().map(IdentifiedLink::from_core).collect();
+        }
+        Self { parameter_set_id: source.id.into(), robot: source.body.clone(), content, remaining_error_mm }
+    }
+}
+
+impl MasteringDocument {
+    /// The offsets of refitted links: δq_controller = (coupling · sign)⁻¹ · δtheta_offset.
+    pub fn new(robot: &Robot, refit: &Refit) -> Self {
+        let n = robot.links.len();
+        let change = DVector::from_fn(n, |i, _| refit.links[i].theta_offset_rad - robot.links[i].theta_offset_rad);
+        let offsets = robot.joint_rates().lu().solve(&change).unwrap_or(change);
+        let is_inner = |i: usize| i > 0 && (i + 1 < n || n == 2);
+        let joint = |i: usize| MasteringOffset { joint: i + 1, offset_deg: to_degrees(offsets[i]), determined: is_inner(i) };
+        let remaining_error_mm = RemainingError { mean: refit.mean_mm, max: refit.max_mm };
+        Self { joints: (0..n).map(joint).collect(), remaining_error_mm }
+    }
+
+    /// The offsets, rad.
+    pub fn offsets_rad(&self) -> Vec<f64> {
+        self.joints.iter().map(|joint| to_radians(joint.offset_deg)).collect()
+    }
+}
+
+/// One row per link; `kincal import` reads it as a table of Craig's convention.
+pub fn csv_of(links: &[Link]) -> String {
+    let mut text = String::from("link,a_mm,alpha_deg,d_mm,theta_offset_deg,beta_deg\n");
+    for (i, link) in links.iter().map(IdentifiedLink::from_core).enumerate() {
+        let IdentifiedLink { a_mm, alpha_deg, d_mm, theta_offset_deg, beta_deg } = link;
+        let _ = writeln!(text, "{},{a_mm},{alpha_deg},{d_mm},{theta_offset_deg},{beta_deg}", i + 1);
+    }
+    text
+}
+
+/// Names of the joints' frames in the description packages of Universal Robots.
+const UR_FRAMES: [&str; 6] = ["shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3"];
+
+/// Origins of the joints as `kinematics:` of a UR description: x, y, z in metres, roll, pitch, yaw in rad. The hash is not a controller's:
+/// the driver will say so.
+pub fn ur_kinematics(links: &[Link], sha256: &str) -> String {
+    let mut text = String::from("kinematics:\n");
+    for (name, link) in UR_FRAMES.iter().zip(links) {
+        let Origin { xyz_mm: [x, y, z], rpy_rad: [roll, pitch, yaw] } = origin_of(&t_previous_link(link, 0.0));
+        let _ = writeln!(text, "  {name}:");
+        for (key, value) in [("x", x / 1e3), ("y", y / 1e3), ("z", z / 1e3), ("roll", roll), ("pitch", pitch), ("yaw", yaw)] {
+            let _ = writeln!(text, "    {key}: {:?}", value + 0.0);
+        }
+    }
+    let _ = writeln!(text, "  hash: kincal_{sha256}");
+    text
+}
+
+#[derive(Deserialize)]
+struct UrFile {
+    kinematics: BTreeMap<String, UrEntry>,
+}
+
+#[derive(Deserialize)]
+#[serde(untagged)]
+enum UrEntry {
+    Frame { x: f64, y: f64, z: f64, roll: f64, pitch: f64, yaw: f64 },
+    Hash(#[allow(dead_code, reason = "read and left")] String),
+}
+
+/// The chain that such a file describes.
+///
+/// # Errors
+/// A sentence, where it is none.
+pub fn read_ur_kinematics(text: &str) -> Result<Chain, String> {
+    let file: UrFile = yaml_serde::from_str(text).map_err(|e| e.to_string())?;
+    let joint = |name: &str| match file.kinematics.get(name) {
+        Some(UrEntry::Frame { x, y, z, roll, pitch, yaw }) => {
+            let origin = Origin { xyz_mm: [x * 1e3, y * 1e3, z * 1e3], rpy_rad: [*roll, *pitch, *yaw] };
+            Ok(ChainJoint { name: name.into(), t_parent_joint: pose_of(&origin), axis: Some(Vector3::z()), limits_rad: None })
+        }
+        _ => Err(format!("no frame {name}")),
+    };
+    Ok(Chain { joints: UR_FRAMES.iter().map(|name| joint(name)).collect::<Result<_, _>>()? })
+}

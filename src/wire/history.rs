@@ -1,0 +1,147 @@
+//! How a robot's parameters went over time, and what two parameter sets say differently.
+
+use crate::calibration::changes::Changes;
+use crate::compensation::Compensation;
+use crate::identification::workspace::random_configurations;
+use crate::kinematics::{Robot, t_base_flange};
+use crate::wire::angle::to_degrees;
+use crate::wire::parameter_set::{ParameterSetContent, ParameterSetStatus};
+use crate::wire::report_shape::{ChangeReport, Evidence, ParameterReport, SubsetReport};
+use crate::wire::trend::Trend;
+use nalgebra::Point3;
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// Poses of the map.
+const N_POSES: usize = 200;
+/// Their seed: the same for every comparison.
+const SEED: u64 = 0;
+
+/// A page of a robot's history.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct HistoryAnswer {
+    /// Newest first.
+    pub items: Vec<HistoryItem>,
+    /// For the next page, if there is one.
+    #[schema(required)]
+    pub next_cursor: Option<String>,
+    /// How the error of the released set grows, and when to calibrate next.
+    pub trend: Trend,
+}
+
+/// One identification.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct HistoryItem {
+    /// The parameter set.
+    pub parameter_set_id: String,
+    /// RFC 3339, UTC.
+    pub created_at: String,
+    /// How it stands.
+    pub status: ParameterSetStatus,
+    /// Every free parameter, with its uncertainty.
+    pub parameters: Vec<ParameterReport>,
+    /// Root mean square error of the points that were held out, mm; null where there were none.
+    #[schema(required)]
+    pub verify_rms_mm: Option<f64>,
+    /// What moved since the session before, in units of its own uncertainty. Empty where nothing moved beyond chance, or there was no
+    /// session before.
+    pub changed: Vec<ChangeReport>,
+}
+
+/// What of a stored report the history shows.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+pub struct ReportExcerpt {
+    /// Every free parameter.
+    pub parameters: Vec<ParameterReport>,
+    /// The held-out points.
+    pub verify: Option<SubsetReport>,
+    /// What changed.
+    #[serde(default)]
+    pub changed: Option<Vec<ChangeReport>>,
+    /// How strong the verification was.
+    pub evidence: Evidence,
+}
+
+impl ReportExcerpt {
+    /// The error of the held-out points, by the best that the report has: with corrections where there are any.
+    pub fn verify_rms_mm(&self) -> Option<f64> {
+        self.verify.as_ref().map(|verify| verify.corrected.unwrap_or(verify.after).rms_mm)
+    }
+}
+
+/// What two parameter sets of one robot say differently.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct CompareAnswer {
+    /// The set in the path.
+    pub parameter_set_id: String,
+    /// The set it is compared with.
+    pub with: String,
+    /// Mean distance of the tool over the map, mm.
+    pub mean_mm: f64,
+    /// The largest, mm.
+    pub max_mm: f64,
+    /// The tool at seeded configurations within the joint limits.
+    pub map: Vec<MapPoint>,
+    /// Whether the sessions behind the two sets differ beyond chance; null where both come from one upload, or one of the two sessions
+    /// cannot be identified from by itself.
+    #[schema(required)]
+    pub sessions: Option<SessionTest>,
+}
+
+/// One configuration of the map.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct MapPoint {
+    /// The controller's joint values, degrees.
+    pub q_deg: Vec<f64>,
+    /// Where the nominal robot has the tool, base frame, mm.
+    pub position_mm: [f64; 3],
+    /// Tool by the set in the path − tool by the other one, base frame, mm.
+    pub difference_mm: [f64; 3],
+}
+
+/// One test of all link parameters together.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct SessionTest {
+    /// dᵀ·V⁻¹·d of the combinations of link parameters that both sessions see.
+    pub chi_square: f64,
+    /// How many combinations.
+    pub n_combinations: usize,
+    /// Probability that an unchanged robot shows as much.
+    pub probability: f64,
+    /// What differs, base and targets included.
+    pub changed: Vec<ChangeReport>,
+}
+
+impl SessionTest {
+    /// From the core's comparison of two sessions.
+    pub fn from_core(changes: &Changes) -> Self {
+        let change = |c: &crate::calibration::changes::NamedChange| ChangeReport { name: c.name.clone(), delta: c.delta, sigmas: c.sigmas };
+        Self {
+            chi_square: changes.chi_square,
+            n_combinations: changes.n_combinations,
+            probability: changes.probability,
+            changed: changes.all.iter().map(change).collect(),
+        }
+    }
+}
+
+/// The map of differences: both robots with their bases and flanges anchored to their own axes, so that it does not matter where
+/// instrument and reflector were. The tool is target 0 of the set in the path.
+pub fn map(robot: &Robot, one: &ParameterSetContent, other: &ParameterSetContent) -> (Vec<MapPoint>, f64, f64) {
+    let (one, other) = (one.robot_to_core(None), other.robot_to_core(None));
+    let (of_one, of_other) = (Compensation::of(robot, &one), Compensation::of(robot, &other));
+    let tool = Point3::from(of_one.p_anchored_mm(&one.target_mm(0)));
+    let point = |q_controller: Vec<f64>| {
+        let q = robot.q_model_rad(&q_controller);
+        MapPoint {
+            q_deg: q_controller.iter().map(|rad| to_degrees(*rad)).collect(),
+            position_mm: (t_base_flange(&robot.links, &q) * tool).coords.into(),
+            difference_mm: (of_one.t_base_flange(&q) * tool - of_other.t_base_flange(&q) * tool).into(),
+        }
+    };
+    let map: Vec<MapPoint> = random_configurations(robot, N_POSES, SEED).into_iter().map(point).collect();
+    let lengths = map.iter().map(|p| nalgebra::Vector3::from(p.difference_mm).norm());
+    let (sum, max) = lengths.fold((0.0, 0.0f64), |(sum, max), length| (sum + length, max.max(length)));
+    let mean = sum / map.len().max(1) as f64;
+    (map, mean, max)
+}

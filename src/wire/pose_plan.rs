@@ -1,0 +1,244 @@
+//! Which poses to measure next.
+
+use crate::identification::objective::Observation;
+use crate::identification::workspace::ToolUncertainty;
+use crate::kinematics::Robot;
+use crate::measurement::MeasurementSet;
+use crate::planning::{BaseCylinder, PlanRequest, Room, plan};
+use crate::wire::angle::to_degrees;
+use crate::wire::issue::{Checker, Invalid};
+use crate::wire::job::Model;
+use crate::wire::measurement::Frame;
+use crate::wire::report_shape::ToolUncertaintyReport;
+use crate::wire::robot::MAX_LENGTH_MM;
+use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// Most configurations of a plan; more than anyone measures in a day.
+pub const MAX_PLANNED: usize = 300;
+/// Candidates where none are asked for.
+const DEFAULT_CANDIDATES: usize = 10_000;
+/// Most candidates.
+pub const MAX_CANDIDATES: usize = 50_000;
+/// Most boxes.
+pub const MAX_BOXES: usize = 32;
+/// Most sets that count as measured already.
+pub const MAX_MEASURED: usize = 20;
+/// Noise of a coordinate where none is given, mm: a tracker and an arm's repeatability.
+const DEFAULT_NOISE_MM: f64 = 0.05;
+/// Noise that is taken, mm.
+const NOISE_MM: (f64, f64) = (1e-4, 10.0);
+/// Where the reflector is thought to be with `model: complete`: off the flange's axis, where it sees all joints.
+const OFF_AXIS_MM: [f64; 3] = [80.0, 0.0, 100.0];
+/// And with `model: paper`: on it.
+const ON_AXIS_MM: [f64; 3] = [0.0, 0.0, 100.0];
+
+/// What is to be planned. All but the number is optional.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PosePlanBody {
+    /// Configurations to measure, repeats included.
+    #[schema(minimum = 1, maximum = 300)]
+    pub n_configurations: usize,
+    /// Seed of the random candidates.
+    #[serde(default)]
+    pub seed: u64,
+    /// The model that will be identified; default: as for a job on a set in this frame.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub model: Option<Model>,
+    /// The frame that will be measured in; default: instrument.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub frame: Option<Frame>,
+    /// Where the reflector will be in the flange frame, mm; default: [80, 0, 100], with model paper [0, 0, 100].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub target_mm: Option<[f64; 3]>,
+    /// Standard deviation of a measured coordinate, mm; default 0.05.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub noise_std_mm: Option<f64>,
+    /// Random configurations to choose from; default 10,000.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(minimum = 1, maximum = 50000)]
+    pub n_candidates: Option<usize>,
+    /// How many of the first are measured again at the end, to see drift; default 3, 2 for plans below 20, none below 10.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub n_repeats: Option<usize>,
+    /// The reflector stays in one of these boxes, base frame.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    #[schema(max_items = 32)]
+    pub boxes: Vec<BoxBody>,
+    /// Reflector, flange, wrist and elbow stay above this, base frame, mm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub floor_z_mm: Option<f64>,
+    /// They stay out of this.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub base_cylinder: Option<BaseCylinderBody>,
+    /// Sets of this robot that were measured already: the plan adds to them.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    #[schema(max_items = 20)]
+    pub measured: Vec<String>,
+}
+
+/// A box along the axes of the base frame.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct BoxBody {
+    /// Lowest corner, mm.
+    pub min_mm: [f64; 3],
+    /// Highest corner, mm.
+    pub max_mm: [f64; 3],
+}
+
+/// An upright cylinder about the base's z: the robot's own foot.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct BaseCylinderBody {
+    /// mm.
+    pub radius_mm: f64,
+    /// Its top above the base's origin, mm.
+    pub height_mm: f64,
+}
+
+/// A plan.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct PosePlanAnswer {
+    /// In the order in which they should be measured.
+    pub configurations: Vec<PlannedConfiguration>,
+    /// O1 of the planned configurations.
+    pub observability_index_o1: f64,
+    /// Predicted standard deviation of the tool over the workspace, with what was measured already and the plan.
+    pub predicted_std_mm: ToolUncertaintyReport,
+    /// The same with as many random configurations in the plan's place.
+    pub predicted_std_mm_random: ToolUncertaintyReport,
+}
+
+/// One configuration of a plan.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct PlannedConfiguration {
+    /// The controller's joint values, degrees.
+    pub q_deg: Vec<f64>,
+    /// The configuration that it repeats (0-based).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub repeats: Option<usize>,
+}
+
+impl PosePlanBody {
+    /// A plan of so many configurations, everything else by default.
+    pub fn of(n_configurations: usize) -> Self {
+        Self {
+            n_configurations,
+            seed: 0,
+            model: None,
+            frame: None,
+            target_mm: None,
+            noise_std_mm: None,
+            n_candidates: None,
+            n_repeats: None,
+            boxes: vec![],
+            floor_z_mm: None,
+            base_cylinder: None,
+            measured: vec![],
+        }
+    }
+
+    /// The plan. `measured` holds the sets that the request names.
+    ///
+    /// # Errors
+    /// [`Invalid`] for values out of range, and where the room holds too few configurations.
+    pub fn run(&self, robot: &Robot, measured: &[MeasurementSet]) -> Result<PosePlanAnswer, Invalid> {
+        self.check()?;
+        let model = self.model.unwrap_or(if self.frame == Some(Frame::Base) { Model::Paper } else { Model::Complete });
+        let target_mm = self.target_mm.unwrap_or(if model == Model::Paper { ON_AXIS_MM } else { OFF_AXIS_MM });
+        let request = PlanRequest {
+            robot,
+            model: model.to_core(),
+            target_mm: Vector3::from(target_mm),
+            n_configurations: self.n_configurations,
+            n_repeats: self.n_repeats.unwrap_or(match self.n_configurations {
+                0..10 => 0,
+                10..20 => 2,
+                _ => 3,
+            }),
+            n_candidates: self.n_candidates.unwrap_or(DEFAULT_CANDIDATES),
+            noise_std_mm: self.noise_std_mm.unwrap_or(DEFAULT_NOISE_MM),
+            seed: self.seed,
+            room: self.room(),
+            measured: measured.iter().map(|set| observations(robot, set)).collect(),
+        };
+        let plan = plan(&request).map_err(|error| Invalid::at("/boxes", "too_little_room", error.to_string()))?;
+        let uncertainty = |u: ToolUncertainty| ToolUncertaintyReport { mean: u.mean_mm, max: u.max_mm };
+        let configuration = |planned: &crate::planning::Planned| PlannedConfiguration {
+            q_deg: planned.q_controller_rad.iter().map(|rad| to_degrees(*rad)).collect(),
+            repeats: planned.repeats,
+        };
+        Ok(PosePlanAnswer {
+            configurations: plan.configurations.iter().map(configuration).collect(),
+            observability_index_o1: plan.observability_index_o1,
+            predicted_std_mm: uncertainty(plan.predicted),
+            predicted_std_mm_random: uncertainty(plan.predicted_random),
+        })
+    }
+
+    fn room(&self) -> Room {
+        Room {
+            boxes_mm: self.boxes.iter().map(|b| (Vector3::from(b.min_mm), Vector3::from(b.max_mm))).collect(),
+            floor_z_mm: self.floor_z_mm,
+            base_cylinder: self.base_cylinder.map(|c| BaseCylinder { radius_mm: c.radius_mm, height_mm: c.height_mm }),
+        }
+    }
+
+    /// Every check that needs the request alone.
+    ///
+    /// # Errors
+    /// [`Invalid`] with a JSON pointer to everything that is wrong.
+    pub fn check(&self) -> Result<(), Invalid> {
+        let mut checker = Checker::default();
+        let mut within = |at: &str, value: usize, most: usize| {
+            if value == 0 || value > most {
+                checker.note(at, "out_of_range", format!("{value}; 1 to {most} are allowed"));
+            }
+        };
+        within("/n_configurations", self.n_configurations, MAX_PLANNED);
+        within("/n_candidates", self.n_candidates.unwrap_or(DEFAULT_CANDIDATES), MAX_CANDIDATES);
+        if self.n_repeats.is_some_and(|repeats| repeats > self.n_configurations / 2) {
+            checker.note("/n_repeats", "out_of_range", "at most half of the configurations can be repeats of the others");
+        }
+        if self.noise_std_mm.is_some_and(|std| !(NOISE_MM.0..=NOISE_MM.1).contains(&std)) {
+            checker.note("/noise_std_mm", "out_of_range", format!("{} to {} mm are allowed", NOISE_MM.0, NOISE_MM.1));
+        }
+        let lengths = self.target_mm.iter().flatten().chain(&self.floor_z_mm);
+        for value in lengths {
+            checker.magnitude("/target_mm", *value, MAX_LENGTH_MM, "lengths are in millimetres");
+        }
+        if self.boxes.len() > MAX_BOXES {
+            checker.note("/boxes", "wrong_length", format!("{} boxes; at most {MAX_BOXES}", self.boxes.len()));
+        }
+        for (i, b) in self.boxes.iter().take(MAX_BOXES).enumerate() {
+            for k in 0..3 {
+                checker.magnitude(format!("/boxes/{i}/min_mm/{k}"), b.min_mm[k], MAX_LENGTH_MM, "lengths are in millimetres");
+                checker.magnitude(format!("/boxes/{i}/max_mm/{k}"), b.max_mm[k], MAX_LENGTH_MM, "lengths are in millimetres");
+                if b.min_mm[k] >= b.max_mm[k] {
+                    checker.note(format!("/boxes/{i}"), "corners_reversed", "min_mm is the lowest corner and max_mm the highest");
+                }
+            }
+        }
+        if let Some(cylinder) = &self.base_cylinder {
+            checker.magnitude("/base_cylinder/radius_mm", cylinder.radius_mm, MAX_LENGTH_MM, "lengths are in millimetres");
+            checker.magnitude("/base_cylinder/height_mm", cylinder.height_mm, MAX_LENGTH_MM, "lengths are in millimetres");
+        }
+        if self.measured.len() > MAX_MEASURED {
+            checker.note("/measured", "wrong_length", format!("{} sets; at most {MAX_MEASURED}", self.measured.len()));
+        }
+        checker.finish("invalid_plan")
+    }
+}
+
+fn observations(robot: &Robot, set: &MeasurementSet) -> Vec<Observation> {
+    let observation = |point: &crate::measurement::Point| Observation {
+        q_rad: robot.q_model_rad(&point.q_rad),
+        position_mm: point.position_mm,
+        target: point.target,
+        weight: 1.0,
+    };
+    set.points.iter().map(observation).collect()
+}

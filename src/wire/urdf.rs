@@ -1,0 +1,232 @@
+//! URDF: reading the chain of joints that matters, writing one from links, and changing nothing but joint origins in somebody's text.
+
+use crate::exchange::{Chain, ChainJoint, Origin, origin_of, pose_of};
+use crate::wire::issue::Invalid;
+use nalgebra::Vector3;
+use roxmltree::{Document, Node, ParsingOptions};
+use std::collections::BTreeMap;
+use std::ops::Range;
+
+/// Largest text that is read, bytes; descriptions with meshes beside them have a hundred KiB.
+pub const MAX_URDF_BYTES: usize = 4 * 1024 * 1024;
+/// Most elements.
+const MAX_NODES: u32 = 200_000;
+/// Most joints from root to tip.
+const MAX_JOINTS: usize = 200;
+/// Millimetres in a metre.
+const MM: f64 = 1e3;
+
+/// A URDF that was read.
+pub struct Urdf<'t> {
+    text: &'t str,
+    joints: Vec<UrdfJoint>,
+}
+
+/// A joint, and where its origin stands in the text.
+struct UrdfJoint {
+    name: String,
+    kind: String,
+    parent: String,
+    child: String,
+    joint: ChainJoint,
+    place: OriginPlace,
+}
+
+/// Where an origin is written: the values of its attributes, or where the element or an attribute would go.
+#[derive(Clone)]
+struct OriginPlace {
+    xyz: Option<Range<usize>>,
+    rpy: Option<Range<usize>>,
+    /// In an `<origin`, behind its name; without one, behind the joint's opening tag.
+    insert_at: usize,
+    has_element: bool,
+}
+
+/// The joints from the root to a tip.
+pub struct UrdfChain {
+    /// Their geometry, mm and rad.
+    pub chain: Chain,
+    /// Their places in the file.
+    indices: Vec<usize>,
+}
+
+fn invalid(code: &'static str, detail: impl Into<String>) -> Invalid {
+    Invalid::at("", code, detail)
+}
+
+impl<'t> Urdf<'t> {
+    /// Reads a URDF.
+    ///
+    /// # Errors
+    /// [`Invalid`] for what is no URDF, with what is wrong where.
+    pub fn parse(bytes: &'t [u8]) -> Result<Self, Invalid> {
+        if bytes.len() > MAX_URDF_BYTES {
+            return Err(invalid("too_large", format!("the URDF has {} bytes; at most {MAX_URDF_BYTES} are read", bytes.len())));
+        }
+        let text = std::str::from_utf8(bytes).map_err(|e| invalid("not_utf8", format!("the URDF is not UTF-8: {e}")))?;
+        let options = ParsingOptions { nodes_limit: MAX_NODES, ..ParsingOptions::default() };
+        let document =
+            Document::parse_with_options(text, options).map_err(|e| invalid("not_xml", format!("the URDF is not well-formed XML: {e}")))?;
+        let robot = document.root_element();
+        if robot.tag_name().name() != "robot" {
+            let detail = format!("the root element is <{}>; a URDF has <robot>", robot.tag_name().name());
+            return Err(invalid("not_a_urdf", detail));
+        }
+        let joints = robot.children().filter(|node| node.has_tag_name("joint"));
+        let joints = joints.map(|node| joint(text, node)).collect::<Result<_, _>>()?;
+        Ok(Self { text, joints })
+    }
+
+    /// The joints from the root to `tip` (a link). Without one: to the end with the most joints that move, `n_moving` of them if that is given.
+    ///
+    /// # Errors
+    /// [`Invalid`] where there is no such chain, several that differ, or a joint in it that is not revolute.
+    pub fn chain(&self, tip: Option<&str>, n_moving: Option<usize>) -> Result<UrdfChain, Invalid> {
+        let by_child: BTreeMap<&str, usize> = self.joints.iter().enumerate().map(|(i, joint)| (joint.child.as_str(), i)).collect();
+        let indices = match tip {
+            Some(tip) if by_child.contains_key(tip) => self.path(tip, &by_child)?,
+            Some(tip) => return Err(invalid("unknown_link", format!("no joint leads to a link {tip:?}"))),
+            None => self.longest(&by_child, n_moving)?,
+        };
+        for index in &indices {
+            let UrdfJoint { name, kind, .. } = &self.joints[*index];
+            if !["revolute", "continuous", "fixed"].contains(&kind.as_str()) {
+                let detail = format!("joint {name:?} is {kind}: only revolute, continuous and fixed joints can be calibrated; name another tip");
+                return Err(invalid("unsupported_joint", detail));
+            }
+        }
+        Ok(UrdfChain { chain: Chain { joints: indices.iter().map(|i| self.joints[*i].joint.clone()).collect() }, indices })
+    }
+
+    fn path(&self, tip: &str, by_child: &BTreeMap<&str, usize>) -> Result<Vec<usize>, Invalid> {
+        let (mut link, mut path) = (tip, Vec::new());
+        while let Some(index) = by_child.get(link) {
+            path.push(*index);
+            if path.len() > MAX_JOINTS {
+                return Err(invalid("no_root", format!("more than {MAX_JOINTS} joints lead to {tip:?}, or they go round in a circle")));
+            }
+            link = &self.joints[*index].parent;
+        }
+        path.reverse();
+        Ok(path)
+    }
+
+    fn longest(&self, by_child: &BTreeMap<&str, usize>, n_moving: Option<usize>) -> Result<Vec<usize>, Invalid> {
+        let is_leaf = |joint: &&UrdfJoint| !self.joints.iter().any(|other| other.parent == joint.child);
+        let paths = self.joints.iter().filter(is_leaf).map(|joint| self.path(&joint.child, by_child)).collect::<Result<Vec<_>, _>>()?;
+        let moving = |path: &Vec<usize>| -> Vec<usize> { path.iter().copied().filter(|i| self.joints[*i].joint.axis.is_some()).collect() };
+        let most = n_moving.or_else(|| paths.iter().map(|path| moving(path).len()).max()).filter(|n| *n > 0);
+        let Some(most) = most else { return Err(invalid("no_joints", "no joint of the URDF moves")) };
+        let candidates: Vec<&Vec<usize>> = paths.iter().filter(|path| moving(path).len() == most).collect();
+        let Some(longest) = candidates.iter().max_by_key(|path| path.len()) else {
+            let found: Vec<String> = paths.iter().map(|path| moving(path).len().to_string()).collect();
+            let detail = format!("no chain has {most} joints that move (there are chains with {}): name the tip link", found.join(", "));
+            return Err(invalid("no_chain", detail));
+        };
+        if candidates.iter().any(|path| moving(path) != moving(longest)) {
+            let ends: Vec<&str> = candidates.iter().filter_map(|path| path.last()).map(|i| self.joints[*i].child.as_str()).collect();
+            let detail = format!("several chains have {most} joints that move, ending at {}: name the tip link", ends.join(", "));
+            return Err(invalid("several_chains", detail));
+        }
+        Ok((*longest).clone())
+    }
+
+    /// The text with the origins of the moving joints of `old` as they are in `new`; nothing else of it changes.
+    pub fn with_origins(&self, old: &UrdfChain, new: &Chain) -> String {
+        let mut edits: Vec<(Range<usize>, String)> = Vec::new();
+        for (index, joint) in old.indices.iter().zip(&new.joints).filter(|(_, joint)| joint.axis.is_some()) {
+            let (place, origin) = (&self.joints[*index].place, origin_of(&joint.t_parent_joint));
+            let (xyz, rpy) = (xyz_text(&origin), rpy_text(&origin));
+            let at = place.insert_at..place.insert_at;
+            if !place.has_element {
+                edits.push((at, format!("<origin xyz=\"{xyz}\" rpy=\"{rpy}\"/>")));
+                continue;
+            }
+            for (name, range, value) in [("xyz", &place.xyz, xyz), ("rpy", &place.rpy, rpy)] {
+                edits.push(match range {
+                    Some(range) => (range.clone(), value),
+                    None => (at.clone(), format!(" {name}=\"{value}\"")),
+                });
+            }
+        }
+        // from the end, so that the places before stay right; of two at one place the first stays first
+        edits.reverse();
+        edits.sort_by_key(|(range, _)| std::cmp::Reverse(range.start));
+        let mut text = self.text.to_owned();
+        for (range, replacement) in edits {
+            text.replace_range(range, &replacement);
+        }
+        text
+    }
+}
+
+fn joint(text: &str, node: Node<'_, '_>) -> Result<UrdfJoint, Invalid> {
+    let name = node.attribute("name").unwrap_or_default().to_owned();
+    let wrong = |what: &str| {
+        let row = node.document().text_pos_at(node.range().start).row;
+        invalid("invalid_joint", format!("line {row}: joint {name:?} {what}"))
+    };
+    let child = |tag: &str| node.children().find(|child| child.has_tag_name(tag));
+    let link = |tag: &str| child(tag).and_then(|n| n.attribute("link")).map(str::to_owned).ok_or_else(|| wrong(&format!("has no {tag} link")));
+    let kind = node.attribute("type").unwrap_or_default().to_owned();
+    let origin = child("origin");
+    let three = |node: Option<Node<'_, '_>>, name: &str, default: [f64; 3]| match node.and_then(|n| n.attribute(name)) {
+        None => Ok(default),
+        Some(value) => three_numbers(value).ok_or_else(|| wrong(&format!("has {name}={value:?}, which is not three numbers; expand xacro first"))),
+    };
+    let xyz_m = three(origin, "xyz", [0.0; 3])?;
+    let rpy_rad = three(origin, "rpy", [0.0; 3])?;
+    let axis = Vector3::from(three(child("axis"), "xyz", [1.0, 0.0, 0.0])?);
+    let is_moving = kind != "fixed";
+    if is_moving && axis.norm() < 1e-6 {
+        return Err(wrong("has an axis of no length"));
+    }
+    if is_moving && child("mimic").is_some() {
+        return Err(wrong("mimics another: such couplings cannot be calibrated from a URDF"));
+    }
+    let limit = |name: &str| child("limit").and_then(|n| n.attribute(name)).and_then(|v| v.trim().parse::<f64>().ok());
+    let limits_rad = if kind == "revolute" { limit("lower").zip(limit("upper")).filter(|(low, high)| low < high) } else { None };
+    let chain_joint = ChainJoint {
+        name: name.clone(),
+        t_parent_joint: pose_of(&Origin { xyz_mm: xyz_m.map(|m| m * MM), rpy_rad }),
+        axis: is_moving.then(|| axis.normalize()),
+        limits_rad,
+    };
+    let value = |name: &str| origin.and_then(|n| n.attribute_node(name)).map(|attribute| attribute.range_value());
+    let insert_at = match origin {
+        Some(element) => element.range().start + "<origin".len(),
+        None => opening_tag_end(text, node),
+    };
+    let place = OriginPlace { xyz: value("xyz"), rpy: value("rpy"), insert_at, has_element: origin.is_some() };
+    Ok(UrdfJoint { parent: link("parent")?, child: link("child")?, name, kind, joint: chain_joint, place })
+}
+
+/// Behind the `>` of an element's opening tag: it has children, so the first of them begins there.
+fn opening_tag_end(text: &str, node: Node<'_, '_>) -> usize {
+    node.first_child().map_or_else(|| text.len(), |child| child.range().start)
+}
+
+fn three_numbers(text: &str) -> Option<[f64; 3]> {
+    let numbers = text.split_whitespace().map(|number| number.parse::<f64>().ok().filter(|n| n.is_finite()));
+    numbers.collect::<Option<Vec<f64>>>()?.try_into().ok()
+}
+
+/// Three numbers in metres, each with the digits that bring the same number back.
+pub fn xyz_text(origin: &Origin) -> String {
+    three_text(origin.xyz_mm.map(|mm| mm / MM))
+}
+
+/// Three angles in rad.
+pub fn rpy_text(origin: &Origin) -> String {
+    three_text(origin.rpy_rad)
+}
+
+fn three_text([a, b, c]: [f64; 3]) -> String {
+    // no negative zeros
+    format!("{} {} {}", a + 0.0, b + 0.0, c + 0.0)
+}
+
+/// Text for between tags and quotes.
+pub fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}

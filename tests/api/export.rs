@@ -1,0 +1,195 @@
+use crate::app::{Answer, TestApp, text};
+use crate::compensate::parameter_set;
+use reqwest::Method;
+use serde_json::{Value, json};
+
+/// 4 × 4, row by row.
+type Pose = [[f64; 4]; 4];
+
+fn times(a: &Pose, b: &Pose) -> Pose {
+    std::array::from_fn(|i| std::array::from_fn(|j| (0..4).map(|k| a[i][k] * b[k][j]).sum()))
+}
+
+fn turn(axis: usize, angle: f64) -> Pose {
+    let (s, c) = angle.sin_cos();
+    let (j, k) = ((axis + 1) % 3, (axis + 2) % 3);
+    let mut m: Pose = std::array::from_fn(|i| std::array::from_fn(|l| f64::from(u8::from(i == l))));
+    (m[j][j], m[j][k], m[k][j], m[k][k]) = (c, -s, s, c);
+    m
+}
+
+fn shift(xyz: [f64; 3]) -> Pose {
+    let mut m = turn(0, 0.0);
+    (0..3).for_each(|i| m[i][3] = xyz[i]);
+    m
+}
+
+fn product(parts: impl IntoIterator<Item = Pose>) -> Pose {
+    parts.into_iter().fold(turn(0, 0.0), |a, b| times(&a, &b))
+}
+
+/// The flange by the links of the parameter set as JSON: Rx·Dx·Ry·Rz·Dz.
+fn by_links(links: &Value, q_rad: &[f64]) -> Pose {
+    let link = |(link, q): (&Value, &f64)| {
+        let number = |name: &str| link[name].as_f64().unwrap();
+        product([
+            turn(0, number("alpha_deg").to_radians()),
+            shift([number("a_mm"), 0.0, 0.0]),
+            turn(1, number("beta_deg").to_radians()),
+            turn(2, q + number("theta_offset_deg").to_radians()),
+            shift([0.0, 0.0, number("d_mm")]),
+        ])
+    };
+    product(links.as_array().unwrap().iter().zip(q_rad).map(link))
+}
+
+fn origin(xyz_m: [f64; 3], rpy: [f64; 3]) -> Pose {
+    product([shift(xyz_m.map(|m| m * 1e3)), turn(2, rpy[2]), turn(1, rpy[1]), turn(0, rpy[0])])
+}
+
+#[track_caller]
+fn same(a: &Pose, b: &Pose) {
+    for i in 0..3 {
+        for j in 0..4 {
+            let limit = if j == 3 { 1e-9 } else { 1e-12 };
+            assert!((a[i][j] - b[i][j]).abs() < limit, "{i}{j}: {} {}", a[i][j], b[i][j]);
+        }
+    }
+}
+
+/// Seeded by hand.
+fn configurations() -> Vec<Vec<f64>> {
+    (0..20).map(|i| (0..6).map(|j| 3.0 * (f64::from(i * 6 + j) * 12.9898).sin()).collect()).collect()
+}
+
+fn between<'t>(text: &'t str, before: &str, after: &str) -> Vec<&'t str> {
+    text.split(before).skip(1).map(|part| part.split(after).next().unwrap()).collect()
+}
+
+fn three(text: &str) -> [f64; 3] {
+    let numbers: Vec<f64> = text.split_whitespace().map(|n| n.parse().unwrap()).collect();
+    numbers.try_into().unwrap()
+}
+
+/// The chain of a URDF of ours, by looking for quotation marks.
+fn by_urdf(text: &str, q_rad: &[f64]) -> Pose {
+    let joints = text.split("<joint ").skip(1).filter(|joint| !joint.contains("type=\"fixed\""));
+    let joint = |(joint, q): (&str, &f64)| {
+        let value = |name: &str| three(between(joint, &format!("{name}=\""), "\"")[0]);
+        let axis = three(between(joint.split("<axis").nth(1).unwrap(), "xyz=\"", "\"")[0]);
+        assert_eq!((axis[0], axis[1]), (0.0, 0.0));
+        product([origin(value("xyz"), value("rpy")), turn(2, axis[2] * q)])
+    };
+    product(joints.zip(q_rad).map(joint))
+}
+
+#[tokio::test]
+async fn every_format_has_the_identified_kinematics() {
+    let app = TestApp::with_workers(1).await;
+    let set = parameter_set(&app).await;
+    let links = app.get(&set).await.ok(200)["links"].clone();
+    let export = async |query: &str| app.get(&format!("{set}/export{query}")).await;
+    let json = export("").await;
+    assert_eq!(json.header("content-type"), Some("application/json"));
+    let (json, yaml) = (json.ok(200), export("?format=yaml").await);
+    let yaml: Value = yaml_serde::from_str(&yaml.text()).unwrap();
+    let csv = export("?format=csv").await.text();
+    let from_csv: Vec<Value> = csv
+        .lines()
+        .skip(1)
+        .map(|line| {
+            let cells: Vec<f64> = line.split(',').map(|cell| cell.parse().unwrap()).collect();
+            json!({"a_mm": cells[1], "alpha_deg": cells[2], "d_mm": cells[3], "theta_offset_deg": cells[4], "beta_deg": cells[5]})
+        })
+        .collect();
+    let urdf = export("?format=urdf").await;
+    assert_eq!(urdf.header("content-type"), Some("application/xml"));
+    assert!(urdf.header("content-disposition").unwrap().ends_with(".urdf\""));
+    let urdf = urdf.text();
+    let ur: Value = yaml_serde::from_str(&export("?format=ur_kinematics").await.text()).unwrap();
+    let frames = ["shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3"];
+    for q in configurations() {
+        let meant = by_links(&links, &q);
+        same(&meant, &by_links(&json["links"], &q));
+        same(&meant, &by_links(&yaml["links"], &q));
+        same(&meant, &by_links(&json!(from_csv), &q));
+        same(&meant, &by_urdf(&urdf, &q));
+        let by_ur = frames.iter().zip(&q).map(|(frame, q)| {
+            let value = |name: &str| ur["kinematics"][*frame][name].as_f64().unwrap();
+            let pose = origin([value("x"), value("y"), value("z")], [value("roll"), value("pitch"), value("yaw")]);
+            times(&pose, &turn(2, *q))
+        });
+        same(&meant, &product(by_ur));
+    }
+    assert_eq!(json["robot"]["name"], "ER20-C10");
+    let mastering = export("?format=mastering").await;
+    assert!(mastering.header("kincal-remaining-error-mm").unwrap().starts_with("mean="));
+    let mastering = mastering.ok(200);
+    assert_eq!(mastering["joints"].as_array().unwrap().len(), 6);
+    assert!(mastering["remaining_error_mm"]["mean"].as_f64().unwrap() > 0.0);
+    let refitted = export("?beta=refit").await;
+    assert!(refitted.header("kincal-remaining-error-mm").is_some());
+    assert!(refitted.ok(200)["links"].as_array().unwrap().iter().all(|link| link["beta_deg"] == 0.0));
+    export("?format=pdf").await.problem(400, "invalid_query");
+}
+
+#[tokio::test]
+async fn a_users_urdf_is_patched_and_a_wrong_one_refused() {
+    let app = TestApp::with_workers(1).await;
+    let set = parameter_set(&app).await;
+    let links = app.get(&set).await.ok(200)["links"].clone();
+    // the nominal robot as the service itself describes it, with a remark and a mesh of the user's
+    let robot = String::from_utf8(crate::app::paper("robot.json")).unwrap();
+    let table = serde_json::from_str::<Value>(&robot).unwrap()["links"].clone();
+    let mut own = String::from("<robot name='mine'><!-- keep me -->\n<link name='base_link'/>");
+    for (i, link) in table.as_array().unwrap().iter().enumerate() {
+        let number = |name: &str| link[name].as_f64().unwrap();
+        let (a, alpha, d) = (number("a_mm") / 1e3, number("alpha_deg").to_radians(), number("d_mm") / 1e3);
+        // Rx(alpha)·Dx(a)·Dz(d): d stands along the turned z
+        let xyz = format!("{a} {} {}", -alpha.sin() * d, alpha.cos() * d);
+        own += &format!(
+            "<link name='link_{}'><visual><origin xyz='9 9 9'/></visual></link>\n<joint name='j{i}' type='continuous'><parent link='{}'/><child link='link_{}'/><origin xyz=\"{xyz}\" rpy=\"{alpha} 0 0\"/><axis xyz=\"0 0 1\"/></joint>\n",
+            i + 1,
+            if i == 0 { "base_link".into() } else { format!("link_{i}") },
+            i + 1
+        );
+    }
+    own += "</robot>";
+    let patch = async |text: String| Answer::of(app.request(Method::POST, &format!("{set}/export?format=urdf")).header("content-type", "application/xml").body(text)).await;
+    let answer = patch(own.clone()).await;
+    assert_eq!(answer.status, 200, "{}", answer.text());
+    let patched = answer.text();
+    for q in configurations() {
+        same(&by_links(&links, &q), &by_urdf(&patched, &q));
+    }
+    let skeleton = |text: &str| text.split("<origin xyz=\"").map(|part| part.split_once("/><axis").map_or(part, |(_, rest)| rest).to_owned()).collect::<Vec<_>>();
+    assert_eq!(skeleton(&own), skeleton(&patched));
+    let problem = patch(own.replace("0.78227", "0.9")).await.problem(422, "urdf_mismatch");
+    assert!(text(&problem["detail"]).contains("j"), "{problem}");
+    patch("<robot".into()).await.problem(422, "not_xml");
+    let wrong = Answer::of(app.request(Method::POST, &format!("{set}/export?format=csv")).body(own)).await;
+    wrong.problem(400, "invalid_query");
+}
+
+#[tokio::test]
+async fn robots_are_imported_from_urdf_and_tables() {
+    let app = TestApp::spawn().await;
+    let import = async |query: &str, body: &str| {
+        Answer::of(app.request(Method::POST, &format!("/v1/robot-imports?{query}")).header("content-type", "text/csv").body(body.to_owned())).await
+    };
+    let distal = "theta_offset_deg,d_mm,a_mm,alpha_deg\n0,504,166.605,-90\n0,0,782.27,0\n0,0,138.826,-90\n0,761.35,0,90\n0,0,0,-90\n0,125,0,0\n";
+    let answer = import("format=dh&name=mine", distal).await.ok(200);
+    assert_eq!(answer["robot"]["name"], "mine");
+    // the paper's robot is the same table in Craig's convention
+    let paper: Value = serde_json::from_slice(&crate::app::paper("robot.json")).unwrap();
+    for (a, b) in answer["robot"]["links"].as_array().unwrap().iter().zip(paper["links"].as_array().unwrap()) {
+        for name in ["a_mm", "alpha_deg", "d_mm", "theta_offset_deg"] {
+            assert!((a[name].as_f64().unwrap() - b[name].as_f64().unwrap()).abs() < 1e-12, "{a} {b}");
+        }
+    }
+    app.post_json("/v1/robots", &answer["robot"]).await.ok(201);
+    let problem = import("format=mdh", "a_mm,alpha_deg,d_mm,theta_offset_deg\n1,2,3,4\n1,x,3,4\n").await.problem(422, "invalid_table");
+    assert_eq!((&problem["errors"][0]["row"], &problem["errors"][0]["column"]), (&json!(1), &json!("alpha_deg")));
+    import("format=mdh", "a,alpha_deg,d_mm,theta_offset_deg\n1,2,3,4\n").await.problem(422, "invalid_table");
+    import("format=urdf", "<robot/>").await.problem(422, "no_joints");
+}

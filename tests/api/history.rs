@@ -1,0 +1,38 @@
+use crate::app::{TestApp, text};
+use serde_json::json;
+
+#[tokio::test]
+async fn history_tells_what_moved_and_comparison_where_the_tool_did() {
+    let app = TestApp::with_workers(1).await;
+    let (robot, first) = app.identified().await;
+    let set = app.upload(&robot, "followup_collision.csv").await;
+    let second = app.run(&robot, &json!({"measurement_set_id": set, "method": "least_squares"})).await;
+    let ids = [text(&first["parameter_set_id"]), text(&second["parameter_set_id"])];
+    let history = app.get(&format!("{robot}/history")).await.ok(200);
+    let items = history["items"].as_array().unwrap();
+    assert_eq!(items.iter().map(|item| text(&item["parameter_set_id"])).collect::<Vec<_>>(), [ids[1], ids[0]]);
+    assert_eq!(items[1]["changed"], json!([]));
+    let changed = items[0]["changed"].as_array().unwrap();
+    assert!(!changed.is_empty() && changed.iter().all(|c| c["sigmas"].as_f64().unwrap() > 1.0), "{changed:?}");
+    assert_eq!(items[0]["parameters"].as_array().unwrap().len(), 24);
+    assert!(items[0]["verify_rms_mm"].as_f64().unwrap() < 0.1);
+    assert_eq!(history["trend"]["rms_mm_per_day"], json!(null));
+    assert!(text(&history["trend"]["detail"]).starts_with("not enough data"));
+    let page = app.get(&format!("{robot}/history?limit=1")).await.ok(200);
+    let next = app.get(&format!("{robot}/history?limit=1&cursor={}", text(&page["next_cursor"]))).await.ok(200);
+    assert_eq!(next["items"][0]["parameter_set_id"], ids[0]);
+
+    let compare = async |with: &str| app.get(&format!("/v1/parameter-sets/{}/compare?with={with}", ids[1])).await;
+    let differences = compare(ids[0]).await.ok(200);
+    assert_eq!(differences["map"].as_array().unwrap().len(), 200);
+    let length = |point: &serde_json::Value| {
+        point["difference_mm"].as_array().unwrap().iter().map(|v| v.as_f64().unwrap().powi(2)).sum::<f64>().sqrt()
+    };
+    let lengths: Vec<f64> = differences["map"].as_array().unwrap().iter().map(length).collect();
+    assert!((differences["mean_mm"].as_f64().unwrap() - lengths.iter().sum::<f64>() / 200.0).abs() < 1e-9);
+    assert!(differences["max_mm"].as_f64().unwrap() > 0.1);
+    assert!(differences["sessions"]["probability"].as_f64().unwrap() < 1e-3, "{}", differences["sessions"]);
+    let itself = compare(ids[1]).await.ok(200);
+    assert_eq!((&itself["max_mm"], &itself["sessions"]), (&json!(0.0), &json!(null)));
+    compare("par_1").await.problem(422, "unknown_reference");
+}

@@ -1,0 +1,79 @@
+//! The commands that read other people's files and write them.
+
+use crate::app::TestApp;
+use crate::compensate::parameter_set;
+use std::path::Path;
+use std::process::{Command, Output};
+
+fn kincal(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_kincal")).args(arguments).output().unwrap()
+}
+
+fn paper_path(name: &str) -> String {
+    format!("{}/data/paper/{name}", env!("CARGO_MANIFEST_DIR"))
+}
+
+fn path(folder: &Path, name: &str, text: &str) -> String {
+    let path = folder.join(name);
+    std::fs::write(&path, text).unwrap();
+    path.to_str().unwrap().into()
+}
+
+#[test]
+fn a_program_is_corrected_by_a_file_and_by_a_server_alike() {
+    // the command runs its own runtime: it must not stand on this test's
+    let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build().unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let (app, set, document) = runtime.block_on(async {
+        let app = TestApp::with_workers(1).await;
+        let set = parameter_set(&app).await;
+        let document = app.get(&format!("{set}/export")).await.text();
+        (app, set, document)
+    });
+    let parameters = path(folder.path(), "parameters.json", &document);
+    let text = "speed,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,comment\nv100,10,-30,20,15,40,5,\"first, slow\"\nv200,-60,-50,35,-20,-50,100,ünïcode\n";
+    let program = path(folder.path(), "program.csv", text);
+    let by_file = kincal(&["compensate", &parameters, &program]);
+    assert!(by_file.status.success(), "{}", String::from_utf8_lossy(&by_file.stderr));
+    assert!(String::from_utf8_lossy(&by_file.stderr).contains("taught_targets"));
+    let id = set.rsplit('/').next().unwrap();
+    let by_server = kincal(&["compensate", "--server", &app.server.url(), "--parameters", id, &program]);
+    assert_eq!(String::from_utf8_lossy(&by_server.stdout), String::from_utf8_lossy(&by_file.stdout), "{}", String::from_utf8_lossy(&by_server.stderr));
+    let out = String::from_utf8(by_file.stdout).unwrap();
+    let cells = |text: &str| -> Vec<Vec<String>> {
+        let mut reader = csv::ReaderBuilder::new().has_headers(false).from_reader(text.as_bytes());
+        reader.records().map(|record| record.unwrap().iter().map(str::to_owned).collect()).collect()
+    };
+    let (before, after) = (cells(text), cells(&out));
+    assert_eq!(before[0], after[0]);
+    for (before, after) in before.iter().zip(&after).skip(1) {
+        assert_eq!((&before[0], &before[7]), (&after[0], &after[7]));
+        for column in 1..7 {
+            let change = after[column].parse::<f64>().unwrap() - before[column].parse::<f64>().unwrap();
+            assert!(change.abs() < 3.0 && (column == 6 || change != 0.0), "{column}: {change}");
+        }
+    }
+    let wrong = path(folder.path(), "wrong.csv", "q1_deg,q2_deg\n1,x\n");
+    let output = kincal(&["compensate", &parameters, &wrong]);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("row 0, column q2_deg"), "{}", String::from_utf8_lossy(&output.stderr));
+    runtime.block_on(app.server.shutdown());
+}
+
+#[test]
+fn an_imported_robot_can_be_planned_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let table = "a_mm,alpha_deg,d_mm,theta_offset_deg,min_deg,max_deg\n0,0,504,0,-170,170\n166.605,-90,0,0,-80,80\n782.27,0,0,0,-90,90\n138.826,-90,761.35,0,-180,180\n0,90,0,0,-115,115\n0,-90,125,0,-300,300\n";
+    let table = path(folder.path(), "table.csv", table);
+    let imported = kincal(&["import", &table, "--name", "mine"]);
+    assert!(imported.status.success(), "{}", String::from_utf8_lossy(&imported.stderr));
+    let robot = path(folder.path(), "robot.json", &String::from_utf8(imported.stdout).unwrap());
+    let plan = kincal(&["plan", &robot, "-n", "12", "--measured", &paper_path("first.csv"), "--frame", "base"]);
+    assert!(plan.status.success(), "{}", String::from_utf8_lossy(&plan.stderr));
+    let text = String::from_utf8(plan.stdout).unwrap();
+    assert_eq!(text.lines().next(), Some("configuration,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg"));
+    assert_eq!(text.lines().count(), 13);
+    assert!(text.lines().last().unwrap().starts_with("2,"), "the last repeats the second: {text}");
+    let output = kincal(&["import", &robot]);
+    assert_eq!(output.status.code(), Some(2), "a robot file is no table");
+}
