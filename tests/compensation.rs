@@ -2,6 +2,8 @@
 
 #[path = "support/data.rs"]
 mod data;
+#[path = "support/real_robot.rs"]
+mod real_robot;
 #[path = "support/simulation.rs"]
 mod simulation;
 
@@ -9,8 +11,9 @@ use data::paper_robot;
 use kincal::calibration::{CalibrationRequest, calibrate};
 use kincal::compensation::{Compensation, Corrected, Mode, Status, Tool, anchor};
 use kincal::identification::KinematicModel;
+use kincal::identification::corrected::{CorrectedModel, IdentifiedRobot};
 use kincal::identification::parameters::rotation_exp;
-use kincal::kinematics::{JointMap, Link, Robot};
+use kincal::kinematics::{Corrections, Harmonic, JointMap, Link, MeasuredRegion, Mounting, Robot};
 use kincal::measurement::{Frame, MeasurementSet};
 use nalgebra::{DMatrix, DVector, IsometryMatrix3, Matrix4, Point3, Rotation3, Translation3, Vector3};
 use simulation::{Campaign, Normal, limited, measure, poses, true_robot};
@@ -288,4 +291,53 @@ fn the_controllers_joint_values_are_corrected() {
     let found = naive_flange(&truth.links, &model(&corrected.q_controller_rad)) * matrix(&tcp());
     let (mm, rad) = apart(&wanted, &found);
     assert!(mm < 1e-8 && rad < 1e-10, "{mm} {rad}");
+}
+
+#[test]
+fn sag_and_eccentric_joints_are_corrected_and_fade_into_the_links_alone() {
+    let (nominal, truth) = robot_with_errors(31);
+    let real = real_robot::RealRobot {
+        links: truth.links.iter().map(|l| [l.a_mm, l.alpha_rad, l.d_mm, l.theta_offset_rad, l.beta_rad]).collect(),
+        give_rad: vec![0.0, 4e-4, 5e-4, 0.0, 0.0, 0.0],
+        masses: vec![0.0, 0.0, 1.0, 0.0, 1.0, 0.5],
+        eccentric_rad: vec![[0.0; 4], [8e-5, -5e-5, 4e-5, 0.0], [-6e-5, 7e-5, 0.0, 3e-5], [1e-4, 0.0, 0.0, 0.0], [0.0; 4], [0.0; 4]],
+        target_mm: truth.targets_mm[0].into(),
+        t_instrument_base: real_robot::shift([0.0; 3]),
+    };
+    let mounting = Mounting { gravity_in_base: -Vector3::z(), std_rad: 0.03 };
+    let mut corrections = Corrections::none(6, &mounting);
+    corrections.compliance.masses = real.masses.clone();
+    for (joint, give) in real.give_rad.iter().enumerate() {
+        corrections.compliance.joints_rad[joint].z = *give;
+        let [s, c, s2, c2] = real.eccentric_rad[joint];
+        corrections.harmonics[joint] = vec![Harmonic { sin_rad: s, cos_rad: c }, Harmonic { sin_rad: s2, cos_rad: c2 }];
+    }
+    let measured = poses(200, &mut Normal::new(32));
+    let region = MeasuredRegion::of(measured.iter().map(Vec::as_slice), 6);
+    let model = KinematicModel { t_instrument_base: IsometryMatrix3::identity(), ..truth.clone() };
+    let identified = IdentifiedRobot { plain: model.clone(), corrected: Some(CorrectedModel { model, corrections, region }) };
+    let compensation = Compensation::of(&nominal, &identified);
+    let missed = |q: &[f64], corrected: &Corrected| {
+        let wanted = naive_flange(&nominal.links, q) * truth.targets_mm[0].push(1.0);
+        let at = |q: &[f64]| (Vector3::from(real.in_base(q)) - wanted.fixed_rows::<3>(0)).norm();
+        (at(q), at(&corrected.q_controller_rad))
+    };
+    let (mut before, mut n) = (0.0f64, 0);
+    for q in measured.iter().filter(|q| q[4].sin().abs() > 0.1) {
+        for mode in [Mode::Pose, Mode::Position] {
+            let corrected = compensation.correct(q, &Tool::Target(identified.target_mm(0)), mode);
+            let (mm_before, mm_after) = missed(q, &corrected);
+            assert_eq!(corrected.status, Status::Ok);
+            assert!(mm_after < 1e-6, "{mode:?} {q:?}: {mm_after}");
+            (before, n) = (before + mm_before * mm_before, n + 1);
+        }
+    }
+    let before = (before / f64::from(n)).sqrt();
+    println!("missed by {before:.2} mm rms before");
+    assert!(before > 1.0);
+    // far from what was measured the links alone speak
+    let far = [0.0, 2.6, -2.4, 0.3, 0.8, 0.0];
+    let alone = Compensation::new(&nominal, &truth.links).correct(&far, &Tool::Target(truth.targets_mm[0]), Mode::Pose);
+    let faded = compensation.correct(&far, &Tool::Target(truth.targets_mm[0]), Mode::Pose);
+    assert!(identified.is_extrapolated(&far) && largest_difference(&alone, &faded) < 1e-9);
 }
