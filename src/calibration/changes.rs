@@ -81,7 +81,7 @@ pub fn changes(request: &CalibrationRequest, monitor: &mut Monitor<'_>) -> Resul
 }
 
 /// What a session says of its own, from all its points.
-fn estimate(request: &CalibrationRequest, monitor: &mut Monitor<'_>) -> Result<Option<Estimate>, Error> {
+pub fn estimate(request: &CalibrationRequest, monitor: &mut Monitor<'_>) -> Result<Option<Estimate>, Error> {
     let observed = observe(request).map(|mut observed| {
         observed.subsets.fill(Subset::Identify);
         observed

@@ -114,7 +114,8 @@ pub fn calibrate(request: &CalibrationRequest, monitor: &mut Monitor<'_>) -> Res
 }
 
 impl<'a> Problem<'a> {
-    fn new(request: &'a CalibrationRequest) -> Result<Self, Error> {
+    /// The problem of a request.
+    pub fn new(request: &'a CalibrationRequest) -> Result<Self, Error> {
         Self::of(request, observe(request)?)
     }
 

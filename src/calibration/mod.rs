@@ -8,6 +8,7 @@ mod corrections;
 mod identify;
 mod observe;
 mod outcome;
+pub mod partial;
 mod plausibility;
 mod remarks;
 pub mod report;

@@ -1,6 +1,7 @@
 //! From a job's stored inputs to `calibration::calibrate` and back: the same inputs give the same outcome on any worker,
 //! but for the durations.
 
+use crate::calibration::partial::{Held, calibrate_partially};
 use crate::calibration::request::{PreviousSession, VerifySource};
 use crate::calibration::{self, CalibrationReport, CalibrationRequest, Event, calibrate};
 use crate::jobs::{JobFailure, JobInputs, JobOutcome, MeasurementSetInput, ParameterSetInput, Progress};
@@ -33,7 +34,10 @@ pub fn compute(inputs: &JobInputs, progress: &mut dyn FnMut(Progress) -> Control
     if body.kind == Kind::Verify {
         return verified(&request, inputs, progress);
     }
-    let calibrated = calibrated(&request, progress)?;
+    let calibrated = match held_of(&body, &request, inputs)? {
+        Some(held) => timed(&|monitor| calibrate_partially(&request, &held, monitor), progress)?,
+        None => calibrated(&request, progress)?,
+    };
     // the same points uploaded again are the same session
     let another = matches!(&request.verify, VerifySource::Set(set) if is_anew(&request.set, set));
     let report = calibrated.report(&inputs.job.id, another).map_err(broken)?;
@@ -48,6 +52,18 @@ pub fn compute(inputs: &JobInputs, progress: &mut dyn FnMut(Progress) -> Control
         network: calibrated.network.map(new_network).transpose()?,
         result_sha256: report.result_sha256,
     })
+}
+
+/// The identification that a partial recalibration holds what it does not name at.
+fn held_of(body: &JobRequestBody, request: &CalibrationRequest, inputs: &JobInputs) -> Result<Option<Held>, JobFailure> {
+    if !body.holds_parameter_set() {
+        return Ok(None);
+    }
+    let (Some(input), Some(session)) = (&inputs.parameter_set, &request.previous) else {
+        return Err(broken("a partial recalibration without its parameter set"));
+    };
+    let content: ParameterSetContent = serde_json::from_str(&input.row.body_json).map_err(broken)?;
+    Ok(Some(Held { links: content.links_to_core(), session: session.clone() }))
 }
 
 /// Scores a parameter set, or the nominal robot; identifies nothing.

@@ -142,9 +142,22 @@ pub struct ParametersBody {
     /// The only names to identify, e.g. `theta_offset_3`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub identify: Option<Vec<String>>,
+    /// What all others stay at, with `identify`; default: nominal.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rest: Option<Rest>,
     /// What is known beforehand (not built yet).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub priors: Option<Vec<Prior>>,
+}
+
+/// What parameters stay at that are not identified.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Rest {
+    /// Their nominal values.
+    Nominal,
+    /// Those of `parameter_set_id`, with their uncertainty: partial recalibration, as after a collision.
+    ParameterSet,
 }
 
 /// What is known of a parameter beforehand.
@@ -244,6 +257,10 @@ impl JobRequestBody {
         if !(-MAX_PRIORITY..=MAX_PRIORITY).contains(&self.priority) {
             checker.note("/priority", "out_of_range", format!("{} is outside ±{MAX_PRIORITY}", self.priority));
         }
+        if self.holds_parameter_set() && self.parameter_set_id.is_none() {
+            let detail = "the rest is held at the values of a parameter set: name it in parameter_set_id";
+            checker.note("/parameters/rest", "parameter_set_missing", detail);
+        }
         checker.finish("invalid_job")?;
         self.check_applicable()?;
         let mut missing = Checker::default();
@@ -280,6 +297,11 @@ impl JobRequestBody {
             checker.note("/verify/measurement_set_id", "same_set", detail);
         }
         checker.finish("invalid_job")
+    }
+
+    /// True for a partial recalibration.
+    pub fn holds_parameter_set(&self) -> bool {
+        self.kind == Kind::Identify && self.parameters.as_ref().is_some_and(|p| p.rest == Some(Rest::ParameterSet))
     }
 
     /// The model that is identified from a set in this frame: the one asked for, else the default.
@@ -323,6 +345,9 @@ impl ParametersBody {
     fn check(&self, checker: &mut Checker) {
         if self.hold.is_some() && self.identify.is_some() {
             checker.note("/parameters", "hold_and_identify", "give either hold or identify, not both");
+        }
+        if self.rest == Some(Rest::ParameterSet) && self.identify.is_none() {
+            checker.note("/parameters/rest", "identify_missing", "name what is identified anew in identify; the rest is held");
         }
         for (at, names) in [("hold", &self.hold), ("identify", &self.identify)] {
             let names = names.as_deref().unwrap_or_default();

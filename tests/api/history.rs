@@ -57,3 +57,40 @@ fn a_trend_is_a_line_with_its_interval_or_says_what_is_missing() {
     let over: Vec<Scored> = scored.iter().map(|s| Scored { rms_mm: s.rms_mm + 0.1, ..*s }).collect();
     assert!(Trend::of(&over, Some(0.2)).detail.contains("calibrate now"));
 }
+
+#[tokio::test]
+async fn after_a_collision_only_what_is_named_is_identified_anew() {
+    let app = TestApp::with_workers(1).await;
+    let (robot, first) = app.identified().await;
+    let set = app.upload(&robot, "followup_collision.csv").await;
+    let named = ["theta_offset_2", "theta_offset_3", "a_3"];
+    let partial = |rest: &str, id: Option<&str>| {
+        let mut request = json!({"measurement_set_id": set, "method": "least_squares", "parameters": {"identify": named, "rest": rest}});
+        if let Some(id) = id {
+            request["parameter_set_id"] = json!(id);
+        }
+        request
+    };
+    let refused = app.post_json(&format!("{robot}/jobs"), &partial("parameter_set", None)).await.problem(422, "invalid_job");
+    assert_eq!(refused["errors"][0]["pointer"], "/parameters/rest");
+    let before = text(&first["parameter_set_id"]);
+    let job = app.run(&robot, &partial("parameter_set", Some(before))).await;
+    assert_eq!(job["status"], "succeeded", "{job}");
+    let links = async |id: &str| app.get(&format!("/v1/parameter-sets/{id}")).await.ok(200)["links"].clone();
+    let (old, new) = (links(before).await, links(text(&job["parameter_set_id"])).await);
+    for (i, (old, new)) in old.as_array().unwrap().iter().zip(new.as_array().unwrap()).enumerate() {
+        for name in ["a_mm", "alpha_deg", "d_mm", "theta_offset_deg", "beta_deg"] {
+            let is_named = (i == 1 || i == 2) && name == "theta_offset_deg" || i == 2 && name == "a_mm";
+            let change = (old[name].as_f64().unwrap() - new[name].as_f64().unwrap()).abs();
+            assert!(is_named || change < 1e-12, "{name}_{}: {change}", i + 1);
+        }
+    }
+    let report = app.get(&format!("/v1/jobs/{}/report", text(&job["id"]))).await.ok(200);
+    let parameters = report["parameters"].as_array().unwrap();
+    assert_eq!(parameters.iter().map(|p| text(&p["name"])).collect::<Vec<_>>().len(), 3);
+    assert!(parameters.iter().all(|p| p["std_uncertainty"].is_number()), "{parameters:?}");
+    let nominal = app.run(&robot, &partial("nominal", None)).await;
+    let from_nominal = app.get(&format!("/v1/jobs/{}/report", text(&nominal["id"]))).await.ok(200);
+    let rms = |report: &serde_json::Value| report["verify"]["after"]["rms_mm"].as_f64().unwrap();
+    assert!(rms(&report) < rms(&from_nominal), "{} {}", rms(&report), rms(&from_nominal));
+}
