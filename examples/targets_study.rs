@@ -77,7 +77,11 @@ fn plans() {
             let plan = plan(&request).expect("room enough");
             let seconds = since.elapsed().as_secs_f64();
             let (planned, random) = (plan.predicted.mean_mm, plan.predicted_random.mean_mm);
-            println!("{name:10} {n:3}  {planned:10.4}  {random:9.4}  {:.2}  {:10.4}  {seconds:.2}", random / planned, plan.observability_index_o1);
+            println!(
+                "{name:10} {n:3}  {planned:10.4}  {random:9.4}  {:.2}  {:10.4}  {seconds:.2}",
+                random / planned,
+                plan.observability_index_o1
+            );
             gains.push((n, random / planned));
         }
     }

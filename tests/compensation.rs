@@ -34,7 +34,11 @@ fn naive_flange(links: &[Link], q_rad: &[f64]) -> Matrix4<f64> {
         m
     };
     links.iter().zip(q_rad).fold(Matrix4::identity(), |t, (link, q)| {
-        t * turn(0, link.alpha_rad) * shift(0, link.a_mm) * turn(1, link.beta_rad) * turn(2, q + link.theta_offset_rad) * shift(2, link.d_mm)
+        t * turn(0, link.alpha_rad)
+            * shift(0, link.a_mm)
+            * turn(1, link.beta_rad)
+            * turn(2, q + link.theta_offset_rad)
+            * shift(2, link.d_mm)
     })
 }
 
@@ -48,13 +52,8 @@ fn apart(a: &Matrix4<f64>, b: &Matrix4<f64>) -> (f64, f64) {
     let cosine = (between.fixed_view::<3, 3>(0, 0).trace() - 1.0) / 2.0;
     let translation = (a.column(3) - b.column(3)).norm();
     // arc cosine is blind below 1e-8: the antisymmetric part sees small turns
-    let sine = Vector3::new(
-        between[(2, 1)] - between[(1, 2)],
-        between[(0, 2)] - between[(2, 0)],
-        between[(1, 0)] - between[(0, 1)],
-    )
-    .norm()
-        / 2.0;
+    let sine =
+        Vector3::new(between[(2, 1)] - between[(1, 2)], between[(0, 2)] - between[(2, 0)], between[(1, 0)] - between[(0, 1)]).norm() / 2.0;
     (translation, sine.atan2(cosine))
 }
 
@@ -137,10 +136,7 @@ fn base_against_instrument(noise_mm: f64) -> f64 {
     let away_from_singularities = |q: &Vec<f64>| q[4].sin().abs() > 0.2;
     let compared = poses(100, &mut Normal::new(24)).into_iter().filter(away_from_singularities);
     let difference = |q: Vec<f64>| {
-        largest_difference(
-            &one.correct(&q, &Tool::Target(a.1), Mode::Pose),
-            &two.correct(&q, &Tool::Target(b.1), Mode::Pose),
-        )
+        largest_difference(&one.correct(&q, &Tool::Target(a.1), Mode::Pose), &two.correct(&q, &Tool::Target(b.1), Mode::Pose))
     };
     compared.map(difference).fold(0.0, f64::max)
 }
@@ -179,8 +175,7 @@ fn the_papers_model_in_the_base_frame_agrees_on_positions() {
     let (one, two) = (Compensation::new(&nominal, &a.0), Compensation::new(&nominal, &b.0));
     let mut worst = 0.0f64;
     for q in poses(60, &mut Normal::new(34)) {
-        let (a, b) =
-            (one.correct(&q, &Tool::Target(a.1), Mode::Position), two.correct(&q, &Tool::Target(b.1), Mode::Position));
+        let (a, b) = (one.correct(&q, &Tool::Target(a.1), Mode::Position), two.correct(&q, &Tool::Target(b.1), Mode::Position));
         worst = worst.max(largest_difference(&a, &b));
     }
     println!("largest difference of a joint: {:.2e}°", worst.to_degrees());
@@ -236,8 +231,11 @@ fn near_a_wrist_singularity_the_joints_do_not_jump() {
         }
         last = Some(change);
     }
-    println!("{n_damped} of 801 damped, largest change {:.2}°, largest step between neighbours 0.0115° apart {:.3}°",
-        largest.to_degrees(), largest_step.to_degrees());
+    println!(
+        "{n_damped} of 801 damped, largest change {:.2}°, largest step between neighbours 0.0115° apart {:.3}°",
+        largest.to_degrees(),
+        largest_step.to_degrees()
+    );
     assert!(n_damped > 50 && n_damped < 700);
     assert!(largest.to_degrees() < 10.5 && largest_step.to_degrees() < 0.5);
 }

@@ -183,8 +183,15 @@ fn urdf_text(chain: &Chain, decimals: usize) -> String {
         let [x, y, z] = origin.xyz_mm.map(|mm| format!("{:.decimals$}", mm / 1e3));
         let [roll, pitch, yaw] = origin.rpy_rad.map(|rad| format!("{rad:.decimals$}"));
         let kind = if joint.axis.is_some() { "revolute" } else { "fixed" };
-        text += &format!("  <link name=\"l{}\"><visual><origin xyz=\"1 2 3\" rpy=\"0 0 0\"/><geometry><mesh filename='a.stl'/></geometry></visual></link>\n", i + 1);
-        text += &format!("  <joint type='{kind}'\n     name=\"{}\"><!-- axis {i} --><parent link='l{i}'/><child link=\"l{}\"/>\n", joint.name, i + 1);
+        text += &format!(
+            "  <link name=\"l{}\"><visual><origin xyz=\"1 2 3\" rpy=\"0 0 0\"/><geometry><mesh filename='a.stl'/></geometry></visual></link>\n",
+            i + 1
+        );
+        text += &format!(
+            "  <joint type='{kind}'\n     name=\"{}\"><!-- axis {i} --><parent link='l{i}'/><child link=\"l{}\"/>\n",
+            joint.name,
+            i + 1
+        );
         // in every second joint the attributes stand the other way round
         text += &if i % 2 == 0 {
             format!("    <origin  rpy = '{roll} {pitch} {yaw}'\txyz=\"{x}  {y} {z}\" />\n")
@@ -192,7 +199,10 @@ fn urdf_text(chain: &Chain, decimals: usize) -> String {
             format!("    <origin xyz=\"{x} {y} {z}\" rpy=\"{roll} {pitch} {yaw}\"/>\n")
         };
         if let Some(axis) = joint.axis {
-            text += &format!("    <axis xyz='{} {} {}'/>\n    <limit lower=\"-3\" upper=\"3\" effort='1' velocity='2'/>\n", axis.x, axis.y, axis.z);
+            text += &format!(
+                "    <axis xyz='{} {} {}'/>\n    <limit lower=\"-3\" upper=\"3\" effort='1' velocity='2'/>\n",
+                axis.x, axis.y, axis.z
+            );
         }
         text += "  </joint>\n";
     }
@@ -317,7 +327,9 @@ fn faults_of_a_urdf_are_named() {
     assert_eq!(code("<robot"), "not_xml");
     assert_eq!(code("<sdf/>"), "not_a_urdf");
     assert_eq!(code("<robot name='x'/>"), "no_joints");
-    let joint = |inside: &str, kind: &str| format!("<robot><joint name='j' type='{kind}'><parent link='a'/><child link='b'/>{inside}</joint></robot>");
+    let joint = |inside: &str, kind: &str| {
+        format!("<robot><joint name='j' type='{kind}'><parent link='a'/><child link='b'/>{inside}</joint></robot>")
+    };
     assert_eq!(code(&joint("<origin xyz='${d} 0 0'/>", "revolute")), "invalid_joint");
     assert_eq!(code(&joint("<axis xyz='0 0 0'/>", "revolute")), "invalid_joint");
     assert_eq!(code(&joint("", "prismatic")), "unsupported_joint");
@@ -335,8 +347,10 @@ fn an_origin_that_is_not_there_is_put_in() {
     let urdf = Urdf::parse(text.as_bytes()).unwrap();
     let old = urdf.chain(None, None).unwrap();
     let mut new = old.chain.clone();
-    new.joints[0].t_parent_joint = IsometryMatrix3::from_parts(Translation3::new(1.0, 0.0, 0.0), rotation_exp(&Vector3::new(0.0, 0.0, 0.5)));
-    new.joints[1].t_parent_joint = IsometryMatrix3::from_parts(Translation3::new(501.0, 0.0, 0.0), rotation_exp(&Vector3::new(0.0, 0.0, -0.25)));
+    new.joints[0].t_parent_joint =
+        IsometryMatrix3::from_parts(Translation3::new(1.0, 0.0, 0.0), rotation_exp(&Vector3::new(0.0, 0.0, 0.5)));
+    new.joints[1].t_parent_joint =
+        IsometryMatrix3::from_parts(Translation3::new(501.0, 0.0, 0.0), rotation_exp(&Vector3::new(0.0, 0.0, -0.25)));
     let patched = urdf.with_origins(&old, &new);
     let back = Urdf::parse(patched.as_bytes()).unwrap().chain(None, None).unwrap().chain;
     for (a, b) in new.joints.iter().zip(&back.joints) {
@@ -358,7 +372,13 @@ fn links_without_beta_are_no_worse_than_beta_left_out_and_say_how_far_they_are_o
     let off = |links: &[Link]| {
         let at = |q: &Vec<f64>| {
             let (a, b) = (t_base_flange(&identified, q), t_base_flange(links, q));
-            (0..3).map(|axis| ((a * nalgebra::Point3::from(Vector3::ith(axis, 100.0))) - (b * nalgebra::Point3::from(Vector3::ith(axis, 100.0)))).norm()).sum::<f64>() / 3.0
+            (0..3)
+                .map(|axis| {
+                    ((a * nalgebra::Point3::from(Vector3::ith(axis, 100.0))) - (b * nalgebra::Point3::from(Vector3::ith(axis, 100.0))))
+                        .norm()
+                })
+                .sum::<f64>()
+                / 3.0
         };
         let q: Vec<Vec<f64>> = {
             let mut random = Normal::new(9);

@@ -33,7 +33,8 @@ fn held(n: u64) -> (usize, usize) {
         let held = Held { links: before.links.clone(), session: PreviousSession { set: first, frames: None } };
         let report = calibrate_partially(&request, &held, &mut |_| ControlFlow::Continue(())).unwrap();
         for (i, (found, earlier)) in report.links.iter().zip(&before.links).enumerate() {
-            let same = (found.a_mm, found.alpha_rad, found.d_mm, found.beta_rad) == (earlier.a_mm, earlier.alpha_rad, earlier.d_mm, earlier.beta_rad);
+            let same = (found.a_mm, found.alpha_rad, found.d_mm, found.beta_rad)
+                == (earlier.a_mm, earlier.alpha_rad, earlier.d_mm, earlier.beta_rad);
             assert!(same && (i == 2 || found.theta_offset_rad == earlier.theta_offset_rad), "link {i} was to stay");
         }
         let outcome = report.parameters.iter().find(|p| p.name == "theta_offset_3").unwrap();

@@ -42,12 +42,8 @@ fn mean_std_mm(request: &PlanRequest<'_>, chosen: &[Vec<f64>]) -> f64 {
     let parameters = complete_parameters(&request.robot.links, 1);
     let model = model_of(request.robot, request.target_mm);
     let rows = |q: &[Vec<f64>]| {
-        let observation = |q: &Vec<f64>| Observation {
-            q_rad: request.robot.q_model_rad(q),
-            position_mm: Vector3::zeros(),
-            target: 0,
-            weight: 1.0,
-        };
+        let observation =
+            |q: &Vec<f64>| Observation { q_rad: request.robot.q_model_rad(q), position_mm: Vector3::zeros(), target: 0, weight: 1.0 };
         weighted_jacobian(&model, &parameters, &q.iter().map(observation).collect::<Vec<_>>(), &Vector3::zeros())
     };
     let measured = rows(chosen) / request.noise_std_mm;
@@ -77,7 +73,11 @@ fn a_plan_knows_the_tool_better_than_random_poses_and_says_how_well() {
     let planned = mean_std_mm(&request, &configurations(&plan));
     let random: Vec<f64> = (0..5).map(|k| mean_std_mm(&request, &poses(30, &mut Normal::new(50 + k)))).collect();
     let random_mean = random.iter().sum::<f64>() / 5.0;
-    println!("planned {planned:.4} mm (it says {:.4}), random {random_mean:.4} mm: {:.2} times", plan.predicted.mean_mm, random_mean / planned);
+    println!(
+        "planned {planned:.4} mm (it says {:.4}), random {random_mean:.4} mm: {:.2} times",
+        plan.predicted.mean_mm,
+        random_mean / planned
+    );
     assert!((plan.predicted.mean_mm / planned - 1.0).abs() < 0.1, "{} {planned}", plan.predicted.mean_mm);
     assert!(random_mean / planned > 1.2, "{random_mean} {planned}");
 }

@@ -52,9 +52,10 @@ pub fn calibrate_partially(request: &CalibrationRequest, held: &Held, monitor: &
         Some((parameters, uncertainty)) => state(&mut report, &problem, &parameters, uncertainty),
         None => report.warnings.push(Warning {
             code: "held_uncertainty_unknown",
-            detail: "how uncertain the parameters are that were held cannot be told from the session that they were identified from: stated \
+            detail:
+                "how uncertain the parameters are that were held cannot be told from the session that they were identified from: stated \
                      uncertainties count them as exact"
-                .into(),
+                    .into(),
             rows: vec![],
         }),
     }
@@ -69,7 +70,12 @@ fn model_of(report: &CalibrationReport) -> KinematicModel {
 
 /// Free and held parameters with the uncertainty of both: with δ_free = −E·J_held·δ_held, E the least-squares inverse of J_free along what
 /// the points see, each cause of an error of what is held also moves what is free.
-fn widened(problem: &Problem<'_>, report: &CalibrationReport, earlier: &Estimate, own: &Uncertainty) -> Option<(Vec<Parameter>, Uncertainty)> {
+fn widened(
+    problem: &Problem<'_>,
+    report: &CalibrationReport,
+    earlier: &Estimate,
+    own: &Uncertainty,
+) -> Option<(Vec<Parameter>, Uncertainty)> {
     let is_held = |i: &usize| earlier.parameters[*i].is_link() && !problem.parameters.contains(&earlier.parameters[*i]);
     let at: Vec<usize> = (0..earlier.parameters.len()).filter(is_held).collect();
     let held: Vec<Parameter> = at.iter().map(|i| earlier.parameters[*i]).collect();

@@ -43,7 +43,9 @@ struct Program {
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let Some(program) = arguments.files.last() else { return Err(Usage("PROGRAM.csv is missing".into()).into()) };
     let program = Program::parse(&read(program)?).map_err(|error| Usage(format!("{}: {error}", program.display())))?;
-    eprintln!("warning (taught_targets): targets that were taught by moving the robot there already hold its errors: correct only those that were programmed offline");
+    eprintln!(
+        "warning (taught_targets): targets that were taught by moving the robot there already hold its errors: correct only those that were programmed offline"
+    );
     let targets = program.q_deg()?;
     let mut statuses = Vec::new();
     let mut corrected = Vec::new();
@@ -86,7 +88,10 @@ fn correct(arguments: &Arguments, q_deg: &[Vec<f64>]) -> anyhow::Result<Compensa
                 Usage(format!("{}: {error}; GET /v1/parameter-sets/ID/export writes such a file", parameters.display()))
             })?;
             let robot = document.robot.to_core().map_err(|invalid| Usage(format!("{}: {}", parameters.display(), invalid.summary())))?;
-            document.content.check(robot.links.len()).map_err(|invalid| Usage(format!("{}: {}", parameters.display(), invalid.summary())))?;
+            document
+                .content
+                .check(robot.links.len())
+                .map_err(|invalid| Usage(format!("{}: {}", parameters.display(), invalid.summary())))?;
             Ok(body.run(&robot, &document.content).map_err(|invalid| Usage(invalid.summary()))?)
         }
         (Some(_), _) => Err(Usage("with --parameters only PROGRAM.csv is given".into()).into()),
@@ -102,7 +107,8 @@ impl Program {
         let header = records.next().ok_or("the file is empty")?.map(cells).map_err(|e| e.to_string())?;
         let rows = records.map(|record| record.map(cells)).collect::<Result<Vec<_>, _>>().map_err(|e| e.to_string())?;
         let place = |joint: usize| {
-            let named = |unit: &str| header.iter().position(|name| name.trim().trim_start_matches('\u{feff}') == format!("q{joint}_{unit}"));
+            let named =
+                |unit: &str| header.iter().position(|name| name.trim().trim_start_matches('\u{feff}') == format!("q{joint}_{unit}"));
             named("deg").map(|column| (column, false)).or_else(|| named("rad").map(|column| (column, true)))
         };
         let joints: Vec<(usize, bool)> = (1..).map_while(place).collect();

@@ -38,7 +38,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let name = arguments.name.as_deref().unwrap_or(&stem);
     let imported =
         import(&bytes, format, name, arguments.tip.as_deref()).map_err(|invalid| Usage(invalid_text(&arguments.file, &invalid)))?;
-    for (what, t) in [("base of the links in the description's root", imported.t_root_base), ("tip on the links' flange", imported.t_flange_tip)] {
+    for (what, t) in
+        [("base of the links in the description's root", imported.t_root_base), ("tip on the links' flange", imported.t_flange_tip)]
+    {
         if t != IDENTITY {
             eprintln!("note: the {what} is {}", serde_json::to_string(&t)?);
         }
@@ -48,5 +50,4 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     Ok(())
 }
 
-const IDENTITY: Transform =
-    Transform { rotation: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], translation_mm: [0.0, 0.0, 0.0] };
+const IDENTITY: Transform = Transform { rotation: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], translation_mm: [0.0, 0.0, 0.0] };

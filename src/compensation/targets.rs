@@ -304,4 +304,3 @@ fn damped_solution(jacobian: &Jacobian, wanted: &Vector6<f64>, n_directions: usi
     let n_free = eigen.eigenvalues.iter().filter(|e| **e > SINGULAR_MM * SINGULAR_MM).count();
     Some((jacobian.transpose() * (eigen.eigenvectors * scaled), n_free < n_directions))
 }
-

@@ -1,9 +1,9 @@
 //! A serial chain of joints, each with a frame of its own choice.
 
 use crate::exchange::origin::{Origin, origin_of};
-use crate::kinematics::rotation::rotation_exp;
 use crate::kinematics::Link;
 use crate::kinematics::forward::t_previous_link;
+use crate::kinematics::rotation::rotation_exp;
 use nalgebra::{IsometryMatrix3, Translation3, Vector3};
 
 /// One joint of a chain.

@@ -63,12 +63,7 @@ fn refit(robot: &Robot, start: Vec<Link>, parameters: &[Parameter], truth: &dyn 
     Refit { links: model.links, mean_mm, max_mm: missed.iter().fold(0.0, |m, e| m.max(*e)) }
 }
 
-fn observations(
-    robot: &Robot,
-    targets_mm: &[Vector3<f64>],
-    truth: &dyn Fn(&[f64]) -> IsometryMatrix3<f64>,
-    seed: u64,
-) -> Vec<Observation> {
+fn observations(robot: &Robot, targets_mm: &[Vector3<f64>], truth: &dyn Fn(&[f64]) -> IsometryMatrix3<f64>, seed: u64) -> Vec<Observation> {
     let at = |q_controller: Vec<f64>| {
         let q_rad = robot.q_model_rad(&q_controller);
         let flange = truth(&q_rad);

@@ -72,7 +72,9 @@ fn conventions(nominal: &Robot) -> Vec<Convention> {
     let n = nominal.links.len();
     let model = Convention { sign: vec![1.0; n], offset_rad: vec![0.0; n] };
     match &nominal.joint_map {
-        Some(map) if map.coupling.is_identity(0.0) => vec![Convention { sign: map.sign.clone(), offset_rad: map.offset_rad.clone() }, model],
+        Some(map) if map.coupling.is_identity(0.0) => {
+            vec![Convention { sign: map.sign.clone(), offset_rad: map.offset_rad.clone() }, model]
+        }
         _ => vec![model],
     }
 }

@@ -147,7 +147,8 @@ fn respond(id: &str, exported: Exported) -> Result<Response, Error> {
     let Exported { content_type, extension, text, remaining } = exported;
     let text_header = |value: String| HeaderValue::from_str(&value).map_err(|e| Error::Internal(e.to_string()));
     let name = text_header(format!("attachment; filename=\"{id}.{extension}\""))?;
-    let mut response = ([(header::CONTENT_TYPE, HeaderValue::from_static(content_type)), (header::CONTENT_DISPOSITION, name)], text).into_response();
+    let mut response =
+        ([(header::CONTENT_TYPE, HeaderValue::from_static(content_type)), (header::CONTENT_DISPOSITION, name)], text).into_response();
     if let Some(remaining) = remaining {
         response.headers_mut().insert(REMAINING_ERROR, text_header(format!("mean={}, max={}", remaining.mean, remaining.max))?);
     }

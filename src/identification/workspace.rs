@@ -48,7 +48,8 @@ pub fn tool_uncertainty(
 /// unknown, and no more than a turn where it is wider.
 pub fn random_configurations(robot: &Robot, n: usize, seed: u64) -> Vec<Vec<f64>> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
-    let ranges: Vec<(f64, f64)> = robot.joint_limits_rad.iter().map(|limits| limits.map_or((-FRAC_PI_2, FRAC_PI_2), within_a_turn)).collect();
+    let ranges: Vec<(f64, f64)> =
+        robot.joint_limits_rad.iter().map(|limits| limits.map_or((-FRAC_PI_2, FRAC_PI_2), within_a_turn)).collect();
     (0..n).map(|_| ranges.iter().map(|(low, high)| low + (high - low) * random.random::<f64>()).collect()).collect()
 }
 

@@ -134,7 +134,8 @@ impl Design {
         let gains = self.gains();
         let mut order: Vec<usize> = (0..self.members.len()).collect();
         order.sort_by(|a, b| gains[*b].total_cmp(&gains[*a]).then(a.cmp(b)));
-        let mut kept: Vec<usize> = order.into_iter().take(N_PROMISING).map(|at| self.members[at]).chain(self.chosen.iter().copied()).collect();
+        let mut kept: Vec<usize> =
+            order.into_iter().take(N_PROMISING).map(|at| self.members[at]).chain(self.chosen.iter().copied()).collect();
         kept.sort_unstable();
         kept.dedup();
         self.members = kept;

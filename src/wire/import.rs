@@ -74,7 +74,10 @@ pub fn import(bytes: &[u8], format: ImportFormat, name: &str, tip: Option<&str>)
         ImportFormat::Dh => {
             let Table { links: rows, limits_rad } = table(bytes)?;
             if let Some(row) = rows.iter().position(|row| row.beta_rad != 0.0) {
-                return Err(Invalid { code: "invalid_table", issues: vec![at(Some(row), "beta_deg", "unused", "a distal table has no beta")] });
+                return Err(Invalid {
+                    code: "invalid_table",
+                    issues: vec![at(Some(row), "beta_deg", "unused", "a distal table has no beta")],
+                });
             }
             answer(name, vec![], &links_of_distal(&rows), limits_rad, &|q| distal(&rows, q))
         }
@@ -122,8 +125,9 @@ fn answer(
     };
     let core = robot.to_core()?;
     let largest_difference_mm = largest_difference(&core, imported, described);
-    if !(largest_difference_mm <= SAME_MM) {
-        let detail = format!("links and description differ by {largest_difference_mm:.1e} mm: two neighbouring axes may be too near to each other");
+    if largest_difference_mm.is_nan() || largest_difference_mm > SAME_MM {
+        let detail =
+            format!("links and description differ by {largest_difference_mm:.1e} mm: two neighbouring axes may be too near to each other");
         return Err(Invalid::at("", "not_expressible", detail));
     }
     let (t_root_base, t_flange_tip) = (Transform::from_core(&imported.t_root_base), Transform::from_core(&imported.t_flange_tip));
@@ -149,7 +153,8 @@ fn largest_difference(robot: &Robot, imported: &ImportedLinks, described: &dyn F
 pub fn table(bytes: &[u8]) -> Result<Table, Invalid> {
     let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(bytes);
     let unreadable = |e: csv::Error| Invalid::at("", "unreadable_table", format!("the table is not CSV: {e}"));
-    let header: Vec<String> = reader.headers().map_err(unreadable)?.iter().map(|name| name.trim_start_matches('\u{feff}').to_owned()).collect();
+    let header: Vec<String> =
+        reader.headers().map_err(unreadable)?.iter().map(|name| name.trim_start_matches('\u{feff}').to_owned()).collect();
     let columns = columns(&header)?;
     let (mut table, mut issues) = (Table { links: vec![], limits_rad: vec![] }, Vec::new());
     for (i, record) in reader.records().take(MAX_LINKS + 1).enumerate() {
@@ -158,7 +163,9 @@ pub fn table(bytes: &[u8]) -> Result<Table, Invalid> {
         for (index, (quantity, factor)) in columns.iter().enumerate().filter_map(|(index, c)| Some((index, (*c)?))) {
             let text = record.get(index).unwrap_or_default();
             match text.parse::<f64>() {
-                Ok(number) if number.is_finite() => values[quantity] = Some(if factor == 0.0 { to_radians(number) } else { number * factor }),
+                Ok(number) if number.is_finite() => {
+                    values[quantity] = Some(if factor == 0.0 { to_radians(number) } else { number * factor })
+                }
                 _ if text.is_empty() && quantity >= 4 => {}
                 _ => issues.push(at(Some(i), &header[index], "not_a_number", &format!("{text:?} is not a number"))),
             }
@@ -174,14 +181,19 @@ pub fn table(bytes: &[u8]) -> Result<Table, Invalid> {
         table.limits_rad.push(low.zip(high));
     }
     if table.links.is_empty() || table.links.len() > MAX_LINKS {
-        issues.push(Issue { code: "wrong_length".into(), detail: format!("1 to {MAX_LINKS} rows are allowed, one per link"), ..Issue::default() });
+        issues.push(Issue {
+            code: "wrong_length".into(),
+            detail: format!("1 to {MAX_LINKS} rows are allowed, one per link"),
+            ..Issue::default()
+        });
     }
     if issues.is_empty() { Ok(table) } else { Err(Invalid { code: "invalid_table", issues }) }
 }
 
 /// Of each column which quantity it holds, and the factor to mm or rad (0 for degrees).
 fn columns(header: &[String]) -> Result<Vec<Option<(usize, f64)>>, Invalid> {
-    const NAMES: [(&str, &str); 7] = [("a", "mm"), ("alpha", "deg"), ("d", "mm"), ("theta_offset", "deg"), ("beta", "deg"), ("min", "deg"), ("max", "deg")];
+    const NAMES: [(&str, &str); 7] =
+        [("a", "mm"), ("alpha", "deg"), ("d", "mm"), ("theta_offset", "deg"), ("beta", "deg"), ("min", "deg"), ("max", "deg")];
     let mut found = [false; 7];
     let mut of = |name: &String| -> Result<Option<(usize, f64)>, Invalid> {
         if name == "link" {
@@ -198,17 +210,24 @@ fn columns(header: &[String]) -> Result<Vec<Option<(usize, f64)>>, Invalid> {
             Some((i, factor))
         });
         let Some((i, factor)) = known else {
-            let detail = format!("the column {name:?} is not known; a table has a_mm, alpha_deg, d_mm, theta_offset_deg (or _m, _rad), and may have beta_deg, min_deg, max_deg, link");
+            let detail = format!(
+                "the column {name:?} is not known; a table has a_mm, alpha_deg, d_mm, theta_offset_deg (or _m, _rad), and may have beta_deg, min_deg, max_deg, link"
+            );
             return Err(Invalid { code: "invalid_table", issues: vec![at(None, name, "unknown_column", &detail)] });
         };
         if std::mem::replace(&mut found[i], true) {
-            return Err(Invalid { code: "invalid_table", issues: vec![at(None, name, "repeated_column", "this quantity stands in two columns")] });
+            return Err(Invalid {
+                code: "invalid_table",
+                issues: vec![at(None, name, "repeated_column", "this quantity stands in two columns")],
+            });
         }
         Ok(Some((i, factor)))
     };
     let columns = header.iter().map(&mut of).collect::<Result<Vec<_>, _>>()?;
-    let missing: Vec<Issue> =
-        (0..4).filter(|i| !found[*i]).map(|i| at(None, &format!("{}_{}", NAMES[i].0, NAMES[i].1), "missing_column", "this column is needed")).collect();
+    let missing: Vec<Issue> = (0..4)
+        .filter(|i| !found[*i])
+        .map(|i| at(None, &format!("{}_{}", NAMES[i].0, NAMES[i].1), "missing_column", "this column is needed"))
+        .collect();
     if missing.is_empty() { Ok(columns) } else { Err(Invalid { code: "invalid_table", issues: missing }) }
 }
 

@@ -51,7 +51,14 @@ impl Trend {
         let mut scored = scored.to_vec();
         scored.sort_by(|a, b| a.day.total_cmp(&b.day));
         let n = scored.len() as f64;
-        let none = |detail: String| Self { n_sessions: scored.len(), rms_mm_per_day: None, interval_95: None, limit_mm, days_to_limit: None, detail };
+        let none = |detail: String| Self {
+            n_sessions: scored.len(),
+            rms_mm_per_day: None,
+            interval_95: None,
+            limit_mm,
+            days_to_limit: None,
+            detail,
+        };
         let Some((first, last)) = scored.first().zip(scored.last()) else {
             return none("not enough data: no released parameter set, or it was never scored".into());
         };

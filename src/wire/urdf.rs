@@ -91,7 +91,8 @@ impl<'t> Urdf<'t> {
         for index in &indices {
             let UrdfJoint { name, kind, .. } = &self.joints[*index];
             if !["revolute", "continuous", "fixed"].contains(&kind.as_str()) {
-                let detail = format!("joint {name:?} is {kind}: only revolute, continuous and fixed joints can be calibrated; name another tip");
+                let detail =
+                    format!("joint {name:?} is {kind}: only revolute, continuous and fixed joints can be calibrated; name another tip");
                 return Err(invalid("unsupported_joint", detail));
             }
         }
@@ -167,12 +168,15 @@ fn joint(text: &str, node: Node<'_, '_>) -> Result<UrdfJoint, Invalid> {
         invalid("invalid_joint", format!("line {row}: joint {name:?} {what}"))
     };
     let child = |tag: &str| node.children().find(|child| child.has_tag_name(tag));
-    let link = |tag: &str| child(tag).and_then(|n| n.attribute("link")).map(str::to_owned).ok_or_else(|| wrong(&format!("has no {tag} link")));
+    let link =
+        |tag: &str| child(tag).and_then(|n| n.attribute("link")).map(str::to_owned).ok_or_else(|| wrong(&format!("has no {tag} link")));
     let kind = node.attribute("type").unwrap_or_default().to_owned();
     let origin = child("origin");
     let three = |node: Option<Node<'_, '_>>, name: &str, default: [f64; 3]| match node.and_then(|n| n.attribute(name)) {
         None => Ok(default),
-        Some(value) => three_numbers(value).ok_or_else(|| wrong(&format!("has {name}={value:?}, which is not three numbers; expand xacro first"))),
+        Some(value) => {
+            three_numbers(value).ok_or_else(|| wrong(&format!("has {name}={value:?}, which is not three numbers; expand xacro first")))
+        }
     };
     let xyz_m = three(origin, "xyz", [0.0; 3])?;
     let rpy_rad = three(origin, "rpy", [0.0; 3])?;

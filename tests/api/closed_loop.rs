@@ -27,7 +27,11 @@ const NOISE_MM: f64 = 0.03;
 fn nominal(robot: &Value) -> Vec<[f64; 5]> {
     let number = |link: &Value, name: &str| link[name].as_f64().unwrap();
     let links = robot["links"].as_array().unwrap().iter();
-    links.map(|l| [number(l, "a_mm"), number(l, "alpha_deg").to_radians(), number(l, "d_mm"), number(l, "theta_offset_deg").to_radians(), 0.0]).collect()
+    links
+        .map(|l| {
+            [number(l, "a_mm"), number(l, "alpha_deg").to_radians(), number(l, "d_mm"), number(l, "theta_offset_deg").to_radians(), 0.0]
+        })
+        .collect()
 }
 
 /// Errors of 0.3 mm and 0.05° in every link between the first and the last, sag of joints 2 and 3, eccentric transmissions.

@@ -44,7 +44,8 @@ async fn corrected_targets_are_predicted_where_the_nominal_robot_would_be() {
 async fn nominal_positions(app: &TestApp, set: &str, q_deg: &[Vec<f64>]) -> Vec<Vec<f64>> {
     let document = app.get(&format!("{set}/export")).await.ok(200);
     let beyond = document["links"][5]["d_mm"].as_f64().unwrap() - 125.0 + document["targets"][0]["position_mm"][2].as_f64().unwrap();
-    let table = [(0.0, 0.0, 504.0), (166.605, -90.0, 0.0), (782.27, 0.0, 0.0), (138.826, -90.0, 761.35), (0.0, 90.0, 0.0), (0.0, -90.0, 125.0)];
+    let table =
+        [(0.0, 0.0, 504.0), (166.605, -90.0, 0.0), (782.27, 0.0, 0.0), (138.826, -90.0, 761.35), (0.0, 90.0, 0.0), (0.0, -90.0, 125.0)];
     let position = |q: &Vec<f64>| {
         let mut p = [0.0, 0.0, beyond];
         for ((a, alpha, d), q) in table.iter().zip(q).rev() {

@@ -155,14 +155,19 @@ async fn a_users_urdf_is_patched_and_a_wrong_one_refused() {
         );
     }
     own += "</robot>";
-    let patch = async |text: String| Answer::of(app.request(Method::POST, &format!("{set}/export?format=urdf")).header("content-type", "application/xml").body(text)).await;
+    let patch = async |text: String| {
+        Answer::of(app.request(Method::POST, &format!("{set}/export?format=urdf")).header("content-type", "application/xml").body(text))
+            .await
+    };
     let answer = patch(own.clone()).await;
     assert_eq!(answer.status, 200, "{}", answer.text());
     let patched = answer.text();
     for q in configurations() {
         same(&by_links(&links, &q), &by_urdf(&patched, &q));
     }
-    let skeleton = |text: &str| text.split("<origin xyz=\"").map(|part| part.split_once("/><axis").map_or(part, |(_, rest)| rest).to_owned()).collect::<Vec<_>>();
+    let skeleton = |text: &str| {
+        text.split("<origin xyz=\"").map(|part| part.split_once("/><axis").map_or(part, |(_, rest)| rest).to_owned()).collect::<Vec<_>>()
+    };
     assert_eq!(skeleton(&own), skeleton(&patched));
     let problem = patch(own.replace("0.78227", "0.9")).await.problem(422, "urdf_mismatch");
     assert!(text(&problem["detail"]).contains("j"), "{problem}");
@@ -175,9 +180,13 @@ async fn a_users_urdf_is_patched_and_a_wrong_one_refused() {
 async fn robots_are_imported_from_urdf_and_tables() {
     let app = TestApp::spawn().await;
     let import = async |query: &str, body: &str| {
-        Answer::of(app.request(Method::POST, &format!("/v1/robot-imports?{query}")).header("content-type", "text/csv").body(body.to_owned())).await
+        Answer::of(
+            app.request(Method::POST, &format!("/v1/robot-imports?{query}")).header("content-type", "text/csv").body(body.to_owned()),
+        )
+        .await
     };
-    let distal = "theta_offset_deg,d_mm,a_mm,alpha_deg\n0,504,166.605,-90\n0,0,782.27,0\n0,0,138.826,-90\n0,761.35,0,90\n0,0,0,-90\n0,125,0,0\n";
+    let distal =
+        "theta_offset_deg,d_mm,a_mm,alpha_deg\n0,504,166.605,-90\n0,0,782.27,0\n0,0,138.826,-90\n0,761.35,0,90\n0,0,0,-90\n0,125,0,0\n";
     let answer = import("format=dh&name=mine", distal).await.ok(200);
     assert_eq!(answer["robot"]["name"], "mine");
     // the paper's robot is the same table in Craig's convention

@@ -40,11 +40,12 @@ async fn history_tells_what_moved_and_comparison_where_the_tool_did() {
 #[test]
 fn a_trend_is_a_line_with_its_interval_or_says_what_is_missing() {
     use kincal::wire::trend::{Scored, Trend};
-    let scored: Vec<Scored> =
-        [(0.0, 0.10), (10.0, 0.12), (20.0, 0.13), (30.0, 0.16)].map(|(day, rms_mm)| Scored { day, rms_mm }).to_vec();
+    let scored: Vec<Scored> = [(0.0, 0.10), (10.0, 0.12), (20.0, 0.13), (30.0, 0.16)].map(|(day, rms_mm)| Scored { day, rms_mm }).to_vec();
     let trend = Trend::of(&scored, Some(0.2));
     // by hand: Sxx = 500, Sxy = 0.95, residual variance 3.5e-5 with 2 degrees of freedom, t = 4.30265
-    let near = |found: Option<f64>, expected: f64| assert!((found.unwrap() - expected).abs() < 1e-6 * expected.abs().max(1.0), "{found:?} {expected}");
+    let near = |found: Option<f64>, expected: f64| {
+        assert!((found.unwrap() - expected).abs() < 1e-6 * expected.abs().max(1.0), "{found:?} {expected}")
+    };
     near(trend.rms_mm_per_day, 0.0019);
     near(trend.interval_95.map(|i| i[0]), 0.0019 - 4.302_653 * (3.5e-5_f64 / 500.0).sqrt());
     near(trend.days_to_limit, (0.2 - 0.156) / 0.0019);

@@ -42,7 +42,11 @@ async fn a_plan_that_cannot_be_is_refused() {
         (json!({"n_configurations": 10, "n_repeats": 6}), "invalid_plan", "/n_repeats"),
         (json!({"n_configurations": 10, "noise_std_mm": 0}), "invalid_plan", "/noise_std_mm"),
         (json!({"n_configurations": 10, "boxes": [{"min_mm": [0, 0, 0], "max_mm": [1, 0, 1]}]}), "invalid_plan", "/boxes/0"),
-        (json!({"n_configurations": 10, "n_candidates": 100, "boxes": [{"min_mm": [9000, 0, 0], "max_mm": [9001, 1, 1]}]}), "too_little_room", "/boxes"),
+        (
+            json!({"n_configurations": 10, "n_candidates": 100, "boxes": [{"min_mm": [9000, 0, 0], "max_mm": [9001, 1, 1]}]}),
+            "too_little_room",
+            "/boxes",
+        ),
         (json!({"n_configurations": 10, "measured": ["set_1"]}), "unknown_reference", "/measured/0"),
         (json!({"n_configurations": 10, "poses": 3}), "invalid_body", "/poses"),
     ] {

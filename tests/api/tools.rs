@@ -38,7 +38,12 @@ fn a_program_is_corrected_by_a_file_and_by_a_server_alike() {
     assert!(String::from_utf8_lossy(&by_file.stderr).contains("taught_targets"));
     let id = set.rsplit('/').next().unwrap();
     let by_server = kincal(&["compensate", "--server", &app.server.url(), "--parameters", id, &program]);
-    assert_eq!(String::from_utf8_lossy(&by_server.stdout), String::from_utf8_lossy(&by_file.stdout), "{}", String::from_utf8_lossy(&by_server.stderr));
+    assert_eq!(
+        String::from_utf8_lossy(&by_server.stdout),
+        String::from_utf8_lossy(&by_file.stdout),
+        "{}",
+        String::from_utf8_lossy(&by_server.stderr)
+    );
     let out = String::from_utf8(by_file.stdout).unwrap();
     let cells = |text: &str| -> Vec<Vec<String>> {
         let mut reader = csv::ReaderBuilder::new().has_headers(false).from_reader(text.as_bytes());

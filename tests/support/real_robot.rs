@@ -19,7 +19,17 @@ pub fn turn(axis: usize, angle: f64) -> Pose {
 }
 
 pub fn shift(xyz: [f64; 3]) -> Pose {
-    std::array::from_fn(|i| std::array::from_fn(|j| if i == j { 1.0 } else if j == 3 && i < 3 { xyz[i] } else { 0.0 }))
+    std::array::from_fn(|i| {
+        std::array::from_fn(|j| {
+            if i == j {
+                1.0
+            } else if j == 3 && i < 3 {
+                xyz[i]
+            } else {
+                0.0
+            }
+        })
+    })
 }
 
 pub fn apply(t: &Pose, p: [f64; 3]) -> [f64; 3] {

@@ -24,12 +24,7 @@ pub fn same_links(format: &'static str, robot: &Robot, meant: &[Link], back: &[L
 }
 
 /// Flange poses at the model's joint values.
-pub fn same_poses(
-    format: &'static str,
-    robot: &Robot,
-    meant: &[Link],
-    back: &dyn Fn(&[f64]) -> IsometryMatrix3<f64>,
-) -> Result<(), Error> {
+pub fn same_poses(format: &'static str, robot: &Robot, meant: &[Link], back: &dyn Fn(&[f64]) -> IsometryMatrix3<f64>) -> Result<(), Error> {
     let as_model = |q_controller: &[f64]| back(&robot.q_model_rad(q_controller));
     same_at_controller(format, robot, meant, &as_model)
 }

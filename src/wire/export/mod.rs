@@ -158,9 +158,8 @@ fn mastering(source: &Source<'_>) -> Result<Exported, Error> {
     let document = MasteringDocument::new(source.robot, &refit);
     let offsets_rad = document.offsets_rad();
     let shifted = |q: &[f64]| -> Vec<f64> { q.iter().zip(&offsets_rad).map(|(q, offset)| q + offset).collect() };
-    let nominal = |q_controller: &[f64]| {
-        crate::kinematics::t_base_flange(&source.robot.links, &source.robot.q_model_rad(&shifted(q_controller)))
-    };
+    let nominal =
+        |q_controller: &[f64]| crate::kinematics::t_base_flange(&source.robot.links, &source.robot.q_model_rad(&shifted(q_controller)));
     check::same_at_controller("mastering", source.robot, &refit.links, &nominal)?;
     let text = serde_json::to_string_pretty(&document).map_err(|e| unreadable("mastering", e))?;
     Ok(Exported { content_type: "application/json", extension: "json", text, remaining: Some(document.remaining_error_mm) })

@@ -43,7 +43,10 @@ pub fn written(source: &Source<'_>, links: &[Link]) -> String {
         let [x, y, z] = target.position_mm.map(|mm| mm / 1e3);
         let (n, number) = (links.len(), target.target);
         let _ = writeln!(text, "  <link name=\"target_{number}\"/>\n  <joint name=\"target_{number}_joint\" type=\"fixed\">");
-        let _ = writeln!(text, "    <parent link=\"link_{n}\"/>\n    <child link=\"target_{number}\"/>\n    <origin xyz=\"{x} {y} {z}\" rpy=\"0 0 0\"/>\n  </joint>");
+        let _ = writeln!(
+            text,
+            "    <parent link=\"link_{n}\"/>\n    <child link=\"target_{number}\"/>\n    <origin xyz=\"{x} {y} {z}\" rpy=\"0 0 0\"/>\n  </joint>"
+        );
     }
     text += "</robot>\n";
     text
