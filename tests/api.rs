@@ -5,11 +5,6 @@ mod app;
 
 #[path = "api/auth.rs"]
 mod auth;
-#[path = "support/real_robot.rs"]
-mod real_robot;
-
-#[path = "api/closed_loop.rs"]
-mod closed_loop;
 #[path = "api/compensate.rs"]
 mod compensate;
 #[path = "api/contract.rs"]

@@ -60,7 +60,7 @@ pub struct PosePlanBody {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(minimum = 1, maximum = 50000)]
     pub n_candidates: Option<usize>,
-    /// How many of the first are measured again at the end, to see drift; default 3, 2 for plans below 20, none below 10.
+    /// How many of the first are measured again at the end, to see drift; default 3, none for plans below 20.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub n_repeats: Option<usize>,
     /// The reflector stays in one of these boxes, base frame.
@@ -155,8 +155,7 @@ impl PosePlanBody {
             target_mm: Vector3::from(target_mm),
             n_configurations: self.n_configurations,
             n_repeats: self.n_repeats.unwrap_or(match self.n_configurations {
-                0..10 => 0,
-                10..20 => 2,
+                0..20 => 0,
                 _ => 3,
             }),
             n_candidates: self.n_candidates.unwrap_or(DEFAULT_CANDIDATES),

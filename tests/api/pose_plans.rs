@@ -14,8 +14,11 @@ async fn a_plan_keeps_to_the_limits_and_adds_to_what_was_measured() {
     let plan = app.post_json(&format!("{path}/pose-plans"), &request).await;
     let (bytes, plan) = (plan.bytes.clone(), plan.ok(200));
     assert_eq!(plan["configurations"].as_array().unwrap().len(), 12);
-    assert_eq!(plan["configurations"][10]["repeats"], 0);
-    assert_eq!(plan["configurations"][11]["q_deg"], plan["configurations"][1]["q_deg"]);
+    let mut repeating = request.clone();
+    repeating["n_repeats"] = json!(2);
+    let repeating = app.post_json(&format!("{path}/pose-plans"), &repeating).await.ok(200);
+    assert_eq!(repeating["configurations"][10]["repeats"], 0);
+    assert_eq!(repeating["configurations"][11]["q_deg"], repeating["configurations"][1]["q_deg"]);
     for configuration in plan["configurations"].as_array().unwrap() {
         for (q, link) in configuration["q_deg"].as_array().unwrap().iter().zip(body["links"].as_array().unwrap()) {
             assert!(q.as_f64().unwrap().abs() <= link["joint_limits_deg"][1].as_f64().unwrap());

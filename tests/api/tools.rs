@@ -73,12 +73,12 @@ fn an_imported_robot_can_be_planned_for() {
     let imported = kincal(&["import", &table, "--name", "mine"]);
     assert!(imported.status.success(), "{}", String::from_utf8_lossy(&imported.stderr));
     let robot = path(folder.path(), "robot.json", &String::from_utf8(imported.stdout).unwrap());
-    let plan = kincal(&["plan", &robot, "-n", "12", "--measured", &paper_path("first.csv"), "--frame", "base"]);
+    let plan = kincal(&["plan", &robot, "-n", "20", "--measured", &paper_path("first.csv"), "--frame", "base"]);
     assert!(plan.status.success(), "{}", String::from_utf8_lossy(&plan.stderr));
     let text = String::from_utf8(plan.stdout).unwrap();
     assert_eq!(text.lines().next(), Some("configuration,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg"));
-    assert_eq!(text.lines().count(), 13);
-    assert!(text.lines().last().unwrap().starts_with("2,"), "the last repeats the second: {text}");
+    assert_eq!(text.lines().count(), 21);
+    assert!(text.lines().last().unwrap().starts_with("3,"), "the last repeats the third: {text}");
     let output = kincal(&["import", &robot]);
     assert_eq!(output.status.code(), Some(2), "a robot file is no table");
 }
