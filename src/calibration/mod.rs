@@ -11,6 +11,7 @@ mod outcome;
 pub mod partial;
 mod plausibility;
 mod remarks;
+mod repeatability;
 pub mod report;
 pub mod request;
 mod rescoring;

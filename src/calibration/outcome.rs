@@ -4,6 +4,7 @@ use crate::calibration::corrections::{self, placed_anew};
 use crate::calibration::identify::{Found, Problem};
 use crate::calibration::observe::{Observed, observe_verify_set};
 use crate::calibration::remarks::remarks;
+use crate::calibration::repeatability::repeatability;
 use crate::calibration::report::*;
 use crate::calibration::request::{Method, Model, Preset, VerifySource};
 use crate::calibration::verify::refits;
@@ -95,6 +96,7 @@ pub fn report(
     let (verify_observed, refit) = verify_points(problem);
     let points = verify_observed.of(Subset::Verify);
     let (before, after) = (placed(&problem.nominal, &points, refit), placed(model, &points, refit));
+    let repeatability = repeatability(problem, model, robot.as_ref());
     let robot_there = if refit && !points.is_empty() { robot.as_ref().map(|robot| placed_anew(robot, &points)) } else { robot };
     let verify = both(&points, &before, &after, robot_there.as_ref());
     let mut per_point = per_point(&problem.observed, &problem.nominal, model);
@@ -131,6 +133,7 @@ pub fn report(
         target_segments: problem.screening.targets.segments.clone(),
         corrected: corrections.as_ref().and_then(|c| c.corrected.as_ref()).map(|c| corrected_as_delivered(problem, c)),
         corrections: corrections.map(|c| c.evidence),
+        repeatability,
         network,
     };
     report.warnings = warnings(&report, &problem.request.robot.links);

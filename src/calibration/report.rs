@@ -1,6 +1,7 @@
 //! What a calibration answers: plain data; `wire::report` gives it its JSON shape.
 
 use crate::calibration::changes::Changes;
+pub use crate::calibration::repeatability::{PoseRepeatability, Repeatability};
 use crate::calibration::request::{Method, Model, Preset};
 use crate::identification::TrainedNetwork;
 use crate::identification::corrected::CorrectedModel;
@@ -198,6 +199,8 @@ pub struct CalibrationReport {
     pub target_segments: Vec<(usize, usize)>,
     /// The robot with what its links cannot say, where something of that was kept. Its targets are in the order of `targets_mm`.
     pub corrected: Option<CorrectedModel>,
+    /// How well the robot returns to the poses that were measured several times; `None` where none was.
+    pub repeatability: Option<Repeatability>,
     /// Which corrections were tried, and what they did; `None` where none was looked for.
     pub corrections: Option<Vec<Evidence>>,
     /// The network trained on this run, if it was a swarm.

@@ -198,6 +198,7 @@ fn report(
         targets_mm: scored.after.targets_mm,
         corrected: scored.corrected.and_then(|robot| robot.corrected),
         corrections: None,
+        repeatability: None,
         network: None,
     }
 }

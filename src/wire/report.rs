@@ -2,7 +2,9 @@
 
 use crate::calibration::CalibrationReport;
 use crate::calibration::changes::NamedChange;
-use crate::calibration::report::{ErrorModel, Errors, MethodComparison, ParameterOutcome, PointErrors, SubsetErrors};
+use crate::calibration::report::{
+    ErrorModel, Errors, MethodComparison, ParameterOutcome, PointErrors, PoseRepeatability, Repeatability, SubsetErrors,
+};
 use crate::identification::corrections::Evidence;
 use crate::identification::workspace::ToolUncertainty;
 use crate::wire::angle::to_degrees;
@@ -12,7 +14,8 @@ use crate::wire::measurement::{SubsetName, Warning};
 use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::report_shape::{
     ChangeReport, ComparisonReport, Convergence, CorrectionReport, ErrorModelReport, ErrorsReport, Evidence as VerifyEvidence,
-    IdentifiabilityReport, ParameterReport, PointReport, Report, SubsetReport, ToolUncertaintyReport,
+    IdentifiabilityReport, ParameterReport, PointReport, PoseRepeatabilityReport, RepeatabilityReport, Report, SubsetReport,
+    ToolUncertaintyReport,
 };
 use serde::Serialize;
 
@@ -85,6 +88,7 @@ fn without_hash(core: &CalibrationReport, run: &RunContext<'_>) -> Report {
         },
         comparison: core.comparison.iter().enumerate().map(|(i, c)| comparison(c, run.comparison_ms.get(i))).collect(),
         corrections: core.corrections.as_ref().map(|tried| tried.iter().map(correction).collect()),
+        repeatability: core.repeatability.as_ref().map(repeatability),
         changed: core.changes.as_ref().map(|changes| changes.all.iter().map(change).collect()),
         evidence: match (&core.verify, run.verify_set_is_another) {
             (None, _) => VerifyEvidence::None,
@@ -169,6 +173,26 @@ fn parameter(p: &ParameterOutcome) -> ParameterReport {
         std_uncertainty: p.std_uncertainty.and_then(finite),
         interval_95: p.interval_95.filter(|[low, high]| low.is_finite() && high.is_finite()),
         identifiable: p.identifiable,
+    }
+}
+
+fn repeatability(r: &Repeatability) -> RepeatabilityReport {
+    let pose = |p: &PoseRepeatability| PoseRepeatabilityReport {
+        configuration: p.configuration.clone(),
+        target: p.target,
+        n: p.rows.len(),
+        rows: p.rows.clone(),
+        rp_mm: p.rp_mm,
+        ap_before_mm: p.ap_before_mm,
+        ap_after_mm: p.ap_after_mm,
+        ap_corrected_mm: p.ap_corrected_mm,
+    };
+    RepeatabilityReport {
+        n_poses: r.poses.len(),
+        n_points: r.poses.iter().map(|p| p.rows.len()).sum(),
+        rp_mm: r.rp_mm,
+        std_mm: r.std_mm,
+        poses: r.poses.iter().map(pose).collect(),
     }
 }
 
