@@ -10,6 +10,7 @@ use kincal::calibration::report::CalibrationReport;
 use kincal::calibration::request::VerifySource;
 use kincal::calibration::{CalibrationRequest, Error, Method, Model, calibrate, check, check_verify, verify};
 use kincal::identification::KinematicModel;
+use kincal::identification::corrected::IdentifiedRobot;
 use kincal::kinematics::Robot;
 use kincal::measurement::{Frame, MeasurementSet, csv};
 use nalgebra::IsometryMatrix3;
@@ -23,7 +24,8 @@ fn identified(robot: &Robot, set: &MeasurementSet) -> KinematicModel {
 }
 
 fn scored(robot: &Robot, set: &MeasurementSet, model: Option<&KinematicModel>) -> CalibrationReport {
-    verify(&CalibrationRequest::new(robot.clone(), set.clone()), model, &mut |_| ControlFlow::Continue(())).unwrap()
+    let identified = model.cloned().map(IdentifiedRobot::of_links);
+    verify(&CalibrationRequest::new(robot.clone(), set.clone()), identified.as_ref(), &mut |_| ControlFlow::Continue(())).unwrap()
 }
 
 /// Two sessions of one simulated robot: the tracker stands elsewhere and the reflectors are fixed anew.

@@ -287,6 +287,9 @@ impl JobRequestBody {
             if self.parameters.is_some() {
                 unused("/parameters", "kind \"verify\" identifies nothing: leave parameters out");
             }
+            if self.payload.is_some() {
+                unused("/payload", "kind \"verify\" scores the robot with what it carried when it was identified: leave payload out");
+            }
             if self.network_id.is_some() {
                 unused("/network_id", "kind \"verify\" identifies nothing: leave network_id out");
             }

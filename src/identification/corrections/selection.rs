@@ -129,12 +129,12 @@ impl Folds {
 /// Residuals of all points for each part left out of the fit; the points of that part are the unseen ones.
 pub(super) fn residuals_by_fold(linear: &Linear, folds: &Folds, variance: f64) -> Option<Vec<DVector<f64>>> {
     let m = linear.columns.ncols();
-    let mut normals = vec![(DMatrix::<f64>::zeros(m, m), DVector::<f64>::zeros(m)); folds.n_folds];
-    for fold in 0..folds.n_folds {
+    let normal = |fold: usize| {
         let rows: Vec<usize> = (0..folds.folds.len()).filter(|p| folds.folds[*p] == fold).flat_map(|p| 3 * p..3 * p + 3).collect();
         let (columns, residuals) = (linear.columns.select_rows(&rows), linear.residuals.select_rows(&rows));
-        normals[fold] = (columns.tr_mul(&columns), columns.tr_mul(&residuals));
-    }
+        (columns.tr_mul(&columns), columns.tr_mul(&residuals))
+    };
+    let normals: Vec<(DMatrix<f64>, DVector<f64>)> = (0..folds.n_folds).map(normal).collect();
     let left_out = |fold: usize| {
         let mut sum = (DMatrix::<f64>::zeros(m, m), DVector::<f64>::zeros(m));
         for (_, (normal, right)) in normals.iter().enumerate().filter(|(other, _)| *other != fold) {
