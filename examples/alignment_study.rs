@@ -5,6 +5,10 @@ mod robots;
 #[path = "../tests/support/simulation.rs"]
 mod simulation;
 
+use kincal::calibration::alignment::{Look, look};
+use kincal::measurement::Frame;
+use std::time::Instant;
+
 fn main() {
     let n: usize = std::env::args().nth(1).and_then(|text| text.parse().ok()).unwrap_or(1000);
     let counts = robots::clean_robots(n, 1);
@@ -20,4 +24,29 @@ fn main() {
     }
     let sum = |i: usize| counts.iter().map(|(_, outcome)| outcome[i]).sum::<usize>();
     println!("| all | {} | {} | {} |", sum(0), sum(1), sum(2));
+    println!("\n## What a look costs\n");
+    println!("Median of {LOOKS} looks at a right set of a six-axis robot: what every upload pays before it is stored.\n");
+    println!("| frame | points | ms |\n|---|---|---|");
+    for (name, frame) in [("base", Frame::Base), ("instrument", Frame::Instrument)] {
+        for n_points in [60, 600, 6000] {
+            println!("| {name} | {n_points} | {:.3} |", look_ms(frame, n_points));
+        }
+    }
+}
+
+/// Looks that a figure is the median of.
+const LOOKS: usize = 101;
+
+fn look_ms(frame: Frame, n_points: usize) -> f64 {
+    let nominal = &robots::models()[0].1;
+    let set = robots::measured(nominal, &robots::Making { n_points, frame, ..robots::CLEAN }, &mut simulation::Normal::new(1));
+    let mut times: Vec<f64> = (0..LOOKS)
+        .map(|_| {
+            let begun = Instant::now();
+            assert!(matches!(look(nominal, &set), Look::Fine), "a right set");
+            begun.elapsed().as_secs_f64() * 1e3
+        })
+        .collect();
+    times.sort_by(f64::total_cmp);
+    times[LOOKS / 2]
 }

@@ -8,13 +8,18 @@ use kincal::store::{NewJob, NewMeasurementSet, NewRobot, Store, StoreLocation, j
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Stdio};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
 use tokio::time::{Instant, sleep_until, timeout};
 
-/// Connections that the generator keeps open.
+/// Connections that the generator keeps open: as many uploads as the server lets be under way, so that it need not refuse any.
 const CONNECTIONS: usize = 128;
+/// Connections of a flood: far more than may be under way.
+const FLOOD_CONNECTIONS: usize = 1024;
+/// Offered in a flood, in units of what the server can do.
+const FLOODS: [f64; 2] = [2.0, 10.0];
 /// A request that takes longer has failed.
 const PATIENCE: Duration = Duration::from_secs(30);
 /// Jobs waiting, for the claim.
@@ -52,13 +57,13 @@ impl Drop for Server {
     }
 }
 
-/// One answer: status and time since the appointed moment.
+/// One answer: status and time since the appointed moment. A refusal that does not say when to come back counts as failed, status 0.
 type Answer = (u16, Duration);
 
 async fn exchange(stream: &mut TcpStream, request: &[u8]) -> anyhow::Result<u16> {
     stream.write_all(request).await?;
     let mut bytes = Vec::new();
-    let (head_end, length) = loop {
+    let (head_end, length, says_when) = loop {
         let mut chunk = [0; 16 * 1024];
         let n = stream.read(&mut chunk).await?;
         ensure!(n > 0, "closed");
@@ -66,7 +71,7 @@ async fn exchange(stream: &mut TcpStream, request: &[u8]) -> anyhow::Result<u16>
         if let Some(end) = bytes.windows(4).position(|w| w == b"\r\n\r\n") {
             let head = String::from_utf8_lossy(&bytes[..end]).to_ascii_lowercase();
             let length = head.lines().find_map(|line| line.strip_prefix("content-length:")).and_then(|n| n.trim().parse().ok());
-            break (end + 4, length.unwrap_or(0));
+            break (end + 4, length.unwrap_or(0), head.contains("retry-after:"));
         }
     };
     while bytes.len() < head_end + length {
@@ -75,20 +80,32 @@ async fn exchange(stream: &mut TcpStream, request: &[u8]) -> anyhow::Result<u16>
         ensure!(n > 0, "closed");
         bytes.extend_from_slice(&chunk[..n]);
     }
-    Ok(String::from_utf8_lossy(&bytes[9..12]).parse()?)
+    let status = String::from_utf8_lossy(&bytes[9..12]).parse()?;
+    Ok(if matches!(status, 429 | 503) && !says_when { 0 } else { status })
 }
 
-/// Sends at `rate` for `seconds`; every request's answer, and how many seconds it took until the last came.
-async fn at_rate(address: &str, rate: f64, seconds: f64, request: impl Fn(usize) -> Vec<u8> + Send + Sync + 'static) -> (Vec<Answer>, f64) {
+/// Sends at `rate` for `seconds`, each request at its appointed time over whichever connection is free; every request's answer, and how many
+/// seconds it took until the last came.
+async fn at_rate(
+    address: &str,
+    rate: f64,
+    seconds: f64,
+    connections: usize,
+    request: impl Fn(usize) -> Vec<u8> + Send + Sync + 'static,
+) -> (Vec<Answer>, f64) {
     let n = (rate * seconds) as usize;
-    let (begun, request) = (Instant::now() + Duration::from_millis(200), Arc::new(request));
-    let tasks: Vec<_> = (0..CONNECTIONS)
-        .map(|connection| {
-            let (address, request) = (address.to_owned(), Arc::clone(&request));
+    let (begun, request, next) = (Instant::now() + Duration::from_millis(500), Arc::new(request), Arc::new(AtomicUsize::new(0)));
+    let tasks: Vec<_> = (0..connections)
+        .map(|_| {
+            let (address, request, next) = (address.to_owned(), Arc::clone(&request), Arc::clone(&next));
             tokio::spawn(async move {
                 let mut answers = Vec::new();
                 let mut stream = TcpStream::connect(&address).await.ok();
-                for i in (connection..n).step_by(CONNECTIONS) {
+                loop {
+                    let i = next.fetch_add(1, Ordering::Relaxed);
+                    if i >= n {
+                        return answers;
+                    }
                     let appointed = begun + Duration::from_secs_f64(i as f64 / rate);
                     sleep_until(appointed).await;
                     if stream.is_none() {
@@ -103,7 +120,6 @@ async fn at_rate(address: &str, rate: f64, seconds: f64, request: impl Fn(usize)
                     }
                     answers.push((status.unwrap_or(0), appointed.elapsed()));
                 }
-                answers
             })
         })
         .collect();
@@ -119,7 +135,8 @@ fn percentile(times: &mut [Duration], share: f64) -> f64 {
     times.get(((times.len() as f64 * share) as usize).min(times.len().saturating_sub(1))).map_or(f64::NAN, |t| t.as_secs_f64() * 1e3)
 }
 
-fn row(what: &str, rate: f64, took_s: f64, answers: &[Answer], target: &str) {
+/// Prints a row of the table; how many a second succeeded.
+fn row(what: &str, rate: f64, took_s: f64, answers: &[Answer], target: &str) -> f64 {
     let is_good = |status: u16| (200..300).contains(&status);
     let mut good: Vec<Duration> = answers.iter().filter(|(status, _)| is_good(*status)).map(|(_, t)| *t).collect();
     let mut told: Vec<Duration> = answers.iter().filter(|(status, _)| matches!(status, 429 | 503)).map(|(_, t)| *t).collect();
@@ -132,6 +149,7 @@ fn row(what: &str, rate: f64, took_s: f64, answers: &[Answer], target: &str) {
         told.len(),
         percentile(&mut told, 0.99)
     );
+    goodput
 }
 
 fn post(path: &str, content_type: &str, body: &[u8]) -> Vec<u8> {
@@ -163,14 +181,22 @@ async fn main() -> anyhow::Result<()> {
     let get = format!("GET /v1/robots/{robot} HTTP/1.1\r\nhost: l\r\n\r\n").into_bytes();
     for rate in [1000.0, 2500.0, 5000.0, 10_000.0] {
         let request = get.clone();
-        let (answers, took_s) = at_rate(&server.address, rate, seconds, move |_| request.clone()).await;
+        let (answers, took_s) = at_rate(&server.address, rate, seconds, CONNECTIONS, move |_| request.clone()).await;
         row("GET of a robot", rate, took_s, &answers, "5,000/s, p99 10 ms");
     }
     let path = format!("/v1/robots/{robot}/measurement-sets?frame=base");
-    for rate in [250.0, 500.0, 1000.0, 2000.0, 10_000.0] {
+    let mut capacity = 0.0_f64;
+    for rate in [250.0, 500.0, 1000.0, 2000.0, 4000.0] {
         let request = post(&path, "text/csv", &sixty);
-        let (answers, took_s) = at_rate(&server.address, rate, seconds, move |_| request.clone()).await;
-        row("durable upload of 60 poses", rate, took_s, &answers, "1,000/s, p99 50 ms");
+        let (answers, took_s) = at_rate(&server.address, rate, seconds, CONNECTIONS, move |_| request.clone()).await;
+        capacity = capacity.max(row("durable upload of 60 poses", rate, took_s, &answers, "1,000/s, p99 50 ms"));
+    }
+    for times in FLOODS {
+        let request = post(&path, "text/csv", &sixty);
+        let (answers, took_s) = at_rate(&server.address, times * capacity, seconds, FLOOD_CONNECTIONS, move |_| request.clone()).await;
+        let what = format!("the same, {times:.0} times what can be done, {FLOOD_CONNECTIONS} clients");
+        let target = format!("{:.0}/s, refused within 50 ms", 0.9 * capacity);
+        row(&what, times * capacity, took_s, &answers, &target);
     }
     println!("\nLargest memory of the server: {} MiB.", server.peak_mib());
     slow_clients(&server, &get).await?;
@@ -197,7 +223,7 @@ async fn slow_clients(server: &Server, get: &[u8]) -> anyhow::Result<()> {
         }));
     }
     let request = get.to_vec();
-    let (answers, _) = at_rate(&server.address, 200.0, 5.0, move |_| request.clone()).await;
+    let (answers, _) = at_rate(&server.address, 200.0, 5.0, CONNECTIONS, move |_| request.clone()).await;
     let mut times: Vec<Duration> = answers.iter().map(|(_, time)| *time).collect();
     let good = answers.iter().filter(|(status, _)| *status == 200).count();
     let p99 = percentile(&mut times, 0.99);

@@ -6,6 +6,8 @@ use std::time::Duration;
 
 /// Longest lease that makes sense: a dead worker's job waits this long.
 const MAX_LEASE_S: u64 = 3_600;
+/// Longest job that anyone waits for: a week.
+const MAX_JOB_S: u64 = 604_800;
 /// Most workers of one process.
 const MAX_WORKERS: usize = 256;
 
@@ -82,6 +84,9 @@ pub struct QueueConfig {
     /// How often a job is begun before it is given up.
     #[arg(long, env = "KINCAL_MAX_ATTEMPTS", default_value_t = 3, value_name = "N")]
     pub max_attempts: u32,
+    /// How long one attempt may compute, seconds; the largest jobs that are accepted take minutes.
+    #[arg(long, env = "KINCAL_MAX_JOB_S", default_value_t = 21_600, value_name = "SECONDS")]
+    pub max_job_s: u64,
 }
 
 impl QueueConfig {
@@ -97,13 +102,16 @@ impl QueueConfig {
         if !(1..=100).contains(&self.max_attempts) {
             return Err(Error::OutOfRange { option: "--max-attempts", found: self.max_attempts.into(), range: "1 to 100" });
         }
+        if !(1..=MAX_JOB_S).contains(&self.max_job_s) {
+            return Err(Error::OutOfRange { option: "--max-job-s", found: self.max_job_s, range: "1 to 604800" });
+        }
         Ok(())
     }
 }
 
 impl Default for QueueConfig {
     fn default() -> Self {
-        Self { lease_s: 15, max_attempts: 3 }
+        Self { lease_s: 15, max_attempts: 3, max_job_s: 21_600 }
     }
 }
 

@@ -13,10 +13,14 @@ mod contract;
 mod export;
 #[path = "api/history.rs"]
 mod history;
+#[path = "api/hostile_names.rs"]
+mod hostile_names;
 #[path = "api/idempotency.rs"]
 mod idempotency;
 #[path = "api/jobs.rs"]
 mod jobs;
+#[path = "api/matrix.rs"]
+mod matrix;
 #[path = "api/measurement_sets.rs"]
 mod measurement_sets;
 #[path = "api/parameter_sets.rs"]
@@ -31,5 +35,7 @@ mod process;
 mod release;
 #[path = "api/robots.rs"]
 mod robots;
+#[path = "api/secrets.rs"]
+mod secrets;
 #[path = "api/tools.rs"]
 mod tools;

@@ -340,6 +340,51 @@ async fn few_and_repeated_poses_warn_and_are_not_identified_from() {
     }
 }
 
+/// As a German spreadsheet exports it.
+fn with_decimal_commas(cells: &[Vec<String>]) -> Vec<u8> {
+    String::from_utf8(csv(cells)).unwrap().replace(',', ";").replace('.', ",").into_bytes()
+}
+
+#[tokio::test]
+async fn a_decimal_comma_is_read_where_it_is_declared_and_nowhere_else() {
+    let app = TestApp::with_workers(1).await;
+    let robot = app.paper_robot().await;
+    let upload = format!("{robot}/measurement-sets?frame=base");
+    let german = with_decimal_commas(&cells());
+    for (path, content_type) in
+        [(format!("{upload}&decimal=comma"), "text/csv; charset=utf-8"), (upload.clone(), "text/csv; charset=utf-8; Decimal=Comma")]
+    {
+        let set = app.post(&path, content_type, german.clone()).await.ok(201);
+        let points = app.get(&format!("/v1/measurement-sets/{}/points", text(&set["id"]))).await;
+        assert_eq!(points.bytes, german, "kept as it came");
+        assert!(points.header("content-type").unwrap().to_lowercase().contains("decimal=comma"), "and says how it is to be read");
+        // Read again, a worker finds the same numbers as in the file with points.
+        let plain = app.upload(&robot, "first.csv").await;
+        let mut results = Vec::new();
+        for id in [text(&set["id"]), &plain] {
+            let job = app.run(&robot, &json!({"measurement_set_id": id, "method": "least_squares"})).await;
+            assert_eq!(job["status"], "succeeded", "{job}");
+            let report = app.get(&format!("/v1/jobs/{}/report", text(&job["id"]))).await.ok(200);
+            results.push((report["cost_mm2"].clone(), report["parameters"].clone(), report["verify"].clone()));
+        }
+        assert_eq!(results[0], results[1]);
+    }
+    let n_stored = app.get(&format!("{robot}/measurement-sets")).await.ok(200)["items"].as_array().unwrap().len();
+    let mut thousands = cells();
+    thousands[1][8] = "1234.5".into();
+    let thousands = String::from_utf8(with_decimal_commas(&thousands)).unwrap().replacen("1234,5", "1.234,5", 1).into_bytes();
+    for (path, body, code) in [
+        (upload.clone(), german.clone(), "wrong_separator"),
+        (format!("{upload}&decimal=point"), german, "wrong_separator"),
+        (format!("{upload}&decimal=comma"), csv(&cells()), "wrong_separator"),
+        (format!("{upload}&decimal=comma"), thousands, "decimal_point"),
+    ] {
+        let problem = app.post(&path, "text/csv", body).await.problem(422, "invalid_measurements");
+        assert_eq!(problem["errors"][0]["code"], code, "{problem}");
+    }
+    assert_eq!(app.get(&format!("{robot}/measurement-sets")).await.ok(200)["items"].as_array().unwrap().len(), n_stored);
+}
+
 #[tokio::test]
 async fn a_byte_order_mark_and_windows_line_ends_are_no_fault() {
     let app = TestApp::spawn().await;

@@ -4,6 +4,8 @@
 mod app;
 #[path = "load/clients.rs"]
 mod clients;
+#[path = "load/headers.rs"]
+mod headers;
 #[path = "load/hostile.rs"]
 mod hostile;
 #[path = "support/raw.rs"]

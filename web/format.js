@@ -104,8 +104,10 @@ export const warningTitle = (code) => WARNINGS[code] ?? sentence(code);
 
 const GATES = {
   verified: "Points were held out to verify", verify_errors_improved: "The errors on them became smaller", all_finite: "Every number is finite",
-  withdrawn: "It was withdrawn", active_improved: "It is better than what is active now", tolerance: "Its uncertainty is within the robot's tolerance",
-  plausible_change: "The parameters changed by a plausible amount", identity: "It is the same robot",
+  withdrawn: "It was not withdrawn", sessions_better_than_nominal: "Every session shows it to be better than nominal",
+  improved_on_active: "It is at least as good as what is active now", evidence: "How strong the verification is",
+  uncertainty_within_tolerance: "Its uncertainty is within the robot's tolerance", verify_errors_within_tolerance: "Its errors are within the robot's tolerance",
+  change_plausible: "The parameters changed by a plausible amount", identity: "It is the same robot", second_person: "Who releases is not who uploaded",
 };
 export const gateTitle = (code) => GATES[code] ?? sentence(code);
 

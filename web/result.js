@@ -85,12 +85,23 @@ function ask(action, title, set, draw, robot) {
       fill(out, refused.code === "release_refused" ? refusal(refused) : problem(refused));
     }
   };
+  const preview = action === "release" && gates(set.id);
   const dialog = el("dialog", { "aria-label": title, close: () => dialog.remove() },
-    el("form", { submit }, el("h2", {}, title), el("p", {}, MEANING[action === "release" ? "released" : "withdrawn"]), out,
+    el("form", { submit }, el("h2", {}, title), el("p", {}, MEANING[action === "release" ? "released" : "withdrawn"]), preview, out,
       el("label", { for: "reason" }, "Reason, for those who come after"), reason,
       el("p", {}), el("div.actions", {}, el(action === "release" ? "button.primary" : "button.danger", { type: "submit" }, action === "release" ? "Release" : "Withdraw"), el("button", { type: "button", click: close }, "Not now"))));
   document.body.append(dialog);
   dialog.showModal();
+}
+
+/** What a release would find now, before anybody asks for it: what refuses it, and what is worth a look. */
+function gates(id) {
+  const node = el("div", { "aria-live": "polite" });
+  get(`/v1/parameter-sets/${id}/gates`).then((found) => {
+    const told = found.gates.filter((gate) => !gate.passed || gate.warning).map((gate) => el("li", {}, el("strong", {}, gateTitle(gate.gate)), gate.passed ? ": " : ", no: ", gate.detail));
+    if (told.length > 0) fill(node, el(found.releasable ? "div.warning" : "div.problem", {}, el("p", {}, found.releasable ? "It may be released. Worth a look:" : "A release would be refused:"), el("ul", {}, told)));
+  }, () => { /* the release itself says what is wrong */ });
+  return node;
 }
 
 function refusal({ errors, detail }) {

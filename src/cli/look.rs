@@ -2,6 +2,7 @@
 
 use super::block_on;
 use super::client::ServerArguments;
+use super::terminal::plain;
 use serde_json::Value;
 
 /// Most rows of a list; the newest come first.
@@ -77,9 +78,53 @@ pub fn jobs(arguments: &OfRobot) -> anyhow::Result<()> {
     of_robot(arguments, &JOBS)
 }
 
+/// Parameter sets of one robot, or one of them.
+#[derive(Debug, clap::Args)]
+pub struct Params {
+    #[command(flatten)]
+    of: OfRobot,
+    /// Of one of them: what a release would find now, gate by gate; exit code 1 if it would be refused.
+    #[arg(long, requires = "id")]
+    gates: bool,
+}
+
 /// `kincal params`.
-pub fn parameter_sets(arguments: &OfRobot) -> anyhow::Result<()> {
-    of_robot(arguments, &PARAMETER_SETS)
+pub fn parameter_sets(arguments: &Params) -> anyhow::Result<()> {
+    match &arguments.of.id {
+        Some(id) if arguments.gates => gates(&arguments.of, id),
+        _ => of_robot(&arguments.of, &PARAMETER_SETS),
+    }
+}
+
+fn gates(arguments: &OfRobot, id: &str) -> anyhow::Result<()> {
+    block_on(async {
+        let found = arguments.server.client()?.get(&format!("{}/{id}/gates", PARAMETER_SETS.one)).await?;
+        if arguments.json {
+            println!("{}", serde_json::to_string_pretty(&found)?);
+        } else {
+            print!("{}", gate_lines(&found));
+        }
+        if found["releasable"] != true {
+            anyhow::bail!("a release of {id} would be refused");
+        }
+        Ok(())
+    })
+}
+
+fn gate_lines(found: &Value) -> String {
+    let line = |gate: &Value| {
+        let word = match (&gate["passed"], &gate["warning"]) {
+            (Value::Bool(false), _) => "REFUSED",
+            (_, Value::Bool(true)) => "look",
+            _ => "passed",
+        };
+        format!(
+            "{word:<8} {:<30} {}\n",
+            plain(gate["gate"].as_str().unwrap_or_default()),
+            plain(gate["detail"].as_str().unwrap_or_default())
+        )
+    };
+    found["gates"].as_array().into_iter().flatten().map(line).collect()
 }
 
 fn of_robot(arguments: &OfRobot, kind: &Kind) -> anyhow::Result<()> {
@@ -111,8 +156,7 @@ fn look(server: &ServerArguments, kind: &Kind, robot: &str, id: Option<&str>, js
 fn cells(item: &Value, columns: &[&str]) -> Vec<String> {
     let cell = |value: &Value| match value {
         Value::Null => "–".to_owned(),
-        // a name may hold anything; a terminal must not obey it
-        Value::String(text) => text.chars().map(|c| if c.is_control() { '\u{fffd}' } else { c }).collect(),
+        Value::String(text) => plain(text).replace('\n', "\u{fffd}"),
         other => other.to_string(),
     };
     columns.iter().map(|column| cell(&item[*column])).collect()

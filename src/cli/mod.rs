@@ -14,6 +14,7 @@ mod plan;
 mod serve;
 mod submit;
 mod table;
+mod terminal;
 mod verify_store;
 mod worker;
 
@@ -62,7 +63,7 @@ enum Command {
     /// List a robot's jobs, or show one.
     Jobs(look::OfRobot),
     /// List a robot's parameter sets, or show one.
-    Params(look::OfRobot),
+    Params(look::Params),
     /// Run the paper's calibrations through a real server on a temporary database, and print its tables beside ours.
     Demo(demo::Arguments),
     /// Print the OpenAPI document.
@@ -99,7 +100,7 @@ pub fn main() -> ExitCode {
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("kincal: {error:#}");
+            eprintln!("kincal: {}", terminal::plain(&format!("{error:#}")));
             if error.is::<Usage>() { ExitCode::from(2) } else { ExitCode::FAILURE }
         }
     }

@@ -3,7 +3,7 @@
 use super::serve::told_to_stop;
 use super::{Usage, block_on};
 use crate::config::{DatabaseConfig, WorkerConfig};
-use crate::http::server::location;
+use crate::http::server::{location, rules};
 use crate::jobs::{JobSignals, WorkerPool, execution};
 use crate::store::Store;
 use crate::telemetry;
@@ -21,14 +21,7 @@ pub fn run(config: &WorkerConfig) -> anyhow::Result<()> {
         let told_to_stop = told_to_stop()?;
         let store = Store::open(location(&config.database)).await?;
         let queue = config.queue;
-        let pool = WorkerPool::start(
-            store.clone(),
-            execution::compute,
-            config.n_workers(),
-            queue.lease(),
-            queue.max_attempts,
-            JobSignals::default(),
-        );
+        let pool = WorkerPool::start(store.clone(), execution::compute, config.n_workers(), rules(&queue), JobSignals::default());
         println!("kincal computing with {} workers", config.n_workers());
         told_to_stop.await;
         tracing::info!("stopping: handing running jobs back");

@@ -72,6 +72,7 @@ pub const POLICY: &[(Method, &str, Scope)] = &[
     (Method::GET, "/v1/robots/{robot_id}/parameter-sets", Scope::Read),
     (Method::GET, "/v1/robots/{robot_id}/parameter-sets/active", Scope::Read),
     (Method::GET, "/v1/parameter-sets/{id}", Scope::Read),
+    (Method::GET, "/v1/parameter-sets/{id}/gates", Scope::Read),
     (Method::GET, "/v1/robots/{robot_id}/policy", Scope::Read),
     (Method::PUT, "/v1/robots/{robot_id}/policy", Scope::Admin),
     (Method::POST, "/v1/robots/{robot_id}/parameter-sets/rollback", Scope::Release),

@@ -100,8 +100,8 @@ pub enum Error {
     #[error("{0}: wait a little")]
     RateLimited(&'static str),
     /// The database does not answer.
-    #[error("the database does not answer")]
-    NotReady(String),
+    #[error("the database does not answer: {}", .0.reason())]
+    NotReady(store::Error),
     /// Something that should not happen.
     #[error("{0}")]
     Internal(String),
@@ -150,7 +150,7 @@ fn of_store(error: &store::Error) -> (u16, &'static str, String) {
         E::Conflict(_) => (409, "conflict", error.to_string()),
         E::NoRoom { .. } => (507, "no_room", format!("{error}: make room, or move the data directory")),
         E::Open { .. } | E::Database(_) | E::NotCommitted(_) if error.is_unavailable() => {
-            (503, "unavailable", "the database cannot be written or read right now: try again".into())
+            (503, "unavailable", format!("the database cannot be written or read right now, {}: try again", error.reason()))
         }
         E::Open { .. } | E::Database(_) | E::NotCommitted(_) => internal(),
     }

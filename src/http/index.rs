@@ -17,17 +17,18 @@ async fn healthz() -> &'static str {
     "ok\n"
 }
 
-/// The database answers.
+/// The database answers. Where only part of the service is there, the text says which part is not.
 #[utoipa::path(
     get, path = "/readyz", tag = "service", operation_id = "readyz",
     responses(
-        (status = 200, description = "`ready`", body = String, content_type = "text/plain"),
+        (status = 200, description = "`ready`, or `ready, but …` with what is refused and why", body = String, content_type = "text/plain"),
         (status = 503, description = "Not now", body = crate::wire::Problem, content_type = "application/problem+json")
     )
 )]
-async fn readyz(State(app): State<App>) -> Result<&'static str, Error> {
-    app.store.now_ms().await.map_err(|error| Error::NotReady(format!("{error:?}")))?;
-    Ok("ready\n")
+async fn readyz(State(app): State<App>) -> Result<String, Error> {
+    app.store.now_ms().await.map_err(Error::NotReady)?;
+    let without = app.store.short_of_room().map(|short| format!(", but new robots, uploads and jobs are refused: {short}"));
+    Ok(format!("ready{}\n", without.unwrap_or_default()))
 }
 
 /// The contract.

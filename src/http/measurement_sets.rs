@@ -7,7 +7,7 @@ use crate::http::upload_check::{self, Off};
 use crate::http::{App, Error, access};
 use crate::store::{MeasurementSetRow, NewMeasurementSet, Tx, measurement_sets};
 use crate::wire::issue::Checker;
-use crate::wire::measurement::{self, DEFAULT_FRAME, Frame, MeasurementSetBody, SetSummary, Warning};
+use crate::wire::measurement::{self, DECIMAL_COMMA, DEFAULT_FRAME, Decimal, Frame, MeasurementSetBody, SetSummary, Warning};
 use crate::wire::page::Page;
 use crate::wire::robot::{MAX_NAME, RobotBody};
 use crate::wire::time::rfc3339;
@@ -37,6 +37,9 @@ struct UploadQuery {
     /// What people call the set; a name in a JSON body wins.
     #[param(min_length = 1, max_length = 200)]
     name: Option<String>,
+    /// How a CSV file writes its numbers: `comma` for 12,5 with columns separated by semicolons. Never guessed.
+    #[param(inline)]
+    decimal: Option<Decimal>,
     /// Serial number of the robot that was measured; an upload for another robot is refused.
     #[param(min_length = 1, max_length = 200)]
     serial_number: Option<String>,
@@ -77,7 +80,9 @@ async fn create(
     }
     let is_json = is_json(&submission)?;
     let (robot, bytes) = (access::robot_body(&robot)?, submission.body.clone());
-    let mut upload = app.compute(move || understand(&robot, &bytes, is_json, query)).await?;
+    let content_type = content_type(&submission, query.decimal);
+    let kind = (!is_json).then(|| Decimal::of(&content_type));
+    let mut upload = app.compute(move || understand(&robot, &bytes, kind, query)).await?;
     if let Some(off) = upload.off.take() {
         upload.warnings.push(upload_check::explain(&app, &submission.caller, &robot_id, off).await?);
     }
@@ -85,7 +90,7 @@ async fn create(
         robot_id,
         name: upload.name,
         frame: upload.frame.as_str().into(),
-        content_type: submission.content_type.clone(),
+        content_type,
         body: submission.body.to_vec(),
         sha256: upload.sha256,
         n_points: upload.n_points as i64,
@@ -117,18 +122,28 @@ fn is_json(submission: &Submission) -> Result<bool, Error> {
     }
 }
 
-fn understand(body: &RobotBody, bytes: &Bytes, is_json: bool, query: UploadQuery) -> Result<Upload, Error> {
+/// The upload's own type; with what the query declared, so that the stored bytes say how they are to be read.
+fn content_type(submission: &Submission, decimal: Option<Decimal>) -> String {
+    match decimal.filter(|_| submission.media_type == "text/csv") {
+        Some(Decimal::Comma) => format!("text/csv; {DECIMAL_COMMA}"),
+        Some(Decimal::Point) => "text/csv".into(),
+        None => submission.content_type.clone(),
+    }
+}
+
+/// `csv` is how a CSV file writes its numbers; none for JSON.
+fn understand(body: &RobotBody, bytes: &Bytes, csv: Option<Decimal>, query: UploadQuery) -> Result<Upload, Error> {
     let serial_number = query.serial_number.clone();
     check_serial_number(body, serial_number.as_deref())?;
     let robot = body.to_core()?;
     let n_joints = robot.links.len();
-    let (said, name, set) = if is_json {
+    let (said, name, set) = if let Some(decimal) = csv {
+        (query.frame, query.name, measurement::from_csv(bytes, decimal, query.frame.unwrap_or(DEFAULT_FRAME), n_joints)?)
+    } else {
         let upload: MeasurementSetBody = json::parse(bytes)?;
         let frame = upload.resolve_frame(query.frame)?;
         let set = upload.to_core(frame, n_joints)?;
         (frame, upload.name.or(query.name), set)
-    } else {
-        (query.frame, query.name, measurement::from_csv(bytes, query.frame.unwrap_or(DEFAULT_FRAME), n_joints)?)
     };
     let mut checker = Checker::default();
     name.iter().for_each(|name| checker.text("/name", name, MAX_NAME));

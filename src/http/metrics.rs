@@ -130,6 +130,14 @@ async fn metrics(State(app): State<App>, caller: Caller) -> Result<Response, Err
     // The counters are worth having when the database is not there: above all then.
     let jobs = statistics::jobs(&app.store).await;
     out.gauge("kincal_database_up", "1 if the database answered just now.", &[], f64::from(u8::from(jobs.is_ok())));
+    if let Some(free) = app.store.free_bytes() {
+        out.gauge(
+            "kincal_disk_free_bytes",
+            "Left on the disk of the embedded database; below 64 MiB uploads are refused.",
+            &[],
+            free as f64,
+        );
+    }
     if let Ok(jobs) = jobs {
         write_jobs(&mut out, &jobs);
     }

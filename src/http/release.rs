@@ -8,17 +8,36 @@ use crate::jobs::evidence::{self, Weighed};
 use crate::store::{Checked, MeasurementSetRow, ParameterSetRow, ParameterSetStatus, PolicyRow, Release, Tx};
 use crate::store::{jobs, measurement_sets, parameter_sets, policies, robots};
 use crate::wire::parameter_set::{ParameterSetAnswer, ReasonBody};
-use crate::wire::release::{Facts, Gate, ReleaseBody, gates};
+use crate::wire::release::{Facts, Gate, GatesAnswer, ReleaseBody, gates};
 use crate::wire::report_shape::Evidence;
 use crate::wire::robot::RobotBody;
 use crate::wire::{Issue, Problem};
+use axum::Json;
 use axum::extract::State;
 use axum::response::Response;
 use utoipa_axum::{router::OpenApiRouter, routes};
 
 /// Routes of releases.
 pub fn router() -> OpenApiRouter<App> {
-    OpenApiRouter::new().routes(routes!(release)).routes(routes!(withdraw)).routes(routes!(roll_back))
+    OpenApiRouter::new().routes(routes!(gates_now)).routes(routes!(release)).routes(routes!(withdraw)).routes(routes!(roll_back))
+}
+
+/// What a release by this key would find now, gate by gate. Changes nothing.
+#[utoipa::path(
+    get, path = "/v1/parameter-sets/{id}/gates", tag = "parameter sets", operation_id = "getReleaseGates",
+    params(("id" = String, Path, description = "The parameter set")),
+    responses((status = 200, description = "Every gate, passed or not", body = GatesAnswer))
+)]
+async fn gates_now(State(app): State<App>, caller: Caller, Id(id): Id) -> Result<Json<GatesAnswer>, Error> {
+    let row = access::parameter_set(&app, &caller, &id).await?;
+    let judged = judged(&app, &caller, row, None).await?;
+    Ok(Json(GatesAnswer {
+        parameter_set_id: id,
+        releasable: judged.gates.iter().all(|gate| gate.passed),
+        evidence: judged.evidence,
+        uncertainty_mm: judged.uncertainty_mm,
+        gates: judged.gates,
+    }))
 }
 
 /// Makes a parameter set the robot's active one, if it passes every gate. The one before becomes superseded.
@@ -34,7 +53,7 @@ async fn release(State(app): State<App>, Id(id): Id, submission: Submission) -> 
     }
     let body: ReleaseBody = submission.json()?;
     body.check()?;
-    let release = checked(&app, &submission.caller, row, body).await?;
+    let release = judged(&app, &submission.caller, row, body.change_reason).await?.release(body.reason)?;
     let effect = async |tx: &mut Tx| stored_json(200, None, &answers::answer(parameter_sets::release(tx, &release).await?)?);
     submission.create(&app.store, effect).await
 }
@@ -52,7 +71,7 @@ async fn roll_back(State(app): State<App>, Id(robot_id): Id, submission: Submiss
     }
     let ReasonBody { reason } = self::reason(&submission)?;
     let row = parameter_sets::before_active(&app.store, &robot_id).await?;
-    let release = checked(&app, &submission.caller, row, ReleaseBody { reason, change_reason: None }).await?;
+    let release = judged(&app, &submission.caller, row, None).await?.release(reason)?;
     let effect = async |tx: &mut Tx| stored_json(200, None, &answers::answer(parameter_sets::roll_back(tx, &release).await?)?);
     submission.create(&app.store, effect).await
 }
@@ -86,16 +105,42 @@ struct Around {
     robot: RobotBody,
     set: MeasurementSetRow,
     policy: PolicyRow,
-    is_rollback: bool,
+    status: ParameterSetStatus,
     approver: String,
     change_reason: Option<String>,
 }
 
-/// The release to be written, if every gate is passed.
-async fn checked(app: &App, caller: &Caller, row: ParameterSetRow, body: ReleaseBody) -> Result<Release, Error> {
-    if row.status == ParameterSetStatus::Withdrawn {
-        return Err(refused(vec![Issue { code: "withdrawn".into(), detail: "the set was withdrawn".into(), ..Issue::default() }]));
+/// A parameter set as it was found, and everything that a release writes except why.
+struct Judged {
+    id: String,
+    checked: Checked,
+    gates: Vec<Gate>,
+    evidence: Evidence,
+    uncertainty_mm: Option<f64>,
+    approver: String,
+}
+
+impl Judged {
+    /// The release to be written, if every gate is passed.
+    fn release(self, reason: String) -> Result<Release, Error> {
+        let failed: Vec<Issue> = self.gates.iter().filter(|gate| !gate.passed).map(Gate::issue).collect();
+        if !failed.is_empty() {
+            return Err(refused(failed));
+        }
+        Ok(Release {
+            id: self.id,
+            checked: self.checked,
+            reason,
+            checks_json: serde_json::to_string(&self.gates)?,
+            released_by: self.approver,
+            evidence: self.evidence.as_str().into(),
+            uncertainty_mm: self.uncertainty_mm,
+        })
     }
+}
+
+/// Reads what a release rests on, and weighs it.
+async fn judged(app: &App, caller: &Caller, row: ParameterSetRow, change_reason: Option<String>) -> Result<Judged, Error> {
     let policy = policies::get(&app.store, &row.robot_id).await?;
     let active = parameter_sets::active(&app.store, &row.robot_id).await?;
     let job = jobs::get(&app.store, &row.job_id).await?;
@@ -103,23 +148,15 @@ async fn checked(app: &App, caller: &Caller, row: ParameterSetRow, body: Release
         robot: access::robot_body(&robots::get(&app.store, &row.robot_id).await?)?,
         set: measurement_sets::get(&app.store, &job.measurement_set_id).await?,
         policy: policy.clone(),
-        is_rollback: row.status == ParameterSetStatus::Superseded,
+        status: row.status,
         approver: caller.holder.clone(),
-        change_reason: body.change_reason,
+        change_reason,
     };
     let other = active.as_ref().filter(|active| active.id != row.id);
     let stored = evidence::load(&app.store, &row, other).await?.map_err(unreadable)?;
     let checked = Checked { active: active.map(|active| active.id), policy_version: policy.version, n_sessions: stored.n_sessions };
-    let (checks, evidence, uncertainty_mm) = app.compute(move || judge(&evidence::weigh(stored).map_err(unreadable)?, &around)).await?;
-    Ok(Release {
-        id: row.id,
-        checked,
-        reason: body.reason,
-        checks_json: serde_json::to_string(&checks)?,
-        released_by: caller.holder.clone(),
-        evidence: evidence.as_str().into(),
-        uncertainty_mm,
-    })
+    let (gates, evidence, uncertainty_mm) = app.compute(move || judge(&evidence::weigh(stored).map_err(unreadable)?, &around)).await?;
+    Ok(Judged { id: row.id, checked, gates, evidence, uncertainty_mm, approver: caller.holder.clone() })
 }
 
 fn judge(weighed: &Weighed, around: &Around) -> Result<(Vec<Gate>, Evidence, Option<f64>), Error> {
@@ -131,15 +168,14 @@ fn judge(weighed: &Weighed, around: &Around) -> Result<(Vec<Gate>, Evidence, Opt
         active: weighed.active.as_ref(),
         sessions: &weighed.sessions,
         comparisons: &weighed.comparisons,
-        is_rollback: around.is_rollback,
+        is_withdrawn: around.status == ParameterSetStatus::Withdrawn,
+        is_rollback: around.status == ParameterSetStatus::Superseded,
         serial_numbers: (around.robot.serial_number.as_deref(), around.set.serial_number.as_deref()),
         people: (around.set.uploaded_by.as_deref(), &around.approver),
         change_reason: around.change_reason.as_deref(),
         policy: &policy_answers::body(&around.policy),
     };
-    let gates = gates(&facts);
-    let failed: Vec<Issue> = gates.iter().filter(|gate| !gate.passed).map(Gate::issue).collect();
-    if failed.is_empty() { Ok((gates, facts.evidence(), facts.uncertainty_mm())) } else { Err(refused(failed)) }
+    Ok((gates(&facts), facts.evidence(), facts.uncertainty_mm()))
 }
 
 fn unreadable(problem: impl AsRef<Problem>) -> Error {

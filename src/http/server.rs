@@ -2,7 +2,7 @@
 
 use crate::config::{self, ServeConfig};
 use crate::http::{App, accept, router, tls};
-use crate::jobs::{JobSignals, WorkerPool, execution};
+use crate::jobs::{JobSignals, Rules, WorkerPool, execution};
 use crate::store::{self, Store, StoreLocation};
 use std::net::SocketAddr;
 use std::time::Duration;
@@ -56,6 +56,11 @@ pub fn location(database: &config::DatabaseConfig) -> StoreLocation {
     }
 }
 
+/// What these settings say about jobs.
+pub fn rules(queue: &config::QueueConfig) -> Rules {
+    Rules { lease: queue.lease(), max_attempts: queue.max_attempts, longest: Duration::from_secs(queue.max_job_s) }
+}
+
 /// Opens the database, starts the workers, and answers.
 ///
 /// # Errors
@@ -68,14 +73,7 @@ pub async fn start(config: &ServeConfig) -> Result<RunningServer, Error> {
     let address = listener.local_addr().map_err(listen_error)?;
     let store = Store::open(location(&config.database)).await?;
     let signals = JobSignals::default();
-    let workers = WorkerPool::start(
-        store.clone(),
-        execution::compute,
-        config.n_workers(),
-        config.queue.lease(),
-        config.queue.max_attempts,
-        signals.clone(),
-    );
+    let workers = WorkerPool::start(store.clone(), execution::compute, config.n_workers(), rules(&config.queue), signals.clone());
     let (stop, stopping) = watch::channel(false);
     let app = App::new(store.clone(), config, stopping.clone(), signals);
     let limits = config.limits.clone();

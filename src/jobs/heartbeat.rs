@@ -34,6 +34,8 @@ pub(super) enum Stop {
     ShuttingDown,
     /// The job is somebody else's now.
     LeaseLost,
+    /// It computes for longer than any job may.
+    TooLong,
 }
 
 /// What the computing thread and its heartbeat tell each other.

@@ -8,6 +8,7 @@ use tokio::task::JoinSet;
 use tokio::time::{Instant, MissedTickBehavior, interval, sleep, timeout, timeout_at};
 
 use super::heartbeat::{Drain, reached};
+use super::worker::STOP_WITHIN;
 use super::{Compute, JobSignals, WorkerContext, queue, relay, run_next_job};
 use crate::store::Store;
 
@@ -23,17 +24,27 @@ pub struct WorkerPool {
 const POLL: Duration = Duration::from_secs(1);
 /// How often leases are looked at, unless they are shorter.
 const SWEEP: Duration = Duration::from_secs(1);
-/// How long a computation that was told to stop may take to do so.
-const STOP_WITHIN: Duration = Duration::from_secs(1);
+
+/// How long a job may be held and computed, and how often begun.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Rules {
+    /// How long a worker has a job without renewing.
+    pub lease: Duration,
+    /// How often a job is begun before it is given up.
+    pub max_attempts: u32,
+    /// How long one attempt may compute.
+    pub longest: Duration,
+}
 
 impl WorkerPool {
     /// Starts `n_workers` workers, and the sweep that takes jobs from workers which did not renew their leases.
-    pub fn start(store: Store, compute: Compute, n_workers: usize, lease: Duration, max_attempts: u32, signals: JobSignals) -> WorkerPool {
+    pub fn start(store: Store, compute: Compute, n_workers: usize, rules: Rules, signals: JobSignals) -> WorkerPool {
+        let Rules { lease, max_attempts, longest } = rules;
         let relays = relay::start(&store, &signals);
         let drain = Arc::new(watch::Sender::new(Drain::No));
         let mut tasks = JoinSet::new();
         for _ in 0..n_workers {
-            let context = WorkerContext { drain: Arc::clone(&drain), ..WorkerContext::new(compute, lease, signals.clone()) };
+            let context = WorkerContext { drain: Arc::clone(&drain), longest, ..WorkerContext::new(compute, lease, signals.clone()) };
             tasks.spawn(work(store.clone(), context));
         }
         let every = SWEEP.min(lease / 2).max(Duration::from_millis(1));

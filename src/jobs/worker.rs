@@ -21,16 +21,18 @@ pub struct WorkerContext {
     pub compute: Compute,
     /// How long it has a job without renewing.
     pub lease: Duration,
+    /// How long one attempt may compute.
+    pub longest: Duration,
     /// Whom it tells.
     pub signals: JobSignals,
     pub(super) drain: Arc<watch::Sender<Drain>>,
 }
 
 impl WorkerContext {
-    /// A worker with a new name.
+    /// A worker with a new name, whose attempts may take as long as they like.
     pub fn new(compute: Compute, lease: Duration, signals: JobSignals) -> WorkerContext {
         let owner = format!("worker_{}", uuid::Uuid::now_v7().simple());
-        WorkerContext { owner, compute, lease, signals, drain: Arc::new(watch::Sender::new(Drain::No)) }
+        WorkerContext { owner, compute, lease, longest: Duration::MAX, signals, drain: Arc::new(watch::Sender::new(Drain::No)) }
     }
 }
 
@@ -40,12 +42,14 @@ enum Ended {
     Failed(String),
     Cancelled,
     HandedBack,
-    /// It panicked: another attempt, if there is one left.
+    /// It panicked or did not come to an end: another attempt, if there is one left.
     GaveUp,
     /// The job is not ours any more, or its inputs cannot be read: its lease says what happens next.
     LeftToItsLease,
 }
 
+/// How long a computation that was told to stop may take to do so.
+pub(super) const STOP_WITHIN: Duration = Duration::from_secs(1);
 /// While the database is away, an ended job is offered again after this, as long as the lease holds.
 const RETRY_END_AFTER: Duration = Duration::from_millis(200);
 
@@ -105,6 +109,10 @@ async fn compute(context: &WorkerContext, inputs: JobInputs, control: &Arc<Contr
     let result = tokio::select! {
         result = &mut thread => result,
         () = reached(&mut drain, Drain::Abandon) => return Ended::HandedBack,
+        () = deaf_after(context.longest, control) => {
+            tracing::error!(job_id, "a computation takes longer than a job may, and does not stop; its thread is left to itself");
+            return Ended::GaveUp;
+        }
     };
     match result {
         Ok(Ok(Ok(outcome))) => Ended::Finished(Box::new(outcome)),
@@ -113,6 +121,10 @@ async fn compute(context: &WorkerContext, inputs: JobInputs, control: &Arc<Contr
             Some(Stop::Cancelled) => Ended::Cancelled,
             Some(Stop::ShuttingDown) => Ended::HandedBack,
             Some(Stop::LeaseLost) => Ended::LeftToItsLease,
+            Some(Stop::TooLong) => {
+                tracing::error!(job_id, longest = ?context.longest, "a computation was stopped: it took longer than a job may");
+                Ended::GaveUp
+            }
             None => Ended::Failed(internal(&job_id, "it stopped without being told to")),
         },
         Ok(Err(panic)) => {
@@ -122,6 +134,14 @@ async fn compute(context: &WorkerContext, inputs: JobInputs, control: &Arc<Contr
         // The runtime goes down: the lease runs out.
         Err(_) => Ended::LeftToItsLease,
     }
+}
+
+/// Tells a computation to stop when its time is over; resolves if it has not stopped shortly afterwards. A thread cannot be ended from
+/// outside, but its job can, and nobody waits for it any more.
+async fn deaf_after(longest: Duration, control: &Control) {
+    tokio::time::sleep(longest).await;
+    control.stop(Stop::TooLong);
+    tokio::time::sleep(STOP_WITHIN).await;
 }
 
 /// Ends the job, as often as it takes while the lease holds.

@@ -1,6 +1,7 @@
 //! Measurement sets as CSV: header with units, one row per measured point. Parses bytes, never corrects silently.
 
 use crate::measurement::set::{Frame, MeasurementSet, Point, Subset};
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 /// Most rows a set may have: ten times the largest campaign we know of, and still under a second to identify from.
@@ -43,6 +44,32 @@ pub struct ParseError {
     pub issues: Vec<Issue>,
 }
 
+impl ParseError {
+    fn new(mut issues: Vec<Issue>) -> Self {
+        issues.truncate(MAX_ISSUES);
+        Self { issues }
+    }
+}
+
+/// How a file writes its numbers. It has to be said: 1,234 is a number in both, and not the same one.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Decimal {
+    /// `12.5`, columns separated by `,`.
+    #[default]
+    Point,
+    /// `12,5`, columns separated by `;`, as a German or French spreadsheet exports.
+    Comma,
+}
+
+impl Decimal {
+    fn separator(self) -> u8 {
+        match self {
+            Self::Point => b',',
+            Self::Comma => b';',
+        }
+    }
+}
+
 /// What a column holds, and the factor from its unit to mm or rad.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Column {
@@ -60,13 +87,22 @@ enum Column {
     SweepJoint,
 }
 
-/// Parses a CSV file. `n_joints` is the robot's number of links.
+/// Parses a CSV file with decimal points. `n_joints` is the robot's number of links.
 ///
 /// # Errors
 /// [`ParseError`] with row, column and a hint for everything that is wrong (at most [`MAX_ISSUES`]).
 pub fn parse(bytes: &[u8], frame: Frame, n_joints: usize) -> Result<MeasurementSet, ParseError> {
-    let text = decode(bytes)?;
-    let mut reader = csv::ReaderBuilder::new().flexible(true).trim(csv::Trim::All).from_reader(text.as_bytes());
+    parse_with(Decimal::Point, bytes, frame, n_joints)
+}
+
+/// As [`parse`], for either way of writing numbers.
+///
+/// # Errors
+/// As [`parse`].
+pub fn parse_with(decimal: Decimal, bytes: &[u8], frame: Frame, n_joints: usize) -> Result<MeasurementSet, ParseError> {
+    let text = decode(bytes, decimal)?;
+    let mut reader = csv::ReaderBuilder::new();
+    let mut reader = reader.flexible(true).trim(csv::Trim::All).delimiter(decimal.separator()).from_reader(text.as_bytes());
     let header = reader.headers().map_err(|e| whole("unreadable", format!("the header row cannot be read: {e}")))?.clone();
     let columns = parse_header(&header, n_joints)?;
     let mut issues = Vec::new();
@@ -77,7 +113,7 @@ pub fn parse(bytes: &[u8], frame: Frame, n_joints: usize) -> Result<MeasurementS
         }
         match record {
             Ok(record) => {
-                if let Some(point) = parse_row(row, &record, &header, &columns, n_joints, &mut issues) {
+                if let Some(point) = parse_row(row, &record, &header, &columns, (n_joints, decimal), &mut issues) {
                     points.push(point);
                 }
             }
@@ -92,11 +128,11 @@ pub fn parse(bytes: &[u8], frame: Frame, n_joints: usize) -> Result<MeasurementS
     if points.is_empty() && issues.is_empty() {
         issues.push(Issue { row: None, column: None, code: "no_rows", detail: "the file has a header but no data rows".into() });
     }
-    if issues.is_empty() { Ok(MeasurementSet::new(frame, points)) } else { Err(ParseError { issues }) }
+    if issues.is_empty() { Ok(MeasurementSet::new(frame, points)) } else { Err(ParseError::new(issues)) }
 }
 
 /// UTF-8 text without a byte order mark, and not something that only looks like a CSV.
-fn decode(bytes: &[u8]) -> Result<&str, ParseError> {
+fn decode(bytes: &[u8], decimal: Decimal) -> Result<&str, ParseError> {
     if bytes.starts_with(b"PK\x03\x04") {
         return Err(whole("not_csv", "this is a zip or xlsx file; save the sheet as CSV (UTF-8) and upload that".into()));
     }
@@ -107,13 +143,18 @@ fn decode(bytes: &[u8]) -> Result<&str, ParseError> {
         return Err(whole("empty", "the file is empty".into()));
     }
     let header = text.lines().next().unwrap_or("");
-    if !header.contains(',') && (header.contains(';') || header.contains('\t')) {
-        return Err(whole(
-            "wrong_separator",
-            "columns are separated by ';' or tabs; separate them by ',' with '.' as the decimal point".into(),
-        ));
-    }
-    Ok(text)
+    let separated_by = |c: char| header.contains(c);
+    let detail = match decimal {
+        Decimal::Point if !separated_by(',') && (separated_by(';') || separated_by('\t')) => {
+            "columns are separated by ';' or tabs; separate them by ',' with '.' as the decimal point, or declare a file with ';' and \
+             decimal commas by ?decimal=comma"
+        }
+        Decimal::Comma if !separated_by(';') && (separated_by(',') || separated_by('\t')) => {
+            "decimal commas were declared, so columns have to be separated by ';', not by ',' or tabs"
+        }
+        _ => return Ok(text),
+    };
+    Err(whole("wrong_separator", detail.into()))
 }
 
 fn whole(code: &'static str, detail: String) -> ParseError {
@@ -139,7 +180,7 @@ fn parse_header(header: &csv::StringRecord, n_joints: usize) -> Result<Vec<Colum
     if issues.is_empty() {
         issues = missing_columns(&columns, n_joints);
     }
-    if issues.is_empty() { Ok(columns) } else { Err(ParseError { issues }) }
+    if issues.is_empty() { Ok(columns) } else { Err(ParseError::new(issues)) }
 }
 
 fn column_of(name: &str, n_joints: usize) -> Result<Column, Issue> {
@@ -238,7 +279,7 @@ fn parse_row(
     record: &csv::StringRecord,
     header: &csv::StringRecord,
     columns: &[Column],
-    n_joints: usize,
+    (n_joints, decimal): (usize, Decimal),
     issues: &mut Vec<Issue>,
 ) -> Option<Point> {
     if record.len() != columns.len() {
@@ -253,7 +294,7 @@ fn parse_row(
     let mut point = Point::empty(n_joints, row);
     let before = issues.len();
     for ((cell, column), name) in record.iter().zip(columns).zip(header) {
-        if let Err((code, detail)) = fill(&mut point, *column, cell, n_joints) {
+        if let Err((code, detail)) = fill(&mut point, *column, cell, n_joints, decimal) {
             let detail = format!("row {row}, column {name}: {detail}");
             issues.push(Issue { row: Some(row), column: Some(name.to_string()), code, detail });
         }
@@ -263,7 +304,8 @@ fn parse_row(
 
 type CellError = (&'static str, String);
 
-fn fill(point: &mut Point, column: Column, cell: &str, n_joints: usize) -> Result<(), CellError> {
+fn fill(point: &mut Point, column: Column, cell: &str, n_joints: usize, decimal: Decimal) -> Result<(), CellError> {
+    let number = |cell, factor, limit| number(cell, decimal, factor, limit);
     match column {
         Column::Joint(joint, factor) => point.q_rad[joint] = number(cell, factor, MAX_JOINT_RAD)?,
         Column::Position(axis, factor) => point.position_mm[axis] = number(cell, factor, MAX_COORDINATE_MM)?,
@@ -293,14 +335,24 @@ fn fill(point: &mut Point, column: Column, cell: &str, n_joints: usize) -> Resul
     Ok(())
 }
 
-fn number(cell: &str, factor: f64, limit: f64) -> Result<f64, CellError> {
+fn number(cell: &str, decimal: Decimal, factor: f64, limit: f64) -> Result<f64, CellError> {
     if cell.is_empty() {
         return Err(("empty_cell", "the cell is empty; remove the row or fill it in".into()));
     }
-    if cell.contains(',') {
-        return Err(("decimal_comma", format!("{cell:?} has a comma; write the number with a decimal point")));
-    }
-    let value: f64 = cell.parse().map_err(|_| ("not_a_number", format!("{cell:?} is not a number")))?;
+    let with_point = match decimal {
+        Decimal::Point if cell.contains(',') => {
+            return Err(("decimal_comma", format!("{cell:?} has a comma; write the number with a decimal point")));
+        }
+        Decimal::Comma if cell.contains('.') => {
+            return Err((
+                "decimal_point",
+                format!("{cell:?} has a point, but decimal commas were declared; write it without separators of thousands"),
+            ));
+        }
+        Decimal::Point => Cow::Borrowed(cell),
+        Decimal::Comma => Cow::Owned(cell.replace(',', ".")),
+    };
+    let value: f64 = with_point.parse().map_err(|_| ("not_a_number", format!("{cell:?} is not a number")))?;
     if !value.is_finite() {
         return Err(("not_finite", format!("{cell:?} is not a finite number")));
     }

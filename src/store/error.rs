@@ -83,6 +83,16 @@ impl Error {
         }
     }
 
+    /// What is the matter with the database, in words that give nothing away: for clients, and for whoever asks whether it is ready.
+    pub fn reason(&self) -> &'static str {
+        match self {
+            Error::Database(error) => reason(error),
+            Error::NotCommitted(error) => reason(error),
+            Error::NoRoom { .. } => "its disk is nearly full",
+            _ => "it does not do what it should",
+        }
+    }
+
     /// The error with what caused it, for the log.
     pub fn cause(&self) -> String {
         match self {
@@ -96,25 +106,43 @@ impl Error {
 fn is_unavailable(error: &sqlx::Error) -> bool {
     match error {
         sqlx::Error::PoolTimedOut | sqlx::Error::PoolClosed | sqlx::Error::Io(_) | sqlx::Error::WorkerCrashed => true,
-        sqlx::Error::Database(error) => error.code().is_some_and(|code| is_unavailable_code(&code)),
+        sqlx::Error::Database(error) => error.code().is_some_and(|code| reason_of_code(&code).is_some()),
         _ => false,
     }
 }
 
-/// PostgreSQL's SQLSTATE has five characters; SQLite's extended result codes are numbers of at most four digits
-/// whose low byte is the primary code.
-fn is_unavailable_code(code: &str) -> bool {
-    const BUSY: u32 = 5;
-    const LOCKED: u32 = 6;
-    const READ_ONLY: u32 = 8;
-    const IO: u32 = 10;
-    const FULL: u32 = 13;
-    const CANNOT_OPEN: u32 = 14;
-    if code.len() == 5 {
-        // connection failures, out of resources, shutting down or starting, serialization failures and deadlocks
-        return ["08", "53", "57P", "40"].iter().any(|class| code.starts_with(class));
+fn reason(error: &sqlx::Error) -> &'static str {
+    match error {
+        sqlx::Error::PoolTimedOut => "no connection to it became free in time",
+        sqlx::Error::PoolClosed => "the server is stopping",
+        sqlx::Error::Io(_) => "the connection to it failed",
+        sqlx::Error::WorkerCrashed => "a connection to it broke",
+        sqlx::Error::Database(error) => error.code().and_then(|code| reason_of_code(&code)).unwrap_or("it reports a fault"),
+        _ => "it does not do what it should",
     }
-    code.parse::<u32>().is_ok_and(|code| [BUSY, LOCKED, READ_ONLY, IO, FULL, CANNOT_OPEN].contains(&(code & 0xff)))
+}
+
+/// Why waiting may help, by the engine's code; nothing where it does not. PostgreSQL's SQLSTATE has five characters; SQLite's extended
+/// result codes are numbers of at most four digits whose low byte is the primary code.
+fn reason_of_code(code: &str) -> Option<&'static str> {
+    if code.len() == 5 {
+        let classes = [
+            ("08", "the connection to it failed"),
+            ("55P03", "somebody else locks it"),
+            ("53", "it is out of connections, memory or disk"),
+            ("57P", "it is shutting down or starting"),
+            ("40", "others write the same rows"),
+        ];
+        return classes.into_iter().find(|(class, _)| code.starts_with(class)).map(|(_, reason)| reason);
+    }
+    Some(match code.parse::<u32>().ok()? & 0xff {
+        5 | 6 => "another program locks it",
+        8 => "its disk is read-only",
+        10 => "its disk does not read or write",
+        13 => "its disk is full",
+        14 => "its file cannot be opened",
+        _ => return None,
+    })
 }
 
 impl From<sqlx::Error> for Error {

@@ -50,6 +50,8 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use sqlx::{Any, AnyConnection, AnyPool, Transaction};
+use tokio::sync::{OwnedSemaphorePermit, Semaphore};
+use tokio::time::timeout;
 
 use audit::Note;
 use writer::{Member, Writer};
@@ -78,6 +80,8 @@ struct Inner {
     postgres_url: Option<String>,
     /// SQLite has one writer at a time; those who wait for it share a commit.
     writer: Option<Writer>,
+    /// On PostgreSQL: which of its connections may be waiting for locks.
+    writers: Option<Arc<Semaphore>>,
     /// Held as long as the store is open, so that two servers never share a data directory.
     _lock_file: Option<File>,
 }
@@ -94,7 +98,7 @@ pub struct Tx {
 #[derive(Debug)]
 enum TxKind {
     /// On PostgreSQL: a transaction on a connection of its own.
-    Own(Transaction<'static, Any>),
+    Own(Transaction<'static, Any>, Option<OwnedSemaphorePermit>),
     /// On SQLite: a share of the group that is committed together.
     Shared(Member),
 }
@@ -143,13 +147,27 @@ impl Store {
     pub async fn begin(&self) -> Result<Tx> {
         let kind = match &self.inner.writer {
             Some(writer) => TxKind::Shared(writer.join().await?),
-            None => TxKind::Own(self.inner.pool.begin().await?),
+            None => {
+                let permit = self.room_to_write().await?;
+                TxKind::Own(self.inner.pool.begin().await?, permit)
+            }
         };
         Ok(Tx { kind, actor: NOBODY.into(), notes: Vec::new(), free_bytes: self.free_bytes() })
     }
 
+    async fn room_to_write(&self) -> Result<Option<OwnedSemaphorePermit>> {
+        let Some(writers) = &self.inner.writers else { return Ok(None) };
+        let permit = timeout(open::POSTGRES_WRITER_TIMEOUT, Arc::clone(writers).acquire_owned()).await;
+        permit.map_err(|_| sqlx::Error::PoolTimedOut)?.map(Some).map_err(|_| sqlx::Error::PoolClosed.into())
+    }
+
+    /// What is wrong if the disk has so little left that new things are refused.
+    pub fn short_of_room(&self) -> Option<Error> {
+        no_room(self.free_bytes())
+    }
+
     /// What is left on the disk of an embedded database; none if that cannot be told.
-    fn free_bytes(&self) -> Option<u64> {
+    pub fn free_bytes(&self) -> Option<u64> {
         let disk = rustix::fs::statvfs(self.inner.data_dir.as_ref()?).ok()?;
         Some(disk.f_bavail.saturating_mul(disk.f_frsize))
     }
@@ -204,7 +222,7 @@ impl Tx {
     pub async fn commit(self) -> Result<()> {
         match self.kind {
             TxKind::Shared(member) => member.commit(self.actor, self.notes).await,
-            TxKind::Own(mut transaction) => {
+            TxKind::Own(mut transaction, _room) => {
                 if !self.notes.is_empty() {
                     let head = audit::head_in(&mut transaction, true).await?;
                     let head = audit::append(&mut transaction, &head, &self.actor, self.notes).await?;
@@ -222,14 +240,14 @@ impl Tx {
     pub async fn rollback(self) -> Result<()> {
         match self.kind {
             TxKind::Shared(member) => member.rollback().await,
-            TxKind::Own(transaction) => Ok(transaction.rollback().await?),
+            TxKind::Own(transaction, _room) => Ok(transaction.rollback().await?),
         }
     }
 
     pub(crate) fn connection(&mut self) -> Result<&mut AnyConnection> {
         match &mut self.kind {
             TxKind::Shared(member) => member.connection().ok_or(Error::Database(sqlx::Error::WorkerCrashed)),
-            TxKind::Own(transaction) => Ok(transaction),
+            TxKind::Own(transaction, _) => Ok(transaction),
         }
     }
 
@@ -238,16 +256,17 @@ impl Tx {
     /// # Errors
     /// [`Error::NoRoom`].
     pub(crate) fn needs_room(&self) -> Result<()> {
-        match self.free_bytes {
-            Some(free) if free < RESERVE_BYTES => Err(Error::NoRoom { free_mib: free >> 20 }),
-            _ => Ok(()),
-        }
+        no_room(self.free_bytes).map_or(Ok(()), Err)
     }
 
     /// Adds an entry to the audit chain, if this transaction is committed.
     fn note(&mut self, event: &'static str, subject: &str, detail: &serde_json::Value) {
         self.notes.push(Note { event, subject: subject.into(), detail_json: detail.to_string() });
     }
+}
+
+fn no_room(free_bytes: Option<u64>) -> Option<Error> {
+    free_bytes.filter(|free| *free < RESERVE_BYTES).map(|free| Error::NoRoom { free_mib: free >> 20 })
 }
 
 const NOW: &str = "select now_ms from clock";

@@ -7,8 +7,9 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use sqlx::any::{AnyConnectOptions, AnyPoolOptions};
-use sqlx::migrate::{Migration, MigrationType, Migrator};
-use sqlx::{AnyPool, Executor, SqlSafeStr};
+use sqlx::migrate::{MigrateError, Migration, MigrationType, Migrator};
+use sqlx::{AnyPool, Connection, Executor, SqlSafeStr};
+use tokio::sync::Semaphore;
 
 use super::writer::Writer;
 use super::{Engine, Error, Inner, Result, Store, idempotency, leases};
@@ -44,6 +45,14 @@ const OLDEST_SQLITE: (u32, u32, u32) = (3, 51, 3);
 const SQLITE_CONNECTIONS: u32 = 8;
 /// Per process; a PostgreSQL server takes 100 connections unless told otherwise.
 const POSTGRES_CONNECTIONS: u32 = 16;
+/// Of these, what writers may have: those that wait for somebody's lock must not keep readers out.
+const POSTGRES_WRITERS: usize = 12;
+/// Longest wait of a writer for one of them.
+pub(super) const POSTGRES_WRITER_TIMEOUT: Duration = Duration::from_secs(2);
+/// Longest wait for somebody else's lock: then it is the client's turn to come back.
+const POSTGRES_SETTINGS: &str = "set lock_timeout = '3s'";
+/// Another node may be at the same step, and may take its time.
+const POSTGRES_SETTINGS_TO_MIGRATE: &str = "set lock_timeout = 0";
 /// How long a request waits for a connection before it is told to come back later.
 const ACQUIRE_TIMEOUT: Duration = Duration::from_secs(5);
 /// WAL and FULL: what was acknowledged survives power loss. The busy timeout (ms) covers tools beside the server.
@@ -108,11 +117,16 @@ async fn connect_postgres(url: &str) -> Result<Store> {
     if !url.starts_with("postgres://") && !url.starts_with("postgresql://") {
         return Err(Error::Open { detail: "the database URL must begin with postgres://".into() });
     }
-    let options = AnyPoolOptions::new().max_connections(POSTGRES_CONNECTIONS).acquire_timeout(ACQUIRE_TIMEOUT);
+    let options = AnyPoolOptions::new()
+        .max_connections(POSTGRES_CONNECTIONS)
+        .acquire_timeout(ACQUIRE_TIMEOUT)
+        .after_connect(|connection, _| Box::pin(async move { connection.execute(POSTGRES_SETTINGS).await.map(drop) }));
     let pool = connect(options, url).await?;
     let (engine, is_served) = (Engine::Postgres, true);
     let postgres_url = Some(url.to_owned());
-    Ok(Store { inner: Arc::new(Inner { pool, engine, data_dir: None, is_served, postgres_url, writer: None, _lock_file: None }) })
+    let writers = Some(Arc::new(Semaphore::new(POSTGRES_WRITERS)));
+    let inner = Inner { pool, engine, data_dir: None, is_served, postgres_url, writer: None, writers, _lock_file: None };
+    Ok(Store { inner: Arc::new(inner) })
 }
 
 async fn connect(options: AnyPoolOptions, url: &str) -> Result<AnyPool> {
@@ -131,7 +145,8 @@ async fn connect_sqlite(data_dir: &Path, lock_file: Option<File>, is_served: boo
     refuse_old_sqlite(&pool).await?;
     let writer = Some(Writer::new(pool.clone()));
     let data_dir = Some(data_dir.to_owned());
-    let inner = Inner { pool, engine: Engine::Sqlite, data_dir, is_served, postgres_url: None, writer, _lock_file: lock_file };
+    let inner =
+        Inner { pool, engine: Engine::Sqlite, data_dir, is_served, postgres_url: None, writer, writers: None, _lock_file: lock_file };
     Ok(Store { inner: Arc::new(inner) })
 }
 
@@ -185,5 +200,12 @@ async fn migrate(store: &Store) -> Result<()> {
         Migration::new(version, name.into(), MigrationType::Simple, sql.into_sql_str(), false)
     });
     let migrator = Migrator::with_migrations(migrations.collect());
-    migrator.run(store.pool()).await.map_err(|e| Error::Open { detail: format!("the database's schema: {e}") })
+    let failed = |e: MigrateError| Error::Open { detail: format!("the database's schema: {e}") };
+    if store.engine() == Engine::Sqlite {
+        return migrator.run(store.pool()).await.map_err(failed);
+    }
+    let mut connection = store.pool().acquire().await?.detach();
+    connection.execute(POSTGRES_SETTINGS_TO_MIGRATE).await?;
+    migrator.run(&mut connection).await.map_err(failed)?;
+    Ok(connection.close().await?)
 }

@@ -3,7 +3,7 @@
 use crate::frames::{PreliminaryFrames, SweepCircle, preliminary_frames};
 use crate::kinematics::Robot;
 use crate::wire::issue::Invalid;
-use crate::wire::measurement::{Frame, from_csv};
+use crate::wire::measurement::{Decimal, Frame, from_csv};
 use nalgebra::{IsometryMatrix3, Matrix3, Rotation3, Translation3, Vector3};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -88,7 +88,7 @@ impl FramesAnswer {
 /// # Errors
 /// [`Invalid`] for a file that cannot be read, or sweeps that do not say enough (parallel axes, too short an arc).
 pub fn from_sweeps(bytes: &[u8], robot: &Robot) -> Result<FramesContent, Invalid> {
-    let set = from_csv(bytes, Frame::Instrument, robot.links.len())?;
+    let set = from_csv(bytes, Decimal::Point, Frame::Instrument, robot.links.len())?;
     let frames = preliminary_frames(robot, &set).map_err(|error| Invalid::at("", error.code(), error.to_string()))?;
     Ok(FramesContent::from_core(&frames))
 }

@@ -174,12 +174,41 @@ impl Warning {
     }
 }
 
+/// How a CSV file writes its numbers.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Decimal {
+    /// `12.5`, columns separated by commas.
+    #[default]
+    Point,
+    /// `12,5`, columns separated by semicolons.
+    Comma,
+}
+
+/// Parameter of a content type that declares decimal commas; stored with the upload, so that it is read again as it was read first.
+pub const DECIMAL_COMMA: &str = "decimal=comma";
+
+impl Decimal {
+    /// What a content type declares.
+    pub fn of(content_type: &str) -> Self {
+        let declared = content_type.split(';').skip(1).any(|parameter| parameter.trim().eq_ignore_ascii_case(DECIMAL_COMMA));
+        if declared { Self::Comma } else { Self::Point }
+    }
+
+    fn to_core(self) -> measurement::csv::Decimal {
+        match self {
+            Self::Point => measurement::csv::Decimal::Point,
+            Self::Comma => measurement::csv::Decimal::Comma,
+        }
+    }
+}
+
 /// Reads an uploaded CSV file.
 ///
 /// # Errors
 /// [`Invalid`] with row, column and value of everything that is wrong.
-pub fn from_csv(bytes: &[u8], frame: Frame, n_joints: usize) -> Result<MeasurementSet, Invalid> {
-    measurement::csv::parse(bytes, frame.to_core(), n_joints).map_err(|error| Invalid {
+pub fn from_csv(bytes: &[u8], decimal: Decimal, frame: Frame, n_joints: usize) -> Result<MeasurementSet, Invalid> {
+    measurement::csv::parse_with(decimal.to_core(), bytes, frame.to_core(), n_joints).map_err(|error| Invalid {
         code: "invalid_measurements",
         issues: error.issues.into_iter().take(MAX_ISSUES).map(csv_issue).collect(),
     })
@@ -191,7 +220,7 @@ pub fn from_csv(bytes: &[u8], frame: Frame, n_joints: usize) -> Result<Measureme
 /// [`Invalid`]; does not happen for bytes that were accepted once.
 pub fn from_upload(content_type: &str, bytes: &[u8], frame: Frame, n_joints: usize) -> Result<MeasurementSet, Invalid> {
     if !content_type.to_ascii_lowercase().starts_with("application/json") {
-        return from_csv(bytes, frame, n_joints);
+        return from_csv(bytes, Decimal::of(content_type), frame, n_joints);
     }
     let body: MeasurementSetBody = json::parse(bytes).map_err(|error| match error {
         json::Error::Shape(invalid) => invalid,

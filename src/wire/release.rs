@@ -47,6 +47,21 @@ impl Gate {
     }
 }
 
+/// What a release would find.
+#[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
+pub struct GatesAnswer {
+    /// The set.
+    pub parameter_set_id: String,
+    /// Whether every gate is passed: then a release by the same key succeeds, unless something changes meanwhile.
+    pub releasable: bool,
+    /// How strong the verification is.
+    pub evidence: Evidence,
+    /// The tool's largest predicted uncertainty over the workspace, mm; none where it cannot be stated.
+    pub uncertainty_mm: Option<f64>,
+    /// All of them; with `warning`, passed and worth a look.
+    pub gates: Vec<Gate>,
+}
+
 /// Why a set is released.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
@@ -114,6 +129,8 @@ pub struct Facts<'a> {
     pub sessions: &'a [Session],
     /// Against the active set.
     pub comparisons: &'a [Comparison],
+    /// It was taken back for good.
+    pub is_withdrawn: bool,
     /// It was released before, and is to come back.
     pub is_rollback: bool,
     /// Serial number of the robot, and as the uploader stated it.
@@ -152,6 +169,9 @@ pub fn gates(facts: &Facts<'_>) -> Vec<Gate> {
     let mut gates = vec![verified(facts), errors_improved(facts), all_finite(facts.content), better_than_nominal(facts)];
     gates.extend([better_than_active(facts), evidence(facts), uncertainty(facts), errors_within_tolerance(facts)]);
     gates.extend([identity(facts), change(facts), second_person(facts)]);
+    if facts.is_withdrawn {
+        gates.insert(0, Gate::new("withdrawn", false, "the set was withdrawn, which is for good: identify anew, or release another set"));
+    }
     gates
 }
 

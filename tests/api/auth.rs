@@ -7,13 +7,17 @@ use serde_json::json;
 
 /// A server that asks for keys; the directory lives as long as the test needs it.
 async fn guarded() -> (TestApp, tempfile::TempDir) {
+    guarded_with_workers(0).await
+}
+
+pub async fn guarded_with_workers(n: usize) -> (TestApp, tempfile::TempDir) {
     let dir = tempfile::tempdir().unwrap();
-    let config = ServeConfig { no_auth: false, ..ServeConfig::loopback(dir.path().join("data"), 0) };
+    let config = ServeConfig { no_auth: false, ..ServeConfig::loopback(dir.path().join("data"), n) };
     (TestApp::with_config(config).await, dir)
 }
 
 /// A new key and its id.
-async fn key(app: &TestApp, scopes: &[&str], robots: Option<Vec<&str>>) -> (String, String) {
+pub async fn key(app: &TestApp, scopes: &[&str], robots: Option<Vec<&str>>) -> (String, String) {
     let (key, key_sha256) = new_key().unwrap();
     let robots_json = robots.map(|robots| json!(robots).to_string());
     let new = NewApiKey { name: "test".into(), key_sha256, scopes_json: json!(scopes).to_string(), robots_json };
@@ -23,7 +27,7 @@ async fn key(app: &TestApp, scopes: &[&str], robots: Option<Vec<&str>>) -> (Stri
     (key, row.id)
 }
 
-async fn with_key(app: &TestApp, method: Method, path: &str, key: &str, body: Vec<u8>) -> Answer {
+pub async fn with_key(app: &TestApp, method: Method, path: &str, key: &str, body: Vec<u8>) -> Answer {
     Answer::of(app.request(method, path).bearer_auth(key).header("content-type", "application/json").body(body)).await
 }
 

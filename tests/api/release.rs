@@ -37,6 +37,35 @@ async fn one_call_goes_back_to_the_set_before_and_a_second_one_further() {
 }
 
 #[tokio::test]
+async fn the_gates_are_told_beforehand_as_a_release_will_find_them_and_nothing_changes() {
+    let app = TestApp::with_workers(1).await;
+    let (robot, job) = app.identified().await;
+    let told = async || app.get(&format!("{}/gates", path(&job))).await.ok(200);
+    let names = |found: &Value, passed: bool| -> Vec<String> {
+        let gates = found["gates"].as_array().unwrap().iter().filter(|gate| gate["passed"] == passed);
+        gates.map(|gate| text(&gate["gate"]).to_owned()).collect()
+    };
+    let found = told().await;
+    assert_eq!((&found["releasable"], &found["evidence"]), (&json!(true), &json!("same_upload")), "{found}");
+    assert!(names(&found, false).is_empty() && names(&found, true).len() >= 11, "{found}");
+    assert!(found["uncertainty_mm"].as_f64().unwrap() > 0.0);
+    // A policy that asks for more: the same gates fail that refuse the release.
+    let policy = json!({"tolerance_mm": 1e-6, "independent_session_required": true, "second_person_required": true});
+    let put = app.request(Method::PUT, &format!("{robot}/policy")).header("content-type", "application/json").body(policy.to_string());
+    Answer::of(put).await.ok(200);
+    let found = told().await;
+    assert_eq!(found["releasable"], false);
+    let refused = app.post_json(&format!("{}/release", path(&job)), &json!({"reason": "r"})).await.problem(409, "release_refused");
+    assert_eq!(names(&found, false), failed(&refused));
+    assert!(names(&found, false).contains(&"second_person".to_owned()), "{found}");
+    assert_eq!(app.get(&path(&job)).await.ok(200)["status"], "candidate", "looking changes nothing");
+    app.post_json(&format!("{}/withdraw", path(&job)), &json!({"reason": "wrong"})).await.ok(200);
+    let found = told().await;
+    assert_eq!((&found["releasable"], names(&found, false)[0].as_str()), (&json!(false), "withdrawn"));
+    app.get("/v1/parameter-sets/params_0/gates").await.problem(404, "not_found");
+}
+
+#[tokio::test]
 async fn a_set_that_another_session_shows_to_be_no_better_than_nominal_is_never_released() {
     let app = TestApp::with_workers(1).await;
     let (robot, job) = app.identified().await;

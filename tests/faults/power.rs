@@ -4,13 +4,12 @@
 
 use crate::data::paper_path;
 use crate::load::{Ledger, Load};
+use crate::preload;
 use crate::process::{Server, kincal};
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 use sqlx::Connection;
 use std::collections::BTreeMap;
-use std::io::Write;
 use std::path::Path;
-use std::process::Command;
 use std::time::{Duration, UNIX_EPOCH};
 
 /// By night 1,000.
@@ -111,24 +110,10 @@ async fn stored(path: &Path) -> Result<BTreeMap<String, Vec<u8>>, sqlx::Error> {
     Ok(rows.into_iter().collect())
 }
 
-/// The recorder, built; none where there is no C compiler.
-fn recorder(dir: &Path) -> Option<std::path::PathBuf> {
-    let (source, library) = (dir.join("recorder.c"), dir.join("recorder.so"));
-    std::fs::write(&source, include_str!("recorder.c")).unwrap();
-    let built = Command::new("cc").args(["-shared", "-fPIC", "-O1", "-o"]).arg(&library).arg(&source).arg("-ldl").output();
-    match built {
-        Ok(output) if output.status.success() => Some(library),
-        other => {
-            let _ = writeln!(std::io::stderr(), "!!! THE RECORDER CANNOT BE BUILT, POWER LOSS WAS NOT TESTED: {other:?} !!!");
-            None
-        }
-    }
-}
-
 #[test]
 fn a_power_loss_at_any_moment_loses_no_acknowledged_upload() {
     let dir = tempfile::tempdir().unwrap();
-    let Some(library) = recorder(dir.path()) else { return };
+    let Some(library) = preload::build(dir.path(), "recorder", include_str!("recorder.c")) else { return };
     let (data_dir, log) = (dir.path().join("data"), dir.path().join("log"));
     let mut command = kincal(&["serve", "--listen", "127.0.0.1:0", "--no-auth", "--workers", "1", "--data-dir"]);
     command.arg(&data_dir).env("LD_PRELOAD", &library).env("KINCAL_RECORD", &log);

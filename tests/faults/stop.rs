@@ -12,12 +12,12 @@ use std::time::Duration;
 /// The shortest lease.
 const LEASE: [(&str, &str); 1] = [("KINCAL_LEASE_S", "1")];
 
-fn signal(name: &str, pid: u32) {
+pub fn signal(name: &str, pid: u32) {
     assert!(Command::new("kill").args([name, &pid.to_string()]).status().unwrap().success());
 }
 
 /// A swarm that takes some seconds and is not done before it is stopped.
-fn long_job(set: &str) -> Value {
+pub fn long_job(set: &str) -> Value {
     json!({"measurement_set_id": set, "method": "pso", "preset": "paper", "verify": {"source": "subset"},
         "options": {"n_particles": 200, "n_iterations": 4000, "stop_at_cost_mm2": 0.0}})
 }
@@ -42,13 +42,13 @@ fn a_server_stopped_past_its_leases_gives_no_second_result() {
 }
 
 /// A server that only serves.
-fn on(url: &str) -> Server {
+pub fn on(url: &str) -> Server {
     let mut command = kincal(&["serve", "--listen", "127.0.0.1:0", "--no-auth", "--workers", "0", "--database-url", url]);
     command.envs(LEASE);
     Server::of(command)
 }
 
-struct Node(Child);
+pub struct Node(pub Child);
 
 impl Node {
     fn start(url: &str) -> Self {

@@ -2,14 +2,14 @@
 
 use std::time::{Duration, Instant};
 
-use kincal::jobs::{JobSignals, WorkerPool};
+use kincal::jobs::{JobSignals, Rules, WorkerPool};
 use kincal::store::{JobStatus, PageRequest, jobs, leases, parameter_sets};
 
 use crate::computations::{LONG, arrived, gate, obey, until};
 use crate::engines::for_each_engine;
 use crate::fixtures::{a_job, a_robot, a_set};
 
-const ATTEMPTS: u32 = 3;
+const RULES: Rules = Rules { lease: LONG, max_attempts: 3, longest: LONG };
 
 #[test]
 fn a_pool_runs_every_job_once() {
@@ -17,7 +17,7 @@ fn a_pool_runs_every_job_once() {
         let store = &database.store;
         let set = a_set(store, &a_robot(store, "r").await).await;
         let signals = JobSignals::default();
-        let pool = WorkerPool::start(store.clone(), obey, 4, LONG, ATTEMPTS, signals.clone());
+        let pool = WorkerPool::start(store.clone(), obey, 4, RULES, signals.clone());
         let mut ids = Vec::new();
         for i in 0..40 {
             let request = if i % 10 == 3 { "panic" } else { "succeed" };
@@ -26,7 +26,7 @@ fn a_pool_runs_every_job_once() {
         }
         for (id, panics) in &ids {
             let job = until(store, id, |job| job.status.is_over()).await;
-            let expected = if *panics { (JobStatus::Failed, i64::from(ATTEMPTS)) } else { (JobStatus::Succeeded, 1) };
+            let expected = if *panics { (JobStatus::Failed, i64::from(RULES.max_attempts)) } else { (JobStatus::Succeeded, 1) };
             assert_eq!((job.status, job.attempt), expected);
         }
         pool.shutdown(LONG).await;
@@ -39,7 +39,7 @@ fn a_pool_runs_every_job_once() {
 fn a_pool_finds_jobs_that_nobody_signalled() {
     for_each_engine(async |database| {
         let store = &database.store;
-        let pool = WorkerPool::start(store.clone(), obey, 1, LONG, ATTEMPTS, JobSignals::default());
+        let pool = WorkerPool::start(store.clone(), obey, 1, RULES, JobSignals::default());
         // Posted through another process.
         let job = a_job(store, &a_set(store, &a_robot(store, "r").await).await, "succeed").await;
         assert_eq!(until(store, &job.id, |job| job.status.is_over()).await.status, JobStatus::Succeeded);
@@ -53,7 +53,7 @@ fn a_pool_takes_over_the_job_of_a_worker_that_died() {
         let store = &database.store;
         let job = a_job(store, &a_set(store, &a_robot(store, "r").await).await, "succeed").await;
         leases::claim(store, "dead", Duration::from_millis(1)).await.unwrap().unwrap();
-        let pool = WorkerPool::start(store.clone(), obey, 1, LONG, ATTEMPTS, JobSignals::default());
+        let pool = WorkerPool::start(store.clone(), obey, 1, RULES, JobSignals::default());
         let done = until(store, &job.id, |job| job.status.is_over()).await;
         assert_eq!((done.status, done.attempt), (JobStatus::Succeeded, 2));
         pool.shutdown(LONG).await;
@@ -67,7 +67,7 @@ fn a_pool_that_shuts_down_lets_computations_finish_in_time() {
         let job = a_job(store, &a_set(store, &a_robot(store, "r").await).await, "report progress, wait at the gate").await;
         let waiting = a_job(store, &a_set(store, &a_robot(store, "r").await).await, "succeed").await;
         // The lease is shorter than what the draining takes: it must be kept.
-        let pool = WorkerPool::start(store.clone(), obey, 1, Duration::from_millis(1500), ATTEMPTS, JobSignals::default());
+        let pool = WorkerPool::start(store.clone(), obey, 1, Rules { lease: Duration::from_millis(1500), ..RULES }, JobSignals::default());
         arrived(&job.id).await;
         let shutdown = tokio::spawn(pool.shutdown(LONG));
         let begun = jobs::get(store, &job.id).await.unwrap();
@@ -85,7 +85,7 @@ fn a_pool_that_shuts_down_hands_unfinished_jobs_back_with_their_attempt() {
     for_each_engine(async |database| {
         let store = &database.store;
         let job = a_job(store, &a_set(store, &a_robot(store, "r").await).await, "run until stopped").await;
-        let pool = WorkerPool::start(store.clone(), obey, 2, LONG, ATTEMPTS, JobSignals::default());
+        let pool = WorkerPool::start(store.clone(), obey, 2, RULES, JobSignals::default());
         arrived(&job.id).await;
         let begun = Instant::now();
         pool.shutdown(Duration::from_secs(1)).await;
@@ -101,13 +101,13 @@ fn a_computation_that_does_not_stop_is_handed_back_and_its_late_result_is_not_st
         let store = &database.store;
         let set = a_set(store, &a_robot(store, "r").await).await;
         let job = a_job(store, &set, "report progress, wait at the gate").await;
-        let pool = WorkerPool::start(store.clone(), obey, 1, LONG, ATTEMPTS, JobSignals::default());
+        let pool = WorkerPool::start(store.clone(), obey, 1, RULES, JobSignals::default());
         arrived(&job.id).await;
         pool.shutdown(Duration::from_secs(1)).await;
         assert_eq!(jobs::get(store, &job.id).await.unwrap().status, JobStatus::Queued);
         gate(&job.id).open();
         // Another pool computes it, once.
-        let pool = WorkerPool::start(store.clone(), obey, 1, LONG, ATTEMPTS, JobSignals::default());
+        let pool = WorkerPool::start(store.clone(), obey, 1, RULES, JobSignals::default());
         let done = until(store, &job.id, |job| job.status.is_over()).await;
         assert_eq!((done.status, done.attempt), (JobStatus::Succeeded, 1));
         pool.shutdown(LONG).await;
@@ -119,7 +119,7 @@ fn a_computation_that_does_not_stop_is_handed_back_and_its_late_result_is_not_st
 fn a_pool_without_work_shuts_down_at_once() {
     for_each_engine(async |database| {
         for n_workers in [0, 3] {
-            let pool = WorkerPool::start(database.store.clone(), obey, n_workers, LONG, ATTEMPTS, JobSignals::default());
+            let pool = WorkerPool::start(database.store.clone(), obey, n_workers, RULES, JobSignals::default());
             let begun = Instant::now();
             pool.shutdown(LONG).await;
             assert!(begun.elapsed() < LONG / 2);

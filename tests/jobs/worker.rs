@@ -125,6 +125,33 @@ fn a_computation_that_panics_is_tried_as_often_as_allowed_and_others_go_on() {
 }
 
 #[test]
+fn a_computation_without_an_end_is_tried_as_often_as_allowed_and_others_go_on() {
+    for_each_engine(async |database| {
+        let store = &database.store;
+        let set = some_set(database).await;
+        // One that asks whether to go on, and one that is deaf and keeps its thread.
+        for request in ["run until stopped", "report progress, wait at the gate"] {
+            let (endless, other) = (a_job(store, &set, request).await, a_job(store, &set, "succeed").await);
+            let mut context = a_worker(LONG);
+            context.longest = Duration::from_millis(50);
+            for attempt in 1..=3 {
+                let ran = tokio::time::timeout(LONG / 4, run_pending_jobs(store, &context)).await;
+                ran.expect("a computation without an end is given up").unwrap();
+                let job = jobs::get(store, &endless.id).await.unwrap();
+                assert_eq!((job.status, job.attempt), (JobStatus::Running, attempt), "its lease ends at once");
+                assert_eq!(jobs::get(store, &other.id).await.unwrap().status, JobStatus::Succeeded);
+                queue::expire(store, 3, &JobSignals::default()).await.unwrap();
+            }
+            let failed = jobs::get(store, &endless.id).await.unwrap();
+            assert_eq!((failed.status, code(&failed).as_str(), failed.attempt), (JobStatus::Failed, "attempts_exhausted", 3));
+            // Its threads come back when it is too late.
+            gate(&endless.id).open();
+        }
+        assert_eq!(parameter_sets::list(store, &set.robot_id, &PageRequest::default()).await.unwrap().items.len(), 2);
+    });
+}
+
+#[test]
 fn a_computation_that_stops_without_being_told_to_fails_its_job() {
     for_each_engine(async |database| {
         let store = &database.store;

@@ -11,13 +11,13 @@ const CUT_OFF_WITHIN: Duration = Duration::from_secs(CLIENT_TIMEOUT_S + 9);
 const OTHERS_WITHIN: Duration = Duration::from_secs(1);
 const PAUSE: Duration = Duration::from_millis(50);
 
-async fn impatient(limits: LimitsConfig) -> (TestApp, tempfile::TempDir) {
+pub async fn impatient(limits: LimitsConfig) -> (TestApp, tempfile::TempDir) {
     let dir = tempfile::tempdir().unwrap();
     let config = ServeConfig { limits, ..ServeConfig::loopback(dir.path().join("data"), 0) };
     (TestApp::with_config(config).await, dir)
 }
 
-fn short() -> LimitsConfig {
+pub fn short() -> LimitsConfig {
     LimitsConfig { client_timeout_s: CLIENT_TIMEOUT_S, ..LimitsConfig::default() }
 }
 

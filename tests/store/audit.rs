@@ -2,6 +2,8 @@
 
 use kincal::store::verify::{Check, Options, verify};
 use kincal::store::{AuditRow, Engine, NewApiKey, Store, api_keys, audit, jobs, parameter_sets};
+use kincal::wire::canonical::sha256_hex;
+use serde_json::json;
 use sqlx::AssertSqlSafe;
 
 use crate::engines::for_each_engine;
@@ -115,6 +117,31 @@ fn an_edit_a_deletion_another_order_and_a_cut_end_show() {
             assert!(check.n_violations > 0, "{sql} does not show");
         });
     }
+}
+
+/// The hash as it is documented: of the JSON list of the hash before and all fields.
+fn documented(before: &str, row: &AuditRow) -> String {
+    let list = json!([before, row.seq, row.at_ms, row.actor, row.event, row.subject, row.detail_json]);
+    sha256_hex(list.to_string().as_bytes())
+}
+
+#[test]
+fn an_entry_forged_together_with_its_own_hash_shows_in_the_next_one() {
+    for_each_engine(async |database| {
+        let store = &database.store;
+        for i in 0..4 {
+            a_robot(store, &i.to_string()).await;
+        }
+        let rows = entries(store).await;
+        for pair in rows.windows(2) {
+            assert_eq!(pair[1].sha256, documented(&pair[0].sha256, &pair[1]), "the chain is made as documented");
+        }
+        let forged = AuditRow { actor: "somebody else".into(), ..rows[2].clone() };
+        let hash = documented(&rows[1].sha256, &forged);
+        forge(store, &format!("update audit set actor = '{}', sha256 = '{hash}' where seq = {}", forged.actor, forged.seq)).await;
+        let check = chain(store, None).await;
+        assert_eq!(check.n_violations, 1, "the entry after it: {check:?}");
+    });
 }
 
 #[test]

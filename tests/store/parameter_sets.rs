@@ -166,6 +166,10 @@ fn the_schema_itself_refuses_a_release_in_spite_of_a_failed_gate_or_without_any(
     });
 }
 
+/// A withdrawn set that moves the robot again.
+const BACK_IN_FORCE: &str = "update parameter_set set status = 'released', withdrawn_at_ms = null, released_at_ms = 1,
+    release_checks_json = '[{\"passed\":true}]' where id = $1";
+
 #[test]
 fn the_schema_itself_keeps_the_life_and_the_content_of_a_set() {
     for_each_engine(async |database| {
@@ -174,7 +178,8 @@ fn the_schema_itself_keeps_the_life_and_the_content_of_a_set() {
         let (first, second) = (a_candidate(store, &set).await, a_candidate(store, &set).await);
         release(store, &first, None).await.unwrap();
         in_transaction(store, async |tx| parameter_sets::withdraw(tx, &second.id, "no", "key_1").await).await;
-        let refused: [(&'static str, &str, &str); 8] = [
+        let refused: [(&'static str, &str, &str); 9] = [
+            (BACK_IN_FORCE, &second.id, "never back"),
             ("update parameter_set set status = 'candidate' where id = $1", &first.id, "never back"),
             ("update parameter_set set status = 'candidate', withdrawn_at_ms = null where id = $1", &second.id, "never back"),
             ("update parameter_set set status = 'superseded', withdrawn_at_ms = null where id = $1", &second.id, "never back"),

@@ -67,6 +67,12 @@ impl Server {
         self.child.wait().unwrap();
     }
 
+    /// A signal that ends it; how it ended.
+    pub fn end_by(mut self, signal: &str) -> std::process::ExitStatus {
+        assert!(Command::new("kill").args([signal, &self.child.id().to_string()]).status().unwrap().success());
+        self.child.wait().unwrap()
+    }
+
     /// SIGTERM, and how long it took to end.
     pub fn terminate(mut self) -> (std::process::ExitStatus, Duration) {
         let since = Instant::now();
@@ -79,9 +85,32 @@ impl Server {
         self.send(self.http.get(format!("{}{path}", self.url)))
     }
 
+    /// GET: the text of a success.
+    pub fn text(&self, path: &str) -> String {
+        let request = self.http.get(format!("{}{path}", self.url));
+        self.runtime.block_on(async { request.send().await.unwrap().error_for_status().unwrap().text().await.unwrap() })
+    }
+
     /// POST: status and JSON.
     pub fn post(&self, path: &str, content_type: &str, body: Vec<u8>) -> (u16, Value) {
         self.send(self.http.post(format!("{}{path}", self.url)).header("content-type", content_type).body(body))
+    }
+
+    /// POST under an Idempotency-Key: status and JSON.
+    pub fn post_with_key(&self, path: &str, content_type: &str, body: Vec<u8>, key: &str) -> (u16, Value) {
+        let request = self.http.post(format!("{}{path}", self.url)).header("content-type", content_type).header("idempotency-key", key);
+        self.send(request.body(body))
+    }
+
+    /// POST: status, `Retry-After`, and JSON.
+    pub fn post_and_when_again(&self, path: &str, content_type: &str, body: Vec<u8>) -> (u16, Option<String>, Value) {
+        let request = self.http.post(format!("{}{path}", self.url)).header("content-type", content_type).body(body);
+        self.runtime.block_on(async {
+            let response = request.send().await.unwrap();
+            let again = response.headers().get("retry-after").map(|value| value.to_str().unwrap().to_owned());
+            let status = response.status().as_u16();
+            (status, again, serde_json::from_slice(&response.bytes().await.unwrap()).unwrap_or(Value::Null))
+        })
     }
 
     /// POST that must create; its `id`.

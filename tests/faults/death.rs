@@ -1,0 +1,74 @@
+//! Jobs that take their process down each time.
+
+use crate::data::paper_path;
+use crate::engines::for_each_engine;
+use crate::load::keeps_its_promises;
+use crate::process::{Server, kincal};
+use crate::stop::{Node, long_job, on, signal};
+use kincal::store::StoreLocation;
+use kincal::store::leases::MAX_DEATHS;
+use serde_json::json;
+use std::os::unix::process::ExitStatusExt;
+use std::process::Stdio;
+
+/// What a stack that overflows ends a process with.
+const SIGABRT: i32 = 6;
+
+#[test]
+fn a_job_that_takes_its_process_down_each_time_comes_to_an_end_and_others_go_on() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut server = Server::start(dir.path(), 1);
+    let robot = server.robot(&paper_path("robot.json"));
+    let set = server.set(&robot, &paper_path("first.csv"), "base");
+    let poison = server.job(&robot, &long_job(&set));
+    for death in 1..=MAX_DEATHS {
+        let begun = server.begun(&poison);
+        assert_eq!(begun["attempt"], 1, "the death of the process uses up no attempt: {begun}");
+        assert_eq!(server.end_by("-ABRT").signal(), Some(SIGABRT));
+        server = Server::start(dir.path(), 1);
+        if death % 5 == 0 {
+            let other = server.job(&robot, &json!({"measurement_set_id": set, "method": "least_squares"}));
+            assert_eq!(server.finished(&other)["status"], "succeeded", "others go on");
+        }
+    }
+    let end = server.finished(&poison);
+    assert_eq!((&end["status"], &end["error"]["code"]), (&json!("failed"), &json!("attempts_exhausted")), "{end}");
+    assert!(server.terminate().0.success());
+    keeps_its_promises(dir.path());
+}
+
+#[test]
+fn a_job_that_takes_its_node_down_each_time_is_tried_as_often_as_allowed_and_others_go_on() {
+    for_each_engine(async |database| {
+        let StoreLocation::Postgres { url } = &database.location else { return };
+        // The client of the processes has a runtime of its own, which cannot run within this one.
+        std::thread::scope(|scope| scope.spawn(|| takes_nodes_down(url)).join()).unwrap();
+    });
+}
+
+fn a_node(url: &str) -> Node {
+    let mut command = kincal(&["worker", "--database-url", url, "--workers", "1"]);
+    Node(command.env("KINCAL_LEASE_S", "1").stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap())
+}
+
+fn takes_nodes_down(url: &str) {
+    let server = on(url);
+    let robot = server.robot(&paper_path("robot.json"));
+    let set = server.set(&robot, &paper_path("first.csv"), "base");
+    let poison = server.job(&robot, &long_job(&set));
+    for attempt in 1..=3 {
+        let mut node = a_node(url);
+        let begun = server.begun(&poison);
+        assert_eq!(begun["attempt"], attempt, "{begun}");
+        signal("-ABRT", node.0.id());
+        assert_eq!(node.0.wait().unwrap().signal(), Some(SIGABRT));
+    }
+    let other = server.job(&robot, &json!({"measurement_set_id": set, "method": "least_squares"}));
+    let _node = a_node(url);
+    assert_eq!(server.finished(&other)["status"], "succeeded", "others go on");
+    let end = server.finished(&poison);
+    assert_eq!((&end["status"], &end["error"]["code"]), (&json!("failed"), &json!("attempts_exhausted")), "{end}");
+    drop(server);
+    let checked = kincal(&["verify-store", "--database-url", url]).output().unwrap();
+    assert!(checked.status.success(), "{}", String::from_utf8_lossy(&checked.stdout));
+}

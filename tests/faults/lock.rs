@@ -1,0 +1,130 @@
+//! A database that somebody else locks: reads answer, writers are told to come back, and nothing is left when it is over.
+
+use crate::data::paper_path;
+use crate::disk::{active, released, upload};
+use crate::engines::for_each_engine;
+use crate::load::{body, keeps_its_promises};
+use crate::process::{Server, kincal};
+use crate::stop::on;
+use kincal::store::StoreLocation;
+use serde_json::json;
+use sqlx::{AnyConnection, Connection};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+/// How long it is locked, s; by night 30.
+const LOCKED_S: &str = "KINCAL_LOCKED_S";
+const LOCKED_S_BY_DEFAULT: u64 = 6;
+/// The server waits 5 s for a lock; a busy machine adds to it.
+const TOLD_WITHIN: Duration = Duration::from_secs(9);
+/// Reads do not wait for writers; unoptimised, on a busy machine.
+const READ_WITHIN: Duration = Duration::from_secs(2);
+/// More than there are connections for writers.
+const WRITERS: usize = 24;
+
+/// Holds a lock in another process's stead, while `during` runs.
+fn locked<T>(url: &str, lock: &'static str, during: impl FnOnce() -> T) -> T {
+    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
+    let mut locker = runtime.block_on(async {
+        sqlx::any::install_default_drivers();
+        let mut connection = AnyConnection::connect(url).await.unwrap();
+        for statement in lock.split("; ") {
+            sqlx::query(statement).execute(&mut connection).await.unwrap();
+        }
+        connection
+    });
+    let done = during();
+    runtime.block_on(async { sqlx::query("rollback").execute(&mut locker).await.unwrap() });
+    done
+}
+
+/// Writers that come back as often as they are told, and a reader; what they met.
+fn work_on(server: &Server, robot: &str) {
+    let lock_s = std::env::var(LOCKED_S).ok().and_then(|text| text.parse().ok()).unwrap_or(LOCKED_S_BY_DEFAULT);
+    let until = Instant::now() + Duration::from_secs(lock_s);
+    let (url, over) = (server.url.clone(), AtomicBool::new(false));
+    let (told, reads, slowest_read) = std::thread::scope(|scope| {
+        let writers: Vec<_> = (0..WRITERS)
+            .map(|n| {
+                scope.spawn({
+                    let (url, over) = (&url, &over);
+                    move || told_to_come_back(url, robot, n, over)
+                })
+            })
+            .collect();
+        let (mut reads, mut slowest) = (0, Duration::ZERO);
+        while Instant::now() < until {
+            let begun = Instant::now();
+            assert_eq!(active(server, robot), 200);
+            assert!(server.text("/readyz").starts_with("ready"));
+            slowest = slowest.max(begun.elapsed() / 2);
+            reads += 2;
+            std::thread::sleep(Duration::from_millis(50)); // one reader among others
+        }
+        over.store(true, Ordering::Relaxed);
+        let told: Vec<Duration> = writers.into_iter().flat_map(|writer| writer.join().unwrap()).collect();
+        (told, reads, slowest)
+    });
+    let longest = told.iter().max().copied().unwrap_or_default();
+    eprintln!(
+        "locked for {lock_s} s: {reads} reads, the slowest {slowest_read:?}; {} writers told to come back, the last after {longest:?}",
+        told.len()
+    );
+    assert!(told.len() >= WRITERS && longest < TOLD_WITHIN && slowest_read < READ_WITHIN, "{longest:?} {slowest_read:?}");
+}
+
+/// How long each refusal took. Anything but 503 with `Retry-After` is a fault.
+fn told_to_come_back(url: &str, robot: &str, writer: usize, over: &AtomicBool) -> Vec<Duration> {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    let client = reqwest::Client::builder().no_proxy().build().unwrap();
+    let mut refusals = Vec::new();
+    while !over.load(Ordering::Relaxed) {
+        let begun = Instant::now();
+        let request = client.post(format!("{url}/v1/robots/{robot}/measurement-sets?frame=base")).header("content-type", "text/csv");
+        let (status, again, text) = runtime.block_on(async {
+            let answer = request.body(body(writer)).send().await.unwrap();
+            (answer.status().as_u16(), answer.headers().contains_key("retry-after"), answer.text().await.unwrap())
+        });
+        let says_why = text.contains("locks it") || text.contains("no connection");
+        assert!(status == 503 && again && says_why, "{status} {text}");
+        refusals.push(begun.elapsed());
+        std::thread::sleep(Duration::from_millis(100)); // a client that comes back sooner than it was told
+    }
+    refusals
+}
+
+#[test]
+fn a_database_locked_by_somebody_else_answers_reads_and_tells_writers_to_come_back() {
+    let dir = tempfile::tempdir().unwrap();
+    let server = Server::start(dir.path(), 1);
+    let (robot, _) = released(&server);
+    let url = format!("sqlite://{}", dir.path().join("kincal.sqlite").display());
+    locked(&url, "begin exclusive", || work_on(&server, &robot));
+    assert_eq!(upload(&server, &robot, 1).0, 201, "it goes on, without a restart");
+    assert!(server.terminate().0.success());
+    keeps_its_promises(dir.path());
+}
+
+#[test]
+fn tables_locked_by_somebody_else_on_postgresql_do_the_same_and_running_jobs_end() {
+    for_each_engine(async |database| {
+        let StoreLocation::Postgres { url } = &database.location else { return };
+        // The client of the processes has a runtime of its own, which cannot run within this one.
+        std::thread::scope(|scope| scope.spawn(|| on_postgresql(url)).join()).unwrap();
+    });
+}
+
+fn on_postgresql(url: &str) {
+    let worker = kincal(&["worker", "--database-url", url, "--workers", "1"]).stdout(std::process::Stdio::null()).spawn().unwrap();
+    let _worker = crate::stop::Node(worker);
+    let server = on(url);
+    let (robot, _) = released(&server);
+    let set = server.set(&robot, &paper_path("first.csv"), "base");
+    let job = server.job(&robot, &json!({"measurement_set_id": set, "method": "pso", "options": {"n_iterations": 300}}));
+    locked(url, "begin; lock table measurement_set, job, audit_head in exclusive mode", || work_on(&server, &robot));
+    assert_eq!(upload(&server, &robot, 1).0, 201, "it goes on, without a restart");
+    assert_eq!(server.finished(&job)["status"], "succeeded");
+    drop(server);
+    let checked = kincal(&["verify-store", "--database-url", url]).output().unwrap();
+    assert!(checked.status.success(), "{}", String::from_utf8_lossy(&checked.stdout));
+}
