@@ -1,7 +1,8 @@
 //! kincal: kinematic calibration of industrial robots, as a pure numeric core and a thin service around it.
 //!
 //! Core (no IO, no async, no clock, no unseeded randomness): [`kinematics`], [`solvers`], [`measurement`],
-//! [`frames`], [`identification`], [`compensation`], [`planning`], [`exchange`], [`calibration`]. Service: [`wire`], [`store`], [`jobs`], [`http`], [`cli`].
+//! [`frames`], [`identification`], [`compensation`], [`planning`], [`exchange`], [`calibration`]. Service: [`wire`], [`store`], [`jobs`],
+//! [`report_page`], [`http`], [`cli`].
 //! `ARCHITECTURE.md` has the map and the reasons; `tests/architecture.rs` holds who may use whom.
 
 // The core: clippy.toml names the float functions it may not use.
@@ -28,6 +29,7 @@ pub mod cli;
 pub mod config;
 pub mod http;
 pub mod jobs;
+pub mod report_page;
 pub mod store;
 pub mod telemetry;
 pub mod wire;

@@ -2,11 +2,15 @@
 
 #[path = "support/app.rs"]
 mod app;
+#[path = "support/people.rs"]
+mod people;
 
 #[path = "api/auth.rs"]
 mod auth;
 #[path = "api/compensate.rs"]
 mod compensate;
+#[path = "api/cell_pc.rs"]
+mod cell_pc;
 #[path = "api/contract.rs"]
 mod contract;
 #[path = "api/export.rs"]
@@ -33,6 +37,8 @@ mod problems;
 mod process;
 #[path = "api/release.rs"]
 mod release;
+#[path = "api/report_page.rs"]
+mod report_page;
 #[path = "api/robots.rs"]
 mod robots;
 #[path = "api/secrets.rs"]

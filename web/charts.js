@@ -43,7 +43,7 @@ export function ticks({ min, max, log = false }, count) {
   if (log) return logTicks(min, max, count);
   const raw = (max - min || 1) / Math.max(1, count);
   const base = 10 ** Math.floor(Math.log10(raw));
-  const step = base * [1, 2, 5, 10].find((m) => m * base >= raw * 0.999);
+  const step = base * [1, 2, 5, 10].find((m) => m * base >= raw * 0.8);
   const first = Math.ceil(min / step - 1e-9);
   const found = [];
   for (let i = first; i * step <= max + step * 1e-9; i += 1) found.push(Number((i * step).toPrecision(12)));
@@ -77,7 +77,7 @@ const label = (value, log) => (log && (value < 0.01 || value >= 1e4) ? powerOfTe
 
 /** Both axes with grid lines; gives the pixel functions and the nodes. */
 export function axes(width, height, x, y) {
-  const margin = { left: 58, right: 14, top: 10, bottom: 38 };
+  const margin = { left: 58, right: 14, top: y.label ? 26 : 10, bottom: 38 };
   const [left, right, top, bottom] = [margin.left, width - margin.right, margin.top, height - margin.bottom];
   const [px, py] = [scale(x, left, right), scale(y, bottom, top)];
   const nodes = [];
@@ -87,11 +87,11 @@ export function axes(width, height, x, y) {
   }
   for (const v of x.ticks ?? ticks(x, Math.max(2, Math.floor((right - left) / 90)))) {
     nodes.push(svg("line.tickmark", { x1: px(v), x2: px(v), y1: bottom, y2: bottom + 4 }));
-    nodes.push(svg("text.tick", { x: px(v), y: bottom + 17, "text-anchor": "middle" }, (x.format ?? ((t) => label(t, x.log)))(v)));
+    nodes.push(svg("text.tick", { x: px(v), y: bottom + 17, "text-anchor": px(v) > right - 12 ? "end" : "middle" }, (x.format ?? ((t) => label(t, x.log)))(v)));
   }
   nodes.push(svg("line.axis", { x1: left, x2: right, y1: bottom, y2: bottom }));
   if (x.label) nodes.push(svg("text.axislabel", { x: right, y: height - 5, "text-anchor": "end" }, x.label));
-  if (y.label) nodes.push(svg("text.axislabel", { x: 13, y: top, "text-anchor": "end", transform: `rotate(-90 13 ${top})` }, y.label));
+  if (y.label) nodes.push(svg("text.axislabel", { x: 2, y: 13 }, y.label));
   return { x: px, y: py, left, right, top, bottom, nodes };
 }
 

@@ -44,8 +44,8 @@ export function table(caption, columns, rows, empty) {
   if (rows.length === 0) return el("p.empty", {}, empty);
   const head = el("tr", {}, columns.map(([heading, , kind]) => el(kind ? `th.${kind}` : "th", { scope: "col" }, heading)));
   const body = rows.map((row) => el("tr", {}, columns.map(([, cell, kind]) => el(kind ? `td.${kind}` : "td", {}, cell(row)))));
-  return el("div.scroll", { tabindex: 0, role: "region", "aria-label": caption },
-    el("table", {}, el("caption.quiet", {}, caption), el("thead", {}, head), el("tbody", {}, body)));
+  return [el("p.caption", {}, caption), el("div.scroll", { tabindex: 0, role: "region", "aria-label": caption },
+    el("table", { "aria-label": caption }, el("thead", {}, head), el("tbody", {}, body)))];
 }
 
 /** Says something to everyone, also to those who listen. */

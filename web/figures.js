@@ -42,7 +42,8 @@ export function perPoint(points) {
 }
 
 /** A logarithmic range that does not go below what can be measured. */
-const visible = (values) => range(values.map((v) => Math.max(v, SMALLEST_MM)), { log: true });
+const visible = (values) => range(values.map(seen), { log: true });
+const seen = (value) => Math.max(value, SMALLEST_MM);
 
 function grouped(half, share) {
   const groups = [];
@@ -67,7 +68,7 @@ function bars(width, height, groups, log) {
     if (at > 0) nodes.push(svg("line.divider", { x1: frame.x(at - gap / 2), x2: frame.x(at - gap / 2), y1: frame.top, y2: frame.bottom + 22 }));
     for (const group of half) {
       const x = frame.x(at);
-      const [b, a] = [frame.y(group.before), frame.y(group.after)];
+      const [b, a] = [group.before, group.after].map((v) => frame.y(log ? seen(v) : v));
       const bar = Math.max(1, step * 0.84);
       nodes.push(svg("g", {}, svg("rect.before", { x, y: b, width: bar, height: Math.max(0, frame.bottom - b) }),
         svg("rect.after", { x: x + bar * 0.25, y: a, width: Math.max(0.8, bar * 0.5), height: Math.max(0, frame.bottom - a) }),

@@ -89,6 +89,19 @@ export const EVIDENCE = {
 };
 
 const WARNINGS = {
+  tool_uncertain: "The tool is uncertain elsewhere in the workspace",
+  robot_changed: "The robot has changed",
+  placement_changed: "The robot, the tool or the instrument stands differently",
+  outliers_review: "Many points do not fit the others",
+  few_verify_points: "Few points to verify on",
+  duplicate_poses: "Some poses were measured more than once",
+  frame_suspect: "The positions may be in another frame",
+  frame_assumed: "The frame was assumed",
+  joint_offset_suspect: "A joint's zero looks wrong",
+  outside_joint_limits: "Some poses are outside of the joint limits",
+  poor_alignment: "Robot and measurements hardly fit together",
+  stretch_without_identify_points: "A stretch without points to identify from",
+  bad_subset: "The subset column cannot be used",
   unidentifiable_parameters: "Some parameters cannot be told apart",
   no_verify_points: "Nothing was kept to verify",
   no_better_than_nominal: "No better than the nominal robot",

@@ -76,13 +76,21 @@ function dayOf(entries, i) {
 export function parameterHistory(entries) {
   const names = [...new Set(entries.flatMap(({ report }) => report.parameters.filter((p) => p.identifiable).map((p) => p.name)))];
   if (names.length === 0) return el("p.empty", {}, "No parameter was identified alone.");
+  names.sort((a, b) => jump(entries, b) - jump(entries, a));
   let chosen = names[0];
   const choice = el("select", { id: "history-parameter", change: (event) => { chosen = event.target.value; chart.redraw(); } },
     names.map((name) => el("option", { value: name }, `${parameter(name)}  (${name})`)));
-  const caption = "Identified minus nominal value, with twice its standard uncertainty where one is stated. Hollow: the data of that set could not see it alone.";
+  const caption = "Those that moved most come first. Identified minus nominal value, with twice its standard uncertainty where one is stated. Hollow: the data of that set could not see it alone.";
   const chart = figure("Parameter over time", caption, 260, (width, height) => drawParameter(width, height, entries, chosen),
     el("p", {}, el("label", { for: "history-parameter" }, "Parameter"), choice));
   return chart;
+}
+
+/** Largest step of a parameter from one set to the next, in units of the two uncertainties; base and targets come after the links. */
+function jump(entries, name) {
+  const rows = entries.map(({ report }) => report.parameters.find((p) => p.name === name && p.identifiable)).filter(Boolean);
+  const steps = rows.slice(1).map((now, i) => Math.abs(now.delta - rows[i].delta) / (Math.hypot(now.std_uncertainty ?? 0, rows[i].std_uncertainty ?? 0) || 1e-9));
+  return rows.some((p) => p.link) ? 1 + Math.max(0, ...steps) : 0;
 }
 
 function drawParameter(width, height, entries, name) {

@@ -57,7 +57,7 @@ function watch(first, may) {
       fill(out, problem(error));
     }
   };
-  const node = el("section.card", {}, el("h2", {}, "Running"), bar, text, out, may("identify") && el("button.danger", { type: "button", click: cancel }, "Cancel"), plot);
+  const node = el("div", {}, el("section.card", {}, el("h2", {}, "Running"), bar, text, out, may("identify") && el("button.danger", { type: "button", click: cancel }, "Cancel")), plot);
   const curve = { iteration: [], best_cost_mm2: [], limit: 1 };
   let chart = null;
   let begun = null;

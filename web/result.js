@@ -27,18 +27,19 @@ function verdict(report, half) {
   const share = 1 - half.after.mean_mm / half.before.mean_mm;
   const where = report.verify ? `On ${half.n_points} points that were not fitted` : `On the ${half.n_points} points of the fit itself`;
   const better = share > 0.001 ? `fell from ${mm(half.before.mean_mm)} to ${mm(half.after.mean_mm)}, by ${share > 0.9995 ? "more than 99.9" : (100 * share).toFixed(1)} %` : `went from ${mm(half.before.mean_mm)} to ${mm(half.after.mean_mm)}: it did not get better`;
-  return el(share > 0.001 && report.verify ? "div.done" : "div.warning", {}, el("p", {}, `${where}, the mean position error ${better}.`));
+  const [, why] = EVIDENCE[report.evidence] ?? ["", ""];
+  return el(share > 0.001 && report.verify ? "div.done" : "div.warning", {}, el("p", {}, el("strong", {}, `${where}, the mean position error ${better}.`), " ", why));
 }
 
 function summary(report, half) {
   const { rank, n_parameters: n } = report.identifiability;
-  const [evidence, why] = EVIDENCE[report.evidence] ?? [report.evidence, ""];
+  const [evidence] = EVIDENCE[report.evidence] ?? [report.evidence];
   return facts([
     ["Mean error", mm(half.after.mean_mm), `before ${mm(half.before.mean_mm)}`],
     ["Largest error", mm(half.after.max_mm), `before ${mm(half.before.max_mm)}`],
     report.tool_uncertainty_mm && ["Uncertainty at the tool", mm(report.tool_uncertainty_mm.mean ?? report.tool_uncertainty_mm), report.tool_uncertainty_mm.max ? `at worst ${mm(report.tool_uncertainty_mm.max)}` : "one standard deviation"],
-    ["Evidence", evidence, why],
-    ["Identified", `${rank} of ${n}`, rank < n ? "the data cannot see the others alone" : "all parameters were seen"],
+    ["Evidence", evidence, `${half.n_points} points`],
+    ["Identified", `${rank} of ${n}`, rank < n ? "parameters; the data cannot see the others alone" : "all parameters were seen"],
     ["Took", span(report.duration_ms / 1000), `${report.n_iterations} iterations, ${method(report.method)}`],
   ]);
 }
@@ -57,6 +58,8 @@ function decision(parameterSet, context, job, robot) {
     if (context.may("release") && ["released", "candidate"].includes(current.status)) buttons.push(el("button.danger", { type: "button", click: again("withdraw", "Withdraw this parameter set") }, "Withdraw …"));
     buttons.push(el("button", { type: "button", click: () => download(`/v1/parameter-sets/${current.id}`, `${current.id}.json`) }, "Download parameters"));
     fill(node, said && el("div.done", {}, el("p", {}, said)), el("div.head", {}, el("div", {}, el("h2", {}, "Parameter set ", statusBadge(current.status)), el("p.quiet", {}, MEANING[current.status] ?? "", current.released_at ? ` Released ${when(current.released_at)}.` : "")), el("div.actions", {}, buttons)));
+    const remarks = (current.release_checks ?? []).filter((gate) => gate.warning);
+    if (remarks.length > 0) node.append(el("div.warning", {}, el("p", {}, el("strong", {}, "Released, but look at: "), remarks.map((gate) => gate.detail).join("; "))));
     if (said) say(said);
   };
   draw(parameterSet, null);
@@ -73,22 +76,29 @@ const MEANING = {
 /** Asks for the reason in a dialog and does it. A refusal lists the gates in words. */
 function ask(action, title, set, draw, robot) {
   const reason = el("textarea", { id: "reason", rows: 3, required: true, maxlength: 2000 });
+  const change = el("textarea", { id: "change-reason", rows: 2, maxlength: 2000 });
+  // asked for only when the service asks for it
+  const changeField = el("div", { hidden: true }, el("label", { for: "change-reason" }, "Why the robot may have changed this much (a collision, a new part)"), change);
   const out = el("div", {});
   const close = () => { dialog.close(); };
   const submit = async (event) => {
     event.preventDefault();
     try {
-      const now = await post(`/v1/parameter-sets/${set.id}/${action}`, { reason: reason.value });
+      const now = await post(`/v1/parameter-sets/${set.id}/${action}`, { reason: reason.value, ...(change.value.trim() === "" ? {} : { change_reason: change.value }) });
       dialog.close();
       draw(now, action === "release" ? `Released: ${robot.name} now uses this set.` : "Withdrawn.");
     } catch (refused) {
       fill(out, refused.code === "release_refused" ? refusal(refused) : problem(refused));
+      if (refused.errors.some((issue) => issue.code === "change_plausible")) {
+        changeField.hidden = false;
+        change.focus();
+      }
     }
   };
   const preview = action === "release" && gates(set.id);
   const dialog = el("dialog", { "aria-label": title, close: () => dialog.remove() },
     el("form", { submit }, el("h2", {}, title), el("p", {}, MEANING[action === "release" ? "released" : "withdrawn"]), preview, out,
-      el("label", { for: "reason" }, "Reason, for those who come after"), reason,
+      el("label", { for: "reason" }, "Reason, for those who come after"), reason, changeField,
       el("p", {}), el("div.actions", {}, el(action === "release" ? "button.primary" : "button.danger", { type: "submit" }, action === "release" ? "Release" : "Withdraw"), el("button", { type: "button", click: close }, "Not now"))));
   document.body.append(dialog);
   dialog.showModal();
@@ -112,42 +122,44 @@ function refusal({ errors, detail }) {
 function errorTable(report) {
   const rows = [["identify", "Identify", report.identify], ["verify", "Verify", report.verify]].filter(([, , half]) => half);
   const flat = rows.flatMap(([, name, half]) => [[`${name} (${half.n_points})`, "before", half.before], ["", "after", half.after], ...(half.corrected ? [["", "after, with corrections", half.corrected]] : [])]);
-  const columns = [["Points", ([name]) => name], ["", ([, stage]) => stage], ...["mean", "std", "rms", "max"].map((name) => [name, ([, , e]) => error(e[`${name}_mm`]), "n"])];
+  const columns = [["Points", ([name]) => name], ["Robot", ([, stage]) => stage], ...["mean", "std", "rms", "max"].map((name) => [name, ([, , e]) => error(e[`${name}_mm`]), "n"])];
   return el("section.card", {}, el("h2", {}, "Errors before and after"), table("Position errors in mm. Identify: the points of the fit. Verify: points kept aside.", columns, flat, ""));
 }
 
 function parameterTable(report) {
   const rows = report.parameters;
+  if (rows.length === 0) return [];
   // links move by tenths, base and targets by tens of mm: each kind has a scale of its own
   const kind = (r) => `${r.link ? "links" : "base and targets"}, ${r.unit === "deg" ? "°" : r.unit}`;
   const scales = new Map();
   for (const r of rows) scales.set(kind(r), Math.max(scales.get(kind(r)) ?? 1e-9, Math.abs(r.delta) + 2 * (r.std_uncertainty ?? 0)));
   const unit = (row) => (row.unit === "deg" ? "°" : row.unit);
   const columns = [
-    ["Parameter", (r) => el("span", { title: r.name }, parameter(r.name))],
-    ["Name", (r) => el("code", {}, r.name)],
+    ["Parameter", (r) => [el("span.symbol", {}, parameter(r.name)), r.link && el("code.quiet", {}, r.name)]],
     ["Unit", unit], ["Nominal", (r) => signed(r.nominal, 4), "n"], ["Identified", (r) => signed(r.identified, 4), "n"], ["Change", (r) => signed(r.delta, 4), "n"],
     ["± std", (r) => (!r.identifiable ? "not seen alone" : r.std_uncertainty === null ? "–" : number(r.std_uncertainty, 2)), "n"],
     ["Change ± 2 std", (r) => interval(r, scales.get(kind(r)))],
   ];
   const ends = [...scales].map(([name, end]) => `±${number(end, 2)} ${name.split(", ")[1]} (${name.split(", ")[0]})`).join(", ");
-  const node = table(`Hollow marks: the data cannot see this parameter alone, so its value says nothing by itself. The last column's scale ends at ${ends}.`, columns, rows, "None was free.");
-  [...node.querySelectorAll("tbody tr")].forEach((tr, i) => rows[i].identifiable || tr.classList.add("unseen"));
+  const [caption, body] = table(`Hollow marks: the data cannot see this parameter alone, so its value says nothing by itself. The last column's scale ends at ${ends}.`, columns, rows, "");
+  [...body.querySelectorAll("tbody tr")].forEach((tr, i) => rows[i].identifiable || tr.classList.add("unseen"));
   const groups = report.identifiability.unidentifiable;
-  return el("section.card", {}, el("h2", {}, "Parameters"), node,
+  return el("section.card", {}, el("h2", {}, "Parameters"), caption, body,
     groups.length > 0 && [el("h3.below", {}, "What could not be identified"), el("p.note", {}, "Only the sum of each group's effects can be seen in the measured positions. The positions are right all the same."),
       el("ul", {}, groups.map((group) => el("li", {}, group.map(parameter).join(" with "))))]);
 }
 
 function comparison(report) {
-  const rows = [{ method: report.method, n_iterations: report.n_iterations, duration_ms: report.duration_ms, cost_mm2: report.cost_mm2, verify_after: report.verify?.after ?? null, used: true },
-    ...report.comparison.filter((r) => r.method !== report.method || r.cost_mm2 !== report.cost_mm2)];
+  if (report.comparison.length === 0) return [];
+  const own = { n_iterations: report.n_iterations, duration_ms: report.duration_ms, cost_mm2: report.cost_mm2, verify_after: report.verify?.after ?? null, used: true };
+  // the row of the method that ran has its search alone, without what refined and settled it
+  const rows = [own, ...report.comparison.filter((r) => r.method !== report.method || r.cost_mm2 !== report.cost_mm2)];
   const columns = [
-    ["Method", (r) => (r.used ? el("strong", {}, `${method(r.method)} (this result)`) : method(r.method))],
+    ["Method", (r) => (r.used ? el("strong", {}, "this result") : `${method(r.method)}${r.method === report.method ? ", its search alone" : ""}`)],
     ["Iterations", (r) => r.n_iterations, "n"], ["Time", (r) => span(r.duration_ms / 1000), "n"], ["F, mm²", (r) => number(r.cost_mm2), "n"],
     ["Verify rms", (r) => mm(r.verify_after?.rms_mm), "n"],
   ];
-  return el("section.card", {}, el("h2", {}, "Methods on the same points"), table(report.method_reason, columns, rows, ""));
+  return el("section.card", {}, el("h2", {}, "Methods on the same points"), table(`Chosen: ${method(report.method)}, ${report.method_reason}.`, columns, rows, ""));
 }
 
 function corrections(report) {
@@ -160,7 +172,7 @@ function corrections(report) {
 function changed(report) {
   if (!report.changed?.length) return [];
   const columns = [["Parameter", (c) => parameter(c.name)], ["Change", (c) => signed(c.delta, 5), "n"], ["In units of its uncertainty", (c) => number(c.sigmas), "n"]];
-  return el("section.card", {}, el("h2", {}, "Moved since the set before"), table("Changes that are larger than chance.", columns, report.changed, ""));
+  return el("section.card", {}, el("h2", {}, "Moved since the set before"), el("div.narrow", {}, table("Changes that are larger than chance.", columns, report.changed, "")));
 }
 
 function files(job, set, parameterSet) {

@@ -2,7 +2,7 @@
 
 import { each, get, post } from "./api.js";
 import { el, fill, problem, table } from "./dom.js";
-import { age, mm, when } from "./format.js";
+import { age, error, mm, when } from "./format.js";
 import { best, state } from "./history.js";
 
 const PAGE = 20;
@@ -35,16 +35,14 @@ export function standing({ active, since, newest, lastJob }) {
 
 function robotTable(states) {
   const columns = [
-    ["Robot", ({ robot }) => el("a", { href: `#/robots/${robot.id}` }, robot.name), "name"],
-    ["Serial number", ({ robot }) => robot.serial_number ?? "–", "name"],
+    ["Robot", ({ robot }) => [el("a", { href: `#/robots/${robot.id}` }, robot.name), robot.serial_number && el("small.quiet", {}, robot.serial_number)], "name"],
     ["State", (row) => standing(row)],
-    ["Active since", ({ active }) => (active ? el("span", { title: when(active.released_at) }, age(active.released_at)) : "–")],
-    ["Error before", ({ report }) => (report ? mm(best(report).before.rms_mm) : "–"), "n"],
-    ["Error after", ({ report }) => (report ? mm(best(report).after.rms_mm) : "–"), "n"],
+    ["Active set", ({ active }) => (active ? el("span", { title: when(active.released_at) }, age(active.released_at)) : "none")],
+    ["Error, rms", ({ report }) => (report ? [mm(best(report).after.rms_mm), el("small.quiet", {}, `nominal ${error(best(report).before.rms_mm)}`)] : "–"), "n"],
     ["Drift", ({ drift }) => (drift === null || drift === undefined ? "–" : mm(drift)), "n"],
-    ["Last job", ({ lastJob }) => (lastJob ? el("a", { href: `#/jobs/${lastJob.id}` }, `${lastJob.status}, ${age(lastJob.finished_at ?? lastJob.created_at)}`) : "–")],
+    ["Last job", ({ lastJob }) => (lastJob ? [el("a", { href: `#/jobs/${lastJob.id}` }, lastJob.status), el("small.quiet", {}, age(lastJob.finished_at ?? lastJob.created_at))] : "–")],
   ];
-  const caption = "Errors are rms on points that were not fitted, of the active set or else of the newest. Drift: how far the newest result puts the tool from the active one, on average.";
+  const caption = "Error: of the active set, else of the newest, on points that were not fitted; below it that of the nominal robot. Drift: how far the newest result puts the tool from the active one, on average.";
   return table(caption, columns, states, "There is no robot yet. Add one below, or with POST /v1/robots.");
 }
 

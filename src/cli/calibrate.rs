@@ -2,11 +2,13 @@
 
 use super::{Usage, table};
 use crate::jobs::JobFailure;
-use crate::jobs::execution::{self, Calibrated};
+use crate::jobs::execution;
+use crate::report_page::{self, MeasuredSet, Sources};
 use crate::wire::job::{JobParts, JobRequestBody, Method, Model, Preset};
 use crate::wire::measurement::{self, Frame};
+use crate::wire::report_shape::Report;
 use crate::wire::robot::RobotBody;
-use crate::wire::{Invalid, Problem, json};
+use crate::wire::{Invalid, Problem, canonical, json};
 use anyhow::Context;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::ops::ControlFlow;
@@ -45,11 +47,15 @@ pub struct Arguments {
     /// Print the report alone, as JSON, on standard output.
     #[arg(long, env = "KINCAL_JSON")]
     json: bool,
+    /// Write the report as a page to print into this file, too.
+    #[arg(long, env = "KINCAL_HTML", value_name = "FILE")]
+    html: Option<PathBuf>,
 }
 
 /// Runs it.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
-    let robot = read_robot(&arguments.robot)?;
+    let robot_body = read_robot_body(&arguments.robot)?;
+    let robot = robot_body.to_core().map_err(|invalid| Usage(invalid_text(&arguments.robot, &invalid)))?;
     let frame = Frame::parse(&arguments.frame).context("--frame is base or instrument")?;
     let bytes = read(&arguments.set)?;
     let kind = if arguments.set.extension().is_some_and(|e| e == "json") { "application/json" } else { "text/csv" };
@@ -58,6 +64,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     for remark in measurement::warnings(&robot, &set) {
         eprintln!("warning ({}): {}", remark.code, remark.detail);
     }
+    let measured = MeasuredSet {
+        name: arguments.set.file_name().and_then(|name| name.to_str()),
+        frame,
+        n_points: set.points.len(),
+        n_configurations: measurement::counts(&set).0,
+        sha256: &canonical::sha256_hex(&bytes),
+    };
     let parts = JobParts { robot, set, verify_set: None, frames: None, network: None, residual_network: None, previous: None };
     let request = body(arguments)?.to_core(parts).map_err(|invalid| Usage(invalid.summary()))?;
     let bar = (!arguments.json).then(|| progress_bar("iterations"));
@@ -71,15 +84,21 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if let Some(bar) = bar {
         bar.finish_and_clear();
     }
-    print(arguments, &calibrated)
+    let report = calibrated.report(OFFLINE, false)?;
+    if let Some(path) = &arguments.html {
+        let convergence = calibrated.convergence();
+        let sources =
+            Sources { robot: &robot_body, set: measured, job: None, parameter_set: None, report: &report, convergence: &convergence };
+        std::fs::write(path, report_page::html(&sources)).with_context(|| format!("cannot write {}", path.display()))?;
+    }
+    print(arguments, &report)
 }
 
-fn print(arguments: &Arguments, calibrated: &Calibrated) -> anyhow::Result<()> {
-    let report = calibrated.report(OFFLINE, false)?;
+fn print(arguments: &Arguments, report: &Report) -> anyhow::Result<()> {
     if arguments.json {
-        println!("{}", serde_json::to_string_pretty(&report)?);
+        println!("{}", serde_json::to_string_pretty(report)?);
     } else {
-        println!("{}", table::report(&report));
+        println!("{}", table::report(report));
     }
     Ok(())
 }
@@ -93,8 +112,11 @@ fn body(arguments: &Arguments) -> anyhow::Result<JobRequestBody> {
 
 /// A robot file, after every check.
 pub fn read_robot(path: &Path) -> anyhow::Result<crate::kinematics::Robot> {
-    let body: RobotBody = json::parse(&read(path)?).map_err(|e| Usage(format!("{}: {e}", path.display())))?;
-    Ok(body.to_core().map_err(|invalid| Usage(invalid_text(path, &invalid)))?)
+    Ok(read_robot_body(path)?.to_core().map_err(|invalid| Usage(invalid_text(path, &invalid)))?)
+}
+
+fn read_robot_body(path: &Path) -> anyhow::Result<RobotBody> {
+    Ok(json::parse(&read(path)?).map_err(|e| Usage(format!("{}: {e}", path.display())))?)
 }
 
 /// A file's bytes.

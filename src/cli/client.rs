@@ -10,6 +10,8 @@ use tokio_stream::StreamExt;
 
 /// A request that is not answered in this time is given up.
 const REQUEST_TIMEOUT: Duration = Duration::from_secs(60);
+/// Robots are looked up by name on at most so many pages.
+const MAX_PAGES: usize = 50;
 /// A connection that ends before the job does is made anew at most this often.
 const MAX_RECONNECTS: usize = 20;
 
@@ -66,6 +68,43 @@ impl Client {
         answer(self.with_key(request).send().await.map_err(|error| unreachable(&self.url, &error))?).await
     }
 
+    /// GET of text.
+    ///
+    /// # Errors
+    /// As [`Self::get`].
+    pub async fn get_text(&self, path: &str) -> anyhow::Result<String> {
+        let request = self.http.get(format!("{}{path}", self.url)).timeout(REQUEST_TIMEOUT);
+        let response = self.with_key(request).send().await.map_err(|error| unreachable(&self.url, &error))?;
+        if response.status().is_success() { Ok(response.text().await?) } else { Err(refused(response).await) }
+    }
+
+    /// The id of a robot that is named by its id, its name or its serial number.
+    ///
+    /// # Errors
+    /// As [`Self::get`]; [`Usage`] if several robots or none are called so.
+    pub async fn robot_id(&self, named: &str) -> anyhow::Result<String> {
+        if named.starts_with("rob_") {
+            return Ok(named.into());
+        }
+        let mut called = Vec::new();
+        let mut cursor = String::new();
+        for _ in 0..MAX_PAGES {
+            let page = self.get(&format!("/v1/robots?limit=200{cursor}")).await?;
+            let items = page["items"].as_array().into_iter().flatten();
+            let fits = items.filter(|robot| [&robot["name"], &robot["serial_number"]].into_iter().any(|field| field == named));
+            called.extend(fits.filter_map(|robot| robot["id"].as_str().map(String::from)));
+            match page["next_cursor"].as_str() {
+                Some(next) => cursor = format!("&cursor={next}"),
+                None => break,
+            }
+        }
+        match called.as_slice() {
+            [id] => Ok(id.clone()),
+            [] => Err(Usage(format!("no robot is called {named:?}; `kincal robots` lists those that are there")).into()),
+            several => Err(Usage(format!("several robots are called {named:?}: give --robot one of {}", several.join(", "))).into()),
+        }
+    }
+
     /// POST of a body of some content type, answered in JSON.
     ///
     /// # Errors
@@ -119,7 +158,7 @@ impl Client {
     async fn events(&self, job_id: &str, moved: &mut impl FnMut(&JobAnswer)) -> anyhow::Result<Option<JobAnswer>> {
         let response = self.with_key(self.http.get(format!("{}/v1/jobs/{job_id}/events", self.url))).send().await?;
         if !response.status().is_success() {
-            return answer(response).await.map(|_| None);
+            return Err(refused(response).await);
         }
         let mut stream = response.bytes_stream();
         let mut text = Vec::new();
@@ -168,18 +207,24 @@ fn parse_event(event: &[u8]) -> Option<(String, JobAnswer)> {
 
 /// The body of a success, or the problem in words.
 async fn answer(response: reqwest::Response) -> anyhow::Result<Value> {
+    if !response.status().is_success() {
+        return Err(refused(response).await);
+    }
+    serde_json::from_slice(&response.bytes().await?).context("the server's answer is not JSON")
+}
+
+/// What the server refused, why, and what to do next.
+async fn refused(response: reqwest::Response) -> anyhow::Error {
     let status = response.status();
-    let bytes = response.bytes().await?;
-    if status.is_success() {
-        return serde_json::from_slice(&bytes).context("the server's answer is not JSON");
-    }
-    match serde_json::from_slice::<Problem>(&bytes) {
-        Ok(problem) => {
-            let more: Vec<String> = problem.errors.iter().map(|issue| format!("\n  {}", issue.detail)).collect();
-            let text = format!("{} ({}){}", problem.detail, problem.code, more.concat());
-            // as `kincal calibrate` ends on the same file
-            if matches!(status.as_u16(), 400 | 415 | 422) { Err(Usage(text).into()) } else { bail!("{text}") }
-        }
-        Err(_) => bail!("the server answered {status}"),
-    }
+    let bytes = response.bytes().await.unwrap_or_default();
+    let Ok(problem) = serde_json::from_slice::<Problem>(&bytes) else { return anyhow::anyhow!("the server answered {status}") };
+    let more: Vec<String> = problem.errors.iter().map(|issue| format!("\n  {}", issue.detail)).collect();
+    let next = match status.as_u16() {
+        401 => "\nnext: give the key with --key or in KINCAL_KEY",
+        404 if problem.detail.contains("robot") => "\nnext: kincal robots lists those that are there",
+        _ => "",
+    };
+    let text = format!("{} ({}){}{next}", problem.detail, problem.code, more.concat());
+    // as `kincal calibrate` ends on the same file
+    if matches!(status.as_u16(), 400 | 415 | 422) { Usage(text).into() } else { anyhow::anyhow!("{text}") }
 }

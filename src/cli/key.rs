@@ -7,6 +7,7 @@ use crate::http::server::location;
 use crate::store::{ApiKeyRow, NewApiKey, PageRequest, Store, api_keys, robots};
 use crate::wire::time::rfc3339;
 use clap::Subcommand;
+use serde_json::{Value, json};
 
 /// Who makes and revokes keys, in the audit chain.
 const COMMAND_LINE: &str = "command line";
@@ -33,11 +34,17 @@ enum Action {
         /// Limit it to this robot; may be given several times.
         #[arg(long = "robot", value_name = "ID")]
         robots: Vec<String>,
+        /// Print JSON.
+        #[arg(long)]
+        json: bool,
     },
     /// List all keys, newest first; the keys themselves are not kept.
     List {
         #[command(flatten)]
         database: DatabaseConfig,
+        /// Print JSON.
+        #[arg(long)]
+        json: bool,
     },
     /// Revoke a key by its id, or every key of a name.
     Revoke {
@@ -56,8 +63,8 @@ enum Action {
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     block_on(async {
         match &arguments.action {
-            Action::Create { database, name, scopes, robots } => create(&open(database).await?, name, scopes, robots).await,
-            Action::List { database } => list(&open(database).await?).await,
+            Action::Create { database, name, scopes, robots, json } => create(&open(database).await?, name, scopes, robots, *json).await,
+            Action::List { database, json } => list(&open(database).await?, *json).await,
             Action::Revoke { database, id, name } => revoke(&open(database).await?, id.as_deref(), name.as_deref()).await,
         }
     })
@@ -67,7 +74,7 @@ async fn open(database: &DatabaseConfig) -> anyhow::Result<Store> {
     Ok(Store::open_beside_a_server(location(database)).await?)
 }
 
-async fn create(store: &Store, name: &str, scopes: &[Scope], robot_ids: &[String]) -> anyhow::Result<()> {
+async fn create(store: &Store, name: &str, scopes: &[Scope], robot_ids: &[String], json: bool) -> anyhow::Result<()> {
     for id in robot_ids {
         if robots::get(store, id).await.is_err() {
             return Err(Usage(format!("there is no robot {id:?}; `GET /v1/robots` lists them")).into());
@@ -81,6 +88,12 @@ async fn create(store: &Store, name: &str, scopes: &[Scope], robot_ids: &[String
     tx.act_as(COMMAND_LINE);
     let row = api_keys::insert(&mut tx, &new).await?;
     tx.commit().await?;
+    if json {
+        let mut made = described(&row)?;
+        made["key"] = key.into();
+        println!("{}", serde_json::to_string_pretty(&made)?);
+        return Ok(());
+    }
     eprintln!("Key {} for {name:?} with {}. It is shown only now; send it as `Authorization: Bearer KEY`:", row.id, names.join(", "));
     println!("{key}");
     Ok(())
@@ -99,8 +112,29 @@ async fn all(store: &Store) -> anyhow::Result<Vec<ApiKeyRow>> {
     }
 }
 
-async fn list(store: &Store) -> anyhow::Result<()> {
-    for row in all(store).await? {
+fn described(row: &ApiKeyRow) -> anyhow::Result<Value> {
+    let robots: Option<Value> = row.robots_json.as_deref().map(serde_json::from_str).transpose()?;
+    Ok(json!({
+        "id": row.id,
+        "name": row.name,
+        "scopes": serde_json::from_str::<Value>(&row.scopes_json)?,
+        "robots": robots,
+        "created_at": rfc3339(row.created_at_ms),
+        "revoked_at": row.revoked_at_ms.map(rfc3339),
+    }))
+}
+
+async fn list(store: &Store, json: bool) -> anyhow::Result<()> {
+    let rows = all(store).await?;
+    if json {
+        let items = rows.iter().map(described).collect::<anyhow::Result<Vec<Value>>>()?;
+        println!("{}", serde_json::to_string_pretty(&json!({"items": items}))?);
+        return Ok(());
+    }
+    if rows.is_empty() {
+        println!("there is no key yet; next: kincal key create --name cell-4 --scope read");
+    }
+    for row in rows {
         let robots = row.robots_json.as_deref().unwrap_or("all robots");
         let revoked = row.revoked_at_ms.map_or(String::new(), |at| format!("\trevoked {}", rfc3339(at)));
         println!("{}\t{:?}\t{}\t{robots}\t{}{revoked}", row.id, row.name, row.scopes_json, rfc3339(row.created_at_ms));

@@ -15,23 +15,33 @@ struct Kind {
     /// Of one thing.
     one: &'static str,
     columns: &'static [&'static str],
+    /// What to say where there is nothing, and what to do next.
+    empty: &'static str,
 }
 
-const ROBOTS: Kind = Kind { list: |_| "/v1/robots".into(), one: "/v1/robots", columns: &["id", "name", "serial_number"] };
+const ROBOTS: Kind = Kind {
+    list: |_| "/v1/robots".into(),
+    one: "/v1/robots",
+    columns: &["id", "name", "serial_number"],
+    empty: "there is no robot yet; next: POST /v1/robots, or add its file on the dashboard",
+};
 const SETS: Kind = Kind {
     list: |robot| format!("/v1/robots/{robot}/measurement-sets"),
     one: "/v1/measurement-sets",
     columns: &["id", "name", "frame", "n_points", "n_configurations", "n_targets", "created_at"],
+    empty: "this robot has no measurement set yet; next: kincal submit --robot ID SET.csv",
 };
 const JOBS: Kind = Kind {
     list: |robot| format!("/v1/robots/{robot}/jobs"),
     one: "/v1/jobs",
     columns: &["id", "kind", "method", "status", "parameter_set_id", "created_at", "finished_at"],
+    empty: "this robot has no job yet; next: kincal submit --robot ID SET.csv --wait",
 };
 const PARAMETER_SETS: Kind = Kind {
     list: |robot| format!("/v1/robots/{robot}/parameter-sets"),
     one: "/v1/parameter-sets",
     columns: &["id", "status", "job_id", "created_at", "released_at"],
+    empty: "nothing was identified for this robot yet; next: kincal submit --robot ID SET.csv --wait",
 };
 
 /// Robots of a server.
@@ -52,8 +62,8 @@ pub struct Robots {
 pub struct OfRobot {
     #[command(flatten)]
     server: ServerArguments,
-    /// The robot whose list is wanted.
-    #[arg(long, env = "KINCAL_ROBOT", value_name = "ID", required_unless_present = "id")]
+    /// The robot whose list is wanted: its id, name or serial number.
+    #[arg(long, env = "KINCAL_ROBOT", value_name = "ROBOT", required_unless_present = "id")]
     robot: Option<String>,
     /// One of them, in full.
     #[arg(value_name = "ID")]
@@ -127,6 +137,16 @@ fn gate_lines(found: &Value) -> String {
     found["gates"].as_array().into_iter().flatten().map(line).collect()
 }
 
+/// An answer: the JSON of it if that was asked for, else words.
+pub fn told(json: bool, answer: &Value, words: impl FnOnce() -> String) -> anyhow::Result<()> {
+    if json {
+        println!("{}", serde_json::to_string_pretty(answer)?);
+    } else {
+        println!("{}", words());
+    }
+    Ok(())
+}
+
 fn of_robot(arguments: &OfRobot, kind: &Kind) -> anyhow::Result<()> {
     look(&arguments.server, kind, arguments.robot.as_deref().unwrap_or_default(), arguments.id.as_deref(), arguments.json)
 }
@@ -139,12 +159,17 @@ fn look(server: &ServerArguments, kind: &Kind, robot: &str, id: Option<&str>, js
             println!("{}", serde_json::to_string_pretty(&one)?);
             return Ok(());
         }
-        let page = client.get(&format!("{}?limit={MAX_ROWS}", (kind.list)(robot))).await?;
+        let robot = if robot.is_empty() { String::new() } else { client.robot_id(robot).await? };
+        let page = client.get(&format!("{}?limit={MAX_ROWS}", (kind.list)(&robot))).await?;
         if json {
             println!("{}", serde_json::to_string_pretty(&page)?);
             return Ok(());
         }
         let rows: Vec<Vec<String>> = page["items"].as_array().into_iter().flatten().map(|item| cells(item, kind.columns)).collect();
+        if rows.is_empty() {
+            println!("{}", kind.empty);
+            return Ok(());
+        }
         print!("{}", columns(kind.columns, &rows));
         if !page["next_cursor"].is_null() {
             eprintln!("the newest {MAX_ROWS} are shown; there are more");

@@ -1,9 +1,11 @@
 //! The command line. Exit codes: 0 done, 1 failed, 2 wrong usage.
 
+mod act;
 mod backup;
 mod calibrate;
 mod client;
 mod compensate;
+mod completions;
 mod copy_store;
 mod demo;
 mod import;
@@ -11,6 +13,7 @@ mod key;
 mod look;
 mod openapi;
 mod plan;
+mod report;
 mod serve;
 mod submit;
 mod table;
@@ -22,9 +25,24 @@ use clap::{Parser, Subcommand};
 use std::process::ExitCode;
 use std::time::Duration;
 
+const EXIT_CODES: &str = "\
+Exit codes: 0 done, 1 failed (the server, the network, the job), 2 wrong usage (an option, a file: mend it and try again).
+Each long option has an environment variable, KINCAL_…; --help of a command names them.
+
+First steps:
+  kincal serve --no-auth                       a server on this machine, http://127.0.0.1:8080/
+  kincal calibrate ROBOT.json SET.csv          without a server
+  kincal submit --robot ID SET.csv --wait      through a server; `kincal robots` lists the IDs";
+
+const COMPLETIONS_HELP: &str = "\
+bash:        kincal completions bash > ~/.local/share/bash-completion/completions/kincal
+zsh:         kincal completions zsh > \"${fpath[1]}/_kincal\"
+fish:        kincal completions fish > ~/.config/fish/completions/kincal.fish
+PowerShell:  kincal completions powershell | Out-String | Invoke-Expression";
+
 /// Kinematic calibration of industrial robots.
 #[derive(Debug, Parser)]
-#[command(name = "kincal", version, about, propagate_version = true)]
+#[command(name = "kincal", version, about, after_help = EXIT_CODES, propagate_version = true)]
 struct Arguments {
     #[command(subcommand)]
     command: Command,
@@ -64,10 +82,22 @@ enum Command {
     Jobs(look::OfRobot),
     /// List a robot's parameter sets, or show one.
     Params(look::Params),
+    Params(look::OfRobot),
+    /// Show the report of a job, or write it as a page to print.
+    Report(report::Arguments),
+    /// Make a parameter set the robot's active one.
+    Release(act::Decision),
+    /// Take a parameter set back.
+    Withdraw(act::Decision),
+    /// Cancel a job.
+    Cancel(act::Cancel),
     /// Run the paper's calibrations through a real server on a temporary database, and print its tables beside ours.
     Demo(demo::Arguments),
     /// Print the OpenAPI document.
     Openapi,
+    /// Print shell completions: bash, zsh, fish, powershell or elvish.
+    #[command(after_help = COMPLETIONS_HELP)]
+    Completions(completions::Arguments),
 }
 
 /// A wrong use of the command line: exit code 2.
@@ -94,8 +124,13 @@ pub fn main() -> ExitCode {
         Command::Sets(arguments) => look::sets(&arguments),
         Command::Jobs(arguments) => look::jobs(&arguments),
         Command::Params(arguments) => look::parameter_sets(&arguments),
+        Command::Report(arguments) => report::run(&arguments),
+        Command::Release(arguments) => act::release(&arguments),
+        Command::Withdraw(arguments) => act::withdraw(&arguments),
+        Command::Cancel(arguments) => act::cancel(&arguments),
         Command::Demo(arguments) => demo::run(&arguments),
         Command::Openapi => openapi::run(),
+        Command::Completions(arguments) => completions::run(&arguments),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

@@ -2,6 +2,7 @@
 
 use super::calibrate::{progress_bar, show};
 use super::client::{Client, ServerArguments};
+use super::look::told;
 use super::{Usage, block_on, table};
 use crate::wire::job::{JobAnswer, JobRequestBody, Method, Model, Preset};
 use crate::wire::report_shape::Report;
@@ -14,8 +15,8 @@ use std::path::PathBuf;
 pub struct Arguments {
     #[command(flatten)]
     server: ServerArguments,
-    /// The robot's id, as `kincal robots` lists it.
-    #[arg(long, env = "KINCAL_ROBOT", value_name = "ID")]
+    /// The robot's id, name or serial number, as `kincal robots` lists them.
+    #[arg(long, env = "KINCAL_ROBOT", value_name = "ROBOT")]
     robot: String,
     /// Measurement set: CSV with units in its header, or JSON.
     #[arg(value_name = "SET.csv")]
@@ -48,32 +49,32 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let bytes = std::fs::read(&arguments.set).map_err(|e| Usage(format!("cannot read {}: {e}", arguments.set.display())))?;
     block_on(async {
         let client = arguments.server.client()?;
-        let set = upload(&client, arguments, bytes).await?;
+        let robot = client.robot_id(&arguments.robot).await?;
+        let set = upload(&client, arguments, &robot, bytes).await?;
         let request = serde_json::to_value(request(arguments, text(&set, "id")?)?)?;
-        let posted =
-            client.create(&format!("/v1/robots/{}/jobs", arguments.robot), "application/json", serde_json::to_vec(&request)?).await?;
+        let posted = client.create(&format!("/v1/robots/{robot}/jobs"), "application/json", serde_json::to_vec(&request)?).await?;
         let job_id = text(&posted, "id")?;
         if !arguments.wait {
-            return told(arguments, &posted, &format!("job {job_id} is queued\nnext: kincal jobs {job_id}, or submit with --wait"));
+            let next = format!(
+                "job {job_id} is queued\nnext: kincal report {job_id} once it is over (kincal jobs {job_id}), or submit with --wait"
+            );
+            return told(arguments.json, &posted, || next);
         }
         let job = follow(&client, arguments, job_id).await?;
         let report = client.get(&format!("/v1/jobs/{job_id}/report")).await?;
-        if arguments.json {
-            return told(arguments, &report, "");
-        }
-        let shaped: Report = serde_json::from_value(report).context("the server's report is of another version of kincal")?;
-        println!("{}", table::report(&shaped));
-        if let Some(id) = job.parameter_set_id {
-            println!("next: kincal params {id} shows the parameter set; it is a candidate until it is released");
-        }
-        Ok(())
+        let shaped: Report = serde_json::from_value(report.clone()).context("the server's report is of another version of kincal")?;
+        told(arguments.json, &report, || {
+            let next = job.parameter_set_id.map_or(String::new(), |id| {
+                format!("next: kincal release {id} --reason \"…\" if it is good; until then the cell does not get it\n")
+            });
+            format!("{}\n{next}print: kincal report {job_id} --html report.html", table::report(&shaped))
+        })
     })
 }
 
-async fn upload(client: &Client, arguments: &Arguments, bytes: Vec<u8>) -> anyhow::Result<Value> {
+async fn upload(client: &Client, arguments: &Arguments, robot: &str, bytes: Vec<u8>) -> anyhow::Result<Value> {
     let content_type = if arguments.set.extension().is_some_and(|e| e == "json") { "application/json" } else { "text/csv" };
-    let set =
-        client.create(&format!("/v1/robots/{}/measurement-sets?frame={}", arguments.robot, arguments.frame), content_type, bytes).await?;
+    let set = client.create(&format!("/v1/robots/{robot}/measurement-sets?frame={}", arguments.frame), content_type, bytes).await?;
     for warning in set["warnings"].as_array().into_iter().flatten() {
         eprintln!("warning ({}): {}", warning["code"].as_str().unwrap_or_default(), warning["detail"].as_str().unwrap_or_default());
     }
@@ -109,13 +110,4 @@ fn request(arguments: &Arguments, set_id: &str) -> anyhow::Result<JobRequestBody
 
 fn text<'a>(answer: &'a Value, field: &str) -> anyhow::Result<&'a str> {
     answer[field].as_str().with_context(|| format!("the server's answer has no {field}"))
-}
-
-fn told(arguments: &Arguments, json: &Value, words: &str) -> anyhow::Result<()> {
-    if arguments.json {
-        println!("{}", serde_json::to_string_pretty(json)?);
-    } else {
-        println!("{words}");
-    }
-    Ok(())
 }

@@ -28,7 +28,7 @@ const IDEMPOTENT: &[&str] = &[
 ];
 /// Operations that may not fit how things stand.
 const CONFLICTS: &[&str] =
-    &["createJob", "getReport", "getConvergence", "releaseParameterSet", "withdrawParameterSet", "rollBackParameterSet"];
+    &["createJob", "getReport", "getReportPage", "getConvergence", "releaseParameterSet", "withdrawParameterSet", "rollBackParameterSet"];
 
 const DESCRIPTION: &str = "Calibrates industrial robots: upload measured poses, post a job, fetch the compensated parameters. \
     Every answer that is not a success is a problem (RFC 9457) with a stable `code`. Lists are paged by `limit` and `cursor`, newest first. \

@@ -223,7 +223,8 @@ async fn points(State(app): State<App>, caller: Caller, Id(id): Id) -> Result<Re
     Ok(([(header::CONTENT_TYPE, row.content_type)], body).into_response())
 }
 
-fn summary(row: &MeasurementSetRow) -> Result<SetSummary, Error> {
+/// The set as it is answered.
+pub fn summary(row: &MeasurementSetRow) -> Result<SetSummary, Error> {
     let frame = Frame::parse(&row.frame).ok_or_else(|| Error::Internal(format!("set {} has frame {:?}", row.id, row.frame)))?;
     Ok(SetSummary {
         id: row.id.clone(),

@@ -28,6 +28,7 @@ mod policies;
 mod pose_plans;
 mod predict;
 mod release;
+mod report_html;
 mod robots;
 pub mod server;
 mod tls;
@@ -117,6 +118,7 @@ fn routes() -> OpenApiRouter<App> {
         .merge(frames::router())
         .merge(jobs::router())
         .merge(job_events::router())
+        .merge(report_html::router())
         .merge(parameter_sets::router())
         .merge(release::router())
         .merge(policies::router())

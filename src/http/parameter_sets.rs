@@ -16,7 +16,7 @@ use utoipa_axum::{router::OpenApiRouter, routes};
 
 /// Routes of parameter sets.
 pub fn router() -> OpenApiRouter<App> {
-    OpenApiRouter::new().routes(routes!(list)).routes(routes!(get)).routes(routes!(active))
+    OpenApiRouter::new().routes(routes!(list)).routes(routes!(get)).routes(routes!(active)).routes(routes!(covered))
 }
 
 /// A robot's parameter sets, newest first.
@@ -67,6 +67,17 @@ async fn active(State(app): State<App>, caller: Caller, Id(robot_id): Id, header
     }
     let headers = [(header::CONTENT_TYPE, "application/json".to_owned()), (header::ETAG, etag)];
     Ok((headers, body).into_response())
+}
+
+/// What was identified, as exactly those bytes whose SHA-256 is the set's `sha256`: hash what came, compare, then read it.
+#[utoipa::path(
+    get, path = "/v1/parameter-sets/{id}/content", tag = "parameter sets", operation_id = "getParameterSetContent",
+    params(("id" = String, Path, description = "The parameter set")),
+    responses((status = 200, description = "Canonical JSON (RFC 8785)", body = ParameterSetContent))
+)]
+async fn covered(State(app): State<App>, caller: Caller, Id(id): Id) -> Result<Response, Error> {
+    let content = content(&access::parameter_set(&app, &caller, &id).await?)?;
+    Ok(([(header::CONTENT_TYPE, "application/json")], canonical::to_canonical_json(&content)?).into_response())
 }
 
 /// What was identified.

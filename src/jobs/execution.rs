@@ -11,7 +11,7 @@ use crate::wire::job::{JobParts, JobRequestBody, Kind};
 use crate::wire::measurement::{Frame, MeasurementSet, from_upload, n_shared_points};
 use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::report::{self, RunContext};
-use crate::wire::report_shape::Report;
+use crate::wire::report_shape::{Convergence, Report};
 use crate::wire::robot::RobotBody;
 use crate::wire::safetensors::{self, StoredNetwork};
 use crate::wire::{Invalid, Problem, json};
@@ -109,6 +109,11 @@ impl Calibrated {
             network_sha256: self.network.as_ref().map(|network| network.sha256.as_str()),
         };
         report::build(&self.core, &run)
+    }
+
+    /// How the cost fell.
+    pub fn convergence(&self) -> Convergence {
+        report::convergence(&self.core)
     }
 }
 

@@ -75,6 +75,18 @@ pub enum ParameterSetStatus {
     Withdrawn,
 }
 
+impl ParameterSetStatus {
+    /// As it stands on the wire.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Candidate => "candidate",
+            Self::Released => "released",
+            Self::Superseded => "superseded",
+            Self::Withdrawn => "withdrawn",
+        }
+    }
+}
+
 /// A parameter set as the service answers it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ParameterSetAnswer {

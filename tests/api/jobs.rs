@@ -120,6 +120,7 @@ async fn a_waiting_job_has_no_result_and_can_be_cancelled() {
     assert_eq!((&job["status"], &job["attempt"]), (&json!("queued"), &json!(0)));
     app.get(&format!("{path}/report")).await.problem(409, "not_finished");
     app.get(&format!("{path}/convergence")).await.problem(409, "not_finished");
+    app.get(&format!("{path}/report.html")).await.problem(409, "not_finished");
     let cancelled = app.post(&format!("{path}/cancel"), "application/json", "").await.ok(200);
     assert_eq!(cancelled["status"], "cancelled");
     assert!(cancelled["finished_at"].is_string());

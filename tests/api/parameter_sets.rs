@@ -46,6 +46,10 @@ async fn the_cell_pc_can_check_a_parameter_sets_hash() {
     let content = json!({"links": set["links"], "t_instrument_base": set["t_instrument_base"], "targets": set["targets"]});
     let hash: String = Sha256::digest(canonical(&content)).iter().map(|byte| format!("{byte:02x}")).collect();
     assert_eq!(set["sha256"], hash);
+    let covered = app.get(&format!("/v1/parameter-sets/{}/content", text(&set["id"]))).await;
+    assert_eq!(covered.status, 200);
+    assert_eq!(set["sha256"], kincal::wire::canonical::hex(&Sha256::digest(&covered.bytes)), "the bytes as they came");
+    assert_eq!(covered.text(), canonical(&content));
 }
 
 #[tokio::test]

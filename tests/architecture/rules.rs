@@ -23,7 +23,8 @@ pub const MAY_USE: &[(&str, &[&str])] = &[
     ("wire", CORE),
     ("store", &["wire"]),
     ("jobs", &["store", "wire", "calibration"]),
-    ("http", &["jobs", "store", "wire", "config", "telemetry", "calibration"]),
+    ("report_page", &["wire"]),
+    ("http", &["jobs", "store", "wire", "report_page", "config", "telemetry", "calibration"]),
 ];
 
 /// Modules that may use everything: the command line, and the library's root, which only names its parts.

@@ -15,6 +15,7 @@ pub struct Server {
     child: Child,
     /// `http://127.0.0.1:PORT`.
     pub url: String,
+    key: Option<String>,
     http: reqwest::Client,
     runtime: tokio::runtime::Runtime,
 }
@@ -51,9 +52,16 @@ impl Server {
         let mut line = String::new();
         BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
         let url = line.trim().strip_prefix("kincal listening on ").unwrap_or_else(|| panic!("said {line:?}")).to_string();
-        let http = reqwest::Client::builder().no_proxy().timeout(PATIENCE).build().unwrap();
+        // a connection that nobody uses is closed by the server after a while: each request takes one of its own
+        let http = reqwest::Client::builder().no_proxy().timeout(PATIENCE).pool_max_idle_per_host(0).build().unwrap();
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
-        Self { child, url, http, runtime }
+        Self { child, url, key: None, http, runtime }
+    }
+
+    /// The same server, asked with a key.
+    pub fn with_key(mut self, key: String) -> Self {
+        self.key = Some(key);
+        self
     }
 
     /// The process.
@@ -171,6 +179,10 @@ impl Server {
 
     fn send(&self, request: reqwest::RequestBuilder) -> (u16, Value) {
         self.runtime.block_on(async {
+            let request = match &self.key {
+                Some(key) => request.bearer_auth(key),
+                None => request,
+            };
             let response = request.send().await.unwrap();
             let status = response.status().as_u16();
             let bytes = response.bytes().await.unwrap();

@@ -1,0 +1,19 @@
+//! `kincal completions`: what makes the Tab key work.
+
+use clap::CommandFactory;
+use clap_complete::Shell;
+
+/// Print the completions of a shell.
+#[derive(Debug, clap::Args)]
+pub struct Arguments {
+    /// Which shell.
+    #[arg(value_name = "SHELL")]
+    shell: Shell,
+}
+
+/// Prints them.
+pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let mut command = super::Arguments::command();
+    clap_complete::generate(arguments.shell, &mut command, "kincal", &mut std::io::stdout().lock());
+    Ok(())
+}

@@ -1,0 +1,35 @@
+//! `kincal report`: what came out of a job.
+
+use super::client::ServerArguments;
+use super::{block_on, look, table};
+use crate::wire::report_shape::Report;
+use anyhow::Context;
+use std::path::PathBuf;
+
+/// Show the report of a job.
+#[derive(Debug, clap::Args)]
+pub struct Arguments {
+    #[command(flatten)]
+    server: ServerArguments,
+    /// The job, as `kincal jobs` lists it.
+    #[arg(value_name = "ID")]
+    id: String,
+    /// Write it as a page to print into this file instead.
+    #[arg(long, value_name = "FILE", conflicts_with = "json")]
+    html: Option<PathBuf>,
+    /// Print JSON.
+    #[arg(long, env = "KINCAL_JSON", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue)]
+    json: bool,
+}
+
+/// Shows it.
+pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let path = format!("/v1/jobs/{}/report", arguments.id);
+    if let Some(file) = &arguments.html {
+        let page = block_on(async { arguments.server.client()?.get_text(&format!("{path}.html")).await })?;
+        return std::fs::write(file, page).with_context(|| format!("cannot write {}", file.display()));
+    }
+    let report = block_on(async { arguments.server.client()?.get(&path).await })?;
+    let shaped: Report = serde_json::from_value(report.clone()).context("the server's report is of another version of kincal")?;
+    look::told(arguments.json, &report, || table::report(&shaped))
+}

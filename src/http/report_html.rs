@@ -1,0 +1,45 @@
+//! A job's report as a page to print.
+
+use crate::http::auth::Caller;
+use crate::http::extract::Id;
+use crate::http::{App, Error, access, jobs as job_answers, measurement_sets as set_answers, parameter_sets as parameter_set_answers};
+use crate::report_page::{self, Sources};
+use crate::store::jobs;
+use axum::extract::State;
+use axum::http::header;
+use axum::response::{IntoResponse, Response};
+use utoipa_axum::{router::OpenApiRouter, routes};
+
+/// Routes of the page.
+pub fn router() -> OpenApiRouter<App> {
+    OpenApiRouter::new().routes(routes!(report_html))
+}
+
+/// The report as one self-contained page, to print or to file: no scripts, and nothing that asks for anything else.
+#[utoipa::path(
+    get, path = "/v1/jobs/{id}/report.html", tag = "jobs", operation_id = "getReportPage", params(("id" = String, Path, description = "The job")),
+    responses((status = 200, description = "The page", body = String, content_type = "text/html"))
+)]
+async fn report_html(State(app): State<App>, caller: Caller, Id(id): Id) -> Result<Response, Error> {
+    let job = access::job(&app, &caller, &id).await?;
+    let (report, convergence) = (jobs::report(&app.store, &id).await?, jobs::convergence(&app.store, &id).await?);
+    let robot = access::robot(&app, &caller, &job.robot_id).await?;
+    let set = access::measurement_set(&app, &caller, &job.measurement_set_id).await?;
+    let parameter_set = match &job.parameter_set_id {
+        Some(id) => Some(access::parameter_set(&app, &caller, id).await?),
+        None => None,
+    };
+    let page = move || {
+        Ok(report_page::html(&Sources {
+            robot: &access::robot_body(&robot)?,
+            set: (&set_answers::summary(&set)?).into(),
+            job: Some(&job_answers::answer(&job)?),
+            parameter_set: parameter_set.map(parameter_set_answers::answer).transpose()?.as_ref(),
+            report: &serde_json::from_str(&report)?,
+            convergence: &serde_json::from_str(&convergence)?,
+        }))
+    };
+    let page = app.compute(page).await?;
+    let policy = report_page::CONTENT_SECURITY_POLICY.as_str();
+    Ok(([(header::CONTENT_TYPE, "text/html; charset=utf-8"), (header::CONTENT_SECURITY_POLICY, policy)], page).into_response())
+}

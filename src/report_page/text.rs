@@ -1,0 +1,132 @@
+//! Numbers and names as they stand on paper.
+
+use crate::wire::report_shape::Evidence;
+
+/// No instrument sees less than a tenth of a micrometre: smaller errors are all the same.
+pub const SMALLEST_MM: f64 = 1e-4;
+
+const MINUS: &str = "\u{2212}";
+
+/// About three significant digits; very small and very large ones as powers of ten.
+pub fn number(value: f64) -> String {
+    let size = value.abs();
+    if !value.is_finite() {
+        return "–".into();
+    }
+    if size == 0.0 {
+        return "0".into();
+    }
+    if !(1e-3..1e6).contains(&size) {
+        return power(value);
+    }
+    let decimals = (2.0 - size.log10().floor()).clamp(0.0, 6.0) as usize;
+    format!("{value:.decimals$}").replace('-', MINUS)
+}
+
+fn power(value: f64) -> String {
+    let text = format!("{value:.1e}");
+    let (mantissa, exponent) = text.split_once('e').unwrap_or((&text, "0"));
+    format!("{}·10{}", mantissa.replace('-', MINUS), superscript(exponent))
+}
+
+/// 10 to a whole power.
+pub fn power_of_ten(exponent: i32) -> String {
+    format!("10{}", superscript(&exponent.to_string()))
+}
+
+fn superscript(exponent: &str) -> String {
+    let raised = |c: char| match c {
+        '-' => '⁻',
+        '1' => '¹',
+        '2' => '²',
+        '3' => '³',
+        digit => digit.to_digit(10).and_then(|d| char::from_u32(0x2070 + d)).unwrap_or(digit),
+    };
+    exponent.chars().map(raised).collect()
+}
+
+/// A position error, mm.
+pub fn error(value: f64) -> String {
+    if (0.0..SMALLEST_MM).contains(&value) { format!("<{SMALLEST_MM}") } else { number(value) }
+}
+
+/// With a sign and a fixed number of decimals, for columns.
+pub fn signed(value: f64, decimals: usize) -> String {
+    let text = format!("{:.decimals$}", value.abs());
+    let sign = match value {
+        _ if !text.contains(|c: char| ('1'..='9').contains(&c)) => "",
+        v if v < 0.0 => MINUS,
+        _ => "+",
+    };
+    format!("{sign}{text}")
+}
+
+/// `deg` as °.
+pub fn unit(unit: &str) -> &str {
+    if unit == "deg" { "°" } else { unit }
+}
+
+/// `no_verify_points` as the beginning of a sentence.
+pub fn sentence(code: &str) -> String {
+    let words = code.replace('_', " ");
+    let mut letters = words.chars();
+    letters.next().map_or_else(String::new, |first| first.to_uppercase().chain(letters).collect())
+}
+
+/// A point in time to the second, UTC, without the T.
+pub fn time(rfc3339: &str) -> String {
+    let (day, clock) = rfc3339.split_once('T').unwrap_or((rfc3339, ""));
+    format!("{day} {} UTC", clock.get(..8).unwrap_or(clock))
+}
+
+/// What a verification is worth.
+pub fn evidence(evidence: Evidence) -> &'static str {
+    match evidence {
+        Evidence::None => "none: no point was held out; these errors are those of the fit itself",
+        Evidence::SameUpload => {
+            "same upload: checked on points that were not fitted but measured in the same session; a wrong tool, base or scale would not show"
+        }
+        Evidence::IndependentSession => "independent session: checked on points of another measuring session",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{error, number, signed, time};
+
+    #[test]
+    fn numbers_keep_three_digits() {
+        let table = [
+            (0.0, "0"),
+            (1.0479, "1.05"),
+            (64.853, "64.9"),
+            (1234.5, "1234"),
+            (-0.0552, "\u{2212}0.0552"),
+            (2.4e-12, "2.4·10⁻¹²"),
+            (-3.04e7, "\u{2212}3.0·10⁷"),
+            (f64::NAN, "–"),
+        ];
+        for (value, text) in table {
+            assert_eq!(number(value), text);
+        }
+    }
+
+    #[test]
+    fn errors_below_what_can_be_measured_are_all_the_same() {
+        assert_eq!(error(3e-9), "<0.0001");
+        assert_eq!(error(1e-4), "1.0·10⁻⁴");
+        assert_eq!(error(0.0552), "0.0552");
+    }
+
+    #[test]
+    fn what_rounds_to_nothing_has_no_sign() {
+        assert_eq!(signed(-0.00001, 4), "0.0000");
+        assert_eq!(signed(-0.5, 2), "\u{2212}0.50");
+        assert_eq!(signed(0.25, 4), "+0.2500");
+    }
+
+    #[test]
+    fn times_are_readable() {
+        assert_eq!(time("2026-11-21T11:42:37.123Z"), "2026-11-21 11:42:37 UTC");
+    }
+}

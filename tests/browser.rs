@@ -1,0 +1,363 @@
+//! The dashboard in a real browser, as the people beside the line use it: Debian's Chromium on a real `kincal serve` with keys.
+//!
+//! With `KINCAL_SCREENSHOTS=FOLDER` it leaves pictures of its steps there; those in docs/ were made so.
+
+#[path = "support/browser.rs"]
+mod browser;
+#[path = "support/process.rs"]
+mod process;
+
+use browser::{Browser, DESKTOP, Driver, Look, Picture, TABLET};
+use process::{Server, kincal, run};
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
+use tempfile::TempDir;
+use thirtyfour::Key;
+use thirtyfour::prelude::*;
+
+/// A name that would run scripts wherever it were taken for markup.
+const HOSTILE: &str = "</script><script>alert(1)</script><img src=x onerror=alert(2)> \"' &amp; {{7*7}}";
+
+/// A server with keys, and an administrator's client for it.
+struct Hall {
+    server: Server,
+    folder: TempDir,
+}
+
+impl Hall {
+    fn open() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let data = folder.path().join("data");
+        let mut command = kincal(&["serve", "--listen", "127.0.0.1:0", "--workers", "1", "--data-dir"]);
+        command.arg(&data);
+        let hall = Self { server: Server::of(command), folder };
+        let admin = hall.key(&["admin"]);
+        Self { server: hall.server.with_key(admin), folder: hall.folder }
+    }
+
+    /// A new key, as the command line makes it.
+    fn key(&self, scopes: &[&str]) -> String {
+        let data = self.folder.path().join("data");
+        let mut arguments = vec!["key", "create", "--name", "test", "--data-dir", data.to_str().unwrap()];
+        arguments.extend(scopes.iter().flat_map(|scope| ["--scope", scope]));
+        let output = run(&arguments);
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        String::from_utf8(output.stdout).unwrap().trim().to_owned()
+    }
+
+    /// The paper's robot under a name.
+    fn robot(&self, name: &str, serial_number: &str) -> String {
+        let mut robot: Value = serde_json::from_slice(&std::fs::read(data("robot.json")).unwrap()).unwrap();
+        (robot["name"], robot["serial_number"]) = (json!(name), json!(serial_number));
+        self.server.create("/v1/robots", "application/json", robot.to_string().into_bytes())
+    }
+
+    /// One of the paper's sets, uploaded under a name; its id.
+    fn set(&self, robot: &str, file: &str, name: &str) -> String {
+        let query = reqwest::Url::parse_with_params("http://x/", [("frame", "base"), ("name", name)]).unwrap();
+        let path = format!("/v1/robots/{robot}/measurement-sets?{}", query.query().unwrap());
+        self.server.create(&path, "text/csv", std::fs::read(data(file)).unwrap())
+    }
+
+    /// A calibration to its end; the job.
+    fn calibrated(&self, robot: &str, set: &str, method: &str) -> Value {
+        let job = self.server.job(robot, &json!({"measurement_set_id": set, "method": method}));
+        self.server.finished(&job)
+    }
+
+    fn release(&self, job: &Value, reason: &str) {
+        let path = format!("/v1/parameter-sets/{}/release", job["parameter_set_id"].as_str().unwrap());
+        let body = json!({"reason": reason, "change_reason": "tried in a test"}).to_string();
+        let (status, answer) = self.server.post(&path, "application/json", body.into_bytes());
+        assert_eq!(status, 200, "{answer}");
+    }
+
+    /// A file of its own.
+    fn file(&self, name: &str, text: &str) -> PathBuf {
+        let path = self.folder.path().join(name);
+        std::fs::write(&path, text).unwrap();
+        path
+    }
+}
+
+fn data(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("data/paper").join(name)
+}
+
+/// Runs a person's steps in a browser of their own.
+fn in_browser(driver: &Driver, server: &Server, steps: impl AsyncFnOnce(&Browser)) {
+    let runtime = tokio::runtime::Runtime::new().unwrap();
+    runtime.block_on(async {
+        let browser = Browser::open(driver, &server.url, Look::default()).await;
+        steps(&browser).await;
+        browser.close().await;
+    });
+}
+
+/// Signs in as a person does: types and presses Enter.
+async fn sign_in(browser: &Browser, key: &str) {
+    browser.go("/").await;
+    browser.until("document.activeElement.id === 'key'").await;
+    browser.press(key).await;
+    browser.press(Key::Enter).await;
+}
+
+#[test]
+fn a_set_is_uploaded_identified_read_released_and_withdrawn() {
+    let Some(driver) = Driver::start() else { return };
+    let hall = Hall::open();
+    let robot = hall.robot("Cell 4, welder left", "ER20-0117");
+    let key = hall.key(&["read", "upload", "identify", "release"]);
+    let faulty = faulty_csv(&hall);
+    in_browser(&driver, &hall.server, async |browser: &Browser| {
+        sign_in(browser, &key).await;
+        browser.until_it_says("not calibrated").await;
+        browser.run(&format!("location.hash = '#/robots/{robot}'")).await;
+        browser.until_it_says("This robot has not been calibrated yet").await;
+
+        let field = browser.find("#set-file").await;
+        field.send_keys(faulty.to_str().unwrap()).await.unwrap();
+        browser.until_it_says("Nothing was stored").await;
+        let fault = browser.find(".problem + .caption + .scroll tbody tr").await.text().await.unwrap();
+        assert!(fault.starts_with("6 8 x_mm") && fault.contains("12,5"), "row, line, column and what stands there: {fault}");
+        browser.picture("upload-fault", Picture::Element("section.card")).await;
+
+        field.send_keys(data("first_noisy.csv").to_str().unwrap()).await.unwrap();
+        browser.until_it_says("100 points in 100 configurations").await;
+        browser.picture("upload", Picture::Element("section.card")).await;
+        browser.button("Start calibration").await.click().await.unwrap();
+        browser.until("location.hash.startsWith('#/jobs/')").await;
+        browser.until_it_says("On 50 points that were not fitted, the mean position error fell from").await;
+        for expected in [
+            "Error per point",
+            "Distribution of the errors",
+            "Seen from above",
+            "What could not be identified",
+            "d₂ with d₃",
+            "not seen alone",
+            "candidate",
+        ] {
+            browser.until_it_says(expected).await;
+        }
+        assert_eq!(browser.run("return document.querySelectorAll('figure rect.after').length > 50").await, true, "bars were drawn");
+        browser.picture("result", Picture::Top(1500)).await;
+
+        browser.button("Release …").await.click().await.unwrap();
+        browser.picture("release", Picture::Top(900)).await;
+        browser.find("dialog textarea").await.send_keys("checked with the probe").await.unwrap();
+        browser.button("Release").await.click().await.unwrap();
+        browser.until_it_says("now uses this set").await;
+        browser.until("document.querySelector('section.card .badge.good')?.innerText === 'released'").await;
+
+        browser.button("Withdraw …").await.click().await.unwrap();
+        browser.find("dialog textarea").await.send_keys("the probe was wrong").await.unwrap();
+        browser.button("Withdraw").await.click().await.unwrap();
+        browser.until_it_says("It was taken back and cannot be released any more").await;
+        assert!(!browser.text().await.contains("Release …"));
+        browser.assert_quiet(&[422]).await;
+    });
+    let (status, _) = hall.server.get(&format!("/v1/robots/{robot}/parameter-sets/active"));
+    assert_eq!(status, 404, "what was withdrawn is not active");
+    let (_, sets) = hall.server.get(&format!("/v1/robots/{robot}/measurement-sets"));
+    assert_eq!(sets["items"].as_array().unwrap().len(), 1, "the faulty file left nothing");
+}
+
+/// A set whose eighth line has a decimal comma, as a spreadsheet writes it.
+fn faulty_csv(hall: &Hall) -> PathBuf {
+    let text = std::fs::read_to_string(data("first.csv")).unwrap();
+    let mut lines: Vec<String> = text.lines().map(str::to_owned).collect();
+    let column = lines[0].split(',').position(|name| name == "x_mm").unwrap();
+    let mut cells: Vec<&str> = lines[7].split(',').collect();
+    cells[column] = "\"12,5\"";
+    lines[7] = cells.join(",");
+    hall.file("faulty.csv", &lines.join("\n"))
+}
+
+#[test]
+fn a_running_job_is_followed_and_cancelled() {
+    let Some(driver) = Driver::start() else { return };
+    let hall = Hall::open();
+    let robot = hall.robot("Cell 5", "ER20-0118");
+    let set = hall.set(&robot, "first_noisy.csv", "first");
+    let options = json!({"n_particles": 3000, "n_iterations": 10_000, "stop_at_cost_mm2": 0.0});
+    let job = hall.server.job(&robot, &json!({"measurement_set_id": set, "method": "pso", "preset": "paper", "options": options}));
+    let key = hall.key(&["read", "identify"]);
+    in_browser(&driver, &hall.server, async |browser: &Browser| {
+        sign_in(browser, &key).await;
+        browser.until_it_says("calibrating").await;
+        browser.run(&format!("location.hash = '#/jobs/{job}'")).await;
+        browser.until("document.querySelector('progress')?.value > 20").await;
+        browser.until("document.querySelector('.after-line')?.getAttribute('d').length > 100").await;
+        browser.until_it_says("to go.").await;
+        browser.picture("running", Picture::Top(700)).await;
+        let before = browser.run("return document.querySelector('progress').value").await.as_f64().unwrap();
+        browser.until(&format!("document.querySelector('progress').value > {before}")).await;
+        browser.button("Cancel").await.click().await.unwrap();
+        browser.until_it_says("The calibration was cancelled").await;
+        browser.assert_quiet(&[]).await;
+    });
+    assert_eq!(hall.server.finished(&job)["status"], "cancelled");
+}
+
+#[test]
+fn a_key_opens_what_it_may_and_names_are_only_names() {
+    let Some(driver) = Driver::start() else { return };
+    let hall = Hall::open();
+    let robot = hall.robot(HOSTILE, HOSTILE);
+    let set = hall.set(&robot, "first_noisy.csv", HOSTILE);
+    let job = hall.calibrated(&robot, &set, "least_squares");
+    let key = hall.key(&["read"]);
+    in_browser(&driver, &hall.server, async |browser: &Browser| {
+        sign_in(browser, "kincal_0000").await;
+        browser.until_it_says("this key is not known or was revoked").await;
+        browser.picture("wrong-key", Picture::Top(700)).await;
+        assert_eq!(browser.run("return [sessionStorage.length, localStorage.length, document.cookie.length]").await, json!([0, 0, 0]));
+        browser.until("document.activeElement.id === 'key'").await;
+        browser.press(key.as_str()).await;
+        browser.press(Key::Enter).await;
+        browser.until_it_says("key: read").await;
+        for hash in ["#/".into(), format!("#/robots/{robot}"), format!("#/jobs/{}", job["id"].as_str().unwrap())] {
+            browser.run(&format!("location.hash = {}", json!(hash))).await;
+            browser.until_it_says(HOSTILE).await;
+            browser.settled().await;
+            assert_eq!(browser.run("return document.querySelectorAll('main img, main script').length").await, 0, "{hash}");
+            let text = browser.text().await;
+            for forbidden in ["Release …", "Withdraw …", "Start calibration", "Add robot", "Drop a measurement set"] {
+                assert!(!text.contains(forbidden), "{hash} offers {forbidden} to a reader");
+            }
+        }
+        browser.button("Sign out").await.click().await.unwrap();
+        browser.until_it_says("API key").await;
+        assert_eq!(browser.run("return sessionStorage.length").await, 0);
+        browser.assert_quiet(&[401]).await;
+    });
+}
+
+#[test]
+fn every_page_is_accessible_in_both_themes_and_fits_a_tablet() {
+    let Some(driver) = Driver::start() else { return };
+    let hall = Hall::open();
+    let robot = hall.robot("Cell 6, handling", "ER20-0119");
+    let mut last = Value::Null;
+    for (file, method) in [("first_noisy.csv", "pso"), ("followup_unchanged.csv", "bpnn_pso"), ("followup_drifted.csv", "bpnn_pso")] {
+        last = hall.calibrated(&robot, &hall.set(&robot, file, file), method);
+        if file == "first_noisy.csv" {
+            hall.release(&last, "the first one");
+        }
+    }
+    hall.robot("Cell 7, not measured yet", "ER20-0120");
+    let job = last["id"].as_str().unwrap();
+    let key = hall.key(&["admin"]);
+    in_browser(&driver, &hall.server, async |browser: &Browser| {
+        browser.go("/").await;
+        assert_eq!(browser.accessibility().await, Vec::<String>::new(), "sign in");
+        browser.picture("sign-in", Picture::Top(700)).await;
+        sign_in(browser, &key).await;
+        browser.until_it_says("newer result to review").await;
+        let pages = [
+            ("robots", "/#/".to_owned()),
+            ("robot", format!("/#/robots/{robot}")),
+            ("job", format!("/#/jobs/{job}")),
+            ("api", "/docs".into()),
+        ];
+        for (size, dark) in [(DESKTOP, false), (TABLET, true)] {
+            browser.look(Look { size, dark }).await;
+            for (name, path) in &pages {
+                browser.go(path).await;
+                let shape = if dark { "tablet" } else { "desktop" };
+                assert_eq!(browser.accessibility().await, Vec::<String>::new(), "{name} on a {shape}");
+                let too_wide = browser.run("return document.documentElement.scrollWidth > innerWidth").await;
+                assert_eq!(too_wide, false, "{name} on a {shape}");
+                assert_eq!(hidden_by_scrolling(browser).await, json!([]), "{name} on a {shape}: tables that are cut off");
+                browser.picture(&format!("{name}-{shape}"), Picture::Whole).await;
+            }
+        }
+        browser.assert_quiet(&[]).await;
+    });
+}
+
+/// Captions of tables that do not fit beside each other without scrolling.
+async fn hidden_by_scrolling(browser: &Browser) -> Value {
+    browser.run("return [...document.querySelectorAll('.scroll')].filter((s) => s.scrollWidth > s.clientWidth + 1).map((s) => s.getAttribute('aria-label'))").await
+}
+
+#[test]
+fn everything_is_within_reach_of_the_keyboard() {
+    let Some(driver) = Driver::start() else { return };
+    let hall = Hall::open();
+    let robot = hall.robot("Cell 8", "ER20-0121");
+    let job = hall.calibrated(&robot, &hall.set(&robot, "first_noisy.csv", "first"), "least_squares");
+    let key = hall.key(&["admin"]);
+    in_browser(&driver, &hall.server, async |browser: &Browser| {
+        sign_in(browser, &key).await;
+        browser.until_it_says("result to review").await;
+        for hash in ["#/".to_owned(), format!("#/robots/{robot}"), format!("#/jobs/{}", job["id"].as_str().unwrap())] {
+            browser.run(&format!("location.hash = {}", json!(hash))).await;
+            browser.until("!document.querySelector('[aria-busy]')").await;
+            browser.settled().await;
+            assert_eq!(out_of_reach(browser).await, Vec::<String>::new(), "{hash}");
+        }
+        // released without a mouse: to the button, into the dialog, the reason, the answer
+        browser.run("[...document.querySelectorAll('button')].find((b) => b.innerText === 'Release …').focus()").await;
+        browser.press(Key::Enter).await;
+        browser.until("document.querySelector('dialog').open && document.activeElement.tagName === 'TEXTAREA'").await;
+        browser.press("by keyboard alone").await;
+        browser.press(Key::Tab).await;
+        browser.press(Key::Enter).await;
+        browser.until_it_says("now uses this set").await;
+        browser.assert_quiet(&[]).await;
+    });
+    let (_, active) = hall.server.get(&format!("/v1/robots/{robot}/parameter-sets/active"));
+    assert_eq!(active["id"], job["parameter_set_id"]);
+}
+
+/// What can be worked with a mouse, but is not reached by Tab or shows no sign of the focus.
+async fn out_of_reach(browser: &Browser) -> Vec<String> {
+    let mark = "document.activeElement?.blur(); window.scrollTo(0, 0); \
+        window.waiting = [...document.querySelectorAll('a[href], button, input:not([type=radio]), select, textarea, summary')] \
+        .filter((e) => e.checkVisibility() && !e.disabled && !e.closest('details:not([open])') || e.tagName === 'SUMMARY' && e.checkVisibility()); \
+        return window.waiting.length";
+    let n = browser.run(mark).await.as_u64().unwrap();
+    assert!(n > 3, "there is something to reach");
+    for _ in 0..4 * n {
+        browser.press(Key::Tab).await;
+        let met = "const e = document.activeElement; const seen = getComputedStyle(e).outlineStyle !== 'none'; \
+            if (seen) window.waiting = window.waiting.filter((w) => w !== e); return window.waiting.length";
+        if browser.run(met).await == 0 {
+            return vec![];
+        }
+    }
+    let left = browser.run("return window.waiting.map((e) => e.outerHTML.slice(0, 120))").await;
+    left.as_array().unwrap().iter().map(|html| html.as_str().unwrap().to_owned()).collect()
+}
+
+#[test]
+fn the_report_is_a_page_that_prints() {
+    let Some(driver) = Driver::start() else { return };
+    let hall = Hall::open();
+    let page = hall.folder.path().join("report.html");
+    let (robot, set) = (data("robot.json"), data("first_noisy.csv"));
+    let arguments = ["calibrate", robot.to_str().unwrap(), set.to_str().unwrap(), "--method", "pso", "--html", page.to_str().unwrap()];
+    let output = run(&arguments);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    in_browser(&driver, &hall.server, async |browser: &Browser| {
+        browser.go_to_file(&page).await;
+        browser.until_it_says("Position errors before and after").await;
+        assert_eq!(
+            browser.run("return getComputedStyle(document.querySelector('.after')).fill").await,
+            "rgb(10, 58, 107)",
+            "the style is let in"
+        );
+        assert_eq!(browser.accessibility().await, Vec::<String>::new());
+        assert_eq!(browser.console().await, Vec::<String>::new());
+        let requests = browser.requests().await;
+        assert!(requests.iter().all(|url| url.starts_with("file://") && url.ends_with("report.html")), "{requests:?}");
+        let pdf = browser.printed().await;
+        let pages = String::from_utf8_lossy(&pdf).matches("/Type /Page\n").count();
+        assert!((2..=4).contains(&pages), "{pages} pages");
+        if let Some(folder) = std::env::var_os("KINCAL_SCREENSHOTS") {
+            std::fs::write(Path::new(&folder).join("report.pdf"), pdf).unwrap();
+        }
+        browser.picture("report", Picture::Top(1250)).await;
+    });
+}

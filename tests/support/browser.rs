@@ -1,0 +1,235 @@
+//! Debian's Chromium, driven through WebDriver, with what every page has to keep: a quiet console and no request to another host.
+
+use base64::Engine;
+use base64::prelude::BASE64_STANDARD;
+use serde_json::{Value, json};
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+use thirtyfour::prelude::*;
+
+const AXE: &str = include_str!("../data/axe-core/axe.min.js");
+/// Nothing that a page waits for takes longer, even on a busy machine with an unoptimised build.
+const PATIENCE: Duration = Duration::from_secs(60);
+/// Pictures are as wide as a small desktop and a tablet.
+pub const DESKTOP: (u32, u32) = (1280, 900);
+pub const TABLET: (u32, u32) = (768, 1024);
+
+/// `chromedriver` on a port of its own choice.
+pub struct Driver {
+    child: Child,
+    url: String,
+}
+
+impl Driver {
+    /// Starts it; nothing, said aloud, where Chromium is not installed.
+    pub fn start() -> Option<Self> {
+        let spawned = Command::new("chromedriver").arg("--port=0").stdout(Stdio::piped()).stderr(Stdio::null()).spawn();
+        let Ok(mut child) = spawned else {
+            eprintln!("SKIPPED: no chromedriver here; apt-get install chromium chromium-driver");
+            return None;
+        };
+        let mut lines = BufReader::new(child.stdout.take().unwrap()).lines().map_while(Result::ok);
+        let port = lines.find_map(|line| line.rsplit_once("successfully on port ").map(|(_, port)| port.trim_end_matches('.').to_owned()));
+        let url = format!("http://127.0.0.1:{}", port.expect("chromedriver names its port"));
+        // chromedriver must be able to go on talking
+        std::thread::spawn(move || lines.for_each(drop));
+        Some(Self { child, url })
+    }
+}
+
+impl Drop for Driver {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// How a browser is set up.
+#[derive(Clone, Copy)]
+pub struct Look {
+    pub size: (u32, u32),
+    pub dark: bool,
+}
+
+impl Default for Look {
+    fn default() -> Self {
+        Self { size: DESKTOP, dark: false }
+    }
+}
+
+/// One window on one server.
+pub struct Browser {
+    driver: WebDriver,
+    server: String,
+}
+
+impl Browser {
+    /// Opens a window.
+    pub async fn open(driver: &Driver, server: &str, look: Look) -> Self {
+        let mut capabilities = DesiredCapabilities::chrome();
+        for argument in ["--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--hide-scrollbars"] {
+            capabilities.add_arg(argument).unwrap();
+        }
+        capabilities.set("goog:loggingPrefs", json!({"browser": "ALL", "performance": "ALL"})).unwrap();
+        let client = reqwest::Client::builder().no_proxy().timeout(PATIENCE).build().unwrap();
+        let driver = WebDriver::builder(driver.url.as_str(), capabilities).client(client).connect().await.expect("Chromium starts");
+        driver.set_script_timeout(PATIENCE).await.unwrap();
+        let browser = Self { driver, server: server.into() };
+        browser.look(look).await;
+        browser
+    }
+
+    /// Another size or another theme.
+    pub async fn look(&self, look: Look) {
+        let metrics = json!({"width": look.size.0, "height": look.size.1, "deviceScaleFactor": 1, "mobile": false});
+        self.devtools("Emulation.setDeviceMetricsOverride", metrics).await;
+        let scheme = if look.dark { "dark" } else { "light" };
+        self.devtools("Emulation.setEmulatedMedia", json!({"features": [{"name": "prefers-color-scheme", "value": scheme}]})).await;
+    }
+
+    async fn devtools(&self, method: &str, parameters: Value) -> Value {
+        self.driver.cdp().send_raw(method, parameters).await.unwrap()
+    }
+
+    /// Goes to an address of the server, and waits until the page is there.
+    pub async fn go(&self, path: &str) {
+        // an address that differs in its fragment alone would not be loaded anew
+        self.driver.goto("about:blank").await.unwrap();
+        self.driver.goto(format!("{}{path}", self.server)).await.unwrap();
+        self.settled().await;
+    }
+
+    /// Goes to a file.
+    pub async fn go_to_file(&self, path: &Path) {
+        self.driver.goto(format!("file://{}", path.display())).await.unwrap();
+    }
+
+    /// Waits until nothing is being loaded.
+    pub async fn settled(&self) {
+        self.until("document.readyState === 'complete' && document.querySelector('h1') && !document.querySelector('[aria-busy]')").await;
+    }
+
+    /// Runs a script; what it returns.
+    pub async fn run(&self, script: &str) -> Value {
+        self.driver.execute(script, vec![]).await.unwrap_or_else(|e| panic!("{script}: {e}")).json().clone()
+    }
+
+    /// Waits until an expression is true.
+    pub async fn until(&self, expression: &str) {
+        let deadline = Instant::now() + PATIENCE;
+        loop {
+            if self.run(&format!("return Boolean({expression})")).await == true {
+                return;
+            }
+            assert!(Instant::now() < deadline, "{expression} did not come true; the page says:\n{}", self.text().await);
+            tokio::time::sleep(Duration::from_millis(40)).await;
+        }
+    }
+
+    /// Waits until the page says something.
+    pub async fn until_it_says(&self, text: &str) {
+        self.until(&format!("document.body.innerText.includes({})", json!(text))).await;
+    }
+
+    /// All that can be read.
+    pub async fn text(&self) -> String {
+        self.run("return document.body.innerText").await.as_str().unwrap().to_owned()
+    }
+
+    /// The button of this name that can be seen.
+    pub async fn button(&self, name: &str) -> WebElement {
+        let path = format!("//button[normalize-space(.)={name:?} and not(ancestor::dialog[not(@open)])]");
+        self.driver.query(By::XPath(path)).and_displayed().first().await.unwrap_or_else(|e| panic!("no button {name}: {e}"))
+    }
+
+    /// What a selector finds first.
+    pub async fn find(&self, css: &str) -> WebElement {
+        self.driver.query(By::Css(css)).first().await.unwrap_or_else(|e| panic!("no {css}: {e}"))
+    }
+
+    /// Keys as a person presses them, to whatever has the focus.
+    pub async fn press(&self, keys: impl Into<TypingData>) {
+        self.driver.action_chain().send_keys(keys).perform().await.unwrap();
+    }
+
+    /// What axe finds wrong with the page, in words.
+    pub async fn accessibility(&self) -> Vec<String> {
+        self.driver.execute(AXE, vec![]).await.unwrap();
+        let run = "const done = arguments[0]; axe.run(document).then((r) => done(r.violations.map((v) => `${v.id}: ${v.nodes.map((n) => \
+            n.html.slice(0, 200) + ' ' + n.failureSummary).join(' | ')}`)), (e) => done([String(e)]));";
+        let found = self.driver.execute_async(run, vec![]).await.unwrap();
+        found.json().as_array().unwrap().iter().map(|violation| violation.as_str().unwrap().to_owned()).collect()
+    }
+
+    /// What the console holds since it was asked last.
+    pub async fn console(&self) -> Vec<String> {
+        let entries = self.driver.browser_log().await.unwrap();
+        entries.into_iter().map(|entry| format!("{}: {}", entry.level, entry.message)).collect()
+    }
+
+    /// Every address that was asked for since this was asked last.
+    pub async fn requests(&self) -> Vec<String> {
+        let entries = self.driver.get_log("performance").await.unwrap();
+        let messages = entries.iter().map(|entry| serde_json::from_str::<Value>(&entry.message).unwrap()["message"].clone());
+        let sent = messages.filter(|message| message["method"] == "Network.requestWillBeSent");
+        sent.map(|message| message["params"]["request"]["url"].as_str().unwrap().to_owned()).collect()
+    }
+
+    /// A quiet console but for answers of these statuses, and no request but to this server.
+    pub async fn assert_quiet(&self, expected_statuses: &[u16]) {
+        let expected =
+            |line: &String| expected_statuses.iter().any(|s| line.contains(&format!("the server responded with a status of {s}")));
+        let loud: Vec<String> = self.console().await.into_iter().filter(|line| !expected(line)).collect();
+        assert!(loud.is_empty(), "the console says: {loud:#?}");
+        let requests = self.requests().await;
+        assert!(!requests.is_empty(), "the log of requests works");
+        let own =
+            |url: &String| url.starts_with(&self.server) || url.starts_with(&format!("blob:{}", self.server)) || url.starts_with("data:");
+        assert_eq!(requests.iter().find(|url| !own(url)), None);
+    }
+
+    /// The page on A4, as PDF.
+    pub async fn printed(&self) -> Vec<u8> {
+        let parameters = json!({"preferCSSPageSize": true, "printBackground": false});
+        let printed = self.devtools("Page.printToPDF", parameters).await;
+        BASE64_STANDARD.decode(printed["data"].as_str().unwrap()).unwrap()
+    }
+
+    /// Keeps a picture if `KINCAL_SCREENSHOTS` names a folder: of the page from its top down to a height, or of one element.
+    pub async fn picture(&self, name: &str, of: Picture<'_>) {
+        let Some(folder) = std::env::var_os("KINCAL_SCREENSHOTS").map(PathBuf::from) else { return };
+        tokio::time::sleep(Duration::from_millis(250)).await;
+        let clip = match of {
+            Picture::Top(height) => {
+                format!("[0, 0, innerWidth, Math.min({height}, Math.max(innerHeight, document.documentElement.scrollHeight))]")
+            }
+            Picture::Whole => "[0, 0, innerWidth, document.documentElement.scrollHeight]".into(),
+            Picture::Element(css) => format!(
+                "(() => {{ const r = document.querySelector({}).getBoundingClientRect(); return [r.x + scrollX - 8, r.y + scrollY - 8, r.width + 16, r.height + 16]; }})()",
+                json!(css)
+            ),
+        };
+        let clip = self.run(&format!("return {clip}")).await;
+        let clip = json!({"x": clip[0], "y": clip[1], "width": clip[2], "height": clip[3], "scale": 1});
+        let taken = self.devtools("Page.captureScreenshot", json!({"format": "png", "captureBeyondViewport": true, "clip": clip})).await;
+        std::fs::create_dir_all(&folder).unwrap();
+        std::fs::write(folder.join(format!("{name}.png")), BASE64_STANDARD.decode(taken["data"].as_str().unwrap()).unwrap()).unwrap();
+    }
+
+    /// Closes the window.
+    pub async fn close(self) {
+        self.driver.quit().await.unwrap();
+    }
+}
+
+/// What a picture shows.
+pub enum Picture<'a> {
+    /// The page from its top, so many pixels at most.
+    Top(u32),
+    /// The whole page.
+    Whole,
+    /// One element.
+    Element(&'a str),
+}
