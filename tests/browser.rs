@@ -1,6 +1,7 @@
 //! The dashboard in a real browser, as the people beside the line use it: Debian's Chromium on a real `kincal serve` with keys.
 //!
-//! With `KINCAL_SCREENSHOTS=FOLDER` it leaves pictures of its steps there; those in docs/ were made so.
+//! The pictures of docs/ are taken on the way: `KINCAL_SCREENSHOTS=docs/pictures cargo test --test browser`. `KINCAL_PAGES=FOLDER` keeps every
+//! page whole, on a desktop and on a tablet, to be looked at.
 
 #[path = "support/browser.rs"]
 mod browser;
@@ -140,10 +141,10 @@ fn a_set_is_uploaded_identified_read_released_and_withdrawn() {
             browser.until_it_says(expected).await;
         }
         assert_eq!(browser.run("return document.querySelectorAll('figure rect.after').length > 50").await, true, "bars were drawn");
-        browser.picture("result", Picture::Top(1500)).await;
+        browser.picture("result", Picture::Top(1090)).await;
 
         browser.button("Release …").await.click().await.unwrap();
-        browser.picture("release", Picture::Top(900)).await;
+        browser.picture("release", Picture::Element("dialog")).await;
         browser.find("dialog textarea").await.send_keys("checked with the probe").await.unwrap();
         browser.button("Release").await.click().await.unwrap();
         browser.until_it_says("now uses this set").await;
@@ -210,7 +211,6 @@ fn a_key_opens_what_it_may_and_names_are_only_names() {
     in_browser(&driver, &hall.server, async |browser: &Browser| {
         sign_in(browser, "kincal_0000").await;
         browser.until_it_says("this key is not known or was revoked").await;
-        browser.picture("wrong-key", Picture::Top(700)).await;
         assert_eq!(browser.run("return [sessionStorage.length, localStorage.length, document.cookie.length]").await, json!([0, 0, 0]));
         browser.until("document.activeElement.id === 'key'").await;
         browser.press(key.as_str()).await;
@@ -251,7 +251,6 @@ fn every_page_is_accessible_in_both_themes_and_fits_a_tablet() {
     in_browser(&driver, &hall.server, async |browser: &Browser| {
         browser.go("/").await;
         assert_eq!(browser.accessibility().await, Vec::<String>::new(), "sign in");
-        browser.picture("sign-in", Picture::Top(700)).await;
         sign_in(browser, &key).await;
         browser.until_it_says("newer result to review").await;
         let pages = [
@@ -270,6 +269,9 @@ fn every_page_is_accessible_in_both_themes_and_fits_a_tablet() {
                 assert_eq!(too_wide, false, "{name} on a {shape}");
                 assert_eq!(hidden_by_scrolling(browser).await, json!([]), "{name} on a {shape}: tables that are cut off");
                 browser.picture(&format!("{name}-{shape}"), Picture::Whole).await;
+                if *name == "robot" && !dark {
+                    browser.picture("robot", Picture::Top(1060)).await;
+                }
             }
         }
         browser.assert_quiet(&[]).await;
@@ -355,9 +357,9 @@ fn the_report_is_a_page_that_prints() {
         let pdf = browser.printed().await;
         let pages = String::from_utf8_lossy(&pdf).matches("/Type /Page\n").count();
         assert!((2..=4).contains(&pages), "{pages} pages");
-        if let Some(folder) = std::env::var_os("KINCAL_SCREENSHOTS") {
+        if let Some(folder) = std::env::var_os("KINCAL_PAGES") {
             std::fs::write(Path::new(&folder).join("report.pdf"), pdf).unwrap();
         }
-        browser.picture("report", Picture::Top(1250)).await;
+        browser.picture("report", Picture::Top(1000)).await;
     });
 }

@@ -50,8 +50,15 @@ export function table(caption, columns, rows, empty) {
 
 /** Says something to everyone, also to those who listen. */
 export function say(text) {
-  fill(document.getElementById("said"), text);
+  const place = document.getElementById("said");
+  fill(place, text);
+  clearTimeout(saying);
+  saying = setTimeout(() => fill(place), SAID_MS);
 }
+
+/** How long it stays to be seen. */
+const SAID_MS = 6_000;
+let saying;
 
 /** A problem as the service tells it: its sentence, and every single reason. */
 export function problem(error) {

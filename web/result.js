@@ -73,6 +73,11 @@ const MEANING = {
   withdrawn: "It was taken back and cannot be released any more.",
 };
 
+const CONSEQUENCE = {
+  release: "The cell gets it from now on; the set that is active today, if there is one, is superseded.",
+  withdraw: "It cannot be released any more. If it is the active one, the robot has none afterwards.",
+};
+
 /** Asks for the reason in a dialog and does it. A refusal lists the gates in words. */
 function ask(action, title, set, draw, robot) {
   const reason = el("textarea", { id: "reason", rows: 3, required: true, maxlength: 2000 });
@@ -97,7 +102,7 @@ function ask(action, title, set, draw, robot) {
   };
   const preview = action === "release" && gates(set.id);
   const dialog = el("dialog", { "aria-label": title, close: () => dialog.remove() },
-    el("form", { submit }, el("h2", {}, title), el("p", {}, MEANING[action === "release" ? "released" : "withdrawn"]), preview, out,
+    el("form", { submit }, el("h2", {}, title), el("p", {}, CONSEQUENCE[action]), preview, out,
       el("label", { for: "reason" }, "Reason, for those who come after"), reason, changeField,
       el("p", {}), el("div.actions", {}, el(action === "release" ? "button.primary" : "button.danger", { type: "submit" }, action === "release" ? "Release" : "Withdraw"), el("button", { type: "button", click: close }, "Not now"))));
   document.body.append(dialog);

@@ -56,12 +56,15 @@ async function upload(robot, file, frame, out, may) {
 
 const count = (n) => (n === 1 ? "One thing is" : `${n} things are`);
 
+/** The cells of one line, without the quotation marks that hold a comma. */
+const cellsOf = (line) => (line.match(/("([^"]|"")*"|[^,]*)(,|$)/g) ?? []).map((cell) => cell.replace(/,$/, "").replace(/^"(.*)"$/, "$1"));
+
 /** Every fault with the line of the file that it stands in. */
 function faults(errors, text) {
   const lines = text.split(/\r?\n/).filter((line) => line.trim() !== "");
-  const header = (lines[0] ?? "").replace(/^\uFEFF/, "").split(",").map((name) => name.trim());
+  const header = cellsOf((lines[0] ?? "").replace(/^\uFEFF/, "")).map((name) => name.trim());
   const value = (issue) => {
-    const cells = (lines[(issue.row ?? -2) + 1] ?? "").split(",");
+    const cells = cellsOf(lines[(issue.row ?? -2) + 1] ?? "");
     const at = header.indexOf(issue.column);
     return at >= 0 && cells[at] !== undefined ? el("code", {}, cells[at].trim() === "" ? "(empty)" : cells[at]) : "–";
   };
@@ -89,9 +92,9 @@ function jobForm(robot, sets) {
   const n = forms;
   const [set, setField] = choice(`job-set-${n}`, "Measurement set", sets.map((s) => [s.id, `${s.name ?? s.id} (${s.n_points} points)`]));
   const [method, methodField] = choice(`job-method-${n}`, "Method", [
-    ["auto", "automatic: the best known for this set"], ["least_squares", "least squares"], ["pso", "particle swarm"], ["bpnn_pso", "swarm started by the robot's network"]]);
+    ["auto", "automatic (recommended)"], ["least_squares", "least squares"], ["pso", "particle swarm"], ["bpnn_pso", "swarm started by the robot's network"]]);
   const [verify, verifyField] = choice(`job-verify-${n}`, "Verify on", [
-    ["", "the set's verify points, else half of it"], ...sets.length > 1 ? sets.map((s) => [s.id, `another session: ${s.name ?? s.id}`]) : []]);
+    ["", "its verify points, else half"], ...sets.length > 1 ? sets.map((s) => [s.id, `another session: ${s.name ?? s.id}`]) : []]);
   const [preset, presetField] = choice(`job-preset-${n}`, "Search settings", [["default", "ours"], ["paper", "the paper's, to the letter"]]);
   const out = el("div", {});
   const button = el("button.primary", { type: "submit" }, "Start calibration");

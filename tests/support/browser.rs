@@ -197,9 +197,11 @@ impl Browser {
         BASE64_STANDARD.decode(printed["data"].as_str().unwrap()).unwrap()
     }
 
-    /// Keeps a picture if `KINCAL_SCREENSHOTS` names a folder: of the page from its top down to a height, or of one element.
+    /// Keeps a picture if somebody asked for it: `KINCAL_SCREENSHOTS` names the folder of those that docs/ show, `KINCAL_PAGES` that of whole
+    /// pages.
     pub async fn picture(&self, name: &str, of: Picture<'_>) {
-        let Some(folder) = std::env::var_os("KINCAL_SCREENSHOTS").map(PathBuf::from) else { return };
+        let variable = if matches!(of, Picture::Whole) { "KINCAL_PAGES" } else { "KINCAL_SCREENSHOTS" };
+        let Some(folder) = std::env::var_os(variable).map(PathBuf::from) else { return };
         tokio::time::sleep(Duration::from_millis(250)).await;
         let clip = match of {
             Picture::Top(height) => {
