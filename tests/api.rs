@@ -11,6 +11,8 @@ mod auth;
 mod compensate;
 #[path = "api/cell_pc.rs"]
 mod cell_pc;
+#[path = "api/command_line.rs"]
+mod command_line;
 #[path = "api/contract.rs"]
 mod contract;
 #[path = "api/export.rs"]

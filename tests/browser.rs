@@ -123,7 +123,7 @@ fn a_set_is_uploaded_identified_read_released_and_withdrawn() {
         assert!(fault.starts_with("6 8 x_mm") && fault.contains("12,5"), "row, line, column and what stands there: {fault}");
         browser.picture("upload-fault", Picture::Element("section.card")).await;
 
-        field.send_keys(data("first_noisy.csv").to_str().unwrap()).await.unwrap();
+        browser.drop_file(".drop", "first_noisy.csv", &std::fs::read_to_string(data("first_noisy.csv")).unwrap()).await;
         browser.until_it_says("100 points in 100 configurations").await;
         browser.picture("upload", Picture::Element("section.card")).await;
         browser.button("Start calibration").await.click().await.unwrap();

@@ -221,7 +221,7 @@ fn a_set_is_submitted_from_the_command_line_and_what_came_of_it_can_be_looked_at
     let set = set.to_str().unwrap();
     let (code, [out, err]) = cli(&["submit", "--robot", &robot, set, "--wait"]);
     assert_eq!(code, Some(0), "{err}");
-    assert!(out.contains("100 points") && out.contains("verify (50), after") && out.contains("next: kincal params"), "{out}");
+    assert!(out.contains("100 points") && out.contains("verify (50), after") && out.contains("next: kincal release par_"), "{out}");
     let (code, [out, err]) = cli(&["submit", "--robot", &robot, set, "--wait", "--json", "--method", "least_squares"]);
     assert_eq!(code, Some(0), "{err}");
     let report: serde_json::Value = serde_json::from_str(&out).expect("the report alone");

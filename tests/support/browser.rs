@@ -149,6 +149,15 @@ impl Browser {
         self.driver.query(By::Css(css)).first().await.unwrap_or_else(|e| panic!("no {css}: {e}"))
     }
 
+    /// Drags a file of this content over an element and drops it there.
+    pub async fn drop_file(&self, css: &str, name: &str, content: &str) {
+        let script = "const [css, name, content] = arguments; const dataTransfer = new DataTransfer(); \
+            dataTransfer.items.add(new File([content], name)); \
+            for (const kind of ['dragover', 'drop']) \
+            document.querySelector(css).dispatchEvent(new DragEvent(kind, { dataTransfer, bubbles: true, cancelable: true }));";
+        self.driver.execute(script, vec![json!(css), json!(name), json!(content)]).await.unwrap();
+    }
+
     /// Keys as a person presses them, to whatever has the focus.
     pub async fn press(&self, keys: impl Into<TypingData>) {
         self.driver.action_chain().send_keys(keys).perform().await.unwrap();

@@ -1,0 +1,118 @@
+//! What people do in a terminal, through the binary and a real server.
+
+use crate::app::{TestApp, paper, text};
+use crate::people::{Person, guarded};
+use serde_json::{Value, json};
+use std::process::{Command, Output};
+
+/// Runs the binary against a server with a key; it must not hold the server's threads up.
+async fn kincal(app: &TestApp, key: &str, arguments: &[&str]) -> (Option<i32>, String, String) {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_kincal"));
+    command.args(arguments).env("KINCAL_SERVER", app.server.url()).env("KINCAL_KEY", key);
+    let output: Output = tokio::task::spawn_blocking(move || command.output().expect("the binary runs")).await.unwrap();
+    let text = |bytes: Vec<u8>| String::from_utf8(bytes).unwrap();
+    (output.status.code(), text(output.stdout), text(output.stderr))
+}
+
+fn data(name: &str) -> String {
+    format!("{}/data/paper/{name}", env!("CARGO_MANIFEST_DIR"))
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn from_the_upload_to_the_release_and_back_in_a_terminal() {
+    let (app, dir) = guarded(1).await;
+    let person = Person::new(&app, &["read", "upload", "identify", "release"]).await;
+    let mut robot: Value = serde_json::from_slice(&paper("robot.json")).unwrap();
+    (robot["name"], robot["serial_number"]) = (json!("Cell 4"), json!("ER20-0117"));
+    let robot = person.post("/v1/robots", &robot).await.ok(201);
+    let key = person.key.as_str();
+
+    let (code, told, _) = kincal(&app, key, &["params", "--robot", "ER20-0117"]).await;
+    assert_eq!(code, Some(0));
+    assert!(told.contains("next: kincal submit"), "an empty list says what to do: {told}");
+    let (code, told, complaints) = kincal(&app, key, &["submit", "--robot", "Cell 4", &data("first_noisy.csv"), "--wait"]).await;
+    assert_eq!(code, Some(0), "{complaints}");
+    assert!(told.contains("verify (50), after") && told.contains("next: kincal release par_"), "{told}");
+    let sets = person.get(&format!("/v1/robots/{}/parameter-sets", text(&robot["id"]))).await.ok(200);
+    let (set, job) = (text(&sets["items"][0]["id"]), text(&sets["items"][0]["job_id"]));
+
+    let (code, table, _) = kincal(&app, key, &["report", job]).await;
+    assert_eq!(code, Some(0));
+    assert!(told.contains(table.trim()), "the same table as at the end of submit:\n{table}");
+    let (_, report, _) = kincal(&app, key, &["report", job, "--json"]).await;
+    assert_eq!(serde_json::from_str::<Value>(&report).unwrap()["job_id"], job);
+    let page = dir.path().join("report.html");
+    let (code, _, complaints) = kincal(&app, key, &["report", job, "--html", page.to_str().unwrap()]).await;
+    assert_eq!(code, Some(0), "{complaints}");
+    assert!(std::fs::read_to_string(page).unwrap().contains("<h1>Calibration of Cell 4</h1>"));
+
+    let (code, released, complaints) = kincal(&app, key, &["release", set, "--reason", "seen", "--json"]).await;
+    assert_eq!(code, Some(0), "{complaints}");
+    assert_eq!(serde_json::from_str::<Value>(&released).unwrap()["status"], "released");
+    let (code, told, _) = kincal(&app, key, &["withdraw", set, "--reason", "seen again"]).await;
+    assert_eq!(code, Some(0));
+    assert!(told.contains("is withdrawn"), "{told}");
+    let (code, _, complaints) = kincal(&app, key, &["release", set, "--reason", "after all"]).await;
+    assert_eq!(code, Some(1), "a gate is a failure, not a wrong usage");
+    assert!(complaints.contains("release_refused") && complaints.contains("the set was withdrawn"), "{complaints}");
+    let (code, told, _) = kincal(&app, key, &["cancel", job]).await;
+    assert_eq!((code, told.trim()), (Some(0), format!("{job} is succeeded").as_str()), "what is over stays as it is");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn what_goes_wrong_says_what_to_do_next() {
+    let (app, _dir) = guarded(0).await;
+    let person = Person::new(&app, &["read", "upload"]).await;
+    for _ in 0..2 {
+        person.post("/v1/robots", &serde_json::from_slice(&paper("robot.json")).unwrap()).await.ok(201);
+    }
+    let key = person.key.as_str();
+    for (arguments, code, expected) in [
+        (vec!["jobs", "--robot", "Cell 9"], 2, "`kincal robots` lists those that are there"),
+        (vec!["jobs", "--robot", "ER20-C10"], 2, "several robots are called \"ER20-C10\": give --robot one of rob_"),
+        (vec!["robots", "rob_0"], 1, "next: kincal robots lists"),
+        (vec!["report", "job_0"], 1, "(not_found)"),
+        (vec!["release", "par_0", "--reason", "x"], 1, "(insufficient_scope)"),
+    ] {
+        let (found, _, complaints) = kincal(&app, key, &arguments).await;
+        assert_eq!(found, Some(code), "{arguments:?}: {complaints}");
+        assert!(complaints.contains(expected), "{arguments:?}: {complaints}");
+    }
+    let (code, _, complaints) = kincal(&app, "kincal_wrong", &["robots"]).await;
+    assert_eq!(code, Some(1));
+    assert!(complaints.contains("next: give the key with --key or in KINCAL_KEY"), "{complaints}");
+}
+
+#[test]
+fn every_shell_completes_every_command() {
+    let run = |arguments: &[&str]| Command::new(env!("CARGO_BIN_EXE_kincal")).args(arguments).output().unwrap();
+    for shell in ["bash", "zsh", "fish", "powershell"] {
+        let output = run(&["completions", shell]);
+        assert!(output.status.success());
+        let script = String::from_utf8(output.stdout).unwrap();
+        for word in ["submit", "calibrate", "report", "release", "withdraw", "completions", "robot", "frame"] {
+            assert!(script.contains(word), "{shell} does not know {word}");
+        }
+    }
+    let script = tempfile::NamedTempFile::new().unwrap();
+    std::fs::write(script.path(), run(&["completions", "bash"]).stdout).unwrap();
+    let ask = "source \"$1\"; COMP_WORDS=(kincal relea); COMP_CWORD=1; COMP_LINE='kincal relea'; _kincal kincal relea kincal; echo \"${COMPREPLY[@]}\"";
+    let output = Command::new("bash").args(["-c", ask, "bash"]).arg(script.path()).output().unwrap();
+    assert_eq!(String::from_utf8_lossy(&output.stdout).trim(), "release");
+    assert_eq!(run(&["completions", "tcsh"]).status.code(), Some(2));
+}
+
+#[test]
+fn keys_are_made_and_listed_as_json() {
+    let dir = tempfile::tempdir().unwrap();
+    let run = |arguments: &[&str]| {
+        let output = Command::new(env!("CARGO_BIN_EXE_kincal")).args(arguments).arg("--data-dir").arg(dir.path()).output().unwrap();
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        serde_json::from_slice::<Value>(&output.stdout).unwrap()
+    };
+    let made = run(&["key", "create", "--name", "cell-4", "--scope", "read", "--json"]);
+    assert!(text(&made["key"]).starts_with("kincal_"));
+    let listed = run(&["key", "list", "--json"]);
+    assert_eq!((&listed["items"][0]["id"], &listed["items"][0]["scopes"]), (&made["id"], &json!(["read"])));
+    assert_eq!(listed["items"][0].get("key"), None, "a key is shown only once");
+}
