@@ -2,7 +2,7 @@
 
 import { download, get, list } from "./api.js";
 import { el, fill, table } from "./dom.js";
-import { age, EVIDENCE, method, mm, number, span, when } from "./format.js";
+import { age, EVIDENCE, method, mm, number, parameter, span, when } from "./format.js";
 import { best, errorHistory, parameterHistory, past, state } from "./history.js";
 import { facts, standing } from "./robots.js";
 import { uploadCard } from "./upload.js";
@@ -56,11 +56,19 @@ export function statusBadge(status) {
   return el(kinds[status] ? `span.badge.${kinds[status]}` : "span.badge", {}, status);
 }
 
+/** What moved beyond chance, the surest first. */
+function moved({ changed }) {
+  if (!changed) return "–";
+  if (changed.length === 0) return "nothing beyond chance";
+  const surest = [...changed].sort((a, b) => b.sigmas - a.sigmas).slice(0, 3).map((c) => parameter(c.name));
+  return changed.length > surest.length ? `${surest.join(", ")} and ${changed.length - surest.length} more` : surest.join(", ");
+}
+
 function parameterSets(entries) {
   const columns = [
     ["Identified", ({ set }) => el("a", { href: `#/jobs/${set.job_id}` }, when(set.created_at))],
     ["State", ({ set }) => statusBadge(set.status)],
-    ["Method", ({ report }) => method(report.method)],
+    ["Moved since the set before", ({ report }) => moved(report), "name"],
     ["Before", ({ report }) => mm(best(report).before.rms_mm), "n"],
     ["After", ({ report }) => mm(best(report).after.rms_mm), "n"],
     ["Evidence", ({ report }) => EVIDENCE[report.evidence]?.[0] ?? report.evidence],

@@ -67,7 +67,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             let next = job.parameter_set_id.map_or(String::new(), |id| {
                 format!("next: kincal release {id} --reason \"…\" if it is good; until then the cell does not get it\n")
             });
-            format!("{}\n{next}print: kincal report {job_id} --html report.html", table::report(&shaped))
+            format!("{}\n{next}to print it: kincal report {job_id} --html report.html", table::report(&shaped))
         })
     })
 }
