@@ -2,7 +2,7 @@
 
 import { download, get, list } from "./api.js";
 import { el, fill, table } from "./dom.js";
-import { age, EVIDENCE, method, mm, number, parameter, span, when } from "./format.js";
+import { age, error, EVIDENCE, method, mm, number, parameter, span, when } from "./format.js";
 import { best, errorHistory, parameterHistory, past, state } from "./history.js";
 import { facts, standing } from "./robots.js";
 import { uploadCard } from "./upload.js";
@@ -33,12 +33,12 @@ function head(robot, stand) {
 
 function known(robot, { active, newest, report, since, drift }) {
   if (!newest) return el("p", {}, "This robot has not been calibrated yet. Upload measured points below to begin.");
-  const error = best(report);
+  const now = best(report);
   return facts([
     ["Active set", active ? `released ${age(active.released_at)}` : "none", active ? when(active.released_at) : "the newest result waits for its release"],
-    [`Error now (${active ? "active set" : "newest result"})`, mm(error.after.rms_mm), `rms; nominal robot ${mm(error.before.rms_mm)}`],
-    ["Largest error", mm(error.after.max_mm), `nominal robot ${mm(error.before.max_mm)}`],
-    ["Evidence", EVIDENCE[report.evidence]?.[0] ?? report.evidence, `${error.n_points} points checked`],
+    [`Error now (${active ? "active set" : "newest result"})`, mm(now.after.rms_mm), `rms; nominal robot ${mm(now.before.rms_mm)}`],
+    ["Largest error", mm(now.after.max_mm), `nominal robot ${mm(now.before.max_mm)}`],
+    ["Evidence", EVIDENCE[report.evidence]?.[0] ?? report.evidence, `${now.n_points} points checked`],
     since && ["Drift", mm(drift), "the newest result puts the tool this far from the active one, on average"],
   ]);
 }
@@ -68,13 +68,12 @@ function parameterSets(entries) {
   const columns = [
     ["Identified", ({ set }) => el("a", { href: `#/jobs/${set.job_id}` }, when(set.created_at))],
     ["State", ({ set }) => statusBadge(set.status)],
-    ["Moved since the set before", ({ report }) => moved(report), "name"],
-    ["Before", ({ report }) => mm(best(report).before.rms_mm), "n"],
-    ["After", ({ report }) => mm(best(report).after.rms_mm), "n"],
+    ["Moved", ({ report }) => moved(report), "name"],
+    ["Error, rms", ({ report }) => [mm(best(report).after.rms_mm), el("small.quiet", {}, `nominal ${error(best(report).before.rms_mm)}`)], "n"],
     ["Evidence", ({ report }) => EVIDENCE[report.evidence]?.[0] ?? report.evidence],
     ["Parameters", ({ set }) => el("button", { type: "button", click: () => download(`/v1/parameter-sets/${set.id}`, `${set.id}.json`), "aria-label": `Download the parameter set of ${when(set.created_at)}` }, "Download")],
   ];
-  return table("What was identified, newest first. Errors are rms on the verify points.", columns, [...entries].reverse(), "None yet.");
+  return table("What was identified, newest first. Moved: parameters that differ from the set before by more than chance. Errors are those on the verify points.", columns, [...entries].reverse(), "None yet.");
 }
 
 function jobTable(jobs, sets) {
