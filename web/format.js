@@ -124,6 +124,13 @@ const GATES = {
 };
 export const gateTitle = (code) => GATES[code] ?? sentence(code);
 
+const CORRECTIONS = {
+  stiffness_2_3: "Stiffness of joints 2 and 3", stiffness_all: "Stiffness of all joints", base_compliance: "Compliance of the base",
+  link_masses: "Masses of the links", link_centres: "Centres of gravity", joint_harmonics: "Harmonics of the joints", residual_network: "Residual network",
+  all_together: "All of these together",
+};
+export const correctionTitle = (kind) => CORRECTIONS[kind] ?? sentence(kind);
+
 /** `no_verify_points` as a sentence's beginning. */
 export function sentence(code) {
   const words = code.replaceAll("_", " ");

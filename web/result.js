@@ -3,7 +3,7 @@
 import { download, get, noAuth, post } from "./api.js";
 import { arrows, convergence, histogram, interval, perPoint } from "./figures.js";
 import { el, fill, problem, say, table } from "./dom.js";
-import { error, EVIDENCE, gateTitle, method, mm, number, parameter, signed, span, warningTitle, when } from "./format.js";
+import { correctionTitle, error, EVIDENCE, gateTitle, method, mm, number, parameter, signed, span, warningTitle, when } from "./format.js";
 import { statusBadge } from "./robot.js";
 import { facts } from "./robots.js";
 
@@ -36,6 +36,7 @@ function summary(report, half) {
   const [evidence] = EVIDENCE[report.evidence] ?? [report.evidence];
   return facts([
     ["Mean error", mm(half.after.mean_mm), `before ${mm(half.before.mean_mm)}`],
+    half.corrected && ["With corrections", mm(half.corrected.mean_mm), "mean error; for predictions and corrected targets"],
     ["Largest error", mm(half.after.max_mm), `before ${mm(half.before.max_mm)}`],
     report.tool_uncertainty_mm && ["Uncertainty at the tool", mm(report.tool_uncertainty_mm.mean ?? report.tool_uncertainty_mm), report.tool_uncertainty_mm.max ? `at worst ${mm(report.tool_uncertainty_mm.max)}` : "one standard deviation"],
     ["Evidence", evidence, `${half.n_points} points`],
@@ -169,9 +170,9 @@ function comparison(report) {
 
 function corrections(report) {
   if (!report.corrections?.length) return [];
-  const columns = [["Correction", (c) => c.kind.replaceAll("_", " ")], ["Kept", (c) => (c.kept ? "yes" : "no")],
+  const columns = [["Correction", (c) => correctionTitle(c.kind)], ["Kept", (c) => (c.kept ? "yes" : "no")],
     ["Without", (c) => mm(c.cross_validated_rms_mm_before), "n"], ["With", (c) => mm(c.cross_validated_rms_mm_after), "n"]];
-  return el("section.card", {}, el("h2", {}, "What links cannot say"), table("Each is kept only where it lowers the cross-validated error.", columns, report.corrections, ""));
+  return el("section.card", {}, el("h2", {}, "What links cannot say"), table("Each is kept only where it lowers the cross-validated error by more than chance; rms.", columns, report.corrections, ""));
 }
 
 function changed(report) {
