@@ -141,7 +141,7 @@ fn a_set_is_uploaded_identified_read_released_and_withdrawn() {
             browser.until_it_says(expected).await;
         }
         assert_eq!(browser.run("return document.querySelectorAll('figure rect.after').length > 50").await, true, "bars were drawn");
-        browser.picture("result", Picture::Top(820)).await;
+        browser.picture("result", Picture::Top(720)).await;
 
         browser.button("Release …").await.click().await.unwrap();
         browser.picture("release", Picture::Element("dialog")).await;

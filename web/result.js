@@ -23,6 +23,9 @@ export async function result(body, context, { job, robot, set }) {
 
 const pairs = (figures) => figures.length > 0 && el("div.two", {}, figures);
 
+/** True where a correction was kept; else the errors with corrections are those without. */
+const isCorrected = (half) => half.corrected && half.corrected.rms_mm !== half.after.rms_mm;
+
 function verdict(report, half) {
   const share = 1 - half.after.mean_mm / half.before.mean_mm;
   const where = report.verify ? `On ${half.n_points} points that were not fitted` : `On the ${half.n_points} points of the fit itself`;
@@ -36,7 +39,7 @@ function summary(report, half) {
   const [evidence] = EVIDENCE[report.evidence] ?? [report.evidence];
   return facts([
     ["Mean error", mm(half.after.mean_mm), `before ${mm(half.before.mean_mm)}`],
-    half.corrected && ["With corrections", mm(half.corrected.mean_mm), "mean error; for predictions and corrected targets"],
+    isCorrected(half) && ["With corrections", mm(half.corrected.mean_mm), "mean error; for predictions and corrected targets"],
     ["Largest error", mm(half.after.max_mm), `before ${mm(half.before.max_mm)}`],
     report.tool_uncertainty_mm && ["Uncertainty at the tool", mm(report.tool_uncertainty_mm.mean ?? report.tool_uncertainty_mm), report.tool_uncertainty_mm.max ? `at worst ${mm(report.tool_uncertainty_mm.max)}` : "one standard deviation"],
     ["Evidence", evidence, `${half.n_points} points`],
@@ -127,7 +130,7 @@ function refusal({ errors, detail }) {
 
 function errorTable(report) {
   const rows = [["identify", "Identify", report.identify], ["verify", "Verify", report.verify]].filter(([, , half]) => half);
-  const flat = rows.flatMap(([, name, half]) => [[`${name} (${half.n_points})`, "before", half.before], ["", "after", half.after], ...(half.corrected ? [["", "after, with corrections", half.corrected]] : [])]);
+  const flat = rows.flatMap(([, name, half]) => [[`${name} (${half.n_points})`, "before", half.before], ["", "after", half.after], ...(isCorrected(half) ? [["", "after, with corrections", half.corrected]] : [])]);
   const columns = [["Points", ([name]) => name], ["Robot", ([, stage]) => stage], ...["mean", "std", "rms", "max"].map((name) => [name, ([, , e]) => error(e[`${name}_mm`]), "n"])];
   return el("section.card", {}, el("h2", {}, "Errors before and after"), table("Position errors in mm. Identify: the points of the fit. Verify: points kept aside.", columns, flat, ""));
 }

@@ -43,7 +43,7 @@ fn halves(text: &mut String, name: &str, half: Option<&SubsetReport>) {
         |e: &ErrorsReport| format!("{:>10}{:>10}{:>10}{:>10}", number(e.mean_mm), number(e.std_mm), number(e.rms_mm), number(e.max_mm));
     line(text, format!("{:<24}{}", format!("{name} ({}), before", half.n_points), row(&half.before)));
     line(text, format!("{:<24}{}", format!("{name} ({}), after", half.n_points), row(&half.after)));
-    if let Some(corrected) = &half.corrected {
+    if let Some(corrected) = half.corrected.as_ref().filter(|corrected| **corrected != half.after) {
         line(text, format!("{:<24}{}", format!("{name} ({}), corrected", half.n_points), row(corrected)));
     }
 }

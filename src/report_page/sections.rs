@@ -97,7 +97,7 @@ fn half_rows(name: &str, half: &SubsetReport) -> Markup {
     html! {
         (row(&format!("{name} ({})", half.n_points), "before", &half.before))
         (row("", "after", &half.after))
-        @if let Some(corrected) = &half.corrected { (row("", "after, with corrections", corrected)) }
+        @if let Some(corrected) = half.corrected.as_ref().filter(|corrected| **corrected != half.after) { (row("", "after, with corrections", corrected)) }
     }
 }
 
