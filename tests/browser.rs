@@ -14,7 +14,6 @@ use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 use thirtyfour::Key;
-use thirtyfour::prelude::*;
 
 /// A name that would run scripts wherever it were taken for markup.
 const HOSTILE: &str = "</script><script>alert(1)</script><img src=x onerror=alert(2)> \"' &amp; {{7*7}}";
