@@ -7,12 +7,12 @@ mod people;
 
 #[path = "api/auth.rs"]
 mod auth;
-#[path = "api/compensate.rs"]
-mod compensate;
 #[path = "api/cell_pc.rs"]
 mod cell_pc;
 #[path = "api/command_line.rs"]
 mod command_line;
+#[path = "api/compensate.rs"]
+mod compensate;
 #[path = "api/contract.rs"]
 mod contract;
 #[path = "api/export.rs"]
