@@ -3,6 +3,7 @@
 use crate::calibration::changes::changes;
 use crate::calibration::check::check;
 use crate::calibration::corrections;
+use crate::calibration::known::{KnownBefore, known_before};
 use crate::calibration::observe::{Observed, observe};
 use crate::calibration::outcome::report;
 use crate::calibration::report::{CalibrationReport, MethodComparison};
@@ -11,12 +12,13 @@ use crate::calibration::robust::{PointLoss, robust_fit};
 use crate::calibration::screening::{Screening, parameters_of, screen};
 use crate::calibration::settings::{Settings, settings};
 use crate::calibration::{Error, Event, Monitor, unusable};
-use crate::identification::fit::fit_along_seen;
 use crate::identification::guide::GuidedSwarm;
 use crate::identification::identifiability::{Decomposition, prior_scale};
 use crate::identification::multistart::{FOUND_MM, best_start};
 use crate::identification::objective::Observation;
 use crate::identification::parameters::{Parameter, apply};
+use crate::identification::prior_fit::Fitting;
+use crate::identification::priors::Priors;
 use crate::identification::search_space::{SearchSpace, decomposition_at};
 use crate::identification::settle::settle;
 use crate::identification::start::fit_base_and_targets;
@@ -51,6 +53,8 @@ pub struct Problem<'a> {
     pub nominal: KinematicModel,
     /// What the identify subset can see, at the nominal robot, scaled by the stated priors.
     pub decomposition: Decomposition,
+    /// What is known of the parameters beforehand.
+    pub priors: Option<KnownBefore>,
 }
 
 /// A method's answer.
@@ -98,9 +102,9 @@ pub fn calibrate(request: &CalibrationRequest, monitor: &mut Monitor<'_>) -> Res
     }
     if request.preset == Preset::Default && problem.settings.refine {
         let counting = problem.loss.reweighted(&found.model, &problem.identify);
-        found.model = settle(&found.model, &problem.nominal, &problem.parameters, &problem.decomposition.scale, &counting);
+        found.model = settle(&found.model, &problem.nominal, problem.fitting(), &counting);
     }
-    let corrections = match corrections::are_wanted(request.corrections, request.preset) {
+    let corrections = match corrections::are_wanted(request.corrections, request.preset) && problem.priors.is_none() {
         true => stage(monitor, "corrections", |_| Ok(Some(corrections::corrections(&problem, &found.model))))?,
         false => None,
     };
@@ -134,7 +138,21 @@ impl<'a> Problem<'a> {
             ));
         }
         let loss = PointLoss::of(request, &screening);
-        Ok(Self { request, settings: settings(request), observed, screening, loss, identify, parameters, nominal, decomposition })
+        let (settings, priors) = (settings(request), None);
+        let mut problem = Self { request, settings, observed, screening, loss, identify, parameters, nominal, decomposition, priors };
+        problem.priors = known_before(&problem)?;
+        Ok(problem)
+    }
+
+    /// What least squares fits.
+    pub fn fitting(&self) -> Fitting<'_> {
+        let priors = self.priors.as_ref().map(|known| &known.priors);
+        Fitting { parameters: &self.parameters, scale: &self.decomposition.scale, priors }
+    }
+
+    /// F of a model, that of the priors included, mm².
+    pub fn cost(&self, model: &KinematicModel) -> f64 {
+        self.loss.cost(model, &self.identify) + self.fitting().prior_cost_mm2(model)
     }
 
     /// Half-width of the search box of each parameter; base and targets get as much more as their prior is wider.
@@ -148,7 +166,7 @@ impl<'a> Problem<'a> {
     }
 
     /// The points to identify, those that do not belong without weight.
-    fn trusted(&self) -> Vec<Observation> {
+    pub fn trusted(&self) -> Vec<Observation> {
         let wild: BTreeSet<usize> = self.screening.wild.iter().map(|w| w.row).collect();
         let rows = (0..self.observed.all.len()).filter(|row| self.observed.subsets[*row] == Subset::Identify);
         let weight = |o: &Observation, row: usize| if wild.contains(&row) { 0.0 } else { o.weight };
@@ -255,13 +273,12 @@ pub fn least_squares_from(
     monitor: &mut Monitor<'_>,
 ) -> Result<Found, Error> {
     let stop_at = stop_at_cost_mm2.unwrap_or(0.0);
-    let (parameters, scale) = (&problem.parameters, &problem.decomposition.scale);
     let mut watch = |i: least_squares::Iteration| {
         monitor(Event::Iteration { iteration: i.iteration, n_iterations: i.max_iterations, best_cost_mm2: i.cost })
     };
     let fit = match problem.loss {
-        PointLoss::Squares => fit_along_seen(start, parameters, scale, &problem.identify, stop_at, &mut watch),
-        PointLoss::Bounded { .. } => robust_fit(start, parameters, scale, &problem.identify, &problem.trusted(), problem.loss, &mut watch),
+        PointLoss::Squares => problem.fitting().run(start, &problem.identify, stop_at, &mut watch),
+        PointLoss::Bounded { .. } => robust_fit(start, problem.fitting(), &problem.identify, &problem.trusted(), problem.loss, &mut watch),
     };
     if fit.termination == least_squares::Termination::Stopped {
         return Err(Error::Cancelled);
@@ -299,11 +316,7 @@ enum Start {
 }
 
 fn swarm(problem: &Problem<'_>, reference: &KinematicModel, start: Start, monitor: &mut Monitor<'_>) -> Result<Found, Error> {
-    let (parameters, scale) = (problem.parameters.clone(), problem.half_widths());
-    let space = match problem.settings.singular_directions {
-        true => SearchSpace::singular(reference.clone(), parameters, scale, &problem.identify),
-        false => SearchSpace::raw(reference.clone(), parameters, scale),
-    };
+    let space = search_space(problem, reference);
     let mut guided = guided_swarm(problem, &space).filter(|_| start == Start::Network);
     let mut move_particles = |iteration: usize, positions: &mut pso::Positions| match (iteration, start, problem.network()) {
         (_, Start::Network, Some(network)) if guided.is_some() => {
@@ -335,6 +348,21 @@ fn swarm(problem: &Problem<'_>, reference: &KinematicModel, start: Start, monito
     })
 }
 
+/// The space around a reference: along what the points see, or the priors say something of, or of raw parameters.
+fn search_space(problem: &Problem<'_>, reference: &KinematicModel) -> SearchSpace {
+    let (parameters, scale) = (problem.parameters.clone(), problem.half_widths());
+    let priors = problem.fitting().priors;
+    let space = match problem.settings.singular_directions {
+        true => {
+            let decomposition = decomposition_at(reference, &parameters, &scale, &problem.identify);
+            let (directions, _) = decomposition.directions_with_priors(&priors.map_or(vec![], Priors::stds));
+            SearchSpace::along(reference.clone(), parameters, scale, directions)
+        }
+        false => SearchSpace::raw(reference.clone(), parameters, scale),
+    };
+    space.knowing(priors.map(|priors| priors.from(reference)).unwrap_or_default())
+}
+
 /// In the default preset a second network, trained on what the swarm sees, shows a part of it the way.
 fn guided_swarm<'s>(problem: &Problem<'_>, space: &'s SearchSpace) -> Option<GuidedSwarm<'s>> {
     let n_particles = problem.settings.pso.n_particles;
@@ -342,8 +370,15 @@ fn guided_swarm<'s>(problem: &Problem<'_>, space: &'s SearchSpace) -> Option<Gui
         return None;
     }
     let decomposition = decomposition_at(&space.reference, &space.parameters, &space.scale, &problem.identify);
-    let effects_mm = &decomposition.singular_values[..space.n_coordinates()];
-    Some(GuidedSwarm::new(space, &problem.identify, effects_mm, problem.request.seed))
+    let mut effects_mm = decomposition.singular_values[..space.n_coordinates()].to_vec();
+    if !space.known().pulls.is_empty() {
+        let effect = |(k, of_points): (usize, &f64)| {
+            let pulls = space.known().pulls.iter().map(|pull| pull.weight * space.directions()[(pull.parameter, k)]);
+            (of_points * of_points + pulls.map(|pull| pull * pull).sum::<f64>() / problem.identify.len() as f64).sqrt()
+        };
+        effects_mm = effects_mm.iter().enumerate().map(effect).collect();
+    }
+    Some(GuidedSwarm::new(space, &problem.identify, &effects_mm, problem.request.seed))
 }
 
 /// The stored network moves the particles that remember; the others stay where they were drawn.
@@ -398,7 +433,7 @@ fn comparison_row(problem: &Problem<'_>, method: &'static str, stage: &'static s
         stage,
         n_iterations: found.n_iterations,
         n_evaluations: found.n_evaluations,
-        cost_mm2: problem.loss.cost(&found.model, &problem.identify),
+        cost_mm2: problem.cost(&found.model),
         verify_after: crate::calibration::outcome::verify_errors(problem, &found.model),
     }
 }

@@ -6,6 +6,7 @@ pub mod changes;
 mod check;
 mod corrections;
 mod identify;
+mod known;
 mod observe;
 mod outcome;
 pub mod partial;
@@ -23,6 +24,7 @@ mod verify;
 
 pub use check::{check, network_fits};
 pub use identify::calibrate;
+pub use known::{PriorFault, prior_faults};
 pub use plausibility::implausible_changes;
 pub use report::{CalibrationReport, Errors};
 pub use request::{CalibrationRequest, Method, Model, Preset};

@@ -130,13 +130,18 @@ fn subsets(request: &CalibrationRequest) -> Result<Vec<Subset>, Error> {
     }
 }
 
-/// The free parameters: the model's, less what the request holds.
-pub fn free_parameters(request: &CalibrationRequest, n_targets: usize) -> Result<Vec<Parameter>, Error> {
+/// The parameters of the request's model.
+pub fn model_parameters(request: &CalibrationRequest, n_targets: usize) -> Vec<Parameter> {
     let links = &request.robot.links;
-    let model = match request.model() {
+    match request.model() {
         Model::Paper => paper_parameters(links.len()),
         Model::Complete => complete_parameters(links, n_targets),
-    };
+    }
+}
+
+/// The free parameters: the model's, less what the request holds.
+pub fn free_parameters(request: &CalibrationRequest, n_targets: usize) -> Result<Vec<Parameter>, Error> {
+    let model = model_parameters(request, n_targets);
     let names: BTreeSet<String> = model.iter().map(Parameter::name).collect();
     let (ParameterChoice::Hold(asked) | ParameterChoice::Identify(asked)) = &request.parameters else {
         return Ok(model);

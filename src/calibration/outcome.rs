@@ -8,11 +8,12 @@ use crate::calibration::repeatability::repeatability;
 use crate::calibration::report::*;
 use crate::calibration::request::{Method, Model, Preset, VerifySource};
 use crate::calibration::verify::refits;
-use crate::calibration::{Error, plausibility};
+use crate::calibration::{Error, known, plausibility};
 use crate::identification::corrected::{CorrectedModel, IdentifiedRobot};
 use crate::identification::misfit::gravity_directions;
 use crate::identification::objective::{Observation, residuals};
-use crate::identification::parameters::{Parameter, quantity_mut, rotation_log};
+use crate::identification::parameters::{Parameter, Quantity, deviation_from, quantity_mut};
+use crate::identification::search_space::decomposition_at;
 use crate::identification::start::fit_base_and_targets;
 use crate::identification::uncertainty::{Uncertainty, uncertainty};
 use crate::identification::workspace::tool_uncertainty;
@@ -22,6 +23,9 @@ use nalgebra::{IsometryMatrix3, Vector3};
 
 /// Probability with which a parameter's stated interval holds the truth.
 const CONFIDENCE: f64 = 0.95;
+
+/// A parameter whose part in the combinations that nothing is known of is below this, in priors, is known.
+const TAKES_PART: f64 = 1e-3;
 
 /// Mean, standard deviation, rms and largest of |residual|; `None` for no points.
 pub fn errors(model: &KinematicModel, observations: &[Observation]) -> Option<Errors> {
@@ -114,7 +118,7 @@ pub fn report(
         termination: found.termination,
         n_iterations: found.n_iterations,
         n_evaluations: found.n_evaluations,
-        cost_mm2: problem.loss.cost(model, &problem.identify),
+        cost_mm2: problem.cost(model),
         convergence_mm2: found.convergence,
         identify,
         verify,
@@ -137,6 +141,7 @@ pub fn report(
         network,
     };
     report.warnings = warnings(&report, &problem.request.robot.links);
+    report.warnings.extend(known::remarks(problem, model));
     report.warnings.extend(remarks(problem, &problem.screening));
     Ok(report)
 }
@@ -191,18 +196,11 @@ pub fn delivered(problem: &Problem<'_>, model: &KinematicModel) -> KinematicMode
 /// Nominal and identified value of each free parameter, in mm and degrees.
 fn parameters(problem: &Problem<'_>, model: &KinematicModel, uncertainty: Option<&Uncertainty>) -> Vec<ParameterOutcome> {
     let identifiable = problem.decomposition.identifiable();
-    let merged_d = problem.request.frames.as_ref().filter(|_| problem.request.model() == Model::Paper).map_or(0.0, |f| f.z_tool_mm);
-    let last = model.links.len() - 1;
+    let stated = stated(problem, model, uncertainty);
     let outcome = |(i, parameter): (usize, &Parameter)| {
-        let (mut nominal, mut identified) = (value(&problem.nominal, parameter), value(model, parameter));
-        if let Parameter::BaseRotation(axis) = parameter {
-            (nominal, identified) = (0.0, rotation_between(&problem.nominal, model)[*axis]);
-        }
-        if *parameter == Parameter::Link(last, crate::identification::parameters::Quantity::D) {
-            (nominal, identified) = (nominal - merged_d, identified - merged_d);
-        }
+        let (nominal, identified) = (problem.reported(&problem.nominal, parameter), problem.reported(model, parameter));
         let to_wire = |value: f64| if parameter.is_angle() { value.to_degrees() } else { value };
-        let known = uncertainty.filter(|_| identifiable[i]);
+        let known = uncertainty.filter(|_| stated[i]);
         let interval = |u: &Uncertainty| {
             let half_width = u.half_width(i, CONFIDENCE);
             [to_wire(identified - half_width), to_wire(identified + half_width)]
@@ -217,12 +215,24 @@ fn parameters(problem: &Problem<'_>, model: &KinematicModel, uncertainty: Option
             std_uncertainty: known.map(|u| to_wire(u.std(i))),
             interval_95: known.map(interval),
             identifiable: identifiable[i],
+            prior: known::outcome_of(problem, model, i, uncertainty),
         }
     };
     problem.parameters.iter().enumerate().map(outcome).collect()
 }
 
-fn value(model: &KinematicModel, parameter: &Parameter) -> f64 {
+/// For each parameter: true if its uncertainty can be stated. Where nothing is known beforehand that is what the data see alone; a prior
+/// may say what they do not, and where a bound ended the fit there is no interval.
+fn stated(problem: &Problem<'_>, model: &KinematicModel, uncertainty: Option<&Uncertainty>) -> Vec<bool> {
+    let (Some(known), Some(uncertainty)) = (&problem.priors, uncertainty) else { return problem.decomposition.identifiable() };
+    let at_bounds = known.priors.at_bounds(model);
+    let is_free = |j: &usize| at_bounds.iter().all(|(k, _)| k != j);
+    let is_known = |j: usize| uncertainty.unseen.row(j).amax() < TAKES_PART * problem.decomposition.scale[j];
+    (0..problem.parameters.len()).map(|j| is_free(&j) && is_known(j)).collect()
+}
+
+/// A parameter's value in a model, mm or rad.
+pub fn value_of(model: &KinematicModel, parameter: &Parameter) -> f64 {
     match *parameter {
         Parameter::Link(link, quantity) => *quantity_mut(&mut model.links[link].clone(), quantity),
         Parameter::BaseTranslation(axis) => model.t_instrument_base.translation.vector[axis],
@@ -231,9 +241,20 @@ fn value(model: &KinematicModel, parameter: &Parameter) -> f64 {
     }
 }
 
-/// Rotation vector from one base to another, in the measuring frame, rad.
-fn rotation_between(from: &KinematicModel, to: &KinematicModel) -> Vector3<f64> {
-    rotation_log(&(to.t_instrument_base.rotation * from.t_instrument_base.rotation.inverse()))
+impl Problem<'_> {
+    /// A parameter's value as the report has it, mm or rad: the base's turn from its first estimate, and d of the last link without the
+    /// tool that sweeps merged into it.
+    pub fn reported(&self, model: &KinematicModel, parameter: &Parameter) -> f64 {
+        let last_d = Parameter::Link(model.links.len() - 1, Quantity::D);
+        match parameter {
+            Parameter::BaseRotation(_) => deviation_from(&self.nominal, model, parameter),
+            p if *p == last_d => {
+                let frames = self.request.frames.as_ref().filter(|_| self.request.model() == Model::Paper);
+                value_of(model, p) - frames.map_or(0.0, |frames| frames.z_tool_mm)
+            }
+            p => value_of(model, p),
+        }
+    }
 }
 
 /// What the residuals say about the errors of parameters and tool.
@@ -243,7 +264,14 @@ pub fn uncertainty_of(problem: &Problem<'_>, model: &KinematicModel) -> Option<U
     let counting: Vec<usize> = (0..clusters.len()).filter(|i| problem.identify[*i].weight > 0.0).collect();
     let observations: Vec<Observation> = counting.iter().map(|i| problem.identify[*i].clone()).collect();
     let clusters: Vec<usize> = counting.iter().map(|i| clusters[*i]).collect();
-    uncertainty(model, &problem.parameters, &problem.decomposition, &observations, &clusters, &gravity)
+    let priors = problem.fitting().priors;
+    let at_bounds = priors.map_or(vec![], |priors| priors.at_bounds(model));
+    let mut decomposition = problem.decomposition.clone();
+    if !at_bounds.is_empty() {
+        at_bounds.iter().for_each(|(parameter, _)| decomposition.scale[*parameter] = 0.0);
+        decomposition = decomposition_at(&problem.nominal, &problem.parameters, &decomposition.scale, &problem.identify);
+    }
+    uncertainty(model, &problem.parameters, (&decomposition, priors), &observations, &clusters, &gravity)
 }
 
 fn identifiability(problem: &Problem<'_>) -> Identifiability {
@@ -251,6 +279,10 @@ fn identifiability(problem: &Problem<'_>) -> Identifiability {
     Identifiability {
         n_parameters: problem.parameters.len(),
         rank: problem.decomposition.rank(),
+        n_by_priors: problem.priors.as_ref().map(|known| {
+            let (with, _) = problem.decomposition.directions_with_priors(&known.priors.stds());
+            with.ncols() - problem.decomposition.rank()
+        }),
         condition_number: problem.decomposition.condition_number(),
         unidentifiable: problem.decomposition.unseen_groups().into_iter().map(names).collect(),
         observability_index_o1: problem.decomposition.observability_index_o1(),

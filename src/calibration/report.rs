@@ -80,6 +80,26 @@ pub struct ParameterOutcome {
     pub interval_95: Option<[f64; 2]>,
     /// False where the data cannot see it (alone).
     pub identifiable: bool,
+    /// What was known of it beforehand, and what became of that.
+    pub prior: Option<PriorOutcome>,
+}
+
+/// A prior and what became of it, in the unit of the wire (mm or deg).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PriorOutcome {
+    /// Where the parameter was expected.
+    pub mean: f64,
+    /// One standard deviation.
+    pub std: f64,
+    /// Smallest value allowed.
+    pub min: Option<f64>,
+    /// Largest value allowed.
+    pub max: Option<f64>,
+    /// Share of what is known of the parameter that comes from its prior: its variance after, over that of the prior. `None` where no
+    /// uncertainty can be stated.
+    pub share: Option<f64>,
+    /// `min` or `max` where the fit ended at that bound.
+    pub at_bound: Option<&'static str>,
 }
 
 /// How the points scatter about the model ([`crate::identification::uncertainty`]).
@@ -108,6 +128,8 @@ pub struct Identifiability {
     pub n_parameters: usize,
     /// Rank of the scaled identification Jacobian.
     pub rank: usize,
+    /// Combinations that the data do not see but priors say something of; `None` without priors.
+    pub n_by_priors: Option<usize>,
     /// Largest over smallest seen singular value of the scaled Jacobian.
     pub condition_number: f64,
     /// Combinations that cannot be seen, each by the names that take part in it.

@@ -32,6 +32,21 @@ pub enum ParameterChoice {
     Identify(Vec<String>),
 }
 
+/// What is known of a parameter beforehand, in the unit of the report (mm or degrees).
+#[derive(Clone, Debug, PartialEq)]
+pub struct ParameterPrior {
+    /// Its name.
+    pub name: String,
+    /// One standard deviation about the mean.
+    pub std: f64,
+    /// Where it is expected; `None`: where the report has its nominal value.
+    pub mean: Option<f64>,
+    /// Smallest value allowed.
+    pub min: Option<f64>,
+    /// Largest value allowed.
+    pub max: Option<f64>,
+}
+
 /// Where the verify points come from.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum VerifySource {
@@ -104,6 +119,8 @@ pub struct CalibrationRequest {
     pub preset: Preset,
     /// Which are free.
     pub parameters: ParameterChoice,
+    /// What is known of them beforehand.
+    pub priors: Vec<ParameterPrior>,
     /// Base and tool frame from sweeps, for `model: paper` on a set in the instrument frame.
     pub frames: Option<PreliminaryFrames>,
     /// The robot's trained network, for `bpnn_pso`.
@@ -157,6 +174,7 @@ impl CalibrationRequest {
             model: None,
             preset: Preset::Default,
             parameters: ParameterChoice::All,
+            priors: vec![],
             frames: None,
             network: None,
             seed: 0,

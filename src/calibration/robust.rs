@@ -3,9 +3,9 @@
 use crate::calibration::request::{CalibrationRequest, Loss};
 use crate::calibration::screening::{Screening, loss};
 use crate::identification::KinematicModel;
-use crate::identification::fit::{SeenFit, fit_along_seen};
+use crate::identification::fit::SeenFit;
 use crate::identification::objective::{Observation, residuals};
-use crate::identification::parameters::Parameter;
+use crate::identification::prior_fit::Fitting;
 use crate::kinematics::batch::Bound;
 use crate::solvers::least_squares::{Iteration, Termination};
 use crate::solvers::loss::{self as losses, HUBER_K_95, TUKEY_C_95};
@@ -82,16 +82,16 @@ fn lengths(model: &KinematicModel, observations: &[Observation]) -> Vec<f64> {
 /// altogether has many minima: it begins at the fit to the `trusted` points, those that screening found to belong together.
 pub fn robust_fit(
     start: &KinematicModel,
-    parameters: &[Parameter],
-    scale: &[f64],
+    fitting: Fitting<'_>,
     observations: &[Observation],
     trusted: &[Observation],
     loss: PointLoss,
     monitor: &mut dyn FnMut(Iteration) -> ControlFlow<()>,
 ) -> SeenFit {
     let mut start = start.clone();
-    let n_evaluations = approach(&mut start, parameters, scale, trusted, loss);
-    let cost = loss.cost(&start, observations);
+    let n_evaluations = approach(&mut start, fitting, trusted, loss);
+    let cost_of = |model: &KinematicModel| loss.cost(model, observations) + fitting.prior_cost_mm2(model);
+    let cost = cost_of(&start);
     let termination = Termination::IterationLimit;
     let mut found = SeenFit { model: start, n_iterations: 0, n_evaluations, convergence: vec![cost], termination };
     while found.n_iterations < MAX_REWEIGHTINGS {
@@ -101,8 +101,8 @@ pub fn robust_fit(
             return SeenFit { termination: Termination::Stopped, ..found };
         }
         let reweighted = loss.reweighted(&found.model, observations);
-        let fit = fit_along_seen(&found.model, parameters, scale, &reweighted, 0.0, &mut |_| ControlFlow::Continue(()));
-        let after = loss.cost(&fit.model, observations);
+        let fit = fitting.run(&found.model, &reweighted, 0.0, &mut |_| ControlFlow::Continue(()));
+        let after = cost_of(&fit.model);
         found.n_iterations += 1;
         found.n_evaluations += fit.n_evaluations;
         found.convergence.push(before.min(after));
@@ -119,10 +119,10 @@ pub fn robust_fit(
 
 /// From a start whose residuals are far above the scale, the weights of nearly all points would be small and mean little: the scale is
 /// brought down to its value step by step. The evaluations that took.
-fn approach(start: &mut KinematicModel, parameters: &[Parameter], scale: &[f64], observations: &[Observation], loss: PointLoss) -> usize {
+fn approach(start: &mut KinematicModel, fitting: Fitting<'_>, observations: &[Observation], loss: PointLoss) -> usize {
     let PointLoss::Bounded { loss, scale_mm } = loss else { return 0 };
     if matches!(loss, losses::Loss::Tukey { .. }) {
-        let fit = fit_along_seen(start, parameters, scale, observations, 0.0, &mut |_| ControlFlow::Continue(()));
+        let fit = fitting.run(start, observations, 0.0, &mut |_| ControlFlow::Continue(()));
         *start = fit.model;
         return fit.n_evaluations;
     }
@@ -130,7 +130,7 @@ fn approach(start: &mut KinematicModel, parameters: &[Parameter], scale: &[f64],
     let (mut at, mut n_evaluations) = (rms, 1);
     while at > SCALE_STEP * scale_mm && at > 0.0 {
         let reweighted = PointLoss::Bounded { loss, scale_mm: at }.reweighted(start, observations);
-        let fit = fit_along_seen(start, parameters, scale, &reweighted, 0.0, &mut |_| ControlFlow::Continue(()));
+        let fit = fitting.run(start, &reweighted, 0.0, &mut |_| ControlFlow::Continue(()));
         (*start, n_evaluations) = (fit.model, n_evaluations + fit.n_evaluations);
         at /= SCALE_STEP;
     }

@@ -9,7 +9,7 @@
 use crate::identification::KinematicModel;
 use crate::identification::distributions::{f_tail, t_half_width};
 use crate::identification::identifiability::{Decomposition, VISIBLE_EFFECT_MM, prior_scale};
-use crate::identification::parameters::{Parameter, quantity_mut, rotation_log};
+use crate::identification::parameters::{Parameter, deviation_from};
 use crate::identification::uncertainty::Uncertainty;
 use nalgebra::{DMatrix, DVector};
 
@@ -154,7 +154,11 @@ fn whitened(before: &Estimate, after: &Estimate, common: &[Common], misfit: Misf
     let variance = &noise[0] + &noise[1] + &bent + unresolved;
     let root = variance.cholesky()?;
     let whiten = |m: &DMatrix<f64>| root.l().solve_lower_triangular(m);
-    let difference = DMatrix::from_iterator(common.len(), 1, common.iter().zip(&scale).map(|(c, s)| difference(before, after, c) / s));
+    let difference = DMatrix::from_iterator(
+        common.len(),
+        1,
+        common.iter().zip(&scale).map(|(c, s)| deviation_from(&before.model, &after.model, &c.parameter) / s),
+    );
     // Satterthwaite (1946): each part's share of the variance, averaged over the combinations
     let share = |part: &DMatrix<f64>| root.solve(part).trace() / seen.ncols() as f64;
     let parts = [(&noise[0], u.freedom_of(1.0, 0.0)), (&noise[1], v.freedom_of(1.0, 0.0)), (&bent, misfit_freedom(u, v))];
@@ -202,19 +206,6 @@ fn resolution(estimate: &Estimate) -> DMatrix<f64> {
         column *= RESOLUTION_MM / sigma;
     }
     directions
-}
-
-fn difference(before: &Estimate, after: &Estimate, common: &Common) -> f64 {
-    let (b, a) = (&before.model, &after.model);
-    match common.parameter {
-        Parameter::Link(link, quantity) => {
-            let of = |model: &KinematicModel| *quantity_mut(&mut model.links[link].clone(), quantity);
-            of(a) - of(b)
-        }
-        Parameter::BaseTranslation(axis) => (a.t_instrument_base.translation.vector - b.t_instrument_base.translation.vector)[axis],
-        Parameter::BaseRotation(axis) => rotation_log(&(a.t_instrument_base.rotation * b.t_instrument_base.rotation.inverse()))[axis],
-        Parameter::Target(target, axis) => (a.targets_mm[target] - b.targets_mm[target])[axis],
-    }
 }
 
 /// Forward selection until the rest is within chance.

@@ -40,7 +40,7 @@ const REMEMBERING: usize = 4;
 struct Sight<'a> {
     space: &'a SearchSpace,
     observations: Vec<Observation>,
-    /// Signs at random, n_mixtures × 3·N.
+    /// Signs at random, n_mixtures × 3·N (and one column for each prior).
     mixing: DMatrix<f64>,
 }
 
@@ -58,14 +58,19 @@ impl<'a> Sight<'a> {
         let step = observations.len().div_ceil(MOST_POINTS).max(1);
         let observations: Vec<Observation> = observations.iter().step_by(step).cloned().collect();
         let mut random = ChaCha8Rng::seed_from_u64(seed);
-        let n = 3 * observations.len();
+        let n = 3 * observations.len() + space.known().pulls.len();
         let n_mixtures = (MIXTURES * space.n_coordinates()).min(n);
         let mixing = DMatrix::from_fn(n_mixtures, n, |_, _| if random.random::<bool>() { 1.0 } else { -1.0 });
         Self { space, observations, mixing }
     }
 
     fn look(&self, position: Vec<f64>) -> Evaluated {
-        let residuals = weighted_residuals(&self.space.model(&position), &self.observations);
+        let mut residuals = weighted_residuals(&self.space.model(&position), &self.observations);
+        let known = self.space.known();
+        if !known.pulls.is_empty() {
+            let deviation = self.space.deviation(&position);
+            residuals = DVector::from_iterator(self.mixing.ncols(), residuals.iter().copied().chain(known.residuals(&deviation)));
+        }
         Evaluated { position, mixtures: &self.mixing * &residuals, cost: residuals.norm_squared() }
     }
 }

@@ -9,6 +9,8 @@ use nalgebra::{DMatrix, DVector};
 pub const VISIBLE_EFFECT_MM: f64 = 1e-3;
 /// A parameter takes part in an unseen combination if its share is at least this (of the largest).
 const TAKES_PART: f64 = 1e-3;
+/// Priors say something of a combination if it is at most a thousand times less certain by them than robots are by themselves.
+const SAID: f64 = 1e-3;
 /// Iteration limit of the singular value decomposition.
 const SVD_ITERATIONS: usize = 10_000;
 
@@ -115,6 +117,22 @@ impl Decomposition {
         let rank = self.rank();
         let p = self.scale.len();
         DMatrix::from_fn(p, p - rank, |row, k| self.scale[row] * self.directions[(row, rank + k)])
+    }
+
+    /// As [`Self::seen_directions`] and [`Self::unseen_directions`], with those of the unseen combinations put to the seen ones that priors
+    /// say something of. `stds` holds parameters and the standard deviations of their priors, mm or rad.
+    pub fn directions_with_priors(&self, stds: &[(usize, f64)]) -> (DMatrix<f64>, DMatrix<f64>) {
+        let (seen, unseen) = (self.seen_directions(), self.unseen_directions());
+        if stds.is_empty() || unseen.ncols() == 0 {
+            return (seen, unseen);
+        }
+        let said = DMatrix::from_fn(stds.len(), unseen.ncols(), |row, k| unseen[(stds[row].0, k)] / stds[row].1);
+        let parted = decompose(said, &vec![1.0; unseen.ncols()]);
+        let n_said = parted.singular_values.iter().filter(|s| **s >= SAID).count();
+        let turned = unseen * &parted.directions;
+        let mut known = seen.clone().resize_horizontally(seen.ncols() + n_said, 0.0);
+        known.columns_mut(seen.ncols(), n_said).copy_from(&turned.columns(0, n_said));
+        (known, turned.columns_range(n_said..).into_owned())
     }
 
     /// For each parameter: false if it takes part in a combination that the data cannot see.

@@ -15,6 +15,8 @@ pub mod multistart;
 pub mod objective;
 mod parallel;
 pub mod parameters;
+pub mod prior_fit;
+pub mod priors;
 pub mod search_space;
 pub mod settle;
 pub mod shared;

@@ -141,12 +141,20 @@ pub fn apply_into(reference: &KinematicModel, parameters: &[Parameter], deviatio
     model.t_instrument_base = moved_base(&reference.t_instrument_base, &translation, &rotation);
 }
 
-/// How far a link parameter of a model is from nominal, mm or rad; `None` for base and targets.
-pub fn deviation_of(model: &KinematicModel, nominal: &KinematicModel, parameter: &Parameter) -> Option<f64> {
-    let value = |model: &KinematicModel, link: usize, quantity| *quantity_mut(&mut model.links[link].clone(), quantity);
+/// How far a parameter of a model is from that of a reference, mm or rad; of the base's turn: the rotation vector between the two.
+pub fn deviation_from(reference: &KinematicModel, model: &KinematicModel, parameter: &Parameter) -> f64 {
     match *parameter {
-        Parameter::Link(link, quantity) => Some(value(model, link, quantity) - value(nominal, link, quantity)),
-        _ => None,
+        Parameter::Link(link, quantity) => {
+            let of = |model: &KinematicModel| *quantity_mut(&mut model.links[link].clone(), quantity);
+            of(model) - of(reference)
+        }
+        Parameter::BaseTranslation(axis) => {
+            (model.t_instrument_base.translation.vector - reference.t_instrument_base.translation.vector)[axis]
+        }
+        Parameter::BaseRotation(axis) => {
+            rotation_log(&(model.t_instrument_base.rotation * reference.t_instrument_base.rotation.inverse()))[axis]
+        }
+        Parameter::Target(target, axis) => (model.targets_mm[target] - reference.targets_mm[target])[axis],
     }
 }
 

@@ -5,6 +5,7 @@ use crate::identification::identifiability::{Decomposition, decompose};
 use crate::identification::linearisation::Linearisation;
 use crate::identification::objective::Observation;
 use crate::identification::parameters::{Parameter, apply_into};
+use crate::identification::priors::Known;
 use multiversion::multiversion;
 use nalgebra::{DMatrix, DVector, Vector3};
 
@@ -21,26 +22,38 @@ pub struct SearchSpace {
     pub scale: Vec<f64>,
     /// Each coordinate is one parameter.
     is_raw: bool,
+    /// What is known beforehand, counted from the reference.
+    known: Known,
 }
 
 impl SearchSpace {
     /// One coordinate per parameter: deviation = scale · coordinate. The paper's search.
     pub fn raw(reference: KinematicModel, parameters: Vec<Parameter>, scale: Vec<f64>) -> Self {
         let directions = DMatrix::from_diagonal(&DVector::from_column_slice(&scale));
-        Self { reference, parameters, directions, scale, is_raw: true }
+        Self { reference, parameters, directions, scale, is_raw: true, known: Known::default() }
     }
 
     /// One coordinate per combination that the data see: deviation = S·V·coordinate, with J·S = U·Σ·Vᵀ at the reference. The box of
     /// these coordinates is the parameters' box turned (a uniform cube's spread is the same in every direction).
     pub fn singular(reference: KinematicModel, parameters: Vec<Parameter>, scale: Vec<f64>, observations: &[Observation]) -> Self {
         let decomposition = decomposition_at(&reference, &parameters, &scale, observations);
-        Self { reference, parameters, directions: decomposition.seen_directions(), scale, is_raw: false }
+        Self::along(reference, parameters, scale, decomposition.seen_directions())
     }
 
-    /// As [`Self::singular`], along the seen combinations of a decomposition made elsewhere.
-    pub fn along(reference: KinematicModel, parameters: Vec<Parameter>, decomposition: &Decomposition) -> Self {
-        let scale = decomposition.scale.clone();
-        Self { reference, parameters, directions: decomposition.seen_directions(), scale, is_raw: false }
+    /// As [`Self::singular`], along directions that were found elsewhere, p × r: their columns, each parameter divided by its scale, are
+    /// orthonormal.
+    pub fn along(reference: KinematicModel, parameters: Vec<Parameter>, scale: Vec<f64>, directions: DMatrix<f64>) -> Self {
+        Self { reference, parameters, directions, scale, is_raw: false, known: Known::default() }
+    }
+
+    /// With what is known beforehand: deviations beyond a limit stop at it, and pulls add to the cost.
+    pub fn knowing(self, known: Known) -> Self {
+        Self { known, ..self }
+    }
+
+    /// What is known beforehand.
+    pub fn known(&self) -> &Known {
+        &self.known
     }
 
     /// True if every coordinate is one parameter, scaled.
@@ -71,9 +84,12 @@ impl SearchSpace {
             for ((to, z), s) in deviation.iter_mut().zip(coordinates).zip(&self.scale) {
                 *to = z * s;
             }
-            return;
+        } else {
+            combine(self.directions.as_slice(), coordinates, deviation);
         }
-        combine(self.directions.as_slice(), coordinates, deviation);
+        for limit in &self.known.limits {
+            deviation[limit.parameter] = limit.within(deviation[limit.parameter]);
+        }
     }
 
     /// The coordinates whose deviation is nearest (in scaled parameters): Vᵀ·S⁻¹·deviation.

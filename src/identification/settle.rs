@@ -8,7 +8,9 @@
 
 use crate::identification::KinematicModel;
 use crate::identification::objective::{Observation, weighted_jacobian, weighted_residuals};
-use crate::identification::parameters::{Parameter, Quantity, apply, deviation_of};
+use crate::identification::parameters::{Parameter, Quantity, apply, deviation_from};
+use crate::identification::prior_fit::Fitting;
+use crate::identification::priors::{Priors, Pull};
 use crate::identification::search_space::decomposition_at;
 use nalgebra::{DMatrix, DVector, Vector3};
 
@@ -21,26 +23,56 @@ const STEPS: usize = 4;
 /// A deviation of so many priors is no error of a robot fresh from the factory: its prior becomes as wide as it.
 const SURPRISING: f64 = 3.0;
 
-/// `model`, the answer of least squares, drawn towards `nominal`. `scale` holds the parameters' priors.
-pub fn settle(
+/// `model`, the answer of least squares, drawn towards `nominal`. The scales of `fitting` are the parameters' priors where none are stated;
+/// those that are stated stay as they are, and what would leave its bounds stays at them.
+pub fn settle(model: &KinematicModel, nominal: &KinematicModel, fitting: Fitting<'_>, observations: &[Observation]) -> KinematicModel {
+    let Some(priors) = fitting.priors else { return settled(model, nominal, fitting, &[], observations) };
+    let mut held: Vec<usize> = priors.at_bounds(model).into_iter().map(|(parameter, _)| parameter).collect();
+    let mut model = model.clone();
+    loop {
+        let settled = settled(&model, nominal, fitting, &held, observations);
+        match priors.towards(&model, &settled) {
+            (inside, Some(bound)) if !held.contains(&bound) => {
+                held.push(bound);
+                model = inside;
+            }
+            (inside, _) => return inside,
+        }
+    }
+}
+
+/// With the parameters that are held where they are.
+fn settled(
     model: &KinematicModel,
     nominal: &KinematicModel,
-    parameters: &[Parameter],
-    scale: &[f64],
+    fitting: Fitting<'_>,
+    held: &[usize],
     observations: &[Observation],
 ) -> KinematicModel {
+    let Fitting { parameters, scale, priors } = fitting;
     let counting = observations.iter().filter(|o| o.weight > 0.0).count();
-    let directions = decomposition_at(model, parameters, scale, observations).seen_directions();
+    let scale: Vec<f64> = scale.iter().enumerate().map(|(j, s)| if held.contains(&j) { 0.0 } else { *s }).collect();
+    let stated: Vec<(usize, f64)> = priors.map_or(vec![], Priors::stds).into_iter().filter(|(j, _)| !held.contains(j)).collect();
+    let (directions, _) = decomposition_at(model, parameters, &scale, observations).directions_with_priors(&stated);
     let freedom = 3.0 * counting as f64 - directions.ncols() as f64;
     if freedom <= 0.0 || directions.ncols() == 0 {
         return model.clone();
     }
     let variance = weighted_residuals(model, observations).norm_squared() / freedom;
+    let is_drawn = |j: &usize| parameters[*j].is_link() && scale[*j] > 0.0 && stated.iter().all(|(k, _)| k != j);
+    let drawn: Vec<usize> = (0..parameters.len()).filter(is_drawn).collect();
     let mut settled = model.clone();
-    let mut widths: Vec<f64> = parameters.iter().zip(scale).map(|(p, s)| width(p, *s)).collect();
+    let mut widths: Vec<f64> = parameters.iter().zip(&scale).map(|(p, s)| width(p, *s)).collect();
     for _ in 0..STEPS {
-        let Some(next) = step(&settled, nominal, parameters, &widths, &directions, observations, variance) else { return settled };
-        widths = prior_widths(&next, nominal, parameters, scale);
+        let to_nominal = |j: &usize| Pull {
+            parameter: *j,
+            weight: variance.sqrt() / widths[*j],
+            away: -deviation_from(nominal, &settled, &parameters[*j]),
+        };
+        let mut pulls: Vec<Pull> = drawn.iter().map(to_nominal).collect();
+        pulls.extend(priors.map_or(vec![], |priors| priors.from(&settled).pulls));
+        let Some(next) = step(&settled, parameters, &pulls, &directions, observations) else { return settled };
+        widths = prior_widths(&next, nominal, parameters, &scale);
         settled = next;
     }
     settled
@@ -50,7 +82,7 @@ pub fn settle(
 pub fn prior_widths(model: &KinematicModel, nominal: &KinematicModel, parameters: &[Parameter], scale: &[f64]) -> Vec<f64> {
     let of = |(parameter, scale): (&Parameter, &f64)| {
         let prior = width(parameter, *scale);
-        let size = deviation_of(model, nominal, parameter).map_or(0.0, f64::abs);
+        let size = if parameter.is_link() { deviation_from(nominal, model, parameter).abs() } else { 0.0 };
         if size > SURPRISING * prior { size } else { prior }
     };
     parameters.iter().zip(scale).map(of).collect()
@@ -65,28 +97,23 @@ fn width(parameter: &Parameter, scale: f64) -> f64 {
     }
 }
 
-/// One Gauss-Newton step of F + σ²·Σ (δ/S)².
+/// One Gauss-Newton step of F and the pulls.
 fn step(
     model: &KinematicModel,
-    nominal: &KinematicModel,
     parameters: &[Parameter],
-    widths: &[f64],
+    pulls: &[Pull],
     directions: &DMatrix<f64>,
     observations: &[Observation],
-    variance: f64,
 ) -> Option<KinematicModel> {
     let seen = weighted_jacobian(model, parameters, observations, &Vector3::zeros()) * directions;
-    let drawn: Vec<(usize, f64)> =
-        parameters.iter().enumerate().filter_map(|(j, p)| deviation_of(model, nominal, p).map(|delta| (j, delta))).collect();
     let (n, r) = (seen.nrows(), directions.ncols());
-    let mut rows = DMatrix::zeros(n + drawn.len(), r);
-    let mut right = DVector::zeros(n + drawn.len());
+    let mut rows = DMatrix::zeros(n + pulls.len(), r);
+    let mut right = DVector::zeros(n + pulls.len());
     rows.rows_mut(0, n).copy_from(&seen);
     right.rows_mut(0, n).copy_from(&weighted_residuals(model, observations));
-    for (k, (j, delta)) in drawn.iter().enumerate() {
-        let pull = variance.sqrt() / widths[*j];
-        rows.row_mut(n + k).copy_from(&(directions.row(*j) * pull));
-        right[n + k] = -pull * delta;
+    for (k, pull) in pulls.iter().enumerate() {
+        rows.row_mut(n + k).copy_from(&(directions.row(pull.parameter) * pull.weight));
+        right[n + k] = pull.weight * pull.away;
     }
     let (q, r) = rows.qr().unpack();
     let z = r.solve_upper_triangular(&q.tr_mul(&right))?;

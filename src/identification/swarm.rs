@@ -246,6 +246,10 @@ impl SearchSpace {
         } else {
             combine_coordinates(self.directions().as_slice(), positions, first, deviations);
         }
+        for limit in &self.known().limits {
+            let of_parameter = &mut deviations[limit.parameter];
+            of_parameter.0.iter_mut().for_each(|deviation| *deviation = limit.within(*deviation));
+        }
     }
 }
 
@@ -312,5 +316,15 @@ pub fn run_bounded_swarm(
     let n = space.n_coordinates();
     let search_box = pso::SearchBox { centre: vec![0.0; n], half_width: vec![1.0; n] };
     let mut cost = SwarmCost::bounded(space, observations, bound).on_threads(n_cores());
-    pso::minimize(&mut |positions, costs| cost.evaluate_below(positions, costs), &search_box, options, move_particles, monitor)
+    let mut of_swarm = |positions: &Positions, costs: &mut [f64]| {
+        if space.known().pulls.is_empty() {
+            return cost.evaluate_below(positions, costs);
+        }
+        // the bounds are of F with the priors: to give up early by them is not exact
+        cost.evaluate(positions, costs);
+        for (particle, cost) in costs.iter_mut().enumerate() {
+            *cost += space.known().cost_mm2(&space.deviation(&positions.particle(particle)));
+        }
+    };
+    pso::minimize(&mut of_swarm, &search_box, options, move_particles, monitor)
 }

@@ -17,6 +17,7 @@ use crate::identification::identifiability::Decomposition;
 use crate::identification::misfit;
 use crate::identification::objective::{Observation, weighted_jacobian, weighted_residuals};
 use crate::identification::parameters::Parameter;
+use crate::identification::priors::Priors;
 use crate::identification::shared::Shared;
 use nalgebra::{DMatrix, DVector, Vector3};
 
@@ -43,7 +44,7 @@ pub struct Uncertainty {
     pub configuration_std_mm: f64,
     /// σm, rad: misfit of a joint per unit feature.
     pub misfit_std_rad: f64,
-    /// p × k, mm or rad: what comes from noise; independent from one session to the next.
+    /// p × k, mm or rad: what comes from noise, and from the errors of priors; independent from one session to the next.
     pub noise: DMatrix<f64>,
     /// p × m, mm or rad: what comes from the misfit, by feature; sessions of one robot share the features' values. No columns without.
     pub misfit: DMatrix<f64>,
@@ -67,12 +68,57 @@ struct Linear {
     shared: Shared,
 }
 
+/// How least squares comes from errors to parameters.
+struct Estimator {
+    /// D·R⁻¹, p × r.
+    per_score: DMatrix<f64>,
+    /// Q's rows of the points, 3·N × r: parameters = D·R⁻¹·Qᵀ·y.
+    q: DMatrix<f64>,
+    /// Root of QᵀQ, r × r; `None` where it is one.
+    root: Option<DMatrix<f64>>,
+    /// Root of what the errors of the priors leave, p × k.
+    of_priors: DMatrix<f64>,
+    /// What neither points nor priors say anything of.
+    unknown: DMatrix<f64>,
+}
+
+impl Estimator {
+    /// `a` are the derivatives along the seen combinations, `jacobian` those by the parameters.
+    fn new(a: &DMatrix<f64>, jacobian: &DMatrix<f64>, decomposition: &Decomposition, priors: Option<&Priors>) -> Option<Self> {
+        let Some(priors) = priors else {
+            let (q, r) = a.clone().qr().unpack();
+            let per_score = decomposition.seen_directions() * r.try_inverse()?;
+            let of_priors = DMatrix::zeros(per_score.nrows(), 0);
+            return Some(Self { per_score, q, root: None, of_priors, unknown: decomposition.unseen_directions() });
+        };
+        // a parameter that is held at a bound has scale 0
+        let stds: Vec<(usize, f64)> = priors.stds().into_iter().filter(|(j, _)| decomposition.scale[*j] > 0.0).collect();
+        let (directions, unknown) = decomposition.directions_with_priors(&stds);
+        let n = jacobian.nrows();
+        let mut rows = (jacobian * &directions).resize_vertically(n + stds.len(), 0.0);
+        for (k, (j, std)) in stds.iter().enumerate() {
+            rows.row_mut(n + k).copy_from(&(directions.row(*j) * (priors.scale_mm / std)));
+        }
+        let (q, r) = rows.qr().unpack();
+        let per_score = directions * r.try_inverse()?;
+        let of_priors = &per_score * q.rows(n, stds.len()).transpose() * priors.scale_mm;
+        let q = q.rows(0, n).into_owned();
+        let root = q.clone().qr().r().transpose();
+        Some(Self { per_score, q, root: Some(root), of_priors, unknown })
+    }
+
+    /// Root of the covariance that white noise of unit variance leaves.
+    fn noise(&self) -> DMatrix<f64> {
+        self.root.as_ref().map_or_else(|| self.per_score.clone(), |root| &self.per_score * root)
+    }
+}
+
 /// The uncertainty of the least-squares answer `model`. `clusters` numbers each observation's configuration; `None` where there are no
-/// more residuals than combinations.
+/// more residuals than combinations. Priors are measurements of parameters: what they say is as uncertain as they state.
 pub fn uncertainty(
     model: &KinematicModel,
     parameters: &[Parameter],
-    decomposition: &Decomposition,
+    (decomposition, priors): (&Decomposition, Option<&Priors>),
     observations: &[Observation],
     clusters: &[usize],
     gravity: &[Vector3<f64>],
@@ -83,18 +129,18 @@ pub fn uncertainty(
         return None;
     }
     let poses = observations.iter().map(|o| (o.q_rad.as_slice(), o.target, o.weight));
+    let jacobian = weighted_jacobian(model, parameters, observations, &Vector3::zeros());
     let linear = Linear {
         y: weighted_residuals(model, observations),
-        a: weighted_jacobian(model, parameters, observations, &Vector3::zeros()) * &directions,
+        a: &jacobian * &directions,
         features: misfit::features(model, poses, gravity),
         shared: Shared::new(observations, clusters),
     };
     let ratio = shared_ratio(&linear)?;
-    // least squares as it was fitted: E = D·R⁻¹·Qᵀ
-    let (q, r) = linear.a.clone().qr().unpack();
-    let per_score = directions * r.try_inverse()?;
-    let through_shared = &per_score * linear.shared.transpose_times(&q).transpose();
-    let through_features = &per_score * (q.transpose() * &linear.features);
+    let estimator = Estimator::new(&linear.a, &jacobian, decomposition, priors)?;
+    let Estimator { per_score, q, .. } = &estimator;
+    let through_shared = per_score * linear.shared.transpose_times(q).transpose();
+    let through_features = per_score * (q.transpose() * &linear.features);
     let components = misfit_components(&whitened(linear, ratio), n_free as f64)?;
     let noise_std_mm = components.noise_variance.sqrt();
     let configuration_std_mm = noise_std_mm * ratio.sqrt();
@@ -102,7 +148,7 @@ pub fn uncertainty(
     let kept = |root: DMatrix<f64>, std: f64| if std > 0.0 { root * std } else { DMatrix::zeros(per_score.nrows(), 0) };
     let shared = kept(through_shared, configuration_std_mm);
     let misfit = kept(through_features, misfit_std_rad);
-    let noise = beside(&(&per_score * noise_std_mm), &shared);
+    let noise = beside(&beside(&(estimator.noise() * noise_std_mm), &shared), &estimator.of_priors);
     let finite = noise.iter().chain(misfit.iter()).all(|v| v.is_finite());
     finite.then(|| Uncertainty {
         noise_std_mm,
@@ -110,7 +156,7 @@ pub fn uncertainty(
         misfit_std_rad,
         noise,
         misfit,
-        unseen: decomposition.unseen_directions(),
+        unseen: estimator.unknown,
         gravity: gravity.to_vec(),
         freedom: n_free as f64,
         variance_of_variances: components.variance_of_variances,

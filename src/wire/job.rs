@@ -9,6 +9,8 @@ use crate::wire::issue::{Checker, Invalid};
 pub use crate::wire::job_answer::{JobAnswer, JobEvent, JobEventName, JobStatus, ProgressAnswer};
 use crate::wire::measurement::Frame;
 use crate::wire::options::OptionsBody;
+use crate::wire::prior;
+pub use crate::wire::prior::Prior;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -145,8 +147,9 @@ pub struct ParametersBody {
     /// What all others stay at, with `identify`; default: nominal.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rest: Option<Rest>,
-    /// What is known beforehand (not built yet).
+    /// What is known of free parameters beforehand.
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(max_items = 500)]
     pub priors: Option<Vec<Prior>>,
 }
 
@@ -158,22 +161,6 @@ pub enum Rest {
     Nominal,
     /// Those of `parameter_set_id`, with their uncertainty: partial recalibration, as after a collision.
     ParameterSet,
-}
-
-/// What is known of a parameter beforehand.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(deny_unknown_fields)]
-pub struct Prior {
-    /// The parameter.
-    pub name: String,
-    /// One standard deviation about nominal, mm or degrees.
-    pub std: f64,
-    /// Smallest value allowed.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub min: Option<f64>,
-    /// Largest value allowed.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub max: Option<f64>,
 }
 
 /// Where the verify points come from.
@@ -239,7 +226,7 @@ impl JobRequestBody {
     /// Every check that needs the request alone.
     ///
     /// # Errors
-    /// [`Invalid`]: `invalid_job` for values out of range, `not_available` for what is not built yet.
+    /// [`Invalid`]: `invalid_job` for values out of range and for what the job would not use.
     pub fn check(&self) -> Result<(), Invalid> {
         let mut checker = Checker::default();
         self.options.unwrap_or_default().check(&mut checker);
@@ -262,12 +249,7 @@ impl JobRequestBody {
             checker.note("/parameters/rest", "parameter_set_missing", detail);
         }
         checker.finish("invalid_job")?;
-        self.check_applicable()?;
-        let mut missing = Checker::default();
-        if self.parameters.as_ref().is_some_and(|p| p.priors.is_some()) {
-            missing.note("/parameters/priors", "not_available", "priors are not built yet: leave them out, or hold the parameters");
-        }
-        missing.finish("not_available")
+        self.check_applicable()
     }
 
     /// Refuses what the job would quietly leave unused.
@@ -315,16 +297,18 @@ impl JobRequestBody {
     /// The core's request.
     ///
     /// # Errors
-    /// As [`JobRequestBody::check`].
+    /// As [`JobRequestBody::check`], and for priors that do not fit robot and model.
     pub fn to_core(&self, parts: JobParts) -> Result<CalibrationRequest, Invalid> {
         self.check()?;
-        Ok(CalibrationRequest {
+        let priors = self.parameters.iter().flat_map(|parameters| parameters.priors.iter().flatten());
+        let request = CalibrationRequest {
             robot: parts.robot,
             set: parts.set,
             method: self.method.to_core(),
             model: self.model.map(Model::to_core),
             preset: self.preset.to_core(),
             parameters: self.parameters.clone().unwrap_or_default().into_core(),
+            priors: priors.map(Prior::to_core).collect(),
             frames: parts.frames,
             network: parts.network,
             seed: self.seed,
@@ -340,7 +324,9 @@ impl JobRequestBody {
             payload: self.payload.map(PayloadBody::to_core),
             residual_network: parts.residual_network,
             previous: parts.previous,
-        })
+        };
+        prior::check_applicable(&request)?;
+        Ok(request)
     }
 }
 
@@ -361,6 +347,7 @@ impl ParametersBody {
                 checker.text(&format!("/parameters/{at}/{i}"), name, MAX_PARAMETER_NAME);
             }
         }
+        prior::check(self.priors.as_deref().unwrap_or_default(), checker);
     }
 
     fn into_core(self) -> ParameterChoice {

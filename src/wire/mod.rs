@@ -24,6 +24,7 @@ pub mod parameter_set;
 pub mod policy;
 pub mod pose_plan;
 pub mod predict;
+pub mod prior;
 pub mod problem;
 pub mod release;
 pub mod report;

@@ -3,7 +3,7 @@
 use crate::calibration::CalibrationReport;
 use crate::calibration::changes::NamedChange;
 use crate::calibration::report::{
-    ErrorModel, Errors, MethodComparison, ParameterOutcome, PointErrors, PoseRepeatability, Repeatability, SubsetErrors,
+    ErrorModel, Errors, MethodComparison, ParameterOutcome, PointErrors, PoseRepeatability, PriorOutcome, Repeatability, SubsetErrors,
 };
 use crate::identification::corrections::Evidence;
 use crate::identification::workspace::ToolUncertainty;
@@ -14,7 +14,7 @@ use crate::wire::measurement::{SubsetName, Warning};
 use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::report_shape::{
     ChangeReport, ComparisonReport, Convergence, CorrectionReport, ErrorModelReport, ErrorsReport, Evidence as VerifyEvidence,
-    IdentifiabilityReport, ParameterReport, PointReport, PoseRepeatabilityReport, RepeatabilityReport, Report, SubsetReport,
+    IdentifiabilityReport, ParameterReport, PointReport, PoseRepeatabilityReport, PriorReport, RepeatabilityReport, Report, SubsetReport,
     ToolUncertaintyReport,
 };
 use serde::Serialize;
@@ -82,6 +82,7 @@ fn without_hash(core: &CalibrationReport, run: &RunContext<'_>) -> Report {
         identifiability: IdentifiabilityReport {
             n_parameters: core.identifiability.n_parameters,
             rank: core.identifiability.rank,
+            n_by_priors: core.identifiability.n_by_priors,
             condition_number: finite(core.identifiability.condition_number),
             unidentifiable: core.identifiability.unidentifiable.clone(),
             observability_index_o1: finite(core.identifiability.observability_index_o1),
@@ -173,6 +174,7 @@ fn parameter(p: &ParameterOutcome) -> ParameterReport {
         std_uncertainty: p.std_uncertainty.and_then(finite),
         interval_95: p.interval_95.filter(|[low, high]| low.is_finite() && high.is_finite()),
         identifiable: p.identifiable,
+        prior: p.prior.as_ref().map(prior),
     }
 }
 
@@ -205,6 +207,10 @@ fn correction(e: &Evidence) -> CorrectionReport {
         gain_mm2: e.gain_mm2,
         standard_error_mm2: e.standard_error_mm2,
     }
+}
+
+fn prior(p: &PriorOutcome) -> PriorReport {
+    PriorReport { mean: p.mean, std: p.std, min: p.min, max: p.max, share: p.share.and_then(finite), at_bound: p.at_bound.map(Into::into) }
 }
 
 fn change(c: &NamedChange) -> ChangeReport {

@@ -145,6 +145,30 @@ pub struct ParameterReport {
     pub interval_95: Option<[f64; 2]>,
     /// False where the data cannot see it alone.
     pub identifiable: bool,
+    /// What was known of it beforehand, and what became of that.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub prior: Option<PriorReport>,
+}
+
+/// A prior as it was used, in the parameter's unit.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct PriorReport {
+    /// Where the parameter was expected.
+    pub mean: f64,
+    /// One standard deviation.
+    pub std: f64,
+    /// Smallest value allowed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub min: Option<f64>,
+    /// Largest value allowed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub max: Option<f64>,
+    /// Share of what is known of the parameter now that comes from its prior, 0 to 1; null where no uncertainty can be stated.
+    #[schema(required)]
+    pub share: Option<f64>,
+    /// `min` or `max` where the fit ended at that bound.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub at_bound: Option<String>,
 }
 
 /// One standard deviation of the tool's position (3-D) at random configurations within the joint limits, or where they are unknown over
@@ -173,8 +197,11 @@ pub struct ErrorModelReport {
 pub struct IdentifiabilityReport {
     /// Free parameters.
     pub n_parameters: usize,
-    /// Rank of the scaled identification Jacobian.
+    /// Rank of the scaled identification Jacobian: what the points see, whatever is known beforehand.
     pub rank: usize,
+    /// Combinations that the points do not see and that priors fixed; only where there are priors.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub n_by_priors: Option<usize>,
     /// Largest over smallest singular value seen; null if it is beyond a float.
     #[schema(required)]
     pub condition_number: Option<f64>,

@@ -203,17 +203,78 @@ async fn a_verify_job_scores_the_named_set_else_the_active_one_else_the_nominal_
 }
 
 #[tokio::test]
-async fn what_is_not_built_yet_is_refused_and_named() {
+async fn priors_and_bounds_are_kept_and_stand_in_the_report() {
+    let app = TestApp::with_workers(1).await;
+    let (robot, set) = app.robot_with_set("first_noisy.csv").await;
+    // positions do not depend on the last joint's offset; a_3 is 0.065 mm off in truth
+    let priors = json!([{"name": "theta_offset_6", "mean": 0.07, "std": 0.01}, {"name": "a_3", "std": 1.0, "max": A_3_MM + 0.03}]);
+    let request = json!({"measurement_set_id": set, "parameters": {"hold": ["a_1"], "priors": priors}});
+    let mut hashes = Vec::new();
+    for method in ["least_squares", "least_squares", "pso"] {
+        let mut request = request.clone();
+        request["method"] = json!(method);
+        let job = app.run(&robot, &request).await;
+        assert_eq!((&job["status"], &job["request"]["parameters"]["priors"]), (&json!("succeeded"), &priors), "{job}");
+        let report = app.get(&format!("/v1/jobs/{}/report", text(&job["id"]))).await.ok(200);
+        let of = |name: &str| report["parameters"].as_array().unwrap().iter().find(|p| p["name"] == name).unwrap().clone();
+        let (sixth, third) = (of("theta_offset_6"), of("a_3"));
+        let number = |value: &Value| value.as_f64().unwrap();
+        assert!((number(&sixth["identified"]) - 0.07).abs() < 1e-6 && sixth["identifiable"] == false, "{sixth}");
+        assert!((number(&sixth["std_uncertainty"]) - 0.01).abs() < 1e-4 && number(&sixth["prior"]["share"]) > 0.99, "{sixth}");
+        assert!(number(&third["identified"]) <= A_3_MM + 0.03 + 1e-9, "{third}");
+        assert_eq!(
+            (&third["prior"]["at_bound"], &third["prior"]["min"], &third["std_uncertainty"]),
+            (&json!("max"), &Value::Null, &Value::Null)
+        );
+        assert_eq!((&report["identifiability"]["rank"], &report["identifiability"]["n_by_priors"]), (&json!(20), &json!(1)));
+        assert!(report["parameters"].as_array().unwrap().iter().all(|p| p["name"] != "a_1"));
+        assert!(report["warnings"].as_array().unwrap().iter().any(|w| w["code"] == "at_bound"), "{}", report["warnings"]);
+        hashes.push(report["result_sha256"].clone());
+    }
+    assert!(hashes[0] == hashes[1] && hashes[1] != hashes[2]);
+}
+
+/// Nominal a of the paper's third link, mm (Table 1).
+const A_3_MM: f64 = 782.27;
+
+#[tokio::test]
+async fn priors_that_cannot_be_used_are_refused_by_pointer() {
     let app = TestApp::spawn().await;
     let (robot, set) = app.robot_with_set("first.csv").await;
-    for (extra, pointer) in [(json!({"parameters": {"priors": [{"name": "a_1", "std": 0.1}]}}), Some("/parameters/priors"))] {
-        let mut request = extra.clone();
-        request["measurement_set_id"] = json!(set);
-        let problem = app.post_json(&format!("{robot}/jobs"), &request).await.problem(422, "not_available");
-        if let Some(pointer) = pointer {
-            assert_eq!(problem["errors"][0]["pointer"], pointer);
-        }
+    for (prior, code, pointer) in [
+        (json!({"name": "a_99", "std": 0.1}), "unknown_parameter", "/parameters/priors/0/name"),
+        (json!({"name": "a_2", "std": 0.1}), "parameter_held", "/parameters/priors/0/name"),
+        (json!({"name": "a_1", "std": 0.0}), "invalid_job", "/parameters/priors/0/std"),
+        (json!({"name": "a_1", "std": -1.0}), "invalid_job", "/parameters/priors/0/std"),
+        (json!({"name": "", "std": 1.0}), "invalid_job", "/parameters/priors/0/name"),
+        (json!({"name": "a_1", "std": 1.0, "min": 2.0, "max": 1.0}), "invalid_job", "/parameters/priors/0/min"),
+        (json!({"name": "a_1", "std": 1.0, "max": 1e300}), "invalid_job", "/parameters/priors/0/max"),
+        (json!({"name": "a_1", "std": 1.0, "max": -5000.0}), "out_of_bounds", "/parameters/priors/0/max"),
+        (json!({"name": "a_1", "std": 1.0, "mean": 7.0, "min": 8.0, "max": 9.0}), "out_of_bounds", "/parameters/priors/0/min"),
+    ] {
+        let request = json!({"measurement_set_id": set, "parameters": {"hold": ["a_2"], "priors": [prior]}});
+        let problem = app.post_json(&format!("{robot}/jobs"), &request).await.problem(422, code);
+        assert_eq!(problem["errors"][0]["pointer"], pointer, "{problem}");
     }
+    let twice = json!([{"name": "a_1", "std": 1.0}, {"name": "a_1", "std": 2.0}]);
+    let problem = app
+        .post_json(&format!("{robot}/jobs"), &json!({"measurement_set_id": set, "parameters": {"priors": twice}}))
+        .await
+        .problem(422, "duplicate");
+    assert_eq!(problem["errors"][0]["pointer"], "/parameters/priors/1/name");
+    for prior in [json!({"name": "a_1"}), json!({"name": "a_1", "std": "0.1"}), json!({"name": "a_1", "std": 0.1, "mode": 3})] {
+        let request = json!({"measurement_set_id": set, "parameters": {"priors": [prior]}});
+        app.post_json(&format!("{robot}/jobs"), &request).await.problem(422, "invalid_body");
+    }
+    // the turn of the base is counted from its first estimate
+    let complete = json!({"measurement_set_id": set, "model": "complete", "parameters": {"priors": [{"name": "base_rz", "std": 1.0}]}});
+    app.post_json(&format!("{robot}/jobs"), &complete).await.problem(422, "not_applicable");
+}
+
+#[tokio::test]
+async fn both_choices_of_corrections_are_taken() {
+    let app = TestApp::spawn().await;
+    let (robot, set) = app.robot_with_set("first.csv").await;
     for corrections in ["off", "auto"] {
         app.post_json(&format!("{robot}/jobs"), &json!({"measurement_set_id": set, "corrections": corrections})).await.ok(202);
     }

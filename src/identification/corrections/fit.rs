@@ -8,7 +8,7 @@ use super::linear::linearise;
 use super::{Term, corrections_at};
 use crate::identification::KinematicModel;
 use crate::identification::objective::Observation;
-use crate::identification::parameters::{Parameter, apply, deviation_of};
+use crate::identification::parameters::{Parameter, apply, deviation_from};
 use crate::identification::search_space::decomposition_at;
 use crate::identification::settle::prior_widths;
 use crate::kinematics::{Corrections, Mounting, Payload};
@@ -85,7 +85,10 @@ impl Setting<'_> {
         let (mut prior, mut pull) = (DMatrix::<f64>::identity(seen + k, seen + k), DVector::<f64>::zeros(seen + k));
         let widths = prior_widths(&at.model, self.nominal, self.parameters, self.scale);
         for (j, parameter) in self.parameters.iter().enumerate() {
-            let Some(delta) = deviation_of(&at.model, self.nominal, parameter) else { continue };
+            if !parameter.is_link() {
+                continue;
+            }
+            let delta = deviation_from(self.nominal, &at.model, parameter);
             let row = directions.row(j) / widths[j];
             prior.view_mut((0, 0), (seen, seen)).ger(1.0, &row.transpose(), &row.transpose(), 1.0);
             pull.rows_mut(0, seen).axpy(-delta / widths[j], &row.transpose(), 1.0);

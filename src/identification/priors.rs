@@ -1,0 +1,169 @@
+//! What is known of parameters before anything is measured: normal priors, and bounds.
+//!
+//! With σ the standard deviation of a coordinate of the points and δ a parameter's deviation from the reference, F gains Σ (σ/std)²·(δ − mean)²
+//! (maximum a posteriori for normal errors of both), and δ stays between its bounds. A prior and a point then count by what each is worth,
+//! whatever the units.
+
+use crate::identification::KinematicModel;
+use crate::identification::parameters::{Parameter, apply, deviation_from};
+
+/// A parameter this near to a bound, as a share of the distance between what is known and what robots are, stands at it.
+const AT_BOUND: f64 = 1e-9;
+
+/// What is known of one parameter, counted from the reference, mm or rad.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Prior {
+    /// Its index among the free parameters.
+    pub parameter: usize,
+    /// Where it is expected.
+    pub mean: f64,
+    /// One standard deviation.
+    pub std: f64,
+    /// Smallest value allowed; −∞ without.
+    pub min: f64,
+    /// Largest value allowed; +∞ without.
+    pub max: f64,
+}
+
+/// The priors of a fit. The base's turn has none: it has no value that could be known before the instrument is set up.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Priors {
+    /// One for each parameter of which something is known.
+    pub all: Vec<Prior>,
+    /// σ, mm.
+    pub scale_mm: f64,
+    reference: KinematicModel,
+    parameters: Vec<Parameter>,
+}
+
+/// A prior as a row of least squares: residual = weight · (away − deviation).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pull {
+    /// Index of the parameter.
+    pub parameter: usize,
+    /// σ/std, mm per mm or rad.
+    pub weight: f64,
+    /// Where the parameter is expected, as a deviation, mm or rad.
+    pub away: f64,
+}
+
+/// Bounds of a deviation, mm or rad.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Limit {
+    /// Index of the parameter.
+    pub parameter: usize,
+    /// Smallest.
+    pub low: f64,
+    /// Largest.
+    pub high: f64,
+}
+
+impl Limit {
+    /// The nearest deviation that is allowed.
+    pub fn within(&self, deviation: f64) -> f64 {
+        deviation.max(self.low).min(self.high)
+    }
+}
+
+/// What is known, counted from some model: its deviations are 0.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Known {
+    /// Priors.
+    pub pulls: Vec<Pull>,
+    /// Bounds, of those parameters that have any.
+    pub limits: Vec<Limit>,
+}
+
+impl Known {
+    /// Residuals of the priors, mm.
+    pub fn residuals<'a>(&'a self, deviation: &'a [f64]) -> impl Iterator<Item = f64> + 'a {
+        self.pulls.iter().map(|pull| pull.weight * (pull.away - deviation[pull.parameter]))
+    }
+
+    /// What the priors add to F, mm².
+    pub fn cost_mm2(&self, deviation: &[f64]) -> f64 {
+        self.residuals(deviation).map(|r| r * r).sum()
+    }
+}
+
+impl Priors {
+    /// Counted from `reference`; σ is not known yet.
+    pub fn new(reference: &KinematicModel, parameters: &[Parameter], all: Vec<Prior>) -> Self {
+        Self { all, scale_mm: 0.0, reference: reference.clone(), parameters: parameters.to_vec() }
+    }
+
+    /// How far each of them is from the reference in a model, mm or rad.
+    fn deviations(&self, model: &KinematicModel) -> Vec<f64> {
+        self.all.iter().map(|prior| deviation_from(&self.reference, model, &self.parameters[prior.parameter])).collect()
+    }
+
+    /// What is known, counted from a model.
+    pub fn from(&self, model: &KinematicModel) -> Known {
+        let of = |(prior, at): (&Prior, f64)| {
+            let pull = Pull { parameter: prior.parameter, weight: self.scale_mm / prior.std, away: prior.mean - at };
+            (pull, Limit { parameter: prior.parameter, low: prior.min - at, high: prior.max - at })
+        };
+        let (pulls, limits): (Vec<Pull>, Vec<Limit>) = self.all.iter().zip(self.deviations(model)).map(of).unzip();
+        Known { pulls, limits: limits.into_iter().filter(|l| l.low.is_finite() || l.high.is_finite()).collect() }
+    }
+
+    /// Parameters and the standard deviations of their priors, mm or rad.
+    pub fn stds(&self) -> Vec<(usize, f64)> {
+        self.all.iter().map(|prior| (prior.parameter, prior.std)).collect()
+    }
+
+    /// What the priors add to F of a model, mm².
+    pub fn cost_mm2(&self, model: &KinematicModel) -> f64 {
+        self.from(model).cost_mm2(&vec![0.0; self.parameters.len()])
+    }
+
+    /// The model with every parameter brought between its bounds.
+    pub fn within_bounds(&self, model: &KinematicModel) -> KinematicModel {
+        self.moved(model, |limit| limit.within(0.0))
+    }
+
+    /// The model with every parameter of which something is known where it is expected.
+    pub fn at_means(&self, model: &KinematicModel) -> KinematicModel {
+        let mut deviation = vec![0.0; self.parameters.len()];
+        self.from(model).pulls.iter().for_each(|pull| deviation[pull.parameter] = pull.away);
+        apply(model, &self.parameters, &deviation)
+    }
+
+    fn moved(&self, model: &KinematicModel, by: impl Fn(&Limit) -> f64) -> KinematicModel {
+        let mut deviation = vec![0.0; self.parameters.len()];
+        self.from(model).limits.iter().for_each(|limit| deviation[limit.parameter] = by(limit));
+        if deviation.iter().all(|d| *d == 0.0) { model.clone() } else { apply(model, &self.parameters, &deviation) }
+    }
+
+    /// From one model, whose parameters are between their bounds, towards another, as far as the bounds allow; with the parameter whose
+    /// bound ends it.
+    pub fn towards(&self, from: &KinematicModel, to: &KinematicModel) -> (KinematicModel, Option<usize>) {
+        let way: Vec<f64> = self.parameters.iter().map(|p| deviation_from(from, to, p)).collect();
+        let share = |limit: &Limit| {
+            let bound = if way[limit.parameter] > 0.0 { limit.high } else { limit.low };
+            (bound / way[limit.parameter]).max(0.0)
+        };
+        let beyond = |limit: &&Limit| limit.within(way[limit.parameter]) != way[limit.parameter];
+        let limits = self.from(from).limits;
+        match limits.iter().filter(beyond).min_by(|a, b| share(a).total_cmp(&share(b))) {
+            None => (to.clone(), None),
+            Some(first) => {
+                let part: Vec<f64> = way.iter().map(|w| w * share(first)).collect();
+                (self.within_bounds(&apply(from, &self.parameters, &part)), Some(first.parameter))
+            }
+        }
+    }
+
+    /// The parameters of a model that stand at a bound: true at the upper one.
+    pub fn at_bounds(&self, model: &KinematicModel) -> Vec<(usize, bool)> {
+        let at = |(prior, deviation): (&Prior, f64)| {
+            let near = |bound: f64| bound.is_finite() && (deviation - bound).abs() <= AT_BOUND * (prior.std + bound.abs());
+            match (near(prior.max), near(prior.min)) {
+                (true, _) => Some((prior.parameter, true)),
+                (false, true) => Some((prior.parameter, false)),
+                _ => None,
+            }
+        };
+        self.all.iter().zip(self.deviations(model)).filter_map(at).collect()
+    }
+}

@@ -1,0 +1,79 @@
+//! What a job knows of parameters beforehand.
+
+use crate::calibration::prior_faults;
+use crate::calibration::request::{CalibrationRequest, ParameterPrior};
+use crate::wire::issue::{Checker, Invalid};
+use crate::wire::job::{MAX_NAMES, MAX_PARAMETER_NAME};
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// Widest standard deviation, and largest value, mm or degrees.
+const MAX_VALUE: f64 = 1e6;
+/// Narrowest standard deviation, mm or degrees: a nanometre; what is known better is held.
+const MIN_STD: f64 = 1e-6;
+
+/// What is known of a free parameter beforehand, in the unit that the report has it in (`parameters[].unit`: mm or deg): it is expected at
+/// `mean` ± `std`, and stays between `min` and `max`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Prior {
+    /// The parameter: `a_1`, `theta_offset_3`, `target_0_z`, …; every name of the report's `parameters` but the base's turn.
+    pub name: String,
+    /// One standard deviation.
+    #[schema(minimum = 1e-6, maximum = 1e6)]
+    pub std: f64,
+    /// Where it is expected; default: what the report calls its nominal value, for base and targets their first estimate.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mean: Option<f64>,
+    /// Smallest value allowed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub min: Option<f64>,
+    /// Largest value allowed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub max: Option<f64>,
+}
+
+impl Prior {
+    /// The core's.
+    pub fn to_core(&self) -> ParameterPrior {
+        let Self { name, std, mean, min, max } = self.clone();
+        ParameterPrior { name, std, mean, min, max }
+    }
+}
+
+/// Notes every number that is wrong by itself.
+pub fn check(priors: &[Prior], checker: &mut Checker) {
+    if priors.len() > MAX_NAMES {
+        checker.note("/parameters/priors", "wrong_length", format!("{} priors; at most {MAX_NAMES}", priors.len()));
+    }
+    for (i, prior) in priors.iter().take(MAX_NAMES).enumerate() {
+        let at = |field: &str| format!("/parameters/priors/{i}/{field}");
+        checker.text(&at("name"), &prior.name, MAX_PARAMETER_NAME);
+        if !(MIN_STD..=MAX_VALUE).contains(&prior.std) {
+            let hint = "a standard deviation is above 0; hold the parameter to keep it exactly";
+            checker.note(at("std"), "out_of_range", format!("{} is outside {MIN_STD} to {MAX_VALUE}: {hint}", prior.std));
+        }
+        for (field, value) in [("mean", prior.mean), ("min", prior.min), ("max", prior.max)] {
+            checker.magnitude(at(field), value.unwrap_or(0.0), MAX_VALUE, "mm or degrees");
+        }
+        if let (Some(min), Some(max)) = (prior.min, prior.max)
+            && min > max
+        {
+            checker.note(at("min"), "out_of_range", format!("min {min} is above max {max}"));
+        }
+    }
+}
+
+/// Refuses priors that do not fit the request's robot and model.
+///
+/// # Errors
+/// [`Invalid`] with every fault at its pointer.
+pub fn check_applicable(request: &CalibrationRequest) -> Result<(), Invalid> {
+    let faults = prior_faults(request);
+    let Some(code) = faults.first().map(|fault| fault.code) else { return Ok(()) };
+    let mut checker = Checker::default();
+    for fault in &faults {
+        checker.note(format!("/parameters/priors/{}/{}", fault.index, fault.field), fault.code, fault.detail.clone());
+    }
+    checker.finish(if faults.iter().all(|fault| fault.code == code) { code } else { "invalid_job" })
+}
