@@ -351,16 +351,15 @@ fn swarm(problem: &Problem<'_>, reference: &KinematicModel, start: Start, monito
 /// The space around a reference: along what the points see, or the priors say something of, or of raw parameters.
 fn search_space(problem: &Problem<'_>, reference: &KinematicModel) -> SearchSpace {
     let (parameters, scale) = (problem.parameters.clone(), problem.half_widths());
-    let priors = problem.fitting().priors;
-    let space = match problem.settings.singular_directions {
-        true => {
-            let decomposition = decomposition_at(reference, &parameters, &scale, &problem.identify);
-            let (directions, _) = decomposition.directions_with_priors(&priors.map_or(vec![], Priors::stds));
-            SearchSpace::along(reference.clone(), parameters, scale, directions)
+    let reference = reference.clone();
+    match (problem.settings.singular_directions, problem.fitting().priors) {
+        (true, None) => SearchSpace::singular(reference, parameters, scale, &problem.identify),
+        (true, Some(priors)) => SearchSpace::singular_knowing(reference, parameters, scale, &problem.identify, priors),
+        (false, priors) => {
+            let known = priors.map(|priors| priors.from(&reference)).unwrap_or_default();
+            SearchSpace::raw(reference, parameters, scale).knowing(known)
         }
-        false => SearchSpace::raw(reference.clone(), parameters, scale),
-    };
-    space.knowing(priors.map(|priors| priors.from(reference)).unwrap_or_default())
+    }
 }
 
 /// In the default preset a second network, trained on what the swarm sees, shows a part of it the way.
@@ -369,15 +368,13 @@ fn guided_swarm<'s>(problem: &Problem<'_>, space: &'s SearchSpace) -> Option<Gui
     if !problem.settings.singular_directions || !GuidedSwarm::is_possible(space, n_particles) {
         return None;
     }
-    let decomposition = decomposition_at(&space.reference, &space.parameters, &space.scale, &problem.identify);
-    let mut effects_mm = decomposition.singular_values[..space.n_coordinates()].to_vec();
-    if !space.known().pulls.is_empty() {
-        let effect = |(k, of_points): (usize, &f64)| {
-            let pulls = space.known().pulls.iter().map(|pull| pull.weight * space.directions()[(pull.parameter, k)]);
-            (of_points * of_points + pulls.map(|pull| pull * pull).sum::<f64>() / problem.identify.len() as f64).sqrt()
-        };
-        effects_mm = effects_mm.iter().enumerate().map(effect).collect();
-    }
+    let effects_mm = match problem.priors {
+        None => {
+            let decomposition = decomposition_at(&space.reference, &space.parameters, &space.scale, &problem.identify);
+            decomposition.singular_values[..space.n_coordinates()].to_vec()
+        }
+        Some(_) => space.effects_mm(&problem.identify),
+    };
     Some(GuidedSwarm::new(space, &problem.identify, &effects_mm, problem.request.seed))
 }
 

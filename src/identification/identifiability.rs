@@ -9,7 +9,8 @@ use nalgebra::{DMatrix, DVector};
 pub const VISIBLE_EFFECT_MM: f64 = 1e-3;
 /// A parameter takes part in an unseen combination if its share is at least this (of the largest).
 const TAKES_PART: f64 = 1e-3;
-/// Priors say something of a combination if it is at most a thousand times less certain by them than robots are by themselves.
+/// Priors say something of a combination if they are at most a thousand times wider than robots are by themselves, and the parameter has at
+/// least this part in it.
 const SAID: f64 = 1e-3;
 /// Iteration limit of the singular value decomposition.
 const SVD_ITERATIONS: usize = 10_000;
@@ -126,7 +127,9 @@ impl Decomposition {
         if stds.is_empty() || unseen.ncols() == 0 {
             return (seen, unseen);
         }
-        let said = DMatrix::from_fn(stds.len(), unseen.ncols(), |row, k| unseen[(stds[row].0, k)] / stds[row].1);
+        // however narrow a prior, it says nothing of a combination in which its parameter has no part
+        let said = |row: usize, k: usize| unseen[(stds[row].0, k)] / stds[row].1.max(self.scale[stds[row].0]).max(f64::MIN_POSITIVE);
+        let said = DMatrix::from_fn(stds.len(), unseen.ncols(), said);
         let parted = decompose(said, &vec![1.0; unseen.ncols()]);
         let n_said = parted.singular_values.iter().filter(|s| **s >= SAID).count();
         let turned = unseen * &parted.directions;

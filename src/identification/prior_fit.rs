@@ -140,19 +140,15 @@ impl Fitting<'_> {
 
 /// Adds a fit to the record. Its points may lie outside the bounds: unless it stayed inside, F of what is allowed counts at its end only.
 fn record(found: &mut SeenFit, fit: &SeenFit, ended_at_cost: Option<f64>) {
-    let before = found.convergence.last().copied().unwrap_or(f64::INFINITY);
-    let steps = fit.convergence.iter().skip(1);
-    match ended_at_cost {
-        None => found.convergence.extend(steps.map(|cost| cost.min(before))),
-        Some(cost) => {
-            found.convergence.extend(steps.map(|_| before));
-            // a fit of no step at all has not moved
-            if fit.n_iterations > 0
-                && let Some(last) = found.convergence.last_mut()
-            {
-                *last = cost.min(before);
-            }
-        }
+    let mut least = found.convergence.last().copied().unwrap_or(f64::INFINITY);
+    for (step, cost) in fit.convergence.iter().enumerate().skip(1) {
+        let allowed = match ended_at_cost {
+            None => *cost,
+            Some(cost) if step == fit.n_iterations => cost,
+            Some(_) => least,
+        };
+        least = least.min(allowed);
+        found.convergence.push(least);
     }
     found.n_iterations += fit.n_iterations;
     found.n_evaluations += fit.n_evaluations;

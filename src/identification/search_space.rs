@@ -3,9 +3,9 @@
 use crate::identification::KinematicModel;
 use crate::identification::identifiability::{Decomposition, decompose};
 use crate::identification::linearisation::Linearisation;
-use crate::identification::objective::Observation;
+use crate::identification::objective::{Observation, weighted_jacobian};
 use crate::identification::parameters::{Parameter, apply_into};
-use crate::identification::priors::Known;
+use crate::identification::priors::{Known, Priors};
 use multiversion::multiversion;
 use nalgebra::{DMatrix, DVector, Vector3};
 
@@ -38,6 +38,28 @@ impl SearchSpace {
     pub fn singular(reference: KinematicModel, parameters: Vec<Parameter>, scale: Vec<f64>, observations: &[Observation]) -> Self {
         let decomposition = decomposition_at(&reference, &parameters, &scale, observations);
         Self::along(reference, parameters, scale, decomposition.seen_directions())
+    }
+
+    /// As [`Self::singular`], of the points and the priors together: one coordinate per combination that either says something of.
+    pub fn singular_knowing(
+        reference: KinematicModel,
+        parameters: Vec<Parameter>,
+        scale: Vec<f64>,
+        observations: &[Observation],
+        priors: &Priors,
+    ) -> Self {
+        let decomposition = decomposition_at(&reference, &parameters, &scale, observations);
+        let (directions, _) = decomposition.directions_with_priors(&priors.stds());
+        let known = priors.from(&reference);
+        let rows = rows_along(&reference, &parameters, &directions, observations, &known);
+        let turned = &directions * decompose(rows, &vec![1.0; directions.ncols()]).directions;
+        Self::along(reference, parameters, scale, turned).knowing(known)
+    }
+
+    /// How far each coordinate displaces the points (and pulls at the priors), rms, mm.
+    pub fn effects_mm(&self, observations: &[Observation]) -> Vec<f64> {
+        let rows = rows_along(&self.reference, &self.parameters, &self.directions, observations, &self.known);
+        rows.column_iter().map(|column| column.norm() / (observations.len().max(1) as f64).sqrt()).collect()
     }
 
     /// As [`Self::singular`], along directions that were found elsewhere, p × r: their columns, each parameter divided by its scale, are
@@ -120,6 +142,23 @@ impl SearchSpace {
         }
         rotation
     }
+}
+
+/// Derivatives of points and priors along some directions, weighted, mm.
+fn rows_along(
+    reference: &KinematicModel,
+    parameters: &[Parameter],
+    directions: &DMatrix<f64>,
+    observations: &[Observation],
+    known: &Known,
+) -> DMatrix<f64> {
+    let of_points = weighted_jacobian(reference, parameters, observations, &Vector3::zeros()) * directions;
+    let n = of_points.nrows();
+    let mut rows = of_points.resize_vertically(n + known.pulls.len(), 0.0);
+    for (k, pull) in known.pulls.iter().enumerate() {
+        rows.row_mut(n + k).copy_from(&(directions.row(pull.parameter) * pull.weight));
+    }
+    rows
 }
 
 /// directions · coordinates.
