@@ -18,7 +18,6 @@ use crate::identification::multistart::{FOUND_MM, best_start};
 use crate::identification::objective::Observation;
 use crate::identification::parameters::{Parameter, apply};
 use crate::identification::prior_fit::Fitting;
-use crate::identification::priors::Priors;
 use crate::identification::search_space::{SearchSpace, decomposition_at};
 use crate::identification::settle::settle;
 use crate::identification::start::fit_base_and_targets;
