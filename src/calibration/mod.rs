@@ -10,6 +10,7 @@ mod known;
 mod observe;
 mod outcome;
 pub mod partial;
+mod placing;
 mod plausibility;
 mod remarks;
 mod repeatability;

@@ -1,9 +1,10 @@
 //! From an identified model to the report: errors before and after, parameters with their uncertainty, remarks.
 
-use crate::calibration::corrections::{self, placed_anew};
+use crate::calibration::corrections;
 use crate::calibration::identify::{Found, Problem};
 use crate::calibration::observe::{Observed, observe_verify_set};
-use crate::calibration::remarks::remarks;
+use crate::calibration::placing::Layout;
+use crate::calibration::remarks::{of_the_verify_set, remarks};
 use crate::calibration::repeatability::repeatability;
 use crate::calibration::report::*;
 use crate::calibration::request::{Method, Model, Preset, VerifySource};
@@ -14,7 +15,6 @@ use crate::identification::misfit::gravity_directions;
 use crate::identification::objective::{Observation, residuals};
 use crate::identification::parameters::{Parameter, Quantity, deviation_from, quantity_mut};
 use crate::identification::search_space::decomposition_at;
-use crate::identification::start::fit_base_and_targets;
 use crate::identification::uncertainty::{Uncertainty, uncertainty};
 use crate::identification::workspace::tool_uncertainty;
 use crate::identification::{KinematicModel, TrainedNetwork};
@@ -49,30 +49,23 @@ fn statistics(sizes: &[f64]) -> Option<Errors> {
     Some(Errors { mean_mm, std_mm, rms_mm, max_mm: sizes.iter().fold(0.0, |m, e| m.max(*e)) })
 }
 
-/// The verify points, and whether base and targets are fitted to them anew: not for points of the fit's own set.
-fn verify_points(problem: &Problem<'_>) -> (Observed, bool) {
+/// Another set to verify on, laid out for the robot that was identified; `None` where the points are of the fit's own set.
+fn verify_layout<'a>(problem: &'a Problem<'_>, model: &KinematicModel) -> Result<Option<Layout<'a>>, Error> {
     match &problem.request.verify {
-        VerifySource::Set(set) => (observe_verify_set(problem.request, set), refits(problem.request, set)),
-        _ => (problem.observed.clone(), false),
+        VerifySource::Set(set) => {
+            let observed = observe_verify_set(problem.request, set);
+            Layout::new(problem.request, set, observed, model, refits(problem.request, set)).map(Some)
+        }
+        _ => Ok(None),
     }
-}
-
-fn placed(model: &KinematicModel, observations: &[Observation], refit: bool) -> KinematicModel {
-    if !refit {
-        return model.clone();
-    }
-    let n_targets = observations.iter().map(|o| o.target + 1).max().unwrap_or(0);
-    fit_base_and_targets(&model.links, observations, n_targets)
 }
 
 /// Errors of a model on the verify points.
 pub fn verify_errors(problem: &Problem<'_>, model: &KinematicModel) -> Option<Errors> {
-    let (observed, refit) = verify_points(problem);
-    let points = observed.of(Subset::Verify);
-    if points.is_empty() {
-        return None;
+    match verify_layout(problem, model).ok()? {
+        Some(layout) => layout.place(model).ok()?.errors(),
+        None => errors(model, &problem.observed.of(Subset::Verify)),
     }
-    errors(&placed(model, &points, refit), &points)
 }
 
 /// The report of a finished calibration.
@@ -97,15 +90,24 @@ pub fn report(
     let Some(identify) = both(&problem.identify, &problem.nominal, model, robot.as_ref()) else {
         return Err(crate::calibration::unusable("under_determined", "the identify subset has no points"));
     };
-    let (verify_observed, refit) = verify_points(problem);
-    let points = verify_observed.of(Subset::Verify);
-    let (before, after) = (placed(&problem.nominal, &points, refit), placed(model, &points, refit));
     let repeatability = repeatability(problem, model, robot.as_ref());
-    let robot_there = if refit && !points.is_empty() { robot.as_ref().map(|robot| placed_anew(robot, &points)) } else { robot };
-    let verify = both(&points, &before, &after, robot_there.as_ref());
-    let mut per_point = per_point(&problem.observed, &problem.nominal, model);
-    if matches!(request.verify, VerifySource::Set(_)) {
-        per_point.extend(self::per_point(&verify_observed, &before, &after));
+    let mut per_point = self::per_point((&problem.observed, &problem.nominal), (&problem.observed, model));
+    let layout = verify_layout(problem, model)?;
+    let (verify, of_verify_set);
+    if let Some(layout) = &layout {
+        let (before, after) = (layout.place(&problem.nominal)?, layout.place(model)?);
+        let robot_there = robot.as_ref().map(|robot| layout.place_corrected(robot, &after));
+        let corrected = robot_there.as_ref().and_then(|robot| match robot.corrected {
+            Some(_) => corrected_errors(robot, &after.observed.all),
+            None => after.errors(),
+        });
+        let n_points = after.observed.all.len();
+        verify = before.errors().zip(after.errors()).map(|(before, after)| SubsetErrors { n_points, before, after, corrected });
+        per_point.extend(self::per_point((&before.observed, &before.model), (&after.observed, &after.model)));
+        of_verify_set = remarks(&layout.screening, &after.observed, None);
+    } else {
+        verify = both(&problem.observed.of(Subset::Verify), &problem.nominal, model, robot.as_ref());
+        of_verify_set = vec![];
     }
     let (links, t_instrument_base, targets_mm) = as_delivered(problem, model);
     let uncertainty = uncertainty_of(problem, model);
@@ -142,13 +144,17 @@ pub fn report(
     };
     report.warnings = warnings(&report, &problem.request.robot.links);
     report.warnings.extend(known::remarks(problem, model));
-    report.warnings.extend(remarks(problem, &problem.screening));
+    report.warnings.extend(remarks(&problem.screening, &problem.observed, request.options.loss));
+    report.warnings.extend(of_the_verify_set(of_verify_set));
     Ok(report)
 }
 
-/// Every point's error before and after.
-pub fn per_point(observed: &Observed, before: &KinematicModel, after: &KinematicModel) -> Vec<PointErrors> {
-    let (before, after) = (residuals(before, &observed.all), residuals(after, &observed.all));
+/// Every point's error before and after: of two robots, each with the points as they are laid out for it.
+pub fn per_point(
+    (observed, before): (&Observed, &KinematicModel),
+    (observed_after, after): (&Observed, &KinematicModel),
+) -> Vec<PointErrors> {
+    let (before, after) = (residuals(before, &observed.all), residuals(after, &observed_after.all));
     (0..observed.all.len())
         .map(|i| PointErrors {
             configuration: observed.configurations[i].clone(),

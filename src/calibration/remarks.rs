@@ -1,7 +1,8 @@
 //! What screening found, in words.
 
-use crate::calibration::identify::Problem;
+use crate::calibration::observe::Observed;
 use crate::calibration::report::Warning;
+use crate::calibration::request::Loss;
 use crate::calibration::screening::{FoundStep, Screening, WildPoint};
 use crate::identification::steps::Moved;
 use crate::measurement::Subset;
@@ -9,15 +10,20 @@ use crate::measurement::Subset;
 /// Points listed by their size in a detail; `rows` has them all.
 const LISTED: usize = 20;
 
-/// The warnings about wild points and about what moved.
-pub fn remarks(problem: &Problem<'_>, screening: &Screening) -> Vec<Warning> {
+/// The warnings about wild points and about what moved. `asked` is the loss that the request asks for.
+pub fn remarks(screening: &Screening, observed: &Observed, asked: Option<Loss>) -> Vec<Warning> {
     let mut warnings: Vec<Warning> = screening.steps.iter().map(moved).collect();
     if !screening.unfitted_rows.is_empty() {
         let detail = "no point to identify lies in the stretch after a step: these rows are scored as if nothing had moved";
         warnings.push(Warning { code: "stretch_without_identify_points", detail: detail.into(), rows: screening.unfitted_rows.clone() });
     }
-    warnings.extend(outliers(problem, screening));
+    warnings.extend(outliers(screening, observed, asked.is_some()));
     warnings
+}
+
+/// The same about a set of its own, said so.
+pub fn of_the_verify_set(warnings: Vec<Warning>) -> impl Iterator<Item = Warning> {
+    warnings.into_iter().map(|w| Warning { detail: format!("in the verify set: {}", w.detail), ..w })
 }
 
 fn moved(step: &FoundStep) -> Warning {
@@ -37,21 +43,23 @@ fn moved(step: &FoundStep) -> Warning {
     Warning { code, detail: format!("before row {}, {what}; {consequence}", step.row), rows: vec![step.row] }
 }
 
-fn outliers(problem: &Problem<'_>, screening: &Screening) -> Option<Warning> {
+fn outliers(screening: &Screening, observed: &Observed, asked: bool) -> Option<Warning> {
     if screening.wild.is_empty() {
         return None;
     }
     let rows: Vec<usize> = screening.wild.iter().map(|w| w.row).collect();
-    let n_fitted = rows.iter().filter(|row| problem.observed.subsets[**row] == Subset::Identify).count();
+    let n_fitted = rows.iter().filter(|row| observed.subsets[**row] == Subset::Identify).count();
     let what = format!(
         "{} of {} points do not belong to the others, which scatter by {:.4} mm (one standard deviation of a coordinate): {}",
         rows.len(),
-        problem.observed.all.len(),
+        observed.all.len(),
         screening.scale_mm,
         listed(&screening.wild)
     );
-    let asked = problem.request.options.loss.is_some();
     let (code, consequence) = match (screening.is_for_review, asked) {
+        (false, false) if n_fitted == 0 => {
+            ("outliers", "base and targets were placed without them; all stay in the statistics, as measured".into())
+        }
         (false, false) => {
             ("outliers", format!("the {n_fitted} of them that were to be fitted count nothing; all stay in the statistics, as measured"))
         }

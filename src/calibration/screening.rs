@@ -85,6 +85,11 @@ struct AllFit {
 
 /// Screens the points, and arranges them for the fit: wild points lose their weight, what moved is taken apart.
 pub fn screen(request: &CalibrationRequest, observed: &mut Observed) -> Result<Screening, Error> {
+    screen_arranged(request, observed).map(|(screening, _)| screening)
+}
+
+/// As [`screen`], with the arrangement that was found.
+pub fn screen_arranged(request: &CalibrationRequest, observed: &mut Observed) -> Result<(Screening, Arrangement), Error> {
     let mut arrangement = Arrangement::of(request);
     let mut screening = Screening::default();
     place_setups(request, observed, &mut arrangement)?;
@@ -98,7 +103,7 @@ pub fn screen(request: &CalibrationRequest, observed: &mut Observed) -> Result<S
     fit_motions(request, observed, &mut arrangement, Some(Subset::Identify))?;
     arrangement.apply(observed);
     screening.targets = arrangement.fitted_targets(observed);
-    Ok(screening)
+    Ok((screening, arrangement))
 }
 
 /// Finds steps one after another, and what is wild beside them.
@@ -253,7 +258,7 @@ fn place_setups(request: &CalibrationRequest, observed: &mut Observed, arrangeme
 
 /// Fits robot, placement and the motions between set-ups: least squares with the motions held, and Gauss-Newton steps of both together.
 /// Without motions it is least squares alone. Set-ups with too few points keep their motion.
-fn fit_motions(
+pub fn fit_motions(
     request: &CalibrationRequest,
     observed: &mut Observed,
     arrangement: &mut Arrangement,

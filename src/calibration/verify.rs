@@ -1,17 +1,18 @@
 //! `kind: "verify"`: how well a parameter set predicts points that it was not identified from. Nothing of the robot is fitted; where the
 //! points do not come in the base frame, base and targets are, for the nominal robot and for the identified one each for itself.
 
+use crate::calibration::arrangement::FEWEST_OF_SETUP;
 use crate::calibration::check::n_equations;
-use crate::calibration::corrections::placed_anew;
-use crate::calibration::observe::{Observed, observe_to_verify, observe_verify_set};
-use crate::calibration::outcome::{corrected_errors, errors, per_point};
+use crate::calibration::observe::{observe_to_verify, observe_verify_set};
+use crate::calibration::outcome::{corrected_errors, per_point};
+use crate::calibration::placing::{Layout, Placed, n_stations};
+use crate::calibration::remarks::remarks;
 use crate::calibration::report::{CalibrationReport, Errors, Identifiability, SubsetErrors, Warning};
 use crate::calibration::request::{CalibrationRequest, Model};
 use crate::calibration::{Error, Event, Monitor, unusable};
 use crate::identification::KinematicModel;
 use crate::identification::corrected::IdentifiedRobot;
 use crate::identification::objective::{Observation, cost};
-use crate::identification::start::fit_base_and_targets;
 use crate::measurement::{Frame, MeasurementSet, Point};
 use nalgebra::IsometryMatrix3;
 use std::collections::BTreeSet;
@@ -26,12 +27,14 @@ const FEW_RESIDUALS: usize = 3;
 
 /// A parameter set on a request's points, and the nominal robot beside it.
 struct Scored {
-    before: KinematicModel,
-    after: KinematicModel,
+    before: Placed,
+    after: Placed,
     /// With corrections, where a parameter set was scored.
     corrected: Option<IdentifiedRobot>,
-    /// Numbers of base and targets that were refitted.
+    /// Numbers of bases and targets that were refitted.
     n_refitted: usize,
+    /// What does not belong, and what moved.
+    remarks: Vec<Warning>,
 }
 
 /// The checks of [`verify`] that need no fit.
@@ -43,19 +46,14 @@ pub fn check_verify(request: &CalibrationRequest, identified: Option<&KinematicM
     if identified.is_some_and(|model| model.links.len() != n_links) {
         return Err(unusable("model_mismatch", format!("the parameter set is not of this robot: the robot has {n_links} links")));
     }
-    let observed = observe_to_verify(request);
-    check_enough(&observed.all, n_refitted(request, identified), request.set.n_targets())
+    check_enough(&observe_to_verify(request).all, &request.set, n_refitted(request, identified) > 0)
 }
 
 /// The checks of a second set to verify on: it may be scored by the job, and what it says is about the robot.
 ///
 /// # Errors
-/// [`Error::Unusable`] with code `not_available`, `under_determined` or `verify_overlaps_identify`.
+/// [`Error::Unusable`] with code `under_determined` or `verify_overlaps_identify`.
 pub fn check_verify_set(request: &CalibrationRequest, set: &MeasurementSet) -> Result<(), Error> {
-    let first_station = set.points.first().map(|p| &p.station);
-    if set.points.iter().any(|p| Some(&p.station) != first_station) {
-        return Err(unusable("not_available", "the verify set has several stations, which is not built yet: upload one set per station"));
-    }
     let key = |p: &Point| (p.q_rad.iter().map(|q| q.to_bits()).collect::<Vec<_>>(), p.position_mm.map(f64::to_bits).data.0);
     let fitted: BTreeSet<_> = request.set.points.iter().map(key).collect();
     let n_same = set.points.iter().filter(|p| fitted.contains(&key(p))).count();
@@ -67,8 +65,7 @@ pub fn check_verify_set(request: &CalibrationRequest, set: &MeasurementSet) -> R
         );
         return Err(unusable("verify_overlaps_identify", detail));
     }
-    let n_refitted = if refits(request, set) { 6 + 3 * set.n_targets() } else { 0 };
-    check_enough(&observe_verify_set(request, set).all, n_refitted, set.n_targets())
+    check_enough(&observe_verify_set(request, set).all, set, refits(request, set))
 }
 
 /// True if base and targets are fitted anew to another set: unless both are in the base frame and the targets are the ones identified.
@@ -77,10 +74,22 @@ pub fn refits(request: &CalibrationRequest, set: &MeasurementSet) -> bool {
     !same_frame || set.n_targets() > request.set.n_targets()
 }
 
-/// Refuses points that leave too little to verify once base and targets are fitted to them.
-fn check_enough(observations: &[Observation], n_refitted: usize, n_targets: usize) -> Result<(), Error> {
+/// Refuses points that leave too little to verify once base and targets are fitted to them: a base for every station.
+fn check_enough(observations: &[Observation], set: &MeasurementSet, refit: bool) -> Result<(), Error> {
+    let (n_targets, n_stations) = (set.n_targets(), n_stations(set));
+    let n_refitted = if refit || n_stations > 1 { 6 * n_stations + 3 * n_targets } else { 0 };
     if let Some(target) = (0..n_targets).find(|target| n_refitted > 0 && !observations.iter().any(|o| o.target == *target)) {
         let detail = format!("target {target} has no row among the points to verify on; number targets from 0 without gaps");
+        return Err(unusable("under_determined", detail));
+    }
+    let of_station = |station: &Option<String>| set.points.iter().filter(|p| p.station == *station).count();
+    let small = set.points.iter().map(|p| &p.station).find(|station| n_stations > 1 && of_station(station) < FEWEST_OF_SETUP);
+    if let Some(station) = small {
+        let detail = format!(
+            "station {:?} has {} points to verify on, its base takes at least {FEWEST_OF_SETUP}: measure more there, or leave it out",
+            station.as_deref().unwrap_or(""),
+            of_station(station)
+        );
         return Err(unusable("under_determined", detail));
     }
     let (found, needed) = (n_equations(observations), (EQUATIONS_PER_REFITTED * n_refitted).max(1));
@@ -108,18 +117,17 @@ pub fn verify(
     if monitor(Event::Heartbeat).is_break() {
         return Err(Error::Cancelled);
     }
-    let observed = observe_to_verify(request);
-    let scored = score(request, identified, &observed);
-    let (Some(before), Some(after)) = (errors(&scored.before, &observed.all), errors(&scored.after, &observed.all)) else {
+    let scored = score(request, identified)?;
+    let (Some(before), Some(after)) = (scored.before.errors(), scored.after.errors()) else {
         return Err(unusable("under_determined", "the set has no points"));
     };
     let corrected = match &scored.corrected {
-        Some(robot) if robot.corrected.is_some() => corrected_errors(robot, &observed.all),
+        Some(robot) if robot.corrected.is_some() => corrected_errors(robot, &scored.after.observed.all),
         Some(_) => Some(after),
         None => None,
     };
-    let errors = SubsetErrors { n_points: observed.all.len(), before, after, corrected };
-    Ok(report(request, identified.is_some(), &observed, scored, errors))
+    let errors = SubsetErrors { n_points: request.set.points.len(), before, after, corrected };
+    Ok(report(request, identified.is_some(), scored, errors))
 }
 
 /// Positions are in the base frame, so that nothing has to be placed.
@@ -138,31 +146,23 @@ fn n_refitted(request: &CalibrationRequest, identified: Option<&KinematicModel>)
     if placed { 0 } else { 6 + 3 * n_targets }
 }
 
-fn score(request: &CalibrationRequest, robot: Option<&IdentifiedRobot>, observed: &Observed) -> Scored {
+fn score(request: &CalibrationRequest, robot: Option<&IdentifiedRobot>) -> Result<Scored, Error> {
     let identified = robot.map(|robot| &robot.plain);
     let nominal = KinematicModel::nominal(&request.robot.links, request.set.n_targets());
-    let after = identified.cloned().unwrap_or_else(|| nominal.clone());
-    let n_refitted = n_refitted(request, identified);
-    if n_refitted > 0 {
-        let place = |model: &KinematicModel| fit_base_and_targets(&model.links, &observed.all, request.set.n_targets());
-        let corrected = robot.map(|robot| placed_anew(robot, &observed.all));
-        return Scored { before: place(&nominal), after: place(&after), corrected, n_refitted };
-    }
-    let mut before = KinematicModel { links: nominal.links, ..after.clone() };
+    let mut after = identified.cloned().unwrap_or_else(|| nominal.clone());
     if let (None, Some(frames)) = (identified, &request.frames) {
-        before.targets_mm[0].z = frames.z_tool_mm;
+        after.targets_mm[0].z = frames.z_tool_mm;
     }
-    let after = if identified.is_some() { after } else { before.clone() };
-    Scored { before, after, corrected: robot.cloned(), n_refitted }
+    let before = KinematicModel { links: nominal.links, ..after.clone() };
+    let refit = n_refitted(request, identified) > 0;
+    let layout = Layout::new(request, &request.set, observe_to_verify(request), &after, refit)?;
+    let (before, after) = (layout.place(&before)?, layout.place(&after)?);
+    let corrected = robot.map(|robot| layout.place_corrected(robot, &after));
+    let remarks = remarks(&layout.screening, &after.observed, None);
+    Ok(Scored { before, after, corrected, n_refitted: layout.n_refitted(), remarks })
 }
 
-fn report(
-    request: &CalibrationRequest,
-    is_identified: bool,
-    observed: &Observed,
-    scored: Scored,
-    verify: SubsetErrors,
-) -> CalibrationReport {
+fn report(request: &CalibrationRequest, is_identified: bool, scored: Scored, verify: SubsetErrors) -> CalibrationReport {
     let none = Errors { mean_mm: 0.0, std_mm: 0.0, rms_mm: 0.0, max_mm: 0.0 };
     CalibrationReport {
         method: request.method,
@@ -173,11 +173,11 @@ fn report(
         termination: "verified",
         n_iterations: 0,
         n_evaluations: 0,
-        cost_mm2: cost(&scored.after, &observed.all),
+        cost_mm2: cost(&scored.after.model, &scored.after.observed.all),
         convergence_mm2: vec![],
         identify: SubsetErrors { n_points: 0, before: none, after: none, corrected: None },
         verify: Some(verify),
-        per_point: per_point(observed, &scored.before, &scored.after),
+        per_point: per_point((&scored.before.observed, &scored.before.model), (&scored.after.observed, &scored.after.model)),
         parameters: vec![],
         tool_uncertainty: None,
         error_model: None,
@@ -193,10 +193,10 @@ fn report(
         },
         comparison: vec![],
         warnings: warnings(is_identified, &scored, &verify),
-        links: scored.after.links,
-        t_instrument_base: scored.after.t_instrument_base,
-        target_segments: (0..scored.after.targets_mm.len()).map(|target| (target, 0)).collect(),
-        targets_mm: scored.after.targets_mm,
+        links: scored.after.model.links,
+        t_instrument_base: scored.after.model.t_instrument_base,
+        target_segments: scored.after.segments,
+        targets_mm: scored.after.model.targets_mm,
         corrected: scored.corrected.and_then(|robot| robot.corrected),
         corrections: None,
         repeatability: None,
@@ -236,5 +236,6 @@ fn warnings(is_identified: bool, scored: &Scored, verify: &SubsetErrors) -> Vec<
         );
         warnings.push(Warning { code: "few_verify_points", detail, rows: vec![] });
     }
+    warnings.extend(scored.remarks.iter().cloned());
     warnings
 }

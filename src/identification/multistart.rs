@@ -51,7 +51,10 @@ pub fn best_start(
     let (from_nominal_mm, mut best) = end(nominal);
     let mut found = BestStart { model: nominal.clone(), from_nominal_mm, best_mm: from_nominal_mm, n_starts: 0 };
     let mut random = ChaCha8Rng::seed_from_u64(0);
-    while found.best_mm > FOUND_MM && found.n_starts < STARTS {
+    let is_offset = |p: &Parameter| matches!(p, Parameter::Link(_, Quantity::ThetaOffset));
+    // without a free offset every start is the same
+    let n_starts = if parameters.iter().any(is_offset) { STARTS } else { 0 };
+    while found.best_mm > FOUND_MM && found.n_starts < n_starts {
         found.n_starts += 1;
         // narrow first: most joints are off by little
         let widest = WIDEST_RAD * found.n_starts as f64 / STARTS as f64;
