@@ -12,19 +12,10 @@ use kincal::calibration::{CalibrationRequest, Method, calibrate};
 use kincal::identification::KinematicModel;
 use kincal::kinematics::Robot;
 use kincal::measurement::MeasurementSet;
-use simulation::{Campaign, Normal, measure, poses, true_robot};
 use std::ops::ControlFlow;
 
-/// Two sessions of one simulated robot: the tracker stands elsewhere and the reflectors are fixed anew.
 fn two_sessions(seed: u64, change: impl Fn(&mut KinematicModel)) -> (MeasurementSet, MeasurementSet) {
-    let mut random = Normal::new(seed);
-    let first = true_robot(&paper_robot(), 2, &mut random);
-    let mut second = true_robot(&paper_robot(), 2, &mut random);
-    second.links = first.links.clone();
-    change(&mut second);
-    let campaign = Campaign { n_configurations: 40, n_targets: 2, ..Campaign::PLAIN };
-    let mut session = |truth: &KinematicModel| measure(truth, &poses(40, &mut random), &campaign, &mut random);
-    (session(&first), session(&second))
+    simulation::two_sessions(&paper_robot(), seed, change)
 }
 
 /// What is said of `after` when the robot was last identified from `before`.

@@ -6,14 +6,14 @@ mod data;
 mod simulation;
 
 use data::{paper_robot, real_data};
-use kincal::calibration::report::CalibrationReport;
+use kincal::calibration::report::{CalibrationReport, Warning};
 use kincal::calibration::request::VerifySource;
 use kincal::calibration::{CalibrationRequest, Error, Method, Model, calibrate, check, check_verify, verify};
 use kincal::identification::KinematicModel;
 use kincal::identification::corrected::IdentifiedRobot;
 use kincal::kinematics::Robot;
-use kincal::measurement::{Frame, MeasurementSet, csv};
-use nalgebra::IsometryMatrix3;
+use kincal::measurement::{Frame, MeasurementSet, Point, csv};
+use nalgebra::{IsometryMatrix3, Rotation3, Vector3};
 use simulation::{Campaign, Normal, measure, poses, true_robot};
 use std::ops::ControlFlow;
 
@@ -28,16 +28,8 @@ fn scored(robot: &Robot, set: &MeasurementSet, model: Option<&KinematicModel>) -
     verify(&CalibrationRequest::new(robot.clone(), set.clone()), identified.as_ref(), &mut |_| ControlFlow::Continue(())).unwrap()
 }
 
-/// Two sessions of one simulated robot: the tracker stands elsewhere and the reflectors are fixed anew.
 fn two_sessions(seed: u64, change: impl Fn(&mut KinematicModel)) -> (MeasurementSet, MeasurementSet) {
-    let mut random = Normal::new(seed);
-    let first = true_robot(&paper_robot(), 2, &mut random);
-    let mut second = true_robot(&paper_robot(), 2, &mut random);
-    second.links = first.links.clone();
-    change(&mut second);
-    let campaign = Campaign { n_configurations: 40, n_targets: 2, ..Campaign::PLAIN };
-    let mut session = |truth: &KinematicModel| measure(truth, &poses(40, &mut random), &campaign, &mut random);
-    (session(&first), session(&second))
+    simulation::two_sessions(&paper_robot(), seed, change)
 }
 
 #[test]
@@ -127,11 +119,83 @@ fn points_that_were_fitted_verify_nothing_in_whatever_order_they_come_again() {
     assert_eq!(refusal(&to_identify_and_verify(&first, second)), None);
 }
 
+/// The set with its rows from `from` on moved.
+fn moved(set: &MeasurementSet, from: usize, motion: impl Fn(&Point) -> Vector3<f64>) -> MeasurementSet {
+    let mut set = set.clone();
+    set.points[from..].iter_mut().for_each(|p| p.position_mm = motion(p));
+    set
+}
+
+/// The second session scored for the robot of the first: as a set to verify on, and as a job of its own. Both rms before and after, and the
+/// warnings.
+fn both_ways(first: &MeasurementSet, second: &MeasurementSet) -> [([f64; 2], Vec<Warning>); 2] {
+    let robot = paper_robot();
+    let beside = calibrate(&to_identify_and_verify(first, second.clone()), &mut |_| ControlFlow::Continue(())).unwrap();
+    let alone = scored(&robot, second, Some(&identified(&robot, first)));
+    [beside, alone].map(|report| {
+        let verify = report.verify.unwrap();
+        assert_eq!(verify.n_points, second.points.len());
+        ([verify.before.rms_mm, verify.after.rms_mm], report.warnings)
+    })
+}
+
 #[test]
-fn a_verify_set_of_several_stations_is_refused_when_the_job_is_posted() {
-    let (first, mut second) = two_sessions(8, |_| ());
-    second.points[40].station = Some("b".into());
-    assert_eq!(refusal(&to_identify_and_verify(&first, second)), Some("not_available"));
+fn the_stations_of_a_verify_set_are_placed_each_for_itself() {
+    let (first, second) = two_sessions(8, |_| ());
+    let turn = Rotation3::new(Vector3::new(0.2, -0.4, 1.9));
+    let mut stations = moved(&second, 44, |p| turn * p.position_mm + Vector3::new(3000.0, -900.0, 40.0));
+    stations.points.iter_mut().enumerate().for_each(|(row, p)| p.station = Some(if row < 44 { "door" } else { "window" }.into()));
+    for ((one, _), (two, warnings)) in both_ways(&first, &second).into_iter().zip(both_ways(&first, &stations)) {
+        // six numbers more are fitted: a little closer
+        assert!(two[0] > 0.8 * one[0] && two[0] < 1.01 * one[0], "nominal: {two:?} for {one:?}");
+        assert!(two[1] > 0.8 * one[1] && two[1] < 1.01 * one[1], "identified: {two:?} for {one:?}");
+        assert!(warnings.iter().all(|w| !w.code.ends_with("_moved")), "{warnings:?}");
+    }
+    let mut small = second.clone();
+    small.points[79].station = Some("b".into());
+    assert_eq!(refusal(&to_identify_and_verify(&first, small)), Some("under_determined"));
+}
+
+#[test]
+fn what_slipped_in_a_verify_set_is_said_and_scored_apart() {
+    for seed in [20, 21, 22] {
+        let (first, second) = two_sessions(seed, |_| ());
+        let clean = both_ways(&first, &second);
+        // target 1 slips by 2 mm before row 41: every point of it from there on
+        let flange = |p: &Point| kincal::kinematics::t_base_flange(&paper_robot().links, &p.q_rad).rotation;
+        let placed = scored(&paper_robot(), &second, Some(&identified(&paper_robot(), &first))).t_instrument_base.rotation;
+        let slip = Vector3::new(1.2, -1.2, 1.06);
+        let slipped = moved(&second, 41, |p| if p.target == 1 { p.position_mm + placed * (flange(p) * slip) } else { p.position_mm });
+        let turn = Rotation3::new(Vector3::new(3e-4, 5e-4, -6e-4));
+        let pushed = moved(&second, 30, |p| turn * p.position_mm + Vector3::new(1.0, -1.5, 0.8));
+        for (faulty, code, row) in [(slipped, "target_moved", 41), (pushed, "base_moved", 30)] {
+            for ((one, _), (two, warnings)) in clean.iter().zip(both_ways(&first, &faulty)) {
+                let warning = warnings.iter().find(|w| w.code == code).unwrap_or_else(|| panic!("{seed}, {code}: {warnings:?}"));
+                assert!(warning.rows[0].abs_diff(row) <= 2, "{warning:?}");
+                assert!((0.8 * one[1]..1.2 * one[1]).contains(&two[1]), "{seed}, {code}: {two:?} for {one:?}");
+                assert!((0.8 * one[0]..1.1 * one[0]).contains(&two[0]), "{seed}, {code}, nominal: {two:?} for {one:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn wild_points_of_a_verify_set_are_named_and_place_nothing() {
+    let (first, second) = two_sessions(30, |_| ());
+    let mut wild = second.clone();
+    for row in [12, 55] {
+        wild.points[row].position_mm += Vector3::new(6.0, -5.0, 7.0);
+    }
+    for ((one, _), (two, warnings)) in both_ways(&first, &second).into_iter().zip(both_ways(&first, &wild)) {
+        let named = warnings.iter().find(|w| w.code == "outliers").unwrap();
+        assert_eq!(named.rows, [12, 55]);
+        // they stay in the statistics: 2 points of 80 by 10.5 mm are 1.66 mm rms
+        let added = (two[1] * two[1] - one[1] * one[1]).sqrt();
+        assert!((1.6..1.72).contains(&added), "{added}");
+    }
+    for (_, warnings) in both_ways(&first, &second) {
+        assert!(warnings.iter().all(|w| !w.code.starts_with("outliers") && !w.code.ends_with("_moved")), "{warnings:?}");
+    }
 }
 
 #[test]

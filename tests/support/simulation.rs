@@ -79,6 +79,19 @@ pub fn limited(mut nominal: Robot) -> Robot {
     nominal
 }
 
+/// Two sessions of one simulated robot, 40 configurations of two targets each: the tracker stands elsewhere and the reflectors are fixed
+/// anew; the second with a change.
+pub fn two_sessions(nominal: &Robot, seed: u64, change: impl Fn(&mut KinematicModel)) -> (MeasurementSet, MeasurementSet) {
+    let mut random = Normal::new(seed);
+    let first = true_robot(nominal, 2, &mut random);
+    let mut second = true_robot(nominal, 2, &mut random);
+    second.links = first.links.clone();
+    change(&mut second);
+    let campaign = Campaign { n_configurations: 40, n_targets: 2, ..Campaign::PLAIN };
+    let mut session = |truth: &KinematicModel| measure(truth, &poses(40, &mut random), &campaign, &mut random);
+    (session(&first), session(&second))
+}
+
 /// Measures `truth` at `poses`, every point to identify, in the instrument frame.
 pub fn measure(truth: &KinematicModel, poses: &[Vec<f64>], campaign: &Campaign, random: &mut Normal) -> MeasurementSet {
     let mut points = Vec::new();
