@@ -149,7 +149,6 @@ pub struct ParametersBody {
     pub rest: Option<Rest>,
     /// What is known of free parameters beforehand.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[schema(max_items = 500)]
     pub priors: Option<Vec<Prior>>,
 }
 

@@ -19,8 +19,7 @@ const MIN_STD: f64 = 1e-6;
 pub struct Prior {
     /// The parameter: `a_1`, `theta_offset_3`, `target_0_z`, …; every name of the report's `parameters` but the base's turn.
     pub name: String,
-    /// One standard deviation.
-    #[schema(minimum = 1e-6, maximum = 1e6)]
+    /// One standard deviation; above 0.
     pub std: f64,
     /// Where it is expected; default: what the report calls its nominal value, for base and targets their first estimate.
     #[serde(default, skip_serializing_if = "Option::is_none")]
