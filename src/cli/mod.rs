@@ -82,7 +82,6 @@ enum Command {
     Jobs(look::OfRobot),
     /// List a robot's parameter sets, or show one.
     Params(look::Params),
-    Params(look::OfRobot),
     /// Show the report of a job, or write it as a page to print.
     Report(report::Arguments),
     /// Make a parameter set the robot's active one.
