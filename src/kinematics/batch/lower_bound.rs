@@ -4,7 +4,7 @@
 //! r is r₀ and its derivative J. With r(δ) = r₀ + J·δ + e and J = Q·R,
 //!
 //! ```text
-//! sqrt(F) >= ‖r₀ + J·δ‖ − ‖e‖ >= ‖c + R·δ‖ − ‖e‖          c: the first entries of Qᵀ·r₀
+//! sqrt(F) >= ‖r₀ + J·δ‖ − ‖e‖,  ‖r₀ + J·δ‖² = ‖c + R·δ‖² + ‖b‖²          (c, b) = Qᵀ·r₀
 //! ```
 //!
 //! **What e can be at most.** On the way from the anchor to the particle, δ(t) = t·δ, Taylor's formula with its remainder as an integral gives
@@ -46,6 +46,8 @@ pub struct LowerBound {
     base_arm_mm: f64,
     /// c, filled up with zeros to a multiple of [`ROWS`].
     constant: Vec<f64>,
+    /// ‖b‖², what no deviation changes, mm².
+    apart_mm2: f64,
     /// R, [`ROWS`] rows after one another, of each the columns from its first row's diagonal on.
     panels: Vec<[f64; ROWS]>,
     rounding: f64,
@@ -75,7 +77,7 @@ pub struct Anchored<'a> {
     pub triangle: &'a [f64],
     /// Rows of that matrix.
     pub n_rows: usize,
-    /// c in its first entries.
+    /// Qᵀ·r₀: c in its first entries, b in the others.
     pub qt_residuals: &'a [f64],
     /// Root of Σ weight · (distance of the target from the base's origin)², mm, or more.
     pub base_arm_mm: f64,
@@ -104,6 +106,7 @@ impl LowerBound {
             anchor: vec![0.0; p],
             base_arm_mm: 0.0,
             constant: vec![0.0; p.next_multiple_of(ROWS)],
+            apart_mm2: 0.0,
             panels: (0..p).step_by(ROWS).flat_map(|first| first..p).map(|_| [0.0; ROWS]).collect(),
             rounding: f64::INFINITY,
             size_mm: f64::INFINITY,
@@ -128,7 +131,9 @@ impl LowerBound {
         for quantity in [chain, base_rotation, base_translation].into_iter().flatten() {
             quantity.effect_mm = anchored.effects_mm[quantity.at];
         }
-        self.constant[..p].copy_from_slice(&anchored.qt_residuals[..p]);
+        let (constant, apart) = anchored.qt_residuals.split_at(p);
+        self.constant[..p].copy_from_slice(constant);
+        self.apart_mm2 = apart.iter().map(|b| b * b).sum();
         let mut panels = self.panels.iter_mut();
         for first in (0..p).step_by(ROWS) {
             for (column, panel) in (first..p).zip(&mut panels) {
@@ -204,10 +209,10 @@ impl LowerBound {
         (error, way)
     }
 
-    /// ‖c + R·δ‖².
+    /// ‖c + R·δ‖² + ‖b‖².
     #[inline(always)]
     fn linear_squares<const W: usize, const P: usize>(&self, deltas: &[Lanes]) -> [Vector<W>; P] {
-        let mut squares = [Vector::<W>::splat(0.0); P];
+        let mut squares = [Vector::<W>::splat(self.apart_mm2); P];
         let mut rest = self.panels.as_slice();
         for (block, constant) in self.constant.chunks_exact(ROWS).enumerate() {
             let deltas = &deltas[block * ROWS..];
