@@ -142,7 +142,10 @@ pub fn outcome_of(problem: &Problem<'_>, model: &KinematicModel, index: usize, u
     let nominal = problem.reported(&problem.nominal, parameter);
     let bound = |bound: f64| bound.is_finite().then(|| in_unit(parameter, nominal + bound));
     let at_bound = known.priors.at_bounds(model).into_iter().find(|(j, _)| *j == index).map(|(_, upper)| if upper { "max" } else { "min" });
-    let share = |u: &Uncertainty| (u.std(index) / prior.std).powi(2).min(1.0);
+    let share = |u: &Uncertainty| {
+        let ratio = u.std(index) / prior.std;
+        (ratio * ratio).min(1.0)
+    };
     Some(PriorOutcome {
         mean: in_unit(parameter, nominal + prior.mean),
         std: in_unit(parameter, prior.std),
