@@ -10,6 +10,8 @@ use nalgebra::Vector3;
 
 /// Entries of the Jacobian, 32 MB, from which on the bound is done without.
 const LARGEST: usize = 1 << 22;
+/// The bound takes half a multiply-add per pair of parameters, F some twenty per residual: with more pairs per residual it is no cheaper than F.
+const MOST_PAIRS_PER_RESIDUAL: usize = 40;
 /// Of Householder's triangle and of sums of m terms the relative error is at most m times a small number of roundings [Higham, Accuracy
 /// and Stability of Numerical Algorithms, 2002, lemma 8.4 and theorem 19.4].
 const ROUNDINGS: f64 = 8.0;
@@ -38,12 +40,12 @@ struct Measured {
 }
 
 impl Anchor {
-    /// At the space's reference. `None` where nothing is free, or there are fewer residuals than parameters, or so many that the bound would
-    /// take too much memory.
+    /// At the space's reference. `None` where nothing is free, or there are fewer residuals than parameters, or so many of either that the
+    /// bound would take too much memory or time.
     pub fn at_reference(space: &SearchSpace, observations: &[Observation]) -> Option<Self> {
         let linearisation = Linearisation::of_parameters(space, observations);
         let (p, n_rows) = (space.parameters.len(), linearisation.n_rows());
-        if p == 0 || n_rows < p || n_rows * p > LARGEST {
+        if p == 0 || n_rows < p || n_rows * p > LARGEST || p * p > MOST_PAIRS_PER_RESIDUAL * n_rows {
             return None;
         }
         let roundings = n_rows * (p + 1) + ROUNDINGS_PER_LINK * (space.reference.links.len() + 1);
