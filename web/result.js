@@ -184,12 +184,20 @@ function changed(report) {
   return el("section.card", {}, el("h2", {}, "Moved since the set before"), el("div.narrow", {}, table("Changes that are larger than chance.", columns, report.changed, "")));
 }
 
+/** What other programs read the links as: the query of the export, the ending of the file, the name of the button. */
+const FORMATS = [["urdf", "urdf", "URDF"], ["csv", "csv", "CSV"], ["yaml", "yaml", "YAML"]];
+
+function exports(set) {
+  return FORMATS.map(([format, ending, name]) => el("button", { type: "button", "aria-label": `Parameters as ${name}`, click: () => download(`/v1/parameter-sets/${set.id}/export?format=${format}`, `${set.id}.${ending}`).catch((error) => say(error.detail)) }, `… as ${name}`));
+}
+
 function files(job, set, parameterSet) {
   const reportPage = `/v1/jobs/${job.id}/report.html`;
   return el("section.card", {}, el("h2", {}, "Take it along"), el("div.actions", {},
     noAuth ? el("a.button", { href: reportPage, target: "_blank", rel: "noopener" }, "Report to print") : el("button", { type: "button", click: () => download(reportPage, `report-${job.id}.html`) }, "Report to print"),
     el("button", { type: "button", click: () => download(`/v1/jobs/${job.id}/report`, `report-${job.id}.json`) }, "Report as JSON"),
     parameterSet && el("button", { type: "button", click: () => download(`/v1/parameter-sets/${parameterSet.id}`, `${parameterSet.id}.json`) }, "Parameters"),
+    parameterSet && exports(parameterSet),
     el("button", { type: "button", click: () => download(`/v1/measurement-sets/${set.id}/points`, `${set.name ?? set.id}.csv`) }, "Measured points")));
 }
 

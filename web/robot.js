@@ -19,8 +19,8 @@ export async function robotPage({ main, signal, may }, id) {
     list(`/v1/robots/${id}/jobs`, SHOWN, signal),
     list(`/v1/robots/${id}/networks`, SHOWN, signal),
   ]);
-  const entries = await past(stand.sets, signal);
-  fill(main, head(robot, stand), known(robot, stand), uploadCard(robot, sets, may), history(entries),
+  const [entries, { trend }] = await Promise.all([past(stand.sets, signal), get(`/v1/robots/${id}/history?limit=1`, signal)]);
+  fill(main, head(robot, stand), known(robot, stand, trend), uploadCard(robot, sets, may), history(entries),
     section("Parameter sets", parameterSets(entries)), section("Jobs", jobTable(jobs, sets)), section("Measurement sets", setTable(sets)),
     networks.length > 0 && section("Networks", networkTable(networks)), nominal(robot));
 }
@@ -31,7 +31,7 @@ function head(robot, stand) {
     el("div.actions", {}, standing(stand)));
 }
 
-function known(robot, { active, newest, report, since, drift }) {
+function known(robot, { active, newest, report, since, drift }, trend) {
   if (!newest) return el("p", {}, "This robot has not been calibrated yet. Upload measured points below to begin.");
   const now = best(report);
   return facts([
@@ -40,6 +40,7 @@ function known(robot, { active, newest, report, since, drift }) {
     ["Largest error", mm(now.after.max_mm), `nominal robot ${mm(now.before.max_mm)}`],
     ["Evidence", EVIDENCE[report.evidence]?.[0] ?? report.evidence, `${now.n_points} points checked`],
     since && ["Drift", mm(drift), "the newest result puts the tool this far from the active one, on average"],
+    active && ["Next calibration", trend.days_to_limit === null ? "not to be said" : `in ${Math.round(trend.days_to_limit)} d`, trend.detail],
   ]);
 }
 
