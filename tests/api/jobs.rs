@@ -226,7 +226,7 @@ async fn priors_and_bounds_are_kept_and_stand_in_the_report() {
             (&third["prior"]["at_bound"], &third["prior"]["min"], &third["std_uncertainty"]),
             (&json!("max"), &Value::Null, &Value::Null)
         );
-        assert_eq!((&report["identifiability"]["rank"], &report["identifiability"]["n_by_priors"]), (&json!(20), &json!(1)));
+        assert_eq!((&report["identifiability"]["rank"], &report["identifiability"]["n_by_priors"]), (&json!(19), &json!(1)));
         assert!(report["parameters"].as_array().unwrap().iter().all(|p| p["name"] != "a_1"));
         assert!(report["warnings"].as_array().unwrap().iter().any(|w| w["code"] == "at_bound"), "{}", report["warnings"]);
         hashes.push(report["result_sha256"].clone());
