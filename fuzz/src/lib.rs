@@ -3,6 +3,10 @@
 
 #[path = "../../src/calibration/mod.rs"]
 pub mod calibration;
+#[path = "../../src/compensation/mod.rs"]
+pub mod compensation;
+#[path = "../../src/exchange/mod.rs"]
+pub mod exchange;
 #[path = "../../src/frames/mod.rs"]
 pub mod frames;
 #[path = "../../src/identification/mod.rs"]
@@ -11,6 +15,8 @@ pub mod identification;
 pub mod kinematics;
 #[path = "../../src/measurement/mod.rs"]
 pub mod measurement;
+#[path = "../../src/planning/mod.rs"]
+pub mod planning;
 #[path = "../../src/solvers/mod.rs"]
 pub mod solvers;
 #[path = "../../src/wire/mod.rs"]
