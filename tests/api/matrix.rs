@@ -12,7 +12,7 @@ const SCOPES: [&str; 5] = ["read", "upload", "identify", "release", "admin"];
 /// About all robots: a key that is limited to some is refused, whichever they are.
 const NOT_FOR_LIMITED_KEYS: [(Method, &str); 2] = [(Method::POST, "/v1/robots"), (Method::GET, "/metrics")];
 /// Without a robot in them: each key has its own answer.
-const OF_NO_ROBOT: [&str; 2] = ["/v1/robots", "/v1/me"];
+const OF_NO_ROBOT: [&str; 3] = ["/v1/robots", "/v1/me", "/v1/robot-imports"];
 
 /// A robot with one of everything.
 struct Cell {
@@ -53,7 +53,13 @@ impl Cell {
     fn path(&self, route: &str) -> String {
         let id = self.ids.iter().find(|(prefix, _)| route.starts_with(prefix)).map(|(_, id)| id.as_str());
         assert!(id.is_some() || !route.contains("{id}"), "{route}: what is its id? add one to this matrix");
-        route.replace("{robot_id}", &self.robot).replace("{id}", id.unwrap_or_default())
+        // What a query must have comes before what a key may see.
+        let query = match route {
+            "/v1/parameter-sets/{id}/compare" => format!("?with={}", id.unwrap_or_default()),
+            "/v1/parameter-sets/{id}/export" => "?format=urdf".into(),
+            _ => String::new(),
+        };
+        route.replace("{robot_id}", &self.robot).replace("{id}", id.unwrap_or_default()) + &query
     }
 }
 
