@@ -7,10 +7,15 @@ mod people;
 
 #[path = "api/auth.rs"]
 mod auth;
+#[path = "support/real_robot.rs"]
+mod real_robot;
+
 #[path = "api/cell_pc.rs"]
 mod cell_pc;
 #[path = "api/command_line.rs"]
 mod command_line;
+#[path = "api/closed_loop.rs"]
+mod closed_loop;
 #[path = "api/compensate.rs"]
 mod compensate;
 #[path = "api/contract.rs"]
