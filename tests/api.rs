@@ -12,10 +12,10 @@ mod real_robot;
 
 #[path = "api/cell_pc.rs"]
 mod cell_pc;
-#[path = "api/command_line.rs"]
-mod command_line;
 #[path = "api/closed_loop.rs"]
 mod closed_loop;
+#[path = "api/command_line.rs"]
+mod command_line;
 #[path = "api/compensate.rs"]
 mod compensate;
 #[path = "api/contract.rs"]
