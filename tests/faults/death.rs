@@ -4,15 +4,21 @@ use crate::data::paper_path;
 use crate::engines::for_each_engine;
 use crate::load::keeps_its_promises;
 use crate::process::{Server, kincal};
-use crate::stop::{Node, long_job, on, signal};
+use crate::stop::{Node, on, signal};
 use kincal::store::StoreLocation;
 use kincal::store::leases::MAX_DEATHS;
-use serde_json::json;
+use serde_json::{Value, json};
 use std::os::unix::process::ExitStatusExt;
 use std::process::Stdio;
 
 /// What a stack that overflows ends a process with.
 const SIGABRT: i32 = 6;
+
+/// A job that is never over before its process is taken down.
+fn poison(set: &str) -> Value {
+    json!({"measurement_set_id": set, "method": "pso", "preset": "paper", "verify": {"source": "subset"},
+        "options": {"n_particles": 200, "n_iterations": 50_000, "stop_at_cost_mm2": 0.0}})
+}
 
 #[test]
 fn a_job_that_takes_its_process_down_each_time_comes_to_an_end_and_others_go_on() {
@@ -20,7 +26,7 @@ fn a_job_that_takes_its_process_down_each_time_comes_to_an_end_and_others_go_on(
     let mut server = Server::start(dir.path(), 1);
     let robot = server.robot(&paper_path("robot.json"));
     let set = server.set(&robot, &paper_path("first.csv"), "base");
-    let poison = server.job(&robot, &long_job(&set));
+    let poison = server.job(&robot, &poison(&set));
     for death in 1..=MAX_DEATHS {
         let begun = server.begun(&poison);
         assert_eq!(begun["attempt"], 1, "the death of the process uses up no attempt: {begun}");
@@ -55,7 +61,7 @@ fn takes_nodes_down(url: &str) {
     let server = on(url);
     let robot = server.robot(&paper_path("robot.json"));
     let set = server.set(&robot, &paper_path("first.csv"), "base");
-    let poison = server.job(&robot, &long_job(&set));
+    let poison = server.job(&robot, &poison(&set));
     for attempt in 1..=3 {
         let mut node = a_node(url);
         let begun = server.begun(&poison);

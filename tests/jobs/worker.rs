@@ -207,7 +207,8 @@ fn a_heartbeat_keeps_the_lease_while_the_computation_is_silent() {
         // More than a lease later it is still the same attempt, whoever looks for leases that ran out.
         let later = until(store, &job.id, |now| now.lease_until_ms > first.lease_until_ms.map(|ms| ms + 2000)).await;
         assert_eq!(queue::expire(store, 3, &JobSignals::default()).await.unwrap(), Default::default());
-        assert_eq!((later.attempt, later.progress_json.as_deref()), (1, Some(r#"{"best_cost_mm2":0.5,"iteration":3,"n_iterations":10}"#)));
+        let progress: serde_json::Value = serde_json::from_str(later.progress_json.as_deref().unwrap()).unwrap();
+        assert_eq!((later.attempt, progress), (1, serde_json::json!({"best_cost_mm2": 0.5, "iteration": 3, "n_iterations": 10})));
         gate(&job.id).open();
         worker.await.unwrap();
         assert_eq!(jobs::get(store, &job.id).await.unwrap().status, JobStatus::Succeeded);
