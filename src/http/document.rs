@@ -13,6 +13,9 @@ use utoipa::openapi::schema::{ObjectBuilder, Type};
 use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityRequirement, SecurityScheme};
 use utoipa::openapi::{Content, Ref, RefOr, Response, ResponseBuilder};
 
+/// Operations without a body whose query may ask for what cannot be.
+const JUDGED: [&str; 2] = ["compareParameterSets", "exportParameterSet"];
+
 /// Name of the key scheme in the document.
 const KEY_SCHEME: &str = "key";
 /// Creations whose retry an `Idempotency-Key` makes harmless.
@@ -100,6 +103,9 @@ fn complete(method: &Method, path: &str, operation: &mut Operation) {
         add("404", "No such thing, or none that this key may see");
     }
     add("503", "The database is busy: try again");
+    if JUDGED.contains(&id.as_str()) {
+        add("422", "Understood, but wrong: `errors` says where");
+    }
     if takes_body {
         add("408", "The body did not arrive in time");
         add("413", "The body is too large");

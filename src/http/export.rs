@@ -70,8 +70,8 @@ struct ImportQuery {
 #[utoipa::path(
     get, path = "/v1/parameter-sets/{id}/export", tag = "parameter sets", operation_id = "exportParameterSet",
     params(("id" = String, Path, description = "The parameter set"), ExportQuery),
-    responses((status = 200, description = "The text; json and yaml are the document below", content(
-        (export::ExportDocument = "application/json"), (String = "application/yaml"), (String = "text/csv"), (String = "application/xml")
+    responses((status = 200, description = "The text; json and yaml are the same document, ur_kinematics is YAML of its own shape", content(
+        (export::ExportAnswer = "application/json"), (serde_json::Value = "application/yaml"), (String = "text/csv"), (String = "application/xml")
     ), headers(("Kincal-Remaining-Error-Mm" = String, description = "What is lost with beta=refit or format=mastering: mean and max"))))
 )]
 async fn get(State(app): State<App>, caller: Caller, Id(id): Id, Query(query): Query<ExportQuery>) -> Result<Response, Error> {

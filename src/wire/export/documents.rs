@@ -47,6 +47,16 @@ pub struct MasteringDocument {
     pub remaining_error_mm: RemainingError,
 }
 
+/// What is exported as JSON: by `format=json` the document, by `format=mastering` the offsets.
+#[derive(Clone, Debug, Serialize, ToSchema)]
+#[serde(untagged)]
+pub enum ExportAnswer {
+    /// `format=json`.
+    Document(Box<ExportDocument>),
+    /// `format=mastering`.
+    Mastering(MasteringDocument),
+}
+
 /// What a joint's value has to be raised by, in the controller's own sign: where the controller shows q, it should show q + offset.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct MasteringOffset {

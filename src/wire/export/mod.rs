@@ -4,7 +4,7 @@ mod check;
 mod documents;
 mod urdf;
 
-pub use documents::{ExportDocument, MasteringDocument, MasteringOffset, RemainingError};
+pub use documents::{ExportAnswer, ExportDocument, MasteringDocument, MasteringOffset, RemainingError};
 
 use crate::exchange::refit;
 use crate::kinematics::{Link, Robot};
