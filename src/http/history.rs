@@ -98,9 +98,12 @@ async fn compare(
     Query(query): Query<CompareQuery>,
 ) -> Result<Json<CompareAnswer>, Error> {
     let row = access::parameter_set(&app, &caller, &id).await?;
-    let other = access::parameter_set(&app, &caller, &query.with).await.ok().filter(|other| other.robot_id == row.robot_id);
-    let Some(other) = other else {
-        return Err(Invalid::at("/with", "unknown_reference", "this robot has no parameter set with this id").into());
+    let other = match access::parameter_set(&app, &caller, &query.with).await {
+        Ok(other) if other.robot_id == row.robot_id => other,
+        Ok(_) | Err(Error::NotFound(_)) => {
+            return Err(Invalid::at("/with", "unknown_reference", "this robot has no parameter set with this id").into());
+        }
+        Err(error) => return Err(error),
     };
     let inputs = (JobInputs::load(&app.store, &row.job_id).await?, JobInputs::load(&app.store, &other.job_id).await?);
     let answer = app.compute(move || compared(&row, &other, &inputs.0, &inputs.1));
