@@ -4,6 +4,8 @@
 mod app;
 #[path = "support/people.rs"]
 mod people;
+#[path = "support/raw.rs"]
+mod raw;
 
 #[path = "api/auth.rs"]
 mod auth;
@@ -34,6 +36,8 @@ mod jobs;
 mod matrix;
 #[path = "api/measurement_sets.rs"]
 mod measurement_sets;
+#[path = "api/metrics.rs"]
+mod metrics;
 #[path = "api/parameter_sets.rs"]
 mod parameter_sets;
 #[path = "api/pose_plans.rs"]
@@ -50,5 +54,7 @@ mod report_page;
 mod robots;
 #[path = "api/secrets.rs"]
 mod secrets;
+#[path = "api/tls.rs"]
+mod tls;
 #[path = "api/tools.rs"]
 mod tools;

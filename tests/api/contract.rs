@@ -26,6 +26,28 @@ async fn the_server_hands_out_its_contract_and_a_page_that_needs_nothing_else() 
     assert_eq!((app.get("/healthz").await.text(), app.get("/readyz").await.text()), ("ok\n".into(), "ready\n".into()));
 }
 
+#[tokio::test]
+async fn nothing_in_any_answer_is_to_be_run_framed_guessed_at_or_kept() {
+    let app = TestApp::spawn().await;
+    let robot = app.paper_robot().await;
+    let posted = app.post("/v1/robots", "application/json", "{").await;
+    posted.problem(400, "malformed_json");
+    let mut answers = vec![posted];
+    for path in ["/", "/docs", "/healthz", "/openapi.yaml", "/metrics", "/v1/robots", robot.as_str(), "/v1/jobs/job_0", "/nowhere"] {
+        answers.push(app.get(path).await);
+    }
+    for answer in answers {
+        assert_eq!(answer.header("x-content-type-options"), Some("nosniff"), "{}", answer.text());
+        assert_eq!((answer.header("x-frame-options"), answer.header("referrer-policy")), (Some("DENY"), Some("no-referrer")));
+        let policy = answer.header("content-security-policy").unwrap();
+        assert!(
+            policy.contains("default-src 'none'") && policy.contains("frame-ancestors 'none'") && !policy.contains("unsafe"),
+            "{policy}"
+        );
+        assert!(answer.header("cache-control").is_some() && answer.header("x-request-id").is_some());
+    }
+}
+
 /// Paths of `src="…"` and `href="…"` on this server.
 fn linked(page: &str) -> Vec<String> {
     let attributes = page.split('"').zip(page.split('"').skip(1));
