@@ -4,9 +4,15 @@
 mod app;
 #[path = "load/clients.rs"]
 mod clients;
+#[path = "load/flood.rs"]
+mod flood;
 #[path = "load/headers.rs"]
 mod headers;
 #[path = "load/hostile.rs"]
 mod hostile;
+#[path = "load/memory.rs"]
+mod memory;
+#[path = "support/process.rs"]
+mod process;
 #[path = "support/raw.rs"]
 mod raw;

@@ -2,8 +2,8 @@
 //! `axum::serve` has neither limit.
 
 use crate::config::LimitsConfig;
+use crate::http::front::Desk;
 use crate::http::tls::Tls;
-use axum::Router;
 use axum::body::Body;
 use hyper::server::conn::http1;
 use hyper_util::rt::{TokioIo, TokioTimer};
@@ -16,7 +16,6 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore, watch};
 use tokio::task::JoinSet;
 use tokio::time::timeout;
 use tokio_io_timeout::TimeoutStream;
-use tower::ServiceExt;
 
 /// Largest header; cell PCs send under a kilobyte.
 const MAX_HEADER_BYTES: usize = 32 * 1024;
@@ -26,6 +25,8 @@ const ACCEPT_AGAIN: Duration = Duration::from_millis(50);
 const MAX_TURNED_AWAY: usize = 256;
 /// How long one that is turned away may take to read the reason.
 const TURN_AWAY_WITHIN: Duration = Duration::from_secs(1);
+/// What [`TURNED_AWAY`] says, and what is counted of it.
+const TOO_MANY_CONNECTIONS: &str = "too_many_connections";
 /// The whole answer to a connection too many. Without TLS only: a handshake costs more than the answer.
 const TURNED_AWAY: &[u8] = b"HTTP/1.1 503 Service Unavailable\r\ncontent-type: application/problem+json\r\nretry-after: 1\r\n\
 connection: close\r\ncontent-length: 186\r\n\r\n{\"type\":\"urn:kincal:problem:too_many_connections\",\"title\":\"Too many connections\",\"status\":503,\
@@ -38,15 +39,15 @@ pub struct Peer(pub IpAddr);
 /// What all connections share.
 #[derive(Clone)]
 struct Serving {
-    router: Router,
+    desk: Desk,
     client_timeout: Duration,
     tls: Option<Tls>,
     stopping: watch::Receiver<bool>,
 }
 
 /// Answers clients until told to stop, then until the last request under way is answered.
-pub async fn accept_all(listener: TcpListener, router: Router, limits: &LimitsConfig, tls: Option<Tls>, stopping: watch::Receiver<bool>) {
-    let serving = Serving { router, client_timeout: limits.client_timeout(), tls, stopping: stopping.clone() };
+pub async fn accept_all(listener: TcpListener, desk: Desk, limits: &LimitsConfig, tls: Option<Tls>, stopping: watch::Receiver<bool>) {
+    let serving = Serving { desk, client_timeout: limits.client_timeout(), tls, stopping: stopping.clone() };
     let room = Arc::new(Semaphore::new(limits.max_connections));
     let room_to_turn_away = Arc::new(Semaphore::new(MAX_TURNED_AWAY));
     let mut connections = JoinSet::new();
@@ -61,10 +62,11 @@ pub async fn accept_all(listener: TcpListener, router: Router, limits: &LimitsCo
         match accepted {
             Ok((stream, peer)) => match Arc::clone(&room).try_acquire_owned() {
                 Ok(slot) => drop(connections.spawn(connection(stream, peer, serving.clone(), slot))),
-                Err(_) if serving.tls.is_none() => {
-                    let _ = Arc::clone(&room_to_turn_away).try_acquire_owned().map(|slot| connections.spawn(turn_away(stream, slot)));
+                Err(_) => {
+                    serving.desk.turned_away(TOO_MANY_CONNECTIONS);
+                    let room = Arc::clone(&room_to_turn_away).try_acquire_owned().ok().filter(|_| serving.tls.is_none());
+                    drop(room.map(|slot| connections.spawn(turn_away(stream, slot))));
                 }
-                Err(_) => {}
             },
             Err(error) => {
                 tracing::warn!(%error, "a client could not be accepted");
@@ -104,7 +106,7 @@ async fn connection(stream: TcpStream, peer: SocketAddr, serving: Serving, _slot
 async fn requests(stream: impl AsyncRead + AsyncWrite + Unpin + Send + 'static, peer: SocketAddr, serving: &Serving) {
     let answer = |mut request: hyper::Request<hyper::body::Incoming>| {
         request.extensions_mut().insert(Peer(peer.ip()));
-        serving.router.clone().oneshot(request.map(Body::new))
+        serving.desk.clone().answer(request.map(Body::new))
     };
     let mut builder = http1::Builder::new();
     builder.timer(TokioTimer::new()).header_read_timeout(serving.client_timeout).max_buf_size(MAX_HEADER_BYTES);
@@ -133,7 +135,7 @@ async fn turn_away(mut stream: TcpStream, _slot: OwnedSemaphorePermit) {
 
 #[cfg(test)]
 mod tests {
-    use super::TURNED_AWAY;
+    use super::{TOO_MANY_CONNECTIONS, TURNED_AWAY};
 
     #[test]
     fn the_answer_to_a_connection_too_many_has_the_length_that_it_says() {
@@ -141,7 +143,7 @@ mod tests {
         let (header, body) = text.split_once("\r\n\r\n").unwrap();
         assert!(header.contains(&format!("content-length: {}", body.len())), "{}", body.len());
         let problem: crate::wire::Problem = serde_json::from_str(body).unwrap();
-        let expected = crate::wire::Problem::new(503, "too_many_connections", problem.detail.clone());
+        let expected = crate::wire::Problem::new(503, TOO_MANY_CONNECTIONS, problem.detail.clone());
         assert_eq!(problem, expected);
     }
 }

@@ -110,12 +110,17 @@ impl Limits {
         if self.0.failures.take(&address) { Ok(()) } else { Err(Error::RateLimited("too many attempts without a valid key")) }
     }
 
+    /// Whether one more write could begin now. Decides nothing: what is let through is counted when its body is here.
+    pub fn room_to_write(&self) -> bool {
+        self.0.writes.available_permits() > 0
+    }
+
     /// Room for a body that begins to arrive.
     ///
     /// # Errors
     /// [`Error::Busy`] if as much is under way already.
     pub fn body(&self, declared_bytes: Option<usize>) -> Result<BodyRoom, Error> {
-        if self.0.writes.available_permits() == 0 {
+        if !self.room_to_write() {
             return Err(Error::Busy);
         }
         let mut room = BodyRoom { limits: self.clone(), reserved_bytes: 0, permits: Vec::new() };

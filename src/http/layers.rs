@@ -10,7 +10,7 @@ use axum::http::{HeaderName, HeaderValue, Method, StatusCode, header};
 use axum::middleware::{Next, from_fn, from_fn_with_state};
 use axum::response::{IntoResponse, Response};
 use std::any::Any;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 use tower_http::catch_panic::CatchPanicLayer;
 use tracing::Instrument;
 
@@ -47,11 +47,25 @@ async fn observe(State(metrics): State<Metrics>, request: Request, next: Next) -
         (_, 429 | 503) | (&Method::GET | &Method::HEAD, ..=399) => tracing::debug!(status = status.as_u16(), duration_ms, "answered"),
         _ => tracing::info!(status = status.as_u16(), code, duration_ms, "answered"),
     });
+    sign(&mut response, &id);
+    response
+}
+
+/// The headers that every answer has.
+fn sign(response: &mut Response, request_id: &str) {
     let headers = response.headers_mut();
-    headers.extend(HeaderValue::from_str(&id).ok().map(|value| (REQUEST_ID, value)));
+    headers.extend(HeaderValue::from_str(request_id).ok().map(|value| (REQUEST_ID, value)));
     for (name, value) in SAFE {
         headers.entry(name).or_insert(value);
     }
+}
+
+/// The answer to a request that is not looked at: before routing, authentication and body, as most requests of a flood are refused.
+pub fn refuse_at_the_door(metrics: &Metrics, method: &Method) -> Response {
+    let mut response = Error::Busy.into_response();
+    let code = response.extensions().get::<Code>().map(|code| code.0.as_str());
+    metrics.answered(method, "-", response.status(), code, Duration::ZERO);
+    sign(&mut response, &uuid::Uuid::now_v7().simple().to_string());
     response
 }
 

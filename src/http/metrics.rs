@@ -54,6 +54,12 @@ impl Metrics {
         }
     }
 
+    /// Counts a client that was sent away before it could ask for anything.
+    pub fn turned_away(&self, code: &str) {
+        let mut counts = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        *counts.errors.entry(code.to_owned()).or_default() += 1;
+    }
+
     fn write(&self, out: &mut Text) {
         let counts = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         out.family("kincal_requests_total", "counter", "Requests answered.");

@@ -13,6 +13,7 @@ mod error;
 mod export;
 mod extract;
 mod frames;
+mod front;
 mod history;
 mod index;
 mod job_events;

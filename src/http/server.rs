@@ -1,14 +1,16 @@
 //! Starting and stopping the service, for `kincal serve`, `kincal demo` and the tests alike.
 
 use crate::config::{self, ServeConfig};
-use crate::http::{App, accept, router, tls};
+use crate::http::front::{Desk, Front};
+use crate::http::{App, accept, tls};
 use crate::jobs::{JobSignals, Rules, WorkerPool, execution};
 use crate::store::{self, Store, StoreLocation};
 use std::net::SocketAddr;
+use std::sync::Arc;
 use std::time::Duration;
 use tokio::net::TcpListener;
 use tokio::sync::watch;
-use tokio::task::JoinHandle;
+use tokio::task::{AbortHandle, JoinHandle};
 
 /// Requests and running jobs get this long to end when the server stops; service managers kill after 10 s.
 const STOP_WITHIN: Duration = Duration::from_secs(8);
@@ -25,6 +27,9 @@ pub enum Error {
     /// Certificate or key.
     #[error("TLS: {0}")]
     Tls(std::io::Error),
+    /// Threads.
+    #[error("no threads for connections: {0}")]
+    Threads(std::io::Error),
     /// The address.
     #[error("cannot listen on {address}: {cause}; is another server running there? choose another with --listen")]
     Listen {
@@ -43,7 +48,9 @@ pub struct RunningServer {
     /// Its database.
     pub store: Store,
     stop: watch::Sender<bool>,
+    front: Arc<Front>,
     serving: JoinHandle<()>,
+    cut_off: AbortHandle,
     scheme: &'static str,
     workers: WorkerPool,
 }
@@ -75,11 +82,20 @@ pub async fn start(config: &ServeConfig) -> Result<RunningServer, Error> {
     let signals = JobSignals::default();
     let workers = WorkerPool::start(store.clone(), execution::compute, config.n_workers(), rules(&config.queue), signals.clone());
     let (stop, stopping) = watch::channel(false);
-    let app = App::new(store.clone(), config, stopping.clone(), signals);
+    let desk = Desk::new(App::new(store.clone(), config, stopping.clone(), signals));
     let limits = config.limits.clone();
     let scheme = if tls.is_some() { "https" } else { "http" };
-    let serving = tokio::spawn(async move { accept::accept_all(listener, router(app), &limits, tls, stopping).await });
-    Ok(RunningServer { address, store, stop, serving, scheme, workers })
+    let front = Arc::new(Front::start().map_err(Error::Threads)?);
+    let listener = front.adopt(listener).map_err(listen_error)?;
+    let accepting = front.spawn(async move { accept::accept_all(listener, desk, &limits, tls, stopping).await });
+    let cut_off = accepting.abort_handle();
+    // Kept by a task of the caller's runtime: then the front goes on without this handle, and ends with that runtime.
+    let kept = Arc::clone(&front);
+    let serving = tokio::spawn(async move {
+        let _ = accepting.await;
+        drop(kept);
+    });
+    Ok(RunningServer { address, store, stop, front, serving, cut_off, scheme, workers })
 }
 
 impl RunningServer {
@@ -95,7 +111,7 @@ impl RunningServer {
         let requests = async {
             if tokio::time::timeout(STOP_WITHIN, &mut self.serving).await.is_err() {
                 tracing::warn!("some clients did not finish their requests in time; they are cut off");
-                self.serving.abort();
+                self.cut_off.abort();
             }
         };
         tokio::join!(requests, self.workers.shutdown(STOP_WITHIN));
@@ -103,5 +119,7 @@ impl RunningServer {
         if tokio::time::timeout(Duration::from_secs(1), self.store.close()).await.is_err() {
             tracing::warn!("the database was still in use when the server ended");
         }
+        // Event streams read the database from the front, so that connections to it may have been opened there.
+        drop(self.front);
     }
 }

@@ -100,6 +100,8 @@ async fn one_connection_too_many_is_told_to_come_back() {
         client.rest().await;
     }
     assert_eq!(app.get("/healthz").await.status, 200, "room again once the idle ones were cut off");
+    let metrics = app.get("/metrics").await.text();
+    assert!(metrics.contains("kincal_errors_total{code=\"too_many_connections\"} 1\n"), "{metrics}");
 }
 
 #[tokio::test]

@@ -1,0 +1,80 @@
+//! How much memory the largest bodies take, of the whole process, from the operating system.
+
+use crate::process::Server;
+use std::path::Path;
+use std::sync::Arc;
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::TcpStream;
+use tokio::task::JoinSet;
+
+/// Bodies of the largest size at once.
+const BODIES: usize = 64;
+/// trust.md's bound.
+const MAX_MIB: u64 = 400;
+
+/// Bodies as large as is allowed: one endless cell, rows that can be read, and JSON that is nested only. Points in JSON are not among them:
+/// they take more than is promised, see docs/trust.md.
+fn bodies() -> [(&'static str, Vec<u8>); 3] {
+    let header = "q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,x_mm,y_mm,z_mm\n";
+    let filled = |start: &str, with: &str| {
+        let n = (kincal::http::MAX_BODY_BYTES - start.len()) / with.len();
+        [start, &with.repeat(n)].concat().into_bytes()
+    };
+    [
+        ("text/csv", filled(header, "1")),
+        ("text/csv", filled(header, "10.25,20.5,-30,40,50,60,1000.125,200,300\n")),
+        ("application/json", filled("{\"points\":", "[")),
+    ]
+}
+
+async fn post(address: String, path: String, content_type: &'static str, body: Arc<Vec<u8>>) -> Option<u16> {
+    let mut stream = TcpStream::connect(&address).await.expect("the server accepts");
+    let head = format!("POST {path} HTTP/1.1\r\nhost: x\r\ncontent-type: {content_type}\r\ncontent-length: {}\r\n\r\n", body.len());
+    let (mut reader, mut writer) = stream.split();
+    // A server that answers before it has read everything may close while the client still writes.
+    let send = async {
+        let _ = writer.write_all(head.as_bytes()).await;
+        let _ = writer.write_all(&body).await;
+        std::future::pending::<()>().await;
+    };
+    let mut answer = [0; 12];
+    tokio::select! {
+        () = send => None,
+        read = reader.read_exact(&mut answer) => read.ok().and_then(|_| std::str::from_utf8(&answer[9..12]).ok()?.parse().ok()),
+    }
+}
+
+/// Largest memory that the process ever had, MiB.
+fn peak_mib(server: &Server) -> u64 {
+    let status = std::fs::read_to_string(format!("/proc/{}/status", server.id())).unwrap();
+    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:")).expect("its peak");
+    line.split_whitespace().next().unwrap().parse::<u64>().unwrap() / 1024
+}
+
+#[test]
+fn sixty_four_of_the_largest_bodies_at_once_stay_within_memory() {
+    let dir = tempfile::tempdir().unwrap();
+    let server = Server::start(dir.path(), 0);
+    let robot = server.robot(&Path::new(env!("CARGO_MANIFEST_DIR")).join("data/paper/robot.json"));
+    let path = format!("/v1/robots/{robot}/measurement-sets");
+    let address = server.url.strip_prefix("http://").unwrap().to_owned();
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    for (content_type, body) in bodies() {
+        let body = Arc::new(body);
+        let mut all = JoinSet::new();
+        for _ in 0..BODIES {
+            runtime.block_on(async { drop(all.spawn(post(address.clone(), path.clone(), content_type, Arc::clone(&body)))) });
+        }
+        let answers: Vec<u16> = runtime.block_on(all.join_all()).into_iter().flatten().collect();
+        assert!(answers.iter().all(|status| matches!(status, 400 | 422 | 503)), "{answers:?}");
+        // One that was read to its end is among them: otherwise nothing was measured.
+        assert!(answers.iter().any(|status| *status != 503), "{answers:?}");
+        println!(
+            "{content_type}: {} refused for what is in them, {} unread; at most {} MiB so far",
+            answers.iter().filter(|s| **s != 503).count(),
+            answers.iter().filter(|s| **s == 503).count(),
+            peak_mib(&server)
+        );
+    }
+    assert!(peak_mib(&server) <= MAX_MIB, "{} MiB", peak_mib(&server));
+}
