@@ -1,5 +1,7 @@
 //! Who may use whom, and what keeps the core pure: ARCHITECTURE.md as a test. Each rule also runs on a planted violation.
 
+#[path = "architecture/dependencies.rs"]
+mod dependencies;
 #[path = "architecture/rules.rs"]
 mod rules;
 #[path = "architecture/source.rs"]
