@@ -7,8 +7,9 @@ mod simulation;
 
 use data::{paper_robot, paper_set};
 use kincal::calibration::{CalibrationReport, CalibrationRequest, Method, calibrate};
-use kincal::identification::TrainedNetwork;
+use kincal::identification::{KinematicModel, TrainedNetwork};
 use kincal::measurement::MeasurementSet;
+use rand::RngExt;
 use simulation::{Campaign, Normal, measure, poses, true_robot};
 use std::ops::ControlFlow;
 
@@ -73,4 +74,59 @@ fn a_swarm_too_small_to_learn_from_is_moved_by_the_stored_network_alone() {
     let report = calibrate(&request, &mut |_| ControlFlow::Continue(())).unwrap();
     // it starts where the robot was, to the spread that training leaves, and not at 64.9 mm²
     assert!(report.convergence_mm2[0] < 1.0 && report.n_evaluations == 12 * 11, "{}", report.convergence_mm2[0]);
+}
+
+/// A robot whose joints were never mastered, up to 120° off; a session of it, white noise of so many millimetres.
+fn unmastered(seed: u64) -> (KinematicModel, Normal) {
+    let mut random = Normal::new(seed);
+    let mut truth = true_robot(&paper_robot(), 1, &mut random);
+    for link in &mut truth.links {
+        link.theta_offset_rad += 120f64.to_radians() * (2.0 * random.0.random::<f64>() - 1.0);
+    }
+    (truth, random)
+}
+
+fn automatic(set: MeasurementSet, network: Option<&TrainedNetwork>) -> CalibrationReport {
+    let request = CalibrationRequest { network: network.cloned(), ..CalibrationRequest::new(paper_robot(), set) };
+    calibrate(&request, &mut |_| ControlFlow::Continue(())).unwrap()
+}
+
+#[test]
+fn auto_starts_from_what_the_robots_network_remembers_where_nominal_is_too_far_off() {
+    let (mut n_found, mut n_far) = (0, 0);
+    for seed in 2..6 {
+        let (truth, mut random) = unmastered(seed);
+        let mut session = |noise_mm| measure(&truth, &poses(50, &mut random), &Campaign { noise_mm, ..Campaign::PLAIN }, &mut random);
+        // the first session is so rough that no fit looks like one: a swarm has to search, and its network remembers where it ended
+        let rough = automatic(session(3.0), None);
+        assert_eq!(rough.method, Method::Pso, "robot {seed}: {}", rough.method_reason);
+        let network = rough.network.clone().unwrap();
+        // so is the second: the network moves the swarm
+        let rough_again = automatic(session(3.0), Some(&network));
+        assert_eq!(rough_again.method, Method::BpnnPso, "robot {seed}: {}", rough_again.method_reason);
+        // 3·σ² for each of 50 points; where the first session ended in another valley of the offsets the network remembers nothing of use
+        let is_found = |report: &CalibrationReport| report.cost_mm2 < 2.0 * 50.0 * 27.0;
+        if !is_found(&rough) {
+            println!("robot {seed}: F {} and {}", rough.cost_mm2, rough_again.cost_mm2);
+            continue;
+        }
+        n_found += 1;
+        assert!(is_found(&rough_again), "robot {seed}: F {}", rough_again.cost_mm2);
+        // the third is a good one
+        let fine = session(0.05);
+        let (with, without) = (automatic(fine.clone(), Some(&network)), automatic(fine, None));
+        println!("robot {seed}: with {} | without {}", with.method_reason, without.method_reason);
+        assert_eq!((with.method, without.method), (Method::LeastSquares, Method::LeastSquares));
+        let (with_mm, without_mm) = (with.identify.after.rms_mm, without.identify.after.rms_mm);
+        // two ways to one answer, to a hundredth of the noise
+        assert!((with_mm - without_mm).abs() < 0.01 * 0.05, "robot {seed}: {with_mm} and {without_mm}");
+        if without.method_reason.contains("which is no fit") {
+            n_far += 1;
+            assert!(with.method_reason.contains("from what the robot's network remembers, within 0.0"), "{}", with.method_reason);
+        } else {
+            // where least squares converges the network changes nothing, the words included
+            assert_eq!(with.method_reason, without.method_reason);
+        }
+    }
+    assert!(n_found >= 3 && n_far > 0, "{n_found} of 4 robots found, {n_far} that least squares from nominal does not find");
 }

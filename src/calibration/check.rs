@@ -17,8 +17,8 @@ use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Random poses that show a model's rank; three times the largest number of parameters there can be.
-const GENERIC_POSES: usize = 300;
+/// Random poses that show a model's rank, beyond one for each parameter: three times as many equations as there can be combinations.
+const MORE_POSES: usize = 10;
 /// A singular value this small, relative to the largest, is zero.
 const ZERO: f64 = 1e-9;
 /// Most evaluations of one particle at one point that a job may ask of the swarm: some minutes of one core.
@@ -81,7 +81,7 @@ fn check_network(request: &CalibrationRequest, parameters: &[Parameter]) -> Resu
             let detail = "the robot has no trained network of this model and preset; run a job with method \"pso\" first";
             Err(unusable("no_network", detail))
         }
-        (Some(network), Method::BpnnPso) if !fits(network, parameters) || network.model != request.model() => {
+        (Some(network), Method::BpnnPso | Method::Auto) if !fits(network, parameters) || network.model != request.model() => {
             let detail = "the network was trained on other parameters than this job identifies; run a job with method \"pso\" and the same model, preset and \
                           parameters, or leave network_id out";
             Err(unusable("network_mismatch", detail))
@@ -166,7 +166,7 @@ pub fn n_equations(observations: &[Observation]) -> usize {
 pub fn model_rank(robot: &Robot, parameters: &[Parameter], n_targets: usize) -> usize {
     let mut random = ChaCha8Rng::seed_from_u64(0);
     let mut angle = || random.random_range(-std::f64::consts::PI..std::f64::consts::PI);
-    let observations: Vec<Observation> = (0..GENERIC_POSES)
+    let observations: Vec<Observation> = (0..parameters.len() + MORE_POSES)
         .map(|i| Observation {
             q_rad: (0..robot.links.len()).map(|_| angle()).collect(),
             position_mm: Vector3::zeros(),

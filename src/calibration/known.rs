@@ -129,7 +129,7 @@ pub fn known_before(problem: &Problem<'_>) -> Result<Option<KnownBefore>, Error>
     let all: Vec<Prior> = request.priors.iter().filter_map(one).collect();
     let priors = Priors::new(&problem.nominal, &problem.parameters, all);
     let (parameters, scale, trusted) = (&problem.parameters, &problem.decomposition.scale, problem.trusted());
-    let start = best_start(&problem.nominal, parameters, scale, &trusted, request.model() == Model::Paper).model;
+    let start = best_start(&problem.nominal, None, parameters, scale, &trusted, request.model() == Model::Paper).model;
     let (priors, alone) = weighed(priors, &start, parameters, scale, &trusted);
     Ok(Some(KnownBefore { priors, alone: alone.model }))
 }

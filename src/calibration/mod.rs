@@ -4,6 +4,7 @@ pub mod alignment;
 mod arrangement;
 pub mod changes;
 mod check;
+mod choice;
 mod corrections;
 mod identify;
 mod known;
@@ -20,6 +21,7 @@ mod rescoring;
 mod robust;
 mod screening;
 mod settings;
+mod swarms;
 pub mod upload;
 mod verify;
 

@@ -123,7 +123,7 @@ pub struct CalibrationRequest {
     pub priors: Vec<ParameterPrior>,
     /// Base and tool frame from sweeps, for `model: paper` on a set in the instrument frame.
     pub frames: Option<PreliminaryFrames>,
-    /// The robot's trained network, for `bpnn_pso`.
+    /// The robot's trained network, for `bpnn_pso`, and for `auto` where least squares from nominal does not find the robot.
     pub network: Option<TrainedNetwork>,
     /// Seed of every random number.
     pub seed: u64,

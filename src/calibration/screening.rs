@@ -278,7 +278,7 @@ pub fn fit_motions(
         }
         let start = model.take().unwrap_or_else(|| {
             let nominal = nominal_model(request, &fitted, targets.len());
-            best_start(&nominal, &parameters, &scale, &fitted, request.model() == Model::Paper).model
+            best_start(&nominal, None, &parameters, &scale, &fitted, request.model() == Model::Paper).model
         });
         let fit = fit_along_seen(&start, &parameters, &scale, &fitted, 0.0, &mut |_| ControlFlow::Continue(()));
         let found = if arrangement.motions.len() < 2 { true } else { move_setups(&fit.model, &parameters, observed, arrangement, &points) };

@@ -118,13 +118,13 @@ async fn parameter_set(
     })
 }
 
-/// The networks that the job may start from, whatever is trained meanwhile: the one named, or for `bpnn_pso` the newest.
+/// The networks that the job may start from, whatever is trained meanwhile: the one named, or for `bpnn_pso` and `auto` the newest.
 async fn networks(app: &App, robot: &RobotRow, request: &JobRequestBody, set: &MeasurementSetRow) -> Result<Vec<(String, Vec<u8>)>, Error> {
     if let Some(id) = &request.network_id {
         let row = own(networks::get(&app.store, id).await, |row| row.robot_id == robot.id, "/network_id", "network")?;
         return Ok(vec![(row.id.clone(), networks::weights(&app.store, &row.id).await?)]);
     }
-    if request.method != Method::BpnnPso {
+    if !matches!(request.method, Method::BpnnPso | Method::Auto) || request.kind == Kind::Verify {
         return Ok(vec![]);
     }
     let model = request.model_for(frame_of(set)?);
@@ -165,9 +165,11 @@ fn check(request: &JobRequestBody, sources: Sources) -> Result<Option<String>, E
     };
     let mut calibration_request = request.to_core(parts)?;
     let networks = networks.map_err(|error| Error::Internal(error.to_string()))?;
-    // the newest that fits; where none does, the newest, so that the refusal says that it does not fit
-    let chosen = networks.iter().position(|network| calibration::network_fits(&calibration_request, network)).unwrap_or(0);
-    calibration_request.network = networks.into_iter().nth(chosen);
+    // the newest that fits; where none does, `auto` goes without, and for who asked for one it is the newest, so that the refusal says so
+    let fitting = networks.iter().position(|network| calibration::network_fits(&calibration_request, network));
+    let is_asked_for = request.network_id.is_some() || request.method == Method::BpnnPso;
+    let chosen = fitting.or(is_asked_for.then_some(0));
+    calibration_request.network = chosen.and_then(|chosen| networks.into_iter().nth(chosen));
     match request.kind {
         Kind::Identify => calibration::check(&calibration_request)?,
         Kind::Verify => {
@@ -176,5 +178,5 @@ fn check(request: &JobRequestBody, sources: Sources) -> Result<Option<String>, E
             calibration::check_verify(&calibration_request, identified.as_ref())?;
         }
     }
-    Ok(sources.networks.into_iter().nth(chosen).map(|(id, _)| id))
+    Ok(chosen.and_then(|chosen| sources.networks.into_iter().nth(chosen)).map(|(id, _)| id))
 }

@@ -2,10 +2,13 @@
 //!
 //! Its inputs are a particle's initial position, its outputs the optimum that the run ended with, both as link parameter deviations
 //! divided by the half-width of the search box. Cost and update rule of the swarm stay as they are.
+//!
+//! Positions are counted from the middle of the box, answers from the nominal robot: a swarm that searched around other joint offsets
+//! teaches the next one, whose box may lie elsewhere, where the robot is.
 
-use crate::identification::parameters::Parameter;
+use crate::identification::parameters::{Parameter, deviation_from};
 use crate::identification::search_space::SearchSpace;
-use crate::identification::{Model, Preset, TrainedNetwork};
+use crate::identification::{KinematicModel, Model, Preset, TrainedNetwork};
 use crate::solvers::bpnn::{self, Network};
 use crate::solvers::pso::{self, Positions};
 
@@ -21,7 +24,14 @@ const TARGET_ERROR_DEFAULT: f64 = 5e-6;
 const MAX_SAMPLES: usize = 200;
 
 /// Trains the robot's network on a finished swarm: 200 particles, all with the same answer.
-pub fn train(space: &SearchSpace, swarm: &pso::Summary, seed: u64, model: Model, preset: Preset) -> TrainedNetwork {
+pub fn train(
+    space: &SearchSpace,
+    nominal: &KinematicModel,
+    swarm: &pso::Summary,
+    seed: u64,
+    model: Model,
+    preset: Preset,
+) -> TrainedNetwork {
     let links = link_indices(&space.parameters);
     let scale: Vec<f64> = links.iter().map(|i| space.scale[*i]).collect();
     let scaled = |coordinates: &[f64]| -> Vec<f64> {
@@ -38,15 +48,20 @@ pub fn train(space: &SearchSpace, swarm: &pso::Summary, seed: u64, model: Model,
     };
     let options = bpnn::Options { seed, target_error, ..bpnn::Options::default() };
     let (network, trained) = bpnn::choose_size_and_train(&inputs, &targets, &options);
+    let middle = links_from_nominal(space, nominal);
+    let from_nominal = |scaled: &[f64], sign: f64| -> Vec<f64> {
+        links.iter().zip(scaled).zip(&scale).map(|((i, value), s)| value + sign * middle[*i] / s).collect()
+    };
     TrainedNetwork {
         hidden_weights: network.hidden_weights,
         hidden_thresholds: network.hidden_thresholds,
         output_weights: network.output_weights,
-        output_thresholds: network.output_thresholds,
+        // outputs are sums less thresholds
+        output_thresholds: from_nominal(&network.output_thresholds, -1.0),
         model,
         preset,
         parameter_names: links.iter().map(|i| space.parameters[*i].name()).collect(),
-        answer: answer.iter().zip(&scale).map(|(a, s)| a * s).collect(),
+        answer: from_nominal(&answer, 1.0).iter().zip(&scale).map(|(a, s)| a * s).collect(),
         scale,
         training_error: trained.training_error,
         validation_error: trained.validation_error,
@@ -54,17 +69,29 @@ pub fn train(space: &SearchSpace, swarm: &pso::Summary, seed: u64, model: Model,
 }
 
 /// Moves every particle to the network's prediction. Base and targets, of which the network knows nothing, stay where the particle has them.
-pub fn move_particles(space: &SearchSpace, network: &TrainedNetwork, positions: &mut Positions) {
+pub fn move_particles(space: &SearchSpace, nominal: &KinematicModel, network: &TrainedNetwork, positions: &mut Positions) {
     let links = link_indices(&space.parameters);
+    let middle = links_from_nominal(space, nominal);
     let deviations: Vec<Vec<f64>> = (0..positions.n_particles).map(|i| space.deviation(&positions.particle(i))).collect();
     let scaled = |deviation: &Vec<f64>| links.iter().zip(&network.scale).map(|(i, s)| deviation[*i] / s).collect();
     let inputs: Vec<Vec<f64>> = deviations.iter().map(scaled).collect();
     for (particle, (mut deviation, output)) in deviations.into_iter().zip(layers(network).evaluate_all(&inputs)).enumerate() {
         for ((i, y), s) in links.iter().zip(output).zip(&network.scale) {
-            deviation[*i] = y * s;
+            deviation[*i] = y * s - middle[*i];
         }
         positions.set_particle(particle, &space.coordinates(&deviation));
     }
+}
+
+/// How far the links in the middle of the box are from nominal, mm or rad, angles the short way round; zero for base and targets.
+pub fn links_from_nominal(space: &SearchSpace, nominal: &KinematicModel) -> Vec<f64> {
+    let short = |angle: f64| angle - std::f64::consts::TAU * (angle / std::f64::consts::TAU).round();
+    let from_nominal = |p: &Parameter| match (p.is_link(), p.is_angle()) {
+        (true, true) => short(deviation_from(nominal, &space.reference, p)),
+        (true, false) => deviation_from(nominal, &space.reference, p),
+        (false, _) => 0.0,
+    };
+    space.parameters.iter().map(from_nominal).collect()
 }
 
 /// True if the network speaks of exactly these link parameters, in this order.

@@ -26,16 +26,19 @@ pub struct BestStart {
     pub model: KinematicModel,
     /// Median residual where least squares from nominal ended, mm.
     pub from_nominal_mm: f64,
+    /// Median residual where least squares from what is remembered of the robot ended, mm; none if nominal was near enough.
+    pub from_remembered_mm: Option<f64>,
     /// Median residual at the best end, mm.
     pub best_mm: f64,
     /// Starts with other offsets that were tried.
     pub n_starts: usize,
 }
 
-/// Runs least squares from nominal; if it ends far from the points, from random joint offsets of up to 90° as well, base and targets
-/// placed anew for each, until one of them fits.
+/// Runs least squares from nominal; if it ends far from the points, from what is remembered of the robot, then from random joint offsets of
+/// up to 90°, base and targets placed anew for each, until one of them fits.
 pub fn best_start(
     nominal: &KinematicModel,
+    remembered: Option<&KinematicModel>,
     parameters: &[Parameter],
     scale: &[f64],
     observations: &[Observation],
@@ -49,7 +52,13 @@ pub fn best_start(
         (median_mm(&fit.model, &compared), fit.model)
     };
     let (from_nominal_mm, mut best) = end(nominal);
-    let mut found = BestStart { model: nominal.clone(), from_nominal_mm, best_mm: from_nominal_mm, n_starts: 0 };
+    let mut found = BestStart { model: nominal.clone(), from_nominal_mm, from_remembered_mm: None, best_mm: from_nominal_mm, n_starts: 0 };
+    if let Some((median, model)) = remembered.filter(|_| from_nominal_mm > FOUND_MM).map(end) {
+        found.from_remembered_mm = Some(median);
+        if median < found.best_mm {
+            (found.best_mm, best) = (median, model);
+        }
+    }
     let mut random = ChaCha8Rng::seed_from_u64(0);
     let is_offset = |p: &Parameter| matches!(p, Parameter::Link(_, Quantity::ThetaOffset));
     // without a free offset every start is the same
@@ -73,7 +82,7 @@ pub fn best_start(
             (found.best_mm, best) = (median, model);
         }
     }
-    if found.n_starts > 0 {
+    if found.n_starts > 0 || found.from_remembered_mm.is_some() {
         found.model = best;
     }
     found

@@ -107,7 +107,8 @@ pub struct JobRequestBody {
     /// Base and tool frame from sweeps.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frames_id: Option<String>,
-    /// The network for `bpnn_pso`; default: the newest of the same model, preset and parameters.
+    /// The network for `bpnn_pso`, and for `auto` where least squares from nominal does not find the robot; default: the newest of the
+    /// same model, preset and parameters.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub network_id: Option<String>,
     /// Seed of every random number.
@@ -255,8 +256,11 @@ impl JobRequestBody {
     fn check_applicable(&self) -> Result<(), Invalid> {
         let mut checker = Checker::default();
         let mut unused = |pointer: &str, detail: &str| checker.note(pointer, "not_applicable", detail);
-        if self.network_id.is_some() && self.method != Method::BpnnPso {
-            unused("/network_id", "only method \"bpnn_pso\" starts from a network: ask for it, or leave network_id out");
+        if self.network_id.is_some() && !matches!(self.method, Method::BpnnPso | Method::Auto) {
+            unused(
+                "/network_id",
+                "only methods \"bpnn_pso\" and \"auto\" start from a network: ask for one of them, or leave network_id out",
+            );
         }
         if self.frames_id.is_some() && self.model == Some(Model::Complete) {
             unused("/frames_id", "model \"complete\" identifies base and targets itself: leave frames_id out, or ask for model \"paper\"");

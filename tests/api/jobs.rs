@@ -48,6 +48,12 @@ async fn a_swarms_network_is_stored_and_moves_the_next_swarm() {
     let follow_up = app.upload(&robot, "followup_unchanged.csv").await;
     let request = json!({"measurement_set_id": follow_up, "method": "bpnn_pso"});
     app.post_json(&format!("{robot}/jobs"), &request).await.problem(409, "no_network");
+    let automatic = json!({"measurement_set_id": first, "method": "auto"});
+    let result = async |app: &TestApp| {
+        let job = app.run(&robot, &automatic).await;
+        app.get(&format!("/v1/jobs/{}/report", text(&job["id"]))).await.ok(200)["result_sha256"].clone()
+    };
+    let before = result(&app).await;
     let trained = app.run(&robot, &json!({"measurement_set_id": first, "method": "pso"})).await;
     let network = app.get(&format!("/v1/networks/{}", text(&trained["network_id"]))).await.ok(200);
     assert_eq!((&network["job_id"], &network["model"], &network["preset"]), (&trained["id"], &json!("paper"), &json!("default")));
@@ -64,6 +70,12 @@ async fn a_swarms_network_is_stored_and_moves_the_next_swarm() {
         .problem(409, "no_network");
     let other = json!({"measurement_set_id": follow_up, "method": "bpnn_pso", "model": "complete", "network_id": trained["network_id"]});
     app.post_json(&format!("{robot}/jobs"), &other).await.problem(409, "network_mismatch");
+    // where least squares converges a network changes nothing; one that was asked for and does not fit is refused
+    assert_eq!(result(&app).await, before);
+    let other = json!({"measurement_set_id": follow_up, "method": "auto", "model": "complete", "network_id": trained["network_id"]});
+    app.post_json(&format!("{robot}/jobs"), &other).await.problem(409, "network_mismatch");
+    let without = json!({"measurement_set_id": follow_up, "method": "auto", "model": "complete"});
+    assert_eq!(app.run(&robot, &without).await["status"], "succeeded");
 }
 
 #[tokio::test]
@@ -407,7 +419,7 @@ async fn what_a_job_would_quietly_leave_unused_is_refused() {
     let app = TestApp::spawn().await;
     let (robot, set) = app.robot_with_set("first.csv").await;
     for (extra, pointer, code) in [
-        (json!({"network_id": "net_1"}), "/network_id", "not_applicable"),
+        (json!({"network_id": "net_1", "method": "least_squares"}), "/network_id", "not_applicable"),
         (json!({"frames_id": "frm_1", "model": "complete"}), "/frames_id", "not_applicable"),
         (json!({"kind": "verify", "verify": {"source": "subset"}}), "/verify", "not_applicable"),
         (json!({"kind": "verify", "parameters": {"hold": ["a_1"]}}), "/parameters", "not_applicable"),

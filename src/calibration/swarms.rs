@@ -1,0 +1,131 @@
+//! A calibration's swarms: what they start from, and the box that they search.
+
+use crate::calibration::identify::{Found, Problem};
+use crate::calibration::{Error, Event, Monitor};
+use crate::identification::bpnn_pso::links_from_nominal;
+use crate::identification::guide::GuidedSwarm;
+use crate::identification::identifiability::{PRIOR_LENGTH_MM, prior_scale};
+use crate::identification::parameters::Parameter;
+use crate::identification::search_space::{SearchSpace, decomposition_at};
+use crate::identification::swarm::run_bounded_swarm;
+use crate::identification::{KinematicModel, TrainedNetwork, bpnn_pso};
+use crate::solvers::pso;
+use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
+
+/// The plain warm start draws its particles around the last answer with this standard deviation, as a share of the half-width.
+const WARM_START_SPREAD: f64 = 0.05;
+
+/// What a swarm starts from.
+#[derive(Clone, Copy, PartialEq)]
+pub enum Start {
+    /// Uniform in the box.
+    Cold,
+    /// The stored network moves the particles once, before the first evaluation (our reading of figure 5); in the default preset a part
+    /// of them, and the network of `guide` moves them on.
+    Network,
+    /// A Gaussian ball around the last answer, for comparison.
+    WarmBall,
+}
+
+/// Runs a swarm in the box around a reference.
+///
+/// # Errors
+/// [`Error::Cancelled`].
+pub fn swarm(problem: &Problem<'_>, reference: &KinematicModel, start: Start, monitor: &mut Monitor<'_>) -> Result<Found, Error> {
+    let space = search_space(problem, reference);
+    let mut guided = guided_swarm(problem, &space).filter(|_| start == Start::Network);
+    let mut move_particles = |iteration: usize, positions: &mut pso::Positions| match (iteration, start, problem.network()) {
+        (_, Start::Network, Some(network)) if guided.is_some() => {
+            if iteration == 0 {
+                remember(problem, &space, network, positions);
+            }
+            guided.iter_mut().for_each(|guided| guided.move_particles(positions));
+        }
+        (0, Start::Network, Some(network)) => bpnn_pso::move_particles(&space, &problem.nominal, network, positions),
+        (0, Start::WarmBall, Some(_)) => warm_ball(problem, &space, positions),
+        _ => {}
+    };
+    let mut watch =
+        |i: pso::Iteration| monitor(Event::Iteration { iteration: i.iteration, n_iterations: i.n_iterations, best_cost_mm2: i.best_cost });
+    let summary =
+        run_bounded_swarm(&space, &problem.identify, problem.loss.bound(), &problem.settings.pso, Some(&mut move_particles), &mut watch);
+    let termination = match summary.termination {
+        pso::Termination::Stopped => return Err(Error::Cancelled),
+        pso::Termination::CostReached => "cost_reached",
+        pso::Termination::IterationLimit => "iteration_limit",
+    };
+    Ok(Found {
+        model: space.model(&summary.best_position),
+        n_iterations: summary.n_iterations,
+        n_evaluations: summary.n_evaluations,
+        convergence: summary.convergence.clone(),
+        termination,
+        swarm: Some((space, summary)),
+    })
+}
+
+/// The space around a reference: along what the points see, or the priors say something of, or of raw parameters.
+fn search_space(problem: &Problem<'_>, reference: &KinematicModel) -> SearchSpace {
+    let (parameters, scale) = (problem.parameters.clone(), half_widths(problem));
+    let reference = reference.clone();
+    match (problem.settings.singular_directions, problem.fitting().priors) {
+        (true, None) => SearchSpace::singular(reference, parameters, scale, &problem.identify),
+        (true, Some(priors)) => SearchSpace::singular_knowing(reference, parameters, scale, &problem.identify, priors),
+        (false, priors) => {
+            let known = priors.map(|priors| priors.from(&reference)).unwrap_or_default();
+            SearchSpace::raw(reference, parameters, scale).knowing(known)
+        }
+    }
+}
+
+/// Half-width of the search box of each parameter; base and targets get as much more as their prior is wider.
+fn half_widths(problem: &Problem<'_>) -> Vec<f64> {
+    let settings = &problem.settings;
+    let half_width = |p: &Parameter| match (p.is_angle(), p.is_link()) {
+        (true, _) => settings.half_width_rad,
+        (false, true) => settings.half_width_mm,
+        (false, false) => settings.half_width_mm * prior_scale(p) / PRIOR_LENGTH_MM,
+    };
+    problem.parameters.iter().map(half_width).collect()
+}
+
+/// In the default preset a second network, trained on what the swarm sees, shows a part of it the way.
+fn guided_swarm<'s>(problem: &Problem<'_>, space: &'s SearchSpace) -> Option<GuidedSwarm<'s>> {
+    let n_particles = problem.settings.pso.n_particles;
+    if !problem.settings.singular_directions || !GuidedSwarm::is_possible(space, n_particles) {
+        return None;
+    }
+    let effects_mm = match problem.priors {
+        None => {
+            let decomposition = decomposition_at(&space.reference, &space.parameters, &space.scale, &problem.identify);
+            decomposition.singular_values[..space.n_coordinates()].to_vec()
+        }
+        Some(_) => space.effects_mm(&problem.identify),
+    };
+    Some(GuidedSwarm::new(space, &problem.identify, &effects_mm, problem.request.seed))
+}
+
+/// The stored network moves the particles that remember; the others stay where they were drawn.
+fn remember(problem: &Problem<'_>, space: &SearchSpace, network: &TrainedNetwork, positions: &mut pso::Positions) {
+    let mut predicted = positions.clone();
+    bpnn_pso::move_particles(space, &problem.nominal, network, &mut predicted);
+    for particle in GuidedSwarm::remembering(positions.n_particles) {
+        positions.set_particle(particle, &predicted.particle(particle));
+    }
+}
+
+/// Normal numbers around the last answer (Box and Muller 1958).
+fn warm_ball(problem: &Problem<'_>, space: &SearchSpace, positions: &mut pso::Positions) {
+    let middle = links_from_nominal(space, &problem.nominal);
+    let answer: Vec<f64> = problem.answer_deviation().iter().zip(&middle).map(|(answer, middle)| answer - middle).collect();
+    let centre = space.coordinates(&answer);
+    let mut random = ChaCha8Rng::seed_from_u64(problem.request.seed);
+    let mut normal = || {
+        let (u, v): (f64, f64) = (1.0 - random.random::<f64>(), random.random());
+        (-2.0 * libm::log(u)).sqrt() * libm::cos(std::f64::consts::TAU * v)
+    };
+    for particle in 0..positions.n_particles {
+        let position: Vec<f64> = centre.iter().map(|c| c + WARM_START_SPREAD * normal()).collect();
+        positions.set_particle(particle, &position);
+    }
+}
