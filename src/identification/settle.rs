@@ -58,24 +58,29 @@ fn settled(
     if freedom <= 0.0 || directions.ncols() == 0 {
         return model.clone();
     }
-    let variance = weighted_residuals(model, observations).norm_squared() / freedom;
+    let cost = weighted_residuals(model, observations).norm_squared();
+    let variance = cost / freedom;
     let is_drawn = |j: &usize| parameters[*j].is_link() && scale[*j] > 0.0 && stated.iter().all(|(k, _)| k != j);
     let drawn: Vec<usize> = (0..parameters.len()).filter(is_drawn).collect();
-    let mut settled = model.clone();
-    let mut widths: Vec<f64> = parameters.iter().zip(&scale).map(|(p, s)| width(p, *s)).collect();
-    for _ in 0..STEPS {
-        let to_nominal = |j: &usize| Pull {
-            parameter: *j,
-            weight: variance.sqrt() / widths[*j],
-            away: -deviation_from(nominal, &settled, &parameters[*j]),
-        };
-        let mut pulls: Vec<Pull> = drawn.iter().map(to_nominal).collect();
-        pulls.extend(priors.map_or(vec![], |priors| priors.from(&settled).pulls));
-        let Some(next) = step(&settled, parameters, &pulls, &directions, observations) else { return settled };
-        widths = prior_widths(&next, nominal, parameters, &scale);
-        settled = next;
-    }
-    settled
+    let from = |mut widths: Vec<f64>| {
+        let mut settled = model.clone();
+        for _ in 0..STEPS {
+            let to_nominal = |j: &usize| Pull {
+                parameter: *j,
+                weight: variance.sqrt() / widths[*j],
+                away: -deviation_from(nominal, &settled, &parameters[*j]),
+            };
+            let mut pulls: Vec<Pull> = drawn.iter().map(to_nominal).collect();
+            pulls.extend(priors.map_or(vec![], |priors| priors.from(&settled).pulls));
+            settled = step(&settled, parameters, &pulls, &directions, observations)?;
+            widths = prior_widths(&settled, nominal, parameters, &scale);
+        }
+        let dearest = cost + variance * (SURPRISING * SURPRISING * directions.ncols() as f64);
+        (weighted_residuals(&settled, observations).norm_squared() <= dearest).then_some(settled)
+    };
+    let own = parameters.iter().zip(&scale).map(|(p, s)| width(p, *s)).collect();
+    let settled = from(own).or_else(|| from(prior_widths(model, nominal, parameters, &scale)));
+    settled.unwrap_or_else(|| model.clone())
 }
 
 /// How far each parameter may be off, mm or rad: its prior, or where it has come out several priors away, as far as it has.
