@@ -52,7 +52,8 @@ pub struct Uncertainty {
     pub unseen: DMatrix<f64>,
     /// Directions of gravity that the features were made with.
     pub gravity: Vec<Vector3<f64>>,
-    /// Residuals less fitted combinations.
+    /// Residuals less fitted combinations; where points of a configuration share errors, of the configurations' means alone, for those
+    /// errors are known from them.
     pub freedom: f64,
     /// Covariance of the estimated (σe², σm²), for the degrees of freedom of a combination of the two.
     variance_of_variances: [[f64; 2]; 2],
@@ -138,6 +139,7 @@ pub fn uncertainty(
     };
     let ratio = shared_ratio(&linear)?;
     let estimator = Estimator::new(&linear.a, &jacobian, decomposition, priors)?;
+    let freedom = freedom(&linear, ratio);
     let Estimator { per_score, q, .. } = &estimator;
     let through_shared = per_score * linear.shared.transpose_times(q).transpose();
     let through_features = per_score * (q.transpose() * &linear.features);
@@ -145,6 +147,8 @@ pub fn uncertainty(
     let noise_std_mm = components.noise_variance.sqrt();
     let configuration_std_mm = noise_std_mm * ratio.sqrt();
     let misfit_std_rad = components.misfit_variance.sqrt();
+    let mut variance_of_variances = components.variance_of_variances;
+    variance_of_variances[0][0] *= n_free as f64 / freedom;
     let kept = |root: DMatrix<f64>, std: f64| if std > 0.0 { root * std } else { DMatrix::zeros(per_score.nrows(), 0) };
     let shared = kept(through_shared, configuration_std_mm);
     let misfit = kept(through_features, misfit_std_rad);
@@ -158,8 +162,8 @@ pub fn uncertainty(
         misfit,
         unseen: estimator.unknown,
         gravity: gravity.to_vec(),
-        freedom: n_free as f64,
-        variance_of_variances: components.variance_of_variances,
+        freedom,
+        variance_of_variances,
     })
 }
 
@@ -200,6 +204,19 @@ fn shared_ratio(linear: &Linear) -> Option<f64> {
     }
     let below = trace_of_square - ratio * trace / n_free;
     (below > 0.0).then(|| (ratio - trace) / below).or(Some(MOST_SHARED))
+}
+
+/// Degrees of freedom of the noise. Where configurations share errors these are known from the configurations' means (the mean square
+/// between groups of an analysis of variance): tr P·Z·(ZᵀZ)⁻¹·Zᵀ.
+fn freedom(linear: &Linear, ratio: f64) -> f64 {
+    let n_free = (linear.a.nrows() - linear.a.ncols()) as f64;
+    if ratio == 0.0 {
+        return n_free;
+    }
+    let w = linear.shared.transpose_times(&linear.a.clone().qr().q());
+    let lengths = linear.shared.squared_lengths();
+    let between: f64 = lengths.iter().zip(w.row_iter()).map(|(l, w)| 1.0 - w.norm_squared() / l).sum();
+    between.clamp(1.0, n_free)
 }
 
 /// ρ where nothing but what a configuration shares can be seen.
