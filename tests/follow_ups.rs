@@ -12,7 +12,7 @@ use kincal::calibration::{CalibrationRequest, Error, Method, Model, calibrate, c
 use kincal::identification::KinematicModel;
 use kincal::identification::corrected::IdentifiedRobot;
 use kincal::kinematics::Robot;
-use kincal::measurement::{Frame, MeasurementSet, Point, csv};
+use kincal::measurement::{Frame, MeasurementSet, Point, Subset, csv};
 use nalgebra::{IsometryMatrix3, Rotation3, Vector3};
 use simulation::{Campaign, Normal, measure, poses, true_robot};
 use std::ops::ControlFlow;
@@ -219,4 +219,33 @@ fn a_verify_set_is_placed_anew_whenever_its_frame_or_its_targets_are_others() {
     let complete = CalibrationRequest { model: Some(Model::Complete), ..to_identify_and_verify(&one_target, in_base(&truth, 102, 2)) };
     let report = calibrate(&complete, &mut |_| ControlFlow::Continue(())).unwrap();
     assert!(report.verify.unwrap().after.rms_mm < 0.06, "more targets than were identified");
+}
+
+#[test]
+fn points_to_verify_beyond_what_was_measured_to_identify_are_said_to_be_an_extrapolation() {
+    let robot = paper_robot();
+    let mut random = Normal::new(11);
+    let truth = true_robot(&robot, 1, &mut random);
+    let campaign = Campaign { noise_mm: 0.1, ..Campaign::PLAIN };
+    let all = poses(80, &mut random);
+    let session = |keep: &dyn Fn(usize, &[f64]) -> Option<Subset>, random: &mut Normal| {
+        let mut set = measure(&truth, &all, &campaign, random);
+        for (row, p) in set.points.iter_mut().enumerate() {
+            p.subset = keep(row, &p.q_rad);
+        }
+        set.points.retain(|p| p.subset.is_some());
+        calibrate(&CalibrationRequest::new(robot.clone(), set), &mut |_| ControlFlow::Continue(())).unwrap()
+    };
+    let warned = |report: &CalibrationReport| report.warnings.iter().find(|w| w.code == "verify_extrapolates").cloned();
+    // every fourth pose, wherever it is
+    let among = session(&|row, _| Some(if row % 4 == 0 { Subset::Verify } else { Subset::Identify }), &mut random);
+    assert_eq!(warned(&among), None);
+    // identified with the elbow within 0.35 rad of its middle, verified elsewhere
+    let near = |q: &[f64]| (q[2] - 0.3).abs() < 0.35;
+    let beyond = session(&|_, q| Some(if near(q) { Subset::Identify } else { Subset::Verify }), &mut random);
+    let warning = warned(&beyond).expect("a warning");
+    let error = |row: &usize| beyond.per_point[*row].after_mm;
+    let rms = |rows: &[usize]| (rows.iter().map(|row| error(row).powi(2)).sum::<f64>() / rows.len() as f64).sqrt();
+    println!("{} rows, {} mm; identify {:?}", warning.rows.len(), rms(&warning.rows), beyond.identify.after.rms_mm);
+    assert!(rms(&warning.rows) > 2.0 * beyond.identify.after.rms_mm, "{}", warning.detail);
 }

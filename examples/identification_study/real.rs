@@ -54,8 +54,8 @@ fn remarks(report: &CalibrationReport) -> String {
     let found: Vec<String> = report
         .warnings
         .iter()
-        .filter(|w| w.code.ends_with("_moved") || w.code.starts_with("outliers"))
-        .map(|w| format!("{} {:?}", w.code, w.rows))
+        .filter(|w| w.code.ends_with("_moved") || w.code.starts_with("outliers") || w.code == "verify_extrapolates")
+        .map(|w| if w.rows.len() > 10 { format!("{} at {} points", w.code, w.rows.len()) } else { format!("{} {:?}", w.code, w.rows) })
         .collect();
     found.join(", ")
 }

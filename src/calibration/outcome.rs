@@ -4,7 +4,7 @@ use crate::calibration::corrections;
 use crate::calibration::identify::{Found, Problem};
 use crate::calibration::observe::{Observed, observe_verify_set};
 use crate::calibration::placing::Layout;
-use crate::calibration::remarks::{of_the_verify_set, remarks};
+use crate::calibration::remarks::{extrapolated, of_the_verify_set, remarks};
 use crate::calibration::repeatability::repeatability;
 use crate::calibration::report::*;
 use crate::calibration::request::{Method, Model, Preset, VerifySource};
@@ -111,6 +111,7 @@ pub fn report(
     }
     let (links, t_instrument_base, targets_mm) = as_delivered(problem, model);
     let uncertainty = uncertainty_of(problem, model);
+    let beyond = uncertainty.as_ref().and_then(|u| extrapolated(problem, model, u, identify.after.rms_mm));
     let mut report = CalibrationReport {
         method,
         method_reason,
@@ -145,6 +146,7 @@ pub fn report(
     report.warnings = warnings(&report, &problem.request.robot.links);
     report.warnings.extend(known::remarks(problem, model));
     report.warnings.extend(remarks(&problem.screening, &problem.observed, request.options.loss));
+    report.warnings.extend(beyond);
     report.warnings.extend(of_the_verify_set(of_verify_set));
     Ok(report)
 }

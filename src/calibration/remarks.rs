@@ -1,14 +1,22 @@
 //! What screening found, in words.
 
+use crate::calibration::identify::Problem;
 use crate::calibration::observe::Observed;
 use crate::calibration::report::Warning;
 use crate::calibration::request::Loss;
 use crate::calibration::screening::{FoundStep, Screening, WildPoint};
+use crate::identification::KinematicModel;
+use crate::identification::objective::Observation;
 use crate::identification::steps::Moved;
+use crate::identification::uncertainty::Uncertainty;
 use crate::measurement::Subset;
 
 /// Points listed by their size in a detail; `rows` has them all.
 const LISTED: usize = 20;
+/// A point lies beyond what was measured to identify if the identified robot is so much less certain there than at any point of the fit.
+const BEYOND: f64 = 2.0;
+/// It is worth a word if this share of the points to verify lies there.
+const MANY_BEYOND: f64 = 0.1;
 
 /// The warnings about wild points and about what moved. `asked` is the loss that the request asks for.
 pub fn remarks(screening: &Screening, observed: &Observed, asked: Option<Loss>) -> Vec<Warning> {
@@ -19,6 +27,32 @@ pub fn remarks(screening: &Screening, observed: &Observed, asked: Option<Loss>) 
     }
     warnings.extend(outliers(screening, observed, asked.is_some()));
     warnings
+}
+
+/// Points to verify where the identified robot is far less certain than at any point of the fit, and by more than the points scatter: what
+/// was measured to identify does not fix it there. `scatter_mm` is the rms length of the residuals in the fit.
+pub fn extrapolated(problem: &Problem<'_>, model: &KinematicModel, uncertainty: &Uncertainty, scatter_mm: f64) -> Option<Warning> {
+    let observed = &problem.observed;
+    let stds = |subset: Subset| -> Vec<(usize, f64)> {
+        let rows = (0..observed.all.len()).filter(|row| observed.subsets[*row] == subset && observed.all[*row].weight > 0.0);
+        let at = |o: &Observation| uncertainty.position_std_mm(model, &problem.parameters, &o.q_rad, o.target);
+        rows.map(|row| (row, at(&observed.all[row]))).collect()
+    };
+    let largest = |stds: &[(usize, f64)]| stds.iter().map(|(_, std)| *std).fold(0.0, f64::max);
+    let (fitted, to_verify) = (largest(&stds(Subset::Identify)), stds(Subset::Verify));
+    let limit_mm = (BEYOND * fitted).max(scatter_mm);
+    let beyond: Vec<(usize, f64)> = to_verify.iter().copied().filter(|(_, std)| *std > limit_mm).collect();
+    let detail = format!(
+        "{} of {} points to verify lie beyond what the identify subset fixes: the identified robot is uncertain there by up to {:.3} mm (one standard \
+         deviation), at the fitted points by {fitted:.3} mm at most. Their errors are those of an extrapolation; identify from points of \
+         that part of the workspace as well, or use the robot only where it was measured",
+        beyond.len(),
+        to_verify.len(),
+        largest(&beyond),
+    );
+    let rows: Vec<usize> = beyond.iter().map(|(row, _)| *row).collect();
+    let are_many = rows.len() as f64 > MANY_BEYOND * to_verify.len() as f64;
+    are_many.then_some(Warning { code: "verify_extrapolates", detail, rows })
 }
 
 /// The same about a set of its own, said so.
