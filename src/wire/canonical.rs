@@ -7,14 +7,23 @@
 use serde::Serialize;
 use serde_json::{Number, Value};
 use sha2::{Digest, Sha256};
+use std::fmt::Write;
 
 /// Canonical JSON of anything that serialises.
 ///
 /// # Errors
 /// If the value cannot be JSON at all (a map with keys that are not text).
 pub fn to_canonical_json(value: &impl Serialize) -> Result<String, serde_json::Error> {
+    text_of(&serde_json::to_value(value)?)
+}
+
+/// As [`to_canonical_json`], of what is JSON already.
+///
+/// # Errors
+/// None in practice: text can always be written to.
+pub fn text_of(value: &Value) -> Result<String, serde_json::Error> {
     let mut text = String::new();
-    write_value(&serde_json::to_value(value)?, &mut text);
+    write_value(value, &mut text).map_err(serde::ser::Error::custom)?;
     Ok(text)
 }
 
@@ -36,66 +45,94 @@ pub fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-fn write_value(value: &Value, out: &mut String) {
+fn write_value(value: &Value, out: &mut String) -> std::fmt::Result {
     match value {
-        Value::Number(number) => out.push_str(&number_text(number)),
+        Value::Number(number) => write_number(number, out),
         Value::Array(items) => write_joined(out, ('[', ']'), items.iter(), write_value),
         Value::Object(map) => {
             let mut entries: Vec<_> = map.iter().collect();
             entries.sort_by(|(a, _), (b, _)| a.encode_utf16().cmp(b.encode_utf16()));
             write_joined(out, ('{', '}'), entries.into_iter(), |(key, item), out| {
-                out.push_str(&Value::from(key.as_str()).to_string());
+                write_text(key, out)?;
                 out.push(':');
-                write_value(item, out);
-            });
+                write_value(item, out)
+            })
         }
-        Value::Null | Value::Bool(_) | Value::String(_) => out.push_str(&value.to_string()),
+        Value::String(text) => write_text(text, out),
+        Value::Null | Value::Bool(_) => write!(out, "{value}"),
     }
 }
 
-fn write_joined<T>(out: &mut String, (open, close): (char, char), items: impl Iterator<Item = T>, write: impl Fn(T, &mut String)) {
+fn write_joined<T>(
+    out: &mut String,
+    (open, close): (char, char),
+    items: impl Iterator<Item = T>,
+    write: impl Fn(T, &mut String) -> std::fmt::Result,
+) -> std::fmt::Result {
     out.push(open);
     for (i, item) in items.enumerate() {
         if i > 0 {
             out.push(',');
         }
-        write(item, out);
+        write(item, out)?;
     }
     out.push(close);
+    Ok(())
 }
 
-fn number_text(number: &Number) -> String {
+/// Text as JSON has it; most needs no escapes.
+fn write_text(text: &str, out: &mut String) -> std::fmt::Result {
+    if text.bytes().all(|byte| byte >= b' ' && byte != b'"' && byte != b'\\') {
+        write!(out, "\"{text}\"")
+    } else {
+        write!(out, "{}", Value::from(text))
+    }
+}
+
+fn write_number(number: &Number, out: &mut String) -> std::fmt::Result {
     match number.as_f64() {
-        Some(float) if number.is_f64() => ecmascript_number(float),
-        _ => number.to_string(),
+        Some(float) if number.is_f64() => write_ecmascript(float, out),
+        _ => write!(out, "{number}"),
     }
 }
 
 /// Number::toString of ECMAScript: digits d1…dk and n such that the value is 0.d1…dk × 10^n.
-fn ecmascript_number(value: f64) -> String {
+fn write_ecmascript(value: f64, out: &mut String) -> std::fmt::Result {
     if value == 0.0 {
-        return "0".into();
+        out.push('0');
+        return Ok(());
     }
-    let scientific = format!("{:e}", value.abs());
-    let (mantissa, exponent) = scientific.split_once('e').unwrap_or((&scientific, "0"));
-    let digits = mantissa.replace('.', "");
-    let (k, n) = (digits.len() as i32, exponent.parse::<i32>().unwrap_or(0) + 1);
-    let text = if k <= n && n <= 21 {
-        format!("{digits}{}", "0".repeat((n - k) as usize))
+    if value < 0.0 {
+        out.push('-');
+    }
+    // d1.d2…dkE(n-1), where it will stand; then the digits are moved to their places
+    let first = out.len();
+    write!(out, "{:e}", value.abs())?;
+    let e = out[first..].find('e').map_or(out.len(), |e| first + e);
+    let n = out.get(e + 1..).and_then(|exponent| exponent.parse::<i32>().ok()).unwrap_or(0) + 1;
+    out.truncate(e);
+    if out.len() > first + 1 {
+        out.remove(first + 1);
+    }
+    let k = (out.len() - first) as i32;
+    if k <= n && n <= 21 {
+        (k..n).for_each(|_| out.push('0'));
     } else if 0 < n && n <= 21 {
-        format!("{}.{}", &digits[..n as usize], &digits[n as usize..])
+        out.insert(first + n as usize, '.');
     } else if -6 < n && n <= 0 {
-        format!("0.{}{digits}", "0".repeat(-n as usize))
+        out.insert_str(first, &"0.00000"[..(2 - n) as usize]);
     } else {
-        let point = if k > 1 { "." } else { "" };
-        format!("{}{point}{}e{:+}", &digits[..1], &digits[1..], n - 1)
-    };
-    if value < 0.0 { format!("-{text}") } else { text }
+        if k > 1 {
+            out.insert(first + 1, '.');
+        }
+        write!(out, "e{:+}", n - 1)?;
+    }
+    Ok(())
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{ecmascript_number, sha256_hex, to_canonical_json};
+    use super::{sha256_hex, to_canonical_json, write_ecmascript};
     use serde_json::json;
 
     #[test]
@@ -117,7 +154,9 @@ mod tests {
             (0xbecb_f647_612f_3696, "-0.0000033333333333333333"),
         ];
         for (bits, expected) in table {
-            assert_eq!(ecmascript_number(f64::from_bits(bits)), expected, "{bits:016x}");
+            let mut text = String::new();
+            write_ecmascript(f64::from_bits(bits), &mut text).unwrap();
+            assert_eq!(text, expected, "{bits:016x}");
         }
     }
 

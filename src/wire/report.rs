@@ -17,7 +17,6 @@ use crate::wire::report_shape::{
     IdentifiabilityReport, ParameterReport, PointReport, PoseRepeatabilityReport, PriorReport, RepeatabilityReport, Report, SubsetReport,
     ToolUncertaintyReport,
 };
-use serde::Serialize;
 
 /// What the core cannot know of its own run.
 #[derive(Clone, Debug)]
@@ -39,15 +38,6 @@ pub const VERSION: &str = env!("CARGO_PKG_VERSION");
 
 /// Warnings that compare with earlier sessions.
 const ABOUT_EARLIER_SESSIONS: [&str; 2] = ["robot_changed", "placement_changed"];
-
-/// What `result_sha256` covers.
-#[derive(Serialize)]
-struct ResultContent<'a> {
-    report: &'a serde_json::Value,
-    parameter_set: &'a ParameterSetContent,
-    convergence: &'a Convergence,
-    network_sha256: Option<&'a str>,
-}
 
 /// The wire's report, hash included.
 ///
@@ -101,7 +91,7 @@ fn without_hash(core: &CalibrationReport, run: &RunContext<'_>) -> Report {
     }
 }
 
-/// Identifiers, times and durations are taken out before hashing, and what is said about earlier sessions: it depends on what was there
+/// It covers report, parameter set, convergence and the network's hash. Identifiers, times and durations are taken out before hashing, and what is said about earlier sessions: it depends on what was there
 /// before, and the result does not.
 fn result_sha256(report: &Report, core: &CalibrationReport, network_sha256: Option<&str>) -> Result<String, serde_json::Error> {
     let mut value = serde_json::to_value(report)?;
@@ -115,7 +105,13 @@ fn result_sha256(report: &Report, core: &CalibrationReport, network_sha256: Opti
         }
     }
     let (parameter_set, convergence) = (ParameterSetContent::from_core(core), convergence(core));
-    canonical::sha256_of(&ResultContent { report: &value, parameter_set: &parameter_set, convergence: &convergence, network_sha256 })
+    let content = serde_json::Map::from_iter([
+        ("report".to_owned(), value),
+        ("parameter_set".to_owned(), serde_json::to_value(parameter_set)?),
+        ("convergence".to_owned(), serde_json::to_value(convergence)?),
+        ("network_sha256".to_owned(), serde_json::to_value(network_sha256)?),
+    ]);
+    Ok(canonical::sha256_hex(canonical::text_of(&content.into())?.as_bytes()))
 }
 
 /// The convergence curve.
