@@ -1,4 +1,7 @@
 use crate::app::{Answer, TestApp, paper, text};
+use kincal::kinematics::forward::t_base_flange;
+use kincal::wire::robot::RobotBody;
+use nalgebra::Vector3;
 use reqwest::Method;
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
@@ -139,6 +142,42 @@ async fn predictions_agree_with_what_was_measured() {
     app.post_json(&path, &json!({"q_deg": q_deg, "target": 3})).await.problem(422, "unknown_target");
     app.post(&path, "text/plain", "x").await.problem(415, "unsupported_media_type");
     assert_eq!(app.post_json(&path, &json!({"q_deg": []})).await.ok(200)["position_mm"], json!([]));
+}
+
+#[tokio::test]
+async fn after_a_slip_the_reflector_is_predicted_in_either_stretch() {
+    let app = TestApp::with_workers(1).await;
+    let robot: RobotBody = serde_json::from_slice(&paper("robot.json")).unwrap();
+    let links = robot.to_core().unwrap().links;
+    let (q_deg, mut measured) = first_rows(100);
+    // 2 mm in the flange frame before row 40; the nominal robot's flange is turned well enough for that
+    const SLIP_ROW: usize = 40;
+    let slip_mm = Vector3::new(1.2, -1.6, 0.0);
+    let mut csv = String::from("subset,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,x_mm,y_mm,z_mm\n");
+    for (row, (q, position)) in q_deg.iter().zip(&mut measured).enumerate() {
+        let q_rad: Vec<f64> = q.iter().map(|deg| deg.to_radians()).collect();
+        let moved = t_base_flange(&links, &q_rad).rotation * slip_mm;
+        (0..3).filter(|_| row >= SLIP_ROW).for_each(|axis| position[axis] += moved[axis]);
+        let subset = if row % 4 == 3 { "verify" } else { "identify" };
+        let numbers: Vec<String> = q.iter().chain(position.iter()).map(f64::to_string).collect();
+        csv += &format!("{subset},{}\n", numbers.join(","));
+    }
+    let robot = app.paper_robot().await;
+    let set = app.post(&format!("{robot}/measurement-sets?frame=instrument"), "text/csv", csv).await.ok(201);
+    let job = app.run(&robot, &json!({"measurement_set_id": set["id"], "corrections": "off"})).await;
+    let report = app.get(&format!("/v1/jobs/{}/report", text(&job["id"]))).await.ok(200);
+    let moved = report["warnings"].as_array().unwrap().iter().find(|w| w["code"] == "target_moved").expect("the slip is named");
+    assert_eq!(moved["rows"], json!([SLIP_ROW]), "{moved}");
+    let path = format!("/v1/parameter-sets/{}/predict", text(&job["parameter_set_id"]));
+    let predicted = async |body: Value| app.post_json(&path, &body).await.ok(200)["position_mm"].clone();
+    let (first, second) = (predicted(json!({"q_deg": q_deg, "segment": 0})).await, predicted(json!({"q_deg": q_deg, "segment": 1})).await);
+    assert_eq!(predicted(json!({"q_deg": q_deg})).await, second, "the last stretch is where the reflector is now");
+    for (row, position) in measured.iter().enumerate() {
+        let (own, other) = if row < SLIP_ROW { (&first, &second) } else { (&second, &first) };
+        let distance = |from: &Value| (0..3).map(|axis| (from[row][axis].as_f64().unwrap() - position[axis]).powi(2)).sum::<f64>().sqrt();
+        assert!(distance(own) < 0.01 && distance(other) > 1.9, "row {row}: {} and {}", distance(own), distance(other));
+    }
+    app.post_json(&path, &json!({"q_deg": q_deg, "segment": 2})).await.problem(422, "unknown_target");
 }
 
 #[tokio::test]
