@@ -6,6 +6,8 @@ mod dependencies;
 mod rules;
 #[path = "architecture/source.rs"]
 mod source;
+#[path = "architecture/words.rs"]
+mod words;
 
 use rules::{CORE, MAY_USE, Rule, Violation, check, check_manifest, dependencies};
 use std::fs;
@@ -327,4 +329,45 @@ fn a_violation_names_its_file_and_line() {
 #[test]
 fn the_core_has_a_row_for_each_of_its_modules() {
     assert!(CORE.iter().all(|module| MAY_USE.iter().any(|(row, _)| row == module)));
+}
+
+/// What is written as warnings are, but refuses an upload.
+const NO_WARNINGS: [&str; 1] = ["invalid_measurements"];
+/// What has its words before the sources give it.
+const COMING: [&str; 1] = ["verify_extrapolates"];
+
+#[test]
+fn every_warning_and_every_gate_has_plain_words() {
+    let places = ["src/calibration/", "src/wire/", "src/jobs/", "src/http/"];
+    let files: Vec<(String, String)> = source_files()
+        .into_iter()
+        .filter(|(path, _)| places.iter().any(|place| path.starts_with(place)) && path != "src/wire/words.rs")
+        .collect();
+    for (table, of, some) in
+        [("WARNINGS", words::warnings as fn(&str) -> Vec<&str>, "target_moved"), ("GATES", words::gates, "improved_on_active")]
+    {
+        let given: Vec<(&str, &String)> =
+            files.iter().flat_map(|(path, text)| of(text).into_iter().map(move |code| (code, path))).collect();
+        assert!(given.iter().any(|(code, _)| *code == some), "{some} is found in the sources");
+        let worded = words::worded(table);
+        let wordless: Vec<&(&str, &String)> =
+            given.iter().filter(|(code, _)| !worded.contains(code) && !NO_WARNINGS.contains(code)).collect();
+        assert!(wordless.is_empty(), "without words in web/words.js, {table}: {wordless:?}");
+        let dead: Vec<&str> =
+            worded.into_iter().filter(|code| !COMING.contains(code) && given.iter().all(|(given, _)| given != code)).collect();
+        assert!(dead.is_empty(), "words in web/words.js for what nothing gives, {table}: {dead:?}");
+    }
+}
+
+#[test]
+fn a_warning_without_words_is_found_however_it_is_written() {
+    for line in [
+        "Warning { code: \"not_thought_of\", detail, rows: vec![] }",
+        "warnings.push(warning(\n    \"not_thought_of\",\n    detail));",
+        "let (code, what): (&str, &str) = (\"not_thought_of\", \"words\"); Warning { code, detail }",
+        "Finding::Odd { code: \"not_thought_of\", detail }",
+    ] {
+        assert_eq!(words::warnings(line), ["not_thought_of"], "{line}");
+    }
+    assert_eq!(words::warnings("Error { code: \"not_thought_of\" }"), Vec::<&str>::new());
 }

@@ -1,5 +1,7 @@
 // Elements from data. Text always becomes a text node, so that no name can become markup.
 
+import { capital, warningTitle } from "./format.js";
+
 const SVG = "http://www.w3.org/2000/svg";
 
 /** An HTML element: el("a.button", {href: "#/"}, "text", child…). Functions among the attributes are listeners. */
@@ -66,3 +68,12 @@ export function problem(error) {
   return el("div.problem", { role: "alert" }, el("p", {}, el("strong", {}, error.title ?? "It did not work"), ". ", error.detail ?? String(error.message ?? error)),
     reasons.length > 0 && el("ul", {}, reasons));
 }
+
+/** A warning in words, with the rows of the file that it speaks of where its sentence does not name them. */
+export function warning({ code, detail, rows = [] }) {
+  const some = rows.slice(0, MAX_ROWS).join(", ") + (rows.length > MAX_ROWS ? ` and ${rows.length - MAX_ROWS} more` : "");
+  return el("div.warning", {}, el("p", {}, el("strong", {}, warningTitle(code), ". "), capital(detail), rows.length > 0 && !/\brows? \d/.test(detail) && ` (rows ${some} of the file)`, "."));
+}
+
+/** More rows than this are counted, not named. */
+const MAX_ROWS = 12;

@@ -136,7 +136,8 @@ function projection(width, height, points, i, j, names, factor) {
   x = { ...around(x, perPixel * w), label: `${names[0]}, mm` };
   y = { ...around(y, perPixel * h), label: `${names[1]}, mm` };
   const frame = axes(width, height, x, y);
-  const nodes = [frame.nodes, svg("line.zero", { x1: frame.x(x.min), x2: frame.x(x.max), y1: inside(frame.y(0), frame), y2: inside(frame.y(0), frame) })];
+  const nodes = [frame.nodes];
+  if (y.min < 0 && y.max > 0) nodes.push(svg("line.zero", { x1: frame.left, x2: frame.right, y1: frame.y(0), y2: frame.y(0) }));
   if (x.min < 0 && x.max > 0 && y.min < 0 && y.max > 0) nodes.push(svg("circle.origin", { cx: frame.x(0), cy: frame.y(0), r: 5 }), svg("text.axislabel", { x: frame.x(0) + 9, y: frame.y(0) + 4 }, "origin"));
   for (const kind of ["before", "after"]) {
     for (const p of points) {
@@ -149,7 +150,6 @@ function projection(width, height, points, i, j, names, factor) {
   return nodes;
 }
 
-const inside = (v, frame) => Math.max(frame.top, Math.min(frame.bottom, v));
 const around = ({ min, max }, size) => ({ min: (min + max - size) / 2, max: (min + max + size) / 2 });
 
 /** A line with a head; a dot where the arrow is too short to have one. */

@@ -1,5 +1,7 @@
 // Numbers, times and the service's codes as people read them.
 
+import { CORRECTIONS, GATES, METHODS, WARNINGS } from "./words.js";
+
 const MINUS = "\u2212";
 const THIN = "\u202f";
 
@@ -68,15 +70,12 @@ export function span(seconds) {
   return seconds < 10 ? `${seconds.toFixed(1)}${THIN}s` : `${Math.round(seconds)}${THIN}s`;
 }
 
-const METHODS = {
-  auto: "automatic", least_squares: "least squares", pso: "particle swarm", bpnn_pso: "network-started swarm", warm_start: "warm start",
-  cold_pso: "cold swarm",
-};
 export const method = (name) => METHODS[name] ?? name.replaceAll("_", " ");
 
 const KINDS = { a: "a", alpha: "α", d: "d", theta_offset: "θ", beta: "β" };
-/** `theta_offset_3` as θ₃; what is not a link's is left as it is. */
+/** `theta_offset_3` as θ₃; what is not a link's is left as it is. Where positions cannot tell which one moved there are several. */
 export function parameter(name) {
+  if (name.includes(" or ")) return name.split(" or ").map(parameter).join(" or ");
   const found = /^(a|alpha|d|theta_offset|beta)_(\d+)$/.exec(name);
   if (!found) return name.replaceAll("_", " ");
   return KINDS[found[1]] + found[2].replace(/\d/g, (c) => "₀₁₂₃₄₅₆₇₈₉"[Number(c)]);
@@ -88,51 +87,14 @@ export const EVIDENCE = {
   independent_session: ["independent session", "Checked on points of another measuring session: the strongest evidence there is here."],
 };
 
-const WARNINGS = {
-  tool_uncertain: "The tool is uncertain elsewhere in the workspace",
-  robot_changed: "The robot has changed",
-  placement_changed: "The robot, the tool or the instrument stands differently",
-  outliers_review: "Many points do not fit the others",
-  few_verify_points: "Few points to verify on",
-  duplicate_poses: "Some poses were measured more than once",
-  frame_suspect: "The positions may be in another frame",
-  frame_assumed: "The frame was assumed",
-  joint_offset_suspect: "A joint's zero looks wrong",
-  outside_joint_limits: "Some poses are outside of the joint limits",
-  poor_alignment: "Robot and measurements hardly fit together",
-  stretch_without_identify_points: "A stretch without points to identify from",
-  bad_subset: "The subset column cannot be used",
-  unidentifiable_parameters: "Some parameters cannot be told apart",
-  no_verify_points: "Nothing was kept to verify",
-  no_better_than_nominal: "No better than the nominal robot",
-  not_converged: "The search did not settle",
-  target_moved: "The reflector moved while measuring",
-  base_moved: "The robot's base or the instrument moved while measuring",
-  under_determined: "Too few poses to identify from",
-  narrow_cloud: "The poses are all close together",
-  wide_predictions: "The result is uncertain somewhere in the workspace",
-  outliers: "Some points do not fit the others",
-};
 export const warningTitle = (code) => WARNINGS[code] ?? sentence(code);
-
-const GATES = {
-  verified: "Points were held out to verify", verify_errors_improved: "The errors on them became smaller", all_finite: "Every number is finite",
-  withdrawn: "It was not withdrawn", sessions_better_than_nominal: "Every session shows it to be better than nominal",
-  improved_on_active: "It is at least as good as what is active now", evidence: "How strong the verification is",
-  uncertainty_within_tolerance: "Its uncertainty is within the robot's tolerance", verify_errors_within_tolerance: "Its errors are within the robot's tolerance",
-  change_plausible: "The parameters changed by a plausible amount", identity: "It is the same robot", second_person: "Who releases is not who uploaded",
-};
 export const gateTitle = (code) => GATES[code] ?? sentence(code);
-
-const CORRECTIONS = {
-  stiffness_2_3: "Stiffness of joints 2 and 3", stiffness_all: "Stiffness of all joints", base_compliance: "Compliance of the base",
-  link_masses: "Masses of the links", link_centres: "Centres of gravity", joint_harmonics: "Harmonics of the joints", residual_network: "Residual network",
-  all_together: "All of these together",
-};
 export const correctionTitle = (kind) => CORRECTIONS[kind] ?? sentence(kind);
+
+/** With a capital letter, as a sentence begins. */
+export const capital = (text) => text.charAt(0).toUpperCase() + text.slice(1);
 
 /** `no_verify_points` as a sentence's beginning. */
 export function sentence(code) {
-  const words = code.replaceAll("_", " ");
-  return words.charAt(0).toUpperCase() + words.slice(1);
+  return capital(code.replaceAll("_", " "));
 }

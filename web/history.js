@@ -4,7 +4,6 @@ import { each, get, list } from "./api.js";
 import { axes, figure, legend, range, ticks } from "./charts.js";
 import { el, svg } from "./dom.js";
 import { mm, parameter, signed, SMALLEST_MM, when } from "./format.js";
-import { drift } from "./kinematics.js";
 
 /** More parameter sets than this are not drawn. */
 const MAX_SETS = 30;
@@ -20,7 +19,15 @@ export async function state(robot, signal) {
   const measured = active ?? newest;
   const report = measured && (await get(`/v1/jobs/${measured.job_id}/report`, signal));
   const since = active && newest && newest.id !== active.id && newest.created_at > active.created_at ? newest : null;
-  return { sets, active, newest, lastJob: jobs.items[0] ?? null, report, since, drift: since && drift(robot, active, since) };
+  return { sets, active, newest, lastJob: jobs.items[0] ?? null, report, since, drift: since && (await drift(active, since, signal)) };
+}
+
+/** How far the newer set puts the tool from the active one, as the service compares them; null where it cannot say. */
+function drift(active, since, signal) {
+  return get(`/v1/parameter-sets/${since.id}/compare?with=${active.id}`, signal).catch((error) => {
+    if (error.name === "AbortError" || error.status === 401) throw error;
+    return null;
+  });
 }
 
 /** The sets that are drawn, oldest first, with their reports. */

@@ -32,8 +32,8 @@ export async function jobPage(context, id) {
 
 function head(job, robot, set) {
   return el("div.head", {}, el("div", {}, el("p.crumbs", {}, el("a", { href: "#/" }, "Robots"), " / ", el("a", { href: `#/robots/${robot.id}` }, robot.name)),
-    el("h1", {}, `Calibration of ${robot.name}`),
-    el("p.quiet", {}, `from ${set.name ?? "a set without a name"} (${set.n_points} points, ${set.frame === "base" ? "robot base" : "instrument"} frame) · begun ${when(job.created_at)} · method: ${method(job.method)}`)),
+    el("h1", {}, `${job.kind === "verify" ? "Verification" : "Calibration"} of ${robot.name}`),
+    el("p.quiet", {}, `from ${set.name ?? "a set without a name"} (${set.n_points} points, ${set.frame === "base" ? "robot base" : "instrument"} frame) · begun ${when(job.created_at)} · ${job.kind === "verify" ? "nothing was identified" : `method: ${method(job.method)}`}`)),
     el("div.actions", {}, statusBadge(job.status)));
 }
 

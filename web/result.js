@@ -2,8 +2,8 @@
 
 import { download, get, noAuth, post } from "./api.js";
 import { arrows, convergence, histogram, interval, perPoint } from "./figures.js";
-import { el, fill, problem, say, table } from "./dom.js";
-import { correctionTitle, error, EVIDENCE, gateTitle, method, mm, number, parameter, signed, span, warningTitle, when } from "./format.js";
+import { el, fill, problem, say, table, warning } from "./dom.js";
+import { capital, correctionTitle, error, EVIDENCE, gateTitle, method, mm, number, parameter, signed, span, when } from "./format.js";
 import { statusBadge } from "./robot.js";
 import { facts } from "./robots.js";
 
@@ -18,7 +18,7 @@ export async function result(body, context, { job, robot, set }) {
   const swarm = curve.iteration.length > 1 && convergence(curve);
   fill(body, verdict(report, half), summary(report, half), parameterSet && decision(parameterSet, context, job, robot),
     report.warnings.map(warning), el("div.two", {}, errorTable(report), histogram(report.per_point)), perPoint(report.per_point),
-    pairs(arrows(report.per_point)), parameterTable(report), el("div.two", {}, swarm, comparison(report)), corrections(report), changed(report), files(job, set, parameterSet), origin(report, set, parameterSet));
+    pairs(arrows(report.per_point)), parameterTable(report), priors(report), el("div.two", {}, swarm, comparison(report)), corrections(report), repeatability(report), changed(report), files(job, set, parameterSet), origin(report, set, parameterSet));
 }
 
 const pairs = (figures) => figures.length > 0 && el("div.two", {}, figures);
@@ -43,13 +43,9 @@ function summary(report, half) {
     ["Largest error", mm(half.after.max_mm), `before ${mm(half.before.max_mm)}`],
     report.tool_uncertainty_mm && ["Uncertainty at the tool", mm(report.tool_uncertainty_mm.mean ?? report.tool_uncertainty_mm), report.tool_uncertainty_mm.max ? `at worst ${mm(report.tool_uncertainty_mm.max)}` : "one standard deviation"],
     ["Evidence", evidence, `${half.n_points} points`],
-    ["Identified", `${rank} of ${n}`, rank < n ? "parameters; the data cannot see the others alone" : "all parameters were seen"],
-    ["Took", span(report.duration_ms / 1000), `${report.n_iterations} iterations, ${method(report.method)}`],
+    n > 0 && ["Identified", `${rank} of ${n}`, rank < n ? "parameters; the data cannot see the others alone" : "all parameters were seen"],
+    ["Took", span(report.duration_ms / 1000), n > 0 ? `${report.n_iterations} iterations, ${method(report.method)}` : "to score the points"],
   ]);
-}
-
-function warning({ code, detail, rows }) {
-  return el("div.warning", {}, el("p", {}, el("strong", {}, warningTitle(code), ". "), detail, rows?.length > 0 && ` (from row ${rows[0]} of the file)`));
 }
 
 /** The state of the parameter set and what this user may do with it. */
@@ -129,7 +125,7 @@ function refusal({ errors, detail }) {
 }
 
 function errorTable(report) {
-  const rows = [["identify", "Identify", report.identify], ["verify", "Verify", report.verify]].filter(([, , half]) => half);
+  const rows = [["identify", "Identify", report.identify], ["verify", "Verify", report.verify]].filter(([, , half]) => half?.n_points > 0);
   const flat = rows.flatMap(([, name, half]) => [[`${name} (${half.n_points})`, "before", half.before], ["", "after", half.after], ...(isCorrected(half) ? [["", "after, with corrections", half.corrected]] : [])]);
   const columns = [["Points", ([name]) => name], ["Robot", ([, stage]) => stage], ...["mean", "std", "rms", "max"].map((name) => [name, ([, , e]) => error(e[`${name}_mm`]), "n"])];
   return el("section.card", {}, el("h2", {}, "Errors before and after"), table("Position errors in mm. Identify: the points of the fit. Verify: points kept aside.", columns, flat, ""));
@@ -168,14 +164,39 @@ function comparison(report) {
     ["Iterations", (r) => r.n_iterations, "n"], ["Time", (r) => span(r.duration_ms / 1000), "n"], ["F, mm²", (r) => number(r.cost_mm2), "n"],
     ["Verify rms", (r) => mm(r.verify_after?.rms_mm), "n"],
   ];
-  return el("section.card", {}, el("h2", {}, "Methods on the same points"), table(`Chosen: ${method(report.method)}, ${report.method_reason}.`, columns, rows, ""));
+  return el("section.card", {}, el("h2", {}, "Methods on the same points"), table(`${capital(method(report.method))}: ${report.method_reason}.`, columns, rows, ""));
 }
 
 function corrections(report) {
   if (!report.corrections?.length) return [];
-  const columns = [["Correction", (c) => correctionTitle(c.kind)], ["Kept", (c) => (c.kept ? "yes" : "no")],
-    ["Without", (c) => mm(c.cross_validated_rms_mm_before), "n"], ["With", (c) => mm(c.cross_validated_rms_mm_after), "n"]];
-  return el("section.card", {}, el("h2", {}, "What links cannot say"), table("Each is kept only where it lowers the cross-validated error by more than chance; rms.", columns, report.corrections, ""));
+  const columns = [["Correction", (c) => correctionTitle(c.kind)], ["Kept", (c) => (c.kept ? el("strong", {}, "yes") : "no")],
+    ["Without", (c) => mm(c.cross_validated_rms_mm_before), "n"], ["With", (c) => mm(c.cross_validated_rms_mm_after), "n"],
+    ["Gain, mm²", (c) => number(c.gain_mm2), "n"], ["± standard error", (c) => number(c.standard_error_mm2), "n"]];
+  return el("section.card", {}, el("h2", {}, "What links cannot say"), table("Rms on points that were left out in turn. Each is kept only where it gains more than its standard error; all of them together must gain twice that, else none is kept.", columns, report.corrections, ""));
+}
+
+/** How well the robot returns to poses that were measured several times. */
+function repeatability({ repeatability: found }) {
+  if (!found) return [];
+  const columns = [["Configuration", (p) => p.configuration, "name"], ["Target", (p) => p.target, "n"], ["Visits", (p) => p.n, "n"], ["RP", (p) => mm(p.rp_mm), "n"],
+    ["AP before", (p) => mm(p.ap_before_mm), "n"], ["AP after", (p) => mm(p.ap_after_mm), "n"]];
+  if (found.poses.some((p) => p.ap_corrected_mm !== undefined)) columns.push(["AP corrected", (p) => mm(p.ap_corrected_mm), "n"]);
+  const caption = `RP ${mm(found.rp_mm)} over ${found.n_poses} poses with ${found.n_points} points; one coordinate scatters by ${mm(found.std_mm)}. As ISO 9283 has them: RP, how closely the robot returns to a pose (with fewer than 30 visits it comes out too small); AP, how far from where it should be.`;
+  return el("section.card", {}, el("h2", {}, "Repeatability"), table(caption, columns, found.poses.slice(0, MAX_POSES), ""),
+    found.poses.length > MAX_POSES && el("p.note", {}, `and ${found.poses.length - MAX_POSES} poses more, in the report as JSON`));
+}
+
+/** More revisited poses than this are not listed. */
+const MAX_POSES = 40;
+
+/** What was known of parameters beforehand, and what became of it. */
+function priors(report) {
+  const rows = report.parameters.filter((p) => p.prior);
+  if (rows.length === 0) return [];
+  const allowed = ({ min, max }) => [min !== undefined && `from ${signed(min)}`, max !== undefined && `to ${signed(max)}`].filter(Boolean).join(" ") || "any";
+  const columns = [["Parameter", (p) => parameter(p.name)], ["Unit", (p) => (p.unit === "deg" ? "°" : p.unit)], ["Expected", (p) => signed(p.prior.mean), "n"], ["± std", (p) => number(p.prior.std), "n"],
+    ["Allowed", (p) => `${allowed(p.prior)}${p.prior.at_bound ? `, ended at ${p.prior.at_bound}` : ""}`], ["Share", (p) => (p.prior.share === null ? "–" : `${Math.round(100 * p.prior.share)} %`), "n"]];
+  return el("section.card", {}, el("h2", {}, "Known beforehand"), table("Share: how much of what is known now comes from beforehand; at 100 % the measured points say nothing of it.", columns, rows, ""));
 }
 
 function changed(report) {

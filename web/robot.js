@@ -31,7 +31,16 @@ function head(robot, stand) {
     el("div.actions", {}, standing(stand)));
 }
 
-function known(robot, { active, newest, report, since, drift }, trend) {
+/** So seldom may an unchanged robot be called changed: as the service's own test has it. */
+const FALSE_ALARMS = 0.01;
+
+/** Whether the two sessions themselves differ: a drift that chance explains is none. */
+function beyondChance(sessions) {
+  if (!sessions) return "";
+  return sessions.probability < FALSE_ALARMS ? "; more than chance" : "; may be chance";
+}
+
+function known(robot, { active, newest, report, drift }, trend) {
   if (!newest) return el("p", {}, "This robot has not been calibrated yet. Upload measured points below to begin.");
   const now = best(report);
   return facts([
@@ -39,7 +48,7 @@ function known(robot, { active, newest, report, since, drift }, trend) {
     [`Error now (${active ? "active set" : "newest result"})`, mm(now.after.rms_mm), `rms; nominal robot ${mm(now.before.rms_mm)}`],
     ["Largest error", mm(now.after.max_mm), `nominal robot ${mm(now.before.max_mm)}`],
     ["Evidence", EVIDENCE[report.evidence]?.[0] ?? report.evidence, `${now.n_points} points checked`],
-    since && ["Drift", mm(drift), "the newest result puts the tool this far from the active one, on average"],
+    drift && ["Drift", mm(drift.mean_mm), `from the active set to the newest, at the tool on average; at most ${mm(drift.max_mm)}${beyondChance(drift.sessions)}`],
     active && ["Next calibration", trend.days_to_limit === null ? "not to be said" : `in ${Math.round(trend.days_to_limit)} d`, trend.detail],
   ]);
 }
@@ -82,12 +91,12 @@ function jobTable(jobs, sets) {
   const columns = [
     ["Begun", (job) => el("a", { href: `#/jobs/${job.id}` }, when(job.created_at))],
     ["State", (job) => statusBadge(job.status)],
-    ["Method", (job) => method(job.method)],
+    ["Method", (job) => (job.kind === "verify" ? "verification" : method(job.method))],
     ["Measurement set", name, "name"],
     ["Took", (job) => (job.started_at && job.finished_at ? span((new Date(job.finished_at) - new Date(job.started_at)) / 1000) : "–"), "n"],
     ["Remark", (job) => job.error?.detail ?? "", "name"],
   ];
-  return table(`The last ${SHOWN} calibrations.`, columns, jobs, "None yet.");
+  return table(`The last ${SHOWN} jobs: calibrations, and verifications of what is active.`, columns, jobs, "None yet.");
 }
 
 function setTable(sets) {

@@ -39,10 +39,10 @@ function robotTable(states) {
     ["State", (row) => standing(row)],
     ["Active set", ({ active }) => (active ? el("span", { title: when(active.released_at) }, age(active.released_at)) : "none")],
     ["Error, rms", ({ report }) => (report ? [mm(best(report).after.rms_mm), el("small.quiet", {}, `nominal ${error(best(report).before.rms_mm)}`)] : "–"), "n"],
-    ["Drift", ({ drift }) => (drift === null || drift === undefined ? "–" : mm(drift)), "n"],
+    ["Drift", ({ drift }) => (drift ? [mm(drift.mean_mm), el("small.quiet", {}, `at most ${error(drift.max_mm)}`)] : "–"), "n"],
     ["Last job", ({ lastJob }) => (lastJob ? [el("a", { href: `#/jobs/${lastJob.id}` }, lastJob.status), el("small.quiet", {}, age(lastJob.finished_at ?? lastJob.created_at))] : "–")],
   ];
-  const caption = "Error: of the active set, else of the newest, on points that were not fitted; below it that of the nominal robot. Drift: how far the newest result puts the tool from the active one, on average.";
+  const caption = "Error: of the active set, else of the newest, on points that were not fitted; below it that of the nominal robot. Drift: how far the newest result puts the tool from the active one, on average over the workspace.";
   return table(caption, columns, states, "There is no robot yet. Add one below, or with POST /v1/robots.");
 }
 
@@ -68,4 +68,3 @@ function newRobot() {
 export function facts(entries) {
   return el("dl.facts", {}, entries.filter(Boolean).map(([name, value, remark]) => el("div.fact", {}, el("dt", {}, name), el("dd", {}, value, remark && el("small", {}, remark)))));
 }
-

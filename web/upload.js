@@ -1,8 +1,7 @@
 // Bringing measured points, and asking for a calibration of them.
 
 import { post } from "./api.js";
-import { el, fill, problem, say, table } from "./dom.js";
-import { warningTitle } from "./format.js";
+import { el, fill, problem, say, table, warning } from "./dom.js";
 
 /** Rows of the file that are shown around its faults. */
 const MAX_SHOWN = 25;
@@ -47,7 +46,7 @@ async function upload(robot, file, frame, out, may) {
     const set = await post(path, text, isJson ? "application/json" : "text/csv");
     say(`${set.n_points} points were understood`);
     fill(out, el("div.done", {}, el("strong", {}, set.name), `: ${set.n_points} points in ${set.n_configurations} configurations, ${set.n_targets === 1 ? "one target" : `${set.n_targets} targets`}.`),
-      set.warnings.map((warning) => el("div.warning", {}, el("p", {}, el("strong", {}, warningTitle(warning.code), ". "), warning.detail))),
+      set.warnings.map(warning),
       may("identify") && jobForm(robot, [set]));
   } catch (error) {
     fill(out, problem({ ...error, errors: [], detail: error.errors?.length > 0 ? `Nothing was stored. ${count(error.errors.length)} to mend in ${file.name}:` : error.detail }), faults(error.errors ?? [], isJson ? "" : text));

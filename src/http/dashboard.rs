@@ -48,11 +48,11 @@ const ASSETS: &[Asset] = assets! {
     "format.js": JAVASCRIPT,
     "history.js": JAVASCRIPT,
     "job.js": JAVASCRIPT,
-    "kinematics.js": JAVASCRIPT,
     "result.js": JAVASCRIPT,
     "robot.js": JAVASCRIPT,
     "robots.js": JAVASCRIPT,
     "upload.js": JAVASCRIPT,
+    "words.js": JAVASCRIPT,
 };
 
 /// One tag for all files: they change together, with the binary.

@@ -66,13 +66,6 @@ pub fn unit(unit: &str) -> &str {
     if unit == "deg" { "°" } else { unit }
 }
 
-/// `no_verify_points` as the beginning of a sentence.
-pub fn sentence(code: &str) -> String {
-    let words = code.replace('_', " ");
-    let mut letters = words.chars();
-    letters.next().map_or_else(String::new, |first| first.to_uppercase().chain(letters).collect())
-}
-
 /// A point in time to the second, UTC, without the T.
 pub fn time(rfc3339: &str) -> String {
     let (day, clock) = rfc3339.split_once('T').unwrap_or((rfc3339, ""));

@@ -34,6 +34,7 @@ pub mod safetensors;
 pub mod time;
 pub mod trend;
 pub mod urdf;
+pub mod words;
 
 pub use issue::{Invalid, Issue};
 pub use problem::Problem;

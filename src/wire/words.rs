@@ -1,0 +1,67 @@
+//! Codes in plain words, as the dashboard has them: `web/words.js` is the one place where they stand.
+
+use std::collections::HashMap;
+use std::sync::LazyLock;
+
+/// Read as lines of `name: "words",` within `export const TABLE = {`.
+const TEXT: &str = include_str!("../../web/words.js");
+
+/// Words by table and code.
+static WORDS: LazyLock<HashMap<(&'static str, &'static str), &'static str>> = LazyLock::new(|| {
+    let mut table = "";
+    let mut words = HashMap::new();
+    for line in TEXT.lines() {
+        if let Some(name) = line.strip_prefix("export const ") {
+            table = name.split(' ').next().unwrap_or_default();
+        } else if let Some((code, text)) = line.trim().split_once(": \"") {
+            words.insert((table, code), text.trim_end_matches("\","));
+        }
+    }
+    words
+});
+
+/// A warning's code in words.
+pub fn warning(code: &str) -> String {
+    of("WARNINGS", code)
+}
+
+/// A correction's kind in words.
+pub fn correction(kind: &str) -> String {
+    of("CORRECTIONS", kind)
+}
+
+/// A method in words.
+pub fn method(method: &str) -> String {
+    WORDS.get(&("METHODS", method)).map_or_else(|| method.replace('_', " "), |words| (*words).into())
+}
+
+/// A gate of the release in words.
+pub fn gate(gate: &str) -> String {
+    of("GATES", gate)
+}
+
+/// The code itself as the beginning of a sentence where nobody has written words for it, as in a report of another version.
+fn of(table: &str, code: &str) -> String {
+    WORDS.get(&(table, code)).map_or_else(|| capital(&code.replace('_', " ")), |words| (*words).into())
+}
+
+/// With a capital letter, as a sentence begins.
+pub fn capital(text: &str) -> String {
+    let mut letters = text.chars();
+    letters.next().map_or_else(String::new, |first| first.to_uppercase().chain(letters).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{correction, gate, method, warning};
+
+    #[test]
+    fn known_codes_have_their_words_and_others_are_spelled_out() {
+        assert_eq!(warning("no_verify_points"), "Nothing was kept to verify");
+        assert_eq!(correction("link_masses"), "Masses of the links");
+        assert_eq!(gate("identity"), "It is the same robot");
+        assert_eq!((method("least_squares"), method("not_thought_of")), ("least squares".into(), "not thought of".into()));
+        assert_eq!(warning("identity"), "Identity");
+        assert_eq!(gate("not_thought_of"), "Not thought of");
+    }
+}
