@@ -8,7 +8,7 @@ use crate::wire::job::{JobParts, JobRequestBody, Method, Model, Preset};
 use crate::wire::measurement::{self, Frame};
 use crate::wire::report_shape::Report;
 use crate::wire::robot::RobotBody;
-use crate::wire::{Invalid, Problem, canonical, json};
+use crate::wire::{Invalid, Problem, canonical, json, words};
 use anyhow::Context;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::ops::ControlFlow;
@@ -62,7 +62,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let set = measurement::from_upload(kind, &bytes, frame, robot.links.len())
         .map_err(|invalid| Usage(invalid_text(&arguments.set, &invalid)))?;
     for remark in measurement::warnings(&robot, &set) {
-        eprintln!("warning ({}): {}", remark.code, remark.detail);
+        eprintln!("warning: {} ({}): {}", words::warning(&remark.code), remark.code, remark.detail);
     }
     let measured = MeasuredSet {
         name: arguments.set.file_name().and_then(|name| name.to_str()),

@@ -6,6 +6,7 @@ use super::look::told;
 use super::{Usage, block_on, table};
 use crate::wire::job::{JobAnswer, JobRequestBody, Method, Model, Preset};
 use crate::wire::report_shape::Report;
+use crate::wire::words;
 use anyhow::Context;
 use serde_json::Value;
 use std::path::PathBuf;
@@ -76,7 +77,8 @@ async fn upload(client: &Client, arguments: &Arguments, robot: &str, bytes: Vec<
     let content_type = if arguments.set.extension().is_some_and(|e| e == "json") { "application/json" } else { "text/csv" };
     let set = client.create(&format!("/v1/robots/{robot}/measurement-sets?frame={}", arguments.frame), content_type, bytes).await?;
     for warning in set["warnings"].as_array().into_iter().flatten() {
-        eprintln!("warning ({}): {}", warning["code"].as_str().unwrap_or_default(), warning["detail"].as_str().unwrap_or_default());
+        let (code, detail) = (warning["code"].as_str().unwrap_or_default(), warning["detail"].as_str().unwrap_or_default());
+        eprintln!("warning: {} ({code}): {detail}", words::warning(code));
     }
     if !arguments.json {
         println!("set {}: {} points, {} configurations", text(&set, "id")?, set["n_points"], set["n_configurations"]);

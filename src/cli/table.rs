@@ -1,10 +1,16 @@
 //! A report as text, for people at a terminal.
 
 use crate::wire::job::{Method, Model};
-use crate::wire::report_shape::{ComparisonReport, ErrorsReport, ParameterReport, Report, SubsetReport};
+use crate::wire::report_shape::{
+    ComparisonReport, CorrectionReport, ErrorsReport, Evidence, ParameterReport, RepeatabilityReport, Report, SubsetReport,
+};
+use crate::wire::words;
 use std::fmt::Write;
 
-/// The whole report: errors before and after, methods side by side, parameters, warnings.
+/// No instrument sees less than a tenth of a micrometre: smaller errors are all the same.
+const SMALLEST_MM: f64 = 1e-4;
+
+/// The whole report: errors before and after, how strong the evidence is, methods side by side, parameters, corrections, repeatability, warnings.
 pub fn report(report: &Report) -> String {
     let mut text = String::new();
     let model = if report.model == Model::Paper { "paper" } else { "complete" };
@@ -24,12 +30,30 @@ pub fn report(report: &Report) -> String {
     line(&mut text, format!("{:<24}{:>10}{:>10}{:>10}{:>10}", "position error, mm", "mean", "std", "rms", "max"));
     halves(&mut text, "identify", Some(&report.identify));
     halves(&mut text, "verify", report.verify.as_ref());
+    line(&mut text, format!("evidence: {}", evidence(report.evidence)));
+    if let Some(tool) = report.tool_uncertainty_mm {
+        let (mean, max) = (number(tool.mean), number(tool.max));
+        line(
+            &mut text,
+            format!("the tool is known to {mean} mm on average over the workspace, {max} mm at worst (one standard deviation)"),
+        );
+    }
     comparison(&mut text, &report.comparison);
     parameters(&mut text, &report.parameters);
+    corrections(&mut text, report.corrections.as_deref().unwrap_or_default());
+    repeatability(&mut text, report.repeatability.as_ref());
     for warning in &report.warnings {
-        line(&mut text, format!("\nwarning ({}): {}", warning.code, warning.detail));
+        line(&mut text, format!("\nwarning: {} ({}): {}", words::warning(&warning.code), warning.code, warning.detail));
     }
     text
+}
+
+fn evidence(evidence: Evidence) -> &'static str {
+    match evidence {
+        Evidence::None => "none; no point was held out, these errors are those of the fit itself",
+        Evidence::SameUpload => "same upload; a wrong tool, base or scale would not show",
+        Evidence::IndependentSession => "independent session; the strongest there is here",
+    }
 }
 
 fn line(text: &mut String, line: String) {
@@ -38,9 +62,8 @@ fn line(text: &mut String, line: String) {
 }
 
 fn halves(text: &mut String, name: &str, half: Option<&SubsetReport>) {
-    let Some(half) = half else { return };
-    let row =
-        |e: &ErrorsReport| format!("{:>10}{:>10}{:>10}{:>10}", number(e.mean_mm), number(e.std_mm), number(e.rms_mm), number(e.max_mm));
+    let Some(half) = half.filter(|half| half.n_points > 0) else { return };
+    let row = |e: &ErrorsReport| format!("{:>10}{:>10}{:>10}{:>10}", error(e.mean_mm), error(e.std_mm), error(e.rms_mm), error(e.max_mm));
     line(text, format!("{:<24}{}", format!("{name} ({}), before", half.n_points), row(&half.before)));
     line(text, format!("{:<24}{}", format!("{name} ({}), after", half.n_points), row(&half.after)));
     if let Some(corrected) = half.corrected.as_ref().filter(|corrected| **corrected != half.after) {
@@ -51,7 +74,7 @@ fn halves(text: &mut String, name: &str, half: Option<&SubsetReport>) {
 fn comparison(text: &mut String, rows: &[ComparisonReport]) {
     line(text, format!("\n{:<24}{:>12}{:>14}{:>12}{:>18}", "on the same points", "iterations", "F, mm²", "time, ms", "verify rms, mm"));
     for row in rows {
-        let rms = row.verify_after.map_or("–".into(), |e| number(e.rms_mm));
+        let rms = row.verify_after.map_or("–".into(), |e| error(e.rms_mm));
         line(text, format!("{:<24}{:>12}{:>14}{:>12.1}{rms:>18}", row.method, row.n_iterations, number(row.cost_mm2), row.duration_ms));
     }
 }
@@ -66,6 +89,35 @@ fn parameters(text: &mut String, rows: &[ParameterReport]) {
         };
         line(text, format!("{:<16}{:>5}{:>14.5}{:>14.5}{:>12.5}{std:>12}", row.name, row.unit, row.nominal, row.identified, row.delta));
     }
+}
+
+fn corrections(text: &mut String, rows: &[CorrectionReport]) {
+    if rows.is_empty() {
+        return;
+    }
+    let head = ["rms without", "rms with", "gain, mm²", "± std error", "kept"];
+    line(text, format!("\n{:<28}{:>12}{:>12}{:>12}{:>13}{:>6}", "what links cannot say, mm", head[0], head[1], head[2], head[3], head[4]));
+    for row in rows {
+        let errors = [row.cross_validated_rms_mm_before, row.cross_validated_rms_mm_after].map(error);
+        let gains = [row.gain_mm2, row.standard_error_mm2].map(number);
+        let kept = if row.kept { "yes" } else { "no" };
+        let name = words::correction(&row.kind);
+        line(text, format!("{name:<28}{:>12}{:>12}{:>12}{:>13}{kept:>6}", errors[0], errors[1], gains[0], gains[1]));
+    }
+}
+
+fn repeatability(text: &mut String, found: Option<&RepeatabilityReport>) {
+    let Some(found) = found else { return };
+    let (rp, std) = (error(found.rp_mm), error(found.std_mm));
+    line(
+        text,
+        format!("\nrepeatability: RP {rp} mm over {} poses with {} points, {std} mm in one coordinate", found.n_poses, found.n_points),
+    );
+}
+
+/// A position error, mm.
+fn error(value: f64) -> String {
+    if (0.0..SMALLEST_MM).contains(&value) { format!("<{SMALLEST_MM}") } else { number(value) }
 }
 
 /// Four significant digits, in powers of ten where it is tiny.

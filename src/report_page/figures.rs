@@ -213,7 +213,7 @@ pub fn positions(points: &[PointReport]) -> Markup {
         div.pair {
             @for (title, i, j, names) in [("Seen from above", 0, 1, ["x, mm", "y, mm"]), ("Seen from the side", 0, 2, ["x, mm", "z, mm"])] {
                 @let caption = format!("Arrows from where the robot was believed to be to where it was measured, {factor} times as long.{left_out}");
-                (figure_of_width(WIDTH / 2.0, title, &caption, false, 300.0, projection(&arrows, i, j, names, factor)))
+                (figure_of_width(WIDTH / 2.0, title, &caption, true, 300.0, projection(&arrows, i, j, names, factor)))
             }
         }
     }

@@ -1,14 +1,17 @@
 //! The parts of the page that are text and tables.
 
 use super::Sources;
-use super::text::{error, evidence, number, sentence, signed, time, unit};
+use super::text::{error, evidence, number, signed, time, unit};
 use crate::wire::measurement::{Frame, Warning};
 use crate::wire::parameter_set::ParameterSetAnswer;
-use crate::wire::report_shape::{ErrorsReport, Report, SubsetReport};
+use crate::wire::report_shape::{ErrorsReport, PriorReport, Report, SubsetReport};
+use crate::wire::words;
 use maud::{Markup, html};
 
 /// A reduction by less than this is none.
 const NO_REDUCTION: f64 = 0.001;
+/// More revisited poses than this are not listed: the figures of all of them together stand above the table.
+const MAX_POSES: usize = 40;
 
 /// What came out, in one sentence.
 pub fn verdict(report: &Report) -> Markup {
@@ -32,7 +35,7 @@ pub fn verdict(report: &Report) -> Markup {
 pub fn warnings(warnings: &[Warning]) -> Markup {
     html! {
         @for warning in warnings {
-            p.warning { strong { (sentence(&warning.code)) ": " } (warning.detail) "." }
+            p.warning { strong { (words::warning(&warning.code)) ". " } (words::capital(&warning.detail)) "." }
         }
     }
 }
@@ -51,7 +54,7 @@ pub fn facts(sources: &Sources<'_>) -> Markup {
     html! {
         dl.facts {
             (fact("Measurement set", &set_text))
-            (fact("Method", &format!("{}: {}", report.method.as_str(), report.method_reason)))
+            (fact("Method", &format!("{}: {}", words::method(report.method.as_str()), report.method_reason)))
             @if seen.n_parameters > 0 {
                 (fact("Model", &format!("{}: {} of {} parameters identified", report.model.as_str(), seen.rank, seen.n_parameters)))
             }
@@ -83,7 +86,7 @@ pub fn errors(report: &Report) -> Markup {
             h2 { "Position errors before and after, mm" }
             table {
                 thead { tr { th { "points" } th { "robot" } th.n { "mean" } th.n { "std" } th.n { "rms" } th.n { "max" } } }
-                tbody { @for (name, half) in halves { @if let Some(half) = half { (half_rows(name, half)) } } }
+                tbody { @for (name, half) in halves { @if let Some(half) = half.filter(|half| half.n_points > 0) { (half_rows(name, half)) } } }
             }
             p.note { "Identify: the points of the fit. Verify: points kept aside. Before: the nominal robot." }
         }
@@ -141,6 +144,44 @@ pub fn parameters(report: &Report) -> Markup {
     }
 }
 
+/// What was known beforehand, and what became of it.
+pub fn priors(report: &Report) -> Markup {
+    let known: Vec<_> = report.parameters.iter().filter_map(|p| Some((p, p.prior.as_ref()?))).collect();
+    if known.is_empty() {
+        return html! {};
+    }
+    html! {
+        section {
+            h2 { "Known beforehand" }
+            table {
+                thead { tr { th { "parameter" } th { "unit" } th.n { "expected" } th.n { "± std" } th.n { "allowed" } th.n { "share of what is known now" } } }
+                tbody {
+                    @for (parameter, prior) in known {
+                        tr {
+                            th { (parameter.name) }
+                            td { (unit(&parameter.unit)) }
+                            td.n { (signed(prior.mean, 4)) }
+                            td.n { (number(prior.std)) }
+                            td.n { (allowed(prior)) @if let Some(bound) = &prior.at_bound { ", ended at " (bound) } }
+                            td.n { (prior.share.map_or("–".into(), |share| format!("{:.0} %", 100.0 * share))) }
+                        }
+                    }
+                }
+            }
+            p.note { "The share is what comes from beforehand, not from the measured points: at 100 % the points say nothing." }
+        }
+    }
+}
+
+fn allowed(prior: &PriorReport) -> String {
+    match (prior.min, prior.max) {
+        (None, None) => "any".into(),
+        (Some(min), None) => format!("from {}", signed(min, 4)),
+        (None, Some(max)) => format!("to {}", signed(max, 4)),
+        (Some(min), Some(max)) => format!("{} to {}", signed(min, 4), signed(max, 4)),
+    }
+}
+
 /// The corrections that were tried.
 pub fn corrections(report: &Report) -> Markup {
     let rows = report.corrections.as_deref().unwrap_or_default();
@@ -151,19 +192,63 @@ pub fn corrections(report: &Report) -> Markup {
         section {
             h2 { "What links cannot say" }
             table {
-                thead { tr { th { "correction" } th { "kept" } th.n { "rms without, mm" } th.n { "rms with, mm" } } }
+                thead { tr { th { "correction" } th.n { "rms without, mm" } th.n { "rms with, mm" } th.n { "gain, mm²" } th.n { "± standard error" } th { "kept" } } }
                 tbody {
                     @for c in rows {
                         tr {
-                            th { (sentence(&c.kind)) }
-                            td { @if c.kept { "yes" } @else { "no" } }
+                            th { (words::correction(&c.kind)) }
                             td.n { (error(c.cross_validated_rms_mm_before)) }
                             td.n { (error(c.cross_validated_rms_mm_after)) }
+                            td.n { (number(c.gain_mm2)) }
+                            td.n { (number(c.standard_error_mm2)) }
+                            td { @if c.kept { strong { "yes" } } @else { "no" } }
                         }
                     }
                 }
             }
-            p.note { "Errors by cross-validation on the identify points; a correction is kept only where it lowers them." }
+            p.note {
+                "By cross-validation on the identify points; the gain is what a configuration's mean squared error falls by. Kept where it is above "
+                "its standard error; all together, where it is above twice that."
+            }
+        }
+    }
+}
+
+/// How well the robot returns to a pose.
+pub fn repeatability(report: &Report) -> Markup {
+    let Some(found) = &report.repeatability else { return html! {} };
+    let corrected = found.poses.iter().any(|pose| pose.ap_corrected_mm.is_some());
+    html! {
+        section {
+            h2 { "Repeatability" }
+            p {
+                "RP " strong { (error(found.rp_mm)) " mm" } " over " (found.n_poses) " poses that were visited several times (" (found.n_points)
+                " points); one coordinate scatters by " strong { (error(found.std_mm)) " mm" } " (one standard deviation)."
+            }
+            table {
+                thead { tr {
+                    th { "configuration" } th.n { "target" } th.n { "visits" } th.n { "RP, mm" } th.n { "AP before, mm" } th.n { "AP after, mm" }
+                    @if corrected { th.n { "AP corrected, mm" } }
+                } }
+                tbody {
+                    @for pose in found.poses.iter().take(MAX_POSES) {
+                        tr {
+                            th { (pose.configuration) }
+                            td.n { (pose.target) }
+                            td.n { (pose.n) }
+                            td.n { (error(pose.rp_mm)) }
+                            td.n { (error(pose.ap_before_mm)) }
+                            td.n { (error(pose.ap_after_mm)) }
+                            @if corrected { td.n { (pose.ap_corrected_mm.map_or("–".into(), error)) } }
+                        }
+                    }
+                }
+            }
+            p.note {
+                @if found.poses.len() > MAX_POSES { "The first " (MAX_POSES) " of " (found.poses.len()) " poses. " }
+                "As ISO 9283 has them: RP is the mean distance from the pose's barycentre and three standard deviations of it; AP goes from the "
+                "barycentre to where the robot should be. The norm asks for 30 visits; with few, RP comes out too small."
+            }
         }
     }
 }
@@ -209,7 +294,7 @@ pub fn comparison(report: &Report) -> Markup {
                     }
                     @for row in &report.comparison {
                         tr {
-                            th { (row.method) @if row.method == own { ", its search alone" } }
+                            th { (words::method(&row.method)) @if row.method == own { ", its search alone" } }
                             td.n { (row.n_iterations) }
                             td.n { (row.n_evaluations) }
                             td.n { (format!("{:.0}", row.duration_ms)) }

@@ -6,7 +6,7 @@ use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 use serde_json::{Value, json};
 use std::f64::consts::TAU;
 
-struct Draw(ChaCha8Rng);
+pub struct Draw(ChaCha8Rng);
 
 impl Draw {
     /// Normal (Box and Muller 1958).
@@ -15,12 +15,12 @@ impl Draw {
         (-2.0 * u.ln()).sqrt() * (TAU * v).cos()
     }
 
-    fn pose(&mut self, limits_deg: &[f64; 6]) -> Vec<f64> {
+    pub fn pose(&mut self, limits_deg: &[f64; 6]) -> Vec<f64> {
         limits_deg.iter().map(|limit| (limit * (2.0 * self.0.random::<f64>() - 1.0)).to_radians()).collect()
     }
 }
 
-const LIMITS_DEG: [f64; 6] = [150.0, 55.0, 60.0, 160.0, 100.0, 170.0];
+pub const LIMITS_DEG: [f64; 6] = [150.0, 55.0, 60.0, 160.0, 100.0, 170.0];
 const NOISE_MM: f64 = 0.03;
 
 /// The paper's table, mm and rad: a, alpha, d, theta, beta.
@@ -61,6 +61,41 @@ fn real_robot(nominal: &[[f64; 5]], draw: &mut Draw) -> RealRobot {
     }
 }
 
+/// The robot in its cell, and what a server knows of it.
+pub struct Cell {
+    /// Its path on the server.
+    pub robot: String,
+    nominal: Vec<[f64; 5]>,
+    pub truth: RealRobot,
+    pub draw: Draw,
+}
+
+impl Cell {
+    pub async fn registered(app: &TestApp) -> Self {
+        let mut body: Value = serde_json::from_slice(&paper("robot.json")).unwrap();
+        body["mounting"] = json!("floor");
+        for (link, limit) in body["links"].as_array_mut().unwrap().iter_mut().zip(LIMITS_DEG) {
+            link["joint_limits_deg"] = json!([-limit - 20.0, limit + 20.0]);
+        }
+        let nominal = nominal(&body);
+        let mut draw = Draw(ChaCha8Rng::seed_from_u64(77));
+        let truth = real_robot(&nominal, &mut draw);
+        let robot = app.post_json("/v1/robots", &body).await.ok(201);
+        Self { robot: format!("/v1/robots/{}", text(&robot["id"])), nominal, truth, draw }
+    }
+}
+
+/// What the instrument tells of these poses.
+pub fn csv(truth: &RealRobot, poses_rad: &[Vec<f64>], draw: &mut Draw) -> String {
+    let mut csv = String::from("q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,x_mm,y_mm,z_mm\n");
+    for q in poses_rad {
+        let seen = truth.seen(q).map(|mm| mm + NOISE_MM * draw.normal());
+        let cells: Vec<String> = q.iter().map(|q| q.to_degrees().to_string()).chain(seen.iter().map(f64::to_string)).collect();
+        csv += &(cells.join(",") + "\n");
+    }
+    csv
+}
+
 fn rms(errors: &[f64]) -> f64 {
     (errors.iter().map(|e| e * e).sum::<f64>() / errors.len() as f64).sqrt()
 }
@@ -72,24 +107,9 @@ fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
 #[tokio::test]
 async fn a_real_robot_lands_where_the_nominal_one_would() {
     let app = TestApp::with_workers(1).await;
-    let mut body: Value = serde_json::from_slice(&paper("robot.json")).unwrap();
-    body["mounting"] = json!("floor");
-    for (link, limit) in body["links"].as_array_mut().unwrap().iter_mut().zip(LIMITS_DEG) {
-        link["joint_limits_deg"] = json!([-limit - 20.0, limit + 20.0]);
-    }
-    let nominal = nominal(&body);
-    let mut draw = Draw(ChaCha8Rng::seed_from_u64(77));
-    let truth = real_robot(&nominal, &mut draw);
-    let robot = app.post_json("/v1/robots", &body).await.ok(201);
-    let robot = format!("/v1/robots/{}", text(&robot["id"]));
-
-    let mut csv = String::from("q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,x_mm,y_mm,z_mm\n");
-    for _ in 0..150 {
-        let q = draw.pose(&LIMITS_DEG);
-        let seen = truth.seen(&q).map(|mm| mm + NOISE_MM * draw.normal());
-        let cells: Vec<String> = q.iter().map(|q| q.to_degrees().to_string()).chain(seen.iter().map(f64::to_string)).collect();
-        csv += &(cells.join(",") + "\n");
-    }
+    let Cell { robot, nominal, truth, mut draw } = Cell::registered(&app).await;
+    let poses: Vec<Vec<f64>> = (0..150).map(|_| draw.pose(&LIMITS_DEG)).collect();
+    let csv = csv(&truth, &poses, &mut draw);
     let set = app.post(&format!("{robot}/measurement-sets?frame=instrument"), "text/csv", csv).await.ok(201);
     let job = app.run(&robot, &json!({"measurement_set_id": set["id"], "verify": {"source": "fraction", "fraction": 0.1}})).await;
     assert_eq!(job["status"], "succeeded", "{job}");

@@ -1,6 +1,7 @@
 //! The report as a page: what is in it, what is not, and that nothing in it can act.
 
 use crate::app::{TestApp, paper, text};
+use crate::closed_loop::{Cell, LIMITS_DEG, csv};
 use base64::Engine;
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
@@ -57,6 +58,64 @@ async fn the_page_says_what_the_report_says() {
     assert_eq!((bars.matches("class=\"before\"").count(), bars.matches("class=\"after\"").count()), (100, 100));
     assert_eq!((page.matches("class=\"before-line\"").count(), page.matches("class=\"after-line\"").count()), (200, 200));
     assert_eq!(page.matches("class=\"curve\"").count(), 1);
+}
+
+#[tokio::test]
+async fn the_page_has_corrections_with_their_standard_errors_repeatability_and_what_was_known() {
+    let app = TestApp::with_workers(1).await;
+    let Cell { robot, truth, mut draw, .. } = Cell::registered(&app).await;
+    // a hundred poses, and three of them five times more
+    let mut poses: Vec<Vec<f64>> = (0..100).map(|_| draw.pose(&LIMITS_DEG)).collect();
+    (0..5).for_each(|_| poses.extend_from_within(..3));
+    let csv = csv(&truth, &poses, &mut draw);
+    let set = app.post(&format!("{robot}/measurement-sets?frame=instrument"), "text/csv", csv).await.ok(201);
+    let priors = json!([{"name": "a_3", "std": 0.5, "max": 200.0}]);
+    let job = app.run(&robot, &json!({"measurement_set_id": set["id"], "parameters": {"priors": priors}})).await;
+    assert_eq!(job["status"], "succeeded", "{job}");
+    let (page, _) = page(&app, &job).await;
+    let report = app.get(&format!("/v1/jobs/{}/report", text(&job["id"]))).await.ok(200);
+
+    let section = between(&page, "What links cannot say", "</section>");
+    let corrections = report["corrections"].as_array().unwrap();
+    assert!(corrections.iter().any(|c| c["kept"] == true), "the robot sags: {corrections:?}");
+    for correction in corrections {
+        let row = between(section, &format!("<th>{}</th>", kincal::wire::words::correction(text(&correction["kind"]))), "</tr>");
+        for field in ["cross_validated_rms_mm_before", "cross_validated_rms_mm_after", "gain_mm2", "standard_error_mm2"] {
+            assert!(row.contains(&shown(&correction[field])), "{field} of {correction}: {row}");
+        }
+        assert_eq!((row.contains("yes"), row.contains("no")), (correction["kept"] == true, correction["kept"] == false), "{row}");
+    }
+    let corrected = report["verify"]["corrected"]["rms_mm"].as_f64().unwrap();
+    assert!(between(&page, "after, with corrections", "</tr>").contains(&format!("{corrected:.4}")), "{corrected}");
+
+    let section = between(&page, "<h2>Repeatability", "</section>");
+    let found = &report["repeatability"];
+    for field in ["rp_mm", "std_mm"] {
+        assert!(section.replace(" mm<", "<").contains(&shown(&found[field])), "{field} of {found}: {section}");
+    }
+    let visited = found["poses"].as_array().unwrap();
+    assert_eq!((visited.len(), section.matches("<td class=\"n\">6</td>").count()), (3, 3), "{section}");
+    for pose in visited {
+        let row = between(section, &format!("<th>{}</th>", text(&pose["configuration"])), "</tr>");
+        for field in ["rp_mm", "ap_before_mm", "ap_after_mm", "ap_corrected_mm"] {
+            assert!(row.contains(&shown(&pose[field])), "{field} of {pose}: {row}");
+        }
+    }
+
+    let row = between(between(&page, "Known beforehand", "</section>"), "<th>a_3</th>", "</tr>");
+    assert!(row.contains("0.500") && row.contains("to +200.0000") && row.contains(" %"), "{row}");
+}
+
+/// A number as the page writes it: three digits; below a thousandth two of them and the beginning of a power of ten.
+fn shown(value: &Value) -> String {
+    let value = value.as_f64().unwrap();
+    let sign = if value < 0.0 { "\u{2212}" } else { "" };
+    if value.abs() < 1e-3 {
+        let scientific = format!("{:.1e}", value.abs());
+        return format!("{sign}{}·10", scientific.split('e').next().unwrap());
+    }
+    let decimals = (2.0 - value.abs().log10().floor()).max(0.0) as usize;
+    format!("{sign}{:.decimals$}<", value.abs())
 }
 
 #[tokio::test]
@@ -124,7 +183,10 @@ async fn a_verification_has_a_page_too() {
     let job = app.run(&robot, &json!({"measurement_set_id": follow_up, "kind": "verify"})).await;
     let (page, _) = page(&app, &job).await;
     assert!(page.contains("<h1>Verification of ER20-C10</h1>"));
-    assert!(!page.contains("<h2>Parameters</h2>") && !page.contains("<h2>Convergence</h2>"));
+    assert!(page.contains("<td>Verify (100)</td>"));
+    for nothing in ["<h2>Parameters</h2>", "<h2>Convergence</h2>", "Identify (0)"] {
+        assert!(!page.contains(nothing), "{nothing}");
+    }
 }
 
 #[tokio::test]
