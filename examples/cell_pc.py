@@ -163,6 +163,9 @@ def main():
     except Refused as refused:
         print(refused, file=sys.stderr)
         sys.exit(2 if 400 <= refused.problem.get("status", 500) < 500 else 1)
+    except OSError as error:
+        print(error, file=sys.stderr)
+        sys.exit(1)
 
 
 if __name__ == "__main__":

@@ -58,3 +58,5 @@ mod secrets;
 mod tls;
 #[path = "api/tools.rs"]
 mod tools;
+#[path = "api/tutorial.rs"]
+mod tutorial;
