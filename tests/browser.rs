@@ -5,84 +5,20 @@
 
 #[path = "support/browser.rs"]
 mod browser;
+#[path = "support/hall.rs"]
+mod hall;
 #[path = "support/process.rs"]
 mod process;
 
 use browser::{Browser, DESKTOP, Driver, Look, Picture, TABLET};
-use process::{Server, kincal, run};
+use hall::{Hall, data};
+use process::{Server, run};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
-use tempfile::TempDir;
 use thirtyfour::Key;
 
 /// A name that would run scripts wherever it were taken for markup.
 const HOSTILE: &str = "</script><script>alert(1)</script><img src=x onerror=alert(2)> \"' &amp; {{7*7}}";
-
-/// A server with keys, and an administrator's client for it.
-struct Hall {
-    server: Server,
-    folder: TempDir,
-}
-
-impl Hall {
-    fn open() -> Self {
-        let folder = tempfile::tempdir().unwrap();
-        let data = folder.path().join("data");
-        let mut command = kincal(&["serve", "--listen", "127.0.0.1:0", "--workers", "1", "--data-dir"]);
-        command.arg(&data);
-        let hall = Self { server: Server::of(command), folder };
-        let admin = hall.key(&["admin"]);
-        Self { server: hall.server.with_key(admin), folder: hall.folder }
-    }
-
-    /// A new key, as the command line makes it.
-    fn key(&self, scopes: &[&str]) -> String {
-        let data = self.folder.path().join("data");
-        let mut arguments = vec!["key", "create", "--name", "test", "--data-dir", data.to_str().unwrap()];
-        arguments.extend(scopes.iter().flat_map(|scope| ["--scope", scope]));
-        let output = run(&arguments);
-        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-        String::from_utf8(output.stdout).unwrap().trim().to_owned()
-    }
-
-    /// The paper's robot under a name.
-    fn robot(&self, name: &str, serial_number: &str) -> String {
-        let mut robot: Value = serde_json::from_slice(&std::fs::read(data("robot.json")).unwrap()).unwrap();
-        (robot["name"], robot["serial_number"]) = (json!(name), json!(serial_number));
-        self.server.create("/v1/robots", "application/json", robot.to_string().into_bytes())
-    }
-
-    /// One of the paper's sets, uploaded under a name; its id.
-    fn set(&self, robot: &str, file: &str, name: &str) -> String {
-        let query = reqwest::Url::parse_with_params("http://x/", [("frame", "base"), ("name", name)]).unwrap();
-        let path = format!("/v1/robots/{robot}/measurement-sets?{}", query.query().unwrap());
-        self.server.create(&path, "text/csv", std::fs::read(data(file)).unwrap())
-    }
-
-    /// A calibration to its end; the job.
-    fn calibrated(&self, robot: &str, set: &str, method: &str) -> Value {
-        let job = self.server.job(robot, &json!({"measurement_set_id": set, "method": method}));
-        self.server.finished(&job)
-    }
-
-    fn release(&self, job: &Value, reason: &str) {
-        let path = format!("/v1/parameter-sets/{}/release", job["parameter_set_id"].as_str().unwrap());
-        let body = json!({"reason": reason, "change_reason": "tried in a test"}).to_string();
-        let (status, answer) = self.server.post(&path, "application/json", body.into_bytes());
-        assert_eq!(status, 200, "{answer}");
-    }
-
-    /// A file of its own.
-    fn file(&self, name: &str, text: &str) -> PathBuf {
-        let path = self.folder.path().join(name);
-        std::fs::write(&path, text).unwrap();
-        path
-    }
-}
-
-fn data(name: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("data/paper").join(name)
-}
 
 /// Runs a person's steps in a browser of their own.
 fn in_browser(driver: &Driver, server: &Server, steps: impl AsyncFnOnce(&Browser)) {
@@ -143,6 +79,9 @@ fn a_set_is_uploaded_identified_read_released_and_withdrawn() {
         browser.picture("result", Picture::Top(720)).await;
 
         browser.button("Release …").await.click().await.unwrap();
+        browser.until_it_says("It may be released. Worth a look:").await;
+        let told = browser.find("dialog .warning ul").await.text().await.unwrap();
+        assert!(told.contains("How strong the verification is: same_upload") && told.contains("It is the same robot: "), "{told}");
         browser.picture("release", Picture::Element("dialog")).await;
         browser.find("dialog textarea").await.send_keys("checked with the probe").await.unwrap();
         browser.button("Release").await.click().await.unwrap();
@@ -160,6 +99,116 @@ fn a_set_is_uploaded_identified_read_released_and_withdrawn() {
     assert_eq!(status, 404, "what was withdrawn is not active");
     let (_, sets) = hall.server.get(&format!("/v1/robots/{robot}/measurement-sets"));
     assert_eq!(sets["items"].as_array().unwrap().len(), 1, "the faulty file left nothing");
+}
+
+#[test]
+fn what_the_service_says_stands_on_the_pages() {
+    let Some(driver) = Driver::start() else { return };
+    let hall = Hall::open();
+    let robot = hall.robot("Cell 9", "ER20-0122");
+    hall.release(&hall.calibrated(&robot, &hall.set(&robot, "first_noisy.csv", "first"), "least_squares"), "the first one");
+    let visited = hall.file("revisited.csv", &revisited_csv());
+    let path = format!("/v1/robots/{robot}/measurement-sets?frame=base&name=revisited");
+    let set = hall.server.create(&path, "text/csv", std::fs::read(visited).unwrap());
+    let newest = hall.calibrated(&robot, &set, "least_squares");
+    let [active, newest_set] = ["active", newest["parameter_set_id"].as_str().unwrap()];
+    let (_, active) = hall.server.get(&format!("/v1/robots/{robot}/parameter-sets/{active}"));
+    let key = hall.key(&["read", "release"]);
+    in_browser(&driver, &hall.server, async |browser: &Browser| {
+        sign_in(browser, &key).await;
+
+        // the drift is that of the comparison, in the list and on the robot's page
+        browser.until_it_says("newer result to review").await;
+        let (_, compared) =
+            in_place(|| hall.server.get(&format!("/v1/parameter-sets/{newest_set}/compare?with={}", active["id"].as_str().unwrap())));
+        let shown = browser.run("return document.querySelector('tbody td:nth-child(5)').innerText").await;
+        assert_eq!(
+            lengths_mm(shown.as_str().unwrap()),
+            [three_digits(&compared["mean_mm"]), three_digits(&compared["max_mm"])],
+            "{compared}"
+        );
+        browser.run(&format!("location.hash = '#/robots/{robot}'")).await;
+        browser.until_it_says("Next calibration").await;
+        let shown = fact(browser, "Drift").await;
+        assert_eq!(lengths_mm(&shown), [three_digits(&compared["mean_mm"]), three_digits(&compared["max_mm"])], "{shown}");
+        assert!(shown.contains("more than chance"), "{shown}: {}", compared["sessions"]["probability"]);
+
+        // when to calibrate next, in the service's own words
+        let (_, history) = in_place(|| hall.server.get(&format!("/v1/robots/{robot}/history?limit=1")));
+        let detail = history["trend"]["detail"].as_str().unwrap();
+        assert_eq!(history["trend"]["days_to_limit"], Value::Null, "one session is no trend");
+        let shown = fact(browser, "Next calibration").await;
+        assert!(shown.contains("not to be said") && shown.contains(detail), "{shown}: {detail}");
+
+        // how well the robot returns to a pose
+        browser.run(&format!("location.hash = '#/jobs/{}'", newest["id"].as_str().unwrap())).await;
+        browser.until_it_says("Repeatability").await;
+        let rows = browser.run("return document.querySelectorAll('[aria-label^=\"RP \"] tbody tr').length").await;
+        assert_eq!(rows, 3, "three poses were visited several times");
+
+        // the links as other programs read them
+        let folder = hall.folder.path().join("downloads");
+        browser.download_to(&folder).await;
+        for (name, format) in [("URDF", "urdf"), ("CSV", "csv"), ("YAML", "yaml")] {
+            browser.button(&format!("… as {name}")).await.click().await.unwrap();
+            let file = folder.join(format!("{newest_set}.{format}"));
+            browser.until_there_is(&file).await;
+            let served = in_place(|| hall.server.text(&format!("/v1/parameter-sets/{newest_set}/export?format={format}")));
+            assert_eq!(std::fs::read_to_string(file).unwrap(), served, "{name}");
+        }
+        browser.assert_quiet(&[]).await;
+
+        // a release that the robot's policy would refuse says so before anybody writes a reason, and does not happen
+        let policy = json!({"independent_session_required": true});
+        in_place(|| assert_eq!(hall.server.put(&format!("/v1/robots/{robot}/policy"), &policy).0, 200));
+        browser.button("Release …").await.click().await.unwrap();
+        browser.until_it_says("A release would be refused:").await;
+        let told = browser.find("dialog .problem ul").await.text().await.unwrap();
+        assert!(told.contains("How strong the verification is, no: same_upload"), "{told}");
+        browser.find("dialog textarea").await.send_keys("all the same").await.unwrap();
+        browser.button("Release").await.click().await.unwrap();
+        browser.until_it_says("It was not released.").await;
+        assert!(browser.find("dialog [role=alert]").await.text().await.unwrap().contains("How strong the verification is: "));
+        browser.button("Not now").await.click().await.unwrap();
+        browser.assert_quiet(&[409]).await;
+    });
+    let (_, still) = hall.server.get(&format!("/v1/robots/{robot}/parameter-sets/active"));
+    assert_eq!(still["id"], active["id"]);
+}
+
+/// Asks the server from within a browser's steps: the client of the tests has a runtime of its own.
+fn in_place<T: Send>(ask: impl FnOnce() -> T + Send) -> T {
+    std::thread::scope(|scope| scope.spawn(ask).join().unwrap())
+}
+
+/// Value and remark of one of the large numbers.
+async fn fact(browser: &Browser, name: &str) -> String {
+    let script =
+        format!("return [...document.querySelectorAll('.fact')].find((f) => f.firstChild.innerText === {}).innerText", json!(name));
+    browser.run(&script).await.as_str().unwrap().to_owned()
+}
+
+/// The numbers of a text.
+fn lengths_mm(text: &str) -> Vec<f64> {
+    text.split(|c: char| !c.is_ascii_digit() && c != '.').filter_map(|word| word.parse().ok()).collect()
+}
+
+/// As the pages show a length.
+fn three_digits(value: &Value) -> f64 {
+    format!("{:.2e}", value.as_f64().unwrap()).parse().unwrap()
+}
+
+/// The drifted robot, three of whose poses were measured four times, to 0.03 mm.
+fn revisited_csv() -> String {
+    let text = std::fs::read_to_string(data("followup_drifted.csv")).unwrap();
+    let column = text.lines().next().unwrap().split(',').position(|name| name == "x_mm").unwrap();
+    let again = |(visit, line): (usize, &str)| {
+        let mut cells: Vec<String> = line.split(',').map(str::to_owned).collect();
+        cells[column] = (cells[column].parse::<f64>().unwrap() + 0.03 * (visit as f64 - 1.0)).to_string();
+        cells.join(",") + "\n"
+    };
+    let more: String = (0..3).flat_map(|visit| text.lines().skip(1).take(3).map(move |line| (visit, line))).map(again).collect();
+    format!("{}\n{more}", text.trim_end())
 }
 
 /// A set whose eighth line has a decimal comma, as a spreadsheet writes it.

@@ -23,10 +23,11 @@ pub struct Driver {
 }
 
 impl Driver {
-    /// Starts it; nothing, said aloud, where Chromium is not installed.
+    /// Starts it; nothing, said aloud, where Chromium is not installed. KINCAL_EXPECT_BROWSER says that it must be.
     pub fn start() -> Option<Self> {
         let spawned = Command::new("chromedriver").arg("--port=0").stdout(Stdio::piped()).stderr(Stdio::null()).spawn();
         let Ok(mut child) = spawned else {
+            assert!(std::env::var_os("KINCAL_EXPECT_BROWSER").is_none(), "chromedriver is expected here and missing");
             eprintln!("SKIPPED: no chromedriver here; apt-get install chromium chromium-driver");
             return None;
         };
@@ -156,6 +157,21 @@ impl Browser {
             for (const kind of ['dragover', 'drop']) \
             document.querySelector(css).dispatchEvent(new DragEvent(kind, { dataTransfer, bubbles: true, cancelable: true }));";
         self.driver.execute(script, vec![json!(css), json!(name), json!(content)]).await.unwrap();
+    }
+
+    /// Where this window's downloads go from now on.
+    pub async fn download_to(&self, folder: &Path) {
+        std::fs::create_dir_all(folder).unwrap();
+        self.devtools("Browser.setDownloadBehavior", json!({"behavior": "allow", "downloadPath": folder})).await;
+    }
+
+    /// Waits until a file is there, whole: Chromium gives it its name when it is.
+    pub async fn until_there_is(&self, file: &Path) {
+        let deadline = Instant::now() + PATIENCE;
+        while !file.exists() {
+            assert!(Instant::now() < deadline, "{} was not downloaded", file.display());
+            tokio::time::sleep(Duration::from_millis(40)).await;
+        }
     }
 
     /// Keys as a person presses them, to whatever has the focus.

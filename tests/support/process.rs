@@ -95,13 +95,18 @@ impl Server {
 
     /// GET: the text of a success.
     pub fn text(&self, path: &str) -> String {
-        let request = self.http.get(format!("{}{path}", self.url));
+        let request = self.signed(self.http.get(format!("{}{path}", self.url)));
         self.runtime.block_on(async { request.send().await.unwrap().error_for_status().unwrap().text().await.unwrap() })
     }
 
     /// POST: status and JSON.
     pub fn post(&self, path: &str, content_type: &str, body: Vec<u8>) -> (u16, Value) {
         self.send(self.http.post(format!("{}{path}", self.url)).header("content-type", content_type).body(body))
+    }
+
+    /// PUT of JSON: status and JSON.
+    pub fn put(&self, path: &str, body: &Value) -> (u16, Value) {
+        self.send(self.http.put(format!("{}{path}", self.url)).header("content-type", "application/json").body(body.to_string()))
     }
 
     /// POST under an Idempotency-Key: status and JSON.
@@ -177,13 +182,16 @@ impl Server {
         self.get(&format!("/v1/jobs/{job}/report")).1
     }
 
+    fn signed(&self, request: reqwest::RequestBuilder) -> reqwest::RequestBuilder {
+        match &self.key {
+            Some(key) => request.bearer_auth(key),
+            None => request,
+        }
+    }
+
     fn send(&self, request: reqwest::RequestBuilder) -> (u16, Value) {
         self.runtime.block_on(async {
-            let request = match &self.key {
-                Some(key) => request.bearer_auth(key),
-                None => request,
-            };
-            let response = request.send().await.unwrap();
+            let response = self.signed(request).send().await.unwrap();
             let status = response.status().as_u16();
             let bytes = response.bytes().await.unwrap();
             (status, serde_json::from_slice(&bytes).unwrap_or(Value::Null))
