@@ -76,7 +76,7 @@ fn a_set_is_uploaded_identified_read_released_and_withdrawn() {
             browser.until_it_says(expected).await;
         }
         assert_eq!(browser.run("return document.querySelectorAll('figure rect.after').length > 50").await, true, "bars were drawn");
-        browser.picture("result", Picture::Top(720)).await;
+        browser.picture("result", Picture::Top(640)).await;
 
         browser.button("Release …").await.click().await.unwrap();
         browser.until_it_says("It may be released. Worth a look:").await;

@@ -1,11 +1,12 @@
 //! `kincal backup`: a copy of the embedded database, checked.
 
 use super::block_on;
+use super::look::told;
 use crate::config::DatabaseConfig;
 use crate::http::server::location;
 use crate::store::verify::{self, Options};
 use crate::store::{Store, StoreLocation, audit, backup};
-use std::io::Write;
+use serde_json::json;
 use std::path::PathBuf;
 
 /// Copy the embedded database while it is served, and check the copy; exit code 1 if it does not keep its promises.
@@ -16,6 +17,9 @@ pub struct Arguments {
     /// A new or empty directory; serve it with --data-dir to restore.
     #[arg(value_name = "DIRECTORY")]
     to: PathBuf,
+    /// Print JSON.
+    #[arg(long, env = "KINCAL_JSON", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue)]
+    json: bool,
 }
 
 /// Copies and checks.
@@ -37,13 +41,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             broken.join(", "),
             arguments.to.display()
         );
-        writeln!(
-            std::io::stdout(),
-            "{}: every promise kept; head of the audit chain: {}:{}",
-            arguments.to.display(),
-            head.seq,
-            head.sha256
-        )?;
-        Ok(())
+        let answer = json!({"directory": arguments.to, "audit_head": {"seq": head.seq, "sha256": head.sha256}});
+        told(arguments.json, &answer, || {
+            format!("{}: every promise kept; head of the audit chain: {}:{}", arguments.to.display(), head.seq, head.sha256)
+        })
     })
 }

@@ -29,6 +29,9 @@ pub struct Arguments {
     /// The tool centre point in the flange frame: X,Y,Z in mm.
     #[arg(long, env = "KINCAL_TOOL_MM", value_name = "X,Y,Z", value_delimiter = ',', num_args = 3, allow_negative_numbers = true)]
     tool_mm: Vec<f64>,
+    /// Print the corrected joint values and what became of each target as JSON, in place of the program.
+    #[arg(long, env = "KINCAL_JSON", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue)]
+    json: bool,
 }
 
 /// A program: its header, its rows, and where the joint values stand.
@@ -54,7 +57,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         corrected.extend(answer.q_deg);
         statuses.extend(answer.status);
     }
-    print!("{}", program.with(&corrected)?);
+    if arguments.json {
+        println!("{}", serde_json::to_string_pretty(&serde_json::json!({"q_deg": corrected, "status": statuses}))?);
+    } else {
+        print!("{}", program.with(&corrected)?);
+    }
     for (status, what) in [
         (CompensateStatus::NearSingular, "near a singularity: as near as the joints get without a wild motion"),
         (CompensateStatus::JointLimit, "at a joint limit: as near as the other joints get"),

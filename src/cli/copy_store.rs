@@ -1,8 +1,10 @@
 //! `kincal copy-store`: from the embedded database to PostgreSQL, or back.
 
+use super::look::told;
 use super::{Usage, block_on};
 use crate::store::verify::{self, Options};
 use crate::store::{Store, StoreLocation, copy};
+use serde_json::{Value, json};
 use std::path::PathBuf;
 
 /// Copy a whole database into an empty one, and check the copy as `verify-store` does. Stop all servers and workers first.
@@ -14,6 +16,9 @@ pub struct Arguments {
     /// Where to: a data directory that is made, or the URL of an empty PostgreSQL database.
     #[arg(long, env = "KINCAL_TO", value_name = "DIR|URL", hide_env_values = true)]
     to: String,
+    /// Print JSON.
+    #[arg(long, env = "KINCAL_JSON", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue)]
+    json: bool,
 }
 
 /// Copies and checks.
@@ -31,9 +36,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         // opened as a server does: its schema is brought up to date, and a data directory that is in use is refused
         let from = Store::open(from).await?;
         let to = Store::open(to).await?;
-        for copied in copy::copy(&from, &to, |table| eprintln!("copying {table}")).await? {
-            println!("{:>10} rows of {}", copied.n_rows, copied.table);
-        }
+        let copied = copy::copy(&from, &to, |table| eprintln!("copying {table}")).await?;
         let checks = verify::verify(&to, &Options { known_head: None, is_served: false }).await?;
         let n_violations: i64 = checks.iter().map(|check| check.n_violations).sum();
         let heads = (crate::store::audit::head(&from).await?, crate::store::audit::head(&to).await?);
@@ -42,8 +45,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         anyhow::ensure!(n_violations == 0, "the copy breaks {n_violations} promises; `kincal verify-store` on it says which");
         let same_head = (heads.0.seq, &heads.0.sha256) == (heads.1.seq, &heads.1.sha256);
         anyhow::ensure!(same_head, "the copy's audit chain ends elsewhere: somebody wrote to the source meanwhile; copy again");
-        println!("the copy keeps all promises; head of the audit chain: {}:{}", heads.1.seq, heads.1.sha256);
-        Ok(())
+        let tables: Vec<Value> = copied.iter().map(|copied| json!({"table": copied.table, "n_rows": copied.n_rows})).collect();
+        let answer = json!({"tables": tables, "audit_head": {"seq": heads.1.seq, "sha256": heads.1.sha256}});
+        told(arguments.json, &answer, || {
+            let rows: String = copied.iter().map(|copied| format!("{:>10} rows of {}\n", copied.n_rows, copied.table)).collect();
+            format!("{rows}the copy keeps all promises; head of the audit chain: {}:{}", heads.1.seq, heads.1.sha256)
+        })
     })
 }
 

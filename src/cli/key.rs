@@ -1,5 +1,6 @@
 //! `kincal key`: may run beside a server.
 
+use super::look::told;
 use super::{Usage, block_on};
 use crate::config::DatabaseConfig;
 use crate::http::auth::{Scope, new_key};
@@ -56,6 +57,9 @@ enum Action {
         /// Name of the keys.
         #[arg(long)]
         name: Option<String>,
+        /// Print JSON.
+        #[arg(long)]
+        json: bool,
     },
 }
 
@@ -65,7 +69,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         match &arguments.action {
             Action::Create { database, name, scopes, robots, json } => create(&open(database).await?, name, scopes, robots, *json).await,
             Action::List { database, json } => list(&open(database).await?, *json).await,
-            Action::Revoke { database, id, name } => revoke(&open(database).await?, id.as_deref(), name.as_deref()).await,
+            Action::Revoke { database, id, name, json } => revoke(&open(database).await?, id.as_deref(), name.as_deref(), *json).await,
         }
     })
 }
@@ -142,7 +146,7 @@ async fn list(store: &Store, json: bool) -> anyhow::Result<()> {
     Ok(())
 }
 
-async fn revoke(store: &Store, id: Option<&str>, name: Option<&str>) -> anyhow::Result<()> {
+async fn revoke(store: &Store, id: Option<&str>, name: Option<&str>, json: bool) -> anyhow::Result<()> {
     let matches = |row: &ApiKeyRow| row.revoked_at_ms.is_none() && (Some(row.id.as_str()) == id || Some(row.name.as_str()) == name);
     let rows: Vec<ApiKeyRow> = all(store).await?.into_iter().filter(matches).collect();
     if rows.is_empty() {
@@ -154,6 +158,9 @@ async fn revoke(store: &Store, id: Option<&str>, name: Option<&str>) -> anyhow::
         api_keys::revoke(&mut tx, &row.id).await?;
     }
     tx.commit().await?;
-    rows.iter().for_each(|row| println!("revoked {} ({:?})", row.id, row.name));
-    Ok(())
+    let revoked: Vec<Value> = rows.iter().map(|row| json!({"id": row.id, "name": row.name})).collect();
+    told(json, &json!({"revoked": revoked}), || {
+        let lines: Vec<String> = rows.iter().map(|row| format!("revoked {} ({:?})", row.id, row.name)).collect();
+        lines.join("\n")
+    })
 }

@@ -1,5 +1,6 @@
 //! `kincal worker`, a node that only computes, and `kincal migrate`.
 
+use super::look::told;
 use super::serve::told_to_stop;
 use super::{Usage, block_on};
 use crate::config::{DatabaseConfig, WorkerConfig};
@@ -36,14 +37,17 @@ pub fn run(config: &WorkerConfig) -> anyhow::Result<()> {
 pub struct MigrateArguments {
     #[command(flatten)]
     database: DatabaseConfig,
+    /// Print JSON.
+    #[arg(long, env = "KINCAL_JSON", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue)]
+    json: bool,
 }
 
 /// Migrates.
 pub fn migrate(arguments: &MigrateArguments) -> anyhow::Result<()> {
     block_on(async {
         let store = Store::open(location(&arguments.database)).await?;
-        println!("the schema is at version {}", store.schema_version().await?);
+        let version = store.schema_version().await?;
         store.close().await;
-        Ok(())
+        told(arguments.json, &serde_json::json!({"schema_version": version}), || format!("the schema is at version {version}"))
     })
 }

@@ -103,10 +103,11 @@ fn every_shell_completes_every_command() {
 }
 
 #[test]
-fn keys_are_made_and_listed_as_json() {
+fn keys_and_the_database_answer_as_json_too() {
     let dir = tempfile::tempdir().unwrap();
+    let data = dir.path().join("data");
     let run = |arguments: &[&str]| {
-        let output = Command::new(env!("CARGO_BIN_EXE_kincal")).args(arguments).arg("--data-dir").arg(dir.path()).output().unwrap();
+        let output = Command::new(env!("CARGO_BIN_EXE_kincal")).args(arguments).arg("--data-dir").arg(&data).output().unwrap();
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
         serde_json::from_slice::<Value>(&output.stdout).unwrap()
     };
@@ -115,4 +116,10 @@ fn keys_are_made_and_listed_as_json() {
     let listed = run(&["key", "list", "--json"]);
     assert_eq!((&listed["items"][0]["id"], &listed["items"][0]["scopes"]), (&made["id"], &json!(["read"])));
     assert_eq!(listed["items"][0].get("key"), None, "a key is shown only once");
+    let copy = dir.path().join("copy");
+    let made_of_it = run(&["backup", copy.to_str().unwrap(), "--json"]);
+    assert_eq!((&made_of_it["directory"], &made_of_it["audit_head"]["seq"]), (&json!(copy), &json!(1)));
+    assert!(run(&["migrate", "--json"])["schema_version"].as_i64().unwrap() > 0);
+    let revoked = run(&["key", "revoke", "--name", "cell-4", "--json"]);
+    assert_eq!(revoked["revoked"][0]["id"], made["id"]);
 }

@@ -69,7 +69,7 @@ async fn the_page_has_corrections_with_their_standard_errors_repeatability_and_w
     (0..5).for_each(|_| poses.extend_from_within(..3));
     let csv = csv(&truth, &poses, &mut draw);
     let set = app.post(&format!("{robot}/measurement-sets?frame=instrument"), "text/csv", csv).await.ok(201);
-    let priors = json!([{"name": "a_3", "std": 0.5, "max": 200.0}]);
+    let priors = json!([{"name": "a_3", "std": 0.5, "max": 800.0}]);
     let job = app.run(&robot, &json!({"measurement_set_id": set["id"], "parameters": {"priors": priors}})).await;
     assert_eq!(job["status"], "succeeded", "{job}");
     let (page, _) = page(&app, &job).await;
@@ -103,7 +103,7 @@ async fn the_page_has_corrections_with_their_standard_errors_repeatability_and_w
     }
 
     let row = between(between(&page, "Known beforehand", "</section>"), "<th>a_3</th>", "</tr>");
-    assert!(row.contains("0.500") && row.contains("to +200.0000") && row.contains(" %"), "{row}");
+    assert!(row.contains("0.500") && row.contains("to +800.0000") && row.contains(" %"), "{row}");
 }
 
 /// A number as the page writes it: three digits; below a thousandth two of them and the beginning of a power of ten.
