@@ -83,6 +83,25 @@ async fn what_goes_wrong_says_what_to_do_next() {
     assert!(complaints.contains("next: give the key with --key or in KINCAL_KEY"), "{complaints}");
 }
 
+#[tokio::test(flavor = "multi_thread")]
+async fn a_terminal_sees_how_far_a_job_is_and_a_file_does_not() {
+    let (app, _dir) = guarded(1).await;
+    let person = Person::new(&app, &["read", "upload", "identify"]).await;
+    person.post("/v1/robots", &serde_json::from_slice(&paper("robot.json")).unwrap()).await.ok(201);
+    let arguments = ["submit", "--robot", "ER20-C10", &data("first_noisy.csv"), "--method", "pso", "--preset", "paper", "--wait"];
+    let line = format!("{} {}", env!("CARGO_BIN_EXE_kincal"), arguments.join(" "));
+    let mut command = Command::new("script");
+    // script(1) runs it on a terminal of its own
+    command.args(["-qefc", &line, "/dev/null"]).env("KINCAL_SERVER", app.server.url()).env("KINCAL_KEY", &person.key);
+    let output = tokio::task::spawn_blocking(move || command.output().expect("script is there")).await.unwrap();
+    let seen = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(output.status.success(), "{seen}");
+    assert!(seen.contains('█') && seen.contains("iterations, F = ") && seen.contains("next: kincal release par_"), "{seen}");
+    let (code, told, complaints) = kincal(&app, &person.key, &arguments).await;
+    assert_eq!(code, Some(0), "{complaints}");
+    assert!(!told.contains('█') && !complaints.contains('█') && told.contains("verify (50), after"), "{told}{complaints}");
+}
+
 #[test]
 fn every_shell_completes_every_command() {
     let run = |arguments: &[&str]| Command::new(env!("CARGO_BIN_EXE_kincal")).args(arguments).output().unwrap();
