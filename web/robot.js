@@ -87,7 +87,7 @@ function parameterSets(entries) {
 }
 
 function jobTable(jobs, sets) {
-  const name = (job) => sets.find((set) => set.id === job.measurement_set_id)?.name ?? "–";
+  const name = (job) => sets.find((set) => set.id === job.measurement_set_id)?.name ?? "without a name";
   const columns = [
     ["Begun", (job) => el("a", { href: `#/jobs/${job.id}` }, when(job.created_at))],
     ["State", (job) => statusBadge(job.status)],
@@ -101,7 +101,7 @@ function jobTable(jobs, sets) {
 
 function setTable(sets) {
   const columns = [
-    ["Name", (set) => set.name ?? "–", "name"],
+    ["Name", (set) => set.name ?? "without a name", "name"],
     ["Uploaded", (set) => when(set.created_at)],
     ["Frame", (set) => (set.frame === "base" ? "robot base" : "instrument")],
     ["Points", (set) => set.n_points, "n"],

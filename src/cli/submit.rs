@@ -6,6 +6,7 @@ use super::look::told;
 use super::{Usage, block_on, table};
 use crate::wire::job::{JobAnswer, JobRequestBody, Method, Model, Preset};
 use crate::wire::report_shape::Report;
+use crate::wire::robot::MAX_NAME;
 use crate::wire::words;
 use anyhow::Context;
 use serde_json::Value;
@@ -75,7 +76,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
 
 async fn upload(client: &Client, arguments: &Arguments, robot: &str, bytes: Vec<u8>) -> anyhow::Result<Value> {
     let content_type = if arguments.set.extension().is_some_and(|e| e == "json") { "application/json" } else { "text/csv" };
-    let set = client.create(&format!("/v1/robots/{robot}/measurement-sets?frame={}", arguments.frame), content_type, bytes).await?;
+    let mut parameters = vec![("frame", arguments.frame.clone())];
+    if content_type == "text/csv" {
+        // a CSV has no name of its own: people know it by its file
+        parameters.extend(file_name(arguments).map(|name| ("name", name)));
+    }
+    let path = format!("/v1/robots/{robot}/measurement-sets");
+    let query = reqwest::Url::parse_with_params("http://query/", parameters)?;
+    let set = client.create(&format!("{path}?{}", query.query().unwrap_or_default()), content_type, bytes).await?;
     for warning in set["warnings"].as_array().into_iter().flatten() {
         let (code, detail) = (warning["code"].as_str().unwrap_or_default(), warning["detail"].as_str().unwrap_or_default());
         eprintln!("warning: {} ({code}): {detail}", words::warning(code));
@@ -84,6 +92,13 @@ async fn upload(client: &Client, arguments: &Arguments, robot: &str, bytes: Vec<
         println!("set {}: {} points, {} configurations", text(&set, "id")?, set["n_points"], set["n_configurations"]);
     }
     Ok(set)
+}
+
+/// The file's name without its ending, as far as a set's name may be long.
+fn file_name(arguments: &Arguments) -> Option<String> {
+    let stem = arguments.set.file_stem()?.to_str()?;
+    let name: String = stem.chars().filter(|c| !c.is_control()).take(MAX_NAME).collect();
+    (!name.trim().is_empty()).then_some(name)
 }
 
 async fn follow(client: &Client, arguments: &Arguments, job_id: &str) -> anyhow::Result<JobAnswer> {

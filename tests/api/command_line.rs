@@ -36,6 +36,8 @@ async fn from_the_upload_to_the_release_and_back_in_a_terminal() {
     let sets = person.get(&format!("/v1/robots/{}/parameter-sets", text(&robot["id"]))).await.ok(200);
     let (set, job) = (text(&sets["items"][0]["id"]), text(&sets["items"][0]["job_id"]));
 
+    let (_, listed, _) = kincal(&app, key, &["sets", "--robot", "Cell 4"]).await;
+    assert!(listed.contains("  first_noisy  base   100 "), "a set is called as its file: {listed}");
     let (code, table, _) = kincal(&app, key, &["report", job]).await;
     assert_eq!(code, Some(0));
     assert!(told.contains(table.trim()), "the same table as at the end of submit:\n{table}");
