@@ -76,7 +76,7 @@ fn a_set_is_uploaded_identified_read_released_and_withdrawn() {
             browser.until_it_says(expected).await;
         }
         assert_eq!(browser.run("return document.querySelectorAll('figure rect.after').length > 50").await, true, "bars were drawn");
-        browser.picture("result", Picture::Top(640)).await;
+        browser.picture("result", Picture::Top(1336)).await;
 
         browser.button("Release …").await.click().await.unwrap();
         browser.until_it_says("It may be released. Worth a look:").await;
@@ -318,7 +318,7 @@ fn every_page_is_accessible_in_both_themes_and_fits_a_tablet() {
                 assert_eq!(hidden_by_scrolling(browser).await, json!([]), "{name} on a {shape}: tables that are cut off");
                 browser.picture(&format!("{name}-{shape}"), Picture::Whole).await;
                 if *name == "robot" && !dark {
-                    browser.picture("robot", Picture::Top(1060)).await;
+                    browser.picture("robot", Picture::Top(1168)).await;
                 }
             }
         }
