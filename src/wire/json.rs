@@ -1,8 +1,10 @@
 //! Request bodies in JSON, with errors that say where.
 
 use crate::wire::{Invalid, Issue};
-use serde::de::DeserializeOwned;
+use serde::de::{Deserialize, DeserializeOwned, Deserializer, Error as _, SeqAccess, Visitor};
 use serde_path_to_error::{Path, Segment};
+use std::fmt;
+use std::marker::PhantomData;
 
 /// Why a body could not be read.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -27,6 +29,35 @@ pub fn parse<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Error> {
     })?;
     reader.end().map_err(|error| Error::Syntax(error.to_string()))?;
     Ok(value)
+}
+
+/// Reads a list of at most `MAX` items and no further: one that is longer is refused before it fills the memory.
+///
+/// # Errors
+/// Of the reader; or that there are more.
+pub fn at_most<'de, D: Deserializer<'de>, T: Deserialize<'de>, const MAX: usize>(reader: D) -> Result<Vec<T>, D::Error> {
+    reader.deserialize_seq(List::<T, MAX>(PhantomData))
+}
+
+struct List<T, const MAX: usize>(PhantomData<T>);
+
+impl<'de, T: Deserialize<'de>, const MAX: usize> Visitor<'de> for List<T, MAX> {
+    type Value = Vec<T>;
+
+    fn expecting(&self, out: &mut fmt::Formatter) -> fmt::Result {
+        write!(out, "a list of at most {MAX} items")
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, mut items: A) -> Result<Vec<T>, A::Error> {
+        let mut list = Vec::new();
+        while let Some(item) = items.next_element()? {
+            if list.len() == MAX {
+                return Err(A::Error::custom(format!("there are more than {MAX} items")));
+            }
+            list.push(item);
+        }
+        Ok(list)
+    }
 }
 
 fn explain(pointer: String, error: &serde_json::Error) -> Error {

@@ -17,6 +17,8 @@ use utoipa::ToSchema;
 
 /// Most points of one set; the largest public campaigns have under a thousand.
 pub const MAX_POINTS: usize = measurement::csv::MAX_ROWS;
+/// Most joint values that are read of a point: more than any robot has, so that the check can say how many there should be.
+const MAX_LISTED: usize = 1_000;
 /// Largest joint value, degrees: ten turns.
 pub const MAX_JOINT_VALUE_DEG: f64 = 3_600.0;
 /// Most rows one warning names.
@@ -87,6 +89,7 @@ pub struct MeasurementSetBody {
     #[schema(min_length = 1, max_length = 200)]
     pub name: Option<String>,
     /// The points, in measuring order.
+    #[serde(deserialize_with = "json::at_most::<_, _, MAX_POINTS>")]
     #[schema(min_items = 1, max_items = 100000)]
     pub points: Vec<PointBody>,
 }
@@ -96,6 +99,7 @@ pub struct MeasurementSetBody {
 #[serde(deny_unknown_fields)]
 pub struct PointBody {
     /// The controller's joint values, degrees.
+    #[serde(deserialize_with = "json::at_most::<_, _, MAX_LISTED>")]
     pub q_deg: Vec<f64>,
     /// Where the target was seen, mm.
     pub position_mm: [f64; 3],

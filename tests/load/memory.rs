@@ -12,9 +12,9 @@ const BODIES: usize = 64;
 /// trust.md's bound.
 const MAX_MIB: u64 = 400;
 
-/// Bodies as large as is allowed: one endless cell, rows that can be read, and JSON that is nested only. Points in JSON are not among them:
-/// they take more than is promised, see docs/trust.md.
-fn bodies() -> [(&'static str, Vec<u8>); 3] {
+/// Bodies as large as is allowed: one endless cell, rows that can be read, points in JSON, one point with endless joint values, and JSON that
+/// is nested only.
+fn bodies() -> [(&'static str, Vec<u8>); 5] {
     let header = "q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,x_mm,y_mm,z_mm\n";
     let filled = |start: &str, with: &str| {
         let n = (kincal::http::MAX_BODY_BYTES - start.len()) / with.len();
@@ -23,6 +23,8 @@ fn bodies() -> [(&'static str, Vec<u8>); 3] {
     [
         ("text/csv", filled(header, "1")),
         ("text/csv", filled(header, "10.25,20.5,-30,40,50,60,1000.125,200,300\n")),
+        ("application/json", filled("{\"frame\":\"base\",\"points\":[", "{\"q_deg\":[1,2,3,4,5,6],\"position_mm\":[0,0,0]},")),
+        ("application/json", filled("{\"frame\":\"base\",\"points\":[{\"q_deg\":[", "1,")),
         ("application/json", filled("{\"points\":", "[")),
     ]
 }
