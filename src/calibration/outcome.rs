@@ -91,7 +91,7 @@ pub fn report(
         return Err(crate::calibration::unusable("under_determined", "the identify subset has no points"));
     };
     let repeatability = repeatability(problem, model, robot.as_ref());
-    let mut per_point = self::per_point((&problem.observed, &problem.nominal), (&problem.observed, model));
+    let mut per_point = self::per_point((&problem.observed, &problem.nominal), (&problem.observed, model), robot.as_ref());
     let layout = verify_layout(problem, model)?;
     let (verify, of_verify_set);
     if let Some(layout) = &layout {
@@ -103,7 +103,7 @@ pub fn report(
         });
         let n_points = after.observed.all.len();
         verify = before.errors().zip(after.errors()).map(|(before, after)| SubsetErrors { n_points, before, after, corrected });
-        per_point.extend(self::per_point((&before.observed, &before.model), (&after.observed, &after.model)));
+        per_point.extend(self::per_point((&before.observed, &before.model), (&after.observed, &after.model), robot_there.as_ref()));
         of_verify_set = remarks(&layout.screening, &after.observed, None);
     } else {
         verify = both(&problem.observed.of(Subset::Verify), &problem.nominal, model, robot.as_ref());
@@ -151,12 +151,18 @@ pub fn report(
     Ok(report)
 }
 
-/// Every point's error before and after: of two robots, each with the points as they are laid out for it.
+/// Every point's error before and after: of two robots, each with the points as they are laid out for it; and with corrections, of the second
+/// robot with those that it has.
 pub fn per_point(
     (observed, before): (&Observed, &KinematicModel),
     (observed_after, after): (&Observed, &KinematicModel),
+    robot: Option<&IdentifiedRobot>,
 ) -> Vec<PointErrors> {
     let (before, after) = (residuals(before, &observed.all), residuals(after, &observed_after.all));
+    let corrected = |i: usize| {
+        let o = &observed_after.all[i];
+        robot.map(|robot| if robot.corrected.is_some() { o.position_mm - robot.position(&o.q_rad, o.target) } else { after[i] })
+    };
     (0..observed.all.len())
         .map(|i| PointErrors {
             configuration: observed.configurations[i].clone(),
@@ -167,6 +173,7 @@ pub fn per_point(
             position_mm: observed.positions_mm[i],
             before_vector_mm: before[i],
             after_vector_mm: after[i],
+            corrected_vector_mm: corrected(i),
         })
         .collect()
 }

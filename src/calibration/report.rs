@@ -57,6 +57,8 @@ pub struct PointErrors {
     pub before_vector_mm: Vector3<f64>,
     /// Residual of the identified robot, in the measuring frame, mm.
     pub after_vector_mm: Vector3<f64>,
+    /// Residual with corrections, where they were looked for: as that of the links where none was kept.
+    pub corrected_vector_mm: Option<Vector3<f64>>,
 }
 
 /// One parameter's outcome, in the unit of the wire (mm or deg).

@@ -177,7 +177,11 @@ fn report(request: &CalibrationRequest, is_identified: bool, scored: Scored, ver
         convergence_mm2: vec![],
         identify: SubsetErrors { n_points: 0, before: none, after: none, corrected: None },
         verify: Some(verify),
-        per_point: per_point((&scored.before.observed, &scored.before.model), (&scored.after.observed, &scored.after.model)),
+        per_point: per_point(
+            (&scored.before.observed, &scored.before.model),
+            (&scored.after.observed, &scored.after.model),
+            scored.corrected.as_ref(),
+        ),
         parameters: vec![],
         tool_uncertainty: None,
         error_model: None,

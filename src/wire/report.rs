@@ -126,7 +126,7 @@ pub fn is_finite(core: &CalibrationReport) -> bool {
     let compared = core.comparison.iter().filter_map(|c| c.verify_after);
     let statistics = errors.chain(compared).flat_map(|e| [e.mean_mm, e.std_mm, e.rms_mm, e.max_mm]);
     let parameters = core.parameters.iter().flat_map(|p| [p.nominal, p.identified, p.delta]);
-    let points = core.per_point.iter().flat_map(|p| [p.before_mm, p.after_mm]);
+    let points = core.per_point.iter().flat_map(|p| [p.before_mm, p.after_mm, p.corrected_vector_mm.map_or(0.0, |v| v.norm())]);
     let links = core.links.iter().flat_map(|l| [l.a_mm, l.alpha_rad, l.d_mm, l.theta_offset_rad, l.beta_rad]);
     let base = core.t_instrument_base.to_homogeneous();
     let targets = core.targets_mm.iter().flat_map(|t| [t.x, t.y, t.z]);
@@ -153,9 +153,11 @@ fn point(p: &PointErrors) -> PointReport {
         subset: SubsetName::from_core(p.subset),
         before_mm: p.before_mm,
         after_mm: p.after_mm,
+        corrected_mm: p.corrected_vector_mm.map(|v| v.norm()),
         position_mm: Some(p.position_mm.into()),
         before_vector_mm: Some(p.before_vector_mm.into()),
         after_vector_mm: Some(p.after_vector_mm.into()),
+        corrected_vector_mm: p.corrected_vector_mm.map(Into::into),
     }
 }
 

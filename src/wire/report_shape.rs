@@ -110,6 +110,9 @@ pub struct PointReport {
     pub before_mm: f64,
     /// Of the identified robot, mm.
     pub after_mm: f64,
+    /// Of the links with corrections, mm: as `after_mm` where none was kept, absent where none was looked for.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub corrected_mm: Option<f64>,
     /// Where it was measured, in the measuring frame, mm. Reports of older versions have no vectors.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub position_mm: Option<[f64; 3]>,
@@ -119,6 +122,9 @@ pub struct PointReport {
     /// Measured − predicted by the identified robot, in the measuring frame, mm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub after_vector_mm: Option<[f64; 3]>,
+    /// Measured − predicted by the links with corrections, in the measuring frame, mm; as `corrected_mm`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub corrected_vector_mm: Option<[f64; 3]>,
 }
 
 /// One parameter's outcome.
