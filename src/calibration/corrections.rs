@@ -3,6 +3,7 @@
 use crate::calibration::identify::Problem;
 use crate::calibration::observe::stated_scale_mm;
 use crate::calibration::outcome::delivered;
+use crate::calibration::report::Warning;
 use crate::calibration::request::{CorrectionsChoice, Preset};
 use crate::identification::KinematicModel;
 use crate::identification::corrected::{CorrectedModel, IdentifiedRobot};
@@ -38,6 +39,21 @@ pub fn are_wanted(choice: Option<CorrectionsChoice>, preset: Preset) -> bool {
         Some(choice) => choice == CorrectionsChoice::Auto,
         None => preset == Preset::Default,
     }
+}
+
+/// That none were looked for beside stated priors.
+pub fn left_out_for_priors() -> Warning {
+    // what the bounds and means of links are worth beside corrections was never tried on a measured robot
+    let detail = "what links cannot say (sag, harmonics, the residual network) was not looked for, because parameters have priors: \
+                  `links_with_corrections` would not keep to them. The set predicts by its links alone; leave `priors` out to have corrections";
+    Warning { code: "corrections_left_out", detail: detail.into(), rows: vec![] }
+}
+
+/// That none were looked for in a partial recalibration.
+pub fn left_out_of_a_part() -> Warning {
+    let detail = "what links cannot say (sag, harmonics, the residual network) was not looked for, because most parameters were held: \
+                  corrections would say what those leave over. The set predicts by its links alone; identify all parameters to have corrections";
+    Warning { code: "corrections_left_out", detail: detail.into(), rows: vec![] }
 }
 
 /// Looks for corrections beside the identified `model`.

@@ -98,12 +98,14 @@ pub fn calibrate(request: &CalibrationRequest, monitor: &mut Monitor<'_>) -> Res
         let counting = problem.loss.reweighted(&found.model, &problem.identify);
         found.model = settle(&found.model, &problem.nominal, problem.fitting(), &counting);
     }
-    let corrections = match corrections::are_wanted(request.corrections, request.preset) && problem.priors.is_none() {
+    let are_wanted = corrections::are_wanted(request.corrections, request.preset);
+    let corrections = match are_wanted && problem.priors.is_none() {
         true => stage(monitor, "corrections", |_| Ok(Some(corrections::corrections(&problem, &found.model))))?,
         false => None,
     };
     let comparison = compare(&problem, &choice, own, monitor)?;
     let mut report = report(&problem, method, choice.reason, found, comparison, network, corrections)?;
+    report.warnings.extend((are_wanted && problem.priors.is_some()).then(corrections::left_out_for_priors));
     if request.previous.is_some() {
         report.changes = stage(monitor, "compare_sessions", |monitor| changes(request, &mut quiet(monitor)))?;
         report.warnings.extend(report.changes.iter().flat_map(|changes| changes.warnings.iter().cloned()));

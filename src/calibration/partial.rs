@@ -2,6 +2,7 @@
 //! and its uncertainty goes into what is named and into the tool.
 
 use crate::calibration::changes::estimate;
+use crate::calibration::corrections;
 use crate::calibration::identify::{Problem, calibrate};
 use crate::calibration::report::{CalibrationReport, Warning};
 use crate::calibration::request::{CalibrationRequest, CorrectionsChoice, PreviousSession};
@@ -40,6 +41,7 @@ pub fn calibrate_partially(request: &CalibrationRequest, held: &Held, monitor: &
         ..request.clone()
     };
     let mut report = calibrate(&from_held, monitor)?;
+    report.warnings.extend(corrections::are_wanted(request.corrections, request.preset).then(corrections::left_out_of_a_part));
     let whole = CalibrationRequest {
         model: Some(request.model()),
         frames: held.session.frames.clone(),
