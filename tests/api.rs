@@ -22,6 +22,8 @@ mod command_line;
 mod compensate;
 #[path = "api/contract.rs"]
 mod contract;
+#[path = "api/corrections.rs"]
+mod corrections;
 #[path = "api/export.rs"]
 mod export;
 #[path = "api/history.rs"]
@@ -50,6 +52,8 @@ mod process;
 mod release;
 #[path = "api/report_page.rs"]
 mod report_page;
+#[path = "api/residual_networks.rs"]
+mod residual_networks;
 #[path = "api/robots.rs"]
 mod robots;
 #[path = "api/secrets.rs"]

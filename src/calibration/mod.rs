@@ -26,6 +26,7 @@ pub mod upload;
 mod verify;
 
 pub use check::{check, network_fits};
+pub use corrections::are_wanted as corrections_are_wanted;
 pub use identify::calibrate;
 pub use known::{PriorFault, prior_faults};
 pub use plausibility::implausible_changes;

@@ -1,17 +1,23 @@
 //! Posting a job: everything that can be refused is refused now, not when a worker gets to it.
 
-use crate::calibration;
+use crate::calibration::{self, CalibrationRequest};
 use crate::http::auth::Scope;
 use crate::http::creation::{Submission, stored_json};
 use crate::http::extract::Id;
 use crate::http::{App, Error, access, jobs};
+use crate::jobs::execution::is_anew;
 use crate::jobs::queue;
-use crate::store::{MeasurementSetRow, NewJob, ParameterSetRow, RobotRow, Tx, frames, measurement_sets, networks, parameter_sets};
+use crate::store::jobs as stored;
+use crate::store::{
+    MeasurementSetRow, NetworkRow, NewJob, ParameterSetRow, RobotRow, Tx, frames, measurement_sets, networks, parameter_sets,
+};
+use crate::wire::Invalid;
 use crate::wire::frames::FramesContent;
 use crate::wire::job::{JobAnswer, JobParts, JobRequestBody, Kind, Method, VerifyBody};
-use crate::wire::measurement::{Frame, from_upload};
+use crate::wire::measurement::{Frame, MeasurementSet, from_upload};
+use crate::wire::network::NetworkKind;
 use crate::wire::parameter_set::ParameterSetContent;
-use crate::wire::{Invalid, safetensors};
+use crate::wire::safetensors::{self, NetworkMetadata};
 use axum::extract::State;
 use axum::response::Response;
 
@@ -25,7 +31,21 @@ struct Sources {
     verify_set: Option<(MeasurementSetRow, Vec<u8>)>,
     frames: Option<FramesContent>,
     networks: Vec<(String, Vec<u8>)>,
+    residual_networks: Vec<ResidualSource>,
     parameter_set: Option<ParameterSetRow>,
+}
+
+/// A residual network with what it was trained on.
+struct ResidualSource {
+    id: String,
+    weights: Vec<u8>,
+    set: (MeasurementSetRow, Vec<u8>),
+}
+
+/// What a job starts from.
+struct Chosen {
+    network_id: Option<String>,
+    residual_network_id: Option<String>,
 }
 
 /// Queues a calibration. The answer comes at once; poll the job with `wait_s`, or listen to its events.
@@ -46,7 +66,8 @@ pub async fn create(State(app): State<App>, Id(robot_id): Id, submission: Submis
     }
     let sources = load(&app, robot, &request).await?;
     let mut new = new_job(&request, &sources, &submission.caller.holder)?;
-    new.network_input_id = app.compute(move || check(&request, sources)).await?;
+    let chosen = app.compute(move || check(&request, sources)).await?;
+    (new.network_input_id, new.residual_network_input_id) = (chosen.network_id, chosen.residual_network_id);
     let effect = async |tx: &mut Tx| {
         let row = queue::enqueue(tx, &new).await?;
         stored_json(202, Some(format!("/v1/jobs/{}", row.id)), &jobs::answer(&row)?)
@@ -63,6 +84,7 @@ fn new_job(request: &JobRequestBody, sources: &Sources, client: &str) -> Result<
         verify_set_id: sources.verify_set.as_ref().map(|(row, _)| row.id.clone()),
         frames_id: request.frames_id.clone(),
         network_input_id: None,
+        residual_network_input_id: None,
         parameter_set_input_id: sources.parameter_set.as_ref().map(|row| row.id.clone()),
         kind: match request.kind {
             Kind::Identify => "identify".into(),
@@ -92,7 +114,8 @@ async fn load(app: &App, robot: RobotRow, request: &JobRequestBody) -> Result<So
     };
     let parameter_set = parameter_set(app, &robot, request, &set.0).await?;
     let networks = networks(app, &robot, request, &set.0).await?;
-    Ok(Sources { robot, set, verify_set, frames, networks, parameter_set })
+    let residual_networks = residual_networks(app, &robot, request, &set.0).await?;
+    Ok(Sources { robot, set, verify_set, frames, networks, residual_networks, parameter_set })
 }
 
 async fn set(app: &App, robot: &RobotRow, id: &str, at: &str) -> Result<(MeasurementSetRow, Vec<u8>), Error> {
@@ -121,7 +144,7 @@ async fn parameter_set(
 /// The networks that the job may start from, whatever is trained meanwhile: the one named, or for `bpnn_pso` and `auto` the newest.
 async fn networks(app: &App, robot: &RobotRow, request: &JobRequestBody, set: &MeasurementSetRow) -> Result<Vec<(String, Vec<u8>)>, Error> {
     if let Some(id) = &request.network_id {
-        let row = own(networks::get(&app.store, id).await, |row| row.robot_id == robot.id, "/network_id", "network")?;
+        let row = own(networks::get(&app.store, id).await, |row| is_of(row, robot, NetworkKind::LinkParameters), "/network_id", "network")?;
         return Ok(vec![(row.id.clone(), networks::weights(&app.store, &row.id).await?)]);
     }
     if !matches!(request.method, Method::BpnnPso | Method::Auto) || request.kind == Kind::Verify {
@@ -129,6 +152,60 @@ async fn networks(app: &App, robot: &RobotRow, request: &JobRequestBody, set: &M
     }
     let model = request.model_for(frame_of(set)?);
     Ok(networks::newest(&app.store, &robot.id, model.as_str(), request.preset.as_str(), MAX_NETWORKS).await?)
+}
+
+/// The residual networks that the training may go on from, with the points that they were trained on.
+async fn residual_networks(
+    app: &App,
+    robot: &RobotRow,
+    request: &JobRequestBody,
+    set: &MeasurementSetRow,
+) -> Result<Vec<ResidualSource>, Error> {
+    if !request.may_train_residual_network() {
+        return Ok(vec![]);
+    }
+    let found = match &request.residual_network_id {
+        Some(id) => {
+            let is_own = |row: &NetworkRow| is_of(row, robot, NetworkKind::Residual);
+            let row = own(networks::get(&app.store, id).await, is_own, "/residual_network_id", "residual network")?;
+            let job = stored::get(&app.store, &row.job_id).await?;
+            vec![(row.id, networks::weights(&app.store, id).await?, job.measurement_set_id)]
+        }
+        None => networks::newest_residual(&app.store, &robot.id, &set.sha256, MAX_NETWORKS).await?,
+    };
+    let mut sources = Vec::with_capacity(found.len());
+    for (id, weights, set_id) in found {
+        let row = measurement_sets::get(&app.store, &set_id).await?;
+        let body = measurement_sets::body(&app.store, &set_id).await?;
+        sources.push(ResidualSource { id, weights, set: (row, body) });
+    }
+    Ok(sources)
+}
+
+fn is_of(row: &NetworkRow, robot: &RobotRow, kind: NetworkKind) -> bool {
+    row.robot_id == robot.id && serde_json::from_str::<NetworkMetadata>(&row.metadata_json).is_ok_and(|metadata| metadata.kind == kind)
+}
+
+/// The newest that fits and was trained on other points than these: one that has seen a point would make its own cross-validation worthless.
+fn choose_residual(
+    request: &JobRequestBody,
+    calibration_request: &CalibrationRequest,
+    sources: &[ResidualSource],
+    parse: impl Fn(&(MeasurementSetRow, Vec<u8>)) -> Result<MeasurementSet, Error>,
+) -> Result<Option<String>, Error> {
+    for source in sources {
+        let network = safetensors::read_residual(&source.weights).map_err(|error| Error::Internal(error.to_string()))?;
+        let fits = network.centre_rad.len() == calibration_request.robot.links.len();
+        if fits && is_anew(&parse(&source.set)?, &calibration_request.set) {
+            return Ok(Some(source.id.clone()));
+        }
+    }
+    if request.residual_network_id.is_some() {
+        let detail = "the residual network was trained on points of this set: whether it helps could not be told from them. Leave \
+                      residual_network_id out, or name one of another session";
+        return Err(calibration::Error::Unusable { code: "network_mismatch", detail: detail.into() }.into());
+    }
+    Ok(None)
 }
 
 /// The frame of a stored set.
@@ -147,8 +224,8 @@ pub fn own<T>(found: Result<T, crate::store::Error>, is_own: impl Fn(&T) -> bool
     }
 }
 
-/// Every check of the core; the id of the network that the job will start from.
-fn check(request: &JobRequestBody, sources: Sources) -> Result<Option<String>, Error> {
+/// Every check of the core; the networks that the job will start from.
+fn check(request: &JobRequestBody, sources: Sources) -> Result<Chosen, Error> {
     let robot = access::robot_body(&sources.robot)?.to_core()?;
     let n_joints = robot.links.len();
     let parse =
@@ -178,5 +255,7 @@ fn check(request: &JobRequestBody, sources: Sources) -> Result<Option<String>, E
             calibration::check_verify(&calibration_request, identified.as_ref())?;
         }
     }
-    Ok(chosen.and_then(|chosen| sources.networks.into_iter().nth(chosen)).map(|(id, _)| id))
+    let residual_network_id = choose_residual(request, &calibration_request, &sources.residual_networks, parse)?;
+    let network_id = chosen.and_then(|chosen| sources.networks.into_iter().nth(chosen)).map(|(id, _)| id);
+    Ok(Chosen { network_id, residual_network_id })
 }

@@ -132,6 +132,8 @@ pub fn answer(row: &JobRow) -> Result<JobAnswer, Error> {
         error: row.error_json.as_deref().map(serde_json::from_str).transpose()?,
         parameter_set_id: row.parameter_set_id.clone(),
         network_id: row.network_id.clone(),
+        residual_network_from: row.residual_network_input_id.clone(),
+        residual_network_id: row.residual_network_id.clone(),
         created_at: rfc3339(row.created_at_ms),
         started_at: row.started_at_ms.map(rfc3339),
         finished_at: row.finished_at_ms.map(rfc3339),

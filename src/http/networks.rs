@@ -59,10 +59,11 @@ async fn weights(State(app): State<App>, caller: Caller, Id(id): Id) -> Result<R
 }
 
 fn answer(row: NetworkRow) -> Result<NetworkAnswer, Error> {
-    let NetworkMetadata { parameter_names, model, preset, n_hidden, training_error, validation_error } =
+    let NetworkMetadata { kind, parameter_names, model, preset, n_hidden, training_error, validation_error } =
         serde_json::from_str(&row.metadata_json)?;
     Ok(NetworkAnswer {
         id: row.id,
+        kind,
         robot_id: row.robot_id,
         job_id: row.job_id,
         model,

@@ -26,6 +26,8 @@ pub struct JobInputs {
     pub frames: Option<FramesRow>,
     /// The network to start from.
     pub network: Option<NetworkInput>,
+    /// The residual network whose training its own goes on from.
+    pub residual_network: Option<NetworkInput>,
     /// The parameter set to verify, or the robot's last identification, to compare with.
     pub parameter_set: Option<ParameterSetInput>,
 }
@@ -83,6 +85,8 @@ pub struct JobOutcome {
     pub parameter_set: Option<NewParameterSet>,
     /// The network, if one was trained.
     pub network: Option<NewNetwork>,
+    /// The residual network, if one was kept.
+    pub residual_network: Option<NewNetwork>,
 }
 
 /// Why a computation gave nothing.
@@ -120,16 +124,21 @@ impl JobInputs {
             Some(id) => Some(frames::get(store, id).await?),
             None => None,
         };
-        let network = match &job.network_input_id {
-            Some(id) => Some(NetworkInput { row: networks::get(store, id).await?, weights: networks::weights(store, id).await? }),
-            None => None,
-        };
+        let network = load_network(store, job.network_input_id.as_deref()).await?;
+        let residual_network = load_network(store, job.residual_network_input_id.as_deref()).await?;
         let parameter_set = match &job.parameter_set_input_id {
             Some(id) => Some(load_parameter_set(store, id).await?),
             None => None,
         };
-        Ok(JobInputs { job, robot, set, verify_set, frames, network, parameter_set })
+        Ok(JobInputs { job, robot, set, verify_set, frames, network, residual_network, parameter_set })
     }
+}
+
+async fn load_network(store: &Store, id: Option<&str>) -> Result<Option<NetworkInput>> {
+    Ok(match id {
+        Some(id) => Some(NetworkInput { row: networks::get(store, id).await?, weights: networks::weights(store, id).await? }),
+        None => None,
+    })
 }
 
 async fn load_parameter_set(store: &Store, id: &str) -> Result<ParameterSetInput> {

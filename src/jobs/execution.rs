@@ -7,13 +7,13 @@ use crate::calibration::{self, CalibrationReport, CalibrationRequest, Event, cal
 use crate::jobs::{JobFailure, JobInputs, JobOutcome, MeasurementSetInput, ParameterSetInput, Progress};
 use crate::store::{NewNetwork, NewParameterSet};
 use crate::wire::frames::FramesContent;
-use crate::wire::job::{JobParts, JobRequestBody, Kind};
+use crate::wire::job::{JobParts, JobRequestBody, Kind, Model, Preset};
 use crate::wire::measurement::{Frame, MeasurementSet, from_upload, n_shared_points};
 use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::report::{self, RunContext};
 use crate::wire::report_shape::{Convergence, Report};
 use crate::wire::robot::RobotBody;
-use crate::wire::safetensors::{self, StoredNetwork};
+use crate::wire::safetensors::{self, ResidualOrigin, StoredNetwork};
 use crate::wire::{Invalid, Problem, json};
 use std::ops::ControlFlow;
 use std::time::Instant;
@@ -49,6 +49,7 @@ pub fn compute(inputs: &JobInputs, progress: &mut dyn FnMut(Progress) -> Control
             body_json: serde_json::to_string(&content).map_err(broken)?,
             sha256: content.sha256().map_err(broken)?,
         }),
+        residual_network: residual_of(&calibrated.core)?.map(new_network).transpose()?,
         network: calibrated.network.map(new_network).transpose()?,
         result_sha256: report.result_sha256,
     })
@@ -84,6 +85,7 @@ fn verified(
         convergence_json: serde_json::to_string(&report::convergence(&calibrated.core)).map_err(broken)?,
         parameter_set: None,
         network: None,
+        residual_network: None,
         result_sha256: report.result_sha256,
     })
 }
@@ -151,6 +153,20 @@ fn timed(computation: &Computation<'_>, progress: &mut dyn FnMut(Progress) -> Co
     Ok(Calibrated { core, network, clock })
 }
 
+/// The file of the residual network, where one was kept.
+fn residual_of(core: &CalibrationReport) -> Result<Option<StoredNetwork>, JobFailure> {
+    let Some(network) = core.corrected.as_ref().and_then(|corrected| corrected.corrections.residual.as_ref()) else { return Ok(None) };
+    let square = |mm: f64| mm * mm;
+    let evidence = core.corrections.iter().flatten().find(|tried| tried.kind == "residual_network");
+    let origin = ResidualOrigin {
+        model: Model::from_core(core.model),
+        preset: Preset::from_core(core.preset),
+        training_error: core.identify.corrected.map_or(0.0, |errors| square(errors.rms_mm)),
+        validation_error: evidence.map_or(0.0, |evidence| square(evidence.after_mm)),
+    };
+    safetensors::write_residual(network, origin).map(Some).map_err(broken)
+}
+
 fn new_network(network: StoredNetwork) -> Result<NewNetwork, JobFailure> {
     Ok(NewNetwork {
         model: network.metadata.model.as_str().into(),
@@ -172,15 +188,13 @@ pub fn request_of(inputs: &JobInputs) -> Result<CalibrationRequest, JobFailure> 
     let n_joints = robot.links.len();
     let frames = inputs.frames.as_ref().map(|row| serde_json::from_str::<FramesContent>(&row.result_json));
     let network = inputs.network.as_ref().map(|network| safetensors::read(&network.weights));
-    // of the robot's last identification; one that cannot be read any more is not started from
-    let last = inputs.parameter_set.as_ref().filter(|_| request.kind == Kind::Identify);
-    let last = last.and_then(|input| serde_json::from_str::<ParameterSetContent>(&input.row.body_json).ok());
+    let residual_network = inputs.residual_network.as_ref().map(|network| safetensors::read_residual(&network.weights));
     let parts = JobParts {
         set: set_of(&inputs.set, n_joints)?,
         verify_set: inputs.verify_set.as_ref().map(|set| set_of(set, n_joints)).transpose()?,
         frames: frames.transpose().map_err(broken)?.map(|content| content.to_core()),
         network: network.transpose().map_err(broken)?,
-        residual_network: last.and_then(|content| content.residual_network(n_joints)),
+        residual_network: residual_network.transpose().map_err(broken)?,
         previous: previous_of(&request, inputs, n_joints),
         robot,
     };

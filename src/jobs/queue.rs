@@ -45,6 +45,9 @@ pub async fn finish(store: &Store, lease: &Lease, outcome: &JobOutcome) -> Resul
     if let Some(network) = &outcome.network {
         networks::insert(&mut tx, &lease.job_id, network).await?;
     }
+    if let Some(network) = &outcome.residual_network {
+        networks::insert_residual(&mut tx, &lease.job_id, network).await?;
+    }
     tx.commit().await
 }
 

@@ -17,6 +17,7 @@ pub const TABLES: &[&str] = &[
     "frames",
     "job",
     "network",
+    "residual_network",
     "parameter_set",
     "idempotency",
     "api_key",
@@ -25,7 +26,7 @@ pub const TABLES: &[&str] = &[
 ];
 
 /// A job may start from what another job made, which is copied after it: these are filled in at the end.
-const LATER: &[&str] = &["network_input_id", "parameter_set_input_id"];
+const LATER: &[&str] = &["network_input_id", "residual_network_input_id", "parameter_set_input_id"];
 
 /// Rows copied of one table.
 #[derive(Clone, Debug, PartialEq, Eq)]

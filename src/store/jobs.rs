@@ -64,6 +64,8 @@ pub struct JobRow {
     pub frames_id: Option<String>,
     /// The network to start from, chosen when the job was posted.
     pub network_input_id: Option<String>,
+    /// The residual network whose training its own goes on from, chosen when the job was posted.
+    pub residual_network_input_id: Option<String>,
     /// The parameter set to start from or to verify, chosen when the job was posted.
     pub parameter_set_input_id: Option<String>,
     /// `identify` or `verify`.
@@ -95,6 +97,8 @@ pub struct JobRow {
     pub parameter_set_id: Option<String>,
     /// The network that it made.
     pub network_id: Option<String>,
+    /// The residual network that it kept.
+    pub residual_network_id: Option<String>,
     /// When it was posted.
     pub created_at_ms: i64,
     /// When this attempt began.
@@ -116,6 +120,8 @@ pub struct NewJob {
     pub frames_id: Option<String>,
     /// The network to start from.
     pub network_input_id: Option<String>,
+    /// The residual network whose training its own goes on from.
+    pub residual_network_input_id: Option<String>,
     /// The parameter set to start from or to verify.
     pub parameter_set_input_id: Option<String>,
     /// `identify` or `verify`.
@@ -132,11 +138,12 @@ pub struct NewJob {
 
 macro_rules! columns {
     () => {
-        "id, robot_id, measurement_set_id, verify_set_id, frames_id, network_input_id, parameter_set_input_id,
-         kind, method, request_json, status, priority, attempt, owner, lease_until_ms, cancel_requested_at_ms,
+        "id, robot_id, measurement_set_id, verify_set_id, frames_id, network_input_id,
+         residual_network_input_id, parameter_set_input_id, kind, method, request_json, status, priority, attempt, owner, lease_until_ms, cancel_requested_at_ms,
          progress_json, error_json, result_sha256, created_at_ms, started_at_ms, finished_at_ms,
          (select p.id from parameter_set p where p.job_id = job.id) as parameter_set_id,
-         (select n.id from network n where n.job_id = job.id) as network_id"
+         (select n.id from network n where n.job_id = job.id) as network_id,
+         (select r.id from residual_network r where r.job_id = job.id) as residual_network_id"
     };
 }
 
@@ -144,8 +151,9 @@ pub(super) const ALL_QUERIES: &[&str] = &[INSERT, TURN, GET, LIST, REPORT, CONVE
 
 const INSERT: &str = "
     insert into job (id, robot_id, measurement_set_id, verify_set_id, frames_id, network_input_id,
-        parameter_set_input_id, kind, method, request_json, priority, client, turn, status, attempt, created_at_ms)
-    values ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13, 'queued', 0, (select now_ms from clock))";
+        residual_network_input_id, parameter_set_input_id, kind, method, request_json, priority, client, turn, status, attempt,
+        created_at_ms)
+    values ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13, $14, 'queued', 0, (select now_ms from clock))";
 
 // The turn after the client's last that waits, and never before the turn that is being served: who has not posted for a while does not
 // hold back the others now.
@@ -197,6 +205,7 @@ pub async fn insert(tx: &mut Tx, new: &NewJob) -> Result<JobRow> {
         .bind(new.verify_set_id.as_deref())
         .bind(new.frames_id.as_deref())
         .bind(new.network_input_id.as_deref())
+        .bind(new.residual_network_input_id.as_deref())
         .bind(new.parameter_set_input_id.as_deref())
         .bind(&new.kind)
         .bind(&new.method)

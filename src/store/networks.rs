@@ -1,4 +1,5 @@
-//! Trained networks: at most one per job.
+//! Trained networks: of each kind at most one per job. Those that speak of link parameters and those of what links and physics leave stand in
+//! tables of their own and are found together.
 
 use serde_json::json;
 
@@ -14,11 +15,11 @@ pub struct NetworkRow {
     pub robot_id: String,
     /// The job that trained it.
     pub job_id: String,
-    /// The model whose parameters it speaks of.
+    /// The model of that job.
     pub model: String,
     /// The preset of that job.
     pub preset: String,
-    /// What else is known about it.
+    /// What else is known about it, its kind first of all.
     pub metadata_json: String,
     /// Of the weights, hexadecimal.
     pub weights_sha256: String,
@@ -29,11 +30,11 @@ pub struct NetworkRow {
 /// A network to be stored with the job that trained it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NewNetwork {
-    /// The model whose parameters it speaks of.
+    /// The model of that job.
     pub model: String,
     /// The preset of that job.
     pub preset: String,
-    /// What else is known about it.
+    /// What else is known about it, its kind first of all.
     pub metadata_json: String,
     /// Safetensors.
     pub weights: Vec<u8>,
@@ -47,7 +48,7 @@ macro_rules! columns {
     };
 }
 
-pub(super) const ALL_QUERIES: &[&str] = &[INSERT, GET, WEIGHTS, NEWEST, LIST];
+pub(super) const ALL_QUERIES: &[&str] = &[INSERT, INSERT_RESIDUAL, GET, WEIGHTS, NEWEST, NEWEST_RESIDUAL, LIST];
 
 const INSERT: &str = concat!(
     "insert into network (id, robot_id, job_id, model, preset, metadata_json, weights, weights_sha256, created_at_ms)
@@ -56,30 +57,60 @@ const INSERT: &str = concat!(
     columns!()
 );
 
-const GET: &str = concat!("select ", columns!(), " from network where id = $1");
+const INSERT_RESIDUAL: &str = concat!(
+    "insert into residual_network (id, robot_id, job_id, model, preset, metadata_json, weights, weights_sha256, created_at_ms)
+     values ($1, (select robot_id from job where id = $2), $2, $3, $4, $5, $6, $7, (select now_ms from clock))
+     returning ",
+    columns!()
+);
 
-const WEIGHTS: &str = "select weights from network where id = $1";
+const GET: &str =
+    concat!("select ", columns!(), " from network where id = $1 union all select ", columns!(), " from residual_network where id = $1");
+
+const WEIGHTS: &str = "select weights from network where id = $1 union all select weights from residual_network where id = $1";
 
 const NEWEST: &str = "select id, weights from network
      where robot_id = $1 and model = $2 and preset = $3
      order by created_at_ms desc, id desc
      limit $4";
 
+const NEWEST_RESIDUAL: &str = "select n.id, n.weights, j.measurement_set_id from residual_network n
+     join job j on j.id = n.job_id join measurement_set m on m.id = j.measurement_set_id
+     where n.robot_id = $1 and m.sha256 <> $2
+     order by n.created_at_ms desc, n.id desc
+     limit $3";
+
 const LIST: &str = concat!(
     "select ",
     columns!(),
-    " from network
-     where robot_id = $1 and (created_at_ms, id) < ($2, $3)
+    " from (select ",
+    columns!(),
+    " from network where robot_id = $1 union all select ",
+    columns!(),
+    " from residual_network where robot_id = $1) as both_kinds
+     where (created_at_ms, id) < ($2, $3)
      order by created_at_ms desc, id desc
      limit $4"
 );
 
-/// Stores the network of a job.
+/// Stores the network of link parameters of a job.
 ///
 /// # Errors
 /// [`super::Conflict::Duplicate`] if the job has one, [`super::Error::Database`].
 pub async fn insert(tx: &mut Tx, job_id: &str, new: &NewNetwork) -> Result<NetworkRow> {
-    let query = sqlx::query_as(INSERT)
+    insert_by(INSERT, tx, job_id, new).await
+}
+
+/// Stores the residual network of a job.
+///
+/// # Errors
+/// As [`insert`].
+pub async fn insert_residual(tx: &mut Tx, job_id: &str, new: &NewNetwork) -> Result<NetworkRow> {
+    insert_by(INSERT_RESIDUAL, tx, job_id, new).await
+}
+
+async fn insert_by(sql: &'static str, tx: &mut Tx, job_id: &str, new: &NewNetwork) -> Result<NetworkRow> {
+    let query = sqlx::query_as(sql)
         .bind(new_id("net"))
         .bind(job_id)
         .bind(&new.model)
@@ -116,7 +147,15 @@ pub async fn newest(store: &Store, robot_id: &str, model: &str, preset: &str, li
     Ok(sqlx::query_as(NEWEST).bind(robot_id).bind(model).bind(preset).bind(limit).fetch_all(store.pool()).await?)
 }
 
-/// A robot's networks, newest first.
+/// Id, weights and set of the robot's newest residual networks that were not trained on the bytes of this hash, newest first, at most `limit`.
+///
+/// # Errors
+/// [`super::Error::Database`].
+pub async fn newest_residual(store: &Store, robot_id: &str, set_sha256: &str, limit: i64) -> Result<Vec<(String, Vec<u8>, String)>> {
+    Ok(sqlx::query_as(NEWEST_RESIDUAL).bind(robot_id).bind(set_sha256).bind(limit).fetch_all(store.pool()).await?)
+}
+
+/// A robot's networks of both kinds, newest first.
 ///
 /// # Errors
 /// [`super::Error::Database`].

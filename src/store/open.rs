@@ -35,6 +35,12 @@ const MIGRATIONS: &[(i64, &str, &str, &str)] = &[
     (2, "trust", include_str!("../../migrations/sqlite/0002_trust.sql"), include_str!("../../migrations/postgres/0002_trust.sql")),
     (3, "turns", include_str!("../../migrations/sqlite/0003_turns.sql"), include_str!("../../migrations/postgres/0003_turns.sql")),
     (4, "release", include_str!("../../migrations/sqlite/0004_release.sql"), include_str!("../../migrations/postgres/0004_release.sql")),
+    (
+        5,
+        "residual_networks",
+        include_str!("../../migrations/sqlite/0005_residual_networks.sql"),
+        include_str!("../../migrations/postgres/0005_residual_networks.sql"),
+    ),
 ];
 
 /// The database's file in the data directory.

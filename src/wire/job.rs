@@ -1,5 +1,6 @@
 //! A job: what is asked. How it stands is in [`crate::wire::job_answer`].
 
+use crate::calibration::corrections_are_wanted;
 use crate::calibration::request::{self, CalibrationRequest, ParameterChoice, PreviousSession, VerifySource};
 use crate::identification::TrainedNetwork;
 use crate::kinematics::{ResidualNetwork, Robot};
@@ -111,6 +112,10 @@ pub struct JobRequestBody {
     /// same model, preset and parameters.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub network_id: Option<String>,
+    /// The residual network whose training goes on, where corrections are looked for; default: the robot's newest that was not trained on
+    /// these points. It is pinned when the job is posted.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub residual_network_id: Option<String>,
     /// Seed of every random number.
     #[serde(default)]
     pub seed: u64,
@@ -194,7 +199,7 @@ pub struct JobParts {
     pub frames: Option<crate::frames::PreliminaryFrames>,
     /// The network that was pinned when the job was posted.
     pub network: Option<TrainedNetwork>,
-    /// The residual network of the robot's last identification, where the training of a new one starts.
+    /// The residual network that was pinned when the job was posted, where the training of a new one starts.
     pub residual_network: Option<ResidualNetwork>,
     /// The session of the robot's last identification, to compare with.
     pub previous: Option<PreviousSession>,
@@ -213,6 +218,7 @@ impl JobRequestBody {
             parameters: None,
             frames_id: None,
             network_id: None,
+            residual_network_id: None,
             seed: 0,
             refine: None,
             verify: None,
@@ -279,12 +285,22 @@ impl JobRequestBody {
                 unused("/network_id", "kind \"verify\" identifies nothing: leave network_id out");
             }
         }
+        if self.residual_network_id.is_some() && !self.may_train_residual_network() {
+            unused("/residual_network_id", "this job looks for no corrections, and so trains no residual network: leave it out");
+        }
         if matches!(&self.verify, Some(VerifyBody::Set { measurement_set_id }) if *measurement_set_id == self.measurement_set_id) {
             let detail =
                 "a set cannot verify what was identified from it: name another set, or leave verify out to keep a part of this one";
             checker.note("/verify/measurement_set_id", "same_set", detail);
         }
         checker.finish("invalid_job")
+    }
+
+    /// True if corrections are looked for, with the residual network last of them.
+    pub fn may_train_residual_network(&self) -> bool {
+        let has_priors = self.parameters.as_ref().is_some_and(|p| p.priors.as_ref().is_some_and(|priors| !priors.is_empty()));
+        let are_wanted = corrections_are_wanted(self.corrections.map(Corrections::to_core), self.preset.to_core());
+        self.kind == Kind::Identify && are_wanted && !has_priors && !self.holds_parameter_set()
     }
 
     /// True for a partial recalibration.

@@ -71,6 +71,12 @@ pub struct JobAnswer {
     /// The network it trained, if it was a swarm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub network_id: Option<String>,
+    /// The residual network that its training began at, chosen when it was posted.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub residual_network_from: Option<String>,
+    /// The residual network it kept, if one won.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub residual_network_id: Option<String>,
     /// RFC 3339, UTC.
     pub created_at: String,
     /// RFC 3339, UTC.

@@ -4,26 +4,39 @@ use crate::wire::job::{Model, Preset};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+/// What a network says.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum NetworkKind {
+    /// Link parameters → corrected link parameters: it moves the first swarm of `bpnn_pso` (section 5 of the paper).
+    #[default]
+    LinkParameters,
+    /// Joints → what links and physics leave of the position: the last of the corrections.
+    Residual,
+}
+
 /// A trained network without its weights.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct NetworkAnswer {
-    /// Opaque identifier; a job takes it as `network_id`.
+    /// Opaque identifier; a job takes it as `network_id` or, of kind residual, as `residual_network_id`.
     pub id: String,
+    /// What it says.
+    pub kind: NetworkKind,
     /// The robot it was trained for.
     pub robot_id: String,
     /// The job that trained it.
     pub job_id: String,
-    /// The model it belongs to.
+    /// The model that was identified.
     pub model: Model,
     /// The preset it belongs to.
     pub preset: Preset,
-    /// Names of inputs and outputs, in order.
+    /// Names of inputs and outputs, in order; of a residual network the inputs `q_1`, `q_2`, …, its outputs are x, y and z of the base frame.
     pub parameter_names: Vec<String>,
     /// Hidden nodes.
     pub n_hidden: usize,
-    /// Mean squared training error, in units of the search box.
+    /// Mean squared training error, in units of the search box; of a residual network, of the points that it was trained on with all corrections, mm².
     pub training_error: f64,
-    /// Mean squared error on the particles held out, in units of the search box.
+    /// Mean squared error on the particles held out, in units of the search box; of a residual network, the cross-validated error, mm².
     pub validation_error: f64,
     /// SHA-256 of the tensors (see the weights' own documentation).
     pub sha256: String,

@@ -3,10 +3,10 @@
 use crate::calibration::CalibrationReport;
 use crate::identification::KinematicModel;
 use crate::identification::corrected::IdentifiedRobot;
-use crate::kinematics::{Link, ResidualNetwork};
+use crate::kinematics::Link;
 use crate::wire::angle::{to_degrees, to_radians};
 use crate::wire::canonical;
-use crate::wire::corrections::{CorrectionsContent, ResidualNetworkContent};
+use crate::wire::corrections::CorrectionsContent;
 use crate::wire::frames::Transform;
 use crate::wire::issue::{Checker, Invalid};
 use crate::wire::release::Gate;
@@ -196,12 +196,6 @@ impl ParameterSetContent {
         }
         checker.finish("invalid_parameter_set")?;
         self.corrections.as_ref().map_or(Ok(()), |corrections| corrections.check(n_links))
-    }
-
-    /// The residual network of a robot of `n_links`, if the set has one that fits.
-    pub fn residual_network(&self, n_links: usize) -> Option<ResidualNetwork> {
-        let corrections = self.corrections.as_ref().filter(|corrections| corrections.check(n_links).is_ok())?;
-        corrections.residual_network.as_ref().map(ResidualNetworkContent::to_core)
     }
 
     /// What the cell PC checks.

@@ -1,13 +1,16 @@
 //! Networks on disk: safetensors with 64-bit floats, readable by NumPy and PyTorch.
 //!
 //! Tensors: `hidden_weights [h, n]`, `hidden_thresholds [h]`, `output_weights [n, h]`, `output_thresholds [n]`, `scale [n]`,
-//! `answer [n]`. The metadata has one key, `kincal`, holding canonical JSON, because the format writes a map of several keys
+//! `answer [n]`; of a residual network `centre_rad [n]`, `half_range_rad [n]`, `hidden_weights [h, n]`, `hidden_thresholds [h]`,
+//! `output_weights [3, h]`, `output_thresholds [3]`, `scale_mm [1]`. The metadata has one key, `kincal`, holding canonical JSON, because the format writes a map of several keys
 //! in random order. The hash covers the tensors alone, in the order of their names: name, zero byte, then the data
 //! (little-endian 64-bit floats).
 
 use crate::identification::TrainedNetwork;
+use crate::kinematics::ResidualNetwork;
 use crate::wire::canonical;
 use crate::wire::job::{Model, Preset};
+use crate::wire::network::NetworkKind;
 use safetensors::SafeTensors;
 use safetensors::tensor::{Dtype, TensorView};
 use serde::{Deserialize, Serialize};
@@ -24,6 +27,9 @@ const MAX_HIDDEN: usize = 1_000;
 /// What the metadata key holds.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct NetworkMetadata {
+    /// What it says.
+    #[serde(default, skip_serializing_if = "is_usual")]
+    pub kind: NetworkKind,
     /// Names of inputs and outputs, in order.
     pub parameter_names: Vec<String>,
     /// The model it belongs to.
@@ -35,6 +41,24 @@ pub struct NetworkMetadata {
     /// Mean squared training error, in scaled units.
     pub training_error: f64,
     /// Mean squared error on the particles held out, in scaled units.
+    pub validation_error: f64,
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref, reason = "serde hands a reference")]
+fn is_usual(kind: &NetworkKind) -> bool {
+    *kind == NetworkKind::default()
+}
+
+/// How a residual network was found, beside its weights.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ResidualOrigin {
+    /// The model that was identified.
+    pub model: Model,
+    /// The preset.
+    pub preset: Preset,
+    /// Mean squared error of the points that it was trained on, with all corrections, mm².
+    pub training_error: f64,
+    /// The cross-validated one, mm².
     pub validation_error: f64,
 }
 
@@ -74,9 +98,45 @@ pub enum Error {
 pub fn write(network: &TrainedNetwork) -> Result<StoredNetwork, Error> {
     let metadata = metadata_of(network);
     let tensors = tensors_of(network, metadata.n_hidden);
+    file_of(metadata, &tensors)
+}
+
+/// The file of a residual network.
+///
+/// # Errors
+/// As [`write`].
+pub fn write_residual(network: &ResidualNetwork, origin: ResidualOrigin) -> Result<StoredNetwork, Error> {
+    let (n, h) = (network.centre_rad.len(), network.hidden_thresholds.len());
+    let metadata = NetworkMetadata {
+        kind: NetworkKind::Residual,
+        parameter_names: (1..=n).map(|joint| format!("q_{joint}")).collect(),
+        model: origin.model,
+        preset: origin.preset,
+        n_hidden: h,
+        training_error: origin.training_error,
+        validation_error: origin.validation_error,
+    };
+    let scale = [network.scale_mm];
+    let tensors: [Named<'_>; 7] = [
+        ("centre_rad", vec![n], &network.centre_rad),
+        ("half_range_rad", vec![n], &network.half_range_rad),
+        ("hidden_thresholds", vec![h], &network.hidden_thresholds),
+        ("hidden_weights", vec![h, n], &network.hidden_weights),
+        ("output_thresholds", vec![3], &network.output_thresholds),
+        ("output_weights", vec![3, h], &network.output_weights),
+        ("scale_mm", vec![1], &scale),
+    ];
+    file_of(metadata, &tensors)
+}
+
+/// A tensor: name, shape, values.
+type Named<'a> = (&'static str, Vec<usize>, &'a [f64]);
+
+/// The file of some tensors, which come in the order of their names.
+fn file_of(metadata: NetworkMetadata, tensors: &[Named<'_>]) -> Result<StoredNetwork, Error> {
     let mut hash = Sha256::new();
     let mut named = Vec::new();
-    for (name, shape, values) in &tensors {
+    for (name, shape, values) in tensors {
         check_size(name, shape, values.len())?;
         let data: Vec<u8> = values.iter().flat_map(|v| v.to_le_bytes()).collect();
         hash.update(name.as_bytes());
@@ -98,13 +158,8 @@ pub fn write(network: &TrainedNetwork) -> Result<StoredNetwork, Error> {
 /// # Errors
 /// [`Error`] saying what does not fit.
 pub fn read(bytes: &[u8]) -> Result<TrainedNetwork, Error> {
-    let (_, header) = SafeTensors::read_metadata(bytes).map_err(format_error)?;
-    let json = header.metadata().as_ref().and_then(|map| map.get(METADATA_KEY)).ok_or_else(|| Error::Format("no metadata".into()))?;
-    let metadata: NetworkMetadata = serde_json::from_str(json).map_err(format_error)?;
+    let metadata = read_metadata(bytes, NetworkKind::LinkParameters)?;
     let (n, h) = (metadata.parameter_names.len(), metadata.n_hidden);
-    if n > MAX_INPUTS || h > MAX_HIDDEN {
-        return Err(Error::Format(format!("{n} inputs and {h} hidden nodes are more than {MAX_INPUTS} and {MAX_HIDDEN}")));
-    }
     let tensors = SafeTensors::deserialize(bytes).map_err(format_error)?;
     Ok(TrainedNetwork {
         hidden_weights: floats(&tensors, "hidden_weights", &[h, n])?,
@@ -121,8 +176,42 @@ pub fn read(bytes: &[u8]) -> Result<TrainedNetwork, Error> {
     })
 }
 
+/// The residual network of a file, every size checked.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_residual(bytes: &[u8]) -> Result<ResidualNetwork, Error> {
+    let metadata = read_metadata(bytes, NetworkKind::Residual)?;
+    let (n, h) = (metadata.parameter_names.len(), metadata.n_hidden);
+    let tensors = SafeTensors::deserialize(bytes).map_err(format_error)?;
+    Ok(ResidualNetwork {
+        centre_rad: floats(&tensors, "centre_rad", &[n])?,
+        half_range_rad: floats(&tensors, "half_range_rad", &[n])?,
+        hidden_weights: floats(&tensors, "hidden_weights", &[h, n])?,
+        hidden_thresholds: floats(&tensors, "hidden_thresholds", &[h])?,
+        output_weights: floats(&tensors, "output_weights", &[3, h])?,
+        output_thresholds: floats(&tensors, "output_thresholds", &[3])?,
+        scale_mm: floats(&tensors, "scale_mm", &[1])?[0],
+    })
+}
+
+fn read_metadata(bytes: &[u8], kind: NetworkKind) -> Result<NetworkMetadata, Error> {
+    let (_, header) = SafeTensors::read_metadata(bytes).map_err(format_error)?;
+    let json = header.metadata().as_ref().and_then(|map| map.get(METADATA_KEY)).ok_or_else(|| Error::Format("no metadata".into()))?;
+    let metadata: NetworkMetadata = serde_json::from_str(json).map_err(format_error)?;
+    if metadata.kind != kind {
+        return Err(Error::Format(format!("it is of kind {:?}, not {kind:?}", metadata.kind)));
+    }
+    let (n, h) = (metadata.parameter_names.len(), metadata.n_hidden);
+    if n > MAX_INPUTS || h > MAX_HIDDEN {
+        return Err(Error::Format(format!("{n} inputs and {h} hidden nodes are more than {MAX_INPUTS} and {MAX_HIDDEN}")));
+    }
+    Ok(metadata)
+}
+
 fn metadata_of(network: &TrainedNetwork) -> NetworkMetadata {
     NetworkMetadata {
+        kind: NetworkKind::LinkParameters,
         parameter_names: network.parameter_names.clone(),
         model: Model::from_core(network.model),
         preset: Preset::from_core(network.preset),
@@ -133,7 +222,7 @@ fn metadata_of(network: &TrainedNetwork) -> NetworkMetadata {
 }
 
 /// In the order of their names, which is the order of the hash.
-fn tensors_of(network: &TrainedNetwork, h: usize) -> [(&'static str, Vec<usize>, &[f64]); 6] {
+fn tensors_of(network: &TrainedNetwork, h: usize) -> [Named<'_>; 6] {
     let n = network.parameter_names.len();
     [
         ("answer", vec![n], &network.answer),
@@ -166,9 +255,11 @@ fn format_error(error: impl std::fmt::Display) -> Error {
 
 #[cfg(test)]
 mod tests {
-    use super::{Error, read, write};
+    use super::{Error, ResidualOrigin, read, read_residual, write, write_residual};
     use crate::calibration::{Model, Preset};
     use crate::identification::TrainedNetwork;
+    use crate::kinematics::ResidualNetwork;
+    use crate::wire;
 
     fn network() -> TrainedNetwork {
         TrainedNetwork {
@@ -193,6 +284,31 @@ mod tests {
         for _ in 0..20 {
             assert_eq!(write(&network()).unwrap(), stored);
         }
+    }
+
+    #[test]
+    fn a_residual_network_comes_back_bit_for_bit_and_is_not_taken_for_the_other_kind() {
+        let residual = ResidualNetwork {
+            centre_rad: vec![0.1, -0.2],
+            half_range_rad: vec![1.0, 1e-300],
+            hidden_weights: vec![0.1, -0.0, 5.0, f64::MIN_POSITIVE, 1.0, 2.0],
+            hidden_thresholds: vec![0.5, -0.5, 0.0],
+            output_weights: vec![1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0],
+            output_thresholds: vec![0.0, 0.1, 0.2],
+            scale_mm: 0.07,
+        };
+        let origin = ResidualOrigin {
+            model: wire::job::Model::Complete,
+            preset: wire::job::Preset::Default,
+            training_error: 1e-3,
+            validation_error: 2e-3,
+        };
+        let stored = write_residual(&residual, origin).unwrap();
+        assert_eq!(read_residual(&stored.bytes).unwrap(), residual);
+        assert!(matches!(read(&stored.bytes), Err(Error::Format(_))));
+        assert!(matches!(read_residual(&write(&network()).unwrap().bytes), Err(Error::Format(_))));
+        let short = ResidualNetwork { output_weights: vec![1.0], ..residual };
+        assert!(matches!(write_residual(&short, origin), Err(Error::Tensor { name: "output_weights", expected: 9, .. })));
     }
 
     #[test]

@@ -9,8 +9,12 @@ use std::f64::consts::TAU;
 pub struct Draw(ChaCha8Rng);
 
 impl Draw {
+    pub fn new(seed: u64) -> Self {
+        Self(ChaCha8Rng::seed_from_u64(seed))
+    }
+
     /// Normal (Box and Muller 1958).
-    fn normal(&mut self) -> f64 {
+    pub fn normal(&mut self) -> f64 {
         let (u, v): (f64, f64) = (1.0 - self.0.random::<f64>(), self.0.random());
         (-2.0 * u.ln()).sqrt() * (TAU * v).cos()
     }
@@ -21,10 +25,10 @@ impl Draw {
 }
 
 pub const LIMITS_DEG: [f64; 6] = [150.0, 55.0, 60.0, 160.0, 100.0, 170.0];
-const NOISE_MM: f64 = 0.03;
+pub const NOISE_MM: f64 = 0.03;
 
 /// The paper's table, mm and rad: a, alpha, d, theta, beta.
-fn nominal(robot: &Value) -> Vec<[f64; 5]> {
+pub fn nominal(robot: &Value) -> Vec<[f64; 5]> {
     let number = |link: &Value, name: &str| link[name].as_f64().unwrap();
     let links = robot["links"].as_array().unwrap().iter();
     links
@@ -35,7 +39,7 @@ fn nominal(robot: &Value) -> Vec<[f64; 5]> {
 }
 
 /// Errors of 0.3 mm and 0.05° in every link between the first and the last, sag of joints 2 and 3, eccentric transmissions.
-fn real_robot(nominal: &[[f64; 5]], draw: &mut Draw) -> RealRobot {
+pub fn real_robot(nominal: &[[f64; 5]], draw: &mut Draw) -> RealRobot {
     let mut links = nominal.to_vec();
     for (i, link) in links.iter_mut().enumerate().skip(1) {
         link[0] += 0.3 * draw.normal();
@@ -72,13 +76,9 @@ pub struct Cell {
 
 impl Cell {
     pub async fn registered(app: &TestApp) -> Self {
-        let mut body: Value = serde_json::from_slice(&paper("robot.json")).unwrap();
-        body["mounting"] = json!("floor");
-        for (link, limit) in body["links"].as_array_mut().unwrap().iter_mut().zip(LIMITS_DEG) {
-            link["joint_limits_deg"] = json!([-limit - 20.0, limit + 20.0]);
-        }
+        let body = arm();
         let nominal = nominal(&body);
-        let mut draw = Draw(ChaCha8Rng::seed_from_u64(77));
+        let mut draw = Draw::new(77);
         let truth = real_robot(&nominal, &mut draw);
         let robot = app.post_json("/v1/robots", &body).await.ok(201);
         Self { robot: format!("/v1/robots/{}", text(&robot["id"])), nominal, truth, draw }
@@ -96,12 +96,28 @@ pub fn csv(truth: &RealRobot, poses_rad: &[Vec<f64>], draw: &mut Draw) -> String
     csv
 }
 
-fn rms(errors: &[f64]) -> f64 {
+pub fn rms(errors: &[f64]) -> f64 {
     (errors.iter().map(|e| e * e).sum::<f64>() / errors.len() as f64).sqrt()
 }
 
-fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
+pub fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
     (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>().sqrt()
+}
+
+/// The paper's arm on a floor, with joint limits.
+pub fn arm() -> Value {
+    let mut body: Value = serde_json::from_slice(&paper("robot.json")).unwrap();
+    body["mounting"] = json!("floor");
+    for (link, limit) in body["links"].as_array_mut().unwrap().iter_mut().zip(LIMITS_DEG) {
+        link["joint_limits_deg"] = json!([-limit - 20.0, limit + 20.0]);
+    }
+    body
+}
+
+/// A robot measured from its instrument at random poses, with noise.
+pub fn campaign(truth: &RealRobot, n: usize, draw: &mut Draw) -> String {
+    let poses: Vec<Vec<f64>> = (0..n).map(|_| draw.pose(&LIMITS_DEG)).collect();
+    csv(truth, &poses, draw)
 }
 
 #[tokio::test]

@@ -56,6 +56,7 @@ fn outcome(inputs: &JobInputs) -> JobOutcome {
             weights: vec![0, 1, 255],
             weights_sha256: "01".into(),
         }),
+        residual_network: None,
     }
 }
 

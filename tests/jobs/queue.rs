@@ -38,6 +38,7 @@ fn an_outcome(report_json: &str) -> JobOutcome {
         result_sha256: "ab".into(),
         parameter_set: Some(NewParameterSet { body_json: "{}".into(), sha256: "cd".into() }),
         network: None,
+        residual_network: None,
     }
 }
 

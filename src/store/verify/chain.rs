@@ -20,7 +20,8 @@ pub(super) const MISSING: &str = "
     select id from (
         select id, created_at_ms from robot union all select id, created_at_ms from measurement_set
         union all select id, created_at_ms from frames union all select id, created_at_ms from job
-        union all select id, created_at_ms from network union all select id, created_at_ms from parameter_set
+        union all select id, created_at_ms from network union all select id, created_at_ms from residual_network
+        union all select id, created_at_ms from parameter_set
         union all select id, created_at_ms from api_key) as things
     where created_at_ms > $1 and not exists (select 1 from audit where subject = id and event like '%_created')
     order by id limit $2";

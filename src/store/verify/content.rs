@@ -10,11 +10,12 @@ use crate::wire::canonical::sha256_hex;
 pub(super) const SETS: &str = "select id, sha256, body from measurement_set where id > $1 order by id limit $2";
 pub(super) const FRAMES: &str = "select id, cast('' as text), body from frames where id > $1 order by id limit $2";
 pub(super) const NETWORKS: &str = "select id, cast('' as text), weights from network where id > $1 order by id limit $2";
+pub(super) const RESIDUAL_NETWORKS: &str = "select id, cast('' as text), weights from residual_network where id > $1 order by id limit $2";
 pub(super) const ROBOTS: &str = "select id, body_json from robot where id > $1 order by id limit $2";
 pub(super) const PARAMETER_SETS: &str = "select id, body_json from parameter_set where id > $1 order by id limit $2";
 pub(super) const JOBS: &str = "
     select id, robot_id, measurement_set_id, coalesce(verify_set_id, ''), coalesce(frames_id, ''), coalesce(network_input_id, ''),
-        coalesce(parameter_set_input_id, ''), request_json, report_json, coalesce(result_sha256, '')
+        coalesce(residual_network_input_id, ''), coalesce(parameter_set_input_id, ''), request_json, report_json, coalesce(result_sha256, '')
     from job where status = 'succeeded' and id > $1 order by id limit $2";
 pub(super) const ANSWERS: &str = "
     select key_holder, method, path, idempotency_key, status, location from idempotency
@@ -43,7 +44,13 @@ const STUCK_AFTER_MS: i64 = 60_000;
 pub(super) async fn uploads_read_back(store: &Store, chain: &Chain) -> Result<Check> {
     let mut check = Check::new("I1", "every acknowledged upload reads back bit for bit");
     let mut found = 0;
-    for (query, event) in [(SETS, "measurement_set_created"), (FRAMES, "frames_created"), (NETWORKS, "network_created")] {
+    let kept = [
+        (SETS, "measurement_set_created"),
+        (FRAMES, "frames_created"),
+        (NETWORKS, "network_created"),
+        (RESIDUAL_NETWORKS, "network_created"),
+    ];
+    for (query, event) in kept {
         let mut after = String::new();
         loop {
             let query = sqlx::query_as(query).bind(&after).bind(BATCH);
@@ -160,7 +167,7 @@ pub(super) async fn one_set_per_job(store: &Store) -> Result<Check> {
     Ok(check)
 }
 
-type Result5 = (String, String, String, String, String, String, String, String, String, String);
+type Result5 = (String, String, String, String, String, String, String, String, String, String, String);
 
 /// I5: equal inputs, equal results.
 pub(super) async fn same_request_same_result(store: &Store) -> Result<Check> {
@@ -171,11 +178,12 @@ pub(super) async fn same_request_same_result(store: &Store) -> Result<Check> {
         let rows: Vec<Result5> = sqlx::query_as(JOBS).bind(&after).bind(BATCH).fetch_all(store.pool()).await?;
         let Some(last) = rows.last() else { break };
         after.clone_from(&last.0);
-        for (id, robot, set, verify, frames, network, parameters, request, report, result_sha256) in rows {
+        for (id, robot, set, verify, frames, network, residual, parameters, request, report, result_sha256) in rows {
             check.n_examined += 1;
             let report: serde_json::Value = serde_json::from_str(&report).unwrap_or_default();
             check.require(report["result_sha256"] == *result_sha256, || format!("{id}: its report is not the one that was hashed"));
-            let inputs = serde_json::json!([robot, set, verify, frames, network, parameters, request, report["version"]]).to_string();
+            let inputs =
+                serde_json::json!([robot, set, verify, frames, network, residual, parameters, request, report["version"]]).to_string();
             let (first, expected) = results.entry(inputs).or_insert_with(|| (id.clone(), result_sha256.clone()));
             check.require(*expected == result_sha256, || format!("{id} and {first} asked for the same and got different results"));
         }

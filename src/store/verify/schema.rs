@@ -43,6 +43,7 @@ const UNIQUE: &[&str] = &[
     "parameter_set(job_id)",
     "parameter_set(robot_id)",
     "network(job_id)",
+    "residual_network(job_id)",
     "idempotency(key_holder,method,path,idempotency_key)",
     "api_key(key_sha256)",
 ];
