@@ -3,7 +3,7 @@
 use super::calibrate::read;
 use super::client::ServerArguments;
 use super::{Usage, block_on};
-use crate::wire::compensate::{CompensateAnswer, CompensateBody, CompensateMode, CompensateStatus, MAX_TARGETS_PER_REQUEST};
+use crate::wire::compensate::{CompensateAnswer, CompensateBody, CompensateMode, CompensateStatus, LeftOut, MAX_TARGETS_PER_REQUEST};
 use crate::wire::export::ExportDocument;
 use crate::wire::json;
 use anyhow::Context;
@@ -51,11 +51,16 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     );
     let targets = program.q_deg()?;
     let mut statuses = Vec::new();
+    let mut left_out = LeftOut::default();
     let mut corrected = Vec::new();
     for part in targets.chunks(MAX_TARGETS_PER_REQUEST) {
         let answer = correct(arguments, part)?;
         corrected.extend(answer.q_deg);
         statuses.extend(answer.status);
+        left_out = answer.left_out;
+    }
+    if let Some(remark) = left_out.remark() {
+        eprintln!("warning (base_and_tool): {remark}");
     }
     if arguments.json {
         println!("{}", serde_json::to_string_pretty(&serde_json::json!({"q_deg": corrected, "status": statuses}))?);

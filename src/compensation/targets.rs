@@ -129,6 +129,11 @@ impl<'a> Compensation<'a> {
         Self { fading, ..Self::new(nominal, &corrected.model.links) }
     }
 
+    /// Where the identified robot has its base and its flange: what is not corrected.
+    pub fn anchor(&self) -> &Anchor {
+        &self.anchor
+    }
+
     /// The anchored flange in the anchored base, mm, at the model's joint values, rad: with corrections where they hold.
     pub fn t_base_flange(&self, q_rad: &[f64]) -> IsometryMatrix3<f64> {
         let Some((identified, plain_anchor)) = &self.fading else { return self.anchor.anchored(&t_base_flange(self.links, q_rad)) };

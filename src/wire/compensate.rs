@@ -1,6 +1,6 @@
 //! Corrected joint targets.
 
-use crate::compensation::{Compensation, Mode, Status, Tool};
+use crate::compensation::{Anchor, Compensation, Mode, Status, Tool};
 use crate::kinematics::Robot;
 use crate::wire::angle::{to_degrees, to_radians};
 use crate::wire::corrections::PayloadBody;
@@ -91,6 +91,51 @@ pub struct CompensateAnswer {
     /// True where the corrected target is outside of what was measured, so that corrections fade into the links alone; without corrections
     /// always false.
     pub extrapolated: Vec<bool>,
+    /// What was identified and is not corrected.
+    #[serde(default)]
+    pub left_out: LeftOut,
+}
+
+/// What counts as where base and tool are: all of link 1, a wrong mastering of joint 1 among it, and `theta_offset` and `d` of the last link.
+/// Corrected targets are right in a base frame and on a flange that have moved by as much: measure the work object and the tool with this
+/// robot, or take it into them. All 0 where the set was identified from an instrument, which cannot see it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct LeftOut {
+    /// How far the base frame is turned from the nominal one, degrees; by a wrong mastering of joint 1, about its axis.
+    pub base_turn_deg: f64,
+    /// And shifted, mm.
+    pub base_shift_mm: f64,
+    /// How far the flange is turned about the last axis, degrees.
+    pub flange_turn_deg: f64,
+    /// And shifted along it, mm.
+    pub flange_shift_mm: f64,
+}
+
+impl LeftOut {
+    /// Smaller ones are below what anything is measured with.
+    const NOTICED: (f64, f64) = (0.001, 0.01);
+
+    fn of(anchor: &Anchor) -> Self {
+        let (base, flange) = (&anchor.t_base_anchored, &anchor.t_anchored_flange);
+        Self {
+            base_turn_deg: to_degrees(base.rotation.angle()),
+            base_shift_mm: base.translation.vector.norm(),
+            flange_turn_deg: to_degrees(flange.rotation.angle()),
+            flange_shift_mm: flange.translation.vector.norm(),
+        }
+    }
+
+    /// In words; `None` where there is nothing to say.
+    pub fn remark(&self) -> Option<String> {
+        let (turn_deg, shift_mm) = Self::NOTICED;
+        let is_noticed = self.base_turn_deg.max(self.flange_turn_deg) > turn_deg || self.base_shift_mm.max(self.flange_shift_mm) > shift_mm;
+        is_noticed.then(|| {
+            format!(
+                "not corrected: the base frame is turned by {:.4}° and shifted by {:.3} mm from the nominal one (link 1, mastering of joint 1), the                  flange by {:.4}° and {:.3} mm (last joint): measure the work object and the tool with this robot, or take it into them",
+                self.base_turn_deg, self.base_shift_mm, self.flange_turn_deg, self.flange_shift_mm
+            )
+        })
+    }
 }
 
 impl CompensateBody {
@@ -108,6 +153,7 @@ impl CompensateBody {
         let compensation = Compensation::of(robot, &identified);
         let tool = self.tool.map_or_else(|| Tool::Target(identified.target_mm(target)), |tool| Tool::Tcp(tool.to_core()));
         let mut answer = CompensateAnswer::with_capacity(self.q_deg.len());
+        answer.left_out = LeftOut::of(compensation.anchor());
         for q_deg in &self.q_deg {
             let q_rad: Vec<f64> = q_deg.iter().map(|deg| to_radians(*deg)).collect();
             let corrected = compensation.correct(&q_rad, &tool, self.mode.to_core());
@@ -199,6 +245,7 @@ impl CompensateAnswer {
             orientation_error_after_deg: Vec::with_capacity(n),
             status: Vec::with_capacity(n),
             extrapolated: Vec::with_capacity(n),
+            left_out: LeftOut::default(),
         }
     }
 }

@@ -1,4 +1,5 @@
 use crate::app::{TestApp, text};
+use crate::real_robot::{apply, rigid, shift, times};
 use serde_json::{Value, json};
 
 fn numbers(value: &Value) -> Vec<f64> {
@@ -86,4 +87,37 @@ async fn what_cannot_be_corrected_is_said_where_it_stands() {
     let answer = app.post_json(&path, &json!({"q_deg": [q], "tool": {"translation_mm": [20, 0, 150]}})).await.ok(200);
     assert!(["near_singular", "ok"].contains(&text(&answer["status"][0])), "{answer}");
     assert!(rows(&answer["q_deg"])[0].iter().zip(q).all(|(a, b)| (a - b).abs() < 11.0), "{answer}");
+}
+
+#[tokio::test]
+async fn a_wrong_mastering_of_the_first_joint_is_not_corrected_and_the_answer_says_by_how_much() {
+    let app = TestApp::with_workers(1).await;
+    // link 1 turned by 0.2° and raised by 0.5 mm, measured in the base frame
+    let body = crate::closed_loop::arm();
+    let mut links = crate::closed_loop::nominal(&body);
+    (links[0][2], links[0][3]) = (links[0][2] + 0.5, links[0][3] + 0.2f64.to_radians());
+    let mut draw = crate::closed_loop::Draw::new(12);
+    let mut csv = String::from("q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,x_mm,y_mm,z_mm\n");
+    for _ in 0..60 {
+        let q = draw.pose(&crate::closed_loop::LIMITS_DEG);
+        let flange = links.iter().zip(&q).fold(shift([0.0; 3]), |t, (link, q)| times(&t, &rigid(link, *q)));
+        let cells: Vec<String> = q.iter().map(|q| q.to_degrees()).chain(apply(&flange, [0.0, 0.0, 0.0])).map(|v| v.to_string()).collect();
+        csv += &(cells.join(",") + "\n");
+    }
+    let robot = format!("/v1/robots/{}", text(&app.post_json("/v1/robots", &body).await.ok(201)["id"]));
+    let q = json!({"q_deg": [[10.0, -30.0, 20.0, 15.0, 40.0, 5.0]]});
+    for (frame, turn_deg) in [("base", 0.2), ("instrument", 0.0)] {
+        let set = app.post(&format!("{robot}/measurement-sets?frame={frame}"), "text/csv", csv.clone()).await.ok(201);
+        let job = app.run(&robot, &json!({"measurement_set_id": set["id"], "method": "least_squares", "corrections": "off"})).await;
+        assert_eq!(job["status"], "succeeded", "{job}");
+        let set = format!("/v1/parameter-sets/{}", text(&job["parameter_set_id"]));
+        let answer = app.post_json(&format!("{set}/compensate"), &q).await.ok(200);
+        println!("{frame}: {}", answer["left_out"]);
+        let left_out = |name: &str| answer["left_out"][name].as_f64().unwrap();
+        assert!((left_out("base_turn_deg") - turn_deg).abs() < 1e-4, "{frame}: {}", answer["left_out"]);
+        assert!((left_out("base_shift_mm") > 0.1) == (frame == "base"), "{frame}: {}", answer["left_out"]);
+        // joint 1 stays where it was: the robot is right in its own base frame
+        let (came, corrected) = (10.0, rows(&answer["q_deg"])[0][0]);
+        assert!((corrected - came).abs() < 1e-3, "{frame}: {corrected}");
+    }
 }
