@@ -163,3 +163,17 @@ fn robots_of_several_kinds_gain_by_planning() {
         assert!(gain > 1.1, "{name}: {gain}");
     }
 }
+
+#[test]
+fn even_as_few_poses_as_there_are_parameters_are_chosen_better_than_at_random() {
+    let robot = limited(paper_robot());
+    for n_configurations in [9, 10, 11, 12, 14] {
+        let request = PlanRequest { n_configurations, n_repeats: 0, ..request(&robot) };
+        let planned = mean_std_mm(&request, &configurations(&plan(&request).unwrap()));
+        let mut random: Vec<f64> =
+            (0..9).map(|seed| mean_std_mm(&request, &random_configurations(&robot, n_configurations, 40 + seed))).collect();
+        random.sort_by(f64::total_cmp);
+        println!("{n_configurations} poses: planned {planned:.4} mm, random {:.4} mm", random[4]);
+        assert!(planned < random[4] / 1.5, "{n_configurations}: {planned} {}", random[4]);
+    }
+}

@@ -8,6 +8,9 @@ const LANES: usize = 8;
 const MAX_PASSES: usize = 6;
 /// After the first choice, exchanges look only at this many of the candidates that would help most.
 const N_PROMISING: usize = 2_000;
+/// With no more rows than parameters and these, a pose that is taken out leaves some parameters to their priors: the covariance then grows by
+/// so many orders of magnitude that an update of it is rounding, and it is computed anew.
+const SPARE_ROWS: usize = 12;
 /// An exchange that lowers the criterion by less than this share is none.
 const GAIN: f64 = 1e-9;
 
@@ -31,6 +34,7 @@ pub struct Design {
     /// Candidate in each lane of the blocks.
     members: Vec<usize>,
     blocks: Vec<Block>,
+    prior: DMatrix<f64>,
     covariance: DMatrix<f64>,
     interest: DMatrix<f64>,
     chosen: Vec<usize>,
@@ -42,27 +46,50 @@ const PACKED: [(usize, usize); 6] = [(0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2,
 impl Design {
     /// Nothing chosen yet. `rows` holds three rows per candidate, `prior` is the information there is already, `interest` W.
     pub fn new(rows: DMatrix<f64>, prior: &DMatrix<f64>, interest: &DMatrix<f64>) -> Self {
-        let covariance = prior.clone().cholesky().map_or_else(|| DMatrix::identity(prior.nrows(), prior.nrows()), |root| root.inverse());
+        let covariance = inverse(prior.clone());
         let members = (0..rows.nrows() / 3).collect();
-        let mut design = Self { candidates: rows, members, blocks: vec![], covariance, interest: interest.clone(), chosen: vec![] };
+        let mut design = Self {
+            candidates: rows,
+            members,
+            blocks: vec![],
+            prior: prior.clone(),
+            covariance,
+            interest: interest.clone(),
+            chosen: vec![],
+        };
         design.rebuild();
         design
     }
 
-    /// Chooses `n` candidates; their numbers.
+    /// Chooses `n` candidates; their numbers. Where there are hardly more rows than parameters, more are chosen first, and those that are missed
+    /// least left out: one after the other, the first few would go to what only priors hold together.
     pub fn choose(mut self, n: usize) -> Vec<usize> {
         let n = n.min(self.candidates.nrows() / 3);
-        while self.chosen.len() < n {
+        let is_tight = 3 * n < self.covariance.nrows() + SPARE_ROWS;
+        let first = if is_tight { (n + SPARE_ROWS / 3).min(self.candidates.nrows() / 3) } else { n };
+        while self.chosen.len() < first {
             let Some((best, _)) = self.best() else { break };
             self.change(best, true);
         }
         self.keep_promising();
+        self.exchange(is_tight);
+        while self.chosen.len() > n {
+            self.leave_one_out();
+            self.exchange(is_tight);
+        }
+        self.chosen
+    }
+
+    fn exchange(&mut self, is_tight: bool) {
         for _ in 0..MAX_PASSES {
             let mut is_better = false;
             for slot in 0..self.chosen.len() {
                 let old = self.chosen[slot];
                 let before = self.criterion();
                 self.change(old, false);
+                if is_tight {
+                    self.refresh();
+                }
                 let Some((best, gain)) = self.best() else { break };
                 let keep = best == old || self.criterion() - gain >= before * (1.0 - GAIN);
                 self.change(if keep { old } else { best }, true);
@@ -75,7 +102,19 @@ impl Design {
                 break;
             }
         }
-        self.chosen
+    }
+
+    /// Leaves out the one without which the criterion is least.
+    fn leave_one_out(&mut self) {
+        let without = |slot: usize| {
+            let others = self.chosen.iter().enumerate().filter(|(at, _)| *at != slot).map(|(_, candidate)| *candidate);
+            inverse(self.information(others)).dot(&self.interest)
+        };
+        let worth: Vec<f64> = (0..self.chosen.len()).map(without).collect();
+        if let Some(slot) = (0..worth.len()).min_by(|a, b| worth[*a].total_cmp(&worth[*b])) {
+            self.chosen.remove(slot);
+            self.refresh();
+        }
     }
 
     fn criterion(&self) -> f64 {
@@ -142,11 +181,30 @@ impl Design {
         self.rebuild();
     }
 
+    /// The covariance from what is chosen alone.
+    fn refresh(&mut self) {
+        self.covariance = inverse(self.information(self.chosen.iter().copied()));
+        self.rebuild();
+    }
+
+    fn information(&self, chosen: impl Iterator<Item = usize>) -> DMatrix<f64> {
+        chosen.fold(self.prior.clone(), |sum, candidate| {
+            let rows = self.rows_of(candidate);
+            sum + rows.tr_mul(&rows)
+        })
+    }
+
     fn rebuild(&mut self) {
         let wawa = &self.covariance * &self.interest * &self.covariance;
         let p = self.covariance.nrows();
         self.blocks = self.members.chunks(LANES).map(|members| block(&self.candidates, members, p, &self.covariance, &wawa)).collect();
     }
+}
+
+/// M⁻¹ of a symmetric positive matrix.
+fn inverse(information: DMatrix<f64>) -> DMatrix<f64> {
+    let n = information.nrows();
+    information.cholesky().map_or_else(|| DMatrix::identity(n, n), |root| root.inverse())
 }
 
 fn block(candidates: &DMatrix<f64>, members: &[usize], p: usize, covariance: &DMatrix<f64>, worth: &DMatrix<f64>) -> Block {
