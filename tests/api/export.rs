@@ -1,7 +1,10 @@
 use crate::app::{Answer, TestApp, text};
+use crate::closed_loop::{Draw, arm, campaign, nominal, real_robot};
 use crate::compensate::parameter_set;
 use reqwest::Method;
 use serde_json::{Value, json};
+use std::path::PathBuf;
+use std::process::Command;
 
 /// 4 × 4, row by row.
 type Pose = [[f64; 4]; 4];
@@ -131,6 +134,46 @@ async fn every_format_has_the_identified_kinematics() {
     assert!(refitted.header("kincal-remaining-error-mm").is_some());
     assert!(refitted.ok(200)["links"].as_array().unwrap().iter().all(|link| link["beta_deg"] == 0.0));
     export("?format=pdf").await.problem(400, "invalid_query");
+}
+
+/// `docs/oracles/read_exports.py` shares nothing with kincal's code, nor with the readers above.
+#[tokio::test]
+async fn a_reader_in_another_language_moves_every_export_alike() {
+    let app = TestApp::with_workers(1).await;
+    let mut draw = Draw::new(9);
+    let robot = format!("/v1/robots/{}", text(&app.post_json("/v1/robots", &arm()).await.ok(201)["id"]));
+    let truth = real_robot(&nominal(&arm()), &mut draw);
+    let path = format!("{robot}/measurement-sets?frame=instrument");
+    let uploaded = app.post(&path, "text/csv", campaign(&truth, 60, &mut draw)).await.ok(201);
+    let job = app.run(&robot, &json!({"measurement_set_id": uploaded["id"], "corrections": "off"})).await;
+    let set = format!("/v1/parameter-sets/{}", text(&job["parameter_set_id"]));
+    // of parallel axes: what a table without beta could not hold
+    assert!(app.get(&set).await.ok(200)["links"][2]["beta_deg"].as_f64().unwrap().abs() > 1e-3);
+    let folder = tempfile::tempdir().unwrap();
+    let mut files = Vec::new();
+    for format in ["json", "yaml", "csv", "urdf", "ur_kinematics"] {
+        let file = folder.path().join(format!("set.{format}"));
+        let answer = app.get(&format!("{set}/export?format={format}")).await;
+        assert_eq!(answer.status, 200, "{format}: {}", answer.text());
+        std::fs::write(&file, answer.bytes).unwrap();
+        files.push(file);
+    }
+    let script = format!("{}/docs/oracles/read_exports.py", env!("CARGO_MANIFEST_DIR"));
+    let run = |files: &[PathBuf]| Command::new("python3").arg(&script).args(files).output().unwrap();
+    let output = run(&files);
+    let said = String::from_utf8_lossy(&output.stdout);
+    println!("{said}");
+    assert!(output.status.success(), "{said}{}", String::from_utf8_lossy(&output.stderr));
+    let read = said.lines().filter(|line| line.contains(" mm ")).count();
+    let left_out = said.lines().filter(|line| line.contains("PyYAML")).count();
+    assert!(read >= 2 && read + left_out == 4, "{said}");
+    // it can tell: a tenth of a micrometre in one row of the table
+    let table = std::fs::read_to_string(&files[2]).unwrap();
+    let mut rows: Vec<Vec<String>> = table.lines().map(|line| line.split(',').map(str::to_owned).collect()).collect();
+    let column = rows[0].iter().position(|name| name == "a_mm").unwrap();
+    rows[3][column] = (rows[3][column].parse::<f64>().unwrap() + 1e-4).to_string();
+    std::fs::write(&files[2], rows.iter().map(|row| row.join(",") + "\n").collect::<String>()).unwrap();
+    assert_eq!(run(&files).status.code(), Some(1));
 }
 
 #[tokio::test]
