@@ -1,4 +1,4 @@
-//! The tables of docs/corrections.md. `cargo run --release --example corrections_study [real|geometric|simulated|time] [n]`
+//! The tables of docs/corrections.md. `cargo run --release --example corrections_study [real|geometric|simulated|time] [n [first seed]]`
 
 #[path = "../tests/support/data.rs"]
 mod data;
@@ -34,11 +34,12 @@ fn main() {
     let mut arguments = std::env::args().skip(1);
     let table = arguments.next().unwrap_or_default();
     let n: usize = arguments.next().and_then(|n| n.parse().ok()).unwrap_or(100);
+    let first_seed: u64 = arguments.next().and_then(|seed| seed.parse().ok()).unwrap_or(0);
     if table.is_empty() || table == "real" {
         measured::tables();
     }
     if table.is_empty() || table == "geometric" {
-        simulated::geometric(n);
+        simulated::geometric(n, first_seed);
     }
     if table.is_empty() || table == "simulated" {
         simulated::real_robots(n.min(40));
