@@ -5,6 +5,7 @@ export const WARNINGS = {
   at_bound: "A parameter ended at the edge of what was allowed",
   bad_subset: "The subset column cannot be used",
   base_moved: "The robot's base or the instrument moved while measuring",
+  corrections_left_out: "What links cannot say was not looked for",
   duplicate_poses: "Some poses were measured more than once",
   few_verify_points: "Few points to verify on",
   frame_assumed: "The frame was assumed",
