@@ -59,7 +59,7 @@ fn evidence(best: &BestStart) -> (Method, String) {
             let others = format!("with other joint offsets, placed anew, the {n}th start reached {best_mm:.3} mm");
             (Method::LeastSquares, format!("{tried}; {others}. Check the mastering of the joints"))
         }
-        (false, 0, None) => (Method::LeastSquares, format!("{tried}, and no joint offset is free: there is nowhere else to start from")),
+        (false, 0, _) => (Method::LeastSquares, format!("{tried}, and no joint offset is free: there is nowhere else to start from")),
         (false, _, remembered) => {
             let others = format!("{n} starts with other joint offsets came no nearer than {best_mm:.3} mm");
             let (method, swarm) = match remembered {

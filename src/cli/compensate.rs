@@ -3,7 +3,7 @@
 use super::calibrate::read;
 use super::client::ServerArguments;
 use super::{Usage, block_on};
-use crate::wire::compensate::{CompensateAnswer, CompensateBody, CompensateMode, CompensateStatus, LeftOut, MAX_TARGETS_PER_REQUEST};
+use crate::wire::compensate::{CompensateAnswer, CompensateBody, CompensateMode, CompensateStatus, MAX_TARGETS_PER_REQUEST};
 use crate::wire::export::ExportDocument;
 use crate::wire::json;
 use anyhow::Context;
@@ -50,23 +50,20 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         "warning (taught_targets): targets that were taught by moving the robot there already hold its errors: correct only those that were programmed offline"
     );
     let targets = program.q_deg()?;
-    let mut statuses = Vec::new();
-    let mut left_out = LeftOut::default();
-    let mut corrected = Vec::new();
-    for part in targets.chunks(MAX_TARGETS_PER_REQUEST) {
-        let answer = correct(arguments, part)?;
-        corrected.extend(answer.q_deg);
-        statuses.extend(answer.status);
-        left_out = answer.left_out;
+    let mut parts = targets.chunks(MAX_TARGETS_PER_REQUEST).map(|part| correct(arguments, part));
+    let mut answer = parts.next().unwrap_or_else(|| correct(arguments, &[]))?;
+    for part in parts {
+        answer.extend(part?);
     }
-    if let Some(remark) = left_out.remark() {
+    if let Some(remark) = answer.left_out.remark() {
         eprintln!("warning (base_and_tool): {remark}");
     }
     if arguments.json {
-        println!("{}", serde_json::to_string_pretty(&serde_json::json!({"q_deg": corrected, "status": statuses}))?);
+        println!("{}", serde_json::to_string_pretty(&answer)?);
     } else {
-        print!("{}", program.with(&corrected)?);
+        print!("{}", program.with(&answer.q_deg)?);
     }
+    let statuses = &answer.status;
     for (status, what) in [
         (CompensateStatus::NearSingular, "near a singularity: as near as the joints get without a wild motion"),
         (CompensateStatus::JointLimit, "at a joint limit: as near as the other joints get"),

@@ -1,10 +1,12 @@
 //! Posting a job: everything that can be refused is refused now, not when a worker gets to it.
 
+use crate::calibration::request::VerifySource;
 use crate::calibration::{self, CalibrationRequest};
 use crate::http::auth::Scope;
 use crate::http::creation::{Submission, stored_json};
 use crate::http::extract::Id;
 use crate::http::{App, Error, access, jobs};
+use crate::identification::TrainedNetwork;
 use crate::jobs::execution::is_anew;
 use crate::jobs::queue;
 use crate::store::jobs as stored;
@@ -23,6 +25,10 @@ use axum::response::Response;
 
 /// Of a robot's networks of one model and preset, the newest that are looked at for one that speaks of the same parameters.
 const MAX_NETWORKS: i64 = 8;
+/// Of a robot's residual networks, the newest that are looked at for one that has seen none of the points: each brings its set along.
+const MAX_RESIDUAL_NETWORKS: i64 = 3;
+/// Networks that one residual network may go back to.
+const LONGEST_LINE: usize = 64;
 
 /// What a job refers to, as it is stored.
 struct Sources {
@@ -40,6 +46,8 @@ struct ResidualSource {
     id: String,
     weights: Vec<u8>,
     set: (MeasurementSetRow, Vec<u8>),
+    /// Of the uploads that it and those before it have seen; none if they are too many to follow.
+    line_sha256: Option<Vec<String>>,
 }
 
 /// What a job starts from.
@@ -171,38 +179,69 @@ async fn residual_networks(
             let job = stored::get(&app.store, &row.job_id).await?;
             vec![(row.id, networks::weights(&app.store, id).await?, job.measurement_set_id)]
         }
-        None => networks::newest_residual(&app.store, &robot.id, &set.sha256, MAX_NETWORKS).await?,
+        None => networks::newest_residual(&app.store, &robot.id, &set.sha256, MAX_RESIDUAL_NETWORKS).await?,
     };
     let mut sources = Vec::with_capacity(found.len());
     for (id, weights, set_id) in found {
         let row = measurement_sets::get(&app.store, &set_id).await?;
         let body = measurement_sets::body(&app.store, &set_id).await?;
-        sources.push(ResidualSource { id, weights, set: (row, body) });
+        let line_sha256 = line_of(app, &id).await?;
+        sources.push(ResidualSource { id, weights, set: (row, body), line_sha256 });
     }
     Ok(sources)
+}
+
+/// Hashes of the uploads that a residual network, and those that its training went on from, were trained on; `None` of a line too long to
+/// follow.
+async fn line_of(app: &App, network_id: &str) -> Result<Option<Vec<String>>, Error> {
+    let (mut line, mut next) = (Vec::new(), Some(network_id.to_owned()));
+    while let Some(id) = next {
+        if line.len() == LONGEST_LINE {
+            return Ok(None);
+        }
+        let network = networks::get(&app.store, &id).await?;
+        let job = stored::get(&app.store, &network.job_id).await?;
+        line.push(measurement_sets::get(&app.store, &job.measurement_set_id).await?.sha256);
+        next = job.residual_network_input_id;
+    }
+    Ok(Some(line))
 }
 
 fn is_of(row: &NetworkRow, robot: &RobotRow, kind: NetworkKind) -> bool {
     row.robot_id == robot.id && serde_json::from_str::<NetworkMetadata>(&row.metadata_json).is_ok_and(|metadata| metadata.kind == kind)
 }
 
-/// The newest that fits and was trained on other points than these: one that has seen a point would make its own cross-validation worthless.
+/// The newest that fits and has seen none of these points, those to verify included, neither itself nor one that its training went on from:
+/// its own cross-validation, and the errors on the points to verify, would be worthless.
 fn choose_residual(
     request: &JobRequestBody,
     calibration_request: &CalibrationRequest,
-    sources: &[ResidualSource],
+    (sources, sets_sha256): (&[ResidualSource], &[&str]),
     parse: impl Fn(&(MeasurementSetRow, Vec<u8>)) -> Result<MeasurementSet, Error>,
 ) -> Result<Option<String>, Error> {
+    let to_verify = match &calibration_request.verify {
+        VerifySource::Set(set) => Some(set),
+        _ => None,
+    };
     for source in sources {
-        let network = safetensors::read_residual(&source.weights).map_err(|error| Error::Internal(error.to_string()))?;
-        let fits = network.centre_rad.len() == calibration_request.robot.links.len();
-        if fits && is_anew(&parse(&source.set)?, &calibration_request.set) {
-            return Ok(Some(source.id.clone()));
+        let fits = match safetensors::read_residual(&source.weights) {
+            Ok(network) => network.centre_rad.len() == calibration_request.robot.links.len(),
+            Err(error) => {
+                tracing::error!(network_id = source.id, %error, "a stored residual network cannot be read; it is passed over");
+                false
+            }
+        };
+        let is_of_others = |line: &Vec<String>| line.iter().all(|sha256| !sets_sha256.contains(&sha256.as_str()));
+        if fits && source.line_sha256.as_ref().is_some_and(is_of_others) {
+            let trained_on = parse(&source.set)?;
+            if is_anew(&trained_on, &calibration_request.set) && to_verify.is_none_or(|set| is_anew(&trained_on, set)) {
+                return Ok(Some(source.id.clone()));
+            }
         }
     }
     if request.residual_network_id.is_some() {
-        let detail = "the residual network was trained on points of this set: whether it helps could not be told from them. Leave \
-                      residual_network_id out, or name one of another session";
+        let detail = "the residual network, or one that its training went on from, has seen points of these sets: whether it helps could not be told \
+                      from them. Leave residual_network_id out, or name one of other sessions";
         return Err(calibration::Error::Unusable { code: "network_mismatch", detail: detail.into() }.into());
     }
     Ok(None)
@@ -230,7 +269,6 @@ fn check(request: &JobRequestBody, sources: Sources) -> Result<Chosen, Error> {
     let n_joints = robot.links.len();
     let parse =
         |(row, body): &(MeasurementSetRow, Vec<u8>)| from_upload(&row.content_type, body, frame_of(row)?, n_joints).map_err(Error::Invalid);
-    let networks = sources.networks.iter().map(|(_, bytes)| safetensors::read(bytes)).collect::<Result<Vec<_>, _>>();
     let parts = JobParts {
         set: parse(&sources.set)?,
         verify_set: sources.verify_set.as_ref().map(parse).transpose()?,
@@ -241,12 +279,20 @@ fn check(request: &JobRequestBody, sources: Sources) -> Result<Chosen, Error> {
         robot,
     };
     let mut calibration_request = request.to_core(parts)?;
-    let networks = networks.map_err(|error| Error::Internal(error.to_string()))?;
+    let readable = |(id, bytes): (String, Vec<u8>)| match safetensors::read(&bytes) {
+        Ok(network) => Some((id, network)),
+        Err(error) => {
+            tracing::error!(network_id = id, %error, "a stored network cannot be read; it is passed over");
+            None
+        }
+    };
+    let mut networks: Vec<(String, TrainedNetwork)> = sources.networks.into_iter().filter_map(readable).collect();
     // the newest that fits; where none does, `auto` goes without, and for who asked for one it is the newest, so that the refusal says so
-    let fitting = networks.iter().position(|network| calibration::network_fits(&calibration_request, network));
+    let fitting = networks.iter().position(|(_, network)| calibration::network_fits(&calibration_request, network));
     let is_asked_for = request.network_id.is_some() || request.method == Method::BpnnPso;
-    let chosen = fitting.or(is_asked_for.then_some(0));
-    calibration_request.network = chosen.and_then(|chosen| networks.into_iter().nth(chosen));
+    let chosen = fitting.or(is_asked_for.then_some(0)).filter(|chosen| *chosen < networks.len()).map(|chosen| networks.swap_remove(chosen));
+    let (network_id, network) = chosen.unzip();
+    calibration_request.network = network;
     match request.kind {
         Kind::Identify => calibration::check(&calibration_request)?,
         Kind::Verify => {
@@ -255,7 +301,7 @@ fn check(request: &JobRequestBody, sources: Sources) -> Result<Chosen, Error> {
             calibration::check_verify(&calibration_request, identified.as_ref())?;
         }
     }
-    let residual_network_id = choose_residual(request, &calibration_request, &sources.residual_networks, parse)?;
-    let network_id = chosen.and_then(|chosen| sources.networks.into_iter().nth(chosen)).map(|(id, _)| id);
+    let sets_sha256: Vec<&str> = std::iter::once(&sources.set).chain(&sources.verify_set).map(|(row, _)| row.sha256.as_str()).collect();
+    let residual_network_id = choose_residual(request, &calibration_request, (&sources.residual_networks, &sets_sha256), parse)?;
     Ok(Chosen { network_id, residual_network_id })
 }

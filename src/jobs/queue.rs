@@ -42,11 +42,12 @@ pub async fn finish(store: &Store, lease: &Lease, outcome: &JobOutcome) -> Resul
     if let Some(parameter_set) = &outcome.parameter_set {
         parameter_sets::insert(&mut tx, &lease.job_id, parameter_set).await?;
     }
-    if let Some(network) = &outcome.network {
-        networks::insert(&mut tx, &lease.job_id, network).await?;
-    }
+    // lists are newest first: the network that `network_id` takes is the first of its job
     if let Some(network) = &outcome.residual_network {
         networks::insert_residual(&mut tx, &lease.job_id, network).await?;
+    }
+    if let Some(network) = &outcome.network {
+        networks::insert(&mut tx, &lease.job_id, network).await?;
     }
     tx.commit().await
 }

@@ -5,6 +5,7 @@ use crate::kinematics::Robot;
 use crate::wire::angle::{to_degrees, to_radians};
 use crate::wire::corrections::PayloadBody;
 use crate::wire::issue::{Checker, Invalid};
+use crate::wire::json;
 use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::predict::{check_pose, unknown_target};
 use crate::wire::robot::MAX_LENGTH_MM;
@@ -23,6 +24,7 @@ const ROTATION_TOLERANCE: f64 = 1e-6;
 pub struct CompensateBody {
     /// The controller's joint values, degrees, target by target.
     #[schema(max_items = 20000)]
+    #[serde(deserialize_with = "json::at_most::<_, _, { 2 * MAX_TARGETS_PER_REQUEST }>")]
     pub q_deg: Vec<Vec<f64>>,
     /// The tool is this reflector, 0-based.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -111,6 +113,19 @@ pub struct LeftOut {
     pub flange_shift_mm: f64,
 }
 
+impl CompensateAnswer {
+    /// Goes on with the answer to the next part of a long program; what is left out is the parameter set's and the same in each.
+    pub fn extend(&mut self, next: Self) {
+        self.q_deg.extend(next.q_deg);
+        self.position_error_before_mm.extend(next.position_error_before_mm);
+        self.position_error_after_mm.extend(next.position_error_after_mm);
+        self.orientation_error_after_deg.extend(next.orientation_error_after_deg);
+        self.status.extend(next.status);
+        self.extrapolated.extend(next.extrapolated);
+        self.left_out = next.left_out;
+    }
+}
+
 impl LeftOut {
     /// Smaller ones are below what anything is measured with.
     const NOTICED: (f64, f64) = (0.001, 0.01);
@@ -131,7 +146,8 @@ impl LeftOut {
         let is_noticed = self.base_turn_deg.max(self.flange_turn_deg) > turn_deg || self.base_shift_mm.max(self.flange_shift_mm) > shift_mm;
         is_noticed.then(|| {
             format!(
-                "not corrected: the base frame is turned by {:.4}° and shifted by {:.3} mm from the nominal one (link 1, mastering of joint 1), the                  flange by {:.4}° and {:.3} mm (last joint): measure the work object and the tool with this robot, or take it into them",
+                "not corrected: the base frame is turned by {:.4}° and shifted by {:.3} mm from the nominal one (link 1, mastering of joint 1), the \
+                 flange by {:.4}° and {:.3} mm (last joint): measure the work object and the tool with this robot, or take it into them",
                 self.base_turn_deg, self.base_shift_mm, self.flange_turn_deg, self.flange_shift_mm
             )
         })

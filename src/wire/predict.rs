@@ -5,6 +5,7 @@ use crate::measurement::csv::MAX_TARGETS;
 use crate::wire::angle::to_radians;
 use crate::wire::corrections::PayloadBody;
 use crate::wire::issue::{Checker, Invalid};
+use crate::wire::json;
 use crate::wire::measurement::MAX_JOINT_VALUE_DEG;
 use crate::wire::parameter_set::ParameterSetContent;
 use serde::{Deserialize, Serialize};
@@ -19,6 +20,7 @@ pub const MAX_POSES: usize = 100_000;
 pub struct PredictBody {
     /// The controller's joint values, degrees, pose by pose.
     #[schema(max_items = 100000)]
+    #[serde(deserialize_with = "json::at_most::<_, _, { 2 * MAX_POSES }>")]
     pub q_deg: Vec<Vec<f64>>,
     /// Which reflector, 0-based.
     #[serde(default)]

@@ -107,9 +107,15 @@ async fn a_residual_network_is_stored_like_the_papers_and_the_next_one_goes_on_f
     let same_again = upload(&app, &other, &(second_csv.clone() + "\n")).await;
     let request = json!({"measurement_set_id": same_again, "residual_network_id": begun_anew["residual_network_id"]});
     let refused = app.post_json(&format!("{other}/jobs"), &request).await.problem(409, "network_mismatch");
-    assert!(text(&refused["detail"]).contains("trained on points of this set"), "{refused}");
+    assert!(text(&refused["detail"]).contains("has seen points of these sets"), "{refused}");
     let posted = app.post_json(&format!("{other}/jobs"), &json!({"measurement_set_id": same_again})).await.ok(202);
     assert!(posted.get("residual_network_from").is_none(), "{posted}");
+    // nor one whose training went on from one that has, nor one that has seen the points to verify
+    let verify = json!({"source": "set", "measurement_set_id": first_set});
+    for request in [json!({"measurement_set_id": first_set, "seed": 1}), json!({"measurement_set_id": second_set, "verify": verify})] {
+        let posted = app.post_json(&format!("{cell}/jobs"), &request).await.ok(202);
+        assert!(posted.get("residual_network_from").is_none(), "{request}: {posted}");
+    }
 
     // what does not go together is refused when it is posted
     let jobs = format!("{cell}/jobs");

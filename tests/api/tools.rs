@@ -44,6 +44,13 @@ fn a_program_is_corrected_by_a_file_and_by_a_server_alike() {
         "{}",
         String::from_utf8_lossy(&by_server.stderr)
     );
+    let json = kincal(&["compensate", "--json", &parameters, &program]);
+    let answer: serde_json::Value = serde_json::from_slice(&json.stdout).unwrap();
+    for field in ["q_deg", "status", "extrapolated", "position_error_before_mm", "position_error_after_mm", "orientation_error_after_deg"] {
+        assert_eq!(answer[field].as_array().map(Vec::len), Some(2), "{field}: {answer}");
+    }
+    let remark = String::from_utf8(json.stderr).unwrap();
+    assert!(answer["left_out"].is_object() && !remark.replace("\n", "").contains("  "), "{remark}");
     let out = String::from_utf8(by_file.stdout).unwrap();
     let cells = |text: &str| -> Vec<Vec<String>> {
         let mut reader = csv::ReaderBuilder::new().has_headers(false).from_reader(text.as_bytes());
