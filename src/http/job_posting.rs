@@ -6,7 +6,6 @@ use crate::http::auth::Scope;
 use crate::http::creation::{Submission, stored_json};
 use crate::http::extract::Id;
 use crate::http::{App, Error, access, jobs};
-use crate::identification::TrainedNetwork;
 use crate::jobs::execution::is_anew;
 use crate::jobs::queue;
 use crate::store::jobs as stored;
@@ -286,7 +285,7 @@ fn check(request: &JobRequestBody, sources: Sources) -> Result<Chosen, Error> {
             None
         }
     };
-    let mut networks: Vec<(String, TrainedNetwork)> = sources.networks.into_iter().filter_map(readable).collect();
+    let mut networks: Vec<_> = sources.networks.into_iter().filter_map(readable).collect();
     // the newest that fits; where none does, `auto` goes without, and for who asked for one it is the newest, so that the refusal says so
     let fitting = networks.iter().position(|(_, network)| calibration::network_fits(&calibration_request, network));
     let is_asked_for = request.network_id.is_some() || request.method == Method::BpnnPso;
