@@ -3,6 +3,9 @@
 //!
 //! `cargo build --release && cargo run --release --example load -- target/release/kincal [seconds]`
 
+#[path = "load/hostile.rs"]
+mod hostile;
+
 use anyhow::{Context, ensure};
 use kincal::store::{NewJob, NewMeasurementSet, NewRobot, Store, StoreLocation, jobs, leases, measurement_sets, robots};
 use std::io::{BufRead, BufReader};
@@ -203,6 +206,8 @@ async fn main() -> anyhow::Result<()> {
         }
     }
     println!("\nLargest memory of the server: {} MiB.", server.peak_mib());
+    hostile::bodies(&client, &format!("http://{}{path}", server.address)).await?;
+    println!("\nLargest memory of the server with these: {} MiB (target 400).", server.peak_mib());
     slow_clients(&server, &get).await?;
     drop(server);
     claims(&dir.path().join("queue")).await

@@ -299,6 +299,7 @@ fn every_page_is_accessible_in_both_themes_and_fits_a_tablet() {
     in_browser(&driver, &hall.server, async |browser: &Browser| {
         browser.go("/").await;
         assert_eq!(browser.accessibility().await, Vec::<String>::new(), "sign in");
+        browser.picture("sign-in", Picture::Whole).await;
         sign_in(browser, &key).await;
         browser.until_it_says("newer result to review").await;
         let pages = [

@@ -93,7 +93,7 @@ enum Command {
     /// Run the paper's calibrations through a real server on a temporary database, and print its tables beside ours.
     Demo(demo::Arguments),
     /// Print the OpenAPI document.
-    Openapi,
+    Openapi(openapi::Arguments),
     /// Print shell completions: bash, zsh, fish, powershell or elvish.
     #[command(after_help = COMPLETIONS_HELP)]
     Completions(completions::Arguments),
@@ -128,7 +128,7 @@ pub fn main() -> ExitCode {
         Command::Withdraw(arguments) => act::withdraw(&arguments),
         Command::Cancel(arguments) => act::cancel(&arguments),
         Command::Demo(arguments) => demo::run(&arguments),
-        Command::Openapi => openapi::run(),
+        Command::Openapi(arguments) => openapi::run(&arguments),
         Command::Completions(arguments) => completions::run(&arguments),
     };
     match result {

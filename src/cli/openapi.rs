@@ -2,8 +2,16 @@
 
 use std::io::Write;
 
-/// Prints the document.
-pub fn run() -> anyhow::Result<()> {
-    let text = crate::http::yaml().map_err(anyhow::Error::msg)?;
-    Ok(std::io::stdout().lock().write_all(text.as_bytes())?)
+/// Print the OpenAPI document.
+#[derive(Debug, clap::Args)]
+pub struct Arguments {
+    /// As JSON, not YAML.
+    #[arg(long, env = "KINCAL_JSON", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue)]
+    json: bool,
+}
+
+/// Prints it.
+pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let text = if arguments.json { crate::http::json() } else { crate::http::yaml() };
+    Ok(std::io::stdout().lock().write_all(text.map_err(anyhow::Error::msg)?.as_bytes())?)
 }

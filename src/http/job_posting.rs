@@ -119,16 +119,16 @@ async fn load(app: &App, robot: RobotRow, request: &JobRequestBody) -> Result<So
         }
         None => None,
     };
-    let parameter_set = parameter_set(app, &robot, request, &set.0).await?;
-    let networks = networks(app, &robot, request, &set.0).await?;
-    let residual_networks = residual_networks(app, &robot, request, &set.0).await?;
+    let (parameter_set, networks, residual_networks) = tokio::try_join!(
+        parameter_set(app, &robot, request, &set.0),
+        networks(app, &robot, request, &set.0),
+        residual_networks(app, &robot, request, &set.0),
+    )?;
     Ok(Sources { robot, set, verify_set, frames, networks, residual_networks, parameter_set })
 }
 
 async fn set(app: &App, robot: &RobotRow, id: &str, at: &str) -> Result<(MeasurementSetRow, Vec<u8>), Error> {
-    let row = own(measurement_sets::get(&app.store, id).await, |row| row.robot_id == robot.id, at, "measurement set")?;
-    let body = measurement_sets::body(&app.store, &row.id).await?;
-    Ok((row, body))
+    own(measurement_sets::get_with_body(&app.store, id).await, |(row, _)| row.robot_id == robot.id, at, "measurement set")
 }
 
 /// The parameter set that the job will use whatever is identified or released meanwhile: the one named; to verify, else the active one;
@@ -182,10 +182,9 @@ async fn residual_networks(
     };
     let mut sources = Vec::with_capacity(found.len());
     for (id, weights, set_id) in found {
-        let row = measurement_sets::get(&app.store, &set_id).await?;
-        let body = measurement_sets::body(&app.store, &set_id).await?;
+        let set = measurement_sets::get_with_body(&app.store, &set_id).await?;
         let line_sha256 = line_of(app, &id).await?;
-        sources.push(ResidualSource { id, weights, set: (row, body), line_sha256 });
+        sources.push(ResidualSource { id, weights, set, line_sha256 });
     }
     Ok(sources)
 }

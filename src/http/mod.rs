@@ -35,7 +35,7 @@ pub mod server;
 mod tls;
 mod upload_check;
 
-pub use document::{openapi, yaml};
+pub use document::{json, openapi, yaml};
 pub use error::Error;
 
 use crate::config::ServeConfig;

@@ -18,6 +18,7 @@ use crate::identification::objective::Observation;
 use crate::identification::uncertainty::misfit_ratio;
 use crate::identification::wild::Linearised;
 use crate::kinematics::t_base_flange;
+use crate::solvers::products::{less_product, transposed_times};
 use nalgebra::{Const, DMatrix, DVector, Dyn, Matrix3, OMatrix, SMatrix, SVector, Vector3};
 use rand::seq::SliceRandom;
 use rand::{SeedableRng, rngs::ChaCha8Rng};
@@ -147,16 +148,17 @@ impl Whitened {
 
     /// Φ·Φᵀ = U·S·Uᵀ, so that V⁻¹ = I − U·(λS/(1 + λS))·Uᵀ and V^(-1/2) = I − U·(1 − (1 + λS)^(-1/2))·Uᵀ.
     fn with_ratio(linear: &Linearised, features: &DMatrix<f64>, ratio: f64) -> Option<Self> {
-        let eigen = (features.tr_mul(features)).try_symmetric_eigen(f64::EPSILON, EIGEN_ITERATIONS)?;
+        let eigen = transposed_times(features, features).try_symmetric_eigen(f64::EPSILON, EIGEN_ITERATIONS)?;
         let smallest = NEGLIGIBLE * eigen.eigenvalues.max();
         let kept: Vec<usize> = (0..features.ncols()).filter(|k| eigen.eigenvalues[*k] > smallest).collect();
-        let mut u = features * eigen.eigenvectors.select_columns(&kept);
+        let none = DMatrix::zeros(features.nrows(), kept.len());
+        let mut u = -less_product(&none, features, &eigen.eigenvectors.select_columns(&kept));
         let share: Vec<f64> = kept.iter().map(|k| ratio * eigen.eigenvalues[*k]).collect();
         u.column_iter_mut().zip(&kept).for_each(|(mut column, k)| column /= eigen.eigenvalues[*k].sqrt());
         let shrunk = |m: &DMatrix<f64>| {
-            let mut along = u.tr_mul(m);
+            let mut along = transposed_times(&u, m);
             along.row_iter_mut().zip(&share).for_each(|(mut row, s)| row *= 1.0 - 1.0 / (1.0 + s).sqrt());
-            m - &u * along
+            less_product(m, &u, &along)
         };
         let q = shrunk(&linear.basis).qr().q();
         let column = |v: &DVector<f64>| shrunk(&DMatrix::from_column_slice(v.len(), 1, v.as_slice())).column(0).into_owned();

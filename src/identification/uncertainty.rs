@@ -19,6 +19,7 @@ use crate::identification::objective::{Observation, weighted_jacobian, weighted_
 use crate::identification::parameters::Parameter;
 use crate::identification::priors::Priors;
 use crate::identification::shared::Shared;
+use crate::solvers::products::{less_product, transposed_times};
 use nalgebra::{DMatrix, DVector, Vector3};
 
 /// A part of V is kept if its test is above this: the upper 5 % of a standard normal variable; its square is the upper 5 % of a
@@ -176,7 +177,7 @@ fn beside(left: &DMatrix<f64>, right: &DMatrix<f64>) -> DMatrix<f64> {
 
 /// What the columns of `m` leave outside the span of the orthonormal columns of `q`.
 fn outside(q: &DMatrix<f64>, m: &DMatrix<f64>) -> DMatrix<f64> {
-    m - q * (q.transpose() * m)
+    less_product(m, q, &transposed_times(q, m))
 }
 
 /// ρ by moments: with P the projection out of the span of A, E[yᵀPBPy] = σe²·(tr PB + ρ·tr PBPB) and
@@ -273,8 +274,8 @@ impl Spectrum {
     fn best_ratio(&self) -> f64 {
         let at = |log10: f64| self.deviance(libm::pow(10.0, log10));
         let step = (LOG10_RATIO.1 - LOG10_RATIO.0) / (GRID - 1) as f64;
-        let grid = (0..GRID).map(|i| LOG10_RATIO.0 + step * i as f64);
-        let best = grid.min_by(|a, b| at(*a).total_cmp(&at(*b))).unwrap_or(LOG10_RATIO.0);
+        let grid = (0..GRID).map(|i| LOG10_RATIO.0 + step * i as f64).map(|log10| (log10, at(log10)));
+        let best = grid.min_by(|a, b| a.1.total_cmp(&b.1)).map_or(LOG10_RATIO.0, |(log10, _)| log10);
         let (mut low, mut high) = (best - step, best + step);
         for _ in 0..SECTIONS {
             let third = 0.381_966 * (high - low);
@@ -329,10 +330,10 @@ fn spectrum(linear: &Linear, n_free: f64) -> Option<Spectrum> {
 }
 
 fn spectrum_outside(y: &DVector<f64>, q: &DMatrix<f64>, features: &DMatrix<f64>, n_free: f64) -> Option<Spectrum> {
-    let y = y - q * (q.transpose() * y);
+    let y = y - q * q.tr_mul(y);
     let features = outside(q, features);
-    let eigen = (features.transpose() * &features).try_symmetric_eigen(f64::EPSILON, EIGEN_ITERATIONS)?;
-    let scores = eigen.eigenvectors.transpose() * (features.transpose() * &y);
+    let eigen = transposed_times(&features, &features).try_symmetric_eigen(f64::EPSILON, EIGEN_ITERATIONS)?;
+    let scores = eigen.eigenvectors.tr_mul(&features.tr_mul(&y));
     let smallest = NEGLIGIBLE * eigen.eigenvalues.max();
     let mut kept: Vec<usize> = (0..scores.len()).filter(|k| eigen.eigenvalues[*k] > smallest).collect();
     kept.sort_by(|i, j| eigen.eigenvalues[*j].total_cmp(&eigen.eigenvalues[*i]).then(i.cmp(j)));

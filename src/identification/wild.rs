@@ -45,6 +45,13 @@ pub struct Wild {
     pub scale_mm: f64,
 }
 
+/// A problem with what every weighted fit needs of each of its points, made once: Q_iᵀ·Q_i (lower triangle, row by row) and Q_iᵀ·r_i.
+struct Blocks<'a> {
+    of: &'a Linearised,
+    squares: Vec<f64>,
+    sides: Vec<f64>,
+}
+
 /// Residuals of every point, and the factor of the normal matrix.
 type Solved = (Vec<Vector3<f64>>, Cholesky<f64, Dyn>);
 
@@ -52,8 +59,8 @@ type Solved = (Vec<Vector3<f64>>, Cholesky<f64, Dyn>);
 struct Kept {
     /// Residuals of all points.
     residuals: Vec<Vector3<f64>>,
-    /// (Q_Kᵀ·Q_K)⁻¹.
-    inverse: DMatrix<f64>,
+    /// Q_i·(Q_Kᵀ·Q_K)⁻¹·Q_iᵀ of all points.
+    leverages: Vec<Matrix3<f64>>,
     /// σ², mm².
     variance: f64,
     freedom: f64,
@@ -83,40 +90,6 @@ impl Linearised {
         3 * self.n_points() > self.basis.ncols() + self.basis.ncols() / 2 + 6
     }
 
-    fn point(&self, residuals: &DVector<f64>, i: usize) -> Vector3<f64> {
-        residuals.fixed_rows::<3>(3 * i).into()
-    }
-
-    /// Residuals of every point after a fit with these weights, and the factor of its normal matrix.
-    fn solve(&self, weights: &[f64]) -> Option<Solved> {
-        let mut weighted = self.basis.clone();
-        for (row, mut values) in weighted.row_iter_mut().enumerate() {
-            values *= weights[row / 3];
-        }
-        let normal = self.basis.tr_mul(&weighted);
-        let factor = Cholesky::new(normal)?;
-        let u = factor.solve(&weighted.tr_mul(&self.residuals));
-        let left = &self.residuals - &self.basis * u;
-        Some(((0..self.n_points()).map(|i| self.point(&left, i)).collect(), factor))
-    }
-
-    fn keep(&self, kept: &[bool]) -> Option<Kept> {
-        let weights: Vec<f64> = kept.iter().map(|k| f64::from(u8::from(*k))).collect();
-        let (residuals, factor) = self.solve(&weights)?;
-        let freedom = 3.0 * weights.iter().sum::<f64>() - self.basis.ncols() as f64;
-        let sum: f64 = residuals.iter().zip(&weights).map(|(r, w)| w * r.norm_squared()).sum();
-        (freedom >= 3.0).then(|| Kept { residuals, inverse: factor.inverse(), variance: sum / freedom, freedom })
-    }
-
-    /// Squared length of the residual that point i would have if it were not fitted, over its covariance for σ = 1, mm².
-    fn surprise(&self, of: &Kept, i: usize, is_kept: bool) -> f64 {
-        let q = self.basis.fixed_rows::<3>(3 * i);
-        let leverage: Matrix3<f64> = q * &of.inverse * q.transpose();
-        let covariance = if is_kept { Matrix3::identity() - leverage } else { Matrix3::identity() + leverage };
-        let solved = covariance.cholesky().map(|c| c.solve(&of.residuals[i]));
-        solved.map_or(0.0, |x| x.dot(&of.residuals[i]))
-    }
-
     /// σ of one coordinate from the median length, without the points that the fit goes through.
     fn median_scale(&self, residuals: &[Vector3<f64>]) -> f64 {
         let mut lengths: Vec<f64> = residuals.iter().map(Vector3::norm).collect();
@@ -126,12 +99,78 @@ impl Linearised {
         (rest[rest.len() / 2] / MEDIAN_LENGTH).max(ROUNDING_MM)
     }
 
+    /// The robust fit's residuals, one per point, and the standard deviation of a coordinate; `None` where there are too few points.
+    pub fn robust(&self) -> Option<(Vec<Vector3<f64>>, f64)> {
+        self.is_overdetermined().then(|| Blocks::new(self).robust())?
+    }
+
+    /// The points that do not belong; none where there are too few to tell.
+    /// A coordinate's standard deviation counts as at least `least_scale_mm`.
+    pub fn wild(&self, least_scale_mm: f64) -> Option<Wild> {
+        self.is_overdetermined().then(|| Blocks::new(self).wild(least_scale_mm.max(ROUNDING_MM)))?
+    }
+}
+
+impl<'a> Blocks<'a> {
+    fn new(of: &'a Linearised) -> Self {
+        let (n, r) = (of.n_points(), of.basis.ncols());
+        let (mut squares, mut sides) = (Vec::with_capacity(n * r * (r + 1) / 2), Vec::with_capacity(n * r));
+        for i in 0..n {
+            let (q, residual) = (of.basis.fixed_rows::<3>(3 * i), of.residuals.fixed_rows::<3>(3 * i));
+            for row in 0..r {
+                squares.extend((0..=row).map(|column| q.column(row).dot(&q.column(column))));
+                sides.push(q.column(row).dot(&residual));
+            }
+        }
+        Self { of, squares, sides }
+    }
+
+    /// Residuals of every point after a fit with these weights, and the factor of its normal matrix.
+    fn solve(&self, weights: &[f64]) -> Option<Solved> {
+        let r = self.of.basis.ncols();
+        let n_square = r * (r + 1) / 2;
+        let (mut square, mut side) = (vec![0.0; n_square], DVector::zeros(r));
+        for (i, weight) in weights.iter().enumerate().filter(|(_, weight)| **weight != 0.0) {
+            let add = |sum: &mut [f64], block: &[f64]| sum.iter_mut().zip(block).for_each(|(sum, value)| *sum += weight * value);
+            add(&mut square, &self.squares[n_square * i..n_square * (i + 1)]);
+            add(side.as_mut_slice(), &self.sides[r * i..r * (i + 1)]);
+        }
+        let mut rest = square.as_slice();
+        let mut normal = DMatrix::zeros(r, r);
+        for row in 0..r {
+            let (values, below) = rest.split_at(row + 1);
+            values.iter().enumerate().for_each(|(column, value)| normal[(row, column)] = *value);
+            rest = below;
+        }
+        // reads the lower triangle alone
+        let factor = Cholesky::new(normal)?;
+        let u = factor.solve(&side);
+        let left = &self.of.residuals - &self.of.basis * u;
+        Some(((0..self.of.n_points()).map(|i| left.fixed_rows::<3>(3 * i).into()).collect(), factor))
+    }
+
+    fn keep(&self, kept: &[bool]) -> Option<Kept> {
+        let weights: Vec<f64> = kept.iter().map(|k| f64::from(u8::from(*k))).collect();
+        let (residuals, factor) = self.solve(&weights)?;
+        let freedom = 3.0 * weights.iter().sum::<f64>() - self.of.basis.ncols() as f64;
+        let sum: f64 = residuals.iter().zip(&weights).map(|(r, w)| w * r.norm_squared()).sum();
+        if freedom < 3.0 {
+            return None;
+        }
+        let halves = factor.l_dirty().solve_lower_triangular(&self.of.basis.transpose())?;
+        let leverages = (0..self.of.n_points()).map(|i| {
+            let half = halves.fixed_columns::<3>(3 * i);
+            Matrix3::from_fn(|row, column| half.column(row).dot(&half.column(column)))
+        });
+        Some(Kept { residuals, leverages: leverages.collect(), variance: sum / freedom, freedom })
+    }
+
     /// The fit of least absolute lengths.
     fn least_lengths(&self) -> Option<Vec<Vector3<f64>>> {
-        let mut weights = vec![1.0; self.n_points()];
+        let mut weights = vec![1.0; self.of.n_points()];
         let mut residuals = self.solve(&weights)?.0;
         for _ in 0..REWEIGHTINGS {
-            let smallest = 1e-3 * self.median_scale(&residuals);
+            let smallest = 1e-3 * self.of.median_scale(&residuals);
             weights.iter_mut().zip(&residuals).for_each(|(w, r)| *w = smallest / r.norm().max(smallest));
             residuals = self.solve(&weights)?.0;
         }
@@ -140,12 +179,12 @@ impl Linearised {
 
     /// Deletes point after point, the most surprising first.
     fn deletions(&self) -> Option<Vec<Vector3<f64>>> {
-        let n = self.n_points();
+        let n = self.of.n_points();
         let mut kept = vec![true; n];
         let mut fit = self.keep(&kept)?;
         for _ in 0..most_wild(n) {
-            let surprise = |i: &usize| self.surprise(&fit, *i, true);
-            let worst = (0..n).filter(|i| kept[*i]).max_by(|i, j| surprise(i).total_cmp(&surprise(j)))?;
+            let surprises = (0..n).filter(|i| kept[*i]).map(|i| (i, fit.surprise(i, true)));
+            let worst = surprises.max_by(|a, b| a.1.total_cmp(&b.1))?.0;
             kept[worst] = false;
             match self.keep(&kept) {
                 Some(next) => fit = next,
@@ -157,7 +196,7 @@ impl Linearised {
 
     /// Tukey's biweight from a start, at the start's scale.
     fn biweight(&self, mut residuals: Vec<Vector3<f64>>) -> Vec<Vector3<f64>> {
-        let scale = self.median_scale(&residuals);
+        let scale = self.of.median_scale(&residuals);
         let loss = Loss::Tukey { c: TUKEY_C_95 };
         for _ in 0..REWEIGHTINGS {
             let weights: Vec<f64> = residuals.iter().map(|r| loss.weight(r.norm() / scale)).collect();
@@ -169,31 +208,24 @@ impl Linearised {
         residuals
     }
 
-    /// The robust fit's residuals, one per point, and the standard deviation of a coordinate; `None` where there are too few points.
-    pub fn robust(&self) -> Option<(Vec<Vector3<f64>>, f64)> {
-        if !self.is_overdetermined() {
-            return None;
-        }
+    fn robust(&self) -> Option<(Vec<Vector3<f64>>, f64)> {
         let starts = [self.least_lengths(), self.deletions()].into_iter().flatten();
         let ends = starts.map(|start| self.biweight(start));
         let best = ends.min_by(|a, b| trimmed(a).total_cmp(&trimmed(b)))?;
-        let scale = self.median_scale(&best);
+        let scale = self.of.median_scale(&best);
         Some((best, scale))
     }
 
-    /// The points that do not belong; none where there are too few to tell.
-    /// A coordinate's standard deviation counts as at least `least_scale_mm`.
-    pub fn wild(&self, least_scale_mm: f64) -> Option<Wild> {
+    fn wild(&self, least_scale_mm: f64) -> Option<Wild> {
         let (residuals, scale) = self.robust()?;
-        let n = self.n_points();
-        let least_scale_mm = least_scale_mm.max(ROUNDING_MM);
+        let n = self.of.n_points();
         let mut kept: Vec<bool> = residuals.iter().map(|r| r.norm() <= WILD_SIGMAS * scale.max(least_scale_mm)).collect();
         let mut fit = self.keep(&kept).or_else(|| {
             kept = vec![true; n];
             self.keep(&kept)
         })?;
         for _ in 0..EXCHANGES {
-            let next: Vec<bool> = (0..n).map(|i| !is_wild(self.surprise(&fit, i, kept[i]), &fit, least_scale_mm, n)).collect();
+            let next: Vec<bool> = (0..n).map(|i| !is_wild(fit.surprise(i, kept[i]), &fit, least_scale_mm, n)).collect();
             if next == kept {
                 break;
             }
@@ -203,6 +235,16 @@ impl Linearised {
         let points: Vec<usize> = (0..n).filter(|i| !kept[*i]).collect();
         let sizes_mm = points.iter().map(|i| fit.residuals[*i].norm()).collect();
         Some(Wild { points, sizes_mm, scale_mm: fit.variance.sqrt().max(least_scale_mm) })
+    }
+}
+
+impl Kept {
+    /// Squared length of the residual that point i would have if it were not fitted, over its covariance for σ = 1, mm².
+    fn surprise(&self, i: usize, is_kept: bool) -> f64 {
+        let leverage = self.leverages[i];
+        let covariance = if is_kept { Matrix3::identity() - leverage } else { Matrix3::identity() + leverage };
+        let solved = covariance.cholesky().map(|c| c.solve(&self.residuals[i]));
+        solved.map_or(0.0, |x| x.dot(&self.residuals[i]))
     }
 }
 

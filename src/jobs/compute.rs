@@ -114,44 +114,40 @@ impl JobInputs {
     /// Reads what the job names.
     pub async fn load(store: &Store, job_id: &str) -> Result<JobInputs> {
         let job = jobs::get(store, job_id).await?;
-        let robot = robots::get(store, &job.robot_id).await?;
-        let set = load_set(store, &job.measurement_set_id).await?;
-        let verify_set = match &job.verify_set_id {
-            Some(id) => Some(load_set(store, id).await?),
-            None => None,
-        };
-        let frames = match &job.frames_id {
-            Some(id) => Some(frames::get(store, id).await?),
-            None => None,
-        };
-        let network = load_network(store, job.network_input_id.as_deref()).await?;
-        let residual_network = load_network(store, job.residual_network_input_id.as_deref()).await?;
-        let parameter_set = match &job.parameter_set_input_id {
-            Some(id) => Some(load_parameter_set(store, id).await?),
-            None => None,
-        };
+        // at once, each on a connection of its own: a job of a few milliseconds should not wait for one after another
+        let (robot, set, verify_set, frames, network, residual_network, parameter_set) = tokio::try_join!(
+            robots::get(store, &job.robot_id),
+            load_set(store, &job.measurement_set_id),
+            load(job.verify_set_id.as_deref(), |id| load_set(store, id)),
+            load(job.frames_id.as_deref(), |id| frames::get(store, id)),
+            load(job.network_input_id.as_deref(), |id| load_network(store, id)),
+            load(job.residual_network_input_id.as_deref(), |id| load_network(store, id)),
+            load(job.parameter_set_input_id.as_deref(), |id| load_parameter_set(store, id)),
+        )?;
         Ok(JobInputs { job, robot, set, verify_set, frames, network, residual_network, parameter_set })
     }
 }
 
-async fn load_network(store: &Store, id: Option<&str>) -> Result<Option<NetworkInput>> {
-    Ok(match id {
-        Some(id) => Some(NetworkInput { row: networks::get(store, id).await?, weights: networks::weights(store, id).await? }),
-        None => None,
-    })
+/// What an optional reference names.
+async fn load<'a, T, F: Future<Output = Result<T>>>(id: Option<&'a str>, get: impl FnOnce(&'a str) -> F) -> Result<Option<T>> {
+    match id {
+        Some(id) => get(id).await.map(Some),
+        None => Ok(None),
+    }
+}
+
+async fn load_network(store: &Store, id: &str) -> Result<NetworkInput> {
+    Ok(NetworkInput { row: networks::get(store, id).await?, weights: networks::weights(store, id).await? })
 }
 
 async fn load_parameter_set(store: &Store, id: &str) -> Result<ParameterSetInput> {
     let row = parameter_sets::get(store, id).await?;
     let job = jobs::get(store, &row.job_id).await?;
-    let frames = match &job.frames_id {
-        Some(id) => Some(frames::get(store, id).await?),
-        None => None,
-    };
+    let frames = load(job.frames_id.as_deref(), |id| frames::get(store, id)).await?;
     Ok(ParameterSetInput { row, set: load_set(store, &job.measurement_set_id).await?, frames })
 }
 
 async fn load_set(store: &Store, id: &str) -> Result<MeasurementSetInput> {
-    let row = measurement_sets::get(store, id).await?;
-    Ok(MeasurementSetInput { row, body: measurement_sets::body(store, id).await? })
+    let (row, body) = measurement_sets::get_with_body(store, id).await?;
+    Ok(MeasurementSetInput { row, body })
 }

@@ -49,18 +49,35 @@ pub(super) struct Note {
     pub(super) detail_json: String,
 }
 
+// The texts that the writer of a SQLite database joins others to.
+macro_rules! insert_text {
+    () => {
+        "insert into audit (seq, at_ms, actor, event, subject, detail_json, sha256) values ($1, $2, $3, $4, $5, $6, $7)"
+    };
+}
+macro_rules! head_text {
+    () => {
+        "select seq, sha256, begun_at_ms, (select now_ms from clock) as now_ms from audit_head"
+    };
+}
+macro_rules! move_head_text {
+    () => {
+        "update audit_head set seq = $1, sha256 = $2"
+    };
+}
+pub(super) use {head_text, insert_text, move_head_text};
+
 pub(super) const ALL_QUERIES: &[&str] = &[INSERT, HEAD, MOVE_HEAD, LIST, ACTOR, DETAIL];
 pub(super) const QUERIES_POSTGRES: &[&str] = &[HEAD_LOCKED];
 
-const INSERT: &str = "
-    insert into audit (seq, at_ms, actor, event, subject, detail_json, sha256) values ($1, $2, $3, $4, $5, $6, $7)";
+pub(super) const INSERT: &str = insert_text!();
 
-const HEAD: &str = "select seq, sha256, begun_at_ms, (select now_ms from clock) as now_ms from audit_head";
+const HEAD: &str = head_text!();
 
 // The chain has one end: on PostgreSQL the transactions that add to it do so one after the other, as their last act.
-const HEAD_LOCKED: &str = "select seq, sha256, begun_at_ms, (select now_ms from clock) as now_ms from audit_head for update";
+const HEAD_LOCKED: &str = concat!(head_text!(), " for update");
 
-const MOVE_HEAD: &str = "update audit_head set seq = $1, sha256 = $2";
+const MOVE_HEAD: &str = move_head_text!();
 
 const LIST: &str = "
     select seq, at_ms, actor, event, subject, detail_json, sha256 from audit where seq > $1 order by seq limit $2";
@@ -76,20 +93,29 @@ pub(super) fn hash(before: &str, row: &AuditRow) -> String {
     canonical::sha256_hex(text.as_bytes())
 }
 
-/// The end of the chain as this transaction sees it.
-pub(super) async fn head_in(connection: &mut AnyConnection, lock: bool) -> Result<AuditHead> {
-    Ok(sqlx::query_as(if lock { HEAD_LOCKED } else { HEAD }).fetch_one(connection).await?)
+/// The end of the chain as this transaction sees it; others that add to it wait from now on.
+pub(super) async fn head_in(connection: &mut AnyConnection) -> Result<AuditHead> {
+    Ok(sqlx::query_as(HEAD_LOCKED).fetch_one(connection).await?)
 }
 
-/// Adds to the chain behind `head`; gives the new head, which the caller stores before the commit.
-pub(super) async fn append(connection: &mut AnyConnection, head: &AuditHead, actor: &str, notes: Vec<Note>) -> Result<AuditHead> {
+/// Adds to the chain behind `head`; gives the new head, which the caller stores before the commit. `last` is [`INSERT`], with what is to be
+/// done with the last entry.
+pub(super) async fn append(
+    connection: &mut AnyConnection,
+    head: &AuditHead,
+    actor: &str,
+    notes: Vec<Note>,
+    last: &'static str,
+) -> Result<AuditHead> {
     let mut head = head.clone();
-    for Note { event, subject, detail_json } in notes {
+    let n = notes.len();
+    for (i, Note { event, subject, detail_json }) in notes.into_iter().enumerate() {
         let seq = head.seq + 1;
         let mut row =
             AuditRow { seq, at_ms: head.now_ms, actor: actor.into(), event: event.into(), subject, detail_json, sha256: String::new() };
         row.sha256 = hash(&head.sha256, &row);
-        let query = sqlx::query(INSERT).bind(row.seq).bind(row.at_ms).bind(row.actor).bind(row.event).bind(row.subject);
+        let query = sqlx::query(if i + 1 == n { last } else { INSERT });
+        let query = query.bind(row.seq).bind(row.at_ms).bind(row.actor).bind(row.event).bind(row.subject);
         query.bind(row.detail_json).bind(&row.sha256).execute(&mut *connection).await?;
         head = AuditHead { seq: row.seq, sha256: row.sha256, ..head };
     }

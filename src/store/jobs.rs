@@ -147,21 +147,23 @@ macro_rules! columns {
     };
 }
 
-pub(super) const ALL_QUERIES: &[&str] = &[INSERT, TURN, GET, LIST, REPORT, CONVERGENCE, WAITING, CANCEL, COUNT_BY_STATUS];
+pub(super) const ALL_QUERIES: &[&str] = &[INSERT, GET, LIST, REPORT, CONVERGENCE, WAITING, CANCEL, COUNT_BY_STATUS];
 
-const INSERT: &str = "
-    insert into job (id, robot_id, measurement_set_id, verify_set_id, frames_id, network_input_id,
+// Its turn is the one after the client's last that waits, and never before the turn that is being served: who has not posted for a while
+// does not hold back the others now.
+const INSERT: &str = concat!(
+    "insert into job (id, robot_id, measurement_set_id, verify_set_id, frames_id, network_input_id,
         residual_network_input_id, parameter_set_input_id, kind, method, request_json, priority, client, turn, status, attempt,
         created_at_ms)
-    values ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13, $14, 'queued', 0, (select now_ms from clock))";
-
-// The turn after the client's last that waits, and never before the turn that is being served: who has not posted for a while does not
-// hold back the others now.
-const TURN: &str = "
-    select coalesce(max(turn), 0) from (
-        select max(turn) + 1 as turn from job where status = 'queued' and client = $1 and priority = $2
-        union all
-        select min(turn) as turn from job where status = 'queued' and priority = $2) as turns";
+    values ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13, (
+        select coalesce(max(turns.turn), 0) from (
+            select max(j.turn) + 1 as turn from job j where j.status = 'queued' and j.client = $13 and j.priority = $12
+            union all
+            select min(j.turn) as turn from job j where j.status = 'queued' and j.priority = $12) as turns),
+        'queued', 0, (select now_ms from clock))
+    returning ",
+    columns!()
+);
 
 const GET: &str = concat!("select ", columns!(), " from job where id = $1");
 
@@ -196,9 +198,8 @@ const COUNT_BY_STATUS: &str = "select status, count(*) from job where status in 
 /// [`Error::NotFound`] if something it names does not exist, [`Error::Database`].
 pub async fn insert(tx: &mut Tx, new: &NewJob) -> Result<JobRow> {
     tx.needs_room()?;
-    let turn: i64 = sqlx::query_scalar(TURN).bind(&new.client).bind(new.priority).fetch_one(tx.connection()?).await?;
     let id = new_id("job");
-    let query = sqlx::query(INSERT)
+    let query = sqlx::query_as(INSERT)
         .bind(&id)
         .bind(&new.robot_id)
         .bind(&new.measurement_set_id)
@@ -211,13 +212,12 @@ pub async fn insert(tx: &mut Tx, new: &NewJob) -> Result<JobRow> {
         .bind(&new.method)
         .bind(&new.request_json)
         .bind(new.priority)
-        .bind(&new.client)
-        .bind(turn);
-    query.execute(tx.connection()?).await?;
+        .bind(&new.client);
+    let row: JobRow = query.fetch_one(tx.connection()?).await?;
     let request_sha256 = canonical::sha256_hex(new.request_json.as_bytes());
     let detail = json!({"robot_id": new.robot_id, "measurement_set_id": new.measurement_set_id, "request_sha256": request_sha256});
     tx.note("job_created", &id, &detail);
-    get_in(tx, &id).await
+    Ok(row)
 }
 
 /// One job.

@@ -1,6 +1,7 @@
 //! Measurement sets: what was uploaded, byte for byte, and what was found out about it.
 
 use serde_json::json;
+use sqlx::{FromRow, Row};
 
 use super::{Page, PageRequest, Result, Store, Tx, new_id};
 
@@ -71,7 +72,7 @@ macro_rules! columns {
     };
 }
 
-pub(super) const ALL_QUERIES: &[&str] = &[INSERT, GET, BODY, LIST];
+pub(super) const ALL_QUERIES: &[&str] = &[INSERT, GET, GET_WITH_BODY, BODY, LIST];
 
 const INSERT: &str = concat!(
     "insert into measurement_set (id, robot_id, name, frame, content_type, body, sha256,
@@ -82,6 +83,8 @@ const INSERT: &str = concat!(
 );
 
 const GET: &str = concat!("select ", columns!(), " from measurement_set where id = $1");
+
+const GET_WITH_BODY: &str = concat!("select body, ", columns!(), " from measurement_set where id = $1");
 
 const BODY: &str = "select body from measurement_set where id = $1";
 
@@ -125,6 +128,15 @@ pub async fn insert(tx: &mut Tx, new: &NewMeasurementSet) -> Result<MeasurementS
 /// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn get(store: &Store, id: &str) -> Result<MeasurementSetRow> {
     Ok(sqlx::query_as(GET).bind(id).fetch_one(store.pool()).await?)
+}
+
+/// One measurement set with its bytes.
+///
+/// # Errors
+/// [`super::Error::NotFound`], [`super::Error::Database`].
+pub async fn get_with_body(store: &Store, id: &str) -> Result<(MeasurementSetRow, Vec<u8>)> {
+    let row = sqlx::query(GET_WITH_BODY).bind(id).fetch_one(store.pool()).await?;
+    Ok((MeasurementSetRow::from_row(&row)?, row.try_get("body")?))
 }
 
 /// The uploaded bytes of one measurement set.

@@ -224,8 +224,8 @@ impl Tx {
             TxKind::Shared(member) => member.commit(self.actor, self.notes).await,
             TxKind::Own(mut transaction, _room) => {
                 if !self.notes.is_empty() {
-                    let head = audit::head_in(&mut transaction, true).await?;
-                    let head = audit::append(&mut transaction, &head, &self.actor, self.notes).await?;
+                    let head = audit::head_in(&mut transaction).await?;
+                    let head = audit::append(&mut transaction, &head, &self.actor, self.notes, audit::INSERT).await?;
                     audit::move_head(&mut transaction, &head).await?;
                 }
                 Ok(transaction.commit().await?)

@@ -7,7 +7,7 @@
 use std::sync::Arc;
 
 use sqlx::pool::PoolConnection;
-use sqlx::{Any, AnyConnection, AnyPool, Executor};
+use sqlx::{Any, AnyConnection, AnyPool, FromRow};
 use tokio::sync::{Mutex, OwnedMutexGuard, oneshot};
 use tokio::time::Instant;
 
@@ -46,10 +46,13 @@ pub(super) struct Member {
     state: Option<OwnedMutexGuard<State>>,
 }
 
-// Each execution is a trip to the connection's thread and back: what belongs together goes in one.
-const BEGIN: &str = "begin immediate; savepoint member";
+// Each execution is a trip to the connection's thread and back, which costs more than most statements: what belongs together goes in one.
+// SQLite takes several statements at a time; their $1, $2, … are numbered through.
+const BEGIN: &str = concat!("begin immediate; savepoint member; ", audit::head_text!());
+const KEEP: &str = concat!(audit::insert_text!(), "; release member; savepoint member");
 const NEXT: &str = "release member; savepoint member";
 const UNDO: &str = "rollback to member";
+const MOVE_HEAD_AND_COMMIT: &str = concat!(audit::move_head_text!(), "; release member; commit");
 const COMMIT: &str = "release member; commit";
 
 impl Writer {
@@ -85,12 +88,14 @@ async fn enter(pool: AnyPool, state: Arc<Mutex<State>>, asked: Instant) -> Resul
 
 async fn open(pool: &AnyPool) -> Result<Group> {
     let mut connection = pool.acquire().await?;
-    connection.execute(BEGIN).await?;
-    match audit::head_in(&mut connection, false).await {
+    let begun = sqlx::query(BEGIN).fetch_all(&mut *connection).await;
+    let head = begun.and_then(|rows| AuditHead::from_row(rows.first().ok_or(sqlx::Error::RowNotFound)?));
+    match head {
         Ok(head) => Ok(Group { connection, begun_with: head.clone(), head, waiting: Vec::new() }),
         Err(error) => {
+            // the transaction may be open
             connection.close_on_drop();
-            Err(error)
+            Err(error.into())
         }
     }
 }
@@ -106,10 +111,11 @@ async fn close(state: &mut State) {
 
 impl Group {
     async fn commit(&mut self) -> Result<()> {
-        if self.head != self.begun_with {
-            audit::move_head(&mut self.connection, &self.head).await?;
-        }
-        self.connection.execute(COMMIT).await?;
+        let query = match self.head == self.begun_with {
+            true => sqlx::query(COMMIT),
+            false => sqlx::query(MOVE_HEAD_AND_COMMIT).bind(self.head.seq).bind(&self.head.sha256),
+        };
+        query.execute(&mut *self.connection).await?;
         Ok(())
     }
 
@@ -181,9 +187,11 @@ impl Drop for Member {
 
 /// Writes the audit entries and puts the savepoint behind everything done so far.
 async fn keep(group: &mut Group, actor: &str, notes: Vec<Note>) -> Result<()> {
-    let head = audit::append(&mut group.connection, &group.head, actor, notes).await?;
-    group.connection.execute(NEXT).await?;
-    group.head = head;
+    if notes.is_empty() {
+        sqlx::query(NEXT).execute(&mut *group.connection).await?;
+    } else {
+        group.head = audit::append(&mut group.connection, &group.head, actor, notes, KEEP).await?;
+    }
     Ok(())
 }
 
@@ -191,7 +199,7 @@ async fn keep(group: &mut Group, actor: &str, notes: Vec<Note>) -> Result<()> {
 /// members before.
 async fn undo(state: &mut State) {
     let Some(group) = state.group.as_mut() else { return };
-    if let Err(error) = group.connection.execute(UNDO).await
+    if let Err(error) = sqlx::query(UNDO).execute(&mut *group.connection).await
         && let Some(group) = state.group.take()
     {
         group.fail(error.into());

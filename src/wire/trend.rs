@@ -64,9 +64,9 @@ impl Trend {
         };
         let span = last.day - first.day;
         if scored.len() < MIN_SESSIONS || span < MIN_DAYS {
+            let sessions = if scored.len() == 1 { "1 session".into() } else { format!("{} sessions over {span:.1} days", scored.len()) };
             return none(format!(
-                "not enough data: {} sessions over {span:.1} days; a trend takes {MIN_SESSIONS} over a day at least. Score the released set on new points with jobs of kind verify",
-                scored.len()
+                "not enough data: {sessions}; a trend takes {MIN_SESSIONS} over a day at least. Score the released set on new points with jobs of kind verify"
             ));
         }
         let limit = limit_mm.unwrap_or(GROWTH * first.rms_mm);

@@ -33,6 +33,10 @@ async fn from_the_upload_to_the_release_and_back_in_a_terminal() {
     let (code, told, complaints) = kincal(&app, key, &["submit", "--robot", "Cell 4", &data("first_noisy.csv"), "--wait"]).await;
     assert_eq!(code, Some(0), "{complaints}");
     assert!(told.contains("verify (50), after") && told.contains("next: kincal release par_"), "{told}");
+    let (_, offline, _) = kincal(&app, key, &["calibrate", &data("robot.json"), &data("first_noisy.csv")]).await;
+    let offline = without_times(&offline);
+    assert!(offline.contains("on the same points"), "{offline}");
+    assert!(without_times(&told).contains(&offline), "the table of calibrate\n{offline}\nis that of submit\n{told}");
     let sets = person.get(&format!("/v1/robots/{}/parameter-sets", text(&robot["id"]))).await.ok(200);
     let (set, job) = (text(&sets["items"][0]["id"]), text(&sets["items"][0]["job_id"]));
 
@@ -59,6 +63,20 @@ async fn from_the_upload_to_the_release_and_back_in_a_terminal() {
     assert!(complaints.contains("release_refused") && complaints.contains("the set was withdrawn"), "{complaints}");
     let (code, told, _) = kincal(&app, key, &["cancel", job]).await;
     assert_eq!((code, told.trim()), (Some(0), format!("{job} is succeeded").as_str()), "what is over stays as it is");
+}
+
+/// A table without what the clock says: the duration in its second line, and the column "time, ms" of the methods.
+fn without_times(table: &str) -> String {
+    let mut in_methods = false;
+    let lines = table.trim_end().lines().map(|line| {
+        in_methods = line.starts_with("on the same points") || in_methods && !line.is_empty();
+        match line.split_once(" mm², ").filter(|_| line.contains(" iterations, F = ")) {
+            Some((cost, rest)) => format!("{cost} mm², {}", rest.split_once(" ms, ").unwrap().1),
+            None if in_methods => line.chars().enumerate().filter(|(at, _)| !(50..62).contains(at)).map(|(_, c)| c).collect(),
+            None => line.into(),
+        }
+    });
+    lines.collect::<Vec<_>>().join("\n")
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -143,4 +161,32 @@ fn keys_and_the_database_answer_as_json_too() {
     assert!(run(&["migrate", "--json"])["schema_version"].as_i64().unwrap() > 0);
     let revoked = run(&["key", "revoke", "--name", "cell-4", "--json"]);
     assert_eq!(revoked["revoked"][0]["id"], made["id"]);
+    let copied = printed(&["copy-store", "--from", copy.to_str().unwrap(), "--to", dir.path().join("other").to_str().unwrap(), "--json"]);
+    assert_eq!(copied["audit_head"], made_of_it["audit_head"], "as the backup, in which the key was not revoked yet");
+    assert!(copied["tables"].as_array().unwrap().contains(&json!({"table": "api_key", "n_rows": 1})), "{copied}");
+}
+
+/// What a command prints on standard output: JSON and nothing else.
+fn printed(arguments: &[&str]) -> Value {
+    let output = Command::new(env!("CARGO_BIN_EXE_kincal")).args(arguments).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    serde_json::from_slice::<Value>(&output.stdout).unwrap()
+}
+
+#[test]
+fn the_demo_and_the_contract_answer_as_json_too() {
+    let openapi = printed(&["openapi", "--json"]);
+    assert!(openapi["paths"]["/v1/robots"].is_object());
+    let demo = printed(&["demo", "--json"]);
+    assert_eq!(
+        (&demo["paper_simulation"][0]["n_iterations"], &demo["paper_experiment"][1]["errors"]["mean_mm"]),
+        (&json!(404), &json!(0.46))
+    );
+    let ran = demo["ran"].as_array().unwrap();
+    let labels: Vec<&str> = ran.iter().map(|row| text(&row["label"])).collect();
+    assert_eq!(labels, ["PSO, paper's preset", "BPNN-PSO, paper's preset", "PSO, ours", "BPNN-PSO, ours", "method auto"]);
+    for row in ran {
+        let [before, after] = ["before", "after"].map(|half| row["verify"][half]["rms_mm"].as_f64().unwrap());
+        assert!(after < 0.5 * before, "{row}");
+    }
 }

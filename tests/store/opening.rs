@@ -33,8 +33,10 @@ const NO_QUERIES: &[&str] = &[
     "DATABASE",
     "NOBODY",
     "BEGIN",
+    "KEEP",
     "NEXT",
     "UNDO",
+    "MOVE_HEAD_AND_COMMIT",
     "COMMIT",
 ];
 
