@@ -6,9 +6,10 @@ mod data;
 mod simulation;
 
 use data::{paper_robot, paper_set};
+use kincal::calibration::request::Loss;
 use kincal::calibration::{CalibrationReport, CalibrationRequest, Method, calibrate};
 use kincal::identification::{KinematicModel, TrainedNetwork};
-use kincal::measurement::MeasurementSet;
+use kincal::measurement::{MeasurementSet, Subset};
 use rand::RngExt;
 use simulation::{Campaign, Normal, measure, poses, true_robot};
 use std::ops::ControlFlow;
@@ -74,6 +75,38 @@ fn a_swarm_too_small_to_learn_from_is_moved_by_the_stored_network_alone() {
     let report = calibrate(&request, &mut |_| ControlFlow::Continue(())).unwrap();
     // it starts where the robot was, to the spread that training leaves, and not at 64.9 mm²
     assert!(report.convergence_mm2[0] < 1.0 && report.n_evaluations == 12 * 11, "{}", report.convergence_mm2[0]);
+}
+
+/// Every twentieth point 5 to 20 mm off.
+fn with_wild_points(mut set: MeasurementSet) -> (MeasurementSet, Vec<usize>) {
+    let mut random = Normal::new(7);
+    let rows: Vec<usize> = (10..set.points.len()).step_by(20).collect();
+    for row in &rows {
+        set.points[*row].position_mm += random.vector().normalize() * random.0.random_range(5.0..20.0);
+    }
+    (set, rows)
+}
+
+#[test]
+fn a_follow_up_with_a_robust_loss_is_moved_by_the_network_and_not_by_wild_points() {
+    let network = trained_on(paper_set("first.csv"), 0);
+    let (wild, rows) = with_wild_points(paper_set("first_noisy.csv"));
+    for loss in [Loss::Huber, Loss::Tukey] {
+        let [clean, wild] = [paper_set("first_noisy.csv"), wild.clone()].map(|set| {
+            let mut request = CalibrationRequest::new(paper_robot(), set);
+            (request.method, request.network, request.options.loss) = (Method::BpnnPso, Some(network.clone()), Some(loss));
+            calibrate(&request, &mut |_| ControlFlow::Continue(())).unwrap()
+        });
+        let rms_mm = |report: &CalibrationReport| {
+            let scored = report.per_point.iter().enumerate().filter(|(row, p)| p.subset == Subset::Verify && !rows.contains(row));
+            let squares: Vec<f64> = scored.map(|(_, p)| p.after_mm * p.after_mm).collect();
+            (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
+        };
+        println!("{loss:?}: {} mm, without wild points {} mm", rms_mm(&wild), rms_mm(&clean));
+        assert!(rms_mm(&wild) <= 1.1 * rms_mm(&clean), "{loss:?}");
+        let named = wild.warnings.iter().find(|w| w.code.starts_with("outliers")).map(|w| w.rows.clone());
+        assert_eq!(named.as_ref(), Some(&rows), "{loss:?}");
+    }
 }
 
 /// A robot whose joints were never mastered, up to 120° off; a session of it, white noise of so many millimetres.

@@ -158,6 +158,60 @@ fn a_slipped_reflector_is_found_at_its_row_and_fitted_as_two() {
 }
 
 #[test]
+fn wild_points_do_not_hide_the_slip_of_one_reflector_of_several() {
+    let of = |n_configurations, n_targets| Campaign { n_configurations, n_targets, noise_mm: 0.05, ..Campaign::PLAIN };
+    for (seed, shape, slipped_target, first, size_mm, wild) in [
+        (60, of(50, 2), 1, 28, 2.0, &[7][..]),
+        (61, of(50, 2), 1, 28, 2.0, &[7, 40, 88]),
+        (62, of(50, 2), 0, 20, 2.0, &[7]),
+        (63, of(50, 2), 0, 40, 2.0, &[70]),
+        (64, of(50, 2), 1, 10, 1.0, &[31]),
+        (65, of(34, 3), 2, 17, 2.0, &[7, 41]),
+    ] {
+        let (robot, truth, mut set, mut random) = campaign(seed, shape);
+        let clean = run(&CalibrationRequest::new(robot.clone(), set.clone())).verify.unwrap().after.rms_mm;
+        let slip = random.vector().normalize() * size_mm;
+        let mut slipped = truth.clone();
+        slipped.targets_mm[slipped_target] += slip;
+        let row = shape.n_targets * first + slipped_target;
+        for p in set.points[row..].iter_mut().filter(|p| p.target == slipped_target) {
+            p.position_mm += slipped.position(&p.q_rad, slipped_target) - truth.position(&p.q_rad, slipped_target);
+        }
+        for wild in wild {
+            set.points[*wild].position_mm += random.vector().normalize() * 9.0;
+        }
+        let report = run(&CalibrationRequest::new(robot, set));
+        let codes: Vec<&str> = report.warnings.iter().map(|w| w.code).collect();
+        let moved = warning(&report, "target_moved").unwrap_or_else(|| panic!("robot {seed}: {codes:?}"));
+        let within = moved.rows[0].abs_diff(row) <= shape.n_targets;
+        assert!(within && report.target_segments.contains(&(slipped_target, 1)), "robot {seed}: {:?} for {row}", moved.rows);
+        let wild: BTreeSet<usize> = wild.iter().copied().collect();
+        let named = warning(&report, "outliers").unwrap_or_else(|| panic!("robot {seed}: {codes:?}"));
+        assert_eq!(named.rows.iter().copied().collect::<BTreeSet<_>>(), wild, "robot {seed}");
+        let rms = clean_rms(&report, &wild);
+        assert!(rms < 1.25 * clean, "robot {seed}: {rms} against {clean}");
+    }
+}
+
+#[test]
+fn a_target_off_the_flange_axis_is_not_said_to_have_moved_in_the_papers_model() {
+    for seed in 0..3 {
+        let (robot, mut truth, mut set, mut random) = campaign(70 + seed, CAMPAIGN);
+        truth.t_instrument_base = nalgebra::IsometryMatrix3::identity();
+        truth.targets_mm[0] = Vector3::new(80.0, -60.0, 120.0);
+        for p in &mut set.points {
+            p.position_mm = truth.position(&p.q_rad, 0) + random.vector() * 0.05;
+        }
+        set.frame = kincal::measurement::Frame::Base;
+        let report = run(&CalibrationRequest::new(robot, set));
+        let codes: Vec<&str> = report.warnings.iter().map(|w| w.code).collect();
+        assert!(warning(&report, "target_moved").is_none(), "robot {seed}: {codes:?}");
+        let hint = warning(&report, "model_too_small").unwrap_or_else(|| panic!("robot {seed}: {codes:?}"));
+        assert!(hint.detail.contains("Ask for model complete") && hint.detail.contains("has it at 80."), "{}", hint.detail);
+    }
+}
+
+#[test]
 fn a_tripod_that_was_pushed_is_found_at_its_row() {
     for (seed, row) in [(50, 12), (51, 30), (52, 49)] {
         let (robot, _, mut set, mut random) = campaign(seed, CAMPAIGN);

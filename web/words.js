@@ -14,6 +14,7 @@ export const WARNINGS = {
   implausible_parameters: "The parameters changed more than a robot plausibly does",
   joint_hardly_moves: "A joint hardly moves",
   joint_offset_suspect: "A joint's zero looks wrong",
+  model_too_small: "The model is too small for these points",
   no_better_than_nominal: "No better than the nominal robot",
   no_verify_points: "Nothing was kept to verify",
   not_converged: "The search did not settle",

@@ -1,8 +1,10 @@
 //! What can be said about a request before anything is computed.
 
+use crate::calibration::identify::nominal_model;
 use crate::calibration::observe::{free_parameters, observe};
 use crate::calibration::request::{CalibrationRequest, Method, Model, VerifySource};
 use crate::calibration::settings::settings;
+use crate::calibration::swarms::{box_too_small, half_widths};
 use crate::calibration::verify::check_verify_set;
 use crate::calibration::{Error, unusable};
 use crate::identification::bpnn_pso::fits;
@@ -31,7 +33,7 @@ const EQUATIONS_PER_CONFIGURATION: usize = 6;
 /// # Errors
 /// [`Error::Unusable`] with code `frames_required`, `model_mismatch`, `no_network`, `network_mismatch`,
 /// `unknown_parameter`, `bad_subset`, `target_without_identify_points`, `under_determined`, `nothing_to_identify`, `too_much_work`,
-/// `verify_overlaps_identify`.
+/// `search_box_too_small`, `verify_overlaps_identify`.
 pub fn check(request: &CalibrationRequest) -> Result<(), Error> {
     check_model(request)?;
     let observed = observe(request)?;
@@ -42,6 +44,7 @@ pub fn check(request: &CalibrationRequest) -> Result<(), Error> {
     check_targets(request, &identify, n_targets)?;
     check_determined(request, &identify, &parameters)?;
     check_work(request, identify.len())?;
+    check_search_box(request, &identify, &parameters)?;
     match &request.verify {
         VerifySource::Set(set) => check_verify_set(request, set),
         _ => Ok(()),
@@ -83,7 +86,7 @@ fn check_network(request: &CalibrationRequest, parameters: &[Parameter]) -> Resu
         }
         (Some(network), Method::BpnnPso | Method::Auto) if !fits(network, parameters) || network.model != request.model() => {
             let detail = "the network was trained on other parameters than this job identifies; run a job with method \"pso\" and the same model, preset and \
-                          parameters, or leave network_id out";
+                          parameters first, or name a network_id that fits";
             Err(unusable("network_mismatch", detail))
         }
         _ => Ok(()),
@@ -150,6 +153,18 @@ fn check_work(request: &CalibrationRequest, n_points: usize) -> Result<(), Error
         return Err(unusable("too_much_work", detail));
     }
     Ok(())
+}
+
+/// A swarm along what the data see needs a box that is large enough to be seen.
+fn check_search_box(request: &CalibrationRequest, identify: &[Observation], parameters: &[Parameter]) -> Result<(), Error> {
+    let (settings, options) = (settings(request), &request.options);
+    let is_asked_for = options.search_half_width_mm.is_some() || options.search_half_width_deg.is_some();
+    if !is_asked_for || !settings.singular_directions || !matches!(request.method, Method::Pso | Method::BpnnPso) {
+        return Ok(());
+    }
+    let model = nominal_model(request, identify, n_targets(request));
+    let decomposition = decomposition_at(&model, parameters, &half_widths(&settings, parameters), identify);
+    if decomposition.rank() == 0 { Err(box_too_small()) } else { Ok(()) }
 }
 
 /// Equations from distinct configurations: three for each target seen there, six at most.

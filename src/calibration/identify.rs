@@ -5,6 +5,7 @@ use crate::calibration::check::check;
 use crate::calibration::choice::{Choice, choose};
 use crate::calibration::corrections;
 use crate::calibration::known::{KnownBefore, known_before};
+use crate::calibration::larger_model;
 use crate::calibration::observe::{Observed, observe};
 use crate::calibration::outcome::report;
 use crate::calibration::report::{CalibrationReport, MethodComparison};
@@ -98,6 +99,7 @@ pub fn calibrate(request: &CalibrationRequest, monitor: &mut Monitor<'_>) -> Res
         let counting = problem.loss.reweighted(&found.model, &problem.identify);
         found.model = settle(&found.model, &problem.nominal, problem.fitting(), &counting);
     }
+    let too_small = larger_model::remark(&problem, &found.model, &mut quiet(monitor))?;
     let are_wanted = corrections::are_wanted(request.corrections, request.preset);
     let corrections = match are_wanted && problem.priors.is_none() {
         true => stage(monitor, "corrections", |_| Ok(Some(corrections::corrections(&problem, &found.model))))?,
@@ -105,6 +107,7 @@ pub fn calibrate(request: &CalibrationRequest, monitor: &mut Monitor<'_>) -> Res
     };
     let comparison = compare(&problem, &choice, own, monitor)?;
     let mut report = report(&problem, method, choice.reason, found, comparison, network, corrections)?;
+    report.warnings.extend(too_small);
     report.warnings.extend((are_wanted && problem.priors.is_some()).then(corrections::left_out_for_priors));
     if request.previous.is_some() {
         report.changes = stage(monitor, "compare_sessions", |monitor| changes(request, &mut quiet(monitor)))?;

@@ -8,6 +8,7 @@ mod choice;
 mod corrections;
 mod identify;
 mod known;
+mod larger_model;
 mod observe;
 mod outcome;
 pub mod partial;

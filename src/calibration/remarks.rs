@@ -95,7 +95,8 @@ fn outliers(screening: &Screening, observed: &Observed, asked: bool) -> Option<W
             ("outliers", "base and targets were placed without them; all stay in the statistics, as measured".into())
         }
         (false, false) => {
-            ("outliers", format!("the {n_fitted} of them that were to be fitted count nothing; all stay in the statistics, as measured"))
+            let counts = if n_fitted == 1 { "the one of them that was to be fitted counts" } else { "those that were to be fitted count" };
+            ("outliers", format!("{counts} nothing; all stay in the statistics, as measured"))
         }
         (false, true) => ("outliers", "they count as the loss that was asked for has it".into()),
         (true, true) => ("outliers_review", "look at them: more than a twentieth; they count as the loss that was asked for has it".into()),

@@ -20,6 +20,7 @@ use crate::identification::steps::{Campaign, Columns, Moved, Step, Whitened};
 use crate::identification::wild::{Linearised, ROUNDING_MM, Wild};
 use crate::measurement::Subset;
 use nalgebra::{DMatrix, Vector3};
+use std::collections::BTreeSet;
 use std::ops::ControlFlow;
 
 /// Share of all points that may be left out of the fit; where more are wild, a person has to look.
@@ -119,10 +120,15 @@ fn search(
         let suspects = wild.as_ref().map_or(vec![], |w| w.points.clone());
         let belonging: Vec<usize> = arrangement.order.iter().copied().filter(|p| !suspects.contains(p)).collect();
         let with_all = find(observed, &fit, &arrangement.order);
+        let lone = lone_suspects(observed, arrangement, &suspects);
+        let without_lone = (!lone.is_empty() && lone.len() < suspects.len()).then(|| {
+            let rest: Vec<usize> = arrangement.order.iter().copied().filter(|p| !lone.contains(p)).collect();
+            find(observed, &fit, &rest)
+        });
         let without = if suspects.is_empty() { None } else { find(observed, &fit, &belonging) };
         let mut accepted = false;
         // with wild points in the fit, a step has to explain some of them
-        for (step, must_explain) in [(&with_all, !suspects.is_empty()), (&without, false)] {
+        for (step, must_explain) in [(&with_all, !suspects.is_empty()), (&without_lone.flatten(), true), (&without, false)] {
             let Some(step) = step.as_ref().filter(|s| s.n_minor > 1) else { continue };
             let mut trial = split(observed, &fit, arrangement, step);
             let refit = fit_all(request, observed, &mut trial)?;
@@ -135,13 +141,30 @@ fn search(
             break;
         }
         if !accepted {
-            let lone = with_all.filter(|s| s.n_minor == 1 && suspects.iter().all(|p| *p == lone_point(observed, arrangement, s)));
+            // the paper's model knows where the target is at first, and frees it after a step: with the target elsewhere, any step is a gain
+            let frees_all = |s: &Step| request.model() == Model::Paper && lone_point(observed, arrangement, s) != s.first;
+            let is_lone = |s: &Step| s.n_minor == 1 && suspects.iter().all(|p| *p == lone_point(observed, arrangement, s));
+            let lone = with_all.filter(|s| is_lone(s) && !frees_all(s));
             screening.steps.extend(lone.map(|step| found(&step, true)));
             break;
         }
     }
     screening.steps.sort_by_key(|s| s.row);
     Ok(wild)
+}
+
+/// The suspects that stand alone among the points of their target, in measuring order. A reflector that slipped makes a stretch of suspects,
+/// where the other reflectors hold the fit; a wild point among them would hide the step.
+fn lone_suspects(observed: &Observed, arrangement: &Arrangement, suspects: &[usize]) -> Vec<usize> {
+    let is_suspect: BTreeSet<usize> = suspects.iter().copied().collect();
+    let mut lone = Vec::new();
+    for target in 0..observed.targets.iter().map(|target| target + 1).max().unwrap_or(0) {
+        let of_target: Vec<usize> = arrangement.order.iter().copied().filter(|p| observed.targets[*p] == target).collect();
+        let suspected = |place: Option<usize>| place.and_then(|place| of_target.get(place)).is_some_and(|p| is_suspect.contains(p));
+        let stands_alone = |place: &usize| suspected(Some(*place)) && !suspected(place.checked_sub(1)) && !suspected(Some(place + 1));
+        lone.extend((0..of_target.len()).filter(stands_alone).map(|place| of_target[place]));
+    }
+    lone
 }
 
 fn find(observed: &Observed, fit: &AllFit, order: &[usize]) -> Option<Step> {

@@ -1,10 +1,11 @@
 //! A calibration's swarms: what they start from, and the box that they search.
 
 use crate::calibration::identify::{Found, Problem};
-use crate::calibration::{Error, Event, Monitor};
+use crate::calibration::settings::Settings;
+use crate::calibration::{Error, Event, Monitor, unusable};
 use crate::identification::bpnn_pso::links_from_nominal;
 use crate::identification::guide::GuidedSwarm;
-use crate::identification::identifiability::{PRIOR_LENGTH_MM, prior_scale};
+use crate::identification::identifiability::{PRIOR_LENGTH_MM, VISIBLE_EFFECT_MM, prior_scale};
 use crate::identification::parameters::Parameter;
 use crate::identification::search_space::{SearchSpace, decomposition_at};
 use crate::identification::swarm::run_bounded_swarm;
@@ -33,6 +34,9 @@ pub enum Start {
 /// [`Error::Cancelled`].
 pub fn swarm(problem: &Problem<'_>, reference: &KinematicModel, start: Start, monitor: &mut Monitor<'_>) -> Result<Found, Error> {
     let space = search_space(problem, reference);
+    if space.n_coordinates() == 0 {
+        return Err(box_too_small());
+    }
     let mut guided = guided_swarm(problem, &space).filter(|_| start == Start::Network);
     let mut move_particles = |iteration: usize, positions: &mut pso::Positions| match (iteration, start, problem.network()) {
         (_, Start::Network, Some(network)) if guided.is_some() => {
@@ -66,7 +70,7 @@ pub fn swarm(problem: &Problem<'_>, reference: &KinematicModel, start: Start, mo
 
 /// The space around a reference: along what the points see, or the priors say something of, or of raw parameters.
 fn search_space(problem: &Problem<'_>, reference: &KinematicModel) -> SearchSpace {
-    let (parameters, scale) = (problem.parameters.clone(), half_widths(problem));
+    let (parameters, scale) = (problem.parameters.clone(), half_widths(&problem.settings, &problem.parameters));
     let reference = reference.clone();
     match (problem.settings.singular_directions, problem.fitting().priors) {
         (true, None) => SearchSpace::singular(reference, parameters, scale, &problem.identify),
@@ -79,14 +83,21 @@ fn search_space(problem: &Problem<'_>, reference: &KinematicModel) -> SearchSpac
 }
 
 /// Half-width of the search box of each parameter; base and targets get as much more as their prior is wider.
-fn half_widths(problem: &Problem<'_>) -> Vec<f64> {
-    let settings = &problem.settings;
+pub fn half_widths(settings: &Settings, parameters: &[Parameter]) -> Vec<f64> {
     let half_width = |p: &Parameter| match (p.is_angle(), p.is_link()) {
         (true, _) => settings.half_width_rad,
         (false, true) => settings.half_width_mm,
         (false, false) => settings.half_width_mm * prior_scale(p) / PRIOR_LENGTH_MM,
     };
-    problem.parameters.iter().map(half_width).collect()
+    parameters.iter().map(half_width).collect()
+}
+
+/// The refusal of a box in which nothing moves a measured point far enough to be seen.
+pub fn box_too_small() -> Error {
+    let detail = format!(
+        "search_half_width_mm and search_half_width_deg are so small that nothing in the box moves the measured points by {VISIBLE_EFFECT_MM} mm:          make them larger, or leave them out"
+    );
+    unusable("search_box_too_small", detail)
 }
 
 /// In the default preset a second network, trained on what the swarm sees, shows a part of it the way.

@@ -45,7 +45,7 @@ pub struct Arguments {
     #[arg(long, env = "KINCAL_REFINE")]
     refine: Option<bool>,
     /// Print the report alone, as JSON, on standard output.
-    #[arg(long, env = "KINCAL_JSON")]
+    #[arg(long, env = "KINCAL_JSON", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue)]
     json: bool,
     /// Write the report as a page to print into this file, too.
     #[arg(long, env = "KINCAL_HTML", value_name = "FILE")]
@@ -96,9 +96,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
 
 fn print(arguments: &Arguments, report: &Report) -> anyhow::Result<()> {
     if arguments.json {
-        println!("{}", serde_json::to_string_pretty(report)?);
+        say!("{}", serde_json::to_string_pretty(report)?);
     } else {
-        println!("{}", table::report(report));
+        say!("{}", table::report(report));
     }
     Ok(())
 }
@@ -126,7 +126,7 @@ pub fn read(path: &Path) -> anyhow::Result<Vec<u8>> {
 
 /// Every reason on a line of its own, as an engineer wants to mend them.
 pub fn invalid_text(path: &Path, invalid: &Invalid) -> String {
-    let lines: Vec<String> = invalid.issues.iter().map(|issue| format!("\n  {}", issue.detail)).collect();
+    let lines: Vec<String> = invalid.issues.iter().map(|issue| format!("\n  {}", issue.in_words())).collect();
     format!("{} cannot be used:{}", path.display(), lines.concat())
 }
 

@@ -27,11 +27,18 @@ pub struct Arguments {
     #[arg(long, env = "KINCAL_TARGET")]
     target: Option<usize>,
     /// The tool centre point in the flange frame: X,Y,Z in mm.
-    #[arg(long, env = "KINCAL_TOOL_MM", value_name = "X,Y,Z", value_delimiter = ',', num_args = 3, allow_negative_numbers = true)]
-    tool_mm: Vec<f64>,
+    #[arg(long, env = "KINCAL_TOOL_MM", value_name = "X,Y,Z", value_parser = tool_mm, allow_hyphen_values = true)]
+    tool_mm: Option<[f64; 3]>,
     /// Print the corrected joint values and what became of each target as JSON, in place of the program.
     #[arg(long, env = "KINCAL_JSON", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue)]
     json: bool,
+}
+
+/// Three lengths with commas between them.
+fn tool_mm(text: &str) -> Result<[f64; 3], String> {
+    let numbers: Result<Vec<f64>, _> = text.split(',').map(|number| number.trim().parse::<f64>()).collect();
+    let three = numbers.ok().and_then(|numbers| <[f64; 3]>::try_from(numbers).ok());
+    three.filter(|three| three.iter().all(|mm| mm.is_finite())).ok_or_else(|| "three numbers in mm are needed, such as 30,-45,160".into())
 }
 
 /// A program: its header, its rows, and where the joint values stand.
@@ -59,7 +66,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         eprintln!("warning (base_and_tool): {remark}");
     }
     if arguments.json {
-        println!("{}", serde_json::to_string_pretty(&answer)?);
+        say!("{}", serde_json::to_string_pretty(&answer)?);
     } else {
         print!("{}", program.with(&answer.q_deg)?);
     }
@@ -78,7 +85,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
 }
 
 fn correct(arguments: &Arguments, q_deg: &[Vec<f64>]) -> anyhow::Result<CompensateAnswer> {
-    let tool = <[f64; 3]>::try_from(arguments.tool_mm.clone()).ok();
+    let tool = arguments.tool_mm;
     let body = CompensateBody {
         q_deg: q_deg.to_vec(),
         target: arguments.target,

@@ -88,7 +88,7 @@ impl Demo<'_> {
         if self.arguments.json {
             eprintln!("{line}");
         } else {
-            println!("{line}");
+            say!("{line}");
         }
     }
 

@@ -46,7 +46,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         }
     }
     eprintln!("note: links and description differ by at most {:.1e} mm over random configurations", imported.largest_difference_mm);
-    println!("{}", serde_json::to_string_pretty(&imported.robot)?);
+    say!("{}", serde_json::to_string_pretty(&imported.robot)?);
     Ok(())
 }
 

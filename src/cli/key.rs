@@ -36,7 +36,7 @@ enum Action {
         #[arg(long = "robot", value_name = "ID")]
         robots: Vec<String>,
         /// Print JSON.
-        #[arg(long)]
+        #[arg(long, env = "KINCAL_JSON", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue)]
         json: bool,
     },
     /// List all keys, newest first; the keys themselves are not kept.
@@ -44,7 +44,7 @@ enum Action {
         #[command(flatten)]
         database: DatabaseConfig,
         /// Print JSON.
-        #[arg(long)]
+        #[arg(long, env = "KINCAL_JSON", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue)]
         json: bool,
     },
     /// Revoke a key by its id, or every key of a name.
@@ -58,7 +58,7 @@ enum Action {
         #[arg(long)]
         name: Option<String>,
         /// Print JSON.
-        #[arg(long)]
+        #[arg(long, env = "KINCAL_JSON", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue)]
         json: bool,
     },
 }
@@ -95,11 +95,11 @@ async fn create(store: &Store, name: &str, scopes: &[Scope], robot_ids: &[String
     if json {
         let mut made = described(&row)?;
         made["key"] = key.into();
-        println!("{}", serde_json::to_string_pretty(&made)?);
+        say!("{}", serde_json::to_string_pretty(&made)?);
         return Ok(());
     }
     eprintln!("Key {} for {name:?} with {}. It is shown only now; send it as `Authorization: Bearer KEY`:", row.id, names.join(", "));
-    println!("{key}");
+    say!("{key}");
     Ok(())
 }
 
@@ -132,16 +132,16 @@ async fn list(store: &Store, json: bool) -> anyhow::Result<()> {
     let rows = all(store).await?;
     if json {
         let items = rows.iter().map(described).collect::<anyhow::Result<Vec<Value>>>()?;
-        println!("{}", serde_json::to_string_pretty(&json!({"items": items}))?);
+        say!("{}", serde_json::to_string_pretty(&json!({"items": items}))?);
         return Ok(());
     }
     if rows.is_empty() {
-        println!("there is no key yet; next: kincal key create --name cell-4 --scope read");
+        say!("there is no key yet; next: kincal key create --name cell-4 --scope read");
     }
     for row in rows {
         let robots = row.robots_json.as_deref().unwrap_or("all robots");
         let revoked = row.revoked_at_ms.map_or(String::new(), |at| format!("\trevoked {}", rfc3339(at)));
-        println!("{}\t{:?}\t{}\t{robots}\t{}{revoked}", row.id, row.name, row.scopes_json, rfc3339(row.created_at_ms));
+        say!("{}\t{:?}\t{}\t{robots}\t{}{revoked}", row.id, row.name, row.scopes_json, rfc3339(row.created_at_ms));
     }
     Ok(())
 }

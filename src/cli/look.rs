@@ -110,7 +110,7 @@ fn gates(arguments: &OfRobot, id: &str) -> anyhow::Result<()> {
     block_on(async {
         let found = arguments.server.client()?.get(&format!("{}/{id}/gates", PARAMETER_SETS.one)).await?;
         if arguments.json {
-            println!("{}", serde_json::to_string_pretty(&found)?);
+            say!("{}", serde_json::to_string_pretty(&found)?);
         } else {
             print!("{}", gate_lines(&found));
         }
@@ -140,9 +140,9 @@ fn gate_lines(found: &Value) -> String {
 /// An answer: the JSON of it if that was asked for, else words.
 pub fn told(json: bool, answer: &Value, words: impl FnOnce() -> String) -> anyhow::Result<()> {
     if json {
-        println!("{}", serde_json::to_string_pretty(answer)?);
+        say!("{}", serde_json::to_string_pretty(answer)?);
     } else {
-        println!("{}", words());
+        say!("{}", words());
     }
     Ok(())
 }
@@ -156,18 +156,18 @@ fn look(server: &ServerArguments, kind: &Kind, robot: &str, id: Option<&str>, js
         let client = server.client()?;
         if let Some(id) = id {
             let one = client.get(&format!("{}/{id}", kind.one)).await?;
-            println!("{}", serde_json::to_string_pretty(&one)?);
+            say!("{}", serde_json::to_string_pretty(&one)?);
             return Ok(());
         }
         let robot = if robot.is_empty() { String::new() } else { client.robot_id(robot).await? };
         let page = client.get(&format!("{}?limit={MAX_ROWS}", (kind.list)(&robot))).await?;
         if json {
-            println!("{}", serde_json::to_string_pretty(&page)?);
+            say!("{}", serde_json::to_string_pretty(&page)?);
             return Ok(());
         }
         let rows: Vec<Vec<String>> = page["items"].as_array().into_iter().flatten().map(|item| cells(item, kind.columns)).collect();
         if rows.is_empty() {
-            println!("{}", kind.empty);
+            say!("{}", kind.empty);
             return Ok(());
         }
         print!("{}", columns(kind.columns, &rows));

@@ -1,5 +1,8 @@
 //! The command line. Exit codes: 0 done, 1 failed, 2 wrong usage.
 
+#[macro_use]
+mod terminal;
+
 mod act;
 mod backup;
 mod calibrate;
@@ -17,7 +20,6 @@ mod report;
 mod serve;
 mod submit;
 mod table;
-mod terminal;
 mod verify_store;
 mod worker;
 

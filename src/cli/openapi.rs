@@ -1,6 +1,6 @@
 //! `kincal openapi`.
 
-use std::io::Write;
+use super::terminal;
 
 /// Print the OpenAPI document.
 #[derive(Debug, clap::Args)]
@@ -13,5 +13,6 @@ pub struct Arguments {
 /// Prints it.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let text = if arguments.json { crate::http::json() } else { crate::http::yaml() };
-    Ok(std::io::stdout().lock().write_all(text.map_err(anyhow::Error::msg)?.as_bytes())?)
+    terminal::whole(text.map_err(anyhow::Error::msg)?.as_bytes());
+    Ok(())
 }

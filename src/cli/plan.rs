@@ -61,15 +61,15 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         random / planned
     );
     if arguments.json {
-        println!("{}", serde_json::to_string_pretty(&plan)?);
+        say!("{}", serde_json::to_string_pretty(&plan)?);
         return Ok(());
     }
     let header: Vec<String> = (1..=robot.links.len()).map(|joint| format!("q{joint}_deg")).collect();
-    println!("configuration,{}", header.join(","));
+    say!("configuration,{}", header.join(","));
     for (i, configuration) in plan.configurations.iter().enumerate() {
         let values: Vec<String> = configuration.q_deg.iter().map(|q| format!("{q:.4}")).collect();
         // a repeat is the same configuration, so that it never stands on both sides of a split
-        println!("{},{}", configuration.repeats.unwrap_or(i) + 1, values.join(","));
+        say!("{},{}", configuration.repeats.unwrap_or(i) + 1, values.join(","));
     }
     Ok(())
 }

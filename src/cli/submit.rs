@@ -89,7 +89,7 @@ async fn upload(client: &Client, arguments: &Arguments, robot: &str, bytes: Vec<
         eprintln!("warning: {} ({code}): {detail}", words::warning(code));
     }
     if !arguments.json {
-        println!("set {}: {} points, {} configurations", text(&set, "id")?, set["n_points"], set["n_configurations"]);
+        say!("set {}: {} points, {} configurations", text(&set, "id")?, set["n_points"], set["n_configurations"]);
     }
     Ok(set)
 }

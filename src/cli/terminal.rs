@@ -1,4 +1,32 @@
-//! What a terminal may be shown.
+//! What a terminal may be shown, and how.
+
+use std::io::{ErrorKind, Write};
+
+/// As `println!`, for an output that may be closed before its end: `kincal robots | head -1` is no failure.
+macro_rules! say {
+    ($($text:tt)*) => { $crate::cli::terminal::line(format_args!($($text)*)) };
+}
+
+/// A line on standard output. Whoever closed it has seen enough: the command ends.
+pub fn line(text: std::fmt::Arguments<'_>) {
+    end_if_closed(writeln!(std::io::stdout().lock(), "{text}"));
+}
+
+/// Text as it is on standard output.
+pub fn whole(text: &[u8]) {
+    end_if_closed(std::io::stdout().lock().write_all(text));
+}
+
+fn end_if_closed(written: std::io::Result<()>) {
+    match written {
+        Ok(()) => {}
+        Err(error) if error.kind() == ErrorKind::BrokenPipe => std::process::exit(0),
+        Err(error) => {
+            eprintln!("kincal: cannot write: {error}");
+            std::process::exit(1);
+        }
+    }
+}
 
 /// A text that came from elsewhere, as a terminal may have it: names and messages may hold anything, and a terminal must neither obey it
 /// nor write backwards. Ends of lines stay.

@@ -13,10 +13,10 @@ pub struct Arguments {
     #[command(flatten)]
     database: DatabaseConfig,
     /// A head of the audit chain kept from an earlier run, to be found again: NUMBER:HASH.
-    #[arg(long, value_name = "NUMBER:HASH")]
+    #[arg(long, env = "KINCAL_KNOWN_HEAD", value_name = "NUMBER:HASH")]
     known_head: Option<String>,
     /// Print JSON.
-    #[arg(long)]
+    #[arg(long, env = "KINCAL_JSON", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue)]
     json: bool,
 }
 

@@ -23,7 +23,7 @@ pub fn run(config: &WorkerConfig) -> anyhow::Result<()> {
         let store = Store::open(location(&config.database)).await?;
         let queue = config.queue;
         let pool = WorkerPool::start(store.clone(), execution::compute, config.n_workers(), rules(&queue), JobSignals::default());
-        println!("kincal computing with {} workers", config.n_workers());
+        say!("kincal computing with {} workers", config.n_workers());
         told_to_stop.await;
         tracing::info!("stopping: handing running jobs back");
         pool.shutdown(STOP_WITHIN).await;

@@ -233,16 +233,29 @@ fn named_by_selection(common: &[Common], whitened: &Whitened) -> Vec<Change> {
 /// The chosen parameters fitted together to the whitened difference, those that changed most first.
 fn together(common: &[Common], whitened: &Whitened, chosen: &[usize]) -> Vec<Change> {
     let effects = whitened.effects.select_columns(chosen);
-    let Some(covariance) = (effects.transpose() * &effects).try_inverse() else { return vec![] };
+    let Some(covariance) = pseudo_inverse(effects.tr_mul(&effects), whitened.difference.len()) else { return vec![] };
     let fitted = &covariance * effects.transpose() * &whitened.difference;
     let change = |(k, j): (usize, &usize)| Change {
         parameters: alike(common, whitened, *j),
         delta: fitted[k] * whitened.scale[*j],
         sigmas: fitted[k].abs() / covariance[(k, k)].sqrt(),
     };
-    let mut changes: Vec<Change> = chosen.iter().enumerate().map(change).collect();
+    let mut changes: Vec<Change> = chosen.iter().enumerate().map(change).filter(|c| c.delta.is_finite() && c.sigmas.is_finite()).collect();
     changes.sort_by(|a, b| b.sigmas.total_cmp(&a.sigmas));
     changes
+}
+
+/// The inverse on the span of the `rank` largest eigenvalues: where both sessions see fewer combinations than there are parameters, the
+/// smallest change that shows as much.
+fn pseudo_inverse(square: DMatrix<f64>, rank: usize) -> Option<DMatrix<f64>> {
+    let eigen = square.try_symmetric_eigen(f64::EPSILON, EIGEN_ITERATIONS)?;
+    let mut order: Vec<usize> = (0..eigen.eigenvalues.len()).collect();
+    order.sort_by(|i, j| eigen.eigenvalues[*j].total_cmp(&eigen.eigenvalues[*i]).then(i.cmp(j)));
+    let n = order.len();
+    Some(order.into_iter().take(rank).fold(DMatrix::zeros(n, n), |sum, k| {
+        let direction = eigen.eigenvectors.column(k);
+        sum + direction * direction.transpose() / eigen.eigenvalues[k]
+    }))
 }
 
 /// The parameters with the same effect on everything both sessions see, the chosen one first.

@@ -24,6 +24,7 @@ pub mod start;
 pub mod steps;
 pub mod swarm;
 pub mod uncertainty;
+pub mod variance;
 pub mod wild;
 pub mod workspace;
 

@@ -51,6 +51,10 @@ pub fn align_in_closed_form(links: &[Link], observations: &[Observation], n_targ
     Some(with_rotation(links, observations, &flanges, n_targets, rotation))
 }
 
+/// What base and target share, along axes that are all parallel, goes to the base: it counts so many times less than a target's offset. Were it
+/// parted evenly, a target could come to lie a metre off, and how much would depend on where the instrument stands.
+const BASE_FIRST: f64 = 100.0;
+
 /// Nominal kinematics fit real robots to some millimetres, with an unmastered joint to some tens; above this a closed form may have
 /// landed in the wrong valley, and the cube's rotations are tried as well.
 const GOOD_START_RMS_MM: f64 = 20.0;
@@ -74,11 +78,11 @@ fn with_rotation(
             let mut block = normal.fixed_view_mut::<3, 3>(row, column);
             block += m * o.weight;
         };
-        add(0, 0, &Matrix3::identity());
-        add(0, at, &b);
-        add(at, 0, &b.transpose());
+        add(0, 0, &(Matrix3::identity() * (BASE_FIRST * BASE_FIRST)));
+        add(0, at, &(b * BASE_FIRST));
+        add(at, 0, &(b.transpose() * BASE_FIRST));
         add(at, at, &Matrix3::identity());
-        let (top, bottom) = (y * o.weight, b.transpose() * y * o.weight);
+        let (top, bottom) = (y * (o.weight * BASE_FIRST), b.transpose() * y * o.weight);
         (0..3).for_each(|axis| {
             right[axis] += top[axis];
             right[at + axis] += bottom[axis];
@@ -90,7 +94,7 @@ fn with_rotation(
     let vector = |at: usize| Vector3::new(x[at], x[at + 1], x[at + 2]);
     KinematicModel {
         links: links.to_vec(),
-        t_instrument_base: IsometryMatrix3::from_parts(Translation3::from(vector(0)), rotation),
+        t_instrument_base: IsometryMatrix3::from_parts(Translation3::from(vector(0) * BASE_FIRST), rotation),
         targets_mm: (0..n_targets).map(|target| vector(3 + 3 * target)).collect(),
     }
 }

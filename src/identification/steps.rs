@@ -15,7 +15,7 @@
 use crate::identification::KinematicModel;
 use crate::identification::distributions::f_tail;
 use crate::identification::objective::Observation;
-use crate::identification::uncertainty::misfit_ratio;
+use crate::identification::variance::misfit_ratio;
 use crate::identification::wild::Linearised;
 use crate::kinematics::t_base_flange;
 use crate::solvers::products::{less_product, transposed_times};

@@ -46,7 +46,8 @@ const PACKED: [(usize, usize); 6] = [(0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2,
 impl Design {
     /// Nothing chosen yet. `rows` holds three rows per candidate, `prior` is the information there is already, `interest` W.
     pub fn new(rows: DMatrix<f64>, prior: &DMatrix<f64>, interest: &DMatrix<f64>) -> Self {
-        let covariance = inverse(prior.clone());
+        let n = prior.nrows();
+        let covariance = inverse(prior.clone()).unwrap_or_else(|| DMatrix::identity(n, n));
         let members = (0..rows.nrows() / 3).collect();
         let mut design = Self {
             candidates: rows,
@@ -86,13 +87,16 @@ impl Design {
             for slot in 0..self.chosen.len() {
                 let old = self.chosen[slot];
                 let before = self.criterion();
-                self.change(old, false);
-                if is_tight {
-                    self.refresh();
-                }
+                self.exactly_change(old, false, is_tight);
                 let Some((best, gain)) = self.best() else { break };
-                let keep = best == old || self.criterion() - gain >= before * (1.0 - GAIN);
-                self.change(if keep { old } else { best }, true);
+                let mut keep = best == old || !is_tight && self.criterion() - gain >= before * (1.0 - GAIN);
+                self.exactly_change(if keep { old } else { best }, true, is_tight);
+                if is_tight && !keep && self.criterion() >= before * (1.0 - GAIN) {
+                    // what the update promised was rounding
+                    keep = true;
+                    self.exactly_change(best, false, is_tight);
+                    self.exactly_change(old, true, is_tight);
+                }
                 // the newcomer stands last: put it into the slot
                 let last = self.chosen.len() - 1;
                 self.chosen[slot..=last].rotate_right(1);
@@ -108,7 +112,7 @@ impl Design {
     fn leave_one_out(&mut self) {
         let without = |slot: usize| {
             let others = self.chosen.iter().enumerate().filter(|(at, _)| *at != slot).map(|(_, candidate)| *candidate);
-            inverse(self.information(others)).dot(&self.interest)
+            inverse(self.information(others)).map_or(f64::INFINITY, |covariance| covariance.dot(&self.interest))
         };
         let worth: Vec<f64> = (0..self.chosen.len()).map(without).collect();
         if let Some(slot) = (0..worth.len()).min_by(|a, b| worth[*a].total_cmp(&worth[*b])) {
@@ -146,13 +150,26 @@ impl Design {
         (0..self.members.len()).map(gain).collect()
     }
 
+    /// As [`Self::change`]; anew from what is chosen where an update would be rounding.
+    fn exactly_change(&mut self, candidate: usize, is_added: bool, is_tight: bool) {
+        self.change(candidate, is_added);
+        if is_tight {
+            self.refresh();
+        }
+    }
+
     /// Adds a candidate to those chosen, or takes it out: A' = A − U·C·Uᵀ with U = A·Jᵀ, C = (I + J·U)⁻¹, or −(I − J·U)⁻¹.
     fn change(&mut self, candidate: usize, is_added: bool) {
+        if is_added {
+            self.chosen.push(candidate);
+        } else {
+            self.chosen.retain(|chosen| *chosen != candidate);
+        }
         let rows = self.rows_of(candidate);
         let u = &self.covariance * rows.transpose();
         let spread = small(&(&rows * &u));
         let core = if is_added { Matrix3::identity() + spread } else { spread - Matrix3::identity() };
-        let Some(c) = core.try_inverse() else { return };
+        let Some(c) = core.try_inverse() else { return self.refresh() };
         let through = &self.interest * &u;
         let v = &self.covariance * &through;
         let s = small(&u.tr_mul(&through));
@@ -161,11 +178,6 @@ impl Design {
         }
         let dynamic = DMatrix::from_fn(3, 3, |i, j| c[(i, j)]);
         self.covariance -= &u * dynamic * u.transpose();
-        if is_added {
-            self.chosen.push(candidate);
-        } else {
-            self.chosen.retain(|chosen| *chosen != candidate);
-        }
     }
 
     /// Leaves the candidates that would help most, and those chosen.
@@ -183,7 +195,9 @@ impl Design {
 
     /// The covariance from what is chosen alone.
     fn refresh(&mut self) {
-        self.covariance = inverse(self.information(self.chosen.iter().copied()));
+        if let Some(covariance) = inverse(self.information(self.chosen.iter().copied())) {
+            self.covariance = covariance;
+        }
         self.rebuild();
     }
 
@@ -201,10 +215,9 @@ impl Design {
     }
 }
 
-/// M⁻¹ of a symmetric positive matrix.
-fn inverse(information: DMatrix<f64>) -> DMatrix<f64> {
-    let n = information.nrows();
-    information.cholesky().map_or_else(|| DMatrix::identity(n, n), |root| root.inverse())
+/// M⁻¹; none of a matrix that is not positive.
+fn inverse(information: DMatrix<f64>) -> Option<DMatrix<f64>> {
+    information.cholesky().map(|root| root.inverse())
 }
 
 fn block(candidates: &DMatrix<f64>, members: &[usize], p: usize, covariance: &DMatrix<f64>, worth: &DMatrix<f64>) -> Block {

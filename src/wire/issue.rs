@@ -29,6 +29,19 @@ impl Issue {
     pub fn at(pointer: impl Into<String>, code: &str, detail: impl Into<String>) -> Self {
         Self { pointer: Some(pointer.into()), code: code.into(), detail: detail.into(), ..Self::default() }
     }
+
+    /// Where and what.
+    pub fn in_words(&self) -> String {
+        let place = match (&self.pointer, self.row, &self.column) {
+            (Some(pointer), _, _) if !pointer.is_empty() => format!("{pointer}: "),
+            (_, Some(row), Some(column)) => format!("row {row}, column {column}: "),
+            (_, Some(row), None) => format!("row {row}: "),
+            (_, None, Some(column)) => format!("{column}: "),
+            _ => String::new(),
+        };
+        // many say it themselves
+        if self.detail.starts_with(&place) { self.detail.clone() } else { format!("{place}{}", self.detail) }
+    }
 }
 
 /// Input that was understood but cannot be used (422), with every reason found.
@@ -50,16 +63,9 @@ impl Invalid {
     /// The first reason and how many more there are.
     pub fn summary(&self) -> String {
         let Some(first) = self.issues.first() else { return "the input cannot be used".into() };
-        let place = match (&first.pointer, first.row, &first.column) {
-            (Some(pointer), _, _) if !pointer.is_empty() => format!("{pointer}: "),
-            (_, Some(row), Some(column)) => format!("row {row}, column {column}: "),
-            (_, Some(row), None) => format!("row {row}: "),
-            (_, None, Some(column)) => format!("{column}: "),
-            _ => String::new(),
-        };
         match self.issues.len() - 1 {
-            0 => format!("{place}{}", first.detail),
-            more => format!("{place}{} (and {more} more, see errors)", first.detail),
+            0 => first.in_words(),
+            more => format!("{} (and {more} more, see errors)", first.in_words()),
         }
     }
 }

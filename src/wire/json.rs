@@ -1,7 +1,7 @@
 //! Request bodies in JSON, with errors that say where.
 
 use crate::wire::{Invalid, Issue};
-use serde::de::{Deserialize, DeserializeOwned, Deserializer, Error as _, SeqAccess, Visitor};
+use serde::de::{Deserialize, DeserializeOwned, Deserializer, Error as _, IgnoredAny, SeqAccess, Visitor};
 use serde_path_to_error::{Path, Segment};
 use std::fmt;
 use std::marker::PhantomData;
@@ -25,7 +25,7 @@ pub fn parse<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Error> {
     let mut reader = serde_json::Deserializer::from_slice(bytes);
     let value = serde_path_to_error::deserialize(&mut reader).map_err(|error| {
         let pointer = pointer(error.path());
-        explain(pointer, error.inner())
+        explain(pointer, error.inner(), bytes)
     })?;
     reader.end().map_err(|error| Error::Syntax(error.to_string()))?;
     Ok(value)
@@ -60,14 +60,20 @@ impl<'de, T: Deserialize<'de>, const MAX: usize> Visitor<'de> for List<T, MAX> {
     }
 }
 
-fn explain(pointer: String, error: &serde_json::Error) -> Error {
+fn explain(pointer: String, error: &serde_json::Error, bytes: &[u8]) -> Error {
     use serde_json::error::Category;
     let text = error.to_string();
     if text.starts_with("number out of range") {
         let detail = format!("{text}: numbers must fit a 64-bit float");
         return Error::Shape(Invalid { code: "out_of_range", issues: vec![Issue::at(pointer, "out_of_range", detail)] });
     }
+    // where text is expected, the reader takes null for a fault of syntax
+    let is_json = || serde_json::from_slice::<IgnoredAny>(bytes).is_ok();
     match error.classify() {
+        Category::Syntax if is_json() => {
+            let detail = format!("this field does not take what stands there; leave it out for its default ({text})");
+            Error::Shape(Invalid { code: "invalid_body", issues: vec![Issue::at(pointer, "invalid_body", detail)] })
+        }
         Category::Data => Error::Shape(Invalid { code: "invalid_body", issues: vec![Issue::at(pointer, "invalid_body", text)] }),
         Category::Syntax | Category::Eof | Category::Io => Error::Syntax(text),
     }
@@ -102,6 +108,14 @@ mod tests {
     fn a_number_that_would_become_infinite_is_refused_where_it_stands() {
         let body = r#"{"name": "x", "links": [{"a_mm": 1e400, "alpha_deg": 0, "d_mm": 0, "theta_offset_deg": 0}]}"#;
         assert_eq!(issue_of(body), (Some("/links/0/a_mm".into()), "out_of_range".into()));
+    }
+
+    #[test]
+    fn null_in_place_of_a_word_is_no_fault_of_syntax() {
+        match parse::<crate::wire::job::JobRequestBody>(br#"{"measurement_set_id": "set_1", "method": null}"#) {
+            Err(Error::Shape(invalid)) => assert_eq!(invalid.issues[0].pointer.as_deref(), Some("/method")),
+            other => panic!("expected a shape error, got {other:?}"),
+        }
     }
 
     #[test]

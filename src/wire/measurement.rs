@@ -366,11 +366,11 @@ fn outside_limits(robot: &Robot, set: &MeasurementSet) -> Option<Warning> {
     let mut rows = Vec::new();
     let mut first = None;
     for (row, point) in set.points.iter().enumerate() {
-        let q_model_rad = robot.q_model_rad(&point.q_rad);
+        // the limits are the controller's, as the values are
         let outside =
-            robot.joint_limits_rad.iter().zip(&q_model_rad).position(|(limits, q)| limits.is_some_and(|(lo, hi)| *q < lo || *q > hi));
+            robot.joint_limits_rad.iter().zip(&point.q_rad).position(|(limits, q)| limits.is_some_and(|(lo, hi)| *q < lo || *q > hi));
         if let Some(joint) = outside {
-            first.get_or_insert((row, joint + 1, to_degrees(q_model_rad[joint])));
+            first.get_or_insert((row, joint + 1, to_degrees(point.q_rad[joint])));
             rows.push(row);
         }
     }

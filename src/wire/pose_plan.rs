@@ -205,9 +205,11 @@ impl PosePlanBody {
         if self.noise_std_mm.is_some_and(|std| !(NOISE_MM.0..=NOISE_MM.1).contains(&std)) {
             checker.note("/noise_std_mm", "out_of_range", format!("{} to {} mm are allowed", NOISE_MM.0, NOISE_MM.1));
         }
-        let lengths = self.target_mm.iter().flatten().chain(&self.floor_z_mm);
-        for value in lengths {
-            checker.magnitude("/target_mm", *value, MAX_LENGTH_MM, "lengths are in millimetres");
+        for (k, value) in self.target_mm.iter().flatten().enumerate() {
+            checker.magnitude(format!("/target_mm/{k}"), *value, MAX_LENGTH_MM, "lengths are in millimetres");
+        }
+        if let Some(floor_z_mm) = self.floor_z_mm {
+            checker.magnitude("/floor_z_mm", floor_z_mm, MAX_LENGTH_MM, "lengths are in millimetres");
         }
         if self.boxes.len() > MAX_BOXES {
             checker.note("/boxes", "wrong_length", format!("{} boxes; at most {MAX_BOXES}", self.boxes.len()));

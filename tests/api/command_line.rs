@@ -174,6 +174,20 @@ fn printed(arguments: &[&str]) -> Value {
 }
 
 #[test]
+fn an_output_that_is_closed_early_is_no_failure() {
+    let line = format!("set -o pipefail; {} openapi | head -1", env!("CARGO_BIN_EXE_kincal"));
+    let output = Command::new("bash").args(["-c", &line]).output().unwrap();
+    let complaints = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success() && complaints.is_empty(), "{:?}: {complaints}", output.status);
+    // one that prints line by line, long after head has gone
+    let (robot, set) = (data("robot.json"), data("first_noisy.csv"));
+    let line = format!("set -o pipefail; {} calibrate {robot} {set} --json | head -1", env!("CARGO_BIN_EXE_kincal"));
+    let output = Command::new("bash").args(["-c", &line]).output().unwrap();
+    let complaints = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success() && !complaints.contains("panicked"), "{:?}: {complaints}", output.status);
+}
+
+#[test]
 fn the_demo_and_the_contract_answer_as_json_too() {
     let openapi = printed(&["openapi", "--json"]);
     assert!(openapi["paths"]["/v1/robots"].is_object());

@@ -28,6 +28,22 @@ async fn a_job_is_queued_at_once_and_succeeds_with_a_report() {
 }
 
 #[tokio::test]
+async fn a_search_box_in_which_nothing_can_be_seen_is_refused_when_the_job_is_posted() {
+    let app = TestApp::with_workers(1).await;
+    let (robot, set) = app.robot_with_set("first.csv").await;
+    let request = |mm: f64, deg: f64, preset: &str| {
+        let options = json!({"search_half_width_mm": mm, "search_half_width_deg": deg, "n_iterations": 10});
+        json!({"measurement_set_id": set, "method": "pso", "preset": preset, "refine": false, "options": options})
+    };
+    let problem = app.post_json(&format!("{robot}/jobs"), &request(1e-6, 1e-6, "default")).await.problem(422, "search_box_too_small");
+    assert!(text(&problem["detail"]).contains("make them larger, or leave them out"), "{problem}");
+    // raw parameters are searched whatever they do
+    for request in [request(1e-4, 1e-4, "default"), request(1e-6, 1.0, "default"), request(1e-6, 1e-6, "paper")] {
+        assert_eq!(app.run(&robot, &request).await["status"], "succeeded", "{request}");
+    }
+}
+
+#[tokio::test]
 async fn the_convergence_curve_begins_at_0_never_rises_and_ends_at_the_last_iteration() {
     let app = TestApp::with_workers(1).await;
     let (robot, set) = app.robot_with_set("first.csv").await;

@@ -89,6 +89,33 @@ async fn what_is_wrong_in_a_json_set_is_named_by_pointer() {
 }
 
 #[tokio::test]
+async fn joint_limits_are_the_controllers_as_the_joint_values_are() {
+    let app = TestApp::spawn().await;
+    let mut robot: serde_json::Value = serde_json::from_slice(&crate::app::paper("robot.json")).unwrap();
+    let set = String::from_utf8(crate::app::paper("first.csv")).unwrap();
+    for link in robot["links"].as_array_mut().unwrap() {
+        link["joint_limits_deg"] = json!([-180, 180]);
+    }
+    // the model's joint 3 is the controller's plus 300 degrees: beyond every limit, and nobody's business
+    robot["joint_map"] = json!({"sign": [1, 1, 1, 1, 1, 1], "offset_deg": [0, 0, 300, 0, 0, 0]});
+    robot["links"][2]["theta_offset_deg"] = json!(robot["links"][2]["theta_offset_deg"].as_f64().unwrap() - 300.0);
+    let robot = app.post_json("/v1/robots", &robot).await.ok(201);
+    let path = format!("/v1/robots/{}/measurement-sets?frame=base", text(&robot["id"]));
+    let warned = |answer: &serde_json::Value| answer["warnings"].as_array().unwrap().iter().any(|w| w["code"] == "outside_joint_limits");
+    let answer = app.post(&path, "text/csv", set.clone().into_bytes()).await.ok(201);
+    assert!(!warned(&answer), "{answer}");
+    let mut lines: Vec<String> = set.lines().map(str::to_owned).collect();
+    let column = lines[0].split(',').position(|name| name == "q3_deg").unwrap();
+    let mut cells: Vec<String> = lines[5].split(',').map(str::to_owned).collect();
+    cells[column] = (cells[column].parse::<f64>().unwrap() - 360.0).to_string();
+    let stated = cells[column].parse::<f64>().unwrap();
+    lines[5] = cells.join(",");
+    let answer = app.post(&path, "text/csv", lines.join("\n").into_bytes()).await.ok(201);
+    let warning = answer["warnings"].as_array().unwrap().iter().find(|w| w["code"] == "outside_joint_limits").unwrap();
+    assert!(text(&warning["detail"]).contains(&format!("first row 4: joint 3 at {stated:.3}")), "{warning}");
+}
+
+#[tokio::test]
 async fn other_types_other_queries_and_unknown_robots_are_refused() {
     let app = TestApp::spawn().await;
     let path = format!("{}/measurement-sets", app.paper_robot().await);

@@ -65,6 +65,18 @@ fn a_program_is_corrected_by_a_file_and_by_a_server_alike() {
             assert!(change.abs() < 3.0 && (column == 6 || change != 0.0), "{column}: {change}");
         }
     }
+    // a tool of its own, wherever on the command line and whatever the signs
+    let with_tool = |tool: &[&str]| {
+        let output = kincal(&[&["compensate", "--json"], tool, &[&parameters, &program]].concat());
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        serde_json::from_slice::<serde_json::Value>(&output.stdout).unwrap()["q_deg"].clone()
+    };
+    let other = with_tool(&["--tool-mm", "-30,45.5,160"]);
+    assert_eq!(other, with_tool(&["--tool-mm=-30,45.5,160"]));
+    assert_ne!(other, answer["q_deg"]);
+    let output = kincal(&["compensate", "--tool-mm", "1,2", &parameters, &program]);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("three numbers in mm"), "{}", String::from_utf8_lossy(&output.stderr));
     let wrong = path(folder.path(), "wrong.csv", "q1_deg,q2_deg\n1,x\n");
     let output = kincal(&["compensate", &parameters, &wrong]);
     assert_eq!(output.status.code(), Some(2));

@@ -1,0 +1,55 @@
+//! Whether the paper's model is too small for a set: it knows the base, and has its target on the flange axis.
+
+use crate::calibration::check::check;
+use crate::calibration::identify::{Problem, least_squares_from};
+use crate::calibration::report::Warning;
+use crate::calibration::request::{CalibrationRequest, Method, Model, Preset};
+use crate::calibration::{Error, Monitor};
+use crate::identification::KinematicModel;
+use crate::identification::objective::{Observation, weighted_residuals};
+
+/// A fit that leaves more than this is poor, mm, rms: measured robots leave 0.3 to 0.5.
+const POOR_MM: f64 = 1.0;
+/// The complete model has to fit so many times better.
+const BETTER: f64 = 5.0;
+
+/// A remark where the paper's model fits the points poorly and the complete one fits them well.
+///
+/// # Errors
+/// [`Error::Cancelled`].
+pub fn remark(problem: &Problem<'_>, found: &KinematicModel, monitor: &mut Monitor<'_>) -> Result<Option<Warning>, Error> {
+    let request = problem.request;
+    let fit_mm = rms_mm(found, &problem.identify);
+    if request.model() != Model::Paper || request.frames.is_some() || request.preset == Preset::Paper || fit_mm < POOR_MM {
+        return Ok(None);
+    }
+    let larger = CalibrationRequest {
+        model: Some(Model::Complete),
+        method: Method::LeastSquares,
+        network: None,
+        residual_network: None,
+        previous: None,
+        ..request.clone()
+    };
+    if check(&larger).is_err() {
+        return Ok(None);
+    }
+    let complete = Problem::new(&larger)?;
+    let fit = least_squares_from(&complete, &complete.nominal, None, monitor)?.model;
+    let complete_mm = rms_mm(&fit, &complete.identify);
+    if complete_mm * BETTER > fit_mm {
+        return Ok(None);
+    }
+    let target = fit.targets_mm.first().copied().unwrap_or_default();
+    let detail = format!(
+        "model paper leaves {fit_mm:.3} mm (rms) where model complete leaves {complete_mm:.3} mm: the target is not on the flange axis (model complete \
+         has it at {:.1}, {:.1}, {:.1} mm of the flange), or the positions are not in the robot's base frame. Ask for model complete",
+        target.x, target.y, target.z
+    );
+    Ok(Some(Warning { code: "model_too_small", detail, rows: vec![] }))
+}
+
+/// Of the weighted residuals, mm.
+fn rms_mm(model: &KinematicModel, observations: &[Observation]) -> f64 {
+    (weighted_residuals(model, observations).norm_squared() / observations.len().max(1) as f64).sqrt()
+}
