@@ -6,6 +6,8 @@ use std::collections::BTreeMap;
 
 /// Most rows a set may have: ten times the largest campaign we know of, and still under a second to identify from.
 pub const MAX_ROWS: usize = 100_000;
+/// Longest row, bytes, a hundred times what one has: one that never ends would be held in memory several times over.
+pub const MAX_ROW_BYTES: usize = 64 * 1024;
 /// Most errors reported at once; a wrong column makes one per row.
 pub const MAX_ISSUES: usize = 20;
 /// Farthest a measured coordinate may be from the instrument or base, mm: trackers reach 80 m.
@@ -101,6 +103,7 @@ pub fn parse(bytes: &[u8], frame: Frame, n_joints: usize) -> Result<MeasurementS
 /// As [`parse`].
 pub fn parse_with(decimal: Decimal, bytes: &[u8], frame: Frame, n_joints: usize) -> Result<MeasurementSet, ParseError> {
     let text = decode(bytes, decimal)?;
+    refuse_endless_rows(text.as_bytes(), decimal.separator())?;
     let mut reader = csv::ReaderBuilder::new();
     let mut reader = reader.flexible(true).trim(csv::Trim::All).delimiter(decimal.separator()).from_reader(text.as_bytes());
     let header = reader.headers().map_err(|e| whole("unreadable", format!("the header row cannot be read: {e}")))?.clone();
@@ -129,6 +132,33 @@ pub fn parse_with(decimal: Decimal, bytes: &[u8], frame: Frame, n_joints: usize)
         issues.push(Issue { row: None, column: None, code: "no_rows", detail: "the file has a header but no data rows".into() });
     }
     if issues.is_empty() { Ok(MeasurementSet::new(frame, points)) } else { Err(ParseError::new(issues)) }
+}
+
+/// Looks for rows that are too long before anything is made of them. A quote opens where a cell begins, and ends of lines in it are text.
+fn refuse_endless_rows(text: &[u8], separator: u8) -> Result<(), ParseError> {
+    let (mut n_rows, mut length, mut is_quoted, mut before) = (0_usize, 0_usize, false, b'\n');
+    for &byte in text {
+        match byte {
+            b'"' if is_quoted => is_quoted = false,
+            // a quote after a closing one is a quote in the text, which goes on
+            b'"' if matches!(before, b'\n' | b'\r' | b'"') || before == separator => is_quoted = true,
+            b'\n' | b'\r' if !is_quoted => {
+                n_rows += usize::from(length > 0);
+                length = 0;
+                before = byte;
+                continue;
+            }
+            _ => {}
+        }
+        (length, before) = (length + 1, byte);
+        if length > MAX_ROW_BYTES {
+            // the first row is the header
+            let row = n_rows.checked_sub(1);
+            let detail = format!("a row of more than {} KiB: is an end of line missing, or a quote not closed?", MAX_ROW_BYTES / 1024);
+            return Err(ParseError::new(vec![Issue { row, column: None, code: "row_too_long", detail }]));
+        }
+    }
+    Ok(())
 }
 
 /// UTF-8 text without a byte order mark, and not something that only looks like a CSV.

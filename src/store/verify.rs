@@ -69,8 +69,8 @@ pub(super) const ALL_QUERIES: &[&str] = &[
     content::SUBJECT_PARAMETER_SET,
     content::ENDS,
     content::STUCK,
-    content::TWO_SETS,
-    content::TWO_RELEASED,
+    content::SETS_OF_JOBS,
+    content::RELEASED_OF_ROBOTS,
     content::RELEASES,
     chain::MISSING,
 ];

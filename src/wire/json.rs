@@ -70,7 +70,7 @@ fn explain(pointer: String, error: &serde_json::Error, bytes: &[u8]) -> Error {
     // where text is expected, the reader takes null for a fault of syntax
     let is_json = || serde_json::from_slice::<IgnoredAny>(bytes).is_ok();
     match error.classify() {
-        Category::Syntax if is_json() => {
+        Category::Syntax if !text.starts_with("recursion limit") && is_json() => {
             let detail = format!("this field does not take what stands there; leave it out for its default ({text})");
             Error::Shape(Invalid { code: "invalid_body", issues: vec![Issue::at(pointer, "invalid_body", detail)] })
         }
@@ -128,6 +128,8 @@ mod tests {
     fn text_after_the_document_and_deep_nesting_are_syntax_errors() {
         assert!(matches!(parse::<Vec<f64>>(b"[1] [2]"), Err(Error::Syntax(_))));
         let deep = "[".repeat(1_000_000);
+        assert!(matches!(parse::<serde_json::Value>(deep.as_bytes()), Err(Error::Syntax(_))));
+        let deep = deep + "1" + &"]".repeat(1_000_000);
         assert!(matches!(parse::<serde_json::Value>(deep.as_bytes()), Err(Error::Syntax(_))));
         assert!(matches!(parse::<serde_json::Value>(b"{\"a\": NaN}"), Err(Error::Syntax(_))));
     }

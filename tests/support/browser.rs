@@ -228,6 +228,8 @@ impl Browser {
         let variable = if matches!(of, Picture::Whole) { "KINCAL_PAGES" } else { "KINCAL_SCREENSHOTS" };
         let Some(folder) = std::env::var_os(variable).map(PathBuf::from) else { return };
         tokio::time::sleep(Duration::from_millis(250)).await;
+        // what is said in passing would lie over a figure for good
+        self.run("document.getElementById('said')?.style.setProperty('display', 'none')").await;
         let clip = match of {
             Picture::Top(height) => {
                 format!("[0, 0, innerWidth, Math.min({height}, Math.max(innerHeight, document.documentElement.scrollHeight))]")
