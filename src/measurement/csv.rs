@@ -1,13 +1,12 @@
 //! Measurement sets as CSV: header with units, one row per measured point. Parses bytes, never corrects silently.
 
+use crate::measurement::csv_text::{decode, refuse_endless_rows};
 use crate::measurement::set::{Frame, MeasurementSet, Point, Subset};
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 /// Most rows a set may have: ten times the largest campaign we know of, and still under a second to identify from.
 pub const MAX_ROWS: usize = 100_000;
-/// Longest row, bytes, a hundred times what one has: one that never ends would be held in memory several times over.
-pub const MAX_ROW_BYTES: usize = 64 * 1024;
 /// Most errors reported at once; a wrong column makes one per row.
 pub const MAX_ISSUES: usize = 20;
 /// Farthest a measured coordinate may be from the instrument or base, mm: trackers reach 80 m.
@@ -47,7 +46,7 @@ pub struct ParseError {
 }
 
 impl ParseError {
-    fn new(mut issues: Vec<Issue>) -> Self {
+    pub(super) fn new(mut issues: Vec<Issue>) -> Self {
         issues.truncate(MAX_ISSUES);
         Self { issues }
     }
@@ -64,7 +63,7 @@ pub enum Decimal {
 }
 
 impl Decimal {
-    fn separator(self) -> u8 {
+    pub(super) fn separator(self) -> u8 {
         match self {
             Self::Point => b',',
             Self::Comma => b';',
@@ -134,60 +133,7 @@ pub fn parse_with(decimal: Decimal, bytes: &[u8], frame: Frame, n_joints: usize)
     if issues.is_empty() { Ok(MeasurementSet::new(frame, points)) } else { Err(ParseError::new(issues)) }
 }
 
-/// Looks for rows that are too long before anything is made of them. A quote opens where a cell begins, and ends of lines in it are text.
-fn refuse_endless_rows(text: &[u8], separator: u8) -> Result<(), ParseError> {
-    let (mut n_rows, mut length, mut is_quoted, mut before) = (0_usize, 0_usize, false, b'\n');
-    for &byte in text {
-        match byte {
-            b'"' if is_quoted => is_quoted = false,
-            // a quote after a closing one is a quote in the text, which goes on
-            b'"' if matches!(before, b'\n' | b'\r' | b'"') || before == separator => is_quoted = true,
-            b'\n' | b'\r' if !is_quoted => {
-                n_rows += usize::from(length > 0);
-                length = 0;
-                before = byte;
-                continue;
-            }
-            _ => {}
-        }
-        (length, before) = (length + 1, byte);
-        if length > MAX_ROW_BYTES {
-            // the first row is the header
-            let row = n_rows.checked_sub(1);
-            let detail = format!("a row of more than {} KiB: is an end of line missing, or a quote not closed?", MAX_ROW_BYTES / 1024);
-            return Err(ParseError::new(vec![Issue { row, column: None, code: "row_too_long", detail }]));
-        }
-    }
-    Ok(())
-}
-
-/// UTF-8 text without a byte order mark, and not something that only looks like a CSV.
-fn decode(bytes: &[u8], decimal: Decimal) -> Result<&str, ParseError> {
-    if bytes.starts_with(b"PK\x03\x04") {
-        return Err(whole("not_csv", "this is a zip or xlsx file; save the sheet as CSV (UTF-8) and upload that".into()));
-    }
-    let bytes = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes);
-    let text = std::str::from_utf8(bytes)
-        .map_err(|e| whole("not_utf8", format!("byte {} is not UTF-8 text; save the file as CSV (UTF-8)", e.valid_up_to())))?;
-    if text.trim().is_empty() {
-        return Err(whole("empty", "the file is empty".into()));
-    }
-    let header = text.lines().next().unwrap_or("");
-    let separated_by = |c: char| header.contains(c);
-    let detail = match decimal {
-        Decimal::Point if !separated_by(',') && (separated_by(';') || separated_by('\t')) => {
-            "columns are separated by ';' or tabs; separate them by ',' with '.' as the decimal point, or declare a file with ';' and \
-             decimal commas by ?decimal=comma"
-        }
-        Decimal::Comma if !separated_by(';') && (separated_by(',') || separated_by('\t')) => {
-            "decimal commas were declared, so columns have to be separated by ';', not by ',' or tabs"
-        }
-        _ => return Ok(text),
-    };
-    Err(whole("wrong_separator", detail.into()))
-}
-
-fn whole(code: &'static str, detail: String) -> ParseError {
+pub(super) fn whole(code: &'static str, detail: String) -> ParseError {
     ParseError { issues: vec![Issue { row: None, column: None, code, detail }] }
 }
 

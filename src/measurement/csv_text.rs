@@ -1,0 +1,59 @@
+//! A file of measurements as text, before anything is made of it: is it one, and does it have an end of line now and then?
+
+use crate::measurement::csv::{Decimal, Issue, ParseError, whole};
+
+/// Longest row, bytes, a hundred times what one has: one that never ends would be held in memory several times over.
+const MAX_ROW_BYTES: usize = 64 * 1024;
+
+/// UTF-8 text without a byte order mark, and not something that only looks like a CSV.
+pub(super) fn decode(bytes: &[u8], decimal: Decimal) -> Result<&str, ParseError> {
+    if bytes.starts_with(b"PK\x03\x04") {
+        return Err(whole("not_csv", "this is a zip or xlsx file; save the sheet as CSV (UTF-8) and upload that".into()));
+    }
+    let bytes = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes);
+    let text = std::str::from_utf8(bytes)
+        .map_err(|e| whole("not_utf8", format!("byte {} is not UTF-8 text; save the file as CSV (UTF-8)", e.valid_up_to())))?;
+    if text.trim().is_empty() {
+        return Err(whole("empty", "the file is empty".into()));
+    }
+    let header = text.lines().next().unwrap_or("");
+    let separated_by = |c: char| header.contains(c);
+    let detail = match decimal {
+        Decimal::Point if !separated_by(',') && (separated_by(';') || separated_by('\t')) => {
+            "columns are separated by ';' or tabs; separate them by ',' with '.' as the decimal point, or declare a file with ';' and \
+             decimal commas by ?decimal=comma"
+        }
+        Decimal::Comma if !separated_by(';') && (separated_by(',') || separated_by('\t')) => {
+            "decimal commas were declared, so columns have to be separated by ';', not by ',' or tabs"
+        }
+        _ => return Ok(text),
+    };
+    Err(whole("wrong_separator", detail.into()))
+}
+
+/// Looks for rows that are too long before anything is made of them. A quote opens where a cell begins, and ends of lines in it are text.
+pub(super) fn refuse_endless_rows(text: &[u8], separator: u8) -> Result<(), ParseError> {
+    let (mut n_rows, mut length, mut is_quoted, mut before) = (0_usize, 0_usize, false, b'\n');
+    for &byte in text {
+        match byte {
+            b'"' if is_quoted => is_quoted = false,
+            // a quote after a closing one is a quote in the text, which goes on
+            b'"' if matches!(before, b'\n' | b'\r' | b'"') || before == separator => is_quoted = true,
+            b'\n' | b'\r' if !is_quoted => {
+                n_rows += usize::from(length > 0);
+                length = 0;
+                before = byte;
+                continue;
+            }
+            _ => {}
+        }
+        (length, before) = (length + 1, byte);
+        if length > MAX_ROW_BYTES {
+            // the first row is the header
+            let row = n_rows.checked_sub(1);
+            let detail = format!("a row of more than {} KiB: is an end of line missing, or a quote not closed?", MAX_ROW_BYTES / 1024);
+            return Err(ParseError::new(vec![Issue { row, column: None, code: "row_too_long", detail }]));
+        }
+    }
+    Ok(())
+}
