@@ -113,10 +113,13 @@ fn a_row_without_an_end_is_refused_where_it_begins_and_quotes_are_no_row_without
     assert_eq!(first_issue(format!("{HEADER}\n1,2,3,4,5\n1,2,3,4,{}", "5".repeat(200_000)).as_bytes()), ("row_too_long", Some(1), None));
     // a quote that is never closed takes all rows after it for one cell
     assert_eq!(first_issue(format!("{HEADER}\n1,2,3,4,5\r\n\r\n1,2,3,4,\"5\n{rows}").as_bytes()), ("row_too_long", Some(1), None));
+    // quotes within a cell that has begun open nothing, and so hide nothing
+    let hidden = format!("{HEADER}\n1,2,3,4,5\"\"\n1,2,3,4,\"5\n{rows}");
+    assert_eq!(first_issue(hidden.as_bytes()), ("row_too_long", Some(1), None));
     // within a cell that has begun, a quote is text; two quotes in a quoted cell are one
-    let labels = format!("{HEADER},station\n1,2,3,4,5,5\"plate\n1,2,3,4,6,\"a \"\"b\"\"\nc\"\n{}", "1,2,3,4,5,s\n".repeat(20_000));
+    let labels = format!("{HEADER},station\n1,2,3,4,5,5\"\"plate\n1,2,3,4,6,\"a \"\"b\"\"\nc\"\n{}", "1,2,3,4,5,s\n".repeat(20_000));
     let set = two_joints(&labels).unwrap();
-    assert_eq!((set.points[0].station.as_deref(), set.points[1].station.as_deref()), (Some("5\"plate"), Some("a \"b\"\nc")));
+    assert_eq!((set.points[0].station.as_deref(), set.points[1].station.as_deref()), (Some("5\"\"plate"), Some("a \"b\"\nc")));
     assert_eq!(set.points.len(), 20_002);
 }
 

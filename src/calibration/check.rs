@@ -159,7 +159,12 @@ fn check_work(request: &CalibrationRequest, n_points: usize) -> Result<(), Error
 fn check_search_box(request: &CalibrationRequest, identify: &[Observation], parameters: &[Parameter]) -> Result<(), Error> {
     let (settings, options) = (settings(request), &request.options);
     let is_asked_for = options.search_half_width_mm.is_some() || options.search_half_width_deg.is_some();
-    if !is_asked_for || !settings.singular_directions || !matches!(request.method, Method::Pso | Method::BpnnPso) {
+    // priors have directions of their own
+    if !is_asked_for
+        || !request.priors.is_empty()
+        || !settings.singular_directions
+        || !matches!(request.method, Method::Pso | Method::BpnnPso)
+    {
         return Ok(());
     }
     let model = nominal_model(request, identify, n_targets(request));

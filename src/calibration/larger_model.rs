@@ -20,7 +20,8 @@ const BETTER: f64 = 5.0;
 pub fn remark(problem: &Problem<'_>, found: &KinematicModel, monitor: &mut Monitor<'_>) -> Result<Option<Warning>, Error> {
     let request = problem.request;
     let fit_mm = rms_mm(found, &problem.identify);
-    if request.model() != Model::Paper || request.frames.is_some() || request.preset == Preset::Paper || fit_mm < POOR_MM {
+    let is_asked_for = request.frames.is_some() || request.preset == Preset::Paper || !request.priors.is_empty();
+    if request.model() != Model::Paper || is_asked_for || fit_mm < POOR_MM {
         return Ok(None);
     }
     let larger = CalibrationRequest {
@@ -31,10 +32,13 @@ pub fn remark(problem: &Problem<'_>, found: &KinematicModel, monitor: &mut Monit
         previous: None,
         ..request.clone()
     };
-    if check(&larger).is_err() {
-        return Ok(None);
-    }
-    let complete = Problem::new(&larger)?;
+    // what cannot be asked of the complete model is no fault of this request
+    let problem = check(&larger).and_then(|()| Problem::new(&larger));
+    let complete = match problem {
+        Ok(complete) => complete,
+        Err(Error::Unusable { .. }) => return Ok(None),
+        Err(cancelled) => return Err(cancelled),
+    };
     let fit = least_squares_from(&complete, &complete.nominal, None, monitor)?.model;
     let complete_mm = rms_mm(&fit, &complete.identify);
     if complete_mm * BETTER > fit_mm {

@@ -95,7 +95,8 @@ pub fn half_widths(settings: &Settings, parameters: &[Parameter]) -> Vec<f64> {
 /// The refusal of a box in which nothing moves a measured point far enough to be seen.
 pub fn box_too_small() -> Error {
     let detail = format!(
-        "search_half_width_mm and search_half_width_deg are so small that nothing in the box moves the measured points by {VISIBLE_EFFECT_MM} mm:          make them larger, or leave them out"
+        "search_half_width_mm and search_half_width_deg are so small that nothing in the box moves the measured points by {VISIBLE_EFFECT_MM} mm: \
+         make them larger, or leave them out"
     );
     unusable("search_box_too_small", detail)
 }

@@ -2,7 +2,7 @@
 
 use super::calibrate::read;
 use super::client::ServerArguments;
-use super::{Usage, block_on};
+use super::{Usage, block_on, terminal};
 use crate::wire::compensate::{CompensateAnswer, CompensateBody, CompensateMode, CompensateStatus, MAX_TARGETS_PER_REQUEST};
 use crate::wire::export::ExportDocument;
 use crate::wire::json;
@@ -68,7 +68,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if arguments.json {
         say!("{}", serde_json::to_string_pretty(&answer)?);
     } else {
-        print!("{}", program.with(&answer.q_deg)?);
+        terminal::whole(program.with(&answer.q_deg)?);
     }
     let statuses = &answer.status;
     for (status, what) in [

@@ -1,5 +1,6 @@
 //! `kincal completions`: what makes the Tab key work.
 
+use super::terminal;
 use clap::CommandFactory;
 use clap_complete::Shell;
 
@@ -14,6 +15,8 @@ pub struct Arguments {
 /// Prints them.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let mut command = super::Arguments::command();
-    clap_complete::generate(arguments.shell, &mut command, "kincal", &mut std::io::stdout().lock());
+    let mut script = Vec::new();
+    clap_complete::generate(arguments.shell, &mut command, "kincal", &mut script);
+    terminal::whole(script);
     Ok(())
 }

@@ -7,8 +7,10 @@ use crate::http::auth::{Scope, new_key};
 use crate::http::server::location;
 use crate::store::{ApiKeyRow, NewApiKey, PageRequest, Store, api_keys, robots};
 use crate::wire::time::rfc3339;
+use anyhow::Context;
 use clap::Subcommand;
 use serde_json::{Value, json};
+use std::io::Write;
 
 /// Who makes and revokes keys, in the audit chain.
 const COMMAND_LINE: &str = "command line";
@@ -92,15 +94,16 @@ async fn create(store: &Store, name: &str, scopes: &[Scope], robot_ids: &[String
     tx.act_as(COMMAND_LINE);
     let row = api_keys::insert(&mut tx, &new).await?;
     tx.commit().await?;
+    let mut shown = key.clone();
     if json {
         let mut made = described(&row)?;
         made["key"] = key.into();
-        say!("{}", serde_json::to_string_pretty(&made)?);
-        return Ok(());
+        shown = serde_json::to_string_pretty(&made)?;
+    } else {
+        eprintln!("Key {} for {name:?} with {}. It is shown only now; send it as `Authorization: Bearer KEY`:", row.id, names.join(", "));
     }
-    eprintln!("Key {} for {name:?} with {}. It is shown only now; send it as `Authorization: Bearer KEY`:", row.id, names.join(", "));
-    say!("{key}");
-    Ok(())
+    // nobody will see it again
+    writeln!(std::io::stdout().lock(), "{shown}").with_context(|| format!("key {} was made but could not be shown: revoke it", row.id))
 }
 
 async fn all(store: &Store) -> anyhow::Result<Vec<ApiKeyRow>> {

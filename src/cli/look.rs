@@ -1,8 +1,8 @@
 //! `kincal robots|sets|jobs|params`: to look around on a server.
 
-use super::block_on;
 use super::client::ServerArguments;
 use super::terminal::plain;
+use super::{block_on, terminal};
 use serde_json::Value;
 
 /// Most rows of a list; the newest come first.
@@ -112,7 +112,7 @@ fn gates(arguments: &OfRobot, id: &str) -> anyhow::Result<()> {
         if arguments.json {
             say!("{}", serde_json::to_string_pretty(&found)?);
         } else {
-            print!("{}", gate_lines(&found));
+            terminal::whole(gate_lines(&found));
         }
         if found["releasable"] != true {
             anyhow::bail!("a release of {id} would be refused");
@@ -170,7 +170,7 @@ fn look(server: &ServerArguments, kind: &Kind, robot: &str, id: Option<&str>, js
             say!("{}", kind.empty);
             return Ok(());
         }
-        print!("{}", columns(kind.columns, &rows));
+        terminal::whole(columns(kind.columns, &rows));
         if !page["next_cursor"].is_null() {
             eprintln!("the newest {MAX_ROWS} are shown; there are more");
         }

@@ -13,6 +13,6 @@ pub struct Arguments {
 /// Prints it.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let text = if arguments.json { crate::http::json() } else { crate::http::yaml() };
-    terminal::whole(text.map_err(anyhow::Error::msg)?.as_bytes());
+    terminal::whole(text.map_err(anyhow::Error::msg)?);
     Ok(())
 }

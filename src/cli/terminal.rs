@@ -7,24 +7,21 @@ macro_rules! say {
     ($($text:tt)*) => { $crate::cli::terminal::line(format_args!($($text)*)) };
 }
 
-/// A line on standard output. Whoever closed it has seen enough: the command ends.
+/// A line on standard output. Whoever closed it has seen enough, and the command does its work to the end.
 pub fn line(text: std::fmt::Arguments<'_>) {
-    end_if_closed(writeln!(std::io::stdout().lock(), "{text}"));
+    unless_closed(writeln!(std::io::stdout().lock(), "{text}"));
 }
 
 /// Text as it is on standard output.
-pub fn whole(text: &[u8]) {
-    end_if_closed(std::io::stdout().lock().write_all(text));
+pub fn whole(text: impl AsRef<[u8]>) {
+    unless_closed(std::io::stdout().lock().write_all(text.as_ref()));
 }
 
-fn end_if_closed(written: std::io::Result<()>) {
-    match written {
-        Ok(()) => {}
-        Err(error) if error.kind() == ErrorKind::BrokenPipe => std::process::exit(0),
-        Err(error) => {
-            eprintln!("kincal: cannot write: {error}");
-            std::process::exit(1);
-        }
+fn unless_closed(written: std::io::Result<()>) {
+    if let Err(error) = written.and_then(|()| std::io::stdout().lock().flush())
+        && error.kind() != ErrorKind::BrokenPipe
+    {
+        eprintln!("kincal: cannot write: {error}");
     }
 }
 

@@ -119,11 +119,13 @@ async fn load(app: &App, robot: RobotRow, request: &JobRequestBody) -> Result<So
         }
         None => None,
     };
-    let (parameter_set, networks, residual_networks) = tokio::try_join!(
+    // at once; of several refusals the first in this order is told, whichever came first
+    let (parameter_set, networks, residual_networks) = tokio::join!(
         parameter_set(app, &robot, request, &set.0),
         networks(app, &robot, request, &set.0),
         residual_networks(app, &robot, request, &set.0),
-    )?;
+    );
+    let (parameter_set, networks, residual_networks) = (parameter_set?, networks?, residual_networks?);
     Ok(Sources { robot, set, verify_set, frames, networks, residual_networks, parameter_set })
 }
 

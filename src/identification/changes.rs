@@ -24,6 +24,8 @@ const UNSEEN_PART: f64 = 1e-6;
 const SAME_EFFECT: f64 = 0.9999;
 /// What the chosen parameters leave of another one's effect, at least, for it to be a choice of its own: the sine to [`SAME_EFFECT`].
 const OWN_EFFECT: f64 = 0.014;
+/// A parameter of which less than this share is seen is not named: what is said of it is said of others.
+const HARDLY_SEEN: f64 = 0.05;
 /// Iteration limit of an eigenvalue decomposition.
 const EIGEN_ITERATIONS: usize = 10_000;
 
@@ -233,14 +235,19 @@ fn named_by_selection(common: &[Common], whitened: &Whitened) -> Vec<Change> {
 /// The chosen parameters fitted together to the whitened difference, those that changed most first.
 fn together(common: &[Common], whitened: &Whitened, chosen: &[usize]) -> Vec<Change> {
     let effects = whitened.effects.select_columns(chosen);
-    let Some(covariance) = pseudo_inverse(effects.tr_mul(&effects), whitened.difference.len()) else { return vec![] };
+    let square = effects.tr_mul(&effects);
+    let Some(covariance) = pseudo_inverse(square.clone(), whitened.difference.len()) else { return vec![] };
+    // how much of each parameter is seen: 1, but for those in a combination that is not
+    let seen = &covariance * square;
     let fitted = &covariance * effects.transpose() * &whitened.difference;
     let change = |(k, j): (usize, &usize)| Change {
         parameters: alike(common, whitened, *j),
         delta: fitted[k] * whitened.scale[*j],
         sigmas: fitted[k].abs() / covariance[(k, k)].sqrt(),
     };
-    let mut changes: Vec<Change> = chosen.iter().enumerate().map(change).filter(|c| c.delta.is_finite() && c.sigmas.is_finite()).collect();
+    let hardly_seen = |k: usize| seen[(k, k)] < HARDLY_SEEN;
+    let changes = chosen.iter().enumerate().filter(|(k, _)| !hardly_seen(*k)).map(change);
+    let mut changes: Vec<Change> = changes.filter(|c| c.delta.is_finite() && c.sigmas.is_finite()).collect();
     changes.sort_by(|a, b| b.sigmas.total_cmp(&a.sigmas));
     changes
 }

@@ -54,6 +54,8 @@ pub fn align_in_closed_form(links: &[Link], observations: &[Observation], n_targ
 /// What base and target share, along axes that are all parallel, goes to the base: it counts so many times less than a target's offset. Were it
 /// parted evenly, a target could come to lie a metre off, and how much would depend on where the instrument stands.
 const BASE_FIRST: f64 = 100.0;
+/// Share of the largest singular value below which there is nothing but rounding.
+const SEEN: f64 = 1e-9;
 
 /// Nominal kinematics fit real robots to some millimetres, with an unmastered joint to some tens; above this a closed form may have
 /// landed in the wrong valley, and the cube's rotations are tried as well.
@@ -88,8 +90,9 @@ fn with_rotation(
             right[at + axis] += bottom[axis];
         });
     }
-    let solved =
-        normal.try_svd(true, true, f64::EPSILON, SVD_ITERATIONS).and_then(|svd| svd.solve(&right, 1e-9 * svd.singular_values[0]).ok());
+    let solved = normal
+        .try_svd(true, true, f64::EPSILON, SVD_ITERATIONS)
+        .and_then(|svd| svd.solve(&right, SEEN / (BASE_FIRST * BASE_FIRST) * svd.singular_values[0]).ok());
     let x = solved.unwrap_or_else(|| DVector::zeros(unknowns));
     let vector = |at: usize| Vector3::new(x[at], x[at + 1], x[at + 2]);
     KinematicModel {

@@ -20,6 +20,8 @@ const REWEIGHTINGS: usize = 30;
 const EXCHANGES: usize = 20;
 /// Share of the points that may be wild before the search gives up on them.
 const MOST_WILD: f64 = 0.1;
+/// Numbers in the points' squares at most, 64 MiB; of larger problems they are made anew for every fit.
+const MOST_KEPT: usize = 8 << 20;
 /// Median of the length of three standard normal numbers.
 const MEDIAN_LENGTH: f64 = 1.538_17;
 /// Residuals below this tell nothing, mm: a nanometre, what files and iterations are rounded to.
@@ -48,6 +50,7 @@ pub struct Wild {
 /// A problem with what every weighted fit needs of each of its points, made once: Q_iᵀ·Q_i (lower triangle, row by row) and Q_iᵀ·r_i.
 struct Blocks<'a> {
     of: &'a Linearised,
+    /// Of all points, or none where they would be too many.
     squares: Vec<f64>,
     sides: Vec<f64>,
 }
@@ -90,6 +93,14 @@ impl Linearised {
         3 * self.n_points() > self.basis.ncols() + self.basis.ncols() / 2 + 6
     }
 
+    /// Appends Q_iᵀ·Q_i, its lower triangle row by row.
+    fn add_square(&self, i: usize, to: &mut Vec<f64>) {
+        let q = self.basis.fixed_rows::<3>(3 * i);
+        for row in 0..q.ncols() {
+            to.extend((0..=row).map(|column| q.column(row).dot(&q.column(column))));
+        }
+    }
+
     /// σ of one coordinate from the median length, without the points that the fit goes through.
     fn median_scale(&self, residuals: &[Vector3<f64>]) -> f64 {
         let mut lengths: Vec<f64> = residuals.iter().map(Vector3::norm).collect();
@@ -114,12 +125,13 @@ impl Linearised {
 impl<'a> Blocks<'a> {
     fn new(of: &'a Linearised) -> Self {
         let (n, r) = (of.n_points(), of.basis.ncols());
-        let (mut squares, mut sides) = (Vec::with_capacity(n * r * (r + 1) / 2), Vec::with_capacity(n * r));
+        let (mut squares, mut sides) = (Vec::new(), Vec::with_capacity(n * r));
+        let are_kept = n * r * (r + 1) / 2 <= MOST_KEPT;
         for i in 0..n {
             let (q, residual) = (of.basis.fixed_rows::<3>(3 * i), of.residuals.fixed_rows::<3>(3 * i));
-            for row in 0..r {
-                squares.extend((0..=row).map(|column| q.column(row).dot(&q.column(column))));
-                sides.push(q.column(row).dot(&residual));
+            sides.extend((0..r).map(|row| q.column(row).dot(&residual)));
+            if are_kept {
+                of.add_square(i, &mut squares);
             }
         }
         Self { of, squares, sides }
@@ -129,10 +141,15 @@ impl<'a> Blocks<'a> {
     fn solve(&self, weights: &[f64]) -> Option<Solved> {
         let r = self.of.basis.ncols();
         let n_square = r * (r + 1) / 2;
-        let (mut square, mut side) = (vec![0.0; n_square], DVector::zeros(r));
+        let (mut square, mut side, mut anew) = (vec![0.0; n_square], DVector::zeros(r), Vec::new());
         for (i, weight) in weights.iter().enumerate().filter(|(_, weight)| **weight != 0.0) {
             let add = |sum: &mut [f64], block: &[f64]| sum.iter_mut().zip(block).for_each(|(sum, value)| *sum += weight * value);
-            add(&mut square, &self.squares[n_square * i..n_square * (i + 1)]);
+            let of_point = self.squares.get(n_square * i..n_square * (i + 1)).unwrap_or_else(|| {
+                anew.clear();
+                self.of.add_square(i, &mut anew);
+                &anew
+            });
+            add(&mut square, of_point);
             add(side.as_mut_slice(), &self.sides[r * i..r * (i + 1)]);
         }
         let mut rest = square.as_slice();

@@ -13,6 +13,7 @@ pub(super) fn decode(bytes: &[u8], decimal: Decimal) -> Result<&str, ParseError>
     let bytes = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes);
     let text = std::str::from_utf8(bytes)
         .map_err(|e| whole("not_utf8", format!("byte {} is not UTF-8 text; save the file as CSV (UTF-8)", e.valid_up_to())))?;
+    let text = text.trim_start_matches('\u{feff}');
     if text.trim().is_empty() {
         return Err(whole("empty", "the file is empty".into()));
     }
@@ -31,23 +32,33 @@ pub(super) fn decode(bytes: &[u8], decimal: Decimal) -> Result<&str, ParseError>
     Err(whole("wrong_separator", detail.into()))
 }
 
+/// Where in a cell a byte is.
+#[derive(Clone, Copy, PartialEq)]
+enum At {
+    Start,
+    Unquoted,
+    Quoted,
+    /// After a quote in a quoted cell: its end, or the first of two that stand for one.
+    Closed,
+}
+
 /// Looks for rows that are too long before anything is made of them. A quote opens where a cell begins, and ends of lines in it are text.
 pub(super) fn refuse_endless_rows(text: &[u8], separator: u8) -> Result<(), ParseError> {
-    let (mut n_rows, mut length, mut is_quoted, mut before) = (0_usize, 0_usize, false, b'\n');
+    let (mut n_rows, mut length, mut at) = (0_usize, 0_usize, At::Start);
     for &byte in text {
-        match byte {
-            b'"' if is_quoted => is_quoted = false,
-            // a quote after a closing one is a quote in the text, which goes on
-            b'"' if matches!(before, b'\n' | b'\r' | b'"') || before == separator => is_quoted = true,
-            b'\n' | b'\r' if !is_quoted => {
-                n_rows += usize::from(length > 0);
+        length += 1;
+        at = match (at, byte) {
+            (At::Quoted, b'"') => At::Closed,
+            (At::Quoted, _) | (At::Start | At::Closed, b'"') => At::Quoted,
+            (_, b'\n' | b'\r') => {
+                // the second of two ends of line ends nothing
+                n_rows += usize::from(length > 1);
                 length = 0;
-                before = byte;
-                continue;
+                At::Start
             }
-            _ => {}
-        }
-        (length, before) = (length + 1, byte);
+            (_, byte) if byte == separator => At::Start,
+            _ => At::Unquoted,
+        };
         if length > MAX_ROW_BYTES {
             // the first row is the header
             let row = n_rows.checked_sub(1);

@@ -82,6 +82,9 @@ impl Design {
     }
 
     fn exchange(&mut self, is_tight: bool) {
+        if is_tight {
+            self.refresh();
+        }
         for _ in 0..MAX_PASSES {
             let mut is_better = false;
             for slot in 0..self.chosen.len() {

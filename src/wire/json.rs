@@ -1,7 +1,7 @@
 //! Request bodies in JSON, with errors that say where.
 
 use crate::wire::{Invalid, Issue};
-use serde::de::{Deserialize, DeserializeOwned, Deserializer, Error as _, IgnoredAny, SeqAccess, Visitor};
+use serde::de::{Deserialize, DeserializeOwned, Deserializer, Error as _, SeqAccess, Visitor};
 use serde_path_to_error::{Path, Segment};
 use std::fmt;
 use std::marker::PhantomData;
@@ -67,11 +67,12 @@ fn explain(pointer: String, error: &serde_json::Error, bytes: &[u8]) -> Error {
         let detail = format!("{text}: numbers must fit a 64-bit float");
         return Error::Shape(Invalid { code: "out_of_range", issues: vec![Issue::at(pointer, "out_of_range", detail)] });
     }
-    // where text is expected, the reader takes null for a fault of syntax
-    let is_json = || serde_json::from_slice::<IgnoredAny>(bytes).is_ok();
+    // where a word is expected, the reader takes null for a fault of syntax
+    let line = bytes.split(|byte| *byte == b'\n').nth(error.line().saturating_sub(1)).unwrap_or_default();
+    let is_null = line.get(error.column().saturating_sub(1)..).is_some_and(|rest| rest.starts_with(b"null"));
     match error.classify() {
-        Category::Syntax if !text.starts_with("recursion limit") && is_json() => {
-            let detail = format!("this field does not take what stands there; leave it out for its default ({text})");
+        Category::Syntax if is_null => {
+            let detail = format!("this field does not take null; leave it out if it has a default ({text})");
             Error::Shape(Invalid { code: "invalid_body", issues: vec![Issue::at(pointer, "invalid_body", detail)] })
         }
         Category::Data => Error::Shape(Invalid { code: "invalid_body", issues: vec![Issue::at(pointer, "invalid_body", text)] }),
@@ -116,6 +117,7 @@ mod tests {
             Err(Error::Shape(invalid)) => assert_eq!(invalid.issues[0].pointer.as_deref(), Some("/method")),
             other => panic!("expected a shape error, got {other:?}"),
         }
+        assert!(matches!(parse::<RobotBody>(br#"{"name": "\ud800", "links": []}"#), Err(Error::Syntax(_))));
     }
 
     #[test]
