@@ -82,24 +82,19 @@ impl Design {
     }
 
     fn exchange(&mut self, is_tight: bool) {
-        if is_tight {
-            self.refresh();
-        }
         for _ in 0..MAX_PASSES {
             let mut is_better = false;
             for slot in 0..self.chosen.len() {
                 let old = self.chosen[slot];
-                let before = self.criterion();
-                self.exactly_change(old, false, is_tight);
-                let Some((best, gain)) = self.best() else { break };
-                let mut keep = best == old || !is_tight && self.criterion() - gain >= before * (1.0 - GAIN);
-                self.exactly_change(if keep { old } else { best }, true, is_tight);
-                if is_tight && !keep && self.criterion() >= before * (1.0 - GAIN) {
-                    // what the update promised was rounding
-                    keep = true;
-                    self.exactly_change(best, false, is_tight);
-                    self.exactly_change(old, true, is_tight);
+                let before = if is_tight { self.exact_criterion(None) } else { self.criterion() };
+                self.change(old, false);
+                if is_tight {
+                    self.refresh();
                 }
+                let Some((best, gain)) = self.best() else { break };
+                let after = if is_tight { self.exact_criterion(Some(best)) } else { self.criterion() - gain };
+                let keep = best == old || after >= before * (1.0 - GAIN);
+                self.change(if keep { old } else { best }, true);
                 // the newcomer stands last: put it into the slot
                 let last = self.chosen.len() - 1;
                 self.chosen[slot..=last].rotate_right(1);
@@ -128,6 +123,12 @@ impl Design {
         self.covariance.dot(&self.interest)
     }
 
+    /// The criterion from what is chosen, and one candidate more, alone: where an update would be rounding.
+    fn exact_criterion(&self, more: Option<usize>) -> f64 {
+        let covariance = inverse(self.information(self.chosen.iter().copied().chain(more)));
+        covariance.map_or(f64::INFINITY, |covariance| covariance.dot(&self.interest))
+    }
+
     fn rows_of(&self, candidate: usize) -> DMatrix<f64> {
         self.candidates.rows(3 * candidate, 3).into_owned()
     }
@@ -151,14 +152,6 @@ impl Design {
             k.try_inverse().map_or(0.0, |inverse| inverse.dot(&unpacked(&block.worth, at % LANES)))
         };
         (0..self.members.len()).map(gain).collect()
-    }
-
-    /// As [`Self::change`]; anew from what is chosen where an update would be rounding.
-    fn exactly_change(&mut self, candidate: usize, is_added: bool, is_tight: bool) {
-        self.change(candidate, is_added);
-        if is_tight {
-            self.refresh();
-        }
     }
 
     /// Adds a candidate to those chosen, or takes it out: A' = A − U·C·Uᵀ with U = A·Jᵀ, C = (I + J·U)⁻¹, or −(I − J·U)⁻¹.
