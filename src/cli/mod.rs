@@ -134,7 +134,8 @@ pub fn main() -> ExitCode {
         Command::Completions(arguments) => completions::run(&arguments),
     };
     match result {
-        Ok(()) => ExitCode::SUCCESS,
+        Ok(()) if terminal::is_complete() => ExitCode::SUCCESS,
+        Ok(()) => ExitCode::FAILURE,
         Err(error) => {
             eprintln!("kincal: {}", terminal::plain(&format!("{error:#}")));
             if error.is::<Usage>() { ExitCode::from(2) } else { ExitCode::FAILURE }

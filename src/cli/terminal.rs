@@ -1,6 +1,7 @@
 //! What a terminal may be shown, and how.
 
 use std::io::{ErrorKind, Write};
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// As `println!`, for an output that may be closed before its end: `kincal robots | head -1` is no failure.
 macro_rules! say {
@@ -22,7 +23,16 @@ fn unless_closed(written: std::io::Result<()>) {
         && error.kind() != ErrorKind::BrokenPipe
     {
         eprintln!("kincal: cannot write: {error}");
+        INCOMPLETE.store(true, Ordering::Relaxed);
     }
+}
+
+/// Whether something that was to be shown is not, as on a full disk.
+static INCOMPLETE: AtomicBool = AtomicBool::new(false);
+
+/// Whether all that was to be shown was.
+pub fn is_complete() -> bool {
+    !INCOMPLETE.load(Ordering::Relaxed)
 }
 
 /// A text that came from elsewhere, as a terminal may have it: names and messages may hold anything, and a terminal must neither obey it

@@ -179,7 +179,12 @@ fn an_output_that_is_closed_early_is_no_failure() {
     let output = Command::new("bash").args(["-c", &line]).output().unwrap();
     let complaints = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.success() && complaints.is_empty(), "{:?}: {complaints}", output.status);
-    // one that prints line by line, long after head has gone
+    // a full disk is one
+    let full = std::fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
+    let output = Command::new(env!("CARGO_BIN_EXE_kincal")).arg("openapi").stdout(full).output().unwrap();
+    assert_eq!(output.status.code(), Some(1), "{}", String::from_utf8_lossy(&output.stderr));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("cannot write"));
+    // one that prints long after head has gone
     let (robot, set) = (data("robot.json"), data("first_noisy.csv"));
     let line = format!("set -o pipefail; {} calibrate {robot} {set} --json | head -1", env!("CARGO_BIN_EXE_kincal"));
     let output = Command::new("bash").args(["-c", &line]).output().unwrap();
