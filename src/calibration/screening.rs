@@ -127,13 +127,15 @@ fn search(
         });
         let without = if suspects.is_empty() { None } else { find(observed, &fit, &belonging) };
         let mut accepted = false;
-        // with wild points in the fit, a step has to explain some of them
-        for (step, must_explain) in [(&with_all, !suspects.is_empty()), (&without_lone.flatten(), true), (&without, false)] {
+        // with wild points in the fit, a step has to explain some of them; with stretches of them, at least half of these
+        let in_stretches = suspects.len() - lone.len();
+        let tried = [(&with_all, suspects.len().min(1)), (&without_lone.flatten(), in_stretches.div_ceil(2)), (&without, 0)];
+        for (step, n_to_explain) in tried {
             let Some(step) = step.as_ref().filter(|s| s.n_minor > 1) else { continue };
             let mut trial = split(observed, &fit, arrangement, step);
             let refit = fit_all(request, observed, &mut trial)?;
             let left = refit.linear.wild(refit.least_scale_mm);
-            if must_explain && left.as_ref().is_some_and(|w| w.points.len() >= suspects.len()) {
+            if left.as_ref().is_some_and(|w| n_to_explain > 0 && w.points.len() + n_to_explain > suspects.len()) {
                 continue;
             }
             screening.steps.push(found(step, false));
