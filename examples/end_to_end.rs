@@ -2,7 +2,9 @@
 //! time goes.
 //!
 //! `cargo run --release --example end_to_end` prints one line of JSON, medians over the jobs: what an fsync costs in the folder of the
-//! database, what the job took, what the computation took of it, and the rest as a multiple of the job's fsyncs.
+//! database, what a request takes that does nothing, what the job took, what the computation took of it, and the rest as a multiple of the
+//! job's fsyncs. How it would be on a slower disk:
+//! `strace -f --seccomp-bpf -o /dev/null -e trace=fsync,fdatasync -e inject=fsync,fdatasync:delay_exit=4000 end_to_end` (microseconds).
 
 use anyhow::Context;
 use kincal::config::ServeConfig;
@@ -71,6 +73,12 @@ async fn run() -> anyhow::Result<()> {
         times.push(job(&client, &robot, &set).await?);
     }
     let times = &times[WARM_UP..];
+    let mut nothing = Vec::new();
+    for _ in 0..JOBS {
+        let begun = Instant::now();
+        client.http.get(format!("{}/healthz", client.url)).send().await?.error_for_status()?.bytes().await?;
+        nothing.push(begun.elapsed().as_secs_f64() * 1e6);
+    }
     server.shutdown().await;
     let fsync = fsync_us(folder.path())?;
     let of = |what: fn(&Times) -> f64| median(times.iter().map(what).collect());
@@ -84,6 +92,7 @@ async fn run() -> anyhow::Result<()> {
             "us_fetch": of(|t| t.fetched),
             "us_compute": of(|t| t.computed),
             "us_rest": rest,
+            "us_request": median(nothing),
             "us_fsync": fsync,
             "rest_over_fsyncs": rest / (FSYNCS * fsync),
             "jobs": JOBS,

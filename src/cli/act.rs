@@ -1,7 +1,8 @@
 //! `kincal release|withdraw|cancel`: what people decide.
 
+use super::block_on;
 use super::client::ServerArguments;
-use super::{block_on, look};
+use super::terminal::Output;
 use serde_json::{Value, json};
 
 /// Release or withdraw a parameter set.
@@ -18,9 +19,8 @@ pub struct Decision {
     /// Why the robot may have changed as much as it did, where the service asks for it on a release.
     #[arg(long, value_name = "TEXT")]
     change_reason: Option<String>,
-    /// Print JSON.
-    #[arg(long, env = "KINCAL_JSON", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue)]
-    json: bool,
+    #[command(flatten)]
+    output: Output,
 }
 
 /// Cancel a job.
@@ -31,9 +31,8 @@ pub struct Cancel {
     /// The job, as `kincal jobs` lists it.
     #[arg(value_name = "ID")]
     id: String,
-    /// Print JSON.
-    #[arg(long, env = "KINCAL_JSON", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue)]
-    json: bool,
+    #[command(flatten)]
+    output: Output,
 }
 
 /// `kincal release`.
@@ -43,13 +42,13 @@ pub fn release(arguments: &Decision) -> anyhow::Result<()> {
         body["change_reason"] = json!(change_reason);
     }
     let set = decide(arguments, "release", &body)?;
-    look::told(arguments.json, &set, || format!("{} is released: the cell gets it from now on", arguments.id))
+    arguments.output.told(&set, || format!("{} is released: the cell gets it from now on", arguments.id))
 }
 
 /// `kincal withdraw`.
 pub fn withdraw(arguments: &Decision) -> anyhow::Result<()> {
     let set = decide(arguments, "withdraw", &json!({"reason": arguments.reason}))?;
-    look::told(arguments.json, &set, || format!("{} is withdrawn; `kincal params` shows whether another one is active", arguments.id))
+    arguments.output.told(&set, || format!("{} is withdrawn; `kincal params` shows whether another one is active", arguments.id))
 }
 
 fn decide(arguments: &Decision, action: &str, body: &Value) -> anyhow::Result<Value> {
@@ -61,7 +60,7 @@ fn decide(arguments: &Decision, action: &str, body: &Value) -> anyhow::Result<Va
 pub fn cancel(arguments: &Cancel) -> anyhow::Result<()> {
     let path = format!("/v1/jobs/{}/cancel", arguments.id);
     let job = block_on(async { arguments.server.client()?.post_json(&path, &json!({})).await })?;
-    look::told(arguments.json, &job, || match job["status"].as_str() {
+    arguments.output.told(&job, || match job["status"].as_str() {
         Some("running") => format!("{} is asked to stop", arguments.id),
         status => format!("{} is {}", arguments.id, status.unwrap_or("over")),
     })

@@ -1,7 +1,7 @@
 //! `kincal backup`: a copy of the embedded database, checked.
 
 use super::block_on;
-use super::look::told;
+use super::terminal::Output;
 use crate::config::DatabaseConfig;
 use crate::http::server::location;
 use crate::store::verify::{self, Options};
@@ -17,9 +17,8 @@ pub struct Arguments {
     /// A new or empty directory; serve it with --data-dir to restore.
     #[arg(value_name = "DIRECTORY")]
     to: PathBuf,
-    /// Print JSON.
-    #[arg(long, env = "KINCAL_JSON", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue)]
-    json: bool,
+    #[command(flatten)]
+    output: Output,
 }
 
 /// Copies and checks.
@@ -42,7 +41,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             arguments.to.display()
         );
         let answer = json!({"directory": arguments.to, "audit_head": {"seq": head.seq, "sha256": head.sha256}});
-        told(arguments.json, &answer, || {
+        arguments.output.told(&answer, || {
             format!("{}: every promise kept; head of the audit chain: {}:{}", arguments.to.display(), head.seq, head.sha256)
         })
     })

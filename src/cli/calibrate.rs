@@ -1,5 +1,6 @@
 //! `kincal calibrate`: offline, no server, no database.
 
+use super::terminal::Output;
 use super::{Usage, table};
 use crate::jobs::JobFailure;
 use crate::jobs::execution;
@@ -18,6 +19,8 @@ use std::path::{Path, PathBuf};
 const OFFLINE: &str = "offline";
 
 /// Identify a robot from two files.
+///
+/// The JSON is the report.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     /// Robot file: the body of POST /v1/robots.
@@ -44,9 +47,8 @@ pub struct Arguments {
     /// Least squares after a swarm [default: true, false in preset paper].
     #[arg(long, env = "KINCAL_REFINE")]
     refine: Option<bool>,
-    /// Print the report alone, as JSON, on standard output.
-    #[arg(long, env = "KINCAL_JSON", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue)]
-    json: bool,
+    #[command(flatten)]
+    output: Output,
     /// Write the report as a page to print into this file, too.
     #[arg(long, env = "KINCAL_HTML", value_name = "FILE")]
     html: Option<PathBuf>,
@@ -73,7 +75,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     };
     let parts = JobParts { robot, set, verify_set: None, frames: None, network: None, residual_network: None, previous: None };
     let request = body(arguments)?.to_core(parts).map_err(|invalid| Usage(invalid.summary()))?;
-    let bar = (!arguments.json).then(|| progress_bar("iterations"));
+    let bar = (!arguments.output.json).then(|| progress_bar("iterations"));
     let mut monitor = |progress: crate::jobs::Progress| {
         if let Some(bar) = &bar {
             show(bar, progress.iteration, progress.n_iterations, progress.best_cost_mm2);
@@ -95,7 +97,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
 }
 
 fn print(arguments: &Arguments, report: &Report) -> anyhow::Result<()> {
-    if arguments.json {
+    if arguments.output.json {
         say!("{}", serde_json::to_string_pretty(report)?);
     } else {
         say!("{}", table::report(report));

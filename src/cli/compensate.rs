@@ -2,6 +2,7 @@
 
 use super::calibrate::read;
 use super::client::ServerArguments;
+use super::terminal::Output;
 use super::{Usage, block_on, terminal};
 use crate::wire::compensate::{CompensateAnswer, CompensateBody, CompensateMode, CompensateStatus, MAX_TARGETS_PER_REQUEST};
 use crate::wire::export::ExportDocument;
@@ -10,6 +11,8 @@ use anyhow::Context;
 use std::path::PathBuf;
 
 /// Correct the joint targets of a program that was made offline.
+///
+/// The JSON has the corrected joint values and what became of each target.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     /// With --parameters: PROGRAM.csv. Without: PARAMETERS.json (GET /v1/parameter-sets/{id}/export) and PROGRAM.csv.
@@ -29,9 +32,8 @@ pub struct Arguments {
     /// The tool centre point in the flange frame: X,Y,Z in mm.
     #[arg(long, env = "KINCAL_TOOL_MM", value_name = "X,Y,Z", value_parser = tool_mm, allow_hyphen_values = true)]
     tool_mm: Option<[f64; 3]>,
-    /// Print the corrected joint values and what became of each target as JSON, in place of the program.
-    #[arg(long, env = "KINCAL_JSON", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue)]
-    json: bool,
+    #[command(flatten)]
+    output: Output,
 }
 
 /// Three lengths with commas between them.
@@ -65,7 +67,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if let Some(remark) = answer.left_out.remark() {
         eprintln!("warning (base_and_tool): {remark}");
     }
-    if arguments.json {
+    if arguments.output.json {
         say!("{}", serde_json::to_string_pretty(&answer)?);
     } else {
         terminal::whole(program.with(&answer.q_deg)?);

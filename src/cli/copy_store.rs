@@ -1,6 +1,6 @@
 //! `kincal copy-store`: from the embedded database to PostgreSQL, or back.
 
-use super::look::told;
+use super::terminal::Output;
 use super::{Usage, block_on};
 use crate::store::verify::{self, Options};
 use crate::store::{Store, StoreLocation, copy};
@@ -16,9 +16,8 @@ pub struct Arguments {
     /// Where to: a data directory that is made, or the URL of an empty PostgreSQL database.
     #[arg(long, env = "KINCAL_TO", value_name = "DIR|URL", hide_env_values = true)]
     to: String,
-    /// Print JSON.
-    #[arg(long, env = "KINCAL_JSON", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue)]
-    json: bool,
+    #[command(flatten)]
+    output: Output,
 }
 
 /// Copies and checks.
@@ -47,7 +46,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         anyhow::ensure!(same_head, "the copy's audit chain ends elsewhere: somebody wrote to the source meanwhile; copy again");
         let tables: Vec<Value> = copied.iter().map(|copied| json!({"table": copied.table, "n_rows": copied.n_rows})).collect();
         let answer = json!({"tables": tables, "audit_head": {"seq": heads.1.seq, "sha256": heads.1.sha256}});
-        told(arguments.json, &answer, || {
+        arguments.output.told(&answer, || {
             let rows: String = copied.iter().map(|copied| format!("{:>10} rows of {}\n", copied.n_rows, copied.table)).collect();
             format!("{rows}the copy keeps all promises; head of the audit chain: {}:{}", heads.1.seq, heads.1.sha256)
         })

@@ -2,7 +2,7 @@
 
 use super::calibrate::{progress_bar, show};
 use super::client::Client;
-use super::look::told;
+use super::terminal::Output;
 use super::{block_on, table};
 use crate::config::ServeConfig;
 use crate::http::server;
@@ -29,9 +29,8 @@ pub struct Arguments {
     /// Seed of every random number.
     #[arg(long, env = "KINCAL_SEED", default_value_t = 0)]
     seed: u64,
-    /// Print the table alone, as JSON, on standard output; what happens on the way goes to standard error.
-    #[arg(long, env = "KINCAL_JSON", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue)]
-    json: bool,
+    #[command(flatten)]
+    output: Output,
 }
 
 /// A server, whose robot it is, and whom to tell.
@@ -78,14 +77,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         let done = demo.calibrations().await;
         server.shutdown().await;
         let done = done?;
-        told(arguments.json, &answer(&done), || text(&done))
+        arguments.output.told(&answer(&done), || text(&done))
     })
 }
 
 impl Demo<'_> {
     /// What happens on the way.
     fn say(&self, line: &str) {
-        if self.arguments.json {
+        if self.arguments.output.json {
             eprintln!("{line}");
         } else {
             say!("{line}");
@@ -138,7 +137,7 @@ impl Demo<'_> {
 
     async fn calibration(&self, robot: &str, label: &'static str, request: &Value) -> anyhow::Result<Done> {
         let job = id(&self.client.post_json(&format!("/v1/robots/{robot}/jobs"), request).await?)?;
-        let bar = (!self.arguments.json).then(|| progress_bar(label));
+        let bar = (!self.arguments.output.json).then(|| progress_bar(label));
         let moved = |job: &JobAnswer| {
             if let (Some(bar), Some(progress)) = (&bar, &job.progress) {
                 show(bar, progress.iteration, progress.n_iterations, progress.best_cost_mm2.unwrap_or(f64::NAN));

@@ -1,6 +1,6 @@
 //! `kincal key`: may run beside a server.
 
-use super::look::told;
+use super::terminal::Output;
 use super::{Usage, block_on};
 use crate::config::DatabaseConfig;
 use crate::http::auth::{Scope, new_key};
@@ -37,17 +37,15 @@ enum Action {
         /// Limit it to this robot; may be given several times.
         #[arg(long = "robot", value_name = "ID")]
         robots: Vec<String>,
-        /// Print JSON.
-        #[arg(long, env = "KINCAL_JSON", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue)]
-        json: bool,
+        #[command(flatten)]
+        output: Output,
     },
     /// List all keys, newest first; the keys themselves are not kept.
     List {
         #[command(flatten)]
         database: DatabaseConfig,
-        /// Print JSON.
-        #[arg(long, env = "KINCAL_JSON", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue)]
-        json: bool,
+        #[command(flatten)]
+        output: Output,
     },
     /// Revoke a key by its id, or every key of a name.
     Revoke {
@@ -59,9 +57,8 @@ enum Action {
         /// Name of the keys.
         #[arg(long)]
         name: Option<String>,
-        /// Print JSON.
-        #[arg(long, env = "KINCAL_JSON", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue)]
-        json: bool,
+        #[command(flatten)]
+        output: Output,
     },
 }
 
@@ -69,9 +66,9 @@ enum Action {
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     block_on(async {
         match &arguments.action {
-            Action::Create { database, name, scopes, robots, json } => create(&open(database).await?, name, scopes, robots, *json).await,
-            Action::List { database, json } => list(&open(database).await?, *json).await,
-            Action::Revoke { database, id, name, json } => revoke(&open(database).await?, id.as_deref(), name.as_deref(), *json).await,
+            Action::Create { database, name, scopes, robots, output } => create(&open(database).await?, name, scopes, robots, output).await,
+            Action::List { database, output } => list(&open(database).await?, output).await,
+            Action::Revoke { database, id, name, output } => revoke(&open(database).await?, id.as_deref(), name.as_deref(), output).await,
         }
     })
 }
@@ -80,7 +77,7 @@ async fn open(database: &DatabaseConfig) -> anyhow::Result<Store> {
     Ok(Store::open_beside_a_server(location(database)).await?)
 }
 
-async fn create(store: &Store, name: &str, scopes: &[Scope], robot_ids: &[String], json: bool) -> anyhow::Result<()> {
+async fn create(store: &Store, name: &str, scopes: &[Scope], robot_ids: &[String], output: &Output) -> anyhow::Result<()> {
     for id in robot_ids {
         if robots::get(store, id).await.is_err() {
             return Err(Usage(format!("there is no robot {id:?}; `GET /v1/robots` lists them")).into());
@@ -95,7 +92,7 @@ async fn create(store: &Store, name: &str, scopes: &[Scope], robot_ids: &[String
     let row = api_keys::insert(&mut tx, &new).await?;
     tx.commit().await?;
     let mut shown = key.clone();
-    if json {
+    if output.json {
         let mut made = described(&row)?;
         made["key"] = key.into();
         shown = serde_json::to_string_pretty(&made)?;
@@ -131,9 +128,9 @@ fn described(row: &ApiKeyRow) -> anyhow::Result<Value> {
     }))
 }
 
-async fn list(store: &Store, json: bool) -> anyhow::Result<()> {
+async fn list(store: &Store, output: &Output) -> anyhow::Result<()> {
     let rows = all(store).await?;
-    if json {
+    if output.json {
         let items = rows.iter().map(described).collect::<anyhow::Result<Vec<Value>>>()?;
         say!("{}", serde_json::to_string_pretty(&json!({"items": items}))?);
         return Ok(());
@@ -149,7 +146,7 @@ async fn list(store: &Store, json: bool) -> anyhow::Result<()> {
     Ok(())
 }
 
-async fn revoke(store: &Store, id: Option<&str>, name: Option<&str>, json: bool) -> anyhow::Result<()> {
+async fn revoke(store: &Store, id: Option<&str>, name: Option<&str>, output: &Output) -> anyhow::Result<()> {
     let matches = |row: &ApiKeyRow| row.revoked_at_ms.is_none() && (Some(row.id.as_str()) == id || Some(row.name.as_str()) == name);
     let rows: Vec<ApiKeyRow> = all(store).await?.into_iter().filter(matches).collect();
     if rows.is_empty() {
@@ -162,7 +159,7 @@ async fn revoke(store: &Store, id: Option<&str>, name: Option<&str>, json: bool)
     }
     tx.commit().await?;
     let revoked: Vec<Value> = rows.iter().map(|row| json!({"id": row.id, "name": row.name})).collect();
-    told(json, &json!({"revoked": revoked}), || {
+    output.told(&json!({"revoked": revoked}), || {
         let lines: Vec<String> = rows.iter().map(|row| format!("revoked {} ({:?})", row.id, row.name)).collect();
         lines.join("\n")
     })

@@ -1,7 +1,7 @@
 //! `kincal robots|sets|jobs|params`: to look around on a server.
 
 use super::client::ServerArguments;
-use super::terminal::plain;
+use super::terminal::{Output, plain};
 use super::{block_on, terminal};
 use serde_json::Value;
 
@@ -52,9 +52,8 @@ pub struct Robots {
     /// One of them, in full.
     #[arg(value_name = "ID")]
     id: Option<String>,
-    /// Print JSON.
-    #[arg(long, env = "KINCAL_JSON", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue)]
-    json: bool,
+    #[command(flatten)]
+    output: Output,
 }
 
 /// What one robot has, or one thing of it by its own id.
@@ -68,14 +67,13 @@ pub struct OfRobot {
     /// One of them, in full.
     #[arg(value_name = "ID")]
     id: Option<String>,
-    /// Print JSON.
-    #[arg(long, env = "KINCAL_JSON", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue)]
-    json: bool,
+    #[command(flatten)]
+    output: Output,
 }
 
 /// `kincal robots`.
 pub fn robots(arguments: &Robots) -> anyhow::Result<()> {
-    look(&arguments.server, &ROBOTS, "", arguments.id.as_deref(), arguments.json)
+    look(&arguments.server, &ROBOTS, "", arguments.id.as_deref(), &arguments.output)
 }
 
 /// `kincal sets`.
@@ -109,7 +107,7 @@ pub fn parameter_sets(arguments: &Params) -> anyhow::Result<()> {
 fn gates(arguments: &OfRobot, id: &str) -> anyhow::Result<()> {
     block_on(async {
         let found = arguments.server.client()?.get(&format!("{}/{id}/gates", PARAMETER_SETS.one)).await?;
-        if arguments.json {
+        if arguments.output.json {
             say!("{}", serde_json::to_string_pretty(&found)?);
         } else {
             terminal::whole(gate_lines(&found));
@@ -137,21 +135,11 @@ fn gate_lines(found: &Value) -> String {
     found["gates"].as_array().into_iter().flatten().map(line).collect()
 }
 
-/// An answer: the JSON of it if that was asked for, else words.
-pub fn told(json: bool, answer: &Value, words: impl FnOnce() -> String) -> anyhow::Result<()> {
-    if json {
-        say!("{}", serde_json::to_string_pretty(answer)?);
-    } else {
-        say!("{}", words());
-    }
-    Ok(())
-}
-
 fn of_robot(arguments: &OfRobot, kind: &Kind) -> anyhow::Result<()> {
-    look(&arguments.server, kind, arguments.robot.as_deref().unwrap_or_default(), arguments.id.as_deref(), arguments.json)
+    look(&arguments.server, kind, arguments.robot.as_deref().unwrap_or_default(), arguments.id.as_deref(), &arguments.output)
 }
 
-fn look(server: &ServerArguments, kind: &Kind, robot: &str, id: Option<&str>, json: bool) -> anyhow::Result<()> {
+fn look(server: &ServerArguments, kind: &Kind, robot: &str, id: Option<&str>, output: &Output) -> anyhow::Result<()> {
     block_on(async {
         let client = server.client()?;
         if let Some(id) = id {
@@ -161,7 +149,7 @@ fn look(server: &ServerArguments, kind: &Kind, robot: &str, id: Option<&str>, js
         }
         let robot = if robot.is_empty() { String::new() } else { client.robot_id(robot).await? };
         let page = client.get(&format!("{}?limit={MAX_ROWS}", (kind.list)(&robot))).await?;
-        if json {
+        if output.json {
             say!("{}", serde_json::to_string_pretty(&page)?);
             return Ok(());
         }

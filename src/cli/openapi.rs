@@ -1,18 +1,17 @@
 //! `kincal openapi`.
 
-use super::terminal;
+use super::terminal::{self, Output};
 
-/// Print the OpenAPI document.
+/// Print the OpenAPI document, as YAML or as JSON.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
-    /// As JSON, not YAML.
-    #[arg(long, env = "KINCAL_JSON", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue)]
-    json: bool,
+    #[command(flatten)]
+    output: Output,
 }
 
 /// Prints it.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
-    let text = if arguments.json { crate::http::json() } else { crate::http::yaml() };
+    let text = if arguments.output.json { crate::http::json() } else { crate::http::yaml() };
     terminal::whole(text.map_err(anyhow::Error::msg)?);
     Ok(())
 }

@@ -2,6 +2,7 @@
 
 use super::Usage;
 use super::calibrate::{invalid_text, read, read_robot};
+use super::terminal::Output;
 use crate::wire::job::Model;
 use crate::wire::json;
 use crate::wire::measurement::{Frame, from_upload};
@@ -32,9 +33,8 @@ pub struct Arguments {
     /// Seed of the candidates.
     #[arg(long, env = "KINCAL_SEED", default_value_t = 0)]
     seed: u64,
-    /// Print the whole answer as JSON.
-    #[arg(long, env = "KINCAL_JSON", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue)]
-    json: bool,
+    #[command(flatten)]
+    output: Output,
 }
 
 /// Prints the plan as CSV (q1_deg …, repeats) or JSON on standard output, and how good it is on standard error.
@@ -60,7 +60,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         plan.predicted_std_mm.max,
         random / planned
     );
-    if arguments.json {
+    if arguments.output.json {
         say!("{}", serde_json::to_string_pretty(&plan)?);
         return Ok(());
     }

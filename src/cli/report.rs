@@ -1,7 +1,8 @@
 //! `kincal report`: what came out of a job.
 
 use super::client::ServerArguments;
-use super::{block_on, look, table};
+use super::terminal::Output;
+use super::{block_on, table};
 use crate::wire::report_shape::Report;
 use anyhow::Context;
 use std::path::PathBuf;
@@ -17,9 +18,8 @@ pub struct Arguments {
     /// Write it as a page to print into this file instead.
     #[arg(long, value_name = "FILE", conflicts_with = "json")]
     html: Option<PathBuf>,
-    /// Print JSON.
-    #[arg(long, env = "KINCAL_JSON", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue)]
-    json: bool,
+    #[command(flatten)]
+    output: Output,
 }
 
 /// Shows it.
@@ -31,5 +31,5 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     let report = block_on(async { arguments.server.client()?.get(&path).await })?;
     let shaped: Report = serde_json::from_value(report.clone()).context("the server's report is of another version of kincal")?;
-    look::told(arguments.json, &report, || table::report(&shaped))
+    arguments.output.told(&report, || table::report(&shaped))
 }

@@ -2,7 +2,7 @@
 
 use super::calibrate::{progress_bar, show};
 use super::client::{Client, ServerArguments};
-use super::look::told;
+use super::terminal::Output;
 use super::{Usage, block_on, table};
 use crate::wire::job::{JobAnswer, JobRequestBody, Method, Model, Preset};
 use crate::wire::report_shape::Report;
@@ -13,6 +13,8 @@ use serde_json::Value;
 use std::path::PathBuf;
 
 /// Upload a measurement set to a server and have it identified.
+///
+/// The JSON is the report with --wait, else the job.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     #[command(flatten)]
@@ -41,9 +43,8 @@ pub struct Arguments {
     /// Wait for the result, with a progress bar on a terminal.
     #[arg(long, env = "KINCAL_WAIT", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue)]
     wait: bool,
-    /// Print JSON alone on standard output: the report with --wait, else the job.
-    #[arg(long, env = "KINCAL_JSON", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue)]
-    json: bool,
+    #[command(flatten)]
+    output: Output,
 }
 
 /// Uploads, asks for the job and, with `--wait`, follows it to its end.
@@ -60,12 +61,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             let next = format!(
                 "job {job_id} is queued\nnext: kincal report {job_id} once it is over (kincal jobs {job_id}), or submit with --wait"
             );
-            return told(arguments.json, &posted, || next);
+            return arguments.output.told(&posted, || next);
         }
         let job = follow(&client, arguments, job_id).await?;
         let report = client.get(&format!("/v1/jobs/{job_id}/report")).await?;
         let shaped: Report = serde_json::from_value(report.clone()).context("the server's report is of another version of kincal")?;
-        told(arguments.json, &report, || {
+        arguments.output.told(&report, || {
             let next = job.parameter_set_id.map_or(String::new(), |id| {
                 format!("next: kincal release {id} --reason \"…\" if it is good; until then the cell does not get it\n")
             });
@@ -88,7 +89,7 @@ async fn upload(client: &Client, arguments: &Arguments, robot: &str, bytes: Vec<
         let (code, detail) = (warning["code"].as_str().unwrap_or_default(), warning["detail"].as_str().unwrap_or_default());
         eprintln!("warning: {} ({code}): {detail}", words::warning(code));
     }
-    if !arguments.json {
+    if !arguments.output.json {
         say!("set {}: {} points, {} configurations", text(&set, "id")?, set["n_points"], set["n_configurations"]);
     }
     Ok(set)
@@ -102,7 +103,7 @@ fn file_name(arguments: &Arguments) -> Option<String> {
 }
 
 async fn follow(client: &Client, arguments: &Arguments, job_id: &str) -> anyhow::Result<JobAnswer> {
-    let bar = (!arguments.json).then(|| progress_bar("waiting for a worker"));
+    let bar = (!arguments.output.json).then(|| progress_bar("waiting for a worker"));
     let moved = |job: &JobAnswer| {
         if let (Some(bar), Some(progress)) = (&bar, &job.progress) {
             show(bar, progress.iteration, progress.n_iterations, progress.best_cost_mm2.unwrap_or(f64::NAN));

@@ -1,5 +1,6 @@
 //! What a terminal may be shown, and how.
 
+use serde::Serialize;
 use std::io::{ErrorKind, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -11,6 +12,26 @@ macro_rules! say {
 /// A line on standard output. Whoever closed it has seen enough, and the command does its work to the end.
 pub fn line(text: std::fmt::Arguments<'_>) {
     unless_closed(writeln!(std::io::stdout().lock(), "{text}"));
+}
+
+/// What a command's answer looks like.
+#[derive(Debug, clap::Args)]
+pub struct Output {
+    /// Print JSON, and nothing else, on standard output.
+    #[arg(long, env = "KINCAL_JSON", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue)]
+    pub json: bool,
+}
+
+impl Output {
+    /// Prints an answer: the JSON of it if that was asked for, else words.
+    pub fn told(&self, answer: &impl Serialize, words: impl FnOnce() -> String) -> anyhow::Result<()> {
+        if self.json {
+            say!("{}", serde_json::to_string_pretty(answer)?);
+        } else {
+            say!("{}", words());
+        }
+        Ok(())
+    }
 }
 
 /// Text as it is on standard output.

@@ -1,5 +1,6 @@
 //! `kincal verify-store`: whether what is stored keeps its promises.
 
+use super::terminal::Output;
 use super::{Usage, block_on};
 use crate::config::DatabaseConfig;
 use crate::http::server::location;
@@ -15,9 +16,8 @@ pub struct Arguments {
     /// A head of the audit chain kept from an earlier run, to be found again: NUMBER:HASH.
     #[arg(long, env = "KINCAL_KNOWN_HEAD", value_name = "NUMBER:HASH")]
     known_head: Option<String>,
-    /// Print JSON.
-    #[arg(long, env = "KINCAL_JSON", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue)]
-    json: bool,
+    #[command(flatten)]
+    output: Output,
 }
 
 /// Checks and prints.
@@ -30,7 +30,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         let head = audit::head(&store).await?;
         let n_violations: i64 = checks.iter().map(|check| check.n_violations).sum();
         let mut out = std::io::stdout().lock();
-        if arguments.json {
+        if arguments.output.json {
             writeln!(out, "{}", json(&checks, &head, n_violations))?;
         } else {
             table(&mut out, &checks)?;

@@ -1,7 +1,7 @@
 //! `kincal worker`, a node that only computes, and `kincal migrate`.
 
-use super::look::told;
 use super::serve::told_to_stop;
+use super::terminal::Output;
 use super::{Usage, block_on};
 use crate::config::{DatabaseConfig, WorkerConfig};
 use crate::http::server::{location, rules};
@@ -37,9 +37,8 @@ pub fn run(config: &WorkerConfig) -> anyhow::Result<()> {
 pub struct MigrateArguments {
     #[command(flatten)]
     database: DatabaseConfig,
-    /// Print JSON.
-    #[arg(long, env = "KINCAL_JSON", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue)]
-    json: bool,
+    #[command(flatten)]
+    output: Output,
 }
 
 /// Migrates.
@@ -48,6 +47,6 @@ pub fn migrate(arguments: &MigrateArguments) -> anyhow::Result<()> {
         let store = Store::open(location(&arguments.database)).await?;
         let version = store.schema_version().await?;
         store.close().await;
-        told(arguments.json, &serde_json::json!({"schema_version": version}), || format!("the schema is at version {version}"))
+        arguments.output.told(&serde_json::json!({"schema_version": version}), || format!("the schema is at version {version}"))
     })
 }

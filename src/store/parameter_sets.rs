@@ -151,11 +151,12 @@ const BEFORE_ACTIVE: &str = concat!(
      limit 1"
 );
 
+// The first `exists` is asked once: a robot of one upload has no other session, however many jobs it had.
 const OF_ANOTHER_SESSION: &str = concat!(
     "select ",
     columns!(),
     " from parameter_set
-     where robot_id = $1 and exists (
+     where robot_id = $1 and exists (select 1 from measurement_set where robot_id = $1 and sha256 <> $2) and exists (
          select 1 from job join measurement_set on measurement_set.id = job.measurement_set_id
          where job.id = parameter_set.job_id and measurement_set.sha256 <> $2)
      order by created_at_ms desc, id desc

@@ -21,6 +21,7 @@ pub mod network;
 pub mod options;
 pub mod page;
 pub mod parameter_set;
+pub mod parameters;
 pub mod policy;
 pub mod pose_plan;
 pub mod predict;

@@ -15,6 +15,7 @@
 //! fused multiply-add: the bits are the same on every CPU ([`InstructionSet`]).
 
 mod affine;
+mod along;
 mod bound;
 mod elimination;
 mod kernel;
@@ -25,11 +26,12 @@ mod poses;
 mod robots;
 mod sincos;
 
+pub use along::Along;
 pub use bound::Bound;
 pub use elimination::Elimination;
 pub use kernel::sum_of_squares;
 pub use lanes::{InstructionSet, LANES, Lanes};
 pub use lower_bound::{Anchored, LowerBound};
-pub use one_robot::{Along, OneRobot, PoseLanes};
+pub use one_robot::{OneRobot, PoseLanes};
 pub use poses::PreparedPoses;
 pub use robots::{LaneRobots, Moved};

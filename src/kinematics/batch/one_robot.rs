@@ -3,6 +3,7 @@
 //! `jacobian.rs` is its oracle, with the same columns: the axis itself for lengths, axis × lever arm for angles. Here lanes hold poses;
 //! what a pose gets depends on that pose alone, so the bits are the same on every CPU.
 
+use super::along::{Along, combine};
 use super::lanes::{InstructionSet, LANES, Lanes, Vector};
 use super::robots::Moved;
 use crate::kinematics::model::Link;
@@ -97,17 +98,6 @@ pub struct OneRobot {
     constants: Vec<Constants>,
     axes: Vec<Axes>,
     instructions: InstructionSet,
-}
-
-/// The derivatives that are asked for: along `directions` (p × r, column-major) in the space of `moved`.
-#[derive(Clone, Copy, Debug)]
-pub struct Along<'a> {
-    /// p quantities.
-    pub moved: &'a [Moved],
-    /// p × r, column-major.
-    pub directions: &'a [f64],
-    /// J(w) of the base's rotation vector: the base turns by J·dw.
-    pub left_jacobian: &'a Matrix3<f64>,
 }
 
 impl OneRobot {
@@ -376,52 +366,4 @@ fn about<const W: usize>([axis, origin]: &[[Lanes; 3]; 2], tip: &[Vector<W>; 3],
 fn cross<const W: usize>(axis: [Vector<W>; 3], origin: [Vector<W>; 3], tip: &[Vector<W>; 3]) -> [Vector<W>; 3] {
     let ([ax, ay, az], [x, y, z]) = (axis, [tip[0] - origin[0], tip[1] - origin[1], tip[2] - origin[2]]);
     [ay.mul_add(z, -(az * y)), az.mul_add(x, -(ax * z)), ax.mul_add(y, -(ay * x))]
-}
-
-/// Directions that are summed side by side.
-const SIDE_BY_SIDE: usize = 4;
-
-/// −sqrt(weight) · Σ raw · direction, for all directions, into rows `first` … of the Jacobian's columns.
-#[inline(always)]
-fn combine<const W: usize>(root_weight: &Lanes, along: &Along<'_>, raw: &[[Lanes; 3]], first: usize, n_rows: usize, jacobian: &mut [f64]) {
-    let p = along.moved.len();
-    let mut blocks = along.directions.chunks_exact(p * SIDE_BY_SIDE);
-    let mut columns = jacobian.chunks_exact_mut(n_rows * SIDE_BY_SIDE);
-    for (block, columns) in (&mut blocks).zip(&mut columns) {
-        combine_block::<W, SIDE_BY_SIDE>(root_weight, block, raw, first, n_rows, columns);
-    }
-    let rest = columns.into_remainder().chunks_exact_mut(n_rows);
-    for (direction, column) in blocks.remainder().chunks_exact(p).zip(rest) {
-        combine_block::<W, 1>(root_weight, direction, raw, first, n_rows, column);
-    }
-}
-
-#[inline(always)]
-fn combine_block<const W: usize, const K: usize>(
-    root_weight: &Lanes,
-    directions: &[f64],
-    raw: &[[Lanes; 3]],
-    first: usize,
-    n_rows: usize,
-    columns: &mut [f64],
-) {
-    let p = raw.len();
-    for part in 0..Vector::<W>::PER_CHUNK {
-        let mut sums = [[Vector::<W>::splat(0.0); 3]; K];
-        for (row, raw) in raw.iter().enumerate() {
-            let raw = Vector::<W>::load_all(raw, part);
-            for k in 0..K {
-                let factor = Vector::splat(directions[k * p + row]);
-                for axis in 0..3 {
-                    sums[k][axis] = factor.mul_add(raw[axis], sums[k][axis]);
-                }
-            }
-        }
-        let root = Vector::<W>::load(root_weight, part);
-        for (k, sums) in sums.iter().enumerate() {
-            for (axis, sum) in sums.iter().enumerate() {
-                (-(root * *sum)).store_at(columns, k * n_rows + first + axis * LANES + part * W);
-            }
-        }
-    }
 }

@@ -1,0 +1,71 @@
+//! Which parameters a job identifies, and what is known of them beforehand.
+
+use crate::calibration::request::ParameterChoice;
+use crate::wire::issue::Checker;
+use crate::wire::prior::{self, Prior};
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// Most names in `hold`, `identify` or `priors`: more than any model has.
+pub const MAX_NAMES: usize = 500;
+/// Longest parameter name, characters.
+pub const MAX_PARAMETER_NAME: usize = 64;
+
+/// Which of the model's parameters are free: all but `hold`, or only `identify`.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ParametersBody {
+    /// Names to hold at nominal, e.g. `a_1`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub hold: Option<Vec<String>>,
+    /// The only names to identify, e.g. `theta_offset_3`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub identify: Option<Vec<String>>,
+    /// What all others stay at, with `identify`; default: nominal.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rest: Option<Rest>,
+    /// What is known of free parameters beforehand.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub priors: Option<Vec<Prior>>,
+}
+
+/// What parameters stay at that are not identified.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Rest {
+    /// Their nominal values.
+    Nominal,
+    /// Those of `parameter_set_id`, with their uncertainty: partial recalibration, as after a collision.
+    ParameterSet,
+}
+
+impl ParametersBody {
+    /// Whether it can be meant, as far as can be said without the robot.
+    pub(super) fn check(&self, checker: &mut Checker) {
+        if self.hold.is_some() && self.identify.is_some() {
+            checker.note("/parameters", "hold_and_identify", "give either hold or identify, not both");
+        }
+        if self.rest == Some(Rest::ParameterSet) && self.identify.is_none() {
+            checker.note("/parameters/rest", "identify_missing", "name what is identified anew in identify; the rest is held");
+        }
+        for (at, names) in [("hold", &self.hold), ("identify", &self.identify)] {
+            let names = names.as_deref().unwrap_or_default();
+            if names.len() > MAX_NAMES {
+                checker.note(format!("/parameters/{at}"), "wrong_length", format!("{} names; at most {MAX_NAMES}", names.len()));
+            }
+            for (i, name) in names.iter().take(MAX_NAMES).enumerate() {
+                checker.text(&format!("/parameters/{at}/{i}"), name, MAX_PARAMETER_NAME);
+            }
+        }
+        prior::check(self.priors.as_deref().unwrap_or_default(), checker);
+    }
+
+    /// The core's choice.
+    pub(super) fn into_core(self) -> ParameterChoice {
+        match (self.hold, self.identify) {
+            (Some(hold), _) => ParameterChoice::Hold(hold),
+            (None, Some(identify)) => ParameterChoice::Identify(identify),
+            (None, None) => ParameterChoice::All,
+        }
+    }
+}
