@@ -6,7 +6,7 @@
 //     mcs -r:System.Runtime.Serialization.dll cell_pc.cs
 //
 //   set KINCAL_KEY=...                                        the key, unless the server runs with --no-auth
-//   set KINCAL_URL=http://127.0.0.1:8080                      the server
+//   set KINCAL_SERVER=http://127.0.0.1:8080                   the server, as for the command line; else KINCAL_URL
 //   cell_pc.exe calibrate ROBOT_ID SET.csv [base|instrument]  upload, wait for the calibration, print what came out
 //   cell_pc.exe fetch ROBOT_ID parameters.json                the released parameters, only if they changed, checked by their hash
 //
@@ -192,7 +192,7 @@ static class CellPc
     static int Main(string[] arguments)
     {
         ServicePointManager.SecurityProtocol |= (SecurityProtocolType)3072; // TLS 1.2, which old .NET Frameworks do not ask for by themselves
-        string url = Environment.GetEnvironmentVariable("KINCAL_URL") ?? "http://127.0.0.1:8080";
+        string url = Environment.GetEnvironmentVariable("KINCAL_SERVER") ?? Environment.GetEnvironmentVariable("KINCAL_URL") ?? "http://127.0.0.1:8080";
         var server = new Kincal(url, Environment.GetEnvironmentVariable("KINCAL_KEY"));
         try
         {

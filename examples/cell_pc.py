@@ -2,6 +2,7 @@
 """A cell PC in Python, standard library only: upload a measurement set, have it identified, fetch the robot's active parameters.
 
     export KINCAL_KEY=...                                     the key, unless the server runs with --no-auth
+    export KINCAL_SERVER=http://127.0.0.1:8080                the server, as for the command line; else KINCAL_URL, or --server
     cell_pc.py calibrate ROBOT_ID SET.csv [--frame base]      upload, wait for the calibration, print what came out
     cell_pc.py fetch ROBOT_ID parameters.json                 the released parameters, only if they changed, checked by their hash
 
@@ -146,7 +147,8 @@ def fetch(server, arguments):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--server", default=os.environ.get("KINCAL_URL", "http://127.0.0.1:8080"), metavar="URL")
+    server = os.environ.get("KINCAL_SERVER") or os.environ.get("KINCAL_URL") or "http://127.0.0.1:8080"
+    parser.add_argument("--server", default=server, metavar="URL")
     commands = parser.add_subparsers(required=True)
     command = commands.add_parser("calibrate", help="upload a measurement set and have it identified")
     command.add_argument("robot", metavar="ROBOT_ID")

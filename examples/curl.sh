@@ -4,11 +4,12 @@
 #   kincal serve --no-auth          in one terminal
 #   examples/curl.sh                in another
 #
-# KINCAL_URL says where the server is, KINCAL_KEY holds the key if it wants one.
+# KINCAL_SERVER (as for the command line; else KINCAL_URL) says where the server is, KINCAL_KEY holds the key if it wants one.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
-url=${KINCAL_URL:-http://127.0.0.1:8080}
+url=${KINCAL_SERVER:-${KINCAL_URL:-http://127.0.0.1:8080}}
+url=${url%/}
 options=(--silent --show-error --fail-with-body)
 if [ -n "${KINCAL_KEY:-}" ]; then options+=(--header "Authorization: Bearer $KINCAL_KEY"); fi
 

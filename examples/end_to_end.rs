@@ -65,6 +65,7 @@ async fn run() -> anyhow::Result<()> {
     // beside the sources: a folder in memory has no fsync to speak of
     let folder = tempfile::tempdir_in(std::env::var("END_TO_END_DIR").unwrap_or_else(|_| "target".into()))?;
     let server = server::start(&ServeConfig::loopback(folder.path().join("data"), 1)).await?;
+    kincal::http::tls::use_ring();
     let client = Client { http: reqwest::Client::builder().no_proxy().build()?, url: server.url() };
     let robot = id(&client.post("/v1/robots", "application/json", ROBOT.to_vec()).await?)?;
     let set = id(&client.post(&format!("/v1/robots/{robot}/measurement-sets?frame=base&name=first"), "text/csv", SET.to_vec()).await?)?;

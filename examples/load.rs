@@ -175,6 +175,7 @@ async fn main() -> anyhow::Result<()> {
     let seconds: f64 = arguments.next().map_or(Ok(5.0), |text| text.parse())?;
     let dir = tempfile::tempdir()?;
     let server = Server::start(&binary, &dir.path().join("data"))?;
+    kincal::http::tls::use_ring();
     let client = reqwest::Client::builder().no_proxy().build()?;
     let url = format!("http://{}/v1/robots", server.address);
     let robot = created(&client, &url, "application/json", std::fs::read("data/paper/robot.json")?).await?;

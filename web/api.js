@@ -35,10 +35,10 @@ async function call(path, options = {}) {
 export const get = async (path, signal) => (await call(path, { signal })).json();
 export const blob = async (path) => (await call(path)).blob();
 
-/** A POST that may be repeated without a second effect. */
+/** A POST that may be repeated without a second effect. Text and files go as they are, byte for byte; anything else becomes JSON. */
 export async function post(path, body, contentType = "application/json") {
-  const text = contentType === "application/json" && typeof body !== "string" ? JSON.stringify(body) : body;
-  const answer = await call(path, { method: "POST", body: text, headers: { "Content-Type": contentType, "Idempotency-Key": fresh() } });
+  const isReady = typeof body === "string" || body instanceof Blob;
+  const answer = await call(path, { method: "POST", body: isReady ? body : JSON.stringify(body), headers: { "Content-Type": contentType, "Idempotency-Key": fresh() } });
   return answer.json();
 }
 

@@ -69,10 +69,24 @@ export function problem(error) {
     reasons.length > 0 && el("ul", {}, reasons));
 }
 
+/** A sentence whose long lists of names are cut, and below it the whole one for those who ask. */
+export function brief(text) {
+  const short = text.replace(LONG_LIST, (list) => {
+    const names = list.split(", ");
+    return `${names.slice(0, MAX_NAMES).join(", ")} and ${names.length - MAX_NAMES} more`;
+  });
+  return short === text ? [text, false] : [short, el("details", {}, el("summary", {}, "In full"), el("p.note", {}, `${capital(text)}.`))];
+}
+
+/** More names than this one after the other are cut. */
+const MAX_NAMES = 6;
+const LONG_LIST = /\w+(?:, \w+){6,}/g;
+
 /** A warning in words, with the rows of the file that it speaks of where its sentence does not name them. */
 export function warning({ code, detail, rows = [] }) {
   const some = rows.slice(0, MAX_ROWS).join(", ") + (rows.length > MAX_ROWS ? ` and ${rows.length - MAX_ROWS} more` : "");
-  return el("div.warning", {}, el("p", {}, el("strong", {}, warningTitle(code), ". "), capital(detail), rows.length > 0 && !/\brows? \d/.test(detail) && ` (rows ${some} of the file)`, "."));
+  const [short, whole] = brief(detail);
+  return el("div.warning", {}, el("p", {}, el("strong", {}, warningTitle(code), ". "), capital(short), rows.length > 0 && !/\brows? \d/.test(detail) && ` (rows ${some} of the file)`, "."), whole);
 }
 
 /** More rows than this are counted, not named. */

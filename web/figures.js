@@ -4,7 +4,12 @@ import { axes, figure, legend, polyline, range, ticks } from "./charts.js";
 import { svg } from "./dom.js";
 import { mm, number, SMALLEST_MM } from "./format.js";
 
-const BEFORE_AFTER = [["before", "before: nominal robot"], ["after", "after: identified robot"]];
+/** What the two robots of a calibration are called. */
+export const IDENTIFIED = { before: "before", after: "after", legend: [["before", "before: nominal robot"], ["after", "after: identified robot"]],
+  note: "The verify points were not fitted: their bars tell how good the robot is now." };
+/** And those of a verification, which changes neither. */
+export const VERIFIED = { before: "with the nominal robot", after: "with these parameters", legend: [["before", "nominal robot"], ["after", "these parameters"]],
+  note: "This job fitted no link to them." };
 /** More bars than this cannot be told apart: neighbours share one, which shows the largest of them. */
 const MAX_BARS = 240;
 /** Where the errors span more than this, small ones would vanish on a linear axis. */
@@ -31,14 +36,14 @@ export function convergence(curve, note) {
 }
 
 /** One bar per point, verify half first. */
-export function perPoint(points) {
+export function perPoint(points, names) {
   const log = spansMuch(points);
   const floor = log ? `, on a logarithmic axis that begins at ${SMALLEST_MM} mm` : "";
   const halves = ["verify", "identify"].map((name) => [name, points.filter((p) => p.subset === name)]).filter(([, half]) => half.length > 0);
   const share = Math.ceil(points.length / MAX_BARS);
   const groups = halves.map(([name, half]) => [name, half.length, grouped(half, share)]);
-  const caption = `Position error of each measured point, mm${floor}. ${share > 1 ? `Each bar is the largest of ${share} neighbouring points. ` : ""}The verify points were not fitted: their bars tell how good the robot is now.`;
-  return figure("Error per point", caption, 260, (width, height) => bars(width, height, groups, log), legend(BEFORE_AFTER));
+  const caption = `Position error of each measured point, mm${floor}. ${share > 1 ? `Each bar is the largest of ${share} neighbouring points. ` : ""}${names.note}`;
+  return figure("Error per point", caption, 260, (width, height) => bars(width, height, groups, log, names), legend(names.legend));
 }
 
 /** A logarithmic range that does not go below what can be measured. */
@@ -54,7 +59,7 @@ function grouped(half, share) {
   return groups;
 }
 
-function bars(width, height, groups, log) {
+function bars(width, height, groups, log, names) {
   const all = groups.flatMap(([, , half]) => half.flatMap((g) => [g.before, g.after]));
   const count = groups.reduce((n, [, , half]) => n + half.length, 0);
   const y = log ? { ...visible(all), label: "mm" } : { ...range(all, { zero: true }), label: "mm" };
@@ -72,7 +77,7 @@ function bars(width, height, groups, log) {
       const bar = Math.max(1, step * 0.84);
       nodes.push(svg("g", {}, svg("rect.before", { x, y: b, width: bar, height: Math.max(0, frame.bottom - b) }),
         svg("rect.after", { x: x + bar * 0.25, y: a, width: Math.max(0.8, bar * 0.5), height: Math.max(0, frame.bottom - a) }),
-        svg("title", {}, `configuration ${group.names.map((p) => p.configuration).join(", ")}: ${mm(group.before)} before, ${mm(group.after)} after`)));
+        svg("title", {}, `configuration ${group.names.map((p) => p.configuration).join(", ")}: ${mm(group.before)} ${names.before}, ${mm(group.after)} ${names.after}`)));
       at += 1;
     }
     at += gap;
@@ -81,10 +86,10 @@ function bars(width, height, groups, log) {
 }
 
 /** How many points have which error. */
-export function histogram(points) {
+export function histogram(points, names) {
   const log = spansMuch(points);
   const [before, after] = [points.map((p) => p.before_mm), points.map((p) => p.after_mm)];
-  const caption = `Number of points by size of their error, all ${points.length} points${log ? "; each step to the right is ten times as much" : ""}. Half of them are below ${mm(median(before))} before and ${mm(median(after))} after.`;
+  const caption = `Number of points by size of their error, all ${points.length} points${log ? "; each step to the right is ten times as much" : ""}. Half of them are below ${mm(median(before))} ${names.before} and ${mm(median(after))} ${names.after}.`;
   return figure("Distribution of the errors", caption, 250, (width, height) => {
     const x = { ...(log ? visible([...before, ...after]) : range([...before, ...after], { zero: true })), label: "position error, mm" };
     const n = 24;
@@ -95,7 +100,7 @@ export function histogram(points) {
     const step = (frame.right - frame.left) / n;
     const columns = (kind, values) => values.map((count, i) => count > 0 && svg(`rect.${kind}`, { x: frame.left + i * step + 0.5, y: frame.y(count), width: step - 1, height: frame.bottom - frame.y(count) }));
     return [frame.nodes, columns("before", counts[0]), columns("after", counts[1])];
-  }, legend(BEFORE_AFTER));
+  }, legend(names.legend));
 }
 
 function binner({ min, max, log }, n) {
@@ -107,14 +112,14 @@ function binner({ min, max, log }, n) {
 const VIEWS = [["Seen from above", 0, 1, "x", "y"], ["Seen from the side", 0, 2, "x", "z"]];
 
 /** The error vectors where they were measured, in two projections; nothing for reports that have no vectors. */
-export function arrows(points) {
+export function arrows(points, names) {
   const placed = points.filter((p) => p.position_mm && p.before_vector_mm && p.after_vector_mm);
   if (placed.length === 0) return [];
   const extent = largest([0, 1, 2].map((k) => spread(placed.map((p) => p.position_mm[k]))));
   const factor = magnification(extent, largest(placed.map((p) => p.before_mm)));
   return VIEWS.map(([title, i, j, xName, yName]) => {
     const caption = `Each arrow goes from where the robot was believed to be to where it was measured, drawn ${factor.toLocaleString("en-GB")} times as long. ${xName} and ${yName} in the measuring frame, mm.`;
-    return figure(title, caption, 420, (width, height) => projection(width, height, placed, i, j, [xName, yName], factor), legend(BEFORE_AFTER));
+    return figure(title, caption, 420, (width, height) => projection(width, height, placed, [i, j], { x: xName, y: yName, ...names }, factor), legend(names.legend));
   });
 }
 
@@ -127,14 +132,14 @@ function magnification(extent, longest) {
   return Math.max(1, base * [5, 3, 2, 1].find((m) => m * base <= raw));
 }
 
-function projection(width, height, points, i, j, names, factor) {
+function projection(width, height, points, [i, j], names, factor) {
   const ends = (k) => points.flatMap((p) => [p.position_mm[k], p.position_mm[k] - factor * p.before_vector_mm[k]]);
   let [x, y] = [range(ends(i), { pad: 0.03 }), range(ends(j), { pad: 0.03 })];
   // one scale for both directions
   const [w, h] = [width - 72, height - 48];
   const perPixel = Math.max((x.max - x.min) / w, (y.max - y.min) / h);
-  x = { ...around(x, perPixel * w), label: `${names[0]}, mm` };
-  y = { ...around(y, perPixel * h), label: `${names[1]}, mm` };
+  x = { ...around(x, perPixel * w), label: `${names.x}, mm` };
+  y = { ...around(y, perPixel * h), label: `${names.y}, mm` };
   const frame = axes(width, height, x, y);
   const nodes = [frame.nodes];
   if (y.min < 0 && y.max > 0) nodes.push(svg("line.zero", { x1: frame.left, x2: frame.right, y1: frame.y(0), y2: frame.y(0) }));
@@ -144,7 +149,7 @@ function projection(width, height, points, i, j, names, factor) {
       const vector = p[`${kind}_vector_mm`];
       const tip = [frame.x(p.position_mm[i]), frame.y(p.position_mm[j])];
       const tail = [frame.x(p.position_mm[i] - factor * vector[i]), frame.y(p.position_mm[j] - factor * vector[j])];
-      nodes.push(arrow(kind, tail, tip, `configuration ${p.configuration}: ${mm(p[`${kind}_mm`])} ${kind}`));
+      nodes.push(arrow(kind, tail, tip, `configuration ${p.configuration}: ${mm(p[`${kind}_mm`])} ${names[kind]}`));
     }
   }
   return nodes;

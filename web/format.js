@@ -48,6 +48,9 @@ export function signed(value, decimals = 4) {
   return (Number(text) === 0 ? "" : value < 0 ? MINUS : "+") + text;
 }
 
+/** A value, not a change: a sign only below zero. */
+export const fixed = (value, decimals = 4) => signed(value, decimals).replace("+", "");
+
 /** A local date and time. */
 export function when(text) {
   if (!text) return "–";
@@ -70,6 +73,9 @@ export function span(seconds) {
   return seconds < 10 ? `${seconds.toFixed(1)}${THIN}s` : `${Math.round(seconds)}${THIN}s`;
 }
 
+/** How long a job ran from start to end; null before that. */
+export const ran = ({ started_at: from, finished_at: to }) => (from && to ? (new Date(to) - new Date(from)) / 1000 : null);
+
 export const method = (name) => METHODS[name] ?? name.replaceAll("_", " ");
 
 const KINDS = { a: "a", alpha: "α", d: "d", theta_offset: "θ", beta: "β" };
@@ -89,6 +95,8 @@ export const EVIDENCE = {
 
 export const warningTitle = (code) => WARNINGS[code] ?? sentence(code);
 export const gateTitle = (code) => GATES[code] ?? sentence(code);
+/** What a gate found. The code that some begin with is said by the rest of the sentence. */
+export const gateDetail = (detail) => detail.replace(/^(\w+): /, (all, code) => (EVIDENCE[code] ? "" : all));
 export const correctionTitle = (kind) => CORRECTIONS[kind] ?? sentence(kind);
 
 /** With a capital letter, as a sentence begins. */

@@ -3,7 +3,7 @@
 import { follow, get, post } from "./api.js";
 import { convergence } from "./figures.js";
 import { el, fill, problem, say } from "./dom.js";
-import { method, number, span, when } from "./format.js";
+import { capital, method, number, span, when } from "./format.js";
 import { statusBadge } from "./robot.js";
 import { result } from "./result.js";
 
@@ -13,39 +13,54 @@ const isOver = (job) => !["queued", "running"].includes(job.status);
 export async function jobPage(context, id) {
   const { main, signal, may } = context;
   let job = await get(`/v1/jobs/${id}`, signal);
-  const [robot, set] = await Promise.all([get(`/v1/robots/${job.robot_id}`, signal), get(`/v1/measurement-sets/${job.measurement_set_id}`, signal)]);
-  document.title = `kincal: calibration of ${robot.name}`;
+  const [robot, set, verified] = await Promise.all([get(`/v1/robots/${job.robot_id}`, signal), get(`/v1/measurement-sets/${job.measurement_set_id}`, signal), scoredSet(job, signal)]);
+  document.title = `kincal: ${noun(job)} of ${robot.name}`;
   const [top, body] = [el("div", {}), el("div", {})];
   fill(main, top, body);
-  fill(top, head(job, robot, set));
+  fill(top, head(job, robot, set, verified));
   if (!isOver(job)) {
     const live = watch(job, may);
     fill(body, live.node);
     job = await follow(id, (now) => live.moved(now), signal);
-    say(`The calibration ${job.status === "succeeded" ? "is done" : `has ${job.status === "failed" ? "failed" : "been cancelled"}`}`);
-    fill(top, head(job, robot, set));
+    say(`The ${noun(job)} ${job.status === "succeeded" ? "is done" : `has ${job.status === "failed" ? "failed" : "been cancelled"}`}`);
+    fill(top, head(job, robot, set, verified));
   }
   if (signal.aborted) return;
-  if (job.status === "succeeded") await result(body, context, { job, robot, set });
+  if (job.status === "succeeded") await result(body, context, { job, robot, set, verified });
   else fill(body, ending(job, robot));
 }
 
-function head(job, robot, set) {
+const noun = (job) => (job.kind === "verify" ? "verification" : "calibration");
+
+/** The parameter set that a job of kind verify scores; null where that is the nominal robot, or an older server does not say. */
+function scoredSet(job, signal) {
+  const id = job.kind === "verify" && (job.parameter_set_from ?? job.request?.parameter_set_id);
+  return id ? get(`/v1/parameter-sets/${id}`, signal) : null;
+}
+
+/** What was asked of the points. */
+function asked(job, verified) {
+  if (job.kind !== "verify") return `method: ${method(job.method)}`;
+  if (!verified) return "nothing is identified";
+  return ["scores the ", el("a", { href: `#/jobs/${verified.job_id}` }, `parameters identified ${when(verified.created_at)}`), `, now ${verified.status}; nothing is identified`];
+}
+
+function head(job, robot, set, verified) {
   return el("div.head", {}, el("div", {}, el("p.crumbs", {}, el("a", { href: "#/" }, "Robots"), " / ", el("a", { href: `#/robots/${robot.id}` }, robot.name)),
-    el("h1", {}, `${job.kind === "verify" ? "Verification" : "Calibration"} of ${robot.name}`),
-    el("p.quiet", {}, `from ${set.name ?? "a set without a name"} (${set.n_points} points, ${set.frame === "base" ? "robot base" : "instrument"} frame) · begun ${when(job.created_at)} · ${job.kind === "verify" ? "nothing was identified" : `method: ${method(job.method)}`}`)),
+    el("h1", {}, `${capital(noun(job))} of ${robot.name}`),
+    el("p.quiet", {}, `${job.kind === "verify" ? "on" : "from"} ${set.name ?? "a set without a name"} (${set.n_points} points, ${set.frame === "base" ? "robot base" : "instrument"} frame) · begun ${when(job.created_at)} · `, asked(job, verified))),
     el("div.actions", {}, statusBadge(job.status)));
 }
 
 function ending(job, robot) {
   const back = el("p", {}, el("a", { href: `#/robots/${robot.id}` }, `Back to ${robot.name}`));
-  if (job.status === "failed") return [problem({ title: "The calibration failed", ...job.error }), back];
-  return [el("p", {}, "The calibration was cancelled; nothing came out of it."), back];
+  if (job.status === "failed") return [problem({ title: `The ${noun(job)} failed`, ...job.error }), back];
+  return [el("p", {}, `The ${noun(job)} was cancelled; nothing came out of it.`), back];
 }
 
 /** Progress, remaining time and the curve so far. */
 function watch(first, may) {
-  const bar = el("progress", { max: 1, "aria-label": "Progress of the calibration" });
+  const bar = el("progress", { max: 1, "aria-label": `Progress of the ${noun(first)}` });
   const text = el("p", {}, "Waiting for a worker …");
   const plot = el("div", {});
   const out = el("div", {});

@@ -1,24 +1,25 @@
 // What came out of a calibration, in the order in which a person asks: is it good, may I use it, what changed, how was it found.
 
 import { download, get, noAuth, post } from "./api.js";
-import { arrows, convergence, histogram, interval, perPoint } from "./figures.js";
+import { arrows, convergence, histogram, IDENTIFIED, interval, perPoint, VERIFIED } from "./figures.js";
 import { el, fill, problem, say, table, warning } from "./dom.js";
-import { capital, correctionTitle, error, EVIDENCE, gateTitle, method, mm, number, parameter, signed, span, when } from "./format.js";
-import { statusBadge } from "./robot.js";
+import { capital, correctionTitle, error, EVIDENCE, fixed, gateDetail, gateTitle, method, mm, number, parameter, ran, signed, span, when } from "./format.js";
+import { decisions, statusBadge } from "./robot.js";
 import { facts } from "./robots.js";
 
 /** Draws a finished job. */
-export async function result(body, context, { job, robot, set }) {
+export async function result(body, context, { job, robot, set, verified }) {
   const { signal } = context;
   const [report, curve, parameterSet] = await Promise.all([
     get(`/v1/jobs/${job.id}/report`, signal), get(`/v1/jobs/${job.id}/convergence`, signal),
     job.parameter_set_id ? get(`/v1/parameter-sets/${job.parameter_set_id}`, signal) : null,
   ]);
   const half = report.verify ?? report.identify;
+  const names = job.kind === "verify" ? VERIFIED : IDENTIFIED;
   const swarm = curve.iteration.length > 1 && convergence(curve);
-  fill(body, verdict(report, half), summary(report, half), parameterSet && decision(parameterSet, context, job, robot),
-    report.warnings.map(warning), el("div.two", {}, errorTable(report), histogram(report.per_point)), perPoint(report.per_point),
-    pairs(arrows(report.per_point)), parameterTable(report), priors(report), el("div.two", {}, swarm, comparison(report)), corrections(report), repeatability(report), changed(report), files(job, set, parameterSet), origin(report, set, parameterSet));
+  fill(body, job.kind === "verify" ? score(report, half, verified) : verdict(report, half), summary(report, half, job, verified), parameterSet && decision(parameterSet, context, job, robot),
+    report.warnings.map(warning), el("div.two", {}, errorTable(report, job), histogram(report.per_point, names)), perPoint(report.per_point, names),
+    pairs(arrows(report.per_point, names)), parameterTable(report), priors(report), pairs([swarm, comparison(report)].flat().filter(Boolean)), corrections(report), repeatability(report), changed(report), files(job, set, parameterSet), origin(report, set, parameterSet));
 }
 
 const pairs = (figures) => figures.length > 0 && el("div.two", {}, figures);
@@ -34,17 +35,35 @@ function verdict(report, half) {
   return el(share > 0.001 && report.verify ? "div.done" : "div.warning", {}, el("p", {}, el("strong", {}, `${where}, the mean position error ${better}.`), " ", why));
 }
 
-function summary(report, half) {
+/** What a verification found. Where no set was scored, that was the nominal robot. */
+function score(report, half, verified) {
+  if (!verified && !half.corrected) return el("div.done", {}, el("p", {}, el("strong", {}, `On ${half.n_points} points, the nominal robot has a mean position error of ${mm(half.after.mean_mm)}.`), " No identified parameters were verified."));
+  const share = 1 - half.after.mean_mm / half.before.mean_mm;
+  const isAnew = report.evidence === "independent_session";
+  const which = verified ? `the parameters identified ${when(verified.created_at)}` : "these parameters";
+  const beside = share > 0.001 ? `${share > 0.9995 ? "more than 99.9" : (100 * share).toFixed(1)} % less than with the nominal robot (${mm(half.before.mean_mm)})` : `no less than with the nominal robot (${mm(half.before.mean_mm)})`;
+  // what the words for an upload's own verify points say is not true here: the points of the fit are among these
+  const why = isAnew ? EVIDENCE.independent_session[1] : "Among them are points that the parameters were identified from: that they fit proves little.";
+  return el(share > 0.001 && isAnew ? "div.done" : "div.warning", {}, el("p", {}, el("strong", {}, `On ${half.n_points} points, the mean position error with ${which} is ${mm(half.after.mean_mm)}, ${beside}.`), " ", why));
+}
+
+function summary(report, half, job, verified) {
   const { rank, n_parameters: n } = report.identifiability;
+  const alone = report.parameters.filter((p) => p.identifiable).length;
+  const before = job.kind === "verify" ? "nominal robot" : "before";
+  // the robot's page has the same figure; what the service computed is the smaller part of a short job
+  const whole = ran(job) ?? report.duration_ms / 1000;
+  const how = job.kind === "verify" ? "to score the points" : `${report.n_iterations} iterations, ${method(report.method)}`;
   const [evidence] = EVIDENCE[report.evidence] ?? [report.evidence];
   return facts([
-    ["Mean error", mm(half.after.mean_mm), `before ${mm(half.before.mean_mm)}`],
+    verified && ["Verified", el("a", { href: `#/jobs/${verified.job_id}` }, verified.status === "released" ? "active set" : `${verified.status} set`), `identified ${when(verified.created_at)}`],
+    ["Mean error", mm(half.after.mean_mm), `${before} ${mm(half.before.mean_mm)}`],
     isCorrected(half) && ["With corrections", mm(half.corrected.mean_mm), "mean error; for predictions and corrected targets"],
-    ["Largest error", mm(half.after.max_mm), `before ${mm(half.before.max_mm)}`],
+    ["Largest error", mm(half.after.max_mm), `${before} ${mm(half.before.max_mm)}`],
     report.tool_uncertainty_mm && ["Uncertainty at the tool", mm(report.tool_uncertainty_mm.mean ?? report.tool_uncertainty_mm), report.tool_uncertainty_mm.max ? `at worst ${mm(report.tool_uncertainty_mm.max)}` : "one standard deviation"],
     ["Evidence", evidence, `${half.n_points} points`],
-    n > 0 && ["Identified", `${rank} of ${n}`, rank < n ? "parameters; the data cannot see the others alone" : "all parameters were seen"],
-    ["Took", span(report.duration_ms / 1000), n > 0 ? `${report.n_iterations} iterations, ${method(report.method)}` : "to score the points"],
+    n > 0 && ["Identified", `${alone} of ${n}`, alone < n || rank < n ? `parameters alone, ${rank} independent combinations` : "all parameters were seen"],
+    ["Took", span(whole), `from start to end, computed for ${span(report.duration_ms / 1000)}; ${how}`],
   ]);
 }
 
@@ -57,9 +76,10 @@ function decision(parameterSet, context, job, robot) {
     if (context.may("release") && ["candidate", "superseded"].includes(current.status)) buttons.push(el("button.primary", { type: "button", click: again("release", "Release this parameter set") }, current.status === "candidate" ? "Release …" : "Release again …"));
     if (context.may("release") && ["released", "candidate"].includes(current.status)) buttons.push(el("button.danger", { type: "button", click: again("withdraw", "Withdraw this parameter set") }, "Withdraw …"));
     buttons.push(el("button", { type: "button", click: () => download(`/v1/parameter-sets/${current.id}`, `${current.id}.json`) }, "Download parameters"));
-    fill(node, said && el("div.done", {}, el("p", {}, said)), el("div.head", {}, el("div", {}, el("h2", {}, "Parameter set ", statusBadge(current.status)), el("p.quiet", {}, MEANING[current.status] ?? "", current.released_at ? ` Released ${when(current.released_at)}.` : "")), el("div.actions", {}, buttons)));
+    const history = decisions(current).map((sentence) => el("p.quiet.reason", {}, sentence));
+    fill(node, said && el("div.done", {}, el("p", {}, said)), el("div.head", {}, el("div", {}, el("h2", {}, "Parameter set ", statusBadge(current.status)), el("p.quiet", {}, MEANING[current.status] ?? ""), history), el("div.actions", {}, buttons)));
     const remarks = (current.release_checks ?? []).filter((gate) => gate.warning);
-    if (remarks.length > 0) node.append(el("div.warning", {}, el("p", {}, el("strong", {}, "Released, but look at: "), remarks.map((gate) => gate.detail).join("; "))));
+    if (remarks.length > 0) node.append(el("div.warning", {}, el("p", {}, el("strong", {}, "Released, but look at:")), el("ul", {}, remarks.map((gate) => el("li", {}, el("strong", {}, gateTitle(gate.gate)), ": ", gateDetail(gate.detail))))));
     if (said) say(said);
   };
   draw(parameterSet, null);
@@ -113,7 +133,7 @@ function ask(action, title, set, draw, robot) {
 function gates(id) {
   const node = el("div", { "aria-live": "polite" });
   get(`/v1/parameter-sets/${id}/gates`).then((found) => {
-    const told = found.gates.filter((gate) => !gate.passed || gate.warning).map((gate) => el("li", {}, el("strong", {}, gateTitle(gate.gate)), gate.passed ? ": " : ", no: ", gate.detail));
+    const told = found.gates.filter((gate) => !gate.passed || gate.warning).map((gate) => el("li", {}, el("strong", {}, gateTitle(gate.gate)), gate.passed ? ": " : ", no: ", gateDetail(gate.detail)));
     if (told.length > 0) fill(node, el(found.releasable ? "div.warning" : "div.problem", {}, el("p", {}, found.releasable ? "It may be released. Worth a look:" : "A release would be refused:"), el("ul", {}, told)));
   }, () => { /* the release itself says what is wrong */ });
   return node;
@@ -121,14 +141,17 @@ function gates(id) {
 
 function refusal({ errors, detail }) {
   return el("div.problem", { role: "alert" }, el("p", {}, el("strong", {}, "It was not released. "), errors.length > 0 ? "What was not fulfilled:" : detail),
-    errors.length > 0 && el("ul", {}, errors.map((issue) => el("li", {}, el("strong", {}, gateTitle(issue.code)), ": ", issue.detail))));
+    errors.length > 0 && el("ul", {}, errors.map((issue) => el("li", {}, el("strong", {}, gateTitle(issue.code)), ": ", gateDetail(issue.detail)))));
 }
 
-function errorTable(report) {
+function errorTable(report, job) {
+  const verifies = job.kind === "verify";
+  const [before, after] = verifies ? ["nominal robot", "these parameters"] : ["before", "after"];
   const rows = [["identify", "Identify", report.identify], ["verify", "Verify", report.verify]].filter(([, , half]) => half?.n_points > 0);
-  const flat = rows.flatMap(([, name, half]) => [[`${name} (${half.n_points})`, "before", half.before], ["", "after", half.after], ...(isCorrected(half) ? [["", "after, with corrections", half.corrected]] : [])]);
+  const flat = rows.flatMap(([, name, half]) => [[`${name} (${half.n_points})`, before, half.before], ["", after, half.after], ...(isCorrected(half) ? [["", `${after}, with corrections`, half.corrected]] : [])]);
   const columns = [["Points", ([name]) => name], ["Robot", ([, stage]) => stage], ...["mean", "std", "rms", "max"].map((name) => [name, ([, , e]) => error(e[`${name}_mm`]), "n"])];
-  return el("section.card", {}, el("h2", {}, "Errors before and after"), table("Position errors in mm. Identify: the points of the fit. Verify: points kept aside.", columns, flat, ""));
+  return el("section.card", {}, el("h2", {}, verifies ? "Errors beside the nominal robot" : "Errors before and after"),
+    table(verifies ? "Position errors in mm, on all points of the set." : "Position errors in mm. Identify: the points of the fit. Verify: points kept aside.", columns, flat, ""));
 }
 
 function parameterTable(report) {
@@ -141,7 +164,7 @@ function parameterTable(report) {
   const unit = (row) => (row.unit === "deg" ? "°" : row.unit);
   const columns = [
     ["Parameter", (r) => [el("span.symbol", {}, parameter(r.name)), r.link && el("code.quiet", {}, r.name)]],
-    ["Unit", unit], ["Nominal", (r) => signed(r.nominal, 4), "n"], ["Identified", (r) => signed(r.identified, 4), "n"], ["Change", (r) => signed(r.delta, 4), "n"],
+    ["Unit", unit], ["Nominal", (r) => fixed(r.nominal), "n"], ["Identified", (r) => fixed(r.identified), "n"], ["Change", (r) => signed(r.delta, 4), "n"],
     ["± std", (r) => (!r.identifiable ? "not seen alone" : r.std_uncertainty === null ? "–" : number(r.std_uncertainty, 2)), "n"],
     ["Change ± 2 std", (r) => interval(r, scales.get(kind(r)))],
   ];
@@ -150,8 +173,9 @@ function parameterTable(report) {
   [...body.querySelectorAll("tbody tr")].forEach((tr, i) => rows[i].identifiable || tr.classList.add("unseen"));
   const groups = report.identifiability.unidentifiable;
   return el("section.card", {}, el("h2", {}, "Parameters"), caption, body,
-    groups.length > 0 && [el("h3.below", {}, "What could not be identified"), el("p.note", {}, "Only the sum of each group's effects can be seen in the measured positions. The positions are right all the same."),
-      el("ul", {}, groups.map((group) => el("li", {}, group.map(parameter).join(" with "))))]);
+    groups.length > 0 && [el("h3.below", {}, "What could not be identified"), el("p.note", {}, groups.some((group) => group.length > 1) && "Of parameters that stand together, only the sum of their effects can be seen in the measured positions. ",
+      "The positions of the measured reflector are right all the same; of another tool they may not be."),
+      el("ul", {}, groups.map((group) => el("li", {}, group.length > 1 ? group.map(parameter).join(" with ") : `${parameter(group[0])} cannot be seen at all`)))]);
 }
 
 function comparison(report) {
@@ -193,8 +217,8 @@ const MAX_POSES = 40;
 function priors(report) {
   const rows = report.parameters.filter((p) => p.prior);
   if (rows.length === 0) return [];
-  const allowed = ({ min, max }) => [min !== undefined && `from ${signed(min)}`, max !== undefined && `to ${signed(max)}`].filter(Boolean).join(" ") || "any";
-  const columns = [["Parameter", (p) => parameter(p.name)], ["Unit", (p) => (p.unit === "deg" ? "°" : p.unit)], ["Expected", (p) => signed(p.prior.mean), "n"], ["± std", (p) => number(p.prior.std), "n"],
+  const allowed = ({ min, max }) => [min !== undefined && `from ${fixed(min)}`, max !== undefined && `to ${fixed(max)}`].filter(Boolean).join(" ") || "any";
+  const columns = [["Parameter", (p) => parameter(p.name)], ["Unit", (p) => (p.unit === "deg" ? "°" : p.unit)], ["Expected", (p) => fixed(p.prior.mean), "n"], ["± std", (p) => number(p.prior.std), "n"],
     ["Allowed", (p) => `${allowed(p.prior)}${p.prior.at_bound ? `, ended at ${p.prior.at_bound}` : ""}`], ["Share", (p) => (p.prior.share === null ? "–" : `${Math.round(100 * p.prior.share)} %`), "n"]];
   return el("section.card", {}, el("h2", {}, "Known beforehand"), table("Share: how much of what is known now comes from beforehand; at 100 % the measured points say nothing of it.", columns, rows, ""));
 }

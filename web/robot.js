@@ -1,8 +1,8 @@
 // One robot: how it stands, its history, and everything stored of it.
 
 import { download, get, list } from "./api.js";
-import { el, fill, table } from "./dom.js";
-import { age, error, EVIDENCE, method, mm, number, parameter, span, when } from "./format.js";
+import { brief, el, fill, table } from "./dom.js";
+import { age, error, EVIDENCE, method, mm, number, parameter, ran, span, when } from "./format.js";
 import { best, errorHistory, parameterHistory, past, state } from "./history.js";
 import { facts, standing } from "./robots.js";
 import { uploadCard } from "./upload.js";
@@ -20,8 +20,13 @@ export async function robotPage({ main, signal, may }, id) {
     list(`/v1/robots/${id}/networks`, SHOWN, signal),
   ]);
   const [entries, { trend }] = await Promise.all([past(stand.sets, signal), get(`/v1/robots/${id}/history?limit=1`, signal)]);
-  fill(main, head(robot, stand), known(robot, stand, trend), uploadCard(robot, sets, may), history(entries),
-    section("Parameter sets", parameterSets(entries)), section("Jobs", jobTable(jobs, sets)), section("Measurement sets", setTable(sets)),
+  const uploads = el("div", {}, setTable(sets));
+  const uploaded = (set) => {
+    sets.unshift(set);
+    fill(uploads, setTable(sets));
+  };
+  fill(main, head(robot, stand), known(robot, stand, trend), uploadCard(robot, sets, stand.sets, may, uploaded), history(entries),
+    section("Parameter sets", parameterSets(entries)), section("Jobs", jobTable(jobs, sets)), section("Measurement sets", uploads),
     networks.length > 0 && section("Networks", networkTable(networks)), nominal(robot));
 }
 
@@ -49,7 +54,7 @@ function known(robot, { active, newest, report, drift }, trend) {
     ["Largest error", mm(now.after.max_mm), `nominal robot ${mm(now.before.max_mm)}`],
     ["Evidence", EVIDENCE[report.evidence]?.[0] ?? report.evidence, `${now.n_points} points checked`],
     drift && ["Drift", mm(drift.mean_mm), `from the active set to the newest, at the tool on average; at most ${mm(drift.max_mm)}${beyondChance(drift.sessions)}`],
-    active && ["Next calibration", trend.days_to_limit === null ? "not to be said" : `in ${Math.round(trend.days_to_limit)} d`, trend.detail],
+    active && ["Next calibration", trend.days_to_limit === null ? "cannot be said yet" : `in ${Math.round(trend.days_to_limit)} d`, trend.detail],
   ]);
 }
 
@@ -74,10 +79,26 @@ function moved({ changed }) {
   return changed.length > surest.length ? `${surest.join(", ")} and ${changed.length - surest.length} more` : surest.join(", ");
 }
 
+/** A longer reason is cut here; the set's own page has it whole. */
+const MAX_REASON = 80;
+
+/** What somebody decided of a set last, and why. */
+function decided(set) {
+  const said = decisions(set, MAX_REASON).at(-1);
+  return said && el("small.quiet", {}, said);
+}
+
+/** Who released and withdrew a set, when and why, in this order: a sentence each. */
+export function decisions(set, limit = Infinity) {
+  const cut = (reason) => (reason.length > limit ? `${reason.slice(0, limit)} …` : reason);
+  const told = (what, at, by, reason) => at && `${what} ${when(at)}${by ? ` by ${by}` : ""}${reason ? `: ${cut(reason)}` : ""}`;
+  return [told("Released", set.released_at, set.released_by, set.release_reason), told("Withdrawn", set.withdrawn_at, set.withdrawn_by, set.withdraw_reason)].filter(Boolean);
+}
+
 function parameterSets(entries) {
   const columns = [
     ["Identified", ({ set }) => el("a", { href: `#/jobs/${set.job_id}` }, when(set.created_at))],
-    ["State", ({ set }) => statusBadge(set.status)],
+    ["State", ({ set }) => [statusBadge(set.status), decided(set)]],
     ["Moved", ({ report }) => moved(report), "name"],
     ["Error, rms", ({ report }) => [mm(best(report).after.rms_mm), el("small.quiet", {}, `nominal ${error(best(report).before.rms_mm)}`)], "n"],
     ["Evidence", ({ report }) => EVIDENCE[report.evidence]?.[0] ?? report.evidence],
@@ -93,10 +114,10 @@ function jobTable(jobs, sets) {
     ["State", (job) => statusBadge(job.status)],
     ["Method", (job) => (job.kind === "verify" ? "verification" : method(job.method))],
     ["Measurement set", name, "name"],
-    ["Took", (job) => (job.started_at && job.finished_at ? span((new Date(job.finished_at) - new Date(job.started_at)) / 1000) : "–"), "n"],
+    ["Took", (job) => (ran(job) === null ? "–" : span(ran(job))), "n"],
     ["Remark", (job) => job.error?.detail ?? "", "name"],
   ];
-  return table(`The last ${SHOWN} jobs: calibrations, and verifications of what is active.`, columns, jobs, "None yet.");
+  return table(`The last ${SHOWN} jobs: calibrations, and verifications of what was identified. Took: from start to end.`, columns, jobs, "None yet.");
 }
 
 function setTable(sets) {
@@ -106,7 +127,7 @@ function setTable(sets) {
     ["Frame", (set) => (set.frame === "base" ? "robot base" : "instrument")],
     ["Points", (set) => set.n_points, "n"],
     ["Configurations", (set) => set.n_configurations, "n"],
-    ["Remarks", (set) => set.warnings.map((warning) => warning.detail).join("; "), "name"],
+    ["Remarks", (set) => set.warnings.map((remark) => el("div", {}, brief(remark.detail))), "name"],
     ["File", (set) => el("button", { type: "button", click: () => download(`/v1/measurement-sets/${set.id}/points`, `${set.name ?? set.id}.csv`), "aria-label": `Download ${set.name ?? set.id}` }, "Download")],
   ];
   return table(`The last ${SHOWN} uploads.`, columns, sets, "None yet.");

@@ -1,32 +1,42 @@
-// Bringing measured points, and asking for a calibration of them.
+// Bringing measured points, and asking for a calibration of them or a verification on them.
 
 import { post } from "./api.js";
-import { el, fill, problem, say, table, warning } from "./dom.js";
+import { brief, el, fill, problem, say, table, warning } from "./dom.js";
+import { when } from "./format.js";
 
 /** Rows of the file that are shown around its faults. */
 const MAX_SHOWN = 25;
 
-/** Upload by drag and drop or by choice, then the request; also for sets that are there already. */
-export function uploadCard(robot, sets, may) {
+/** Upload by drag and drop or by choice, then the request; also for sets that are there already. `uploaded` is told of a new one. */
+export function uploadCard(robot, sets, parameterSets, may, uploaded) {
+  const known = [...sets];
+  const again = el("div", {});
+  const here = el("details", {}, el("summary", {}, "Use a set that is here already"), again);
+  const offer = () => {
+    here.hidden = known.length === 0;
+    if (known.length > 0) fill(again, jobForm(robot, known, parameterSets));
+  };
+  const came = (set) => {
+    known.unshift(set);
+    offer();
+    uploaded(set);
+  };
+  offer();
   const parts = [];
-  if (may("upload")) parts.push(uploadForm(robot, may));
-  if (may("identify") && sets.length > 0) parts.push(el("details", {}, el("summary", {}, "Calibrate from a set that is here already"), jobForm(robot, sets)));
+  if (may("upload")) parts.push(uploadForm({ robot, parameterSets, may, came }));
+  if (may("identify")) parts.push(here);
   return parts.length > 0 && el("section.card", {}, el("h2", {}, "Calibrate"), parts);
 }
 
-function uploadForm(robot, may) {
-  const out = el("div", { "aria-live": "polite" });
+function uploadForm(context) {
+  const out = el("div", { "aria-live": "polite", tabindex: -1 });
   const file = el("input", { id: "set-file", type: "file", accept: ".csv,.json,text/csv,application/json" });
   const radio = (value, text, checked) => el("label.choice", {}, el("input", { type: "radio", name: "frame", value, checked }), text);
   const frames = el("fieldset", {}, el("legend", {}, "Positions were measured in"), radio("base", "the robot's base frame", true), radio("instrument", "the instrument's own frame (base pose and reflector are found too)", false));
-  const take = async (chosen) => {
-    const frame = frames.querySelector("input:checked").value;
-    fill(out, el("p.quiet", {}, `Checking ${chosen.name} …`));
-    await upload(robot, chosen, frame, out, may);
-  };
+  const take = (chosen) => upload(context, chosen, { frame: frames.querySelector("input:checked").value }, out);
   file.addEventListener("change", () => file.files.length > 0 && take(file.files[0]).then(() => { file.value = ""; }));
   const drop = el("div.drop", {}, el("label", { for: "set-file" }, "Drop a measurement set here, or choose one"), file,
-    el("p.note", {}, "CSV with a header row: q1_deg … q", robot.links.length, "_deg, x_mm, y_mm, z_mm (or _rad, _m); subset, configuration and target if you have them."));
+    el("p.note", {}, "CSV with a header row: q1_deg … q", context.robot.links.length, "_deg, x_mm, y_mm, z_mm (or _rad, _m); subset, configuration and target if you have them."));
   const over = (is) => (event) => { event.preventDefault(); drop.classList.toggle("over", is); };
   drop.addEventListener("dragover", over(true));
   drop.addEventListener("dragleave", over(false));
@@ -37,33 +47,66 @@ function uploadForm(robot, may) {
   return el("div", {}, frames, drop, out);
 }
 
-async function upload(robot, file, frame, out, may) {
-  const text = await file.text();
+/** Sends the file as it is, so that what is stored has the checksum of the file. */
+async function upload(context, file, query, out) {
+  const { robot, parameterSets, may, came } = context;
   const isJson = /\.json$/i.test(file.name);
   const name = file.name.replace(/\.\w+$/, "").slice(0, 200) || "set";
+  fill(out, el("p.quiet", {}, `Checking ${file.name} …`));
   try {
-    const path = `/v1/robots/${robot.id}/measurement-sets?frame=${frame}&name=${encodeURIComponent(name)}`;
-    const set = await post(path, text, isJson ? "application/json" : "text/csv");
+    const path = `/v1/robots/${robot.id}/measurement-sets?${new URLSearchParams({ ...query, name })}`;
+    const set = await post(path, file, isJson ? "application/json" : "text/csv");
     say(`${set.n_points} points were understood`);
     fill(out, el("div.done", {}, el("strong", {}, set.name), `: ${set.n_points} points in ${set.n_configurations} configurations, ${set.n_targets === 1 ? "one target" : `${set.n_targets} targets`}.`),
       set.warnings.map(warning),
-      may("identify") && jobForm(robot, [set]));
+      may("identify") && jobForm(robot, [set], parameterSets));
+    came(set);
   } catch (error) {
-    fill(out, problem({ ...error, errors: [], detail: error.errors?.length > 0 ? `Nothing was stored. ${count(error.errors.length)} to mend in ${file.name}:` : error.detail }), faults(error.errors ?? [], isJson ? "" : text));
+    const text = isJson ? "" : await textOf(file);
+    const again = () => {
+      // the button goes, the focus stays near
+      out.focus();
+      upload(context, file, { ...query, decimal: "comma" }, out);
+    };
+    const offer = mayHaveCommas(error, text, query) && el("p", {}, el("button", { type: "button", click: again }, "The file has decimal commas: read it so"));
+    fill(out, refused(error, file, text, query.decimal), offer);
   }
+}
+
+/** The file as text, to show its faults in; none where it is not UTF-8, or has changed on the disk since it was chosen. */
+async function textOf(file) {
+  try {
+    return new TextDecoder("utf-8", { fatal: true }).decode(await file.arrayBuffer());
+  } catch {
+    return "";
+  }
+}
+
+/** Why nothing was stored: faults in rows as a table, what is wrong with the file as a whole as a sentence. */
+function refused(error, file, text, decimal) {
+  const errors = error.errors ?? [];
+  const inPlaces = errors.some((issue) => issue.row !== undefined || issue.column || issue.pointer);
+  if (!inPlaces) return problem({ ...error, errors: [], detail: errors.length > 0 ? `Nothing was stored: ${errors.map((issue) => issue.detail).join("; ")}.` : error.detail });
+  return [problem({ ...error, errors: [], detail: `Nothing was stored. ${count(errors.length)} to mend in ${file.name}:` }), faults(errors, text, decimal === "comma" ? ";" : ",")];
+}
+
+/** A spreadsheet of a country with decimal commas separates columns by semicolons. The service never guesses that, so people say it. */
+function mayHaveCommas({ errors }, text, query) {
+  return !query.decimal && (errors ?? []).some((issue) => issue.code === "wrong_separator") && text.split(/\r?\n/, 1)[0].includes(";");
 }
 
 const count = (n) => (n === 1 ? "One thing is" : `${n} things are`);
 
-/** The cells of one line, without the quotation marks that hold a comma. */
-const cellsOf = (line) => (line.match(/("([^"]|"")*"|[^,]*)(,|$)/g) ?? []).map((cell) => cell.replace(/,$/, "").replace(/^"(.*)"$/, "$1"));
+const CELLS = { ",": /("([^"]|"")*"|[^,]*)(,|$)/g, ";": /("([^"]|"")*"|[^;]*)(;|$)/g };
+/** The cells of one line, without the quotation marks that hold a separator. */
+const cellsOf = (line, separator) => (line.match(CELLS[separator]) ?? []).map((cell) => cell.replace(/[,;]$/, "").replace(/^"(.*)"$/, "$1"));
 
 /** Every fault with the line of the file that it stands in. */
-function faults(errors, text) {
+function faults(errors, text, separator) {
   const lines = text.split(/\r?\n/).filter((line) => line.trim() !== "");
-  const header = cellsOf((lines[0] ?? "").replace(/^\uFEFF/, "")).map((name) => name.trim());
+  const header = cellsOf((lines[0] ?? "").replace(/^\uFEFF/, ""), separator).map((name) => name.trim());
   const value = (issue) => {
-    const cells = cellsOf(lines[(issue.row ?? -2) + 1] ?? "");
+    const cells = cellsOf(lines[(issue.row ?? -2) + 1] ?? "", separator);
     const at = header.indexOf(issue.column);
     return at >= 0 && cells[at] !== undefined ? el("code", {}, cells[at].trim() === "" ? "(empty)" : cells[at]) : "–";
   };
@@ -74,7 +117,6 @@ function faults(errors, text) {
     ["Found", value, "wrong"],
     ["What is wrong", (issue) => issue.detail, "name"],
   ];
-  if (errors.length === 0) return [];
   const more = errors.length > MAX_SHOWN ? el("p.note", {}, `and ${errors.length - MAX_SHOWN} more`) : [];
   return [table("Rows are counted from 0 without the header row.", columns, errors.slice(0, MAX_SHOWN), ""), more];
 }
@@ -84,9 +126,21 @@ function choice(id, label, options) {
   return [select, el("div", {}, el("label", { for: id }, label), select)];
 }
 
+/** What a job may do, where the robot has parameters to verify. */
+const KINDS = [["identify", "Identify parameters"], ["verify", "Only verify the robot's parameters (identifies nothing)"]];
+
+/** True for a set that is too small for anything else. */
+const onlyVerifies = (set) => set.warnings.some((remark) => remark.code === "under_determined");
+
+/** The active set first, then the newest; one that was withdrawn is of no use any more. */
+function verifiable(parameterSets) {
+  const usable = parameterSets.filter((set) => set.status !== "withdrawn");
+  return [...usable.filter((set) => set.status === "released"), ...usable.filter((set) => set.status !== "released")];
+}
+
 let forms = 0;
 
-function jobForm(robot, sets) {
+function jobForm(robot, sets, parameterSets) {
   forms += 1;
   const n = forms;
   const [set, setField] = choice(`job-set-${n}`, "Measurement set", sets.map((s) => [s.id, `${s.name ?? s.id} (${s.n_points} points)`]));
@@ -95,13 +149,33 @@ function jobForm(robot, sets) {
   const [verify, verifyField] = choice(`job-verify-${n}`, "Verify on", [
     ["", "its verify points, else half"], ...sets.length > 1 ? sets.map((s) => [s.id, `another session: ${s.name ?? s.id}`]) : []]);
   const [preset, presetField] = choice(`job-preset-${n}`, "Search settings", [["default", "ours"], ["paper", "the paper's, to the letter"]]);
+  const candidates = verifiable(parameterSets);
+  const [scored, scoredField] = choice(`job-scored-${n}`, "Parameters to verify", candidates.map((p) => [p.id, `${p.status === "released" ? "active" : p.status}, identified ${when(p.created_at)}`]));
+  const kinds = el("fieldset.kinds", { hidden: candidates.length === 0 }, el("legend", {}, "What to do"),
+    KINDS.map(([value, text]) => el("label.choice", {}, el("input", { type: "radio", name: `job-kind-${n}`, value }), text)));
   const out = el("div", {});
-  const button = el("button.primary", { type: "submit" }, "Start calibration");
+  const button = el("button.primary", { type: "submit" });
+  const kind = () => kinds.querySelector("input:checked").value;
+  const shape = () => {
+    const verifies = kind() === "verify";
+    for (const field of [methodField, verifyField, presetField]) field.hidden = verifies;
+    scoredField.hidden = !verifies;
+    fill(button, verifies ? "Start verification" : "Start calibration");
+  };
+  const preselect = () => {
+    const chosen = sets.find((s) => s.id === set.value);
+    kinds.querySelector(`[value=${candidates.length > 0 && onlyVerifies(chosen) ? "verify" : "identify"}]`).checked = true;
+    shape();
+  };
+  set.addEventListener("change", preselect);
+  kinds.addEventListener("change", shape);
+  preselect();
   const submit = async (event) => {
     event.preventDefault();
     button.disabled = true;
-    const request = { measurement_set_id: set.value, method: method.value, preset: preset.value };
-    if (verify.value) request.verify = { source: "set", measurement_set_id: verify.value };
+    const request = kind() === "verify" ? { kind: "verify", measurement_set_id: set.value, parameter_set_id: scored.value }
+      : { measurement_set_id: set.value, method: method.value, preset: preset.value };
+    if (kind() === "identify" && verify.value) request.verify = { source: "set", measurement_set_id: verify.value };
     try {
       const job = await post(`/v1/robots/${robot.id}/jobs`, request);
       location.hash = `#/jobs/${job.id}`;
@@ -110,5 +184,5 @@ function jobForm(robot, sets) {
       button.disabled = false;
     }
   };
-  return el("form", { submit }, el("div.fields", {}, setField, methodField, verifyField, presetField), out, button);
+  return el("form", { submit }, kinds, el("div.fields", {}, setField, methodField, verifyField, presetField, scoredField), out, button);
 }

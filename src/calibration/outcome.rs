@@ -9,7 +9,7 @@ use crate::calibration::repeatability::repeatability;
 use crate::calibration::report::*;
 use crate::calibration::request::{Method, Model, Preset, VerifySource};
 use crate::calibration::verify::refits;
-use crate::calibration::{Error, known, plausibility};
+use crate::calibration::{Error, known, plausibility, unseen};
 use crate::identification::corrected::{CorrectedModel, IdentifiedRobot};
 use crate::identification::misfit::gravity_directions;
 use crate::identification::objective::{Observation, residuals};
@@ -144,6 +144,7 @@ pub fn report(
         network,
     };
     report.warnings = warnings(&report, &problem.request.robot.links);
+    report.warnings.extend(unseen::remark(problem, model));
     report.warnings.extend(known::remarks(problem, model));
     report.warnings.extend(remarks(&problem.screening, &problem.observed, request.options.loss));
     report.warnings.extend(beyond);

@@ -38,6 +38,8 @@ pub fn implausible_changes(links: &[Link], reference: &[Link]) -> Vec<String> {
 
 /// The tool's uncertainty somewhere in the workspace, in units of the error found where it was measured, from which on it is worth a word.
 const UNCERTAIN: f64 = 5.0;
+/// ... and no less than this, mm: what the best trackers are certain of.
+const LEAST_UNCERTAIN_MM: f64 = 0.01;
 /// Lengths that all are off by the same share, from this share on: steel that is warmer by 20 K grows by this.
 const SCALE: f64 = 2e-4;
 /// ... and by as many standard deviations of that share.
@@ -53,7 +55,7 @@ pub fn warnings(report: &CalibrationReport, nominal: &[Link]) -> Vec<Warning> {
         warnings.push(warning("implausible_parameters", detail));
     }
     let measured_mm = report.verify.map_or(report.identify.after.rms_mm, |verify| verify.after.rms_mm);
-    if let Some(tool) = report.tool_uncertainty.filter(|tool| tool.max_mm > UNCERTAIN * measured_mm) {
+    if let Some(tool) = report.tool_uncertainty.filter(|tool| tool.max_mm > (UNCERTAIN * measured_mm).max(LEAST_UNCERTAIN_MM)) {
         let detail = format!(
             "elsewhere in the workspace the tool may be off by {:.3} mm (one standard deviation) though the points fit to {measured_mm:.3} mm: measure poses \
              spread over the workspace, with every joint moving",

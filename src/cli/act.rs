@@ -1,13 +1,13 @@
 //! `kincal release|withdraw|cancel`: what people decide.
 
 use super::block_on;
-use super::client::ServerArguments;
+use super::client::{Client, ServerArguments};
 use super::terminal::Output;
 use serde_json::{Value, json};
 
-/// Release or withdraw a parameter set.
+/// Which parameter set is decided on, and why.
 #[derive(Debug, clap::Args)]
-pub struct Decision {
+struct Decision {
     #[command(flatten)]
     server: ServerArguments,
     /// The parameter set, as `kincal params` lists it.
@@ -16,11 +16,25 @@ pub struct Decision {
     /// Why, for those who come after.
     #[arg(long, value_name = "TEXT")]
     reason: String,
-    /// Why the robot may have changed as much as it did, where the service asks for it on a release.
-    #[arg(long, value_name = "TEXT")]
-    change_reason: Option<String>,
     #[command(flatten)]
     output: Output,
+}
+
+/// Make a parameter set the robot's active one.
+#[derive(Debug, clap::Args)]
+pub struct Release {
+    #[command(flatten)]
+    decision: Decision,
+    /// Why the robot may have changed as much as it did, where the gate change_plausible asks for it.
+    #[arg(long, value_name = "TEXT")]
+    change_reason: Option<String>,
+}
+
+/// Take a parameter set back.
+#[derive(Debug, clap::Args)]
+pub struct Withdraw {
+    #[command(flatten)]
+    decision: Decision,
 }
 
 /// Cancel a job.
@@ -36,24 +50,35 @@ pub struct Cancel {
 }
 
 /// `kincal release`.
-pub fn release(arguments: &Decision) -> anyhow::Result<()> {
-    let mut body = json!({"reason": arguments.reason});
+pub fn release(arguments: &Release) -> anyhow::Result<()> {
+    let Decision { server, id, reason, output } = &arguments.decision;
+    let mut body = json!({"reason": reason});
     if let Some(change_reason) = &arguments.change_reason {
         body["change_reason"] = json!(change_reason);
     }
-    let set = decide(arguments, "release", &body)?;
-    arguments.output.told(&set, || format!("{} is released: the cell gets it from now on", arguments.id))
+    let (was_released, set) = block_on(async {
+        let client = server.client()?;
+        // a key may release and not read; then nothing is known of before
+        match client.get(&format!("/v1/parameter-sets/{id}")).await {
+            Ok(set) if set["status"] == "released" => Ok((true, set)),
+            _ => Ok((false, decide(&client, id, "release", &body).await?)),
+        }
+    })?;
+    output.told(&set, || match was_released {
+        true => format!("{id} was released already; nothing changed"),
+        false => format!("{id} is released: the cell gets it from now on"),
+    })
 }
 
 /// `kincal withdraw`.
-pub fn withdraw(arguments: &Decision) -> anyhow::Result<()> {
-    let set = decide(arguments, "withdraw", &json!({"reason": arguments.reason}))?;
-    arguments.output.told(&set, || format!("{} is withdrawn; `kincal params` shows whether another one is active", arguments.id))
+pub fn withdraw(arguments: &Withdraw) -> anyhow::Result<()> {
+    let Decision { server, id, reason, output } = &arguments.decision;
+    let set = block_on(async { decide(&server.client()?, id, "withdraw", &json!({"reason": reason})).await })?;
+    output.told(&set, || format!("{id} is withdrawn; `kincal params` shows whether another one is active"))
 }
 
-fn decide(arguments: &Decision, action: &str, body: &Value) -> anyhow::Result<Value> {
-    let path = format!("/v1/parameter-sets/{}/{action}", arguments.id);
-    block_on(async { arguments.server.client()?.create(&path, "application/json", serde_json::to_vec(body)?).await })
+async fn decide(client: &Client, id: &str, action: &str, body: &Value) -> anyhow::Result<Value> {
+    client.create(&format!("/v1/parameter-sets/{id}/{action}"), "application/json", serde_json::to_vec(body)?).await
 }
 
 /// `kincal cancel`.

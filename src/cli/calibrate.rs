@@ -1,5 +1,6 @@
 //! `kincal calibrate`: offline, no server, no database.
 
+use super::files::{Numbers, cannot_be_used, fault, read, read_json};
 use super::terminal::Output;
 use super::{Usage, table};
 use crate::jobs::JobFailure;
@@ -9,7 +10,7 @@ use crate::wire::job::{JobParts, JobRequestBody, Method, Model, Preset};
 use crate::wire::measurement::{self, Frame};
 use crate::wire::report_shape::Report;
 use crate::wire::robot::RobotBody;
-use crate::wire::{Invalid, Problem, canonical, json, words};
+use crate::wire::{Problem, canonical, words};
 use anyhow::Context;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::ops::ControlFlow;
@@ -32,6 +33,8 @@ pub struct Arguments {
     /// Frame of the measured positions.
     #[arg(long, env = "KINCAL_FRAME", default_value = "base", value_parser = ["base", "instrument"])]
     frame: String,
+    #[command(flatten)]
+    numbers: Numbers,
     /// How: auto, least_squares or pso.
     #[arg(long, env = "KINCAL_METHOD", default_value = "auto", value_parser = ["auto", "least_squares", "pso"])]
     method: String,
@@ -57,13 +60,13 @@ pub struct Arguments {
 /// Runs it.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let robot_body = read_robot_body(&arguments.robot)?;
-    let robot = robot_body.to_core().map_err(|invalid| Usage(invalid_text(&arguments.robot, &invalid)))?;
+    let robot = robot_body.to_core().map_err(|invalid| Usage(cannot_be_used(&arguments.robot, &[], &invalid.issues)))?;
     let frame = Frame::parse(&arguments.frame).context("--frame is base or instrument")?;
     let bytes = read(&arguments.set)?;
-    let kind = if arguments.set.extension().is_some_and(|e| e == "json") { "application/json" } else { "text/csv" };
-    let set = measurement::from_upload(kind, &bytes, frame, robot.links.len())
-        .map_err(|invalid| Usage(invalid_text(&arguments.set, &invalid)))?;
-    for remark in measurement::warnings(&robot, &set) {
+    let set = measurement::from_upload(&arguments.numbers.content_type(&arguments.set), &bytes, frame, robot.links.len())
+        .map_err(|invalid| Usage(cannot_be_used(&arguments.set, &bytes, &invalid.issues)))?;
+    // of too few poses the calibration itself speaks; nothing is kept here that could verify
+    for remark in measurement::warnings(&robot, &set).into_iter().filter(|remark| remark.code != "under_determined") {
         eprintln!("warning: {} ({}): {}", words::warning(&remark.code), remark.code, remark.detail);
     }
     let measured = MeasuredSet {
@@ -74,7 +77,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         sha256: &canonical::sha256_hex(&bytes),
     };
     let parts = JobParts { robot, set, verify_set: None, frames: None, network: None, residual_network: None, previous: None };
-    let request = body(arguments)?.to_core(parts).map_err(|invalid| Usage(invalid.summary()))?;
+    let request = body(arguments)?.to_core(parts).map_err(|invalid| {
+        let faults: Vec<String> = invalid.issues.iter().map(|issue| fault(issue, None)).collect();
+        Usage(faults.join("\n"))
+    })?;
     let bar = (!arguments.output.json).then(|| progress_bar("iterations"));
     let mut monitor = |progress: crate::jobs::Progress| {
         if let Some(bar) = &bar {
@@ -86,7 +92,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if let Some(bar) = bar {
         bar.finish_and_clear();
     }
-    let report = calibrated.report(OFFLINE, false)?;
+    let report = calibrated.report(OFFLINE, None, false)?;
     if let Some(path) = &arguments.html {
         let convergence = calibrated.convergence();
         let sources =
@@ -114,22 +120,11 @@ fn body(arguments: &Arguments) -> anyhow::Result<JobRequestBody> {
 
 /// A robot file, after every check.
 pub fn read_robot(path: &Path) -> anyhow::Result<crate::kinematics::Robot> {
-    Ok(read_robot_body(path)?.to_core().map_err(|invalid| Usage(invalid_text(path, &invalid)))?)
+    Ok(read_robot_body(path)?.to_core().map_err(|invalid| Usage(cannot_be_used(path, &[], &invalid.issues)))?)
 }
 
 fn read_robot_body(path: &Path) -> anyhow::Result<RobotBody> {
-    Ok(json::parse(&read(path)?).map_err(|e| Usage(format!("{}: {e}", path.display())))?)
-}
-
-/// A file's bytes.
-pub fn read(path: &Path) -> anyhow::Result<Vec<u8>> {
-    std::fs::read(path).map_err(|e| Usage(format!("cannot read {}: {e}", path.display())).into())
-}
-
-/// Every reason on a line of its own, as an engineer wants to mend them.
-pub fn invalid_text(path: &Path, invalid: &Invalid) -> String {
-    let lines: Vec<String> = invalid.issues.iter().map(|issue| format!("\n  {}", issue.in_words())).collect();
-    format!("{} cannot be used:{}", path.display(), lines.concat())
+    read_json(path, "a robot")
 }
 
 fn failure(failure: JobFailure) -> anyhow::Error {

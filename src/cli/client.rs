@@ -1,10 +1,12 @@
 //! The cell PC's side of the REST interface.
 
-use super::Usage;
+use super::{Usage, files};
+use crate::http::tls;
 use crate::wire::Problem;
 use crate::wire::job::JobAnswer;
 use anyhow::{Context, bail};
 use serde_json::Value;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 use tokio_stream::StreamExt;
 
@@ -23,12 +25,15 @@ const TRY_AGAIN_AFTER: Duration = Duration::from_secs(1);
 /// Where the server is, and the key to it.
 #[derive(Debug, clap::Args)]
 pub struct ServerArguments {
-    /// The server.
+    /// The server, http://… or https://….
     #[arg(long, env = "KINCAL_SERVER", default_value = "http://127.0.0.1:8080", value_name = "URL")]
     server: String,
     /// The key; better given in the environment, where nobody sees it.
     #[arg(long, env = "KINCAL_KEY", value_name = "KEY", hide_env_values = true)]
     key: Option<String>,
+    /// Certificate of the authority that signed the server's, PEM; without it, those that the system trusts.
+    #[arg(long, env = "KINCAL_CA_CERT", value_name = "FILE")]
+    ca_cert: Option<PathBuf>,
 }
 
 impl ServerArguments {
@@ -37,7 +42,7 @@ impl ServerArguments {
     /// # Errors
     /// As [`Client::new`].
     pub fn client(&self) -> anyhow::Result<Client> {
-        Client::new(&self.server, self.key.clone())
+        Client::new(&self.server, self.key.clone(), self.ca_cert.as_deref())
     }
 }
 
@@ -49,13 +54,36 @@ pub struct Client {
     key: Option<String>,
 }
 
+/// The certificates in a PEM file.
+fn authorities(file: &Path) -> anyhow::Result<Vec<reqwest::Certificate>> {
+    let bytes = std::fs::read(file).map_err(|e| Usage(format!("cannot read {}: {e}", file.display())))?;
+    let found = reqwest::Certificate::from_pem_bundle(&bytes).unwrap_or_default();
+    if found.is_empty() {
+        return Err(Usage(format!("{}: there is no certificate in it; a PEM file is needed", file.display())).into());
+    }
+    Ok(found)
+}
+
 impl Client {
-    /// A client of the server at `url` (`http://HOST:PORT`).
+    /// A client of the server at `url` (`http://HOST:PORT`), whose certificate one of those in `ca_cert` has signed; without, one that the
+    /// system trusts.
     ///
     /// # Errors
-    /// If the HTTP client cannot be made.
-    pub fn new(url: &str, key: Option<String>) -> anyhow::Result<Self> {
-        let http = reqwest::Client::builder().connect_timeout(Duration::from_secs(5)).no_proxy().build()?;
+    /// [`Usage`] if it is no such URL; if the HTTP client cannot be made.
+    pub fn new(url: &str, key: Option<String>, ca_cert: Option<&Path>) -> anyhow::Result<Self> {
+        if !reqwest::Url::parse(url).is_ok_and(|url| matches!(url.scheme(), "http" | "https") && url.has_host()) {
+            let example = "such as http://127.0.0.1:8080";
+            return Err(Usage(format!("--server {url}: a server's URL begins with http:// or https://, {example}")).into());
+        }
+        tls::use_ring();
+        let http = reqwest::Client::builder().connect_timeout(Duration::from_secs(5)).no_proxy();
+        let http = match ca_cert {
+            Some(file) => http.tls_certs_only(authorities(file)?),
+            // a machine without any certificates can still speak to its own server
+            None if !url.starts_with("https:") => http.tls_certs_only([]),
+            None => http,
+        };
+        let http = http.build().context("no HTTP client can be made")?;
         Ok(Self { http, url: url.trim_end_matches('/').into(), key })
     }
 
@@ -112,7 +140,7 @@ impl Client {
     pub async fn post(&self, path: &str, content_type: &str, body: Vec<u8>) -> anyhow::Result<Value> {
         let request = self.http.post(format!("{}{path}", self.url)).timeout(REQUEST_TIMEOUT);
         let request = request.header("content-type", content_type).body(body);
-        answer(self.with_key(request).send().await?).await
+        answer(self.with_key(request).send().await.map_err(|error| unreachable(&self.url, &error))?).await
     }
 
     /// POST that creates, once however often it has to be sent.
@@ -156,7 +184,8 @@ impl Client {
 
     /// One connection's events; the job if it is over, nothing if the connection ended first.
     async fn events(&self, job_id: &str, moved: &mut impl FnMut(&JobAnswer)) -> anyhow::Result<Option<JobAnswer>> {
-        let response = self.with_key(self.http.get(format!("{}/v1/jobs/{job_id}/events", self.url))).send().await?;
+        let request = self.http.get(format!("{}/v1/jobs/{job_id}/events", self.url));
+        let response = self.with_key(request).send().await.map_err(|error| unreachable(&self.url, &error))?;
         if !response.status().is_success() {
             return Err(refused(response).await);
         }
@@ -185,8 +214,52 @@ impl Client {
 }
 
 fn unreachable(url: &str, error: &reqwest::Error) -> anyhow::Error {
-    let reason = if error.is_timeout() { "it did not answer in time".to_owned() } else { error.to_string() };
+    let reason = if error.is_timeout() { "it did not answer in time".to_owned() } else { cause(error) };
     anyhow::anyhow!("the server {url} cannot be reached: {reason}; is it running, and is --server right?")
+}
+
+/// The innermost cause: a refused connection, an unknown host and a certificate that is not trusted differ only there.
+fn cause(error: &dyn std::error::Error) -> String {
+    let mut innermost = error;
+    while let Some(source) = innermost.source() {
+        innermost = source;
+    }
+    innermost.to_string()
+}
+
+/// What the server refused, and why.
+#[derive(Debug, thiserror::Error)]
+#[error("{}", self.in_words())]
+pub struct Refused {
+    status: u16,
+    /// In the server's words.
+    pub problem: Problem,
+}
+
+impl Refused {
+    /// True where a file or an option has to be mended, as where `kincal calibrate` ends on the same file.
+    pub fn is_usage(&self) -> bool {
+        matches!(self.status, 400 | 415 | 422)
+    }
+
+    /// What, why, and what to do next. The detail of bad input is its first fault, which is not said twice.
+    fn in_words(&self) -> String {
+        let Problem { detail, code, errors, .. } = &self.problem;
+        let faults: Vec<String> = errors.iter().map(|issue| files::fault(issue, None)).collect();
+        let more: String = faults.iter().map(|fault| format!("\n  {fault}")).collect();
+        let is_said = errors.first().is_some_and(|first| detail.starts_with(&first.in_words()));
+        let text = match faults.as_slice() {
+            [fault] if is_said => format!("{fault} ({code})"),
+            several if is_said => format!("{} faults ({code}){more}", several.len()),
+            _ => format!("{detail} ({code}){more}"),
+        };
+        let next = match self.status {
+            401 => "\nnext: give the key with --key or in KINCAL_KEY",
+            404 if detail.contains("robot") => "\nnext: kincal robots lists those that are there",
+            _ => "",
+        };
+        text + next
+    }
 }
 
 fn succeeded(job: JobAnswer) -> anyhow::Result<JobAnswer> {
@@ -213,18 +286,37 @@ async fn answer(response: reqwest::Response) -> anyhow::Result<Value> {
     serde_json::from_slice(&response.bytes().await?).context("the server's answer is not JSON")
 }
 
-/// What the server refused, why, and what to do next.
+/// The problem of an answer that is no success.
 async fn refused(response: reqwest::Response) -> anyhow::Error {
     let status = response.status();
     let bytes = response.bytes().await.unwrap_or_default();
-    let Ok(problem) = serde_json::from_slice::<Problem>(&bytes) else { return anyhow::anyhow!("the server answered {status}") };
-    let more: Vec<String> = problem.errors.iter().map(|issue| format!("\n  {}", issue.detail)).collect();
-    let next = match status.as_u16() {
-        401 => "\nnext: give the key with --key or in KINCAL_KEY",
-        404 if problem.detail.contains("robot") => "\nnext: kincal robots lists those that are there",
-        _ => "",
-    };
-    let text = format!("{} ({}){}{next}", problem.detail, problem.code, more.concat());
-    // as `kincal calibrate` ends on the same file
-    if matches!(status.as_u16(), 400 | 415 | 422) { Usage(text).into() } else { anyhow::anyhow!("{text}") }
+    match serde_json::from_slice::<Problem>(&bytes) {
+        Ok(problem) => Refused { status: status.as_u16(), problem }.into(),
+        Err(_) => anyhow::anyhow!("the server answered {status}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Client, Refused};
+    use crate::cli::Usage;
+    use crate::wire::{Issue, Problem};
+
+    #[test]
+    fn a_server_is_named_by_its_url() {
+        for wrong in ["127.0.0.1:19100", "ftp://x", "localhost:8080", "http://", ""] {
+            let error = Client::new(wrong, None, None).unwrap_err();
+            assert!(error.is::<Usage>() && error.to_string().contains("begins with http:// or https://"), "{wrong}: {error}");
+        }
+        assert!(Client::new("https://kincal.example:8443/", None, None).is_ok());
+    }
+
+    #[test]
+    fn a_single_fault_is_said_once() {
+        let issue = Issue { row: Some(0), detail: "row 0 has 20 cells".into(), code: "wrong_cell_count".into(), ..Issue::default() };
+        let mut problem = Problem::new(422, "invalid_measurements", issue.in_words());
+        problem.errors = vec![issue];
+        let words = Refused { status: 422, problem }.to_string();
+        assert_eq!(words, "row 0 has 20 cells (invalid_measurements)");
+    }
 }

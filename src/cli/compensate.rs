@@ -1,14 +1,14 @@
 //! `kincal compensate`: the joint targets of a program, corrected.
 
-use super::calibrate::read;
-use super::client::ServerArguments;
+use super::client::{Refused, ServerArguments};
+use super::files::{self, cannot_be_used, read, read_json};
 use super::terminal::Output;
 use super::{Usage, block_on, terminal};
 use crate::wire::compensate::{CompensateAnswer, CompensateBody, CompensateMode, CompensateStatus, MAX_TARGETS_PER_REQUEST};
 use crate::wire::export::ExportDocument;
-use crate::wire::json;
+use crate::wire::issue::{Invalid, Issue};
 use anyhow::Context;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Correct the joint targets of a program that was made offline.
 ///
@@ -45,6 +45,7 @@ fn tool_mm(text: &str) -> Result<[f64; 3], String> {
 
 /// A program: its header, its rows, and where the joint values stand.
 struct Program {
+    bytes: Vec<u8>,
     header: Vec<String>,
     rows: Vec<Vec<String>>,
     /// Column of each joint, and whether it is in radians.
@@ -53,19 +54,27 @@ struct Program {
 
 /// Prints the program with corrected joint values on standard output; every other column stays as it is.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
-    let Some(program) = arguments.files.last() else { return Err(Usage("PROGRAM.csv is missing".into()).into()) };
-    let program = Program::parse(&read(program)?).map_err(|error| Usage(format!("{}: {error}", program.display())))?;
+    let Some(path) = arguments.files.last() else { return Err(Usage("PROGRAM.csv is missing".into()).into()) };
+    if arguments.target.is_some() && arguments.tool_mm.is_some() {
+        return Err(Usage("the tool is either a reflector or a tool centre point: give --target or --tool-mm, not both".into()).into());
+    }
+    let program = Program::parse(read(path)?).map_err(|error| Usage(format!("{}: {error}", path.display())))?;
     eprintln!(
         "warning (taught_targets): targets that were taught by moving the robot there already hold its errors: correct only those that were programmed offline"
     );
-    let targets = program.q_deg()?;
-    let mut parts = targets.chunks(MAX_TARGETS_PER_REQUEST).map(|part| correct(arguments, part));
+    let targets = program.q_deg().map_err(|error| Usage(format!("{}: {error}", path.display())))?;
+    let part =
+        |(i, part): (usize, &[_])| correct(arguments, part).map_err(|error| program.explained(error, path, i * MAX_TARGETS_PER_REQUEST));
+    let mut parts = targets.chunks(MAX_TARGETS_PER_REQUEST).enumerate().map(part);
     let mut answer = parts.next().unwrap_or_else(|| correct(arguments, &[]))?;
     for part in parts {
         answer.extend(part?);
     }
     if let Some(remark) = answer.left_out.remark() {
         eprintln!("warning (base_and_tool): {remark}");
+    }
+    for warning in &answer.warnings {
+        eprintln!("warning ({}): {}", warning.code, warning.detail);
     }
     if arguments.output.json {
         say!("{}", serde_json::to_string_pretty(&answer)?);
@@ -80,7 +89,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     ] {
         let rows: Vec<String> = statuses.iter().enumerate().filter(|(_, s)| **s == status).map(|(row, _)| row.to_string()).collect();
         if !rows.is_empty() {
-            eprintln!("warning: {} of {} targets are {what} (rows {})", rows.len(), statuses.len(), rows.join(", "));
+            let (n, rows) = (rows.len(), rows.join(", "));
+            eprintln!("warning: {n} of {} targets are {what} (rows {rows}; 0 is the first below the header)", statuses.len());
         }
     }
     Ok(())
@@ -102,15 +112,11 @@ fn correct(arguments: &Arguments, q_deg: &[Vec<f64>]) -> anyhow::Result<Compensa
             serde_json::from_value(answer).context("the server's answer is of another version of kincal")
         }),
         (None, [parameters, _]) => {
-            let document: ExportDocument = json::parse(&read(parameters)?).map_err(|error| {
-                Usage(format!("{}: {error}; GET /v1/parameter-sets/ID/export writes such a file", parameters.display()))
-            })?;
-            let robot = document.robot.to_core().map_err(|invalid| Usage(format!("{}: {}", parameters.display(), invalid.summary())))?;
-            document
-                .content
-                .check(robot.links.len())
-                .map_err(|invalid| Usage(format!("{}: {}", parameters.display(), invalid.summary())))?;
-            Ok(body.run(&robot, &document.content).map_err(|invalid| Usage(invalid.summary()))?)
+            let document: ExportDocument = read_json(parameters, "exported parameters, as GET /v1/parameter-sets/ID/export writes it")?;
+            let unusable = |invalid: Invalid| Usage(cannot_be_used(parameters, &[], &invalid.issues));
+            let robot = document.robot.to_core().map_err(unusable)?;
+            document.content.check(robot.links.len()).map_err(unusable)?;
+            Ok(body.run(&robot, &document.content, &document.warnings)?)
         }
         (Some(_), _) => Err(Usage("with --parameters only PROGRAM.csv is given".into()).into()),
         (None, _) => Err(Usage("give PARAMETERS.json and PROGRAM.csv, or --parameters ID and PROGRAM.csv".into()).into()),
@@ -118,8 +124,9 @@ fn correct(arguments: &Arguments, q_deg: &[Vec<f64>]) -> anyhow::Result<Compensa
 }
 
 impl Program {
-    fn parse(bytes: &[u8]) -> Result<Self, String> {
-        let mut reader = csv::ReaderBuilder::new().has_headers(false).from_reader(bytes);
+    fn parse(bytes: Vec<u8>) -> Result<Self, String> {
+        files::refuse_semicolons(&bytes)?;
+        let mut reader = csv::ReaderBuilder::new().has_headers(false).from_reader(bytes.as_slice());
         let mut records = reader.records();
         let cells = |record: csv::StringRecord| record.iter().map(str::to_owned).collect::<Vec<_>>();
         let header = records.next().ok_or("the file is empty")?.map(cells).map_err(|e| e.to_string())?;
@@ -133,18 +140,51 @@ impl Program {
         if joints.is_empty() {
             return Err("it has no column q1_deg or q1_rad: joint values are in columns q1_deg … qn_deg, or q1_rad … qn_rad".into());
         }
-        Ok(Self { header, rows, joints })
+        Ok(Self { bytes, header, rows, joints })
     }
 
-    fn q_deg(&self) -> anyhow::Result<Vec<Vec<f64>>> {
+    fn q_deg(&self) -> Result<Vec<Vec<f64>>, String> {
         let cell = |(row, cells): (usize, &Vec<String>), (column, is_rad): (usize, bool)| {
             let text = cells[column].trim();
             let number = text.parse::<f64>().ok().filter(|number| number.is_finite());
-            let number = number.ok_or_else(|| Usage(format!("row {row}, column {}: {text:?} is not a number", self.header[column])))?;
+            let place = || format!("{}, column {}", files::row(row, Some(&self.bytes)), self.header[column]);
+            let number = number.ok_or_else(|| format!("{}: {text:?} is not a number", place()))?;
             Ok(if is_rad { number.to_degrees() } else { number })
         };
         let row = |row: (usize, &Vec<String>)| self.joints.iter().map(|joint| cell(row, *joint)).collect();
         self.rows.iter().enumerate().map(row).collect()
+    }
+
+    /// What cannot be corrected, in the program's own rows and columns and in options; `first` is the first row of its part.
+    fn explained(&self, error: anyhow::Error, path: &Path, first: usize) -> anyhow::Error {
+        let issues = match (error.downcast_ref::<Refused>(), error.downcast_ref::<Invalid>()) {
+            (Some(refused), _) if refused.is_usage() => &refused.problem.errors,
+            (_, Some(invalid)) => &invalid.issues,
+            _ => return error,
+        };
+        if issues.is_empty() {
+            return error;
+        }
+        let mut faults: Vec<String> = issues.iter().map(|issue| self.fault(issue, first)).collect();
+        // a column too few is too few in every row
+        faults.dedup();
+        Usage(format!("{}: {}", path.display(), faults.join("\n  "))).into()
+    }
+
+    fn fault(&self, issue: &Issue, first: usize) -> String {
+        let detail = &issue.detail;
+        let mut pointer = issue.pointer.as_deref().unwrap_or_default().split('/').skip(1);
+        let (field, row, joint) = (pointer.next(), pointer.next(), pointer.next());
+        let column = joint.and_then(|joint| joint.parse::<usize>().ok()).and_then(|joint| self.joints.get(joint));
+        match (field, row.and_then(|row| row.parse::<usize>().ok()), column) {
+            (Some("q_deg"), Some(row), Some((column, _))) => {
+                format!("{}, column {}: {detail}", files::row(first + row, Some(&self.bytes)), self.header[*column])
+            }
+            (Some("q_deg"), ..) => format!("its columns are q1 … q{}: {detail}", self.joints.len()),
+            (Some("target"), ..) => format!("--target: {detail}"),
+            (Some("tool"), ..) => format!("--tool-mm: {detail}"),
+            _ => files::fault(issue, None),
+        }
     }
 
     fn with(&self, q_deg: &[Vec<f64>]) -> anyhow::Result<String> {

@@ -58,7 +58,7 @@ struct Printed {
 /// [Gao 2018, section 4.1]
 const SIMULATION: [Printed; 2] = [
     Printed { label: "PSO", n_iterations: 404, cost_mm2: PRINTED_COST_MM2, duration_s: 1067.0, errors_mm: None },
-    Printed { label: "BPNN-PSO", n_iterations: 71, cost_mm2: 6.64e-5, duration_s: 183.0, errors_mm: None },
+    Printed { label: "BPNN-PSO", n_iterations: 71, cost_mm2: 6.6432e-5, duration_s: 183.0, errors_mm: None },
 ];
 /// [Gao 2018, section 4.2]
 const EXPERIMENT: [Printed; 2] = [
@@ -72,7 +72,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let n_workers = std::thread::available_parallelism().map_or(1, usize::from);
     block_on(async {
         let server = server::start(&ServeConfig::loopback(data_dir.path().into(), n_workers)).await?;
-        let demo = Demo { client: Client::new(&server.url(), None)?, arguments };
+        let demo = Demo { client: Client::new(&server.url(), None, None)?, arguments };
         demo.say(&format!("kincal serves on {} with its database in {}\n", server.url(), data_dir.path().display()));
         let done = demo.calibrations().await;
         server.shutdown().await;

@@ -1,9 +1,10 @@
 //! `kincal import`: a robot file from other people's descriptions.
 
 use super::Usage;
-use super::calibrate::{invalid_text, read};
+use super::files::{cannot_be_used, read, refuse_semicolons};
 use crate::wire::frames::Transform;
 use crate::wire::import::{ImportFormat, import};
+use nalgebra::{Matrix3, Rotation3};
 use std::path::PathBuf;
 
 /// Make a robot file from a URDF or a table of Denavit-Hartenberg parameters.
@@ -34,20 +35,40 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         None if is_urdf => ImportFormat::Urdf,
         None => ImportFormat::Mdh,
     };
+    if !matches!(format, ImportFormat::Urdf) {
+        refuse_semicolons(&bytes).map_err(|error| Usage(format!("{}: {error}", arguments.file.display())))?;
+    }
     let stem = arguments.file.file_stem().map_or_else(|| "imported robot".into(), |stem| stem.to_string_lossy().into_owned());
     let name = arguments.name.as_deref().unwrap_or(&stem);
-    let imported =
-        import(&bytes, format, name, arguments.tip.as_deref()).map_err(|invalid| Usage(invalid_text(&arguments.file, &invalid)))?;
+    let imported = import(&bytes, format, name, arguments.tip.as_deref())
+        .map_err(|invalid| Usage(cannot_be_used(&arguments.file, &bytes, &invalid.issues)))?;
     for (what, t) in
         [("base of the links in the description's root", imported.t_root_base), ("tip on the links' flange", imported.t_flange_tip)]
     {
         if t != IDENTITY {
-            eprintln!("note: the {what} is {}", serde_json::to_string(&t)?);
+            eprintln!("note: the {what} is {}", in_words(&t));
         }
     }
-    eprintln!("note: links and description differ by at most {:.1e} mm over random configurations", imported.largest_difference_mm);
+    let apart = match imported.largest_difference_mm {
+        mm if mm < SAME_MM => format!("are the same to {SAME_MM} mm"),
+        mm => format!("differ by at most {mm:.6} mm"),
+    };
+    eprintln!("note: links and description {apart} over random configurations");
     say!("{}", serde_json::to_string_pretty(&imported.robot)?);
     Ok(())
 }
 
+/// Where a frame is, and how it is turned.
+fn in_words(t: &Transform) -> String {
+    let [x, y, z] = t.translation_mm;
+    let rotation = Rotation3::from_matrix_unchecked(Matrix3::from_fn(|i, j| t.rotation[i][j]));
+    let turned = match rotation.axis_angle() {
+        Some((axis, rad)) => format!("turned by {:.4}° about ({:.4}, {:.4}, {:.4})", rad.to_degrees(), axis.x, axis.y, axis.z),
+        None => "not turned".into(),
+    };
+    format!("at {x:.4}, {y:.4}, {z:.4} mm, {turned}")
+}
+
+/// Links and description are the same where they differ by less, mm.
+const SAME_MM: f64 = 1e-6;
 const IDENTITY: Transform = Transform { rotation: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], translation_mm: [0.0, 0.0, 0.0] };

@@ -1,7 +1,7 @@
 //! `kincal key`: may run beside a server.
 
-use super::terminal::Output;
-use super::{Usage, block_on};
+use super::terminal::{self, Output};
+use super::{Usage, block_on, look};
 use crate::config::DatabaseConfig;
 use crate::http::auth::{Scope, new_key};
 use crate::http::server::location;
@@ -14,6 +14,8 @@ use std::io::Write;
 
 /// Who makes and revokes keys, in the audit chain.
 const COMMAND_LINE: &str = "command line";
+/// Columns of the list.
+const COLUMNS: [&str; 6] = ["id", "name", "scopes", "robots", "created_at", "revoked_at"];
 
 /// Make, list and revoke keys.
 #[derive(Debug, clap::Args)]
@@ -29,7 +31,7 @@ enum Action {
         #[command(flatten)]
         database: DatabaseConfig,
         /// Whose key it is, e.g. cell-4.
-        #[arg(long)]
+        #[arg(long, value_parser = holder)]
         name: String,
         /// What it may do; may be given several times.
         #[arg(long = "scope", required = true, value_enum)]
@@ -52,7 +54,7 @@ enum Action {
         #[command(flatten)]
         database: DatabaseConfig,
         /// Id of the key, as `kincal key list` shows it.
-        #[arg(required_unless_present = "name", conflicts_with = "name")]
+        #[arg(conflicts_with = "name")]
         id: Option<String>,
         /// Name of the keys.
         #[arg(long)]
@@ -67,14 +69,30 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     block_on(async {
         match &arguments.action {
             Action::Create { database, name, scopes, robots, output } => create(&open(database).await?, name, scopes, robots, output).await,
-            Action::List { database, output } => list(&open(database).await?, output).await,
-            Action::Revoke { database, id, name, output } => revoke(&open(database).await?, id.as_deref(), name.as_deref(), output).await,
+            Action::List { database, output } => list(&open_as_it_is(database).await?, output).await,
+            Action::Revoke { id: None, name: None, .. } => {
+                Err(Usage("say which: the ID of a key, as `kincal key list` shows it, or --name NAME for every key of that name".into())
+                    .into())
+            }
+            Action::Revoke { database, id, name, output } => {
+                revoke(&open_as_it_is(database).await?, id.as_deref(), name.as_deref(), output).await
+            }
         }
     })
 }
 
 async fn open(database: &DatabaseConfig) -> anyhow::Result<Store> {
     Ok(Store::open_beside_a_server(location(database)).await?)
+}
+
+/// For what needs keys that are there: a wrong --data-dir makes no database.
+async fn open_as_it_is(database: &DatabaseConfig) -> anyhow::Result<Store> {
+    Ok(Store::open_as_it_is(location(database)).await?)
+}
+
+/// Whose key it is.
+fn holder(text: &str) -> Result<String, String> {
+    if text.trim().is_empty() { Err("say whose key it is, e.g. cell-4".into()) } else { Ok(text.into()) }
 }
 
 async fn create(store: &Store, name: &str, scopes: &[Scope], robot_ids: &[String], output: &Output) -> anyhow::Result<()> {
@@ -130,18 +148,20 @@ fn described(row: &ApiKeyRow) -> anyhow::Result<Value> {
 
 async fn list(store: &Store, output: &Output) -> anyhow::Result<()> {
     let rows = all(store).await?;
+    let items = rows.iter().map(described).collect::<anyhow::Result<Vec<Value>>>()?;
     if output.json {
-        let items = rows.iter().map(described).collect::<anyhow::Result<Vec<Value>>>()?;
         say!("{}", serde_json::to_string_pretty(&json!({"items": items}))?);
-        return Ok(());
-    }
-    if rows.is_empty() {
+    } else if items.is_empty() {
         say!("there is no key yet; next: kincal key create --name cell-4 --scope read");
-    }
-    for row in rows {
-        let robots = row.robots_json.as_deref().unwrap_or("all robots");
-        let revoked = row.revoked_at_ms.map_or(String::new(), |at| format!("\trevoked {}", rfc3339(at)));
-        say!("{}\t{:?}\t{}\t{robots}\t{}{revoked}", row.id, row.name, row.scopes_json, rfc3339(row.created_at_ms));
+    } else {
+        let everywhere = |mut item: Value| {
+            if item["robots"].is_null() {
+                item["robots"] = "all".into();
+            }
+            look::cells(&item, &COLUMNS)
+        };
+        let rows: Vec<Vec<String>> = items.into_iter().map(everywhere).collect();
+        terminal::whole(look::columns(&COLUMNS, &rows));
     }
     Ok(())
 }

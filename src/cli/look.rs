@@ -90,24 +90,35 @@ pub fn jobs(arguments: &OfRobot) -> anyhow::Result<()> {
 #[derive(Debug, clap::Args)]
 pub struct Params {
     #[command(flatten)]
-    of: OfRobot,
+    server: ServerArguments,
+    /// The robot whose list is wanted: its id, name or serial number.
+    #[arg(long, env = "KINCAL_ROBOT", value_name = "ROBOT", required_unless_present_any = ["id", "gates"])]
+    robot: Option<String>,
+    /// One of them, in full.
+    #[arg(value_name = "ID")]
+    id: Option<String>,
     /// Of one of them: what a release would find now, gate by gate; exit code 1 if it would be refused.
-    #[arg(long, requires = "id")]
+    #[arg(
+        long, env = "KINCAL_GATES", requires = "id", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue
+    )]
     gates: bool,
+    #[command(flatten)]
+    output: Output,
 }
 
 /// `kincal params`.
 pub fn parameter_sets(arguments: &Params) -> anyhow::Result<()> {
-    match &arguments.of.id {
-        Some(id) if arguments.gates => gates(&arguments.of, id),
-        _ => of_robot(&arguments.of, &PARAMETER_SETS),
+    let Params { server, robot, id, gates, output } = arguments;
+    match id {
+        Some(id) if *gates => self::gates(server, id, output),
+        _ => look(server, &PARAMETER_SETS, robot.as_deref().unwrap_or_default(), id.as_deref(), output),
     }
 }
 
-fn gates(arguments: &OfRobot, id: &str) -> anyhow::Result<()> {
+fn gates(server: &ServerArguments, id: &str, output: &Output) -> anyhow::Result<()> {
     block_on(async {
-        let found = arguments.server.client()?.get(&format!("{}/{id}/gates", PARAMETER_SETS.one)).await?;
-        if arguments.output.json {
+        let found = server.client()?.get(&format!("{}/{id}/gates", PARAMETER_SETS.one)).await?;
+        if output.json {
             say!("{}", serde_json::to_string_pretty(&found)?);
         } else {
             terminal::whole(gate_lines(&found));
@@ -166,17 +177,22 @@ fn look(server: &ServerArguments, kind: &Kind, robot: &str, id: Option<&str>, ou
     })
 }
 
-fn cells(item: &Value, columns: &[&str]) -> Vec<String> {
+/// An item's values, in the order of the columns.
+pub fn cells(item: &Value, columns: &[&str]) -> Vec<String> {
     let cell = |value: &Value| match value {
         Value::Null => "–".to_owned(),
         Value::String(text) => plain(text).replace('\n', "\u{fffd}"),
+        Value::Array(items) if items.iter().all(Value::is_string) => {
+            let texts: Vec<&str> = items.iter().filter_map(Value::as_str).collect();
+            plain(&texts.join(",")).replace('\n', "\u{fffd}")
+        }
         other => other.to_string(),
     };
     columns.iter().map(|column| cell(&item[*column])).collect()
 }
 
 /// Columns as wide as what is in them.
-fn columns(names: &[&str], rows: &[Vec<String>]) -> String {
+pub fn columns(names: &[&str], rows: &[Vec<String>]) -> String {
     let width = |at: usize| rows.iter().map(|row| row[at].chars().count()).chain([names[at].len()]).max().unwrap_or(0);
     let widths: Vec<usize> = (0..names.len()).map(width).collect();
     let line = |cells: Vec<&str>| {

@@ -11,6 +11,7 @@ mod compensate;
 mod completions;
 mod copy_store;
 mod demo;
+mod files;
 mod import;
 mod key;
 mod look;
@@ -29,7 +30,8 @@ use std::time::Duration;
 
 const EXIT_CODES: &str = "\
 Exit codes: 0 done, 1 failed (the server, the network, the job), 2 wrong usage (an option, a file: mend it and try again).
-Each long option has an environment variable, KINCAL_…; --help of a command names them.
+Each long option has an environment variable, KINCAL_…; --help of a command names them. What is decided anew each time has none: --reason,
+--change-reason, and whose key `kincal key` makes or revokes (--name, --scope, --robot).
 
 First steps:
   kincal serve --no-auth                       a server on this machine, http://127.0.0.1:8080/
@@ -87,9 +89,9 @@ enum Command {
     /// Show the report of a job, or write it as a page to print.
     Report(report::Arguments),
     /// Make a parameter set the robot's active one.
-    Release(act::Decision),
+    Release(act::Release),
     /// Take a parameter set back.
-    Withdraw(act::Decision),
+    Withdraw(act::Withdraw),
     /// Cancel a job.
     Cancel(act::Cancel),
     /// Run the paper's calibrations through a real server on a temporary database, and print its tables beside ours.
@@ -138,7 +140,8 @@ pub fn main() -> ExitCode {
         Ok(()) => ExitCode::FAILURE,
         Err(error) => {
             eprintln!("kincal: {}", terminal::plain(&format!("{error:#}")));
-            if error.is::<Usage>() { ExitCode::from(2) } else { ExitCode::FAILURE }
+            let is_usage = error.is::<Usage>() || error.downcast_ref::<client::Refused>().is_some_and(client::Refused::is_usage);
+            if is_usage { ExitCode::from(2) } else { ExitCode::FAILURE }
         }
     }
 }

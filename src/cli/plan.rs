@@ -1,38 +1,46 @@
 //! `kincal plan`: which configurations to measure, offline.
 
 use super::Usage;
-use super::calibrate::{invalid_text, read, read_robot};
+use super::calibrate::read_robot;
+use super::files::{Numbers, cannot_be_used, fault, parse_json, read};
 use super::terminal::Output;
+use crate::kinematics::Robot;
+use crate::wire::issue::Issue;
 use crate::wire::job::Model;
-use crate::wire::json;
 use crate::wire::measurement::{Frame, from_upload};
 use crate::wire::pose_plan::PosePlanBody;
-use std::path::PathBuf;
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
+
+/// Configurations where neither the command line nor the request says how many.
+const DEFAULT_CONFIGURATIONS: usize = 50;
 
 /// Plan which configurations to measure.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
-    /// Robot file: the body of POST /v1/robots. Joint limits should stand in it.
+    /// Robot file: the body of POST /v1/robots. Joint limits should stand in it; where one does not, -90° to 90° is taken.
     #[arg(value_name = "ROBOT.json")]
     robot: PathBuf,
-    /// Configurations, repeats included.
-    #[arg(short = 'n', long = "configurations", env = "KINCAL_CONFIGURATIONS", default_value_t = 50)]
-    n_configurations: usize,
-    /// Boxes, obstacles, reflector and the rest: a file with the body of POST /v1/robots/{id}/pose-plans.
+    /// Configurations, repeats included [default: those of --request, else 50].
+    #[arg(short = 'n', long = "configurations", env = "KINCAL_CONFIGURATIONS")]
+    n_configurations: Option<usize>,
+    /// Boxes, obstacles, reflector and the rest: a file with the body of POST /v1/robots/{id}/pose-plans. Options win over it.
     #[arg(long, env = "KINCAL_REQUEST", value_name = "REQUEST.json")]
     request: Option<PathBuf>,
     /// Sets that were measured already, in the frame given by --frame.
-    #[arg(long, value_name = "SET.csv")]
+    #[arg(long, env = "KINCAL_MEASURED", value_name = "SET.csv", value_delimiter = ',')]
     measured: Vec<PathBuf>,
-    /// Frame that is measured in.
+    #[command(flatten)]
+    numbers: Numbers,
+    /// Frame that is measured in [default: that of --request, else instrument; with --measured it has to be said].
     #[arg(long, env = "KINCAL_FRAME", value_parser = ["base", "instrument"])]
     frame: Option<String>,
     /// The model that will be identified [default: complete; paper for frame base].
     #[arg(long, env = "KINCAL_MODEL", value_parser = ["paper", "complete"])]
     model: Option<String>,
-    /// Seed of the candidates.
-    #[arg(long, env = "KINCAL_SEED", default_value_t = 0)]
-    seed: u64,
+    /// Seed of the candidates [default: that of --request, else 0].
+    #[arg(long, env = "KINCAL_SEED")]
+    seed: Option<u64>,
     #[command(flatten)]
     output: Output,
 }
@@ -40,20 +48,24 @@ pub struct Arguments {
 /// Prints the plan as CSV (q1_deg …, repeats) or JSON on standard output, and how good it is on standard error.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let robot = read_robot(&arguments.robot)?;
-    let mut body = match &arguments.request {
-        Some(path) => json::parse(&read(path)?).map_err(|e| Usage(format!("{}: {e}", path.display())))?,
-        None => PosePlanBody { seed: arguments.seed, ..PosePlanBody::of(arguments.n_configurations) },
-    };
-    body.frame = arguments.frame.as_deref().and_then(Frame::parse).or(body.frame);
-    body.model = arguments.model.as_deref().and_then(Model::parse).or(body.model);
+    let body = body(arguments)?;
+    if body.frame.is_none() && !arguments.measured.is_empty() {
+        return Err(Usage("say in which frame it was measured: --frame base or --frame instrument".into()).into());
+    }
     let frame = body.frame.unwrap_or(Frame::Instrument);
     let mut measured = Vec::new();
     for path in &arguments.measured {
-        let kind = if path.extension().is_some_and(|e| e == "json") { "application/json" } else { "text/csv" };
-        let set = from_upload(kind, &read(path)?, frame, robot.links.len());
-        measured.push(set.map_err(|invalid| Usage(invalid_text(path, &invalid)))?);
+        let bytes = read(path)?;
+        let set = from_upload(&arguments.numbers.content_type(path), &bytes, frame, robot.links.len());
+        measured.push(set.map_err(|invalid| Usage(cannot_be_used(path, &bytes, &invalid.issues)))?);
     }
-    let plan = body.run(&robot, &measured).map_err(|invalid| Usage(invalid.summary()))?;
+    let plan = body.run(&robot, &measured).map_err(|invalid| {
+        let faults: Vec<String> = invalid.issues.iter().map(|issue| asked(arguments, issue)).collect();
+        Usage(faults.join("\n"))
+    })?;
+    if let Some(remark) = without_limits(&robot, &arguments.robot) {
+        eprintln!("warning: {remark}");
+    }
     let (planned, random) = (plan.predicted_std_mm.mean, plan.predicted_std_mm_random.mean);
     eprintln!(
         "predicted uncertainty of the tool: {planned:.4} mm on average, {:.4} mm at most; random poses: {random:.4} mm ({:.2} times)",
@@ -72,4 +84,56 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         say!("{},{}", configuration.repeats.unwrap_or(i) + 1, values.join(","));
     }
     Ok(())
+}
+
+/// What is asked: the request's file, and over it what the command line says.
+fn body(arguments: &Arguments) -> anyhow::Result<PosePlanBody> {
+    let mut body = match &arguments.request {
+        Some(path) => request(path)?,
+        None => PosePlanBody::of(DEFAULT_CONFIGURATIONS),
+    };
+    body.n_configurations = arguments.n_configurations.unwrap_or(body.n_configurations);
+    body.seed = arguments.seed.unwrap_or(body.seed);
+    body.frame = arguments.frame.as_deref().and_then(Frame::parse).or(body.frame);
+    body.model = arguments.model.as_deref().and_then(Model::parse).or(body.model);
+    Ok(body)
+}
+
+/// The body of a request; unlike the server's it need not say how many configurations.
+fn request(path: &Path) -> anyhow::Result<PosePlanBody> {
+    const WHAT: &str = "a pose plan's request";
+    let mut bytes = read(path)?;
+    let mut request: Value = parse_json(path, &bytes, WHAT)?;
+    if request.get("n_configurations").is_none() {
+        request["n_configurations"] = json!(DEFAULT_CONFIGURATIONS);
+        bytes = serde_json::to_vec(&request)?;
+    }
+    let body: PosePlanBody = parse_json(path, &bytes, WHAT)?;
+    if !body.measured.is_empty() {
+        let text = "measured names sets of a server, which is not asked here: leave it out, and give their files with --measured";
+        return Err(Usage(format!("{}: {text}", path.display())).into());
+    }
+    Ok(body)
+}
+
+/// What is wrong with what was asked, where it was.
+fn asked(arguments: &Arguments, issue: &Issue) -> String {
+    match (&arguments.request, issue.pointer.as_deref()) {
+        (_, Some("/n_configurations")) if arguments.n_configurations.is_some() => format!("-n: {}", issue.detail),
+        (Some(path), _) => format!("{}: {}", path.display(), fault(issue, None)),
+        (None, _) => issue.detail.clone(),
+    }
+}
+
+/// What is told of joints whose limits nobody knows.
+fn without_limits(robot: &Robot, path: &Path) -> Option<String> {
+    let joints = robot.joint_limits_rad.iter().enumerate().filter(|(_, limits)| limits.is_none());
+    let joints: Vec<String> = joints.map(|(i, _)| (i + 1).to_string()).collect();
+    (!joints.is_empty()).then(|| {
+        format!(
+            "{} has no limits for joint {}: the plan takes -90° to 90° there; give joint_limits_deg with these links",
+            path.display(),
+            joints.join(", ")
+        )
+    })
 }

@@ -16,7 +16,7 @@ pub struct Arguments {
     #[arg(value_name = "ID")]
     id: String,
     /// Write it as a page to print into this file instead.
-    #[arg(long, value_name = "FILE", conflicts_with = "json")]
+    #[arg(long, env = "KINCAL_HTML", value_name = "FILE", conflicts_with = "json")]
     html: Option<PathBuf>,
     #[command(flatten)]
     output: Output,

@@ -1,10 +1,11 @@
 //! `kincal submit`: a measurement set to a server, and its calibration back.
 
 use super::calibrate::{progress_bar, show};
-use super::client::{Client, ServerArguments};
+use super::client::{Client, Refused, ServerArguments};
+use super::files::{Numbers, cannot_be_used, is_json, read};
 use super::terminal::Output;
 use super::{Usage, block_on, table};
-use crate::wire::job::{JobAnswer, JobRequestBody, Method, Model, Preset};
+use crate::wire::job::{JobAnswer, JobRequestBody, Kind, Method, Model, Preset};
 use crate::wire::report_shape::Report;
 use crate::wire::robot::MAX_NAME;
 use crate::wire::words;
@@ -12,7 +13,7 @@ use anyhow::Context;
 use serde_json::Value;
 use std::path::PathBuf;
 
-/// Upload a measurement set to a server and have it identified.
+/// Upload a measurement set to a server and have it identified, or verify a parameter set on it.
 ///
 /// The JSON is the report with --wait, else the job.
 #[derive(Debug, clap::Args)]
@@ -28,6 +29,17 @@ pub struct Arguments {
     /// Frame of the measured positions.
     #[arg(long, env = "KINCAL_FRAME", default_value = "base", value_parser = ["base", "instrument"])]
     frame: String,
+    #[command(flatten)]
+    numbers: Numbers,
+    /// Identify nothing: say how good a parameter set is on these points.
+    #[arg(
+        long, env = "KINCAL_VERIFY", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue,
+        conflicts_with_all = ["method", "model", "preset", "seed"]
+    )]
+    verify: bool,
+    /// With --verify: which parameter set [default: the active one, else the nominal robot].
+    #[arg(long, env = "KINCAL_PARAMETERS", value_name = "ID")]
+    parameters: Option<String>,
     /// How.
     #[arg(long, env = "KINCAL_METHOD", default_value = "auto", value_parser = ["auto", "least_squares", "pso", "bpnn_pso"])]
     method: String,
@@ -49,7 +61,11 @@ pub struct Arguments {
 
 /// Uploads, asks for the job and, with `--wait`, follows it to its end.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
-    let bytes = std::fs::read(&arguments.set).map_err(|e| Usage(format!("cannot read {}: {e}", arguments.set.display())))?;
+    if arguments.parameters.is_some() && !arguments.verify {
+        let text = "--parameters (or KINCAL_PARAMETERS) says what is verified: give --verify with it, or leave it out to identify";
+        return Err(Usage(text.into()).into());
+    }
+    let bytes = read(&arguments.set)?;
     block_on(async {
         let client = arguments.server.client()?;
         let robot = client.robot_id(&arguments.robot).await?;
@@ -76,15 +92,17 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
 }
 
 async fn upload(client: &Client, arguments: &Arguments, robot: &str, bytes: Vec<u8>) -> anyhow::Result<Value> {
-    let content_type = if arguments.set.extension().is_some_and(|e| e == "json") { "application/json" } else { "text/csv" };
+    let content_type = if is_json(&arguments.set) { "application/json" } else { "text/csv" };
     let mut parameters = vec![("frame", arguments.frame.clone())];
     if content_type == "text/csv" {
         // a CSV has no name of its own: people know it by its file
         parameters.extend(file_name(arguments).map(|name| ("name", name)));
+        parameters.extend(arguments.numbers.decimal_comma.then(|| ("decimal", "comma".into())));
     }
     let path = format!("/v1/robots/{robot}/measurement-sets");
     let query = reqwest::Url::parse_with_params("http://query/", parameters)?;
-    let set = client.create(&format!("{path}?{}", query.query().unwrap_or_default()), content_type, bytes).await?;
+    let path = format!("{path}?{}", query.query().unwrap_or_default());
+    let set = client.create(&path, content_type, bytes.clone()).await.map_err(|error| explained(error, arguments, &bytes))?;
     for warning in set["warnings"].as_array().into_iter().flatten() {
         let (code, detail) = (warning["code"].as_str().unwrap_or_default(), warning["detail"].as_str().unwrap_or_default());
         eprintln!("warning: {} ({code}): {detail}", words::warning(code));
@@ -93,6 +111,18 @@ async fn upload(client: &Client, arguments: &Arguments, robot: &str, bytes: Vec<
         say!("set {}: {} points, {} configurations", text(&set, "id")?, set["n_points"], set["n_configurations"]);
     }
     Ok(set)
+}
+
+/// What is wrong with the file, row by row.
+fn explained(error: anyhow::Error, arguments: &Arguments, bytes: &[u8]) -> anyhow::Error {
+    match error.downcast::<Refused>() {
+        Ok(refused) if refused.is_usage() && !refused.problem.errors.is_empty() => {
+            Usage(cannot_be_used(&arguments.set, bytes, &refused.problem.errors)).into()
+        }
+        Ok(refused) if refused.is_usage() => Usage(format!("{}: {refused}", arguments.set.display())).into(),
+        Ok(refused) => refused.into(),
+        Err(error) => error,
+    }
 }
 
 /// The file's name without its ending, as far as a set's name may be long.
@@ -117,6 +147,13 @@ async fn follow(client: &Client, arguments: &Arguments, job_id: &str) -> anyhow:
 }
 
 fn request(arguments: &Arguments, set_id: &str) -> anyhow::Result<JobRequestBody> {
+    if arguments.verify {
+        return Ok(JobRequestBody {
+            kind: Kind::Verify,
+            parameter_set_id: arguments.parameters.clone(),
+            ..JobRequestBody::for_set(set_id)
+        });
+    }
     Ok(JobRequestBody {
         method: Method::parse(&arguments.method).context("--method")?,
         model: arguments.model.as_deref().and_then(Model::parse),

@@ -12,6 +12,40 @@ const SMALLEST_MM: f64 = 1e-4;
 
 /// The whole report: errors before and after, how strong the evidence is, methods side by side, parameters, corrections, repeatability, warnings.
 pub fn report(report: &Report) -> String {
+    let mut text = if is_verification(report) { verified(report) } else { identified(report) };
+    repeatability(&mut text, report.repeatability.as_ref());
+    for warning in &report.warnings {
+        line(&mut text, format!("\nwarning: {} ({}): {}", words::warning(&warning.code), warning.code, warning.detail));
+    }
+    text
+}
+
+/// True where a parameter set was only scored.
+fn is_verification(report: &Report) -> bool {
+    report.termination == "verified"
+}
+
+/// Which parameters were scored, and how far they are off.
+fn verified(report: &Report) -> String {
+    let mut text = String::new();
+    let what = report.parameter_set_from.as_ref().map_or("verification".into(), |id| format!("verification of the parameter set {id}"));
+    line(&mut text, format!("{what}: {}", report.method_reason));
+    line(&mut text, String::new());
+    line(&mut text, columns());
+    if let Some(half) = &report.verify {
+        line(&mut text, row(&format!("nominal ({})", half.n_points), &half.before));
+        if half.after != half.before {
+            line(&mut text, row(&format!("these parameters ({})", half.n_points), &half.after));
+        }
+        if let Some(corrected) = half.corrected.as_ref().filter(|corrected| **corrected != half.after) {
+            line(&mut text, row("with their corrections", corrected));
+        }
+    }
+    line(&mut text, format!("evidence: {}", evidence(report.evidence)));
+    text
+}
+
+fn identified(report: &Report) -> String {
     let mut text = String::new();
     let model = if report.model == Model::Paper { "paper" } else { "complete" };
     line(&mut text, format!("{} on the {model} model: {}", name(report.method), report.method_reason));
@@ -27,7 +61,7 @@ pub fn report(report: &Report) -> String {
         ),
     );
     line(&mut text, String::new());
-    line(&mut text, format!("{:<24}{:>10}{:>10}{:>10}{:>10}", "position error, mm", "mean", "std", "rms", "max"));
+    line(&mut text, columns());
     halves(&mut text, "identify", Some(&report.identify));
     halves(&mut text, "verify", report.verify.as_ref());
     line(&mut text, format!("evidence: {}", evidence(report.evidence)));
@@ -41,10 +75,6 @@ pub fn report(report: &Report) -> String {
     comparison(&mut text, &report.comparison);
     parameters(&mut text, &report.parameters);
     corrections(&mut text, report.corrections.as_deref().unwrap_or_default());
-    repeatability(&mut text, report.repeatability.as_ref());
-    for warning in &report.warnings {
-        line(&mut text, format!("\nwarning: {} ({}): {}", words::warning(&warning.code), warning.code, warning.detail));
-    }
     text
 }
 
@@ -63,12 +93,19 @@ fn line(text: &mut String, line: String) {
 
 fn halves(text: &mut String, name: &str, half: Option<&SubsetReport>) {
     let Some(half) = half.filter(|half| half.n_points > 0) else { return };
-    let row = |e: &ErrorsReport| format!("{:>10}{:>10}{:>10}{:>10}", error(e.mean_mm), error(e.std_mm), error(e.rms_mm), error(e.max_mm));
-    line(text, format!("{:<24}{}", format!("{name} ({}), before", half.n_points), row(&half.before)));
-    line(text, format!("{:<24}{}", format!("{name} ({}), after", half.n_points), row(&half.after)));
+    line(text, row(&format!("{name} ({}), before", half.n_points), &half.before));
+    line(text, row(&format!("{name} ({}), after", half.n_points), &half.after));
     if let Some(corrected) = half.corrected.as_ref().filter(|corrected| **corrected != half.after) {
-        line(text, format!("{:<24}{}", format!("{name} ({}), corrected", half.n_points), row(corrected)));
+        line(text, row(&format!("{name} ({}), corrected", half.n_points), corrected));
     }
+}
+
+fn columns() -> String {
+    format!("{:<24}{:>10}{:>10}{:>10}{:>10}", "position error, mm", "mean", "std", "rms", "max")
+}
+
+fn row(name: &str, e: &ErrorsReport) -> String {
+    format!("{name:<24}{:>10}{:>10}{:>10}{:>10}", error(e.mean_mm), error(e.std_mm), error(e.rms_mm), error(e.max_mm))
 }
 
 fn comparison(text: &mut String, rows: &[ComparisonReport]) {

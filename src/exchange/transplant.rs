@@ -9,6 +9,10 @@ use nalgebra::{IsometryMatrix3, Matrix3, Rotation3, Translation3, Vector3};
 const SAME_MM: f64 = 1.0;
 /// See [`SAME_MM`]: 0.1°.
 const SAME_RAD: f64 = 0.1 * std::f64::consts::PI / 180.0;
+/// A chain is a corrected description, not the nominal one, if its worst axis is this much nearer to the identified robot's,
+const NEARER: f64 = 0.5;
+/// and its distance to the nominal one is not the rounding of a description: 0.01 mm or 0.001°, in parts of [`SAME_MM`] and [`SAME_RAD`].
+const ROUNDING: f64 = 0.01;
 /// Below this the axes are parallel, and nothing holds their common direction.
 const HELD: f64 = 1e-6;
 /// Iteration limit of a singular value decomposition.
@@ -35,6 +39,19 @@ pub enum Mismatch {
         /// How turned.
         angle_deg: f64,
     },
+    /// It has been corrected before.
+    #[error(
+        "it is the identified robot's already, or that of an identification before: the axis of joint {name:?} is {distance_mm:.3} mm and \
+         {angle_deg:.4}° from where the nominal robot has it, and nearer to the identified one; take the description that the robot came with"
+    )]
+    Corrected {
+        /// The joint.
+        name: String,
+        /// How far from the nominal one.
+        distance_mm: f64,
+        /// How turned.
+        angle_deg: f64,
+    },
 }
 
 /// How the chain's joint values are the model's: q_model = sign · q + offset.
@@ -54,17 +71,27 @@ pub fn transplanted(chain: &Chain, nominal: &Robot, identified: &[Link]) -> Resu
     if found != expected {
         return Err(Mismatch::JointCount { found, expected });
     }
-    let placed = conventions(nominal).into_iter().map(|convention| {
-        let t_root_base = place(chain, nominal, &convention);
-        let worst = worst_axis(chain, nominal, &convention, &t_root_base);
-        (convention, t_root_base, worst)
-    });
-    let best = placed.min_by(|a, b| misfit(&a.2).total_cmp(&misfit(&b.2)));
-    let Some((convention, t_root_base, (name, distance_mm, angle_rad))) = best else { return Ok(chain.clone()) };
-    if !(distance_mm <= SAME_MM && angle_rad <= SAME_RAD) {
-        return Err(Mismatch::Axis { name, distance_mm, angle_deg: angle_rad.to_degrees() });
+    let Some((convention, t_root_base, worst)) = laid_onto(chain, nominal) else { return Ok(chain.clone()) };
+    let (name, distance_mm, angle_rad) = &worst;
+    if !(*distance_mm <= SAME_MM && *angle_rad <= SAME_RAD) {
+        return Err(Mismatch::Axis { name: name.clone(), distance_mm: *distance_mm, angle_deg: angle_rad.to_degrees() });
+    }
+    let corrected = Robot { links: identified.to_vec(), ..nominal.clone() };
+    let nearer = laid_onto(chain, &corrected).is_some_and(|(.., of_corrected)| misfit(&of_corrected) < NEARER * misfit(&worst));
+    if nearer && misfit(&worst) > ROUNDING {
+        return Err(Mismatch::Corrected { name: name.clone(), distance_mm: *distance_mm, angle_deg: angle_rad.to_degrees() });
     }
     Ok(moved(chain, nominal, identified, &convention, &t_root_base))
+}
+
+/// How a robot lies best onto a chain: by which of its conventions, where its base is in the chain's root, and its worst axis.
+fn laid_onto(chain: &Chain, robot: &Robot) -> Option<(Convention, IsometryMatrix3<f64>, (String, f64, f64))> {
+    let placed = conventions(robot).into_iter().map(|convention| {
+        let t_root_base = place(chain, robot, &convention);
+        let worst = worst_axis(chain, robot, &convention, &t_root_base);
+        (convention, t_root_base, worst)
+    });
+    placed.min_by(|a, b| misfit(&a.2).total_cmp(&misfit(&b.2)))
 }
 
 /// The controller's joint values where a chain can have them, and the model's.

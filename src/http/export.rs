@@ -6,6 +6,7 @@ use crate::http::{App, Error, access, parameter_sets};
 use crate::store::ParameterSetRow;
 use crate::wire::export::{self, BetaChoice, ExportFormat, Exported, Source};
 use crate::wire::import::{ImportAnswer, ImportFormat, import};
+use crate::wire::measurement::Warning;
 use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::robot::RobotBody;
 use axum::Json;
@@ -124,12 +125,14 @@ struct Stored {
     row: ParameterSetRow,
     body: RobotBody,
     content: ParameterSetContent,
+    warnings: Vec<Warning>,
 }
 
 impl Stored {
     fn with(&self, write: impl Fn(&Source<'_>) -> Result<Exported, export::Error>) -> Result<Exported, Error> {
         let robot = self.body.to_core()?;
-        write(&Source { id: &self.row.id, body: &self.body, robot: &robot, content: &self.content }).map_err(|error| match error {
+        let Self { row, body, content, warnings } = self;
+        write(&Source { id: &row.id, body, robot: &robot, content, warnings }).map_err(|error| match error {
             export::Error::Invalid(invalid) => invalid.into(),
             error @ export::Error::ReadBack { .. } => Error::Internal(error.to_string()),
         })
@@ -140,7 +143,8 @@ async fn stored(app: &App, caller: &Caller, id: &str) -> Result<Stored, Error> {
     let row = access::parameter_set(app, caller, id).await?;
     let body = access::robot_body(&access::robot(app, caller, &row.robot_id).await?)?;
     let content = parameter_sets::content(&row)?;
-    Ok(Stored { row, body, content })
+    let warnings = parameter_sets::warnings_for_use(app, &row).await?;
+    Ok(Stored { row, body, content, warnings })
 }
 
 fn respond(id: &str, exported: Exported) -> Result<Response, Error> {

@@ -130,6 +130,7 @@ pub fn answer(row: &JobRow) -> Result<JobAnswer, Error> {
         attempt: u32::try_from(row.attempt).unwrap_or(u32::MAX),
         progress: row.progress_json.as_deref().map(serde_json::from_str).transpose()?,
         error: row.error_json.as_deref().map(serde_json::from_str).transpose()?,
+        parameter_set_from: row.parameter_set_input_id.clone(),
         parameter_set_id: row.parameter_set_id.clone(),
         network_id: row.network_id.clone(),
         residual_network_from: row.residual_network_input_id.clone(),

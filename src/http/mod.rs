@@ -32,7 +32,7 @@ mod release;
 mod report_html;
 mod robots;
 pub mod server;
-mod tls;
+pub mod tls;
 mod upload_check;
 
 pub use document::{json, openapi, yaml};

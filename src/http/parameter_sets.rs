@@ -3,10 +3,12 @@
 use crate::http::auth::Caller;
 use crate::http::extract::{Id, ListQuery, Query};
 use crate::http::{App, Error, access};
-use crate::store::{self, ParameterSetRow, parameter_sets};
+use crate::store::{self, ParameterSetRow, jobs, parameter_sets};
 use crate::wire::canonical;
+use crate::wire::measurement::Warning;
 use crate::wire::page::Page;
 use crate::wire::parameter_set::{ParameterSetAnswer, ParameterSetContent, ParameterSetStatus};
+use crate::wire::report;
 use crate::wire::time::rfc3339;
 use axum::Json;
 use axum::extract::State;
@@ -85,6 +87,11 @@ pub fn content(row: &ParameterSetRow) -> Result<ParameterSetContent, Error> {
     Ok(serde_json::from_str(&row.body_json)?)
 }
 
+/// What the report of its job says that who uses the set should have before them.
+pub async fn warnings_for_use(app: &App, row: &ParameterSetRow) -> Result<Vec<Warning>, Error> {
+    Ok(report::warnings_for_use(&jobs::report(&app.store, &row.job_id).await?)?)
+}
+
 /// The parameter set as it is answered.
 pub fn answer(row: ParameterSetRow) -> Result<ParameterSetAnswer, Error> {
     let ParameterSetContent { links, t_instrument_base, targets, links_with_corrections, corrections } = content(&row)?;
@@ -106,6 +113,11 @@ pub fn answer(row: ParameterSetRow) -> Result<ParameterSetAnswer, Error> {
         sha256: row.sha256,
         created_at: rfc3339(row.created_at_ms),
         released_at: row.released_at_ms.map(rfc3339),
+        release_reason: row.release_reason,
+        released_by: row.released_by,
+        withdrawn_at: row.withdrawn_at_ms.map(rfc3339),
+        withdraw_reason: row.withdraw_reason,
+        withdrawn_by: row.withdrawn_by,
         release_checks: row.release_checks_json.as_deref().map(serde_json::from_str).transpose()?,
     })
 }

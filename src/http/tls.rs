@@ -12,6 +12,12 @@ use tokio_rustls::rustls::pki_types::{CertificateDer, PrivateKeyDer};
 /// Turns accepted connections into TLS ones.
 pub type Tls = TlsAcceptor;
 
+/// Makes ring what TLS computes with in this process; whoever builds an HTTP client does this first. A second time changes nothing.
+pub fn use_ring() {
+    // An error says that there is one already.
+    let _ = ring::default_provider().install_default();
+}
+
 /// The acceptor of these files.
 ///
 /// # Errors

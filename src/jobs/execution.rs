@@ -40,7 +40,7 @@ pub fn compute(inputs: &JobInputs, progress: &mut dyn FnMut(Progress) -> Control
     };
     // the same points uploaded again are the same session
     let another = matches!(&request.verify, VerifySource::Set(set) if is_anew(&request.set, set));
-    let report = calibrated.report(&inputs.job.id, another).map_err(broken)?;
+    let report = calibrated.report(&inputs.job.id, inputs.job.parameter_set_input_id.as_deref(), another).map_err(broken)?;
     let content = ParameterSetContent::from_core(&calibrated.core);
     Ok(JobOutcome {
         report_json: serde_json::to_string(&report).map_err(broken)?,
@@ -79,7 +79,7 @@ fn verified(
     let calibrated = timed(&scored, progress)?;
     let identified_from = inputs.parameter_set.as_ref().map(|input| set_of(&input.set, request.robot.links.len())).transpose()?;
     let another = identified_from.is_none_or(|identified_from| is_anew(&identified_from, &request.set));
-    let report = calibrated.report(&inputs.job.id, another).map_err(broken)?;
+    let report = calibrated.report(&inputs.job.id, inputs.job.parameter_set_input_id.as_deref(), another).map_err(broken)?;
     Ok(JobOutcome {
         report_json: serde_json::to_string(&report).map_err(broken)?,
         convergence_json: serde_json::to_string(&report::convergence(&calibrated.core)).map_err(broken)?,
@@ -102,9 +102,10 @@ impl Calibrated {
     ///
     /// # Errors
     /// If it cannot be serialised; does not happen for finite numbers, and only those come here.
-    pub fn report(&self, job_id: &str, verify_set_is_another: bool) -> Result<Report, serde_json::Error> {
+    pub fn report(&self, job_id: &str, parameter_set_from: Option<&str>, verify_set_is_another: bool) -> Result<Report, serde_json::Error> {
         let run = RunContext {
             job_id,
+            parameter_set_from,
             duration_ms: self.clock.duration_ms(),
             comparison_ms: self.core.comparison.iter().map(|other| self.clock.stage_ms(other.stage)).collect(),
             verify_set_is_another,

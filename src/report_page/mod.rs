@@ -77,6 +77,21 @@ impl Sources<'_> {
         self.job.is_some_and(|job| job.kind == Kind::Verify)
     }
 
+    /// Of which parameters a verification speaks.
+    fn verified(&self) -> String {
+        match &self.report.parameter_set_from {
+            Some(id) => format!("parameter set {id}"),
+            None => "the nominal robot".into(),
+        }
+    }
+
+    /// Serial number and id of the robot, as far as there are any.
+    fn which_robot(&self) -> Option<String> {
+        let serial_number = self.robot.serial_number.as_ref().map(|number| format!("serial number {number}"));
+        let known: Vec<String> = serial_number.into_iter().chain(self.job.map(|job| format!("robot {}", job.robot_id))).collect();
+        (!known.is_empty()).then(|| known.join(" · "))
+    }
+
     /// What the page is called.
     fn title(&self) -> String {
         let what = if self.is_verification() { "Verification" } else { "Calibration" };
@@ -108,13 +123,13 @@ fn body(sources: &Sources<'_>) -> Markup {
         header {
             p.kind { "kincal · calibration report" }
             h1 { (sources.title()) }
-            @if let Some(serial_number) = &sources.robot.serial_number { p.under { "serial number " (serial_number) } }
+            @if let Some(which) = sources.which_robot() { p.under { (which) } }
         }
         main {
             (sections::verdict(report))
             (sections::warnings(&report.warnings))
             (sections::facts(sources))
-            (sections::errors(report))
+            (sections::errors(sources))
             (figures::per_point(&report.per_point))
             (figures::histogram(&report.per_point))
             (figures::convergence(sources.convergence))

@@ -54,10 +54,12 @@ pub fn facts(sources: &Sources<'_>) -> Markup {
     html! {
         dl.facts {
             (fact("Measurement set", &set_text))
-            (fact("Method", &format!("{}: {}", words::method(report.method.as_str()), report.method_reason)))
-            @if seen.n_parameters > 0 {
-                (fact("Model", &format!("{}: {} of {} parameters identified", report.model.as_str(), seen.rank, seen.n_parameters)))
+            @if sources.is_verification() {
+                (fact("Verified", &format!("{}; {}", sources.verified(), report.method_reason)))
+            } @else {
+                (fact("Method", &format!("{}: {}", words::method(report.method.as_str()), report.method_reason)))
             }
+            @if seen.n_parameters > 0 { (fact("Model", &model(report))) }
             (fact("Evidence", evidence(report.evidence)))
             @if let Some(tool) = report.tool_uncertainty_mm {
                 (fact("Uncertainty of the tool", &format!("{} mm on average, {} mm at worst over the workspace (one standard deviation)", number(tool.mean), number(tool.max))))
@@ -71,6 +73,13 @@ pub fn facts(sources: &Sources<'_>) -> Markup {
     }
 }
 
+/// What the points see: the rank counts combinations, and a parameter may take part in several.
+fn model(report: &Report) -> String {
+    let seen = &report.identifiability;
+    let n_alone = report.parameters.iter().filter(|parameter| parameter.identifiable).count();
+    format!("{}: {n_alone} of {} parameters alone, {} independent combinations", report.model.as_str(), seen.n_parameters, seen.rank)
+}
+
 fn standing(set: &ParameterSetAnswer) -> String {
     match &set.released_at {
         Some(at) => format!("{}, released {}", set.status.as_str(), time(at)),
@@ -79,7 +88,11 @@ fn standing(set: &ParameterSetAnswer) -> String {
 }
 
 /// The errors before and after, on both halves.
-pub fn errors(report: &Report) -> Markup {
+pub fn errors(sources: &Sources<'_>) -> Markup {
+    let report = sources.report;
+    if sources.is_verification() {
+        return verified_errors(report);
+    }
     let halves = [("Identify", Some(&report.identify)), ("Verify", report.verify.as_ref())];
     html! {
         section {
@@ -89,6 +102,30 @@ pub fn errors(report: &Report) -> Markup {
                 tbody { @for (name, half) in halves { @if let Some(half) = half.filter(|half| half.n_points > 0) { (half_rows(name, half)) } } }
             }
             p.note { "Identify: the points of the fit. Verify: points kept aside. Before: the nominal robot." }
+        }
+    }
+}
+
+/// The errors of the nominal robot and of the parameters that were verified, on all points.
+fn verified_errors(report: &Report) -> Markup {
+    let Some(half) = &report.verify else { return html! {} };
+    let mut rows = vec![("nominal robot", &half.before)];
+    if half.after != half.before {
+        rows.push(("these parameters", &half.after));
+    }
+    rows.extend(half.corrected.as_ref().filter(|corrected| **corrected != half.after).map(|e| ("these parameters, with corrections", e)));
+    html! {
+        section {
+            h2 { "Position errors of the nominal robot and with these parameters, mm" }
+            table {
+                thead { tr { th { "on " (half.n_points) " points" } th.n { "mean" } th.n { "std" } th.n { "rms" } th.n { "max" } } }
+                tbody {
+                    @for (name, e) in rows {
+                        tr { td { (name) } @for value in [e.mean_mm, e.std_mm, e.rms_mm, e.max_mm] { td.n { (error(value)) } } }
+                    }
+                }
+            }
+            p.note { "Nothing was fitted to these points but, in the instrument's frame, where base and reflectors are. In the figures before is the nominal robot, and after is with these parameters." }
         }
     }
 }
@@ -133,15 +170,24 @@ pub fn parameters(report: &Report) -> Markup {
                     }
                 }
             }
-            @if !groups.is_empty() {
-                p.note {
-                    "* The data cannot see these alone, only the sum of each group's effects: "
-                    @for (i, group) in groups.iter().enumerate() { @if i > 0 { "; " } (group.join(" with ")) }
-                    ". The positions are right all the same."
-                }
-            }
+            @if !groups.is_empty() { p.note { "* " (unseen(groups)) } }
         }
     }
+}
+
+/// What the data cannot see: some parameters only together with others, some not at all.
+fn unseen(groups: &[Vec<String>]) -> String {
+    let (single, several): (Vec<&Vec<String>>, Vec<&Vec<String>>) = groups.iter().partition(|group| group.len() == 1);
+    let mut text = String::new();
+    if !several.is_empty() {
+        let several: Vec<String> = several.iter().map(|group| group.join(" with ")).collect();
+        text += &format!("The data cannot see these alone, only the sum of each group's effects: {}. ", several.join("; "));
+    }
+    if !single.is_empty() {
+        let single: Vec<&str> = single.iter().flat_map(|group| group.iter().map(String::as_str)).collect();
+        text += &format!("The data cannot see at all: {}. ", single.join(", "));
+    }
+    text + "The positions of the measured reflector are right all the same; of another tool they may not be."
 }
 
 /// What was known beforehand, and what became of it.
@@ -311,13 +357,18 @@ pub fn comparison(report: &Report) -> Markup {
 /// Identifiers, hashes and versions.
 pub fn origin(sources: &Sources<'_>) -> Markup {
     let Sources { set, job, parameter_set, report, .. } = sources;
+    let asked = match sources.is_verification() {
+        true => String::new(),
+        false => format!(", preset {}, seed {}, ended by {}", report.preset.as_str(), report.seed, report.termination),
+    };
     html! {
         section {
             h2 { "Where it comes from" }
             dl.origin {
                 @if let Some(job) = job { (fact("Job", &job.id)) (fact("Asked for", &time(&job.created_at))) }
-                (fact("Computed by", &format!("kincal {}, preset {}, seed {}, ended by {}", report.version, report.preset.as_str(), report.seed, report.termination)))
+                (fact("Computed by", &format!("kincal {}{asked}", report.version)))
                 (fact("Measured file, SHA-256", set.sha256))
+                @if sources.is_verification() { @if let Some(id) = &report.parameter_set_from { (fact("Verified parameter set", id)) } }
                 @if let Some(set) = parameter_set { (fact("Parameter set", &set.id)) (fact("Parameters, SHA-256", &set.sha256)) }
                 (fact("Result, SHA-256", &report.result_sha256))
             }

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use sqlx::any::{AnyConnectOptions, AnyPoolOptions};
 use sqlx::migrate::{MigrateError, Migration, MigrationType, Migrator};
-use sqlx::{AnyPool, Connection, Executor, SqlSafeStr};
+use sqlx::{AnyConnection, AnyPool, Connection, Executor, SqlSafeStr};
 use tokio::sync::Semaphore;
 
 use super::writer::Writer;
@@ -127,7 +127,7 @@ async fn connect_postgres(url: &str) -> Result<Store> {
         .max_connections(POSTGRES_CONNECTIONS)
         .acquire_timeout(ACQUIRE_TIMEOUT)
         .after_connect(|connection, _| Box::pin(async move { connection.execute(POSTGRES_SETTINGS).await.map(drop) }));
-    let pool = connect(options, url).await?;
+    let pool = connect(options, url, POSTGRES_SETTINGS).await?;
     let (engine, is_served) = (Engine::Postgres, true);
     let postgres_url = Some(url.to_owned());
     let writers = Some(Arc::new(Semaphore::new(POSTGRES_WRITERS)));
@@ -135,10 +135,22 @@ async fn connect_postgres(url: &str) -> Result<Store> {
     Ok(Store { inner: Arc::new(inner) })
 }
 
-async fn connect(options: AnyPoolOptions, url: &str) -> Result<AnyPool> {
+async fn connect(options: AnyPoolOptions, url: &str, settings: &'static str) -> Result<AnyPool> {
     sqlx::any::install_default_drivers();
     let url = AnyConnectOptions::from_str(url).map_err(|e| Error::Open { detail: format!("the database URL: {e}") })?;
-    options.connect_with(url).await.map_err(|e| Error::Open { detail: format!("cannot open the database: {e}") })
+    match options.connect_with(url.clone()).await {
+        Ok(pool) => Ok(pool),
+        Err(cause) => Err(Error::Open { detail: format!("cannot open the database: {}", reason(cause, &url, settings).await) }),
+    }
+}
+
+/// Why no connection could be made: a pool that tried for some time says only that it did.
+async fn reason(cause: sqlx::Error, url: &AnyConnectOptions, settings: &'static str) -> sqlx::Error {
+    if !matches!(cause, sqlx::Error::PoolTimedOut) {
+        return cause;
+    }
+    let one = async { AnyConnection::connect_with(url).await?.execute(settings).await };
+    one.await.err().unwrap_or(cause)
 }
 
 async fn connect_sqlite(data_dir: &Path, lock_file: Option<File>, is_served: bool) -> Result<Store> {
@@ -147,7 +159,7 @@ async fn connect_sqlite(data_dir: &Path, lock_file: Option<File>, is_served: boo
         .acquire_timeout(ACQUIRE_TIMEOUT)
         .test_before_acquire(false)
         .after_connect(|connection, _| Box::pin(async move { connection.execute(SQLITE_PRAGMAS).await.map(drop) }));
-    let pool = connect(options, &sqlite_url(data_dir)?).await?;
+    let pool = connect(options, &sqlite_url(data_dir)?, SQLITE_PRAGMAS).await?;
     refuse_old_sqlite(&pool).await?;
     let writer = Some(Writer::new(pool.clone()));
     let data_dir = Some(data_dir.to_owned());

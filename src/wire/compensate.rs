@@ -6,8 +6,11 @@ use crate::wire::angle::{to_degrees, to_radians};
 use crate::wire::corrections::PayloadBody;
 use crate::wire::issue::{Checker, Invalid};
 use crate::wire::json;
+use crate::wire::measurement::Warning;
 use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::predict::{check_pose, unknown_target};
+#[cfg(doc)]
+use crate::wire::report;
 use crate::wire::robot::MAX_LENGTH_MM;
 use nalgebra::{IsometryMatrix3, Matrix3, Rotation3, Translation3, Vector3};
 use serde::{Deserialize, Serialize};
@@ -96,6 +99,10 @@ pub struct CompensateAnswer {
     /// What was identified and is not corrected.
     #[serde(default)]
     pub left_out: LeftOut,
+    /// What one should know before using them: `pose_not_seen` where the measured positions do not show all of where the flange is, and this
+    /// tool or mode depends on it.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub warnings: Vec<Warning>,
 }
 
 /// What counts as where base and tool are: all of link 1, a wrong mastering of joint 1 among it, and `theta_offset` and `d` of the last link.
@@ -123,6 +130,7 @@ impl CompensateAnswer {
         self.status.extend(next.status);
         self.extrapolated.extend(next.extrapolated);
         self.left_out = next.left_out;
+        self.warnings = next.warnings;
     }
 }
 
@@ -155,11 +163,11 @@ impl LeftOut {
 }
 
 impl CompensateBody {
-    /// The corrected targets.
+    /// The corrected targets. `warnings` are those of the parameter set ([`report::warnings_for_use`]).
     ///
     /// # Errors
     /// [`Invalid`] for joint values that do not fit the robot, a tool that is none, or a target that the set does not have.
-    pub fn run(&self, robot: &Robot, content: &ParameterSetContent) -> Result<CompensateAnswer, Invalid> {
+    pub fn run(&self, robot: &Robot, content: &ParameterSetContent, warnings: &[Warning]) -> Result<CompensateAnswer, Invalid> {
         self.check(robot.links.len())?;
         let target = self.target.unwrap_or(0);
         if self.tool.is_none() && content.target_mm(target, None).is_none() {
@@ -170,6 +178,10 @@ impl CompensateBody {
         let tool = self.tool.map_or_else(|| Tool::Target(identified.target_mm(target)), |tool| Tool::Tcp(tool.to_core()));
         let mut answer = CompensateAnswer::with_capacity(self.q_deg.len());
         answer.left_out = LeftOut::of(compensation.anchor());
+        // the measured reflector is right whatever the positions do not show
+        if self.tool.is_some() || self.mode == CompensateMode::Pose {
+            answer.warnings = warnings.to_vec();
+        }
         for q_deg in &self.q_deg {
             let q_rad: Vec<f64> = q_deg.iter().map(|deg| to_radians(*deg)).collect();
             let corrected = compensation.correct(&q_rad, &tool, self.mode.to_core());
@@ -262,6 +274,7 @@ impl CompensateAnswer {
             status: Vec::with_capacity(n),
             extrapolated: Vec::with_capacity(n),
             left_out: LeftOut::default(),
+            warnings: vec![],
         }
     }
 }

@@ -65,6 +65,9 @@ pub struct JobAnswer {
     /// Why it failed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub error: Option<Problem>,
+    /// The parameter set that it verifies, holds what is not identified at, or compares with, chosen when it was posted.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub parameter_set_from: Option<String>,
     /// Its parameter set, once it has succeeded.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub parameter_set_id: Option<String>,

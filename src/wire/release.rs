@@ -217,6 +217,7 @@ fn better_than_nominal(facts: &Facts<'_>) -> Gate {
             );
             Gate::new(name, false, detail)
         }
+        None if facts.sessions.is_empty() => Gate::new(name, true, "no other session has been scored on it"),
         None => Gate::new(name, true, format!("{} sessions, each better than nominal", facts.sessions.len())),
     }
 }

@@ -5,6 +5,7 @@ use crate::calibration::changes::NamedChange;
 use crate::calibration::report::{
     ErrorModel, Errors, MethodComparison, ParameterOutcome, PointErrors, PoseRepeatability, PriorOutcome, Repeatability, SubsetErrors,
 };
+use crate::calibration::unseen::POSE_NOT_SEEN;
 use crate::identification::corrections::Evidence;
 use crate::identification::workspace::ToolUncertainty;
 use crate::wire::angle::to_degrees;
@@ -23,6 +24,8 @@ use crate::wire::report_shape::{
 pub struct RunContext<'a> {
     /// The job.
     pub job_id: &'a str,
+    /// The parameter set that was verified, held or compared with.
+    pub parameter_set_from: Option<&'a str>,
     /// Wall time without the comparison, ms.
     pub duration_ms: f64,
     /// Wall time of each compared method, in the order of `comparison`, ms.
@@ -35,6 +38,20 @@ pub struct RunContext<'a> {
 
 /// The version every report names.
 pub const VERSION: &str = env!("CARGO_PKG_VERSION");
+
+/// The warnings of a stored report that who uses its parameters should have before them.
+///
+/// # Errors
+/// If it is no report.
+pub fn warnings_for_use(report_json: &str) -> Result<Vec<Warning>, serde_json::Error> {
+    #[derive(serde::Deserialize)]
+    struct Warnings {
+        warnings: Vec<Warning>,
+    }
+    let mut found: Warnings = serde_json::from_str(report_json)?;
+    found.warnings.retain(|warning| warning.code == POSE_NOT_SEEN);
+    Ok(found.warnings)
+}
 
 /// Warnings that compare with earlier sessions.
 const ABOUT_EARLIER_SESSIONS: [&str; 2] = ["robot_changed", "placement_changed"];
@@ -52,6 +69,7 @@ pub fn build(core: &CalibrationReport, run: &RunContext<'_>) -> Result<Report, s
 fn without_hash(core: &CalibrationReport, run: &RunContext<'_>) -> Report {
     Report {
         job_id: run.job_id.into(),
+        parameter_set_from: run.parameter_set_from.map(Into::into),
         method: Method::from_core(core.method),
         method_reason: core.method_reason.clone(),
         model: Model::from_core(core.model),
@@ -96,7 +114,7 @@ fn without_hash(core: &CalibrationReport, run: &RunContext<'_>) -> Report {
 fn result_sha256(report: &Report, core: &CalibrationReport, network_sha256: Option<&str>) -> Result<String, serde_json::Error> {
     let mut value = serde_json::to_value(report)?;
     if let Some(fields) = value.as_object_mut() {
-        fields.retain(|name, _| !["job_id", "duration_ms", "result_sha256", "changed"].contains(&name.as_str()));
+        fields.retain(|name, _| !["job_id", "parameter_set_from", "duration_ms", "result_sha256", "changed"].contains(&name.as_str()));
         if let Some(warnings) = fields.get_mut("warnings").and_then(|warnings| warnings.as_array_mut()) {
             warnings.retain(|warning| !ABOUT_EARLIER_SESSIONS.contains(&warning["code"].as_str().unwrap_or_default()));
         }

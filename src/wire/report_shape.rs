@@ -10,6 +10,10 @@ use utoipa::ToSchema;
 pub struct Report {
     /// The job.
     pub job_id: String,
+    /// The parameter set that was there before: the one that was verified, that what is not identified was held at, or that `changed` compares
+    /// with. Absent where there was none, and where the nominal robot was verified.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub parameter_set_from: Option<String>,
     /// The method that ran.
     pub method: Method,
     /// Why that method.

@@ -55,6 +55,19 @@ async fn from_the_upload_to_the_release_and_back_in_a_terminal() {
     let (code, released, complaints) = kincal(&app, key, &["release", set, "--reason", "seen", "--json"]).await;
     assert_eq!(code, Some(0), "{complaints}");
     assert_eq!(serde_json::from_str::<Value>(&released).unwrap()["status"], "released");
+    let (code, told, _) = kincal(&app, key, &["release", set, "--reason", "seen twice"]).await;
+    assert_eq!((code, told.trim()), (Some(0), format!("{set} was released already; nothing changed").as_str()));
+    let (code, verified, complaints) =
+        kincal(&app, key, &["submit", "--robot", "Cell 4", &data("followup_drifted.csv"), "--verify", "--wait"]).await;
+    assert_eq!(code, Some(0), "{complaints}");
+    assert!(
+        verified.contains(&format!("verification of the parameter set {set}")) && verified.contains("\nthese parameters (100)"),
+        "{verified}"
+    );
+    assert!(
+        !verified.contains("rank 0 of 0") && !verified.contains("parameter  ") && !verified.contains("on the same points"),
+        "{verified}"
+    );
     let (code, told, _) = kincal(&app, key, &["withdraw", set, "--reason", "seen again"]).await;
     assert_eq!(code, Some(0));
     assert!(told.contains("is withdrawn"), "{told}");
@@ -93,6 +106,12 @@ async fn what_goes_wrong_says_what_to_do_next() {
         (vec!["robots", "rob_0"], 1, "next: kincal robots lists"),
         (vec!["report", "job_0"], 1, "(not_found)"),
         (vec!["release", "par_0", "--reason", "x"], 1, "(insufficient_scope)"),
+        (vec!["submit", "--robot", "rob_0", "no-set.csv", "--verify", "--method", "pso"], 2, "--method"),
+        (vec!["submit", "--robot", "rob_0", "no-set.csv", "--parameters", "par_0"], 2, "give --verify with it"),
+        (vec!["params", "--gates"], 2, "<ID>"),
+        (vec!["key", "revoke"], 2, "--name NAME"),
+        (vec!["key", "create", "--name", "", "--scope", "read"], 2, "whose key"),
+        (vec!["key", "list", "--data-dir", "/nowhere/at/all"], 1, "there is no database in /nowhere/at/all"),
     ] {
         let (found, _, complaints) = kincal(&app, key, &arguments).await;
         assert_eq!(found, Some(code), "{arguments:?}: {complaints}");
@@ -139,6 +158,34 @@ fn every_shell_completes_every_command() {
     let output = Command::new("bash").args(["-c", ask, "bash"]).arg(script.path()).output().unwrap();
     assert_eq!(String::from_utf8_lossy(&output.stdout).trim(), "release");
     assert_eq!(run(&["completions", "tcsh"]).status.code(), Some(2));
+}
+
+#[test]
+fn a_long_option_without_an_environment_variable_is_one_of_those_that_are_said_to_have_none() {
+    let said = |arguments: &[&str]| {
+        let output = Command::new(env!("CARGO_BIN_EXE_kincal")).args(arguments).arg("--help").output().unwrap();
+        String::from_utf8(output.stdout).unwrap()
+    };
+    let help = said(&[]);
+    let commands = help.lines().skip_while(|line| *line != "Commands:").skip(1).take_while(|line| line.starts_with("  "));
+    let commands = commands.filter_map(|line| line.split_whitespace().next()).filter(|command| !["help", "key"].contains(command));
+    for command in commands {
+        let help = said(&[command]);
+        let mut options: Vec<String> = Vec::new();
+        for line in help.lines().skip_while(|line| *line != "Options:") {
+            let indent = line.len() - line.trim_start().len();
+            match options.last_mut() {
+                _ if line.trim_start().starts_with('-') && indent <= 6 => options.push(line.into()),
+                Some(option) => option.push_str(line),
+                None => {}
+            }
+        }
+        assert!(options.len() > 1, "{command}: {help}");
+        for option in options {
+            let has_none = ["--help", "--version", "--reason", "--change-reason"].iter().any(|name| option.contains(name));
+            assert!(has_none || option.contains("[env: KINCAL_"), "{command}: {option}");
+        }
+    }
 }
 
 #[test]

@@ -41,6 +41,24 @@ async fn corrected_targets_are_predicted_where_the_nominal_robot_would_be() {
     }
 }
 
+#[tokio::test]
+async fn where_more_counts_than_the_measured_reflector_it_is_said_what_was_not_seen() {
+    let app = TestApp::with_workers(1).await;
+    // one reflector on the last axis
+    let set = parameter_set(&app).await;
+    let q = json!([[10.0, -30.0, 20.0, 15.0, 40.0, 5.0]]);
+    let tool = json!({"translation_mm": [30.0, -45.0, 160.0]});
+    for (body, is_said) in [
+        (json!({"q_deg": q}), true),
+        (json!({"q_deg": q, "mode": "position"}), false),
+        (json!({"q_deg": q, "mode": "position", "tool": tool}), true),
+    ] {
+        let answer = app.post_json(&format!("{set}/compensate"), &body).await.ok(200);
+        assert_eq!(answer["warnings"][0]["code"] == "pose_not_seen", is_said, "{body}: {answer}");
+    }
+    assert_eq!(app.get(&format!("{set}/export")).await.ok(200)["warnings"][0]["code"], "pose_not_seen");
+}
+
 /// The nominal robot's reflector, written out: the paper's Table 1 by hand, the reflector where the set has it beyond the nominal flange.
 async fn nominal_positions(app: &TestApp, set: &str, q_deg: &[Vec<f64>]) -> Vec<Vec<f64>> {
     let document = app.get(&format!("{set}/export")).await.ok(200);

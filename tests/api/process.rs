@@ -18,6 +18,7 @@ struct Process {
 
 impl Process {
     fn serve(data_dir: &Path, workers: &str, extra: &[&str]) -> Self {
+        kincal::http::tls::use_ring();
         let mut command = Command::new(env!("CARGO_BIN_EXE_kincal"));
         command.args(["serve", "--listen", "127.0.0.1:0", "--workers", workers, "--data-dir"]).arg(data_dir).args(extra);
         let mut child = command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();

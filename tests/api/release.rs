@@ -59,7 +59,9 @@ async fn the_gates_are_told_beforehand_as_a_release_will_find_them_and_nothing_c
     assert_eq!(names(&found, false), failed(&refused));
     assert!(names(&found, false).contains(&"second_person".to_owned()), "{found}");
     assert_eq!(app.get(&path(&job)).await.ok(200)["status"], "candidate", "looking changes nothing");
-    app.post_json(&format!("{}/withdraw", path(&job)), &json!({"reason": "wrong"})).await.ok(200);
+    let taken_back = app.post_json(&format!("{}/withdraw", path(&job)), &json!({"reason": "wrong"})).await.ok(200);
+    assert_eq!((&taken_back["withdraw_reason"], &taken_back["withdrawn_by"]), (&json!("wrong"), &json!("anonymous")), "{taken_back}");
+    assert!(taken_back["withdrawn_at"].is_string() && taken_back["release_reason"].is_null(), "{taken_back}");
     let found = told().await;
     assert_eq!((&found["releasable"], names(&found, false)[0].as_str()), (&json!(false), "withdrawn"));
     app.get("/v1/parameter-sets/params_0/gates").await.problem(404, "not_found");
@@ -73,7 +75,10 @@ async fn a_set_that_another_session_shows_to_be_no_better_than_nominal_is_never_
     let exact = predicted_by_nominal();
     let session = app.post(&format!("{robot}/measurement-sets?frame=base"), "text/csv", exact).await.ok(201);
     let verify = json!({"kind": "verify", "measurement_set_id": session["id"], "parameter_set_id": job["parameter_set_id"]});
-    assert_eq!(app.run(&robot, &verify).await["status"], "succeeded");
+    let scored = app.run(&robot, &verify).await;
+    assert_eq!(scored["status"], "succeeded");
+    let report = app.get(&format!("/v1/jobs/{}/report", text(&scored["id"]))).await.ok(200);
+    assert_eq!((&scored["parameter_set_from"], &report["parameter_set_from"]), (&verify["parameter_set_id"], &verify["parameter_set_id"]));
     let refused = app.post_json(&format!("{}/release", path(&job)), &json!({"reason": "it fits"})).await.problem(409, "release_refused");
     assert!(failed(&refused).contains(&"sessions_better_than_nominal"), "{refused}");
     // Nor if the code forgot to look: the schema refuses it too.
@@ -111,6 +116,8 @@ async fn a_set_that_is_worse_than_the_active_one_on_the_same_points_is_not_relea
     let app = TestApp::with_workers(1).await;
     let (robot, first) = app.identified().await;
     app.post_json(&format!("{}/release", path(&first)), &json!({"reason": "first"})).await.ok(200);
+    let active = app.get(&format!("{robot}/parameter-sets/active")).await.ok(200);
+    assert_eq!((&active["release_reason"], &active["released_by"]), (&json!("first"), &json!("anonymous")), "{active}");
     // Only two parameters: better than nominal, and worse than what is active.
     let few = json!({"measurement_set_id": first["measurement_set_id"], "method": "least_squares", "parameters": {"identify": ["theta_offset_2", "theta_offset_3"]}});
     let second = app.run(&robot, &few).await;

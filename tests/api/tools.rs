@@ -80,7 +80,11 @@ fn a_program_is_corrected_by_a_file_and_by_a_server_alike() {
     let wrong = path(folder.path(), "wrong.csv", "q1_deg,q2_deg\n1,x\n");
     let output = kincal(&["compensate", &parameters, &wrong]);
     assert_eq!(output.status.code(), Some(2));
-    assert!(String::from_utf8_lossy(&output.stderr).contains("row 0, column q2_deg"), "{}", String::from_utf8_lossy(&output.stderr));
+    assert!(
+        String::from_utf8_lossy(&output.stderr).contains("row 0 (line 2), column q2_deg"),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
     runtime.block_on(app.server.shutdown());
 }
 
@@ -100,4 +104,78 @@ fn an_imported_robot_can_be_planned_for() {
     assert!(text.lines().last().unwrap().starts_with("3,"), "the last repeats the third: {text}");
     let output = kincal(&["import", &robot]);
     assert_eq!(output.status.code(), Some(2), "a robot file is no table");
+}
+
+#[test]
+fn options_win_over_a_plans_request_and_what_is_assumed_is_said() {
+    let folder = tempfile::tempdir().unwrap();
+    let request = path(folder.path(), "request.json", r#"{"seed": 1, "n_candidates": 500}"#);
+    let lines = |arguments: &[&str]| {
+        let output = kincal(&[&["plan", &paper_path("robot.json"), "--request", &request], arguments].concat());
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        let warned = String::from_utf8(output.stderr).unwrap();
+        assert!(warned.contains("no limits for joint 1, 2, 3, 4, 5, 6: the plan takes -90° to 90° there"), "{warned}");
+        String::from_utf8(output.stdout).unwrap()
+    };
+    let of_the_file = lines(&["-n", "12"]);
+    assert_eq!(of_the_file.lines().count(), 13);
+    assert_eq!(of_the_file, lines(&["-n", "12", "--seed", "1"]));
+    assert_ne!(of_the_file, lines(&["-n", "12", "--seed", "2"]));
+    let output = kincal(&["plan", &paper_path("robot.json"), "--measured", &paper_path("first.csv")]);
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    assert!(said.contains("--frame base or --frame instrument"), "{said}");
+}
+
+#[test]
+fn semicolons_are_read_where_they_are_declared_and_named_where_they_cannot_be() {
+    let folder = tempfile::tempdir().unwrap();
+    let text = std::fs::read_to_string(paper_path("first.csv")).unwrap().replace(',', ";").replace('.', ",");
+    let set = path(folder.path(), "semi.csv", &text);
+    let robot = paper_path("robot.json");
+    let output = kincal(&["calibrate", &robot, &set]);
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.code() == Some(2) && said.contains("--decimal-comma"), "{said}");
+    let report = |arguments: &[&str]| {
+        let output = kincal(&[&["calibrate", "--json", &robot], arguments].concat());
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        serde_json::from_slice::<serde_json::Value>(&output.stdout).unwrap()["result_sha256"].clone()
+    };
+    assert_eq!(report(&[&set, "--decimal-comma"]), report(&[&paper_path("first.csv")]));
+    let table = path(folder.path(), "table.csv", "a_mm;alpha_deg;d_mm;theta_offset_deg\n0;0;504;0\n");
+    let program = path(folder.path(), "program.csv", "q1_deg;q2_deg\n1;2\n");
+    for arguments in [vec!["import", &table], vec!["compensate", &robot, &program]] {
+        let output = kincal(&arguments);
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{said}");
+        assert!(said.contains("columns are separated by ';': save it with commas"), "{said}");
+    }
+}
+
+#[test]
+fn a_robot_file_may_begin_with_a_mark_and_has_to_be_an_object() {
+    let folder = tempfile::tempdir().unwrap();
+    let text = std::fs::read_to_string(paper_path("robot.json")).unwrap();
+    let marked = path(folder.path(), "marked.json", &format!("\u{feff}{text}"));
+    let output = kincal(&["calibrate", &marked, &paper_path("first.csv")]);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let seven = path(folder.path(), "seven.json", "7");
+    let output = kincal(&["calibrate", &seven, &paper_path("first.csv")]);
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    assert!(said.contains("it is not JSON of a robot (an object is expected"), "{said}");
+}
+
+#[test]
+fn a_server_is_named_by_a_url_and_its_silence_by_its_cause() {
+    for server in ["127.0.0.1:19100", "ftp://x"] {
+        let output = kincal(&["robots", "--server", server]);
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{said}");
+        assert!(said.contains("begins with http:// or https://"), "{said}");
+    }
+    let output = kincal(&["robots", "--server", "http://127.0.0.1:1"]);
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    assert!(said.contains("refused"), "{said}");
 }

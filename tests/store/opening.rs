@@ -104,6 +104,15 @@ fn a_data_directory_is_free_again_when_its_server_is_gone_and_keeps_its_rows() {
 }
 
 #[test]
+fn a_file_that_is_no_database_is_said_to_be_none() {
+    let directory = TempDir::new().unwrap();
+    std::fs::write(directory.path().join("kincal.sqlite"), [7_u8; 9000]).unwrap();
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    let error = runtime.block_on(Store::open(StoreLocation::Sqlite { data_dir: directory.path().to_owned() })).unwrap_err();
+    assert!(matches!(&error, Error::Open { detail } if detail.contains("file is not a database")), "{error}");
+}
+
+#[test]
 fn a_server_that_opens_a_data_directory_ends_the_leases_of_the_dead_one() {
     let directory = TempDir::new().unwrap();
     let location = StoreLocation::Sqlite { data_dir: directory.path().to_owned() };

@@ -76,6 +76,7 @@ impl TestApp {
     }
 
     pub async fn with_config(config: ServeConfig) -> Self {
+        kincal::http::tls::use_ring();
         let server = server::start(&config).await.expect("the server starts");
         Self { server, client: reqwest::Client::new(), config, _dir: None }
     }

@@ -74,6 +74,7 @@ impl Browser {
             capabilities.add_arg(argument).unwrap();
         }
         capabilities.set("goog:loggingPrefs", json!({"browser": "ALL", "performance": "ALL"})).unwrap();
+        kincal::http::tls::use_ring();
         let client = reqwest::Client::builder().no_proxy().timeout(PATIENCE).build().unwrap();
         let driver = WebDriver::builder(driver.url.as_str(), capabilities).client(client).connect().await.expect("Chromium starts");
         driver.set_script_timeout(PATIENCE).await.unwrap();

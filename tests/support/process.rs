@@ -52,6 +52,7 @@ impl Server {
         let mut line = String::new();
         BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
         let url = line.trim().strip_prefix("kincal listening on ").unwrap_or_else(|| panic!("said {line:?}")).to_string();
+        kincal::http::tls::use_ring();
         // a connection that nobody uses is closed by the server after a while: each request takes one of its own
         let http = reqwest::Client::builder().no_proxy().timeout(PATIENCE).pool_max_idle_per_host(0).build().unwrap();
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();

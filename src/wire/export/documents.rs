@@ -6,6 +6,7 @@ use crate::exchange::{Chain, ChainJoint, Origin, origin_of, pose_of};
 use crate::kinematics::forward::t_previous_link;
 use crate::kinematics::{Link, Robot};
 use crate::wire::angle::{to_degrees, to_radians};
+use crate::wire::measurement::Warning;
 use crate::wire::parameter_set::{IdentifiedLink, ParameterSetContent};
 use crate::wire::robot::RobotBody;
 use nalgebra::{DVector, Vector3};
@@ -27,6 +28,9 @@ pub struct ExportDocument {
     /// With `beta=refit`: how far the tool is off by these links from where the identified ones have it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub remaining_error_mm: Option<RemainingError>,
+    /// What one should know before using it.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub warnings: Vec<Warning>,
 }
 
 /// Distance of points 100 mm from the flange's origin from where the identified links have them, over the workspace.
@@ -75,7 +79,8 @@ impl ExportDocument {
         if remaining_error_mm.is_some() {
             content.links = links.iter().map(IdentifiedLink::from_core).collect();
         }
-        Self { parameter_set_id: source.id.into(), robot: source.body.clone(), content, remaining_error_mm }
+        let warnings = source.warnings.to_vec();
+        Self { parameter_set_id: source.id.into(), robot: source.body.clone(), content, remaining_error_mm, warnings }
     }
 }
 

@@ -9,6 +9,7 @@ pub use documents::{ExportAnswer, ExportDocument, MasteringDocument, MasteringOf
 use crate::exchange::refit;
 use crate::kinematics::{Link, Robot};
 use crate::wire::issue::Invalid;
+use crate::wire::measurement::Warning;
 use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::robot::RobotBody;
 use serde::{Deserialize, Serialize};
@@ -84,6 +85,8 @@ pub struct Source<'a> {
     pub robot: &'a Robot,
     /// What was identified.
     pub content: &'a ParameterSetContent,
+    /// What one should know before using it.
+    pub warnings: &'a [Warning],
 }
 
 /// The text of a parameter set.

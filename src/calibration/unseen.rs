@@ -1,0 +1,73 @@
+//! What the measured positions do not show of the flange. The measured reflector is where the identified robot has it whatever the positions
+//! do not show; another tool, or a turn of the flange, need not be.
+
+use crate::calibration::identify::Problem;
+use crate::calibration::report::Warning;
+use crate::compensation::anchor;
+use crate::identification::KinematicModel;
+use crate::identification::parameters::apply;
+use crate::identification::workspace::random_configurations;
+use crate::kinematics::rotation::rotation_log;
+use crate::kinematics::t_base_flange;
+use nalgebra::DMatrix;
+
+/// The code of the warning.
+pub const POSE_NOT_SEEN: &str = "pose_not_seen";
+/// Configurations that stand for the workspace.
+const N_CONFIGURATIONS: usize = 64;
+/// Less is what parameters do that the model has twice, such as d of links with parallel axes: nothing but rounding.
+const NOTICED_MM: f64 = 1e-3;
+/// See [`NOTICED_MM`]; 0.001°.
+const NOTICED_RAD: f64 = 1e-3 * std::f64::consts::PI / 180.0;
+
+/// How far the flange may be from where the identified robot has it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Unseen {
+    /// Its origin, mm.
+    pub shift_mm: f64,
+    /// And how far it may be turned, rad.
+    pub turn_rad: f64,
+}
+
+/// The warning, where what is not seen moves the flange on its anchored base (see [`anchor`]).
+pub fn remark(problem: &Problem<'_>, model: &KinematicModel) -> Option<Warning> {
+    let decomposition = &problem.decomposition;
+    let unseen = match &problem.priors {
+        Some(known) => decomposition.directions_with_priors(&known.priors.stds()).1,
+        None => decomposition.unseen_directions(),
+    };
+    let Unseen { shift_mm, turn_rad } = at_flange(problem, model, &unseen);
+    if shift_mm < NOTICED_MM && turn_rad < NOTICED_RAD {
+        return None;
+    }
+    let detail = format!(
+        "the measured positions do not show all of where the flange is: it may be turned by {:.2}° and shifted by {shift_mm:.2} mm from where the \
+         identified robot has it, if what is not seen is as wrong as in robots from the factory. The measured reflector is right all the same; \
+         corrected poses, and another tool than that reflector, need not be. Measure a reflector off the last axis, or two, at poses that \
+         move every joint",
+        turn_rad.to_degrees()
+    );
+    Some(Warning { code: POSE_NOT_SEEN, detail, rows: vec![] })
+}
+
+/// Root of the sum over the columns of `unseen`, parameter deviations of one standard deviation each, of what they do to the anchored
+/// flange: root mean square over random configurations of the joint space.
+pub fn at_flange(problem: &Problem<'_>, model: &KinematicModel, unseen: &DMatrix<f64>) -> Unseen {
+    let robot = &problem.request.robot;
+    let (mut shift_mm2, mut turn_rad2) = (0.0, 0.0);
+    let configurations = random_configurations(robot, N_CONFIGURATIONS, 0);
+    let here = anchor(&model.links, &robot.links);
+    for deviation in unseen.column_iter() {
+        let deviation: Vec<f64> = deviation.iter().copied().collect();
+        let moved = apply(model, &problem.parameters, &deviation);
+        let there = anchor(&moved.links, &robot.links);
+        for q_controller_rad in &configurations {
+            let q_rad = robot.q_model_rad(q_controller_rad);
+            let (a, b) = (here.anchored(&t_base_flange(&model.links, &q_rad)), there.anchored(&t_base_flange(&moved.links, &q_rad)));
+            shift_mm2 += (b.translation.vector - a.translation.vector).norm_squared();
+            turn_rad2 += rotation_log(&(b.rotation * a.rotation.inverse())).norm_squared();
+        }
+    }
+    let n = N_CONFIGURATIONS as f64;
+    Unseen { shift_mm: (shift_mm2 / n).sqrt(), turn_rad: (turn_rad2 / n).sqrt() }
+}

@@ -1,0 +1,146 @@
+//! Files that people hand in: how they are read, and what is said where one cannot be used.
+
+use super::Usage;
+use crate::wire::issue::Issue;
+use crate::wire::json;
+use crate::wire::measurement::DECIMAL_COMMA;
+use serde::de::DeserializeOwned;
+use std::path::Path;
+
+/// What editors on Windows put before a text.
+const BYTE_ORDER_MARK: &[u8] = b"\xEF\xBB\xBF";
+
+/// How the numbers of a measurement set are written.
+#[derive(Clone, Copy, Debug, clap::Args)]
+pub struct Numbers {
+    /// The CSV has decimal commas, and semicolons between its columns.
+    #[arg(long, env = "KINCAL_DECIMAL_COMMA", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue)]
+    pub decimal_comma: bool,
+}
+
+impl Numbers {
+    /// The content type that a measurement set is read by.
+    pub fn content_type(self, set: &Path) -> String {
+        match (is_json(set), self.decimal_comma) {
+            (true, _) => "application/json".into(),
+            (false, true) => format!("text/csv; {DECIMAL_COMMA}"),
+            (false, false) => "text/csv".into(),
+        }
+    }
+}
+
+/// True for a file that is called so.
+pub fn is_json(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| extension == "json")
+}
+
+/// A file's bytes.
+pub fn read(path: &Path) -> anyhow::Result<Vec<u8>> {
+    std::fs::read(path).map_err(|e| Usage(format!("cannot read {}: {e}", path.display())).into())
+}
+
+/// A JSON file that describes `what`.
+pub fn read_json<T: DeserializeOwned>(path: &Path, what: &str) -> anyhow::Result<T> {
+    parse_json(path, &read(path)?, what)
+}
+
+/// The same from its bytes.
+pub fn parse_json<T: DeserializeOwned>(path: &Path, bytes: &[u8], what: &str) -> anyhow::Result<T> {
+    let text = bytes.strip_prefix(BYTE_ORDER_MARK).unwrap_or(bytes);
+    if text.trim_ascii_start().first() != Some(&b'{') {
+        return Err(Usage(format!("{}: it is not JSON of {what} (an object is expected, {{…}})", path.display())).into());
+    }
+    Ok(json::parse(text).map_err(|error| match error {
+        json::Error::Syntax(detail) => Usage(format!("{}: it is not JSON of {what}: {detail}", path.display())),
+        json::Error::Shape(invalid) => Usage(cannot_be_used(path, bytes, &invalid.issues)),
+    })?)
+}
+
+/// Refuses a table whose columns are separated by semicolons, where nothing can be declared.
+pub fn refuse_semicolons(bytes: &[u8]) -> Result<(), String> {
+    let header = bytes.split(|byte| *byte == b'\n').next().unwrap_or_default();
+    if header.contains(&b';') && !header.contains(&b',') {
+        return Err("columns are separated by ';': save it with commas, and with '.' as the decimal point".into());
+    }
+    Ok(())
+}
+
+/// Every reason on a line of its own, as an engineer wants to mend them.
+pub fn cannot_be_used(path: &Path, bytes: &[u8], issues: &[Issue]) -> String {
+    let lines: Vec<String> = issues.iter().map(|issue| format!("\n  {}", fault(issue, Some(bytes)))).collect();
+    format!("{} cannot be used:{}", path.display(), lines.concat())
+}
+
+/// Where and what, once; with the line of the file where that is at hand.
+pub fn fault(issue: &Issue, bytes: Option<&[u8]>) -> String {
+    // the query's parameter is an option here
+    let detail = issue.detail.replace("?decimal=comma", "--decimal-comma");
+    let Some(row) = issue.row else {
+        let says_it = issue.column.as_ref().is_some_and(|column| detail.contains(column.as_str()));
+        return if says_it { detail } else { Issue { detail, ..issue.clone() }.in_words() };
+    };
+    let place = self::row(row, bytes);
+    if let Some(rest) = detail.strip_prefix(&format!("row {row}")) {
+        return format!("{place}{rest}");
+    }
+    let column = issue.column.as_ref().map_or(String::new(), |column| format!(", column {column}"));
+    format!("{place}{column}: {detail}")
+}
+
+/// A row of a CSV file, counted from 0 as everywhere, and its line, counted from 1 as editors do.
+pub fn row(row: usize, bytes: Option<&[u8]>) -> String {
+    let line = bytes.and_then(|bytes| line_of(bytes, row)).map_or(String::new(), |line| format!(" (line {line})"));
+    format!("row {row}{line}")
+}
+
+/// The line on which a row begins: empty lines are no rows, and a cell in quotes may go on over several.
+fn line_of(bytes: &[u8], row: usize) -> Option<usize> {
+    let (mut in_quotes, mut n_rows) = (false, 0);
+    for (i, line) in bytes.split(|byte| *byte == b'\n').enumerate() {
+        if !in_quotes && !line.trim_ascii().is_empty() {
+            // the header is the first
+            if n_rows == row + 1 {
+                return Some(i + 1);
+            }
+            n_rows += 1;
+        }
+        in_quotes ^= line.iter().filter(|byte| **byte == b'"').count() % 2 == 1;
+    }
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{fault, line_of, refuse_semicolons};
+    use crate::wire::issue::Issue;
+
+    #[test]
+    fn rows_are_found_again_on_their_lines() {
+        let text = b"a,b\r\n\r\n1,\"two\r\nlines\"\r\n3,4\r\n";
+        assert_eq!([0, 1, 2].map(|row| line_of(text, row)), [Some(3), Some(5), None]);
+    }
+
+    #[test]
+    fn a_place_is_said_once() {
+        let issue = |row, column: Option<&str>, detail: &str| Issue {
+            row,
+            column: column.map(Into::into),
+            detail: detail.into(),
+            ..Issue::default()
+        };
+        let text = Some(&b"x_mm\n1\n2\n"[..]);
+        assert_eq!(fault(&issue(Some(0), None, "row 0 has 20 cells"), text), "row 0 (line 2) has 20 cells");
+        assert_eq!(
+            fault(&issue(Some(1), Some("x_mm"), "row 1, column x_mm: \"a\" is not a number"), text),
+            "row 1 (line 3), column x_mm: \"a\" is not a number"
+        );
+        assert_eq!(fault(&issue(Some(1), Some("x_mm"), "\"a\" is not a number"), None), "row 1, column x_mm: \"a\" is not a number");
+        assert_eq!(fault(&issue(None, Some("x"), "column x has no unit"), text), "column x has no unit");
+    }
+
+    #[test]
+    fn a_semicolon_within_a_table_with_commas_is_a_character() {
+        assert!(refuse_semicolons(b"a_mm;d_mm\n1;2\n").is_err());
+        assert!(refuse_semicolons(b"q1_deg,\"note; more\"\n1;2\n").is_ok());
+    }
+}
