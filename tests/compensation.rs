@@ -349,7 +349,7 @@ fn numbers(text: &str) -> Vec<f64> {
 fn what_a_reflector_on_the_last_axis_does_not_show_is_told_by_its_size() {
     let nominal = limited(paper_robot());
     let campaign = Campaign { noise_mm: 1e-3, ..Campaign::PLAIN };
-    let (mut turns, mut shifts, mut told) = (0.0, 0.0, Vec::new());
+    let (mut turns, mut shifts) = (0.0, 0.0);
     const SEEDS: u64 = 30;
     for seed in 0..SEEDS {
         let mut random = Normal::new(900 + seed);
@@ -366,7 +366,7 @@ fn what_a_reflector_on_the_last_axis_does_not_show_is_told_by_its_size() {
         let set = measure(&truth, &poses(50, &mut random), &campaign, &mut random);
         let report = calibrate(&CalibrationRequest::new(nominal.clone(), set), &mut |_| ControlFlow::Continue(())).unwrap();
         let remark = report.warnings.iter().find(|w| w.code == "pose_not_seen").unwrap_or_else(|| panic!("{:?}", report.warnings));
-        told.push((numbers(&remark.detail)[0], numbers(&remark.detail)[1]));
+        let (told_deg, told_mm) = (numbers(&remark.detail)[0], numbers(&remark.detail)[1]);
         let (found, true_one) = (Compensation::new(&nominal, &report.links), Compensation::new(&nominal, &truth.links));
         let at: Vec<(f64, f64)> =
             poses(40, &mut random).iter().map(|q| apart(&matrix(&found.t_base_flange(q)), &matrix(&true_one.t_base_flange(q)))).collect();

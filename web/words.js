@@ -29,6 +29,8 @@ export const WARNINGS = {
   scale_suspect: "All lengths are off by the same share",
   stretch_without_identify_points: "A stretch without points to identify from",
   target_moved: "The reflector moved while measuring",
+  no_fit: "The identified robot does not fit the points: joints and positions do not belong together, or it is another robot",
+  pose_not_seen: "The measured positions do not show all of where the flange is: only the measured reflector is sure",
   tool_uncertain: "The tool is uncertain elsewhere in the workspace",
   under_determined: "Too few poses to identify from",
   unidentifiable_parameters: "Some parameters cannot be told apart",
@@ -37,6 +39,7 @@ export const WARNINGS = {
 
 export const GATES = {
   all_finite: "Every number is finite",
+  fits: "The identified robot fits the points",
   change_plausible: "The parameters changed by a plausible amount",
   evidence: "How strong the verification is",
   identity: "It is the same robot",

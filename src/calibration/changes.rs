@@ -95,6 +95,7 @@ pub fn estimate(request: &CalibrationRequest, monitor: &mut Monitor<'_>) -> Resu
     if !matches!(found.termination, "converged" | "cost_reached") {
         return Ok(None);
     }
+    let problem = problem.with_tool_of(&found.model);
     let uncertainty = uncertainty_of(&problem, &found.model);
     let Problem { parameters, decomposition, .. } = problem;
     Ok(uncertainty.map(|uncertainty| Estimate { parameters, model: found.model, uncertainty, decomposition }))

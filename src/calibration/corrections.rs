@@ -5,6 +5,7 @@ use crate::calibration::observe::stated_scale_mm;
 use crate::calibration::outcome::delivered;
 use crate::calibration::report::Warning;
 use crate::calibration::request::{CorrectionsChoice, Preset};
+use crate::calibration::{Event, Monitor};
 use crate::identification::KinematicModel;
 use crate::identification::corrected::{CorrectedModel, IdentifiedRobot};
 use crate::identification::corrections::{Evidence, Fitted, Setting, select};
@@ -56,8 +57,8 @@ pub fn left_out_of_a_part() -> Warning {
     Warning { code: "corrections_left_out", detail: detail.into(), rows: vec![] }
 }
 
-/// Looks for corrections beside the identified `model`.
-pub fn corrections(problem: &Problem<'_>, model: &KinematicModel) -> Found {
+/// Looks for corrections beside the identified `model`; nothing once the monitor breaks.
+pub fn corrections(problem: &Problem<'_>, model: &KinematicModel, monitor: &mut Monitor<'_>) -> Found {
     let request = problem.request;
     let nothing = Found { evidence: vec![], corrected: None };
     let counting: Vec<(Observation, usize, Option<String>)> = {
@@ -89,7 +90,9 @@ pub fn corrections(problem: &Problem<'_>, model: &KinematicModel) -> Found {
     let clusters = renumbered(taken.iter().map(|(_, cluster, _)| *cluster));
     let sessions: Vec<Option<String>> = taken.iter().map(|(.., session)| session.clone()).collect();
     let start = Fitted { model: links, terms: vec![], values: vec![], variance };
-    let Some(selected) = select(&setting, &start, &clusters, &sessions, request.residual_network.as_ref(), request.seed) else {
+    let mut go_on = || monitor(Event::Heartbeat).is_continue();
+    let earlier = request.residual_network.as_ref();
+    let Some(selected) = select(&setting, &start, &clusters, &sessions, earlier, request.seed, &mut go_on) else {
         return nothing;
     };
     let is_kept = selected.evidence.last().is_some_and(|all| all.kept);

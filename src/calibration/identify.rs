@@ -17,15 +17,17 @@ use crate::calibration::swarms::{Start, swarm};
 use crate::calibration::{Error, Event, Monitor, unusable};
 use crate::identification::identifiability::{Decomposition, prior_scale};
 use crate::identification::objective::Observation;
-use crate::identification::parameters::Parameter;
+use crate::identification::parameters::{Parameter, Quantity, quantity_mut};
 use crate::identification::prior_fit::Fitting;
 use crate::identification::search_space::{SearchSpace, decomposition_at};
 use crate::identification::settle::settle;
 use crate::identification::start::fit_base_and_targets;
 use crate::identification::{KinematicModel, TrainedNetwork, bpnn_pso};
+use crate::kinematics::Link;
 use crate::measurement::Subset;
 use crate::solvers::{least_squares, pso};
 use std::collections::BTreeSet;
+use std::f64::consts::TAU;
 use std::ops::ControlFlow;
 
 /// Everything that does not change while methods run on a request.
@@ -99,13 +101,15 @@ pub fn calibrate(request: &CalibrationRequest, monitor: &mut Monitor<'_>) -> Res
         let counting = problem.loss.reweighted(&found.model, &problem.identify);
         found.model = settle(&found.model, &problem.nominal, problem.fitting(), &counting);
     }
+    found.model.links = unwound(found.model.links, &problem.nominal.links);
     let too_small = larger_model::remark(&problem, &found.model, &mut quiet(monitor))?;
     let are_wanted = corrections::are_wanted(request.corrections, request.preset);
     let corrections = match are_wanted && problem.priors.is_none() {
-        true => stage(monitor, "corrections", |_| Ok(Some(corrections::corrections(&problem, &found.model))))?,
+        true => stage(monitor, "corrections", |monitor| Ok(Some(corrections::corrections(&problem, &found.model, monitor))))?,
         false => None,
     };
     let comparison = compare(&problem, &choice, own, monitor)?;
+    let problem = problem.with_tool_of(&found.model);
     let mut report = report(&problem, method, choice.reason, found, comparison, network, corrections)?;
     report.warnings.extend(too_small);
     report.warnings.extend((are_wanted && problem.priors.is_some()).then(corrections::left_out_for_priors));
@@ -116,7 +120,32 @@ pub fn calibrate(request: &CalibrationRequest, monitor: &mut Monitor<'_>) -> Res
     Ok(report)
 }
 
+/// The same robot with each angle within half a turn of its nominal value: a fit that came from afar may have gone round.
+fn unwound(mut links: Vec<Link>, nominal: &[Link]) -> Vec<Link> {
+    for (link, nominal) in links.iter_mut().zip(nominal) {
+        for quantity in [Quantity::Alpha, Quantity::ThetaOffset, Quantity::Beta] {
+            let expected = *quantity_mut(&mut nominal.clone(), quantity);
+            let angle = quantity_mut(link, quantity);
+            let turns = ((*angle - expected) / TAU).round();
+            if turns != 0.0 {
+                *angle -= turns * TAU;
+            }
+        }
+    }
+    links
+}
+
 impl<'a> Problem<'a> {
+    /// The same with what the points see taken at the nominal robot with its tool: in the paper's model the reflector's height is part of
+    /// the last d, of which nominal values know nothing, and on it depends what a reflector shows.
+    pub fn with_tool_of(self, model: &KinematicModel) -> Self {
+        let Some(last) = model.links.len().checked_sub(1).filter(|_| self.request.model() == Model::Paper) else { return self };
+        let mut tooled = self.nominal.clone();
+        tooled.links[last].d_mm = model.links[last].d_mm;
+        let decomposition = decomposition_at(&tooled, &self.parameters, &self.decomposition.scale, &self.identify);
+        Self { decomposition, ..self }
+    }
+
     /// The problem of a request.
     pub fn new(request: &'a CalibrationRequest) -> Result<Self, Error> {
         Self::of(request, observe(request)?)

@@ -12,6 +12,7 @@ use crate::calibration::verify::refits;
 use crate::calibration::{Error, known, plausibility, unseen};
 use crate::identification::corrected::{CorrectedModel, IdentifiedRobot};
 use crate::identification::misfit::gravity_directions;
+use crate::identification::multistart::FOUND_MM;
 use crate::identification::objective::{Observation, residuals};
 use crate::identification::parameters::{Parameter, Quantity, deviation_from, quantity_mut};
 use crate::identification::search_space::decomposition_at;
@@ -20,6 +21,7 @@ use crate::identification::workspace::tool_uncertainty;
 use crate::identification::{KinematicModel, TrainedNetwork};
 use crate::measurement::{Frame, Subset};
 use nalgebra::{IsometryMatrix3, Vector3};
+use std::collections::BTreeSet;
 
 /// Probability with which a parameter's stated interval holds the truth.
 const CONFIDENCE: f64 = 0.95;
@@ -144,7 +146,7 @@ pub fn report(
         network,
     };
     report.warnings = warnings(&report, &problem.request.robot.links);
-    report.warnings.extend(unseen::remark(problem, model));
+    report.warnings.extend(unseen::remark(problem, model, report.uncertainty.as_ref(), report.identify.after.rms_mm));
     report.warnings.extend(known::remarks(problem, model));
     report.warnings.extend(remarks(&problem.screening, &problem.observed, request.options.loss));
     report.warnings.extend(beyond);
@@ -278,7 +280,13 @@ pub fn uncertainty_of(problem: &Problem<'_>, model: &KinematicModel) -> Option<U
     let gravity = gravity_directions(problem.request.robot.mounting.as_ref().map(|m| &m.gravity_in_base));
     let clusters = problem.observed.clusters(Subset::Identify);
     let counting: Vec<usize> = (0..clusters.len()).filter(|i| problem.identify[*i].weight > 0.0).collect();
-    let observations: Vec<Observation> = counting.iter().map(|i| problem.identify[*i].clone()).collect();
+    let points = problem.loss.as_squares(model, &problem.identify);
+    let mut known = BTreeSet::new();
+    // a row that stands in the file twice, to the last digit, was measured once
+    let bits = |o: &Observation| -> Vec<u64> { o.q_rad.iter().chain(o.position_mm.iter()).map(|x| x.to_bits()).collect() };
+    let counting: Vec<usize> =
+        counting.into_iter().filter(|i| known.insert((problem.identify[*i].target, bits(&problem.identify[*i])))).collect();
+    let observations: Vec<Observation> = counting.iter().map(|i| points[*i].clone()).collect();
     let clusters: Vec<usize> = counting.iter().map(|i| clusters[*i]).collect();
     let priors = problem.fitting().priors;
     let at_bounds = priors.map_or(vec![], |priors| priors.at_bounds(model));
@@ -320,6 +328,15 @@ fn warnings(report: &CalibrationReport, nominal: &[crate::kinematics::Link]) -> 
             ),
         )),
         Some(_) => {}
+    }
+    let mut after_mm: Vec<f64> = report.per_point.iter().map(|point| point.after_mm).collect();
+    after_mm.sort_by(f64::total_cmp);
+    if let Some(median_mm) = after_mm.get(after_mm.len() / 2).filter(|mm| **mm > FOUND_MM) {
+        let detail = format!(
+            "half of the points are {median_mm:.3} mm or more from where the identified robot has them: that is no fit. Do joints and positions of a \
+             row belong together, and is it this robot? It cannot be released"
+        );
+        warnings.push(warning(NO_FIT, detail));
     }
     let unseen = &report.identifiability.unidentifiable;
     if !unseen.is_empty() {

@@ -16,6 +16,8 @@ use std::ops::ControlFlow;
 const MAX_REWEIGHTINGS: usize = 50;
 /// A reweighting that lowers F by less than this share is the last.
 const SMALLEST_GAIN: f64 = 1e-10;
+/// Where the pull of so few points still grows with their distance, there is no minimum to speak of.
+const SMALLEST_SLOPE: f64 = 0.05;
 
 /// How the residual of a point counts.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -69,6 +71,22 @@ impl PointLoss {
         };
         let lengths = lengths(model, observations);
         observations.iter().zip(lengths).map(|(o, e)| Observation { weight: o.weight * factor(e), ..o.clone() }).collect()
+    }
+
+    /// The points of which least squares has the same minimum and the covariance of this estimate: each residual e replaced by ψ(e) / m, m the
+    /// mean slope of ψ. What it says of them, σ²·(JᵀJ)⁻¹ with σ² = Σψ² / ((N − p)·m²), is the covariance of an M-estimate [Huber 1981,
+    /// section 7.6, without the factor K].
+    pub fn as_squares(self, model: &KinematicModel, observations: &[Observation]) -> Vec<Observation> {
+        let Self::Bounded { loss, scale_mm } = self else { return observations.to_vec() };
+        let lengths: Vec<f64> = lengths(model, observations).iter().map(|e| e / scale_mm).collect();
+        let counting = observations.iter().filter(|o| o.weight > 0.0).count() as f64;
+        let slopes = observations.iter().zip(&lengths).filter(|(o, _)| o.weight > 0.0).map(|(_, s)| loss.mean_slope(*s));
+        let mean_slope = slopes.sum::<f64>() / counting.max(1.0);
+        if !(scale_mm > 0.0 && mean_slope > SMALLEST_SLOPE) {
+            return observations.to_vec();
+        }
+        let pulled = residuals(model, observations).into_iter().zip(&lengths).map(|(e, s)| e * (loss.weight(*s) / mean_slope - 1.0));
+        observations.iter().zip(pulled).map(|(o, change)| Observation { position_mm: o.position_mm + change, ..o.clone() }).collect()
     }
 }
 

@@ -20,11 +20,16 @@ use crate::identification::steps::{Campaign, Columns, Moved, Step, Whitened};
 use crate::identification::wild::{Linearised, ROUNDING_MM, Wild};
 use crate::measurement::Subset;
 use nalgebra::{DMatrix, Vector3};
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 
 /// Share of all points that may be left out of the fit; where more are wild, a person has to look.
 const DOWN_WEIGHTED_SHARE: f64 = 0.05;
+/// A wild point in a stretch of suspects is this many times as far off as half of them.
+const STANDS_OUT: f64 = 2.0;
+/// If this share of the points on the smaller side of a step is wild with it, it is no step: two or three wild points are explained by one
+/// but for as many coordinates, and one of two, or two of three, stays wild.
+const SCATTERED: f64 = 0.25;
 /// Steps at most; a campaign with more is not worth fitting.
 const MAX_STEPS: usize = 4;
 /// Fits of the motions between set-ups; each is a Gauss-Newton step, two are usual.
@@ -120,7 +125,7 @@ fn search(
         let suspects = wild.as_ref().map_or(vec![], |w| w.points.clone());
         let belonging: Vec<usize> = arrangement.order.iter().copied().filter(|p| !suspects.contains(p)).collect();
         let with_all = find(observed, &fit, &arrangement.order);
-        let lone = lone_suspects(observed, arrangement, &suspects);
+        let lone = lone_suspects(observed, arrangement, wild.as_ref());
         let without_lone = (!lone.is_empty() && lone.len() < suspects.len()).then(|| {
             let rest: Vec<usize> = arrangement.order.iter().copied().filter(|p| !lone.contains(p)).collect();
             find(observed, &fit, &rest)
@@ -136,6 +141,12 @@ fn search(
             let refit = fit_all(request, observed, &mut trial)?;
             let left = refit.linear.wild(refit.least_scale_mm);
             if left.as_ref().is_some_and(|w| n_to_explain > 0 && w.points.len() + n_to_explain > suspects.len()) {
+                continue;
+            }
+            // what moved takes its points along: where many of them stay wild, they are no stretch
+            let minor = minor_side(observed, arrangement, step);
+            let still_wild = left.as_ref().map_or(0, |w| minor.iter().filter(|p| w.points.contains(p)).count());
+            if still_wild as f64 >= SCATTERED * minor.len() as f64 {
                 continue;
             }
             screening.steps.push(found(step, false));
@@ -155,16 +166,34 @@ fn search(
     Ok(wild)
 }
 
-/// The suspects that stand alone among the points of their target, in measuring order. A reflector that slipped makes a stretch of suspects,
-/// where the other reflectors hold the fit; a wild point among them would hide the step.
-fn lone_suspects(observed: &Observed, arrangement: &Arrangement, suspects: &[usize]) -> Vec<usize> {
-    let is_suspect: BTreeSet<usize> = suspects.iter().copied().collect();
+/// The points on the smaller side of a step.
+fn minor_side(observed: &Observed, arrangement: &Arrangement, step: &Step) -> Vec<usize> {
+    let moves = |p: &&usize| match step.moved {
+        Moved::Target(target) => observed.targets[**p] == target,
+        Moved::Base => true,
+    };
+    let at = arrangement.order.iter().position(|p| *p == step.first).unwrap_or(0);
+    let (before, after) = arrangement.order.split_at(at);
+    let side = |points: &[usize]| -> Vec<usize> { points.iter().filter(moves).copied().collect() };
+    let (before, after) = (side(before), side(after));
+    if before.len() < after.len() { before } else { after }
+}
+
+/// The suspects that stand alone among the points of their target, in measuring order, or out of the stretch that they stand in: twice as
+/// far off as half of it. A reflector that slipped makes a stretch of suspects, where the other reflectors hold the fit, and all by as much; a
+/// wild point would hide the step.
+fn lone_suspects(observed: &Observed, arrangement: &Arrangement, wild: Option<&Wild>) -> Vec<usize> {
+    let sizes: BTreeMap<usize, f64> = wild.iter().flat_map(|w| w.points.iter().copied().zip(w.sizes_mm.iter().copied())).collect();
     let mut lone = Vec::new();
     for target in 0..observed.targets.iter().map(|target| target + 1).max().unwrap_or(0) {
         let of_target: Vec<usize> = arrangement.order.iter().copied().filter(|p| observed.targets[*p] == target).collect();
-        let suspected = |place: Option<usize>| place.and_then(|place| of_target.get(place)).is_some_and(|p| is_suspect.contains(p));
-        let stands_alone = |place: &usize| suspected(Some(*place)) && !suspected(place.checked_sub(1)) && !suspected(Some(place + 1));
-        lone.extend((0..of_target.len()).filter(stands_alone).map(|place| of_target[place]));
+        for stretch in of_target.chunk_by(|a, b| sizes.contains_key(a) == sizes.contains_key(b)) {
+            let mut by_size: Vec<f64> = stretch.iter().filter_map(|p| sizes.get(p).copied()).collect();
+            by_size.sort_by(f64::total_cmp);
+            let Some(median) = by_size.get(by_size.len() / 2) else { continue };
+            let stands_out = |p: &usize| stretch.len() == 1 || sizes.get(p).is_some_and(|size| *size > STANDS_OUT * median);
+            lone.extend(stretch.iter().copied().filter(stands_out));
+        }
     }
     lone
 }

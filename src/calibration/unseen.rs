@@ -6,6 +6,7 @@ use crate::calibration::report::Warning;
 use crate::compensation::anchor;
 use crate::identification::KinematicModel;
 use crate::identification::parameters::apply;
+use crate::identification::uncertainty::Uncertainty;
 use crate::identification::workspace::random_configurations;
 use crate::kinematics::rotation::rotation_log;
 use crate::kinematics::t_base_flange;
@@ -19,45 +20,48 @@ const N_CONFIGURATIONS: usize = 64;
 const NOTICED_MM: f64 = 1e-3;
 /// See [`NOTICED_MM`]; 0.001°.
 const NOTICED_RAD: f64 = 1e-3 * std::f64::consts::PI / 180.0;
+/// A point of the tool this far from the reflector, mm, should be no less certain than
+const TOOL_MM: f64 = 100.0;
+/// ... so many times what the points scatter by.
+const UNCERTAIN: f64 = 5.0;
 
-/// How far the flange may be from where the identified robot has it.
+/// How far the flange may be from where the identified robot has it, one standard deviation.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Unseen {
+pub struct AtFlange {
     /// Its origin, mm.
     pub shift_mm: f64,
     /// And how far it may be turned, rad.
     pub turn_rad: f64,
 }
 
-/// The warning, where what is not seen moves the flange on its anchored base (see [`anchor`]).
-pub fn remark(problem: &Problem<'_>, model: &KinematicModel) -> Option<Warning> {
-    let decomposition = &problem.decomposition;
-    let unseen = match &problem.priors {
-        Some(known) => decomposition.directions_with_priors(&known.priors.stds()).1,
-        None => decomposition.unseen_directions(),
-    };
-    let Unseen { shift_mm, turn_rad } = at_flange(problem, model, &unseen);
-    if shift_mm < NOTICED_MM && turn_rad < NOTICED_RAD {
+/// The warning, where what is not seen, or hardly seen, moves the flange on its anchored base (see [`anchor`]). `scatter_mm` is the rms length
+/// of the residuals.
+pub fn remark(problem: &Problem<'_>, model: &KinematicModel, uncertainty: Option<&Uncertainty>, scatter_mm: f64) -> Option<Warning> {
+    let unseen = uncertainty.map_or_else(|| problem.decomposition.unseen_directions(), |u| u.unseen.clone());
+    let not_seen = at_flange(problem, model, &[&unseen]);
+    let all = uncertainty.map_or(not_seen, |u| at_flange(problem, model, &[&unseen, &u.noise, &u.misfit]));
+    let is_seen = not_seen.shift_mm < NOTICED_MM && not_seen.turn_rad < NOTICED_RAD;
+    if is_seen && TOOL_MM * all.turn_rad < UNCERTAIN * scatter_mm {
         return None;
     }
     let detail = format!(
-        "the measured positions do not show all of where the flange is: it may be turned by {:.2}° and shifted by {shift_mm:.2} mm from where the \
-         identified robot has it, if what is not seen is as wrong as in robots from the factory. The measured reflector is right all the same; \
-         corrected poses, and another tool than that reflector, need not be. Measure a reflector off the last axis, or two, at poses that \
-         move every joint",
-        turn_rad.to_degrees()
+        "the measured positions hardly show how the flange stands: it may be turned by {:.3}° and shifted by {:.3} mm (one standard deviation) from \
+         where the identified robot has it. The measured reflector is right all the same; corrected poses, and another tool than that \
+         reflector, need not be. Measure a reflector off the last axis, or two, at poses that move every joint",
+        all.turn_rad.to_degrees(),
+        all.shift_mm
     );
     Some(Warning { code: POSE_NOT_SEEN, detail, rows: vec![] })
 }
 
-/// Root of the sum over the columns of `unseen`, parameter deviations of one standard deviation each, of what they do to the anchored
+/// Root of the sum over the columns of `roots`, parameter deviations of one standard deviation each, of what they do to the anchored
 /// flange: root mean square over random configurations of the joint space.
-pub fn at_flange(problem: &Problem<'_>, model: &KinematicModel, unseen: &DMatrix<f64>) -> Unseen {
+fn at_flange(problem: &Problem<'_>, model: &KinematicModel, roots: &[&DMatrix<f64>]) -> AtFlange {
     let robot = &problem.request.robot;
     let (mut shift_mm2, mut turn_rad2) = (0.0, 0.0);
     let configurations = random_configurations(robot, N_CONFIGURATIONS, 0);
     let here = anchor(&model.links, &robot.links);
-    for deviation in unseen.column_iter() {
+    for deviation in roots.iter().flat_map(|root| root.column_iter()) {
         let deviation: Vec<f64> = deviation.iter().copied().collect();
         let moved = apply(model, &problem.parameters, &deviation);
         let there = anchor(&moved.links, &robot.links);
@@ -69,5 +73,5 @@ pub fn at_flange(problem: &Problem<'_>, model: &KinematicModel, unseen: &DMatrix
         }
     }
     let n = N_CONFIGURATIONS as f64;
-    Unseen { shift_mm: (shift_mm2 / n).sqrt(), turn_rad: (turn_rad2 / n).sqrt() }
+    AtFlange { shift_mm: (shift_mm2 / n).sqrt(), turn_rad: (turn_rad2 / n).sqrt() }
 }

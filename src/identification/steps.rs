@@ -43,8 +43,11 @@ const SMALLEST_EFFECT: f64 = 4.0;
 const NEGLIGIBLE: f64 = 1e-12;
 /// Iteration limit of an eigenvalue decomposition.
 const EIGEN_ITERATIONS: usize = 10_000;
-/// Points on either side of a motion of the base: fewer do not fix its six numbers.
-const FEWEST_BASE_POINTS: usize = 3;
+/// Points on either side of a motion of the base: three fix its six numbers, and any three wild points are explained by one. Of six, it
+/// leaves two thirds of what is wild.
+const FEWEST_BASE_POINTS: usize = 6;
+/// Points on either side of a slip of a target; one alone is a question of its own.
+const FEWEST_TARGET_POINTS: usize = 2;
 
 /// What moved.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -241,18 +244,19 @@ impl Campaign<'_> {
         let mut tried = Vec::new();
         for target in 0..n_targets {
             let members: Vec<usize> = places.iter().copied().filter(|p| self.targets[self.order[*p]] == target).collect();
-            self.changes(Moved::Target(target), &members, 1, |point| self.columns.target[point], &mut tried);
+            self.changes(Moved::Target(target), &members, (FEWEST_TARGET_POINTS, true), |point| self.columns.target[point], &mut tried);
         }
-        self.changes(Moved::Base, places, FEWEST_BASE_POINTS, |point| self.columns.base[point], &mut tried);
+        self.changes(Moved::Base, places, (FEWEST_BASE_POINTS, false), |point| self.columns.base[point], &mut tried);
         tried
     }
 
-    /// A change before each of the `members` (places in the order, in any order), in their order.
+    /// A change before each of the `members` (places in the order, in any order), in their order: with at least `fewest` of them on either
+    /// side, or with one alone where `lone` ones are asked for.
     fn changes<const D: usize>(
         &self,
         moved: Moved,
         members: &[usize],
-        fewest: usize,
+        (fewest, lone): (usize, bool),
         block: impl Fn(usize) -> SMatrix<f64, 3, D>,
         tried: &mut Vec<Tried>,
     ) {
@@ -266,7 +270,8 @@ impl Campaign<'_> {
             square += b.tr_mul(&b);
             fitted += b.transpose() * basis.fixed_rows::<3>(3 * place);
             let n_minor = k.min(members.len() - k);
-            if n_minor < fewest {
+            let is_lone = n_minor == 1 && lone;
+            if n_minor < fewest && !is_lone {
                 continue;
             }
             let Some(factor) = (square - &fitted * fitted.transpose()).cholesky() else { continue };
@@ -314,9 +319,9 @@ impl Campaign<'_> {
                 Moved::Target(_) if alone => return true,
                 Moved::Target(target) => {
                     let members: Vec<usize> = places.iter().copied().filter(|p| self.targets[self.order[*p]] == target).collect();
-                    self.changes(best.moved, &members, 2, |point| self.columns.target[point], &mut tried);
+                    self.changes(best.moved, &members, (FEWEST_TARGET_POINTS, false), |point| self.columns.target[point], &mut tried);
                 }
-                Moved::Base => self.changes(best.moved, &places, FEWEST_BASE_POINTS, |point| self.columns.base[point], &mut tried),
+                Moved::Base => self.changes(best.moved, &places, (FEWEST_BASE_POINTS, false), |point| self.columns.base[point], &mut tried),
             }
             // an order that parts the points alike gives the same gain, and says nothing
             tried.iter().all(|t| t.gain <= best.gain * (1.0 + SAME_GAIN))

@@ -150,6 +150,11 @@ fn timed(computation: &Computation<'_>, progress: &mut dyn FnMut(Progress) -> Co
         let detail = "the result holds a number that is not finite; nothing was kept. Look for a row with a wild value in the set";
         return Err(failed(&Problem::new(422, "result_not_finite", detail)));
     }
+    if !report::is_of_a_size(&core) {
+        let detail = "the fit ran away to links or targets of more than 10 m; nothing was kept. Look for rows whose joints and position do not belong \
+                      together";
+        return Err(failed(&Problem::new(422, "fit_diverged", detail)));
+    }
     let network = core.network.as_ref().map(safetensors::write).transpose().map_err(broken)?;
     Ok(Calibrated { core, network, clock })
 }

@@ -105,29 +105,43 @@ impl MeasurementSet {
 /// reads a little differently from row to row, and two poses this close say the same about the robot.
 pub const SAME_JOINT_RAD: f64 = 8.7e-4;
 
-/// The first row of each configuration met so far, found again by a weighted sum of its joint values.
+/// The first row of each configuration met so far, found again by one of several keys, each of which differs by less than a cell where all
+/// joint values are the same: a weighted sum of them, and each by itself. Whatever poses are alike in one of them, a grid of joint values or
+/// poses of one sum, another one tells apart.
 #[derive(Default)]
 struct Groups {
-    /// Rounded sum → joint values and row of the first of each configuration.
-    near: BTreeMap<i64, Vec<(Vec<f64>, usize)>>,
+    /// Joint values and row of the first of each configuration.
+    firsts: Vec<(Vec<f64>, usize)>,
+    /// For each key: cell → places in `firsts`.
+    near: Vec<BTreeMap<i64, Vec<usize>>>,
 }
 
 impl Groups {
     /// The first row whose joint values are the same as `q_rad`: an earlier one, else `row`.
     fn first_row_like(&mut self, q_rad: &[f64], row: usize) -> usize {
-        // incommensurable weights, so that different poses rarely share a sum; equal joints differ by no more than one cell
-        let weight = |joint: usize| 1.0 / (joint as f64 + 1.0).sqrt();
-        let (sum, reach) =
-            q_rad.iter().enumerate().fold((0.0, 0.0), |(sum, reach), (j, q)| (sum + weight(j) * q, reach + weight(j) * SAME_JOINT_RAD));
-        let cell = (sum / f64::max(reach, SAME_JOINT_RAD)).floor() as i64;
-        let same = |other: &[f64]| other.iter().zip(q_rad).all(|(a, b)| (a - b).abs() < SAME_JOINT_RAD);
-        let known =
-            (cell - 1..=cell + 1).filter_map(|cell| self.near.get(&cell)).flatten().filter(|(q, _)| same(q)).map(|(_, row)| *row).min();
+        let cells = cells_of(q_rad);
+        self.near.resize_with(cells.len().max(self.near.len()), BTreeMap::new);
+        let near = &self.near;
+        let around = |key: usize| (cells[key] - 1..=cells[key] + 1).filter_map(move |cell| near[key].get(&cell));
+        let fewest = (0..cells.len()).min_by_key(|key| around(*key).map(Vec::len).sum::<usize>());
+        let same = |place: &&usize| self.firsts[**place].0.iter().zip(q_rad).all(|(a, b)| (a - b).abs() < SAME_JOINT_RAD);
+        let known = fewest.into_iter().flat_map(around).flatten().filter(same).map(|place| self.firsts[*place].1).min();
         known.unwrap_or_else(|| {
-            self.near.entry(cell).or_default().push((q_rad.to_vec(), row));
+            let place = self.firsts.len();
+            self.near.iter_mut().zip(cells).for_each(|(near, cell)| near.entry(cell).or_default().push(place));
+            self.firsts.push((q_rad.to_vec(), row));
             row
         })
     }
+}
+
+/// The cell of each key. The weights of the sum are incommensurable, so that different poses of a grid rarely share one.
+fn cells_of(q_rad: &[f64]) -> Vec<i64> {
+    let weight = |joint: usize| 1.0 / (joint as f64 + 1.0).sqrt();
+    let (sum, reach) =
+        q_rad.iter().enumerate().fold((0.0, 0.0), |(sum, reach), (j, q)| (sum + weight(j) * q, reach + weight(j) * SAME_JOINT_RAD));
+    let of_sum = (sum / f64::max(reach, SAME_JOINT_RAD)).floor() as i64;
+    std::iter::once(of_sum).chain(q_rad.iter().map(|q| (q / SAME_JOINT_RAD).floor() as i64)).collect()
 }
 
 /// How many of the points of `b` stand in `a` as well, same joints and same position to a micrometre: a session measured anew never

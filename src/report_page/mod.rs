@@ -126,7 +126,7 @@ fn body(sources: &Sources<'_>) -> Markup {
             @if let Some(which) = sources.which_robot() { p.under { (which) } }
         }
         main {
-            (sections::verdict(report))
+            (sections::verdict(sources))
             (sections::warnings(&report.warnings))
             (sections::facts(sources))
             (sections::errors(sources))

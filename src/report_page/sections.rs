@@ -14,11 +14,16 @@ const NO_REDUCTION: f64 = 0.001;
 const MAX_POSES: usize = 40;
 
 /// What came out, in one sentence.
-pub fn verdict(report: &Report) -> Markup {
+pub fn verdict(sources: &Sources<'_>) -> Markup {
+    let report = sources.report;
     let half = report.verify.as_ref().unwrap_or(&report.identify);
     let (before, after) = (half.before.mean_mm, half.after.mean_mm);
     let share = 1.0 - after / before;
     let by = if share > 0.9995 { "more than 99.9".into() } else { format!("{:.1}", 100.0 * share) };
+    if sources.is_verification() && half.after == half.before {
+        let of = sources.verified();
+        return html! { p.verdict { "On " (half.n_points) " points, the mean position error of " (of) " is " strong { (error(after)) " mm" } "." } };
+    }
     html! {
         p.verdict {
             "On " (half.n_points) @if report.verify.is_some() { " points that were not fitted" } @else { " points of the fit itself" }
@@ -109,14 +114,13 @@ pub fn errors(sources: &Sources<'_>) -> Markup {
 /// The errors of the nominal robot and of the parameters that were verified, on all points.
 fn verified_errors(report: &Report) -> Markup {
     let Some(half) = &report.verify else { return html! {} };
+    let is_another = half.after != half.before;
     let mut rows = vec![("nominal robot", &half.before)];
-    if half.after != half.before {
-        rows.push(("these parameters", &half.after));
-    }
+    rows.extend(is_another.then_some(("these parameters", &half.after)));
     rows.extend(half.corrected.as_ref().filter(|corrected| **corrected != half.after).map(|e| ("these parameters, with corrections", e)));
     html! {
         section {
-            h2 { "Position errors of the nominal robot and with these parameters, mm" }
+            h2 { "Position errors of the nominal robot" @if is_another { " and with these parameters" } ", mm" }
             table {
                 thead { tr { th { "on " (half.n_points) " points" } th.n { "mean" } th.n { "std" } th.n { "rms" } th.n { "max" } } }
                 tbody {
@@ -125,7 +129,10 @@ fn verified_errors(report: &Report) -> Markup {
                     }
                 }
             }
-            p.note { "Nothing was fitted to these points but, in the instrument's frame, where base and reflectors are. In the figures before is the nominal robot, and after is with these parameters." }
+            p.note {
+                "Nothing was fitted to these points but, in the instrument's frame, where base and reflectors are."
+                @if is_another { " Before: the nominal robot. After: with these parameters." }
+            }
         }
     }
 }

@@ -55,6 +55,21 @@ impl Loss {
             Self::Tukey { .. } => 0.0,
         }
     }
+
+    /// Mean slope of the pull ψ(e) = w(|e|)·e along the three axes, e of length s and of any direction: ⅔·ψ/s + ⅓·ψ′.
+    pub fn mean_slope(self, s: f64) -> f64 {
+        match self {
+            Self::Squares => 1.0,
+            Self::Huber { k } if s <= k => 1.0,
+            Self::Huber { k } => 2.0 / 3.0 * k / s,
+            Self::Tukey { c } if s < c => {
+                let x = (s / c) * (s / c);
+                let psi_slope = (1.0 - x) * (1.0 - 5.0 * x);
+                2.0 / 3.0 * self.weight(s) + psi_slope / 3.0
+            }
+            Self::Tukey { .. } => 0.0,
+        }
+    }
 }
 
 #[cfg(test)]
@@ -74,6 +89,18 @@ mod tests {
                 let s = 0.1 * f64::from(i) + 0.037;
                 let slope = (loss.rho(s + STEP) - loss.rho(s - STEP)) / (2.0 * STEP);
                 assert!((slope / (2.0 * s) - loss.weight(s)).abs() < NUMERIC, "{loss:?} at {s}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_mean_slope_is_that_of_the_pull_along_and_across() {
+        for loss in LOSSES {
+            for i in 1..80 {
+                let s = 0.1 * f64::from(i) + 0.037;
+                let psi = |s: f64| loss.weight(s) * s;
+                let along = (psi(s + STEP) - psi(s - STEP)) / (2.0 * STEP);
+                assert!((2.0 / 3.0 * psi(s) / s + along / 3.0 - loss.mean_slope(s)).abs() < NUMERIC, "{loss:?} at {s}");
             }
         }
     }

@@ -1,6 +1,7 @@
 //! The gates a parameter set passes before it may move a robot.
 
 use crate::calibration::implausible_changes;
+use crate::calibration::report::NO_FIT;
 use crate::kinematics::Robot;
 use crate::wire::issue::{Checker, Invalid, Issue};
 use crate::wire::parameter_set::{MAX_REASON, ParameterSetContent};
@@ -166,7 +167,7 @@ impl Facts<'_> {
 
 /// Every gate, passed or not.
 pub fn gates(facts: &Facts<'_>) -> Vec<Gate> {
-    let mut gates = vec![verified(facts), errors_improved(facts), all_finite(facts.content), better_than_nominal(facts)];
+    let mut gates = vec![verified(facts), errors_improved(facts), all_finite(facts.content), fits(facts), better_than_nominal(facts)];
     gates.extend([better_than_active(facts), evidence(facts), uncertainty(facts), errors_within_tolerance(facts)]);
     gates.extend([identity(facts), change(facts), second_person(facts)]);
     if facts.is_withdrawn {
@@ -203,6 +204,14 @@ fn all_finite(content: &ParameterSetContent) -> Gate {
     let frame = base.rotation.into_iter().flatten().chain(base.translation_mm);
     let finite = links.chain(frame).chain(content.targets.iter().flat_map(|t| t.position_mm)).all(f64::is_finite);
     Gate::new("all_finite", finite, "every number is finite")
+}
+
+/// Where everything is noise, the identified robot is better than the nominal one half of the time.
+fn fits(facts: &Facts<'_>) -> Gate {
+    match facts.report.warnings.iter().find(|warning| warning.code == NO_FIT) {
+        Some(warning) => Gate::new("fits", false, warning.detail.clone()),
+        None => Gate::new("fits", true, "the identified robot comes near the points"),
+    }
 }
 
 /// Fails closed: an error that cannot be compared is not smaller.

@@ -18,6 +18,7 @@ use crate::wire::report_shape::{
     IdentifiabilityReport, ParameterReport, PointReport, PoseRepeatabilityReport, PriorReport, RepeatabilityReport, Report, SubsetReport,
     ToolUncertaintyReport,
 };
+use crate::wire::robot::MAX_LENGTH_MM;
 
 /// What the core cannot know of its own run.
 #[derive(Clone, Debug)]
@@ -135,6 +136,13 @@ fn result_sha256(report: &Report, core: &CalibrationReport, network_sha256: Opti
 /// The convergence curve.
 pub fn convergence(core: &CalibrationReport) -> Convergence {
     Convergence { iteration: (0..core.convergence_mm2.len()).collect(), best_cost_mm2: core.convergence_mm2.clone() }
+}
+
+/// Whether links and targets have sizes that robots have; a fit to rows that do not belong together may run away.
+pub fn is_of_a_size(core: &CalibrationReport) -> bool {
+    let links = core.links.iter().flat_map(|l| [l.a_mm, l.d_mm]);
+    let targets = core.targets_mm.iter().flat_map(|t| [t.x, t.y, t.z]);
+    links.chain(targets).all(|mm| mm.abs() <= MAX_LENGTH_MM)
 }
 
 /// True if every number that a controller or a reader would rely on is finite. JSON cannot hold the others.

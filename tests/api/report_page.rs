@@ -189,8 +189,8 @@ async fn a_verification_has_a_page_too() {
     let job = app.run(&robot, &json!({"measurement_set_id": follow_up, "kind": "verify"})).await;
     let (page, _) = page(&app, &job).await;
     assert!(page.contains("<h1>Verification of ER20-C10</h1>"));
-    assert!(page.contains("<td>Verify (100)</td>"));
-    for nothing in ["<h2>Parameters</h2>", "<h2>Convergence</h2>", "Identify (0)"] {
+    assert!(page.contains("<th>on 100 points</th>") && page.contains("<dd>the nominal robot; ") && page.contains(text(&job["robot_id"])));
+    for nothing in ["<h2>Parameters</h2>", "<h2>Convergence</h2>", "Identify (0)", "these parameters"] {
         assert!(!page.contains(nothing), "{nothing}");
     }
 }

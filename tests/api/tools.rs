@@ -144,7 +144,7 @@ fn semicolons_are_read_where_they_are_declared_and_named_where_they_cannot_be() 
     assert_eq!(report(&[&set, "--decimal-comma"]), report(&[&paper_path("first.csv")]));
     let table = path(folder.path(), "table.csv", "a_mm;alpha_deg;d_mm;theta_offset_deg\n0;0;504;0\n");
     let program = path(folder.path(), "program.csv", "q1_deg;q2_deg\n1;2\n");
-    for arguments in [vec!["import", &table], vec!["compensate", &robot, &program]] {
+    for arguments in [vec!["import", table.as_str()], vec!["compensate", robot.as_str(), program.as_str()]] {
         let output = kincal(&arguments);
         let said = String::from_utf8_lossy(&output.stderr);
         assert_eq!(output.status.code(), Some(2), "{said}");

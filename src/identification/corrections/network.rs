@@ -23,14 +23,16 @@ pub(super) struct FoldedResiduals<'a> {
     pub folds: &'a Folds,
     /// By part left out: weighted residuals of all points.
     pub residuals: &'a [DVector<f64>],
-    pub unseen: &'a Unseen,
+    pub n_configurations: usize,
 }
 
 /// A network that was tried.
 pub(super) struct Tried {
     pub evidence: Evidence,
-    /// Errors with it.
-    pub unseen: Unseen,
+    /// Errors without it and with it, on the same division.
+    pub before: Unseen,
+    /// See `before`.
+    pub after: Unseen,
     /// The network, if it won.
     pub network: Option<ResidualNetwork>,
 }
@@ -48,9 +50,10 @@ pub(super) fn choose_network(
     folded: &FoldedResiduals<'_>,
     earlier: Option<&ResidualNetwork>,
     seed: u64,
+    go_on: &mut dyn FnMut() -> bool,
 ) -> Option<Tried> {
     let folds = folded.folds;
-    if folded.unseen.errors.len() < FEWEST_CONFIGURATIONS || !neighbours_agree(setting, fitted) {
+    if folded.n_configurations < FEWEST_CONFIGURATIONS || !neighbours_agree(setting, fitted) {
         return None;
     }
     let to_base = fitted.model.t_instrument_base.rotation.inverse();
@@ -59,6 +62,9 @@ pub(super) fn choose_network(
     };
     let mut errors = vec![0.0; setting.observations.len()];
     for fold in 0..folds.n_folds {
+        if !go_on() {
+            return None;
+        }
         let residuals = &folded.residuals[fold];
         let (unseen, seen): (Vec<usize>, Vec<usize>) = (0..errors.len()).partition(|point| folds.folds[*point] == fold);
         let network = train_residual_network(&samples(setting, &seen, |point| left(residuals, point)), earlier, seed)?;
@@ -67,15 +73,17 @@ pub(super) fn choose_network(
             errors[point] = o.weight * (left(residuals, point) - network.displacement_mm(&o.q_rad)).norm_squared();
         }
     }
-    let unseen = folds.by_configuration(|point| errors[point]);
-    let evidence = folded.unseen.evidence(&unseen, "residual_network");
+    // of the same division: what another division would leave is not the network's merit
+    let before = folds.by_configuration(|point| folded.residuals[folds.folds[point]].fixed_rows::<3>(3 * point).norm_squared());
+    let after = folds.by_configuration(|point| errors[point]);
+    let evidence = before.evidence(&after, "residual_network");
     if !evidence.kept {
-        return Some(Tried { evidence, unseen, network: None });
+        return Some(Tried { evidence, before, after, network: None });
     }
     let residuals = setting.linear(fitted).residuals;
     let all: Vec<usize> = (0..errors.len()).collect();
     let network = train_residual_network(&samples(setting, &all, |point| left(&residuals, point)), earlier, seed)?;
-    Some(Tried { evidence, unseen, network: Some(network) })
+    Some(Tried { evidence, before, after, network: Some(network) })
 }
 
 /// A cheap look before anything is trained: a smooth function of the joints makes the residuals of neighbouring poses alike. True if their

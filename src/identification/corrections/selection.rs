@@ -99,8 +99,9 @@ fn divisions(clusters: &[usize], sessions: &[Option<String>], seed: u64) -> Vec<
         labels.entry(session).or_insert(next);
     }
     if labels.len() > 1 {
-        let folds = sessions.iter().map(|session| labels[session]).collect();
-        return vec![Folds { clusters: clusters.to_vec(), folds, n_folds: labels.len(), n_clusters }];
+        // whole sessions stay together; what a fold costs does not grow with how many there are
+        let folds = sessions.iter().map(|session| labels[session] % FOLDS).collect();
+        return vec![Folds { clusters: clusters.to_vec(), folds, n_folds: labels.len().min(FOLDS), n_clusters }];
     }
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut order: Vec<usize> = (0..n_clusters).collect();
@@ -162,7 +163,7 @@ fn unseen(setting: &Setting<'_>, fitted: &Fitted, divisions: &[Folds]) -> Option
 }
 
 /// Chooses corrections for the robot that `links` is, the answer of links alone. `clusters` numbers each observation's configuration,
-/// `earlier` is the robot's last residual network. `None` where there is too little to choose from.
+/// `earlier` is the robot's last residual network. `None` where there is too little to choose from, and once `go_on` says no.
 pub fn select(
     setting: &Setting<'_>,
     links: &Fitted,
@@ -170,6 +171,7 @@ pub fn select(
     sessions: &[Option<String>],
     earlier: Option<&ResidualNetwork>,
     seed: u64,
+    go_on: &mut dyn FnMut() -> bool,
 ) -> Option<Selected> {
     let divisions = divisions(clusters, sessions, seed);
     let folds = divisions.first().filter(|folds| folds.n_clusters >= FEWEST_CONFIGURATIONS)?;
@@ -178,6 +180,9 @@ pub fn select(
     let links_alone = error.clone();
     let mut evidence = Vec::new();
     for (kind, more) in kinds(setting, &best) {
+        if !go_on() {
+            return None;
+        }
         let gives = best.terms.iter().any(|t| matches!(t, Term::Joint(..) | Term::Base(_)));
         if more.iter().any(|t| matches!(t, Term::Mass(_) | Term::FirstMoment(..))) && !gives {
             continue; // masses that nothing gives under cannot be seen
@@ -193,10 +198,14 @@ pub fn select(
         evidence.push(found);
     }
     let mut corrections = setting.corrections(&best);
-    let folded = FoldedResiduals { folds, residuals: &residuals, unseen: &error };
-    if let Some(tried) = choose_network(setting, &best, &folded, earlier, seed) {
+    let folded = FoldedResiduals { folds, residuals: &residuals, n_configurations: error.errors.len() };
+    if let Some(tried) = choose_network(setting, &best, &folded, earlier, seed, go_on) {
         corrections.residual = tried.network;
-        error = if tried.evidence.kept { tried.unseen } else { error };
+        if tried.evidence.kept {
+            // it was tried on the first division alone: what it gained there, against what all of them left
+            let gains = tried.before.errors.iter().zip(&tried.after.errors).map(|(before, after)| before - after);
+            error = Unseen { errors: error.errors.iter().zip(gains).map(|(left, gain)| left - gain).collect() };
+        }
         evidence.push(tried.evidence);
     }
     if evidence.iter().any(|e| e.kept) {
