@@ -41,6 +41,7 @@ const MIGRATIONS: &[(i64, &str, &str, &str)] = &[
         include_str!("../../migrations/sqlite/0005_residual_networks.sql"),
         include_str!("../../migrations/postgres/0005_residual_networks.sql"),
     ),
+    (6, "results", include_str!("../../migrations/sqlite/0006_results.sql"), include_str!("../../migrations/postgres/0006_results.sql")),
 ];
 
 /// The database's file in the data directory.
