@@ -146,6 +146,7 @@ fn of_store(error: &store::Error) -> (u16, &'static str, String) {
         E::Conflict(Conflict::Withdrawn) => (409, "release_refused", format!("{error}: identify anew, or release another set")),
         E::Conflict(Conflict::ActiveChanged) => (409, "release_refused", format!("{error}: look at that one, then try again")),
         E::Conflict(Conflict::ChecksOutdated) => (409, "release_refused", format!("{error}: look again, then try again")),
+        E::Conflict(Conflict::RefusedBySchema { .. }) => (409, "release_refused", format!("{error}: see its gates")),
         E::Conflict(Conflict::NothingToRollBackTo) => (409, "nothing_to_roll_back_to", error.to_string()),
         E::Conflict(_) => (409, "conflict", error.to_string()),
         E::NoRoom { .. } => (507, "no_room", format!("{error}: make room, or move the data directory")),
