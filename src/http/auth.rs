@@ -160,7 +160,7 @@ async fn admit(app: &App, template: Option<&str>, method: &Method, headers: &Hea
     let method = if method == Method::HEAD { &Method::GET } else { method };
     match POLICY.iter().find(|(m, path, _)| m == method && *path == template) {
         Some((_, _, scope)) if caller.has(*scope) => Ok(caller),
-        Some((_, _, scope)) => Err(Refusal::Error(Error::InsufficientScope(scope.as_str()))),
+        Some((_, _, scope)) => Err(Refusal::Error(Error::InsufficientScope { scope: scope.as_str(), what: "this route" })),
         None => Err(allowed_methods(template).map_or(Refusal::Error(Error::Forbidden("this route has no policy")), Refusal::Method)),
     }
 }

@@ -69,7 +69,7 @@ pub async fn create(State(app): State<App>, Id(robot_id): Id, submission: Submis
     let request: JobRequestBody = submission.json()?;
     request.check()?;
     if request.priority > 0 && !submission.caller.has(Scope::Admin) {
-        return Err(Error::InsufficientScope("admin, for a priority above 0"));
+        return Err(Error::InsufficientScope { scope: Scope::Admin.as_str(), what: "a priority above 0" });
     }
     let sources = load(&app, robot, &request).await?;
     let mut new = new_job(&request, &sources, &submission.caller.holder)?;

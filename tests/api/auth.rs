@@ -69,6 +69,21 @@ async fn each_route_takes_its_scope_and_no_other() {
 }
 
 #[tokio::test]
+async fn a_priority_above_0_takes_scope_admin_and_the_challenge_names_the_scope_alone() {
+    let (app, _dir) = guarded().await;
+    let (admin, _) = key(&app, &["admin"], None).await;
+    let robot = with_key(&app, Method::POST, "/v1/robots", &admin, paper("robot.json")).await.ok(201);
+    let (identify, _) = key(&app, &["identify"], None).await;
+    let body = json!({"measurement_set_id": "set_0", "priority": 1}).to_string().into_bytes();
+    let answer = with_key(&app, Method::POST, &format!("/v1/robots/{}/jobs", text(&robot["id"])), &identify, body).await;
+    let problem = answer.problem(403, "insufficient_scope");
+    let challenge = "Bearer realm=\"kincal\", error=\"insufficient_scope\", scope=\"admin\"";
+    assert_eq!(answer.header("www-authenticate"), Some(challenge));
+    let detail = text(&problem["detail"]);
+    assert!(detail.contains("a priority above 0") && detail.contains("--scope admin …"), "{detail}");
+}
+
+#[tokio::test]
 async fn every_documented_route_has_a_policy() {
     let document = kincal::http::openapi();
     for (path, item) in &document.paths.paths {
