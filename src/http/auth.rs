@@ -185,6 +185,11 @@ async fn caller_of(app: &App, headers: &HeaderMap, peer: Option<Peer>) -> Result
     }
 }
 
+/// Whether the key of a request that goes on for long is still to be served; not where that cannot be told.
+pub async fn is_in_force(app: &App, caller: &Caller) -> bool {
+    app.no_auth || api_keys::get(&app.store, &caller.holder).await.is_ok_and(|row| row.revoked_at_ms.is_none())
+}
+
 /// A new key: its text, shown once, and the hash that is kept.
 ///
 /// # Errors
