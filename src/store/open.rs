@@ -12,7 +12,7 @@ use sqlx::{AnyConnection, AnyPool, Connection, Executor, SqlSafeStr};
 use tokio::sync::Semaphore;
 
 use super::writer::Writer;
-use super::{Engine, Error, Inner, Result, Store, idempotency, leases};
+use super::{Engine, Error, Inner, Result, Store, leases};
 
 /// Where the database is.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -78,7 +78,6 @@ pub(super) async fn as_server(location: StoreLocation) -> Result<Store> {
             let store = connect_sqlite(&data_dir, Some(lock_file), true).await?;
             migrate(&store).await?;
             leases::end_all(&store).await?;
-            idempotency::forget_old(&store).await?;
             Ok(store)
         }
         StoreLocation::Postgres { url } => open_postgres(&url).await,
@@ -116,7 +115,6 @@ pub(super) async fn as_it_is(location: StoreLocation) -> Result<Store> {
 async fn open_postgres(url: &str) -> Result<Store> {
     let store = connect_postgres(url).await?;
     migrate(&store).await?;
-    idempotency::forget_old(&store).await?;
     Ok(store)
 }
 
