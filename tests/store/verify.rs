@@ -22,8 +22,13 @@ async fn something_of_everything(store: &Store, set: &MeasurementSetRow) {
     in_transaction(store, async |tx| frames::insert(tx, &new).await).await;
     a_job(store, set, "{}").await;
     let lease = leases::claim(store, "worker_1", Duration::from_secs(60)).await.unwrap().unwrap();
-    let network =
-        NewNetwork { model: "paper".into(), preset: "paper".into(), metadata_json: "{}".into(), weights: vec![1], weights_sha256: "00".into() };
+    let network = NewNetwork {
+        model: "paper".into(),
+        preset: "paper".into(),
+        metadata_json: "{}".into(),
+        weights: vec![1],
+        weights_sha256: "00".into(),
+    };
     in_transaction(store, async |tx| {
         leases::succeed(tx, &lease, r#"{"result_sha256":"r","version":"1"}"#, "{}", "r").await?;
         networks::insert(tx, &lease.job_id, &network).await
@@ -75,10 +80,7 @@ const FAULTS: &[(&str, &[&str])] = &[
         "drop trigger job_report_stays; update job set report_json = '{\"result_sha256\":\"r\",\"version\":\"1\",\"verify\":null}' where status = 'succeeded'",
         &["I1", "I9"],
     ),
-    (
-        "drop trigger job_report_stays; update job set convergence_json = '[]' where status = 'succeeded'",
-        &["I1", "I9"],
-    ),
+    ("drop trigger job_report_stays; update job set convergence_json = '[]' where status = 'succeeded'", &["I1", "I9"]),
     (
         "drop trigger job_report_stays; update job set report_json = '{\"result_sha256\":\"x\"}', result_sha256 = 'x' where status = 'succeeded'",
         &["I1", "I5", "I9"],
@@ -153,7 +155,8 @@ fn in_the_words_of(engine: Engine, sql: &str) -> String {
     }
     match sql.strip_prefix("drop trigger ") {
         Some(name) => {
-            let table = ["measurement_set", "robot", "parameter_set", "audit", "frames", "job"].into_iter().find(|table| name.starts_with(table));
+            let table =
+                ["measurement_set", "robot", "parameter_set", "audit", "frames", "job"].into_iter().find(|table| name.starts_with(table));
             format!("drop trigger {name} on {}", table.unwrap())
         }
         None => sql.replace("x'00'", "'\\x00'"),
