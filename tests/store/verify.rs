@@ -35,7 +35,9 @@ async fn something_of_everything(store: &Store, set: &MeasurementSetRow) {
     })
     .await;
     let policy = PolicyRow { tolerance_mm: Some(0.1), independent_session_required: 1, second_person_required: 1, version: 0 };
-    in_transaction(store, async |tx| policies::put(tx, &set.robot_id, &policy, "key_0").await).await;
+    // Of another robot, so that it stands in the way of no release.
+    let other = a_robot(store, "other").await;
+    in_transaction(store, async |tx| policies::put(tx, &other.id, &policy, "key_0").await).await;
     let key = |hash: &str| NewApiKey { name: "n".into(), key_sha256: hash.into(), scopes_json: "[\"read\"]".into(), robots_json: None };
     let (first, second) = (key("00"), key("01"));
     in_transaction(store, async |tx| {

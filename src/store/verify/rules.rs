@@ -14,7 +14,7 @@ pub(super) const POLICIES: &str = "
         changed_at_ms
     from robot_policy order by robot_id";
 pub(super) const KEYS: &str = "
-    select id, name, key_sha256, scopes_json, robots_json, case when revoked_at_ms is null then 0 else 1 end from api_key order by id";
+    select id, name, key_sha256, scopes_json, robots_json, cast(case when revoked_at_ms is null then 0 else 1 end as bigint) from api_key order by id";
 
 const POLICY_CHANGED: &str = "robot_policy_changed";
 
