@@ -16,8 +16,6 @@ pub(super) const POLICIES: &str = "
 pub(super) const KEYS: &str = "
     select id, name, key_sha256, scopes_json, robots_json, cast(case when revoked_at_ms is null then 0 else 1 end as bigint) from api_key order by id";
 
-const POLICY_CHANGED: &str = "robot_policy_changed";
-
 type PolicyFound = (String, f64, i64, i64, i64, i64);
 type KeyFound = (String, String, String, String, Option<String>, i64);
 
@@ -35,7 +33,7 @@ async fn policies(check: &mut Check, store: &Store, chain: &Chain) -> Result<()>
         let tolerance_mm = (tolerance_mm != ABSENT).then_some(tolerance_mm);
         let now = json!({"tolerance_mm": tolerance_mm, "independent_session_required": independent == 1,
             "second_person_required": second == 1, "version": version});
-        let is_noted = match chain.details(&robot_id, POLICY_CHANGED).last() {
+        let is_noted = match chain.details(&robot_id, "robot_policy_changed").last() {
             Some(then) => *then == now,
             None => changed_at_ms <= chain.begun_at_ms,
         };
@@ -43,7 +41,7 @@ async fn policies(check: &mut Check, store: &Store, chain: &Chain) -> Result<()>
         found.insert(robot_id);
     }
     for id in chain.events.keys() {
-        let was_set = chain.details(id, POLICY_CHANGED).next().is_some();
+        let was_set = chain.details(id, "robot_policy_changed").next().is_some();
         check.require(!was_set || found.contains(id), || format!("{id}: its policy was acknowledged and is gone"));
     }
     Ok(())
