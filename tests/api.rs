@@ -2,6 +2,8 @@
 
 #[path = "support/app.rs"]
 mod app;
+#[path = "support/engines.rs"]
+mod engines;
 #[path = "support/people.rs"]
 mod people;
 #[path = "support/raw.rs"]

@@ -413,6 +413,17 @@ fn planted_mastering_errors_come_out_in_the_controllers_sign_and_coupling() {
     assert!(document.remaining_error_mm.max < 1e-6);
 }
 
+#[test]
+fn of_two_joints_none_has_an_offset_that_can_be_told_from_base_and_tool() {
+    let mut robot = paper_robot();
+    robot.links.truncate(2);
+    robot.joint_limits_rad.truncate(2);
+    let mut identified = robot.links.clone();
+    identified[1].theta_offset_rad += 0.01;
+    let document = kincal::wire::export::MasteringDocument::new(&robot, &mastering(&robot, &identified));
+    assert!(document.joints.iter().all(|joint| !joint.determined && joint.offset_deg == 0.0), "{document:?}");
+}
+
 /// The examples of docs/export.md: elevation of upper arm and forearm above the horizontal, and which way the robot faces, by the pendant.
 mod joint_maps {
     use super::*;

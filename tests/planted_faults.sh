@@ -20,10 +20,13 @@ the chain leaves out who did it       | src/store/audit.rs          | s/seq, at_
 the key is claimed outside its effect | src/store/idempotency.rs    | s/    on conflict do nothing"/    on conflict (key_holder, method, path, idempotency_key) do update set status = null"/ | store | idempotency::
 synchronous = NORMAL                  | src/store/open.rs           | s/pragma synchronous = full/pragma synchronous = normal/ | store | durable_settings
 bytes are not compared                | src/store/verify/content.rs | s/kept.is_empty\(\) \|\| kept == now/true || kept == now/; s/then == now/true || then == now/ | store | each_fault_is_told
+documents are not compared            | src/store/verify/content.rs | s/\(REPORTS, "job_succeeded", "report_sha256"\)/(REPORTS, "job_succeeded", "no_such_field")/ | store | each_fault_is_told
+a report that may be edited           | migrations/sqlite/0006_results.sql | s/^when old.status in \(.*/when 1 = 0/ | store | keeps_results_and_frames
 no fencing token                      | src/store/leases.rs         | s/ where id = \$1 and owner = \$2 and attempt = \$3 and status = 'running'/ where id = $1 and $2 = $2 and $3 = $3 and status = 'running'/ | jobs | queue::
 attempts without end                  | src/store/leases.rs         | s/"\(attempt >= \$1 or deaths >= \$3\)"/"($1 < 0 or $3 < 0)"/ | jobs | is_tried_as_often
 a job without end                     | src/jobs/worker.rs          | s/tokio::time::sleep\(longest\)/tokio::time::sleep(longest.max(Duration::from_secs(3600)))/ | jobs | without_an_end
-a gate that fails open                | src/wire/release.rs         | s/s.after_rms_mm.partial_cmp\(&s.before_rms_mm\) != Some\(std::cmp::Ordering::Less\)/s.after_rms_mm.is_infinite()/ | api | no_better_than_nominal
+a gate that fails open                | src/wire/release.rs         | s/s.after_rms_mm.partial_cmp\(&s.before_rms_mm\) != Some\(std::cmp::Ordering::Less\)/s.after_rms_mm.is_infinite()/; s/facts.no_better_than_nominal.is_some\(\)/facts.policy.tolerance_mm == Some(-1.0)/ | api | no_better_than_nominal
+only the newest sessions are asked     | src/store/sessions.rs       | s/order by created_at_ms desc, id desc limit 1"/order by created_at_ms desc, id desc limit 0"/ | api | no_better_than_nominal
 the same points count as a session    | src/jobs/execution.rs       | s/n_shared_points\(identified_from, points\) as f64/0.0/ | api | the_same_points_uploaded_again
 no look at the active set             | src/wire/release.rs         | s/passed \&= \*own <= active \+ SAME_MM/passed \&= *own <= active + 1000.0/ | api | worse_than_the_active_one
 no scope check                        | src/http/auth.rs            | s/if caller.has\(\*scope\) => Ok/if caller.has(*scope) || true => Ok/ | api | each_route_takes_its_scope

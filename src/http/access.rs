@@ -4,11 +4,12 @@ use crate::http::auth::Caller;
 use crate::http::{App, Error};
 use crate::store::{self, FramesRow, JobRow, MeasurementSetRow, NetworkRow, ParameterSetRow, RobotRow};
 use crate::store::{frames, jobs, measurement_sets, networks, parameter_sets, robots};
-use crate::wire::json;
 use crate::wire::robot::RobotBody;
+use crate::wire::{id, json};
 
 /// The robot, if it exists and this key may see it.
 pub async fn robot(app: &App, caller: &Caller, id: &str) -> Result<RobotRow, Error> {
+    plausible(id, "robot")?;
     if !caller.may_see(id) {
         return Err(Error::NotFound("robot"));
     }
@@ -22,6 +23,7 @@ pub fn robot_body(row: &RobotRow) -> Result<RobotBody, Error> {
 
 /// The measurement set, if this key may see it.
 pub async fn measurement_set(app: &App, caller: &Caller, id: &str) -> Result<MeasurementSetRow, Error> {
+    plausible(id, "measurement set")?;
     let row = measurement_sets::get(&app.store, id).await.map_err(|error| absent(error, "measurement set"))?;
     visible(caller, &row.robot_id, "measurement set")?;
     Ok(row)
@@ -29,6 +31,7 @@ pub async fn measurement_set(app: &App, caller: &Caller, id: &str) -> Result<Mea
 
 /// The frames, if this key may see them.
 pub async fn frames(app: &App, caller: &Caller, id: &str) -> Result<FramesRow, Error> {
+    plausible(id, "frames")?;
     let row = frames::get(&app.store, id).await.map_err(|error| absent(error, "frames"))?;
     visible(caller, &row.robot_id, "frames")?;
     Ok(row)
@@ -36,6 +39,7 @@ pub async fn frames(app: &App, caller: &Caller, id: &str) -> Result<FramesRow, E
 
 /// The job, if this key may see it.
 pub async fn job(app: &App, caller: &Caller, id: &str) -> Result<JobRow, Error> {
+    plausible(id, "job")?;
     let row = jobs::get(&app.store, id).await.map_err(|error| absent(error, "job"))?;
     visible(caller, &row.robot_id, "job")?;
     Ok(row)
@@ -43,6 +47,7 @@ pub async fn job(app: &App, caller: &Caller, id: &str) -> Result<JobRow, Error> 
 
 /// The parameter set, if this key may see it.
 pub async fn parameter_set(app: &App, caller: &Caller, id: &str) -> Result<ParameterSetRow, Error> {
+    plausible(id, "parameter set")?;
     let row = parameter_sets::get(&app.store, id).await.map_err(|error| absent(error, "parameter set"))?;
     visible(caller, &row.robot_id, "parameter set")?;
     Ok(row)
@@ -50,9 +55,15 @@ pub async fn parameter_set(app: &App, caller: &Caller, id: &str) -> Result<Param
 
 /// The network, if this key may see it.
 pub async fn network(app: &App, caller: &Caller, id: &str) -> Result<NetworkRow, Error> {
+    plausible(id, "network")?;
     let row = networks::get(&app.store, id).await.map_err(|error| absent(error, "network"))?;
     visible(caller, &row.robot_id, "network")?;
     Ok(row)
+}
+
+/// What cannot be an id is not looked up: it came in a query or a body.
+fn plausible(id: &str, what: &'static str) -> Result<(), Error> {
+    if id::is_plausible(id) { Ok(()) } else { Err(Error::NotFound(what)) }
 }
 
 fn visible(caller: &Caller, robot_id: &str, what: &'static str) -> Result<(), Error> {

@@ -160,7 +160,7 @@ async fn admit(app: &App, template: Option<&str>, method: &Method, headers: &Hea
     let method = if method == Method::HEAD { &Method::GET } else { method };
     match POLICY.iter().find(|(m, path, _)| m == method && *path == template) {
         Some((_, _, scope)) if caller.has(*scope) => Ok(caller),
-        Some((_, _, scope)) => Err(Refusal::Error(Error::InsufficientScope(scope.as_str()))),
+        Some((_, _, scope)) => Err(Refusal::Error(Error::InsufficientScope { scope: scope.as_str(), what: "this route" })),
         None => Err(allowed_methods(template).map_or(Refusal::Error(Error::Forbidden("this route has no policy")), Refusal::Method)),
     }
 }
@@ -183,6 +183,11 @@ async fn caller_of(app: &App, headers: &HeaderMap, peer: Option<Peer>) -> Result
         Some(row) => Caller::of_key(row),
         None => Err(app.limits.failed_attempt(peer).err().unwrap_or(Error::Unauthorized(UNKNOWN_KEY))),
     }
+}
+
+/// Whether the key of a request that goes on for long is still to be served; not where that cannot be told.
+pub async fn is_in_force(app: &App, caller: &Caller) -> bool {
+    app.no_auth || api_keys::get(&app.store, &caller.holder).await.is_ok_and(|row| row.revoked_at_ms.is_none())
 }
 
 /// A new key: its text, shown once, and the hash that is kept.

@@ -54,9 +54,14 @@ pub enum Error {
     /// No key, or one that is not known.
     #[error("{0}")]
     Unauthorized(&'static str),
-    /// The key lacks a scope.
-    #[error("this key lacks the scope {0:?}; a key with it is made by `kincal key create --scope {0} …`")]
-    InsufficientScope(&'static str),
+    /// The key lacks the scope that this takes.
+    #[error("this key lacks the scope {scope:?}, which {what} takes; a key with it is made by `kincal key create --scope {scope} …`")]
+    InsufficientScope {
+        /// The scope's word.
+        scope: &'static str,
+        /// What takes it.
+        what: &'static str,
+    },
     /// The key may not do this at all.
     #[error("{0}")]
     Forbidden(&'static str),
@@ -146,6 +151,7 @@ fn of_store(error: &store::Error) -> (u16, &'static str, String) {
         E::Conflict(Conflict::Withdrawn) => (409, "release_refused", format!("{error}: identify anew, or release another set")),
         E::Conflict(Conflict::ActiveChanged) => (409, "release_refused", format!("{error}: look at that one, then try again")),
         E::Conflict(Conflict::ChecksOutdated) => (409, "release_refused", format!("{error}: look again, then try again")),
+        E::Conflict(Conflict::RefusedBySchema { .. }) => (409, "release_refused", format!("{error}: see its gates")),
         E::Conflict(Conflict::NothingToRollBackTo) => (409, "nothing_to_roll_back_to", error.to_string()),
         E::Conflict(_) => (409, "conflict", error.to_string()),
         E::NoRoom { .. } => (507, "no_room", format!("{error}: make room, or move the data directory")),
@@ -173,7 +179,7 @@ impl Error {
             Self::Unusable { code: code @ ("no_network" | "network_mismatch"), .. } => (409, *code),
             Self::Unusable { code, .. } => (422, *code),
             Self::Unauthorized(_) => (401, "unauthorized"),
-            Self::InsufficientScope(_) => (403, "insufficient_scope"),
+            Self::InsufficientScope { .. } => (403, "insufficient_scope"),
             Self::Forbidden(_) => (403, "forbidden"),
             Self::RequestTimeout => (408, "request_timeout"),
             Self::TooLarge { .. } => (413, "too_large"),
@@ -204,7 +210,7 @@ impl Error {
         let challenge = |text: String| HeaderValue::from_str(&text).map(|value| (header::WWW_AUTHENTICATE, value)).into_iter().collect();
         match self {
             Self::Unauthorized(_) => challenge("Bearer realm=\"kincal\"".into()),
-            Self::InsufficientScope(scope) => {
+            Self::InsufficientScope { scope, .. } => {
                 challenge(format!("Bearer realm=\"kincal\", error=\"insufficient_scope\", scope=\"{scope}\""))
             }
             _ if matches!(status, 429 | 503 | 507) => vec![(header::RETRY_AFTER, HeaderValue::from_static(RETRY_AFTER_S))],

@@ -1,6 +1,6 @@
 //! A job's progress as server-sent events.
 
-use crate::http::auth::Caller;
+use crate::http::auth::{self, Caller};
 use crate::http::extract::Id;
 use crate::http::{App, Error, access, jobs};
 use crate::store::JobRow;
@@ -15,6 +15,8 @@ use utoipa_axum::{router::OpenApiRouter, routes};
 
 /// A comment is sent this often where nothing happens, so that proxies keep the connection.
 const KEEP_ALIVE: Duration = Duration::from_secs(15);
+/// A stream outlives its key by no more than this.
+const KEY_LOOKED_AT_EVERY: Duration = Duration::from_secs(1);
 
 /// Routes of events.
 pub fn router() -> OpenApiRouter<App> {
@@ -33,10 +35,10 @@ async fn events(
 ) -> Result<Sse<impl Stream<Item = Result<Event, Infallible>> + use<>>, Error> {
     let row = access::job(&app, &caller, &id).await?;
     let room = app.limits.wait()?;
-    Ok(Sse::new(stream(app, row, room)).keep_alive(KeepAlive::new().interval(KEEP_ALIVE)))
+    Ok(Sse::new(stream(app, caller, row, room)).keep_alive(KeepAlive::new().interval(KEEP_ALIVE)))
 }
 
-fn stream(app: App, mut row: JobRow, room: OwnedSemaphorePermit) -> impl Stream<Item = Result<Event, Infallible>> {
+fn stream(app: App, caller: Caller, mut row: JobRow, room: OwnedSemaphorePermit) -> impl Stream<Item = Result<Event, Infallible>> {
     async_stream::stream! {
         let _room = room;
         loop {
@@ -50,10 +52,14 @@ fn stream(app: App, mut row: JobRow, room: OwnedSemaphorePermit) -> impl Stream<
             }
             let next = tokio::select! {
                 next = changed(&app, &row) => next,
+                () = out_of_force(&app, &caller) => None,
                 () = app.stopped() => None,
             };
-            // On a database error or a shutdown the stream ends; clients reconnect and get the job anew.
+            // On a database error, a shutdown or a revoked key the stream ends; clients reconnect and get the job anew.
             let Some(next) = next else { break };
+            if !auth::is_in_force(&app, &caller).await {
+                break;
+            }
             row = next;
         }
     }
@@ -67,6 +73,13 @@ async fn changed(app: &App, seen: &JobRow) -> Option<JobRow> {
         if what(&row) != what(seen) {
             return Some(row);
         }
+    }
+}
+
+/// Resolves when the caller's key is revoked, or cannot be looked up.
+async fn out_of_force(app: &App, caller: &Caller) {
+    while auth::is_in_force(app, caller).await {
+        tokio::time::sleep(KEY_LOOKED_AT_EVERY).await;
     }
 }
 

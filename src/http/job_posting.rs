@@ -12,8 +12,8 @@ use crate::store::jobs as stored;
 use crate::store::{
     MeasurementSetRow, NetworkRow, NewJob, ParameterSetRow, RobotRow, Tx, frames, measurement_sets, networks, parameter_sets,
 };
-use crate::wire::Invalid;
 use crate::wire::frames::FramesContent;
+use crate::wire::id;
 use crate::wire::job::{JobAnswer, JobParts, JobRequestBody, Kind, Method, VerifyBody};
 use crate::wire::measurement::{Frame, MeasurementSet, from_upload};
 use crate::wire::network::NetworkKind;
@@ -69,7 +69,7 @@ pub async fn create(State(app): State<App>, Id(robot_id): Id, submission: Submis
     let request: JobRequestBody = submission.json()?;
     request.check()?;
     if request.priority > 0 && !submission.caller.has(Scope::Admin) {
-        return Err(Error::InsufficientScope("admin, for a priority above 0"));
+        return Err(Error::InsufficientScope { scope: Scope::Admin.as_str(), what: "a priority above 0" });
     }
     let sources = load(&app, robot, &request).await?;
     let mut new = new_job(&request, &sources, &submission.caller.holder)?;
@@ -256,9 +256,7 @@ pub fn frame_of(set: &MeasurementSetRow) -> Result<Frame, Error> {
 pub fn own<T>(found: Result<T, crate::store::Error>, is_own: impl Fn(&T) -> bool, at: &str, what: &str) -> Result<T, Error> {
     match found {
         Ok(row) if is_own(&row) => Ok(row),
-        Ok(_) | Err(crate::store::Error::NotFound) => {
-            Err(Invalid::at(at, "unknown_reference", format!("this robot has no {what} with this id")).into())
-        }
+        Ok(_) | Err(crate::store::Error::NotFound) => Err(id::unknown(at, what).into()),
         Err(error) => Err(error.into()),
     }
 }

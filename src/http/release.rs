@@ -30,7 +30,7 @@ pub fn router() -> OpenApiRouter<App> {
 )]
 async fn gates_now(State(app): State<App>, caller: Caller, Id(id): Id) -> Result<Json<GatesAnswer>, Error> {
     let row = access::parameter_set(&app, &caller, &id).await?;
-    let judged = judged(&app, &caller, row, None).await?;
+    let judged = judged(&app, &caller, row, Purpose::Release { change_reason: None }).await?;
     Ok(Json(GatesAnswer {
         parameter_set_id: id,
         releasable: judged.gates.iter().all(|gate| gate.passed),
@@ -53,7 +53,8 @@ async fn release(State(app): State<App>, Id(id): Id, submission: Submission) -> 
     }
     let body: ReleaseBody = submission.json()?;
     body.check()?;
-    let release = judged(&app, &submission.caller, row, body.change_reason).await?.release(body.reason)?;
+    let purpose = Purpose::Release { change_reason: body.change_reason };
+    let release = judged(&app, &submission.caller, row, purpose).await?.release(body.reason)?;
     let effect = async |tx: &mut Tx| stored_json(200, None, &answers::answer(parameter_sets::release(tx, &release).await?)?);
     submission.create(&app.store, effect).await
 }
@@ -71,7 +72,7 @@ async fn roll_back(State(app): State<App>, Id(robot_id): Id, submission: Submiss
     }
     let ReasonBody { reason } = self::reason(&submission)?;
     let row = parameter_sets::before_active(&app.store, &robot_id).await?;
-    let release = judged(&app, &submission.caller, row, None).await?.release(reason)?;
+    let release = judged(&app, &submission.caller, row, Purpose::Rollback).await?.release(reason)?;
     let effect = async |tx: &mut Tx| stored_json(200, None, &answers::answer(parameter_sets::roll_back(tx, &release).await?)?);
     submission.create(&app.store, effect).await
 }
@@ -107,7 +108,23 @@ struct Around {
     policy: PolicyRow,
     status: ParameterSetStatus,
     approver: String,
-    change_reason: Option<String>,
+    purpose: Purpose,
+}
+
+/// What a set is judged for. A superseded one that is released again is judged as any other; only a rollback takes it as it was.
+#[derive(PartialEq, Eq)]
+enum Purpose {
+    Release { change_reason: Option<String> },
+    Rollback,
+}
+
+impl Purpose {
+    fn change_reason(&self) -> Option<&str> {
+        match self {
+            Self::Release { change_reason } => change_reason.as_deref(),
+            Self::Rollback => None,
+        }
+    }
 }
 
 /// A parameter set as it was found, and everything that a release writes except why.
@@ -140,7 +157,7 @@ impl Judged {
 }
 
 /// Reads what a release rests on, and weighs it.
-async fn judged(app: &App, caller: &Caller, row: ParameterSetRow, change_reason: Option<String>) -> Result<Judged, Error> {
+async fn judged(app: &App, caller: &Caller, row: ParameterSetRow, purpose: Purpose) -> Result<Judged, Error> {
     let policy = policies::get(&app.store, &row.robot_id).await?;
     let active = parameter_sets::active(&app.store, &row.robot_id).await?;
     let job = jobs::get(&app.store, &row.job_id).await?;
@@ -150,7 +167,7 @@ async fn judged(app: &App, caller: &Caller, row: ParameterSetRow, change_reason:
         policy: policy.clone(),
         status: row.status,
         approver: caller.holder.clone(),
-        change_reason,
+        purpose,
     };
     let other = active.as_ref().filter(|active| active.id != row.id);
     let stored = evidence::load(&app.store, &row, other).await?.map_err(unreadable)?;
@@ -167,12 +184,13 @@ fn judge(weighed: &Weighed, around: &Around) -> Result<(Vec<Gate>, Evidence, Opt
         content: &weighed.content,
         active: weighed.active.as_ref(),
         sessions: &weighed.sessions,
+        no_better_than_nominal: weighed.no_better_than_nominal.as_deref(),
         comparisons: &weighed.comparisons,
         is_withdrawn: around.status == ParameterSetStatus::Withdrawn,
-        is_rollback: around.status == ParameterSetStatus::Superseded,
+        is_rollback: around.purpose == Purpose::Rollback,
         serial_numbers: (around.robot.serial_number.as_deref(), around.set.serial_number.as_deref()),
         people: (around.set.uploaded_by.as_deref(), &around.approver),
-        change_reason: around.change_reason.as_deref(),
+        change_reason: around.purpose.change_reason(),
         policy: &policy_answers::body(&around.policy),
     };
     Ok((gates(&facts), facts.evidence(), facts.uncertainty_mm()))

@@ -10,7 +10,7 @@ use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::release::{Comparison, Session};
 use crate::wire::report_shape::{Evidence, Report};
 
-/// Sessions that are looked at: the newest. That none shows the set to be no better than nominal is kept by the schema for all of them.
+/// Sessions that are weighed: the newest. Whether one shows the set to be no better than nominal is asked of all of them.
 const MAX_SESSIONS: i64 = 8;
 /// Fewer points than this in a session prove nothing.
 const MIN_POINTS: usize = 5;
@@ -22,6 +22,7 @@ pub struct Stored {
     sessions: Vec<(JobInputs, Report)>,
     content: ParameterSetContent,
     active: Option<ParameterSetContent>,
+    no_better_than_nominal: Option<String>,
     /// How many sessions there are.
     pub n_sessions: i64,
 }
@@ -37,8 +38,10 @@ pub struct Weighed {
     pub content: ParameterSetContent,
     /// The active set.
     pub active: Option<ParameterSetContent>,
-    /// What it was scored on.
+    /// What it was scored on: the newest.
     pub sessions: Vec<Session>,
+    /// Of all sessions, the job that showed it to be no better than nominal.
+    pub no_better_than_nominal: Option<String>,
     /// Against the active set.
     pub comparisons: Vec<Comparison>,
 }
@@ -54,6 +57,7 @@ pub async fn load(
 ) -> Result<std::result::Result<Stored, Box<Problem>>> {
     // Counted first: a session that comes in between makes the release ask again.
     let n_sessions = sessions::count(store, &set.id).await?;
+    let no_better_than_nominal = sessions::no_better_than_nominal(store, &set.id).await?;
     let mut read = Vec::new();
     for session in sessions::newest(store, &set.id, MAX_SESSIONS).await? {
         read.push((JobInputs::load(store, &session.job_id).await?, session.report_json));
@@ -67,6 +71,7 @@ pub async fn load(
             sessions: sessions.collect::<serde_json::Result<_>>()?,
             content: content(set)?,
             active: active.map(content).transpose()?,
+            no_better_than_nominal,
             n_sessions,
         })
     };
@@ -83,7 +88,7 @@ fn broken(cause: &str) -> Box<Problem> {
 /// # Errors
 /// A problem where stored documents cannot be read any more.
 pub fn weigh(stored: Stored) -> std::result::Result<Weighed, Box<Problem>> {
-    let Stored { identification: (inputs, report), sessions, content, active, .. } = stored;
+    let Stored { identification: (inputs, report), sessions, content, active, no_better_than_nominal, .. } = stored;
     let own = request(&inputs)?;
     let own_verify = points("the points held out", &own);
     let verified_elsewhere =
@@ -105,7 +110,7 @@ pub fn weigh(stored: Stored) -> std::result::Result<Weighed, Box<Problem>> {
         Some(active) => compared.into_iter().map(|on| compare(&own, on, &content, active)).collect(),
         None => Vec::new(),
     };
-    Ok(Weighed { report, verified_elsewhere, content, active, sessions: weighed, comparisons })
+    Ok(Weighed { report, verified_elsewhere, content, active, sessions: weighed, no_better_than_nominal, comparisons })
 }
 
 type Points = (String, std::result::Result<MeasurementSet, String>);

@@ -25,6 +25,9 @@ const POLL: Duration = Duration::from_secs(1);
 /// How often leases are looked at, unless they are shorter.
 const SWEEP: Duration = Duration::from_secs(1);
 
+/// How often Idempotency-Keys of long ago are forgotten; they are kept for a week.
+const FORGET_EVERY: Duration = Duration::from_secs(3600);
+
 /// How long a job may be held and computed, and how often begun.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rules {
@@ -37,7 +40,7 @@ pub struct Rules {
 }
 
 impl WorkerPool {
-    /// Starts `n_workers` workers, and the sweep that takes jobs from workers which did not renew their leases.
+    /// Starts `n_workers` workers, and the sweep that takes jobs from workers which did not renew their leases, and forgets old Idempotency-Keys.
     pub fn start(store: Store, compute: Compute, n_workers: usize, rules: Rules, signals: JobSignals) -> WorkerPool {
         let Rules { lease, max_attempts, longest } = rules;
         let relays = relay::start(&store, &signals);
@@ -98,6 +101,7 @@ async fn work(store: Store, context: WorkerContext) {
 async fn sweep(store: Store, max_attempts: u32, signals: JobSignals, every: Duration, mut drain: watch::Receiver<Drain>) {
     let mut ticks = interval(every);
     ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    let mut forgotten: Option<Instant> = None;
     loop {
         tokio::select! {
             _ = ticks.tick() => {}
@@ -105,6 +109,12 @@ async fn sweep(store: Store, max_attempts: u32, signals: JobSignals, every: Dura
         }
         if let Err(error) = queue::expire(&store, max_attempts, &signals).await {
             tracing::warn!(error = %error.cause(), "leases could not be looked at; trying again");
+        }
+        if forgotten.is_none_or(|at| at.elapsed() >= FORGET_EVERY) {
+            match store.forget_old_keys().await {
+                Ok(()) => forgotten = Some(Instant::now()),
+                Err(error) => tracing::warn!(error = %error.cause(), "old Idempotency-Keys could not be forgotten; trying again"),
+            }
         }
     }
 }

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use tokio::sync::watch;
+use tokio::time::{Instant, timeout};
 
 use super::heartbeat::{Beat, Control, Drain, KeptLease, Stop, reached};
 use super::{Compute, JobFailure, JobInputs, JobOutcome, JobSignals, queue};
@@ -50,8 +51,8 @@ enum Ended {
 
 /// How long a computation that was told to stop may take to do so.
 pub(super) const STOP_WITHIN: Duration = Duration::from_secs(1);
-/// While the database is away, an ended job is offered again after this, as long as the lease holds.
-const RETRY_END_AFTER: Duration = Duration::from_millis(200);
+/// While the database is away, inputs are asked for and an ended job is offered again after this, as long as the lease holds.
+const RETRY_AFTER: Duration = Duration::from_millis(200);
 
 /// Claims the next job, computes it and ends it; none if no job waits.
 ///
@@ -91,14 +92,38 @@ async fn run(store: &Store, context: &WorkerContext, lease: &Lease) {
         cancellations: context.signals.cancellations(&lease.job_id),
         drain: context.drain.subscribe(),
     });
-    let ended = match JobInputs::load(store, &lease.job_id).await {
+    let ended = match inputs(store, context, lease, &control).await {
         Ok(inputs) => compute(context, inputs, &control).await,
-        Err(error) => {
-            tracing::error!(job_id = lease.job_id, error = %error.cause(), "the job's inputs cannot be read");
-            Ended::LeftToItsLease
-        }
+        Err(ended) => ended,
     };
     end(store, lease, &kept, ended).await;
+}
+
+/// The job's inputs, read as often as it takes for the time of a lease. What the database could not give is not the job's fault: it is handed
+/// back and uses up no attempt.
+async fn inputs(store: &Store, context: &WorkerContext, lease: &Lease, control: &Control) -> std::result::Result<JobInputs, Ended> {
+    let until = Instant::now() + context.lease;
+    let mut drain = context.drain.subscribe();
+    loop {
+        let error = match JobInputs::load(store, &lease.job_id).await {
+            Ok(inputs) => return Ok(inputs),
+            Err(error) => error,
+        };
+        if !error.is_unavailable() {
+            tracing::error!(job_id = lease.job_id, error = %error.cause(), "the job's inputs cannot be read");
+            return Err(Ended::LeftToItsLease);
+        }
+        match control.stopped() {
+            Some(Stop::Cancelled) => return Err(Ended::Cancelled),
+            None if Instant::now() < until => {}
+            // Where the lease ran out meanwhile, handing it back changes nothing that is not this worker's any more.
+            _ => return Err(Ended::HandedBack),
+        }
+        tracing::warn!(job_id = lease.job_id, error = %error.cause(), "the job's inputs could not be read; trying again");
+        if timeout(RETRY_AFTER, reached(&mut drain, Drain::Stop)).await.is_ok() {
+            return Err(Ended::HandedBack);
+        }
+    }
 }
 
 async fn compute(context: &WorkerContext, inputs: JobInputs, control: &Arc<Control>) -> Ended {
@@ -160,7 +185,7 @@ async fn end(store: &Store, lease: &Lease, kept: &KeptLease, mut ended: Ended) {
             }
             Err(error) if error.is_unavailable() && !kept.is_lost() => {
                 tracing::warn!(job_id = lease.job_id, error = %error.cause(), "the job could not be ended; trying again");
-                tokio::time::sleep(RETRY_END_AFTER).await;
+                tokio::time::sleep(RETRY_AFTER).await;
             }
             Err(error) if matches!(ended, Ended::Finished(_)) && !kept.is_lost() => {
                 tracing::error!(job_id = lease.job_id, error = %error.cause(), "the result cannot be stored");

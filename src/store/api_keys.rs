@@ -83,7 +83,7 @@ pub async fn insert(tx: &mut Tx, new: &NewApiKey) -> Result<ApiKeyRow> {
         .bind(&new.scopes_json)
         .bind(new.robots_json.as_deref());
     let row: ApiKeyRow = query.fetch_one(tx.connection()?).await?;
-    let detail = json!({"name": row.name, "scopes": row.scopes_json, "robots": row.robots_json});
+    let detail = json!({"name": row.name, "scopes": row.scopes_json, "robots": row.robots_json, "key_sha256": row.key_sha256});
     tx.note("key_created", &row.id, &detail);
     Ok(row)
 }

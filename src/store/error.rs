@@ -65,6 +65,12 @@ pub enum Conflict {
     /// The robot's policy, or the sessions that the set was scored on, are not those of the release checks.
     #[error("the robot's policy or the set's sessions changed in the meantime")]
     ChecksOutdated,
+    /// A trigger of the schema refuses the release: it keeps what the release checks should have found.
+    #[error("{why}")]
+    RefusedBySchema {
+        /// The trigger's own words.
+        why: String,
+    },
     /// The robot has no set to go back to.
     #[error("the robot has no superseded parameter set to go back to")]
     NothingToRollBackTo,
@@ -143,6 +149,21 @@ fn reason_of_code(code: &str) -> Option<&'static str> {
         14 => "its file cannot be opened",
         _ => return None,
     })
+}
+
+/// What a trigger of the schema says, where it refused: on SQLite `raise(abort)`, on PostgreSQL the exception of `kincal_refuse…`.
+const BY_TRIGGER: [&str; 3] = ["1811", "23000", "P0001"];
+
+impl Error {
+    /// For the statements of a release: a trigger's refusal is an answer, not a fault of the database.
+    pub(super) fn of_release(error: sqlx::Error) -> Self {
+        match error.as_database_error() {
+            Some(refusal) if refusal.code().is_some_and(|code| BY_TRIGGER.contains(&&*code)) => {
+                Conflict::RefusedBySchema { why: refusal.message().to_owned() }.into()
+            }
+            _ => error.into(),
+        }
+    }
 }
 
 impl From<sqlx::Error> for Error {

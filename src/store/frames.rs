@@ -63,7 +63,8 @@ pub async fn insert(tx: &mut Tx, new: &NewFrames) -> Result<FramesRow> {
         .bind(&new.result_json);
     tx.needs_room()?;
     let row: FramesRow = query.fetch_one(tx.connection()?).await?;
-    tx.note("frames_created", &row.id, &json!({"robot_id": row.robot_id, "sha256": canonical::sha256_hex(&new.body)}));
+    let (sha256, result_sha256) = (canonical::sha256_hex(&new.body), canonical::sha256_hex(new.result_json.as_bytes()));
+    tx.note("frames_created", &row.id, &json!({"robot_id": row.robot_id, "sha256": sha256, "result_sha256": result_sha256}));
     Ok(row)
 }
 

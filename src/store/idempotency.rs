@@ -65,6 +65,16 @@ const FORGET_OLD: &str = "delete from idempotency where created_at_ms < (select 
 type Found = (String, i64, Option<String>, String, Vec<u8>);
 
 impl Store {
+    /// Forgets the Idempotency-Keys of long ago, with the answers that were kept for them.
+    ///
+    /// # Errors
+    /// [`Error::Database`].
+    pub async fn forget_old_keys(&self) -> Result<()> {
+        let mut tx = self.begin().await?;
+        sqlx::query(FORGET_OLD).bind(KEPT_MS).execute(tx.connection()?).await?;
+        tx.commit().await
+    }
+
     /// Runs `effect` in a transaction, and with a scope at most once for it: a second request gets the first one's answer.
     /// If `effect` fails, nothing was done and the key is free.
     ///
@@ -121,11 +131,4 @@ async fn answer_again(tx: &mut Tx, scope: &IdempotencyScope) -> Result<Idempoten
     }
     let status = u16::try_from(status).map_err(|e| Error::Database(sqlx::Error::Decode(e.into())))?;
     Ok(IdempotentOutcome::Replay(StoredResponse { status, location, content_type, body }))
-}
-
-/// Forgets the keys of long ago.
-pub(super) async fn forget_old(store: &Store) -> Result<()> {
-    let mut tx = store.begin().await?;
-    sqlx::query(FORGET_OLD).bind(KEPT_MS).execute(tx.connection()?).await?;
-    tx.commit().await
 }

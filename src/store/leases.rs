@@ -176,8 +176,9 @@ pub async fn succeed(tx: &mut Tx, lease: &Lease, report_json: &str, convergence_
     let query = sqlx::query(SUCCEED).bind(&lease.job_id).bind(&lease.owner).bind(lease.attempt);
     let query = query.bind(report_json).bind(convergence_json).bind(result_sha256);
     held(query.execute(tx.connection()?).await?.rows_affected())?;
-    let report_sha256 = canonical::sha256_hex(report_json.as_bytes());
-    note(tx, lease, "job_succeeded", &json!({"result_sha256": result_sha256, "report_sha256": report_sha256}));
+    let detail = json!({"result_sha256": result_sha256, "report_sha256": canonical::sha256_hex(report_json.as_bytes()),
+        "convergence_sha256": canonical::sha256_hex(convergence_json.as_bytes())});
+    note(tx, lease, "job_succeeded", &detail);
     Ok(())
 }
 

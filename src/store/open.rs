@@ -12,7 +12,7 @@ use sqlx::{AnyConnection, AnyPool, Connection, Executor, SqlSafeStr};
 use tokio::sync::Semaphore;
 
 use super::writer::Writer;
-use super::{Engine, Error, Inner, Result, Store, idempotency, leases};
+use super::{Engine, Error, Inner, Result, Store, leases};
 
 /// Where the database is.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -41,6 +41,7 @@ const MIGRATIONS: &[(i64, &str, &str, &str)] = &[
         include_str!("../../migrations/sqlite/0005_residual_networks.sql"),
         include_str!("../../migrations/postgres/0005_residual_networks.sql"),
     ),
+    (6, "results", include_str!("../../migrations/sqlite/0006_results.sql"), include_str!("../../migrations/postgres/0006_results.sql")),
 ];
 
 /// The database's file in the data directory.
@@ -77,7 +78,6 @@ pub(super) async fn as_server(location: StoreLocation) -> Result<Store> {
             let store = connect_sqlite(&data_dir, Some(lock_file), true).await?;
             migrate(&store).await?;
             leases::end_all(&store).await?;
-            idempotency::forget_old(&store).await?;
             Ok(store)
         }
         StoreLocation::Postgres { url } => open_postgres(&url).await,
@@ -115,7 +115,6 @@ pub(super) async fn as_it_is(location: StoreLocation) -> Result<Store> {
 async fn open_postgres(url: &str) -> Result<Store> {
     let store = connect_postgres(url).await?;
     migrate(&store).await?;
-    idempotency::forget_old(&store).await?;
     Ok(store)
 }
 

@@ -4,7 +4,7 @@
 use serde_json::json;
 
 use super::policies::ABSENT;
-use super::{Conflict, Page, PageRequest, Result, Store, Tx, new_id, policies, sessions};
+use super::{Conflict, Error, Page, PageRequest, Result, Store, Tx, new_id, policies, sessions};
 use crate::wire::canonical;
 
 /// Where a parameter set is in its life.
@@ -246,7 +246,8 @@ pub async fn list(store: &Store, robot_id: &str, request: &PageRequest) -> Resul
 /// Releasing the active one again changes nothing.
 ///
 /// # Errors
-/// [`super::Error::NotFound`], [`Conflict::Withdrawn`], [`Conflict::ActiveChanged`], [`Conflict::ChecksOutdated`], [`super::Error::Database`];
+/// [`super::Error::NotFound`], [`Conflict::Withdrawn`], [`Conflict::ActiveChanged`], [`Conflict::ChecksOutdated`],
+/// [`Conflict::RefusedBySchema`], [`super::Error::Database`];
 /// the transaction must then not be committed.
 pub async fn release(tx: &mut Tx, release: &Release) -> Result<ParameterSetRow> {
     let set = lock_and_get(tx, &release.id).await?;
@@ -271,7 +272,8 @@ pub async fn release(tx: &mut Tx, release: &Release) -> Result<ParameterSetRow> 
         .bind(&release.evidence)
         .bind(release.uncertainty_mm.unwrap_or(ABSENT))
         .execute(tx.connection()?)
-        .await?;
+        .await
+        .map_err(Error::of_release)?;
     if let Some(active) = &active {
         tx.note("parameter_set_superseded", active, &json!({"by": release.id}));
     }

@@ -13,7 +13,7 @@ pub struct SessionRow {
     pub created_at_ms: i64,
 }
 
-pub(super) const ALL_QUERIES: &[&str] = &[NEWEST, COUNT];
+pub(super) const ALL_QUERIES: &[&str] = &[NEWEST, COUNT, NO_BETTER];
 
 const NEWEST: &str = "
     select id as job_id, report_json, created_at_ms from job
@@ -21,6 +21,12 @@ const NEWEST: &str = "
     order by created_at_ms desc, id desc limit $2";
 
 const COUNT: &str = "select count(*) from job where kind = 'verify' and parameter_set_input_id = $1 and status = 'succeeded'";
+
+// As the trigger parameter_set_no_better asks.
+const NO_BETTER: &str = "
+    select id from job where kind = 'verify' and parameter_set_input_id = $1 and status = 'succeeded'
+        and report_json like '%\"code\":\"no_better_than_nominal\"%'
+    order by created_at_ms desc, id desc limit 1";
 
 /// The newest sessions of a parameter set.
 ///
@@ -36,6 +42,14 @@ pub async fn newest(store: &Store, parameter_set_id: &str, limit: i64) -> Result
 /// [`super::Error::Database`].
 pub async fn count(store: &Store, parameter_set_id: &str) -> Result<i64> {
     Ok(sqlx::query_scalar(COUNT).bind(parameter_set_id).fetch_one(store.pool()).await?)
+}
+
+/// The job that showed the set to be no better than nominal, if one did: of all sessions, however many came since.
+///
+/// # Errors
+/// [`super::Error::Database`].
+pub async fn no_better_than_nominal(store: &Store, parameter_set_id: &str) -> Result<Option<String>> {
+    Ok(sqlx::query_scalar(NO_BETTER).bind(parameter_set_id).fetch_optional(store.pool()).await?)
 }
 
 pub(super) async fn count_in(tx: &mut Tx, parameter_set_id: &str) -> Result<i64> {

@@ -2,6 +2,7 @@
 
 mod chain;
 mod content;
+mod rules;
 mod schema;
 
 use super::{Result, Store};
@@ -60,6 +61,11 @@ pub(super) const ALL_QUERIES: &[&str] = &[
     content::ROBOTS,
     content::PARAMETER_SETS,
     content::NETWORKS,
+    content::RESIDUAL_NETWORKS,
+    content::FOUND_FRAMES,
+    content::REQUESTS,
+    content::REPORTS,
+    content::CONVERGENCES,
     content::JOBS,
     content::ANSWERS,
     content::SUBJECT_SET,
@@ -67,12 +73,16 @@ pub(super) const ALL_QUERIES: &[&str] = &[
     content::SUBJECT_ROBOT,
     content::SUBJECT_JOB,
     content::SUBJECT_PARAMETER_SET,
+    content::SUBJECT_NETWORK,
+    content::SUBJECT_KEY,
     content::ENDS,
     content::STUCK,
     content::SETS_OF_JOBS,
     content::RELEASED_OF_ROBOTS,
     content::RELEASES,
     chain::MISSING,
+    rules::POLICIES,
+    rules::KEYS,
 ];
 pub(super) const QUERIES_SQLITE: &[&str] = schema::QUERIES_SQLITE;
 pub(super) const QUERIES_POSTGRES: &[&str] = schema::QUERIES_POSTGRES;
@@ -88,7 +98,7 @@ pub async fn verify(store: &Store, options: &Options) -> Result<Vec<Check>> {
         content::answers_have_effects(store).await?,
         content::jobs_end_once(store, &chain, options).await?,
         content::one_set_per_job(store).await?,
-        content::same_request_same_result(store).await?,
+        content::same_request_same_result(store, &chain).await?,
         content::one_released_per_robot(store).await?,
         content::releases_have_checks(store, &chain).await?,
         chain.check,

@@ -6,6 +6,7 @@ use crate::identification::TrainedNetwork;
 use crate::kinematics::{ResidualNetwork, Robot};
 use crate::measurement::MeasurementSet;
 use crate::wire::corrections::PayloadBody;
+use crate::wire::id;
 use crate::wire::issue::{Checker, Invalid};
 pub use crate::wire::job_answer::{JobAnswer, JobEvent, JobEventName, JobStatus, ProgressAnswer};
 use crate::wire::measurement::Frame;
@@ -200,8 +201,9 @@ impl JobRequestBody {
     /// Every check that needs the request alone.
     ///
     /// # Errors
-    /// [`Invalid`]: `invalid_job` for values out of range and for what the job would not use.
+    /// [`Invalid`]: `invalid_job` for values out of range and for what the job would not use, `unknown_reference` for what cannot be an id.
     pub fn check(&self) -> Result<(), Invalid> {
+        self.check_ids()?;
         let mut checker = Checker::default();
         self.options.unwrap_or_default().check(&mut checker);
         if let Some(VerifyBody::Fraction { fraction }) = self.verify
@@ -224,6 +226,22 @@ impl JobRequestBody {
         }
         checker.finish("invalid_job")?;
         self.check_applicable()
+    }
+
+    fn check_ids(&self) -> Result<(), Invalid> {
+        let verify_set = match &self.verify {
+            Some(VerifyBody::Set { measurement_set_id }) => Some(measurement_set_id),
+            _ => None,
+        };
+        let named = [
+            ("/measurement_set_id", Some(&self.measurement_set_id), "measurement set"),
+            ("/verify/measurement_set_id", verify_set, "measurement set"),
+            ("/parameter_set_id", self.parameter_set_id.as_ref(), "parameter set"),
+            ("/frames_id", self.frames_id.as_ref(), "frames"),
+            ("/network_id", self.network_id.as_ref(), "network"),
+            ("/residual_network_id", self.residual_network_id.as_ref(), "residual network"),
+        ];
+        named.into_iter().try_for_each(|(at, id, what)| id.map_or(Ok(()), |id| id::check(at, id, what)))
     }
 
     /// Refuses what the job would quietly leave unused.

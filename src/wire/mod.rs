@@ -10,6 +10,7 @@ pub mod corrections;
 pub mod export;
 pub mod frames;
 pub mod history;
+pub mod id;
 pub mod import;
 pub mod issue;
 pub mod job;

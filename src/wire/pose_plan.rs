@@ -6,6 +6,7 @@ use crate::kinematics::Robot;
 use crate::measurement::MeasurementSet;
 use crate::planning::{BaseCylinder, PlanRequest, Room, plan};
 use crate::wire::angle::to_degrees;
+use crate::wire::id;
 use crate::wire::issue::{Checker, Invalid};
 use crate::wire::job::Model;
 use crate::wire::measurement::Frame;
@@ -230,7 +231,8 @@ impl PosePlanBody {
         if self.measured.len() > MAX_MEASURED {
             checker.note("/measured", "wrong_length", format!("{} sets; at most {MAX_MEASURED}", self.measured.len()));
         }
-        checker.finish("invalid_plan")
+        checker.finish("invalid_plan")?;
+        self.measured.iter().enumerate().try_for_each(|(i, id)| id::check(&format!("/measured/{i}"), id, "measurement set"))
     }
 }
 

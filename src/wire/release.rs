@@ -126,13 +126,15 @@ pub struct Facts<'a> {
     pub content: &'a ParameterSetContent,
     /// The active set, if there is one.
     pub active: Option<&'a ParameterSetContent>,
-    /// What it was scored on since.
+    /// What it was scored on since: the newest sessions.
     pub sessions: &'a [Session],
+    /// Of all sessions, the job that showed it to be no better than nominal.
+    pub no_better_than_nominal: Option<&'a str>,
     /// Against the active set.
     pub comparisons: &'a [Comparison],
     /// It was taken back for good.
     pub is_withdrawn: bool,
-    /// It was released before, and is to come back.
+    /// It was released before, and is to come back in the place of what is active, which is withdrawn.
     pub is_rollback: bool,
     /// Serial number of the robot, and as the uploader stated it.
     pub serial_numbers: (Option<&'a str>, Option<&'a str>),
@@ -224,6 +226,11 @@ fn better_than_nominal(facts: &Facts<'_>) -> Gate {
                 "job {} scored the set on another session: {:.4} mm rms, the nominal robot {:.4} mm; it is no better than nominal, so it is never released",
                 s.job_id, s.after_rms_mm, s.before_rms_mm
             );
+            Gate::new(name, false, detail)
+        }
+        None if facts.no_better_than_nominal.is_some() => {
+            let job = facts.no_better_than_nominal.unwrap_or_default();
+            let detail = format!("job {job} showed on another session that the set is no better than nominal, so it is never released");
             Gate::new(name, false, detail)
         }
         None if facts.sessions.is_empty() => Gate::new(name, true, "no other session has been scored on it"),

@@ -230,7 +230,9 @@ fn three_text([a, b, c]: [f64; 3]) -> String {
     format!("{} {} {}", a + 0.0, b + 0.0, c + 0.0)
 }
 
-/// Text for between tags and quotes.
+/// Text for between tags and quotes. What XML cannot hold, not even as a reference, becomes U+FFFD.
 pub fn escaped(text: &str) -> String {
+    let is_xml = |c: char| matches!(c, '\t' | '\n' | '\r' | ' '..='\u{fffd}' | '\u{10000}'..);
+    let text: String = text.chars().map(|c| if is_xml(c) { c } else { char::REPLACEMENT_CHARACTER }).collect();
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }

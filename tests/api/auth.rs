@@ -4,6 +4,7 @@ use kincal::http::auth::{OPEN, POLICY, Scope, new_key};
 use kincal::store::{NewApiKey, api_keys};
 use reqwest::Method;
 use serde_json::json;
+use std::time::Duration;
 
 /// A server that asks for keys; the directory lives as long as the test needs it.
 async fn guarded() -> (TestApp, tempfile::TempDir) {
@@ -69,6 +70,21 @@ async fn each_route_takes_its_scope_and_no_other() {
 }
 
 #[tokio::test]
+async fn a_priority_above_0_takes_scope_admin_and_the_challenge_names_the_scope_alone() {
+    let (app, _dir) = guarded().await;
+    let (admin, _) = key(&app, &["admin"], None).await;
+    let robot = with_key(&app, Method::POST, "/v1/robots", &admin, paper("robot.json")).await.ok(201);
+    let (identify, _) = key(&app, &["identify"], None).await;
+    let body = json!({"measurement_set_id": "set_0", "priority": 1}).to_string().into_bytes();
+    let answer = with_key(&app, Method::POST, &format!("/v1/robots/{}/jobs", text(&robot["id"])), &identify, body).await;
+    let problem = answer.problem(403, "insufficient_scope");
+    let challenge = "Bearer realm=\"kincal\", error=\"insufficient_scope\", scope=\"admin\"";
+    assert_eq!(answer.header("www-authenticate"), Some(challenge));
+    let detail = text(&problem["detail"]);
+    assert!(detail.contains("a priority above 0") && detail.contains("--scope admin …"), "{detail}");
+}
+
+#[tokio::test]
 async fn every_documented_route_has_a_policy() {
     let document = kincal::http::openapi();
     for (path, item) in &document.paths.paths {
@@ -117,6 +133,28 @@ async fn a_revoked_key_is_refused_at_once() {
     api_keys::revoke(&mut tx, &id).await.unwrap();
     tx.commit().await.unwrap();
     with_key(&app, Method::GET, "/v1/robots", &key, Vec::new()).await.problem(401, "unauthorized");
+}
+
+#[tokio::test]
+async fn a_stream_of_events_ends_with_its_key() {
+    let (app, _dir) = guarded().await;
+    let (admin, _) = key(&app, &["admin"], None).await;
+    let robot = with_key(&app, Method::POST, "/v1/robots", &admin, paper("robot.json")).await.ok(201);
+    let robot = format!("/v1/robots/{}", text(&robot["id"]));
+    let upload = app.request(Method::POST, &format!("{robot}/measurement-sets?frame=base")).bearer_auth(&admin);
+    let set = Answer::of(upload.header("content-type", "text/csv").body(paper("first.csv"))).await.ok(201);
+    let body = json!({"measurement_set_id": set["id"]}).to_string().into_bytes();
+    let job = with_key(&app, Method::POST, &format!("{robot}/jobs"), &admin, body).await.ok(202);
+    let (reader, id) = key(&app, &["read"], None).await;
+    let events = format!("/v1/jobs/{}/events", text(&job["id"]));
+    let mut stream = app.request(Method::GET, &events).bearer_auth(&reader).send().await.unwrap();
+    assert!(stream.chunk().await.unwrap().unwrap().starts_with(b"event: progress"));
+    let mut tx = app.server.store.begin().await.unwrap();
+    api_keys::revoke(&mut tx, &id).await.unwrap();
+    tx.commit().await.unwrap();
+    // Without workers the job stays queued, so that nothing else ends the stream; a comment comes only after 15 s.
+    let end = tokio::time::timeout(Duration::from_secs(10), stream.chunk()).await.expect("the stream ends");
+    assert_eq!(end.unwrap(), None);
 }
 
 #[tokio::test]

@@ -34,7 +34,9 @@ async fn history_tells_what_moved_and_comparison_where_the_tool_did() {
     assert!(differences["sessions"]["probability"].as_f64().unwrap() < 1e-3, "{}", differences["sessions"]);
     let itself = compare(ids[1]).await.ok(200);
     assert_eq!((&itself["max_mm"], &itself["sessions"]), (&json!(0.0), &json!(null)));
-    compare("par_1").await.problem(422, "unknown_reference");
+    for other in ["par_1", "%00", "par_%00", "'%20or%201=1"] {
+        compare(other).await.problem(422, "unknown_reference");
+    }
 }
 
 #[test]

@@ -6,13 +6,14 @@ use reqwest::Method;
 use serde_json::{Value, json};
 use std::process::Command;
 
-const NAMES: [&str; 10] = [
+const NAMES: [&str; 11] = [
     "<script>alert(1)</script>",
     "\"><img src=x onerror=alert(1)>",
     "Robert'); DROP TABLE robot;--",
     "' or '1'='1",
     "tab\tbell\u{7}escape\u{1b}[2J\u{1b}]0;title\u{7}",
     "\u{9b}31m c1 \u{85}",
+    "one \u{1} \u{1f} \u{7f} \u{fffe}",
     "\u{202e}desrever\u{2066}",
     "../../etc/passwd%00${jndi:ldap://x}{{7*7}}",
     "زاوية 関節 🤖 \u{200d}\u{feff}",
@@ -63,6 +64,10 @@ async fn they_round_trip_through_robots_sets_lists_reasons_and_audit_and_do_noth
         let release = format!("/v1/parameter-sets/{}/release", text(&job["parameter_set_id"]));
         app.post_json(&release, &json!({"reason": name})).await.ok(200);
         is_tame(&kincal(&app, &["params", "--gates", text(&job["parameter_set_id"])]));
+        for format in ["json", "yaml", "csv", "urdf", "ur_kinematics", "mastering"] {
+            let export = app.get(&format!("/v1/parameter-sets/{}/export?format={format}", text(&job["parameter_set_id"]))).await;
+            assert_eq!(export.status, 200, "{name:?} as {format}: {}", export.text());
+        }
     }
     let list = app.get("/v1/robots?limit=50").await.ok(200);
     let listed: Vec<&str> = list["items"].as_array().unwrap().iter().map(|robot| text(&robot["name"])).collect();

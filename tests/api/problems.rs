@@ -1,4 +1,7 @@
 use crate::app::{Answer, TestApp};
+use crate::engines::{TestDatabase, for_each_engine};
+use kincal::config::{DatabaseConfig, ServeConfig};
+use kincal::store::StoreLocation;
 use reqwest::Method;
 use serde_json::json;
 
@@ -38,6 +41,44 @@ async fn a_bad_path_is_not_looked_up() {
         assert_eq!(answer.status, 404, "{id}: {}", answer.text());
         answer.problem(404, "not_found");
     }
+}
+
+/// A server on the engine of a test's database.
+async fn on(database: &TestDatabase) -> TestApp {
+    let StoreLocation::Postgres { url } = &database.location else { return TestApp::spawn().await };
+    let nowhere = ServeConfig::loopback("nowhere".into(), 0);
+    let config = DatabaseConfig { database_url: Some(url.clone()), ..nowhere.database.clone() };
+    TestApp::with_config(ServeConfig { database: config, ..nowhere }).await
+}
+
+#[test]
+fn what_cannot_be_an_id_is_not_looked_up_wherever_it_stands() {
+    for_each_engine(async |database| {
+        let app = on(database).await;
+        let (robot, set) = app.robot_with_set("first.csv").await;
+        for id in ["\u{0}", "set_\u{0}", "a/b", "' or 1=1", &"x".repeat(5000)] {
+            for (mut body, at) in [
+                (json!({}), "/measurement_set_id"),
+                (json!({"verify": {"source": "set", "measurement_set_id": ""}}), "/verify/measurement_set_id"),
+                (json!({}), "/frames_id"),
+                (json!({}), "/network_id"),
+                (json!({}), "/residual_network_id"),
+                (json!({}), "/parameter_set_id"),
+            ] {
+                body["measurement_set_id"] = json!(set);
+                match at {
+                    "/verify/measurement_set_id" => body["verify"]["measurement_set_id"] = json!(id),
+                    _ => body[at.trim_start_matches('/')] = json!(id),
+                }
+                let problem = app.post_json(&format!("{robot}/jobs"), &body).await.problem(422, "unknown_reference");
+                assert_eq!(problem["errors"][0]["pointer"], at, "{problem}");
+            }
+            let plan = json!({"n_configurations": 10, "measured": [set, id]});
+            let problem = app.post_json(&format!("{robot}/pose-plans"), &plan).await.problem(422, "unknown_reference");
+            assert_eq!(problem["errors"][0]["pointer"], "/measured/1", "{problem}");
+        }
+        app.server.shutdown().await;
+    });
 }
 
 #[tokio::test]

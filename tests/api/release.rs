@@ -81,6 +81,16 @@ async fn a_set_that_another_session_shows_to_be_no_better_than_nominal_is_never_
     assert_eq!((&scored["parameter_set_from"], &report["parameter_set_from"]), (&verify["parameter_set_id"], &verify["parameter_set_id"]));
     let refused = app.post_json(&format!("{}/release", path(&job)), &json!({"reason": "it fits"})).await.problem(409, "release_refused");
     assert!(failed(&refused).contains(&"sessions_better_than_nominal"), "{refused}");
+    // Nor after more sessions than are weighed, in each of which it is better.
+    let better = json!({"kind": "verify", "measurement_set_id": job["measurement_set_id"], "parameter_set_id": job["parameter_set_id"]});
+    for _ in 0..9 {
+        assert_eq!(app.run(&robot, &better).await["status"], "succeeded");
+    }
+    let told = app.get(&format!("{}/gates", path(&job))).await.ok(200);
+    assert_eq!(told["releasable"], false, "{told}");
+    let refused = app.post_json(&format!("{}/release", path(&job)), &json!({"reason": "it fits"})).await.problem(409, "release_refused");
+    assert_eq!(failed(&refused), ["sessions_better_than_nominal"]);
+    assert!(refused["errors"][0]["detail"].as_str().unwrap().contains(text(&scored["id"])), "{refused}");
     // Nor if the code forgot to look: the schema refuses it too.
     let sql = "update parameter_set set status = 'released', released_at_ms = 1, release_checks_json = '[{\"passed\":true}]' where id = $1";
     let error = sqlx::query(sql).bind(text(&job["parameter_set_id"])).execute(app.server.store.pool()).await.unwrap_err();
@@ -124,6 +134,25 @@ async fn a_set_that_is_worse_than_the_active_one_on_the_same_points_is_not_relea
     let refused = app.post_json(&format!("{}/release", path(&second)), &json!({"reason": "simpler"})).await.problem(409, "release_refused");
     assert_eq!(failed(&refused), ["improved_on_active"]);
     assert_eq!(app.get(&format!("{robot}/parameter-sets/active")).await.ok(200)["id"], first["parameter_set_id"]);
+}
+
+#[tokio::test]
+async fn a_superseded_set_is_compared_with_the_active_one_unless_it_is_a_rollback() {
+    let app = TestApp::with_workers(1).await;
+    let (robot, full) = app.identified().await;
+    let few = json!({"measurement_set_id": full["measurement_set_id"], "method": "least_squares", "parameters": {"identify": ["theta_offset_2", "theta_offset_3"]}});
+    let worse = app.run(&robot, &few).await;
+    for job in [&worse, &full] {
+        app.post_json(&format!("{}/release", path(job)), &json!({"reason": "better"})).await.ok(200);
+    }
+    assert_eq!(app.get(&path(&worse)).await.ok(200)["status"], "superseded");
+    let told = app.get(&format!("{}/gates", path(&worse))).await.ok(200);
+    assert_eq!(told["releasable"], false, "{told}");
+    let again = app.post_json(&format!("{}/release", path(&worse)), &json!({"reason": "again"})).await;
+    assert_eq!(failed(&again.problem(409, "release_refused")), ["improved_on_active"]);
+    assert_eq!(app.get(&format!("{robot}/parameter-sets/active")).await.ok(200)["id"], full["parameter_set_id"]);
+    let back = app.post_json(&format!("{robot}/parameter-sets/rollback"), &json!({"reason": "the cell makes scrap"})).await.ok(200);
+    assert_eq!(back["id"], worse["parameter_set_id"]);
 }
 
 #[tokio::test]

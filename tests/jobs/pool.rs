@@ -48,6 +48,32 @@ fn a_pool_finds_jobs_that_nobody_signalled() {
 }
 
 #[test]
+fn a_pool_forgets_the_idempotency_keys_of_long_ago_and_no_others() {
+    for_each_engine(async |database| {
+        let store = &database.store;
+        for at in ["1", "(select now_ms from clock)"] {
+            let sql = format!(
+                "insert into idempotency (key_holder, method, path, idempotency_key, request_sha256, created_at_ms)
+                 values ('k', 'POST', '/', 'at {at}', 's', {at})"
+            );
+            sqlx::query(sqlx::AssertSqlSafe(sql)).execute(store.pool()).await.unwrap();
+        }
+        let pool = WorkerPool::start(store.clone(), obey, 0, RULES, JobSignals::default());
+        let kept = async {
+            loop {
+                let kept: Vec<String> =
+                    sqlx::query_scalar("select idempotency_key from idempotency").fetch_all(store.pool()).await.unwrap();
+                if kept.len() < 2 {
+                    return kept;
+                }
+            }
+        };
+        assert_eq!(tokio::time::timeout(LONG, kept).await.unwrap(), ["at (select now_ms from clock)"]);
+        pool.shutdown(LONG).await;
+    });
+}
+
+#[test]
 fn a_pool_takes_over_the_job_of_a_worker_that_died() {
     for_each_engine(async |database| {
         let store = &database.store;

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use kincal::jobs::{JobSignals, WorkerContext, queue, run_next_job, run_pending_jobs};
 use kincal::store::{
-    JobRow, JobStatus, MeasurementSetRow, NewJob, NewParameterSet, PageRequest, Store, frames, jobs, networks, parameter_sets,
+    Engine, JobRow, JobStatus, MeasurementSetRow, NewJob, NewParameterSet, PageRequest, Store, frames, jobs, networks, parameter_sets,
 };
 
 use crate::computations::{LONG, a_worker, arrived, gate, until};
@@ -43,6 +43,28 @@ fn a_job_leaves_its_report_its_curve_its_parameter_set_and_its_network() {
         assert_eq!((set.robot_id, set.job_id, set.body_json.as_str()), (job.robot_id, job.id, r#"{"links":[]}"#));
         assert_eq!(networks::weights(store, &done.network_id.unwrap()).await.unwrap(), [0, 1, 255]);
         assert_eq!(run_next_job(store, &a_worker(LONG)).await.unwrap(), None);
+    });
+}
+
+/// On SQLite nobody can keep readers out.
+#[test]
+fn inputs_that_cannot_be_read_for_a_while_use_up_no_attempt() {
+    for_each_engine(async |database| {
+        let store = &database.store;
+        if store.engine() == Engine::Sqlite {
+            return;
+        }
+        let job = a_job(store, &some_set(database).await, "succeed").await;
+        let mut lock = store.pool().begin().await.unwrap();
+        sqlx::query("lock table robot in access exclusive mode").execute(&mut *lock).await.unwrap();
+        // The database gives up after 3 s, which is past the time for trying again.
+        assert_eq!(run_next_job(store, &a_worker(Duration::from_secs(2))).await.unwrap().as_ref(), Some(&job.id));
+        let waiting = jobs::get(store, &job.id).await.unwrap();
+        assert_eq!((waiting.status, waiting.attempt), (JobStatus::Queued, 0));
+        lock.rollback().await.unwrap();
+        run_next_job(store, &a_worker(LONG)).await.unwrap();
+        let done = jobs::get(store, &job.id).await.unwrap();
+        assert_eq!((done.status, done.attempt), (JobStatus::Succeeded, 1));
     });
 }
 

@@ -1,12 +1,13 @@
 //! Release and withdrawal of parameter sets.
 
 use kincal::store::{
-    Checked, Conflict, Engine, Error, NewParameterSet, ParameterSetRow, ParameterSetStatus, PolicyRow, Release, Result, Store, jobs,
-    parameter_sets, policies,
+    Checked, Conflict, Engine, Error, MeasurementSetRow, NewJob, NewParameterSet, ParameterSetRow, ParameterSetStatus, PolicyRow, Release,
+    Result, Store, jobs, leases, parameter_sets, policies, sessions,
 };
+use std::time::Duration;
 
 use crate::engines::for_each_engine;
-use crate::fixtures::{a_candidate, a_job, a_robot, a_set, in_transaction};
+use crate::fixtures::{a_candidate, a_job, a_robot, a_set, in_transaction, new_job};
 
 /// What a release keeps of its gates.
 const PASSED: &str = r#"[{"gate":"x","passed":true}]"#;
@@ -225,6 +226,48 @@ fn the_schema_itself_keeps_the_robots_policy() {
             assert!(error.to_string().contains("policy"), "{evidence} {uncertainty_mm} {by}: {error}");
         }
         write("independent_session", 0.1, "engineer").await.unwrap();
+    });
+}
+
+/// A session that scored the set, with this report.
+async fn scored(store: &Store, set: &MeasurementSetRow, candidate: &ParameterSetRow, report_json: &str) -> String {
+    let new = NewJob { kind: "verify".into(), parameter_set_input_id: Some(candidate.id.clone()), priority: 1, ..new_job(set, "{}") };
+    in_transaction(store, async |tx| jobs::insert(tx, &new).await).await;
+    let lease = leases::claim(store, "worker_1", Duration::from_secs(60)).await.unwrap().unwrap();
+    in_transaction(store, async |tx| leases::succeed(tx, &lease, report_json, "{}", "00").await).await;
+    lease.job_id
+}
+
+#[test]
+fn a_set_once_shown_to_be_no_better_than_nominal_is_refused_as_a_conflict_however_many_sessions_came_since() {
+    for_each_engine(async |database| {
+        let store = &database.store;
+        let set = a_set(store, &a_robot(store, "r").await).await;
+        let candidate = a_candidate(store, &set).await;
+        assert_eq!(sessions::no_better_than_nominal(store, &candidate.id).await.unwrap(), None);
+        let job_id = scored(store, &set, &candidate, r#"{"warnings":[{"code":"no_better_than_nominal"}]}"#).await;
+        for _ in 0..9 {
+            scored(store, &set, &candidate, r#"{"warnings":[]}"#).await;
+        }
+        assert_eq!(sessions::no_better_than_nominal(store, &candidate.id).await.unwrap(), Some(job_id));
+        // What a server would write if it forgot to look.
+        let release = Release {
+            id: candidate.id.clone(),
+            checked: Checked { n_sessions: 10, ..Checked::default() },
+            reason: "it fits".into(),
+            checks_json: PASSED.into(),
+            released_by: "key_1".into(),
+            evidence: "same_upload".into(),
+            uncertainty_mm: None,
+        };
+        let mut tx = store.begin().await.unwrap();
+        let refused = parameter_sets::release(&mut tx, &release).await;
+        tx.rollback().await.unwrap();
+        match refused {
+            Err(Error::Conflict(Conflict::RefusedBySchema { why })) => assert!(why.contains("no better than nominal"), "{why}"),
+            other => panic!("{other:?}"),
+        }
+        assert_eq!(status(store, &candidate).await, ParameterSetStatus::Candidate);
     });
 }
 

@@ -1,8 +1,11 @@
 //! `verify` finds what it should, and nothing in a healthy database.
 
 use kincal::store::verify::{Options, verify};
-use kincal::store::{Engine, NewFrames, Store, frames};
+use kincal::store::{
+    Engine, MeasurementSetRow, NewApiKey, NewFrames, NewNetwork, PolicyRow, Store, api_keys, frames, leases, networks, policies,
+};
 use sqlx::AssertSqlSafe;
+use std::time::Duration;
 
 use crate::engines::for_each_engine;
 use crate::fixtures::{a_candidate, a_job, a_robot, a_set, in_transaction};
@@ -13,6 +16,38 @@ async fn broken(store: &Store) -> Vec<&'static str> {
     checks.into_iter().filter(|check| check.n_violations > 0).map(|check| check.id).collect()
 }
 
+/// Frames, a job with its report and a network, a policy, a key in force and one that is revoked: something of everything that may be edited.
+async fn something_of_everything(store: &Store, set: &MeasurementSetRow) {
+    let new = NewFrames { robot_id: set.robot_id.clone(), content_type: "text/csv".into(), body: vec![0], result_json: "{}".into() };
+    in_transaction(store, async |tx| frames::insert(tx, &new).await).await;
+    a_job(store, set, "{}").await;
+    let lease = leases::claim(store, "worker_1", Duration::from_secs(60)).await.unwrap().unwrap();
+    let network = NewNetwork {
+        model: "paper".into(),
+        preset: "paper".into(),
+        metadata_json: "{}".into(),
+        weights: vec![1],
+        weights_sha256: "00".into(),
+    };
+    in_transaction(store, async |tx| {
+        leases::succeed(tx, &lease, r#"{"result_sha256":"r","version":"1"}"#, "{}", "r").await?;
+        networks::insert(tx, &lease.job_id, &network).await
+    })
+    .await;
+    let policy = PolicyRow { tolerance_mm: Some(0.1), independent_session_required: 1, second_person_required: 1, version: 0 };
+    // Of another robot, so that it stands in the way of no release.
+    let other = a_robot(store, "other").await;
+    in_transaction(store, async |tx| policies::put(tx, &other.id, &policy, "key_0").await).await;
+    let key = |hash: &str| NewApiKey { name: "n".into(), key_sha256: hash.into(), scopes_json: "[\"read\"]".into(), robots_json: None };
+    let (first, second) = (key("00"), key("01"));
+    in_transaction(store, async |tx| {
+        api_keys::insert(tx, &first).await?;
+        let revoked = api_keys::insert(tx, &second).await?.id;
+        api_keys::revoke(tx, &revoked).await
+    })
+    .await;
+}
+
 #[test]
 fn a_healthy_database_keeps_every_promise() {
     for_each_engine(async |database| {
@@ -20,8 +55,11 @@ fn a_healthy_database_keeps_every_promise() {
         assert_eq!(broken(store).await, [""; 0]);
         let set = a_set(store, &a_robot(store, "r").await).await;
         a_job(store, &set, "{}").await;
-        let new = NewFrames { robot_id: set.robot_id.clone(), content_type: "text/csv".into(), body: vec![0], result_json: "{}".into() };
-        in_transaction(store, async |tx| frames::insert(tx, &new).await).await;
+        assert_eq!(broken(store).await, [""; 0]);
+    });
+    for_each_engine(async |database| {
+        let store = &database.store;
+        something_of_everything(store, &a_set(store, &a_robot(store, "r").await).await).await;
         assert_eq!(broken(store).await, [""; 0]);
     });
 }
@@ -30,7 +68,25 @@ fn a_healthy_database_keeps_every_promise() {
 const FAULTS: &[(&str, &[&str])] = &[
     ("drop trigger measurement_set_stays; update measurement_set set body = x'00'", &["I1", "I9"]),
     ("drop trigger robot_stays; update robot set body_json = '[]'", &["I1", "I9"]),
-    ("delete from parameter_set; delete from job", &["I1"]),
+    ("delete from network; delete from parameter_set; delete from job", &["I1"]),
+    ("delete from network", &["I1"]),
+    ("delete from api_key where revoked_at_ms is null", &["I1"]),
+    ("update api_key set scopes_json = '[\"admin\"]'", &["I1"]),
+    ("update api_key set key_sha256 = 'ff' where revoked_at_ms is null", &["I1"]),
+    ("update api_key set revoked_at_ms = null", &["I1"]),
+    ("update robot_policy set second_person_required = 0", &["I1"]),
+    ("delete from robot_policy", &["I1"]),
+    ("drop trigger frames_stay; update frames set result_json = '[]'", &["I1", "I9"]),
+    ("update job set request_json = '{\"seed\":1}' where status = 'succeeded'", &["I1"]),
+    (
+        "drop trigger job_report_stays; update job set report_json = '{\"result_sha256\":\"r\",\"version\":\"1\",\"verify\":null}' where status = 'succeeded'",
+        &["I1", "I9"],
+    ),
+    ("drop trigger job_report_stays; update job set convergence_json = '[]' where status = 'succeeded'", &["I1", "I9"]),
+    (
+        "drop trigger job_report_stays; update job set report_json = '{\"result_sha256\":\"x\"}', result_sha256 = 'x' where status = 'succeeded'",
+        &["I1", "I5", "I9"],
+    ),
     (
         "insert into idempotency (key_holder, method, path, idempotency_key, request_sha256, created_at_ms) values ('k', 'POST', '/', 'a', 's', 1)",
         &["I2"],
@@ -41,7 +97,7 @@ const FAULTS: &[(&str, &[&str])] = &[
         &["I2"],
     ),
     ("update job set status = 'cancelled', finished_at_ms = 1 where status = 'queued'", &["I3"]),
-    ("update job set status = 'running', owner = 'gone', lease_until_ms = 1", &["I3"]),
+    ("update job set status = 'running', owner = 'gone', lease_until_ms = 1 where status = 'queued'", &["I3"]),
     ("drop index parameter_set_one_released", &["I9"]),
     (
         "drop trigger parameter_set_checks; update parameter_set set status = 'released', released_at_ms = 1, release_checks_json = '[]'",
@@ -64,6 +120,7 @@ fn each_fault_is_told_by_its_check() {
         for_each_engine(async |database| {
             let store = &database.store;
             let set = a_set(store, &a_robot(store, "r").await).await;
+            something_of_everything(store, &set).await;
             a_candidate(store, &set).await;
             for fault in faults.split("; ") {
                 sqlx::query(AssertSqlSafe(in_the_words_of(store.engine(), fault))).execute(store.pool()).await.unwrap();
@@ -74,6 +131,25 @@ fn each_fault_is_told_by_its_check() {
     }
 }
 
+#[test]
+fn the_schema_itself_keeps_results_and_frames_as_they_were_found() {
+    for_each_engine(async |database| {
+        let store = &database.store;
+        something_of_everything(store, &a_set(store, &a_robot(store, "r").await).await).await;
+        for sql in [
+            "update job set report_json = '{}'",
+            "update job set convergence_json = null",
+            "update job set result_sha256 = 'x'",
+            "update frames set result_json = '[]'",
+            "update frames set body = x'00'",
+        ] {
+            let refused = sqlx::query(AssertSqlSafe(in_the_words_of(store.engine(), sql))).execute(store.pool()).await;
+            assert!(refused.unwrap_err().to_string().contains("never changed"), "{sql}");
+        }
+        assert_eq!(broken(store).await, [""; 0]);
+    });
+}
+
 /// PostgreSQL names the table of a trigger, and writes bytes in another way.
 fn in_the_words_of(engine: Engine, sql: &str) -> String {
     if engine == Engine::Sqlite {
@@ -81,7 +157,8 @@ fn in_the_words_of(engine: Engine, sql: &str) -> String {
     }
     match sql.strip_prefix("drop trigger ") {
         Some(name) => {
-            let table = ["measurement_set", "robot", "parameter_set", "audit"].into_iter().find(|table| name.starts_with(table));
+            let table =
+                ["measurement_set", "robot", "parameter_set", "audit", "frames", "job"].into_iter().find(|table| name.starts_with(table));
             format!("drop trigger {name} on {}", table.unwrap())
         }
         None => sql.replace("x'00'", "'\\x00'"),

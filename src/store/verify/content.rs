@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::chain::Chain;
-use super::{BATCH, Check, Options};
+use super::{BATCH, Check, Options, rules};
 use crate::store::{Result, Store};
 use crate::wire::canonical::sha256_hex;
 
@@ -13,6 +13,11 @@ pub(super) const NETWORKS: &str = "select id, cast('' as text), weights from net
 pub(super) const RESIDUAL_NETWORKS: &str = "select id, cast('' as text), weights from residual_network where id > $1 order by id limit $2";
 pub(super) const ROBOTS: &str = "select id, body_json from robot where id > $1 order by id limit $2";
 pub(super) const PARAMETER_SETS: &str = "select id, body_json from parameter_set where id > $1 order by id limit $2";
+pub(super) const REQUESTS: &str = "select id, request_json from job where id > $1 order by id limit $2";
+pub(super) const REPORTS: &str = "select id, report_json from job where status = 'succeeded' and id > $1 order by id limit $2";
+pub(super) const CONVERGENCES: &str = "
+    select id, coalesce(convergence_json, '') from job where status = 'succeeded' and id > $1 order by id limit $2";
+pub(super) const FOUND_FRAMES: &str = "select id, result_json from frames where id > $1 order by id limit $2";
 pub(super) const JOBS: &str = "
     select id, robot_id, measurement_set_id, coalesce(verify_set_id, ''), coalesce(frames_id, ''), coalesce(network_input_id, ''),
         coalesce(residual_network_input_id, ''), coalesce(parameter_set_input_id, ''), request_json, report_json, coalesce(result_sha256, '')
@@ -25,6 +30,9 @@ pub(super) const SUBJECT_FRAMES: &str = "select count(*) from frames where id = 
 pub(super) const SUBJECT_ROBOT: &str = "select count(*) from robot where id = $1";
 pub(super) const SUBJECT_JOB: &str = "select count(*) from job where id = $1";
 pub(super) const SUBJECT_PARAMETER_SET: &str = "select count(*) from parameter_set where id = $1";
+pub(super) const SUBJECT_NETWORK: &str = "
+    select count(*) from (select id from network union all select id from residual_network) as both_kinds where id = $1";
+pub(super) const SUBJECT_KEY: &str = "select count(*) from api_key where id = $1";
 pub(super) const ENDS: &str = "
     select id, status, created_at_ms, (select count(*) from parameter_set p where p.job_id = job.id)
     from job where id > $1 order by id limit $2";
@@ -42,7 +50,7 @@ const STUCK_AFTER_MS: i64 = 60_000;
 
 /// I1: bytes and documents are those whose hash was kept when they were acknowledged.
 pub(super) async fn uploads_read_back(store: &Store, chain: &Chain) -> Result<Check> {
-    let mut check = Check::new("I1", "every acknowledged upload reads back bit for bit");
+    let mut check = Check::new("I1", "every acknowledged upload, request and result reads back bit for bit");
     let mut found = 0;
     let kept = [
         (SETS, "measurement_set_created"),
@@ -65,7 +73,15 @@ pub(super) async fn uploads_read_back(store: &Store, chain: &Chain) -> Result<Ch
             }
         }
     }
-    for (query, event, field) in [(ROBOTS, "robot_created", "sha256"), (PARAMETER_SETS, "parameter_set_created", "body_sha256")] {
+    let documents = [
+        (ROBOTS, "robot_created", "sha256"),
+        (PARAMETER_SETS, "parameter_set_created", "body_sha256"),
+        (FOUND_FRAMES, "frames_created", "result_sha256"),
+        (REQUESTS, "job_created", "request_sha256"),
+        (REPORTS, "job_succeeded", "report_sha256"),
+        (CONVERGENCES, "job_succeeded", "convergence_sha256"),
+    ];
+    for (query, event, field) in documents {
         let mut after = String::new();
         loop {
             let rows: Vec<(String, String)> = sqlx::query_as(query).bind(&after).bind(BATCH).fetch_all(store.pool()).await?;
@@ -78,12 +94,13 @@ pub(super) async fn uploads_read_back(store: &Store, chain: &Chain) -> Result<Ch
         }
     }
     check.n_examined = found;
+    rules::are_as_noted(&mut check, store, chain).await?;
     lost(&mut check, store, chain).await?;
     Ok(check)
 }
 
+/// What is older than the chain, or than a field of its entries, is not looked at; what should have an entry and has none is for I8 to tell.
 fn noted(check: &mut Check, chain: &Chain, id: &str, event: &str, field: &str, now: &str) {
-    // What is older than the chain has no entry; what should have one and has none is for I8 to tell.
     if let Some(then) = chain.says(id, event, field) {
         check.require(then == now, || format!("{id}: it is not what was acknowledged"));
     }
@@ -106,6 +123,8 @@ async fn is_there(store: &Store, id: &str) -> Result<bool> {
         Some("rob") => SUBJECT_ROBOT,
         Some("job") => SUBJECT_JOB,
         Some("par") => SUBJECT_PARAMETER_SET,
+        Some("net") => SUBJECT_NETWORK,
+        Some("key") => SUBJECT_KEY,
         _ => return Ok(true),
     };
     let n: i64 = sqlx::query_scalar(query).bind(id).fetch_one(store.pool()).await?;
@@ -173,7 +192,7 @@ pub(super) async fn one_set_per_job(store: &Store) -> Result<Check> {
 type Result5 = (String, String, String, String, String, String, String, String, String, String, String);
 
 /// I5: equal inputs, equal results.
-pub(super) async fn same_request_same_result(store: &Store) -> Result<Check> {
+pub(super) async fn same_request_same_result(store: &Store, chain: &Chain) -> Result<Check> {
     let mut check = Check::new("I5", "the same request, seed and version gives the same bytes");
     let mut results: BTreeMap<String, (String, String)> = BTreeMap::new();
     let mut after = String::new();
@@ -185,6 +204,7 @@ pub(super) async fn same_request_same_result(store: &Store) -> Result<Check> {
             check.n_examined += 1;
             let report: serde_json::Value = serde_json::from_str(&report).unwrap_or_default();
             check.require(report["result_sha256"] == *result_sha256, || format!("{id}: its report is not the one that was hashed"));
+            noted(&mut check, chain, &id, "job_succeeded", "result_sha256", &result_sha256);
             let inputs =
                 serde_json::json!([robot, set, verify, frames, network, residual, parameters, request, report["version"]]).to_string();
             let (first, expected) = results.entry(inputs).or_insert_with(|| (id.clone(), result_sha256.clone()));

@@ -38,6 +38,8 @@ const GUARDS: &[&str] = &[
     "measurement_set_uploader_stays",
     "robot_stays",
     "job_stays_over",
+    "job_report_stays",
+    "frames_stay",
 ];
 const UNIQUE: &[&str] = &[
     "parameter_set(job_id)",

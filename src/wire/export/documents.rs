@@ -90,7 +90,7 @@ impl MasteringDocument {
         let n = robot.links.len();
         let change = DVector::from_fn(n, |i, _| refit.links[i].theta_offset_rad - robot.links[i].theta_offset_rad);
         let offsets = robot.joint_rates().lu().solve(&change).unwrap_or(change);
-        let is_inner = |i: usize| i > 0 && (i + 1 < n || n == 2);
+        let is_inner = |i: usize| i > 0 && i + 1 < n;
         let joint = |i: usize| MasteringOffset { joint: i + 1, offset_deg: to_degrees(offsets[i]), determined: is_inner(i) };
         let remaining_error_mm = RemainingError { mean: refit.mean_mm, max: refit.max_mm };
         Self { joints: (0..n).map(joint).collect(), remaining_error_mm }
