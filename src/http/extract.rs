@@ -30,9 +30,13 @@ impl<S: Send + Sync> FromRequestParts<S> for Id {
 
     async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Error> {
         let Path(id) = Path::<String>::from_request_parts(parts, state).await.map_err(|_| Error::NotFound("resource"))?;
-        let plausible = id.len() <= MAX_ID && id.bytes().all(|byte| byte.is_ascii_alphanumeric() || byte == b'_');
-        if plausible { Ok(Self(id)) } else { Err(Error::NotFound("resource")) }
+        if is_plausible(&id) { Ok(Self(id)) } else { Err(Error::NotFound("resource")) }
     }
+}
+
+/// Whether an id can be one of ours. Databases have texts that they do not take at all, such as U+0000 in PostgreSQL.
+pub fn is_plausible(id: &str) -> bool {
+    id.len() <= MAX_ID && id.bytes().all(|byte| byte.is_ascii_alphanumeric() || byte == b'_')
 }
 
 /// The query; unknown names are refused, because a mistyped `frame` must not be ignored.
