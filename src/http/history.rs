@@ -110,8 +110,9 @@ async fn compare(
         }
         Err(error) => return Err(error),
     };
+    let turn = app.turn().await?;
     let inputs = (JobInputs::load(&app.store, &row.job_id).await?, JobInputs::load(&app.store, &other.job_id).await?);
-    let answer = app.compute(move || compared(&row, &other, &inputs.0, &inputs.1));
+    let answer = turn.run(move || compared(&row, &other, &inputs.0, &inputs.1));
     Ok(Json(answer.await?))
 }
 

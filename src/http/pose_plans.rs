@@ -31,18 +31,16 @@ async fn create(State(app): State<App>, caller: Caller, Id(robot_id): Id, reques
     let mut measured = Vec::new();
     for (i, id) in body.measured.iter().enumerate() {
         let found = if is_plausible(id) { measurement_sets::get(&app.store, id).await } else { Err(store::Error::NotFound) };
-        let set = own(found, |set| set.robot_id == row.id, &format!("/measured/{i}"), "measurement set")?;
-        let points = measurement_sets::body(&app.store, id).await?;
-        measured.push((set, points));
+        measured.push(own(found, |set| set.robot_id == row.id, &format!("/measured/{i}"), "measurement set")?);
     }
-    let robot = access::robot_body(&row)?;
-    let plan = app.compute(move || {
-        let robot = robot.to_core()?;
-        let mut sets = Vec::new();
-        for (set, points) in &measured {
-            sets.push(from_upload(&set.content_type, points, frame_of(set)?, robot.links.len()).map_err(Error::Invalid)?);
-        }
-        Ok(body.run(&robot, &sets)?)
-    });
-    Ok(Json(plan.await?))
+    let robot = access::robot_body(&row)?.to_core()?;
+    let n_joints = robot.links.len();
+    let turn = app.turn().await?;
+    let mut sets = Vec::new();
+    for set in measured {
+        // One after the other: their texts are much larger than what is in them.
+        let points = measurement_sets::body(&app.store, &set.id).await?;
+        sets.push(turn.run(move || from_upload(&set.content_type, &points, frame_of(&set)?, n_joints).map_err(Error::Invalid)).await?);
+    }
+    Ok(Json(turn.run(move || Ok(body.run(&robot, &sets)?)).await?))
 }
