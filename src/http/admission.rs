@@ -8,7 +8,7 @@ use crate::http::buckets::Buckets;
 use crate::http::class::{Asker, Class};
 use crate::http::shares::{Room, Shares, take};
 use crate::http::turns::{ASKER, Lines};
-use crate::http::{App, Error, MAX_BODY_BYTES};
+use crate::http::{App, Error, MAX_BODY_BYTES, answers};
 use axum::extract::{MatchedPath, Request, State};
 use axum::http::Method;
 use axum::middleware::Next;
@@ -36,6 +36,8 @@ const SMALL_BODIES_KIB: usize = 64 * 1024;
 const LARGE_BODIES: usize = 2;
 /// All bodies that are only computed from, and those of one key: what reads takes no room from uploads. One of the largest fits.
 const COMPUTATION_BODIES_KIB: (usize, usize) = (48 * 1024, MAX_BODY_BYTES / 1024);
+/// All large answers in memory that are not sent yet, and those of one key. A report of 100,000 points has 45 MiB.
+const ANSWERS_KIB: (usize, usize) = (128 * 1024, 64 * 1024);
 /// Failed attempts of one address before the answer is 429 instead of 401, and how many are forgiven each second.
 const FAILED_ATTEMPTS: (f64, f64) = (20.0, 0.5);
 
@@ -52,6 +54,7 @@ struct Inner {
     large_bodies: Arc<Semaphore>,
     computation_bodies_kib: Shares,
     endings: Shares,
+    answers_kib: Shares,
     lines: Lines,
     client_timeout: Duration,
     per_key: Option<Buckets<String>>,
@@ -72,6 +75,7 @@ impl Limits {
             large_bodies: Arc::new(Semaphore::new(LARGE_BODIES)),
             computation_bodies_kib: shares(COMPUTATION_BODIES_KIB),
             endings: shares(RESERVED_ENDINGS),
+            answers_kib: shares(ANSWERS_KIB),
             lines: Lines::new(MAX_WRITES, RESERVED_ENDINGS.0, no_auth),
             client_timeout: config.client_timeout(),
             per_key,
@@ -85,7 +89,7 @@ impl Limits {
     }
 
     /// What more may be under way, by kind: requests, and KiB of bodies and answers.
-    pub fn room_left(&self) -> [(&'static str, usize); 8] {
+    pub fn room_left(&self) -> [(&'static str, usize); 9] {
         let all = &self.0;
         [
             ("reads", all.reads.available_permits()),
@@ -96,6 +100,7 @@ impl Limits {
             ("small_bodies_kib", all.small_bodies_kib.available_permits()),
             ("large_bodies", all.large_bodies.available_permits()),
             ("computation_bodies_kib", all.computation_bodies_kib.left()),
+            ("answers_kib", all.answers_kib.left()),
         ]
     }
 
@@ -255,7 +260,7 @@ fn kind<'a>(request: &Request, limits: &'a Limits) -> Option<&'a Arc<Semaphore>>
     }
 }
 
-/// Says further in who asks for what, and counts what has no body. Comes after authentication: what is
+/// Says further in who asks for what, and counts what has no body and what is large of the answers. Comes after authentication: what is
 /// kept for some is taken by nobody without a key.
 pub async fn ask(State(app): State<App>, mut request: Request, next: Next) -> Response {
     let class = Class::of(request.method(), request.uri().path());
@@ -264,10 +269,11 @@ pub async fn ask(State(app): State<App>, mut request: Request, next: Next) -> Re
     let counted = (class == Class::Ending && has_no_body).then(|| app.limits.ending(&holder)).transpose();
     let asker = Asker { class, holder };
     request.extensions_mut().insert(asker.clone());
-    match &counted {
+    let response = match &counted {
         Ok(_) => ASKER.scope(asker.clone(), next.run(request)).await,
         Err(_) => Error::Busy.into_response(),
-    }
+    };
+    answers::account(response, &app.limits.0.answers_kib, &asker.holder, app.limits.client_timeout()).await
 }
 
 #[cfg(test)]

@@ -4,6 +4,7 @@
 mod accept;
 mod access;
 mod admission;
+mod answers;
 pub mod auth;
 mod buckets;
 mod class;
