@@ -370,15 +370,13 @@ fn what_a_reflector_on_the_last_axis_does_not_show_is_told_by_its_size() {
         let (found, true_one) = (Compensation::new(&nominal, &report.links), Compensation::new(&nominal, &truth.links));
         let at: Vec<(f64, f64)> =
             poses(40, &mut random).iter().map(|q| apart(&matrix(&found.t_base_flange(q)), &matrix(&true_one.t_base_flange(q)))).collect();
-        shifts += at.iter().map(|(mm, _)| mm * mm).sum::<f64>() / at.len() as f64;
-        turns += at.iter().map(|(_, rad)| rad * rad).sum::<f64>() / at.len() as f64;
+        shifts += at.iter().map(|(mm, _)| mm * mm).sum::<f64>() / at.len() as f64 / told_mm.powi(2);
+        turns += at.iter().map(|(_, rad)| rad.to_degrees().powi(2)).sum::<f64>() / at.len() as f64 / told_deg.powi(2);
     }
-    let (turn_deg, shift_mm) = ((turns / SEEDS as f64).sqrt().to_degrees(), (shifts / SEEDS as f64).sqrt());
-    println!("flange off by {turn_deg:.3}° and {shift_mm:.3} mm rms of {SEEDS} robots; told of the first: {:?}", told[0]);
-    assert!(
-        told.iter().all(|(deg, mm)| turn_deg / deg > 0.7 && turn_deg / deg < 1.4 && shift_mm / mm > 0.7 && shift_mm / mm < 1.4),
-        "{told:?}"
-    );
+    // a handful of combinations each of 30 robots: the root mean square of so many standard normal numbers is within a tenth of 1
+    let (turn, shift) = ((turns / SEEDS as f64).sqrt(), (shifts / SEEDS as f64).sqrt());
+    println!("the flange is off by {turn:.2} (turn) and {shift:.2} (shift) times what is told, rms of {SEEDS} robots");
+    assert!((0.7..1.4).contains(&turn) && (0.7..1.4).contains(&shift), "{turn} {shift}");
 }
 
 #[test]

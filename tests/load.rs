@@ -12,7 +12,11 @@ mod headers;
 mod hostile;
 #[path = "load/memory.rs"]
 mod memory;
+#[path = "support/people.rs"]
+mod people;
 #[path = "support/process.rs"]
 mod process;
 #[path = "support/raw.rs"]
 mod raw;
+#[path = "load/readers.rs"]
+mod readers;

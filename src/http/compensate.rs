@@ -25,8 +25,9 @@ async fn compensate(State(app): State<App>, caller: Caller, Id(id): Id, request:
     let robot = access::robot(&app, &caller, &row.robot_id).await?;
     let bytes = json_body(request, &app).await?;
     let (robot, content) = (access::robot_body(&robot)?, parameter_sets::content(&row)?);
-    let warnings = parameter_sets::warnings_for_use(&app, &row).await?;
-    let answer = app.compute(move || {
+    let turn = app.turn().await?;
+    let warnings = parameter_sets::warnings_for_use(&app, &turn, &row).await?;
+    let answer = turn.run(move || {
         let body: CompensateBody = json::parse(&bytes)?;
         Ok(body.run(&robot.to_core()?, &content, &warnings)?)
     });

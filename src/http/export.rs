@@ -2,6 +2,7 @@
 
 use crate::http::auth::Caller;
 use crate::http::extract::{Id, Query, whole_body};
+use crate::http::turns::Turn;
 use crate::http::{App, Error, access, parameter_sets};
 use crate::store::ParameterSetRow;
 use crate::wire::export::{self, BetaChoice, ExportFormat, Exported, Source};
@@ -76,9 +77,11 @@ struct ImportQuery {
     ), headers(("Kincal-Remaining-Error-Mm" = String, description = "What is lost with beta=refit or format=mastering: mean and max"))))
 )]
 async fn get(State(app): State<App>, caller: Caller, Id(id): Id, Query(query): Query<ExportQuery>) -> Result<Response, Error> {
-    let stored = stored(&app, &caller, &id).await?;
+    access::parameter_set(&app, &caller, &id).await?;
+    let turn = app.turn().await?;
+    let stored = stored(&app, &turn, &caller, &id).await?;
     let ExportQuery { format, beta } = query;
-    let exported = app.compute(move || stored.with(|source| export::export(source, format, beta)));
+    let exported = turn.run(move || stored.with(|source| export::export(source, format, beta)));
     respond(&id, exported.await?)
 }
 
@@ -96,12 +99,14 @@ async fn patch_urdf(
     Query(query): Query<PatchQuery>,
     request: Request,
 ) -> Result<Response, Error> {
-    let stored = stored(&app, &caller, &id).await?;
+    access::parameter_set(&app, &caller, &id).await?;
     if query.format != ExportFormat::Urdf {
         return Err(Error::BadRequest { code: "invalid_query", detail: "only a URDF can be patched: format=urdf; else GET".into() });
     }
     let bytes = whole_body(request, &app).await?;
-    let exported = app.compute(move || stored.with(|source| export::patch_urdf(source, &bytes, query.tip.as_deref())));
+    let turn = app.turn().await?;
+    let stored = stored(&app, &turn, &caller, &id).await?;
+    let exported = turn.run(move || stored.with(|source| export::patch_urdf(source, &bytes, query.tip.as_deref())));
     respond(&id, exported.await?)
 }
 
@@ -139,11 +144,11 @@ impl Stored {
     }
 }
 
-async fn stored(app: &App, caller: &Caller, id: &str) -> Result<Stored, Error> {
+async fn stored(app: &App, turn: &Turn, caller: &Caller, id: &str) -> Result<Stored, Error> {
     let row = access::parameter_set(app, caller, id).await?;
     let body = access::robot_body(&access::robot(app, caller, &row.robot_id).await?)?;
     let content = parameter_sets::content(&row)?;
-    let warnings = parameter_sets::warnings_for_use(app, &row).await?;
+    let warnings = parameter_sets::warnings_for_use(app, turn, &row).await?;
     Ok(Stored { row, body, content, warnings })
 }
 

@@ -2,6 +2,8 @@
 
 use crate::http::admission::{BodyRoom, LARGE_BODY_BYTES, Limits};
 use crate::http::auth::Caller;
+use crate::http::class::Asker;
+use crate::http::shares::Room;
 use crate::http::{Error, MAX_BODY_BYTES};
 use crate::store::{Cursor, PageRequest};
 use crate::wire::page::{DEFAULT_PAGE, MAX_PAGE};
@@ -13,14 +15,13 @@ use http_body_util::BodyExt;
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use std::time::Duration;
-use tokio::sync::OwnedSemaphorePermit;
 use tokio::time::{Instant, timeout_at};
 use utoipa::IntoParams;
 
 /// Longest id that is looked up; ours have 36 characters.
 const MAX_ID: usize = 100;
-/// A body that comes slower than this on the whole, after the first seconds, is cut off.
-const MIN_BYTES_PER_S: f64 = 16.0 * 1024.0;
+/// A body that comes slower than this on the whole, after the first seconds, is cut off; so is who reads a large answer slower.
+pub const MIN_BYTES_PER_S: f64 = 16.0 * 1024.0;
 
 /// The id in a path. Anything that cannot be one of ours is not looked up.
 pub struct Id(pub String);
@@ -30,9 +31,13 @@ impl<S: Send + Sync> FromRequestParts<S> for Id {
 
     async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Error> {
         let Path(id) = Path::<String>::from_request_parts(parts, state).await.map_err(|_| Error::NotFound("resource"))?;
-        let plausible = id.len() <= MAX_ID && id.bytes().all(|byte| byte.is_ascii_alphanumeric() || byte == b'_');
-        if plausible { Ok(Self(id)) } else { Err(Error::NotFound("resource")) }
+        if is_plausible(&id) { Ok(Self(id)) } else { Err(Error::NotFound("resource")) }
     }
+}
+
+/// Whether an id can be one of ours. Databases have texts that they do not take at all, such as U+0000 in PostgreSQL.
+pub fn is_plausible(id: &str) -> bool {
+    id.len() <= MAX_ID && id.bytes().all(|byte| byte.is_ascii_alphanumeric() || byte == b'_')
 }
 
 /// The query; unknown names are refused, because a mistyped `frame` must not be ignored.
@@ -98,7 +103,7 @@ pub async fn json_body<S: Send + Sync>(request: Request, state: &S) -> Result<By
     whole_body(request, state).await
 }
 
-/// The whole body, within size, time and memory. Its room among the writes is held as long as the bytes are.
+/// The whole body, within size, time and memory. Its room, among the writes if it is one, is held as long as the bytes are.
 pub async fn whole_body<S: Send + Sync>(request: Request, _: &S) -> Result<Bytes, Error> {
     let headers = request.headers();
     let declared = headers.get(header::CONTENT_LENGTH).and_then(|value| value.to_str().ok()?.parse::<usize>().ok());
@@ -109,7 +114,8 @@ pub async fn whole_body<S: Send + Sync>(request: Request, _: &S) -> Result<Bytes
         return Err(Error::UnsupportedMediaType { found: format!("{encoding:?}-encoded"), expected: "bodies without Content-Encoding" });
     }
     let limits = request.extensions().get::<Limits>().cloned().ok_or_else(|| Error::Internal("a route without limits".into()))?;
-    let mut room = limits.body(declared)?;
+    let asker = request.extensions().get::<Asker>().cloned().ok_or_else(|| Error::Internal("a route without an asker".into()))?;
+    let mut room = limits.body(&asker, declared)?;
     let bytes = arrive(request.into_body(), declared, &mut room, limits.client_timeout()).await?;
     Ok(Bytes::from_owner(Received { bytes, _room: room.arrived()? }))
 }
@@ -117,7 +123,7 @@ pub async fn whole_body<S: Send + Sync>(request: Request, _: &S) -> Result<Bytes
 /// A body and the room that it takes.
 struct Received {
     bytes: Vec<u8>,
-    _room: Vec<OwnedSemaphorePermit>,
+    _room: Vec<Room>,
 }
 
 impl AsRef<[u8]> for Received {

@@ -3,11 +3,11 @@
 //! upload came to its end.
 
 use crate::http::admission::Limits;
+use crate::http::class::Class;
 use crate::http::metrics::Metrics;
 use crate::http::{App, Error, layers, router};
 use axum::Router;
 use axum::extract::Request;
-use axum::http::Method;
 use axum::response::{IntoResponse, Response};
 use std::convert::Infallible;
 use std::io;
@@ -82,8 +82,7 @@ impl Desk {
 
     /// The answer to a request. If whoever waits for it goes away, work on it ends.
     pub async fn answer(self, request: Request) -> Result<Response, Infallible> {
-        let writes = !matches!(*request.method(), Method::GET | Method::HEAD | Method::OPTIONS);
-        if writes && !self.limits.room_to_write() {
+        if !self.limits.has_room(Class::of(request.method(), request.uri().path())) {
             return Ok(layers::refuse_at_the_door(&self.metrics, request.method()));
         }
         let mut work = JoinSet::new();

@@ -3,11 +3,12 @@
 use crate::calibration::changes::changes;
 use crate::calibration::request::PreviousSession;
 use crate::http::auth::Caller;
-use crate::http::extract::{Id, ListQuery, Query};
+use crate::http::extract::{Id, ListQuery, Query, is_plausible};
+use crate::http::turns::Turn;
 use crate::http::{App, Error, access, parameter_sets as answers};
 use crate::jobs::JobInputs;
 use crate::jobs::execution::request_of;
-use crate::store::{ParameterSetRow, jobs, parameter_sets, policies, sessions};
+use crate::store::{JobRow, JobStatus, MAX_PAGE_SIZE, PageRequest, ParameterSetRow, jobs, parameter_sets, policies};
 use crate::wire::Invalid;
 use crate::wire::history::{CompareAnswer, HistoryAnswer, HistoryItem, ReportExcerpt, SessionTest, map};
 use crate::wire::trend::{Scored, Trend};
@@ -19,7 +20,9 @@ use utoipa::IntoParams;
 use utoipa_axum::{router::OpenApiRouter, routes};
 
 /// Most sessions that a trend is drawn through: the newest.
-const MAX_SESSIONS: i64 = 200;
+const MAX_SESSIONS: usize = 200;
+/// Most pages of jobs that are looked through for them.
+const MAX_JOB_PAGES: usize = 50;
 /// Milliseconds of a day.
 const DAY_MS: f64 = 86_400_000.0;
 
@@ -51,9 +54,10 @@ async fn history(
 ) -> Result<Json<HistoryAnswer>, Error> {
     access::robot(&app, &caller, &robot_id).await?;
     let page = parameter_sets::list(&app.store, &robot_id, &query.page()?).await?;
+    let turn = app.turn().await?;
     let mut items = Vec::with_capacity(page.items.len());
     for row in page.items {
-        let report: ReportExcerpt = serde_json::from_str(&jobs::report(&app.store, &row.job_id).await?)?;
+        let report = excerpt(&app, &turn, &row.job_id).await?;
         let verify_rms_mm = report.verify_rms_mm();
         let ReportExcerpt { parameters, changed, .. } = report;
         let answer = answers::answer(row)?;
@@ -66,23 +70,48 @@ async fn history(
             changed: changed.unwrap_or_default(),
         });
     }
-    let trend = trend(&app, &robot_id).await?;
+    let trend = trend(&app, &turn, &robot_id).await?;
     Ok(Json(HistoryAnswer { items, next_cursor: page.next_cursor.map(|cursor| cursor.to_string()), trend }))
 }
 
+/// What of a job's report the history shows. A report of 20,000 points has 9 MB, so no more than one is in memory for each request.
+async fn excerpt(app: &App, turn: &Turn, job_id: &str) -> Result<ReportExcerpt, Error> {
+    let report = jobs::report(&app.store, job_id).await?;
+    turn.run(move || Ok(serde_json::from_str(&report)?)).await
+}
+
 /// The trend of the released set's errors: of its own held-out points, and of the sessions that it was scored on.
-async fn trend(app: &App, robot_id: &str) -> Result<Trend, Error> {
+async fn trend(app: &App, turn: &Turn, robot_id: &str) -> Result<Trend, Error> {
     let limit_mm = policies::get(&app.store, robot_id).await?.tolerance_mm;
     let Some(active) = parameter_sets::active(&app.store, robot_id).await? else { return Ok(Trend::of(&[], limit_mm)) };
-    let identified = (active.created_at_ms, jobs::report(&app.store, &active.job_id).await?);
-    let sessions = sessions::newest(&app.store, &active.id, MAX_SESSIONS).await?;
-    let all = sessions.into_iter().map(|session| (session.created_at_ms, session.report_json)).chain([identified]);
+    let mut all = sessions(app, &active).await?;
+    all.push((active.created_at_ms, active.job_id));
     let mut scored = Vec::new();
-    for (at_ms, report) in all {
-        let report: ReportExcerpt = serde_json::from_str(&report)?;
+    for (at_ms, job_id) in all {
+        let report = excerpt(app, turn, &job_id).await?;
         scored.extend(report.verify_rms_mm().map(|rms_mm| Scored { day: at_ms as f64 / DAY_MS, rms_mm }));
     }
     Ok(Trend::of(&scored, limit_mm))
+}
+
+/// When and by which jobs a parameter set was scored, newest first. Found among the robot's jobs, which come without their reports.
+async fn sessions(app: &App, active: &ParameterSetRow) -> Result<Vec<(i64, String)>, Error> {
+    let is_session = |job: &JobRow| {
+        job.kind == "verify" && job.status == JobStatus::Succeeded && job.parameter_set_input_id.as_deref() == Some(active.id.as_str())
+    };
+    let (mut found, mut cursor) = (Vec::new(), None);
+    for _ in 0..MAX_JOB_PAGES {
+        let page = jobs::list(&app.store, &active.robot_id, &PageRequest { limit: MAX_PAGE_SIZE, cursor }).await?;
+        // Nothing was scored before it was there.
+        let is_older = page.items.last().is_none_or(|job| job.created_at_ms < active.created_at_ms);
+        found.extend(page.items.into_iter().filter(is_session).map(|job| (job.created_at_ms, job.id)));
+        cursor = page.next_cursor;
+        if is_older || cursor.is_none() || found.len() >= MAX_SESSIONS {
+            break;
+        }
+    }
+    found.truncate(MAX_SESSIONS);
+    Ok(found)
 }
 
 /// What two parameter sets of a robot say differently: the tool over the workspace, and a test of the sessions behind them.
@@ -98,15 +127,21 @@ async fn compare(
     Query(query): Query<CompareQuery>,
 ) -> Result<Json<CompareAnswer>, Error> {
     let row = access::parameter_set(&app, &caller, &id).await?;
-    let other = match access::parameter_set(&app, &caller, &query.with).await {
+    let found = if is_plausible(&query.with) {
+        access::parameter_set(&app, &caller, &query.with).await
+    } else {
+        Err(Error::NotFound("parameter set"))
+    };
+    let other = match found {
         Ok(other) if other.robot_id == row.robot_id => other,
         Ok(_) | Err(Error::NotFound(_)) => {
             return Err(Invalid::at("/with", "unknown_reference", "this robot has no parameter set with this id").into());
         }
         Err(error) => return Err(error),
     };
+    let turn = app.turn().await?;
     let inputs = (JobInputs::load(&app.store, &row.job_id).await?, JobInputs::load(&app.store, &other.job_id).await?);
-    let answer = app.compute(move || compared(&row, &other, &inputs.0, &inputs.1));
+    let answer = turn.run(move || compared(&row, &other, &inputs.0, &inputs.1));
     Ok(Json(answer.await?))
 }
 

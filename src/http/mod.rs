@@ -4,7 +4,10 @@
 mod accept;
 mod access;
 mod admission;
+mod answers;
 pub mod auth;
+mod buckets;
+mod class;
 mod compensate;
 mod creation;
 mod dashboard;
@@ -32,7 +35,9 @@ mod release;
 mod report_html;
 mod robots;
 pub mod server;
+mod shares;
 pub mod tls;
+mod turns;
 mod upload_check;
 
 pub use document::{json, openapi, yaml};
@@ -41,19 +46,17 @@ pub use error::Error;
 use crate::config::ServeConfig;
 use crate::http::admission::Limits;
 use crate::http::metrics::Metrics;
+use crate::http::turns::Turn;
 use crate::jobs::JobSignals;
 use crate::store::Store;
 use axum::Router;
 use axum::extract::DefaultBodyLimit;
 use axum::middleware::from_fn_with_state;
-use std::sync::Arc;
-use tokio::sync::{Semaphore, watch};
+use tokio::sync::watch;
 use utoipa_axum::router::OpenApiRouter;
 
 /// Largest request body, bytes: ten times the largest campaign.
 pub const MAX_BODY_BYTES: usize = 32 * 1024 * 1024;
-/// Parsing and predicting at the same time; more only makes each slower and memory larger.
-const MAX_COMPUTATIONS: usize = 8;
 
 /// What handlers need.
 #[derive(Clone, Debug)]
@@ -68,22 +71,13 @@ pub struct App {
     pub signals: JobSignals,
     limits: Limits,
     metrics: Metrics,
-    computations: Arc<Semaphore>,
 }
 
 impl App {
     /// The state of a server on this store.
     pub fn new(store: Store, config: &ServeConfig, stopping: watch::Receiver<bool>, signals: JobSignals) -> Self {
         let limits = Limits::new(&config.limits, config.no_auth);
-        Self {
-            store,
-            no_auth: config.no_auth,
-            stopping,
-            signals,
-            limits,
-            metrics: Metrics::default(),
-            computations: Arc::new(Semaphore::new(MAX_COMPUTATIONS)),
-        }
+        Self { store, no_auth: config.no_auth, stopping, signals, limits, metrics: Metrics::default() }
     }
 
     /// Resolves when the server is about to stop.
@@ -96,18 +90,20 @@ impl App {
         }
     }
 
-    /// Runs something that computes on a thread of its own, so that others are answered meanwhile.
+    /// A turn to compute. Whoever needs large things from the database to compute takes it first: then those that wait hold none.
     ///
     /// # Errors
-    /// What `work` returns, or [`Error::Internal`] if it panicked.
+    /// [`Error::Busy`] if too many wait already.
+    pub async fn turn(&self) -> Result<Turn, Error> {
+        self.limits.lines().turn().await
+    }
+
+    /// Runs something that computes when it is its turn.
+    ///
+    /// # Errors
+    /// What `work` returns, [`Error::Busy`], or [`Error::Internal`] if it panicked.
     pub async fn compute<T: Send + 'static>(&self, work: impl FnOnce() -> Result<T, Error> + Send + 'static) -> Result<T, Error> {
-        let permit = Arc::clone(&self.computations).acquire_owned().await.map_err(|e| Error::Internal(e.to_string()))?;
-        let task = tokio::task::spawn_blocking(move || {
-            let result = work();
-            drop(permit);
-            result
-        });
-        task.await.map_err(|error| Error::Internal(format!("a computation did not end: {error}")))?
+        self.turn().await?.run(work).await
     }
 }
 
@@ -140,6 +136,7 @@ pub fn router(app: App) -> Router {
     let (router, _) = routes().split_for_parts();
     let router = router.fallback(layers::no_such_route).method_not_allowed_fallback(layers::method_not_allowed);
     let guarded = router
+        .layer(from_fn_with_state(app.clone(), admission::ask))
         .layer(from_fn_with_state(app.clone(), auth::authorize))
         .layer(from_fn_with_state(app.clone(), admission::bound))
         .layer(DefaultBodyLimit::max(MAX_BODY_BYTES));

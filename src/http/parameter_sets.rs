@@ -2,6 +2,7 @@
 
 use crate::http::auth::Caller;
 use crate::http::extract::{Id, ListQuery, Query};
+use crate::http::turns::Turn;
 use crate::http::{App, Error, access};
 use crate::store::{self, ParameterSetRow, jobs, parameter_sets};
 use crate::wire::canonical;
@@ -88,8 +89,9 @@ pub fn content(row: &ParameterSetRow) -> Result<ParameterSetContent, Error> {
 }
 
 /// What the report of its job says that who uses the set should have before them.
-pub async fn warnings_for_use(app: &App, row: &ParameterSetRow) -> Result<Vec<Warning>, Error> {
-    Ok(report::warnings_for_use(&jobs::report(&app.store, &row.job_id).await?)?)
+pub async fn warnings_for_use(app: &App, turn: &Turn, row: &ParameterSetRow) -> Result<Vec<Warning>, Error> {
+    let report = jobs::report(&app.store, &row.job_id).await?;
+    turn.run(move || Ok(report::warnings_for_use(&report)?)).await
 }
 
 /// The parameter set as it is answered.

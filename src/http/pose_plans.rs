@@ -1,10 +1,10 @@
 //! Which poses to measure next.
 
 use crate::http::auth::Caller;
-use crate::http::extract::{Id, json_body};
+use crate::http::extract::{Id, is_plausible, json_body};
 use crate::http::job_posting::{frame_of, own};
 use crate::http::{App, Error, access};
-use crate::store::measurement_sets;
+use crate::store::{self, measurement_sets};
 use crate::wire::json;
 use crate::wire::measurement::from_upload;
 use crate::wire::pose_plan::{PosePlanAnswer, PosePlanBody};
@@ -30,19 +30,17 @@ async fn create(State(app): State<App>, caller: Caller, Id(robot_id): Id, reques
     body.check()?;
     let mut measured = Vec::new();
     for (i, id) in body.measured.iter().enumerate() {
-        let found = measurement_sets::get(&app.store, id).await;
-        let set = own(found, |set| set.robot_id == row.id, &format!("/measured/{i}"), "measurement set")?;
-        let points = measurement_sets::body(&app.store, id).await?;
-        measured.push((set, points));
+        let found = if is_plausible(id) { measurement_sets::get(&app.store, id).await } else { Err(store::Error::NotFound) };
+        measured.push(own(found, |set| set.robot_id == row.id, &format!("/measured/{i}"), "measurement set")?);
     }
-    let robot = access::robot_body(&row)?;
-    let plan = app.compute(move || {
-        let robot = robot.to_core()?;
-        let mut sets = Vec::new();
-        for (set, points) in &measured {
-            sets.push(from_upload(&set.content_type, points, frame_of(set)?, robot.links.len()).map_err(Error::Invalid)?);
-        }
-        Ok(body.run(&robot, &sets)?)
-    });
-    Ok(Json(plan.await?))
+    let robot = access::robot_body(&row)?.to_core()?;
+    let n_joints = robot.links.len();
+    let turn = app.turn().await?;
+    let mut sets = Vec::new();
+    for set in measured {
+        // One after the other: their texts are much larger than what is in them.
+        let points = measurement_sets::body(&app.store, &set.id).await?;
+        sets.push(turn.run(move || from_upload(&set.content_type, &points, frame_of(&set)?, n_joints).map_err(Error::Invalid)).await?);
+    }
+    Ok(Json(turn.run(move || Ok(body.run(&robot, &sets)?)).await?))
 }

@@ -22,13 +22,14 @@ pub fn router() -> OpenApiRouter<App> {
 )]
 async fn report_html(State(app): State<App>, caller: Caller, Id(id): Id) -> Result<Response, Error> {
     let job = access::job(&app, &caller, &id).await?;
-    let (report, convergence) = (jobs::report(&app.store, &id).await?, jobs::convergence(&app.store, &id).await?);
     let robot = access::robot(&app, &caller, &job.robot_id).await?;
     let set = access::measurement_set(&app, &caller, &job.measurement_set_id).await?;
     let parameter_set = match &job.parameter_set_id {
         Some(id) => Some(access::parameter_set(&app, &caller, id).await?),
         None => None,
     };
+    let turn = app.turn().await?;
+    let (report, convergence) = (jobs::report(&app.store, &id).await?, jobs::convergence(&app.store, &id).await?);
     let page = move || {
         Ok(report_page::html(&Sources {
             robot: &access::robot_body(&robot)?,
@@ -39,7 +40,7 @@ async fn report_html(State(app): State<App>, caller: Caller, Id(id): Id) -> Resu
             convergence: &serde_json::from_str(&convergence)?,
         }))
     };
-    let page = app.compute(page).await?;
+    let page = turn.run(page).await?;
     let policy = report_page::CONTENT_SECURITY_POLICY.as_str();
     Ok(([(header::CONTENT_TYPE, "text/html; charset=utf-8"), (header::CONTENT_SECURITY_POLICY, policy)], page).into_response())
 }

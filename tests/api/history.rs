@@ -34,9 +34,18 @@ async fn history_tells_what_moved_and_comparison_where_the_tool_did() {
     assert!(differences["sessions"]["probability"].as_f64().unwrap() < 1e-3, "{}", differences["sessions"]);
     let itself = compare(ids[1]).await.ok(200);
     assert_eq!((&itself["max_mm"], &itself["sessions"]), (&json!(0.0), &json!(null)));
-    for other in ["par_1", "%00", "par_%00", "'%20or%201=1"] {
-        compare(other).await.problem(422, "unknown_reference");
+    // What PostgreSQL takes for no text at all is looked up nowhere.
+    for nobodys in ["par_1", "%00", "par_%00", "%F0%9F%A4%96", "'%20or%201=1", ""] {
+        compare(nobodys).await.problem(422, "unknown_reference");
     }
+
+    app.post_json(&format!("/v1/parameter-sets/{}/release", ids[1]), &json!({"reason": "after the collision"})).await.ok(200);
+    let verify = json!({"kind": "verify", "measurement_set_id": set, "parameter_set_id": ids[1]});
+    for _ in 0..2 {
+        assert_eq!(app.run(&robot, &verify).await["status"], "succeeded");
+    }
+    let trend = app.get(&format!("{robot}/history?limit=1")).await.ok(200)["trend"].clone();
+    assert!(text(&trend["detail"]).starts_with("not enough data: 3 sessions"), "{trend}");
 }
 
 #[test]

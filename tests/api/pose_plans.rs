@@ -51,6 +51,7 @@ async fn a_plan_that_cannot_be_is_refused() {
             "/boxes",
         ),
         (json!({"n_configurations": 10, "measured": ["set_1"]}), "unknown_reference", "/measured/0"),
+        (json!({"n_configurations": 10, "measured": ["set_\u{0}1"]}), "unknown_reference", "/measured/0"),
         (json!({"n_configurations": 10, "poses": 3}), "invalid_body", "/poses"),
     ] {
         let problem = app.post_json(&path, &body).await.problem(422, code);

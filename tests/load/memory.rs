@@ -3,6 +3,7 @@
 use crate::process::Server;
 use std::path::Path;
 use std::sync::Arc;
+use std::time::{Duration, Instant};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
 use tokio::task::JoinSet;
@@ -11,6 +12,8 @@ use tokio::task::JoinSet;
 const BODIES: usize = 64;
 /// trust.md's bound.
 const MAX_MIB: u64 = 400;
+/// The server sees at once that a client is gone; on a busy machine a little later.
+const ROOM_AGAIN_WITHIN: Duration = Duration::from_secs(8);
 
 /// Bodies as large as is allowed: one endless cell, rows that can be read, points in JSON, one point with endless joint values, and JSON that
 /// is nested only.
@@ -79,4 +82,51 @@ fn sixty_four_of_the_largest_bodies_at_once_stay_within_memory() {
         );
     }
     assert!(peak_mib(&server) <= MAX_MIB, "{} MiB", peak_mib(&server));
+}
+
+/// Bytes of an answer that is not read: more than the kernel keeps for a connection.
+const ANSWER_BYTES: usize = 16 * 1024 * 1024;
+/// Clients that do not read; all of their answers together have 640 MiB.
+const DEAF: usize = 40;
+
+/// Asks and reads the status, and nothing of the rest as long as the stream is kept.
+async fn ask(address: &str, path: &str) -> (u16, TcpStream) {
+    let mut stream = TcpStream::connect(address).await.expect("the server accepts");
+    stream.write_all(format!("GET {path} HTTP/1.1\r\nhost: x\r\n\r\n").as_bytes()).await.unwrap();
+    let mut answer = [0; 12];
+    stream.read_exact(&mut answer).await.expect("a status");
+    (std::str::from_utf8(&answer[9..12]).unwrap().parse().unwrap(), stream)
+}
+
+#[test]
+fn clients_that_do_not_read_their_answers_stay_within_memory_and_are_refused_beyond_it() {
+    let dir = tempfile::tempdir().unwrap();
+    let server = Server::start(dir.path(), 0);
+    let robot = server.robot(&Path::new(env!("CARGO_MANIFEST_DIR")).join("data/paper/robot.json"));
+    // Nothing but white space makes it large.
+    let mut body = b"{\"frame\":\"base\",\"points\":[{\"q_deg\":[1,2,3,4,5,6],\"position_mm\":[500,0,900]}]}".to_vec();
+    body.resize(ANSWER_BYTES, b' ');
+    let set = server.create(&format!("/v1/robots/{robot}/measurement-sets"), "application/json", body);
+    let path = format!("/v1/measurement-sets/{set}/points");
+    let address = server.url.strip_prefix("http://").unwrap().to_owned();
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    let deaf = runtime.block_on(async {
+        let mut all = JoinSet::new();
+        for _ in 0..DEAF {
+            let (address, path) = (address.clone(), path.clone());
+            all.spawn(async move { ask(&address, &path).await });
+        }
+        all.join_all().await
+    });
+    let count = |status: u16| deaf.iter().filter(|(found, _)| *found == status).count();
+    println!("{} kept, {} refused; at most {} MiB", count(200), count(503), peak_mib(&server));
+    assert!(count(200) > 0 && count(503) > 0 && count(200) + count(503) == DEAF, "{} kept, {} refused", count(200), count(503));
+    assert_eq!(runtime.block_on(ask(&address, &path)).0, 503, "there is no room for one more");
+    assert_eq!(server.get(&format!("/v1/measurement-sets/{set}")).0, 200, "small answers go on");
+    assert!(peak_mib(&server) <= MAX_MIB, "{} MiB", peak_mib(&server));
+    drop(deaf);
+    let begun = Instant::now();
+    while runtime.block_on(ask(&address, &path)).0 != 200 {
+        assert!(begun.elapsed() < ROOM_AGAIN_WITHIN, "clients that are gone keep their room");
+    }
 }
