@@ -40,7 +40,7 @@ async fn a_flood_of_plans_by_a_key_that_only_reads_keeps_no_upload_and_no_withdr
     let parameters = format!("/v1/parameter-sets/{}", text(&job["parameter_set_id"]));
 
     let refusals = Arc::new(AtomicUsize::new(0));
-    let plan = json!({"n_configurations": 100, "n_candidates": 5000}).to_string();
+    let plan = json!({"n_configurations": 60, "n_candidates": 2000}).to_string();
     let mut flood = JoinSet::new();
     for _ in 0..CLIENTS {
         let request = app.request(Method::POST, &format!("{robot}/pose-plans")).bearer_auth(&reader.key);
@@ -63,8 +63,7 @@ async fn a_flood_of_plans_by_a_key_that_only_reads_keeps_no_upload_and_no_withdr
         assert!(begun.elapsed() < WITHIN, "that is no flood");
         tokio::time::sleep(PAUSE).await;
     }
-    let upload = writer.send(Method::POST, &format!("{robot}/measurement-sets?frame=base"), "text/csv", csv);
-    soon("upload", upload).await.ok(201);
+    soon("upload", writer.send(Method::POST, &format!("{robot}/measurement-sets?frame=base"), "text/csv", csv)).await.ok(201);
     soon("cancel", writer.send(Method::POST, &format!("/v1/jobs/{}/cancel", text(&job["id"])), "", "")).await.ok(200);
     let predict = json!({"q_deg": [[0, 0, 0, 0, 0, 0]]});
     soon("prediction for another", other.post(&format!("{parameters}/predict"), &predict)).await.ok(200);
