@@ -38,6 +38,10 @@ const LARGE_BODIES: usize = 2;
 const COMPUTATION_BODIES_KIB: (usize, usize) = (48 * 1024, MAX_BODY_BYTES / 1024);
 /// All large answers in memory that are not sent yet, and those of one key. A report of 100,000 points has 45 MiB.
 const ANSWERS_KIB: (usize, usize) = (128 * 1024, 64 * 1024);
+/// Documents that are read from the database at once to be answered whole, and of one key: each takes three times its size meanwhile.
+const WHOLE_DOCUMENTS: (usize, usize) = (2, 1);
+/// Last parts of the paths that answer one.
+const OF_WHOLE_DOCUMENTS: [&str; 4] = ["/points", "/weights", "/report", "/convergence"];
 /// Failed attempts of one address before the answer is 429 instead of 401, and how many are forgiven each second.
 const FAILED_ATTEMPTS: (f64, f64) = (20.0, 0.5);
 
@@ -55,6 +59,7 @@ struct Inner {
     computation_bodies_kib: Shares,
     endings: Shares,
     answers_kib: Shares,
+    whole_documents: Shares,
     lines: Lines,
     client_timeout: Duration,
     per_key: Option<Buckets<String>>,
@@ -76,6 +81,7 @@ impl Limits {
             computation_bodies_kib: shares(COMPUTATION_BODIES_KIB),
             endings: shares(RESERVED_ENDINGS),
             answers_kib: shares(ANSWERS_KIB),
+            whole_documents: shares(WHOLE_DOCUMENTS),
             lines: Lines::new(MAX_WRITES, RESERVED_ENDINGS.0, no_auth),
             client_timeout: config.client_timeout(),
             per_key,
@@ -267,6 +273,9 @@ pub async fn ask(State(app): State<App>, mut request: Request, next: Next) -> Re
     let holder = request.extensions().get::<Caller>().map(|caller| caller.holder.clone()).unwrap_or_default();
     let has_no_body = request.extensions().get::<MatchedPath>().is_some_and(|path| path.as_str() == "/v1/jobs/{id}/cancel");
     let counted = (class == Class::Ending && has_no_body).then(|| app.limits.ending(&holder)).transpose();
+    let is_whole = class == Class::Read && OF_WHOLE_DOCUMENTS.iter().any(|end| request.uri().path().ends_with(end));
+    // Those that wait are reads under way, so they are bounded.
+    let _turn = if is_whole { app.limits.0.whole_documents.wait(&holder).await.ok() } else { None };
     let asker = Asker { class, holder };
     request.extensions_mut().insert(asker.clone());
     let response = match &counted {
