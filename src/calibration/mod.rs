@@ -23,7 +23,7 @@ mod robust;
 mod screening;
 mod settings;
 mod swarms;
-pub mod unseen;
+mod unseen;
 pub mod upload;
 mod verify;
 

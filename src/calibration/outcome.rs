@@ -336,7 +336,7 @@ fn warnings(report: &CalibrationReport, nominal: &[crate::kinematics::Link]) -> 
             "half of the points are {median_mm:.3} mm or more from where the identified robot has them: that is no fit. Do joints and positions of a \
              row belong together, and is it this robot? It cannot be released"
         );
-        warnings.push(warning(NO_FIT, detail));
+        warnings.push(warning("no_fit", detail));
     }
     let unseen = &report.identifiability.unidentifiable;
     if !unseen.is_empty() {

@@ -157,9 +157,6 @@ pub struct MethodComparison {
     pub verify_after: Option<Errors>,
 }
 
-/// The code of the warning of a result that no release may rest on.
-pub const NO_FIT: &str = "no_fit";
-
 /// A remark that the reader should not miss.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Warning {

@@ -12,8 +12,6 @@ use crate::kinematics::rotation::rotation_log;
 use crate::kinematics::t_base_flange;
 use nalgebra::DMatrix;
 
-/// The code of the warning.
-pub const POSE_NOT_SEEN: &str = "pose_not_seen";
 /// Configurations that stand for the workspace.
 const N_CONFIGURATIONS: usize = 64;
 /// Less is what parameters do that the model has twice, such as d of links with parallel axes: nothing but rounding.
@@ -51,7 +49,7 @@ pub fn remark(problem: &Problem<'_>, model: &KinematicModel, uncertainty: Option
         all.turn_rad.to_degrees(),
         all.shift_mm
     );
-    Some(Warning { code: POSE_NOT_SEEN, detail, rows: vec![] })
+    Some(Warning { code: "pose_not_seen", detail, rows: vec![] })
 }
 
 /// Root of the sum over the columns of `roots`, parameter deviations of one standard deviation each, of what they do to the anchored

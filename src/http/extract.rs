@@ -6,6 +6,7 @@ use crate::http::class::Asker;
 use crate::http::shares::Room;
 use crate::http::{Error, MAX_BODY_BYTES};
 use crate::store::{Cursor, PageRequest};
+use crate::wire::id;
 use crate::wire::page::{DEFAULT_PAGE, MAX_PAGE};
 use axum::body::{Body, Bytes};
 use axum::extract::{FromRequestParts, Path, Request};
@@ -18,8 +19,6 @@ use std::time::Duration;
 use tokio::time::{Instant, timeout_at};
 use utoipa::IntoParams;
 
-/// Longest id that is looked up; ours have 36 characters.
-const MAX_ID: usize = 100;
 /// A body that comes slower than this on the whole, after the first seconds, is cut off; so is who reads a large answer slower.
 pub const MIN_BYTES_PER_S: f64 = 16.0 * 1024.0;
 
@@ -31,13 +30,8 @@ impl<S: Send + Sync> FromRequestParts<S> for Id {
 
     async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Error> {
         let Path(id) = Path::<String>::from_request_parts(parts, state).await.map_err(|_| Error::NotFound("resource"))?;
-        if is_plausible(&id) { Ok(Self(id)) } else { Err(Error::NotFound("resource")) }
+        if id::is_plausible(&id) { Ok(Self(id)) } else { Err(Error::NotFound("resource")) }
     }
-}
-
-/// Whether an id can be one of ours. Databases have texts that they do not take at all, such as U+0000 in PostgreSQL.
-pub fn is_plausible(id: &str) -> bool {
-    id.len() <= MAX_ID && id.bytes().all(|byte| byte.is_ascii_alphanumeric() || byte == b'_')
 }
 
 /// The query; unknown names are refused, because a mistyped `frame` must not be ignored.

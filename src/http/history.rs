@@ -3,7 +3,7 @@
 use crate::calibration::changes::changes;
 use crate::calibration::request::PreviousSession;
 use crate::http::auth::Caller;
-use crate::http::extract::{Id, ListQuery, Query, is_plausible};
+use crate::http::extract::{Id, ListQuery, Query};
 use crate::http::turns::Turn;
 use crate::http::{App, Error, access, parameter_sets as answers};
 use crate::jobs::JobInputs;
@@ -127,12 +127,7 @@ async fn compare(
     Query(query): Query<CompareQuery>,
 ) -> Result<Json<CompareAnswer>, Error> {
     let row = access::parameter_set(&app, &caller, &id).await?;
-    let found = if is_plausible(&query.with) {
-        access::parameter_set(&app, &caller, &query.with).await
-    } else {
-        Err(Error::NotFound("parameter set"))
-    };
-    let other = match found {
+    let other = match access::parameter_set(&app, &caller, &query.with).await {
         Ok(other) if other.robot_id == row.robot_id => other,
         Ok(_) | Err(Error::NotFound(_)) => {
             return Err(Invalid::at("/with", "unknown_reference", "this robot has no parameter set with this id").into());

@@ -1,10 +1,10 @@
 //! Which poses to measure next.
 
 use crate::http::auth::Caller;
-use crate::http::extract::{Id, is_plausible, json_body};
+use crate::http::extract::{Id, json_body};
 use crate::http::job_posting::{frame_of, own};
 use crate::http::{App, Error, access};
-use crate::store::{self, measurement_sets};
+use crate::store::measurement_sets;
 use crate::wire::json;
 use crate::wire::measurement::from_upload;
 use crate::wire::pose_plan::{PosePlanAnswer, PosePlanBody};
@@ -30,7 +30,7 @@ async fn create(State(app): State<App>, caller: Caller, Id(robot_id): Id, reques
     body.check()?;
     let mut measured = Vec::new();
     for (i, id) in body.measured.iter().enumerate() {
-        let found = if is_plausible(id) { measurement_sets::get(&app.store, id).await } else { Err(store::Error::NotFound) };
+        let found = measurement_sets::get(&app.store, id).await; // `check` has looked whether it can be an id
         measured.push(own(found, |set| set.robot_id == row.id, &format!("/measured/{i}"), "measurement set")?);
     }
     let robot = access::robot_body(&row)?.to_core()?;

@@ -43,9 +43,9 @@ const SMALLEST_EFFECT: f64 = 4.0;
 const NEGLIGIBLE: f64 = 1e-12;
 /// Iteration limit of an eigenvalue decomposition.
 const EIGEN_ITERATIONS: usize = 10_000;
-/// Points on either side of a motion of the base: three fix its six numbers, and any three wild points are explained by one. Of six, it
-/// leaves two thirds of what is wild.
-const FEWEST_BASE_POINTS: usize = 6;
+/// Points on either side of a motion of the base: twelve coordinates for its six numbers. Three would leave three coordinates to tell it from
+/// wild points, which the noise of a lever arm may hide.
+const FEWEST_BASE_POINTS: usize = 4;
 /// Points on either side of a slip of a target; one alone is a question of its own.
 const FEWEST_TARGET_POINTS: usize = 2;
 

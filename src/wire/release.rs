@@ -1,7 +1,6 @@
 //! The gates a parameter set passes before it may move a robot.
 
 use crate::calibration::implausible_changes;
-use crate::calibration::report::NO_FIT;
 use crate::kinematics::Robot;
 use crate::wire::issue::{Checker, Invalid, Issue};
 use crate::wire::parameter_set::{MAX_REASON, ParameterSetContent};
@@ -210,7 +209,7 @@ fn all_finite(content: &ParameterSetContent) -> Gate {
 
 /// Where everything is noise, the identified robot is better than the nominal one half of the time.
 fn fits(facts: &Facts<'_>) -> Gate {
-    match facts.report.warnings.iter().find(|warning| warning.code == NO_FIT) {
+    match facts.report.warnings.iter().find(|warning| warning.code == "no_fit") {
         Some(warning) => Gate::new("fits", false, warning.detail.clone()),
         None => Gate::new("fits", true, "the identified robot comes near the points"),
     }

@@ -5,7 +5,6 @@ use crate::calibration::changes::NamedChange;
 use crate::calibration::report::{
     ErrorModel, Errors, MethodComparison, ParameterOutcome, PointErrors, PoseRepeatability, PriorOutcome, Repeatability, SubsetErrors,
 };
-use crate::calibration::unseen::POSE_NOT_SEEN;
 use crate::identification::corrections::Evidence;
 use crate::identification::workspace::ToolUncertainty;
 use crate::wire::angle::to_degrees;
@@ -50,7 +49,7 @@ pub fn warnings_for_use(report_json: &str) -> Result<Vec<Warning>, serde_json::E
         warnings: Vec<Warning>,
     }
     let mut found: Warnings = serde_json::from_str(report_json)?;
-    found.warnings.retain(|warning| warning.code == POSE_NOT_SEEN);
+    found.warnings.retain(|warning| warning.code == "pose_not_seen");
     Ok(found.warnings)
 }
 
