@@ -84,8 +84,11 @@ pub fn transplanted(chain: &Chain, nominal: &Robot, identified: &[Link]) -> Resu
     Ok(moved(chain, nominal, identified, &convention, &t_root_base))
 }
 
+/// A joint, and how far its axis is from where the robot has it, mm and rad.
+type OffAxis = (String, f64, f64);
+
 /// How a robot lies best onto a chain: by which of its conventions, where its base is in the chain's root, and its worst axis.
-fn laid_onto(chain: &Chain, robot: &Robot) -> Option<(Convention, IsometryMatrix3<f64>, (String, f64, f64))> {
+fn laid_onto(chain: &Chain, robot: &Robot) -> Option<(Convention, IsometryMatrix3<f64>, OffAxis)> {
     let placed = conventions(robot).into_iter().map(|convention| {
         let t_root_base = place(chain, robot, &convention);
         let worst = worst_axis(chain, robot, &convention, &t_root_base);
@@ -106,7 +109,7 @@ fn conventions(nominal: &Robot) -> Vec<Convention> {
     }
 }
 
-fn misfit((_, distance_mm, angle_rad): &(String, f64, f64)) -> f64 {
+fn misfit((_, distance_mm, angle_rad): &OffAxis) -> f64 {
     (distance_mm / SAME_MM).max(angle_rad / SAME_RAD)
 }
 
@@ -167,7 +170,7 @@ fn directions(axes: &[Axis]) -> Vec<Vector3<f64>> {
 }
 
 /// The joint whose axis is farthest from the nominal one: name, mm, rad.
-fn worst_axis(chain: &Chain, nominal: &Robot, convention: &Convention, t_root_base: &IsometryMatrix3<f64>) -> (String, f64, f64) {
+fn worst_axis(chain: &Chain, nominal: &Robot, convention: &Convention, t_root_base: &IsometryMatrix3<f64>) -> OffAxis {
     let names = chain.joints.iter().filter(|joint| joint.axis.is_some()).map(|joint| joint.name.clone());
     let lines = chain.axes().into_iter().zip(nominal_axes(nominal, convention));
     let off = |(name, (theirs, ours)): (String, (Axis, Axis))| {
