@@ -37,7 +37,7 @@ const LARGE_BODIES: usize = 2;
 /// All bodies that are only computed from, and those of one key: what reads takes no room from uploads. One of the largest fits.
 const COMPUTATION_BODIES_KIB: (usize, usize) = (48 * 1024, MAX_BODY_BYTES / 1024);
 /// All large answers in memory that are not sent yet, and those of one key. A report of 100,000 points has 45 MiB.
-const ANSWERS_KIB: (usize, usize) = (128 * 1024, 64 * 1024);
+const ANSWERS_KIB: (usize, usize) = (64 * 1024, 32 * 1024);
 /// Documents that are read from the database at once to be answered whole, and of one key: each takes three times its size meanwhile.
 const WHOLE_DOCUMENTS: (usize, usize) = (2, 1);
 /// Last parts of the paths that answer one.
