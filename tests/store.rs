@@ -10,6 +10,8 @@ mod fixtures;
 mod group_commit;
 #[path = "store/idempotency.rs"]
 mod idempotency;
+#[path = "store/noted.rs"]
+mod noted;
 #[path = "store/opening.rs"]
 mod opening;
 #[path = "store/parameter_sets.rs"]

@@ -1,7 +1,8 @@
 //! API keys: only the SHA-256 of a key is kept.
 
-use serde_json::json;
+use serde_json::{Value, json};
 
+use super::audit::{Noted, Said};
 use super::{Page, PageRequest, Result, Store, Tx, new_id};
 
 /// An API key.
@@ -42,7 +43,7 @@ macro_rules! columns {
     };
 }
 
-pub(super) const ALL_QUERIES: &[&str] = &[INSERT, FIND, GET, LIST, REVOKE];
+pub(super) const ALL_QUERIES: &[&str] = &[INSERT, FIND, GET, LIST, REVOKE, EACH];
 
 const INSERT: &str = concat!(
     "insert into api_key (id, name, key_sha256, scopes_json, robots_json, created_at_ms)
@@ -71,6 +72,33 @@ const REVOKE: &str = concat!(
     columns!()
 );
 
+const EACH: &str = concat!("select ", columns!(), " from api_key where id > $1 order by id limit $2");
+
+const CREATED: &str = "key_created";
+const REVOKED: &str = "key_revoked";
+
+fn as_created(row: &ApiKeyRow) -> Value {
+    json!({"name": row.name, "scopes": row.scopes_json, "robots": row.robots_json, "key_sha256": row.key_sha256,
+        "created_at_ms": row.created_at_ms})
+}
+
+fn as_revoked(row: &ApiKeyRow) -> Option<(i64, Value)> {
+    row.revoked_at_ms.map(|at_ms| (at_ms, json!({"name": row.name, "revoked_at_ms": at_ms})))
+}
+
+impl Noted for ApiKeyRow {
+    const EACH: &'static str = EACH;
+
+    fn subject(&self) -> &str {
+        &self.id
+    }
+
+    fn said(&self) -> Vec<Said> {
+        let created = Said::created(CREATED, self.created_at_ms, as_created(self));
+        vec![created, Said { event: REVOKED, now: as_revoked(self), by: None }]
+    }
+}
+
 /// Stores a key.
 ///
 /// # Errors
@@ -83,8 +111,7 @@ pub async fn insert(tx: &mut Tx, new: &NewApiKey) -> Result<ApiKeyRow> {
         .bind(&new.scopes_json)
         .bind(new.robots_json.as_deref());
     let row: ApiKeyRow = query.fetch_one(tx.connection()?).await?;
-    let detail = json!({"name": row.name, "scopes": row.scopes_json, "robots": row.robots_json, "key_sha256": row.key_sha256});
-    tx.note("key_created", &row.id, &detail);
+    tx.note(CREATED, &row.id, as_created(&row));
     Ok(row)
 }
 
@@ -121,6 +148,8 @@ pub async fn list(store: &Store, request: &PageRequest) -> Result<Page<ApiKeyRow
 /// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn revoke(tx: &mut Tx, id: &str) -> Result<ApiKeyRow> {
     let row: ApiKeyRow = sqlx::query_as(REVOKE).bind(id).fetch_one(tx.connection()?).await?;
-    tx.note("key_revoked", &row.id, &json!({"name": row.name}));
+    if let Some((_, detail)) = as_revoked(&row) {
+        tx.note(REVOKED, &row.id, detail);
+    }
     Ok(row)
 }

@@ -4,7 +4,9 @@
 //! Whoever can write to the database can also compute a new chain from the edit on. Against that, keep a head elsewhere now
 //! and then (`kincal verify-store` prints it) and have it looked for later (`--known-head`).
 
-use sqlx::AnyConnection;
+use serde_json::Value;
+use sqlx::any::AnyRow;
+use sqlx::{AnyConnection, FromRow};
 
 use super::{Result, Store};
 use crate::wire::canonical;
@@ -46,7 +48,37 @@ pub struct AuditHead {
 pub(super) struct Note {
     pub(super) event: &'static str,
     pub(super) subject: String,
-    pub(super) detail_json: String,
+    pub(super) detail: Value,
+}
+
+/// Rows of which the chain tells. What an entry says is computed from the row by the same function when the entry is written and when
+/// `verify-store` compares the two.
+pub(super) trait Noted: for<'r> FromRow<'r, AnyRow> + Send + Unpin {
+    /// The rows with an id after $1 by id, at most $2.
+    const EACH: &'static str;
+
+    /// Whom the entries are about.
+    fn subject(&self) -> &str;
+
+    /// What the newest entry of each kind should say.
+    fn said(&self) -> Vec<Said>;
+}
+
+/// What one entry should say of a row.
+#[derive(Debug)]
+pub(super) struct Said {
+    pub(super) event: &'static str,
+    /// Since when it is so, and the fields; none if it has not happened. A field's meaning never changes, as entries stay: what is new gets a
+    /// field of its own.
+    pub(super) now: Option<(i64, Value)>,
+    /// The field that says who did it: entries from before there was that field have them as their actor.
+    pub(super) by: Option<&'static str>,
+}
+
+impl Said {
+    pub(super) fn created(event: &'static str, at_ms: i64, detail: Value) -> Self {
+        Said { event, now: Some((at_ms, detail)), by: None }
+    }
 }
 
 // The texts that the writer of a SQLite database joins others to.
@@ -109,10 +141,10 @@ pub(super) async fn append(
 ) -> Result<AuditHead> {
     let mut head = head.clone();
     let n = notes.len();
-    for (i, Note { event, subject, detail_json }) in notes.into_iter().enumerate() {
+    for (i, Note { event, subject, detail }) in notes.into_iter().enumerate() {
         let seq = head.seq + 1;
-        let mut row =
-            AuditRow { seq, at_ms: head.now_ms, actor: actor.into(), event: event.into(), subject, detail_json, sha256: String::new() };
+        let (at_ms, detail_json) = (head.now_ms, detail.to_string());
+        let mut row = AuditRow { seq, at_ms, actor: actor.into(), event: event.into(), subject, detail_json, sha256: String::new() };
         row.sha256 = hash(&head.sha256, &row);
         let query = sqlx::query(if i + 1 == n { last } else { INSERT });
         let query = query.bind(row.seq).bind(row.at_ms).bind(row.actor).bind(row.event).bind(row.subject);

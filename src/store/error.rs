@@ -121,6 +121,7 @@ fn reason(error: &sqlx::Error) -> &'static str {
     match error {
         sqlx::Error::PoolTimedOut => "no connection to it became free in time",
         sqlx::Error::PoolClosed => "the server is stopping",
+        sqlx::Error::Io(error) if error.kind() == std::io::ErrorKind::NotFound => "its data directory was moved or removed",
         sqlx::Error::Io(_) => "the connection to it failed",
         sqlx::Error::WorkerCrashed => "a connection to it broke",
         sqlx::Error::Database(error) => error.code().and_then(|code| reason_of_code(&code)).unwrap_or("it reports a fault"),
@@ -138,6 +139,7 @@ fn reason_of_code(code: &str) -> Option<&'static str> {
             ("53", "it is out of connections, memory or disk"),
             ("57P", "it is shutting down or starting"),
             ("40", "others write the same rows"),
+            ("3D", "it is not there"),
         ];
         return classes.into_iter().find(|(class, _)| code.starts_with(class)).map(|(_, reason)| reason);
     }

@@ -1,7 +1,8 @@
 //! Base and tool frames found from sweeps, with the upload they were found from.
 
-use serde_json::json;
+use serde_json::{Value, json};
 
+use super::audit::{Noted, Said};
 use super::{Page, PageRequest, Result, Store, Tx, new_id};
 use crate::wire::canonical;
 
@@ -33,7 +34,7 @@ pub struct NewFrames {
     pub result_json: String,
 }
 
-pub(super) const ALL_QUERIES: &[&str] = &[INSERT, GET, BODY, LIST];
+pub(super) const ALL_QUERIES: &[&str] = &[INSERT, GET, BODY, LIST, EACH];
 
 const INSERT: &str = "
     insert into frames (id, robot_id, content_type, body, result_json, created_at_ms)
@@ -50,6 +51,29 @@ const LIST: &str = "
     order by created_at_ms desc, id desc
     limit $4";
 
+const EACH: &str = "
+    select id, robot_id, content_type, result_json, created_at_ms from frames where id > $1 order by id limit $2";
+
+const CREATED: &str = "frames_created";
+
+// The uploaded bytes are not in the row; the entry has their hash besides.
+fn as_created(row: &FramesRow) -> Value {
+    json!({"robot_id": row.robot_id, "content_type": row.content_type, "created_at_ms": row.created_at_ms,
+        "result_sha256": canonical::sha256_hex(row.result_json.as_bytes())})
+}
+
+impl Noted for FramesRow {
+    const EACH: &'static str = EACH;
+
+    fn subject(&self) -> &str {
+        &self.id
+    }
+
+    fn said(&self) -> Vec<Said> {
+        vec![Said::created(CREATED, self.created_at_ms, as_created(self))]
+    }
+}
+
 /// Stores frames.
 ///
 /// # Errors
@@ -63,8 +87,8 @@ pub async fn insert(tx: &mut Tx, new: &NewFrames) -> Result<FramesRow> {
         .bind(&new.result_json);
     tx.needs_room()?;
     let row: FramesRow = query.fetch_one(tx.connection()?).await?;
-    let (sha256, result_sha256) = (canonical::sha256_hex(&new.body), canonical::sha256_hex(new.result_json.as_bytes()));
-    tx.note("frames_created", &row.id, &json!({"robot_id": row.robot_id, "sha256": sha256, "result_sha256": result_sha256}));
+    tx.note(CREATED, &row.id, as_created(&row));
+    tx.note_also("sha256", canonical::sha256_hex(&new.body).into());
     Ok(row)
 }
 

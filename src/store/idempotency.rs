@@ -1,9 +1,14 @@
 //! `Idempotency-Key`: the claim on the key, the effect and the answer are one transaction.
 
+use serde_json::{Value, json};
+use sqlx::any::AnyRow;
+use sqlx::{FromRow, Row};
+
 use super::{Error, Result, Store, Tx};
+use crate::wire::canonical;
 
 /// One use of an `Idempotency-Key`.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct IdempotencyScope {
     /// Whose request it is.
     pub holder: String,
@@ -120,7 +125,57 @@ async fn answer(tx: &mut Tx, scope: &IdempotencyScope, response: &StoredResponse
     let query = sqlx::query(ANSWER).bind(&scope.holder).bind(&scope.method).bind(&scope.path).bind(&scope.key);
     let query = query.bind(i64::from(response.status)).bind(response.location.as_deref()).bind(&response.content_type);
     query.bind(response.body.as_slice()).execute(tx.connection()?).await?;
+    let (request, answer) = hashes(scope, response);
+    tx.note_also(NOTED_AS, json!([request, answer]));
     Ok(())
+}
+
+/// The field of the last entry of what was done, which binds the answer to it.
+const NOTED_AS: &str = "answered";
+
+/// Of the use of a key, and of what was asked and answered.
+pub(super) fn hashes(scope: &IdempotencyScope, response: &StoredResponse) -> (String, String) {
+    let request = json!([scope.holder, scope.method, scope.path, scope.key]);
+    let body_sha256 = canonical::sha256_hex(&response.body);
+    let answer = json!([scope.request_sha256, response.status, response.location, response.content_type, body_sha256]);
+    (canonical::sha256_hex(request.to_string().as_bytes()), canonical::sha256_hex(answer.to_string().as_bytes()))
+}
+
+/// Both hashes, as an entry has them.
+pub(super) fn answer_noted(detail: &Value) -> Option<(String, String)> {
+    let hash = |at: usize| detail.get(NOTED_AS)?.get(at)?.as_str().map(str::to_owned);
+    Some((hash(0)?, hash(1)?))
+}
+
+/// A key with its answer; none where a request was begun and not answered.
+#[derive(Debug)]
+pub(super) struct Answered {
+    pub(super) scope: IdempotencyScope,
+    pub(super) answer: Option<StoredResponse>,
+}
+
+impl FromRow<'_, AnyRow> for Answered {
+    fn from_row(row: &AnyRow) -> sqlx::Result<Self> {
+        let scope = IdempotencyScope {
+            holder: row.try_get("key_holder")?,
+            method: row.try_get("method")?,
+            path: row.try_get("path")?,
+            key: row.try_get("idempotency_key")?,
+            request_sha256: row.try_get("request_sha256")?,
+        };
+        let answer = match row.try_get::<Option<i64>, _>("status")? {
+            // What is no status at all is not the one that was given.
+            Some(status) => Some(StoredResponse {
+                status: u16::try_from(status).unwrap_or_default(),
+                location: row.try_get("location")?,
+                content_type: row.try_get::<Option<_>, _>("content_type")?.unwrap_or_default(),
+                // SQLite takes text for bytes: not what was given either.
+                body: row.try_get::<Option<_>, _>("response_body").ok().flatten().unwrap_or_default(),
+            }),
+            None => None,
+        };
+        Ok(Answered { scope, answer })
+    }
 }
 
 async fn answer_again(tx: &mut Tx, scope: &IdempotencyScope) -> Result<IdempotentOutcome> {

@@ -1,7 +1,8 @@
 //! Jobs: what was asked, how far it is, what came out. How a worker holds one is in [`super::leases`].
 
-use serde_json::json;
+use serde_json::{Value, json};
 
+use super::audit::{Noted, Said};
 use super::{Conflict, Error, Page, PageRequest, Result, Store, Tx, new_id};
 use crate::wire::canonical;
 
@@ -147,7 +148,7 @@ macro_rules! columns {
     };
 }
 
-pub(super) const ALL_QUERIES: &[&str] = &[INSERT, GET, LIST, REPORT, CONVERGENCE, WAITING, CANCEL, COUNT_BY_STATUS];
+pub(super) const ALL_QUERIES: &[&str] = &[INSERT, GET, LIST, REPORT, CONVERGENCE, WAITING, CANCEL, COUNT_BY_STATUS, EACH];
 
 // Its turn is the one after the client's last that waits, and never before the turn that is being served: who has not posted for a while
 // does not hold back the others now.
@@ -192,6 +193,45 @@ const CANCEL: &str = "
 
 const COUNT_BY_STATUS: &str = "select status, count(*) from job where status in ('queued', 'running') group by status";
 
+const EACH: &str = concat!("select client, ", columns!(), " from job where id > $1 order by id limit $2");
+
+const CREATED: &str = "job_created";
+pub(super) const FAILED: &str = "job_failed";
+
+/// A job with who posted it.
+#[derive(Debug, sqlx::FromRow)]
+pub(super) struct Posted {
+    client: String,
+    #[sqlx(flatten)]
+    job: JobRow,
+}
+
+fn as_created(row: &JobRow, client: &str) -> Value {
+    let rest = json!([row.kind, row.method, row.priority, client, row.created_at_ms]);
+    json!({"robot_id": row.robot_id, "measurement_set_id": row.measurement_set_id, "verify_set_id": row.verify_set_id,
+        "frames_id": row.frames_id, "network_input_id": row.network_input_id, "residual_network_input_id": row.residual_network_input_id,
+        "parameter_set_input_id": row.parameter_set_input_id, "request_sha256": canonical::sha256_hex(row.request_json.as_bytes()),
+        "rest_sha256": canonical::sha256_hex(rest.to_string().as_bytes())})
+}
+
+pub(super) fn as_failed(error_json: &str) -> Value {
+    json!({"error_sha256": canonical::sha256_hex(error_json.as_bytes())})
+}
+
+impl Noted for Posted {
+    const EACH: &'static str = EACH;
+
+    fn subject(&self) -> &str {
+        &self.job.id
+    }
+
+    fn said(&self) -> Vec<Said> {
+        let Posted { client, job } = self;
+        let failed = job.error_json.as_deref().map(|error| (job.finished_at_ms.unwrap_or_default(), as_failed(error)));
+        vec![Said::created(CREATED, job.created_at_ms, as_created(job, client)), Said { event: FAILED, now: failed, by: None }]
+    }
+}
+
 /// Stores a job as queued. [`crate::jobs::queue::enqueue`] is the way to post one: it keeps the limit.
 ///
 /// # Errors
@@ -214,9 +254,7 @@ pub async fn insert(tx: &mut Tx, new: &NewJob) -> Result<JobRow> {
         .bind(new.priority)
         .bind(&new.client);
     let row: JobRow = query.fetch_one(tx.connection()?).await?;
-    let request_sha256 = canonical::sha256_hex(new.request_json.as_bytes());
-    let detail = json!({"robot_id": new.robot_id, "measurement_set_id": new.measurement_set_id, "request_sha256": request_sha256});
-    tx.note("job_created", &id, &detail);
+    tx.note(CREATED, &id, as_created(&row, &new.client));
     Ok(row)
 }
 
@@ -296,7 +334,7 @@ pub async fn cancel(tx: &mut Tx, id: &str) -> Result<JobRow> {
     let row = get_in(tx, id).await?;
     if changed > 0 {
         let event = if row.status == JobStatus::Cancelled { "job_cancelled" } else { "job_cancel_requested" };
-        tx.note(event, id, &json!({}));
+        tx.note(event, id, json!({}));
     }
     Ok(row)
 }

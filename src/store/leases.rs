@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use serde_json::json;
 
-use super::{Conflict, Engine, Result, Store, Tx};
+use super::{Conflict, Engine, Result, Store, Tx, jobs};
 use crate::wire::canonical;
 
 /// A worker's hold on a job: the fencing token.
@@ -178,7 +178,7 @@ pub async fn succeed(tx: &mut Tx, lease: &Lease, report_json: &str, convergence_
     held(query.execute(tx.connection()?).await?.rows_affected())?;
     let detail = json!({"result_sha256": result_sha256, "report_sha256": canonical::sha256_hex(report_json.as_bytes()),
         "convergence_sha256": canonical::sha256_hex(convergence_json.as_bytes())});
-    note(tx, lease, "job_succeeded", &detail);
+    note(tx, lease, "job_succeeded", detail);
     Ok(())
 }
 
@@ -189,7 +189,7 @@ pub async fn succeed(tx: &mut Tx, lease: &Lease, report_json: &str, convergence_
 pub async fn fail(tx: &mut Tx, lease: &Lease, error_json: &str) -> Result<()> {
     let query = sqlx::query(FAIL).bind(&lease.job_id).bind(&lease.owner).bind(lease.attempt).bind(error_json);
     held(query.execute(tx.connection()?).await?.rows_affected())?;
-    note(tx, lease, "job_failed", &json!({}));
+    note(tx, lease, jobs::FAILED, jobs::as_failed(error_json));
     Ok(())
 }
 
@@ -200,7 +200,7 @@ pub async fn fail(tx: &mut Tx, lease: &Lease, error_json: &str) -> Result<()> {
 pub async fn cancelled(tx: &mut Tx, lease: &Lease) -> Result<()> {
     let query = sqlx::query(CANCELLED).bind(&lease.job_id).bind(&lease.owner).bind(lease.attempt);
     held(query.execute(tx.connection()?).await?.rows_affected())?;
-    note(tx, lease, "job_cancelled", &json!({}));
+    note(tx, lease, "job_cancelled", json!({}));
     Ok(())
 }
 
@@ -212,7 +212,7 @@ pub async fn hand_back(tx: &mut Tx, lease: &Lease) -> Result<()> {
     let query = sqlx::query_scalar(HAND_BACK).bind(&lease.job_id).bind(&lease.owner).bind(lease.attempt);
     let status: Option<String> = query.fetch_optional(tx.connection()?).await?;
     if status.ok_or(Conflict::LeaseLost)? == "cancelled" {
-        note(tx, lease, "job_cancelled", &json!({}));
+        note(tx, lease, "job_cancelled", json!({}));
     }
     Ok(())
 }
@@ -226,7 +226,7 @@ pub async fn give_up(tx: &mut Tx, lease: &Lease) -> Result<()> {
     held(query.execute(tx.connection()?).await?.rows_affected())
 }
 
-fn note(tx: &mut Tx, lease: &Lease, event: &'static str, detail: &serde_json::Value) {
+fn note(tx: &mut Tx, lease: &Lease, event: &'static str, detail: serde_json::Value) {
     tx.act_as(&lease.owner);
     tx.note(event, &lease.job_id, detail);
 }
@@ -247,8 +247,11 @@ pub async fn expire(store: &Store, max_attempts: i64, exhausted_json: &str) -> R
     let failed = sqlx::query_scalar(EXPIRE_FAILED).bind(max_attempts).bind(exhausted_json).bind(MAX_DEATHS);
     let failed: Vec<String> = failed.fetch_all(tx.connection()?).await?;
     let queued = sqlx::query_scalar(EXPIRE_QUEUED).bind(max_attempts).bind(MAX_DEATHS).fetch_all(tx.connection()?).await?;
-    cancelled.iter().for_each(|id: &String| tx.note("job_cancelled", id, &json!({})));
-    failed.iter().for_each(|id| tx.note("job_failed", id, &json!({"code": "attempts_exhausted"})));
+    cancelled.iter().for_each(|id: &String| tx.note("job_cancelled", id, json!({})));
+    for id in &failed {
+        tx.note(jobs::FAILED, id, jobs::as_failed(exhausted_json));
+        tx.note_also("code", "attempts_exhausted".into());
+    }
     tx.commit().await?;
     Ok(Expired { queued, failed, cancelled })
 }

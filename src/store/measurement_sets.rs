@@ -1,9 +1,11 @@
 //! Measurement sets: what was uploaded, byte for byte, and what was found out about it.
 
-use serde_json::json;
+use serde_json::{Value, json};
 use sqlx::{FromRow, Row};
 
+use super::audit::{Noted, Said};
 use super::{Page, PageRequest, Result, Store, Tx, new_id};
+use crate::wire::canonical;
 
 /// A measurement set without its bytes.
 #[derive(Clone, Debug, PartialEq, sqlx::FromRow)]
@@ -72,7 +74,7 @@ macro_rules! columns {
     };
 }
 
-pub(super) const ALL_QUERIES: &[&str] = &[INSERT, GET, GET_WITH_BODY, BODY, LIST];
+pub(super) const ALL_QUERIES: &[&str] = &[INSERT, GET, GET_WITH_BODY, BODY, LIST, EACH];
 
 const INSERT: &str = concat!(
     "insert into measurement_set (id, robot_id, name, frame, content_type, body, sha256,
@@ -97,6 +99,30 @@ const LIST: &str = concat!(
      limit $4"
 );
 
+const EACH: &str = concat!("select ", columns!(), " from measurement_set where id > $1 order by id limit $2");
+
+const CREATED: &str = "measurement_set_created";
+
+fn as_created(row: &MeasurementSetRow) -> Value {
+    let rest = json!([row.name, row.n_points, row.n_configurations, row.n_targets, row.warnings_json, row.created_at_ms]);
+    json!({"robot_id": row.robot_id, "sha256": row.sha256, "frame": row.frame, "content_type": row.content_type,
+        "serial_number": row.serial_number, "uploaded_by": row.uploaded_by, "rest_sha256": canonical::sha256_hex(rest.to_string().as_bytes())})
+}
+
+impl Noted for MeasurementSetRow {
+    const EACH: &'static str = EACH;
+
+    fn subject(&self) -> &str {
+        &self.id
+    }
+
+    fn said(&self) -> Vec<Said> {
+        // The chain is older than the column: sets from between have an entry and no uploader.
+        let by = self.uploaded_by.is_some().then_some("uploaded_by");
+        vec![Said { by, ..Said::created(CREATED, self.created_at_ms, as_created(self)) }]
+    }
+}
+
 /// Stores a measurement set.
 ///
 /// # Errors
@@ -118,7 +144,7 @@ pub async fn insert(tx: &mut Tx, new: &NewMeasurementSet) -> Result<MeasurementS
         .bind(new.serial_number.as_deref());
     tx.needs_room()?;
     let row: MeasurementSetRow = query.fetch_one(tx.connection()?).await?;
-    tx.note("measurement_set_created", &row.id, &json!({"robot_id": row.robot_id, "sha256": row.sha256}));
+    tx.note(CREATED, &row.id, as_created(&row));
     Ok(row)
 }
 

@@ -46,6 +46,7 @@ pub use robots::{NewRobot, RobotRow};
 pub use sessions::SessionRow;
 
 use std::fs::File;
+use std::os::unix::fs::MetadataExt;
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -83,7 +84,7 @@ struct Inner {
     /// On PostgreSQL: which of its connections may be waiting for locks.
     writers: Option<Arc<Semaphore>>,
     /// Held as long as the store is open, so that two servers never share a data directory.
-    _lock_file: Option<File>,
+    lock_file: Option<File>,
 }
 
 /// An open transaction; dropping it rolls everything back.
@@ -145,6 +146,7 @@ impl Store {
     /// # Errors
     /// [`Error::Database`].
     pub async fn begin(&self) -> Result<Tx> {
+        self.is_in_place()?;
         let kind = match &self.inner.writer {
             Some(writer) => TxKind::Shared(writer.join().await?),
             None => {
@@ -172,6 +174,18 @@ impl Store {
         Some(disk.f_bavail.saturating_mul(disk.f_frsize))
     }
 
+    /// Whether the data directory is still the one that was opened: files that were removed take writes until they are closed, and then all
+    /// of it is gone.
+    fn is_in_place(&self) -> Result<()> {
+        let (Some(data_dir), Some(held)) = (&self.inner.data_dir, &self.inner.lock_file) else { return Ok(()) };
+        let which = |file: std::fs::Metadata| (file.dev(), file.ino());
+        let there = std::fs::metadata(data_dir.join(open::LOCK)).map(which).ok();
+        match there == held.metadata().map(which).ok() && data_dir.join(open::DATABASE).exists() {
+            true => Ok(()),
+            false => Err(sqlx::Error::Io(std::io::ErrorKind::NotFound.into()).into()),
+        }
+    }
+
     /// The engine behind this store.
     pub fn engine(&self) -> Engine {
         self.inner.engine
@@ -187,6 +201,7 @@ impl Store {
     /// # Errors
     /// [`Error::Database`].
     pub async fn now_ms(&self) -> Result<i64> {
+        self.is_in_place()?;
         Ok(sqlx::query_scalar(NOW).fetch_one(self.pool()).await?)
     }
 
@@ -205,7 +220,11 @@ impl Store {
 
     /// Closes all connections, after which SQLite's WAL is folded into the database file.
     pub async fn close(&self) {
-        self.inner.pool.close().await;
+        let readers = self.inner.pool.close();
+        if let Some(writer) = &self.inner.writer {
+            writer.close().await;
+        }
+        readers.await;
     }
 }
 
@@ -260,8 +279,15 @@ impl Tx {
     }
 
     /// Adds an entry to the audit chain, if this transaction is committed.
-    fn note(&mut self, event: &'static str, subject: &str, detail: &serde_json::Value) {
-        self.notes.push(Note { event, subject: subject.into(), detail_json: detail.to_string() });
+    fn note(&mut self, event: &'static str, subject: &str, detail: serde_json::Value) {
+        self.notes.push(Note { event, subject: subject.into(), detail });
+    }
+
+    /// Adds a field to the last of the entries, if there is one.
+    fn note_also(&mut self, field: &str, value: serde_json::Value) {
+        if let Some(detail) = self.notes.last_mut().and_then(|note| note.detail.as_object_mut()) {
+            detail.insert(field.into(), value);
+        }
     }
 }
 

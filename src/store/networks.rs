@@ -1,8 +1,9 @@
 //! Trained networks: of each kind at most one per job. Those that speak of link parameters and those of what links and physics leave stand in
 //! tables of their own and are found together.
 
-use serde_json::json;
+use serde_json::{Value, json};
 
+use super::audit::{Noted, Said};
 use super::{Page, PageRequest, Result, Store, Tx, new_id};
 use crate::wire::canonical;
 
@@ -48,7 +49,7 @@ macro_rules! columns {
     };
 }
 
-pub(super) const ALL_QUERIES: &[&str] = &[INSERT, INSERT_RESIDUAL, GET, WEIGHTS, NEWEST, NEWEST_RESIDUAL, LIST];
+pub(super) const ALL_QUERIES: &[&str] = &[INSERT, INSERT_RESIDUAL, GET, WEIGHTS, NEWEST, NEWEST_RESIDUAL, LIST, EACH];
 
 const INSERT: &str = concat!(
     "insert into network (id, robot_id, job_id, model, preset, metadata_json, weights, weights_sha256, created_at_ms)
@@ -93,6 +94,37 @@ const LIST: &str = concat!(
      limit $4"
 );
 
+const EACH: &str = concat!(
+    "select ",
+    columns!(),
+    " from (select ",
+    columns!(),
+    " from network union all select ",
+    columns!(),
+    " from residual_network) as both_kinds
+     where id > $1 order by id limit $2"
+);
+
+const CREATED: &str = "network_created";
+
+// The weights are not in the row; the entry has their hash besides. `weights_sha256` is of the tensors in them.
+fn as_created(row: &NetworkRow) -> Value {
+    json!({"robot_id": row.robot_id, "job_id": row.job_id, "model": row.model, "preset": row.preset, "created_at_ms": row.created_at_ms,
+        "weights_sha256": row.weights_sha256, "metadata_sha256": canonical::sha256_hex(row.metadata_json.as_bytes())})
+}
+
+impl Noted for NetworkRow {
+    const EACH: &'static str = EACH;
+
+    fn subject(&self) -> &str {
+        &self.id
+    }
+
+    fn said(&self) -> Vec<Said> {
+        vec![Said::created(CREATED, self.created_at_ms, as_created(self))]
+    }
+}
+
 /// Stores the network of link parameters of a job.
 ///
 /// # Errors
@@ -119,7 +151,8 @@ async fn insert_by(sql: &'static str, tx: &mut Tx, job_id: &str, new: &NewNetwor
         .bind(new.weights.as_slice())
         .bind(&new.weights_sha256);
     let row: NetworkRow = query.fetch_one(tx.connection()?).await?;
-    tx.note("network_created", &row.id, &json!({"job_id": job_id, "sha256": canonical::sha256_hex(&new.weights)}));
+    tx.note(CREATED, &row.id, as_created(&row));
+    tx.note_also("sha256", canonical::sha256_hex(&new.weights).into());
     Ok(row)
 }
 

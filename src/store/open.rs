@@ -46,6 +46,8 @@ const MIGRATIONS: &[(i64, &str, &str, &str)] = &[
 
 /// The database's file in the data directory.
 pub(super) const DATABASE: &str = "kincal.sqlite";
+/// The file whose lock makes the data directory one process's.
+pub(super) const LOCK: &str = "lock";
 /// Older ones can corrupt a database in WAL mode.
 const OLDEST_SQLITE: (u32, u32, u32) = (3, 51, 3);
 /// SQLite's readers do not wait for each other; more connections than this only cost memory.
@@ -130,7 +132,7 @@ async fn connect_postgres(url: &str) -> Result<Store> {
     let (engine, is_served) = (Engine::Postgres, true);
     let postgres_url = Some(url.to_owned());
     let writers = Some(Arc::new(Semaphore::new(POSTGRES_WRITERS)));
-    let inner = Inner { pool, engine, data_dir: None, is_served, postgres_url, writer: None, writers, _lock_file: None };
+    let inner = Inner { pool, engine, data_dir: None, is_served, postgres_url, writer: None, writers, lock_file: None };
     Ok(Store { inner: Arc::new(inner) })
 }
 
@@ -162,8 +164,7 @@ async fn connect_sqlite(data_dir: &Path, lock_file: Option<File>, is_served: boo
     refuse_old_sqlite(&pool).await?;
     let writer = Some(Writer::new(pool.clone()));
     let data_dir = Some(data_dir.to_owned());
-    let inner =
-        Inner { pool, engine: Engine::Sqlite, data_dir, is_served, postgres_url: None, writer, writers: None, _lock_file: lock_file };
+    let inner = Inner { pool, engine: Engine::Sqlite, data_dir, is_served, postgres_url: None, writer, writers: None, lock_file };
     Ok(Store { inner: Arc::new(inner) })
 }
 
@@ -198,7 +199,7 @@ fn make_data_dir(data_dir: &Path) -> Result<PathBuf> {
 
 /// The lock on the data directory, none if another process has it. It ends with the file, and so with the process.
 fn lock(data_dir: &Path) -> Result<Option<File>> {
-    let path = data_dir.join("lock");
+    let path = data_dir.join(LOCK);
     let failed = |e: std::io::Error| Error::Open { detail: format!("the lock file {}: {e}", path.display()) };
     let file = File::options().create(true).truncate(false).write(true).open(&path).map_err(failed)?;
     match file.try_lock() {

@@ -1,8 +1,9 @@
 //! Parameter sets: at most one per job, at most one released per robot, none released without its checks; the schema
 //! has a constraint for each.
 
-use serde_json::json;
+use serde_json::{Value, json};
 
+use super::audit::{Noted, Said};
 use super::policies::ABSENT;
 use super::{Conflict, Error, Page, PageRequest, Result, Store, Tx, new_id, policies, sessions};
 use crate::wire::canonical;
@@ -129,7 +130,7 @@ macro_rules! columns {
 }
 
 pub(super) const ALL_QUERIES: &[&str] =
-    &[INSERT, GET, ACTIVE, BEFORE_ACTIVE, OF_ANOTHER_SESSION, LIST, LOCK_ROBOT, SUPERSEDE, RELEASE, WITHDRAW];
+    &[INSERT, GET, ACTIVE, BEFORE_ACTIVE, OF_ANOTHER_SESSION, LIST, LOCK_ROBOT, SUPERSEDE, RELEASE, WITHDRAW, EACH];
 
 const INSERT: &str = concat!(
     "insert into parameter_set (id, robot_id, job_id, status, body_json, sha256, created_at_ms)
@@ -186,6 +187,52 @@ const WITHDRAW: &str = "
     update parameter_set set status = 'withdrawn', withdrawn_at_ms = (select now_ms from clock), withdraw_reason = $2, withdrawn_by = $3
     where id = $1 and status <> 'withdrawn'";
 
+const EACH: &str = concat!("select ", columns!(), " from parameter_set where id > $1 order by id limit $2");
+
+pub(super) const CREATED: &str = "parameter_set_created";
+pub(super) const RELEASED: &str = "parameter_set_released";
+pub(super) const SUPERSEDED: &str = "parameter_set_superseded";
+pub(super) const WITHDRAWN: &str = "parameter_set_withdrawn";
+
+fn as_created(row: &ParameterSetRow) -> Value {
+    json!({"robot_id": row.robot_id, "job_id": row.job_id, "sha256": row.sha256, "created_at_ms": row.created_at_ms,
+        "body_sha256": canonical::sha256_hex(row.body_json.as_bytes())})
+}
+
+fn as_released(row: &ParameterSetRow) -> Option<(i64, Value)> {
+    // They come together: one of them alone was written by somebody else.
+    let is_said = row.release_reason.is_some() || row.released_by.is_some();
+    let is_said = is_said || row.release_evidence.is_some() || row.release_uncertainty_mm.is_some();
+    let at_ms = row.released_at_ms.or(is_said.then_some(0))?;
+    let checks_sha256 = row.release_checks_json.as_ref().map(|checks| canonical::sha256_hex(checks.as_bytes()));
+    let detail = json!({"reason": row.release_reason, "sha256": row.sha256, "checks_sha256": checks_sha256, "evidence": row.release_evidence,
+        "uncertainty_mm": row.release_uncertainty_mm, "released_by": row.released_by, "released_at_ms": row.released_at_ms});
+    Some((at_ms, detail))
+}
+
+fn as_withdrawn(row: &ParameterSetRow) -> Option<(i64, Value)> {
+    let is_said = row.withdraw_reason.is_some() || row.withdrawn_by.is_some();
+    let at_ms = row.withdrawn_at_ms.or(is_said.then_some(0))?;
+    let detail = json!({"reason": row.withdraw_reason, "withdrawn_by": row.withdrawn_by, "withdrawn_at_ms": row.withdrawn_at_ms});
+    Some((at_ms, detail))
+}
+
+impl Noted for ParameterSetRow {
+    const EACH: &'static str = EACH;
+
+    fn subject(&self) -> &str {
+        &self.id
+    }
+
+    fn said(&self) -> Vec<Said> {
+        vec![
+            Said::created(CREATED, self.created_at_ms, as_created(self)),
+            Said { event: RELEASED, now: as_released(self), by: Some("released_by") },
+            Said { event: WITHDRAWN, now: as_withdrawn(self), by: Some("withdrawn_by") },
+        ]
+    }
+}
+
 /// Stores the parameter set of a job, as a candidate.
 ///
 /// # Errors
@@ -193,8 +240,7 @@ const WITHDRAW: &str = "
 pub async fn insert(tx: &mut Tx, job_id: &str, new: &NewParameterSet) -> Result<ParameterSetRow> {
     let query = sqlx::query_as(INSERT).bind(new_id("par")).bind(job_id).bind(&new.body_json).bind(&new.sha256);
     let row: ParameterSetRow = query.fetch_one(tx.connection()?).await?;
-    let detail = json!({"job_id": job_id, "sha256": row.sha256, "body_sha256": canonical::sha256_hex(row.body_json.as_bytes())});
-    tx.note("parameter_set_created", &row.id, &detail);
+    tx.note(CREATED, &row.id, as_created(&row));
     Ok(row)
 }
 
@@ -275,12 +321,13 @@ pub async fn release(tx: &mut Tx, release: &Release) -> Result<ParameterSetRow> 
         .await
         .map_err(Error::of_release)?;
     if let Some(active) = &active {
-        tx.note("parameter_set_superseded", active, &json!({"by": release.id}));
+        tx.note(SUPERSEDED, active, json!({"by": release.id}));
     }
-    let checks_sha256 = canonical::sha256_hex(release.checks_json.as_bytes());
-    let detail = json!({"reason": release.reason, "sha256": set.sha256, "checks_sha256": checks_sha256, "evidence": release.evidence});
-    tx.note("parameter_set_released", &release.id, &detail);
-    get_in(tx, &release.id).await
+    let row = get_in(tx, &release.id).await?;
+    if let Some((_, detail)) = as_released(&row) {
+        tx.note(RELEASED, &row.id, detail);
+    }
+    Ok(row)
 }
 
 /// Goes back: the active set is withdrawn, and `release` (a superseded set) takes its place, both or neither.
@@ -290,7 +337,10 @@ pub async fn release(tx: &mut Tx, release: &Release) -> Result<ParameterSetRow> 
 pub async fn roll_back(tx: &mut Tx, release: &Release) -> Result<ParameterSetRow> {
     let set = lock_and_get(tx, &release.id).await?;
     let active: Option<ParameterSetRow> = sqlx::query_as(ACTIVE).bind(&set.robot_id).fetch_optional(tx.connection()?).await?;
-    if active.as_ref().map(|active| &active.id) != release.checked.active.as_ref() || set.status != ParameterSetStatus::Superseded {
+    let before: Option<ParameterSetRow> = sqlx::query_as(BEFORE_ACTIVE).bind(&set.robot_id).fetch_optional(tx.connection()?).await?;
+    // asked again: what was released since this one was looked up has another set before it
+    let is_before = before.is_some_and(|before| before.id == release.id);
+    if active.as_ref().map(|active| &active.id) != release.checked.active.as_ref() || !is_before {
         return Err(Conflict::ActiveChanged.into());
     }
     if let Some(active) = active {
@@ -307,10 +357,11 @@ pub async fn roll_back(tx: &mut Tx, release: &Release) -> Result<ParameterSetRow
 pub async fn withdraw(tx: &mut Tx, id: &str, reason: &str, by: &str) -> Result<ParameterSetRow> {
     lock_and_get(tx, id).await?;
     let changed = sqlx::query(WITHDRAW).bind(id).bind(reason).bind(by).execute(tx.connection()?).await?.rows_affected();
-    if changed > 0 {
-        tx.note("parameter_set_withdrawn", id, &json!({"reason": reason}));
+    let row = get_in(tx, id).await?;
+    if let Some((_, detail)) = as_withdrawn(&row).filter(|_| changed > 0) {
+        tx.note(WITHDRAWN, id, detail);
     }
-    get_in(tx, id).await
+    Ok(row)
 }
 
 async fn lock_and_get(tx: &mut Tx, id: &str) -> Result<ParameterSetRow> {

@@ -1,8 +1,9 @@
 //! What robots ask of a release. A robot without a row asks nothing beyond the gates that always stand.
 
-use serde_json::json;
+use serde_json::{Value, json};
 
-use super::{Result, Store, Tx};
+use super::audit::{Noted, Said};
+use super::{Result, Store, Tx, robots};
 
 /// What one robot asks of a release.
 #[derive(Clone, Debug, Default, PartialEq, sqlx::FromRow)]
@@ -21,7 +22,7 @@ pub struct PolicyRow {
 /// prepared for the other of the two.
 pub(super) const ABSENT: f64 = -1.0;
 
-pub(super) const ALL_QUERIES: &[&str] = &[GET, PUT];
+pub(super) const ALL_QUERIES: &[&str] = &[GET, PUT, EACH];
 
 const GET: &str = "
     select tolerance_mm, independent_session_required, second_person_required, version from robot_policy where robot_id = $1";
@@ -32,7 +33,42 @@ const PUT: &str = "
     on conflict (robot_id) do update set tolerance_mm = excluded.tolerance_mm,
         independent_session_required = excluded.independent_session_required, second_person_required = excluded.second_person_required,
         version = robot_policy.version + 1, changed_by = excluded.changed_by, changed_at_ms = excluded.changed_at_ms
-    returning tolerance_mm, independent_session_required, second_person_required, version";
+    returning robot_id, tolerance_mm, independent_session_required, second_person_required, version, changed_by, changed_at_ms";
+
+const EACH: &str = "
+    select robot_id, tolerance_mm, independent_session_required, second_person_required, version, changed_by, changed_at_ms
+    from robot_policy where robot_id > $1 order by robot_id limit $2";
+
+pub(super) const CHANGED: &str = "robot_policy_changed";
+
+/// A policy with whose it is, and who set it.
+#[derive(Debug, sqlx::FromRow)]
+pub(super) struct Set {
+    robot_id: String,
+    #[sqlx(flatten)]
+    policy: PolicyRow,
+    changed_by: String,
+    changed_at_ms: i64,
+}
+
+fn as_changed(set: &Set) -> Value {
+    let Set { policy, changed_by, changed_at_ms, .. } = set;
+    json!({"tolerance_mm": policy.tolerance_mm, "independent_session_required": policy.independent_session_required == 1,
+        "second_person_required": policy.second_person_required == 1, "version": policy.version,
+        "changed_by": changed_by, "changed_at_ms": changed_at_ms})
+}
+
+impl Noted for Set {
+    const EACH: &'static str = EACH;
+
+    fn subject(&self) -> &str {
+        &self.robot_id
+    }
+
+    fn said(&self) -> Vec<Said> {
+        vec![Said { event: CHANGED, now: Some((self.changed_at_ms, as_changed(self))), by: Some("changed_by") }]
+    }
+}
 
 /// A robot's policy.
 ///
@@ -53,11 +89,11 @@ pub(super) async fn get_in(tx: &mut Tx, robot_id: &str) -> Result<PolicyRow> {
 /// # Errors
 /// [`super::Error::NotFound`] if there is no such robot, [`super::Error::Database`].
 pub async fn put(tx: &mut Tx, robot_id: &str, policy: &PolicyRow, by: &str) -> Result<PolicyRow> {
+    // A release that has read the policy ends first, or sees this one.
+    robots::lock(tx, robot_id).await?;
     let query = sqlx::query_as(PUT).bind(robot_id).bind(policy.tolerance_mm.unwrap_or(ABSENT));
     let query = query.bind(policy.independent_session_required).bind(policy.second_person_required).bind(by);
-    let row: PolicyRow = query.fetch_one(tx.connection()?).await?;
-    let detail = json!({"tolerance_mm": row.tolerance_mm, "independent_session_required": row.independent_session_required == 1,
-        "second_person_required": row.second_person_required == 1, "version": row.version});
-    tx.note("robot_policy_changed", robot_id, &detail);
-    Ok(row)
+    let set: Set = query.fetch_one(tx.connection()?).await?;
+    tx.note(CHANGED, robot_id, as_changed(&set));
+    Ok(set.policy)
 }

@@ -1,7 +1,8 @@
 //! Robots.
 
-use serde_json::json;
+use serde_json::{Value, json};
 
+use super::audit::{Noted, Said};
 use super::{Page, PageRequest, Result, Store, Tx, new_id};
 use crate::wire::canonical;
 
@@ -27,7 +28,7 @@ pub struct NewRobot {
     pub body_json: String,
 }
 
-pub(super) const ALL_QUERIES: &[&str] = &[INSERT, GET, LIST];
+pub(super) const ALL_QUERIES: &[&str] = &[INSERT, GET, LIST, LOCK, LOCK_OF_JOB, EACH];
 
 const INSERT: &str = "
     insert into robot (id, name, body_json, created_at_ms)
@@ -44,6 +45,44 @@ const LIST: &str = "
     order by created_at_ms desc, id desc
     limit $4";
 
+// Changes nothing, but on both engines what decides about this robot waits for who did this before: a release, a policy, a session's score.
+const LOCK: &str = "update robot set name = name where id = $1";
+
+const LOCK_OF_JOB: &str = "update robot set name = name where id = (select robot_id from job where id = $1)";
+
+const EACH: &str = "select id, name, body_json, created_at_ms from robot where id > $1 order by id limit $2";
+
+const CREATED: &str = "robot_created";
+
+fn as_created(row: &RobotRow) -> Value {
+    let sha256 = canonical::sha256_hex(row.body_json.as_bytes());
+    json!({"sha256": sha256, "name": row.name, "created_at_ms": row.created_at_ms})
+}
+
+impl Noted for RobotRow {
+    const EACH: &'static str = EACH;
+
+    fn subject(&self) -> &str {
+        &self.id
+    }
+
+    fn said(&self) -> Vec<Said> {
+        vec![Said::created(CREATED, self.created_at_ms, as_created(self))]
+    }
+}
+
+/// As [`lock`], of the robot of a job.
+pub(crate) async fn lock_of_job(tx: &mut Tx, job_id: &str) -> Result<()> {
+    sqlx::query(LOCK_OF_JOB).bind(job_id).execute(tx.connection()?).await?;
+    Ok(())
+}
+
+/// Makes a transaction wait for others that decide about the same robot, and them for it.
+pub(super) async fn lock(tx: &mut Tx, id: &str) -> Result<()> {
+    sqlx::query(LOCK).bind(id).execute(tx.connection()?).await?;
+    Ok(())
+}
+
 /// Stores a robot.
 ///
 /// # Errors
@@ -52,7 +91,7 @@ pub async fn insert(tx: &mut Tx, new: &NewRobot) -> Result<RobotRow> {
     let query = sqlx::query_as(INSERT).bind(new_id("rob")).bind(&new.name).bind(&new.body_json);
     tx.needs_room()?;
     let row: RobotRow = query.fetch_one(tx.connection()?).await?;
-    tx.note("robot_created", &row.id, &json!({"sha256": canonical::sha256_hex(row.body_json.as_bytes())}));
+    tx.note(CREATED, &row.id, as_created(&row));
     Ok(row)
 }
 

@@ -15,10 +15,14 @@ pub struct SessionRow {
 
 pub(super) const ALL_QUERIES: &[&str] = &[NEWEST, COUNT, NO_BETTER];
 
+// Of jobs on the same bytes the newest counts: a session scored again and again does not push others out.
 const NEWEST: &str = "
-    select id as job_id, report_json, created_at_ms from job
-    where kind = 'verify' and parameter_set_input_id = $1 and status = 'succeeded'
-    order by created_at_ms desc, id desc limit $2";
+    select job.id as job_id, job.report_json, job.created_at_ms from job
+    join (select job.id, row_number() over (partition by measurement_set.sha256 order by job.created_at_ms desc, job.id desc) as place
+          from job join measurement_set on measurement_set.id = job.measurement_set_id
+          where job.kind = 'verify' and job.parameter_set_input_id = $1 and job.status = 'succeeded') newest
+        on newest.id = job.id and newest.place = 1
+    order by job.created_at_ms desc, job.id desc limit $2";
 
 const COUNT: &str = "select count(*) from job where kind = 'verify' and parameter_set_input_id = $1 and status = 'succeeded'";
 
@@ -28,7 +32,7 @@ const NO_BETTER: &str = "
         and report_json like '%\"code\":\"no_better_than_nominal\"%'
     order by created_at_ms desc, id desc limit 1";
 
-/// The newest sessions of a parameter set.
+/// The newest sessions of a parameter set, one for each upload.
 ///
 /// # Errors
 /// [`super::Error::Database`].

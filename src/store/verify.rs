@@ -61,12 +61,8 @@ impl Check {
 pub(super) const ALL_QUERIES: &[&str] = &[
     content::SETS,
     content::FRAMES,
-    content::ROBOTS,
-    content::PARAMETER_SETS,
     content::NETWORKS,
     content::RESIDUAL_NETWORKS,
-    content::FOUND_FRAMES,
-    content::REQUESTS,
     content::REPORTS,
     content::CONVERGENCES,
     content::JOBS,
@@ -84,8 +80,6 @@ pub(super) const ALL_QUERIES: &[&str] = &[
     content::RELEASED_OF_ROBOTS,
     content::RELEASES,
     chain::MISSING,
-    rules::POLICIES,
-    rules::KEYS,
 ];
 pub(super) const QUERIES_SQLITE: &[&str] = schema::QUERIES_SQLITE;
 pub(super) const QUERIES_POSTGRES: &[&str] = schema::QUERIES_POSTGRES;
@@ -109,7 +103,7 @@ async fn look(store: &Store, options: &Options) -> Result<Vec<Check>> {
     let chain = chain::read(store, options).await?;
     Ok(vec![
         content::uploads_read_back(store, &chain).await?,
-        content::answers_have_effects(store).await?,
+        content::answers_have_effects(store, &chain).await?,
         content::jobs_end_once(store, &chain, options).await?,
         content::one_set_per_job(store).await?,
         content::same_request_same_result(store, &chain).await?,

@@ -6,8 +6,7 @@
 
 use std::sync::Arc;
 
-use sqlx::pool::PoolConnection;
-use sqlx::{Any, AnyConnection, AnyPool, FromRow};
+use sqlx::{AnyConnection, AnyPool, Connection, FromRow};
 use tokio::sync::{Mutex, OwnedMutexGuard, oneshot};
 use tokio::time::Instant;
 
@@ -24,6 +23,9 @@ pub(super) struct Writer {
 #[derive(Debug, Default)]
 struct State {
     group: Option<Group>,
+    /// The connection of the last group, for the next one. The writers' own: given back to the pool it would be tried out each time, and the
+    /// pages that it knows would be forgotten for what another connection wrote.
+    idle: Option<AnyConnection>,
     /// When opening a group failed last: those who waited then need not find out for themselves.
     failed: Option<(Instant, Arc<sqlx::Error>)>,
 }
@@ -31,7 +33,7 @@ struct State {
 /// An open transaction with a savepoint set, and those who wait for its end.
 #[derive(Debug)]
 struct Group {
-    connection: PoolConnection<Any>,
+    connection: AnyConnection,
     begun_with: AuditHead,
     head: AuditHead,
     waiting: Vec<oneshot::Sender<Verdict>>,
@@ -60,6 +62,14 @@ impl Writer {
         Self { pool, state: Arc::default() }
     }
 
+    /// Closes the writers' connection. The pool has to be closed already, or another one is opened when it is needed.
+    pub(super) async fn close(&self) {
+        if let Some(connection) = self.state.lock().await.idle.take() {
+            // what was committed is in the log, whatever happens to the connection
+            let _ = connection.close().await;
+        }
+    }
+
     /// Waits for its turn in the group that is open, or opens one.
     pub(super) async fn join(&self) -> Result<Member> {
         in_a_task(enter(self.pool.clone(), Arc::clone(&self.state), Instant::now())).await
@@ -72,7 +82,8 @@ async fn enter(pool: AnyPool, state: Arc<Mutex<State>>, asked: Instant) -> Resul
         if let Some((_, error)) = guard.failed.as_ref().filter(|(when, _)| *when > asked) {
             return Err(Error::NotCommitted(Arc::clone(error)));
         }
-        match open(&pool).await {
+        let idle = guard.idle.take();
+        match open(&pool, idle).await {
             Ok(group) => guard.group = Some(group),
             Err(Error::Database(error)) => {
                 let error = Arc::new(error);
@@ -81,30 +92,30 @@ async fn enter(pool: AnyPool, state: Arc<Mutex<State>>, asked: Instant) -> Resul
             }
             Err(error) => return Err(error),
         }
-        tokio::spawn(async move { close(&mut *state.lock_owned().await).await });
+        tokio::spawn(async move { end(&mut *state.lock_owned().await, &pool).await });
     }
     Ok(Member { state: Some(guard) })
 }
 
-async fn open(pool: &AnyPool) -> Result<Group> {
-    let mut connection = pool.acquire().await?;
-    let begun = sqlx::query(BEGIN).fetch_all(&mut *connection).await;
-    let head = begun.and_then(|rows| AuditHead::from_row(rows.first().ok_or(sqlx::Error::RowNotFound)?));
-    match head {
-        Ok(head) => Ok(Group { connection, begun_with: head.clone(), head, waiting: Vec::new() }),
-        Err(error) => {
-            // the transaction may be open
-            connection.close_on_drop();
-            Err(error.into())
-        }
-    }
+/// Fails with its connection: the transaction may be open.
+async fn open(pool: &AnyPool, idle: Option<AnyConnection>) -> Result<Group> {
+    let mut connection = match idle.filter(|_| !pool.is_closed()) {
+        Some(connection) => connection,
+        None => pool.acquire().await?.detach(),
+    };
+    let begun = sqlx::query(BEGIN).fetch_all(&mut connection).await?;
+    let head = AuditHead::from_row(begun.first().ok_or(sqlx::Error::RowNotFound)?)?;
+    Ok(Group { connection, begun_with: head.clone(), head, waiting: Vec::new() })
 }
 
 /// Commits the group, if there is one, and tells everybody in it.
-async fn close(state: &mut State) {
+async fn end(state: &mut State, pool: &AnyPool) {
     let Some(mut group) = state.group.take() else { return };
     match group.commit().await {
-        Ok(()) => group.tell(&Ok(())),
+        Ok(()) => {
+            tell(&mut group.waiting, &Ok(()));
+            state.idle = Some(group.connection).filter(|_| !pool.is_closed());
+        }
         Err(error) => group.fail(error),
     }
 }
@@ -115,15 +126,8 @@ impl Group {
             true => sqlx::query(COMMIT),
             false => sqlx::query(MOVE_HEAD_AND_COMMIT).bind(self.head.seq).bind(&self.head.sha256),
         };
-        query.execute(&mut *self.connection).await?;
+        query.execute(&mut self.connection).await?;
         Ok(())
-    }
-
-    fn tell(&mut self, verdict: &Verdict) {
-        for waiting in self.waiting.drain(..) {
-            // Nobody listens where the client has gone.
-            let _ = waiting.send(verdict.clone());
-        }
     }
 
     /// The transaction is not to be trusted any more: it goes down with its connection.
@@ -133,14 +137,21 @@ impl Group {
             Error::NotCommitted(error) => error,
             other => Arc::new(sqlx::Error::Protocol(other.to_string())),
         };
-        self.connection.close_on_drop();
-        self.tell(&Err(error));
+        drop(self.connection);
+        tell(&mut self.waiting, &Err(error));
+    }
+}
+
+fn tell(waiting: &mut Vec<oneshot::Sender<Verdict>>, verdict: &Verdict) {
+    for waiting in waiting.drain(..) {
+        // Nobody listens where the client has gone.
+        let _ = waiting.send(verdict.clone());
     }
 }
 
 impl Member {
     pub(super) fn connection(&mut self) -> Option<&mut AnyConnection> {
-        self.state.as_mut()?.group.as_mut().map(|group| &mut *group.connection)
+        self.state.as_mut()?.group.as_mut().map(|group| &mut group.connection)
     }
 
     /// Leaves this member's writes and its audit entries to the group, and waits until the group is committed.
@@ -188,7 +199,7 @@ impl Drop for Member {
 /// Writes the audit entries and puts the savepoint behind everything done so far.
 async fn keep(group: &mut Group, actor: &str, notes: Vec<Note>) -> Result<()> {
     if notes.is_empty() {
-        sqlx::query(NEXT).execute(&mut *group.connection).await?;
+        sqlx::query(NEXT).execute(&mut group.connection).await?;
     } else {
         group.head = audit::append(&mut group.connection, &group.head, actor, notes, KEEP).await?;
     }
@@ -199,7 +210,7 @@ async fn keep(group: &mut Group, actor: &str, notes: Vec<Note>) -> Result<()> {
 /// members before.
 async fn undo(state: &mut State) {
     let Some(group) = state.group.as_mut() else { return };
-    if let Err(error) = sqlx::query(UNDO).execute(&mut *group.connection).await
+    if let Err(error) = sqlx::query(UNDO).execute(&mut group.connection).await
         && let Some(group) = state.group.take()
     {
         group.fail(error.into());

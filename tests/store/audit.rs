@@ -63,7 +63,7 @@ fn what_is_done_is_in_the_chain_with_who_did_it() {
             found.iter().map(|row| (row.actor.as_str(), row.event.as_str(), row.subject.as_str())).collect();
         let expected = [
             ("kincal", "robot_created", robot.id.as_str()),
-            ("kincal", "measurement_set_created", &set.id),
+            ("key_uploader", "measurement_set_created", &set.id),
             ("kincal", "job_created", &candidate.job_id),
             ("kincal", "parameter_set_created", &candidate.id),
             ("kincal", "job_created", &waiting.id),
@@ -74,7 +74,7 @@ fn what_is_done_is_in_the_chain_with_who_did_it() {
         ];
         assert_eq!(found, expected);
         assert_eq!(chain(store, None).await.violations, [""; 0]);
-        assert_eq!(audit::actor(store, &set.id, "measurement_set_created").await.unwrap().as_deref(), Some("kincal"));
+        assert_eq!(audit::actor(store, &set.id, "measurement_set_created").await.unwrap().as_deref(), Some("key_uploader"));
     });
 }
 

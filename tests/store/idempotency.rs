@@ -6,7 +6,7 @@ use tokio::sync::Notify;
 
 use crate::engines::for_each_engine;
 
-fn scope(key: &str, request_sha256: &str) -> IdempotencyScope {
+pub fn scope(key: &str, request_sha256: &str) -> IdempotencyScope {
     IdempotencyScope {
         holder: "key_1".into(),
         method: "POST".into(),
@@ -16,7 +16,7 @@ fn scope(key: &str, request_sha256: &str) -> IdempotencyScope {
     }
 }
 
-async fn make_a_robot(tx: &mut Tx) -> Result<StoredResponse> {
+pub async fn make_a_robot(tx: &mut Tx) -> Result<StoredResponse> {
     let robot = robots::insert(tx, &NewRobot { name: "r".into(), body_json: "{}".into() }).await?;
     let location = Some(format!("/v1/robots/{}", robot.id));
     Ok(StoredResponse { status: 201, location, content_type: "application/json".into(), body: robot.id.into_bytes() })

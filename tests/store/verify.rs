@@ -2,13 +2,16 @@
 
 use kincal::store::verify::{Options, verify};
 use kincal::store::{
-    Engine, MeasurementSetRow, NewApiKey, NewFrames, NewNetwork, PolicyRow, Store, api_keys, frames, leases, networks, policies,
+    Checked, Engine, Lease, MeasurementSetRow, NewApiKey, NewFrames, NewNetwork, NewParameterSet, ParameterSetRow, PolicyRow, Release,
+    Store, api_keys, frames, leases, networks, parameter_sets, policies,
 };
+use kincal::wire::canonical::sha256_hex;
 use sqlx::AssertSqlSafe;
 use std::time::Duration;
 
 use crate::engines::for_each_engine;
 use crate::fixtures::{a_candidate, a_job, a_robot, a_set, in_transaction};
+use crate::idempotency::{make_a_robot, scope};
 
 async fn broken(store: &Store) -> Vec<&'static str> {
     let checks = verify(store, &Options { is_served: true, ..Options::default() }).await.unwrap();
@@ -16,12 +19,59 @@ async fn broken(store: &Store) -> Vec<&'static str> {
     checks.into_iter().filter(|check| check.n_violations > 0).map(|check| check.id).collect()
 }
 
-/// Frames, a job with its report and a network, a policy, a key in force and one that is revoked: something of everything that may be edited.
-async fn something_of_everything(store: &Store, set: &MeasurementSetRow) {
+/// A job that a worker has.
+async fn a_running_job(store: &Store, set: &MeasurementSetRow) -> Lease {
+    a_job(store, set, "{}").await;
+    leases::claim(store, "worker_1", Duration::from_secs(60)).await.unwrap().unwrap()
+}
+
+/// A parameter set as a worker stores it.
+async fn an_identified_set(store: &Store, set: &MeasurementSetRow) -> ParameterSetRow {
+    let lease = a_running_job(store, set).await;
+    let new = NewParameterSet { body_json: "{}".into(), sha256: sha256_hex(b"{}") };
+    in_transaction(store, async |tx| {
+        leases::succeed(tx, &lease, r#"{"result_sha256":"r","version":"1"}"#, "{}", "r").await?;
+        parameter_sets::insert(tx, &lease.job_id, &new).await
+    })
+    .await
+}
+
+/// One parameter set each that is superseded, released and withdrawn.
+async fn a_history(store: &Store, set: &MeasurementSetRow) {
+    let mut active = None;
+    for _ in 0..2 {
+        let id = an_identified_set(store, set).await.id;
+        let release = Release {
+            id: id.clone(),
+            checked: Checked { active: active.replace(id), ..Checked::default() },
+            reason: "better".into(),
+            checks_json: r#"[{"passed":true}]"#.into(),
+            released_by: "key_1".into(),
+            evidence: "same_upload".into(),
+            uncertainty_mm: Some(0.1),
+        };
+        in_transaction(store, async |tx| {
+            tx.act_as("key_1");
+            parameter_sets::release(tx, &release).await
+        })
+        .await;
+    }
+    let candidate = an_identified_set(store, set).await;
+    in_transaction(store, async |tx| {
+        tx.act_as("key_1");
+        parameter_sets::withdraw(tx, &candidate.id, "no", "key_1").await
+    })
+    .await;
+}
+
+/// Frames, jobs with a report, with networks and with an error, parameter sets of every kind, a policy, an answer kept for its key, an API key
+/// in force and one that is revoked: something of everything that may be edited.
+pub async fn something_of_everything(store: &Store, set: &MeasurementSetRow) {
     let new = NewFrames { robot_id: set.robot_id.clone(), content_type: "text/csv".into(), body: vec![0], result_json: "{}".into() };
     in_transaction(store, async |tx| frames::insert(tx, &new).await).await;
-    a_job(store, set, "{}").await;
-    let lease = leases::claim(store, "worker_1", Duration::from_secs(60)).await.unwrap().unwrap();
+    let failed = a_running_job(store, set).await;
+    in_transaction(store, async |tx| leases::fail(tx, &failed, "{}").await).await;
+    let lease = a_running_job(store, set).await;
     let network = NewNetwork {
         model: "paper".into(),
         preset: "paper".into(),
@@ -31,13 +81,20 @@ async fn something_of_everything(store: &Store, set: &MeasurementSetRow) {
     };
     in_transaction(store, async |tx| {
         leases::succeed(tx, &lease, r#"{"result_sha256":"r","version":"1"}"#, "{}", "r").await?;
+        networks::insert_residual(tx, &lease.job_id, &network).await?;
         networks::insert(tx, &lease.job_id, &network).await
     })
     .await;
     let policy = PolicyRow { tolerance_mm: Some(0.1), independent_session_required: 1, second_person_required: 1, version: 0 };
     // Of another robot, so that it stands in the way of no release.
     let other = a_robot(store, "other").await;
-    in_transaction(store, async |tx| policies::put(tx, &other.id, &policy, "key_0").await).await;
+    in_transaction(store, async |tx| {
+        tx.act_as("key_0");
+        policies::put(tx, &other.id, &policy, "key_0").await
+    })
+    .await;
+    a_history(store, &a_set(store, &a_robot(store, "third").await).await).await;
+    store.create_idempotent(Some(&scope("k", "s")), make_a_robot).await.unwrap();
     let key = |hash: &str| NewApiKey { name: "n".into(), key_sha256: hash.into(), scopes_json: "[\"read\"]".into(), robots_json: None };
     let (first, second) = (key("00"), key("01"));
     in_transaction(store, async |tx| {
@@ -68,7 +125,7 @@ fn a_healthy_database_keeps_every_promise() {
 const FAULTS: &[(&str, &[&str])] = &[
     ("drop trigger measurement_set_stays; update measurement_set set body = x'00'", &["I1", "I9"]),
     ("drop trigger robot_stays; update robot set body_json = '[]'", &["I1", "I9"]),
-    ("delete from network; delete from parameter_set; delete from job", &["I1"]),
+    ("drop trigger parameter_set_is_kept; delete from network; delete from residual_network; delete from parameter_set; delete from job", &["I1"]),
     ("delete from network", &["I1"]),
     ("delete from api_key where revoked_at_ms is null", &["I1"]),
     ("update api_key set scopes_json = '[\"admin\"]'", &["I1"]),
@@ -100,17 +157,33 @@ const FAULTS: &[(&str, &[&str])] = &[
     ("update job set status = 'running', owner = 'gone', lease_until_ms = 1 where status = 'queued'", &["I3"]),
     ("drop index parameter_set_one_released", &["I9"]),
     (
-        "drop trigger parameter_set_checks; update parameter_set set status = 'released', released_at_ms = 1, release_checks_json = '[]'",
-        &["I7", "I9"],
+        "drop trigger parameter_set_checks; update parameter_set set status = 'released', released_at_ms = 1, release_checks_json = '[]'
+         where status = 'candidate'",
+        &["I1", "I7", "I9"],
     ),
     (
-        "drop trigger parameter_set_checks; update parameter_set set status = 'released', released_at_ms = 1, release_checks_json = '[{\"passed\":false}]'",
-        &["I7", "I9"],
+        "drop trigger parameter_set_checks; update parameter_set set status = 'released', released_at_ms = 1, release_checks_json = '[{\"passed\":false}]'
+         where status = 'candidate'",
+        &["I1", "I7", "I9"],
     ),
     (
-        "update parameter_set set status = 'released', released_at_ms = (select now_ms + 1000 from clock), release_checks_json = '[{\"passed\":true}]'",
-        &["I7"],
+        "update parameter_set set status = 'released', released_at_ms = (select now_ms + 1000 from clock), release_checks_json = '[{\"passed\":true}]'
+         where status = 'candidate'",
+        &["I1", "I7"],
     ),
+    ("drop trigger measurement_set_uploader_stays; update measurement_set set uploaded_by = 'key_0'", &["I1", "I9"]),
+    ("update parameter_set set released_by = 'key_0' where status = 'released'", &["I1"]),
+    ("update parameter_set set release_reason = 'other' where status = 'released'", &["I1"]),
+    ("update parameter_set set withdrawn_by = 'key_0' where status = 'withdrawn'", &["I1"]),
+    ("drop trigger parameter_set_stays; update parameter_set set sha256 = 'ff'", &["I1", "I9"]),
+    ("update job set measurement_set_id = (select max(id) from measurement_set) where status = 'succeeded'", &["I1"]),
+    ("update network set metadata_json = '[]'", &["I1"]),
+    ("update robot_policy set changed_by = 'key_9'", &["I1"]),
+    ("insert into robot_policy (robot_id, independent_session_required, second_person_required, version, changed_by, changed_at_ms)
+         select max(id), 0, 0, 1, 'key_0', 1 from robot", &["I1"]),
+    ("update idempotency set response_body = x'00'", &["I2"]),
+    ("update idempotency set response_body = 'text'", &["I2"]),
+    ("update idempotency set location = null", &["I2"]),
     ("drop trigger audit_entry_is_kept; delete from audit where event = 'robot_created'", &["I8", "I9"]),
 ];
 

@@ -4,15 +4,24 @@ use std::collections::BTreeMap;
 
 use super::{BATCH, Check, Options};
 use crate::store::audit::{self, AuditRow};
-use crate::store::{Result, Store};
+use crate::store::{Result, Store, idempotency};
 
 /// What the chain says, by the id of what it is about.
 pub(super) struct Chain {
     pub(super) check: Check,
     /// What is older has no entries.
     pub(super) begun_at_ms: i64,
-    /// Events of each subject in order, with their details.
-    pub(super) events: BTreeMap<String, Vec<(String, serde_json::Value)>>,
+    /// Entries about each subject, in order.
+    pub(super) events: BTreeMap<String, Vec<Entry>>,
+    /// The newest answer to each use of an Idempotency-Key that did something: hashes of both.
+    pub(super) answers: BTreeMap<String, String>,
+}
+
+/// What one entry says.
+pub(super) struct Entry {
+    pub(super) event: String,
+    pub(super) actor: String,
+    pub(super) detail: serde_json::Value,
 }
 
 /// Things that were made after the chain was begun and are not in it.
@@ -27,15 +36,25 @@ pub(super) const MISSING: &str = "
     order by id limit $2";
 
 impl Chain {
-    /// The details of one kind of event about one thing.
-    pub(super) fn details<'a>(&'a self, subject: &str, event: &'a str) -> impl Iterator<Item = &'a serde_json::Value> {
-        let events = self.events.get(subject).map_or(&[][..], Vec::as_slice);
-        events.iter().filter(move |(name, _)| name == event).map(|(_, detail)| detail)
+    /// The entries of one kind about one thing.
+    pub(super) fn entries<'a>(&'a self, subject: &str, event: &'a str) -> impl DoubleEndedIterator<Item = &'a Entry> {
+        let entries = self.events.get(subject).map_or(&[][..], Vec::as_slice);
+        entries.iter().filter(move |entry| entry.event == event)
     }
 
-    /// What the newest event of this kind says in one field.
+    /// The newest of them.
+    pub(super) fn newest<'a>(&'a self, subject: &str, event: &'a str) -> Option<&'a Entry> {
+        self.entries(subject, event).next_back()
+    }
+
+    /// What the newest entry of this kind says in one field.
     pub(super) fn says(&self, subject: &str, event: &str, field: &str) -> Option<String> {
-        self.details(subject, event).last()?.get(field)?.as_str().map(str::to_owned)
+        self.newest(subject, event)?.detail.get(field)?.as_str().map(str::to_owned)
+    }
+
+    /// Whether all that happened to this has entries.
+    pub(super) fn was_created(&self, subject: &str) -> bool {
+        self.events.get(subject).is_some_and(|entries| entries.iter().any(|entry| entry.event.ends_with("_created")))
     }
 }
 
@@ -43,6 +62,7 @@ pub(super) async fn read(store: &Store, options: &Options) -> Result<Chain> {
     let head = audit::head(store).await?;
     let mut check = Check::new("I8", "the audit chain holds: nothing in it was edited, deleted or moved");
     let mut events: BTreeMap<String, Vec<_>> = BTreeMap::new();
+    let mut answers = BTreeMap::new();
     let (mut seq, mut sha256) = (0, String::new());
     let mut known = options.known_head.clone();
     loop {
@@ -52,8 +72,11 @@ pub(super) async fn read(store: &Store, options: &Options) -> Result<Chain> {
             look_at(&mut check, &row, seq, &sha256);
             known = known.filter(|(n, hash)| (*n, hash) != (row.seq, &row.sha256));
             (seq, sha256) = (row.seq, row.sha256.clone());
-            let detail = serde_json::from_str(&row.detail_json).unwrap_or_default();
-            events.entry(row.subject).or_default().push((row.event, detail));
+            let detail: serde_json::Value = serde_json::from_str(&row.detail_json).unwrap_or_default();
+            if let Some((request, answer)) = idempotency::answer_noted(&detail) {
+                answers.insert(request, answer);
+            }
+            events.entry(row.subject).or_default().push(Entry { event: row.event, actor: row.actor, detail });
         }
         debug_assert_eq!(seq, last);
     }
@@ -66,7 +89,7 @@ pub(super) async fn read(store: &Store, options: &Options) -> Result<Chain> {
     let missing: Vec<String> =
         sqlx::query_scalar(MISSING).bind(head.begun_at_ms).bind(super::MAX_LISTED as i64).fetch_all(store.pool()).await?;
     missing.into_iter().for_each(|id| check.violated(format!("{id} was made, but no entry says so")));
-    Ok(Chain { check, begun_at_ms: head.begun_at_ms, events })
+    Ok(Chain { check, begun_at_ms: head.begun_at_ms, events, answers })
 }
 
 fn look_at(check: &mut Check, row: &AuditRow, seq_before: i64, sha256_before: &str) {

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use super::chain::Chain;
 use super::{BATCH, Check, Options, rules};
+use crate::store::idempotency::{self, Answered, IdempotencyScope};
 use crate::store::{Result, Store};
 use crate::wire::canonical::sha256_hex;
 
@@ -11,20 +12,17 @@ pub(super) const SETS: &str = "select id, sha256, body from measurement_set wher
 pub(super) const FRAMES: &str = "select id, cast('' as text), body from frames where id > $1 order by id limit $2";
 pub(super) const NETWORKS: &str = "select id, cast('' as text), weights from network where id > $1 order by id limit $2";
 pub(super) const RESIDUAL_NETWORKS: &str = "select id, cast('' as text), weights from residual_network where id > $1 order by id limit $2";
-pub(super) const ROBOTS: &str = "select id, body_json from robot where id > $1 order by id limit $2";
-pub(super) const PARAMETER_SETS: &str = "select id, body_json from parameter_set where id > $1 order by id limit $2";
-pub(super) const REQUESTS: &str = "select id, request_json from job where id > $1 order by id limit $2";
 pub(super) const REPORTS: &str = "select id, report_json from job where status = 'succeeded' and id > $1 order by id limit $2";
 pub(super) const CONVERGENCES: &str = "
     select id, coalesce(convergence_json, '') from job where status = 'succeeded' and id > $1 order by id limit $2";
-pub(super) const FOUND_FRAMES: &str = "select id, result_json from frames where id > $1 order by id limit $2";
 pub(super) const JOBS: &str = "
     select id, robot_id, measurement_set_id, coalesce(verify_set_id, ''), coalesce(frames_id, ''), coalesce(network_input_id, ''),
         coalesce(residual_network_input_id, ''), coalesce(parameter_set_input_id, ''), request_json, report_json, coalesce(result_sha256, '')
     from job where status = 'succeeded' and id > $1 order by id limit $2";
 pub(super) const ANSWERS: &str = "
-    select key_holder, method, path, idempotency_key, status, location from idempotency
-    order by key_holder, method, path, idempotency_key";
+    select key_holder, method, path, idempotency_key, request_sha256, status, location, content_type, response_body from idempotency
+    where (key_holder, method, path, idempotency_key) > ($1, $2, $3, $4)
+    order by key_holder, method, path, idempotency_key limit $5";
 pub(super) const SUBJECT_SET: &str = "select count(*) from measurement_set where id = $1";
 pub(super) const SUBJECT_FRAMES: &str = "select count(*) from frames where id = $1";
 pub(super) const SUBJECT_ROBOT: &str = "select count(*) from robot where id = $1";
@@ -73,14 +71,7 @@ pub(super) async fn uploads_read_back(store: &Store, chain: &Chain) -> Result<Ch
             }
         }
     }
-    let documents = [
-        (ROBOTS, "robot_created", "sha256"),
-        (PARAMETER_SETS, "parameter_set_created", "body_sha256"),
-        (FOUND_FRAMES, "frames_created", "result_sha256"),
-        (REQUESTS, "job_created", "request_sha256"),
-        (REPORTS, "job_succeeded", "report_sha256"),
-        (CONVERGENCES, "job_succeeded", "convergence_sha256"),
-    ];
+    let documents = [(REPORTS, "job_succeeded", "report_sha256"), (CONVERGENCES, "job_succeeded", "convergence_sha256")];
     for (query, event, field) in documents {
         let mut after = String::new();
         loop {
@@ -108,8 +99,8 @@ fn noted(check: &mut Check, chain: &Chain, id: &str, event: &str, field: &str, n
 
 /// Everything that the chain says was made is there.
 async fn lost(check: &mut Check, store: &Store, chain: &Chain) -> Result<()> {
-    for (id, events) in &chain.events {
-        if events.iter().any(|(event, _)| event.ends_with("_created")) && !is_there(store, id).await? {
+    for id in chain.events.keys() {
+        if chain.was_created(id) && !is_there(store, id).await? {
             check.violated(format!("{id} was acknowledged and is gone"));
         }
     }
@@ -131,22 +122,32 @@ async fn is_there(store: &Store, id: &str) -> Result<bool> {
     Ok(n == 1)
 }
 
-type Answered = (String, String, String, String, Option<i64>, Option<String>);
-
-/// I2: a key's answer and its effect were one transaction.
-pub(super) async fn answers_have_effects(store: &Store) -> Result<Check> {
+/// I2: a key's answer and its effect were one transaction. That an answer is gone cannot be told: after a week they are forgotten.
+pub(super) async fn answers_have_effects(store: &Store, chain: &Chain) -> Result<Check> {
     let mut check = Check::new("I2", "a request happened wholly or not at all, and once per Idempotency-Key");
-    let rows: Vec<Answered> = sqlx::query_as(ANSWERS).fetch_all(store.pool()).await?;
-    for (_, method, path, key, status, location) in rows {
-        check.n_examined += 1;
-        check.require(status.is_some(), || format!("{method} {path} with key {key:?} was begun and never answered"));
-        if let Some(id) = location.as_deref().and_then(|location| location.rsplit('/').next()) {
-            check.require(is_there(store, id).await?, || {
-                format!("{method} {path} with key {key:?} was answered with {id}, which is not there")
-            });
+    let mut after = IdempotencyScope::default();
+    loop {
+        let query = sqlx::query_as(ANSWERS).bind(&after.holder).bind(&after.method).bind(&after.path).bind(&after.key).bind(BATCH);
+        let rows: Vec<Answered> = query.fetch_all(store.pool()).await?;
+        let Some(last) = rows.last() else { return Ok(check) };
+        after = last.scope.clone();
+        for Answered { scope, answer } in rows {
+            check.n_examined += 1;
+            let IdempotencyScope { method, path, key, .. } = &scope;
+            let Some(answer) = answer else {
+                check.violated(format!("{method} {path} with key {key:?} was begun and never answered"));
+                continue;
+            };
+            let (request, now) = idempotency::hashes(&scope, &answer);
+            let is_as_given = chain.answers.get(&request).is_none_or(|then| *then == now);
+            check.require(is_as_given, || format!("{method} {path} with key {key:?} was answered otherwise"));
+            if let Some(id) = answer.location.as_deref().and_then(|location| location.rsplit('/').next()) {
+                check.require(is_there(store, id).await?, || {
+                    format!("{method} {path} with key {key:?} was answered with {id}, which is not there")
+                });
+            }
         }
     }
-    Ok(check)
 }
 
 /// I3: one end per job in the chain, none before the end; nobody holds a job past its lease.
@@ -159,7 +160,7 @@ pub(super) async fn jobs_end_once(store: &Store, chain: &Chain, options: &Option
         after.clone_from(&last.0);
         for (id, status, created_at_ms, n_sets) in rows {
             check.n_examined += 1;
-            let ended = |event: &'static str| chain.details(&id, event).count();
+            let ended = |event: &'static str| chain.entries(&id, event).count();
             let ends = [("succeeded", ended("job_succeeded")), ("failed", ended("job_failed")), ("cancelled", ended("job_cancelled"))];
             let n_ends: usize = ends.iter().map(|(_, n)| n).sum();
             let is_over = ends.iter().any(|(end, _)| *end == status);

@@ -1,68 +1,90 @@
-//! Of I1: who may do what, and what robots ask of a release, are as the newest entry in the chain says.
+//! Of I1: rows are as the newest entries about them say: who did what, to what it refers, what robots ask of a release.
 
 use std::collections::BTreeSet;
 
-use serde_json::json;
-
-use super::Check;
 use super::chain::Chain;
-use crate::store::policies::ABSENT;
-use crate::store::{Result, Store};
+use super::{BATCH, Check};
+use crate::store::audit::{Noted, Said};
+use crate::store::jobs::Posted;
+use crate::store::parameter_sets::{self, ParameterSetRow};
+use crate::store::policies::{self, Set};
+use crate::store::{ApiKeyRow, FramesRow, MeasurementSetRow, NetworkRow, Result, RobotRow, Store};
+use crate::wire::canonical;
 
-pub(super) const POLICIES: &str = "
-    select robot_id, coalesce(tolerance_mm, cast(-1 as double precision)), independent_session_required, second_person_required, version,
-        changed_at_ms
-    from robot_policy order by robot_id";
-pub(super) const KEYS: &str = "
-    select id, name, key_sha256, scopes_json, robots_json, cast(case when revoked_at_ms is null then 0 else 1 end as bigint) from api_key order by id";
+/// The entries that move a parameter set, and where to.
+const LIFE: &[(&str, &str)] = &[
+    (parameter_sets::CREATED, "candidate"),
+    (parameter_sets::RELEASED, "released"),
+    (parameter_sets::SUPERSEDED, "superseded"),
+    (parameter_sets::WITHDRAWN, "withdrawn"),
+];
 
-type PolicyFound = (String, f64, i64, i64, i64, i64);
-type KeyFound = (String, String, String, String, Option<String>, i64);
-
-/// Keys and policies are rows that may change, each time with an entry.
+/// Every kind of row of which the chain tells.
 pub(super) async fn are_as_noted(check: &mut Check, store: &Store, chain: &Chain) -> Result<()> {
-    policies(check, store, chain).await?;
-    keys(check, store, chain).await
-}
-
-async fn policies(check: &mut Check, store: &Store, chain: &Chain) -> Result<()> {
-    let rows: Vec<PolicyFound> = sqlx::query_as(POLICIES).fetch_all(store.pool()).await?;
+    each(check, store, chain, |_, _: &RobotRow| ()).await?;
+    each(check, store, chain, |_, _: &MeasurementSetRow| ()).await?;
+    each(check, store, chain, |_, _: &FramesRow| ()).await?;
+    each(check, store, chain, |_, _: &Posted| ()).await?;
+    each(check, store, chain, |_, _: &NetworkRow| ()).await?;
+    each(check, store, chain, |_, _: &ApiKeyRow| ()).await?;
+    each(check, store, chain, |check, row| parameter_set(check, chain, row)).await?;
     let mut found = BTreeSet::new();
-    for (robot_id, tolerance_mm, independent, second, version, changed_at_ms) in rows {
-        check.n_examined += 1;
-        let tolerance_mm = (tolerance_mm != ABSENT).then_some(tolerance_mm);
-        let now = json!({"tolerance_mm": tolerance_mm, "independent_session_required": independent == 1,
-            "second_person_required": second == 1, "version": version});
-        let is_noted = match chain.details(&robot_id, "robot_policy_changed").last() {
-            Some(then) => *then == now,
-            None => changed_at_ms <= chain.begun_at_ms,
-        };
-        check.require(is_noted, || format!("{robot_id}: its policy is not the one that was set last"));
-        found.insert(robot_id);
-    }
+    let is_there = |_: &mut Check, row: &Set| {
+        found.insert(row.subject().to_owned());
+    };
+    each(check, store, chain, is_there).await?;
     for id in chain.events.keys() {
-        let was_set = chain.details(id, "robot_policy_changed").next().is_some();
+        let was_set = chain.newest(id, policies::CHANGED).is_some();
         check.require(!was_set || found.contains(id), || format!("{id}: its policy was acknowledged and is gone"));
     }
     Ok(())
 }
 
-async fn keys(check: &mut Check, store: &Store, chain: &Chain) -> Result<()> {
-    let rows: Vec<KeyFound> = sqlx::query_as(KEYS).fetch_all(store.pool()).await?;
-    for (id, name, key_sha256, scopes, robots, is_revoked) in rows {
-        check.n_examined += 1;
-        let Some(then) = chain.details(&id, "key_created").last() else { continue };
-        let now = json!({"name": name, "scopes": scopes, "robots": robots, "key_sha256": key_sha256});
-        // Older entries lack some of the fields.
-        let differs = now.as_object().into_iter().flatten().find(|(field, now)| then.get(*field).is_some_and(|then| then != *now));
-        check.require(differs.is_none(), || {
-            format!("{id}: its {} is not what it was made with", differs.map_or("", |(field, _)| field.as_str()))
-        });
-        let was_revoked = chain.details(&id, "key_revoked").next().is_some();
-        check.require(was_revoked == (is_revoked == 1), || match was_revoked {
-            true => format!("{id}: it was revoked and is in force"),
-            false => format!("{id}: it is revoked, and no entry says so"),
-        });
+/// Compares all rows of a kind with their entries, and has `look` see each.
+async fn each<T: Noted>(check: &mut Check, store: &Store, chain: &Chain, mut look: impl FnMut(&mut Check, &T)) -> Result<()> {
+    let mut after = String::new();
+    loop {
+        let rows: Vec<T> = sqlx::query_as(T::EACH).bind(&after).bind(BATCH).fetch_all(store.pool()).await?;
+        let Some(last) = rows.last() else { return Ok(()) };
+        last.subject().clone_into(&mut after);
+        for row in &rows {
+            check.n_examined += 1;
+            row.said().iter().for_each(|said| compare(check, chain, row.subject(), said));
+            look(check, row);
+        }
     }
-    Ok(())
+}
+
+/// A field that the entry does not have is not looked at: older entries lack some.
+fn compare(check: &mut Check, chain: &Chain, id: &str, said: &Said) {
+    let Said { event, now, by } = said;
+    match (chain.newest(id, event), now) {
+        (Some(then), Some((_, now))) => {
+            for (field, now) in now.as_object().into_iter().flatten() {
+                let is_so = match then.detail.get(field) {
+                    Some(then) => then == now,
+                    None => *by != Some(field.as_str()) || *now == *then.actor,
+                };
+                check.require(is_so, || format!("{id}: its {field} is not what {event} says in the audit chain"));
+            }
+        }
+        (Some(_), None) => check.violated(format!("{id}: {event} is in the audit chain, and no longer so")),
+        // What was made without an entry is for I8 to tell.
+        (None, Some((at_ms, _))) if !event.ends_with("_created") => {
+            let is_older = *at_ms <= chain.begun_at_ms && !chain.was_created(id);
+            check.require(is_older, || format!("{id}: {event} is not in the audit chain"));
+        }
+        (None, _) => {}
+    }
+}
+
+fn parameter_set(check: &mut Check, chain: &Chain, row: &ParameterSetRow) {
+    let content: Option<serde_json::Value> = serde_json::from_str(&row.body_json).ok();
+    let sha256 = content.and_then(|content| canonical::sha256_of(&content).ok());
+    check.require(sha256.as_deref() == Some(row.sha256.as_str()), || format!("{}: its content is not that of its hash", row.id));
+    let entries = chain.events.get(&row.id).map_or(&[][..], Vec::as_slice);
+    let then = entries.iter().rev().find_map(|entry| LIFE.iter().find(|(event, _)| *event == entry.event));
+    if let Some((_, then)) = then {
+        check.require(*then == row.status.as_str(), || format!("{} is {}, the audit chain says {then}", row.id, row.status.as_str()));
+    }
 }
