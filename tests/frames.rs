@@ -93,6 +93,24 @@ fn without(set: &MeasurementSet, keep: impl Fn(&Point) -> bool) -> MeasurementSe
 }
 
 #[test]
+fn sweeps_that_the_nominal_robot_does_not_come_near_are_refused() {
+    let (robot, set) = (paper_robot(), sweeps());
+    type Change = fn(&Vector3<f64>) -> Vector3<f64>;
+    let changes: [(&str, Change); 4] = [
+        ("metres", |p| p / 1000.0),
+        ("mirrored", |p| Vector3::new(p.x, p.y, -p.z)),
+        ("a scale of 1.05", |p| p * 1.05),
+        ("axes exchanged", |p| Vector3::new(p.y, p.x, p.z)),
+    ];
+    for (what, change) in changes {
+        let mut set = set.clone();
+        set.points.iter_mut().for_each(|p| p.position_mm = change(&p.position_mm));
+        let refused = preliminary_frames(&robot, &set).unwrap_err();
+        assert_eq!(refused.code(), "far_from_nominal", "{what}: {refused}");
+    }
+}
+
+#[test]
 fn unusable_sweeps_are_refused_with_their_reason() {
     let (robot, set) = (paper_robot(), sweeps());
     let code = |robot: &Robot, set: &MeasurementSet| preliminary_frames(robot, set).unwrap_err().code();

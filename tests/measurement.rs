@@ -42,6 +42,16 @@ fn byte_order_mark_crlf_blank_ends_and_quotes_are_accepted() {
 }
 
 #[test]
+fn a_label_is_there_in_every_row_or_in_none() {
+    for column in ["station", "session", "configuration", "measured_at"] {
+        let issues = two_joints(&format!("{HEADER},{column}\n1,2,3,4,5,a\n1,3,3,4,5,\n")).unwrap_err().issues;
+        let found: Vec<_> = issues.iter().map(|issue| (issue.row, issue.column.as_deref(), issue.code)).collect();
+        assert_eq!(found, [(Some(1), Some(column), "empty_cell")]);
+        assert!(issues[0].detail.contains("leave the column out"), "{}", issues[0].detail);
+    }
+}
+
+#[test]
 fn every_optional_column_is_kept() {
     let text = "q1_deg,q2_deg,x_mm,y_mm,z_mm,configuration,target,subset,measured_at,std_mm,station,session,sequence,temperature_c,sweep_joint\n\
                 1,2,3,4,5,c7,2,verify,2026-03-01T10:00:00Z,0.02,s1,morning,17,21.5,2\n";

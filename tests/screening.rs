@@ -9,10 +9,10 @@ mod simulation;
 use data::paper_robot;
 use kincal::calibration::report::Warning;
 use kincal::calibration::request::Loss;
-use kincal::calibration::{CalibrationReport, CalibrationRequest, Method, calibrate};
+use kincal::calibration::{CalibrationReport, CalibrationRequest, Error, Method, calibrate, check};
 use kincal::identification::KinematicModel;
 use kincal::kinematics::Robot;
-use kincal::measurement::{MeasurementSet, Subset};
+use kincal::measurement::{Frame, MeasurementSet, Subset};
 use nalgebra::{Rotation3, Vector3};
 use rand::RngExt;
 use simulation::{Campaign, Normal, limited, measure, poses, true_robot};
@@ -290,7 +290,8 @@ fn a_tripod_that_was_pushed_is_found_at_its_row() {
 #[test]
 fn stations_are_carried_into_one_frame() {
     let (robot, _, mut set, _) = campaign(60, CAMPAIGN);
-    let one = run(&CalibrationRequest::new(robot.clone(), set.clone())).verify.unwrap().after.rms_mm;
+    let still = run(&CalibrationRequest::new(robot.clone(), set.clone()));
+    let one = still.verify.unwrap().after.rms_mm;
     let turn = Rotation3::new(Vector3::new(0.3, -0.2, 2.0));
     for (row, p) in set.points.iter_mut().enumerate() {
         p.station = Some(if row < 35 { "door" } else { "window" }.into());
@@ -302,6 +303,46 @@ fn stations_are_carried_into_one_frame() {
     assert!(report.warnings.iter().all(|w| !w.code.ends_with("_moved")), "{:?}", report.warnings);
     let rms = report.verify.unwrap().after.rms_mm;
     assert!(rms < 1.25 * one, "{rms} against {one}");
+    let (base, as_last) = (report.t_instrument_base.translation.vector, still.t_instrument_base.translation.vector);
+    assert!((base - as_last).norm() < 1.0, "as the last station sees it, which is where the instrument stood alone: {base:?}, {as_last:?}");
+}
+
+#[test]
+fn a_tenth_of_the_points_wild_by_up_to_a_metre_is_no_reason_to_look_for_another_robot() {
+    for seed in 200..212 {
+        let (robot, truth, mut set, mut random) = campaign(seed, CAMPAIGN);
+        for point in set.points.iter_mut().filter(|_| random.0.random::<f64>() < 0.1).collect::<Vec<_>>() {
+            point.position_mm += random.vector().normalize() * random.0.random_range(20.0..1000.0);
+        }
+        let report = run(&CalibrationRequest::new(robot, set));
+        assert!(report.method_reason.contains("it converges"), "robot {seed}: {}", report.method_reason);
+        for (i, (found, real)) in report.links.iter().zip(&truth.links).enumerate() {
+            let off = (found.theta_offset_rad - real.theta_offset_rad).to_degrees();
+            assert!(off.abs() < 45.0, "robot {seed}, joint {}: another branch, {off} degrees off", i + 1);
+        }
+    }
+}
+
+#[test]
+fn a_set_that_rests_on_a_station_of_few_points_is_refused() {
+    let (robot, _, set, _) = campaign(61, CAMPAIGN);
+    for (frame, n_first, is_enough) in
+        [(Frame::Instrument, 56, false), (Frame::Instrument, 30, true), (Frame::Base, 3, false), (Frame::Base, 30, true)]
+    {
+        let mut set = set.clone();
+        set.frame = frame;
+        for (row, p) in set.points.iter_mut().enumerate() {
+            p.station = Some(if row < n_first { "door" } else { "window" }.into());
+        }
+        let checked = check(&CalibrationRequest::new(robot.clone(), set));
+        match is_enough {
+            true => assert_eq!(checked, Ok(()), "{frame:?}"),
+            false => assert!(
+                matches!(&checked, Err(Error::Unusable { code: "under_determined", detail }) if detail.contains("station")),
+                "{checked:?}"
+            ),
+        }
+    }
 }
 
 #[test]

@@ -27,7 +27,7 @@ pub struct Arrangement {
     /// Carries each set-up's positions into the frame of the set-up that all rest on.
     pub motions: Vec<IsometryMatrix3<f64>>,
     /// All rest on the last set-up, as it stands now; where the base is known, on the first, which it is known for.
-    rests_on_last: bool,
+    pub rests_on_last: bool,
     n_targets: usize,
 }
 

@@ -1,5 +1,6 @@
 //! What can be said about a request before anything is computed.
 
+use crate::calibration::arrangement::Arrangement;
 use crate::calibration::identify::nominal_model;
 use crate::calibration::observe::{free_parameters, observe};
 use crate::calibration::request::{CalibrationRequest, Method, Model, VerifySource};
@@ -25,6 +26,8 @@ const MORE_POSES: usize = 10;
 const ZERO: f64 = 1e-9;
 /// Most evaluations of one particle at one point that a job may ask of the swarm: some minutes of one core.
 const MAX_POINT_EVALUATIONS: usize = 100_000_000_000;
+/// Configurations to identify from that the station needs on which all rest.
+const FEWEST_AT_REST: usize = 6;
 /// Positions of three and more points on a rigid flange fix six numbers, however many points there are.
 const EQUATIONS_PER_CONFIGURATION: usize = 6;
 
@@ -43,6 +46,7 @@ pub fn check(request: &CalibrationRequest) -> Result<(), Error> {
     let identify = observed.of(Subset::Identify);
     check_targets(request, &identify, n_targets)?;
     check_determined(request, &identify, &parameters)?;
+    check_stations(request, &observed.subsets)?;
     check_work(request, identify.len())?;
     check_search_box(request, &identify, &parameters)?;
     match &request.verify {
@@ -129,6 +133,26 @@ fn check_determined(request: &CalibrationRequest, identify: &[Observation], para
         return Err(unusable("under_determined", detail));
     }
     Ok(())
+}
+
+/// Refuses sets that rest on a station which hardly stands: what its base is off by goes into every link, and shows at no point.
+fn check_stations(request: &CalibrationRequest, subsets: &[Subset]) -> Result<(), Error> {
+    let arrangement = Arrangement::of(request);
+    let resting = arrangement.resting();
+    let is_fitted = |point: &usize| arrangement.setups[*point] == resting && subsets[*point] == Subset::Identify;
+    let fitted = (0..subsets.len()).filter(is_fitted).map(|point| request.set.points[point].configuration.as_str());
+    let n = fitted.collect::<BTreeSet<_>>().len();
+    if arrangement.motions.len() < 2 || n >= FEWEST_AT_REST {
+        return Ok(());
+    }
+    let (place, frame) = if arrangement.rests_on_last { ("last", "the instrument") } else { ("first", "the base") };
+    let station =
+        arrangement.setups.iter().position(|setup| *setup == resting).and_then(|point| request.set.points[point].station.as_deref());
+    let detail = format!(
+        "positions of all stations are brought into the frame of {frame} as the {place} station, {:?}, has it, and that one has {n} configurations to          identify from; it takes {FEWEST_AT_REST}: measure more there, or leave its rows out",
+        station.unwrap_or("")
+    );
+    Err(unusable("under_determined", detail))
 }
 
 /// Particles, iterations and points each have their limit; so has their product.

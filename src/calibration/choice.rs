@@ -46,7 +46,11 @@ fn by_evidence(problem: &Problem<'_>) -> Choice {
 
 /// What is said where least squares from nominal converges does not depend on whether there is a network: neither does the result.
 fn evidence(best: &BestStart) -> (Method, String) {
-    let from_nominal = format!("least squares from nominal ended with half of the points within {:.3} mm", best.from_nominal_mm);
+    let left_out = if best.is_pulled_away { ", the quarter of them left out that fits worst" } else { "" };
+    let from_nominal = format!("least squares from nominal ended with half of the points within {:.3} mm{left_out}", best.from_nominal_mm);
+    if best.from_nominal_mm <= FOUND_MM && best.is_pulled_away {
+        return (Method::LeastSquares, format!("{from_nominal}: from there it converges. Look for wild points"));
+    }
     if best.from_nominal_mm <= FOUND_MM {
         return (Method::LeastSquares, format!("{from_nominal}: it converges, in a few steps and to the same answer every time"));
     }

@@ -38,6 +38,13 @@ pub struct SubsetErrors {
     pub corrected: Option<Errors>,
 }
 
+impl SubsetErrors {
+    /// Of the links alone or with corrections, whichever are larger: either may move the robot.
+    pub fn worse(&self) -> Errors {
+        self.corrected.filter(|corrected| corrected.rms_mm > self.after.rms_mm).unwrap_or(self.after)
+    }
+}
+
 /// One point's error before and after.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PointErrors {

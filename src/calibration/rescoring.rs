@@ -5,7 +5,6 @@ use crate::calibration::report::Errors;
 use crate::calibration::request::{CalibrationRequest, VerifySource};
 use crate::calibration::verify::verify;
 use crate::calibration::{Error, unusable};
-use crate::identification::KinematicModel;
 use crate::identification::corrected::IdentifiedRobot;
 use crate::measurement::{MeasurementSet, Subset};
 use std::ops::ControlFlow;
@@ -23,12 +22,13 @@ pub fn verify_points_of(request: &CalibrationRequest) -> Result<MeasurementSet, 
     Ok(MeasurementSet { frame: request.set.frame, points: kept.map(|(point, _)| point.clone()).collect() })
 }
 
-/// Errors of a model on all points of `set`, base and targets placed anew as [`verify`] does it.
+/// Errors of a robot on all points of `set`, base and targets placed anew as [`verify`] does it: of links alone or with corrections,
+/// whichever are larger.
 ///
 /// # Errors
 /// As [`verify`].
-pub fn score(request: &CalibrationRequest, set: &MeasurementSet, model: &KinematicModel) -> Result<Errors, Error> {
+pub fn score(request: &CalibrationRequest, set: &MeasurementSet, robot: &IdentifiedRobot) -> Result<Errors, Error> {
     let request = CalibrationRequest { set: set.clone(), verify: VerifySource::Default, ..request.clone() };
-    let report = verify(&request, Some(&IdentifiedRobot::of_links(model.clone())), &mut |_| ControlFlow::Continue(()))?;
-    report.verify.map(|verify| verify.after).ok_or_else(|| unusable("under_determined", "there are no points to verify on"))
+    let report = verify(&request, Some(robot), &mut |_| ControlFlow::Continue(()))?;
+    report.verify.map(|verify| verify.worse()).ok_or_else(|| unusable("under_determined", "there are no points to verify on"))
 }

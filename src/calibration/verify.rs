@@ -13,9 +13,9 @@ use crate::calibration::{Error, Event, Monitor, unusable};
 use crate::identification::KinematicModel;
 use crate::identification::corrected::IdentifiedRobot;
 use crate::identification::objective::{Observation, cost};
-use crate::measurement::{Frame, MeasurementSet, Point};
+use crate::measurement::set::n_shared_points;
+use crate::measurement::{Frame, MeasurementSet};
 use nalgebra::IsometryMatrix3;
-use std::collections::BTreeSet;
 
 /// Fewer equations for each number that is refitted are refused: with as many equations as numbers every robot fits.
 const EQUATIONS_PER_REFITTED: usize = 2;
@@ -54,9 +54,7 @@ pub fn check_verify(request: &CalibrationRequest, identified: Option<&KinematicM
 /// # Errors
 /// [`Error::Unusable`] with code `under_determined` or `verify_overlaps_identify`.
 pub fn check_verify_set(request: &CalibrationRequest, set: &MeasurementSet) -> Result<(), Error> {
-    let key = |p: &Point| (p.q_rad.iter().map(|q| q.to_bits()).collect::<Vec<_>>(), p.position_mm.map(f64::to_bits).data.0);
-    let fitted: BTreeSet<_> = request.set.points.iter().map(key).collect();
-    let n_same = set.points.iter().filter(|p| fitted.contains(&key(p))).count();
+    let n_same = n_shared_points(&request.set, set);
     if MAX_SHARED * n_same > set.points.len() {
         let detail = format!(
             "{n_same} of the verify set's {} points are in the set to identify from as well, joints and positions: that proves nothing. Upload \
@@ -210,7 +208,7 @@ fn report(request: &CalibrationRequest, is_identified: bool, scored: Scored, ver
 
 /// In one sentence.
 fn verdict(is_identified: bool, verify: &SubsetErrors) -> String {
-    let (before, after) = (verify.before.rms_mm, verify.after.rms_mm);
+    let (before, after) = (verify.before.rms_mm, verify.worse().rms_mm);
     match (is_identified, after < before) {
         (false, _) => format!(
             "nothing was identified: the nominal robot was scored, {before:.4} mm rms; no parameter set was named and none is released"
@@ -226,7 +224,7 @@ fn verdict(is_identified: bool, verify: &SubsetErrors) -> String {
 
 fn warnings(is_identified: bool, scored: &Scored, verify: &SubsetErrors) -> Vec<Warning> {
     let mut warnings = Vec::new();
-    let (before, after) = (verify.before.rms_mm, verify.after.rms_mm);
+    let (before, after) = (verify.before.rms_mm, verify.worse().rms_mm);
     if is_identified && after >= before {
         let detail = format!(
             "on these points the calibrated robot ({after:.4} mm rms) is no better than the nominal one ({before:.4} mm rms): do not use it"

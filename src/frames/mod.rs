@@ -6,8 +6,9 @@ pub mod sweep;
 pub mod tool_frame;
 
 use crate::kinematics::Robot;
-use crate::measurement::MeasurementSet;
-use nalgebra::{IsometryMatrix3, Vector3};
+use crate::kinematics::forward::forward_kinematics;
+use crate::measurement::{MeasurementSet, Point};
+use nalgebra::{IsometryMatrix3, Point3, Vector3};
 use std::collections::BTreeSet;
 
 /// A circle fitted to one sweep.
@@ -120,6 +121,17 @@ pub enum Error {
         /// Angle between them, degrees.
         angle_deg: f64,
     },
+    /// The robot does not come near its sweeps, base and tool placed by them.
+    #[error(
+        "the points lie {rms_mm:.1} mm rms from where the nominal robot would be with the base and the tool found from them, at most {limit_mm} mm are \
+         allowed: check the unit and the axes of the positions, the mastering of the joints, and that it is this robot"
+    )]
+    FarFromNominal {
+        /// Root mean square distance, mm.
+        rms_mm: f64,
+        /// The limit, mm.
+        limit_mm: f64,
+    },
     /// The tool sweep says nothing about z_t.
     #[error("the sweep of joint {joint} cannot show the target's distance from the flange")]
     ToolNotVisible {
@@ -142,6 +154,7 @@ impl Error {
             Self::SeveralTargets { .. } => "several_targets",
             Self::ArcMismatch { .. } => "arc_mismatch",
             Self::ParallelAxes { .. } => "parallel_axes",
+            Self::FarFromNominal { .. } => "far_from_nominal",
             Self::ToolNotVisible { .. } => "tool_not_visible",
         }
     }
@@ -165,5 +178,30 @@ pub fn preliminary_frames(robot: &Robot, sweeps: &MeasurementSet) -> Result<Prel
     let sweep_tool = sweep::fit_sweep(robot, sweeps, n_joints - 1)?;
     let t_instrument_base = base_frame::base_frame(robot, &sweep_1, &sweep_2)?;
     let z_tool_mm = tool_frame::z_tool_mm(robot, &sweep_tool)?;
+    let swept = sweeps.points.iter().filter(|p| p.sweep_joint.is_some_and(|joint| [1, 2, n_joints - 1].contains(&joint)));
+    let rms_mm = rms_from_nominal_mm(robot, swept, &t_instrument_base, z_tool_mm);
+    if rms_mm.is_nan() || rms_mm > NEAR_MM {
+        return Err(Error::FarFromNominal { rms_mm, limit_mm: NEAR_MM });
+    }
     Ok(PreliminaryFrames { t_instrument_base, z_tool_mm, circles: vec![sweep_1.circle, sweep_2.circle, sweep_tool.circle] })
+}
+
+/// How far points may lie from where the nominal robot would be, rms, mm: several times what robots are off, and far below what a wrong unit,
+/// axis or robot does.
+const NEAR_MM: f64 = 20.0;
+
+fn rms_from_nominal_mm<'a>(
+    robot: &Robot,
+    points: impl Iterator<Item = &'a Point>,
+    t_instrument_base: &IsometryMatrix3<f64>,
+    z_tool_mm: f64,
+) -> f64 {
+    let target = Vector3::new(0.0, 0.0, z_tool_mm);
+    let squares: Vec<f64> = points
+        .map(|p| {
+            let p_base_target = forward_kinematics(&robot.links, &robot.q_model_rad(&p.q_rad), &target);
+            (t_instrument_base * Point3::from(p_base_target) - Point3::from(p.position_mm)).norm_squared()
+        })
+        .collect();
+    (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
 }

@@ -16,7 +16,7 @@ use axum::response::{IntoResponse, Response};
 use std::net::{IpAddr, Ipv4Addr};
 use std::sync::Arc;
 use std::time::Duration;
-use tokio::sync::{OwnedSemaphorePermit, Semaphore};
+use tokio::sync::Semaphore;
 
 /// Reads under way: at 0.1 ms each on two cores the last one waits some 15 ms.
 const MAX_READS: usize = 256;
@@ -26,8 +26,8 @@ const MAX_WRITES: usize = 128;
 const RESERVED_ENDINGS: (usize, usize) = (16, 8);
 /// Longest body of what ends something: a reason of 2,000 characters, each of them escaped.
 const MAX_ENDING_BYTES: usize = 64 * 1024;
-/// Long polls and event streams that wait at the same time.
-const MAX_WAITING: usize = 2_048;
+/// Long polls and event streams that wait at the same time, and those of one key.
+const WAITING: (usize, usize) = (2_048, 1_024);
 /// Bodies up to this size share [`SMALL_BODIES_KIB`]; larger ones need one of [`LARGE_BODIES`]. A set of 60 poses has 6 KiB.
 pub const LARGE_BODY_BYTES: usize = 1024 * 1024;
 /// All small bodies in memory together.
@@ -40,6 +40,8 @@ const COMPUTATION_BODIES_KIB: (usize, usize) = (48 * 1024, MAX_BODY_BYTES / 1024
 const ANSWERS_KIB: (usize, usize) = (64 * 1024, 32 * 1024);
 /// Documents that are read from the database at once to be answered whole, and of one key: each takes three times its size meanwhile.
 const WHOLE_DOCUMENTS: (usize, usize) = (2, 1);
+/// Requests for such documents under way, and those of one key: fewer than reads may be.
+const WHOLE_DOCUMENTS_ADMITTED: (usize, usize) = (128, 32);
 /// Last parts of the paths that answer one.
 const OF_WHOLE_DOCUMENTS: [&str; 4] = ["/points", "/weights", "/report", "/convergence"];
 /// Failed attempts of one address before the answer is 429 instead of 401, and how many are forgiven each second.
@@ -53,12 +55,13 @@ pub struct Limits(Arc<Inner>);
 struct Inner {
     reads: Arc<Semaphore>,
     writes: Arc<Semaphore>,
-    waiting: Arc<Semaphore>,
+    waiting: Shares,
     small_bodies_kib: Arc<Semaphore>,
     large_bodies: Arc<Semaphore>,
     computation_bodies_kib: Shares,
     endings: Shares,
     answers_kib: Shares,
+    whole_documents_admitted: Shares,
     whole_documents: Shares,
     lines: Lines,
     client_timeout: Duration,
@@ -75,12 +78,13 @@ impl Limits {
         Self(Arc::new(Inner {
             reads: Arc::new(Semaphore::new(MAX_READS)),
             writes: Arc::new(Semaphore::new(MAX_WRITES)),
-            waiting: Arc::new(Semaphore::new(MAX_WAITING)),
+            waiting: shares(WAITING),
             small_bodies_kib: Arc::new(Semaphore::new(SMALL_BODIES_KIB)),
             large_bodies: Arc::new(Semaphore::new(LARGE_BODIES)),
             computation_bodies_kib: shares(COMPUTATION_BODIES_KIB),
             endings: shares(RESERVED_ENDINGS),
             answers_kib: shares(ANSWERS_KIB),
+            whole_documents_admitted: shares(WHOLE_DOCUMENTS_ADMITTED),
             whole_documents: shares(WHOLE_DOCUMENTS),
             lines: Lines::new(MAX_WRITES, RESERVED_ENDINGS.0, no_auth),
             client_timeout: config.client_timeout(),
@@ -102,7 +106,7 @@ impl Limits {
             ("writes", all.writes.available_permits()),
             ("endings", all.endings.left()),
             ("computations", all.lines.room_to_read()),
-            ("waiting", all.waiting.available_permits()),
+            ("waiting", all.waiting.left()),
             ("small_bodies_kib", all.small_bodies_kib.available_permits()),
             ("large_bodies", all.large_bodies.available_permits()),
             ("computation_bodies_kib", all.computation_bodies_kib.left()),
@@ -115,12 +119,12 @@ impl Limits {
         &self.0.lines
     }
 
-    /// Room to wait for a job, e.g. for the life of an event stream.
+    /// Room for a key to wait for a job, e.g. for the life of an event stream.
     ///
     /// # Errors
     /// [`Error::Busy`].
-    pub fn wait(&self) -> Result<OwnedSemaphorePermit, Error> {
-        Arc::clone(&self.0.waiting).try_acquire_owned().map_err(|_| Error::Busy)
+    pub fn wait(&self, holder: &str) -> Result<Room, Error> {
+        self.0.waiting.take(holder, 1)
     }
 
     /// One more request of this key.
@@ -221,7 +225,7 @@ impl BodyRoom {
     /// All at once, from what bodies share or from the reserve.
     fn grow_ending(&mut self, to_bytes: usize) -> Result<(), Error> {
         if to_bytes > MAX_ENDING_BYTES {
-            return Err(Error::TooLarge { limit: MAX_ENDING_BYTES });
+            return Err(Error::TooLarge { limit: MAX_ENDING_BYTES, advice: "shorten the reason" });
         }
         let shared = take(&self.limits.0.small_bodies_kib, MAX_ENDING_BYTES / 1024);
         self.is_reserve = shared.is_err();
@@ -257,13 +261,18 @@ pub async fn bound(State(app): State<App>, mut request: Request, next: Next) -> 
 
 fn kind<'a>(request: &Request, limits: &'a Limits) -> Option<&'a Arc<Semaphore>> {
     let template = request.extensions().get::<MatchedPath>().map_or("", MatchedPath::as_str);
-    let waits = template == "/v1/jobs/{id}" && request.uri().query().is_some_and(|query| query.contains("wait_s"));
     match (request.method(), template) {
         (_, "/healthz" | "/readyz" | "/metrics") => None,
         (&Method::POST, _) => None,
-        _ if waits => Some(&limits.0.waiting),
+        _ if may_wait(request) => None,
         _ => Some(&limits.0.reads),
     }
+}
+
+/// Whether a request may be a long poll, however its query is written: those have room of their own, see [`ask`].
+fn may_wait(request: &Request) -> bool {
+    let is_of_job = request.extensions().get::<MatchedPath>().is_some_and(|path| path.as_str() == "/v1/jobs/{id}");
+    is_of_job && request.method() == Method::GET && request.uri().query().is_some()
 }
 
 /// Says further in who asks for what, and counts what has no body and what is large of the answers. Comes after authentication: what is
@@ -273,9 +282,12 @@ pub async fn ask(State(app): State<App>, mut request: Request, next: Next) -> Re
     let holder = request.extensions().get::<Caller>().map(|caller| caller.holder.clone()).unwrap_or_default();
     let has_no_body = request.extensions().get::<MatchedPath>().is_some_and(|path| path.as_str() == "/v1/jobs/{id}/cancel");
     let counted = (class == Class::Ending && has_no_body).then(|| app.limits.ending(&holder)).transpose();
+    let counted = counted.and_then(|ending| Ok((ending, may_wait(&request).then(|| app.limits.wait(&holder)).transpose()?)));
     let is_whole = class == Class::Read && OF_WHOLE_DOCUMENTS.iter().any(|end| request.uri().path().ends_with(end));
-    // Those that wait are reads under way, so they are bounded.
-    let _turn = if is_whole { app.limits.0.whole_documents.wait(&holder).await.ok() } else { None };
+    // Those that wait hold room of reads, which no key may have all of.
+    let admitted = is_whole.then(|| app.limits.0.whole_documents_admitted.take(&holder, 1)).transpose();
+    let _turn = if is_whole && admitted.is_ok() { app.limits.0.whole_documents.wait(&holder).await.ok() } else { None };
+    let counted = counted.and_then(|counted| Ok((counted, admitted?)));
     let asker = Asker { class, holder };
     request.extensions_mut().insert(asker.clone());
     let response = match &counted {
@@ -333,7 +345,7 @@ mod tests {
         assert!(matches!(arrive(Class::Ending), Err(Error::Busy)), "a key has its share");
         assert!(limits.has_room(Class::Ending) && limits.ending("b").is_ok(), "another key has its own");
         let too_large = limits.body(&Asker { holder: "b".into(), ..asker(Class::Ending) }, Some(2 * LARGE_BODY_BYTES));
-        assert!(matches!(too_large, Err(Error::TooLarge { limit: MAX_ENDING_BYTES })));
+        assert!(matches!(too_large, Err(Error::TooLarge { limit: MAX_ENDING_BYTES, .. })));
         assert!(arrive(Class::Computation).is_ok(), "what reads has its own");
         drop(held);
         assert_eq!(limits.0.writes.available_permits(), MAX_WRITES);

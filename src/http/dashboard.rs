@@ -42,6 +42,7 @@ const ASSETS: &[Asset] = assets! {
     "api.js": JAVASCRIPT,
     "app.js": JAVASCRIPT,
     "charts.js": JAVASCRIPT,
+    "csv.js": JAVASCRIPT,
     "docs.js": JAVASCRIPT,
     "dom.js": JAVASCRIPT,
     "figures.js": JAVASCRIPT,
@@ -51,6 +52,7 @@ const ASSETS: &[Asset] = assets! {
     "result.js": JAVASCRIPT,
     "robot.js": JAVASCRIPT,
     "robots.js": JAVASCRIPT,
+    "save.js": JAVASCRIPT,
     "upload.js": JAVASCRIPT,
     "words.js": JAVASCRIPT,
 };

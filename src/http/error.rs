@@ -69,10 +69,12 @@ pub enum Error {
     #[error("the request did not arrive in time")]
     RequestTimeout,
     /// The body is too large.
-    #[error("the body is larger than {limit} bytes: split the measurement set")]
+    #[error("the body is larger than {limit} bytes, the most that is taken here: {advice}")]
     TooLarge {
         /// The limit.
         limit: usize,
+        /// What to do.
+        advice: &'static str,
     },
     /// The body is of a type that this route does not take.
     #[error("the body is {found}; this route takes {expected}")]

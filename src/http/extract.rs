@@ -102,7 +102,7 @@ pub async fn whole_body<S: Send + Sync>(request: Request, _: &S) -> Result<Bytes
     let headers = request.headers();
     let declared = headers.get(header::CONTENT_LENGTH).and_then(|value| value.to_str().ok()?.parse::<usize>().ok());
     if declared.is_some_and(|bytes| bytes > MAX_BODY_BYTES) {
-        return Err(Error::TooLarge { limit: MAX_BODY_BYTES });
+        return Err(Error::TooLarge { limit: MAX_BODY_BYTES, advice: "split what it holds, a measurement set for instance" });
     }
     if let Some(encoding) = headers.get(header::CONTENT_ENCODING).filter(|value| *value != "identity") {
         return Err(Error::UnsupportedMediaType { found: format!("{encoding:?}-encoded"), expected: "bodies without Content-Encoding" });
@@ -140,7 +140,7 @@ async fn arrive(mut body: Body, declared: Option<usize>, room: &mut BodyRoom, pa
         let Ok(data) = frame.into_data() else { continue };
         let length = bytes.len() + data.len();
         if length > MAX_BODY_BYTES {
-            return Err(Error::TooLarge { limit: MAX_BODY_BYTES });
+            return Err(Error::TooLarge { limit: MAX_BODY_BYTES, advice: "split what it holds, a measurement set for instance" });
         }
         room.grow(length)?;
         bytes.extend_from_slice(&data);

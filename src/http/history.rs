@@ -94,24 +94,30 @@ async fn trend(app: &App, turn: &Turn, robot_id: &str) -> Result<Trend, Error> {
     Ok(Trend::of(&scored, limit_mm))
 }
 
-/// When and by which jobs a parameter set was scored, newest first. Found among the robot's jobs, which come without their reports.
+/// When and by which jobs a parameter set was scored on sets other than its own, newest first; of each set the first time, which is nearest to
+/// when it was measured. Found among the robot's jobs, which come without their reports.
 async fn sessions(app: &App, active: &ParameterSetRow) -> Result<Vec<(i64, String)>, Error> {
     let is_session = |job: &JobRow| {
         job.kind == "verify" && job.status == JobStatus::Succeeded && job.parameter_set_input_id.as_deref() == Some(active.id.as_str())
     };
-    let (mut found, mut cursor) = (Vec::new(), None);
+    let own = jobs::get(&app.store, &active.job_id).await?;
+    let own = [Some(own.measurement_set_id), own.verify_set_id];
+    let (mut found, mut cursor): (Vec<JobRow>, _) = (Vec::new(), None);
     for _ in 0..MAX_JOB_PAGES {
         let page = jobs::list(&app.store, &active.robot_id, &PageRequest { limit: MAX_PAGE_SIZE, cursor }).await?;
         // Nothing was scored before it was there.
         let is_older = page.items.last().is_none_or(|job| job.created_at_ms < active.created_at_ms);
-        found.extend(page.items.into_iter().filter(is_session).map(|job| (job.created_at_ms, job.id)));
+        for job in page.items.into_iter().filter(is_session).filter(|job| !own.contains(&Some(job.measurement_set_id.clone()))) {
+            found.retain(|newer| newer.measurement_set_id != job.measurement_set_id);
+            found.push(job);
+        }
         cursor = page.next_cursor;
         if is_older || cursor.is_none() || found.len() >= MAX_SESSIONS {
             break;
         }
     }
     found.truncate(MAX_SESSIONS);
-    Ok(found)
+    Ok(found.into_iter().map(|job| (job.created_at_ms, job.id)).collect())
 }
 
 /// What two parameter sets of a robot say differently: the tool over the workspace, and a test of the sessions behind them.

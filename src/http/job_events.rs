@@ -2,6 +2,7 @@
 
 use crate::http::auth::{self, Caller};
 use crate::http::extract::Id;
+use crate::http::shares::Room;
 use crate::http::{App, Error, access, jobs};
 use crate::store::JobRow;
 use crate::wire::job::{JobAnswer, JobEvent};
@@ -9,7 +10,6 @@ use axum::extract::State;
 use axum::response::sse::{Event, KeepAlive, Sse};
 use std::convert::Infallible;
 use std::time::Duration;
-use tokio::sync::OwnedSemaphorePermit;
 use tokio_stream::Stream;
 use utoipa_axum::{router::OpenApiRouter, routes};
 
@@ -34,11 +34,11 @@ async fn events(
     Id(id): Id,
 ) -> Result<Sse<impl Stream<Item = Result<Event, Infallible>> + use<>>, Error> {
     let row = access::job(&app, &caller, &id).await?;
-    let room = app.limits.wait()?;
+    let room = app.limits.wait(&caller.holder)?;
     Ok(Sse::new(stream(app, caller, row, room)).keep_alive(KeepAlive::new().interval(KEEP_ALIVE)))
 }
 
-fn stream(app: App, caller: Caller, mut row: JobRow, room: OwnedSemaphorePermit) -> impl Stream<Item = Result<Event, Infallible>> {
+fn stream(app: App, caller: Caller, mut row: JobRow, room: Room) -> impl Stream<Item = Result<Event, Infallible>> {
     async_stream::stream! {
         let _room = room;
         loop {

@@ -71,9 +71,11 @@ pub async fn create(State(app): State<App>, Id(robot_id): Id, submission: Submis
     if request.priority > 0 && !submission.caller.has(Scope::Admin) {
         return Err(Error::InsufficientScope { scope: Scope::Admin.as_str(), what: "a priority above 0" });
     }
+    // its uploads are in memory from here on
+    let turn = app.turn().await?;
     let sources = load(&app, robot, &request).await?;
     let mut new = new_job(&request, &sources, &submission.caller.holder)?;
-    let chosen = app.compute(move || check(&request, sources)).await?;
+    let chosen = turn.run(move || check(&request, sources)).await?;
     (new.network_input_id, new.residual_network_input_id) = (chosen.network_id, chosen.residual_network_id);
     let effect = async |tx: &mut Tx| {
         let row = queue::enqueue(tx, &new).await?;

@@ -6,7 +6,7 @@ use crate::http::extract::Id;
 use crate::http::{App, Error, access, parameter_sets as answers, policies as policy_answers};
 use crate::jobs::evidence::{self, Weighed};
 use crate::store::{Checked, MeasurementSetRow, ParameterSetRow, ParameterSetStatus, PolicyRow, Release, Tx};
-use crate::store::{jobs, measurement_sets, parameter_sets, policies, robots};
+use crate::store::{audit, jobs, measurement_sets, parameter_sets, policies, robots};
 use crate::wire::parameter_set::{ParameterSetAnswer, ReasonBody};
 use crate::wire::release::{Facts, Gate, GatesAnswer, ReleaseBody, gates};
 use crate::wire::report_shape::Evidence;
@@ -105,6 +105,8 @@ fn reason(submission: &Submission) -> Result<ReasonBody, Error> {
 struct Around {
     robot: RobotBody,
     set: MeasurementSetRow,
+    /// Who uploaded what the set was identified from: the points and, where the base rests on them, the sweeps.
+    uploaders: Vec<Option<String>>,
     policy: PolicyRow,
     status: ParameterSetStatus,
     approver: String,
@@ -161,18 +163,25 @@ async fn judged(app: &App, caller: &Caller, row: ParameterSetRow, purpose: Purpo
     let policy = policies::get(&app.store, &row.robot_id).await?;
     let active = parameter_sets::active(&app.store, &row.robot_id).await?;
     let job = jobs::get(&app.store, &row.job_id).await?;
+    let set = measurement_sets::get(&app.store, &job.measurement_set_id).await?;
+    let mut uploaders = vec![set.uploaded_by.clone()];
+    if let Some(frames_id) = &job.frames_id {
+        uploaders.push(audit::actor(&app.store, frames_id, "frames_created").await?);
+    }
     let around = Around {
         robot: access::robot_body(&robots::get(&app.store, &row.robot_id).await?)?,
-        set: measurement_sets::get(&app.store, &job.measurement_set_id).await?,
+        set,
+        uploaders,
         policy: policy.clone(),
         status: row.status,
         approver: caller.holder.clone(),
         purpose,
     };
     let other = active.as_ref().filter(|active| active.id != row.id);
-    let stored = evidence::load(&app.store, &row, other).await?.map_err(unreadable)?;
+    let turn = app.turn().await?;
+    let stored = evidence::load(&app.store, &row, other).await?;
     let checked = Checked { active: active.map(|active| active.id), policy_version: policy.version, n_sessions: stored.n_sessions };
-    let (gates, evidence, uncertainty_mm) = app.compute(move || judge(&evidence::weigh(stored).map_err(unreadable)?, &around)).await?;
+    let (gates, evidence, uncertainty_mm) = turn.run(move || judge(&evidence::weigh(stored).map_err(unreadable)?, &around)).await?;
     Ok(Judged { id: row.id, checked, gates, evidence, uncertainty_mm, approver: caller.holder.clone() })
 }
 
@@ -189,7 +198,7 @@ fn judge(weighed: &Weighed, around: &Around) -> Result<(Vec<Gate>, Evidence, Opt
         is_withdrawn: around.status == ParameterSetStatus::Withdrawn,
         is_rollback: around.purpose == Purpose::Rollback,
         serial_numbers: (around.robot.serial_number.as_deref(), around.set.serial_number.as_deref()),
-        people: (around.set.uploaded_by.as_deref(), &around.approver),
+        people: (&around.uploaders, &around.approver),
         change_reason: around.purpose.change_reason(),
         policy: &policy_answers::body(&around.policy),
     };

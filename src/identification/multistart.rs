@@ -16,6 +16,11 @@ pub const FOUND_MM: f64 = 2.0;
 const STARTS: usize = 40;
 /// Offsets of a start are drawn up to this to both sides, rad (90°).
 const WIDEST_RAD: f64 = std::f64::consts::FRAC_PI_2;
+/// Before a start is left, the part of the points that fit best is fitted alone, so often: wild points pull a fit away from where the
+/// others would hold it [Rousseeuw & Van Driessen 2006, concentration steps].
+const CONCENTRATIONS: usize = 3;
+/// The points that a concentration leaves out: one of so many.
+const LEFT_OUT: usize = 4;
 /// Points that starts are compared on, evenly taken from all.
 const COMPARED_POINTS: usize = 60;
 
@@ -24,8 +29,10 @@ const COMPARED_POINTS: usize = 60;
 pub struct BestStart {
     /// The start: nominal, or the end of the best of several searches.
     pub model: KinematicModel,
-    /// Median residual where least squares from nominal ended, mm.
+    /// Median residual where least squares from nominal ended, mm, the points that fit worst left out where all of them are no fit.
     pub from_nominal_mm: f64,
+    /// Whether it took leaving out the points that fit worst: wild points pull least squares away from where it should end.
+    pub is_pulled_away: bool,
     /// Median residual where least squares from what is remembered of the robot ended, mm; none if nominal was near enough.
     pub from_remembered_mm: Option<f64>,
     /// Median residual at the best end, mm.
@@ -34,8 +41,8 @@ pub struct BestStart {
     pub n_starts: usize,
 }
 
-/// Runs least squares from nominal; if it ends far from the points, from what is remembered of the robot, then from random joint offsets of
-/// up to 90°, base and targets placed anew for each, until one of them fits.
+/// Runs least squares from nominal; if it ends far from the points, even from those that fit best, then from what is remembered of the robot,
+/// then from random joint offsets of up to 90°, base and targets placed anew for each, until one of them fits.
 pub fn best_start(
     nominal: &KinematicModel,
     remembered: Option<&KinematicModel>,
@@ -44,16 +51,40 @@ pub fn best_start(
     observations: &[Observation],
     base_is_known: bool,
 ) -> BestStart {
-    let every = observations.len().div_ceil(COMPARED_POINTS).max(1);
-    let compared: Vec<Observation> = observations.iter().filter(|o| o.weight > 0.0).step_by(every).cloned().collect();
+    let compared = evenly_taken(observations, nominal.targets_mm.len());
     let compared = if 3 * compared.len() < 2 * parameters.len() { observations.to_vec() } else { compared };
     let end = |start: &KinematicModel| {
         let fit = fit_along_seen(start, parameters, scale, &compared, 0.0, &mut |_| ControlFlow::Continue(()));
         (median_mm(&fit.model, &compared), fit.model)
     };
-    let (from_nominal_mm, mut best) = end(nominal);
-    let mut found = BestStart { model: nominal.clone(), from_nominal_mm, from_remembered_mm: None, best_mm: from_nominal_mm, n_starts: 0 };
-    if let Some((median, model)) = remembered.filter(|_| from_nominal_mm > FOUND_MM).map(end) {
+    // where the robot should be, whatever a few points say
+    let concentrated = |mut median: f64, mut model: KinematicModel| {
+        for _ in 0..CONCENTRATIONS {
+            if median <= FOUND_MM {
+                break;
+            }
+            let core = best_fitting(&model, &compared);
+            model = fit_along_seen(&model, parameters, scale, &core, 0.0, &mut |_| ControlFlow::Continue(())).model;
+            median = median_mm(&model, &compared);
+        }
+        (median, model)
+    };
+    let (mut from_nominal_mm, mut best) = end(nominal);
+    let is_pulled_away = from_nominal_mm > FOUND_MM;
+    if is_pulled_away {
+        (from_nominal_mm, best) = concentrated(from_nominal_mm, best);
+    }
+    let mut found = BestStart {
+        model: nominal.clone(),
+        from_nominal_mm,
+        is_pulled_away,
+        from_remembered_mm: None,
+        best_mm: from_nominal_mm,
+        n_starts: 0,
+    };
+    if let Some(start) = remembered.filter(|_| from_nominal_mm > FOUND_MM) {
+        let (median, model) = end(start);
+        let (median, model) = concentrated(median, model);
         found.from_remembered_mm = Some(median);
         if median < found.best_mm {
             (found.best_mm, best) = (median, model);
@@ -82,10 +113,25 @@ pub fn best_start(
             (found.best_mm, best) = (median, model);
         }
     }
-    if found.n_starts > 0 || found.from_remembered_mm.is_some() {
+    if is_pulled_away {
         found.model = best;
     }
     found
+}
+
+/// Some of the points that count, evenly from those of each target: however targets alternate in a file, each has its share.
+fn evenly_taken(observations: &[Observation], n_targets: usize) -> Vec<Observation> {
+    let every = observations.len().div_ceil(COMPARED_POINTS).max(1);
+    let of_target = |target| observations.iter().filter(move |o| o.target == target && o.weight > 0.0).step_by(every);
+    (0..n_targets).flat_map(of_target).cloned().collect()
+}
+
+/// All but the points that fit worst.
+fn best_fitting(model: &KinematicModel, observations: &[Observation]) -> Vec<Observation> {
+    let mut by_length: Vec<(f64, usize)> = residuals(model, observations).iter().map(Vector3::norm).zip(0..).collect();
+    by_length.sort_by(|(a, _), (b, _)| a.total_cmp(b));
+    by_length.truncate(observations.len() - observations.len() / LEFT_OUT);
+    by_length.into_iter().map(|(_, i)| observations[i].clone()).collect()
 }
 
 fn median_mm(model: &KinematicModel, observations: &[Observation]) -> f64 {

@@ -12,16 +12,16 @@ use crate::wire::report_shape::{Evidence, Report};
 
 /// Sessions that are weighed: the newest. Whether one shows the set to be no better than nominal is asked of all of them.
 const MAX_SESSIONS: i64 = 8;
-/// Fewer points than this in a session prove nothing.
-const MIN_POINTS: usize = 5;
+/// Fewer configurations than this in a session prove nothing, however often each was read.
+const MIN_CONFIGURATIONS: usize = 5;
 
 /// What is stored about a parameter set, read and not yet weighed.
 #[derive(Debug)]
 pub struct Stored {
-    identification: (JobInputs, Report),
-    sessions: Vec<(JobInputs, Report)>,
-    content: ParameterSetContent,
-    active: Option<ParameterSetContent>,
+    identification: (JobInputs, String),
+    sessions: Vec<(JobInputs, String)>,
+    content: String,
+    active: Option<String>,
     no_better_than_nominal: Option<String>,
     /// How many sessions there are.
     pub n_sessions: i64,
@@ -46,15 +46,11 @@ pub struct Weighed {
     pub comparisons: Vec<Comparison>,
 }
 
-/// Reads all of it.
+/// Reads all of it: up to nine uploads with their reports, so in a turn of its own.
 ///
 /// # Errors
 /// [`crate::store::Error`].
-pub async fn load(
-    store: &Store,
-    set: &ParameterSetRow,
-    active: Option<&ParameterSetRow>,
-) -> Result<std::result::Result<Stored, Box<Problem>>> {
+pub async fn load(store: &Store, set: &ParameterSetRow, active: Option<&ParameterSetRow>) -> Result<Stored> {
     // Counted first: a session that comes in between makes the release ask again.
     let n_sessions = sessions::count(store, &set.id).await?;
     let no_better_than_nominal = sessions::no_better_than_nominal(store, &set.id).await?;
@@ -62,20 +58,18 @@ pub async fn load(
     for session in sessions::newest(store, &set.id, MAX_SESSIONS).await? {
         read.push((JobInputs::load(store, &session.job_id).await?, session.report_json));
     }
-    let identification = (JobInputs::load(store, &set.job_id).await?, jobs::report(store, &set.job_id).await?);
-    let parsed = || {
-        let sessions = read.into_iter().map(|(inputs, report)| Ok((inputs, serde_json::from_str(&report)?)));
-        let content = |row: &ParameterSetRow| serde_json::from_str(&row.body_json);
-        Ok(Stored {
-            identification: (identification.0, serde_json::from_str(&identification.1)?),
-            sessions: sessions.collect::<serde_json::Result<_>>()?,
-            content: content(set)?,
-            active: active.map(content).transpose()?,
-            no_better_than_nominal,
-            n_sessions,
-        })
-    };
-    Ok(parsed().map_err(|error: serde_json::Error| broken(&error.to_string())))
+    Ok(Stored {
+        identification: (JobInputs::load(store, &set.job_id).await?, jobs::report(store, &set.job_id).await?),
+        sessions: read,
+        content: set.body_json.clone(),
+        active: active.map(|active| active.body_json.clone()),
+        no_better_than_nominal,
+        n_sessions,
+    })
+}
+
+fn parsed<T: serde::de::DeserializeOwned>(json: &str) -> std::result::Result<T, Box<Problem>> {
+    serde_json::from_str(json).map_err(|error| broken(&error.to_string()))
 }
 
 fn broken(cause: &str) -> Box<Problem> {
@@ -89,6 +83,8 @@ fn broken(cause: &str) -> Box<Problem> {
 /// A problem where stored documents cannot be read any more.
 pub fn weigh(stored: Stored) -> std::result::Result<Weighed, Box<Problem>> {
     let Stored { identification: (inputs, report), sessions, content, active, no_better_than_nominal, .. } = stored;
+    let (report, content): (Report, ParameterSetContent) = (parsed(&report)?, parsed(&content)?);
+    let active: Option<ParameterSetContent> = active.as_deref().map(parsed).transpose()?;
     let own = request(&inputs)?;
     let own_verify = points("the points held out", &own);
     let verified_elsewhere =
@@ -97,7 +93,7 @@ pub fn weigh(stored: Stored) -> std::result::Result<Weighed, Box<Problem>> {
     let mut compared = Vec::new();
     for (inputs, report) in &sessions {
         let request = request(inputs)?;
-        let session = session(&own.set, &request, inputs, report);
+        let session = session(&own.set, &request, inputs, &parsed(report)?);
         if session.is_independent {
             compared.push((format!("session of job {}", session.job_id), Ok(request.set.clone())));
         }
@@ -125,8 +121,9 @@ fn points(name: &str, request: &CalibrationRequest) -> Points {
 
 fn session(identified_from: &MeasurementSet, request: &CalibrationRequest, inputs: &JobInputs, report: &Report) -> Session {
     // A report of kind verify always has verify errors; without them nothing is better than anything.
-    let (n_points, before, after) = report.verify.map_or((0, f64::NAN, f64::NAN), |v| (v.n_points, v.before.rms_mm, v.after.rms_mm));
-    let is_small = n_points < MIN_POINTS || report.warnings.iter().any(|warning| warning.code == "few_verify_points");
+    let (n_points, before, after) = report.verify.map_or((0, f64::NAN, f64::NAN), |v| (v.n_points, v.before.rms_mm, v.worse_rms_mm()));
+    let is_small = request.set.configurations().len() < MIN_CONFIGURATIONS
+        || report.warnings.iter().any(|warning| warning.code == "few_verify_points");
     Session {
         job_id: inputs.job.id.clone(),
         n_points,
@@ -138,7 +135,7 @@ fn session(identified_from: &MeasurementSet, request: &CalibrationRequest, input
 
 fn compare(request: &CalibrationRequest, (points, set): Points, own: &ParameterSetContent, active: &ParameterSetContent) -> Comparison {
     let score = |set: &MeasurementSet, content: &ParameterSetContent| {
-        calibration::score(request, set, &content.to_core()).map(|errors| errors.rms_mm)
+        calibration::score(request, set, &content.robot_to_core(None)).map(|errors| errors.rms_mm)
     };
     let rms_mm = set.and_then(|set| {
         let both = score(&set, own).and_then(|own| Ok((own, score(&set, active)?)));

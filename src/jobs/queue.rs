@@ -1,7 +1,7 @@
 //! The queue's rules on top of the job table.
 
 use super::{JobOutcome, JobSignals};
-use crate::store::{Conflict, Expired, JobRow, Lease, NewJob, Result, Store, Tx, jobs, leases, networks, parameter_sets};
+use crate::store::{Conflict, Expired, JobRow, Lease, NewJob, Result, Store, Tx, jobs, leases, networks, parameter_sets, robots};
 use crate::wire::Problem;
 
 /// How many jobs of one robot may wait: days of work for all workers; a client that posts more has run wild.
@@ -38,6 +38,10 @@ pub async fn cancel(store: &Store, signals: &JobSignals, job_id: &str, by: &str)
 /// [`Conflict::LeaseLost`], [`crate::store::Error::Database`].
 pub async fn finish(store: &Store, lease: &Lease, outcome: &JobOutcome) -> Result<()> {
     let mut tx = store.begin().await?;
+    if outcome.parameter_set.is_none() {
+        // A release that has counted the sessions ends first, or sees this one.
+        robots::lock_of_job(&mut tx, &lease.job_id).await?;
+    }
     leases::succeed(&mut tx, lease, &outcome.report_json, &outcome.convergence_json, &outcome.result_sha256).await?;
     if let Some(parameter_set) = &outcome.parameter_set {
         parameter_sets::insert(&mut tx, &lease.job_id, parameter_set).await?;

@@ -347,6 +347,9 @@ fn index(cell: &str, largest: usize) -> Result<usize, CellError> {
 }
 
 fn label(cell: &str) -> Result<String, CellError> {
+    if cell.is_empty() {
+        return Err(("empty_cell", "the cell is empty; give every row its label, or leave the column out".into()));
+    }
     if cell.len() > MAX_LABEL_LENGTH {
         return Err(("label_too_long", format!("the label is longer than {MAX_LABEL_LENGTH} bytes")));
     }

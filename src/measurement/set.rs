@@ -144,16 +144,39 @@ fn cells_of(q_rad: &[f64]) -> Vec<i64> {
     std::iter::once(of_sum).chain(q_rad.iter().map(|q| (q / SAME_JOINT_RAD).floor() as i64)).collect()
 }
 
-/// How many of the points of `b` stand in `a` as well, same joints and same position to a micrometre: a session measured anew never
-/// repeats the noise of another.
+/// How many of the points of `b` stand in `a` as well, same joints and same position, also where a spreadsheet rounded one of them to 0.01 mm
+/// and 0.001°: a session measured anew repeats neither the noise of another nor the robot's scatter.
 pub fn n_shared_points(a: &MeasurementSet, b: &MeasurementSet) -> usize {
-    let key = |p: &Point| {
-        let joints = p.q_rad.iter().map(|q| (q / SAME_READING_RAD).round() as i64);
-        joints.chain(p.position_mm.iter().map(|x| (x * 1e3).round() as i64)).collect::<Vec<i64>>()
+    let cell = |p: &Point| p.position_mm.map(|x| (x / SAME_POSITION_MM).floor() as i64);
+    let mut known: BTreeMap<[i64; 3], Vec<&Point>> = BTreeMap::new();
+    for point in &a.points {
+        known.entry(cell(point).into()).or_default().push(point);
+    }
+    let around = |p: &Point| {
+        let [x, y, z]: [i64; 3] = cell(p).into();
+        let steps = || -1..=1_i64;
+        steps().flat_map(move |i| steps().flat_map(move |j| steps().map(move |k| [x + i, y + j, z + k])))
     };
-    let known: std::collections::BTreeSet<_> = a.points.iter().map(key).collect();
-    b.points.iter().filter(|p| known.contains(&key(p))).count()
+    let same = |a: &Point, b: &Point| {
+        (a.position_mm - b.position_mm).amax() < SAME_POSITION_MM
+            && a.q_rad.iter().zip(&b.q_rad).all(|(a, b)| turned(a - b) < SAME_READING_RAD)
+    };
+    let is_known = |p: &&Point| {
+        let near = around(p).filter_map(|cell| known.get(&cell)).flatten();
+        near.take(MOST_COMPARED).any(|other| same(other, p))
+    };
+    b.points.iter().filter(is_known).count()
 }
 
-/// Joint values closer than this are the same reading: below any controller's resolution, rad.
-const SAME_READING_RAD: f64 = 1e-6;
+/// How far apart two joint values are, whole turns aside, rad.
+fn turned(difference_rad: f64) -> f64 {
+    let part = difference_rad.rem_euclid(std::f64::consts::TAU);
+    part.min(std::f64::consts::TAU - part)
+}
+
+/// Joint values closer than this may be the same reading, one of them rounded to 0.001°, rad.
+const SAME_READING_RAD: f64 = 1.1e-5;
+/// Coordinates closer than this may be the same reading, one of them rounded to 0.01 mm.
+const SAME_POSITION_MM: f64 = 0.006;
+/// Points in one place that a point is compared with.
+const MOST_COMPARED: usize = 200;

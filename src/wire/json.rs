@@ -22,6 +22,10 @@ pub enum Error {
 /// # Errors
 /// [`Error::Syntax`] if it is not JSON, [`Error::Shape`] if it is JSON of another shape.
 pub fn parse<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Error> {
+    // A list would be read as the fields in their order, and those that it lacks as not said.
+    if bytes.iter().find(|byte| !byte.is_ascii_whitespace()) == Some(&b'[') {
+        return Err(Invalid::at("", "invalid_body", "the body is a list; it has to be an object with named fields").into());
+    }
     let mut reader = serde_json::Deserializer::from_slice(bytes);
     let value = serde_path_to_error::deserialize(&mut reader).map_err(|error| {
         let pointer = pointer(error.path());
@@ -127,11 +131,24 @@ mod tests {
     }
 
     #[test]
+    fn a_list_in_place_of_an_object_is_said_to_be_one() {
+        #[derive(Debug, Default, serde::Deserialize)]
+        #[serde(default)]
+        struct Policy {
+            _tolerance_mm: Option<f64>,
+        }
+        for list in ["[]", " [0.3]", "[[1, 2]]"] {
+            let refused = parse::<Policy>(list.as_bytes()).unwrap_err();
+            assert!(matches!(&refused, Error::Shape(invalid) if invalid.code == "invalid_body"), "{refused:?}");
+        }
+    }
+
+    #[test]
     fn text_after_the_document_and_deep_nesting_are_syntax_errors() {
-        assert!(matches!(parse::<Vec<f64>>(b"[1] [2]"), Err(Error::Syntax(_))));
-        let deep = "[".repeat(1_000_000);
+        assert!(matches!(parse::<serde_json::Value>(b"{\"a\": 1} {}"), Err(Error::Syntax(_))));
+        let deep = format!("{{\"a\": {}", "[".repeat(1_000_000));
         assert!(matches!(parse::<serde_json::Value>(deep.as_bytes()), Err(Error::Syntax(_))));
-        let deep = deep + "1" + &"]".repeat(1_000_000);
+        let deep = format!("{deep}1{}}}", "]".repeat(1_000_000));
         assert!(matches!(parse::<serde_json::Value>(deep.as_bytes()), Err(Error::Syntax(_))));
         assert!(matches!(parse::<serde_json::Value>(b"{\"a\": NaN}"), Err(Error::Syntax(_))));
     }

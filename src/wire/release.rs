@@ -7,6 +7,7 @@ use crate::wire::parameter_set::{MAX_REASON, ParameterSetContent};
 use crate::wire::policy::PolicyBody;
 use crate::wire::report_shape::{Evidence, Report};
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
 use utoipa::ToSchema;
 
 /// Fewer points than this prove nothing.
@@ -97,7 +98,7 @@ pub struct Session {
     pub n_points: usize,
     /// Of the nominal robot, mm.
     pub before_rms_mm: f64,
-    /// Of the set, mm.
+    /// Of the set, mm: of its links alone or with its corrections, whichever is larger.
     pub after_rms_mm: f64,
     /// Measured anew, with enough points, and none of them from the session that the set was identified from.
     pub is_independent: bool,
@@ -137,8 +138,8 @@ pub struct Facts<'a> {
     pub is_rollback: bool,
     /// Serial number of the robot, and as the uploader stated it.
     pub serial_numbers: (Option<&'a str>, Option<&'a str>),
-    /// Who uploaded, and who releases.
-    pub people: (Option<&'a str>, &'a str),
+    /// Who uploaded the points and the sweeps, and who releases.
+    pub people: (&'a [Option<String>], &'a str),
     /// Why it changed so much.
     pub change_reason: Option<&'a str>,
     /// What the robot asks.
@@ -191,7 +192,7 @@ fn errors_improved(facts: &Facts<'_>) -> Gate {
     let name = "verify_errors_improved";
     match &facts.report.verify {
         Some(verify) => {
-            let (before, after) = (verify.before.rms_mm, verify.after.rms_mm);
+            let (before, after) = (verify.before.rms_mm, verify.worse_rms_mm());
             Gate::new(name, after < before, format!("rms on the verify points: {before:.4} mm before, {after:.4} mm after"))
         }
         None if facts.sessions.iter().any(|session| session.is_independent) => Gate::new(name, true, "see the sessions"),
@@ -303,7 +304,7 @@ fn errors_within_tolerance(facts: &Facts<'_>) -> Gate {
     let name = "verify_errors_within_tolerance";
     let Some(tolerance) = facts.policy.tolerance_mm else { return Gate::new(name, true, "the robot's policy has no tolerance") };
     let elsewhere = facts.sessions.iter().filter(|s| s.is_independent).map(|s| s.after_rms_mm);
-    let found: Vec<f64> = elsewhere.chain(facts.report.verify.map(|verify| verify.after.rms_mm)).collect();
+    let found: Vec<f64> = elsewhere.chain(facts.report.verify.map(|verify| verify.worse_rms_mm())).collect();
     let largest = found.iter().fold(f64::NEG_INFINITY, |largest, rms| if rms.is_nan() { f64::INFINITY } else { largest.max(*rms) });
     let detail = format!("largest rms on verify points: {largest:.4} mm, the tolerance is {tolerance} mm");
     Gate::new(name, !found.is_empty() && largest <= tolerance, detail)
@@ -363,12 +364,14 @@ fn change(facts: &Facts<'_>) -> Gate {
 }
 
 fn second_person(facts: &Facts<'_>) -> Gate {
-    let (uploader, approver) = facts.people;
-    let other = uploader.is_some_and(|uploader| uploader != approver);
-    let detail = match (uploader, other) {
-        (Some(uploader), true) => format!("uploaded by {uploader}, released by {approver}"),
-        (Some(_), false) => format!("uploaded and released by {approver}"),
-        (None, _) => "who uploaded it is not known".into(),
+    let (uploaders, approver) = facts.people;
+    let is_known = !uploaders.is_empty() && uploaders.iter().all(Option::is_some);
+    let known: BTreeSet<&str> = uploaders.iter().flatten().map(String::as_str).collect();
+    let other = is_known && !known.contains(approver);
+    let detail = match (is_known, other) {
+        (true, true) => format!("uploaded by {}, released by {approver}", Vec::from_iter(known).join(" and ")),
+        (true, false) => format!("uploaded and released by {approver}"),
+        (false, _) => "who uploaded it is not known".into(),
     };
     Gate::new("second_person", other || !facts.policy.second_person_required, detail)
 }

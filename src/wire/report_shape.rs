@@ -101,6 +101,14 @@ pub struct SubsetReport {
     pub corrected: Option<ErrorsReport>,
 }
 
+impl SubsetReport {
+    /// rms of the links alone or with corrections, whichever is larger, mm: either may move the robot.
+    pub fn worse_rms_mm(&self) -> f64 {
+        let corrected = self.corrected.map_or(f64::NEG_INFINITY, |corrected| corrected.rms_mm);
+        if self.after.rms_mm >= corrected { self.after.rms_mm } else { corrected }
+    }
+}
+
 /// One point's error.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct PointReport {

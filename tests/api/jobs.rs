@@ -372,7 +372,7 @@ async fn another_set_can_verify_and_is_stronger_evidence() {
 }
 
 /// The first set's poses, measured from where the sweeps were measured: on the robot with the errors of Table 3 and the sweeps' target.
-fn first_csv_seen_by_the_instrument() -> Vec<u8> {
+pub fn first_csv_seen_by_the_instrument() -> Vec<u8> {
     let json = |name: &str| serde_json::from_slice::<Value>(&paper(name)).unwrap();
     let (robot, errors, frames) = (json("robot.json"), json("true_errors.json"), json("sweeps_truth.json"));
     let number = |value: &Value| value.as_f64().unwrap();

@@ -37,7 +37,11 @@ pub fn new_set(robot: &RobotRow, body: &[u8]) -> NewMeasurementSet {
 }
 
 pub async fn a_set(store: &Store, robot: &RobotRow) -> MeasurementSetRow {
-    in_transaction(store, async |tx| measurement_sets::insert(tx, &new_set(robot, b"the bytes")).await).await
+    in_transaction(store, async |tx| {
+        tx.act_as("key_uploader");
+        measurement_sets::insert(tx, &new_set(robot, b"the bytes")).await
+    })
+    .await
 }
 
 pub fn new_job(set: &MeasurementSetRow, request_json: &str) -> NewJob {
@@ -60,6 +64,6 @@ pub async fn a_job(store: &Store, set: &MeasurementSetRow, request_json: &str) -
 #[allow(dead_code, reason = "each test binary uses its part")]
 pub async fn a_candidate(store: &Store, set: &MeasurementSetRow) -> ParameterSetRow {
     let job = a_job(store, set, "{}").await;
-    let new = kincal::store::NewParameterSet { body_json: "{}".into(), sha256: "00".into() };
+    let new = kincal::store::NewParameterSet { body_json: "{}".into(), sha256: canonical::sha256_hex(b"{}") };
     in_transaction(store, async |tx| parameter_sets::insert(tx, &job.id, &new).await).await
 }
