@@ -36,6 +36,8 @@ mod hostile_names;
 mod idempotency;
 #[path = "api/jobs.rs"]
 mod jobs;
+#[path = "api/lost_connections.rs"]
+mod lost_connections;
 #[path = "api/matrix.rs"]
 mod matrix;
 #[path = "api/measurement_sets.rs"]

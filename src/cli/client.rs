@@ -1,26 +1,29 @@
 //! The cell PC's side of the REST interface.
 
-use super::{Usage, files};
+use super::Usage;
+use super::failure::Failed;
 use crate::http::tls;
-use crate::wire::Problem;
 use crate::wire::job::JobAnswer;
 use anyhow::{Context, bail};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
-use tokio_stream::StreamExt;
+use tokio::time::{sleep, timeout};
+use tokio_stream::{Stream, StreamExt};
 
 /// A request that is not answered in this time is given up.
 const REQUEST_TIMEOUT: Duration = Duration::from_secs(60);
 /// Robots are looked up by name on at most so many pages.
 const MAX_PAGES: usize = 50;
-/// A connection that ends before the job does is made anew at most this often.
-const MAX_RECONNECTS: usize = 20;
-
-/// A request that creates is sent again with the same Idempotency-Key when the connection broke, at most this often.
-const MAX_TRIES: usize = 5;
-/// And after this long.
-const TRY_AGAIN_AFTER: Duration = Duration::from_secs(1);
+/// A connection that ends before the job does is made anew at most this often in a row: about a minute and a half, in which a server that was
+/// restarted is there again.
+const MAX_RECONNECTS: u32 = 20;
+/// Each time it is waited a second longer, up to this.
+const LONGEST_PAUSE: Duration = Duration::from_secs(5);
+/// The server sends a comment every 15 s: one that is silent for three times as long has gone without a word.
+const SILENCE: Duration = Duration::from_secs(45);
+/// What may be sent again is sent at most this often: what only reads, and what creates under the same Idempotency-Key.
+const MAX_TRIES: u32 = 5;
 
 /// Where the server is, and the key to it.
 #[derive(Debug, clap::Args)]
@@ -83,7 +86,13 @@ impl Client {
             None if !url.starts_with("https:") => http.tls_certs_only([]),
             None => http,
         };
-        let http = http.build().context("no HTTP client can be made")?;
+        let http = http.build().with_context(|| match ca_cert {
+            // a machine that trusts no authority at all gets no further than here
+            None if url.starts_with("https:") => {
+                "no certificate can be checked; next: give the server's authority by --ca-cert FILE or KINCAL_CA_CERT"
+            }
+            _ => "no HTTP client can be made",
+        })?;
         Ok(Self { http, url: url.trim_end_matches('/').into(), key })
     }
 
@@ -92,8 +101,7 @@ impl Client {
     /// # Errors
     /// The connection, or the server's problem in words.
     pub async fn get(&self, path: &str) -> anyhow::Result<Value> {
-        let request = self.http.get(format!("{}{path}", self.url)).timeout(REQUEST_TIMEOUT);
-        answer(self.with_key(request).send().await.map_err(|error| unreachable(&self.url, &error))?).await
+        json(&self.read(path).await?)
     }
 
     /// GET of text.
@@ -101,9 +109,28 @@ impl Client {
     /// # Errors
     /// As [`Self::get`].
     pub async fn get_text(&self, path: &str) -> anyhow::Result<String> {
-        let request = self.http.get(format!("{}{path}", self.url)).timeout(REQUEST_TIMEOUT);
-        let response = self.with_key(request).send().await.map_err(|error| unreachable(&self.url, &error))?;
-        if response.status().is_success() { Ok(response.text().await?) } else { Err(refused(response).await) }
+        Ok(String::from_utf8_lossy(&self.read(path).await?).into_owned())
+    }
+
+    /// GET, again where the server is busy. One that is not there is said at once: a person is waiting.
+    async fn read(&self, path: &str) -> anyhow::Result<Vec<u8>> {
+        let mut attempt = 0;
+        loop {
+            attempt += 1;
+            match self.answer(self.http.get(format!("{}{path}", self.url))).await {
+                Ok(bytes) => return Ok(bytes),
+                Err(Failed::Busy(after, _)) if attempt < MAX_TRIES => sleep(after).await,
+                Err(failed) => return Err(failed.into()),
+            }
+        }
+    }
+
+    /// One request, and its answer as a whole.
+    async fn answer(&self, request: reqwest::RequestBuilder) -> Result<Vec<u8>, Failed> {
+        let response = self.with_key(request).timeout(REQUEST_TIMEOUT).send().await.map_err(|error| Failed::sending(&self.url, &error))?;
+        let (status, headers) = (response.status(), response.headers().clone());
+        let body = response.bytes().await.map_err(|error| Failed::reading(&self.url, &error))?;
+        if status.is_success() { Ok(body.to_vec()) } else { Err(Failed::answer(status.as_u16(), &headers, &body)) }
     }
 
     /// The id of a robot that is named by its id, its name or its serial number.
@@ -138,9 +165,8 @@ impl Client {
     /// # Errors
     /// As [`Self::get`].
     pub async fn post(&self, path: &str, content_type: &str, body: Vec<u8>) -> anyhow::Result<Value> {
-        let request = self.http.post(format!("{}{path}", self.url)).timeout(REQUEST_TIMEOUT);
-        let request = request.header("content-type", content_type).body(body);
-        answer(self.with_key(request).send().await.map_err(|error| unreachable(&self.url, &error))?).await
+        let request = self.http.post(format!("{}{path}", self.url)).header("content-type", content_type).body(body);
+        json(&self.answer(request).await?)
     }
 
     /// POST that creates, once however often it has to be sent.
@@ -149,16 +175,19 @@ impl Client {
     /// As [`Self::get`].
     pub async fn create(&self, path: &str, content_type: &str, body: Vec<u8>) -> anyhow::Result<Value> {
         let key = uuid::Uuid::now_v7().simple().to_string();
-        for attempt in 1..=MAX_TRIES {
-            let request = self.http.post(format!("{}{path}", self.url)).timeout(REQUEST_TIMEOUT);
+        let mut attempt = 0;
+        loop {
+            attempt += 1;
+            let request = self.http.post(format!("{}{path}", self.url));
             let request = request.header("content-type", content_type).header("idempotency-key", &key).body(body.clone());
-            match self.with_key(request).send().await {
-                Ok(response) => return answer(response).await,
-                Err(error) if attempt >= MAX_TRIES || error.is_builder() => return Err(unreachable(&self.url, &error)),
-                Err(_) => tokio::time::sleep(TRY_AGAIN_AFTER).await,
+            match self.answer(request).await {
+                Ok(bytes) => return json(&bytes),
+                Err(failed) => match failed.again_after().filter(|_| attempt < MAX_TRIES) {
+                    Some(after) => sleep(after).await,
+                    None => return Err(failed.into()),
+                },
             }
         }
-        bail!("the server {} cannot be reached", self.url)
     }
 
     /// POST of JSON.
@@ -174,35 +203,52 @@ impl Client {
     /// # Errors
     /// As [`Self::get`], and if the job does not succeed.
     pub async fn follow(&self, job_id: &str, mut moved: impl FnMut(&JobAnswer)) -> anyhow::Result<JobAnswer> {
-        for _ in 0..MAX_RECONNECTS {
-            if let Some(job) = self.events(job_id, &mut moved).await? {
-                return succeeded(job);
+        let mut lost = 0;
+        loop {
+            let mut heard = false;
+            let told = |job: &JobAnswer| {
+                heard = true;
+                moved(job);
+            };
+            let failed = match self.events(job_id, told).await {
+                Ok(job) => return succeeded(job),
+                Err(failed) => failed,
+            };
+            lost = if heard { 1 } else { lost + 1 };
+            let Some(after) = failed.again_after() else { return Err(failed.into()) };
+            if lost > MAX_RECONNECTS {
+                let later = format!("the job goes on without this command; ask for it later with kincal jobs {job_id}");
+                return Err(anyhow::Error::from(failed).context(format!(
+                    "job {job_id}: the connection was lost, and {MAX_RECONNECTS} attempts at another came to nothing; {later}"
+                )));
             }
+            sleep(after.max(Duration::from_secs(lost.into()).min(LONGEST_PAUSE))).await;
         }
-        bail!("job {job_id}: the connection was lost {MAX_RECONNECTS} times; ask for it later with GET /v1/jobs/{job_id}")
     }
 
-    /// One connection's events; the job if it is over, nothing if the connection ended first.
-    async fn events(&self, job_id: &str, moved: &mut impl FnMut(&JobAnswer)) -> anyhow::Result<Option<JobAnswer>> {
-        let request = self.http.get(format!("{}/v1/jobs/{job_id}/events", self.url));
-        let response = self.with_key(request).send().await.map_err(|error| unreachable(&self.url, &error))?;
+    /// One connection's events, to the one that says that the job is over.
+    async fn events(&self, job_id: &str, mut moved: impl FnMut(&JobAnswer)) -> Result<JobAnswer, Failed> {
+        let request = self.with_key(self.http.get(format!("{}/v1/jobs/{job_id}/events", self.url)));
+        let response = timeout(SILENCE, request.send()).await.map_err(|_| silent())?.map_err(|error| Failed::sending(&self.url, &error))?;
         if !response.status().is_success() {
-            return Err(refused(response).await);
+            let (status, headers) = (response.status().as_u16(), response.headers().clone());
+            let body =
+                timeout(SILENCE, response.bytes()).await.map_err(|_| silent())?.map_err(|error| Failed::reading(&self.url, &error))?;
+            return Err(Failed::answer(status, &headers, &body));
         }
         let mut stream = response.bytes_stream();
         let mut text = Vec::new();
-        while let Some(Ok(chunk)) = stream.next().await {
-            text.extend_from_slice(&chunk);
+        loop {
+            text.extend_from_slice(&piece(&mut stream, SILENCE).await?);
             while let Some(end) = text.windows(2).position(|w| w == b"\n\n") {
                 let event: Vec<u8> = text.drain(..end + 2).collect();
                 let Some((name, job)) = parse_event(&event) else { continue };
                 moved(&job);
                 if name == "finished" {
-                    return Ok(Some(job));
+                    return Ok(job);
                 }
             }
         }
-        Ok(None)
     }
 
     fn with_key(&self, request: reqwest::RequestBuilder) -> reqwest::RequestBuilder {
@@ -210,55 +256,6 @@ impl Client {
             Some(key) => request.bearer_auth(key),
             None => request,
         }
-    }
-}
-
-fn unreachable(url: &str, error: &reqwest::Error) -> anyhow::Error {
-    let reason = if error.is_timeout() { "it did not answer in time".to_owned() } else { cause(error) };
-    anyhow::anyhow!("the server {url} cannot be reached: {reason}; is it running, and is --server right?")
-}
-
-/// The innermost cause: a refused connection, an unknown host and a certificate that is not trusted differ only there.
-fn cause(error: &dyn std::error::Error) -> String {
-    let mut innermost = error;
-    while let Some(source) = innermost.source() {
-        innermost = source;
-    }
-    innermost.to_string()
-}
-
-/// What the server refused, and why.
-#[derive(Debug, thiserror::Error)]
-#[error("{}", self.in_words())]
-pub struct Refused {
-    status: u16,
-    /// In the server's words.
-    pub problem: Problem,
-}
-
-impl Refused {
-    /// True where a file or an option has to be mended, as where `kincal calibrate` ends on the same file.
-    pub fn is_usage(&self) -> bool {
-        matches!(self.status, 400 | 415 | 422)
-    }
-
-    /// What, why, and what to do next. The detail of bad input is its first fault, which is not said twice.
-    fn in_words(&self) -> String {
-        let Problem { detail, code, errors, .. } = &self.problem;
-        let faults: Vec<String> = errors.iter().map(|issue| files::fault(issue, None)).collect();
-        let more: String = faults.iter().map(|fault| format!("\n  {fault}")).collect();
-        let is_said = errors.first().is_some_and(|first| detail.starts_with(&first.in_words()));
-        let text = match faults.as_slice() {
-            [fault] if is_said => format!("{fault} ({code})"),
-            several if is_said => format!("{} faults ({code}){more}", several.len()),
-            _ => format!("{detail} ({code}){more}"),
-        };
-        let next = match self.status {
-            401 => "\nnext: give the key with --key or in KINCAL_KEY",
-            404 if detail.contains("robot") => "\nnext: kincal robots lists those that are there",
-            _ => "",
-        };
-        text + next
     }
 }
 
@@ -271,6 +268,23 @@ fn succeeded(job: JobAnswer) -> anyhow::Result<JobAnswer> {
     bail!("job {} is {}{reason}", job.id, status.as_str().unwrap_or("over"))
 }
 
+/// What a stream brings next. One that ends or falls silent is lost: a host that vanishes says nothing at all.
+async fn piece<T>(stream: &mut (impl Stream<Item = reqwest::Result<T>> + Unpin), silence: Duration) -> Result<T, Failed> {
+    match timeout(silence, stream.next()).await {
+        Ok(Some(Ok(piece))) => Ok(piece),
+        Ok(_) => Err(Failed::Lost(anyhow::anyhow!("the events ended before the job did"))),
+        Err(_) => Err(silent()),
+    }
+}
+
+fn silent() -> Failed {
+    Failed::Lost(anyhow::anyhow!("nothing came from the server for {} s", SILENCE.as_secs()))
+}
+
+fn json(bytes: &[u8]) -> anyhow::Result<Value> {
+    serde_json::from_slice(bytes).context("the server's answer is not JSON")
+}
+
 /// Name and job of one server-sent event; nothing for a comment.
 fn parse_event(event: &[u8]) -> Option<(String, JobAnswer)> {
     let text = std::str::from_utf8(event).ok()?;
@@ -278,29 +292,22 @@ fn parse_event(event: &[u8]) -> Option<(String, JobAnswer)> {
     Some((field("event:")?.to_string(), serde_json::from_str(field("data:")?).ok()?))
 }
 
-/// The body of a success, or the problem in words.
-async fn answer(response: reqwest::Response) -> anyhow::Result<Value> {
-    if !response.status().is_success() {
-        return Err(refused(response).await);
-    }
-    serde_json::from_slice(&response.bytes().await?).context("the server's answer is not JSON")
-}
-
-/// The problem of an answer that is no success.
-async fn refused(response: reqwest::Response) -> anyhow::Error {
-    let status = response.status();
-    let bytes = response.bytes().await.unwrap_or_default();
-    match serde_json::from_slice::<Problem>(&bytes) {
-        Ok(problem) => Refused { status: status.as_u16(), problem }.into(),
-        Err(_) => anyhow::anyhow!("the server answered {status}"),
-    }
-}
-
 #[cfg(test)]
 mod tests {
-    use super::{Client, Refused};
+    use super::{Client, piece};
     use crate::cli::Usage;
-    use crate::wire::{Issue, Problem};
+    use crate::cli::failure::Failed;
+    use std::time::Duration;
+
+    #[tokio::test]
+    async fn a_host_that_vanishes_is_noticed_and_may_come_back() {
+        let mut silent = tokio_stream::pending::<reqwest::Result<u8>>();
+        let said = piece(&mut silent, Duration::from_millis(10)).await;
+        assert!(matches!(said, Err(Failed::Lost(_))), "{said:?}");
+        let mut closed = tokio_stream::empty::<reqwest::Result<u8>>();
+        let said = piece(&mut closed, Duration::from_millis(10)).await;
+        assert!(matches!(said, Err(Failed::Lost(_))), "{said:?}");
+    }
 
     #[test]
     fn a_server_is_named_by_its_url() {
@@ -309,14 +316,5 @@ mod tests {
             assert!(error.is::<Usage>() && error.to_string().contains("begins with http:// or https://"), "{wrong}: {error}");
         }
         assert!(Client::new("http://kincal.example:8443/", None, None).is_ok());
-    }
-
-    #[test]
-    fn a_single_fault_is_said_once() {
-        let issue = Issue { row: Some(0), detail: "row 0 has 20 cells".into(), code: "wrong_cell_count".into(), ..Issue::default() };
-        let mut problem = Problem::new(422, "invalid_measurements", issue.in_words());
-        problem.errors = vec![issue];
-        let words = Refused { status: 422, problem }.to_string();
-        assert_eq!(words, "row 0 has 20 cells (invalid_measurements)");
     }
 }

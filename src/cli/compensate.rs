@@ -1,6 +1,7 @@
 //! `kincal compensate`: the joint targets of a program, corrected.
 
-use super::client::{Refused, ServerArguments};
+use super::client::ServerArguments;
+use super::failure::Refused;
 use super::files::{self, cannot_be_used, read, read_json};
 use super::terminal::Output;
 use super::{Usage, block_on, terminal};

@@ -93,18 +93,44 @@ pub fn row(row: usize, bytes: Option<&[u8]>) -> String {
     format!("row {row}{line}")
 }
 
-/// The line on which a row begins: empty lines are no rows, and a cell in quotes may go on over several.
+/// Where in a cell a byte is.
+#[derive(Clone, Copy, PartialEq)]
+enum At {
+    Start,
+    Unquoted,
+    Quoted,
+    Closed,
+}
+
+/// The line on which a row begins, as the reader of measurement files counts rows: lines without a single character are none, those of spaces
+/// are, a quote opens where a cell begins, and a cell in quotes may go on over several lines.
 fn line_of(bytes: &[u8], row: usize) -> Option<usize> {
-    let (mut in_quotes, mut n_rows) = (false, 0);
-    for (i, line) in bytes.split(|byte| *byte == b'\n').enumerate() {
-        if !in_quotes && !line.trim_ascii().is_empty() {
+    let bytes = bytes.strip_prefix(BYTE_ORDER_MARK).unwrap_or(bytes);
+    let header = bytes.split(|byte| *byte == b'\n').next().unwrap_or_default();
+    let separator = if header.contains(&b';') && !header.contains(&b',') { b';' } else { b',' };
+    let (mut at, mut line, mut n_rows, mut is_begun) = (At::Start, 1, 0, false);
+    for (i, &byte) in bytes.iter().enumerate() {
+        // \r\n is one end of line
+        let ends_line = byte == b'\r' || byte == b'\n' && (i == 0 || bytes[i - 1] != b'\r');
+        let is_break = matches!(byte, b'\r' | b'\n');
+        if !is_begun && !is_break {
             // the header is the first
             if n_rows == row + 1 {
-                return Some(i + 1);
+                return Some(line);
             }
-            n_rows += 1;
+            (n_rows, is_begun) = (n_rows + 1, true);
         }
-        in_quotes ^= line.iter().filter(|byte| **byte == b'"').count() % 2 == 1;
+        at = match (at, byte) {
+            (At::Quoted, b'"') => At::Closed,
+            (At::Quoted, _) | (At::Start | At::Closed, b'"') => At::Quoted,
+            _ if is_break => {
+                is_begun = false;
+                At::Start
+            }
+            (_, byte) if byte == separator => At::Start,
+            _ => At::Unquoted,
+        };
+        line += usize::from(ends_line);
     }
     None
 }
@@ -118,6 +144,19 @@ mod tests {
     fn rows_are_found_again_on_their_lines() {
         let text = b"a,b\r\n\r\n1,\"two\r\nlines\"\r\n3,4\r\n";
         assert_eq!([0, 1, 2].map(|row| line_of(text, row)), [Some(3), Some(5), None]);
+        // of spaces: a row; a quote within a cell: a character; a quote after a semicolon opens where that separates
+        let text = b"\xEF\xBB\xBF\"a\";b\n\n  \n5\" pipe;2\n\"x \"\"y\"\"\n z\";4\r\r5;6\n";
+        assert_eq!([0, 1, 2, 3, 4].map(|row| line_of(text, row)), [Some(3), Some(4), Some(5), Some(8), None]);
+    }
+
+    #[test]
+    fn lines_are_counted_as_the_reader_of_measurement_files_counts_rows() {
+        for text in ["a,b\n1,x\n\n  \n\n3,\"two\n lines\"\nq,4\n", "a,b\r\n\r\n\t\r\nq,2\r\n", "a,\"b\"\n\"1\n\n\",2\nq,3\n\n"] {
+            let mut reader = csv::ReaderBuilder::new().flexible(true).trim(csv::Trim::All).from_reader(text.as_bytes());
+            let row = reader.records().position(|record| &record.unwrap()[0] == "q").unwrap();
+            let line = text.lines().position(|line| line.starts_with('q')).unwrap() + 1;
+            assert_eq!(line_of(text.as_bytes(), row), Some(line), "{text:?}");
+        }
     }
 
     #[test]

@@ -11,6 +11,7 @@ mod compensate;
 mod completions;
 mod copy_store;
 mod demo;
+mod failure;
 mod files;
 mod import;
 mod key;
@@ -140,7 +141,7 @@ pub fn main() -> ExitCode {
         Ok(()) => ExitCode::FAILURE,
         Err(error) => {
             eprintln!("kincal: {}", terminal::plain(&format!("{error:#}")));
-            let is_usage = error.is::<Usage>() || error.downcast_ref::<client::Refused>().is_some_and(client::Refused::is_usage);
+            let is_usage = error.is::<Usage>() || error.downcast_ref::<failure::Refused>().is_some_and(failure::Refused::is_usage);
             if is_usage { ExitCode::from(2) } else { ExitCode::FAILURE }
         }
     }

@@ -1,7 +1,8 @@
 //! `kincal submit`: a measurement set to a server, and its calibration back.
 
 use super::calibrate::{progress_bar, show};
-use super::client::{Client, Refused, ServerArguments};
+use super::client::{Client, ServerArguments};
+use super::failure::Refused;
 use super::files::{Numbers, cannot_be_used, is_json, read};
 use super::terminal::Output;
 use super::{Usage, block_on, table};

@@ -18,10 +18,14 @@ struct Process {
 
 impl Process {
     fn serve(data_dir: &Path, workers: &str, extra: &[&str]) -> Self {
+        Self::serve_with_log(data_dir, workers, extra, Stdio::null())
+    }
+
+    fn serve_with_log(data_dir: &Path, workers: &str, extra: &[&str], log: Stdio) -> Self {
         kincal::http::tls::use_ring();
         let mut command = Command::new(env!("CARGO_BIN_EXE_kincal"));
         command.args(["serve", "--listen", "127.0.0.1:0", "--workers", workers, "--data-dir"]).arg(data_dir).args(extra);
-        let mut child = command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
+        let mut child = command.stdout(Stdio::piped()).stderr(log).spawn().unwrap();
         let mut line = String::new();
         BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
         let url = line.trim().strip_prefix("kincal listening on ").unwrap_or_else(|| panic!("{line:?}")).to_owned();
@@ -147,4 +151,39 @@ async fn a_key_made_beside_the_server_opens_it_until_it_is_revoked() {
 #[test]
 fn openapi_prints_the_checked_in_document() {
     assert_eq!(String::from_utf8(kincal(&["openapi"]).stdout).unwrap(), include_str!("../../openapi.yaml"));
+}
+
+#[tokio::test]
+async fn a_log_that_cannot_be_written_ends_nothing() {
+    let dir = tempfile::tempdir().unwrap();
+    let full = std::fs::File::options().write(true).open("/dev/full").unwrap();
+    let mut server = Process::serve_with_log(dir.path(), "1", &["--no-auth"], full.into());
+    let robot = server.post("/v1/robots", "application/json", paper("robot.json")).await;
+    let robot = format!("/v1/robots/{}", text(&robot["id"]));
+    let set = server.post(&format!("{robot}/measurement-sets?frame=base"), "text/csv", paper("first.csv")).await;
+    let request = serde_json::json!({"measurement_set_id": set["id"], "method": "least_squares"});
+    let job = server.post(&format!("{robot}/jobs"), "application/json", request.to_string().into_bytes()).await;
+    let path = format!("/v1/jobs/{}?wait_s=10", text(&job["id"]));
+    let deadline = Instant::now() + Duration::from_secs(60);
+    while server.get(&path).await["status"] != "succeeded" {
+        assert!(Instant::now() < deadline);
+    }
+    assert_eq!(reqwest::get(format!("{}/v1/robots/rob_0", server.url)).await.unwrap().status(), 404, "what is refused is logged, too");
+    assert_eq!(server.terminate().1, Some(0));
+}
+
+#[tokio::test]
+async fn a_data_directory_that_is_removed_takes_nothing_more() {
+    let dir = tempfile::tempdir().unwrap();
+    let data = dir.path().join("data");
+    let server = Process::serve(&data, "0", &["--no-auth"]);
+    server.post("/v1/robots", "application/json", paper("robot.json")).await;
+    std::fs::rename(&data, dir.path().join("elsewhere")).unwrap();
+    let ready = reqwest::get(format!("{}/readyz", server.url)).await.unwrap();
+    assert_eq!(ready.status(), 503);
+    assert!(ready.text().await.unwrap().contains("moved or removed"));
+    let request = reqwest::Client::new().post(format!("{}/v1/robots", server.url)).header("content-type", "application/json");
+    assert_eq!(request.body(paper("robot.json")).send().await.unwrap().status(), 503);
+    std::fs::rename(dir.path().join("elsewhere"), &data).unwrap();
+    server.post("/v1/robots", "application/json", paper("robot.json")).await;
 }

@@ -11,12 +11,16 @@ use std::time::{Duration, Instant};
 /// Exit code of curl where nobody it knows vouches for the server.
 const NOT_VOUCHED_FOR: i32 = 60;
 
-/// A self-signed certificate for 127.0.0.1 and its key.
+/// A self-signed certificate for 127.0.0.1 and its key, as docs/operations.md makes one.
 fn certificate(dir: &Path, name: &str) -> TlsConfig {
+    certificate_of(dir, name, "subjectAltName=IP:127.0.0.1", "basicConstraints=critical,CA:FALSE")
+}
+
+fn certificate_of(dir: &Path, name: &str, names: &str, constraints: &str) -> TlsConfig {
     let [certificate, key] = ["crt", "key"].map(|ending| dir.join(format!("{name}.{ending}")));
     let mut openssl = Command::new("openssl");
     openssl.args(["req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes", "-days", "2"]);
-    openssl.args(["-subj", "/CN=kincal test", "-addext", "subjectAltName=IP:127.0.0.1"]);
+    openssl.args(["-subj", "/CN=kincal test", "-addext", names, "-addext", constraints]);
     let made = openssl.arg("-keyout").arg(&key).arg("-out").arg(&certificate).output().expect("openssl is installed");
     assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
     TlsConfig { tls_cert: Some(certificate), tls_key: Some(key), insecure_http: false }
@@ -26,6 +30,10 @@ fn certificate(dir: &Path, name: &str) -> TlsConfig {
 async fn server() -> (TestApp, PathBuf, tempfile::TempDir) {
     let dir = tempfile::tempdir().unwrap();
     let tls = certificate(dir.path(), "server");
+    server_with(tls, dir).await
+}
+
+async fn server_with(tls: TlsConfig, dir: tempfile::TempDir) -> (TestApp, PathBuf, tempfile::TempDir) {
     let certificate = tls.tls_cert.clone().unwrap();
     let limits = LimitsConfig { client_timeout_s: 2, ..LimitsConfig::default() };
     let config = ServeConfig { tls, limits, ..ServeConfig::loopback(dir.path().join("data"), 0) };
@@ -67,6 +75,53 @@ async fn another_certificate_is_not_taken_for_the_servers() {
     let other = certificate(dir.path(), "other").tls_cert.unwrap();
     let refused = get(&app, "/healthz", &other, &[]).await;
     assert_eq!(refused.status.code(), Some(NOT_VOUCHED_FOR), "{}", String::from_utf8_lossy(&refused.stderr));
+}
+
+/// What a person types, without the certificates that this machine trusts.
+async fn kincal(app: &TestApp, arguments: &[&str], variables: &[(&str, &Path)]) -> (Option<i32>, String) {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_kincal"));
+    command.args(["robots", "--server", &app.server.url()]).args(arguments).env("SSL_CERT_FILE", "/dev/null").env_remove("SSL_CERT_DIR");
+    command.envs(variables.iter().copied());
+    let output = tokio::task::spawn_blocking(move || command.output().expect("the binary runs")).await.unwrap();
+    (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn the_command_line_speaks_tls_and_checks_who_is_there() {
+    let (app, trusted, dir) = server().await;
+    let other = certificate(dir.path(), "other").tls_cert.unwrap();
+    let said = kincal(&app, &["--ca-cert", trusted.to_str().unwrap()], &[]).await;
+    assert_eq!(said, (Some(0), String::new()));
+    let said = kincal(&app, &[], &[("SSL_CERT_FILE", &trusted)]).await;
+    assert_eq!(said, (Some(0), String::new()), "one that the system trusts");
+    for arguments in [vec![], vec!["--ca-cert", other.to_str().unwrap()]] {
+        let (code, complaints) = kincal(&app, &arguments, &[]).await;
+        assert_eq!(code, Some(1), "{arguments:?}: {complaints}");
+        // this machine has no certificates at all, or others
+        let reason = if arguments.is_empty() { "no certificate can be checked" } else { "is not trusted" };
+        assert!(complaints.contains(reason) && complaints.contains("by --ca-cert FILE or KINCAL_CA_CERT"), "{arguments:?}: {complaints}");
+    }
+    let none = dir.path().join("data");
+    let (code, complaints) = kincal(&app, &["--ca-cert", none.to_str().unwrap()], &[]).await;
+    assert_eq!(code, Some(2), "{complaints}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_certificate_that_is_refused_says_what_to_do_about_it() {
+    let (ours, others) = ("subjectAltName=IP:127.0.0.1", "subjectAltName=DNS:cell-4.example");
+    let (server_s, authority_s) = ("basicConstraints=critical,CA:FALSE", "basicConstraints=critical,CA:TRUE");
+    for (names, constraints, advice) in [
+        (ours, authority_s, "make one for the server with basicConstraints=CA:FALSE"),
+        (others, server_s, "name the server in --server as its certificate does"),
+    ] {
+        let dir = tempfile::tempdir().unwrap();
+        let tls = certificate_of(dir.path(), "server", names, constraints);
+        let (app, trusted, _dir) = server_with(tls, dir).await;
+        let (code, complaints) = kincal(&app, &["--ca-cert", trusted.to_str().unwrap()], &[]).await;
+        assert_eq!(code, Some(1), "{complaints}");
+        assert!(complaints.contains("is not trusted") && complaints.contains(advice), "{complaints}");
+        assert_eq!(complaints.contains("cell-4.example"), names == others, "whose name it has: {complaints}");
+    }
 }
 
 #[tokio::test]

@@ -1,0 +1,168 @@
+//! Why a server did not do what it was asked, in words, and whether it may be asked again.
+
+use super::files;
+use crate::wire::Problem;
+use reqwest::header::{HeaderMap, RETRY_AFTER};
+use std::time::Duration;
+
+/// A server that asks to come back later than this is not waited for so long: a person is there.
+const LONGEST_WAIT: Duration = Duration::from_secs(5);
+/// Where it does not say when, or what it was asked for got lost.
+const AGAIN_AFTER: Duration = Duration::from_secs(1);
+
+/// Why a request came to nothing.
+#[derive(Debug)]
+pub enum Failed {
+    /// Nobody answered, or the connection broke before the answer was whole.
+    Lost(anyhow::Error),
+    /// It cannot be taken now; it may be in a while.
+    Busy(Duration, anyhow::Error),
+    /// It would not be answered otherwise a second time.
+    Final(anyhow::Error),
+}
+
+impl Failed {
+    /// What a request ended by that was sent to `url`.
+    pub fn sending(url: &str, error: &reqwest::Error) -> Self {
+        let is_final = error.is_builder() || advice(&cause(error)).is_some();
+        let reason = unreachable(url, error);
+        if is_final { Self::Final(reason) } else { Self::Lost(reason) }
+    }
+
+    /// Likewise where its answer had begun.
+    pub fn reading(url: &str, error: &reqwest::Error) -> Self {
+        Self::Lost(anyhow::anyhow!("the connection to {url} broke within an answer: {}", cause(error)))
+    }
+
+    /// An answer that is no success. 502 and 504 are what a proxy says while the server behind it restarts.
+    pub fn answer(status: u16, headers: &HeaderMap, body: &[u8]) -> Self {
+        let error = match serde_json::from_slice::<Problem>(body) {
+            Ok(problem) => Refused { status, problem }.into(),
+            Err(_) => anyhow::anyhow!("the server answered {status}"),
+        };
+        if matches!(status, 429 | 502..=504) { Self::Busy(wait(headers), error) } else { Self::Final(error) }
+    }
+
+    /// How long to wait before it is tried again, if that is of any use.
+    pub fn again_after(&self) -> Option<Duration> {
+        match self {
+            Self::Lost(_) => Some(AGAIN_AFTER),
+            Self::Busy(after, _) => Some(*after),
+            Self::Final(_) => None,
+        }
+    }
+}
+
+impl From<Failed> for anyhow::Error {
+    fn from(failed: Failed) -> Self {
+        match failed {
+            Failed::Lost(error) | Failed::Busy(_, error) | Failed::Final(error) => error,
+        }
+    }
+}
+
+fn wait(headers: &HeaderMap) -> Duration {
+    let told = headers.get(RETRY_AFTER).and_then(|value| value.to_str().ok()?.trim().parse().ok());
+    told.map_or(AGAIN_AFTER, Duration::from_secs).min(LONGEST_WAIT)
+}
+
+fn unreachable(url: &str, error: &reqwest::Error) -> anyhow::Error {
+    let cause = cause(error);
+    if let Some(advice) = advice(&cause) {
+        return anyhow::anyhow!("the server {url} is not trusted: {cause}\nnext: {advice}");
+    }
+    let reason = if error.is_timeout() { "it did not answer in time".to_owned() } else { cause };
+    anyhow::anyhow!("the server {url} cannot be reached: {reason}; is it running, and is --server right?")
+}
+
+/// What to do about a certificate that was refused, by the names that rustls has for the reasons.
+fn advice(cause: &str) -> Option<&'static str> {
+    let reason = cause.split_once("invalid peer certificate: ")?.1;
+    // a signature is bad where the one that is trusted has the right name and another key, as before a renewal
+    Some(if reason.contains("UnknownIssuer") || reason.contains("BadSignature") {
+        "give the certificate of the authority that signed the server's, or the server's own where it signed itself, as it is now, by --ca-cert FILE or KINCAL_CA_CERT"
+    } else if reason.contains("CaUsedAsEndEntity") {
+        "the server shows a certificate that is an authority's own (CA:TRUE); make one for the server with basicConstraints=CA:FALSE, as docs/operations.md has it under TLS"
+    } else if reason.to_lowercase().contains("not valid for") && reason.contains("name") {
+        "name the server in --server as its certificate does, or make one whose subjectAltName has this name or address"
+    } else if reason.contains("expired") || reason.contains("not valid yet") {
+        "renew the server's certificate and start it anew, or set the clock of this machine right"
+    } else {
+        "docs/operations.md has under TLS how to make a certificate that works"
+    })
+}
+
+/// The innermost cause: a refused connection, an unknown host and a certificate that is not trusted differ only there.
+fn cause(error: &dyn std::error::Error) -> String {
+    let mut innermost = error;
+    while let Some(source) = innermost.source() {
+        innermost = source;
+    }
+    innermost.to_string()
+}
+
+/// What the server refused, and why.
+#[derive(Debug, thiserror::Error)]
+#[error("{}", self.in_words())]
+pub struct Refused {
+    status: u16,
+    /// In the server's words.
+    pub problem: Problem,
+}
+
+impl Refused {
+    /// True where a file or an option has to be mended, as where `kincal calibrate` ends on the same file.
+    pub fn is_usage(&self) -> bool {
+        matches!(self.status, 400 | 415 | 422)
+    }
+
+    /// What, why, and what to do next. The detail of bad input is its first fault, which is not said twice.
+    fn in_words(&self) -> String {
+        let Problem { detail, code, errors, .. } = &self.problem;
+        let faults: Vec<String> = errors.iter().map(|issue| files::fault(issue, None)).collect();
+        let more: String = faults.iter().map(|fault| format!("\n  {fault}")).collect();
+        let is_said = errors.first().is_some_and(|first| detail.starts_with(&first.in_words()));
+        let text = match faults.as_slice() {
+            [fault] if is_said => format!("{fault} ({code})"),
+            several if is_said => format!("{} faults ({code}){more}", several.len()),
+            _ => format!("{detail} ({code}){more}"),
+        };
+        let next = match self.status {
+            401 => "\nnext: give the key with --key or in KINCAL_KEY",
+            404 if detail.contains("robot") => "\nnext: kincal robots lists those that are there",
+            _ => "",
+        };
+        text + next
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Failed, Refused};
+    use crate::wire::{Issue, Problem};
+    use reqwest::header::{HeaderMap, HeaderValue, RETRY_AFTER};
+    use std::time::Duration;
+
+    #[test]
+    fn only_what_may_pass_is_asked_again_and_not_too_late() {
+        let after = |status, told: Option<&'static str>| {
+            let headers: HeaderMap = told.map(|told| (RETRY_AFTER, HeaderValue::from_static(told))).into_iter().collect();
+            Failed::answer(status, &headers, b"{}").again_after()
+        };
+        for status in [400, 401, 403, 404, 409, 422, 500, 507] {
+            assert_eq!(after(status, Some("1")), None, "{status}");
+        }
+        for (told, seconds) in [(None, 1), (Some("3"), 3), (Some("86400"), 5), (Some("Fri, 31 Dec 1999 23:59:59 GMT"), 1)] {
+            assert_eq!(after(503, told), Some(Duration::from_secs(seconds)), "{told:?}");
+        }
+    }
+
+    #[test]
+    fn a_single_fault_is_said_once() {
+        let issue = Issue { row: Some(0), detail: "row 0 has 20 cells".into(), code: "wrong_cell_count".into(), ..Issue::default() };
+        let mut problem = Problem::new(422, "invalid_measurements", issue.in_words());
+        problem.errors = vec![issue];
+        let words = Refused { status: 422, problem }.to_string();
+        assert_eq!(words, "row 0 has 20 cells (invalid_measurements)");
+    }
+}
