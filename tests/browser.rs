@@ -9,6 +9,8 @@ mod browser;
 mod hall;
 #[path = "support/process.rs"]
 mod process;
+#[path = "browser/trouble.rs"]
+mod trouble;
 
 use browser::{Browser, DESKTOP, Driver, Look, Picture, TABLET};
 use hall::{Hall, data};
@@ -22,9 +24,14 @@ const HOSTILE: &str = "</script><script>alert(1)</script><img src=x onerror=aler
 
 /// Runs a person's steps in a browser of their own.
 fn in_browser(driver: &Driver, server: &Server, steps: impl AsyncFnOnce(&Browser)) {
+    in_browser_at(driver, &server.url, steps);
+}
+
+/// Likewise on a server that may come and go.
+fn in_browser_at(driver: &Driver, url: &str, steps: impl AsyncFnOnce(&Browser)) {
     let runtime = tokio::runtime::Runtime::new().unwrap();
     runtime.block_on(async {
-        let browser = Browser::open(driver, &server.url, Look::default()).await;
+        let browser = Browser::open(driver, url, Look::default()).await;
         steps(&browser).await;
         browser.close().await;
     });
@@ -151,6 +158,13 @@ fn what_the_service_says_stands_on_the_pages() {
         browser.until_it_says("Repeatability").await;
         let rows = browser.run("return document.querySelectorAll('[aria-label^=\"RP \"] tbody tr').length").await;
         assert_eq!(rows, 3, "three poses were visited several times");
+        // what moved has a unit
+        browser.until_it_says("Moved since the set before").await;
+        let units =
+            "return [...document.querySelectorAll('[aria-label^=\"Changes that\"] tbody td:nth-child(2)')].map((cell) => cell.innerText)";
+        let units = browser.run(units).await;
+        let units: Vec<&str> = units.as_array().unwrap().iter().map(|unit| unit.as_str().unwrap()).collect();
+        assert!(!units.is_empty() && units.iter().all(|unit| ["mm", "°"].contains(unit)), "{units:?}");
 
         // the links as other programs read them
         let folder = hall.folder.path().join("downloads");

@@ -7,6 +7,8 @@ export const key = () => sessionStorage.getItem(STORED);
 export const keepKey = (text) => sessionStorage.setItem(STORED, text);
 export const dropKey = () => sessionStorage.removeItem(STORED);
 export const signedIn = () => noAuth || key() !== null;
+/** What a header can carry: a browser sends nothing at all with any other character. */
+export const isKey = (text) => /^[\x21-\x7e]+$/.test(text);
 
 function headers(more = {}) {
   return key() ? { ...more, Authorization: `Bearer ${key()}` } : more;
@@ -20,16 +22,45 @@ export class Refused extends Error {
   }
 }
 
+const NO_ANSWER = { title: "No answer", detail: "The server does not answer. Is it running, and is this computer on its network?" };
+/** A server that is busy is asked again so often by what only reads, */
+const MAX_TRIES = 4;
+/** and never waited for longer than this. */
+const LONGEST_PAUSE_S = 5;
+
+/** Resolves after a while; rejects when the page is left. */
+function pause(seconds, signal) {
+  return new Promise((done, fail) => {
+    signal?.throwIfAborted();
+    const timer = setTimeout(done, 1000 * seconds);
+    signal?.addEventListener("abort", () => { clearTimeout(timer); fail(signal.reason); }, { once: true });
+  });
+}
+
 async function call(path, options = {}) {
+  for (let attempt = 1; ; attempt += 1) {
+    try {
+      return await once(path, options);
+    } catch (error) {
+      const mayPass = !options.method && [429, 503].includes(error.status) && attempt < MAX_TRIES;
+      if (!mayPass) throw error;
+      await pause(Math.min(LONGEST_PAUSE_S, error.retryAfter), options.signal);
+    }
+  }
+}
+
+async function once(path, options) {
   let response;
   try {
     response = await fetch(path, { cache: "no-store", credentials: "omit", ...options, headers: headers(options.headers) });
   } catch (cause) {
     if (cause.name === "AbortError") throw cause;
-    throw new Refused(0, { title: "No answer", detail: "The server does not answer. Is it running, and is this computer on its network?" });
+    throw new Refused(0, NO_ANSWER);
   }
   if (response.ok) return response;
-  throw new Refused(response.status, await response.json().catch(() => ({})));
+  const refused = new Refused(response.status, await response.json().catch(() => ({})));
+  refused.retryAfter = Number(response.headers.get("Retry-After")) || 1;
+  throw refused;
 }
 
 export const get = async (path, signal) => (await call(path, { signal })).json();
@@ -60,22 +91,35 @@ export async function list(path, limit = 50, signal) {
   return items;
 }
 
-/** A job's server-sent events, read by fetch because EventSource cannot send a key. Ends with `finished`; reconnects. */
-export async function follow(jobId, moved, signal) {
-  for (;;) {
+/** A server that is restarted or out of reach is looked for so often, some ten minutes long. */
+const MAX_LOST = 120;
+const mayComeBack = (error) => error instanceof Refused && (error.status === 0 || error.status === 429 || error.status >= 500);
+
+/** A job's server-sent events, read by fetch because EventSource cannot send a key. Ends with `finished`; reconnects. `lost` is told when the server is away. */
+export async function follow(jobId, { moved, lost }, signal) {
+  for (let failures = 0; ;) {
     try {
       const response = await call(`/v1/jobs/${jobId}/events`, { signal });
       for await (const [name, job] of events(response.body)) {
+        failures = 0;
         moved(job);
         if (name === "finished") return job;
       }
     } catch (error) {
-      if (error.name === "AbortError" || (error.status && error.status < 500)) throw error;
+      if (!mayComeBack(error)) throw error;
     }
-    // The stream ended early (a restart, a proxy): a long poll waits for the server and for the next change.
-    const job = await get(`/v1/jobs/${jobId}?wait_s=5`, signal);
-    moved(job);
-    if (!["queued", "running"].includes(job.status)) return job;
+    // The stream ended early (a restart, a proxy): a long poll waits for the next change, and a pause for the server.
+    try {
+      const job = await get(`/v1/jobs/${jobId}?wait_s=5`, signal);
+      failures = 0;
+      moved(job);
+      if (!["queued", "running"].includes(job.status)) return job;
+    } catch (error) {
+      failures += 1;
+      if (!mayComeBack(error) || failures > MAX_LOST) throw error;
+      lost();
+      await pause(Math.min(LONGEST_PAUSE_S, failures), signal);
+    }
   }
 }
 
@@ -83,7 +127,7 @@ async function* events(body) {
   const reader = body.pipeThrough(new TextDecoderStream()).getReader();
   let text = "";
   for (;;) {
-    const { done, value } = await reader.read();
+    const { done, value } = await reader.read().catch((cause) => { throw cause.name === "AbortError" ? cause : new Refused(0, NO_ANSWER); });
     if (done) return;
     text += value;
     for (let end = text.indexOf("\n\n"); end >= 0; end = text.indexOf("\n\n")) {
@@ -93,16 +137,6 @@ async function* events(body) {
       if (field("event:")) yield [field("event:"), JSON.parse(field("data:"))];
     }
   }
-}
-
-/** Offers what a path answers as a file; a plain link could not send the key. */
-export async function download(path, name) {
-  const url = URL.createObjectURL(await blob(path));
-  const link = document.createElement("a");
-  link.href = url;
-  link.download = name;
-  link.click();
-  setTimeout(() => URL.revokeObjectURL(url), 10_000);
 }
 
 /** Runs one function over many things, a few at a time. */

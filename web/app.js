@@ -1,6 +1,6 @@
 // The frame of the dashboard: who is signed in, and which page the address names.
 
-import { dropKey, get, keepKey, noAuth, signedIn } from "./api.js";
+import { dropKey, get, isKey, keepKey, key, noAuth, signedIn } from "./api.js";
 import { el, fill, problem } from "./dom.js";
 import { robotsPage } from "./robots.js";
 import { robotPage } from "./robot.js";
@@ -13,6 +13,9 @@ const PAGES = [
   [/^#\/jobs\/(\w+)$/, jobPage],
   [/^(#\/?)?$/, robotsPage],
 ];
+
+const NO_KEY = { title: "This is not a key", detail: "It has characters that no key has. Copy it once more, from kincal_ to its end." };
+const READS_NOTHING = { title: "This key may not read", detail: "Without the scope read nothing can be shown here. Sign in with another key." };
 
 let leaving = new AbortController();
 let me = null;
@@ -29,6 +32,7 @@ async function show(moveFocus) {
   leaving = new AbortController();
   const { signal } = leaving;
   if (!signedIn()) return signIn();
+  if (!noAuth && !isKey(key())) return signIn(NO_KEY);
   main.setAttribute("aria-busy", "true");
   try {
     me ??= await get("/v1/me", signal);
@@ -39,7 +43,10 @@ async function show(moveFocus) {
   } catch (error) {
     if (error.name === "AbortError") return;
     if (error.status === 401) return signIn(error);
-    fill(main, el("h1", {}, "This page cannot be shown"), problem(error), el("p", {}, el("a", { href: "#/" }, "All robots")));
+    // nobody is signed in yet, so there is no page to go back to
+    if (error.status === 403 && me === null) return signIn({ ...error, ...READS_NOTHING });
+    const ways = me === null ? [el("button.primary", { type: "button", click: () => show(true) }, "Try again"), !noAuth && el("button", { type: "button", click: () => signIn() }, "Another key")] : el("a", { href: "#/" }, "All robots");
+    fill(main, el("h1", {}, "This page cannot be shown"), problem(error), el("div.actions", {}, ways));
   } finally {
     if (!signal.aborted) main.removeAttribute("aria-busy");
   }

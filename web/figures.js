@@ -5,13 +5,15 @@ import { svg } from "./dom.js";
 import { mm, number, SMALLEST_MM } from "./format.js";
 
 /** What the two robots of a calibration are called. */
-export const IDENTIFIED = { before: "before", after: "after", legend: [["before", "before: nominal robot"], ["after", "after: identified robot"]],
+export const IDENTIFIED = { before: "before", after: "after", remains: "after calibration", legend: [["before", "before: nominal robot"], ["after", "after: identified robot"]],
   note: "The verify points were not fitted: their bars tell how good the robot is now." };
 /** And those of a verification, which changes neither. */
-export const VERIFIED = { before: "with the nominal robot", after: "with these parameters", legend: [["before", "nominal robot"], ["after", "these parameters"]],
+export const VERIFIED = { before: "with the nominal robot", after: "with these parameters", remains: "with these parameters", legend: [["before", "nominal robot"], ["after", "these parameters"]],
   note: "This job fitted no link to them." };
 /** More bars than this cannot be told apart: neighbours share one, which shows the largest of them. */
 const MAX_BARS = 240;
+/** More arrows than this hide each other, and ten times as many would stop the page. */
+const MAX_ARROWS = 2000;
 /** Where the errors span more than this, small ones would vanish on a linear axis. */
 const LOG_FROM_RATIO = 40;
 
@@ -38,12 +40,14 @@ export function convergence(curve, note) {
 /** One bar per point, verify half first. */
 export function perPoint(points, names) {
   const log = spansMuch(points);
-  const floor = log ? `, on a logarithmic axis that begins at ${SMALLEST_MM} mm` : "";
   const halves = ["verify", "identify"].map((name) => [name, points.filter((p) => p.subset === name)]).filter(([, half]) => half.length > 0);
   const share = Math.ceil(points.length / MAX_BARS);
   const groups = halves.map(([name, half]) => [name, half.length, grouped(half, share)]);
+  const all = groups.flatMap(([, , half]) => half.flatMap((g) => [g.before, g.after]));
+  const y = log ? visible(all) : range(all, { zero: true });
+  const floor = log ? `, on a logarithmic axis that begins at ${number(y.min)} mm` : "";
   const caption = `Position error of each measured point, mm${floor}. ${share > 1 ? `Each bar is the largest of ${share} neighbouring points. ` : ""}${names.note}`;
-  return figure("Error per point", caption, 260, (width, height) => bars(width, height, groups, log, names), legend(names.legend));
+  return figure("Error per point", caption, 260, (width, height) => bars(width, height, groups, { ...y, label: "mm" }, names), legend(names.legend));
 }
 
 /** A logarithmic range that does not go below what can be measured. */
@@ -59,10 +63,8 @@ function grouped(half, share) {
   return groups;
 }
 
-function bars(width, height, groups, log, names) {
-  const all = groups.flatMap(([, , half]) => half.flatMap((g) => [g.before, g.after]));
+function bars(width, height, groups, y, names) {
   const count = groups.reduce((n, [, , half]) => n + half.length, 0);
-  const y = log ? { ...visible(all), label: "mm" } : { ...range(all, { zero: true }), label: "mm" };
   const gap = groups.length > 1 ? 1.5 : 0;
   const frame = axes(width, height, { min: 0, max: count + gap, ticks: [] }, y);
   const step = frame.x(1) - frame.x(0);
@@ -73,7 +75,7 @@ function bars(width, height, groups, log, names) {
     if (at > 0) nodes.push(svg("line.divider", { x1: frame.x(at - gap / 2), x2: frame.x(at - gap / 2), y1: frame.top, y2: frame.bottom + 22 }));
     for (const group of half) {
       const x = frame.x(at);
-      const [b, a] = [group.before, group.after].map((v) => frame.y(log ? seen(v) : v));
+      const [b, a] = [group.before, group.after].map((v) => frame.y(y.log ? seen(v) : v));
       const bar = Math.max(1, step * 0.84);
       nodes.push(svg("g", {}, svg("rect.before", { x, y: b, width: bar, height: Math.max(0, frame.bottom - b) }),
         svg("rect.after", { x: x + bar * 0.25, y: a, width: Math.max(0.8, bar * 0.5), height: Math.max(0, frame.bottom - a) }),
@@ -113,14 +115,24 @@ const VIEWS = [["Seen from above", 0, 1, "x", "y"], ["Seen from the side", 0, 2,
 
 /** The error vectors where they were measured, in two projections; nothing for reports that have no vectors. */
 export function arrows(points, names) {
-  const placed = points.filter((p) => p.position_mm && p.before_vector_mm && p.after_vector_mm);
-  if (placed.length === 0) return [];
+  const known = points.filter((p) => p.position_mm && p.before_vector_mm && p.after_vector_mm);
+  if (known.length === 0) return [];
+  const share = Math.ceil(known.length / MAX_ARROWS);
+  const placed = farthest(known, share);
+  const thinned = share > 1 ? `Of every ${share} neighbouring points only the one with the largest error ${names.remains} is drawn: ${placed.length.toLocaleString("en-GB")} of ${known.length.toLocaleString("en-GB")}. ` : "";
   const extent = largest([0, 1, 2].map((k) => spread(placed.map((p) => p.position_mm[k]))));
   const factor = magnification(extent, largest(placed.map((p) => p.before_mm)));
   return VIEWS.map(([title, i, j, xName, yName]) => {
-    const caption = `Each arrow goes from where the robot was believed to be to where it was measured, drawn ${factor.toLocaleString("en-GB")} times as long. ${xName} and ${yName} in the measuring frame, mm.`;
+    const caption = `Each arrow goes from where the robot was believed to be to where it was measured, drawn ${factor.toLocaleString("en-GB")} times as long. ${thinned}${xName} and ${yName} in the measuring frame, mm.`;
     return figure(title, caption, 420, (width, height) => projection(width, height, placed, [i, j], { x: xName, y: yName, ...names }, factor), legend(names.legend));
   });
+}
+
+/** The point of each few that is farthest off after the calibration: a wild one must not vanish. */
+function farthest(points, share) {
+  const found = [];
+  for (let i = 0; i < points.length; i += share) found.push(points.slice(i, i + share).reduce((a, b) => (b.after_mm > a.after_mm ? b : a)));
+  return found;
 }
 
 const spread = (values) => values.reduce((a, b) => Math.max(a, b)) - values.reduce((a, b) => Math.min(a, b));

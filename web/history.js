@@ -5,21 +5,35 @@ import { axes, figure, legend, range, ticks } from "./charts.js";
 import { el, svg } from "./dom.js";
 import { mm, parameter, signed, SMALLEST_MM, when } from "./format.js";
 
-/** More parameter sets than this are not drawn. */
+/** More parameter sets than this are not drawn, but the active one always is. */
 const MAX_SETS = 30;
+/** And not more are listed. */
+const MAX_LISTED = 200;
 
 /** How a robot stands: its sets, newest first, the active one, the last job, and what is known of the error. */
 export async function state(robot, signal) {
   const [sets, jobs] = await Promise.all([
-    list(`/v1/robots/${robot.id}/parameter-sets`, 200, signal),
+    list(`/v1/robots/${robot.id}/parameter-sets`, MAX_LISTED, signal),
     get(`/v1/robots/${robot.id}/jobs?limit=1`, signal),
   ]);
-  const active = sets.find((set) => set.status === "released") ?? null;
+  const active = sets.find((set) => set.status === "released") ?? (sets.length < MAX_LISTED ? null : await olderActive(robot, sets, signal));
   const newest = sets.find((set) => set.status !== "withdrawn") ?? null;
   const measured = active ?? newest;
   const report = measured && (await get(`/v1/jobs/${measured.job_id}/report`, signal));
   const since = active && newest && newest.id !== active.id && newest.created_at > active.created_at ? newest : null;
   return { sets, active, newest, lastJob: jobs.items[0] ?? null, report, since, drift: since && (await drift(active, since, signal)) };
+}
+
+/** The active set where it is older than all that are listed; it comes after them. */
+async function olderActive(robot, sets, signal) {
+  try {
+    const active = await get(`/v1/robots/${robot.id}/parameter-sets/active`, signal);
+    sets.push(active);
+    return active;
+  } catch (error) {
+    if (error.code === "no_active_parameter_set") return null;
+    throw error;
+  }
 }
 
 /** How far the newer set puts the tool from the active one, as the service compares them; null where it cannot say. */
@@ -31,8 +45,8 @@ function drift(active, since, signal) {
 }
 
 /** The sets that are drawn, oldest first, with their reports. */
-export async function past(sets, signal) {
-  const shown = sets.slice(0, MAX_SETS).reverse();
+export async function past({ sets, active }, signal) {
+  const shown = sets.filter((set, i) => i < MAX_SETS || set.id === active?.id).reverse();
   const reports = await each(shown, (set) => get(`/v1/jobs/${set.job_id}/report`, signal));
   return shown.map((set, i) => ({ set, report: reports[i] }));
 }

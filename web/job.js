@@ -21,7 +21,7 @@ export async function jobPage(context, id) {
   if (!isOver(job)) {
     const live = watch(job, may);
     fill(body, live.node);
-    job = await follow(id, (now) => live.moved(now), signal);
+    job = await follow(id, live, signal);
     say(`The ${noun(job)} ${job.status === "succeeded" ? "is done" : `has ${job.status === "failed" ? "failed" : "been cancelled"}`}`);
     fill(top, head(job, robot, set, verified));
   }
@@ -58,10 +58,12 @@ function ending(job, robot) {
   return [el("p", {}, `The ${noun(job)} was cancelled; nothing came out of it.`), back];
 }
 
+const WAITING = "Waiting for a worker …";
+
 /** Progress, remaining time and the curve so far. */
 function watch(first, may) {
   const bar = el("progress", { max: 1, "aria-label": `Progress of the ${noun(first)}` });
-  const text = el("p", {}, "Waiting for a worker …");
+  const text = el("p", {}, WAITING);
   const plot = el("div", {});
   const out = el("div", {});
   const cancel = async () => {
@@ -78,9 +80,12 @@ function watch(first, may) {
   let begun = null;
   const moved = (job) => {
     const progress = job.progress;
-    if (!progress || job.status !== "running") return;
+    const isWaiting = job.status === "queued" || !progress;
+    if (isWaiting && !isOver(job)) fill(text, WAITING);
+    if (isWaiting || isOver(job)) return;
     const now = performance.now();
-    begun ??= { at: now, iteration: progress.iteration };
+    // a job that a restart handed back begins anew
+    if (!begun || progress.iteration < bar.value) begun = { at: now, iteration: progress.iteration };
     bar.max = progress.n_iterations;
     bar.value = progress.iteration;
     fill(text, `Iteration ${progress.iteration} of at most ${progress.n_iterations}. `, remaining(progress, begun, now),
@@ -93,8 +98,9 @@ function watch(first, may) {
     if (chart) chart.redraw();
     else fill(plot, (chart = convergence(curve, "The smallest cost F so far, mm²; the axis ends at the limit of iterations.")));
   };
+  const lost = () => fill(text, "The server does not answer. This page waits for it; the job is not lost.");
   moved(first);
-  return { node, moved };
+  return { node, moved, lost };
 }
 
 function remaining(progress, begun, now) {

@@ -1,11 +1,12 @@
 // What came out of a calibration, in the order in which a person asks: is it good, may I use it, what changed, how was it found.
 
-import { download, get, noAuth, post } from "./api.js";
+import { get, noAuth, post } from "./api.js";
 import { arrows, convergence, histogram, IDENTIFIED, interval, perPoint, VERIFIED } from "./figures.js";
 import { el, fill, problem, say, table, warning } from "./dom.js";
 import { capital, correctionTitle, error, EVIDENCE, fixed, gateDetail, gateTitle, method, mm, number, parameter, ran, signed, span, when } from "./format.js";
 import { decisions, statusBadge } from "./robot.js";
 import { facts } from "./robots.js";
+import { saveButton, savePoints } from "./save.js";
 
 /** Draws a finished job. */
 export async function result(body, context, { job, robot, set, verified }) {
@@ -75,7 +76,7 @@ function decision(parameterSet, context, job, robot) {
     const buttons = [];
     if (context.may("release") && ["candidate", "superseded"].includes(current.status)) buttons.push(el("button.primary", { type: "button", click: again("release", "Release this parameter set") }, current.status === "candidate" ? "Release …" : "Release again …"));
     if (context.may("release") && ["released", "candidate"].includes(current.status)) buttons.push(el("button.danger", { type: "button", click: again("withdraw", "Withdraw this parameter set") }, "Withdraw …"));
-    buttons.push(el("button", { type: "button", click: () => download(`/v1/parameter-sets/${current.id}`, `${current.id}.json`) }, "Download parameters"));
+    buttons.push(saveButton("Download parameters", `/v1/parameter-sets/${current.id}`, current.id, ".json"));
     const history = decisions(current).map((sentence) => el("p.quiet.reason", {}, sentence));
     fill(node, said && el("div.done", {}, el("p", {}, said)), el("div.head", {}, el("div", {}, el("h2", {}, "Parameter set ", statusBadge(current.status)), el("p.quiet", {}, MEANING[current.status] ?? ""), history), el("div.actions", {}, buttons)));
     const remarks = (current.release_checks ?? []).filter((gate) => gate.warning);
@@ -225,7 +226,9 @@ function priors(report) {
 
 function changed(report) {
   if (!report.changed?.length) return [];
-  const columns = [["Parameter", (c) => parameter(c.name)], ["Change", (c) => signed(c.delta, 5), "n"], ["In units of its uncertainty", (c) => number(c.sigmas), "n"]];
+  // where positions cannot tell which of several moved, all of them have one unit
+  const unit = (c) => ({ deg: "°" })[report.parameters.find((p) => p.name === c.name.split(" or ")[0])?.unit] ?? "mm";
+  const columns = [["Parameter", (c) => parameter(c.name)], ["Unit", unit], ["Change", (c) => signed(c.delta, 5), "n"], ["In units of its uncertainty", (c) => number(c.sigmas), "n"]];
   return el("section.card", {}, el("h2", {}, "Moved since the set before"), el("div.narrow", {}, table("Changes that are larger than chance.", columns, report.changed, "")));
 }
 
@@ -233,17 +236,17 @@ function changed(report) {
 const FORMATS = [["urdf", "urdf", "URDF"], ["csv", "csv", "CSV"], ["yaml", "yaml", "YAML"]];
 
 function exports(set) {
-  return FORMATS.map(([format, ending, name]) => el("button", { type: "button", "aria-label": `Parameters as ${name}`, click: () => download(`/v1/parameter-sets/${set.id}/export?format=${format}`, `${set.id}.${ending}`).catch((error) => say(error.detail)) }, `… as ${name}`));
+  return FORMATS.map(([format, ending, name]) => saveButton(`… as ${name}`, `/v1/parameter-sets/${set.id}/export?format=${format}`, set.id, `.${ending}`, `Parameters as ${name}`));
 }
 
 function files(job, set, parameterSet) {
   const reportPage = `/v1/jobs/${job.id}/report.html`;
   return el("section.card", {}, el("h2", {}, "Take it along"), el("div.actions", {},
-    noAuth ? el("a.button", { href: reportPage, target: "_blank", rel: "noopener" }, "Report to print") : el("button", { type: "button", click: () => download(reportPage, `report-${job.id}.html`) }, "Report to print"),
-    el("button", { type: "button", click: () => download(`/v1/jobs/${job.id}/report`, `report-${job.id}.json`) }, "Report as JSON"),
-    parameterSet && el("button", { type: "button", click: () => download(`/v1/parameter-sets/${parameterSet.id}`, `${parameterSet.id}.json`) }, "Parameters"),
+    noAuth ? el("a.button", { href: reportPage, target: "_blank", rel: "noopener" }, "Report to print") : saveButton("Report to print", reportPage, `report-${job.id}`, ".html"),
+    saveButton("Report as JSON", `/v1/jobs/${job.id}/report`, `report-${job.id}`, ".json"),
+    parameterSet && saveButton("Parameters", `/v1/parameter-sets/${parameterSet.id}`, parameterSet.id, ".json"),
     parameterSet && exports(parameterSet),
-    el("button", { type: "button", click: () => download(`/v1/measurement-sets/${set.id}/points`, `${set.name ?? set.id}.csv`) }, "Measured points")));
+    savePoints("Measured points", set)));
 }
 
 function origin(report, set, parameterSet) {

@@ -1,10 +1,11 @@
 // One robot: how it stands, its history, and everything stored of it.
 
-import { download, get, list } from "./api.js";
+import { get, list } from "./api.js";
 import { brief, el, fill, table } from "./dom.js";
 import { age, error, EVIDENCE, method, mm, number, parameter, ran, span, when } from "./format.js";
 import { best, errorHistory, parameterHistory, past, state } from "./history.js";
 import { facts, standing } from "./robots.js";
+import { saveButton, savePoints } from "./save.js";
 import { uploadCard } from "./upload.js";
 
 const SHOWN = 20;
@@ -19,7 +20,7 @@ export async function robotPage({ main, signal, may }, id) {
     list(`/v1/robots/${id}/jobs`, SHOWN, signal),
     list(`/v1/robots/${id}/networks`, SHOWN, signal),
   ]);
-  const [entries, { trend }] = await Promise.all([past(stand.sets, signal), get(`/v1/robots/${id}/history?limit=1`, signal)]);
+  const [entries, { trend }] = await Promise.all([past(stand, signal), get(`/v1/robots/${id}/history?limit=1`, signal)]);
   const uploads = el("div", {}, setTable(sets));
   const uploaded = (set) => {
     sets.unshift(set);
@@ -102,7 +103,7 @@ function parameterSets(entries) {
     ["Moved", ({ report }) => moved(report), "name"],
     ["Error, rms", ({ report }) => [mm(best(report).after.rms_mm), el("small.quiet", {}, `nominal ${error(best(report).before.rms_mm)}`)], "n"],
     ["Evidence", ({ report }) => EVIDENCE[report.evidence]?.[0] ?? report.evidence],
-    ["Parameters", ({ set }) => el("button", { type: "button", click: () => download(`/v1/parameter-sets/${set.id}`, `${set.id}.json`), "aria-label": `Download the parameter set of ${when(set.created_at)}` }, "Download")],
+    ["Parameters", ({ set }) => saveButton("Download", `/v1/parameter-sets/${set.id}`, set.id, ".json", `Download the parameter set of ${when(set.created_at)}`)],
   ];
   return table("What was identified, newest first. Moved: parameters that differ from the set before by more than chance. Errors are those on the verify points.", columns, [...entries].reverse(), "None yet.");
 }
@@ -128,7 +129,7 @@ function setTable(sets) {
     ["Points", (set) => set.n_points, "n"],
     ["Configurations", (set) => set.n_configurations, "n"],
     ["Remarks", (set) => set.warnings.map((remark) => el("div", {}, brief(remark.detail))), "name"],
-    ["File", (set) => el("button", { type: "button", click: () => download(`/v1/measurement-sets/${set.id}/points`, `${set.name ?? set.id}.csv`), "aria-label": `Download ${set.name ?? set.id}` }, "Download")],
+    ["File", (set) => savePoints("Download", set, `Download ${set.name ?? set.id}`)],
   ];
   return table(`The last ${SHOWN} uploads.`, columns, sets, "None yet.");
 }
@@ -140,7 +141,7 @@ function networkTable(networks) {
     ["Preset", (network) => network.preset],
     ["Hidden nodes", (network) => network.n_hidden, "n"],
     ["Validation error", (network) => number(network.validation_error), "n"],
-    ["Weights", (network) => el("button", { type: "button", click: () => download(`/v1/networks/${network.id}/weights`, `${network.id}.safetensors`), "aria-label": `Download the weights of ${when(network.created_at)}` }, "Download")],
+    ["Weights", (network) => saveButton("Download", `/v1/networks/${network.id}/weights`, network.id, ".safetensors", `Download the weights of ${when(network.created_at)}`)],
   ];
   return table("Small networks that start the next calibration near its answer. Errors in units of the search box.", columns, networks, "None yet.");
 }

@@ -1,7 +1,7 @@
 // All robots and how each stands.
 
 import { each, get, post } from "./api.js";
-import { el, fill, problem, table } from "./dom.js";
+import { el, fill, problem, say, table } from "./dom.js";
 import { age, error, mm, when } from "./format.js";
 import { best, state } from "./history.js";
 
@@ -13,12 +13,25 @@ export async function robotsPage({ main, signal, may }) {
   const rows = el("div", {});
   const more = el("div.actions", {});
   const shown = [];
+  let busy = false;
   const next = async (cursor) => {
     const page = await get(`/v1/robots?limit=${PAGE}${cursor ? `&cursor=${encodeURIComponent(cursor)}` : ""}`, signal);
     const states = await each(page.items, (robot) => state(robot, signal), 3);
     shown.push(...page.items.map((robot, i) => ({ robot, ...states[i] })));
     fill(rows, robotTable(shown));
-    fill(more, page.next_cursor && el("button", { type: "button", click: () => next(page.next_cursor) }, "Show more"));
+    fill(more, page.next_cursor && el("button", { type: "button", click: () => showMore(page.next_cursor) }, "Show more"));
+  };
+  // a second click meanwhile would list the same robots twice
+  const showMore = async (cursor) => {
+    if (busy) return;
+    busy = true;
+    try {
+      await next(cursor);
+    } catch (error) {
+      if (error.name !== "AbortError") say(`No more robots could be listed: ${error.detail ?? error.message}`);
+    } finally {
+      busy = false;
+    }
   };
   await next(null);
   fill(main, el("div.head", {}, el("div", {}, el("h1", {}, "Robots"))), el("section.card", {}, rows, more), may("upload") && newRobot());

@@ -1,6 +1,7 @@
 // Bringing measured points, and asking for a calibration of them or a verification on them.
 
 import { post } from "./api.js";
+import { rowsOf } from "./csv.js";
 import { brief, el, fill, problem, say, table, warning } from "./dom.js";
 import { when } from "./format.js";
 
@@ -97,22 +98,16 @@ function mayHaveCommas({ errors }, text, query) {
 
 const count = (n) => (n === 1 ? "One thing is" : `${n} things are`);
 
-const CELLS = { ",": /("([^"]|"")*"|[^,]*)(,|$)/g, ";": /("([^"]|"")*"|[^;]*)(;|$)/g };
-/** The cells of one line, without the quotation marks that hold a separator. */
-const cellsOf = (line, separator) => (line.match(CELLS[separator]) ?? []).map((cell) => cell.replace(/[,;]$/, "").replace(/^"(.*)"$/, "$1"));
-
 /** Every fault with the line of the file that it stands in. */
 function faults(errors, text, separator) {
-  const lines = text.split(/\r?\n/).filter((line) => line.trim() !== "");
-  const header = cellsOf((lines[0] ?? "").replace(/^\uFEFF/, ""), separator).map((name) => name.trim());
+  const [header, ...rows] = rowsOf(text, separator);
   const value = (issue) => {
-    const cells = cellsOf(lines[(issue.row ?? -2) + 1] ?? "", separator);
-    const at = header.indexOf(issue.column);
-    return at >= 0 && cells[at] !== undefined ? el("code", {}, cells[at].trim() === "" ? "(empty)" : cells[at]) : "–";
+    const cell = rows[issue.row]?.cells[header.cells.indexOf(issue.column)];
+    return cell === undefined ? "–" : el("code", {}, cell === "" ? "(empty)" : cell);
   };
   const columns = [
     ["Row", (issue) => (issue.row === undefined ? "–" : issue.row), "n"],
-    ["Line in file", (issue) => (issue.row === undefined ? "–" : issue.row + 2), "n"],
+    ["Line in file", (issue) => rows[issue.row]?.line ?? "–", "n"],
     ["Column", (issue) => issue.column ?? issue.pointer ?? "–"],
     ["Found", value, "wrong"],
     ["What is wrong", (issue) => issue.detail, "name"],

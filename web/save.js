@@ -1,0 +1,39 @@
+// Buttons that save what a path answers as a file.
+
+import { blob } from "./api.js";
+import { el, say } from "./dom.js";
+
+/** What a file is called by its type, where that is known only when it comes. */
+const ENDINGS = { "application/json": ".json", "text/csv": ".csv" };
+
+/** A button that saves what a path answers; `ending` null stands for that of the answer's type. What goes wrong is said. */
+export function saveButton(text, path, stem, ending, label) {
+  // not disabled meanwhile: that would take the focus away
+  let busy = false;
+  const click = async () => {
+    if (busy) return;
+    busy = true;
+    try {
+      await save(path, stem, ending);
+    } catch (error) {
+      say(`Nothing was downloaded: ${error.detail ?? error.message}`);
+    } finally {
+      busy = false;
+    }
+  };
+  return el("button", { type: "button", click, "aria-label": label }, text);
+}
+
+/** What was uploaded, by the name of its set: a CSV or JSON. */
+export const savePoints = (text, set, label) => saveButton(text, `/v1/measurement-sets/${set.id}/points`, set.name ?? set.id, null, label);
+
+/** Offers what a path answers as a file; a plain link could not send the key. */
+async function save(path, stem, ending) {
+  const content = await blob(path);
+  const url = URL.createObjectURL(content);
+  const link = document.createElement("a");
+  link.href = url;
+  link.download = stem + (ending ?? ENDINGS[content.type.split(";")[0].trim()] ?? "");
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(url), 10_000);
+}
