@@ -12,7 +12,6 @@ use kincal::http::server;
 use serde_json::{Value, json};
 use std::fs::File;
 use std::io::Write;
-use std::path::Path;
 use std::time::Instant;
 
 /// Jobs that are timed, after some that warm up.
@@ -69,11 +68,13 @@ async fn run() -> anyhow::Result<()> {
     let client = Client { http: reqwest::Client::builder().no_proxy().build()?, url: server.url() };
     let robot = id(&client.post("/v1/robots", "application/json", ROBOT.to_vec()).await?)?;
     let set = id(&client.post(&format!("/v1/robots/{robot}/measurement-sets?frame=base&name=first"), "text/csv", SET.to_vec()).await?)?;
-    let mut times = Vec::new();
+    let (mut times, mut fsyncs) = (Vec::new(), Vec::new());
+    let mut log = File::create(folder.path().join("fsync"))?;
     for _ in 0..WARM_UP + JOBS {
         times.push(job(&client, &robot, &set).await?);
+        fsyncs.push(fsync_us(&mut log)?);
     }
-    let times = &times[WARM_UP..];
+    let (times, fsyncs) = (&times[WARM_UP..], fsyncs.split_off(WARM_UP));
     let mut nothing = Vec::new();
     for _ in 0..JOBS {
         let begun = Instant::now();
@@ -81,7 +82,7 @@ async fn run() -> anyhow::Result<()> {
         nothing.push(begun.elapsed().as_secs_f64() * 1e6);
     }
     server.shutdown().await;
-    let fsync = fsync_us(folder.path())?;
+    let fsync = median(fsyncs);
     let of = |what: fn(&Times) -> f64| median(times.iter().map(what).collect());
     let rest = of(|t| t.posted + t.waited + t.fetched - t.computed);
     println!(
@@ -123,17 +124,14 @@ async fn job(client: &Client, robot: &str, set: &str) -> anyhow::Result<Times> {
     Ok(Times { posted: us(posted), waited: us(waited), fetched: us(fetched), computed })
 }
 
-/// What it takes to append as much as a commit does to a file in this folder, and to have it on the disk.
-fn fsync_us(folder: &Path) -> anyhow::Result<f64> {
-    let mut file = File::create(folder.join("fsync"))?;
+/// What it takes to append as much as a commit does to a file beside the database, and to have it on the disk. Between two jobs, for a disk
+/// that has just been idle takes longer than one that is kept busy.
+fn fsync_us(log: &mut File) -> anyhow::Result<f64> {
     let bytes = vec![7_u8; COMMIT_BYTES];
-    let mut one = || -> anyhow::Result<f64> {
-        let begun = Instant::now();
-        file.write_all(&bytes)?;
-        file.sync_data()?;
-        Ok(begun.elapsed().as_secs_f64() * 1e6)
-    };
-    Ok(median((0..JOBS).map(|_| one()).collect::<anyhow::Result<_>>()?))
+    let begun = Instant::now();
+    log.write_all(&bytes)?;
+    log.sync_data()?;
+    Ok(begun.elapsed().as_secs_f64() * 1e6)
 }
 
 fn id(answer: &Value) -> anyhow::Result<String> {

@@ -19,8 +19,10 @@ the chain forgets the hash before     | src/store/audit.rs          | s/json!\(\
 the chain leaves out who did it       | src/store/audit.rs          | s/seq, at_ms, actor, event, subject, detail_json\]\)/seq, at_ms, "", event, subject, detail_json])/ | store | an_edit_a_deletion
 the key is claimed outside its effect | src/store/idempotency.rs    | s/    on conflict do nothing"/    on conflict (key_holder, method, path, idempotency_key) do update set status = null"/ | store | idempotency::
 synchronous = NORMAL                  | src/store/open.rs           | s/pragma synchronous = full/pragma synchronous = normal/ | store | durable_settings
-bytes are not compared                | src/store/verify/content.rs | s/kept.is_empty\(\) \|\| kept == now/true || kept == now/; s/then == now/true || then == now/ | store | each_fault_is_told
+bytes are not compared                | src/store/verify/content.rs | s/kept.is_empty\(\) \|\| kept == now/true || kept == now/; s/require\(then == now/require(true || then == now/ | store | each_fault_is_told
 documents are not compared            | src/store/verify/content.rs | s/\(REPORTS, "job_succeeded", "report_sha256"\)/(REPORTS, "job_succeeded", "no_such_field")/ | store | each_fault_is_told
+fields of rows are not compared       | src/store/verify/rules.rs   | s/Some\(then\) => then == now,/Some(_) => true,/ | store | each_fault_is_told
+who did it is not compared            | src/store/verify/rules.rs   | s/ \|\| \*now == \*then.actor,/ || true,/ | store | databases_from_before
 a report that may be edited           | migrations/sqlite/0006_results.sql | s/^when old.status in \(.*/when 1 = 0/ | store | keeps_results_and_frames
 no fencing token                      | src/store/leases.rs         | s/ where id = \$1 and owner = \$2 and attempt = \$3 and status = 'running'/ where id = $1 and $2 = $2 and $3 = $3 and status = 'running'/ | jobs | queue::
 attempts without end                  | src/store/leases.rs         | s/"\(attempt >= \$1 or deaths >= \$3\)"/"($1 < 0 or $3 < 0)"/ | jobs | is_tried_as_often
@@ -59,6 +61,8 @@ while IFS= read -r line; do
     names+=("$name") files+=("$(trim "$file")") expressions+=("$(trim "$expression")") binaries+=("$(trim "$binary")") filters+=("$(trim "$filter")")
 done < <(faults)
 
+# In a copy that is used again the last build had a fault in it.
+(cd "$copy/tree" && touch "${files[@]}")
 caught=0 missed=0 controlled=""
 miss() { printf '%-12s %-40s %s\n' "$1" "$2" "$3"; missed=$((missed + 1)); }
 for i in "${!names[@]}"; do
