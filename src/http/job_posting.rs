@@ -107,48 +107,45 @@ fn new_job(request: &JobRequestBody, sources: &Sources, client: &str) -> Result<
 }
 
 async fn load(app: &App, robot: RobotRow, request: &JobRequestBody) -> Result<Sources, Error> {
-    let set = set(app, &robot, &request.measurement_set_id, "/measurement_set_id").await?;
-    let verify_set = match &request.verify {
-        Some(VerifyBody::Set { measurement_set_id }) => {
-            Some(self::set(app, &robot, measurement_set_id, "/verify/measurement_set_id").await?)
-        }
-        _ => None,
-    };
-    let frames = match &request.frames_id {
-        Some(id) => {
-            let row = own(frames::get(&app.store, id).await, |row| row.robot_id == robot.id, "/frames_id", "frames")?;
-            Some(serde_json::from_str(&row.result_json)?)
-        }
-        None => None,
-    };
     // at once; of several refusals the first in this order is told, whichever came first
-    let (parameter_set, networks, residual_networks) = tokio::join!(
-        parameter_set(app, &robot, request, &set.0),
-        networks(app, &robot, request, &set.0),
-        residual_networks(app, &robot, request, &set.0),
+    let (set, verify_set, frames, parameter_set) = tokio::join!(
+        set(app, &robot, &request.measurement_set_id, "/measurement_set_id"),
+        verify_set(app, &robot, request),
+        frames(app, &robot, request),
+        parameter_set(app, &robot, request),
     );
-    let (parameter_set, networks, residual_networks) = (parameter_set?, networks?, residual_networks?);
-    Ok(Sources { robot, set, verify_set, frames, networks, residual_networks, parameter_set })
+    let (set, verify_set, frames, parameter_set) = (set?, verify_set?, frames?, parameter_set?);
+    let (networks, residual_networks) =
+        tokio::join!(networks(app, &robot, request, &set.0), residual_networks(app, &robot, request, &set.0));
+    Ok(Sources { set, verify_set, frames, networks: networks?, residual_networks: residual_networks?, parameter_set, robot })
 }
 
 async fn set(app: &App, robot: &RobotRow, id: &str, at: &str) -> Result<(MeasurementSetRow, Vec<u8>), Error> {
     own(measurement_sets::get_with_body(&app.store, id).await, |(row, _)| row.robot_id == robot.id, at, "measurement set")
 }
 
+async fn verify_set(app: &App, robot: &RobotRow, request: &JobRequestBody) -> Result<Option<(MeasurementSetRow, Vec<u8>)>, Error> {
+    match &request.verify {
+        Some(VerifyBody::Set { measurement_set_id }) => set(app, robot, measurement_set_id, "/verify/measurement_set_id").await.map(Some),
+        _ => Ok(None),
+    }
+}
+
+async fn frames(app: &App, robot: &RobotRow, request: &JobRequestBody) -> Result<Option<FramesContent>, Error> {
+    let Some(id) = &request.frames_id else { return Ok(None) };
+    let row = own(frames::get(&app.store, id).await, |row| row.robot_id == robot.id, "/frames_id", "frames")?;
+    Ok(Some(serde_json::from_str(&row.result_json)?))
+}
+
 /// The parameter set that the job will use whatever is identified or released meanwhile: the one named; to verify, else the active one;
 /// to identify, else the robot's last from another upload, to compare with.
-async fn parameter_set(
-    app: &App,
-    robot: &RobotRow,
-    request: &JobRequestBody,
-    set: &MeasurementSetRow,
-) -> Result<Option<ParameterSetRow>, Error> {
+async fn parameter_set(app: &App, robot: &RobotRow, request: &JobRequestBody) -> Result<Option<ParameterSetRow>, Error> {
     Ok(match (&request.parameter_set_id, request.kind) {
         (Some(id), _) => {
             Some(own(parameter_sets::get(&app.store, id).await, |row| row.robot_id == robot.id, "/parameter_set_id", "parameter set")?)
         }
         (None, Kind::Verify) => parameter_sets::active(&app.store, &robot.id).await?,
-        (None, Kind::Identify) => parameter_sets::of_another_session(&app.store, &robot.id, &set.sha256).await?,
+        (None, Kind::Identify) => parameter_sets::of_another_session(&app.store, &robot.id, &request.measurement_set_id).await?,
     })
 }
 

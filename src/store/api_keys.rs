@@ -62,7 +62,7 @@ const LIST: &str = concat!(
     " from api_key
      where (created_at_ms, id) < ($1, $2)
      order by created_at_ms desc, id desc
-     limit $3"
+     limit cast($3 as bigint)"
 );
 
 const REVOKE: &str = concat!(
@@ -72,7 +72,7 @@ const REVOKE: &str = concat!(
     columns!()
 );
 
-const EACH: &str = concat!("select ", columns!(), " from api_key where id > $1 order by id limit $2");
+const EACH: &str = concat!("select ", columns!(), " from api_key where id > $1 order by id limit cast($2 as bigint)");
 
 const CREATED: &str = "key_created";
 const REVOKED: &str = "key_revoked";

@@ -49,10 +49,10 @@ const LIST: &str = "
     select id, robot_id, content_type, result_json, created_at_ms from frames
     where robot_id = $1 and (created_at_ms, id) < ($2, $3)
     order by created_at_ms desc, id desc
-    limit $4";
+    limit cast($4 as bigint)";
 
 const EACH: &str = "
-    select id, robot_id, content_type, result_json, created_at_ms from frames where id > $1 order by id limit $2";
+    select id, robot_id, content_type, result_json, created_at_ms from frames where id > $1 order by id limit cast($2 as bigint)";
 
 const CREATED: &str = "frames_created";
 

@@ -96,10 +96,10 @@ const LIST: &str = concat!(
     " from measurement_set
      where robot_id = $1 and (created_at_ms, id) < ($2, $3)
      order by created_at_ms desc, id desc
-     limit $4"
+     limit cast($4 as bigint)"
 );
 
-const EACH: &str = concat!("select ", columns!(), " from measurement_set where id > $1 order by id limit $2");
+const EACH: &str = concat!("select ", columns!(), " from measurement_set where id > $1 order by id limit cast($2 as bigint)");
 
 const CREATED: &str = "measurement_set_created";
 

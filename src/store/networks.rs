@@ -73,13 +73,13 @@ const WEIGHTS: &str = "select weights from network where id = $1 union all selec
 const NEWEST: &str = "select id, weights from network
      where robot_id = $1 and model = $2 and preset = $3
      order by created_at_ms desc, id desc
-     limit $4";
+     limit cast($4 as bigint)";
 
 const NEWEST_RESIDUAL: &str = "select n.id, n.weights, j.measurement_set_id from residual_network n
      join job j on j.id = n.job_id join measurement_set m on m.id = j.measurement_set_id
      where n.robot_id = $1 and m.sha256 <> $2
      order by n.created_at_ms desc, n.id desc
-     limit $3";
+     limit cast($3 as bigint)";
 
 const LIST: &str = concat!(
     "select ",
@@ -91,7 +91,7 @@ const LIST: &str = concat!(
     " from residual_network where robot_id = $1) as both_kinds
      where (created_at_ms, id) < ($2, $3)
      order by created_at_ms desc, id desc
-     limit $4"
+     limit cast($4 as bigint)"
 );
 
 const EACH: &str = concat!(
@@ -102,7 +102,7 @@ const EACH: &str = concat!(
     " from network union all select ",
     columns!(),
     " from residual_network) as both_kinds
-     where id > $1 order by id limit $2"
+     where id > $1 order by id limit cast($2 as bigint)"
 );
 
 const CREATED: &str = "network_created";

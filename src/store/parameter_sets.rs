@@ -152,16 +152,18 @@ const BEFORE_ACTIVE: &str = concat!(
      limit 1"
 );
 
-// The first `exists` is asked once: a robot of one upload has no other session, however many jobs it had.
+// Most robots have one upload and many jobs: the limit is asked once, and without another upload it is 0 and no row is looked at.
 const OF_ANOTHER_SESSION: &str = concat!(
     "select ",
     columns!(),
     " from parameter_set
-     where robot_id = $1 and exists (select 1 from measurement_set where robot_id = $1 and sha256 <> $2) and exists (
+     where robot_id = $1 and exists (
          select 1 from job join measurement_set on measurement_set.id = job.measurement_set_id
-         where job.id = parameter_set.job_id and measurement_set.sha256 <> $2)
+         where job.id = parameter_set.job_id and measurement_set.sha256 <> (select sha256 from measurement_set where id = $2))
      order by created_at_ms desc, id desc
-     limit 1"
+     limit (select count(*) from (
+         select 1 from measurement_set
+         where robot_id = $1 and sha256 <> (select sha256 from measurement_set where id = $2) limit 1) as other)"
 );
 
 const LIST: &str = concat!(
@@ -170,7 +172,7 @@ const LIST: &str = concat!(
     " from parameter_set
      where robot_id = $1 and (created_at_ms, id) < ($2, $3)
      order by created_at_ms desc, id desc
-     limit $4"
+     limit cast($4 as bigint)"
 );
 
 // Changes nothing, but on both engines the next release or withdrawal for this robot waits for this one.
@@ -187,7 +189,7 @@ const WITHDRAW: &str = "
     update parameter_set set status = 'withdrawn', withdrawn_at_ms = (select now_ms from clock), withdraw_reason = $2, withdrawn_by = $3
     where id = $1 and status <> 'withdrawn'";
 
-const EACH: &str = concat!("select ", columns!(), " from parameter_set where id > $1 order by id limit $2");
+const EACH: &str = concat!("select ", columns!(), " from parameter_set where id > $1 order by id limit cast($2 as bigint)");
 
 pub(super) const CREATED: &str = "parameter_set_created";
 pub(super) const RELEASED: &str = "parameter_set_released";
@@ -269,12 +271,12 @@ pub async fn before_active(store: &Store, robot_id: &str) -> Result<ParameterSet
     row.ok_or_else(|| Conflict::NothingToRollBackTo.into())
 }
 
-/// The robot's newest parameter set that was identified from other bytes than those with this SHA-256.
+/// The robot's newest parameter set that was identified from other bytes than those of this measurement set.
 ///
 /// # Errors
 /// [`super::Error::Database`].
-pub async fn of_another_session(store: &Store, robot_id: &str, set_sha256: &str) -> Result<Option<ParameterSetRow>> {
-    Ok(sqlx::query_as(OF_ANOTHER_SESSION).bind(robot_id).bind(set_sha256).fetch_optional(store.pool()).await?)
+pub async fn of_another_session(store: &Store, robot_id: &str, measurement_set_id: &str) -> Result<Option<ParameterSetRow>> {
+    Ok(sqlx::query_as(OF_ANOTHER_SESSION).bind(robot_id).bind(measurement_set_id).fetch_optional(store.pool()).await?)
 }
 
 /// A robot's parameter sets, newest first.

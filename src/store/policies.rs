@@ -37,7 +37,7 @@ const PUT: &str = "
 
 const EACH: &str = "
     select robot_id, tolerance_mm, independent_session_required, second_person_required, version, changed_by, changed_at_ms
-    from robot_policy where robot_id > $1 order by robot_id limit $2";
+    from robot_policy where robot_id > $1 order by robot_id limit cast($2 as bigint)";
 
 pub(super) const CHANGED: &str = "robot_policy_changed";
 

@@ -43,14 +43,14 @@ const LIST: &str = "
     select id, name, body_json, created_at_ms from robot
     where ($1 = '' or replace($1, id, '') <> $1) and (created_at_ms, id) < ($2, $3)
     order by created_at_ms desc, id desc
-    limit $4";
+    limit cast($4 as bigint)";
 
 // Changes nothing, but on both engines what decides about this robot waits for who did this before: a release, a policy, a session's score.
 const LOCK: &str = "update robot set name = name where id = $1";
 
 const LOCK_OF_JOB: &str = "update robot set name = name where id = (select robot_id from job where id = $1)";
 
-const EACH: &str = "select id, name, body_json, created_at_ms from robot where id > $1 order by id limit $2";
+const EACH: &str = "select id, name, body_json, created_at_ms from robot where id > $1 order by id limit cast($2 as bigint)";
 
 const CREATED: &str = "robot_created";
 

@@ -22,7 +22,7 @@ const NEWEST: &str = "
           from job join measurement_set on measurement_set.id = job.measurement_set_id
           where job.kind = 'verify' and job.parameter_set_input_id = $1 and job.status = 'succeeded') newest
         on newest.id = job.id and newest.place = 1
-    order by job.created_at_ms desc, job.id desc limit $2";
+    order by job.created_at_ms desc, job.id desc limit cast($2 as bigint)";
 
 const COUNT: &str = "select count(*) from job where kind = 'verify' and parameter_set_input_id = $1 and status = 'succeeded'";
 

@@ -33,7 +33,7 @@ pub(super) const MISSING: &str = "
         union all select id, created_at_ms from parameter_set
         union all select id, created_at_ms from api_key) as things
     where created_at_ms > $1 and not exists (select 1 from audit where subject = id and event like '%_created')
-    order by id limit $2";
+    order by id limit cast($2 as bigint)";
 
 impl Chain {
     /// The entries of one kind about one thing.

@@ -8,21 +8,23 @@ use crate::store::idempotency::{self, Answered, IdempotencyScope};
 use crate::store::{Result, Store};
 use crate::wire::canonical::sha256_hex;
 
-pub(super) const SETS: &str = "select id, sha256, body from measurement_set where id > $1 order by id limit $2";
-pub(super) const FRAMES: &str = "select id, cast('' as text), body from frames where id > $1 order by id limit $2";
-pub(super) const NETWORKS: &str = "select id, cast('' as text), weights from network where id > $1 order by id limit $2";
-pub(super) const RESIDUAL_NETWORKS: &str = "select id, cast('' as text), weights from residual_network where id > $1 order by id limit $2";
-pub(super) const REPORTS: &str = "select id, report_json from job where status = 'succeeded' and id > $1 order by id limit $2";
+pub(super) const SETS: &str = "select id, sha256, body from measurement_set where id > $1 order by id limit cast($2 as bigint)";
+pub(super) const FRAMES: &str = "select id, cast('' as text), body from frames where id > $1 order by id limit cast($2 as bigint)";
+pub(super) const NETWORKS: &str = "select id, cast('' as text), weights from network where id > $1 order by id limit cast($2 as bigint)";
+pub(super) const RESIDUAL_NETWORKS: &str =
+    "select id, cast('' as text), weights from residual_network where id > $1 order by id limit cast($2 as bigint)";
+pub(super) const REPORTS: &str =
+    "select id, report_json from job where status = 'succeeded' and id > $1 order by id limit cast($2 as bigint)";
 pub(super) const CONVERGENCES: &str = "
-    select id, coalesce(convergence_json, '') from job where status = 'succeeded' and id > $1 order by id limit $2";
+    select id, coalesce(convergence_json, '') from job where status = 'succeeded' and id > $1 order by id limit cast($2 as bigint)";
 pub(super) const JOBS: &str = "
     select id, robot_id, measurement_set_id, coalesce(verify_set_id, ''), coalesce(frames_id, ''), coalesce(network_input_id, ''),
         coalesce(residual_network_input_id, ''), coalesce(parameter_set_input_id, ''), request_json, report_json, coalesce(result_sha256, '')
-    from job where status = 'succeeded' and id > $1 order by id limit $2";
+    from job where status = 'succeeded' and id > $1 order by id limit cast($2 as bigint)";
 pub(super) const ANSWERS: &str = "
     select key_holder, method, path, idempotency_key, request_sha256, status, location, content_type, response_body from idempotency
     where (key_holder, method, path, idempotency_key) > ($1, $2, $3, $4)
-    order by key_holder, method, path, idempotency_key limit $5";
+    order by key_holder, method, path, idempotency_key limit cast($5 as bigint)";
 pub(super) const SUBJECT_SET: &str = "select count(*) from measurement_set where id = $1";
 pub(super) const SUBJECT_FRAMES: &str = "select count(*) from frames where id = $1";
 pub(super) const SUBJECT_ROBOT: &str = "select count(*) from robot where id = $1";
@@ -33,7 +35,7 @@ pub(super) const SUBJECT_NETWORK: &str = "
 pub(super) const SUBJECT_KEY: &str = "select count(*) from api_key where id = $1";
 pub(super) const ENDS: &str = "
     select id, status, created_at_ms, (select count(*) from parameter_set p where p.job_id = job.id)
-    from job where id > $1 order by id limit $2";
+    from job where id > $1 order by id limit cast($2 as bigint)";
 pub(super) const STUCK: &str = "
     select id from job where status = 'running' and lease_until_ms < (select now_ms from clock) - $1 order by id";
 pub(super) const SETS_OF_JOBS: &str = "select job_id, count(*) from parameter_set group by job_id";
