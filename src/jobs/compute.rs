@@ -111,9 +111,13 @@ impl Progress {
 }
 
 impl JobInputs {
-    /// Reads what the job names.
+    /// Reads a job, and what it names.
     pub async fn load(store: &Store, job_id: &str) -> Result<JobInputs> {
-        let job = jobs::get(store, job_id).await?;
+        JobInputs::of(store, jobs::get(store, job_id).await?).await
+    }
+
+    /// Reads what the job names.
+    pub async fn of(store: &Store, job: JobRow) -> Result<JobInputs> {
         // at once, each on a connection of its own: a job of a few milliseconds should not wait for one after another
         let (robot, set, verify_set, frames, network, residual_network, parameter_set) = tokio::try_join!(
             robots::get(store, &job.robot_id),

@@ -10,7 +10,7 @@ use tokio::time::{Instant, MissedTickBehavior, interval, sleep, timeout, timeout
 use super::heartbeat::{Drain, reached};
 use super::worker::STOP_WITHIN;
 use super::{Compute, JobSignals, WorkerContext, queue, relay, run_next_job};
-use crate::store::Store;
+use crate::store::{Store, jobs};
 
 /// Workers that run until they are shut down. Dropped, they stop at once, and what they had is begun again when its lease is over.
 #[derive(Debug)]
@@ -82,8 +82,9 @@ async fn work(store: Store, context: WorkerContext) {
     let mut drain = context.drain.subscribe();
     while *drain.borrow() == Drain::No {
         match run_next_job(&store, &context).await {
-            Ok(Some(_)) => {}
-            Ok(None) => {
+            // A look takes no turn from other writers, as a claim of nothing would.
+            Ok(Some(_)) if jobs::any_queued(&store).await.unwrap_or(true) => {}
+            Ok(_) => {
                 tokio::select! {
                     () = context.signals.enqueued() => {}
                     () = sleep(POLL) => {}

@@ -1,7 +1,7 @@
 //! The queue's rules on top of the job table.
 
 use super::{JobOutcome, JobSignals};
-use crate::store::{Conflict, Expired, JobRow, Lease, NewJob, Result, Store, Tx, jobs, leases, networks, parameter_sets, robots};
+use crate::store::{Expired, JobRow, Lease, NewJob, Result, Store, Tx, jobs, leases, networks, parameter_sets, robots};
 use crate::wire::Problem;
 
 /// How many jobs of one robot may wait: days of work for all workers; a client that posts more has run wild.
@@ -10,13 +10,9 @@ pub const MAX_WAITING_JOBS_PER_ROBOT: i64 = 10_000;
 /// Posts a job in the caller's transaction. After the commit, tell the workers: [`JobSignals::job_enqueued`].
 ///
 /// # Errors
-/// [`Conflict::QueueFull`], and those of [`jobs::insert`].
+/// Those of [`jobs::insert`].
 pub async fn enqueue(tx: &mut Tx, new: &NewJob) -> Result<JobRow> {
-    let limit = MAX_WAITING_JOBS_PER_ROBOT;
-    if jobs::waiting(tx, &new.robot_id, limit).await? >= limit {
-        return Err(Conflict::QueueFull { limit }.into());
-    }
-    jobs::insert(tx, new).await
+    jobs::insert(tx, new, MAX_WAITING_JOBS_PER_ROBOT).await
 }
 
 /// Cancels a job (see [`jobs::cancel`]) and tells its worker and its listeners at once.
@@ -35,7 +31,7 @@ pub async fn cancel(store: &Store, signals: &JobSignals, job_id: &str, by: &str)
 /// Ends a job with everything it made, in one transaction: all of it or, if the lease is lost, nothing.
 ///
 /// # Errors
-/// [`Conflict::LeaseLost`], [`crate::store::Error::Database`].
+/// [`crate::store::Conflict::LeaseLost`], [`crate::store::Error::Database`].
 pub async fn finish(store: &Store, lease: &Lease, outcome: &JobOutcome) -> Result<()> {
     let mut tx = store.begin().await?;
     if outcome.parameter_set.is_none() {
@@ -59,7 +55,7 @@ pub async fn finish(store: &Store, lease: &Lease, outcome: &JobOutcome) -> Resul
 /// Ends a job with problem details.
 ///
 /// # Errors
-/// [`Conflict::LeaseLost`], [`crate::store::Error::Database`].
+/// [`crate::store::Conflict::LeaseLost`], [`crate::store::Error::Database`].
 pub async fn fail(store: &Store, lease: &Lease, problem_json: &str) -> Result<()> {
     let mut tx = store.begin().await?;
     leases::fail(&mut tx, lease, problem_json).await?;
@@ -69,7 +65,7 @@ pub async fn fail(store: &Store, lease: &Lease, problem_json: &str) -> Result<()
 /// Ends a job as cancelled.
 ///
 /// # Errors
-/// [`Conflict::LeaseLost`], [`crate::store::Error::Database`].
+/// [`crate::store::Conflict::LeaseLost`], [`crate::store::Error::Database`].
 pub async fn end_cancelled(store: &Store, lease: &Lease) -> Result<()> {
     let mut tx = store.begin().await?;
     leases::cancelled(&mut tx, lease).await?;
@@ -79,7 +75,7 @@ pub async fn end_cancelled(store: &Store, lease: &Lease) -> Result<()> {
 /// Puts a job back for another worker, without counting this attempt.
 ///
 /// # Errors
-/// [`Conflict::LeaseLost`], [`crate::store::Error::Database`].
+/// [`crate::store::Conflict::LeaseLost`], [`crate::store::Error::Database`].
 pub async fn hand_back(store: &Store, lease: &Lease) -> Result<()> {
     let mut tx = store.begin().await?;
     leases::hand_back(&mut tx, lease).await?;
@@ -89,7 +85,7 @@ pub async fn hand_back(store: &Store, lease: &Lease) -> Result<()> {
 /// Ends the lease of a computation that panicked: this attempt counts, and [`expire`] says what comes next.
 ///
 /// # Errors
-/// [`Conflict::LeaseLost`], [`crate::store::Error::Database`].
+/// [`crate::store::Conflict::LeaseLost`], [`crate::store::Error::Database`].
 pub async fn give_up(store: &Store, lease: &Lease) -> Result<()> {
     let mut tx = store.begin().await?;
     leases::give_up(&mut tx, lease).await?;

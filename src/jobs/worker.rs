@@ -59,12 +59,18 @@ const RETRY_AFTER: Duration = Duration::from_millis(200);
 /// # Errors
 /// [`Error::Database`] if nothing could be claimed. What happens afterwards is the job's, not the caller's.
 pub async fn run_next_job(store: &Store, context: &WorkerContext) -> Result<Option<String>> {
-    let Some(lease) = leases::claim(store, &context.owner, context.lease).await? else {
+    let mut tx = store.begin().await?;
+    let Some(job) = leases::claim_in(&mut tx, &context.owner, context.lease).await? else {
+        tx.rollback().await?;
         return Ok(None);
     };
+    let lease = Lease::of(&job, &context.owner);
+    // what the job names was committed with it, and is read while the claim is: nothing is computed before that is certain
+    let (committed, read) = tokio::join!(tx.commit(), JobInputs::of(store, job));
+    committed?;
     tracing::info!(job_id = lease.job_id, owner = lease.owner, attempt = lease.attempt, "job begun");
     context.signals.job_changed(&lease.job_id);
-    run(store, context, &lease).await;
+    run(store, context, &lease, read).await;
     context.signals.job_changed(&lease.job_id);
     Ok(Some(lease.job_id))
 }
@@ -81,7 +87,7 @@ pub async fn run_pending_jobs(store: &Store, context: &WorkerContext) -> Result<
     Ok(done)
 }
 
-async fn run(store: &Store, context: &WorkerContext, lease: &Lease) {
+async fn run(store: &Store, context: &WorkerContext, lease: &Lease, read: Result<JobInputs>) {
     let control = Arc::new(Control::default());
     let kept = KeptLease::new(Beat {
         store: store.clone(),
@@ -92,7 +98,7 @@ async fn run(store: &Store, context: &WorkerContext, lease: &Lease) {
         cancellations: context.signals.cancellations(&lease.job_id),
         drain: context.drain.subscribe(),
     });
-    let ended = match inputs(store, context, lease, &control).await {
+    let ended = match inputs(store, context, lease, read, &control).await {
         Ok(inputs) => compute(context, inputs, &control).await,
         Err(ended) => ended,
     };
@@ -101,11 +107,17 @@ async fn run(store: &Store, context: &WorkerContext, lease: &Lease) {
 
 /// The job's inputs, read as often as it takes for the time of a lease. What the database could not give is not the job's fault: it is handed
 /// back and uses up no attempt.
-async fn inputs(store: &Store, context: &WorkerContext, lease: &Lease, control: &Control) -> std::result::Result<JobInputs, Ended> {
+async fn inputs(
+    store: &Store,
+    context: &WorkerContext,
+    lease: &Lease,
+    mut read: Result<JobInputs>,
+    control: &Control,
+) -> std::result::Result<JobInputs, Ended> {
     let until = Instant::now() + context.lease;
     let mut drain = context.drain.subscribe();
     loop {
-        let error = match JobInputs::load(store, &lease.job_id).await {
+        let error = match read {
             Ok(inputs) => return Ok(inputs),
             Err(error) => error,
         };
@@ -123,6 +135,7 @@ async fn inputs(store: &Store, context: &WorkerContext, lease: &Lease, control: 
         if timeout(RETRY_AFTER, reached(&mut drain, Drain::Stop)).await.is_ok() {
             return Err(Ended::HandedBack);
         }
+        read = JobInputs::load(store, &lease.job_id).await;
     }
 }
 

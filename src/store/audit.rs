@@ -43,6 +43,13 @@ pub struct AuditHead {
     pub now_ms: i64,
 }
 
+impl AuditHead {
+    /// Goes on to the next entry.
+    pub(super) fn follow(&mut self, next: &AuditRow) {
+        (self.seq, self.sha256) = (next.seq, next.sha256.clone());
+    }
+}
+
 /// What a transaction will add to the chain when it is committed.
 #[derive(Clone, Debug)]
 pub(super) struct Note {
@@ -82,9 +89,11 @@ impl Said {
 }
 
 // The texts that the writer of a SQLite database joins others to.
-macro_rules! insert_text {
+macro_rules! insert_all_and_move_head_text {
     () => {
-        "insert into audit (seq, at_ms, actor, event, subject, detail_json, sha256) values ($1, $2, $3, $4, $5, $6, $7)"
+        "insert into audit (seq, at_ms, actor, event, subject, detail_json, sha256)
+         select value ->> 0, value ->> 1, value ->> 2, value ->> 3, value ->> 4, value ->> 5, value ->> 6 from json_each($1);
+         update audit_head set seq = $2, sha256 = $3"
     };
 }
 macro_rules! head_text {
@@ -92,27 +101,22 @@ macro_rules! head_text {
         "select seq, sha256, begun_at_ms, (select now_ms from clock) as now_ms from audit_head"
     };
 }
-macro_rules! move_head_text {
-    () => {
-        "update audit_head set seq = $1, sha256 = $2"
-    };
-}
-pub(super) use {head_text, insert_text, move_head_text};
+pub(super) use {head_text, insert_all_and_move_head_text};
 
 pub(super) const ALL_QUERIES: &[&str] = &[INSERT, HEAD, MOVE_HEAD, LIST, ACTOR, DETAIL];
 pub(super) const QUERIES_POSTGRES: &[&str] = &[HEAD_LOCKED];
 
-pub(super) const INSERT: &str = insert_text!();
+const INSERT: &str = "insert into audit (seq, at_ms, actor, event, subject, detail_json, sha256) values ($1, $2, $3, $4, $5, $6, $7)";
 
 const HEAD: &str = head_text!();
 
 // The chain has one end: on PostgreSQL the transactions that add to it do so one after the other, as their last act.
 const HEAD_LOCKED: &str = concat!(head_text!(), " for update");
 
-const MOVE_HEAD: &str = move_head_text!();
+const MOVE_HEAD: &str = "update audit_head set seq = $1, sha256 = $2";
 
 const LIST: &str = "
-    select seq, at_ms, actor, event, subject, detail_json, sha256 from audit where seq > $1 order by seq limit $2";
+    select seq, at_ms, actor, event, subject, detail_json, sha256 from audit where seq > $1 order by seq limit cast($2 as bigint)";
 
 const ACTOR: &str = "select actor from audit where subject = $1 and event = $2 order by seq limit 1";
 
@@ -125,38 +129,39 @@ pub(super) fn hash(before: &str, row: &AuditRow) -> String {
     canonical::sha256_hex(text.as_bytes())
 }
 
-/// The end of the chain as this transaction sees it; others that add to it wait from now on.
-pub(super) async fn head_in(connection: &mut AnyConnection) -> Result<AuditHead> {
-    Ok(sqlx::query_as(HEAD_LOCKED).fetch_one(connection).await?)
-}
-
-/// Adds to the chain behind `head`; gives the new head, which the caller stores before the commit. `last` is [`INSERT`], with what is to be
-/// done with the last entry.
-pub(super) async fn append(
-    connection: &mut AnyConnection,
-    head: &AuditHead,
-    actor: &str,
-    notes: Vec<Note>,
-    last: &'static str,
-) -> Result<AuditHead> {
+/// What `notes` become behind `head`.
+pub(super) fn entries(head: &AuditHead, actor: &str, notes: Vec<Note>) -> Vec<AuditRow> {
     let mut head = head.clone();
-    let n = notes.len();
-    for (i, Note { event, subject, detail }) in notes.into_iter().enumerate() {
-        let seq = head.seq + 1;
+    let entry = |Note { event, subject, detail }| {
         let (at_ms, detail_json) = (head.now_ms, detail.to_string());
-        let mut row = AuditRow { seq, at_ms, actor: actor.into(), event: event.into(), subject, detail_json, sha256: String::new() };
+        let mut row =
+            AuditRow { seq: head.seq + 1, at_ms, actor: actor.into(), event: event.into(), subject, detail_json, sha256: String::new() };
         row.sha256 = hash(&head.sha256, &row);
-        let query = sqlx::query(if i + 1 == n { last } else { INSERT });
-        let query = query.bind(row.seq).bind(row.at_ms).bind(row.actor).bind(row.event).bind(row.subject);
-        query.bind(row.detail_json).bind(&row.sha256).execute(&mut *connection).await?;
-        head = AuditHead { seq: row.seq, sha256: row.sha256, ..head };
-    }
-    Ok(head)
+        head.follow(&row);
+        row
+    };
+    notes.into_iter().map(entry).collect()
 }
 
-/// Stores where the chain ends now.
-pub(super) async fn move_head(connection: &mut AnyConnection, head: &AuditHead) -> Result<()> {
-    sqlx::query(MOVE_HEAD).bind(head.seq).bind(&head.sha256).execute(connection).await?;
+/// Entries as the JSON that SQLite takes them in at once.
+pub(super) fn as_list(entries: &[AuditRow]) -> String {
+    let fields = |AuditRow { seq, at_ms, actor, event, subject, detail_json, sha256 }: &AuditRow| {
+        serde_json::json!([seq, at_ms, actor, event, subject, detail_json, sha256])
+    };
+    Value::Array(entries.iter().map(fields).collect()).to_string()
+}
+
+/// Adds to the chain, as the last act of a transaction on PostgreSQL.
+pub(super) async fn append(connection: &mut AnyConnection, actor: &str, notes: Vec<Note>) -> Result<()> {
+    let head: AuditHead = sqlx::query_as(HEAD_LOCKED).fetch_one(&mut *connection).await?;
+    let entries = entries(&head, actor, notes);
+    for row in &entries {
+        let query = sqlx::query(INSERT).bind(row.seq).bind(row.at_ms).bind(&row.actor).bind(&row.event).bind(&row.subject);
+        query.bind(&row.detail_json).bind(&row.sha256).execute(&mut *connection).await?;
+    }
+    if let Some(last) = entries.last() {
+        sqlx::query(MOVE_HEAD).bind(last.seq).bind(&last.sha256).execute(connection).await?;
+    }
     Ok(())
 }
 

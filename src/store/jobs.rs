@@ -148,7 +148,9 @@ macro_rules! columns {
     };
 }
 
-pub(super) const ALL_QUERIES: &[&str] = &[INSERT, GET, LIST, REPORT, CONVERGENCE, WAITING, CANCEL, COUNT_BY_STATUS, EACH];
+pub(super) use columns;
+
+pub(super) const ALL_QUERIES: &[&str] = &[INSERT, GET, LIST, REPORT, CONVERGENCE, ANY_QUEUED, CANCEL, COUNT_BY_STATUS, EACH];
 
 // Its turn is the one after the client's last that waits, and never before the turn that is being served: who has not posted for a while
 // does not hold back the others now.
@@ -156,12 +158,13 @@ const INSERT: &str = concat!(
     "insert into job (id, robot_id, measurement_set_id, verify_set_id, frames_id, network_input_id,
         residual_network_input_id, parameter_set_input_id, kind, method, request_json, priority, client, turn, status, attempt,
         created_at_ms)
-    values ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13, (
+    select $1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13, (
         select coalesce(max(turns.turn), 0) from (
             select max(j.turn) + 1 as turn from job j where j.status = 'queued' and j.client = $13 and j.priority = $12
             union all
             select min(j.turn) as turn from job j where j.status = 'queued' and j.priority = $12) as turns),
-        'queued', 0, (select now_ms from clock))
+        'queued', 0, (select now_ms from clock)
+    where (select count(*) from job j where j.robot_id = $2 and j.status = 'queued') < $14
     returning ",
     columns!()
 );
@@ -174,15 +177,14 @@ const LIST: &str = concat!(
     " from job
      where robot_id = $1 and (created_at_ms, id) < ($2, $3)
      order by created_at_ms desc, id desc
-     limit $4"
+     limit cast($4 as bigint)"
 );
 
 const REPORT: &str = "select status, report_json from job where id = $1";
 
 const CONVERGENCE: &str = "select status, convergence_json from job where id = $1";
 
-const WAITING: &str = "
-    select count(*) from (select 1 from job where robot_id = $1 and status = 'queued' limit $2) as waiting";
+const ANY_QUEUED: &str = "select count(*) from (select 1 from job where status = 'queued' limit 1) as waiting";
 
 const CANCEL: &str = "
     update job set
@@ -193,7 +195,7 @@ const CANCEL: &str = "
 
 const COUNT_BY_STATUS: &str = "select status, count(*) from job where status in ('queued', 'running') group by status";
 
-const EACH: &str = concat!("select client, ", columns!(), " from job where id > $1 order by id limit $2");
+const EACH: &str = concat!("select client, ", columns!(), " from job where id > $1 order by id limit cast($2 as bigint)");
 
 const CREATED: &str = "job_created";
 pub(super) const FAILED: &str = "job_failed";
@@ -232,11 +234,11 @@ impl Noted for Posted {
     }
 }
 
-/// Stores a job as queued. [`crate::jobs::queue::enqueue`] is the way to post one: it keeps the limit.
+/// Stores a job as queued, unless `limit` jobs of its robot wait already.
 ///
 /// # Errors
-/// [`Error::NotFound`] if something it names does not exist, [`Error::Database`].
-pub async fn insert(tx: &mut Tx, new: &NewJob) -> Result<JobRow> {
+/// [`Conflict::QueueFull`], [`Error::NotFound`] if something it names does not exist, [`Error::Database`].
+pub async fn insert(tx: &mut Tx, new: &NewJob, limit: i64) -> Result<JobRow> {
     tx.needs_room()?;
     let id = new_id("job");
     let query = sqlx::query_as(INSERT)
@@ -252,8 +254,10 @@ pub async fn insert(tx: &mut Tx, new: &NewJob) -> Result<JobRow> {
         .bind(&new.method)
         .bind(&new.request_json)
         .bind(new.priority)
-        .bind(&new.client);
-    let row: JobRow = query.fetch_one(tx.connection()?).await?;
+        .bind(&new.client)
+        .bind(limit);
+    let row: Option<JobRow> = query.fetch_optional(tx.connection()?).await?;
+    let row = row.ok_or(Conflict::QueueFull { limit })?;
     tx.note(CREATED, &id, as_created(&row, &new.client));
     Ok(row)
 }
@@ -307,12 +311,13 @@ async fn document(store: &Store, query: &'static str, id: &str) -> Result<String
     document.ok_or(Conflict::JobStatus { status }.into())
 }
 
-/// How many jobs of this robot wait, counted up to `limit`.
+/// Whether any job waits.
 ///
 /// # Errors
 /// [`Error::Database`].
-pub async fn waiting(tx: &mut Tx, robot_id: &str, limit: i64) -> Result<i64> {
-    Ok(sqlx::query_scalar(WAITING).bind(robot_id).bind(limit).fetch_one(tx.connection()?).await?)
+pub async fn any_queued(store: &Store) -> Result<bool> {
+    let n_queued: i64 = sqlx::query_scalar(ANY_QUEUED).fetch_one(store.pool()).await?;
+    Ok(n_queued > 0)
 }
 
 /// How many jobs of all robots are queued, and how many are running.

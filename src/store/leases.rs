@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use serde_json::json;
 
-use super::{Conflict, Engine, Result, Store, Tx, jobs};
+use super::{Conflict, Engine, JobRow, Result, Store, Tx, jobs};
 use crate::wire::canonical;
 
 /// A worker's hold on a job: the fencing token.
@@ -17,6 +17,13 @@ pub struct Lease {
     pub owner: String,
     /// Which attempt this is, from 1.
     pub attempt: i64,
+}
+
+impl Lease {
+    /// The hold that this claim of the job gives.
+    pub fn of(job: &JobRow, owner: &str) -> Lease {
+        Lease { job_id: job.id.clone(), owner: owner.to_owned(), attempt: job.attempt }
+    }
 }
 
 /// What a worker hears when it renews its lease.
@@ -46,7 +53,8 @@ macro_rules! claim {
                  select id from job where status = 'queued' order by deaths, priority desc, turn, created_at_ms, id limit 1",
             $lock,
             ")
-             returning id, attempt"
+             returning ",
+            jobs::columns!()
         )
     };
 }
@@ -138,20 +146,27 @@ const END_ALL: &str = "update job set lease_until_ms = 0 where status = 'running
 /// overflows the stack kills every process that computes it, and has to end too.
 pub const MAX_DEATHS: i64 = 10;
 
-/// Takes the next waiting job: the highest priority, of those the oldest.
+/// Takes the next waiting job: the highest priority, of those the oldest. It is the worker's once the transaction is committed.
+///
+/// # Errors
+/// [`super::Error::Database`].
+pub async fn claim_in(tx: &mut Tx, owner: &str, lease: Duration) -> Result<Option<JobRow>> {
+    let statement = match tx.engine() {
+        Engine::Sqlite => CLAIM_SQLITE,
+        Engine::Postgres => CLAIM_POSTGRES,
+    };
+    Ok(sqlx::query_as(statement).bind(owner).bind(millis(lease)).fetch_optional(tx.connection()?).await?)
+}
+
+/// Takes the next waiting job in a transaction of its own.
 ///
 /// # Errors
 /// [`super::Error::Database`].
 pub async fn claim(store: &Store, owner: &str, lease: Duration) -> Result<Option<Lease>> {
-    let statement = match store.engine() {
-        Engine::Sqlite => CLAIM_SQLITE,
-        Engine::Postgres => CLAIM_POSTGRES,
-    };
     let mut tx = store.begin().await?;
-    let query = sqlx::query_as(statement).bind(owner).bind(millis(lease));
-    let claimed: Option<(String, i64)> = query.fetch_optional(tx.connection()?).await?;
+    let claimed = claim_in(&mut tx, owner, lease).await?;
     tx.commit().await?;
-    Ok(claimed.map(|(job_id, attempt)| Lease { job_id, owner: owner.to_owned(), attempt }))
+    Ok(claimed.as_ref().map(|job| Lease::of(job, owner)))
 }
 
 /// Renews a lease, stores the progress if there is some, and reads the cancel flag, all in one statement.

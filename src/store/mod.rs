@@ -5,7 +5,8 @@
 //! uploads as the bytes that came. Times are epoch milliseconds by the database's clock.
 //!
 //! SQL is `&'static str`, the same text for both engines wherever possible, and limited to the column types that pass
-//! through sqlx's `Any`: text, bigint, blob. [`all_queries`] lists it so that a test can prepare every one on both.
+//! through sqlx's `Any`: text, bigint, blob. [`all_queries`] lists it so that a test can prepare every one on both. A limit that
+//! is bound is written `limit cast($1 as bigint)`: into a bare one SQLite looks when it plans, and so it plans at every use.
 
 pub mod api_keys;
 pub mod audit;
@@ -243,9 +244,7 @@ impl Tx {
             TxKind::Shared(member) => member.commit(self.actor, self.notes).await,
             TxKind::Own(mut transaction, _room) => {
                 if !self.notes.is_empty() {
-                    let head = audit::head_in(&mut transaction).await?;
-                    let head = audit::append(&mut transaction, &head, &self.actor, self.notes, audit::INSERT).await?;
-                    audit::move_head(&mut transaction, &head).await?;
+                    audit::append(&mut transaction, &self.actor, self.notes).await?;
                 }
                 Ok(transaction.commit().await?)
             }
@@ -267,6 +266,13 @@ impl Tx {
         match &mut self.kind {
             TxKind::Shared(member) => member.connection().ok_or(Error::Database(sqlx::Error::WorkerCrashed)),
             TxKind::Own(transaction, _) => Ok(transaction),
+        }
+    }
+
+    pub(crate) fn engine(&self) -> Engine {
+        match self.kind {
+            TxKind::Shared(_) => Engine::Sqlite,
+            TxKind::Own(..) => Engine::Postgres,
         }
     }
 

@@ -10,7 +10,7 @@ use sqlx::{AnyConnection, AnyPool, Connection, FromRow};
 use tokio::sync::{Mutex, OwnedMutexGuard, oneshot};
 use tokio::time::Instant;
 
-use super::audit::{self, AuditHead, Note};
+use super::audit::{self, AuditHead, AuditRow, Note};
 use super::{Error, Result};
 
 /// The one writer of a SQLite database.
@@ -30,12 +30,16 @@ struct State {
     failed: Option<(Instant, Arc<sqlx::Error>)>,
 }
 
-/// An open transaction with a savepoint set, and those who wait for its end.
+/// An open transaction, and those who wait for its end.
 #[derive(Debug)]
 struct Group {
     connection: AnyConnection,
-    begun_with: AuditHead,
+    /// Where the audit chain ends with the members so far.
     head: AuditHead,
+    /// The members' entries in it, written as the last act.
+    entries: Vec<AuditRow>,
+    /// Whether what the last member did is to stay: the savepoint stands before it still.
+    is_kept: bool,
     waiting: Vec<oneshot::Sender<Verdict>>,
 }
 
@@ -51,10 +55,9 @@ pub(super) struct Member {
 // Each execution is a trip to the connection's thread and back, which costs more than most statements: what belongs together goes in one.
 // SQLite takes several statements at a time; their $1, $2, … are numbered through.
 const BEGIN: &str = concat!("begin immediate; savepoint member; ", audit::head_text!());
-const KEEP: &str = concat!(audit::insert_text!(), "; release member; savepoint member");
 const NEXT: &str = "release member; savepoint member";
 const UNDO: &str = "rollback to member";
-const MOVE_HEAD_AND_COMMIT: &str = concat!(audit::move_head_text!(), "; release member; commit");
+const NOTE_AND_COMMIT: &str = concat!(audit::insert_all_and_move_head_text!(), "; release member; commit");
 const COMMIT: &str = "release member; commit";
 
 impl Writer {
@@ -94,6 +97,7 @@ async fn enter(pool: AnyPool, state: Arc<Mutex<State>>, asked: Instant) -> Resul
         }
         tokio::spawn(async move { end(&mut *state.lock_owned().await, &pool).await });
     }
+    step_over_what_is_kept(&mut guard).await?;
     Ok(Member { state: Some(guard) })
 }
 
@@ -105,7 +109,7 @@ async fn open(pool: &AnyPool, idle: Option<AnyConnection>) -> Result<Group> {
     };
     let begun = sqlx::query(BEGIN).fetch_all(&mut connection).await?;
     let head = AuditHead::from_row(begun.first().ok_or(sqlx::Error::RowNotFound)?)?;
-    Ok(Group { connection, begun_with: head.clone(), head, waiting: Vec::new() })
+    Ok(Group { connection, head, entries: Vec::new(), is_kept: false, waiting: Vec::new() })
 }
 
 /// Commits the group, if there is one, and tells everybody in it.
@@ -122,9 +126,9 @@ async fn end(state: &mut State, pool: &AnyPool) {
 
 impl Group {
     async fn commit(&mut self) -> Result<()> {
-        let query = match self.head == self.begun_with {
+        let query = match self.entries.is_empty() {
             true => sqlx::query(COMMIT),
-            false => sqlx::query(MOVE_HEAD_AND_COMMIT).bind(self.head.seq).bind(&self.head.sha256),
+            false => sqlx::query(NOTE_AND_COMMIT).bind(audit::as_list(&self.entries)).bind(self.head.seq).bind(&self.head.sha256),
         };
         query.execute(&mut self.connection).await?;
         Ok(())
@@ -158,14 +162,13 @@ impl Member {
     pub(super) async fn commit(mut self, actor: String, notes: Vec<Note>) -> Result<()> {
         let Some(mut state) = self.state.take() else { return Ok(()) };
         in_a_task(async move {
-            let appended = match state.group.as_mut() {
-                Some(group) => keep(group, &actor, notes).await,
-                None => return Err(broken()),
-            };
-            if let Err(error) = appended {
-                undo(&mut state).await;
-                return Err(error);
+            let Some(group) = state.group.as_mut() else { return Err(broken()) };
+            let entries = audit::entries(&group.head, &actor, notes);
+            if let Some(last) = entries.last() {
+                group.head.follow(last);
             }
+            group.entries.extend(entries);
+            group.is_kept = true;
             wait_for_the_group(state).await
         })
         .await
@@ -196,14 +199,22 @@ impl Drop for Member {
     }
 }
 
-/// Writes the audit entries and puts the savepoint behind everything done so far.
-async fn keep(group: &mut Group, actor: &str, notes: Vec<Note>) -> Result<()> {
-    if notes.is_empty() {
-        sqlx::query(NEXT).execute(&mut group.connection).await?;
-    } else {
-        group.head = audit::append(&mut group.connection, &group.head, actor, notes, KEEP).await?;
+/// Puts the savepoint behind everything done so far, or nothing of it would be certain.
+async fn step_over_what_is_kept(state: &mut State) -> Result<()> {
+    let Some(group) = state.group.as_mut().filter(|group| group.is_kept) else { return Ok(()) };
+    match sqlx::query(NEXT).execute(&mut group.connection).await {
+        Ok(_) => {
+            group.is_kept = false;
+            Ok(())
+        }
+        Err(error) => {
+            let error = Arc::new(error);
+            if let Some(group) = state.group.take() {
+                group.fail(Error::NotCommitted(Arc::clone(&error)));
+            }
+            Err(Error::NotCommitted(error))
+        }
     }
-    Ok(())
 }
 
 /// Back to the savepoint. If that fails, the engine has given up the whole transaction (disk full, I/O error), and with it all

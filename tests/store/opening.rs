@@ -16,6 +16,8 @@ fn each_engine_prepares_every_query() {
         assert!(queries.len() > 50, "the list of queries is incomplete: {}", queries.len());
         let mut connection = database.store.pool().acquire().await.unwrap();
         for query in queries {
+            // SQLite would plan the query anew at every use
+            assert!(!query.contains("limit $"), "a limit that is bound is cast: {query}");
             let prepared = (&mut *connection).prepare(sqlx::SqlSafeStr::into_sql_str(query)).await;
             prepared.unwrap_or_else(|error| panic!("{error}: {query}"));
         }
@@ -36,10 +38,9 @@ const NO_QUERIES: &[&str] = &[
     "REVOKED",
     "NOTED_AS",
     "BEGIN",
-    "KEEP",
     "NEXT",
     "UNDO",
-    "MOVE_HEAD_AND_COMMIT",
+    "NOTE_AND_COMMIT",
     "COMMIT",
 ];
 

@@ -232,7 +232,7 @@ fn the_schema_itself_keeps_the_robots_policy() {
 /// A session that scored the set, with this report.
 async fn scored(store: &Store, set: &MeasurementSetRow, candidate: &ParameterSetRow, report_json: &str) -> String {
     let new = NewJob { kind: "verify".into(), parameter_set_input_id: Some(candidate.id.clone()), priority: 1, ..new_job(set, "{}") };
-    in_transaction(store, async |tx| jobs::insert(tx, &new).await).await;
+    in_transaction(store, async |tx| jobs::insert(tx, &new, i64::MAX).await).await;
     let lease = leases::claim(store, "worker_1", Duration::from_secs(60)).await.unwrap().unwrap();
     in_transaction(store, async |tx| leases::succeed(tx, &lease, report_json, "{}", "00").await).await;
     lease.job_id
