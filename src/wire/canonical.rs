@@ -7,6 +7,7 @@
 use serde::Serialize;
 use serde_json::{Number, Value};
 use sha2::{Digest, Sha256};
+use std::cmp::Ordering;
 use std::fmt::Write;
 
 /// Canonical JSON of anything that serialises.
@@ -42,7 +43,8 @@ pub fn sha256_hex(bytes: &[u8]) -> String {
 
 /// Lower-case hexadecimal.
 pub fn hex(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+    let digit = |nibble: u8| char::from(b"0123456789abcdef"[usize::from(nibble)]);
+    bytes.iter().flat_map(|byte| [digit(byte >> 4), digit(byte & 15)]).collect()
 }
 
 fn write_value(value: &Value, out: &mut String) -> std::fmt::Result {
@@ -51,7 +53,7 @@ fn write_value(value: &Value, out: &mut String) -> std::fmt::Result {
         Value::Array(items) => write_joined(out, ('[', ']'), items.iter(), write_value),
         Value::Object(map) => {
             let mut entries: Vec<_> = map.iter().collect();
-            entries.sort_by(|(a, _), (b, _)| a.encode_utf16().cmp(b.encode_utf16()));
+            entries.sort_by(|(a, _), (b, _)| in_utf16(a, b));
             write_joined(out, ('{', '}'), entries.into_iter(), |(key, item), out| {
                 write_text(key, out)?;
                 out.push(':');
@@ -61,6 +63,11 @@ fn write_value(value: &Value, out: &mut String) -> std::fmt::Result {
         Value::String(text) => write_text(text, out),
         Value::Null | Value::Bool(_) => write!(out, "{value}"),
     }
+}
+
+/// The order of keys: by UTF-16 units, which for ASCII are the bytes.
+fn in_utf16(a: &str, b: &str) -> Ordering {
+    if a.is_ascii() && b.is_ascii() { a.cmp(b) } else { a.encode_utf16().cmp(b.encode_utf16()) }
 }
 
 fn write_joined<T>(
@@ -83,37 +90,38 @@ fn write_joined<T>(
 /// Text as JSON has it; most needs no escapes.
 fn write_text(text: &str, out: &mut String) -> std::fmt::Result {
     if text.bytes().all(|byte| byte >= b' ' && byte != b'"' && byte != b'\\') {
-        write!(out, "\"{text}\"")
+        out.push('"');
+        out.push_str(text);
+        out.push('"');
+        Ok(())
     } else {
         write!(out, "{}", Value::from(text))
     }
 }
 
 fn write_number(number: &Number, out: &mut String) -> std::fmt::Result {
-    match number.as_f64() {
-        Some(float) if number.is_f64() => write_ecmascript(float, out),
-        _ => write!(out, "{number}"),
-    }
+    if number.is_f64() { write_ecmascript(&number.to_string(), out) } else { write!(out, "{number}") }
 }
 
-/// Number::toString of ECMAScript: digits d1…dk and n such that the value is 0.d1…dk × 10^n.
-fn write_ecmascript(value: f64, out: &mut String) -> std::fmt::Result {
-    if value == 0.0 {
+/// Number::toString of ECMAScript: digits d1…dk and n such that the value is 0.d1…dk × 10^n. `shortest` has those digits already, the even
+/// ones where two are equally near, as ECMAScript asks; `{:e}` of the standard library does not.
+fn write_ecmascript(shortest: &str, out: &mut String) -> std::fmt::Result {
+    let unsigned = shortest.strip_prefix('-').unwrap_or(shortest);
+    if unsigned == "0.0" {
         out.push('0');
         return Ok(());
     }
-    if value < 0.0 {
+    if unsigned.len() < shortest.len() {
         out.push('-');
     }
-    // d1.d2…dkE(n-1), where it will stand; then the digits are moved to their places
+    // d1.d2…dkE(n-1), or in its place already but for the point after a whole number
+    let Some((mantissa, exponent)) = unsigned.split_once('e') else {
+        out.push_str(unsigned.strip_suffix(".0").unwrap_or(unsigned));
+        return Ok(());
+    };
+    let n = exponent.parse::<i32>().map_err(|_| std::fmt::Error)? + 1;
     let first = out.len();
-    write!(out, "{:e}", value.abs())?;
-    let e = out[first..].find('e').map_or(out.len(), |e| first + e);
-    let n = out.get(e + 1..).and_then(|exponent| exponent.parse::<i32>().ok()).unwrap_or(0) + 1;
-    out.truncate(e);
-    if out.len() > first + 1 {
-        out.remove(first + 1);
-    }
+    out.extend(mantissa.chars().filter(|c| *c != '.'));
     let k = (out.len() - first) as i32;
     if k <= n && n <= 21 {
         (k..n).for_each(|_| out.push('0'));
@@ -132,7 +140,7 @@ fn write_ecmascript(value: f64, out: &mut String) -> std::fmt::Result {
 
 #[cfg(test)]
 mod tests {
-    use super::{sha256_hex, to_canonical_json, write_ecmascript};
+    use super::{sha256_hex, to_canonical_json, write_number};
     use serde_json::json;
 
     #[test]
@@ -154,10 +162,51 @@ mod tests {
             (0xbecb_f647_612f_3696, "-0.0000033333333333333333"),
         ];
         for (bits, expected) in table {
-            let mut text = String::new();
-            write_ecmascript(f64::from_bits(bits), &mut text).unwrap();
-            assert_eq!(text, expected, "{bits:016x}");
+            assert_eq!(text_of_float(f64::from_bits(bits)), expected, "{bits:016x}");
         }
+    }
+
+    fn text_of_float(float: f64) -> String {
+        let mut text = String::new();
+        write_number(&serde_json::Number::from_f64(float).unwrap(), &mut text).unwrap();
+        text
+    }
+
+    #[test]
+    fn of_two_texts_that_are_equally_near_the_even_one_is_written() {
+        // as node prints them; the standard library's {:e} rounds the first up
+        assert_eq!(text_of_float(87_477_002_012_648.125), "87477002012648.12");
+        assert_eq!(text_of_float(-87_477_002_012_648.375), "-87477002012648.38");
+    }
+
+    #[test]
+    fn numbers_of_every_size_are_the_shortest_that_read_back() {
+        let mut state = 1_u64;
+        for size in -340..=310 {
+            for _ in 0..200 {
+                state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+                let most = [10_u64, 1000, 1 << 20, 1 << 53][(state >> 5) as usize & 3];
+                let float: f64 = format!("{}{}e{size}", if state & 1 == 0 { "" } else { "-" }, (state >> 11) % most).parse().unwrap();
+                if !float.is_finite() {
+                    continue;
+                }
+                let text = text_of_float(float);
+                assert_eq!(text.parse::<f64>().unwrap(), float, "{text}");
+                let n_digits = |text: &str| {
+                    let digits: String = text.split('e').next().unwrap().chars().filter(char::is_ascii_digit).collect();
+                    digits.trim_matches('0').len()
+                };
+                assert_eq!(n_digits(&text), n_digits(&format!("{float:e}")), "{text}");
+                let (size, has_exponent) = (float.abs(), text.contains('e'));
+                assert_eq!(has_exponent, size != 0.0 && !(1e-6..1e21).contains(&size), "{text}");
+            }
+        }
+    }
+
+    #[test]
+    fn keys_beyond_ascii_are_sorted_by_their_utf16_units() {
+        let text = to_canonical_json(&json!({"\u{fb33}": 1, "\u{1f600}": 2, "z": 3, "ö": 4})).unwrap();
+        assert_eq!(text, "{\"z\":3,\"ö\":4,\"\u{1f600}\":2,\"\u{fb33}\":1}");
     }
 
     #[test]
