@@ -113,7 +113,7 @@ const CLASSES: &[Class] = &[
         let mut cells = cells();
         let row = p.below(cells.len() - 1);
         cells[row + 1].pop();
-        Bad { body: csv(&cells), code: "wrong_cell_count", row: Some(row), column: None, hint: "cells" }
+        Bad { body: csv(&cells), code: "wrong_cell_count", row: Some(row), column: None, hint: "end of the row is missing" }
     }),
     ("no unit", |p| bad_header(p, |name| name.split('_').next().unwrap().into(), "missing_unit", "has no unit; name it")),
     ("unknown unit", |p| {

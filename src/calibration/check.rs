@@ -149,7 +149,8 @@ fn check_stations(request: &CalibrationRequest, subsets: &[Subset]) -> Result<()
     let station =
         arrangement.setups.iter().position(|setup| *setup == resting).and_then(|point| request.set.points[point].station.as_deref());
     let detail = format!(
-        "positions of all stations are brought into the frame of {frame} as the {place} station, {:?}, has it, and that one has {n} configurations to          identify from; it takes {FEWEST_AT_REST}: measure more there, or leave its rows out",
+        "positions of all stations are brought into the frame of {frame} as the {place} station, {:?}, has it, and that one has {n} configurations to \
+         identify from; it takes {FEWEST_AT_REST}: measure more there, or leave its rows out",
         station.unwrap_or("")
     );
     Err(unusable("under_determined", detail))

@@ -104,17 +104,22 @@ pub fn parse_with(decimal: Decimal, bytes: &[u8], frame: Frame, n_joints: usize)
     let text = decode(bytes, decimal)?;
     refuse_endless_rows(text.as_bytes(), decimal.separator())?;
     let mut reader = csv::ReaderBuilder::new();
-    let mut reader = reader.flexible(true).trim(csv::Trim::All).delimiter(decimal.separator()).from_reader(text.as_bytes());
+    let mut reader = reader.flexible(true).trim(csv::Trim::Headers).delimiter(decimal.separator()).from_reader(text.as_bytes());
     let header = reader.headers().map_err(|e| whole("unreadable", format!("the header row cannot be read: {e}")))?.clone();
     let columns = parse_header(&header, n_joints)?;
     let mut issues = Vec::new();
     let mut points = Vec::new();
-    for (row, record) in reader.records().enumerate() {
+    let mut record = csv::StringRecord::new();
+    for row in 0.. {
+        let read = reader.read_record(&mut record);
+        if matches!(read, Ok(false)) {
+            break;
+        }
         if row >= MAX_ROWS {
             return Err(whole("too_many_rows", format!("more than {MAX_ROWS} rows; split the campaign into several sets")));
         }
-        match record {
-            Ok(record) => {
+        match read {
+            Ok(_) => {
                 if let Some(point) = parse_row(row, &record, &header, &columns, (n_joints, decimal), &mut issues) {
                     points.push(point);
                 }
@@ -259,18 +264,19 @@ fn parse_row(
     issues: &mut Vec<Issue>,
 ) -> Option<Point> {
     if record.len() != columns.len() {
-        let detail = format!(
-            "row {row} has {} cells, the header has {}; a decimal comma makes extra cells: write 12.5, not 12,5",
-            record.len(),
-            columns.len()
-        );
+        let hint = match (record.len() < columns.len(), decimal) {
+            (true, _) => "the end of the row is missing: was the file cut off or the row written in part?",
+            (false, Decimal::Point) => "a decimal comma makes extra cells: write 12.5, not 12,5",
+            (false, Decimal::Comma) => "is there a ';' too many?",
+        };
+        let detail = format!("row {row} has {} cells, the header has {}; {hint}", record.len(), columns.len());
         issues.push(Issue { row: Some(row), column: None, code: "wrong_cell_count", detail });
         return None;
     }
     let mut point = Point::empty(n_joints, row);
     let before = issues.len();
     for ((cell, column), name) in record.iter().zip(columns).zip(header) {
-        if let Err((code, detail)) = fill(&mut point, *column, cell, n_joints, decimal) {
+        if let Err((code, detail)) = fill(&mut point, *column, cell.trim(), n_joints, decimal) {
             let detail = format!("row {row}, column {name}: {detail}");
             issues.push(Issue { row: Some(row), column: Some(name.to_string()), code, detail });
         }

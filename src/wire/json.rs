@@ -1,7 +1,7 @@
 //! Request bodies in JSON, with errors that say where.
 
 use crate::wire::{Invalid, Issue};
-use serde::de::{Deserialize, DeserializeOwned, Deserializer, Error as _, SeqAccess, Visitor};
+use serde::de::{Deserialize, DeserializeOwned, Deserializer, Error as _, IgnoredAny, SeqAccess, Visitor};
 use serde_path_to_error::{Path, Segment};
 use std::fmt;
 use std::marker::PhantomData;
@@ -79,9 +79,18 @@ fn explain(pointer: String, error: &serde_json::Error, bytes: &[u8]) -> Error {
             let detail = format!("this field does not take null; leave it out if it has a default ({text})");
             Error::Shape(Invalid { code: "invalid_body", issues: vec![Issue::at(pointer, "invalid_body", detail)] })
         }
+        // so it does a list with more items than its place takes
+        Category::Syntax if text.starts_with("trailing characters") && is_json(bytes) => {
+            let detail = format!("this list has more items than belong here ({text})");
+            Error::Shape(Invalid { code: "invalid_body", issues: vec![Issue::at(pointer, "invalid_body", detail)] })
+        }
         Category::Data => Error::Shape(Invalid { code: "invalid_body", issues: vec![Issue::at(pointer, "invalid_body", text)] }),
         Category::Syntax | Category::Eof | Category::Io => Error::Syntax(text),
     }
+}
+
+fn is_json(bytes: &[u8]) -> bool {
+    serde_json::from_slice::<IgnoredAny>(bytes).is_ok()
 }
 
 /// RFC 6901: `~` and `/` inside a key are escaped.
@@ -122,6 +131,15 @@ mod tests {
             other => panic!("expected a shape error, got {other:?}"),
         }
         assert!(matches!(parse::<RobotBody>(br#"{"name": "\ud800", "links": []}"#), Err(Error::Syntax(_))));
+    }
+
+    #[test]
+    fn a_list_with_too_many_items_is_no_fault_of_syntax() {
+        let link = r#"{"a_mm": 1, "alpha_deg": 0, "d_mm": 0, "theta_offset_deg": 0, "joint_limits_deg": [1, 2, 3]}"#;
+        let body = format!(r#"{{"name": "x", "links": [{link}]}}"#);
+        assert_eq!(issue_of(&body), (Some("/links/0/joint_limits_deg".into()), "invalid_body".into()));
+        let cut_off = &body[..body.len() - 1];
+        assert!(matches!(parse::<RobotBody>(cut_off.as_bytes()), Err(Error::Syntax(_))));
     }
 
     #[test]
