@@ -12,7 +12,9 @@ use kincal::http::server;
 use serde_json::{Value, json};
 use std::fs::File;
 use std::io::Write;
+use std::path::Path;
 use std::time::Instant;
+use tokio::runtime::Builder;
 
 /// Jobs that are timed, after some that warm up.
 const JOBS: usize = 100;
@@ -56,20 +58,23 @@ async fn answer(request: reqwest::RequestBuilder) -> anyhow::Result<Value> {
 }
 
 fn main() -> anyhow::Result<()> {
-    let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
-    runtime.block_on(run())
-}
-
-async fn run() -> anyhow::Result<()> {
     // beside the sources: a folder in memory has no fsync to speak of
     let folder = tempfile::tempdir_in(std::env::var("END_TO_END_DIR").unwrap_or_else(|_| "target".into()))?;
-    let server = server::start(&ServeConfig::loopback(folder.path().join("data"), 1)).await?;
+    // the server as `kincal serve` runs it; the client on this thread alone, as another machine has its own
+    let servers = Builder::new_multi_thread().enable_all().build()?;
+    let server = servers.block_on(server::start(&ServeConfig::loopback(folder.path().join("data"), 1)))?;
     kincal::http::tls::use_ring();
     let client = Client { http: reqwest::Client::builder().no_proxy().build()?, url: server.url() };
+    let ran = Builder::new_current_thread().enable_all().build()?.block_on(run(client, folder.path()));
+    servers.block_on(server.shutdown());
+    ran
+}
+
+async fn run(client: Client, folder: &Path) -> anyhow::Result<()> {
     let robot = id(&client.post("/v1/robots", "application/json", ROBOT.to_vec()).await?)?;
     let set = id(&client.post(&format!("/v1/robots/{robot}/measurement-sets?frame=base&name=first"), "text/csv", SET.to_vec()).await?)?;
     let (mut times, mut fsyncs) = (Vec::new(), Vec::new());
-    let mut log = File::create(folder.path().join("fsync"))?;
+    let mut log = File::create(folder.join("fsync"))?;
     for _ in 0..WARM_UP + JOBS {
         times.push(job(&client, &robot, &set).await?);
         fsyncs.push(fsync_us(&mut log)?);
@@ -81,7 +86,6 @@ async fn run() -> anyhow::Result<()> {
         client.http.get(format!("{}/healthz", client.url)).send().await?.error_for_status()?.bytes().await?;
         nothing.push(begun.elapsed().as_secs_f64() * 1e6);
     }
-    server.shutdown().await;
     let fsync = median(fsyncs);
     let of = |what: fn(&Times) -> f64| median(times.iter().map(what).collect());
     let rest = of(|t| t.posted + t.waited + t.fetched - t.computed);

@@ -14,13 +14,18 @@ use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, watch};
 use tokio::task::JoinSet;
-use tokio::time::timeout;
+use tokio::time::{Instant, sleep, timeout, timeout_at};
 use tokio_io_timeout::TimeoutStream;
 
 /// Largest header; cell PCs send under a kilobyte.
 const MAX_HEADER_BYTES: usize = 32 * 1024;
 /// A failed `accept` (out of file descriptors) is tried again after this.
 const ACCEPT_AGAIN: Duration = Duration::from_millis(50);
+/// After the word to stop those are let in and heard for this long who are connected as far as they know: closing the listener, or a
+/// connection before its first request, cuts them off.
+const LAST_CALL: Duration = Duration::from_millis(20);
+/// How many: as many as the operating system keeps waiting, or they would never end.
+const MAX_LAST: usize = 4096;
 /// Clients that are turned away politely at the same time; more are just closed.
 const MAX_TURNED_AWAY: usize = 256;
 /// How long one that is turned away may take to read the reason.
@@ -51,6 +56,14 @@ pub async fn accept_all(listener: TcpListener, desk: Desk, limits: &LimitsConfig
     let room = Arc::new(Semaphore::new(limits.max_connections));
     let room_to_turn_away = Arc::new(Semaphore::new(MAX_TURNED_AWAY));
     let mut connections = JoinSet::new();
+    let admit = |(stream, peer), connections: &mut JoinSet<()>| match Arc::clone(&room).try_acquire_owned() {
+        Ok(slot) => drop(connections.spawn(connection(stream, peer, serving.clone(), slot))),
+        Err(_) => {
+            serving.desk.turned_away(TOO_MANY_CONNECTIONS);
+            let room = Arc::clone(&room_to_turn_away).try_acquire_owned().ok().filter(|_| serving.tls.is_none());
+            drop(room.map(|slot| connections.spawn(turn_away(stream, slot))));
+        }
+    };
     let stopped = told_to_stop(stopping);
     tokio::pin!(stopped);
     loop {
@@ -60,19 +73,17 @@ pub async fn accept_all(listener: TcpListener, desk: Desk, limits: &LimitsConfig
             () = &mut stopped => break,
         };
         match accepted {
-            Ok((stream, peer)) => match Arc::clone(&room).try_acquire_owned() {
-                Ok(slot) => drop(connections.spawn(connection(stream, peer, serving.clone(), slot))),
-                Err(_) => {
-                    serving.desk.turned_away(TOO_MANY_CONNECTIONS);
-                    let room = Arc::clone(&room_to_turn_away).try_acquire_owned().ok().filter(|_| serving.tls.is_none());
-                    drop(room.map(|slot| connections.spawn(turn_away(stream, slot))));
-                }
-            },
+            Ok(client) => admit(client, &mut connections),
             Err(error) => {
                 tracing::warn!(%error, "a client could not be accepted");
-                tokio::time::sleep(ACCEPT_AGAIN).await;
+                sleep(ACCEPT_AGAIN).await;
             }
         }
+    }
+    let last_call = Instant::now() + LAST_CALL;
+    for _ in 0..MAX_LAST {
+        let Ok(Ok(client)) = timeout_at(last_call, listener.accept()).await else { break };
+        admit(client, &mut connections);
     }
     drop(listener);
     while connections.join_next().await.is_some() {}
@@ -113,9 +124,14 @@ async fn requests(stream: impl AsyncRead + AsyncWrite + Unpin + Send + 'static, 
     let connection = builder.serve_connection(TokioIo::new(stream), hyper::service::service_fn(answer));
     tokio::pin!(connection);
     // Clients come and go as they like, so how a connection ended is of no interest.
+    // A request may be on its way already, and one that was not read yet is not waited for by what follows.
+    let last_call = async {
+        told_to_stop(serving.stopping.clone()).await;
+        sleep(LAST_CALL).await;
+    };
     tokio::select! {
         _ = &mut connection => return,
-        () = told_to_stop(serving.stopping.clone()) => connection.as_mut().graceful_shutdown(),
+        () = last_call => connection.as_mut().graceful_shutdown(),
     }
     let _ = connection.await;
 }

@@ -2,7 +2,8 @@
 
 use crate::app::{paper, text};
 use serde_json::{Value, json};
-use std::io::{BufRead, BufReader};
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::TcpStream;
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
@@ -102,6 +103,38 @@ async fn sigterm_ends_long_polls_and_event_streams_within_ten_seconds() {
     assert!(events.text().await.unwrap().starts_with("event: progress"));
     if let Ok(answer) = poll.await.unwrap() {
         assert_eq!(answer.json::<Value>().await.unwrap()["status"], "queued");
+    }
+}
+
+/// Asks until no more connections are taken: how many were answered, and how many were connected and cut off.
+fn ask_until_refused(address: &str) -> (usize, usize) {
+    let (begun, mut answered, mut cut_off) = (Instant::now(), 0, 0);
+    while begun.elapsed() < Duration::from_secs(10) {
+        let Ok(mut connection) = TcpStream::connect(address) else { break };
+        connection.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
+        let mut answer = Vec::new();
+        let asked = connection.write_all(b"GET /healthz HTTP/1.1\r\nhost: cell\r\nconnection: close\r\n\r\n");
+        let _ = asked.and_then(|()| connection.read_to_end(&mut answer));
+        if answer.starts_with(b"HTTP/1.1 ") { answered += 1 } else { cut_off += 1 }
+    }
+    (answered, cut_off)
+}
+
+#[test]
+fn who_is_connected_when_the_server_stops_is_answered() {
+    for _ in 0..5 {
+        let dir = tempfile::tempdir().unwrap();
+        let mut server = Process::serve(dir.path(), "0", &["--no-auth"]);
+        let address = server.url.strip_prefix("http://").unwrap().to_owned();
+        let clients: Vec<_> =
+            (0..16).map(|_| address.clone()).map(|address| std::thread::spawn(move || ask_until_refused(&address))).collect();
+        std::thread::sleep(Duration::from_millis(200));
+        let (took, code) = server.terminate();
+        assert_eq!(code, Some(0));
+        assert!(took < Duration::from_secs(10), "{took:?}");
+        let (answered, cut_off) = clients.into_iter().map(|client| client.join().unwrap()).fold((0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
+        assert!(answered > 16, "{answered}");
+        assert_eq!(cut_off, 0, "of {answered}");
     }
 }
 
