@@ -280,7 +280,7 @@ async fn claims(data_dir: &std::path::Path) -> anyhow::Result<()> {
     for _ in 0..QUEUED / 1000 {
         let mut tx = store.begin().await?;
         for _ in 0..1000 {
-            jobs::insert(&mut tx, &new, i64::MAX).await?;
+            jobs::insert(&mut tx, &new, None).await?;
         }
         tx.commit().await?;
     }

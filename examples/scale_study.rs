@@ -220,7 +220,7 @@ async fn another_client(store: &Store, url: &str) {
         let since = Instant::now();
         let mut tx = store.begin().await.expect("a transaction");
         // past the queue's limit of a robot, which is not what is measured here
-        let id = jobs::insert(&mut tx, &new, i64::MAX).await.expect("it is stored").id;
+        let id = jobs::insert(&mut tx, &new, None).await.expect("it is stored").id;
         tx.commit().await.expect("a commit");
         while !jobs::get(store, &id).await.expect("it is there").status.is_over() {
             assert!(since.elapsed() < PATIENCE, "the newcomer waits for ever");

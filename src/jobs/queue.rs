@@ -12,7 +12,7 @@ pub const MAX_WAITING_JOBS_PER_ROBOT: i64 = 10_000;
 /// # Errors
 /// Those of [`jobs::insert`].
 pub async fn enqueue(tx: &mut Tx, new: &NewJob) -> Result<JobRow> {
-    jobs::insert(tx, new, MAX_WAITING_JOBS_PER_ROBOT).await
+    jobs::insert(tx, new, Some(MAX_WAITING_JOBS_PER_ROBOT)).await
 }
 
 /// Cancels a job (see [`jobs::cancel`]) and tells its worker and its listeners at once.

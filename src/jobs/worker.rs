@@ -64,13 +64,23 @@ pub async fn run_next_job(store: &Store, context: &WorkerContext) -> Result<Opti
         tx.rollback().await?;
         return Ok(None);
     };
-    let lease = Lease::of(&job, &context.owner);
-    // what the job names was committed with it, and is read while the claim is: nothing is computed before that is certain
-    let (committed, read) = tokio::join!(tx.commit(), JobInputs::of(store, job));
-    committed?;
-    tracing::info!(job_id = lease.job_id, owner = lease.owner, attempt = lease.attempt, "job begun");
-    context.signals.job_changed(&lease.job_id);
-    run(store, context, &lease, read).await;
+    let (lease, control) = (Lease::of(&job, &context.owner), Arc::new(Control::default()));
+    let until = Instant::now() + context.lease;
+    // What a job names was committed before it was posted, so it is read while the claim is committed. Nothing is computed before that is
+    // certain, or a job that ends the process would be begun again and again.
+    let begin = async {
+        tx.commit().await?;
+        tracing::info!(job_id = lease.job_id, owner = lease.owner, attempt = lease.attempt, "job begun");
+        context.signals.job_changed(&lease.job_id);
+        Ok::<_, Error>(keep(store, context, &lease, &control))
+    };
+    let (kept, read) = tokio::join!(begin, JobInputs::of(store, job));
+    let kept = kept?;
+    let ended = match inputs(store, context, &lease, (read.ok(), until), &control).await {
+        Ok(inputs) => compute(context, inputs, &control).await,
+        Err(ended) => ended,
+    };
+    end(store, &lease, &kept, ended).await;
     context.signals.job_changed(&lease.job_id);
     Ok(Some(lease.job_id))
 }
@@ -87,37 +97,33 @@ pub async fn run_pending_jobs(store: &Store, context: &WorkerContext) -> Result<
     Ok(done)
 }
 
-async fn run(store: &Store, context: &WorkerContext, lease: &Lease, read: Result<JobInputs>) {
-    let control = Arc::new(Control::default());
-    let kept = KeptLease::new(Beat {
+fn keep(store: &Store, context: &WorkerContext, lease: &Lease, control: &Arc<Control>) -> KeptLease {
+    KeptLease::new(Beat {
         store: store.clone(),
         lease: lease.clone(),
         duration: context.lease,
-        control: Arc::clone(&control),
+        control: Arc::clone(control),
         signals: context.signals.clone(),
         cancellations: context.signals.cancellations(&lease.job_id),
         drain: context.drain.subscribe(),
-    });
-    let ended = match inputs(store, context, lease, read, &control).await {
-        Ok(inputs) => compute(context, inputs, &control).await,
-        Err(ended) => ended,
-    };
-    end(store, lease, &kept, ended).await;
+    })
 }
 
-/// The job's inputs, read as often as it takes for the time of a lease. What the database could not give is not the job's fault: it is handed
-/// back and uses up no attempt.
+/// The job's inputs: those read already, or read as often as it takes for the time of a lease. What the database could not give is not the
+/// job's fault: it is handed back and uses up no attempt.
 async fn inputs(
     store: &Store,
     context: &WorkerContext,
     lease: &Lease,
-    mut read: Result<JobInputs>,
+    (read, until): (Option<JobInputs>, Instant),
     control: &Control,
 ) -> std::result::Result<JobInputs, Ended> {
-    let until = Instant::now() + context.lease;
+    if let Some(inputs) = read {
+        return Ok(inputs);
+    }
     let mut drain = context.drain.subscribe();
     loop {
-        let error = match read {
+        let error = match JobInputs::load(store, &lease.job_id).await {
             Ok(inputs) => return Ok(inputs),
             Err(error) => error,
         };
@@ -135,7 +141,6 @@ async fn inputs(
         if timeout(RETRY_AFTER, reached(&mut drain, Drain::Stop)).await.is_ok() {
             return Err(Ended::HandedBack);
         }
-        read = JobInputs::load(store, &lease.job_id).await;
     }
 }
 

@@ -264,7 +264,11 @@ fn parse_row(
     issues: &mut Vec<Issue>,
 ) -> Option<Point> {
     if record.len() != columns.len() {
+        let other = if decimal == Decimal::Point { ';' } else { ',' };
         let hint = match (record.len() < columns.len(), decimal) {
+            (true, _) if record.iter().filter(|cell| cell.contains(other)).count() == record.len() => {
+                "are its cells separated otherwise than the header's?"
+            }
             (true, _) => "the end of the row is missing: was the file cut off or the row written in part?",
             (false, Decimal::Point) => "a decimal comma makes extra cells: write 12.5, not 12,5",
             (false, Decimal::Comma) => "is there a ';' too many?",

@@ -144,11 +144,9 @@ pub(super) fn entries(head: &AuditHead, actor: &str, notes: Vec<Note>) -> Vec<Au
 }
 
 /// Entries as the JSON that SQLite takes them in at once.
-pub(super) fn as_list(entries: &[AuditRow]) -> String {
-    let fields = |AuditRow { seq, at_ms, actor, event, subject, detail_json, sha256 }: &AuditRow| {
-        serde_json::json!([seq, at_ms, actor, event, subject, detail_json, sha256])
-    };
-    Value::Array(entries.iter().map(fields).collect()).to_string()
+pub(super) fn as_list(entries: &[AuditRow]) -> Result<String> {
+    let rows: Vec<_> = entries.iter().map(|e| (e.seq, e.at_ms, &e.actor, &e.event, &e.subject, &e.detail_json, &e.sha256)).collect();
+    serde_json::to_string(&rows).map_err(|error| sqlx::Error::Encode(error.into()).into())
 }
 
 /// Adds to the chain, as the last act of a transaction on PostgreSQL.

@@ -164,7 +164,8 @@ const INSERT: &str = concat!(
             union all
             select min(j.turn) as turn from job j where j.status = 'queued' and j.priority = $12) as turns),
         'queued', 0, (select now_ms from clock)
-    where (select count(*) from job j where j.robot_id = $2 and j.status = 'queued') < $14
+    where cast($14 as bigint) is null or cast($14 as bigint) > (
+        select count(*) from (select 1 from job j where j.robot_id = $2 and j.status = 'queued' limit cast($14 as bigint)) as waiting)
     returning ",
     columns!()
 );
@@ -184,7 +185,7 @@ const REPORT: &str = "select status, report_json from job where id = $1";
 
 const CONVERGENCE: &str = "select status, convergence_json from job where id = $1";
 
-const ANY_QUEUED: &str = "select count(*) from (select 1 from job where status = 'queued' limit 1) as waiting";
+const ANY_QUEUED: &str = "select cast(1 as bigint) from job where status = 'queued' limit 1";
 
 const CANCEL: &str = "
     update job set
@@ -234,11 +235,12 @@ impl Noted for Posted {
     }
 }
 
-/// Stores a job as queued, unless `limit` jobs of its robot wait already.
+/// Stores a job as queued, unless `limit` jobs of its robot wait already; on PostgreSQL those who post at the same moment may go beyond it by
+/// as many as they are. What it names has to be committed: workers read it while they commit their claim of the job.
 ///
 /// # Errors
 /// [`Conflict::QueueFull`], [`Error::NotFound`] if something it names does not exist, [`Error::Database`].
-pub async fn insert(tx: &mut Tx, new: &NewJob, limit: i64) -> Result<JobRow> {
+pub async fn insert(tx: &mut Tx, new: &NewJob, limit: Option<i64>) -> Result<JobRow> {
     tx.needs_room()?;
     let id = new_id("job");
     let query = sqlx::query_as(INSERT)
@@ -257,7 +259,7 @@ pub async fn insert(tx: &mut Tx, new: &NewJob, limit: i64) -> Result<JobRow> {
         .bind(&new.client)
         .bind(limit);
     let row: Option<JobRow> = query.fetch_optional(tx.connection()?).await?;
-    let row = row.ok_or(Conflict::QueueFull { limit })?;
+    let row = row.ok_or(Conflict::QueueFull { limit: limit.unwrap_or_default() })?;
     tx.note(CREATED, &id, as_created(&row, &new.client));
     Ok(row)
 }
@@ -316,8 +318,8 @@ async fn document(store: &Store, query: &'static str, id: &str) -> Result<String
 /// # Errors
 /// [`Error::Database`].
 pub async fn any_queued(store: &Store) -> Result<bool> {
-    let n_queued: i64 = sqlx::query_scalar(ANY_QUEUED).fetch_one(store.pool()).await?;
-    Ok(n_queued > 0)
+    let one: Option<i64> = sqlx::query_scalar(ANY_QUEUED).fetch_optional(store.pool()).await?;
+    Ok(one.is_some())
 }
 
 /// How many jobs of all robots are queued, and how many are running.

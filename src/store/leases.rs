@@ -146,7 +146,8 @@ const END_ALL: &str = "update job set lease_until_ms = 0 where status = 'running
 /// overflows the stack kills every process that computes it, and has to end too.
 pub const MAX_DEATHS: i64 = 10;
 
-/// Takes the next waiting job: the highest priority, of those the oldest. It is the worker's once the transaction is committed.
+/// Takes the next waiting job: one under which no process died, the highest priority, the client whose turn it is. It is the worker's once
+/// the transaction is committed.
 ///
 /// # Errors
 /// [`super::Error::Database`].
@@ -158,7 +159,7 @@ pub async fn claim_in(tx: &mut Tx, owner: &str, lease: Duration) -> Result<Optio
     Ok(sqlx::query_as(statement).bind(owner).bind(millis(lease)).fetch_optional(tx.connection()?).await?)
 }
 
-/// Takes the next waiting job in a transaction of its own.
+/// Takes the next waiting job in a transaction of its own, for those who do not go on with it at once: tests and studies.
 ///
 /// # Errors
 /// [`super::Error::Database`].

@@ -1,7 +1,7 @@
 //! Group commit on SQLite: writers that wait at the same moment share one transaction, and so one fsync.
 //!
-//! The first writer opens the transaction and queues its end behind all who wait already; each writer works between two
-//! savepoints, so that one can fail without the others; none is answered before the common commit. What is not a writer's
+//! The first writer opens the transaction and queues its end behind all who wait already; each writer works behind a savepoint, which
+//! moves on when the next one joins, so that one can fail without the others; none is answered before the common commit. What is not a writer's
 //! own statement runs in a task of its own: a client that goes away in the middle leaves no half-open transaction.
 
 use std::sync::Arc;
@@ -57,7 +57,8 @@ pub(super) struct Member {
 const BEGIN: &str = concat!("begin immediate; savepoint member; ", audit::head_text!());
 const NEXT: &str = "release member; savepoint member";
 const UNDO: &str = "rollback to member";
-const NOTE_AND_COMMIT: &str = concat!(audit::insert_all_and_move_head_text!(), "; release member; commit");
+// The savepoint first: it fails where the engine has given up the transaction, and entries would be written by themselves.
+const NOTE_AND_COMMIT: &str = concat!("release member; ", audit::insert_all_and_move_head_text!(), "; commit");
 const COMMIT: &str = "release member; commit";
 
 impl Writer {
@@ -128,7 +129,7 @@ impl Group {
     async fn commit(&mut self) -> Result<()> {
         let query = match self.entries.is_empty() {
             true => sqlx::query(COMMIT),
-            false => sqlx::query(NOTE_AND_COMMIT).bind(audit::as_list(&self.entries)).bind(self.head.seq).bind(&self.head.sha256),
+            false => sqlx::query(NOTE_AND_COMMIT).bind(audit::as_list(&self.entries)?).bind(self.head.seq).bind(&self.head.sha256),
         };
         query.execute(&mut self.connection).await?;
         Ok(())

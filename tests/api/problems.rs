@@ -82,6 +82,30 @@ fn what_cannot_be_an_id_is_not_looked_up_wherever_it_stands() {
 }
 
 #[tokio::test]
+async fn of_several_references_that_are_unknown_the_same_one_is_always_told() {
+    let app = TestApp::spawn().await;
+    let (robot, set) = app.robot_with_set("first.csv").await;
+    let mut body = json!({"method": "bpnn_pso", "model": "paper", "verify": {"source": "set"}});
+    let references =
+        ["/measurement_set_id", "/verify/measurement_set_id", "/frames_id", "/parameter_set_id", "/network_id", "/residual_network_id"];
+    for at in references {
+        match at {
+            "/verify/measurement_set_id" => body["verify"]["measurement_set_id"] = json!("set_unknown"),
+            _ => body[at.trim_start_matches('/')] = json!("x_unknown"),
+        }
+    }
+    for at in references {
+        let problem = app.post_json(&format!("{robot}/jobs"), &body).await.problem(422, "unknown_reference");
+        assert_eq!(problem["errors"][0]["pointer"], at, "{problem}");
+        match at {
+            "/measurement_set_id" => body["measurement_set_id"] = json!(set),
+            "/verify/measurement_set_id" => body["verify"] = json!({"source": "subset"}),
+            _ => drop(body.as_object_mut().unwrap().remove(at.trim_start_matches('/'))),
+        }
+    }
+}
+
+#[tokio::test]
 async fn json_that_is_nested_a_million_deep_is_refused() {
     let app = TestApp::spawn().await;
     app.post("/v1/robots", "application/json", "[".repeat(1_000_000)).await.problem(422, "invalid_body");

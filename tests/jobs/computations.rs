@@ -16,9 +16,10 @@ pub const LONG: Duration = Duration::from_secs(60);
 const PATIENCE: Duration = Duration::from_secs(30);
 
 pub type Monitor<'a> = &'a mut dyn FnMut(Progress) -> ControlFlow<()>;
+pub type Computed = Result<JobOutcome, JobFailure>;
 
 /// Does what the request says.
-pub fn obey(inputs: &JobInputs, monitor: Monitor<'_>) -> Result<JobOutcome, JobFailure> {
+pub fn obey(inputs: &JobInputs, monitor: Monitor<'_>) -> Computed {
     match inputs.job.request_json.as_str() {
         "succeed" => Ok(outcome(inputs)),
         "fail" => Err(JobFailure::Failed { problem_json: r#"{"code":"under_determined"}"#.into() }),

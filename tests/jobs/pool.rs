@@ -48,6 +48,26 @@ fn a_pool_finds_jobs_that_nobody_signalled() {
 }
 
 #[test]
+fn a_worker_goes_on_with_what_waits_without_a_signal_for_each() {
+    for_each_engine(async |database| {
+        let store = &database.store;
+        let set = a_set(store, &a_robot(store, "r").await).await;
+        let mut ids = Vec::new();
+        for _ in 0..20 {
+            ids.push(a_job(store, &set, "succeed").await.id);
+        }
+        let begun = Instant::now();
+        let pool = WorkerPool::start(store.clone(), obey, 1, RULES, JobSignals::default());
+        for id in &ids {
+            assert_eq!(until(store, id, |job| job.status.is_over()).await.status, JobStatus::Succeeded);
+        }
+        // One that waits to be polled takes a second for each.
+        assert!(begun.elapsed() < Duration::from_secs(10), "{:?}", begun.elapsed());
+        pool.shutdown(LONG).await;
+    });
+}
+
+#[test]
 fn a_pool_forgets_the_idempotency_keys_of_long_ago_and_no_others() {
     for_each_engine(async |database| {
         let store = &database.store;

@@ -57,14 +57,63 @@ fn inputs_that_cannot_be_read_for_a_while_use_up_no_attempt() {
         let job = a_job(store, &some_set(database).await, "succeed").await;
         let mut lock = store.pool().begin().await.unwrap();
         sqlx::query("lock table robot in access exclusive mode").execute(&mut *lock).await.unwrap();
+        // Somebody looks for leases that ran out meanwhile, as a pool does.
+        let sweep = tokio::spawn({
+            let store = store.clone();
+            async move {
+                loop {
+                    queue::expire(&store, 3, &JobSignals::default()).await.unwrap();
+                    tokio::time::sleep(Duration::from_millis(100)).await;
+                }
+            }
+        });
         // The database gives up after 3 s, which is past the time for trying again.
         assert_eq!(run_next_job(store, &a_worker(Duration::from_secs(2))).await.unwrap().as_ref(), Some(&job.id));
+        sweep.abort();
         let waiting = jobs::get(store, &job.id).await.unwrap();
         assert_eq!((waiting.status, waiting.attempt), (JobStatus::Queued, 0));
         lock.rollback().await.unwrap();
         run_next_job(store, &a_worker(LONG)).await.unwrap();
         let done = jobs::get(store, &job.id).await.unwrap();
         assert_eq!((done.status, done.attempt), (JobStatus::Succeeded, 1));
+    });
+}
+
+#[test]
+fn nothing_is_computed_before_the_claim_is_certain() {
+    use std::sync::atomic::{AtomicUsize, Ordering};
+    static COMPUTED: AtomicUsize = AtomicUsize::new(0);
+    fn count(inputs: &kincal::jobs::JobInputs, monitor: crate::computations::Monitor<'_>) -> crate::computations::Computed {
+        COMPUTED.fetch_add(1, Ordering::SeqCst);
+        crate::computations::obey(inputs, monitor)
+    }
+    for_each_engine(async |database| {
+        let store = &database.store;
+        let before = COMPUTED.load(Ordering::SeqCst);
+        let job = a_job(store, &some_set(database).await, "succeed").await;
+        // What such a claim leaves is only found wrong when it is committed.
+        let sabotage = match store.engine() {
+            Engine::Sqlite => vec![
+                "create table owed (robot_id text references robot (id) deferrable initially deferred)",
+                "create trigger sabotage after update of status on job when new.status = 'running' begin insert into owed values ('none'); end",
+            ],
+            Engine::Postgres => vec![
+                "create table owed (robot_id text references robot (id) deferrable initially deferred)",
+                "create function owe() returns trigger language plpgsql as 'begin insert into owed values (''none''); return null; end'",
+                "create trigger sabotage after update of status on job for each row when (new.status = 'running') execute function owe()",
+            ],
+        };
+        for statement in sabotage {
+            sqlx::query(statement).execute(store.pool()).await.unwrap();
+        }
+        let worker = WorkerContext::new(count, LONG, JobSignals::default());
+        run_next_job(store, &worker).await.unwrap_err();
+        let waiting = jobs::get(store, &job.id).await.unwrap();
+        assert_eq!((waiting.status, waiting.attempt, COMPUTED.load(Ordering::SeqCst) - before), (JobStatus::Queued, 0, 0));
+        let mend = if store.engine() == Engine::Sqlite { "drop trigger sabotage" } else { "drop trigger sabotage on job" };
+        sqlx::query(mend).execute(store.pool()).await.unwrap();
+        assert_eq!(run_next_job(store, &worker).await.unwrap().as_ref(), Some(&job.id));
+        assert_eq!(COMPUTED.load(Ordering::SeqCst) - before, 1);
     });
 }
 

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use kincal::store::{Error, NewRobot, PageRequest, Store, Tx, robots};
+use kincal::store::{Error, NewRobot, PageRequest, Store, Tx, audit, robots};
 use sqlx::{Connection, Executor};
 
 use crate::engines::{for_each_engine, on_sqlite};
@@ -106,6 +106,70 @@ fn an_engine_that_gives_up_the_transaction_fails_everybody_in_it_and_nobody_afte
         assert_eq!(kept, if first.is_ok() { vec!["first"] } else { vec![] });
         a_robot(store, "after").await;
         assert!(names(store).await.contains(&"after".to_owned()));
+    });
+}
+
+/// Writers that share one commit, in this order: each waits for the one before, and all for a first one.
+async fn together(store: &Store, writers: &[(&'static str, bool)]) -> Vec<Result<(), Error>> {
+    let first = store.begin().await.unwrap();
+    let mut running = Vec::new();
+    for &(name, commits) in writers {
+        let store = store.clone();
+        running.push(tokio::spawn(async move {
+            let mut tx = store.begin().await?;
+            insert(&mut tx, name).await;
+            if commits { tx.commit().await } else { tx.rollback().await }
+        }));
+        // They stand in line as they came.
+        tokio::time::sleep(Duration::from_millis(50)).await;
+    }
+    first.rollback().await.unwrap();
+    let mut heard = Vec::new();
+    for writer in running {
+        heard.push(writer.await.unwrap());
+    }
+    heard
+}
+
+#[test]
+fn a_writer_that_rolls_back_between_two_that_commit_takes_neither_their_rows_nor_their_entries() {
+    on_sqlite(async |database| {
+        let store = &database.store;
+        let before = audit::head(store).await.unwrap().seq;
+        let heard = together(store, &[("a", true), ("b", false), ("c", true), ("d", true), ("e", false)]).await;
+        heard.into_iter().for_each(|result| result.unwrap());
+        assert_eq!(names(store).await, ["a", "c", "d"]);
+        let mut said = Vec::new();
+        for entry in audit::list(store, before, 100).await.unwrap() {
+            said.push((entry.event, robots::get(store, &entry.subject).await.unwrap().name));
+        }
+        assert_eq!(said, ["a", "c", "d"].map(|name| ("robot_created".to_owned(), name.to_owned())));
+        let checks = kincal::store::verify::verify(store, &Default::default()).await.unwrap();
+        assert!(checks.iter().all(|check| check.n_violations == 0), "{checks:?}");
+    });
+}
+
+#[test]
+fn a_group_whose_entries_cannot_be_written_is_gone_with_them() {
+    on_sqlite(async |database| {
+        let store = &database.store;
+        let mut saboteur = sqlx::AnyConnection::connect(&url(database)).await.unwrap();
+        for statement in [
+            "create table strict (n bigint unique on conflict rollback)",
+            "insert into strict values (1)",
+            "create trigger sabotage after insert on audit when (select name from robot where id = new.subject) = 'bad'
+             begin insert into strict values (1); end",
+        ] {
+            saboteur.execute(statement).await.unwrap();
+        }
+        let before = audit::head(store).await.unwrap();
+        let heard = together(store, &[("good", true), ("bad", true), ("also good", true)]).await;
+        assert!(heard.iter().all(|result| result.is_err()), "{heard:?}");
+        assert_eq!(names(store).await, [""; 0]);
+        let after = audit::head(store).await.unwrap();
+        assert_eq!((after.seq, audit::list(store, before.seq, 100).await.unwrap().len()), (before.seq, 0));
+        a_robot(store, "after").await;
+        assert_eq!(names(store).await, ["after"]);
     });
 }
 

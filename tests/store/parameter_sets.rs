@@ -2,12 +2,12 @@
 
 use kincal::store::{
     Checked, Conflict, Engine, Error, MeasurementSetRow, NewJob, NewParameterSet, ParameterSetRow, ParameterSetStatus, PolicyRow, Release,
-    Result, Store, jobs, leases, parameter_sets, policies, sessions,
+    Result, Store, jobs, leases, measurement_sets, parameter_sets, policies, sessions,
 };
 use std::time::Duration;
 
 use crate::engines::for_each_engine;
-use crate::fixtures::{a_candidate, a_job, a_robot, a_set, in_transaction, new_job};
+use crate::fixtures::{a_candidate, a_job, a_robot, a_set, in_transaction, new_job, new_set};
 
 /// What a release keeps of its gates.
 const PASSED: &str = r#"[{"gate":"x","passed":true}]"#;
@@ -229,10 +229,36 @@ fn the_schema_itself_keeps_the_robots_policy() {
     });
 }
 
+#[test]
+fn the_set_to_compare_with_is_the_newest_from_another_upload() {
+    for_each_engine(async |database| {
+        let store = &database.store;
+        let robot = a_robot(store, "r").await;
+        let upload =
+            async |bytes: &[u8]| in_transaction(store, async |tx| measurement_sets::insert(tx, &new_set(&robot, bytes)).await).await;
+        let other = async |set: &MeasurementSetRow| {
+            parameter_sets::of_another_session(store, &robot.id, &set.id).await.unwrap().map(|found| found.id)
+        };
+        let (first, again) = (upload(b"monday").await, upload(b"monday").await);
+        let on_monday = a_candidate(store, &first).await;
+        a_candidate(store, &again).await;
+        assert_eq!((other(&first).await, other(&again).await), (None, None));
+        let next = upload(b"tuesday").await;
+        assert_eq!(other(&first).await, None);
+        assert!(other(&next).await.is_some_and(|found| found != on_monday.id));
+        let (older, newer) = (a_candidate(store, &next).await, a_candidate(store, &next).await);
+        assert!(older.id < newer.id);
+        assert_eq!((other(&first).await, other(&again).await), (Some(newer.id.clone()), Some(newer.id)));
+        // another robot's sets are none of this one's
+        let strange = a_set(store, &a_robot(store, "s").await).await;
+        assert_eq!(parameter_sets::of_another_session(store, &strange.robot_id, &strange.id).await.unwrap(), None);
+    });
+}
+
 /// A session that scored the set, with this report.
 async fn scored(store: &Store, set: &MeasurementSetRow, candidate: &ParameterSetRow, report_json: &str) -> String {
     let new = NewJob { kind: "verify".into(), parameter_set_input_id: Some(candidate.id.clone()), priority: 1, ..new_job(set, "{}") };
-    in_transaction(store, async |tx| jobs::insert(tx, &new, i64::MAX).await).await;
+    in_transaction(store, async |tx| jobs::insert(tx, &new, None).await).await;
     let lease = leases::claim(store, "worker_1", Duration::from_secs(60)).await.unwrap().unwrap();
     in_transaction(store, async |tx| leases::succeed(tx, &lease, report_json, "{}", "00").await).await;
     lease.job_id

@@ -96,7 +96,7 @@ fn what_is_not_there_is_not_found() {
         let mut without_network = new_job(&set, "{}");
         without_network.network_input_id = Some("net_0".into());
         let mut tx = store.begin().await.unwrap();
-        let inserted = jobs::insert(&mut tx, &without_network, i64::MAX).await;
+        let inserted = jobs::insert(&mut tx, &without_network, None).await;
         assert!(matches!(inserted, Err(Error::NotFound)), "{inserted:?}");
     });
 }
