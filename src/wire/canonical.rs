@@ -23,8 +23,25 @@ pub fn to_canonical_json(value: &impl Serialize) -> Result<String, serde_json::E
 /// # Errors
 /// None in practice: text can always be written to.
 pub fn text_of(value: &Value) -> Result<String, serde_json::Error> {
+    text_with(value, write_number)
+}
+
+/// The canonical JSON that has this hash: as it is written now, or as versions before 22 November 2026 wrote it, which of two texts equally
+/// near to a number took the one further from zero. None where neither has it.
+///
+/// # Errors
+/// As [`to_canonical_json`].
+pub fn text_of_hash(value: &impl Serialize, sha256: &str) -> Result<Option<String>, serde_json::Error> {
+    let value = serde_json::to_value(value)?;
+    let texts = [text_with(&value, write_number)?, text_with(&value, write_number_as_before)?];
+    Ok(texts.into_iter().find(|text| sha256_hex(text.as_bytes()) == sha256))
+}
+
+type WriteNumber = fn(&Number, &mut String) -> std::fmt::Result;
+
+fn text_with(value: &Value, number: WriteNumber) -> Result<String, serde_json::Error> {
     let mut text = String::new();
-    write_value(value, &mut text).map_err(serde::ser::Error::custom)?;
+    write_value(value, number, &mut text).map_err(serde::ser::Error::custom)?;
     Ok(text)
 }
 
@@ -47,17 +64,17 @@ pub fn hex(bytes: &[u8]) -> String {
     bytes.iter().flat_map(|byte| [digit(byte >> 4), digit(byte & 15)]).collect()
 }
 
-fn write_value(value: &Value, out: &mut String) -> std::fmt::Result {
+fn write_value(value: &Value, number: WriteNumber, out: &mut String) -> std::fmt::Result {
     match value {
-        Value::Number(number) => write_number(number, out),
-        Value::Array(items) => write_joined(out, ('[', ']'), items.iter(), write_value),
+        Value::Number(value) => number(value, out),
+        Value::Array(items) => write_joined(out, ('[', ']'), items.iter(), |item, out| write_value(item, number, out)),
         Value::Object(map) => {
             let mut entries: Vec<_> = map.iter().collect();
             entries.sort_by(|(a, _), (b, _)| in_utf16(a, b));
             write_joined(out, ('{', '}'), entries.into_iter(), |(key, item), out| {
                 write_text(key, out)?;
                 out.push(':');
-                write_value(item, out)
+                write_value(item, number, out)
             })
         }
         Value::String(text) => write_text(text, out),
@@ -103,6 +120,15 @@ fn write_number(number: &Number, out: &mut String) -> std::fmt::Result {
     if number.is_f64() { write_ecmascript(&number.to_string(), out) } else { write!(out, "{number}") }
 }
 
+/// With the digits of the standard library, which rounds up what is halfway.
+fn write_number_as_before(number: &Number, out: &mut String) -> std::fmt::Result {
+    match number.as_f64() {
+        Some(0.0) if number.is_f64() => write_ecmascript("0.0", out),
+        Some(float) if number.is_f64() => write_ecmascript(&format!("{float:e}"), out),
+        _ => write!(out, "{number}"),
+    }
+}
+
 /// Number::toString of ECMAScript: digits d1…dk and n such that the value is 0.d1…dk × 10^n. `shortest` has those digits already, the even
 /// ones where two are equally near, as ECMAScript asks; `{:e}` of the standard library does not.
 fn write_ecmascript(shortest: &str, out: &mut String) -> std::fmt::Result {
@@ -114,8 +140,7 @@ fn write_ecmascript(shortest: &str, out: &mut String) -> std::fmt::Result {
     if unsigned.len() < shortest.len() {
         out.push('-');
     }
-    // In its place already but for the point after a whole number, or d1.d2…dkE(n-1). That is so far out only that no point falls between
-    // the digits.
+    // in its place already but for the point after a whole number, or d1.d2…dkE(n-1)
     let Some((mantissa, exponent)) = unsigned.split_once('e') else {
         out.push_str(unsigned.strip_suffix(".0").unwrap_or(unsigned));
         return Ok(());
@@ -126,6 +151,8 @@ fn write_ecmascript(shortest: &str, out: &mut String) -> std::fmt::Result {
     let k = (out.len() - first) as i32;
     if k <= n && n <= 21 {
         (k..n).for_each(|_| out.push('0'));
+    } else if 0 < n && n <= 21 {
+        out.insert(first + n as usize, '.');
     } else if -6 < n && n <= 0 {
         out.insert_str(first, &"0.00000"[..(2 - n) as usize]);
     } else {
@@ -139,7 +166,7 @@ fn write_ecmascript(shortest: &str, out: &mut String) -> std::fmt::Result {
 
 #[cfg(test)]
 mod tests {
-    use super::{sha256_hex, to_canonical_json, write_number};
+    use super::{sha256_hex, text_of_hash, to_canonical_json, write_number};
     use serde_json::json;
 
     #[test]
@@ -176,6 +203,15 @@ mod tests {
         // as node prints them; the standard library's {:e} rounds the first up
         assert_eq!(text_of_float(87_477_002_012_648.0 + 0.125), "87477002012648.12");
         assert_eq!(text_of_float(-87_477_002_012_648.0 - 0.375), "-87477002012648.38");
+        // 600.2 that was kept as 32 bits somewhere
+        let content = json!({"d_mm": f64::from(600.2_f32), "a_mm": [0.0, -0.0, 1.0, -2.5, 1e-7, 1e21, 123_456.75]});
+        let now = r#"{"a_mm":[0,0,1,-2.5,1e-7,1e+21,123456.75],"d_mm":600.2000122070312}"#;
+        let before = now.replace("070312", "070313");
+        assert_eq!(to_canonical_json(&content).unwrap(), now);
+        for text in [now, &before] {
+            assert_eq!(text_of_hash(&content, &sha256_hex(text.as_bytes())).unwrap().as_deref(), Some(text));
+        }
+        assert_eq!(text_of_hash(&content, &sha256_hex(b"other")).unwrap(), None);
     }
 
     #[test]

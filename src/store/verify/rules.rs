@@ -80,8 +80,8 @@ fn compare(check: &mut Check, chain: &Chain, id: &str, said: &Said) {
 
 fn parameter_set(check: &mut Check, chain: &Chain, row: &ParameterSetRow) {
     let content: Option<serde_json::Value> = serde_json::from_str(&row.body_json).ok();
-    let sha256 = content.and_then(|content| canonical::sha256_of(&content).ok());
-    check.require(sha256.as_deref() == Some(row.sha256.as_str()), || format!("{}: its content is not that of its hash", row.id));
+    let text = content.and_then(|content| canonical::text_of_hash(&content, &row.sha256).ok().flatten());
+    check.require(text.is_some(), || format!("{}: its content is not that of its hash", row.id));
     let entries = chain.events.get(&row.id).map_or(&[][..], Vec::as_slice);
     let then = entries.iter().rev().find_map(|entry| LIFE.iter().find(|(event, _)| *event == entry.event));
     if let Some((_, then)) = then {
