@@ -6,9 +6,9 @@ mod data;
 mod simulation;
 
 use data::{paper_robot, real_data};
-use kincal::calibration::report::{CalibrationReport, Warning};
+use kincal::calibration::report::{CalibrationReport, PointErrors, Warning};
 use kincal::calibration::request::VerifySource;
-use kincal::calibration::{CalibrationRequest, Error, Method, Model, calibrate, check, check_verify, verify};
+use kincal::calibration::{CalibrationRequest, Error, Judged, Method, Model, calibrate, check, check_verify, judged, verify};
 use kincal::identification::KinematicModel;
 use kincal::identification::corrected::IdentifiedRobot;
 use kincal::kinematics::Robot;
@@ -52,6 +52,43 @@ fn a_parameter_set_that_is_no_better_than_nominal_is_said_to_be_so() {
     let report = scored(&robot, &of_another_robot, Some(&identified(&robot, &first)));
     assert_eq!(report.warnings[0].code, "no_better_than_nominal");
     assert!(report.method_reason.contains("no better than the nominal one"), "{}", report.method_reason);
+}
+
+/// Whether the set is said to be no better than nominal, and the two errors that this rests on.
+fn verdict(report: &CalibrationReport) -> (bool, Judged) {
+    let judged = judged(&report.per_point.iter().map(PointErrors::to_judge).collect::<Vec<_>>());
+    (report.warnings.iter().any(|warning| warning.code == "no_better_than_nominal"), judged)
+}
+
+#[test]
+fn one_wild_point_decides_neither_for_nor_against_a_parameter_set() {
+    let robot = paper_robot();
+    let (mut n_bad, mut n_good) = (0, 0);
+    for seed in 0..10 {
+        let (first, second) = two_sessions(10 + seed, |_| ());
+        let (_, of_another_robot) = two_sessions(110 + seed, |_| ());
+        let model = identified(&robot, &first);
+        for session in [second, of_another_robot] {
+            let session = some(&session, 40);
+            let (is_refused, clean) = verdict(&scored(&robot, &session, Some(&model)));
+            n_bad += u32::from(is_refused);
+            n_good += u32::from(!is_refused);
+            for (i, size_mm) in [5.0, 10.0, 20.0, 50.0].into_iter().enumerate() {
+                let mut with_one = session.clone();
+                let direction = Vector3::new(1.0, seed as f64 - 4.5, 3.0 * i as f64 - 4.0).normalize();
+                with_one.points[7 * i + seed as usize].position_mm += direction * size_mm;
+                let (found, judged) = verdict(&scored(&robot, &with_one, Some(&model)));
+                if size_mm > 4.5 * clean.before_rms_mm.max(clean.after_rms_mm) {
+                    assert_eq!(judged.n_set_aside, 1, "{size_mm} mm, seed {seed}: {judged:?} for {clean:?}");
+                }
+                // where the two robots differ by more than a point can
+                if (clean.before_rms_mm / clean.after_rms_mm - 1.0).abs() > 0.1 {
+                    assert_eq!(found, is_refused, "{size_mm} mm, seed {seed}: {judged:?} for {clean:?}");
+                }
+            }
+        }
+    }
+    assert!(n_good >= 10 && n_bad >= 5, "{n_good} {n_bad}");
 }
 
 #[test]

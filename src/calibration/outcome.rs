@@ -2,6 +2,7 @@
 
 use crate::calibration::corrections;
 use crate::calibration::identify::{Found, Problem};
+use crate::calibration::judged::judged;
 use crate::calibration::observe::{Observed, observe_verify_set};
 use crate::calibration::placing::Layout;
 use crate::calibration::remarks::{extrapolated, of_the_verify_set, remarks};
@@ -320,14 +321,19 @@ fn warnings(report: &CalibrationReport, nominal: &[crate::kinematics::Link]) -> 
         None => {
             warnings.push(warning("no_verify_points", "no points were kept to verify: the errors after are those of the fit itself".into()))
         }
-        Some(verify) if verify.after.rms_mm >= verify.before.rms_mm => warnings.push(warning(
-            "no_better_than_nominal",
-            format!(
-                "on points that the fit has not seen the identified robot ({:.4} mm rms) is no better than the nominal one ({:.4} mm rms)",
-                verify.after.rms_mm, verify.before.rms_mm
-            ),
-        )),
-        Some(_) => {}
+        Some(_) => {
+            let to_verify = report.per_point.iter().filter(|point| point.subset == Subset::Verify);
+            let judged = judged(&to_verify.map(|point| [point.before_mm, point.after_mm, point.after_mm]).collect::<Vec<_>>());
+            if !judged.is_better() {
+                let detail = format!(
+                    "on points that the fit has not seen{} the identified robot ({:.4} mm rms) is no better than the nominal one ({:.4} mm rms)",
+                    judged.remark(),
+                    judged.after_rms_mm,
+                    judged.before_rms_mm
+                );
+                warnings.push(warning("no_better_than_nominal", detail));
+            }
+        }
     }
     let mut after_mm: Vec<f64> = report.per_point.iter().map(|point| point.after_mm).collect();
     after_mm.sort_by(f64::total_cmp);

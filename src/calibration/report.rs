@@ -68,6 +68,13 @@ pub struct PointErrors {
     pub corrected_vector_mm: Option<Vector3<f64>>,
 }
 
+impl PointErrors {
+    /// For [`crate::calibration::judged`].
+    pub fn to_judge(&self) -> [f64; 3] {
+        [self.before_mm, self.after_mm, self.corrected_vector_mm.map_or(self.after_mm, |vector| vector.norm())]
+    }
+}
+
 /// One parameter's outcome, in the unit of the wire (mm or deg).
 #[derive(Clone, Debug, PartialEq)]
 pub struct ParameterOutcome {

@@ -1,7 +1,7 @@
 //! A parameter set on the points that another one was verified on: what a release compares.
 
 use crate::calibration::observe::observe;
-use crate::calibration::report::Errors;
+use crate::calibration::report::PointErrors;
 use crate::calibration::request::{CalibrationRequest, VerifySource};
 use crate::calibration::verify::verify;
 use crate::calibration::{Error, unusable};
@@ -22,13 +22,15 @@ pub fn verify_points_of(request: &CalibrationRequest) -> Result<MeasurementSet, 
     Ok(MeasurementSet { frame: request.set.frame, points: kept.map(|(point, _)| point.clone()).collect() })
 }
 
-/// Errors of a robot on all points of `set`, base and targets placed anew as [`verify`] does it: of links alone or with corrections,
-/// whichever are larger.
+/// Each point's error, mm, of a robot on all points of `set`, base and targets placed anew as [`verify`] does it: of links alone or with
+/// corrections, whichever are larger.
 ///
 /// # Errors
 /// As [`verify`].
-pub fn score(request: &CalibrationRequest, set: &MeasurementSet, robot: &IdentifiedRobot) -> Result<Errors, Error> {
+pub fn errors_mm(request: &CalibrationRequest, set: &MeasurementSet, robot: &IdentifiedRobot) -> Result<Vec<f64>, Error> {
     let request = CalibrationRequest { set: set.clone(), verify: VerifySource::Default, ..request.clone() };
     let report = verify(&request, Some(robot), &mut |_| ControlFlow::Continue(()))?;
-    report.verify.map(|verify| verify.worse()).ok_or_else(|| unusable("under_determined", "there are no points to verify on"))
+    let verify = report.verify.ok_or_else(|| unusable("under_determined", "there are no points to verify on"))?;
+    let is_links = verify.worse() == verify.after;
+    Ok(report.per_point.iter().map(PointErrors::to_judge).map(|[_, links, corrected]| if is_links { links } else { corrected }).collect())
 }

@@ -3,11 +3,12 @@
 
 use crate::calibration::arrangement::FEWEST_OF_SETUP;
 use crate::calibration::check::n_equations;
+use crate::calibration::judged::{Judged, judged};
 use crate::calibration::observe::{observe_to_verify, observe_verify_set};
 use crate::calibration::outcome::{corrected_errors, per_point};
 use crate::calibration::placing::{Layout, Placed, n_stations};
 use crate::calibration::remarks::remarks;
-use crate::calibration::report::{CalibrationReport, Errors, Identifiability, SubsetErrors, Warning};
+use crate::calibration::report::{CalibrationReport, Errors, Identifiability, PointErrors, SubsetErrors, Warning};
 use crate::calibration::request::{CalibrationRequest, Model};
 use crate::calibration::{Error, Event, Monitor, unusable};
 use crate::identification::KinematicModel;
@@ -161,10 +162,16 @@ fn score(request: &CalibrationRequest, robot: Option<&IdentifiedRobot>) -> Resul
 }
 
 fn report(request: &CalibrationRequest, is_identified: bool, scored: Scored, verify: SubsetErrors) -> CalibrationReport {
+    let per_point = per_point(
+        (&scored.before.observed, &scored.before.model),
+        (&scored.after.observed, &scored.after.model),
+        scored.corrected.as_ref(),
+    );
+    let judged = judged(&per_point.iter().map(PointErrors::to_judge).collect::<Vec<_>>());
     let none = Errors { mean_mm: 0.0, std_mm: 0.0, rms_mm: 0.0, max_mm: 0.0 };
     CalibrationReport {
         method: request.method,
-        method_reason: verdict(is_identified, &verify),
+        method_reason: verdict(is_identified, &judged),
         model: request.model(),
         preset: request.preset,
         seed: request.seed,
@@ -175,11 +182,7 @@ fn report(request: &CalibrationRequest, is_identified: bool, scored: Scored, ver
         convergence_mm2: vec![],
         identify: SubsetErrors { n_points: 0, before: none, after: none, corrected: None },
         verify: Some(verify),
-        per_point: per_point(
-            (&scored.before.observed, &scored.before.model),
-            (&scored.after.observed, &scored.after.model),
-            scored.corrected.as_ref(),
-        ),
+        per_point,
         parameters: vec![],
         tool_uncertainty: None,
         error_model: None,
@@ -194,7 +197,7 @@ fn report(request: &CalibrationRequest, is_identified: bool, scored: Scored, ver
             observability_index_o1: 0.0,
         },
         comparison: vec![],
-        warnings: warnings(is_identified, &scored, &verify),
+        warnings: warnings(is_identified, &scored, (&verify, &judged)),
         links: scored.after.model.links,
         t_instrument_base: scored.after.model.t_instrument_base,
         target_segments: scored.after.segments,
@@ -207,27 +210,29 @@ fn report(request: &CalibrationRequest, is_identified: bool, scored: Scored, ver
 }
 
 /// In one sentence.
-fn verdict(is_identified: bool, verify: &SubsetErrors) -> String {
-    let (before, after) = (verify.before.rms_mm, verify.worse().rms_mm);
-    match (is_identified, after < before) {
+fn verdict(is_identified: bool, judged: &Judged) -> String {
+    let (before, after, remark) = (judged.before_rms_mm, judged.after_rms_mm, judged.remark());
+    match (is_identified, judged.is_better()) {
         (false, _) => format!(
-            "nothing was identified: the nominal robot was scored, {before:.4} mm rms; no parameter set was named and none is released"
+            "nothing was identified: the nominal robot was scored, {before:.4} mm rms{remark}; no parameter set was named and none is released"
         ),
         (true, true) => {
-            format!("nothing was identified: the parameter set was scored, {after:.4} mm rms against {before:.4} mm of the nominal robot")
+            format!(
+                "nothing was identified: the parameter set was scored, {after:.4} mm rms against {before:.4} mm of the nominal robot{remark}"
+            )
         }
         (true, false) => format!(
-            "nothing was identified: the parameter set was scored, and with {after:.4} mm rms the calibrated robot is no better than the nominal one ({before:.4} mm)"
+            "nothing was identified: the parameter set was scored, and with {after:.4} mm rms the calibrated robot is no better than the nominal one ({before:.4} mm{remark})"
         ),
     }
 }
 
-fn warnings(is_identified: bool, scored: &Scored, verify: &SubsetErrors) -> Vec<Warning> {
+fn warnings(is_identified: bool, scored: &Scored, (verify, judged): (&SubsetErrors, &Judged)) -> Vec<Warning> {
     let mut warnings = Vec::new();
-    let (before, after) = (verify.before.rms_mm, verify.worse().rms_mm);
-    if is_identified && after >= before {
+    if is_identified && !judged.is_better() {
+        let (before, after, remark) = (judged.before_rms_mm, judged.after_rms_mm, judged.remark());
         let detail = format!(
-            "on these points the calibrated robot ({after:.4} mm rms) is no better than the nominal one ({before:.4} mm rms): do not use it"
+            "on these points{remark} the calibrated robot ({after:.4} mm rms) is no better than the nominal one ({before:.4} mm rms): do not use it"
         );
         warnings.push(Warning { code: "no_better_than_nominal", detail, rows: vec![] });
     }

@@ -1,6 +1,6 @@
 //! What a release rests on: the sessions that a parameter set was verified on, and the active set on the same points.
 
-use crate::calibration::{self, CalibrationRequest};
+use crate::calibration::{self, CalibrationRequest, judged};
 use crate::jobs::JobInputs;
 use crate::jobs::execution::{is_anew, request_of};
 use crate::store::{ParameterSetRow, Result, Store, jobs, sessions};
@@ -120,26 +120,24 @@ fn points(name: &str, request: &CalibrationRequest) -> Points {
 }
 
 fn session(identified_from: &MeasurementSet, request: &CalibrationRequest, inputs: &JobInputs, report: &Report) -> Session {
-    // A report of kind verify always has verify errors; without them nothing is better than anything.
-    let (n_points, before, after) = report.verify.map_or((0, f64::NAN, f64::NAN), |v| (v.n_points, v.before.rms_mm, v.worse_rms_mm()));
     let is_small = request.set.configurations().len() < MIN_CONFIGURATIONS
         || report.warnings.iter().any(|warning| warning.code == "few_verify_points");
     Session {
         job_id: inputs.job.id.clone(),
-        n_points,
-        before_rms_mm: before,
-        after_rms_mm: after,
+        n_points: report.verify.map_or(0, |verify| verify.n_points),
+        judged: report.judged(),
         is_independent: !is_small && is_anew(identified_from, &request.set),
     }
 }
 
 fn compare(request: &CalibrationRequest, (points, set): Points, own: &ParameterSetContent, active: &ParameterSetContent) -> Comparison {
-    let score = |set: &MeasurementSet, content: &ParameterSetContent| {
-        calibration::score(request, set, &content.robot_to_core(None)).map(|errors| errors.rms_mm)
+    let errors_mm = |set: &MeasurementSet, content: &ParameterSetContent| {
+        calibration::errors_mm(request, set, &content.robot_to_core(None)).map_err(|error| error.to_string())
     };
     let rms_mm = set.and_then(|set| {
-        let both = score(&set, own).and_then(|own| Ok((own, score(&set, active)?)));
-        both.map_err(|error| error.to_string())
+        let (own, active) = (errors_mm(&set, own)?, errors_mm(&set, active)?);
+        let judged = judged(&active.iter().zip(&own).map(|(active, own)| [*active, *own, *own]).collect::<Vec<_>>());
+        Ok((judged.after_rms_mm, judged.before_rms_mm))
     });
     Comparison { points, rms_mm }
 }

@@ -1,6 +1,6 @@
 //! The gates a parameter set passes before it may move a robot.
 
-use crate::calibration::implausible_changes;
+use crate::calibration::{Judged, implausible_changes};
 use crate::kinematics::Robot;
 use crate::wire::issue::{Checker, Invalid, Issue};
 use crate::wire::parameter_set::{MAX_REASON, ParameterSetContent};
@@ -96,10 +96,8 @@ pub struct Session {
     pub job_id: String,
     /// Points.
     pub n_points: usize,
-    /// Of the nominal robot, mm.
-    pub before_rms_mm: f64,
-    /// Of the set, mm: of its links alone or with its corrections, whichever is larger.
-    pub after_rms_mm: f64,
+    /// Errors of the nominal robot and of the set; not numbers, and so no better, where there are none.
+    pub judged: Judged,
     /// Measured anew, with enough points, and none of them from the session that the set was identified from.
     pub is_independent: bool,
 }
@@ -191,9 +189,10 @@ fn verified(facts: &Facts<'_>) -> Gate {
 fn errors_improved(facts: &Facts<'_>) -> Gate {
     let name = "verify_errors_improved";
     match &facts.report.verify {
-        Some(verify) => {
-            let (before, after) = (verify.before.rms_mm, verify.worse_rms_mm());
-            Gate::new(name, after < before, format!("rms on the verify points: {before:.4} mm before, {after:.4} mm after"))
+        Some(_) => {
+            let judged = facts.report.judged();
+            let (before, after, remark) = (judged.before_rms_mm, judged.after_rms_mm, judged.remark());
+            Gate::new(name, judged.is_better(), format!("rms on the verify points{remark}: {before:.4} mm before, {after:.4} mm after"))
         }
         None if facts.sessions.iter().any(|session| session.is_independent) => Gate::new(name, true, "see the sessions"),
         None => Gate::new(name, false, "without verify points nobody knows"),
@@ -219,12 +218,15 @@ fn fits(facts: &Facts<'_>) -> Gate {
 /// Fails closed: an error that cannot be compared is not smaller.
 fn better_than_nominal(facts: &Facts<'_>) -> Gate {
     let name = "sessions_better_than_nominal";
-    let worse = facts.sessions.iter().find(|s| s.after_rms_mm.partial_cmp(&s.before_rms_mm) != Some(std::cmp::Ordering::Less));
+    let worse = facts.sessions.iter().find(|session| !session.judged.is_better());
     match worse {
         Some(s) => {
             let detail = format!(
-                "job {} scored the set on another session: {:.4} mm rms, the nominal robot {:.4} mm; it is no better than nominal, so it is never released",
-                s.job_id, s.after_rms_mm, s.before_rms_mm
+                "job {} scored the set on another session: {:.4} mm rms, the nominal robot {:.4} mm{}; it is no better than nominal, so it is never released",
+                s.job_id,
+                s.judged.after_rms_mm,
+                s.judged.before_rms_mm,
+                s.judged.remark()
             );
             Gate::new(name, false, detail)
         }
@@ -303,8 +305,8 @@ fn uncertainty(facts: &Facts<'_>) -> Gate {
 fn errors_within_tolerance(facts: &Facts<'_>) -> Gate {
     let name = "verify_errors_within_tolerance";
     let Some(tolerance) = facts.policy.tolerance_mm else { return Gate::new(name, true, "the robot's policy has no tolerance") };
-    let elsewhere = facts.sessions.iter().filter(|s| s.is_independent).map(|s| s.after_rms_mm);
-    let found: Vec<f64> = elsewhere.chain(facts.report.verify.map(|verify| verify.worse_rms_mm())).collect();
+    let elsewhere = facts.sessions.iter().filter(|s| s.is_independent).map(|s| s.judged.after_rms_mm);
+    let found: Vec<f64> = elsewhere.chain(facts.report.verify.map(|_| facts.report.judged().after_rms_mm)).collect();
     let largest = found.iter().fold(f64::NEG_INFINITY, |largest, rms| if rms.is_nan() { f64::INFINITY } else { largest.max(*rms) });
     let detail = format!("largest rms on verify points: {largest:.4} mm, the tolerance is {tolerance} mm");
     Gate::new(name, !found.is_empty() && largest <= tolerance, detail)

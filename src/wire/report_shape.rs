@@ -1,5 +1,6 @@
 //! The shape of a report.
 
+use crate::calibration::{Judged, judged};
 use crate::wire::job::{Method, Model, Preset};
 use crate::wire::measurement::{SubsetName, Warning};
 use serde::{Deserialize, Serialize};
@@ -101,14 +102,6 @@ pub struct SubsetReport {
     pub corrected: Option<ErrorsReport>,
 }
 
-impl SubsetReport {
-    /// rms of the links alone or with corrections, whichever is larger, mm: either may move the robot.
-    pub fn worse_rms_mm(&self) -> f64 {
-        let corrected = self.corrected.map_or(f64::NEG_INFINITY, |corrected| corrected.rms_mm);
-        if self.after.rms_mm >= corrected { self.after.rms_mm } else { corrected }
-    }
-}
-
 /// One point's error.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct PointReport {
@@ -137,6 +130,14 @@ pub struct PointReport {
     /// Measured − predicted by the links with corrections, in the measuring frame, mm; as `corrected_mm`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub corrected_vector_mm: Option<[f64; 3]>,
+}
+
+impl Report {
+    /// Before and after on the points to verify, without those that are wild for both.
+    pub fn judged(&self) -> Judged {
+        let to_verify = self.per_point.iter().filter(|point| point.subset == SubsetName::Verify);
+        judged(&to_verify.map(|p| [p.before_mm, p.after_mm, p.corrected_mm.unwrap_or(p.after_mm)]).collect::<Vec<_>>())
+    }
 }
 
 /// One parameter's outcome.

@@ -1,0 +1,106 @@
+//! Two robots on the same points: which of them is nearer, whatever a broken beam does to a point.
+//!
+//! A point that is off by centimetres is so for every robot, and by chance a little more for one of them: in the rms of both it outweighs all
+//! others. So what both miss wildly is set aside, and only that: a point that one of the two misses alone is what is to be judged.
+
+/// Wild is what each misses by more than this many times what it misses half of the points by; of noise alike in all directions one point in
+/// ten thousand is.
+const WILD: f64 = 3.0;
+/// Nearer than this, mm, nothing is wild: half of the points may be met by chance, or by a simulation.
+const NEVER_WILD_MM: f64 = 0.25;
+/// One point in this many, and one of fewer, may be set aside; more are no accident, and all count.
+const ONE_IN: usize = 20;
+/// Of fewer points none is.
+const FEWEST: usize = 10;
+
+/// Errors of two robots on the points that count.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Judged {
+    /// Points that both miss wildly: they do not count.
+    pub n_set_aside: usize,
+    /// Of the one, mm; not a number where there are no points.
+    pub before_rms_mm: f64,
+    /// Of the other, links alone or with corrections, whichever are larger, mm.
+    pub after_rms_mm: f64,
+}
+
+impl Judged {
+    /// Whether the other is nearer; not where that cannot be told.
+    pub fn is_better(&self) -> bool {
+        self.after_rms_mm < self.before_rms_mm
+    }
+
+    /// What to say of points that were set aside.
+    pub fn remark(&self) -> String {
+        match self.n_set_aside {
+            0 => String::new(),
+            1 => ", without one wild point that both miss".into(),
+            n => format!(", without {n} wild points that both miss"),
+        }
+    }
+}
+
+/// Judges by each point's errors, mm: of the one robot; of the other's links, and of those with corrections (again of the links where it has
+/// none).
+pub fn judged(points: &[[f64; 3]]) -> Judged {
+    let limits_mm = [0, 1, 2].map(|of| (WILD * median(points.iter().map(|point| point[of]))).max(NEVER_WILD_MM));
+    let is_wild = |point: &&[f64; 3]| point.iter().zip(limits_mm).all(|(mm, limit)| *mm > limit);
+    let n_wild = points.iter().filter(is_wild).count();
+    let n_set_aside = if points.len() >= FEWEST && n_wild <= points.len().div_ceil(ONE_IN) { n_wild } else { 0 };
+    let counted: Vec<&[f64; 3]> = points.iter().filter(|point| n_set_aside == 0 || !is_wild(point)).collect();
+    let rms = |of: usize| (counted.iter().map(|point| point[of] * point[of]).sum::<f64>() / counted.len() as f64).sqrt();
+    let (links, corrected) = (rms(1), rms(2));
+    Judged { n_set_aside, before_rms_mm: rms(0), after_rms_mm: if corrected > links { corrected } else { links } }
+}
+
+fn median(errors_mm: impl Iterator<Item = f64>) -> f64 {
+    let mut sorted: Vec<f64> = errors_mm.collect();
+    sorted.sort_by(f64::total_cmp);
+    sorted.get(sorted.len() / 2).copied().unwrap_or(f64::INFINITY)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Judged, judged};
+
+    /// Twenty points that the one robot misses by 0.8 mm and the other by 0.9 mm.
+    fn worse() -> Vec<[f64; 3]> {
+        vec![[0.8, 0.9, 0.9]; 20]
+    }
+
+    #[test]
+    fn a_wild_point_decides_nothing() {
+        for (before, after) in [(10.0, 9.5), (9.5, 10.5), (50.0, 49.0)] {
+            let mut points = worse();
+            points[7] = [before, after, after];
+            let judged = judged(&points);
+            assert_eq!((judged.n_set_aside, judged.is_better()), (1, false), "{judged:?}");
+            assert!((judged.before_rms_mm - 0.8).abs() < 1e-12 && (judged.after_rms_mm - 0.9).abs() < 1e-12, "{judged:?}");
+            points.iter_mut().for_each(|point| point.swap(0, 1));
+            points.iter_mut().for_each(|point| point[2] = point[1]);
+            assert!(super::judged(&points).is_better());
+        }
+    }
+
+    #[test]
+    fn a_point_that_one_of_them_misses_alone_counts() {
+        let mut points = vec![[0.8, 0.1, 0.1]; 20];
+        points[3] = [0.8, 12.0, 12.0];
+        assert_eq!((judged(&points).n_set_aside, judged(&points).is_better()), (0, false));
+        let mut points = vec![[0.8, 0.1, 0.1]; 20];
+        points[3] = [0.8, 0.1, 12.0];
+        assert!(!judged(&points).is_better(), "with corrections");
+    }
+
+    #[test]
+    fn more_than_one_in_twenty_and_points_of_a_few_all_count() {
+        let mut points = worse();
+        points[3] = [10.0, 9.0, 9.0];
+        points[4] = [10.0, 9.0, 9.0];
+        assert_eq!(judged(&points).n_set_aside, 0);
+        assert_eq!(judged(&points[..9]).n_set_aside, 0);
+        let Judged { before_rms_mm, after_rms_mm, .. } = judged(&[]);
+        assert!(before_rms_mm.is_nan() && after_rms_mm.is_nan() && !judged(&[]).is_better());
+        assert_eq!(judged(&[[1e-9, 0.0, 0.0]; 20]).n_set_aside, 0);
+    }
+}
