@@ -18,6 +18,10 @@ const FALSE_ALARMS: f64 = 1e-3;
 const REWEIGHTINGS: usize = 30;
 /// Times that points are put in and out.
 const EXCHANGES: usize = 20;
+/// Points times rounds of deletions at most, and so many rounds at least: of up to a thousand points one is deleted at a time, of a hundred
+/// thousand a tenth of those that may be wild.
+const DELETION_WORK: usize = 100_000;
+const FEWEST_DELETIONS: usize = 10;
 /// Share of the points that may be wild before the search gives up on them.
 const MOST_WILD: f64 = 0.1;
 /// Numbers in the points' squares at most, 64 MiB; of larger problems they are made anew for every fit.
@@ -194,15 +198,18 @@ impl<'a> Blocks<'a> {
         Some(residuals)
     }
 
-    /// Deletes point after point, the most surprising first.
+    /// Deletes point after point, the most surprising first; of many points several at a time.
     fn deletions(&self) -> Option<Vec<Vector3<f64>>> {
         let n = self.of.n_points();
+        let n_rounds = (DELETION_WORK / n).max(FEWEST_DELETIONS);
+        let at_once = most_wild(n).div_ceil(n_rounds);
         let mut kept = vec![true; n];
         let mut fit = self.keep(&kept)?;
-        for _ in 0..most_wild(n) {
-            let surprises = (0..n).filter(|i| kept[*i]).map(|i| (i, fit.surprise(i, true)));
-            let worst = surprises.max_by(|a, b| a.1.total_cmp(&b.1))?.0;
-            kept[worst] = false;
+        for _ in 0..most_wild(n).div_ceil(at_once) {
+            let mut surprises: Vec<(usize, f64)> = (0..n).filter(|i| kept[*i]).map(|i| (i, fit.surprise(i, true))).collect();
+            // the last of equal ones first
+            surprises.sort_by(|a, b| b.1.total_cmp(&a.1).then(b.0.cmp(&a.0)));
+            surprises.iter().take(at_once).for_each(|(worst, _)| kept[*worst] = false);
             match self.keep(&kept) {
                 Some(next) => fit = next,
                 None => break,
