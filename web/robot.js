@@ -32,7 +32,7 @@ export async function robotPage({ main, signal, may }, id) {
 }
 
 function head(robot, stand) {
-  const details = [robot.serial_number && `serial number ${robot.serial_number}`, robot.description, `${robot.links.length} joints`].filter(Boolean);
+  const details = [robot.serial_number && `serial number ${robot.serial_number}`, robot.description, `${robot.links.length} ${robot.links.length === 1 ? "joint" : "joints"}`].filter(Boolean);
   return el("div.head", {}, el("div", {}, el("p.crumbs", {}, el("a", { href: "#/" }, "Robots")), el("h1", {}, robot.name), el("p.quiet", {}, details.join(" · "))),
     el("div.actions", {}, standing(stand)));
 }

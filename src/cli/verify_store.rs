@@ -45,6 +45,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
 
 fn parse_head(text: &str) -> Result<(i64, String), Usage> {
     let parsed = text.split_once(':').and_then(|(seq, hash)| Some((seq.parse().ok()?, hash.to_owned())));
+    let is_hash = |hash: &str| hash.len() == 64 && hash.bytes().all(|byte| matches!(byte, b'0'..=b'9' | b'a'..=b'f'));
+    let parsed = parsed.filter(|(seq, hash): &(i64, String)| is_hash(hash) || (*seq == 0 && hash.is_empty()));
     parsed.ok_or_else(|| Usage("--known-head is a number, a colon and a hash, as `kincal verify-store` prints it".into()))
 }
 

@@ -56,7 +56,8 @@ impl<S: Send + Sync> FromRequest<S> for Submission {
 fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, Error> {
     let Some(value) = headers.get(IDEMPOTENCY_KEY) else { return Ok(None) };
     let text = value.to_str().unwrap_or_default();
-    if text.is_empty() || text.len() > MAX_KEY {
+    let is_printable = text.bytes().all(|byte| (b' '..=b'~').contains(&byte));
+    if text.is_empty() || text.len() > MAX_KEY || !is_printable {
         let detail = format!("an Idempotency-Key has 1 to {MAX_KEY} printable ASCII characters");
         return Err(Error::BadRequest { code: "invalid_idempotency_key", detail });
     }

@@ -42,7 +42,12 @@ impl<S: Send + Sync, T: DeserializeOwned> FromRequestParts<S> for Query<T> {
 
     async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Error> {
         let query = axum::extract::Query::<T>::try_from_uri(&parts.uri);
-        let axum::extract::Query(value) = query.map_err(|e| Error::BadRequest { code: "invalid_query", detail: e.body_text() })?;
+        let axum::extract::Query(value) = query.map_err(|e| {
+            // the library's name for what it did says nothing to who asked
+            let text = e.body_text();
+            let detail = text.split_once("query string: ").map_or(text.as_str(), |(_, cause)| cause);
+            Error::BadRequest { code: "invalid_query", detail: format!("the query: {detail}") }
+        })?;
         Ok(Self(value))
     }
 }

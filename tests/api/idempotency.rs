@@ -53,6 +53,7 @@ async fn a_refused_request_leaves_its_key_free() {
     let app = TestApp::spawn().await;
     keyed(&app, "/v1/robots", "k", "application/json", b"{}".to_vec()).await.problem(422, "invalid_body");
     assert_eq!(keyed(&app, "/v1/robots", "k", "application/json", paper("robot.json")).await.status, 201);
+    keyed(&app, "/v1/robots", "a\tb", "application/json", paper("robot.json")).await.problem(400, "invalid_idempotency_key");
     keyed(&app, "/v1/robots", &"k".repeat(201), "application/json", paper("robot.json")).await.problem(400, "invalid_idempotency_key");
 }
 
