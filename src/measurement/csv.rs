@@ -5,7 +5,7 @@ use crate::measurement::set::{Frame, MeasurementSet, Point, Subset};
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 
-/// Most rows a set may have: ten times the largest campaign we know of, and still under a second to identify from.
+/// Most rows a set may have: a hundred times the largest campaign we know of; half a minute to identify from.
 pub const MAX_ROWS: usize = 100_000;
 /// Most errors reported at once; a wrong column makes one per row.
 pub const MAX_ISSUES: usize = 20;
