@@ -8,7 +8,7 @@ cd "$(dirname "$0")/.."
 # name | file | sed expression | test binary | filter of the tests that must fail
 faults() {
     grep -vE '^\s*(#|$)' <<'TABLE'
-acknowledged before the commit        | src/store/writer.rs         | s/match verdict.await \{/match Ok::<_, oneshot::error::RecvError>(Ok::<(), Arc<sqlx::Error>>(drop(verdict))) {/ | store | what_a_writer_sees
+acknowledged before the commit        | src/store/writer.rs         | s/match verdict.await \{/match Ok::<_, oneshot::error::RecvError>(Ok::<(), Arc<sqlx::Error>>(drop(verdict))) {/ | store | nobody_is_answered
 a rollback takes the writer before    | src/store/writer.rs         | s/step_over_what_is_kept\(&mut guard\)\.await\?;// | store | takes_neither
 computed before the claim is certain  | src/jobs/worker.rs          | s/tx\.commit\(\)\.await\?;/drop(tx.commit().await);/ | jobs | nothing_is_computed
 a broken beam decides a release       | src/calibration/judged.rs   | s/let n_set_aside = if points/let n_set_aside = if points.is_empty() \&\& points/ | follow_ups | one_wild_point

@@ -132,6 +132,39 @@ async fn together(store: &Store, writers: &[(&'static str, bool)]) -> Vec<Result
 }
 
 #[test]
+fn nobody_is_answered_before_the_common_commit() {
+    on_sqlite(async |database| {
+        let store = &database.store;
+        let first = store.begin().await.unwrap();
+        let mut early = tokio::spawn({
+            let store = store.clone();
+            async move {
+                let mut tx = store.begin().await?;
+                insert(&mut tx, "early").await;
+                tx.commit().await
+            }
+        });
+        // They stand in line as they came.
+        tokio::time::sleep(Duration::from_millis(50)).await;
+        let late = tokio::spawn({
+            let store = store.clone();
+            async move { store.begin().await }
+        });
+        tokio::time::sleep(Duration::from_millis(50)).await;
+        first.rollback().await.unwrap();
+        // The group waits for the late one, and the early one with it.
+        let mut late = late.await.unwrap().unwrap();
+        let answered = tokio::time::timeout(Duration::from_millis(300), &mut early).await;
+        assert!(answered.is_err(), "{answered:?}");
+        assert_eq!(names(store).await, [""; 0]);
+        insert(&mut late, "late").await;
+        late.commit().await.unwrap();
+        early.await.unwrap().unwrap();
+        assert_eq!(names(store).await, ["early", "late"]);
+    });
+}
+
+#[test]
 fn a_writer_that_rolls_back_between_two_that_commit_takes_neither_their_rows_nor_their_entries() {
     on_sqlite(async |database| {
         let store = &database.store;
