@@ -3,15 +3,20 @@
 //!
 //! `cargo run --release --example end_to_end` prints one line of JSON, medians over the jobs: what an fsync costs in the folder of the
 //! database, what a request takes that does nothing, what the job took, what the computation took of it, and the rest as a multiple of the
-//! job's fsyncs. How it would be on a slower disk:
+//! job's fsyncs. The computation is what the worker's thread does, from the stored bytes to the texts of report and parameter set: after all
+//! jobs it is done once more for each here, by the same function from the same inputs, and timed. `us_stages` is the part of it that the report calls
+//! `duration_ms`, without reading the inputs and writing the results. How it would be on a slower disk:
 //! `strace -f --seccomp-bpf -o /dev/null -e trace=fsync,fdatasync -e inject=fsync,fdatasync:delay_exit=4000 end_to_end` (microseconds).
 
 use anyhow::Context;
 use kincal::config::ServeConfig;
 use kincal::http::server;
+use kincal::jobs::{JobInputs, execution};
+use kincal::store::Store;
 use serde_json::{Value, json};
 use std::fs::File;
 use std::io::Write;
+use std::ops::ControlFlow;
 use std::path::Path;
 use std::time::Instant;
 use tokio::runtime::Builder;
@@ -33,7 +38,7 @@ struct Times {
     posted: f64,
     waited: f64,
     fetched: f64,
-    computed: f64,
+    stages: f64,
 }
 
 /// A client of the server.
@@ -65,21 +70,27 @@ fn main() -> anyhow::Result<()> {
     let server = servers.block_on(server::start(&ServeConfig::loopback(folder.path().join("data"), 1)))?;
     kincal::http::tls::use_ring();
     let client = Client { http: reqwest::Client::builder().no_proxy().build()?, url: server.url() };
-    let ran = Builder::new_current_thread().enable_all().build()?.block_on(run(client, folder.path()));
+    let ran = Builder::new_current_thread().enable_all().build()?.block_on(run(client, &server.store, folder.path()));
     servers.block_on(server.shutdown());
     ran
 }
 
-async fn run(client: Client, folder: &Path) -> anyhow::Result<()> {
+async fn run(client: Client, store: &Store, folder: &Path) -> anyhow::Result<()> {
     let robot = id(&client.post("/v1/robots", "application/json", ROBOT.to_vec()).await?)?;
     let set = id(&client.post(&format!("/v1/robots/{robot}/measurement-sets?frame=base&name=first"), "text/csv", SET.to_vec()).await?)?;
-    let (mut times, mut fsyncs) = (Vec::new(), Vec::new());
+    let (mut jobs, mut times, mut fsyncs) = (Vec::new(), Vec::new(), Vec::new());
     let mut log = File::create(folder.join("fsync"))?;
     for _ in 0..WARM_UP + JOBS {
-        times.push(job(&client, &robot, &set).await?);
+        let (job, spent) = job(&client, &robot, &set).await?;
+        jobs.push(job);
+        times.push(spent);
         fsyncs.push(fsync_us(&mut log)?);
     }
     let (times, fsyncs) = (&times[WARM_UP..], fsyncs.split_off(WARM_UP));
+    let mut computed = Vec::new();
+    for job in &jobs[WARM_UP..] {
+        computed.push(compute_us(&JobInputs::load(store, job).await?)?);
+    }
     let mut nothing = Vec::new();
     for _ in 0..JOBS {
         let begun = Instant::now();
@@ -88,15 +99,17 @@ async fn run(client: Client, folder: &Path) -> anyhow::Result<()> {
     }
     let fsync = median(fsyncs);
     let of = |what: fn(&Times) -> f64| median(times.iter().map(what).collect());
-    let rest = of(|t| t.posted + t.waited + t.fetched - t.computed);
+    let (job, computed) = (of(|t| t.posted + t.waited + t.fetched), median(computed));
+    let rest = job - computed;
     println!(
         "{}",
         json!({
-            "us_job": of(|t| t.posted + t.waited + t.fetched),
+            "us_job": job,
             "us_post": of(|t| t.posted),
             "us_wait": of(|t| t.waited),
             "us_fetch": of(|t| t.fetched),
-            "us_compute": of(|t| t.computed),
+            "us_compute": computed,
+            "us_stages": of(|t| t.stages),
             "us_rest": rest,
             "us_request": median(nothing),
             "us_fsync": fsync,
@@ -107,7 +120,7 @@ async fn run(client: Client, folder: &Path) -> anyhow::Result<()> {
     Ok(())
 }
 
-async fn job(client: &Client, robot: &str, set: &str) -> anyhow::Result<Times> {
+async fn job(client: &Client, robot: &str, set: &str) -> anyhow::Result<(String, Times)> {
     let request = json!({"measurement_set_id": set, "method": "least_squares", "model": "paper"});
     let begun = Instant::now();
     let job = id(&client.post(&format!("/v1/robots/{robot}/jobs"), "application/json", serde_json::to_vec(&request)?).await?)?;
@@ -123,9 +136,17 @@ async fn job(client: &Client, robot: &str, set: &str) -> anyhow::Result<Times> {
     client.get(&format!("/v1/parameter-sets/{parameter_set}")).await?;
     let fetched = begun.elapsed() - waited - posted;
     let report = client.get(&format!("/v1/jobs/{job}/report")).await?;
-    let computed = report["duration_ms"].as_f64().context("the report has no duration")? * 1e3;
+    let stages = report["duration_ms"].as_f64().context("the report has no duration")? * 1e3;
     let us = |d: std::time::Duration| d.as_secs_f64() * 1e6;
-    Ok(Times { posted: us(posted), waited: us(waited), fetched: us(fetched), computed })
+    Ok((job, Times { posted: us(posted), waited: us(waited), fetched: us(fetched), stages }))
+}
+
+/// What a worker's thread has to do for a job.
+fn compute_us(inputs: &JobInputs) -> anyhow::Result<f64> {
+    let begun = Instant::now();
+    execution::compute(inputs, &mut |_| ControlFlow::Continue(()))
+        .map_err(|failure| anyhow::anyhow!("it cannot be computed: {failure:?}"))?;
+    Ok(begun.elapsed().as_secs_f64() * 1e6)
 }
 
 /// What it takes to append as much as a commit does to a file beside the database, and to have it on the disk. Between two jobs, for a disk

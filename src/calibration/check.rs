@@ -9,14 +9,14 @@ use crate::calibration::swarms::{box_too_small, half_widths};
 use crate::calibration::verify::check_verify_set;
 use crate::calibration::{Error, unusable};
 use crate::identification::bpnn_pso::fits;
-use crate::identification::identifiability::prior_scale;
+use crate::identification::identifiability::{decompose, prior_scale};
 use crate::identification::objective::Observation;
 use crate::identification::parameters::Parameter;
-use crate::identification::search_space::decomposition_at;
+use crate::identification::search_space::{decomposition_at, scaled_jacobian_at};
 use crate::identification::{KinematicModel, TrainedNetwork};
 use crate::kinematics::Robot;
 use crate::measurement::{Frame, Subset, set::SAME_JOINT_RAD};
-use nalgebra::Vector3;
+use nalgebra::{DMatrix, Vector3};
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -115,20 +115,26 @@ fn check_targets(request: &CalibrationRequest, identify: &[Observation], n_targe
 
 /// Refuses sets with fewer equations from distinct configurations than the model's rank.
 fn check_determined(request: &CalibrationRequest, identify: &[Observation], parameters: &[Parameter]) -> Result<(), Error> {
-    let needed = model_rank(&request.robot, parameters, n_targets(request));
-    if needed == 0 {
-        let names: Vec<String> = parameters.iter().map(Parameter::name).collect();
-        let detail = format!("no measured position depends on {} in this model: free other parameters as well", names.join(", "));
+    let names = || parameters.iter().map(Parameter::name).collect::<Vec<_>>().join(", ");
+    let n_targets = n_targets(request);
+    // one pose for each target shows whether anything is seen at all
+    let seen = generic_jacobian(&request.robot, parameters, n_targets, n_targets.max(1));
+    if seen.iter().all(|moved| *moved == 0.0) {
+        let detail = format!("no measured position depends on {} in this model: free other parameters as well", names());
         return Err(unusable("nothing_to_identify", detail));
     }
     let found = n_equations(identify);
+    // no rank is above the number of parameters
+    if found >= parameters.len() {
+        return Ok(());
+    }
+    let needed = model_rank(&request.robot, parameters, n_targets);
     if found < needed {
-        let names: Vec<String> = parameters.iter().map(Parameter::name).collect();
         let more = (needed - found).div_ceil(3);
         let detail = format!(
             "{found} equations from distinct configurations in the identify subset cannot fix {needed} independent parameters ({}); measure at least {more} more \
              configurations, spread over the workspace, or hold parameters",
-            names.join(", ")
+            names()
         );
         return Err(unusable("under_determined", detail));
     }
@@ -209,9 +215,15 @@ pub fn n_equations(observations: &[Observation]) -> usize {
 
 /// Rank of the model: what positions at generic poses can see, whatever the measured poses are.
 pub fn model_rank(robot: &Robot, parameters: &[Parameter], n_targets: usize) -> usize {
+    let scale: Vec<f64> = parameters.iter().map(prior_scale).collect();
+    decompose(generic_jacobian(robot, parameters, n_targets, parameters.len() + MORE_POSES), &scale).rank_relative(ZERO)
+}
+
+/// What this many random poses see of the parameters, the targets in turn.
+fn generic_jacobian(robot: &Robot, parameters: &[Parameter], n_targets: usize, n_poses: usize) -> DMatrix<f64> {
     let mut random = ChaCha8Rng::seed_from_u64(0);
     let mut angle = || random.random_range(-std::f64::consts::PI..std::f64::consts::PI);
-    let observations: Vec<Observation> = (0..parameters.len() + MORE_POSES)
+    let observations: Vec<Observation> = (0..n_poses)
         .map(|i| Observation {
             q_rad: (0..robot.links.len()).map(|_| angle()).collect(),
             position_mm: Vector3::zeros(),
@@ -225,5 +237,5 @@ pub fn model_rank(robot: &Robot, parameters: &[Parameter], n_targets: usize) -> 
         model.targets_mm.iter_mut().enumerate().for_each(|(i, t)| *t = Vector3::new(61.0 + 17.0 * i as f64, -43.0, 97.0));
     }
     let scale: Vec<f64> = parameters.iter().map(prior_scale).collect();
-    decomposition_at(&model, parameters, &scale, &observations).rank_relative(ZERO)
+    scaled_jacobian_at(&model, parameters, &scale, &observations)
 }

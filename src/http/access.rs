@@ -9,11 +9,14 @@ use crate::wire::{id, json};
 
 /// The robot, if it exists and this key may see it.
 pub async fn robot(app: &App, caller: &Caller, id: &str) -> Result<RobotRow, Error> {
-    plausible(id, "robot")?;
-    if !caller.may_see(id) {
-        return Err(Error::NotFound("robot"));
-    }
+    visible_robot(caller, id)?;
     robots::get(&app.store, id).await.map_err(|error| absent(error, "robot"))
+}
+
+/// Whether this key may see that robot, if there is one.
+pub fn visible_robot(caller: &Caller, id: &str) -> Result<(), Error> {
+    plausible(id, "robot")?;
+    visible(caller, id, "robot")
 }
 
 /// The document of a stored robot.

@@ -2,7 +2,7 @@
 
 use crate::calibration::request::VerifySource;
 use crate::calibration::{self, CalibrationRequest};
-use crate::http::auth::Scope;
+use crate::http::auth::{Caller, Scope};
 use crate::http::creation::{Submission, stored_json};
 use crate::http::extract::Id;
 use crate::http::{App, Error, access, jobs};
@@ -62,18 +62,21 @@ struct Chosen {
     responses((status = 202, description = "The job, queued", body = JobAnswer, headers(("Location" = String, description = "Its path"))))
 )]
 pub async fn create(State(app): State<App>, Id(robot_id): Id, submission: Submission) -> Result<Response, Error> {
-    let robot = access::robot(&app, &submission.caller, &robot_id).await?;
+    access::visible_robot(&submission.caller, &robot_id)?;
     if let Some(answer) = submission.replay(&app.store).await? {
         return Ok(answer);
     }
-    let request: JobRequestBody = submission.json()?;
-    request.check()?;
-    if request.priority > 0 && !submission.caller.has(Scope::Admin) {
-        return Err(Error::InsufficientScope { scope: Scope::Admin.as_str(), what: "a priority above 0" });
-    }
+    let request = match asked(&submission) {
+        Ok(request) => request,
+        Err(refusal) => {
+            // that there is no such robot is told before anything else
+            access::robot(&app, &submission.caller, &robot_id).await?;
+            return Err(refusal);
+        }
+    };
     // its uploads are in memory from here on
     let turn = app.turn().await?;
-    let sources = load(&app, robot, &request).await?;
+    let sources = load(&app, &submission.caller, &robot_id, &request).await?;
     let mut new = new_job(&request, &sources, &submission.caller.holder)?;
     let chosen = turn.run(move || check(&request, sources)).await?;
     (new.network_input_id, new.residual_network_input_id) = (chosen.network_id, chosen.residual_network_id);
@@ -84,6 +87,16 @@ pub async fn create(State(app): State<App>, Id(robot_id): Id, submission: Submis
     let answer = submission.create(&app.store, effect).await?;
     app.signals.job_enqueued();
     Ok(answer)
+}
+
+/// The body, if it says what can be done and this key may ask for that.
+fn asked(submission: &Submission) -> Result<JobRequestBody, Error> {
+    let request: JobRequestBody = submission.json()?;
+    request.check()?;
+    if request.priority > 0 && !submission.caller.has(Scope::Admin) {
+        return Err(Error::InsufficientScope { scope: Scope::Admin.as_str(), what: "a priority above 0" });
+    }
+    Ok(request)
 }
 
 fn new_job(request: &JobRequestBody, sources: &Sources, client: &str) -> Result<NewJob, Error> {
@@ -106,66 +119,70 @@ fn new_job(request: &JobRequestBody, sources: &Sources, client: &str) -> Result<
     })
 }
 
-async fn load(app: &App, robot: RobotRow, request: &JobRequestBody) -> Result<Sources, Error> {
+async fn load(app: &App, caller: &Caller, robot_id: &str, request: &JobRequestBody) -> Result<Sources, Error> {
     // at once; of several refusals the first in this order is told, whichever came first
-    let (set, verify_set, frames, parameter_set) = tokio::join!(
-        set(app, &robot, &request.measurement_set_id, "/measurement_set_id"),
-        verify_set(app, &robot, request),
-        frames(app, &robot, request),
-        parameter_set(app, &robot, request),
+    let (robot, set, verify_set, frames, parameter_set) = tokio::join!(
+        access::robot(app, caller, robot_id),
+        set(app, robot_id, &request.measurement_set_id, "/measurement_set_id"),
+        verify_set(app, robot_id, request),
+        frames(app, robot_id, request),
+        parameter_set(app, robot_id, request),
     );
-    let (set, verify_set, frames, parameter_set) = (set?, verify_set?, frames?, parameter_set?);
+    let (robot, set, verify_set, frames, parameter_set) = (robot?, set?, verify_set?, frames?, parameter_set?);
     let (networks, residual_networks) =
-        tokio::join!(networks(app, &robot, request, &set.0), residual_networks(app, &robot, request, &set.0));
+        tokio::join!(networks(app, robot_id, request, &set.0), residual_networks(app, robot_id, request, &set.0));
     Ok(Sources { set, verify_set, frames, networks: networks?, residual_networks: residual_networks?, parameter_set, robot })
 }
 
-async fn set(app: &App, robot: &RobotRow, id: &str, at: &str) -> Result<(MeasurementSetRow, Vec<u8>), Error> {
-    own(measurement_sets::get_with_body(&app.store, id).await, |(row, _)| row.robot_id == robot.id, at, "measurement set")
+async fn set(app: &App, robot_id: &str, id: &str, at: &str) -> Result<(MeasurementSetRow, Vec<u8>), Error> {
+    own(measurement_sets::get_with_body(&app.store, id).await, |(row, _)| row.robot_id == robot_id, at, "measurement set")
 }
 
-async fn verify_set(app: &App, robot: &RobotRow, request: &JobRequestBody) -> Result<Option<(MeasurementSetRow, Vec<u8>)>, Error> {
+async fn verify_set(app: &App, robot_id: &str, request: &JobRequestBody) -> Result<Option<(MeasurementSetRow, Vec<u8>)>, Error> {
     match &request.verify {
-        Some(VerifyBody::Set { measurement_set_id }) => set(app, robot, measurement_set_id, "/verify/measurement_set_id").await.map(Some),
+        Some(VerifyBody::Set { measurement_set_id }) => {
+            set(app, robot_id, measurement_set_id, "/verify/measurement_set_id").await.map(Some)
+        }
         _ => Ok(None),
     }
 }
 
-async fn frames(app: &App, robot: &RobotRow, request: &JobRequestBody) -> Result<Option<FramesContent>, Error> {
+async fn frames(app: &App, robot_id: &str, request: &JobRequestBody) -> Result<Option<FramesContent>, Error> {
     let Some(id) = &request.frames_id else { return Ok(None) };
-    let row = own(frames::get(&app.store, id).await, |row| row.robot_id == robot.id, "/frames_id", "frames")?;
+    let row = own(frames::get(&app.store, id).await, |row| row.robot_id == robot_id, "/frames_id", "frames")?;
     Ok(Some(serde_json::from_str(&row.result_json)?))
 }
 
 /// The parameter set that the job will use whatever is identified or released meanwhile: the one named; to verify, else the active one;
 /// to identify, else the robot's last from another upload, to compare with.
-async fn parameter_set(app: &App, robot: &RobotRow, request: &JobRequestBody) -> Result<Option<ParameterSetRow>, Error> {
+async fn parameter_set(app: &App, robot_id: &str, request: &JobRequestBody) -> Result<Option<ParameterSetRow>, Error> {
     Ok(match (&request.parameter_set_id, request.kind) {
         (Some(id), _) => {
-            Some(own(parameter_sets::get(&app.store, id).await, |row| row.robot_id == robot.id, "/parameter_set_id", "parameter set")?)
+            Some(own(parameter_sets::get(&app.store, id).await, |row| row.robot_id == robot_id, "/parameter_set_id", "parameter set")?)
         }
-        (None, Kind::Verify) => parameter_sets::active(&app.store, &robot.id).await?,
-        (None, Kind::Identify) => parameter_sets::of_another_session(&app.store, &robot.id, &request.measurement_set_id).await?,
+        (None, Kind::Verify) => parameter_sets::active(&app.store, robot_id).await?,
+        (None, Kind::Identify) => parameter_sets::of_another_session(&app.store, robot_id, &request.measurement_set_id).await?,
     })
 }
 
 /// The networks that the job may start from, whatever is trained meanwhile: the one named, or for `bpnn_pso` and `auto` the newest.
-async fn networks(app: &App, robot: &RobotRow, request: &JobRequestBody, set: &MeasurementSetRow) -> Result<Vec<(String, Vec<u8>)>, Error> {
+async fn networks(app: &App, robot_id: &str, request: &JobRequestBody, set: &MeasurementSetRow) -> Result<Vec<(String, Vec<u8>)>, Error> {
     if let Some(id) = &request.network_id {
-        let row = own(networks::get(&app.store, id).await, |row| is_of(row, robot, NetworkKind::LinkParameters), "/network_id", "network")?;
+        let row =
+            own(networks::get(&app.store, id).await, |row| is_of(row, robot_id, NetworkKind::LinkParameters), "/network_id", "network")?;
         return Ok(vec![(row.id.clone(), networks::weights(&app.store, &row.id).await?)]);
     }
     if !matches!(request.method, Method::BpnnPso | Method::Auto) || request.kind == Kind::Verify {
         return Ok(vec![]);
     }
     let model = request.model_for(frame_of(set)?);
-    Ok(networks::newest(&app.store, &robot.id, model.as_str(), request.preset.as_str(), MAX_NETWORKS).await?)
+    Ok(networks::newest(&app.store, robot_id, model.as_str(), request.preset.as_str(), MAX_NETWORKS).await?)
 }
 
 /// The residual networks that the training may go on from, with the points that they were trained on.
 async fn residual_networks(
     app: &App,
-    robot: &RobotRow,
+    robot_id: &str,
     request: &JobRequestBody,
     set: &MeasurementSetRow,
 ) -> Result<Vec<ResidualSource>, Error> {
@@ -174,12 +191,12 @@ async fn residual_networks(
     }
     let found = match &request.residual_network_id {
         Some(id) => {
-            let is_own = |row: &NetworkRow| is_of(row, robot, NetworkKind::Residual);
+            let is_own = |row: &NetworkRow| is_of(row, robot_id, NetworkKind::Residual);
             let row = own(networks::get(&app.store, id).await, is_own, "/residual_network_id", "residual network")?;
             let job = stored::get(&app.store, &row.job_id).await?;
             vec![(row.id, networks::weights(&app.store, id).await?, job.measurement_set_id)]
         }
-        None => networks::newest_residual(&app.store, &robot.id, &set.sha256, MAX_RESIDUAL_NETWORKS).await?,
+        None => networks::newest_residual(&app.store, robot_id, &set.sha256, MAX_RESIDUAL_NETWORKS).await?,
     };
     let mut sources = Vec::with_capacity(found.len());
     for (id, weights, set_id) in found {
@@ -206,8 +223,8 @@ async fn line_of(app: &App, network_id: &str) -> Result<Option<Vec<String>>, Err
     Ok(Some(line))
 }
 
-fn is_of(row: &NetworkRow, robot: &RobotRow, kind: NetworkKind) -> bool {
-    row.robot_id == robot.id && serde_json::from_str::<NetworkMetadata>(&row.metadata_json).is_ok_and(|metadata| metadata.kind == kind)
+fn is_of(row: &NetworkRow, robot_id: &str, kind: NetworkKind) -> bool {
+    row.robot_id == robot_id && serde_json::from_str::<NetworkMetadata>(&row.metadata_json).is_ok_and(|metadata| metadata.kind == kind)
 }
 
 /// The newest that fits and has seen none of these points, those to verify included, neither itself nor one that its training went on from:

@@ -174,6 +174,11 @@ fn combine(directions: &[f64], coordinates: &[f64], deviation: &mut [f64]) {
 
 /// The scaled identification Jacobian at a model, taken apart.
 pub fn decomposition_at(model: &KinematicModel, parameters: &[Parameter], scale: &[f64], observations: &[Observation]) -> Decomposition {
+    decompose(scaled_jacobian_at(model, parameters, scale, observations), scale)
+}
+
+/// The identification Jacobian at a model: mm that points move for one scale of each parameter, over sqrt(N points).
+pub fn scaled_jacobian_at(model: &KinematicModel, parameters: &[Parameter], scale: &[f64], observations: &[Observation]) -> DMatrix<f64> {
     let per_point = 1.0 / (observations.len().max(1) as f64).sqrt();
     let shares = scale.iter().map(|s| s * per_point).collect();
     let space = SearchSpace::raw(model.clone(), parameters.to_vec(), shares);
@@ -181,5 +186,5 @@ pub fn decomposition_at(model: &KinematicModel, parameters: &[Parameter], scale:
     let n_rows = linearisation.n_rows();
     let mut scaled = DMatrix::zeros(n_rows, parameters.len());
     linearisation.linearise(&vec![0.0; parameters.len()], &mut vec![0.0; n_rows], scaled.as_mut_slice());
-    decompose(scaled, scale)
+    scaled
 }

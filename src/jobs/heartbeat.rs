@@ -4,7 +4,7 @@ use std::ops::ControlFlow;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::Duration;
 
-use tokio::sync::watch;
+use tokio::sync::{Notify, watch};
 use tokio::task::JoinHandle;
 use tokio::time::{Instant, sleep, timeout_at};
 
@@ -43,6 +43,7 @@ pub(super) enum Stop {
 pub(super) struct Control {
     progress: Mutex<Option<Progress>>,
     stop: OnceLock<Stop>,
+    told_to_stop: Notify,
 }
 
 impl Control {
@@ -55,6 +56,14 @@ impl Control {
     /// Tells the computation to stop; the first reason counts.
     pub(super) fn stop(&self, reason: Stop) {
         let _ = self.stop.set(reason);
+        self.told_to_stop.notify_one();
+    }
+
+    /// Resolves when the computation was told to stop because its job is to be cancelled. For one at a time to wait for.
+    pub(super) async fn cancelled(&self) {
+        while self.stopped() != Some(Stop::Cancelled) {
+            self.told_to_stop.notified().await;
+        }
     }
 
     pub(super) fn stopped(&self) -> Option<Stop> {

@@ -6,12 +6,16 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use tokio::sync::watch;
+use tokio::task::JoinHandle;
 use tokio::time::{Instant, timeout};
 
 use super::heartbeat::{Beat, Control, Drain, KeptLease, Stop, reached};
 use super::{Compute, JobFailure, JobInputs, JobOutcome, JobSignals, queue};
 use crate::store::{Conflict, Error, Lease, Result, Store, leases};
 use crate::wire::Problem;
+
+/// A computation under way.
+type Thread = JoinHandle<std::thread::Result<std::result::Result<JobOutcome, JobFailure>>>;
 
 /// How a worker works.
 #[derive(Clone, Debug)]
@@ -51,6 +55,8 @@ enum Ended {
 
 /// How long a computation that was told to stop may take to do so.
 pub(super) const STOP_WITHIN: Duration = Duration::from_secs(1);
+/// How long a computation may take to stop before its job is ended as cancelled without it.
+const CANCELLED_WITHIN: Duration = Duration::from_millis(250);
 /// While the database is away, inputs are asked for and an ended job is offered again after this, as long as the lease holds.
 const RETRY_AFTER: Duration = Duration::from_millis(200);
 
@@ -76,12 +82,20 @@ pub async fn run_next_job(store: &Store, context: &WorkerContext) -> Result<Opti
     };
     let (kept, read) = tokio::join!(begin, JobInputs::of(store, job));
     let kept = kept?;
-    let ended = match inputs(store, context, &lease, (read.ok(), until), &control).await {
+    let (ended, deaf) = match inputs(store, context, &lease, (read.ok(), until), &control).await {
         Ok(inputs) => compute(context, inputs, &control).await,
-        Err(ended) => ended,
+        Err(ended) => (ended, None),
     };
     end(store, &lease, &kept, ended).await;
     context.signals.job_changed(&lease.job_id);
+    if let Some(thread) = deaf {
+        // two at a time would be more than this worker may compute
+        let mut drain = context.drain.subscribe();
+        tokio::select! {
+            _ = thread => {}
+            () = reached(&mut drain, Drain::Finish) => {}
+        }
+    }
     Ok(Some(lease.job_id))
 }
 
@@ -144,20 +158,25 @@ async fn inputs(
     }
 }
 
-async fn compute(context: &WorkerContext, inputs: JobInputs, control: &Arc<Control>) -> Ended {
+/// How the computation ended; of a job that was cancelled while it does not look whether it should stop, with the thread that is still at it.
+async fn compute(context: &WorkerContext, inputs: JobInputs, control: &Arc<Control>) -> (Ended, Option<Thread>) {
     let (function, theirs, job_id) = (context.compute, Arc::clone(control), inputs.job.id.clone());
     let mut thread =
         tokio::task::spawn_blocking(move || catch_unwind(AssertUnwindSafe(|| function(&inputs, &mut |progress| theirs.report(progress)))));
     let mut drain = context.drain.subscribe();
     let result = tokio::select! {
         result = &mut thread => result,
-        () = reached(&mut drain, Drain::Abandon) => return Ended::HandedBack,
+        () = reached(&mut drain, Drain::Abandon) => return (Ended::HandedBack, None),
         () = deaf_after(context.longest, control) => {
             tracing::error!(job_id, "a computation takes longer than a job may, and does not stop; its thread is left to itself");
-            return Ended::GaveUp;
+            return (Ended::GaveUp, None);
+        }
+        () = deaf_to_its_cancellation(control) => {
+            tracing::info!(job_id, "a cancelled job's computation has not stopped yet; its worker waits for that");
+            return (Ended::Cancelled, Some(thread));
         }
     };
-    match result {
+    let ended = match result {
         Ok(Ok(Ok(outcome))) => Ended::Finished(Box::new(outcome)),
         Ok(Ok(Err(JobFailure::Failed { problem_json }))) => Ended::Failed(problem_json),
         Ok(Ok(Err(JobFailure::Cancelled))) => match control.stopped() {
@@ -176,7 +195,8 @@ async fn compute(context: &WorkerContext, inputs: JobInputs, control: &Arc<Contr
         }
         // The runtime goes down: the lease runs out.
         Err(_) => Ended::LeftToItsLease,
-    }
+    };
+    (ended, None)
 }
 
 /// Tells a computation to stop when its time is over; resolves if it has not stopped shortly afterwards. A thread cannot be ended from
@@ -185,6 +205,12 @@ async fn deaf_after(longest: Duration, control: &Control) {
     tokio::time::sleep(longest).await;
     control.stop(Stop::TooLong);
     tokio::time::sleep(STOP_WITHIN).await;
+}
+
+/// Resolves if a computation whose job was cancelled has not stopped soon afterwards. Who cancelled it need not wait for that.
+async fn deaf_to_its_cancellation(control: &Control) {
+    control.cancelled().await;
+    tokio::time::sleep(CANCELLED_WITHIN).await;
 }
 
 /// Ends the job, as often as it takes while the lease holds.

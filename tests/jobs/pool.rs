@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use kincal::jobs::{JobSignals, Rules, WorkerPool};
+use kincal::jobs::{JobSignals, Rules, WorkerPool, queue};
 use kincal::store::{JobStatus, PageRequest, jobs, leases, parameter_sets};
 
 use crate::computations::{LONG, arrived, gate, obey, until};
@@ -170,5 +170,41 @@ fn a_pool_without_work_shuts_down_at_once() {
             pool.shutdown(LONG).await;
             assert!(begun.elapsed() < LONG / 2);
         }
+    });
+}
+
+#[test]
+fn a_cancelled_job_is_over_soon_though_its_computation_does_not_look_and_its_worker_takes_no_other_until_it_ends() {
+    for_each_engine(async |database| {
+        let store = &database.store;
+        let set = a_set(store, &a_robot(store, "r").await).await;
+        let signals = JobSignals::default();
+        let pool = WorkerPool::start(store.clone(), obey, 1, RULES, signals.clone());
+        let deaf = a_job(store, &set, "report progress, wait at the gate").await;
+        signals.job_enqueued();
+        arrived(&deaf.id).await;
+        let next = a_job(store, &set, "succeed").await;
+        signals.job_enqueued();
+        let asked = Instant::now();
+        queue::cancel(store, &signals, &deaf.id, "anybody").await.unwrap();
+        let over = until(store, &deaf.id, |job| job.status.is_over()).await;
+        assert_eq!(over.status, JobStatus::Cancelled);
+        assert!(asked.elapsed() < LONG / 10, "{:?}", asked.elapsed());
+        // more than enough to claim it
+        tokio::time::sleep(Duration::from_millis(300)).await;
+        assert_eq!(jobs::get(store, &next.id).await.unwrap().status, JobStatus::Queued, "one worker computes one job at a time");
+        gate(&deaf.id).open();
+        assert_eq!(until(store, &next.id, |job| job.status.is_over()).await.status, JobStatus::Succeeded);
+        assert_eq!(jobs::get(store, &deaf.id).await.unwrap().status, JobStatus::Cancelled, "what it gave in the end is nobody's");
+        // a pool that shuts down does not wait for such a thread
+        let deaf = a_job(store, &set, "report progress, wait at the gate").await;
+        signals.job_enqueued();
+        arrived(&deaf.id).await;
+        queue::cancel(store, &signals, &deaf.id, "anybody").await.unwrap();
+        until(store, &deaf.id, |job| job.status.is_over()).await;
+        let asked = Instant::now();
+        pool.shutdown(LONG).await;
+        assert!(asked.elapsed() < LONG / 10, "{:?}", asked.elapsed());
+        gate(&deaf.id).open();
     });
 }
