@@ -1,11 +1,11 @@
 //! A least-squares job from its POST to the fetched parameter set, through the real server with its durable database, and where the
 //! time goes.
 //!
-//! `cargo run --release --example end_to_end` prints one line of JSON, medians over the jobs: what an fsync costs in the folder of the
-//! database, what a request takes that does nothing, what the job took, what the computation took of it, and the rest as a multiple of the
-//! job's fsyncs. The computation is what the worker's thread does, from the stored bytes to the texts of report and parameter set: after all
-//! jobs it is done once more for each here, by the same function from the same inputs, and timed. `us_stages` is the part of it that the report calls
-//! `duration_ms`, without reading the inputs and writing the results. How it would be on a slower disk:
+//! `cargo run --release --example end_to_end` prints one line of JSON, medians over the jobs: what the fsyncs of a job cost in the folder
+//! of the database, what a request takes that does nothing, what the job took, what the computation took of it, and the rest as a multiple of
+//! its fsyncs. The computation is what the worker's thread does, from the stored bytes to the texts of report and parameter set: after all
+//! jobs it is done once more for each here, by the same function from the same inputs, and timed. `us_stages` is what the report calls
+//! `duration_ms`: the same within the job, beside the server's other work, but without reading the inputs and writing the results. How it would be on a slower disk:
 //! `strace -f --seccomp-bpf -o /dev/null -e trace=fsync,fdatasync -e inject=fsync,fdatasync:delay_exit=4000 end_to_end` (microseconds).
 
 use anyhow::Context;
@@ -15,7 +15,7 @@ use kincal::jobs::{JobInputs, execution};
 use kincal::store::Store;
 use serde_json::{Value, json};
 use std::fs::File;
-use std::io::Write;
+use std::io::{Seek, SeekFrom, Write};
 use std::ops::ControlFlow;
 use std::path::Path;
 use std::time::Instant;
@@ -24,11 +24,12 @@ use tokio::runtime::Builder;
 /// Jobs that are timed, after some that warm up.
 const JOBS: usize = 100;
 const WARM_UP: usize = 10;
-/// A job is durable three times: when it is posted, when it is claimed, and when its result is stored.
-/// `strace -f -c -e trace=fsync,fdatasync` counts them.
-const FSYNCS: f64 = 3.0;
-/// Bytes that a commit appends to the write-ahead log, about.
-const COMMIT_BYTES: usize = 8 * 4096;
+/// A job is durable three times: when it is posted, when it is claimed, and when its result is stored; each time so many pages go to the
+/// write-ahead log. `strace -f -e trace=pwrite64,fsync,fdatasync` shows them.
+const COMMIT_PAGES: [usize; 3] = [12, 6, 30];
+const PAGE_BYTES: usize = 4096;
+/// As large as the log is before it is written from its beginning again.
+const LOG_PAGES: usize = 1000;
 
 const ROBOT: &[u8] = include_bytes!("../data/paper/robot.json");
 const SET: &[u8] = include_bytes!("../data/paper/first.csv");
@@ -79,12 +80,12 @@ async fn run(client: Client, store: &Store, folder: &Path) -> anyhow::Result<()>
     let robot = id(&client.post("/v1/robots", "application/json", ROBOT.to_vec()).await?)?;
     let set = id(&client.post(&format!("/v1/robots/{robot}/measurement-sets?frame=base&name=first"), "text/csv", SET.to_vec()).await?)?;
     let (mut jobs, mut times, mut fsyncs) = (Vec::new(), Vec::new(), Vec::new());
-    let mut log = File::create(folder.join("fsync"))?;
+    let mut log = Log::create(&folder.join("fsync"))?;
     for _ in 0..WARM_UP + JOBS {
         let (job, spent) = job(&client, &robot, &set).await?;
         jobs.push(job);
         times.push(spent);
-        fsyncs.push(fsync_us(&mut log)?);
+        fsyncs.push(log.fsyncs_us()?);
     }
     let (times, fsyncs) = (&times[WARM_UP..], fsyncs.split_off(WARM_UP));
     let mut computed = Vec::new();
@@ -97,7 +98,7 @@ async fn run(client: Client, store: &Store, folder: &Path) -> anyhow::Result<()>
         client.http.get(format!("{}/healthz", client.url)).send().await?.error_for_status()?.bytes().await?;
         nothing.push(begun.elapsed().as_secs_f64() * 1e6);
     }
-    let fsync = median(fsyncs);
+    let fsyncs = median(fsyncs);
     let of = |what: fn(&Times) -> f64| median(times.iter().map(what).collect());
     let (job, computed) = (of(|t| t.posted + t.waited + t.fetched), median(computed));
     let rest = job - computed;
@@ -112,8 +113,8 @@ async fn run(client: Client, store: &Store, folder: &Path) -> anyhow::Result<()>
             "us_stages": of(|t| t.stages),
             "us_rest": rest,
             "us_request": median(nothing),
-            "us_fsync": fsync,
-            "rest_over_fsyncs": rest / (FSYNCS * fsync),
+            "us_fsyncs": fsyncs,
+            "rest_over_fsyncs": rest / fsyncs,
             "jobs": JOBS,
         })
     );
@@ -149,14 +150,36 @@ fn compute_us(inputs: &JobInputs) -> anyhow::Result<f64> {
     Ok(begun.elapsed().as_secs_f64() * 1e6)
 }
 
-/// What it takes to append as much as a commit does to a file beside the database, and to have it on the disk. Between two jobs, for a disk
-/// that has just been idle takes longer than one that is kept busy.
-fn fsync_us(log: &mut File) -> anyhow::Result<f64> {
-    let bytes = vec![7_u8; COMMIT_BYTES];
-    let begun = Instant::now();
-    log.write_all(&bytes)?;
-    log.sync_data()?;
-    Ok(begun.elapsed().as_secs_f64() * 1e6)
+/// A file beside the database that is written as its log is: over and over, and on the disk after each commit.
+struct Log {
+    file: File,
+    next_page: usize,
+}
+
+impl Log {
+    fn create(path: &Path) -> anyhow::Result<Self> {
+        let mut file = File::create(path)?;
+        file.write_all(&vec![0; LOG_PAGES * PAGE_BYTES])?;
+        file.sync_all()?;
+        Ok(Self { file, next_page: 0 })
+    }
+
+    /// What a job's commits take of the disk alone. Between two jobs, for a disk that has just been idle takes longer than one that is kept
+    /// busy.
+    fn fsyncs_us(&mut self) -> anyhow::Result<f64> {
+        let bytes = vec![7_u8; LOG_PAGES * PAGE_BYTES];
+        let begun = Instant::now();
+        for pages in COMMIT_PAGES {
+            if self.next_page + pages > LOG_PAGES {
+                self.next_page = 0;
+            }
+            self.file.seek(SeekFrom::Start((self.next_page * PAGE_BYTES) as u64))?;
+            self.file.write_all(&bytes[..pages * PAGE_BYTES])?;
+            self.file.sync_all()?;
+            self.next_page += pages;
+        }
+        Ok(begun.elapsed().as_secs_f64() * 1e6)
+    }
 }
 
 fn id(answer: &Value) -> anyhow::Result<String> {

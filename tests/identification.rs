@@ -385,6 +385,32 @@ fn too_few_equations_are_refused_before_anything_is_computed() {
 }
 
 #[test]
+fn as_many_equations_as_there_are_combinations_suffice_and_one_pose_less_is_told() {
+    for (n_points, is_enough) in [(6, false), (7, true), (8, true), (9, true)] {
+        let mut asked = request("first.csv", Method::Auto, Preset::Default);
+        asked.set.points.retain(|p| p.subset == Some(Subset::Identify));
+        asked.set.points.truncate(n_points);
+        // 20 combinations of 24 parameters: 7 poses are 21 equations, 8 are 24 and need no rank
+        let checked = check(&asked);
+        assert_eq!(checked.is_ok(), is_enough, "{n_points}: {checked:?}");
+    }
+}
+
+#[test]
+fn with_nothing_to_identify_from_a_job_is_refused_whichever_of_many_targets_is_free() {
+    for free in ["target_2_x", "target_20_x"] {
+        let mut asked = CalibrationRequest::new(paper_robot(), MeasurementSet { frame: Frame::Instrument, ..paper_set("first.csv") });
+        for (i, point) in asked.set.points.iter_mut().enumerate() {
+            (point.target, point.subset) = (i % 21, Some(Subset::Verify));
+        }
+        let all = complete_parameters(&asked.robot.links, 21);
+        asked.parameters = ParameterChoice::Hold(all.iter().map(Parameter::name).filter(|name| name != free).collect());
+        let checked = check(&asked);
+        assert!(matches!(checked, Err(Error::Unusable { code: "under_determined", .. })), "{free}: {checked:?}");
+    }
+}
+
+#[test]
 fn a_monitor_that_breaks_cancels_at_once() {
     let mut iterations = 0;
     let mut monitor = |event: Event<'_>| match event {

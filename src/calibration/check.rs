@@ -216,7 +216,8 @@ pub fn n_equations(observations: &[Observation]) -> usize {
 /// Rank of the model: what positions at generic poses can see, whatever the measured poses are.
 pub fn model_rank(robot: &Robot, parameters: &[Parameter], n_targets: usize) -> usize {
     let scale: Vec<f64> = parameters.iter().map(prior_scale).collect();
-    decompose(generic_jacobian(robot, parameters, n_targets, parameters.len() + MORE_POSES), &scale).rank_relative(ZERO)
+    let n_poses = (parameters.len() + MORE_POSES).max(n_targets);
+    decompose(generic_jacobian(robot, parameters, n_targets, n_poses), &scale).rank_relative(ZERO)
 }
 
 /// What this many random poses see of the parameters, the targets in turn.

@@ -88,6 +88,11 @@ impl Submission {
         Error::UnsupportedMediaType { found, expected }
     }
 
+    /// Whether it came with an Idempotency-Key.
+    pub fn has_key(&self) -> bool {
+        self.scope.is_some()
+    }
+
     /// The first answer, if this request was done before. Comes before every other check: a replay is not judged anew.
     ///
     /// # Errors

@@ -62,10 +62,14 @@ struct Chosen {
     responses((status = 202, description = "The job, queued", body = JobAnswer, headers(("Location" = String, description = "Its path"))))
 )]
 pub async fn create(State(app): State<App>, Id(robot_id): Id, submission: Submission) -> Result<Response, Error> {
-    access::visible_robot(&submission.caller, &robot_id)?;
-    if let Some(answer) = submission.replay(&app.store).await? {
-        return Ok(answer);
+    if submission.has_key() {
+        // to look for a key takes a turn of those who write, which is not for a robot that does not exist
+        access::robot(&app, &submission.caller, &robot_id).await?;
+        if let Some(answer) = submission.replay(&app.store).await? {
+            return Ok(answer);
+        }
     }
+    access::visible_robot(&submission.caller, &robot_id)?;
     let request = match asked(&submission) {
         Ok(request) => request,
         Err(refusal) => {

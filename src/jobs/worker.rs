@@ -14,8 +14,13 @@ use super::{Compute, JobFailure, JobInputs, JobOutcome, JobSignals, queue};
 use crate::store::{Conflict, Error, Lease, Result, Store, leases};
 use crate::wire::Problem;
 
-/// A computation under way.
-type Thread = JoinHandle<std::thread::Result<std::result::Result<JobOutcome, JobFailure>>>;
+/// A computation that goes on though its job is over, and since when.
+struct Deaf {
+    thread: JoinHandle<std::thread::Result<std::result::Result<JobOutcome, JobFailure>>>,
+    begun: Instant,
+}
+
+const LEFT_TO_ITSELF: &str = "a computation takes longer than a job may, and does not stop; its thread is left to itself";
 
 /// How a worker works.
 #[derive(Clone, Debug)]
@@ -87,14 +92,10 @@ pub async fn run_next_job(store: &Store, context: &WorkerContext) -> Result<Opti
         Err(ended) => (ended, None),
     };
     end(store, &lease, &kept, ended).await;
+    drop(kept);
     context.signals.job_changed(&lease.job_id);
-    if let Some(thread) = deaf {
-        // two at a time would be more than this worker may compute
-        let mut drain = context.drain.subscribe();
-        tokio::select! {
-            _ = thread => {}
-            () = reached(&mut drain, Drain::Finish) => {}
-        }
+    if let Some(deaf) = deaf {
+        wait_for(context, &lease.job_id, deaf).await;
     }
     Ok(Some(lease.job_id))
 }
@@ -159,7 +160,8 @@ async fn inputs(
 }
 
 /// How the computation ended; of a job that was cancelled while it does not look whether it should stop, with the thread that is still at it.
-async fn compute(context: &WorkerContext, inputs: JobInputs, control: &Arc<Control>) -> (Ended, Option<Thread>) {
+async fn compute(context: &WorkerContext, inputs: JobInputs, control: &Arc<Control>) -> (Ended, Option<Deaf>) {
+    let begun = Instant::now();
     let (function, theirs, job_id) = (context.compute, Arc::clone(control), inputs.job.id.clone());
     let mut thread =
         tokio::task::spawn_blocking(move || catch_unwind(AssertUnwindSafe(|| function(&inputs, &mut |progress| theirs.report(progress)))));
@@ -168,12 +170,12 @@ async fn compute(context: &WorkerContext, inputs: JobInputs, control: &Arc<Contr
         result = &mut thread => result,
         () = reached(&mut drain, Drain::Abandon) => return (Ended::HandedBack, None),
         () = deaf_after(context.longest, control) => {
-            tracing::error!(job_id, "a computation takes longer than a job may, and does not stop; its thread is left to itself");
+            tracing::error!(job_id, LEFT_TO_ITSELF);
             return (Ended::GaveUp, None);
         }
         () = deaf_to_its_cancellation(control) => {
             tracing::info!(job_id, "a cancelled job's computation has not stopped yet; its worker waits for that");
-            return (Ended::Cancelled, Some(thread));
+            return (Ended::Cancelled, Some(Deaf { thread, begun }));
         }
     };
     let ended = match result {
@@ -190,13 +192,28 @@ async fn compute(context: &WorkerContext, inputs: JobInputs, control: &Arc<Contr
             None => Ended::Failed(internal(&job_id, "it stopped without being told to")),
         },
         Ok(Err(panic)) => {
-            tracing::error!(job_id, what = message(&*panic), "a computation panicked");
+            log_panic(&job_id, &*panic);
             Ended::GaveUp
         }
         // The runtime goes down: the lease runs out.
         Err(_) => Ended::LeftToItsLease,
     };
     (ended, None)
+}
+
+/// Waits for a computation that nobody waits for any more, as long as it may take: two at a time would be more than a worker may compute.
+async fn wait_for(context: &WorkerContext, job_id: &str, Deaf { thread, begun }: Deaf) {
+    let left = context.longest.saturating_sub(begun.elapsed()).saturating_add(STOP_WITHIN);
+    let mut drain = context.drain.subscribe();
+    tokio::select! {
+        ended = thread => {
+            if let Ok(Err(panic)) = ended {
+                log_panic(job_id, &*panic);
+            }
+        }
+        () = reached(&mut drain, Drain::Finish) => {}
+        () = tokio::time::sleep(left) => tracing::error!(job_id, LEFT_TO_ITSELF),
+    }
 }
 
 /// Tells a computation to stop when its time is over; resolves if it has not stopped shortly afterwards. A thread cannot be ended from
@@ -260,7 +277,8 @@ fn internal(job_id: &str, what: &str) -> String {
     queue::problem_json(&Problem::new(500, "internal", "the computation broke; the server's log says why"))
 }
 
-fn message(panic: &(dyn Any + Send)) -> &str {
+fn log_panic(job_id: &str, panic: &(dyn Any + Send)) {
     let text = panic.downcast_ref::<&str>().copied();
-    text.or_else(|| panic.downcast_ref::<String>().map(String::as_str)).unwrap_or("(no message)")
+    let what = text.or_else(|| panic.downcast_ref::<String>().map(String::as_str)).unwrap_or("(no message)");
+    tracing::error!(job_id, what, "a computation panicked");
 }

@@ -208,3 +208,26 @@ fn a_cancelled_job_is_over_soon_though_its_computation_does_not_look_and_its_wor
         gate(&deaf.id).open();
     });
 }
+
+#[test]
+fn a_cancelled_computation_without_an_end_keeps_its_worker_no_longer_than_a_job_may_take() {
+    for_each_engine(async |database| {
+        let store = &database.store;
+        let set = a_set(store, &a_robot(store, "r").await).await;
+        let signals = JobSignals::default();
+        let rules = Rules { longest: Duration::from_secs(1), ..RULES };
+        let pool = WorkerPool::start(store.clone(), obey, 1, rules, signals.clone());
+        let deaf = a_job(store, &set, "report progress, wait at the gate").await;
+        signals.job_enqueued();
+        arrived(&deaf.id).await;
+        queue::cancel(store, &signals, &deaf.id, "anybody").await.unwrap();
+        let (next, asked) = (a_job(store, &set, "succeed").await, Instant::now());
+        signals.job_enqueued();
+        assert_eq!(until(store, &next.id, |job| job.status.is_over()).await.status, JobStatus::Succeeded);
+        // the gate would give up later
+        assert!(asked.elapsed() < LONG / 4, "{:?}", asked.elapsed());
+        assert_eq!(jobs::get(store, &deaf.id).await.unwrap().status, JobStatus::Cancelled);
+        pool.shutdown(LONG).await;
+        gate(&deaf.id).open();
+    });
+}
