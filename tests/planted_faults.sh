@@ -30,6 +30,10 @@ a report that may be edited           | migrations/sqlite/0006_results.sql | s/^
 no fencing token                      | src/store/leases.rs         | s/ where id = \$1 and owner = \$2 and attempt = \$3 and status = 'running'/ where id = $1 and $2 = $2 and $3 = $3 and status = 'running'/ | jobs | queue::
 attempts without end                  | src/store/leases.rs         | s/"\(attempt >= \$1 or deaths >= \$3\)"/"($1 < 0 or $3 < 0)"/ | jobs | is_tried_as_often
 a job without end                     | src/jobs/worker.rs          | s/tokio::time::sleep\(longest\)/tokio::time::sleep(longest.max(Duration::from_secs(3600)))/ | jobs | without_an_end
+cancelled: over with its thread only  | src/jobs/worker.rs          | s/sleep\(CANCELLED_WITHIN\)/sleep(CANCELLED_WITHIN * 1000)/ | jobs | a_cancelled_job_is_over_soon
+cancelled: two threads of one worker  | src/jobs/worker.rs          | s/wait_for\(context, &lease\.job_id, deaf\)\.await;/drop(deaf);/ | jobs | a_cancelled_job_is_over_soon
+cancelled: a worker waits for ever    | src/jobs/worker.rs          | s/tokio::time::sleep\(left\)/tokio::time::sleep(left * 1000)/ | jobs | a_cancelled_computation_without
+targets that no pose has looked at    | src/calibration/check.rs    | s/\.max\(n_targets\);/;/ | identification | with_nothing_to_identify
 a gate that fails open                | src/wire/release.rs         | s/s.after_rms_mm.partial_cmp\(&s.before_rms_mm\) != Some\(std::cmp::Ordering::Less\)/s.after_rms_mm.is_infinite()/; s/facts.no_better_than_nominal.is_some\(\)/facts.policy.tolerance_mm == Some(-1.0)/ | api | no_better_than_nominal
 only the newest sessions are asked     | src/store/sessions.rs       | s/order by created_at_ms desc, id desc limit 1"/order by created_at_ms desc, id desc limit 0"/ | api | no_better_than_nominal
 the same points count as a session    | src/jobs/execution.rs       | s/n_shared_points\(identified_from, points\) as f64/0.0/ | api | the_same_points_uploaded_again
