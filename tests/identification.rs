@@ -8,6 +8,7 @@ mod throughput;
 
 use data::{paper_path, paper_robot, paper_set, real_data};
 use kincal::calibration::request::{ParameterChoice, VerifySource};
+use kincal::calibration::upload;
 use kincal::calibration::{CalibrationReport, CalibrationRequest, Error, Event, Method, Model, Preset, calibrate, check};
 use kincal::identification::identifiability::prior_scale;
 use kincal::identification::objective::{Observation, cost};
@@ -15,7 +16,7 @@ use kincal::identification::parameters::{Parameter, Quantity, complete_parameter
 use kincal::identification::search_space::{SearchSpace, decomposition_at};
 use kincal::identification::swarm::{SwarmCost, run_swarm};
 use kincal::identification::{KinematicModel, start};
-use kincal::kinematics::{JointMap, Robot};
+use kincal::kinematics::{JointMap, Link, Robot};
 use kincal::measurement::{Frame, MeasurementSet, Point, Subset, csv};
 use kincal::solvers::pso;
 use nalgebra::{DMatrix, IsometryMatrix3, Rotation3, Translation3, Vector3};
@@ -444,6 +445,56 @@ fn parameters_that_no_position_depends_on_are_refused_by_every_method() {
         let parameters = ParameterChoice::Identify(vec!["theta_offset_6".into()]);
         let request = CalibrationRequest { parameters, ..request("first.csv", method, Preset::Default) };
         assert!(matches!(check(&request), Err(Error::Unusable { code: "nothing_to_identify", .. })));
+    }
+    // nor where half a turn's sine is not quite zero
+    let links = [(300.0, 0.0), (0.0, std::f64::consts::PI)].map(|(d_mm, alpha_rad)| Link {
+        a_mm: 0.0,
+        alpha_rad,
+        d_mm: d_mm + 200.0,
+        theta_offset_rad: 0.0,
+        beta_rad: 0.0,
+    });
+    let points = (0..40).map(|row| Point { q_rad: vec![0.1 * row as f64, 0.0], ..Point::empty(2, row) }).collect();
+    let request = CalibrationRequest {
+        parameters: ParameterChoice::Identify(vec!["theta_offset_1".into()]),
+        ..CalibrationRequest::new(Robot::from_links(links.to_vec()), MeasurementSet::new(Frame::Base, points))
+    };
+    assert!(matches!(check(&request), Err(Error::Unusable { code: "nothing_to_identify", .. })), "{:?}", check(&request));
+}
+
+#[test]
+fn poses_repeated_with_the_jitter_of_encoders_are_no_new_equations() {
+    let mut asked = request("first.csv", Method::Auto, Preset::Default);
+    asked.set.points.retain(|p| p.subset == Some(Subset::Identify));
+    asked.set.points.truncate(6);
+    let poses = asked.set.points.clone();
+    for reading in 1..8 {
+        for (i, pose) in poses.iter().enumerate() {
+            // up to 0.008°
+            let q_rad = pose.q_rad.iter().enumerate().map(|(j, q)| q + 1e-5 * ((7 * reading + 3 * i + 5 * j) % 15) as f64).collect();
+            asked.set.points.push(Point { q_rad, ..pose.clone() });
+        }
+    }
+    let refused = check(&asked).unwrap_err();
+    assert!(matches!(&refused, Error::Unusable { code: "under_determined", detail } if detail.contains("18 equations")), "{refused}");
+    assert!(upload::warnings(&asked.robot, &asked.set).iter().any(|w| w.code == "duplicate_poses" && w.rows.len() == 42));
+}
+
+#[test]
+fn as_many_equations_as_unknowns_are_said_to_leave_nothing_to_judge_by() {
+    // 18 combinations
+    for (n_points, is_said) in [(7, false), (6, true)] {
+        let mut asked = request("first_noisy.csv", Method::LeastSquares, Preset::Default);
+        asked.parameters = ParameterChoice::Hold(vec!["a_1".into(), "alpha_2".into()]);
+        let mut kept = 0;
+        asked.set.points.retain(|p| {
+            kept += usize::from(p.subset == Some(Subset::Identify));
+            p.subset != Some(Subset::Identify) || kept <= n_points
+        });
+        let report = run(&asked);
+        let codes: Vec<&str> = report.warnings.iter().map(|w| w.code).collect();
+        assert_eq!(codes.contains(&"nothing_left_to_judge"), is_said, "{n_points}: rank {} {codes:?}", report.identifiability.rank);
+        assert_eq!(report.uncertainty.is_none(), is_said);
     }
 }
 

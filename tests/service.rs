@@ -51,6 +51,41 @@ fn measured_robots_go_through_calibrate_offline_with_the_same_numbers() {
 }
 
 #[test]
+fn calibrate_refuses_what_the_server_refuses_as_wrong_as_a_whole() {
+    let folder = tempfile::tempdir().unwrap();
+    let text = std::fs::read_to_string(paper_path("first_noisy.csv")).unwrap();
+    let header = text.lines().next().unwrap();
+    let place = |name: &str| header.split(',').position(|column| column == name).unwrap();
+    let (x, z) = (place("x_mm"), place("z_mm"));
+    let as_if = |change: &dyn Fn(usize, f64) -> f64| {
+        let row = |line: &str| {
+            let cell = |(i, cell): (usize, &str)| match cell.parse() {
+                Ok(value) if (x..=z).contains(&i) => format!("{}", change(i, value)),
+                _ => cell.to_owned(),
+            };
+            line.split(',').enumerate().map(cell).collect::<Vec<_>>().join(",")
+        };
+        std::iter::once(header.to_owned()).chain(text.lines().skip(1).map(row)).collect::<Vec<_>>().join("\n")
+    };
+    let files = [
+        ("right", as_if(&|_, value| value), None),
+        ("metres", as_if(&|_, value| value / 1000.0), Some("metres")),
+        ("mirrored", as_if(&|i, value| if i == z { -value } else { value }), Some("z")),
+    ];
+    for (name, file, word) in files {
+        let path = folder.path().join(format!("{name}.csv"));
+        std::fs::write(&path, file).unwrap();
+        let output = run(&["calibrate", paper_path("robot.json").to_str().unwrap(), path.to_str().unwrap()]);
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(if word.is_some() { 2 } else { 0 }), "{name}: {said}");
+        assert!(
+            word.is_none_or(|word| said.contains(word) && said.contains("cannot be used") && output.stdout.is_empty()),
+            "{name}: {said}"
+        );
+    }
+}
+
+#[test]
 fn sweeps_first_set_and_follow_up_give_a_network_and_a_parameter_set() {
     let folder = tempfile::tempdir().unwrap();
     let server = Server::start(folder.path(), 2);

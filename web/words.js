@@ -29,6 +29,7 @@ export const WARNINGS = {
   scale_suspect: "All lengths are off by the same share",
   stretch_without_identify_points: "A stretch without points to identify from",
   target_moved: "The reflector moved while measuring",
+  nothing_left_to_judge: "As many equations as unknowns: nothing says how good the fit is",
   no_fit: "The identified robot does not fit the points: joints and positions do not belong together, or it is another robot",
   pose_not_seen: "The measured positions do not show all of where the flange is: only the measured reflector is sure",
   tool_uncertain: "The tool is uncertain elsewhere in the workspace",

@@ -15,13 +15,15 @@ use crate::identification::parameters::Parameter;
 use crate::identification::search_space::{decomposition_at, scaled_jacobian_at};
 use crate::identification::{KinematicModel, TrainedNetwork};
 use crate::kinematics::Robot;
-use crate::measurement::{Frame, Subset, set::SAME_JOINT_RAD};
+use crate::measurement::{Frame, Subset, set::Configurations};
 use nalgebra::{DMatrix, Vector3};
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Random poses that show a model's rank, beyond one for each parameter: three times as many equations as there can be combinations.
 const MORE_POSES: usize = 10;
+/// What moves by less is not moved: sines of half turns are not quite zero, mm.
+const UNMOVED_MM: f64 = 1e-9;
 /// A singular value this small, relative to the largest, is zero.
 const ZERO: f64 = 1e-9;
 /// Most evaluations of one particle at one point that a job may ask of the swarm: some minutes of one core.
@@ -119,12 +121,12 @@ fn check_determined(request: &CalibrationRequest, identify: &[Observation], para
     let n_targets = n_targets(request);
     // one pose for each target shows whether anything is seen at all
     let seen = generic_jacobian(&request.robot, parameters, n_targets, n_targets.max(1));
-    if seen.iter().all(|moved| *moved == 0.0) {
+    if seen.iter().all(|moved| moved.abs() < UNMOVED_MM) {
         let detail = format!("no measured position depends on {} in this model: free other parameters as well", names());
         return Err(unusable("nothing_to_identify", detail));
     }
-    let found = n_equations(identify);
     // no rank is above the number of parameters
+    let found = n_equations(identify, parameters.len());
     if found >= parameters.len() {
         return Ok(());
     }
@@ -203,14 +205,22 @@ fn check_search_box(request: &CalibrationRequest, identify: &[Observation], para
     if decomposition.rank() == 0 { Err(box_too_small()) } else { Ok(()) }
 }
 
-/// Equations from distinct configurations: three for each target seen there, six at most.
-pub fn n_equations(observations: &[Observation]) -> usize {
-    let mut targets_at: BTreeMap<Vec<i64>, BTreeSet<usize>> = BTreeMap::new();
-    for o in observations {
-        let key = o.q_rad.iter().map(|q| (q / SAME_JOINT_RAD).round() as i64).collect();
-        targets_at.entry(key).or_default().insert(o.target);
+/// Equations from distinct configurations: three for each target seen there, six at most. Counted until there are `enough`.
+pub fn n_equations(observations: &[Observation], enough: usize) -> usize {
+    let mut configurations = Configurations::default();
+    let mut targets_at: BTreeMap<usize, BTreeSet<usize>> = BTreeMap::new();
+    let mut found = 0;
+    for (row, o) in observations.iter().enumerate() {
+        if found >= enough {
+            break;
+        }
+        let targets = targets_at.entry(configurations.first_row_like(&o.q_rad, row)).or_default();
+        let of = |n_targets: usize| (3 * n_targets).min(EQUATIONS_PER_CONFIGURATION);
+        let before = of(targets.len());
+        targets.insert(o.target);
+        found += of(targets.len()) - before;
     }
-    targets_at.values().map(|targets| (3 * targets.len()).min(EQUATIONS_PER_CONFIGURATION)).sum()
+    found
 }
 
 /// Rank of the model: what positions at generic poses can see, whatever the measured poses are.

@@ -344,6 +344,14 @@ fn warnings(report: &CalibrationReport, nominal: &[crate::kinematics::Link]) -> 
         );
         warnings.push(warning("no_fit", detail));
     }
+    let (equations, rank) = (3 * report.identify.n_points, report.identifiability.rank);
+    if report.uncertainty.is_none() && equations <= rank {
+        let detail = format!(
+            "{equations} equations to identify from fix {rank} combinations of parameters: the fit goes through the points whatever they are, and \
+             nothing says how far the robot may be off. Measure more configurations, or hold parameters"
+        );
+        warnings.push(warning("nothing_left_to_judge", detail));
+    }
     let unseen = &report.identifiability.unidentifiable;
     if !unseen.is_empty() {
         let groups: Vec<String> = unseen.iter().map(|group| group.join(" with ")).collect();

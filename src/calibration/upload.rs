@@ -3,7 +3,7 @@
 use crate::calibration::report::Warning;
 use crate::calibration::{CalibrationRequest, Error, check};
 use crate::kinematics::Robot;
-use crate::measurement::{MeasurementSet, split};
+use crate::measurement::{MeasurementSet, Point, set::Configurations, split};
 use nalgebra::Vector3;
 use std::collections::BTreeSet;
 
@@ -42,9 +42,9 @@ fn too_small(robot: &Robot, set: &MeasurementSet) -> Option<Warning> {
 }
 
 fn duplicates(set: &MeasurementSet) -> Option<Warning> {
-    let mut seen = BTreeSet::new();
-    let key = |p: &crate::measurement::Point| (p.target, p.q_rad.iter().map(|q| (q * 1e5).round() as i64).collect::<Vec<_>>());
-    let rows: Vec<usize> = set.points.iter().enumerate().filter(|(_, p)| !seen.insert(key(p))).map(|(row, _)| row).collect();
+    let (mut seen, mut configurations) = (BTreeSet::new(), Configurations::default());
+    let mut is_new = |row: usize, p: &Point| seen.insert((p.target, configurations.first_row_like(&p.q_rad, row)));
+    let rows: Vec<usize> = set.points.iter().enumerate().filter(|(row, p)| !is_new(*row, p)).map(|(row, _)| row).collect();
     let detail = format!(
         "{} rows repeat the joint values of an earlier row; they tell about repeatability, not about the robot's geometry",
         rows.len()

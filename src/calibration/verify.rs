@@ -91,7 +91,8 @@ fn check_enough(observations: &[Observation], set: &MeasurementSet, refit: bool)
         );
         return Err(unusable("under_determined", detail));
     }
-    let (found, needed) = (n_equations(observations), (EQUATIONS_PER_REFITTED * n_refitted).max(1));
+    let needed = (EQUATIONS_PER_REFITTED * n_refitted).max(1);
+    let found = n_equations(observations, needed);
     if found < needed {
         let detail = format!(
             "{found} equations from distinct configurations cannot place base and targets anew ({n_refitted} numbers) and still verify; measure at \

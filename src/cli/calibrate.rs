@@ -3,14 +3,16 @@
 use super::files::{Numbers, cannot_be_used, fault, read, read_json};
 use super::terminal::Output;
 use super::{Usage, table};
+use crate::calibration::alignment::{self, Finding, Look};
 use crate::jobs::JobFailure;
 use crate::jobs::execution;
+use crate::kinematics::Robot;
 use crate::report_page::{self, MeasuredSet, Sources};
 use crate::wire::job::{JobParts, JobRequestBody, Method, Model, Preset};
-use crate::wire::measurement::{self, Frame};
+use crate::wire::measurement::{self, Frame, MeasurementSet};
 use crate::wire::report_shape::Report;
 use crate::wire::robot::RobotBody;
-use crate::wire::{Problem, canonical, words};
+use crate::wire::{Issue, Problem, canonical, words};
 use anyhow::Context;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::ops::ControlFlow;
@@ -69,6 +71,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     for remark in measurement::warnings(&robot, &set).into_iter().filter(|remark| remark.code != "under_determined") {
         eprintln!("warning: {} ({}): {}", words::warning(&remark.code), remark.code, remark.detail);
     }
+    look(&robot, &set, &arguments.set)?;
     let measured = MeasuredSet {
         name: arguments.set.file_name().and_then(|name| name.to_str()),
         frame,
@@ -100,6 +103,20 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         std::fs::write(path, report_page::html(&sources)).with_context(|| format!("cannot write {}", path.display()))?;
     }
     print(arguments, &report)
+}
+
+/// Whether the set can have been measured on this robot, as a server asks of an upload: units, columns and joints that are not what they are
+/// said to be can give a fit that looks perfect.
+fn look(robot: &Robot, set: &MeasurementSet, path: &Path) -> anyhow::Result<()> {
+    let Look::Off(rms_mm) = alignment::look(robot, set) else { return Ok(()) };
+    match alignment::explain(robot, set, rms_mm, &[]) {
+        Finding::Odd { code, detail } => eprintln!("warning: {} ({code}): {detail}", words::warning(code)),
+        Finding::Wrong { code, columns, detail } => {
+            let issue = Issue { column: columns, code: code.into(), detail, ..Issue::default() };
+            return Err(Usage(cannot_be_used(path, &[], &[issue])).into());
+        }
+    }
+    Ok(())
 }
 
 fn print(arguments: &Arguments, report: &Report) -> anyhow::Result<()> {

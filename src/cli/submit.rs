@@ -80,6 +80,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             );
             return arguments.output.told(&posted, || next);
         }
+        // who stops waiting has to name it
+        eprintln!("job {job_id} is queued; it goes on without this command, and `kincal cancel {job_id}` stops it");
         let job = follow(&client, arguments, job_id).await?;
         let report = client.get(&format!("/v1/jobs/{job_id}/report")).await?;
         let shaped: Report = serde_json::from_value(report.clone()).context("the server's report is of another version of kincal")?;

@@ -148,7 +148,8 @@ fn of_store(error: &store::Error) -> (u16, &'static str, String) {
             (409, "not_finished", "the job is not over yet: poll it with ?wait_s=30, or listen to its events".into())
         }
         E::Conflict(Conflict::JobStatus { status }) => {
-            (409, "no_result", format!("the job is {}, so it has no result; its `error` says why", status.as_str()))
+            let why = if *status == crate::store::JobStatus::Failed { "; its `error` says why" } else { "" };
+            (409, "no_result", format!("the job is {}, so it has no result{why}", status.as_str()))
         }
         E::Conflict(Conflict::Withdrawn) => (409, "release_refused", format!("{error}: identify anew, or release another set")),
         E::Conflict(Conflict::ActiveChanged) => (409, "release_refused", format!("{error}: look at that one, then try again")),

@@ -28,7 +28,8 @@ pub async fn cancel(store: &Store, signals: &JobSignals, job_id: &str, by: &str)
     Ok(job)
 }
 
-/// Ends a job with everything it made, in one transaction: all of it or, if the lease is lost, nothing.
+/// Ends a job with everything it made, in one transaction: all of it or, if the lease is lost, nothing. One that somebody wanted cancelled
+/// before it came to its end is cancelled, and nothing of it is kept.
 ///
 /// # Errors
 /// [`crate::store::Conflict::LeaseLost`], [`crate::store::Error::Database`].
@@ -38,7 +39,9 @@ pub async fn finish(store: &Store, lease: &Lease, outcome: &JobOutcome) -> Resul
         // A release that has counted the sessions ends first, or sees this one.
         robots::lock_of_job(&mut tx, &lease.job_id).await?;
     }
-    leases::succeed(&mut tx, lease, &outcome.report_json, &outcome.convergence_json, &outcome.result_sha256).await?;
+    if !leases::succeed(&mut tx, lease, &outcome.report_json, &outcome.convergence_json, &outcome.result_sha256).await? {
+        return tx.commit().await;
+    }
     if let Some(parameter_set) = &outcome.parameter_set {
         parameter_sets::insert(&mut tx, &lease.job_id, parameter_set).await?;
     }

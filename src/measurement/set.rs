@@ -80,10 +80,10 @@ impl Point {
 impl MeasurementSet {
     /// A set whose points all have a configuration: points without a label share one when their joint values are equal.
     pub fn new(frame: Frame, mut points: Vec<Point>) -> Self {
-        let mut groups = Groups::default();
+        let mut configurations = Configurations::default();
         for (row, point) in points.iter_mut().enumerate() {
             if point.configuration.is_empty() {
-                point.configuration = format!("row_{}", groups.first_row_like(&point.q_rad, row));
+                point.configuration = format!("row_{}", configurations.first_row_like(&point.q_rad, row));
             }
         }
         Self { frame, points }
@@ -108,17 +108,17 @@ pub const SAME_JOINT_RAD: f64 = 8.7e-4;
 /// The first row of each configuration met so far, found again by one of several keys, each of which differs by less than a cell where all
 /// joint values are the same: a weighted sum of them, and each by itself. Whatever poses are alike in one of them, a grid of joint values or
 /// poses of one sum, another one tells apart.
-#[derive(Default)]
-struct Groups {
+#[derive(Debug, Default)]
+pub struct Configurations {
     /// Joint values and row of the first of each configuration.
     firsts: Vec<(Vec<f64>, usize)>,
     /// For each key: cell → places in `firsts`.
     near: Vec<BTreeMap<i64, Vec<usize>>>,
 }
 
-impl Groups {
+impl Configurations {
     /// The first row whose joint values are the same as `q_rad`: an earlier one, else `row`.
-    fn first_row_like(&mut self, q_rad: &[f64], row: usize) -> usize {
+    pub fn first_row_like(&mut self, q_rad: &[f64], row: usize) -> usize {
         let cells = cells_of(q_rad);
         self.near.resize_with(cells.len().max(self.near.len()), BTreeMap::new);
         let near = &self.near;

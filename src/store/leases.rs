@@ -98,9 +98,16 @@ const HEARTBEAT: &str = concat!(
     " returning cancel_requested_at_ms"
 );
 
-const SUCCEED: &str = fenced!(
-    "update job set status = 'succeeded', report_json = $4, convergence_json = $5, result_sha256 = $6,
+const SUCCEED: &str = concat!(
+    fenced!(
+        "update job set
+         status = case when cancel_requested_at_ms is null then 'succeeded' else 'cancelled' end,
+         report_json = case when cancel_requested_at_ms is null then $4 end,
+         convergence_json = case when cancel_requested_at_ms is null then $5 end,
+         result_sha256 = case when cancel_requested_at_ms is null then $6 end,
          lease_until_ms = null, finished_at_ms = (select now_ms from clock)"
+    ),
+    " returning status"
 );
 
 const FAIL: &str =
@@ -184,18 +191,22 @@ pub async fn heartbeat(store: &Store, lease: &Lease, duration: Duration, progres
     Ok(Heartbeat { cancel_requested: cancel_requested_at_ms.is_some() })
 }
 
-/// Ends a job with its report.
+/// Ends a job with its report. False if somebody wants it cancelled: then it is, and has none.
 ///
 /// # Errors
 /// [`Conflict::LeaseLost`], [`super::Error::Database`]; the transaction must then not be committed.
-pub async fn succeed(tx: &mut Tx, lease: &Lease, report_json: &str, convergence_json: &str, result_sha256: &str) -> Result<()> {
-    let query = sqlx::query(SUCCEED).bind(&lease.job_id).bind(&lease.owner).bind(lease.attempt);
+pub async fn succeed(tx: &mut Tx, lease: &Lease, report_json: &str, convergence_json: &str, result_sha256: &str) -> Result<bool> {
+    let query = sqlx::query_scalar(SUCCEED).bind(&lease.job_id).bind(&lease.owner).bind(lease.attempt);
     let query = query.bind(report_json).bind(convergence_json).bind(result_sha256);
-    held(query.execute(tx.connection()?).await?.rows_affected())?;
+    let status: Option<String> = query.fetch_optional(tx.connection()?).await?;
+    if status.ok_or(Conflict::LeaseLost)? == "cancelled" {
+        note(tx, lease, "job_cancelled", json!({}));
+        return Ok(false);
+    }
     let detail = json!({"result_sha256": result_sha256, "report_sha256": canonical::sha256_hex(report_json.as_bytes()),
         "convergence_sha256": canonical::sha256_hex(convergence_json.as_bytes())});
     note(tx, lease, "job_succeeded", detail);
-    Ok(())
+    Ok(true)
 }
 
 /// Ends a job with an error.

@@ -295,8 +295,8 @@ fn uncertainty(facts: &Facts<'_>) -> Gate {
         }
         (None, Some(tolerance)) => Gate::new(name, false, format!("the uncertainty cannot be stated; the tolerance is {tolerance} mm")),
         (found, None) => {
-            let found = found.map_or("cannot be stated".to_owned(), |found| format!("is {found:.4} mm"));
-            Gate::new(name, true, format!("the robot's policy has no tolerance; the uncertainty {found}"))
+            let said = found.map_or("cannot be stated".to_owned(), |found| format!("is {found:.4} mm"));
+            Gate::new(name, true, format!("the robot's policy has no tolerance; the uncertainty {said}")).warned(found.is_none())
         }
     }
 }

@@ -261,6 +261,15 @@ fn a_waiting_job_is_cancelled_at_once_and_a_running_one_hears_of_it() {
         queue::end_cancelled(store, &lease).await.unwrap();
         assert_eq!(jobs::get(store, &running.id).await.unwrap().status, JobStatus::Cancelled);
 
+        // it came to its end before its worker heard
+        let unheard = some_job(database).await;
+        let lease = claim(store, "w").await;
+        queue::cancel(store, &signals, &unheard.id, "key_1").await.unwrap();
+        queue::finish(store, &lease, &an_outcome("too late")).await.unwrap();
+        let cancelled = jobs::get(store, &unheard.id).await.unwrap();
+        assert_eq!((cancelled.status, cancelled.parameter_set_id, cancelled.result_sha256), (JobStatus::Cancelled, None, None));
+        assert!(jobs::report(store, &unheard.id).await.is_err() && jobs::convergence(store, &unheard.id).await.is_err());
+
         let finished = some_job(database).await;
         queue::finish(store, &claim(store, "w").await, &an_outcome("done")).await.unwrap();
         assert_eq!(queue::cancel(store, &signals, &finished.id, "key_1").await.unwrap().status, JobStatus::Succeeded);
