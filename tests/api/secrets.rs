@@ -68,6 +68,7 @@ async fn no_key_and_no_body_is_in_logs_database_audit_or_metrics() {
     let (admin, reader) = (new_key(data_dir.to_str().unwrap(), "admin"), new_key(data_dir.to_str().unwrap(), "read"));
     assert!(admin.starts_with("kincal_") && reader.starts_with("kincal_"));
     let unknown = format!("kincal_{}", "5ca1ab1e".repeat(8));
+    kincal::http::tls::use_ring();
     let client = reqwest::Client::builder().no_proxy().build().unwrap();
     let mut answers = Vec::new();
     let mut said = async |request: reqwest::RequestBuilder| {
