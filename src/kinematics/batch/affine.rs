@@ -1,7 +1,8 @@
 //! What lies between two commanded rotations, for as many robots as a register holds.
 
-use super::lanes::Vector;
+use super::lanes::{LANES, Lanes, Vector};
 use super::robots::{Between, Circle, LaneLink};
+use nalgebra::Matrix3;
 
 /// Rotation and translation of as many robots as a register holds.
 #[derive(Clone, Copy)]
@@ -78,16 +79,25 @@ pub(super) fn store_untilted<const W: usize>(link: &LaneLink, next: &LaneLink, t
     Vector::<W>::load(&link.d, part).store(&mut to.translation[2], part);
 }
 
-/// I + a·[w]× + b·[w]×², with [w]×² = w·wᵀ − |w|².
+/// (I + a·[w]× + b·[w]×²) · R, with [w]×² = w·wᵀ − |w|². Lane by lane: of so many vectors at a time the compiler makes shuffles between
+/// registers, of this loop it makes vectors.
 #[inline(always)]
-pub(super) fn exponential<const W: usize>([x, y, z]: [Vector<W>; 3], a: Vector<W>, b: Vector<W>) -> [[Vector<W>; 3]; 3] {
-    let one = Vector::splat(1.0);
-    let (ax, ay, az) = (a * x, a * y, a * z);
-    let (bx, by) = (b * x, b * y);
-    let (xx, yy, zz) = (x * x, y * y, z * z);
-    [
-        [one - b * (yy + zz), bx.mul_add(y, -az), bx.mul_add(z, ay)],
-        [bx.mul_add(y, az), one - b * (xx + zz), by.mul_add(z, -ax)],
-        [bx.mul_add(z, -ay), by.mul_add(z, ax), one - b * (xx + yy)],
-    ]
+pub(super) fn store_exponential([x, y, z]: &[Lanes; 3], a: &Lanes, b: &Lanes, reference: &Matrix3<f64>, to: &mut [[Lanes; 3]; 3]) {
+    for lane in 0..LANES {
+        let (x, y, z, a, b) = (x.0[lane], y.0[lane], z.0[lane], a.0[lane], b.0[lane]);
+        let (ax, ay, az) = (a * x, a * y, a * z);
+        let (bx, by) = (b * x, b * y);
+        let (xx, yy, zz) = (x * x, y * y, z * z);
+        let exponential = [
+            [1.0 - b * (yy + zz), bx.mul_add(y, -az), bx.mul_add(z, ay)],
+            [bx.mul_add(y, az), 1.0 - b * (xx + zz), by.mul_add(z, -ax)],
+            [bx.mul_add(z, -ay), by.mul_add(z, ax), 1.0 - b * (xx + yy)],
+        ];
+        for (row, [e0, e1, e2]) in exponential.into_iter().enumerate() {
+            for column in 0..3 {
+                let [r0, r1, r2] = [reference[(0, column)], reference[(1, column)], reference[(2, column)]];
+                to[row][column].0[lane] = e0.mul_add(r0, e1.mul_add(r1, e2 * r2));
+            }
+        }
+    }
 }

@@ -1,6 +1,6 @@
 //! Eight particles' robots, as the kernel wants them: what lies between two commanded rotations, multiplied out.
 
-use super::affine::{Affine, before_joint, between, exponential, store_untilted};
+use super::affine::{Affine, before_joint, between, store_exponential, store_untilted};
 use super::lanes::{InstructionSet, LANES, Lanes, Vector};
 use super::sincos::{LARGEST_RAD, rotation_terms, sin_cos};
 use crate::kinematics::model::Link;
@@ -370,19 +370,7 @@ impl LaneRobots {
     #[inline(always)]
     fn base_rotation<const W: usize>(&self, rotation: &mut [[Lanes; 3]; 3]) {
         let (sine, versine) = rotation_terms::<W>(&self.base_rotation_rad);
-        let reference = self.reference_base.rotation.matrix();
-        for part in 0..Vector::<W>::PER_CHUNK {
-            let exp =
-                exponential(Vector::<W>::load_all(&self.base_rotation_rad, part), Vector::load(&sine, part), Vector::load(&versine, part));
-            for row in 0..3 {
-                let [e0, e1, e2] = exp[row];
-                for column in 0..3 {
-                    let [r0, r1, r2] = [reference[(0, column)], reference[(1, column)], reference[(2, column)]];
-                    let product = e0.mul_add(Vector::splat(r0), e1.mul_add(Vector::splat(r1), e2 * Vector::splat(r2)));
-                    product.store(&mut rotation[row][column], part);
-                }
-            }
-        }
+        store_exponential(&self.base_rotation_rad, &sine, &versine, self.reference_base.rotation.matrix(), rotation);
     }
 }
 
