@@ -33,6 +33,9 @@ a job without end                     | src/jobs/worker.rs          | s/tokio::t
 cancelled: over with its thread only  | src/jobs/worker.rs          | s/sleep\(CANCELLED_WITHIN\)/sleep(CANCELLED_WITHIN * 1000)/ | jobs | a_cancelled_job_is_over_soon
 cancelled: two threads of one worker  | src/jobs/worker.rs          | s/wait_for\(context, &lease\.job_id, deaf\)\.await;/drop(deaf);/ | jobs | a_cancelled_job_is_over_soon
 cancelled: a worker waits for ever    | src/jobs/worker.rs          | s/tokio::time::sleep\(left\)/tokio::time::sleep(left * 1000)/ | jobs | a_cancelled_computation_without
+a cancellation that comes too late    | src/store/leases.rs         | s/status = case when cancel_requested_at_ms is null then 'succeeded' else 'cancelled' end/status = 'succeeded'/ | jobs | a_waiting_job_is_cancelled
+calibrate takes any file              | src/cli/calibrate.rs        | s/look\(&robot, &set, &arguments\.set\)\?;// | service | calibrate_refuses
+jitter makes equations                | src/calibration/check.rs    | s/configurations\.first_row_like\(&o\.q_rad, row\)/configurations.first_row_like(\&[row as f64], row)/ | identification | poses_repeated
 targets that no pose has looked at    | src/calibration/check.rs    | s/\.max\(n_targets\);/;/ | identification | with_nothing_to_identify
 a gate that fails open                | src/wire/release.rs         | s/s.after_rms_mm.partial_cmp\(&s.before_rms_mm\) != Some\(std::cmp::Ordering::Less\)/s.after_rms_mm.is_infinite()/; s/facts.no_better_than_nominal.is_some\(\)/facts.policy.tolerance_mm == Some(-1.0)/ | api | no_better_than_nominal
 only the newest sessions are asked     | src/store/sessions.rs       | s/order by created_at_ms desc, id desc limit 1"/order by created_at_ms desc, id desc limit 0"/ | api | no_better_than_nominal
