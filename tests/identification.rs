@@ -495,6 +495,16 @@ fn as_many_equations_as_unknowns_are_said_to_leave_nothing_to_judge_by() {
         let codes: Vec<&str> = report.warnings.iter().map(|w| w.code).collect();
         assert_eq!(codes.contains(&"nothing_left_to_judge"), is_said, "{n_points}: rank {} {codes:?}", report.identifiability.rank);
         assert_eq!(report.uncertainty.is_none(), is_said);
+        // the same poses read again are no more of them
+        for jitter_rad in [0.0, 1e-5] {
+            let again =
+                asked.set.points.clone().into_iter().map(|p| Point { q_rad: p.q_rad.iter().map(|q| q + jitter_rad).collect(), ..p });
+            let mut twice = asked.clone();
+            twice.set.points.extend(again);
+            let report = run(&twice);
+            assert_eq!(report.warnings.iter().any(|w| w.code == "nothing_left_to_judge"), is_said, "{n_points} twice, {jitter_rad}");
+            assert_eq!(report.uncertainty.is_none(), is_said, "{n_points} twice, {jitter_rad}");
+        }
     }
 }
 

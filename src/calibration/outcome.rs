@@ -1,5 +1,6 @@
 //! From an identified model to the report: errors before and after, parameters with their uncertainty, remarks.
 
+use crate::calibration::check::n_equations;
 use crate::calibration::corrections;
 use crate::calibration::identify::{Found, Problem};
 use crate::calibration::judged::judged;
@@ -147,6 +148,7 @@ pub fn report(
         network,
     };
     report.warnings = warnings(&report, &problem.request.robot.links);
+    report.warnings.extend(nothing_left(problem));
     report.warnings.extend(unseen::remark(problem, model, report.uncertainty.as_ref(), report.identify.after.rms_mm));
     report.warnings.extend(known::remarks(problem, model));
     report.warnings.extend(remarks(&problem.screening, &problem.observed, request.options.loss));
@@ -278,6 +280,9 @@ impl Problem<'_> {
 
 /// What the residuals say about the errors of parameters and tool.
 pub fn uncertainty_of(problem: &Problem<'_>, model: &KinematicModel) -> Option<Uncertainty> {
+    if without_redundancy(problem).is_some() {
+        return None;
+    }
     let gravity = gravity_directions(problem.request.robot.mounting.as_ref().map(|m| &m.gravity_in_base));
     let clusters = problem.observed.clusters(Subset::Identify);
     let counting: Vec<usize> = (0..clusters.len()).filter(|i| problem.identify[*i].weight > 0.0).collect();
@@ -297,6 +302,24 @@ pub fn uncertainty_of(problem: &Problem<'_>, model: &KinematicModel) -> Option<U
         decomposition = decomposition_at(&problem.nominal, &problem.parameters, &decomposition.scale, &problem.identify);
     }
     uncertainty(model, &problem.parameters, (&decomposition, priors), &observations, &clusters, &gravity)
+}
+
+/// Told where the fit can follow any error of the points.
+fn nothing_left(problem: &Problem<'_>) -> Option<Warning> {
+    let (equations, rank) = without_redundancy(problem)?;
+    let detail = format!(
+        "{equations} equations from distinct configurations to identify from fix {rank} combinations of parameters: the fit can follow any error \
+         of the points, and what is left of them says nothing of how far the robot is off. Measure more configurations, or hold parameters"
+    );
+    Some(Warning { code: "nothing_left_to_judge", detail, rows: vec![] })
+}
+
+/// Equations and rank where there are no more of the former. Poses that are repeated say how well they repeat, and no more.
+fn without_redundancy(problem: &Problem<'_>) -> Option<(usize, usize)> {
+    let counting: Vec<Observation> = problem.identify.iter().filter(|o| o.weight > 0.0).cloned().collect();
+    let rank = problem.decomposition.rank();
+    let equations = n_equations(&counting, rank + 1);
+    (equations <= rank).then_some((equations, rank))
 }
 
 fn identifiability(problem: &Problem<'_>) -> Identifiability {
@@ -343,14 +366,6 @@ fn warnings(report: &CalibrationReport, nominal: &[crate::kinematics::Link]) -> 
              row belong together, and is it this robot? It cannot be released"
         );
         warnings.push(warning("no_fit", detail));
-    }
-    let (equations, rank) = (3 * report.identify.n_points, report.identifiability.rank);
-    if report.uncertainty.is_none() && equations <= rank {
-        let detail = format!(
-            "{equations} equations to identify from fix {rank} combinations of parameters: the fit goes through the points whatever they are, and \
-             nothing says how far the robot may be off. Measure more configurations, or hold parameters"
-        );
-        warnings.push(warning("nothing_left_to_judge", detail));
     }
     let unseen = &report.identifiability.unidentifiable;
     if !unseen.is_empty() {

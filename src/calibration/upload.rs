@@ -3,7 +3,7 @@
 use crate::calibration::report::Warning;
 use crate::calibration::{CalibrationRequest, Error, check};
 use crate::kinematics::Robot;
-use crate::measurement::{MeasurementSet, Point, set::Configurations, split};
+use crate::measurement::{MeasurementSet, Point, split};
 use nalgebra::Vector3;
 use std::collections::BTreeSet;
 
@@ -42,9 +42,14 @@ fn too_small(robot: &Robot, set: &MeasurementSet) -> Option<Warning> {
 }
 
 fn duplicates(set: &MeasurementSet) -> Option<Warning> {
-    let (mut seen, mut configurations) = (BTreeSet::new(), Configurations::default());
-    let mut is_new = |row: usize, p: &Point| seen.insert((p.target, configurations.first_row_like(&p.q_rad, row)));
-    let rows: Vec<usize> = set.points.iter().enumerate().filter(|(row, p)| !is_new(*row, p)).map(|(row, _)| row).collect();
+    // one pose of the arm is one configuration, by the file or by joint values that agree; and who labels equal poses apart repeats them too
+    let (mut poses, mut values) = (BTreeSet::new(), BTreeSet::new());
+    let mut is_new = |p: &Point| {
+        let value: Vec<i64> = p.q_rad.iter().map(|q| (q * 1e5).round() as i64).collect();
+        let (pose, value) = (poses.insert((p.target, p.configuration.clone())), values.insert((p.target, value)));
+        pose && value
+    };
+    let rows: Vec<usize> = set.points.iter().enumerate().filter(|(_, p)| !is_new(p)).map(|(row, _)| row).collect();
     let detail = format!(
         "{} rows repeat the joint values of an earlier row; they tell about repeatability, not about the robot's geometry",
         rows.len()

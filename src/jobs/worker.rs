@@ -170,7 +170,7 @@ async fn compute(context: &WorkerContext, inputs: JobInputs, control: &Arc<Contr
         result = &mut thread => result,
         () = reached(&mut drain, Drain::Abandon) => return (Ended::HandedBack, None),
         () = deaf_after(context.longest, control) => {
-            tracing::error!(job_id, LEFT_TO_ITSELF);
+            tracing::error!(job_id, "{LEFT_TO_ITSELF}");
             return (Ended::GaveUp, None);
         }
         () = deaf_to_its_cancellation(control) => {
@@ -212,7 +212,7 @@ async fn wait_for(context: &WorkerContext, job_id: &str, Deaf { thread, begun }:
             }
         }
         () = reached(&mut drain, Drain::Finish) => {}
-        () = tokio::time::sleep(left) => tracing::error!(job_id, LEFT_TO_ITSELF),
+        () = tokio::time::sleep(left) => tracing::error!(job_id, "{LEFT_TO_ITSELF}"),
     }
 }
 

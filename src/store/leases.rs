@@ -110,8 +110,15 @@ const SUCCEED: &str = concat!(
     " returning status"
 );
 
-const FAIL: &str =
-    fenced!("update job set status = 'failed', error_json = $4, lease_until_ms = null, finished_at_ms = (select now_ms from clock)");
+const FAIL: &str = concat!(
+    fenced!(
+        "update job set
+         status = case when cancel_requested_at_ms is null then 'failed' else 'cancelled' end,
+         error_json = case when cancel_requested_at_ms is null then $4 end,
+         lease_until_ms = null, finished_at_ms = (select now_ms from clock)"
+    ),
+    " returning status"
+);
 
 const CANCELLED: &str = fenced!("update job set status = 'cancelled', lease_until_ms = null, finished_at_ms = (select now_ms from clock)");
 
@@ -209,14 +216,17 @@ pub async fn succeed(tx: &mut Tx, lease: &Lease, report_json: &str, convergence_
     Ok(true)
 }
 
-/// Ends a job with an error.
+/// Ends a job with an error; one that somebody wants cancelled is cancelled.
 ///
 /// # Errors
 /// [`Conflict::LeaseLost`], [`super::Error::Database`].
 pub async fn fail(tx: &mut Tx, lease: &Lease, error_json: &str) -> Result<()> {
-    let query = sqlx::query(FAIL).bind(&lease.job_id).bind(&lease.owner).bind(lease.attempt).bind(error_json);
-    held(query.execute(tx.connection()?).await?.rows_affected())?;
-    note(tx, lease, jobs::FAILED, jobs::as_failed(error_json));
+    let query = sqlx::query_scalar(FAIL).bind(&lease.job_id).bind(&lease.owner).bind(lease.attempt).bind(error_json);
+    let status: Option<String> = query.fetch_optional(tx.connection()?).await?;
+    match status.ok_or(Conflict::LeaseLost)?.as_str() {
+        "cancelled" => note(tx, lease, "job_cancelled", json!({})),
+        _ => note(tx, lease, jobs::FAILED, jobs::as_failed(error_json)),
+    }
     Ok(())
 }
 

@@ -270,6 +270,13 @@ fn a_waiting_job_is_cancelled_at_once_and_a_running_one_hears_of_it() {
         assert_eq!((cancelled.status, cancelled.parameter_set_id, cancelled.result_sha256), (JobStatus::Cancelled, None, None));
         assert!(jobs::report(store, &unheard.id).await.is_err() && jobs::convergence(store, &unheard.id).await.is_err());
 
+        let failing = some_job(database).await;
+        let lease = claim(store, "w").await;
+        queue::cancel(store, &signals, &failing.id, "key_1").await.unwrap();
+        queue::fail(store, &lease, "{}").await.unwrap();
+        let cancelled = jobs::get(store, &failing.id).await.unwrap();
+        assert_eq!((cancelled.status, cancelled.error_json), (JobStatus::Cancelled, None));
+
         let finished = some_job(database).await;
         queue::finish(store, &claim(store, "w").await, &an_outcome("done")).await.unwrap();
         assert_eq!(queue::cancel(store, &signals, &finished.id, "key_1").await.unwrap().status, JobStatus::Succeeded);
