@@ -22,8 +22,8 @@ const MAX_HEADER_BYTES: usize = 32 * 1024;
 /// A failed `accept` (out of file descriptors) is tried again after this.
 const ACCEPT_AGAIN: Duration = Duration::from_millis(50);
 /// After the word to stop those are let in and heard for this long who are connected as far as they know: closing the listener, or a
-/// connection before its first request, cuts them off.
-const LAST_CALL: Duration = Duration::from_millis(20);
+/// connection before its first request, cuts them off. Long enough for a client on a busy machine, or some hops away, to send what it began.
+const LAST_CALL: Duration = Duration::from_millis(100);
 /// How many: as many as the operating system keeps waiting, or they would never end.
 const MAX_LAST: usize = 4096;
 /// Clients that are turned away politely at the same time; more are just closed.
@@ -85,7 +85,15 @@ pub async fn accept_all(listener: TcpListener, desk: Desk, limits: &LimitsConfig
         let Ok(Ok(client)) = timeout_at(last_call, listener.accept()).await else { break };
         admit(client, &mut connections);
     }
-    drop(listener);
+    // what came since the runtime last heard of this socket: it is asked itself, and closed at once
+    if let Ok(listener) = listener.into_std() {
+        for _ in 0..MAX_LAST {
+            let Ok((stream, peer)) = listener.accept() else { break };
+            if let Ok(stream) = stream.set_nonblocking(true).and_then(|()| TcpStream::from_std(stream)) {
+                admit((stream, peer), &mut connections);
+            }
+        }
+    }
     while connections.join_next().await.is_some() {}
 }
 
