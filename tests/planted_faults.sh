@@ -43,6 +43,7 @@ the same points count as a session    | src/jobs/execution.rs       | s/n_shared
 no look at the active set             | src/wire/release.rs         | s/passed \&= \*own <= active \+ SAME_MM/passed \&= *own <= active + 1000.0/ | api | worse_than_the_active_one
 no scope check                        | src/http/auth.rs            | s/if caller.has\(\*scope\) => Ok/if caller.has(*scope) || true => Ok/ | api | each_route_takes_its_scope
 other robots' things are seen         | src/http/access.rs          | s/if caller.may_see\(robot_id\) \{ Ok/if true || caller.may_see(robot_id) { Ok/ | api | every_role_on_every_route
+no last call of who is connected      | src/http/accept.rs          | s/Duration = Duration::from_millis\(100\)/Duration = Duration::from_millis(0)/ | api | who_was_connected
 no last call before the end           | src/http/accept.rs          | s/Duration = Duration::from_millis\(100\)/Duration = Duration::from_millis(0)/; s/in 0\.\.MAX_LAST/in 0..0/ | api | who_is_connected
 a key is logged                       | src/http/auth.rs            | s/let key = value.to_str\(\).ok\(\).and_then/tracing::debug!(?value, "a key"); let key = value.to_str().ok().and_then/ | api | no_key_and_no_body
 no finite check                       | src/measurement/csv.rs      | s/if !value.is_finite\(\)/if value.is_nan() \&\& false/ | bad_input | every_bad_file

@@ -149,6 +149,38 @@ fn who_is_connected_when_the_server_stops_is_answered() {
     assert!(all_cut_off <= MOST_CUT_OFF, "{all_cut_off}");
 }
 
+/// How many of these connections get an answer to a request.
+fn ask_all(mut connections: Vec<TcpStream>) -> usize {
+    for connection in &mut connections {
+        let _ = connection.write_all(b"GET /healthz HTTP/1.1\r\nhost: cell\r\nconnection: close\r\n\r\n");
+    }
+    let mut answered = 0;
+    for mut connection in connections {
+        let mut answer = Vec::new();
+        let _ = connection.read_to_end(&mut answer);
+        answered += usize::from(answer.starts_with(b"HTTP/1.1 "));
+    }
+    answered
+}
+
+#[test]
+fn who_was_connected_before_the_stop_and_asks_just_after_it_is_answered_without_exception() {
+    for _ in 0..5 {
+        let dir = tempfile::tempdir().unwrap();
+        let mut server = Process::serve(dir.path(), "0", &["--no-auth"]);
+        let address = server.url.strip_prefix("http://").unwrap();
+        let connections: Vec<TcpStream> = (0..32).map(|_| TcpStream::connect(address).unwrap()).collect();
+        std::thread::sleep(Duration::from_millis(50));
+        // some milliseconds after the signal
+        let asked = std::thread::spawn(move || {
+            std::thread::sleep(Duration::from_millis(15));
+            ask_all(connections)
+        });
+        assert_eq!(server.terminate().1, Some(0));
+        assert_eq!(asked.join().unwrap(), 32);
+    }
+}
+
 #[test]
 fn no_auth_beyond_loopback_is_wrong_usage() {
     let output = kincal(&["serve", "--no-auth", "--listen", "0.0.0.0:0"]);
