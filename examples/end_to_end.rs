@@ -3,21 +3,21 @@
 //!
 //! `cargo run --release --example end_to_end` prints one line of JSON, medians over the jobs: what the fsyncs of a job cost in the folder
 //! of the database, what a request takes that does nothing, what the job took, what the computation took of it, and the rest as a multiple of
-//! its fsyncs. The computation is what the worker's thread does, from the stored bytes to the texts of report and parameter set: after all
-//! jobs it is done once more for each here, by the same function from the same inputs, and timed. `us_stages` is what the report calls
-//! `duration_ms`: the same within the job, beside the server's other work, but without reading the inputs and writing the results. How it would be on a slower disk:
+//! its fsyncs. The computation is what the worker's thread does, from the stored bytes to the texts of report and parameter set, timed there
+//! (`us_compute`); `us_stages` is what the report calls `duration_ms`: the same without reading the inputs and writing the results. How it would be
+//! on a slower disk:
 //! `strace -f --seccomp-bpf -o /dev/null -e trace=fsync,fdatasync -e inject=fsync,fdatasync:delay_exit=4000 end_to_end` (microseconds).
 
 use anyhow::Context;
 use kincal::config::ServeConfig;
 use kincal::http::server;
-use kincal::jobs::{JobInputs, execution};
-use kincal::store::Store;
+use kincal::jobs::{JobFailure, JobInputs, JobOutcome, Progress, execution};
 use serde_json::{Value, json};
 use std::fs::File;
 use std::io::{Seek, SeekFrom, Write};
 use std::ops::ControlFlow;
 use std::path::Path;
+use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 use tokio::runtime::Builder;
 
@@ -34,11 +34,15 @@ const LOG_PAGES: usize = 1000;
 const ROBOT: &[u8] = include_bytes!("../data/paper/robot.json");
 const SET: &[u8] = include_bytes!("../data/paper/first.csv");
 
+/// What the worker's thread took for each job, µs.
+static COMPUTED: Mutex<Vec<f64>> = Mutex::new(Vec::new());
+
 /// One job's times, µs.
 struct Times {
     posted: f64,
     waited: f64,
     fetched: f64,
+    computed: f64,
     stages: f64,
 }
 
@@ -68,30 +72,24 @@ fn main() -> anyhow::Result<()> {
     let folder = tempfile::tempdir_in(std::env::var("END_TO_END_DIR").unwrap_or_else(|_| "target".into()))?;
     // the server as `kincal serve` runs it; the client on this thread alone, as another machine has its own
     let servers = Builder::new_multi_thread().enable_all().build()?;
-    let server = servers.block_on(server::start(&ServeConfig::loopback(folder.path().join("data"), 1)))?;
+    let server = servers.block_on(server::start_with(&ServeConfig::loopback(folder.path().join("data"), 1), timed))?;
     kincal::http::tls::use_ring();
     let client = Client { http: reqwest::Client::builder().no_proxy().build()?, url: server.url() };
-    let ran = Builder::new_current_thread().enable_all().build()?.block_on(run(client, &server.store, folder.path()));
+    let ran = Builder::new_current_thread().enable_all().build()?.block_on(run(client, folder.path()));
     servers.block_on(server.shutdown());
     ran
 }
 
-async fn run(client: Client, store: &Store, folder: &Path) -> anyhow::Result<()> {
+async fn run(client: Client, folder: &Path) -> anyhow::Result<()> {
     let robot = id(&client.post("/v1/robots", "application/json", ROBOT.to_vec()).await?)?;
     let set = id(&client.post(&format!("/v1/robots/{robot}/measurement-sets?frame=base&name=first"), "text/csv", SET.to_vec()).await?)?;
-    let (mut jobs, mut times, mut fsyncs) = (Vec::new(), Vec::new(), [const { Vec::new() }; 3]);
+    let (mut times, mut fsyncs) = (Vec::new(), [const { Vec::new() }; 3]);
     let mut log = Log::create(&folder.join("fsync"))?;
     for i in 0..WARM_UP + JOBS {
-        let (job, spent) = job(&client, &robot, &set).await?;
-        jobs.push(job);
-        times.push(spent);
+        times.push(job(&client, &robot, &set).await?);
         fsyncs[i % 3].push(log.fsync_us(COMMIT_PAGES[i % 3])?);
     }
     let times = &times[WARM_UP..];
-    let mut computed = Vec::new();
-    for job in &jobs[WARM_UP..] {
-        computed.push(compute_us(&JobInputs::load(store, job).await?)?);
-    }
     let mut nothing = Vec::new();
     for _ in 0..JOBS {
         let begun = Instant::now();
@@ -100,16 +98,15 @@ async fn run(client: Client, store: &Store, folder: &Path) -> anyhow::Result<()>
     }
     let fsyncs: f64 = fsyncs.into_iter().map(median).sum();
     let of = |what: fn(&Times) -> f64| median(times.iter().map(what).collect());
-    let (job, computed) = (of(|t| t.posted + t.waited + t.fetched), median(computed));
-    let rest = job - computed;
+    let rest = of(|t| t.posted + t.waited + t.fetched - t.computed);
     println!(
         "{}",
         json!({
-            "us_job": job,
+            "us_job": of(|t| t.posted + t.waited + t.fetched),
             "us_post": of(|t| t.posted),
             "us_wait": of(|t| t.waited),
             "us_fetch": of(|t| t.fetched),
-            "us_compute": computed,
+            "us_compute": of(|t| t.computed),
             "us_stages": of(|t| t.stages),
             "us_rest": rest,
             "us_request": median(nothing),
@@ -121,7 +118,7 @@ async fn run(client: Client, store: &Store, folder: &Path) -> anyhow::Result<()>
     Ok(())
 }
 
-async fn job(client: &Client, robot: &str, set: &str) -> anyhow::Result<(String, Times)> {
+async fn job(client: &Client, robot: &str, set: &str) -> anyhow::Result<Times> {
     let request = json!({"measurement_set_id": set, "method": "least_squares", "model": "paper"});
     let begun = Instant::now();
     let job = id(&client.post(&format!("/v1/robots/{robot}/jobs"), "application/json", serde_json::to_vec(&request)?).await?)?;
@@ -139,15 +136,16 @@ async fn job(client: &Client, robot: &str, set: &str) -> anyhow::Result<(String,
     let report = client.get(&format!("/v1/jobs/{job}/report")).await?;
     let stages = report["duration_ms"].as_f64().context("the report has no duration")? * 1e3;
     let us = |d: std::time::Duration| d.as_secs_f64() * 1e6;
-    Ok((job, Times { posted: us(posted), waited: us(waited), fetched: us(fetched), stages }))
+    let computed = COMPUTED.lock().unwrap_or_else(PoisonError::into_inner).pop().context("no worker has computed")?;
+    Ok(Times { posted: us(posted), waited: us(waited), fetched: us(fetched), computed, stages })
 }
 
 /// What a worker's thread has to do for a job.
-fn compute_us(inputs: &JobInputs) -> anyhow::Result<f64> {
+fn timed(inputs: &JobInputs, progress: &mut dyn FnMut(Progress) -> ControlFlow<()>) -> Result<JobOutcome, JobFailure> {
     let begun = Instant::now();
-    execution::compute(inputs, &mut |_| ControlFlow::Continue(()))
-        .map_err(|failure| anyhow::anyhow!("it cannot be computed: {failure:?}"))?;
-    Ok(begun.elapsed().as_secs_f64() * 1e6)
+    let outcome = execution::compute(inputs, progress);
+    COMPUTED.lock().unwrap_or_else(PoisonError::into_inner).push(begun.elapsed().as_secs_f64() * 1e6);
+    outcome
 }
 
 /// A file beside the database that is written as its log is: over and over, and on the disk after each commit.

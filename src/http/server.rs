@@ -3,7 +3,7 @@
 use crate::config::{self, ServeConfig};
 use crate::http::front::{Desk, Front};
 use crate::http::{App, accept, tls};
-use crate::jobs::{JobSignals, Rules, WorkerPool, execution};
+use crate::jobs::{Compute, JobSignals, Rules, WorkerPool, execution};
 use crate::store::{self, Store, StoreLocation};
 use std::net::SocketAddr;
 use std::sync::Arc;
@@ -73,6 +73,14 @@ pub fn rules(queue: &config::QueueConfig) -> Rules {
 /// # Errors
 /// [`Error`] saying what is wrong and how to mend it.
 pub async fn start(config: &ServeConfig) -> Result<RunningServer, Error> {
+    start_with(config, execution::compute).await
+}
+
+/// As [`start`], with something else that the workers compute: a measurement around [`execution::compute`].
+///
+/// # Errors
+/// As [`start`].
+pub async fn start_with(config: &ServeConfig, compute: Compute) -> Result<RunningServer, Error> {
     config.check()?;
     let tls = config.tls.files().map(|(certificates, key)| tls::load(certificates, key)).transpose().map_err(Error::Tls)?;
     let listen_error = |cause| Error::Listen { address: config.listen, cause };
@@ -80,7 +88,7 @@ pub async fn start(config: &ServeConfig) -> Result<RunningServer, Error> {
     let address = listener.local_addr().map_err(listen_error)?;
     let store = Store::open(location(&config.database)).await?;
     let signals = JobSignals::default();
-    let workers = WorkerPool::start(store.clone(), execution::compute, config.n_workers(), rules(&config.queue), signals.clone());
+    let workers = WorkerPool::start(store.clone(), compute, config.n_workers(), rules(&config.queue), signals.clone());
     let (stop, stopping) = watch::channel(false);
     let desk = Desk::new(App::new(store.clone(), config, stopping.clone(), signals));
     let limits = config.limits.clone();
