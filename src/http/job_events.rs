@@ -10,6 +10,8 @@ use axum::extract::State;
 use axum::response::sse::{Event, KeepAlive, Sse};
 use std::convert::Infallible;
 use std::time::Duration;
+use tokio::sync::mpsc;
+use tokio::task::JoinSet;
 use tokio_stream::Stream;
 use utoipa_axum::{router::OpenApiRouter, routes};
 
@@ -38,30 +40,42 @@ async fn events(
     Ok(Sse::new(stream(app, caller, row, room)).keep_alive(KeepAlive::new().interval(KEEP_ALIVE)))
 }
 
-fn stream(app: App, caller: Caller, mut row: JobRow, room: Room) -> impl Stream<Item = Result<Event, Infallible>> {
+/// The threads of connections only pass events on: what looks at the database is a task of those that work, and ends with the stream.
+fn stream(app: App, caller: Caller, row: JobRow, room: Room) -> impl Stream<Item = Result<Event, Infallible>> {
+    let (events, mut to_pass_on) = mpsc::channel(1);
+    let mut work = JoinSet::new();
+    work.spawn(follow(app, caller, row, events));
     async_stream::stream! {
-        let _room = room;
-        loop {
-            let is_over = row.status.is_over();
-            let Ok(answer) = jobs::answer(&row) else { break };
-            if let Some(event) = event(if is_over { "finished" } else { "progress" }, &answer) {
-                yield Ok(event);
-            }
-            if is_over {
-                break;
-            }
-            let next = tokio::select! {
-                next = changed(&app, &row) => next,
-                () = out_of_force(&app, &caller) => None,
-                () = app.stopped() => None,
-            };
-            // On a database error, a shutdown or a revoked key the stream ends; clients reconnect and get the job anew.
-            let Some(next) = next else { break };
-            if !auth::is_in_force(&app, &caller).await {
-                break;
-            }
-            row = next;
+        let (_room, _work) = (room, work);
+        while let Some(event) = to_pass_on.recv().await {
+            yield Ok(event);
         }
+    }
+}
+
+async fn follow(app: App, caller: Caller, mut row: JobRow, events: mpsc::Sender<Event>) {
+    loop {
+        let is_over = row.status.is_over();
+        let Ok(answer) = jobs::answer(&row) else { return };
+        if let Some(event) = event(if is_over { "finished" } else { "progress" }, &answer)
+            && events.send(event).await.is_err()
+        {
+            return;
+        }
+        if is_over {
+            return;
+        }
+        let next = tokio::select! {
+            next = changed(&app, &row) => next,
+            () = out_of_force(&app, &caller) => None,
+            () = app.stopped() => None,
+        };
+        // On a database error, a shutdown or a revoked key the stream ends; clients reconnect and get the job anew.
+        let Some(next) = next else { return };
+        if !auth::is_in_force(&app, &caller).await {
+            return;
+        }
+        row = next;
     }
 }
 
