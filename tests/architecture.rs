@@ -272,6 +272,8 @@ fn core_types_may_not_be_serialised() {
 fn sql_stays_in_store() {
     assert_eq!(rules_broken("src/http/robots.rs", "use sqlx::query;"), [Rule::SqlOutsideStore]);
     assert_eq!(rules_broken("src/cli/serve.rs", "use sqlx::AnyPool;"), [Rule::SqlOutsideStore]);
+    assert_eq!(rules_broken("src/jobs/worker.rs", "use rusqlite::Connection;"), [Rule::SqlOutsideStore]);
+    assert_eq!(rules_broken("src/http/robots.rs", "use sqlx_core::any::AnyValueKind;"), [Rule::SqlOutsideStore]);
     assert_eq!(checked("src/store/robots.rs", "use sqlx::query;"), []);
 }
 

@@ -9,10 +9,12 @@ cd "$(dirname "$0")/.."
 faults() {
     grep -vE '^\s*(#|$)' <<'TABLE'
 acknowledged before the commit        | src/store/writer.rs         | s/match verdict.await \{/match Ok::<_, oneshot::error::RecvError>(Ok::<(), Arc<sqlx::Error>>(drop(verdict))) {/ | store | nobody_is_answered
-a rollback takes the writer before    | src/store/writer.rs         | s/step_over_what_is_kept\(&mut guard\)\.await\?;// | store | takes_neither
+a group that nobody ends              | src/store/writer.rs         | s/writer\.end\(\&mut \*turn\.await\)\.await/drop(turn.await)/ | store | nobody_is_answered
+SQLite's connections sync less        | src/store/sqlite.rs         | s/handle\.execute_batch\(settings\)/handle.execute_batch(\&settings.replace("full", "normal"))/ | faults | power
+a rollback takes the writer before    | src/store/writer.rs         | s/step_over_what_is_kept\(&mut state\)\?;// | store | takes_neither
 computed before the claim is certain  | src/jobs/worker.rs          | s/tx\.commit\(\)\.await\?;/drop(tx.commit().await);/ | jobs | nothing_is_computed
 a broken beam decides a release       | src/calibration/judged.rs   | s/let n_set_aside = if points/let n_set_aside = if points.is_empty() \&\& points/ | follow_ups | one_wild_point
-a failed writer keeps its writes      | src/store/writer.rs         | s/const UNDO: \&str = "rollback to member"/const UNDO: \&str = "select 1"/ | store | takes_no_other
+a failed writer keeps its writes      | src/store/writer.rs         | s/const UNDO: \&\[\&str\] = \&\["rollback to member"\]/const UNDO: \&[\&str] = \&["select 1"]/ | store | takes_no_other
 no UNIQUE on the job's parameter set  | migrations/sqlite/0001_initial.sql | /create table parameter_set/,/\);/ s/job_id              text   not null unique/job_id              text   not null/ | store | a_job_has_at_most_one
 no UNIQUE on the released set         | migrations/sqlite/0001_initial.sql | s/create unique index parameter_set_one_released/create index parameter_set_one_released/ | store | the_schema_itself_refuses_a_second
 a release in spite of a failed gate   | migrations/sqlite/0002_trust.sql | s/or new.release_checks_json like '%"passed":false%'// | store | in_spite_of_a_failed_gate

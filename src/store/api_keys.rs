@@ -120,7 +120,7 @@ pub async fn insert(tx: &mut Tx, new: &NewApiKey) -> Result<ApiKeyRow> {
 /// # Errors
 /// [`super::Error::Database`].
 pub async fn find(store: &Store, key_sha256: &str) -> Result<Option<ApiKeyRow>> {
-    Ok(sqlx::query_as(FIND).bind(key_sha256).fetch_optional(store.pool()).await?)
+    Ok(sqlx::query_as(FIND).bind(key_sha256).fetch_optional(store.reads()).await?)
 }
 
 /// One key, also a revoked one.
@@ -128,7 +128,7 @@ pub async fn find(store: &Store, key_sha256: &str) -> Result<Option<ApiKeyRow>> 
 /// # Errors
 /// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn get(store: &Store, id: &str) -> Result<ApiKeyRow> {
-    Ok(sqlx::query_as(GET).bind(id).fetch_one(store.pool()).await?)
+    Ok(sqlx::query_as(GET).bind(id).fetch_one(store.reads()).await?)
 }
 
 /// All keys, also revoked ones, newest first.
@@ -138,7 +138,7 @@ pub async fn get(store: &Store, id: &str) -> Result<ApiKeyRow> {
 pub async fn list(store: &Store, request: &PageRequest) -> Result<Page<ApiKeyRow>> {
     let keyset = request.keyset();
     let query = sqlx::query_as(LIST).bind(keyset.created_at_ms).bind(keyset.id).bind(keyset.limit);
-    let rows: Vec<ApiKeyRow> = query.fetch_all(store.pool()).await?;
+    let rows: Vec<ApiKeyRow> = query.fetch_all(store.reads()).await?;
     Ok(request.page(rows, |row| (row.created_at_ms, &row.id)))
 }
 

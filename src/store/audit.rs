@@ -8,6 +8,7 @@ use serde_json::Value;
 use sqlx::any::AnyRow;
 use sqlx::{AnyConnection, FromRow};
 
+use super::connection::Connection;
 use super::{Result, Store};
 use crate::wire::canonical;
 
@@ -88,27 +89,18 @@ impl Said {
     }
 }
 
-// The texts that the writer of a SQLite database joins others to.
-macro_rules! insert_all_and_move_head_text {
-    () => {
-        "insert into audit (seq, at_ms, actor, event, subject, detail_json, sha256)
-         select value ->> 0, value ->> 1, value ->> 2, value ->> 3, value ->> 4, value ->> 5, value ->> 6 from json_each($1);
-         update audit_head set seq = $2, sha256 = $3"
-    };
-}
 macro_rules! head_text {
     () => {
         "select seq, sha256, begun_at_ms, (select now_ms from clock) as now_ms from audit_head"
     };
 }
-pub(super) use {head_text, insert_all_and_move_head_text};
 
 pub(super) const ALL_QUERIES: &[&str] = &[INSERT, HEAD, MOVE_HEAD, LIST, ACTOR, DETAIL];
 pub(super) const QUERIES_POSTGRES: &[&str] = &[HEAD_LOCKED];
 
 const INSERT: &str = "insert into audit (seq, at_ms, actor, event, subject, detail_json, sha256) values ($1, $2, $3, $4, $5, $6, $7)";
 
-const HEAD: &str = head_text!();
+pub(super) const HEAD: &str = head_text!();
 
 // The chain has one end: on PostgreSQL the transactions that add to it do so one after the other, as their last act.
 const HEAD_LOCKED: &str = concat!(head_text!(), " for update");
@@ -143,19 +135,11 @@ pub(super) fn entries(head: &AuditHead, actor: &str, notes: Vec<Note>) -> Vec<Au
     notes.into_iter().map(entry).collect()
 }
 
-/// Entries as the JSON that SQLite takes them in at once.
-pub(super) fn as_list(entries: &[AuditRow]) -> Result<String> {
-    let rows: Vec<_> = entries.iter().map(|e| (e.seq, e.at_ms, &e.actor, &e.event, &e.subject, &e.detail_json, &e.sha256)).collect();
-    serde_json::to_string(&rows).map_err(|error| sqlx::Error::Encode(error.into()).into())
-}
-
-/// Adds to the chain, as the last act of a transaction on PostgreSQL.
-pub(super) async fn append(connection: &mut AnyConnection, actor: &str, notes: Vec<Note>) -> Result<()> {
-    let head: AuditHead = sqlx::query_as(HEAD_LOCKED).fetch_one(&mut *connection).await?;
-    let entries = entries(&head, actor, notes);
-    for row in &entries {
+/// Writes entries that follow each other, as the last act of a transaction.
+pub(super) async fn write(mut connection: Connection<'_>, entries: &[AuditRow]) -> Result<()> {
+    for row in entries {
         let query = sqlx::query(INSERT).bind(row.seq).bind(row.at_ms).bind(&row.actor).bind(&row.event).bind(&row.subject);
-        query.bind(&row.detail_json).bind(&row.sha256).execute(&mut *connection).await?;
+        query.bind(&row.detail_json).bind(&row.sha256).execute(connection.again()).await?;
     }
     if let Some(last) = entries.last() {
         sqlx::query(MOVE_HEAD).bind(last.seq).bind(&last.sha256).execute(connection).await?;
@@ -163,12 +147,18 @@ pub(super) async fn append(connection: &mut AnyConnection, actor: &str, notes: V
     Ok(())
 }
 
+/// Adds to the chain, as the last act of a transaction on PostgreSQL.
+pub(super) async fn append(connection: &mut AnyConnection, actor: &str, notes: Vec<Note>) -> Result<()> {
+    let head: AuditHead = sqlx::query_as(HEAD_LOCKED).fetch_one(&mut *connection).await?;
+    write(Connection::Sqlx(connection), &entries(&head, actor, notes)).await
+}
+
 /// The end of the chain.
 ///
 /// # Errors
 /// [`super::Error::Database`].
 pub async fn head(store: &Store) -> Result<AuditHead> {
-    Ok(sqlx::query_as(HEAD).fetch_one(store.pool()).await?)
+    Ok(sqlx::query_as(HEAD).fetch_one(store.reads()).await?)
 }
 
 /// The entries after number `after`, in order, at most `limit`.
@@ -176,7 +166,7 @@ pub async fn head(store: &Store) -> Result<AuditHead> {
 /// # Errors
 /// [`super::Error::Database`].
 pub async fn list(store: &Store, after: i64, limit: i64) -> Result<Vec<AuditRow>> {
-    Ok(sqlx::query_as(LIST).bind(after).bind(limit).fetch_all(store.pool()).await?)
+    Ok(sqlx::query_as(LIST).bind(after).bind(limit).fetch_all(store.reads()).await?)
 }
 
 /// Who first did this to that: the id of a key, as a rule.
@@ -184,7 +174,7 @@ pub async fn list(store: &Store, after: i64, limit: i64) -> Result<Vec<AuditRow>
 /// # Errors
 /// [`super::Error::Database`].
 pub async fn actor(store: &Store, subject: &str, event: &str) -> Result<Option<String>> {
-    Ok(sqlx::query_scalar(ACTOR).bind(subject).bind(event).fetch_optional(store.pool()).await?)
+    Ok(sqlx::query_scalar(ACTOR).bind(subject).bind(event).fetch_optional(store.reads()).await?)
 }
 
 /// What was noted when this first happened to that.
@@ -192,5 +182,5 @@ pub async fn actor(store: &Store, subject: &str, event: &str) -> Result<Option<S
 /// # Errors
 /// [`super::Error::Database`].
 pub async fn detail(store: &Store, subject: &str, event: &str) -> Result<Option<String>> {
-    Ok(sqlx::query_scalar(DETAIL).bind(subject).bind(event).fetch_optional(store.pool()).await?)
+    Ok(sqlx::query_scalar(DETAIL).bind(subject).bind(event).fetch_optional(store.reads()).await?)
 }

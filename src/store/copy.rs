@@ -2,6 +2,7 @@
 //!
 //! Rows are copied column by column as the target's schema names them, so that a later migration needs no change here unless it adds a table.
 
+use super::connection::Connection;
 use sqlx::any::AnyArguments;
 use sqlx::query::Query;
 use sqlx::{Any, AnyConnection, AssertSqlSafe, Row, ValueRef};
@@ -69,7 +70,7 @@ pub async fn copy(from: &Store, to: &Store, mut moved: impl FnMut(&'static str))
         // one moment's view of all tables
         sqlx::query("begin isolation level repeatable read read only").execute(&mut *source).await?;
     }
-    let target = tx.connection()?;
+    let target = &mut tx.connection()?;
     for table in TABLES.iter().filter(|table| **table != "audit_head") {
         refuse_rows(target, table).await?;
     }
@@ -86,9 +87,9 @@ pub async fn copy(from: &Store, to: &Store, mut moved: impl FnMut(&'static str))
     Ok(copied)
 }
 
-async fn refuse_rows(target: &mut AnyConnection, table: &str) -> Result<()> {
+async fn refuse_rows(target: &mut Connection<'_>, table: &str) -> Result<()> {
     let sql = format!("select count(*) from (select 1 from {table} limit 1) as first_row");
-    let n: i64 = sqlx::query_scalar(AssertSqlSafe(sql)).fetch_one(target).await?;
+    let n: i64 = sqlx::query_scalar(AssertSqlSafe(sql)).fetch_one(target.again()).await?;
     if n > 0 {
         let detail = format!("the database to copy to has rows in {table} already: give an empty one, so that nothing is mixed");
         return Err(Error::Open { detail });
@@ -96,14 +97,14 @@ async fn refuse_rows(target: &mut AnyConnection, table: &str) -> Result<()> {
     Ok(())
 }
 
-async fn copy_table(source: &mut AnyConnection, target: &mut AnyConnection, engine: Engine, table: &'static str) -> Result<u64> {
+async fn copy_table(source: &mut AnyConnection, target: &mut Connection<'_>, engine: Engine, table: &'static str) -> Result<u64> {
     let mut columns = columns(target, engine, table).await?;
     if table == "job" {
         columns.retain(|column| !LATER.contains(&column.name.as_str()));
     }
     if table == "audit_head" {
         // a new database has a head of its own
-        sqlx::query("delete from audit_head").execute(&mut *target).await?;
+        sqlx::query("delete from audit_head").execute(target.again()).await?;
     }
     let names = columns.iter().map(|column| column.name.as_str()).collect::<Vec<_>>().join(", ");
     let select = format!("select {names} from {table}");
@@ -124,7 +125,7 @@ async fn copy_table(source: &mut AnyConnection, target: &mut AnyConnection, engi
         for (at, column) in present {
             query = bind(query, &row, at, column.kind)?;
         }
-        query.execute(&mut *target).await?;
+        query.execute(target.again()).await?;
         n_rows += 1;
     }
     Ok(n_rows)
@@ -140,20 +141,20 @@ fn bind<'q>(query: Query<'q, Any, AnyArguments>, row: &sqlx::any::AnyRow, at: us
 }
 
 /// What jobs started from.
-async fn link_jobs(source: &mut AnyConnection, target: &mut AnyConnection) -> Result<()> {
+async fn link_jobs(source: &mut AnyConnection, target: &mut Connection<'_>) -> Result<()> {
     for column in LATER {
         let select = format!("select id, {column} from job where {column} is not null");
         let update = format!("update job set {column} = $2 where id = $1");
         let mut rows = sqlx::query_as::<_, (String, String)>(AssertSqlSafe(select)).fetch(&mut *source);
         while let Some(row) = rows.next().await {
             let (id, value) = row?;
-            sqlx::query(AssertSqlSafe(update.clone())).bind(id).bind(value).execute(&mut *target).await?;
+            sqlx::query(AssertSqlSafe(update.clone())).bind(id).bind(value).execute(target.again()).await?;
         }
     }
     Ok(())
 }
 
-async fn columns(target: &mut AnyConnection, engine: Engine, table: &str) -> Result<Vec<Column>> {
+async fn columns(target: &mut Connection<'_>, engine: Engine, table: &str) -> Result<Vec<Column>> {
     let sql = match engine {
         Engine::Sqlite => "select name, lower(type) from pragma_table_info($1) order by cid",
         Engine::Postgres => {
@@ -161,7 +162,7 @@ async fn columns(target: &mut AnyConnection, engine: Engine, table: &str) -> Res
              where table_schema = current_schema() and table_name = $1 order by ordinal_position"
         }
     };
-    let found: Vec<(String, String)> = sqlx::query_as(sql).bind(table).fetch_all(target).await?;
+    let found: Vec<(String, String)> = sqlx::query_as(sql).bind(table).fetch_all(target.again()).await?;
     let column = |(name, kind): (String, String)| {
         let kind = match kind.as_str() {
             "text" => Kind::Text,

@@ -97,7 +97,7 @@ pub async fn insert(tx: &mut Tx, new: &NewFrames) -> Result<FramesRow> {
 /// # Errors
 /// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn get(store: &Store, id: &str) -> Result<FramesRow> {
-    Ok(sqlx::query_as(GET).bind(id).fetch_one(store.pool()).await?)
+    Ok(sqlx::query_as(GET).bind(id).fetch_one(store.reads()).await?)
 }
 
 /// The uploaded bytes.
@@ -105,7 +105,7 @@ pub async fn get(store: &Store, id: &str) -> Result<FramesRow> {
 /// # Errors
 /// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn body(store: &Store, id: &str) -> Result<Vec<u8>> {
-    Ok(sqlx::query_scalar(BODY).bind(id).fetch_one(store.pool()).await?)
+    Ok(sqlx::query_scalar(BODY).bind(id).fetch_one(store.reads_much()).await?)
 }
 
 /// A robot's frames, newest first.
@@ -115,6 +115,6 @@ pub async fn body(store: &Store, id: &str) -> Result<Vec<u8>> {
 pub async fn list(store: &Store, robot_id: &str, request: &PageRequest) -> Result<Page<FramesRow>> {
     let keyset = request.keyset();
     let query = sqlx::query_as(LIST).bind(robot_id).bind(keyset.created_at_ms).bind(keyset.id).bind(keyset.limit);
-    let rows: Vec<FramesRow> = query.fetch_all(store.pool()).await?;
+    let rows: Vec<FramesRow> = query.fetch_all(store.reads()).await?;
     Ok(request.page(rows, |row| (row.created_at_ms, &row.id)))
 }

@@ -269,7 +269,7 @@ pub async fn insert(tx: &mut Tx, new: &NewJob, limit: Option<i64>) -> Result<Job
 /// # Errors
 /// [`Error::NotFound`], [`Error::Database`].
 pub async fn get(store: &Store, id: &str) -> Result<JobRow> {
-    Ok(sqlx::query_as(GET).bind(id).fetch_one(store.pool()).await?)
+    Ok(sqlx::query_as(GET).bind(id).fetch_one(store.reads()).await?)
 }
 
 /// One job, as this transaction sees it.
@@ -287,7 +287,7 @@ pub async fn get_in(tx: &mut Tx, id: &str) -> Result<JobRow> {
 pub async fn list(store: &Store, robot_id: &str, request: &PageRequest) -> Result<Page<JobRow>> {
     let keyset = request.keyset();
     let query = sqlx::query_as(LIST).bind(robot_id).bind(keyset.created_at_ms).bind(keyset.id).bind(keyset.limit);
-    let rows: Vec<JobRow> = query.fetch_all(store.pool()).await?;
+    let rows: Vec<JobRow> = query.fetch_all(store.reads()).await?;
     Ok(request.page(rows, |row| (row.created_at_ms, &row.id)))
 }
 
@@ -308,7 +308,7 @@ pub async fn convergence(store: &Store, id: &str) -> Result<String> {
 }
 
 async fn document(store: &Store, query: &'static str, id: &str) -> Result<String> {
-    let (status, document): (String, Option<String>) = sqlx::query_as(query).bind(id).fetch_one(store.pool()).await?;
+    let (status, document): (String, Option<String>) = sqlx::query_as(query).bind(id).fetch_one(store.reads_much()).await?;
     let status = JobStatus::try_from(status).map_err(|e| Error::Database(sqlx::Error::Decode(e.into())))?;
     document.ok_or(Conflict::JobStatus { status }.into())
 }
@@ -318,7 +318,7 @@ async fn document(store: &Store, query: &'static str, id: &str) -> Result<String
 /// # Errors
 /// [`Error::Database`].
 pub async fn any_queued(store: &Store) -> Result<bool> {
-    let one: Option<i64> = sqlx::query_scalar(ANY_QUEUED).fetch_optional(store.pool()).await?;
+    let one: Option<i64> = sqlx::query_scalar(ANY_QUEUED).fetch_optional(store.reads()).await?;
     Ok(one.is_some())
 }
 
@@ -327,7 +327,7 @@ pub async fn any_queued(store: &Store) -> Result<bool> {
 /// # Errors
 /// [`Error::Database`].
 pub async fn queued_and_running(store: &Store) -> Result<(i64, i64)> {
-    let counts: Vec<(String, i64)> = sqlx::query_as(COUNT_BY_STATUS).fetch_all(store.pool()).await?;
+    let counts: Vec<(String, i64)> = sqlx::query_as(COUNT_BY_STATUS).fetch_all(store.reads()).await?;
     let of = |status: JobStatus| counts.iter().find(|(s, _)| s == status.as_str()).map_or(0, |(_, n)| *n);
     Ok((of(JobStatus::Queued), of(JobStatus::Running)))
 }

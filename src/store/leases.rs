@@ -275,7 +275,7 @@ fn note(tx: &mut Tx, lease: &Lease, event: &'static str, detail: serde_json::Val
 /// [`super::Error::Database`].
 pub async fn expire(store: &Store, max_attempts: i64, exhausted_json: &str) -> Result<Expired> {
     // Mostly there are none, and looking needs no write lock.
-    let n_expired: i64 = sqlx::query_scalar(N_EXPIRED).fetch_one(store.pool()).await?;
+    let n_expired: i64 = sqlx::query_scalar(N_EXPIRED).fetch_one(store.reads()).await?;
     if n_expired == 0 {
         return Ok(Expired::default());
     }

@@ -86,7 +86,9 @@ const INSERT: &str = concat!(
 
 const GET: &str = concat!("select ", columns!(), " from measurement_set where id = $1");
 
-const GET_WITH_BODY: &str = concat!("select body, ", columns!(), " from measurement_set where id = $1");
+// Large ones are read apart: see `Store::reads_much`.
+const GET_WITH_BODY: &str =
+    concat!("select case when length(body) <= 1048576 then body end as body, ", columns!(), " from measurement_set where id = $1");
 
 const BODY: &str = "select body from measurement_set where id = $1";
 
@@ -153,7 +155,7 @@ pub async fn insert(tx: &mut Tx, new: &NewMeasurementSet) -> Result<MeasurementS
 /// # Errors
 /// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn get(store: &Store, id: &str) -> Result<MeasurementSetRow> {
-    Ok(sqlx::query_as(GET).bind(id).fetch_one(store.pool()).await?)
+    Ok(sqlx::query_as(GET).bind(id).fetch_one(store.reads()).await?)
 }
 
 /// One measurement set with its bytes.
@@ -161,8 +163,13 @@ pub async fn get(store: &Store, id: &str) -> Result<MeasurementSetRow> {
 /// # Errors
 /// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn get_with_body(store: &Store, id: &str) -> Result<(MeasurementSetRow, Vec<u8>)> {
-    let row = sqlx::query(GET_WITH_BODY).bind(id).fetch_one(store.pool()).await?;
-    Ok((MeasurementSetRow::from_row(&row)?, row.try_get("body")?))
+    let row = sqlx::query(GET_WITH_BODY).bind(id).fetch_one(store.reads()).await?;
+    let small: Option<Vec<u8>> = row.try_get("body")?;
+    let body = match small {
+        Some(body) => body,
+        None => body(store, id).await?,
+    };
+    Ok((MeasurementSetRow::from_row(&row)?, body))
 }
 
 /// The uploaded bytes of one measurement set.
@@ -170,7 +177,7 @@ pub async fn get_with_body(store: &Store, id: &str) -> Result<(MeasurementSetRow
 /// # Errors
 /// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn body(store: &Store, id: &str) -> Result<Vec<u8>> {
-    Ok(sqlx::query_scalar(BODY).bind(id).fetch_one(store.pool()).await?)
+    Ok(sqlx::query_scalar(BODY).bind(id).fetch_one(store.reads_much()).await?)
 }
 
 /// A robot's measurement sets, newest first.
@@ -180,6 +187,6 @@ pub async fn body(store: &Store, id: &str) -> Result<Vec<u8>> {
 pub async fn list(store: &Store, robot_id: &str, request: &PageRequest) -> Result<Page<MeasurementSetRow>> {
     let keyset = request.keyset();
     let query = sqlx::query_as(LIST).bind(robot_id).bind(keyset.created_at_ms).bind(keyset.id).bind(keyset.limit);
-    let rows: Vec<MeasurementSetRow> = query.fetch_all(store.pool()).await?;
+    let rows: Vec<MeasurementSetRow> = query.fetch_all(store.reads()).await?;
     Ok(request.page(rows, |row| (row.created_at_ms, &row.id)))
 }

@@ -11,6 +11,7 @@
 pub mod api_keys;
 pub mod audit;
 pub mod backup;
+mod connection;
 pub mod copy;
 mod error;
 pub mod frames;
@@ -26,6 +27,7 @@ pub mod parameter_sets;
 pub mod policies;
 pub mod robots;
 pub mod sessions;
+mod sqlite;
 pub mod statistics;
 pub mod verify;
 mod writer;
@@ -51,11 +53,12 @@ use std::os::unix::fs::MetadataExt;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use sqlx::{Any, AnyConnection, AnyPool, Transaction};
+use sqlx::{Any, AnyPool, Transaction};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tokio::time::timeout;
 
 use audit::Note;
+use connection::{Connection, Reader};
 use writer::{Member, Writer};
 
 /// Which database is behind a [`Store`].
@@ -80,6 +83,8 @@ struct Inner {
     data_dir: Option<PathBuf>,
     is_served: bool,
     postgres_url: Option<String>,
+    /// SQLite's connections, but for those that open and copy it.
+    sqlite: Option<Arc<sqlite::Pool>>,
     /// SQLite has one writer at a time; those who wait for it share a commit.
     writer: Option<Writer>,
     /// On PostgreSQL: which of its connections may be waiting for locks.
@@ -192,6 +197,22 @@ impl Store {
         self.inner.engine
     }
 
+    /// For statements that only read, and little where it is one row: [`Store::reads_much`].
+    pub(crate) fn reads(&self) -> Reader<'_> {
+        match &self.inner.sqlite {
+            Some(pool) => Reader::Sqlite(pool),
+            None => Reader::Sqlx(&self.inner.pool),
+        }
+    }
+
+    /// For statements that read uploads, reports or weights, which may be tens of megabytes, or walk over many rows.
+    pub(crate) fn reads_much(&self) -> Reader<'_> {
+        match &self.inner.sqlite {
+            Some(pool) => Reader::Aside(pool),
+            None => Reader::Sqlx(&self.inner.pool),
+        }
+    }
+
     /// The connections, for tests and tools that look at the database itself. Reads only; writes go through [`Store::begin`].
     pub fn pool(&self) -> &AnyPool {
         &self.inner.pool
@@ -203,7 +224,7 @@ impl Store {
     /// [`Error::Database`].
     pub async fn now_ms(&self) -> Result<i64> {
         self.is_in_place()?;
-        Ok(sqlx::query_scalar(NOW).fetch_one(self.pool()).await?)
+        Ok(sqlx::query_scalar(NOW).fetch_one(self.reads()).await?)
     }
 
     /// Where the database server is, for a connection that listens.
@@ -216,16 +237,19 @@ impl Store {
     /// # Errors
     /// [`Error::Database`].
     pub async fn schema_version(&self) -> Result<i64> {
-        Ok(sqlx::query_scalar(SCHEMA_VERSION).fetch_one(self.pool()).await?)
+        Ok(sqlx::query_scalar(SCHEMA_VERSION).fetch_one(self.reads()).await?)
     }
 
     /// Closes all connections, after which SQLite's WAL is folded into the database file.
     pub async fn close(&self) {
-        let readers = self.inner.pool.close();
+        let pool = self.inner.pool.close();
+        if let Some(sqlite) = &self.inner.sqlite {
+            sqlite.close().await;
+        }
         if let Some(writer) = &self.inner.writer {
             writer.close().await;
         }
-        readers.await;
+        pool.await;
     }
 }
 
@@ -262,11 +286,19 @@ impl Tx {
         }
     }
 
-    pub(crate) fn connection(&mut self) -> Result<&mut AnyConnection> {
+    pub(crate) fn connection(&mut self) -> Result<Connection<'_>> {
         match &mut self.kind {
-            TxKind::Shared(member) => member.connection().ok_or(Error::Database(sqlx::Error::WorkerCrashed)),
-            TxKind::Own(transaction, _) => Ok(transaction),
+            TxKind::Shared(member) => member.connection().map(Connection::Sqlite).ok_or(Error::Database(sqlx::Error::WorkerCrashed)),
+            TxKind::Own(transaction, _) => Ok(Connection::Sqlx(transaction)),
         }
+    }
+
+    /// For a statement that may take long, as one whose triggers read many reports.
+    pub(crate) fn connection_for_long(&mut self) -> Result<Connection<'_>> {
+        Ok(match self.connection()? {
+            Connection::Sqlite(connection) => Connection::Aside(connection),
+            other => other,
+        })
     }
 
     pub(crate) fn engine(&self) -> Engine {

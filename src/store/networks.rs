@@ -161,7 +161,7 @@ async fn insert_by(sql: &'static str, tx: &mut Tx, job_id: &str, new: &NewNetwor
 /// # Errors
 /// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn get(store: &Store, id: &str) -> Result<NetworkRow> {
-    Ok(sqlx::query_as(GET).bind(id).fetch_one(store.pool()).await?)
+    Ok(sqlx::query_as(GET).bind(id).fetch_one(store.reads()).await?)
 }
 
 /// The weights of one network.
@@ -169,7 +169,7 @@ pub async fn get(store: &Store, id: &str) -> Result<NetworkRow> {
 /// # Errors
 /// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn weights(store: &Store, id: &str) -> Result<Vec<u8>> {
-    Ok(sqlx::query_scalar(WEIGHTS).bind(id).fetch_one(store.pool()).await?)
+    Ok(sqlx::query_scalar(WEIGHTS).bind(id).fetch_one(store.reads_much()).await?)
 }
 
 /// Id and weights of the robot's newest networks of this model and preset, newest first, at most `limit`.
@@ -177,7 +177,7 @@ pub async fn weights(store: &Store, id: &str) -> Result<Vec<u8>> {
 /// # Errors
 /// [`super::Error::Database`].
 pub async fn newest(store: &Store, robot_id: &str, model: &str, preset: &str, limit: i64) -> Result<Vec<(String, Vec<u8>)>> {
-    Ok(sqlx::query_as(NEWEST).bind(robot_id).bind(model).bind(preset).bind(limit).fetch_all(store.pool()).await?)
+    Ok(sqlx::query_as(NEWEST).bind(robot_id).bind(model).bind(preset).bind(limit).fetch_all(store.reads()).await?)
 }
 
 /// Id, weights and set of the robot's newest residual networks that were not trained on the bytes of this hash, newest first, at most `limit`.
@@ -185,7 +185,7 @@ pub async fn newest(store: &Store, robot_id: &str, model: &str, preset: &str, li
 /// # Errors
 /// [`super::Error::Database`].
 pub async fn newest_residual(store: &Store, robot_id: &str, set_sha256: &str, limit: i64) -> Result<Vec<(String, Vec<u8>, String)>> {
-    Ok(sqlx::query_as(NEWEST_RESIDUAL).bind(robot_id).bind(set_sha256).bind(limit).fetch_all(store.pool()).await?)
+    Ok(sqlx::query_as(NEWEST_RESIDUAL).bind(robot_id).bind(set_sha256).bind(limit).fetch_all(store.reads()).await?)
 }
 
 /// A robot's networks of both kinds, newest first.
@@ -195,6 +195,6 @@ pub async fn newest_residual(store: &Store, robot_id: &str, set_sha256: &str, li
 pub async fn list(store: &Store, robot_id: &str, request: &PageRequest) -> Result<Page<NetworkRow>> {
     let keyset = request.keyset();
     let query = sqlx::query_as(LIST).bind(robot_id).bind(keyset.created_at_ms).bind(keyset.id).bind(keyset.limit);
-    let rows: Vec<NetworkRow> = query.fetch_all(store.pool()).await?;
+    let rows: Vec<NetworkRow> = query.fetch_all(store.reads()).await?;
     Ok(request.page(rows, |row| (row.created_at_ms, &row.id)))
 }

@@ -44,6 +44,6 @@ pub async fn listen(store: &Store) -> Result<Option<Notices>> {
 /// # Errors
 /// [`super::Error::Database`].
 pub async fn send(store: &Store, notice: &str) -> Result<()> {
-    sqlx::query(SEND).bind(notice).execute(store.pool()).await?;
+    sqlx::query(SEND).bind(notice).execute(store.reads()).await?;
     Ok(())
 }

@@ -12,7 +12,7 @@ use sqlx::{AnyConnection, AnyPool, Connection, Executor, SqlSafeStr};
 use tokio::sync::Semaphore;
 
 use super::writer::Writer;
-use super::{Engine, Error, Inner, Result, Store, leases};
+use super::{Engine, Error, Inner, Result, Store, leases, sqlite};
 
 /// Where the database is.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -65,7 +65,10 @@ const POSTGRES_SETTINGS_TO_MIGRATE: &str = "set lock_timeout = 0";
 /// How long a request waits for a connection before it is told to come back later.
 const ACQUIRE_TIMEOUT: Duration = Duration::from_secs(5);
 /// WAL and FULL: what was acknowledged survives power loss. The busy timeout (ms) covers tools beside the server.
-const SQLITE_PRAGMAS: &str = "pragma busy_timeout = 5000; pragma journal_mode = wal; pragma synchronous = full; pragma foreign_keys = on";
+pub(super) const SQLITE_PRAGMAS: &str =
+    "pragma busy_timeout = 5000; pragma journal_mode = wal; pragma synchronous = full; pragma foreign_keys = on";
+/// The same busy timeout.
+const SQLITE_PATIENCE: Duration = Duration::from_millis(5000);
 
 pub(super) async fn as_server(location: StoreLocation) -> Result<Store> {
     match location {
@@ -132,7 +135,7 @@ async fn connect_postgres(url: &str) -> Result<Store> {
     let (engine, is_served) = (Engine::Postgres, true);
     let postgres_url = Some(url.to_owned());
     let writers = Some(Arc::new(Semaphore::new(POSTGRES_WRITERS)));
-    let inner = Inner { pool, engine, data_dir: None, is_served, postgres_url, writer: None, writers, lock_file: None };
+    let inner = Inner { pool, engine, data_dir: None, is_served, postgres_url, sqlite: None, writer: None, writers, lock_file: None };
     Ok(Store { inner: Arc::new(inner) })
 }
 
@@ -162,9 +165,10 @@ async fn connect_sqlite(data_dir: &Path, lock_file: Option<File>, is_served: boo
         .after_connect(|connection, _| Box::pin(async move { connection.execute(SQLITE_PRAGMAS).await.map(drop) }));
     let pool = connect(options, &sqlite_url(data_dir)?, SQLITE_PRAGMAS).await?;
     refuse_old_sqlite(&pool).await?;
-    let writer = Some(Writer::new(pool.clone()));
-    let data_dir = Some(data_dir.to_owned());
-    let inner = Inner { pool, engine: Engine::Sqlite, data_dir, is_served, postgres_url: None, writer, writers: None, lock_file };
+    let sqlite = Arc::new(sqlite::Pool::new(data_dir.join(DATABASE), SQLITE_PRAGMAS, SQLITE_PATIENCE, SQLITE_CONNECTIONS));
+    let writer = Some(Writer::new(Arc::clone(&sqlite)));
+    let (sqlite, data_dir) = (Some(sqlite), Some(data_dir.to_owned()));
+    let inner = Inner { pool, engine: Engine::Sqlite, data_dir, is_served, postgres_url: None, sqlite, writer, writers: None, lock_file };
     Ok(Store { inner: Arc::new(inner) })
 }
 

@@ -251,7 +251,7 @@ pub async fn insert(tx: &mut Tx, job_id: &str, new: &NewParameterSet) -> Result<
 /// # Errors
 /// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn get(store: &Store, id: &str) -> Result<ParameterSetRow> {
-    Ok(sqlx::query_as(GET).bind(id).fetch_one(store.pool()).await?)
+    Ok(sqlx::query_as(GET).bind(id).fetch_one(store.reads()).await?)
 }
 
 /// The robot's released parameter set.
@@ -259,7 +259,7 @@ pub async fn get(store: &Store, id: &str) -> Result<ParameterSetRow> {
 /// # Errors
 /// [`super::Error::Database`].
 pub async fn active(store: &Store, robot_id: &str) -> Result<Option<ParameterSetRow>> {
-    Ok(sqlx::query_as(ACTIVE).bind(robot_id).fetch_optional(store.pool()).await?)
+    Ok(sqlx::query_as(ACTIVE).bind(robot_id).fetch_optional(store.reads()).await?)
 }
 
 /// The set that a rollback goes back to: of those that were superseded, the one released last.
@@ -267,7 +267,7 @@ pub async fn active(store: &Store, robot_id: &str) -> Result<Option<ParameterSet
 /// # Errors
 /// [`Conflict::NothingToRollBackTo`], [`super::Error::Database`].
 pub async fn before_active(store: &Store, robot_id: &str) -> Result<ParameterSetRow> {
-    let row: Option<ParameterSetRow> = sqlx::query_as(BEFORE_ACTIVE).bind(robot_id).fetch_optional(store.pool()).await?;
+    let row: Option<ParameterSetRow> = sqlx::query_as(BEFORE_ACTIVE).bind(robot_id).fetch_optional(store.reads()).await?;
     row.ok_or_else(|| Conflict::NothingToRollBackTo.into())
 }
 
@@ -276,7 +276,7 @@ pub async fn before_active(store: &Store, robot_id: &str) -> Result<ParameterSet
 /// # Errors
 /// [`super::Error::Database`].
 pub async fn of_another_session(store: &Store, robot_id: &str, measurement_set_id: &str) -> Result<Option<ParameterSetRow>> {
-    Ok(sqlx::query_as(OF_ANOTHER_SESSION).bind(robot_id).bind(measurement_set_id).fetch_optional(store.pool()).await?)
+    Ok(sqlx::query_as(OF_ANOTHER_SESSION).bind(robot_id).bind(measurement_set_id).fetch_optional(store.reads_much()).await?)
 }
 
 /// A robot's parameter sets, newest first.
@@ -286,7 +286,7 @@ pub async fn of_another_session(store: &Store, robot_id: &str, measurement_set_i
 pub async fn list(store: &Store, robot_id: &str, request: &PageRequest) -> Result<Page<ParameterSetRow>> {
     let keyset = request.keyset();
     let query = sqlx::query_as(LIST).bind(robot_id).bind(keyset.created_at_ms).bind(keyset.id).bind(keyset.limit);
-    let rows: Vec<ParameterSetRow> = query.fetch_all(store.pool()).await?;
+    let rows: Vec<ParameterSetRow> = query.fetch_all(store.reads()).await?;
     Ok(request.page(rows, |row| (row.created_at_ms, &row.id)))
 }
 
@@ -319,7 +319,7 @@ pub async fn release(tx: &mut Tx, release: &Release) -> Result<ParameterSetRow> 
         .bind(&release.released_by)
         .bind(&release.evidence)
         .bind(release.uncertainty_mm.unwrap_or(ABSENT))
-        .execute(tx.connection()?)
+        .execute(tx.connection_for_long()?)
         .await
         .map_err(Error::of_release)?;
     if let Some(active) = &active {

@@ -75,7 +75,7 @@ impl Noted for Set {
 /// # Errors
 /// [`super::Error::Database`].
 pub async fn get(store: &Store, robot_id: &str) -> Result<PolicyRow> {
-    let row: Option<PolicyRow> = sqlx::query_as(GET).bind(robot_id).fetch_optional(store.pool()).await?;
+    let row: Option<PolicyRow> = sqlx::query_as(GET).bind(robot_id).fetch_optional(store.reads()).await?;
     Ok(row.unwrap_or_default())
 }
 

@@ -100,7 +100,7 @@ pub async fn insert(tx: &mut Tx, new: &NewRobot) -> Result<RobotRow> {
 /// # Errors
 /// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn get(store: &Store, id: &str) -> Result<RobotRow> {
-    Ok(sqlx::query_as(GET).bind(id).fetch_one(store.pool()).await?)
+    Ok(sqlx::query_as(GET).bind(id).fetch_one(store.reads()).await?)
 }
 
 /// Robots, newest first; with `only`, of those ids.
@@ -111,6 +111,6 @@ pub async fn list(store: &Store, only: Option<&[String]>, request: &PageRequest)
     let only = only.map_or(String::new(), |ids| format!(",{}", ids.join(",")));
     let keyset = request.keyset();
     let query = sqlx::query_as(LIST).bind(only).bind(keyset.created_at_ms).bind(keyset.id).bind(keyset.limit);
-    let rows: Vec<RobotRow> = query.fetch_all(store.pool()).await?;
+    let rows: Vec<RobotRow> = query.fetch_all(store.reads()).await?;
     Ok(request.page(rows, |row| (row.created_at_ms, &row.id)))
 }

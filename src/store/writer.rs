@@ -1,31 +1,41 @@
 //! Group commit on SQLite: writers that wait at the same moment share one transaction, and so one fsync.
 //!
-//! The first writer opens the transaction and queues its end behind all who wait already; each writer works behind a savepoint, which
-//! moves on when the next one joins, so that one can fail without the others; none is answered before the common commit. What is not a writer's
-//! own statement runs in a task of its own: a client that goes away in the middle leaves no half-open transaction.
+//! The first writer opens the transaction. Who is done while others wait leaves the group open to them, and puts its end behind all who wait
+//! already; who is done while nobody waits ends it at once. Each writer works behind a savepoint, which moves on when the next one joins, so
+//! that one can fail without the others; none is answered before the common commit. A client that goes away in the middle leaves no half-open
+//! transaction: between two statements of this module there is nothing to wait for, and an end that others wait for is a task of its own.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
-use sqlx::{AnyConnection, AnyPool, Connection, FromRow};
+use futures_util::FutureExt;
+use sqlx::FromRow;
+use tokio::runtime::Handle;
 use tokio::sync::{Mutex, OwnedMutexGuard, oneshot};
 use tokio::time::Instant;
 
 use super::audit::{self, AuditHead, AuditRow, Note};
+use super::connection::Connection as On;
+use super::sqlite::{Connection, Pool, aside};
 use super::{Error, Result};
 
 /// The one writer of a SQLite database.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Writer {
-    pool: AnyPool,
+    pool: Arc<Pool>,
     state: Arc<Mutex<State>>,
+    /// Writers that wait for the state.
+    n_waiting: Arc<AtomicUsize>,
+    /// Where the ends of groups run: it has to outlive all who wait for them.
+    runtime: Handle,
 }
 
 #[derive(Debug, Default)]
 struct State {
     group: Option<Group>,
-    /// The connection of the last group, for the next one. The writers' own: given back to the pool it would be tried out each time, and the
-    /// pages that it knows would be forgotten for what another connection wrote.
-    idle: Option<AnyConnection>,
+    /// The connection of the last group, for the next one. The writers' own: readers' connections forget the pages that they know when another
+    /// one has written.
+    idle: Option<Connection>,
     /// When opening a group failed last: those who waited then need not find out for themselves.
     failed: Option<(Instant, Arc<sqlx::Error>)>,
 }
@@ -33,13 +43,14 @@ struct State {
 /// An open transaction, and those who wait for its end.
 #[derive(Debug)]
 struct Group {
-    connection: AnyConnection,
+    connection: Connection,
     /// Where the audit chain ends with the members so far.
     head: AuditHead,
     /// The members' entries in it, written as the last act.
     entries: Vec<AuditRow>,
     /// Whether what the last member did is to stay: the savepoint stands before it still.
     is_kept: bool,
+    /// Those who are done. While there are any, the group's end stands in line.
     waiting: Vec<oneshot::Sender<Verdict>>,
 }
 
@@ -48,102 +59,136 @@ type Verdict = Result<(), Arc<sqlx::Error>>;
 /// One writer's share of a group. Dropped, it is undone.
 #[derive(Debug)]
 pub(super) struct Member {
+    writer: Writer,
     /// Holds the group; none once this member is done.
     state: Option<OwnedMutexGuard<State>>,
 }
 
-// Each execution is a trip to the connection's thread and back, which costs more than most statements: what belongs together goes in one.
-// SQLite takes several statements at a time; their $1, $2, … are numbered through.
-const BEGIN: &str = concat!("begin immediate; savepoint member; ", audit::head_text!());
-const NEXT: &str = "release member; savepoint member";
-const UNDO: &str = "rollback to member";
-// The savepoint first: it fails where the engine has given up the transaction, and entries would be written by themselves.
-const NOTE_AND_COMMIT: &str = concat!("release member; ", audit::insert_all_and_move_head_text!(), "; commit");
-const COMMIT: &str = "release member; commit";
+const ENTER: &[&str] = &["savepoint member"];
+const NEXT: &[&str] = &["release member", "savepoint member"];
+const UNDO: &[&str] = &["rollback to member"];
+const LEAVE: &[&str] = &["release member"];
+const COMMIT: &[&str] = &["commit"];
+const ABANDON: &[&str] = &["rollback"];
 
 impl Writer {
-    pub(super) fn new(pool: AnyPool) -> Self {
-        Self { pool, state: Arc::default() }
+    /// For the runtime of the caller, which has to outlive all others who write.
+    pub(super) fn new(pool: Arc<Pool>) -> Self {
+        Self { pool, state: Arc::default(), n_waiting: Arc::default(), runtime: Handle::current() }
     }
 
     /// Closes the writers' connection. The pool has to be closed already, or another one is opened when it is needed.
     pub(super) async fn close(&self) {
-        if let Some(connection) = self.state.lock().await.idle.take() {
-            // what was committed is in the log, whatever happens to the connection
-            let _ = connection.close().await;
-        }
+        let connection = self.state.lock().await.idle.take();
+        // the last connection folds the log into the database's file, which may take long
+        let _ = self.runtime.spawn_blocking(|| drop(connection)).await;
     }
 
     /// Waits for its turn in the group that is open, or opens one.
     pub(super) async fn join(&self) -> Result<Member> {
-        in_a_task(enter(self.pool.clone(), Arc::clone(&self.state), Instant::now())).await
+        let asked = Instant::now();
+        let mut state = {
+            let _one_more = Counted::one_more(&self.n_waiting);
+            Arc::clone(&self.state).lock_owned().await
+        };
+        if state.group.is_none() {
+            if let Some((_, error)) = state.failed.as_ref().filter(|(when, _)| *when > asked) {
+                return Err(Error::NotCommitted(Arc::clone(error)));
+            }
+            match open(&self.pool, state.idle.take()) {
+                Ok(group) => state.group = Some(group),
+                Err(Error::Database(error)) => {
+                    let error = Arc::new(error);
+                    state.failed = Some((Instant::now(), Arc::clone(&error)));
+                    return Err(Error::NotCommitted(error));
+                }
+                Err(error) => return Err(error),
+            }
+        }
+        step_over_what_is_kept(&mut state)?;
+        Ok(Member { writer: self.clone(), state: Some(state) })
+    }
+
+    /// Ends the group, or leaves it to those who wait and waits with them for its end.
+    async fn leave(&self, mut state: OwnedMutexGuard<State>) -> Result<()> {
+        if self.n_waiting.load(Ordering::SeqCst) == 0 {
+            return self.end(&mut state).await;
+        }
+        let Some(group) = state.group.as_mut() else { return Err(broken()) };
+        let (sender, verdict) = oneshot::channel();
+        if group.waiting.is_empty() {
+            let (writer, mut turn) = (self.clone(), Box::pin(Arc::clone(&self.state).lock_owned()));
+            // asked once, it stands in line behind those who wait already
+            let held_here = (&mut turn).now_or_never().is_none();
+            debug_assert!(held_here, "nobody else has the state");
+            self.runtime.spawn(async move { writer.end(&mut *turn.await).await });
+        }
+        group.waiting.push(sender);
+        drop(state);
+        match verdict.await {
+            Ok(verdict) => verdict.map_err(Error::NotCommitted),
+            Err(_) => Err(broken()),
+        }
+    }
+
+    /// Commits the group, if there is one still, and tells everybody in it.
+    async fn end(&self, state: &mut State) -> Result<()> {
+        let Some(mut group) = state.group.take() else { return Err(broken()) };
+        match group.commit().await {
+            Ok(()) => {
+                tell(&mut group.waiting, &Ok(()));
+                state.idle = Some(group.connection).filter(|_| !self.pool.is_closed());
+                Ok(())
+            }
+            Err(error) => Err(Error::NotCommitted(group.fail(error))),
+        }
     }
 }
 
-async fn enter(pool: AnyPool, state: Arc<Mutex<State>>, asked: Instant) -> Result<Member> {
-    let mut guard = Arc::clone(&state).lock_owned().await;
-    if guard.group.is_none() {
-        if let Some((_, error)) = guard.failed.as_ref().filter(|(when, _)| *when > asked) {
-            return Err(Error::NotCommitted(Arc::clone(error)));
-        }
-        let idle = guard.idle.take();
-        match open(&pool, idle).await {
-            Ok(group) => guard.group = Some(group),
-            Err(Error::Database(error)) => {
-                let error = Arc::new(error);
-                guard.failed = Some((Instant::now(), Arc::clone(&error)));
-                return Err(Error::NotCommitted(error));
-            }
-            Err(error) => return Err(error),
-        }
-        tokio::spawn(async move { end(&mut *state.lock_owned().await, &pool).await });
+/// One of those who wait, until it is dropped.
+struct Counted<'a>(&'a AtomicUsize);
+
+impl<'a> Counted<'a> {
+    fn one_more(all: &'a AtomicUsize) -> Self {
+        all.fetch_add(1, Ordering::SeqCst);
+        Self(all)
     }
-    step_over_what_is_kept(&mut guard).await?;
-    Ok(Member { state: Some(guard) })
+}
+
+impl Drop for Counted<'_> {
+    fn drop(&mut self) {
+        self.0.fetch_sub(1, Ordering::SeqCst);
+    }
 }
 
 /// Fails with its connection: the transaction may be open.
-async fn open(pool: &AnyPool, idle: Option<AnyConnection>) -> Result<Group> {
-    let mut connection = match idle.filter(|_| !pool.is_closed()) {
-        Some(connection) => connection,
-        None => pool.acquire().await?.detach(),
-    };
-    let begun = sqlx::query(BEGIN).fetch_all(&mut connection).await?;
-    let head = AuditHead::from_row(begun.first().ok_or(sqlx::Error::RowNotFound)?)?;
+fn open(pool: &Pool, idle: Option<Connection>) -> Result<Group> {
+    let mut connection = idle.filter(|_| !pool.is_closed()).map_or_else(|| pool.connect(), Ok)?;
+    connection.begin_to_write(pool.patience())?;
+    connection.run_all(ENTER)?;
+    let begun = connection.run(audit::HEAD, None, 1)?;
+    let head = AuditHead::from_row(begun.rows.first().ok_or(sqlx::Error::RowNotFound)?)?;
     Ok(Group { connection, head, entries: Vec::new(), is_kept: false, waiting: Vec::new() })
-}
-
-/// Commits the group, if there is one, and tells everybody in it.
-async fn end(state: &mut State, pool: &AnyPool) {
-    let Some(mut group) = state.group.take() else { return };
-    match group.commit().await {
-        Ok(()) => {
-            tell(&mut group.waiting, &Ok(()));
-            state.idle = Some(group.connection).filter(|_| !pool.is_closed());
-        }
-        Err(error) => group.fail(error),
-    }
 }
 
 impl Group {
     async fn commit(&mut self) -> Result<()> {
-        let query = match self.entries.is_empty() {
-            true => sqlx::query(COMMIT),
-            false => sqlx::query(NOTE_AND_COMMIT).bind(audit::as_list(&self.entries)?).bind(self.head.seq).bind(&self.head.sha256),
-        };
-        query.execute(&mut self.connection).await?;
-        Ok(())
+        // The savepoint first: it fails where the engine has given up the transaction, and entries would be written by themselves.
+        self.connection.run_all(LEAVE)?;
+        audit::write(On::Sqlite(&mut self.connection), &self.entries).await?;
+        Ok(aside(|| self.connection.run_all(COMMIT))?)
     }
 
     /// The transaction is not to be trusted any more: it goes down with its connection.
-    fn fail(mut self, error: Error) {
+    fn fail(mut self, error: Error) -> Arc<sqlx::Error> {
         let error = match error {
             Error::Database(error) => Arc::new(error),
             Error::NotCommitted(error) => error,
             other => Arc::new(sqlx::Error::Protocol(other.to_string())),
         };
         drop(self.connection);
-        tell(&mut self.waiting, &Err(error));
+        tell(&mut self.waiting, &Err(Arc::clone(&error)));
+        error
     }
 }
 
@@ -155,56 +200,58 @@ fn tell(waiting: &mut Vec<oneshot::Sender<Verdict>>, verdict: &Verdict) {
 }
 
 impl Member {
-    pub(super) fn connection(&mut self) -> Option<&mut AnyConnection> {
+    pub(super) fn connection(&mut self) -> Option<&mut Connection> {
         self.state.as_mut()?.group.as_mut().map(|group| &mut group.connection)
     }
 
     /// Leaves this member's writes and its audit entries to the group, and waits until the group is committed.
     pub(super) async fn commit(mut self, actor: String, notes: Vec<Note>) -> Result<()> {
-        let Some(mut state) = self.state.take() else { return Ok(()) };
-        in_a_task(async move {
-            let Some(group) = state.group.as_mut() else { return Err(broken()) };
-            let entries = audit::entries(&group.head, &actor, notes);
-            if let Some(last) = entries.last() {
-                group.head.follow(last);
-            }
-            group.entries.extend(entries);
-            group.is_kept = true;
-            wait_for_the_group(state).await
-        })
-        .await
+        // before anything is taken: should this panic, the member is still undone
+        let entries = match self.state.as_ref().map(|state| state.group.as_ref()) {
+            Some(Some(group)) => audit::entries(&group.head, &actor, notes),
+            _ => return Err(broken()),
+        };
+        let Some(mut state) = self.state.take() else { return Err(broken()) };
+        let Some(group) = state.group.as_mut() else { return Err(broken()) };
+        if let Some(last) = entries.last() {
+            group.head.follow(last);
+        }
+        group.entries.extend(entries);
+        group.is_kept = true;
+        self.writer.leave(state).await
     }
 
     /// Undoes what this member did. What it saw may have been others' writes, so it waits for them too.
     pub(super) async fn rollback(mut self) -> Result<()> {
-        let Some(mut state) = self.state.take() else { return Ok(()) };
-        in_a_task(async move {
-            undo(&mut state).await;
-            wait_for_the_group(state).await
-        })
-        .await
+        match self.undo() {
+            Some(state) => self.writer.leave(state).await,
+            None => Ok(()),
+        }
+    }
+
+    /// Back to the savepoint. The group is left to those who wait for it, its end stands in line; where there are none, it is over.
+    fn undo(&mut self) -> Option<OwnedMutexGuard<State>> {
+        let mut state = self.state.take()?;
+        undo(&mut state);
+        let Some(mut group) = state.group.take_if(|group| group.waiting.is_empty()) else { return Some(state) };
+        if group.connection.run_all(ABANDON).is_ok() {
+            state.idle = Some(group.connection).filter(|_| !self.writer.pool.is_closed());
+        }
+        None
     }
 }
 
 impl Drop for Member {
     fn drop(&mut self) {
-        let Some(mut state) = self.state.take() else { return };
-        match tokio::runtime::Handle::try_current() {
-            Ok(runtime) => drop(runtime.spawn(async move { undo(&mut state).await })),
-            Err(_) => {
-                if let Some(group) = state.group.take() {
-                    group.fail(broken());
-                }
-            }
-        }
+        self.undo();
     }
 }
 
 /// Puts the savepoint behind everything done so far, or nothing of it would be certain.
-async fn step_over_what_is_kept(state: &mut State) -> Result<()> {
+fn step_over_what_is_kept(state: &mut State) -> Result<()> {
     let Some(group) = state.group.as_mut().filter(|group| group.is_kept) else { return Ok(()) };
-    match sqlx::query(NEXT).execute(&mut group.connection).await {
-        Ok(_) => {
+    match group.connection.run_all(NEXT) {
+        Ok(()) => {
             group.is_kept = false;
             Ok(())
         }
@@ -220,31 +267,15 @@ async fn step_over_what_is_kept(state: &mut State) -> Result<()> {
 
 /// Back to the savepoint. If that fails, the engine has given up the whole transaction (disk full, I/O error), and with it all
 /// members before.
-async fn undo(state: &mut State) {
+fn undo(state: &mut State) {
     let Some(group) = state.group.as_mut() else { return };
-    if let Err(error) = sqlx::query(UNDO).execute(&mut group.connection).await
+    if let Err(error) = group.connection.run_all(UNDO)
         && let Some(group) = state.group.take()
     {
         group.fail(error.into());
     }
 }
 
-async fn wait_for_the_group(mut state: OwnedMutexGuard<State>) -> Result<()> {
-    let Some(group) = state.group.as_mut() else { return Err(broken()) };
-    let (sender, verdict) = oneshot::channel();
-    group.waiting.push(sender);
-    drop(state);
-    match verdict.await {
-        Ok(verdict) => verdict.map_err(Error::NotCommitted),
-        Err(_) => Err(broken()),
-    }
-}
-
 fn broken() -> Error {
     Error::NotCommitted(Arc::new(sqlx::Error::WorkerCrashed))
-}
-
-/// Runs to its end even if whoever waits for it goes away.
-async fn in_a_task<T: Send + 'static>(work: impl Future<Output = Result<T>> + Send + 'static) -> Result<T> {
-    tokio::spawn(work).await.unwrap_or_else(|_| Err(broken()))
 }

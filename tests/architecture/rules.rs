@@ -201,7 +201,8 @@ fn check_crate(module: &[String], used: &UsedPath, dependencies: &[String]) -> O
     if core && !CORE_CRATES.contains(&root) {
         return Some((Rule::CoreCrate, used.line, format!("`{written}`: the core may use {CORE_CRATES:?}")));
     }
-    (root == "sqlx" && owner != "store").then(|| (Rule::SqlOutsideStore, used.line, format!("`{written}`: all SQL is in store")))
+    (["sqlx", "sqlx_core", "rusqlite"].contains(&root) && owner != "store")
+        .then(|| (Rule::SqlOutsideStore, used.line, format!("`{written}`: all SQL is in store")))
 }
 
 fn check_core_tokens(tokens: &[Token]) -> Vec<(Rule, usize, String)> {

@@ -159,8 +159,34 @@ fn nobody_is_answered_before_the_common_commit() {
         assert_eq!(names(store).await, [""; 0]);
         insert(&mut late, "late").await;
         late.commit().await.unwrap();
-        early.await.unwrap().unwrap();
+        tokio::time::timeout(Duration::from_secs(20), early).await.expect("it is answered").unwrap().unwrap();
         assert_eq!(names(store).await, ["early", "late"]);
+    });
+}
+
+#[test]
+fn who_gives_up_waiting_keeps_nobody_from_an_answer() {
+    on_sqlite(async |database| {
+        let store = &database.store;
+        for i in 0..20 {
+            let mut first = store.begin().await.unwrap();
+            insert(&mut first, &format!("{i}")).await;
+            let begin = || {
+                let store = store.clone();
+                tokio::spawn(async move { store.begin().await.unwrap() })
+            };
+            let [impatient, second] = [begin(), begin()];
+            tokio::time::sleep(Duration::from_millis(10)).await;
+            // the group is left to those who wait, and then all of them go away
+            let first = tokio::spawn(first.commit());
+            impatient.abort();
+            drop(impatient.await);
+            if let Ok(second) = second.await {
+                drop(second);
+            }
+            tokio::time::timeout(Duration::from_secs(20), first).await.expect("it is answered").unwrap().unwrap();
+        }
+        assert_eq!(names(store).await.len(), 20);
     });
 }
 

@@ -87,7 +87,7 @@ pub(super) async fn read(store: &Store, options: &Options) -> Result<Chain> {
         check.violated(format!("the head kept elsewhere, entry {n}, is not in the chain"));
     }
     let missing: Vec<String> =
-        sqlx::query_scalar(MISSING).bind(head.begun_at_ms).bind(super::MAX_LISTED as i64).fetch_all(store.pool()).await?;
+        sqlx::query_scalar(MISSING).bind(head.begun_at_ms).bind(super::MAX_LISTED as i64).fetch_all(store.reads()).await?;
     missing.into_iter().for_each(|id| check.violated(format!("{id} was made, but no entry says so")));
     Ok(Chain { check, begun_at_ms: head.begun_at_ms, events, answers })
 }

@@ -62,7 +62,7 @@ pub(super) async fn uploads_read_back(store: &Store, chain: &Chain) -> Result<Ch
         let mut after = String::new();
         loop {
             let query = sqlx::query_as(query).bind(&after).bind(BATCH);
-            let rows: Vec<(String, String, Vec<u8>)> = query.fetch_all(store.pool()).await?;
+            let rows: Vec<(String, String, Vec<u8>)> = query.fetch_all(store.reads()).await?;
             let Some(last) = rows.last() else { break };
             after.clone_from(&last.0);
             for (id, kept, body) in rows {
@@ -77,7 +77,7 @@ pub(super) async fn uploads_read_back(store: &Store, chain: &Chain) -> Result<Ch
     for (query, event, field) in documents {
         let mut after = String::new();
         loop {
-            let rows: Vec<(String, String)> = sqlx::query_as(query).bind(&after).bind(BATCH).fetch_all(store.pool()).await?;
+            let rows: Vec<(String, String)> = sqlx::query_as(query).bind(&after).bind(BATCH).fetch_all(store.reads()).await?;
             let Some(last) = rows.last() else { break };
             after.clone_from(&last.0);
             for (id, document) in rows {
@@ -120,7 +120,7 @@ async fn is_there(store: &Store, id: &str) -> Result<bool> {
         Some("key") => SUBJECT_KEY,
         _ => return Ok(true),
     };
-    let n: i64 = sqlx::query_scalar(query).bind(id).fetch_one(store.pool()).await?;
+    let n: i64 = sqlx::query_scalar(query).bind(id).fetch_one(store.reads()).await?;
     Ok(n == 1)
 }
 
@@ -130,7 +130,7 @@ pub(super) async fn answers_have_effects(store: &Store, chain: &Chain) -> Result
     let mut after = IdempotencyScope::default();
     loop {
         let query = sqlx::query_as(ANSWERS).bind(&after.holder).bind(&after.method).bind(&after.path).bind(&after.key).bind(BATCH);
-        let rows: Vec<Answered> = query.fetch_all(store.pool()).await?;
+        let rows: Vec<Answered> = query.fetch_all(store.reads()).await?;
         let Some(last) = rows.last() else { return Ok(check) };
         after = last.scope.clone();
         for Answered { scope, answer } in rows {
@@ -157,7 +157,7 @@ pub(super) async fn jobs_end_once(store: &Store, chain: &Chain, options: &Option
     let mut check = Check::new("I3", "every accepted job ends in exactly one state, and none is stuck");
     let mut after = String::new();
     loop {
-        let rows: Vec<(String, String, i64, i64)> = sqlx::query_as(ENDS).bind(&after).bind(BATCH).fetch_all(store.pool()).await?;
+        let rows: Vec<(String, String, i64, i64)> = sqlx::query_as(ENDS).bind(&after).bind(BATCH).fetch_all(store.reads()).await?;
         let Some(last) = rows.last() else { break };
         after.clone_from(&last.0);
         for (id, status, created_at_ms, n_sets) in rows {
@@ -175,7 +175,7 @@ pub(super) async fn jobs_end_once(store: &Store, chain: &Chain, options: &Option
         }
     }
     if options.is_served {
-        let stuck: Vec<String> = sqlx::query_scalar(STUCK).bind(STUCK_AFTER_MS).fetch_all(store.pool()).await?;
+        let stuck: Vec<String> = sqlx::query_scalar(STUCK).bind(STUCK_AFTER_MS).fetch_all(store.reads()).await?;
         stuck.into_iter().for_each(|id| check.violated(format!("{id} is stuck: its lease ran out over a minute ago")));
     }
     Ok(check)
@@ -184,7 +184,7 @@ pub(super) async fn jobs_end_once(store: &Store, chain: &Chain, options: &Option
 /// I4.
 pub(super) async fn one_set_per_job(store: &Store) -> Result<Check> {
     let mut check = Check::new("I4", "a job has at most one parameter set");
-    let counts: Vec<(String, i64)> = sqlx::query_as(SETS_OF_JOBS).fetch_all(store.pool()).await?;
+    let counts: Vec<(String, i64)> = sqlx::query_as(SETS_OF_JOBS).fetch_all(store.reads()).await?;
     for (id, n) in counts {
         check.n_examined += 1;
         check.require(n == 1, || format!("{id} has {n} parameter sets"));
@@ -200,7 +200,7 @@ pub(super) async fn same_request_same_result(store: &Store, chain: &Chain) -> Re
     let mut results: BTreeMap<String, (String, String)> = BTreeMap::new();
     let mut after = String::new();
     loop {
-        let rows: Vec<Result5> = sqlx::query_as(JOBS).bind(&after).bind(BATCH).fetch_all(store.pool()).await?;
+        let rows: Vec<Result5> = sqlx::query_as(JOBS).bind(&after).bind(BATCH).fetch_all(store.reads()).await?;
         let Some(last) = rows.last() else { break };
         after.clone_from(&last.0);
         for (id, robot, set, verify, frames, network, residual, parameters, request, report, result_sha256) in rows {
@@ -220,7 +220,7 @@ pub(super) async fn same_request_same_result(store: &Store, chain: &Chain) -> Re
 /// I6.
 pub(super) async fn one_released_per_robot(store: &Store) -> Result<Check> {
     let mut check = Check::new("I6", "a robot has at most one released parameter set");
-    let counts: Vec<(String, i64)> = sqlx::query_as(RELEASED_OF_ROBOTS).fetch_all(store.pool()).await?;
+    let counts: Vec<(String, i64)> = sqlx::query_as(RELEASED_OF_ROBOTS).fetch_all(store.reads()).await?;
     for (id, n) in counts {
         check.n_examined += 1;
         check.require(n == 1, || format!("{id} has {n} released parameter sets"));
@@ -231,7 +231,7 @@ pub(super) async fn one_released_per_robot(store: &Store) -> Result<Check> {
 /// I7: the checks are kept, all passed, and are those of the chain.
 pub(super) async fn releases_have_checks(store: &Store, chain: &Chain) -> Result<Check> {
     let mut check = Check::new("I7", "no release without its checks");
-    let rows: Vec<(String, String, String, i64)> = sqlx::query_as(RELEASES).fetch_all(store.pool()).await?;
+    let rows: Vec<(String, String, String, i64)> = sqlx::query_as(RELEASES).fetch_all(store.reads()).await?;
     for (id, status, checks_json, released_at_ms) in rows {
         check.n_examined += 1;
         let checks: Vec<serde_json::Value> = serde_json::from_str(&checks_json).unwrap_or_default();

@@ -44,7 +44,7 @@ pub(super) async fn are_as_noted(check: &mut Check, store: &Store, chain: &Chain
 async fn each<T: Noted>(check: &mut Check, store: &Store, chain: &Chain, mut look: impl FnMut(&mut Check, &T)) -> Result<()> {
     let mut after = String::new();
     loop {
-        let rows: Vec<T> = sqlx::query_as(T::EACH).bind(&after).bind(BATCH).fetch_all(store.pool()).await?;
+        let rows: Vec<T> = sqlx::query_as(T::EACH).bind(&after).bind(BATCH).fetch_all(store.reads()).await?;
         let Some(last) = rows.last() else { return Ok(()) };
         last.subject().clone_into(&mut after);
         for row in &rows {

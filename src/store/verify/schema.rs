@@ -54,21 +54,21 @@ pub(super) async fn is_sound(store: &Store) -> Result<Check> {
     let mut check = Check::new("I9", "the database is sound, its references hold and its constraints are in force");
     let (objects, unique) = match store.engine() {
         Engine::Sqlite => {
-            let lines: Vec<String> = sqlx::query_scalar(INTEGRITY).fetch_all(store.pool()).await?;
+            let lines: Vec<String> = sqlx::query_scalar(INTEGRITY).fetch_all(store.reads()).await?;
             check.n_examined += lines.len() as i64;
             lines.into_iter().filter(|line| line != "ok").for_each(|line| check.violated(line));
-            let tables: Vec<String> = sqlx::query_scalar(FOREIGN_KEYS).fetch_all(store.pool()).await?;
+            let tables: Vec<String> = sqlx::query_scalar(FOREIGN_KEYS).fetch_all(store.reads()).await?;
             tables.into_iter().for_each(|table| check.violated(format!("a row of {table} refers to one that is not there")));
             (OBJECTS_SQLITE, UNIQUE_SQLITE)
         }
         Engine::Postgres => {
-            let unproven: Vec<String> = sqlx::query_scalar(UNPROVEN_POSTGRES).fetch_all(store.pool()).await?;
+            let unproven: Vec<String> = sqlx::query_scalar(UNPROVEN_POSTGRES).fetch_all(store.reads()).await?;
             unproven.into_iter().for_each(|name| check.violated(format!("constraint {name} is not validated")));
             (OBJECTS_POSTGRES, UNIQUE_POSTGRES)
         }
     };
-    let objects: Vec<String> = sqlx::query_scalar(objects).fetch_all(store.pool()).await?;
-    let unique: Vec<String> = sqlx::query_scalar(unique).fetch_all(store.pool()).await?;
+    let objects: Vec<String> = sqlx::query_scalar(objects).fetch_all(store.reads()).await?;
+    let unique: Vec<String> = sqlx::query_scalar(unique).fetch_all(store.reads()).await?;
     for (name, found) in GUARDS.iter().map(|name| (name, &objects)).chain(UNIQUE.iter().map(|name| (name, &unique))) {
         check.n_examined += 1;
         check.require(found.iter().any(|object| object == name), || format!("the schema has lost {name}"));
