@@ -9,7 +9,7 @@ cd "$(dirname "$0")/.."
 faults() {
     grep -vE '^\s*(#|$)' <<'TABLE'
 acknowledged before the commit        | src/store/writer.rs         | s/match verdict.await \{/match Ok::<_, oneshot::error::RecvError>(Ok::<(), Arc<sqlx::Error>>(drop(verdict))) {/ | store | nobody_is_answered
-a group that nobody ends              | src/store/writer.rs         | s/writer\.end\(\&mut \*turn\.await\)\.await/drop(turn.await)/ | store | nobody_is_answered
+a group that nobody ends              | src/store/writer.rs         | s/writer\.end\(\&mut \*turn\.await\)\.await/drop(turn.await)/ | store | who_gives_up_waiting
 SQLite's connections sync less        | src/store/sqlite.rs         | s/handle\.execute_batch\(settings\)/handle.execute_batch(\&settings.replace("full", "normal"))/ | faults | power
 a rollback takes the writer before    | src/store/writer.rs         | s/step_over_what_is_kept\(&mut state\)\?;// | store | takes_neither
 computed before the claim is certain  | src/jobs/worker.rs          | s/tx\.commit\(\)\.await\?;/drop(tx.commit().await);/ | jobs | nothing_is_computed

@@ -122,7 +122,7 @@ fn bind(statement: &mut Statement<'_>, arguments: Option<AnyArguments>) -> sqlx:
     let values = arguments.map(|arguments| arguments.values.0).unwrap_or_default();
     for index in 1..=statement.parameter_count() {
         let number = statement.parameter_name(index).and_then(|name| name.get(1..)?.parse().ok()).unwrap_or(index);
-        let Some(value) = values.get(number - 1) else { continue };
+        let Some(value) = number.checked_sub(1).and_then(|at: usize| values.get(at)) else { continue };
         let value = match value {
             AnyValueKind::Null(_) => ValueRef::Null,
             AnyValueKind::Bool(value) => ValueRef::Integer(i64::from(*value)),
