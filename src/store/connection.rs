@@ -15,55 +15,81 @@ type Step = sqlx::Result<Either<AnyQueryResult, AnyRow>>;
 /// To write more than this may take long, bytes.
 const LARGE: usize = 1 << 20;
 
-/// A transaction's connection.
+/// What a statement is sent to.
 #[derive(Debug)]
 pub(crate) enum Connection<'c> {
-    /// To SQLite, here and now.
-    Sqlite(&'c mut sqlite::Connection),
-    /// To SQLite, for what may take long.
-    Aside(&'c mut sqlite::Connection),
-    /// To PostgreSQL.
+    /// SQLite.
+    Sqlite(OnSqlite<'c>),
+    /// A transaction on PostgreSQL.
     Sqlx(&'c mut AnyConnection),
+    /// PostgreSQL outside of transactions, to read.
+    SqlxPool(&'c AnyPool),
 }
 
-/// For statements that only read, outside of transactions.
+/// Where on SQLite.
 #[derive(Debug)]
-pub(crate) enum Reader<'c> {
-    /// From SQLite, here and now; lists apart.
-    Sqlite(&'c sqlite::Pool),
-    /// From SQLite what may take long.
-    Aside(&'c sqlite::Pool),
-    /// From PostgreSQL.
-    Sqlx(&'c AnyPool),
+pub(crate) struct OnSqlite<'c> {
+    place: Place<'c>,
+    /// Whether the statement may take long, whatever it looks like.
+    is_long: bool,
 }
 
-impl Connection<'_> {
+#[derive(Debug)]
+enum Place<'c> {
+    Transaction(&'c mut sqlite::Connection),
+    /// Outside of transactions, to read.
+    Pool(&'c sqlite::Pool),
+}
+
+impl<'c> Connection<'c> {
+    /// A transaction on SQLite.
+    pub(crate) fn sqlite(connection: &'c mut sqlite::Connection) -> Self {
+        Connection::Sqlite(OnSqlite { place: Place::Transaction(connection), is_long: false })
+    }
+
+    /// SQLite outside of transactions, to read.
+    pub(crate) fn sqlite_pool(pool: &'c sqlite::Pool) -> Self {
+        Connection::Sqlite(OnSqlite { place: Place::Pool(pool), is_long: false })
+    }
+
+    /// For a statement that may take long.
+    pub(crate) fn for_long(mut self) -> Self {
+        if let Connection::Sqlite(sqlite) = &mut self {
+            sqlite.is_long = true;
+        }
+        self
+    }
+
     /// The same for another statement.
     pub(crate) fn again(&mut self) -> Connection<'_> {
         match self {
-            Connection::Sqlite(connection) => Connection::Sqlite(connection),
-            Connection::Aside(connection) => Connection::Aside(connection),
+            Connection::Sqlite(OnSqlite { place, is_long }) => {
+                let place = match place {
+                    Place::Transaction(connection) => Place::Transaction(connection),
+                    Place::Pool(pool) => Place::Pool(pool),
+                };
+                Connection::Sqlite(OnSqlite { place, is_long: *is_long })
+            }
             Connection::Sqlx(connection) => Connection::Sqlx(connection),
+            Connection::SqlxPool(pool) => Connection::SqlxPool(pool),
         }
     }
 }
 
-fn taken<'q>(mut query: impl Execute<'q, Any>) -> sqlx::Result<(SqlStr, Option<AnyArguments>)> {
-    let arguments = query.take_arguments().map_err(sqlx::Error::Encode)?;
-    Ok((query.sql(), arguments))
-}
-
-fn write<'q>(connection: &mut sqlite::Connection, query: impl Execute<'q, Any>, most: usize) -> sqlx::Result<Done> {
-    let (sql, arguments) = taken(query)?;
-    match arguments.as_ref().is_some_and(is_large) {
-        true => aside(|| connection.run(sql.as_str(), arguments, most)),
-        false => connection.run(sql.as_str(), arguments, most),
+impl OnSqlite<'_> {
+    /// Here and now, or aside what may take long: lists, and writes of much.
+    async fn run<'q>(self, mut query: impl Execute<'q, Any>, most: usize) -> sqlx::Result<Done> {
+        let arguments = query.take_arguments().map_err(sqlx::Error::Encode)?;
+        let sql = query.sql();
+        match self.place {
+            Place::Transaction(connection) if self.is_long || arguments.as_ref().is_some_and(is_large) => {
+                aside(|| connection.run(sql.as_str(), arguments, most))
+            }
+            Place::Transaction(connection) => connection.run(sql.as_str(), arguments, most),
+            Place::Pool(pool) if self.is_long || most > 1 => pool.run_aside(sql.as_str(), arguments, most).await,
+            Place::Pool(pool) => pool.run(sql.as_str(), arguments, most),
+        }
     }
-}
-
-fn write_aside<'q>(connection: &mut sqlite::Connection, query: impl Execute<'q, Any>, most: usize) -> sqlx::Result<Done> {
-    let (sql, arguments) = taken(query)?;
-    aside(|| connection.run(sql.as_str(), arguments, most))
 }
 
 fn is_large(arguments: &AnyArguments) -> bool {
@@ -91,13 +117,11 @@ impl<'c> Executor<'c> for Connection<'c> {
         E: 'q + Execute<'q, Any>,
     {
         match self {
-            Connection::Sqlite(connection) => {
-                async move { Ok(stream::iter(steps(write(connection, query, usize::MAX)?))) }.try_flatten_stream().boxed()
-            }
-            Connection::Aside(connection) => {
-                async move { Ok(stream::iter(steps(write_aside(connection, query, usize::MAX)?))) }.try_flatten_stream().boxed()
+            Connection::Sqlite(sqlite) => {
+                async move { Ok(stream::iter(steps(sqlite.run(query, usize::MAX).await?))) }.try_flatten_stream().boxed()
             }
             Connection::Sqlx(connection) => connection.fetch_many(query),
+            Connection::SqlxPool(pool) => pool.fetch_many(query),
         }
     }
 
@@ -107,9 +131,9 @@ impl<'c> Executor<'c> for Connection<'c> {
         E: 'q + Execute<'q, Any>,
     {
         match self {
-            Connection::Sqlite(connection) => async move { Ok(write(connection, query, 1)?.rows.pop()) }.boxed(),
-            Connection::Aside(connection) => async move { Ok(write_aside(connection, query, 1)?.rows.pop()) }.boxed(),
+            Connection::Sqlite(sqlite) => async move { Ok(sqlite.run(query, 1).await?.rows.pop()) }.boxed(),
             Connection::Sqlx(connection) => connection.fetch_optional(query),
+            Connection::SqlxPool(pool) => pool.fetch_optional(query),
         }
     }
 
@@ -118,8 +142,9 @@ impl<'c> Executor<'c> for Connection<'c> {
         'c: 'e,
     {
         match self {
-            Connection::Sqlite(_) | Connection::Aside(_) => no_preparing(),
+            Connection::Sqlite(_) => no_preparing(),
             Connection::Sqlx(connection) => connection.prepare_with(sql, parameters),
+            Connection::SqlxPool(pool) => pool.prepare_with(sql, parameters),
         }
     }
 
@@ -128,68 +153,9 @@ impl<'c> Executor<'c> for Connection<'c> {
         'c: 'e,
     {
         match self {
-            Connection::Sqlite(_) | Connection::Aside(_) => no_preparing(),
+            Connection::Sqlite(_) => no_preparing(),
             Connection::Sqlx(connection) => connection.describe(sql),
-        }
-    }
-}
-
-impl<'c> Executor<'c> for Reader<'c> {
-    type Database = Any;
-
-    fn fetch_many<'e, 'q: 'e, E>(self, query: E) -> BoxStream<'e, Step>
-    where
-        'c: 'e,
-        E: 'q + Execute<'q, Any>,
-    {
-        match self {
-            Reader::Sqlite(pool) | Reader::Aside(pool) => async move {
-                let (sql, arguments) = taken(query)?;
-                Ok(stream::iter(steps(pool.run_aside(sql.as_str(), arguments, usize::MAX).await?)))
-            }
-            .try_flatten_stream()
-            .boxed(),
-            Reader::Sqlx(pool) => pool.fetch_many(query),
-        }
-    }
-
-    fn fetch_optional<'e, 'q: 'e, E>(self, query: E) -> BoxFuture<'e, sqlx::Result<Option<AnyRow>>>
-    where
-        'c: 'e,
-        E: 'q + Execute<'q, Any>,
-    {
-        match self {
-            Reader::Sqlite(pool) => async move {
-                let (sql, arguments) = taken(query)?;
-                Ok(pool.run(sql.as_str(), arguments, 1)?.rows.pop())
-            }
-            .boxed(),
-            Reader::Aside(pool) => async move {
-                let (sql, arguments) = taken(query)?;
-                Ok(pool.run_aside(sql.as_str(), arguments, 1).await?.rows.pop())
-            }
-            .boxed(),
-            Reader::Sqlx(pool) => pool.fetch_optional(query),
-        }
-    }
-
-    fn prepare_with<'e>(self, sql: SqlStr, parameters: &'e [AnyTypeInfo]) -> BoxFuture<'e, sqlx::Result<AnyStatement>>
-    where
-        'c: 'e,
-    {
-        match self {
-            Reader::Sqlite(_) | Reader::Aside(_) => no_preparing(),
-            Reader::Sqlx(pool) => pool.prepare_with(sql, parameters),
-        }
-    }
-
-    fn describe<'e>(self, sql: SqlStr) -> BoxFuture<'e, sqlx::Result<Describe<Any>>>
-    where
-        'c: 'e,
-    {
-        match self {
-            Reader::Sqlite(_) | Reader::Aside(_) => no_preparing(),
-            Reader::Sqlx(pool) => pool.describe(sql),
+            Connection::SqlxPool(pool) => pool.describe(sql),
         }
     }
 }

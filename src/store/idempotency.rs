@@ -76,7 +76,7 @@ impl Store {
     /// [`Error::Database`].
     pub async fn forget_old_keys(&self) -> Result<()> {
         let mut tx = self.begin().await?;
-        sqlx::query(FORGET_OLD).bind(KEPT_MS).execute(tx.connection_for_long()?).await?;
+        sqlx::query(FORGET_OLD).bind(KEPT_MS).execute(tx.connection()?.for_long()).await?;
         tx.commit().await
     }
 

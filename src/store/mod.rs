@@ -58,7 +58,7 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tokio::time::timeout;
 
 use audit::Note;
-use connection::{Connection, Reader};
+use connection::Connection;
 use writer::{Member, Writer};
 
 /// Which database is behind a [`Store`].
@@ -198,19 +198,16 @@ impl Store {
     }
 
     /// For statements that only read, and little where it is one row: [`Store::reads_much`].
-    pub(crate) fn reads(&self) -> Reader<'_> {
+    pub(crate) fn reads(&self) -> Connection<'_> {
         match &self.inner.sqlite {
-            Some(pool) => Reader::Sqlite(pool),
-            None => Reader::Sqlx(&self.inner.pool),
+            Some(pool) => Connection::sqlite_pool(pool),
+            None => Connection::SqlxPool(&self.inner.pool),
         }
     }
 
     /// For statements that read uploads, reports or weights, which may be tens of megabytes, or walk over many rows.
-    pub(crate) fn reads_much(&self) -> Reader<'_> {
-        match &self.inner.sqlite {
-            Some(pool) => Reader::Aside(pool),
-            None => Reader::Sqlx(&self.inner.pool),
-        }
+    pub(crate) fn reads_much(&self) -> Connection<'_> {
+        self.reads().for_long()
     }
 
     /// The connections, for tests and tools that look at the database itself. Reads only; writes go through [`Store::begin`].
@@ -288,17 +285,9 @@ impl Tx {
 
     pub(crate) fn connection(&mut self) -> Result<Connection<'_>> {
         match &mut self.kind {
-            TxKind::Shared(member) => member.connection().map(Connection::Sqlite).ok_or(Error::Database(sqlx::Error::WorkerCrashed)),
+            TxKind::Shared(member) => member.connection().map(Connection::sqlite).ok_or(Error::Database(sqlx::Error::WorkerCrashed)),
             TxKind::Own(transaction, _) => Ok(Connection::Sqlx(transaction)),
         }
-    }
-
-    /// For a statement that may take long, as one whose triggers read many reports.
-    pub(crate) fn connection_for_long(&mut self) -> Result<Connection<'_>> {
-        Ok(match self.connection()? {
-            Connection::Sqlite(connection) => Connection::Aside(connection),
-            other => other,
-        })
     }
 
     pub(crate) fn engine(&self) -> Engine {

@@ -319,7 +319,7 @@ pub async fn release(tx: &mut Tx, release: &Release) -> Result<ParameterSetRow> 
         .bind(&release.released_by)
         .bind(&release.evidence)
         .bind(release.uncertainty_mm.unwrap_or(ABSENT))
-        .execute(tx.connection_for_long()?)
+        .execute(tx.connection()?.for_long())
         .await
         .map_err(Error::of_release)?;
     if let Some(active) = &active {

@@ -175,7 +175,7 @@ impl Group {
     async fn commit(&mut self) -> Result<()> {
         // The savepoint first: it fails where the engine has given up the transaction, and entries would be written by themselves.
         self.connection.run_all(LEAVE)?;
-        audit::write(On::Sqlite(&mut self.connection), &self.entries).await?;
+        audit::write(On::sqlite(&mut self.connection), &self.entries).await?;
         Ok(aside(|| self.connection.run_all(COMMIT))?)
     }
 

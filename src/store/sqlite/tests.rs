@@ -44,7 +44,7 @@ async fn rows_and_what_was_changed_are_as_by_sqlx() {
                x'00ff' as bytes, x'' as no_bytes, null as absent, 1.5 as real, $3 as third, $1 as again";
     let query = || sqlx::query(sql).bind("one").bind(-2_i64).bind(None::<&str>);
     let theirs = query().fetch_one(&mut sqlx).await.unwrap();
-    let ours = query().fetch_one(On::Sqlite(&mut here)).await.unwrap();
+    let ours = query().fetch_one(On::sqlite(&mut here)).await.unwrap();
     assert_eq!(columns(&ours), columns(&theirs));
     assert_eq!(ours.columns().len(), theirs.columns().len());
 
@@ -54,18 +54,18 @@ async fn rows_and_what_was_changed_are_as_by_sqlx() {
         ("update t set parent = null where name in ('a', 'b')", 2),
         ("update t set parent = null where name = 'nobody'", 0),
     ] {
-        assert_eq!(sqlx::query(sql).execute(On::Sqlite(&mut here)).await.unwrap().rows_affected(), expected, "{sql}");
+        assert_eq!(sqlx::query(sql).execute(On::sqlite(&mut here)).await.unwrap().rows_affected(), expected, "{sql}");
     }
     // of the rows that it returns one is asked for; all are there
     let first: Option<i64> = sqlx::query_scalar("insert into t (name) values ('d'), ('e'), ('f') returning id")
-        .fetch_optional(On::Sqlite(&mut here))
+        .fetch_optional(On::sqlite(&mut here))
         .await
         .unwrap();
     let n: i64 = sqlx::query_scalar("select count(*) from t").fetch_one(&mut sqlx).await.unwrap();
     assert_eq!((first, n), (Some(5), 7));
-    let none: Option<i64> = sqlx::query_scalar("select id from t where id < 0").fetch_optional(On::Sqlite(&mut here)).await.unwrap();
+    let none: Option<i64> = sqlx::query_scalar("select id from t where id < 0").fetch_optional(On::sqlite(&mut here)).await.unwrap();
     assert_eq!(none, None);
-    let names: Vec<String> = sqlx::query_scalar("select name from t order by id").fetch_all(On::Sqlite(&mut here)).await.unwrap();
+    let names: Vec<String> = sqlx::query_scalar("select name from t order by id").fetch_all(On::sqlite(&mut here)).await.unwrap();
     assert_eq!(names, ["there", "a", "b", "c", "d", "e", "f"]);
 }
 
@@ -84,7 +84,7 @@ async fn errors_are_as_by_sqlx() {
         ("no sql", "1"),
     ] {
         let theirs = sqlx::query(sql).execute(&mut sqlx).await.unwrap_err();
-        let ours = sqlx::query(sql).execute(On::Sqlite(&mut here)).await.unwrap_err();
+        let ours = sqlx::query(sql).execute(On::sqlite(&mut here)).await.unwrap_err();
         assert_eq!(ours.to_string(), theirs.to_string());
         let [ours, theirs] = [&ours, &theirs].map(|error| error.as_database_error().unwrap());
         assert_eq!((ours.code(), ours.kind(), ours.message()), (theirs.code(), theirs.kind(), theirs.message()), "{sql}");
@@ -97,10 +97,10 @@ async fn each_connection_is_durable() {
     let directory = tempfile::tempdir().unwrap();
     let (_store, _pool, _sqlx, mut here) = both(&directory).await;
     for (sql, expected) in [("pragma synchronous", 2_i64), ("pragma foreign_keys", 1), ("pragma busy_timeout", 5000)] {
-        let value: i64 = sqlx::query_scalar(sql).fetch_one(On::Sqlite(&mut here)).await.unwrap();
+        let value: i64 = sqlx::query_scalar(sql).fetch_one(On::sqlite(&mut here)).await.unwrap();
         assert_eq!(value, expected, "{sql}");
     }
-    let journal: String = sqlx::query_scalar("pragma journal_mode").fetch_one(On::Sqlite(&mut here)).await.unwrap();
+    let journal: String = sqlx::query_scalar("pragma journal_mode").fetch_one(On::sqlite(&mut here)).await.unwrap();
     assert_eq!(journal, "wal");
 }
 
