@@ -47,6 +47,7 @@ pub use parameter_sets::{Checked, NewParameterSet, ParameterSetRow, ParameterSet
 pub use policies::PolicyRow;
 pub use robots::{NewRobot, RobotRow};
 pub use sessions::SessionRow;
+pub(crate) use sqlite::aside;
 
 use std::fs::File;
 use std::os::unix::fs::MetadataExt;
@@ -334,7 +335,7 @@ pub(crate) fn new_id(prefix: &str) -> String {
 /// Every SQL text of the store that the engine gets to see.
 pub fn all_queries(engine: Engine) -> Vec<&'static str> {
     let own = match engine {
-        Engine::Sqlite => [leases::QUERIES_SQLITE, backup::QUERIES_SQLITE, verify::QUERIES_SQLITE].concat(),
+        Engine::Sqlite => [leases::QUERIES_SQLITE, backup::QUERIES_SQLITE, open::QUERIES_SQLITE, verify::QUERIES_SQLITE].concat(),
         Engine::Postgres => {
             [leases::QUERIES_POSTGRES, notices::QUERIES_POSTGRES, audit::QUERIES_POSTGRES, verify::QUERIES_POSTGRES].concat()
         }

@@ -12,7 +12,7 @@ use sqlx::{AnyConnection, AnyPool, Connection, Executor, SqlSafeStr};
 use tokio::sync::Semaphore;
 
 use super::writer::Writer;
-use super::{Engine, Error, Inner, Result, Store, leases, sqlite};
+use super::{Engine, Error, Inner, RESERVE_BYTES, Result, Store, leases, sqlite};
 
 /// Where the database is.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -42,7 +42,23 @@ const MIGRATIONS: &[(i64, &str, &str, &str)] = &[
         include_str!("../../migrations/postgres/0005_residual_networks.sql"),
     ),
     (6, "results", include_str!("../../migrations/sqlite/0006_results.sql"), include_str!("../../migrations/postgres/0006_results.sql")),
+    (
+        7,
+        "documents_last",
+        include_str!("../../migrations/sqlite/0007_documents_last.sql"),
+        include_str!("../../migrations/postgres/0007_documents_last.sql"),
+    ),
 ];
+
+/// The step that lays jobs out anew on SQLite.
+const LAID_OUT: i64 = 7;
+
+pub(super) const QUERIES_SQLITE: &[&str] = &[HAS_JOBS, JOB_BYTES];
+
+const HAS_JOBS: &str = "select max(rootpage) from sqlite_master where name = 'job'";
+const JOB_BYTES: &str = "
+    select coalesce(sum(1024 + octet_length(request_json) + coalesce(octet_length(report_json), 0) + coalesce(octet_length(convergence_json), 0)), 0)
+    from job";
 
 /// The database's file in the data directory.
 pub(super) const DATABASE: &str = "kincal.sqlite";
@@ -213,6 +229,28 @@ fn lock(data_dir: &Path) -> Result<Option<File>> {
     }
 }
 
+/// Step 7 writes all jobs anew: twice into the log, and once into the database beside the old ones.
+async fn room_to_lay_jobs_out(store: &Store) -> Result<()> {
+    let before: Option<i64> = sqlx::query_scalar(HAS_JOBS).fetch_one(store.pool()).await?;
+    let is_ahead = before.is_some() && (1..LAID_OUT).contains(&store.schema_version().await?);
+    if !is_ahead {
+        return Ok(());
+    }
+    let bytes: i64 = sqlx::query_scalar(JOB_BYTES).fetch_one(store.pool()).await?;
+    let needed_bytes = u64::try_from(bytes).unwrap_or(0).saturating_mul(3) + RESERVE_BYTES;
+    if let Some(free_bytes) = store.free_bytes().filter(|free| *free < needed_bytes) {
+        let (needed_mib, free_mib) = (needed_bytes >> 20, free_bytes >> 20);
+        return Err(Error::Open {
+            detail: format!(
+                "the jobs in the database are to be laid out anew, which needs {needed_mib} MiB free on the disk of the data directory, and there are \
+                 {free_mib}; nothing was changed: make room and start again"
+            ),
+        });
+    }
+    tracing::info!(mib = bytes >> 20, "the jobs of this database are laid out anew, once; that may take some seconds for each 100 MiB");
+    Ok(())
+}
+
 async fn migrate(store: &Store) -> Result<()> {
     let migrations = MIGRATIONS.iter().map(|&(version, name, sqlite, postgres)| {
         let sql = match store.engine() {
@@ -224,6 +262,7 @@ async fn migrate(store: &Store) -> Result<()> {
     let migrator = Migrator::with_migrations(migrations.collect());
     let failed = |e: MigrateError| Error::Open { detail: format!("the database's schema: {e}") };
     if store.engine() == Engine::Sqlite {
+        room_to_lay_jobs_out(store).await?;
         return migrator.run(store.pool()).await.map_err(failed);
     }
     let mut connection = store.pool().acquire().await?.detach();

@@ -2,12 +2,14 @@
 
 use std::time::{Duration, SystemTime};
 
-use kincal::store::{Engine, Error, Store, StoreLocation, all_queries, jobs, leases, robots};
-use sqlx::{Executor, query_scalar};
+use kincal::store::{Engine, Error, NewJob, Store, StoreLocation, all_queries, jobs, leases, robots};
+use sqlx::migrate::Migrator;
+use sqlx::{AssertSqlSafe, Executor, SqlitePool, query_scalar};
 use tempfile::TempDir;
 
 use crate::engines::{for_each_engine, on_sqlite};
-use crate::fixtures::{a_job, a_robot, a_set};
+use crate::fixtures::{a_job, a_robot, a_set, in_transaction, new_job};
+use crate::verify::{broken, something_of_everything};
 
 #[test]
 fn each_engine_prepares_every_query() {
@@ -234,5 +236,61 @@ fn a_node_of_the_first_version_works_on_beside_todays_schema() {
         )
         .await;
         assert!(jobs::get(store, "job_old").await.unwrap().status.is_over());
+    });
+}
+
+/// Every row of every table as text, its columns by name.
+async fn content(store: &Store) -> Vec<String> {
+    let mut rows = Vec::new();
+    for table in kincal::store::copy::TABLES {
+        let columns =
+            "select group_concat('quote(' || name || ')', '||'', ''||') from (select name from pragma_table_info($1) order by name)";
+        let columns: String = query_scalar(columns).bind(*table).fetch_one(store.pool()).await.unwrap();
+        let select = AssertSqlSafe(format!("select '{table}: ' || {columns} from {table} order by 1"));
+        rows.append(&mut query_scalar(select).fetch_all(store.pool()).await.unwrap());
+    }
+    rows
+}
+
+#[test]
+fn a_database_whose_jobs_are_laid_out_anew_keeps_everything_in_it() {
+    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().unwrap();
+    runtime.block_on(async {
+        let directory = TempDir::new().unwrap();
+        let location = StoreLocation::Sqlite { data_dir: directory.path().to_owned() };
+        let url = format!("sqlite://{}?mode=rwc", directory.path().join("kincal.sqlite").display());
+        let pool = SqlitePool::connect(&url).await.unwrap();
+        let steps = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("migrations/sqlite");
+        let steps = Migrator::new(steps).await.unwrap();
+        let before = steps.iter().filter(|step| step.version < 7).cloned().collect();
+        Migrator::with_migrations(before).run(&pool).await.unwrap();
+        pool.close().await;
+
+        let store = Store::open_as_it_is(location.clone()).await.unwrap();
+        assert_eq!(store.schema_version().await.unwrap(), 6);
+        let set = a_set(&store, &a_robot(&store, "r").await).await;
+        something_of_everything(&store, &set).await;
+        let network: String = query_scalar("select id from network").fetch_one(store.pool()).await.unwrap();
+        let new = NewJob { network_input_id: Some(network), client: "key_1".into(), ..new_job(&set, "{}") };
+        let job = in_transaction(&store, async |tx| jobs::insert(tx, &new, None).await).await;
+        let more = "update job set turn = 7, deaths = 2 where id = $1";
+        assert_eq!(sqlx::query(more).bind(job.id).execute(store.pool()).await.unwrap().rows_affected(), 1);
+        let then = content(&store).await;
+        store.close().await;
+
+        let store = Store::open(location).await.unwrap();
+        assert!(store.schema_version().await.unwrap() >= 7);
+        let now = content(&store).await;
+        assert!(then.len() > 40, "{}", then.len());
+        assert_eq!(then, now);
+        assert_eq!(broken(&store).await, [""; 0]);
+        // what refers to a job still does
+        let refused = sqlx::query("delete from job where status = 'succeeded'").execute(store.pool()).await;
+        assert!(refused.unwrap_err().to_string().contains("FOREIGN KEY"));
+        // and a job's row begins with what is short
+        let columns = "select name from pragma_table_info('job') order by cid desc limit 4";
+        let last: Vec<String> = query_scalar(columns).fetch_all(store.pool()).await.unwrap();
+        assert_eq!(last, ["report_json", "convergence_json", "error_json", "progress_json"]);
+        store.close().await;
     });
 }

@@ -13,7 +13,7 @@ use crate::engines::for_each_engine;
 use crate::fixtures::{a_candidate, a_job, a_robot, a_set, in_transaction};
 use crate::idempotency::{make_a_robot, scope};
 
-async fn broken(store: &Store) -> Vec<&'static str> {
+pub async fn broken(store: &Store) -> Vec<&'static str> {
     let checks = verify(store, &Options { is_served: true, ..Options::default() }).await.unwrap();
     assert_eq!(checks.iter().map(|check| check.id).collect::<Vec<_>>(), ["I1", "I2", "I3", "I4", "I5", "I6", "I7", "I8", "I9"]);
     checks.into_iter().filter(|check| check.n_violations > 0).map(|check| check.id).collect()
