@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::Duration;
 
 use tokio::sync::{Notify, watch};
-use tokio::task::JoinHandle;
+use tokio::task::{AbortHandle, JoinHandle};
 use tokio::time::{Instant, sleep, timeout_at};
 
 use super::Progress;
@@ -91,9 +91,9 @@ impl KeptLease {
         KeptLease { control: Arc::clone(&beat.control), task: tokio::spawn(beat.run()) }
     }
 
-    /// Whether the lease is lost, or nothing is known of it for so long that it must be.
-    pub(super) fn is_lost(&self) -> bool {
-        self.task.is_finished()
+    /// The heartbeat. It is finished when the lease is lost, or nothing is known of it for so long that it must be.
+    pub(super) fn beat(&self) -> AbortHandle {
+        self.task.abort_handle()
     }
 }
 

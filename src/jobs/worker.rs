@@ -3,10 +3,12 @@
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
+use tokio::runtime::Handle;
 use tokio::sync::watch;
-use tokio::task::JoinHandle;
+use tokio::task::{AbortHandle, JoinError, JoinHandle, JoinSet};
 use tokio::time::{Instant, timeout};
 
 use super::heartbeat::{Beat, Control, Drain, KeptLease, Stop, reached};
@@ -16,8 +18,27 @@ use crate::wire::Problem;
 
 /// A computation that goes on though its job is over, and since when.
 struct Deaf {
-    thread: JoinHandle<std::thread::Result<std::result::Result<JobOutcome, JobFailure>>>,
+    thread: JoinHandle<()>,
     begun: Instant,
+}
+
+/// A job that is being computed, for whoever ends it: the thread that computes it, or its worker where that thread does not come to its end.
+struct Attempt {
+    store: Store,
+    lease: Lease,
+    control: Arc<Control>,
+    beat: AbortHandle,
+    signals: JobSignals,
+    is_taken: AtomicBool,
+}
+
+/// The worker's part in an attempt. Dropped, nobody ends the attempt: its lease runs out.
+struct Watched(Arc<Attempt>);
+
+impl Drop for Watched {
+    fn drop(&mut self) {
+        self.0.take();
+    }
 }
 
 const LEFT_TO_ITSELF: &str = "a computation takes longer than a job may, and does not stop; its thread is left to itself";
@@ -79,25 +100,32 @@ pub async fn run_next_job(store: &Store, context: &WorkerContext) -> Result<Opti
     let until = Instant::now() + context.lease;
     // What a job names was committed before it was posted, so it is read while the claim is committed. Nothing is computed before that is
     // certain, or a job that ends the process would be begun again and again.
-    let begin = async {
-        tx.commit().await?;
-        tracing::info!(job_id = lease.job_id, owner = lease.owner, attempt = lease.attempt, "job begun");
-        context.signals.job_changed(&lease.job_id);
-        Ok::<_, Error>(keep(store, context, &lease, &control))
-    };
-    let (kept, read) = tokio::join!(begin, JobInputs::of(store, job));
-    let kept = kept?;
-    let (ended, deaf) = match inputs(store, context, &lease, (read.ok(), until), &control).await {
-        Ok(inputs) => compute(context, inputs, &control).await,
-        Err(ended) => (ended, None),
-    };
-    end(store, &lease, &kept, ended).await;
-    drop(kept);
+    let mut reading = JoinSet::new();
+    reading.spawn({
+        let store = store.clone();
+        async move { JobInputs::of(&store, job).await }
+    });
+    tx.commit().await?;
+    tracing::info!(job_id = lease.job_id, owner = lease.owner, attempt = lease.attempt, "job begun");
     context.signals.job_changed(&lease.job_id);
+    let kept = keep(store, context, &lease, &control);
+    let read = reading.join_next().await.and_then(std::result::Result::ok).and_then(Result::ok);
+    let read = inputs(store, context, &lease, (read, until), &control).await;
+    let (beat, signals, is_taken) = (kept.beat(), context.signals.clone(), AtomicBool::new(false));
+    let attempt = Watched(Arc::new(Attempt { store: store.clone(), lease, control, beat, signals, is_taken }));
+    let deaf = match read {
+        Ok(inputs) => compute(context, &attempt.0, inputs).await,
+        Err(ended) => {
+            attempt.0.end(ended).await;
+            None
+        }
+    };
+    drop(kept);
+    let job_id = attempt.0.lease.job_id.clone();
     if let Some(deaf) = deaf {
-        wait_for(context, &lease.job_id, deaf).await;
+        wait_for(context, &job_id, deaf).await;
     }
-    Ok(Some(lease.job_id))
+    Ok(Some(job_id))
 }
 
 /// Runs jobs until none waits: how tests step a worker.
@@ -159,46 +187,48 @@ async fn inputs(
     }
 }
 
-/// How the computation ended; of a job that was cancelled while it does not look whether it should stop, with the thread that is still at it.
-async fn compute(context: &WorkerContext, inputs: JobInputs, control: &Arc<Control>) -> (Ended, Option<Deaf>) {
+/// Computes a job and ends it; of one that was cancelled while its computation does not look whether it should stop, gives the thread that is
+/// still at it.
+async fn compute(context: &WorkerContext, attempt: &Arc<Attempt>, inputs: JobInputs) -> Option<Deaf> {
     let begun = Instant::now();
-    let (function, theirs, job_id) = (context.compute, Arc::clone(control), inputs.job.id.clone());
-    let mut thread =
-        tokio::task::spawn_blocking(move || catch_unwind(AssertUnwindSafe(|| function(&inputs, &mut |progress| theirs.report(progress)))));
+    let (function, theirs, runtime) = (context.compute, Arc::clone(attempt), Handle::current());
+    let mut thread = tokio::task::spawn_blocking(move || {
+        let result = catch_unwind(AssertUnwindSafe(|| function(&inputs, &mut |progress| theirs.control.report(progress))));
+        if let Err(panic) = &result {
+            log_panic(&theirs.lease.job_id, &**panic);
+        }
+        if theirs.take() {
+            // here, where the result is: to hand it to the worker's task would mean to wait until another thread has woken
+            runtime.block_on(theirs.end(theirs.ended(result)));
+        }
+    });
     let mut drain = context.drain.subscribe();
-    let result = tokio::select! {
-        result = &mut thread => result,
-        () = reached(&mut drain, Drain::Abandon) => return (Ended::HandedBack, None),
-        () = deaf_after(context.longest, control) => {
-            tracing::error!(job_id, "{LEFT_TO_ITSELF}");
-            return (Ended::GaveUp, None);
-        }
-        () = deaf_to_its_cancellation(control) => {
-            tracing::info!(job_id, "a cancelled job's computation has not stopped yet; its worker waits for that");
-            return (Ended::Cancelled, Some(Deaf { thread, begun }));
-        }
+    let deaf = tokio::select! {
+        result = &mut thread => return came_to_its_end(attempt, result),
+        () = reached(&mut drain, Drain::Abandon) => Ended::HandedBack,
+        () = deaf_after(context.longest, &attempt.control) => Ended::GaveUp,
+        () = deaf_to_its_cancellation(&attempt.control) => Ended::Cancelled,
     };
-    let ended = match result {
-        Ok(Ok(Ok(outcome))) => Ended::Finished(Box::new(outcome)),
-        Ok(Ok(Err(JobFailure::Failed { problem_json }))) => Ended::Failed(problem_json),
-        Ok(Ok(Err(JobFailure::Cancelled))) => match control.stopped() {
-            Some(Stop::Cancelled) => Ended::Cancelled,
-            Some(Stop::ShuttingDown) => Ended::HandedBack,
-            Some(Stop::LeaseLost) => Ended::LeftToItsLease,
-            Some(Stop::TooLong) => {
-                tracing::error!(job_id, longest = ?context.longest, "a computation was stopped: it took longer than a job may");
-                Ended::GaveUp
-            }
-            None => Ended::Failed(internal(&job_id, "it stopped without being told to")),
-        },
-        Ok(Err(panic)) => {
-            log_panic(&job_id, &*panic);
-            Ended::GaveUp
-        }
-        // The runtime goes down: the lease runs out.
-        Err(_) => Ended::LeftToItsLease,
-    };
-    (ended, None)
+    if !attempt.take() {
+        return came_to_its_end(attempt, thread.await);
+    }
+    let job_id = &attempt.lease.job_id;
+    let is_waited_for = matches!(deaf, Ended::Cancelled);
+    match deaf {
+        Ended::GaveUp => tracing::error!(job_id, "{LEFT_TO_ITSELF}"),
+        Ended::Cancelled => tracing::info!(job_id, "a cancelled job's computation has not stopped yet; its worker waits for that"),
+        _ => {}
+    }
+    attempt.end(deaf).await;
+    is_waited_for.then_some(Deaf { thread, begun })
+}
+
+/// The thread has ended its job. If it could not, the lease runs out.
+fn came_to_its_end(attempt: &Attempt, result: std::result::Result<(), JoinError>) -> Option<Deaf> {
+    if let Err(error) = result {
+        tracing::error!(job_id = attempt.lease.job_id, %error, "the thread of a computation broke; the job's lease will run out");
+    }
+    None
 }
 
 /// Waits for a computation that nobody waits for any more, as long as it may take: two at a time would be more than a worker may compute.
@@ -206,11 +236,7 @@ async fn wait_for(context: &WorkerContext, job_id: &str, Deaf { thread, begun }:
     let left = context.longest.saturating_sub(begun.elapsed()).saturating_add(STOP_WITHIN);
     let mut drain = context.drain.subscribe();
     tokio::select! {
-        ended = thread => {
-            if let Ok(Err(panic)) = ended {
-                log_panic(job_id, &*panic);
-            }
-        }
+        _ = thread => {}
         () = reached(&mut drain, Drain::Finish) => {}
         () = tokio::time::sleep(left) => tracing::error!(job_id, "{LEFT_TO_ITSELF}"),
     }
@@ -230,33 +256,64 @@ async fn deaf_to_its_cancellation(control: &Control) {
     tokio::time::sleep(CANCELLED_WITHIN).await;
 }
 
-/// Ends the job, as often as it takes while the lease holds.
-async fn end(store: &Store, lease: &Lease, kept: &KeptLease, mut ended: Ended) {
-    loop {
-        match try_to_end(store, lease, &ended).await {
-            Ok(()) => return,
-            Err(Error::Conflict(Conflict::LeaseLost)) => {
-                tracing::warn!(
-                    job_id = lease.job_id,
-                    owner = lease.owner,
-                    attempt = lease.attempt,
-                    "the job is not ours any more; nothing was written"
-                );
-                return;
-            }
-            Err(error) if error.is_unavailable() && !kept.is_lost() => {
-                tracing::warn!(job_id = lease.job_id, error = %error.cause(), "the job could not be ended; trying again");
-                tokio::time::sleep(RETRY_AFTER).await;
-            }
-            Err(error) if matches!(ended, Ended::Finished(_)) && !kept.is_lost() => {
-                tracing::error!(job_id = lease.job_id, error = %error.cause(), "the result cannot be stored");
-                ended = Ended::Failed(internal(&lease.job_id, "its result could not be stored"));
-            }
-            Err(error) => {
-                tracing::error!(job_id = lease.job_id, error = %error.cause(), "the job cannot be ended; its lease will run out");
-                return;
+impl Attempt {
+    /// True for the first who asks: this attempt is his to end.
+    fn take(&self) -> bool {
+        !self.is_taken.swap(true, Ordering::AcqRel)
+    }
+
+    /// What the end of its computation means.
+    fn ended(&self, result: std::thread::Result<std::result::Result<JobOutcome, JobFailure>>) -> Ended {
+        let job_id = &self.lease.job_id;
+        match result {
+            Ok(Ok(outcome)) => Ended::Finished(Box::new(outcome)),
+            Ok(Err(JobFailure::Failed { problem_json })) => Ended::Failed(problem_json),
+            Ok(Err(JobFailure::Cancelled)) => match self.control.stopped() {
+                Some(Stop::Cancelled) => Ended::Cancelled,
+                Some(Stop::ShuttingDown) => Ended::HandedBack,
+                Some(Stop::LeaseLost) => Ended::LeftToItsLease,
+                Some(Stop::TooLong) => {
+                    tracing::error!(job_id, "a computation was stopped: it took longer than a job may");
+                    Ended::GaveUp
+                }
+                None => Ended::Failed(internal(job_id, "it stopped without being told to")),
+            },
+            Err(_) => Ended::GaveUp,
+        }
+    }
+
+    /// Ends the job, as often as it takes while the lease holds, and tells whom it concerns.
+    async fn end(&self, mut ended: Ended) {
+        let Attempt { store, lease, .. } = self;
+        let is_ours = || !self.beat.is_finished();
+        loop {
+            match try_to_end(store, lease, &ended).await {
+                Ok(()) => break,
+                Err(Error::Conflict(Conflict::LeaseLost)) => {
+                    tracing::warn!(
+                        job_id = lease.job_id,
+                        owner = lease.owner,
+                        attempt = lease.attempt,
+                        "the job is not ours any more; nothing was written"
+                    );
+                    break;
+                }
+                Err(error) if error.is_unavailable() && is_ours() => {
+                    tracing::warn!(job_id = lease.job_id, error = %error.cause(), "the job could not be ended; trying again");
+                    tokio::time::sleep(RETRY_AFTER).await;
+                }
+                Err(error) if matches!(ended, Ended::Finished(_)) && is_ours() => {
+                    tracing::error!(job_id = lease.job_id, error = %error.cause(), "the result cannot be stored");
+                    ended = Ended::Failed(internal(&lease.job_id, "its result could not be stored"));
+                }
+                Err(error) => {
+                    tracing::error!(job_id = lease.job_id, error = %error.cause(), "the job cannot be ended; its lease will run out");
+                    break;
+                }
             }
         }
+        self.beat.abort();
+        self.signals.job_changed(&lease.job_id);
     }
 }
 
