@@ -3,6 +3,7 @@
 
 use crate::config::LimitsConfig;
 use crate::http::front::Desk;
+use crate::http::lingering::Lingering;
 use crate::http::tls::Tls;
 use axum::body::Body;
 use hyper::server::conn::http1;
@@ -10,7 +11,7 @@ use hyper_util::rt::{TokioIo, TokioTimer};
 use std::net::{IpAddr, SocketAddr};
 use std::sync::Arc;
 use std::time::Duration;
-use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
+use tokio::io::{AsyncRead, AsyncWrite, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, watch};
 use tokio::task::JoinSet;
@@ -48,12 +49,23 @@ struct Serving {
     client_timeout: Duration,
     tls: Option<Tls>,
     stopping: watch::Receiver<bool>,
+    /// Room for more connections, of so many.
+    room: Arc<Semaphore>,
+    max_connections: usize,
+}
+
+impl Serving {
+    fn n_connected(&self) -> usize {
+        self.max_connections.saturating_sub(self.room.available_permits())
+    }
 }
 
 /// Answers clients until told to stop, then until the last request under way is answered.
 pub async fn accept_all(listener: TcpListener, desk: Desk, limits: &LimitsConfig, tls: Option<Tls>, stopping: watch::Receiver<bool>) {
-    let serving = Serving { desk, client_timeout: limits.client_timeout(), tls, stopping: stopping.clone() };
-    let room = Arc::new(Semaphore::new(limits.max_connections));
+    let LimitsConfig { max_connections, .. } = *limits;
+    let room = Arc::new(Semaphore::new(max_connections));
+    let (client_timeout, listening) = (limits.client_timeout(), stopping.clone());
+    let serving = Serving { desk, client_timeout, tls, stopping: listening, room: Arc::clone(&room), max_connections };
     let room_to_turn_away = Arc::new(Semaphore::new(MAX_TURNED_AWAY));
     let mut connections = JoinSet::new();
     let admit = |(stream, peer), connections: &mut JoinSet<()>| match Arc::clone(&room).try_acquire_owned() {
@@ -112,10 +124,10 @@ async fn connection(stream: TcpStream, peer: SocketAddr, serving: Serving, _slot
     stream.set_write_timeout(Some(serving.client_timeout));
     let stream = Box::pin(stream);
     match &serving.tls {
-        None => requests(stream, peer, &serving).await,
+        None => requests(Lingering::new(stream), peer, &serving).await,
         Some(tls) => {
             if let Ok(Ok(stream)) = timeout(serving.client_timeout, tls.accept(stream)).await {
-                requests(stream, peer, &serving).await;
+                requests(Lingering::new(stream), peer, &serving).await;
             }
         }
     }
@@ -125,7 +137,7 @@ async fn connection(stream: TcpStream, peer: SocketAddr, serving: Serving, _slot
 async fn requests(stream: impl AsyncRead + AsyncWrite + Unpin + Send + 'static, peer: SocketAddr, serving: &Serving) {
     let answer = |mut request: hyper::Request<hyper::body::Incoming>| {
         request.extensions_mut().insert(Peer(peer.ip()));
-        serving.desk.clone().answer(request.map(Body::new))
+        serving.desk.clone().answer(request.map(Body::new), serving.n_connected())
     };
     let mut builder = http1::Builder::new();
     builder.timer(TokioTimer::new()).header_read_timeout(serving.client_timeout).max_buf_size(MAX_HEADER_BYTES);
@@ -145,14 +157,11 @@ async fn requests(stream: impl AsyncRead + AsyncWrite + Unpin + Send + 'static, 
 }
 
 /// Says why, waits until it was read, and closes.
-async fn turn_away(mut stream: TcpStream, _slot: OwnedSemaphorePermit) {
+async fn turn_away(stream: TcpStream, _slot: OwnedSemaphorePermit) {
+    let mut stream = Lingering::new(stream);
     let _ = timeout(TURN_AWAY_WITHIN, async {
         stream.write_all(TURNED_AWAY).await?;
-        stream.shutdown().await?;
-        // Closing with unread bytes would take the answer away from the client.
-        let mut unread = [0_u8; 4096];
-        while stream.read(&mut unread).await? > 0 {}
-        std::io::Result::Ok(())
+        stream.shutdown().await
     })
     .await;
 }

@@ -21,7 +21,7 @@ use tokio::sync::Semaphore;
 /// Reads under way: at 0.1 ms each on two cores the last one waits some 15 ms.
 const MAX_READS: usize = 256;
 /// Writes under way, counted from when their body is here: at 1,000 a second the last one waits some 130 ms.
-const MAX_WRITES: usize = 128;
+pub const MAX_WRITES: usize = 128;
 /// Of what ends something: kept free for when no more writes fit, and of it for one key.
 const RESERVED_ENDINGS: (usize, usize) = (16, 8);
 /// Longest body of what ends something: a reason of 2,000 characters, each of them escaped.

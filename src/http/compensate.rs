@@ -27,9 +27,9 @@ async fn compensate(State(app): State<App>, caller: Caller, Id(id): Id, request:
     let (robot, content) = (access::robot_body(&robot)?, parameter_sets::content(&row)?);
     let turn = app.turn().await?;
     let warnings = parameter_sets::warnings_for_use(&app, &turn, &row).await?;
-    let answer = turn.run(move || {
+    let answer = turn.run(|| {
         let body: CompensateBody = json::parse(&bytes)?;
-        Ok(body.run(&robot.to_core()?, &content, &warnings)?)
+        Ok::<_, Error>(body.run(&robot.to_core()?, &content, &warnings)?)
     });
-    Ok(Json(answer.await?))
+    Ok(Json(answer?))
 }

@@ -81,8 +81,7 @@ async fn get(State(app): State<App>, caller: Caller, Id(id): Id, Query(query): Q
     let turn = app.turn().await?;
     let stored = stored(&app, &turn, &caller, &id).await?;
     let ExportQuery { format, beta } = query;
-    let exported = turn.run(move || stored.with(|source| export::export(source, format, beta)));
-    respond(&id, exported.await?)
+    respond(&id, turn.run(|| stored.with(|source| export::export(source, format, beta)))?)
 }
 
 /// The body, a URDF, with the joint origins of the identified robot; nothing else of it changes.
@@ -106,8 +105,7 @@ async fn patch_urdf(
     let bytes = whole_body(request, &app).await?;
     let turn = app.turn().await?;
     let stored = stored(&app, &turn, &caller, &id).await?;
-    let exported = turn.run(move || stored.with(|source| export::patch_urdf(source, &bytes, query.tip.as_deref())));
-    respond(&id, exported.await?)
+    respond(&id, turn.run(|| stored.with(|source| export::patch_urdf(source, &bytes, query.tip.as_deref())))?)
 }
 
 /// A robot from a URDF or a table of Denavit-Hartenberg parameters, to be posted to /v1/robots; nothing is stored.

@@ -5,7 +5,7 @@ use crate::http::auth::Caller;
 use crate::http::class::Asker;
 use crate::http::shares::Room;
 use crate::http::{Error, MAX_BODY_BYTES};
-use crate::store::{Cursor, PageRequest};
+use crate::store::{Cursor, PageRequest, aside};
 use crate::wire::id;
 use crate::wire::page::{DEFAULT_PAGE, MAX_PAGE};
 use axum::body::{Body, Bytes};
@@ -21,6 +21,8 @@ use utoipa::IntoParams;
 
 /// A body that comes slower than this on the whole, after the first seconds, is cut off; so is who reads a large answer slower.
 pub const MIN_BYTES_PER_S: f64 = 16.0 * 1024.0;
+/// To look through a body of this size takes less than to wake another thread.
+const SMALL_BYTES: usize = 64 * 1024;
 
 /// The id in a path. Anything that cannot be one of ours is not looked up.
 pub struct Id(pub String);
@@ -117,6 +119,11 @@ pub async fn whole_body<S: Send + Sync>(request: Request, _: &S) -> Result<Bytes
     let mut room = limits.body(&asker, declared)?;
     let bytes = arrive(request.into_body(), declared, &mut room, limits.client_timeout()).await?;
     Ok(Bytes::from_owner(Received { bytes, _room: room.arrived()? }))
+}
+
+/// Looks through a body: of a large one aside from this thread's other tasks.
+pub fn aside_if_large<T>(body: &[u8], look: impl FnOnce() -> T) -> T {
+    if body.len() > SMALL_BYTES { aside(look) } else { look() }
 }
 
 /// A body and the room that it takes.

@@ -1,11 +1,14 @@
-//! The threads that talk to clients, apart from those that work. A server that is asked for ten times what it can do refuses nine of ten
-//! requests: where refusing shared its threads with working, each step of an upload waited behind all of the refusals, and hardly any
-//! upload came to its end.
+//! The threads that talk to clients, apart from those of the workers. A server that is asked for ten times what it can do refuses nine of ten
+//! requests. Where refusing shares its threads with answering, each step of an upload waits behind all of the refusals, and hardly any upload
+//! comes to its end. So requests that are taken are handed on to the caller's threads. Not so where few clients are connected, who leave
+//! nobody to be refused, and the database is SQLite: its statements run on the thread that asks, most answers are one step, and to hand that on
+//! and back would take longer than many an answer.
 
-use crate::http::admission::Limits;
+use crate::http::admission::{Limits, MAX_WRITES};
 use crate::http::class::Class;
 use crate::http::metrics::Metrics;
 use crate::http::{App, Error, layers, router};
+use crate::store::Engine;
 use axum::Router;
 use axum::extract::Request;
 use axum::response::{IntoResponse, Response};
@@ -59,20 +62,27 @@ impl Drop for Front {
     }
 }
 
-/// Answers requests: refuses at the door what there is no room for, and hands the rest to the threads that work.
+/// Answers requests: refuses at the door what there is no room for, and answers the rest or hands it on.
 #[derive(Clone, Debug)]
 pub struct Desk {
     router: Router,
     limits: Limits,
     metrics: Metrics,
-    work: Handle,
+    /// Whose threads answer, where the front's do not.
+    others: Handle,
+    /// Connections up to which the front's threads do.
+    few: usize,
 }
 
 impl Desk {
-    /// For a server whose work is done on the threads of the caller.
+    /// For this server; requests are handed on to the threads of the caller.
     pub fn new(app: App) -> Self {
         let (limits, metrics) = (app.limits.clone(), app.metrics.clone());
-        Self { router: router(app), limits, metrics, work: Handle::current() }
+        let few = match app.store.engine() {
+            Engine::Sqlite => MAX_WRITES,
+            Engine::Postgres => 0,
+        };
+        Self { router: router(app), limits, metrics, others: Handle::current(), few }
     }
 
     /// Counts a client that was sent away before it could ask for anything.
@@ -80,13 +90,17 @@ impl Desk {
         self.metrics.turned_away(code);
     }
 
-    /// The answer to a request. If whoever waits for it goes away, work on it ends.
-    pub async fn answer(self, request: Request) -> Result<Response, Infallible> {
+    /// The answer to a request while so many are connected. If whoever waits for it goes away, work on it ends.
+    pub async fn answer(self, request: Request, n_connected: usize) -> Result<Response, Infallible> {
         if !self.limits.has_room(Class::of(request.method(), request.uri().path())) {
             return Ok(layers::refuse_at_the_door(&self.metrics, request.method()));
         }
+        let answer = self.router.oneshot(request);
+        if n_connected <= self.few {
+            return answer.await;
+        }
         let mut work = JoinSet::new();
-        work.spawn_on(self.router.oneshot(request), &self.work);
+        work.spawn_on(answer, &self.others);
         match work.join_next().await {
             Some(Ok(answer)) => answer,
             _ => Ok(Error::Internal("the server ended with a request under way".into()).into_response()),

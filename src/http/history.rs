@@ -77,7 +77,7 @@ async fn history(
 /// What of a job's report the history shows. A report of 20,000 points has 9 MB, so no more than one is in memory for each request.
 async fn excerpt(app: &App, turn: &Turn, job_id: &str) -> Result<ReportExcerpt, Error> {
     let report = jobs::report(&app.store, job_id).await?;
-    turn.run(move || Ok(serde_json::from_str(&report)?)).await
+    Ok(turn.run(|| serde_json::from_str(&report))?)
 }
 
 /// The trend of the released set's errors: of its own held-out points, and of the sessions that it was scored on.
@@ -142,8 +142,7 @@ async fn compare(
     };
     let turn = app.turn().await?;
     let inputs = (JobInputs::load(&app.store, &row.job_id).await?, JobInputs::load(&app.store, &other.job_id).await?);
-    let answer = turn.run(move || compared(&row, &other, &inputs.0, &inputs.1));
-    Ok(Json(answer.await?))
+    Ok(Json(turn.run(|| compared(&row, &other, &inputs.0, &inputs.1))?))
 }
 
 fn compared(row: &ParameterSetRow, other: &ParameterSetRow, own: &JobInputs, others: &JobInputs) -> Result<CompareAnswer, Error> {

@@ -40,7 +40,7 @@ async fn events(
     Ok(Sse::new(stream(app, caller, row, room)).keep_alive(KeepAlive::new().interval(KEEP_ALIVE)))
 }
 
-/// The threads of connections only pass events on: what looks at the database is a task of those that work, and ends with the stream.
+/// The connection only passes events on: what looks at the database is a task where requests are answered, and ends with the stream.
 fn stream(app: App, caller: Caller, row: JobRow, room: Room) -> impl Stream<Item = Result<Event, Infallible>> {
     let (events, mut to_pass_on) = mpsc::channel(1);
     let mut work = JoinSet::new();

@@ -82,7 +82,7 @@ pub async fn create(State(app): State<App>, Id(robot_id): Id, submission: Submis
     let turn = app.turn().await?;
     let sources = load(&app, &submission.caller, &robot_id, &request).await?;
     let mut new = new_job(&request, &sources, &submission.caller.holder)?;
-    let chosen = turn.run(move || check(&request, sources)).await?;
+    let chosen = turn.run(|| check(&request, sources))?;
     (new.network_input_id, new.residual_network_input_id) = (chosen.network_id, chosen.residual_network_id);
     let effect = async |tx: &mut Tx| {
         let row = queue::enqueue(tx, &new).await?;

@@ -23,6 +23,7 @@ mod job_events;
 mod job_posting;
 mod jobs;
 mod layers;
+mod lingering;
 mod me;
 mod measurement_sets;
 mod metrics;
@@ -101,9 +102,9 @@ impl App {
     /// Runs something that computes when it is its turn.
     ///
     /// # Errors
-    /// What `work` returns, [`Error::Busy`], or [`Error::Internal`] if it panicked.
-    pub async fn compute<T: Send + 'static>(&self, work: impl FnOnce() -> Result<T, Error> + Send + 'static) -> Result<T, Error> {
-        self.turn().await?.run(work).await
+    /// What `work` returns, [`Error::Busy`].
+    pub async fn compute<T>(&self, work: impl FnOnce() -> Result<T, Error>) -> Result<T, Error> {
+        self.turn().await?.run(work)
     }
 }
 

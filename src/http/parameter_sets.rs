@@ -97,7 +97,7 @@ pub fn content(row: &ParameterSetRow) -> Result<ParameterSetContent, Error> {
 /// What the report of its job says that who uses the set should have before them.
 pub async fn warnings_for_use(app: &App, turn: &Turn, row: &ParameterSetRow) -> Result<Vec<Warning>, Error> {
     let report = jobs::report(&app.store, &row.job_id).await?;
-    turn.run(move || Ok(report::warnings_for_use(&report)?)).await
+    Ok(turn.run(|| report::warnings_for_use(&report))?)
 }
 
 /// The parameter set as it is answered.

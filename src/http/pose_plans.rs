@@ -1,7 +1,7 @@
 //! Which poses to measure next.
 
 use crate::http::auth::Caller;
-use crate::http::extract::{Id, json_body};
+use crate::http::extract::{Id, aside_if_large, json_body};
 use crate::http::job_posting::{frame_of, own};
 use crate::http::{App, Error, access};
 use crate::store::measurement_sets;
@@ -26,7 +26,7 @@ pub fn router() -> OpenApiRouter<App> {
 async fn create(State(app): State<App>, caller: Caller, Id(robot_id): Id, request: Request) -> Result<Json<PosePlanAnswer>, Error> {
     let row = access::robot(&app, &caller, &robot_id).await?;
     let bytes = json_body(request, &app).await?;
-    let body: PosePlanBody = json::parse(&bytes)?;
+    let body: PosePlanBody = aside_if_large(&bytes, || json::parse(&bytes))?;
     body.check()?;
     let mut measured = Vec::new();
     for (i, id) in body.measured.iter().enumerate() {
@@ -40,7 +40,7 @@ async fn create(State(app): State<App>, caller: Caller, Id(robot_id): Id, reques
     for set in measured {
         // One after the other: their texts are much larger than what is in them.
         let points = measurement_sets::body(&app.store, &set.id).await?;
-        sets.push(turn.run(move || from_upload(&set.content_type, &points, frame_of(&set)?, n_joints).map_err(Error::Invalid)).await?);
+        sets.push(turn.run(|| from_upload(&set.content_type, &points, frame_of(&set)?, n_joints).map_err(Error::Invalid))?);
     }
-    Ok(Json(turn.run(move || Ok(body.run(&robot, &sets)?)).await?))
+    Ok(Json(turn.run(|| body.run(&robot, &sets))?))
 }

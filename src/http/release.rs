@@ -181,7 +181,7 @@ async fn judged(app: &App, caller: &Caller, row: ParameterSetRow, purpose: Purpo
     let turn = app.turn().await?;
     let stored = evidence::load(&app.store, &row, other).await?;
     let checked = Checked { active: active.map(|active| active.id), policy_version: policy.version, n_sessions: stored.n_sessions };
-    let (gates, evidence, uncertainty_mm) = turn.run(move || judge(&evidence::weigh(stored).map_err(unreadable)?, &around)).await?;
+    let (gates, evidence, uncertainty_mm) = turn.run(|| judge(&evidence::weigh(stored).map_err(unreadable)?, &around))?;
     Ok(Judged { id: row.id, checked, gates, evidence, uncertainty_mm, approver: caller.holder.clone() })
 }
 

@@ -30,8 +30,8 @@ async fn report_html(State(app): State<App>, caller: Caller, Id(id): Id) -> Resu
     };
     let turn = app.turn().await?;
     let (report, convergence) = (jobs::report(&app.store, &id).await?, jobs::convergence(&app.store, &id).await?);
-    let page = move || {
-        Ok(report_page::html(&Sources {
+    let page = || {
+        Ok::<_, Error>(report_page::html(&Sources {
             robot: &access::robot_body(&robot)?,
             set: (&set_answers::summary(&set)?).into(),
             job: Some(&job_answers::answer(&job)?),
@@ -40,7 +40,7 @@ async fn report_html(State(app): State<App>, caller: Caller, Id(id): Id) -> Resu
             convergence: &serde_json::from_str(&convergence)?,
         }))
     };
-    let page = turn.run(page).await?;
+    let page = turn.run(page)?;
     let policy = report_page::CONTENT_SECURITY_POLICY.as_str();
     Ok(([(header::CONTENT_TYPE, "text/html; charset=utf-8"), (header::CONTENT_SECURITY_POLICY, policy)], page).into_response())
 }

@@ -127,7 +127,7 @@ impl RunningServer {
         if tokio::time::timeout(Duration::from_secs(1), self.store.close()).await.is_err() {
             tracing::warn!("the database was still in use when the server ended");
         }
-        // Event streams read the database from the front, so that connections to it may have been opened there.
+        // The front reads the database, so that connections to it may have been opened there.
         drop(self.front);
     }
 }

@@ -4,7 +4,7 @@
 use crate::http::Error;
 use crate::http::class::{Asker, Class};
 use crate::http::shares::{Room, Shares};
-use std::sync::Arc;
+use crate::store::aside;
 
 /// Computing for writes at the same time; more only makes each slower and memory larger.
 const WRITING: usize = 8;
@@ -70,28 +70,21 @@ impl Lines {
             Class::Write => &self.writing,
         };
         let admitted = line.admitted.take(&holder, 1)?;
-        let running = line.running.wait(&holder).await?;
-        Ok(Turn(Arc::new([admitted, running])))
+        Ok(Turn { _admitted: admitted, _running: line.running.wait(&holder).await? })
     }
 }
 
 /// One's turn to compute, until it is dropped.
 #[derive(Debug)]
-pub struct Turn(Arc<[Room; 2]>);
+pub struct Turn {
+    _admitted: Room,
+    _running: Room,
+}
 
 impl Turn {
-    /// Runs something that computes on a thread of its own, so that others are answered meanwhile.
-    ///
-    /// # Errors
-    /// What `work` returns, or [`Error::Internal`] if it panicked.
-    pub async fn run<T: Send + 'static>(&self, work: impl FnOnce() -> Result<T, Error> + Send + 'static) -> Result<T, Error> {
-        // A computation goes on where its client has gone away: it keeps its turn to its end.
-        let kept = Arc::clone(&self.0);
-        let task = tokio::task::spawn_blocking(move || {
-            let result = work();
-            drop(kept);
-            result
-        });
-        task.await.map_err(|error| Error::Internal(format!("a computation did not end: {error}")))?
+    /// Runs something that computes, here and now, for to wake another thread and to be woken by it takes as long as most of it. This thread's
+    /// other tasks go to another one meanwhile. Where the client has gone away it still comes to its end, and keeps its turn so long.
+    pub fn run<T>(&self, work: impl FnOnce() -> T) -> T {
+        aside(work)
     }
 }

@@ -60,6 +60,26 @@ async fn a_dribbling_body_is_cut_off_with_408_and_nothing_is_stored() {
 }
 
 #[tokio::test]
+async fn a_client_that_sends_on_after_its_refusal_still_hears_it() {
+    let (app, _dir) = impatient(LimitsConfig::default()).await;
+    let robot = app.paper_robot().await;
+    let too_large = 33 << 20;
+    let body =
+        format!("POST {robot}/measurement-sets HTTP/1.1\r\nhost: x\r\ncontent-type: text/csv\r\ncontent-length: {too_large}\r\n\r\n");
+    let header = format!("GET /healthz HTTP/1.1\r\nhost: x\r\nx-long: {}", "a".repeat(40 * 1024));
+    for (first, expected) in [(body, "HTTP/1.1 413"), (header, "HTTP/1.1 431")] {
+        let mut client = Raw::connect(app.server.address).await;
+        assert!(client.send(first.as_bytes()).await);
+        for _ in 0..4 {
+            tokio::time::sleep(PAUSE).await;
+            assert!(client.send(&[b'1'; 64 * 1024]).await, "{expected}: the server still listens");
+        }
+        let answer = client.rest().await;
+        assert!(answer.starts_with(expected), "{answer}");
+    }
+}
+
+#[tokio::test]
 async fn slow_clients_do_not_keep_others_waiting() {
     let (app, _dir) = impatient(short()).await;
     let robot = app.paper_robot().await;

@@ -27,7 +27,8 @@ async fn soon(what: &str, answer: impl Future<Output = Answer>) -> Answer {
     answer
 }
 
-#[tokio::test]
+// on threads as a server has them: on the only one nothing can go aside from what computes
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_flood_of_plans_by_a_key_that_only_reads_keeps_no_upload_and_no_withdrawal_out() {
     let (app, _dir) = guarded(1).await;
     let writer = Person::new(&app, &["read", "upload", "identify", "release"]).await;
