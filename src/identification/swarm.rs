@@ -253,43 +253,47 @@ impl SearchSpace {
     }
 }
 
-/// Coordinate j of the eight particles from `first` on; the last particle again where there are fewer.
+/// Coordinate j of the eight particles from `first` on, where it lies; the last particle again where there are fewer.
 #[inline(always)]
-fn lanes_of(positions: &Positions, j: usize, first: usize) -> Lanes {
+fn with_lanes(positions: &Positions, j: usize, first: usize, work: impl FnOnce(&[f64; LANES])) {
     let values = &positions.coordinate(j)[first..];
     match values.first_chunk() {
-        Some(full) => Lanes(*full),
-        None => repeated(values),
+        Some(full) => work(full),
+        None => work(&repeated(values)),
     }
 }
 
 #[cold]
-fn repeated(values: &[f64]) -> Lanes {
-    Lanes(std::array::from_fn(|lane| values[lane.min(values.len() - 1)]))
+fn repeated(values: &[f64]) -> [f64; LANES] {
+    std::array::from_fn(|lane| values[lane.min(values.len() - 1)])
 }
 
 /// deviation = z · scale.
 #[multiversion(targets("x86_64+avx512f+avx512vl+fma", "x86_64+avx2+fma"))]
 fn scale_coordinates(scale: &[f64], positions: &Positions, first: usize, deviations: &mut [Lanes]) {
     for (j, (deviation, scale)) in deviations.iter_mut().zip(scale).enumerate() {
-        let z = lanes_of(positions, j, first);
-        for lane in 0..LANES {
-            deviation.0[lane] = z.0[lane] * scale;
-        }
+        with_lanes(positions, j, first, |z| {
+            for lane in 0..LANES {
+                deviation.0[lane] = z[lane] * scale;
+            }
+        });
     }
 }
 
-/// deviations = directions · z.
+/// deviations = directions · z. Row by row: with the rows inside, the compiler gathers them, one lane after the other.
 #[multiversion(targets("x86_64+avx512f+avx512vl+fma", "x86_64+avx2+fma"))]
 fn combine_coordinates(directions: &[f64], positions: &Positions, first: usize, deviations: &mut [Lanes]) {
-    deviations.fill(Lanes::ZERO);
-    for (j, direction) in directions.chunks_exact(deviations.len()).enumerate() {
-        let z = lanes_of(positions, j, first);
-        for (deviation, v) in deviations.iter_mut().zip(direction) {
-            for lane in 0..LANES {
-                deviation.0[lane] = v.mul_add(z.0[lane], deviation.0[lane]);
-            }
+    let n_rows = deviations.len();
+    for (row, deviation) in deviations.iter_mut().enumerate() {
+        let mut sum = [0.0; LANES];
+        for (j, v) in directions[row..].iter().step_by(n_rows).enumerate() {
+            with_lanes(positions, j, first, |z| {
+                for lane in 0..LANES {
+                    sum[lane] = v.mul_add(z[lane], sum[lane]);
+                }
+            });
         }
+        deviation.0 = sum;
     }
 }
 

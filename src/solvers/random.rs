@@ -4,7 +4,7 @@
 //! xoshiro256+ [Blackman, Vigna: Scrambled linear pseudorandom number generators, ACM TOMS 47(4), 2021, section 5] is
 //! made for floating-point numbers: only its lowest bits are weak, and those are dropped.
 
-use multiversion::multiversion;
+use multiversion::{multiversion, target::target_cfg_f};
 use rand::rngs::ChaCha8Rng;
 use rand::{Rng, SeedableRng};
 
@@ -73,32 +73,49 @@ const ROTATION: (u32, u32) = (45, 64 - 45);
 
 #[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl", "x86_64+avx2+fma"))]
 fn fill(state: &mut [[u64; LANES]; 4], numbers: &mut [f64]) {
-    let rotation = std::hint::black_box(ROTATION);
+    if target_cfg_f!(target_feature = "avx512dq") {
+        fill_with(state, numbers, (bits_divided, |word| word.rotate_left(ROTATION.0)));
+    } else {
+        let (left, right) = std::hint::black_box(ROTATION);
+        fill_with(state, numbers, (unit_interval, |word| word.wrapping_shl(left) | word.wrapping_shr(right)));
+    }
+}
+
+/// As [`unit_interval`], to the same bits, for vectors that convert 64-bit integers.
+#[inline(always)]
+fn bits_divided(bits: u64) -> f64 {
+    const TWO_POW_53: f64 = 9_007_199_254_740_992.0;
+    (bits >> 11) as f64 / TWO_POW_53
+}
+
+/// With what makes a number of bits, and what rotates a word.
+#[inline(always)]
+fn fill_with(state: &mut [[u64; LANES]; 4], numbers: &mut [f64], how: (impl Fn(u64) -> f64, impl Fn(u64) -> u64)) {
     let mut blocks = numbers.chunks_exact_mut(LANES);
     for block in &mut blocks {
-        block.copy_from_slice(&step(state, rotation));
+        block.copy_from_slice(&step(state, &how));
     }
     let rest = blocks.into_remainder();
     if !rest.is_empty() {
-        let block = step(state, rotation);
+        let block = step(state, &how);
         rest.copy_from_slice(&block[..rest.len()]);
     }
 }
 
 /// One xoshiro256+ step in every lane.
 #[inline(always)]
-fn step(state: &mut [[u64; LANES]; 4], (left, right): (u32, u32)) -> [f64; LANES] {
+fn step(state: &mut [[u64; LANES]; 4], (number, rotated): &(impl Fn(u64) -> f64, impl Fn(u64) -> u64)) -> [f64; LANES] {
     let [s0, s1, s2, s3] = state;
     let mut numbers = [0.0; LANES];
     for lane in 0..LANES {
-        numbers[lane] = unit_interval(s0[lane].wrapping_add(s3[lane]));
+        numbers[lane] = number(s0[lane].wrapping_add(s3[lane]));
         let shifted = s1[lane] << 17;
         s2[lane] ^= s0[lane];
         s3[lane] ^= s1[lane];
         s1[lane] ^= s2[lane];
         s0[lane] ^= s3[lane];
         s2[lane] ^= shifted;
-        s3[lane] = s3[lane].wrapping_shl(left) | s3[lane].wrapping_shr(right);
+        s3[lane] = rotated(s3[lane]);
     }
     numbers
 }
@@ -112,7 +129,7 @@ mod tests {
         let mut random = chacha8(1, 1);
         let edges = [0, 1, 1 << 11, 1 << 42, 1 << 43, (1 << 43) - 1, u64::MAX, u64::MAX << 43];
         for bits in edges.into_iter().chain((0..10_000).map(|_| random.next_u64())) {
-            assert_eq!(unit_interval(bits), (bits >> 11) as f64 / 9_007_199_254_740_992.0, "{bits:x}");
+            assert_eq!(unit_interval(bits), bits_divided(bits), "{bits:x}");
         }
     }
 }

@@ -41,8 +41,6 @@ pub struct LowerBound {
     chain: Vec<Quantity>,
     base_rotation: Vec<Quantity>,
     base_translation: Vec<Quantity>,
-    /// The anchor, mm or rad.
-    anchor: Vec<f64>,
     base_arm_mm: f64,
     /// c, filled up with zeros to a multiple of [`ROWS`].
     constant: Vec<f64>,
@@ -60,10 +58,22 @@ pub struct LowerBound {
 struct Quantity {
     /// Its place among the deviations.
     at: usize,
+    /// What it is at the anchor, mm or rad.
+    anchor: f64,
     /// 1 for an angle, 0 for a length.
     turns: f64,
     /// ‖∂r/∂δ‖ at the anchor, mm per mm or rad.
     effect_mm: f64,
+}
+
+impl Quantity {
+    /// The deviation from the anchor, which is kept for what comes after.
+    #[inline(always)]
+    fn delta<const W: usize>(&self, deviations: &[Lanes], deltas: &mut [Lanes], part: usize) -> Vector<W> {
+        let delta = Vector::load(&deviations[self.at], part) - Vector::splat(self.anchor);
+        delta.store(&mut deltas[self.at], part);
+        delta
+    }
 }
 
 /// What is known at an anchor.
@@ -94,7 +104,7 @@ impl LowerBound {
         let p = moved.len();
         let quantity = |at: usize| {
             let is_angle = matches!(moved[at], Moved::Alpha(_) | Moved::Beta(_) | Moved::ThetaOffset(_));
-            Quantity { at, turns: f64::from(u8::from(is_angle)), effect_mm: 0.0 }
+            Quantity { at, anchor: 0.0, turns: f64::from(u8::from(is_angle)), effect_mm: 0.0 }
         };
         let those = |wanted: fn(&Moved) -> bool| (0..p).filter(|at| wanted(&moved[*at])).map(quantity).collect();
         let mut chain: Vec<Quantity> = those(|m| place(m).is_some());
@@ -103,7 +113,6 @@ impl LowerBound {
             chain,
             base_rotation: those(|m| matches!(m, Moved::BaseRotation(_))),
             base_translation: those(|m| matches!(m, Moved::BaseTranslation(_))),
-            anchor: vec![0.0; p],
             base_arm_mm: 0.0,
             constant: vec![0.0; p.next_multiple_of(ROWS)],
             apart_mm2: 0.0,
@@ -126,10 +135,9 @@ impl LowerBound {
     /// When it is of another number of quantities, or has fewer rows than these.
     pub fn set(&mut self, anchored: &Anchored<'_>) {
         let p = anchored.deviation.len();
-        self.anchor.copy_from_slice(anchored.deviation);
         let Self { chain, base_rotation, base_translation, .. } = self;
         for quantity in [chain, base_rotation, base_translation].into_iter().flatten() {
-            quantity.effect_mm = anchored.effects_mm[quantity.at];
+            (quantity.anchor, quantity.effect_mm) = (anchored.deviation[quantity.at], anchored.effects_mm[quantity.at]);
         }
         let (constant, apart) = anchored.qt_residuals.split_at(p);
         self.constant[..p].copy_from_slice(constant);
@@ -147,43 +155,36 @@ impl LowerBound {
     /// Whether F is surely above `limits`, mm², as the kernel computes it. `deviations` as for [`super::LaneRobots::set`]; `room` is for
     /// as many.
     pub fn exceeds(&self, deviations: &[Lanes], limits: &Lanes, room: &mut [Lanes]) -> [bool; LANES] {
+        let mut excess_mm2 = Lanes::ZERO;
         match self.instructions {
-            InstructionSet::Avx512 => on_avx512(self, deviations, limits, room),
-            InstructionSet::Avx2 => on_avx2(self, deviations, limits, room),
-            InstructionSet::Baseline => self.exceeds_with::<2, 4>(deviations, limits, room),
+            InstructionSet::Avx512 => on_avx512(self, deviations, limits, room, &mut excess_mm2),
+            InstructionSet::Avx2 => on_avx2(self, deviations, limits, room, &mut excess_mm2),
+            InstructionSet::Baseline => self.excess_with::<2, 4>(deviations, limits, room, &mut excess_mm2),
         }
+        excess_mm2.0.map(|excess_mm2| excess_mm2 > 0.0)
     }
 
+    /// By how much ‖r₀ + J·δ‖² is above what it may be. To memory: where single lanes are asked for, the compiler takes apart all that comes
+    /// before.
     #[inline(always)]
-    fn exceeds_with<const W: usize, const P: usize>(&self, deviations: &[Lanes], limits: &Lanes, room: &mut [Lanes]) -> [bool; LANES] {
-        for ((delta, deviation), anchor) in room.iter_mut().zip(deviations).zip(&self.anchor) {
-            for lane in 0..LANES {
-                delta.0[lane] = deviation.0[lane] - anchor;
-            }
-        }
-        let (error, way) = self.remainder::<W, P>(room);
+    fn excess_with<const W: usize, const P: usize>(&self, deviations: &[Lanes], limits: &Lanes, room: &mut [Lanes], excess_mm2: &mut Lanes) {
+        let (error, way) = self.remainder::<W, P>(deviations, room);
         let squares = self.linear_squares::<W, P>(room);
-        let (mut linear, mut allowed) = (Lanes::ZERO, Lanes::ZERO);
         for part in 0..P {
             let rounding = Vector::splat(self.rounding) * (way[part] + error[part] + Vector::splat(self.size_mm));
             let root = Vector::load(limits, part).sqrt() + (error[part] + rounding);
-            (root * root).store(&mut allowed, part);
-            squares[part].store(&mut linear, part);
+            (squares[part] - root * root).store(excess_mm2, part);
         }
-        let mut exceeds = [false; LANES];
-        for (exceeds, (linear, allowed)) in exceeds.iter_mut().zip(linear.0.iter().zip(&allowed.0)) {
-            *exceeds = linear > allowed;
-        }
-        exceeds
     }
 
-    /// Upper bounds of ‖e‖ and of how far the targets move, over all poses.
+    /// Upper bounds of ‖e‖ and of how far the targets move, over all poses; and the deltas, which are made on the way: in a loop of their own
+    /// the compiler gathers them across quantities, one lane after the other.
     #[inline(always)]
-    fn remainder<const W: usize, const P: usize>(&self, deltas: &[Lanes]) -> ([Vector<W>; P], [Vector<W>; P]) {
+    fn remainder<const W: usize, const P: usize>(&self, deviations: &[Lanes], deltas: &mut [Lanes]) -> ([Vector<W>; P], [Vector<W>; P]) {
         let (mut error, mut way) = ([Vector::<W>::splat(0.0); P], [Vector::<W>::splat(0.0); P]);
         for quantity in &self.chain {
             for part in 0..P {
-                let size = Vector::<W>::load(&deltas[quantity.at], part).abs();
+                let size = quantity.delta::<W>(deviations, deltas, part).abs();
                 let (angle, direct) = (size * Vector::splat(quantity.turns), size * Vector::splat(quantity.effect_mm));
                 turn(angle, direct, HALF, &mut error[part], &mut way[part]);
             }
@@ -192,7 +193,7 @@ impl LowerBound {
             let mut squares = [Vector::<W>::splat(0.0); P];
             for angle in &self.base_rotation {
                 for (part, squares) in squares.iter_mut().enumerate() {
-                    let size = Vector::load(&deltas[angle.at], part);
+                    let size = angle.delta::<W>(deviations, deltas, part);
                     *squares = size.mul_add(size, *squares);
                 }
             }
@@ -203,7 +204,7 @@ impl LowerBound {
         }
         for length in &self.base_translation {
             for (part, way) in way.iter_mut().enumerate() {
-                *way = Vector::load(&deltas[length.at], part).abs().mul_add(Vector::splat(length.effect_mm), *way);
+                *way = length.delta(deviations, deltas, part).abs().mul_add(Vector::splat(length.effect_mm), *way);
             }
         }
         (error, way)
@@ -253,13 +254,13 @@ fn turn<const W: usize>(angle: Vector<W>, direct: Vector<W>, own: f64, error: &m
 }
 
 #[multiversion(targets("x86_64+avx512f+avx512vl+fma"))]
-fn on_avx512(bound: &LowerBound, deviations: &[Lanes], limits: &Lanes, room: &mut [Lanes]) -> [bool; LANES] {
-    bound.exceeds_with::<8, 1>(deviations, limits, room)
+fn on_avx512(bound: &LowerBound, deviations: &[Lanes], limits: &Lanes, room: &mut [Lanes], excess_mm2: &mut Lanes) {
+    bound.excess_with::<8, 1>(deviations, limits, room, excess_mm2);
 }
 
 #[multiversion(targets("x86_64+avx2+fma"))]
-fn on_avx2(bound: &LowerBound, deviations: &[Lanes], limits: &Lanes, room: &mut [Lanes]) -> [bool; LANES] {
-    bound.exceeds_with::<4, 2>(deviations, limits, room)
+fn on_avx2(bound: &LowerBound, deviations: &[Lanes], limits: &Lanes, room: &mut [Lanes], excess_mm2: &mut Lanes) {
+    bound.excess_with::<4, 2>(deviations, limits, room, excess_mm2);
 }
 
 /// Where a quantity stands in the chain base … target; `None` for the base itself. Rx and Dx of a link commute, as do Rz and Dz: with the
