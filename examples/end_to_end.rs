@@ -14,9 +14,10 @@ use kincal::http::server;
 use kincal::jobs::{JobFailure, JobInputs, JobOutcome, Progress, execution};
 use serde_json::{Value, json};
 use std::fs::File;
-use std::io::{Seek, SeekFrom, Write};
+use std::io::{BufRead, BufReader, Read, Seek, SeekFrom, Write};
+use std::net::TcpStream;
 use std::ops::ControlFlow;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 use tokio::runtime::Builder;
@@ -24,10 +25,12 @@ use tokio::runtime::Builder;
 /// Jobs that are timed, after some that warm up.
 const JOBS: usize = 100;
 const WARM_UP: usize = 10;
-/// A job is durable three times: when it is posted, when it is claimed, and when its result is stored; each time so many pages go to the
-/// write-ahead log. `strace -f -e trace=pwrite64,fsync,fdatasync` shows them.
-const COMMIT_PAGES: [usize; 3] = [12, 6, 30];
+/// Of SQLite's write-ahead log: header, header of a frame, and page.
+const LOG_HEADER_BYTES: usize = 32;
+const FRAME_HEADER_BYTES: usize = 24;
 const PAGE_BYTES: usize = 4096;
+/// Pages from which on a commit is one with a report.
+const LARGE: usize = 24;
 /// As large as the log is before it is written from its beginning again.
 const LOG_PAGES: usize = 1000;
 
@@ -46,25 +49,51 @@ struct Times {
     stages: f64,
 }
 
-/// A client of the server.
-struct Client {
-    http: reqwest::Client,
-    url: String,
-}
+/// A client of the server that does no more than a cell PC has to: one connection, one request after the other.
+struct Client(BufReader<TcpStream>);
 
 impl Client {
-    async fn get(&self, path: &str) -> anyhow::Result<Value> {
-        answer(self.http.get(format!("{}{path}", self.url))).await
+    fn connect(address: &str) -> anyhow::Result<Self> {
+        let stream = TcpStream::connect(address)?;
+        stream.set_nodelay(true)?;
+        Ok(Self(BufReader::new(stream)))
     }
 
-    async fn post(&self, path: &str, content_type: &str, body: Vec<u8>) -> anyhow::Result<Value> {
-        answer(self.http.post(format!("{}{path}", self.url)).header("content-type", content_type).body(body)).await
+    fn get(&mut self, path: &str) -> anyhow::Result<Value> {
+        parsed(&self.get_bytes(path)?)
+    }
+
+    fn get_bytes(&mut self, path: &str) -> anyhow::Result<Vec<u8>> {
+        self.answer(&format!("GET {path} HTTP/1.1\r\nhost: kincal\r\n\r\n"), b"")
+    }
+
+    fn post(&mut self, path: &str, content_type: &str, body: &[u8]) -> anyhow::Result<Value> {
+        let of_body = format!("content-type: {content_type}\r\ncontent-length: {}", body.len());
+        parsed(&self.answer(&format!("POST {path} HTTP/1.1\r\nhost: kincal\r\n{of_body}\r\n\r\n"), body)?)
+    }
+
+    fn answer(&mut self, head: &str, body: &[u8]) -> anyhow::Result<Vec<u8>> {
+        self.0.get_mut().write_all(&[head.as_bytes(), body].concat())?;
+        let (mut status, mut length) = (String::new(), 0);
+        self.0.read_line(&mut status)?;
+        loop {
+            let mut line = String::new();
+            self.0.read_line(&mut line)?;
+            match line.trim_end().split_once(": ") {
+                Some(("content-length", bytes)) => length = bytes.parse()?,
+                Some(_) => {}
+                None => break,
+            }
+        }
+        let mut body = vec![0; length];
+        self.0.read_exact(&mut body)?;
+        anyhow::ensure!(status.starts_with("HTTP/1.1 2"), "{status}{}", String::from_utf8_lossy(&body));
+        Ok(body)
     }
 }
 
-async fn answer(request: reqwest::RequestBuilder) -> anyhow::Result<Value> {
-    let bytes = request.send().await?.error_for_status()?.bytes().await?;
-    serde_json::from_slice(&bytes).context("the server's answer is not JSON")
+fn parsed(bytes: &[u8]) -> anyhow::Result<Value> {
+    serde_json::from_slice(bytes).context("the server's answer is not JSON")
 }
 
 fn main() -> anyhow::Result<()> {
@@ -73,30 +102,40 @@ fn main() -> anyhow::Result<()> {
     // the server as `kincal serve` runs it; the client on this thread alone, as another machine has its own
     let servers = Builder::new_multi_thread().enable_all().build()?;
     let server = servers.block_on(server::start_with(&ServeConfig::loopback(folder.path().join("data"), 1), timed))?;
-    kincal::http::tls::use_ring();
-    let client = Client { http: reqwest::Client::builder().no_proxy().build()?, url: server.url() };
-    let ran = Builder::new_current_thread().enable_all().build()?.block_on(run(client, folder.path()));
+    let url = server.url();
+    let client = Client::connect(url.strip_prefix("http://").context("loopback has no TLS")?)?;
+    let ran = run(client, folder.path());
     servers.block_on(server.shutdown());
     ran
 }
 
-async fn run(client: Client, folder: &Path) -> anyhow::Result<()> {
-    let robot = id(&client.post("/v1/robots", "application/json", ROBOT.to_vec()).await?)?;
-    let set = id(&client.post(&format!("/v1/robots/{robot}/measurement-sets?frame=base&name=first"), "text/csv", SET.to_vec()).await?)?;
-    let (mut times, mut fsyncs) = (Vec::new(), [const { Vec::new() }; 3]);
-    let mut log = Log::create(&folder.join("fsync"))?;
+fn run(mut client: Client, folder: &Path) -> anyhow::Result<()> {
+    let robot = id(&client.post("/v1/robots", "application/json", ROBOT)?)?;
+    let set = id(&client.post(&format!("/v1/robots/{robot}/measurement-sets?frame=base&name=first"), "text/csv", SET)?)?;
+    let (mut times, mut commits, mut timed) = (Vec::new(), Vec::new(), [const { Vec::new() }; 2]);
+    let mut disk = Disk::create(&folder.join("fsync"))?;
+    let mut log = Log { path: folder.join("data/kincal.sqlite-wal"), salt: [0; 8], n_frames: 0 };
+    log.commits()?;
     for i in 0..WARM_UP + JOBS {
-        times.push(job(&client, &robot, &set).await?);
-        fsyncs[i % 3].push(log.fsync_us(COMMIT_PAGES[i % 3])?);
+        times.push(job(&mut client, &robot, &set)?);
+        let Some(of_job) = log.commits()? else { continue };
+        let pages = of_job[i % of_job.len()];
+        timed[usize::from(is_large(&pages))].push(disk.fsync_us(pages)?);
+        commits.push(of_job);
     }
     let times = &times[WARM_UP..];
+    let of_all = |count: fn(&Vec<usize>) -> usize| commits.iter().map(count).sum::<usize>() as f64 / commits.len() as f64;
+    let n_commits = [
+        of_all(|of_job| of_job.iter().filter(|pages| !is_large(pages)).count()),
+        of_all(|of_job| of_job.iter().filter(|pages| is_large(pages)).count()),
+    ];
     let mut nothing = Vec::new();
     for _ in 0..JOBS {
         let begun = Instant::now();
-        client.http.get(format!("{}/healthz", client.url)).send().await?.error_for_status()?.bytes().await?;
+        client.get_bytes("/healthz")?;
         nothing.push(begun.elapsed().as_secs_f64() * 1e6);
     }
-    let fsyncs: f64 = fsyncs.into_iter().map(median).sum();
+    let fsyncs: f64 = timed.map(median).into_iter().zip(n_commits).map(|(us, n)| us * n).sum();
     let of = |what: fn(&Times) -> f64| median(times.iter().map(what).collect());
     let rest = of(|t| t.posted + t.waited + t.fetched - t.computed);
     println!(
@@ -110,6 +149,7 @@ async fn run(client: Client, folder: &Path) -> anyhow::Result<()> {
             "us_stages": of(|t| t.stages),
             "us_rest": rest,
             "us_request": median(nothing),
+            "commits": n_commits.iter().sum::<f64>(),
             "us_fsyncs": fsyncs,
             "rest_over_fsyncs": rest / fsyncs,
             "jobs": JOBS,
@@ -118,22 +158,22 @@ async fn run(client: Client, folder: &Path) -> anyhow::Result<()> {
     Ok(())
 }
 
-async fn job(client: &Client, robot: &str, set: &str) -> anyhow::Result<Times> {
+fn job(client: &mut Client, robot: &str, set: &str) -> anyhow::Result<Times> {
     let request = json!({"measurement_set_id": set, "method": "least_squares", "model": "paper"});
     let begun = Instant::now();
-    let job = id(&client.post(&format!("/v1/robots/{robot}/jobs"), "application/json", serde_json::to_vec(&request)?).await?)?;
+    let job = id(&client.post(&format!("/v1/robots/{robot}/jobs"), "application/json", &serde_json::to_vec(&request)?)?)?;
     let posted = begun.elapsed();
     let done = loop {
-        let job = client.get(&format!("/v1/jobs/{job}?wait_s=10")).await?;
+        let job = client.get(&format!("/v1/jobs/{job}?wait_s=10"))?;
         if job["finished_at"].is_string() {
             break job;
         }
     };
     let waited = begun.elapsed() - posted;
     let parameter_set = done["parameter_set_id"].as_str().with_context(|| format!("the job gave no parameters: {done}"))?;
-    client.get(&format!("/v1/parameter-sets/{parameter_set}")).await?;
+    client.get(&format!("/v1/parameter-sets/{parameter_set}"))?;
     let fetched = begun.elapsed() - waited - posted;
-    let report = client.get(&format!("/v1/jobs/{job}/report")).await?;
+    let report = client.get(&format!("/v1/jobs/{job}/report"))?;
     let stages = report["duration_ms"].as_f64().context("the report has no duration")? * 1e3;
     let us = |d: std::time::Duration| d.as_secs_f64() * 1e6;
     let computed = COMPUTED.lock().unwrap_or_else(PoisonError::into_inner).pop().context("no worker has computed")?;
@@ -148,13 +188,37 @@ fn timed(inputs: &JobInputs, progress: &mut dyn FnMut(Progress) -> ControlFlow<(
     outcome
 }
 
-/// A file beside the database that is written as its log is: over and over, and on the disk after each commit.
+/// SQLite's write-ahead log [sqlite.org/fileformat2.html, section 4], as far as it was looked at.
 struct Log {
+    path: PathBuf,
+    salt: [u8; 8],
+    n_frames: usize,
+}
+
+impl Log {
+    /// How many pages each commit has written since the last look; none if the log was begun anew meanwhile.
+    fn commits(&mut self) -> anyhow::Result<Option<Vec<usize>>> {
+        let bytes = std::fs::read(&self.path)?;
+        let salt: [u8; 8] = bytes[16..24].try_into()?;
+        let is_same = std::mem::replace(&mut self.salt, salt) == salt;
+        let frames = bytes[LOG_HEADER_BYTES..].chunks_exact(FRAME_HEADER_BYTES + PAGE_BYTES);
+        // beyond the last one are those of before
+        let frames: Vec<_> = frames.take_while(|frame| frame[8..16] == salt).collect();
+        let first = std::mem::replace(&mut self.n_frames, frames.len());
+        let new = frames.get(first..).unwrap_or_default();
+        // of a commit the last frame says how large the database is then
+        let pages = |commit: &[&[u8]]| commit.len();
+        Ok(is_same.then(|| new.split_inclusive(|frame| frame[4..8] != [0; 4]).map(pages).collect()))
+    }
+}
+
+/// A file beside the database that is written as its log is: over and over, and on the disk after each commit.
+struct Disk {
     file: File,
     next_page: usize,
 }
 
-impl Log {
+impl Disk {
     fn create(path: &Path) -> anyhow::Result<Self> {
         let mut file = File::create(path)?;
         file.write_all(&vec![0; LOG_PAGES * PAGE_BYTES])?;
@@ -176,6 +240,10 @@ impl Log {
         self.next_page += pages;
         Ok(begun.elapsed().as_secs_f64() * 1e6)
     }
+}
+
+fn is_large(pages: &usize) -> bool {
+    *pages >= LARGE
 }
 
 fn id(answer: &Value) -> anyhow::Result<String> {

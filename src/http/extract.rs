@@ -121,9 +121,9 @@ pub async fn whole_body<S: Send + Sync>(request: Request, _: &S) -> Result<Bytes
     Ok(Bytes::from_owner(Received { bytes, _room: room.arrived()? }))
 }
 
-/// Looks through a body: of a large one aside from this thread's other tasks.
-pub fn aside_if_large<T>(body: &[u8], look: impl FnOnce() -> T) -> T {
-    if body.len() > SMALL_BYTES { aside(look) } else { look() }
+/// Looks through so many bytes: through many aside from this thread's other tasks.
+pub fn aside_if_large<T>(n_bytes: usize, look: impl FnOnce() -> T) -> T {
+    if n_bytes > SMALL_BYTES { aside(look) } else { look() }
 }
 
 /// A body and the room that it takes.

@@ -1,4 +1,4 @@
-//! The threads that talk to clients, apart from those of the workers. A server that is asked for ten times what it can do refuses nine of ten
+//! The threads that talk to clients, apart from the caller's. A server that is asked for ten times what it can do refuses nine of ten
 //! requests. Where refusing shares its threads with answering, each step of an upload waits behind all of the refusals, and hardly any upload
 //! comes to its end. So requests that are taken are handed on to the caller's threads. Not so where few clients are connected, who leave
 //! nobody to be refused, and the database is SQLite: its statements run on the thread that asks, most answers are one step, and to hand that on
@@ -15,7 +15,7 @@ use axum::response::{IntoResponse, Response};
 use std::convert::Infallible;
 use std::io;
 use tokio::net::TcpListener;
-use tokio::runtime::{Builder, Handle, Runtime};
+use tokio::runtime::{Builder, EnterGuard, Handle, Runtime};
 use tokio::task::{JoinHandle, JoinSet};
 use tower::ServiceExt;
 
@@ -45,6 +45,12 @@ impl Front {
         let listener = listener.into_std()?;
         let _here = self.handle.enter();
         TcpListener::from_std(listener)
+    }
+
+    /// Where the tasks of workers run. On SQLite here: the thread that has posted a job then goes on with its claim, and another one need not
+    /// wake for that. What they compute has threads of its own.
+    pub fn home_of_workers(&self, engine: Engine) -> Option<EnterGuard<'_>> {
+        (engine == Engine::Sqlite).then(|| self.handle.enter())
     }
 
     /// Runs something on them.

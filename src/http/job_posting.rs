@@ -40,6 +40,15 @@ struct Sources {
     parameter_set: Option<ParameterSetRow>,
 }
 
+impl Sources {
+    /// What a check has to look through.
+    fn n_bytes(&self) -> usize {
+        let sets = std::iter::once(&self.set).chain(&self.verify_set).chain(self.residual_networks.iter().map(|network| &network.set));
+        let weights = self.networks.iter().map(|(_, weights)| weights).chain(self.residual_networks.iter().map(|network| &network.weights));
+        sets.map(|(_, body)| body).chain(weights).map(Vec::len).sum()
+    }
+}
+
 /// A residual network with what it was trained on.
 struct ResidualSource {
     id: String,
@@ -82,7 +91,7 @@ pub async fn create(State(app): State<App>, Id(robot_id): Id, submission: Submis
     let turn = app.turn().await?;
     let sources = load(&app, &submission.caller, &robot_id, &request).await?;
     let mut new = new_job(&request, &sources, &submission.caller.holder)?;
-    let chosen = turn.run(|| check(&request, sources))?;
+    let chosen = turn.run_on(sources.n_bytes(), || check(&request, sources))?;
     (new.network_input_id, new.residual_network_input_id) = (chosen.network_id, chosen.residual_network_id);
     let effect = async |tx: &mut Tx| {
         let row = queue::enqueue(tx, &new).await?;

@@ -26,7 +26,7 @@ pub fn router() -> OpenApiRouter<App> {
 async fn create(State(app): State<App>, caller: Caller, Id(robot_id): Id, request: Request) -> Result<Json<PosePlanAnswer>, Error> {
     let row = access::robot(&app, &caller, &robot_id).await?;
     let bytes = json_body(request, &app).await?;
-    let body: PosePlanBody = aside_if_large(&bytes, || json::parse(&bytes))?;
+    let body: PosePlanBody = aside_if_large(bytes.len(), || json::parse(&bytes))?;
     body.check()?;
     let mut measured = Vec::new();
     for (i, id) in body.measured.iter().enumerate() {

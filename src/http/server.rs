@@ -88,12 +88,15 @@ pub async fn start_with(config: &ServeConfig, compute: Compute) -> Result<Runnin
     let address = listener.local_addr().map_err(listen_error)?;
     let store = Store::open(location(&config.database)).await?;
     let signals = JobSignals::default();
-    let workers = WorkerPool::start(store.clone(), compute, config.n_workers(), rules(&config.queue), signals.clone());
+    let front = Arc::new(Front::start().map_err(Error::Threads)?);
+    let workers = {
+        let _there = front.home_of_workers(store.engine());
+        WorkerPool::start(store.clone(), compute, config.n_workers(), rules(&config.queue), signals.clone())
+    };
     let (stop, stopping) = watch::channel(false);
     let desk = Desk::new(App::new(store.clone(), config, stopping.clone(), signals));
     let limits = config.limits.clone();
     let scheme = if tls.is_some() { "https" } else { "http" };
-    let front = Arc::new(Front::start().map_err(Error::Threads)?);
     let listener = front.adopt(listener).map_err(listen_error)?;
     let accepting = front.spawn(async move { accept::accept_all(listener, desk, &limits, tls, stopping).await });
     let cut_off = accepting.abort_handle();

@@ -3,6 +3,7 @@
 
 use crate::http::Error;
 use crate::http::class::{Asker, Class};
+use crate::http::extract::aside_if_large;
 use crate::http::shares::{Room, Shares};
 use crate::store::aside;
 
@@ -86,5 +87,10 @@ impl Turn {
     /// other tasks go to another one meanwhile. Where the client has gone away it still comes to its end, and keeps its turn so long.
     pub fn run<T>(&self, work: impl FnOnce() -> T) -> T {
         aside(work)
+    }
+
+    /// As [`Turn::run`], for what is done soon where it is about few bytes: then there is nothing to go aside for.
+    pub fn run_on<T>(&self, n_bytes: usize, work: impl FnOnce() -> T) -> T {
+        aside_if_large(n_bytes, work)
     }
 }

@@ -100,7 +100,7 @@ pub struct Tx {
     kind: TxKind,
     actor: String,
     notes: Vec<Note>,
-    free_bytes: Option<u64>,
+    store: Store,
 }
 
 #[derive(Debug)]
@@ -161,7 +161,7 @@ impl Store {
                 TxKind::Own(self.inner.pool.begin().await?, permit)
             }
         };
-        Ok(Tx { kind, actor: NOBODY.into(), notes: Vec::new(), free_bytes: self.free_bytes() })
+        Ok(Tx { kind, actor: NOBODY.into(), notes: Vec::new(), store: self.clone() })
     }
 
     async fn room_to_write(&self) -> Result<Option<OwnedSemaphorePermit>> {
@@ -172,7 +172,7 @@ impl Store {
 
     /// What is wrong if the disk has so little left that new things are refused.
     pub fn short_of_room(&self) -> Option<Error> {
-        no_room(self.free_bytes())
+        self.free_bytes().filter(|free| *free < RESERVE_BYTES).map(|free| Error::NoRoom { free_mib: free >> 20 })
     }
 
     /// What is left on the disk of an embedded database; none if that cannot be told.
@@ -292,10 +292,7 @@ impl Tx {
     }
 
     pub(crate) fn engine(&self) -> Engine {
-        match self.kind {
-            TxKind::Shared(_) => Engine::Sqlite,
-            TxKind::Own(..) => Engine::Postgres,
-        }
+        self.store.engine()
     }
 
     /// Refuses what can wait while the disk is nearly full, so that what cannot (ending jobs, withdrawing) still goes.
@@ -303,7 +300,7 @@ impl Tx {
     /// # Errors
     /// [`Error::NoRoom`].
     pub(crate) fn needs_room(&self) -> Result<()> {
-        no_room(self.free_bytes).map_or(Ok(()), Err)
+        self.store.short_of_room().map_or(Ok(()), Err)
     }
 
     /// Adds an entry to the audit chain, if this transaction is committed.
@@ -317,10 +314,6 @@ impl Tx {
             detail.insert(field.into(), value);
         }
     }
-}
-
-fn no_room(free_bytes: Option<u64>) -> Option<Error> {
-    free_bytes.filter(|free| *free < RESERVE_BYTES).map(|free| Error::NoRoom { free_mib: free >> 20 })
 }
 
 const NOW: &str = "select now_ms from clock";

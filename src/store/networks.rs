@@ -49,7 +49,7 @@ macro_rules! columns {
     };
 }
 
-pub(super) const ALL_QUERIES: &[&str] = &[INSERT, INSERT_RESIDUAL, GET, WEIGHTS, NEWEST, NEWEST_RESIDUAL, LIST, EACH];
+pub(super) const ALL_QUERIES: &[&str] = &[INSERT, INSERT_RESIDUAL, GET, WEIGHTS, NEWEST, IS_RESIDUAL, NEWEST_RESIDUAL, LIST, EACH];
 
 const INSERT: &str = concat!(
     "insert into network (id, robot_id, job_id, model, preset, metadata_json, weights, weights_sha256, created_at_ms)
@@ -74,6 +74,8 @@ const NEWEST: &str = "select id, weights from network
      where robot_id = $1 and model = $2 and preset = $3
      order by created_at_ms desc, id desc
      limit cast($4 as bigint)";
+
+const IS_RESIDUAL: &str = "select cast(1 as bigint) from residual_network where robot_id = $1 limit 1";
 
 const NEWEST_RESIDUAL: &str = "select n.id, n.weights, j.measurement_set_id from residual_network n
      join job j on j.id = n.job_id join measurement_set m on m.id = j.measurement_set_id
@@ -185,6 +187,11 @@ pub async fn newest(store: &Store, robot_id: &str, model: &str, preset: &str, li
 /// # Errors
 /// [`super::Error::Database`].
 pub async fn newest_residual(store: &Store, robot_id: &str, set_sha256: &str, limit: i64) -> Result<Vec<(String, Vec<u8>, String)>> {
+    // most robots have none, and nothing has to go aside for a list
+    let is_one: Option<i64> = sqlx::query_scalar(IS_RESIDUAL).bind(robot_id).fetch_optional(store.reads()).await?;
+    if is_one.is_none() {
+        return Ok(vec![]);
+    }
     Ok(sqlx::query_as(NEWEST_RESIDUAL).bind(robot_id).bind(set_sha256).bind(limit).fetch_all(store.reads()).await?)
 }
 

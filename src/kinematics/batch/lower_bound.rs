@@ -167,7 +167,13 @@ impl LowerBound {
     /// By how much ‖r₀ + J·δ‖² is above what it may be. To memory: where single lanes are asked for, the compiler takes apart all that comes
     /// before.
     #[inline(always)]
-    fn excess_with<const W: usize, const P: usize>(&self, deviations: &[Lanes], limits: &Lanes, room: &mut [Lanes], excess_mm2: &mut Lanes) {
+    fn excess_with<const W: usize, const P: usize>(
+        &self,
+        deviations: &[Lanes],
+        limits: &Lanes,
+        room: &mut [Lanes],
+        excess_mm2: &mut Lanes,
+    ) {
         let (error, way) = self.remainder::<W, P>(deviations, room);
         let squares = self.linear_squares::<W, P>(room);
         for part in 0..P {
