@@ -29,8 +29,6 @@ const WARM_UP: usize = 10;
 const LOG_HEADER_BYTES: usize = 32;
 const FRAME_HEADER_BYTES: usize = 24;
 const PAGE_BYTES: usize = 4096;
-/// Pages from which on a commit is one with a report.
-const LARGE: usize = 24;
 /// As large as the log is before it is written from its beginning again.
 const LOG_PAGES: usize = 1000;
 
@@ -112,30 +110,29 @@ fn main() -> anyhow::Result<()> {
 fn run(mut client: Client, folder: &Path) -> anyhow::Result<()> {
     let robot = id(&client.post("/v1/robots", "application/json", ROBOT)?)?;
     let set = id(&client.post(&format!("/v1/robots/{robot}/measurement-sets?frame=base&name=first"), "text/csv", SET)?)?;
-    let (mut times, mut commits, mut timed) = (Vec::new(), Vec::new(), [const { Vec::new() }; 2]);
+    let (mut times, mut commits, mut timed) = (Vec::new(), Vec::new(), Vec::<Vec<f64>>::new());
     let mut disk = Disk::create(&folder.join("fsync"))?;
     let mut log = Log { path: folder.join("data/kincal.sqlite-wal"), salt: [0; 8], n_frames: 0 };
     log.commits()?;
     for i in 0..WARM_UP + JOBS {
         times.push(job(&mut client, &robot, &set)?);
         let Some(of_job) = log.commits()? else { continue };
-        let pages = of_job[i % of_job.len()];
-        timed[usize::from(is_large(&pages))].push(disk.fsync_us(pages)?);
+        let Some(which) = i.checked_rem(of_job.len()) else { continue };
+        timed.resize(timed.len().max(of_job.len()), Vec::new());
+        timed[which].push(disk.fsync_us(of_job[which])?);
         commits.push(of_job);
     }
     let times = &times[WARM_UP..];
-    let of_all = |count: fn(&Vec<usize>) -> usize| commits.iter().map(count).sum::<usize>() as f64 / commits.len() as f64;
-    let n_commits = [
-        of_all(|of_job| of_job.iter().filter(|pages| !is_large(pages)).count()),
-        of_all(|of_job| of_job.iter().filter(|pages| is_large(pages)).count()),
-    ];
     let mut nothing = Vec::new();
     for _ in 0..JOBS {
         let begun = Instant::now();
         client.get_bytes("/healthz")?;
         nothing.push(begun.elapsed().as_secs_f64() * 1e6);
     }
-    let fsyncs: f64 = timed.map(median).into_iter().zip(n_commits).map(|(us, n)| us * n).sum();
+    // of the first commit of a job, the second, … : the median, and which share of the jobs has it
+    let share = |which| commits.iter().filter(|of_job| of_job.len() > which).count() as f64 / commits.len() as f64;
+    let timed = timed.into_iter().enumerate().filter(|(_, of_commit)| !of_commit.is_empty());
+    let fsyncs: f64 = timed.map(|(which, of_commit)| share(which) * median(of_commit)).sum();
     let of = |what: fn(&Times) -> f64| median(times.iter().map(what).collect());
     let rest = of(|t| t.posted + t.waited + t.fetched - t.computed);
     println!(
@@ -149,7 +146,7 @@ fn run(mut client: Client, folder: &Path) -> anyhow::Result<()> {
             "us_stages": of(|t| t.stages),
             "us_rest": rest,
             "us_request": median(nothing),
-            "commits": n_commits.iter().sum::<f64>(),
+            "commits": commits.iter().map(Vec::len).sum::<usize>() as f64 / commits.len() as f64,
             "us_fsyncs": fsyncs,
             "rest_over_fsyncs": rest / fsyncs,
             "jobs": JOBS,
@@ -240,10 +237,6 @@ impl Disk {
         self.next_page += pages;
         Ok(begun.elapsed().as_secs_f64() * 1e6)
     }
-}
-
-fn is_large(pages: &usize) -> bool {
-    *pages >= LARGE
 }
 
 fn id(answer: &Value) -> anyhow::Result<String> {

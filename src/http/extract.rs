@@ -21,8 +21,8 @@ use utoipa::IntoParams;
 
 /// A body that comes slower than this on the whole, after the first seconds, is cut off; so is who reads a large answer slower.
 pub const MIN_BYTES_PER_S: f64 = 16.0 * 1024.0;
-/// To look through a body of this size takes less than to wake another thread.
-const SMALL_BYTES: usize = 64 * 1024;
+/// To parse or hash a body of this size takes less than to wake another thread.
+pub const SMALL_BYTES: usize = 64 * 1024;
 
 /// The id in a path. Anything that cannot be one of ours is not looked up.
 pub struct Id(pub String);
@@ -121,7 +121,7 @@ pub async fn whole_body<S: Send + Sync>(request: Request, _: &S) -> Result<Bytes
     Ok(Bytes::from_owner(Received { bytes, _room: room.arrived()? }))
 }
 
-/// Looks through so many bytes: through many aside from this thread's other tasks.
+/// Parses or hashes so many bytes: many aside from this thread's other tasks.
 pub fn aside_if_large<T>(n_bytes: usize, look: impl FnOnce() -> T) -> T {
     if n_bytes > SMALL_BYTES { aside(look) } else { look() }
 }

@@ -1,8 +1,8 @@
 //! The threads that talk to clients, apart from the caller's. A server that is asked for ten times what it can do refuses nine of ten
 //! requests. Where refusing shares its threads with answering, each step of an upload waits behind all of the refusals, and hardly any upload
-//! comes to its end. So requests that are taken are handed on to the caller's threads. Not so where few clients are connected, who leave
-//! nobody to be refused, and the database is SQLite: its statements run on the thread that asks, most answers are one step, and to hand that on
-//! and back would take longer than many an answer.
+//! comes to its end. So requests that are taken are handed on to the caller's threads. Not so where few clients are connected and the database
+//! is SQLite: a step waits behind one short step of each of the others at most, statements run on the thread that asks, most answers are
+//! one step, and to hand that on and back would take longer than many an answer.
 
 use crate::http::admission::{Limits, MAX_WRITES};
 use crate::http::class::Class;
@@ -14,6 +14,8 @@ use axum::extract::Request;
 use axum::response::{IntoResponse, Response};
 use std::convert::Infallible;
 use std::io;
+use std::sync::Arc;
+use std::time::Duration;
 use tokio::net::TcpListener;
 use tokio::runtime::{Builder, EnterGuard, Handle, Runtime};
 use tokio::task::{JoinHandle, JoinSet};
@@ -57,6 +59,13 @@ impl Front {
     pub fn spawn(&self, work: impl Future<Output = ()> + Send + 'static) -> JoinHandle<()> {
         self.handle.spawn(work)
     }
+}
+
+/// Ends a front that nobody else has any more, and waits so long for what runs there still.
+pub async fn end(front: Arc<Front>, within: Duration) {
+    let Some(runtime) = Arc::into_inner(front).and_then(|mut front| front.runtime.take()) else { return };
+    // on a thread that may wait
+    let _ = tokio::task::spawn_blocking(move || runtime.shutdown_timeout(within)).await;
 }
 
 impl Drop for Front {

@@ -1,7 +1,7 @@
 //! Starting and stopping the service, for `kincal serve`, `kincal demo` and the tests alike.
 
 use crate::config::{self, ServeConfig};
-use crate::http::front::{Desk, Front};
+use crate::http::front::{self, Desk, Front};
 use crate::http::{App, accept, tls};
 use crate::jobs::{Compute, JobSignals, Rules, WorkerPool, execution};
 use crate::store::{self, Store, StoreLocation};
@@ -14,6 +14,9 @@ use tokio::task::{AbortHandle, JoinHandle};
 
 /// Requests and running jobs get this long to end when the server stops; service managers kill after 10 s.
 const STOP_WITHIN: Duration = Duration::from_secs(8);
+
+/// What is still at work when everything else has ended is left behind after this long: its job has been handed back.
+const LEAVE_BEHIND_AFTER: Duration = Duration::from_millis(500);
 
 /// Why a server did not start.
 #[derive(Debug, thiserror::Error)]
@@ -130,7 +133,7 @@ impl RunningServer {
         if tokio::time::timeout(Duration::from_secs(1), self.store.close()).await.is_err() {
             tracing::warn!("the database was still in use when the server ended");
         }
-        // The front reads the database, so that connections to it may have been opened there.
-        drop(self.front);
+        // Last: connections to the database may have been opened there. What is over then holds the data directory no more.
+        front::end(self.front, LEAVE_BEHIND_AFTER).await;
     }
 }

@@ -3,7 +3,6 @@
 
 use crate::http::Error;
 use crate::http::class::{Asker, Class};
-use crate::http::extract::aside_if_large;
 use crate::http::shares::{Room, Shares};
 use crate::store::aside;
 
@@ -89,8 +88,8 @@ impl Turn {
         aside(work)
     }
 
-    /// As [`Turn::run`], for what is done soon where it is about few bytes: then there is nothing to go aside for.
-    pub fn run_on<T>(&self, n_bytes: usize, work: impl FnOnce() -> T) -> T {
-        aside_if_large(n_bytes, work)
+    /// As [`Turn::run`], or as it is, where that is known to be over sooner than another thread has woken.
+    pub fn run_soon<T>(&self, is_short: bool, work: impl FnOnce() -> T) -> T {
+        if is_short { work() } else { self.run(work) }
     }
 }

@@ -286,7 +286,7 @@ fn combine_coordinates(directions: &[f64], positions: &Positions, first: usize, 
     let n_rows = deviations.len();
     for (row, deviation) in deviations.iter_mut().enumerate() {
         let mut sum = [0.0; LANES];
-        for (j, v) in directions[row..].iter().step_by(n_rows).enumerate() {
+        for (j, v) in directions.iter().skip(row).step_by(n_rows).enumerate() {
             with_lanes(positions, j, first, |z| {
                 for lane in 0..LANES {
                     sum[lane] = v.mul_add(z[lane], sum[lane]);

@@ -130,7 +130,7 @@ macro_rules! columns {
 }
 
 pub(super) const ALL_QUERIES: &[&str] =
-    &[INSERT, GET, ACTIVE, BEFORE_ACTIVE, IS_ANOTHER_UPLOAD, OF_ANOTHER_SESSION, LIST, LOCK_ROBOT, SUPERSEDE, RELEASE, WITHDRAW, EACH];
+    &[INSERT, GET, ACTIVE, BEFORE_ACTIVE, IS_ANOTHER_SET, OF_ANOTHER_SESSION, LIST, LOCK_ROBOT, SUPERSEDE, RELEASE, WITHDRAW, EACH];
 
 const INSERT: &str = concat!(
     "insert into parameter_set (id, robot_id, job_id, status, body_json, sha256, created_at_ms)
@@ -152,9 +152,10 @@ const BEFORE_ACTIVE: &str = concat!(
      limit 1"
 );
 
-const IS_ANOTHER_UPLOAD: &str = "select cast(1 as bigint) from measurement_set
-     where robot_id = $1 and sha256 <> (select sha256 from measurement_set where id = $2) limit 1";
+// Two entries of an index at most: in SQLite hashes stand behind uploads, which would be read on the way to them.
+const IS_ANOTHER_SET: &str = "select cast(1 as bigint) from measurement_set where robot_id = $1 and id <> $2 limit 1";
 
+// Without another upload the limit is 0 and no row is looked at.
 const OF_ANOTHER_SESSION: &str = concat!(
     "select ",
     columns!(),
@@ -163,7 +164,9 @@ const OF_ANOTHER_SESSION: &str = concat!(
          select 1 from job join measurement_set on measurement_set.id = job.measurement_set_id
          where job.id = parameter_set.job_id and measurement_set.sha256 <> (select sha256 from measurement_set where id = $2))
      order by created_at_ms desc, id desc
-     limit 1"
+     limit (select count(*) from (
+         select 1 from measurement_set
+         where robot_id = $1 and sha256 <> (select sha256 from measurement_set where id = $2) limit 1) as other)"
 );
 
 const LIST: &str = concat!(
@@ -276,9 +279,9 @@ pub async fn before_active(store: &Store, robot_id: &str) -> Result<ParameterSet
 /// # Errors
 /// [`super::Error::Database`].
 pub async fn of_another_session(store: &Store, robot_id: &str, measurement_set_id: &str) -> Result<Option<ParameterSetRow>> {
-    // most robots have one upload and many jobs, and no set has to be looked at
+    // most robots have one set of measurements and many jobs
     let is_another: Option<i64> =
-        sqlx::query_scalar(IS_ANOTHER_UPLOAD).bind(robot_id).bind(measurement_set_id).fetch_optional(store.reads()).await?;
+        sqlx::query_scalar(IS_ANOTHER_SET).bind(robot_id).bind(measurement_set_id).fetch_optional(store.reads()).await?;
     if is_another.is_none() {
         return Ok(None);
     }
