@@ -17,7 +17,8 @@ use std::fs::File;
 use std::io::{BufRead, BufReader, Read, Seek, SeekFrom, Write};
 use std::net::TcpStream;
 use std::ops::ControlFlow;
-use std::path::{Path, PathBuf};
+use std::os::unix::fs::FileExt;
+use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 use tokio::runtime::Builder;
@@ -26,8 +27,8 @@ use tokio::runtime::Builder;
 const JOBS: usize = 100;
 const WARM_UP: usize = 10;
 /// Of SQLite's write-ahead log: header, header of a frame, and page.
-const LOG_HEADER_BYTES: usize = 32;
-const FRAME_HEADER_BYTES: usize = 24;
+const LOG_HEADER_BYTES: u64 = 32;
+const FRAME_HEADER_BYTES: u64 = 24;
 const PAGE_BYTES: usize = 4096;
 /// As large as the log is before it is written from its beginning again.
 const LOG_PAGES: usize = 1000;
@@ -112,8 +113,7 @@ fn run(mut client: Client, folder: &Path) -> anyhow::Result<()> {
     let set = id(&client.post(&format!("/v1/robots/{robot}/measurement-sets?frame=base&name=first"), "text/csv", SET)?)?;
     let (mut times, mut commits, mut timed) = (Vec::new(), Vec::new(), Vec::<Vec<f64>>::new());
     let mut disk = Disk::create(&folder.join("fsync"))?;
-    let mut log = Log { path: folder.join("data/kincal.sqlite-wal"), salt: [0; 8], n_frames: 0 };
-    log.commits()?;
+    let mut log = Log::open(&folder.join("data/kincal.sqlite-wal"))?;
     for i in 0..WARM_UP + JOBS {
         times.push(job(&mut client, &robot, &set)?);
         let Some(of_job) = log.commits()? else { continue };
@@ -185,27 +185,44 @@ fn timed(inputs: &JobInputs, progress: &mut dyn FnMut(Progress) -> ControlFlow<(
     outcome
 }
 
-/// SQLite's write-ahead log [sqlite.org/fileformat2.html, section 4], as far as it was looked at.
+/// SQLite's write-ahead log [sqlite.org/fileformat2.html, section 4], as far as it was looked at. Only headers are read: the whole log would
+/// drive what the server needs out of the processor's caches.
 struct Log {
-    path: PathBuf,
+    file: File,
     salt: [u8; 8],
-    n_frames: usize,
+    n_frames: u64,
 }
 
 impl Log {
+    fn open(path: &Path) -> anyhow::Result<Self> {
+        let mut log = Self { file: File::open(path)?, salt: [0; 8], n_frames: 0 };
+        log.commits()?;
+        Ok(log)
+    }
+
     /// How many pages each commit has written since the last look; none if the log was begun anew meanwhile.
     fn commits(&mut self) -> anyhow::Result<Option<Vec<usize>>> {
-        let bytes = std::fs::read(&self.path)?;
-        let salt: [u8; 8] = bytes[16..24].try_into()?;
+        let mut header = [0; LOG_HEADER_BYTES as usize];
+        self.file.read_exact_at(&mut header, 0)?;
+        let salt: [u8; 8] = header[16..24].try_into()?;
         let is_same = std::mem::replace(&mut self.salt, salt) == salt;
-        let frames = bytes[LOG_HEADER_BYTES..].chunks_exact(FRAME_HEADER_BYTES + PAGE_BYTES);
-        // beyond the last one are those of before
-        let frames: Vec<_> = frames.take_while(|frame| frame[8..16] == salt).collect();
-        let first = std::mem::replace(&mut self.n_frames, frames.len());
-        let new = frames.get(first..).unwrap_or_default();
-        // of a commit the last frame says how large the database is then
-        let pages = |commit: &[&[u8]]| commit.len();
-        Ok(is_same.then(|| new.split_inclusive(|frame| frame[4..8] != [0; 4]).map(pages).collect()))
+        if !is_same {
+            self.n_frames = 0;
+        }
+        let (mut commits, mut pages) = (Vec::new(), 0);
+        let mut frame = [0; FRAME_HEADER_BYTES as usize];
+        loop {
+            let at = LOG_HEADER_BYTES + self.n_frames * (FRAME_HEADER_BYTES + PAGE_BYTES as u64);
+            // behind the last one are those of before, or nothing
+            if self.file.read_exact_at(&mut frame, at).is_err() || frame[8..16] != salt {
+                return Ok(is_same.then_some(commits));
+            }
+            (self.n_frames, pages) = (self.n_frames + 1, pages + 1);
+            // the last one of a commit says how large the database is then
+            if frame[4..8] != [0; 4] {
+                commits.push(std::mem::take(&mut pages));
+            }
+        }
     }
 }
 

@@ -5,12 +5,13 @@ use crate::calibration::{self, CalibrationRequest};
 use crate::http::auth::{Caller, Scope};
 use crate::http::creation::{Submission, stored_json};
 use crate::http::extract::{Id, SMALL_BYTES};
+use crate::http::recent_sets::RecentSet;
 use crate::http::{App, Error, access, jobs};
 use crate::jobs::execution::is_anew;
 use crate::jobs::queue;
 use crate::store::jobs as stored;
 use crate::store::{
-    MeasurementSetRow, NetworkRow, NewJob, ParameterSetRow, RobotRow, Tx, frames, measurement_sets, networks, parameter_sets,
+    self, MeasurementSetRow, NetworkRow, NewJob, ParameterSetRow, RobotRow, Tx, frames, measurement_sets, networks, parameter_sets,
 };
 use crate::wire::frames::FramesContent;
 use crate::wire::id;
@@ -21,6 +22,7 @@ use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::safetensors::{self, NetworkMetadata};
 use axum::extract::State;
 use axum::response::Response;
+use std::sync::Arc;
 
 /// Of a robot's networks of one model and preset, the newest that are looked at for one that speaks of the same parameters.
 const MAX_NETWORKS: i64 = 8;
@@ -32,12 +34,47 @@ const LONGEST_LINE: usize = 64;
 /// What a job refers to, as it is stored.
 struct Sources {
     robot: RobotRow,
-    set: (MeasurementSetRow, Vec<u8>),
-    verify_set: Option<(MeasurementSetRow, Vec<u8>)>,
+    set: SetSource,
+    verify_set: Option<SetSource>,
     frames: Option<FramesContent>,
     networks: Vec<(String, Vec<u8>)>,
     residual_networks: Vec<ResidualSource>,
     parameter_set: Option<ParameterSetRow>,
+}
+
+/// A stored set: its bytes, or what was understood of them when they came.
+struct SetSource {
+    row: MeasurementSetRow,
+    content: Content,
+}
+
+enum Content {
+    Bytes(Vec<u8>),
+    Understood(Arc<RecentSet>),
+}
+
+impl SetSource {
+    async fn read(app: &App, id: &str) -> Result<Self, store::Error> {
+        if let Some(recent) = app.recent_sets.find(id) {
+            return Ok(Self { row: recent.row.clone(), content: Content::Understood(recent) });
+        }
+        let (row, bytes) = measurement_sets::get_with_body(&app.store, id).await?;
+        Ok(Self { row, content: Content::Bytes(bytes) })
+    }
+
+    fn set(&self, n_joints: usize) -> Result<MeasurementSet, Error> {
+        match &self.content {
+            Content::Understood(recent) => Ok(recent.set.clone()),
+            Content::Bytes(bytes) => from_upload(&self.row.content_type, bytes, frame_of(&self.row)?, n_joints).map_err(Error::Invalid),
+        }
+    }
+
+    fn n_bytes(&self) -> usize {
+        match &self.content {
+            Content::Bytes(bytes) => bytes.len(),
+            Content::Understood(_) => 0,
+        }
+    }
 }
 
 /// A set with more points, or more targets, is checked aside.
@@ -47,8 +84,8 @@ impl Sources {
     /// Whether the check is over in a fraction of a millisecond: it reads one small set, takes no network apart, and fits nothing, as it does
     /// to judge a search box that the options ask for. Stations are compared point by point, so that points count too.
     fn are_checked_soon(&self, request: &JobRequestBody) -> bool {
-        let (set, body) = &self.set;
-        let is_small = body.len() <= SMALL_BYTES && set.n_points <= FEW.0 && set.n_targets <= FEW.1;
+        let set = &self.set.row;
+        let is_small = self.set.n_bytes() <= SMALL_BYTES && set.n_points <= FEW.0 && set.n_targets <= FEW.1;
         let is_alone = self.verify_set.is_none() && self.networks.is_empty() && self.residual_networks.is_empty();
         is_small && is_alone && request.options.is_none()
     }
@@ -58,7 +95,7 @@ impl Sources {
 struct ResidualSource {
     id: String,
     weights: Vec<u8>,
-    set: (MeasurementSetRow, Vec<u8>),
+    set: SetSource,
     /// Of the uploads that it and those before it have seen; none if they are too many to follow.
     line_sha256: Option<Vec<String>>,
 }
@@ -121,7 +158,7 @@ fn new_job(request: &JobRequestBody, sources: &Sources, client: &str) -> Result<
     Ok(NewJob {
         robot_id: sources.robot.id.clone(),
         measurement_set_id: request.measurement_set_id.clone(),
-        verify_set_id: sources.verify_set.as_ref().map(|(row, _)| row.id.clone()),
+        verify_set_id: sources.verify_set.as_ref().map(|set| set.row.id.clone()),
         frames_id: request.frames_id.clone(),
         network_input_id: None,
         residual_network_input_id: None,
@@ -148,15 +185,15 @@ async fn load(app: &App, caller: &Caller, robot_id: &str, request: &JobRequestBo
     );
     let (robot, set, verify_set, frames, parameter_set) = (robot?, set?, verify_set?, frames?, parameter_set?);
     let (networks, residual_networks) =
-        tokio::join!(networks(app, robot_id, request, &set.0), residual_networks(app, robot_id, request, &set.0));
+        tokio::join!(networks(app, robot_id, request, &set.row), residual_networks(app, robot_id, request, &set.row));
     Ok(Sources { set, verify_set, frames, networks: networks?, residual_networks: residual_networks?, parameter_set, robot })
 }
 
-async fn set(app: &App, robot_id: &str, id: &str, at: &str) -> Result<(MeasurementSetRow, Vec<u8>), Error> {
-    own(measurement_sets::get_with_body(&app.store, id).await, |(row, _)| row.robot_id == robot_id, at, "measurement set")
+async fn set(app: &App, robot_id: &str, id: &str, at: &str) -> Result<SetSource, Error> {
+    own(SetSource::read(app, id).await, |set| set.row.robot_id == robot_id, at, "measurement set")
 }
 
-async fn verify_set(app: &App, robot_id: &str, request: &JobRequestBody) -> Result<Option<(MeasurementSetRow, Vec<u8>)>, Error> {
+async fn verify_set(app: &App, robot_id: &str, request: &JobRequestBody) -> Result<Option<SetSource>, Error> {
     match &request.verify {
         Some(VerifyBody::Set { measurement_set_id }) => {
             set(app, robot_id, measurement_set_id, "/verify/measurement_set_id").await.map(Some)
@@ -218,7 +255,7 @@ async fn residual_networks(
     };
     let mut sources = Vec::with_capacity(found.len());
     for (id, weights, set_id) in found {
-        let set = measurement_sets::get_with_body(&app.store, &set_id).await?;
+        let set = SetSource::read(app, &set_id).await?;
         let line_sha256 = line_of(app, &id).await?;
         sources.push(ResidualSource { id, weights, set, line_sha256 });
     }
@@ -251,7 +288,7 @@ fn choose_residual(
     request: &JobRequestBody,
     calibration_request: &CalibrationRequest,
     (sources, sets_sha256): (&[ResidualSource], &[&str]),
-    parse: impl Fn(&(MeasurementSetRow, Vec<u8>)) -> Result<MeasurementSet, Error>,
+    parse: impl Fn(&SetSource) -> Result<MeasurementSet, Error>,
 ) -> Result<Option<String>, Error> {
     let to_verify = match &calibration_request.verify {
         VerifySource::Set(set) => Some(set),
@@ -299,8 +336,7 @@ pub fn own<T>(found: Result<T, crate::store::Error>, is_own: impl Fn(&T) -> bool
 fn check(request: &JobRequestBody, sources: Sources) -> Result<Chosen, Error> {
     let robot = access::robot_body(&sources.robot)?.to_core()?;
     let n_joints = robot.links.len();
-    let parse =
-        |(row, body): &(MeasurementSetRow, Vec<u8>)| from_upload(&row.content_type, body, frame_of(row)?, n_joints).map_err(Error::Invalid);
+    let parse = |source: &SetSource| source.set(n_joints);
     let parts = JobParts {
         set: parse(&sources.set)?,
         verify_set: sources.verify_set.as_ref().map(parse).transpose()?,
@@ -333,7 +369,7 @@ fn check(request: &JobRequestBody, sources: Sources) -> Result<Chosen, Error> {
             calibration::check_verify(&calibration_request, identified.as_ref())?;
         }
     }
-    let sets_sha256: Vec<&str> = std::iter::once(&sources.set).chain(&sources.verify_set).map(|(row, _)| row.sha256.as_str()).collect();
+    let sets_sha256: Vec<&str> = std::iter::once(&sources.set).chain(&sources.verify_set).map(|set| set.row.sha256.as_str()).collect();
     let residual_network_id = choose_residual(request, &calibration_request, (&sources.residual_networks, &sets_sha256), parse)?;
     Ok(Chosen { network_id, residual_network_id })
 }

@@ -3,11 +3,14 @@
 use crate::http::auth::Caller;
 use crate::http::creation::{Submission, stored_json};
 use crate::http::extract::{Id, ListQuery, Query};
+use crate::http::recent_sets::RecentSets;
 use crate::http::upload_check::{self, Off};
 use crate::http::{App, Error, access};
 use crate::store::{MeasurementSetRow, NewMeasurementSet, Tx, measurement_sets};
 use crate::wire::issue::Checker;
-use crate::wire::measurement::{self, DECIMAL_COMMA, DEFAULT_FRAME, Decimal, Frame, MeasurementSetBody, SetSummary, Warning};
+use crate::wire::measurement::{
+    self, DECIMAL_COMMA, DEFAULT_FRAME, Decimal, Frame, MeasurementSet, MeasurementSetBody, SetSummary, Warning,
+};
 use crate::wire::page::Page;
 use crate::wire::robot::{MAX_NAME, RobotBody};
 use crate::wire::time::rfc3339;
@@ -56,6 +59,8 @@ struct Upload {
     warnings: Vec<Warning>,
     sha256: String,
     off: Option<Off>,
+    /// What may be kept in memory once it is stored.
+    recent: Option<MeasurementSet>,
 }
 
 /// Uploads a measurement set, as CSV (a header row with units) or JSON.
@@ -100,11 +105,16 @@ async fn create(
         uploaded_by: Some(submission.caller.holder.clone()),
         serial_number: upload.serial_number,
     };
+    let mut stored = None;
     let effect = async |tx: &mut Tx| {
-        let row = measurement_sets::insert(tx, &new).await?;
-        stored_json(201, Some(format!("/v1/measurement-sets/{}", row.id)), &summary(&row)?)
+        let row = stored.insert(measurement_sets::insert(tx, &new).await?);
+        stored_json(201, Some(format!("/v1/measurement-sets/{}", row.id)), &summary(row)?)
     };
-    submission.create(&app.store, effect).await
+    let answer = submission.create(&app.store, effect).await?;
+    if let Some((row, set)) = stored.zip(upload.recent) {
+        app.recent_sets.keep(row, set);
+    }
+    Ok(answer)
 }
 
 /// First bytes of archives (xlsx is one) and of old workbooks.
@@ -124,10 +134,16 @@ fn is_json(submission: &Submission) -> Result<bool, Error> {
 
 /// The upload's own type; with what the query declared, so that the stored bytes say how they are to be read.
 fn content_type(submission: &Submission, decimal: Option<Decimal>) -> String {
-    match decimal.filter(|_| submission.media_type == "text/csv") {
+    match submission.media_type.as_str() {
+        "text/csv" if decimal.is_some() => declared_csv(decimal),
+        _ => submission.content_type.clone(),
+    }
+}
+
+fn declared_csv(decimal: Option<Decimal>) -> String {
+    match decimal {
         Some(Decimal::Comma) => format!("text/csv; {DECIMAL_COMMA}"),
-        Some(Decimal::Point) => "text/csv".into(),
-        None => submission.content_type.clone(),
+        _ => "text/csv".into(),
     }
 }
 
@@ -163,6 +179,7 @@ fn understand(body: &RobotBody, bytes: &Bytes, csv: Option<Decimal>, query: Uplo
         n_targets,
         warnings,
         sha256: canonical::sha256_hex(bytes),
+        recent: RecentSets::copy_of(&set),
         off: upload_check::look(body, set)?,
     })
 }
@@ -238,4 +255,26 @@ pub fn summary(row: &MeasurementSetRow) -> Result<SetSummary, Error> {
         created_at: rfc3339(row.created_at_ms),
         warnings: serde_json::from_str(&row.warnings_json)?,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Decimal, UploadQuery, declared_csv, measurement, understand};
+    use crate::wire::json;
+    use axum::body::Bytes;
+
+    #[test]
+    fn what_is_kept_of_an_upload_is_what_its_bytes_say_when_they_are_read_again() {
+        let data = |name: &str| std::fs::read(format!("{}/data/paper/{name}", env!("CARGO_MANIFEST_DIR"))).unwrap();
+        let (robot, csv) = (json::parse(&data("robot.json")).unwrap(), data("first.csv"));
+        let commas = String::from_utf8(csv.clone()).unwrap().replace(',', ";").replace('.', ",").into_bytes();
+        for (bytes, declared) in [(csv.clone(), None), (csv, Some(Decimal::Point)), (commas, Some(Decimal::Comma))] {
+            let bytes = Bytes::from(bytes);
+            let content_type = declared_csv(declared);
+            let query = UploadQuery { frame: None, name: None, decimal: declared, serial_number: None };
+            let upload = understand(&robot, &bytes, Some(Decimal::of(&content_type)), query).ok().unwrap();
+            let again = measurement::from_upload(&content_type, &bytes, upload.frame, 6).unwrap();
+            assert_eq!(upload.recent, Some(again), "{content_type}");
+        }
+    }
 }

@@ -32,6 +32,7 @@ mod parameter_sets;
 mod policies;
 mod pose_plans;
 mod predict;
+mod recent_sets;
 mod release;
 mod report_html;
 mod robots;
@@ -47,6 +48,7 @@ pub use error::Error;
 use crate::config::ServeConfig;
 use crate::http::admission::Limits;
 use crate::http::metrics::Metrics;
+use crate::http::recent_sets::RecentSets;
 use crate::http::turns::Turn;
 use crate::jobs::JobSignals;
 use crate::store::Store;
@@ -72,13 +74,14 @@ pub struct App {
     pub signals: JobSignals,
     limits: Limits,
     metrics: Metrics,
+    recent_sets: RecentSets,
 }
 
 impl App {
     /// The state of a server on this store.
     pub fn new(store: Store, config: &ServeConfig, stopping: watch::Receiver<bool>, signals: JobSignals) -> Self {
         let limits = Limits::new(&config.limits, config.no_auth);
-        Self { store, no_auth: config.no_auth, stopping, signals, limits, metrics: Metrics::default() }
+        Self { store, no_auth: config.no_auth, stopping, signals, limits, metrics: Metrics::default(), recent_sets: RecentSets::default() }
     }
 
     /// Resolves when the server is about to stop.
