@@ -273,8 +273,8 @@ fn repeated(values: &[f64]) -> [f64; LANES] {
 fn scale_coordinates(scale: &[f64], positions: &Positions, first: usize, deviations: &mut [Lanes]) {
     for (j, (deviation, scale)) in deviations.iter_mut().zip(scale).enumerate() {
         with_lanes(positions, j, first, |z| {
-            for lane in 0..LANES {
-                deviation.0[lane] = z[lane] * scale;
+            for (deviation, z) in deviation.0.iter_mut().zip(z) {
+                *deviation = z * scale;
             }
         });
     }
@@ -288,8 +288,8 @@ fn combine_coordinates(directions: &[f64], positions: &Positions, first: usize, 
         let mut sum = [0.0; LANES];
         for (j, v) in directions.iter().skip(row).step_by(n_rows).enumerate() {
             with_lanes(positions, j, first, |z| {
-                for lane in 0..LANES {
-                    sum[lane] = v.mul_add(z[lane], sum[lane]);
+                for (sum, z) in sum.iter_mut().zip(z) {
+                    *sum = v.mul_add(*z, *sum);
                 }
             });
         }
