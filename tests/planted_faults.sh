@@ -50,6 +50,8 @@ no last call of who is connected      | src/http/accept.rs          | s/Duration
 no last call before the end           | src/http/accept.rs          | s/Duration = Duration::from_millis\(100\)/Duration = Duration::from_millis(0)/; s/in 0\.\.MAX_LAST/in 0..0/ | api | who_is_connected
 a key is logged                       | src/http/auth.rs            | s/let key = value.to_str\(\).ok\(\).and_then/tracing::debug!(?value, "a key"); let key = value.to_str().ok().and_then/ | api | no_key_and_no_body
 no finite check                       | src/measurement/csv.rs      | s/if !value.is_finite\(\)/if value.is_nan() \&\& false/ | bad_input | every_bad_file
+a lower bound without what is not linear | src/kinematics/batch/lower_bound.rs | s/\+ \(error\[part\] \+ rounding\)/+ rounding/ | kinematics | never_above_the_cost
+a lower bound without its rounding    | src/kinematics/batch/lower_bound.rs | s/\+ \(error\[part\] \+ rounding\)/+ error[part]/ | kinematics | never_above_the_cost
 no alignment check                    | src/calibration/alignment/mod.rs | s/pub const FITS_MM: f64 = 20.0/pub const FITS_MM: f64 = 1e12/ | bad_input | wrong_as_a_whole
 releases what was uploaded alone      | src/wire/release.rs         | s/other \|\| !facts.policy.second_person_required/other || facts.policy.second_person_required/ | dangerous_uploads | no_dangerous_upload
 TABLE
