@@ -25,7 +25,7 @@ pub struct RecentSet {
 pub struct RecentSets(Arc<Mutex<VecDeque<Arc<RecentSet>>>>);
 
 impl RecentSets {
-    /// Keeps a set that is stored now, if it is small, and forgets the oldest.
+    /// Keeps a set that is stored now, and forgets the oldest.
     pub fn keep(&self, row: MeasurementSetRow, set: MeasurementSet) {
         let mut sets = self.sets();
         sets.push_back(Arc::new(RecentSet { row, set }));
@@ -34,7 +34,7 @@ impl RecentSets {
         }
     }
 
-    /// A copy of a set that is worth keeping once it is stored.
+    /// A copy of a set, to be kept once it is stored; none of a large one.
     pub fn copy_of(set: &MeasurementSet) -> Option<MeasurementSet> {
         (set.points.len() <= MOST_POINTS).then(|| set.clone())
     }

@@ -41,7 +41,6 @@ pub struct LowerBound {
     chain: Vec<Quantity>,
     base_rotation: Vec<Quantity>,
     base_translation: Vec<Quantity>,
-    n_quantities: usize,
     base_arm_mm: f64,
     /// c, filled up with zeros to a multiple of [`ROWS`].
     constant: Vec<f64>,
@@ -114,7 +113,6 @@ impl LowerBound {
             chain,
             base_rotation: those(|m| matches!(m, Moved::BaseRotation(_))),
             base_translation: those(|m| matches!(m, Moved::BaseTranslation(_))),
-            n_quantities: p,
             base_arm_mm: 0.0,
             constant: vec![0.0; p.next_multiple_of(ROWS)],
             apart_mm2: 0.0,
@@ -137,8 +135,8 @@ impl LowerBound {
     /// When it is of another number of quantities, or has fewer rows than these.
     pub fn set(&mut self, anchored: &Anchored<'_>) {
         let p = anchored.deviation.len();
-        assert_eq!(p, self.n_quantities, "one deviation per quantity");
         let Self { chain, base_rotation, base_translation, .. } = self;
+        assert_eq!(p, chain.len() + base_rotation.len() + base_translation.len(), "one deviation per quantity");
         for quantity in [chain, base_rotation, base_translation].into_iter().flatten() {
             (quantity.anchor, quantity.effect_mm) = (anchored.deviation[quantity.at], anchored.effects_mm[quantity.at]);
         }
