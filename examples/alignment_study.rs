@@ -10,7 +10,10 @@ use kincal::measurement::Frame;
 use std::time::Instant;
 
 fn main() {
-    let n: usize = std::env::args().nth(1).and_then(|text| text.parse().ok()).unwrap_or(1000);
+    let n: usize = std::env::args()
+        .nth(1)
+        .and_then(|text| text.parse().ok())
+        .unwrap_or(1000);
     let counts = robots::clean_robots(n, 1);
     println!("# Right uploads and the alignment check\n");
     println!("Made by `cargo run --release --example alignment_study {n} > docs/alignment.md`.\n");
@@ -25,7 +28,9 @@ fn main() {
     let sum = |i: usize| counts.iter().map(|(_, outcome)| outcome[i]).sum::<usize>();
     println!("| all | {} | {} | {} |", sum(0), sum(1), sum(2));
     println!("\n## What a look costs\n");
-    println!("Median of {LOOKS} looks at a right set of a six-axis robot: what every upload pays before it is stored.\n");
+    println!(
+        "Median of {LOOKS} looks at a right set of a six-axis robot: what every upload pays before it is stored.\n"
+    );
     println!("| frame | points | ms |\n|---|---|---|");
     for (name, frame) in [("base", Frame::Base), ("instrument", Frame::Instrument)] {
         for n_points in [60, 600, 6000] {
@@ -39,7 +44,15 @@ const LOOKS: usize = 101;
 
 fn look_ms(frame: Frame, n_points: usize) -> f64 {
     let nominal = &robots::models()[0].1;
-    let set = robots::measured(nominal, &robots::Making { n_points, frame, ..robots::CLEAN }, &mut simulation::Normal::new(1));
+    let set = robots::measured(
+        nominal,
+        &robots::Making {
+            n_points,
+            frame,
+            ..robots::CLEAN
+        },
+        &mut simulation::Normal::new(1),
+    );
     let mut times: Vec<f64> = (0..LOOKS)
         .map(|_| {
             let begun = Instant::now();

@@ -32,7 +32,10 @@ the base: a change there cannot be told from a tracker that was moved.
 type Change = fn(&mut KinematicModel, &mut Normal);
 
 fn main() {
-    let n_pairs = std::env::args().nth(1).and_then(|n| n.parse().ok()).unwrap_or(1000);
+    let n_pairs = std::env::args()
+        .nth(1)
+        .and_then(|n| n.parse().ok())
+        .unwrap_or(1000);
     println!(
         "# What changed since the last session\n\nMade by `cargo run --release --example changes_study {n_pairs} > docs/changes.md`.\n\n{TEXT}"
     );
@@ -45,35 +48,82 @@ fn false_alarms(n_pairs: u64) {
     println!(
         "## Robots that have not changed\n\n| {n_pairs} pairs each | called changed (stated: 1 %) | placement called changed |\n|---|---|---|"
     );
-    let plain = Campaign { n_configurations: 50, ..Campaign::PLAIN };
+    let plain = Campaign {
+        n_configurations: 50,
+        ..Campaign::PLAIN
+    };
     let rows = [
         ("50 poses, white noise 0.03 mm", plain),
-        ("25 poses, white noise 0.03 mm", Campaign { n_configurations: 25, ..plain }),
+        (
+            "25 poses, white noise 0.03 mm",
+            Campaign {
+                n_configurations: 25,
+                ..plain
+            },
+        ),
         (
             "20 configurations of 3 targets, 0.05 mm shared by a configuration",
-            Campaign { n_configurations: 20, n_targets: 3, shared_mm: 0.05, ..plain },
+            Campaign {
+                n_configurations: 20,
+                n_targets: 3,
+                shared_mm: 0.05,
+                ..plain
+            },
         ),
-        ("50 poses, sag of 0.2 mm (rms)", Campaign { sag_rad: 1e-4, ..plain }),
-        ("50 poses, sag of 1 mm (rms)", Campaign { sag_rad: 5e-4, ..plain }),
+        (
+            "50 poses, sag of 0.2 mm (rms)",
+            Campaign {
+                sag_rad: 1e-4,
+                ..plain
+            },
+        ),
+        (
+            "50 poses, sag of 1 mm (rms)",
+            Campaign {
+                sag_rad: 5e-4,
+                ..plain
+            },
+        ),
     ];
     for (name, campaign) in rows {
         let (mut alarms, mut placed) = (0, 0);
         for seed in 0..n_pairs {
             let changes = pair(seed, &campaign, |_, _| ());
             alarms += u64::from(changes.kind.is_some());
-            placed += u64::from(changes.warnings.iter().any(|w| w.code == "placement_changed"));
+            placed += u64::from(
+                changes
+                    .warnings
+                    .iter()
+                    .any(|w| w.code == "placement_changed"),
+            );
         }
         let share = |n: u64| 100.0 * n as f64 / n_pairs as f64;
-        println!("| {name} | {:.1} % | {:.1} % |", share(alarms), share(placed));
+        println!(
+            "| {name} | {:.1} % | {:.1} % |",
+            share(alarms),
+            share(placed)
+        );
     }
 }
 
 fn detection(n_pairs: u64) {
-    println!("\n## Robots that have changed\n\n50 poses, white noise 0.03 mm. Named: the first names are exactly what was changed.\n");
-    println!("| {n_pairs} pairs each | called changed | called a collision | named |\n|---|---|---|---|");
+    println!(
+        "\n## Robots that have changed\n\n50 poses, white noise 0.03 mm. Named: the first names are exactly what was changed.\n"
+    );
+    println!(
+        "| {n_pairs} pairs each | called changed | called a collision | named |\n|---|---|---|---|"
+    );
     let rows: [(&str, Change, &[&str]); 5] = [
-        ("theta_offset_3 by 0.02°", |m, _| m.links[2].theta_offset_rad += 0.02f64.to_radians(), &["theta_offset_3"]),
-        ("theta_offset_3 by 0.1°", |m, _| m.links[2].theta_offset_rad += 0.1f64.to_radians(), &["theta_offset_3"]),
+        (
+            "theta_offset_3 by 0.02°",
+            |m, _| m.links[2].theta_offset_rad += 0.02f64.to_radians(),
+            &["theta_offset_3"],
+        ),
+        (
+            "theta_offset_3 by 0.1°",
+            |m, _| m.links[2].theta_offset_rad += 0.1f64.to_radians(),
+            &["theta_offset_3"],
+        ),
         ("a_3 by 0.25 mm", |m, _| m.links[2].a_mm += 0.25, &["a_3"]),
         (
             "theta_offset_2 by 0.2°, theta_offset_3 by −0.15°, a_3 by 0.1 mm",
@@ -84,7 +134,11 @@ fn detection(n_pairs: u64) {
             },
             &["a_3", "theta_offset_2", "theta_offset_3"],
         ),
-        ("every a and d by 0.03 mm, every angle by 0.005° (one standard deviation)", drifted, &[]),
+        (
+            "every a and d by 0.03 mm, every angle by 0.005° (one standard deviation)",
+            drifted,
+            &[],
+        ),
     ];
     for (name, change, expected) in rows {
         let (mut alarms, mut collisions, mut named) = (0, 0, 0);
@@ -93,13 +147,27 @@ fn detection(n_pairs: u64) {
             alarms += u64::from(changes.kind.is_some());
             collisions += u64::from(changes.kind == Some(Kind::Collision));
             let is_link = |name: &&str| !name.starts_with("base") && !name.starts_with("target");
-            let mut names: Vec<&str> = changes.all.iter().map(|c| c.name.as_str()).filter(is_link).take(expected.len()).collect();
+            let mut names: Vec<&str> = changes
+                .all
+                .iter()
+                .map(|c| c.name.as_str())
+                .filter(is_link)
+                .take(expected.len())
+                .collect();
             names.sort_unstable();
             named += u64::from(names == expected);
         }
         let share = |n: u64| 100.0 * n as f64 / n_pairs as f64;
-        let named = if expected.is_empty() { "–".into() } else { format!("{:.1} %", share(named)) };
-        println!("| {name} | {:.1} % | {:.1} % | {named} |", share(alarms), share(collisions));
+        let named = if expected.is_empty() {
+            "–".into()
+        } else {
+            format!("{:.1} %", share(named))
+        };
+        println!(
+            "| {name} | {:.1} % | {:.1} % | {named} |",
+            share(alarms),
+            share(collisions)
+        );
     }
 }
 
@@ -113,37 +181,82 @@ fn drifted(model: &mut KinematicModel, random: &mut Normal) {
 }
 
 /// Two sessions of one robot, compared.
-fn pair(seed: u64, campaign: &Campaign, change: impl Fn(&mut KinematicModel, &mut Normal)) -> Changes {
+fn pair(
+    seed: u64,
+    campaign: &Campaign,
+    change: impl Fn(&mut KinematicModel, &mut Normal),
+) -> Changes {
     let mut random = Normal::new(seed);
     let first = true_robot(&paper_robot(), campaign.n_targets, &mut random);
     let mut second = true_robot(&paper_robot(), campaign.n_targets, &mut random);
     second.links = first.links.clone();
     change(&mut second, &mut random);
-    let mut session = |truth: &KinematicModel| measure(truth, &poses(campaign.n_configurations, &mut random), campaign, &mut random);
+    let mut session = |truth: &KinematicModel| {
+        measure(
+            truth,
+            &poses(campaign.n_configurations, &mut random),
+            campaign,
+            &mut random,
+        )
+    };
     let (first, second) = (session(&first), session(&second));
     compared(&paper_robot(), first, second)
 }
 
 fn compared(robot: &Robot, before: MeasurementSet, after: MeasurementSet) -> Changes {
-    let previous = Some(PreviousSession { set: before, frames: None });
-    let request = CalibrationRequest { method: Method::LeastSquares, previous, ..CalibrationRequest::new(robot.clone(), after) };
-    let report = calibrate(&request, &mut |_| ControlFlow::Continue(())).expect("these campaigns can be identified from");
+    let previous = Some(PreviousSession {
+        set: before,
+        frames: None,
+    });
+    let request = CalibrationRequest {
+        method: Method::LeastSquares,
+        previous,
+        ..CalibrationRequest::new(robot.clone(), after)
+    };
+    let report = calibrate(&request, &mut |_| ControlFlow::Continue(()))
+        .expect("these campaigns can be identified from");
     report.changes.expect("both sessions can be compared")
 }
 
 fn on_files() {
-    println!("\n## On files\n\nWhat the report says of them after `first.csv`, and of each visit after the other:\n");
+    println!(
+        "\n## On files\n\nWhat the report says of them after `first.csv`, and of each visit after the other:\n"
+    );
     let show = |name: &str, changes: Changes| match changes.warnings.as_slice() {
         [] => println!("- `{name}`: nothing changed beyond chance"),
-        warnings => warnings.iter().for_each(|w| println!("- `{name}`, `{}`: {}", w.code, w.detail)),
+        warnings => warnings
+            .iter()
+            .for_each(|w| println!("- `{name}`, `{}`: {}", w.code, w.detail)),
     };
     let paper = |name: &str| data::paper_set(name);
-    for name in ["followup_unchanged.csv", "followup_drifted.csv", "followup_collision.csv"] {
-        show(name, compared(&paper_robot(), paper("first.csv"), paper(name)));
+    for name in [
+        "followup_unchanged.csv",
+        "followup_drifted.csv",
+        "followup_collision.csv",
+    ] {
+        show(
+            name,
+            compared(&paper_robot(), paper("first.csv"), paper(name)),
+        );
     }
-    let Some(folder) = real_data().map(|real| real.join("motoman_ma1400")) else { return };
+    let Some(folder) = real_data().map(|real| real.join("motoman_ma1400")) else {
+        return;
+    };
     let robot = data::robot(&folder.join("robot.json"));
-    let visit = |name: &str| csv::parse(&std::fs::read(folder.join(name)).expect("a visit"), Frame::Instrument, 6).expect("a set");
-    show("motoman visit 2 after visit 1", compared(&robot, visit("visit_1.csv"), visit("visit_2.csv")));
-    show("motoman visit 1 after visit 2", compared(&robot, visit("visit_2.csv"), visit("visit_1.csv")));
+    let visit = |name: &str| {
+        csv::parse(
+            &std::fs::read(folder.join(name)).expect("a visit"),
+            Frame::Instrument,
+            6,
+        )
+        .expect("a set")
+    };
+    show(
+        "motoman visit 2 after visit 1",
+        compared(&robot, visit("visit_1.csv"), visit("visit_2.csv")),
+    );
+    show(
+        "motoman visit 1 after visit 2",
+        compared(&robot, visit("visit_2.csv"), visit("visit_1.csv")),
+    );
 }

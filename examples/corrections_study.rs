@@ -20,21 +20,33 @@ pub fn run(request: &CalibrationRequest) -> CalibrationReport {
 
 /// The corrections that were kept, in words.
 pub fn kept(report: &CalibrationReport) -> String {
-    let kept = report.corrections.iter().flatten().filter(|e| e.kept).map(|e| e.kind.as_str());
+    let kept = report
+        .corrections
+        .iter()
+        .flatten()
+        .filter(|e| e.kept)
+        .map(|e| e.kind.as_str());
     kept.collect::<Vec<_>>().join(", ")
 }
 
 /// Median, smallest and largest.
 pub fn spread(mut values: Vec<f64>) -> (f64, f64, f64) {
     values.sort_by(f64::total_cmp);
-    (values[values.len() / 2], values[0], values[values.len() - 1])
+    (
+        values[values.len() / 2],
+        values[0],
+        values[values.len() - 1],
+    )
 }
 
 fn main() {
     let mut arguments = std::env::args().skip(1);
     let table = arguments.next().unwrap_or_default();
     let n: usize = arguments.next().and_then(|n| n.parse().ok()).unwrap_or(100);
-    let first_seed: u64 = arguments.next().and_then(|seed| seed.parse().ok()).unwrap_or(0);
+    let first_seed: u64 = arguments
+        .next()
+        .and_then(|seed| seed.parse().ok())
+        .unwrap_or(0);
     if table.is_empty() || table == "real" {
         measured::tables();
     }

@@ -67,12 +67,20 @@ impl Client {
     }
 
     fn post(&mut self, path: &str, content_type: &str, body: &[u8]) -> anyhow::Result<Value> {
-        let of_body = format!("content-type: {content_type}\r\ncontent-length: {}", body.len());
-        parsed(&self.answer(&format!("POST {path} HTTP/1.1\r\nhost: kincal\r\n{of_body}\r\n\r\n"), body)?)
+        let of_body = format!(
+            "content-type: {content_type}\r\ncontent-length: {}",
+            body.len()
+        );
+        parsed(&self.answer(
+            &format!("POST {path} HTTP/1.1\r\nhost: kincal\r\n{of_body}\r\n\r\n"),
+            body,
+        )?)
     }
 
     fn answer(&mut self, head: &str, body: &[u8]) -> anyhow::Result<Vec<u8>> {
-        self.0.get_mut().write_all(&[head.as_bytes(), body].concat())?;
+        self.0
+            .get_mut()
+            .write_all(&[head.as_bytes(), body].concat())?;
         let (mut status, mut length) = (String::new(), 0);
         self.0.read_line(&mut status)?;
         loop {
@@ -86,7 +94,11 @@ impl Client {
         }
         let mut body = vec![0; length];
         self.0.read_exact(&mut body)?;
-        anyhow::ensure!(status.starts_with("HTTP/1.1 2"), "{status}{}", String::from_utf8_lossy(&body));
+        anyhow::ensure!(
+            status.starts_with("HTTP/1.1 2"),
+            "{status}{}",
+            String::from_utf8_lossy(&body)
+        );
         Ok(body)
     }
 }
@@ -97,10 +109,14 @@ fn parsed(bytes: &[u8]) -> anyhow::Result<Value> {
 
 fn main() -> anyhow::Result<()> {
     // beside the sources: a folder in memory has no fsync to speak of
-    let folder = tempfile::tempdir_in(std::env::var("END_TO_END_DIR").unwrap_or_else(|_| "target".into()))?;
+    let folder =
+        tempfile::tempdir_in(std::env::var("END_TO_END_DIR").unwrap_or_else(|_| "target".into()))?;
     // the server as `kincal serve` runs it; the client on this thread alone, as another machine has its own
     let servers = Builder::new_multi_thread().enable_all().build()?;
-    let server = servers.block_on(server::start_with(&ServeConfig::loopback(folder.path().join("data"), 1), timed))?;
+    let server = servers.block_on(server::start_with(
+        &ServeConfig::loopback(folder.path().join("data"), 1),
+        timed,
+    ))?;
     let url = server.url();
     let client = Client::connect(url.strip_prefix("http://").context("loopback has no TLS")?)?;
     let ran = run(client, folder.path());
@@ -110,14 +126,22 @@ fn main() -> anyhow::Result<()> {
 
 fn run(mut client: Client, folder: &Path) -> anyhow::Result<()> {
     let robot = id(&client.post("/v1/robots", "application/json", ROBOT)?)?;
-    let set = id(&client.post(&format!("/v1/robots/{robot}/measurement-sets?frame=base&name=first"), "text/csv", SET)?)?;
+    let set = id(&client.post(
+        &format!("/v1/robots/{robot}/measurement-sets?frame=base&name=first"),
+        "text/csv",
+        SET,
+    )?)?;
     let (mut times, mut commits, mut timed) = (Vec::new(), Vec::new(), Vec::<Vec<f64>>::new());
     let mut disk = Disk::create(&folder.join("fsync"))?;
     let mut log = Log::open(&folder.join("data/kincal.sqlite-wal"))?;
     for i in 0..WARM_UP + JOBS {
         times.push(job(&mut client, &robot, &set)?);
-        let Some(of_job) = log.commits()? else { continue };
-        let Some(which) = i.checked_rem(of_job.len()) else { continue };
+        let Some(of_job) = log.commits()? else {
+            continue;
+        };
+        let Some(which) = i.checked_rem(of_job.len()) else {
+            continue;
+        };
         timed.resize(timed.len().max(of_job.len()), Vec::new());
         timed[which].push(disk.fsync_us(of_job[which])?);
         commits.push(of_job);
@@ -130,9 +154,16 @@ fn run(mut client: Client, folder: &Path) -> anyhow::Result<()> {
         nothing.push(begun.elapsed().as_secs_f64() * 1e6);
     }
     // of the first commit of a job, the second, … : the median, and which share of the jobs has it
-    let share = |which| commits.iter().filter(|of_job| of_job.len() > which).count() as f64 / commits.len() as f64;
-    let timed = timed.into_iter().enumerate().filter(|(_, of_commit)| !of_commit.is_empty());
-    let fsyncs: f64 = timed.map(|(which, of_commit)| share(which) * median(of_commit)).sum();
+    let share = |which| {
+        commits.iter().filter(|of_job| of_job.len() > which).count() as f64 / commits.len() as f64
+    };
+    let timed = timed
+        .into_iter()
+        .enumerate()
+        .filter(|(_, of_commit)| !of_commit.is_empty());
+    let fsyncs: f64 = timed
+        .map(|(which, of_commit)| share(which) * median(of_commit))
+        .sum();
     let of = |what: fn(&Times) -> f64| median(times.iter().map(what).collect());
     let rest = of(|t| t.posted + t.waited + t.fetched - t.computed);
     println!(
@@ -158,7 +189,11 @@ fn run(mut client: Client, folder: &Path) -> anyhow::Result<()> {
 fn job(client: &mut Client, robot: &str, set: &str) -> anyhow::Result<Times> {
     let request = json!({"measurement_set_id": set, "method": "least_squares", "model": "paper"});
     let begun = Instant::now();
-    let job = id(&client.post(&format!("/v1/robots/{robot}/jobs"), "application/json", &serde_json::to_vec(&request)?)?)?;
+    let job = id(&client.post(
+        &format!("/v1/robots/{robot}/jobs"),
+        "application/json",
+        &serde_json::to_vec(&request)?,
+    )?)?;
     let posted = begun.elapsed();
     let done = loop {
         let job = client.get(&format!("/v1/jobs/{job}?wait_s=10"))?;
@@ -167,21 +202,42 @@ fn job(client: &mut Client, robot: &str, set: &str) -> anyhow::Result<Times> {
         }
     };
     let waited = begun.elapsed() - posted;
-    let parameter_set = done["parameter_set_id"].as_str().with_context(|| format!("the job gave no parameters: {done}"))?;
+    let parameter_set = done["parameter_set_id"]
+        .as_str()
+        .with_context(|| format!("the job gave no parameters: {done}"))?;
     client.get(&format!("/v1/parameter-sets/{parameter_set}"))?;
     let fetched = begun.elapsed() - waited - posted;
     let report = client.get(&format!("/v1/jobs/{job}/report"))?;
-    let stages = report["duration_ms"].as_f64().context("the report has no duration")? * 1e3;
+    let stages = report["duration_ms"]
+        .as_f64()
+        .context("the report has no duration")?
+        * 1e3;
     let us = |d: std::time::Duration| d.as_secs_f64() * 1e6;
-    let computed = COMPUTED.lock().unwrap_or_else(PoisonError::into_inner).pop().context("no worker has computed")?;
-    Ok(Times { posted: us(posted), waited: us(waited), fetched: us(fetched), computed, stages })
+    let computed = COMPUTED
+        .lock()
+        .unwrap_or_else(PoisonError::into_inner)
+        .pop()
+        .context("no worker has computed")?;
+    Ok(Times {
+        posted: us(posted),
+        waited: us(waited),
+        fetched: us(fetched),
+        computed,
+        stages,
+    })
 }
 
 /// What a worker's thread has to do for a job.
-fn timed(inputs: &JobInputs, progress: &mut dyn FnMut(Progress) -> ControlFlow<()>) -> Result<JobOutcome, JobFailure> {
+fn timed(
+    inputs: &JobInputs,
+    progress: &mut dyn FnMut(Progress) -> ControlFlow<()>,
+) -> Result<JobOutcome, JobFailure> {
     let begun = Instant::now();
     let outcome = execution::compute(inputs, progress);
-    COMPUTED.lock().unwrap_or_else(PoisonError::into_inner).push(begun.elapsed().as_secs_f64() * 1e6);
+    COMPUTED
+        .lock()
+        .unwrap_or_else(PoisonError::into_inner)
+        .push(begun.elapsed().as_secs_f64() * 1e6);
     outcome
 }
 
@@ -195,7 +251,11 @@ struct Log {
 
 impl Log {
     fn open(path: &Path) -> anyhow::Result<Self> {
-        let mut log = Self { file: File::open(path)?, salt: [0; 8], n_frames: 0 };
+        let mut log = Self {
+            file: File::open(path)?,
+            salt: [0; 8],
+            n_frames: 0,
+        };
         log.commits()?;
         Ok(log)
     }
@@ -248,7 +308,8 @@ impl Disk {
             self.next_page = 0;
         }
         let begun = Instant::now();
-        self.file.seek(SeekFrom::Start((self.next_page * PAGE_BYTES) as u64))?;
+        self.file
+            .seek(SeekFrom::Start((self.next_page * PAGE_BYTES) as u64))?;
         self.file.write_all(&bytes)?;
         self.file.sync_all()?;
         self.next_page += pages;
@@ -257,7 +318,10 @@ impl Disk {
 }
 
 fn id(answer: &Value) -> anyhow::Result<String> {
-    Ok(answer["id"].as_str().context("the server's answer has no id")?.to_string())
+    Ok(answer["id"]
+        .as_str()
+        .context("the server's answer has no id")?
+        .to_string())
 }
 
 fn median(mut values: Vec<f64>) -> f64 {

@@ -22,18 +22,34 @@ const REPETITIONS: usize = 15;
 
 fn main() -> anyhow::Result<()> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let [robot, set] = arguments.as_slice() else { bail!("usage: growth ROBOT.json SET.csv") };
-    let (robot, set) = (std::fs::read(robot).context("the robot file")?, std::fs::read(set).context("the measurement set")?);
+    let [robot, set] = arguments.as_slice() else {
+        bail!("usage: growth ROBOT.json SET.csv")
+    };
+    let (robot, set) = (
+        std::fs::read(robot).context("the robot file")?,
+        std::fs::read(set).context("the measurement set")?,
+    );
     let (paper, observations) = throughput::problem(&robot, &set)?;
     let parameters = complete_parameters(&paper.reference.links, 1);
     let scale = parameters.iter().map(prior_scale).collect();
     let complete = SearchSpace::raw(paper.reference.clone(), parameters, scale);
     let n_cores = std::thread::available_parallelism()?.get();
-    println!("| model | particles | poses | us per evaluation, one core | ns per particle and pose | us, {n_cores} cores |");
+    println!(
+        "| model | particles | poses | us per evaluation, one core | ns per particle and pose | us, {n_cores} cores |"
+    );
     println!("|---|---:|---:|---:|---:|---:|");
     for (name, space) in [("paper", &paper), ("complete", &complete)] {
-        for (particles, poses) in [(200, 50), (400, 50), (1000, 50), (200, 100), (200, 500), (1000, 1000), (10_000, 1000)] {
-            let observations: Vec<Observation> = observations.iter().cycle().take(poses).cloned().collect();
+        for (particles, poses) in [
+            (200, 50),
+            (400, 50),
+            (1000, 50),
+            (200, 100),
+            (200, 500),
+            (1000, 1000),
+            (10_000, 1000),
+        ] {
+            let observations: Vec<Observation> =
+                observations.iter().cycle().take(poses).cloned().collect();
             let one = evaluation_us(space, &observations, particles, 1);
             let all = evaluation_us(space, &observations, particles, n_cores);
             let each = 1e3 * one / (particles * poses) as f64;
@@ -44,11 +60,25 @@ fn main() -> anyhow::Result<()> {
 }
 
 /// Of every particle to the last pose: what a swarm gives up early depends on the problem.
-fn evaluation_us(space: &SearchSpace, observations: &[Observation], n_particles: usize, n_threads: usize) -> f64 {
+fn evaluation_us(
+    space: &SearchSpace,
+    observations: &[Observation],
+    n_particles: usize,
+    n_threads: usize,
+) -> f64 {
     let mut cost = SwarmCost::new(space, observations).on_threads(n_threads);
     let n = space.n_coordinates();
-    let search_box = pso::SearchBox { centre: vec![0.0; n], half_width: vec![0.5; n] };
-    let positions = pso::initial_positions(&search_box, &pso::Options { n_particles, ..pso::Options::default() });
+    let search_box = pso::SearchBox {
+        centre: vec![0.0; n],
+        half_width: vec![0.5; n],
+    };
+    let positions = pso::initial_positions(
+        &search_box,
+        &pso::Options {
+            n_particles,
+            ..pso::Options::default()
+        },
+    );
     let mut costs = vec![0.0; n_particles];
     let work = n_particles * observations.len();
     let repetitions = (WORK / work).clamp(REPETITIONS, 2_000);
@@ -61,7 +91,9 @@ fn evaluation_us(space: &SearchSpace, observations: &[Observation], n_particles:
     }
     // an evaluation that is longer than the system's time slice is interrupted for others on a busy machine: what it worked counts
     match (before, worked_us()) {
-        (Some(before), Some(after)) if n_threads == 1 && work >= LONG => (after - before) / repetitions as f64,
+        (Some(before), Some(after)) if n_threads == 1 && work >= LONG => {
+            (after - before) / repetitions as f64
+        }
         _ => fastest,
     }
 }

@@ -7,7 +7,10 @@
 mod hostile;
 
 use anyhow::{Context, ensure};
-use kincal::store::{NewJob, NewMeasurementSet, NewRobot, Store, StoreLocation, jobs, leases, measurement_sets, robots};
+use kincal::store::{
+    NewJob, NewMeasurementSet, NewRobot, Store, StoreLocation, jobs, leases, measurement_sets,
+    robots,
+};
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Stdio};
 use std::sync::Arc;
@@ -39,19 +42,40 @@ struct Server {
 impl Server {
     fn start(binary: &str, data_dir: &std::path::Path) -> anyhow::Result<Self> {
         let mut command = Command::new(binary);
-        command.args(["serve", "--listen", "127.0.0.1:0", "--no-auth", "--workers", "0", "--data-dir"]).arg(data_dir);
-        let mut child = command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().context("the binary starts")?;
+        command
+            .args([
+                "serve",
+                "--listen",
+                "127.0.0.1:0",
+                "--no-auth",
+                "--workers",
+                "0",
+                "--data-dir",
+            ])
+            .arg(data_dir);
+        let mut child = command
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .context("the binary starts")?;
         let mut line = String::new();
         BufReader::new(child.stdout.take().context("its output")?).read_line(&mut line)?;
-        let address = line.trim().strip_prefix("kincal listening on http://").context("it listens")?.to_owned();
+        let address = line
+            .trim()
+            .strip_prefix("kincal listening on http://")
+            .context("it listens")?
+            .to_owned();
         Ok(Self { child, address })
     }
 
     /// Largest memory that it ever had, MiB.
     fn peak_mib(&self) -> u64 {
-        let status = std::fs::read_to_string(format!("/proc/{}/status", self.child.id())).unwrap_or_default();
+        let status = std::fs::read_to_string(format!("/proc/{}/status", self.child.id()))
+            .unwrap_or_default();
         let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
-        line.and_then(|line| line.split_whitespace().next()?.parse::<u64>().ok()).unwrap_or(0) / 1024
+        line.and_then(|line| line.split_whitespace().next()?.parse::<u64>().ok())
+            .unwrap_or(0)
+            / 1024
     }
 }
 
@@ -75,7 +99,10 @@ async fn exchange(stream: &mut TcpStream, request: &[u8]) -> anyhow::Result<u16>
         bytes.extend_from_slice(&chunk[..n]);
         if let Some(end) = bytes.windows(4).position(|w| w == b"\r\n\r\n") {
             let head = String::from_utf8_lossy(&bytes[..end]).to_ascii_lowercase();
-            let length = head.lines().find_map(|line| line.strip_prefix("content-length:")).and_then(|n| n.trim().parse().ok());
+            let length = head
+                .lines()
+                .find_map(|line| line.strip_prefix("content-length:"))
+                .and_then(|n| n.trim().parse().ok());
             break (end + 4, length.unwrap_or(0), head.contains("retry-after:"));
         }
     };
@@ -86,7 +113,11 @@ async fn exchange(stream: &mut TcpStream, request: &[u8]) -> anyhow::Result<u16>
         bytes.extend_from_slice(&chunk[..n]);
     }
     let status = String::from_utf8_lossy(&bytes[9..12]).parse()?;
-    Ok(if matches!(status, 429 | 503) && !says_when { 0 } else { status })
+    Ok(if matches!(status, 429 | 503) && !says_when {
+        0
+    } else {
+        status
+    })
 }
 
 /// Sends at `rate` for `seconds`, each request at its appointed time over whichever connection is free; every request's answer, and how many
@@ -99,10 +130,15 @@ async fn at_rate(
     request: impl Fn(usize) -> Vec<u8> + Send + Sync + 'static,
 ) -> (Vec<Answer>, f64) {
     let n = (rate * seconds) as usize;
-    let (begun, request, next) = (Instant::now() + Duration::from_millis(500), Arc::new(request), Arc::new(AtomicUsize::new(0)));
+    let (begun, request, next) = (
+        Instant::now() + Duration::from_millis(500),
+        Arc::new(request),
+        Arc::new(AtomicUsize::new(0)),
+    );
     let tasks: Vec<_> = (0..connections)
         .map(|_| {
-            let (address, request, next) = (address.to_owned(), Arc::clone(&request), Arc::clone(&next));
+            let (address, request, next) =
+                (address.to_owned(), Arc::clone(&request), Arc::clone(&next));
             tokio::spawn(async move {
                 let mut answers = Vec::new();
                 let mut stream = TcpStream::connect(&address).await.ok();
@@ -117,7 +153,10 @@ async fn at_rate(
                         stream = TcpStream::connect(&address).await.ok();
                     }
                     let status = match &mut stream {
-                        Some(open) => timeout(PATIENCE, exchange(open, &request(i))).await.ok().and_then(Result::ok),
+                        Some(open) => timeout(PATIENCE, exchange(open, &request(i)))
+                            .await
+                            .ok()
+                            .and_then(Result::ok),
                         None => None,
                     };
                     if status.is_none() {
@@ -137,14 +176,24 @@ async fn at_rate(
 
 fn percentile(times: &mut [Duration], share: f64) -> f64 {
     times.sort();
-    times.get(((times.len() as f64 * share) as usize).min(times.len().saturating_sub(1))).map_or(f64::NAN, |t| t.as_secs_f64() * 1e3)
+    times
+        .get(((times.len() as f64 * share) as usize).min(times.len().saturating_sub(1)))
+        .map_or(f64::NAN, |t| t.as_secs_f64() * 1e3)
 }
 
 /// Prints a row of the table; how many a second succeeded.
 fn row(what: &str, rate: f64, took_s: f64, answers: &[Answer], target: &str) -> f64 {
     let is_good = |status: u16| (200..300).contains(&status);
-    let mut good: Vec<Duration> = answers.iter().filter(|(status, _)| is_good(*status)).map(|(_, t)| *t).collect();
-    let mut told: Vec<Duration> = answers.iter().filter(|(status, _)| matches!(status, 429 | 503)).map(|(_, t)| *t).collect();
+    let mut good: Vec<Duration> = answers
+        .iter()
+        .filter(|(status, _)| is_good(*status))
+        .map(|(_, t)| *t)
+        .collect();
+    let mut told: Vec<Duration> = answers
+        .iter()
+        .filter(|(status, _)| matches!(status, 429 | 503))
+        .map(|(_, t)| *t)
+        .collect();
     let other = answers.len() - good.len() - told.len();
     let goodput = good.len() as f64 / took_s;
     println!(
@@ -158,12 +207,26 @@ fn row(what: &str, rate: f64, took_s: f64, answers: &[Answer], target: &str) -> 
 }
 
 fn post(path: &str, content_type: &str, body: &[u8]) -> Vec<u8> {
-    let head = format!("POST {path} HTTP/1.1\r\nhost: l\r\ncontent-type: {content_type}\r\ncontent-length: {}\r\n\r\n", body.len());
+    let head = format!(
+        "POST {path} HTTP/1.1\r\nhost: l\r\ncontent-type: {content_type}\r\ncontent-length: {}\r\n\r\n",
+        body.len()
+    );
     [head.as_bytes(), body].concat()
 }
 
-async fn created(client: &reqwest::Client, url: &str, content_type: &str, body: Vec<u8>) -> anyhow::Result<String> {
-    let answer = client.post(url).header("content-type", content_type).body(body).send().await?.error_for_status()?;
+async fn created(
+    client: &reqwest::Client,
+    url: &str,
+    content_type: &str,
+    body: Vec<u8>,
+) -> anyhow::Result<String> {
+    let answer = client
+        .post(url)
+        .header("content-type", content_type)
+        .body(body)
+        .send()
+        .await?
+        .error_for_status()?;
     let answer: serde_json::Value = answer.json().await?;
     Ok(answer["id"].as_str().context("an id")?.to_owned())
 }
@@ -178,29 +241,68 @@ async fn main() -> anyhow::Result<()> {
     kincal::http::tls::use_ring();
     let client = reqwest::Client::builder().no_proxy().build()?;
     let url = format!("http://{}/v1/robots", server.address);
-    let robot = created(&client, &url, "application/json", std::fs::read("data/paper/robot.json")?).await?;
+    let robot = created(
+        &client,
+        &url,
+        "application/json",
+        std::fs::read("data/paper/robot.json")?,
+    )
+    .await?;
     let csv = std::fs::read_to_string("data/paper/first.csv")?;
-    let sixty = csv.lines().take(61).collect::<Vec<_>>().join("\n").into_bytes();
+    let sixty = csv
+        .lines()
+        .take(61)
+        .collect::<Vec<_>>()
+        .join("\n")
+        .into_bytes();
     println!(
         "| what | offered, 1/s | done, 1/s | median, ms | p99, ms | told to come back | p99 of these, ms | failed | target |\n|---|---|---|---|---|---|---|---|---|"
     );
     let get = format!("GET /v1/robots/{robot} HTTP/1.1\r\nhost: l\r\n\r\n").into_bytes();
     for rate in [1000.0, 2500.0, 5000.0, 10_000.0] {
         let request = get.clone();
-        let (answers, took_s) = at_rate(&server.address, rate, seconds, CONNECTIONS, move |_| request.clone()).await;
-        row("GET of a robot", rate, took_s, &answers, "5,000/s, p99 10 ms");
+        let (answers, took_s) = at_rate(&server.address, rate, seconds, CONNECTIONS, move |_| {
+            request.clone()
+        })
+        .await;
+        row(
+            "GET of a robot",
+            rate,
+            took_s,
+            &answers,
+            "5,000/s, p99 10 ms",
+        );
     }
     let path = format!("/v1/robots/{robot}/measurement-sets?frame=base");
     let mut capacity = 0.0_f64;
     for rate in [250.0, 500.0, 1000.0, 2000.0, 4000.0] {
         let request = post(&path, "text/csv", &sixty);
-        let (answers, took_s) = at_rate(&server.address, rate, seconds, CONNECTIONS, move |_| request.clone()).await;
-        capacity = capacity.max(row("durable upload of 60 poses", rate, took_s, &answers, "1,000/s, p99 50 ms"));
+        let (answers, took_s) = at_rate(&server.address, rate, seconds, CONNECTIONS, move |_| {
+            request.clone()
+        })
+        .await;
+        capacity = capacity.max(row(
+            "durable upload of 60 poses",
+            rate,
+            took_s,
+            &answers,
+            "1,000/s, p99 50 ms",
+        ));
     }
-    for (unit, of_what) in [(PROMISED, "what is promised"), (capacity, "what can be done")] {
+    for (unit, of_what) in [
+        (PROMISED, "what is promised"),
+        (capacity, "what can be done"),
+    ] {
         for times in FLOODS {
             let request = post(&path, "text/csv", &sixty);
-            let (answers, took_s) = at_rate(&server.address, times * unit, seconds, FLOOD_CONNECTIONS, move |_| request.clone()).await;
+            let (answers, took_s) = at_rate(
+                &server.address,
+                times * unit,
+                seconds,
+                FLOOD_CONNECTIONS,
+                move |_| request.clone(),
+            )
+            .await;
             let what = format!("the same, {times:.0} times {of_what}, {FLOOD_CONNECTIONS} clients");
             let target = format!("{:.0}/s, refused within 50 ms", 0.9 * unit);
             row(&what, times * unit, took_s, &answers, &target);
@@ -208,7 +310,10 @@ async fn main() -> anyhow::Result<()> {
     }
     println!("\nLargest memory of the server: {} MiB.", server.peak_mib());
     hostile::bodies(&client, &format!("http://{}{path}", server.address)).await?;
-    println!("\nLargest memory of the server with these: {} MiB (target 400).", server.peak_mib());
+    println!(
+        "\nLargest memory of the server with these: {} MiB (target 400).",
+        server.peak_mib()
+    );
     slow_clients(&server, &get).await?;
     drop(server);
     claims(&dir.path().join("queue")).await
@@ -233,7 +338,10 @@ async fn slow_clients(server: &Server, get: &[u8]) -> anyhow::Result<()> {
         }));
     }
     let request = get.to_vec();
-    let (answers, _) = at_rate(&server.address, 200.0, 5.0, CONNECTIONS, move |_| request.clone()).await;
+    let (answers, _) = at_rate(&server.address, 200.0, 5.0, CONNECTIONS, move |_| {
+        request.clone()
+    })
+    .await;
     let mut times: Vec<Duration> = answers.iter().map(|(_, time)| *time).collect();
     let good = answers.iter().filter(|(status, _)| *status == 200).count();
     let p99 = percentile(&mut times, 0.99);
@@ -250,9 +358,19 @@ async fn slow_clients(server: &Server, get: &[u8]) -> anyhow::Result<()> {
 
 /// Claims from a long queue, straight at the store.
 async fn claims(data_dir: &std::path::Path) -> anyhow::Result<()> {
-    let store = Store::open(StoreLocation::Sqlite { data_dir: data_dir.to_owned() }).await?;
+    let store = Store::open(StoreLocation::Sqlite {
+        data_dir: data_dir.to_owned(),
+    })
+    .await?;
     let mut tx = store.begin().await?;
-    let robot = robots::insert(&mut tx, &NewRobot { name: "r".into(), body_json: "{}".into() }).await?;
+    let robot = robots::insert(
+        &mut tx,
+        &NewRobot {
+            name: "r".into(),
+            body_json: "{}".into(),
+        },
+    )
+    .await?;
     let set = NewMeasurementSet {
         robot_id: robot.id.clone(),
         name: None,
@@ -287,7 +405,9 @@ async fn claims(data_dir: &std::path::Path) -> anyhow::Result<()> {
     let mut times = Vec::new();
     for _ in 0..CLAIMS {
         let begun = Instant::now();
-        leases::claim(&store, "load", Duration::from_secs(60)).await?.context("a job")?;
+        leases::claim(&store, "load", Duration::from_secs(60))
+            .await?
+            .context("a job")?;
         times.push(begun.elapsed());
     }
     println!(

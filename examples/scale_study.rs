@@ -9,7 +9,10 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use kincal::jobs::queue;
-use kincal::store::{NewJob, NewMeasurementSet, NewRobot, PageRequest, Store, StoreLocation, jobs, leases, measurement_sets, robots};
+use kincal::store::{
+    NewJob, NewMeasurementSet, NewRobot, PageRequest, Store, StoreLocation, jobs, leases,
+    measurement_sets, robots,
+};
 use kincal::wire::canonical::sha256_hex;
 use kincal::wire::job::JobRequestBody;
 
@@ -25,25 +28,44 @@ const PATIENCE: Duration = Duration::from_secs(300);
 #[tokio::main]
 async fn main() {
     let mut arguments = std::env::args().skip(1);
-    let url = arguments.next().expect("give the URL of an empty PostgreSQL database");
-    let n_rows: i64 = arguments.next().map_or(1_000_000, |n| n.parse().expect("a number of rows"));
-    let store = Store::open(StoreLocation::Postgres { url: url.clone() }).await.expect("the database opens");
-    println!("| what, {n_rows} queued jobs and {n_rows} sets of {N_ROBOTS} robots | median ms | p99 ms |\n|---|---|---|");
+    let url = arguments
+        .next()
+        .expect("give the URL of an empty PostgreSQL database");
+    let n_rows: i64 = arguments
+        .next()
+        .map_or(1_000_000, |n| n.parse().expect("a number of rows"));
+    let store = Store::open(StoreLocation::Postgres { url: url.clone() })
+        .await
+        .expect("the database opens");
+    println!(
+        "| what, {n_rows} queued jobs and {n_rows} sets of {N_ROBOTS} robots | median ms | p99 ms |\n|---|---|---|"
+    );
     let robots = fill(&store, n_rows).await;
     vacuum(&store).await;
     let robot = &robots[robots.len() / 2];
 
     let mut claimed = Vec::new();
     measured("claim a job", async || {
-        claimed.push(leases::claim(&store, "study", Duration::from_secs(600)).await.expect("it answers").expect("jobs wait"));
+        claimed.push(
+            leases::claim(&store, "study", Duration::from_secs(600))
+                .await
+                .expect("it answers")
+                .expect("jobs wait"),
+        );
     })
     .await;
     measured("renew a lease", async || {
         let lease = &claimed[claimed.len() / 2];
-        leases::heartbeat(&store, lease, Duration::from_secs(600), Some("{}")).await.expect("the lease is ours");
+        leases::heartbeat(&store, lease, Duration::from_secs(600), Some("{}"))
+            .await
+            .expect("the lease is ours");
     })
     .await;
-    let set = measurement_sets::list(&store, robot, &PageRequest::default()).await.expect("a list").items.remove(0);
+    let set = measurement_sets::list(&store, robot, &PageRequest::default())
+        .await
+        .expect("a list")
+        .items
+        .remove(0);
     let new = NewJob {
         robot_id: robot.clone(),
         measurement_set_id: set.id.clone(),
@@ -62,24 +84,57 @@ async fn main() {
     let new_set = papers_set(robot);
     measured("store a set of 100 points", async || {
         let mut tx = store.begin().await.expect("a transaction");
-        measurement_sets::insert(&mut tx, &new_set).await.expect("it is stored");
+        measurement_sets::insert(&mut tx, &new_set)
+            .await
+            .expect("it is stored");
         tx.commit().await.expect("a commit");
     })
     .await;
-    measured("get a job", async || drop(jobs::get(&store, &claimed[0].job_id).await.expect("it is there"))).await;
-    measured("list 50 jobs of a robot", async || drop(jobs::list(&store, robot, &page()).await.expect("a list"))).await;
-    measured("list 50 sets of a robot", async || drop(measurement_sets::list(&store, robot, &page()).await.expect("a list"))).await;
-    measured("get a set's bytes", async || drop(measurement_sets::body(&store, &set.id).await.expect("it is there"))).await;
+    measured("get a job", async || {
+        drop(
+            jobs::get(&store, &claimed[0].job_id)
+                .await
+                .expect("it is there"),
+        )
+    })
+    .await;
+    measured("list 50 jobs of a robot", async || {
+        drop(jobs::list(&store, robot, &page()).await.expect("a list"))
+    })
+    .await;
+    measured("list 50 sets of a robot", async || {
+        drop(
+            measurement_sets::list(&store, robot, &page())
+                .await
+                .expect("a list"),
+        )
+    })
+    .await;
+    measured("get a set's bytes", async || {
+        drop(
+            measurement_sets::body(&store, &set.id)
+                .await
+                .expect("it is there"),
+        )
+    })
+    .await;
     measured_few("count jobs by status, for /metrics", 5, async || {
-        kincal::store::statistics::jobs(&store).await.expect("counts");
+        kincal::store::statistics::jobs(&store)
+            .await
+            .expect("counts");
     })
     .await;
     for lease in &claimed {
-        queue::fail(&store, lease, "{}").await.expect("the lease is ours");
+        queue::fail(&store, lease, "{}")
+            .await
+            .expect("the lease is ours");
     }
     let since = Instant::now();
     vacuum(&store).await;
-    println!("| vacuum analyze of everything | {:.0} | once |", since.elapsed().as_secs_f64() * 1e3);
+    println!(
+        "| vacuum analyze of everything | {:.0} | once |",
+        since.elapsed().as_secs_f64() * 1e3
+    );
     sqlx::query("update job set status = 'cancelled', finished_at_ms = 1 where status = 'queued'")
         .execute(store.pool())
         .await
@@ -90,7 +145,10 @@ async fn main() {
 }
 
 fn page() -> PageRequest {
-    PageRequest { limit: 50, cursor: None }
+    PageRequest {
+        limit: 50,
+        cursor: None,
+    }
 }
 
 /// Robots, and rows of sets and queued jobs, made in the database.
@@ -98,7 +156,10 @@ async fn fill(store: &Store, n_rows: i64) -> Vec<String> {
     let mut ids = Vec::new();
     for n in 0..N_ROBOTS {
         let mut tx = store.begin().await.expect("a transaction");
-        let new = NewRobot { name: format!("robot {n}"), body_json: "{}".into() };
+        let new = NewRobot {
+            name: format!("robot {n}"),
+            body_json: "{}".into(),
+        };
         ids.push(robots::insert(&mut tx, &new).await.expect("a robot").id);
         tx.commit().await.expect("a commit");
     }
@@ -118,7 +179,10 @@ async fn fill(store: &Store, n_rows: i64) -> Vec<String> {
 }
 
 async fn vacuum(store: &Store) {
-    sqlx::query("vacuum analyze").execute(store.pool()).await.expect("it vacuums");
+    sqlx::query("vacuum analyze")
+        .execute(store.pool())
+        .await
+        .expect("it vacuums");
 }
 
 async fn measured(what: &str, run: impl AsyncFnMut()) {
@@ -133,7 +197,11 @@ async fn measured_few(what: &str, times: usize, mut run: impl AsyncFnMut()) {
         took_ms.push(since.elapsed().as_secs_f64() * 1e3);
     }
     took_ms.sort_by(f64::total_cmp);
-    println!("| {what} | {:.2} | {:.2} |", took_ms[times / 2], took_ms[(times * 99 / 100).min(times - 1)]);
+    println!(
+        "| {what} | {:.2} | {:.2} |",
+        took_ms[times / 2],
+        took_ms[(times * 99 / 100).min(times - 1)]
+    );
 }
 
 /// The paper's first set, of this robot.
@@ -160,8 +228,18 @@ async fn workers(store: &Store, url: &str) {
     println!("\n| worker processes | least-squares jobs per second |\n|---|---|");
     let robot_json = std::fs::read_to_string("data/paper/robot.json").expect("the paper's data");
     let mut tx = store.begin().await.expect("a transaction");
-    let robot = robots::insert(&mut tx, &NewRobot { name: "paper".into(), body_json: robot_json }).await.expect("a robot");
-    let set = measurement_sets::insert(&mut tx, &papers_set(&robot.id)).await.expect("a set");
+    let robot = robots::insert(
+        &mut tx,
+        &NewRobot {
+            name: "paper".into(),
+            body_json: robot_json,
+        },
+    )
+    .await
+    .expect("a robot");
+    let set = measurement_sets::insert(&mut tx, &papers_set(&robot.id))
+        .await
+        .expect("a set");
     tx.commit().await.expect("a commit");
     for n_workers in [1, 2, 4] {
         let mut last = String::new();
@@ -171,17 +249,26 @@ async fn workers(store: &Store, url: &str) {
                 measurement_set_id: set.id.clone(),
                 kind: "identify".into(),
                 method: "least_squares".into(),
-                request_json: serde_json::to_string(&JobRequestBody::for_set(&set.id)).expect("JSON"),
+                request_json: serde_json::to_string(&JobRequestBody::for_set(&set.id))
+                    .expect("JSON"),
                 ..NewJob::default()
             };
             let mut tx = store.begin().await.expect("a transaction");
-            last = queue::enqueue(&mut tx, &new).await.expect("there is room").id;
+            last = queue::enqueue(&mut tx, &new)
+                .await
+                .expect("there is room")
+                .id;
             tx.commit().await.expect("a commit");
         }
         let since = Instant::now();
         let mut processes: Vec<Child> = (0..n_workers).map(|_| worker(url)).collect();
         // the last of one client's jobs is claimed last; counting all of a million would be most of the work
-        while !jobs::get(store, &last).await.expect("it is there").status.is_over() {
+        while !jobs::get(store, &last)
+            .await
+            .expect("it is there")
+            .status
+            .is_over()
+        {
             assert!(since.elapsed() < PATIENCE, "the workers did not end");
             tokio::time::sleep(Duration::from_millis(5)).await;
         }
@@ -200,11 +287,16 @@ async fn another_client(store: &Store, url: &str) {
          select 'job_many_' || n, j.robot_id, j.measurement_set_id, j.kind, j.method, j.request_json, 'queued', 0, 'many', n, 0, n
          from generate_series(1, 100000) as n,
              (select * from job where status = 'succeeded' order by created_at_ms desc limit 1) as j";
-    sqlx::query(sql).execute(store.pool()).await.expect("jobs wait");
-    let of: (String, String, String) = sqlx::query_as("select robot_id, measurement_set_id, request_json from job where id = 'job_many_1'")
-        .fetch_one(store.pool())
+    sqlx::query(sql)
+        .execute(store.pool())
         .await
-        .expect("a job");
+        .expect("jobs wait");
+    let of: (String, String, String) = sqlx::query_as(
+        "select robot_id, measurement_set_id, request_json from job where id = 'job_many_1'",
+    )
+    .fetch_one(store.pool())
+    .await
+    .expect("a job");
     let mut process = worker(url);
     let mut took_ms = Vec::new();
     for n in 0..20 {
@@ -220,9 +312,17 @@ async fn another_client(store: &Store, url: &str) {
         let since = Instant::now();
         let mut tx = store.begin().await.expect("a transaction");
         // past the queue's limit of a robot, which is not what is measured here
-        let id = jobs::insert(&mut tx, &new, None).await.expect("it is stored").id;
+        let id = jobs::insert(&mut tx, &new, None)
+            .await
+            .expect("it is stored")
+            .id;
         tx.commit().await.expect("a commit");
-        while !jobs::get(store, &id).await.expect("it is there").status.is_over() {
+        while !jobs::get(store, &id)
+            .await
+            .expect("it is there")
+            .status
+            .is_over()
+        {
             assert!(since.elapsed() < PATIENCE, "the newcomer waits for ever");
             tokio::time::sleep(Duration::from_millis(2)).await;
         }
@@ -240,8 +340,17 @@ async fn another_client(store: &Store, url: &str) {
 /// The binary beside this example, as `cargo build` leaves it.
 fn worker(url: &str) -> Child {
     let here = std::env::current_exe().expect("a path");
-    let binary = here.parent().and_then(|examples| examples.parent()).expect("target/PROFILE/examples").join("kincal");
+    let binary = here
+        .parent()
+        .and_then(|examples| examples.parent())
+        .expect("target/PROFILE/examples")
+        .join("kincal");
     let mut command = Command::new(binary);
-    command.args(["worker", "--workers", "1", "--database-url", url]).stdout(Stdio::null()).stderr(Stdio::null());
-    command.spawn().expect("cargo build --release first: the study starts the binary")
+    command
+        .args(["worker", "--workers", "1", "--database-url", url])
+        .stdout(Stdio::null())
+        .stderr(Stdio::null());
+    command
+        .spawn()
+        .expect("cargo build --release first: the study starts the binary")
 }

@@ -32,19 +32,34 @@ fn targets() {
     let mut random = Normal::new(1);
     let truth = simulation::true_robot(&nominal, 1, &mut random);
     let compensation = Compensation::new(&nominal, &truth.links);
-    let tool = Tool::Tcp(IsometryMatrix3::from_parts(Translation3::new(30.0, -45.0, 160.0), Rotation3::identity()));
+    let tool = Tool::Tcp(IsometryMatrix3::from_parts(
+        Translation3::new(30.0, -45.0, 160.0),
+        Rotation3::identity(),
+    ));
     let all = poses(20_000, &mut random);
-    println!("| mode | targets per second | ok | near_singular | joint_limit | not_reached | largest change of a joint of the ok ones |");
+    println!(
+        "| mode | targets per second | ok | near_singular | joint_limit | not_reached | largest change of a joint of the ok ones |"
+    );
     println!("|---|---|---|---|---|---|---|");
     for mode in [Mode::Pose, Mode::Position] {
         let since = Instant::now();
-        let corrected: Vec<_> = all.iter().map(|q| compensation.correct(q, &tool, mode)).collect();
+        let corrected: Vec<_> = all
+            .iter()
+            .map(|q| compensation.correct(q, &tool, mode))
+            .collect();
         let rate = all.len() as f64 / since.elapsed().as_secs_f64();
         let count = |status| corrected.iter().filter(|c| c.status == status).count();
         let change = |(c, q): (&kincal::compensation::Corrected, &Vec<f64>)| {
-            c.q_controller_rad.iter().zip(q).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+            c.q_controller_rad
+                .iter()
+                .zip(q)
+                .map(|(a, b)| (a - b).abs())
+                .fold(0.0, f64::max)
         };
-        let ok = corrected.iter().zip(&all).filter(|(c, _)| c.status == Status::Ok);
+        let ok = corrected
+            .iter()
+            .zip(&all)
+            .filter(|(c, _)| c.status == Status::Ok);
         let largest = ok.map(change).fold(0.0, f64::max).to_degrees();
         let (ok, near) = (count(Status::Ok), count(Status::NearSingular));
         let (limit, not) = (count(Status::JointLimit), count(Status::NotReached));

@@ -27,8 +27,13 @@ const HALF_WIDTH_DEG: f64 = 1.0;
 
 fn main() -> anyhow::Result<()> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let [robot, set] = arguments.as_slice() else { bail!("usage: throughput ROBOT.json SET.csv") };
-    let (robot, set) = (std::fs::read(robot).context("the robot file")?, std::fs::read(set).context("the measurement set")?);
+    let [robot, set] = arguments.as_slice() else {
+        bail!("usage: throughput ROBOT.json SET.csv")
+    };
+    let (robot, set) = (
+        std::fs::read(robot).context("the robot file")?,
+        std::fs::read(set).context("the measurement set")?,
+    );
     let (space, observations) = problem(&robot, &set)?;
     let options = pso::Options::default();
 
@@ -36,10 +41,20 @@ fn main() -> anyhow::Result<()> {
     let mut final_cost_mm2 = f64::INFINITY;
     for _ in 0..RUNS {
         let begun = Instant::now();
-        let summary = run_swarm(&space, black_box(&observations), &options, None, &mut |_| ControlFlow::Continue(()));
+        let summary = run_swarm(
+            &space,
+            black_box(&observations),
+            &options,
+            None,
+            &mut |_| ControlFlow::Continue(()),
+        );
         whole_us.push(begun.elapsed().as_secs_f64() * 1e6 / (summary.n_iterations + 1) as f64);
         final_cost_mm2 = summary.best_cost;
-        kernel_us.push(time_kernel(&space, &observations, &summary.own_best_positions));
+        kernel_us.push(time_kernel(
+            &space,
+            &observations,
+            &summary.own_best_positions,
+        ));
         least_squares_us.push(time_least_squares(&space, &observations)?);
     }
     println!(
@@ -57,7 +72,11 @@ fn main() -> anyhow::Result<()> {
 }
 
 /// The kernel on all particles, once for each iteration of the swarm.
-fn time_kernel(space: &SearchSpace, observations: &[Observation], positions: &pso::Positions) -> f64 {
+fn time_kernel(
+    space: &SearchSpace,
+    observations: &[Observation],
+    positions: &pso::Positions,
+) -> f64 {
     const EVALUATIONS: usize = 493;
     let poses = prepared_poses(space, observations);
     let mut deviations = vec![Lanes::ZERO; space.parameters.len()];
@@ -67,7 +86,10 @@ fn time_kernel(space: &SearchSpace, observations: &[Observation], positions: &ps
         robots.set(&deviations);
         robots
     };
-    let robots: Vec<LaneRobots> = (0..positions.n_particles).step_by(LANES).map(chunk).collect();
+    let robots: Vec<LaneRobots> = (0..positions.n_particles)
+        .step_by(LANES)
+        .map(chunk)
+        .collect();
     let begun = Instant::now();
     for _ in 0..EVALUATIONS {
         for chunk in &robots {
@@ -80,10 +102,15 @@ fn time_kernel(space: &SearchSpace, observations: &[Observation], positions: &ps
 /// Least squares from nominal on the raw parameters until F < 1e-15, everything prepared anew.
 fn time_least_squares(space: &SearchSpace, observations: &[Observation]) -> anyhow::Result<f64> {
     const FITS: usize = 50;
-    let options = least_squares::Options { stop_at_cost: Some(1e-15), ..least_squares::Options::default() };
+    let options = least_squares::Options {
+        stop_at_cost: Some(1e-15),
+        ..least_squares::Options::default()
+    };
     let begun = Instant::now();
     for _ in 0..FITS {
-        let fit = fit_in_space(space, black_box(observations), &options, &mut |_| ControlFlow::Continue(()));
+        let fit = fit_in_space(space, black_box(observations), &options, &mut |_| {
+            ControlFlow::Continue(())
+        });
         if fit.summary.cost >= 1e-15 {
             // a set with noise has no such minimum
             return Ok(f64::NAN);
@@ -96,21 +123,42 @@ fn time_least_squares(space: &SearchSpace, observations: &[Observation]) -> anyh
 pub fn problem(robot: &[u8], set: &[u8]) -> anyhow::Result<(SearchSpace, Vec<Observation>)> {
     let robot = read_robot(robot)?;
     let set = csv::parse(set, Frame::Base, robot.links.len())?;
-    let points = set.points.iter().filter(|p| p.subset != Some(Subset::Verify));
-    let observation = |p: &Point| Observation { q_rad: p.q_rad.clone(), position_mm: p.position_mm, target: 0, weight: 1.0 };
+    let points = set
+        .points
+        .iter()
+        .filter(|p| p.subset != Some(Subset::Verify));
+    let observation = |p: &Point| Observation {
+        q_rad: p.q_rad.clone(),
+        position_mm: p.position_mm,
+        target: 0,
+        weight: 1.0,
+    };
     Ok((search_space(&robot), points.map(observation).collect()))
 }
 
 fn search_space(robot: &Robot) -> SearchSpace {
     let parameters = paper_parameters(robot.links.len());
-    let half_width = |is_angle: bool| if is_angle { HALF_WIDTH_DEG.to_radians() } else { HALF_WIDTH_MM };
-    let scale = parameters.iter().map(|p| half_width(p.is_angle())).collect();
+    let half_width = |is_angle: bool| {
+        if is_angle {
+            HALF_WIDTH_DEG.to_radians()
+        } else {
+            HALF_WIDTH_MM
+        }
+    };
+    let scale = parameters
+        .iter()
+        .map(|p| half_width(p.is_angle()))
+        .collect();
     SearchSpace::raw(KinematicModel::nominal(&robot.links, 1), parameters, scale)
 }
 
 fn read_robot(bytes: &[u8]) -> anyhow::Result<Robot> {
     let json: serde_json::Value = serde_json::from_slice(bytes)?;
-    let number = |link: &serde_json::Value, key: &str| link.get(key).and_then(serde_json::Value::as_f64).unwrap_or(0.0);
+    let number = |link: &serde_json::Value, key: &str| {
+        link.get(key)
+            .and_then(serde_json::Value::as_f64)
+            .unwrap_or(0.0)
+    };
     let links = json["links"].as_array().context("the robot has no links")?;
     let link = |link: &serde_json::Value| Link {
         a_mm: number(link, "a_mm"),

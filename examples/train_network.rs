@@ -23,8 +23,17 @@ fn rows(n: usize, random: &mut LaneRandom) -> Vec<Vec<f64>> {
 
 /// Distances of the answers from the target, smallest first.
 fn distances(answers: &[Vec<f64>], target: &[f64]) -> Vec<f64> {
-    let squares = |answer: &Vec<f64>| answer.iter().zip(target).map(|(a, t)| (a - t) * (a - t)).sum::<f64>();
-    let mut distances: Vec<f64> = answers.iter().map(|answer| squares(answer).sqrt()).collect();
+    let squares = |answer: &Vec<f64>| {
+        answer
+            .iter()
+            .zip(target)
+            .map(|(a, t)| (a - t) * (a - t))
+            .sum::<f64>()
+    };
+    let mut distances: Vec<f64> = answers
+        .iter()
+        .map(|answer| squares(answer).sqrt())
+        .collect();
     distances.sort_by(f64::total_cmp);
     distances
 }
@@ -33,11 +42,23 @@ fn main() {
     println!("seed epochs hidden      mse   median      10%      90%  unseen median   time");
     for seed in 0..3 {
         let mut random = LaneRandom::new(seed, 0);
-        let (inputs, target, unseen) = (rows(N_SAMPLES, &mut random), rows(1, &mut random).remove(0), rows(N_SAMPLES, &mut random));
+        let (inputs, target, unseen) = (
+            rows(N_SAMPLES, &mut random),
+            rows(1, &mut random).remove(0),
+            rows(N_SAMPLES, &mut random),
+        );
         let targets = vec![target.clone(); N_SAMPLES];
         for n_epochs in [300, 1000, 3000, 10_000, 30_000] {
             let start = Instant::now();
-            let (network, choice) = choose_size_and_train(&inputs, &targets, &Options { n_epochs, seed, ..Options::default() });
+            let (network, choice) = choose_size_and_train(
+                &inputs,
+                &targets,
+                &Options {
+                    n_epochs,
+                    seed,
+                    ..Options::default()
+                },
+            );
             let elapsed = start.elapsed();
             let seen = distances(&network.evaluate_all(&inputs), &target);
             let unseen = distances(&network.evaluate_all(&unseen), &target);

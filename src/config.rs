@@ -20,10 +20,20 @@ const MAX_CONNECTIONS: usize = 100_000;
 #[derive(Clone, Debug, PartialEq, Eq, clap::Args)]
 pub struct DatabaseConfig {
     /// Directory of the embedded database; made if it is missing.
-    #[arg(long, env = "KINCAL_DATA_DIR", default_value = "./kincal-data", value_name = "DIR")]
+    #[arg(
+        long,
+        env = "KINCAL_DATA_DIR",
+        default_value = "./kincal-data",
+        value_name = "DIR"
+    )]
     pub data_dir: PathBuf,
     /// PostgreSQL instead of the embedded database: postgres://user:password@host/database.
-    #[arg(long, env = "KINCAL_DATABASE_URL", value_name = "URL", hide_env_values = true)]
+    #[arg(
+        long,
+        env = "KINCAL_DATABASE_URL",
+        value_name = "URL",
+        hide_env_values = true
+    )]
     pub database_url: Option<String>,
 }
 
@@ -31,19 +41,38 @@ pub struct DatabaseConfig {
 #[derive(Clone, Debug, PartialEq, Eq, clap::Args)]
 pub struct LimitsConfig {
     /// Clients connected at the same time; one more is answered 503.
-    #[arg(long, env = "KINCAL_MAX_CONNECTIONS", default_value_t = 4096, value_name = "N")]
+    #[arg(
+        long,
+        env = "KINCAL_MAX_CONNECTIONS",
+        default_value_t = 4096,
+        value_name = "N"
+    )]
     pub max_connections: usize,
     /// How long a client may be silent, seconds: before its request, within it, between requests, and when it should read.
-    #[arg(long, env = "KINCAL_CLIENT_TIMEOUT_S", default_value_t = 10, value_name = "SECONDS")]
+    #[arg(
+        long,
+        env = "KINCAL_CLIENT_TIMEOUT_S",
+        default_value_t = 10,
+        value_name = "SECONDS"
+    )]
     pub client_timeout_s: u64,
     /// Requests a second of one key, twice as many in a burst; 0 for no limit. More are answered 429.
-    #[arg(long, env = "KINCAL_RATE_PER_KEY", default_value_t = 500, value_name = "N")]
+    #[arg(
+        long,
+        env = "KINCAL_RATE_PER_KEY",
+        default_value_t = 500,
+        value_name = "N"
+    )]
     pub rate_per_key: u32,
 }
 
 impl Default for LimitsConfig {
     fn default() -> Self {
-        Self { max_connections: 4096, client_timeout_s: 10, rate_per_key: 500 }
+        Self {
+            max_connections: 4096,
+            client_timeout_s: 10,
+            rate_per_key: 500,
+        }
     }
 }
 
@@ -58,10 +87,20 @@ impl LimitsConfig {
 #[derive(Clone, Debug, Default, PartialEq, Eq, clap::Args)]
 pub struct TlsConfig {
     /// Certificate chain for TLS, PEM.
-    #[arg(long, env = "KINCAL_TLS_CERT", requires = "tls_key", value_name = "FILE")]
+    #[arg(
+        long,
+        env = "KINCAL_TLS_CERT",
+        requires = "tls_key",
+        value_name = "FILE"
+    )]
     pub tls_cert: Option<PathBuf>,
     /// Private key for TLS, PEM.
-    #[arg(long, env = "KINCAL_TLS_KEY", requires = "tls_cert", value_name = "FILE")]
+    #[arg(
+        long,
+        env = "KINCAL_TLS_KEY",
+        requires = "tls_cert",
+        value_name = "FILE"
+    )]
     pub tls_key: Option<PathBuf>,
     /// Speak plain HTTP beyond this machine: keys and measurements can be read on the way.
     #[arg(long, env = "KINCAL_INSECURE_HTTP", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue)]
@@ -79,13 +118,28 @@ impl TlsConfig {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::Args)]
 pub struct QueueConfig {
     /// How long a worker that stopped answering keeps its job, seconds.
-    #[arg(long, env = "KINCAL_LEASE_S", default_value_t = 15, value_name = "SECONDS")]
+    #[arg(
+        long,
+        env = "KINCAL_LEASE_S",
+        default_value_t = 15,
+        value_name = "SECONDS"
+    )]
     pub lease_s: u64,
     /// How often a job is begun before it is given up.
-    #[arg(long, env = "KINCAL_MAX_ATTEMPTS", default_value_t = 3, value_name = "N")]
+    #[arg(
+        long,
+        env = "KINCAL_MAX_ATTEMPTS",
+        default_value_t = 3,
+        value_name = "N"
+    )]
     pub max_attempts: u32,
     /// How long one attempt may compute, seconds; the largest jobs that are accepted take minutes.
-    #[arg(long, env = "KINCAL_MAX_JOB_S", default_value_t = 21_600, value_name = "SECONDS")]
+    #[arg(
+        long,
+        env = "KINCAL_MAX_JOB_S",
+        default_value_t = 21_600,
+        value_name = "SECONDS"
+    )]
     pub max_job_s: u64,
 }
 
@@ -97,13 +151,25 @@ impl QueueConfig {
 
     fn check(&self) -> Result<(), Error> {
         if !(1..=MAX_LEASE_S).contains(&self.lease_s) {
-            return Err(Error::OutOfRange { option: "--lease-s", found: self.lease_s, range: "1 to 3600" });
+            return Err(Error::OutOfRange {
+                option: "--lease-s",
+                found: self.lease_s,
+                range: "1 to 3600",
+            });
         }
         if !(1..=100).contains(&self.max_attempts) {
-            return Err(Error::OutOfRange { option: "--max-attempts", found: self.max_attempts.into(), range: "1 to 100" });
+            return Err(Error::OutOfRange {
+                option: "--max-attempts",
+                found: self.max_attempts.into(),
+                range: "1 to 100",
+            });
         }
         if !(1..=MAX_JOB_S).contains(&self.max_job_s) {
-            return Err(Error::OutOfRange { option: "--max-job-s", found: self.max_job_s, range: "1 to 604800" });
+            return Err(Error::OutOfRange {
+                option: "--max-job-s",
+                found: self.max_job_s,
+                range: "1 to 604800",
+            });
         }
         Ok(())
     }
@@ -111,7 +177,11 @@ impl QueueConfig {
 
 impl Default for QueueConfig {
     fn default() -> Self {
-        Self { lease_s: 15, max_attempts: 3, max_job_s: 21_600 }
+        Self {
+            lease_s: 15,
+            max_attempts: 3,
+            max_job_s: 21_600,
+        }
     }
 }
 
@@ -154,7 +224,11 @@ fn n_workers(asked: Option<usize>) -> usize {
 
 fn check_workers(asked: Option<usize>, fewest: usize, range: &'static str) -> Result<(), Error> {
     match asked.filter(|n| !(fewest..=MAX_WORKERS).contains(n)) {
-        Some(found) => Err(Error::OutOfRange { option: "--workers", found: found as u64, range }),
+        Some(found) => Err(Error::OutOfRange {
+            option: "--workers",
+            found: found as u64,
+            range,
+        }),
         None => Ok(()),
     }
 }
@@ -163,7 +237,12 @@ fn check_workers(asked: Option<usize>, fewest: usize, range: &'static str) -> Re
 #[derive(Clone, Debug, PartialEq, Eq, clap::Args)]
 pub struct ServeConfig {
     /// Address and port; port 0 takes a free one.
-    #[arg(long, env = "KINCAL_LISTEN", default_value = "127.0.0.1:8080", value_name = "ADDRESS:PORT")]
+    #[arg(
+        long,
+        env = "KINCAL_LISTEN",
+        default_value = "127.0.0.1:8080",
+        value_name = "ADDRESS:PORT"
+    )]
     pub listen: SocketAddr,
     /// Where the database is.
     #[command(flatten)]
@@ -226,7 +305,10 @@ impl ServeConfig {
     pub fn loopback(data_dir: PathBuf, workers: usize) -> Self {
         Self {
             listen: SocketAddr::from(([127, 0, 0, 1], 0)),
-            database: DatabaseConfig { data_dir, database_url: None },
+            database: DatabaseConfig {
+                data_dir,
+                database_url: None,
+            },
             workers: Some(workers),
             no_auth: true,
             queue: QueueConfig::default(),
@@ -241,16 +323,29 @@ impl ServeConfig {
     /// [`Error`] saying what and how to mend it.
     pub fn check(&self) -> Result<(), Error> {
         if self.no_auth && !self.listen.ip().is_loopback() {
-            return Err(Error::NoAuthBeyondLoopback { listen: self.listen });
+            return Err(Error::NoAuthBeyondLoopback {
+                listen: self.listen,
+            });
         }
-        if !self.listen.ip().is_loopback() && self.tls.files().is_none() && !self.tls.insecure_http {
-            return Err(Error::PlainHttpBeyondLoopback { listen: self.listen });
+        if !self.listen.ip().is_loopback() && self.tls.files().is_none() && !self.tls.insecure_http
+        {
+            return Err(Error::PlainHttpBeyondLoopback {
+                listen: self.listen,
+            });
         }
         if !(1..=MAX_CLIENT_TIMEOUT_S).contains(&self.limits.client_timeout_s) {
-            return Err(Error::OutOfRange { option: "--client-timeout-s", found: self.limits.client_timeout_s, range: "1 to 600" });
+            return Err(Error::OutOfRange {
+                option: "--client-timeout-s",
+                found: self.limits.client_timeout_s,
+                range: "1 to 600",
+            });
         }
         if !(1..=MAX_CONNECTIONS).contains(&self.limits.max_connections) {
-            return Err(Error::OutOfRange { option: "--max-connections", found: self.limits.max_connections as u64, range: "1 to 100000" });
+            return Err(Error::OutOfRange {
+                option: "--max-connections",
+                found: self.limits.max_connections as u64,
+                range: "1 to 100000",
+            });
         }
         check_workers(self.workers, 0, "0 to 256")?;
         self.queue.check()
@@ -274,28 +369,64 @@ mod tests {
         assert_eq!(config.check(), Ok(()));
         for listen in ["0.0.0.0:8080", "192.168.1.5:8080", "[::]:8080"] {
             config.listen = listen.parse().unwrap();
-            assert_eq!(config.check(), Err(Error::NoAuthBeyondLoopback { listen: config.listen }));
+            assert_eq!(
+                config.check(),
+                Err(Error::NoAuthBeyondLoopback {
+                    listen: config.listen
+                })
+            );
         }
         config.no_auth = false;
-        assert_eq!(config.check(), Err(Error::PlainHttpBeyondLoopback { listen: config.listen }));
+        assert_eq!(
+            config.check(),
+            Err(Error::PlainHttpBeyondLoopback {
+                listen: config.listen
+            })
+        );
     }
 
     #[test]
     fn beyond_loopback_it_is_tls_or_said_aloud() {
-        let mut config = ServeConfig { no_auth: false, listen: "0.0.0.0:8080".parse().unwrap(), ..ServeConfig::loopback("data".into(), 1) };
+        let mut config = ServeConfig {
+            no_auth: false,
+            listen: "0.0.0.0:8080".parse().unwrap(),
+            ..ServeConfig::loopback("data".into(), 1)
+        };
         assert!(config.check().is_err());
         config.tls.insecure_http = true;
         assert_eq!(config.check(), Ok(()));
-        config.tls = TlsConfig { tls_cert: Some("c.pem".into()), tls_key: Some("k.pem".into()), insecure_http: false };
+        config.tls = TlsConfig {
+            tls_cert: Some("c.pem".into()),
+            tls_key: Some("k.pem".into()),
+            insecure_http: false,
+        };
         assert_eq!(config.check(), Ok(()));
         config.no_auth = true;
-        assert_eq!(config.check(), Err(Error::NoAuthBeyondLoopback { listen: config.listen }));
+        assert_eq!(
+            config.check(),
+            Err(Error::NoAuthBeyondLoopback {
+                listen: config.listen
+            })
+        );
     }
 
     #[test]
     fn a_lease_of_no_time_is_refused() {
-        let queue = super::QueueConfig { lease_s: 0, ..super::QueueConfig::default() };
-        let config = ServeConfig { queue, ..ServeConfig::loopback("data".into(), 1) };
-        assert_eq!(config.check(), Err(Error::OutOfRange { option: "--lease-s", found: 0, range: "1 to 3600" }));
+        let queue = super::QueueConfig {
+            lease_s: 0,
+            ..super::QueueConfig::default()
+        };
+        let config = ServeConfig {
+            queue,
+            ..ServeConfig::loopback("data".into(), 1)
+        };
+        assert_eq!(
+            config.check(),
+            Err(Error::OutOfRange {
+                option: "--lease-s",
+                found: 0,
+                range: "1 to 3600"
+            })
+        );
     }
 }

@@ -29,7 +29,11 @@ fn judged(robot: &Robot, set: &MeasurementSet, others: &[(String, Robot)]) -> Op
 #[track_caller]
 fn wrong(robot: &Robot, set: &MeasurementSet, code: &str, words: &str) {
     match judged(robot, set, &[]) {
-        Some(Finding::Wrong { code: found, detail, .. }) => {
+        Some(Finding::Wrong {
+            code: found,
+            detail,
+            ..
+        }) => {
             assert_eq!(found, code, "{detail}");
             assert!(detail.contains(words), "{detail:?} does not say {words:?}");
         }
@@ -37,9 +41,14 @@ fn wrong(robot: &Robot, set: &MeasurementSet, code: &str, words: &str) {
     }
 }
 
-fn changed(set: &MeasurementSet, change: impl Fn(&mut Vec<f64>, &mut Vector3<f64>)) -> MeasurementSet {
+fn changed(
+    set: &MeasurementSet,
+    change: impl Fn(&mut Vec<f64>, &mut Vector3<f64>),
+) -> MeasurementSet {
     let mut set = set.clone();
-    set.points.iter_mut().for_each(|p| change(&mut p.q_rad, &mut p.position_mm));
+    set.points
+        .iter_mut()
+        .for_each(|p| change(&mut p.q_rad, &mut p.position_mm));
     set
 }
 
@@ -47,7 +56,11 @@ fn changed(set: &MeasurementSet, change: impl Fn(&mut Vec<f64>, &mut Vector3<f64
 fn for_each_make(test: impl Fn(&str, &Robot, &MeasurementSet)) {
     for (seed, (name, nominal)) in models().into_iter().enumerate() {
         for frame in [Frame::Base, Frame::Instrument] {
-            let set = measured(&nominal, &Making { frame, ..CLEAN }, &mut Normal::new(seed as u64));
+            let set = measured(
+                &nominal,
+                &Making { frame, ..CLEAN },
+                &mut Normal::new(seed as u64),
+            );
             test(name, &nominal, &set);
         }
     }
@@ -57,13 +70,21 @@ fn for_each_make(test: impl Fn(&str, &Robot, &MeasurementSet)) {
 fn right_files_are_not_refused() {
     let counts = clean_robots(SHORT_STUDY, 1);
     let refused: usize = counts.iter().map(|(_, [refused, ..])| refused).sum();
-    assert!(refused as f64 <= REFUSED_AT_MOST * SHORT_STUDY as f64, "{counts:?}");
+    assert!(
+        refused as f64 <= REFUSED_AT_MOST * SHORT_STUDY as f64,
+        "{counts:?}"
+    );
 }
 
 #[test]
 fn measured_robots_fit_without_a_remark() {
-    let Some(root) = data::real_data() else { return };
-    for (file, frame) in [("motoman_ma1400/visit_1.csv", Frame::Instrument), ("qkm_hl6/set.csv", Frame::Instrument)] {
+    let Some(root) = data::real_data() else {
+        return;
+    };
+    for (file, frame) in [
+        ("motoman_ma1400/visit_1.csv", Frame::Instrument),
+        ("qkm_hl6/set.csv", Frame::Instrument),
+    ] {
         let path = root.join(file);
         let robot = data::robot(&path.parent().unwrap().join("robot.json"));
         let set = csv::parse(&std::fs::read(&path).unwrap(), frame, robot.links.len()).unwrap();
@@ -75,17 +96,37 @@ fn measured_robots_fit_without_a_remark() {
 fn radians_given_as_degrees_and_the_other_way_round_are_found() {
     for_each_make(|_, robot, set| {
         let as_degrees = changed(set, |q, _| q.iter_mut().for_each(|q| *q = q.to_radians()));
-        wrong(robot, &as_degrees, "unit_suspect", "the joint values are radians and were given as degrees");
+        wrong(
+            robot,
+            &as_degrees,
+            "unit_suspect",
+            "the joint values are radians and were given as degrees",
+        );
         let as_radians = changed(set, |q, _| q.iter_mut().for_each(|q| *q = q.to_degrees()));
-        wrong(robot, &as_radians, "unit_suspect", "the joint values are degrees and were given as radians");
+        wrong(
+            robot,
+            &as_radians,
+            "unit_suspect",
+            "the joint values are degrees and were given as radians",
+        );
     });
 }
 
 #[test]
 fn metres_given_as_millimetres_and_the_other_way_round_are_found() {
     for_each_make(|_, robot, set| {
-        wrong(robot, &changed(set, |_, p| *p *= 0.001), "unit_suspect", "the positions are metres and were given as millimetres");
-        wrong(robot, &changed(set, |_, p| *p *= 1000.0), "unit_suspect", "the positions are millimetres and were given as metres");
+        wrong(
+            robot,
+            &changed(set, |_, p| *p *= 0.001),
+            "unit_suspect",
+            "the positions are metres and were given as millimetres",
+        );
+        wrong(
+            robot,
+            &changed(set, |_, p| *p *= 1000.0),
+            "unit_suspect",
+            "the positions are millimetres and were given as metres",
+        );
     });
 }
 
@@ -107,7 +148,10 @@ fn swapped_position_columns_and_a_mirrored_axis_are_found() {
         let mirrored = changed(set, |_, p| p.z = -p.z);
         // In the instrument frame all left-handed files are alike: which axis it is cannot be told.
         let (words_swapped, words_mirrored) = match set.frame {
-            Frame::Base => ("x, y, z stand in the columns named y, x, z", "z has the wrong sign"),
+            Frame::Base => (
+                "x, y, z stand in the columns named y, x, z",
+                "z has the wrong sign",
+            ),
             Frame::Instrument => ("", ""),
         };
         if name == "four axes" && set.frame == Frame::Instrument {
@@ -121,8 +165,18 @@ fn swapped_position_columns_and_a_mirrored_axis_are_found() {
 #[test]
 fn swapped_joint_columns_and_a_joint_counted_the_other_way_are_found() {
     for_each_make(|_, robot, set| {
-        wrong(robot, &changed(set, |q, _| q.swap(1, 2)), "column_suspect", "the columns of joints 2 and 3 are exchanged");
-        wrong(robot, &changed(set, |q, _| q[2] = -q[2]), "column_suspect", "joint 3 is counted the other way round");
+        wrong(
+            robot,
+            &changed(set, |q, _| q.swap(1, 2)),
+            "column_suspect",
+            "the columns of joints 2 and 3 are exchanged",
+        );
+        wrong(
+            robot,
+            &changed(set, |q, _| q[2] = -q[2]),
+            "column_suspect",
+            "joint 3 is counted the other way round",
+        );
     });
 }
 
@@ -133,7 +187,12 @@ fn shifted_rows_are_found() {
         for row in 1..set.points.len() {
             shifted.points[row].position_mm = set.points[row - 1].position_mm;
         }
-        wrong(robot, &shifted, "column_suspect", "1 row(s) below its joint values");
+        wrong(
+            robot,
+            &shifted,
+            "column_suspect",
+            "1 row(s) below its joint values",
+        );
     });
 }
 
@@ -141,9 +200,16 @@ fn shifted_rows_are_found() {
 fn a_set_of_another_known_robot_is_found_by_its_name() {
     let models = models();
     let set = measured(&models[1].1, &CLEAN, &mut Normal::new(5));
-    let known = [("cell 7".to_owned(), models[2].1.clone()), ("cell 9".to_owned(), models[1].1.clone())];
+    let known = [
+        ("cell 7".to_owned(), models[2].1.clone()),
+        ("cell 9".to_owned(), models[1].1.clone()),
+    ];
     match judged(&models[0].1, &set, &known) {
-        Some(Finding::Wrong { code: "robot_mismatch", detail, columns: None }) => assert!(detail.contains("cell 9"), "{detail}"),
+        Some(Finding::Wrong {
+            code: "robot_mismatch",
+            detail,
+            columns: None,
+        }) => assert!(detail.contains("cell 9"), "{detail}"),
         other => panic!("{other:?}"),
     }
     // A robot that nobody knows here is odd, and no reason to refuse.
@@ -156,9 +222,15 @@ fn an_unmastered_joint_alone_warns_and_names_the_joint() {
     for_each_make(|name, robot, set| {
         let unmastered = changed(set, |q, _| q[2] += 4.0f64.to_radians());
         match judged(robot, &unmastered, &[]) {
-            Some(Finding::Odd { code: "joint_offset_suspect", detail }) => assert!(detail.contains("(joint 3)"), "{name}: {detail}"),
+            Some(Finding::Odd {
+                code: "joint_offset_suspect",
+                detail,
+            }) => assert!(detail.contains("(joint 3)"), "{name}: {detail}"),
             None => {} // a small arm: 4° are less than the limit
-            Some(Finding::Odd { code: "poor_alignment", .. }) if name == "four axes" => {} // hardly above the limit
+            Some(Finding::Odd {
+                code: "poor_alignment",
+                ..
+            }) if name == "four axes" => {} // hardly above the limit
             other => panic!("{name}: {other:?}"),
         }
     });
@@ -170,13 +242,29 @@ fn a_set_in_the_instrument_frame_that_is_said_to_be_in_the_base_frame_warns() {
     let mut set = measured(&robot, &CLEAN, &mut Normal::new(3));
     set.frame = Frame::Base;
     let found = judged(&robot, &set, &[]);
-    assert!(matches!(found, Some(Finding::Odd { code: "frame_suspect", .. })), "{found:?}");
+    assert!(
+        matches!(
+            found,
+            Some(Finding::Odd {
+                code: "frame_suspect",
+                ..
+            })
+        ),
+        "{found:?}"
+    );
 }
 
 #[test]
 fn too_few_points_say_nothing() {
     let (_, robot) = models().swap_remove(0);
-    let mut set = measured(&robot, &Making { n_points: 8, ..CLEAN }, &mut Normal::new(3));
+    let mut set = measured(
+        &robot,
+        &Making {
+            n_points: 8,
+            ..CLEAN
+        },
+        &mut Normal::new(3),
+    );
     set.points.iter_mut().for_each(|p| p.position_mm *= 1000.0);
     assert_eq!(judged(&robot, &set, &[]), None);
 }

@@ -16,19 +16,31 @@ use std::ops::ControlFlow;
 
 fn observations(set: &str) -> Vec<Observation> {
     let set = paper_set(set);
-    let observation =
-        |p: &kincal::measurement::Point| Observation { q_rad: p.q_rad.clone(), position_mm: p.position_mm, target: 0, weight: 1.0 };
+    let observation = |p: &kincal::measurement::Point| Observation {
+        q_rad: p.q_rad.clone(),
+        position_mm: p.position_mm,
+        target: 0,
+        weight: 1.0,
+    };
     set.points.iter().map(observation).collect()
 }
 
 fn spaces(observations: &[Observation]) -> [SearchSpace; 2] {
     let links = paper_robot().links;
     let scale = |n: usize| vec![0.01; n];
-    let (paper, complete) = (paper_parameters(links.len()), complete_parameters(&links, 1));
+    let (paper, complete) = (
+        paper_parameters(links.len()),
+        complete_parameters(&links, 1),
+    );
     let (of_paper, of_complete) = (scale(paper.len()), scale(complete.len()));
     [
         SearchSpace::raw(KinematicModel::nominal(&links, 1), paper, of_paper),
-        SearchSpace::singular(KinematicModel::nominal(&links, 1), complete, of_complete, observations),
+        SearchSpace::singular(
+            KinematicModel::nominal(&links, 1),
+            complete,
+            of_complete,
+            observations,
+        ),
     ]
 }
 
@@ -37,8 +49,21 @@ fn a_swarm_iteration_allocates_nothing() {
     let observations = observations("first_noisy.csv");
     for space in spaces(&observations) {
         let allocations = |n_iterations: usize| {
-            let options = pso::Options { n_particles: 43, n_iterations, ..pso::Options::default() };
-            measure(|| drop(run_swarm(&space, &observations, &options, None, &mut |_| ControlFlow::Continue(())))).count_total
+            let options = pso::Options {
+                n_particles: 43,
+                n_iterations,
+                ..pso::Options::default()
+            };
+            measure(|| {
+                drop(run_swarm(
+                    &space,
+                    &observations,
+                    &options,
+                    None,
+                    &mut |_| ControlFlow::Continue(()),
+                ))
+            })
+            .count_total
         };
         let few = allocations(2);
         assert!(few > 0, "the counter counts");
@@ -52,10 +77,15 @@ fn an_undamped_least_squares_step_allocates_nothing() {
     let observations = observations("first.csv");
     for space in spaces(&observations) {
         let allocations = |max_iterations: usize| {
-            let options = least_squares::Options { max_iterations, ..least_squares::Options::default() };
+            let options = least_squares::Options {
+                max_iterations,
+                ..least_squares::Options::default()
+            };
             let mut steps = 0;
             let measured = measure(|| {
-                let fit = fit_in_space(&space, &observations, &options, &mut |_| ControlFlow::Continue(()));
+                let fit = fit_in_space(&space, &observations, &options, &mut |_| {
+                    ControlFlow::Continue(())
+                });
                 steps = fit.summary.n_iterations;
             });
             assert_eq!(steps, max_iterations, "not at the minimum yet");

@@ -16,11 +16,17 @@ const FILES_PER_CLASS: usize = 12;
 /// The paper's first set as cells; row 0 is the header.
 fn cells() -> Vec<Vec<String>> {
     let text = String::from_utf8(paper("first.csv")).unwrap();
-    text.lines().map(|line| line.split(',').map(str::to_owned).collect()).collect()
+    text.lines()
+        .map(|line| line.split(',').map(str::to_owned).collect())
+        .collect()
 }
 
 fn csv(cells: &[Vec<String>]) -> Vec<u8> {
-    cells.iter().map(|row| row.join(",") + "\n").collect::<String>().into_bytes()
+    cells
+        .iter()
+        .map(|row| row.join(",") + "\n")
+        .collect::<String>()
+        .into_bytes()
 }
 
 /// One bad file, and what has to be said about it.
@@ -52,20 +58,43 @@ fn bad_cell(place: &mut Place, value: &str, code: &'static str, hint: &'static s
     let mut cells = cells();
     let (row, column) = (place.below(cells.len() - 1), place.number_column());
     cells[row + 1][column] = value.into();
-    Bad { body: csv(&cells), code, row: Some(row), column: Some(cells[0][column].clone()), hint }
+    Bad {
+        body: csv(&cells),
+        code,
+        row: Some(row),
+        column: Some(cells[0][column].clone()),
+        hint,
+    }
 }
 
 /// A header whose fault is at one column.
-fn bad_header(place: &mut Place, rename: impl Fn(&str) -> String, code: &'static str, hint: &'static str) -> Bad {
+fn bad_header(
+    place: &mut Place,
+    rename: impl Fn(&str) -> String,
+    code: &'static str,
+    hint: &'static str,
+) -> Bad {
     let mut cells = cells();
     let column = place.number_column();
     let name = rename(&cells[0][column]);
     cells[0][column].clone_from(&name);
-    Bad { body: csv(&cells), code, row: None, column: Some(name), hint }
+    Bad {
+        body: csv(&cells),
+        code,
+        row: None,
+        column: Some(name),
+        hint,
+    }
 }
 
 fn whole(body: Vec<u8>, code: &'static str, hint: &'static str) -> Bad {
-    Bad { body, code, row: None, column: None, hint }
+    Bad {
+        body,
+        code,
+        row: None,
+        column: None,
+        hint,
+    }
 }
 
 type Class = (&'static str, fn(&mut Place) -> Bad);
@@ -92,7 +121,12 @@ const CLASSES: &[Class] = &[
         bad_cell(p, v, "empty_cell", "fill it in")
     }),
     ("text", |p| {
-        let v = pick(p, &["abc", "12 mm", "1.2.3", "--", "0x1f", "#REF!", "n/a", "=1+1", "１２"]);
+        let v = pick(
+            p,
+            &[
+                "abc", "12 mm", "1.2.3", "--", "0x1f", "#REF!", "n/a", "=1+1", "１２",
+            ],
+        );
         bad_cell(p, v, "not_a_number", "is not a number")
     }),
     ("decimal comma, quoted", |p| {
@@ -107,19 +141,47 @@ const CLASSES: &[Class] = &[
         let mut cells = cells();
         let (row, column) = (p.below(cells.len() - 1), p.number_column());
         cells[row + 1][column] = cells[row + 1][column].replace('.', ",");
-        Bad { body: csv(&cells), code: "wrong_cell_count", row: Some(row), column: None, hint: "decimal comma" }
+        Bad {
+            body: csv(&cells),
+            code: "wrong_cell_count",
+            row: Some(row),
+            column: None,
+            hint: "decimal comma",
+        }
     }),
     ("a cell is missing", |p| {
         let mut cells = cells();
         let row = p.below(cells.len() - 1);
         cells[row + 1].pop();
-        Bad { body: csv(&cells), code: "wrong_cell_count", row: Some(row), column: None, hint: "end of the row is missing" }
+        Bad {
+            body: csv(&cells),
+            code: "wrong_cell_count",
+            row: Some(row),
+            column: None,
+            hint: "end of the row is missing",
+        }
     }),
-    ("no unit", |p| bad_header(p, |name| name.split('_').next().unwrap().into(), "missing_unit", "has no unit; name it")),
+    ("no unit", |p| {
+        bad_header(
+            p,
+            |name| name.split('_').next().unwrap().into(),
+            "missing_unit",
+            "has no unit; name it",
+        )
+    }),
     ("unknown unit", |p| {
         let unit = pick(p, &["_inch", "_um", "_grad", "_cm"]);
-        let mut bad = bad_header(p, |name| format!("{}{unit}", name.split('_').next().unwrap()), "", "");
-        bad.code = if bad.column.as_deref().unwrap().starts_with('q') { "missing_unit" } else { "unknown_column" };
+        let mut bad = bad_header(
+            p,
+            |name| format!("{}{unit}", name.split('_').next().unwrap()),
+            "",
+            "",
+        );
+        bad.code = if bad.column.as_deref().unwrap().starts_with('q') {
+            "missing_unit"
+        } else {
+            "unknown_column"
+        };
         bad
     }),
     ("a joint too many", |p| {
@@ -127,21 +189,39 @@ const CLASSES: &[Class] = &[
         let extra = format!("q{}_deg", 7 + p.below(4));
         cells[0].push(extra.clone());
         cells[1..].iter_mut().for_each(|row| row.push("1.0".into()));
-        Bad { body: csv(&cells), code: "wrong_joint_count", row: None, column: Some(extra), hint: "the robot has 6 joints" }
+        Bad {
+            body: csv(&cells),
+            code: "wrong_joint_count",
+            row: None,
+            column: Some(extra),
+            hint: "the robot has 6 joints",
+        }
     }),
     ("a joint too few", |p| {
         let mut cells = cells();
         let joint = p.below(6);
         let name = cells[0][2 + joint].clone();
         cells.iter_mut().for_each(|row| drop(row.remove(2 + joint)));
-        Bad { body: csv(&cells), code: "wrong_joint_count", row: None, column: Some(name), hint: "the robot has 6 joints" }
+        Bad {
+            body: csv(&cells),
+            code: "wrong_joint_count",
+            row: None,
+            column: Some(name),
+            hint: "the robot has 6 joints",
+        }
     }),
     ("a coordinate is missing", |p| {
         let mut cells = cells();
         let axis = p.below(3);
         let name = cells[0][8 + axis].clone();
         cells.iter_mut().for_each(|row| drop(row.remove(8 + axis)));
-        Bad { body: csv(&cells), code: "missing_column", row: None, column: Some(name), hint: "exactly one column" }
+        Bad {
+            body: csv(&cells),
+            code: "missing_column",
+            row: None,
+            column: Some(name),
+            hint: "exactly one column",
+        }
     }),
     ("a column twice", |p| {
         let mut cells = cells();
@@ -151,25 +231,46 @@ const CLASSES: &[Class] = &[
             let cell = row[column].clone();
             row.push(cell)
         });
-        Bad { body: csv(&cells), code: "duplicate_column", row: None, column: Some(name), hint: "twice" }
+        Bad {
+            body: csv(&cells),
+            code: "duplicate_column",
+            row: None,
+            column: Some(name),
+            hint: "twice",
+        }
     }),
     ("two units at once", |p| {
         let mut cells = cells();
         let column = p.number_column();
-        cells[0][column] = cells[0][column].replace("_deg", "_rad").replace("_mm", "_m");
-        Bad { body: csv(&cells), code: "mixed_units", row: None, column: None, hint: "one unit" }
+        cells[0][column] = cells[0][column]
+            .replace("_deg", "_rad")
+            .replace("_mm", "_m");
+        Bad {
+            body: csv(&cells),
+            code: "mixed_units",
+            row: None,
+            column: None,
+            hint: "one unit",
+        }
     }),
     ("other separators", |p| {
         let by = pick(p, &[";", "\t"]);
         whole(
-            String::from_utf8(csv(&cells()[..20 + p.below(50)])).unwrap().replace(',', by).into_bytes(),
+            String::from_utf8(csv(&cells()[..20 + p.below(50)]))
+                .unwrap()
+                .replace(',', by)
+                .into_bytes(),
             "wrong_separator",
             "separate them by ','",
         )
     }),
     ("a German export", |p| {
         whole(
-            String::from_utf8(csv(&cells()[..20 + p.below(50)])).unwrap().replace(',', ";").replace('.', ",").into_bytes(),
+            String::from_utf8(csv(&cells()[..20 + p.below(50)]))
+                .unwrap()
+                .replace(',', ";")
+                .replace('.', ",")
+                .into_bytes(),
             "wrong_separator",
             "decimal point",
         )
@@ -182,23 +283,36 @@ const CLASSES: &[Class] = &[
     }),
     ("UTF-16", |p| {
         whole(
-            String::from_utf8(csv(&cells()[..5 + p.below(50)])).unwrap().encode_utf16().fold(vec![0xFF, 0xFE], |mut all, unit| {
-                all.extend(unit.to_le_bytes());
-                all
-            }),
+            String::from_utf8(csv(&cells()[..5 + p.below(50)]))
+                .unwrap()
+                .encode_utf16()
+                .fold(vec![0xFF, 0xFE], |mut all, unit| {
+                    all.extend(unit.to_le_bytes());
+                    all
+                }),
             "not_utf8",
             "UTF-8",
         )
     }),
     ("no rows", |p| {
         let blank = "\n".repeat(p.below(5));
-        whole([&csv(&cells()[..1]), blank.as_bytes()].concat(), "no_rows", "no data rows")
+        whole(
+            [&csv(&cells()[..1]), blank.as_bytes()].concat(),
+            "no_rows",
+            "no data rows",
+        )
     }),
     ("a wrong subset", |p| {
         let mut cells = cells();
         let row = p.below(cells.len() - 1);
         cells[row + 1][1] = pick(p, &["train", "Verify", "0"]).into();
-        Bad { body: csv(&cells), code: "unknown_subset", row: Some(row), column: Some("subset".into()), hint: "identify" }
+        Bad {
+            body: csv(&cells),
+            code: "unknown_subset",
+            row: Some(row),
+            column: Some("subset".into()),
+            hint: "identify",
+        }
     }),
 ];
 
@@ -207,14 +321,29 @@ async fn refused(answer: &Answer, bad: &Bad, class: &str) {
     let problem = answer.json();
     let first = &problem["errors"][0];
     assert_eq!(first["code"], bad.code, "{class}: {problem}");
-    assert_eq!(first.get("row").and_then(Value::as_u64), bad.row.map(|row| row as u64), "{class}: {problem}");
-    assert_eq!(first.get("column").and_then(Value::as_str), bad.column.as_deref(), "{class}: {problem}");
-    assert!(text(&first["detail"]).contains(bad.hint), "{class}: no hint {:?} in {first}", bad.hint);
+    assert_eq!(
+        first.get("row").and_then(Value::as_u64),
+        bad.row.map(|row| row as u64),
+        "{class}: {problem}"
+    );
+    assert_eq!(
+        first.get("column").and_then(Value::as_str),
+        bad.column.as_deref(),
+        "{class}: {problem}"
+    );
+    assert!(
+        text(&first["detail"]).contains(bad.hint),
+        "{class}: no hint {:?} in {first}",
+        bad.hint
+    );
     assert!(text(&problem["detail"]).len() > 10, "{class}: {problem}");
 }
 
 async fn nothing_is_stored(app: &TestApp, robot: &str) {
-    assert_eq!(app.get(&format!("{robot}/measurement-sets")).await.ok(200)["items"], json!([]));
+    assert_eq!(
+        app.get(&format!("{robot}/measurement-sets")).await.ok(200)["items"],
+        json!([])
+    );
 }
 
 #[tokio::test]
@@ -224,8 +353,16 @@ async fn every_bad_file_is_answered_with_its_row_its_column_and_a_hint() {
     let mut random = Normal::new(7);
     for (class, make) in CLASSES {
         for _ in 0..FILES_PER_CLASS {
-            let bad = make(&mut Place { random: &mut random });
-            let answer = app.post(&format!("{robot}/measurement-sets?frame=base"), "text/csv", bad.body.clone()).await;
+            let bad = make(&mut Place {
+                random: &mut random,
+            });
+            let answer = app
+                .post(
+                    &format!("{robot}/measurement-sets?frame=base"),
+                    "text/csv",
+                    bad.body.clone(),
+                )
+                .await;
             refused(&answer, &bad, class).await;
         }
     }
@@ -239,15 +376,25 @@ async fn workbooks_and_archives_are_answered_415_whatever_they_are_called() {
     let upload = format!("{robot}/measurement-sets?frame=base");
     for tail in 0..FILES_PER_CLASS {
         let xlsx = [b"PK\x03\x04".as_slice(), &vec![b'x'; tail * 7]].concat();
-        let xls = [b"\xD0\xCF\x11\xE0\xA1\xB1\x1A\xE1".as_slice(), &vec![0; tail * 7]].concat();
+        let xls = [
+            b"\xD0\xCF\x11\xE0\xA1\xB1\x1A\xE1".as_slice(),
+            &vec![0; tail * 7],
+        ]
+        .concat();
         for (body, content_type) in [
             (&xlsx, "text/csv"),
             (&xls, "text/csv"),
             (&xlsx, "application/json"),
-            (&xlsx, "application/vnd.openxmlformats-officedocument.spreadsheetml.sheet"),
+            (
+                &xlsx,
+                "application/vnd.openxmlformats-officedocument.spreadsheetml.sheet",
+            ),
             (&xlsx, "application/zip"),
         ] {
-            let problem = app.post(&upload, content_type, body.clone()).await.problem(415, "unsupported_media_type");
+            let problem = app
+                .post(&upload, content_type, body.clone())
+                .await
+                .problem(415, "unsupported_media_type");
             assert!(text(&problem["detail"]).contains("CSV"), "{problem}");
         }
     }
@@ -255,15 +402,50 @@ async fn workbooks_and_archives_are_answered_415_whatever_they_are_called() {
 }
 
 /// Changes of the paper's points that make the file wrong as a whole: code, words, column.
-type Distortion = (&'static str, &'static str, Option<&'static str>, fn(&mut [f64; 6], &mut [f64; 3]));
+type Distortion = (
+    &'static str,
+    &'static str,
+    Option<&'static str>,
+    fn(&mut [f64; 6], &mut [f64; 3]),
+);
 
 const DISTORTIONS: &[Distortion] = &[
-    ("unit_suspect", "radians and were given as degrees", Some("q1 …"), |q, _| q.iter_mut().for_each(|q| *q = q.to_radians())),
-    ("unit_suspect", "metres and were given as millimetres", Some("x, y, z"), |_, p| p.iter_mut().for_each(|p| *p /= 1000.0)),
-    ("column_suspect", "columns named y, x, z", Some("x, y"), |_, p| p.swap(0, 1)),
-    ("column_suspect", "y has the wrong sign", Some("y"), |_, p| p[1] = -p[1]),
-    ("column_suspect", "joints 2 and 3 are exchanged", Some("q2, q3"), |q, _| q.swap(1, 2)),
-    ("column_suspect", "joint 3 is counted the other way round", Some("q3"), |q, _| q[2] = -q[2]),
+    (
+        "unit_suspect",
+        "radians and were given as degrees",
+        Some("q1 …"),
+        |q, _| q.iter_mut().for_each(|q| *q = q.to_radians()),
+    ),
+    (
+        "unit_suspect",
+        "metres and were given as millimetres",
+        Some("x, y, z"),
+        |_, p| p.iter_mut().for_each(|p| *p /= 1000.0),
+    ),
+    (
+        "column_suspect",
+        "columns named y, x, z",
+        Some("x, y"),
+        |_, p| p.swap(0, 1),
+    ),
+    (
+        "column_suspect",
+        "y has the wrong sign",
+        Some("y"),
+        |_, p| p[1] = -p[1],
+    ),
+    (
+        "column_suspect",
+        "joints 2 and 3 are exchanged",
+        Some("q2, q3"),
+        |q, _| q.swap(1, 2),
+    ),
+    (
+        "column_suspect",
+        "joint 3 is counted the other way round",
+        Some("q3"),
+        |q, _| q[2] = -q[2],
+    ),
 ];
 
 /// Points of the paper's set in JSON, from some row on, distorted.
@@ -272,8 +454,12 @@ fn distorted(first: usize, distort: fn(&mut [f64; 6], &mut [f64; 3])) -> Value {
     let cells = cells();
     let points = cells[1 + first..].iter().map(|row| {
         let (mut q, mut p) = ([0.0; 6], [0.0; 3]);
-        q.iter_mut().zip(&row[2..8]).for_each(|(q, cell)| *q = number(cell));
-        p.iter_mut().zip(&row[8..11]).for_each(|(p, cell)| *p = number(cell));
+        q.iter_mut()
+            .zip(&row[2..8])
+            .for_each(|(q, cell)| *q = number(cell));
+        p.iter_mut()
+            .zip(&row[8..11])
+            .for_each(|(p, cell)| *p = number(cell));
         distort(&mut q, &mut p);
         json!({"q_deg": q, "position_mm": p})
     });
@@ -286,10 +472,19 @@ async fn files_that_are_wrong_as_a_whole_are_answered_with_the_best_hypothesis()
     let robot = app.paper_robot().await;
     for (code, words, column, distort) in DISTORTIONS {
         for first in 0..FILES_PER_CLASS {
-            let answer = app.post_json(&format!("{robot}/measurement-sets"), &distorted(4 * first, *distort)).await;
+            let answer = app
+                .post_json(
+                    &format!("{robot}/measurement-sets"),
+                    &distorted(4 * first, *distort),
+                )
+                .await;
             let problem = answer.problem(422, code);
             assert!(text(&problem["detail"]).contains(words), "{problem}");
-            assert_eq!(problem["errors"][0]["column"].as_str(), *column, "{problem}");
+            assert_eq!(
+                problem["errors"][0]["column"].as_str(),
+                *column,
+                "{problem}"
+            );
         }
     }
     nothing_is_stored(&app, &robot).await;
@@ -302,8 +497,17 @@ async fn a_set_of_another_robot_on_this_server_is_sent_to_it() {
     let mut body: Value = serde_json::from_slice(&paper("robot.json")).unwrap();
     body["links"][2]["a_mm"] = json!(1075.0);
     body["links"][3]["d_mm"] = json!(1280.0);
-    let wrong = format!("/v1/robots/{}", text(&app.post_json("/v1/robots", &body).await.ok(201)["id"]));
-    let upload = app.post(&format!("{wrong}/measurement-sets?frame=base"), "text/csv", paper("first.csv")).await;
+    let wrong = format!(
+        "/v1/robots/{}",
+        text(&app.post_json("/v1/robots", &body).await.ok(201)["id"])
+    );
+    let upload = app
+        .post(
+            &format!("{wrong}/measurement-sets?frame=base"),
+            "text/csv",
+            paper("first.csv"),
+        )
+        .await;
     let problem = upload.problem(422, "robot_mismatch");
     let name = text(&app.get(&right).await.ok(200)["name"]).to_owned();
     assert!(text(&problem["detail"]).contains(&name), "{problem}");
@@ -315,9 +519,22 @@ async fn an_unmastered_joint_is_kept_with_a_warning_that_names_it() {
     let app = TestApp::spawn().await;
     let robot = app.paper_robot().await;
     for first in 0..FILES_PER_CLASS {
-        let set = app.post_json(&format!("{robot}/measurement-sets"), &distorted(first, |q, _| q[2] += 5.0)).await.ok(201);
-        let warning = set["warnings"].as_array().unwrap().iter().find(|warning| warning["code"] == "joint_offset_suspect");
-        assert!(text(&warning.unwrap()["detail"]).contains("(joint 3)"), "{set}");
+        let set = app
+            .post_json(
+                &format!("{robot}/measurement-sets"),
+                &distorted(first, |q, _| q[2] += 5.0),
+            )
+            .await
+            .ok(201);
+        let warning = set["warnings"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .find(|warning| warning["code"] == "joint_offset_suspect");
+        assert!(
+            text(&warning.unwrap()["detail"]).contains("(joint 3)"),
+            "{set}"
+        );
     }
 }
 
@@ -327,22 +544,52 @@ async fn few_and_repeated_poses_warn_and_are_not_identified_from() {
     let robot = app.paper_robot().await;
     for n in 1..=FILES_PER_CLASS / 2 {
         let few = cells()[..=n].to_vec();
-        let repeated: Vec<Vec<String>> = cells()[..1].iter().cloned().chain((0..60).map(|i| cells()[1 + i % n].clone())).collect();
+        let repeated: Vec<Vec<String>> = cells()[..1]
+            .iter()
+            .cloned()
+            .chain((0..60).map(|i| cells()[1 + i % n].clone()))
+            .collect();
         for (cells, also) in [(few, None), (repeated, Some("duplicate_poses"))] {
-            let set = app.post(&format!("{robot}/measurement-sets?frame=base"), "text/csv", csv(&cells)).await.ok(201);
-            let codes: Vec<&str> = set["warnings"].as_array().unwrap().iter().map(|warning| text(&warning["code"])).collect();
-            assert!(codes.contains(&"under_determined") && also.is_none_or(|also| codes.contains(&also)), "{n}: {codes:?}");
+            let set = app
+                .post(
+                    &format!("{robot}/measurement-sets?frame=base"),
+                    "text/csv",
+                    csv(&cells),
+                )
+                .await
+                .ok(201);
+            let codes: Vec<&str> = set["warnings"]
+                .as_array()
+                .unwrap()
+                .iter()
+                .map(|warning| text(&warning["code"]))
+                .collect();
+            assert!(
+                codes.contains(&"under_determined")
+                    && also.is_none_or(|also| codes.contains(&also)),
+                "{n}: {codes:?}"
+            );
             let job = json!({"measurement_set_id": set["id"]});
-            let problem = app.post_json(&format!("{robot}/jobs"), &job).await.problem(422, "under_determined");
+            let problem = app
+                .post_json(&format!("{robot}/jobs"), &job)
+                .await
+                .problem(422, "under_determined");
             let detail = text(&problem["detail"]);
-            assert!(detail.contains("theta_offset_3") && detail.contains("more configurations"), "it names parameters and poses: {detail}");
+            assert!(
+                detail.contains("theta_offset_3") && detail.contains("more configurations"),
+                "it names parameters and poses: {detail}"
+            );
         }
     }
 }
 
 /// As a German spreadsheet exports it.
 fn with_decimal_commas(cells: &[Vec<String>]) -> Vec<u8> {
-    String::from_utf8(csv(cells)).unwrap().replace(',', ";").replace('.', ",").into_bytes()
+    String::from_utf8(csv(cells))
+        .unwrap()
+        .replace(',', ";")
+        .replace('.', ",")
+        .into_bytes()
 }
 
 #[tokio::test]
@@ -351,38 +598,83 @@ async fn a_decimal_comma_is_read_where_it_is_declared_and_nowhere_else() {
     let robot = app.paper_robot().await;
     let upload = format!("{robot}/measurement-sets?frame=base");
     let german = with_decimal_commas(&cells());
-    for (path, content_type) in
-        [(format!("{upload}&decimal=comma"), "text/csv; charset=utf-8"), (upload.clone(), "text/csv; charset=utf-8; Decimal=Comma")]
-    {
+    for (path, content_type) in [
+        (format!("{upload}&decimal=comma"), "text/csv; charset=utf-8"),
+        (upload.clone(), "text/csv; charset=utf-8; Decimal=Comma"),
+    ] {
         let set = app.post(&path, content_type, german.clone()).await.ok(201);
-        let points = app.get(&format!("/v1/measurement-sets/{}/points", text(&set["id"]))).await;
+        let points = app
+            .get(&format!("/v1/measurement-sets/{}/points", text(&set["id"])))
+            .await;
         assert_eq!(points.bytes, german, "kept as it came");
-        assert!(points.header("content-type").unwrap().to_lowercase().contains("decimal=comma"), "and says how it is to be read");
+        assert!(
+            points
+                .header("content-type")
+                .unwrap()
+                .to_lowercase()
+                .contains("decimal=comma"),
+            "and says how it is to be read"
+        );
         // Read again, a worker finds the same numbers as in the file with points.
         let plain = app.upload(&robot, "first.csv").await;
         let mut results = Vec::new();
         for id in [text(&set["id"]), &plain] {
-            let job = app.run(&robot, &json!({"measurement_set_id": id, "method": "least_squares"})).await;
+            let job = app
+                .run(
+                    &robot,
+                    &json!({"measurement_set_id": id, "method": "least_squares"}),
+                )
+                .await;
             assert_eq!(job["status"], "succeeded", "{job}");
-            let report = app.get(&format!("/v1/jobs/{}/report", text(&job["id"]))).await.ok(200);
-            results.push((report["cost_mm2"].clone(), report["parameters"].clone(), report["verify"].clone()));
+            let report = app
+                .get(&format!("/v1/jobs/{}/report", text(&job["id"])))
+                .await
+                .ok(200);
+            results.push((
+                report["cost_mm2"].clone(),
+                report["parameters"].clone(),
+                report["verify"].clone(),
+            ));
         }
         assert_eq!(results[0], results[1]);
     }
-    let n_stored = app.get(&format!("{robot}/measurement-sets")).await.ok(200)["items"].as_array().unwrap().len();
+    let n_stored = app.get(&format!("{robot}/measurement-sets")).await.ok(200)["items"]
+        .as_array()
+        .unwrap()
+        .len();
     let mut thousands = cells();
     thousands[1][8] = "1234.5".into();
-    let thousands = String::from_utf8(with_decimal_commas(&thousands)).unwrap().replacen("1234,5", "1.234,5", 1).into_bytes();
+    let thousands = String::from_utf8(with_decimal_commas(&thousands))
+        .unwrap()
+        .replacen("1234,5", "1.234,5", 1)
+        .into_bytes();
     for (path, body, code) in [
         (upload.clone(), german.clone(), "wrong_separator"),
         (format!("{upload}&decimal=point"), german, "wrong_separator"),
-        (format!("{upload}&decimal=comma"), csv(&cells()), "wrong_separator"),
-        (format!("{upload}&decimal=comma"), thousands, "decimal_point"),
+        (
+            format!("{upload}&decimal=comma"),
+            csv(&cells()),
+            "wrong_separator",
+        ),
+        (
+            format!("{upload}&decimal=comma"),
+            thousands,
+            "decimal_point",
+        ),
     ] {
-        let problem = app.post(&path, "text/csv", body).await.problem(422, "invalid_measurements");
+        let problem = app
+            .post(&path, "text/csv", body)
+            .await
+            .problem(422, "invalid_measurements");
         assert_eq!(problem["errors"][0]["code"], code, "{problem}");
     }
-    assert_eq!(app.get(&format!("{robot}/measurement-sets")).await.ok(200)["items"].as_array().unwrap().len(), n_stored);
+    assert_eq!(
+        app.get(&format!("{robot}/measurement-sets")).await.ok(200)["items"]
+            .as_array()
+            .unwrap()
+            .len(),
+        n_stored
+    );
 }
 
 #[tokio::test]
@@ -390,8 +682,22 @@ async fn a_byte_order_mark_and_windows_line_ends_are_no_fault() {
     let app = TestApp::spawn().await;
     let robot = app.paper_robot().await;
     let plain = String::from_utf8(csv(&cells())).unwrap();
-    for body in [plain.replace('\n', "\r\n"), format!("\u{feff}{plain}"), format!("\u{feff}{}\r\n\r\n", plain.replace('\n', "\r\n"))] {
-        let set = app.post(&format!("{robot}/measurement-sets?frame=base"), "text/csv", body).await.ok(201);
-        assert_eq!((&set["n_points"], &set["warnings"]), (&json!(100), &json!([])));
+    for body in [
+        plain.replace('\n', "\r\n"),
+        format!("\u{feff}{plain}"),
+        format!("\u{feff}{}\r\n\r\n", plain.replace('\n', "\r\n")),
+    ] {
+        let set = app
+            .post(
+                &format!("{robot}/measurement-sets?frame=base"),
+                "text/csv",
+                body,
+            )
+            .await
+            .ok(201);
+        assert_eq!(
+            (&set["n_points"], &set["warnings"]),
+            (&json!(100), &json!([]))
+        );
     }
 }

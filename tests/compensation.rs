@@ -15,7 +15,9 @@ use kincal::identification::corrected::{CorrectedModel, IdentifiedRobot};
 use kincal::identification::parameters::rotation_exp;
 use kincal::kinematics::{Corrections, Harmonic, JointMap, Link, MeasuredRegion, Mounting, Robot};
 use kincal::measurement::{Frame, MeasurementSet};
-use nalgebra::{DMatrix, DVector, IsometryMatrix3, Matrix4, Point3, Rotation3, Translation3, Vector3};
+use nalgebra::{
+    DMatrix, DVector, IsometryMatrix3, Matrix4, Point3, Rotation3, Translation3, Vector3,
+};
 use simulation::{Campaign, Normal, limited, measure, poses, true_robot};
 use std::ops::ControlFlow;
 
@@ -33,13 +35,16 @@ fn naive_flange(links: &[Link], q_rad: &[f64]) -> Matrix4<f64> {
         m[(axis, 3)] = by;
         m
     };
-    links.iter().zip(q_rad).fold(Matrix4::identity(), |t, (link, q)| {
-        t * turn(0, link.alpha_rad)
-            * shift(0, link.a_mm)
-            * turn(1, link.beta_rad)
-            * turn(2, q + link.theta_offset_rad)
-            * shift(2, link.d_mm)
-    })
+    links
+        .iter()
+        .zip(q_rad)
+        .fold(Matrix4::identity(), |t, (link, q)| {
+            t * turn(0, link.alpha_rad)
+                * shift(0, link.a_mm)
+                * turn(1, link.beta_rad)
+                * turn(2, q + link.theta_offset_rad)
+                * shift(2, link.d_mm)
+        })
 }
 
 fn matrix(pose: &IsometryMatrix3<f64>) -> Matrix4<f64> {
@@ -52,8 +57,13 @@ fn apart(a: &Matrix4<f64>, b: &Matrix4<f64>) -> (f64, f64) {
     let cosine = (between.fixed_view::<3, 3>(0, 0).trace() - 1.0) / 2.0;
     let translation = (a.column(3) - b.column(3)).norm();
     // arc cosine is blind below 1e-8: the antisymmetric part sees small turns
-    let sine =
-        Vector3::new(between[(2, 1)] - between[(1, 2)], between[(0, 2)] - between[(2, 0)], between[(1, 0)] - between[(0, 1)]).norm() / 2.0;
+    let sine = Vector3::new(
+        between[(2, 1)] - between[(1, 2)],
+        between[(0, 2)] - between[(2, 0)],
+        between[(1, 0)] - between[(0, 1)],
+    )
+    .norm()
+        / 2.0;
     (translation, sine.atan2(cosine))
 }
 
@@ -64,7 +74,10 @@ fn robot_with_errors(seed: u64) -> (Robot, KinematicModel) {
 }
 
 fn tcp() -> IsometryMatrix3<f64> {
-    IsometryMatrix3::from_parts(Translation3::new(30.0, -45.0, 160.0), rotation_exp(&Vector3::new(0.3, -0.8, 0.5)))
+    IsometryMatrix3::from_parts(
+        Translation3::new(30.0, -45.0, 160.0),
+        rotation_exp(&Vector3::new(0.3, -0.8, 0.5)),
+    )
 }
 
 #[test]
@@ -73,13 +86,19 @@ fn the_true_robot_has_its_tool_where_the_nominal_one_would() {
     for seed in 0..5 {
         let (nominal, truth) = robot_with_errors(seed);
         let compensation = Compensation::new(&nominal, &truth.links);
-        for q in poses(40, &mut Normal::new(100 + seed)).iter().filter(|q| q[4].sin().abs() > 0.1) {
+        for q in poses(40, &mut Normal::new(100 + seed))
+            .iter()
+            .filter(|q| q[4].sin().abs() > 0.1)
+        {
             let wanted = naive_flange(&nominal.links, q) * matrix(&tcp());
             let corrected = compensation.correct(q, &Tool::Tcp(tcp()), Mode::Pose);
             assert_eq!(corrected.status, Status::Ok, "{q:?}");
             // link 1 and the flange of the complete model are nominal: base and flange are anchored as they are
             let before = apart(&wanted, &(naive_flange(&truth.links, q) * matrix(&tcp())));
-            let after = apart(&wanted, &(naive_flange(&truth.links, &corrected.q_controller_rad) * matrix(&tcp())));
+            let after = apart(
+                &wanted,
+                &(naive_flange(&truth.links, &corrected.q_controller_rad) * matrix(&tcp())),
+            );
             assert!((before.0 - corrected.position_error_before_mm).abs() < 1e-9);
             worst = (worst.0.max(after.0), worst.1.max(after.1));
         }
@@ -93,29 +112,55 @@ fn what_links_base_and_targets_share_out_among_them_does_not_matter() {
     let (nominal, truth) = robot_with_errors(7);
     // the same robot with other values of link 1 and of theta_offset and d of the last link, and base and target moved to match
     let mut other = truth.clone();
-    let first = Link { a_mm: 0.4, alpha_rad: 2e-3, d_mm: nominal.links[0].d_mm - 0.7, theta_offset_rad: 4e-3, beta_rad: -1e-3 };
+    let first = Link {
+        a_mm: 0.4,
+        alpha_rad: 2e-3,
+        d_mm: nominal.links[0].d_mm - 0.7,
+        theta_offset_rad: 4e-3,
+        beta_rad: -1e-3,
+    };
     other.links[0] = first;
     let last = other.links.len() - 1;
     other.links[last].theta_offset_rad += 0.02;
     other.links[last].d_mm += 99.0;
-    let undone = anchor(&other.links, &nominal.links).t_anchored_flange.inverse();
+    let undone = anchor(&other.links, &nominal.links)
+        .t_anchored_flange
+        .inverse();
     let same_point = (undone * Point3::from(truth.targets_mm[0])).coords;
-    let (one, two) = (Compensation::new(&nominal, &truth.links), Compensation::new(&nominal, &other.links));
+    let (one, two) = (
+        Compensation::new(&nominal, &truth.links),
+        Compensation::new(&nominal, &other.links),
+    );
     for q in poses(30, &mut Normal::new(3)) {
         for mode in [Mode::Pose, Mode::Position] {
             let a = one.correct(&q, &Tool::Target(truth.targets_mm[0]), mode);
             let b = two.correct(&q, &Tool::Target(same_point), mode);
-            assert!(largest_difference(&a, &b) < 1e-9, "{mode:?} {q:?}: {}", largest_difference(&a, &b));
+            assert!(
+                largest_difference(&a, &b) < 1e-9,
+                "{mode:?} {q:?}: {}",
+                largest_difference(&a, &b)
+            );
         }
     }
 }
 
 fn largest_difference(a: &Corrected, b: &Corrected) -> f64 {
-    a.q_controller_rad.iter().zip(&b.q_controller_rad).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+    a.q_controller_rad
+        .iter()
+        .zip(&b.q_controller_rad)
+        .map(|(a, b)| (a - b).abs())
+        .fold(0.0, f64::max)
 }
 
-fn identified(nominal: &Robot, set: MeasurementSet, model: kincal::calibration::Model) -> (Vec<Link>, Vector3<f64>) {
-    let request = CalibrationRequest { model: Some(model), ..CalibrationRequest::new(nominal.clone(), set) };
+fn identified(
+    nominal: &Robot,
+    set: MeasurementSet,
+    model: kincal::calibration::Model,
+) -> (Vec<Link>, Vector3<f64>) {
+    let request = CalibrationRequest {
+        model: Some(model),
+        ..CalibrationRequest::new(nominal.clone(), set)
+    };
     let report = calibrate(&request, &mut |_| ControlFlow::Continue(())).unwrap();
     (report.links, report.targets_mm[0])
 }
@@ -124,19 +169,37 @@ fn identified(nominal: &Robot, set: MeasurementSet, model: kincal::calibration::
 fn base_against_instrument(noise_mm: f64) -> f64 {
     let nominal = limited(paper_robot());
     let (_, truth) = robot_with_errors(11);
-    let campaign = Campaign { n_configurations: 60, noise_mm, ..Campaign::PLAIN };
+    let campaign = Campaign {
+        n_configurations: 60,
+        noise_mm,
+        ..Campaign::PLAIN
+    };
     let measured = poses(60, &mut Normal::new(21));
     let from_instrument = measure(&truth, &measured, &campaign, &mut Normal::new(22));
-    let at_base = KinematicModel { t_instrument_base: IsometryMatrix3::identity(), ..truth.clone() };
+    let at_base = KinematicModel {
+        t_instrument_base: IsometryMatrix3::identity(),
+        ..truth.clone()
+    };
     let mut in_base = measure(&at_base, &measured, &campaign, &mut Normal::new(23));
     in_base.frame = Frame::Base;
     let complete = kincal::calibration::Model::Complete;
-    let (a, b) = (identified(&nominal, from_instrument, complete), identified(&nominal, in_base, complete));
-    let (one, two) = (Compensation::new(&nominal, &a.0), Compensation::new(&nominal, &b.0));
+    let (a, b) = (
+        identified(&nominal, from_instrument, complete),
+        identified(&nominal, in_base, complete),
+    );
+    let (one, two) = (
+        Compensation::new(&nominal, &a.0),
+        Compensation::new(&nominal, &b.0),
+    );
     let away_from_singularities = |q: &Vec<f64>| q[4].sin().abs() > 0.2;
-    let compared = poses(100, &mut Normal::new(24)).into_iter().filter(away_from_singularities);
+    let compared = poses(100, &mut Normal::new(24))
+        .into_iter()
+        .filter(away_from_singularities);
     let difference = |q: Vec<f64>| {
-        largest_difference(&one.correct(&q, &Tool::Target(a.1), Mode::Pose), &two.correct(&q, &Tool::Target(b.1), Mode::Pose))
+        largest_difference(
+            &one.correct(&q, &Tool::Target(a.1), Mode::Pose),
+            &two.correct(&q, &Tool::Target(b.1), Mode::Pose),
+        )
     };
     compared.map(difference).fold(0.0, f64::max)
 }
@@ -145,7 +208,11 @@ fn base_against_instrument(noise_mm: f64) -> f64 {
 fn measured_in_the_base_frame_or_from_an_instrument_the_targets_are_the_same() {
     let exact = base_against_instrument(0.0);
     let noisy = base_against_instrument(0.03);
-    println!("largest difference of a joint: {:.2e}° without noise, {:.4}° with 0.03 mm", exact.to_degrees(), noisy.to_degrees());
+    println!(
+        "largest difference of a joint: {:.2e}° without noise, {:.4}° with 0.03 mm",
+        exact.to_degrees(),
+        noisy.to_degrees()
+    );
     assert!(exact.to_degrees() < 1e-6, "{exact}");
     assert!(noisy.to_degrees() < 0.1, "{noisy}");
 }
@@ -163,19 +230,43 @@ fn the_papers_model_in_the_base_frame_agrees_on_positions() {
         link.theta_offset_rad += 1e-3 * normal.draw();
     }
     truth.targets_mm[0] = Vector3::new(0.0, 0.0, 100.0);
-    let campaign = Campaign { n_configurations: 60, noise_mm: 0.0, ..Campaign::PLAIN };
+    let campaign = Campaign {
+        n_configurations: 60,
+        noise_mm: 0.0,
+        ..Campaign::PLAIN
+    };
     let measured = poses(60, &mut Normal::new(31));
     let mut in_base = measure(&truth, &measured, &campaign, &mut Normal::new(32));
     in_base.frame = Frame::Base;
-    let moved = IsometryMatrix3::from_parts(Translation3::new(900.0, -300.0, 50.0), Rotation3::new(Vector3::new(0.2, 0.4, 2.0)));
-    let from_instrument =
-        measure(&KinematicModel { t_instrument_base: moved, ..truth.clone() }, &measured, &campaign, &mut Normal::new(33));
+    let moved = IsometryMatrix3::from_parts(
+        Translation3::new(900.0, -300.0, 50.0),
+        Rotation3::new(Vector3::new(0.2, 0.4, 2.0)),
+    );
+    let from_instrument = measure(
+        &KinematicModel {
+            t_instrument_base: moved,
+            ..truth.clone()
+        },
+        &measured,
+        &campaign,
+        &mut Normal::new(33),
+    );
     let a = identified(&nominal, in_base, kincal::calibration::Model::Paper);
-    let b = identified(&nominal, from_instrument, kincal::calibration::Model::Complete);
-    let (one, two) = (Compensation::new(&nominal, &a.0), Compensation::new(&nominal, &b.0));
+    let b = identified(
+        &nominal,
+        from_instrument,
+        kincal::calibration::Model::Complete,
+    );
+    let (one, two) = (
+        Compensation::new(&nominal, &a.0),
+        Compensation::new(&nominal, &b.0),
+    );
     let mut worst = 0.0f64;
     for q in poses(60, &mut Normal::new(34)) {
-        let (a, b) = (one.correct(&q, &Tool::Target(a.1), Mode::Position), two.correct(&q, &Tool::Target(b.1), Mode::Position));
+        let (a, b) = (
+            one.correct(&q, &Tool::Target(a.1), Mode::Position),
+            two.correct(&q, &Tool::Target(b.1), Mode::Position),
+        );
         worst = worst.max(largest_difference(&a, &b));
     }
     println!("largest difference of a joint: {:.2e}°", worst.to_degrees());
@@ -187,22 +278,44 @@ fn position_mode_moves_the_joints_least() {
     let (nominal, truth) = robot_with_errors(13);
     let compensation = Compensation::new(&nominal, &truth.links);
     let tool = truth.targets_mm[0];
-    let at = |q: &[f64]| (naive_flange(&truth.links, q) * tool.push(1.0)).fixed_rows::<3>(0).into_owned();
+    let at = |q: &[f64]| {
+        (naive_flange(&truth.links, q) * tool.push(1.0))
+            .fixed_rows::<3>(0)
+            .into_owned()
+    };
     for q in poses(20, &mut Normal::new(14)) {
         let corrected = compensation.correct(&q, &Tool::Target(tool), Mode::Position);
         assert_eq!(corrected.status, Status::Ok, "{q:?}");
-        let wanted = (naive_flange(&nominal.links, &q) * tool.push(1.0)).fixed_rows::<3>(0).into_owned();
+        let wanted = (naive_flange(&nominal.links, &q) * tool.push(1.0))
+            .fixed_rows::<3>(0)
+            .into_owned();
         assert!((at(&corrected.q_controller_rad) - wanted).norm() < 1e-8);
         // at the smallest change of all that reach a point, the change is a combination of the Jacobian's rows (Lagrange)
         let step = 1e-6;
         let jacobian = DMatrix::from_fn(3, 6, |axis, joint| {
-            let (mut up, mut down) = (corrected.q_controller_rad.clone(), corrected.q_controller_rad.clone());
+            let (mut up, mut down) = (
+                corrected.q_controller_rad.clone(),
+                corrected.q_controller_rad.clone(),
+            );
             (up[joint], down[joint]) = (up[joint] + step, down[joint] - step);
             (at(&up) - at(&down))[axis] / (2.0 * step)
         });
-        let change = DVector::from_iterator(6, corrected.q_controller_rad.iter().zip(&q).map(|(a, b)| a - b));
-        let across = &change - jacobian.clone().pseudo_inverse(1e-9).unwrap() * (&jacobian * &change);
-        assert!(across.norm() < 1e-6 * change.norm().max(1e-3), "{q:?}: {} of {}", across.norm(), change.norm());
+        let change = DVector::from_iterator(
+            6,
+            corrected
+                .q_controller_rad
+                .iter()
+                .zip(&q)
+                .map(|(a, b)| a - b),
+        );
+        let across =
+            &change - jacobian.clone().pseudo_inverse(1e-9).unwrap() * (&jacobian * &change);
+        assert!(
+            across.norm() < 1e-6 * change.norm().max(1e-3),
+            "{q:?}: {} of {}",
+            across.norm(),
+            change.norm()
+        );
     }
 }
 
@@ -215,17 +328,31 @@ fn near_a_wrist_singularity_the_joints_do_not_jump() {
     for k in -400..=400 {
         let q = vec![0.4, -0.5, 0.3, 0.7, f64::from(k) * 2e-4, -1.1];
         let corrected = compensation.correct(&q, &Tool::Tcp(tcp()), Mode::Pose);
-        let change: Vec<f64> = corrected.q_controller_rad.iter().zip(&q).map(|(a, b)| a - b).collect();
+        let change: Vec<f64> = corrected
+            .q_controller_rad
+            .iter()
+            .zip(&q)
+            .map(|(a, b)| a - b)
+            .collect();
         largest = largest.max(change.iter().fold(0.0, |m, c| m.max(c.abs())));
         if let Some(last) = &last {
-            largest_step = largest_step.max(change.iter().zip(last).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max));
+            largest_step = largest_step.max(
+                change
+                    .iter()
+                    .zip(last)
+                    .map(|(a, b)| (a - b).abs())
+                    .fold(0.0, f64::max),
+            );
         }
         match corrected.status {
             Status::Ok => assert!(corrected.position_error_after_mm < 1e-3),
             Status::NearSingular => {
                 n_damped += 1;
                 // better than uncorrected in position, and no worse than the wrist's own error in orientation
-                assert!(corrected.position_error_after_mm < corrected.position_error_before_mm, "{corrected:?}");
+                assert!(
+                    corrected.position_error_after_mm < corrected.position_error_before_mm,
+                    "{corrected:?}"
+                );
             }
             other => panic!("{other:?}"),
         }
@@ -249,13 +376,19 @@ fn joint_limits_hold_and_are_named() {
     let change = free.q_controller_rad[2] - q[2];
     // the limit lies half way
     let limit = q[2] + change / 2.0;
-    nominal.joint_limits_rad[2] = Some(if change > 0.0 { (-3.0, limit) } else { (limit, 3.0) });
-    let limited = Compensation::new(&nominal, &truth.links).correct(&q, &Tool::Tcp(tcp()), Mode::Pose);
+    nominal.joint_limits_rad[2] = Some(if change > 0.0 {
+        (-3.0, limit)
+    } else {
+        (limit, 3.0)
+    });
+    let limited =
+        Compensation::new(&nominal, &truth.links).correct(&q, &Tool::Tcp(tcp()), Mode::Pose);
     assert_eq!(limited.status, Status::JointLimit);
     assert!((limited.q_controller_rad[2] - limit).abs() < 1e-12);
     assert!(limited.position_error_after_mm < limited.position_error_before_mm);
     // in position mode the other joints make up for it
-    let position = Compensation::new(&nominal, &truth.links).correct(&q, &Tool::Tcp(tcp()), Mode::Position);
+    let position =
+        Compensation::new(&nominal, &truth.links).correct(&q, &Tool::Tcp(tcp()), Mode::Position);
     assert!(position.position_error_after_mm < 1e-6, "{position:?}");
 }
 
@@ -266,7 +399,8 @@ fn a_robot_with_three_joints_keeps_positions_and_says_what_it_cannot() {
     let truth = truth.links[..3].to_vec();
     let compensation = Compensation::new(&nominal, &truth);
     let q = [0.3, -0.6, 0.5];
-    let tool = IsometryMatrix3::from_parts(Translation3::new(700.0, 20.0, 10.0), Rotation3::identity());
+    let tool =
+        IsometryMatrix3::from_parts(Translation3::new(700.0, 20.0, 10.0), Rotation3::identity());
     let pose = compensation.correct(&q, &Tool::Tcp(tool), Mode::Pose);
     assert_eq!(pose.status, Status::NotReached, "{pose:?}");
     let position = compensation.correct(&q, &Tool::Tcp(tool), Mode::Position);
@@ -278,10 +412,18 @@ fn the_controllers_joint_values_are_corrected() {
     let (nominal, truth) = robot_with_errors(29);
     let mut coupling = DMatrix::identity(6, 6);
     coupling[(2, 1)] = 1.0;
-    let map = JointMap { sign: vec![1.0, 1.0, -1.0, 1.0, -1.0, 1.0], offset_rad: vec![0.0, -0.2, 0.1, 0.0, 0.0, 0.3], coupling };
-    let coupled = Robot { joint_map: Some(map), ..nominal.clone() };
+    let map = JointMap {
+        sign: vec![1.0, 1.0, -1.0, 1.0, -1.0, 1.0],
+        offset_rad: vec![0.0, -0.2, 0.1, 0.0, 0.0, 0.3],
+        coupling,
+    };
+    let coupled = Robot {
+        joint_map: Some(map),
+        ..nominal.clone()
+    };
     let q = [0.3, -0.4, 0.5, 0.2, 0.9, 0.1];
-    let corrected = Compensation::new(&coupled, &truth.links).correct(&q, &Tool::Tcp(tcp()), Mode::Pose);
+    let corrected =
+        Compensation::new(&coupled, &truth.links).correct(&q, &Tool::Tcp(tcp()), Mode::Pose);
     assert_eq!(corrected.status, Status::Ok);
     // by hand: q3 of the model is q2 - q3 + 0.1 here
     let model = |q: &[f64]| vec![q[0], q[1] - 0.2, q[1] - q[2] + 0.1, q[3], -q[4], q[5] + 0.3];
@@ -295,25 +437,58 @@ fn the_controllers_joint_values_are_corrected() {
 fn sag_and_eccentric_joints_are_corrected_and_fade_into_the_links_alone() {
     let (nominal, truth) = robot_with_errors(31);
     let real = real_robot::RealRobot {
-        links: truth.links.iter().map(|l| [l.a_mm, l.alpha_rad, l.d_mm, l.theta_offset_rad, l.beta_rad]).collect(),
+        links: truth
+            .links
+            .iter()
+            .map(|l| [l.a_mm, l.alpha_rad, l.d_mm, l.theta_offset_rad, l.beta_rad])
+            .collect(),
         give_rad: vec![0.0, 4e-4, 5e-4, 0.0, 0.0, 0.0],
         masses: vec![0.0, 0.0, 1.0, 0.0, 1.0, 0.5],
-        eccentric_rad: vec![[0.0; 4], [8e-5, -5e-5, 4e-5, 0.0], [-6e-5, 7e-5, 0.0, 3e-5], [1e-4, 0.0, 0.0, 0.0], [0.0; 4], [0.0; 4]],
+        eccentric_rad: vec![
+            [0.0; 4],
+            [8e-5, -5e-5, 4e-5, 0.0],
+            [-6e-5, 7e-5, 0.0, 3e-5],
+            [1e-4, 0.0, 0.0, 0.0],
+            [0.0; 4],
+            [0.0; 4],
+        ],
         target_mm: truth.targets_mm[0].into(),
         t_instrument_base: real_robot::shift([0.0; 3]),
     };
-    let mounting = Mounting { gravity_in_base: -Vector3::z(), std_rad: 0.03 };
+    let mounting = Mounting {
+        gravity_in_base: -Vector3::z(),
+        std_rad: 0.03,
+    };
     let mut corrections = Corrections::none(6, &mounting);
     corrections.compliance.masses = real.masses.clone();
     for (joint, give) in real.give_rad.iter().enumerate() {
         corrections.compliance.joints_rad[joint].z = *give;
         let [s, c, s2, c2] = real.eccentric_rad[joint];
-        corrections.harmonics[joint] = vec![Harmonic { sin_rad: s, cos_rad: c }, Harmonic { sin_rad: s2, cos_rad: c2 }];
+        corrections.harmonics[joint] = vec![
+            Harmonic {
+                sin_rad: s,
+                cos_rad: c,
+            },
+            Harmonic {
+                sin_rad: s2,
+                cos_rad: c2,
+            },
+        ];
     }
     let measured = poses(200, &mut Normal::new(32));
     let region = MeasuredRegion::of(measured.iter().map(Vec::as_slice), 6);
-    let model = KinematicModel { t_instrument_base: IsometryMatrix3::identity(), ..truth.clone() };
-    let identified = IdentifiedRobot { plain: model.clone(), corrected: Some(CorrectedModel { model, corrections, region }) };
+    let model = KinematicModel {
+        t_instrument_base: IsometryMatrix3::identity(),
+        ..truth.clone()
+    };
+    let identified = IdentifiedRobot {
+        plain: model.clone(),
+        corrected: Some(CorrectedModel {
+            model,
+            corrections,
+            region,
+        }),
+    };
     let compensation = Compensation::of(&nominal, &identified);
     let missed = |q: &[f64], corrected: &Corrected| {
         let wanted = naive_flange(&nominal.links, q) * truth.targets_mm[0].push(1.0);
@@ -335,21 +510,30 @@ fn sag_and_eccentric_joints_are_corrected_and_fade_into_the_links_alone() {
     assert!(before > 1.0);
     // far from what was measured the links alone speak
     let far = [0.0, 2.6, -2.4, 0.3, 0.8, 0.0];
-    let alone = Compensation::new(&nominal, &truth.links).correct(&far, &Tool::Target(truth.targets_mm[0]), Mode::Pose);
+    let alone = Compensation::new(&nominal, &truth.links).correct(
+        &far,
+        &Tool::Target(truth.targets_mm[0]),
+        Mode::Pose,
+    );
     let faded = compensation.correct(&far, &Tool::Target(truth.targets_mm[0]), Mode::Pose);
     assert!(identified.is_extrapolated(&far) && largest_difference(&alone, &faded) < 1e-9);
 }
 
 /// Numbers in a text.
 fn numbers(text: &str) -> Vec<f64> {
-    text.split(|c: char| !(c.is_ascii_digit() || c == '.')).filter_map(|word| word.parse().ok()).collect()
+    text.split(|c: char| !(c.is_ascii_digit() || c == '.'))
+        .filter_map(|word| word.parse().ok())
+        .collect()
 }
 
 /// How far the flange is from where the identified robot has it, turn and shift, in units of what `pose_not_seen` tells: root mean square of 30
 /// robots with errors as from the factory, whose reflector the last joint turns about itself.
 fn flange_over_told() -> (f64, f64) {
     let nominal = limited(paper_robot());
-    let campaign = Campaign { noise_mm: 1e-3, ..Campaign::PLAIN };
+    let campaign = Campaign {
+        noise_mm: 1e-3,
+        ..Campaign::PLAIN
+    };
     let (mut turns, mut shifts) = (0.0, 0.0);
     const SEEDS: u64 = 30;
     for seed in 0..SEEDS {
@@ -360,20 +544,46 @@ fn flange_over_told() -> (f64, f64) {
             link.d_mm = nominal.d_mm + (link.d_mm - nominal.d_mm) / 0.3;
             link.alpha_rad = nominal.alpha_rad + (link.alpha_rad - nominal.alpha_rad) * 6.0;
             link.beta_rad = nominal.beta_rad + (link.beta_rad - nominal.beta_rad) * 6.0;
-            link.theta_offset_rad = nominal.theta_offset_rad + (link.theta_offset_rad - nominal.theta_offset_rad) * 6.0;
+            link.theta_offset_rad =
+                nominal.theta_offset_rad + (link.theta_offset_rad - nominal.theta_offset_rad) * 6.0;
         }
         truth.targets_mm[0] = Vector3::new(0.0, 0.0, 110.0);
         let set = measure(&truth, &poses(50, &mut random), &campaign, &mut random);
-        let report = calibrate(&CalibrationRequest::new(nominal.clone(), set), &mut |_| ControlFlow::Continue(())).unwrap();
-        let remark = report.warnings.iter().find(|w| w.code == "pose_not_seen").unwrap_or_else(|| panic!("{:?}", report.warnings));
+        let report = calibrate(&CalibrationRequest::new(nominal.clone(), set), &mut |_| {
+            ControlFlow::Continue(())
+        })
+        .unwrap();
+        let remark = report
+            .warnings
+            .iter()
+            .find(|w| w.code == "pose_not_seen")
+            .unwrap_or_else(|| panic!("{:?}", report.warnings));
         let (told_deg, told_mm) = (numbers(&remark.detail)[0], numbers(&remark.detail)[1]);
-        let (found, true_one) = (Compensation::new(&nominal, &report.links), Compensation::new(&nominal, &truth.links));
-        let at: Vec<(f64, f64)> =
-            poses(40, &mut random).iter().map(|q| apart(&matrix(&found.t_base_flange(q)), &matrix(&true_one.t_base_flange(q)))).collect();
+        let (found, true_one) = (
+            Compensation::new(&nominal, &report.links),
+            Compensation::new(&nominal, &truth.links),
+        );
+        let at: Vec<(f64, f64)> = poses(40, &mut random)
+            .iter()
+            .map(|q| {
+                apart(
+                    &matrix(&found.t_base_flange(q)),
+                    &matrix(&true_one.t_base_flange(q)),
+                )
+            })
+            .collect();
         shifts += at.iter().map(|(mm, _)| mm * mm).sum::<f64>() / at.len() as f64 / told_mm.powi(2);
-        turns += at.iter().map(|(_, rad)| rad.to_degrees().powi(2)).sum::<f64>() / at.len() as f64 / told_deg.powi(2);
+        turns += at
+            .iter()
+            .map(|(_, rad)| rad.to_degrees().powi(2))
+            .sum::<f64>()
+            / at.len() as f64
+            / told_deg.powi(2);
     }
-    ((turns / SEEDS as f64).sqrt(), (shifts / SEEDS as f64).sqrt())
+    (
+        (turns / SEEDS as f64).sqrt(),
+        (shifts / SEEDS as f64).sqrt(),
+    )
 }
 
 #[test]
@@ -382,7 +592,10 @@ fn what_a_reflector_on_the_last_axis_does_not_show_is_told_by_its_size() {
     println!("the flange is off by {turn:.2} (turn) and {shift:.2} (shift) times what is told");
     // told by its size, and not too small: a handful of combinations each of 30 robots, whose root mean square is within a tenth of 1 where
     // what is told is right; it comes out about twice as large
-    assert!([turn, shift].iter().all(|ratio| (0.3..1.2).contains(ratio)), "{turn} {shift}");
+    assert!(
+        [turn, shift].iter().all(|ratio| (0.3..1.2).contains(ratio)),
+        "{turn} {shift}"
+    );
 }
 
 #[test]
@@ -390,7 +603,19 @@ fn of_a_reflector_off_the_last_axis_nothing_is_hidden() {
     let nominal = limited(paper_robot());
     let mut random = Normal::new(31);
     let truth = true_robot(&nominal, 1, &mut random);
-    let set = measure(&truth, &poses(50, &mut random), &Campaign::PLAIN, &mut random);
-    let report = calibrate(&CalibrationRequest::new(nominal, set), &mut |_| ControlFlow::Continue(())).unwrap();
-    assert!(report.warnings.iter().all(|w| w.code != "pose_not_seen"), "{:?}", report.warnings);
+    let set = measure(
+        &truth,
+        &poses(50, &mut random),
+        &Campaign::PLAIN,
+        &mut random,
+    );
+    let report = calibrate(&CalibrationRequest::new(nominal, set), &mut |_| {
+        ControlFlow::Continue(())
+    })
+    .unwrap();
+    assert!(
+        report.warnings.iter().all(|w| w.code != "pose_not_seen"),
+        "{:?}",
+        report.warnings
+    );
 }

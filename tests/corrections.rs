@@ -27,7 +27,13 @@ fn run(request: &CalibrationRequest) -> CalibrationReport {
 }
 
 fn kept(report: &CalibrationReport) -> Vec<&str> {
-    report.corrections.iter().flatten().filter(|e| e.kept).map(|e| e.kind.as_str()).collect()
+    report
+        .corrections
+        .iter()
+        .flatten()
+        .filter(|e| e.kept)
+        .map(|e| e.kind.as_str())
+        .collect()
 }
 
 fn set(path: &std::path::Path) -> MeasurementSet {
@@ -35,24 +41,45 @@ fn set(path: &std::path::Path) -> MeasurementSet {
 }
 
 fn every_term(n: usize) -> Vec<Term> {
-    let axes = |of: fn(usize, usize) -> Term| (0..n).flat_map(move |link| (0..3).map(move |axis| of(link, axis)));
-    let harmonics = (0..n).flat_map(|joint| (0..4).map(move |k| Term::Harmonic(joint, k / 2, k % 2)));
-    let base = (0..3).map(Term::Base).chain((0..2).map(Term::Gravity)).chain((0..n).map(Term::Mass));
-    axes(Term::Joint).chain(axes(Term::FirstMoment)).chain(base).chain(harmonics).collect()
+    let axes = |of: fn(usize, usize) -> Term| {
+        (0..n).flat_map(move |link| (0..3).map(move |axis| of(link, axis)))
+    };
+    let harmonics =
+        (0..n).flat_map(|joint| (0..4).map(move |k| Term::Harmonic(joint, k / 2, k % 2)));
+    let base = (0..3)
+        .map(Term::Base)
+        .chain((0..2).map(Term::Gravity))
+        .chain((0..n).map(Term::Mass));
+    axes(Term::Joint)
+        .chain(axes(Term::FirstMoment))
+        .chain(base)
+        .chain(harmonics)
+        .collect()
 }
 
 #[test]
 fn derivatives_equal_central_differences() {
     let mut random = Normal::new(3);
     let nominal = paper_robot();
-    let mounting = Mounting { gravity_in_base: Vector3::new(0.2, -0.1, -0.97).normalize(), std_rad: 0.035 };
+    let mounting = Mounting {
+        gravity_in_base: Vector3::new(0.2, -0.1, -0.97).normalize(),
+        std_rad: 0.035,
+    };
     let model = true_robot(&nominal, 2, &mut random);
     let (terms, parameters) = (every_term(6), complete_parameters(&nominal.links, 2));
-    let values: Vec<f64> = terms.iter().map(|t| random.draw() * t.prior(&mounting)).collect();
+    let values: Vec<f64> = terms
+        .iter()
+        .map(|t| random.draw() * t.prior(&mounting))
+        .collect();
     let observations: Vec<Observation> = poses(8, &mut random)
         .into_iter()
         .enumerate()
-        .map(|(i, q_rad)| Observation { q_rad, position_mm: random.vector() * 1000.0, target: i % 2, weight: 1.0 + i as f64 })
+        .map(|(i, q_rad)| Observation {
+            q_rad,
+            position_mm: random.vector() * 1000.0,
+            target: i % 2,
+            weight: 1.0 + i as f64,
+        })
         .collect();
     let network = ResidualNetwork {
         centre_rad: vec![0.1; 6],
@@ -66,7 +93,13 @@ fn derivatives_equal_central_differences() {
     let at = |model: &KinematicModel, values: &[f64]| {
         let mut corrections = corrections_at(6, &mounting, &terms, values);
         corrections.residual = Some(network.clone());
-        linearise(model, &corrections, &mounting, (&parameters, &terms), &observations)
+        linearise(
+            model,
+            &corrections,
+            &mounting,
+            (&parameters, &terms),
+            &observations,
+        )
     };
     let (residuals, by_parameter, by_term) = at(&model, &values);
     assert!(residuals.norm() > 1.0);
@@ -80,7 +113,10 @@ fn derivatives_equal_central_differences() {
         let difference = (moved(-1.0) - moved(1.0)) / (2.0 * step);
         let (size, off) = (difference.norm(), (difference - by_term.column(j)).norm());
         // a mass at the base moves nothing; rounding of a metre over the step is 1e-6 of any other column
-        assert!(off <= 2e-6 * size + 1e-9 / step, "{term:?}: {off} of {size}");
+        assert!(
+            off <= 2e-6 * size + 1e-9 / step,
+            "{term:?}: {off} of {size}"
+        );
     }
     for (j, parameter) in parameters.iter().enumerate() {
         let step = if parameter.is_angle() { 1e-6 } else { 1e-3 };
@@ -92,19 +128,55 @@ fn derivatives_equal_central_differences() {
         let difference = (moved(-1.0) - moved(1.0)) / (2.0 * step);
         let off = (&difference - by_parameter.column(j)).norm() / difference.norm();
         // that links move the masses is left out: some mrad per unit moment
-        assert!(off < if matches!(parameter, Parameter::Link(..)) { 1e-2 } else { 1e-5 }, "{}: {off}", parameter.name());
+        assert!(
+            off < if matches!(parameter, Parameter::Link(..)) {
+                1e-2
+            } else {
+                1e-5
+            },
+            "{}: {off}",
+            parameter.name()
+        );
     }
 }
 
 #[test]
 fn a_simulated_real_robot_is_predicted_to_fifty_micrometres_at_unseen_poses() {
-    let bent = Bent { sag_rad: 1e-3, harmonic_rad: 2e-4 };
+    let bent = Bent {
+        sag_rad: 1e-3,
+        harmonic_rad: 2e-4,
+    };
     for seed in 0..5 {
-        let found = identified(&paper_robot(), &Campaign { n_configurations: 100, ..Campaign::PLAIN }, &bent, seed, UNSEEN);
-        println!("seed {seed}: links {:.3} mm, corrected {:.4} mm, {:?}", found.links_mm, found.corrected_mm, kept(&found.report));
-        assert!(found.corrected_mm <= 0.05, "seed {seed}: {}", found.corrected_mm);
-        assert!(found.links_mm > 0.3, "the simulated robot bends: {}", found.links_mm);
-        assert!(kept(&found.report).contains(&"stiffness_2_3") && kept(&found.report).contains(&"joint_harmonics"));
+        let found = identified(
+            &paper_robot(),
+            &Campaign {
+                n_configurations: 100,
+                ..Campaign::PLAIN
+            },
+            &bent,
+            seed,
+            UNSEEN,
+        );
+        println!(
+            "seed {seed}: links {:.3} mm, corrected {:.4} mm, {:?}",
+            found.links_mm,
+            found.corrected_mm,
+            kept(&found.report)
+        );
+        assert!(
+            found.corrected_mm <= 0.05,
+            "seed {seed}: {}",
+            found.corrected_mm
+        );
+        assert!(
+            found.links_mm > 0.3,
+            "the simulated robot bends: {}",
+            found.links_mm
+        );
+        assert!(
+            kept(&found.report).contains(&"stiffness_2_3")
+                && kept(&found.report).contains(&"joint_harmonics")
+        );
     }
 }
 
@@ -114,7 +186,12 @@ fn at_most_five_of_a_hundred_geometric_robots_get_worse_by_more_than_five_percen
     let mut worse = 0;
     for seed in 0..100 {
         let (n_configurations, n_targets, noise_mm) = campaigns[seed as usize % 4];
-        let campaign = Campaign { n_configurations, n_targets, noise_mm, ..Campaign::PLAIN };
+        let campaign = Campaign {
+            n_configurations,
+            n_targets,
+            noise_mm,
+            ..Campaign::PLAIN
+        };
         let found = identified(&paper_robot(), &campaign, &Bent::NONE, 1000 + seed, UNSEEN);
         worse += usize::from(found.corrected_mm > 1.05 * found.links_mm);
     }
@@ -125,33 +202,70 @@ fn at_most_five_of_a_hundred_geometric_robots_get_worse_by_more_than_five_percen
 #[test]
 fn the_measured_arm_that_sags_is_predicted_three_times_better_with_corrections() {
     let Some(root) = real_data() else { return };
-    let request = CalibrationRequest::new(robot(&root.join("qkm_hl6/robot.json")), set(&root.join("qkm_hl6/set.csv")));
+    let request = CalibrationRequest::new(
+        robot(&root.join("qkm_hl6/robot.json")),
+        set(&root.join("qkm_hl6/set.csv")),
+    );
     let report = run(&request);
     let verify = report.verify.unwrap();
-    println!("links {:.4} mm, corrected {:.4} mm, {:?}", verify.after.rms_mm, verify.corrected.unwrap().rms_mm, kept(&report));
-    assert!(verify.corrected.unwrap().rms_mm <= 0.13, "{:?}", verify.corrected);
+    println!(
+        "links {:.4} mm, corrected {:.4} mm, {:?}",
+        verify.after.rms_mm,
+        verify.corrected.unwrap().rms_mm,
+        kept(&report)
+    );
+    assert!(
+        verify.corrected.unwrap().rms_mm <= 0.13,
+        "{:?}",
+        verify.corrected
+    );
     assert!(kept(&report).contains(&"stiffness_2_3"));
     // the links do not know of it
-    let off = run(&CalibrationRequest { corrections: Some(CorrectionsChoice::Off), ..request });
-    assert_eq!((off.links, off.t_instrument_base, off.targets_mm), (report.links, report.t_instrument_base, report.targets_mm));
-    assert!(off.corrections.is_none() && off.corrected.is_none() && off.verify.unwrap().corrected.is_none());
+    let off = run(&CalibrationRequest {
+        corrections: Some(CorrectionsChoice::Off),
+        ..request
+    });
+    assert_eq!(
+        (off.links, off.t_instrument_base, off.targets_mm),
+        (report.links, report.t_instrument_base, report.targets_mm)
+    );
+    assert!(
+        off.corrections.is_none()
+            && off.corrected.is_none()
+            && off.verify.unwrap().corrected.is_none()
+    );
 }
 
 #[test]
 fn corrections_of_one_visit_hold_on_the_other() {
     let Some(root) = real_data() else { return };
     let folder = root.join("motoman_ma1400");
-    for (first, second) in [("visit_1.csv", "visit_2.csv"), ("visit_2.csv", "visit_1.csv")] {
-        let mut request = CalibrationRequest::new(robot(&folder.join("robot.json")), set(&folder.join(first)));
+    for (first, second) in [
+        ("visit_1.csv", "visit_2.csv"),
+        ("visit_2.csv", "visit_1.csv"),
+    ] {
+        let mut request =
+            CalibrationRequest::new(robot(&folder.join("robot.json")), set(&folder.join(first)));
         request.verify = VerifySource::Set(set(&folder.join(second)));
         let report = run(&request);
         let scored = report.verify.unwrap();
-        println!("{first} on {second}: links {:.4} mm, corrected {:.4} mm", scored.after.rms_mm, scored.corrected.unwrap().rms_mm);
+        println!(
+            "{first} on {second}: links {:.4} mm, corrected {:.4} mm",
+            scored.after.rms_mm,
+            scored.corrected.unwrap().rms_mm
+        );
         assert!(scored.corrected.unwrap().rms_mm <= scored.after.rms_mm);
         // a verify job on the same points finds the same
-        let identified = IdentifiedRobot { plain: simulation::found(&report), corrected: report.corrected.clone() };
-        let job = CalibrationRequest::new(robot(&folder.join("robot.json")), set(&folder.join(second)));
-        let again = verify(&job, Some(&identified), &mut |_| ControlFlow::Continue(())).unwrap().verify.unwrap();
+        let identified = IdentifiedRobot {
+            plain: simulation::found(&report),
+            corrected: report.corrected.clone(),
+        };
+        let job =
+            CalibrationRequest::new(robot(&folder.join("robot.json")), set(&folder.join(second)));
+        let again = verify(&job, Some(&identified), &mut |_| ControlFlow::Continue(()))
+            .unwrap()
+            .verify
+            .unwrap();
         assert!((again.corrected.unwrap().rms_mm - scored.corrected.unwrap().rms_mm).abs() < 1e-6);
     }
 }
@@ -159,11 +273,29 @@ fn corrections_of_one_visit_hold_on_the_other() {
 #[test]
 fn outside_of_what_was_measured_corrections_fade_into_the_links() {
     let mut random = Normal::new(5);
-    let campaign = Campaign { n_configurations: 80, ..Campaign::PLAIN };
-    let (_, set) = bent_set(&paper_robot(), &campaign, &Bent { sag_rad: 1e-3, harmonic_rad: 0.0 }, &mut random);
+    let campaign = Campaign {
+        n_configurations: 80,
+        ..Campaign::PLAIN
+    };
+    let (_, set) = bent_set(
+        &paper_robot(),
+        &campaign,
+        &Bent {
+            sag_rad: 1e-3,
+            harmonic_rad: 0.0,
+        },
+        &mut random,
+    );
     let report = run(&CalibrationRequest::new(paper_robot(), set.clone()));
-    let found = IdentifiedRobot { plain: simulation::found(&report), corrected: report.corrected.clone() };
-    let inside = set.points.iter().filter(|p| found.is_extrapolated(&p.q_rad)).count();
+    let found = IdentifiedRobot {
+        plain: simulation::found(&report),
+        corrected: report.corrected.clone(),
+    };
+    let inside = set
+        .points
+        .iter()
+        .filter(|p| found.is_extrapolated(&p.q_rad))
+        .count();
     assert_eq!(inside, 0, "measured poses are inside");
     // poses of the same kind are inside, too, but for a few
     let unseen = poses(500, &mut random);
@@ -173,15 +305,24 @@ fn outside_of_what_was_measured_corrections_fade_into_the_links() {
     let q = |q2: f64| vec![0.3, q2, 0.2, -0.5, 0.7, 0.4];
     let gap = |q2: f64| (found.position(&q(q2), 0) - found.plain.position(&q(q2), 0)).norm();
     assert!(!found.is_extrapolated(&q(0.5)) && gap(0.5) > 0.0);
-    assert!(found.is_extrapolated(&q(1.6)) && gap(1.6) == 0.0, "{}", gap(1.6));
+    assert!(
+        found.is_extrapolated(&q(1.6)) && gap(1.6) == 0.0,
+        "{}",
+        gap(1.6)
+    );
     let steps: Vec<f64> = (0..=1000)
         .map(|i| found.position(&q(0.5 + 0.0011 * i as f64), 0))
         .collect::<Vec<_>>()
         .windows(2)
         .map(|w| (w[1] - w[0]).norm())
         .collect();
-    let (least, most) = steps.iter().fold((f64::MAX, 0.0f64), |(least, most), s| (least.min(*s), most.max(*s)));
-    assert!(most < 1.05 * least, "a path along joint 2 goes {least} to {most} mm a step");
+    let (least, most) = steps.iter().fold((f64::MAX, 0.0f64), |(least, most), s| {
+        (least.min(*s), most.max(*s))
+    });
+    assert!(
+        most < 1.05 * least,
+        "a path along joint 2 goes {least} to {most} mm a step"
+    );
     // whole turns make no difference
     assert!(!found.is_extrapolated(&[0.3 + std::f64::consts::TAU, 0.5, 0.2, -0.5, 0.7, 0.4]));
     // the flange fades along
@@ -193,9 +334,21 @@ fn outside_of_what_was_measured_corrections_fade_into_the_links() {
 #[test]
 fn nothing_is_looked_for_where_there_is_nothing_to_find() {
     let mut random = Normal::new(7);
-    let (_, mut set) = bent_set(&paper_robot(), &Campaign { noise_mm: 0.0, ..Campaign::PLAIN }, &Bent::NONE, &mut random);
+    let (_, mut set) = bent_set(
+        &paper_robot(),
+        &Campaign {
+            noise_mm: 0.0,
+            ..Campaign::PLAIN
+        },
+        &Bent::NONE,
+        &mut random,
+    );
     let exact = run(&CalibrationRequest::new(paper_robot(), set.clone()));
-    assert_eq!(exact.corrections.as_deref(), Some(&[][..]), "residuals are zero");
+    assert_eq!(
+        exact.corrections.as_deref(),
+        Some(&[][..]),
+        "residuals are zero"
+    );
     assert!(exact.corrected.is_none());
     assert_eq!(exact.identify.corrected, Some(exact.identify.after));
     set.points.iter_mut().for_each(|p| {
@@ -203,26 +356,55 @@ fn nothing_is_looked_for_where_there_is_nothing_to_find() {
         p.std_mm = Some(0.06);
     });
     let noisy = run(&CalibrationRequest::new(paper_robot(), set.clone()));
-    assert_eq!(noisy.corrections.as_deref(), Some(&[][..]), "residuals are the stated noise");
+    assert_eq!(
+        noisy.corrections.as_deref(),
+        Some(&[][..]),
+        "residuals are the stated noise"
+    );
     let paper = CalibrationRequest {
         preset: Preset::Paper,
         method: kincal::calibration::Method::LeastSquares,
         ..CalibrationRequest::new(paper_robot(), set)
     };
-    assert!(run(&paper).corrections.is_none(), "off in the paper's preset");
+    assert!(
+        run(&paper).corrections.is_none(),
+        "off in the paper's preset"
+    );
 }
 
 #[test]
 fn the_same_request_gives_the_same_bits_and_sessions_are_left_out_whole() {
     let mut random = Normal::new(11);
-    let bent = Bent { sag_rad: 1e-3, harmonic_rad: 2e-4 };
-    let (_, mut set) = bent_set(&paper_robot(), &Campaign { n_configurations: 60, ..Campaign::PLAIN }, &bent, &mut random);
+    let bent = Bent {
+        sag_rad: 1e-3,
+        harmonic_rad: 2e-4,
+    };
+    let (_, mut set) = bent_set(
+        &paper_robot(),
+        &Campaign {
+            n_configurations: 60,
+            ..Campaign::PLAIN
+        },
+        &bent,
+        &mut random,
+    );
     let first = run(&CalibrationRequest::new(paper_robot(), set.clone()));
-    assert_eq!(first, run(&CalibrationRequest::new(paper_robot(), set.clone())));
-    set.points.iter_mut().enumerate().for_each(|(i, p): (usize, &mut Point)| p.session = Some(if i % 3 == 0 { "a" } else { "b" }.into()));
+    assert_eq!(
+        first,
+        run(&CalibrationRequest::new(paper_robot(), set.clone()))
+    );
+    set.points
+        .iter_mut()
+        .enumerate()
+        .for_each(|(i, p): (usize, &mut Point)| {
+            p.session = Some(if i % 3 == 0 { "a" } else { "b" }.into())
+        });
     let sessions = run(&CalibrationRequest::new(paper_robot(), set));
     assert_eq!(sessions.links, first.links);
     assert!(kept(&sessions).contains(&"stiffness_2_3"));
     let rms = |report: &CalibrationReport| report.corrections.as_ref().unwrap()[0].before_mm;
-    assert!((rms(&sessions) - rms(&first)).abs() > 1e-6, "other points are left out together");
+    assert!(
+        (rms(&sessions) - rms(&first)).abs() > 1e-6,
+        "other points are left out together"
+    );
 }

@@ -32,18 +32,32 @@ fn built(seed: u64) -> KinematicModel {
     let nominal = KinematicModel::nominal(&data::paper_robot().links, 1);
     let parameters = paper_parameters(6);
     let mut random = Normal::new(seed);
-    let error = |p: &Parameter| random.draw() * if p.is_angle() { 0.03f64.to_radians() } else { 0.2 };
+    let error = |p: &Parameter| {
+        random.draw()
+            * if p.is_angle() {
+                0.03f64.to_radians()
+            } else {
+                0.2
+            }
+    };
     let errors: Vec<f64> = parameters.iter().map(error).collect();
     apply(&nominal, &parameters, &errors)
 }
 
-fn csv(robot: &KinematicModel, poses: &[Vec<f64>], seed: u64, distort: impl Fn(Vector3<f64>) -> Vector3<f64>) -> String {
+fn csv(
+    robot: &KinematicModel,
+    poses: &[Vec<f64>],
+    seed: u64,
+    distort: impl Fn(Vector3<f64>) -> Vector3<f64>,
+) -> String {
     let mut random = Normal::new(seed);
-    let mut text = "configuration,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,x_mm,y_mm,z_mm\n".to_owned();
+    let mut text =
+        "configuration,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,x_mm,y_mm,z_mm\n".to_owned();
     for (row, q) in poses.iter().enumerate() {
         write!(text, "{row},").unwrap();
         let p = distort(robot.position(q, 0)) + random.vector() * NOISE_MM;
-        q.iter().for_each(|q| write!(text, "{:.6},", q.to_degrees()).unwrap());
+        q.iter()
+            .for_each(|q| write!(text, "{:.6},", q.to_degrees()).unwrap());
         writeln!(text, "{:.6},{:.6},{:.6}", p.x, p.y, p.z).unwrap();
     }
     text
@@ -61,17 +75,40 @@ fn same(p: Vector3<f64>) -> Vector3<f64> {
 fn dangerous() -> Vec<(&'static str, String)> {
     let truth = built(1);
     // Along and about what link 1 can take up: anything else would show in the fit.
-    let moved = IsometryMatrix3::from_parts(Translation3::new(0.9, 0.0, 0.6), Rotation3::new(Vector3::new(3e-4, 0.0, 5e-4)));
-    let longer_tool = KinematicModel { targets_mm: vec![Vector3::new(0.0, 0.0, 10.0)], ..truth.clone() };
+    let moved = IsometryMatrix3::from_parts(
+        Translation3::new(0.9, 0.0, 0.6),
+        Rotation3::new(Vector3::new(3e-4, 0.0, 5e-4)),
+    );
+    let longer_tool = KinematicModel {
+        targets_mm: vec![Vector3::new(0.0, 0.0, 10.0)],
+        ..truth.clone()
+    };
     // Each repetition has a label of its own, so that it is found on both sides of the split.
     let few = poses(7, &mut Normal::new(4));
     let repeated: Vec<Vec<f64>> = (0..POINTS).map(|i| few[i % few.len()].clone()).collect();
-    let frozen: Vec<Vec<f64>> = spread(5).into_iter().map(|q| [&q[..3], &[0.3, 0.5, -0.2]].concat()).collect();
-    let narrow: Vec<Vec<f64>> = spread(6).into_iter().map(|q| q.iter().map(|q| 0.4 + 0.03 * q).collect()).collect();
+    let frozen: Vec<Vec<f64>> = spread(5)
+        .into_iter()
+        .map(|q| [&q[..3], &[0.3, 0.5, -0.2]].concat())
+        .collect();
+    let narrow: Vec<Vec<f64>> = spread(6)
+        .into_iter()
+        .map(|q| q.iter().map(|q| 0.4 + 0.03 * q).collect())
+        .collect();
     vec![
-        ("stale base", csv(&truth, &spread(2), 12, |p| moved.rotation * p + moved.translation.vector)),
-        ("another robot of the same model", csv(&built(99), &spread(3), 13, same)),
-        ("a scale of 0.1 %", csv(&truth, &spread(2), 14, |p| p * 1.001)),
+        (
+            "stale base",
+            csv(&truth, &spread(2), 12, |p| {
+                moved.rotation * p + moved.translation.vector
+            }),
+        ),
+        (
+            "another robot of the same model",
+            csv(&built(99), &spread(3), 13, same),
+        ),
+        (
+            "a scale of 0.1 %",
+            csv(&truth, &spread(2), 14, |p| p * 1.001),
+        ),
         ("wrong tool", csv(&longer_tool, &spread(2), 15, same)),
         ("duplicate poses", csv(&truth, &repeated, 16, same)),
         ("frozen wrist", csv(&truth, &frozen, 17, same)),
@@ -96,31 +133,66 @@ impl<'a> Shop<'a> {
 
     async fn robot(&self, policy: &Value) -> String {
         let body: Value = serde_json::from_slice(&paper("robot.json")).unwrap();
-        let robot = format!("/v1/robots/{}", text(&self.boss.post("/v1/robots", &body).await.ok(201)["id"]));
-        assert_eq!(self.boss.put(&format!("{robot}/policy"), policy).await.ok(200), *policy);
+        let robot = format!(
+            "/v1/robots/{}",
+            text(&self.boss.post("/v1/robots", &body).await.ok(201)["id"])
+        );
+        assert_eq!(
+            self.boss
+                .put(&format!("{robot}/policy"), policy)
+                .await
+                .ok(200),
+            *policy
+        );
         robot
     }
 
     /// Uploads and identifies: path of the parameter set, report, and codes of all warnings so far.
     async fn identified(&self, robot: &str, csv: &str) -> (String, Value, Vec<String>) {
         let set = self.cell.upload(robot, csv).await;
-        let job = self.cell.job(robot, &json!({"measurement_set_id": set["id"], "method": "least_squares"})).await;
-        let report = self.cell.get(&format!("/v1/jobs/{}/report", text(&job["id"]))).await.ok(200);
-        let warnings = [&set["warnings"], &report["warnings"]].into_iter().flat_map(|list| list.as_array().unwrap());
-        let codes = warnings.map(|warning| text(&warning["code"]).to_owned()).collect();
-        (format!("/v1/parameter-sets/{}", text(&job["parameter_set_id"])), report, codes)
+        let job = self
+            .cell
+            .job(
+                robot,
+                &json!({"measurement_set_id": set["id"], "method": "least_squares"}),
+            )
+            .await;
+        let report = self
+            .cell
+            .get(&format!("/v1/jobs/{}/report", text(&job["id"])))
+            .await
+            .ok(200);
+        let warnings = [&set["warnings"], &report["warnings"]]
+            .into_iter()
+            .flat_map(|list| list.as_array().unwrap());
+        let codes = warnings
+            .map(|warning| text(&warning["code"]).to_owned())
+            .collect();
+        (
+            format!("/v1/parameter-sets/{}", text(&job["parameter_set_id"])),
+            report,
+            codes,
+        )
     }
 
     /// Another session, measured rightly, on which the parameter set is scored.
     async fn verified(&self, robot: &str, parameter_set: &str, seed: u64) {
-        let session = self.cell.upload(robot, &csv(&built(1), &spread(seed), seed + 1, same)).await;
+        let session = self
+            .cell
+            .upload(robot, &csv(&built(1), &spread(seed), seed + 1, same))
+            .await;
         let id = parameter_set.rsplit('/').next().unwrap();
         self.cell.job(robot, &json!({"kind": "verify", "measurement_set_id": session["id"], "parameter_set_id": id})).await;
     }
 }
 
 fn failed(refusal: &Value) -> Vec<&str> {
-    refusal["errors"].as_array().unwrap().iter().map(|issue| text(&issue["code"])).collect()
+    refusal["errors"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|issue| text(&issue["code"]))
+        .collect()
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -133,24 +205,56 @@ async fn no_dangerous_upload_is_released_under_the_strict_policy_and_a_clean_one
         let robot = shop.robot(&strict).await;
         let (set, report, _) = shop.identified(&robot, &csv).await;
         let held_out = report["verify"]["after"]["rms_mm"].as_f64().unwrap();
-        assert!(held_out < LOOKS_GOOD_MM, "{what} should look good to be dangerous: {held_out} mm");
+        assert!(
+            held_out < LOOKS_GOOD_MM,
+            "{what} should look good to be dangerous: {held_out} mm"
+        );
         let tool = &report["tool_uncertainty_mm"]["max"];
-        let early = shop.engineer.post(&format!("{set}/release"), &why).await.problem(409, "release_refused");
+        let early = shop
+            .engineer
+            .post(&format!("{set}/release"), &why)
+            .await
+            .problem(409, "release_refused");
         assert!(failed(&early).contains(&"evidence"), "{what}: {early}");
         shop.verified(&robot, &set, 40).await;
         let late = shop.engineer.post(&format!("{set}/release"), &why).await;
         let late = late.problem(409, "release_refused");
-        eprintln!("{what}: held out {held_out:.4} mm, tool {tool} mm; refused by {:?}, then by {:?}", failed(&early), failed(&late));
-        assert!(!failed(&late).contains(&"evidence"), "{what}: another session is there now: {late}");
-        shop.cell.get(&format!("{robot}/parameter-sets/active")).await.problem(404, "no_active_parameter_set");
+        eprintln!(
+            "{what}: held out {held_out:.4} mm, tool {tool} mm; refused by {:?}, then by {:?}",
+            failed(&early),
+            failed(&late)
+        );
+        assert!(
+            !failed(&late).contains(&"evidence"),
+            "{what}: another session is there now: {late}"
+        );
+        shop.cell
+            .get(&format!("{robot}/parameter-sets/active"))
+            .await
+            .problem(404, "no_active_parameter_set");
     }
     let robot = shop.robot(&strict).await;
-    let (set, _, _) = shop.identified(&robot, &csv(&built(1), &spread(2), 11, same)).await;
+    let (set, _, _) = shop
+        .identified(&robot, &csv(&built(1), &spread(2), 11, same))
+        .await;
     shop.verified(&robot, &set, 40).await;
-    let alone = shop.cell.post(&format!("{set}/release"), &why).await.problem(409, "release_refused");
+    let alone = shop
+        .cell
+        .post(&format!("{set}/release"), &why)
+        .await
+        .problem(409, "release_refused");
     assert_eq!(failed(&alone), ["second_person"]);
-    shop.engineer.post(&format!("{set}/release"), &why).await.ok(200);
-    assert_eq!(shop.cell.get(&format!("{robot}/parameter-sets/active")).await.ok(200)["status"], "released");
+    shop.engineer
+        .post(&format!("{set}/release"), &why)
+        .await
+        .ok(200);
+    assert_eq!(
+        shop.cell
+            .get(&format!("{robot}/parameter-sets/active"))
+            .await
+            .ok(200)["status"],
+        "released"
+    );
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -162,7 +266,10 @@ async fn each_dangerous_upload_carries_a_warning_under_the_normal_policy() {
         ("stale base", &["improved_on_active"]),
         ("another robot of the same model", &["improved_on_active"]),
         ("a scale of 0.1 %", &["scale_suspect", "improved_on_active"]),
-        ("wrong tool", &["implausible_parameters", "change_plausible"]),
+        (
+            "wrong tool",
+            &["implausible_parameters", "change_plausible"],
+        ),
         ("duplicate poses", &["duplicate_poses"]),
         ("frozen wrist", &["joint_hardly_moves", "tool_uncertain"]),
         ("narrow cloud", &["poses_not_spread", "tool_uncertain"]),
@@ -171,27 +278,63 @@ async fn each_dangerous_upload_carries_a_warning_under_the_normal_policy() {
         assert_eq!(what, name);
         let robot = shop.robot(&normal).await;
         // The robot was calibrated before, rightly: what changed since can be seen.
-        let (before, _, _) = shop.identified(&robot, &csv(&built(1), &spread(30), 31, same)).await;
-        shop.cell.post(&format!("{before}/release"), &json!({"reason": "first"})).await.ok(200);
+        let (before, _, _) = shop
+            .identified(&robot, &csv(&built(1), &spread(30), 31, same))
+            .await;
+        shop.cell
+            .post(&format!("{before}/release"), &json!({"reason": "first"}))
+            .await
+            .ok(200);
         let (set, _, mut codes) = shop.identified(&robot, &file).await;
-        let answer = shop.cell.post(&format!("{set}/release"), &json!({"reason": "again"})).await;
+        let answer = shop
+            .cell
+            .post(&format!("{set}/release"), &json!({"reason": "again"}))
+            .await;
         if answer.status == 200 {
             let checks = answer.json()["release_checks"].clone();
-            let warned = checks.as_array().unwrap().iter().filter(|gate| gate["warning"] == true);
+            let warned = checks
+                .as_array()
+                .unwrap()
+                .iter()
+                .filter(|gate| gate["warning"] == true);
             codes.extend(warned.map(|gate| text(&gate["gate"]).to_owned()));
         } else {
-            codes.extend(failed(&answer.problem(409, "release_refused")).into_iter().map(str::to_owned));
+            codes.extend(
+                failed(&answer.problem(409, "release_refused"))
+                    .into_iter()
+                    .map(str::to_owned),
+            );
         }
         eprintln!("{what}: {} with {codes:?}", answer.status);
         for code in expected {
-            assert!(codes.iter().any(|found| found == code), "{what}: no {code} among {codes:?}");
+            assert!(
+                codes.iter().any(|found| found == code),
+                "{what}: no {code} among {codes:?}"
+            );
         }
     }
     // The clean one is released with the one remark that holds for it: nobody has verified it independently, nor said a serial number.
     let robot = shop.robot(&normal).await;
-    let (set, _, codes) = shop.identified(&robot, &csv(&built(1), &spread(2), 11, same)).await;
-    assert_eq!(codes, ["unidentifiable_parameters", "pose_not_seen"], "one reflector on the last axis");
-    let checks = shop.cell.post(&format!("{set}/release"), &json!({"reason": "first"})).await.ok(200)["release_checks"].clone();
-    let warned: Vec<&str> = checks.as_array().unwrap().iter().filter(|g| g["warning"] == true).map(|g| text(&g["gate"])).collect();
+    let (set, _, codes) = shop
+        .identified(&robot, &csv(&built(1), &spread(2), 11, same))
+        .await;
+    assert_eq!(
+        codes,
+        ["unidentifiable_parameters", "pose_not_seen"],
+        "one reflector on the last axis"
+    );
+    let checks = shop
+        .cell
+        .post(&format!("{set}/release"), &json!({"reason": "first"}))
+        .await
+        .ok(200)["release_checks"]
+        .clone();
+    let warned: Vec<&str> = checks
+        .as_array()
+        .unwrap()
+        .iter()
+        .filter(|g| g["warning"] == true)
+        .map(|g| text(&g["gate"]))
+        .collect();
     assert_eq!(warned, ["evidence", "identity"]);
 }

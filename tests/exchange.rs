@@ -8,11 +8,15 @@ mod simulation;
 use data::paper_robot;
 use kincal::exchange::refit::{mastering, without_beta};
 use kincal::exchange::transplant::{Mismatch, transplanted};
-use kincal::exchange::{Chain, ChainJoint, dh::links_of_distal, links_of_chain, origin_of, pose_of};
+use kincal::exchange::{
+    Chain, ChainJoint, dh::links_of_distal, links_of_chain, origin_of, pose_of,
+};
 use kincal::identification::parameters::rotation_exp;
 use kincal::kinematics::{JointMap, Link, Robot, t_base_flange};
 use kincal::wire::urdf::Urdf;
-use nalgebra::{DMatrix, IsometryMatrix3, Matrix4, Rotation3, Translation3, Unit, Vector3, Vector4};
+use nalgebra::{
+    DMatrix, IsometryMatrix3, Matrix4, Rotation3, Translation3, Unit, Vector3, Vector4,
+};
 use rand::RngExt;
 use simulation::{Normal, poses, true_robot};
 use std::f64::consts::{FRAC_PI_2, PI};
@@ -31,11 +35,16 @@ fn shift(x: f64, y: f64, z: f64) -> Matrix4<f64> {
 
 /// Position apart in mm, entries of rotation apart at a metre.
 fn apart(a: &Matrix4<f64>, b: &Matrix4<f64>) -> f64 {
-    (a - b).fixed_view::<3, 1>(0, 3).norm().max((a - b).fixed_view::<3, 3>(0, 0).amax() * 1e3)
+    (a - b)
+        .fixed_view::<3, 1>(0, 3)
+        .norm()
+        .max((a - b).fixed_view::<3, 3>(0, 0).amax() * 1e3)
 }
 
 fn random_joints(n: usize, random: &mut Normal) -> Vec<f64> {
-    (0..n).map(|_| PI * (2.0 * random.0.random::<f64>() - 1.0)).collect()
+    (0..n)
+        .map(|_| PI * (2.0 * random.0.random::<f64>() - 1.0))
+        .collect()
 }
 
 #[test]
@@ -51,10 +60,17 @@ fn roll_pitch_yaw_come_back_also_where_roll_and_yaw_turn_about_the_same_axis() {
         let (roll, yaw) = (random.draw(), random.draw());
         let meant = turn(2, yaw) * turn(1, pitch) * turn(0, roll);
         let rotation = Rotation3::from_matrix_unchecked(meant.fixed_view::<3, 3>(0, 0).into());
-        let origin = origin_of(&IsometryMatrix3::from_parts(Translation3::new(1.0, 2.0, 3.0), rotation));
+        let origin = origin_of(&IsometryMatrix3::from_parts(
+            Translation3::new(1.0, 2.0, 3.0),
+            rotation,
+        ));
         let [roll, pitch, yaw] = origin.rpy_rad;
         let back = turn(2, yaw) * turn(1, pitch) * turn(0, roll);
-        assert!((back - meant).amax() < 2e-15, "{i}: {:.1e}", (back - meant).amax());
+        assert!(
+            (back - meant).amax() < 2e-15,
+            "{i}: {:.1e}",
+            (back - meant).amax()
+        );
         assert!((pose_of(&origin).rotation.matrix() - rotation.matrix()).amax() < 2e-15);
     }
 }
@@ -75,9 +91,14 @@ fn distal_tables_become_links_with_the_same_kinematics() {
         let imported = links_of_distal(&rows);
         let q = random_joints(n, &mut random);
         let meant = rows.iter().zip(&q).fold(Matrix4::identity(), |t, (r, q)| {
-            t * turn(2, q + r.theta_offset_rad) * shift(0.0, 0.0, r.d_mm) * shift(r.a_mm, 0.0, 0.0) * turn(0, r.alpha_rad)
+            t * turn(2, q + r.theta_offset_rad)
+                * shift(0.0, 0.0, r.d_mm)
+                * shift(r.a_mm, 0.0, 0.0)
+                * turn(0, r.alpha_rad)
         });
-        let found = (imported.t_root_base * t_base_flange(&imported.links, &q) * imported.t_flange_tip).to_homogeneous();
+        let found =
+            (imported.t_root_base * t_base_flange(&imported.links, &q) * imported.t_flange_tip)
+                .to_homogeneous();
         assert!(apart(&meant, &found) < 1e-9, "{}", apart(&meant, &found));
     }
 }
@@ -99,7 +120,11 @@ fn random_chain(n: usize, random: &mut Normal) -> Chain {
             1 => Vector3::new(0.0, 0.0, 200.0 * random.draw()),
             _ => random.vector() * 300.0,
         };
-        let axis = if kind < 4 { Vector3::z() } else { Unit::new_normalize(random.vector()).into_inner() };
+        let axis = if kind < 4 {
+            Vector3::z()
+        } else {
+            Unit::new_normalize(random.vector()).into_inner()
+        };
         joints.push(ChainJoint {
             name: format!("j{i}"),
             t_parent_joint: IsometryMatrix3::from_parts(Translation3::from(along), rotation),
@@ -107,8 +132,16 @@ fn random_chain(n: usize, random: &mut Normal) -> Chain {
             limits_rad: None,
         });
         if random.0.random_range(0..3) == 0 {
-            let fixed = IsometryMatrix3::from_parts(Translation3::from(random.vector() * 50.0), rotation_exp(&random.vector()));
-            joints.push(ChainJoint { name: format!("f{i}"), t_parent_joint: fixed, axis: None, limits_rad: None });
+            let fixed = IsometryMatrix3::from_parts(
+                Translation3::from(random.vector() * 50.0),
+                rotation_exp(&random.vector()),
+            );
+            joints.push(ChainJoint {
+                name: format!("f{i}"),
+                t_parent_joint: fixed,
+                axis: None,
+                limits_rad: None,
+            });
         }
     }
     Chain { joints }
@@ -142,7 +175,9 @@ fn chains_of_any_axes_become_links_with_the_same_kinematics() {
         assert_eq!(imported.links.len(), n);
         for _ in 0..5 {
             let q = random_joints(n, &mut random);
-            let found = (imported.t_root_base * t_base_flange(&imported.links, &q) * imported.t_flange_tip).to_homogeneous();
+            let found =
+                (imported.t_root_base * t_base_flange(&imported.links, &q) * imported.t_flange_tip)
+                    .to_homogeneous();
             worst = worst.max(apart(&naive_chain(&chain, &q), &found));
         }
     }
@@ -152,37 +187,76 @@ fn chains_of_any_axes_become_links_with_the_same_kinematics() {
 
 /// The nominal paper robot in frames of a URDF's own taste: turned and slid on each link, other axes, fixed joints between.
 fn own_frames(nominal: &[Link], random: &mut Normal) -> (Chain, IsometryMatrix3<f64>) {
-    let t_root_base = IsometryMatrix3::from_parts(Translation3::new(10.0, -20.0, 300.0), rotation_exp(&Vector3::new(0.0, 0.0, 0.4)));
+    let t_root_base = IsometryMatrix3::from_parts(
+        Translation3::new(10.0, -20.0, 300.0),
+        rotation_exp(&Vector3::new(0.0, 0.0, 0.4)),
+    );
     let mut joints = Vec::new();
     let mut from = t_root_base;
     for (i, link) in nominal.iter().enumerate() {
         if i == 2 {
             // a fixed joint before joint 3; what follows starts behind it
-            let fixed = IsometryMatrix3::from_parts(Translation3::new(1.0, 2.0, 3.0), rotation_exp(&Vector3::new(0.1, 0.2, 0.3)));
-            joints.push(ChainJoint { name: "mount".into(), t_parent_joint: fixed, axis: None, limits_rad: None });
+            let fixed = IsometryMatrix3::from_parts(
+                Translation3::new(1.0, 2.0, 3.0),
+                rotation_exp(&Vector3::new(0.1, 0.2, 0.3)),
+            );
+            joints.push(ChainJoint {
+                name: "mount".into(),
+                t_parent_joint: fixed,
+                axis: None,
+                limits_rad: None,
+            });
             from = fixed.inverse() * from;
         }
-        let tilted = [Vector3::zeros(), Vector3::new(FRAC_PI_2, 0.0, 0.0), Vector3::new(0.0, FRAC_PI_2, 0.0)][i % 3];
-        let slid = Link { theta_offset_rad: random.draw(), d_mm: 40.0 * random.draw(), ..Link::default() };
-        let on_link = t_base_flange(&[slid], &[0.0]) * IsometryMatrix3::from_parts(Translation3::identity(), rotation_exp(&tilted));
+        let tilted = [
+            Vector3::zeros(),
+            Vector3::new(FRAC_PI_2, 0.0, 0.0),
+            Vector3::new(0.0, FRAC_PI_2, 0.0),
+        ][i % 3];
+        let slid = Link {
+            theta_offset_rad: random.draw(),
+            d_mm: 40.0 * random.draw(),
+            ..Link::default()
+        };
+        let on_link = t_base_flange(&[slid], &[0.0])
+            * IsometryMatrix3::from_parts(Translation3::identity(), rotation_exp(&tilted));
         let axis = on_link.rotation.inverse() * Vector3::z();
         let t_parent_joint = from * t_base_flange(&[*link], &[0.0]) * on_link;
-        joints.push(ChainJoint { name: format!("joint_{}", i + 1), t_parent_joint, axis: Some(axis), limits_rad: Some((-3.0, 3.0)) });
+        joints.push(ChainJoint {
+            name: format!("joint_{}", i + 1),
+            t_parent_joint,
+            axis: Some(axis),
+            limits_rad: Some((-3.0, 3.0)),
+        });
         from = on_link.inverse();
     }
-    let tool = IsometryMatrix3::from_parts(Translation3::new(0.0, 0.0, 30.0), rotation_exp(&Vector3::new(0.0, FRAC_PI_2, 0.0)));
-    joints.push(ChainJoint { name: "tool".into(), t_parent_joint: tool, axis: None, limits_rad: None });
+    let tool = IsometryMatrix3::from_parts(
+        Translation3::new(0.0, 0.0, 30.0),
+        rotation_exp(&Vector3::new(0.0, FRAC_PI_2, 0.0)),
+    );
+    joints.push(ChainJoint {
+        name: "tool".into(),
+        t_parent_joint: tool,
+        axis: None,
+        limits_rad: None,
+    });
     let behind = from * tool;
     (Chain { joints }, behind)
 }
 
 fn urdf_text(chain: &Chain, decimals: usize) -> String {
-    let mut text = String::from("<?xml version='1.0'?>\n<!-- made by hand -->\n<robot name=\"cell &amp; robot\">\n  <link name=\"l0\"/>\n");
+    let mut text = String::from(
+        "<?xml version='1.0'?>\n<!-- made by hand -->\n<robot name=\"cell &amp; robot\">\n  <link name=\"l0\"/>\n",
+    );
     for (i, joint) in chain.joints.iter().enumerate() {
         let origin = origin_of(&joint.t_parent_joint);
         let [x, y, z] = origin.xyz_mm.map(|mm| format!("{:.decimals$}", mm / 1e3));
         let [roll, pitch, yaw] = origin.rpy_rad.map(|rad| format!("{rad:.decimals$}"));
-        let kind = if joint.axis.is_some() { "revolute" } else { "fixed" };
+        let kind = if joint.axis.is_some() {
+            "revolute"
+        } else {
+            "fixed"
+        };
         text += &format!(
             "  <link name=\"l{}\"><visual><origin xyz=\"1 2 3\" rpy=\"0 0 0\"/><geometry><mesh filename='a.stl'/></geometry></visual></link>\n",
             i + 1
@@ -214,7 +288,11 @@ fn without_origins(text: &str, names: &[String]) -> String {
     let mut kept = String::new();
     for (i, part) in text.split("<joint").enumerate() {
         let mut part = part.to_owned();
-        if i > 0 && names.iter().any(|name| part.contains(&format!("name=\"{name}\""))) {
+        if i > 0
+            && names
+                .iter()
+                .any(|name| part.contains(&format!("name=\"{name}\"")))
+        {
             let start = part.find("<origin").unwrap();
             let end = start + part[start..].find("/>").unwrap();
             let mut in_value = None;
@@ -255,18 +333,38 @@ fn a_users_urdf_gets_the_identified_kinematics_and_nothing_else_of_it_changes() 
     let patched = urdf.with_origins(&old, &new);
     let names: Vec<String> = (1..=6).map(|i| format!("joint_{i}")).collect();
     assert_ne!(text, patched);
-    assert_eq!(without_origins(&text, &names), without_origins(&patched, &names));
+    assert_eq!(
+        without_origins(&text, &names),
+        without_origins(&patched, &names)
+    );
     // frames stay where they were but for the robot's errors
-    let back = Urdf::parse(patched.as_bytes()).unwrap().chain(None, Some(6)).unwrap().chain;
+    let back = Urdf::parse(patched.as_bytes())
+        .unwrap()
+        .chain(None, Some(6))
+        .unwrap()
+        .chain;
     for (a, b) in old.chain.joints.iter().zip(&back.joints) {
-        assert!((a.t_parent_joint.translation.vector - b.t_parent_joint.translation.vector).norm() < 3.0);
+        assert!(
+            (a.t_parent_joint.translation.vector - b.t_parent_joint.translation.vector).norm()
+                < 3.0
+        );
     }
     // X and Y from one configuration, then every other: T_urdf(q) = X·T(q)·Y
-    let chains: Vec<Matrix4<f64>> = poses(40, &mut Normal::new(5)).iter().map(|q| naive_chain(&back, q)).collect();
-    let links: Vec<Matrix4<f64>> = poses(40, &mut Normal::new(5)).iter().map(|q| t_base_flange(&identified, q).to_homogeneous()).collect();
+    let chains: Vec<Matrix4<f64>> = poses(40, &mut Normal::new(5))
+        .iter()
+        .map(|q| naive_chain(&back, q))
+        .collect();
+    let links: Vec<Matrix4<f64>> = poses(40, &mut Normal::new(5))
+        .iter()
+        .map(|q| t_base_flange(&identified, q).to_homogeneous())
+        .collect();
     // X⁻¹·T_urdf(q)·Y⁻¹: X is known from how the test made the chain, up to what the rounding of the text moved it
     let (x, y) = placed(&chains, &links);
-    let worst = chains.iter().zip(&links).map(|(c, l)| apart(c, &(x * l * y))).fold(0.0, f64::max);
+    let worst = chains
+        .iter()
+        .zip(&links)
+        .map(|(c, l)| apart(c, &(x * l * y)))
+        .fold(0.0, f64::max);
     println!("a patched URDF is {worst:.1e} mm from the identified links");
     assert!(worst < 1e-8, "{worst:.1e}");
 }
@@ -274,11 +372,20 @@ fn a_users_urdf_gets_the_identified_kinematics_and_nothing_else_of_it_changes() 
 /// X and Y with A_i = X·B_i·Y, by alternating closest fits (a few hundred rounds end at rounding).
 fn placed(a: &[Matrix4<f64>], b: &[Matrix4<f64>]) -> (Matrix4<f64>, Matrix4<f64>) {
     // from two relative motions: A_i·A_0⁻¹ = X·B_i·B_0⁻¹·X⁻¹, hand-eye calibration by axes (Park & Martin 1994)
-    let relative = |m: &[Matrix4<f64>]| -> Vec<Matrix4<f64>> { m[1..].iter().map(|t| t * m[0].try_inverse().unwrap()).collect() };
+    let relative = |m: &[Matrix4<f64>]| -> Vec<Matrix4<f64>> {
+        m[1..]
+            .iter()
+            .map(|t| t * m[0].try_inverse().unwrap())
+            .collect()
+    };
     let (ra, rb) = (relative(a), relative(b));
     let log = |m: &Matrix4<f64>| {
         let r: nalgebra::Matrix3<f64> = m.fixed_view::<3, 3>(0, 0).into();
-        let twice = Vector3::new(r[(2, 1)] - r[(1, 2)], r[(0, 2)] - r[(2, 0)], r[(1, 0)] - r[(0, 1)]);
+        let twice = Vector3::new(
+            r[(2, 1)] - r[(1, 2)],
+            r[(0, 2)] - r[(2, 0)],
+            r[(1, 0)] - r[(0, 1)],
+        );
         let angle = (twice.norm() / 2.0).atan2((r.trace() - 1.0) / 2.0);
         twice.normalize() * angle
     };
@@ -314,26 +421,48 @@ fn a_urdf_of_another_robot_is_refused_with_the_joint_that_differs() {
         Err(Mismatch::Axis { distance_mm, .. }) => assert!(distance_mm > 3.0, "{distance_mm}"),
         other => panic!("{other:?}"),
     }
-    let short = Chain { joints: chain.joints[..3].to_vec() };
-    assert!(matches!(transplanted(&short, &nominal, &nominal.links), Err(Mismatch::JointCount { found: 2, expected: 6 })));
+    let short = Chain {
+        joints: chain.joints[..3].to_vec(),
+    };
+    assert!(matches!(
+        transplanted(&short, &nominal, &nominal.links),
+        Err(Mismatch::JointCount {
+            found: 2,
+            expected: 6
+        })
+    ));
 }
 
 #[test]
 fn faults_of_a_urdf_are_named() {
     let code = |text: &str| match Urdf::parse(text.as_bytes()) {
         Err(invalid) => invalid.code,
-        Ok(urdf) => urdf.chain(None, None).err().map_or("", |invalid| invalid.code),
+        Ok(urdf) => urdf
+            .chain(None, None)
+            .err()
+            .map_or("", |invalid| invalid.code),
     };
     assert_eq!(code("<robot"), "not_xml");
     assert_eq!(code("<sdf/>"), "not_a_urdf");
     assert_eq!(code("<robot name='x'/>"), "no_joints");
     let joint = |inside: &str, kind: &str| {
-        format!("<robot><joint name='j' type='{kind}'><parent link='a'/><child link='b'/>{inside}</joint></robot>")
+        format!(
+            "<robot><joint name='j' type='{kind}'><parent link='a'/><child link='b'/>{inside}</joint></robot>"
+        )
     };
-    assert_eq!(code(&joint("<origin xyz='${d} 0 0'/>", "revolute")), "invalid_joint");
-    assert_eq!(code(&joint("<axis xyz='0 0 0'/>", "revolute")), "invalid_joint");
+    assert_eq!(
+        code(&joint("<origin xyz='${d} 0 0'/>", "revolute")),
+        "invalid_joint"
+    );
+    assert_eq!(
+        code(&joint("<axis xyz='0 0 0'/>", "revolute")),
+        "invalid_joint"
+    );
     assert_eq!(code(&joint("", "prismatic")), "unsupported_joint");
-    assert_eq!(code("<robot><joint name='j' type='revolute'><child link='b'/></joint></robot>"), "invalid_joint");
+    assert_eq!(
+        code("<robot><joint name='j' type='revolute'><child link='b'/></joint></robot>"),
+        "invalid_joint"
+    );
     assert_eq!(code("<!DOCTYPE r [<!ENTITY a 'b'>]><robot/>"), "not_xml");
     let circle = "<robot><joint name='j' type='revolute'><parent link='a'/><child link='b'/></joint><joint name='k' type='revolute'><parent link='b'/><child link='a'/></joint></robot>";
     assert_eq!(code(circle), "no_joints");
@@ -347,14 +476,25 @@ fn an_origin_that_is_not_there_is_put_in() {
     let urdf = Urdf::parse(text.as_bytes()).unwrap();
     let old = urdf.chain(None, None).unwrap();
     let mut new = old.chain.clone();
-    new.joints[0].t_parent_joint =
-        IsometryMatrix3::from_parts(Translation3::new(1.0, 0.0, 0.0), rotation_exp(&Vector3::new(0.0, 0.0, 0.5)));
-    new.joints[1].t_parent_joint =
-        IsometryMatrix3::from_parts(Translation3::new(501.0, 0.0, 0.0), rotation_exp(&Vector3::new(0.0, 0.0, -0.25)));
+    new.joints[0].t_parent_joint = IsometryMatrix3::from_parts(
+        Translation3::new(1.0, 0.0, 0.0),
+        rotation_exp(&Vector3::new(0.0, 0.0, 0.5)),
+    );
+    new.joints[1].t_parent_joint = IsometryMatrix3::from_parts(
+        Translation3::new(501.0, 0.0, 0.0),
+        rotation_exp(&Vector3::new(0.0, 0.0, -0.25)),
+    );
     let patched = urdf.with_origins(&old, &new);
-    let back = Urdf::parse(patched.as_bytes()).unwrap().chain(None, None).unwrap().chain;
+    let back = Urdf::parse(patched.as_bytes())
+        .unwrap()
+        .chain(None, None)
+        .unwrap()
+        .chain;
     for (a, b) in new.joints.iter().zip(&back.joints) {
-        assert!((a.t_parent_joint.to_homogeneous() - b.t_parent_joint.to_homogeneous()).amax() < 1e-12, "{patched}");
+        assert!(
+            (a.t_parent_joint.to_homogeneous() - b.t_parent_joint.to_homogeneous()).amax() < 1e-12,
+            "{patched}"
+        );
     }
 }
 
@@ -367,28 +507,52 @@ fn links_without_beta_are_no_worse_than_beta_left_out_and_say_how_far_they_are_o
     identified[2].beta_rad = 0.02f64.to_radians();
     let refit = without_beta(&nominal, &identified);
     assert!(refit.links.iter().all(|link| link.beta_rad == 0.0));
-    let left_out: Vec<Link> = identified.iter().map(|link| Link { beta_rad: 0.0, ..*link }).collect();
+    let left_out: Vec<Link> = identified
+        .iter()
+        .map(|link| Link {
+            beta_rad: 0.0,
+            ..*link
+        })
+        .collect();
     // measured at other configurations than those that were fitted, by a rougher second implementation of the same statement
     let off = |links: &[Link]| {
         let at = |q: &Vec<f64>| {
             let (a, b) = (t_base_flange(&identified, q), t_base_flange(links, q));
             (0..3)
                 .map(|axis| {
-                    ((a * nalgebra::Point3::from(Vector3::ith(axis, 100.0))) - (b * nalgebra::Point3::from(Vector3::ith(axis, 100.0))))
-                        .norm()
+                    ((a * nalgebra::Point3::from(Vector3::ith(axis, 100.0)))
+                        - (b * nalgebra::Point3::from(Vector3::ith(axis, 100.0))))
+                    .norm()
                 })
                 .sum::<f64>()
                 / 3.0
         };
         let q: Vec<Vec<f64>> = {
             let mut random = Normal::new(9);
-            (0..400).map(|_| random_joints(6, &mut random).iter().map(|q| q / 2.0).collect()).collect()
+            (0..400)
+                .map(|_| {
+                    random_joints(6, &mut random)
+                        .iter()
+                        .map(|q| q / 2.0)
+                        .collect()
+                })
+                .collect()
         };
         q.iter().map(at).sum::<f64>() / 400.0
     };
-    println!("beta of 0.02° left out: {:.4} mm, refitted: {:.4} mm, stated {:.4} mm", off(&left_out), off(&refit.links), refit.mean_mm);
+    println!(
+        "beta of 0.02° left out: {:.4} mm, refitted: {:.4} mm, stated {:.4} mm",
+        off(&left_out),
+        off(&refit.links),
+        refit.mean_mm
+    );
     assert!(off(&refit.links) < off(&left_out));
-    assert!((off(&refit.links) / refit.mean_mm - 1.0).abs() < 0.15, "{} {}", off(&refit.links), refit.mean_mm);
+    assert!(
+        (off(&refit.links) / refit.mean_mm - 1.0).abs() < 0.15,
+        "{} {}",
+        off(&refit.links),
+        refit.mean_mm
+    );
 }
 
 #[test]
@@ -400,16 +564,33 @@ fn planted_mastering_errors_come_out_in_the_controllers_sign_and_coupling() {
     let expected_deg = [0.0, 0.3, -0.1, 0.15, 0.4, 0.0];
     let mut coupling = DMatrix::identity(6, 6);
     coupling[(2, 1)] = -1.0;
-    let map = JointMap { sign: vec![1.0, 1.0, -1.0, 1.0, -1.0, 1.0], offset_rad: vec![0.0; 6], coupling };
-    let robot = Robot { joint_map: Some(map), ..nominal.clone() };
+    let map = JointMap {
+        sign: vec![1.0, 1.0, -1.0, 1.0, -1.0, 1.0],
+        offset_rad: vec![0.0; 6],
+        coupling,
+    };
+    let robot = Robot {
+        joint_map: Some(map),
+        ..nominal.clone()
+    };
     let mut identified = nominal.links.clone();
-    identified.iter_mut().zip(planted_deg).for_each(|(link, deg)| link.theta_offset_rad += f64::to_radians(deg));
+    identified
+        .iter_mut()
+        .zip(planted_deg)
+        .for_each(|(link, deg)| link.theta_offset_rad += f64::to_radians(deg));
     let refit = mastering(&robot, &identified);
     let document = kincal::wire::export::MasteringDocument::new(&robot, &refit);
     for (joint, expected) in document.joints.iter().zip(expected_deg) {
         assert!((joint.offset_deg - expected).abs() < 1e-7, "{document:?}");
     }
-    assert_eq!(document.joints.iter().map(|joint| joint.determined).collect::<Vec<_>>(), [false, true, true, true, true, false]);
+    assert_eq!(
+        document
+            .joints
+            .iter()
+            .map(|joint| joint.determined)
+            .collect::<Vec<_>>(),
+        [false, true, true, true, true, false]
+    );
     assert!(document.remaining_error_mm.max < 1e-6);
 }
 
@@ -420,8 +601,15 @@ fn of_two_joints_none_has_an_offset_that_can_be_told_from_base_and_tool() {
     robot.joint_limits_rad.truncate(2);
     let mut identified = robot.links.clone();
     identified[1].theta_offset_rad += 0.01;
-    let document = kincal::wire::export::MasteringDocument::new(&robot, &mastering(&robot, &identified));
-    assert!(document.joints.iter().all(|joint| !joint.determined && joint.offset_deg == 0.0), "{document:?}");
+    let document =
+        kincal::wire::export::MasteringDocument::new(&robot, &mastering(&robot, &identified));
+    assert!(
+        document
+            .joints
+            .iter()
+            .all(|joint| !joint.determined && joint.offset_deg == 0.0),
+        "{document:?}"
+    );
 }
 
 /// The examples of docs/export.md: elevation of upper arm and forearm above the horizontal, and which way the robot faces, by the pendant.
@@ -430,7 +618,10 @@ mod joint_maps {
 
     /// The paper's arm: q2 = 0 has the upper arm level, q2 = -90° upright; with q3 = 0 the forearm hangs at a right angle below.
     fn arm(map: JointMap) -> Robot {
-        Robot { joint_map: Some(map), ..paper_robot() }
+        Robot {
+            joint_map: Some(map),
+            ..paper_robot()
+        }
     }
 
     /// Degrees: azimuth of the arm, elevation of the upper arm, elevation of the forearm.
@@ -450,44 +641,86 @@ mod joint_maps {
     #[track_caller]
     fn shows(robot: &Robot, q_deg: [f64; 6], expected: [f64; 3]) {
         let found = posture(robot, q_deg);
-        assert!(found.iter().zip(&expected).all(|(a, b)| (a - b).abs() < 1e-9), "{q_deg:?}: {found:?}, not {expected:?}");
+        assert!(
+            found
+                .iter()
+                .zip(&expected)
+                .all(|(a, b)| (a - b).abs() < 1e-9),
+            "{q_deg:?}: {found:?}, not {expected:?}"
+        );
     }
 
     fn map(sign: [f64; 6], offset_deg: [f64; 6], coupled: f64) -> JointMap {
         let mut coupling = DMatrix::identity(6, 6);
         coupling[(2, 1)] = coupled;
-        JointMap { sign: sign.to_vec(), offset_rad: offset_deg.iter().map(|deg| deg.to_radians()).collect(), coupling }
+        JointMap {
+            sign: sign.to_vec(),
+            offset_rad: offset_deg.iter().map(|deg| deg.to_radians()).collect(),
+            coupling,
+        }
     }
 
     #[test]
     fn fanuc_j3_is_the_forearm_above_the_horizontal_whatever_j2_is() {
-        let robot = arm(map([1.0, 1.0, -1.0, -1.0, -1.0, -1.0], [0.0, -90.0, 0.0, 0.0, 0.0, 0.0], -1.0));
+        let robot = arm(map(
+            [1.0, 1.0, -1.0, -1.0, -1.0, -1.0],
+            [0.0, -90.0, 0.0, 0.0, 0.0, 0.0],
+            -1.0,
+        ));
         shows(&robot, [0.0; 6], [0.0, 90.0, 0.0]);
         for j2 in [15.0, 0.0, 35.0] {
-            shows(&robot, [10.0, j2, 25.0, 0.0, 0.0, 0.0], [10.0, 90.0 - j2, 25.0]);
+            shows(
+                &robot,
+                [10.0, j2, 25.0, 0.0, 0.0, 0.0],
+                [10.0, 90.0 - j2, 25.0],
+            );
         }
     }
 
     #[test]
     fn kuka_a1_turns_clockwise_and_the_cannon_position_is_0_minus90_90() {
-        let robot = arm(map([-1.0, 1.0, 1.0, -1.0, 1.0, -1.0], [0.0, 0.0, -90.0, 0.0, 0.0, 0.0], 0.0));
+        let robot = arm(map(
+            [-1.0, 1.0, 1.0, -1.0, 1.0, -1.0],
+            [0.0, 0.0, -90.0, 0.0, 0.0, 0.0],
+            0.0,
+        ));
         shows(&robot, [0.0, -90.0, 90.0, 0.0, 0.0, 0.0], [0.0, 90.0, 0.0]);
-        shows(&robot, [30.0, -80.0, 90.0, 0.0, 0.0, 0.0], [-30.0, 80.0, -10.0]);
+        shows(
+            &robot,
+            [30.0, -80.0, 90.0, 0.0, 0.0, 0.0],
+            [-30.0, 80.0, -10.0],
+        );
     }
 
     #[test]
     fn abb_with_a_linkage_keeps_the_forearms_elevation_when_axis_2_moves() {
-        let robot = arm(map([1.0, 1.0, 1.0, 1.0, 1.0, 1.0], [0.0, -90.0, 0.0, 0.0, 0.0, 0.0], -1.0));
+        let robot = arm(map(
+            [1.0, 1.0, 1.0, 1.0, 1.0, 1.0],
+            [0.0, -90.0, 0.0, 0.0, 0.0, 0.0],
+            -1.0,
+        ));
         shows(&robot, [0.0; 6], [0.0, 90.0, 0.0]);
         for axis_2 in [30.0, 15.0, 40.0] {
-            shows(&robot, [0.0, axis_2, 20.0, 0.0, 0.0, 0.0], [0.0, 90.0 - axis_2, -20.0]);
+            shows(
+                &robot,
+                [0.0, axis_2, 20.0, 0.0, 0.0, 0.0],
+                [0.0, 90.0 - axis_2, -20.0],
+            );
         }
     }
 
     #[test]
     fn yaskawa_u_counts_upwards_and_is_not_coupled() {
-        let robot = arm(map([1.0, 1.0, -1.0, -1.0, -1.0, -1.0], [0.0, -90.0, 0.0, 0.0, 0.0, 0.0], 0.0));
+        let robot = arm(map(
+            [1.0, 1.0, -1.0, -1.0, -1.0, -1.0],
+            [0.0, -90.0, 0.0, 0.0, 0.0, 0.0],
+            0.0,
+        ));
         shows(&robot, [0.0; 6], [0.0, 90.0, 0.0]);
-        shows(&robot, [-15.0, 30.0, 40.0, 0.0, 0.0, 0.0], [-15.0, 60.0, 10.0]);
+        shows(
+            &robot,
+            [-15.0, 30.0, 40.0, 0.0, 0.0, 0.0],
+            [-15.0, 60.0, 10.0],
+        );
     }
 }

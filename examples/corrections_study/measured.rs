@@ -16,17 +16,38 @@ fn set(path: &Path) -> MeasurementSet {
 
 fn robots(root: &Path) -> Vec<(&'static str, Robot, MeasurementSet)> {
     let motoman = root.join("motoman_ma1400");
-    let points: Vec<Point> = ["visit_1.csv", "visit_2.csv"].iter().flat_map(|file| set(&motoman.join(file)).points).collect();
-    let points = points.into_iter().enumerate().map(|(row, p)| Point { sequence: row as i64, ..p }).collect();
+    let points: Vec<Point> = ["visit_1.csv", "visit_2.csv"]
+        .iter()
+        .flat_map(|file| set(&motoman.join(file)).points)
+        .collect();
+    let points = points
+        .into_iter()
+        .enumerate()
+        .map(|(row, p)| Point {
+            sequence: row as i64,
+            ..p
+        })
+        .collect();
     vec![
-        ("qkm_hl6", robot(&root.join("qkm_hl6/robot.json")), set(&root.join("qkm_hl6/set.csv"))),
-        ("motoman_ma1400", robot(&motoman.join("robot.json")), MeasurementSet::new(Frame::Instrument, points)),
+        (
+            "qkm_hl6",
+            robot(&root.join("qkm_hl6/robot.json")),
+            set(&root.join("qkm_hl6/set.csv")),
+        ),
+        (
+            "motoman_ma1400",
+            robot(&motoman.join("robot.json")),
+            MeasurementSet::new(Frame::Instrument, points),
+        ),
     ]
 }
 
 fn with_split(set: &MeasurementSet, subset_of: impl Fn(usize, &Point) -> Subset) -> MeasurementSet {
     let mut set = set.clone();
-    set.points.iter_mut().enumerate().for_each(|(row, p)| p.subset = Some(subset_of(row, p)));
+    set.points
+        .iter_mut()
+        .enumerate()
+        .for_each(|(row, p)| p.subset = Some(subset_of(row, p)));
     set
 }
 
@@ -34,7 +55,12 @@ fn row(name: &str, split: &str, request: &CalibrationRequest) -> (f64, f64) {
     let report = run(request);
     let verify = report.verify.unwrap();
     let corrected = verify.corrected.unwrap().rms_mm;
-    println!("| {name} | {split} | {:.3} | {:.4} | {corrected:.4} | {} |", verify.before.rms_mm, verify.after.rms_mm, kept(&report));
+    println!(
+        "| {name} | {split} | {:.3} | {:.4} | {corrected:.4} | {} |",
+        verify.before.rms_mm,
+        verify.after.rms_mm,
+        kept(&report)
+    );
     if std::env::var("DETAILS").is_ok() {
         for e in report.corrections.iter().flatten() {
             println!(
@@ -49,32 +75,62 @@ fn row(name: &str, split: &str, request: &CalibrationRequest) -> (f64, f64) {
 pub fn tables() {
     let Some(root) = real_data() else { return };
     println!("## Measured robots: unseen configurations\n");
-    println!("| set | split | nominal, mm rms | links | with corrections | kept |\n|---|---|---|---|---|---|");
+    println!(
+        "| set | split | nominal, mm rms | links | with corrections | kept |\n|---|---|---|---|---|---|"
+    );
     for (name, robot, set) in robots(&root) {
-        row(name, "column", &CalibrationRequest::new(robot.clone(), set.clone()));
+        row(
+            name,
+            "column",
+            &CalibrationRequest::new(robot.clone(), set.clone()),
+        );
         let (mut links, mut corrected) = (0.0, 0.0);
         for seed in 0..SEEDS {
             let subsets = split::by_fraction(&set, 0.5, seed);
-            let found = row(name, &seed.to_string(), &CalibrationRequest::new(robot.clone(), with_split(&set, |row, _| subsets[row])));
-            (links, corrected) = (links + found.0 / SEEDS as f64, corrected + found.1 / SEEDS as f64);
+            let found = row(
+                name,
+                &seed.to_string(),
+                &CalibrationRequest::new(robot.clone(), with_split(&set, |row, _| subsets[row])),
+            );
+            (links, corrected) = (
+                links + found.0 / SEEDS as f64,
+                corrected + found.1 / SEEDS as f64,
+            );
         }
         println!("| {name} | mean of seeds 0 to 7 | | {links:.4} | {corrected:.4} | |");
     }
-    println!("\n## One visit identified, the other verified (motoman_ma1400; base and target placed anew)\n");
-    println!("| set | identified, verified | nominal, mm rms | links | with corrections | kept |\n|---|---|---|---|---|---|");
+    println!(
+        "\n## One visit identified, the other verified (motoman_ma1400; base and target placed anew)\n"
+    );
+    println!(
+        "| set | identified, verified | nominal, mm rms | links | with corrections | kept |\n|---|---|---|---|---|---|"
+    );
     let folder = root.join("motoman_ma1400");
     let (_, motoman, both) = robots(&root).swap_remove(1);
     for (first, second) in [("visit_1", "visit_2"), ("visit_2", "visit_1")] {
-        let mut request = CalibrationRequest::new(motoman.clone(), set(&folder.join(format!("{first}.csv"))));
+        let mut request =
+            CalibrationRequest::new(motoman.clone(), set(&folder.join(format!("{first}.csv"))));
         request.verify = VerifySource::Set(set(&folder.join(format!("{second}.csv"))));
         row("motoman_ma1400", &format!("{first}, {second}"), &request);
     }
     println!("\n## One of three surfaces left out (motoman_ma1400, both visits)\n");
-    println!("| set | surface left out | nominal, mm rms | links | with corrections | kept |\n|---|---|---|---|---|---|");
+    println!(
+        "| set | surface left out | nominal, mm rms | links | with corrections | kept |\n|---|---|---|---|---|---|"
+    );
     for left_out in 0..3 {
         let surface = |p: &Point| p.configuration.parse::<u32>().unwrap_or(0) / 1000;
-        let set = with_split(&both, |_, p| if surface(p) == left_out { Subset::Verify } else { Subset::Identify });
-        row("motoman_ma1400", &left_out.to_string(), &CalibrationRequest::new(motoman.clone(), set));
+        let set = with_split(&both, |_, p| {
+            if surface(p) == left_out {
+                Subset::Verify
+            } else {
+                Subset::Identify
+            }
+        });
+        row(
+            "motoman_ma1400",
+            &left_out.to_string(),
+            &CalibrationRequest::new(motoman.clone(), set),
+        );
     }
     println!();
 }

@@ -14,19 +14,38 @@ const UNSEEN: usize = 200;
 /// their seeds, so that the study can be run in parts.
 pub fn geometric(n: usize, first_seed: u64) {
     println!("## Geometric robots: {n} per row, seeds from {first_seed}\n");
-    println!("Ratio: rms error at {UNSEEN} unseen poses with corrections, over that of links alone.\n");
-    println!("| poses | noise, mm | something kept | worse by more than 5 % | median ratio | largest ratio |\n|---|---|---|---|---|---|");
-    for (n_configurations, n_targets, noise_mm) in [(50, 1, 0.03), (100, 1, 0.1), (30, 3, 0.1), (200, 1, 0.03)] {
-        let campaign = Campaign { n_configurations, n_targets, noise_mm, ..Campaign::PLAIN };
+    println!(
+        "Ratio: rms error at {UNSEEN} unseen poses with corrections, over that of links alone.\n"
+    );
+    println!(
+        "| poses | noise, mm | something kept | worse by more than 5 % | median ratio | largest ratio |\n|---|---|---|---|---|---|"
+    );
+    for (n_configurations, n_targets, noise_mm) in
+        [(50, 1, 0.03), (100, 1, 0.1), (30, 3, 0.1), (200, 1, 0.03)]
+    {
+        let campaign = Campaign {
+            n_configurations,
+            n_targets,
+            noise_mm,
+            ..Campaign::PLAIN
+        };
         let (mut ratios, mut n_kept) = (vec![], 0);
         for seed in (first_seed..).take(n) {
-            let found = simulation::identified(&paper_robot(), &campaign, &simulation::Bent::NONE, seed, UNSEEN);
+            let found = simulation::identified(
+                &paper_robot(),
+                &campaign,
+                &simulation::Bent::NONE,
+                seed,
+                UNSEEN,
+            );
             ratios.push(found.corrected_mm / found.links_mm);
             n_kept += usize::from(!kept(&found.report).is_empty());
         }
         let worse = ratios.iter().filter(|r| **r > 1.05).count();
         let (median, _, largest) = spread(ratios);
-        println!("| {n_configurations} × {n_targets} | {noise_mm} | {n_kept} | {worse} | {median:.4} | {largest:.3} |");
+        println!(
+            "| {n_configurations} × {n_targets} | {noise_mm} | {n_kept} | {worse} | {median:.4} | {largest:.3} |"
+        );
     }
     println!();
 }
@@ -37,16 +56,32 @@ pub fn real_robots(n: usize) {
     println!(
         "| poses | sag of joints 2 and 3, mrad per unit | harmonics, mrad | links, mm rms | with corrections: median | smallest | largest |\n|---|---|---|---|---|---|---|"
     );
-    for (n_configurations, sag_rad, harmonic_rad) in
-        [(100, 1e-3, 0.0), (100, 1e-3, 2e-4), (100, 0.0, 2e-4), (50, 1e-3, 2e-4), (200, 2e-3, 5e-4)]
-    {
-        let campaign = Campaign { n_configurations, ..Campaign::PLAIN };
-        let bent = simulation::Bent { sag_rad, harmonic_rad };
-        let found: Vec<_> = (0..n).map(|seed| simulation::identified(&paper_robot(), &campaign, &bent, seed as u64, UNSEEN)).collect();
+    for (n_configurations, sag_rad, harmonic_rad) in [
+        (100, 1e-3, 0.0),
+        (100, 1e-3, 2e-4),
+        (100, 0.0, 2e-4),
+        (50, 1e-3, 2e-4),
+        (200, 2e-3, 5e-4),
+    ] {
+        let campaign = Campaign {
+            n_configurations,
+            ..Campaign::PLAIN
+        };
+        let bent = simulation::Bent {
+            sag_rad,
+            harmonic_rad,
+        };
+        let found: Vec<_> = (0..n)
+            .map(|seed| {
+                simulation::identified(&paper_robot(), &campaign, &bent, seed as u64, UNSEEN)
+            })
+            .collect();
         let (links, ..) = spread(found.iter().map(|f| f.links_mm).collect());
         let (median, smallest, largest) = spread(found.iter().map(|f| f.corrected_mm).collect());
         let (sag, harmonic) = (sag_rad * 1e3, harmonic_rad * 1e3);
-        println!("| {n_configurations} | {sag} | {harmonic} | {links:.4} | {median:.4} | {smallest:.4} | {largest:.4} |");
+        println!(
+            "| {n_configurations} | {sag} | {harmonic} | {links:.4} | {median:.4} | {smallest:.4} | {largest:.4} |"
+        );
     }
     println!();
 }
@@ -55,12 +90,21 @@ pub fn real_robots(n: usize) {
 pub fn time() {
     println!("## Time, ms, median of 5\n\n| poses | without | with corrections |\n|---|---|---|");
     for n_configurations in [50, 100, 300, 1000] {
-        let campaign = Campaign { n_configurations, ..Campaign::PLAIN };
-        let bent = simulation::Bent { sag_rad: 1e-3, harmonic_rad: 2e-4 };
+        let campaign = Campaign {
+            n_configurations,
+            ..Campaign::PLAIN
+        };
+        let bent = simulation::Bent {
+            sag_rad: 1e-3,
+            harmonic_rad: 2e-4,
+        };
         let (mut random, nominal) = (Normal::new(1), paper_robot());
         let set = simulation::bent_set(&nominal, &campaign, &bent, &mut random).1;
         let timed = |choice| {
-            let request = CalibrationRequest { corrections: Some(choice), ..CalibrationRequest::new(nominal.clone(), set.clone()) };
+            let request = CalibrationRequest {
+                corrections: Some(choice),
+                ..CalibrationRequest::new(nominal.clone(), set.clone())
+            };
             let once = |_| {
                 let start = Instant::now();
                 run(&request);
@@ -68,7 +112,11 @@ pub fn time() {
             };
             spread((0..5).map(once).collect()).0
         };
-        println!("| {n_configurations} | {:.0} | {:.0} |", timed(CorrectionsChoice::Off), timed(CorrectionsChoice::Auto));
+        println!(
+            "| {n_configurations} | {:.0} | {:.0} |",
+            timed(CorrectionsChoice::Off),
+            timed(CorrectionsChoice::Auto)
+        );
     }
     println!();
 }

@@ -21,17 +21,38 @@ fn set(path: &Path) -> MeasurementSet {
 /// The robots with their sets; the two visits are measured in one instrument frame and are one set.
 fn robots(root: &Path) -> Vec<(&'static str, Robot, MeasurementSet)> {
     let motoman = root.join("motoman_ma1400");
-    let points: Vec<Point> = ["visit_1.csv", "visit_2.csv"].iter().flat_map(|file| set(&motoman.join(file)).points).collect();
-    let points = points.into_iter().enumerate().map(|(row, p)| Point { sequence: row as i64, ..p }).collect();
+    let points: Vec<Point> = ["visit_1.csv", "visit_2.csv"]
+        .iter()
+        .flat_map(|file| set(&motoman.join(file)).points)
+        .collect();
+    let points = points
+        .into_iter()
+        .enumerate()
+        .map(|(row, p)| Point {
+            sequence: row as i64,
+            ..p
+        })
+        .collect();
     vec![
-        ("motoman_ma1400", robot(&motoman.join("robot.json")), MeasurementSet::new(Frame::Instrument, points)),
-        ("qkm_hl6", robot(&root.join("qkm_hl6/robot.json")), set(&root.join("qkm_hl6/set.csv"))),
+        (
+            "motoman_ma1400",
+            robot(&motoman.join("robot.json")),
+            MeasurementSet::new(Frame::Instrument, points),
+        ),
+        (
+            "qkm_hl6",
+            robot(&root.join("qkm_hl6/robot.json")),
+            set(&root.join("qkm_hl6/set.csv")),
+        ),
     ]
 }
 
 fn with_split(set: &MeasurementSet, subset_of: impl Fn(usize, &Point) -> Subset) -> MeasurementSet {
     let mut set = set.clone();
-    set.points.iter_mut().enumerate().for_each(|(row, p)| p.subset = Some(subset_of(row, p)));
+    set.points
+        .iter_mut()
+        .enumerate()
+        .for_each(|(row, p)| p.subset = Some(subset_of(row, p)));
     set
 }
 
@@ -41,7 +62,9 @@ fn splits(set: &MeasurementSet) -> Vec<(String, MeasurementSet)> {
         let subsets = split::by_fraction(set, 0.5, seed);
         (seed.to_string(), with_split(set, |row, _| subsets[row]))
     });
-    std::iter::once(("column".to_string(), set.clone())).chain(seeded).collect()
+    std::iter::once(("column".to_string(), set.clone()))
+        .chain(seeded)
+        .collect()
 }
 
 fn run(request: &CalibrationRequest) -> (CalibrationReport, f64) {
@@ -54,8 +77,18 @@ fn remarks(report: &CalibrationReport) -> String {
     let found: Vec<String> = report
         .warnings
         .iter()
-        .filter(|w| w.code.ends_with("_moved") || w.code.starts_with("outliers") || w.code == "verify_extrapolates")
-        .map(|w| if w.rows.len() > 10 { format!("{} at {} points", w.code, w.rows.len()) } else { format!("{} {:?}", w.code, w.rows) })
+        .filter(|w| {
+            w.code.ends_with("_moved")
+                || w.code.starts_with("outliers")
+                || w.code == "verify_extrapolates"
+        })
+        .map(|w| {
+            if w.rows.len() > 10 {
+                format!("{} at {} points", w.code, w.rows.len())
+            } else {
+                format!("{} {:?}", w.code, w.rows)
+            }
+        })
         .collect();
     found.join(", ")
 }
@@ -64,13 +97,26 @@ fn remarks(report: &CalibrationReport) -> String {
 pub fn write_splits(folder: &Path) {
     let Some(root) = real_data() else { return };
     for (name, _, set) in robots(&root) {
-        std::fs::copy(root.join(name).join("robot.json"), folder.join(format!("{name}.json"))).unwrap();
+        std::fs::copy(
+            root.join(name).join("robot.json"),
+            folder.join(format!("{name}.json")),
+        )
+        .unwrap();
         for (seed, set) in splits(&set) {
-            let mut text = String::from("configuration,target,subset,q1_rad,q2_rad,q3_rad,q4_rad,q5_rad,q6_rad,x_mm,y_mm,z_mm\n");
+            let mut text = String::from(
+                "configuration,target,subset,q1_rad,q2_rad,q3_rad,q4_rad,q5_rad,q6_rad,x_mm,y_mm,z_mm\n",
+            );
             for p in &set.points {
-                let subset = if p.subset == Some(Subset::Identify) { "identify" } else { "verify" };
+                let subset = if p.subset == Some(Subset::Identify) {
+                    "identify"
+                } else {
+                    "verify"
+                };
                 write!(text, "{},{},{subset}", p.configuration, p.target).unwrap();
-                p.q_rad.iter().chain(p.position_mm.iter()).for_each(|v| write!(text, ",{v:?}").unwrap());
+                p.q_rad
+                    .iter()
+                    .chain(p.position_mm.iter())
+                    .for_each(|v| write!(text, ",{v:?}").unwrap());
                 text.push('\n');
             }
             std::fs::write(folder.join(format!("{name}-{seed}.csv")), text).unwrap();
@@ -97,7 +143,11 @@ pub fn tables() {
             let squares = run(&request).0.verify.unwrap().after.rms_mm;
             let verify = report.verify.unwrap();
             let key = format!("{name},{seed},");
-            let scipy: f64 = SCIPY.lines().find_map(|l| l.strip_prefix(&key)).and_then(|v| v.parse().ok()).unwrap_or(f64::NAN);
+            let scipy: f64 = SCIPY
+                .lines()
+                .find_map(|l| l.strip_prefix(&key))
+                .and_then(|v| v.parse().ok())
+                .unwrap_or(f64::NAN);
             let ratio = verify.after.rms_mm / scipy;
             if seed != "column" {
                 (sum, n) = (sum + ratio, n + 1.0);
@@ -109,7 +159,10 @@ pub fn tables() {
                 remarks(&report)
             );
         }
-        println!("| {name} | mean of seeds 0 to 7 | | | | {:.4} | | | |", sum / n);
+        println!(
+            "| {name} | mean of seeds 0 to 7 | | | | {:.4} | | | |",
+            sum / n
+        );
     }
     println!();
     surfaces(&root);
@@ -123,20 +176,38 @@ fn surface(p: &Point) -> u32 {
 
 fn surfaces(root: &Path) {
     println!("## One of three surfaces left out and predicted (motoman_ma1400, both visits)\n");
-    println!("| surface | points | nominal, mm rms | identified | remarks |\n|---|---|---|---|---|");
+    println!(
+        "| surface | points | nominal, mm rms | identified | remarks |\n|---|---|---|---|---|"
+    );
     let (_, robot, set) = robots(root).swap_remove(0);
     for left_out in 0..3 {
-        let set = with_split(&set, |_, p| if surface(p) == left_out { Subset::Verify } else { Subset::Identify });
+        let set = with_split(&set, |_, p| {
+            if surface(p) == left_out {
+                Subset::Verify
+            } else {
+                Subset::Identify
+            }
+        });
         let (report, _) = run(&CalibrationRequest::new(robot.clone(), set));
         let verify = report.verify.unwrap();
-        println!("| {left_out} | {} | {:.3} | {:.3} | {} |", verify.n_points, verify.before.rms_mm, verify.after.rms_mm, remarks(&report));
+        println!(
+            "| {left_out} | {} | {:.3} | {:.3} | {} |",
+            verify.n_points,
+            verify.before.rms_mm,
+            verify.after.rms_mm,
+            remarks(&report)
+        );
     }
     println!();
 }
 
 fn sessions(root: &Path) {
-    println!("## One visit identified, the other verified (motoman_ma1400; base and target placed anew)\n");
-    println!("| identified | verified | nominal, mm rms | identified, on the other visit | remarks |\n|---|---|---|---|---|");
+    println!(
+        "## One visit identified, the other verified (motoman_ma1400; base and target placed anew)\n"
+    );
+    println!(
+        "| identified | verified | nominal, mm rms | identified, on the other visit | remarks |\n|---|---|---|---|---|"
+    );
     let folder = root.join("motoman_ma1400");
     let robot = robot(&folder.join("robot.json"));
     for (first, second) in [("visit_1", "visit_2"), ("visit_2", "visit_1")] {
@@ -145,7 +216,12 @@ fn sessions(root: &Path) {
         request.verify = VerifySource::Set(file(second));
         let (report, _) = run(&request);
         let verify = report.verify.unwrap();
-        println!("| {first} | {second} | {:.3} | {:.3} | {} |", verify.before.rms_mm, verify.after.rms_mm, remarks(&report));
+        println!(
+            "| {first} | {second} | {:.3} | {:.3} | {} |",
+            verify.before.rms_mm,
+            verify.after.rms_mm,
+            remarks(&report)
+        );
     }
     println!();
 }

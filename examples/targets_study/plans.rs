@@ -43,32 +43,61 @@ struct Tool<'a> {
 
 impl<'a> Tool<'a> {
     fn new(robot: &'a Robot) -> Self {
-        let tool = Self { robot, parameters: complete_parameters(&robot.links, 1), interest: DMatrix::zeros(0, 0) };
+        let tool = Self {
+            robot,
+            parameters: complete_parameters(&robot.links, 1),
+            interest: DMatrix::zeros(0, 0),
+        };
         let workspace = tool.rows(&random_configurations(robot, 256, 0), 1.0);
-        Self { interest: workspace.tr_mul(&workspace) / 256.0, ..tool }
+        Self {
+            interest: workspace.tr_mul(&workspace) / 256.0,
+            ..tool
+        }
     }
 
     /// Three rows a pose, by parameters in units of their priors.
     fn rows(&self, q: &[Vec<f64>], std_mm: f64) -> DMatrix<f64> {
-        let model = KinematicModel { targets_mm: vec![TARGET_MM], ..KinematicModel::nominal(&self.robot.links, 0) };
-        let seen = |q: &Vec<f64>| Observation { q_rad: q.clone(), position_mm: Vector3::zeros(), target: 0, weight: 1.0 };
-        let mut rows = weighted_jacobian(&model, &self.parameters, &q.iter().map(seen).collect::<Vec<_>>(), &Vector3::zeros());
-        rows.column_iter_mut().zip(&self.parameters).for_each(|(mut column, p)| column *= prior_scale(p) / std_mm);
+        let model = KinematicModel {
+            targets_mm: vec![TARGET_MM],
+            ..KinematicModel::nominal(&self.robot.links, 0)
+        };
+        let seen = |q: &Vec<f64>| Observation {
+            q_rad: q.clone(),
+            position_mm: Vector3::zeros(),
+            target: 0,
+            weight: 1.0,
+        };
+        let mut rows = weighted_jacobian(
+            &model,
+            &self.parameters,
+            &q.iter().map(seen).collect::<Vec<_>>(),
+            &Vector3::zeros(),
+        );
+        rows.column_iter_mut()
+            .zip(&self.parameters)
+            .for_each(|(mut column, p)| column *= prior_scale(p) / std_mm);
         rows
     }
 
     fn covariance(&self, information: DMatrix<f64>) -> DMatrix<f64> {
         let n = self.parameters.len();
-        (information + DMatrix::identity(n, n)).cholesky().unwrap().inverse()
+        (information + DMatrix::identity(n, n))
+            .cholesky()
+            .unwrap()
+            .inverse()
     }
 
     fn std_mm(&self, q: &[Vec<f64>]) -> f64 {
         let rows = self.rows(q, NOISE_MM);
-        (self.covariance(rows.tr_mul(&rows)) * &self.interest).trace().sqrt()
+        (self.covariance(rows.tr_mul(&rows)) * &self.interest)
+            .trace()
+            .sqrt()
     }
 
     fn random_mm(&self, n: usize) -> f64 {
-        let mut drawn: Vec<f64> = (0..DRAWS).map(|seed| self.std_mm(&random_configurations(self.robot, n, 7_000 + seed))).collect();
+        let mut drawn: Vec<f64> = (0..DRAWS)
+            .map(|seed| self.std_mm(&random_configurations(self.robot, n, 7_000 + seed)))
+            .collect();
         drawn.sort_by(f64::total_cmp);
         drawn[drawn.len() / 2]
     }
@@ -89,7 +118,10 @@ impl<'a> Tool<'a> {
     /// Below this no choice of n poses gets, whole or in parts: the mean variance is convex in the weights (approximate design theory), so it
     /// falls from near the best weights no further than its steepest slope towards any one pose says (Kiefer & Wolfowitz 1960).
     fn bounds_mm(&self) -> Vec<f64> {
-        let (weighted, fresh) = (self.rows(&self.poses(WEIGHTED, 91), NOISE_MM), self.rows(&self.poses(PROVED_ON, 92), NOISE_MM));
+        let (weighted, fresh) = (
+            self.rows(&self.poses(WEIGHTED, 91), NOISE_MM),
+            self.rows(&self.poses(PROVED_ON, 92), NOISE_MM),
+        );
         let mut weights = vec![1.0 / WEIGHTED as f64; WEIGHTED];
         let bound = |(i, n): (usize, &usize)| {
             let n = *n as f64;
@@ -102,7 +134,10 @@ impl<'a> Tool<'a> {
             };
             for _ in 0..if i == 0 { ROUNDS.0 } else { ROUNDS.1 } {
                 let gains = self.gains(&weighted, &covariance_at(&weights));
-                weights.iter_mut().zip(&gains).for_each(|(w, gain)| *w *= gain.sqrt());
+                weights
+                    .iter_mut()
+                    .zip(&gains)
+                    .for_each(|(w, gain)| *w *= gain.sqrt());
                 let sum: f64 = weights.iter().sum();
                 weights.iter_mut().for_each(|w| *w /= sum);
             }
@@ -110,7 +145,11 @@ impl<'a> Tool<'a> {
             let variance = (&covariance * &self.interest).trace();
             let own = self.gains(&weighted, &covariance);
             let mean: f64 = own.iter().zip(&weights).map(|(gain, w)| gain * w).sum();
-            let steepest = self.gains(&fresh, &covariance).into_iter().chain(own).fold(0.0, f64::max);
+            let steepest = self
+                .gains(&fresh, &covariance)
+                .into_iter()
+                .chain(own)
+                .fold(0.0, f64::max);
             (variance - n * (steepest - mean)).max(0.0).sqrt()
         };
         // from many poses to few, each from the weights of the last
@@ -122,11 +161,15 @@ impl<'a> Tool<'a> {
     /// tr(J·A·W·A·Jᵀ) of each pose.
     fn gains(&self, rows: &DMatrix<f64>, covariance: &DMatrix<f64>) -> Vec<f64> {
         let root = self.interest.clone().symmetric_eigen();
-        let scaled = DMatrix::from_fn(root.eigenvectors.nrows(), root.eigenvectors.ncols(), |i, j| {
-            root.eigenvectors[(i, j)] * root.eigenvalues[j].max(0.0).sqrt()
-        });
+        let scaled = DMatrix::from_fn(
+            root.eigenvectors.nrows(),
+            root.eigenvectors.ncols(),
+            |i, j| root.eigenvectors[(i, j)] * root.eigenvalues[j].max(0.0).sqrt(),
+        );
         let seen = rows * (covariance * scaled);
-        (0..rows.nrows() / 3).map(|pose| seen.rows(3 * pose, 3).norm_squared()).collect()
+        (0..rows.nrows() / 3)
+            .map(|pose| seen.rows(3 * pose, 3).norm_squared())
+            .collect()
     }
 }
 
@@ -147,7 +190,11 @@ fn planned(tool: &Tool<'_>, n: usize, seed: u64) -> (f64, f64) {
     let since = Instant::now();
     let plan = plan(&request).expect("room enough");
     let seconds = since.elapsed().as_secs_f64();
-    let q: Vec<Vec<f64>> = plan.configurations.into_iter().map(|c| c.q_controller_rad).collect();
+    let q: Vec<Vec<f64>> = plan
+        .configurations
+        .into_iter()
+        .map(|c| c.q_controller_rad)
+        .collect();
     (tool.std_mm(&q), seconds)
 }
 
@@ -161,11 +208,24 @@ pub fn table() {
         let bounds = tool.bounds_mm();
         let found = POSES.iter().zip(bounds).map(|(n, bound_mm)| {
             let (planned_mm, seconds) = planned(&tool, *n, i as u64);
-            Found { planned_mm, random_mm: tool.random_mm(*n), bound_mm, seconds }
+            Found {
+                planned_mm,
+                random_mm: tool.random_mm(*n),
+                bound_mm,
+                seconds,
+            }
         });
         let found: Vec<Found> = found.collect();
-        let gains: Vec<String> =
-            found.iter().map(|f| format!("{:.2} of {:.2}", f.random_mm / f.planned_mm, f.random_mm / f.bound_mm)).collect();
+        let gains: Vec<String> = found
+            .iter()
+            .map(|f| {
+                format!(
+                    "{:.2} of {:.2}",
+                    f.random_mm / f.planned_mm,
+                    f.random_mm / f.bound_mm
+                )
+            })
+            .collect();
         eprintln!("{name:10} {}", gains.join("  "));
         all.push(found);
     }
@@ -179,10 +239,21 @@ pub fn table() {
             values.sort_by(f64::total_cmp);
             values
         };
-        let spread = |v: &[f64]| format!("{:.2} ({:.2} to {:.2})", 0.5 * (v[ROBOTS / 2 - 1] + v[ROBOTS / 2]), v[0], v[ROBOTS - 1]);
+        let spread = |v: &[f64]| {
+            format!(
+                "{:.2} ({:.2} to {:.2})",
+                0.5 * (v[ROBOTS / 2 - 1] + v[ROBOTS / 2]),
+                v[0],
+                v[ROBOTS - 1]
+            )
+        };
         let reached = |v: &[f64]| v.iter().filter(|gain| **gain >= 1.5).count();
-        let (gains, bounds) = (of(|f| f.random_mm / f.planned_mm), of(|f| f.random_mm / f.bound_mm));
-        let (random, planned, seconds) = (of(|f| f.random_mm), of(|f| f.planned_mm), of(|f| f.seconds));
+        let (gains, bounds) = (
+            of(|f| f.random_mm / f.planned_mm),
+            of(|f| f.random_mm / f.bound_mm),
+        );
+        let (random, planned, seconds) =
+            (of(|f| f.random_mm), of(|f| f.planned_mm), of(|f| f.seconds));
         println!(
             "| {n} | {:.4} | {:.4} | {} | {} | {} | {} | {:.2} |",
             random[ROBOTS / 2],
@@ -199,8 +270,26 @@ pub fn table() {
 /// A robot of the same kind: lengths up to 20 % other, limits of 60° to 170° to both sides.
 fn another(robot: &Robot, random: &mut Normal) -> Robot {
     let mut stretched = |mm: f64| mm * (0.8 + 0.4 * random.0.random::<f64>());
-    let links: Vec<Link> = robot.links.iter().map(|l| Link { a_mm: stretched(l.a_mm), d_mm: stretched(l.d_mm), ..*l }).collect();
-    let limits = (0..links.len()).map(|_| Some((-(60.0 + 110.0 * random.0.random::<f64>()), 60.0 + 110.0 * random.0.random::<f64>())));
-    let limits = limits.map(|l| l.map(|(low, high)| (low.to_radians(), high.to_radians()))).collect();
-    Robot { joint_limits_rad: limits, ..Robot::from_links(links) }
+    let links: Vec<Link> = robot
+        .links
+        .iter()
+        .map(|l| Link {
+            a_mm: stretched(l.a_mm),
+            d_mm: stretched(l.d_mm),
+            ..*l
+        })
+        .collect();
+    let limits = (0..links.len()).map(|_| {
+        Some((
+            -(60.0 + 110.0 * random.0.random::<f64>()),
+            60.0 + 110.0 * random.0.random::<f64>(),
+        ))
+    });
+    let limits = limits
+        .map(|l| l.map(|(low, high)| (low.to_radians(), high.to_radians())))
+        .collect();
+    Robot {
+        joint_limits_rad: limits,
+        ..Robot::from_links(links)
+    }
 }

@@ -52,7 +52,10 @@ impl FittedTargets {
             Parameter::Target(fitted, _) if fitted >= self.n_targets => {
                 let (target, segment) = self.segments[fitted];
                 let name = parameter.name();
-                format!("target_{target}_segment_{segment}_{}", &name[name.len() - 1..])
+                format!(
+                    "target_{target}_segment_{segment}_{}",
+                    &name[name.len() - 1..]
+                )
             }
             _ => parameter.name(),
         }
@@ -90,14 +93,26 @@ impl Arrangement {
             *of_target = (*of_target).max(*segment);
         }
         let mut segments: Vec<(usize, usize)> = last.iter().copied().enumerate().collect();
-        segments.extend(last.iter().enumerate().flat_map(|(target, last)| (0..*last).map(move |segment| (target, segment))));
-        FittedTargets { segments, n_targets: self.n_targets }
+        segments.extend(
+            last.iter()
+                .enumerate()
+                .flat_map(|(target, last)| (0..*last).map(move |segment| (target, segment))),
+        );
+        FittedTargets {
+            segments,
+            n_targets: self.n_targets,
+        }
     }
 
     /// Writes the arrangement into the observations that are fitted.
     pub fn apply(&self, observed: &mut Observed) {
         let fitted = self.fitted_targets(observed);
-        let at: BTreeMap<(usize, usize), usize> = fitted.segments.iter().enumerate().map(|(i, key)| (*key, i)).collect();
+        let at: BTreeMap<(usize, usize), usize> = fitted
+            .segments
+            .iter()
+            .enumerate()
+            .map(|(i, key)| (*key, i))
+            .collect();
         for point in 0..observed.all.len() {
             let motion = &self.motions[self.setups[point]];
             let o = &mut observed.all[point];
@@ -110,15 +125,27 @@ impl Arrangement {
     pub fn split_target(&mut self, observed: &Observed, first: usize) {
         let target = observed.targets[first];
         let of_target = |point: &&usize| observed.targets[**point] == target;
-        let from = self.order.iter().position(|point| *point == first).unwrap_or(0);
+        let from = self
+            .order
+            .iter()
+            .position(|point| *point == first)
+            .unwrap_or(0);
         // a break within an earlier stretch moves the later ones on
-        let points: Vec<usize> = self.order[from..].iter().filter(of_target).copied().collect();
+        let points: Vec<usize> = self.order[from..]
+            .iter()
+            .filter(of_target)
+            .copied()
+            .collect();
         points.iter().for_each(|point| self.segments[*point] += 1);
     }
 
     /// From `first` on, the base stands elsewhere: what stood before is carried by a motion.
     pub fn split_base(&mut self, first: usize, motion: &IsometryMatrix3<f64>) {
-        let from = self.order.iter().position(|point| *point == first).unwrap_or(0);
+        let from = self
+            .order
+            .iter()
+            .position(|point| *point == first)
+            .unwrap_or(0);
         let mut number: BTreeMap<(usize, bool), usize> = BTreeMap::new();
         let mut motions = Vec::new();
         let mut setups = vec![0; self.setups.len()];
@@ -138,12 +165,22 @@ impl Arrangement {
     pub fn rest(&mut self) {
         let at = self.resting();
         let back = self.motions[at].inverse();
-        self.motions.iter_mut().enumerate().for_each(|(i, m)| *m = if i == at { IsometryMatrix3::identity() } else { back * *m });
+        self.motions.iter_mut().enumerate().for_each(|(i, m)| {
+            *m = if i == at {
+                IsometryMatrix3::identity()
+            } else {
+                back * *m
+            }
+        });
     }
 
     /// The set-up that the others are carried into.
     pub fn resting(&self) -> usize {
-        let point = if self.rests_on_last { self.order.last() } else { self.order.first() };
+        let point = if self.rests_on_last {
+            self.order.last()
+        } else {
+            self.order.first()
+        };
         point.map_or(0, |point| self.setups[*point])
     }
 
@@ -151,10 +188,20 @@ impl Arrangement {
     pub fn join_unfitted(&mut self, observed: &Observed) -> Vec<usize> {
         let mut joined = Vec::new();
         for target in 0..self.n_targets {
-            let points: Vec<usize> = self.order.iter().copied().filter(|p| observed.targets[*p] == target).collect();
-            let fitted: BTreeSet<usize> =
-                points.iter().filter(|p| observed.subsets[**p] == Subset::Identify).map(|p| self.segments[*p]).collect();
-            let Some(first) = fitted.first().copied() else { continue };
+            let points: Vec<usize> = self
+                .order
+                .iter()
+                .copied()
+                .filter(|p| observed.targets[*p] == target)
+                .collect();
+            let fitted: BTreeSet<usize> = points
+                .iter()
+                .filter(|p| observed.subsets[**p] == Subset::Identify)
+                .map(|p| self.segments[*p])
+                .collect();
+            let Some(first) = fitted.first().copied() else {
+                continue;
+            };
             for point in points {
                 let own = self.segments[point];
                 let nearest = fitted.range(..=own).next_back().copied().unwrap_or(first);
@@ -170,23 +217,40 @@ impl Arrangement {
 }
 
 /// A motion of the base: about a point, in the measuring frame.
-pub fn motion(shift_mm: &Vector3<f64>, turn_rad: &Vector3<f64>, centre: &Vector3<f64>) -> IsometryMatrix3<f64> {
+pub fn motion(
+    shift_mm: &Vector3<f64>,
+    turn_rad: &Vector3<f64>,
+    centre: &Vector3<f64>,
+) -> IsometryMatrix3<f64> {
     let turn = rotation_exp(turn_rad);
     IsometryMatrix3::from_parts(Translation3::from(centre + shift_mm - turn * centre), turn)
 }
 
 /// What the first stretch of a target holds nominal in the paper's model, the others cannot: their targets are free.
-pub fn with_moved_targets(request: &CalibrationRequest, mut parameters: Vec<Parameter>, targets: &FittedTargets) -> Vec<Parameter> {
+pub fn with_moved_targets(
+    request: &CalibrationRequest,
+    mut parameters: Vec<Parameter>,
+    targets: &FittedTargets,
+) -> Vec<Parameter> {
     if request.model() == Model::Paper {
-        let moved = targets.segments.iter().enumerate().filter(|(_, (_, segment))| *segment > 0);
-        parameters.extend(moved.flat_map(|(fitted, _)| (0..3).map(move |axis| Parameter::Target(fitted, axis))));
+        let moved = targets
+            .segments
+            .iter()
+            .enumerate()
+            .filter(|(_, (_, segment))| *segment > 0);
+        parameters.extend(
+            moved.flat_map(|(fitted, _)| (0..3).map(move |axis| Parameter::Target(fitted, axis))),
+        );
     }
     parameters
 }
 
 /// Rigid motion that takes predicted points to measured ones best, for where a set-up stands.
 pub fn standing(model: &KinematicModel, observations: &[Observation]) -> IsometryMatrix3<f64> {
-    let predicted: Vec<Vector3<f64>> = observations.iter().map(|o| model.position(&o.q_rad, o.target)).collect();
+    let predicted: Vec<Vector3<f64>> = observations
+        .iter()
+        .map(|o| model.position(&o.q_rad, o.target))
+        .collect();
     let measured: Vec<Vector3<f64>> = observations.iter().map(|o| o.position_mm).collect();
     crate::identification::start::rigid_motion(&predicted, &measured)
 }

@@ -66,8 +66,13 @@ pub struct NamedChange {
 ///
 /// # Errors
 /// [`Error::Cancelled`].
-pub fn changes(request: &CalibrationRequest, monitor: &mut Monitor<'_>) -> Result<Option<Changes>, Error> {
-    let Some(previous) = &request.previous else { return Ok(None) };
+pub fn changes(
+    request: &CalibrationRequest,
+    monitor: &mut Monitor<'_>,
+) -> Result<Option<Changes>, Error> {
+    let Some(previous) = &request.previous else {
+        return Ok(None);
+    };
     let alike = |set, frames| CalibrationRequest {
         model: Some(request.model()),
         parameters: request.parameters.clone(),
@@ -76,17 +81,25 @@ pub fn changes(request: &CalibrationRequest, monitor: &mut Monitor<'_>) -> Resul
     };
     let before = alike(previous.set.clone(), previous.frames.clone());
     let after = alike(request.set.clone(), request.frames.clone());
-    let (Some(before), Some(after)) = (estimate(&before, monitor)?, estimate(&after, monitor)?) else { return Ok(None) };
+    let (Some(before), Some(after)) = (estimate(&before, monitor)?, estimate(&after, monitor)?)
+    else {
+        return Ok(None);
+    };
     Ok(compare(&before, &after).map(|comparison| in_words(&comparison)))
 }
 
 /// What a session says of its own, from all its points.
-pub fn estimate(request: &CalibrationRequest, monitor: &mut Monitor<'_>) -> Result<Option<Estimate>, Error> {
+pub fn estimate(
+    request: &CalibrationRequest,
+    monitor: &mut Monitor<'_>,
+) -> Result<Option<Estimate>, Error> {
     let observed = observe(request).map(|mut observed| {
         observed.subsets.fill(Subset::Identify);
         observed
     });
-    let Ok(observed) = observed else { return Ok(None) };
+    let Ok(observed) = observed else {
+        return Ok(None);
+    };
     if check(request).is_err() {
         return Ok(None);
     }
@@ -97,15 +110,29 @@ pub fn estimate(request: &CalibrationRequest, monitor: &mut Monitor<'_>) -> Resu
     }
     let problem = problem.with_tool_of(&found.model);
     let uncertainty = uncertainty_of(&problem, &found.model);
-    let Problem { parameters, decomposition, .. } = problem;
-    Ok(uncertainty.map(|uncertainty| Estimate { parameters, model: found.model, uncertainty, decomposition }))
+    let Problem {
+        parameters,
+        decomposition,
+        ..
+    } = problem;
+    Ok(uncertainty.map(|uncertainty| Estimate {
+        parameters,
+        model: found.model,
+        uncertainty,
+        decomposition,
+    }))
 }
 
 fn in_words(comparison: &Comparison) -> Changes {
     let robot = &comparison.robot;
-    let placement: Vec<&Change> = comparison.placement.iter().flat_map(|tested| &tested.changes).collect();
+    let placement: Vec<&Change> = comparison
+        .placement
+        .iter()
+        .flat_map(|tested| &tested.changes)
+        .collect();
     let mut warnings = Vec::new();
-    let kind = (robot.probability < FALSE_ALARMS).then(|| kind(&robot.changes, robot.n_combinations));
+    let kind =
+        (robot.probability < FALSE_ALARMS).then(|| kind(&robot.changes, robot.n_combinations));
     if let Some(kind) = kind {
         let detail = format!(
             "since its last identification the robot has changed: {}: {} (chi-square {:.1} of {} combinations that both sessions see; an unchanged \
@@ -114,18 +141,34 @@ fn in_words(comparison: &Comparison) -> Changes {
             list(&robot.changes.iter().collect::<Vec<_>>()),
             robot.chi_square,
             robot.n_combinations,
-            if robot.probability < LEAST_PROBABILITY { "below 1e-9".into() } else { format!("{:.1e}", robot.probability) }
+            if robot.probability < LEAST_PROBABILITY {
+                "below 1e-9".into()
+            } else {
+                format!("{:.1e}", robot.probability)
+            }
         );
-        warnings.push(Warning { code: "robot_changed", detail, rows: vec![] });
+        warnings.push(Warning {
+            code: "robot_changed",
+            detail,
+            rows: vec![],
+        });
     }
     if !placement.is_empty() {
-        let and = if kind.is_none() { "; the robot itself has not changed beyond chance" } else { "" };
+        let and = if kind.is_none() {
+            "; the robot itself has not changed beyond chance"
+        } else {
+            ""
+        };
         let detail = format!(
             "the base as seen from the instrument, or targets on the tool, are elsewhere than at the last identification, which is no change of \
              the robot{and}: {}",
             list(&placement)
         );
-        warnings.push(Warning { code: "placement_changed", detail, rows: vec![] });
+        warnings.push(Warning {
+            code: "placement_changed",
+            detail,
+            rows: vec![],
+        });
     }
     Changes {
         all: robot.changes.iter().chain(placement).map(named).collect(),
@@ -138,7 +181,9 @@ fn in_words(comparison: &Comparison) -> Changes {
 }
 
 fn kind(changes: &[Change], n_combinations: usize) -> Kind {
-    let jumps = changes.iter().any(|c| c.delta.abs() > JUMP * prior_scale(&c.parameters[0]));
+    let jumps = changes
+        .iter()
+        .any(|c| c.delta.abs() > JUMP * prior_scale(&c.parameters[0]));
     match (jumps, changes.len() as f64 <= FEW * n_combinations as f64) {
         (false, _) => Kind::Drift,
         (true, true) => Kind::Collision,
@@ -150,20 +195,38 @@ fn sentence(kind: Kind) -> &'static str {
     match kind {
         Kind::Drift => "small changes, as of drift",
         Kind::Collision => "a jump in few parameters, as after a collision",
-        Kind::Rebuilt => "jumps in many parameters, as after an exchange of parts, or of another robot",
+        Kind::Rebuilt => {
+            "jumps in many parameters, as after an exchange of parts, or of another robot"
+        }
     }
 }
 
 fn named(change: &Change) -> NamedChange {
     let is_angle = change.parameters[0].is_angle();
     let names: Vec<String> = change.parameters.iter().map(Parameter::name).collect();
-    NamedChange { name: names.join(" or "), delta: if is_angle { change.delta.to_degrees() } else { change.delta }, sigmas: change.sigmas }
+    NamedChange {
+        name: names.join(" or "),
+        delta: if is_angle {
+            change.delta.to_degrees()
+        } else {
+            change.delta
+        },
+        sigmas: change.sigmas,
+    }
 }
 
 fn list(changes: &[&Change]) -> String {
     let item = |change: &&Change| {
-        let NamedChange { name, delta, sigmas } = named(change);
-        let unit = if change.parameters[0].is_angle() { "°" } else { " mm" };
+        let NamedChange {
+            name,
+            delta,
+            sigmas,
+        } = named(change);
+        let unit = if change.parameters[0].is_angle() {
+            "°"
+        } else {
+            " mm"
+        };
         format!("{name} by {delta:.4}{unit} ({sigmas:.1} σ)")
     };
     let mut items: Vec<String> = changes.iter().take(LISTED).map(item).collect();

@@ -81,7 +81,8 @@ fn check_model(request: &CalibrationRequest) -> Result<(), Error> {
 /// True if the request may start from this network: trained on the same model and link parameters.
 pub fn network_fits(request: &CalibrationRequest, network: &TrainedNetwork) -> bool {
     let parameters = free_parameters(request, n_targets(request));
-    network.model == request.model() && parameters.is_ok_and(|parameters| fits(network, &parameters))
+    network.model == request.model()
+        && parameters.is_ok_and(|parameters| fits(network, &parameters))
 }
 
 fn check_network(request: &CalibrationRequest, parameters: &[Parameter]) -> Result<(), Error> {
@@ -90,7 +91,9 @@ fn check_network(request: &CalibrationRequest, parameters: &[Parameter]) -> Resu
             let detail = "the robot has no trained network of this model and preset; run a job with method \"pso\" first";
             Err(unusable("no_network", detail))
         }
-        (Some(network), Method::BpnnPso | Method::Auto) if !fits(network, parameters) || network.model != request.model() => {
+        (Some(network), Method::BpnnPso | Method::Auto)
+            if !fits(network, parameters) || network.model != request.model() =>
+        {
             let detail = "the network was trained on other parameters than this job identifies; run a job with method \"pso\" and the same model, preset and \
                           parameters first, or name a network_id that fits";
             Err(unusable("network_mismatch", detail))
@@ -99,7 +102,11 @@ fn check_network(request: &CalibrationRequest, parameters: &[Parameter]) -> Resu
     }
 }
 
-fn check_targets(request: &CalibrationRequest, identify: &[Observation], n_targets: usize) -> Result<(), Error> {
+fn check_targets(
+    request: &CalibrationRequest,
+    identify: &[Observation],
+    n_targets: usize,
+) -> Result<(), Error> {
     // No identify rows at all is a matter of equations, which is checked next.
     if request.model() == Model::Paper || identify.is_empty() {
         return Ok(());
@@ -116,13 +123,26 @@ fn check_targets(request: &CalibrationRequest, identify: &[Observation], n_targe
 }
 
 /// Refuses sets with fewer equations from distinct configurations than the model's rank.
-fn check_determined(request: &CalibrationRequest, identify: &[Observation], parameters: &[Parameter]) -> Result<(), Error> {
-    let names = || parameters.iter().map(Parameter::name).collect::<Vec<_>>().join(", ");
+fn check_determined(
+    request: &CalibrationRequest,
+    identify: &[Observation],
+    parameters: &[Parameter],
+) -> Result<(), Error> {
+    let names = || {
+        parameters
+            .iter()
+            .map(Parameter::name)
+            .collect::<Vec<_>>()
+            .join(", ")
+    };
     let n_targets = n_targets(request);
     // one pose for each target shows whether anything is seen at all
     let seen = generic_jacobian(&request.robot, parameters, n_targets, n_targets.max(1));
     if seen.iter().all(|moved| moved.abs() < UNMOVED_MM) {
-        let detail = format!("no measured position depends on {} in this model: free other parameters as well", names());
+        let detail = format!(
+            "no measured position depends on {} in this model: free other parameters as well",
+            names()
+        );
         return Err(unusable("nothing_to_identify", detail));
     }
     // no rank is above the number of parameters
@@ -147,15 +167,26 @@ fn check_determined(request: &CalibrationRequest, identify: &[Observation], para
 fn check_stations(request: &CalibrationRequest, subsets: &[Subset]) -> Result<(), Error> {
     let arrangement = Arrangement::of(request);
     let resting = arrangement.resting();
-    let is_fitted = |point: &usize| arrangement.setups[*point] == resting && subsets[*point] == Subset::Identify;
-    let fitted = (0..subsets.len()).filter(is_fitted).map(|point| request.set.points[point].configuration.as_str());
+    let is_fitted = |point: &usize| {
+        arrangement.setups[*point] == resting && subsets[*point] == Subset::Identify
+    };
+    let fitted = (0..subsets.len())
+        .filter(is_fitted)
+        .map(|point| request.set.points[point].configuration.as_str());
     let n = fitted.collect::<BTreeSet<_>>().len();
     if arrangement.motions.len() < 2 || n >= FEWEST_AT_REST {
         return Ok(());
     }
-    let (place, frame) = if arrangement.rests_on_last { ("last", "the instrument") } else { ("first", "the base") };
-    let station =
-        arrangement.setups.iter().position(|setup| *setup == resting).and_then(|point| request.set.points[point].station.as_deref());
+    let (place, frame) = if arrangement.rests_on_last {
+        ("last", "the instrument")
+    } else {
+        ("first", "the base")
+    };
+    let station = arrangement
+        .setups
+        .iter()
+        .position(|setup| *setup == resting)
+        .and_then(|point| request.set.points[point].station.as_deref());
     let detail = format!(
         "positions of all stations are brought into the frame of {frame} as the {place} station, {:?}, has it, and that one has {n} configurations to \
          identify from; it takes {FEWEST_AT_REST}: measure more there, or leave its rows out",
@@ -173,7 +204,9 @@ fn check_work(request: &CalibrationRequest, n_points: usize) -> Result<(), Error
         Method::BpnnPso => 3,
     };
     let pso = settings(request).pso;
-    let work = [pso.n_particles, pso.n_iterations + 1, n_points].into_iter().fold(n_swarms, usize::saturating_mul);
+    let work = [pso.n_particles, pso.n_iterations + 1, n_points]
+        .into_iter()
+        .fold(n_swarms, usize::saturating_mul);
     if work > MAX_POINT_EVALUATIONS {
         let detail = format!(
             "{} particles × {} iterations × {n_points} points × {n_swarms} swarms are {work:.1e} evaluations; at most {MAX_POINT_EVALUATIONS:.0e} \
@@ -189,9 +222,14 @@ fn check_work(request: &CalibrationRequest, n_points: usize) -> Result<(), Error
 }
 
 /// A swarm along what the data see needs a box that is large enough to be seen.
-fn check_search_box(request: &CalibrationRequest, identify: &[Observation], parameters: &[Parameter]) -> Result<(), Error> {
+fn check_search_box(
+    request: &CalibrationRequest,
+    identify: &[Observation],
+    parameters: &[Parameter],
+) -> Result<(), Error> {
     let (settings, options) = (settings(request), &request.options);
-    let is_asked_for = options.search_half_width_mm.is_some() || options.search_half_width_deg.is_some();
+    let is_asked_for =
+        options.search_half_width_mm.is_some() || options.search_half_width_deg.is_some();
     // priors have directions of their own
     if !is_asked_for
         || !request.priors.is_empty()
@@ -201,8 +239,17 @@ fn check_search_box(request: &CalibrationRequest, identify: &[Observation], para
         return Ok(());
     }
     let model = nominal_model(request, identify, n_targets(request));
-    let decomposition = decomposition_at(&model, parameters, &half_widths(&settings, parameters), identify);
-    if decomposition.rank() == 0 { Err(box_too_small()) } else { Ok(()) }
+    let decomposition = decomposition_at(
+        &model,
+        parameters,
+        &half_widths(&settings, parameters),
+        identify,
+    );
+    if decomposition.rank() == 0 {
+        Err(box_too_small())
+    } else {
+        Ok(())
+    }
 }
 
 /// Equations from distinct configurations: three for each target seen there, six at most. Counted until there are `enough`.
@@ -214,7 +261,9 @@ pub fn n_equations(observations: &[Observation], enough: usize) -> usize {
         if found >= enough {
             break;
         }
-        let targets = targets_at.entry(configurations.first_row_like(&o.q_rad, row)).or_default();
+        let targets = targets_at
+            .entry(configurations.first_row_like(&o.q_rad, row))
+            .or_default();
         let of = |n_targets: usize| (3 * n_targets).min(EQUATIONS_PER_CONFIGURATION);
         let before = of(targets.len());
         targets.insert(o.target);
@@ -227,11 +276,20 @@ pub fn n_equations(observations: &[Observation], enough: usize) -> usize {
 pub fn model_rank(robot: &Robot, parameters: &[Parameter], n_targets: usize) -> usize {
     let scale: Vec<f64> = parameters.iter().map(prior_scale).collect();
     let n_poses = (parameters.len() + MORE_POSES).max(n_targets);
-    decompose(generic_jacobian(robot, parameters, n_targets, n_poses), &scale).rank_relative(ZERO)
+    decompose(
+        generic_jacobian(robot, parameters, n_targets, n_poses),
+        &scale,
+    )
+    .rank_relative(ZERO)
 }
 
 /// What this many random poses see of the parameters, the targets in turn.
-fn generic_jacobian(robot: &Robot, parameters: &[Parameter], n_targets: usize, n_poses: usize) -> DMatrix<f64> {
+fn generic_jacobian(
+    robot: &Robot,
+    parameters: &[Parameter],
+    n_targets: usize,
+    n_poses: usize,
+) -> DMatrix<f64> {
     let mut random = ChaCha8Rng::seed_from_u64(0);
     let mut angle = || random.random_range(-std::f64::consts::PI..std::f64::consts::PI);
     let observations: Vec<Observation> = (0..n_poses)
@@ -243,9 +301,16 @@ fn generic_jacobian(robot: &Robot, parameters: &[Parameter], n_targets: usize, n
         })
         .collect();
     let mut model = KinematicModel::nominal(&robot.links, n_targets.max(1));
-    if parameters.iter().any(|p| matches!(p, Parameter::Target(..))) {
+    if parameters
+        .iter()
+        .any(|p| matches!(p, Parameter::Target(..)))
+    {
         // off every axis of the robot, where a target is generic
-        model.targets_mm.iter_mut().enumerate().for_each(|(i, t)| *t = Vector3::new(61.0 + 17.0 * i as f64, -43.0, 97.0));
+        model
+            .targets_mm
+            .iter_mut()
+            .enumerate()
+            .for_each(|(i, t)| *t = Vector3::new(61.0 + 17.0 * i as f64, -43.0, 97.0));
     }
     let scale: Vec<f64> = parameters.iter().map(prior_scale).collect();
     scaled_jacobian_at(&model, parameters, &scale, &observations)

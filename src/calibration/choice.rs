@@ -30,7 +30,10 @@ pub fn choose(problem: &Problem<'_>) -> Choice {
     };
     match problem.request.method {
         Method::Auto => by_evidence(problem),
-        Method::BpnnPso => asked_for(KinematicModel { links: problem.nominal.links.clone(), ..remembered(problem) }),
+        Method::BpnnPso => asked_for(KinematicModel {
+            links: problem.nominal.links.clone(),
+            ..remembered(problem)
+        }),
         Method::LeastSquares | Method::Pso => asked_for(problem.nominal.clone()),
     }
 }
@@ -39,38 +42,86 @@ fn by_evidence(problem: &Problem<'_>) -> Choice {
     let is_known = problem.request.model() == Model::Paper;
     let network = problem.network().map(|_| remembered(problem));
     let scale = &problem.decomposition.scale;
-    let best = best_start(&problem.nominal, network.as_ref(), &problem.parameters, scale, &problem.identify, is_known);
+    let best = best_start(
+        &problem.nominal,
+        network.as_ref(),
+        &problem.parameters,
+        scale,
+        &problem.identify,
+        is_known,
+    );
     let (method, reason) = evidence(&best);
-    Choice { method, cold_start: best.model.clone(), start: best.model, reason }
+    Choice {
+        method,
+        cold_start: best.model.clone(),
+        start: best.model,
+        reason,
+    }
 }
 
 /// What is said where least squares from nominal converges does not depend on whether there is a network: neither does the result.
 fn evidence(best: &BestStart) -> (Method, String) {
-    let left_out = if best.is_pulled_away { ", the quarter of them left out that fits worst" } else { "" };
-    let from_nominal = format!("least squares from nominal ended with half of the points within {:.3} mm{left_out}", best.from_nominal_mm);
+    let left_out = if best.is_pulled_away {
+        ", the quarter of them left out that fits worst"
+    } else {
+        ""
+    };
+    let from_nominal = format!(
+        "least squares from nominal ended with half of the points within {:.3} mm{left_out}",
+        best.from_nominal_mm
+    );
     if best.from_nominal_mm <= FOUND_MM && best.is_pulled_away {
-        return (Method::LeastSquares, format!("{from_nominal}: from there it converges. Look for wild points"));
+        return (
+            Method::LeastSquares,
+            format!("{from_nominal}: from there it converges. Look for wild points"),
+        );
     }
     if best.from_nominal_mm <= FOUND_MM {
-        return (Method::LeastSquares, format!("{from_nominal}: it converges, in a few steps and to the same answer every time"));
+        return (
+            Method::LeastSquares,
+            format!(
+                "{from_nominal}: it converges, in a few steps and to the same answer every time"
+            ),
+        );
     }
-    let from_network = |mm: f64| format!("; from what the robot's network remembers, within {mm:.3} mm");
-    let tried = format!("{from_nominal}, which is no fit{}", best.from_remembered_mm.map(from_network).unwrap_or_default());
+    let from_network =
+        |mm: f64| format!("; from what the robot's network remembers, within {mm:.3} mm");
+    let tried = format!(
+        "{from_nominal}, which is no fit{}",
+        best.from_remembered_mm
+            .map(from_network)
+            .unwrap_or_default()
+    );
     let (n, best_mm) = (best.n_starts, best.best_mm);
     match (best_mm <= FOUND_MM, n, best.from_remembered_mm) {
-        (true, 0, _) => (Method::LeastSquares, format!("{tried}. Check the mastering of the joints")),
+        (true, 0, _) => (
+            Method::LeastSquares,
+            format!("{tried}. Check the mastering of the joints"),
+        ),
         (true, _, _) => {
-            let others = format!("with other joint offsets, placed anew, the {n}th start reached {best_mm:.3} mm");
-            (Method::LeastSquares, format!("{tried}; {others}. Check the mastering of the joints"))
+            let others = format!(
+                "with other joint offsets, placed anew, the {n}th start reached {best_mm:.3} mm"
+            );
+            (
+                Method::LeastSquares,
+                format!("{tried}; {others}. Check the mastering of the joints"),
+            )
         }
-        (false, 0, _) => (Method::LeastSquares, format!("{tried}, and no joint offset is free: there is nowhere else to start from")),
+        (false, 0, _) => (
+            Method::LeastSquares,
+            format!("{tried}, and no joint offset is free: there is nowhere else to start from"),
+        ),
         (false, _, remembered) => {
-            let others = format!("{n} starts with other joint offsets came no nearer than {best_mm:.3} mm");
+            let others =
+                format!("{n} starts with other joint offsets came no nearer than {best_mm:.3} mm");
             let (method, swarm) = match remembered {
                 Some(_) => (Method::BpnnPso, "a swarm that the network moves searches"),
                 None => (Method::Pso, "a swarm searches"),
             };
-            (method, format!("{tried}, and {others}: {swarm} around the best of them"))
+            (
+                method,
+                format!("{tried}, and {others}: {swarm} around the best of them"),
+            )
         }
     }
 }
@@ -78,9 +129,17 @@ fn evidence(best: &BestStart) -> (Method, String) {
 /// The links that the network was trained on, base and targets fitted with them: the nominal robot would place them wrongly by as much as
 /// the robot errs.
 fn remembered(problem: &Problem<'_>) -> KinematicModel {
-    let remembered = apply(&problem.nominal, &problem.parameters, &problem.answer_deviation());
+    let remembered = apply(
+        &problem.nominal,
+        &problem.parameters,
+        &problem.answer_deviation(),
+    );
     if problem.request.model() == Model::Paper {
         return remembered;
     }
-    fit_base_and_targets(&remembered.links, &problem.identify, problem.screening.targets.len())
+    fit_base_and_targets(
+        &remembered.links,
+        &problem.identify,
+        problem.screening.targets.len(),
+    )
 }

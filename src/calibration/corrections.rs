@@ -47,26 +47,46 @@ pub fn left_out_for_priors() -> Warning {
     // what the bounds and means of links are worth beside corrections was never tried on a measured robot
     let detail = "what links cannot say (sag, harmonics, the residual network) was not looked for, because parameters have priors: \
                   `links_with_corrections` would not keep to them. The set predicts by its links alone; leave `priors` out to have corrections";
-    Warning { code: "corrections_left_out", detail: detail.into(), rows: vec![] }
+    Warning {
+        code: "corrections_left_out",
+        detail: detail.into(),
+        rows: vec![],
+    }
 }
 
 /// That none were looked for in a partial recalibration.
 pub fn left_out_of_a_part() -> Warning {
     let detail = "what links cannot say (sag, harmonics, the residual network) was not looked for, because most parameters were held: \
                   corrections would say what those leave over. The set predicts by its links alone; identify all parameters to have corrections";
-    Warning { code: "corrections_left_out", detail: detail.into(), rows: vec![] }
+    Warning {
+        code: "corrections_left_out",
+        detail: detail.into(),
+        rows: vec![],
+    }
 }
 
 /// Looks for corrections beside the identified `model`; nothing once the monitor breaks.
-pub fn corrections(problem: &Problem<'_>, model: &KinematicModel, monitor: &mut Monitor<'_>) -> Found {
+pub fn corrections(
+    problem: &Problem<'_>,
+    model: &KinematicModel,
+    monitor: &mut Monitor<'_>,
+) -> Found {
     let request = problem.request;
-    let nothing = Found { evidence: vec![], corrected: None };
+    let nothing = Found {
+        evidence: vec![],
+        corrected: None,
+    };
     let counting: Vec<(Observation, usize, Option<String>)> = {
         let weighted = problem.loss.reweighted(model, &problem.identify);
         let clusters = problem.observed.clusters(Subset::Identify);
-        let rows = (0..problem.observed.all.len()).filter(|row| problem.observed.subsets[*row] == Subset::Identify);
+        let rows = (0..problem.observed.all.len())
+            .filter(|row| problem.observed.subsets[*row] == Subset::Identify);
         let sessions = rows.map(|row| request.set.points[row].session.clone());
-        let all = weighted.into_iter().zip(clusters).zip(sessions).map(|((o, cluster), session)| (o, cluster, session));
+        let all = weighted
+            .into_iter()
+            .zip(clusters)
+            .zip(sessions)
+            .map(|((o, cluster), session)| (o, cluster, session));
         all.filter(|(o, ..)| o.weight > 0.0).collect()
     };
     let step = counting.len().div_ceil(MOST_POINTS).max(1);
@@ -78,10 +98,16 @@ pub fn corrections(problem: &Problem<'_>, model: &KinematicModel, monitor: &mut 
     if freedom <= 0.0 || variance <= noise_mm * noise_mm {
         return nothing;
     }
-    let (links, nominal) = (delivered(problem, model), delivered(problem, &problem.nominal));
+    let (links, nominal) = (
+        delivered(problem, model),
+        delivered(problem, &problem.nominal),
+    );
     let setting = Setting {
         nominal: &nominal,
-        mounting: request.robot.mounting.unwrap_or(Mounting { gravity_in_base: -Vector3::z(), std_rad: USUAL_MOUNTING_STD_RAD }),
+        mounting: request.robot.mounting.unwrap_or(Mounting {
+            gravity_in_base: -Vector3::z(),
+            std_rad: USUAL_MOUNTING_STD_RAD,
+        }),
         payload: request.payload,
         parameters: &problem.parameters,
         scale: &problem.decomposition.scale,
@@ -89,16 +115,39 @@ pub fn corrections(problem: &Problem<'_>, model: &KinematicModel, monitor: &mut 
     };
     let clusters = renumbered(taken.iter().map(|(_, cluster, _)| *cluster));
     let sessions: Vec<Option<String>> = taken.iter().map(|(.., session)| session.clone()).collect();
-    let start = Fitted { model: links, terms: vec![], values: vec![], variance };
+    let start = Fitted {
+        model: links,
+        terms: vec![],
+        values: vec![],
+        variance,
+    };
     let mut go_on = || monitor(Event::Heartbeat).is_continue();
     let earlier = request.residual_network.as_ref();
-    let Some(selected) = select(&setting, &start, &clusters, &sessions, earlier, request.seed, &mut go_on) else {
+    let Some(selected) = select(
+        &setting,
+        &start,
+        &clusters,
+        &sessions,
+        earlier,
+        request.seed,
+        &mut go_on,
+    ) else {
         return nothing;
     };
     let is_kept = selected.evidence.last().is_some_and(|all| all.kept);
-    let region = MeasuredRegion::of(observations.iter().map(|o| o.q_rad.as_slice()), nominal.links.len());
-    let corrected = is_kept.then_some(CorrectedModel { model: selected.fitted.model, corrections: selected.corrections, region });
-    Found { evidence: selected.evidence, corrected }
+    let region = MeasuredRegion::of(
+        observations.iter().map(|o| o.q_rad.as_slice()),
+        nominal.links.len(),
+    );
+    let corrected = is_kept.then_some(CorrectedModel {
+        model: selected.fitted.model,
+        corrections: selected.corrections,
+        region,
+    });
+    Found {
+        evidence: selected.evidence,
+        corrected,
+    }
 }
 
 /// Numbers from 0 in order of first appearance.
@@ -115,26 +164,43 @@ fn renumbered(labels: impl Iterator<Item = usize>) -> Vec<usize> {
 pub fn placed_anew(robot: &IdentifiedRobot, observations: &[Observation]) -> IdentifiedRobot {
     let n_targets = observations.iter().map(|o| o.target + 1).max().unwrap_or(0);
     let plain = fit_base_and_targets(&robot.plain.links, observations, n_targets);
-    let corrected = robot.corrected.as_ref().map(|corrected| placed_corrected(corrected, observations, n_targets));
+    let corrected = robot
+        .corrected
+        .as_ref()
+        .map(|corrected| placed_corrected(corrected, observations, n_targets));
     IdentifiedRobot { plain, corrected }
 }
 
-fn placed_corrected(corrected: &CorrectedModel, observations: &[Observation], n_targets: usize) -> CorrectedModel {
+fn placed_corrected(
+    corrected: &CorrectedModel,
+    observations: &[Observation],
+    n_targets: usize,
+) -> CorrectedModel {
     let mut placed = corrected.clone();
     placed.model = fit_base_and_targets(&corrected.model.links, observations, n_targets);
     let parameters: Vec<Parameter> = (0..3)
         .map(Parameter::BaseTranslation)
         .chain((0..3).map(Parameter::BaseRotation))
-        .chain((0..n_targets).flat_map(|target| (0..3).map(move |axis| Parameter::Target(target, axis))))
+        .chain(
+            (0..n_targets)
+                .flat_map(|target| (0..3).map(move |axis| Parameter::Target(target, axis))),
+        )
         .collect();
     for _ in 0..PLACEMENTS {
         // measured less what corrections displace is what the links alone would show
         let straightened = |o: &Observation| {
             let target = placed.model.targets_mm[o.target];
-            let (rigid, bent) = (t_base_flange(&placed.model.links, &o.q_rad), placed.t_base_flange(&o.q_rad));
-            let displaced =
-                (bent.rotation.matrix() - rigid.rotation.matrix()) * target + bent.translation.vector - rigid.translation.vector;
-            Observation { position_mm: o.position_mm - placed.model.t_instrument_base.rotation * displaced, ..o.clone() }
+            let (rigid, bent) = (
+                t_base_flange(&placed.model.links, &o.q_rad),
+                placed.t_base_flange(&o.q_rad),
+            );
+            let displaced = (bent.rotation.matrix() - rigid.rotation.matrix()) * target
+                + bent.translation.vector
+                - rigid.translation.vector;
+            Observation {
+                position_mm: o.position_mm - placed.model.t_instrument_base.rotation * displaced,
+                ..o.clone()
+            }
         };
         let straight: Vec<Observation> = observations.iter().map(straightened).collect();
         placed.model = fit_least_squares(&placed.model, &parameters, &straight).model;

@@ -74,7 +74,10 @@ pub struct Found {
 ///
 /// # Errors
 /// [`Error::Unusable`] for a request that cannot be identified from, [`Error::Cancelled`] when the monitor breaks.
-pub fn calibrate(request: &CalibrationRequest, monitor: &mut Monitor<'_>) -> Result<CalibrationReport, Error> {
+pub fn calibrate(
+    request: &CalibrationRequest,
+    monitor: &mut Monitor<'_>,
+) -> Result<CalibrationReport, Error> {
     check(request)?;
     let problem = Problem::new(request)?;
     let choice = choose(&problem);
@@ -82,19 +85,37 @@ pub fn calibrate(request: &CalibrationRequest, monitor: &mut Monitor<'_>) -> Res
     let mut found = stage(monitor, method.name(), |monitor| match method {
         Method::Pso => swarm(&problem, &choice.start, Start::Cold, monitor),
         Method::BpnnPso => swarm(&problem, &choice.start, Start::Network, monitor),
-        Method::Auto | Method::LeastSquares => least_squares_from(&problem, &choice.start, problem.settings.pso.stop_at_cost, monitor),
+        Method::Auto | Method::LeastSquares => least_squares_from(
+            &problem,
+            &choice.start,
+            problem.settings.pso.stop_at_cost,
+            monitor,
+        ),
     })?;
     let own = comparison_row(&problem, method.name(), method.name(), &found);
     let network = match (&found.swarm, method) {
         // a network speaks of link parameters; where none is free there is nothing for it to learn
-        (Some((space, summary)), Method::Pso) if problem.parameters.iter().any(Parameter::is_link) => {
-            let train = || bpnn_pso::train(space, &problem.nominal, summary, request.seed, request.model(), request.preset);
+        (Some((space, summary)), Method::Pso)
+            if problem.parameters.iter().any(Parameter::is_link) =>
+        {
+            let train = || {
+                bpnn_pso::train(
+                    space,
+                    &problem.nominal,
+                    summary,
+                    request.seed,
+                    request.model(),
+                    request.preset,
+                )
+            };
             Some(stage(monitor, "train_network", |_| Ok(train()))?)
         }
         _ => None,
     };
     if problem.settings.refine && method != Method::LeastSquares {
-        let refined = stage(monitor, "refine", |monitor| least_squares_from(&problem, &found.model, None, &mut quiet(monitor)))?;
+        let refined = stage(monitor, "refine", |monitor| {
+            least_squares_from(&problem, &found.model, None, &mut quiet(monitor))
+        })?;
         found.model = refined.model;
     }
     if request.preset == Preset::Default && problem.settings.refine {
@@ -105,17 +126,40 @@ pub fn calibrate(request: &CalibrationRequest, monitor: &mut Monitor<'_>) -> Res
     let too_small = larger_model::remark(&problem, &found.model, &mut quiet(monitor))?;
     let are_wanted = corrections::are_wanted(request.corrections, request.preset);
     let corrections = match are_wanted && problem.priors.is_none() {
-        true => stage(monitor, "corrections", |monitor| Ok(Some(corrections::corrections(&problem, &found.model, monitor))))?,
+        true => stage(monitor, "corrections", |monitor| {
+            Ok(Some(corrections::corrections(
+                &problem,
+                &found.model,
+                monitor,
+            )))
+        })?,
         false => None,
     };
     let comparison = compare(&problem, &choice, own, monitor)?;
     let problem = problem.with_tool_of(&found.model);
-    let mut report = report(&problem, method, choice.reason, found, comparison, network, corrections)?;
+    let mut report = report(
+        &problem,
+        method,
+        choice.reason,
+        found,
+        comparison,
+        network,
+        corrections,
+    )?;
     report.warnings.extend(too_small);
-    report.warnings.extend((are_wanted && problem.priors.is_some()).then(corrections::left_out_for_priors));
+    report
+        .warnings
+        .extend((are_wanted && problem.priors.is_some()).then(corrections::left_out_for_priors));
     if request.previous.is_some() {
-        report.changes = stage(monitor, "compare_sessions", |monitor| changes(request, &mut quiet(monitor)))?;
-        report.warnings.extend(report.changes.iter().flat_map(|changes| changes.warnings.iter().cloned()));
+        report.changes = stage(monitor, "compare_sessions", |monitor| {
+            changes(request, &mut quiet(monitor))
+        })?;
+        report.warnings.extend(
+            report
+                .changes
+                .iter()
+                .flat_map(|changes| changes.warnings.iter().cloned()),
+        );
     }
     Ok(report)
 }
@@ -139,11 +183,26 @@ impl<'a> Problem<'a> {
     /// The same with what the points see taken at the nominal robot with its tool: in the paper's model the reflector's height is part of
     /// the last d, of which nominal values know nothing, and on it depends what a reflector shows.
     pub fn with_tool_of(self, model: &KinematicModel) -> Self {
-        let Some(last) = model.links.len().checked_sub(1).filter(|_| self.request.model() == Model::Paper) else { return self };
+        let Some(last) = model
+            .links
+            .len()
+            .checked_sub(1)
+            .filter(|_| self.request.model() == Model::Paper)
+        else {
+            return self;
+        };
         let mut tooled = self.nominal.clone();
         tooled.links[last].d_mm = model.links[last].d_mm;
-        let decomposition = decomposition_at(&tooled, &self.parameters, &self.decomposition.scale, &self.identify);
-        Self { decomposition, ..self }
+        let decomposition = decomposition_at(
+            &tooled,
+            &self.parameters,
+            &self.decomposition.scale,
+            &self.identify,
+        );
+        Self {
+            decomposition,
+            ..self
+        }
     }
 
     /// The problem of a request.
@@ -167,7 +226,18 @@ impl<'a> Problem<'a> {
         }
         let loss = PointLoss::of(request, &screening);
         let (settings, priors) = (settings(request), None);
-        let mut problem = Self { request, settings, observed, screening, loss, identify, parameters, nominal, decomposition, priors };
+        let mut problem = Self {
+            request,
+            settings,
+            observed,
+            screening,
+            loss,
+            identify,
+            parameters,
+            nominal,
+            decomposition,
+            priors,
+        };
         problem.priors = known_before(&problem)?;
         Ok(problem)
     }
@@ -175,7 +245,11 @@ impl<'a> Problem<'a> {
     /// What least squares fits.
     pub fn fitting(&self) -> Fitting<'_> {
         let priors = self.priors.as_ref().map(|known| &known.priors);
-        Fitting { parameters: &self.parameters, scale: &self.decomposition.scale, priors }
+        Fitting {
+            parameters: &self.parameters,
+            scale: &self.decomposition.scale,
+            priors,
+        }
     }
 
     /// F of a model, that of the priors included, mm².
@@ -186,9 +260,17 @@ impl<'a> Problem<'a> {
     /// The points to identify, those that do not belong without weight.
     pub fn trusted(&self) -> Vec<Observation> {
         let wild: BTreeSet<usize> = self.screening.wild.iter().map(|w| w.row).collect();
-        let rows = (0..self.observed.all.len()).filter(|row| self.observed.subsets[*row] == Subset::Identify);
+        let rows = (0..self.observed.all.len())
+            .filter(|row| self.observed.subsets[*row] == Subset::Identify);
         let weight = |o: &Observation, row: usize| if wild.contains(&row) { 0.0 } else { o.weight };
-        self.identify.iter().zip(rows).map(|(o, row)| Observation { weight: weight(o, row), ..o.clone() }).collect()
+        self.identify
+            .iter()
+            .zip(rows)
+            .map(|(o, row)| Observation {
+                weight: weight(o, row),
+                ..o.clone()
+            })
+            .collect()
     }
 
     /// The network that the job may start from.
@@ -198,30 +280,58 @@ impl<'a> Problem<'a> {
 
     /// Link deviations of the network's answer from nominal, spread over all parameters (base and targets: none).
     pub fn answer_deviation(&self) -> Vec<f64> {
-        let mut answer = self.network().map(|n| n.answer.clone()).unwrap_or_default().into_iter();
-        self.parameters.iter().map(|p| if p.is_link() { answer.next().unwrap_or(0.0) } else { 0.0 }).collect()
+        let mut answer = self
+            .network()
+            .map(|n| n.answer.clone())
+            .unwrap_or_default()
+            .into_iter();
+        self.parameters
+            .iter()
+            .map(|p| {
+                if p.is_link() {
+                    answer.next().unwrap_or(0.0)
+                } else {
+                    0.0
+                }
+            })
+            .collect()
     }
 }
 
 /// The nominal robot in the frame of the fit. With sweeps, z_t is merged into d of the last link [Gao 2018, section 2.2].
-pub fn nominal_model(request: &CalibrationRequest, identify: &[Observation], n_targets: usize) -> KinematicModel {
+pub fn nominal_model(
+    request: &CalibrationRequest,
+    identify: &[Observation],
+    n_targets: usize,
+) -> KinematicModel {
     let links = &request.robot.links;
     match request.model() {
         Model::Complete => {
-            let counting: Vec<Observation> = identify.iter().filter(|o| o.weight > 0.0).cloned().collect();
+            let counting: Vec<Observation> = identify
+                .iter()
+                .filter(|o| o.weight > 0.0)
+                .cloned()
+                .collect();
             fit_base_and_targets(links, &counting, n_targets)
         }
         Model::Paper => {
             let mut model = KinematicModel::nominal(links, n_targets);
             let last = model.links.len() - 1;
-            model.links[last].d_mm += request.frames.as_ref().map_or(0.0, |frames| frames.z_tool_mm);
+            model.links[last].d_mm += request
+                .frames
+                .as_ref()
+                .map_or(0.0, |frames| frames.z_tool_mm);
             model
         }
     }
 }
 
 /// Runs one stage between its two events.
-fn stage<T>(monitor: &mut Monitor<'_>, name: &str, run: impl FnOnce(&mut Monitor<'_>) -> Result<T, Error>) -> Result<T, Error> {
+fn stage<T>(
+    monitor: &mut Monitor<'_>,
+    name: &str,
+    run: impl FnOnce(&mut Monitor<'_>) -> Result<T, Error>,
+) -> Result<T, Error> {
     tell(monitor, Event::StageStarted(name))?;
     let result = run(monitor)?;
     tell(monitor, Event::StageEnded(name))?;
@@ -229,7 +339,11 @@ fn stage<T>(monitor: &mut Monitor<'_>, name: &str, run: impl FnOnce(&mut Monitor
 }
 
 fn tell(monitor: &mut Monitor<'_>, event: Event<'_>) -> Result<(), Error> {
-    if monitor(event).is_break() { Err(Error::Cancelled) } else { Ok(()) }
+    if monitor(event).is_break() {
+        Err(Error::Cancelled)
+    } else {
+        Ok(())
+    }
 }
 
 /// Passes on nothing but the question whether to stop: iterations of later stages are not the main method's progress.
@@ -251,11 +365,24 @@ pub fn least_squares_from(
 ) -> Result<Found, Error> {
     let stop_at = stop_at_cost_mm2.unwrap_or(0.0);
     let mut watch = |i: least_squares::Iteration| {
-        monitor(Event::Iteration { iteration: i.iteration, n_iterations: i.max_iterations, best_cost_mm2: i.cost })
+        monitor(Event::Iteration {
+            iteration: i.iteration,
+            n_iterations: i.max_iterations,
+            best_cost_mm2: i.cost,
+        })
     };
     let fit = match problem.loss {
-        PointLoss::Squares => problem.fitting().run(start, &problem.identify, stop_at, &mut watch),
-        PointLoss::Bounded { .. } => robust_fit(start, problem.fitting(), &problem.identify, &problem.trusted(), problem.loss, &mut watch),
+        PointLoss::Squares => problem
+            .fitting()
+            .run(start, &problem.identify, stop_at, &mut watch),
+        PointLoss::Bounded { .. } => robust_fit(
+            start,
+            problem.fitting(),
+            &problem.identify,
+            &problem.trusted(),
+            problem.loss,
+            &mut watch,
+        ),
     };
     if fit.termination == least_squares::Termination::Stopped {
         return Err(Error::Cancelled);
@@ -289,20 +416,45 @@ fn compare(
 ) -> Result<Vec<MethodComparison>, Error> {
     let mut rows = vec![own];
     if choice.method != Method::LeastSquares {
-        let other =
-            stage(monitor, "compare_least_squares", |monitor| least_squares_from(problem, &problem.nominal, None, &mut quiet(monitor)))?;
-        rows.push(comparison_row(problem, "least_squares", "compare_least_squares", &other));
+        let other = stage(monitor, "compare_least_squares", |monitor| {
+            least_squares_from(problem, &problem.nominal, None, &mut quiet(monitor))
+        })?;
+        rows.push(comparison_row(
+            problem,
+            "least_squares",
+            "compare_least_squares",
+            &other,
+        ));
     }
     if choice.method == Method::BpnnPso {
-        let cold = stage(monitor, "compare_pso", |monitor| swarm(problem, &choice.cold_start, Start::Cold, &mut quiet(monitor)))?;
+        let cold = stage(monitor, "compare_pso", |monitor| {
+            swarm(
+                problem,
+                &choice.cold_start,
+                Start::Cold,
+                &mut quiet(monitor),
+            )
+        })?;
         rows.push(comparison_row(problem, "pso", "compare_pso", &cold));
-        let warm = stage(monitor, "compare_warm_start", |monitor| swarm(problem, &choice.start, Start::WarmBall, &mut quiet(monitor)))?;
-        rows.push(comparison_row(problem, "warm_start", "compare_warm_start", &warm));
+        let warm = stage(monitor, "compare_warm_start", |monitor| {
+            swarm(problem, &choice.start, Start::WarmBall, &mut quiet(monitor))
+        })?;
+        rows.push(comparison_row(
+            problem,
+            "warm_start",
+            "compare_warm_start",
+            &warm,
+        ));
     }
     Ok(rows)
 }
 
-fn comparison_row(problem: &Problem<'_>, method: &'static str, stage: &'static str, found: &Found) -> MethodComparison {
+fn comparison_row(
+    problem: &Problem<'_>,
+    method: &'static str,
+    stage: &'static str,
+    found: &Found,
+) -> MethodComparison {
     MethodComparison {
         method,
         stage,

@@ -43,20 +43,42 @@ impl Judged {
 /// Judges by each point's errors, mm: of the one robot; of the other's links, and of those with corrections (again of the links where it has
 /// none).
 pub fn judged(points: &[[f64; 3]]) -> Judged {
-    let limits_mm = [0, 1, 2].map(|of| (WILD * median(points.iter().map(|point| point[of]))).max(NEVER_WILD_MM));
+    let limits_mm = [0, 1, 2]
+        .map(|of| (WILD * median(points.iter().map(|point| point[of]))).max(NEVER_WILD_MM));
     let is_wild = |point: &&[f64; 3]| point.iter().zip(limits_mm).all(|(mm, limit)| *mm > limit);
     let n_wild = points.iter().filter(is_wild).count();
-    let n_set_aside = if points.len() >= FEWEST && n_wild <= points.len().div_ceil(ONE_IN) { n_wild } else { 0 };
-    let counted: Vec<&[f64; 3]> = points.iter().filter(|point| n_set_aside == 0 || !is_wild(point)).collect();
-    let rms = |of: usize| (counted.iter().map(|point| point[of] * point[of]).sum::<f64>() / counted.len() as f64).sqrt();
+    let n_set_aside = if points.len() >= FEWEST && n_wild <= points.len().div_ceil(ONE_IN) {
+        n_wild
+    } else {
+        0
+    };
+    let counted: Vec<&[f64; 3]> = points
+        .iter()
+        .filter(|point| n_set_aside == 0 || !is_wild(point))
+        .collect();
+    let rms = |of: usize| {
+        (counted
+            .iter()
+            .map(|point| point[of] * point[of])
+            .sum::<f64>()
+            / counted.len() as f64)
+            .sqrt()
+    };
     let (links, corrected) = (rms(1), rms(2));
-    Judged { n_set_aside, before_rms_mm: rms(0), after_rms_mm: if corrected > links { corrected } else { links } }
+    Judged {
+        n_set_aside,
+        before_rms_mm: rms(0),
+        after_rms_mm: if corrected > links { corrected } else { links },
+    }
 }
 
 fn median(errors_mm: impl Iterator<Item = f64>) -> f64 {
     let mut sorted: Vec<f64> = errors_mm.collect();
     sorted.sort_by(f64::total_cmp);
-    sorted.get(sorted.len() / 2).copied().unwrap_or(f64::INFINITY)
+    sorted
+        .get(sorted.len() / 2)
+        .copied()
+        .unwrap_or(f64::INFINITY)
 }
 
 #[cfg(test)]
@@ -74,8 +96,16 @@ mod tests {
             let mut points = worse();
             points[7] = [before, after, after];
             let judged = judged(&points);
-            assert_eq!((judged.n_set_aside, judged.is_better()), (1, false), "{judged:?}");
-            assert!((judged.before_rms_mm - 0.8).abs() < 1e-12 && (judged.after_rms_mm - 0.9).abs() < 1e-12, "{judged:?}");
+            assert_eq!(
+                (judged.n_set_aside, judged.is_better()),
+                (1, false),
+                "{judged:?}"
+            );
+            assert!(
+                (judged.before_rms_mm - 0.8).abs() < 1e-12
+                    && (judged.after_rms_mm - 0.9).abs() < 1e-12,
+                "{judged:?}"
+            );
             points.iter_mut().for_each(|point| point.swap(0, 1));
             points.iter_mut().for_each(|point| point[2] = point[1]);
             assert!(super::judged(&points).is_better());
@@ -86,7 +116,10 @@ mod tests {
     fn a_point_that_one_of_them_misses_alone_counts() {
         let mut points = vec![[0.8, 0.1, 0.1]; 20];
         points[3] = [0.8, 12.0, 12.0];
-        assert_eq!((judged(&points).n_set_aside, judged(&points).is_better()), (0, false));
+        assert_eq!(
+            (judged(&points).n_set_aside, judged(&points).is_better()),
+            (0, false)
+        );
         let mut points = vec![[0.8, 0.1, 0.1]; 20];
         points[3] = [0.8, 0.1, 12.0];
         assert!(!judged(&points).is_better(), "with corrections");
@@ -99,7 +132,11 @@ mod tests {
         points[4] = [10.0, 9.0, 9.0];
         assert_eq!(judged(&points).n_set_aside, 0);
         assert_eq!(judged(&points[..9]).n_set_aside, 0);
-        let Judged { before_rms_mm, after_rms_mm, .. } = judged(&[]);
+        let Judged {
+            before_rms_mm,
+            after_rms_mm,
+            ..
+        } = judged(&[]);
         assert!(before_rms_mm.is_nan() && after_rms_mm.is_nan() && !judged(&[]).is_better());
         assert_eq!(judged(&[[1e-9, 0.0, 0.0]; 20]).n_set_aside, 0);
     }

@@ -51,30 +51,72 @@ pub fn prior_faults(request: &CalibrationRequest) -> Vec<PriorFault> {
     let free = free_parameters(request, n_targets).unwrap_or_default();
     let mut faults = Vec::new();
     for (index, prior) in request.priors.iter().enumerate() {
-        let mut fault = |field, code, detail: String| faults.push(PriorFault { index, field, code, detail });
+        let mut fault = |field, code, detail: String| {
+            faults.push(PriorFault {
+                index,
+                field,
+                code,
+                detail,
+            })
+        };
         let Some(parameter) = model.iter().find(|p| p.name() == prior.name) else {
-            let known: Vec<String> = model.iter().filter(|p| may_be_known(p)).map(Parameter::name).collect();
-            fault("name", "unknown_parameter", format!("{:?} is not in this model; it has {}", prior.name, known.join(", ")));
+            let known: Vec<String> = model
+                .iter()
+                .filter(|p| may_be_known(p))
+                .map(Parameter::name)
+                .collect();
+            fault(
+                "name",
+                "unknown_parameter",
+                format!(
+                    "{:?} is not in this model; it has {}",
+                    prior.name,
+                    known.join(", ")
+                ),
+            );
             continue;
         };
         if !may_be_known(parameter) {
             let detail = "the base's turn is counted from its first estimate and cannot be known before: leave its prior out";
             fault("name", "not_applicable", detail.into());
         } else if !free.contains(parameter) {
-            fault("name", "parameter_held", format!("{} is held at nominal: leave its prior out, or let it free", prior.name));
+            fault(
+                "name",
+                "parameter_held",
+                format!(
+                    "{} is held at nominal: leave its prior out, or let it free",
+                    prior.name
+                ),
+            );
         }
-        if request.priors[..index].iter().any(|other| other.name == prior.name) {
-            fault("name", "duplicate", format!("{} has a prior already", prior.name));
+        if request.priors[..index]
+            .iter()
+            .any(|other| other.name == prior.name)
+        {
+            fault(
+                "name",
+                "duplicate",
+                format!("{} has a prior already", prior.name),
+            );
         }
         for (field, bound, is_outside) in [
-            ("min", prior.min, (|at: f64, bound: f64| at < bound) as fn(f64, f64) -> bool),
+            (
+                "min",
+                prior.min,
+                (|at: f64, bound: f64| at < bound) as fn(f64, f64) -> bool,
+            ),
             ("max", prior.max, |at: f64, bound: f64| at > bound),
         ] {
             let centre = prior.mean.map(|mean| (mean, "mean"));
-            let nominal = parameter.is_link().then(|| (nominal_of(request, parameter), "nominal value"));
+            let nominal = parameter
+                .is_link()
+                .then(|| (nominal_of(request, parameter), "nominal value"));
             for (at, what) in [centre, nominal].into_iter().flatten() {
                 if let Some(bound) = bound.filter(|bound| is_outside(at, *bound)) {
-                    let detail = format!("{bound} leaves out the {what} of {}, {at}: widen the bounds", prior.name);
+                    let detail = format!(
+                        "{bound} leaves out the {what} of {}, {at}: widen the bounds",
+                        prior.name
+                    );
                     fault(field, "out_of_bounds", detail);
                 }
             }
@@ -89,15 +131,29 @@ fn may_be_known(parameter: &Parameter) -> bool {
 
 /// Nominal value of a link's parameter, mm or degrees.
 fn nominal_of(request: &CalibrationRequest, parameter: &Parameter) -> f64 {
-    in_unit(parameter, value_of(&KinematicModel::nominal(&request.robot.links, request.set.n_targets()), parameter))
+    in_unit(
+        parameter,
+        value_of(
+            &KinematicModel::nominal(&request.robot.links, request.set.n_targets()),
+            parameter,
+        ),
+    )
 }
 
 fn in_unit(parameter: &Parameter, value: f64) -> f64 {
-    if parameter.is_angle() { value.to_degrees() } else { value }
+    if parameter.is_angle() {
+        value.to_degrees()
+    } else {
+        value
+    }
 }
 
 fn from_unit(parameter: &Parameter, value: f64) -> f64 {
-    if parameter.is_angle() { value.to_radians() } else { value }
+    if parameter.is_angle() {
+        value.to_radians()
+    } else {
+        value
+    }
 }
 
 /// The request's priors as the fit takes them.
@@ -110,10 +166,19 @@ pub fn known_before(problem: &Problem<'_>) -> Result<Option<KnownBefore>, Error>
         return Ok(None);
     }
     if let Some(fault) = prior_faults(request).into_iter().next() {
-        return Err(unusable(fault.code, format!("prior of {:?}: {}", request.priors[fault.index].name, fault.detail)));
+        return Err(unusable(
+            fault.code,
+            format!(
+                "prior of {:?}: {}",
+                request.priors[fault.index].name, fault.detail
+            ),
+        ));
     }
     let one = |known: &ParameterPrior| {
-        let index = problem.parameters.iter().position(|p| p.name() == known.name)?;
+        let index = problem
+            .parameters
+            .iter()
+            .position(|p| p.name() == known.name)?;
         let parameter = &problem.parameters[index];
         // as the report has it; of the last link's d without the tool that was merged into it
         let nominal = problem.reported(&problem.nominal, parameter);
@@ -128,20 +193,53 @@ pub fn known_before(problem: &Problem<'_>) -> Result<Option<KnownBefore>, Error>
     };
     let all: Vec<Prior> = request.priors.iter().filter_map(one).collect();
     let priors = Priors::new(&problem.nominal, &problem.parameters, all);
-    let (parameters, scale, trusted) = (&problem.parameters, &problem.decomposition.scale, problem.trusted());
-    let start = best_start(&problem.nominal, None, parameters, scale, &trusted, request.model() == Model::Paper).model;
+    let (parameters, scale, trusted) = (
+        &problem.parameters,
+        &problem.decomposition.scale,
+        problem.trusted(),
+    );
+    let start = best_start(
+        &problem.nominal,
+        None,
+        parameters,
+        scale,
+        &trusted,
+        request.model() == Model::Paper,
+    )
+    .model;
     let (priors, alone) = weighed(priors, &start, parameters, scale, &trusted);
-    Ok(Some(KnownBefore { priors, alone: alone.model }))
+    Ok(Some(KnownBefore {
+        priors,
+        alone: alone.model,
+    }))
 }
 
 /// What became of a parameter's prior.
-pub fn outcome_of(problem: &Problem<'_>, model: &KinematicModel, index: usize, uncertainty: Option<&Uncertainty>) -> Option<PriorOutcome> {
+pub fn outcome_of(
+    problem: &Problem<'_>,
+    model: &KinematicModel,
+    index: usize,
+    uncertainty: Option<&Uncertainty>,
+) -> Option<PriorOutcome> {
     let known = problem.priors.as_ref()?;
-    let prior = known.priors.all.iter().find(|prior| prior.parameter == index)?;
+    let prior = known
+        .priors
+        .all
+        .iter()
+        .find(|prior| prior.parameter == index)?;
     let parameter = &problem.parameters[index];
     let nominal = problem.reported(&problem.nominal, parameter);
-    let bound = |bound: f64| bound.is_finite().then(|| in_unit(parameter, nominal + bound));
-    let at_bound = known.priors.at_bounds(model).into_iter().find(|(j, _)| *j == index).map(|(_, upper)| if upper { "max" } else { "min" });
+    let bound = |bound: f64| {
+        bound
+            .is_finite()
+            .then(|| in_unit(parameter, nominal + bound))
+    };
+    let at_bound = known
+        .priors
+        .at_bounds(model)
+        .into_iter()
+        .find(|(j, _)| *j == index)
+        .map(|(_, upper)| if upper { "max" } else { "min" });
     let share = |u: &Uncertainty| {
         let ratio = u.std(index) / prior.std;
         (ratio * ratio).min(1.0)
@@ -158,7 +256,9 @@ pub fn outcome_of(problem: &Problem<'_>, model: &KinematicModel, index: usize, u
 
 /// Warns where the points fit far better without the priors than chance allows, and of parameters that stand at a bound.
 pub fn remarks(problem: &Problem<'_>, model: &KinematicModel) -> Vec<Warning> {
-    let Some(known) = &problem.priors else { return vec![] };
+    let Some(known) = &problem.priors else {
+        return vec![];
+    };
     let name = |j: usize| problem.parameters[j].name();
     let mut warnings = Vec::new();
     let at_bounds: Vec<String> = known
@@ -168,9 +268,15 @@ pub fn remarks(problem: &Problem<'_>, model: &KinematicModel) -> Vec<Warning> {
         .map(|(j, upper)| format!("{} at its {}", name(j), if upper { "max" } else { "min" }))
         .collect();
     if !at_bounds.is_empty() {
-        let detail =
-            format!("{}: no uncertainty is stated where a bound ended the fit, and the others are those beside it", at_bounds.join(", "));
-        warnings.push(Warning { code: "at_bound", detail, rows: vec![] });
+        let detail = format!(
+            "{}: no uncertainty is stated where a bound ended the fit, and the others are those beside it",
+            at_bounds.join(", ")
+        );
+        warnings.push(Warning {
+            code: "at_bound",
+            detail,
+            rows: vec![],
+        });
     }
     let trusted = problem.trusted();
     let counting = trusted.iter().filter(|o| o.weight > 0.0).count();
@@ -186,7 +292,10 @@ pub fn remarks(problem: &Problem<'_>, model: &KinematicModel) -> Vec<Warning> {
             let parameter = &problem.parameters[prior.parameter];
             let unit = if parameter.is_angle() { "°" } else { " mm" };
             let of_points = in_unit(parameter, problem.reported(&known.alone, parameter));
-            let expected = in_unit(parameter, problem.reported(&problem.nominal, parameter) + prior.mean);
+            let expected = in_unit(
+                parameter,
+                problem.reported(&problem.nominal, parameter) + prior.mean,
+            );
             format!(
                 "{} is expected at {expected:.4} ± {:.4}{unit}, the points alone have it at {of_points:.4}",
                 name(prior.parameter),
@@ -201,7 +310,11 @@ pub fn remarks(problem: &Problem<'_>, model: &KinematicModel) -> Vec<Warning> {
             rms(without),
             all.join("; ")
         );
-        warnings.push(Warning { code: "prior_contradicted", detail, rows: vec![] });
+        warnings.push(Warning {
+            code: "prior_contradicted",
+            detail,
+            rows: vec![],
+        });
     }
     warnings
 }

@@ -17,10 +17,15 @@ const BETTER: f64 = 5.0;
 ///
 /// # Errors
 /// [`Error::Cancelled`].
-pub fn remark(problem: &Problem<'_>, found: &KinematicModel, monitor: &mut Monitor<'_>) -> Result<Option<Warning>, Error> {
+pub fn remark(
+    problem: &Problem<'_>,
+    found: &KinematicModel,
+    monitor: &mut Monitor<'_>,
+) -> Result<Option<Warning>, Error> {
     let request = problem.request;
     let fit_mm = rms_mm(found, &problem.identify);
-    let is_asked_for = request.frames.is_some() || request.preset == Preset::Paper || !request.priors.is_empty();
+    let is_asked_for =
+        request.frames.is_some() || request.preset == Preset::Paper || !request.priors.is_empty();
     if request.model() != Model::Paper || is_asked_for || fit_mm < POOR_MM {
         return Ok(None);
     }
@@ -50,10 +55,15 @@ pub fn remark(problem: &Problem<'_>, found: &KinematicModel, monitor: &mut Monit
          has it at {:.1}, {:.1}, {:.1} mm of the flange), or the positions are not in the robot's base frame. Ask for model complete",
         target.x, target.y, target.z
     );
-    Ok(Some(Warning { code: "model_too_small", detail, rows: vec![] }))
+    Ok(Some(Warning {
+        code: "model_too_small",
+        detail,
+        rows: vec![],
+    }))
 }
 
 /// Of the weighted residuals, mm.
 fn rms_mm(model: &KinematicModel, observations: &[Observation]) -> f64 {
-    (weighted_residuals(model, observations).norm_squared() / observations.len().max(1) as f64).sqrt()
+    (weighted_residuals(model, observations).norm_squared() / observations.len().max(1) as f64)
+        .sqrt()
 }

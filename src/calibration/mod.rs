@@ -83,5 +83,8 @@ pub enum Error {
 }
 
 fn unusable(code: &'static str, detail: impl Into<String>) -> Error {
-    Error::Unusable { code, detail: detail.into() }
+    Error::Unusable {
+        code,
+        detail: detail.into(),
+    }
 }

@@ -28,7 +28,12 @@ pub struct Observed {
 }
 
 impl Observed {
-    fn new(request: &CalibrationRequest, set: &MeasurementSet, to_base: &IsometryMatrix3<f64>, subsets: Vec<Subset>) -> Self {
+    fn new(
+        request: &CalibrationRequest,
+        set: &MeasurementSet,
+        to_base: &IsometryMatrix3<f64>,
+        subsets: Vec<Subset>,
+    ) -> Self {
         let all = observations(&request.robot, set, to_base, &subsets);
         Self {
             subsets,
@@ -41,12 +46,23 @@ impl Observed {
 
     /// The observations of one subset.
     pub fn of(&self, subset: Subset) -> Vec<Observation> {
-        self.all.iter().zip(&self.subsets).filter(|(_, s)| **s == subset).map(|(o, _)| o.clone()).collect()
+        self.all
+            .iter()
+            .zip(&self.subsets)
+            .filter(|(_, s)| **s == subset)
+            .map(|(o, _)| o.clone())
+            .collect()
     }
 
     /// The number of each point's configuration, of the points of one subset, counted from 0 in their order.
     pub fn clusters(&self, subset: Subset) -> Vec<usize> {
-        numbered(self.configurations.iter().zip(&self.subsets).filter(|(_, s)| **s == subset).map(|(configuration, _)| configuration))
+        numbered(
+            self.configurations
+                .iter()
+                .zip(&self.subsets)
+                .filter(|(_, s)| **s == subset)
+                .map(|(configuration, _)| configuration),
+        )
     }
 
     /// The number of every point's configuration.
@@ -68,18 +84,33 @@ fn numbered<'a>(labels: impl Iterator<Item = &'a String>) -> Vec<usize> {
 /// The request's own set, split.
 pub fn observe(request: &CalibrationRequest) -> Result<Observed, Error> {
     let set = &request.set;
-    Ok(Observed::new(request, set, &to_base(request), subsets(request)?))
+    Ok(Observed::new(
+        request,
+        set,
+        &to_base(request),
+        subsets(request)?,
+    ))
 }
 
 /// The request's own set, all of it to verify.
 pub fn observe_to_verify(request: &CalibrationRequest) -> Observed {
     let set = &request.set;
-    Observed::new(request, set, &to_base(request), vec![Subset::Verify; set.points.len()])
+    Observed::new(
+        request,
+        set,
+        &to_base(request),
+        vec![Subset::Verify; set.points.len()],
+    )
 }
 
 /// Another set of the same robot: all of it to verify.
 pub fn observe_verify_set(request: &CalibrationRequest, set: &MeasurementSet) -> Observed {
-    Observed::new(request, set, &IsometryMatrix3::identity(), vec![Subset::Verify; set.points.len()])
+    Observed::new(
+        request,
+        set,
+        &IsometryMatrix3::identity(),
+        vec![Subset::Verify; set.points.len()],
+    )
 }
 
 /// What turns measured positions into the frame of the fit: the base frame where sweeps give it, else the measuring frame.
@@ -90,7 +121,12 @@ fn to_base(request: &CalibrationRequest) -> IsometryMatrix3<f64> {
     }
 }
 
-fn observations(robot: &Robot, set: &MeasurementSet, to_base: &IsometryMatrix3<f64>, subsets: &[Subset]) -> Vec<Observation> {
+fn observations(
+    robot: &Robot,
+    set: &MeasurementSet,
+    to_base: &IsometryMatrix3<f64>,
+    subsets: &[Subset],
+) -> Vec<Observation> {
     let weights = weights(set, subsets);
     let observation = |(point, weight): (&crate::measurement::Point, f64)| Observation {
         q_rad: robot.q_model_rad(&point.q_rad),
@@ -103,17 +139,38 @@ fn observations(robot: &Robot, set: &MeasurementSet, to_base: &IsometryMatrix3<f
 
 /// The stated standard deviation of a coordinate of a point of weight 1, mm; 0 where none is stated.
 pub fn stated_scale_mm(set: &MeasurementSet) -> f64 {
-    let all: Option<Vec<f64>> = set.points.iter().map(|p| p.std_mm.map(|std| 1.0 / (std * std))).collect();
-    all.map_or(0.0, |precisions| (precisions.len() as f64 / precisions.iter().sum::<f64>()).sqrt())
+    let all: Option<Vec<f64>> = set
+        .points
+        .iter()
+        .map(|p| p.std_mm.map(|std| 1.0 / (std * std)))
+        .collect();
+    all.map_or(0.0, |precisions| {
+        (precisions.len() as f64 / precisions.iter().sum::<f64>()).sqrt()
+    })
 }
 
 /// 1/std² of each point relative to the mean of that over the points that are fitted (all of them where none is), so that equal
 /// uncertainties leave F as it is and what is only verified has no say; 1 where no uncertainties are given.
 fn weights(set: &MeasurementSet, subsets: &[Subset]) -> Vec<f64> {
-    let all: Option<Vec<f64>> = set.points.iter().map(|p| p.std_mm.map(|std| 1.0 / (std * std))).collect();
-    let Some(precisions) = all else { return vec![1.0; set.points.len()] };
-    let fitted: Vec<f64> = precisions.iter().zip(subsets).filter(|(_, s)| **s == Subset::Identify).map(|(w, _)| *w).collect();
-    let counted = if fitted.is_empty() { &precisions } else { &fitted };
+    let all: Option<Vec<f64>> = set
+        .points
+        .iter()
+        .map(|p| p.std_mm.map(|std| 1.0 / (std * std)))
+        .collect();
+    let Some(precisions) = all else {
+        return vec![1.0; set.points.len()];
+    };
+    let fitted: Vec<f64> = precisions
+        .iter()
+        .zip(subsets)
+        .filter(|(_, s)| **s == Subset::Identify)
+        .map(|(w, _)| *w)
+        .collect();
+    let counted = if fitted.is_empty() {
+        &precisions
+    } else {
+        &fitted
+    };
     let mean = counted.iter().sum::<f64>() / counted.len().max(1) as f64;
     precisions.iter().map(|w| w / mean).collect()
 }
@@ -126,7 +183,11 @@ fn subsets(request: &CalibrationRequest) -> Result<Vec<Subset>, Error> {
         VerifySource::Subset => by_column(),
         VerifySource::Fraction(fraction) => Ok(split::by_fraction(set, fraction, request.seed)),
         VerifySource::Default if split::has_column(set) => by_column(),
-        VerifySource::Default => Ok(split::by_fraction(set, DEFAULT_VERIFY_FRACTION, request.seed)),
+        VerifySource::Default => Ok(split::by_fraction(
+            set,
+            DEFAULT_VERIFY_FRACTION,
+            request.seed,
+        )),
     }
 }
 
@@ -140,15 +201,22 @@ pub fn model_parameters(request: &CalibrationRequest, n_targets: usize) -> Vec<P
 }
 
 /// The free parameters: the model's, less what the request holds.
-pub fn free_parameters(request: &CalibrationRequest, n_targets: usize) -> Result<Vec<Parameter>, Error> {
+pub fn free_parameters(
+    request: &CalibrationRequest,
+    n_targets: usize,
+) -> Result<Vec<Parameter>, Error> {
     let model = model_parameters(request, n_targets);
     let names: BTreeSet<String> = model.iter().map(Parameter::name).collect();
-    let (ParameterChoice::Hold(asked) | ParameterChoice::Identify(asked)) = &request.parameters else {
+    let (ParameterChoice::Hold(asked) | ParameterChoice::Identify(asked)) = &request.parameters
+    else {
         return Ok(model);
     };
     if let Some(unknown) = asked.iter().find(|name| !names.contains(*name)) {
         let known = names.into_iter().collect::<Vec<_>>().join(", ");
-        return Err(unusable("unknown_parameter", format!("parameter {unknown:?} is not in this model; it has {known}")));
+        return Err(unusable(
+            "unknown_parameter",
+            format!("parameter {unknown:?} is not in this model; it has {known}"),
+        ));
     }
     let keep = |p: &Parameter| match &request.parameters {
         ParameterChoice::Hold(_) => !asked.contains(&p.name()),
@@ -157,7 +225,10 @@ pub fn free_parameters(request: &CalibrationRequest, n_targets: usize) -> Result
     };
     let free: Vec<Parameter> = model.into_iter().filter(keep).collect();
     if free.is_empty() {
-        return Err(unusable("nothing_to_identify", "every parameter is held; leave at least one free"));
+        return Err(unusable(
+            "nothing_to_identify",
+            "every parameter is held; leave at least one free",
+        ));
     }
     Ok(free)
 }

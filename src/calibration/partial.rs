@@ -33,15 +33,25 @@ pub struct Held {
 ///
 /// # Errors
 /// As [`calibrate`].
-pub fn calibrate_partially(request: &CalibrationRequest, held: &Held, monitor: &mut Monitor<'_>) -> Result<CalibrationReport, Error> {
+pub fn calibrate_partially(
+    request: &CalibrationRequest,
+    held: &Held,
+    monitor: &mut Monitor<'_>,
+) -> Result<CalibrationReport, Error> {
     // corrections of few parameters would say what the held ones leave over
     let from_held = CalibrationRequest {
-        robot: Robot { links: held.links.clone(), ..request.robot.clone() },
+        robot: Robot {
+            links: held.links.clone(),
+            ..request.robot.clone()
+        },
         corrections: Some(CorrectionsChoice::Off),
         ..request.clone()
     };
     let mut report = calibrate(&from_held, monitor)?;
-    report.warnings.extend(corrections::are_wanted(request.corrections, request.preset).then(corrections::left_out_of_a_part));
+    report.warnings.extend(
+        corrections::are_wanted(request.corrections, request.preset)
+            .then(corrections::left_out_of_a_part),
+    );
     let whole = CalibrationRequest {
         model: Some(request.model()),
         frames: held.session.frames.clone(),
@@ -49,7 +59,10 @@ pub fn calibrate_partially(request: &CalibrationRequest, held: &Held, monitor: &
     };
     let problem = Problem::new(&from_held)?;
     let earlier = estimate(&whole, monitor)?;
-    let widened = earlier.as_ref().zip(report.uncertainty.as_ref()).and_then(|(earlier, own)| widened(&problem, &report, earlier, own));
+    let widened = earlier
+        .as_ref()
+        .zip(report.uncertainty.as_ref())
+        .and_then(|(earlier, own)| widened(&problem, &report, earlier, own));
     match widened {
         Some((parameters, uncertainty)) => state(&mut report, &problem, &parameters, uncertainty),
         None => report.warnings.push(Warning {
@@ -67,7 +80,11 @@ pub fn calibrate_partially(request: &CalibrationRequest, held: &Held, monitor: &
 
 /// The model of a report, as it was fitted.
 fn model_of(report: &CalibrationReport) -> KinematicModel {
-    KinematicModel { t_instrument_base: report.t_instrument_base, links: report.links.clone(), targets_mm: report.targets_mm.clone() }
+    KinematicModel {
+        t_instrument_base: report.t_instrument_base,
+        links: report.links.clone(),
+        targets_mm: report.targets_mm.clone(),
+    }
 }
 
 /// Free and held parameters with the uncertainty of both: with δ_free = −E·J_held·δ_held, E the least-squares inverse of J_free along what
@@ -78,21 +95,31 @@ fn widened(
     earlier: &Estimate,
     own: &Uncertainty,
 ) -> Option<(Vec<Parameter>, Uncertainty)> {
-    let is_held = |i: &usize| earlier.parameters[*i].is_link() && !problem.parameters.contains(&earlier.parameters[*i]);
+    let is_held = |i: &usize| {
+        earlier.parameters[*i].is_link() && !problem.parameters.contains(&earlier.parameters[*i])
+    };
     let at: Vec<usize> = (0..earlier.parameters.len()).filter(is_held).collect();
     let held: Vec<Parameter> = at.iter().map(|i| earlier.parameters[*i]).collect();
     let (model, at_fit) = (model_of(report), Vector3::zeros());
-    let jacobian = |parameters: &[Parameter]| weighted_jacobian(&model, parameters, &problem.identify, &at_fit);
+    let jacobian = |parameters: &[Parameter]| {
+        weighted_jacobian(&model, parameters, &problem.identify, &at_fit)
+    };
     let directions = problem.decomposition.seen_directions();
     let (q, r) = (jacobian(&problem.parameters) * &directions).qr().unpack();
     let inverse = directions * r.try_inverse()? * q.transpose();
-    let roots = [&earlier.uncertainty.noise, &earlier.uncertainty.misfit, &earlier.uncertainty.unseen];
+    let roots = [
+        &earlier.uncertainty.noise,
+        &earlier.uncertainty.misfit,
+        &earlier.uncertainty.unseen,
+    ];
     let n_causes: usize = roots.iter().map(|root| root.ncols()).sum();
     let mut causes = DMatrix::zeros(held.len(), n_causes);
     let mut column = 0;
     for root in roots {
         for k in 0..root.ncols() {
-            at.iter().enumerate().for_each(|(row, i)| causes[(row, column)] = root[(*i, k)]);
+            at.iter()
+                .enumerate()
+                .for_each(|(row, i)| causes[(row, column)] = root[(*i, k)]);
             column += 1;
         }
     }
@@ -100,26 +127,68 @@ fn widened(
     let (n_free, n_own) = (problem.parameters.len(), own.noise.ncols());
     let mut both = own.clone();
     both.noise = DMatrix::zeros(n_free + held.len(), n_own + n_causes);
-    both.noise.view_mut((0, 0), (n_free, n_own)).copy_from(&own.noise);
-    both.noise.view_mut((0, n_own), (n_free, n_causes)).copy_from(&moved);
-    both.noise.view_mut((n_free, n_own), (held.len(), n_causes)).copy_from(&causes);
-    both.misfit = own.misfit.clone().resize_vertically(n_free + held.len(), 0.0);
-    both.unseen = own.unseen.clone().resize_vertically(n_free + held.len(), 0.0);
-    both.noise.iter().all(|v| v.is_finite()).then(|| (problem.parameters.iter().copied().chain(held).collect(), both))
+    both.noise
+        .view_mut((0, 0), (n_free, n_own))
+        .copy_from(&own.noise);
+    both.noise
+        .view_mut((0, n_own), (n_free, n_causes))
+        .copy_from(&moved);
+    both.noise
+        .view_mut((n_free, n_own), (held.len(), n_causes))
+        .copy_from(&causes);
+    both.misfit = own
+        .misfit
+        .clone()
+        .resize_vertically(n_free + held.len(), 0.0);
+    both.unseen = own
+        .unseen
+        .clone()
+        .resize_vertically(n_free + held.len(), 0.0);
+    both.noise.iter().all(|v| v.is_finite()).then(|| {
+        (
+            problem.parameters.iter().copied().chain(held).collect(),
+            both,
+        )
+    })
 }
 
 /// States it: parameter by parameter, and of the tool.
-fn state(report: &mut CalibrationReport, problem: &Problem<'_>, parameters: &[Parameter], uncertainty: Uncertainty) {
-    for (i, (outcome, parameter)) in report.parameters.iter_mut().zip(&problem.parameters).enumerate() {
-        let to_wire = |value: f64| if parameter.is_angle() { value.to_degrees() } else { value };
+fn state(
+    report: &mut CalibrationReport,
+    problem: &Problem<'_>,
+    parameters: &[Parameter],
+    uncertainty: Uncertainty,
+) {
+    for (i, (outcome, parameter)) in report
+        .parameters
+        .iter_mut()
+        .zip(&problem.parameters)
+        .enumerate()
+    {
+        let to_wire = |value: f64| {
+            if parameter.is_angle() {
+                value.to_degrees()
+            } else {
+                value
+            }
+        };
         if outcome.identifiable {
             let half_width = to_wire(uncertainty.half_width(i, CONFIDENCE));
             outcome.std_uncertainty = Some(to_wire(uncertainty.std(i)));
-            outcome.interval_95 = Some([outcome.identified - half_width, outcome.identified + half_width]);
+            outcome.interval_95 = Some([
+                outcome.identified - half_width,
+                outcome.identified + half_width,
+            ]);
         }
     }
     let robot = &problem.request.robot;
-    report.tool_uncertainty = Some(tool_uncertainty(robot, &model_of(report), parameters, &problem.identify, &uncertainty));
+    report.tool_uncertainty = Some(tool_uncertainty(
+        robot,
+        &model_of(report),
+        parameters,
+        &problem.identify,
+        &uncertainty,
+    ));
     report.uncertainty = Some(uncertainty);
 }
 
@@ -128,7 +197,11 @@ fn from_catalogue(report: &mut CalibrationReport, parameters: &[Parameter], nomi
     for (outcome, parameter) in report.parameters.iter_mut().zip(parameters) {
         if let Parameter::Link(link, quantity) = *parameter {
             let value = *quantity_mut(&mut nominal[link].clone(), quantity);
-            outcome.nominal = if parameter.is_angle() { value.to_degrees() } else { value };
+            outcome.nominal = if parameter.is_angle() {
+                value.to_degrees()
+            } else {
+                value
+            };
             outcome.delta = outcome.identified - outcome.nominal;
         }
     }

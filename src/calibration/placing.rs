@@ -51,7 +51,12 @@ impl Placed {
 
     /// The points that base and targets are placed by.
     fn counting(&self) -> Vec<Observation> {
-        self.observed.all.iter().filter(|o| o.weight > 0.0).cloned().collect()
+        self.observed
+            .all
+            .iter()
+            .filter(|o| o.weight > 0.0)
+            .cloned()
+            .collect()
     }
 }
 
@@ -71,19 +76,34 @@ impl<'a> Layout<'a> {
         let placing = placing(request, set, model);
         let mut fitted = observed.clone();
         fitted.subsets.fill(Subset::Identify);
-        let (screening, arrangement) = match 3 * set.points.len() > PER_NUMBER * (6 * n_stations(set) + 3 * set.n_targets()) {
-            true => screen_arranged(&placing, &mut fitted)?,
-            false => {
-                let arrangement = Arrangement::of(&placing);
-                (Screening { targets: arrangement.fitted_targets(&fitted), ..Screening::default() }, arrangement)
-            }
-        };
-        let is_placed_anew = refit || n_stations(set) > 1 || screening.steps.iter().any(|step| !step.is_one_point);
+        let (screening, arrangement) =
+            match 3 * set.points.len() > PER_NUMBER * (6 * n_stations(set) + 3 * set.n_targets()) {
+                true => screen_arranged(&placing, &mut fitted)?,
+                false => {
+                    let arrangement = Arrangement::of(&placing);
+                    (
+                        Screening {
+                            targets: arrangement.fitted_targets(&fitted),
+                            ..Screening::default()
+                        },
+                        arrangement,
+                    )
+                }
+            };
+        let is_placed_anew =
+            refit || n_stations(set) > 1 || screening.steps.iter().any(|step| !step.is_one_point);
         let mut measured = observed;
         for (row, weight) in fitted.all.iter().map(|o| o.weight).enumerate() {
             measured.all[row].weight = weight;
         }
-        Ok(Self { request, set, measured, arrangement, screening, is_placed_anew })
+        Ok(Self {
+            request,
+            set,
+            measured,
+            arrangement,
+            screening,
+            is_placed_anew,
+        })
     }
 
     /// A robot on these points: its links as they are; base and targets as they are, or placed anew.
@@ -93,22 +113,45 @@ impl<'a> Layout<'a> {
     pub fn place(&self, model: &KinematicModel) -> Result<Placed, Error> {
         let mut observed = self.measured.clone();
         if !self.is_placed_anew {
-            let segments = (0..model.targets_mm.len()).map(|target| (target, 0)).collect();
-            return Ok(Placed { model: model.clone(), observed, segments });
+            let segments = (0..model.targets_mm.len())
+                .map(|target| (target, 0))
+                .collect();
+            return Ok(Placed {
+                model: model.clone(),
+                observed,
+                segments,
+            });
         }
-        let (placing, mut arrangement) = (placing(self.request, self.set, model), self.arrangement.clone());
+        let (placing, mut arrangement) = (
+            placing(self.request, self.set, model),
+            self.arrangement.clone(),
+        );
         observed.subsets.fill(Subset::Identify);
-        fit_motions(&placing, &mut observed, &mut arrangement, Some(Subset::Identify))?;
+        fit_motions(
+            &placing,
+            &mut observed,
+            &mut arrangement,
+            Some(Subset::Identify),
+        )?;
         arrangement.apply(&mut observed);
         observed.subsets.fill(Subset::Verify);
         let segments = arrangement.fitted_targets(&observed).segments;
-        let mut placed = Placed { model: model.clone(), observed, segments };
-        placed.model = fit_base_and_targets(&model.links, &placed.counting(), placed.segments.len());
+        let mut placed = Placed {
+            model: model.clone(),
+            observed,
+            segments,
+        };
+        placed.model =
+            fit_base_and_targets(&model.links, &placed.counting(), placed.segments.len());
         Ok(placed)
     }
 
     /// A robot with corrections, beside its links alone as they were placed.
-    pub fn place_corrected(&self, robot: &IdentifiedRobot, links_alone: &Placed) -> IdentifiedRobot {
+    pub fn place_corrected(
+        &self,
+        robot: &IdentifiedRobot,
+        links_alone: &Placed,
+    ) -> IdentifiedRobot {
         match self.is_placed_anew {
             true => placed_anew(robot, &links_alone.counting()),
             false => robot.clone(),
@@ -127,11 +170,19 @@ impl<'a> Layout<'a> {
 
 /// Stations that a set was measured from.
 pub fn n_stations(set: &MeasurementSet) -> usize {
-    set.points.iter().map(|p| &p.station).collect::<std::collections::BTreeSet<_>>().len()
+    set.points
+        .iter()
+        .map(|p| &p.station)
+        .collect::<std::collections::BTreeSet<_>>()
+        .len()
 }
 
 /// The request that identifies nothing but where base and targets are, with the links of a model.
-fn placing(request: &CalibrationRequest, set: &MeasurementSet, model: &KinematicModel) -> CalibrationRequest {
+fn placing(
+    request: &CalibrationRequest,
+    set: &MeasurementSet,
+    model: &KinematicModel,
+) -> CalibrationRequest {
     let mut robot = request.robot.clone();
     robot.links.clone_from(&model.links);
     CalibrationRequest {

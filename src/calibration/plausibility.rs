@@ -15,7 +15,10 @@ pub fn implausible_changes(links: &[Link], reference: &[Link]) -> Vec<String> {
     let mut changes = Vec::new();
     for (i, (now, then)) in links.iter().zip(reference).enumerate() {
         let lengths = [("a", now.a_mm - then.a_mm), ("d", now.d_mm - then.d_mm)];
-        for (name, delta_mm) in lengths.into_iter().filter(|(_, delta)| delta.is_nan() || delta.abs() > PLAUSIBLE_MM) {
+        for (name, delta_mm) in lengths
+            .into_iter()
+            .filter(|(_, delta)| delta.is_nan() || delta.abs() > PLAUSIBLE_MM)
+        {
             changes.push(format!("{name}_{} by {delta_mm:.3} mm", i + 1));
         }
         let angles = [
@@ -26,12 +29,20 @@ pub fn implausible_changes(links: &[Link], reference: &[Link]) -> Vec<String> {
         let turned = |delta: f64| delta - TAU * (delta / TAU).round();
         for (name, delta_rad) in angles.map(|(name, delta)| (name, turned(delta))) {
             if delta_rad.is_nan() || delta_rad.abs() > PLAUSIBLE_RAD {
-                changes.push(format!("{name}_{} by {:.4}°", i + 1, delta_rad.to_degrees()));
+                changes.push(format!(
+                    "{name}_{} by {:.4}°",
+                    i + 1,
+                    delta_rad.to_degrees()
+                ));
             }
         }
     }
     if links.len() != reference.len() {
-        changes.push(format!("{} links instead of {}", links.len(), reference.len()));
+        changes.push(format!(
+            "{} links instead of {}",
+            links.len(),
+            reference.len()
+        ));
     }
     changes
 }
@@ -47,15 +58,27 @@ const SCALE_SIGMAS: f64 = 4.0;
 
 /// Remarks on a finished identification, for its report.
 pub fn warnings(report: &CalibrationReport, nominal: &[Link]) -> Vec<Warning> {
-    let warning = |code, detail| Warning { code, detail, rows: vec![] };
+    let warning = |code, detail| Warning {
+        code,
+        detail,
+        rows: vec![],
+    };
     let mut warnings = Vec::new();
     let changes = implausible_changes(&report.links, nominal);
     if !changes.is_empty() {
-        let detail = format!("against the nominal robot {}: a wrong tool or base, a slipped joint, another robot?", changes.join(", "));
+        let detail = format!(
+            "against the nominal robot {}: a wrong tool or base, a slipped joint, another robot?",
+            changes.join(", ")
+        );
         warnings.push(warning("implausible_parameters", detail));
     }
-    let measured_mm = report.verify.map_or(report.identify.after.rms_mm, |verify| verify.after.rms_mm);
-    if let Some(tool) = report.tool_uncertainty.filter(|tool| tool.max_mm > (UNCERTAIN * measured_mm).max(LEAST_UNCERTAIN_MM)) {
+    let measured_mm = report
+        .verify
+        .map_or(report.identify.after.rms_mm, |verify| verify.after.rms_mm);
+    if let Some(tool) = report
+        .tool_uncertainty
+        .filter(|tool| tool.max_mm > (UNCERTAIN * measured_mm).max(LEAST_UNCERTAIN_MM))
+    {
         let detail = format!(
             "elsewhere in the workspace the tool may be off by {:.3} mm (one standard deviation) though the points fit to {measured_mm:.3} mm: measure poses \
              spread over the workspace, with every joint moving",
@@ -75,14 +98,28 @@ pub fn warnings(report: &CalibrationReport, nominal: &[Link]) -> Vec<Warning> {
 
 /// The share by which all identified lengths are longer, where it stands out of their scatter. Lengths that were not identified say nothing.
 fn common_scale(links: &[Link], nominal: &[Link]) -> Option<f64> {
-    let lengths = links.iter().zip(nominal).flat_map(|(now, then)| [(then.a_mm, now.a_mm - then.a_mm), (then.d_mm, now.d_mm - then.d_mm)]);
-    let lengths: Vec<(f64, f64)> = lengths.filter(|(length, delta)| *length != 0.0 && *delta != 0.0).collect();
+    let lengths = links.iter().zip(nominal).flat_map(|(now, then)| {
+        [
+            (then.a_mm, now.a_mm - then.a_mm),
+            (then.d_mm, now.d_mm - then.d_mm),
+        ]
+    });
+    let lengths: Vec<(f64, f64)> = lengths
+        .filter(|(length, delta)| *length != 0.0 && *delta != 0.0)
+        .collect();
     let squares: f64 = lengths.iter().map(|(length, _)| length * length).sum();
     if lengths.len() < 3 {
         return None;
     }
-    let scale = lengths.iter().map(|(length, delta)| length * delta).sum::<f64>() / squares;
-    let scatter: f64 = lengths.iter().map(|(length, delta)| (delta - scale * length) * (delta - scale * length)).sum();
+    let scale = lengths
+        .iter()
+        .map(|(length, delta)| length * delta)
+        .sum::<f64>()
+        / squares;
+    let scatter: f64 = lengths
+        .iter()
+        .map(|(length, delta)| (delta - scale * length) * (delta - scale * length))
+        .sum();
     let std = (scatter / (lengths.len() - 1) as f64 / squares).sqrt();
     (scale.abs() > SCALE && scale.abs() > SCALE_SIGMAS * std).then_some(scale)
 }
@@ -91,24 +128,64 @@ fn common_scale(links: &[Link], nominal: &[Link]) -> Option<f64> {
 mod tests {
     use super::*;
 
-    const LINK: Link = Link { a_mm: 100.0, alpha_rad: PI / 2.0, d_mm: 300.0, theta_offset_rad: 0.0, beta_rad: 0.0 };
+    const LINK: Link = Link {
+        a_mm: 100.0,
+        alpha_rad: PI / 2.0,
+        d_mm: 300.0,
+        theta_offset_rad: 0.0,
+        beta_rad: 0.0,
+    };
 
     #[test]
     fn tenths_of_a_millimetre_are_plausible_and_a_wrong_tool_is_not() {
-        let near = Link { a_mm: 100.4, alpha_rad: PI / 2.0 + 0.001, d_mm: 299.2, theta_offset_rad: -0.01, beta_rad: 0.0 };
+        let near = Link {
+            a_mm: 100.4,
+            alpha_rad: PI / 2.0 + 0.001,
+            d_mm: 299.2,
+            theta_offset_rad: -0.01,
+            beta_rad: 0.0,
+        };
         assert_eq!(implausible_changes(&[near], &[LINK]), Vec::<String>::new());
-        let longer = Link { d_mm: 310.0, ..LINK };
-        assert_eq!(implausible_changes(&[longer], &[LINK]), ["d_1 by 10.000 mm"]);
-        let turned = Link { theta_offset_rad: 0.05, ..LINK };
-        assert_eq!(implausible_changes(&[turned], &[LINK]), ["theta_offset_1 by 2.8648°"]);
-        assert_eq!(implausible_changes(&[LINK], &[LINK, LINK]), ["1 links instead of 2"]);
+        let longer = Link {
+            d_mm: 310.0,
+            ..LINK
+        };
+        assert_eq!(
+            implausible_changes(&[longer], &[LINK]),
+            ["d_1 by 10.000 mm"]
+        );
+        let turned = Link {
+            theta_offset_rad: 0.05,
+            ..LINK
+        };
+        assert_eq!(
+            implausible_changes(&[turned], &[LINK]),
+            ["theta_offset_1 by 2.8648°"]
+        );
+        assert_eq!(
+            implausible_changes(&[LINK], &[LINK, LINK]),
+            ["1 links instead of 2"]
+        );
     }
 
     #[test]
     fn a_full_turn_is_no_change_and_what_is_not_a_number_is_one() {
-        let turned = Link { theta_offset_rad: TAU, ..LINK };
+        let turned = Link {
+            theta_offset_rad: TAU,
+            ..LINK
+        };
         assert!(implausible_changes(&[turned], &[LINK]).is_empty());
-        assert_eq!(implausible_changes(&[Link { a_mm: f64::NAN, ..LINK }], &[LINK]).len(), 1);
+        assert_eq!(
+            implausible_changes(
+                &[Link {
+                    a_mm: f64::NAN,
+                    ..LINK
+                }],
+                &[LINK]
+            )
+            .len(),
+            1
+        );
     }
 
     #[test]
@@ -116,13 +193,38 @@ mod tests {
         let arm = |scale: f64, scatter: f64| -> Vec<Link> {
             let lengths: [(f64, f64); 3] = [(0.0, 504.0), (166.0, 0.0), (782.0, 761.0)];
             let one = |i: usize, length: f64| {
-                if length == 0.0 { 0.0 } else { length * scale + if i.is_multiple_of(2) { scatter } else { -scatter } }
+                if length == 0.0 {
+                    0.0
+                } else {
+                    length * scale
+                        + if i.is_multiple_of(2) {
+                            scatter
+                        } else {
+                            -scatter
+                        }
+                }
             };
-            lengths.iter().enumerate().map(|(i, (a, d))| Link { a_mm: one(i, *a), d_mm: one(i + 1, *d), ..LINK }).collect()
+            lengths
+                .iter()
+                .enumerate()
+                .map(|(i, (a, d))| Link {
+                    a_mm: one(i, *a),
+                    d_mm: one(i + 1, *d),
+                    ..LINK
+                })
+                .collect()
         };
         let scale = common_scale(&arm(1.001, 0.05), &arm(1.0, 0.0)).unwrap();
         assert!((scale - 1e-3).abs() < 1e-4, "{scale}");
-        assert_eq!(common_scale(&arm(1.0, 0.3), &arm(1.0, 0.0)), None, "a robot's own errors have no common sign");
-        assert_eq!(common_scale(&arm(1.0001, 0.0), &arm(1.0, 0.0)), None, "a warm robot is no wrong scale");
+        assert_eq!(
+            common_scale(&arm(1.0, 0.3), &arm(1.0, 0.0)),
+            None,
+            "a robot's own errors have no common sign"
+        );
+        assert_eq!(
+            common_scale(&arm(1.0001, 0.0), &arm(1.0, 0.0)),
+            None,
+            "a warm robot is no wrong scale"
+        );
     }
 }

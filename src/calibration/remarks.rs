@@ -23,7 +23,11 @@ pub fn remarks(screening: &Screening, observed: &Observed, asked: Option<Loss>) 
     let mut warnings: Vec<Warning> = screening.steps.iter().map(moved).collect();
     if !screening.unfitted_rows.is_empty() {
         let detail = "no point to identify lies in the stretch after a step: these rows are scored as if nothing had moved";
-        warnings.push(Warning { code: "stretch_without_identify_points", detail: detail.into(), rows: screening.unfitted_rows.clone() });
+        warnings.push(Warning {
+            code: "stretch_without_identify_points",
+            detail: detail.into(),
+            rows: screening.unfitted_rows.clone(),
+        });
     }
     warnings.extend(outliers(screening, observed, asked.is_some()));
     warnings
@@ -31,17 +35,29 @@ pub fn remarks(screening: &Screening, observed: &Observed, asked: Option<Loss>) 
 
 /// Points to verify where the identified robot is far less certain than at any point of the fit, and by more than the points scatter: what
 /// was measured to identify does not fix it there. `scatter_mm` is the rms length of the residuals in the fit.
-pub fn extrapolated(problem: &Problem<'_>, model: &KinematicModel, uncertainty: &Uncertainty, scatter_mm: f64) -> Option<Warning> {
+pub fn extrapolated(
+    problem: &Problem<'_>,
+    model: &KinematicModel,
+    uncertainty: &Uncertainty,
+    scatter_mm: f64,
+) -> Option<Warning> {
     let observed = &problem.observed;
     let stds = |subset: Subset| -> Vec<(usize, f64)> {
-        let rows = (0..observed.all.len()).filter(|row| observed.subsets[*row] == subset && observed.all[*row].weight > 0.0);
-        let at = |o: &Observation| uncertainty.position_std_mm(model, &problem.parameters, &o.q_rad, o.target);
+        let rows = (0..observed.all.len())
+            .filter(|row| observed.subsets[*row] == subset && observed.all[*row].weight > 0.0);
+        let at = |o: &Observation| {
+            uncertainty.position_std_mm(model, &problem.parameters, &o.q_rad, o.target)
+        };
         rows.map(|row| (row, at(&observed.all[row]))).collect()
     };
     let largest = |stds: &[(usize, f64)]| stds.iter().map(|(_, std)| *std).fold(0.0, f64::max);
     let (fitted, to_verify) = (largest(&stds(Subset::Identify)), stds(Subset::Verify));
     let limit_mm = (BEYOND * fitted).max(scatter_mm);
-    let beyond: Vec<(usize, f64)> = to_verify.iter().copied().filter(|(_, std)| *std > limit_mm).collect();
+    let beyond: Vec<(usize, f64)> = to_verify
+        .iter()
+        .copied()
+        .filter(|(_, std)| *std > limit_mm)
+        .collect();
     let detail = format!(
         "{} of {} points to verify lie beyond what the identify subset fixes: the identified robot is uncertain there by up to {:.3} mm (one standard \
          deviation), at the fitted points by {fitted:.3} mm at most. Their errors are those of an extrapolation; identify from points of \
@@ -52,29 +68,56 @@ pub fn extrapolated(problem: &Problem<'_>, model: &KinematicModel, uncertainty: 
     );
     let rows: Vec<usize> = beyond.iter().map(|(row, _)| *row).collect();
     let are_many = rows.len() as f64 > MANY_BEYOND * to_verify.len() as f64;
-    are_many.then_some(Warning { code: "verify_extrapolates", detail, rows })
+    are_many.then_some(Warning {
+        code: "verify_extrapolates",
+        detail,
+        rows,
+    })
 }
 
 /// The same about a set of its own, said so.
 pub fn of_the_verify_set(warnings: Vec<Warning>) -> impl Iterator<Item = Warning> {
-    warnings.into_iter().map(|w| Warning { detail: format!("in the verify set: {}", w.detail), ..w })
+    warnings.into_iter().map(|w| Warning {
+        detail: format!("in the verify set: {}", w.detail),
+        ..w
+    })
 }
 
 fn moved(step: &FoundStep) -> Warning {
     let v = step.vector_mm;
-    let vector = format!("({:.3}, {:.3}, {:.3}) mm, {:.3} mm long", v.x, v.y, v.z, v.norm());
+    let vector = format!(
+        "({:.3}, {:.3}, {:.3}) mm, {:.3} mm long",
+        v.x,
+        v.y,
+        v.z,
+        v.norm()
+    );
     let (code, what) = match step.moved {
-        Moved::Target(target) => ("target_moved", format!("target {target} moved by {vector}, in the flange frame")),
+        Moved::Target(target) => (
+            "target_moved",
+            format!("target {target} moved by {vector}, in the flange frame"),
+        ),
         Moved::Base => {
             let turn = step.turn_rad.norm().to_degrees();
-            ("base_moved", format!("the base moved against the instrument by {vector}, and by {turn:.4}\u{b0}, in the measuring frame"))
+            (
+                "base_moved",
+                format!(
+                    "the base moved against the instrument by {vector}, and by {turn:.4}\u{b0}, in the measuring frame"
+                ),
+            )
         }
     };
     let consequence = match step.is_one_point {
-        true => "it is one point alone, which may have slipped or may be wild: it was left out where it was to be fitted",
+        true => {
+            "it is one point alone, which may have slipped or may be wild: it was left out where it was to be fitted"
+        }
         false => "the stretches before and after it were fitted apart",
     };
-    Warning { code, detail: format!("before row {}, {what}; {consequence}", step.row), rows: vec![step.row] }
+    Warning {
+        code,
+        detail: format!("before row {}, {what}; {consequence}", step.row),
+        rows: vec![step.row],
+    }
 }
 
 fn outliers(screening: &Screening, observed: &Observed, asked: bool) -> Option<Warning> {
@@ -82,7 +125,10 @@ fn outliers(screening: &Screening, observed: &Observed, asked: bool) -> Option<W
         return None;
     }
     let rows: Vec<usize> = screening.wild.iter().map(|w| w.row).collect();
-    let n_fitted = rows.iter().filter(|row| observed.subsets[**row] == Subset::Identify).count();
+    let n_fitted = rows
+        .iter()
+        .filter(|row| observed.subsets[**row] == Subset::Identify)
+        .count();
     let what = format!(
         "{} of {} points do not belong to the others, which scatter by {:.4} mm (one standard deviation of a coordinate): {}",
         rows.len(),
@@ -105,11 +151,19 @@ fn outliers(screening: &Screening, observed: &Observed, asked: bool) -> Option<W
             "look at them: more than a twentieth, so none was left out; Huber's loss keeps them from pulling hard".into(),
         ),
     };
-    Some(Warning { code, detail: format!("{what}; {consequence}"), rows })
+    Some(Warning {
+        code,
+        detail: format!("{what}; {consequence}"),
+        rows,
+    })
 }
 
 fn listed(wild: &[WildPoint]) -> String {
-    let mut names: Vec<String> = wild.iter().take(LISTED).map(|w| format!("row {} by {:.3} mm", w.row, w.size_mm)).collect();
+    let mut names: Vec<String> = wild
+        .iter()
+        .take(LISTED)
+        .map(|w| format!("row {} by {:.3} mm", w.row, w.size_mm))
+        .collect();
     if wild.len() > LISTED {
         names.push(format!("and {} more", wild.len() - LISTED));
     }

@@ -40,12 +40,18 @@ pub struct PoseRepeatability {
 
 /// Of the points that belong and were measured at the same joint values (to 0.05°) of the same target, in the same stretch between steps;
 /// `None` where no pose was visited twice. `robot` is in the frame of the fit.
-pub fn repeatability(problem: &Problem<'_>, model: &KinematicModel, robot: Option<&IdentifiedRobot>) -> Option<Repeatability> {
+pub fn repeatability(
+    problem: &Problem<'_>,
+    model: &KinematicModel,
+    robot: Option<&IdentifiedRobot>,
+) -> Option<Repeatability> {
     let all = &problem.observed.all;
     let wild: BTreeSet<usize> = problem.screening.wild.iter().map(|w| w.row).collect();
     let mut of_label: BTreeMap<(&str, usize), Vec<Vec<usize>>> = BTreeMap::new();
     for row in (0..all.len()).filter(|row| !wild.contains(row)) {
-        let poses = of_label.entry((&problem.observed.configurations[row], all[row].target)).or_default();
+        let poses = of_label
+            .entry((&problem.observed.configurations[row], all[row].target))
+            .or_default();
         let same = |rows: &&mut Vec<usize>| {
             let (a, b) = (&all[rows[0]].q_rad, &all[row].q_rad);
             a.iter().zip(b).all(|(a, b)| (a - b).abs() < SAME_JOINT_RAD)
@@ -55,10 +61,18 @@ pub fn repeatability(problem: &Problem<'_>, model: &KinematicModel, robot: Optio
             None => poses.push(vec![row]),
         }
     }
-    let mut groups: Vec<Vec<usize>> = of_label.into_values().flatten().filter(|rows| rows.len() > 1).collect();
+    let mut groups: Vec<Vec<usize>> = of_label
+        .into_values()
+        .flatten()
+        .filter(|rows| rows.len() > 1)
+        .collect();
     groups.sort_unstable();
-    let visits: Vec<Visits> =
-        groups.iter().filter_map(|rows| Visits::of(&rows.iter().map(|r| all[*r].position_mm).collect::<Vec<_>>())).collect();
+    let visits: Vec<Visits> = groups
+        .iter()
+        .filter_map(|rows| {
+            Visits::of(&rows.iter().map(|r| all[*r].position_mm).collect::<Vec<_>>())
+        })
+        .collect();
     if visits.is_empty() {
         return None;
     }
@@ -66,7 +80,11 @@ pub fn repeatability(problem: &Problem<'_>, model: &KinematicModel, robot: Optio
     let pose = |(rows, visits): (&Vec<usize>, &Visits)| {
         let target = all[rows[0]].target;
         let off = |position: &dyn Fn(&[f64]) -> Vector3<f64>| {
-            let commanded = rows.iter().map(|row| position(&all[*row].q_rad)).sum::<Vector3<f64>>() / rows.len() as f64;
+            let commanded = rows
+                .iter()
+                .map(|row| position(&all[*row].q_rad))
+                .sum::<Vector3<f64>>()
+                / rows.len() as f64;
             (visits.barycentre_mm - commanded).norm()
         };
         PoseRepeatability {
@@ -80,5 +98,9 @@ pub fn repeatability(problem: &Problem<'_>, model: &KinematicModel, robot: Optio
         }
     };
     let poses = groups.iter().zip(&visits).map(pose).collect();
-    Some(Repeatability { rp_mm: pooled_rp_mm(&visits), std_mm: pooled_std_mm(&visits), poses })
+    Some(Repeatability {
+        rp_mm: pooled_rp_mm(&visits),
+        std_mm: pooled_std_mm(&visits),
+        poses,
+    })
 }

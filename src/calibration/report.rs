@@ -41,7 +41,9 @@ pub struct SubsetErrors {
 impl SubsetErrors {
     /// Of the links alone or with corrections, whichever are larger: either may move the robot.
     pub fn worse(&self) -> Errors {
-        self.corrected.filter(|corrected| corrected.rms_mm > self.after.rms_mm).unwrap_or(self.after)
+        self.corrected
+            .filter(|corrected| corrected.rms_mm > self.after.rms_mm)
+            .unwrap_or(self.after)
     }
 }
 
@@ -71,7 +73,12 @@ pub struct PointErrors {
 impl PointErrors {
     /// For [`crate::calibration::judged`].
     pub fn to_judge(&self) -> [f64; 3] {
-        [self.before_mm, self.after_mm, self.corrected_vector_mm.map_or(self.after_mm, |vector| vector.norm())]
+        [
+            self.before_mm,
+            self.after_mm,
+            self.corrected_vector_mm
+                .map_or(self.after_mm, |vector| vector.norm()),
+        ]
     }
 }
 
@@ -132,8 +139,17 @@ pub struct ErrorModel {
 impl ErrorModel {
     /// The part of an uncertainty that belongs into the report.
     pub fn of(uncertainty: &Uncertainty) -> Self {
-        let Uncertainty { noise_std_mm, configuration_std_mm, misfit_std_rad, .. } = *uncertainty;
-        Self { noise_std_mm, configuration_std_mm, misfit_std_rad }
+        let Uncertainty {
+            noise_std_mm,
+            configuration_std_mm,
+            misfit_std_rad,
+            ..
+        } = *uncertainty;
+        Self {
+            noise_std_mm,
+            configuration_std_mm,
+            misfit_std_rad,
+        }
     }
 }
 

@@ -190,11 +190,16 @@ impl CalibrationRequest {
 
     /// The model that is identified: the one asked for, else paper where positions are in the base frame, else complete.
     pub fn model(&self) -> Model {
-        self.model.unwrap_or(default_model(self.set.frame, self.frames.is_some()))
+        self.model
+            .unwrap_or(default_model(self.set.frame, self.frames.is_some()))
     }
 }
 
 /// The model where none is asked for: the paper's where positions are in the base frame, as measured or by sweeps, else the complete one.
 pub fn default_model(frame: Frame, has_frames: bool) -> Model {
-    if frame == Frame::Base || has_frames { Model::Paper } else { Model::Complete }
+    if frame == Frame::Base || has_frames {
+        Model::Paper
+    } else {
+        Model::Complete
+    }
 }

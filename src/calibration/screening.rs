@@ -4,7 +4,9 @@
 //! robot is taken from the fits made here.
 
 use crate::calibration::Error;
-use crate::calibration::arrangement::{Arrangement, FEWEST_OF_SETUP, FittedTargets, motion, standing, with_moved_targets};
+use crate::calibration::arrangement::{
+    Arrangement, FEWEST_OF_SETUP, FittedTargets, motion, standing, with_moved_targets,
+};
 use crate::calibration::identify::nominal_model;
 use crate::calibration::observe::{Observed, free_parameters, stated_scale_mm};
 use crate::calibration::request::{CalibrationRequest, Loss, Model, Preset};
@@ -95,7 +97,10 @@ pub fn screen(request: &CalibrationRequest, observed: &mut Observed) -> Result<S
 }
 
 /// As [`screen`], with the arrangement that was found.
-pub fn screen_arranged(request: &CalibrationRequest, observed: &mut Observed) -> Result<(Screening, Arrangement), Error> {
+pub fn screen_arranged(
+    request: &CalibrationRequest,
+    observed: &mut Observed,
+) -> Result<(Screening, Arrangement), Error> {
     let mut arrangement = Arrangement::of(request);
     let mut screening = Screening::default();
     place_setups(request, observed, &mut arrangement)?;
@@ -123,29 +128,54 @@ fn search(
     let mut wild = fit.linear.wild(fit.least_scale_mm);
     while screening.steps.len() < MAX_STEPS {
         let suspects = wild.as_ref().map_or(vec![], |w| w.points.clone());
-        let belonging: Vec<usize> = arrangement.order.iter().copied().filter(|p| !suspects.contains(p)).collect();
+        let belonging: Vec<usize> = arrangement
+            .order
+            .iter()
+            .copied()
+            .filter(|p| !suspects.contains(p))
+            .collect();
         let with_all = find(observed, &fit, &arrangement.order);
         let lone = lone_suspects(observed, arrangement, wild.as_ref());
         let without_lone = (!lone.is_empty() && lone.len() < suspects.len()).then(|| {
-            let rest: Vec<usize> = arrangement.order.iter().copied().filter(|p| !lone.contains(p)).collect();
+            let rest: Vec<usize> = arrangement
+                .order
+                .iter()
+                .copied()
+                .filter(|p| !lone.contains(p))
+                .collect();
             find(observed, &fit, &rest)
         });
-        let without = if suspects.is_empty() { None } else { find(observed, &fit, &belonging) };
+        let without = if suspects.is_empty() {
+            None
+        } else {
+            find(observed, &fit, &belonging)
+        };
         let mut accepted = false;
         // with wild points in the fit, a step has to explain some of them; with stretches of them, at least half of these
         let in_stretches = suspects.len() - lone.len();
-        let tried = [(&with_all, suspects.len().min(1)), (&without_lone.flatten(), in_stretches.div_ceil(2)), (&without, 0)];
+        let tried = [
+            (&with_all, suspects.len().min(1)),
+            (&without_lone.flatten(), in_stretches.div_ceil(2)),
+            (&without, 0),
+        ];
         for (step, n_to_explain) in tried {
-            let Some(step) = step.as_ref().filter(|s| s.n_minor > 1) else { continue };
+            let Some(step) = step.as_ref().filter(|s| s.n_minor > 1) else {
+                continue;
+            };
             let mut trial = split(observed, &fit, arrangement, step);
             let refit = fit_all(request, observed, &mut trial)?;
             let left = refit.linear.wild(refit.least_scale_mm);
-            if left.as_ref().is_some_and(|w| n_to_explain > 0 && w.points.len() + n_to_explain > suspects.len()) {
+            if left
+                .as_ref()
+                .is_some_and(|w| n_to_explain > 0 && w.points.len() + n_to_explain > suspects.len())
+            {
                 continue;
             }
             // what moved takes its points along: where many of them stay wild, they are no stretch
             let minor = minor_side(observed, arrangement, step);
-            let still_wild = left.as_ref().map_or(0, |w| minor.iter().filter(|p| w.points.contains(p)).count());
+            let still_wild = left
+                .as_ref()
+                .map_or(0, |w| minor.iter().filter(|p| w.points.contains(p)).count());
             if still_wild as f64 >= SCATTERED * minor.len() as f64 {
                 continue;
             }
@@ -155,8 +185,15 @@ fn search(
         }
         if !accepted {
             // the paper's model knows where the target is at first, and frees it after a step: with the target elsewhere, any step is a gain
-            let frees_all = |s: &Step| request.model() == Model::Paper && lone_point(observed, arrangement, s) != s.first;
-            let is_lone = |s: &Step| s.n_minor == 1 && suspects.iter().all(|p| *p == lone_point(observed, arrangement, s));
+            let frees_all = |s: &Step| {
+                request.model() == Model::Paper && lone_point(observed, arrangement, s) != s.first
+            };
+            let is_lone = |s: &Step| {
+                s.n_minor == 1
+                    && suspects
+                        .iter()
+                        .all(|p| *p == lone_point(observed, arrangement, s))
+            };
             let lone = with_all.filter(|s| is_lone(s) && !frees_all(s));
             screening.steps.extend(lone.map(|step| found(&step, true)));
             break;
@@ -172,26 +209,59 @@ fn minor_side(observed: &Observed, arrangement: &Arrangement, step: &Step) -> Ve
         Moved::Target(target) => observed.targets[**p] == target,
         Moved::Base => true,
     };
-    let at = arrangement.order.iter().position(|p| *p == step.first).unwrap_or(0);
+    let at = arrangement
+        .order
+        .iter()
+        .position(|p| *p == step.first)
+        .unwrap_or(0);
     let (before, after) = arrangement.order.split_at(at);
     let side = |points: &[usize]| -> Vec<usize> { points.iter().filter(moves).copied().collect() };
     let (before, after) = (side(before), side(after));
-    if before.len() < after.len() { before } else { after }
+    if before.len() < after.len() {
+        before
+    } else {
+        after
+    }
 }
 
 /// The suspects that stand alone among the points of their target, in measuring order, or out of the stretch that they stand in: twice as
 /// far off as half of it. A reflector that slipped makes a stretch of suspects, where the other reflectors hold the fit, and all by as much; a
 /// wild point would hide the step.
-fn lone_suspects(observed: &Observed, arrangement: &Arrangement, wild: Option<&Wild>) -> Vec<usize> {
-    let sizes: BTreeMap<usize, f64> = wild.iter().flat_map(|w| w.points.iter().copied().zip(w.sizes_mm.iter().copied())).collect();
+fn lone_suspects(
+    observed: &Observed,
+    arrangement: &Arrangement,
+    wild: Option<&Wild>,
+) -> Vec<usize> {
+    let sizes: BTreeMap<usize, f64> = wild
+        .iter()
+        .flat_map(|w| w.points.iter().copied().zip(w.sizes_mm.iter().copied()))
+        .collect();
     let mut lone = Vec::new();
-    for target in 0..observed.targets.iter().map(|target| target + 1).max().unwrap_or(0) {
-        let of_target: Vec<usize> = arrangement.order.iter().copied().filter(|p| observed.targets[*p] == target).collect();
+    for target in 0..observed
+        .targets
+        .iter()
+        .map(|target| target + 1)
+        .max()
+        .unwrap_or(0)
+    {
+        let of_target: Vec<usize> = arrangement
+            .order
+            .iter()
+            .copied()
+            .filter(|p| observed.targets[*p] == target)
+            .collect();
         for stretch in of_target.chunk_by(|a, b| sizes.contains_key(a) == sizes.contains_key(b)) {
-            let mut by_size: Vec<f64> = stretch.iter().filter_map(|p| sizes.get(p).copied()).collect();
+            let mut by_size: Vec<f64> = stretch
+                .iter()
+                .filter_map(|p| sizes.get(p).copied())
+                .collect();
             by_size.sort_by(f64::total_cmp);
-            let Some(median) = by_size.get(by_size.len() / 2) else { continue };
-            let stands_out = |p: &usize| stretch.len() == 1 || sizes.get(p).is_some_and(|size| *size > STANDS_OUT * median);
+            let Some(median) = by_size.get(by_size.len() / 2) else {
+                continue;
+            };
+            let stands_out = |p: &usize| {
+                stretch.len() == 1 || sizes.get(p).is_some_and(|size| *size > STANDS_OUT * median)
+            };
             lone.extend(stretch.iter().copied().filter(stands_out));
         }
     }
@@ -203,8 +273,14 @@ fn find(observed: &Observed, fit: &AllFit, order: &[usize]) -> Option<Step> {
     let problem = Whitened::new(&fit.linear.of(order), &fit.features.select_rows(&rows));
     let clusters = observed.all_clusters();
     let least_scale_mm = fit.least_scale_mm;
-    let campaign =
-        Campaign { problem: &problem, columns: &fit.columns, order, targets: &observed.targets, clusters: &clusters, least_scale_mm };
+    let campaign = Campaign {
+        problem: &problem,
+        columns: &fit.columns,
+        order,
+        targets: &observed.targets,
+        clusters: &clusters,
+        least_scale_mm,
+    };
     campaign.step()
 }
 
@@ -212,25 +288,56 @@ fn split(observed: &Observed, fit: &AllFit, arrangement: &Arrangement, step: &St
     let mut trial = arrangement.clone();
     match step.moved {
         Moved::Target(_) => trial.split_target(observed, step.first),
-        Moved::Base => trial.split_base(step.first, &motion(&step.shift_mm, &step.turn_rad, &fit.columns.centre)),
+        Moved::Base => trial.split_base(
+            step.first,
+            &motion(&step.shift_mm, &step.turn_rad, &fit.columns.centre),
+        ),
     }
     trial
 }
 
 fn found(step: &Step, is_one_point: bool) -> FoundStep {
-    FoundStep { moved: step.moved, row: step.first, vector_mm: step.shift_mm, turn_rad: step.turn_rad, is_one_point }
+    FoundStep {
+        moved: step.moved,
+        row: step.first,
+        vector_mm: step.shift_mm,
+        turn_rad: step.turn_rad,
+        is_one_point,
+    }
 }
 
 /// The point that a step at an end cuts off.
 fn lone_point(observed: &Observed, arrangement: &Arrangement, step: &Step) -> usize {
     let of_target = |p: &&usize| observed.targets[**p] == observed.targets[step.first];
-    let last = arrangement.order.iter().rfind(of_target).copied().unwrap_or(step.first);
-    if last == step.first { last } else { arrangement.order.iter().find(of_target).copied().unwrap_or(last) }
+    let last = arrangement
+        .order
+        .iter()
+        .rfind(of_target)
+        .copied()
+        .unwrap_or(step.first);
+    if last == step.first {
+        last
+    } else {
+        arrangement
+            .order
+            .iter()
+            .find(of_target)
+            .copied()
+            .unwrap_or(last)
+    }
 }
 
 /// What the wild points are to the fit.
-fn judge(request: &CalibrationRequest, observed: &mut Observed, screening: &mut Screening, wild: &Wild) {
-    let size = |(point, size): (&usize, &f64)| WildPoint { row: *point, size_mm: size / observed.all[*point].weight.sqrt() };
+fn judge(
+    request: &CalibrationRequest,
+    observed: &mut Observed,
+    screening: &mut Screening,
+    wild: &Wild,
+) {
+    let size = |(point, size): (&usize, &f64)| WildPoint {
+        row: *point,
+        size_mm: size / observed.all[*point].weight.sqrt(),
+    };
     screening.wild = wild.points.iter().zip(&wild.sizes_mm).map(size).collect();
     screening.scale_mm = wild.scale_mm;
     let most = (DOWN_WEIGHTED_SHARE * observed.all.len() as f64).ceil() as usize;
@@ -239,35 +346,66 @@ fn judge(request: &CalibrationRequest, observed: &mut Observed, screening: &mut 
     if screening.is_down_weighted {
         let to_identify = |point: &&usize| observed.subsets[**point] == Subset::Identify;
         let down: Vec<usize> = wild.points.iter().filter(to_identify).copied().collect();
-        down.iter().for_each(|point| observed.all[*point].weight = 0.0);
+        down.iter()
+            .for_each(|point| observed.all[*point].weight = 0.0);
     }
 }
 
 /// The loss that the fit takes: the one asked for, else squares; with too many wild points to leave out, Huber's, which keeps them all and
 /// lets none pull hard.
 pub fn loss(request: &CalibrationRequest, screening: &Screening) -> Loss {
-    let ours = if screening.is_for_review { Loss::Huber } else { Loss::Squares };
+    let ours = if screening.is_for_review {
+        Loss::Huber
+    } else {
+        Loss::Squares
+    };
     request.options.loss.unwrap_or(ours)
 }
 
 /// The free parameters of the request as its points are arranged.
-pub fn parameters_of(request: &CalibrationRequest, targets: &FittedTargets) -> Result<Vec<Parameter>, Error> {
-    Ok(with_moved_targets(request, free_parameters(request, targets.len())?, targets))
+pub fn parameters_of(
+    request: &CalibrationRequest,
+    targets: &FittedTargets,
+) -> Result<Vec<Parameter>, Error> {
+    Ok(with_moved_targets(
+        request,
+        free_parameters(request, targets.len())?,
+        targets,
+    ))
 }
 
 /// Least squares on all points, with the motions between set-ups.
-fn fit_all(request: &CalibrationRequest, observed: &mut Observed, arrangement: &mut Arrangement) -> Result<AllFit, Error> {
+fn fit_all(
+    request: &CalibrationRequest,
+    observed: &mut Observed,
+    arrangement: &mut Arrangement,
+) -> Result<AllFit, Error> {
     let model = fit_motions(request, observed, arrangement, None)?;
     arrangement.apply(observed);
     let parameters = parameters_of(request, &arrangement.fitted_targets(observed))?;
     let columns = Columns::new(&model, &observed.all);
     let everything: Vec<usize> = (0..observed.all.len()).collect();
-    let derivatives = derivatives(&model, &parameters, &observed.all, &columns, arrangement, &everything);
+    let derivatives = derivatives(
+        &model,
+        &parameters,
+        &observed.all,
+        &columns,
+        arrangement,
+        &everything,
+    );
     let linear = Linearised::new(&weighted_residuals(&model, &observed.all), derivatives);
     let gravity = gravity_directions(request.robot.mounting.as_ref().map(|m| &m.gravity_in_base));
-    let poses = observed.all.iter().map(|o| (o.q_rad.as_slice(), o.target, o.weight));
+    let poses = observed
+        .all
+        .iter()
+        .map(|o| (o.q_rad.as_slice(), o.target, o.weight));
     let features = features(&model, poses, &gravity);
-    Ok(AllFit { linear, columns, features, least_scale_mm: stated_scale_mm(&request.set).max(ROUNDING_MM) })
+    Ok(AllFit {
+        linear,
+        columns,
+        features,
+        least_scale_mm: stated_scale_mm(&request.set).max(ROUNDING_MM),
+    })
 }
 
 /// Derivatives along the seen combinations, and along the motion of every set-up that does not rest.
@@ -282,29 +420,50 @@ fn derivatives(
     let scale: Vec<f64> = parameters.iter().map(prior_scale).collect();
     let directions = decomposition_at(model, parameters, &scale, observations).seen_directions();
     let seen = weighted_jacobian(model, parameters, observations, &Vector3::zeros()) * directions;
-    let moving: Vec<usize> = (0..arrangement.motions.len()).filter(|s| *s != arrangement.resting()).collect();
+    let moving: Vec<usize> = (0..arrangement.motions.len())
+        .filter(|s| *s != arrangement.resting())
+        .collect();
     let mut all = DMatrix::zeros(seen.nrows(), seen.ncols() + 6 * moving.len());
     all.columns_mut(0, seen.ncols()).copy_from(&seen);
     for (k, setup) in moving.iter().enumerate() {
-        for (row, point) in points.iter().enumerate().filter(|(_, point)| arrangement.setups[**point] == *setup) {
-            all.fixed_view_mut::<3, 6>(3 * row, seen.ncols() + 6 * k).copy_from(columns.base(*point));
+        for (row, point) in points
+            .iter()
+            .enumerate()
+            .filter(|(_, point)| arrangement.setups[**point] == *setup)
+        {
+            all.fixed_view_mut::<3, 6>(3 * row, seen.ncols() + 6 * k)
+                .copy_from(columns.base(*point));
         }
     }
     all
 }
 
 /// First estimate of where the stations stood: each by Kabsch's fit to the robot as the station of most points sees it.
-fn place_setups(request: &CalibrationRequest, observed: &mut Observed, arrangement: &mut Arrangement) -> Result<(), Error> {
+fn place_setups(
+    request: &CalibrationRequest,
+    observed: &mut Observed,
+    arrangement: &mut Arrangement,
+) -> Result<(), Error> {
     if arrangement.motions.len() < 2 {
         return Ok(());
     }
     let of = |setup: usize| -> Vec<Observation> {
-        observed.all.iter().zip(&arrangement.setups).filter(|(_, s)| **s == setup).map(|(o, _)| o.clone()).collect()
+        observed
+            .all
+            .iter()
+            .zip(&arrangement.setups)
+            .filter(|(_, s)| **s == setup)
+            .map(|(o, _)| o.clone())
+            .collect()
     };
     let n_setups = arrangement.motions.len();
-    let largest = (0..n_setups).max_by_key(|setup| (of(*setup).len(), std::cmp::Reverse(*setup))).unwrap_or(0);
+    let largest = (0..n_setups)
+        .max_by_key(|setup| (of(*setup).len(), std::cmp::Reverse(*setup)))
+        .unwrap_or(0);
     let model = nominal_model(request, &of(largest), request.set.n_targets());
-    let motions: Vec<_> = (0..n_setups).map(|setup| standing(&model, &of(setup)).inverse()).collect();
+    let motions: Vec<_> = (0..n_setups)
+        .map(|setup| standing(&model, &of(setup)).inverse())
+        .collect();
     arrangement.motions = motions;
     arrangement.rest();
     fit_motions(request, observed, arrangement, None).map(|_| ())
@@ -321,8 +480,11 @@ pub fn fit_motions(
     let targets = arrangement.fitted_targets(observed);
     let parameters = parameters_of(request, &targets)?;
     let scale: Vec<f64> = parameters.iter().map(prior_scale).collect();
-    let points: Vec<usize> =
-        (0..observed.all.len()).filter(|p| subset.is_none_or(|s| observed.subsets[*p] == s) && observed.all[*p].weight > 0.0).collect();
+    let points: Vec<usize> = (0..observed.all.len())
+        .filter(|p| {
+            subset.is_none_or(|s| observed.subsets[*p] == s) && observed.all[*p].weight > 0.0
+        })
+        .collect();
     let mut model = None;
     for _ in 0..MOTION_FITS {
         arrangement.apply(observed);
@@ -332,10 +494,24 @@ pub fn fit_motions(
         }
         let start = model.take().unwrap_or_else(|| {
             let nominal = nominal_model(request, &fitted, targets.len());
-            best_start(&nominal, None, &parameters, &scale, &fitted, request.model() == Model::Paper).model
+            best_start(
+                &nominal,
+                None,
+                &parameters,
+                &scale,
+                &fitted,
+                request.model() == Model::Paper,
+            )
+            .model
         });
-        let fit = fit_along_seen(&start, &parameters, &scale, &fitted, 0.0, &mut |_| ControlFlow::Continue(()));
-        let found = if arrangement.motions.len() < 2 { true } else { move_setups(&fit.model, &parameters, observed, arrangement, &points) };
+        let fit = fit_along_seen(&start, &parameters, &scale, &fitted, 0.0, &mut |_| {
+            ControlFlow::Continue(())
+        });
+        let found = if arrangement.motions.len() < 2 {
+            true
+        } else {
+            move_setups(&fit.model, &parameters, observed, arrangement, &points)
+        };
         model = Some(fit.model);
         if found {
             break;
@@ -355,23 +531,38 @@ fn move_setups(
     let columns = Columns::new(model, &observed.all);
     let fitted: Vec<Observation> = points.iter().map(|p| observed.all[*p].clone()).collect();
     let derivatives = derivatives(model, parameters, &fitted, &columns, arrangement, points);
-    let moving: Vec<usize> = (0..arrangement.motions.len()).filter(|s| *s != arrangement.resting()).collect();
+    let moving: Vec<usize> = (0..arrangement.motions.len())
+        .filter(|s| *s != arrangement.resting())
+        .collect();
     let n_seen = derivatives.ncols() - 6 * moving.len();
-    let Some(solution) = least_squares_solution(derivatives, &weighted_residuals(model, &fitted)) else { return true };
+    let Some(solution) = least_squares_solution(derivatives, &weighted_residuals(model, &fitted))
+    else {
+        return true;
+    };
     let mut largest = 0.0f64;
     for (k, setup) in moving.into_iter().enumerate() {
-        if points.iter().filter(|p| arrangement.setups[**p] == setup).count() < FEWEST_OF_SETUP {
+        if points
+            .iter()
+            .filter(|p| arrangement.setups[**p] == setup)
+            .count()
+            < FEWEST_OF_SETUP
+        {
             continue;
         }
         let (shift_mm, turn_rad) = columns.motion(&solution[n_seen + 6 * k..n_seen + 6 * k + 6]);
         largest = largest.max(shift_mm.norm() + turn_rad.norm() * columns.size_mm());
         // measured = moved by this; carried back
-        arrangement.motions[setup] = motion(&shift_mm, &turn_rad, &columns.centre).inverse() * arrangement.motions[setup];
+        arrangement.motions[setup] =
+            motion(&shift_mm, &turn_rad, &columns.centre).inverse() * arrangement.motions[setup];
     }
     largest <= MOTION_FOUND_MM
 }
 
-fn least_squares_solution(derivatives: DMatrix<f64>, residuals: &nalgebra::DVector<f64>) -> Option<Vec<f64>> {
+fn least_squares_solution(
+    derivatives: DMatrix<f64>,
+    residuals: &nalgebra::DVector<f64>,
+) -> Option<Vec<f64>> {
     let (q, r) = derivatives.qr().unpack();
-    r.solve_upper_triangular(&q.tr_mul(residuals)).map(|x| x.iter().copied().collect())
+    r.solve_upper_triangular(&q.tr_mul(residuals))
+        .map(|x| x.iter().copied().collect())
 }

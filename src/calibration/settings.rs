@@ -37,7 +37,13 @@ fn paper() -> Settings {
 /// to its middle the swarm is faster still where there are few directions, and stops short of the answer where there are 40.
 fn ours() -> Settings {
     Settings {
-        pso: pso::Options { n_iterations: 300, inertia_weight: 0.65, cognitive: 1.7, social: 1.5, ..pso::Options::default() },
+        pso: pso::Options {
+            n_iterations: 300,
+            inertia_weight: 0.65,
+            cognitive: 1.7,
+            social: 1.5,
+            ..pso::Options::default()
+        },
         singular_directions: true,
         half_width_mm: 1.0,
         half_width_rad: 0.5f64.to_radians(),
@@ -60,8 +66,12 @@ pub fn settings(request: &CalibrationRequest) -> Settings {
     pso.cognitive = options.cognitive.unwrap_or(pso.cognitive);
     pso.social = options.social.unwrap_or(pso.social);
     pso.stop_at_cost = options.stop_at_cost_mm2.or(pso.stop_at_cost);
-    settings.half_width_mm = options.search_half_width_mm.unwrap_or(settings.half_width_mm);
-    settings.half_width_rad = options.search_half_width_deg.map_or(settings.half_width_rad, f64::to_radians);
+    settings.half_width_mm = options
+        .search_half_width_mm
+        .unwrap_or(settings.half_width_mm);
+    settings.half_width_rad = options
+        .search_half_width_deg
+        .map_or(settings.half_width_rad, f64::to_radians);
     settings.refine = request.refine.unwrap_or(settings.refine);
     settings
 }

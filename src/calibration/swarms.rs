@@ -32,27 +32,51 @@ pub enum Start {
 ///
 /// # Errors
 /// [`Error::Cancelled`].
-pub fn swarm(problem: &Problem<'_>, reference: &KinematicModel, start: Start, monitor: &mut Monitor<'_>) -> Result<Found, Error> {
+pub fn swarm(
+    problem: &Problem<'_>,
+    reference: &KinematicModel,
+    start: Start,
+    monitor: &mut Monitor<'_>,
+) -> Result<Found, Error> {
     let space = search_space(problem, reference);
     if space.n_coordinates() == 0 {
         return Err(box_too_small());
     }
     let mut guided = guided_swarm(problem, &space).filter(|_| start == Start::Network);
-    let mut move_particles = |iteration: usize, positions: &mut pso::Positions| match (iteration, start, problem.network()) {
+    let mut move_particles = |iteration: usize, positions: &mut pso::Positions| match (
+        iteration,
+        start,
+        problem.network(),
+    ) {
         (_, Start::Network, Some(network)) if guided.is_some() => {
             if iteration == 0 {
                 remember(problem, &space, network, positions);
             }
-            guided.iter_mut().for_each(|guided| guided.move_particles(positions));
+            guided
+                .iter_mut()
+                .for_each(|guided| guided.move_particles(positions));
         }
-        (0, Start::Network, Some(network)) => bpnn_pso::move_particles(&space, &problem.nominal, network, positions),
+        (0, Start::Network, Some(network)) => {
+            bpnn_pso::move_particles(&space, &problem.nominal, network, positions)
+        }
         (0, Start::WarmBall, Some(_)) => warm_ball(problem, &space, positions),
         _ => {}
     };
-    let mut watch =
-        |i: pso::Iteration| monitor(Event::Iteration { iteration: i.iteration, n_iterations: i.n_iterations, best_cost_mm2: i.best_cost });
-    let summary =
-        run_bounded_swarm(&space, &problem.identify, problem.loss.bound(), &problem.settings.pso, Some(&mut move_particles), &mut watch);
+    let mut watch = |i: pso::Iteration| {
+        monitor(Event::Iteration {
+            iteration: i.iteration,
+            n_iterations: i.n_iterations,
+            best_cost_mm2: i.best_cost,
+        })
+    };
+    let summary = run_bounded_swarm(
+        &space,
+        &problem.identify,
+        problem.loss.bound(),
+        &problem.settings.pso,
+        Some(&mut move_particles),
+        &mut watch,
+    );
     let termination = match summary.termination {
         pso::Termination::Stopped => return Err(Error::Cancelled),
         pso::Termination::CostReached => "cost_reached",
@@ -70,13 +94,23 @@ pub fn swarm(problem: &Problem<'_>, reference: &KinematicModel, start: Start, mo
 
 /// The space around a reference: along what the points see, or the priors say something of, or of raw parameters.
 fn search_space(problem: &Problem<'_>, reference: &KinematicModel) -> SearchSpace {
-    let (parameters, scale) = (problem.parameters.clone(), half_widths(&problem.settings, &problem.parameters));
+    let (parameters, scale) = (
+        problem.parameters.clone(),
+        half_widths(&problem.settings, &problem.parameters),
+    );
     let reference = reference.clone();
-    match (problem.settings.singular_directions, problem.fitting().priors) {
+    match (
+        problem.settings.singular_directions,
+        problem.fitting().priors,
+    ) {
         (true, None) => SearchSpace::singular(reference, parameters, scale, &problem.identify),
-        (true, Some(priors)) => SearchSpace::singular_knowing(reference, parameters, scale, &problem.identify, priors),
+        (true, Some(priors)) => {
+            SearchSpace::singular_knowing(reference, parameters, scale, &problem.identify, priors)
+        }
         (false, priors) => {
-            let known = priors.map(|priors| priors.from(&reference)).unwrap_or_default();
+            let known = priors
+                .map(|priors| priors.from(&reference))
+                .unwrap_or_default();
             SearchSpace::raw(reference, parameters, scale).knowing(known)
         }
     }
@@ -109,16 +143,31 @@ fn guided_swarm<'s>(problem: &Problem<'_>, space: &'s SearchSpace) -> Option<Gui
     }
     let effects_mm = match problem.priors {
         None => {
-            let decomposition = decomposition_at(&space.reference, &space.parameters, &space.scale, &problem.identify);
+            let decomposition = decomposition_at(
+                &space.reference,
+                &space.parameters,
+                &space.scale,
+                &problem.identify,
+            );
             decomposition.singular_values[..space.n_coordinates()].to_vec()
         }
         Some(_) => space.effects_mm(&problem.identify),
     };
-    Some(GuidedSwarm::new(space, &problem.identify, &effects_mm, problem.request.seed))
+    Some(GuidedSwarm::new(
+        space,
+        &problem.identify,
+        &effects_mm,
+        problem.request.seed,
+    ))
 }
 
 /// The stored network moves the particles that remember; the others stay where they were drawn.
-fn remember(problem: &Problem<'_>, space: &SearchSpace, network: &TrainedNetwork, positions: &mut pso::Positions) {
+fn remember(
+    problem: &Problem<'_>,
+    space: &SearchSpace,
+    network: &TrainedNetwork,
+    positions: &mut pso::Positions,
+) {
     let mut predicted = positions.clone();
     bpnn_pso::move_particles(space, &problem.nominal, network, &mut predicted);
     for particle in GuidedSwarm::remembering(positions.n_particles) {
@@ -129,7 +178,12 @@ fn remember(problem: &Problem<'_>, space: &SearchSpace, network: &TrainedNetwork
 /// Normal numbers around the last answer (Box and Muller 1958).
 fn warm_ball(problem: &Problem<'_>, space: &SearchSpace, positions: &mut pso::Positions) {
     let middle = links_from_nominal(space, &problem.nominal);
-    let answer: Vec<f64> = problem.answer_deviation().iter().zip(&middle).map(|(answer, middle)| answer - middle).collect();
+    let answer: Vec<f64> = problem
+        .answer_deviation()
+        .iter()
+        .zip(&middle)
+        .map(|(answer, middle)| answer - middle)
+        .collect();
     let centre = space.coordinates(&answer);
     let mut random = ChaCha8Rng::seed_from_u64(problem.request.seed);
     let mut normal = || {
@@ -137,7 +191,10 @@ fn warm_ball(problem: &Problem<'_>, space: &SearchSpace, positions: &mut pso::Po
         (-2.0 * libm::log(u)).sqrt() * libm::cos(std::f64::consts::TAU * v)
     };
     for particle in 0..positions.n_particles {
-        let position: Vec<f64> = centre.iter().map(|c| c + WARM_START_SPREAD * normal()).collect();
+        let position: Vec<f64> = centre
+            .iter()
+            .map(|c| c + WARM_START_SPREAD * normal())
+            .collect();
         positions.set_particle(particle, &position);
     }
 }

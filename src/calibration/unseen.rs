@@ -34,10 +34,20 @@ pub struct AtFlange {
 
 /// The warning, where what is not seen, or hardly seen, moves the flange on its anchored base (see [`anchor`]). `scatter_mm` is the rms length
 /// of the residuals.
-pub fn remark(problem: &Problem<'_>, model: &KinematicModel, uncertainty: Option<&Uncertainty>, scatter_mm: f64) -> Option<Warning> {
-    let unseen = uncertainty.map_or_else(|| problem.decomposition.unseen_directions(), |u| u.unseen.clone());
+pub fn remark(
+    problem: &Problem<'_>,
+    model: &KinematicModel,
+    uncertainty: Option<&Uncertainty>,
+    scatter_mm: f64,
+) -> Option<Warning> {
+    let unseen = uncertainty.map_or_else(
+        || problem.decomposition.unseen_directions(),
+        |u| u.unseen.clone(),
+    );
     let not_seen = at_flange(problem, model, &[&unseen]);
-    let all = uncertainty.map_or(not_seen, |u| at_flange(problem, model, &[&unseen, &u.noise, &u.misfit]));
+    let all = uncertainty.map_or(not_seen, |u| {
+        at_flange(problem, model, &[&unseen, &u.noise, &u.misfit])
+    });
     let is_seen = not_seen.shift_mm < NOTICED_MM && not_seen.turn_rad < NOTICED_RAD;
     if is_seen && TOOL_MM * all.turn_rad < UNCERTAIN * scatter_mm {
         return None;
@@ -49,7 +59,11 @@ pub fn remark(problem: &Problem<'_>, model: &KinematicModel, uncertainty: Option
         all.turn_rad.to_degrees(),
         all.shift_mm
     );
-    Some(Warning { code: "pose_not_seen", detail, rows: vec![] })
+    Some(Warning {
+        code: "pose_not_seen",
+        detail,
+        rows: vec![],
+    })
 }
 
 /// Root of the sum over the columns of `roots`, parameter deviations of one standard deviation each, of what they do to the anchored
@@ -65,11 +79,17 @@ fn at_flange(problem: &Problem<'_>, model: &KinematicModel, roots: &[&DMatrix<f6
         let there = anchor(&moved.links, &robot.links);
         for q_controller_rad in &configurations {
             let q_rad = robot.q_model_rad(q_controller_rad);
-            let (a, b) = (here.anchored(&t_base_flange(&model.links, &q_rad)), there.anchored(&t_base_flange(&moved.links, &q_rad)));
+            let (a, b) = (
+                here.anchored(&t_base_flange(&model.links, &q_rad)),
+                there.anchored(&t_base_flange(&moved.links, &q_rad)),
+            );
             shift_mm2 += (b.translation.vector - a.translation.vector).norm_squared();
             turn_rad2 += rotation_log(&(b.rotation * a.rotation.inverse())).norm_squared();
         }
     }
     let n = N_CONFIGURATIONS as f64;
-    AtFlange { shift_mm: (shift_mm2 / n).sqrt(), turn_rad: (turn_rad2 / n).sqrt() }
+    AtFlange {
+        shift_mm: (shift_mm2 / n).sqrt(),
+        turn_rad: (turn_rad2 / n).sqrt(),
+    }
 }

@@ -22,21 +22,33 @@ pub fn warnings(robot: &Robot, set: &MeasurementSet) -> Vec<Warning> {
     if split::has_column(set)
         && let Err(error) = split::by_column(set)
     {
-        warnings.push(Warning { code: "bad_subset", detail: error.to_string(), rows: vec![] });
+        warnings.push(Warning {
+            code: "bad_subset",
+            detail: error.to_string(),
+            rows: vec![],
+        });
     }
     warnings
 }
 
 fn warning(code: &'static str, detail: String) -> Warning {
-    Warning { code, detail, rows: vec![] }
+    Warning {
+        code,
+        detail,
+        rows: vec![],
+    }
 }
 
 /// What a default job would be refused for, if it is a lack of equations.
 fn too_small(robot: &Robot, set: &MeasurementSet) -> Option<Warning> {
     match check(&CalibrationRequest::new(robot.clone(), set.clone())) {
-        Err(Error::Unusable { code: "under_determined", detail }) => {
-            Some(warning("under_determined", format!("kept, but as it is it can only serve to verify: {detail}")))
-        }
+        Err(Error::Unusable {
+            code: "under_determined",
+            detail,
+        }) => Some(warning(
+            "under_determined",
+            format!("kept, but as it is it can only serve to verify: {detail}"),
+        )),
         _ => None,
     }
 }
@@ -46,15 +58,28 @@ fn duplicates(set: &MeasurementSet) -> Option<Warning> {
     let (mut poses, mut values) = (BTreeSet::new(), BTreeSet::new());
     let mut is_new = |p: &Point| {
         let value: Vec<i64> = p.q_rad.iter().map(|q| (q * 1e5).round() as i64).collect();
-        let (pose, value) = (poses.insert((p.target, p.configuration.clone())), values.insert((p.target, value)));
+        let (pose, value) = (
+            poses.insert((p.target, p.configuration.clone())),
+            values.insert((p.target, value)),
+        );
         pose && value
     };
-    let rows: Vec<usize> = set.points.iter().enumerate().filter(|(_, p)| !is_new(p)).map(|(row, _)| row).collect();
+    let rows: Vec<usize> = set
+        .points
+        .iter()
+        .enumerate()
+        .filter(|(_, p)| !is_new(p))
+        .map(|(row, _)| row)
+        .collect();
     let detail = format!(
         "{} rows repeat the joint values of an earlier row; they tell about repeatability, not about the robot's geometry",
         rows.len()
     );
-    (!rows.is_empty()).then_some(Warning { code: "duplicate_poses", detail, rows })
+    (!rows.is_empty()).then_some(Warning {
+        code: "duplicate_poses",
+        detail,
+        rows,
+    })
 }
 
 fn still_joints(set: &MeasurementSet) -> Option<Warning> {
@@ -67,15 +92,33 @@ fn still_joints(set: &MeasurementSet) -> Option<Warning> {
         .filter(|joint| range(*joint) < SMALL_JOINT_RANGE_RAD)
         .map(|joint| format!("{} ({:.1}°)", joint + 1, range(joint).to_degrees()))
         .collect();
-    let detail = format!("joints that move less than 20° over the whole set: {}; their parameters will be uncertain", still.join(", "));
+    let detail = format!(
+        "joints that move less than 20° over the whole set: {}; their parameters will be uncertain",
+        still.join(", ")
+    );
     (!still.is_empty()).then(|| warning("joint_hardly_moves", detail))
 }
 
 fn narrow_cloud(robot: &Robot, set: &MeasurementSet) -> Option<Warning> {
-    let reach: f64 = robot.links.iter().map(|l| (l.a_mm * l.a_mm + l.d_mm * l.d_mm).sqrt()).sum();
+    let reach: f64 = robot
+        .links
+        .iter()
+        .map(|l| (l.a_mm * l.a_mm + l.d_mm * l.d_mm).sqrt())
+        .sum();
     let n = set.points.len() as f64;
-    let centre = set.points.iter().map(|p| p.position_mm).sum::<Vector3<f64>>() / n;
-    let spread = (set.points.iter().map(|p| (p.position_mm - centre).norm_squared()).sum::<f64>() / n).sqrt();
+    let centre = set
+        .points
+        .iter()
+        .map(|p| p.position_mm)
+        .sum::<Vector3<f64>>()
+        / n;
+    let spread = (set
+        .points
+        .iter()
+        .map(|p| (p.position_mm - centre).norm_squared())
+        .sum::<f64>()
+        / n)
+        .sqrt();
     let detail = format!(
         "the points lie within {spread:.0} mm (rms) of their centre, the arm reaches {reach:.0} mm; spread the poses evenly over the workspace"
     );

@@ -8,7 +8,9 @@ use crate::calibration::observe::{observe_to_verify, observe_verify_set};
 use crate::calibration::outcome::{corrected_errors, per_point};
 use crate::calibration::placing::{Layout, Placed, n_stations};
 use crate::calibration::remarks::remarks;
-use crate::calibration::report::{CalibrationReport, Errors, Identifiability, PointErrors, SubsetErrors, Warning};
+use crate::calibration::report::{
+    CalibrationReport, Errors, Identifiability, PointErrors, SubsetErrors, Warning,
+};
 use crate::calibration::request::{CalibrationRequest, Model};
 use crate::calibration::{Error, Event, Monitor, unusable};
 use crate::identification::KinematicModel;
@@ -42,12 +44,22 @@ struct Scored {
 ///
 /// # Errors
 /// [`Error::Unusable`] with code `under_determined` or `model_mismatch`.
-pub fn check_verify(request: &CalibrationRequest, identified: Option<&KinematicModel>) -> Result<(), Error> {
+pub fn check_verify(
+    request: &CalibrationRequest,
+    identified: Option<&KinematicModel>,
+) -> Result<(), Error> {
     let n_links = request.robot.links.len();
     if identified.is_some_and(|model| model.links.len() != n_links) {
-        return Err(unusable("model_mismatch", format!("the parameter set is not of this robot: the robot has {n_links} links")));
+        return Err(unusable(
+            "model_mismatch",
+            format!("the parameter set is not of this robot: the robot has {n_links} links"),
+        ));
     }
-    check_enough(&observe_to_verify(request).all, &request.set, n_refitted(request, identified) > 0)
+    check_enough(
+        &observe_to_verify(request).all,
+        &request.set,
+        n_refitted(request, identified) > 0,
+    )
 }
 
 /// The checks of a second set to verify on: it may be scored by the job, and what it says is about the robot.
@@ -64,7 +76,11 @@ pub fn check_verify_set(request: &CalibrationRequest, set: &MeasurementSet) -> R
         );
         return Err(unusable("verify_overlaps_identify", detail));
     }
-    check_enough(&observe_verify_set(request, set).all, set, refits(request, set))
+    check_enough(
+        &observe_verify_set(request, set).all,
+        set,
+        refits(request, set),
+    )
 }
 
 /// True if base and targets are fitted anew to another set: unless both are in the base frame and the targets are the ones identified.
@@ -74,15 +90,32 @@ pub fn refits(request: &CalibrationRequest, set: &MeasurementSet) -> bool {
 }
 
 /// Refuses points that leave too little to verify once base and targets are fitted to them: a base for every station.
-fn check_enough(observations: &[Observation], set: &MeasurementSet, refit: bool) -> Result<(), Error> {
+fn check_enough(
+    observations: &[Observation],
+    set: &MeasurementSet,
+    refit: bool,
+) -> Result<(), Error> {
     let (n_targets, n_stations) = (set.n_targets(), n_stations(set));
-    let n_refitted = if refit || n_stations > 1 { 6 * n_stations + 3 * n_targets } else { 0 };
-    if let Some(target) = (0..n_targets).find(|target| n_refitted > 0 && !observations.iter().any(|o| o.target == *target)) {
-        let detail = format!("target {target} has no row among the points to verify on; number targets from 0 without gaps");
+    let n_refitted = if refit || n_stations > 1 {
+        6 * n_stations + 3 * n_targets
+    } else {
+        0
+    };
+    if let Some(target) = (0..n_targets)
+        .find(|target| n_refitted > 0 && !observations.iter().any(|o| o.target == *target))
+    {
+        let detail = format!(
+            "target {target} has no row among the points to verify on; number targets from 0 without gaps"
+        );
         return Err(unusable("under_determined", detail));
     }
-    let of_station = |station: &Option<String>| set.points.iter().filter(|p| p.station == *station).count();
-    let small = set.points.iter().map(|p| &p.station).find(|station| n_stations > 1 && of_station(station) < FEWEST_OF_SETUP);
+    let of_station =
+        |station: &Option<String>| set.points.iter().filter(|p| p.station == *station).count();
+    let small = set
+        .points
+        .iter()
+        .map(|p| &p.station)
+        .find(|station| n_stations > 1 && of_station(station) < FEWEST_OF_SETUP);
     if let Some(station) = small {
         let detail = format!(
             "station {:?} has {} points to verify on, its base takes at least {FEWEST_OF_SETUP}: measure more there, or leave it out",
@@ -122,17 +155,25 @@ pub fn verify(
         return Err(unusable("under_determined", "the set has no points"));
     };
     let corrected = match &scored.corrected {
-        Some(robot) if robot.corrected.is_some() => corrected_errors(robot, &scored.after.observed.all),
+        Some(robot) if robot.corrected.is_some() => {
+            corrected_errors(robot, &scored.after.observed.all)
+        }
         Some(_) => Some(after),
         None => None,
     };
-    let errors = SubsetErrors { n_points: request.set.points.len(), before, after, corrected };
+    let errors = SubsetErrors {
+        n_points: request.set.points.len(),
+        before,
+        after,
+        corrected,
+    };
     Ok(report(request, identified.is_some(), scored, errors))
 }
 
 /// Positions are in the base frame, so that nothing has to be placed.
 fn in_base_frame(request: &CalibrationRequest) -> bool {
-    request.set.frame == Frame::Base || (request.model() == Model::Paper && request.frames.is_some())
+    request.set.frame == Frame::Base
+        || (request.model() == Model::Paper && request.frames.is_some())
 }
 
 fn n_refitted(request: &CalibrationRequest, identified: Option<&KinematicModel>) -> usize {
@@ -140,7 +181,10 @@ fn n_refitted(request: &CalibrationRequest, identified: Option<&KinematicModel>)
     let placed = in_base_frame(request)
         && match identified {
             // where its base is, or which target is which, is only known in the frame that it was identified in
-            Some(model) => model.t_instrument_base == IsometryMatrix3::identity() && n_targets <= model.targets_mm.len(),
+            Some(model) => {
+                model.t_instrument_base == IsometryMatrix3::identity()
+                    && n_targets <= model.targets_mm.len()
+            }
             None => n_targets <= 1,
         };
     if placed { 0 } else { 6 + 3 * n_targets }
@@ -153,23 +197,53 @@ fn score(request: &CalibrationRequest, robot: Option<&IdentifiedRobot>) -> Resul
     if let (None, Some(frames)) = (identified, &request.frames) {
         after.targets_mm[0].z = frames.z_tool_mm;
     }
-    let before = KinematicModel { links: nominal.links, ..after.clone() };
+    let before = KinematicModel {
+        links: nominal.links,
+        ..after.clone()
+    };
     let refit = n_refitted(request, identified) > 0;
-    let layout = Layout::new(request, &request.set, observe_to_verify(request), &after, refit)?;
+    let layout = Layout::new(
+        request,
+        &request.set,
+        observe_to_verify(request),
+        &after,
+        refit,
+    )?;
     let (before, after) = (layout.place(&before)?, layout.place(&after)?);
     let corrected = robot.map(|robot| layout.place_corrected(robot, &after));
     let remarks = remarks(&layout.screening, &after.observed, None);
-    Ok(Scored { before, after, corrected, n_refitted: layout.n_refitted(), remarks })
+    Ok(Scored {
+        before,
+        after,
+        corrected,
+        n_refitted: layout.n_refitted(),
+        remarks,
+    })
 }
 
-fn report(request: &CalibrationRequest, is_identified: bool, scored: Scored, verify: SubsetErrors) -> CalibrationReport {
+fn report(
+    request: &CalibrationRequest,
+    is_identified: bool,
+    scored: Scored,
+    verify: SubsetErrors,
+) -> CalibrationReport {
     let per_point = per_point(
         (&scored.before.observed, &scored.before.model),
         (&scored.after.observed, &scored.after.model),
         scored.corrected.as_ref(),
     );
-    let judged = judged(&per_point.iter().map(PointErrors::to_judge).collect::<Vec<_>>());
-    let none = Errors { mean_mm: 0.0, std_mm: 0.0, rms_mm: 0.0, max_mm: 0.0 };
+    let judged = judged(
+        &per_point
+            .iter()
+            .map(PointErrors::to_judge)
+            .collect::<Vec<_>>(),
+    );
+    let none = Errors {
+        mean_mm: 0.0,
+        std_mm: 0.0,
+        rms_mm: 0.0,
+        max_mm: 0.0,
+    };
     CalibrationReport {
         method: request.method,
         method_reason: verdict(is_identified, &judged),
@@ -181,7 +255,12 @@ fn report(request: &CalibrationRequest, is_identified: bool, scored: Scored, ver
         n_evaluations: 0,
         cost_mm2: cost(&scored.after.model, &scored.after.observed.all),
         convergence_mm2: vec![],
-        identify: SubsetErrors { n_points: 0, before: none, after: none, corrected: None },
+        identify: SubsetErrors {
+            n_points: 0,
+            before: none,
+            after: none,
+            corrected: None,
+        },
         verify: Some(verify),
         per_point,
         parameters: vec![],
@@ -228,21 +307,33 @@ fn verdict(is_identified: bool, judged: &Judged) -> String {
     }
 }
 
-fn warnings(is_identified: bool, scored: &Scored, (verify, judged): (&SubsetErrors, &Judged)) -> Vec<Warning> {
+fn warnings(
+    is_identified: bool,
+    scored: &Scored,
+    (verify, judged): (&SubsetErrors, &Judged),
+) -> Vec<Warning> {
     let mut warnings = Vec::new();
     if is_identified && !judged.is_better() {
         let (before, after, remark) = (judged.before_rms_mm, judged.after_rms_mm, judged.remark());
         let detail = format!(
             "on these points{remark} the calibrated robot ({after:.4} mm rms) is no better than the nominal one ({before:.4} mm rms): do not use it"
         );
-        warnings.push(Warning { code: "no_better_than_nominal", detail, rows: vec![] });
+        warnings.push(Warning {
+            code: "no_better_than_nominal",
+            detail,
+            rows: vec![],
+        });
     }
     if 3 * verify.n_points < FEW_RESIDUALS * scored.n_refitted {
         let detail = format!(
             "{} points, from which {} numbers of base and targets were refitted: the errors are smaller than they would be elsewhere",
             verify.n_points, scored.n_refitted
         );
-        warnings.push(Warning { code: "few_verify_points", detail, rows: vec![] });
+        warnings.push(Warning {
+            code: "few_verify_points",
+            detail,
+            rows: vec![],
+        });
     }
     warnings.extend(scored.remarks.iter().cloned());
     warnings

@@ -51,7 +51,12 @@ pub struct Cancel {
 
 /// `kincal release`.
 pub fn release(arguments: &Release) -> anyhow::Result<()> {
-    let Decision { server, id, reason, output } = &arguments.decision;
+    let Decision {
+        server,
+        id,
+        reason,
+        output,
+    } = &arguments.decision;
     let mut body = json!({"reason": reason});
     if let Some(change_reason) = &arguments.change_reason {
         body["change_reason"] = json!(change_reason);
@@ -72,21 +77,50 @@ pub fn release(arguments: &Release) -> anyhow::Result<()> {
 
 /// `kincal withdraw`.
 pub fn withdraw(arguments: &Withdraw) -> anyhow::Result<()> {
-    let Decision { server, id, reason, output } = &arguments.decision;
-    let set = block_on(async { decide(&server.client()?, id, "withdraw", &json!({"reason": reason})).await })?;
-    output.told(&set, || format!("{id} is withdrawn; `kincal params` shows whether another one is active"))
+    let Decision {
+        server,
+        id,
+        reason,
+        output,
+    } = &arguments.decision;
+    let set = block_on(async {
+        decide(
+            &server.client()?,
+            id,
+            "withdraw",
+            &json!({"reason": reason}),
+        )
+        .await
+    })?;
+    output.told(&set, || {
+        format!("{id} is withdrawn; `kincal params` shows whether another one is active")
+    })
 }
 
 async fn decide(client: &Client, id: &str, action: &str, body: &Value) -> anyhow::Result<Value> {
-    client.create(&format!("/v1/parameter-sets/{id}/{action}"), "application/json", serde_json::to_vec(body)?).await
+    client
+        .create(
+            &format!("/v1/parameter-sets/{id}/{action}"),
+            "application/json",
+            serde_json::to_vec(body)?,
+        )
+        .await
 }
 
 /// `kincal cancel`.
 pub fn cancel(arguments: &Cancel) -> anyhow::Result<()> {
     let path = format!("/v1/jobs/{}/cancel", arguments.id);
-    let job = block_on(async { arguments.server.client()?.post_json(&path, &json!({})).await })?;
-    arguments.output.told(&job, || match job["status"].as_str() {
-        Some("running") => format!("{} is asked to stop", arguments.id),
-        status => format!("{} is {}", arguments.id, status.unwrap_or("over")),
-    })
+    let job = block_on(async {
+        arguments
+            .server
+            .client()?
+            .post_json(&path, &json!({}))
+            .await
+    })?;
+    arguments
+        .output
+        .told(&job, || match job["status"].as_str() {
+            Some("running") => format!("{} is asked to stop", arguments.id),
+            status => format!("{} is {}", arguments.id, status.unwrap_or("over")),
+        })
 }

@@ -28,12 +28,19 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         let written = backup::write(&store, &arguments.to).await;
         store.close().await;
         written?;
-        let copy = Store::open_as_it_is(StoreLocation::Sqlite { data_dir: arguments.to.clone() }).await?;
+        let copy = Store::open_as_it_is(StoreLocation::Sqlite {
+            data_dir: arguments.to.clone(),
+        })
+        .await?;
         // No worker holds anything in a copy: leases are nobody's.
         let checks = verify::verify(&copy, &Options::default()).await?;
         let head = audit::head(&copy).await?;
         copy.close().await;
-        let broken: Vec<&str> = checks.iter().filter(|check| check.n_violations > 0).map(|check| check.id).collect();
+        let broken: Vec<&str> = checks
+            .iter()
+            .filter(|check| check.n_violations > 0)
+            .map(|check| check.id)
+            .collect();
         anyhow::ensure!(
             broken.is_empty(),
             "the copy breaks {}: look with `kincal verify-store --data-dir {}`",
@@ -42,7 +49,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         );
         let answer = json!({"directory": arguments.to, "audit_head": {"seq": head.seq, "sha256": head.sha256}});
         arguments.output.told(&answer, || {
-            format!("{}: every promise kept; head of the audit chain: {}:{}", arguments.to.display(), head.seq, head.sha256)
+            format!(
+                "{}: every promise kept; head of the audit chain: {}:{}",
+                arguments.to.display(),
+                head.seq,
+                head.sha256
+            )
         })
     })
 }

@@ -62,14 +62,29 @@ pub struct Arguments {
 /// Runs it.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let robot_body = read_robot_body(&arguments.robot)?;
-    let robot = robot_body.to_core().map_err(|invalid| Usage(cannot_be_used(&arguments.robot, &[], &invalid.issues)))?;
+    let robot = robot_body
+        .to_core()
+        .map_err(|invalid| Usage(cannot_be_used(&arguments.robot, &[], &invalid.issues)))?;
     let frame = Frame::parse(&arguments.frame).context("--frame is base or instrument")?;
     let bytes = read(&arguments.set)?;
-    let set = measurement::from_upload(&arguments.numbers.content_type(&arguments.set), &bytes, frame, robot.links.len())
-        .map_err(|invalid| Usage(cannot_be_used(&arguments.set, &bytes, &invalid.issues)))?;
+    let set = measurement::from_upload(
+        &arguments.numbers.content_type(&arguments.set),
+        &bytes,
+        frame,
+        robot.links.len(),
+    )
+    .map_err(|invalid| Usage(cannot_be_used(&arguments.set, &bytes, &invalid.issues)))?;
     // of too few poses the calibration itself speaks; nothing is kept here that could verify
-    for remark in measurement::warnings(&robot, &set).into_iter().filter(|remark| remark.code != "under_determined") {
-        eprintln!("warning: {} ({}): {}", words::warning(&remark.code), remark.code, remark.detail);
+    for remark in measurement::warnings(&robot, &set)
+        .into_iter()
+        .filter(|remark| remark.code != "under_determined")
+    {
+        eprintln!(
+            "warning: {} ({}): {}",
+            words::warning(&remark.code),
+            remark.code,
+            remark.detail
+        );
     }
     look(&robot, &set, &arguments.set)?;
     let measured = MeasuredSet {
@@ -79,15 +94,32 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         n_configurations: measurement::counts(&set).0,
         sha256: &canonical::sha256_hex(&bytes),
     };
-    let parts = JobParts { robot, set, verify_set: None, frames: None, network: None, residual_network: None, previous: None };
+    let parts = JobParts {
+        robot,
+        set,
+        verify_set: None,
+        frames: None,
+        network: None,
+        residual_network: None,
+        previous: None,
+    };
     let request = body(arguments)?.to_core(parts).map_err(|invalid| {
-        let faults: Vec<String> = invalid.issues.iter().map(|issue| fault(issue, None)).collect();
+        let faults: Vec<String> = invalid
+            .issues
+            .iter()
+            .map(|issue| fault(issue, None))
+            .collect();
         Usage(faults.join("\n"))
     })?;
     let bar = (!arguments.output.json).then(|| progress_bar("iterations"));
     let mut monitor = |progress: crate::jobs::Progress| {
         if let Some(bar) = &bar {
-            show(bar, progress.iteration, progress.n_iterations, progress.best_cost_mm2);
+            show(
+                bar,
+                progress.iteration,
+                progress.n_iterations,
+                progress.best_cost_mm2,
+            );
         }
         ControlFlow::Continue(())
     };
@@ -98,9 +130,16 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let report = calibrated.report(OFFLINE, None, false)?;
     if let Some(path) = &arguments.html {
         let convergence = calibrated.convergence();
-        let sources =
-            Sources { robot: &robot_body, set: measured, job: None, parameter_set: None, report: &report, convergence: &convergence };
-        std::fs::write(path, report_page::html(&sources)).with_context(|| format!("cannot write {}", path.display()))?;
+        let sources = Sources {
+            robot: &robot_body,
+            set: measured,
+            job: None,
+            parameter_set: None,
+            report: &report,
+            convergence: &convergence,
+        };
+        std::fs::write(path, report_page::html(&sources))
+            .with_context(|| format!("cannot write {}", path.display()))?;
     }
     print(arguments, &report)
 }
@@ -108,11 +147,24 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
 /// Whether the set can have been measured on this robot, as a server asks of an upload: units, columns and joints that are not what they are
 /// said to be can give a fit that looks perfect.
 fn look(robot: &Robot, set: &MeasurementSet, path: &Path) -> anyhow::Result<()> {
-    let Look::Off(rms_mm) = alignment::look(robot, set) else { return Ok(()) };
+    let Look::Off(rms_mm) = alignment::look(robot, set) else {
+        return Ok(());
+    };
     match alignment::explain(robot, set, rms_mm, &[]) {
-        Finding::Odd { code, detail } => eprintln!("warning: {} ({code}): {detail}", words::warning(code)),
-        Finding::Wrong { code, columns, detail } => {
-            let issue = Issue { column: columns, code: code.into(), detail, ..Issue::default() };
+        Finding::Odd { code, detail } => {
+            eprintln!("warning: {} ({code}): {detail}", words::warning(code))
+        }
+        Finding::Wrong {
+            code,
+            columns,
+            detail,
+        } => {
+            let issue = Issue {
+                column: columns,
+                code: code.into(),
+                detail,
+                ..Issue::default()
+            };
             return Err(Usage(cannot_be_used(path, &[], &[issue])).into());
         }
     }
@@ -131,13 +183,26 @@ fn print(arguments: &Arguments, report: &Report) -> anyhow::Result<()> {
 fn body(arguments: &Arguments) -> anyhow::Result<JobRequestBody> {
     let method: Method = serde_json::from_value(arguments.method.clone().into())?;
     let preset: Preset = serde_json::from_value(arguments.preset.clone().into())?;
-    let model: Option<Model> = arguments.model.clone().map(|m| serde_json::from_value(m.into())).transpose()?;
-    Ok(JobRequestBody { method, preset, model, seed: arguments.seed, refine: arguments.refine, ..JobRequestBody::for_set(OFFLINE) })
+    let model: Option<Model> = arguments
+        .model
+        .clone()
+        .map(|m| serde_json::from_value(m.into()))
+        .transpose()?;
+    Ok(JobRequestBody {
+        method,
+        preset,
+        model,
+        seed: arguments.seed,
+        refine: arguments.refine,
+        ..JobRequestBody::for_set(OFFLINE)
+    })
 }
 
 /// A robot file, after every check.
 pub fn read_robot(path: &Path) -> anyhow::Result<crate::kinematics::Robot> {
-    Ok(read_robot_body(path)?.to_core().map_err(|invalid| Usage(cannot_be_used(path, &[], &invalid.issues)))?)
+    Ok(read_robot_body(path)?
+        .to_core()
+        .map_err(|invalid| Usage(cannot_be_used(path, &[], &invalid.issues)))?)
 }
 
 fn read_robot_body(path: &Path) -> anyhow::Result<RobotBody> {
@@ -161,7 +226,8 @@ fn failure(failure: JobFailure) -> anyhow::Error {
 /// A bar with the smallest F beside it; it draws itself on a terminal only.
 pub fn progress_bar(what: &'static str) -> ProgressBar {
     let bar = ProgressBar::new(0);
-    let style = ProgressStyle::with_template("{bar:32} {pos}/{len} {msg}").unwrap_or_else(|_| ProgressStyle::default_bar());
+    let style = ProgressStyle::with_template("{bar:32} {pos}/{len} {msg}")
+        .unwrap_or_else(|_| ProgressStyle::default_bar());
     bar.set_style(style);
     bar.set_message(what);
     bar
@@ -171,5 +237,8 @@ pub fn progress_bar(what: &'static str) -> ProgressBar {
 pub fn show(bar: &ProgressBar, iteration: u64, n_iterations: u64, best_cost_mm2: f64) {
     bar.set_length(n_iterations);
     bar.set_position(iteration);
-    bar.set_message(format!("iterations, F = {} mm²", table::number(best_cost_mm2)));
+    bar.set_message(format!(
+        "iterations, F = {} mm²",
+        table::number(best_cost_mm2)
+    ));
 }

@@ -5,7 +5,9 @@ use super::failure::Refused;
 use super::files::{self, cannot_be_used, read, read_json};
 use super::terminal::Output;
 use super::{Usage, block_on, terminal};
-use crate::wire::compensate::{CompensateAnswer, CompensateBody, CompensateMode, CompensateStatus, MAX_TARGETS_PER_REQUEST};
+use crate::wire::compensate::{
+    CompensateAnswer, CompensateBody, CompensateMode, CompensateStatus, MAX_TARGETS_PER_REQUEST,
+};
 use crate::wire::export::ExportDocument;
 use crate::wire::issue::{Invalid, Issue};
 use anyhow::Context;
@@ -39,9 +41,16 @@ pub struct Arguments {
 
 /// Three lengths with commas between them.
 fn tool_mm(text: &str) -> Result<[f64; 3], String> {
-    let numbers: Result<Vec<f64>, _> = text.split(',').map(|number| number.trim().parse::<f64>()).collect();
-    let three = numbers.ok().and_then(|numbers| <[f64; 3]>::try_from(numbers).ok());
-    three.filter(|three| three.iter().all(|mm| mm.is_finite())).ok_or_else(|| "three numbers in mm are needed, such as 30,-45,160".into())
+    let numbers: Result<Vec<f64>, _> = text
+        .split(',')
+        .map(|number| number.trim().parse::<f64>())
+        .collect();
+    let three = numbers
+        .ok()
+        .and_then(|numbers| <[f64; 3]>::try_from(numbers).ok());
+    three
+        .filter(|three| three.iter().all(|mm| mm.is_finite()))
+        .ok_or_else(|| "three numbers in mm are needed, such as 30,-45,160".into())
 }
 
 /// A program: its header, its rows, and where the joint values stand.
@@ -55,18 +64,28 @@ struct Program {
 
 /// Prints the program with corrected joint values on standard output; every other column stays as it is.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
-    let Some(path) = arguments.files.last() else { return Err(Usage("PROGRAM.csv is missing".into()).into()) };
+    let Some(path) = arguments.files.last() else {
+        return Err(Usage("PROGRAM.csv is missing".into()).into());
+    };
     if arguments.target.is_some() && arguments.tool_mm.is_some() {
         return Err(Usage("the tool is either a reflector or a tool centre point: give --target or --tool-mm, not both".into()).into());
     }
-    let program = Program::parse(read(path)?).map_err(|error| Usage(format!("{}: {error}", path.display())))?;
+    let program = Program::parse(read(path)?)
+        .map_err(|error| Usage(format!("{}: {error}", path.display())))?;
     eprintln!(
         "warning (taught_targets): targets that were taught by moving the robot there already hold its errors: correct only those that were programmed offline"
     );
-    let targets = program.q_deg().map_err(|error| Usage(format!("{}: {error}", path.display())))?;
-    let part =
-        |(i, part): (usize, &[_])| correct(arguments, part).map_err(|error| program.explained(error, path, i * MAX_TARGETS_PER_REQUEST));
-    let mut parts = targets.chunks(MAX_TARGETS_PER_REQUEST).enumerate().map(part);
+    let targets = program
+        .q_deg()
+        .map_err(|error| Usage(format!("{}: {error}", path.display())))?;
+    let part = |(i, part): (usize, &[_])| {
+        correct(arguments, part)
+            .map_err(|error| program.explained(error, path, i * MAX_TARGETS_PER_REQUEST))
+    };
+    let mut parts = targets
+        .chunks(MAX_TARGETS_PER_REQUEST)
+        .enumerate()
+        .map(part);
     let mut answer = parts.next().unwrap_or_else(|| correct(arguments, &[]))?;
     for part in parts {
         answer.extend(part?);
@@ -84,14 +103,28 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     let statuses = &answer.status;
     for (status, what) in [
-        (CompensateStatus::NearSingular, "near a singularity: as near as the joints get without a wild motion"),
-        (CompensateStatus::JointLimit, "at a joint limit: as near as the other joints get"),
+        (
+            CompensateStatus::NearSingular,
+            "near a singularity: as near as the joints get without a wild motion",
+        ),
+        (
+            CompensateStatus::JointLimit,
+            "at a joint limit: as near as the other joints get",
+        ),
         (CompensateStatus::NotReached, "out of reach"),
     ] {
-        let rows: Vec<String> = statuses.iter().enumerate().filter(|(_, s)| **s == status).map(|(row, _)| row.to_string()).collect();
+        let rows: Vec<String> = statuses
+            .iter()
+            .enumerate()
+            .filter(|(_, s)| **s == status)
+            .map(|(row, _)| row.to_string())
+            .collect();
         if !rows.is_empty() {
             let (n, rows) = (rows.len(), rows.join(", "));
-            eprintln!("warning: {n} of {} targets are {what} (rows {rows}; 0 is the first below the header)", statuses.len());
+            eprintln!(
+                "warning: {n} of {} targets are {what} (rows {rows}; 0 is the first below the header)",
+                statuses.len()
+            );
         }
     }
     Ok(())
@@ -102,63 +135,116 @@ fn correct(arguments: &Arguments, q_deg: &[Vec<f64>]) -> anyhow::Result<Compensa
     let body = CompensateBody {
         q_deg: q_deg.to_vec(),
         target: arguments.target,
-        tool: tool.map(|translation_mm| crate::wire::compensate::ToolBody { translation_mm, rotation: None }),
+        tool: tool.map(|translation_mm| crate::wire::compensate::ToolBody {
+            translation_mm,
+            rotation: None,
+        }),
         payload: None,
-        mode: if arguments.mode == "position" { CompensateMode::Position } else { CompensateMode::Pose },
+        mode: if arguments.mode == "position" {
+            CompensateMode::Position
+        } else {
+            CompensateMode::Pose
+        },
     };
     match (&arguments.parameters, arguments.files.as_slice()) {
         (Some(id), [_]) => block_on(async {
             let path = format!("/v1/parameter-sets/{id}/compensate");
-            let answer = arguments.server.client()?.post_json(&path, &serde_json::to_value(&body)?).await?;
-            serde_json::from_value(answer).context("the server's answer is of another version of kincal")
+            let answer = arguments
+                .server
+                .client()?
+                .post_json(&path, &serde_json::to_value(&body)?)
+                .await?;
+            serde_json::from_value(answer)
+                .context("the server's answer is of another version of kincal")
         }),
         (None, [parameters, _]) => {
-            let document: ExportDocument = read_json(parameters, "exported parameters, as GET /v1/parameter-sets/ID/export writes it")?;
-            let unusable = |invalid: Invalid| Usage(cannot_be_used(parameters, &[], &invalid.issues));
+            let document: ExportDocument = read_json(
+                parameters,
+                "exported parameters, as GET /v1/parameter-sets/ID/export writes it",
+            )?;
+            let unusable =
+                |invalid: Invalid| Usage(cannot_be_used(parameters, &[], &invalid.issues));
             let robot = document.robot.to_core().map_err(unusable)?;
-            document.content.check(robot.links.len()).map_err(unusable)?;
+            document
+                .content
+                .check(robot.links.len())
+                .map_err(unusable)?;
             Ok(body.run(&robot, &document.content, &document.warnings)?)
         }
         (Some(_), _) => Err(Usage("with --parameters only PROGRAM.csv is given".into()).into()),
-        (None, _) => Err(Usage("give PARAMETERS.json and PROGRAM.csv, or --parameters ID and PROGRAM.csv".into()).into()),
+        (None, _) => Err(Usage(
+            "give PARAMETERS.json and PROGRAM.csv, or --parameters ID and PROGRAM.csv".into(),
+        )
+        .into()),
     }
 }
 
 impl Program {
     fn parse(bytes: Vec<u8>) -> Result<Self, String> {
         files::refuse_semicolons(&bytes)?;
-        let mut reader = csv::ReaderBuilder::new().has_headers(false).from_reader(bytes.as_slice());
+        let mut reader = csv::ReaderBuilder::new()
+            .has_headers(false)
+            .from_reader(bytes.as_slice());
         let mut records = reader.records();
-        let cells = |record: csv::StringRecord| record.iter().map(str::to_owned).collect::<Vec<_>>();
-        let header = records.next().ok_or("the file is empty")?.map(cells).map_err(|e| e.to_string())?;
-        let rows = records.map(|record| record.map(cells)).collect::<Result<Vec<_>, _>>().map_err(|e| e.to_string())?;
+        let cells =
+            |record: csv::StringRecord| record.iter().map(str::to_owned).collect::<Vec<_>>();
+        let header = records
+            .next()
+            .ok_or("the file is empty")?
+            .map(cells)
+            .map_err(|e| e.to_string())?;
+        let rows = records
+            .map(|record| record.map(cells))
+            .collect::<Result<Vec<_>, _>>()
+            .map_err(|e| e.to_string())?;
         let place = |joint: usize| {
-            let named =
-                |unit: &str| header.iter().position(|name| name.trim().trim_start_matches('\u{feff}') == format!("q{joint}_{unit}"));
-            named("deg").map(|column| (column, false)).or_else(|| named("rad").map(|column| (column, true)))
+            let named = |unit: &str| {
+                header.iter().position(|name| {
+                    name.trim().trim_start_matches('\u{feff}') == format!("q{joint}_{unit}")
+                })
+            };
+            named("deg")
+                .map(|column| (column, false))
+                .or_else(|| named("rad").map(|column| (column, true)))
         };
         let joints: Vec<(usize, bool)> = (1..).map_while(place).collect();
         if joints.is_empty() {
             return Err("it has no column q1_deg or q1_rad: joint values are in columns q1_deg … qn_deg, or q1_rad … qn_rad".into());
         }
-        Ok(Self { bytes, header, rows, joints })
+        Ok(Self {
+            bytes,
+            header,
+            rows,
+            joints,
+        })
     }
 
     fn q_deg(&self) -> Result<Vec<Vec<f64>>, String> {
         let cell = |(row, cells): (usize, &Vec<String>), (column, is_rad): (usize, bool)| {
             let text = cells[column].trim();
             let number = text.parse::<f64>().ok().filter(|number| number.is_finite());
-            let place = || format!("{}, column {}", files::row(row, Some(&self.bytes)), self.header[column]);
+            let place = || {
+                format!(
+                    "{}, column {}",
+                    files::row(row, Some(&self.bytes)),
+                    self.header[column]
+                )
+            };
             let number = number.ok_or_else(|| format!("{}: {text:?} is not a number", place()))?;
             Ok(if is_rad { number.to_degrees() } else { number })
         };
-        let row = |row: (usize, &Vec<String>)| self.joints.iter().map(|joint| cell(row, *joint)).collect();
+        let row = |row: (usize, &Vec<String>)| {
+            self.joints.iter().map(|joint| cell(row, *joint)).collect()
+        };
         self.rows.iter().enumerate().map(row).collect()
     }
 
     /// What cannot be corrected, in the program's own rows and columns and in options; `first` is the first row of its part.
     fn explained(&self, error: anyhow::Error, path: &Path, first: usize) -> anyhow::Error {
-        let issues = match (error.downcast_ref::<Refused>(), error.downcast_ref::<Invalid>()) {
+        let issues = match (
+            error.downcast_ref::<Refused>(),
+            error.downcast_ref::<Invalid>(),
+        ) {
             (Some(refused), _) if refused.is_usage() => &refused.problem.errors,
             (_, Some(invalid)) => &invalid.issues,
             _ => return error,
@@ -166,7 +252,10 @@ impl Program {
         if issues.is_empty() {
             return error;
         }
-        let mut faults: Vec<String> = issues.iter().map(|issue| self.fault(issue, first)).collect();
+        let mut faults: Vec<String> = issues
+            .iter()
+            .map(|issue| self.fault(issue, first))
+            .collect();
         // a column too few is too few in every row
         faults.dedup();
         Usage(format!("{}: {}", path.display(), faults.join("\n  "))).into()
@@ -174,12 +263,23 @@ impl Program {
 
     fn fault(&self, issue: &Issue, first: usize) -> String {
         let detail = &issue.detail;
-        let mut pointer = issue.pointer.as_deref().unwrap_or_default().split('/').skip(1);
+        let mut pointer = issue
+            .pointer
+            .as_deref()
+            .unwrap_or_default()
+            .split('/')
+            .skip(1);
         let (field, row, joint) = (pointer.next(), pointer.next(), pointer.next());
-        let column = joint.and_then(|joint| joint.parse::<usize>().ok()).and_then(|joint| self.joints.get(joint));
+        let column = joint
+            .and_then(|joint| joint.parse::<usize>().ok())
+            .and_then(|joint| self.joints.get(joint));
         match (field, row.and_then(|row| row.parse::<usize>().ok()), column) {
             (Some("q_deg"), Some(row), Some((column, _))) => {
-                format!("{}, column {}: {detail}", files::row(first + row, Some(&self.bytes)), self.header[*column])
+                format!(
+                    "{}, column {}: {detail}",
+                    files::row(first + row, Some(&self.bytes)),
+                    self.header[*column]
+                )
             }
             (Some("q_deg"), ..) => format!("its columns are q1 … q{}: {detail}", self.joints.len()),
             (Some("target"), ..) => format!("--target: {detail}"),
@@ -194,7 +294,11 @@ impl Program {
         for (row, q_deg) in self.rows.iter().zip(q_deg) {
             let mut row = row.clone();
             for ((column, is_rad), q) in self.joints.iter().zip(q_deg) {
-                row[*column] = if *is_rad { format!("{:.9}", q.to_radians()) } else { format!("{q:.7}") };
+                row[*column] = if *is_rad {
+                    format!("{:.9}", q.to_radians())
+                } else {
+                    format!("{q:.7}")
+                };
             }
             writer.write_record(&row)?;
         }

@@ -11,10 +11,20 @@ use std::path::PathBuf;
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     /// Where from: a data directory, or postgres://….
-    #[arg(long, env = "KINCAL_FROM", value_name = "DIR|URL", hide_env_values = true)]
+    #[arg(
+        long,
+        env = "KINCAL_FROM",
+        value_name = "DIR|URL",
+        hide_env_values = true
+    )]
     from: String,
     /// Where to: a data directory that is made, or the URL of an empty PostgreSQL database.
-    #[arg(long, env = "KINCAL_TO", value_name = "DIR|URL", hide_env_values = true)]
+    #[arg(
+        long,
+        env = "KINCAL_TO",
+        value_name = "DIR|URL",
+        hide_env_values = true
+    )]
     to: String,
     #[command(flatten)]
     output: Output,
@@ -29,26 +39,56 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if let StoreLocation::Sqlite { data_dir } = &from
         && !data_dir.is_dir()
     {
-        return Err(Usage(format!("--from {}: there is no such data directory", data_dir.display())).into());
+        return Err(Usage(format!(
+            "--from {}: there is no such data directory",
+            data_dir.display()
+        ))
+        .into());
     }
     block_on(async {
         // opened as a server does: its schema is brought up to date, and a data directory that is in use is refused
         let from = Store::open(from).await?;
         let to = Store::open(to).await?;
         let copied = copy::copy(&from, &to, |table| eprintln!("copying {table}")).await?;
-        let checks = verify::verify(&to, &Options { known_head: None, is_served: false }).await?;
+        let checks = verify::verify(
+            &to,
+            &Options {
+                known_head: None,
+                is_served: false,
+            },
+        )
+        .await?;
         let n_violations: i64 = checks.iter().map(|check| check.n_violations).sum();
-        let heads = (crate::store::audit::head(&from).await?, crate::store::audit::head(&to).await?);
+        let heads = (
+            crate::store::audit::head(&from).await?,
+            crate::store::audit::head(&to).await?,
+        );
         from.close().await;
         to.close().await;
-        anyhow::ensure!(n_violations == 0, "the copy breaks {n_violations} promises; `kincal verify-store` on it says which");
+        anyhow::ensure!(
+            n_violations == 0,
+            "the copy breaks {n_violations} promises; `kincal verify-store` on it says which"
+        );
         let same_head = (heads.0.seq, &heads.0.sha256) == (heads.1.seq, &heads.1.sha256);
-        anyhow::ensure!(same_head, "the copy's audit chain ends elsewhere: somebody wrote to the source meanwhile; copy again");
-        let tables: Vec<Value> = copied.iter().map(|copied| json!({"table": copied.table, "n_rows": copied.n_rows})).collect();
-        let answer = json!({"tables": tables, "audit_head": {"seq": heads.1.seq, "sha256": heads.1.sha256}});
+        anyhow::ensure!(
+            same_head,
+            "the copy's audit chain ends elsewhere: somebody wrote to the source meanwhile; copy again"
+        );
+        let tables: Vec<Value> = copied
+            .iter()
+            .map(|copied| json!({"table": copied.table, "n_rows": copied.n_rows}))
+            .collect();
+        let answer =
+            json!({"tables": tables, "audit_head": {"seq": heads.1.seq, "sha256": heads.1.sha256}});
         arguments.output.told(&answer, || {
-            let rows: String = copied.iter().map(|copied| format!("{:>10} rows of {}\n", copied.n_rows, copied.table)).collect();
-            format!("{rows}the copy keeps all promises; head of the audit chain: {}:{}", heads.1.seq, heads.1.sha256)
+            let rows: String = copied
+                .iter()
+                .map(|copied| format!("{:>10} rows of {}\n", copied.n_rows, copied.table))
+                .collect();
+            format!(
+                "{rows}the copy keeps all promises; head of the audit chain: {}:{}",
+                heads.1.seq, heads.1.sha256
+            )
         })
     })
 }
@@ -56,6 +96,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
 fn location(text: &str) -> StoreLocation {
     match text.starts_with("postgres://") || text.starts_with("postgresql://") {
         true => StoreLocation::Postgres { url: text.into() },
-        false => StoreLocation::Sqlite { data_dir: PathBuf::from(text) },
+        false => StoreLocation::Sqlite {
+            data_dir: PathBuf::from(text),
+        },
     }
 }

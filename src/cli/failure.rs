@@ -26,12 +26,19 @@ impl Failed {
     pub fn sending(url: &str, error: &reqwest::Error) -> Self {
         let is_final = error.is_builder() || advice(&cause(error)).is_some();
         let reason = unreachable(url, error);
-        if is_final { Self::Final(reason) } else { Self::Lost(reason) }
+        if is_final {
+            Self::Final(reason)
+        } else {
+            Self::Lost(reason)
+        }
     }
 
     /// Likewise where its answer had begun.
     pub fn reading(url: &str, error: &reqwest::Error) -> Self {
-        Self::Lost(anyhow::anyhow!("the connection to {url} broke within an answer: {}", cause(error)))
+        Self::Lost(anyhow::anyhow!(
+            "the connection to {url} broke within an answer: {}",
+            cause(error)
+        ))
     }
 
     /// An answer that is no success. 502 and 504 are what a proxy says while the server behind it restarts.
@@ -40,7 +47,11 @@ impl Failed {
             Ok(problem) => Refused { status, problem }.into(),
             Err(_) => anyhow::anyhow!("the server answered {status}"),
         };
-        if matches!(status, 429 | 502..=504) { Self::Busy(wait(headers), error) } else { Self::Final(error) }
+        if matches!(status, 429 | 502..=504) {
+            Self::Busy(wait(headers), error)
+        } else {
+            Self::Final(error)
+        }
     }
 
     /// How long to wait before it is tried again, if that is of any use.
@@ -62,8 +73,11 @@ impl From<Failed> for anyhow::Error {
 }
 
 fn wait(headers: &HeaderMap) -> Duration {
-    let told = headers.get(RETRY_AFTER).and_then(|value| value.to_str().ok()?.trim().parse().ok());
-    told.map_or(AGAIN_AFTER, Duration::from_secs).min(LONGEST_WAIT)
+    let told = headers
+        .get(RETRY_AFTER)
+        .and_then(|value| value.to_str().ok()?.trim().parse().ok());
+    told.map_or(AGAIN_AFTER, Duration::from_secs)
+        .min(LONGEST_WAIT)
 }
 
 fn unreachable(url: &str, error: &reqwest::Error) -> anyhow::Error {
@@ -71,25 +85,33 @@ fn unreachable(url: &str, error: &reqwest::Error) -> anyhow::Error {
     if let Some(advice) = advice(&cause) {
         return anyhow::anyhow!("the server {url} is not trusted: {cause}\nnext: {advice}");
     }
-    let reason = if error.is_timeout() { "it did not answer in time".to_owned() } else { cause };
-    anyhow::anyhow!("the server {url} cannot be reached: {reason}; is it running, and is --server right?")
+    let reason = if error.is_timeout() {
+        "it did not answer in time".to_owned()
+    } else {
+        cause
+    };
+    anyhow::anyhow!(
+        "the server {url} cannot be reached: {reason}; is it running, and is --server right?"
+    )
 }
 
 /// What to do about a certificate that was refused, by the names that rustls has for the reasons.
 fn advice(cause: &str) -> Option<&'static str> {
     let reason = cause.split_once("invalid peer certificate: ")?.1;
     // a signature is bad where the one that is trusted has the right name and another key, as before a renewal
-    Some(if reason.contains("UnknownIssuer") || reason.contains("BadSignature") {
-        "give the certificate of the authority that signed the server's, or the server's own where it signed itself, as it is now, by --ca-cert FILE or KINCAL_CA_CERT"
-    } else if reason.contains("CaUsedAsEndEntity") {
-        "the server shows a certificate that is an authority's own (CA:TRUE); make one for the server with basicConstraints=CA:FALSE, as docs/operations.md has it under TLS"
-    } else if reason.to_lowercase().contains("not valid for") && reason.contains("name") {
-        "name the server in --server as its certificate does, or make one whose subjectAltName has this name or address"
-    } else if reason.contains("expired") || reason.contains("not valid yet") {
-        "renew the server's certificate and start it anew, or set the clock of this machine right"
-    } else {
-        "docs/operations.md has under TLS how to make a certificate that works"
-    })
+    Some(
+        if reason.contains("UnknownIssuer") || reason.contains("BadSignature") {
+            "give the certificate of the authority that signed the server's, or the server's own where it signed itself, as it is now, by --ca-cert FILE or KINCAL_CA_CERT"
+        } else if reason.contains("CaUsedAsEndEntity") {
+            "the server shows a certificate that is an authority's own (CA:TRUE); make one for the server with basicConstraints=CA:FALSE, as docs/operations.md has it under TLS"
+        } else if reason.to_lowercase().contains("not valid for") && reason.contains("name") {
+            "name the server in --server as its certificate does, or make one whose subjectAltName has this name or address"
+        } else if reason.contains("expired") || reason.contains("not valid yet") {
+            "renew the server's certificate and start it anew, or set the clock of this machine right"
+        } else {
+            "docs/operations.md has under TLS how to make a certificate that works"
+        },
+    )
 }
 
 /// The innermost cause: a refused connection, an unknown host and a certificate that is not trusted differ only there.
@@ -118,10 +140,20 @@ impl Refused {
 
     /// What, why, and what to do next. The detail of bad input is its first fault, which is not said twice.
     fn in_words(&self) -> String {
-        let Problem { detail, code, errors, .. } = &self.problem;
-        let faults: Vec<String> = errors.iter().map(|issue| files::fault(issue, None)).collect();
+        let Problem {
+            detail,
+            code,
+            errors,
+            ..
+        } = &self.problem;
+        let faults: Vec<String> = errors
+            .iter()
+            .map(|issue| files::fault(issue, None))
+            .collect();
         let more: String = faults.iter().map(|fault| format!("\n  {fault}")).collect();
-        let is_said = errors.first().is_some_and(|first| detail.starts_with(&first.in_words()));
+        let is_said = errors
+            .first()
+            .is_some_and(|first| detail.starts_with(&first.in_words()));
         let text = match faults.as_slice() {
             [fault] if is_said => format!("{fault} ({code})"),
             several if is_said => format!("{} faults ({code}){more}", several.len()),
@@ -146,23 +178,44 @@ mod tests {
     #[test]
     fn only_what_may_pass_is_asked_again_and_not_too_late() {
         let after = |status, told: Option<&'static str>| {
-            let headers: HeaderMap = told.map(|told| (RETRY_AFTER, HeaderValue::from_static(told))).into_iter().collect();
+            let headers: HeaderMap = told
+                .map(|told| (RETRY_AFTER, HeaderValue::from_static(told)))
+                .into_iter()
+                .collect();
             Failed::answer(status, &headers, b"{}").again_after()
         };
         for status in [400, 401, 403, 404, 409, 422, 500, 507] {
             assert_eq!(after(status, Some("1")), None, "{status}");
         }
-        for (told, seconds) in [(None, 1), (Some("3"), 3), (Some("86400"), 5), (Some("Fri, 31 Dec 1999 23:59:59 GMT"), 1)] {
-            assert_eq!(after(503, told), Some(Duration::from_secs(seconds)), "{told:?}");
+        for (told, seconds) in [
+            (None, 1),
+            (Some("3"), 3),
+            (Some("86400"), 5),
+            (Some("Fri, 31 Dec 1999 23:59:59 GMT"), 1),
+        ] {
+            assert_eq!(
+                after(503, told),
+                Some(Duration::from_secs(seconds)),
+                "{told:?}"
+            );
         }
     }
 
     #[test]
     fn a_single_fault_is_said_once() {
-        let issue = Issue { row: Some(0), detail: "row 0 has 20 cells".into(), code: "wrong_cell_count".into(), ..Issue::default() };
+        let issue = Issue {
+            row: Some(0),
+            detail: "row 0 has 20 cells".into(),
+            code: "wrong_cell_count".into(),
+            ..Issue::default()
+        };
         let mut problem = Problem::new(422, "invalid_measurements", issue.in_words());
         problem.errors = vec![issue];
-        let words = Refused { status: 422, problem }.to_string();
+        let words = Refused {
+            status: 422,
+            problem,
+        }
+        .to_string();
         assert_eq!(words, "row 0 has 20 cells (invalid_measurements)");
     }
 }

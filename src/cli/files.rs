@@ -31,7 +31,8 @@ impl Numbers {
 
 /// True for a file that is called so.
 pub fn is_json(path: &Path) -> bool {
-    path.extension().is_some_and(|extension| extension == "json")
+    path.extension()
+        .is_some_and(|extension| extension == "json")
 }
 
 /// A file's bytes.
@@ -48,26 +49,42 @@ pub fn read_json<T: DeserializeOwned>(path: &Path, what: &str) -> anyhow::Result
 pub fn parse_json<T: DeserializeOwned>(path: &Path, bytes: &[u8], what: &str) -> anyhow::Result<T> {
     let text = bytes.strip_prefix(BYTE_ORDER_MARK).unwrap_or(bytes);
     if text.trim_ascii_start().first() != Some(&b'{') {
-        return Err(Usage(format!("{}: it is not JSON of {what} (an object is expected, {{…}})", path.display())).into());
+        return Err(Usage(format!(
+            "{}: it is not JSON of {what} (an object is expected, {{…}})",
+            path.display()
+        ))
+        .into());
     }
     Ok(json::parse(text).map_err(|error| match error {
-        json::Error::Syntax(detail) => Usage(format!("{}: it is not JSON of {what}: {detail}", path.display())),
+        json::Error::Syntax(detail) => Usage(format!(
+            "{}: it is not JSON of {what}: {detail}",
+            path.display()
+        )),
         json::Error::Shape(invalid) => Usage(cannot_be_used(path, bytes, &invalid.issues)),
     })?)
 }
 
 /// Refuses a table whose columns are separated by semicolons, where nothing can be declared.
 pub fn refuse_semicolons(bytes: &[u8]) -> Result<(), String> {
-    let header = bytes.split(|byte| *byte == b'\n').next().unwrap_or_default();
+    let header = bytes
+        .split(|byte| *byte == b'\n')
+        .next()
+        .unwrap_or_default();
     if header.contains(&b';') && !header.contains(&b',') {
-        return Err("columns are separated by ';': save it with commas, and with '.' as the decimal point".into());
+        return Err(
+            "columns are separated by ';': save it with commas, and with '.' as the decimal point"
+                .into(),
+        );
     }
     Ok(())
 }
 
 /// Every reason on a line of its own, as an engineer wants to mend them.
 pub fn cannot_be_used(path: &Path, bytes: &[u8], issues: &[Issue]) -> String {
-    let lines: Vec<String> = issues.iter().map(|issue| format!("\n  {}", fault(issue, Some(bytes)))).collect();
+    let lines: Vec<String> = issues
+        .iter()
+        .map(|issue| format!("\n  {}", fault(issue, Some(bytes))))
+        .collect();
     format!("{} cannot be used:{}", path.display(), lines.concat())
 }
 
@@ -76,20 +93,36 @@ pub fn fault(issue: &Issue, bytes: Option<&[u8]>) -> String {
     // the query's parameter is an option here
     let detail = issue.detail.replace("?decimal=comma", "--decimal-comma");
     let Some(row) = issue.row else {
-        let says_it = issue.column.as_ref().is_some_and(|column| detail.contains(column.as_str()));
-        return if says_it { detail } else { Issue { detail, ..issue.clone() }.in_words() };
+        let says_it = issue
+            .column
+            .as_ref()
+            .is_some_and(|column| detail.contains(column.as_str()));
+        return if says_it {
+            detail
+        } else {
+            Issue {
+                detail,
+                ..issue.clone()
+            }
+            .in_words()
+        };
     };
     let place = self::row(row, bytes);
     if let Some(rest) = detail.strip_prefix(&format!("row {row}")) {
         return format!("{place}{rest}");
     }
-    let column = issue.column.as_ref().map_or(String::new(), |column| format!(", column {column}"));
+    let column = issue
+        .column
+        .as_ref()
+        .map_or(String::new(), |column| format!(", column {column}"));
     format!("{place}{column}: {detail}")
 }
 
 /// A row of a CSV file, counted from 0 as everywhere, and its line, counted from 1 as editors do.
 pub fn row(row: usize, bytes: Option<&[u8]>) -> String {
-    let line = bytes.and_then(|bytes| line_of(bytes, row)).map_or(String::new(), |line| format!(" (line {line})"));
+    let line = bytes
+        .and_then(|bytes| line_of(bytes, row))
+        .map_or(String::new(), |line| format!(" (line {line})"));
     format!("row {row}{line}")
 }
 
@@ -106,8 +139,15 @@ enum At {
 /// are, a quote opens where a cell begins, and a cell in quotes may go on over several lines.
 fn line_of(bytes: &[u8], row: usize) -> Option<usize> {
     let bytes = bytes.strip_prefix(BYTE_ORDER_MARK).unwrap_or(bytes);
-    let header = bytes.split(|byte| *byte == b'\n').next().unwrap_or_default();
-    let separator = if header.contains(&b';') && !header.contains(&b',') { b';' } else { b',' };
+    let header = bytes
+        .split(|byte| *byte == b'\n')
+        .next()
+        .unwrap_or_default();
+    let separator = if header.contains(&b';') && !header.contains(&b',') {
+        b';'
+    } else {
+        b','
+    };
     let (mut at, mut line, mut n_rows, mut is_begun) = (At::Start, 1, 0, false);
     for (i, &byte) in bytes.iter().enumerate() {
         // \r\n is one end of line
@@ -143,17 +183,33 @@ mod tests {
     #[test]
     fn rows_are_found_again_on_their_lines() {
         let text = b"a,b\r\n\r\n1,\"two\r\nlines\"\r\n3,4\r\n";
-        assert_eq!([0, 1, 2].map(|row| line_of(text, row)), [Some(3), Some(5), None]);
+        assert_eq!(
+            [0, 1, 2].map(|row| line_of(text, row)),
+            [Some(3), Some(5), None]
+        );
         // of spaces: a row; a quote within a cell: a character; a quote after a semicolon opens where that separates
         let text = b"\xEF\xBB\xBF\"a\";b\n\n  \n5\" pipe;2\n\"x \"\"y\"\"\n z\";4\r\r5;6\n";
-        assert_eq!([0, 1, 2, 3, 4].map(|row| line_of(text, row)), [Some(3), Some(4), Some(5), Some(8), None]);
+        assert_eq!(
+            [0, 1, 2, 3, 4].map(|row| line_of(text, row)),
+            [Some(3), Some(4), Some(5), Some(8), None]
+        );
     }
 
     #[test]
     fn lines_are_counted_as_the_reader_of_measurement_files_counts_rows() {
-        for text in ["a,b\n1,x\n\n  \n\n3,\"two\n lines\"\nq,4\n", "a,b\r\n\r\n\t\r\nq,2\r\n", "a,\"b\"\n\"1\n\n\",2\nq,3\n\n"] {
-            let mut reader = csv::ReaderBuilder::new().flexible(true).trim(csv::Trim::All).from_reader(text.as_bytes());
-            let row = reader.records().position(|record| &record.unwrap()[0] == "q").unwrap();
+        for text in [
+            "a,b\n1,x\n\n  \n\n3,\"two\n lines\"\nq,4\n",
+            "a,b\r\n\r\n\t\r\nq,2\r\n",
+            "a,\"b\"\n\"1\n\n\",2\nq,3\n\n",
+        ] {
+            let mut reader = csv::ReaderBuilder::new()
+                .flexible(true)
+                .trim(csv::Trim::All)
+                .from_reader(text.as_bytes());
+            let row = reader
+                .records()
+                .position(|record| &record.unwrap()[0] == "q")
+                .unwrap();
             let line = text.lines().position(|line| line.starts_with('q')).unwrap() + 1;
             assert_eq!(line_of(text.as_bytes(), row), Some(line), "{text:?}");
         }
@@ -168,13 +224,29 @@ mod tests {
             ..Issue::default()
         };
         let text = Some(&b"x_mm\n1\n2\n"[..]);
-        assert_eq!(fault(&issue(Some(0), None, "row 0 has 20 cells"), text), "row 0 (line 2) has 20 cells");
         assert_eq!(
-            fault(&issue(Some(1), Some("x_mm"), "row 1, column x_mm: \"a\" is not a number"), text),
+            fault(&issue(Some(0), None, "row 0 has 20 cells"), text),
+            "row 0 (line 2) has 20 cells"
+        );
+        assert_eq!(
+            fault(
+                &issue(
+                    Some(1),
+                    Some("x_mm"),
+                    "row 1, column x_mm: \"a\" is not a number"
+                ),
+                text
+            ),
             "row 1 (line 3), column x_mm: \"a\" is not a number"
         );
-        assert_eq!(fault(&issue(Some(1), Some("x_mm"), "\"a\" is not a number"), None), "row 1, column x_mm: \"a\" is not a number");
-        assert_eq!(fault(&issue(None, Some("x"), "column x has no unit"), text), "column x has no unit");
+        assert_eq!(
+            fault(&issue(Some(1), Some("x_mm"), "\"a\" is not a number"), None),
+            "row 1, column x_mm: \"a\" is not a number"
+        );
+        assert_eq!(
+            fault(&issue(None, Some("x"), "column x has no unit"), text),
+            "column x has no unit"
+        );
     }
 
     #[test]

@@ -27,7 +27,10 @@ pub struct Arguments {
 /// Prints the robot on standard output, and what its links cannot hold on standard error.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let bytes = read(&arguments.file)?;
-    let is_urdf = arguments.file.extension().is_some_and(|e| e == "urdf" || e == "xml");
+    let is_urdf = arguments
+        .file
+        .extension()
+        .is_some_and(|e| e == "urdf" || e == "xml");
     let format = match arguments.convention.as_deref() {
         Some("urdf") => ImportFormat::Urdf,
         Some("dh") => ImportFormat::Dh,
@@ -36,15 +39,23 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         None => ImportFormat::Mdh,
     };
     if !matches!(format, ImportFormat::Urdf) {
-        refuse_semicolons(&bytes).map_err(|error| Usage(format!("{}: {error}", arguments.file.display())))?;
+        refuse_semicolons(&bytes)
+            .map_err(|error| Usage(format!("{}: {error}", arguments.file.display())))?;
     }
-    let stem = arguments.file.file_stem().map_or_else(|| "imported robot".into(), |stem| stem.to_string_lossy().into_owned());
+    let stem = arguments.file.file_stem().map_or_else(
+        || "imported robot".into(),
+        |stem| stem.to_string_lossy().into_owned(),
+    );
     let name = arguments.name.as_deref().unwrap_or(&stem);
     let imported = import(&bytes, format, name, arguments.tip.as_deref())
         .map_err(|invalid| Usage(cannot_be_used(&arguments.file, &bytes, &invalid.issues)))?;
-    for (what, t) in
-        [("base of the links in the description's root", imported.t_root_base), ("tip on the links' flange", imported.t_flange_tip)]
-    {
+    for (what, t) in [
+        (
+            "base of the links in the description's root",
+            imported.t_root_base,
+        ),
+        ("tip on the links' flange", imported.t_flange_tip),
+    ] {
         if t != IDENTITY {
             eprintln!("note: the {what} is {}", in_words(&t));
         }
@@ -63,7 +74,13 @@ fn in_words(t: &Transform) -> String {
     let [x, y, z] = t.translation_mm;
     let rotation = Rotation3::from_matrix_unchecked(Matrix3::from_fn(|i, j| t.rotation[i][j]));
     let turned = match rotation.axis_angle() {
-        Some((axis, rad)) => format!("turned by {:.4}° about ({:.4}, {:.4}, {:.4})", rad.to_degrees(), axis.x, axis.y, axis.z),
+        Some((axis, rad)) => format!(
+            "turned by {:.4}° about ({:.4}, {:.4}, {:.4})",
+            rad.to_degrees(),
+            axis.x,
+            axis.y,
+            axis.z
+        ),
         None => "not turned".into(),
     };
     format!("at {x:.4}, {y:.4}, {z:.4} mm, {turned}")
@@ -71,4 +88,7 @@ fn in_words(t: &Transform) -> String {
 
 /// Links and description are the same where they differ by less, mm.
 const SAME_MM: f64 = 1e-6;
-const IDENTITY: Transform = Transform { rotation: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], translation_mm: [0.0, 0.0, 0.0] };
+const IDENTITY: Transform = Transform {
+    rotation: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+    translation_mm: [0.0, 0.0, 0.0],
+};

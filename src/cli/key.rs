@@ -92,19 +92,39 @@ async fn open_as_it_is(database: &DatabaseConfig) -> anyhow::Result<Store> {
 
 /// Whose key it is.
 fn holder(text: &str) -> Result<String, String> {
-    if text.trim().is_empty() { Err("say whose key it is, e.g. cell-4".into()) } else { Ok(text.into()) }
+    if text.trim().is_empty() {
+        Err("say whose key it is, e.g. cell-4".into())
+    } else {
+        Ok(text.into())
+    }
 }
 
-async fn create(store: &Store, name: &str, scopes: &[Scope], robot_ids: &[String], output: &Output) -> anyhow::Result<()> {
+async fn create(
+    store: &Store,
+    name: &str,
+    scopes: &[Scope],
+    robot_ids: &[String],
+    output: &Output,
+) -> anyhow::Result<()> {
     for id in robot_ids {
         if robots::get(store, id).await.is_err() {
-            return Err(Usage(format!("there is no robot {id:?}; `GET /v1/robots` lists them")).into());
+            return Err(Usage(format!(
+                "there is no robot {id:?}; `GET /v1/robots` lists them"
+            ))
+            .into());
         }
     }
     let names: Vec<&str> = scopes.iter().map(|scope| scope.as_str()).collect();
     let (key, key_sha256) = new_key()?;
-    let robots_json = (!robot_ids.is_empty()).then(|| serde_json::to_string(robot_ids)).transpose()?;
-    let new = NewApiKey { name: name.into(), key_sha256, scopes_json: serde_json::to_string(&names)?, robots_json };
+    let robots_json = (!robot_ids.is_empty())
+        .then(|| serde_json::to_string(robot_ids))
+        .transpose()?;
+    let new = NewApiKey {
+        name: name.into(),
+        key_sha256,
+        scopes_json: serde_json::to_string(&names)?,
+        robots_json,
+    };
     let mut tx = store.begin().await?;
     tx.act_as(COMMAND_LINE);
     let row = api_keys::insert(&mut tx, &new).await?;
@@ -115,10 +135,15 @@ async fn create(store: &Store, name: &str, scopes: &[Scope], robot_ids: &[String
         made["key"] = key.into();
         shown = serde_json::to_string_pretty(&made)?;
     } else {
-        eprintln!("Key {} for {name:?} with {}. It is shown only now; send it as `Authorization: Bearer KEY`:", row.id, names.join(", "));
+        eprintln!(
+            "Key {} for {name:?} with {}. It is shown only now; send it as `Authorization: Bearer KEY`:",
+            row.id,
+            names.join(", ")
+        );
     }
     // nobody will see it again
-    writeln!(std::io::stdout().lock(), "{shown}").with_context(|| format!("key {} was made but could not be shown: revoke it", row.id))
+    writeln!(std::io::stdout().lock(), "{shown}")
+        .with_context(|| format!("key {} was made but could not be shown: revoke it", row.id))
 }
 
 async fn all(store: &Store) -> anyhow::Result<Vec<ApiKeyRow>> {
@@ -135,7 +160,11 @@ async fn all(store: &Store) -> anyhow::Result<Vec<ApiKeyRow>> {
 }
 
 fn described(row: &ApiKeyRow) -> anyhow::Result<Value> {
-    let robots: Option<Value> = row.robots_json.as_deref().map(serde_json::from_str).transpose()?;
+    let robots: Option<Value> = row
+        .robots_json
+        .as_deref()
+        .map(serde_json::from_str)
+        .transpose()?;
     Ok(json!({
         "id": row.id,
         "name": row.name,
@@ -148,9 +177,15 @@ fn described(row: &ApiKeyRow) -> anyhow::Result<Value> {
 
 async fn list(store: &Store, output: &Output) -> anyhow::Result<()> {
     let rows = all(store).await?;
-    let items = rows.iter().map(described).collect::<anyhow::Result<Vec<Value>>>()?;
+    let items = rows
+        .iter()
+        .map(described)
+        .collect::<anyhow::Result<Vec<Value>>>()?;
     if output.json {
-        say!("{}", serde_json::to_string_pretty(&json!({"items": items}))?);
+        say!(
+            "{}",
+            serde_json::to_string_pretty(&json!({"items": items}))?
+        );
     } else if items.is_empty() {
         say!("there is no key yet; next: kincal key create --name cell-4 --scope read");
     } else {
@@ -166,8 +201,16 @@ async fn list(store: &Store, output: &Output) -> anyhow::Result<()> {
     Ok(())
 }
 
-async fn revoke(store: &Store, id: Option<&str>, name: Option<&str>, output: &Output) -> anyhow::Result<()> {
-    let matches = |row: &ApiKeyRow| row.revoked_at_ms.is_none() && (Some(row.id.as_str()) == id || Some(row.name.as_str()) == name);
+async fn revoke(
+    store: &Store,
+    id: Option<&str>,
+    name: Option<&str>,
+    output: &Output,
+) -> anyhow::Result<()> {
+    let matches = |row: &ApiKeyRow| {
+        row.revoked_at_ms.is_none()
+            && (Some(row.id.as_str()) == id || Some(row.name.as_str()) == name)
+    };
     let rows: Vec<ApiKeyRow> = all(store).await?.into_iter().filter(matches).collect();
     if rows.is_empty() {
         anyhow::bail!("no key in force has this id or name; `kincal key list` shows them");
@@ -178,9 +221,15 @@ async fn revoke(store: &Store, id: Option<&str>, name: Option<&str>, output: &Ou
         api_keys::revoke(&mut tx, &row.id).await?;
     }
     tx.commit().await?;
-    let revoked: Vec<Value> = rows.iter().map(|row| json!({"id": row.id, "name": row.name})).collect();
+    let revoked: Vec<Value> = rows
+        .iter()
+        .map(|row| json!({"id": row.id, "name": row.name}))
+        .collect();
     output.told(&json!({"revoked": revoked}), || {
-        let lines: Vec<String> = rows.iter().map(|row| format!("revoked {} ({:?})", row.id, row.name)).collect();
+        let lines: Vec<String> = rows
+            .iter()
+            .map(|row| format!("revoked {} ({:?})", row.id, row.name))
+            .collect();
         lines.join("\n")
     })
 }

@@ -28,13 +28,29 @@ const ROBOTS: Kind = Kind {
 const SETS: Kind = Kind {
     list: |robot| format!("/v1/robots/{robot}/measurement-sets"),
     one: "/v1/measurement-sets",
-    columns: &["id", "name", "frame", "n_points", "n_configurations", "n_targets", "created_at"],
+    columns: &[
+        "id",
+        "name",
+        "frame",
+        "n_points",
+        "n_configurations",
+        "n_targets",
+        "created_at",
+    ],
     empty: "this robot has no measurement set yet; next: kincal submit --robot ID SET.csv",
 };
 const JOBS: Kind = Kind {
     list: |robot| format!("/v1/robots/{robot}/jobs"),
     one: "/v1/jobs",
-    columns: &["id", "kind", "method", "status", "parameter_set_id", "created_at", "finished_at"],
+    columns: &[
+        "id",
+        "kind",
+        "method",
+        "status",
+        "parameter_set_id",
+        "created_at",
+        "finished_at",
+    ],
     empty: "this robot has no job yet; next: kincal submit --robot ID SET.csv --wait",
 };
 const PARAMETER_SETS: Kind = Kind {
@@ -62,7 +78,12 @@ pub struct OfRobot {
     #[command(flatten)]
     server: ServerArguments,
     /// The robot whose list is wanted: its id, name or serial number.
-    #[arg(long, env = "KINCAL_ROBOT", value_name = "ROBOT", required_unless_present = "id")]
+    #[arg(
+        long,
+        env = "KINCAL_ROBOT",
+        value_name = "ROBOT",
+        required_unless_present = "id"
+    )]
     robot: Option<String>,
     /// One of them, in full.
     #[arg(value_name = "ID")]
@@ -73,7 +94,13 @@ pub struct OfRobot {
 
 /// `kincal robots`.
 pub fn robots(arguments: &Robots) -> anyhow::Result<()> {
-    look(&arguments.server, &ROBOTS, "", arguments.id.as_deref(), &arguments.output)
+    look(
+        &arguments.server,
+        &ROBOTS,
+        "",
+        arguments.id.as_deref(),
+        &arguments.output,
+    )
 }
 
 /// `kincal sets`.
@@ -108,16 +135,31 @@ pub struct Params {
 
 /// `kincal params`.
 pub fn parameter_sets(arguments: &Params) -> anyhow::Result<()> {
-    let Params { server, robot, id, gates, output } = arguments;
+    let Params {
+        server,
+        robot,
+        id,
+        gates,
+        output,
+    } = arguments;
     match id {
         Some(id) if *gates => self::gates(server, id, output),
-        _ => look(server, &PARAMETER_SETS, robot.as_deref().unwrap_or_default(), id.as_deref(), output),
+        _ => look(
+            server,
+            &PARAMETER_SETS,
+            robot.as_deref().unwrap_or_default(),
+            id.as_deref(),
+            output,
+        ),
     }
 }
 
 fn gates(server: &ServerArguments, id: &str, output: &Output) -> anyhow::Result<()> {
     block_on(async {
-        let found = server.client()?.get(&format!("{}/{id}/gates", PARAMETER_SETS.one)).await?;
+        let found = server
+            .client()?
+            .get(&format!("{}/{id}/gates", PARAMETER_SETS.one))
+            .await?;
         if output.json {
             say!("{}", serde_json::to_string_pretty(&found)?);
         } else {
@@ -143,14 +185,31 @@ fn gate_lines(found: &Value) -> String {
             plain(gate["detail"].as_str().unwrap_or_default())
         )
     };
-    found["gates"].as_array().into_iter().flatten().map(line).collect()
+    found["gates"]
+        .as_array()
+        .into_iter()
+        .flatten()
+        .map(line)
+        .collect()
 }
 
 fn of_robot(arguments: &OfRobot, kind: &Kind) -> anyhow::Result<()> {
-    look(&arguments.server, kind, arguments.robot.as_deref().unwrap_or_default(), arguments.id.as_deref(), &arguments.output)
+    look(
+        &arguments.server,
+        kind,
+        arguments.robot.as_deref().unwrap_or_default(),
+        arguments.id.as_deref(),
+        &arguments.output,
+    )
 }
 
-fn look(server: &ServerArguments, kind: &Kind, robot: &str, id: Option<&str>, output: &Output) -> anyhow::Result<()> {
+fn look(
+    server: &ServerArguments,
+    kind: &Kind,
+    robot: &str,
+    id: Option<&str>,
+    output: &Output,
+) -> anyhow::Result<()> {
     block_on(async {
         let client = server.client()?;
         if let Some(id) = id {
@@ -158,13 +217,24 @@ fn look(server: &ServerArguments, kind: &Kind, robot: &str, id: Option<&str>, ou
             say!("{}", serde_json::to_string_pretty(&one)?);
             return Ok(());
         }
-        let robot = if robot.is_empty() { String::new() } else { client.robot_id(robot).await? };
-        let page = client.get(&format!("{}?limit={MAX_ROWS}", (kind.list)(&robot))).await?;
+        let robot = if robot.is_empty() {
+            String::new()
+        } else {
+            client.robot_id(robot).await?
+        };
+        let page = client
+            .get(&format!("{}?limit={MAX_ROWS}", (kind.list)(&robot)))
+            .await?;
         if output.json {
             say!("{}", serde_json::to_string_pretty(&page)?);
             return Ok(());
         }
-        let rows: Vec<Vec<String>> = page["items"].as_array().into_iter().flatten().map(|item| cells(item, kind.columns)).collect();
+        let rows: Vec<Vec<String>> = page["items"]
+            .as_array()
+            .into_iter()
+            .flatten()
+            .map(|item| cells(item, kind.columns))
+            .collect();
         if rows.is_empty() {
             say!("{}", kind.empty);
             return Ok(());
@@ -193,12 +263,25 @@ pub fn cells(item: &Value, columns: &[&str]) -> Vec<String> {
 
 /// Columns as wide as what is in them.
 pub fn columns(names: &[&str], rows: &[Vec<String>]) -> String {
-    let width = |at: usize| rows.iter().map(|row| row[at].chars().count()).chain([names[at].len()]).max().unwrap_or(0);
+    let width = |at: usize| {
+        rows.iter()
+            .map(|row| row[at].chars().count())
+            .chain([names[at].len()])
+            .max()
+            .unwrap_or(0)
+    };
     let widths: Vec<usize> = (0..names.len()).map(width).collect();
     let line = |cells: Vec<&str>| {
-        let padded: Vec<String> = cells.iter().zip(&widths).map(|(cell, width)| format!("{cell:<width$}")).collect();
+        let padded: Vec<String> = cells
+            .iter()
+            .zip(&widths)
+            .map(|(cell, width)| format!("{cell:<width$}"))
+            .collect();
         format!("{}\n", padded.join("  ").trim_end())
     };
-    let body: String = rows.iter().map(|row| line(row.iter().map(String::as_str).collect())).collect();
+    let body: String = rows
+        .iter()
+        .map(|row| line(row.iter().map(String::as_str).collect()))
+        .collect();
     line(names.to_vec()) + &body
 }

@@ -141,8 +141,15 @@ pub fn main() -> ExitCode {
         Ok(()) => ExitCode::FAILURE,
         Err(error) => {
             eprintln!("kincal: {}", terminal::plain(&format!("{error:#}")));
-            let is_usage = error.is::<Usage>() || error.downcast_ref::<failure::Refused>().is_some_and(failure::Refused::is_usage);
-            if is_usage { ExitCode::from(2) } else { ExitCode::FAILURE }
+            let is_usage = error.is::<Usage>()
+                || error
+                    .downcast_ref::<failure::Refused>()
+                    .is_some_and(failure::Refused::is_usage);
+            if is_usage {
+                ExitCode::from(2)
+            } else {
+                ExitCode::FAILURE
+            }
         }
     }
 }
@@ -152,7 +159,9 @@ const LEAVE_BEHIND_AFTER: Duration = Duration::from_secs(1);
 
 /// Runs something asynchronous to its end.
 fn block_on<T>(work: impl Future<Output = anyhow::Result<T>>) -> anyhow::Result<T> {
-    let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
+    let runtime = tokio::runtime::Builder::new_multi_thread()
+        .enable_all()
+        .build()?;
     let result = runtime.block_on(work);
     runtime.shutdown_timeout(LEAVE_BEHIND_AFTER);
     result

@@ -11,7 +11,11 @@ pub struct Arguments {
 
 /// Prints it.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
-    let text = if arguments.output.json { crate::http::json() } else { crate::http::yaml() };
+    let text = if arguments.output.json {
+        crate::http::json()
+    } else {
+        crate::http::yaml()
+    };
     terminal::whole(text.map_err(anyhow::Error::msg)?);
     Ok(())
 }

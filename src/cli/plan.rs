@@ -28,7 +28,12 @@ pub struct Arguments {
     #[arg(long, env = "KINCAL_REQUEST", value_name = "REQUEST.json")]
     request: Option<PathBuf>,
     /// Sets that were measured already, in the frame given by --frame.
-    #[arg(long, env = "KINCAL_MEASURED", value_name = "SET.csv", value_delimiter = ',')]
+    #[arg(
+        long,
+        env = "KINCAL_MEASURED",
+        value_name = "SET.csv",
+        value_delimiter = ','
+    )]
     measured: Vec<PathBuf>,
     #[command(flatten)]
     numbers: Numbers,
@@ -50,23 +55,38 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let robot = read_robot(&arguments.robot)?;
     let body = body(arguments)?;
     if body.frame.is_none() && !arguments.measured.is_empty() {
-        return Err(Usage("say in which frame it was measured: --frame base or --frame instrument".into()).into());
+        return Err(Usage(
+            "say in which frame it was measured: --frame base or --frame instrument".into(),
+        )
+        .into());
     }
     let frame = body.frame.unwrap_or(Frame::Instrument);
     let mut measured = Vec::new();
     for path in &arguments.measured {
         let bytes = read(path)?;
-        let set = from_upload(&arguments.numbers.content_type(path), &bytes, frame, robot.links.len());
+        let set = from_upload(
+            &arguments.numbers.content_type(path),
+            &bytes,
+            frame,
+            robot.links.len(),
+        );
         measured.push(set.map_err(|invalid| Usage(cannot_be_used(path, &bytes, &invalid.issues)))?);
     }
     let plan = body.run(&robot, &measured).map_err(|invalid| {
-        let faults: Vec<String> = invalid.issues.iter().map(|issue| asked(arguments, issue)).collect();
+        let faults: Vec<String> = invalid
+            .issues
+            .iter()
+            .map(|issue| asked(arguments, issue))
+            .collect();
         Usage(faults.join("\n"))
     })?;
     if let Some(remark) = without_limits(&robot, &arguments.robot) {
         eprintln!("warning: {remark}");
     }
-    let (planned, random) = (plan.predicted_std_mm.mean, plan.predicted_std_mm_random.mean);
+    let (planned, random) = (
+        plan.predicted_std_mm.mean,
+        plan.predicted_std_mm_random.mean,
+    );
     eprintln!(
         "predicted uncertainty of the tool: {planned:.4} mm on average, {:.4} mm at most; random poses: {random:.4} mm ({:.2} times)",
         plan.predicted_std_mm.max,
@@ -76,12 +96,22 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         say!("{}", serde_json::to_string_pretty(&plan)?);
         return Ok(());
     }
-    let header: Vec<String> = (1..=robot.links.len()).map(|joint| format!("q{joint}_deg")).collect();
+    let header: Vec<String> = (1..=robot.links.len())
+        .map(|joint| format!("q{joint}_deg"))
+        .collect();
     say!("configuration,{}", header.join(","));
     for (i, configuration) in plan.configurations.iter().enumerate() {
-        let values: Vec<String> = configuration.q_deg.iter().map(|q| format!("{q:.4}")).collect();
+        let values: Vec<String> = configuration
+            .q_deg
+            .iter()
+            .map(|q| format!("{q:.4}"))
+            .collect();
         // a repeat is the same configuration, so that it never stands on both sides of a split
-        say!("{},{}", configuration.repeats.unwrap_or(i) + 1, values.join(","));
+        say!(
+            "{},{}",
+            configuration.repeats.unwrap_or(i) + 1,
+            values.join(",")
+        );
     }
     Ok(())
 }
@@ -94,8 +124,16 @@ fn body(arguments: &Arguments) -> anyhow::Result<PosePlanBody> {
     };
     body.n_configurations = arguments.n_configurations.unwrap_or(body.n_configurations);
     body.seed = arguments.seed.unwrap_or(body.seed);
-    body.frame = arguments.frame.as_deref().and_then(Frame::parse).or(body.frame);
-    body.model = arguments.model.as_deref().and_then(Model::parse).or(body.model);
+    body.frame = arguments
+        .frame
+        .as_deref()
+        .and_then(Frame::parse)
+        .or(body.frame);
+    body.model = arguments
+        .model
+        .as_deref()
+        .and_then(Model::parse)
+        .or(body.model);
     Ok(body)
 }
 
@@ -119,7 +157,9 @@ fn request(path: &Path) -> anyhow::Result<PosePlanBody> {
 /// What is wrong with what was asked, where it was.
 fn asked(arguments: &Arguments, issue: &Issue) -> String {
     match (&arguments.request, issue.pointer.as_deref()) {
-        (_, Some("/n_configurations")) if arguments.n_configurations.is_some() => format!("-n: {}", issue.detail),
+        (_, Some("/n_configurations")) if arguments.n_configurations.is_some() => {
+            format!("-n: {}", issue.detail)
+        }
         (Some(path), _) => format!("{}: {}", path.display(), fault(issue, None)),
         (None, _) => issue.detail.clone(),
     }
@@ -127,7 +167,11 @@ fn asked(arguments: &Arguments, issue: &Issue) -> String {
 
 /// What is told of joints whose limits nobody knows.
 fn without_limits(robot: &Robot, path: &Path) -> Option<String> {
-    let joints = robot.joint_limits_rad.iter().enumerate().filter(|(_, limits)| limits.is_none());
+    let joints = robot
+        .joint_limits_rad
+        .iter()
+        .enumerate()
+        .filter(|(_, limits)| limits.is_none());
     let joints: Vec<String> = joints.map(|(i, _)| (i + 1).to_string()).collect();
     (!joints.is_empty()).then(|| {
         format!(

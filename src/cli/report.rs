@@ -16,7 +16,12 @@ pub struct Arguments {
     #[arg(value_name = "ID")]
     id: String,
     /// Write it as a page to print into this file instead.
-    #[arg(long, env = "KINCAL_HTML", value_name = "FILE", conflicts_with = "json")]
+    #[arg(
+        long,
+        env = "KINCAL_HTML",
+        value_name = "FILE",
+        conflicts_with = "json"
+    )]
     html: Option<PathBuf>,
     #[command(flatten)]
     output: Output,
@@ -26,10 +31,18 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let path = format!("/v1/jobs/{}/report", arguments.id);
     if let Some(file) = &arguments.html {
-        let page = block_on(async { arguments.server.client()?.get_text(&format!("{path}.html")).await })?;
-        return std::fs::write(file, page).with_context(|| format!("cannot write {}", file.display()));
+        let page = block_on(async {
+            arguments
+                .server
+                .client()?
+                .get_text(&format!("{path}.html"))
+                .await
+        })?;
+        return std::fs::write(file, page)
+            .with_context(|| format!("cannot write {}", file.display()));
     }
     let report = block_on(async { arguments.server.client()?.get(&path).await })?;
-    let shaped: Report = serde_json::from_value(report.clone()).context("the server's report is of another version of kincal")?;
+    let shaped: Report = serde_json::from_value(report.clone())
+        .context("the server's report is of another version of kincal")?;
     arguments.output.told(&report, || table::report(&shaped))
 }

@@ -28,13 +28,26 @@ async fn announce(config: &ServeConfig, server: &RunningServer) -> anyhow::Resul
     writeln!(out, "kincal listening on {}", server.url())?;
     out.flush()?;
     drop(out);
-    if !config.no_auth && api_keys::list(&server.store, &PageRequest { limit: 1, cursor: None }).await?.items.is_empty() {
+    if !config.no_auth
+        && api_keys::list(
+            &server.store,
+            &PageRequest {
+                limit: 1,
+                cursor: None,
+            },
+        )
+        .await?
+        .items
+        .is_empty()
+    {
         let store = match &config.database.database_url {
             // not printed: an URL may hold a password
             Some(_) => "--database-url \"$KINCAL_DATABASE_URL\"".into(),
             None => format!("--data-dir {:?}", config.database.data_dir),
         };
-        eprintln!("There is no key yet, so every request is refused. Make one:\n  kincal key create {store} --name my-cell --scope admin");
+        eprintln!(
+            "There is no key yet, so every request is refused. Make one:\n  kincal key create {store} --name my-cell --scope admin"
+        );
     }
     Ok(())
 }
@@ -43,7 +56,10 @@ async fn announce(config: &ServeConfig, server: &RunningServer) -> anyhow::Resul
 #[cfg(unix)]
 pub fn told_to_stop() -> anyhow::Result<impl Future<Output = ()>> {
     use tokio::signal::unix::{SignalKind, signal};
-    let (mut terminate, mut interrupt) = (signal(SignalKind::terminate())?, signal(SignalKind::interrupt())?);
+    let (mut terminate, mut interrupt) = (
+        signal(SignalKind::terminate())?,
+        signal(SignalKind::interrupt())?,
+    );
     Ok(async move {
         tokio::select! {
             _ = terminate.recv() => {}

@@ -72,7 +72,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         let robot = client.robot_id(&arguments.robot).await?;
         let set = upload(&client, arguments, &robot, bytes).await?;
         let request = serde_json::to_value(request(arguments, text(&set, "id")?)?)?;
-        let posted = client.create(&format!("/v1/robots/{robot}/jobs"), "application/json", serde_json::to_vec(&request)?).await?;
+        let posted = client
+            .create(
+                &format!("/v1/robots/{robot}/jobs"),
+                "application/json",
+                serde_json::to_vec(&request)?,
+            )
+            .await?;
         let job_id = text(&posted, "id")?;
         if !arguments.wait {
             let next = format!(
@@ -81,10 +87,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             return arguments.output.told(&posted, || next);
         }
         // who stops waiting has to name it
-        eprintln!("job {job_id} is queued; it goes on without this command, and `kincal cancel {job_id}` stops it");
+        eprintln!(
+            "job {job_id} is queued; it goes on without this command, and `kincal cancel {job_id}` stops it"
+        );
         let job = follow(&client, arguments, job_id).await?;
         let report = client.get(&format!("/v1/jobs/{job_id}/report")).await?;
-        let shaped: Report = serde_json::from_value(report.clone()).context("the server's report is of another version of kincal")?;
+        let shaped: Report = serde_json::from_value(report.clone())
+            .context("the server's report is of another version of kincal")?;
         arguments.output.told(&report, || {
             let next = job.parameter_set_id.map_or(String::new(), |id| {
                 format!("next: kincal release {id} --reason \"…\" if it is good; until then the cell does not get it\n")
@@ -94,24 +103,49 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     })
 }
 
-async fn upload(client: &Client, arguments: &Arguments, robot: &str, bytes: Vec<u8>) -> anyhow::Result<Value> {
-    let content_type = if is_json(&arguments.set) { "application/json" } else { "text/csv" };
+async fn upload(
+    client: &Client,
+    arguments: &Arguments,
+    robot: &str,
+    bytes: Vec<u8>,
+) -> anyhow::Result<Value> {
+    let content_type = if is_json(&arguments.set) {
+        "application/json"
+    } else {
+        "text/csv"
+    };
     let mut parameters = vec![("frame", arguments.frame.clone())];
     if content_type == "text/csv" {
         // a CSV has no name of its own: people know it by its file
         parameters.extend(file_name(arguments).map(|name| ("name", name)));
-        parameters.extend(arguments.numbers.decimal_comma.then(|| ("decimal", "comma".into())));
+        parameters.extend(
+            arguments
+                .numbers
+                .decimal_comma
+                .then(|| ("decimal", "comma".into())),
+        );
     }
     let path = format!("/v1/robots/{robot}/measurement-sets");
     let query = reqwest::Url::parse_with_params("http://query/", parameters)?;
     let path = format!("{path}?{}", query.query().unwrap_or_default());
-    let set = client.create(&path, content_type, bytes.clone()).await.map_err(|error| explained(error, arguments, &bytes))?;
+    let set = client
+        .create(&path, content_type, bytes.clone())
+        .await
+        .map_err(|error| explained(error, arguments, &bytes))?;
     for warning in set["warnings"].as_array().into_iter().flatten() {
-        let (code, detail) = (warning["code"].as_str().unwrap_or_default(), warning["detail"].as_str().unwrap_or_default());
+        let (code, detail) = (
+            warning["code"].as_str().unwrap_or_default(),
+            warning["detail"].as_str().unwrap_or_default(),
+        );
         eprintln!("warning: {} ({code}): {detail}", words::warning(code));
     }
     if !arguments.output.json {
-        say!("set {}: {} points, {} configurations", text(&set, "id")?, set["n_points"], set["n_configurations"]);
+        say!(
+            "set {}: {} points, {} configurations",
+            text(&set, "id")?,
+            set["n_points"],
+            set["n_configurations"]
+        );
     }
     Ok(set)
 }
@@ -119,10 +153,13 @@ async fn upload(client: &Client, arguments: &Arguments, robot: &str, bytes: Vec<
 /// What is wrong with the file, row by row.
 fn explained(error: anyhow::Error, arguments: &Arguments, bytes: &[u8]) -> anyhow::Error {
     match error.downcast::<Refused>() {
-        Ok(refused) if refused.is_usage() && !refused.problem.errors.is_empty() => {
-            Usage(cannot_be_used(&arguments.set, bytes, &refused.problem.errors)).into()
+        Ok(refused) if refused.is_usage() && !refused.problem.errors.is_empty() => Usage(
+            cannot_be_used(&arguments.set, bytes, &refused.problem.errors),
+        )
+        .into(),
+        Ok(refused) if refused.is_usage() => {
+            Usage(format!("{}: {refused}", arguments.set.display())).into()
         }
-        Ok(refused) if refused.is_usage() => Usage(format!("{}: {refused}", arguments.set.display())).into(),
         Ok(refused) => refused.into(),
         Err(error) => error,
     }
@@ -131,7 +168,11 @@ fn explained(error: anyhow::Error, arguments: &Arguments, bytes: &[u8]) -> anyho
 /// The file's name without its ending, as far as a set's name may be long.
 fn file_name(arguments: &Arguments) -> Option<String> {
     let stem = arguments.set.file_stem()?.to_str()?;
-    let name: String = stem.chars().filter(|c| !c.is_control()).take(MAX_NAME).collect();
+    let name: String = stem
+        .chars()
+        .filter(|c| !c.is_control())
+        .take(MAX_NAME)
+        .collect();
     (!name.trim().is_empty()).then_some(name)
 }
 
@@ -139,7 +180,12 @@ async fn follow(client: &Client, arguments: &Arguments, job_id: &str) -> anyhow:
     let bar = (!arguments.output.json).then(|| progress_bar("waiting for a worker"));
     let moved = |job: &JobAnswer| {
         if let (Some(bar), Some(progress)) = (&bar, &job.progress) {
-            show(bar, progress.iteration, progress.n_iterations, progress.best_cost_mm2.unwrap_or(f64::NAN));
+            show(
+                bar,
+                progress.iteration,
+                progress.n_iterations,
+                progress.best_cost_mm2.unwrap_or(f64::NAN),
+            );
         }
     };
     let job = client.follow(job_id, moved).await;
@@ -167,5 +213,7 @@ fn request(arguments: &Arguments, set_id: &str) -> anyhow::Result<JobRequestBody
 }
 
 fn text<'a>(answer: &'a Value, field: &str) -> anyhow::Result<&'a str> {
-    answer[field].as_str().with_context(|| format!("the server's answer has no {field}"))
+    answer[field]
+        .as_str()
+        .with_context(|| format!("the server's answer has no {field}"))
 }

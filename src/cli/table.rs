@@ -2,7 +2,8 @@
 
 use crate::wire::job::{Method, Model};
 use crate::wire::report_shape::{
-    ComparisonReport, CorrectionReport, ErrorsReport, Evidence, ParameterReport, RepeatabilityReport, Report, SubsetReport,
+    ComparisonReport, CorrectionReport, ErrorsReport, Evidence, ParameterReport,
+    RepeatabilityReport, Report, SubsetReport,
 };
 use crate::wire::words;
 use std::fmt::Write;
@@ -12,10 +13,22 @@ const SMALLEST_MM: f64 = 1e-4;
 
 /// The whole report: errors before and after, how strong the evidence is, methods side by side, parameters, corrections, repeatability, warnings.
 pub fn report(report: &Report) -> String {
-    let mut text = if is_verification(report) { verified(report) } else { identified(report) };
+    let mut text = if is_verification(report) {
+        verified(report)
+    } else {
+        identified(report)
+    };
     repeatability(&mut text, report.repeatability.as_ref());
     for warning in &report.warnings {
-        line(&mut text, format!("\nwarning: {} ({}): {}", words::warning(&warning.code), warning.code, warning.detail));
+        line(
+            &mut text,
+            format!(
+                "\nwarning: {} ({}): {}",
+                words::warning(&warning.code),
+                warning.code,
+                warning.detail
+            ),
+        );
     }
     text
 }
@@ -28,27 +41,59 @@ fn is_verification(report: &Report) -> bool {
 /// Which parameters were scored, and how far they are off.
 fn verified(report: &Report) -> String {
     let mut text = String::new();
-    let what = report.parameter_set_from.as_ref().map_or("verification".into(), |id| format!("verification of the parameter set {id}"));
+    let what = report
+        .parameter_set_from
+        .as_ref()
+        .map_or("verification".into(), |id| {
+            format!("verification of the parameter set {id}")
+        });
     line(&mut text, format!("{what}: {}", report.method_reason));
     line(&mut text, String::new());
     line(&mut text, columns());
     if let Some(half) = &report.verify {
-        line(&mut text, row(&format!("nominal ({})", half.n_points), &half.before));
+        line(
+            &mut text,
+            row(&format!("nominal ({})", half.n_points), &half.before),
+        );
         if half.after != half.before {
-            line(&mut text, row(&format!("these parameters ({})", half.n_points), &half.after));
+            line(
+                &mut text,
+                row(
+                    &format!("these parameters ({})", half.n_points),
+                    &half.after,
+                ),
+            );
         }
-        if let Some(corrected) = half.corrected.as_ref().filter(|corrected| **corrected != half.after) {
+        if let Some(corrected) = half
+            .corrected
+            .as_ref()
+            .filter(|corrected| **corrected != half.after)
+        {
             line(&mut text, row("with their corrections", corrected));
         }
     }
-    line(&mut text, format!("evidence: {}", evidence(report.evidence)));
+    line(
+        &mut text,
+        format!("evidence: {}", evidence(report.evidence)),
+    );
     text
 }
 
 fn identified(report: &Report) -> String {
     let mut text = String::new();
-    let model = if report.model == Model::Paper { "paper" } else { "complete" };
-    line(&mut text, format!("{} on the {model} model: {}", name(report.method), report.method_reason));
+    let model = if report.model == Model::Paper {
+        "paper"
+    } else {
+        "complete"
+    };
+    line(
+        &mut text,
+        format!(
+            "{} on the {model} model: {}",
+            name(report.method),
+            report.method_reason
+        ),
+    );
     line(
         &mut text,
         format!(
@@ -64,12 +109,17 @@ fn identified(report: &Report) -> String {
     line(&mut text, columns());
     halves(&mut text, "identify", Some(&report.identify));
     halves(&mut text, "verify", report.verify.as_ref());
-    line(&mut text, format!("evidence: {}", evidence(report.evidence)));
+    line(
+        &mut text,
+        format!("evidence: {}", evidence(report.evidence)),
+    );
     if let Some(tool) = report.tool_uncertainty_mm {
         let (mean, max) = (number(tool.mean), number(tool.max));
         line(
             &mut text,
-            format!("the tool is known to {mean} mm on average over the workspace, {max} mm at worst (one standard deviation)"),
+            format!(
+                "the tool is known to {mean} mm on average over the workspace, {max} mm at worst (one standard deviation)"
+            ),
         );
     }
     comparison(&mut text, &report.comparison);
@@ -92,39 +142,90 @@ fn line(text: &mut String, line: String) {
 }
 
 fn halves(text: &mut String, name: &str, half: Option<&SubsetReport>) {
-    let Some(half) = half.filter(|half| half.n_points > 0) else { return };
-    line(text, row(&format!("{name} ({}), before", half.n_points), &half.before));
-    line(text, row(&format!("{name} ({}), after", half.n_points), &half.after));
-    if let Some(corrected) = half.corrected.as_ref().filter(|corrected| **corrected != half.after) {
-        line(text, row(&format!("{name} ({}), corrected", half.n_points), corrected));
+    let Some(half) = half.filter(|half| half.n_points > 0) else {
+        return;
+    };
+    line(
+        text,
+        row(&format!("{name} ({}), before", half.n_points), &half.before),
+    );
+    line(
+        text,
+        row(&format!("{name} ({}), after", half.n_points), &half.after),
+    );
+    if let Some(corrected) = half
+        .corrected
+        .as_ref()
+        .filter(|corrected| **corrected != half.after)
+    {
+        line(
+            text,
+            row(&format!("{name} ({}), corrected", half.n_points), corrected),
+        );
     }
 }
 
 fn columns() -> String {
-    format!("{:<24}{:>10}{:>10}{:>10}{:>10}", "position error, mm", "mean", "std", "rms", "max")
+    format!(
+        "{:<24}{:>10}{:>10}{:>10}{:>10}",
+        "position error, mm", "mean", "std", "rms", "max"
+    )
 }
 
 fn row(name: &str, e: &ErrorsReport) -> String {
-    format!("{name:<24}{:>10}{:>10}{:>10}{:>10}", error(e.mean_mm), error(e.std_mm), error(e.rms_mm), error(e.max_mm))
+    format!(
+        "{name:<24}{:>10}{:>10}{:>10}{:>10}",
+        error(e.mean_mm),
+        error(e.std_mm),
+        error(e.rms_mm),
+        error(e.max_mm)
+    )
 }
 
 fn comparison(text: &mut String, rows: &[ComparisonReport]) {
-    line(text, format!("\n{:<24}{:>12}{:>14}{:>12}{:>18}", "on the same points", "iterations", "F, mm²", "time, ms", "verify rms, mm"));
+    line(
+        text,
+        format!(
+            "\n{:<24}{:>12}{:>14}{:>12}{:>18}",
+            "on the same points", "iterations", "F, mm²", "time, ms", "verify rms, mm"
+        ),
+    );
     for row in rows {
         let rms = row.verify_after.map_or("–".into(), |e| error(e.rms_mm));
-        line(text, format!("{:<24}{:>12}{:>14}{:>12.1}{rms:>18}", row.method, row.n_iterations, number(row.cost_mm2), row.duration_ms));
+        line(
+            text,
+            format!(
+                "{:<24}{:>12}{:>14}{:>12.1}{rms:>18}",
+                row.method,
+                row.n_iterations,
+                number(row.cost_mm2),
+                row.duration_ms
+            ),
+        );
     }
 }
 
 fn parameters(text: &mut String, rows: &[ParameterReport]) {
-    line(text, format!("\n{:<16}{:>5}{:>14}{:>14}{:>12}{:>12}", "parameter", "unit", "nominal", "identified", "delta", "± std"));
+    line(
+        text,
+        format!(
+            "\n{:<16}{:>5}{:>14}{:>14}{:>12}{:>12}",
+            "parameter", "unit", "nominal", "identified", "delta", "± std"
+        ),
+    );
     for row in rows {
         let std = match (row.identifiable, row.std_uncertainty) {
             (false, _) => "not seen".into(),
             (true, Some(std)) => number(std),
             (true, None) => "–".into(),
         };
-        line(text, format!("{:<16}{:>5}{:>14.5}{:>14.5}{:>12.5}{std:>12}", row.name, row.unit, row.nominal, row.identified, row.delta));
+        line(
+            text,
+            format!(
+                "{:<16}{:>5}{:>14.5}{:>14.5}{:>12.5}{std:>12}",
+                row.name, row.unit, row.nominal, row.identified, row.delta
+            ),
+        );
     }
 }
 
@@ -132,14 +233,36 @@ fn corrections(text: &mut String, rows: &[CorrectionReport]) {
     if rows.is_empty() {
         return;
     }
-    let head = ["rms without", "rms with", "gain, mm²", "± std error", "kept"];
-    line(text, format!("\n{:<28}{:>12}{:>12}{:>12}{:>13}{:>6}", "what links cannot say, mm", head[0], head[1], head[2], head[3], head[4]));
+    let head = [
+        "rms without",
+        "rms with",
+        "gain, mm²",
+        "± std error",
+        "kept",
+    ];
+    line(
+        text,
+        format!(
+            "\n{:<28}{:>12}{:>12}{:>12}{:>13}{:>6}",
+            "what links cannot say, mm", head[0], head[1], head[2], head[3], head[4]
+        ),
+    );
     for row in rows {
-        let errors = [row.cross_validated_rms_mm_before, row.cross_validated_rms_mm_after].map(error);
+        let errors = [
+            row.cross_validated_rms_mm_before,
+            row.cross_validated_rms_mm_after,
+        ]
+        .map(error);
         let gains = [row.gain_mm2, row.standard_error_mm2].map(number);
         let kept = if row.kept { "yes" } else { "no" };
         let name = words::correction(&row.kind);
-        line(text, format!("{name:<28}{:>12}{:>12}{:>12}{:>13}{kept:>6}", errors[0], errors[1], gains[0], gains[1]));
+        line(
+            text,
+            format!(
+                "{name:<28}{:>12}{:>12}{:>12}{:>13}{kept:>6}",
+                errors[0], errors[1], gains[0], gains[1]
+            ),
+        );
     }
 }
 
@@ -148,13 +271,20 @@ fn repeatability(text: &mut String, found: Option<&RepeatabilityReport>) {
     let (rp, std) = (error(found.rp_mm), error(found.std_mm));
     line(
         text,
-        format!("\nrepeatability: RP {rp} mm over {} poses with {} points, {std} mm in one coordinate", found.n_poses, found.n_points),
+        format!(
+            "\nrepeatability: RP {rp} mm over {} poses with {} points, {std} mm in one coordinate",
+            found.n_poses, found.n_points
+        ),
     );
 }
 
 /// A position error, mm.
 fn error(value: f64) -> String {
-    if (0.0..SMALLEST_MM).contains(&value) { format!("<{SMALLEST_MM}") } else { number(value) }
+    if (0.0..SMALLEST_MM).contains(&value) {
+        format!("<{SMALLEST_MM}")
+    } else {
+        number(value)
+    }
 }
 
 /// Four significant digits, in powers of ten where it is tiny.

@@ -24,7 +24,11 @@ pub struct Output {
 
 impl Output {
     /// Prints an answer: the JSON of it if that was asked for, else words.
-    pub fn told(&self, answer: &impl Serialize, words: impl FnOnce() -> String) -> anyhow::Result<()> {
+    pub fn told(
+        &self,
+        answer: &impl Serialize,
+        words: impl FnOnce() -> String,
+    ) -> anyhow::Result<()> {
         if self.json {
             say!("{}", serde_json::to_string_pretty(answer)?);
         } else {
@@ -59,9 +63,14 @@ pub fn is_complete() -> bool {
 /// A text that came from elsewhere, as a terminal may have it: names and messages may hold anything, and a terminal must neither obey it
 /// nor write backwards. Ends of lines stay.
 pub fn plain(text: &str) -> String {
-    let is_obeyed =
-        |c: char| c != '\n' && (c.is_control() || matches!(c, '\u{200e}' | '\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}'));
-    text.chars().map(|c| if is_obeyed(c) { '\u{fffd}' } else { c }).collect()
+    let is_obeyed = |c: char| {
+        c != '\n'
+            && (c.is_control()
+                || matches!(c, '\u{200e}' | '\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}'))
+    };
+    text.chars()
+        .map(|c| if is_obeyed(c) { '\u{fffd}' } else { c })
+        .collect()
 }
 
 #[cfg(test)]
@@ -70,6 +79,9 @@ mod tests {
 
     #[test]
     fn a_terminal_gets_no_commands_and_no_other_direction() {
-        assert_eq!(plain("a\u{1b}[2J\u{7}\u{9b}31m\u{202e}b\rc\nd 関節"), "a\u{fffd}[2J\u{fffd}\u{fffd}31m\u{fffd}b\u{fffd}c\nd 関節");
+        assert_eq!(
+            plain("a\u{1b}[2J\u{7}\u{9b}31m\u{202e}b\rc\nd 関節"),
+            "a\u{fffd}[2J\u{fffd}\u{fffd}31m\u{fffd}b\u{fffd}c\nd 関節"
+        );
     }
 }

@@ -22,10 +22,17 @@ pub struct Arguments {
 
 /// Checks and prints.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
-    let known_head = arguments.known_head.as_deref().map(parse_head).transpose()?;
+    let known_head = arguments
+        .known_head
+        .as_deref()
+        .map(parse_head)
+        .transpose()?;
     block_on(async {
         let store = Store::open_as_it_is(location(&arguments.database)).await?;
-        let options = Options { known_head, is_served: store.is_served() };
+        let options = Options {
+            known_head,
+            is_served: store.is_served(),
+        };
         let checks = verify::verify(&store, &options).await?;
         let head = audit::head(&store).await?;
         let n_violations: i64 = checks.iter().map(|check| check.n_violations).sum();
@@ -44,10 +51,23 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
 }
 
 fn parse_head(text: &str) -> Result<(i64, String), Usage> {
-    let parsed = text.split_once(':').and_then(|(seq, hash)| Some((seq.parse().ok()?, hash.to_owned())));
-    let is_hash = |hash: &str| hash.len() == 64 && hash.bytes().all(|byte| matches!(byte, b'0'..=b'9' | b'a'..=b'f'));
-    let parsed = parsed.filter(|(seq, hash): &(i64, String)| is_hash(hash) || (*seq == 0 && hash.is_empty()));
-    parsed.ok_or_else(|| Usage("--known-head is a number, a colon and a hash, as `kincal verify-store` prints it".into()))
+    let parsed = text
+        .split_once(':')
+        .and_then(|(seq, hash)| Some((seq.parse().ok()?, hash.to_owned())));
+    let is_hash = |hash: &str| {
+        hash.len() == 64
+            && hash
+                .bytes()
+                .all(|byte| matches!(byte, b'0'..=b'9' | b'a'..=b'f'))
+    };
+    let parsed = parsed
+        .filter(|(seq, hash): &(i64, String)| is_hash(hash) || (*seq == 0 && hash.is_empty()));
+    parsed.ok_or_else(|| {
+        Usage(
+            "--known-head is a number, a colon and a hash, as `kincal verify-store` prints it"
+                .into(),
+        )
+    })
 }
 
 fn json(checks: &[Check], head: &crate::store::AuditHead, n_violations: i64) -> serde_json::Value {
@@ -61,8 +81,16 @@ fn json(checks: &[Check], head: &crate::store::AuditHead, n_violations: i64) -> 
 
 fn table(out: &mut impl Write, checks: &[Check]) -> std::io::Result<()> {
     for check in checks {
-        let verdict = if check.n_violations == 0 { "kept".to_owned() } else { format!("BROKEN {}×", check.n_violations) };
-        writeln!(out, "{}  {verdict:10}  {:>8} looked at  {}", check.id, check.n_examined, check.promise)?;
+        let verdict = if check.n_violations == 0 {
+            "kept".to_owned()
+        } else {
+            format!("BROKEN {}×", check.n_violations)
+        };
+        writeln!(
+            out,
+            "{}  {verdict:10}  {:>8} looked at  {}",
+            check.id, check.n_examined, check.promise
+        )?;
         for violation in &check.violations {
             writeln!(out, "      {violation}")?;
         }

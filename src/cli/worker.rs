@@ -22,7 +22,13 @@ pub fn run(config: &WorkerConfig) -> anyhow::Result<()> {
         let told_to_stop = told_to_stop()?;
         let store = Store::open(location(&config.database)).await?;
         let queue = config.queue;
-        let pool = WorkerPool::start(store.clone(), execution::compute, config.n_workers(), rules(&queue), JobSignals::default());
+        let pool = WorkerPool::start(
+            store.clone(),
+            execution::compute,
+            config.n_workers(),
+            rules(&queue),
+            JobSignals::default(),
+        );
         say!("kincal computing with {} workers", config.n_workers());
         told_to_stop.await;
         tracing::info!("stopping: handing running jobs back");
@@ -47,6 +53,10 @@ pub fn migrate(arguments: &MigrateArguments) -> anyhow::Result<()> {
         let store = Store::open(location(&arguments.database)).await?;
         let version = store.schema_version().await?;
         store.close().await;
-        arguments.output.told(&serde_json::json!({"schema_version": version}), || format!("the schema is at version {version}"))
+        arguments
+            .output
+            .told(&serde_json::json!({"schema_version": version}), || {
+                format!("the schema is at version {version}")
+            })
     })
 }

@@ -26,37 +26,71 @@ pub struct Anchor {
 /// # Panics
 /// If the robots have not the same number of links.
 pub fn anchor(identified: &[Link], nominal: &[Link]) -> Anchor {
-    assert_eq!(identified.len(), nominal.len(), "one identified link per nominal link");
+    assert_eq!(
+        identified.len(),
+        nominal.len(),
+        "one identified link per nominal link"
+    );
     let last = nominal.len() - 1;
     let (first_group, last_group) = (first_group_end(nominal), last_group_start(nominal));
     let slide = |link: usize| identified[link].d_mm - nominal[link].d_mm;
     // d along axis i moves along axis 1 (or n) by the product of the cosines between
-    let cosine = |from: usize, to: usize| nominal[from + 1..=to].iter().map(|l| libm::cos(l.alpha_rad)).product::<f64>();
-    let at_base: f64 = (0..=first_group).map(|link| cosine(0, link) * slide(link)).sum();
+    let cosine = |from: usize, to: usize| {
+        nominal[from + 1..=to]
+            .iter()
+            .map(|l| libm::cos(l.alpha_rad))
+            .product::<f64>()
+    };
+    let at_base: f64 = (0..=first_group)
+        .map(|link| cosine(0, link) * slide(link))
+        .sum();
     let turned = |link: usize, d_mm: f64| Link {
         theta_offset_rad: identified[link].theta_offset_rad - nominal[link].theta_offset_rad,
         d_mm,
         ..Link::default()
     };
-    let before = |link: &Link| t_previous_link(&Link { theta_offset_rad: 0.0, d_mm: 0.0, ..*link }, 0.0);
-    let t_base_anchored = before(&identified[0]) * t_previous_link(&turned(0, at_base), 0.0) * before(&nominal[0]).inverse();
+    let before = |link: &Link| {
+        t_previous_link(
+            &Link {
+                theta_offset_rad: 0.0,
+                d_mm: 0.0,
+                ..*link
+            },
+            0.0,
+        )
+    };
+    let t_base_anchored = before(&identified[0])
+        * t_previous_link(&turned(0, at_base), 0.0)
+        * before(&nominal[0]).inverse();
     let t_anchored_flange = if last_group == 0 {
         IsometryMatrix3::identity() // all axes are parallel: the base carries it
     } else {
-        let at_flange: f64 = (last_group..=last).map(|link| cosine(link, last) * slide(link)).sum();
+        let at_flange: f64 = (last_group..=last)
+            .map(|link| cosine(link, last) * slide(link))
+            .sum();
         t_previous_link(&turned(last, at_flange), 0.0)
     };
-    Anchor { t_base_anchored, t_anchored_flange }
+    Anchor {
+        t_base_anchored,
+        t_anchored_flange,
+    }
 }
 
 /// Last link of those whose axes are parallel to the first.
 fn first_group_end(nominal: &[Link]) -> usize {
-    (1..nominal.len()).take_while(|link| is_parallel(&nominal[*link])).last().unwrap_or(0)
+    (1..nominal.len())
+        .take_while(|link| is_parallel(&nominal[*link]))
+        .last()
+        .unwrap_or(0)
 }
 
 /// First link of those whose axes are parallel to the last.
 fn last_group_start(nominal: &[Link]) -> usize {
-    (1..nominal.len()).rev().take_while(|link| is_parallel(&nominal[*link])).last().map_or(nominal.len() - 1, |link| link - 1)
+    (1..nominal.len())
+        .rev()
+        .take_while(|link| is_parallel(&nominal[*link]))
+        .last()
+        .map_or(nominal.len() - 1, |link| link - 1)
 }
 
 impl Anchor {

@@ -6,7 +6,10 @@ use crate::kinematics::forward::t_previous_link;
 use crate::kinematics::model::MAX_LINKS;
 use crate::kinematics::rotation::{between, rotation_log};
 use crate::kinematics::{Link, Robot, t_base_flange};
-use nalgebra::{DMatrix, IsometryMatrix3, Matrix6, Point3, Rotation3, SMatrix, SVector, Translation3, Vector3, Vector6};
+use nalgebra::{
+    DMatrix, IsometryMatrix3, Matrix6, Point3, Rotation3, SMatrix, SVector, Translation3, Vector3,
+    Vector6,
+};
 
 /// A turn of the tool counts as the displacement that it makes at this distance, mm.
 const LEVER_MM: f64 = 500.0;
@@ -111,7 +114,11 @@ impl<'a> Compensation<'a> {
     pub fn new(nominal: &'a Robot, identified: &'a [Link]) -> Self {
         let offset = |(a, b): (&Link, &Link)| (a.theta_offset_rad - b.theta_offset_rad).abs();
         let inner = 1..identified.len().saturating_sub(1).max(1);
-        let worst = identified[inner.clone()].iter().zip(&nominal.links[inner]).map(offset).fold(0.0, f64::max);
+        let worst = identified[inner.clone()]
+            .iter()
+            .zip(&nominal.links[inner])
+            .map(offset)
+            .fold(0.0, f64::max);
         Self {
             nominal,
             links: identified,
@@ -124,9 +131,14 @@ impl<'a> Compensation<'a> {
 
     /// As [`Self::new`], with the corrections of the identified robot where it has some.
     pub fn of(nominal: &'a Robot, identified: &'a IdentifiedRobot) -> Self {
-        let Some(corrected) = &identified.corrected else { return Self::new(nominal, &identified.plain.links) };
+        let Some(corrected) = &identified.corrected else {
+            return Self::new(nominal, &identified.plain.links);
+        };
         let fading = Some((identified, anchor(&identified.plain.links, &nominal.links)));
-        Self { fading, ..Self::new(nominal, &corrected.model.links) }
+        Self {
+            fading,
+            ..Self::new(nominal, &corrected.model.links)
+        }
     }
 
     /// Where the identified robot has its base and its flange: what is not corrected.
@@ -136,9 +148,12 @@ impl<'a> Compensation<'a> {
 
     /// The anchored flange in the anchored base, mm, at the model's joint values, rad: with corrections where they hold.
     pub fn t_base_flange(&self, q_rad: &[f64]) -> IsometryMatrix3<f64> {
-        let Some((identified, plain_anchor)) = &self.fading else { return self.anchor.anchored(&t_base_flange(self.links, q_rad)) };
+        let Some((identified, plain_anchor)) = &self.fading else {
+            return self.anchor.anchored(&t_base_flange(self.links, q_rad));
+        };
         let plain = || plain_anchor.anchored(&t_base_flange(&identified.plain.links, q_rad));
-        let corrected = |corrected: &CorrectedModel| self.anchor.anchored(&corrected.t_base_flange(q_rad));
+        let corrected =
+            |corrected: &CorrectedModel| self.anchor.anchored(&corrected.t_base_flange(q_rad));
         match (&identified.corrected, identified.weight(q_rad)) {
             (Some(model), 1.0) => corrected(model),
             (Some(model), weight) if weight > 0.0 => between(&plain(), &corrected(model), weight),
@@ -154,32 +169,59 @@ impl<'a> Compensation<'a> {
     /// The controller's joint values, rad, with which the robot has its tool where the nominal robot would have it for `q_controller_rad`.
     pub fn correct(&self, q_controller_rad: &[f64], tool: &Tool, mode: Mode) -> Corrected {
         let t_flange_tool = match tool {
-            Tool::Target(p) => IsometryMatrix3::from_parts(Translation3::from(self.p_anchored_mm(p)), Rotation3::identity()),
+            Tool::Target(p) => IsometryMatrix3::from_parts(
+                Translation3::from(self.p_anchored_mm(p)),
+                Rotation3::identity(),
+            ),
             Tool::Tcp(pose) => *pose,
         };
-        let t_base_tool = t_base_flange(&self.nominal.links, &self.nominal.q_model_rad(q_controller_rad)) * t_flange_tool;
-        let goal = Goal { q_rad: q_controller_rad, t_base_tool, t_flange_tool, mode };
+        let t_base_tool = t_base_flange(
+            &self.nominal.links,
+            &self.nominal.q_model_rad(q_controller_rad),
+        ) * t_flange_tool;
+        let goal = Goal {
+            q_rad: q_controller_rad,
+            t_base_tool,
+            t_flange_tool,
+            mode,
+        };
         let before = self.miss(&goal, &Joints::zeros());
         let (change, status) = self.within_limits(&goal);
         let after = self.miss(&goal, &change);
         Corrected {
-            q_controller_rad: q_controller_rad.iter().zip(change.iter()).map(|(q, dq)| q + dq).collect(),
+            q_controller_rad: q_controller_rad
+                .iter()
+                .zip(change.iter())
+                .map(|(q, dq)| q + dq)
+                .collect(),
             position_error_before_mm: before.translation_mm.norm(),
             position_error_after_mm: after.translation_mm.norm(),
             orientation_error_after_rad: after.rotation_rad.norm(),
-            status: if status == Status::Ok && !after.is_reached(mode) { Status::NotReached } else { status },
+            status: if status == Status::Ok && !after.is_reached(mode) {
+                Status::NotReached
+            } else {
+                status
+            },
         }
     }
 
     /// Solves, holds what went beyond its limit there, and solves for the rest.
     fn within_limits(&self, goal: &Goal<'_>) -> (Joints, Status) {
         let mut held = [None; MAX_LINKS];
-        let is_beyond = |(q, limit): (&f64, &Option<(f64, f64)>)| limit.is_some_and(|(low, high)| *q < low || *q > high);
-        let mut is_limited = goal.q_rad.iter().zip(&self.nominal.joint_limits_rad).any(is_beyond);
+        let is_beyond = |(q, limit): (&f64, &Option<(f64, f64)>)| {
+            limit.is_some_and(|(low, high)| *q < low || *q > high)
+        };
+        let mut is_limited = goal
+            .q_rad
+            .iter()
+            .zip(&self.nominal.joint_limits_rad)
+            .any(is_beyond);
         for _ in 0..=goal.q_rad.len() {
             let (change, is_singular) = self.solve(goal, &held);
-            let beyond = (0..goal.q_rad.len()).find_map(|joint| Some((joint, self.beyond(goal, joint, change[joint])?)));
-            let Some((joint, change_to_limit)) = beyond.filter(|(joint, _)| held[*joint].is_none()) else {
+            let beyond = (0..goal.q_rad.len())
+                .find_map(|joint| Some((joint, self.beyond(goal, joint, change[joint])?)));
+            let Some((joint, change_to_limit)) = beyond.filter(|(joint, _)| held[*joint].is_none())
+            else {
                 let reached = self.miss(goal, &change).is_reached(goal.mode);
                 let status = match (is_limited, is_singular && !reached) {
                     (true, _) => Status::JointLimit,
@@ -196,7 +238,10 @@ impl<'a> Compensation<'a> {
     /// The change up to the limit, if this change goes beyond it. A joint that was commanded beyond its limit goes no further.
     fn beyond(&self, goal: &Goal<'_>, joint: usize, change_rad: f64) -> Option<f64> {
         let (low, high) = self.nominal.joint_limits_rad[joint]?;
-        let (low, high) = (low.min(goal.q_rad[joint]) - goal.q_rad[joint], high.max(goal.q_rad[joint]) - goal.q_rad[joint]);
+        let (low, high) = (
+            low.min(goal.q_rad[joint]) - goal.q_rad[joint],
+            high.max(goal.q_rad[joint]) - goal.q_rad[joint],
+        );
         (change_rad < low || change_rad > high).then(|| change_rad.clamp(low, high))
     }
 
@@ -213,9 +258,19 @@ impl<'a> Compensation<'a> {
                 (best, best_cost) = (change, cost);
             }
             let jacobian = self.jacobian(goal, &change, held);
-            let free = Joints::from_fn(|joint, _| if held[joint].is_some() { 0.0 } else { change[joint] });
+            let free = Joints::from_fn(|joint, _| {
+                if held[joint].is_some() {
+                    0.0
+                } else {
+                    change[joint]
+                }
+            });
             let wanted = jacobian * free + miss.weighted(goal.mode);
-            let Some((solution, damped)) = damped_solution(&jacobian, &wanted, self.n_directions(goal.mode, held)) else { break };
+            let Some((solution, damped)) =
+                damped_solution(&jacobian, &wanted, self.n_directions(goal.mode, held))
+            else {
+                break;
+            };
             let mut next = Joints::from_fn(|joint, _| held[joint].unwrap_or(solution[joint]));
             let largest = next.amax();
             is_singular = damped || largest > self.max_change_rad;
@@ -234,12 +289,20 @@ impl<'a> Compensation<'a> {
 
     /// Directions that the free joints can move the tool in.
     fn n_directions(&self, mode: Mode, held: &[Option<f64>; MAX_LINKS]) -> usize {
-        let n_free = held[..self.links.len()].iter().filter(|h| h.is_none()).count();
+        let n_free = held[..self.links.len()]
+            .iter()
+            .filter(|h| h.is_none())
+            .count();
         n_free.min(if mode == Mode::Pose { 6 } else { 3 })
     }
 
     fn q_model_rad(&self, goal: &Goal<'_>, change: &Joints) -> Vec<f64> {
-        let q: Vec<f64> = goal.q_rad.iter().zip(change.iter()).map(|(q, dq)| q + dq).collect();
+        let q: Vec<f64> = goal
+            .q_rad
+            .iter()
+            .zip(change.iter())
+            .map(|(q, dq)| q + dq)
+            .collect();
         self.nominal.q_model_rad(&q)
     }
 
@@ -253,7 +316,12 @@ impl<'a> Compensation<'a> {
 
     /// Columns z × lever and z of the identified links' axes, by the controller's joints. What corrections add to them is left out: the
     /// iteration takes their effect from the miss.
-    fn jacobian(&self, goal: &Goal<'_>, change: &Joints, held: &[Option<f64>; MAX_LINKS]) -> Jacobian {
+    fn jacobian(
+        &self,
+        goal: &Goal<'_>,
+        change: &Joints,
+        held: &[Option<f64>; MAX_LINKS],
+    ) -> Jacobian {
         let n = self.links.len();
         let mut chain = [IsometryMatrix3::identity(); MAX_LINKS];
         let mut t = self.anchor.t_base_anchored.inverse();
@@ -268,7 +336,9 @@ impl<'a> Compensation<'a> {
             let along = axis.cross(&(tool.translation.vector - t_base_link.translation.vector));
             by_model.fixed_view_mut::<3, 1>(0, joint).copy_from(&along);
             if goal.mode == Mode::Pose {
-                by_model.fixed_view_mut::<3, 1>(3, joint).copy_from(&(axis * LEVER_MM));
+                by_model
+                    .fixed_view_mut::<3, 1>(3, joint)
+                    .copy_from(&(axis * LEVER_MM));
             }
         }
         let mut by_controller = Jacobian::zeros();
@@ -276,7 +346,9 @@ impl<'a> Compensation<'a> {
             for model in 0..n {
                 let rate = self.joint_rates[(model, joint)];
                 if rate != 0.0 {
-                    by_controller.column_mut(joint).axpy(rate, &by_model.column(model), 1.0);
+                    by_controller
+                        .column_mut(joint)
+                        .axpy(rate, &by_model.column(model), 1.0);
                 }
             }
         }
@@ -286,26 +358,49 @@ impl<'a> Compensation<'a> {
 
 impl Miss {
     fn weighted(&self, mode: Mode) -> Vector6<f64> {
-        let (t, r) = (self.translation_mm, if mode == Mode::Pose { self.rotation_rad * LEVER_MM } else { Vector3::zeros() });
+        let (t, r) = (
+            self.translation_mm,
+            if mode == Mode::Pose {
+                self.rotation_rad * LEVER_MM
+            } else {
+                Vector3::zeros()
+            },
+        );
         Vector6::new(t.x, t.y, t.z, r.x, r.y, r.z)
     }
 
     fn is_reached(&self, mode: Mode) -> bool {
-        self.translation_mm.norm() <= REACHED_MM && (mode == Mode::Position || self.rotation_rad.norm() <= REACHED_RAD)
+        self.translation_mm.norm() <= REACHED_MM
+            && (mode == Mode::Position || self.rotation_rad.norm() <= REACHED_RAD)
     }
 }
 
 /// V·F·Uᵀ·wanted, and whether one of the `n_directions` that the tool should be able to move in is damped.
-fn damped_solution(jacobian: &Jacobian, wanted: &Vector6<f64>, n_directions: usize) -> Option<(Joints, bool)> {
+fn damped_solution(
+    jacobian: &Jacobian,
+    wanted: &Vector6<f64>,
+    n_directions: usize,
+) -> Option<(Joints, bool)> {
     let square: Matrix6<f64> = jacobian * jacobian.transpose();
     let eigen = square.try_symmetric_eigen(f64::EPSILON, EIGEN_ITERATIONS)?;
     let mut scaled = eigen.eigenvectors.transpose() * wanted;
     for k in 0..6 {
         let square = eigen.eigenvalues[k].max(0.0);
         let nearness = 1.0 - square / (SINGULAR_MM * SINGULAR_MM);
-        let damping = if nearness > 0.0 { MAX_DAMPING_MM * MAX_DAMPING_MM * nearness } else { 0.0 };
+        let damping = if nearness > 0.0 {
+            MAX_DAMPING_MM * MAX_DAMPING_MM * nearness
+        } else {
+            0.0
+        };
         scaled[k] /= square + damping;
     }
-    let n_free = eigen.eigenvalues.iter().filter(|e| **e > SINGULAR_MM * SINGULAR_MM).count();
-    Some((jacobian.transpose() * (eigen.eigenvectors * scaled), n_free < n_directions))
+    let n_free = eigen
+        .eigenvalues
+        .iter()
+        .filter(|e| **e > SINGULAR_MM * SINGULAR_MM)
+        .count();
+    Some((
+        jacobian.transpose() * (eigen.eigenvectors * scaled),
+        n_free < n_directions,
+    ))
 }

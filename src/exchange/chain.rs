@@ -44,17 +44,25 @@ impl Chain {
             axis: Some(Vector3::z()),
             limits_rad: None,
         };
-        Self { joints: links.iter().enumerate().map(joint).collect() }
+        Self {
+            joints: links.iter().enumerate().map(joint).collect(),
+        }
     }
 
     /// Joints that move.
     pub fn n_moving(&self) -> usize {
-        self.joints.iter().filter(|joint| joint.axis.is_some()).count()
+        self.joints
+            .iter()
+            .filter(|joint| joint.axis.is_some())
+            .count()
     }
 
     /// Frame of the last joint in the root's frame, mm; one value per moving joint, rad.
     pub fn t_root_tip(&self, q_rad: &[f64]) -> IsometryMatrix3<f64> {
-        self.frames(q_rad).last().copied().unwrap_or_else(IsometryMatrix3::identity)
+        self.frames(q_rad)
+            .last()
+            .copied()
+            .unwrap_or_else(IsometryMatrix3::identity)
     }
 
     /// Frame of each joint in the root's frame, after its own turn.
@@ -64,7 +72,10 @@ impl Chain {
         let frame = |joint: &ChainJoint| {
             t *= joint.t_parent_joint;
             if let (Some(axis), Some(q)) = (&joint.axis, joint.axis.and_then(|_| q.next())) {
-                t *= IsometryMatrix3::from_parts(Translation3::identity(), rotation_exp(&(axis * *q)));
+                t *= IsometryMatrix3::from_parts(
+                    Translation3::identity(),
+                    rotation_exp(&(axis * *q)),
+                );
             }
             t
         };
@@ -74,12 +85,24 @@ impl Chain {
     /// The axes of the moving joints in the root's frame, all joints at 0.
     pub fn axes(&self) -> Vec<Axis> {
         let frames = self.frames(&vec![0.0; self.n_moving()]);
-        let moving = self.joints.iter().zip(&frames).filter_map(|(joint, t)| Some((joint.axis?, t)));
-        moving.map(|(axis, t)| Axis { point_mm: t.translation.vector, direction: t.rotation * axis }).collect()
+        let moving = self
+            .joints
+            .iter()
+            .zip(&frames)
+            .filter_map(|(joint, t)| Some((joint.axis?, t)));
+        moving
+            .map(|(axis, t)| Axis {
+                point_mm: t.translation.vector,
+                direction: t.rotation * axis,
+            })
+            .collect()
     }
 
     /// Origin of each joint, as a URDF writes it.
     pub fn origins(&self) -> Vec<Origin> {
-        self.joints.iter().map(|joint| origin_of(&joint.t_parent_joint)).collect()
+        self.joints
+            .iter()
+            .map(|joint| origin_of(&joint.t_parent_joint))
+            .collect()
     }
 }

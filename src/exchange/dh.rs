@@ -16,7 +16,11 @@ pub fn links_of_distal(rows: &[Link]) -> ImportedLinks {
         theta_offset_rad: row.theta_offset_rad,
         beta_rad: 0.0,
     };
-    let behind = rows.last().map_or_else(Link::default, |row| Link { d_mm: 0.0, theta_offset_rad: 0.0, ..*row });
+    let behind = rows.last().map_or_else(Link::default, |row| Link {
+        d_mm: 0.0,
+        theta_offset_rad: 0.0,
+        ..*row
+    });
     ImportedLinks {
         t_root_base: IsometryMatrix3::identity(),
         links: rows.iter().enumerate().map(link).collect(),

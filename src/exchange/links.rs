@@ -47,8 +47,20 @@ pub fn links_of_chain(chain: &Chain) -> ImportedLinks {
         };
         let seen = before.inverse() * wanted;
         let turned: Vector3<f64> = seen.rotation.matrix().column(0).into();
-        let link = Link { theta_offset_rad: libm::atan2(turned.y, turned.x), d_mm: seen.translation.vector.z, ..to_axis };
-        let at_link = before * t_previous_link(&Link { d_mm: link.d_mm, theta_offset_rad: link.theta_offset_rad, ..Link::default() }, 0.0);
+        let link = Link {
+            theta_offset_rad: libm::atan2(turned.y, turned.x),
+            d_mm: seen.translation.vector.z,
+            ..to_axis
+        };
+        let at_link = before
+            * t_previous_link(
+                &Link {
+                    d_mm: link.d_mm,
+                    theta_offset_rad: link.theta_offset_rad,
+                    ..Link::default()
+                },
+                0.0,
+            );
         links.push(link);
         before = at_link;
         if let Some(next) = axes.get(i + 1) {
@@ -56,26 +68,50 @@ pub fn links_of_chain(chain: &Chain) -> ImportedLinks {
             before = at_link * t_previous_link(&to_axis, 0.0);
         }
     }
-    ImportedLinks { t_root_base, links, t_flange_tip: before.inverse() * t_root_tip }
+    ImportedLinks {
+        t_root_base,
+        links,
+        t_flange_tip: before.inverse() * t_root_tip,
+    }
 }
 
 /// A frame on an axis at the foot of a point, with x as near to the first of the two directions as it can be that is not along the axis.
-fn on_axis(axis: &Axis, point_mm: &Vector3<f64>, directions: [Vector3<f64>; 2]) -> IsometryMatrix3<f64> {
+fn on_axis(
+    axis: &Axis,
+    point_mm: &Vector3<f64>,
+    directions: [Vector3<f64>; 2],
+) -> IsometryMatrix3<f64> {
     let z = axis.direction;
     let along = |d: &Vector3<f64>| d.dot(&z).abs();
-    let x = if along(&directions[0]) < 0.9 { directions[0] } else { directions[1] };
-    framed(axis.point_mm + z * (point_mm - axis.point_mm).dot(&z), &x, &z)
+    let x = if along(&directions[0]) < 0.9 {
+        directions[0]
+    } else {
+        directions[1]
+    };
+    framed(
+        axis.point_mm + z * (point_mm - axis.point_mm).dot(&z),
+        &x,
+        &z,
+    )
 }
 
 /// A frame with this origin and z, and x the part of `x` across z.
 fn framed(origin_mm: Vector3<f64>, x: &Vector3<f64>, z: &Vector3<f64>) -> IsometryMatrix3<f64> {
     let x = (x - z * x.dot(z)).normalize();
     let rotation = Matrix3::from_columns(&[x, z.cross(&x), *z]);
-    IsometryMatrix3::from_parts(Translation3::from(origin_mm), Rotation3::from_matrix_unchecked(rotation))
+    IsometryMatrix3::from_parts(
+        Translation3::from(origin_mm),
+        Rotation3::from_matrix_unchecked(rotation),
+    )
 }
 
 /// The frame on `axis` from which `next` is reached by Rx·Dx·Ry.
-fn towards(axis: &Axis, next: &Axis, from_mm: &Vector3<f64>, old_x: &Vector3<f64>) -> IsometryMatrix3<f64> {
+fn towards(
+    axis: &Axis,
+    next: &Axis,
+    from_mm: &Vector3<f64>,
+    old_x: &Vector3<f64>,
+) -> IsometryMatrix3<f64> {
     let (z, v) = (axis.direction, next.direction);
     let normal = z.cross(&v);
     let between = next.point_mm - axis.point_mm;
@@ -89,7 +125,11 @@ fn towards(axis: &Axis, next: &Axis, from_mm: &Vector3<f64>, old_x: &Vector3<f64
     let square = normal.norm_squared();
     let origin = axis.point_mm + z * (between.cross(&v).dot(&normal) / square);
     let length = between.dot(&normal) / normal.norm();
-    let is_forward = if length.abs() > NOTHING { length > 0.0 } else { normal.dot(old_x) >= -NOTHING };
+    let is_forward = if length.abs() > NOTHING {
+        length > 0.0
+    } else {
+        normal.dot(old_x) >= -NOTHING
+    };
     framed(origin, &(if is_forward { normal } else { -normal }), &z)
 }
 

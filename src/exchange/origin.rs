@@ -15,7 +15,10 @@ pub struct Origin {
 pub fn pose_of(origin: &Origin) -> IsometryMatrix3<f64> {
     let [roll, pitch, yaw] = origin.rpy_rad;
     let rotation = about(2, yaw) * about(1, pitch) * about(0, roll);
-    IsometryMatrix3::from_parts(Translation3::from(Vector3::from(origin.xyz_mm)), Rotation3::from_matrix_unchecked(rotation))
+    IsometryMatrix3::from_parts(
+        Translation3::from(Vector3::from(origin.xyz_mm)),
+        Rotation3::from_matrix_unchecked(rotation),
+    )
 }
 
 /// The origin of a pose. At a pitch of ±90° roll and yaw turn about the same axis: roll is then what rounding makes it, and yaw is taken
@@ -23,11 +26,18 @@ pub fn pose_of(origin: &Origin) -> IsometryMatrix3<f64> {
 pub fn origin_of(pose: &IsometryMatrix3<f64>) -> Origin {
     let r = pose.rotation.matrix();
     let across = (r[(2, 1)] * r[(2, 1)] + r[(2, 2)] * r[(2, 2)]).sqrt();
-    let roll = if across > 0.0 { libm::atan2(r[(2, 1)], r[(2, 2)]) } else { 0.0 };
+    let roll = if across > 0.0 {
+        libm::atan2(r[(2, 1)], r[(2, 2)])
+    } else {
+        0.0
+    };
     let pitch = libm::atan2(-r[(2, 0)], across);
     let rest = r * about(0, -roll) * about(1, -pitch);
     let yaw = libm::atan2(rest[(1, 0)], rest[(0, 0)]);
-    Origin { xyz_mm: pose.translation.vector.into(), rpy_rad: [roll, pitch, yaw] }
+    Origin {
+        xyz_mm: pose.translation.vector.into(),
+        rpy_rad: [roll, pitch, yaw],
+    }
 }
 
 fn about(axis: usize, angle_rad: f64) -> Matrix3<f64> {

@@ -32,7 +32,13 @@ pub struct Refit {
 /// The links with beta 0 that come nearest to the identified ones over the workspace. a, alpha, d and theta_offset may change; what the
 /// workspace does not see of them stays.
 pub fn without_beta(robot: &Robot, identified: &[Link]) -> Refit {
-    let start = identified.iter().map(|link| Link { beta_rad: 0.0, ..*link }).collect();
+    let start = identified
+        .iter()
+        .map(|link| Link {
+            beta_rad: 0.0,
+            ..*link
+        })
+        .collect();
     let truth = |q: &[f64]| t_base_flange(identified, q);
     refit(robot, start, &paper_parameters(identified.len()), &truth)
 }
@@ -43,27 +49,53 @@ pub fn mastering(robot: &Robot, identified: &[Link]) -> Refit {
     let anchor = anchor(identified, &robot.links);
     let truth = |q: &[f64]| anchor.anchored(&t_base_flange(identified, q));
     let inner = 1..robot.links.len().saturating_sub(1).max(1);
-    let parameters: Vec<Parameter> = inner.map(|link| Parameter::Link(link, Quantity::ThetaOffset)).collect();
+    let parameters: Vec<Parameter> = inner
+        .map(|link| Parameter::Link(link, Quantity::ThetaOffset))
+        .collect();
     refit(robot, robot.links.clone(), &parameters, &truth)
 }
 
-fn refit(robot: &Robot, start: Vec<Link>, parameters: &[Parameter], truth: &dyn Fn(&[f64]) -> IsometryMatrix3<f64>) -> Refit {
+fn refit(
+    robot: &Robot,
+    start: Vec<Link>,
+    parameters: &[Parameter],
+    truth: &dyn Fn(&[f64]) -> IsometryMatrix3<f64>,
+) -> Refit {
     let targets_mm: Vec<Vector3<f64>> = (0..3).map(|axis| Vector3::ith(axis, TOOL_MM)).collect();
-    let start = KinematicModel { t_instrument_base: IsometryMatrix3::identity(), links: start, targets_mm };
+    let start = KinematicModel {
+        t_instrument_base: IsometryMatrix3::identity(),
+        links: start,
+        targets_mm,
+    };
     let scale: Vec<f64> = parameters.iter().map(prior_scale).collect();
     let fitted = observations(robot, &start.targets_mm, truth, SEEDS.0);
     let model = if parameters.is_empty() {
         start
     } else {
-        fit_along_seen(&start, parameters, &scale, &fitted, 0.0, &mut |_| ControlFlow::Continue(())).model
+        fit_along_seen(&start, parameters, &scale, &fitted, 0.0, &mut |_| {
+            ControlFlow::Continue(())
+        })
+        .model
     };
     let others = observations(robot, &model.targets_mm, truth, SEEDS.1);
-    let missed: Vec<f64> = residuals(&model, &others).iter().map(Vector3::norm).collect();
+    let missed: Vec<f64> = residuals(&model, &others)
+        .iter()
+        .map(Vector3::norm)
+        .collect();
     let mean_mm = missed.iter().sum::<f64>() / missed.len() as f64;
-    Refit { links: model.links, mean_mm, max_mm: missed.iter().fold(0.0, |m, e| m.max(*e)) }
+    Refit {
+        links: model.links,
+        mean_mm,
+        max_mm: missed.iter().fold(0.0, |m, e| m.max(*e)),
+    }
 }
 
-fn observations(robot: &Robot, targets_mm: &[Vector3<f64>], truth: &dyn Fn(&[f64]) -> IsometryMatrix3<f64>, seed: u64) -> Vec<Observation> {
+fn observations(
+    robot: &Robot,
+    targets_mm: &[Vector3<f64>],
+    truth: &dyn Fn(&[f64]) -> IsometryMatrix3<f64>,
+    seed: u64,
+) -> Vec<Observation> {
     let at = |q_controller: Vec<f64>| {
         let q_rad = robot.q_model_rad(&q_controller);
         let flange = truth(&q_rad);
@@ -75,5 +107,8 @@ fn observations(robot: &Robot, targets_mm: &[Vector3<f64>], truth: &dyn Fn(&[f64
         };
         targets_mm.iter().enumerate().map(point).collect::<Vec<_>>()
     };
-    random_configurations(robot, N_CONFIGURATIONS, seed).into_iter().flat_map(at).collect()
+    random_configurations(robot, N_CONFIGURATIONS, seed)
+        .into_iter()
+        .flat_map(at)
+        .collect()
 }

@@ -30,7 +30,9 @@ pub enum Mismatch {
         expected: usize,
     },
     /// An axis is elsewhere.
-    #[error("the axis of joint {name:?} is {distance_mm:.3} mm and {angle_deg:.4}° from where the nominal robot has it, all joints at 0")]
+    #[error(
+        "the axis of joint {name:?} is {distance_mm:.3} mm and {angle_deg:.4}° from where the nominal robot has it, all joints at 0"
+    )]
     Axis {
         /// The joint.
         name: String,
@@ -66,20 +68,38 @@ struct Convention {
 ///
 /// # Errors
 /// [`Mismatch`] where the chain is not the nominal robot.
-pub fn transplanted(chain: &Chain, nominal: &Robot, identified: &[Link]) -> Result<Chain, Mismatch> {
+pub fn transplanted(
+    chain: &Chain,
+    nominal: &Robot,
+    identified: &[Link],
+) -> Result<Chain, Mismatch> {
     let (found, expected) = (chain.n_moving(), nominal.links.len());
     if found != expected {
         return Err(Mismatch::JointCount { found, expected });
     }
-    let Some((convention, t_root_base, worst)) = laid_onto(chain, nominal) else { return Ok(chain.clone()) };
+    let Some((convention, t_root_base, worst)) = laid_onto(chain, nominal) else {
+        return Ok(chain.clone());
+    };
     let (name, distance_mm, angle_rad) = &worst;
     if !(*distance_mm <= SAME_MM && *angle_rad <= SAME_RAD) {
-        return Err(Mismatch::Axis { name: name.clone(), distance_mm: *distance_mm, angle_deg: angle_rad.to_degrees() });
+        return Err(Mismatch::Axis {
+            name: name.clone(),
+            distance_mm: *distance_mm,
+            angle_deg: angle_rad.to_degrees(),
+        });
     }
-    let corrected = Robot { links: identified.to_vec(), ..nominal.clone() };
-    let nearer = laid_onto(chain, &corrected).is_some_and(|(.., of_corrected)| misfit(&of_corrected) < NEARER * misfit(&worst));
+    let corrected = Robot {
+        links: identified.to_vec(),
+        ..nominal.clone()
+    };
+    let nearer = laid_onto(chain, &corrected)
+        .is_some_and(|(.., of_corrected)| misfit(&of_corrected) < NEARER * misfit(&worst));
     if nearer && misfit(&worst) > ROUNDING {
-        return Err(Mismatch::Corrected { name: name.clone(), distance_mm: *distance_mm, angle_deg: angle_rad.to_degrees() });
+        return Err(Mismatch::Corrected {
+            name: name.clone(),
+            distance_mm: *distance_mm,
+            angle_deg: angle_rad.to_degrees(),
+        });
     }
     Ok(moved(chain, nominal, identified, &convention, &t_root_base))
 }
@@ -100,10 +120,19 @@ fn laid_onto(chain: &Chain, robot: &Robot) -> Option<(Convention, IsometryMatrix
 /// The controller's joint values where a chain can have them, and the model's.
 fn conventions(nominal: &Robot) -> Vec<Convention> {
     let n = nominal.links.len();
-    let model = Convention { sign: vec![1.0; n], offset_rad: vec![0.0; n] };
+    let model = Convention {
+        sign: vec![1.0; n],
+        offset_rad: vec![0.0; n],
+    };
     match &nominal.joint_map {
         Some(map) if map.coupling.is_identity(0.0) => {
-            vec![Convention { sign: map.sign.clone(), offset_rad: map.offset_rad.clone() }, model]
+            vec![
+                Convention {
+                    sign: map.sign.clone(),
+                    offset_rad: map.offset_rad.clone(),
+                },
+                model,
+            ]
         }
         _ => vec![model],
     }
@@ -120,13 +149,25 @@ fn nominal_frames(nominal: &Robot, convention: &Convention) -> Vec<IsometryMatri
         t *= t_previous_link(link, *q);
         t
     };
-    nominal.links.iter().zip(&convention.offset_rad).map(frame).collect()
+    nominal
+        .links
+        .iter()
+        .zip(&convention.offset_rad)
+        .map(frame)
+        .collect()
 }
 
 fn nominal_axes(nominal: &Robot, convention: &Convention) -> Vec<Axis> {
     let z = |t: &IsometryMatrix3<f64>| t.rotation * Vector3::z();
     let frames = nominal_frames(nominal, convention);
-    frames.iter().zip(&convention.sign).map(|(t, sign)| Axis { point_mm: t.translation.vector, direction: z(t) * *sign }).collect()
+    frames
+        .iter()
+        .zip(&convention.sign)
+        .map(|(t, sign)| Axis {
+            point_mm: t.translation.vector,
+            direction: z(t) * *sign,
+        })
+        .collect()
 }
 
 /// The base frame in the chain's root: the rigid motion that lays the nominal axes onto the chain's (Kabsch 1976 for the directions, then
@@ -137,7 +178,9 @@ fn place(chain: &Chain, nominal: &Robot, convention: &Convention) -> IsometryMat
     for (a, b) in directions(&ours).into_iter().zip(directions(&theirs)) {
         correlation += b * a.transpose();
     }
-    let rotation = correlation.try_svd(true, true, f64::EPSILON, SVD_ITERATIONS).and_then(|svd| Some((svd.u?, svd.v_t?)));
+    let rotation = correlation
+        .try_svd(true, true, f64::EPSILON, SVD_ITERATIONS)
+        .and_then(|svd| Some((svd.u?, svd.v_t?)));
     let rotation = rotation.map_or_else(Matrix3::identity, |(u, v_t)| {
         let hand = (u * v_t).determinant().signum();
         u * Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, hand)) * v_t
@@ -153,8 +196,13 @@ fn place(chain: &Chain, nominal: &Robot, convention: &Convention) -> IsometryMat
         normal += along * along.transpose();
         right += along * along.dot(&(theirs[0].point_mm - rotation * ours[0].point_mm));
     }
-    let translation = normal.try_inverse().map_or_else(Vector3::zeros, |inverse| inverse * right);
-    IsometryMatrix3::from_parts(Translation3::from(translation), Rotation3::from_matrix_unchecked(rotation))
+    let translation = normal
+        .try_inverse()
+        .map_or_else(Vector3::zeros, |inverse| inverse * right);
+    IsometryMatrix3::from_parts(
+        Translation3::from(translation),
+        Rotation3::from_matrix_unchecked(rotation),
+    )
 }
 
 /// Directions that turn with a set of axes: the axes themselves, and across parallel neighbours the way from one to the next.
@@ -164,28 +212,59 @@ fn directions(axes: &[Axis]) -> Vec<Vector3<f64>> {
         let between = pair[1].point_mm - pair[0].point_mm;
         let across = between - pair[0].direction * between.dot(&pair[0].direction);
         let is_parallel = pair[0].direction.cross(&pair[1].direction).norm() < SAME_RAD;
-        all.push(if is_parallel && across.norm() > SAME_MM { across.normalize() } else { Vector3::zeros() });
+        all.push(if is_parallel && across.norm() > SAME_MM {
+            across.normalize()
+        } else {
+            Vector3::zeros()
+        });
     }
     all
 }
 
 /// The joint whose axis is farthest from the nominal one: name, mm, rad.
-fn worst_axis(chain: &Chain, nominal: &Robot, convention: &Convention, t_root_base: &IsometryMatrix3<f64>) -> OffAxis {
-    let names = chain.joints.iter().filter(|joint| joint.axis.is_some()).map(|joint| joint.name.clone());
-    let lines = chain.axes().into_iter().zip(nominal_axes(nominal, convention));
+fn worst_axis(
+    chain: &Chain,
+    nominal: &Robot,
+    convention: &Convention,
+    t_root_base: &IsometryMatrix3<f64>,
+) -> OffAxis {
+    let names = chain
+        .joints
+        .iter()
+        .filter(|joint| joint.axis.is_some())
+        .map(|joint| joint.name.clone());
+    let lines = chain
+        .axes()
+        .into_iter()
+        .zip(nominal_axes(nominal, convention));
     let off = |(name, (theirs, ours)): (String, (Axis, Axis))| {
         let direction = t_root_base.rotation * ours.direction;
-        let between = theirs.point_mm - (t_root_base * nalgebra::Point3::from(ours.point_mm)).coords;
+        let between =
+            theirs.point_mm - (t_root_base * nalgebra::Point3::from(ours.point_mm)).coords;
         let distance = (between - theirs.direction * between.dot(&theirs.direction)).norm();
-        (name, distance, libm::atan2(direction.cross(&theirs.direction).norm(), direction.dot(&theirs.direction)))
+        (
+            name,
+            distance,
+            libm::atan2(
+                direction.cross(&theirs.direction).norm(),
+                direction.dot(&theirs.direction),
+            ),
+        )
     };
     let all = names.zip(lines).map(off);
-    all.max_by(|a, b| misfit(a).total_cmp(&misfit(b))).unwrap_or_else(|| (String::new(), 0.0, 0.0))
+    all.max_by(|a, b| misfit(a).total_cmp(&misfit(b)))
+        .unwrap_or_else(|| (String::new(), 0.0, 0.0))
 }
 
 /// With U_i the chain's frame i and F_i the nominal one, U_i = X·F_i·G_i, and G_i keeps the axis: Rz(s·q)·G_i = G_i·Rot(axis, q). Then
 /// X·F'_i·G_i moves as the identified frames F'_i do, and each joint's origin is what takes one to the next.
-fn moved(chain: &Chain, nominal: &Robot, identified: &[Link], convention: &Convention, t_root_base: &IsometryMatrix3<f64>) -> Chain {
+fn moved(
+    chain: &Chain,
+    nominal: &Robot,
+    identified: &[Link],
+    convention: &Convention,
+    t_root_base: &IsometryMatrix3<f64>,
+) -> Chain {
     let nominal_frames = nominal_frames(nominal, convention);
     let frames = chain.frames(&vec![0.0; identified.len()]);
     let mut joints: Vec<ChainJoint> = Vec::with_capacity(chain.joints.len());
@@ -200,8 +279,13 @@ fn moved(chain: &Chain, nominal: &Robot, identified: &[Link], convention: &Conve
         };
         let seen = (t_root_base * nominal_frames[i]).inverse() * t_root_joint;
         let on_link = keeping_axis(&seen, axis, convention.sign[i]);
-        let t_parent_joint = from_link.inverse() * t_previous_link(&identified[i], convention.offset_rad[i]) * on_link;
-        joints.push(ChainJoint { t_parent_joint, ..joint.clone() });
+        let t_parent_joint = from_link.inverse()
+            * t_previous_link(&identified[i], convention.offset_rad[i])
+            * on_link;
+        joints.push(ChainJoint {
+            t_parent_joint,
+            ..joint.clone()
+        });
         from_link = on_link;
         i += 1;
     }
@@ -209,13 +293,29 @@ fn moved(chain: &Chain, nominal: &Robot, identified: &[Link], convention: &Conve
 }
 
 /// The pose nearest to `seen` that takes `axis` to ±z exactly: Dz(h)·Rz(φ)·R0 with R0·axis = sign·z.
-fn keeping_axis(seen: &IsometryMatrix3<f64>, axis: &Vector3<f64>, sign: f64) -> IsometryMatrix3<f64> {
+fn keeping_axis(
+    seen: &IsometryMatrix3<f64>,
+    axis: &Vector3<f64>,
+    sign: f64,
+) -> IsometryMatrix3<f64> {
     let z = axis * sign;
-    let other = if z.x.abs() < 0.9 { Vector3::x() } else { Vector3::y() };
+    let other = if z.x.abs() < 0.9 {
+        Vector3::x()
+    } else {
+        Vector3::y()
+    };
     let x = (other - z * other.dot(&z)).normalize();
     let to_z = Matrix3::from_rows(&[x.transpose(), z.cross(&x).transpose(), z.transpose()]);
     let turn = seen.rotation.matrix() * to_z.transpose();
     let angle = libm::atan2(turn[(1, 0)] - turn[(0, 1)], turn[(0, 0)] + turn[(1, 1)]);
-    let about_z = Link { theta_offset_rad: angle, d_mm: seen.translation.vector.z, ..Link::default() };
-    t_previous_link(&about_z, 0.0) * IsometryMatrix3::from_parts(Translation3::identity(), Rotation3::from_matrix_unchecked(to_z))
+    let about_z = Link {
+        theta_offset_rad: angle,
+        d_mm: seen.translation.vector.z,
+        ..Link::default()
+    };
+    t_previous_link(&about_z, 0.0)
+        * IsometryMatrix3::from_parts(
+            Translation3::identity(),
+            Rotation3::from_matrix_unchecked(to_z),
+        )
 }

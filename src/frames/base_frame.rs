@@ -17,18 +17,29 @@ pub const MIN_SINE: f64 = 0.174;
 ///
 /// # Errors
 /// [`Error::ParallelAxes`], measured or nominal.
-pub fn base_frame(robot: &Robot, sweep_1: &Sweep, sweep_2: &Sweep) -> Result<IsometryMatrix3<f64>, Error> {
+pub fn base_frame(
+    robot: &Robot,
+    sweep_1: &Sweep,
+    sweep_2: &Sweep,
+) -> Result<IsometryMatrix3<f64>, Error> {
     let sin_alpha_2 = libm::sin(robot.links[1].alpha_rad);
     let (axis_1, axis_2) = (sweep_1.circle.normal, sweep_2.circle.normal);
     let perpendicular = axis_1.cross(&axis_2);
     let sine = perpendicular.norm().min(sin_alpha_2.abs());
     if sine < MIN_SINE {
-        return Err(Error::ParallelAxes { angle_deg: libm::asin(sine.min(1.0)).to_degrees() });
+        return Err(Error::ParallelAxes {
+            angle_deg: libm::asin(sine.min(1.0)).to_degrees(),
+        });
     }
     let z = axis_1;
     let x = perpendicular.normalize() * sin_alpha_2.signum();
     let y = z.cross(&x);
-    let origin = foot_on_first(&sweep_1.circle.centre_mm, &axis_1, &sweep_2.circle.centre_mm, &axis_2);
+    let origin = foot_on_first(
+        &sweep_1.circle.centre_mm,
+        &axis_1,
+        &sweep_2.circle.centre_mm,
+        &axis_2,
+    );
     let rotation = Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[x, y, z]));
     let t_instrument_1 = IsometryMatrix3::from_parts(Translation3::from(origin), rotation);
     Ok(t_instrument_1 * t_previous_link(&robot.links[0], sweep_2.q_rad[0]).inverse())

@@ -32,19 +32,33 @@ pub fn fit_circle(joint: usize, points_mm: &[Vector3<f64>]) -> Result<Circle, Er
         return Err(degenerate());
     }
     let centroid = points_mm.iter().sum::<Vector3<f64>>() / points_mm.len() as f64;
-    let offsets = DMatrix::from_fn(points_mm.len(), 3, |row, axis| (points_mm[row] - centroid)[axis]);
-    let svd = offsets.clone().try_svd(false, true, f64::EPSILON, SVD_ITERATIONS).ok_or_else(degenerate)?;
+    let offsets = DMatrix::from_fn(points_mm.len(), 3, |row, axis| {
+        (points_mm[row] - centroid)[axis]
+    });
+    let svd = offsets
+        .clone()
+        .try_svd(false, true, f64::EPSILON, SVD_ITERATIONS)
+        .ok_or_else(degenerate)?;
     let axes = svd.v_t.ok_or_else(degenerate)?;
     if svd.singular_values[1] <= 1e-6 * svd.singular_values[0] {
         return Err(degenerate());
     }
     let axis = |i: usize| Vector3::new(axes[(i, 0)], axes[(i, 1)], axes[(i, 2)]);
     let (u, v) = (axis(0), axis(1));
-    let plane: Vec<(f64, f64)> = points_mm.iter().map(|p| ((p - centroid).dot(&u), (p - centroid).dot(&v))).collect();
-    let (x, y, radius_mm) = geometric(&plane, algebraic(&plane).ok_or_else(degenerate)?).ok_or_else(degenerate)?;
+    let plane: Vec<(f64, f64)> = points_mm
+        .iter()
+        .map(|p| ((p - centroid).dot(&u), (p - centroid).dot(&v)))
+        .collect();
+    let (x, y, radius_mm) =
+        geometric(&plane, algebraic(&plane).ok_or_else(degenerate)?).ok_or_else(degenerate)?;
     let centre_mm = centroid + u * x + v * y;
     let normal = u.cross(&v);
-    Ok(Circle { centre_mm, normal, radius_mm, rms_mm: rms_distance(points_mm, &centre_mm, &normal, radius_mm) })
+    Ok(Circle {
+        centre_mm,
+        normal,
+        radius_mm,
+        rms_mm: rms_distance(points_mm, &centre_mm, &normal, radius_mm),
+    })
 }
 
 /// Kåsa's fit: least squares of x² + y² = 2·x0·x + 2·y0·y + c.
@@ -80,7 +94,12 @@ fn geometric(points: &[(f64, f64)], start: (f64, f64, f64)) -> Option<(f64, f64,
     (x0.is_finite() && y0.is_finite() && radius.is_finite()).then_some((x0, y0, radius))
 }
 
-fn rms_distance(points_mm: &[Vector3<f64>], centre: &Vector3<f64>, normal: &Vector3<f64>, radius_mm: f64) -> f64 {
+fn rms_distance(
+    points_mm: &[Vector3<f64>],
+    centre: &Vector3<f64>,
+    normal: &Vector3<f64>,
+    radius_mm: f64,
+) -> f64 {
     let square = |p: &Vector3<f64>| {
         let height = (p - centre).dot(normal);
         let radial = (p - centre - normal * height).norm() - radius_mm;

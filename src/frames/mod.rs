@@ -41,13 +41,17 @@ pub struct PreliminaryFrames {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Error {
     /// The robot has too few joints for the method.
-    #[error("base and tool frame need sweeps of joints 1, 2 and n-1, so at least 3 joints; the robot has {n_joints}")]
+    #[error(
+        "base and tool frame need sweeps of joints 1, 2 and n-1, so at least 3 joints; the robot has {n_joints}"
+    )]
     TooFewJoints {
         /// The robot's joints.
         n_joints: usize,
     },
     /// No rows for a joint.
-    #[error("there is no sweep of joint {joint}: add rows with sweep_joint {joint} in which only that joint moves")]
+    #[error(
+        "there is no sweep of joint {joint}: add rows with sweep_joint {joint} in which only that joint moves"
+    )]
     MissingSweep {
         /// 1-based joint.
         joint: usize,
@@ -71,7 +75,9 @@ pub enum Error {
         other: usize,
     },
     /// The arc is too short to fix an axis.
-    #[error("the sweep of joint {joint} covers {arc_deg:.1}°, at least {needed_deg:.0}° are needed to find its axis")]
+    #[error(
+        "the sweep of joint {joint} covers {arc_deg:.1}°, at least {needed_deg:.0}° are needed to find its axis"
+    )]
     ShortArc {
         /// 1-based joint.
         joint: usize,
@@ -100,13 +106,17 @@ pub enum Error {
         limit_mm: f64,
     },
     /// More than one reflector.
-    #[error("the sweeps are of several reflectors ({targets:?}); measure one reflector, on the flange's axis, in all three sweeps")]
+    #[error(
+        "the sweeps are of several reflectors ({targets:?}); measure one reflector, on the flange's axis, in all three sweeps"
+    )]
     SeveralTargets {
         /// The targets named.
         targets: Vec<usize>,
     },
     /// The measured arc is not the one the joint made.
-    #[error("the points of the sweep of joint {joint} turn by {measured_deg:.1}°, the joint by {arc_deg:.1}°; is sweep_joint right?")]
+    #[error(
+        "the points of the sweep of joint {joint} turn by {measured_deg:.1}°, the joint by {arc_deg:.1}°; is sweep_joint right?"
+    )]
     ArcMismatch {
         /// 1-based joint.
         joint: usize,
@@ -116,7 +126,9 @@ pub enum Error {
         measured_deg: f64,
     },
     /// Axes 1 and 2 are parallel.
-    #[error("axes 1 and 2 stand at {angle_deg:.1}°; they must cross at 10° or more for the base frame to be found from them")]
+    #[error(
+        "axes 1 and 2 stand at {angle_deg:.1}°; they must cross at 10° or more for the base frame to be found from them"
+    )]
     ParallelAxes {
         /// Angle between them, degrees.
         angle_deg: f64,
@@ -164,26 +176,41 @@ impl Error {
 ///
 /// # Errors
 /// See [`Error`]: missing, short, degenerate or inconsistent sweeps, parallel axes.
-pub fn preliminary_frames(robot: &Robot, sweeps: &MeasurementSet) -> Result<PreliminaryFrames, Error> {
+pub fn preliminary_frames(
+    robot: &Robot,
+    sweeps: &MeasurementSet,
+) -> Result<PreliminaryFrames, Error> {
     let n_joints = robot.links.len();
     if n_joints < 3 {
         return Err(Error::TooFewJoints { n_joints });
     }
     let targets: BTreeSet<usize> = sweeps.points.iter().map(|p| p.target).collect();
     if targets.len() > 1 {
-        return Err(Error::SeveralTargets { targets: targets.into_iter().collect() });
+        return Err(Error::SeveralTargets {
+            targets: targets.into_iter().collect(),
+        });
     }
     let sweep_1 = sweep::fit_sweep(robot, sweeps, 1)?;
     let sweep_2 = sweep::fit_sweep(robot, sweeps, 2)?;
     let sweep_tool = sweep::fit_sweep(robot, sweeps, n_joints - 1)?;
     let t_instrument_base = base_frame::base_frame(robot, &sweep_1, &sweep_2)?;
     let z_tool_mm = tool_frame::z_tool_mm(robot, &sweep_tool)?;
-    let swept = sweeps.points.iter().filter(|p| p.sweep_joint.is_some_and(|joint| [1, 2, n_joints - 1].contains(&joint)));
+    let swept = sweeps.points.iter().filter(|p| {
+        p.sweep_joint
+            .is_some_and(|joint| [1, 2, n_joints - 1].contains(&joint))
+    });
     let rms_mm = rms_from_nominal_mm(robot, swept, &t_instrument_base, z_tool_mm);
     if rms_mm.is_nan() || rms_mm > NEAR_MM {
-        return Err(Error::FarFromNominal { rms_mm, limit_mm: NEAR_MM });
+        return Err(Error::FarFromNominal {
+            rms_mm,
+            limit_mm: NEAR_MM,
+        });
     }
-    Ok(PreliminaryFrames { t_instrument_base, z_tool_mm, circles: vec![sweep_1.circle, sweep_2.circle, sweep_tool.circle] })
+    Ok(PreliminaryFrames {
+        t_instrument_base,
+        z_tool_mm,
+        circles: vec![sweep_1.circle, sweep_2.circle, sweep_tool.circle],
+    })
 }
 
 /// How far points may lie from where the nominal robot would be, rms, mm: several times what robots are off, and far below what a wrong unit,
@@ -199,8 +226,10 @@ fn rms_from_nominal_mm<'a>(
     let target = Vector3::new(0.0, 0.0, z_tool_mm);
     let squares: Vec<f64> = points
         .map(|p| {
-            let p_base_target = forward_kinematics(&robot.links, &robot.q_model_rad(&p.q_rad), &target);
-            (t_instrument_base * Point3::from(p_base_target) - Point3::from(p.position_mm)).norm_squared()
+            let p_base_target =
+                forward_kinematics(&robot.links, &robot.q_model_rad(&p.q_rad), &target);
+            (t_instrument_base * Point3::from(p_base_target) - Point3::from(p.position_mm))
+                .norm_squared()
         })
         .collect();
     (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()

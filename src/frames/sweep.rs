@@ -33,39 +33,74 @@ pub struct Sweep {
 /// # Errors
 /// No such sweep, too few points, another joint moved, too short an arc, or an arc that the joint did not make.
 pub fn fit_sweep(robot: &Robot, set: &MeasurementSet, joint: usize) -> Result<Sweep, Error> {
-    let points: Vec<&Point> = set.points.iter().filter(|p| p.sweep_joint == Some(joint)).collect();
+    let points: Vec<&Point> = set
+        .points
+        .iter()
+        .filter(|p| p.sweep_joint == Some(joint))
+        .collect();
     if points.is_empty() {
         return Err(Error::MissingSweep { joint });
     }
     if points.len() < MIN_SWEEP_POINTS {
-        return Err(Error::TooFewPoints { joint, found: points.len(), needed: MIN_SWEEP_POINTS });
+        return Err(Error::TooFewPoints {
+            joint,
+            found: points.len(),
+            needed: MIN_SWEEP_POINTS,
+        });
     }
-    let mut swept: Vec<(Vec<f64>, Vector3<f64>)> = points.iter().map(|p| (robot.q_model_rad(&p.q_rad), p.position_mm)).collect();
+    let mut swept: Vec<(Vec<f64>, Vector3<f64>)> = points
+        .iter()
+        .map(|p| (robot.q_model_rad(&p.q_rad), p.position_mm))
+        .collect();
     swept.sort_by(|a, b| a.0[joint - 1].total_cmp(&b.0[joint - 1]));
     check_still(joint, &swept)?;
     let q_first = swept[0].0[joint - 1];
     let arc_rad = swept[swept.len() - 1].0[joint - 1] - q_first;
     if arc_rad < MIN_ARC_RAD {
-        return Err(Error::ShortArc { joint, arc_deg: arc_rad.to_degrees(), needed_deg: MIN_ARC_RAD.to_degrees() });
+        return Err(Error::ShortArc {
+            joint,
+            arc_deg: arc_rad.to_degrees(),
+            needed_deg: MIN_ARC_RAD.to_degrees(),
+        });
     }
     let positions: Vec<Vector3<f64>> = swept.iter().map(|(_, p)| *p).collect();
     let circle = fit_circle(joint, &positions)?;
     if circle.rms_mm > MAX_CIRCLE_RMS_MM {
-        return Err(Error::PoorCircle { joint, rms_mm: circle.rms_mm, limit_mm: MAX_CIRCLE_RMS_MM });
+        return Err(Error::PoorCircle {
+            joint,
+            rms_mm: circle.rms_mm,
+            limit_mm: MAX_CIRCLE_RMS_MM,
+        });
     }
     let (normal, measured_arc_rad) = oriented(&positions, &circle.centre_mm, &circle.normal);
     if (measured_arc_rad - arc_rad).abs() > ARC_MISMATCH_RAD {
-        return Err(Error::ArcMismatch { joint, arc_deg: arc_rad.to_degrees(), measured_deg: measured_arc_rad.to_degrees() });
+        return Err(Error::ArcMismatch {
+            joint,
+            arc_deg: arc_rad.to_degrees(),
+            measured_deg: measured_arc_rad.to_degrees(),
+        });
     }
-    let circle = SweepCircle { joint, centre_mm: circle.centre_mm, normal, radius_mm: circle.radius_mm, rms_mm: circle.rms_mm };
-    Ok(Sweep { circle, q_rad: swept[0].0.clone() })
+    let circle = SweepCircle {
+        joint,
+        centre_mm: circle.centre_mm,
+        normal,
+        radius_mm: circle.radius_mm,
+        rms_mm: circle.rms_mm,
+    };
+    Ok(Sweep {
+        circle,
+        q_rad: swept[0].0.clone(),
+    })
 }
 
 fn check_still(joint: usize, swept: &[(Vec<f64>, Vector3<f64>)]) -> Result<(), Error> {
     for (q_rad, _) in swept {
         for (other, (q, q0)) in q_rad.iter().zip(&swept[0].0).enumerate() {
             if other + 1 != joint && (q - q0).abs() > STILL_RAD {
-                return Err(Error::OtherJointMoved { joint, other: other + 1 });
+                return Err(Error::OtherJointMoved {
+                    joint,
+                    other: other + 1,
+                });
             }
         }
     }
@@ -73,7 +108,11 @@ fn check_still(joint: usize, swept: &[(Vec<f64>, Vector3<f64>)]) -> Result<(), E
 }
 
 /// The normal along the positive turn of the points in their order, and the angle they turn through, rad.
-fn oriented(positions: &[Vector3<f64>], centre: &Vector3<f64>, normal: &Vector3<f64>) -> (Vector3<f64>, f64) {
+fn oriented(
+    positions: &[Vector3<f64>],
+    centre: &Vector3<f64>,
+    normal: &Vector3<f64>,
+) -> (Vector3<f64>, f64) {
     let turn: f64 = positions
         .windows(2)
         .map(|pair| {
@@ -81,5 +120,9 @@ fn oriented(positions: &[Vector3<f64>], centre: &Vector3<f64>, normal: &Vector3<
             libm::atan2(from.cross(&to).dot(normal), from.dot(&to))
         })
         .sum();
-    if turn < 0.0 { (-normal, -turn) } else { (*normal, turn) }
+    if turn < 0.0 {
+        (-normal, -turn)
+    } else {
+        (*normal, turn)
+    }
 }

@@ -14,8 +14,14 @@ pub fn z_tool_mm(robot: &Robot, sweep: &Sweep) -> Result<f64, Error> {
     let sine = libm::sin(last.alpha_rad).abs();
     let square = sweep.circle.radius_mm * sweep.circle.radius_mm - last.a_mm * last.a_mm;
     if sine < crate::frames::base_frame::MIN_SINE || square <= 0.0 {
-        return Err(Error::ToolNotVisible { joint: sweep.circle.joint });
+        return Err(Error::ToolNotVisible {
+            joint: sweep.circle.joint,
+        });
     }
     let reach = square.sqrt() / sine;
-    Ok(if last.d_mm < 0.0 { -reach - last.d_mm } else { reach - last.d_mm })
+    Ok(if last.d_mm < 0.0 {
+        -reach - last.d_mm
+    } else {
+        reach - last.d_mm
+    })
 }

@@ -56,23 +56,44 @@ struct Serving {
 
 impl Serving {
     fn n_connected(&self) -> usize {
-        self.max_connections.saturating_sub(self.room.available_permits())
+        self.max_connections
+            .saturating_sub(self.room.available_permits())
     }
 }
 
 /// Answers clients until told to stop, then until the last request under way is answered.
-pub async fn accept_all(listener: TcpListener, desk: Desk, limits: &LimitsConfig, tls: Option<Tls>, stopping: watch::Receiver<bool>) {
-    let LimitsConfig { max_connections, .. } = *limits;
+pub async fn accept_all(
+    listener: TcpListener,
+    desk: Desk,
+    limits: &LimitsConfig,
+    tls: Option<Tls>,
+    stopping: watch::Receiver<bool>,
+) {
+    let LimitsConfig {
+        max_connections, ..
+    } = *limits;
     let room = Arc::new(Semaphore::new(max_connections));
     let (client_timeout, listening) = (limits.client_timeout(), stopping.clone());
-    let serving = Serving { desk, client_timeout, tls, stopping: listening, room: Arc::clone(&room), max_connections };
+    let serving = Serving {
+        desk,
+        client_timeout,
+        tls,
+        stopping: listening,
+        room: Arc::clone(&room),
+        max_connections,
+    };
     let room_to_turn_away = Arc::new(Semaphore::new(MAX_TURNED_AWAY));
     let mut connections = JoinSet::new();
-    let admit = |(stream, peer), connections: &mut JoinSet<()>| match Arc::clone(&room).try_acquire_owned() {
+    let admit = |(stream, peer), connections: &mut JoinSet<()>| match Arc::clone(&room)
+        .try_acquire_owned()
+    {
         Ok(slot) => drop(connections.spawn(connection(stream, peer, serving.clone(), slot))),
         Err(_) => {
             serving.desk.turned_away(TOO_MANY_CONNECTIONS);
-            let room = Arc::clone(&room_to_turn_away).try_acquire_owned().ok().filter(|_| serving.tls.is_none());
+            let room = Arc::clone(&room_to_turn_away)
+                .try_acquire_owned()
+                .ok()
+                .filter(|_| serving.tls.is_none());
             drop(room.map(|slot| connections.spawn(turn_away(stream, slot))));
         }
     };
@@ -94,14 +115,21 @@ pub async fn accept_all(listener: TcpListener, desk: Desk, limits: &LimitsConfig
     }
     let last_call = Instant::now() + LAST_CALL;
     for _ in 0..MAX_LAST {
-        let Ok(Ok(client)) = timeout_at(last_call, listener.accept()).await else { break };
+        let Ok(Ok(client)) = timeout_at(last_call, listener.accept()).await else {
+            break;
+        };
         admit(client, &mut connections);
     }
     // what came since the runtime last heard of this socket: it is asked itself, and closed at once
     if let Ok(listener) = listener.into_std() {
         for _ in 0..MAX_LAST {
-            let Ok((stream, peer)) = listener.accept() else { break };
-            if let Ok(stream) = stream.set_nonblocking(true).and_then(|()| TcpStream::from_std(stream)) {
+            let Ok((stream, peer)) = listener.accept() else {
+                break;
+            };
+            if let Ok(stream) = stream
+                .set_nonblocking(true)
+                .and_then(|()| TcpStream::from_std(stream))
+            {
                 admit((stream, peer), &mut connections);
             }
         }
@@ -116,7 +144,12 @@ async fn told_to_stop(mut stopping: watch::Receiver<bool>) {
     }
 }
 
-async fn connection(stream: TcpStream, peer: SocketAddr, serving: Serving, _slot: OwnedSemaphorePermit) {
+async fn connection(
+    stream: TcpStream,
+    peer: SocketAddr,
+    serving: Serving,
+    _slot: OwnedSemaphorePermit,
+) {
     // Answers are small and awaited.
     let _ = stream.set_nodelay(true);
     let mut stream = TimeoutStream::new(stream);
@@ -134,14 +167,25 @@ async fn connection(stream: TcpStream, peer: SocketAddr, serving: Serving, _slot
 }
 
 /// The requests of one connection, one after the other.
-async fn requests(stream: impl AsyncRead + AsyncWrite + Unpin + Send + 'static, peer: SocketAddr, serving: &Serving) {
+async fn requests(
+    stream: impl AsyncRead + AsyncWrite + Unpin + Send + 'static,
+    peer: SocketAddr,
+    serving: &Serving,
+) {
     let answer = |mut request: hyper::Request<hyper::body::Incoming>| {
         request.extensions_mut().insert(Peer(peer.ip()));
-        serving.desk.clone().answer(request.map(Body::new), serving.n_connected())
+        serving
+            .desk
+            .clone()
+            .answer(request.map(Body::new), serving.n_connected())
     };
     let mut builder = http1::Builder::new();
-    builder.timer(TokioTimer::new()).header_read_timeout(serving.client_timeout).max_buf_size(MAX_HEADER_BYTES);
-    let connection = builder.serve_connection(TokioIo::new(stream), hyper::service::service_fn(answer));
+    builder
+        .timer(TokioTimer::new())
+        .header_read_timeout(serving.client_timeout)
+        .max_buf_size(MAX_HEADER_BYTES);
+    let connection =
+        builder.serve_connection(TokioIo::new(stream), hyper::service::service_fn(answer));
     tokio::pin!(connection);
     // Clients come and go as they like, so how a connection ended is of no interest.
     // A request may be on its way already, and one that was not read yet is not waited for by what follows.
@@ -174,7 +218,11 @@ mod tests {
     fn the_answer_to_a_connection_too_many_has_the_length_that_it_says() {
         let text = std::str::from_utf8(TURNED_AWAY).unwrap();
         let (header, body) = text.split_once("\r\n\r\n").unwrap();
-        assert!(header.contains(&format!("content-length: {}", body.len())), "{}", body.len());
+        assert!(
+            header.contains(&format!("content-length: {}", body.len())),
+            "{}",
+            body.len()
+        );
         let problem: crate::wire::Problem = serde_json::from_str(body).unwrap();
         let expected = crate::wire::Problem::new(503, TOO_MANY_CONNECTIONS, problem.detail.clone());
         assert_eq!(problem, expected);

@@ -2,7 +2,9 @@
 
 use crate::http::auth::Caller;
 use crate::http::{App, Error};
-use crate::store::{self, FramesRow, JobRow, MeasurementSetRow, NetworkRow, ParameterSetRow, RobotRow};
+use crate::store::{
+    self, FramesRow, JobRow, MeasurementSetRow, NetworkRow, ParameterSetRow, RobotRow,
+};
 use crate::store::{frames, jobs, measurement_sets, networks, parameter_sets, robots};
 use crate::wire::robot::RobotBody;
 use crate::wire::{id, json};
@@ -10,7 +12,9 @@ use crate::wire::{id, json};
 /// The robot, if it exists and this key may see it.
 pub async fn robot(app: &App, caller: &Caller, id: &str) -> Result<RobotRow, Error> {
     visible_robot(caller, id)?;
-    robots::get(&app.store, id).await.map_err(|error| absent(error, "robot"))
+    robots::get(&app.store, id)
+        .await
+        .map_err(|error| absent(error, "robot"))
 }
 
 /// Whether this key may see that robot, if there is one.
@@ -21,13 +25,20 @@ pub fn visible_robot(caller: &Caller, id: &str) -> Result<(), Error> {
 
 /// The document of a stored robot.
 pub fn robot_body(row: &RobotRow) -> Result<RobotBody, Error> {
-    json::parse(row.body_json.as_bytes()).map_err(|error| Error::Internal(format!("robot {} cannot be read: {error}", row.id)))
+    json::parse(row.body_json.as_bytes())
+        .map_err(|error| Error::Internal(format!("robot {} cannot be read: {error}", row.id)))
 }
 
 /// The measurement set, if this key may see it.
-pub async fn measurement_set(app: &App, caller: &Caller, id: &str) -> Result<MeasurementSetRow, Error> {
+pub async fn measurement_set(
+    app: &App,
+    caller: &Caller,
+    id: &str,
+) -> Result<MeasurementSetRow, Error> {
     plausible(id, "measurement set")?;
-    let row = measurement_sets::get(&app.store, id).await.map_err(|error| absent(error, "measurement set"))?;
+    let row = measurement_sets::get(&app.store, id)
+        .await
+        .map_err(|error| absent(error, "measurement set"))?;
     visible(caller, &row.robot_id, "measurement set")?;
     Ok(row)
 }
@@ -35,7 +46,9 @@ pub async fn measurement_set(app: &App, caller: &Caller, id: &str) -> Result<Mea
 /// The frames, if this key may see them.
 pub async fn frames(app: &App, caller: &Caller, id: &str) -> Result<FramesRow, Error> {
     plausible(id, "frames")?;
-    let row = frames::get(&app.store, id).await.map_err(|error| absent(error, "frames"))?;
+    let row = frames::get(&app.store, id)
+        .await
+        .map_err(|error| absent(error, "frames"))?;
     visible(caller, &row.robot_id, "frames")?;
     Ok(row)
 }
@@ -43,7 +56,9 @@ pub async fn frames(app: &App, caller: &Caller, id: &str) -> Result<FramesRow, E
 /// The job, if this key may see it.
 pub async fn job(app: &App, caller: &Caller, id: &str) -> Result<JobRow, Error> {
     plausible(id, "job")?;
-    let row = jobs::get(&app.store, id).await.map_err(|error| absent(error, "job"))?;
+    let row = jobs::get(&app.store, id)
+        .await
+        .map_err(|error| absent(error, "job"))?;
     visible(caller, &row.robot_id, "job")?;
     Ok(row)
 }
@@ -51,7 +66,9 @@ pub async fn job(app: &App, caller: &Caller, id: &str) -> Result<JobRow, Error> 
 /// The parameter set, if this key may see it.
 pub async fn parameter_set(app: &App, caller: &Caller, id: &str) -> Result<ParameterSetRow, Error> {
     plausible(id, "parameter set")?;
-    let row = parameter_sets::get(&app.store, id).await.map_err(|error| absent(error, "parameter set"))?;
+    let row = parameter_sets::get(&app.store, id)
+        .await
+        .map_err(|error| absent(error, "parameter set"))?;
     visible(caller, &row.robot_id, "parameter set")?;
     Ok(row)
 }
@@ -59,18 +76,28 @@ pub async fn parameter_set(app: &App, caller: &Caller, id: &str) -> Result<Param
 /// The network, if this key may see it.
 pub async fn network(app: &App, caller: &Caller, id: &str) -> Result<NetworkRow, Error> {
     plausible(id, "network")?;
-    let row = networks::get(&app.store, id).await.map_err(|error| absent(error, "network"))?;
+    let row = networks::get(&app.store, id)
+        .await
+        .map_err(|error| absent(error, "network"))?;
     visible(caller, &row.robot_id, "network")?;
     Ok(row)
 }
 
 /// What cannot be an id is not looked up: it came in a query or a body.
 fn plausible(id: &str, what: &'static str) -> Result<(), Error> {
-    if id::is_plausible(id) { Ok(()) } else { Err(Error::NotFound(what)) }
+    if id::is_plausible(id) {
+        Ok(())
+    } else {
+        Err(Error::NotFound(what))
+    }
 }
 
 fn visible(caller: &Caller, robot_id: &str, what: &'static str) -> Result<(), Error> {
-    if caller.may_see(robot_id) { Ok(()) } else { Err(Error::NotFound(what)) }
+    if caller.may_see(robot_id) {
+        Ok(())
+    } else {
+        Err(Error::NotFound(what))
+    }
 }
 
 fn absent(error: store::Error, what: &'static str) -> Error {

@@ -132,8 +132,16 @@ impl Limits {
     /// # Errors
     /// [`Error::RateLimited`].
     pub fn count(&self, caller: &Caller) -> Result<(), Error> {
-        let allowed = self.0.per_key.as_ref().is_none_or(|buckets| buckets.take(&caller.holder));
-        if allowed { Ok(()) } else { Err(Error::RateLimited("this key sends too many requests")) }
+        let allowed = self
+            .0
+            .per_key
+            .as_ref()
+            .is_none_or(|buckets| buckets.take(&caller.holder));
+        if allowed {
+            Ok(())
+        } else {
+            Err(Error::RateLimited("this key sends too many requests"))
+        }
     }
 
     /// Notes a request whose key is not known. Only such requests are ever refused for it: a good key works from any address.
@@ -142,7 +150,11 @@ impl Limits {
     /// [`Error::RateLimited`] after too many.
     pub fn failed_attempt(&self, peer: Option<Peer>) -> Result<(), Error> {
         let address = peer.map_or(IpAddr::V4(Ipv4Addr::UNSPECIFIED), |peer| peer.0);
-        if self.0.failures.take(&address) { Ok(()) } else { Err(Error::RateLimited("too many attempts without a valid key")) }
+        if self.0.failures.take(&address) {
+            Ok(())
+        } else {
+            Err(Error::RateLimited("too many attempts without a valid key"))
+        }
     }
 
     /// Whether one more request of this class could begin now. Decides nothing: what is let through is counted when its body is here.
@@ -164,8 +176,18 @@ impl Limits {
         if !self.has_room(asker.class) {
             return Err(Error::Busy);
         }
-        let mut room = BodyRoom { limits: self.clone(), asker: asker.clone(), reserved_bytes: 0, held: Vec::new(), is_reserve: false };
-        room.grow(declared_bytes.filter(|bytes| *bytes > LARGE_BODY_BYTES).unwrap_or(1))?;
+        let mut room = BodyRoom {
+            limits: self.clone(),
+            asker: asker.clone(),
+            reserved_bytes: 0,
+            held: Vec::new(),
+            is_reserve: false,
+        };
+        room.grow(
+            declared_bytes
+                .filter(|bytes| *bytes > LARGE_BODY_BYTES)
+                .unwrap_or(1),
+        )?;
         Ok(room)
     }
 
@@ -196,7 +218,9 @@ impl BodyRoom {
             return Ok(());
         }
         // Doubling, so that a body takes few permits.
-        let size = to_bytes.max(2 * self.reserved_bytes).next_multiple_of(8 * 1024);
+        let size = to_bytes
+            .max(2 * self.reserved_bytes)
+            .next_multiple_of(8 * 1024);
         match self.asker.class {
             Class::Computation => self.grow_computation(size.min(MAX_BODY_BYTES)),
             Class::Ending => self.grow_ending(to_bytes),
@@ -208,7 +232,10 @@ impl BodyRoom {
             }
             Class::Write | Class::Read => {
                 let size = size.min(LARGE_BODY_BYTES);
-                self.held.push(take(&self.limits.0.small_bodies_kib, (size - self.reserved_bytes).div_ceil(1024))?);
+                self.held.push(take(
+                    &self.limits.0.small_bodies_kib,
+                    (size - self.reserved_bytes).div_ceil(1024),
+                )?);
                 self.reserved_bytes = size;
                 Ok(())
             }
@@ -217,7 +244,12 @@ impl BodyRoom {
 
     fn grow_computation(&mut self, size: usize) -> Result<(), Error> {
         let more_kib = (size - self.reserved_bytes).div_ceil(1024);
-        self.held.push(self.limits.0.computation_bodies_kib.take(&self.asker.holder, more_kib)?);
+        self.held.push(
+            self.limits
+                .0
+                .computation_bodies_kib
+                .take(&self.asker.holder, more_kib)?,
+        );
         self.reserved_bytes = size;
         Ok(())
     }
@@ -225,11 +257,15 @@ impl BodyRoom {
     /// All at once, from what bodies share or from the reserve.
     fn grow_ending(&mut self, to_bytes: usize) -> Result<(), Error> {
         if to_bytes > MAX_ENDING_BYTES {
-            return Err(Error::TooLarge { limit: MAX_ENDING_BYTES, advice: "shorten the reason" });
+            return Err(Error::TooLarge {
+                limit: MAX_ENDING_BYTES,
+                advice: "shorten the reason",
+            });
         }
         let shared = take(&self.limits.0.small_bodies_kib, MAX_ENDING_BYTES / 1024);
         self.is_reserve = shared.is_err();
-        self.held.push(shared.or_else(|_| self.limits.0.endings.take(&self.asker.holder, 1))?);
+        self.held
+            .push(shared.or_else(|_| self.limits.0.endings.take(&self.asker.holder, 1))?);
         self.reserved_bytes = MAX_ENDING_BYTES;
         Ok(())
     }
@@ -260,7 +296,10 @@ pub async fn bound(State(app): State<App>, mut request: Request, next: Next) -> 
 }
 
 fn kind<'a>(request: &Request, limits: &'a Limits) -> Option<&'a Arc<Semaphore>> {
-    let template = request.extensions().get::<MatchedPath>().map_or("", MatchedPath::as_str);
+    let template = request
+        .extensions()
+        .get::<MatchedPath>()
+        .map_or("", MatchedPath::as_str);
     match (request.method(), template) {
         (_, "/healthz" | "/readyz" | "/metrics") => None,
         (&Method::POST, _) => None,
@@ -271,7 +310,10 @@ fn kind<'a>(request: &Request, limits: &'a Limits) -> Option<&'a Arc<Semaphore>>
 
 /// Whether a request may be a long poll, however its query is written: those have room of their own, see [`ask`].
 fn may_wait(request: &Request) -> bool {
-    let is_of_job = request.extensions().get::<MatchedPath>().is_some_and(|path| path.as_str() == "/v1/jobs/{id}");
+    let is_of_job = request
+        .extensions()
+        .get::<MatchedPath>()
+        .is_some_and(|path| path.as_str() == "/v1/jobs/{id}");
     is_of_job && request.method() == Method::GET && request.uri().query().is_some()
 }
 
@@ -279,14 +321,39 @@ fn may_wait(request: &Request) -> bool {
 /// kept for some is taken by nobody without a key.
 pub async fn ask(State(app): State<App>, mut request: Request, next: Next) -> Response {
     let class = Class::of(request.method(), request.uri().path());
-    let holder = request.extensions().get::<Caller>().map(|caller| caller.holder.clone()).unwrap_or_default();
-    let has_no_body = request.extensions().get::<MatchedPath>().is_some_and(|path| path.as_str() == "/v1/jobs/{id}/cancel");
-    let counted = (class == Class::Ending && has_no_body).then(|| app.limits.ending(&holder)).transpose();
-    let counted = counted.and_then(|ending| Ok((ending, may_wait(&request).then(|| app.limits.wait(&holder)).transpose()?)));
-    let is_whole = class == Class::Read && OF_WHOLE_DOCUMENTS.iter().any(|end| request.uri().path().ends_with(end));
+    let holder = request
+        .extensions()
+        .get::<Caller>()
+        .map(|caller| caller.holder.clone())
+        .unwrap_or_default();
+    let has_no_body = request
+        .extensions()
+        .get::<MatchedPath>()
+        .is_some_and(|path| path.as_str() == "/v1/jobs/{id}/cancel");
+    let counted = (class == Class::Ending && has_no_body)
+        .then(|| app.limits.ending(&holder))
+        .transpose();
+    let counted = counted.and_then(|ending| {
+        Ok((
+            ending,
+            may_wait(&request)
+                .then(|| app.limits.wait(&holder))
+                .transpose()?,
+        ))
+    });
+    let is_whole = class == Class::Read
+        && OF_WHOLE_DOCUMENTS
+            .iter()
+            .any(|end| request.uri().path().ends_with(end));
     // Those that wait hold room of reads, which no key may have all of.
-    let admitted = is_whole.then(|| app.limits.0.whole_documents_admitted.take(&holder, 1)).transpose();
-    let _turn = if is_whole && admitted.is_ok() { app.limits.0.whole_documents.wait(&holder).await.ok() } else { None };
+    let admitted = is_whole
+        .then(|| app.limits.0.whole_documents_admitted.take(&holder, 1))
+        .transpose();
+    let _turn = if is_whole && admitted.is_ok() {
+        app.limits.0.whole_documents.wait(&holder).await.ok()
+    } else {
+        None
+    };
     let counted = counted.and_then(|counted| Ok((counted, admitted?)));
     let asker = Asker { class, holder };
     request.extensions_mut().insert(asker.clone());
@@ -294,31 +361,51 @@ pub async fn ask(State(app): State<App>, mut request: Request, next: Next) -> Re
         Ok(_) => ASKER.scope(asker.clone(), next.run(request)).await,
         Err(_) => Error::Busy.into_response(),
     };
-    answers::account(response, &app.limits.0.answers_kib, &asker.holder, app.limits.client_timeout()).await
+    answers::account(
+        response,
+        &app.limits.0.answers_kib,
+        &asker.holder,
+        app.limits.client_timeout(),
+    )
+    .await
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{LARGE_BODIES, LARGE_BODY_BYTES, Limits, MAX_ENDING_BYTES, MAX_WRITES, RESERVED_ENDINGS};
+    use super::{
+        LARGE_BODIES, LARGE_BODY_BYTES, Limits, MAX_ENDING_BYTES, MAX_WRITES, RESERVED_ENDINGS,
+    };
     use crate::config::LimitsConfig;
     use crate::http::class::{Asker, Class};
     use crate::http::{Error, MAX_BODY_BYTES};
 
     fn asker(class: Class) -> Asker {
-        Asker { class, holder: "a".into() }
+        Asker {
+            class,
+            holder: "a".into(),
+        }
     }
 
     #[test]
     fn bodies_take_room_as_they_grow_and_give_it_back() {
         let limits = Limits::new(&LimitsConfig::default(), false);
         let free = limits.0.small_bodies_kib.available_permits();
-        let mut room = limits.body(&asker(Class::Write), Some(MAX_BODY_BYTES)).unwrap();
-        assert_eq!(limits.0.large_bodies.available_permits(), LARGE_BODIES - 1, "an announced large body takes its place at once");
+        let mut room = limits
+            .body(&asker(Class::Write), Some(MAX_BODY_BYTES))
+            .unwrap();
+        assert_eq!(
+            limits.0.large_bodies.available_permits(),
+            LARGE_BODIES - 1,
+            "an announced large body takes its place at once"
+        );
         room.grow(MAX_BODY_BYTES).unwrap();
         drop(room);
         let mut room = limits.body(&asker(Class::Write), None).unwrap();
         room.grow(LARGE_BODY_BYTES).unwrap();
-        assert_eq!(free - limits.0.small_bodies_kib.available_permits(), LARGE_BODY_BYTES / 1024);
+        assert_eq!(
+            free - limits.0.small_bodies_kib.available_permits(),
+            LARGE_BODY_BYTES / 1024
+        );
         room.grow(LARGE_BODY_BYTES + 1).unwrap();
         assert_eq!(limits.0.small_bodies_kib.available_permits(), free);
         drop(room);
@@ -328,24 +415,72 @@ mod tests {
     #[test]
     fn a_large_body_too_many_is_refused_at_once() {
         let limits = Limits::new(&LimitsConfig::default(), false);
-        let _rooms: Vec<_> = (0..LARGE_BODIES).map(|_| limits.body(&asker(Class::Write), Some(MAX_BODY_BYTES)).unwrap()).collect();
-        assert!(matches!(limits.body(&asker(Class::Write), Some(MAX_BODY_BYTES)), Err(Error::Busy)));
-        assert!(limits.body(&asker(Class::Write), Some(6_000)).is_ok(), "small ones go on");
+        let _rooms: Vec<_> = (0..LARGE_BODIES)
+            .map(|_| {
+                limits
+                    .body(&asker(Class::Write), Some(MAX_BODY_BYTES))
+                    .unwrap()
+            })
+            .collect();
+        assert!(matches!(
+            limits.body(&asker(Class::Write), Some(MAX_BODY_BYTES)),
+            Err(Error::Busy)
+        ));
+        assert!(
+            limits.body(&asker(Class::Write), Some(6_000)).is_ok(),
+            "small ones go on"
+        );
     }
 
     #[test]
     fn what_ends_something_has_room_where_writes_and_bodies_have_none() {
         let limits = Limits::new(&LimitsConfig::default(), false);
-        let arrive = |class| limits.body(&asker(class), None).and_then(super::BodyRoom::arrived);
-        let mut held: Vec<_> = (0..MAX_WRITES).map(|_| arrive(Class::Write).unwrap()).collect();
+        let arrive = |class| {
+            limits
+                .body(&asker(class), None)
+                .and_then(super::BodyRoom::arrived)
+        };
+        let mut held: Vec<_> = (0..MAX_WRITES)
+            .map(|_| arrive(Class::Write).unwrap())
+            .collect();
         assert!(!limits.has_room(Class::Write) && matches!(arrive(Class::Write), Err(Error::Busy)));
-        held.push(vec![super::take(&limits.0.small_bodies_kib, limits.0.small_bodies_kib.available_permits()).unwrap()]);
+        held.push(vec![
+            super::take(
+                &limits.0.small_bodies_kib,
+                limits.0.small_bodies_kib.available_permits(),
+            )
+            .unwrap(),
+        ]);
         let share = RESERVED_ENDINGS.1;
-        held.extend((0..share).map(|i| if i % 2 == 0 { arrive(Class::Ending).unwrap() } else { vec![limits.ending("a").unwrap()] }));
-        assert!(matches!(arrive(Class::Ending), Err(Error::Busy)), "a key has its share");
-        assert!(limits.has_room(Class::Ending) && limits.ending("b").is_ok(), "another key has its own");
-        let too_large = limits.body(&Asker { holder: "b".into(), ..asker(Class::Ending) }, Some(2 * LARGE_BODY_BYTES));
-        assert!(matches!(too_large, Err(Error::TooLarge { limit: MAX_ENDING_BYTES, .. })));
+        held.extend((0..share).map(|i| {
+            if i % 2 == 0 {
+                arrive(Class::Ending).unwrap()
+            } else {
+                vec![limits.ending("a").unwrap()]
+            }
+        }));
+        assert!(
+            matches!(arrive(Class::Ending), Err(Error::Busy)),
+            "a key has its share"
+        );
+        assert!(
+            limits.has_room(Class::Ending) && limits.ending("b").is_ok(),
+            "another key has its own"
+        );
+        let too_large = limits.body(
+            &Asker {
+                holder: "b".into(),
+                ..asker(Class::Ending)
+            },
+            Some(2 * LARGE_BODY_BYTES),
+        );
+        assert!(matches!(
+            too_large,
+            Err(Error::TooLarge {
+                limit: MAX_ENDING_BYTES,
+                ..
+            })
+        ));
         assert!(arrive(Class::Computation).is_ok(), "what reads has its own");
         drop(held);
         assert_eq!(limits.0.writes.available_permits(), MAX_WRITES);
@@ -355,13 +490,35 @@ mod tests {
     fn bodies_that_are_computed_from_take_nothing_from_uploads() {
         let limits = Limits::new(&LimitsConfig::default(), false);
         let before = limits.room_left();
-        let mut room = limits.body(&asker(Class::Computation), Some(MAX_BODY_BYTES)).unwrap();
+        let mut room = limits
+            .body(&asker(Class::Computation), Some(MAX_BODY_BYTES))
+            .unwrap();
         room.grow(MAX_BODY_BYTES).unwrap();
-        assert!(matches!(limits.body(&asker(Class::Computation), None), Err(Error::Busy)), "the key's share is taken");
-        assert!(limits.body(&Asker { holder: "b".into(), ..asker(Class::Computation) }, None).is_ok());
+        assert!(
+            matches!(
+                limits.body(&asker(Class::Computation), None),
+                Err(Error::Busy)
+            ),
+            "the key's share is taken"
+        );
+        assert!(
+            limits
+                .body(
+                    &Asker {
+                        holder: "b".into(),
+                        ..asker(Class::Computation)
+                    },
+                    None
+                )
+                .is_ok()
+        );
         let held = room.arrived().unwrap();
-        let taken: Vec<_> =
-            before.iter().zip(limits.room_left()).filter(|(before, now)| before.1 != now.1).map(|(kind, _)| kind.0).collect();
+        let taken: Vec<_> = before
+            .iter()
+            .zip(limits.room_left())
+            .filter(|(before, now)| before.1 != now.1)
+            .map(|(kind, _)| kind.0)
+            .collect();
         assert_eq!(taken, ["computation_bodies_kib"]);
         drop(held);
         assert_eq!(limits.room_left(), before);

@@ -22,10 +22,25 @@ const PIECE_BYTES: usize = 32 * 1024;
 ///
 /// # Errors
 /// [`Error::Busy`] if too much is kept already.
-pub async fn account(response: Response, kib: &Shares, holder: &str, patience: Duration) -> Response {
+pub async fn account(
+    response: Response,
+    kib: &Shares,
+    holder: &str,
+    patience: Duration,
+) -> Response {
     // What has no length is made as it is sent.
-    let Some(bytes) = response.body().size_hint().exact().filter(|bytes| *bytes > LARGE_ANSWER_BYTES as u64) else { return response };
-    let room = match kib.take(holder, usize::try_from(bytes.div_ceil(1024)).unwrap_or(usize::MAX)) {
+    let Some(bytes) = response
+        .body()
+        .size_hint()
+        .exact()
+        .filter(|bytes| *bytes > LARGE_ANSWER_BYTES as u64)
+    else {
+        return response;
+    };
+    let room = match kib.take(
+        holder,
+        usize::try_from(bytes.div_ceil(1024)).unwrap_or(usize::MAX),
+    ) {
         Ok(room) => room,
         Err(busy) => return busy.into_response(),
     };
@@ -33,8 +48,19 @@ pub async fn account(response: Response, kib: &Shares, holder: &str, patience: D
     // In memory already, in one piece: nothing is copied.
     match body.collect().await {
         Ok(body) => {
-            let rest = Bytes::from_owner(Kept { bytes: body.to_bytes(), _room: room });
-            Response::from_parts(head, Body::new(Sending { rest, sent: 0, patience, begun: None }))
+            let rest = Bytes::from_owner(Kept {
+                bytes: body.to_bytes(),
+                _room: room,
+            });
+            Response::from_parts(
+                head,
+                Body::new(Sending {
+                    rest,
+                    sent: 0,
+                    patience,
+                    begun: None,
+                }),
+            )
         }
         Err(error) => Error::Internal(format!("an answer was not made: {error}")).into_response(),
     }
@@ -64,12 +90,17 @@ impl HttpBody for Sending {
     type Data = Bytes;
     type Error = io::Error;
 
-    fn poll_frame(mut self: Pin<&mut Self>, _: &mut Context<'_>) -> Poll<Option<Result<Frame<Bytes>, io::Error>>> {
+    fn poll_frame(
+        mut self: Pin<&mut Self>,
+        _: &mut Context<'_>,
+    ) -> Poll<Option<Result<Frame<Bytes>, io::Error>>> {
         if self.rest.is_empty() {
             return Poll::Ready(None);
         }
         let begun = *self.begun.get_or_insert_with(Instant::now);
-        if begun.elapsed() > self.patience + Duration::from_secs_f64(self.sent as f64 / MIN_BYTES_PER_S) {
+        if begun.elapsed()
+            > self.patience + Duration::from_secs_f64(self.sent as f64 / MIN_BYTES_PER_S)
+        {
             return Poll::Ready(Some(Err(io::ErrorKind::TimedOut.into())));
         }
         let n = self.rest.len().min(PIECE_BYTES);
@@ -99,22 +130,35 @@ mod tests {
     const SIZE: usize = LARGE_ANSWER_BYTES + 1;
 
     fn answer() -> Response {
-        (0..SIZE).map(|i| i as u8).collect::<Vec<u8>>().into_response()
+        (0..SIZE)
+            .map(|i| i as u8)
+            .collect::<Vec<u8>>()
+            .into_response()
     }
 
     #[tokio::test]
     async fn an_answer_is_counted_until_its_last_piece_is_gone_and_arrives_whole() {
         let kib = Shares::new(1000, 1000);
         let mut body = account(answer(), &kib, "a", PATIENCE).await.into_body();
-        assert_eq!((body.size_hint().exact(), kib.left()), (Some(SIZE as u64), 1000 - 65));
+        assert_eq!(
+            (body.size_hint().exact(), kib.left()),
+            (Some(SIZE as u64), 1000 - 65)
+        );
         let mut pieces = Vec::new();
         while let Some(frame) = body.frame().await {
             pieces.push(frame.unwrap().into_data().unwrap());
         }
         drop(body);
-        assert_eq!(kib.left(), 1000 - 65, "a connection may keep pieces longer than the body");
+        assert_eq!(
+            kib.left(),
+            1000 - 65,
+            "a connection may keep pieces longer than the body"
+        );
         assert!(pieces.iter().all(|piece| piece.len() <= PIECE_BYTES));
-        assert_eq!(pieces.concat(), answer().into_body().collect().await.unwrap().to_bytes());
+        assert_eq!(
+            pieces.concat(),
+            answer().into_body().collect().await.unwrap().to_bytes()
+        );
         drop(pieces);
         assert_eq!(kib.left(), 1000);
     }
@@ -123,16 +167,34 @@ mod tests {
     async fn beyond_the_room_large_answers_are_refused_and_small_ones_are_not() {
         let kib = Shares::new(150, 75);
         let _kept = account(answer(), &kib, "a", PATIENCE).await;
-        let statuses = [account(answer(), &kib, "a", PATIENCE).await, account(answer(), &kib, "b", PATIENCE).await];
-        assert_eq!(statuses.map(|response| response.status().as_u16()), [503, 200]);
-        assert_eq!(account("small".into_response(), &kib, "a", PATIENCE).await.status(), 200);
+        let statuses = [
+            account(answer(), &kib, "a", PATIENCE).await,
+            account(answer(), &kib, "b", PATIENCE).await,
+        ];
+        assert_eq!(
+            statuses.map(|response| response.status().as_u16()),
+            [503, 200]
+        );
+        assert_eq!(
+            account("small".into_response(), &kib, "a", PATIENCE)
+                .await
+                .status(),
+            200
+        );
     }
 
     #[tokio::test]
     async fn who_reads_too_slowly_is_cut_off() {
         let sending = async |seconds_ago| {
             let begun = Instant::now().checked_sub(Duration::from_secs(seconds_ago));
-            Sending { rest: Bytes::from_static(b"rest"), sent: 160 * 1024, patience: PATIENCE, begun }.frame().await
+            Sending {
+                rest: Bytes::from_static(b"rest"),
+                sent: 160 * 1024,
+                patience: PATIENCE,
+                begun,
+            }
+            .frame()
+            .await
         };
         assert!(sending(15).await.unwrap().is_ok(), "160 KiB in 15 s");
         assert!(sending(25).await.unwrap().is_err(), "160 KiB in 25 s");

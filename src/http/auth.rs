@@ -14,7 +14,8 @@ const KEY_PREFIX: &str = "kincal_";
 /// Random bytes of a key: 256 bits.
 const KEY_BYTES: usize = 32;
 
-const UNKNOWN_KEY: &str = "this key is not known or was revoked; `kincal key create` makes a new one";
+const UNKNOWN_KEY: &str =
+    "this key is not known or was revoked; `kincal key create` makes a new one";
 
 /// What a key may do.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -45,7 +46,15 @@ impl Scope {
 
     /// From its spelling.
     pub fn parse(text: &str) -> Option<Self> {
-        [Self::Read, Self::Upload, Self::Identify, Self::Release, Self::Admin].into_iter().find(|scope| scope.as_str() == text)
+        [
+            Self::Read,
+            Self::Upload,
+            Self::Identify,
+            Self::Release,
+            Self::Admin,
+        ]
+        .into_iter()
+        .find(|scope| scope.as_str() == text)
     }
 }
 
@@ -56,8 +65,16 @@ pub const POLICY: &[(Method, &str, Scope)] = &[
     (Method::POST, "/v1/robots", Scope::Upload),
     (Method::GET, "/v1/robots", Scope::Read),
     (Method::GET, "/v1/robots/{robot_id}", Scope::Read),
-    (Method::POST, "/v1/robots/{robot_id}/measurement-sets", Scope::Upload),
-    (Method::GET, "/v1/robots/{robot_id}/measurement-sets", Scope::Read),
+    (
+        Method::POST,
+        "/v1/robots/{robot_id}/measurement-sets",
+        Scope::Upload,
+    ),
+    (
+        Method::GET,
+        "/v1/robots/{robot_id}/measurement-sets",
+        Scope::Read,
+    ),
     (Method::GET, "/v1/measurement-sets/{id}", Scope::Read),
     (Method::GET, "/v1/measurement-sets/{id}/points", Scope::Read),
     (Method::POST, "/v1/robots/{robot_id}/frames", Scope::Upload),
@@ -70,31 +87,67 @@ pub const POLICY: &[(Method, &str, Scope)] = &[
     (Method::GET, "/v1/jobs/{id}/report", Scope::Read),
     (Method::GET, "/v1/jobs/{id}/report.html", Scope::Read),
     (Method::GET, "/v1/jobs/{id}/convergence", Scope::Read),
-    (Method::GET, "/v1/robots/{robot_id}/parameter-sets", Scope::Read),
-    (Method::GET, "/v1/robots/{robot_id}/parameter-sets/active", Scope::Read),
+    (
+        Method::GET,
+        "/v1/robots/{robot_id}/parameter-sets",
+        Scope::Read,
+    ),
+    (
+        Method::GET,
+        "/v1/robots/{robot_id}/parameter-sets/active",
+        Scope::Read,
+    ),
     (Method::GET, "/v1/parameter-sets/{id}", Scope::Read),
     (Method::GET, "/v1/parameter-sets/{id}/gates", Scope::Read),
     (Method::GET, "/v1/parameter-sets/{id}/content", Scope::Read),
     (Method::GET, "/v1/robots/{robot_id}/policy", Scope::Read),
     (Method::PUT, "/v1/robots/{robot_id}/policy", Scope::Admin),
-    (Method::POST, "/v1/robots/{robot_id}/parameter-sets/rollback", Scope::Release),
-    (Method::POST, "/v1/parameter-sets/{id}/release", Scope::Release),
-    (Method::POST, "/v1/parameter-sets/{id}/withdraw", Scope::Release),
+    (
+        Method::POST,
+        "/v1/robots/{robot_id}/parameter-sets/rollback",
+        Scope::Release,
+    ),
+    (
+        Method::POST,
+        "/v1/parameter-sets/{id}/release",
+        Scope::Release,
+    ),
+    (
+        Method::POST,
+        "/v1/parameter-sets/{id}/withdraw",
+        Scope::Release,
+    ),
     (Method::POST, "/v1/parameter-sets/{id}/predict", Scope::Read),
-    (Method::POST, "/v1/parameter-sets/{id}/compensate", Scope::Read),
+    (
+        Method::POST,
+        "/v1/parameter-sets/{id}/compensate",
+        Scope::Read,
+    ),
     (Method::GET, "/v1/parameter-sets/{id}/export", Scope::Read),
     (Method::POST, "/v1/parameter-sets/{id}/export", Scope::Read),
     (Method::GET, "/v1/parameter-sets/{id}/compare", Scope::Read),
     (Method::POST, "/v1/robot-imports", Scope::Upload),
     (Method::GET, "/v1/robots/{robot_id}/history", Scope::Read),
-    (Method::POST, "/v1/robots/{robot_id}/pose-plans", Scope::Read),
+    (
+        Method::POST,
+        "/v1/robots/{robot_id}/pose-plans",
+        Scope::Read,
+    ),
     (Method::GET, "/v1/robots/{robot_id}/networks", Scope::Read),
     (Method::GET, "/v1/networks/{id}", Scope::Read),
     (Method::GET, "/v1/networks/{id}/weights", Scope::Read),
 ];
 
 /// Routes that need no key.
-pub const OPEN: &[&str] = &["/", "/docs", "/assets/{file}", "/healthz", "/readyz", "/openapi.yaml", "/openapi.json"];
+pub const OPEN: &[&str] = &[
+    "/",
+    "/docs",
+    "/assets/{file}",
+    "/healthz",
+    "/readyz",
+    "/openapi.yaml",
+    "/openapi.json",
+];
 
 /// Who sends a request.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -109,13 +162,28 @@ pub struct Caller {
 
 impl Caller {
     fn anonymous() -> Self {
-        Self { holder: "anonymous".into(), scopes: vec![Scope::Admin], robots: None }
+        Self {
+            holder: "anonymous".into(),
+            scopes: vec![Scope::Admin],
+            robots: None,
+        }
     }
 
     fn of_key(row: ApiKeyRow) -> Result<Self, Error> {
         let scopes: Vec<String> = serde_json::from_str(&row.scopes_json)?;
-        let robots = row.robots_json.as_deref().map(serde_json::from_str).transpose()?;
-        Ok(Self { holder: row.id, scopes: scopes.iter().filter_map(|scope| Scope::parse(scope)).collect(), robots })
+        let robots = row
+            .robots_json
+            .as_deref()
+            .map(serde_json::from_str)
+            .transpose()?;
+        Ok(Self {
+            holder: row.id,
+            scopes: scopes
+                .iter()
+                .filter_map(|scope| Scope::parse(scope))
+                .collect(),
+            robots,
+        })
     }
 
     /// Whether the key has this scope.
@@ -125,13 +193,18 @@ impl Caller {
 
     /// Whether this key may see that robot; others' ids answer 404.
     pub fn may_see(&self, robot_id: &str) -> bool {
-        self.robots.as_ref().is_none_or(|robots| robots.iter().any(|id| id == robot_id))
+        self.robots
+            .as_ref()
+            .is_none_or(|robots| robots.iter().any(|id| id == robot_id))
     }
 }
 
 /// Lets a request through if its key has the route's scope.
 pub async fn authorize(State(app): State<App>, mut request: Request, next: Next) -> Response {
-    let template = request.extensions().get::<MatchedPath>().map(|path| path.as_str().to_owned());
+    let template = request
+        .extensions()
+        .get::<MatchedPath>()
+        .map(|path| path.as_str().to_owned());
     let (method, headers) = (request.method().clone(), request.headers().clone());
     let peer = request.extensions().get::<Peer>().copied();
     match admit(&app, template.as_deref(), &method, &headers, peer).await {
@@ -142,7 +215,11 @@ pub async fn authorize(State(app): State<App>, mut request: Request, next: Next)
         Err(Refusal::Error(error)) => error.into_response(),
         Err(Refusal::Method(allow)) => {
             let mut response = Error::MethodNotAllowed.into_response();
-            response.headers_mut().extend(HeaderValue::from_str(&allow).ok().map(|value| (header::ALLOW, value)));
+            response.headers_mut().extend(
+                HeaderValue::from_str(&allow)
+                    .ok()
+                    .map(|value| (header::ALLOW, value)),
+            );
             response
         }
     }
@@ -153,41 +230,87 @@ enum Refusal {
     Method(String),
 }
 
-async fn admit(app: &App, template: Option<&str>, method: &Method, headers: &HeaderMap, peer: Option<Peer>) -> Result<Caller, Refusal> {
-    let Some(template) = template.filter(|template| !OPEN.contains(template)) else { return Ok(Caller::anonymous()) };
-    let caller = if app.no_auth { Caller::anonymous() } else { caller_of(app, headers, peer).await.map_err(Refusal::Error)? };
+async fn admit(
+    app: &App,
+    template: Option<&str>,
+    method: &Method,
+    headers: &HeaderMap,
+    peer: Option<Peer>,
+) -> Result<Caller, Refusal> {
+    let Some(template) = template.filter(|template| !OPEN.contains(template)) else {
+        return Ok(Caller::anonymous());
+    };
+    let caller = if app.no_auth {
+        Caller::anonymous()
+    } else {
+        caller_of(app, headers, peer)
+            .await
+            .map_err(Refusal::Error)?
+    };
     app.limits.count(&caller).map_err(Refusal::Error)?;
-    let method = if method == Method::HEAD { &Method::GET } else { method };
-    match POLICY.iter().find(|(m, path, _)| m == method && *path == template) {
+    let method = if method == Method::HEAD {
+        &Method::GET
+    } else {
+        method
+    };
+    match POLICY
+        .iter()
+        .find(|(m, path, _)| m == method && *path == template)
+    {
         Some((_, _, scope)) if caller.has(*scope) => Ok(caller),
-        Some((_, _, scope)) => Err(Refusal::Error(Error::InsufficientScope { scope: scope.as_str(), what: "this route" })),
-        None => Err(allowed_methods(template).map_or(Refusal::Error(Error::Forbidden("this route has no policy")), Refusal::Method)),
+        Some((_, _, scope)) => Err(Refusal::Error(Error::InsufficientScope {
+            scope: scope.as_str(),
+            what: "this route",
+        })),
+        None => Err(allowed_methods(template).map_or(
+            Refusal::Error(Error::Forbidden("this route has no policy")),
+            Refusal::Method,
+        )),
     }
 }
 
 fn allowed_methods(template: &str) -> Option<String> {
     let methods = POLICY.iter().filter(|(_, path, _)| *path == template);
-    let methods: Vec<&str> = methods.flat_map(|(m, _, _)| if m == Method::GET { vec!["GET", "HEAD"] } else { vec![m.as_str()] }).collect();
+    let methods: Vec<&str> = methods
+        .flat_map(|(m, _, _)| {
+            if m == Method::GET {
+                vec!["GET", "HEAD"]
+            } else {
+                vec![m.as_str()]
+            }
+        })
+        .collect();
     (!methods.is_empty()).then(|| methods.join(","))
 }
 
 async fn caller_of(app: &App, headers: &HeaderMap, peer: Option<Peer>) -> Result<Caller, Error> {
     let Some(value) = headers.get(header::AUTHORIZATION) else {
-        return Err(Error::Unauthorized("a key is needed: send `Authorization: Bearer KEY`; `kincal key create` makes one"));
+        return Err(Error::Unauthorized(
+            "a key is needed: send `Authorization: Bearer KEY`; `kincal key create` makes one",
+        ));
     };
     let key = value.to_str().ok().and_then(|text| text.split_once(' '));
     let Some((_, key)) = key.filter(|(scheme, _)| scheme.eq_ignore_ascii_case("bearer")) else {
-        return Err(Error::Unauthorized("the Authorization header should read `Bearer KEY`"));
+        return Err(Error::Unauthorized(
+            "the Authorization header should read `Bearer KEY`",
+        ));
     };
     match api_keys::find(&app.store, &canonical::sha256_hex(key.trim().as_bytes())).await? {
         Some(row) => Caller::of_key(row),
-        None => Err(app.limits.failed_attempt(peer).err().unwrap_or(Error::Unauthorized(UNKNOWN_KEY))),
+        None => Err(app
+            .limits
+            .failed_attempt(peer)
+            .err()
+            .unwrap_or(Error::Unauthorized(UNKNOWN_KEY))),
     }
 }
 
 /// Whether the key of a request that goes on for long is still to be served; not where that cannot be told.
 pub async fn is_in_force(app: &App, caller: &Caller) -> bool {
-    app.no_auth || api_keys::get(&app.store, &caller.holder).await.is_ok_and(|row| row.revoked_at_ms.is_none())
+    app.no_auth
+        || api_keys::get(&app.store, &caller.holder)
+            .await
+            .is_ok_and(|row| row.revoked_at_ms.is_none())
 }
 
 /// A new key: its text, shown once, and the hash that is kept.
@@ -196,7 +319,8 @@ pub async fn is_in_force(app: &App, caller: &Caller) -> bool {
 /// If the operating system has no random numbers.
 pub fn new_key() -> Result<(String, String), Error> {
     let mut random = [0_u8; KEY_BYTES];
-    getrandom::fill(&mut random).map_err(|error| Error::Internal(format!("no random numbers: {error}")))?;
+    getrandom::fill(&mut random)
+        .map_err(|error| Error::Internal(format!("no random numbers: {error}")))?;
     let key = format!("{KEY_PREFIX}{}", canonical::hex(&random));
     let hash = canonical::sha256_hex(key.as_bytes());
     Ok((key, hash))

@@ -19,7 +19,11 @@ pub struct Buckets<K> {
 impl<K: Clone + Eq + Hash> Buckets<K> {
     /// All full: so many at once, and so many each second.
     pub fn new(capacity: f64, per_s: f64) -> Self {
-        Self { capacity, per_s, levels: Mutex::new(HashMap::new()) }
+        Self {
+            capacity,
+            per_s,
+            levels: Mutex::new(HashMap::new()),
+        }
     }
 
     /// Whether there is one more for this key or address.
@@ -29,8 +33,10 @@ impl<K: Clone + Eq + Hash> Buckets<K> {
 
     fn take_at(&self, key: &K, now: Instant) -> bool {
         let mut levels = self.levels.lock().unwrap_or_else(PoisonError::into_inner);
-        let filled =
-            |(level, at): (f64, Instant)| (level + self.per_s * now.saturating_duration_since(at).as_secs_f64()).min(self.capacity);
+        let filled = |(level, at): (f64, Instant)| {
+            (level + self.per_s * now.saturating_duration_since(at).as_secs_f64())
+                .min(self.capacity)
+        };
         if levels.len() >= MAX_REMEMBERED && !levels.contains_key(key) {
             levels.retain(|_, bucket| filled(*bucket) < self.capacity);
             if levels.len() >= MAX_REMEMBERED {
@@ -39,7 +45,10 @@ impl<K: Clone + Eq + Hash> Buckets<K> {
         }
         let level = filled(levels.get(key).copied().unwrap_or((self.capacity, now)));
         let allowed = level >= 1.0;
-        levels.insert(key.clone(), (if allowed { level - 1.0 } else { level }, now));
+        levels.insert(
+            key.clone(),
+            (if allowed { level - 1.0 } else { level }, now),
+        );
         allowed
     }
 }
@@ -53,8 +62,15 @@ mod tests {
     fn a_bucket_gives_its_capacity_at_once_and_then_its_rate() {
         let buckets = Buckets::new(3.0, 2.0);
         let begin = Instant::now();
-        let taken = |at_ms| (0..10).filter(|_| buckets.take_at(&"a", begin + Duration::from_millis(at_ms))).count();
-        assert_eq!([taken(0), taken(1_000), taken(1_400), taken(100_000)], [3, 2, 0, 3]);
+        let taken = |at_ms| {
+            (0..10)
+                .filter(|_| buckets.take_at(&"a", begin + Duration::from_millis(at_ms)))
+                .count()
+        };
+        assert_eq!(
+            [taken(0), taken(1_000), taken(1_400), taken(100_000)],
+            [3, 2, 0, 3]
+        );
         assert!(buckets.take_at(&"b", begin), "another key has its own");
     }
 

@@ -16,7 +16,13 @@ pub enum Class {
 }
 
 /// Last parts of the paths of [`Class::Computation`].
-const COMPUTATIONS: [&str; 5] = ["predict", "compensate", "export", "pose-plans", "robot-imports"];
+const COMPUTATIONS: [&str; 5] = [
+    "predict",
+    "compensate",
+    "export",
+    "pose-plans",
+    "robot-imports",
+];
 /// And of [`Class::Ending`].
 const ENDINGS: [&str; 3] = ["withdraw", "rollback", "cancel"];
 
@@ -58,14 +64,20 @@ mod tests {
             let class = Class::of(method, path);
             // An import reads its body and stores nothing.
             let only_reads = *scope == Scope::Read || *path == "/v1/robot-imports";
-            assert_eq!(only_reads, matches!(class, Class::Read | Class::Computation), "{method} {path}: {class:?}");
+            assert_eq!(
+                only_reads,
+                matches!(class, Class::Read | Class::Computation),
+                "{method} {path}: {class:?}"
+            );
         }
     }
 
     #[test]
     fn each_name_is_that_of_a_route() {
         for name in COMPUTATIONS.iter().chain(&ENDINGS) {
-            let is_routes = |(method, path, _): &(Method, &str, Scope)| *method == Method::POST && path.ends_with(&format!("/{name}"));
+            let is_routes = |(method, path, _): &(Method, &str, Scope)| {
+                *method == Method::POST && path.ends_with(&format!("/{name}"))
+            };
             assert!(POLICY.iter().any(is_routes), "{name}");
         }
     }

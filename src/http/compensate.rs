@@ -20,7 +20,12 @@ pub fn router() -> OpenApiRouter<App> {
     params(("id" = String, Path, description = "The parameter set")), request_body = CompensateBody,
     responses((status = 200, description = "Corrected targets, in the order of the request", body = CompensateAnswer))
 )]
-async fn compensate(State(app): State<App>, caller: Caller, Id(id): Id, request: Request) -> Result<Json<CompensateAnswer>, Error> {
+async fn compensate(
+    State(app): State<App>,
+    caller: Caller,
+    Id(id): Id,
+    request: Request,
+) -> Result<Json<CompensateAnswer>, Error> {
     let row = access::parameter_set(&app, &caller, &id).await?;
     let robot = access::robot(&app, &caller, &row.robot_id).await?;
     let bytes = json_body(request, &app).await?;

@@ -35,31 +35,53 @@ impl<S: Send + Sync> FromRequest<S> for Submission {
 
     async fn from_request(request: Request, state: &S) -> Result<Self, Error> {
         let caller = request.extensions().get::<Caller>().cloned();
-        let caller = caller.ok_or_else(|| Error::Internal("a route without authorisation".into()))?;
+        let caller =
+            caller.ok_or_else(|| Error::Internal("a route without authorisation".into()))?;
         let key = idempotency_key(request.headers())?;
-        let uri = request.extensions().get::<OriginalUri>().map_or_else(|| request.uri().clone(), |uri| uri.0.clone());
+        let uri = request
+            .extensions()
+            .get::<OriginalUri>()
+            .map_or_else(|| request.uri().clone(), |uri| uri.0.clone());
         let method = request.method().to_string();
         let media_type = media_type(request.headers()).unwrap_or_default();
-        let content_type = request.headers().get(header::CONTENT_TYPE).and_then(|v| v.to_str().ok()).unwrap_or_default().to_owned();
+        let content_type = request
+            .headers()
+            .get(header::CONTENT_TYPE)
+            .and_then(|v| v.to_str().ok())
+            .unwrap_or_default()
+            .to_owned();
         let body = whole_body(request, state).await?;
         let scope = key.map(|key| IdempotencyScope {
             holder: caller.holder.clone(),
             method,
             path: uri.path().into(),
             key,
-            request_sha256: aside_if_large(body.len(), || fingerprint(uri.query().unwrap_or_default(), &content_type, &body)),
+            request_sha256: aside_if_large(body.len(), || {
+                fingerprint(uri.query().unwrap_or_default(), &content_type, &body)
+            }),
         });
-        Ok(Self { caller, media_type, content_type, body, scope })
+        Ok(Self {
+            caller,
+            media_type,
+            content_type,
+            body,
+            scope,
+        })
     }
 }
 
 fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, Error> {
-    let Some(value) = headers.get(IDEMPOTENCY_KEY) else { return Ok(None) };
+    let Some(value) = headers.get(IDEMPOTENCY_KEY) else {
+        return Ok(None);
+    };
     let text = value.to_str().unwrap_or_default();
     let is_printable = text.bytes().all(|byte| (b' '..=b'~').contains(&byte));
     if text.is_empty() || text.len() > MAX_KEY || !is_printable {
         let detail = format!("an Idempotency-Key has 1 to {MAX_KEY} printable ASCII characters");
-        return Err(Error::BadRequest { code: "invalid_idempotency_key", detail });
+        return Err(Error::BadRequest {
+            code: "invalid_idempotency_key",
+            detail,
+        });
     }
     Ok(Some(text.into()))
 }
@@ -84,7 +106,11 @@ impl Submission {
 
     /// 415 for this body.
     pub fn unsupported(&self, expected: &'static str) -> Error {
-        let found = if self.content_type.is_empty() { "without a Content-Type".into() } else { self.content_type.clone() };
+        let found = if self.content_type.is_empty() {
+            "without a Content-Type".into()
+        } else {
+            self.content_type.clone()
+        };
         Error::UnsupportedMediaType { found, expected }
     }
 
@@ -102,7 +128,9 @@ impl Submission {
             return Ok(None);
         }
         // Taking the key and giving it back at once tells whether it was free.
-        let probe = store.create_idempotent(self.scope.as_ref(), async |_: &mut Tx| Err(Probe::Free)).await;
+        let probe = store
+            .create_idempotent(self.scope.as_ref(), async |_: &mut Tx| Err(Probe::Free))
+            .await;
         match probe {
             Err(Probe::Free) => Ok(None),
             Err(Probe::Store(error)) => Err(error.into()),
@@ -144,11 +172,25 @@ fn respond(outcome: IdempotentOutcome) -> Result<Response, Error> {
         IdempotentOutcome::Reused => return Err(Error::IdempotencyKeyReused),
     };
     let status = StatusCode::from_u16(stored.status).map_err(|e| Error::Internal(e.to_string()))?;
-    let mut response = (status, [(header::CONTENT_TYPE, stored.content_type)], stored.body).into_response();
-    let location = stored.location.as_deref().map(HeaderValue::from_str).transpose().map_err(|e| Error::Internal(e.to_string()))?;
-    response.headers_mut().extend(location.map(|value| (header::LOCATION, value)));
+    let mut response = (
+        status,
+        [(header::CONTENT_TYPE, stored.content_type)],
+        stored.body,
+    )
+        .into_response();
+    let location = stored
+        .location
+        .as_deref()
+        .map(HeaderValue::from_str)
+        .transpose()
+        .map_err(|e| Error::Internal(e.to_string()))?;
+    response
+        .headers_mut()
+        .extend(location.map(|value| (header::LOCATION, value)));
     if replayed {
-        response.headers_mut().insert(IDEMPOTENCY_REPLAYED, HeaderValue::from_static("true"));
+        response
+            .headers_mut()
+            .insert(IDEMPOTENCY_REPLAYED, HeaderValue::from_static("true"));
     }
     Ok(response)
 }
@@ -157,6 +199,15 @@ fn respond(outcome: IdempotentOutcome) -> Result<Response, Error> {
 ///
 /// # Errors
 /// [`Error::Internal`] if it cannot be written.
-pub fn stored_json(status: u16, location: Option<String>, answer: &impl Serialize) -> Result<StoredResponse, Error> {
-    Ok(StoredResponse { status, location, content_type: "application/json".into(), body: serde_json::to_vec(answer)? })
+pub fn stored_json(
+    status: u16,
+    location: Option<String>,
+    answer: &impl Serialize,
+) -> Result<StoredResponse, Error> {
+    Ok(StoredResponse {
+        status,
+        location,
+        content_type: "application/json".into(),
+        body: serde_json::to_vec(answer)?,
+    })
 }

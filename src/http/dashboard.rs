@@ -59,27 +59,44 @@ const ASSETS: &[Asset] = assets! {
 
 /// One tag for all files: they change together, with the binary.
 static ETAG: LazyLock<String> = LazyLock::new(|| {
-    let all: Vec<&str> = ASSETS.iter().map(|asset| asset.text).chain([INDEX, DOCS]).collect();
+    let all: Vec<&str> = ASSETS
+        .iter()
+        .map(|asset| asset.text)
+        .chain([INDEX, DOCS])
+        .collect();
     format!("\"{}\"", canonical::sha256_hex(all.concat().as_bytes()))
 });
 
 /// Routes of the pages.
 pub fn router() -> OpenApiRouter<App> {
-    OpenApiRouter::new().routes(routes!(index)).routes(routes!(docs)).routes(routes!(asset))
+    OpenApiRouter::new()
+        .routes(routes!(index))
+        .routes(routes!(docs))
+        .routes(routes!(asset))
 }
 
 /// The dashboard.
 #[utoipa::path(get, path = "/", tag = "service", operation_id = "index", responses((status = 200, description = "A page", body = String, content_type = "text/html")))]
 async fn index(State(app): State<App>) -> Response {
-    let page = if app.no_auth { INDEX.replace(AUTH_MARK, NO_AUTH_MARK) } else { INDEX.to_owned() };
-    let headers = [(header::CONTENT_TYPE, HTML), (header::CONTENT_SECURITY_POLICY, CONTENT_SECURITY_POLICY)];
+    let page = if app.no_auth {
+        INDEX.replace(AUTH_MARK, NO_AUTH_MARK)
+    } else {
+        INDEX.to_owned()
+    };
+    let headers = [
+        (header::CONTENT_TYPE, HTML),
+        (header::CONTENT_SECURITY_POLICY, CONTENT_SECURITY_POLICY),
+    ];
     (headers, [(header::CACHE_CONTROL, "no-cache")], page).into_response()
 }
 
 /// This contract as a page.
 #[utoipa::path(get, path = "/docs", tag = "service", operation_id = "docs", responses((status = 200, description = "A page", body = String, content_type = "text/html")))]
 async fn docs() -> Response {
-    let headers = [(header::CONTENT_TYPE, HTML), (header::CONTENT_SECURITY_POLICY, CONTENT_SECURITY_POLICY)];
+    let headers = [
+        (header::CONTENT_TYPE, HTML),
+        (header::CONTENT_SECURITY_POLICY, CONTENT_SECURITY_POLICY),
+    ];
     (headers, [(header::CACHE_CONTROL, "no-cache")], DOCS).into_response()
 }
 
@@ -93,12 +110,26 @@ async fn docs() -> Response {
     )
 )]
 async fn asset(Path(file): Path<String>, headers: HeaderMap) -> Result<Response, Error> {
-    let asset = ASSETS.iter().find(|asset| asset.name == file).ok_or(Error::NotFound("file"))?;
-    let fresh = [(header::ETAG, ETAG.as_str()), (header::CACHE_CONTROL, "no-cache")];
-    if headers.get(header::IF_NONE_MATCH).is_some_and(|tag| tag.as_bytes() == ETAG.as_bytes()) {
+    let asset = ASSETS
+        .iter()
+        .find(|asset| asset.name == file)
+        .ok_or(Error::NotFound("file"))?;
+    let fresh = [
+        (header::ETAG, ETAG.as_str()),
+        (header::CACHE_CONTROL, "no-cache"),
+    ];
+    if headers
+        .get(header::IF_NONE_MATCH)
+        .is_some_and(|tag| tag.as_bytes() == ETAG.as_bytes())
+    {
         return Ok((StatusCode::NOT_MODIFIED, fresh).into_response());
     }
-    Ok((fresh, [(header::CONTENT_TYPE, asset.content_type)], asset.text).into_response())
+    Ok((
+        fresh,
+        [(header::CONTENT_TYPE, asset.content_type)],
+        asset.text,
+    )
+        .into_response())
 }
 
 #[cfg(test)]
@@ -112,10 +143,22 @@ mod tests {
 
     #[test]
     fn the_pages_hold_nothing_that_their_policy_would_refuse() {
-        for (name, text) in ASSETS.iter().map(|a| (a.name, a.text)).chain([("index.html", INDEX), ("docs.html", DOCS)]) {
-            for forbidden in
-                [" style=", "<style", " onclick=", "innerHTML", "outerHTML", "insertAdjacentHTML", "document.write", "eval(", "//cdn"]
-            {
+        for (name, text) in ASSETS
+            .iter()
+            .map(|a| (a.name, a.text))
+            .chain([("index.html", INDEX), ("docs.html", DOCS)])
+        {
+            for forbidden in [
+                " style=",
+                "<style",
+                " onclick=",
+                "innerHTML",
+                "outerHTML",
+                "insertAdjacentHTML",
+                "document.write",
+                "eval(",
+                "//cdn",
+            ] {
                 assert!(!text.contains(forbidden), "{name} holds {forbidden}");
             }
         }
@@ -125,9 +168,16 @@ mod tests {
     fn every_file_of_the_folder_is_served() {
         let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/web");
         for entry in std::fs::read_dir(folder).expect("web/ is there") {
-            let name = entry.expect("web/ is readable").file_name().into_string().expect("UTF-8");
+            let name = entry
+                .expect("web/ is readable")
+                .file_name()
+                .into_string()
+                .expect("UTF-8");
             let page = name.ends_with(".html");
-            assert!(page || ASSETS.iter().any(|asset| asset.name == name), "web/{name} is not in ASSETS");
+            assert!(
+                page || ASSETS.iter().any(|asset| asset.name == name),
+                "web/{name} is not in ASSETS"
+            );
         }
     }
 }

@@ -30,8 +30,15 @@ const IDEMPOTENT: &[&str] = &[
     "putPolicy",
 ];
 /// Operations that may not fit how things stand.
-const CONFLICTS: &[&str] =
-    &["createJob", "getReport", "getReportPage", "getConvergence", "releaseParameterSet", "withdrawParameterSet", "rollBackParameterSet"];
+const CONFLICTS: &[&str] = &[
+    "createJob",
+    "getReport",
+    "getReportPage",
+    "getConvergence",
+    "releaseParameterSet",
+    "withdrawParameterSet",
+    "rollBackParameterSet",
+];
 
 const DESCRIPTION: &str = "Calibrates industrial robots: upload measured poses, post a job, fetch the compensated parameters. \
     Every answer that is not a success is a problem (RFC 9457) with a stable `code`. Lists are paged by `limit` and `cursor`, newest first. \
@@ -43,7 +50,9 @@ struct Base;
 
 static YAML: LazyLock<Result<String, String>> = LazyLock::new(|| {
     let text = openapi().to_yaml().map_err(|error| error.to_string())?;
-    Ok(format!("# Made by `kincal openapi`; a test holds it to the code.\n{text}"))
+    Ok(format!(
+        "# Made by `kincal openapi`; a test holds it to the code.\n{text}"
+    ))
 });
 
 /// The document in YAML: `openapi.yaml`, `/openapi.yaml` and `kincal openapi`.
@@ -54,7 +63,8 @@ pub fn yaml() -> Result<&'static str, &'static str> {
     YAML.as_deref().map_err(String::as_str)
 }
 
-static JSON: LazyLock<Result<String, String>> = LazyLock::new(|| openapi().to_json().map_err(|error| error.to_string()));
+static JSON: LazyLock<Result<String, String>> =
+    LazyLock::new(|| openapi().to_json().map_err(|error| error.to_string()));
 
 /// The document in JSON: `/openapi.json`, which `/docs` reads.
 ///
@@ -73,16 +83,34 @@ pub fn openapi() -> utoipa::openapi::OpenApi {
             complete(&method, path, operation);
         }
     }
-    let scheme = HttpBuilder::new().scheme(HttpAuthScheme::Bearer).description(Some("`kincal key create` makes one")).build();
+    let scheme = HttpBuilder::new()
+        .scheme(HttpAuthScheme::Bearer)
+        .description(Some("`kincal key create` makes one"))
+        .build();
     let components = document.components.get_or_insert_default();
     components.add_security_scheme(KEY_SCHEME, SecurityScheme::Http(scheme));
     document
 }
 
 fn operations(item: &mut PathItem) -> impl Iterator<Item = (Method, &mut Operation)> {
-    let methods = [Method::GET, Method::POST, Method::PUT, Method::DELETE, Method::PATCH];
-    let operations = [&mut item.get, &mut item.post, &mut item.put, &mut item.delete, &mut item.patch];
-    methods.into_iter().zip(operations).filter_map(|(method, operation)| Some((method, operation.as_mut()?)))
+    let methods = [
+        Method::GET,
+        Method::POST,
+        Method::PUT,
+        Method::DELETE,
+        Method::PATCH,
+    ];
+    let operations = [
+        &mut item.get,
+        &mut item.post,
+        &mut item.put,
+        &mut item.delete,
+        &mut item.patch,
+    ];
+    methods
+        .into_iter()
+        .zip(operations)
+        .filter_map(|(method, operation)| Some((method, operation.as_mut()?)))
 }
 
 /// Adds what layers and extractors do to every operation.
@@ -90,7 +118,11 @@ fn complete(method: &Method, path: &str, operation: &mut Operation) {
     let id = operation.operation_id.clone().unwrap_or_default();
     let takes_body = operation.request_body.is_some();
     let mut add = |status: &str, description: &str| {
-        operation.responses.responses.entry(status.into()).or_insert_with(|| RefOr::T(problem(status, description)));
+        operation
+            .responses
+            .responses
+            .entry(status.into())
+            .or_insert_with(|| RefOr::T(problem(status, description)));
     };
     add("500", "Something went wrong inside");
     if OPEN.contains(&path) {
@@ -119,18 +151,35 @@ fn complete(method: &Method, path: &str, operation: &mut Operation) {
         add("429", "Too many jobs of this robot wait");
     }
     if IDEMPOTENT.contains(&id.as_str()) {
-        operation.parameters.get_or_insert_default().push(RefOr::T(idempotency_key()));
+        operation
+            .parameters
+            .get_or_insert_default()
+            .push(RefOr::T(idempotency_key()));
         replayed(operation);
     }
-    let scope = POLICY.iter().find(|(m, route, _)| m == method && *route == path).map(|(_, _, scope)| scope.as_str()).unwrap_or_default();
-    operation.security = Some(vec![SecurityRequirement::new::<_, _, &str>(KEY_SCHEME, [scope])]);
+    let scope = POLICY
+        .iter()
+        .find(|(m, route, _)| m == method && *route == path)
+        .map(|(_, _, scope)| scope.as_str())
+        .unwrap_or_default();
+    operation.security = Some(vec![SecurityRequirement::new::<_, _, &str>(
+        KEY_SCHEME,
+        [scope],
+    )]);
 }
 
 fn problem(status: &str, description: &str) -> Response {
-    let mut response =
-        ResponseBuilder::new().description(description).content(PROBLEM_JSON, Content::new(Some(Ref::from_schema_name("Problem")))).build();
+    let mut response = ResponseBuilder::new()
+        .description(description)
+        .content(
+            PROBLEM_JSON,
+            Content::new(Some(Ref::from_schema_name("Problem"))),
+        )
+        .build();
     let mut header = |name: &str, description: &str| {
-        response.headers.insert(name.into(), RefOr::T(text_header(description)));
+        response
+            .headers
+            .insert(name.into(), RefOr::T(text_header(description)));
     };
     match status {
         "401" | "403" => header("WWW-Authenticate", "How to authenticate"),
@@ -147,11 +196,18 @@ fn text_header(description: &str) -> Header {
 }
 
 fn idempotency_key() -> Parameter {
-    let schema = ObjectBuilder::new().schema_type(Type::String).min_length(Some(1)).max_length(Some(200)).pattern(Some("^[ -~]+$")).build();
+    let schema = ObjectBuilder::new()
+        .schema_type(Type::String)
+        .min_length(Some(1))
+        .max_length(Some(200))
+        .pattern(Some("^[ -~]+$"))
+        .build();
     ParameterBuilder::new()
         .name("Idempotency-Key")
         .parameter_in(ParameterIn::Header)
-        .description(Some("Makes a retry harmless: the same key and request give the first answer again"))
+        .description(Some(
+            "Makes a retry harmless: the same key and request give the first answer again",
+        ))
         .schema(Some(schema))
         .build()
 }
@@ -159,9 +215,12 @@ fn idempotency_key() -> Parameter {
 fn replayed(operation: &mut Operation) {
     for (status, response) in &mut operation.responses.responses {
         if let (true, RefOr::T(response)) = (status.starts_with('2'), response) {
-            response
-                .headers
-                .insert("Idempotency-Replayed".into(), RefOr::T(text_header("`true` if this is the answer of an earlier request")));
+            response.headers.insert(
+                "Idempotency-Replayed".into(),
+                RefOr::T(text_header(
+                    "`true` if this is the answer of an earlier request",
+                )),
+            );
         }
     }
 }

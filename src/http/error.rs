@@ -21,7 +21,9 @@ pub enum Error {
     #[error("there is no {0} with this id")]
     NotFound(&'static str),
     /// The robot has no released parameter set.
-    #[error("the robot has no released parameter set: release one with POST /v1/parameter-sets/{{id}}/release")]
+    #[error(
+        "the robot has no released parameter set: release one with POST /v1/parameter-sets/{{id}}/release"
+    )]
     NoActiveParameterSet,
     /// The path is not one of the contract's.
     #[error("there is nothing at this path; /openapi.yaml lists what there is")]
@@ -55,7 +57,9 @@ pub enum Error {
     #[error("{0}")]
     Unauthorized(&'static str),
     /// The key lacks the scope that this takes.
-    #[error("this key lacks the scope {scope:?}, which {what} takes; a key with it is made by `kincal key create --scope {scope} …`")]
+    #[error(
+        "this key lacks the scope {scope:?}, which {what} takes; a key with it is made by `kincal key create --scope {scope} …`"
+    )]
     InsufficientScope {
         /// The scope's word.
         scope: &'static str,
@@ -85,7 +89,9 @@ pub enum Error {
         expected: &'static str,
     },
     /// The Idempotency-Key was used before for something else.
-    #[error("this Idempotency-Key was used for another request on this path; use a new key for a new request")]
+    #[error(
+        "this Idempotency-Key was used for another request on this path; use a new key for a new request"
+    )]
     IdempotencyKeyReused,
     /// It does not fit how things stand.
     #[error("{detail}")]
@@ -134,7 +140,9 @@ impl From<calibration::Error> for Error {
 
 impl From<serde_json::Error> for Error {
     fn from(error: serde_json::Error) -> Self {
-        Self::Internal(format!("a stored document cannot be read or written: {error}"))
+        Self::Internal(format!(
+            "a stored document cannot be read or written: {error}"
+        ))
     }
 }
 
@@ -143,24 +151,65 @@ fn of_store(error: &store::Error) -> (u16, &'static str, String) {
     use store::{Conflict, Error as E, JobStatus};
     match error {
         E::NotFound => (404, "not_found", "there is nothing with this id".into()),
-        E::Conflict(Conflict::QueueFull { .. }) => (429, "queue_full", format!("{error}: wait until some are done, or cancel some")),
-        E::Conflict(Conflict::JobStatus { status: JobStatus::Queued | JobStatus::Running }) => {
-            (409, "not_finished", "the job is not over yet: poll it with ?wait_s=30, or listen to its events".into())
-        }
+        E::Conflict(Conflict::QueueFull { .. }) => (
+            429,
+            "queue_full",
+            format!("{error}: wait until some are done, or cancel some"),
+        ),
+        E::Conflict(Conflict::JobStatus {
+            status: JobStatus::Queued | JobStatus::Running,
+        }) => (
+            409,
+            "not_finished",
+            "the job is not over yet: poll it with ?wait_s=30, or listen to its events".into(),
+        ),
         E::Conflict(Conflict::JobStatus { status }) => {
-            let why = if *status == crate::store::JobStatus::Failed { "; its `error` says why" } else { "" };
-            (409, "no_result", format!("the job is {}, so it has no result{why}", status.as_str()))
+            let why = if *status == crate::store::JobStatus::Failed {
+                "; its `error` says why"
+            } else {
+                ""
+            };
+            (
+                409,
+                "no_result",
+                format!("the job is {}, so it has no result{why}", status.as_str()),
+            )
         }
-        E::Conflict(Conflict::Withdrawn) => (409, "release_refused", format!("{error}: identify anew, or release another set")),
-        E::Conflict(Conflict::ActiveChanged) => (409, "release_refused", format!("{error}: look at that one, then try again")),
-        E::Conflict(Conflict::ChecksOutdated) => (409, "release_refused", format!("{error}: look again, then try again")),
-        E::Conflict(Conflict::RefusedBySchema { .. }) => (409, "release_refused", format!("{error}: see its gates")),
-        E::Conflict(Conflict::NothingToRollBackTo) => (409, "nothing_to_roll_back_to", error.to_string()),
+        E::Conflict(Conflict::Withdrawn) => (
+            409,
+            "release_refused",
+            format!("{error}: identify anew, or release another set"),
+        ),
+        E::Conflict(Conflict::ActiveChanged) => (
+            409,
+            "release_refused",
+            format!("{error}: look at that one, then try again"),
+        ),
+        E::Conflict(Conflict::ChecksOutdated) => (
+            409,
+            "release_refused",
+            format!("{error}: look again, then try again"),
+        ),
+        E::Conflict(Conflict::RefusedBySchema { .. }) => {
+            (409, "release_refused", format!("{error}: see its gates"))
+        }
+        E::Conflict(Conflict::NothingToRollBackTo) => {
+            (409, "nothing_to_roll_back_to", error.to_string())
+        }
         E::Conflict(_) => (409, "conflict", error.to_string()),
-        E::NoRoom { .. } => (507, "no_room", format!("{error}: make room, or move the data directory")),
-        E::Open { .. } | E::Database(_) | E::NotCommitted(_) if error.is_unavailable() => {
-            (503, "unavailable", format!("the database cannot be written or read right now, {}: try again", error.reason()))
-        }
+        E::NoRoom { .. } => (
+            507,
+            "no_room",
+            format!("{error}: make room, or move the data directory"),
+        ),
+        E::Open { .. } | E::Database(_) | E::NotCommitted(_) if error.is_unavailable() => (
+            503,
+            "unavailable",
+            format!(
+                "the database cannot be written or read right now, {}: try again",
+                error.reason()
+            ),
+        ),
         E::Open { .. } | E::Database(_) | E::NotCommitted(_) => internal(),
     }
 }
@@ -179,7 +228,10 @@ impl Error {
             Self::Syntax(_) => (400, "malformed_json"),
             Self::BadRequest { code, .. } => (400, *code),
             Self::Invalid(invalid) => (422, invalid.code),
-            Self::Unusable { code: code @ ("no_network" | "network_mismatch"), .. } => (409, *code),
+            Self::Unusable {
+                code: code @ ("no_network" | "network_mismatch"),
+                ..
+            } => (409, *code),
             Self::Unusable { code, .. } => (422, *code),
             Self::Unauthorized(_) => (401, "unauthorized"),
             Self::InsufficientScope { .. } => (403, "insufficient_scope"),
@@ -206,17 +258,27 @@ impl Error {
             Self::Conflict { errors, .. } => errors.clone(),
             _ => Vec::new(),
         };
-        Problem { errors, ..Problem::new(status, code, detail) }
+        Problem {
+            errors,
+            ..Problem::new(status, code, detail)
+        }
     }
 
     fn headers(&self, status: u16) -> Vec<(HeaderName, HeaderValue)> {
-        let challenge = |text: String| HeaderValue::from_str(&text).map(|value| (header::WWW_AUTHENTICATE, value)).into_iter().collect();
+        let challenge = |text: String| {
+            HeaderValue::from_str(&text)
+                .map(|value| (header::WWW_AUTHENTICATE, value))
+                .into_iter()
+                .collect()
+        };
         match self {
             Self::Unauthorized(_) => challenge("Bearer realm=\"kincal\"".into()),
-            Self::InsufficientScope { scope, .. } => {
-                challenge(format!("Bearer realm=\"kincal\", error=\"insufficient_scope\", scope=\"{scope}\""))
+            Self::InsufficientScope { scope, .. } => challenge(format!(
+                "Bearer realm=\"kincal\", error=\"insufficient_scope\", scope=\"{scope}\""
+            )),
+            _ if matches!(status, 429 | 503 | 507) => {
+                vec![(header::RETRY_AFTER, HeaderValue::from_static(RETRY_AFTER_S))]
             }
-            _ if matches!(status, 429 | 503 | 507) => vec![(header::RETRY_AFTER, HeaderValue::from_static(RETRY_AFTER_S))],
             _ => Vec::new(),
         }
     }

@@ -23,7 +23,9 @@ const REMAINING_ERROR: HeaderName = HeaderName::from_static("kincal-remaining-er
 
 /// Routes of exports and imports.
 pub fn router() -> OpenApiRouter<App> {
-    OpenApiRouter::new().routes(routes!(get, patch_urdf)).routes(routes!(import_robot))
+    OpenApiRouter::new()
+        .routes(routes!(get, patch_urdf))
+        .routes(routes!(import_robot))
 }
 
 /// Query of an export.
@@ -76,12 +78,20 @@ struct ImportQuery {
         (export::ExportAnswer = "application/json"), (serde_json::Value = "application/yaml"), (String = "text/csv"), (String = "application/xml")
     ), headers(("Kincal-Remaining-Error-Mm" = String, description = "What is lost with beta=refit or format=mastering: mean and max"))))
 )]
-async fn get(State(app): State<App>, caller: Caller, Id(id): Id, Query(query): Query<ExportQuery>) -> Result<Response, Error> {
+async fn get(
+    State(app): State<App>,
+    caller: Caller,
+    Id(id): Id,
+    Query(query): Query<ExportQuery>,
+) -> Result<Response, Error> {
     access::parameter_set(&app, &caller, &id).await?;
     let turn = app.turn().await?;
     let stored = stored(&app, &turn, &caller, &id).await?;
     let ExportQuery { format, beta } = query;
-    respond(&id, turn.run(|| stored.with(|source| export::export(source, format, beta)))?)
+    respond(
+        &id,
+        turn.run(|| stored.with(|source| export::export(source, format, beta)))?,
+    )
 }
 
 /// The body, a URDF, with the joint origins of the identified robot; nothing else of it changes.
@@ -100,12 +110,20 @@ async fn patch_urdf(
 ) -> Result<Response, Error> {
     access::parameter_set(&app, &caller, &id).await?;
     if query.format != ExportFormat::Urdf {
-        return Err(Error::BadRequest { code: "invalid_query", detail: "only a URDF can be patched: format=urdf; else GET".into() });
+        return Err(Error::BadRequest {
+            code: "invalid_query",
+            detail: "only a URDF can be patched: format=urdf; else GET".into(),
+        });
     }
     let bytes = whole_body(request, &app).await?;
     let turn = app.turn().await?;
     let stored = stored(&app, &turn, &caller, &id).await?;
-    respond(&id, turn.run(|| stored.with(|source| export::patch_urdf(source, &bytes, query.tip.as_deref())))?)
+    respond(
+        &id,
+        turn.run(|| {
+            stored.with(|source| export::patch_urdf(source, &bytes, query.tip.as_deref()))
+        })?,
+    )
 }
 
 /// A robot from a URDF or a table of Denavit-Hartenberg parameters, to be posted to /v1/robots; nothing is stored.
@@ -114,7 +132,11 @@ async fn patch_urdf(
     request_body(description = "The description", content((String = "application/xml"), (String = "text/csv"))),
     responses((status = 200, description = "The robot, and what links cannot hold", body = ImportAnswer))
 )]
-async fn import_robot(State(app): State<App>, Query(query): Query<ImportQuery>, request: Request) -> Result<Json<ImportAnswer>, Error> {
+async fn import_robot(
+    State(app): State<App>,
+    Query(query): Query<ImportQuery>,
+    request: Request,
+) -> Result<Json<ImportAnswer>, Error> {
     let bytes = whole_body(request, &app).await?;
     let answer = app.compute(move || {
         let name = query.name.as_deref().unwrap_or("imported robot");
@@ -132,10 +154,25 @@ struct Stored {
 }
 
 impl Stored {
-    fn with(&self, write: impl Fn(&Source<'_>) -> Result<Exported, export::Error>) -> Result<Exported, Error> {
+    fn with(
+        &self,
+        write: impl Fn(&Source<'_>) -> Result<Exported, export::Error>,
+    ) -> Result<Exported, Error> {
         let robot = self.body.to_core()?;
-        let Self { row, body, content, warnings } = self;
-        write(&Source { id: &row.id, body, robot: &robot, content, warnings }).map_err(|error| match error {
+        let Self {
+            row,
+            body,
+            content,
+            warnings,
+        } = self;
+        write(&Source {
+            id: &row.id,
+            body,
+            robot: &robot,
+            content,
+            warnings,
+        })
+        .map_err(|error| match error {
             export::Error::Invalid(invalid) => invalid.into(),
             error @ export::Error::ReadBack { .. } => Error::Internal(error.to_string()),
         })
@@ -147,17 +184,37 @@ async fn stored(app: &App, turn: &Turn, caller: &Caller, id: &str) -> Result<Sto
     let body = access::robot_body(&access::robot(app, caller, &row.robot_id).await?)?;
     let content = parameter_sets::content(&row)?;
     let warnings = parameter_sets::warnings_for_use(app, turn, &row).await?;
-    Ok(Stored { row, body, content, warnings })
+    Ok(Stored {
+        row,
+        body,
+        content,
+        warnings,
+    })
 }
 
 fn respond(id: &str, exported: Exported) -> Result<Response, Error> {
-    let Exported { content_type, extension, text, remaining } = exported;
-    let text_header = |value: String| HeaderValue::from_str(&value).map_err(|e| Error::Internal(e.to_string()));
+    let Exported {
+        content_type,
+        extension,
+        text,
+        remaining,
+    } = exported;
+    let text_header =
+        |value: String| HeaderValue::from_str(&value).map_err(|e| Error::Internal(e.to_string()));
     let name = text_header(format!("attachment; filename=\"{id}.{extension}\""))?;
-    let mut response =
-        ([(header::CONTENT_TYPE, HeaderValue::from_static(content_type)), (header::CONTENT_DISPOSITION, name)], text).into_response();
+    let mut response = (
+        [
+            (header::CONTENT_TYPE, HeaderValue::from_static(content_type)),
+            (header::CONTENT_DISPOSITION, name),
+        ],
+        text,
+    )
+        .into_response();
     if let Some(remaining) = remaining {
-        response.headers_mut().insert(REMAINING_ERROR, text_header(format!("mean={}, max={}", remaining.mean, remaining.max))?);
+        response.headers_mut().insert(
+            REMAINING_ERROR,
+            text_header(format!("mean={}, max={}", remaining.mean, remaining.max))?,
+        );
     }
     Ok(response)
 }

@@ -31,8 +31,14 @@ impl<S: Send + Sync> FromRequestParts<S> for Id {
     type Rejection = Error;
 
     async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Error> {
-        let Path(id) = Path::<String>::from_request_parts(parts, state).await.map_err(|_| Error::NotFound("resource"))?;
-        if id::is_plausible(&id) { Ok(Self(id)) } else { Err(Error::NotFound("resource")) }
+        let Path(id) = Path::<String>::from_request_parts(parts, state)
+            .await
+            .map_err(|_| Error::NotFound("resource"))?;
+        if id::is_plausible(&id) {
+            Ok(Self(id))
+        } else {
+            Err(Error::NotFound("resource"))
+        }
     }
 }
 
@@ -47,8 +53,13 @@ impl<S: Send + Sync, T: DeserializeOwned> FromRequestParts<S> for Query<T> {
         let axum::extract::Query(value) = query.map_err(|e| {
             // the library's name for what it did says nothing to who asked
             let text = e.body_text();
-            let detail = text.split_once("query string: ").map_or(text.as_str(), |(_, cause)| cause);
-            Error::BadRequest { code: "invalid_query", detail: format!("the query: {detail}") }
+            let detail = text
+                .split_once("query string: ")
+                .map_or(text.as_str(), |(_, cause)| cause);
+            Error::BadRequest {
+                code: "invalid_query",
+                detail: format!("the query: {detail}"),
+            }
         })?;
         Ok(Self(value))
     }
@@ -58,7 +69,11 @@ impl<S: Send + Sync> FromRequestParts<S> for Caller {
     type Rejection = Error;
 
     async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Error> {
-        parts.extensions.get::<Self>().cloned().ok_or_else(|| Error::Internal("a route without authorisation".into()))
+        parts
+            .extensions
+            .get::<Self>()
+            .cloned()
+            .ok_or_else(|| Error::Internal("a route without authorisation".into()))
     }
 }
 
@@ -79,11 +94,16 @@ impl ListQuery {
     pub fn page(self) -> Result<PageRequest, Error> {
         let limit = self.limit.unwrap_or(DEFAULT_PAGE);
         if !(1..=MAX_PAGE).contains(&limit) {
-            return Err(Error::BadRequest { code: "invalid_query", detail: format!("limit is {limit}; 1 to {MAX_PAGE} is allowed") });
+            return Err(Error::BadRequest {
+                code: "invalid_query",
+                detail: format!("limit is {limit}; 1 to {MAX_PAGE} is allowed"),
+            });
         }
         let cursor = self.cursor.map(|text| text.parse::<Cursor>()).transpose();
-        let cursor =
-            cursor.map_err(|e| Error::BadRequest { code: "invalid_cursor", detail: format!("{e}: pass next_cursor on as it is") })?;
+        let cursor = cursor.map_err(|e| Error::BadRequest {
+            code: "invalid_cursor",
+            detail: format!("{e}: pass next_cursor on as it is"),
+        })?;
         Ok(PageRequest { limit, cursor })
     }
 }
@@ -91,7 +111,14 @@ impl ListQuery {
 /// The media type of a request, without its parameters, in lower case.
 pub fn media_type(headers: &HeaderMap) -> Option<String> {
     let value = headers.get(header::CONTENT_TYPE)?.to_str().ok()?;
-    Some(value.split(';').next().unwrap_or(value).trim().to_ascii_lowercase())
+    Some(
+        value
+            .split(';')
+            .next()
+            .unwrap_or(value)
+            .trim()
+            .to_ascii_lowercase(),
+    )
 }
 
 /// The whole body of a request in JSON.
@@ -99,7 +126,10 @@ pub async fn json_body<S: Send + Sync>(request: Request, state: &S) -> Result<By
     let found = media_type(request.headers());
     if found.as_deref() != Some("application/json") {
         let found = found.unwrap_or_else(|| "without a Content-Type".into());
-        return Err(Error::UnsupportedMediaType { found, expected: "application/json" });
+        return Err(Error::UnsupportedMediaType {
+            found,
+            expected: "application/json",
+        });
     }
     whole_body(request, state).await
 }
@@ -107,23 +137,55 @@ pub async fn json_body<S: Send + Sync>(request: Request, state: &S) -> Result<By
 /// The whole body, within size, time and memory. Its room, among the writes if it is one, is held as long as the bytes are.
 pub async fn whole_body<S: Send + Sync>(request: Request, _: &S) -> Result<Bytes, Error> {
     let headers = request.headers();
-    let declared = headers.get(header::CONTENT_LENGTH).and_then(|value| value.to_str().ok()?.parse::<usize>().ok());
+    let declared = headers
+        .get(header::CONTENT_LENGTH)
+        .and_then(|value| value.to_str().ok()?.parse::<usize>().ok());
     if declared.is_some_and(|bytes| bytes > MAX_BODY_BYTES) {
-        return Err(Error::TooLarge { limit: MAX_BODY_BYTES, advice: "split what it holds, a measurement set for instance" });
+        return Err(Error::TooLarge {
+            limit: MAX_BODY_BYTES,
+            advice: "split what it holds, a measurement set for instance",
+        });
     }
-    if let Some(encoding) = headers.get(header::CONTENT_ENCODING).filter(|value| *value != "identity") {
-        return Err(Error::UnsupportedMediaType { found: format!("{encoding:?}-encoded"), expected: "bodies without Content-Encoding" });
+    if let Some(encoding) = headers
+        .get(header::CONTENT_ENCODING)
+        .filter(|value| *value != "identity")
+    {
+        return Err(Error::UnsupportedMediaType {
+            found: format!("{encoding:?}-encoded"),
+            expected: "bodies without Content-Encoding",
+        });
     }
-    let limits = request.extensions().get::<Limits>().cloned().ok_or_else(|| Error::Internal("a route without limits".into()))?;
-    let asker = request.extensions().get::<Asker>().cloned().ok_or_else(|| Error::Internal("a route without an asker".into()))?;
+    let limits = request
+        .extensions()
+        .get::<Limits>()
+        .cloned()
+        .ok_or_else(|| Error::Internal("a route without limits".into()))?;
+    let asker = request
+        .extensions()
+        .get::<Asker>()
+        .cloned()
+        .ok_or_else(|| Error::Internal("a route without an asker".into()))?;
     let mut room = limits.body(&asker, declared)?;
-    let bytes = arrive(request.into_body(), declared, &mut room, limits.client_timeout()).await?;
-    Ok(Bytes::from_owner(Received { bytes, _room: room.arrived()? }))
+    let bytes = arrive(
+        request.into_body(),
+        declared,
+        &mut room,
+        limits.client_timeout(),
+    )
+    .await?;
+    Ok(Bytes::from_owner(Received {
+        bytes,
+        _room: room.arrived()?,
+    }))
 }
 
 /// Parses or hashes so many bytes: many aside from this thread's other tasks.
 pub fn aside_if_large<T>(n_bytes: usize, look: impl FnOnce() -> T) -> T {
-    if n_bytes > SMALL_BYTES { aside(look) } else { look() }
+    if n_bytes > SMALL_BYTES {
+        aside(look)
+    } else {
+        look()
+    }
 }
 
 /// A body and the room that it takes.
@@ -139,20 +201,41 @@ impl AsRef<[u8]> for Received {
 }
 
 /// Reads a body that keeps coming. One that dribbles is cut off: it holds room that others need.
-async fn arrive(mut body: Body, declared: Option<usize>, room: &mut BodyRoom, patience: Duration) -> Result<Vec<u8>, Error> {
+async fn arrive(
+    mut body: Body,
+    declared: Option<usize>,
+    room: &mut BodyRoom,
+    patience: Duration,
+) -> Result<Vec<u8>, Error> {
     let begun = Instant::now();
-    let mut bytes =
-        Vec::with_capacity(declared.unwrap_or(0).min(if declared > Some(LARGE_BODY_BYTES) { MAX_BODY_BYTES } else { 64 * 1024 }));
+    let mut bytes = Vec::with_capacity(declared.unwrap_or(0).min(
+        if declared > Some(LARGE_BODY_BYTES) {
+            MAX_BODY_BYTES
+        } else {
+            64 * 1024
+        },
+    ));
     loop {
-        let deadline = begun + patience + Duration::from_secs_f64(bytes.len() as f64 / MIN_BYTES_PER_S);
-        let frame = timeout_at(deadline, body.frame()).await.map_err(|_| Error::RequestTimeout)?;
+        let deadline =
+            begun + patience + Duration::from_secs_f64(bytes.len() as f64 / MIN_BYTES_PER_S);
+        let frame = timeout_at(deadline, body.frame())
+            .await
+            .map_err(|_| Error::RequestTimeout)?;
         let Some(frame) = frame else { return Ok(bytes) };
-        let frame = frame.map_err(|error| Error::BadRequest { code: "unreadable_body", detail: error.to_string() })?;
+        let frame = frame.map_err(|error| Error::BadRequest {
+            code: "unreadable_body",
+            detail: error.to_string(),
+        })?;
         // Trailers are of no interest.
-        let Ok(data) = frame.into_data() else { continue };
+        let Ok(data) = frame.into_data() else {
+            continue;
+        };
         let length = bytes.len() + data.len();
         if length > MAX_BODY_BYTES {
-            return Err(Error::TooLarge { limit: MAX_BODY_BYTES, advice: "split what it holds, a measurement set for instance" });
+            return Err(Error::TooLarge {
+                limit: MAX_BODY_BYTES,
+                advice: "split what it holds, a measurement set for instance",
+            });
         }
         room.grow(length)?;
         bytes.extend_from_slice(&data);

@@ -14,7 +14,9 @@ use utoipa_axum::{router::OpenApiRouter, routes};
 
 /// Routes of frames.
 pub fn router() -> OpenApiRouter<App> {
-    OpenApiRouter::new().routes(routes!(create)).routes(routes!(get))
+    OpenApiRouter::new()
+        .routes(routes!(create))
+        .routes(routes!(get))
 }
 
 /// Finds base and tool frame from sweeps of single joints (section 2.2 of the paper).
@@ -24,7 +26,11 @@ pub fn router() -> OpenApiRouter<App> {
     request_body(description = "As a measurement set in the instrument's frame, plus the column `sweep_joint`", content((String = "text/csv"))),
     responses((status = 201, description = "Base and tool frame", body = FramesAnswer, headers(("Location" = String, description = "Their path"))))
 )]
-async fn create(State(app): State<App>, Id(robot_id): Id, submission: Submission) -> Result<Response, Error> {
+async fn create(
+    State(app): State<App>,
+    Id(robot_id): Id,
+    submission: Submission,
+) -> Result<Response, Error> {
     let robot = access::robot(&app, &submission.caller, &robot_id).await?;
     if let Some(answer) = submission.replay(&app.store).await? {
         return Ok(answer);
@@ -33,9 +39,16 @@ async fn create(State(app): State<App>, Id(robot_id): Id, submission: Submission
         return Err(submission.unsupported("text/csv"));
     }
     let (robot, bytes) = (access::robot_body(&robot)?, submission.body.clone());
-    let content = app.compute(move || Ok(from_sweeps(&bytes, &robot.to_core()?)?)).await?;
+    let content = app
+        .compute(move || Ok(from_sweeps(&bytes, &robot.to_core()?)?))
+        .await?;
     let result_json = serde_json::to_string(&content)?;
-    let new = NewFrames { robot_id, content_type: submission.content_type.clone(), body: submission.body.to_vec(), result_json };
+    let new = NewFrames {
+        robot_id,
+        content_type: submission.content_type.clone(),
+        body: submission.body.to_vec(),
+        result_json,
+    };
     let effect = async |tx: &mut Tx| {
         let row = frames::insert(tx, &new).await?;
         stored_json(201, Some(format!("/v1/frames/{}", row.id)), &answer(row)?)
@@ -48,10 +61,19 @@ async fn create(State(app): State<App>, Id(robot_id): Id, submission: Submission
     get, path = "/v1/frames/{id}", tag = "frames", operation_id = "getFrames", params(("id" = String, Path, description = "The frames")),
     responses((status = 200, description = "Base and tool frame", body = FramesAnswer))
 )]
-async fn get(State(app): State<App>, caller: Caller, Id(id): Id) -> Result<Json<FramesAnswer>, Error> {
+async fn get(
+    State(app): State<App>,
+    caller: Caller,
+    Id(id): Id,
+) -> Result<Json<FramesAnswer>, Error> {
     Ok(Json(answer(access::frames(&app, &caller, &id).await?)?))
 }
 
 fn answer(row: FramesRow) -> Result<FramesAnswer, Error> {
-    Ok(FramesAnswer::new(row.id, row.robot_id, serde_json::from_str(&row.result_json)?, rfc3339(row.created_at_ms)))
+    Ok(FramesAnswer::new(
+        row.id,
+        row.robot_id,
+        serde_json::from_str(&row.result_json)?,
+        rfc3339(row.created_at_ms),
+    ))
 }

@@ -34,8 +34,14 @@ impl Front {
     /// # Errors
     /// If the operating system gives no threads.
     pub fn start() -> io::Result<Self> {
-        let runtime = Builder::new_multi_thread().thread_name("kincal-front").enable_all().build()?;
-        Ok(Self { handle: runtime.handle().clone(), runtime: Some(runtime) })
+        let runtime = Builder::new_multi_thread()
+            .thread_name("kincal-front")
+            .enable_all()
+            .build()?;
+        Ok(Self {
+            handle: runtime.handle().clone(),
+            runtime: Some(runtime),
+        })
     }
 
     /// Lets them watch a socket.
@@ -63,7 +69,9 @@ impl Front {
 
 /// Ends a front that nobody else has any more, and waits so long for what runs there still.
 pub async fn end(front: Arc<Front>, within: Duration) {
-    let Some(runtime) = Arc::into_inner(front).and_then(|mut front| front.runtime.take()) else { return };
+    let Some(runtime) = Arc::into_inner(front).and_then(|mut front| front.runtime.take()) else {
+        return;
+    };
     // on a thread that may wait
     let _ = tokio::task::spawn_blocking(move || runtime.shutdown_timeout(within)).await;
 }
@@ -97,7 +105,13 @@ impl Desk {
             Engine::Sqlite => MAX_WRITES,
             Engine::Postgres => 0,
         };
-        Self { router: router(app), limits, metrics, others: Handle::current(), few }
+        Self {
+            router: router(app),
+            limits,
+            metrics,
+            others: Handle::current(),
+            few,
+        }
     }
 
     /// Counts a client that was sent away before it could ask for anything.
@@ -106,8 +120,15 @@ impl Desk {
     }
 
     /// The answer to a request while so many are connected. If whoever waits for it goes away, work on it ends.
-    pub async fn answer(self, request: Request, n_connected: usize) -> Result<Response, Infallible> {
-        if !self.limits.has_room(Class::of(request.method(), request.uri().path())) {
+    pub async fn answer(
+        self,
+        request: Request,
+        n_connected: usize,
+    ) -> Result<Response, Infallible> {
+        if !self
+            .limits
+            .has_room(Class::of(request.method(), request.uri().path()))
+        {
             return Ok(layers::refuse_at_the_door(&self.metrics, request.method()));
         }
         let answer = self.router.oneshot(request);
@@ -118,7 +139,9 @@ impl Desk {
         work.spawn_on(answer, &self.others);
         match work.join_next().await {
             Some(Ok(answer)) => answer,
-            _ => Ok(Error::Internal("the server ended with a request under way".into()).into_response()),
+            _ => Ok(
+                Error::Internal("the server ended with a request under way".into()).into_response(),
+            ),
         }
     }
 }

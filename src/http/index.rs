@@ -8,7 +8,11 @@ use utoipa_axum::{router::OpenApiRouter, routes};
 
 /// Routes that need no key.
 pub fn router() -> OpenApiRouter<App> {
-    OpenApiRouter::new().routes(routes!(healthz)).routes(routes!(readyz)).routes(routes!(openapi_yaml)).routes(routes!(openapi_json))
+    OpenApiRouter::new()
+        .routes(routes!(healthz))
+        .routes(routes!(readyz))
+        .routes(routes!(openapi_yaml))
+        .routes(routes!(openapi_json))
 }
 
 /// The process answers.
@@ -27,7 +31,10 @@ async fn healthz() -> &'static str {
 )]
 async fn readyz(State(app): State<App>) -> Result<String, Error> {
     app.store.now_ms().await.map_err(Error::NotReady)?;
-    let without = app.store.short_of_room().map(|short| format!(", but new robots, uploads and jobs are refused: {short}"));
+    let without = app
+        .store
+        .short_of_room()
+        .map(|short| format!(", but new robots, uploads and jobs are refused: {short}"));
     Ok(format!("ready{}\n", without.unwrap_or_default()))
 }
 

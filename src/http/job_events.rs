@@ -41,7 +41,12 @@ async fn events(
 }
 
 /// The connection only passes events on: what looks at the database is a task where requests are answered, and ends with the stream.
-fn stream(app: App, caller: Caller, row: JobRow, room: Room) -> impl Stream<Item = Result<Event, Infallible>> {
+fn stream(
+    app: App,
+    caller: Caller,
+    row: JobRow,
+    room: Room,
+) -> impl Stream<Item = Result<Event, Infallible>> {
     let (events, mut to_pass_on) = mpsc::channel(1);
     let mut work = JoinSet::new();
     work.spawn(follow(app, caller, row, events));
@@ -56,7 +61,9 @@ fn stream(app: App, caller: Caller, row: JobRow, room: Room) -> impl Stream<Item
 async fn follow(app: App, caller: Caller, mut row: JobRow, events: mpsc::Sender<Event>) {
     loop {
         let is_over = row.status.is_over();
-        let Ok(answer) = jobs::answer(&row) else { return };
+        let Ok(answer) = jobs::answer(&row) else {
+            return;
+        };
         if let Some(event) = event(if is_over { "finished" } else { "progress" }, &answer)
             && events.send(event).await.is_err()
         {
@@ -82,7 +89,11 @@ async fn follow(app: App, caller: Caller, mut row: JobRow, events: mpsc::Sender<
 /// The job once something about it has changed; none if the database fails.
 async fn changed(app: &App, seen: &JobRow) -> Option<JobRow> {
     loop {
-        let row = app.signals.wait_for_change(&app.store, seen, KEEP_ALIVE).await.ok()?;
+        let row = app
+            .signals
+            .wait_for_change(&app.store, seen, KEEP_ALIVE)
+            .await
+            .ok()?;
         let what = |row: &JobRow| (row.status, row.attempt, row.progress_json.clone());
         if what(&row) != what(seen) {
             return Some(row);

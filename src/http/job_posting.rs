@@ -11,7 +11,8 @@ use crate::jobs::execution::is_anew;
 use crate::jobs::queue;
 use crate::store::jobs as stored;
 use crate::store::{
-    self, MeasurementSetRow, NetworkRow, NewJob, ParameterSetRow, RobotRow, Tx, frames, measurement_sets, networks, parameter_sets,
+    self, MeasurementSetRow, NetworkRow, NewJob, ParameterSetRow, RobotRow, Tx, frames,
+    measurement_sets, networks, parameter_sets,
 };
 use crate::wire::frames::FramesContent;
 use crate::wire::id;
@@ -56,16 +57,28 @@ enum Content {
 impl SetSource {
     async fn read(app: &App, id: &str) -> Result<Self, store::Error> {
         if let Some(recent) = app.recent_sets.find(id) {
-            return Ok(Self { row: recent.row.clone(), content: Content::Understood(recent) });
+            return Ok(Self {
+                row: recent.row.clone(),
+                content: Content::Understood(recent),
+            });
         }
         let (row, bytes) = measurement_sets::get_with_body(&app.store, id).await?;
-        Ok(Self { row, content: Content::Bytes(bytes) })
+        Ok(Self {
+            row,
+            content: Content::Bytes(bytes),
+        })
     }
 
     fn set(&self, n_joints: usize) -> Result<MeasurementSet, Error> {
         match &self.content {
             Content::Understood(recent) => Ok(recent.set.clone()),
-            Content::Bytes(bytes) => from_upload(&self.row.content_type, bytes, frame_of(&self.row)?, n_joints).map_err(Error::Invalid),
+            Content::Bytes(bytes) => from_upload(
+                &self.row.content_type,
+                bytes,
+                frame_of(&self.row)?,
+                n_joints,
+            )
+            .map_err(Error::Invalid),
         }
     }
 
@@ -85,8 +98,11 @@ impl Sources {
     /// to judge a search box that the options ask for. Stations are compared point by point, so that points count too.
     fn are_checked_soon(&self, request: &JobRequestBody) -> bool {
         let set = &self.set.row;
-        let is_small = self.set.n_bytes() <= SMALL_BYTES && set.n_points <= FEW.0 && set.n_targets <= FEW.1;
-        let is_alone = self.verify_set.is_none() && self.networks.is_empty() && self.residual_networks.is_empty();
+        let is_small =
+            self.set.n_bytes() <= SMALL_BYTES && set.n_points <= FEW.0 && set.n_targets <= FEW.1;
+        let is_alone = self.verify_set.is_none()
+            && self.networks.is_empty()
+            && self.residual_networks.is_empty();
         is_small && is_alone && request.options.is_none()
     }
 }
@@ -112,7 +128,11 @@ struct Chosen {
     params(("robot_id" = String, Path, description = "The robot")), request_body = JobRequestBody,
     responses((status = 202, description = "The job, queued", body = JobAnswer, headers(("Location" = String, description = "Its path"))))
 )]
-pub async fn create(State(app): State<App>, Id(robot_id): Id, submission: Submission) -> Result<Response, Error> {
+pub async fn create(
+    State(app): State<App>,
+    Id(robot_id): Id,
+    submission: Submission,
+) -> Result<Response, Error> {
     if submission.has_key() {
         // to look for a key takes a turn of those who write, which is not for a robot that does not exist
         access::robot(&app, &submission.caller, &robot_id).await?;
@@ -133,11 +153,18 @@ pub async fn create(State(app): State<App>, Id(robot_id): Id, submission: Submis
     let turn = app.turn().await?;
     let sources = load(&app, &submission.caller, &robot_id, &request).await?;
     let mut new = new_job(&request, &sources, &submission.caller.holder)?;
-    let chosen = turn.run_soon(sources.are_checked_soon(&request), || check(&request, sources))?;
-    (new.network_input_id, new.residual_network_input_id) = (chosen.network_id, chosen.residual_network_id);
+    let chosen = turn.run_soon(sources.are_checked_soon(&request), || {
+        check(&request, sources)
+    })?;
+    (new.network_input_id, new.residual_network_input_id) =
+        (chosen.network_id, chosen.residual_network_id);
     let effect = async |tx: &mut Tx| {
         let row = queue::enqueue(tx, &new).await?;
-        stored_json(202, Some(format!("/v1/jobs/{}", row.id)), &jobs::answer(&row)?)
+        stored_json(
+            202,
+            Some(format!("/v1/jobs/{}", row.id)),
+            &jobs::answer(&row)?,
+        )
     };
     let answer = submission.create(&app.store, effect).await?;
     app.signals.job_enqueued();
@@ -149,7 +176,10 @@ fn asked(submission: &Submission) -> Result<JobRequestBody, Error> {
     let request: JobRequestBody = submission.json()?;
     request.check()?;
     if request.priority > 0 && !submission.caller.has(Scope::Admin) {
-        return Err(Error::InsufficientScope { scope: Scope::Admin.as_str(), what: "a priority above 0" });
+        return Err(Error::InsufficientScope {
+            scope: Scope::Admin.as_str(),
+            what: "a priority above 0",
+        });
     }
     Ok(request)
 }
@@ -174,64 +204,139 @@ fn new_job(request: &JobRequestBody, sources: &Sources, client: &str) -> Result<
     })
 }
 
-async fn load(app: &App, caller: &Caller, robot_id: &str, request: &JobRequestBody) -> Result<Sources, Error> {
+async fn load(
+    app: &App,
+    caller: &Caller,
+    robot_id: &str,
+    request: &JobRequestBody,
+) -> Result<Sources, Error> {
     // at once; of several refusals the first in this order is told, whichever came first
     let (robot, set, verify_set, frames, parameter_set) = tokio::join!(
         access::robot(app, caller, robot_id),
-        set(app, robot_id, &request.measurement_set_id, "/measurement_set_id"),
+        set(
+            app,
+            robot_id,
+            &request.measurement_set_id,
+            "/measurement_set_id"
+        ),
         verify_set(app, robot_id, request),
         frames(app, robot_id, request),
         parameter_set(app, robot_id, request),
     );
-    let (robot, set, verify_set, frames, parameter_set) = (robot?, set?, verify_set?, frames?, parameter_set?);
-    let (networks, residual_networks) =
-        tokio::join!(networks(app, robot_id, request, &set.row), residual_networks(app, robot_id, request, &set.row));
-    Ok(Sources { set, verify_set, frames, networks: networks?, residual_networks: residual_networks?, parameter_set, robot })
+    let (robot, set, verify_set, frames, parameter_set) =
+        (robot?, set?, verify_set?, frames?, parameter_set?);
+    let (networks, residual_networks) = tokio::join!(
+        networks(app, robot_id, request, &set.row),
+        residual_networks(app, robot_id, request, &set.row)
+    );
+    Ok(Sources {
+        set,
+        verify_set,
+        frames,
+        networks: networks?,
+        residual_networks: residual_networks?,
+        parameter_set,
+        robot,
+    })
 }
 
 async fn set(app: &App, robot_id: &str, id: &str, at: &str) -> Result<SetSource, Error> {
-    own(SetSource::read(app, id).await, |set| set.row.robot_id == robot_id, at, "measurement set")
+    own(
+        SetSource::read(app, id).await,
+        |set| set.row.robot_id == robot_id,
+        at,
+        "measurement set",
+    )
 }
 
-async fn verify_set(app: &App, robot_id: &str, request: &JobRequestBody) -> Result<Option<SetSource>, Error> {
+async fn verify_set(
+    app: &App,
+    robot_id: &str,
+    request: &JobRequestBody,
+) -> Result<Option<SetSource>, Error> {
     match &request.verify {
-        Some(VerifyBody::Set { measurement_set_id }) => {
-            set(app, robot_id, measurement_set_id, "/verify/measurement_set_id").await.map(Some)
-        }
+        Some(VerifyBody::Set { measurement_set_id }) => set(
+            app,
+            robot_id,
+            measurement_set_id,
+            "/verify/measurement_set_id",
+        )
+        .await
+        .map(Some),
         _ => Ok(None),
     }
 }
 
-async fn frames(app: &App, robot_id: &str, request: &JobRequestBody) -> Result<Option<FramesContent>, Error> {
-    let Some(id) = &request.frames_id else { return Ok(None) };
-    let row = own(frames::get(&app.store, id).await, |row| row.robot_id == robot_id, "/frames_id", "frames")?;
+async fn frames(
+    app: &App,
+    robot_id: &str,
+    request: &JobRequestBody,
+) -> Result<Option<FramesContent>, Error> {
+    let Some(id) = &request.frames_id else {
+        return Ok(None);
+    };
+    let row = own(
+        frames::get(&app.store, id).await,
+        |row| row.robot_id == robot_id,
+        "/frames_id",
+        "frames",
+    )?;
     Ok(Some(serde_json::from_str(&row.result_json)?))
 }
 
 /// The parameter set that the job will use whatever is identified or released meanwhile: the one named; to verify, else the active one;
 /// to identify, else the robot's last from another upload, to compare with.
-async fn parameter_set(app: &App, robot_id: &str, request: &JobRequestBody) -> Result<Option<ParameterSetRow>, Error> {
+async fn parameter_set(
+    app: &App,
+    robot_id: &str,
+    request: &JobRequestBody,
+) -> Result<Option<ParameterSetRow>, Error> {
     Ok(match (&request.parameter_set_id, request.kind) {
-        (Some(id), _) => {
-            Some(own(parameter_sets::get(&app.store, id).await, |row| row.robot_id == robot_id, "/parameter_set_id", "parameter set")?)
-        }
+        (Some(id), _) => Some(own(
+            parameter_sets::get(&app.store, id).await,
+            |row| row.robot_id == robot_id,
+            "/parameter_set_id",
+            "parameter set",
+        )?),
         (None, Kind::Verify) => parameter_sets::active(&app.store, robot_id).await?,
-        (None, Kind::Identify) => parameter_sets::of_another_session(&app.store, robot_id, &request.measurement_set_id).await?,
+        (None, Kind::Identify) => {
+            parameter_sets::of_another_session(&app.store, robot_id, &request.measurement_set_id)
+                .await?
+        }
     })
 }
 
 /// The networks that the job may start from, whatever is trained meanwhile: the one named, or for `bpnn_pso` and `auto` the newest.
-async fn networks(app: &App, robot_id: &str, request: &JobRequestBody, set: &MeasurementSetRow) -> Result<Vec<(String, Vec<u8>)>, Error> {
+async fn networks(
+    app: &App,
+    robot_id: &str,
+    request: &JobRequestBody,
+    set: &MeasurementSetRow,
+) -> Result<Vec<(String, Vec<u8>)>, Error> {
     if let Some(id) = &request.network_id {
-        let row =
-            own(networks::get(&app.store, id).await, |row| is_of(row, robot_id, NetworkKind::LinkParameters), "/network_id", "network")?;
-        return Ok(vec![(row.id.clone(), networks::weights(&app.store, &row.id).await?)]);
+        let row = own(
+            networks::get(&app.store, id).await,
+            |row| is_of(row, robot_id, NetworkKind::LinkParameters),
+            "/network_id",
+            "network",
+        )?;
+        return Ok(vec![(
+            row.id.clone(),
+            networks::weights(&app.store, &row.id).await?,
+        )]);
     }
     if !matches!(request.method, Method::BpnnPso | Method::Auto) || request.kind == Kind::Verify {
         return Ok(vec![]);
     }
     let model = request.model_for(frame_of(set)?);
-    Ok(networks::newest(&app.store, robot_id, model.as_str(), request.preset.as_str(), MAX_NETWORKS).await?)
+    Ok(networks::newest(
+        &app.store,
+        robot_id,
+        model.as_str(),
+        request.preset.as_str(),
+        MAX_NETWORKS,
+    )
+    .await?)
 }
 
 /// The residual networks that the training may go on from, with the points that they were trained on.
@@ -247,17 +352,34 @@ async fn residual_networks(
     let found = match &request.residual_network_id {
         Some(id) => {
             let is_own = |row: &NetworkRow| is_of(row, robot_id, NetworkKind::Residual);
-            let row = own(networks::get(&app.store, id).await, is_own, "/residual_network_id", "residual network")?;
+            let row = own(
+                networks::get(&app.store, id).await,
+                is_own,
+                "/residual_network_id",
+                "residual network",
+            )?;
             let job = stored::get(&app.store, &row.job_id).await?;
-            vec![(row.id, networks::weights(&app.store, id).await?, job.measurement_set_id)]
+            vec![(
+                row.id,
+                networks::weights(&app.store, id).await?,
+                job.measurement_set_id,
+            )]
         }
-        None => networks::newest_residual(&app.store, robot_id, &set.sha256, MAX_RESIDUAL_NETWORKS).await?,
+        None => {
+            networks::newest_residual(&app.store, robot_id, &set.sha256, MAX_RESIDUAL_NETWORKS)
+                .await?
+        }
     };
     let mut sources = Vec::with_capacity(found.len());
     for (id, weights, set_id) in found {
         let set = SetSource::read(app, &set_id).await?;
         let line_sha256 = line_of(app, &id).await?;
-        sources.push(ResidualSource { id, weights, set, line_sha256 });
+        sources.push(ResidualSource {
+            id,
+            weights,
+            set,
+            line_sha256,
+        });
     }
     Ok(sources)
 }
@@ -272,14 +394,20 @@ async fn line_of(app: &App, network_id: &str) -> Result<Option<Vec<String>>, Err
         }
         let network = networks::get(&app.store, &id).await?;
         let job = stored::get(&app.store, &network.job_id).await?;
-        line.push(measurement_sets::get(&app.store, &job.measurement_set_id).await?.sha256);
+        line.push(
+            measurement_sets::get(&app.store, &job.measurement_set_id)
+                .await?
+                .sha256,
+        );
         next = job.residual_network_input_id;
     }
     Ok(Some(line))
 }
 
 fn is_of(row: &NetworkRow, robot_id: &str, kind: NetworkKind) -> bool {
-    row.robot_id == robot_id && serde_json::from_str::<NetworkMetadata>(&row.metadata_json).is_ok_and(|metadata| metadata.kind == kind)
+    row.robot_id == robot_id
+        && serde_json::from_str::<NetworkMetadata>(&row.metadata_json)
+            .is_ok_and(|metadata| metadata.kind == kind)
 }
 
 /// The newest that fits and has seen none of these points, those to verify included, neither itself nor one that its training went on from:
@@ -302,10 +430,15 @@ fn choose_residual(
                 false
             }
         };
-        let is_of_others = |line: &Vec<String>| line.iter().all(|sha256| !sets_sha256.contains(&sha256.as_str()));
+        let is_of_others = |line: &Vec<String>| {
+            line.iter()
+                .all(|sha256| !sets_sha256.contains(&sha256.as_str()))
+        };
         if fits && source.line_sha256.as_ref().is_some_and(is_of_others) {
             let trained_on = parse(&source.set)?;
-            if is_anew(&trained_on, &calibration_request.set) && to_verify.is_none_or(|set| is_anew(&trained_on, set)) {
+            if is_anew(&trained_on, &calibration_request.set)
+                && to_verify.is_none_or(|set| is_anew(&trained_on, set))
+            {
                 return Ok(Some(source.id.clone()));
             }
         }
@@ -313,18 +446,28 @@ fn choose_residual(
     if request.residual_network_id.is_some() {
         let detail = "the residual network, or one that its training went on from, has seen points of these sets: whether it helps could not be told \
                       from them. Leave residual_network_id out, or name one of other sessions";
-        return Err(calibration::Error::Unusable { code: "network_mismatch", detail: detail.into() }.into());
+        return Err(calibration::Error::Unusable {
+            code: "network_mismatch",
+            detail: detail.into(),
+        }
+        .into());
     }
     Ok(None)
 }
 
 /// The frame of a stored set.
 pub fn frame_of(set: &MeasurementSetRow) -> Result<Frame, Error> {
-    Frame::parse(&set.frame).ok_or_else(|| Error::Internal(format!("set {} has frame {:?}", set.id, set.frame)))
+    Frame::parse(&set.frame)
+        .ok_or_else(|| Error::Internal(format!("set {} has frame {:?}", set.id, set.frame)))
 }
 
 /// What the request names must exist and belong to the robot; both failures look the same from outside.
-pub fn own<T>(found: Result<T, crate::store::Error>, is_own: impl Fn(&T) -> bool, at: &str, what: &str) -> Result<T, Error> {
+pub fn own<T>(
+    found: Result<T, crate::store::Error>,
+    is_own: impl Fn(&T) -> bool,
+    at: &str,
+    what: &str,
+) -> Result<T, Error> {
     match found {
         Ok(row) if is_own(&row) => Ok(row),
         Ok(_) | Err(crate::store::Error::NotFound) => Err(id::unknown(at, what).into()),
@@ -356,20 +499,42 @@ fn check(request: &JobRequestBody, sources: Sources) -> Result<Chosen, Error> {
     };
     let mut networks: Vec<_> = sources.networks.into_iter().filter_map(readable).collect();
     // the newest that fits; where none does, `auto` goes without, and for who asked for one it is the newest, so that the refusal says so
-    let fitting = networks.iter().position(|(_, network)| calibration::network_fits(&calibration_request, network));
+    let fitting = networks
+        .iter()
+        .position(|(_, network)| calibration::network_fits(&calibration_request, network));
     let is_asked_for = request.network_id.is_some() || request.method == Method::BpnnPso;
-    let chosen = fitting.or(is_asked_for.then_some(0)).filter(|chosen| *chosen < networks.len()).map(|chosen| networks.swap_remove(chosen));
+    let chosen = fitting
+        .or(is_asked_for.then_some(0))
+        .filter(|chosen| *chosen < networks.len())
+        .map(|chosen| networks.swap_remove(chosen));
     let (network_id, network) = chosen.unzip();
     calibration_request.network = network;
     match request.kind {
         Kind::Identify => calibration::check(&calibration_request)?,
         Kind::Verify => {
-            let parse = |row: &ParameterSetRow| serde_json::from_str::<ParameterSetContent>(&row.body_json);
-            let identified = sources.parameter_set.as_ref().map(parse).transpose()?.map(|content| content.to_core());
+            let parse =
+                |row: &ParameterSetRow| serde_json::from_str::<ParameterSetContent>(&row.body_json);
+            let identified = sources
+                .parameter_set
+                .as_ref()
+                .map(parse)
+                .transpose()?
+                .map(|content| content.to_core());
             calibration::check_verify(&calibration_request, identified.as_ref())?;
         }
     }
-    let sets_sha256: Vec<&str> = std::iter::once(&sources.set).chain(&sources.verify_set).map(|set| set.row.sha256.as_str()).collect();
-    let residual_network_id = choose_residual(request, &calibration_request, (&sources.residual_networks, &sets_sha256), parse)?;
-    Ok(Chosen { network_id, residual_network_id })
+    let sets_sha256: Vec<&str> = std::iter::once(&sources.set)
+        .chain(&sources.verify_set)
+        .map(|set| set.row.sha256.as_str())
+        .collect();
+    let residual_network_id = choose_residual(
+        request,
+        &calibration_request,
+        (&sources.residual_networks, &sets_sha256),
+        parse,
+    )?;
+    Ok(Chosen {
+        network_id,
+        residual_network_id,
+    })
 }

@@ -56,7 +56,10 @@ async fn list(
     access::robot(&app, &caller, &robot_id).await?;
     let page = jobs::list(&app.store, &robot_id, &query.page()?).await?;
     let items = page.items.iter().map(answer).collect::<Result<_, _>>()?;
-    Ok(Json(Page { items, next_cursor: page.next_cursor.map(|cursor| cursor.to_string()) }))
+    Ok(Json(Page {
+        items,
+        next_cursor: page.next_cursor.map(|cursor| cursor.to_string()),
+    }))
 }
 
 /// How a job stands. With `wait_s` it answers when the status changes or the job is over, at the latest after that time.
@@ -64,13 +67,25 @@ async fn list(
     get, path = "/v1/jobs/{id}", tag = "jobs", operation_id = "getJob", params(("id" = String, Path, description = "The job"), WaitQuery),
     responses((status = 200, description = "The job", body = JobAnswer))
 )]
-async fn get(State(app): State<App>, caller: Caller, Id(id): Id, Query(query): Query<WaitQuery>) -> Result<Json<JobAnswer>, Error> {
+async fn get(
+    State(app): State<App>,
+    caller: Caller,
+    Id(id): Id,
+    Query(query): Query<WaitQuery>,
+) -> Result<Json<JobAnswer>, Error> {
     let wait_s = query.wait_s.unwrap_or(0);
     if wait_s > MAX_WAIT_S {
-        return Err(Error::BadRequest { code: "invalid_query", detail: format!("wait_s is {wait_s}; 0 to {MAX_WAIT_S} is allowed") });
+        return Err(Error::BadRequest {
+            code: "invalid_query",
+            detail: format!("wait_s is {wait_s}; 0 to {MAX_WAIT_S} is allowed"),
+        });
     }
     let row = access::job(&app, &caller, &id).await?;
-    let row = if wait_s > 0 && !row.status.is_over() { wait(&app, row, Duration::from_secs(wait_s)).await? } else { row };
+    let row = if wait_s > 0 && !row.status.is_over() {
+        wait(&app, row, Duration::from_secs(wait_s)).await?
+    } else {
+        row
+    };
     Ok(Json(answer(&row)?))
 }
 
@@ -87,9 +102,15 @@ async fn wait(app: &App, row: JobRow, timeout: Duration) -> Result<JobRow, store
     post, path = "/v1/jobs/{id}/cancel", tag = "jobs", operation_id = "cancelJob", params(("id" = String, Path, description = "The job")),
     responses((status = 200, description = "The job", body = JobAnswer))
 )]
-async fn cancel(State(app): State<App>, caller: Caller, Id(id): Id) -> Result<Json<JobAnswer>, Error> {
+async fn cancel(
+    State(app): State<App>,
+    caller: Caller,
+    Id(id): Id,
+) -> Result<Json<JobAnswer>, Error> {
     access::job(&app, &caller, &id).await?;
-    Ok(Json(answer(&queue::cancel(&app.store, &app.signals, &id, &caller.holder).await?)?))
+    Ok(Json(answer(
+        &queue::cancel(&app.store, &app.signals, &id, &caller.holder).await?,
+    )?))
 }
 
 /// The report of a job that succeeded.
@@ -107,7 +128,11 @@ async fn report(State(app): State<App>, caller: Caller, Id(id): Id) -> Result<Re
     get, path = "/v1/jobs/{id}/convergence", tag = "jobs", operation_id = "getConvergence", params(("id" = String, Path, description = "The job")),
     responses((status = 200, description = "The curve", body = Convergence))
 )]
-async fn convergence(State(app): State<App>, caller: Caller, Id(id): Id) -> Result<Response, Error> {
+async fn convergence(
+    State(app): State<App>,
+    caller: Caller,
+    Id(id): Id,
+) -> Result<Response, Error> {
     access::job(&app, &caller, &id).await?;
     Ok(stored(jobs::convergence(&app.store, &id).await?))
 }
@@ -128,8 +153,16 @@ pub fn answer(row: &JobRow) -> Result<JobAnswer, Error> {
         request,
         status: status(row.status),
         attempt: u32::try_from(row.attempt).unwrap_or(u32::MAX),
-        progress: row.progress_json.as_deref().map(serde_json::from_str).transpose()?,
-        error: row.error_json.as_deref().map(serde_json::from_str).transpose()?,
+        progress: row
+            .progress_json
+            .as_deref()
+            .map(serde_json::from_str)
+            .transpose()?,
+        error: row
+            .error_json
+            .as_deref()
+            .map(serde_json::from_str)
+            .transpose()?,
         parameter_set_from: row.parameter_set_input_id.clone(),
         parameter_set_id: row.parameter_set_id.clone(),
         network_id: row.network_id.clone(),

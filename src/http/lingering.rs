@@ -33,22 +33,37 @@ struct Goodbye {
 impl<S> Lingering<S> {
     /// Around this stream.
     pub fn new(stream: S) -> Self {
-        Self { stream, goodbye: None }
+        Self {
+            stream,
+            goodbye: None,
+        }
     }
 }
 
 impl<S: AsyncRead + Unpin> AsyncRead for Lingering<S> {
-    fn poll_read(mut self: Pin<&mut Self>, context: &mut Context<'_>, to: &mut ReadBuf<'_>) -> Poll<io::Result<()>> {
+    fn poll_read(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+        to: &mut ReadBuf<'_>,
+    ) -> Poll<io::Result<()>> {
         Pin::new(&mut self.stream).poll_read(context, to)
     }
 }
 
 impl<S: AsyncRead + AsyncWrite + Unpin> AsyncWrite for Lingering<S> {
-    fn poll_write(mut self: Pin<&mut Self>, context: &mut Context<'_>, bytes: &[u8]) -> Poll<io::Result<usize>> {
+    fn poll_write(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+        bytes: &[u8],
+    ) -> Poll<io::Result<usize>> {
         Pin::new(&mut self.stream).poll_write(context, bytes)
     }
 
-    fn poll_write_vectored(mut self: Pin<&mut Self>, context: &mut Context<'_>, bytes: &[io::IoSlice<'_>]) -> Poll<io::Result<usize>> {
+    fn poll_write_vectored(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+        bytes: &[io::IoSlice<'_>],
+    ) -> Poll<io::Result<usize>> {
         Pin::new(&mut self.stream).poll_write_vectored(context, bytes)
     }
 
@@ -65,7 +80,11 @@ impl<S: AsyncRead + AsyncWrite + Unpin> AsyncWrite for Lingering<S> {
         if goodbye.is_none() {
             ready!(Pin::new(&mut *stream).poll_shutdown(context))?;
         }
-        let Goodbye { until, silence, bytes_left } = goodbye.get_or_insert_with(|| Goodbye {
+        let Goodbye {
+            until,
+            silence,
+            bytes_left,
+        } = goodbye.get_or_insert_with(|| Goodbye {
             until: Instant::now() + LONGEST,
             silence: Box::pin(sleep(SILENCE)),
             bytes_left: MOST_BYTES,
@@ -121,7 +140,10 @@ mod tests {
         let begun = Instant::now();
         drop(client);
         closing.await.unwrap();
-        assert!(begun.elapsed() < SILENCE / 2, "who has closed is not waited for");
+        assert!(
+            begun.elapsed() < SILENCE / 2,
+            "who has closed is not waited for"
+        );
     }
 
     #[tokio::test]
@@ -129,10 +151,15 @@ mod tests {
         let (client, server) = pair().await;
         let begun = Instant::now();
         Lingering::new(server).shutdown().await.unwrap();
-        assert!(begun.elapsed() >= SILENCE && begun.elapsed() < 4 * SILENCE, "{:?}", begun.elapsed());
+        assert!(
+            begun.elapsed() >= SILENCE && begun.elapsed() < 4 * SILENCE,
+            "{:?}",
+            begun.elapsed()
+        );
         drop(client);
         let (mut client, server) = pair().await;
-        let sending = tokio::spawn(async move { while client.write_all(&[0; 1 << 20]).await.is_ok() {} });
+        let sending =
+            tokio::spawn(async move { while client.write_all(&[0; 1 << 20]).await.is_ok() {} });
         Lingering::new(server).shutdown().await.unwrap();
         sending.await.unwrap();
     }

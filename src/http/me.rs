@@ -14,6 +14,16 @@ pub fn router() -> OpenApiRouter<App> {
 /// What the key of this request may do.
 #[utoipa::path(get, path = "/v1/me", tag = "service", operation_id = "getMe", responses((status = 200, description = "The key", body = KeyAnswer)))]
 async fn me(caller: Caller) -> Result<Json<KeyAnswer>, Error> {
-    let scopes = caller.scopes.iter().copied().map(Scope::as_str).map(String::from).collect();
-    Ok(Json(KeyAnswer { id: caller.holder, scopes, robots: caller.robots }))
+    let scopes = caller
+        .scopes
+        .iter()
+        .copied()
+        .map(Scope::as_str)
+        .map(String::from)
+        .collect();
+    Ok(Json(KeyAnswer {
+        id: caller.holder,
+        scopes,
+        robots: caller.robots,
+    }))
 }

@@ -9,7 +9,8 @@ use crate::http::{App, Error, access};
 use crate::store::{MeasurementSetRow, NewMeasurementSet, Tx, measurement_sets};
 use crate::wire::issue::Checker;
 use crate::wire::measurement::{
-    self, DECIMAL_COMMA, DEFAULT_FRAME, Decimal, Frame, MeasurementSet, MeasurementSetBody, SetSummary, Warning,
+    self, DECIMAL_COMMA, DEFAULT_FRAME, Decimal, Frame, MeasurementSet, MeasurementSetBody,
+    SetSummary, Warning,
 };
 use crate::wire::page::Page;
 use crate::wire::robot::{MAX_NAME, RobotBody};
@@ -26,7 +27,10 @@ use utoipa_axum::{router::OpenApiRouter, routes};
 
 /// Routes of measurement sets.
 pub fn router() -> OpenApiRouter<App> {
-    OpenApiRouter::new().routes(routes!(create, list)).routes(routes!(get)).routes(routes!(points))
+    OpenApiRouter::new()
+        .routes(routes!(create, list))
+        .routes(routes!(get))
+        .routes(routes!(points))
 }
 
 /// Query of an upload.
@@ -87,9 +91,13 @@ async fn create(
     let (robot, bytes) = (access::robot_body(&robot)?, submission.body.clone());
     let content_type = content_type(&submission, query.decimal);
     let kind = (!is_json).then(|| Decimal::of(&content_type));
-    let mut upload = app.compute(move || understand(&robot, &bytes, kind, query)).await?;
+    let mut upload = app
+        .compute(move || understand(&robot, &bytes, kind, query))
+        .await?;
     if let Some(off) = upload.off.take() {
-        upload.warnings.push(upload_check::explain(&app, &submission.caller, &robot_id, off).await?);
+        upload
+            .warnings
+            .push(upload_check::explain(&app, &submission.caller, &robot_id, off).await?);
     }
     let new = NewMeasurementSet {
         robot_id,
@@ -108,7 +116,11 @@ async fn create(
     let mut stored = None;
     let effect = async |tx: &mut Tx| {
         let row = stored.insert(measurement_sets::insert(tx, &new).await?);
-        stored_json(201, Some(format!("/v1/measurement-sets/{}", row.id)), &summary(row)?)
+        stored_json(
+            201,
+            Some(format!("/v1/measurement-sets/{}", row.id)),
+            &summary(row)?,
+        )
     };
     let answer = submission.create(&app.store, effect).await?;
     if let Some((row, set)) = stored.zip(upload.recent) {
@@ -121,14 +133,23 @@ async fn create(
 const NO_TEXT: [&[u8]; 2] = [b"PK\x03\x04", b"\xD0\xCF\x11\xE0"];
 
 fn is_json(submission: &Submission) -> Result<bool, Error> {
-    if NO_TEXT.iter().any(|magic| submission.body.starts_with(magic)) {
+    if NO_TEXT
+        .iter()
+        .any(|magic| submission.body.starts_with(magic))
+    {
         let found = "an archive or a workbook".into();
-        return Err(Error::UnsupportedMediaType { found, expected: "text/csv or application/json (save the sheet as CSV first)" });
+        return Err(Error::UnsupportedMediaType {
+            found,
+            expected: "text/csv or application/json (save the sheet as CSV first)",
+        });
     }
     match submission.media_type.as_str() {
         "application/json" => Ok(true),
         "text/csv" => Ok(false),
-        _ => Err(submission.unsupported("text/csv or application/json (export a workbook as CSV first)")),
+        _ => {
+            Err(submission
+                .unsupported("text/csv or application/json (export a workbook as CSV first)"))
+        }
     }
 }
 
@@ -148,13 +169,27 @@ fn declared_csv(decimal: Option<Decimal>) -> String {
 }
 
 /// `csv` is how a CSV file writes its numbers; none for JSON.
-fn understand(body: &RobotBody, bytes: &Bytes, csv: Option<Decimal>, query: UploadQuery) -> Result<Upload, Error> {
+fn understand(
+    body: &RobotBody,
+    bytes: &Bytes,
+    csv: Option<Decimal>,
+    query: UploadQuery,
+) -> Result<Upload, Error> {
     let serial_number = query.serial_number.clone();
     check_serial_number(body, serial_number.as_deref())?;
     let robot = body.to_core()?;
     let n_joints = robot.links.len();
     let (said, name, set) = if let Some(decimal) = csv {
-        (query.frame, query.name, measurement::from_csv(bytes, decimal, query.frame.unwrap_or(DEFAULT_FRAME), n_joints)?)
+        (
+            query.frame,
+            query.name,
+            measurement::from_csv(
+                bytes,
+                decimal,
+                query.frame.unwrap_or(DEFAULT_FRAME),
+                n_joints,
+            )?,
+        )
     } else {
         let upload: MeasurementSetBody = json::parse(bytes)?;
         let frame = upload.resolve_frame(query.frame)?;
@@ -162,7 +197,8 @@ fn understand(body: &RobotBody, bytes: &Bytes, csv: Option<Decimal>, query: Uplo
         (frame, upload.name.or(query.name), set)
     };
     let mut checker = Checker::default();
-    name.iter().for_each(|name| checker.text("/name", name, MAX_NAME));
+    name.iter()
+        .for_each(|name| checker.text("/name", name, MAX_NAME));
     checker.finish("invalid_name")?;
     let (n_configurations, n_targets) = measurement::counts(&set);
     let mut warnings = measurement::warnings(&robot, &set);
@@ -192,8 +228,9 @@ fn check_serial_number(robot: &RobotBody, stated: Option<&str>) -> Result<(), Er
     checker.finish("invalid_serial_number")?;
     match &robot.serial_number {
         Some(own) if own != stated => {
-            let detail =
-                format!("the upload says serial number {stated:?}, this robot has {own:?}: upload it to the robot that was measured");
+            let detail = format!(
+                "the upload says serial number {stated:?}, this robot has {own:?}: upload it to the robot that was measured"
+            );
             Err(Invalid::at("/serial_number", "robot_mismatch", detail).into())
         }
         _ => Ok(()),
@@ -215,7 +252,10 @@ async fn list(
     access::robot(&app, &caller, &robot_id).await?;
     let page = measurement_sets::list(&app.store, &robot_id, &query.page()?).await?;
     let items = page.items.iter().map(summary).collect::<Result<_, _>>()?;
-    Ok(Json(Page { items, next_cursor: page.next_cursor.map(|cursor| cursor.to_string()) }))
+    Ok(Json(Page {
+        items,
+        next_cursor: page.next_cursor.map(|cursor| cursor.to_string()),
+    }))
 }
 
 /// What is known of a set.
@@ -224,8 +264,14 @@ async fn list(
     params(("id" = String, Path, description = "The set")),
     responses((status = 200, description = "The summary", body = SetSummary))
 )]
-async fn get(State(app): State<App>, caller: Caller, Id(id): Id) -> Result<Json<SetSummary>, Error> {
-    Ok(Json(summary(&access::measurement_set(&app, &caller, &id).await?)?))
+async fn get(
+    State(app): State<App>,
+    caller: Caller,
+    Id(id): Id,
+) -> Result<Json<SetSummary>, Error> {
+    Ok(Json(summary(
+        &access::measurement_set(&app, &caller, &id).await?,
+    )?))
 }
 
 /// The uploaded bytes, in their own type.
@@ -242,7 +288,8 @@ async fn points(State(app): State<App>, caller: Caller, Id(id): Id) -> Result<Re
 
 /// The set as it is answered.
 pub fn summary(row: &MeasurementSetRow) -> Result<SetSummary, Error> {
-    let frame = Frame::parse(&row.frame).ok_or_else(|| Error::Internal(format!("set {} has frame {:?}", row.id, row.frame)))?;
+    let frame = Frame::parse(&row.frame)
+        .ok_or_else(|| Error::Internal(format!("set {} has frame {:?}", row.id, row.frame)))?;
     Ok(SetSummary {
         id: row.id.clone(),
         robot_id: row.robot_id.clone(),
@@ -265,14 +312,31 @@ mod tests {
 
     #[test]
     fn what_is_kept_of_an_upload_is_what_its_bytes_say_when_they_are_read_again() {
-        let data = |name: &str| std::fs::read(format!("{}/data/paper/{name}", env!("CARGO_MANIFEST_DIR"))).unwrap();
+        let data = |name: &str| {
+            std::fs::read(format!("{}/data/paper/{name}", env!("CARGO_MANIFEST_DIR"))).unwrap()
+        };
         let (robot, csv) = (json::parse(&data("robot.json")).unwrap(), data("first.csv"));
-        let commas = String::from_utf8(csv.clone()).unwrap().replace(',', ";").replace('.', ",").into_bytes();
-        for (bytes, declared) in [(csv.clone(), None), (csv, Some(Decimal::Point)), (commas, Some(Decimal::Comma))] {
+        let commas = String::from_utf8(csv.clone())
+            .unwrap()
+            .replace(',', ";")
+            .replace('.', ",")
+            .into_bytes();
+        for (bytes, declared) in [
+            (csv.clone(), None),
+            (csv, Some(Decimal::Point)),
+            (commas, Some(Decimal::Comma)),
+        ] {
             let bytes = Bytes::from(bytes);
             let content_type = declared_csv(declared);
-            let query = UploadQuery { frame: None, name: None, decimal: declared, serial_number: None };
-            let upload = understand(&robot, &bytes, Some(Decimal::of(&content_type)), query).ok().unwrap();
+            let query = UploadQuery {
+                frame: None,
+                name: None,
+                decimal: declared,
+                serial_number: None,
+            };
+            let upload = understand(&robot, &bytes, Some(Decimal::of(&content_type)), query)
+                .ok()
+                .unwrap();
             let again = measurement::from_upload(&content_type, &bytes, upload.frame, 6).unwrap();
             assert_eq!(upload.recent, Some(again), "{content_type}");
         }

@@ -38,10 +38,23 @@ struct Histogram {
 
 impl Metrics {
     /// Counts one answer. `route` is a template, so that the number of series is bounded.
-    pub fn answered(&self, method: &Method, route: &str, status: StatusCode, code: Option<&str>, duration: Duration) {
-        let method = ["GET", "HEAD", "POST"].into_iter().find(|known| *known == method.as_str()).unwrap_or("other");
+    pub fn answered(
+        &self,
+        method: &Method,
+        route: &str,
+        status: StatusCode,
+        code: Option<&str>,
+        duration: Duration,
+    ) {
+        let method = ["GET", "HEAD", "POST"]
+            .into_iter()
+            .find(|known| *known == method.as_str())
+            .unwrap_or("other");
         let mut counts = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        *counts.requests.entry((method, route.to_owned(), status.as_u16())).or_default() += 1;
+        *counts
+            .requests
+            .entry((method, route.to_owned(), status.as_u16()))
+            .or_default() += 1;
         if let Some(code) = code {
             *counts.errors.entry(code.to_owned()).or_default() += 1;
         }
@@ -64,24 +77,68 @@ impl Metrics {
         let counts = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         out.family("kincal_requests_total", "counter", "Requests answered.");
         for ((method, route, status), n) in &counts.requests {
-            out.sample("kincal_requests_total", &[("method", method), ("route", route), ("status", &status.to_string())], *n as f64);
+            out.sample(
+                "kincal_requests_total",
+                &[
+                    ("method", method),
+                    ("route", route),
+                    ("status", &status.to_string()),
+                ],
+                *n as f64,
+            );
         }
-        out.family("kincal_uploads_total", "counter", "Measurement sets stored.");
-        let stored = ("POST", "/v1/robots/{robot_id}/measurement-sets".to_owned(), 201);
-        out.sample("kincal_uploads_total", &[], counts.requests.get(&stored).copied().unwrap_or(0) as f64);
-        out.family("kincal_errors_total", "counter", "Problems answered, by their code.");
+        out.family(
+            "kincal_uploads_total",
+            "counter",
+            "Measurement sets stored.",
+        );
+        let stored = (
+            "POST",
+            "/v1/robots/{robot_id}/measurement-sets".to_owned(),
+            201,
+        );
+        out.sample(
+            "kincal_uploads_total",
+            &[],
+            counts.requests.get(&stored).copied().unwrap_or(0) as f64,
+        );
+        out.family(
+            "kincal_errors_total",
+            "counter",
+            "Problems answered, by their code.",
+        );
         for (code, n) in &counts.errors {
             out.sample("kincal_errors_total", &[("code", code)], *n as f64);
         }
-        out.family("kincal_request_duration_seconds", "histogram", "From a request's header to its answer's.");
+        out.family(
+            "kincal_request_duration_seconds",
+            "histogram",
+            "From a request's header to its answer's.",
+        );
         for (route, histogram) in &counts.durations {
             let name = "kincal_request_duration_seconds_bucket";
             for (bound, at_most) in BOUNDS_S.iter().zip(histogram.at_most) {
-                out.sample(name, &[("route", route), ("le", &bound.to_string())], at_most as f64);
+                out.sample(
+                    name,
+                    &[("route", route), ("le", &bound.to_string())],
+                    at_most as f64,
+                );
             }
-            out.sample(name, &[("route", route), ("le", "+Inf")], histogram.count as f64);
-            out.sample("kincal_request_duration_seconds_sum", &[("route", route)], histogram.sum_s);
-            out.sample("kincal_request_duration_seconds_count", &[("route", route)], histogram.count as f64);
+            out.sample(
+                name,
+                &[("route", route), ("le", "+Inf")],
+                histogram.count as f64,
+            );
+            out.sample(
+                "kincal_request_duration_seconds_sum",
+                &[("route", route)],
+                histogram.sum_s,
+            );
+            out.sample(
+                "kincal_request_duration_seconds_count",
+                &[("route", route)],
+                histogram.count as f64,
+            );
         }
     }
 }
@@ -98,11 +155,18 @@ impl Text {
 
     fn sample(&mut self, name: &str, labels: &[(&str, &str)], value: f64) {
         let quoted = |(key, value): &(&str, &str)| {
-            let value = value.replace('\\', "\\\\").replace('"', "\\\"").replace('\n', "\\n");
+            let value = value
+                .replace('\\', "\\\\")
+                .replace('"', "\\\"")
+                .replace('\n', "\\n");
             format!("{key}=\"{value}\"")
         };
         let labels = labels.iter().map(quoted).collect::<Vec<_>>().join(",");
-        let labels = if labels.is_empty() { labels } else { format!("{{{labels}}}") };
+        let labels = if labels.is_empty() {
+            labels
+        } else {
+            format!("{{{labels}}}")
+        };
         let _ = writeln!(self.0, "{name}{labels} {value}");
     }
 
@@ -124,18 +188,34 @@ pub fn router() -> OpenApiRouter<App> {
 )]
 async fn metrics(State(app): State<App>, caller: Caller) -> Result<Response, Error> {
     if caller.robots.is_some() {
-        return Err(Error::Forbidden("the metrics are about all robots; this key is limited to some"));
+        return Err(Error::Forbidden(
+            "the metrics are about all robots; this key is limited to some",
+        ));
     }
     let mut out = Text::default();
-    out.gauge("kincal_build_info", "The version that runs.", &[("version", env!("CARGO_PKG_VERSION"))], 1.0);
+    out.gauge(
+        "kincal_build_info",
+        "The version that runs.",
+        &[("version", env!("CARGO_PKG_VERSION"))],
+        1.0,
+    );
     app.metrics.write(&mut out);
-    out.family("kincal_room_left", "gauge", "What more may be under way before requests are refused, by kind.");
+    out.family(
+        "kincal_room_left",
+        "gauge",
+        "What more may be under way before requests are refused, by kind.",
+    );
     for (kind, left) in app.limits.room_left() {
         out.sample("kincal_room_left", &[("kind", kind)], left as f64);
     }
     // The counters are worth having when the database is not there: above all then.
     let jobs = statistics::jobs(&app.store).await;
-    out.gauge("kincal_database_up", "1 if the database answered just now.", &[], f64::from(u8::from(jobs.is_ok())));
+    out.gauge(
+        "kincal_database_up",
+        "1 if the database answered just now.",
+        &[],
+        f64::from(u8::from(jobs.is_ok())),
+    );
     if let Some(free) = app.store.free_bytes() {
         out.gauge(
             "kincal_disk_free_bytes",
@@ -154,20 +234,52 @@ fn write_jobs(out: &mut Text, jobs: &[JobStatistics]) {
     let of = |status: &str| jobs.iter().find(|row| row.status == status);
     out.family("kincal_jobs", "gauge", "Jobs by status.");
     for status in JOB_STATUSES {
-        out.sample("kincal_jobs", &[("status", status)], of(status).map_or(0.0, |row| row.n_jobs as f64));
+        out.sample(
+            "kincal_jobs",
+            &[("status", status)],
+            of(status).map_or(0.0, |row| row.n_jobs as f64),
+        );
     }
-    out.family("kincal_oldest_job_age_seconds", "gauge", "Since the oldest job of this status was posted.");
+    out.family(
+        "kincal_oldest_job_age_seconds",
+        "gauge",
+        "Since the oldest job of this status was posted.",
+    );
     for status in ["queued", "running"] {
-        out.sample("kincal_oldest_job_age_seconds", &[("status", status)], of(status).map_or(0.0, |row| seconds(row.oldest_age_ms)));
+        out.sample(
+            "kincal_oldest_job_age_seconds",
+            &[("status", status)],
+            of(status).map_or(0.0, |row| seconds(row.oldest_age_ms)),
+        );
     }
     let begun = jobs.iter().map(|row| row.n_begun).sum::<i64>() as f64;
-    out.family("kincal_job_queue_wait_seconds", "summary", "From posting to the beginning, over all jobs in the database.");
-    out.sample("kincal_job_queue_wait_seconds_sum", &[], jobs.iter().map(|row| seconds(row.waited_ms)).sum());
+    out.family(
+        "kincal_job_queue_wait_seconds",
+        "summary",
+        "From posting to the beginning, over all jobs in the database.",
+    );
+    out.sample(
+        "kincal_job_queue_wait_seconds_sum",
+        &[],
+        jobs.iter().map(|row| seconds(row.waited_ms)).sum(),
+    );
     out.sample("kincal_job_queue_wait_seconds_count", &[], begun);
     let ended = of("succeeded");
-    out.family("kincal_job_solve_seconds", "summary", "From the beginning to the end, over the jobs in the database that succeeded.");
-    out.sample("kincal_job_solve_seconds_sum", &[], ended.map_or(0.0, |row| seconds(row.ran_ms)));
-    out.sample("kincal_job_solve_seconds_count", &[], ended.map_or(0.0, |row| row.n_jobs as f64));
+    out.family(
+        "kincal_job_solve_seconds",
+        "summary",
+        "From the beginning to the end, over the jobs in the database that succeeded.",
+    );
+    out.sample(
+        "kincal_job_solve_seconds_sum",
+        &[],
+        ended.map_or(0.0, |row| seconds(row.ran_ms)),
+    );
+    out.sample(
+        "kincal_job_solve_seconds_count",
+        &[],
+        ended.map_or(0.0, |row| row.n_jobs as f64),
+    );
 }
 
 fn seconds(ms: i64) -> f64 {
@@ -184,9 +296,21 @@ mod tests {
     fn answers_are_counted_by_route_status_and_code() {
         let metrics = Metrics::default();
         for ms in [2, 30] {
-            metrics.answered(&Method::GET, "/a", StatusCode::OK, None, Duration::from_millis(ms));
+            metrics.answered(
+                &Method::GET,
+                "/a",
+                StatusCode::OK,
+                None,
+                Duration::from_millis(ms),
+            );
         }
-        metrics.answered(&Method::from_bytes(b"BREW").unwrap(), "-", StatusCode::NOT_FOUND, Some("no_such_route"), Duration::ZERO);
+        metrics.answered(
+            &Method::from_bytes(b"BREW").unwrap(),
+            "-",
+            StatusCode::NOT_FOUND,
+            Some("no_such_route"),
+            Duration::ZERO,
+        );
         let mut out = Text::default();
         metrics.write(&mut out);
         for line in [
@@ -199,7 +323,11 @@ mod tests {
             "kincal_request_duration_seconds_bucket{route=\"/a\",le=\"+Inf\"} 2",
             "kincal_request_duration_seconds_count{route=\"/a\"} 2",
         ] {
-            assert!(out.0.lines().any(|found| found == line), "{line} is not in\n{}", out.0);
+            assert!(
+                out.0.lines().any(|found| found == line),
+                "{line} is not in\n{}",
+                out.0
+            );
         }
     }
 }

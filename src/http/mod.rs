@@ -79,9 +79,22 @@ pub struct App {
 
 impl App {
     /// The state of a server on this store.
-    pub fn new(store: Store, config: &ServeConfig, stopping: watch::Receiver<bool>, signals: JobSignals) -> Self {
+    pub fn new(
+        store: Store,
+        config: &ServeConfig,
+        stopping: watch::Receiver<bool>,
+        signals: JobSignals,
+    ) -> Self {
         let limits = Limits::new(&config.limits, config.no_auth);
-        Self { store, no_auth: config.no_auth, stopping, signals, limits, metrics: Metrics::default(), recent_sets: RecentSets::default() }
+        Self {
+            store,
+            no_auth: config.no_auth,
+            stopping,
+            signals,
+            limits,
+            metrics: Metrics::default(),
+            recent_sets: RecentSets::default(),
+        }
     }
 
     /// Resolves when the server is about to stop.
@@ -138,7 +151,9 @@ fn routes() -> OpenApiRouter<App> {
 /// The whole service.
 pub fn router(app: App) -> Router {
     let (router, _) = routes().split_for_parts();
-    let router = router.fallback(layers::no_such_route).method_not_allowed_fallback(layers::method_not_allowed);
+    let router = router
+        .fallback(layers::no_such_route)
+        .method_not_allowed_fallback(layers::method_not_allowed);
     let guarded = router
         .layer(from_fn_with_state(app.clone(), admission::ask))
         .layer(from_fn_with_state(app.clone(), auth::authorize))

@@ -16,7 +16,10 @@ use utoipa_axum::{router::OpenApiRouter, routes};
 
 /// Routes of networks.
 pub fn router() -> OpenApiRouter<App> {
-    OpenApiRouter::new().routes(routes!(list)).routes(routes!(get)).routes(routes!(weights))
+    OpenApiRouter::new()
+        .routes(routes!(list))
+        .routes(routes!(get))
+        .routes(routes!(weights))
 }
 
 /// A robot's networks, newest first.
@@ -33,8 +36,15 @@ async fn list(
 ) -> Result<Json<Page<NetworkAnswer>>, Error> {
     access::robot(&app, &caller, &robot_id).await?;
     let page = networks::list(&app.store, &robot_id, &query.page()?).await?;
-    let items = page.items.into_iter().map(answer).collect::<Result<_, _>>()?;
-    Ok(Json(Page { items, next_cursor: page.next_cursor.map(|cursor| cursor.to_string()) }))
+    let items = page
+        .items
+        .into_iter()
+        .map(answer)
+        .collect::<Result<_, _>>()?;
+    Ok(Json(Page {
+        items,
+        next_cursor: page.next_cursor.map(|cursor| cursor.to_string()),
+    }))
 }
 
 /// What is known of a network.
@@ -42,7 +52,11 @@ async fn list(
     get, path = "/v1/networks/{id}", tag = "networks", operation_id = "getNetwork", params(("id" = String, Path, description = "The network")),
     responses((status = 200, description = "The network", body = NetworkAnswer))
 )]
-async fn get(State(app): State<App>, caller: Caller, Id(id): Id) -> Result<Json<NetworkAnswer>, Error> {
+async fn get(
+    State(app): State<App>,
+    caller: Caller,
+    Id(id): Id,
+) -> Result<Json<NetworkAnswer>, Error> {
     Ok(Json(answer(access::network(&app, &caller, &id).await?)?))
 }
 
@@ -54,13 +68,23 @@ async fn get(State(app): State<App>, caller: Caller, Id(id): Id) -> Result<Json<
 async fn weights(State(app): State<App>, caller: Caller, Id(id): Id) -> Result<Response, Error> {
     access::network(&app, &caller, &id).await?;
     let disposition = format!("attachment; filename=\"{id}.safetensors\"");
-    let headers = [(header::CONTENT_TYPE, "application/octet-stream".to_owned()), (header::CONTENT_DISPOSITION, disposition)];
+    let headers = [
+        (header::CONTENT_TYPE, "application/octet-stream".to_owned()),
+        (header::CONTENT_DISPOSITION, disposition),
+    ];
     Ok((headers, networks::weights(&app.store, &id).await?).into_response())
 }
 
 fn answer(row: NetworkRow) -> Result<NetworkAnswer, Error> {
-    let NetworkMetadata { kind, parameter_names, model, preset, n_hidden, training_error, validation_error } =
-        serde_json::from_str(&row.metadata_json)?;
+    let NetworkMetadata {
+        kind,
+        parameter_names,
+        model,
+        preset,
+        n_hidden,
+        training_error,
+        validation_error,
+    } = serde_json::from_str(&row.metadata_json)?;
     Ok(NetworkAnswer {
         id: row.id,
         kind,

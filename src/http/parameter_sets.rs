@@ -19,7 +19,11 @@ use utoipa_axum::{router::OpenApiRouter, routes};
 
 /// Routes of parameter sets.
 pub fn router() -> OpenApiRouter<App> {
-    OpenApiRouter::new().routes(routes!(list)).routes(routes!(get)).routes(routes!(active)).routes(routes!(covered))
+    OpenApiRouter::new()
+        .routes(routes!(list))
+        .routes(routes!(get))
+        .routes(routes!(active))
+        .routes(routes!(covered))
 }
 
 /// A robot's parameter sets, newest first.
@@ -36,8 +40,15 @@ async fn list(
 ) -> Result<Json<Page<ParameterSetAnswer>>, Error> {
     access::robot(&app, &caller, &robot_id).await?;
     let page = parameter_sets::list(&app.store, &robot_id, &query.page()?).await?;
-    let items = page.items.into_iter().map(answer).collect::<Result<_, _>>()?;
-    Ok(Json(Page { items, next_cursor: page.next_cursor.map(|cursor| cursor.to_string()) }))
+    let items = page
+        .items
+        .into_iter()
+        .map(answer)
+        .collect::<Result<_, _>>()?;
+    Ok(Json(Page {
+        items,
+        next_cursor: page.next_cursor.map(|cursor| cursor.to_string()),
+    }))
 }
 
 /// One parameter set.
@@ -46,8 +57,14 @@ async fn list(
     params(("id" = String, Path, description = "The parameter set")),
     responses((status = 200, description = "The parameter set", body = ParameterSetAnswer))
 )]
-async fn get(State(app): State<App>, caller: Caller, Id(id): Id) -> Result<Json<ParameterSetAnswer>, Error> {
-    Ok(Json(answer(access::parameter_set(&app, &caller, &id).await?)?))
+async fn get(
+    State(app): State<App>,
+    caller: Caller,
+    Id(id): Id,
+) -> Result<Json<ParameterSetAnswer>, Error> {
+    Ok(Json(answer(
+        access::parameter_set(&app, &caller, &id).await?,
+    )?))
 }
 
 /// The robot's released parameter set. Send its `ETag` as `If-None-Match` to be told when it is still the same.
@@ -59,16 +76,32 @@ async fn get(State(app): State<App>, caller: Caller, Id(id): Id) -> Result<Json<
         (status = 304, description = "Still the set of that ETag")
     )
 )]
-async fn active(State(app): State<App>, caller: Caller, Id(robot_id): Id, headers: HeaderMap) -> Result<Response, Error> {
+async fn active(
+    State(app): State<App>,
+    caller: Caller,
+    Id(robot_id): Id,
+    headers: HeaderMap,
+) -> Result<Response, Error> {
     access::robot(&app, &caller, &robot_id).await?;
-    let row = parameter_sets::active(&app.store, &robot_id).await?.ok_or(Error::NoActiveParameterSet)?;
+    let row = parameter_sets::active(&app.store, &robot_id)
+        .await?
+        .ok_or(Error::NoActiveParameterSet)?;
     let body = serde_json::to_vec(&answer(row)?)?;
     let etag = format!("\"{}\"", canonical::sha256_hex(&body));
-    let known = headers.get(header::IF_NONE_MATCH).and_then(|value| value.to_str().ok()).unwrap_or_default();
-    if known.split(',').any(|tag| tag.trim() == "*" || tag.trim().trim_start_matches("W/") == etag) {
+    let known = headers
+        .get(header::IF_NONE_MATCH)
+        .and_then(|value| value.to_str().ok())
+        .unwrap_or_default();
+    if known
+        .split(',')
+        .any(|tag| tag.trim() == "*" || tag.trim().trim_start_matches("W/") == etag)
+    {
         return Ok((StatusCode::NOT_MODIFIED, [(header::ETAG, etag)]).into_response());
     }
-    let headers = [(header::CONTENT_TYPE, "application/json".to_owned()), (header::ETAG, etag)];
+    let headers = [
+        (header::CONTENT_TYPE, "application/json".to_owned()),
+        (header::ETAG, etag),
+    ];
     Ok((headers, body).into_response())
 }
 
@@ -95,14 +128,24 @@ pub fn content(row: &ParameterSetRow) -> Result<ParameterSetContent, Error> {
 }
 
 /// What the report of its job says that who uses the set should have before them.
-pub async fn warnings_for_use(app: &App, turn: &Turn, row: &ParameterSetRow) -> Result<Vec<Warning>, Error> {
+pub async fn warnings_for_use(
+    app: &App,
+    turn: &Turn,
+    row: &ParameterSetRow,
+) -> Result<Vec<Warning>, Error> {
     let report = jobs::report(&app.store, &row.job_id).await?;
     Ok(turn.run(|| report::warnings_for_use(&report))?)
 }
 
 /// The parameter set as it is answered.
 pub fn answer(row: ParameterSetRow) -> Result<ParameterSetAnswer, Error> {
-    let ParameterSetContent { links, t_instrument_base, targets, links_with_corrections, corrections } = content(&row)?;
+    let ParameterSetContent {
+        links,
+        t_instrument_base,
+        targets,
+        links_with_corrections,
+        corrections,
+    } = content(&row)?;
     Ok(ParameterSetAnswer {
         id: row.id,
         robot_id: row.robot_id,
@@ -126,6 +169,10 @@ pub fn answer(row: ParameterSetRow) -> Result<ParameterSetAnswer, Error> {
         withdrawn_at: row.withdrawn_at_ms.map(rfc3339),
         withdraw_reason: row.withdraw_reason,
         withdrawn_by: row.withdrawn_by,
-        release_checks: row.release_checks_json.as_deref().map(serde_json::from_str).transpose()?,
+        release_checks: row
+            .release_checks_json
+            .as_deref()
+            .map(serde_json::from_str)
+            .transpose()?,
     })
 }

@@ -22,7 +22,11 @@ pub fn router() -> OpenApiRouter<App> {
     params(("robot_id" = String, Path, description = "The robot")),
     responses((status = 200, description = "The policy", body = PolicyBody))
 )]
-async fn get(State(app): State<App>, caller: Caller, Id(robot_id): Id) -> Result<Json<PolicyBody>, Error> {
+async fn get(
+    State(app): State<App>,
+    caller: Caller,
+    Id(robot_id): Id,
+) -> Result<Json<PolicyBody>, Error> {
     access::robot(&app, &caller, &robot_id).await?;
     Ok(Json(body(&policies::get(&app.store, &robot_id).await?)))
 }
@@ -33,7 +37,11 @@ async fn get(State(app): State<App>, caller: Caller, Id(robot_id): Id) -> Result
     params(("robot_id" = String, Path, description = "The robot")), request_body = PolicyBody,
     responses((status = 200, description = "The policy, stored", body = PolicyBody))
 )]
-async fn put(State(app): State<App>, Id(robot_id): Id, submission: Submission) -> Result<Response, Error> {
+async fn put(
+    State(app): State<App>,
+    Id(robot_id): Id,
+    submission: Submission,
+) -> Result<Response, Error> {
     access::robot(&app, &submission.caller, &robot_id).await?;
     let policy: PolicyBody = submission.json()?;
     policy.check()?;
@@ -44,7 +52,13 @@ async fn put(State(app): State<App>, Id(robot_id): Id, submission: Submission) -
         version: 0,
     };
     let by = &submission.caller.holder;
-    let effect = async |tx: &mut Tx| stored_json(200, None, &body(&policies::put(tx, &robot_id, &row, by).await?));
+    let effect = async |tx: &mut Tx| {
+        stored_json(
+            200,
+            None,
+            &body(&policies::put(tx, &robot_id, &row, by).await?),
+        )
+    };
     submission.create(&app.store, effect).await
 }
 

@@ -23,7 +23,12 @@ pub fn router() -> OpenApiRouter<App> {
     params(("robot_id" = String, Path, description = "The robot")), request_body = PosePlanBody,
     responses((status = 200, description = "The plan", body = PosePlanAnswer))
 )]
-async fn create(State(app): State<App>, caller: Caller, Id(robot_id): Id, request: Request) -> Result<Json<PosePlanAnswer>, Error> {
+async fn create(
+    State(app): State<App>,
+    caller: Caller,
+    Id(robot_id): Id,
+    request: Request,
+) -> Result<Json<PosePlanAnswer>, Error> {
     let row = access::robot(&app, &caller, &robot_id).await?;
     let bytes = json_body(request, &app).await?;
     let body: PosePlanBody = aside_if_large(bytes.len(), || json::parse(&bytes))?;
@@ -31,7 +36,12 @@ async fn create(State(app): State<App>, caller: Caller, Id(robot_id): Id, reques
     let mut measured = Vec::new();
     for (i, id) in body.measured.iter().enumerate() {
         let found = measurement_sets::get(&app.store, id).await; // `check` has looked whether it can be an id
-        measured.push(own(found, |set| set.robot_id == row.id, &format!("/measured/{i}"), "measurement set")?);
+        measured.push(own(
+            found,
+            |set| set.robot_id == row.id,
+            &format!("/measured/{i}"),
+            "measurement set",
+        )?);
     }
     let robot = access::robot_body(&row)?.to_core()?;
     let n_joints = robot.links.len();
@@ -40,7 +50,10 @@ async fn create(State(app): State<App>, caller: Caller, Id(robot_id): Id, reques
     for set in measured {
         // One after the other: their texts are much larger than what is in them.
         let points = measurement_sets::body(&app.store, &set.id).await?;
-        sets.push(turn.run(|| from_upload(&set.content_type, &points, frame_of(&set)?, n_joints).map_err(Error::Invalid))?);
+        sets.push(turn.run(|| {
+            from_upload(&set.content_type, &points, frame_of(&set)?, n_joints)
+                .map_err(Error::Invalid)
+        })?);
     }
     Ok(Json(turn.run(|| body.run(&robot, &sets))?))
 }

@@ -20,7 +20,12 @@ pub fn router() -> OpenApiRouter<App> {
     params(("id" = String, Path, description = "The parameter set")), request_body = PredictBody,
     responses((status = 200, description = "Positions, pose by pose", body = PredictAnswer))
 )]
-async fn predict(State(app): State<App>, caller: Caller, Id(id): Id, request: Request) -> Result<Json<PredictAnswer>, Error> {
+async fn predict(
+    State(app): State<App>,
+    caller: Caller,
+    Id(id): Id,
+    request: Request,
+) -> Result<Json<PredictAnswer>, Error> {
     let row = access::parameter_set(&app, &caller, &id).await?;
     let robot = access::robot(&app, &caller, &row.robot_id).await?;
     let bytes = json_body(request, &app).await?;

@@ -41,7 +41,11 @@ impl RecentSets {
 
     /// The set with this id, if it is one of the newest.
     pub fn find(&self, id: &str) -> Option<Arc<RecentSet>> {
-        self.sets().iter().rev().find(|recent| recent.row.id == id).cloned()
+        self.sets()
+            .iter()
+            .rev()
+            .find(|recent| recent.row.id == id)
+            .cloned()
     }
 
     fn sets(&self) -> MutexGuard<'_, VecDeque<Arc<RecentSet>>> {

@@ -5,7 +5,9 @@ use crate::http::creation::{Submission, stored_json};
 use crate::http::extract::Id;
 use crate::http::{App, Error, access, parameter_sets as answers, policies as policy_answers};
 use crate::jobs::evidence::{self, Weighed};
-use crate::store::{Checked, MeasurementSetRow, ParameterSetRow, ParameterSetStatus, PolicyRow, Release, Tx};
+use crate::store::{
+    Checked, MeasurementSetRow, ParameterSetRow, ParameterSetStatus, PolicyRow, Release, Tx,
+};
 use crate::store::{audit, jobs, measurement_sets, parameter_sets, policies, robots};
 use crate::wire::parameter_set::{ParameterSetAnswer, ReasonBody};
 use crate::wire::release::{Facts, Gate, GatesAnswer, ReleaseBody, gates};
@@ -19,7 +21,11 @@ use utoipa_axum::{router::OpenApiRouter, routes};
 
 /// Routes of releases.
 pub fn router() -> OpenApiRouter<App> {
-    OpenApiRouter::new().routes(routes!(gates_now)).routes(routes!(release)).routes(routes!(withdraw)).routes(routes!(roll_back))
+    OpenApiRouter::new()
+        .routes(routes!(gates_now))
+        .routes(routes!(release))
+        .routes(routes!(withdraw))
+        .routes(routes!(roll_back))
 }
 
 /// What a release by this key would find now, gate by gate. Changes nothing.
@@ -28,9 +34,21 @@ pub fn router() -> OpenApiRouter<App> {
     params(("id" = String, Path, description = "The parameter set")),
     responses((status = 200, description = "Every gate, passed or not", body = GatesAnswer))
 )]
-async fn gates_now(State(app): State<App>, caller: Caller, Id(id): Id) -> Result<Json<GatesAnswer>, Error> {
+async fn gates_now(
+    State(app): State<App>,
+    caller: Caller,
+    Id(id): Id,
+) -> Result<Json<GatesAnswer>, Error> {
     let row = access::parameter_set(&app, &caller, &id).await?;
-    let judged = judged(&app, &caller, row, Purpose::Release { change_reason: None }).await?;
+    let judged = judged(
+        &app,
+        &caller,
+        row,
+        Purpose::Release {
+            change_reason: None,
+        },
+    )
+    .await?;
     Ok(Json(GatesAnswer {
         parameter_set_id: id,
         releasable: judged.gates.iter().all(|gate| gate.passed),
@@ -46,16 +64,30 @@ async fn gates_now(State(app): State<App>, caller: Caller, Id(id): Id) -> Result
     params(("id" = String, Path, description = "The parameter set")), request_body = ReleaseBody,
     responses((status = 200, description = "The set, released", body = ParameterSetAnswer))
 )]
-async fn release(State(app): State<App>, Id(id): Id, submission: Submission) -> Result<Response, Error> {
+async fn release(
+    State(app): State<App>,
+    Id(id): Id,
+    submission: Submission,
+) -> Result<Response, Error> {
     let row = access::parameter_set(&app, &submission.caller, &id).await?;
     if let Some(answer) = submission.replay(&app.store).await? {
         return Ok(answer);
     }
     let body: ReleaseBody = submission.json()?;
     body.check()?;
-    let purpose = Purpose::Release { change_reason: body.change_reason };
-    let release = judged(&app, &submission.caller, row, purpose).await?.release(body.reason)?;
-    let effect = async |tx: &mut Tx| stored_json(200, None, &answers::answer(parameter_sets::release(tx, &release).await?)?);
+    let purpose = Purpose::Release {
+        change_reason: body.change_reason,
+    };
+    let release = judged(&app, &submission.caller, row, purpose)
+        .await?
+        .release(body.reason)?;
+    let effect = async |tx: &mut Tx| {
+        stored_json(
+            200,
+            None,
+            &answers::answer(parameter_sets::release(tx, &release).await?)?,
+        )
+    };
     submission.create(&app.store, effect).await
 }
 
@@ -65,15 +97,27 @@ async fn release(State(app): State<App>, Id(id): Id, submission: Submission) -> 
     params(("robot_id" = String, Path, description = "The robot")), request_body = ReasonBody,
     responses((status = 200, description = "The set that is active now", body = ParameterSetAnswer))
 )]
-async fn roll_back(State(app): State<App>, Id(robot_id): Id, submission: Submission) -> Result<Response, Error> {
+async fn roll_back(
+    State(app): State<App>,
+    Id(robot_id): Id,
+    submission: Submission,
+) -> Result<Response, Error> {
     access::robot(&app, &submission.caller, &robot_id).await?;
     if let Some(answer) = submission.replay(&app.store).await? {
         return Ok(answer);
     }
     let ReasonBody { reason } = self::reason(&submission)?;
     let row = parameter_sets::before_active(&app.store, &robot_id).await?;
-    let release = judged(&app, &submission.caller, row, Purpose::Rollback).await?.release(reason)?;
-    let effect = async |tx: &mut Tx| stored_json(200, None, &answers::answer(parameter_sets::roll_back(tx, &release).await?)?);
+    let release = judged(&app, &submission.caller, row, Purpose::Rollback)
+        .await?
+        .release(reason)?;
+    let effect = async |tx: &mut Tx| {
+        stored_json(
+            200,
+            None,
+            &answers::answer(parameter_sets::roll_back(tx, &release).await?)?,
+        )
+    };
     submission.create(&app.store, effect).await
 }
 
@@ -83,14 +127,24 @@ async fn roll_back(State(app): State<App>, Id(robot_id): Id, submission: Submiss
     params(("id" = String, Path, description = "The parameter set")), request_body = ReasonBody,
     responses((status = 200, description = "The set, withdrawn", body = ParameterSetAnswer))
 )]
-async fn withdraw(State(app): State<App>, Id(id): Id, submission: Submission) -> Result<Response, Error> {
+async fn withdraw(
+    State(app): State<App>,
+    Id(id): Id,
+    submission: Submission,
+) -> Result<Response, Error> {
     access::parameter_set(&app, &submission.caller, &id).await?;
     if let Some(answer) = submission.replay(&app.store).await? {
         return Ok(answer);
     }
     let ReasonBody { reason } = reason(&submission)?;
     let effect = async |tx: &mut Tx| {
-        stored_json(200, None, &answers::answer(parameter_sets::withdraw(tx, &id, &reason, &submission.caller.holder).await?)?)
+        stored_json(
+            200,
+            None,
+            &answers::answer(
+                parameter_sets::withdraw(tx, &id, &reason, &submission.caller.holder).await?,
+            )?,
+        )
     };
     submission.create(&app.store, effect).await
 }
@@ -142,7 +196,12 @@ struct Judged {
 impl Judged {
     /// The release to be written, if every gate is passed.
     fn release(self, reason: String) -> Result<Release, Error> {
-        let failed: Vec<Issue> = self.gates.iter().filter(|gate| !gate.passed).map(Gate::issue).collect();
+        let failed: Vec<Issue> = self
+            .gates
+            .iter()
+            .filter(|gate| !gate.passed)
+            .map(Gate::issue)
+            .collect();
         if !failed.is_empty() {
             return Err(refused(failed));
         }
@@ -159,7 +218,12 @@ impl Judged {
 }
 
 /// Reads what a release rests on, and weighs it.
-async fn judged(app: &App, caller: &Caller, row: ParameterSetRow, purpose: Purpose) -> Result<Judged, Error> {
+async fn judged(
+    app: &App,
+    caller: &Caller,
+    row: ParameterSetRow,
+    purpose: Purpose,
+) -> Result<Judged, Error> {
     let policy = policies::get(&app.store, &row.robot_id).await?;
     let active = parameter_sets::active(&app.store, &row.robot_id).await?;
     let job = jobs::get(&app.store, &row.job_id).await?;
@@ -180,9 +244,21 @@ async fn judged(app: &App, caller: &Caller, row: ParameterSetRow, purpose: Purpo
     let other = active.as_ref().filter(|active| active.id != row.id);
     let turn = app.turn().await?;
     let stored = evidence::load(&app.store, &row, other).await?;
-    let checked = Checked { active: active.map(|active| active.id), policy_version: policy.version, n_sessions: stored.n_sessions };
-    let (gates, evidence, uncertainty_mm) = turn.run(|| judge(&evidence::weigh(stored).map_err(unreadable)?, &around))?;
-    Ok(Judged { id: row.id, checked, gates, evidence, uncertainty_mm, approver: caller.holder.clone() })
+    let checked = Checked {
+        active: active.map(|active| active.id),
+        policy_version: policy.version,
+        n_sessions: stored.n_sessions,
+    };
+    let (gates, evidence, uncertainty_mm) =
+        turn.run(|| judge(&evidence::weigh(stored).map_err(unreadable)?, &around))?;
+    Ok(Judged {
+        id: row.id,
+        checked,
+        gates,
+        evidence,
+        uncertainty_mm,
+        approver: caller.holder.clone(),
+    })
 }
 
 fn judge(weighed: &Weighed, around: &Around) -> Result<(Vec<Gate>, Evidence, Option<f64>), Error> {
@@ -197,7 +273,10 @@ fn judge(weighed: &Weighed, around: &Around) -> Result<(Vec<Gate>, Evidence, Opt
         comparisons: &weighed.comparisons,
         is_withdrawn: around.status == ParameterSetStatus::Withdrawn,
         is_rollback: around.purpose == Purpose::Rollback,
-        serial_numbers: (around.robot.serial_number.as_deref(), around.set.serial_number.as_deref()),
+        serial_numbers: (
+            around.robot.serial_number.as_deref(),
+            around.set.serial_number.as_deref(),
+        ),
         people: (&around.uploaders, &around.approver),
         change_reason: around.purpose.change_reason(),
         policy: &policy_answers::body(&around.policy),
@@ -213,7 +292,10 @@ fn refused(errors: Vec<Issue>) -> Error {
     let names: Vec<&str> = errors.iter().map(|issue| issue.code.as_str()).collect();
     Error::Conflict {
         code: "release_refused",
-        detail: format!("this set may not move a robot; gates that failed: {}", names.join(", ")),
+        detail: format!(
+            "this set may not move a robot; gates that failed: {}",
+            names.join(", ")
+        ),
         errors,
     }
 }

@@ -2,7 +2,10 @@
 
 use crate::http::auth::Caller;
 use crate::http::extract::Id;
-use crate::http::{App, Error, access, jobs as job_answers, measurement_sets as set_answers, parameter_sets as parameter_set_answers};
+use crate::http::{
+    App, Error, access, jobs as job_answers, measurement_sets as set_answers,
+    parameter_sets as parameter_set_answers,
+};
 use crate::report_page::{self, Sources};
 use crate::store::jobs;
 use axum::extract::State;
@@ -20,7 +23,11 @@ pub fn router() -> OpenApiRouter<App> {
     get, path = "/v1/jobs/{id}/report.html", tag = "jobs", operation_id = "getReportPage", params(("id" = String, Path, description = "The job")),
     responses((status = 200, description = "The page", body = String, content_type = "text/html"))
 )]
-async fn report_html(State(app): State<App>, caller: Caller, Id(id): Id) -> Result<Response, Error> {
+async fn report_html(
+    State(app): State<App>,
+    caller: Caller,
+    Id(id): Id,
+) -> Result<Response, Error> {
     let job = access::job(&app, &caller, &id).await?;
     let robot = access::robot(&app, &caller, &job.robot_id).await?;
     let set = access::measurement_set(&app, &caller, &job.measurement_set_id).await?;
@@ -29,18 +36,31 @@ async fn report_html(State(app): State<App>, caller: Caller, Id(id): Id) -> Resu
         None => None,
     };
     let turn = app.turn().await?;
-    let (report, convergence) = (jobs::report(&app.store, &id).await?, jobs::convergence(&app.store, &id).await?);
+    let (report, convergence) = (
+        jobs::report(&app.store, &id).await?,
+        jobs::convergence(&app.store, &id).await?,
+    );
     let page = || {
         Ok::<_, Error>(report_page::html(&Sources {
             robot: &access::robot_body(&robot)?,
             set: (&set_answers::summary(&set)?).into(),
             job: Some(&job_answers::answer(&job)?),
-            parameter_set: parameter_set.map(parameter_set_answers::answer).transpose()?.as_ref(),
+            parameter_set: parameter_set
+                .map(parameter_set_answers::answer)
+                .transpose()?
+                .as_ref(),
             report: &serde_json::from_str(&report)?,
             convergence: &serde_json::from_str(&convergence)?,
         }))
     };
     let page = turn.run(page)?;
     let policy = report_page::CONTENT_SECURITY_POLICY.as_str();
-    Ok(([(header::CONTENT_TYPE, "text/html; charset=utf-8"), (header::CONTENT_SECURITY_POLICY, policy)], page).into_response())
+    Ok((
+        [
+            (header::CONTENT_TYPE, "text/html; charset=utf-8"),
+            (header::CONTENT_SECURITY_POLICY, policy),
+        ],
+        page,
+    )
+        .into_response())
 }

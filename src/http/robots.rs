@@ -15,7 +15,9 @@ use utoipa_axum::{router::OpenApiRouter, routes};
 
 /// Routes of robots.
 pub fn router() -> OpenApiRouter<App> {
-    OpenApiRouter::new().routes(routes!(create, list)).routes(routes!(get))
+    OpenApiRouter::new()
+        .routes(routes!(create, list))
+        .routes(routes!(get))
 }
 
 /// Stores a robot with its nominal links.
@@ -25,14 +27,19 @@ pub fn router() -> OpenApiRouter<App> {
 )]
 async fn create(State(app): State<App>, submission: Submission) -> Result<Response, Error> {
     if submission.caller.robots.is_some() {
-        return Err(Error::Forbidden("this key is limited to certain robots, so it cannot make new ones"));
+        return Err(Error::Forbidden(
+            "this key is limited to certain robots, so it cannot make new ones",
+        ));
     }
     if let Some(answer) = submission.replay(&app.store).await? {
         return Ok(answer);
     }
     let body: RobotBody = submission.json()?;
     body.to_core()?;
-    let new = NewRobot { name: body.name.clone(), body_json: serde_json::to_string(&body)? };
+    let new = NewRobot {
+        name: body.name.clone(),
+        body_json: serde_json::to_string(&body)?,
+    };
     let effect = async |tx: &mut Tx| {
         let row = robots::insert(tx, &new).await?;
         stored_json(201, Some(format!("/v1/robots/{}", row.id)), &answer(&row)?)
@@ -45,10 +52,17 @@ async fn create(State(app): State<App>, submission: Submission) -> Result<Respon
     get, path = "/v1/robots", tag = "robots", operation_id = "listRobots", params(ListQuery),
     responses((status = 200, description = "One page", body = Page<RobotAnswer>))
 )]
-async fn list(State(app): State<App>, caller: Caller, Query(query): Query<ListQuery>) -> Result<Json<Page<RobotAnswer>>, Error> {
+async fn list(
+    State(app): State<App>,
+    caller: Caller,
+    Query(query): Query<ListQuery>,
+) -> Result<Json<Page<RobotAnswer>>, Error> {
     let page = robots::list(&app.store, caller.robots.as_deref(), &query.page()?).await?;
     let items = page.items.iter().map(answer).collect::<Result<_, _>>()?;
-    Ok(Json(Page { items, next_cursor: page.next_cursor.map(|cursor| cursor.to_string()) }))
+    Ok(Json(Page {
+        items,
+        next_cursor: page.next_cursor.map(|cursor| cursor.to_string()),
+    }))
 }
 
 /// One robot.
@@ -56,10 +70,20 @@ async fn list(State(app): State<App>, caller: Caller, Query(query): Query<ListQu
     get, path = "/v1/robots/{robot_id}", tag = "robots", operation_id = "getRobot", params(("robot_id" = String, Path, description = "The robot")),
     responses((status = 200, description = "The robot", body = RobotAnswer))
 )]
-async fn get(State(app): State<App>, caller: Caller, Id(robot_id): Id) -> Result<Json<RobotAnswer>, Error> {
-    Ok(Json(answer(&access::robot(&app, &caller, &robot_id).await?)?))
+async fn get(
+    State(app): State<App>,
+    caller: Caller,
+    Id(robot_id): Id,
+) -> Result<Json<RobotAnswer>, Error> {
+    Ok(Json(answer(
+        &access::robot(&app, &caller, &robot_id).await?,
+    )?))
 }
 
 fn answer(row: &RobotRow) -> Result<RobotAnswer, Error> {
-    Ok(RobotAnswer::new(row.id.clone(), access::robot_body(row)?, rfc3339(row.created_at_ms)))
+    Ok(RobotAnswer::new(
+        row.id.clone(),
+        access::robot_body(row)?,
+        rfc3339(row.created_at_ms),
+    ))
 }

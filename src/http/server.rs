@@ -34,7 +34,9 @@ pub enum Error {
     #[error("no threads for connections: {0}")]
     Threads(std::io::Error),
     /// The address.
-    #[error("cannot listen on {address}: {cause}; is another server running there? choose another with --listen")]
+    #[error(
+        "cannot listen on {address}: {cause}; is another server running there? choose another with --listen"
+    )]
     Listen {
         /// The address.
         address: SocketAddr,
@@ -62,13 +64,19 @@ pub struct RunningServer {
 pub fn location(database: &config::DatabaseConfig) -> StoreLocation {
     match &database.database_url {
         Some(url) => StoreLocation::Postgres { url: url.clone() },
-        None => StoreLocation::Sqlite { data_dir: database.data_dir.clone() },
+        None => StoreLocation::Sqlite {
+            data_dir: database.data_dir.clone(),
+        },
     }
 }
 
 /// What these settings say about jobs.
 pub fn rules(queue: &config::QueueConfig) -> Rules {
-    Rules { lease: queue.lease(), max_attempts: queue.max_attempts, longest: Duration::from_secs(queue.max_job_s) }
+    Rules {
+        lease: queue.lease(),
+        max_attempts: queue.max_attempts,
+        longest: Duration::from_secs(queue.max_job_s),
+    }
 }
 
 /// Opens the database, starts the workers, and answers.
@@ -85,23 +93,40 @@ pub async fn start(config: &ServeConfig) -> Result<RunningServer, Error> {
 /// As [`start`].
 pub async fn start_with(config: &ServeConfig, compute: Compute) -> Result<RunningServer, Error> {
     config.check()?;
-    let tls = config.tls.files().map(|(certificates, key)| tls::load(certificates, key)).transpose().map_err(Error::Tls)?;
-    let listen_error = |cause| Error::Listen { address: config.listen, cause };
-    let listener = TcpListener::bind(config.listen).await.map_err(listen_error)?;
+    let tls = config
+        .tls
+        .files()
+        .map(|(certificates, key)| tls::load(certificates, key))
+        .transpose()
+        .map_err(Error::Tls)?;
+    let listen_error = |cause| Error::Listen {
+        address: config.listen,
+        cause,
+    };
+    let listener = TcpListener::bind(config.listen)
+        .await
+        .map_err(listen_error)?;
     let address = listener.local_addr().map_err(listen_error)?;
     let store = Store::open(location(&config.database)).await?;
     let signals = JobSignals::default();
     let front = Arc::new(Front::start().map_err(Error::Threads)?);
     let workers = {
         let _there = front.home_of_workers(store.engine());
-        WorkerPool::start(store.clone(), compute, config.n_workers(), rules(&config.queue), signals.clone())
+        WorkerPool::start(
+            store.clone(),
+            compute,
+            config.n_workers(),
+            rules(&config.queue),
+            signals.clone(),
+        )
     };
     let (stop, stopping) = watch::channel(false);
     let desk = Desk::new(App::new(store.clone(), config, stopping.clone(), signals));
     let limits = config.limits.clone();
     let scheme = if tls.is_some() { "https" } else { "http" };
     let listener = front.adopt(listener).map_err(listen_error)?;
-    let accepting = front.spawn(async move { accept::accept_all(listener, desk, &limits, tls, stopping).await });
+    let accepting = front
+        .spawn(async move { accept::accept_all(listener, desk, &limits, tls, stopping).await });
     let cut_off = accepting.abort_handle();
     // Kept by a task of the caller's runtime: then the front goes on without this handle, and ends with that runtime.
     let kept = Arc::clone(&front);
@@ -109,7 +134,16 @@ pub async fn start_with(config: &ServeConfig, compute: Compute) -> Result<Runnin
         let _ = accepting.await;
         drop(kept);
     });
-    Ok(RunningServer { address, store, stop, front, serving, cut_off, scheme, workers })
+    Ok(RunningServer {
+        address,
+        store,
+        stop,
+        front,
+        serving,
+        cut_off,
+        scheme,
+        workers,
+    })
 }
 
 impl RunningServer {
@@ -123,14 +157,22 @@ impl RunningServer {
     pub async fn shutdown(mut self) {
         self.stop.send_replace(true);
         let requests = async {
-            if tokio::time::timeout(STOP_WITHIN, &mut self.serving).await.is_err() {
-                tracing::warn!("some clients did not finish their requests in time; they are cut off");
+            if tokio::time::timeout(STOP_WITHIN, &mut self.serving)
+                .await
+                .is_err()
+            {
+                tracing::warn!(
+                    "some clients did not finish their requests in time; they are cut off"
+                );
                 self.cut_off.abort();
             }
         };
         tokio::join!(requests, self.workers.shutdown(STOP_WITHIN));
         // Connections that are still busy belong to requests that were cut off.
-        if tokio::time::timeout(Duration::from_secs(1), self.store.close()).await.is_err() {
+        if tokio::time::timeout(Duration::from_secs(1), self.store.close())
+            .await
+            .is_err()
+        {
             tracing::warn!("the database was still in use when the server ended");
         }
         // Last: connections to the database may have been opened there. What is over then holds the data directory no more.

@@ -15,7 +15,11 @@ pub struct Room(Vec<OwnedSemaphorePermit>);
 /// [`Error::Busy`].
 pub fn take(semaphore: &Arc<Semaphore>, n: usize) -> Result<Room, Error> {
     let n = u32::try_from(n).unwrap_or(u32::MAX);
-    Ok(Room(vec![Arc::clone(semaphore).try_acquire_many_owned(n).map_err(|_| Error::Busy)?]))
+    Ok(Room(vec![
+        Arc::clone(semaphore)
+            .try_acquire_many_owned(n)
+            .map_err(|_| Error::Busy)?,
+    ]))
 }
 
 /// So much in all, and so much for each key.
@@ -30,7 +34,11 @@ pub struct Shares {
 impl Shares {
     /// Nothing taken.
     pub fn new(all: usize, per_key: usize) -> Self {
-        Self { all: Arc::new(Semaphore::new(all)), per_key: per_key.min(all), keys: Mutex::default() }
+        Self {
+            all: Arc::new(Semaphore::new(all)),
+            per_key: per_key.min(all),
+            keys: Mutex::default(),
+        }
     }
 
     /// What is left, of all.
@@ -56,14 +64,23 @@ impl Shares {
     pub async fn wait(&self, key: &str) -> Result<Room, Error> {
         let closed = |e: tokio::sync::AcquireError| Error::Internal(e.to_string());
         let own = self.of_key(key).acquire_owned().await.map_err(closed)?;
-        Ok(Room(vec![own, Arc::clone(&self.all).acquire_owned().await.map_err(closed)?]))
+        Ok(Room(vec![
+            own,
+            Arc::clone(&self.all)
+                .acquire_owned()
+                .await
+                .map_err(closed)?,
+        ]))
     }
 
     fn of_key(&self, key: &str) -> Arc<Semaphore> {
         let mut keys = self.keys.lock().unwrap_or_else(PoisonError::into_inner);
         // Whoever holds or waits has a reference of its own; the others are forgotten.
         keys.retain(|_, semaphore| Arc::strong_count(semaphore) > 1);
-        Arc::clone(keys.entry(key.to_owned()).or_insert_with(|| Arc::new(Semaphore::new(self.per_key))))
+        Arc::clone(
+            keys.entry(key.to_owned())
+                .or_insert_with(|| Arc::new(Semaphore::new(self.per_key))),
+        )
     }
 }
 
@@ -80,13 +97,21 @@ mod tests {
         let mut held: Vec<_> = (0..2).map(|_| shares.take("a", 1).unwrap()).collect();
         assert!(matches!(shares.take("a", 1), Err(Error::Busy)));
         held.push(shares.take("b", 100).unwrap());
-        assert_eq!(shares.left(), 1, "what is larger than a share takes a share");
+        assert_eq!(
+            shares.left(),
+            1,
+            "what is larger than a share takes a share"
+        );
         assert!(matches!(shares.take("c", 2), Err(Error::Busy)));
         held.push(shares.take("c", 1).unwrap());
         drop(held);
         assert_eq!(shares.left(), 5);
         let _one = shares.take("d", 1).unwrap();
-        assert_eq!(shares.keys.lock().unwrap().len(), 1, "keys that hold nothing are forgotten");
+        assert_eq!(
+            shares.keys.lock().unwrap().len(),
+            1,
+            "keys that hold nothing are forgotten"
+        );
     }
 
     #[tokio::test]
@@ -95,7 +120,11 @@ mod tests {
         let first = shares.wait("a").await.unwrap();
         let second = shares.wait("a");
         tokio::pin!(second);
-        assert!(timeout(Duration::from_millis(1), &mut second).await.is_err());
+        assert!(
+            timeout(Duration::from_millis(1), &mut second)
+                .await
+                .is_err()
+        );
         shares.wait("b").await.unwrap();
         drop(first);
         second.await.unwrap();

@@ -23,16 +23,30 @@ pub fn use_ring() {
 /// # Errors
 /// If a file cannot be read, holds no certificate or key, or key and certificate do not fit.
 pub fn load(certificates: &Path, key: &Path) -> io::Result<Tls> {
-    let invalid = |path: &Path, cause: String| io::Error::new(io::ErrorKind::InvalidData, format!("{}: {cause}", path.display()));
-    let chain = CertificateDer::pem_file_iter(certificates).and_then(Iterator::collect::<Result<Vec<_>, _>>);
+    let invalid = |path: &Path, cause: String| {
+        io::Error::new(
+            io::ErrorKind::InvalidData,
+            format!("{}: {cause}", path.display()),
+        )
+    };
+    let chain = CertificateDer::pem_file_iter(certificates)
+        .and_then(Iterator::collect::<Result<Vec<_>, _>>);
     let chain = chain.map_err(|error| invalid(certificates, error.to_string()))?;
     if chain.is_empty() {
-        return Err(invalid(certificates, "there is no certificate in it".into()));
+        return Err(invalid(
+            certificates,
+            "there is no certificate in it".into(),
+        ));
     }
-    let secret = PrivateKeyDer::from_pem_file(key).map_err(|error| invalid(key, error.to_string()))?;
+    let secret =
+        PrivateKeyDer::from_pem_file(key).map_err(|error| invalid(key, error.to_string()))?;
     let config = ServerConfig::builder_with_provider(Arc::new(ring::default_provider()))
         .with_safe_default_protocol_versions()
-        .and_then(|builder| builder.with_no_client_auth().with_single_cert(chain, secret));
+        .and_then(|builder| {
+            builder
+                .with_no_client_auth()
+                .with_single_cert(chain, secret)
+        });
     let mut config = config.map_err(|error| invalid(key, error.to_string()))?;
     config.alpn_protocols = vec![b"http/1.1".to_vec()];
     Ok(TlsAcceptor::from(Arc::new(config)))

@@ -36,7 +36,10 @@ struct Line {
 
 impl Line {
     fn new(admitted: (usize, usize), running: (usize, usize)) -> Self {
-        Self { admitted: Shares::new(admitted.0, admitted.1), running: Shares::new(running.0, running.1) }
+        Self {
+            admitted: Shares::new(admitted.0, admitted.1),
+            running: Shares::new(running.0, running.1),
+        }
     }
 }
 
@@ -63,14 +66,19 @@ impl Lines {
     /// # Errors
     /// [`Error::Busy`] if too many wait already.
     pub async fn turn(&self) -> Result<Turn, Error> {
-        let (class, holder) = ASKER.try_with(|asker| (asker.class, asker.holder.clone())).unwrap_or((Class::Read, String::new()));
+        let (class, holder) = ASKER
+            .try_with(|asker| (asker.class, asker.holder.clone()))
+            .unwrap_or((Class::Read, String::new()));
         let line = match class {
             Class::Read | Class::Computation => &self.reading,
             Class::Ending => &self.ending,
             Class::Write => &self.writing,
         };
         let admitted = line.admitted.take(&holder, 1)?;
-        Ok(Turn { _admitted: admitted, _running: line.running.wait(&holder).await? })
+        Ok(Turn {
+            _admitted: admitted,
+            _running: line.running.wait(&holder).await?,
+        })
     }
 }
 

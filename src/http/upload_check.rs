@@ -21,31 +21,76 @@ pub struct Off {
 /// Looks at an upload; `None` where it fits, or is too small to tell.
 pub fn look(robot: &RobotBody, set: MeasurementSet) -> Result<Option<Off>, Error> {
     Ok(match alignment::look(&robot.to_core()?, &set) {
-        Look::Off(rms_mm) => Some(Off { robot: robot.clone(), set, rms_mm }),
+        Look::Off(rms_mm) => Some(Off {
+            robot: robot.clone(),
+            set,
+            rms_mm,
+        }),
         Look::Fine => None,
     })
 }
 
 /// What explains it, if anything does.
-pub async fn explain(app: &App, caller: &Caller, robot_id: &str, off: Off) -> Result<Warning, Error> {
-    let newest = robots::list(&app.store, caller.robots.as_deref(), &PageRequest { cursor: None, limit: MAX_OTHERS }).await?.items;
+pub async fn explain(
+    app: &App,
+    caller: &Caller,
+    robot_id: &str,
+    off: Off,
+) -> Result<Warning, Error> {
+    let newest = robots::list(
+        &app.store,
+        caller.robots.as_deref(),
+        &PageRequest {
+            cursor: None,
+            limit: MAX_OTHERS,
+        },
+    )
+    .await?
+    .items;
     let mut others: Vec<RobotBody> = Vec::new();
-    for body in newest.iter().filter(|row| row.id != robot_id).filter_map(|row| access::robot_body(row).ok()) {
-        let is_new = body.links != off.robot.links && others.iter().all(|known| known.links != body.links);
+    for body in newest
+        .iter()
+        .filter(|row| row.id != robot_id)
+        .filter_map(|row| access::robot_body(row).ok())
+    {
+        let is_new =
+            body.links != off.robot.links && others.iter().all(|known| known.links != body.links);
         if is_new && body.links.len() == off.robot.links.len() {
             others.push(body);
         }
     }
     match app.compute(move || finding(&off, &others)).await? {
-        Finding::Odd { code, detail } => Ok(Warning { code: code.into(), detail, rows: Vec::new() }),
-        Finding::Wrong { code, columns, detail } => {
-            Err(Invalid { code, issues: vec![Issue { column: columns, code: code.into(), detail, ..Issue::default() }] }.into())
+        Finding::Odd { code, detail } => Ok(Warning {
+            code: code.into(),
+            detail,
+            rows: Vec::new(),
+        }),
+        Finding::Wrong {
+            code,
+            columns,
+            detail,
+        } => Err(Invalid {
+            code,
+            issues: vec![Issue {
+                column: columns,
+                code: code.into(),
+                detail,
+                ..Issue::default()
+            }],
         }
+        .into()),
     }
 }
 
 fn finding(off: &Off, others: &[RobotBody]) -> Result<Finding, Error> {
-    let named = others.iter().map(|body| Ok((body.name.clone(), body.to_core()?)));
+    let named = others
+        .iter()
+        .map(|body| Ok((body.name.clone(), body.to_core()?)));
     let others: Vec<_> = named.collect::<Result<_, Error>>()?;
-    Ok(alignment::explain(&off.robot.to_core()?, &off.set, off.rms_mm, &others))
+    Ok(alignment::explain(
+        &off.robot.to_core()?,
+        &off.set,
+        off.rms_mm,
+        &others,
+    ))
 }

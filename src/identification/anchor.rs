@@ -45,7 +45,8 @@ impl Anchor {
     pub fn at_reference(space: &SearchSpace, observations: &[Observation]) -> Option<Self> {
         let linearisation = Linearisation::of_parameters(space, observations);
         let (p, n_rows) = (space.parameters.len(), linearisation.n_rows());
-        if p == 0 || n_rows < p || n_rows * p > LARGEST || p * p > MOST_PAIRS_PER_RESIDUAL * n_rows {
+        if p == 0 || n_rows < p || n_rows * p > LARGEST || p * p > MOST_PAIRS_PER_RESIDUAL * n_rows
+        {
             return None;
         }
         let roundings = n_rows * (p + 1) + ROUNDINGS_PER_LINK * (space.reference.links.len() + 1);
@@ -82,9 +83,14 @@ impl Anchor {
 
     /// Moves the anchor to some deviations from the space's reference, mm or rad, without allocating.
     pub fn move_to(&mut self, deviation: &[f64]) {
-        self.linearisation.linearise(deviation, &mut self.residuals, &mut self.jacobian);
+        self.linearisation
+            .linearise(deviation, &mut self.residuals, &mut self.jacobian);
         let n_rows = self.residuals.len();
-        for (effect, column) in self.effects_mm.iter_mut().zip(self.jacobian.chunks_exact(n_rows)) {
+        for (effect, column) in self
+            .effects_mm
+            .iter_mut()
+            .zip(self.jacobian.chunks_exact(n_rows))
+        {
             *effect = norm(column);
         }
         let (size_mm, base_arm_mm) = self.sizes_mm(deviation);
@@ -107,22 +113,51 @@ impl Anchor {
         let (model, measured) = (self.linearisation.model(), &self.measured);
         let (residual_mm, root_weights) = (norm(&self.residuals), measured.sum_weights.sqrt());
         let base_mm = &model.t_instrument_base.translation.vector;
-        let links_mm: f64 = model.links.iter().map(|link| link.a_mm.abs() + link.d_mm.abs()).sum();
-        let target_mm = model.targets_mm.iter().map(|target| target.norm()).fold(0.0, f64::max);
-        let moved_mm: f64 = self.effects_mm.iter().zip(deviation).map(|(effect, deviation)| effect * deviation.abs()).sum();
+        let links_mm: f64 = model
+            .links
+            .iter()
+            .map(|link| link.a_mm.abs() + link.d_mm.abs())
+            .sum();
+        let target_mm = model
+            .targets_mm
+            .iter()
+            .map(|target| target.norm())
+            .fold(0.0, f64::max);
+        let moved_mm: f64 = self
+            .effects_mm
+            .iter()
+            .zip(deviation)
+            .map(|(effect, deviation)| effect * deviation.abs())
+            .sum();
         let lengths_mm = root_weights * (links_mm + target_mm + base_mm.norm());
         let base_arm_mm = measured.arm_mm(base_mm) + residual_mm;
-        (residual_mm + measured.arm_mm(&Vector3::zeros()) + lengths_mm + moved_mm + base_arm_mm, base_arm_mm)
+        (
+            residual_mm + measured.arm_mm(&Vector3::zeros()) + lengths_mm + moved_mm + base_arm_mm,
+            base_arm_mm,
+        )
     }
 }
 
 impl Measured {
     fn new(observations: &[Observation]) -> Self {
         let sum_weights: f64 = observations.iter().map(|o| o.weight).sum();
-        let sum = observations.iter().fold(Vector3::zeros(), |sum, o| sum + o.weight * o.position_mm);
-        let centre_mm = if sum_weights > 0.0 { sum / sum_weights } else { Vector3::zeros() };
-        let spread_mm2 = observations.iter().map(|o| o.weight * (o.position_mm - centre_mm).norm_squared()).sum();
-        Self { sum_weights, centre_mm, spread_mm2 }
+        let sum = observations
+            .iter()
+            .fold(Vector3::zeros(), |sum, o| sum + o.weight * o.position_mm);
+        let centre_mm = if sum_weights > 0.0 {
+            sum / sum_weights
+        } else {
+            Vector3::zeros()
+        };
+        let spread_mm2 = observations
+            .iter()
+            .map(|o| o.weight * (o.position_mm - centre_mm).norm_squared())
+            .sum();
+        Self {
+            sum_weights,
+            centre_mm,
+            spread_mm2,
+        }
     }
 
     /// Root of Σ weight · (distance from a point)² [Huygens, Steiner], mm.

@@ -36,21 +36,35 @@ pub fn train(
     let scale: Vec<f64> = links.iter().map(|i| space.scale[*i]).collect();
     let scaled = |coordinates: &[f64]| -> Vec<f64> {
         let deviation = space.deviation(coordinates);
-        links.iter().map(|i| deviation[*i] / space.scale[*i]).collect()
+        links
+            .iter()
+            .map(|i| deviation[*i] / space.scale[*i])
+            .collect()
     };
     let n = swarm.initial_positions.n_particles.min(MAX_SAMPLES);
-    let inputs: Vec<Vec<f64>> = (0..n).map(|i| scaled(&swarm.initial_positions.particle(i))).collect();
+    let inputs: Vec<Vec<f64>> = (0..n)
+        .map(|i| scaled(&swarm.initial_positions.particle(i)))
+        .collect();
     let answer = scaled(&swarm.best_position);
     let targets = vec![answer.clone(); n];
     let target_error = match preset {
         Preset::Paper => TARGET_ERROR_PAPER,
         Preset::Default => TARGET_ERROR_DEFAULT,
     };
-    let options = bpnn::Options { seed, target_error, ..bpnn::Options::default() };
+    let options = bpnn::Options {
+        seed,
+        target_error,
+        ..bpnn::Options::default()
+    };
     let (network, trained) = bpnn::choose_size_and_train(&inputs, &targets, &options);
     let middle = links_from_nominal(space, nominal);
     let from_nominal = |scaled: &[f64], sign: f64| -> Vec<f64> {
-        links.iter().zip(scaled).zip(&scale).map(|((i, value), s)| value + sign * middle[*i] / s).collect()
+        links
+            .iter()
+            .zip(scaled)
+            .zip(&scale)
+            .map(|((i, value), s)| value + sign * middle[*i] / s)
+            .collect()
     };
     TrainedNetwork {
         hidden_weights: network.hidden_weights,
@@ -61,7 +75,11 @@ pub fn train(
         model,
         preset,
         parameter_names: links.iter().map(|i| space.parameters[*i].name()).collect(),
-        answer: from_nominal(&answer, 1.0).iter().zip(&scale).map(|(a, s)| a * s).collect(),
+        answer: from_nominal(&answer, 1.0)
+            .iter()
+            .zip(&scale)
+            .map(|(a, s)| a * s)
+            .collect(),
         scale,
         training_error: trained.training_error,
         validation_error: trained.validation_error,
@@ -69,13 +87,30 @@ pub fn train(
 }
 
 /// Moves every particle to the network's prediction. Base and targets, of which the network knows nothing, stay where the particle has them.
-pub fn move_particles(space: &SearchSpace, nominal: &KinematicModel, network: &TrainedNetwork, positions: &mut Positions) {
+pub fn move_particles(
+    space: &SearchSpace,
+    nominal: &KinematicModel,
+    network: &TrainedNetwork,
+    positions: &mut Positions,
+) {
     let links = link_indices(&space.parameters);
     let middle = links_from_nominal(space, nominal);
-    let deviations: Vec<Vec<f64>> = (0..positions.n_particles).map(|i| space.deviation(&positions.particle(i))).collect();
-    let scaled = |deviation: &Vec<f64>| links.iter().zip(&network.scale).map(|(i, s)| deviation[*i] / s).collect();
+    let deviations: Vec<Vec<f64>> = (0..positions.n_particles)
+        .map(|i| space.deviation(&positions.particle(i)))
+        .collect();
+    let scaled = |deviation: &Vec<f64>| {
+        links
+            .iter()
+            .zip(&network.scale)
+            .map(|(i, s)| deviation[*i] / s)
+            .collect()
+    };
     let inputs: Vec<Vec<f64>> = deviations.iter().map(scaled).collect();
-    for (particle, (mut deviation, output)) in deviations.into_iter().zip(layers(network).evaluate_all(&inputs)).enumerate() {
+    for (particle, (mut deviation, output)) in deviations
+        .into_iter()
+        .zip(layers(network).evaluate_all(&inputs))
+        .enumerate()
+    {
         for ((i, y), s) in links.iter().zip(output).zip(&network.scale) {
             deviation[*i] = y * s - middle[*i];
         }
@@ -85,7 +120,8 @@ pub fn move_particles(space: &SearchSpace, nominal: &KinematicModel, network: &T
 
 /// How far the links in the middle of the box are from nominal, mm or rad, angles the short way round; zero for base and targets.
 pub fn links_from_nominal(space: &SearchSpace, nominal: &KinematicModel) -> Vec<f64> {
-    let short = |angle: f64| angle - std::f64::consts::TAU * (angle / std::f64::consts::TAU).round();
+    let short =
+        |angle: f64| angle - std::f64::consts::TAU * (angle / std::f64::consts::TAU).round();
     let from_nominal = |p: &Parameter| match (p.is_link(), p.is_angle()) {
         (true, true) => short(deviation_from(nominal, &space.reference, p)),
         (true, false) => deviation_from(nominal, &space.reference, p),
@@ -96,7 +132,10 @@ pub fn links_from_nominal(space: &SearchSpace, nominal: &KinematicModel) -> Vec<
 
 /// True if the network speaks of exactly these link parameters, in this order.
 pub fn fits(network: &TrainedNetwork, parameters: &[Parameter]) -> bool {
-    let names = parameters.iter().filter(|p| p.is_link()).map(Parameter::name);
+    let names = parameters
+        .iter()
+        .filter(|p| p.is_link())
+        .map(Parameter::name);
     names.eq(network.parameter_names.iter().cloned())
 }
 
@@ -115,5 +154,10 @@ fn layers(network: &TrainedNetwork) -> Network {
 }
 
 fn link_indices(parameters: &[Parameter]) -> Vec<usize> {
-    parameters.iter().enumerate().filter(|(_, p)| p.is_link()).map(|(i, _)| i).collect()
+    parameters
+        .iter()
+        .enumerate()
+        .filter(|(_, p)| p.is_link())
+        .map(|(i, _)| i)
+        .collect()
 }

@@ -86,14 +86,49 @@ enum Misfit {
 
 /// Compares two sessions of one robot. `None` where they have no combination of link parameters in common.
 pub fn compare(before: &Estimate, after: &Estimate) -> Option<Comparison> {
-    let robot = tested(before, after, &common(before, after, |p| p.is_link()), Misfit::Cancels, named_by_selection)?;
-    let is_base = |p: &Parameter| matches!(p, Parameter::BaseTranslation(_) | Parameter::BaseRotation(_));
-    let mut placement = vec![tested(before, after, &common(before, after, is_base), Misfit::Adds, named_each)];
-    for target in 0..before.model.targets_mm.len().min(after.model.targets_mm.len()) {
-        let of_target = common(before, after, |p| matches!(p, Parameter::Target(t, _) if *t == target));
-        placement.push(tested(before, after, &of_target, Misfit::Cancels, named_each));
+    let robot = tested(
+        before,
+        after,
+        &common(before, after, |p| p.is_link()),
+        Misfit::Cancels,
+        named_by_selection,
+    )?;
+    let is_base = |p: &Parameter| {
+        matches!(
+            p,
+            Parameter::BaseTranslation(_) | Parameter::BaseRotation(_)
+        )
+    };
+    let mut placement = vec![tested(
+        before,
+        after,
+        &common(before, after, is_base),
+        Misfit::Adds,
+        named_each,
+    )];
+    for target in 0..before
+        .model
+        .targets_mm
+        .len()
+        .min(after.model.targets_mm.len())
+    {
+        let of_target = common(
+            before,
+            after,
+            |p| matches!(p, Parameter::Target(t, _) if *t == target),
+        );
+        placement.push(tested(
+            before,
+            after,
+            &of_target,
+            Misfit::Cancels,
+            named_each,
+        ));
     }
-    Some(Comparison { robot, placement: placement.into_iter().flatten().collect() })
+    Some(Comparison {
+        robot,
+        placement: placement.into_iter().flatten().collect(),
+    })
 }
 
 /// A parameter that both sessions identify, and where it stands in each.
@@ -103,10 +138,25 @@ struct Common {
     after: usize,
 }
 
-fn common(before: &Estimate, after: &Estimate, belongs: impl Fn(&Parameter) -> bool) -> Vec<Common> {
+fn common(
+    before: &Estimate,
+    after: &Estimate,
+    belongs: impl Fn(&Parameter) -> bool,
+) -> Vec<Common> {
     let position = |p: &Parameter| before.parameters.iter().position(|b| b == p);
-    let all = after.parameters.iter().enumerate().filter(|(_, p)| belongs(p));
-    all.filter_map(|(i, p)| Some(Common { parameter: *p, before: position(p)?, after: i })).collect()
+    let all = after
+        .parameters
+        .iter()
+        .enumerate()
+        .filter(|(_, p)| belongs(p));
+    all.filter_map(|(i, p)| {
+        Some(Common {
+            parameter: *p,
+            before: position(p)?,
+            after: i,
+        })
+    })
+    .collect()
 }
 
 /// The difference, whitened: noise of unit variance along every row.
@@ -122,49 +172,100 @@ struct Whitened {
 /// Names what changed, given the whitened difference.
 type Naming = fn(&[Common], &Whitened) -> Vec<Change>;
 
-fn tested(before: &Estimate, after: &Estimate, common: &[Common], misfit: Misfit, naming: Naming) -> Option<Tested> {
+fn tested(
+    before: &Estimate,
+    after: &Estimate,
+    common: &[Common],
+    misfit: Misfit,
+    naming: Naming,
+) -> Option<Tested> {
     let whitened = whitened(before, after, common, misfit)?;
     let n_combinations = whitened.difference.len();
     let chi_square = whitened.difference.norm_squared();
     let probability = tail(chi_square, n_combinations, whitened.freedom);
-    let changes = if probability < FALSE_ALARMS { naming(common, &whitened) } else { vec![] };
-    Some(Tested { chi_square, n_combinations, probability, changes })
+    let changes = if probability < FALSE_ALARMS {
+        naming(common, &whitened)
+    } else {
+        vec![]
+    };
+    Some(Tested {
+        chi_square,
+        n_combinations,
+        probability,
+        changes,
+    })
 }
 
 fn tail(chi_square: f64, n: usize, freedom: f64) -> f64 {
     f_tail(chi_square / n as f64, n as f64, freedom)
 }
 
-fn whitened(before: &Estimate, after: &Estimate, common: &[Common], misfit: Misfit) -> Option<Whitened> {
+fn whitened(
+    before: &Estimate,
+    after: &Estimate,
+    common: &[Common],
+    misfit: Misfit,
+) -> Option<Whitened> {
     if common.is_empty() {
         return None;
     }
     let scale: Vec<f64> = common.iter().map(|c| prior_scale(&c.parameter)).collect();
     let at_before: Vec<usize> = common.iter().map(|c| c.before).collect();
     let at_after: Vec<usize> = common.iter().map(|c| c.after).collect();
-    let rows = |of: &DMatrix<f64>, at: &[usize]| DMatrix::from_fn(at.len(), of.ncols(), |row, column| of[(at[row], column)] / scale[row]);
-    let seen = seen_by_both(&[rows(&before.uncertainty.unseen, &at_before), rows(&after.uncertainty.unseen, &at_after)])?;
+    let rows = |of: &DMatrix<f64>, at: &[usize]| {
+        DMatrix::from_fn(at.len(), of.ncols(), |row, column| {
+            of[(at[row], column)] / scale[row]
+        })
+    };
+    let seen = seen_by_both(&[
+        rows(&before.uncertainty.unseen, &at_before),
+        rows(&after.uncertainty.unseen, &at_after),
+    ])?;
     let through = |root: DMatrix<f64>| {
         let root = seen.transpose() * root;
         &root * root.transpose()
     };
     let (u, v) = (&before.uncertainty, &after.uncertainty);
-    let noise = [through(rows(&u.noise, &at_before)), through(rows(&v.noise, &at_after))];
-    let bent = bent(rows(&u.misfit, &at_before), rows(&v.misfit, &at_after), [u.misfit_std_rad, v.misfit_std_rad], misfit);
-    let bent = bent.into_iter().map(through).fold(DMatrix::zeros(seen.ncols(), seen.ncols()), |sum, part| sum + part);
-    let unresolved = through(rows(&resolution(before), &at_before)) + through(rows(&resolution(after), &at_after));
+    let noise = [
+        through(rows(&u.noise, &at_before)),
+        through(rows(&v.noise, &at_after)),
+    ];
+    let bent = bent(
+        rows(&u.misfit, &at_before),
+        rows(&v.misfit, &at_after),
+        [u.misfit_std_rad, v.misfit_std_rad],
+        misfit,
+    );
+    let bent = bent
+        .into_iter()
+        .map(through)
+        .fold(DMatrix::zeros(seen.ncols(), seen.ncols()), |sum, part| {
+            sum + part
+        });
+    let unresolved = through(rows(&resolution(before), &at_before))
+        + through(rows(&resolution(after), &at_after));
     let variance = &noise[0] + &noise[1] + &bent + unresolved;
     let root = variance.cholesky()?;
     let whiten = |m: &DMatrix<f64>| root.l().solve_lower_triangular(m);
     let difference = DMatrix::from_iterator(
         common.len(),
         1,
-        common.iter().zip(&scale).map(|(c, s)| deviation_from(&before.model, &after.model, &c.parameter) / s),
+        common
+            .iter()
+            .zip(&scale)
+            .map(|(c, s)| deviation_from(&before.model, &after.model, &c.parameter) / s),
     );
     // Satterthwaite (1946): each part's share of the variance, averaged over the combinations
     let share = |part: &DMatrix<f64>| root.solve(part).trace() / seen.ncols() as f64;
-    let parts = [(&noise[0], u.freedom_of(1.0, 0.0)), (&noise[1], v.freedom_of(1.0, 0.0)), (&bent, misfit_freedom(u, v))];
-    let spread: f64 = parts.iter().map(|(part, freedom)| share(part) * share(part) / freedom).sum();
+    let parts = [
+        (&noise[0], u.freedom_of(1.0, 0.0)),
+        (&noise[1], v.freedom_of(1.0, 0.0)),
+        (&bent, misfit_freedom(u, v)),
+    ];
+    let spread: f64 = parts
+        .iter()
+        .map(|(part, freedom)| share(part) * share(part) / freedom)
+        .sum();
     Some(Whitened {
         difference: whiten(&(seen.transpose() * difference))?.column(0).into(),
         effects: whiten(&seen.transpose())?,
@@ -188,7 +289,12 @@ fn seen_by_both(unseen: &[DMatrix<f64>; 2]) -> Option<DMatrix<f64>> {
 }
 
 /// The roots of the misfit's covariance: of the difference of both where features are the same, else of each.
-fn bent(before: DMatrix<f64>, after: DMatrix<f64>, std_rad: [f64; 2], misfit: Misfit) -> Vec<DMatrix<f64>> {
+fn bent(
+    before: DMatrix<f64>,
+    after: DMatrix<f64>,
+    std_rad: [f64; 2],
+    misfit: Misfit,
+) -> Vec<DMatrix<f64>> {
     if misfit == Misfit::Adds || before.ncols() != after.ncols() || before.ncols() == 0 {
         return vec![before, after];
     }
@@ -197,14 +303,23 @@ fn bent(before: DMatrix<f64>, after: DMatrix<f64>, std_rad: [f64; 2], misfit: Mi
 }
 
 fn misfit_freedom(before: &Uncertainty, after: &Uncertainty) -> f64 {
-    let of = |u: &Uncertainty| if u.misfit_std_rad > 0.0 { u.freedom_of(0.0, 1.0) } else { 0.0 };
+    let of = |u: &Uncertainty| {
+        if u.misfit_std_rad > 0.0 {
+            u.freedom_of(0.0, 1.0)
+        } else {
+            0.0
+        }
+    };
     (of(before) + of(after)).max(1.0)
 }
 
 /// The combinations that a session sees, each by as much as displaces its points by [`RESOLUTION_MM`].
 fn resolution(estimate: &Estimate) -> DMatrix<f64> {
     let mut directions = estimate.decomposition.seen_directions();
-    for (mut column, sigma) in directions.column_iter_mut().zip(&estimate.decomposition.singular_values) {
+    for (mut column, sigma) in directions
+        .column_iter_mut()
+        .zip(&estimate.decomposition.singular_values)
+    {
         column *= RESOLUTION_MM / sigma;
     }
     directions
@@ -215,12 +330,22 @@ fn named_by_selection(common: &[Common], whitened: &Whitened) -> Vec<Change> {
     let n = whitened.difference.len();
     let mut chosen: Vec<usize> = Vec::new();
     let (mut rest, mut apart) = (whitened.difference.clone(), whitened.effects.clone());
-    while chosen.len() < n && tail(rest.norm_squared(), n - chosen.len(), whitened.freedom) < FALSE_ALARMS {
+    while chosen.len() < n
+        && tail(rest.norm_squared(), n - chosen.len(), whitened.freedom) < FALSE_ALARMS
+    {
         let explained = |j: &usize| {
             let length = apart.column(*j).norm();
-            if length <= OWN_EFFECT * whitened.effects.column(*j).norm() { 0.0 } else { (apart.column(*j).dot(&rest) / length).abs() }
+            if length <= OWN_EFFECT * whitened.effects.column(*j).norm() {
+                0.0
+            } else {
+                (apart.column(*j).dot(&rest) / length).abs()
+            }
         };
-        let Some(best) = (0..common.len()).max_by(|i, j| explained(i).total_cmp(&explained(j)).then(j.cmp(i))) else { break };
+        let Some(best) =
+            (0..common.len()).max_by(|i, j| explained(i).total_cmp(&explained(j)).then(j.cmp(i)))
+        else {
+            break;
+        };
         if explained(&best) == 0.0 {
             break;
         }
@@ -236,7 +361,9 @@ fn named_by_selection(common: &[Common], whitened: &Whitened) -> Vec<Change> {
 fn together(common: &[Common], whitened: &Whitened, chosen: &[usize]) -> Vec<Change> {
     let effects = whitened.effects.select_columns(chosen);
     let square = effects.tr_mul(&effects);
-    let Some(covariance) = pseudo_inverse(square.clone(), whitened.difference.len()) else { return vec![] };
+    let Some(covariance) = pseudo_inverse(square.clone(), whitened.difference.len()) else {
+        return vec![];
+    };
     // how much of each parameter is seen: 1, but for those in a combination that is not
     let seen = &covariance * square;
     let fitted = &covariance * effects.transpose() * &whitened.difference;
@@ -246,8 +373,14 @@ fn together(common: &[Common], whitened: &Whitened, chosen: &[usize]) -> Vec<Cha
         sigmas: fitted[k].abs() / covariance[(k, k)].sqrt(),
     };
     let hardly_seen = |k: usize| seen[(k, k)] < HARDLY_SEEN;
-    let changes = chosen.iter().enumerate().filter(|(k, _)| !hardly_seen(*k)).map(change);
-    let mut changes: Vec<Change> = changes.filter(|c| c.delta.is_finite() && c.sigmas.is_finite()).collect();
+    let changes = chosen
+        .iter()
+        .enumerate()
+        .filter(|(k, _)| !hardly_seen(*k))
+        .map(change);
+    let mut changes: Vec<Change> = changes
+        .filter(|c| c.delta.is_finite() && c.sigmas.is_finite())
+        .collect();
     changes.sort_by(|a, b| b.sigmas.total_cmp(&a.sigmas));
     changes
 }
@@ -257,12 +390,21 @@ fn together(common: &[Common], whitened: &Whitened, chosen: &[usize]) -> Vec<Cha
 fn pseudo_inverse(square: DMatrix<f64>, rank: usize) -> Option<DMatrix<f64>> {
     let eigen = square.try_symmetric_eigen(f64::EPSILON, EIGEN_ITERATIONS)?;
     let mut order: Vec<usize> = (0..eigen.eigenvalues.len()).collect();
-    order.sort_by(|i, j| eigen.eigenvalues[*j].total_cmp(&eigen.eigenvalues[*i]).then(i.cmp(j)));
+    order.sort_by(|i, j| {
+        eigen.eigenvalues[*j]
+            .total_cmp(&eigen.eigenvalues[*i])
+            .then(i.cmp(j))
+    });
     let n = order.len();
-    Some(order.into_iter().take(rank).fold(DMatrix::zeros(n, n), |sum, k| {
-        let direction = eigen.eigenvectors.column(k);
-        sum + direction * direction.transpose() / eigen.eigenvalues[k]
-    }))
+    Some(
+        order
+            .into_iter()
+            .take(rank)
+            .fold(DMatrix::zeros(n, n), |sum, k| {
+                let direction = eigen.eigenvectors.column(k);
+                sum + direction * direction.transpose() / eigen.eigenvalues[k]
+            }),
+    )
 }
 
 /// The parameters with the same effect on everything both sessions see, the chosen one first.
@@ -270,14 +412,22 @@ fn alike(common: &[Common], whitened: &Whitened, chosen: usize) -> Vec<Parameter
     let direction = whitened.effects.column(chosen).normalize();
     let is_alike = |j: &usize| {
         let effect = whitened.effects.column(*j);
-        *j != chosen && effect.dot(&direction).abs() > SAME_EFFECT * effect.norm() && effect.norm() > 0.0
+        *j != chosen
+            && effect.dot(&direction).abs() > SAME_EFFECT * effect.norm()
+            && effect.norm() > 0.0
     };
-    std::iter::once(chosen).chain((0..common.len()).filter(is_alike)).map(|j| common[j].parameter).collect()
+    std::iter::once(chosen)
+        .chain((0..common.len()).filter(is_alike))
+        .map(|j| common[j].parameter)
+        .collect()
 }
 
 /// Every parameter for itself, where it stands out of chance with as many looked at.
 fn named_each(common: &[Common], whitened: &Whitened) -> Vec<Change> {
     let stands_out = t_half_width(1.0 - FALSE_ALARMS / common.len() as f64, whitened.freedom);
     let all: Vec<usize> = (0..common.len()).collect();
-    together(common, whitened, &all).into_iter().filter(|change| change.sigmas > stands_out).collect()
+    together(common, whitened, &all)
+        .into_iter()
+        .filter(|change| change.sigmas > stands_out)
+        .collect()
 }

@@ -50,7 +50,10 @@ impl CorrectedModel {
 impl IdentifiedRobot {
     /// Links alone.
     pub fn of_links(plain: KinematicModel) -> Self {
-        Self { plain, corrected: None }
+        Self {
+            plain,
+            corrected: None,
+        }
     }
 
     /// The same robot with this on its flange; with `None`, what it carried when it was identified.
@@ -63,17 +66,24 @@ impl IdentifiedRobot {
 
     /// Offset of a target in the flange frame of the links with corrections where there are some, else of the links alone, mm.
     pub fn target_mm(&self, target: usize) -> Vector3<f64> {
-        self.corrected.as_ref().map_or(&self.plain, |corrected| &corrected.model).targets_mm[target]
+        self.corrected
+            .as_ref()
+            .map_or(&self.plain, |corrected| &corrected.model)
+            .targets_mm[target]
     }
 
     /// How far corrections hold at a pose, 0 to 1; 0 where there are none.
     pub fn weight(&self, q_rad: &[f64]) -> f64 {
-        self.corrected.as_ref().map_or(0.0, |corrected| corrected.region.weight(q_rad))
+        self.corrected
+            .as_ref()
+            .map_or(0.0, |corrected| corrected.region.weight(q_rad))
     }
 
     /// True where there are corrections that do not hold fully.
     pub fn is_extrapolated(&self, q_rad: &[f64]) -> bool {
-        self.corrected.as_ref().is_some_and(|corrected| corrected.region.is_extrapolated(q_rad))
+        self.corrected
+            .as_ref()
+            .is_some_and(|corrected| corrected.region.is_extrapolated(q_rad))
     }
 
     /// Flange in the measuring frame.
@@ -81,7 +91,9 @@ impl IdentifiedRobot {
         let plain = || self.plain.t_instrument_base * t_base_flange(&self.plain.links, q_rad);
         match (&self.corrected, self.weight(q_rad)) {
             (Some(corrected), 1.0) => corrected.t_instrument_flange(q_rad),
-            (Some(corrected), weight) if weight > 0.0 => between(&plain(), &corrected.t_instrument_flange(q_rad), weight),
+            (Some(corrected), weight) if weight > 0.0 => {
+                between(&plain(), &corrected.t_instrument_flange(q_rad), weight)
+            }
             _ => plain(),
         }
     }

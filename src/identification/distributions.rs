@@ -17,7 +17,11 @@ fn incomplete_beta(a: f64, b: f64, x: f64) -> f64 {
     if x > (a + 1.0) / (a + b + 2.0) {
         return 1.0 - incomplete_beta(b, a, 1.0 - x);
     }
-    let front = libm::exp(libm::lgamma(a + b) - libm::lgamma(a) - libm::lgamma(b) + a * libm::log(x) + b * libm::log1p(-x)) / a;
+    let front = libm::exp(
+        libm::lgamma(a + b) - libm::lgamma(a) - libm::lgamma(b)
+            + a * libm::log(x)
+            + b * libm::log1p(-x),
+    ) / a;
     let guarded = |v: f64| if v.abs() < TINY { TINY } else { v };
     let (mut c, mut d) = (1.0, 1.0 / guarded(1.0 - (a + b) * x / (a + 1.0)));
     let mut fraction = d;
@@ -75,7 +79,11 @@ fn upper_gamma(a: f64, x: f64) -> f64 {
 
 /// Probability that F with (`numerator`, `denominator`) degrees of freedom is above `value`.
 pub fn f_tail(value: f64, numerator: f64, denominator: f64) -> f64 {
-    incomplete_beta(denominator / 2.0, numerator / 2.0, denominator / (denominator + numerator * value.max(0.0)))
+    incomplete_beta(
+        denominator / 2.0,
+        numerator / 2.0,
+        denominator / (denominator + numerator * value.max(0.0)),
+    )
 }
 
 /// Probability that chi-square with `freedom` degrees of freedom is above `value`.
@@ -113,14 +121,37 @@ mod tests {
 
     #[test]
     fn the_tails_are_those_of_printed_tables() {
-        for (freedom, t) in [(1.0, 12.706), (5.0, 2.5706), (30.0, 2.0423), (120.0, 1.9799)] {
-            assert!((t_half_width(0.95, freedom) / t - 1.0).abs() < TABLE, "t with {freedom}");
+        for (freedom, t) in [
+            (1.0, 12.706),
+            (5.0, 2.5706),
+            (30.0, 2.0423),
+            (120.0, 1.9799),
+        ] {
+            assert!(
+                (t_half_width(0.95, freedom) / t - 1.0).abs() < TABLE,
+                "t with {freedom}"
+            );
         }
-        for (freedom, value) in [(1.0, 3.8415), (10.0, 18.307), (20.0, 31.410), (100.0, 124.342)] {
-            assert!((chi_square_tail(value, freedom) / 0.05 - 1.0).abs() < TABLE, "chi-square with {freedom}");
+        for (freedom, value) in [
+            (1.0, 3.8415),
+            (10.0, 18.307),
+            (20.0, 31.410),
+            (100.0, 124.342),
+        ] {
+            assert!(
+                (chi_square_tail(value, freedom) / 0.05 - 1.0).abs() < TABLE,
+                "chi-square with {freedom}"
+            );
         }
-        for (a, b, value) in [(1.0, 10.0, 4.9646), (5.0, 20.0, 2.7109), (20.0, 120.0, 1.6587)] {
-            assert!((f_tail(value, a, b) / 0.05 - 1.0).abs() < TABLE, "F with {a}, {b}");
+        for (a, b, value) in [
+            (1.0, 10.0, 4.9646),
+            (5.0, 20.0, 2.7109),
+            (20.0, 120.0, 1.6587),
+        ] {
+            assert!(
+                (f_tail(value, a, b) / 0.05 - 1.0).abs() < TABLE,
+                "F with {a}, {b}"
+            );
         }
     }
 

@@ -30,37 +30,61 @@ pub fn fit_in_space(
     let mut linearisation = Linearisation::new(space, observations);
     let (n_rows, n_pulls) = (linearisation.n_rows(), space.known().pulls.len());
     let mut of_points = DMatrix::zeros(if n_pulls > 0 { n_rows } else { 0 }, space.n_coordinates());
-    let mut problem = |z: &[f64], residuals: &mut DVector<f64>, jacobian: Option<&mut DMatrix<f64>>| {
-        let (points, pulls) = residuals.as_mut_slice().split_at_mut(n_rows);
-        match jacobian {
-            Some(jacobian) if n_pulls == 0 => linearisation.linearise(z, points, jacobian.as_mut_slice()),
-            Some(jacobian) => {
-                linearisation.linearise(z, points, of_points.as_mut_slice());
-                jacobian.rows_mut(0, n_rows).copy_from(&of_points);
-                jacobian.rows_mut(n_rows, n_pulls).copy_from(&pull_rows(space));
+    let mut problem =
+        |z: &[f64], residuals: &mut DVector<f64>, jacobian: Option<&mut DMatrix<f64>>| {
+            let (points, pulls) = residuals.as_mut_slice().split_at_mut(n_rows);
+            match jacobian {
+                Some(jacobian) if n_pulls == 0 => {
+                    linearisation.linearise(z, points, jacobian.as_mut_slice())
+                }
+                Some(jacobian) => {
+                    linearisation.linearise(z, points, of_points.as_mut_slice());
+                    jacobian.rows_mut(0, n_rows).copy_from(&of_points);
+                    jacobian
+                        .rows_mut(n_rows, n_pulls)
+                        .copy_from(&pull_rows(space));
+                }
+                None => linearisation.residuals(z, points),
             }
-            None => linearisation.residuals(z, points),
-        }
-        if n_pulls > 0 {
-            let deviation = space.deviation(z);
-            pulls.iter_mut().zip(space.known().residuals(&deviation)).for_each(|(to, r)| *to = r);
-        }
-    };
+            if n_pulls > 0 {
+                let deviation = space.deviation(z);
+                pulls
+                    .iter_mut()
+                    .zip(space.known().residuals(&deviation))
+                    .for_each(|(to, r)| *to = r);
+            }
+        };
     let start = vec![0.0; space.n_coordinates()];
     let summary = minimize(&mut problem, n_rows + n_pulls, &start, options, monitor);
-    Fit { model: space.model(&summary.x), deviation: space.deviation(&summary.x), summary }
+    Fit {
+        model: space.model(&summary.x),
+        deviation: space.deviation(&summary.x),
+        summary,
+    }
 }
 
 /// Derivatives of the priors' residuals with respect to the coordinates.
 fn pull_rows(space: &SearchSpace) -> DMatrix<f64> {
     let pulls = &space.known().pulls;
-    DMatrix::from_fn(pulls.len(), space.n_coordinates(), |row, k| -pulls[row].weight * space.directions()[(pulls[row].parameter, k)])
+    DMatrix::from_fn(pulls.len(), space.n_coordinates(), |row, k| {
+        -pulls[row].weight * space.directions()[(pulls[row].parameter, k)]
+    })
 }
 
 /// Least squares on raw parameters from `start`, to the end, without a monitor: for base and targets, where all are seen.
-pub fn fit_least_squares(start: &KinematicModel, parameters: &[Parameter], observations: &[Observation]) -> Fit {
-    let space = SearchSpace::raw(start.clone(), parameters.to_vec(), vec![1.0; parameters.len()]);
-    fit_in_space(&space, observations, &Options::default(), &mut |_| ControlFlow::Continue(()))
+pub fn fit_least_squares(
+    start: &KinematicModel,
+    parameters: &[Parameter],
+    observations: &[Observation],
+) -> Fit {
+    let space = SearchSpace::raw(
+        start.clone(),
+        parameters.to_vec(),
+        vec![1.0; parameters.len()],
+    );
+    fit_in_space(&space, observations, &Options::default(), &mut |_| {
+        ControlFlow::Continue(())
+    })
 }
 
 /// After least squares has converged, the seen directions are taken anew at its answer and it goes on, at most this often.
@@ -97,7 +121,12 @@ pub fn fit_along_seen(
 ) -> SeenFit {
     let along_seen = |model: &KinematicModel| {
         let directions = decomposition_at(model, parameters, scale, observations).seen_directions();
-        SearchSpace::along(model.clone(), parameters.to_vec(), scale.to_vec(), directions)
+        SearchSpace::along(
+            model.clone(),
+            parameters.to_vec(),
+            scale.to_vec(),
+            directions,
+        )
     };
     fit_in_rounds(start, along_seen, observations, stop_at_cost, monitor)
 }
@@ -111,22 +140,41 @@ pub fn fit_in_rounds(
     monitor: &mut dyn FnMut(Iteration) -> ControlFlow<()>,
 ) -> SeenFit {
     let exact = observations.len() as f64 * EXACT_MM * EXACT_MM;
-    let options = Options { stop_at_cost: Some(stop_at_cost.max(exact)), ..Options::default() };
+    let options = Options {
+        stop_at_cost: Some(stop_at_cost.max(exact)),
+        ..Options::default()
+    };
     let termination = Termination::IterationLimit;
-    let mut found = SeenFit { model: start.clone(), n_iterations: 0, n_evaluations: 0, convergence: vec![], termination };
+    let mut found = SeenFit {
+        model: start.clone(),
+        n_iterations: 0,
+        n_evaluations: 0,
+        convergence: vec![],
+        termination,
+    };
     for round in 0..MAX_ROUNDS {
         let space = around(&found.model);
         let done = found.n_iterations;
-        let mut watch =
-            |i: Iteration| monitor(Iteration { iteration: done + i.iteration, max_iterations: done + i.max_iterations, cost: i.cost });
+        let mut watch = |i: Iteration| {
+            monitor(Iteration {
+                iteration: done + i.iteration,
+                max_iterations: done + i.max_iterations,
+                cost: i.cost,
+            })
+        };
         let fit = fit_in_space(&space, observations, &options, &mut watch);
         found.n_iterations += fit.summary.n_iterations;
         found.n_evaluations += fit.summary.n_evaluations;
         let before = fit.summary.convergence[0];
         // the first entry of a later round repeats the last of the round before
-        found.convergence.extend(fit.summary.convergence.iter().skip(usize::from(round > 0)));
+        found
+            .convergence
+            .extend(fit.summary.convergence.iter().skip(usize::from(round > 0)));
         (found.model, found.termination) = (fit.model, fit.summary.termination);
-        let is_last = matches!(found.termination, Termination::CostReached | Termination::Stopped);
+        let is_last = matches!(
+            found.termination,
+            Termination::CostReached | Termination::Stopped
+        );
         if is_last || fit.summary.cost > before * (1.0 - ROUND_GAIN) {
             break;
         }

@@ -60,8 +60,14 @@ impl<'a> Sight<'a> {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let n = 3 * observations.len() + space.known().pulls.len();
         let n_mixtures = (MIXTURES * space.n_coordinates()).min(n);
-        let mixing = DMatrix::from_fn(n_mixtures, n, |_, _| if random.random::<bool>() { 1.0 } else { -1.0 });
-        Self { space, observations, mixing }
+        let mixing = DMatrix::from_fn(n_mixtures, n, |_, _| {
+            if random.random::<bool>() { 1.0 } else { -1.0 }
+        });
+        Self {
+            space,
+            observations,
+            mixing,
+        }
     }
 
     fn look(&self, position: Vec<f64>) -> Evaluated {
@@ -69,9 +75,16 @@ impl<'a> Sight<'a> {
         let known = self.space.known();
         if !known.pulls.is_empty() {
             let deviation = self.space.deviation(&position);
-            residuals = DVector::from_iterator(self.mixing.ncols(), residuals.iter().copied().chain(known.residuals(&deviation)));
+            residuals = DVector::from_iterator(
+                self.mixing.ncols(),
+                residuals.iter().copied().chain(known.residuals(&deviation)),
+            );
         }
-        Evaluated { position, mixtures: &self.mixing * &residuals, cost: residuals.norm_squared() }
+        Evaluated {
+            position,
+            mixtures: &self.mixing * &residuals,
+            cost: residuals.norm_squared(),
+        }
     }
 }
 
@@ -86,31 +99,87 @@ impl Guide {
     /// Trains on pairs, each with one half of the list on. `weight` says how much each coordinate matters.
     fn train(evaluated: &[Evaluated], weight: &[f64], seed: u64) -> Self {
         let n = evaluated.len();
-        let pairs: Vec<(&Evaluated, &Evaluated)> = (0..n).map(|i| (&evaluated[i], &evaluated[(i + n / 2 + 1) % n])).collect();
-        let seen: Vec<Vec<f64>> = pairs.iter().map(|(i, j)| (&i.mixtures - &j.mixtures).as_slice().to_vec()).collect();
-        let ways: Vec<Vec<f64>> = pairs.iter().map(|(i, j)| i.position.iter().zip(&j.position).map(|(x, y)| y - x).collect()).collect();
-        let mean_square = |rows: &[Vec<f64>], k: usize| rows.iter().map(|row| row[k] * row[k]).sum::<f64>() / n as f64;
-        let input_scale: Vec<f64> = (0..seen[0].len()).map(|k| mean_square(&seen, k).sqrt().max(f64::MIN_POSITIVE)).collect();
-        let weighted: f64 = weight.iter().enumerate().map(|(k, w)| w * w * mean_square(&ways, k)).sum::<f64>() / weight.len() as f64;
-        let output_scale: Vec<f64> = weight.iter().map(|w| (weighted.sqrt() / w).max(f64::MIN_POSITIVE)).collect();
-        let scaled = |rows: &[Vec<f64>], scale: &[f64]| -> Vec<Vec<f64>> {
-            rows.iter().map(|row| row.iter().zip(scale).map(|(v, s)| v / s).collect()).collect()
+        let pairs: Vec<(&Evaluated, &Evaluated)> = (0..n)
+            .map(|i| (&evaluated[i], &evaluated[(i + n / 2 + 1) % n]))
+            .collect();
+        let seen: Vec<Vec<f64>> = pairs
+            .iter()
+            .map(|(i, j)| (&i.mixtures - &j.mixtures).as_slice().to_vec())
+            .collect();
+        let ways: Vec<Vec<f64>> = pairs
+            .iter()
+            .map(|(i, j)| {
+                i.position
+                    .iter()
+                    .zip(&j.position)
+                    .map(|(x, y)| y - x)
+                    .collect()
+            })
+            .collect();
+        let mean_square = |rows: &[Vec<f64>], k: usize| {
+            rows.iter().map(|row| row[k] * row[k]).sum::<f64>() / n as f64
         };
-        let options = bpnn::Options { seed, n_epochs: EPOCHS, ..bpnn::Options::default() };
+        let input_scale: Vec<f64> = (0..seen[0].len())
+            .map(|k| mean_square(&seen, k).sqrt().max(f64::MIN_POSITIVE))
+            .collect();
+        let weighted: f64 = weight
+            .iter()
+            .enumerate()
+            .map(|(k, w)| w * w * mean_square(&ways, k))
+            .sum::<f64>()
+            / weight.len() as f64;
+        let output_scale: Vec<f64> = weight
+            .iter()
+            .map(|w| (weighted.sqrt() / w).max(f64::MIN_POSITIVE))
+            .collect();
+        let scaled = |rows: &[Vec<f64>], scale: &[f64]| -> Vec<Vec<f64>> {
+            rows.iter()
+                .map(|row| row.iter().zip(scale).map(|(v, s)| v / s).collect())
+                .collect()
+        };
+        let options = bpnn::Options {
+            seed,
+            n_epochs: EPOCHS,
+            ..bpnn::Options::default()
+        };
         let n_hidden = weight.len() + MORE_HIDDEN;
-        let (network, _) = bpnn::train(&scaled(&seen, &input_scale), &scaled(&ways, &output_scale), n_hidden, &options);
-        Self { network, input_scale, output_scale }
+        let (network, _) = bpnn::train(
+            &scaled(&seen, &input_scale),
+            &scaled(&ways, &output_scale),
+            n_hidden,
+            &options,
+        );
+        Self {
+            network,
+            input_scale,
+            output_scale,
+        }
     }
 
     /// The ways of some particles. Odd in what is seen: who sees no residuals stays.
     fn ways(&self, particles: &[Evaluated]) -> Vec<Vec<f64>> {
         let scaled = |sign: f64| -> Vec<Vec<f64>> {
-            particles.iter().map(|p| p.mixtures.iter().zip(&self.input_scale).map(|(m, s)| sign * m / s).collect()).collect()
+            particles
+                .iter()
+                .map(|p| {
+                    p.mixtures
+                        .iter()
+                        .zip(&self.input_scale)
+                        .map(|(m, s)| sign * m / s)
+                        .collect()
+                })
+                .collect()
         };
-        let (there, back) = (self.network.evaluate_all(&scaled(1.0)), self.network.evaluate_all(&scaled(-1.0)));
+        let (there, back) = (
+            self.network.evaluate_all(&scaled(1.0)),
+            self.network.evaluate_all(&scaled(-1.0)),
+        );
         let way = |(there, back): (Vec<f64>, Vec<f64>)| {
             let halves = there.iter().zip(back).map(|(t, b)| 0.5 * (t - b));
-            halves.zip(&self.output_scale).map(|(half, scale)| half * scale).collect()
+            halves
+                .zip(&self.output_scale)
+                .map(|(half, scale)| half * scale)
+                .collect()
         };
         there.into_iter().zip(back).map(way).collect()
     }
@@ -133,7 +202,12 @@ pub struct GuidedSwarm<'a> {
 
 impl<'a> GuidedSwarm<'a> {
     /// Before the first swarm is evaluated. `effects_mm`: how far each coordinate of the space displaces the points, rms.
-    pub fn new(space: &'a SearchSpace, observations: &[Observation], effects_mm: &[f64], seed: u64) -> Self {
+    pub fn new(
+        space: &'a SearchSpace,
+        observations: &[Observation],
+        effects_mm: &[f64],
+        seed: u64,
+    ) -> Self {
         Self {
             sight: Sight::new(space, observations, seed),
             effects_mm: effects_mm.to_vec(),
@@ -173,17 +247,30 @@ impl<'a> GuidedSwarm<'a> {
     }
 
     fn learn_from_all(&mut self, evaluated: &Positions) {
-        let all: Vec<Evaluated> = (0..evaluated.n_particles).map(|i| self.sight.look(evaluated.particle(i))).collect();
+        let all: Vec<Evaluated> = (0..evaluated.n_particles)
+            .map(|i| self.sight.look(evaluated.particle(i)))
+            .collect();
         self.train(&all);
         self.best = all.into_iter().step_by(GUIDED).collect();
     }
 
     /// Keeps what was better, and trains anew on both where the last moves were not good enough.
     fn learn_from_guided(&mut self, evaluated: &Positions) {
-        let mut now: Vec<Evaluated> = (0..evaluated.n_particles).step_by(GUIDED).map(|i| self.sight.look(evaluated.particle(i))).collect();
-        let mut shares: Vec<f64> = now.iter().zip(&self.best).map(|(now, best)| now.cost / best.cost).collect();
+        let mut now: Vec<Evaluated> = (0..evaluated.n_particles)
+            .step_by(GUIDED)
+            .map(|i| self.sight.look(evaluated.particle(i)))
+            .collect();
+        let mut shares: Vec<f64> = now
+            .iter()
+            .zip(&self.best)
+            .map(|(now, best)| now.cost / best.cost)
+            .collect();
         shares.sort_by(f64::total_cmp);
-        for (now, best) in now.iter_mut().zip(&mut self.best).filter(|(now, best)| now.cost < best.cost) {
+        for (now, best) in now
+            .iter_mut()
+            .zip(&mut self.best)
+            .filter(|(now, best)| now.cost < best.cost)
+        {
             std::mem::swap(now, best);
         }
         if shares[shares.len() / 2] <= GOOD_ENOUGH {
@@ -203,7 +290,9 @@ impl<'a> GuidedSwarm<'a> {
     }
 
     fn guide_from_best(&self, positions: &mut Positions) {
-        let Some(guide) = self.guide.as_ref().filter(|_| !self.is_over) else { return };
+        let Some(guide) = self.guide.as_ref().filter(|_| !self.is_over) else {
+            return;
+        };
         for (k, (best, way)) in self.best.iter().zip(guide.ways(&self.best)).enumerate() {
             let there: Vec<f64> = best.position.iter().zip(way).map(|(x, w)| x + w).collect();
             if there.iter().all(|x| x.is_finite()) {

@@ -53,9 +53,18 @@ pub fn decompose(mut scaled: DMatrix<f64>, scale: &[f64]) -> Decomposition {
     if p > 0 {
         triangularise(scaled.as_mut_slice(), n_rows, &mut vec![0.0; n_rows]);
     }
-    let square = DMatrix::from_fn(p, p, |row, column| if row <= column { scaled[(row, column)] } else { 0.0 });
+    let square = DMatrix::from_fn(p, p, |row, column| {
+        if row <= column {
+            scaled[(row, column)]
+        } else {
+            0.0
+        }
+    });
     let (values, v_t) = match square.try_svd(false, true, f64::EPSILON, SVD_ITERATIONS) {
-        Some(svd) => (svd.singular_values, svd.v_t.unwrap_or_else(|| DMatrix::identity(p, p))),
+        Some(svd) => (
+            svd.singular_values,
+            svd.v_t.unwrap_or_else(|| DMatrix::identity(p, p)),
+        ),
         None => (DVector::zeros(p), DMatrix::identity(p, p)),
     };
     let mut order: Vec<usize> = (0..p).collect();
@@ -81,13 +90,19 @@ fn with_fixed_signs(mut directions: DMatrix<f64>) -> DMatrix<f64> {
 impl Decomposition {
     /// Combinations that the data see.
     pub fn rank(&self) -> usize {
-        self.singular_values.iter().filter(|s| **s >= VISIBLE_EFFECT_MM).count()
+        self.singular_values
+            .iter()
+            .filter(|s| **s >= VISIBLE_EFFECT_MM)
+            .count()
     }
 
     /// Rank by a threshold relative to the largest singular value, for questions about the model alone.
     pub fn rank_relative(&self, tolerance: f64) -> usize {
         let largest = self.singular_values.first().copied().unwrap_or(0.0);
-        self.singular_values.iter().filter(|s| **s > tolerance * largest).count()
+        self.singular_values
+            .iter()
+            .filter(|s| **s > tolerance * largest)
+            .count()
     }
 
     /// Largest over smallest seen singular value.
@@ -104,20 +119,30 @@ impl Decomposition {
         if rank == 0 {
             return 0.0;
         }
-        libm::exp(self.singular_values[..rank].iter().map(|s| libm::log(*s)).sum::<f64>() / rank as f64)
+        libm::exp(
+            self.singular_values[..rank]
+                .iter()
+                .map(|s| libm::log(*s))
+                .sum::<f64>()
+                / rank as f64,
+        )
     }
 
     /// S·V of the seen combinations, p × rank: deviation = this · coordinates.
     pub fn seen_directions(&self) -> DMatrix<f64> {
         let rank = self.rank();
-        DMatrix::from_fn(self.scale.len(), rank, |row, k| self.scale[row] * self.directions[(row, k)])
+        DMatrix::from_fn(self.scale.len(), rank, |row, k| {
+            self.scale[row] * self.directions[(row, k)]
+        })
     }
 
     /// S·V of the combinations that the data do not see, p × (p − rank).
     pub fn unseen_directions(&self) -> DMatrix<f64> {
         let rank = self.rank();
         let p = self.scale.len();
-        DMatrix::from_fn(p, p - rank, |row, k| self.scale[row] * self.directions[(row, rank + k)])
+        DMatrix::from_fn(p, p - rank, |row, k| {
+            self.scale[row] * self.directions[(row, rank + k)]
+        })
     }
 
     /// As [`Self::seen_directions`] and [`Self::unseen_directions`], with those of the unseen combinations put to the seen ones that priors
@@ -128,13 +153,25 @@ impl Decomposition {
             return (seen, unseen);
         }
         // however narrow a prior, it says nothing of a combination in which its parameter has no part
-        let said = |row: usize, k: usize| unseen[(stds[row].0, k)] / stds[row].1.max(self.scale[stds[row].0]).max(f64::MIN_POSITIVE);
+        let said = |row: usize, k: usize| {
+            unseen[(stds[row].0, k)]
+                / stds[row]
+                    .1
+                    .max(self.scale[stds[row].0])
+                    .max(f64::MIN_POSITIVE)
+        };
         let said = DMatrix::from_fn(stds.len(), unseen.ncols(), said);
         let parted = decompose(said, &vec![1.0; unseen.ncols()]);
-        let n_said = parted.singular_values.iter().filter(|s| **s >= SAID).count();
+        let n_said = parted
+            .singular_values
+            .iter()
+            .filter(|s| **s >= SAID)
+            .count();
         let turned = unseen * &parted.directions;
         let mut known = seen.clone().resize_horizontally(seen.ncols() + n_said, 0.0);
-        known.columns_mut(seen.ncols(), n_said).copy_from(&turned.columns(0, n_said));
+        known
+            .columns_mut(seen.ncols(), n_said)
+            .copy_from(&turned.columns(0, n_said));
         (known, turned.columns_range(n_said..).into_owned())
     }
 
@@ -142,7 +179,9 @@ impl Decomposition {
     pub fn identifiable(&self) -> Vec<bool> {
         let rank = self.rank();
         let p = self.scale.len();
-        (0..p).map(|row| (rank..p).all(|k| self.directions[(row, k)].abs() < TAKES_PART)).collect()
+        (0..p)
+            .map(|row| (rank..p).all(|k| self.directions[(row, k)].abs() < TAKES_PART))
+            .collect()
     }
 
     /// The unseen combinations, each by the indices of the parameters that take part in it. The null space is brought to reduced
@@ -156,7 +195,9 @@ impl Decomposition {
             .row_iter()
             .map(|row| {
                 let largest = row.iter().fold(0.0f64, |m, v| m.max(v.abs()));
-                (0..p).filter(|j| row[*j].abs() >= TAKES_PART * largest).collect()
+                (0..p)
+                    .filter(|j| row[*j].abs() >= TAKES_PART * largest)
+                    .collect()
             })
             .collect();
         groups.sort();

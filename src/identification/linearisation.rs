@@ -27,8 +27,15 @@ impl<'a> Linearisation<'a> {
     }
 
     /// As [`Self::new`], with the space's parameters themselves for coordinates, mm or rad.
-    pub fn of_parameters(space: &SearchSpace, observations: &[Observation]) -> Linearisation<'static> {
-        let unscaled = SearchSpace::raw(space.reference.clone(), space.parameters.clone(), vec![1.0; space.parameters.len()]);
+    pub fn of_parameters(
+        space: &SearchSpace,
+        observations: &[Observation],
+    ) -> Linearisation<'static> {
+        let unscaled = SearchSpace::raw(
+            space.reference.clone(),
+            space.parameters.clone(),
+            vec![1.0; space.parameters.len()],
+        );
         Linearisation::prepare(Cow::Owned(unscaled), observations)
     }
 
@@ -70,8 +77,13 @@ impl<'a> Linearisation<'a> {
     pub fn linearise(&mut self, coordinates: &[f64], residuals: &mut [f64], jacobian: &mut [f64]) {
         self.place(coordinates);
         let left = left_jacobian(&self.space.base_rotation(&self.deviation));
-        let along = Along { moved: &self.moved, directions: self.space.directions().as_slice(), left_jacobian: &left };
-        self.robot.linearise(&self.poses, &along, &mut self.raw, residuals, jacobian);
+        let along = Along {
+            moved: &self.moved,
+            directions: self.space.directions().as_slice(),
+            left_jacobian: &left,
+        };
+        self.robot
+            .linearise(&self.poses, &along, &mut self.raw, residuals, jacobian);
     }
 
     /// The model at the last coordinates.
@@ -81,7 +93,16 @@ impl<'a> Linearisation<'a> {
 
     fn place(&mut self, coordinates: &[f64]) {
         self.space.deviation_into(coordinates, &mut self.deviation);
-        apply_into(&self.space.reference, &self.space.parameters, &self.deviation, &mut self.model);
-        self.robot.set(&self.model.t_instrument_base, &self.model.links, &self.model.targets_mm);
+        apply_into(
+            &self.space.reference,
+            &self.space.parameters,
+            &self.deviation,
+            &mut self.model,
+        );
+        self.robot.set(
+            &self.model.t_instrument_base,
+            &self.model.links,
+            &self.model.targets_mm,
+        );
     }
 }

@@ -15,7 +15,12 @@ pub fn features<'a>(
     poses: impl ExactSizeIterator<Item = (&'a [f64], usize, f64)>,
     gravity: &[Vector3<f64>],
 ) -> DMatrix<f64> {
-    let reach_mm = model.links.iter().map(|l| libm::hypot(l.a_mm, l.d_mm)).sum::<f64>().max(f64::MIN_POSITIVE);
+    let reach_mm = model
+        .links
+        .iter()
+        .map(|l| libm::hypot(l.a_mm, l.d_mm))
+        .sum::<f64>()
+        .max(f64::MIN_POSITIVE);
     let n_features = count(model.links.len(), gravity.len());
     let mut all = DMatrix::zeros(3 * poses.len(), n_features);
     for (row, (q_rad, target, weight)) in poses.enumerate() {
@@ -34,7 +39,13 @@ fn count(n_links: usize, n_gravity: usize) -> usize {
     n_gravity * n_links * (n_links + 1) / 2 + 2 * n_links
 }
 
-fn displacements(model: &KinematicModel, q_rad: &[f64], target: usize, gravity: &[Vector3<f64>], reach_mm: f64) -> Vec<Vector3<f64>> {
+fn displacements(
+    model: &KinematicModel,
+    q_rad: &[f64],
+    target: usize,
+    gravity: &[Vector3<f64>],
+    reach_mm: f64,
+) -> Vec<Vector3<f64>> {
     let mut chain: Vec<IsometryMatrix3<f64>> = Vec::with_capacity(q_rad.len());
     let mut t_base_link = IsometryMatrix3::identity();
     for (link, q) in model.links.iter().zip(q_rad) {
@@ -42,14 +53,22 @@ fn displacements(model: &KinematicModel, q_rad: &[f64], target: usize, gravity: 
         chain.push(t_base_link);
     }
     let tip = t_base_link.rotation * model.targets_mm[target] + t_base_link.translation.vector;
-    let origins: Vec<Vector3<f64>> = chain.iter().map(|t| t.translation.vector).chain([tip]).collect();
+    let origins: Vec<Vector3<f64>> = chain
+        .iter()
+        .map(|t| t.translation.vector)
+        .chain([tip])
+        .collect();
     let mut displacements = Vec::with_capacity(count(q_rad.len(), gravity.len()));
     for (joint, t_base_joint) in chain.iter().enumerate() {
         let axis: Vector3<f64> = t_base_joint.rotation.matrix().column(2).into();
         // the target's displacement per rad of this joint, in the measuring frame
         let lever = model.t_instrument_base.rotation * axis.cross(&(tip - origins[joint]));
         for g in gravity {
-            displacements.extend(origins[joint + 1..].iter().map(|o| lever * (axis.dot(&(o - origins[joint]).cross(g)) / reach_mm)));
+            displacements.extend(
+                origins[joint + 1..]
+                    .iter()
+                    .map(|o| lever * (axis.dot(&(o - origins[joint]).cross(g)) / reach_mm)),
+            );
         }
         let (s, c) = libm::sincos(q_rad[joint]);
         displacements.extend([lever * s, lever * c]);

@@ -45,7 +45,11 @@ pub struct KinematicModel {
 impl KinematicModel {
     /// Base at the measuring frame, targets at the flange.
     pub fn nominal(links: &[Link], n_targets: usize) -> Self {
-        Self { t_instrument_base: IsometryMatrix3::identity(), links: links.to_vec(), targets_mm: vec![Vector3::zeros(); n_targets] }
+        Self {
+            t_instrument_base: IsometryMatrix3::identity(),
+            links: links.to_vec(),
+            targets_mm: vec![Vector3::zeros(); n_targets],
+        }
     }
 
     /// Position of a target in the measuring frame, mm.

@@ -52,9 +52,15 @@ pub fn best_start(
     base_is_known: bool,
 ) -> BestStart {
     let compared = evenly_taken(observations, nominal.targets_mm.len());
-    let compared = if 3 * compared.len() < 2 * parameters.len() { observations.to_vec() } else { compared };
+    let compared = if 3 * compared.len() < 2 * parameters.len() {
+        observations.to_vec()
+    } else {
+        compared
+    };
     let end = |start: &KinematicModel| {
-        let fit = fit_along_seen(start, parameters, scale, &compared, 0.0, &mut |_| ControlFlow::Continue(()));
+        let fit = fit_along_seen(start, parameters, scale, &compared, 0.0, &mut |_| {
+            ControlFlow::Continue(())
+        });
         (median_mm(&fit.model, &compared), fit.model)
     };
     // where the robot should be, whatever a few points say
@@ -64,7 +70,10 @@ pub fn best_start(
                 break;
             }
             let core = best_fitting(&model, &compared);
-            model = fit_along_seen(&model, parameters, scale, &core, 0.0, &mut |_| ControlFlow::Continue(())).model;
+            model = fit_along_seen(&model, parameters, scale, &core, 0.0, &mut |_| {
+                ControlFlow::Continue(())
+            })
+            .model;
             median = median_mm(&model, &compared);
         }
         (median, model)
@@ -93,7 +102,11 @@ pub fn best_start(
     let mut random = ChaCha8Rng::seed_from_u64(0);
     let is_offset = |p: &Parameter| matches!(p, Parameter::Link(_, Quantity::ThetaOffset));
     // without a free offset every start is the same
-    let n_starts = if parameters.iter().any(is_offset) { STARTS } else { 0 };
+    let n_starts = if parameters.iter().any(is_offset) {
+        STARTS
+    } else {
+        0
+    };
     while found.best_mm > FOUND_MM && found.n_starts < n_starts {
         found.n_starts += 1;
         // narrow first: most joints are off by little
@@ -105,7 +118,10 @@ pub fn best_start(
             }
         }
         let start = match base_is_known {
-            true => KinematicModel { links, ..nominal.clone() },
+            true => KinematicModel {
+                links,
+                ..nominal.clone()
+            },
             false => fit_base_and_targets(&links, &compared, nominal.targets_mm.len()),
         };
         let (median, model) = end(&start);
@@ -122,20 +138,35 @@ pub fn best_start(
 /// Some of the points that count, evenly from those of each target: however targets alternate in a file, each has its share.
 fn evenly_taken(observations: &[Observation], n_targets: usize) -> Vec<Observation> {
     let every = observations.len().div_ceil(COMPARED_POINTS).max(1);
-    let of_target = |target| observations.iter().filter(move |o| o.target == target && o.weight > 0.0).step_by(every);
+    let of_target = |target| {
+        observations
+            .iter()
+            .filter(move |o| o.target == target && o.weight > 0.0)
+            .step_by(every)
+    };
     (0..n_targets).flat_map(of_target).cloned().collect()
 }
 
 /// All but the points that fit worst.
 fn best_fitting(model: &KinematicModel, observations: &[Observation]) -> Vec<Observation> {
-    let mut by_length: Vec<(f64, usize)> = residuals(model, observations).iter().map(Vector3::norm).zip(0..).collect();
+    let mut by_length: Vec<(f64, usize)> = residuals(model, observations)
+        .iter()
+        .map(Vector3::norm)
+        .zip(0..)
+        .collect();
     by_length.sort_by(|(a, _), (b, _)| a.total_cmp(b));
     by_length.truncate(observations.len() - observations.len() / LEFT_OUT);
-    by_length.into_iter().map(|(_, i)| observations[i].clone()).collect()
+    by_length
+        .into_iter()
+        .map(|(_, i)| observations[i].clone())
+        .collect()
 }
 
 fn median_mm(model: &KinematicModel, observations: &[Observation]) -> f64 {
-    let mut lengths: Vec<f64> = residuals(model, observations).iter().map(Vector3::norm).collect();
+    let mut lengths: Vec<f64> = residuals(model, observations)
+        .iter()
+        .map(Vector3::norm)
+        .collect();
     lengths.sort_by(f64::total_cmp);
     lengths.get(lengths.len() / 2).copied().unwrap_or(0.0)
 }

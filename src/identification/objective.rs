@@ -20,18 +20,27 @@ pub struct Observation {
 
 /// residual = measured − predicted of each observation, mm, unweighted.
 pub fn residuals(model: &KinematicModel, observations: &[Observation]) -> Vec<Vector3<f64>> {
-    observations.iter().map(|o| o.position_mm - model.position(&o.q_rad, o.target)).collect()
+    observations
+        .iter()
+        .map(|o| o.position_mm - model.position(&o.q_rad, o.target))
+        .collect()
 }
 
 /// F = Σ weight · |residual|², mm² [Gao 2018, eq. 8, 11].
 pub fn cost(model: &KinematicModel, observations: &[Observation]) -> f64 {
-    residuals(model, observations).iter().zip(observations).map(|(r, o)| o.weight * r.norm_squared()).sum()
+    residuals(model, observations)
+        .iter()
+        .zip(observations)
+        .map(|(r, o)| o.weight * r.norm_squared())
+        .sum()
 }
 
 /// sqrt(weight) · residual, three rows per observation.
 pub fn weighted_residuals(model: &KinematicModel, observations: &[Observation]) -> DVector<f64> {
     let residuals = residuals(model, observations);
-    DVector::from_fn(3 * observations.len(), |row, _| observations[row / 3].weight.sqrt() * residuals[row / 3][row % 3])
+    DVector::from_fn(3 * observations.len(), |row, _| {
+        observations[row / 3].weight.sqrt() * residuals[row / 3][row % 3]
+    })
 }
 
 /// The identification Jacobian: sqrt(weight) · ∂(predicted position)/∂(parameter), 3·N × p, in mm per mm or rad. The derivative of the
@@ -47,7 +56,12 @@ pub fn weighted_jacobian(
     let left = left_jacobian(base_rotation_rad);
     for (row, observation) in observations.iter().enumerate() {
         let target = &model.targets_mm[observation.target];
-        let at = position_jacobian(&model.t_instrument_base, &model.links, &observation.q_rad, target);
+        let at = position_jacobian(
+            &model.t_instrument_base,
+            &model.links,
+            &observation.q_rad,
+            target,
+        );
         let turned = at.base_rotation * left;
         let root = observation.weight.sqrt();
         for (column, parameter) in parameters.iter().enumerate() {

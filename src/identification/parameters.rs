@@ -60,7 +60,11 @@ impl Parameter {
 
     /// True for parameters in rad, false for those in mm.
     pub fn is_angle(&self) -> bool {
-        matches!(self, Self::Link(_, Quantity::Alpha | Quantity::ThetaOffset | Quantity::Beta) | Self::BaseRotation(_))
+        matches!(
+            self,
+            Self::Link(_, Quantity::Alpha | Quantity::ThetaOffset | Quantity::Beta)
+                | Self::BaseRotation(_)
+        )
     }
 
     /// True for parameters of the robot itself, not of where it stands or what it carries.
@@ -71,15 +75,25 @@ impl Parameter {
 
 /// The 4·n parameters of the paper [Gao 2018, Table 2]: a, alpha, d and theta_offset of every link.
 pub fn paper_parameters(n_links: usize) -> Vec<Parameter> {
-    let quantities = [Quantity::A, Quantity::Alpha, Quantity::D, Quantity::ThetaOffset];
-    (0..n_links).flat_map(|link| quantities.map(|quantity| Parameter::Link(link, quantity))).collect()
+    let quantities = [
+        Quantity::A,
+        Quantity::Alpha,
+        Quantity::D,
+        Quantity::ThetaOffset,
+    ];
+    (0..n_links)
+        .flat_map(|link| quantities.map(|quantity| Parameter::Link(link, quantity)))
+        .collect()
 }
 
 /// Base pose, links and targets with the redundancy taken out: link 1 stays nominal (the base carries it), theta_offset and d of the
 /// last link stay nominal (the targets carry them), of each group of parallel axes all d but one stay nominal, and links i ≥ 2 whose
 /// axis is parallel to the one before get Hayati's beta (Hayati & Mirmirani 1985; counting as in Everett, Driels & Mooring 1987).
 pub fn complete_parameters(nominal: &[Link], n_targets: usize) -> Vec<Parameter> {
-    let mut parameters: Vec<Parameter> = (0..3).map(Parameter::BaseTranslation).chain((0..3).map(Parameter::BaseRotation)).collect();
+    let mut parameters: Vec<Parameter> = (0..3)
+        .map(Parameter::BaseTranslation)
+        .chain((0..3).map(Parameter::BaseRotation))
+        .collect();
     let last = nominal.len() - 1;
     for link in 1..nominal.len() {
         parameters.push(Parameter::Link(link, Quantity::A));
@@ -94,7 +108,9 @@ pub fn complete_parameters(nominal: &[Link], n_targets: usize) -> Vec<Parameter>
             parameters.push(Parameter::Link(link, Quantity::Beta));
         }
     }
-    parameters.extend((0..n_targets).flat_map(|target| (0..3).map(move |axis| Parameter::Target(target, axis))));
+    parameters.extend(
+        (0..n_targets).flat_map(|target| (0..3).map(move |axis| Parameter::Target(target, axis))),
+    );
     parameters
 }
 
@@ -118,21 +134,32 @@ fn d_is_free(nominal: &[Link], link: usize) -> bool {
 }
 
 /// The reference with each parameter moved by its deviation.
-pub fn apply(reference: &KinematicModel, parameters: &[Parameter], deviation: &[f64]) -> KinematicModel {
+pub fn apply(
+    reference: &KinematicModel,
+    parameters: &[Parameter],
+    deviation: &[f64],
+) -> KinematicModel {
     let mut model = reference.clone();
     apply_into(reference, parameters, deviation, &mut model);
     model
 }
 
 /// As [`apply`], into a model of the same size, without allocating.
-pub fn apply_into(reference: &KinematicModel, parameters: &[Parameter], deviation: &[f64], model: &mut KinematicModel) {
+pub fn apply_into(
+    reference: &KinematicModel,
+    parameters: &[Parameter],
+    deviation: &[f64],
+    model: &mut KinematicModel,
+) {
     model.links.copy_from_slice(&reference.links);
     model.targets_mm.copy_from_slice(&reference.targets_mm);
     let mut translation = Vector3::zeros();
     let mut rotation = Vector3::zeros();
     for (parameter, value) in parameters.iter().zip(deviation) {
         match *parameter {
-            Parameter::Link(link, quantity) => *quantity_mut(&mut model.links[link], quantity) += value,
+            Parameter::Link(link, quantity) => {
+                *quantity_mut(&mut model.links[link], quantity) += value
+            }
             Parameter::BaseTranslation(axis) => translation[axis] += value,
             Parameter::BaseRotation(axis) => rotation[axis] += value,
             Parameter::Target(target, axis) => model.targets_mm[target][axis] += value,
@@ -142,19 +169,27 @@ pub fn apply_into(reference: &KinematicModel, parameters: &[Parameter], deviatio
 }
 
 /// How far a parameter of a model is from that of a reference, mm or rad; of the base's turn: the rotation vector between the two.
-pub fn deviation_from(reference: &KinematicModel, model: &KinematicModel, parameter: &Parameter) -> f64 {
+pub fn deviation_from(
+    reference: &KinematicModel,
+    model: &KinematicModel,
+    parameter: &Parameter,
+) -> f64 {
     match *parameter {
         Parameter::Link(link, quantity) => {
-            let of = |model: &KinematicModel| *quantity_mut(&mut model.links[link].clone(), quantity);
+            let of =
+                |model: &KinematicModel| *quantity_mut(&mut model.links[link].clone(), quantity);
             of(model) - of(reference)
         }
         Parameter::BaseTranslation(axis) => {
-            (model.t_instrument_base.translation.vector - reference.t_instrument_base.translation.vector)[axis]
+            (model.t_instrument_base.translation.vector
+                - reference.t_instrument_base.translation.vector)[axis]
         }
-        Parameter::BaseRotation(axis) => {
-            rotation_log(&(model.t_instrument_base.rotation * reference.t_instrument_base.rotation.inverse()))[axis]
+        Parameter::BaseRotation(axis) => rotation_log(
+            &(model.t_instrument_base.rotation * reference.t_instrument_base.rotation.inverse()),
+        )[axis],
+        Parameter::Target(target, axis) => {
+            (model.targets_mm[target] - reference.targets_mm[target])[axis]
         }
-        Parameter::Target(target, axis) => (model.targets_mm[target] - reference.targets_mm[target])[axis],
     }
 }
 
@@ -169,10 +204,17 @@ pub fn quantity_mut(link: &mut Link, quantity: Quantity) -> &mut f64 {
     }
 }
 
-fn moved_base(base: &IsometryMatrix3<f64>, translation: &Vector3<f64>, rotation: &Vector3<f64>) -> IsometryMatrix3<f64> {
+fn moved_base(
+    base: &IsometryMatrix3<f64>,
+    translation: &Vector3<f64>,
+    rotation: &Vector3<f64>,
+) -> IsometryMatrix3<f64> {
     if *translation == Vector3::zeros() && *rotation == Vector3::zeros() {
         return *base;
     }
     let turned = rotation_exp(rotation) * base.rotation;
-    IsometryMatrix3::from_parts(Translation3::from(base.translation.vector + translation), turned)
+    IsometryMatrix3::from_parts(
+        Translation3::from(base.translation.vector + translation),
+        turned,
+    )
 }

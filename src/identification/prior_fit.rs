@@ -46,8 +46,17 @@ impl Fitting<'_> {
         monitor: &mut dyn FnMut(Iteration) -> ControlFlow<()>,
     ) -> SeenFit {
         match self.priors {
-            None => fit_along_seen(start, self.parameters, self.scale, observations, stop_at_cost, monitor),
-            Some(priors) => self.with_active_set(priors, start, observations, stop_at_cost, monitor),
+            None => fit_along_seen(
+                start,
+                self.parameters,
+                self.scale,
+                observations,
+                stop_at_cost,
+                monitor,
+            ),
+            Some(priors) => {
+                self.with_active_set(priors, start, observations, stop_at_cost, monitor)
+            }
         }
     }
 
@@ -69,7 +78,13 @@ impl Fitting<'_> {
         let mut held: BTreeMap<usize, bool> = BTreeMap::new();
         let mut let_go: Vec<usize> = Vec::new();
         let (convergence, termination) = (vec![cost_of(&start)], Termination::IterationLimit);
-        let mut found = SeenFit { model: start, n_iterations: 0, n_evaluations: 1, convergence, termination };
+        let mut found = SeenFit {
+            model: start,
+            n_iterations: 0,
+            n_evaluations: 1,
+            convergence,
+            termination,
+        };
         for _ in 0..=CHANGES_PER_BOUND * priors.all.len() {
             let fit = self.free_fit(priors, &held, &found, observations, stop_at_cost, monitor);
             let (model, ended_by) = priors.towards(&found.model, &fit.model);
@@ -80,14 +95,24 @@ impl Fitting<'_> {
             }
             let at_bounds = priors.at_bounds(&found.model);
             if let Some(parameter) = ended_by {
-                let upper = at_bounds.iter().any(|(at, upper)| *at == parameter && *upper);
+                let upper = at_bounds
+                    .iter()
+                    .any(|(at, upper)| *at == parameter && *upper);
                 held.insert(parameter, upper);
                 found.termination = Termination::IterationLimit;
                 continue;
             }
             // one that was let go and came back stays
-            let candidates: Vec<(usize, bool)> = held.iter().map(|(j, upper)| (*j, *upper)).filter(|(j, _)| !let_go.contains(j)).collect();
-            let Some(parameter) = self.wants_inside(priors, &candidates, &found.model, observations) else { break };
+            let candidates: Vec<(usize, bool)> = held
+                .iter()
+                .map(|(j, upper)| (*j, *upper))
+                .filter(|(j, _)| !let_go.contains(j))
+                .collect();
+            let Some(parameter) =
+                self.wants_inside(priors, &candidates, &found.model, observations)
+            else {
+                break;
+            };
             held.remove(&parameter);
             let_go.push(parameter);
         }
@@ -104,34 +129,77 @@ impl Fitting<'_> {
         stop_at_cost: f64,
         monitor: &mut dyn FnMut(Iteration) -> ControlFlow<()>,
     ) -> SeenFit {
-        let scale: Vec<f64> = self.scale.iter().enumerate().map(|(j, s)| if held.contains_key(&j) { 0.0 } else { *s }).collect();
-        let stds: Vec<(usize, f64)> = priors.stds().into_iter().filter(|(j, _)| !held.contains_key(j)).collect();
+        let scale: Vec<f64> = self
+            .scale
+            .iter()
+            .enumerate()
+            .map(|(j, s)| if held.contains_key(&j) { 0.0 } else { *s })
+            .collect();
+        let stds: Vec<(usize, f64)> = priors
+            .stds()
+            .into_iter()
+            .filter(|(j, _)| !held.contains_key(j))
+            .collect();
         let around = |model: &KinematicModel| {
-            let (directions, _) = decomposition_at(model, self.parameters, &scale, observations).directions_with_priors(&stds);
-            let known = Known { pulls: priors.from(model).pulls, limits: vec![] };
-            SearchSpace::along(model.clone(), self.parameters.to_vec(), scale.clone(), directions).knowing(known)
+            let (directions, _) = decomposition_at(model, self.parameters, &scale, observations)
+                .directions_with_priors(&stds);
+            let known = Known {
+                pulls: priors.from(model).pulls,
+                limits: vec![],
+            };
+            SearchSpace::along(
+                model.clone(),
+                self.parameters.to_vec(),
+                scale.clone(),
+                directions,
+            )
+            .knowing(known)
         };
         let done = from.n_iterations;
-        let mut watch = |i: Iteration| monitor(Iteration { iteration: done + i.iteration, max_iterations: done + i.max_iterations, ..i });
+        let mut watch = |i: Iteration| {
+            monitor(Iteration {
+                iteration: done + i.iteration,
+                max_iterations: done + i.max_iterations,
+                ..i
+            })
+        };
         fit_in_rounds(&from.model, around, observations, stop_at_cost, &mut watch)
     }
 
     /// Of the held parameters, the one that F most wants back inside its bounds.
-    fn wants_inside(&self, priors: &Priors, held: &[(usize, bool)], model: &KinematicModel, observations: &[Observation]) -> Option<usize> {
+    fn wants_inside(
+        &self,
+        priors: &Priors,
+        held: &[(usize, bool)],
+        model: &KinematicModel,
+        observations: &[Observation],
+    ) -> Option<usize> {
         let jacobian = weighted_jacobian(model, self.parameters, observations, &Vector3::zeros());
         let residuals = weighted_residuals(model, observations);
         let pulls = priors.from(model).pulls;
         let none = vec![0.0; self.parameters.len()];
-        let known = Known { pulls, limits: vec![] };
+        let known = Known {
+            pulls,
+            limits: vec![],
+        };
         let length = (residuals.norm_squared() + known.cost_mm2(&none)).sqrt();
         let cosine = |(j, upper): &(usize, bool)| {
-            let of_prior = known.pulls.iter().zip(known.residuals(&none)).find(|(pull, _)| pull.parameter == *j);
-            let (along, square) = of_prior.map_or((0.0, 0.0), |(pull, r)| (pull.weight * r, pull.weight * pull.weight));
+            let of_prior = known
+                .pulls
+                .iter()
+                .zip(known.residuals(&none))
+                .find(|(pull, _)| pull.parameter == *j);
+            let (along, square) = of_prior.map_or((0.0, 0.0), |(pull, r)| {
+                (pull.weight * r, pull.weight * pull.weight)
+            });
             let column = jacobian.column(*j);
             // F falls as the parameter grows where this is positive
             let falls = column.dot(&residuals) + along;
             let inside = if *upper { -falls } else { falls };
-            (inside / ((column.norm_squared() + square).sqrt() * length).max(f64::MIN_POSITIVE), *j)
+            (
+                inside / ((column.norm_squared() + square).sqrt() * length).max(f64::MIN_POSITIVE),
+                *j,
+            )
         };
         let best = held.iter().map(cosine).max_by(|a, b| a.0.total_cmp(&b.0))?;
         (best.0 > LETS_GO).then_some(best.1)
@@ -172,14 +240,34 @@ pub fn weighed(
     let counting = observations.iter().filter(|o| o.weight > 0.0).count();
     let rank = decomposition_at(&alone.model, parameters, scale, observations).rank();
     let freedom = (3.0 * counting as f64 - rank as f64).max(1.0);
-    let scatter = |model: &KinematicModel| (cost(model, observations) / freedom).sqrt().max(VISIBLE_EFFECT_MM);
+    let scatter = |model: &KinematicModel| {
+        (cost(model, observations) / freedom)
+            .sqrt()
+            .max(VISIBLE_EFFECT_MM)
+    };
     let stds = priors.stds();
-    let others: Vec<f64> = scale.iter().enumerate().map(|(j, s)| if stds.iter().any(|(k, _)| *k == j) { 0.0 } else { *s }).collect();
+    let others: Vec<f64> = scale
+        .iter()
+        .enumerate()
+        .map(|(j, s)| {
+            if stds.iter().any(|(k, _)| *k == j) {
+                0.0
+            } else {
+                *s
+            }
+        })
+        .collect();
     let expected = priors.within_bounds(&priors.at_means(&alone.model));
     let mut model = fit_along_seen(&expected, parameters, &others, observations, 0.0, go_on).model;
     priors.scale_mm = scatter(&model);
     for _ in 0..SCALE_FITS {
-        model = Fitting { parameters, scale, priors: Some(&priors) }.run(&model, observations, 0.0, go_on).model;
+        model = Fitting {
+            parameters,
+            scale,
+            priors: Some(&priors),
+        }
+        .run(&model, observations, 0.0, go_on)
+        .model;
         let next = scatter(&model).min(priors.scale_mm);
         let is_found = priors.scale_mm - next <= SCALE_FOUND * next;
         priors.scale_mm = next;

@@ -77,7 +77,9 @@ pub struct Known {
 impl Known {
     /// Residuals of the priors, mm.
     pub fn residuals<'a>(&'a self, deviation: &'a [f64]) -> impl Iterator<Item = f64> + 'a {
-        self.pulls.iter().map(|pull| pull.weight * (pull.away - deviation[pull.parameter]))
+        self.pulls
+            .iter()
+            .map(|pull| pull.weight * (pull.away - deviation[pull.parameter]))
     }
 
     /// What the priors add to F, mm².
@@ -89,27 +91,56 @@ impl Known {
 impl Priors {
     /// Counted from `reference`; σ is not known yet.
     pub fn new(reference: &KinematicModel, parameters: &[Parameter], all: Vec<Prior>) -> Self {
-        Self { all, scale_mm: 0.0, reference: reference.clone(), parameters: parameters.to_vec() }
+        Self {
+            all,
+            scale_mm: 0.0,
+            reference: reference.clone(),
+            parameters: parameters.to_vec(),
+        }
     }
 
     /// How far each of them is from the reference in a model, mm or rad.
     fn deviations(&self, model: &KinematicModel) -> Vec<f64> {
-        self.all.iter().map(|prior| deviation_from(&self.reference, model, &self.parameters[prior.parameter])).collect()
+        self.all
+            .iter()
+            .map(|prior| deviation_from(&self.reference, model, &self.parameters[prior.parameter]))
+            .collect()
     }
 
     /// What is known, counted from a model.
     pub fn from(&self, model: &KinematicModel) -> Known {
         let of = |(prior, at): (&Prior, f64)| {
-            let pull = Pull { parameter: prior.parameter, weight: self.scale_mm / prior.std, away: prior.mean - at };
-            (pull, Limit { parameter: prior.parameter, low: prior.min - at, high: prior.max - at })
+            let pull = Pull {
+                parameter: prior.parameter,
+                weight: self.scale_mm / prior.std,
+                away: prior.mean - at,
+            };
+            (
+                pull,
+                Limit {
+                    parameter: prior.parameter,
+                    low: prior.min - at,
+                    high: prior.max - at,
+                },
+            )
         };
-        let (pulls, limits): (Vec<Pull>, Vec<Limit>) = self.all.iter().zip(self.deviations(model)).map(of).unzip();
-        Known { pulls, limits: limits.into_iter().filter(|l| l.low.is_finite() || l.high.is_finite()).collect() }
+        let (pulls, limits): (Vec<Pull>, Vec<Limit>) =
+            self.all.iter().zip(self.deviations(model)).map(of).unzip();
+        Known {
+            pulls,
+            limits: limits
+                .into_iter()
+                .filter(|l| l.low.is_finite() || l.high.is_finite())
+                .collect(),
+        }
     }
 
     /// Parameters and the standard deviations of their priors, mm or rad.
     pub fn stds(&self) -> Vec<(usize, f64)> {
-        self.all.iter().map(|prior| (prior.parameter, prior.std)).collect()
+        self.all
+            .iter()
+            .map(|prior| (prior.parameter, prior.std))
+            .collect()
     }
 
     /// What the priors add to F of a model, mm².
@@ -125,31 +156,60 @@ impl Priors {
     /// The model with every parameter of which something is known where it is expected.
     pub fn at_means(&self, model: &KinematicModel) -> KinematicModel {
         let mut deviation = vec![0.0; self.parameters.len()];
-        self.from(model).pulls.iter().for_each(|pull| deviation[pull.parameter] = pull.away);
+        self.from(model)
+            .pulls
+            .iter()
+            .for_each(|pull| deviation[pull.parameter] = pull.away);
         apply(model, &self.parameters, &deviation)
     }
 
     fn moved(&self, model: &KinematicModel, by: impl Fn(&Limit) -> f64) -> KinematicModel {
         let mut deviation = vec![0.0; self.parameters.len()];
-        self.from(model).limits.iter().for_each(|limit| deviation[limit.parameter] = by(limit));
-        if deviation.iter().all(|d| *d == 0.0) { model.clone() } else { apply(model, &self.parameters, &deviation) }
+        self.from(model)
+            .limits
+            .iter()
+            .for_each(|limit| deviation[limit.parameter] = by(limit));
+        if deviation.iter().all(|d| *d == 0.0) {
+            model.clone()
+        } else {
+            apply(model, &self.parameters, &deviation)
+        }
     }
 
     /// From one model, whose parameters are between their bounds, towards another, as far as the bounds allow; with the parameter whose
     /// bound ends it.
-    pub fn towards(&self, from: &KinematicModel, to: &KinematicModel) -> (KinematicModel, Option<usize>) {
-        let way: Vec<f64> = self.parameters.iter().map(|p| deviation_from(from, to, p)).collect();
+    pub fn towards(
+        &self,
+        from: &KinematicModel,
+        to: &KinematicModel,
+    ) -> (KinematicModel, Option<usize>) {
+        let way: Vec<f64> = self
+            .parameters
+            .iter()
+            .map(|p| deviation_from(from, to, p))
+            .collect();
         let share = |limit: &Limit| {
-            let bound = if way[limit.parameter] > 0.0 { limit.high } else { limit.low };
+            let bound = if way[limit.parameter] > 0.0 {
+                limit.high
+            } else {
+                limit.low
+            };
             (bound / way[limit.parameter]).max(0.0)
         };
         let beyond = |limit: &&Limit| limit.within(way[limit.parameter]) != way[limit.parameter];
         let limits = self.from(from).limits;
-        match limits.iter().filter(beyond).min_by(|a, b| share(a).total_cmp(&share(b))) {
+        match limits
+            .iter()
+            .filter(beyond)
+            .min_by(|a, b| share(a).total_cmp(&share(b)))
+        {
             None => (to.clone(), None),
             Some(first) => {
                 let part: Vec<f64> = way.iter().map(|w| w * share(first)).collect();
-                (self.within_bounds(&apply(from, &self.parameters, &part)), Some(first.parameter))
+                (
+                    self.within_bounds(&apply(from, &self.parameters, &part)),
+                    Some(first.parameter),
+                )
             }
         }
     }
@@ -157,13 +217,20 @@ impl Priors {
     /// The parameters of a model that stand at a bound: true at the upper one.
     pub fn at_bounds(&self, model: &KinematicModel) -> Vec<(usize, bool)> {
         let at = |(prior, deviation): (&Prior, f64)| {
-            let near = |bound: f64| bound.is_finite() && (deviation - bound).abs() <= AT_BOUND * (prior.std + bound.abs());
+            let near = |bound: f64| {
+                bound.is_finite()
+                    && (deviation - bound).abs() <= AT_BOUND * (prior.std + bound.abs())
+            };
             match (near(prior.max), near(prior.min)) {
                 (true, _) => Some((prior.parameter, true)),
                 (false, true) => Some((prior.parameter, false)),
                 _ => None,
             }
         };
-        self.all.iter().zip(self.deviations(model)).filter_map(at).collect()
+        self.all
+            .iter()
+            .zip(self.deviations(model))
+            .filter_map(at)
+            .collect()
     }
 }

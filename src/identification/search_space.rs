@@ -30,14 +30,31 @@ impl SearchSpace {
     /// One coordinate per parameter: deviation = scale · coordinate. The paper's search.
     pub fn raw(reference: KinematicModel, parameters: Vec<Parameter>, scale: Vec<f64>) -> Self {
         let directions = DMatrix::from_diagonal(&DVector::from_column_slice(&scale));
-        Self { reference, parameters, directions, scale, is_raw: true, known: Known::default() }
+        Self {
+            reference,
+            parameters,
+            directions,
+            scale,
+            is_raw: true,
+            known: Known::default(),
+        }
     }
 
     /// One coordinate per combination that the data see: deviation = S·V·coordinate, with J·S = U·Σ·Vᵀ at the reference. The box of
     /// these coordinates is the parameters' box turned (a uniform cube's spread is the same in every direction).
-    pub fn singular(reference: KinematicModel, parameters: Vec<Parameter>, scale: Vec<f64>, observations: &[Observation]) -> Self {
+    pub fn singular(
+        reference: KinematicModel,
+        parameters: Vec<Parameter>,
+        scale: Vec<f64>,
+        observations: &[Observation],
+    ) -> Self {
         let decomposition = decomposition_at(&reference, &parameters, &scale, observations);
-        Self::along(reference, parameters, scale, decomposition.seen_directions())
+        Self::along(
+            reference,
+            parameters,
+            scale,
+            decomposition.seen_directions(),
+        )
     }
 
     /// As [`Self::singular`], of the points and the priors together: one coordinate per combination that either says something of.
@@ -58,14 +75,34 @@ impl SearchSpace {
 
     /// How far each coordinate displaces the points (and pulls at the priors), rms, mm.
     pub fn effects_mm(&self, observations: &[Observation]) -> Vec<f64> {
-        let rows = rows_along(&self.reference, &self.parameters, &self.directions, observations, &self.known);
-        rows.column_iter().map(|column| column.norm() / (observations.len().max(1) as f64).sqrt()).collect()
+        let rows = rows_along(
+            &self.reference,
+            &self.parameters,
+            &self.directions,
+            observations,
+            &self.known,
+        );
+        rows.column_iter()
+            .map(|column| column.norm() / (observations.len().max(1) as f64).sqrt())
+            .collect()
     }
 
     /// As [`Self::singular`], along directions that were found elsewhere, p × r: their columns, each parameter divided by its scale, are
     /// orthonormal.
-    pub fn along(reference: KinematicModel, parameters: Vec<Parameter>, scale: Vec<f64>, directions: DMatrix<f64>) -> Self {
-        Self { reference, parameters, directions, scale, is_raw: false, known: Known::default() }
+    pub fn along(
+        reference: KinematicModel,
+        parameters: Vec<Parameter>,
+        scale: Vec<f64>,
+        directions: DMatrix<f64>,
+    ) -> Self {
+        Self {
+            reference,
+            parameters,
+            directions,
+            scale,
+            is_raw: false,
+            known: Known::default(),
+        }
     }
 
     /// With what is known beforehand: deviations beyond a limit stop at it, and pulls add to the cost.
@@ -120,15 +157,25 @@ impl SearchSpace {
         if self.is_raw {
             return (0..deviation.len()).map(scaled).collect();
         }
-        let along =
-            |column: nalgebra::DVectorView<'_, f64>| column.iter().enumerate().map(|(row, v)| v / self.scale[row] * scaled(row)).sum();
+        let along = |column: nalgebra::DVectorView<'_, f64>| {
+            column
+                .iter()
+                .enumerate()
+                .map(|(row, v)| v / self.scale[row] * scaled(row))
+                .sum()
+        };
         self.directions.column_iter().map(along).collect()
     }
 
     /// The model at some coordinates.
     pub fn model(&self, coordinates: &[f64]) -> KinematicModel {
         let mut model = self.reference.clone();
-        apply_into(&self.reference, &self.parameters, &self.deviation(coordinates), &mut model);
+        apply_into(
+            &self.reference,
+            &self.parameters,
+            &self.deviation(coordinates),
+            &mut model,
+        );
         model
     }
 
@@ -152,11 +199,13 @@ fn rows_along(
     observations: &[Observation],
     known: &Known,
 ) -> DMatrix<f64> {
-    let of_points = weighted_jacobian(reference, parameters, observations, &Vector3::zeros()) * directions;
+    let of_points =
+        weighted_jacobian(reference, parameters, observations, &Vector3::zeros()) * directions;
     let n = of_points.nrows();
     let mut rows = of_points.resize_vertically(n + known.pulls.len(), 0.0);
     for (k, pull) in known.pulls.iter().enumerate() {
-        rows.row_mut(n + k).copy_from(&(directions.row(pull.parameter) * pull.weight));
+        rows.row_mut(n + k)
+            .copy_from(&(directions.row(pull.parameter) * pull.weight));
     }
     rows
 }
@@ -165,7 +214,10 @@ fn rows_along(
 #[multiversion(targets("x86_64+avx512f+avx512vl+fma", "x86_64+avx2+fma"))]
 fn combine(directions: &[f64], coordinates: &[f64], deviation: &mut [f64]) {
     deviation.fill(0.0);
-    for (column, z) in directions.chunks_exact(deviation.len().max(1)).zip(coordinates) {
+    for (column, z) in directions
+        .chunks_exact(deviation.len().max(1))
+        .zip(coordinates)
+    {
         for (to, v) in deviation.iter_mut().zip(column) {
             *to = v.mul_add(*z, *to);
         }
@@ -173,18 +225,35 @@ fn combine(directions: &[f64], coordinates: &[f64], deviation: &mut [f64]) {
 }
 
 /// The scaled identification Jacobian at a model, taken apart.
-pub fn decomposition_at(model: &KinematicModel, parameters: &[Parameter], scale: &[f64], observations: &[Observation]) -> Decomposition {
-    decompose(scaled_jacobian_at(model, parameters, scale, observations), scale)
+pub fn decomposition_at(
+    model: &KinematicModel,
+    parameters: &[Parameter],
+    scale: &[f64],
+    observations: &[Observation],
+) -> Decomposition {
+    decompose(
+        scaled_jacobian_at(model, parameters, scale, observations),
+        scale,
+    )
 }
 
 /// The identification Jacobian at a model: mm that points move for one scale of each parameter, over sqrt(N points).
-pub fn scaled_jacobian_at(model: &KinematicModel, parameters: &[Parameter], scale: &[f64], observations: &[Observation]) -> DMatrix<f64> {
+pub fn scaled_jacobian_at(
+    model: &KinematicModel,
+    parameters: &[Parameter],
+    scale: &[f64],
+    observations: &[Observation],
+) -> DMatrix<f64> {
     let per_point = 1.0 / (observations.len().max(1) as f64).sqrt();
     let shares = scale.iter().map(|s| s * per_point).collect();
     let space = SearchSpace::raw(model.clone(), parameters.to_vec(), shares);
     let mut linearisation = Linearisation::new(&space, observations);
     let n_rows = linearisation.n_rows();
     let mut scaled = DMatrix::zeros(n_rows, parameters.len());
-    linearisation.linearise(&vec![0.0; parameters.len()], &mut vec![0.0; n_rows], scaled.as_mut_slice());
+    linearisation.linearise(
+        &vec![0.0; parameters.len()],
+        &mut vec![0.0; n_rows],
+        scaled.as_mut_slice(),
+    );
     scaled
 }

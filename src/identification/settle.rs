@@ -25,9 +25,20 @@ const SURPRISING: f64 = 3.0;
 
 /// `model`, the answer of least squares, drawn towards `nominal`. The scales of `fitting` are the parameters' priors where none are stated;
 /// those that are stated stay as they are, and what would leave its bounds stays at them.
-pub fn settle(model: &KinematicModel, nominal: &KinematicModel, fitting: Fitting<'_>, observations: &[Observation]) -> KinematicModel {
-    let Some(priors) = fitting.priors else { return settled(model, nominal, fitting, &[], observations) };
-    let mut held: Vec<usize> = priors.at_bounds(model).into_iter().map(|(parameter, _)| parameter).collect();
+pub fn settle(
+    model: &KinematicModel,
+    nominal: &KinematicModel,
+    fitting: Fitting<'_>,
+    observations: &[Observation],
+) -> KinematicModel {
+    let Some(priors) = fitting.priors else {
+        return settled(model, nominal, fitting, &[], observations);
+    };
+    let mut held: Vec<usize> = priors
+        .at_bounds(model)
+        .into_iter()
+        .map(|(parameter, _)| parameter)
+        .collect();
     let mut model = model.clone();
     loop {
         let settled = settled(&model, nominal, fitting, &held, observations);
@@ -49,18 +60,33 @@ fn settled(
     held: &[usize],
     observations: &[Observation],
 ) -> KinematicModel {
-    let Fitting { parameters, scale, priors } = fitting;
+    let Fitting {
+        parameters,
+        scale,
+        priors,
+    } = fitting;
     let counting = observations.iter().filter(|o| o.weight > 0.0).count();
-    let scale: Vec<f64> = scale.iter().enumerate().map(|(j, s)| if held.contains(&j) { 0.0 } else { *s }).collect();
-    let stated: Vec<(usize, f64)> = priors.map_or(vec![], Priors::stds).into_iter().filter(|(j, _)| !held.contains(j)).collect();
-    let (directions, _) = decomposition_at(model, parameters, &scale, observations).directions_with_priors(&stated);
+    let scale: Vec<f64> = scale
+        .iter()
+        .enumerate()
+        .map(|(j, s)| if held.contains(&j) { 0.0 } else { *s })
+        .collect();
+    let stated: Vec<(usize, f64)> = priors
+        .map_or(vec![], Priors::stds)
+        .into_iter()
+        .filter(|(j, _)| !held.contains(j))
+        .collect();
+    let (directions, _) =
+        decomposition_at(model, parameters, &scale, observations).directions_with_priors(&stated);
     let freedom = 3.0 * counting as f64 - directions.ncols() as f64;
     if freedom <= 0.0 || directions.ncols() == 0 {
         return model.clone();
     }
     let cost = weighted_residuals(model, observations).norm_squared();
     let variance = cost / freedom;
-    let is_drawn = |j: &usize| parameters[*j].is_link() && scale[*j] > 0.0 && stated.iter().all(|(k, _)| k != j);
+    let is_drawn = |j: &usize| {
+        parameters[*j].is_link() && scale[*j] > 0.0 && stated.iter().all(|(k, _)| k != j)
+    };
     let drawn: Vec<usize> = (0..parameters.len()).filter(is_drawn).collect();
     let from = |mut widths: Vec<f64>| {
         let mut settled = model.clone();
@@ -78,17 +104,34 @@ fn settled(
         let dearest = cost + variance * (SURPRISING * SURPRISING * directions.ncols() as f64);
         (weighted_residuals(&settled, observations).norm_squared() <= dearest).then_some(settled)
     };
-    let own = parameters.iter().zip(&scale).map(|(p, s)| width(p, *s)).collect();
+    let own = parameters
+        .iter()
+        .zip(&scale)
+        .map(|(p, s)| width(p, *s))
+        .collect();
     let settled = from(own).or_else(|| from(prior_widths(model, nominal, parameters, &scale)));
     settled.unwrap_or_else(|| model.clone())
 }
 
 /// How far each parameter may be off, mm or rad: its prior, or where it has come out several priors away, as far as it has.
-pub fn prior_widths(model: &KinematicModel, nominal: &KinematicModel, parameters: &[Parameter], scale: &[f64]) -> Vec<f64> {
+pub fn prior_widths(
+    model: &KinematicModel,
+    nominal: &KinematicModel,
+    parameters: &[Parameter],
+    scale: &[f64],
+) -> Vec<f64> {
     let of = |(parameter, scale): (&Parameter, &f64)| {
         let prior = width(parameter, *scale);
-        let size = if parameter.is_link() { deviation_from(nominal, model, parameter).abs() } else { 0.0 };
-        if size > SURPRISING * prior { size } else { prior }
+        let size = if parameter.is_link() {
+            deviation_from(nominal, model, parameter).abs()
+        } else {
+            0.0
+        };
+        if size > SURPRISING * prior {
+            size
+        } else {
+            prior
+        }
     };
     parameters.iter().zip(scale).map(of).collect()
 }
@@ -115,13 +158,19 @@ fn step(
     let mut rows = DMatrix::zeros(n + pulls.len(), r);
     let mut right = DVector::zeros(n + pulls.len());
     rows.rows_mut(0, n).copy_from(&seen);
-    right.rows_mut(0, n).copy_from(&weighted_residuals(model, observations));
+    right
+        .rows_mut(0, n)
+        .copy_from(&weighted_residuals(model, observations));
     for (k, pull) in pulls.iter().enumerate() {
-        rows.row_mut(n + k).copy_from(&(directions.row(pull.parameter) * pull.weight));
+        rows.row_mut(n + k)
+            .copy_from(&(directions.row(pull.parameter) * pull.weight));
         right[n + k] = pull.weight * pull.away;
     }
     let (q, r) = rows.qr().unpack();
     let z = r.solve_upper_triangular(&q.tr_mul(&right))?;
     let deviation: Vec<f64> = (directions * z).iter().copied().collect();
-    deviation.iter().all(|v| v.is_finite()).then(|| apply(model, parameters, &deviation))
+    deviation
+        .iter()
+        .all(|v| v.is_finite())
+        .then(|| apply(model, parameters, &deviation))
 }

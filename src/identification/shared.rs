@@ -21,7 +21,10 @@ impl Shared {
             blocks[*cluster].push((point, o.weight.sqrt()));
         }
         blocks.retain(|block: &Vec<(usize, f64)>| block.len() > 1);
-        Self { blocks, n_points: observations.len() }
+        Self {
+            blocks,
+            n_points: observations.len(),
+        }
     }
 
     /// Columns of Z.
@@ -31,14 +34,21 @@ impl Shared {
 
     /// Squared length of each column.
     pub fn squared_lengths(&self) -> Vec<f64> {
-        let squared = |block: &Vec<(usize, f64)>| block.iter().map(|(_, root)| root * root).sum::<f64>();
-        self.blocks.iter().flat_map(|block| [squared(block); 3]).collect()
+        let squared =
+            |block: &Vec<(usize, f64)>| block.iter().map(|(_, root)| root * root).sum::<f64>();
+        self.blocks
+            .iter()
+            .flat_map(|block| [squared(block); 3])
+            .collect()
     }
 
     /// Zᵀ·m, of 3·N rows.
     pub fn transpose_times(&self, m: &DMatrix<f64>) -> DMatrix<f64> {
         let sum = |row: usize, column: usize| -> f64 {
-            self.blocks[row / 3].iter().map(|(point, root)| root * m[(3 * point + row % 3, column)]).sum()
+            self.blocks[row / 3]
+                .iter()
+                .map(|(point, root)| root * m[(3 * point + row % 3, column)])
+                .sum()
         };
         DMatrix::from_fn(self.ncols(), m.ncols(), sum)
     }
@@ -49,7 +59,9 @@ impl Shared {
         for (k, block) in self.blocks.iter().enumerate() {
             for (point, root) in block {
                 for axis in 0..3 {
-                    product.row_mut(3 * point + axis).copy_from(&(m.row(3 * k + axis) * *root));
+                    product
+                        .row_mut(3 * point + axis)
+                        .copy_from(&(m.row(3 * k + axis) * *root));
                 }
             }
         }
@@ -64,26 +76,49 @@ mod tests {
 
     /// Z written out, to compare with.
     fn dense(observations: &[Observation], clusters: &[usize]) -> DMatrix<f64> {
-        let several: Vec<usize> = (0..4).filter(|c| clusters.iter().filter(|d| *d == c).count() > 1).collect();
+        let several: Vec<usize> = (0..4)
+            .filter(|c| clusters.iter().filter(|d| *d == c).count() > 1)
+            .collect();
         DMatrix::from_fn(3 * observations.len(), 3 * several.len(), |row, column| {
             let belongs = clusters[row / 3] == several[column / 3] && row % 3 == column % 3;
-            if belongs { observations[row / 3].weight.sqrt() } else { 0.0 }
+            if belongs {
+                observations[row / 3].weight.sqrt()
+            } else {
+                0.0
+            }
         })
     }
 
     #[test]
     fn the_lists_multiply_as_the_matrix_that_they_stand_for() {
         let clusters = [0, 1, 0, 2, 3, 3, 0];
-        let observation = |i: usize| Observation { q_rad: vec![], position_mm: Vector3::zeros(), target: 0, weight: 1.0 + i as f64 };
+        let observation = |i: usize| Observation {
+            q_rad: vec![],
+            position_mm: Vector3::zeros(),
+            target: 0,
+            weight: 1.0 + i as f64,
+        };
         let observations: Vec<Observation> = (0..clusters.len()).map(observation).collect();
-        let (z, shared) = (dense(&observations, &clusters), Shared::new(&observations, &clusters));
+        let (z, shared) = (
+            dense(&observations, &clusters),
+            Shared::new(&observations, &clusters),
+        );
         let m = DMatrix::from_fn(21, 2, |row, column| libm::sin((3 * row + column) as f64));
         let k = DMatrix::from_fn(6, 2, |row, column| libm::cos((row + 5 * column) as f64));
         assert_eq!((shared.ncols(), z.ncols()), (6, 6));
         // sums of at most three products
         assert!((shared.transpose_times(&m) - z.transpose() * &m).amax() < 1e-14);
         assert!((shared.times(&k) - &z * &k).amax() < 1e-14);
-        let lengths: Vec<f64> = z.column_iter().map(|column| column.norm_squared()).collect();
-        assert!(shared.squared_lengths().iter().zip(lengths).all(|(a, b)| (a - b).abs() < 1e-13));
+        let lengths: Vec<f64> = z
+            .column_iter()
+            .map(|column| column.norm_squared())
+            .collect();
+        assert!(
+            shared
+                .squared_lengths()
+                .iter()
+                .zip(lengths)
+                .all(|(a, b)| (a - b).abs() < 1e-13)
+        );
     }
 }

@@ -16,39 +16,81 @@ const SVD_ITERATIONS: usize = 10_000;
 ///
 /// Starts from a closed form (linear in the rotation's entries, then projected onto the rotations), from Kabsch's fit with the targets
 /// at the flange, and from the 24 rotations of the cube; each is polished by least squares, and the lowest cost wins.
-pub fn fit_base_and_targets(links: &[Link], observations: &[Observation], n_targets: usize) -> KinematicModel {
-    let flanges: Vec<IsometryMatrix3<f64>> = observations.iter().map(|o| t_base_flange(links, &o.q_rad)).collect();
+pub fn fit_base_and_targets(
+    links: &[Link],
+    observations: &[Observation],
+    n_targets: usize,
+) -> KinematicModel {
+    let flanges: Vec<IsometryMatrix3<f64>> = observations
+        .iter()
+        .map(|o| t_base_flange(links, &o.q_rad))
+        .collect();
     let parameters: Vec<Parameter> = (0..3)
         .map(Parameter::BaseTranslation)
         .chain((0..3).map(Parameter::BaseRotation))
-        .chain((0..n_targets).flat_map(|target| (0..3).map(move |axis| Parameter::Target(target, axis))))
+        .chain(
+            (0..n_targets)
+                .flat_map(|target| (0..3).map(move |axis| Parameter::Target(target, axis))),
+        )
         .collect();
     let polish = |rotation: Rotation3<f64>| {
         let start = with_rotation(links, observations, &flanges, n_targets, rotation);
         let fitted = fit_least_squares(&start, &parameters, observations).model;
         (cost(&fitted, observations), fitted)
     };
-    let best = |candidates: Vec<Rotation3<f64>>| candidates.into_iter().map(polish).min_by(|a, b| a.0.total_cmp(&b.0));
+    let best = |candidates: Vec<Rotation3<f64>>| {
+        candidates
+            .into_iter()
+            .map(polish)
+            .min_by(|a, b| a.0.total_cmp(&b.0))
+    };
     let (few, few_flanges) = thinned(observations, &flanges, n_targets);
-    let direct = [linear_rotation(&few, &few_flanges, n_targets), Some(kabsch_rotation(observations, &flanges))];
+    let direct = [
+        linear_rotation(&few, &few_flanges, n_targets),
+        Some(kabsch_rotation(observations, &flanges)),
+    ];
     let first = best(direct.into_iter().flatten().collect());
     let rms = |cost: f64| (cost / observations.len() as f64).sqrt();
     match first {
         Some((cost, model)) if rms(cost) <= GOOD_START_RMS_MM => model,
         first => {
             let cube = best(cube_rotations());
-            let lower = first.into_iter().chain(cube).min_by(|a, b| a.0.total_cmp(&b.0));
-            lower.map_or_else(|| KinematicModel::nominal(links, n_targets), |(_, model)| model)
+            let lower = first
+                .into_iter()
+                .chain(cube)
+                .min_by(|a, b| a.0.total_cmp(&b.0));
+            lower.map_or_else(
+                || KinematicModel::nominal(links, n_targets),
+                |(_, model)| model,
+            )
         }
     }
 }
 
 /// Base pose and targets in closed form, without polish: good to some millimetres where the data are right. With `is_base_known` the base
 /// is only shifted. `None` where the points are too few, or too much alike, to tell.
-pub fn align_in_closed_form(links: &[Link], observations: &[Observation], n_targets: usize, is_base_known: bool) -> Option<KinematicModel> {
-    let flanges: Vec<IsometryMatrix3<f64>> = observations.iter().map(|o| t_base_flange(links, &o.q_rad)).collect();
-    let rotation = if is_base_known { Rotation3::identity() } else { linear_rotation(observations, &flanges, n_targets)? };
-    Some(with_rotation(links, observations, &flanges, n_targets, rotation))
+pub fn align_in_closed_form(
+    links: &[Link],
+    observations: &[Observation],
+    n_targets: usize,
+    is_base_known: bool,
+) -> Option<KinematicModel> {
+    let flanges: Vec<IsometryMatrix3<f64>> = observations
+        .iter()
+        .map(|o| t_base_flange(links, &o.q_rad))
+        .collect();
+    let rotation = if is_base_known {
+        Rotation3::identity()
+    } else {
+        linear_rotation(observations, &flanges, n_targets)?
+    };
+    Some(with_rotation(
+        links,
+        observations,
+        &flanges,
+        n_targets,
+        rotation,
+    ))
 }
 
 /// What base and target share, along axes that are all parallel, goes to the base: it counts so many times less than a target's offset. Were it
@@ -92,24 +134,47 @@ fn with_rotation(
     }
     let solved = normal
         .try_svd(true, true, f64::EPSILON, SVD_ITERATIONS)
-        .and_then(|svd| svd.solve(&right, SEEN / (BASE_FIRST * BASE_FIRST) * svd.singular_values[0]).ok());
+        .and_then(|svd| {
+            svd.solve(
+                &right,
+                SEEN / (BASE_FIRST * BASE_FIRST) * svd.singular_values[0],
+            )
+            .ok()
+        });
     let x = solved.unwrap_or_else(|| DVector::zeros(unknowns));
     let vector = |at: usize| Vector3::new(x[at], x[at + 1], x[at + 2]);
     KinematicModel {
         links: links.to_vec(),
-        t_instrument_base: IsometryMatrix3::from_parts(Translation3::from(vector(0) * BASE_FIRST), rotation),
-        targets_mm: (0..n_targets).map(|target| vector(3 + 3 * target)).collect(),
+        t_instrument_base: IsometryMatrix3::from_parts(
+            Translation3::from(vector(0) * BASE_FIRST),
+            rotation,
+        ),
+        targets_mm: (0..n_targets)
+            .map(|target| vector(3 + 3 * target))
+            .collect(),
     }
 }
 
 /// Rᵀ·m − B·target − u = A is linear in the nine entries of Rᵀ, the targets and u = Rᵀ·t; the entries are then projected onto the rotations.
-fn linear_rotation(observations: &[Observation], flanges: &[IsometryMatrix3<f64>], n_targets: usize) -> Option<Rotation3<f64>> {
+fn linear_rotation(
+    observations: &[Observation],
+    flanges: &[IsometryMatrix3<f64>],
+    n_targets: usize,
+) -> Option<Rotation3<f64>> {
     let unknowns = 12 + 3 * n_targets;
     if 3 * observations.len() < unknowns {
         return None;
     }
-    let centroid = observations.iter().map(|o| o.position_mm).sum::<Vector3<f64>>() / observations.len() as f64;
-    let size = observations.iter().map(|o| (o.position_mm - centroid).norm_squared()).sum::<f64>() / observations.len() as f64;
+    let centroid = observations
+        .iter()
+        .map(|o| o.position_mm)
+        .sum::<Vector3<f64>>()
+        / observations.len() as f64;
+    let size = observations
+        .iter()
+        .map(|o| (o.position_mm - centroid).norm_squared())
+        .sum::<f64>()
+        / observations.len() as f64;
     let size = size.sqrt().max(1e-9);
     let mut design = DMatrix::<f64>::zeros(3 * observations.len(), unknowns);
     let mut right = DVector::<f64>::zeros(3 * observations.len());
@@ -138,29 +203,64 @@ fn thinned(
     n_targets: usize,
 ) -> (Vec<Observation>, Vec<IsometryMatrix3<f64>>) {
     let mut of_target = vec![Vec::new(); n_targets];
-    observations.iter().enumerate().for_each(|(i, o)| of_target[o.target].push(i));
-    let evenly =
-        |rows: &Vec<usize>| -> Vec<usize> { rows.iter().copied().step_by(rows.len().div_ceil(START_OBSERVATIONS).max(1)).collect() };
-    of_target.iter().flat_map(evenly).map(|i| (observations[i].clone(), flanges[i])).unzip()
+    observations
+        .iter()
+        .enumerate()
+        .for_each(|(i, o)| of_target[o.target].push(i));
+    let evenly = |rows: &Vec<usize>| -> Vec<usize> {
+        rows.iter()
+            .copied()
+            .step_by(rows.len().div_ceil(START_OBSERVATIONS).max(1))
+            .collect()
+    };
+    of_target
+        .iter()
+        .flat_map(evenly)
+        .map(|i| (observations[i].clone(), flanges[i]))
+        .unzip()
 }
 
 /// Kabsch's rotation (1976) between flange origins and measured positions.
-fn kabsch_rotation(observations: &[Observation], flanges: &[IsometryMatrix3<f64>]) -> Rotation3<f64> {
+fn kabsch_rotation(
+    observations: &[Observation],
+    flanges: &[IsometryMatrix3<f64>],
+) -> Rotation3<f64> {
     let n = observations.len() as f64;
-    let measured = observations.iter().map(|o| o.position_mm).sum::<Vector3<f64>>() / n;
-    let nominal = flanges.iter().map(|f| f.translation.vector).sum::<Vector3<f64>>() / n;
-    let covariance: Matrix3<f64> =
-        observations.iter().zip(flanges).map(|(o, f)| (o.position_mm - measured) * (f.translation.vector - nominal).transpose()).sum();
+    let measured = observations
+        .iter()
+        .map(|o| o.position_mm)
+        .sum::<Vector3<f64>>()
+        / n;
+    let nominal = flanges
+        .iter()
+        .map(|f| f.translation.vector)
+        .sum::<Vector3<f64>>()
+        / n;
+    let covariance: Matrix3<f64> = observations
+        .iter()
+        .zip(flanges)
+        .map(|(o, f)| (o.position_mm - measured) * (f.translation.vector - nominal).transpose())
+        .sum();
     nearest_rotation(&covariance).unwrap_or_else(Rotation3::identity)
 }
 
 /// The rigid motion that takes `from` to `to` best (Kabsch 1976).
 pub fn rigid_motion(from: &[Vector3<f64>], to: &[Vector3<f64>]) -> IsometryMatrix3<f64> {
     let n = from.len().max(1) as f64;
-    let (centre_from, centre_to) = (from.iter().sum::<Vector3<f64>>() / n, to.iter().sum::<Vector3<f64>>() / n);
-    let covariance: Matrix3<f64> = from.iter().zip(to).map(|(f, t)| (t - centre_to) * (f - centre_from).transpose()).sum();
+    let (centre_from, centre_to) = (
+        from.iter().sum::<Vector3<f64>>() / n,
+        to.iter().sum::<Vector3<f64>>() / n,
+    );
+    let covariance: Matrix3<f64> = from
+        .iter()
+        .zip(to)
+        .map(|(f, t)| (t - centre_to) * (f - centre_from).transpose())
+        .sum();
     let rotation = nearest_rotation(&covariance).unwrap_or_else(Rotation3::identity);
-    IsometryMatrix3::from_parts(Translation3::from(centre_to - rotation * centre_from), rotation)
+    IsometryMatrix3::from_parts(
+        Translation3::from(centre_to - rotation * centre_from),
+        rotation,
+    )
 }
 
 /// The rotation nearest to a matrix (orthogonal Procrustes).
@@ -168,16 +268,24 @@ fn nearest_rotation(m: &Matrix3<f64>) -> Option<Rotation3<f64>> {
     let svd = m.try_svd(true, true, f64::EPSILON, SVD_ITERATIONS)?;
     let (u, v_t) = (svd.u?, svd.v_t?);
     let sign = (u * v_t).determinant().signum();
-    Some(Rotation3::from_matrix_unchecked(u * Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, sign)) * v_t))
+    Some(Rotation3::from_matrix_unchecked(
+        u * Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, sign)) * v_t,
+    ))
 }
 
 /// The 24 rotations that map the axes onto axes.
 fn cube_rotations() -> Vec<Rotation3<f64>> {
-    let units: Vec<Vector3<f64>> = (0..3).flat_map(|axis| [Vector3::ith(axis, 1.0), Vector3::ith(axis, -1.0)]).collect();
+    let units: Vec<Vector3<f64>> = (0..3)
+        .flat_map(|axis| [Vector3::ith(axis, 1.0), Vector3::ith(axis, -1.0)])
+        .collect();
     let mut rotations = Vec::new();
     for x in &units {
         for y in units.iter().filter(|y| x.dot(y) == 0.0) {
-            rotations.push(Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[*x, *y, x.cross(y)])));
+            rotations.push(Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[
+                *x,
+                *y,
+                x.cross(y),
+            ])));
         }
     }
     rotations

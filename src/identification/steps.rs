@@ -87,13 +87,25 @@ impl Columns {
     /// At a fitted model.
     pub fn new(model: &KinematicModel, observations: &[Observation]) -> Self {
         let n = observations.len().max(1) as f64;
-        let centre = observations.iter().map(|o| o.position_mm).sum::<Vector3<f64>>() / n;
-        let size = (observations.iter().map(|o| (o.position_mm - centre).norm_squared()).sum::<f64>() / n).sqrt().max(1.0);
+        let centre = observations
+            .iter()
+            .map(|o| o.position_mm)
+            .sum::<Vector3<f64>>()
+            / n;
+        let size = (observations
+            .iter()
+            .map(|o| (o.position_mm - centre).norm_squared())
+            .sum::<f64>()
+            / n)
+            .sqrt()
+            .max(1.0);
         let base = |o: &Observation| {
             let root = o.weight.sqrt();
             let arm = (o.position_mm - centre).cross_matrix() * (-1.0 / size);
             let mut block = SMatrix::<f64, 3, 6>::zeros();
-            block.fixed_columns_mut::<3>(0).copy_from(&(Matrix3::identity() * root));
+            block
+                .fixed_columns_mut::<3>(0)
+                .copy_from(&(Matrix3::identity() * root));
             block.fixed_columns_mut::<3>(3).copy_from(&(arm * root));
             block
         };
@@ -121,7 +133,10 @@ impl Columns {
 
     /// Shift and turn (rad) of a solution along [`Self::base`].
     pub fn motion(&self, x: &[f64]) -> (Vector3<f64>, Vector3<f64>) {
-        (Vector3::new(x[0], x[1], x[2]), Vector3::new(x[3], x[4], x[5]) * self.unit_rad)
+        (
+            Vector3::new(x[0], x[1], x[2]),
+            Vector3::new(x[3], x[4], x[5]) * self.unit_rad,
+        )
     }
 }
 
@@ -151,20 +166,32 @@ impl Whitened {
 
     /// Φ·Φᵀ = U·S·Uᵀ, so that V⁻¹ = I − U·(λS/(1 + λS))·Uᵀ and V^(-1/2) = I − U·(1 − (1 + λS)^(-1/2))·Uᵀ.
     fn with_ratio(linear: &Linearised, features: &DMatrix<f64>, ratio: f64) -> Option<Self> {
-        let eigen = transposed_times(features, features).try_symmetric_eigen(f64::EPSILON, EIGEN_ITERATIONS)?;
+        let eigen = transposed_times(features, features)
+            .try_symmetric_eigen(f64::EPSILON, EIGEN_ITERATIONS)?;
         let smallest = NEGLIGIBLE * eigen.eigenvalues.max();
-        let kept: Vec<usize> = (0..features.ncols()).filter(|k| eigen.eigenvalues[*k] > smallest).collect();
+        let kept: Vec<usize> = (0..features.ncols())
+            .filter(|k| eigen.eigenvalues[*k] > smallest)
+            .collect();
         let none = DMatrix::zeros(features.nrows(), kept.len());
         let mut u = -less_product(&none, features, &eigen.eigenvectors.select_columns(&kept));
         let share: Vec<f64> = kept.iter().map(|k| ratio * eigen.eigenvalues[*k]).collect();
-        u.column_iter_mut().zip(&kept).for_each(|(mut column, k)| column /= eigen.eigenvalues[*k].sqrt());
+        u.column_iter_mut()
+            .zip(&kept)
+            .for_each(|(mut column, k)| column /= eigen.eigenvalues[*k].sqrt());
         let shrunk = |m: &DMatrix<f64>| {
             let mut along = transposed_times(&u, m);
-            along.row_iter_mut().zip(&share).for_each(|(mut row, s)| row *= 1.0 - 1.0 / (1.0 + s).sqrt());
+            along
+                .row_iter_mut()
+                .zip(&share)
+                .for_each(|(mut row, s)| row *= 1.0 - 1.0 / (1.0 + s).sqrt());
             less_product(m, &u, &along)
         };
         let q = shrunk(&linear.basis).qr().q();
-        let column = |v: &DVector<f64>| shrunk(&DMatrix::from_column_slice(v.len(), 1, v.as_slice())).column(0).into_owned();
+        let column = |v: &DVector<f64>| {
+            shrunk(&DMatrix::from_column_slice(v.len(), 1, v.as_slice()))
+                .column(0)
+                .into_owned()
+        };
         let y = column(&linear.residuals);
         let residuals = &y - &q * q.tr_mul(&y);
         let n_fitted = q.ncols();
@@ -174,7 +201,12 @@ impl Whitened {
             basis.set_column(n_fitted + k, &(u.column(k) * (s / (1.0 + s)).sqrt()));
         }
         let scores = column(&residuals);
-        Some(Self { residuals, scores, basis, n_fitted })
+        Some(Self {
+            residuals,
+            scores,
+            basis,
+            n_fitted,
+        })
     }
 }
 
@@ -221,32 +253,64 @@ impl Campaign<'_> {
         let n_tried = tried.len();
         let rows = 3.0 * n as f64;
         // both kinds of a step: the better explanation for its number of unknowns [Schwarz 1978]
-        let criterion = |t: &Tried| rows * libm::log((left - t.gain).max(f64::MIN_POSITIVE)) + t.n_numbers as f64 * libm::log(rows);
-        let best = tried.into_iter().min_by(|a, b| criterion(a).total_cmp(&criterion(b)))?;
+        let criterion = |t: &Tried| {
+            rows * libm::log((left - t.gain).max(f64::MIN_POSITIVE))
+                + t.n_numbers as f64 * libm::log(rows)
+        };
+        let best = tried
+            .into_iter()
+            .min_by(|a, b| criterion(a).total_cmp(&criterion(b)))?;
         let freedom = rows - (self.problem.n_fitted + best.n_numbers) as f64;
         let rest = left - best.gain;
         if freedom < 3.0 || best.gain / (best.n_minor as f64) < SMALLEST_EFFECT * rest / n as f64 {
             return None;
         }
-        let f = best.gain / best.n_numbers as f64 / (rest / freedom).max(least_variance) / self.design_effect();
-        if f_tail(f, best.n_numbers as f64, freedom) * n_tried as f64 > FALSE_ALARMS || !self.stands_out(&best) {
+        let f = best.gain
+            / best.n_numbers as f64
+            / (rest / freedom).max(least_variance)
+            / self.design_effect();
+        if f_tail(f, best.n_numbers as f64, freedom) * n_tried as f64 > FALSE_ALARMS
+            || !self.stands_out(&best)
+        {
             return None;
         }
         let (shift_mm, turn_rad) = match best.moved {
             Moved::Target(_) => (Vector3::from_column_slice(&best.solution), Vector3::zeros()),
             Moved::Base => self.columns.motion(&best.solution),
         };
-        Some(Step { moved: best.moved, first: self.order[best.place], n_minor: best.n_minor, shift_mm, turn_rad })
+        Some(Step {
+            moved: best.moved,
+            first: self.order[best.place],
+            n_minor: best.n_minor,
+            shift_mm,
+            turn_rad,
+        })
     }
 
     fn all_changes(&self, places: &[usize]) -> Vec<Tried> {
         let n_targets = self.targets.iter().map(|t| t + 1).max().unwrap_or(0);
         let mut tried = Vec::new();
         for target in 0..n_targets {
-            let members: Vec<usize> = places.iter().copied().filter(|p| self.targets[self.order[*p]] == target).collect();
-            self.changes(Moved::Target(target), &members, (FEWEST_TARGET_POINTS, true), |point| self.columns.target[point], &mut tried);
+            let members: Vec<usize> = places
+                .iter()
+                .copied()
+                .filter(|p| self.targets[self.order[*p]] == target)
+                .collect();
+            self.changes(
+                Moved::Target(target),
+                &members,
+                (FEWEST_TARGET_POINTS, true),
+                |point| self.columns.target[point],
+                &mut tried,
+            );
         }
-        self.changes(Moved::Base, places, (FEWEST_BASE_POINTS, false), |point| self.columns.base[point], &mut tried);
+        self.changes(
+            Moved::Base,
+            places,
+            (FEWEST_BASE_POINTS, false),
+            |point| self.columns.base[point],
+            &mut tried,
+        );
         tried
     }
 
@@ -274,14 +338,25 @@ impl Campaign<'_> {
             if n_minor < fewest && !is_lone {
                 continue;
             }
-            let Some(factor) = (square - &fitted * fitted.transpose()).cholesky() else { continue };
-            let smallest = (0..D).map(|i| factor.l_dirty()[(i, i)]).fold(f64::INFINITY, f64::min);
+            let Some(factor) = (square - &fitted * fitted.transpose()).cholesky() else {
+                continue;
+            };
+            let smallest = (0..D)
+                .map(|i| factor.l_dirty()[(i, i)])
+                .fold(f64::INFINITY, f64::min);
             if smallest * smallest < SEEN_SHARE * n_minor as f64 {
                 continue;
             }
             let solution = factor.solve(&score);
             let gain = solution.dot(&score);
-            tried.push(Tried { moved, place: *place, n_minor, gain, n_numbers: D, solution: solution.iter().copied().collect() });
+            tried.push(Tried {
+                moved,
+                place: *place,
+                n_minor,
+                gain,
+                n_numbers: D,
+                solution: solution.iter().copied().collect(),
+            });
         }
     }
 
@@ -318,13 +393,31 @@ impl Campaign<'_> {
                 // of one point alone, only where it stands in the order is random: any other could stand there
                 Moved::Target(_) if alone => return true,
                 Moved::Target(target) => {
-                    let members: Vec<usize> = places.iter().copied().filter(|p| self.targets[self.order[*p]] == target).collect();
-                    self.changes(best.moved, &members, (FEWEST_TARGET_POINTS, false), |point| self.columns.target[point], &mut tried);
+                    let members: Vec<usize> = places
+                        .iter()
+                        .copied()
+                        .filter(|p| self.targets[self.order[*p]] == target)
+                        .collect();
+                    self.changes(
+                        best.moved,
+                        &members,
+                        (FEWEST_TARGET_POINTS, false),
+                        |point| self.columns.target[point],
+                        &mut tried,
+                    );
                 }
-                Moved::Base => self.changes(best.moved, &places, (FEWEST_BASE_POINTS, false), |point| self.columns.base[point], &mut tried),
+                Moved::Base => self.changes(
+                    best.moved,
+                    &places,
+                    (FEWEST_BASE_POINTS, false),
+                    |point| self.columns.base[point],
+                    &mut tried,
+                ),
             }
             // an order that parts the points alike gives the same gain, and says nothing
-            tried.iter().all(|t| t.gain <= best.gain * (1.0 + SAME_GAIN))
+            tried
+                .iter()
+                .all(|t| t.gain <= best.gain * (1.0 + SAME_GAIN))
         })
     }
 }

@@ -5,7 +5,9 @@ use crate::identification::objective::Observation;
 use crate::identification::parallel::{in_parallel, n_cores};
 use crate::identification::parameters::{Parameter, Quantity};
 use crate::identification::search_space::SearchSpace;
-use crate::kinematics::batch::{Bound, Elimination, LANES, LaneRobots, Lanes, LowerBound, Moved, PreparedPoses};
+use crate::kinematics::batch::{
+    Bound, Elimination, LANES, LaneRobots, Lanes, LowerBound, Moved, PreparedPoses,
+};
 use crate::solvers::pso::{self, Positions};
 use multiversion::multiversion;
 
@@ -62,11 +64,22 @@ impl<'a> SwarmCost<'a> {
     }
 
     /// With a loss that bounds what one pose adds.
-    pub fn bounded(space: &'a SearchSpace, observations: &[Observation], bound: Option<Bound>) -> Self {
-        let (poses, robots) = (prepared_poses(space, observations).bounded(bound), lane_robots(space));
+    pub fn bounded(
+        space: &'a SearchSpace,
+        observations: &[Observation],
+        bound: Option<Bound>,
+    ) -> Self {
+        let (poses, robots) = (
+            prepared_poses(space, observations).bounded(bound),
+            lane_robots(space),
+        );
         let elimination = Elimination::new(&robots, &poses);
         // the lower bound is one of squares
-        let anchor = if bound.is_none() { Anchor::at_reference(space, observations) } else { None };
+        let anchor = if bound.is_none() {
+            Anchor::at_reference(space, observations)
+        } else {
+            None
+        };
         let screen = anchor.map(|anchor| Screen {
             anchor,
             n_evaluations: 0,
@@ -85,7 +98,13 @@ impl<'a> SwarmCost<'a> {
             n_waiting: 0,
             n_out: 0,
         };
-        Self { space, poses, screen, n_needless: 0, lanes: vec![lanes] }
+        Self {
+            space,
+            poses,
+            screen,
+            n_needless: 0,
+            lanes: vec![lanes],
+        }
     }
 
     /// To be evaluated on so many threads where that is worth their start; the bits are the same.
@@ -109,14 +128,34 @@ impl<'a> SwarmCost<'a> {
     pub fn evaluate_below(&mut self, positions: &Positions, costs: &mut [f64]) {
         let (space, poses) = (self.space, &self.poses);
         // nothing is above +∞
-        let screen = self.screen.as_mut().filter(|_| costs.iter().any(|cost| cost.is_finite()));
-        let lower_bound = screen.as_ref().filter(|screen| screen.n_without == 0).map(|screen| screen.anchor.bound());
-        let n_threads = if costs.len() * poses.len() < WORTH_A_THREAD { 1 } else { self.lanes.len() };
+        let screen = self
+            .screen
+            .as_mut()
+            .filter(|_| costs.iter().any(|cost| cost.is_finite()));
+        let lower_bound = screen
+            .as_ref()
+            .filter(|screen| screen.n_without == 0)
+            .map(|screen| screen.anchor.bound());
+        let n_threads = if costs.len() * poses.len() < WORTH_A_THREAD {
+            1
+        } else {
+            self.lanes.len()
+        };
         let share = costs.len().div_ceil(n_threads).next_multiple_of(LANES);
-        let parts = self.lanes.iter_mut().zip(costs.chunks_mut(share)).enumerate();
-        in_parallel(parts.map(|(part, (lanes, costs))| move || lanes.evaluate(space, poses, lower_bound, positions, part * share, costs)));
+        let parts = self
+            .lanes
+            .iter_mut()
+            .zip(costs.chunks_mut(share))
+            .enumerate();
+        in_parallel(parts.map(|(part, (lanes, costs))| {
+            move || lanes.evaluate(space, poses, lower_bound, positions, part * share, costs)
+        }));
         if let Some(screen) = screen {
-            let n_out = self.lanes.iter_mut().map(|lanes| std::mem::take(&mut lanes.n_out)).sum();
+            let n_out = self
+                .lanes
+                .iter_mut()
+                .map(|lanes| std::mem::take(&mut lanes.n_out))
+                .sum();
             self.n_needless += n_out;
             screen.look_after(space, positions, costs, n_out);
         }
@@ -125,7 +164,13 @@ impl<'a> SwarmCost<'a> {
 
 impl Screen {
     /// After an evaluation in which `n_out` were out.
-    fn look_after(&mut self, space: &SearchSpace, positions: &Positions, costs: &[f64], n_out: usize) {
+    fn look_after(
+        &mut self,
+        space: &SearchSpace,
+        positions: &Positions,
+        costs: &[f64],
+        n_out: usize,
+    ) {
         if self.n_without > 0 {
             self.n_without -= 1;
         } else if (n_out as f64) < WORTH_LOOKING * costs.len() as f64 {
@@ -174,9 +219,16 @@ impl SwarmLanes {
     }
 
     /// Lets those wait whose F is needed.
-    fn screen(&mut self, lower_bound: &LowerBound, poses: &PreparedPoses, particles: &[usize], costs: &mut [f64]) {
+    fn screen(
+        &mut self,
+        lower_bound: &LowerBound,
+        poses: &PreparedPoses,
+        particles: &[usize],
+        costs: &mut [f64],
+    ) {
         let mut limits = Lanes::splat(f64::INFINITY);
-        limits.0[..particles.len()].copy_from_slice(&costs[particles[0]..particles[0] + particles.len()]);
+        limits.0[..particles.len()]
+            .copy_from_slice(&costs[particles[0]..particles[0] + particles.len()]);
         let is_out = lower_bound.exceeds(&self.deviations, &limits, &mut self.room);
         for (lane, &particle) in particles.iter().enumerate() {
             if is_out[lane] {
@@ -220,7 +272,12 @@ pub fn prepared_poses(space: &SearchSpace, observations: &[Observation]) -> Prep
 pub fn lane_robots(space: &SearchSpace) -> LaneRobots {
     let moved: Vec<Moved> = space.parameters.iter().map(moved).collect();
     let reference = &space.reference;
-    LaneRobots::new(&reference.t_instrument_base, &reference.links, &reference.targets_mm, &moved)
+    LaneRobots::new(
+        &reference.t_instrument_base,
+        &reference.links,
+        &reference.targets_mm,
+        &moved,
+    )
 }
 
 /// A parameter as the kernels know it.
@@ -240,7 +297,12 @@ pub fn moved(parameter: &Parameter) -> Moved {
 impl SearchSpace {
     /// As [`SearchSpace::deviation`] for the eight particles from `first` on, to the same bits. A chunk that is not full repeats its
     /// last particle.
-    pub fn deviations_of_chunk(&self, positions: &Positions, first: usize, deviations: &mut [Lanes]) {
+    pub fn deviations_of_chunk(
+        &self,
+        positions: &Positions,
+        first: usize,
+        deviations: &mut [Lanes],
+    ) {
         if self.is_raw() {
             scale_coordinates(&self.scale, positions, first, deviations);
         } else {
@@ -248,7 +310,10 @@ impl SearchSpace {
         }
         for limit in &self.known().limits {
             let of_parameter = &mut deviations[limit.parameter];
-            of_parameter.0.iter_mut().for_each(|deviation| *deviation = limit.within(*deviation));
+            of_parameter
+                .0
+                .iter_mut()
+                .for_each(|deviation| *deviation = limit.within(*deviation));
         }
     }
 }
@@ -282,7 +347,12 @@ fn scale_coordinates(scale: &[f64], positions: &Positions, first: usize, deviati
 
 /// deviations = directions · z. Row by row: with the rows inside, the compiler gathers them, one lane after the other.
 #[multiversion(targets("x86_64+avx512f+avx512vl+fma", "x86_64+avx2+fma"))]
-fn combine_coordinates(directions: &[f64], positions: &Positions, first: usize, deviations: &mut [Lanes]) {
+fn combine_coordinates(
+    directions: &[f64],
+    positions: &Positions,
+    first: usize,
+    deviations: &mut [Lanes],
+) {
     let n_rows = deviations.len();
     for (row, deviation) in deviations.iter_mut().enumerate() {
         let mut sum = [0.0; LANES];
@@ -318,7 +388,10 @@ pub fn run_bounded_swarm(
     monitor: &mut pso::Monitor<'_>,
 ) -> pso::Summary {
     let n = space.n_coordinates();
-    let search_box = pso::SearchBox { centre: vec![0.0; n], half_width: vec![1.0; n] };
+    let search_box = pso::SearchBox {
+        centre: vec![0.0; n],
+        half_width: vec![1.0; n],
+    };
     let mut cost = SwarmCost::bounded(space, observations, bound).on_threads(n_cores());
     let mut of_swarm = |positions: &Positions, costs: &mut [f64]| {
         if space.known().pulls.is_empty() {
@@ -327,7 +400,9 @@ pub fn run_bounded_swarm(
         // the bounds are of F with the priors: to give up early by them is not exact
         cost.evaluate(positions, costs);
         for (particle, cost) in costs.iter_mut().enumerate() {
-            *cost += space.known().cost_mm2(&space.deviation(&positions.particle(particle)));
+            *cost += space
+                .known()
+                .cost_mm2(&space.deviation(&positions.particle(particle)));
         }
     };
     pso::minimize(&mut of_swarm, &search_box, options, move_particles, monitor)

@@ -62,32 +62,56 @@ struct Estimator {
 
 impl Estimator {
     /// `a` are the derivatives along the seen combinations, `jacobian` those by the parameters.
-    fn new(a: &DMatrix<f64>, jacobian: &DMatrix<f64>, decomposition: &Decomposition, priors: Option<&Priors>) -> Option<Self> {
+    fn new(
+        a: &DMatrix<f64>,
+        jacobian: &DMatrix<f64>,
+        decomposition: &Decomposition,
+        priors: Option<&Priors>,
+    ) -> Option<Self> {
         let Some(priors) = priors else {
             let (q, r) = a.clone().qr().unpack();
             let per_score = decomposition.seen_directions() * r.try_inverse()?;
             let of_priors = DMatrix::zeros(per_score.nrows(), 0);
-            return Some(Self { per_score, q, root: None, of_priors, unknown: decomposition.unseen_directions() });
+            return Some(Self {
+                per_score,
+                q,
+                root: None,
+                of_priors,
+                unknown: decomposition.unseen_directions(),
+            });
         };
         // a parameter that is held at a bound has scale 0
-        let stds: Vec<(usize, f64)> = priors.stds().into_iter().filter(|(j, _)| decomposition.scale[*j] > 0.0).collect();
+        let stds: Vec<(usize, f64)> = priors
+            .stds()
+            .into_iter()
+            .filter(|(j, _)| decomposition.scale[*j] > 0.0)
+            .collect();
         let (directions, unknown) = decomposition.directions_with_priors(&stds);
         let n = jacobian.nrows();
         let mut rows = (jacobian * &directions).resize_vertically(n + stds.len(), 0.0);
         for (k, (j, std)) in stds.iter().enumerate() {
-            rows.row_mut(n + k).copy_from(&(directions.row(*j) * (priors.scale_mm / std)));
+            rows.row_mut(n + k)
+                .copy_from(&(directions.row(*j) * (priors.scale_mm / std)));
         }
         let (q, r) = rows.qr().unpack();
         let per_score = directions * r.try_inverse()?;
         let of_priors = &per_score * q.rows(n, stds.len()).transpose() * priors.scale_mm;
         let q = q.rows(0, n).into_owned();
         let root = q.clone().qr().r().transpose();
-        Some(Self { per_score, q, root: Some(root), of_priors, unknown })
+        Some(Self {
+            per_score,
+            q,
+            root: Some(root),
+            of_priors,
+            unknown,
+        })
     }
 
     /// Root of the covariance that white noise of unit variance leaves.
     fn noise(&self) -> DMatrix<f64> {
-        self.root.as_ref().map_or_else(|| self.per_score.clone(), |root| &self.per_score * root)
+        self.root
+            .as_ref()
+            .map_or_else(|| self.per_score.clone(), |root| &self.per_score * root)
     }
 }
 
@@ -106,7 +130,9 @@ pub fn uncertainty(
     if n_free <= 0 || directions.ncols() == 0 {
         return None;
     }
-    let poses = observations.iter().map(|o| (o.q_rad.as_slice(), o.target, o.weight));
+    let poses = observations
+        .iter()
+        .map(|o| (o.q_rad.as_slice(), o.target, o.weight));
     let jacobian = weighted_jacobian(model, parameters, observations, &Vector3::zeros());
     let linear = Linear {
         y: weighted_residuals(model, observations),
@@ -126,10 +152,19 @@ pub fn uncertainty(
     let misfit_std_rad = components.misfit_variance.sqrt();
     let mut variance_of_variances = components.variance_of_variances;
     variance_of_variances[0][0] *= n_free as f64 / freedom;
-    let kept = |root: DMatrix<f64>, std: f64| if std > 0.0 { root * std } else { DMatrix::zeros(per_score.nrows(), 0) };
+    let kept = |root: DMatrix<f64>, std: f64| {
+        if std > 0.0 {
+            root * std
+        } else {
+            DMatrix::zeros(per_score.nrows(), 0)
+        }
+    };
     let shared = kept(through_shared, configuration_std_mm);
     let misfit = kept(through_features, misfit_std_rad);
-    let noise = beside(&beside(&(estimator.noise() * noise_std_mm), &shared), &estimator.of_priors);
+    let noise = beside(
+        &beside(&(estimator.noise() * noise_std_mm), &shared),
+        &estimator.of_priors,
+    );
     let finite = noise.iter().chain(misfit.iter()).all(|v| v.is_finite());
     finite.then(|| Uncertainty {
         noise_std_mm,
@@ -147,37 +182,59 @@ pub fn uncertainty(
 fn beside(left: &DMatrix<f64>, right: &DMatrix<f64>) -> DMatrix<f64> {
     let mut both = DMatrix::zeros(left.nrows(), left.ncols() + right.ncols());
     both.columns_mut(0, left.ncols()).copy_from(left);
-    both.columns_mut(left.ncols(), right.ncols()).copy_from(right);
+    both.columns_mut(left.ncols(), right.ncols())
+        .copy_from(right);
     both
 }
 
 impl Uncertainty {
     /// One standard deviation of a parameter, mm or rad, as far as the data see it.
     pub fn std(&self, parameter: usize) -> f64 {
-        (self.noise.row(parameter).norm_squared() + self.misfit.row(parameter).norm_squared()).sqrt()
+        (self.noise.row(parameter).norm_squared() + self.misfit.row(parameter).norm_squared())
+            .sqrt()
     }
 
     /// Half-width of the interval that holds the parameter with probability `confidence`, mm or rad.
     pub fn half_width(&self, parameter: usize, confidence: f64) -> f64 {
-        let (noise, misfit) = (self.noise.row(parameter).norm_squared(), self.misfit.row(parameter).norm_squared());
+        let (noise, misfit) = (
+            self.noise.row(parameter).norm_squared(),
+            self.misfit.row(parameter).norm_squared(),
+        );
         t_half_width(confidence, self.freedom_of(noise, misfit)) * (noise + misfit).sqrt()
     }
 
     /// Degrees of freedom of a variance that is `noise` by noise and `misfit` by misfit (Satterthwaite 1946): 2·v²/var(v).
     pub fn freedom_of(&self, noise: f64, misfit: f64) -> f64 {
         let share = |part: f64, std: f64| if std > 0.0 { part / (std * std) } else { 0.0 };
-        let (a, b) = (share(noise, self.noise_std_mm), share(misfit, self.misfit_std_rad));
+        let (a, b) = (
+            share(noise, self.noise_std_mm),
+            share(misfit, self.misfit_std_rad),
+        );
         let [[ee, em], [_, mm]] = self.variance_of_variances;
         let variance = a * a * ee + 2.0 * a * b * em + b * b * mm;
         let freedom = 2.0 * (noise + misfit) * (noise + misfit) / variance;
-        if freedom.is_finite() { freedom.clamp(1.0, self.freedom) } else { self.freedom }
+        if freedom.is_finite() {
+            freedom.clamp(1.0, self.freedom)
+        } else {
+            self.freedom
+        }
     }
 
     /// One standard deviation (3-D: the root of the three variances' sum) of where `model` predicts a target, mm: J·C·Jᵀ with C of
     /// noise, of the combinations that the data do not see, and of the misfit both at the measured poses and at this one.
-    pub fn position_std_mm(&self, model: &KinematicModel, parameters: &[Parameter], q_rad: &[f64], target: usize) -> f64 {
+    pub fn position_std_mm(
+        &self,
+        model: &KinematicModel,
+        parameters: &[Parameter],
+        q_rad: &[f64],
+        target: usize,
+    ) -> f64 {
         let variances = self.position_variances_mm2(model, parameters, q_rad, target);
-        variances.iter().map(|[known, misfit]| known + misfit).sum::<f64>().sqrt()
+        variances
+            .iter()
+            .map(|[known, misfit]| known + misfit)
+            .sum::<f64>()
+            .sqrt()
     }
 
     /// Half-width, along each axis of the measuring frame, of the interval that holds where a target is with probability `confidence`, mm.
@@ -188,20 +245,40 @@ impl Uncertainty {
         (q_rad, target): (&[f64], usize),
         confidence: f64,
     ) -> [f64; 3] {
-        let half_width = |[known, misfit]: [f64; 2]| t_half_width(confidence, self.freedom_of(known, misfit)) * (known + misfit).sqrt();
-        self.position_variances_mm2(model, parameters, q_rad, target).map(half_width)
+        let half_width = |[known, misfit]: [f64; 2]| {
+            t_half_width(confidence, self.freedom_of(known, misfit)) * (known + misfit).sqrt()
+        };
+        self.position_variances_mm2(model, parameters, q_rad, target)
+            .map(half_width)
     }
 
     /// Variances along each axis of the measuring frame: from noise and the unseen, and from the misfit.
-    fn position_variances_mm2(&self, model: &KinematicModel, parameters: &[Parameter], q_rad: &[f64], target: usize) -> [[f64; 2]; 3] {
-        let here = [Observation { q_rad: q_rad.to_vec(), position_mm: Vector3::zeros(), target, weight: 1.0 }];
+    fn position_variances_mm2(
+        &self,
+        model: &KinematicModel,
+        parameters: &[Parameter],
+        q_rad: &[f64],
+        target: usize,
+    ) -> [[f64; 2]; 3] {
+        let here = [Observation {
+            q_rad: q_rad.to_vec(),
+            position_mm: Vector3::zeros(),
+            target,
+            weight: 1.0,
+        }];
         let jacobian = weighted_jacobian(model, parameters, &here, &Vector3::zeros());
         let (noise, unseen) = (&jacobian * &self.noise, &jacobian * &self.unseen);
         let mut misfit = &jacobian * &self.misfit;
         if misfit.ncols() > 0 {
-            misfit -= misfit::features(model, [(q_rad, target, 1.0)].into_iter(), &self.gravity) * self.misfit_std_rad;
+            misfit -= misfit::features(model, [(q_rad, target, 1.0)].into_iter(), &self.gravity)
+                * self.misfit_std_rad;
         }
-        let along = |axis: usize| [noise.row(axis).norm_squared() + unseen.row(axis).norm_squared(), misfit.row(axis).norm_squared()];
+        let along = |axis: usize| {
+            [
+                noise.row(axis).norm_squared() + unseen.row(axis).norm_squared(),
+                misfit.row(axis).norm_squared(),
+            ]
+        };
         [along(0), along(1), along(2)]
     }
 }

@@ -44,22 +44,33 @@ pub(super) fn shared_ratio(linear: &Linear) -> Option<f64> {
     let q = linear.a.clone().qr().q();
     let w = linear.shared.transpose_times(&q).transpose();
     let lengths = linear.shared.squared_lengths();
-    let y = outside(&q, &DMatrix::from_column_slice(linear.y.len(), 1, linear.y.as_slice()));
+    let y = outside(
+        &q,
+        &DMatrix::from_column_slice(linear.y.len(), 1, linear.y.as_slice()),
+    );
     let n_free = (linear.a.nrows() - linear.a.ncols()) as f64;
     let trace = lengths.iter().sum::<f64>() - w.norm_squared();
-    let crossed: f64 = lengths.iter().zip(w.column_iter()).map(|(l, w)| l * (l - 2.0 * w.norm_squared())).sum();
+    let crossed: f64 = lengths
+        .iter()
+        .zip(w.column_iter())
+        .map(|(l, w)| l * (l - 2.0 * w.norm_squared()))
+        .sum();
     let trace_of_square = crossed + (&w * w.transpose()).norm_squared();
     let whole = y.norm_squared();
     if whole <= 0.0 {
         return Some(0.0);
     }
     let ratio = linear.shared.transpose_times(&y).norm_squared() / whole * n_free;
-    let spread = (2.0 * (trace_of_square - trace * trace / n_free)).max(0.0).sqrt();
+    let spread = (2.0 * (trace_of_square - trace * trace / n_free))
+        .max(0.0)
+        .sqrt();
     if ratio - trace <= KEPT_ABOVE * spread {
         return Some(0.0);
     }
     let below = trace_of_square - ratio * trace / n_free;
-    (below > 0.0).then(|| (ratio - trace) / below).or(Some(MOST_SHARED))
+    (below > 0.0)
+        .then(|| (ratio - trace) / below)
+        .or(Some(MOST_SHARED))
 }
 
 /// Degrees of freedom of the noise. Where configurations share errors these are known from the configurations' means (the mean square
@@ -71,7 +82,11 @@ pub(super) fn freedom(linear: &Linear, ratio: f64) -> f64 {
     }
     let w = linear.shared.transpose_times(&linear.a.clone().qr().q());
     let lengths = linear.shared.squared_lengths();
-    let between: f64 = lengths.iter().zip(w.row_iter()).map(|(l, w)| 1.0 - w.norm_squared() / l).sum();
+    let between: f64 = lengths
+        .iter()
+        .zip(w.row_iter())
+        .map(|(l, w)| 1.0 - w.norm_squared() / l)
+        .sum();
     between.clamp(1.0, n_free)
 }
 
@@ -93,8 +108,19 @@ pub(super) fn whitened(linear: Linear, ratio: f64) -> Linear {
         m - linear.shared.times(&along)
     };
     let (a, features) = (shrink(&linear.a), shrink(&linear.features));
-    let y = shrink(&DMatrix::from_column_slice(linear.y.len(), 1, linear.y.as_slice())).column(0).into();
-    Linear { y, a, features, shared: linear.shared }
+    let y = shrink(&DMatrix::from_column_slice(
+        linear.y.len(),
+        1,
+        linear.y.as_slice(),
+    ))
+    .column(0)
+    .into();
+    Linear {
+        y,
+        a,
+        features,
+        shared: linear.shared,
+    }
 }
 
 /// σe², σm² and how well they are known.
@@ -115,13 +141,22 @@ struct Spectrum {
 impl Spectrum {
     /// σe² for a ratio λ = σm²/σe².
     fn noise_variance(&self, ratio: f64) -> f64 {
-        let along: f64 = self.squares.iter().zip(&self.eigenvalues).map(|(z, s)| z / (1.0 + ratio * s)).sum();
+        let along: f64 = self
+            .squares
+            .iter()
+            .zip(&self.eigenvalues)
+            .map(|(z, s)| z / (1.0 + ratio * s))
+            .sum();
         (along + self.rest) / self.n_free
     }
 
     /// −2 · log of the restricted likelihood, σe² profiled out, up to a constant.
     fn deviance(&self, ratio: f64) -> f64 {
-        let volume: f64 = self.eigenvalues.iter().map(|s| libm::log1p(ratio * s)).sum();
+        let volume: f64 = self
+            .eigenvalues
+            .iter()
+            .map(|s| libm::log1p(ratio * s))
+            .sum();
         self.n_free * libm::log(self.noise_variance(ratio).max(f64::MIN_POSITIVE)) + volume
     }
 
@@ -129,8 +164,12 @@ impl Spectrum {
     fn best_ratio(&self) -> f64 {
         let at = |log10: f64| self.deviance(libm::pow(10.0, log10));
         let step = (LOG10_RATIO.1 - LOG10_RATIO.0) / (GRID - 1) as f64;
-        let grid = (0..GRID).map(|i| LOG10_RATIO.0 + step * i as f64).map(|log10| (log10, at(log10)));
-        let best = grid.min_by(|a, b| a.1.total_cmp(&b.1)).map_or(LOG10_RATIO.0, |(log10, _)| log10);
+        let grid = (0..GRID)
+            .map(|i| LOG10_RATIO.0 + step * i as f64)
+            .map(|log10| (log10, at(log10)));
+        let best = grid
+            .min_by(|a, b| a.1.total_cmp(&b.1))
+            .map_or(LOG10_RATIO.0, |(log10, _)| log10);
         let (mut low, mut high) = (best - step, best + step);
         for _ in 0..SECTIONS {
             let third = 0.381_966 * (high - low);
@@ -155,7 +194,10 @@ impl Spectrum {
             return [[2.0 / ee, 0.0], [0.0, 0.0]];
         }
         let determinant = (ee * mm - em * em).max(f64::MIN_POSITIVE);
-        [[2.0 * mm / determinant, -2.0 * em / determinant], [-2.0 * em / determinant, 2.0 * ee / determinant]]
+        [
+            [2.0 * mm / determinant, -2.0 * em / determinant],
+            [-2.0 * em / determinant, 2.0 * ee / determinant],
+        ]
     }
 }
 
@@ -168,7 +210,11 @@ pub(super) fn misfit_components(linear: &Linear, n_free: f64) -> Option<Componen
     };
     let alone = spectrum.noise_variance(0.0);
     if alone <= 0.0 {
-        return Some(Components { noise_variance: 0.0, misfit_variance: 0.0, variance_of_variances: [[0.0; 2]; 2] });
+        return Some(Components {
+            noise_variance: 0.0,
+            misfit_variance: 0.0,
+            variance_of_variances: [[0.0; 2]; 2],
+        });
     }
     let ratio = spectrum.best_ratio();
     if spectrum.deviance(0.0) - spectrum.deviance(ratio) <= KEPT_ABOVE * KEPT_ABOVE {
@@ -177,30 +223,64 @@ pub(super) fn misfit_components(linear: &Linear, n_free: f64) -> Option<Componen
     let noise_variance = spectrum.noise_variance(ratio);
     let misfit_variance = ratio * noise_variance;
     let variance_of_variances = spectrum.variance_of_variances(noise_variance, misfit_variance);
-    Some(Components { noise_variance, misfit_variance, variance_of_variances })
+    Some(Components {
+        noise_variance,
+        misfit_variance,
+        variance_of_variances,
+    })
 }
 
 fn spectrum(linear: &Linear, n_free: f64) -> Option<Spectrum> {
-    spectrum_outside(&linear.y, &linear.a.clone().qr().q(), &linear.features, n_free)
+    spectrum_outside(
+        &linear.y,
+        &linear.a.clone().qr().q(),
+        &linear.features,
+        n_free,
+    )
 }
 
-fn spectrum_outside(y: &DVector<f64>, q: &DMatrix<f64>, features: &DMatrix<f64>, n_free: f64) -> Option<Spectrum> {
+fn spectrum_outside(
+    y: &DVector<f64>,
+    q: &DMatrix<f64>,
+    features: &DMatrix<f64>,
+    n_free: f64,
+) -> Option<Spectrum> {
     let y = y - q * q.tr_mul(y);
     let features = outside(q, features);
-    let eigen = transposed_times(&features, &features).try_symmetric_eigen(f64::EPSILON, EIGEN_ITERATIONS)?;
+    let eigen = transposed_times(&features, &features)
+        .try_symmetric_eigen(f64::EPSILON, EIGEN_ITERATIONS)?;
     let scores = eigen.eigenvectors.tr_mul(&features.tr_mul(&y));
     let smallest = NEGLIGIBLE * eigen.eigenvalues.max();
-    let mut kept: Vec<usize> = (0..scores.len()).filter(|k| eigen.eigenvalues[*k] > smallest).collect();
-    kept.sort_by(|i, j| eigen.eigenvalues[*j].total_cmp(&eigen.eigenvalues[*i]).then(i.cmp(j)));
+    let mut kept: Vec<usize> = (0..scores.len())
+        .filter(|k| eigen.eigenvalues[*k] > smallest)
+        .collect();
+    kept.sort_by(|i, j| {
+        eigen.eigenvalues[*j]
+            .total_cmp(&eigen.eigenvalues[*i])
+            .then(i.cmp(j))
+    });
     kept.truncate(n_free as usize);
-    let squares: Vec<f64> = kept.iter().map(|k| scores[*k] * scores[*k] / eigen.eigenvalues[*k]).collect();
+    let squares: Vec<f64> = kept
+        .iter()
+        .map(|k| scores[*k] * scores[*k] / eigen.eigenvalues[*k])
+        .collect();
     let rest = (y.norm_squared() - squares.iter().sum::<f64>()).max(0.0);
-    Some(Spectrum { squares, eigenvalues: kept.iter().map(|k| eigen.eigenvalues[*k]).collect(), rest, n_free })
+    Some(Spectrum {
+        squares,
+        eigenvalues: kept.iter().map(|k| eigen.eigenvalues[*k]).collect(),
+        rest,
+        n_free,
+    })
 }
 
 /// σm²/σe² by restricted maximum likelihood: how much more than white noise the residuals of a fit follow the features of the misfit.
 /// `basis` spans what the fit can change, with orthonormal columns.
-pub fn misfit_ratio(residuals: &DVector<f64>, basis: &DMatrix<f64>, features: &DMatrix<f64>) -> f64 {
+pub fn misfit_ratio(
+    residuals: &DVector<f64>,
+    basis: &DMatrix<f64>,
+    features: &DMatrix<f64>,
+) -> f64 {
     let n_free = residuals.len() as f64 - basis.ncols() as f64;
-    spectrum_outside(residuals, basis, features, n_free).map_or(0.0, |spectrum| spectrum.best_ratio())
+    spectrum_outside(residuals, basis, features, n_free)
+        .map_or(0.0, |spectrum| spectrum.best_ratio())
 }

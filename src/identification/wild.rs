@@ -77,14 +77,22 @@ impl Linearised {
     /// From weighted residuals and the weighted derivatives along the seen combinations.
     pub fn new(residuals: &DVector<f64>, derivatives: DMatrix<f64>) -> Self {
         let basis = derivatives.qr().q();
-        Self { residuals: residuals - &basis * basis.tr_mul(residuals), basis }
+        Self {
+            residuals: residuals - &basis * basis.tr_mul(residuals),
+            basis,
+        }
     }
 
     /// The problem of some of the points, one after another as named.
     pub fn of(&self, points: &[usize]) -> Self {
         let row = |row: usize| 3 * points[row / 3] + row % 3;
-        let basis = DMatrix::from_fn(3 * points.len(), self.basis.ncols(), |r, c| self.basis[(row(r), c)]);
-        Self::new(&DVector::from_fn(3 * points.len(), |r, _| self.residuals[row(r)]), basis)
+        let basis = DMatrix::from_fn(3 * points.len(), self.basis.ncols(), |r, c| {
+            self.basis[(row(r), c)]
+        });
+        Self::new(
+            &DVector::from_fn(3 * points.len(), |r, _| self.residuals[row(r)]),
+            basis,
+        )
     }
 
     /// Number of points.
@@ -116,13 +124,15 @@ impl Linearised {
 
     /// The robust fit's residuals, one per point, and the standard deviation of a coordinate; `None` where there are too few points.
     pub fn robust(&self) -> Option<(Vec<Vector3<f64>>, f64)> {
-        self.is_overdetermined().then(|| Blocks::new(self).robust())?
+        self.is_overdetermined()
+            .then(|| Blocks::new(self).robust())?
     }
 
     /// The points that do not belong; none where there are too few to tell.
     /// A coordinate's standard deviation counts as at least `least_scale_mm`.
     pub fn wild(&self, least_scale_mm: f64) -> Option<Wild> {
-        self.is_overdetermined().then(|| Blocks::new(self).wild(least_scale_mm.max(ROUNDING_MM)))?
+        self.is_overdetermined()
+            .then(|| Blocks::new(self).wild(least_scale_mm.max(ROUNDING_MM)))?
     }
 }
 
@@ -132,7 +142,10 @@ impl<'a> Blocks<'a> {
         let (mut squares, mut sides) = (Vec::new(), Vec::with_capacity(n * r));
         let are_kept = n * r * (r + 1) / 2 <= MOST_KEPT;
         for i in 0..n {
-            let (q, residual) = (of.basis.fixed_rows::<3>(3 * i), of.residuals.fixed_rows::<3>(3 * i));
+            let (q, residual) = (
+                of.basis.fixed_rows::<3>(3 * i),
+                of.residuals.fixed_rows::<3>(3 * i),
+            );
             sides.extend((0..r).map(|row| q.column(row).dot(&residual)));
             if are_kept {
                 of.add_square(i, &mut squares);
@@ -146,13 +159,24 @@ impl<'a> Blocks<'a> {
         let r = self.of.basis.ncols();
         let n_square = r * (r + 1) / 2;
         let (mut square, mut side, mut anew) = (vec![0.0; n_square], DVector::zeros(r), Vec::new());
-        for (i, weight) in weights.iter().enumerate().filter(|(_, weight)| **weight != 0.0) {
-            let add = |sum: &mut [f64], block: &[f64]| sum.iter_mut().zip(block).for_each(|(sum, value)| *sum += weight * value);
-            let of_point = self.squares.get(n_square * i..n_square * (i + 1)).unwrap_or_else(|| {
-                anew.clear();
-                self.of.add_square(i, &mut anew);
-                &anew
-            });
+        for (i, weight) in weights
+            .iter()
+            .enumerate()
+            .filter(|(_, weight)| **weight != 0.0)
+        {
+            let add = |sum: &mut [f64], block: &[f64]| {
+                sum.iter_mut()
+                    .zip(block)
+                    .for_each(|(sum, value)| *sum += weight * value)
+            };
+            let of_point = self
+                .squares
+                .get(n_square * i..n_square * (i + 1))
+                .unwrap_or_else(|| {
+                    anew.clear();
+                    self.of.add_square(i, &mut anew);
+                    &anew
+                });
             add(&mut square, of_point);
             add(side.as_mut_slice(), &self.sides[r * i..r * (i + 1)]);
         }
@@ -160,30 +184,49 @@ impl<'a> Blocks<'a> {
         let mut normal = DMatrix::zeros(r, r);
         for row in 0..r {
             let (values, below) = rest.split_at(row + 1);
-            values.iter().enumerate().for_each(|(column, value)| normal[(row, column)] = *value);
+            values
+                .iter()
+                .enumerate()
+                .for_each(|(column, value)| normal[(row, column)] = *value);
             rest = below;
         }
         // reads the lower triangle alone
         let factor = Cholesky::new(normal)?;
         let u = factor.solve(&side);
         let left = &self.of.residuals - &self.of.basis * u;
-        Some(((0..self.of.n_points()).map(|i| left.fixed_rows::<3>(3 * i).into()).collect(), factor))
+        Some((
+            (0..self.of.n_points())
+                .map(|i| left.fixed_rows::<3>(3 * i).into())
+                .collect(),
+            factor,
+        ))
     }
 
     fn keep(&self, kept: &[bool]) -> Option<Kept> {
         let weights: Vec<f64> = kept.iter().map(|k| f64::from(u8::from(*k))).collect();
         let (residuals, factor) = self.solve(&weights)?;
         let freedom = 3.0 * weights.iter().sum::<f64>() - self.of.basis.ncols() as f64;
-        let sum: f64 = residuals.iter().zip(&weights).map(|(r, w)| w * r.norm_squared()).sum();
+        let sum: f64 = residuals
+            .iter()
+            .zip(&weights)
+            .map(|(r, w)| w * r.norm_squared())
+            .sum();
         if freedom < 3.0 {
             return None;
         }
-        let halves = factor.l_dirty().solve_lower_triangular(&self.of.basis.transpose())?;
+        let halves = factor
+            .l_dirty()
+            .solve_lower_triangular(&self.of.basis.transpose())?;
         let leverages = (0..self.of.n_points()).map(|i| {
             let half = halves.fixed_columns::<3>(3 * i);
             Matrix3::from_fn(|row, column| half.column(row).dot(&half.column(column)))
         });
-        Some(Kept { residuals, leverages: leverages.collect(), variance: sum / freedom, freedom })
+        Some(Kept {
+            residuals,
+            leverages: leverages.collect(),
+            variance: sum / freedom,
+            freedom,
+        })
     }
 
     /// The fit of least absolute lengths.
@@ -192,7 +235,10 @@ impl<'a> Blocks<'a> {
         let mut residuals = self.solve(&weights)?.0;
         for _ in 0..REWEIGHTINGS {
             let smallest = 1e-3 * self.of.median_scale(&residuals);
-            weights.iter_mut().zip(&residuals).for_each(|(w, r)| *w = smallest / r.norm().max(smallest));
+            weights
+                .iter_mut()
+                .zip(&residuals)
+                .for_each(|(w, r)| *w = smallest / r.norm().max(smallest));
             residuals = self.solve(&weights)?.0;
         }
         Some(residuals)
@@ -206,10 +252,16 @@ impl<'a> Blocks<'a> {
         let mut kept = vec![true; n];
         let mut fit = self.keep(&kept)?;
         for _ in 0..most_wild(n).div_ceil(at_once) {
-            let mut surprises: Vec<(usize, f64)> = (0..n).filter(|i| kept[*i]).map(|i| (i, fit.surprise(i, true))).collect();
+            let mut surprises: Vec<(usize, f64)> = (0..n)
+                .filter(|i| kept[*i])
+                .map(|i| (i, fit.surprise(i, true)))
+                .collect();
             // the last of equal ones first
             surprises.sort_by(|a, b| b.1.total_cmp(&a.1).then(b.0.cmp(&a.0)));
-            surprises.iter().take(at_once).for_each(|(worst, _)| kept[*worst] = false);
+            surprises
+                .iter()
+                .take(at_once)
+                .for_each(|(worst, _)| kept[*worst] = false);
             match self.keep(&kept) {
                 Some(next) => fit = next,
                 None => break,
@@ -223,7 +275,10 @@ impl<'a> Blocks<'a> {
         let scale = self.of.median_scale(&residuals);
         let loss = Loss::Tukey { c: TUKEY_C_95 };
         for _ in 0..REWEIGHTINGS {
-            let weights: Vec<f64> = residuals.iter().map(|r| loss.weight(r.norm() / scale)).collect();
+            let weights: Vec<f64> = residuals
+                .iter()
+                .map(|r| loss.weight(r.norm() / scale))
+                .collect();
             match self.solve(&weights) {
                 Some((next, _)) => residuals = next,
                 None => break,
@@ -233,7 +288,9 @@ impl<'a> Blocks<'a> {
     }
 
     fn robust(&self) -> Option<(Vec<Vector3<f64>>, f64)> {
-        let starts = [self.least_lengths(), self.deletions()].into_iter().flatten();
+        let starts = [self.least_lengths(), self.deletions()]
+            .into_iter()
+            .flatten();
         let ends = starts.map(|start| self.biweight(start));
         let best = ends.min_by(|a, b| trimmed(a).total_cmp(&trimmed(b)))?;
         let scale = self.of.median_scale(&best);
@@ -243,13 +300,18 @@ impl<'a> Blocks<'a> {
     fn wild(&self, least_scale_mm: f64) -> Option<Wild> {
         let (residuals, scale) = self.robust()?;
         let n = self.of.n_points();
-        let mut kept: Vec<bool> = residuals.iter().map(|r| r.norm() <= WILD_SIGMAS * scale.max(least_scale_mm)).collect();
+        let mut kept: Vec<bool> = residuals
+            .iter()
+            .map(|r| r.norm() <= WILD_SIGMAS * scale.max(least_scale_mm))
+            .collect();
         let mut fit = self.keep(&kept).or_else(|| {
             kept = vec![true; n];
             self.keep(&kept)
         })?;
         for _ in 0..EXCHANGES {
-            let next: Vec<bool> = (0..n).map(|i| !is_wild(fit.surprise(i, kept[i]), &fit, least_scale_mm, n)).collect();
+            let next: Vec<bool> = (0..n)
+                .map(|i| !is_wild(fit.surprise(i, kept[i]), &fit, least_scale_mm, n))
+                .collect();
             if next == kept {
                 break;
             }
@@ -258,7 +320,11 @@ impl<'a> Blocks<'a> {
         }
         let points: Vec<usize> = (0..n).filter(|i| !kept[*i]).collect();
         let sizes_mm = points.iter().map(|i| fit.residuals[*i].norm()).collect();
-        Some(Wild { points, sizes_mm, scale_mm: fit.variance.sqrt().max(least_scale_mm) })
+        Some(Wild {
+            points,
+            sizes_mm,
+            scale_mm: fit.variance.sqrt().max(least_scale_mm),
+        })
     }
 }
 
@@ -266,7 +332,11 @@ impl Kept {
     /// Squared length of the residual that point i would have if it were not fitted, over its covariance for σ = 1, mm².
     fn surprise(&self, i: usize, is_kept: bool) -> f64 {
         let leverage = self.leverages[i];
-        let covariance = if is_kept { Matrix3::identity() - leverage } else { Matrix3::identity() + leverage };
+        let covariance = if is_kept {
+            Matrix3::identity() - leverage
+        } else {
+            Matrix3::identity() + leverage
+        };
         let solved = covariance.cholesky().map(|c| c.solve(&self.residuals[i]));
         solved.map_or(0.0, |x| x.dot(&self.residuals[i]))
     }
@@ -274,7 +344,8 @@ impl Kept {
 
 fn is_wild(surprise: f64, fit: &Kept, least_scale_mm: f64, n_points: usize) -> bool {
     let square = surprise / fit.variance.max(least_scale_mm * least_scale_mm);
-    square > WILD_SIGMAS * WILD_SIGMAS && f_tail(square / 3.0, 3.0, fit.freedom) * (n_points as f64) < FALSE_ALARMS
+    square > WILD_SIGMAS * WILD_SIGMAS
+        && f_tail(square / 3.0, 3.0, fit.freedom) * (n_points as f64) < FALSE_ALARMS
 }
 
 fn most_wild(n_points: usize) -> usize {

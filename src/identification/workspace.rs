@@ -31,42 +31,73 @@ pub fn tool_uncertainty(
     observations: &[Observation],
     uncertainty: &Uncertainty,
 ) -> ToolUncertainty {
-    let ranges: Vec<(f64, f64)> = (0..model.links.len()).map(|joint| range(robot, observations, joint)).collect();
+    let ranges: Vec<(f64, f64)> = (0..model.links.len())
+        .map(|joint| range(robot, observations, joint))
+        .collect();
     let mut random = ChaCha8Rng::seed_from_u64(SEED);
     let (mut sum, mut max_mm) = (0.0, 0.0f64);
     for _ in 0..N_CONFIGURATIONS {
-        let q_rad: Vec<f64> = ranges.iter().map(|(low, high)| low + (high - low) * random.random::<f64>()).collect();
+        let q_rad: Vec<f64> = ranges
+            .iter()
+            .map(|(low, high)| low + (high - low) * random.random::<f64>())
+            .collect();
         let of_target = |target| uncertainty.position_std_mm(model, parameters, &q_rad, target);
-        let std_mm = (0..model.targets_mm.len()).map(of_target).fold(0.0, f64::max);
+        let std_mm = (0..model.targets_mm.len())
+            .map(of_target)
+            .fold(0.0, f64::max);
         sum += std_mm;
         max_mm = max_mm.max(std_mm);
     }
-    ToolUncertainty { mean_mm: sum / N_CONFIGURATIONS as f64, max_mm }
+    ToolUncertainty {
+        mean_mm: sum / N_CONFIGURATIONS as f64,
+        max_mm,
+    }
 }
 
 /// Random configurations within the joint limits, rad, in the controller's convention; a quarter turn to both sides of 0 where a limit is
 /// unknown, and no more than a turn where it is wider.
 pub fn random_configurations(robot: &Robot, n: usize, seed: u64) -> Vec<Vec<f64>> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
-    let ranges: Vec<(f64, f64)> =
-        robot.joint_limits_rad.iter().map(|limits| limits.map_or((-FRAC_PI_2, FRAC_PI_2), within_a_turn)).collect();
-    (0..n).map(|_| ranges.iter().map(|(low, high)| low + (high - low) * random.random::<f64>()).collect()).collect()
+    let ranges: Vec<(f64, f64)> = robot
+        .joint_limits_rad
+        .iter()
+        .map(|limits| limits.map_or((-FRAC_PI_2, FRAC_PI_2), within_a_turn))
+        .collect();
+    (0..n)
+        .map(|_| {
+            ranges
+                .iter()
+                .map(|(low, high)| low + (high - low) * random.random::<f64>())
+                .collect()
+        })
+        .collect()
 }
 
 /// Limits, cut to half a turn to both sides of 0, or of their middle where 0 is outside.
 fn within_a_turn((low, high): (f64, f64)) -> (f64, f64) {
-    let middle = if low <= 0.0 && high >= 0.0 { 0.0 } else { 0.5 * (low + high) };
+    let middle = if low <= 0.0 && high >= 0.0 {
+        0.0
+    } else {
+        0.5 * (low + high)
+    };
     (low.max(middle - PI), high.min(middle + PI))
 }
 
 /// Range of a joint, rad, in the model's convention. Limits are the controller's: with a joint map they are not used.
 fn range(robot: &Robot, observations: &[Observation], joint: usize) -> (f64, f64) {
-    let limits = robot.joint_limits_rad.get(joint).copied().flatten().filter(|_| robot.joint_map.is_none());
+    let limits = robot
+        .joint_limits_rad
+        .get(joint)
+        .copied()
+        .flatten()
+        .filter(|_| robot.joint_map.is_none());
     if let Some((low, high)) = limits {
         return (low.max(-PI), high.min(PI));
     }
     let values = observations.iter().map(|o| o.q_rad[joint]);
-    let (low, high) = values.fold((f64::MAX, f64::MIN), |(low, high), q| (low.min(q), high.max(q)));
+    let (low, high) = values.fold((f64::MAX, f64::MIN), |(low, high), q| {
+        (low.min(q), high.max(q))
+    });
     let middle = 0.5 * (low + high);
     (low.min(middle - FRAC_PI_2), high.max(middle + FRAC_PI_2))
 }

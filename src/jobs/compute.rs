@@ -3,13 +3,16 @@
 use std::ops::ControlFlow;
 
 use crate::store::{
-    FramesRow, JobRow, MeasurementSetRow, NetworkRow, NewNetwork, NewParameterSet, ParameterSetRow, Result, RobotRow, Store, frames, jobs,
-    measurement_sets, networks, parameter_sets, robots,
+    FramesRow, JobRow, MeasurementSetRow, NetworkRow, NewNetwork, NewParameterSet, ParameterSetRow,
+    Result, RobotRow, Store, frames, jobs, measurement_sets, networks, parameter_sets, robots,
 };
 
 /// Computes a job from its inputs alone. Tells its progress at least once per iteration, and stops with
 /// [`JobFailure::Cancelled`] when the answer is `Break`. Runs on a thread of its own; may panic.
-pub type Compute = fn(&JobInputs, &mut dyn FnMut(Progress) -> ControlFlow<()>) -> std::result::Result<JobOutcome, JobFailure>;
+pub type Compute = fn(
+    &JobInputs,
+    &mut dyn FnMut(Progress) -> ControlFlow<()>,
+) -> std::result::Result<JobOutcome, JobFailure>;
 
 /// Everything a job's result depends on.
 #[derive(Clone, Debug, PartialEq)]
@@ -104,7 +107,11 @@ pub enum JobFailure {
 impl Progress {
     /// As it is stored and answered.
     pub(super) fn to_json(self) -> String {
-        let Progress { iteration, n_iterations, best_cost_mm2 } = self;
+        let Progress {
+            iteration,
+            n_iterations,
+            best_cost_mm2,
+        } = self;
         // A number that is not finite becomes null.
         serde_json::json!({ "iteration": iteration, "n_iterations": n_iterations, "best_cost_mm2": best_cost_mm2 }).to_string()
     }
@@ -124,16 +131,34 @@ impl JobInputs {
             load_set(store, &job.measurement_set_id),
             load(job.verify_set_id.as_deref(), |id| load_set(store, id)),
             load(job.frames_id.as_deref(), |id| frames::get(store, id)),
-            load(job.network_input_id.as_deref(), |id| load_network(store, id)),
-            load(job.residual_network_input_id.as_deref(), |id| load_network(store, id)),
-            load(job.parameter_set_input_id.as_deref(), |id| load_parameter_set(store, id)),
+            load(job.network_input_id.as_deref(), |id| load_network(
+                store, id
+            )),
+            load(job.residual_network_input_id.as_deref(), |id| load_network(
+                store, id
+            )),
+            load(job.parameter_set_input_id.as_deref(), |id| {
+                load_parameter_set(store, id)
+            }),
         )?;
-        Ok(JobInputs { job, robot, set, verify_set, frames, network, residual_network, parameter_set })
+        Ok(JobInputs {
+            job,
+            robot,
+            set,
+            verify_set,
+            frames,
+            network,
+            residual_network,
+            parameter_set,
+        })
     }
 }
 
 /// What an optional reference names.
-async fn load<'a, T, F: Future<Output = Result<T>>>(id: Option<&'a str>, get: impl FnOnce(&'a str) -> F) -> Result<Option<T>> {
+async fn load<'a, T, F: Future<Output = Result<T>>>(
+    id: Option<&'a str>,
+    get: impl FnOnce(&'a str) -> F,
+) -> Result<Option<T>> {
     match id {
         Some(id) => get(id).await.map(Some),
         None => Ok(None),
@@ -141,14 +166,21 @@ async fn load<'a, T, F: Future<Output = Result<T>>>(id: Option<&'a str>, get: im
 }
 
 async fn load_network(store: &Store, id: &str) -> Result<NetworkInput> {
-    Ok(NetworkInput { row: networks::get(store, id).await?, weights: networks::weights(store, id).await? })
+    Ok(NetworkInput {
+        row: networks::get(store, id).await?,
+        weights: networks::weights(store, id).await?,
+    })
 }
 
 async fn load_parameter_set(store: &Store, id: &str) -> Result<ParameterSetInput> {
     let row = parameter_sets::get(store, id).await?;
     let job = jobs::get(store, &row.job_id).await?;
     let frames = load(job.frames_id.as_deref(), |id| frames::get(store, id)).await?;
-    Ok(ParameterSetInput { row, set: load_set(store, &job.measurement_set_id).await?, frames })
+    Ok(ParameterSetInput {
+        row,
+        set: load_set(store, &job.measurement_set_id).await?,
+        frames,
+    })
 }
 
 async fn load_set(store: &Store, id: &str) -> Result<MeasurementSetInput> {

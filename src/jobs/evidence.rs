@@ -50,16 +50,26 @@ pub struct Weighed {
 ///
 /// # Errors
 /// [`crate::store::Error`].
-pub async fn load(store: &Store, set: &ParameterSetRow, active: Option<&ParameterSetRow>) -> Result<Stored> {
+pub async fn load(
+    store: &Store,
+    set: &ParameterSetRow,
+    active: Option<&ParameterSetRow>,
+) -> Result<Stored> {
     // Counted first: a session that comes in between makes the release ask again.
     let n_sessions = sessions::count(store, &set.id).await?;
     let no_better_than_nominal = sessions::no_better_than_nominal(store, &set.id).await?;
     let mut read = Vec::new();
     for session in sessions::newest(store, &set.id, MAX_SESSIONS).await? {
-        read.push((JobInputs::load(store, &session.job_id).await?, session.report_json));
+        read.push((
+            JobInputs::load(store, &session.job_id).await?,
+            session.report_json,
+        ));
     }
     Ok(Stored {
-        identification: (JobInputs::load(store, &set.job_id).await?, jobs::report(store, &set.job_id).await?),
+        identification: (
+            JobInputs::load(store, &set.job_id).await?,
+            jobs::report(store, &set.job_id).await?,
+        ),
         sessions: read,
         content: set.body_json.clone(),
         active: active.map(|active| active.body_json.clone()),
@@ -74,7 +84,11 @@ fn parsed<T: serde::de::DeserializeOwned>(json: &str) -> std::result::Result<T, 
 
 fn broken(cause: &str) -> Box<Problem> {
     tracing::error!(cause, "what a release rests on cannot be read");
-    Box::new(Problem::new(500, "internal", "something that this release rests on cannot be read; the log has the cause"))
+    Box::new(Problem::new(
+        500,
+        "internal",
+        "something that this release rests on cannot be read; the log has the cause",
+    ))
 }
 
 /// Weighs it; computes, so on a thread of its own.
@@ -82,20 +96,33 @@ fn broken(cause: &str) -> Box<Problem> {
 /// # Errors
 /// A problem where stored documents cannot be read any more.
 pub fn weigh(stored: Stored) -> std::result::Result<Weighed, Box<Problem>> {
-    let Stored { identification: (inputs, report), sessions, content, active, no_better_than_nominal, .. } = stored;
+    let Stored {
+        identification: (inputs, report),
+        sessions,
+        content,
+        active,
+        no_better_than_nominal,
+        ..
+    } = stored;
     let (report, content): (Report, ParameterSetContent) = (parsed(&report)?, parsed(&content)?);
     let active: Option<ParameterSetContent> = active.as_deref().map(parsed).transpose()?;
     let own = request(&inputs)?;
     let own_verify = points("the points held out", &own);
-    let verified_elsewhere =
-        report.evidence == Evidence::IndependentSession && own_verify.1.as_ref().is_ok_and(|points| is_anew(&own.set, points));
+    let verified_elsewhere = report.evidence == Evidence::IndependentSession
+        && own_verify
+            .1
+            .as_ref()
+            .is_ok_and(|points| is_anew(&own.set, points));
     let mut weighed = Vec::new();
     let mut compared = Vec::new();
     for (inputs, report) in &sessions {
         let request = request(inputs)?;
         let session = session(&own.set, &request, inputs, &parsed(report)?);
         if session.is_independent {
-            compared.push((format!("session of job {}", session.job_id), Ok(request.set.clone())));
+            compared.push((
+                format!("session of job {}", session.job_id),
+                Ok(request.set.clone()),
+            ));
         }
         weighed.push(session);
     }
@@ -103,10 +130,21 @@ pub fn weigh(stored: Stored) -> std::result::Result<Weighed, Box<Problem>> {
         compared.push(own_verify);
     }
     let comparisons = match &active {
-        Some(active) => compared.into_iter().map(|on| compare(&own, on, &content, active)).collect(),
+        Some(active) => compared
+            .into_iter()
+            .map(|on| compare(&own, on, &content, active))
+            .collect(),
         None => Vec::new(),
     };
-    Ok(Weighed { report, verified_elsewhere, content, active, sessions: weighed, no_better_than_nominal, comparisons })
+    Ok(Weighed {
+        report,
+        verified_elsewhere,
+        content,
+        active,
+        sessions: weighed,
+        no_better_than_nominal,
+        comparisons,
+    })
 }
 
 type Points = (String, std::result::Result<MeasurementSet, String>);
@@ -116,12 +154,23 @@ fn request(inputs: &JobInputs) -> std::result::Result<CalibrationRequest, Box<Pr
 }
 
 fn points(name: &str, request: &CalibrationRequest) -> Points {
-    (name.into(), calibration::verify_points_of(request).map_err(|error| error.to_string()))
+    (
+        name.into(),
+        calibration::verify_points_of(request).map_err(|error| error.to_string()),
+    )
 }
 
-fn session(identified_from: &MeasurementSet, request: &CalibrationRequest, inputs: &JobInputs, report: &Report) -> Session {
+fn session(
+    identified_from: &MeasurementSet,
+    request: &CalibrationRequest,
+    inputs: &JobInputs,
+    report: &Report,
+) -> Session {
     let is_small = request.set.configurations().len() < MIN_CONFIGURATIONS
-        || report.warnings.iter().any(|warning| warning.code == "few_verify_points");
+        || report
+            .warnings
+            .iter()
+            .any(|warning| warning.code == "few_verify_points");
     Session {
         job_id: inputs.job.id.clone(),
         n_points: report.verify.map_or(0, |verify| verify.n_points),
@@ -130,13 +179,25 @@ fn session(identified_from: &MeasurementSet, request: &CalibrationRequest, input
     }
 }
 
-fn compare(request: &CalibrationRequest, (points, set): Points, own: &ParameterSetContent, active: &ParameterSetContent) -> Comparison {
+fn compare(
+    request: &CalibrationRequest,
+    (points, set): Points,
+    own: &ParameterSetContent,
+    active: &ParameterSetContent,
+) -> Comparison {
     let errors_mm = |set: &MeasurementSet, content: &ParameterSetContent| {
-        calibration::errors_mm(request, set, &content.robot_to_core(None)).map_err(|error| error.to_string())
+        calibration::errors_mm(request, set, &content.robot_to_core(None))
+            .map_err(|error| error.to_string())
     };
     let rms_mm = set.and_then(|set| {
         let (own, active) = (errors_mm(&set, own)?, errors_mm(&set, active)?);
-        let judged = judged(&active.iter().zip(&own).map(|(active, own)| [*active, *own, *own]).collect::<Vec<_>>());
+        let judged = judged(
+            &active
+                .iter()
+                .zip(&own)
+                .map(|(active, own)| [*active, *own, *own])
+                .collect::<Vec<_>>(),
+        );
         Ok((judged.after_rms_mm, judged.before_rms_mm))
     });
     Comparison { points, rms_mm }

@@ -4,7 +4,9 @@
 use crate::calibration::partial::{Held, calibrate_partially};
 use crate::calibration::request::{PreviousSession, VerifySource};
 use crate::calibration::{self, CalibrationReport, CalibrationRequest, Event, calibrate};
-use crate::jobs::{JobFailure, JobInputs, JobOutcome, MeasurementSetInput, ParameterSetInput, Progress};
+use crate::jobs::{
+    JobFailure, JobInputs, JobOutcome, MeasurementSetInput, ParameterSetInput, Progress,
+};
 use crate::store::{NewNetwork, NewParameterSet};
 use crate::wire::frames::FramesContent;
 use crate::wire::job::{JobParts, JobRequestBody, Kind, Model, Preset};
@@ -28,43 +30,66 @@ const SHARED: f64 = 0.1;
 ///
 /// # Errors
 /// [`JobFailure::Cancelled`] when `progress` breaks, [`JobFailure::Failed`] with the problem that the client gets.
-pub fn compute(inputs: &JobInputs, progress: &mut dyn FnMut(Progress) -> ControlFlow<()>) -> Result<JobOutcome, JobFailure> {
+pub fn compute(
+    inputs: &JobInputs,
+    progress: &mut dyn FnMut(Progress) -> ControlFlow<()>,
+) -> Result<JobOutcome, JobFailure> {
     let body: JobRequestBody = json::parse(inputs.job.request_json.as_bytes()).map_err(broken)?;
     let request = request_of(inputs)?;
     if body.kind == Kind::Verify {
         return verified(&request, inputs, progress);
     }
     let calibrated = match held_of(&body, &request, inputs)? {
-        Some(held) => timed(&|monitor| calibrate_partially(&request, &held, monitor), progress)?,
+        Some(held) => timed(
+            &|monitor| calibrate_partially(&request, &held, monitor),
+            progress,
+        )?,
         None => calibrated(&request, progress)?,
     };
     // the same points uploaded again are the same session
     let another = matches!(&request.verify, VerifySource::Set(set) if is_anew(&request.set, set));
-    let report = calibrated.report(&inputs.job.id, inputs.job.parameter_set_input_id.as_deref(), another).map_err(broken)?;
+    let report = calibrated
+        .report(
+            &inputs.job.id,
+            inputs.job.parameter_set_input_id.as_deref(),
+            another,
+        )
+        .map_err(broken)?;
     let content = ParameterSetContent::from_core(&calibrated.core);
     Ok(JobOutcome {
         report_json: serde_json::to_string(&report).map_err(broken)?,
-        convergence_json: serde_json::to_string(&report::convergence(&calibrated.core)).map_err(broken)?,
+        convergence_json: serde_json::to_string(&report::convergence(&calibrated.core))
+            .map_err(broken)?,
         parameter_set: Some(NewParameterSet {
             body_json: serde_json::to_string(&content).map_err(broken)?,
             sha256: content.sha256().map_err(broken)?,
         }),
-        residual_network: residual_of(&calibrated.core)?.map(new_network).transpose()?,
+        residual_network: residual_of(&calibrated.core)?
+            .map(new_network)
+            .transpose()?,
         network: calibrated.network.map(new_network).transpose()?,
         result_sha256: report.result_sha256,
     })
 }
 
 /// The identification that a partial recalibration holds what it does not name at.
-fn held_of(body: &JobRequestBody, request: &CalibrationRequest, inputs: &JobInputs) -> Result<Option<Held>, JobFailure> {
+fn held_of(
+    body: &JobRequestBody,
+    request: &CalibrationRequest,
+    inputs: &JobInputs,
+) -> Result<Option<Held>, JobFailure> {
     if !body.holds_parameter_set() {
         return Ok(None);
     }
     let (Some(input), Some(session)) = (&inputs.parameter_set, &request.previous) else {
         return Err(broken("a partial recalibration without its parameter set"));
     };
-    let content: ParameterSetContent = serde_json::from_str(&input.row.body_json).map_err(broken)?;
-    Ok(Some(Held { links: content.links_to_core(), session: session.clone() }))
+    let content: ParameterSetContent =
+        serde_json::from_str(&input.row.body_json).map_err(broken)?;
+    Ok(Some(Held {
+        links: content.links_to_core(),
+        session: session.clone(),
+    }))
 }
 
 /// Scores a parameter set, or the nominal robot; identifies nothing.
@@ -73,16 +98,38 @@ fn verified(
     inputs: &JobInputs,
     progress: &mut dyn FnMut(Progress) -> ControlFlow<()>,
 ) -> Result<JobOutcome, JobFailure> {
-    let parse = |input: &ParameterSetInput| serde_json::from_str::<ParameterSetContent>(&input.row.body_json);
-    let identified = inputs.parameter_set.as_ref().map(parse).transpose().map_err(broken)?.map(|content| content.robot_to_core(None));
-    let scored = |monitor: &mut calibration::Monitor<'_>| calibration::verify(request, identified.as_ref(), monitor);
+    let parse = |input: &ParameterSetInput| {
+        serde_json::from_str::<ParameterSetContent>(&input.row.body_json)
+    };
+    let identified = inputs
+        .parameter_set
+        .as_ref()
+        .map(parse)
+        .transpose()
+        .map_err(broken)?
+        .map(|content| content.robot_to_core(None));
+    let scored = |monitor: &mut calibration::Monitor<'_>| {
+        calibration::verify(request, identified.as_ref(), monitor)
+    };
     let calibrated = timed(&scored, progress)?;
-    let identified_from = inputs.parameter_set.as_ref().map(|input| set_of(&input.set, request.robot.links.len())).transpose()?;
-    let another = identified_from.is_none_or(|identified_from| is_anew(&identified_from, &request.set));
-    let report = calibrated.report(&inputs.job.id, inputs.job.parameter_set_input_id.as_deref(), another).map_err(broken)?;
+    let identified_from = inputs
+        .parameter_set
+        .as_ref()
+        .map(|input| set_of(&input.set, request.robot.links.len()))
+        .transpose()?;
+    let another =
+        identified_from.is_none_or(|identified_from| is_anew(&identified_from, &request.set));
+    let report = calibrated
+        .report(
+            &inputs.job.id,
+            inputs.job.parameter_set_input_id.as_deref(),
+            another,
+        )
+        .map_err(broken)?;
     Ok(JobOutcome {
         report_json: serde_json::to_string(&report).map_err(broken)?,
-        convergence_json: serde_json::to_string(&report::convergence(&calibrated.core)).map_err(broken)?,
+        convergence_json: serde_json::to_string(&report::convergence(&calibrated.core))
+            .map_err(broken)?,
         parameter_set: None,
         network: None,
         residual_network: None,
@@ -102,12 +149,22 @@ impl Calibrated {
     ///
     /// # Errors
     /// If it cannot be serialised; does not happen for finite numbers, and only those come here.
-    pub fn report(&self, job_id: &str, parameter_set_from: Option<&str>, verify_set_is_another: bool) -> Result<Report, serde_json::Error> {
+    pub fn report(
+        &self,
+        job_id: &str,
+        parameter_set_from: Option<&str>,
+        verify_set_is_another: bool,
+    ) -> Result<Report, serde_json::Error> {
         let run = RunContext {
             job_id,
             parameter_set_from,
             duration_ms: self.clock.duration_ms(),
-            comparison_ms: self.core.comparison.iter().map(|other| self.clock.stage_ms(other.stage)).collect(),
+            comparison_ms: self
+                .core
+                .comparison
+                .iter()
+                .map(|other| self.clock.stage_ms(other.stage))
+                .collect(),
             verify_set_is_another,
             network_sha256: self.network.as_ref().map(|network| network.sha256.as_str()),
         };
@@ -124,20 +181,40 @@ impl Calibrated {
 ///
 /// # Errors
 /// As [`compute`].
-pub fn calibrated(request: &CalibrationRequest, progress: &mut dyn FnMut(Progress) -> ControlFlow<()>) -> Result<Calibrated, JobFailure> {
+pub fn calibrated(
+    request: &CalibrationRequest,
+    progress: &mut dyn FnMut(Progress) -> ControlFlow<()>,
+) -> Result<Calibrated, JobFailure> {
     timed(&|monitor| calibrate(request, monitor), progress)
 }
 
 /// What the core computes when it is given a monitor.
-type Computation<'a> = dyn Fn(&mut calibration::Monitor<'_>) -> Result<CalibrationReport, calibration::Error> + 'a;
+type Computation<'a> =
+    dyn Fn(&mut calibration::Monitor<'_>) -> Result<CalibrationReport, calibration::Error> + 'a;
 
-fn timed(computation: &Computation<'_>, progress: &mut dyn FnMut(Progress) -> ControlFlow<()>) -> Result<Calibrated, JobFailure> {
+fn timed(
+    computation: &Computation<'_>,
+    progress: &mut dyn FnMut(Progress) -> ControlFlow<()>,
+) -> Result<Calibrated, JobFailure> {
     let mut clock = StageClock::start();
-    let mut last = Progress { iteration: 0, n_iterations: 0, best_cost_mm2: f64::INFINITY };
+    let mut last = Progress {
+        iteration: 0,
+        n_iterations: 0,
+        best_cost_mm2: f64::INFINITY,
+    };
     let mut monitor = |event: Event<'_>| {
         clock.note(event);
-        if let Event::Iteration { iteration, n_iterations, best_cost_mm2 } = event {
-            last = Progress { iteration: iteration as u64, n_iterations: n_iterations as u64, best_cost_mm2 };
+        if let Event::Iteration {
+            iteration,
+            n_iterations,
+            best_cost_mm2,
+        } = event
+        {
+            last = Progress {
+                iteration: iteration as u64,
+                n_iterations: n_iterations as u64,
+                best_cost_mm2,
+            };
         }
         progress(last)
     };
@@ -155,22 +232,46 @@ fn timed(computation: &Computation<'_>, progress: &mut dyn FnMut(Progress) -> Co
                       together";
         return Err(failed(&Problem::new(422, "fit_diverged", detail)));
     }
-    let network = core.network.as_ref().map(safetensors::write).transpose().map_err(broken)?;
-    Ok(Calibrated { core, network, clock })
+    let network = core
+        .network
+        .as_ref()
+        .map(safetensors::write)
+        .transpose()
+        .map_err(broken)?;
+    Ok(Calibrated {
+        core,
+        network,
+        clock,
+    })
 }
 
 /// The file of the residual network, where one was kept.
 fn residual_of(core: &CalibrationReport) -> Result<Option<StoredNetwork>, JobFailure> {
-    let Some(network) = core.corrected.as_ref().and_then(|corrected| corrected.corrections.residual.as_ref()) else { return Ok(None) };
+    let Some(network) = core
+        .corrected
+        .as_ref()
+        .and_then(|corrected| corrected.corrections.residual.as_ref())
+    else {
+        return Ok(None);
+    };
     let square = |mm: f64| mm * mm;
-    let evidence = core.corrections.iter().flatten().find(|tried| tried.kind == "residual_network");
+    let evidence = core
+        .corrections
+        .iter()
+        .flatten()
+        .find(|tried| tried.kind == "residual_network");
     let origin = ResidualOrigin {
         model: Model::from_core(core.model),
         preset: Preset::from_core(core.preset),
-        training_error: core.identify.corrected.map_or(0.0, |errors| square(errors.rms_mm)),
+        training_error: core
+            .identify
+            .corrected
+            .map_or(0.0, |errors| square(errors.rms_mm)),
         validation_error: evidence.map_or(0.0, |evidence| square(evidence.after_mm)),
     };
-    safetensors::write_residual(network, origin).map(Some).map_err(broken)
+    safetensors::write_residual(network, origin)
+        .map(Some)
+        .map_err(broken)
 }
 
 fn new_network(network: StoredNetwork) -> Result<NewNetwork, JobFailure> {
@@ -188,35 +289,70 @@ fn new_network(network: StoredNetwork) -> Result<NewNetwork, JobFailure> {
 /// # Errors
 /// [`JobFailure::Failed`] for what was accepted once and cannot be read any more.
 pub fn request_of(inputs: &JobInputs) -> Result<CalibrationRequest, JobFailure> {
-    let request: JobRequestBody = json::parse(inputs.job.request_json.as_bytes()).map_err(broken)?;
+    let request: JobRequestBody =
+        json::parse(inputs.job.request_json.as_bytes()).map_err(broken)?;
     let body: RobotBody = json::parse(inputs.robot.body_json.as_bytes()).map_err(broken)?;
     let robot = body.to_core().map_err(broken)?;
     let n_joints = robot.links.len();
-    let frames = inputs.frames.as_ref().map(|row| serde_json::from_str::<FramesContent>(&row.result_json));
-    let network = inputs.network.as_ref().map(|network| safetensors::read(&network.weights));
-    let residual_network = inputs.residual_network.as_ref().map(|network| safetensors::read_residual(&network.weights));
+    let frames = inputs
+        .frames
+        .as_ref()
+        .map(|row| serde_json::from_str::<FramesContent>(&row.result_json));
+    let network = inputs
+        .network
+        .as_ref()
+        .map(|network| safetensors::read(&network.weights));
+    let residual_network = inputs
+        .residual_network
+        .as_ref()
+        .map(|network| safetensors::read_residual(&network.weights));
     let parts = JobParts {
         set: set_of(&inputs.set, n_joints)?,
-        verify_set: inputs.verify_set.as_ref().map(|set| set_of(set, n_joints)).transpose()?,
-        frames: frames.transpose().map_err(broken)?.map(|content| content.to_core()),
+        verify_set: inputs
+            .verify_set
+            .as_ref()
+            .map(|set| set_of(set, n_joints))
+            .transpose()?,
+        frames: frames
+            .transpose()
+            .map_err(broken)?
+            .map(|content| content.to_core()),
         network: network.transpose().map_err(broken)?,
         residual_network: residual_network.transpose().map_err(broken)?,
         previous: previous_of(&request, inputs, n_joints),
         robot,
     };
-    request.to_core(parts).map_err(|invalid: Invalid| failed(&Problem::new(422, invalid.code, invalid.summary())))
+    request
+        .to_core(parts)
+        .map_err(|invalid: Invalid| failed(&Problem::new(422, invalid.code, invalid.summary())))
 }
 
 /// The session that the robot was last identified from. One that cannot be read any more is not compared with, and the job goes on.
-fn previous_of(request: &JobRequestBody, inputs: &JobInputs, n_joints: usize) -> Option<PreviousSession> {
-    let input = inputs.parameter_set.as_ref().filter(|_| request.kind == Kind::Identify)?;
-    let frames = input.frames.as_ref().map(|row| serde_json::from_str::<FramesContent>(&row.result_json)).transpose().ok()?;
+fn previous_of(
+    request: &JobRequestBody,
+    inputs: &JobInputs,
+    n_joints: usize,
+) -> Option<PreviousSession> {
+    let input = inputs
+        .parameter_set
+        .as_ref()
+        .filter(|_| request.kind == Kind::Identify)?;
+    let frames = input
+        .frames
+        .as_ref()
+        .map(|row| serde_json::from_str::<FramesContent>(&row.result_json))
+        .transpose()
+        .ok()?;
     let set = set_of(&input.set, n_joints).ok()?;
-    Some(PreviousSession { set, frames: frames.map(|content| content.to_core()) })
+    Some(PreviousSession {
+        set,
+        frames: frames.map(|content| content.to_core()),
+    })
 }
 
 fn set_of(input: &MeasurementSetInput, n_joints: usize) -> Result<MeasurementSet, JobFailure> {
-    let frame = Frame::parse(&input.row.frame).ok_or_else(|| broken(format!("unknown frame {:?}", input.row.frame)))?;
+    let frame = Frame::parse(&input.row.frame)
+        .ok_or_else(|| broken(format!("unknown frame {:?}", input.row.frame)))?;
     from_upload(&input.row.content_type, &input.body, frame, n_joints).map_err(broken)
 }
 
@@ -228,11 +364,17 @@ pub fn is_anew(identified_from: &MeasurementSet, points: &MeasurementSet) -> boo
 /// What was accepted once cannot be read any more: not the client's fault.
 fn broken(cause: impl std::fmt::Display) -> JobFailure {
     tracing::error!(%cause, "a job's stored documents do not fit together");
-    failed(&Problem::new(500, "internal", "something that this job needs cannot be read or written; the log has the cause"))
+    failed(&Problem::new(
+        500,
+        "internal",
+        "something that this job needs cannot be read or written; the log has the cause",
+    ))
 }
 
 fn failed(problem: &Problem) -> JobFailure {
-    JobFailure::Failed { problem_json: serde_json::json!(problem).to_string() }
+    JobFailure::Failed {
+        problem_json: serde_json::json!(problem).to_string(),
+    }
 }
 
 /// When stages began and how long they took.
@@ -245,7 +387,12 @@ struct StageClock {
 
 impl StageClock {
     fn start() -> Self {
-        Self { begun: Instant::now(), whole_ms: 0.0, running: None, ended_ms: Vec::new() }
+        Self {
+            begun: Instant::now(),
+            whole_ms: 0.0,
+            running: None,
+            ended_ms: Vec::new(),
+        }
     }
 
     fn stop(&mut self) {
@@ -256,7 +403,8 @@ impl StageClock {
         match event {
             Event::StageStarted(name) => self.running = Some((name.into(), Instant::now())),
             Event::StageEnded(name) => {
-                if let Some((running, since)) = self.running.take_if(|(running, _)| running == name) {
+                if let Some((running, since)) = self.running.take_if(|(running, _)| running == name)
+                {
                     self.ended_ms.push((running, milliseconds(since)));
                 }
             }
@@ -265,12 +413,21 @@ impl StageClock {
     }
 
     fn stage_ms(&self, name: &str) -> f64 {
-        self.ended_ms.iter().filter(|(stage, _)| stage == name).map(|(_, ms)| ms).sum()
+        self.ended_ms
+            .iter()
+            .filter(|(stage, _)| stage == name)
+            .map(|(_, ms)| ms)
+            .sum()
     }
 
     /// Everything but the comparison.
     fn duration_ms(&self) -> f64 {
-        let compared: f64 = self.ended_ms.iter().filter(|(stage, _)| stage.starts_with(COMPARISON)).map(|(_, ms)| ms).sum();
+        let compared: f64 = self
+            .ended_ms
+            .iter()
+            .filter(|(stage, _)| stage.starts_with(COMPARISON))
+            .map(|(_, ms)| ms)
+            .sum();
         self.whole_ms - compared
     }
 }

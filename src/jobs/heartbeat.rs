@@ -50,7 +50,11 @@ impl Control {
     /// Takes the progress, and gives the word to go on or to stop. Called in the middle of the computation: cheap.
     pub(super) fn report(&self, progress: Progress) -> ControlFlow<()> {
         *self.progress.lock().unwrap_or_else(PoisonError::into_inner) = Some(progress);
-        if self.stop.get().is_some() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        if self.stop.get().is_some() {
+            ControlFlow::Break(())
+        } else {
+            ControlFlow::Continue(())
+        }
     }
 
     /// Tells the computation to stop; the first reason counts.
@@ -88,7 +92,10 @@ pub(super) struct KeptLease {
 
 impl KeptLease {
     pub(super) fn new(beat: Beat) -> KeptLease {
-        KeptLease { control: Arc::clone(&beat.control), task: tokio::spawn(beat.run()) }
+        KeptLease {
+            control: Arc::clone(&beat.control),
+            task: tokio::spawn(beat.run()),
+        }
     }
 
     /// The heartbeat. It is finished when the lease is lost, or nothing is known of it for so long that it must be.
@@ -124,7 +131,10 @@ impl Beat {
         let mut written = None;
         loop {
             let asked = self.wait(tick).await;
-            let progress = self.control.progress().filter(|progress| written != Some(*progress));
+            let progress = self
+                .control
+                .progress()
+                .filter(|progress| written != Some(*progress));
             if !asked && progress.is_none() && renewed.elapsed() < renew_every {
                 continue;
             }
@@ -140,7 +150,12 @@ impl Beat {
                 Ok(Err(_)) => break,
             }
         }
-        tracing::warn!(job_id = self.lease.job_id, owner = self.lease.owner, attempt = self.lease.attempt, "lease lost");
+        tracing::warn!(
+            job_id = self.lease.job_id,
+            owner = self.lease.owner,
+            attempt = self.lease.attempt,
+            "lease lost"
+        );
         self.control.stop(Stop::LeaseLost);
     }
 
@@ -159,7 +174,13 @@ impl Beat {
 
     async fn renew(&self, progress: Option<Progress>) -> Result<(), Error> {
         let progress_json = progress.map(Progress::to_json);
-        let beat = leases::heartbeat(&self.store, &self.lease, self.duration, progress_json.as_deref()).await?;
+        let beat = leases::heartbeat(
+            &self.store,
+            &self.lease,
+            self.duration,
+            progress_json.as_deref(),
+        )
+        .await?;
         if beat.cancel_requested {
             self.control.stop(Stop::Cancelled);
         }

@@ -14,7 +14,10 @@ pub mod queue;
 mod relay;
 mod worker;
 
-pub use compute::{Compute, JobFailure, JobInputs, JobOutcome, MeasurementSetInput, NetworkInput, ParameterSetInput, Progress};
+pub use compute::{
+    Compute, JobFailure, JobInputs, JobOutcome, MeasurementSetInput, NetworkInput,
+    ParameterSetInput, Progress,
+};
 pub use pool::{Rules, WorkerPool};
 pub use progress::JobSignals;
 pub use worker::{WorkerContext, run_next_job, run_pending_jobs};

@@ -41,18 +41,42 @@ pub struct Rules {
 
 impl WorkerPool {
     /// Starts `n_workers` workers, and the sweep that takes jobs from workers which did not renew their leases, and forgets old Idempotency-Keys.
-    pub fn start(store: Store, compute: Compute, n_workers: usize, rules: Rules, signals: JobSignals) -> WorkerPool {
-        let Rules { lease, max_attempts, longest } = rules;
+    pub fn start(
+        store: Store,
+        compute: Compute,
+        n_workers: usize,
+        rules: Rules,
+        signals: JobSignals,
+    ) -> WorkerPool {
+        let Rules {
+            lease,
+            max_attempts,
+            longest,
+        } = rules;
         let relays = relay::start(&store, &signals);
         let drain = Arc::new(watch::Sender::new(Drain::No));
         let mut tasks = JoinSet::new();
         for _ in 0..n_workers {
-            let context = WorkerContext { drain: Arc::clone(&drain), longest, ..WorkerContext::new(compute, lease, signals.clone()) };
+            let context = WorkerContext {
+                drain: Arc::clone(&drain),
+                longest,
+                ..WorkerContext::new(compute, lease, signals.clone())
+            };
             tasks.spawn(work(store.clone(), context));
         }
         let every = SWEEP.min(lease / 2).max(Duration::from_millis(1));
-        tasks.spawn(sweep(store, max_attempts, signals, every, drain.subscribe()));
-        WorkerPool { drain, tasks, _relays: relays }
+        tasks.spawn(sweep(
+            store,
+            max_attempts,
+            signals,
+            every,
+            drain.subscribe(),
+        ));
+        WorkerPool {
+            drain,
+            tasks,
+            _relays: relays,
+        }
     }
 
     /// Claims nothing more and lets computations finish; those that are not done shortly before the deadline are
@@ -60,8 +84,17 @@ impl WorkerPool {
     pub async fn shutdown(mut self, deadline: Duration) {
         let deadline = Instant::now() + deadline;
         let stages = [
-            (Drain::Finish, deadline.checked_sub(2 * STOP_WITHIN).unwrap_or(deadline)),
-            (Drain::Stop, deadline.checked_sub(STOP_WITHIN).unwrap_or(deadline).max(Instant::now() + STOP_WITHIN / 2)),
+            (
+                Drain::Finish,
+                deadline.checked_sub(2 * STOP_WITHIN).unwrap_or(deadline),
+            ),
+            (
+                Drain::Stop,
+                deadline
+                    .checked_sub(STOP_WITHIN)
+                    .unwrap_or(deadline)
+                    .max(Instant::now() + STOP_WITHIN / 2),
+            ),
             (Drain::Abandon, deadline.max(Instant::now() + STOP_WITHIN)),
         ];
         for (stage, until) in stages {
@@ -70,7 +103,9 @@ impl WorkerPool {
                 return;
             }
         }
-        tracing::warn!("workers did not end in time; their jobs are begun again when the leases are over");
+        tracing::warn!(
+            "workers did not end in time; their jobs are begun again when the leases are over"
+        );
     }
 
     async fn all_ended(&mut self) {
@@ -99,7 +134,13 @@ async fn work(store: Store, context: WorkerContext) {
     }
 }
 
-async fn sweep(store: Store, max_attempts: u32, signals: JobSignals, every: Duration, mut drain: watch::Receiver<Drain>) {
+async fn sweep(
+    store: Store,
+    max_attempts: u32,
+    signals: JobSignals,
+    every: Duration,
+    mut drain: watch::Receiver<Drain>,
+) {
     let mut ticks = interval(every);
     ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
     let mut forgotten: Option<Instant> = None;
@@ -114,7 +155,9 @@ async fn sweep(store: Store, max_attempts: u32, signals: JobSignals, every: Dura
         if forgotten.is_none_or(|at| at.elapsed() >= FORGET_EVERY) {
             match store.forget_old_keys().await {
                 Ok(()) => forgotten = Some(Instant::now()),
-                Err(error) => tracing::warn!(error = %error.cause(), "old Idempotency-Keys could not be forgotten; trying again"),
+                Err(error) => {
+                    tracing::warn!(error = %error.cause(), "old Idempotency-Keys could not be forgotten; trying again")
+                }
             }
         }
     }

@@ -60,7 +60,11 @@ const POLL_ALONE: Duration = Duration::from_secs(2);
 
 impl Default for JobSignals {
     fn default() -> Self {
-        JobSignals { enqueued: Arc::default(), heard: broadcast::Sender::new(SIGNALS_KEPT), raised: broadcast::Sender::new(SIGNALS_KEPT) }
+        JobSignals {
+            enqueued: Arc::default(),
+            heard: broadcast::Sender::new(SIGNALS_KEPT),
+            raised: broadcast::Sender::new(SIGNALS_KEPT),
+        }
     }
 }
 
@@ -111,8 +115,15 @@ impl JobSignals {
     ///
     /// # Errors
     /// Those of [`jobs::get`].
-    pub async fn wait_for_status_change(&self, store: &Store, job_id: &str, seen: JobStatus, timeout: Duration) -> Result<JobRow> {
-        self.wait(store, job_id, timeout, |job| job.status != seen).await
+    pub async fn wait_for_status_change(
+        &self,
+        store: &Store,
+        job_id: &str,
+        seen: JobStatus,
+        timeout: Duration,
+    ) -> Result<JobRow> {
+        self.wait(store, job_id, timeout, |job| job.status != seen)
+            .await
     }
 
     /// The job as soon as its status, attempt or progress is not as in `seen` or it is over, at the latest after `timeout`:
@@ -120,13 +131,25 @@ impl JobSignals {
     ///
     /// # Errors
     /// Those of [`jobs::get`].
-    pub async fn wait_for_change(&self, store: &Store, seen: &JobRow, timeout: Duration) -> Result<JobRow> {
+    pub async fn wait_for_change(
+        &self,
+        store: &Store,
+        seen: &JobRow,
+        timeout: Duration,
+    ) -> Result<JobRow> {
         let what = |job: &JobRow| (job.status, job.attempt, job.progress_json.clone());
         let seen_what = what(seen);
-        self.wait(store, &seen.id, timeout, |job| what(job) != seen_what).await
+        self.wait(store, &seen.id, timeout, |job| what(job) != seen_what)
+            .await
     }
 
-    async fn wait(&self, store: &Store, job_id: &str, timeout: Duration, is_news: impl Fn(&JobRow) -> bool) -> Result<JobRow> {
+    async fn wait(
+        &self,
+        store: &Store,
+        job_id: &str,
+        timeout: Duration,
+        is_news: impl Fn(&JobRow) -> bool,
+    ) -> Result<JobRow> {
         let poll = match store.engine() {
             Engine::Sqlite => POLL_ALONE,
             Engine::Postgres => POLL_SHARED,
@@ -150,7 +173,10 @@ impl JobSignals {
     }
 
     pub(super) fn cancellations(&self, job_id: &str) -> Cancellations {
-        Cancellations { job_id: job_id.to_owned(), signals: self.heard.subscribe() }
+        Cancellations {
+            job_id: job_id.to_owned(),
+            signals: self.heard.subscribe(),
+        }
     }
 }
 

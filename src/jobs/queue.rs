@@ -1,7 +1,10 @@
 //! The queue's rules on top of the job table.
 
 use super::{JobOutcome, JobSignals};
-use crate::store::{Expired, JobRow, Lease, NewJob, Result, Store, Tx, jobs, leases, networks, parameter_sets, robots};
+use crate::store::{
+    Expired, JobRow, Lease, NewJob, Result, Store, Tx, jobs, leases, networks, parameter_sets,
+    robots,
+};
 use crate::wire::Problem;
 
 /// How many jobs of one robot may wait: days of work for all workers; a client that posts more has run wild.
@@ -39,7 +42,15 @@ pub async fn finish(store: &Store, lease: &Lease, outcome: &JobOutcome) -> Resul
         // A release that has counted the sessions ends first, or sees this one.
         robots::lock_of_job(&mut tx, &lease.job_id).await?;
     }
-    if !leases::succeed(&mut tx, lease, &outcome.report_json, &outcome.convergence_json, &outcome.result_sha256).await? {
+    if !leases::succeed(
+        &mut tx,
+        lease,
+        &outcome.report_json,
+        &outcome.convergence_json,
+        &outcome.result_sha256,
+    )
+    .await?
+    {
         return tx.commit().await;
     }
     if let Some(parameter_set) = &outcome.parameter_set {
@@ -108,7 +119,12 @@ pub async fn expire(store: &Store, max_attempts: u32, signals: &JobSignals) -> R
     for _ in &expired.queued {
         signals.job_enqueued();
     }
-    for job_id in expired.queued.iter().chain(&expired.failed).chain(&expired.cancelled) {
+    for job_id in expired
+        .queued
+        .iter()
+        .chain(&expired.failed)
+        .chain(&expired.cancelled)
+    {
         signals.job_changed(job_id);
     }
     Ok(expired)

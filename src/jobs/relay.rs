@@ -45,7 +45,9 @@ async fn send(store: Store, mut raised: broadcast::Receiver<Signal>, process: St
             }
         }
         for signal in batch {
-            if let Err(error) = notices::send(&store, &format!("{process} {}", signal.to_text())).await {
+            if let Err(error) =
+                notices::send(&store, &format!("{process} {}", signal.to_text())).await
+            {
                 tracing::warn!(error = %error.cause(), "the other nodes could not be told; they will find out by polling");
                 break;
             }
@@ -64,8 +66,14 @@ async fn receive(store: Store, signals: JobSignals, process: String) {
     }
 }
 
-async fn receive_from_one_connection(store: &Store, signals: &JobSignals, process: &str) -> crate::store::Result<()> {
-    let Some(mut notices) = notices::listen(store).await? else { return Ok(()) };
+async fn receive_from_one_connection(
+    store: &Store,
+    signals: &JobSignals,
+    process: &str,
+) -> crate::store::Result<()> {
+    let Some(mut notices) = notices::listen(store).await? else {
+        return Ok(());
+    };
     loop {
         let Some(notice) = notices.next().await? else {
             signals.told(Signal::Anything);

@@ -41,7 +41,8 @@ impl Drop for Watched {
     }
 }
 
-const LEFT_TO_ITSELF: &str = "a computation takes longer than a job may, and does not stop; its thread is left to itself";
+const LEFT_TO_ITSELF: &str =
+    "a computation takes longer than a job may, and does not stop; its thread is left to itself";
 
 /// How a worker works.
 #[derive(Clone, Debug)]
@@ -63,7 +64,14 @@ impl WorkerContext {
     /// A worker with a new name, whose attempts may take as long as they like.
     pub fn new(compute: Compute, lease: Duration, signals: JobSignals) -> WorkerContext {
         let owner = format!("worker_{}", uuid::Uuid::now_v7().simple());
-        WorkerContext { owner, compute, lease, longest: Duration::MAX, signals, drain: Arc::new(watch::Sender::new(Drain::No)) }
+        WorkerContext {
+            owner,
+            compute,
+            lease,
+            longest: Duration::MAX,
+            signals,
+            drain: Arc::new(watch::Sender::new(Drain::No)),
+        }
     }
 }
 
@@ -96,7 +104,10 @@ pub async fn run_next_job(store: &Store, context: &WorkerContext) -> Result<Opti
         tx.rollback().await?;
         return Ok(None);
     };
-    let (lease, control) = (Lease::of(&job, &context.owner), Arc::new(Control::default()));
+    let (lease, control) = (
+        Lease::of(&job, &context.owner),
+        Arc::new(Control::default()),
+    );
     let until = Instant::now() + context.lease;
     // What a job names was committed before it was posted, so it is read while the claim is committed. Nothing is computed before that is
     // certain, or a job that ends the process would be begun again and again.
@@ -106,13 +117,29 @@ pub async fn run_next_job(store: &Store, context: &WorkerContext) -> Result<Opti
         async move { JobInputs::of(&store, job).await }
     });
     tx.commit().await?;
-    tracing::info!(job_id = lease.job_id, owner = lease.owner, attempt = lease.attempt, "job begun");
+    tracing::info!(
+        job_id = lease.job_id,
+        owner = lease.owner,
+        attempt = lease.attempt,
+        "job begun"
+    );
     context.signals.job_changed(&lease.job_id);
     let kept = keep(store, context, &lease, &control);
-    let read = reading.join_next().await.and_then(std::result::Result::ok).and_then(Result::ok);
+    let read = reading
+        .join_next()
+        .await
+        .and_then(std::result::Result::ok)
+        .and_then(Result::ok);
     let read = inputs(store, context, &lease, (read, until), &control).await;
     let (beat, signals, is_taken) = (kept.beat(), context.signals.clone(), AtomicBool::new(false));
-    let attempt = Watched(Arc::new(Attempt { store: store.clone(), lease, control, beat, signals, is_taken }));
+    let attempt = Watched(Arc::new(Attempt {
+        store: store.clone(),
+        lease,
+        control,
+        beat,
+        signals,
+        is_taken,
+    }));
     let deaf = match read {
         Ok(inputs) => compute(context, &attempt.0, inputs).await,
         Err(ended) => {
@@ -140,7 +167,12 @@ pub async fn run_pending_jobs(store: &Store, context: &WorkerContext) -> Result<
     Ok(done)
 }
 
-fn keep(store: &Store, context: &WorkerContext, lease: &Lease, control: &Arc<Control>) -> KeptLease {
+fn keep(
+    store: &Store,
+    context: &WorkerContext,
+    lease: &Lease,
+    control: &Arc<Control>,
+) -> KeptLease {
     KeptLease::new(Beat {
         store: store.clone(),
         lease: lease.clone(),
@@ -181,7 +213,10 @@ async fn inputs(
             _ => return Err(Ended::HandedBack),
         }
         tracing::warn!(job_id = lease.job_id, error = %error.cause(), "the job's inputs could not be read; trying again");
-        if timeout(RETRY_AFTER, reached(&mut drain, Drain::Stop)).await.is_ok() {
+        if timeout(RETRY_AFTER, reached(&mut drain, Drain::Stop))
+            .await
+            .is_ok()
+        {
             return Err(Ended::HandedBack);
         }
     }
@@ -189,11 +224,17 @@ async fn inputs(
 
 /// Computes a job and ends it; of one that was cancelled while its computation does not look whether it should stop, gives the thread that is
 /// still at it.
-async fn compute(context: &WorkerContext, attempt: &Arc<Attempt>, inputs: JobInputs) -> Option<Deaf> {
+async fn compute(
+    context: &WorkerContext,
+    attempt: &Arc<Attempt>,
+    inputs: JobInputs,
+) -> Option<Deaf> {
     let begun = Instant::now();
     let (function, theirs, runtime) = (context.compute, Arc::clone(attempt), Handle::current());
     let mut thread = tokio::task::spawn_blocking(move || {
-        let result = catch_unwind(AssertUnwindSafe(|| function(&inputs, &mut |progress| theirs.control.report(progress))));
+        let result = catch_unwind(AssertUnwindSafe(|| {
+            function(&inputs, &mut |progress| theirs.control.report(progress))
+        }));
         if let Err(panic) = &result {
             log_panic(&theirs.lease.job_id, &**panic);
         }
@@ -216,7 +257,10 @@ async fn compute(context: &WorkerContext, attempt: &Arc<Attempt>, inputs: JobInp
     let is_waited_for = matches!(deaf, Ended::Cancelled);
     match deaf {
         Ended::GaveUp => tracing::error!(job_id, "{LEFT_TO_ITSELF}"),
-        Ended::Cancelled => tracing::info!(job_id, "a cancelled job's computation has not stopped yet; its worker waits for that"),
+        Ended::Cancelled => tracing::info!(
+            job_id,
+            "a cancelled job's computation has not stopped yet; its worker waits for that"
+        ),
         _ => {}
     }
     attempt.end(deaf).await;
@@ -233,7 +277,10 @@ fn came_to_its_end(attempt: &Attempt, result: std::result::Result<(), JoinError>
 
 /// Waits for a computation that nobody waits for any more, as long as it may take: two at a time would be more than a worker may compute.
 async fn wait_for(context: &WorkerContext, job_id: &str, Deaf { thread, begun }: Deaf) {
-    let left = context.longest.saturating_sub(begun.elapsed()).saturating_add(STOP_WITHIN);
+    let left = context
+        .longest
+        .saturating_sub(begun.elapsed())
+        .saturating_add(STOP_WITHIN);
     let mut drain = context.drain.subscribe();
     tokio::select! {
         _ = thread => {}
@@ -263,7 +310,10 @@ impl Attempt {
     }
 
     /// What the end of its computation means.
-    fn ended(&self, result: std::thread::Result<std::result::Result<JobOutcome, JobFailure>>) -> Ended {
+    fn ended(
+        &self,
+        result: std::thread::Result<std::result::Result<JobOutcome, JobFailure>>,
+    ) -> Ended {
         let job_id = &self.lease.job_id;
         match result {
             Ok(Ok(outcome)) => Ended::Finished(Box::new(outcome)),
@@ -273,7 +323,10 @@ impl Attempt {
                 Some(Stop::ShuttingDown) => Ended::HandedBack,
                 Some(Stop::LeaseLost) => Ended::LeftToItsLease,
                 Some(Stop::TooLong) => {
-                    tracing::error!(job_id, "a computation was stopped: it took longer than a job may");
+                    tracing::error!(
+                        job_id,
+                        "a computation was stopped: it took longer than a job may"
+                    );
                     Ended::GaveUp
                 }
                 None => Ended::Failed(internal(job_id, "it stopped without being told to")),
@@ -304,7 +357,8 @@ impl Attempt {
                 }
                 Err(error) if matches!(ended, Ended::Finished(_)) && is_ours() => {
                     tracing::error!(job_id = lease.job_id, error = %error.cause(), "the result cannot be stored");
-                    ended = Ended::Failed(internal(&lease.job_id, "its result could not be stored"));
+                    ended =
+                        Ended::Failed(internal(&lease.job_id, "its result could not be stored"));
                 }
                 Err(error) => {
                     tracing::error!(job_id = lease.job_id, error = %error.cause(), "the job cannot be ended; its lease will run out");
@@ -331,11 +385,17 @@ async fn try_to_end(store: &Store, lease: &Lease, ended: &Ended) -> Result<()> {
 /// The problem of a computation that broke; the cause is for the log only.
 fn internal(job_id: &str, what: &str) -> String {
     tracing::error!(job_id, what, "a computation broke");
-    queue::problem_json(&Problem::new(500, "internal", "the computation broke; the server's log says why"))
+    queue::problem_json(&Problem::new(
+        500,
+        "internal",
+        "the computation broke; the server's log says why",
+    ))
 }
 
 fn log_panic(job_id: &str, panic: &(dyn Any + Send)) {
     let text = panic.downcast_ref::<&str>().copied();
-    let what = text.or_else(|| panic.downcast_ref::<String>().map(String::as_str)).unwrap_or("(no message)");
+    let what = text
+        .or_else(|| panic.downcast_ref::<String>().map(String::as_str))
+        .unwrap_or("(no message)");
     tracing::error!(job_id, what, "a computation panicked");
 }

@@ -51,35 +51,52 @@ pub fn first_moments(chain: &[IsometryMatrix3<f64>], compliance: &Compliance) ->
     let (mut mass, mut about_base) = (0.0, Vector3::zeros());
     if let (Some(payload), Some(flange)) = (&compliance.payload, chain.last()) {
         mass = payload.mass_kg / compliance.mass_unit_kg;
-        about_base = (flange.rotation * payload.centre_mm + flange.translation.vector) * (mass / MM);
+        about_base =
+            (flange.rotation * payload.centre_mm + flange.translation.vector) * (mass / MM);
     }
     let mut joints = vec![Vector3::zeros(); chain.len()];
     for (j, frame) in chain.iter().enumerate().rev() {
         let origin_m = frame.translation.vector / MM;
         mass += compliance.masses[j];
-        about_base += origin_m * compliance.masses[j] + frame.rotation * compliance.first_moments_m[j];
+        about_base +=
+            origin_m * compliance.masses[j] + frame.rotation * compliance.first_moments_m[j];
         joints[j] = about_base - origin_m * mass;
     }
-    FirstMoments { base: about_base, joints }
+    FirstMoments {
+        base: about_base,
+        joints,
+    }
 }
 
 /// The moments of gravity about the base and every joint, from the frames of [`rigid_chain`].
 pub fn moments(chain: &[IsometryMatrix3<f64>], compliance: &Compliance) -> Moments {
     let g = &compliance.gravity_in_base;
     let first = first_moments(chain, compliance);
-    let joints = chain.iter().zip(&first.joints).map(|(frame, s)| frame.rotation.inverse() * s.cross(g)).collect();
-    Moments { base: first.base.cross(g), joints }
+    let joints = chain
+        .iter()
+        .zip(&first.joints)
+        .map(|(frame, s)| frame.rotation.inverse() * s.cross(g))
+        .collect();
+    Moments {
+        base: first.base.cross(g),
+        joints,
+    }
 }
 
 /// Flange in the base frame, corrections included; with none it is [`t_base_flange`](crate::kinematics::t_base_flange).
-pub fn t_base_flange_corrected(links: &[Link], corrections: &Corrections, q_rad: &[f64]) -> IsometryMatrix3<f64> {
+pub fn t_base_flange_corrected(
+    links: &[Link],
+    corrections: &Corrections,
+    q_rad: &[f64],
+) -> IsometryMatrix3<f64> {
     let compliance = &corrections.compliance;
     let moments = moments(&rigid_chain(links, q_rad), compliance);
     let base_turn = rotation_exp(&compliance.base_rad.component_mul(&moments.base));
     let mut t_base_link = IsometryMatrix3::from_parts(Translation3::identity(), base_turn);
     for (i, (link, q)) in links.iter().zip(q_rad).enumerate() {
         t_base_link *= t_previous_link(link, q + corrections.harmonic_rad(i, *q));
-        t_base_link.rotation *= rotation_exp(&compliance.joints_rad[i].component_mul(&moments.joints[i]));
+        t_base_link.rotation *=
+            rotation_exp(&compliance.joints_rad[i].component_mul(&moments.joints[i]));
     }
     if let Some(network) = &corrections.residual {
         t_base_link.translation.vector += network.displacement_mm(q_rad);

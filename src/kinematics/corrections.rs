@@ -110,10 +110,13 @@ impl Corrections {
 
     /// What the harmonics add to the value of a joint, rad.
     pub fn harmonic_rad(&self, joint: usize, q_rad: f64) -> f64 {
-        self.harmonics[joint].iter().enumerate().fold(0.0, |sum, (k, harmonic)| {
-            let (s, c) = libm::sincos((k + 1) as f64 * q_rad);
-            sum + harmonic.sin_rad * s + harmonic.cos_rad * c
-        })
+        self.harmonics[joint]
+            .iter()
+            .enumerate()
+            .fold(0.0, |sum, (k, harmonic)| {
+                let (s, c) = libm::sincos((k + 1) as f64 * q_rad);
+                sum + harmonic.sin_rad * s + harmonic.cos_rad * c
+            })
     }
 }
 
@@ -121,13 +124,18 @@ impl ResidualNetwork {
     /// Displacement of the flange, and with it of every target, in the base frame, mm.
     pub fn displacement_mm(&self, q_rad: &[f64]) -> Vector3<f64> {
         let n_inputs = self.centre_rad.len();
-        let inputs: Vec<f64> =
-            q_rad.iter().zip(self.centre_rad.iter().zip(&self.half_range_rad)).map(|(q, (centre, half))| (q - centre) / half).collect();
+        let inputs: Vec<f64> = q_rad
+            .iter()
+            .zip(self.centre_rad.iter().zip(&self.half_range_rad))
+            .map(|(q, (centre, half))| (q - centre) / half)
+            .collect();
         let hidden: Vec<f64> = self
             .hidden_weights
             .chunks_exact(n_inputs)
             .zip(&self.hidden_thresholds)
-            .map(|(weights, threshold)| libm::tanh(weights.iter().zip(&inputs).map(|(w, x)| w * x).sum::<f64>() - threshold))
+            .map(|(weights, threshold)| {
+                libm::tanh(weights.iter().zip(&inputs).map(|(w, x)| w * x).sum::<f64>() - threshold)
+            })
             .collect();
         let output = |k: usize| {
             let weights = &self.output_weights[k * hidden.len()..(k + 1) * hidden.len()];

@@ -28,17 +28,29 @@ pub fn t_previous_link(link: &Link, q_rad: f64) -> IsometryMatrix3<f64> {
     let r_beta = ry(link.beta_rad);
     let rotation = r_alpha * r_beta * rz(q_rad + link.theta_offset_rad);
     let translation = r_alpha * (Vector3::new(link.a_mm, 0.0, 0.0) + r_beta.column(2) * link.d_mm);
-    IsometryMatrix3::from_parts(Translation3::from(translation), Rotation3::from_matrix_unchecked(rotation))
+    IsometryMatrix3::from_parts(
+        Translation3::from(translation),
+        Rotation3::from_matrix_unchecked(rotation),
+    )
 }
 
 /// Flange in the base frame: the product over the links [Gao 2018, eq. 2, 4]. `q_rad` holds one value per link.
 pub fn t_base_flange(links: &[Link], q_rad: &[f64]) -> IsometryMatrix3<f64> {
     assert_eq!(links.len(), q_rad.len(), "one joint value per link");
-    links.iter().zip(q_rad).fold(IsometryMatrix3::identity(), |t_base_link, (link, q)| t_base_link * t_previous_link(link, *q))
+    links
+        .iter()
+        .zip(q_rad)
+        .fold(IsometryMatrix3::identity(), |t_base_link, (link, q)| {
+            t_base_link * t_previous_link(link, *q)
+        })
 }
 
 /// Position of a target that sits at `p_flange_target_mm` in the flange frame, in the base frame, mm.
-pub fn forward_kinematics(links: &[Link], q_rad: &[f64], p_flange_target_mm: &Vector3<f64>) -> Vector3<f64> {
+pub fn forward_kinematics(
+    links: &[Link],
+    q_rad: &[f64],
+    p_flange_target_mm: &Vector3<f64>,
+) -> Vector3<f64> {
     let t = t_base_flange(links, q_rad);
     t.rotation * p_flange_target_mm + t.translation.vector
 }

@@ -50,13 +50,27 @@ pub fn position_jacobian(
     }
     let flange = chain[links.len()];
     let p = flange.rotation * p_flange_target_mm + flange.translation.vector;
-    let columns = links.iter().enumerate().map(|(i, link)| link_columns(link, &chain[i], &chain[i + 1], &p)).collect();
+    let columns = links
+        .iter()
+        .enumerate()
+        .map(|(i, link)| link_columns(link, &chain[i], &chain[i + 1], &p))
+        .collect();
     let lever = p - t_instrument_base.translation.vector;
-    PositionJacobian { position_mm: p, links: columns, base_rotation: -lever.cross_matrix(), target: *flange.rotation.matrix() }
+    PositionJacobian {
+        position_mm: p,
+        links: columns,
+        base_rotation: -lever.cross_matrix(),
+        target: *flange.rotation.matrix(),
+    }
 }
 
 /// Columns of link i from the frames before and after it; `p` is the target's position.
-pub fn link_columns(link: &Link, before: &IsometryMatrix3<f64>, after: &IsometryMatrix3<f64>, p: &Vector3<f64>) -> LinkColumns {
+pub fn link_columns(
+    link: &Link,
+    before: &IsometryMatrix3<f64>,
+    after: &IsometryMatrix3<f64>,
+    p: &Vector3<f64>,
+) -> LinkColumns {
     let x_before: Vector3<f64> = before.rotation.matrix().column(0).into();
     let z_after: Vector3<f64> = after.rotation.matrix().column(2).into();
     let origin_before = before.translation.vector;

@@ -37,13 +37,20 @@ impl JointMap {
     pub fn to_model(&self, q_controller_rad: &[f64]) -> Vec<f64> {
         let n = self.sign.len();
         (0..n)
-            .map(|i| (0..n).map(|j| self.coupling[(i, j)] * self.sign[j] * q_controller_rad[j]).sum::<f64>() + self.offset_rad[i])
+            .map(|i| {
+                (0..n)
+                    .map(|j| self.coupling[(i, j)] * self.sign[j] * q_controller_rad[j])
+                    .sum::<f64>()
+                    + self.offset_rad[i]
+            })
             .collect()
     }
 
     /// ∂q_model/∂q_controller, n × n: the coupling with the signs on its columns.
     pub fn rates(&self) -> DMatrix<f64> {
-        DMatrix::from_fn(self.sign.len(), self.sign.len(), |i, j| self.coupling[(i, j)] * self.sign[j])
+        DMatrix::from_fn(self.sign.len(), self.sign.len(), |i, j| {
+            self.coupling[(i, j)] * self.sign[j]
+        })
     }
 }
 
@@ -80,12 +87,20 @@ impl Robot {
 
     /// ∂q_model/∂q_controller, n × n; the identity without a joint map.
     pub fn joint_rates(&self) -> DMatrix<f64> {
-        self.joint_map.as_ref().map_or_else(|| DMatrix::identity(self.links.len(), self.links.len()), JointMap::rates)
+        self.joint_map.as_ref().map_or_else(
+            || DMatrix::identity(self.links.len(), self.links.len()),
+            JointMap::rates,
+        )
     }
 
     /// A robot without limits, joint map or mounting.
     pub fn from_links(links: Vec<Link>) -> Self {
         let joint_limits_rad = vec![None; links.len()];
-        Self { links, joint_limits_rad, joint_map: None, mounting: None }
+        Self {
+            links,
+            joint_limits_rad,
+            joint_map: None,
+            mounting: None,
+        }
     }
 }

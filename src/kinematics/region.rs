@@ -33,7 +33,11 @@ impl MeasuredRegion {
     /// Of some poses (rows of joint values, rad), at least one.
     pub fn of<'a>(poses: impl Iterator<Item = &'a [f64]> + Clone, n_joints: usize) -> Self {
         let n = poses.clone().count().max(1) as f64;
-        let (mut lowest_rad, mut highest_rad, mut mean_rad) = (vec![f64::MAX; n_joints], vec![f64::MIN; n_joints], vec![0.0; n_joints]);
+        let (mut lowest_rad, mut highest_rad, mut mean_rad) = (
+            vec![f64::MAX; n_joints],
+            vec![f64::MIN; n_joints],
+            vec![0.0; n_joints],
+        );
         for q in poses.clone() {
             for j in 0..n_joints {
                 lowest_rad[j] = lowest_rad[j].min(q[j]);
@@ -42,34 +46,55 @@ impl MeasuredRegion {
             }
         }
         // a joint that hardly moves is bounded by its range; here it counts as if it had moved by the margin
-        let mut covariance = DMatrix::from_diagonal_element(n_joints, n_joints, LEAST_MARGIN_RAD * LEAST_MARGIN_RAD);
+        let mut covariance =
+            DMatrix::from_diagonal_element(n_joints, n_joints, LEAST_MARGIN_RAD * LEAST_MARGIN_RAD);
         for q in poses.clone() {
             let off = DVector::from_fn(n_joints, |j, _| q[j] - mean_rad[j]);
             covariance.ger(1.0 / n, &off, &off, 1.0);
         }
-        let factor = covariance.cholesky().map_or_else(|| DMatrix::identity(n_joints, n_joints), |cholesky| cholesky.l());
-        let spread_rad = (0..n_joints).flat_map(|row| (0..=row).map(move |column| (row, column))).map(|at| factor[at]).collect();
-        let mut region = Self { lowest_rad, highest_rad, mean_rad, spread_rad, farthest: 0.0 };
+        let factor = covariance.cholesky().map_or_else(
+            || DMatrix::identity(n_joints, n_joints),
+            |cholesky| cholesky.l(),
+        );
+        let spread_rad = (0..n_joints)
+            .flat_map(|row| (0..=row).map(move |column| (row, column)))
+            .map(|at| factor[at])
+            .collect();
+        let mut region = Self {
+            lowest_rad,
+            highest_rad,
+            mean_rad,
+            spread_rad,
+            farthest: 0.0,
+        };
         // d² of a pose from the mean and covariance of the others is about d²/(1 − leverage)²
         let from_others = |distance: f64| {
             let left = 1.0 - ((1.0 + distance) / n).min(HIGHEST_LEVERAGE);
             distance / (left * left)
         };
-        region.farthest = poses.map(|q| from_others(region.distance(q))).fold(0.0, f64::max);
+        region.farthest = poses
+            .map(|q| from_others(region.distance(q)))
+            .fold(0.0, f64::max);
         region
     }
 
     /// How far corrections hold at a pose: 1 where the robot was measured, 0 far from it, and smoothly between. Whole turns of a joint make
     /// no difference.
     pub fn weight(&self, q_rad: &[f64]) -> f64 {
-        let turned: Vec<f64> = (0..q_rad.len()).map(|j| self.nearest_turn(j, q_rad[j])).collect();
+        let turned: Vec<f64> = (0..q_rad.len())
+            .map(|j| self.nearest_turn(j, q_rad[j]))
+            .collect();
         let beyond = |j: usize| {
             let margin = self.margin_rad(j);
             let outside = (self.lowest_rad[j] - turned[j]).max(turned[j] - self.highest_rad[j]);
             (outside - margin) / margin
         };
         let joints = (0..turned.len()).map(beyond).fold(f64::MIN, f64::max);
-        let together = if self.farthest > 0.0 { self.distance(&turned) / (FARTHER * self.farthest) - 1.0 } else { 0.0 };
+        let together = if self.farthest > 0.0 {
+            self.distance(&turned) / (FARTHER * self.farthest) - 1.0
+        } else {
+            0.0
+        };
         let t = joints.max(together).clamp(0.0, 1.0);
         1.0 - t * t * (3.0 - 2.0 * t)
     }
@@ -94,7 +119,9 @@ impl MeasuredRegion {
         let n = q_rad.len();
         let (mut z, mut at, mut sum) = (vec![0.0; n], 0, 0.0);
         for row in 0..n {
-            let known: f64 = (0..row).map(|column| self.spread_rad[at + column] * z[column]).sum();
+            let known: f64 = (0..row)
+                .map(|column| self.spread_rad[at + column] * z[column])
+                .sum();
             z[row] = (q_rad[row] - self.mean_rad[row] - known) / self.spread_rad[at + row];
             at += row + 1;
             sum += z[row] * z[row];

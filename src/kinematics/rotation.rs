@@ -9,7 +9,10 @@ pub fn rotation_exp(w: &Vector3<f64>) -> Rotation3<f64> {
     let (a, b) = if angle < SMALL_ANGLE_RAD {
         (1.0 - angle * angle / 6.0, 0.5 - angle * angle / 24.0)
     } else {
-        (libm::sin(angle) / angle, (1.0 - libm::cos(angle)) / (angle * angle))
+        (
+            libm::sin(angle) / angle,
+            (1.0 - libm::cos(angle)) / (angle * angle),
+        )
     };
     Rotation3::from_matrix_unchecked(Matrix3::identity() + k * a + k * k * b)
 }
@@ -17,10 +20,18 @@ pub fn rotation_exp(w: &Vector3<f64>) -> Rotation3<f64> {
 /// Rotation vector of a rotation, the inverse of [`rotation_exp`] below half a turn.
 pub fn rotation_log(rotation: &Rotation3<f64>) -> Vector3<f64> {
     let m = rotation.matrix();
-    let twice_sine = Vector3::new(m[(2, 1)] - m[(1, 2)], m[(0, 2)] - m[(2, 0)], m[(1, 0)] - m[(0, 1)]);
+    let twice_sine = Vector3::new(
+        m[(2, 1)] - m[(1, 2)],
+        m[(0, 2)] - m[(2, 0)],
+        m[(1, 0)] - m[(0, 1)],
+    );
     let sine = twice_sine.norm() / 2.0;
     let angle = libm::atan2(sine, (m.trace() - 1.0) / 2.0);
-    if sine < 1e-9 { twice_sine / 2.0 } else { twice_sine * (angle / (2.0 * sine)) }
+    if sine < 1e-9 {
+        twice_sine / 2.0
+    } else {
+        twice_sine * (angle / (2.0 * sine))
+    }
 }
 
 /// Left Jacobian of SO(3): d(Exp(w)·y)/dw = −[Exp(w)·y]× · J(w) (Chirikjian 2011, eq. 10.86).
@@ -31,16 +42,27 @@ pub fn left_jacobian(w: &Vector3<f64>) -> Matrix3<f64> {
     let (a, b) = if angle < SMALL_ANGLE_RAD {
         (0.5 - square / 24.0, 1.0 / 6.0 - square / 120.0)
     } else {
-        ((1.0 - libm::cos(angle)) / square, (angle - libm::sin(angle)) / (square * angle))
+        (
+            (1.0 - libm::cos(angle)) / square,
+            (angle - libm::sin(angle)) / (square * angle),
+        )
     };
     Matrix3::identity() + k * a + k * k * b
 }
 
 /// The pose a part `share` (0 to 1) of the way from one pose to another: along the straight line, and about the axis of the turn.
-pub fn between(from: &IsometryMatrix3<f64>, to: &IsometryMatrix3<f64>, share: f64) -> IsometryMatrix3<f64> {
+pub fn between(
+    from: &IsometryMatrix3<f64>,
+    to: &IsometryMatrix3<f64>,
+    share: f64,
+) -> IsometryMatrix3<f64> {
     let turn = rotation_log(&(to.rotation * from.rotation.inverse())) * share;
-    let translation = from.translation.vector + (to.translation.vector - from.translation.vector) * share;
-    IsometryMatrix3::from_parts(Translation3::from(translation), rotation_exp(&turn) * from.rotation)
+    let translation =
+        from.translation.vector + (to.translation.vector - from.translation.vector) * share;
+    IsometryMatrix3::from_parts(
+        Translation3::from(translation),
+        rotation_exp(&turn) * from.rotation,
+    )
 }
 
 /// Below this the series of the formulas above is exact to rounding (its next term is angle⁴/1920 < 1e-16 relative).

@@ -100,12 +100,24 @@ pub fn parse(bytes: &[u8], frame: Frame, n_joints: usize) -> Result<MeasurementS
 ///
 /// # Errors
 /// As [`parse`].
-pub fn parse_with(decimal: Decimal, bytes: &[u8], frame: Frame, n_joints: usize) -> Result<MeasurementSet, ParseError> {
+pub fn parse_with(
+    decimal: Decimal,
+    bytes: &[u8],
+    frame: Frame,
+    n_joints: usize,
+) -> Result<MeasurementSet, ParseError> {
     let text = decode(bytes, decimal)?;
     refuse_endless_rows(text.as_bytes(), decimal.separator())?;
     let mut reader = csv::ReaderBuilder::new();
-    let mut reader = reader.flexible(true).trim(csv::Trim::Headers).delimiter(decimal.separator()).from_reader(text.as_bytes());
-    let header = reader.headers().map_err(|e| whole("unreadable", format!("the header row cannot be read: {e}")))?.clone();
+    let mut reader = reader
+        .flexible(true)
+        .trim(csv::Trim::Headers)
+        .delimiter(decimal.separator())
+        .from_reader(text.as_bytes());
+    let header = reader
+        .headers()
+        .map_err(|e| whole("unreadable", format!("the header row cannot be read: {e}")))?
+        .clone();
     let columns = parse_header(&header, n_joints)?;
     let mut issues = Vec::new();
     let mut points = Vec::new();
@@ -116,30 +128,59 @@ pub fn parse_with(decimal: Decimal, bytes: &[u8], frame: Frame, n_joints: usize)
             break;
         }
         if row >= MAX_ROWS {
-            return Err(whole("too_many_rows", format!("more than {MAX_ROWS} rows; split the campaign into several sets")));
+            return Err(whole(
+                "too_many_rows",
+                format!("more than {MAX_ROWS} rows; split the campaign into several sets"),
+            ));
         }
         match read {
             Ok(_) => {
-                if let Some(point) = parse_row(row, &record, &header, &columns, (n_joints, decimal), &mut issues) {
+                if let Some(point) = parse_row(
+                    row,
+                    &record,
+                    &header,
+                    &columns,
+                    (n_joints, decimal),
+                    &mut issues,
+                ) {
                     points.push(point);
                 }
             }
-            Err(e) => {
-                issues.push(Issue { row: Some(row), column: None, code: "unreadable", detail: format!("row {row} cannot be read: {e}") })
-            }
+            Err(e) => issues.push(Issue {
+                row: Some(row),
+                column: None,
+                code: "unreadable",
+                detail: format!("row {row} cannot be read: {e}"),
+            }),
         }
         if issues.len() >= MAX_ISSUES {
             break;
         }
     }
     if points.is_empty() && issues.is_empty() {
-        issues.push(Issue { row: None, column: None, code: "no_rows", detail: "the file has a header but no data rows".into() });
+        issues.push(Issue {
+            row: None,
+            column: None,
+            code: "no_rows",
+            detail: "the file has a header but no data rows".into(),
+        });
     }
-    if issues.is_empty() { Ok(MeasurementSet::new(frame, points)) } else { Err(ParseError::new(issues)) }
+    if issues.is_empty() {
+        Ok(MeasurementSet::new(frame, points))
+    } else {
+        Err(ParseError::new(issues))
+    }
 }
 
 pub(super) fn whole(code: &'static str, detail: String) -> ParseError {
-    ParseError { issues: vec![Issue { row: None, column: None, code, detail }] }
+    ParseError {
+        issues: vec![Issue {
+            row: None,
+            column: None,
+            code,
+            detail,
+        }],
+    }
 }
 
 fn parse_header(header: &csv::StringRecord, n_joints: usize) -> Result<Vec<Column>, ParseError> {
@@ -148,7 +189,11 @@ fn parse_header(header: &csv::StringRecord, n_joints: usize) -> Result<Vec<Colum
     let mut columns = Vec::new();
     for (index, name) in header.iter().enumerate() {
         if seen.insert(name.to_string(), index).is_some() {
-            issues.push(column_issue(name, "duplicate_column", format!("column {name} appears twice")));
+            issues.push(column_issue(
+                name,
+                "duplicate_column",
+                format!("column {name} appears twice"),
+            ));
         }
         match column_of(name, n_joints) {
             Ok(column) => columns.push(column),
@@ -161,7 +206,11 @@ fn parse_header(header: &csv::StringRecord, n_joints: usize) -> Result<Vec<Colum
     if issues.is_empty() {
         issues = missing_columns(&columns, n_joints);
     }
-    if issues.is_empty() { Ok(columns) } else { Err(ParseError::new(issues)) }
+    if issues.is_empty() {
+        Ok(columns)
+    } else {
+        Err(ParseError::new(issues))
+    }
 }
 
 fn column_of(name: &str, n_joints: usize) -> Result<Column, Issue> {
@@ -198,14 +247,28 @@ fn joint_column(name: &str, n_joints: usize) -> Result<Column, Issue> {
                  measured_at, std_mm, station, session, sequence, temperature_c, sweep_joint"
             )
         };
-        return Err(column_issue(name, if unitless { "missing_unit" } else { "unknown_column" }, detail));
+        return Err(column_issue(
+            name,
+            if unitless {
+                "missing_unit"
+            } else {
+                "unknown_column"
+            },
+            detail,
+        ));
     };
     let (number, unit) = rest.split_once('_').unwrap_or((rest, ""));
     let joint: usize = number
         .parse()
         .ok()
         .filter(|j| *j >= 1 && number == format!("{j}"))
-        .ok_or_else(|| column_issue(name, "unknown_column", format!("column {name:?} is not known; joints are q1_deg, q2_deg, …")))?;
+        .ok_or_else(|| {
+            column_issue(
+                name,
+                "unknown_column",
+                format!("column {name:?} is not known; joints are q1_deg, q2_deg, …"),
+            )
+        })?;
     if joint > n_joints {
         return Err(column_issue(
             name,
@@ -216,43 +279,78 @@ fn joint_column(name: &str, n_joints: usize) -> Result<Column, Issue> {
     match unit {
         "deg" => Ok(Column::Joint(joint - 1, std::f64::consts::PI / 180.0)),
         "rad" => Ok(Column::Joint(joint - 1, 1.0)),
-        _ => Err(column_issue(name, "missing_unit", format!("column {name} has no unit; name it q{joint}_deg or q{joint}_rad"))),
+        _ => Err(column_issue(
+            name,
+            "missing_unit",
+            format!("column {name} has no unit; name it q{joint}_deg or q{joint}_rad"),
+        )),
     }
 }
 
 fn missing_columns(columns: &[Column], n_joints: usize) -> Vec<Issue> {
     let mut issues = Vec::new();
     for joint in 0..n_joints {
-        if columns.iter().filter(|c| matches!(c, Column::Joint(j, _) if *j == joint)).count() != 1 {
+        if columns
+            .iter()
+            .filter(|c| matches!(c, Column::Joint(j, _) if *j == joint))
+            .count()
+            != 1
+        {
             let name = format!("q{}_deg", joint + 1);
-            let detail =
-                format!("joint {} needs exactly one column, {name} or q{}_rad; the robot has {n_joints} joints", joint + 1, joint + 1);
+            let detail = format!(
+                "joint {} needs exactly one column, {name} or q{}_rad; the robot has {n_joints} joints",
+                joint + 1,
+                joint + 1
+            );
             issues.push(column_issue(&name, "wrong_joint_count", detail));
         }
     }
     for (axis, name) in ["x_mm", "y_mm", "z_mm"].into_iter().enumerate() {
-        if columns.iter().filter(|c| matches!(c, Column::Position(a, _) if *a == axis)).count() != 1 {
-            let detail = format!("the position needs exactly one column {name} (or {}_m)", &name[..1]);
+        if columns
+            .iter()
+            .filter(|c| matches!(c, Column::Position(a, _) if *a == axis))
+            .count()
+            != 1
+        {
+            let detail = format!(
+                "the position needs exactly one column {name} (or {}_m)",
+                &name[..1]
+            );
             issues.push(column_issue(name, "missing_column", detail));
         }
     }
-    let deg = columns.iter().any(|c| matches!(c, Column::Joint(_, f) if *f != 1.0));
-    let rad = columns.iter().any(|c| matches!(c, Column::Joint(_, f) if *f == 1.0));
-    let mm = columns.iter().any(|c| matches!(c, Column::Position(_, f) if *f == 1.0));
-    let m = columns.iter().any(|c| matches!(c, Column::Position(_, f) if *f != 1.0));
+    let deg = columns
+        .iter()
+        .any(|c| matches!(c, Column::Joint(_, f) if *f != 1.0));
+    let rad = columns
+        .iter()
+        .any(|c| matches!(c, Column::Joint(_, f) if *f == 1.0));
+    let mm = columns
+        .iter()
+        .any(|c| matches!(c, Column::Position(_, f) if *f == 1.0));
+    let m = columns
+        .iter()
+        .any(|c| matches!(c, Column::Position(_, f) if *f != 1.0));
     if issues.is_empty() && ((deg && rad) || (mm && m)) {
         issues.push(Issue {
             row: None,
             column: None,
             code: "mixed_units",
-            detail: "joints (or coordinates) are in two different units; use one unit for all of them".into(),
+            detail:
+                "joints (or coordinates) are in two different units; use one unit for all of them"
+                    .into(),
         });
     }
     issues
 }
 
 fn column_issue(name: &str, code: &'static str, detail: String) -> Issue {
-    Issue { row: None, column: Some(name.to_string()), code, detail }
+    Issue {
+        row: None,
+        column: Some(name.to_string()),
+        code,
+        detail,
+    }
 }
 
 fn parse_row(
@@ -266,15 +364,28 @@ fn parse_row(
     if record.len() != columns.len() {
         let other = if decimal == Decimal::Point { ';' } else { ',' };
         let hint = match (record.len() < columns.len(), decimal) {
-            (true, _) if record.iter().filter(|cell| cell.contains(other)).count() == record.len() => {
+            (true, _)
+                if record.iter().filter(|cell| cell.contains(other)).count() == record.len() =>
+            {
                 "are its cells separated otherwise than the header's?"
             }
-            (true, _) => "the end of the row is missing: was the file cut off or the row written in part?",
+            (true, _) => {
+                "the end of the row is missing: was the file cut off or the row written in part?"
+            }
             (false, Decimal::Point) => "a decimal comma makes extra cells: write 12.5, not 12,5",
             (false, Decimal::Comma) => "is there a ';' too many?",
         };
-        let detail = format!("row {row} has {} cells, the header has {}; {hint}", record.len(), columns.len());
-        issues.push(Issue { row: Some(row), column: None, code: "wrong_cell_count", detail });
+        let detail = format!(
+            "row {row} has {} cells, the header has {}; {hint}",
+            record.len(),
+            columns.len()
+        );
+        issues.push(Issue {
+            row: Some(row),
+            column: None,
+            code: "wrong_cell_count",
+            detail,
+        });
         return None;
     }
     let mut point = Point::empty(n_joints, row);
@@ -282,7 +393,12 @@ fn parse_row(
     for ((cell, column), name) in record.iter().zip(columns).zip(header) {
         if let Err((code, detail)) = fill(&mut point, *column, cell.trim(), n_joints, decimal) {
             let detail = format!("row {row}, column {name}: {detail}");
-            issues.push(Issue { row: Some(row), column: Some(name.to_string()), code, detail });
+            issues.push(Issue {
+                row: Some(row),
+                column: Some(name.to_string()),
+                code,
+                detail,
+            });
         }
     }
     (issues.len() == before).then_some(point)
@@ -290,11 +406,19 @@ fn parse_row(
 
 type CellError = (&'static str, String);
 
-fn fill(point: &mut Point, column: Column, cell: &str, n_joints: usize, decimal: Decimal) -> Result<(), CellError> {
+fn fill(
+    point: &mut Point,
+    column: Column,
+    cell: &str,
+    n_joints: usize,
+    decimal: Decimal,
+) -> Result<(), CellError> {
     let number = |cell, factor, limit| number(cell, decimal, factor, limit);
     match column {
         Column::Joint(joint, factor) => point.q_rad[joint] = number(cell, factor, MAX_JOINT_RAD)?,
-        Column::Position(axis, factor) => point.position_mm[axis] = number(cell, factor, MAX_COORDINATE_MM)?,
+        Column::Position(axis, factor) => {
+            point.position_mm[axis] = number(cell, factor, MAX_COORDINATE_MM)?
+        }
         Column::Configuration => point.configuration = label(cell)?,
         Column::Target => point.target = index(cell, MAX_TARGETS - 1)?,
         Column::Subset => point.subset = subset(cell)?,
@@ -302,7 +426,12 @@ fn fill(point: &mut Point, column: Column, cell: &str, n_joints: usize, decimal:
         Column::StdMm => {
             let std = number(cell, 1.0, MAX_STD_MM)?;
             if std < MIN_STD_MM {
-                return Err(("out_of_range", format!("{cell} is not a standard uncertainty; it must be at least {MIN_STD_MM} mm")));
+                return Err((
+                    "out_of_range",
+                    format!(
+                        "{cell} is not a standard uncertainty; it must be at least {MIN_STD_MM} mm"
+                    ),
+                ));
             }
             point.std_mm = Some(std);
         }
@@ -323,45 +452,66 @@ fn fill(point: &mut Point, column: Column, cell: &str, n_joints: usize, decimal:
 
 fn number(cell: &str, decimal: Decimal, factor: f64, limit: f64) -> Result<f64, CellError> {
     if cell.is_empty() {
-        return Err(("empty_cell", "the cell is empty; remove the row or fill it in".into()));
+        return Err((
+            "empty_cell",
+            "the cell is empty; remove the row or fill it in".into(),
+        ));
     }
     let with_point = match decimal {
         Decimal::Point if cell.contains(',') => {
-            return Err(("decimal_comma", format!("{cell:?} has a comma; write the number with a decimal point")));
+            return Err((
+                "decimal_comma",
+                format!("{cell:?} has a comma; write the number with a decimal point"),
+            ));
         }
         Decimal::Comma if cell.contains('.') => {
             return Err((
                 "decimal_point",
-                format!("{cell:?} has a point, but decimal commas were declared; write it without separators of thousands"),
+                format!(
+                    "{cell:?} has a point, but decimal commas were declared; write it without separators of thousands"
+                ),
             ));
         }
         Decimal::Point => Cow::Borrowed(cell),
         Decimal::Comma => Cow::Owned(cell.replace(',', ".")),
     };
-    let value: f64 = with_point.parse().map_err(|_| ("not_a_number", format!("{cell:?} is not a number")))?;
+    let value: f64 = with_point
+        .parse()
+        .map_err(|_| ("not_a_number", format!("{cell:?} is not a number")))?;
     if !value.is_finite() {
         return Err(("not_finite", format!("{cell:?} is not a finite number")));
     }
     let scaled = value * factor;
     if scaled.abs() > limit {
-        return Err(("out_of_range", format!("{cell} is beyond what can be meant; check the column's unit")));
+        return Err((
+            "out_of_range",
+            format!("{cell} is beyond what can be meant; check the column's unit"),
+        ));
     }
     Ok(scaled)
 }
 
 fn index(cell: &str, largest: usize) -> Result<usize, CellError> {
-    cell.parse()
-        .ok()
-        .filter(|i| *i <= largest)
-        .ok_or_else(|| ("not_an_index", format!("{cell:?} is not a whole number from 0 to {largest}")))
+    cell.parse().ok().filter(|i| *i <= largest).ok_or_else(|| {
+        (
+            "not_an_index",
+            format!("{cell:?} is not a whole number from 0 to {largest}"),
+        )
+    })
 }
 
 fn label(cell: &str) -> Result<String, CellError> {
     if cell.is_empty() {
-        return Err(("empty_cell", "the cell is empty; give every row its label, or leave the column out".into()));
+        return Err((
+            "empty_cell",
+            "the cell is empty; give every row its label, or leave the column out".into(),
+        ));
     }
     if cell.len() > MAX_LABEL_LENGTH {
-        return Err(("label_too_long", format!("the label is longer than {MAX_LABEL_LENGTH} bytes")));
+        return Err((
+            "label_too_long",
+            format!("the label is longer than {MAX_LABEL_LENGTH} bytes"),
+        ));
     }
     Ok(cell.to_string())
 }
@@ -370,6 +520,9 @@ fn subset(cell: &str) -> Result<Option<Subset>, CellError> {
     match cell {
         "identify" => Ok(Some(Subset::Identify)),
         "verify" => Ok(Some(Subset::Verify)),
-        _ => Err(("unknown_subset", format!("{cell:?} is neither identify nor verify"))),
+        _ => Err((
+            "unknown_subset",
+            format!("{cell:?} is neither identify nor verify"),
+        )),
     }
 }

@@ -8,11 +8,21 @@ const MAX_ROW_BYTES: usize = 64 * 1024;
 /// UTF-8 text without a byte order mark, and not something that only looks like a CSV.
 pub(super) fn decode(bytes: &[u8], decimal: Decimal) -> Result<&str, ParseError> {
     if bytes.starts_with(b"PK\x03\x04") {
-        return Err(whole("not_csv", "this is a zip or xlsx file; save the sheet as CSV (UTF-8) and upload that".into()));
+        return Err(whole(
+            "not_csv",
+            "this is a zip or xlsx file; save the sheet as CSV (UTF-8) and upload that".into(),
+        ));
     }
     let bytes = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes);
-    let text = std::str::from_utf8(bytes)
-        .map_err(|e| whole("not_utf8", format!("byte {} is not UTF-8 text; save the file as CSV (UTF-8)", e.valid_up_to())))?;
+    let text = std::str::from_utf8(bytes).map_err(|e| {
+        whole(
+            "not_utf8",
+            format!(
+                "byte {} is not UTF-8 text; save the file as CSV (UTF-8)",
+                e.valid_up_to()
+            ),
+        )
+    })?;
     let text = text.trim_start_matches('\u{feff}');
     if text.trim().is_empty() {
         return Err(whole("empty", "the file is empty".into()));
@@ -65,8 +75,16 @@ pub(super) fn refuse_endless_rows(text: &[u8], separator: u8) -> Result<(), Pars
         if length > MAX_ROW_BYTES {
             // the first row is the header
             let row = n_rows.checked_sub(1);
-            let detail = format!("a row of more than {} KiB: is an end of line missing, or a quote not closed?", MAX_ROW_BYTES / 1024);
-            return Err(ParseError::new(vec![Issue { row, column: None, code: "row_too_long", detail }]));
+            let detail = format!(
+                "a row of more than {} KiB: is an end of line missing, or a quote not closed?",
+                MAX_ROW_BYTES / 1024
+            );
+            return Err(ParseError::new(vec![Issue {
+                row,
+                column: None,
+                code: "row_too_long",
+                detail,
+            }]));
         }
     }
     Ok(())

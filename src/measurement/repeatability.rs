@@ -25,11 +25,24 @@ impl Visits {
             return None;
         }
         let barycentre_mm = positions_mm.iter().sum::<Vector3<f64>>() / n as f64;
-        let distances: Vec<f64> = positions_mm.iter().map(|p| (p - barycentre_mm).norm()).collect();
+        let distances: Vec<f64> = positions_mm
+            .iter()
+            .map(|p| (p - barycentre_mm).norm())
+            .collect();
         let mean_distance_mm = distances.iter().sum::<f64>() / n as f64;
-        let variance = distances.iter().map(|l| (l - mean_distance_mm) * (l - mean_distance_mm)).sum::<f64>() / (n - 1) as f64;
+        let variance = distances
+            .iter()
+            .map(|l| (l - mean_distance_mm) * (l - mean_distance_mm))
+            .sum::<f64>()
+            / (n - 1) as f64;
         let sum_of_squares_mm2 = distances.iter().map(|l| l * l).sum();
-        Some(Self { n, barycentre_mm, mean_distance_mm, std_distance_mm: variance.sqrt(), sum_of_squares_mm2 })
+        Some(Self {
+            n,
+            barycentre_mm,
+            mean_distance_mm,
+            std_distance_mm: variance.sqrt(),
+            sum_of_squares_mm2,
+        })
     }
 
     /// RP = l̄ + 3·S_l, mm (ISO 9283:1998, 7.2.2).
@@ -41,9 +54,17 @@ impl Visits {
 /// RP of several poses as if they were one: l̄ weighted by visits, S_l² by degrees of freedom; mm.
 pub fn pooled_rp_mm(poses: &[Visits]) -> f64 {
     let n: f64 = poses.iter().map(|v| v.n as f64).sum();
-    let mean = poses.iter().map(|v| v.n as f64 * v.mean_distance_mm).sum::<f64>() / n;
+    let mean = poses
+        .iter()
+        .map(|v| v.n as f64 * v.mean_distance_mm)
+        .sum::<f64>()
+        / n;
     let freedom: f64 = poses.iter().map(|v| (v.n - 1) as f64).sum();
-    let variance = poses.iter().map(|v| (v.n - 1) as f64 * v.std_distance_mm * v.std_distance_mm).sum::<f64>() / freedom;
+    let variance = poses
+        .iter()
+        .map(|v| (v.n - 1) as f64 * v.std_distance_mm * v.std_distance_mm)
+        .sum::<f64>()
+        / freedom;
     mean + 3.0 * variance.sqrt()
 }
 

@@ -83,7 +83,8 @@ impl MeasurementSet {
         let mut configurations = Configurations::default();
         for (row, point) in points.iter_mut().enumerate() {
             if point.configuration.is_empty() {
-                point.configuration = format!("row_{}", configurations.first_row_like(&point.q_rad, row));
+                point.configuration =
+                    format!("row_{}", configurations.first_row_like(&point.q_rad, row));
             }
         }
         Self { frame, points }
@@ -92,7 +93,11 @@ impl MeasurementSet {
     /// Configurations in order of their first row.
     pub fn configurations(&self) -> Vec<&str> {
         let mut seen = std::collections::BTreeSet::new();
-        self.points.iter().map(|p| p.configuration.as_str()).filter(|c| seen.insert(*c)).collect()
+        self.points
+            .iter()
+            .map(|p| p.configuration.as_str())
+            .filter(|c| seen.insert(*c))
+            .collect()
     }
 
     /// Number of targets: one more than the largest index.
@@ -120,15 +125,33 @@ impl Configurations {
     /// The first row whose joint values are the same as `q_rad`: an earlier one, else `row`.
     pub fn first_row_like(&mut self, q_rad: &[f64], row: usize) -> usize {
         let cells = cells_of(q_rad);
-        self.near.resize_with(cells.len().max(self.near.len()), BTreeMap::new);
+        self.near
+            .resize_with(cells.len().max(self.near.len()), BTreeMap::new);
         let near = &self.near;
-        let around = |key: usize| (cells[key] - 1..=cells[key] + 1).filter_map(move |cell| near[key].get(&cell));
+        let around = |key: usize| {
+            (cells[key] - 1..=cells[key] + 1).filter_map(move |cell| near[key].get(&cell))
+        };
         let fewest = (0..cells.len()).min_by_key(|key| around(*key).map(Vec::len).sum::<usize>());
-        let same = |place: &&usize| self.firsts[**place].0.iter().zip(q_rad).all(|(a, b)| (a - b).abs() < SAME_JOINT_RAD);
-        let known = fewest.into_iter().flat_map(around).flatten().filter(same).map(|place| self.firsts[*place].1).min();
+        let same = |place: &&usize| {
+            self.firsts[**place]
+                .0
+                .iter()
+                .zip(q_rad)
+                .all(|(a, b)| (a - b).abs() < SAME_JOINT_RAD)
+        };
+        let known = fewest
+            .into_iter()
+            .flat_map(around)
+            .flatten()
+            .filter(same)
+            .map(|place| self.firsts[*place].1)
+            .min();
         known.unwrap_or_else(|| {
             let place = self.firsts.len();
-            self.near.iter_mut().zip(cells).for_each(|(near, cell)| near.entry(cell).or_default().push(place));
+            self.near
+                .iter_mut()
+                .zip(cells)
+                .for_each(|(near, cell)| near.entry(cell).or_default().push(place));
             self.firsts.push((q_rad.to_vec(), row));
             row
         })
@@ -138,10 +161,16 @@ impl Configurations {
 /// The cell of each key. The weights of the sum are incommensurable, so that different poses of a grid rarely share one.
 fn cells_of(q_rad: &[f64]) -> Vec<i64> {
     let weight = |joint: usize| 1.0 / (joint as f64 + 1.0).sqrt();
-    let (sum, reach) =
-        q_rad.iter().enumerate().fold((0.0, 0.0), |(sum, reach), (j, q)| (sum + weight(j) * q, reach + weight(j) * SAME_JOINT_RAD));
+    let (sum, reach) = q_rad
+        .iter()
+        .enumerate()
+        .fold((0.0, 0.0), |(sum, reach), (j, q)| {
+            (sum + weight(j) * q, reach + weight(j) * SAME_JOINT_RAD)
+        });
     let of_sum = (sum / f64::max(reach, SAME_JOINT_RAD)).floor() as i64;
-    std::iter::once(of_sum).chain(q_rad.iter().map(|q| (q / SAME_JOINT_RAD).floor() as i64)).collect()
+    std::iter::once(of_sum)
+        .chain(q_rad.iter().map(|q| (q / SAME_JOINT_RAD).floor() as i64))
+        .collect()
 }
 
 /// How many of the points of `b` stand in `a` as well, same joints and same position, also where a spreadsheet rounded one of them to 0.01 mm
@@ -155,11 +184,16 @@ pub fn n_shared_points(a: &MeasurementSet, b: &MeasurementSet) -> usize {
     let around = |p: &Point| {
         let [x, y, z]: [i64; 3] = cell(p).into();
         let steps = || -1..=1_i64;
-        steps().flat_map(move |i| steps().flat_map(move |j| steps().map(move |k| [x + i, y + j, z + k])))
+        steps().flat_map(move |i| {
+            steps().flat_map(move |j| steps().map(move |k| [x + i, y + j, z + k]))
+        })
     };
     let same = |a: &Point, b: &Point| {
         (a.position_mm - b.position_mm).amax() < SAME_POSITION_MM
-            && a.q_rad.iter().zip(&b.q_rad).all(|(a, b)| turned(a - b) < SAME_READING_RAD)
+            && a.q_rad
+                .iter()
+                .zip(&b.q_rad)
+                .all(|(a, b)| turned(a - b) < SAME_READING_RAD)
     };
     let is_known = |p: &&Point| {
         let near = around(p).filter_map(|cell| known.get(&cell)).flatten();

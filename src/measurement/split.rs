@@ -9,13 +9,17 @@ use std::collections::{BTreeMap, BTreeSet};
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Error {
     /// `subset` was asked for, but a row has none.
-    #[error("row {row} has no subset; name identify or verify in every row, or leave the column out")]
+    #[error(
+        "row {row} has no subset; name identify or verify in every row, or leave the column out"
+    )]
     MissingSubset {
         /// 0-based data row.
         row: usize,
     },
     /// A configuration's rows stand on both sides.
-    #[error("configuration {configuration:?} has rows in identify and in verify; rows of one configuration belong to one subset")]
+    #[error(
+        "configuration {configuration:?} has rows in identify and in verify; rows of one configuration belong to one subset"
+    )]
     ConfigurationOnBothSides {
         /// The configuration.
         configuration: String,
@@ -32,7 +36,9 @@ pub fn by_column(set: &MeasurementSet) -> Result<Vec<Subset>, Error> {
     for (row, point) in set.points.iter().enumerate() {
         let subset = point.subset.ok_or(Error::MissingSubset { row })?;
         if *side.entry(&point.configuration).or_insert(subset) != subset {
-            return Err(Error::ConfigurationOnBothSides { configuration: point.configuration.clone() });
+            return Err(Error::ConfigurationOnBothSides {
+                configuration: point.configuration.clone(),
+            });
         }
         subsets.push(subset);
     }
@@ -46,7 +52,13 @@ pub fn by_fraction(set: &MeasurementSet, verify_fraction: f64, seed: u64) -> Vec
     configurations.shuffle(&mut ChaCha8Rng::seed_from_u64(seed));
     let n_verify = (verify_fraction * configurations.len() as f64).round() as usize;
     let verify: BTreeSet<&str> = configurations.into_iter().take(n_verify).collect();
-    let side = |c: &str| if verify.contains(c) { Subset::Verify } else { Subset::Identify };
+    let side = |c: &str| {
+        if verify.contains(c) {
+            Subset::Verify
+        } else {
+            Subset::Identify
+        }
+    };
     set.points.iter().map(|p| side(&p.configuration)).collect()
 }
 

@@ -67,7 +67,11 @@ impl Design {
     pub fn choose(mut self, n: usize) -> Vec<usize> {
         let n = n.min(self.candidates.nrows() / 3);
         let is_tight = 3 * n < self.covariance.nrows() + SPARE_ROWS;
-        let first = if is_tight { (n + SPARE_ROWS / 3).min(self.candidates.nrows() / 3) } else { n };
+        let first = if is_tight {
+            (n + SPARE_ROWS / 3).min(self.candidates.nrows() / 3)
+        } else {
+            n
+        };
         while self.chosen.len() < first {
             let Some((best, _)) = self.best() else { break };
             self.change(best, true);
@@ -86,13 +90,23 @@ impl Design {
             let mut is_better = false;
             for slot in 0..self.chosen.len() {
                 let old = self.chosen[slot];
-                let before = if is_tight { self.exact_criterion(None) } else { self.criterion() };
+                let before = if is_tight {
+                    self.exact_criterion(None)
+                } else {
+                    self.criterion()
+                };
                 self.change(old, false);
                 if is_tight {
                     self.refresh();
                 }
-                let Some((best, gain)) = self.best() else { break };
-                let after = if is_tight { self.exact_criterion(Some(best)) } else { self.criterion() - gain };
+                let Some((best, gain)) = self.best() else {
+                    break;
+                };
+                let after = if is_tight {
+                    self.exact_criterion(Some(best))
+                } else {
+                    self.criterion() - gain
+                };
                 let keep = best == old || after >= before * (1.0 - GAIN);
                 self.change(if keep { old } else { best }, true);
                 // the newcomer stands last: put it into the slot
@@ -109,8 +123,14 @@ impl Design {
     /// Leaves out the one without which the criterion is least.
     fn leave_one_out(&mut self) {
         let without = |slot: usize| {
-            let others = self.chosen.iter().enumerate().filter(|(at, _)| *at != slot).map(|(_, candidate)| *candidate);
-            inverse(self.information(others)).map_or(f64::INFINITY, |covariance| covariance.dot(&self.interest))
+            let others = self
+                .chosen
+                .iter()
+                .enumerate()
+                .filter(|(at, _)| *at != slot)
+                .map(|(_, candidate)| *candidate);
+            inverse(self.information(others))
+                .map_or(f64::INFINITY, |covariance| covariance.dot(&self.interest))
         };
         let worth: Vec<f64> = (0..self.chosen.len()).map(without).collect();
         if let Some(slot) = (0..worth.len()).min_by(|a, b| worth[*a].total_cmp(&worth[*b])) {
@@ -149,7 +169,9 @@ impl Design {
         let gain = |at: usize| {
             let block = &self.blocks[at / LANES];
             let k = unpacked(&block.spread, at % LANES) + Matrix3::identity();
-            k.try_inverse().map_or(0.0, |inverse| inverse.dot(&unpacked(&block.worth, at % LANES)))
+            k.try_inverse().map_or(0.0, |inverse| {
+                inverse.dot(&unpacked(&block.worth, at % LANES))
+            })
         };
         (0..self.members.len()).map(gain).collect()
     }
@@ -164,8 +186,14 @@ impl Design {
         let rows = self.rows_of(candidate);
         let u = &self.covariance * rows.transpose();
         let spread = small(&(&rows * &u));
-        let core = if is_added { Matrix3::identity() + spread } else { spread - Matrix3::identity() };
-        let Some(c) = core.try_inverse() else { return self.refresh() };
+        let core = if is_added {
+            Matrix3::identity() + spread
+        } else {
+            spread - Matrix3::identity()
+        };
+        let Some(c) = core.try_inverse() else {
+            return self.refresh();
+        };
         let through = &self.interest * &u;
         let v = &self.covariance * &through;
         let s = small(&u.tr_mul(&through));
@@ -181,8 +209,12 @@ impl Design {
         let gains = self.gains();
         let mut order: Vec<usize> = (0..self.members.len()).collect();
         order.sort_by(|a, b| gains[*b].total_cmp(&gains[*a]).then(a.cmp(b)));
-        let mut kept: Vec<usize> =
-            order.into_iter().take(N_PROMISING).map(|at| self.members[at]).chain(self.chosen.iter().copied()).collect();
+        let mut kept: Vec<usize> = order
+            .into_iter()
+            .take(N_PROMISING)
+            .map(|at| self.members[at])
+            .chain(self.chosen.iter().copied())
+            .collect();
         kept.sort_unstable();
         kept.dedup();
         self.members = kept;
@@ -207,7 +239,11 @@ impl Design {
     fn rebuild(&mut self) {
         let wawa = &self.covariance * &self.interest * &self.covariance;
         let p = self.covariance.nrows();
-        self.blocks = self.members.chunks(LANES).map(|members| block(&self.candidates, members, p, &self.covariance, &wawa)).collect();
+        self.blocks = self
+            .members
+            .chunks(LANES)
+            .map(|members| block(&self.candidates, members, p, &self.covariance, &wawa))
+            .collect();
     }
 }
 
@@ -216,10 +252,28 @@ fn inverse(information: DMatrix<f64>) -> Option<DMatrix<f64>> {
     information.cholesky().map(|root| root.inverse())
 }
 
-fn block(candidates: &DMatrix<f64>, members: &[usize], p: usize, covariance: &DMatrix<f64>, worth: &DMatrix<f64>) -> Block {
-    let lane = |k: usize, row: usize| std::array::from_fn(|lane| members.get(lane).map_or(0.0, |c| candidates[(3 * c + row, k)]));
-    let rows: Vec<[Lanes; 3]> = (0..p).map(|k| std::array::from_fn(|row| lane(k, row))).collect();
-    Block { spread: quadratic(&rows, covariance), worth: quadratic(&rows, worth), rows }
+fn block(
+    candidates: &DMatrix<f64>,
+    members: &[usize],
+    p: usize,
+    covariance: &DMatrix<f64>,
+    worth: &DMatrix<f64>,
+) -> Block {
+    let lane = |k: usize, row: usize| {
+        std::array::from_fn(|lane| {
+            members
+                .get(lane)
+                .map_or(0.0, |c| candidates[(3 * c + row, k)])
+        })
+    };
+    let rows: Vec<[Lanes; 3]> = (0..p)
+        .map(|k| std::array::from_fn(|row| lane(k, row)))
+        .collect();
+    Block {
+        spread: quadratic(&rows, covariance),
+        worth: quadratic(&rows, worth),
+        rows,
+    }
 }
 
 /// J·B·Jᵀ of each lane.
@@ -263,7 +317,12 @@ impl Block {
                 let (mut spread, mut worth) = (0.0, 0.0);
                 for k in 0..3 {
                     for l in 0..3 {
-                        let (ei, ej, fi, fj) = (e[*i][k][lane], e[*j][l][lane], f[*i][k][lane], f[*j][l][lane]);
+                        let (ei, ej, fi, fj) = (
+                            e[*i][k][lane],
+                            e[*j][l][lane],
+                            f[*i][k][lane],
+                            f[*j][l][lane],
+                        );
                         spread += ei * c[(k, l)] * ej;
                         worth += ei * csc[(k, l)] * ej - c[(k, l)] * (ei * fj + fi * ej);
                     }

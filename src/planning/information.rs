@@ -20,7 +20,10 @@ pub struct Tool {
 impl Tool {
     /// The tool of a request.
     pub fn new(request: &PlanRequest<'_>) -> Self {
-        Self { model: nominal(request.robot, vec![request.target_mm]), parameters: parameters(request.robot, request.model, 1) }
+        Self {
+            model: nominal(request.robot, vec![request.target_mm]),
+            parameters: parameters(request.robot, request.model, 1),
+        }
     }
 
     /// Number of parameters.
@@ -30,7 +33,12 @@ impl Tool {
 
     /// A point that would be measured.
     pub fn observation(&self, q_rad: &[f64], target: usize) -> Observation {
-        Observation { q_rad: q_rad.to_vec(), position_mm: Vector3::zeros(), target, weight: 1.0 }
+        Observation {
+            q_rad: q_rad.to_vec(),
+            position_mm: Vector3::zeros(),
+            target,
+            weight: 1.0,
+        }
     }
 
     /// ∂(position)/∂(parameter in units of its prior scale) / `std_mm` at each configuration: 3 rows each.
@@ -46,20 +54,42 @@ impl Tool {
     }
 
     /// The tool's standard deviation over the workspace for a given information.
-    pub fn uncertainty(&self, information: &DMatrix<f64>, workspace: &[Vec<f64>]) -> ToolUncertainty {
+    pub fn uncertainty(
+        &self,
+        information: &DMatrix<f64>,
+        workspace: &[Vec<f64>],
+    ) -> ToolUncertainty {
         let rows = self.scaled_rows(workspace, 1.0);
         // J·M⁻¹·Jᵀ = |L⁻¹·Jᵀ|² with M = L·Lᵀ
-        let whitened = information.clone().cholesky().and_then(|root| root.l().solve_lower_triangular(&rows.transpose()));
-        let Some(whitened) = whitened else { return ToolUncertainty { mean_mm: f64::INFINITY, max_mm: f64::INFINITY } };
+        let whitened = information
+            .clone()
+            .cholesky()
+            .and_then(|root| root.l().solve_lower_triangular(&rows.transpose()));
+        let Some(whitened) = whitened else {
+            return ToolUncertainty {
+                mean_mm: f64::INFINITY,
+                max_mm: f64::INFINITY,
+            };
+        };
         let std = |i: usize| whitened.columns(3 * i, 3).norm_squared().sqrt();
         let all: Vec<f64> = (0..workspace.len()).map(std).collect();
-        ToolUncertainty { mean_mm: all.iter().sum::<f64>() / all.len().max(1) as f64, max_mm: all.iter().fold(0.0, |m, s| m.max(*s)) }
+        ToolUncertainty {
+            mean_mm: all.iter().sum::<f64>() / all.len().max(1) as f64,
+            max_mm: all.iter().fold(0.0, |m, s| m.max(*s)),
+        }
     }
 }
 
-fn scaled_rows(model: &KinematicModel, parameters: &[Parameter], observations: &[Observation], std_mm: f64) -> DMatrix<f64> {
+fn scaled_rows(
+    model: &KinematicModel,
+    parameters: &[Parameter],
+    observations: &[Observation],
+    std_mm: f64,
+) -> DMatrix<f64> {
     let mut rows = weighted_jacobian(model, parameters, observations, &Vector3::zeros());
-    rows.column_iter_mut().zip(parameters).for_each(|(mut column, parameter)| column *= prior_scale(parameter) / std_mm);
+    rows.column_iter_mut()
+        .zip(parameters)
+        .for_each(|(mut column, parameter)| column *= prior_scale(parameter) / std_mm);
     rows
 }
 
@@ -72,14 +102,21 @@ pub fn of_measured(request: &PlanRequest<'_>, tool: &Tool, points: &[Observation
     let whole = rows.tr_mul(&rows);
     let is_link = |i: &usize| parameters[*i].is_link();
     let (links, others): (Vec<usize>, Vec<usize>) = (0..parameters.len()).partition(is_link);
-    let part = |a: &[usize], b: &[usize]| DMatrix::from_fn(a.len(), b.len(), |i, j| whole[(a[i], b[j])]);
+    let part =
+        |a: &[usize], b: &[usize]| DMatrix::from_fn(a.len(), b.len(), |i, j| whole[(a[i], b[j])]);
     let mut of_links = part(&links, &links);
     let placement = part(&others, &others) + DMatrix::identity(others.len(), others.len());
     if let Some(root) = placement.cholesky() {
         let between = part(&others, &links);
         of_links -= between.tr_mul(&root.solve(&between));
     }
-    let position = |i: usize| links.iter().position(|link| parameters[*link] == tool.parameters[i]);
+    let position = |i: usize| {
+        links
+            .iter()
+            .position(|link| parameters[*link] == tool.parameters[i])
+    };
     let at: Vec<Option<usize>> = (0..tool.n()).map(position).collect();
-    DMatrix::from_fn(tool.n(), tool.n(), |i, j| at[i].zip(at[j]).map_or(0.0, |(i, j)| of_links[(i, j)]))
+    DMatrix::from_fn(tool.n(), tool.n(), |i, j| {
+        at[i].zip(at[j]).map_or(0.0, |(i, j)| of_links[(i, j)])
+    })
 }

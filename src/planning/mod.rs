@@ -94,18 +94,36 @@ pub struct TooLittleRoom {
 /// [`TooLittleRoom`].
 pub fn plan(request: &PlanRequest<'_>) -> Result<Plan, TooLittleRoom> {
     let tool = Tool::new(request);
-    let Candidates { q: candidates, even } = candidates(request)?;
-    let q_model: Vec<Vec<f64>> = candidates.iter().map(|q| request.robot.q_model_rad(q)).collect();
-    let prior = request.measured.iter().fold(DMatrix::identity(tool.n(), tool.n()), |sum, set| sum + of_measured(request, &tool, set));
+    let Candidates {
+        q: candidates,
+        even,
+    } = candidates(request)?;
+    let q_model: Vec<Vec<f64>> = candidates
+        .iter()
+        .map(|q| request.robot.q_model_rad(q))
+        .collect();
+    let prior = request
+        .measured
+        .iter()
+        .fold(DMatrix::identity(tool.n(), tool.n()), |sum, set| {
+            sum + of_measured(request, &tool, set)
+        });
     let workspace: Vec<Vec<f64>> =
-        random_configurations(request.robot, N_WORKSPACE, WORKSPACE_SEED).iter().map(|q| request.robot.q_model_rad(q)).collect();
+        random_configurations(request.robot, N_WORKSPACE, WORKSPACE_SEED)
+            .iter()
+            .map(|q| request.robot.q_model_rad(q))
+            .collect();
     let interest = tool.mean_information(&workspace, 1.0);
     let n_repeats = request.n_repeats.min(request.n_configurations / 2);
     let n_distinct = request.n_configurations - n_repeats;
     let rows = tool.scaled_rows(&q_model, request.noise_std_mm);
     let chosen = Design::new(rows, &prior, &interest).choose(n_distinct);
     let ordered = order::short_moves(chosen, &candidates);
-    let all: Vec<usize> = ordered.iter().copied().chain(ordered[..n_repeats].iter().copied()).collect();
+    let all: Vec<usize> = ordered
+        .iter()
+        .copied()
+        .chain(ordered[..n_repeats].iter().copied())
+        .collect();
     let after = |chosen: &[usize]| {
         let q: Vec<Vec<f64>> = chosen.iter().map(|i| q_model[*i].clone()).collect();
         let gained = tool.mean_information(&q, request.noise_std_mm) * chosen.len() as f64;
@@ -119,7 +137,10 @@ pub fn plan(request: &PlanRequest<'_>) -> Result<Plan, TooLittleRoom> {
         configurations: all
             .iter()
             .enumerate()
-            .map(|(i, candidate)| Planned { q_controller_rad: candidates[*candidate].clone(), repeats: i.checked_sub(n_distinct) })
+            .map(|(i, candidate)| Planned {
+                q_controller_rad: candidates[*candidate].clone(),
+                repeats: i.checked_sub(n_distinct),
+            })
             .collect(),
     })
 }
@@ -143,13 +164,24 @@ struct Candidates {
 fn candidates(request: &PlanRequest<'_>) -> Result<Candidates, TooLittleRoom> {
     let wanted = request.n_configurations;
     let n = request.n_candidates.max(wanted);
-    let mut found = Candidates { q: Vec::with_capacity(n), even: vec![] };
+    let mut found = Candidates {
+        q: Vec::with_capacity(n),
+        even: vec![],
+    };
     let mut tried = 0;
     for batch in 0..TRIES as u64 {
-        let drawn = random_configurations(request.robot, n, request.seed.wrapping_mul(TRIES as u64).wrapping_add(batch));
+        let drawn = random_configurations(
+            request.robot,
+            n,
+            request.seed.wrapping_mul(TRIES as u64).wrapping_add(batch),
+        );
         for (i, q) in drawn.into_iter().enumerate() {
             let is_even = i % 2 == 0;
-            let q = if is_even { q } else { room::towards_limits(request.robot, q) };
+            let q = if is_even {
+                q
+            } else {
+                room::towards_limits(request.robot, q)
+            };
             tried += 1;
             if request.room.holds(request.robot, &q, &request.target_mm) {
                 found.even.extend(is_even.then_some(found.q.len()));
@@ -160,19 +192,46 @@ fn candidates(request: &PlanRequest<'_>) -> Result<Candidates, TooLittleRoom> {
             }
         }
     }
-    if found.q.len() < wanted { Err(TooLittleRoom { found: found.q.len(), tried, wanted }) } else { Ok(found) }
+    if found.q.len() < wanted {
+        Err(TooLittleRoom {
+            found: found.q.len(),
+            tried,
+            wanted,
+        })
+    } else {
+        Ok(found)
+    }
 }
 
-fn observability(request: &PlanRequest<'_>, tool: &Tool, chosen: &[usize], q_model: &[Vec<f64>]) -> f64 {
+fn observability(
+    request: &PlanRequest<'_>,
+    tool: &Tool,
+    chosen: &[usize],
+    q_model: &[Vec<f64>],
+) -> f64 {
     let scale: Vec<f64> = tool.parameters.iter().map(prior_scale).collect();
-    let observations: Vec<Observation> = chosen.iter().map(|i| tool.observation(&q_model[*i], 0)).collect();
-    let mut jacobian = weighted_jacobian(&tool.model, &tool.parameters, &observations, &Vector3::zeros());
+    let observations: Vec<Observation> = chosen
+        .iter()
+        .map(|i| tool.observation(&q_model[*i], 0))
+        .collect();
+    let mut jacobian = weighted_jacobian(
+        &tool.model,
+        &tool.parameters,
+        &observations,
+        &Vector3::zeros(),
+    );
     let root = (request.n_configurations.max(1) as f64).sqrt();
-    jacobian.column_iter_mut().zip(&scale).for_each(|(mut column, s)| column *= s / root);
+    jacobian
+        .column_iter_mut()
+        .zip(&scale)
+        .for_each(|(mut column, s)| column *= s / root);
     decompose(jacobian, &scale).observability_index_o1()
 }
 
 /// The nominal robot at its base, with one target.
 fn nominal(robot: &Robot, targets_mm: Vec<Vector3<f64>>) -> KinematicModel {
-    KinematicModel { targets_mm, ..KinematicModel::nominal(&robot.links, 0) }
+    KinematicModel {
+        targets_mm,
+        ..KinematicModel::nominal(&robot.links, 0)
+    }
 }

@@ -6,14 +6,25 @@ const MAX_PASSES: usize = 20;
 /// The chosen candidates so that the largest joint moves little from one to the next: the nearest one first, then stretches turned round
 /// while that shortens the way (2-opt; Croes 1958).
 pub fn short_moves(chosen: Vec<usize>, candidates: &[Vec<f64>]) -> Vec<usize> {
-    let way = |a: usize, b: usize| candidates[a].iter().zip(&candidates[b]).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    let way = |a: usize, b: usize| {
+        candidates[a]
+            .iter()
+            .zip(&candidates[b])
+            .map(|(a, b)| (a - b).abs())
+            .fold(0.0, f64::max)
+    };
     let mut left = chosen;
     left.sort_unstable();
     let mut order: Vec<usize> = Vec::with_capacity(left.len());
     while !left.is_empty() {
         let nearest = order.last().map_or(0, |last| {
-            let distances = left.iter().map(|candidate| way(*last, *candidate)).enumerate();
-            distances.min_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(i, _)| i)
+            let distances = left
+                .iter()
+                .map(|candidate| way(*last, *candidate))
+                .enumerate();
+            distances
+                .min_by(|a, b| a.1.total_cmp(&b.1))
+                .map_or(0, |(i, _)| i)
         });
         order.push(left.remove(nearest));
     }

@@ -30,20 +30,29 @@ impl Room {
     /// and foot. The bodies between these points are not looked at.
     pub fn holds(&self, robot: &Robot, q_controller_rad: &[f64], target_mm: &Vector3<f64>) -> bool {
         let mut t = IsometryMatrix3::identity();
-        for (i, (link, q)) in robot.links.iter().zip(robot.q_model_rad(q_controller_rad)).enumerate() {
+        for (i, (link, q)) in robot
+            .links
+            .iter()
+            .zip(robot.q_model_rad(q_controller_rad))
+            .enumerate()
+        {
             t *= t_previous_link(link, q);
             if i >= 2 && !self.is_clear(&t.translation.vector) {
                 return false;
             }
         }
         let target = (t * Point3::from(*target_mm)).coords;
-        let within = |(low, high): &(Vector3<f64>, Vector3<f64>)| (0..3).all(|k| (low[k]..=high[k]).contains(&target[k]));
+        let within = |(low, high): &(Vector3<f64>, Vector3<f64>)| {
+            (0..3).all(|k| (low[k]..=high[k]).contains(&target[k]))
+        };
         self.is_clear(&target) && (self.boxes_mm.is_empty() || self.boxes_mm.iter().any(within))
     }
 
     fn is_clear(&self, p: &Vector3<f64>) -> bool {
         let above = self.floor_z_mm.is_none_or(|floor| p.z >= floor);
-        let beside = |foot: BaseCylinder| p.z >= foot.height_mm || p.x * p.x + p.y * p.y >= foot.radius_mm * foot.radius_mm;
+        let beside = |foot: BaseCylinder| {
+            p.z >= foot.height_mm || p.x * p.x + p.y * p.y >= foot.radius_mm * foot.radius_mm
+        };
         above && self.base_cylinder.is_none_or(beside)
     }
 }
@@ -51,12 +60,17 @@ impl Room {
 /// The same draw, pushed towards the joint limits (the arc sine distribution).
 pub fn towards_limits(robot: &Robot, q: Vec<f64>) -> Vec<f64> {
     let pushed = |(q, limits): (f64, &Option<(f64, f64)>)| {
-        let (low, high) = limits.map_or((-FRAC_PI_2, FRAC_PI_2), |(low, high)| (low.max(-PI), high.min(PI)));
+        let (low, high) = limits.map_or((-FRAC_PI_2, FRAC_PI_2), |(low, high)| {
+            (low.max(-PI), high.min(PI))
+        });
         if low >= high {
             return q;
         }
         let share = ((q - low) / (high - low)).clamp(0.0, 1.0);
         low + (high - low) * 0.5 * (1.0 - libm::cos(PI * share))
     };
-    q.into_iter().zip(&robot.joint_limits_rad).map(pushed).collect()
+    q.into_iter()
+        .zip(&robot.joint_limits_rad)
+        .map(pushed)
+        .collect()
 }

@@ -22,26 +22,57 @@ impl Range {
     /// From zero to the largest value.
     pub fn from_zero(values: impl Iterator<Item = f64>) -> Self {
         let max = values.filter(|v| v.is_finite()).fold(0.0, f64::max);
-        Self { min: 0.0, max: if max > 0.0 { 1.04 * max } else { 1.0 }, log: false }
+        Self {
+            min: 0.0,
+            max: if max > 0.0 { 1.04 * max } else { 1.0 },
+            log: false,
+        }
     }
 
     /// All values that have a logarithm, with room at both ends.
     pub fn logarithmic(values: impl Iterator<Item = f64>) -> Self {
-        let (min, max) = values.filter(|v| v.is_finite() && *v > 0.0).fold((f64::INFINITY, 0.0), |(a, b), v| (v.min(a), v.max(b)));
+        let (min, max) = values
+            .filter(|v| v.is_finite() && *v > 0.0)
+            .fold((f64::INFINITY, 0.0), |(a, b), v| (v.min(a), v.max(b)));
         if max == 0.0 {
-            return Self { min: 0.1, max: 1.0, log: true };
+            return Self {
+                min: 0.1,
+                max: 1.0,
+                log: true,
+            };
         }
-        Self { min: min / 1.5, max: (max * 1.3).max(min * 4.0), log: true }
+        Self {
+            min: min / 1.5,
+            max: (max * 1.3).max(min * 4.0),
+            log: true,
+        }
     }
 
     /// All values, with a little room.
     pub fn around(values: impl Iterator<Item = f64>) -> Self {
-        let (min, max) = values.filter(|v| v.is_finite()).fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (v.min(a), v.max(b)));
+        let (min, max) = values
+            .filter(|v| v.is_finite())
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| {
+                (v.min(a), v.max(b))
+            });
         if min > max {
-            return Self { min: 0.0, max: 1.0, log: false };
+            return Self {
+                min: 0.0,
+                max: 1.0,
+                log: false,
+            };
         }
-        let room = 0.03 * if max > min { max - min } else { min.abs().max(1.0) };
-        Self { min: min - room, max: max + room, log: false }
+        let room = 0.03
+            * if max > min {
+                max - min
+            } else {
+                min.abs().max(1.0)
+            };
+        Self {
+            min: min - room,
+            max: max + room,
+            log: false,
+        }
     }
 
     /// Where a value stands between both ends, 0 to 1; values beyond an end of a logarithmic range stand at it.
@@ -55,33 +86,65 @@ impl Range {
 
     /// About `count` round values.
     pub fn ticks(&self, count: usize) -> Vec<f64> {
-        if self.log { self.powers(count) } else { self.steps(count) }
+        if self.log {
+            self.powers(count)
+        } else {
+            self.steps(count)
+        }
     }
 
     fn steps(&self, count: usize) -> Vec<f64> {
         let raw = (self.max - self.min) / count.max(1) as f64;
         let base = 10f64.powf(raw.log10().floor());
-        let step = [1.0, 2.0, 5.0, 10.0].into_iter().map(|m| m * base).find(|step| *step >= 0.8 * raw).unwrap_or(10.0 * base);
-        let (first, last) = ((self.min / step - 1e-9).ceil() as i64, (self.max / step + 1e-9).floor() as i64);
-        (first..=last).take(4 * count + 4).map(|i| i as f64 * step).collect()
+        let step = [1.0, 2.0, 5.0, 10.0]
+            .into_iter()
+            .map(|m| m * base)
+            .find(|step| *step >= 0.8 * raw)
+            .unwrap_or(10.0 * base);
+        let (first, last) = (
+            (self.min / step - 1e-9).ceil() as i64,
+            (self.max / step + 1e-9).floor() as i64,
+        );
+        (first..=last)
+            .take(4 * count + 4)
+            .map(|i| i as f64 * step)
+            .collect()
     }
 
     fn powers(&self, count: usize) -> Vec<f64> {
-        let (low, high) = (self.min.log10().ceil() as i32, self.max.log10().floor() as i32);
+        let (low, high) = (
+            self.min.log10().ceil() as i32,
+            self.max.log10().floor() as i32,
+        );
         if low >= high {
-            let steps = (low - 1..=high + 1).flat_map(|e| [1.0, 2.0, 5.0].map(|m| m * 10f64.powi(e)));
-            return steps.filter(|v| (self.min..=self.max).contains(v)).collect();
+            let steps =
+                (low - 1..=high + 1).flat_map(|e| [1.0, 2.0, 5.0].map(|m| m * 10f64.powi(e)));
+            return steps
+                .filter(|v| (self.min..=self.max).contains(v))
+                .collect();
         }
         let every = ((high - low + 1) as usize).div_ceil(count.max(1)).max(1);
-        (low..=high).rev().step_by(every).map(|e| 10f64.powi(e)).collect()
+        (low..=high)
+            .rev()
+            .step_by(every)
+            .map(|e| 10f64.powi(e))
+            .collect()
     }
 
     fn label(&self, value: f64) -> String {
         if self.log && !(1e-2..1e4).contains(&value) {
             return text::power_of_ten(value.log10().round() as i32);
         }
-        let text = text::number(if value.abs() < 1e-9 * (self.max - self.min) { 0.0 } else { value });
-        if text.contains('.') && !text.contains('·') { text.trim_end_matches('0').trim_end_matches('.').into() } else { text }
+        let text = text::number(if value.abs() < 1e-9 * (self.max - self.min) {
+            0.0
+        } else {
+            value
+        });
+        if text.contains('.') && !text.contains('·') {
+            text.trim_end_matches('0').trim_end_matches('.').into()
+        } else {
+            text
+        }
     }
 }
 
@@ -132,7 +195,11 @@ impl Frame {
     /// Both axes with grid lines.
     pub fn axes(&self, labels: &Labels<'_>) -> Markup {
         let (left, right, bottom) = (LEFT, self.right(), self.bottom());
-        let x_ticks = if labels.x_ticks { self.x.ticks(((right - left) / 80.0) as usize) } else { vec![] };
+        let x_ticks = if labels.x_ticks {
+            self.x.ticks(((right - left) / 80.0) as usize)
+        } else {
+            vec![]
+        };
         html! {
             @for v in self.y.ticks(((bottom - TOP) / 32.0) as usize) {
                 line.grid x1=(left) x2=(right) y1=(place(self.py(v))) y2=(place(self.py(v))) {}
@@ -160,11 +227,23 @@ mod tests {
 
     #[test]
     fn ticks_are_round_and_inside() {
-        let linear = Range { min: 0.0, max: 3.3, log: false };
+        let linear = Range {
+            min: 0.0,
+            max: 3.3,
+            log: false,
+        };
         assert_eq!(linear.ticks(4), [0.0, 1.0, 2.0, 3.0]);
-        let decades = Range { min: 2e-12, max: 800.0, log: true };
+        let decades = Range {
+            min: 2e-12,
+            max: 800.0,
+            log: true,
+        };
         assert_eq!(decades.ticks(5), [1e2, 1e-1, 1e-4, 1e-7, 1e-10]);
-        let narrow = Range { min: 0.9, max: 6.0, log: true };
+        let narrow = Range {
+            min: 0.9,
+            max: 6.0,
+            log: true,
+        };
         assert_eq!(narrow.ticks(5), [1.0, 2.0, 5.0]);
     }
 
@@ -179,7 +258,11 @@ mod tests {
             Range::around([f64::NAN].into_iter()),
         ] {
             assert!(range.max > range.min, "{range:?}");
-            assert!(range.share(range.min).abs() < 1e-12 && (range.share(range.max) - 1.0).abs() < 1e-12, "{range:?}");
+            assert!(
+                range.share(range.min).abs() < 1e-12
+                    && (range.share(range.max) - 1.0).abs() < 1e-12,
+                "{range:?}"
+            );
         }
     }
 }

@@ -21,7 +21,14 @@ fn figure(title: &str, caption: &str, legend: bool, height: f64, content: Markup
     figure_of_width(WIDTH, title, caption, legend, height, content)
 }
 
-fn figure_of_width(width: f64, title: &str, caption: &str, legend: bool, height: f64, content: Markup) -> Markup {
+fn figure_of_width(
+    width: f64,
+    title: &str,
+    caption: &str,
+    legend: bool,
+    height: f64,
+    content: Markup,
+) -> Markup {
     html! {
         figure {
             figcaption {
@@ -38,7 +45,10 @@ fn key(kind: &str) -> Markup {
 }
 
 fn spans_much(points: &[PointReport]) -> bool {
-    let largest = points.iter().flat_map(|p| [p.before_mm, p.after_mm]).fold(0.0, f64::max);
+    let largest = points
+        .iter()
+        .flat_map(|p| [p.before_mm, p.after_mm])
+        .fold(0.0, f64::max);
     median(points.iter().map(|p| p.after_mm)) * LOG_FROM_RATIO < largest
 }
 
@@ -51,7 +61,11 @@ fn median(values: impl Iterator<Item = f64>) -> f64 {
 /// A range of errors; a logarithmic one does not go below what can be measured, but far enough that the smallest bar still shows.
 fn error_range(points: &[PointReport], log: bool) -> Range {
     let errors = points.iter().flat_map(|p| [p.before_mm, p.after_mm]);
-    if log { Range::logarithmic(errors.map(|v| v.max(SMALLEST_MM))) } else { Range::from_zero(errors) }
+    if log {
+        Range::logarithmic(errors.map(|v| v.max(SMALLEST_MM)))
+    } else {
+        Range::from_zero(errors)
+    }
 }
 
 /// One bar per point, or per few neighbours, of which it shows the largest.
@@ -61,8 +75,16 @@ struct Bar {
 }
 
 fn bars(points: &[&PointReport], share: usize) -> Vec<Bar> {
-    let largest = |some: &[&PointReport], of: fn(&PointReport) -> f64| some.iter().map(|p| of(p)).fold(0.0, f64::max);
-    points.chunks(share).map(|some| Bar { before_mm: largest(some, |p| p.before_mm), after_mm: largest(some, |p| p.after_mm) }).collect()
+    let largest = |some: &[&PointReport], of: fn(&PointReport) -> f64| {
+        some.iter().map(|p| of(p)).fold(0.0, f64::max)
+    };
+    points
+        .chunks(share)
+        .map(|some| Bar {
+            before_mm: largest(some, |p| p.before_mm),
+            after_mm: largest(some, |p| p.after_mm),
+        })
+        .collect()
 }
 
 /// The error of each point before and after, the verify half first.
@@ -72,22 +94,46 @@ pub fn per_point(points: &[PointReport]) -> Markup {
     }
     let log = spans_much(points);
     let share = points.len().div_ceil(MAX_BARS);
-    let halves: Vec<(String, Vec<Bar>)> = [(SubsetName::Verify, "verify"), (SubsetName::Identify, "identify")]
-        .into_iter()
-        .map(|(subset, name)| {
-            let half: Vec<&PointReport> = points.iter().filter(|p| p.subset == subset).collect();
-            (format!("{name}: {} points", half.len()), bars(&half, share))
-        })
-        .filter(|(_, half)| !half.is_empty())
-        .collect();
+    let halves: Vec<(String, Vec<Bar>)> = [
+        (SubsetName::Verify, "verify"),
+        (SubsetName::Identify, "identify"),
+    ]
+    .into_iter()
+    .map(|(subset, name)| {
+        let half: Vec<&PointReport> = points.iter().filter(|p| p.subset == subset).collect();
+        (format!("{name}: {} points", half.len()), bars(&half, share))
+    })
+    .filter(|(_, half)| !half.is_empty())
+    .collect();
     let count: usize = halves.iter().map(|(_, half)| half.len()).sum();
     let gap = if halves.len() > 1 { 1.5 } else { 0.0 };
-    let x = Range { min: 0.0, max: count as f64 + gap, log: false };
-    let frame = Frame { x, y: error_range(points, log), width: WIDTH, height: 190.0 };
+    let x = Range {
+        min: 0.0,
+        max: count as f64 + gap,
+        log: false,
+    };
+    let frame = Frame {
+        x,
+        y: error_range(points, log),
+        width: WIDTH,
+        height: 190.0,
+    };
     let axis = if log { " on a logarithmic axis" } else { "" };
-    let each = if share > 1 { format!(" Each bar is the largest of {share} neighbours.") } else { String::new() };
-    let caption = format!("Position error of each measured point, mm{axis}.{each} The verify points were not fitted.");
-    figure("Error per point", &caption, true, frame.height, per_point_content(&frame, &halves, gap))
+    let each = if share > 1 {
+        format!(" Each bar is the largest of {share} neighbours.")
+    } else {
+        String::new()
+    };
+    let caption = format!(
+        "Position error of each measured point, mm{axis}.{each} The verify points were not fitted."
+    );
+    figure(
+        "Error per point",
+        &caption,
+        true,
+        frame.height,
+        per_point_content(&frame, &halves, gap),
+    )
 }
 
 fn per_point_content(frame: &Frame, halves: &[(String, Vec<Bar>)], gap: f64) -> Markup {
@@ -110,7 +156,11 @@ fn per_point_content(frame: &Frame, halves: &[(String, Vec<Bar>)], gap: f64) -> 
 
 /// A column that stands on the axis: from `at`, so wide in units of x, so high in units of y.
 fn column(frame: &Frame, kind: &str, at: f64, width: f64, value: f64) -> Markup {
-    let value = if frame.y.log { value.max(SMALLEST_MM) } else { value };
+    let value = if frame.y.log {
+        value.max(SMALLEST_MM)
+    } else {
+        value
+    };
     let (x, top) = (frame.px(at), frame.py(value));
     html! {
         rect class=(kind) x=(place(x)) y=(place(top)) width=(place(frame.px(at + width) - x)) height=(place((frame.bottom() - top).max(0.0))) {}
@@ -126,16 +176,30 @@ pub fn histogram(points: &[PointReport]) -> Markup {
     let x = error_range(points, log);
     let counted = |of: fn(&PointReport) -> f64| {
         points.iter().fold([0usize; COLUMNS], |mut counts, p| {
-            let at = (x.share(of(p).max(if log { SMALLEST_MM } else { 0.0 })) * COLUMNS as f64) as usize;
+            let at =
+                (x.share(of(p).max(if log { SMALLEST_MM } else { 0.0 })) * COLUMNS as f64) as usize;
             counts[at.min(COLUMNS - 1)] += 1;
             counts
         })
     };
     let (before, after) = (counted(|p| p.before_mm), counted(|p| p.after_mm));
     let top = before.iter().chain(&after).max().copied().unwrap_or(1);
-    let x_columns = Range { min: 0.0, max: COLUMNS as f64, log: false };
-    let y = Range { min: 0.0, max: 1.06 * top as f64, log: false };
-    let frame = Frame { x: x_columns, y, width: WIDTH, height: 170.0 };
+    let x_columns = Range {
+        min: 0.0,
+        max: COLUMNS as f64,
+        log: false,
+    };
+    let y = Range {
+        min: 0.0,
+        max: 1.06 * top as f64,
+        log: false,
+    };
+    let frame = Frame {
+        x: x_columns,
+        y,
+        width: WIDTH,
+        height: 170.0,
+    };
     let half = |of: fn(&PointReport) -> f64| text::error(median(points.iter().map(of)));
     let caption = format!(
         "Number of points by the size of their error, all {} points{}. Half of them are below {} mm before and {} mm after.",
@@ -152,21 +216,45 @@ pub fn histogram(points: &[PointReport]) -> Markup {
             }
         }
     };
-    figure("Distribution of the errors", &caption, true, frame.height, content)
+    figure(
+        "Distribution of the errors",
+        &caption,
+        true,
+        frame.height,
+        content,
+    )
 }
 
 /// How the cost fell; nothing where nothing was searched.
 pub fn convergence(curve: &Convergence) -> Markup {
-    let points: Vec<(f64, f64)> =
-        curve.iteration.iter().zip(&curve.best_cost_mm2).map(|(i, cost)| (*i as f64, *cost)).filter(|(_, cost)| *cost > 0.0).collect();
-    let (Some(first), Some(last)) = (points.first(), points.last()) else { return html! {} };
+    let points: Vec<(f64, f64)> = curve
+        .iteration
+        .iter()
+        .zip(&curve.best_cost_mm2)
+        .map(|(i, cost)| (*i as f64, *cost))
+        .filter(|(_, cost)| *cost > 0.0)
+        .collect();
+    let (Some(first), Some(last)) = (points.first(), points.last()) else {
+        return html! {};
+    };
     if points.len() < 2 {
         return html! {};
     }
-    let x = Range { min: 0.0, max: last.0.max(1.0), log: false };
-    let frame = Frame { x, y: Range::logarithmic(points.iter().map(|(_, cost)| *cost)), width: WIDTH, height: 170.0 };
-    let corners =
-        thinned(&points).iter().map(|(i, cost)| format!("{},{}", place(frame.px(*i)), place(frame.py(*cost)))).collect::<Vec<_>>();
+    let x = Range {
+        min: 0.0,
+        max: last.0.max(1.0),
+        log: false,
+    };
+    let frame = Frame {
+        x,
+        y: Range::logarithmic(points.iter().map(|(_, cost)| *cost)),
+        width: WIDTH,
+        height: 170.0,
+    };
+    let corners = thinned(&points)
+        .iter()
+        .map(|(i, cost)| format!("{},{}", place(frame.px(*i)), place(frame.py(*cost))))
+        .collect::<Vec<_>>();
     let caption = format!(
         "The cost F, the sum of the squared position errors on the identify points, from {} to {} mm² in {} iterations.",
         text::number(first.1),
@@ -182,8 +270,16 @@ pub fn convergence(curve: &Convergence) -> Markup {
 
 /// The corners of a curve that never rises: every place where it falls, then as many of those as show.
 fn thinned(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
-    let falls = |i: usize| i == 0 || i + 1 == points.len() || points[i].1 < points[i - 1].1 || points[i + 1].1 < points[i].1;
-    let corners: Vec<(f64, f64)> = (0..points.len()).filter(|i| falls(*i)).map(|i| points[i]).collect();
+    let falls = |i: usize| {
+        i == 0
+            || i + 1 == points.len()
+            || points[i].1 < points[i - 1].1
+            || points[i + 1].1 < points[i].1
+    };
+    let corners: Vec<(f64, f64)> = (0..points.len())
+        .filter(|i| falls(*i))
+        .map(|i| points[i])
+        .collect();
     let every = corners.len().div_ceil(MAX_CORNERS).max(1);
     let last = corners.last().copied();
     corners.into_iter().step_by(every).chain(last).collect()
@@ -200,7 +296,13 @@ struct Arrow {
 pub fn positions(points: &[PointReport]) -> Markup {
     let placed: Vec<Arrow> = points
         .iter()
-        .filter_map(|p| Some(Arrow { position_mm: p.position_mm?, before_mm: p.before_vector_mm?, after_mm: p.after_vector_mm? }))
+        .filter_map(|p| {
+            Some(Arrow {
+                position_mm: p.position_mm?,
+                before_mm: p.before_vector_mm?,
+                after_mm: p.after_vector_mm?,
+            })
+        })
         .collect();
     if placed.is_empty() {
         return html! {};
@@ -208,7 +310,11 @@ pub fn positions(points: &[PointReport]) -> Markup {
     let every = placed.len().div_ceil(MAX_ARROWS);
     let arrows: Vec<&Arrow> = placed.iter().step_by(every).collect();
     let factor = magnification(&arrows);
-    let left_out = if every > 1 { format!(" One of {every} points is drawn.") } else { String::new() };
+    let left_out = if every > 1 {
+        format!(" One of {every} points is drawn.")
+    } else {
+        String::new()
+    };
     html! {
         div.pair {
             @for (title, i, j, names) in [("Seen from above", 0, 1, ["x, mm", "y, mm"]), ("Seen from the side", 0, 2, ["x, mm", "z, mm"])] {
@@ -221,19 +327,41 @@ pub fn positions(points: &[PointReport]) -> Markup {
 
 /// A round factor that makes the longest arrow about a seventh of the extent.
 fn magnification(arrows: &[&Arrow]) -> f64 {
-    let extent = (0..3).map(|k| Range::around(arrows.iter().map(|a| a.position_mm[k]))).map(|r| r.max - r.min).fold(0.0, f64::max);
-    let longest = arrows.iter().map(|a| a.before_mm.iter().map(|v| v * v).sum::<f64>().sqrt()).fold(1e-6, f64::max);
+    let extent = (0..3)
+        .map(|k| Range::around(arrows.iter().map(|a| a.position_mm[k])))
+        .map(|r| r.max - r.min)
+        .fold(0.0, f64::max);
+    let longest = arrows
+        .iter()
+        .map(|a| a.before_mm.iter().map(|v| v * v).sum::<f64>().sqrt())
+        .fold(1e-6, f64::max);
     let raw = 0.14 * extent / longest;
     let base = 10f64.powf(raw.log10().floor());
-    [5.0, 3.0, 2.0, 1.0].into_iter().map(|m| m * base).find(|f| *f <= raw).unwrap_or(1.0).max(1.0)
+    [5.0, 3.0, 2.0, 1.0]
+        .into_iter()
+        .map(|m| m * base)
+        .find(|f| *f <= raw)
+        .unwrap_or(1.0)
+        .max(1.0)
 }
 
 fn projection(arrows: &[&Arrow], i: usize, j: usize, names: [&str; 2], factor: f64) -> Markup {
-    let ends = |k: usize| Range::around(arrows.iter().flat_map(move |a| [a.position_mm[k], a.position_mm[k] - factor * a.before_mm[k]]));
-    let mut frame = Frame { x: ends(i), y: ends(j), width: WIDTH / 2.0, height: 300.0 };
+    let ends = |k: usize| {
+        Range::around(
+            arrows
+                .iter()
+                .flat_map(move |a| [a.position_mm[k], a.position_mm[k] - factor * a.before_mm[k]]),
+        )
+    };
+    let mut frame = Frame {
+        x: ends(i),
+        y: ends(j),
+        width: WIDTH / 2.0,
+        height: 300.0,
+    };
     // one scale for both directions
-    let per_unit =
-        ((frame.x.max - frame.x.min) / (frame.right() - frame.left())).max((frame.y.max - frame.y.min) / (frame.bottom() - frame.top()));
+    let per_unit = ((frame.x.max - frame.x.min) / (frame.right() - frame.left()))
+        .max((frame.y.max - frame.y.min) / (frame.bottom() - frame.top()));
     frame.x = widened(frame.x, per_unit * (frame.right() - frame.left()));
     frame.y = widened(frame.y, per_unit * (frame.bottom() - frame.top()));
     html! {
@@ -251,17 +379,34 @@ fn projection(arrows: &[&Arrow], i: usize, j: usize, names: [&str; 2], factor: f
 
 fn widened(range: Range, extent: f64) -> Range {
     let middle = (range.min + range.max) / 2.0;
-    Range { min: middle - extent / 2.0, max: middle + extent / 2.0, ..range }
+    Range {
+        min: middle - extent / 2.0,
+        max: middle + extent / 2.0,
+        ..range
+    }
 }
 
 fn arrow_path(tail: [f64; 2], tip: [f64; 2]) -> String {
     let (dx, dy) = (tip[0] - tail[0], tip[1] - tail[1]);
     let length = dx.hypot(dy);
-    let mut path = format!("M{} {}L{} {}", place(tail[0]), place(tail[1]), place(tip[0]), place(tip[1]));
+    let mut path = format!(
+        "M{} {}L{} {}",
+        place(tail[0]),
+        place(tail[1]),
+        place(tip[0]),
+        place(tip[1])
+    );
     if length > 4.0 {
         let (ux, uy) = (4.0 * dx / length, 4.0 * dy / length);
-        let barb =
-            |side: f64| format!("M{} {}l{} {}", place(tip[0]), place(tip[1]), place(-ux - side * uy * 0.5), place(-uy + side * ux * 0.5));
+        let barb = |side: f64| {
+            format!(
+                "M{} {}l{} {}",
+                place(tip[0]),
+                place(tip[1]),
+                place(-ux - side * uy * 0.5),
+                place(-uy + side * ux * 0.5)
+            )
+        };
         path += &(barb(1.0) + &barb(-1.0));
     }
     path
@@ -273,11 +418,21 @@ mod tests {
 
     #[test]
     fn a_thinned_curve_keeps_both_ends_and_its_steps() {
-        let flat: Vec<(f64, f64)> = (0..3000).map(|i| (f64::from(i), if i < 1500 { 2.0 } else { 1.0 })).collect();
-        assert_eq!(&thinned(&flat)[..4], [(0.0, 2.0), (1499.0, 2.0), (1500.0, 1.0), (2999.0, 1.0)]);
-        let falling: Vec<(f64, f64)> = (0..3000).map(|i| (f64::from(i), f64::from(3000 - i))).collect();
+        let flat: Vec<(f64, f64)> = (0..3000)
+            .map(|i| (f64::from(i), if i < 1500 { 2.0 } else { 1.0 }))
+            .collect();
+        assert_eq!(
+            &thinned(&flat)[..4],
+            [(0.0, 2.0), (1499.0, 2.0), (1500.0, 1.0), (2999.0, 1.0)]
+        );
+        let falling: Vec<(f64, f64)> = (0..3000)
+            .map(|i| (f64::from(i), f64::from(3000 - i)))
+            .collect();
         let corners = thinned(&falling);
         assert!(corners.len() <= 502);
-        assert_eq!((corners[0], corners[corners.len() - 1]), ((0.0, 3000.0), (2999.0, 1.0)));
+        assert_eq!(
+            (corners[0], corners[corners.len() - 1]),
+            ((0.0, 3000.0), (2999.0, 1.0))
+        );
     }
 }

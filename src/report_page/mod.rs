@@ -87,14 +87,25 @@ impl Sources<'_> {
 
     /// Serial number and id of the robot, as far as there are any.
     fn which_robot(&self) -> Option<String> {
-        let serial_number = self.robot.serial_number.as_ref().map(|number| format!("serial number {number}"));
-        let known: Vec<String> = serial_number.into_iter().chain(self.job.map(|job| format!("robot {}", job.robot_id))).collect();
+        let serial_number = self
+            .robot
+            .serial_number
+            .as_ref()
+            .map(|number| format!("serial number {number}"));
+        let known: Vec<String> = serial_number
+            .into_iter()
+            .chain(self.job.map(|job| format!("robot {}", job.robot_id)))
+            .collect();
         (!known.is_empty()).then(|| known.join(" · "))
     }
 
     /// What the page is called.
     fn title(&self) -> String {
-        let what = if self.is_verification() { "Verification" } else { "Calibration" };
+        let what = if self.is_verification() {
+            "Verification"
+        } else {
+            "Calibration"
+        };
         format!("{what} of {}", self.robot.name)
     }
 }

@@ -19,7 +19,11 @@ pub fn verdict(sources: &Sources<'_>) -> Markup {
     let half = report.verify.as_ref().unwrap_or(&report.identify);
     let (before, after) = (half.before.mean_mm, half.after.mean_mm);
     let share = 1.0 - after / before;
-    let by = if share > 0.9995 { "more than 99.9".into() } else { format!("{:.1}", 100.0 * share) };
+    let by = if share > 0.9995 {
+        "more than 99.9".into()
+    } else {
+        format!("{:.1}", 100.0 * share)
+    };
     if sources.is_verification() && half.after == half.before {
         let of = sources.verified();
         return html! { p.verdict { "On " (half.n_points) " points, the mean position error of " (of) " is " strong { (error(after)) " mm" } "." } };
@@ -52,9 +56,16 @@ fn fact(name: &str, value: &str) -> Markup {
 /// What was measured, and how it was identified.
 pub fn facts(sources: &Sources<'_>) -> Markup {
     let Sources { set, report, .. } = sources;
-    let frame = if set.frame == Frame::Base { "robot base" } else { "instrument" };
+    let frame = if set.frame == Frame::Base {
+        "robot base"
+    } else {
+        "instrument"
+    };
     let name = set.name.unwrap_or("without a name");
-    let set_text = format!("{name}: {} points in {} configurations, {frame} frame", set.n_points, set.n_configurations);
+    let set_text = format!(
+        "{name}: {} points in {} configurations, {frame} frame",
+        set.n_points, set.n_configurations
+    );
     let seen = &report.identifiability;
     html! {
         dl.facts {
@@ -81,8 +92,17 @@ pub fn facts(sources: &Sources<'_>) -> Markup {
 /// What the points see: the rank counts combinations, and a parameter may take part in several.
 fn model(report: &Report) -> String {
     let seen = &report.identifiability;
-    let n_alone = report.parameters.iter().filter(|parameter| parameter.identifiable).count();
-    format!("{}: {n_alone} of {} parameters alone, {} independent combinations", report.model.as_str(), seen.n_parameters, seen.rank)
+    let n_alone = report
+        .parameters
+        .iter()
+        .filter(|parameter| parameter.identifiable)
+        .count();
+    format!(
+        "{}: {n_alone} of {} parameters alone, {} independent combinations",
+        report.model.as_str(),
+        seen.n_parameters,
+        seen.rank
+    )
 }
 
 fn standing(set: &ParameterSetAnswer) -> String {
@@ -98,7 +118,10 @@ pub fn errors(sources: &Sources<'_>) -> Markup {
     if sources.is_verification() {
         return verified_errors(report);
     }
-    let halves = [("Identify", Some(&report.identify)), ("Verify", report.verify.as_ref())];
+    let halves = [
+        ("Identify", Some(&report.identify)),
+        ("Verify", report.verify.as_ref()),
+    ];
     html! {
         section {
             h2 { "Position errors before and after, mm" }
@@ -113,11 +136,18 @@ pub fn errors(sources: &Sources<'_>) -> Markup {
 
 /// The errors of the nominal robot and of the parameters that were verified, on all points.
 fn verified_errors(report: &Report) -> Markup {
-    let Some(half) = &report.verify else { return html! {} };
+    let Some(half) = &report.verify else {
+        return html! {};
+    };
     let is_another = half.after != half.before;
     let mut rows = vec![("nominal robot", &half.before)];
     rows.extend(is_another.then_some(("these parameters", &half.after)));
-    rows.extend(half.corrected.as_ref().filter(|corrected| **corrected != half.after).map(|e| ("these parameters, with corrections", e)));
+    rows.extend(
+        half.corrected
+            .as_ref()
+            .filter(|corrected| **corrected != half.after)
+            .map(|e| ("these parameters, with corrections", e)),
+    );
     html! {
         section {
             h2 { "Position errors of the nominal robot" @if is_another { " and with these parameters" } ", mm" }
@@ -184,14 +214,21 @@ pub fn parameters(report: &Report) -> Markup {
 
 /// What the data cannot see: some parameters only together with others, some not at all.
 fn unseen(groups: &[Vec<String>]) -> String {
-    let (single, several): (Vec<&Vec<String>>, Vec<&Vec<String>>) = groups.iter().partition(|group| group.len() == 1);
+    let (single, several): (Vec<&Vec<String>>, Vec<&Vec<String>>) =
+        groups.iter().partition(|group| group.len() == 1);
     let mut text = String::new();
     if !several.is_empty() {
         let several: Vec<String> = several.iter().map(|group| group.join(" with ")).collect();
-        text += &format!("The data cannot see these alone, only the sum of each group's effects: {}. ", several.join("; "));
+        text += &format!(
+            "The data cannot see these alone, only the sum of each group's effects: {}. ",
+            several.join("; ")
+        );
     }
     if !single.is_empty() {
-        let single: Vec<&str> = single.iter().flat_map(|group| group.iter().map(String::as_str)).collect();
+        let single: Vec<&str> = single
+            .iter()
+            .flat_map(|group| group.iter().map(String::as_str))
+            .collect();
         text += &format!("The data cannot see at all: {}. ", single.join(", "));
     }
     text + "The positions of the measured reflector are right all the same; of another tool they may not be."
@@ -199,7 +236,11 @@ fn unseen(groups: &[Vec<String>]) -> String {
 
 /// What was known beforehand, and what became of it.
 pub fn priors(report: &Report) -> Markup {
-    let known: Vec<_> = report.parameters.iter().filter_map(|p| Some((p, p.prior.as_ref()?))).collect();
+    let known: Vec<_> = report
+        .parameters
+        .iter()
+        .filter_map(|p| Some((p, p.prior.as_ref()?)))
+        .collect();
     if known.is_empty() {
         return html! {};
     }
@@ -269,8 +310,13 @@ pub fn corrections(report: &Report) -> Markup {
 
 /// How well the robot returns to a pose.
 pub fn repeatability(report: &Report) -> Markup {
-    let Some(found) = &report.repeatability else { return html! {} };
-    let corrected = found.poses.iter().any(|pose| pose.ap_corrected_mm.is_some());
+    let Some(found) = &report.repeatability else {
+        return html! {};
+    };
+    let corrected = found
+        .poses
+        .iter()
+        .any(|pose| pose.ap_corrected_mm.is_some());
     html! {
         section {
             h2 { "Repeatability" }
@@ -308,7 +354,9 @@ pub fn repeatability(report: &Report) -> Markup {
 
 /// What moved since the session before.
 pub fn changes(report: &Report) -> Markup {
-    let Some(rows) = &report.changed else { return html! {} };
+    let Some(rows) = &report.changed else {
+        return html! {};
+    };
     html! {
         section {
             h2 { "Moved since the session before" }
@@ -363,10 +411,21 @@ pub fn comparison(report: &Report) -> Markup {
 
 /// Identifiers, hashes and versions.
 pub fn origin(sources: &Sources<'_>) -> Markup {
-    let Sources { set, job, parameter_set, report, .. } = sources;
+    let Sources {
+        set,
+        job,
+        parameter_set,
+        report,
+        ..
+    } = sources;
     let asked = match sources.is_verification() {
         true => String::new(),
-        false => format!(", preset {}, seed {}, ended by {}", report.preset.as_str(), report.seed, report.termination),
+        false => format!(
+            ", preset {}, seed {}, ended by {}",
+            report.preset.as_str(),
+            report.seed,
+            report.termination
+        ),
     };
     html! {
         section {

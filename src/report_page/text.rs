@@ -26,7 +26,11 @@ pub fn number(value: f64) -> String {
 fn power(value: f64) -> String {
     let text = format!("{value:.1e}");
     let (mantissa, exponent) = text.split_once('e').unwrap_or((&text, "0"));
-    format!("{}·10{}", mantissa.replace('-', MINUS), superscript(exponent))
+    format!(
+        "{}·10{}",
+        mantissa.replace('-', MINUS),
+        superscript(exponent)
+    )
 }
 
 /// 10 to a whole power.
@@ -40,14 +44,21 @@ fn superscript(exponent: &str) -> String {
         '1' => '¹',
         '2' => '²',
         '3' => '³',
-        digit => digit.to_digit(10).and_then(|d| char::from_u32(0x2070 + d)).unwrap_or(digit),
+        digit => digit
+            .to_digit(10)
+            .and_then(|d| char::from_u32(0x2070 + d))
+            .unwrap_or(digit),
     };
     exponent.chars().map(raised).collect()
 }
 
 /// A position error, mm.
 pub fn error(value: f64) -> String {
-    if (0.0..SMALLEST_MM).contains(&value) { format!("<{SMALLEST_MM}") } else { number(value) }
+    if (0.0..SMALLEST_MM).contains(&value) {
+        format!("<{SMALLEST_MM}")
+    } else {
+        number(value)
+    }
 }
 
 /// With a sign and a fixed number of decimals, for columns.
@@ -79,7 +90,9 @@ pub fn evidence(evidence: Evidence) -> &'static str {
         Evidence::SameUpload => {
             "same upload: checked on points that were not fitted but measured in the same session; a wrong tool, base or scale would not show"
         }
-        Evidence::IndependentSession => "independent session: checked on points of another measuring session",
+        Evidence::IndependentSession => {
+            "independent session: checked on points of another measuring session"
+        }
     }
 }
 

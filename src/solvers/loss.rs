@@ -76,7 +76,11 @@ impl Loss {
 mod tests {
     use super::{HUBER_K_95, Loss, TUKEY_C_95};
 
-    const LOSSES: [Loss; 3] = [Loss::Squares, Loss::Huber { k: HUBER_K_95 }, Loss::Tukey { c: TUKEY_C_95 }];
+    const LOSSES: [Loss; 3] = [
+        Loss::Squares,
+        Loss::Huber { k: HUBER_K_95 },
+        Loss::Tukey { c: TUKEY_C_95 },
+    ];
     /// Width of the strips of the integrals and of the central differences.
     const STEP: f64 = 1e-3;
     /// What strips of that width leave of an integral or a derivative, with room for the kinks.
@@ -88,7 +92,10 @@ mod tests {
             for i in 1..80 {
                 let s = 0.1 * f64::from(i) + 0.037;
                 let slope = (loss.rho(s + STEP) - loss.rho(s - STEP)) / (2.0 * STEP);
-                assert!((slope / (2.0 * s) - loss.weight(s)).abs() < NUMERIC, "{loss:?} at {s}");
+                assert!(
+                    (slope / (2.0 * s) - loss.weight(s)).abs() < NUMERIC,
+                    "{loss:?} at {s}"
+                );
             }
         }
     }
@@ -100,7 +107,10 @@ mod tests {
                 let s = 0.1 * f64::from(i) + 0.037;
                 let psi = |s: f64| loss.weight(s) * s;
                 let along = (psi(s + STEP) - psi(s - STEP)) / (2.0 * STEP);
-                assert!((2.0 / 3.0 * psi(s) / s + along / 3.0 - loss.mean_slope(s)).abs() < NUMERIC, "{loss:?} at {s}");
+                assert!(
+                    (2.0 / 3.0 * psi(s) / s + along / 3.0 - loss.mean_slope(s)).abs() < NUMERIC,
+                    "{loss:?} at {s}"
+                );
             }
         }
     }
@@ -111,7 +121,10 @@ mod tests {
             assert!((loss.rho(1e-3) / 1e-6 - 1.0).abs() < NUMERIC, "{loss:?}");
             let values: Vec<f64> = (0..200).map(|i| loss.rho(0.1 * f64::from(i))).collect();
             assert!(values.windows(2).all(|pair| pair[1] >= pair[0]), "{loss:?}");
-            assert!((0..200).all(|i| (0.0..=1.0).contains(&loss.weight(0.1 * f64::from(i)))), "{loss:?}");
+            assert!(
+                (0..200).all(|i| (0.0..=1.0).contains(&loss.weight(0.1 * f64::from(i)))),
+                "{loss:?}"
+            );
         }
     }
 
@@ -130,13 +143,18 @@ mod tests {
             for i in 0..12_000 {
                 let s = (f64::from(i) + 0.5) * STEP;
                 // density of a length in three dimensions: sqrt(2/π)·s²·exp(−s²/2)
-                let mass = (2.0 / std::f64::consts::PI).sqrt() * s * s * libm::exp(-0.5 * s * s) * STEP;
+                let mass =
+                    (2.0 / std::f64::consts::PI).sqrt() * s * s * libm::exp(-0.5 * s * s) * STEP;
                 let psi = |s: f64| loss.weight(s) * s;
                 let psi_slope = (psi(s + 0.5 * STEP) - psi(s - 0.5 * STEP)) / STEP;
                 squares += psi(s) * psi(s) / 3.0 * mass;
                 slopes += (2.0 / 3.0 * psi(s) / s + psi_slope / 3.0) * mass;
             }
-            assert!((slopes * slopes / squares - 0.95).abs() < NUMERIC, "{loss:?}: {}", slopes * slopes / squares);
+            assert!(
+                (slopes * slopes / squares - 0.95).abs() < NUMERIC,
+                "{loss:?}: {}",
+                slopes * slopes / squares
+            );
         }
     }
 }

@@ -8,7 +8,12 @@ use nalgebra::DMatrix;
 pub fn transposed_times(a: &DMatrix<f64>, b: &DMatrix<f64>) -> DMatrix<f64> {
     let mut product = DMatrix::zeros(a.ncols(), b.ncols());
     if a.nrows() > 0 && a.ncols() > 0 {
-        dots(a.as_slice(), b.as_slice(), a.nrows(), product.as_mut_slice());
+        dots(
+            a.as_slice(),
+            b.as_slice(),
+            a.nrows(),
+            product.as_mut_slice(),
+        );
     }
     product
 }
@@ -25,7 +30,10 @@ pub fn less_product(c: &DMatrix<f64>, a: &DMatrix<f64>, b: &DMatrix<f64>) -> DMa
 /// `out` <- Aᵀ·B, all column-major: A is rows × m, B rows × n, `out` m × n.
 #[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl+fma", "x86_64+avx2+fma"))]
 fn dots(a: &[f64], b: &[f64], n_rows: usize, out: &mut [f64]) {
-    for (b, out) in b.chunks_exact(n_rows).zip(out.chunks_exact_mut(a.len() / n_rows)) {
+    for (b, out) in b
+        .chunks_exact(n_rows)
+        .zip(out.chunks_exact_mut(a.len() / n_rows))
+    {
         for (a, out) in a.chunks_exact(n_rows).zip(out) {
             *out = dot(a, b);
         }
@@ -35,7 +43,10 @@ fn dots(a: &[f64], b: &[f64], n_rows: usize, out: &mut [f64]) {
 /// `out` <- `out` − A·B, all column-major: A is rows × m, B m × n, `out` rows × n.
 #[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl+fma", "x86_64+avx2+fma"))]
 fn subtract(a: &[f64], b: &[f64], n_rows: usize, out: &mut [f64]) {
-    for (b, out) in b.chunks_exact(a.len() / n_rows).zip(out.chunks_exact_mut(n_rows)) {
+    for (b, out) in b
+        .chunks_exact(a.len() / n_rows)
+        .zip(out.chunks_exact_mut(n_rows))
+    {
         for (a, b) in a.chunks_exact(n_rows).zip(b) {
             add_scaled(-b, a, out);
         }
@@ -49,12 +60,25 @@ mod tests {
     #[test]
     fn products_are_those_of_nalgebra_but_for_rounding() {
         for (rows, m, n) in [(1, 1, 1), (7, 3, 2), (301, 75, 20), (0, 2, 3), (3, 0, 2)] {
-            let numbers =
-                |rows: usize, columns: usize, k: f64| DMatrix::from_fn(rows, columns, |i, j| libm::sin(k + (3 * i + 7 * j) as f64));
-            let (a, b, w) = (numbers(rows, m, 0.1), numbers(rows, n, 0.2), numbers(m, n, 0.3));
+            let numbers = |rows: usize, columns: usize, k: f64| {
+                DMatrix::from_fn(rows, columns, |i, j| libm::sin(k + (3 * i + 7 * j) as f64))
+            };
+            let (a, b, w) = (
+                numbers(rows, m, 0.1),
+                numbers(rows, n, 0.2),
+                numbers(m, n, 0.3),
+            );
             let rounding = 1e-15 * (rows + m + 1) as f64;
-            assert!((transposed_times(&a, &b) - a.tr_mul(&b)).iter().all(|v| v.abs() < rounding));
-            assert!((less_product(&b, &a, &w) - (&b - &a * &w)).iter().all(|v| v.abs() < rounding));
+            assert!(
+                (transposed_times(&a, &b) - a.tr_mul(&b))
+                    .iter()
+                    .all(|v| v.abs() < rounding)
+            );
+            assert!(
+                (less_product(&b, &a, &w) - (&b - &a * &w))
+                    .iter()
+                    .all(|v| v.abs() < rounding)
+            );
         }
     }
 }

@@ -52,7 +52,9 @@ pub fn triangularise(matrix: &mut [f64], n_rows: usize, rhs: &mut [f64]) {
     for k in 0..n_columns {
         let (left, right) = matrix.split_at_mut((k + 1) * n_rows);
         let v = &mut left[k * n_rows + k..];
-        let Some((diagonal, scale)) = householder(v) else { continue };
+        let Some((diagonal, scale)) = householder(v) else {
+            continue;
+        };
         for column in right.chunks_exact_mut(n_rows) {
             let factor = -scale * dot(v, &column[k..]);
             add_scaled(factor, v, &mut column[k..]);

@@ -74,10 +74,20 @@ const ROTATION: (u32, u32) = (45, 64 - 45);
 #[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl", "x86_64+avx2+fma"))]
 fn fill(state: &mut [[u64; LANES]; 4], numbers: &mut [f64]) {
     if target_cfg_f!(target_feature = "avx512dq") {
-        fill_with(state, numbers, (bits_divided, |word| word.rotate_left(ROTATION.0)));
+        fill_with(
+            state,
+            numbers,
+            (bits_divided, |word| word.rotate_left(ROTATION.0)),
+        );
     } else {
         let (left, right) = std::hint::black_box(ROTATION);
-        fill_with(state, numbers, (unit_interval, |word| word.wrapping_shl(left) | word.wrapping_shr(right)));
+        fill_with(
+            state,
+            numbers,
+            (unit_interval, |word| {
+                word.wrapping_shl(left) | word.wrapping_shr(right)
+            }),
+        );
     }
 }
 
@@ -90,7 +100,11 @@ fn bits_divided(bits: u64) -> f64 {
 
 /// With what makes a number of bits, and what rotates a word.
 #[inline(always)]
-fn fill_with(state: &mut [[u64; LANES]; 4], numbers: &mut [f64], how: (impl Fn(u64) -> f64, impl Fn(u64) -> u64)) {
+fn fill_with(
+    state: &mut [[u64; LANES]; 4],
+    numbers: &mut [f64],
+    how: (impl Fn(u64) -> f64, impl Fn(u64) -> u64),
+) {
     let mut blocks = numbers.chunks_exact_mut(LANES);
     for block in &mut blocks {
         block.copy_from_slice(&step(state, &how));
@@ -104,7 +118,10 @@ fn fill_with(state: &mut [[u64; LANES]; 4], numbers: &mut [f64], how: (impl Fn(u
 
 /// One xoshiro256+ step in every lane.
 #[inline(always)]
-fn step(state: &mut [[u64; LANES]; 4], (number, rotated): &(impl Fn(u64) -> f64, impl Fn(u64) -> u64)) -> [f64; LANES] {
+fn step(
+    state: &mut [[u64; LANES]; 4],
+    (number, rotated): &(impl Fn(u64) -> f64, impl Fn(u64) -> u64),
+) -> [f64; LANES] {
     let [s0, s1, s2, s3] = state;
     let mut numbers = [0.0; LANES];
     for lane in 0..LANES {
@@ -127,8 +144,20 @@ mod tests {
     #[test]
     fn the_unit_interval_is_the_upper_bits_divided() {
         let mut random = chacha8(1, 1);
-        let edges = [0, 1, 1 << 11, 1 << 42, 1 << 43, (1 << 43) - 1, u64::MAX, u64::MAX << 43];
-        for bits in edges.into_iter().chain((0..10_000).map(|_| random.next_u64())) {
+        let edges = [
+            0,
+            1,
+            1 << 11,
+            1 << 42,
+            1 << 43,
+            (1 << 43) - 1,
+            u64::MAX,
+            u64::MAX << 43,
+        ];
+        for bits in edges
+            .into_iter()
+            .chain((0..10_000).map(|_| random.next_u64()))
+        {
             assert_eq!(unit_interval(bits), bits_divided(bits), "{bits:x}");
         }
     }

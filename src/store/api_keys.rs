@@ -52,7 +52,11 @@ const INSERT: &str = concat!(
     columns!()
 );
 
-const FIND: &str = concat!("select ", columns!(), " from api_key where key_sha256 = $1 and revoked_at_ms is null");
+const FIND: &str = concat!(
+    "select ",
+    columns!(),
+    " from api_key where key_sha256 = $1 and revoked_at_ms is null"
+);
 
 const GET: &str = concat!("select ", columns!(), " from api_key where id = $1");
 
@@ -72,7 +76,11 @@ const REVOKE: &str = concat!(
     columns!()
 );
 
-const EACH: &str = concat!("select ", columns!(), " from api_key where id > $1 order by id limit cast($2 as bigint)");
+const EACH: &str = concat!(
+    "select ",
+    columns!(),
+    " from api_key where id > $1 order by id limit cast($2 as bigint)"
+);
 
 const CREATED: &str = "key_created";
 const REVOKED: &str = "key_revoked";
@@ -83,7 +91,8 @@ fn as_created(row: &ApiKeyRow) -> Value {
 }
 
 fn as_revoked(row: &ApiKeyRow) -> Option<(i64, Value)> {
-    row.revoked_at_ms.map(|at_ms| (at_ms, json!({"name": row.name, "revoked_at_ms": at_ms})))
+    row.revoked_at_ms
+        .map(|at_ms| (at_ms, json!({"name": row.name, "revoked_at_ms": at_ms})))
 }
 
 impl Noted for ApiKeyRow {
@@ -95,7 +104,14 @@ impl Noted for ApiKeyRow {
 
     fn said(&self) -> Vec<Said> {
         let created = Said::created(CREATED, self.created_at_ms, as_created(self));
-        vec![created, Said { event: REVOKED, now: as_revoked(self), by: None }]
+        vec![
+            created,
+            Said {
+                event: REVOKED,
+                now: as_revoked(self),
+                by: None,
+            },
+        ]
     }
 }
 
@@ -120,7 +136,10 @@ pub async fn insert(tx: &mut Tx, new: &NewApiKey) -> Result<ApiKeyRow> {
 /// # Errors
 /// [`super::Error::Database`].
 pub async fn find(store: &Store, key_sha256: &str) -> Result<Option<ApiKeyRow>> {
-    Ok(sqlx::query_as(FIND).bind(key_sha256).fetch_optional(store.reads()).await?)
+    Ok(sqlx::query_as(FIND)
+        .bind(key_sha256)
+        .fetch_optional(store.reads())
+        .await?)
 }
 
 /// One key, also a revoked one.
@@ -128,7 +147,10 @@ pub async fn find(store: &Store, key_sha256: &str) -> Result<Option<ApiKeyRow>> 
 /// # Errors
 /// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn get(store: &Store, id: &str) -> Result<ApiKeyRow> {
-    Ok(sqlx::query_as(GET).bind(id).fetch_one(store.reads()).await?)
+    Ok(sqlx::query_as(GET)
+        .bind(id)
+        .fetch_one(store.reads())
+        .await?)
 }
 
 /// All keys, also revoked ones, newest first.
@@ -137,7 +159,10 @@ pub async fn get(store: &Store, id: &str) -> Result<ApiKeyRow> {
 /// [`super::Error::Database`].
 pub async fn list(store: &Store, request: &PageRequest) -> Result<Page<ApiKeyRow>> {
     let keyset = request.keyset();
-    let query = sqlx::query_as(LIST).bind(keyset.created_at_ms).bind(keyset.id).bind(keyset.limit);
+    let query = sqlx::query_as(LIST)
+        .bind(keyset.created_at_ms)
+        .bind(keyset.id)
+        .bind(keyset.limit);
     let rows: Vec<ApiKeyRow> = query.fetch_all(store.reads()).await?;
     Ok(request.page(rows, |row| (row.created_at_ms, &row.id)))
 }
@@ -147,7 +172,10 @@ pub async fn list(store: &Store, request: &PageRequest) -> Result<Page<ApiKeyRow
 /// # Errors
 /// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn revoke(tx: &mut Tx, id: &str) -> Result<ApiKeyRow> {
-    let row: ApiKeyRow = sqlx::query_as(REVOKE).bind(id).fetch_one(tx.connection()?).await?;
+    let row: ApiKeyRow = sqlx::query_as(REVOKE)
+        .bind(id)
+        .fetch_one(tx.connection()?)
+        .await?;
     if let Some((_, detail)) = as_revoked(&row) {
         tx.note(REVOKED, &row.id, detail);
     }

@@ -85,7 +85,11 @@ pub(super) struct Said {
 
 impl Said {
     pub(super) fn created(event: &'static str, at_ms: i64, detail: Value) -> Self {
-        Said { event, now: Some((at_ms, detail)), by: None }
+        Said {
+            event,
+            now: Some((at_ms, detail)),
+            by: None,
+        }
     }
 }
 
@@ -110,24 +114,46 @@ const MOVE_HEAD: &str = "update audit_head set seq = $1, sha256 = $2";
 const LIST: &str = "
     select seq, at_ms, actor, event, subject, detail_json, sha256 from audit where seq > $1 order by seq limit cast($2 as bigint)";
 
-const ACTOR: &str = "select actor from audit where subject = $1 and event = $2 order by seq limit 1";
+const ACTOR: &str =
+    "select actor from audit where subject = $1 and event = $2 order by seq limit 1";
 
-const DETAIL: &str = "select detail_json from audit where subject = $1 and event = $2 order by seq limit 1";
+const DETAIL: &str =
+    "select detail_json from audit where subject = $1 and event = $2 order by seq limit 1";
 
 /// What the entry's hash is: of the JSON list of the hash before and all its fields.
 pub(super) fn hash(before: &str, row: &AuditRow) -> String {
-    let AuditRow { seq, at_ms, actor, event, subject, detail_json, .. } = row;
-    let text = serde_json::json!([before, seq, at_ms, actor, event, subject, detail_json]).to_string();
+    let AuditRow {
+        seq,
+        at_ms,
+        actor,
+        event,
+        subject,
+        detail_json,
+        ..
+    } = row;
+    let text =
+        serde_json::json!([before, seq, at_ms, actor, event, subject, detail_json]).to_string();
     canonical::sha256_hex(text.as_bytes())
 }
 
 /// What `notes` become behind `head`.
 pub(super) fn entries(head: &AuditHead, actor: &str, notes: Vec<Note>) -> Vec<AuditRow> {
     let mut head = head.clone();
-    let entry = |Note { event, subject, detail }| {
+    let entry = |Note {
+                     event,
+                     subject,
+                     detail,
+                 }| {
         let (at_ms, detail_json) = (head.now_ms, detail.to_string());
-        let mut row =
-            AuditRow { seq: head.seq + 1, at_ms, actor: actor.into(), event: event.into(), subject, detail_json, sha256: String::new() };
+        let mut row = AuditRow {
+            seq: head.seq + 1,
+            at_ms,
+            actor: actor.into(),
+            event: event.into(),
+            subject,
+            detail_json,
+            sha256: String::new(),
+        };
         row.sha256 = hash(&head.sha256, &row);
         head.follow(&row);
         row
@@ -138,18 +164,37 @@ pub(super) fn entries(head: &AuditHead, actor: &str, notes: Vec<Note>) -> Vec<Au
 /// Writes entries that follow each other, as the last act of a transaction.
 pub(super) async fn write(mut connection: Connection<'_>, entries: &[AuditRow]) -> Result<()> {
     for row in entries {
-        let query = sqlx::query(INSERT).bind(row.seq).bind(row.at_ms).bind(&row.actor).bind(&row.event).bind(&row.subject);
-        query.bind(&row.detail_json).bind(&row.sha256).execute(connection.again()).await?;
+        let query = sqlx::query(INSERT)
+            .bind(row.seq)
+            .bind(row.at_ms)
+            .bind(&row.actor)
+            .bind(&row.event)
+            .bind(&row.subject);
+        query
+            .bind(&row.detail_json)
+            .bind(&row.sha256)
+            .execute(connection.again())
+            .await?;
     }
     if let Some(last) = entries.last() {
-        sqlx::query(MOVE_HEAD).bind(last.seq).bind(&last.sha256).execute(connection).await?;
+        sqlx::query(MOVE_HEAD)
+            .bind(last.seq)
+            .bind(&last.sha256)
+            .execute(connection)
+            .await?;
     }
     Ok(())
 }
 
 /// Adds to the chain, as the last act of a transaction on PostgreSQL.
-pub(super) async fn append(connection: &mut AnyConnection, actor: &str, notes: Vec<Note>) -> Result<()> {
-    let head: AuditHead = sqlx::query_as(HEAD_LOCKED).fetch_one(&mut *connection).await?;
+pub(super) async fn append(
+    connection: &mut AnyConnection,
+    actor: &str,
+    notes: Vec<Note>,
+) -> Result<()> {
+    let head: AuditHead = sqlx::query_as(HEAD_LOCKED)
+        .fetch_one(&mut *connection)
+        .await?;
     write(Connection::Sqlx(connection), &entries(&head, actor, notes)).await
 }
 
@@ -166,7 +211,11 @@ pub async fn head(store: &Store) -> Result<AuditHead> {
 /// # Errors
 /// [`super::Error::Database`].
 pub async fn list(store: &Store, after: i64, limit: i64) -> Result<Vec<AuditRow>> {
-    Ok(sqlx::query_as(LIST).bind(after).bind(limit).fetch_all(store.reads()).await?)
+    Ok(sqlx::query_as(LIST)
+        .bind(after)
+        .bind(limit)
+        .fetch_all(store.reads())
+        .await?)
 }
 
 /// Who first did this to that: the id of a key, as a rule.
@@ -174,7 +223,11 @@ pub async fn list(store: &Store, after: i64, limit: i64) -> Result<Vec<AuditRow>
 /// # Errors
 /// [`super::Error::Database`].
 pub async fn actor(store: &Store, subject: &str, event: &str) -> Result<Option<String>> {
-    Ok(sqlx::query_scalar(ACTOR).bind(subject).bind(event).fetch_optional(store.reads()).await?)
+    Ok(sqlx::query_scalar(ACTOR)
+        .bind(subject)
+        .bind(event)
+        .fetch_optional(store.reads())
+        .await?)
 }
 
 /// What was noted when this first happened to that.
@@ -182,5 +235,9 @@ pub async fn actor(store: &Store, subject: &str, event: &str) -> Result<Option<S
 /// # Errors
 /// [`super::Error::Database`].
 pub async fn detail(store: &Store, subject: &str, event: &str) -> Result<Option<String>> {
-    Ok(sqlx::query_scalar(DETAIL).bind(subject).bind(event).fetch_optional(store.reads()).await?)
+    Ok(sqlx::query_scalar(DETAIL)
+        .bind(subject)
+        .bind(event)
+        .fetch_optional(store.reads())
+        .await?)
 }

@@ -16,18 +16,35 @@ const INTO: &str = "vacuum into $1";
 /// [`Error::Open`] where the directory will not do or the database is PostgreSQL, [`Error::Database`].
 pub async fn write(store: &Store, directory: &Path) -> Result<()> {
     if store.engine() == Engine::Postgres {
-        return Err(Error::Open { detail: "PostgreSQL has its own tools for this: pg_dump, or a base backup with archived WAL".into() });
-    }
-    let failed = |e: std::io::Error| Error::Open { detail: format!("the directory {}: {e}", directory.display()) };
-    std::fs::create_dir_all(directory).map_err(failed)?;
-    if std::fs::read_dir(directory).map_err(failed)?.next().is_some() {
         return Err(Error::Open {
-            detail: format!("the directory {} is not empty: a backup is never written over another", directory.display()),
+            detail:
+                "PostgreSQL has its own tools for this: pg_dump, or a base backup with archived WAL"
+                    .into(),
+        });
+    }
+    let failed = |e: std::io::Error| Error::Open {
+        detail: format!("the directory {}: {e}", directory.display()),
+    };
+    std::fs::create_dir_all(directory).map_err(failed)?;
+    if std::fs::read_dir(directory)
+        .map_err(failed)?
+        .next()
+        .is_some()
+    {
+        return Err(Error::Open {
+            detail: format!(
+                "the directory {} is not empty: a backup is never written over another",
+                directory.display()
+            ),
         });
     }
     let file = directory.join(DATABASE);
-    let path = file.to_str().ok_or_else(|| Error::Open { detail: format!("the directory {} is not UTF-8", directory.display()) })?;
+    let path = file.to_str().ok_or_else(|| Error::Open {
+        detail: format!("the directory {} is not UTF-8", directory.display()),
+    })?;
     sqlx::query(INTO).bind(path).execute(store.pool()).await?;
     let synced = std::fs::File::open(&file).and_then(|file| file.sync_all());
-    synced.and_then(|()| std::fs::File::open(directory)?.sync_all()).map_err(failed)
+    synced
+        .and_then(|()| std::fs::File::open(directory)?.sync_all())
+        .map_err(failed)
 }

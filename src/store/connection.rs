@@ -44,12 +44,18 @@ enum Place<'c> {
 impl<'c> Connection<'c> {
     /// A transaction on SQLite.
     pub(crate) fn sqlite(connection: &'c mut sqlite::Connection) -> Self {
-        Connection::Sqlite(OnSqlite { place: Place::Transaction(connection), is_long: false })
+        Connection::Sqlite(OnSqlite {
+            place: Place::Transaction(connection),
+            is_long: false,
+        })
     }
 
     /// SQLite outside of transactions, to read.
     pub(crate) fn sqlite_pool(pool: &'c sqlite::Pool) -> Self {
-        Connection::Sqlite(OnSqlite { place: Place::Pool(pool), is_long: false })
+        Connection::Sqlite(OnSqlite {
+            place: Place::Pool(pool),
+            is_long: false,
+        })
     }
 
     /// For a statement that may take long.
@@ -68,7 +74,10 @@ impl<'c> Connection<'c> {
                     Place::Transaction(connection) => Place::Transaction(connection),
                     Place::Pool(pool) => Place::Pool(pool),
                 };
-                Connection::Sqlite(OnSqlite { place, is_long: *is_long })
+                Connection::Sqlite(OnSqlite {
+                    place,
+                    is_long: *is_long,
+                })
             }
             Connection::Sqlx(connection) => Connection::Sqlx(connection),
             Connection::SqlxPool(pool) => Connection::SqlxPool(pool),
@@ -82,11 +91,15 @@ impl OnSqlite<'_> {
         let arguments = query.take_arguments().map_err(sqlx::Error::Encode)?;
         let sql = query.sql();
         match self.place {
-            Place::Transaction(connection) if self.is_long || arguments.as_ref().is_some_and(is_large) => {
+            Place::Transaction(connection)
+                if self.is_long || arguments.as_ref().is_some_and(is_large) =>
+            {
                 aside(|| connection.run(sql.as_str(), arguments, most))
             }
             Place::Transaction(connection) => connection.run(sql.as_str(), arguments, most),
-            Place::Pool(pool) if self.is_long || most > 1 => pool.run_aside(sql.as_str(), arguments, most).await,
+            Place::Pool(pool) if self.is_long || most > 1 => {
+                pool.run_aside(sql.as_str(), arguments, most).await
+            }
             Place::Pool(pool) => pool.run(sql.as_str(), arguments, most),
         }
     }
@@ -104,8 +117,14 @@ fn is_large(arguments: &AnyArguments) -> bool {
 
 /// All rows, then what was done.
 fn steps(done: Done) -> impl Iterator<Item = Step> {
-    let end = AnyQueryResult { rows_affected: done.n_changed, last_insert_id: None };
-    done.rows.into_iter().map(|row| Ok(Either::Right(row))).chain([Ok(Either::Left(end))])
+    let end = AnyQueryResult {
+        rows_affected: done.n_changed,
+        last_insert_id: None,
+    };
+    done.rows
+        .into_iter()
+        .map(|row| Ok(Either::Right(row)))
+        .chain([Ok(Either::Left(end))])
 }
 
 impl<'c> Executor<'c> for Connection<'c> {
@@ -118,7 +137,9 @@ impl<'c> Executor<'c> for Connection<'c> {
     {
         match self {
             Connection::Sqlite(sqlite) => {
-                async move { Ok(stream::iter(steps(sqlite.run(query, usize::MAX).await?))) }.try_flatten_stream().boxed()
+                async move { Ok(stream::iter(steps(sqlite.run(query, usize::MAX).await?))) }
+                    .try_flatten_stream()
+                    .boxed()
             }
             Connection::Sqlx(connection) => connection.fetch_many(query),
             Connection::SqlxPool(pool) => pool.fetch_many(query),
@@ -131,13 +152,19 @@ impl<'c> Executor<'c> for Connection<'c> {
         E: 'q + Execute<'q, Any>,
     {
         match self {
-            Connection::Sqlite(sqlite) => async move { Ok(sqlite.run(query, 1).await?.rows.pop()) }.boxed(),
+            Connection::Sqlite(sqlite) => {
+                async move { Ok(sqlite.run(query, 1).await?.rows.pop()) }.boxed()
+            }
             Connection::Sqlx(connection) => connection.fetch_optional(query),
             Connection::SqlxPool(pool) => pool.fetch_optional(query),
         }
     }
 
-    fn prepare_with<'e>(self, sql: SqlStr, parameters: &'e [AnyTypeInfo]) -> BoxFuture<'e, sqlx::Result<AnyStatement>>
+    fn prepare_with<'e>(
+        self,
+        sql: SqlStr,
+        parameters: &'e [AnyTypeInfo],
+    ) -> BoxFuture<'e, sqlx::Result<AnyStatement>>
     where
         'c: 'e,
     {
@@ -162,5 +189,10 @@ impl<'c> Executor<'c> for Connection<'c> {
 
 /// Nothing in the store asks for this.
 fn no_preparing<'e, T: Send + 'e>() -> BoxFuture<'e, sqlx::Result<T>> {
-    async { Err(sqlx::Error::AnyDriverError("SQLite's statements are prepared where they run".into())) }.boxed()
+    async {
+        Err(sqlx::Error::AnyDriverError(
+            "SQLite's statements are prepared where they run".into(),
+        ))
+    }
+    .boxed()
 }

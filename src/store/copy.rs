@@ -27,7 +27,11 @@ pub const TABLES: &[&str] = &[
 ];
 
 /// A job may start from what another job made, which is copied after it: these are filled in at the end.
-const LATER: &[&str] = &["network_input_id", "residual_network_input_id", "parameter_set_input_id"];
+const LATER: &[&str] = &[
+    "network_input_id",
+    "residual_network_input_id",
+    "parameter_set_input_id",
+];
 
 /// Rows copied of one table.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -57,18 +61,26 @@ struct Column {
 ///
 /// # Errors
 /// [`Error::Open`] if the target is not empty or the schemas differ, [`Error::Database`].
-pub async fn copy(from: &Store, to: &Store, mut moved: impl FnMut(&'static str)) -> Result<Vec<Copied>> {
+pub async fn copy(
+    from: &Store,
+    to: &Store,
+    mut moved: impl FnMut(&'static str),
+) -> Result<Vec<Copied>> {
     let versions = (from.schema_version().await?, to.schema_version().await?);
     if versions.0 != versions.1 {
-        let detail =
-            format!("the schemas are at versions {} and {}: run `kincal migrate` of the same kincal on both", versions.0, versions.1);
+        let detail = format!(
+            "the schemas are at versions {} and {}: run `kincal migrate` of the same kincal on both",
+            versions.0, versions.1
+        );
         return Err(Error::Open { detail });
     }
     let mut tx = to.begin().await?;
     let mut source = from.pool().acquire().await?;
     if from.engine() == Engine::Postgres {
         // one moment's view of all tables
-        sqlx::query("begin isolation level repeatable read read only").execute(&mut *source).await?;
+        sqlx::query("begin isolation level repeatable read read only")
+            .execute(&mut *source)
+            .await?;
     }
     let target = &mut tx.connection()?;
     for table in TABLES.iter().filter(|table| **table != "audit_head") {
@@ -77,7 +89,10 @@ pub async fn copy(from: &Store, to: &Store, mut moved: impl FnMut(&'static str))
     let mut copied = Vec::new();
     for &table in TABLES {
         moved(table);
-        copied.push(Copied { table, n_rows: copy_table(&mut source, target, to.engine(), table).await? });
+        copied.push(Copied {
+            table,
+            n_rows: copy_table(&mut source, target, to.engine(), table).await?,
+        });
     }
     link_jobs(&mut source, target).await?;
     if from.engine() == Engine::Postgres {
@@ -89,24 +104,39 @@ pub async fn copy(from: &Store, to: &Store, mut moved: impl FnMut(&'static str))
 
 async fn refuse_rows(target: &mut Connection<'_>, table: &str) -> Result<()> {
     let sql = format!("select count(*) from (select 1 from {table} limit 1) as first_row");
-    let n: i64 = sqlx::query_scalar(AssertSqlSafe(sql)).fetch_one(target.again()).await?;
+    let n: i64 = sqlx::query_scalar(AssertSqlSafe(sql))
+        .fetch_one(target.again())
+        .await?;
     if n > 0 {
-        let detail = format!("the database to copy to has rows in {table} already: give an empty one, so that nothing is mixed");
+        let detail = format!(
+            "the database to copy to has rows in {table} already: give an empty one, so that nothing is mixed"
+        );
         return Err(Error::Open { detail });
     }
     Ok(())
 }
 
-async fn copy_table(source: &mut AnyConnection, target: &mut Connection<'_>, engine: Engine, table: &'static str) -> Result<u64> {
+async fn copy_table(
+    source: &mut AnyConnection,
+    target: &mut Connection<'_>,
+    engine: Engine,
+    table: &'static str,
+) -> Result<u64> {
     let mut columns = columns(target, engine, table).await?;
     if table == "job" {
         columns.retain(|column| !LATER.contains(&column.name.as_str()));
     }
     if table == "audit_head" {
         // a new database has a head of its own
-        sqlx::query("delete from audit_head").execute(target.again()).await?;
+        sqlx::query("delete from audit_head")
+            .execute(target.again())
+            .await?;
     }
-    let names = columns.iter().map(|column| column.name.as_str()).collect::<Vec<_>>().join(", ");
+    let names = columns
+        .iter()
+        .map(|column| column.name.as_str())
+        .collect::<Vec<_>>()
+        .join(", ");
     let select = format!("select {names} from {table}");
     let mut rows = sqlx::query(AssertSqlSafe(select)).fetch(source);
     let mut n_rows = 0;
@@ -119,9 +149,18 @@ async fn copy_table(source: &mut AnyConnection, target: &mut Connection<'_>, eng
                 present.push((at, column));
             }
         }
-        let names = present.iter().map(|(_, column)| column.name.as_str()).collect::<Vec<_>>().join(", ");
-        let places = (1..=present.len()).map(|n| format!("${n}")).collect::<Vec<_>>().join(", ");
-        let mut query = sqlx::query(AssertSqlSafe(format!("insert into {table} ({names}) values ({places})")));
+        let names = present
+            .iter()
+            .map(|(_, column)| column.name.as_str())
+            .collect::<Vec<_>>()
+            .join(", ");
+        let places = (1..=present.len())
+            .map(|n| format!("${n}"))
+            .collect::<Vec<_>>()
+            .join(", ");
+        let mut query = sqlx::query(AssertSqlSafe(format!(
+            "insert into {table} ({names}) values ({places})"
+        )));
         for (at, column) in present {
             query = bind(query, &row, at, column.kind)?;
         }
@@ -131,7 +170,12 @@ async fn copy_table(source: &mut AnyConnection, target: &mut Connection<'_>, eng
     Ok(n_rows)
 }
 
-fn bind<'q>(query: Query<'q, Any, AnyArguments>, row: &sqlx::any::AnyRow, at: usize, kind: Kind) -> Result<Query<'q, Any, AnyArguments>> {
+fn bind<'q>(
+    query: Query<'q, Any, AnyArguments>,
+    row: &sqlx::any::AnyRow,
+    at: usize,
+    kind: Kind,
+) -> Result<Query<'q, Any, AnyArguments>> {
     Ok(match kind {
         Kind::Text => query.bind(row.try_get::<String, _>(at)?),
         Kind::BigInt => query.bind(row.try_get::<i64, _>(at)?),
@@ -145,10 +189,15 @@ async fn link_jobs(source: &mut AnyConnection, target: &mut Connection<'_>) -> R
     for column in LATER {
         let select = format!("select id, {column} from job where {column} is not null");
         let update = format!("update job set {column} = $2 where id = $1");
-        let mut rows = sqlx::query_as::<_, (String, String)>(AssertSqlSafe(select)).fetch(&mut *source);
+        let mut rows =
+            sqlx::query_as::<_, (String, String)>(AssertSqlSafe(select)).fetch(&mut *source);
         while let Some(row) = rows.next().await {
             let (id, value) = row?;
-            sqlx::query(AssertSqlSafe(update.clone())).bind(id).bind(value).execute(target.again()).await?;
+            sqlx::query(AssertSqlSafe(update.clone()))
+                .bind(id)
+                .bind(value)
+                .execute(target.again())
+                .await?;
         }
     }
     Ok(())
@@ -162,14 +211,23 @@ async fn columns(target: &mut Connection<'_>, engine: Engine, table: &str) -> Re
              where table_schema = current_schema() and table_name = $1 order by ordinal_position"
         }
     };
-    let found: Vec<(String, String)> = sqlx::query_as(sql).bind(table).fetch_all(target.again()).await?;
+    let found: Vec<(String, String)> = sqlx::query_as(sql)
+        .bind(table)
+        .fetch_all(target.again())
+        .await?;
     let column = |(name, kind): (String, String)| {
         let kind = match kind.as_str() {
             "text" => Kind::Text,
             "bigint" => Kind::BigInt,
             "double precision" => Kind::Double,
             "blob" | "bytea" => Kind::Bytes,
-            other => return Err(Error::Open { detail: format!("column {table}.{name} is of type {other}, which is not copied yet") }),
+            other => {
+                return Err(Error::Open {
+                    detail: format!(
+                        "column {table}.{name} is of type {other}, which is not copied yet"
+                    ),
+                });
+            }
         };
         Ok(Column { name, kind })
     };

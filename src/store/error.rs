@@ -111,8 +111,13 @@ impl Error {
 
 fn is_unavailable(error: &sqlx::Error) -> bool {
     match error {
-        sqlx::Error::PoolTimedOut | sqlx::Error::PoolClosed | sqlx::Error::Io(_) | sqlx::Error::WorkerCrashed => true,
-        sqlx::Error::Database(error) => error.code().is_some_and(|code| reason_of_code(&code).is_some()),
+        sqlx::Error::PoolTimedOut
+        | sqlx::Error::PoolClosed
+        | sqlx::Error::Io(_)
+        | sqlx::Error::WorkerCrashed => true,
+        sqlx::Error::Database(error) => error
+            .code()
+            .is_some_and(|code| reason_of_code(&code).is_some()),
         _ => false,
     }
 }
@@ -121,10 +126,15 @@ fn reason(error: &sqlx::Error) -> &'static str {
     match error {
         sqlx::Error::PoolTimedOut => "no connection to it became free in time",
         sqlx::Error::PoolClosed => "the server is stopping",
-        sqlx::Error::Io(error) if error.kind() == std::io::ErrorKind::NotFound => "its data directory was moved or removed",
+        sqlx::Error::Io(error) if error.kind() == std::io::ErrorKind::NotFound => {
+            "its data directory was moved or removed"
+        }
         sqlx::Error::Io(_) => "the connection to it failed",
         sqlx::Error::WorkerCrashed => "a connection to it broke",
-        sqlx::Error::Database(error) => error.code().and_then(|code| reason_of_code(&code)).unwrap_or("it reports a fault"),
+        sqlx::Error::Database(error) => error
+            .code()
+            .and_then(|code| reason_of_code(&code))
+            .unwrap_or("it reports a fault"),
         _ => "it does not do what it should",
     }
 }
@@ -141,7 +151,10 @@ fn reason_of_code(code: &str) -> Option<&'static str> {
             ("40", "others write the same rows"),
             ("3D", "it is not there"),
         ];
-        return classes.into_iter().find(|(class, _)| code.starts_with(class)).map(|(_, reason)| reason);
+        return classes
+            .into_iter()
+            .find(|(class, _)| code.starts_with(class))
+            .map(|(_, reason)| reason);
     }
     Some(match code.parse::<u32>().ok()? & 0xff {
         5 | 6 => "another program locks it",
@@ -160,8 +173,15 @@ impl Error {
     /// For the statements of a release: a trigger's refusal is an answer, not a fault of the database.
     pub(super) fn of_release(error: sqlx::Error) -> Self {
         match error.as_database_error() {
-            Some(refusal) if refusal.code().is_some_and(|code| BY_TRIGGER.contains(&&*code)) => {
-                Conflict::RefusedBySchema { why: refusal.message().to_owned() }.into()
+            Some(refusal)
+                if refusal
+                    .code()
+                    .is_some_and(|code| BY_TRIGGER.contains(&&*code)) =>
+            {
+                Conflict::RefusedBySchema {
+                    why: refusal.message().to_owned(),
+                }
+                .into()
             }
             _ => error.into(),
         }

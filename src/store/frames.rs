@@ -41,7 +41,8 @@ const INSERT: &str = "
     values ($1, $2, $3, $4, $5, (select now_ms from clock))
     returning id, robot_id, content_type, result_json, created_at_ms";
 
-const GET: &str = "select id, robot_id, content_type, result_json, created_at_ms from frames where id = $1";
+const GET: &str =
+    "select id, robot_id, content_type, result_json, created_at_ms from frames where id = $1";
 
 const BODY: &str = "select body from frames where id = $1";
 
@@ -97,7 +98,10 @@ pub async fn insert(tx: &mut Tx, new: &NewFrames) -> Result<FramesRow> {
 /// # Errors
 /// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn get(store: &Store, id: &str) -> Result<FramesRow> {
-    Ok(sqlx::query_as(GET).bind(id).fetch_one(store.reads()).await?)
+    Ok(sqlx::query_as(GET)
+        .bind(id)
+        .fetch_one(store.reads())
+        .await?)
 }
 
 /// The uploaded bytes.
@@ -105,7 +109,10 @@ pub async fn get(store: &Store, id: &str) -> Result<FramesRow> {
 /// # Errors
 /// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn body(store: &Store, id: &str) -> Result<Vec<u8>> {
-    Ok(sqlx::query_scalar(BODY).bind(id).fetch_one(store.reads_much()).await?)
+    Ok(sqlx::query_scalar(BODY)
+        .bind(id)
+        .fetch_one(store.reads_much())
+        .await?)
 }
 
 /// A robot's frames, newest first.
@@ -114,7 +121,11 @@ pub async fn body(store: &Store, id: &str) -> Result<Vec<u8>> {
 /// [`super::Error::Database`].
 pub async fn list(store: &Store, robot_id: &str, request: &PageRequest) -> Result<Page<FramesRow>> {
     let keyset = request.keyset();
-    let query = sqlx::query_as(LIST).bind(robot_id).bind(keyset.created_at_ms).bind(keyset.id).bind(keyset.limit);
+    let query = sqlx::query_as(LIST)
+        .bind(robot_id)
+        .bind(keyset.created_at_ms)
+        .bind(keyset.id)
+        .bind(keyset.limit);
     let rows: Vec<FramesRow> = query.fetch_all(store.reads()).await?;
     Ok(request.page(rows, |row| (row.created_at_ms, &row.id)))
 }

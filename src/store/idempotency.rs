@@ -65,7 +65,8 @@ const FIND: &str = "
     select request_sha256, status, location, content_type, response_body from idempotency
     where key_holder = $1 and method = $2 and path = $3 and idempotency_key = $4";
 
-const FORGET_OLD: &str = "delete from idempotency where created_at_ms < (select now_ms from clock) - $1";
+const FORGET_OLD: &str =
+    "delete from idempotency where created_at_ms < (select now_ms from clock) - $1";
 
 type Found = (String, i64, Option<String>, String, Vec<u8>);
 
@@ -76,7 +77,10 @@ impl Store {
     /// [`Error::Database`].
     pub async fn forget_old_keys(&self) -> Result<()> {
         let mut tx = self.begin().await?;
-        sqlx::query(FORGET_OLD).bind(KEPT_MS).execute(tx.connection()?.for_long()).await?;
+        sqlx::query(FORGET_OLD)
+            .bind(KEPT_MS)
+            .execute(tx.connection()?.for_long())
+            .await?;
         tx.commit().await
     }
 
@@ -87,7 +91,11 @@ impl Store {
     ///
     /// # Errors
     /// What `effect` returns, [`Error::Database`].
-    pub async fn create_idempotent<E, F>(&self, scope: Option<&IdempotencyScope>, effect: F) -> Result<IdempotentOutcome, E>
+    pub async fn create_idempotent<E, F>(
+        &self,
+        scope: Option<&IdempotencyScope>,
+        effect: F,
+    ) -> Result<IdempotentOutcome, E>
     where
         E: From<Error>,
         F: AsyncFnOnce(&mut Tx) -> Result<StoredResponse, E>,
@@ -117,14 +125,33 @@ impl Store {
 }
 
 async fn claim(tx: &mut Tx, scope: &IdempotencyScope) -> Result<bool> {
-    let query = sqlx::query(CLAIM).bind(&scope.holder).bind(&scope.method).bind(&scope.path).bind(&scope.key);
-    Ok(query.bind(&scope.request_sha256).execute(tx.connection()?).await?.rows_affected() == 1)
+    let query = sqlx::query(CLAIM)
+        .bind(&scope.holder)
+        .bind(&scope.method)
+        .bind(&scope.path)
+        .bind(&scope.key);
+    Ok(query
+        .bind(&scope.request_sha256)
+        .execute(tx.connection()?)
+        .await?
+        .rows_affected()
+        == 1)
 }
 
 async fn answer(tx: &mut Tx, scope: &IdempotencyScope, response: &StoredResponse) -> Result<()> {
-    let query = sqlx::query(ANSWER).bind(&scope.holder).bind(&scope.method).bind(&scope.path).bind(&scope.key);
-    let query = query.bind(i64::from(response.status)).bind(response.location.as_deref()).bind(&response.content_type);
-    query.bind(response.body.as_slice()).execute(tx.connection()?).await?;
+    let query = sqlx::query(ANSWER)
+        .bind(&scope.holder)
+        .bind(&scope.method)
+        .bind(&scope.path)
+        .bind(&scope.key);
+    let query = query
+        .bind(i64::from(response.status))
+        .bind(response.location.as_deref())
+        .bind(&response.content_type);
+    query
+        .bind(response.body.as_slice())
+        .execute(tx.connection()?)
+        .await?;
     let (request, answer) = hashes(scope, response);
     tx.note_also(NOTED_AS, json!([request, answer]));
     Ok(())
@@ -137,8 +164,17 @@ const NOTED_AS: &str = "answered";
 pub(super) fn hashes(scope: &IdempotencyScope, response: &StoredResponse) -> (String, String) {
     let request = json!([scope.holder, scope.method, scope.path, scope.key]);
     let body_sha256 = canonical::sha256_hex(&response.body);
-    let answer = json!([scope.request_sha256, response.status, response.location, response.content_type, body_sha256]);
-    (canonical::sha256_hex(request.to_string().as_bytes()), canonical::sha256_hex(answer.to_string().as_bytes()))
+    let answer = json!([
+        scope.request_sha256,
+        response.status,
+        response.location,
+        response.content_type,
+        body_sha256
+    ]);
+    (
+        canonical::sha256_hex(request.to_string().as_bytes()),
+        canonical::sha256_hex(answer.to_string().as_bytes()),
+    )
 }
 
 /// Both hashes, as an entry has them.
@@ -168,9 +204,15 @@ impl FromRow<'_, AnyRow> for Answered {
             Some(status) => Some(StoredResponse {
                 status: u16::try_from(status).unwrap_or_default(),
                 location: row.try_get("location")?,
-                content_type: row.try_get::<Option<_>, _>("content_type")?.unwrap_or_default(),
+                content_type: row
+                    .try_get::<Option<_>, _>("content_type")?
+                    .unwrap_or_default(),
                 // SQLite takes text for bytes: not what was given either.
-                body: row.try_get::<Option<_>, _>("response_body").ok().flatten().unwrap_or_default(),
+                body: row
+                    .try_get::<Option<_>, _>("response_body")
+                    .ok()
+                    .flatten()
+                    .unwrap_or_default(),
             }),
             None => None,
         };
@@ -179,11 +221,22 @@ impl FromRow<'_, AnyRow> for Answered {
 }
 
 async fn answer_again(tx: &mut Tx, scope: &IdempotencyScope) -> Result<IdempotentOutcome> {
-    let query = sqlx::query_as(FIND).bind(&scope.holder).bind(&scope.method).bind(&scope.path).bind(&scope.key);
-    let (request_sha256, status, location, content_type, body): Found = query.fetch_one(tx.connection()?).await?;
+    let query = sqlx::query_as(FIND)
+        .bind(&scope.holder)
+        .bind(&scope.method)
+        .bind(&scope.path)
+        .bind(&scope.key);
+    let (request_sha256, status, location, content_type, body): Found =
+        query.fetch_one(tx.connection()?).await?;
     if request_sha256 != scope.request_sha256 {
         return Ok(IdempotentOutcome::Reused);
     }
-    let status = u16::try_from(status).map_err(|e| Error::Database(sqlx::Error::Decode(e.into())))?;
-    Ok(IdempotentOutcome::Replay(StoredResponse { status, location, content_type, body }))
+    let status =
+        u16::try_from(status).map_err(|e| Error::Database(sqlx::Error::Decode(e.into())))?;
+    Ok(IdempotentOutcome::Replay(StoredResponse {
+        status,
+        location,
+        content_type,
+        body,
+    }))
 }

@@ -35,7 +35,10 @@ impl JobStatus {
 
     /// Whether it stays so for ever.
     pub fn is_over(self) -> bool {
-        matches!(self, JobStatus::Succeeded | JobStatus::Failed | JobStatus::Cancelled)
+        matches!(
+            self,
+            JobStatus::Succeeded | JobStatus::Failed | JobStatus::Cancelled
+        )
     }
 }
 
@@ -43,10 +46,16 @@ impl TryFrom<String> for JobStatus {
     type Error = String;
 
     fn try_from(text: String) -> std::result::Result<Self, String> {
-        [JobStatus::Queued, JobStatus::Running, JobStatus::Succeeded, JobStatus::Failed, JobStatus::Cancelled]
-            .into_iter()
-            .find(|status| status.as_str() == text)
-            .ok_or_else(|| format!("unknown job status {text:?}"))
+        [
+            JobStatus::Queued,
+            JobStatus::Running,
+            JobStatus::Succeeded,
+            JobStatus::Failed,
+            JobStatus::Cancelled,
+        ]
+        .into_iter()
+        .find(|status| status.as_str() == text)
+        .ok_or_else(|| format!("unknown job status {text:?}"))
     }
 }
 
@@ -150,7 +159,17 @@ macro_rules! columns {
 
 pub(super) use columns;
 
-pub(super) const ALL_QUERIES: &[&str] = &[INSERT, GET, LIST, REPORT, CONVERGENCE, ANY_QUEUED, CANCEL, COUNT_BY_STATUS, EACH];
+pub(super) const ALL_QUERIES: &[&str] = &[
+    INSERT,
+    GET,
+    LIST,
+    REPORT,
+    CONVERGENCE,
+    ANY_QUEUED,
+    CANCEL,
+    COUNT_BY_STATUS,
+    EACH,
+];
 
 // Its turn is the one after the client's last that waits, and never before the turn that is being served: who has not posted for a while
 // does not hold back the others now.
@@ -194,9 +213,14 @@ const CANCEL: &str = "
         status = case when status = 'queued' then 'cancelled' else status end
     where id = $1 and status in ('queued', 'running')";
 
-const COUNT_BY_STATUS: &str = "select status, count(*) from job where status in ('queued', 'running') group by status";
+const COUNT_BY_STATUS: &str =
+    "select status, count(*) from job where status in ('queued', 'running') group by status";
 
-const EACH: &str = concat!("select client, ", columns!(), " from job where id > $1 order by id limit cast($2 as bigint)");
+const EACH: &str = concat!(
+    "select client, ",
+    columns!(),
+    " from job where id > $1 order by id limit cast($2 as bigint)"
+);
 
 const CREATED: &str = "job_created";
 pub(super) const FAILED: &str = "job_failed";
@@ -210,7 +234,13 @@ pub(super) struct Posted {
 }
 
 fn as_created(row: &JobRow, client: &str) -> Value {
-    let rest = json!([row.kind, row.method, row.priority, client, row.created_at_ms]);
+    let rest = json!([
+        row.kind,
+        row.method,
+        row.priority,
+        client,
+        row.created_at_ms
+    ]);
     json!({"robot_id": row.robot_id, "measurement_set_id": row.measurement_set_id, "verify_set_id": row.verify_set_id,
         "frames_id": row.frames_id, "network_input_id": row.network_input_id, "residual_network_input_id": row.residual_network_input_id,
         "parameter_set_input_id": row.parameter_set_input_id, "request_sha256": canonical::sha256_hex(row.request_json.as_bytes()),
@@ -230,8 +260,18 @@ impl Noted for Posted {
 
     fn said(&self) -> Vec<Said> {
         let Posted { client, job } = self;
-        let failed = job.error_json.as_deref().map(|error| (job.finished_at_ms.unwrap_or_default(), as_failed(error)));
-        vec![Said::created(CREATED, job.created_at_ms, as_created(job, client)), Said { event: FAILED, now: failed, by: None }]
+        let failed = job
+            .error_json
+            .as_deref()
+            .map(|error| (job.finished_at_ms.unwrap_or_default(), as_failed(error)));
+        vec![
+            Said::created(CREATED, job.created_at_ms, as_created(job, client)),
+            Said {
+                event: FAILED,
+                now: failed,
+                by: None,
+            },
+        ]
     }
 }
 
@@ -259,7 +299,9 @@ pub async fn insert(tx: &mut Tx, new: &NewJob, limit: Option<i64>) -> Result<Job
         .bind(&new.client)
         .bind(limit);
     let row: Option<JobRow> = query.fetch_optional(tx.connection()?).await?;
-    let row = row.ok_or(Conflict::QueueFull { limit: limit.unwrap_or_default() })?;
+    let row = row.ok_or(Conflict::QueueFull {
+        limit: limit.unwrap_or_default(),
+    })?;
     tx.note(CREATED, &id, as_created(&row, &new.client));
     Ok(row)
 }
@@ -269,7 +311,10 @@ pub async fn insert(tx: &mut Tx, new: &NewJob, limit: Option<i64>) -> Result<Job
 /// # Errors
 /// [`Error::NotFound`], [`Error::Database`].
 pub async fn get(store: &Store, id: &str) -> Result<JobRow> {
-    Ok(sqlx::query_as(GET).bind(id).fetch_one(store.reads()).await?)
+    Ok(sqlx::query_as(GET)
+        .bind(id)
+        .fetch_one(store.reads())
+        .await?)
 }
 
 /// One job, as this transaction sees it.
@@ -277,7 +322,10 @@ pub async fn get(store: &Store, id: &str) -> Result<JobRow> {
 /// # Errors
 /// [`Error::NotFound`], [`Error::Database`].
 pub async fn get_in(tx: &mut Tx, id: &str) -> Result<JobRow> {
-    Ok(sqlx::query_as(GET).bind(id).fetch_one(tx.connection()?).await?)
+    Ok(sqlx::query_as(GET)
+        .bind(id)
+        .fetch_one(tx.connection()?)
+        .await?)
 }
 
 /// A robot's jobs, newest first.
@@ -286,7 +334,11 @@ pub async fn get_in(tx: &mut Tx, id: &str) -> Result<JobRow> {
 /// [`Error::Database`].
 pub async fn list(store: &Store, robot_id: &str, request: &PageRequest) -> Result<Page<JobRow>> {
     let keyset = request.keyset();
-    let query = sqlx::query_as(LIST).bind(robot_id).bind(keyset.created_at_ms).bind(keyset.id).bind(keyset.limit);
+    let query = sqlx::query_as(LIST)
+        .bind(robot_id)
+        .bind(keyset.created_at_ms)
+        .bind(keyset.id)
+        .bind(keyset.limit);
     let rows: Vec<JobRow> = query.fetch_all(store.reads()).await?;
     Ok(request.page(rows, |row| (row.created_at_ms, &row.id)))
 }
@@ -308,8 +360,12 @@ pub async fn convergence(store: &Store, id: &str) -> Result<String> {
 }
 
 async fn document(store: &Store, query: &'static str, id: &str) -> Result<String> {
-    let (status, document): (String, Option<String>) = sqlx::query_as(query).bind(id).fetch_one(store.reads_much()).await?;
-    let status = JobStatus::try_from(status).map_err(|e| Error::Database(sqlx::Error::Decode(e.into())))?;
+    let (status, document): (String, Option<String>) = sqlx::query_as(query)
+        .bind(id)
+        .fetch_one(store.reads_much())
+        .await?;
+    let status =
+        JobStatus::try_from(status).map_err(|e| Error::Database(sqlx::Error::Decode(e.into())))?;
     document.ok_or(Conflict::JobStatus { status }.into())
 }
 
@@ -318,7 +374,9 @@ async fn document(store: &Store, query: &'static str, id: &str) -> Result<String
 /// # Errors
 /// [`Error::Database`].
 pub async fn any_queued(store: &Store) -> Result<bool> {
-    let one: Option<i64> = sqlx::query_scalar(ANY_QUEUED).fetch_optional(store.reads()).await?;
+    let one: Option<i64> = sqlx::query_scalar(ANY_QUEUED)
+        .fetch_optional(store.reads())
+        .await?;
     Ok(one.is_some())
 }
 
@@ -327,8 +385,15 @@ pub async fn any_queued(store: &Store) -> Result<bool> {
 /// # Errors
 /// [`Error::Database`].
 pub async fn queued_and_running(store: &Store) -> Result<(i64, i64)> {
-    let counts: Vec<(String, i64)> = sqlx::query_as(COUNT_BY_STATUS).fetch_all(store.reads()).await?;
-    let of = |status: JobStatus| counts.iter().find(|(s, _)| s == status.as_str()).map_or(0, |(_, n)| *n);
+    let counts: Vec<(String, i64)> = sqlx::query_as(COUNT_BY_STATUS)
+        .fetch_all(store.reads())
+        .await?;
+    let of = |status: JobStatus| {
+        counts
+            .iter()
+            .find(|(s, _)| s == status.as_str())
+            .map_or(0, |(_, n)| *n)
+    };
     Ok((of(JobStatus::Queued), of(JobStatus::Running)))
 }
 
@@ -337,10 +402,18 @@ pub async fn queued_and_running(store: &Store) -> Result<(i64, i64)> {
 /// # Errors
 /// [`Error::NotFound`], [`Error::Database`].
 pub async fn cancel(tx: &mut Tx, id: &str) -> Result<JobRow> {
-    let changed = sqlx::query(CANCEL).bind(id).execute(tx.connection()?).await?.rows_affected();
+    let changed = sqlx::query(CANCEL)
+        .bind(id)
+        .execute(tx.connection()?)
+        .await?
+        .rows_affected();
     let row = get_in(tx, id).await?;
     if changed > 0 {
-        let event = if row.status == JobStatus::Cancelled { "job_cancelled" } else { "job_cancel_requested" };
+        let event = if row.status == JobStatus::Cancelled {
+            "job_cancelled"
+        } else {
+            "job_cancel_requested"
+        };
         tx.note(event, id, json!({}));
     }
     Ok(row)

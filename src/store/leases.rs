@@ -22,7 +22,11 @@ pub struct Lease {
 impl Lease {
     /// The hold that this claim of the job gives.
     pub fn of(job: &JobRow, owner: &str) -> Lease {
-        Lease { job_id: job.id.clone(), owner: owner.to_owned(), attempt: job.attempt }
+        Lease {
+            job_id: job.id.clone(),
+            owner: owner.to_owned(),
+            attempt: job.attempt,
+        }
     }
 }
 
@@ -62,13 +66,21 @@ macro_rules! claim {
 /// The fence: this job, if this worker still has it in this attempt.
 macro_rules! fenced {
     ($update:literal) => {
-        concat!($update, " where id = $1 and owner = $2 and attempt = $3 and status = 'running'")
+        concat!(
+            $update,
+            " where id = $1 and owner = $2 and attempt = $3 and status = 'running'"
+        )
     };
 }
 
 macro_rules! expired {
     ($update:literal, $condition:literal) => {
-        concat!($update, " where status = 'running' and lease_until_ms < (select now_ms from clock) and ", $condition, " returning id")
+        concat!(
+            $update,
+            " where status = 'running' and lease_until_ms < (select now_ms from clock) and ",
+            $condition,
+            " returning id"
+        )
     };
 }
 
@@ -94,7 +106,9 @@ const CLAIM_SQLITE: &str = claim!("");
 const CLAIM_POSTGRES: &str = claim!(" for update skip locked");
 
 const HEARTBEAT: &str = concat!(
-    fenced!("update job set lease_until_ms = (select now_ms from clock) + $4, progress_json = coalesce($5, progress_json)"),
+    fenced!(
+        "update job set lease_until_ms = (select now_ms from clock) + $4, progress_json = coalesce($5, progress_json)"
+    ),
     " returning cancel_requested_at_ms"
 );
 
@@ -120,7 +134,9 @@ const FAIL: &str = concat!(
     " returning status"
 );
 
-const CANCELLED: &str = fenced!("update job set status = 'cancelled', lease_until_ms = null, finished_at_ms = (select now_ms from clock)");
+const CANCELLED: &str = fenced!(
+    "update job set status = 'cancelled', lease_until_ms = null, finished_at_ms = (select now_ms from clock)"
+);
 
 const GIVE_UP: &str = fenced!("update job set lease_until_ms = 0");
 
@@ -170,7 +186,11 @@ pub async fn claim_in(tx: &mut Tx, owner: &str, lease: Duration) -> Result<Optio
         Engine::Sqlite => CLAIM_SQLITE,
         Engine::Postgres => CLAIM_POSTGRES,
     };
-    Ok(sqlx::query_as(statement).bind(owner).bind(millis(lease)).fetch_optional(tx.connection()?).await?)
+    Ok(sqlx::query_as(statement)
+        .bind(owner)
+        .bind(millis(lease))
+        .fetch_optional(tx.connection()?)
+        .await?)
 }
 
 /// Takes the next waiting job in a transaction of its own, for those who do not go on with it at once: tests and studies.
@@ -188,23 +208,46 @@ pub async fn claim(store: &Store, owner: &str, lease: Duration) -> Result<Option
 ///
 /// # Errors
 /// [`Conflict::LeaseLost`], [`super::Error::Database`].
-pub async fn heartbeat(store: &Store, lease: &Lease, duration: Duration, progress_json: Option<&str>) -> Result<Heartbeat> {
+pub async fn heartbeat(
+    store: &Store,
+    lease: &Lease,
+    duration: Duration,
+    progress_json: Option<&str>,
+) -> Result<Heartbeat> {
     let mut tx = store.begin().await?;
-    let query = sqlx::query_scalar(HEARTBEAT).bind(&lease.job_id).bind(&lease.owner).bind(lease.attempt);
+    let query = sqlx::query_scalar(HEARTBEAT)
+        .bind(&lease.job_id)
+        .bind(&lease.owner)
+        .bind(lease.attempt);
     let query = query.bind(millis(duration)).bind(progress_json);
-    let cancel_requested_at_ms: Option<Option<i64>> = query.fetch_optional(tx.connection()?).await?;
+    let cancel_requested_at_ms: Option<Option<i64>> =
+        query.fetch_optional(tx.connection()?).await?;
     tx.commit().await?;
     let cancel_requested_at_ms = cancel_requested_at_ms.ok_or(Conflict::LeaseLost)?;
-    Ok(Heartbeat { cancel_requested: cancel_requested_at_ms.is_some() })
+    Ok(Heartbeat {
+        cancel_requested: cancel_requested_at_ms.is_some(),
+    })
 }
 
 /// Ends a job with its report. False if somebody wants it cancelled: then it is, and has none.
 ///
 /// # Errors
 /// [`Conflict::LeaseLost`], [`super::Error::Database`]; the transaction must then not be committed.
-pub async fn succeed(tx: &mut Tx, lease: &Lease, report_json: &str, convergence_json: &str, result_sha256: &str) -> Result<bool> {
-    let query = sqlx::query_scalar(SUCCEED).bind(&lease.job_id).bind(&lease.owner).bind(lease.attempt);
-    let query = query.bind(report_json).bind(convergence_json).bind(result_sha256);
+pub async fn succeed(
+    tx: &mut Tx,
+    lease: &Lease,
+    report_json: &str,
+    convergence_json: &str,
+    result_sha256: &str,
+) -> Result<bool> {
+    let query = sqlx::query_scalar(SUCCEED)
+        .bind(&lease.job_id)
+        .bind(&lease.owner)
+        .bind(lease.attempt);
+    let query = query
+        .bind(report_json)
+        .bind(convergence_json)
+        .bind(result_sha256);
     let status: Option<String> = query.fetch_optional(tx.connection()?).await?;
     if status.ok_or(Conflict::LeaseLost)? == "cancelled" {
         note(tx, lease, "job_cancelled", json!({}));
@@ -221,7 +264,11 @@ pub async fn succeed(tx: &mut Tx, lease: &Lease, report_json: &str, convergence_
 /// # Errors
 /// [`Conflict::LeaseLost`], [`super::Error::Database`].
 pub async fn fail(tx: &mut Tx, lease: &Lease, error_json: &str) -> Result<()> {
-    let query = sqlx::query_scalar(FAIL).bind(&lease.job_id).bind(&lease.owner).bind(lease.attempt).bind(error_json);
+    let query = sqlx::query_scalar(FAIL)
+        .bind(&lease.job_id)
+        .bind(&lease.owner)
+        .bind(lease.attempt)
+        .bind(error_json);
     let status: Option<String> = query.fetch_optional(tx.connection()?).await?;
     match status.ok_or(Conflict::LeaseLost)?.as_str() {
         "cancelled" => note(tx, lease, "job_cancelled", json!({})),
@@ -235,7 +282,10 @@ pub async fn fail(tx: &mut Tx, lease: &Lease, error_json: &str) -> Result<()> {
 /// # Errors
 /// [`Conflict::LeaseLost`], [`super::Error::Database`].
 pub async fn cancelled(tx: &mut Tx, lease: &Lease) -> Result<()> {
-    let query = sqlx::query(CANCELLED).bind(&lease.job_id).bind(&lease.owner).bind(lease.attempt);
+    let query = sqlx::query(CANCELLED)
+        .bind(&lease.job_id)
+        .bind(&lease.owner)
+        .bind(lease.attempt);
     held(query.execute(tx.connection()?).await?.rows_affected())?;
     note(tx, lease, "job_cancelled", json!({}));
     Ok(())
@@ -246,7 +296,10 @@ pub async fn cancelled(tx: &mut Tx, lease: &Lease) -> Result<()> {
 /// # Errors
 /// [`Conflict::LeaseLost`], [`super::Error::Database`].
 pub async fn hand_back(tx: &mut Tx, lease: &Lease) -> Result<()> {
-    let query = sqlx::query_scalar(HAND_BACK).bind(&lease.job_id).bind(&lease.owner).bind(lease.attempt);
+    let query = sqlx::query_scalar(HAND_BACK)
+        .bind(&lease.job_id)
+        .bind(&lease.owner)
+        .bind(lease.attempt);
     let status: Option<String> = query.fetch_optional(tx.connection()?).await?;
     if status.ok_or(Conflict::LeaseLost)? == "cancelled" {
         note(tx, lease, "job_cancelled", json!({}));
@@ -259,7 +312,10 @@ pub async fn hand_back(tx: &mut Tx, lease: &Lease) -> Result<()> {
 /// # Errors
 /// [`Conflict::LeaseLost`], [`super::Error::Database`].
 pub async fn give_up(tx: &mut Tx, lease: &Lease) -> Result<()> {
-    let query = sqlx::query(GIVE_UP).bind(&lease.job_id).bind(&lease.owner).bind(lease.attempt);
+    let query = sqlx::query(GIVE_UP)
+        .bind(&lease.job_id)
+        .bind(&lease.owner)
+        .bind(lease.attempt);
     held(query.execute(tx.connection()?).await?.rows_affected())
 }
 
@@ -275,22 +331,39 @@ fn note(tx: &mut Tx, lease: &Lease, event: &'static str, detail: serde_json::Val
 /// [`super::Error::Database`].
 pub async fn expire(store: &Store, max_attempts: i64, exhausted_json: &str) -> Result<Expired> {
     // Mostly there are none, and looking needs no write lock.
-    let n_expired: i64 = sqlx::query_scalar(N_EXPIRED).fetch_one(store.reads()).await?;
+    let n_expired: i64 = sqlx::query_scalar(N_EXPIRED)
+        .fetch_one(store.reads())
+        .await?;
     if n_expired == 0 {
         return Ok(Expired::default());
     }
     let mut tx = store.begin().await?;
-    let cancelled = sqlx::query_scalar(EXPIRE_CANCELLED).fetch_all(tx.connection()?).await?;
-    let failed = sqlx::query_scalar(EXPIRE_FAILED).bind(max_attempts).bind(exhausted_json).bind(MAX_DEATHS);
+    let cancelled = sqlx::query_scalar(EXPIRE_CANCELLED)
+        .fetch_all(tx.connection()?)
+        .await?;
+    let failed = sqlx::query_scalar(EXPIRE_FAILED)
+        .bind(max_attempts)
+        .bind(exhausted_json)
+        .bind(MAX_DEATHS);
     let failed: Vec<String> = failed.fetch_all(tx.connection()?).await?;
-    let queued = sqlx::query_scalar(EXPIRE_QUEUED).bind(max_attempts).bind(MAX_DEATHS).fetch_all(tx.connection()?).await?;
-    cancelled.iter().for_each(|id: &String| tx.note("job_cancelled", id, json!({})));
+    let queued = sqlx::query_scalar(EXPIRE_QUEUED)
+        .bind(max_attempts)
+        .bind(MAX_DEATHS)
+        .fetch_all(tx.connection()?)
+        .await?;
+    cancelled
+        .iter()
+        .for_each(|id: &String| tx.note("job_cancelled", id, json!({})));
     for id in &failed {
         tx.note(jobs::FAILED, id, jobs::as_failed(exhausted_json));
         tx.note_also("code", "attempts_exhausted".into());
     }
     tx.commit().await?;
-    Ok(Expired { queued, failed, cancelled })
+    Ok(Expired {
+        queued,
+        failed,
+        cancelled,
+    })
 }
 
 /// Ends every lease: whoever holds the data directory alone knows that the workers before it are dead. The attempts are
@@ -307,5 +380,9 @@ fn millis(duration: Duration) -> i64 {
 }
 
 fn held(rows: u64) -> Result<()> {
-    if rows == 0 { Err(Conflict::LeaseLost.into()) } else { Ok(()) }
+    if rows == 0 {
+        Err(Conflict::LeaseLost.into())
+    } else {
+        Ok(())
+    }
 }

@@ -87,8 +87,11 @@ const INSERT: &str = concat!(
 const GET: &str = concat!("select ", columns!(), " from measurement_set where id = $1");
 
 // Large ones are read apart: see `Store::reads_much`.
-const GET_WITH_BODY: &str =
-    concat!("select case when length(body) <= 1048576 then body end as body, ", columns!(), " from measurement_set where id = $1");
+const GET_WITH_BODY: &str = concat!(
+    "select case when length(body) <= 1048576 then body end as body, ",
+    columns!(),
+    " from measurement_set where id = $1"
+);
 
 const BODY: &str = "select body from measurement_set where id = $1";
 
@@ -101,12 +104,23 @@ const LIST: &str = concat!(
      limit cast($4 as bigint)"
 );
 
-const EACH: &str = concat!("select ", columns!(), " from measurement_set where id > $1 order by id limit cast($2 as bigint)");
+const EACH: &str = concat!(
+    "select ",
+    columns!(),
+    " from measurement_set where id > $1 order by id limit cast($2 as bigint)"
+);
 
 const CREATED: &str = "measurement_set_created";
 
 fn as_created(row: &MeasurementSetRow) -> Value {
-    let rest = json!([row.name, row.n_points, row.n_configurations, row.n_targets, row.warnings_json, row.created_at_ms]);
+    let rest = json!([
+        row.name,
+        row.n_points,
+        row.n_configurations,
+        row.n_targets,
+        row.warnings_json,
+        row.created_at_ms
+    ]);
     json!({"robot_id": row.robot_id, "sha256": row.sha256, "frame": row.frame, "content_type": row.content_type,
         "serial_number": row.serial_number, "uploaded_by": row.uploaded_by, "rest_sha256": canonical::sha256_hex(rest.to_string().as_bytes())})
 }
@@ -121,7 +135,10 @@ impl Noted for MeasurementSetRow {
     fn said(&self) -> Vec<Said> {
         // The chain is older than the column: sets from between have an entry and no uploader.
         let by = self.uploaded_by.is_some().then_some("uploaded_by");
-        vec![Said { by, ..Said::created(CREATED, self.created_at_ms, as_created(self)) }]
+        vec![Said {
+            by,
+            ..Said::created(CREATED, self.created_at_ms, as_created(self))
+        }]
     }
 }
 
@@ -155,7 +172,10 @@ pub async fn insert(tx: &mut Tx, new: &NewMeasurementSet) -> Result<MeasurementS
 /// # Errors
 /// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn get(store: &Store, id: &str) -> Result<MeasurementSetRow> {
-    Ok(sqlx::query_as(GET).bind(id).fetch_one(store.reads()).await?)
+    Ok(sqlx::query_as(GET)
+        .bind(id)
+        .fetch_one(store.reads())
+        .await?)
 }
 
 /// One measurement set with its bytes.
@@ -163,7 +183,10 @@ pub async fn get(store: &Store, id: &str) -> Result<MeasurementSetRow> {
 /// # Errors
 /// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn get_with_body(store: &Store, id: &str) -> Result<(MeasurementSetRow, Vec<u8>)> {
-    let row = sqlx::query(GET_WITH_BODY).bind(id).fetch_one(store.reads()).await?;
+    let row = sqlx::query(GET_WITH_BODY)
+        .bind(id)
+        .fetch_one(store.reads())
+        .await?;
     let small: Option<Vec<u8>> = row.try_get("body")?;
     let body = match small {
         Some(body) => body,
@@ -177,16 +200,27 @@ pub async fn get_with_body(store: &Store, id: &str) -> Result<(MeasurementSetRow
 /// # Errors
 /// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn body(store: &Store, id: &str) -> Result<Vec<u8>> {
-    Ok(sqlx::query_scalar(BODY).bind(id).fetch_one(store.reads_much()).await?)
+    Ok(sqlx::query_scalar(BODY)
+        .bind(id)
+        .fetch_one(store.reads_much())
+        .await?)
 }
 
 /// A robot's measurement sets, newest first.
 ///
 /// # Errors
 /// [`super::Error::Database`].
-pub async fn list(store: &Store, robot_id: &str, request: &PageRequest) -> Result<Page<MeasurementSetRow>> {
+pub async fn list(
+    store: &Store,
+    robot_id: &str,
+    request: &PageRequest,
+) -> Result<Page<MeasurementSetRow>> {
     let keyset = request.keyset();
-    let query = sqlx::query_as(LIST).bind(robot_id).bind(keyset.created_at_ms).bind(keyset.id).bind(keyset.limit);
+    let query = sqlx::query_as(LIST)
+        .bind(robot_id)
+        .bind(keyset.created_at_ms)
+        .bind(keyset.id)
+        .bind(keyset.limit);
     let rows: Vec<MeasurementSetRow> = query.fetch_all(store.reads()).await?;
     Ok(request.page(rows, |row| (row.created_at_ms, &row.id)))
 }

@@ -161,18 +161,36 @@ impl Store {
                 TxKind::Own(self.inner.pool.begin().await?, permit)
             }
         };
-        Ok(Tx { kind, actor: NOBODY.into(), notes: Vec::new(), store: self.clone() })
+        Ok(Tx {
+            kind,
+            actor: NOBODY.into(),
+            notes: Vec::new(),
+            store: self.clone(),
+        })
     }
 
     async fn room_to_write(&self) -> Result<Option<OwnedSemaphorePermit>> {
-        let Some(writers) = &self.inner.writers else { return Ok(None) };
-        let permit = timeout(open::POSTGRES_WRITER_TIMEOUT, Arc::clone(writers).acquire_owned()).await;
-        permit.map_err(|_| sqlx::Error::PoolTimedOut)?.map(Some).map_err(|_| sqlx::Error::PoolClosed.into())
+        let Some(writers) = &self.inner.writers else {
+            return Ok(None);
+        };
+        let permit = timeout(
+            open::POSTGRES_WRITER_TIMEOUT,
+            Arc::clone(writers).acquire_owned(),
+        )
+        .await;
+        permit
+            .map_err(|_| sqlx::Error::PoolTimedOut)?
+            .map(Some)
+            .map_err(|_| sqlx::Error::PoolClosed.into())
     }
 
     /// What is wrong if the disk has so little left that new things are refused.
     pub fn short_of_room(&self) -> Option<Error> {
-        self.free_bytes().filter(|free| *free < RESERVE_BYTES).map(|free| Error::NoRoom { free_mib: free >> 20 })
+        self.free_bytes()
+            .filter(|free| *free < RESERVE_BYTES)
+            .map(|free| Error::NoRoom {
+                free_mib: free >> 20,
+            })
     }
 
     /// What is left on the disk of an embedded database; none if that cannot be told.
@@ -184,7 +202,9 @@ impl Store {
     /// Whether the data directory is still the one that was opened: files that were removed take writes until they are closed, and then all
     /// of it is gone.
     fn is_in_place(&self) -> Result<()> {
-        let (Some(data_dir), Some(held)) = (&self.inner.data_dir, &self.inner.lock_file) else { return Ok(()) };
+        let (Some(data_dir), Some(held)) = (&self.inner.data_dir, &self.inner.lock_file) else {
+            return Ok(());
+        };
         let which = |file: std::fs::Metadata| (file.dev(), file.ino());
         let there = std::fs::metadata(data_dir.join(open::LOCK)).map(which).ok();
         match there == held.metadata().map(which).ok() && data_dir.join(open::DATABASE).exists() {
@@ -235,7 +255,9 @@ impl Store {
     /// # Errors
     /// [`Error::Database`].
     pub async fn schema_version(&self) -> Result<i64> {
-        Ok(sqlx::query_scalar(SCHEMA_VERSION).fetch_one(self.reads()).await?)
+        Ok(sqlx::query_scalar(SCHEMA_VERSION)
+            .fetch_one(self.reads())
+            .await?)
     }
 
     /// Closes all connections, after which SQLite's WAL is folded into the database file.
@@ -286,7 +308,10 @@ impl Tx {
 
     pub(crate) fn connection(&mut self) -> Result<Connection<'_>> {
         match &mut self.kind {
-            TxKind::Shared(member) => member.connection().map(Connection::sqlite).ok_or(Error::Database(sqlx::Error::WorkerCrashed)),
+            TxKind::Shared(member) => member
+                .connection()
+                .map(Connection::sqlite)
+                .ok_or(Error::Database(sqlx::Error::WorkerCrashed)),
             TxKind::Own(transaction, _) => Ok(Connection::Sqlx(transaction)),
         }
     }
@@ -305,12 +330,20 @@ impl Tx {
 
     /// Adds an entry to the audit chain, if this transaction is committed.
     fn note(&mut self, event: &'static str, subject: &str, detail: serde_json::Value) {
-        self.notes.push(Note { event, subject: subject.into(), detail });
+        self.notes.push(Note {
+            event,
+            subject: subject.into(),
+            detail,
+        });
     }
 
     /// Adds a field to the last of the entries, if there is one.
     fn note_also(&mut self, field: &str, value: serde_json::Value) {
-        if let Some(detail) = self.notes.last_mut().and_then(|note| note.detail.as_object_mut()) {
+        if let Some(detail) = self
+            .notes
+            .last_mut()
+            .and_then(|note| note.detail.as_object_mut())
+        {
             detail.insert(field.into(), value);
         }
     }
@@ -328,10 +361,20 @@ pub(crate) fn new_id(prefix: &str) -> String {
 /// Every SQL text of the store that the engine gets to see.
 pub fn all_queries(engine: Engine) -> Vec<&'static str> {
     let own = match engine {
-        Engine::Sqlite => [leases::QUERIES_SQLITE, backup::QUERIES_SQLITE, open::QUERIES_SQLITE, verify::QUERIES_SQLITE].concat(),
-        Engine::Postgres => {
-            [leases::QUERIES_POSTGRES, notices::QUERIES_POSTGRES, audit::QUERIES_POSTGRES, verify::QUERIES_POSTGRES].concat()
-        }
+        Engine::Sqlite => [
+            leases::QUERIES_SQLITE,
+            backup::QUERIES_SQLITE,
+            open::QUERIES_SQLITE,
+            verify::QUERIES_SQLITE,
+        ]
+        .concat(),
+        Engine::Postgres => [
+            leases::QUERIES_POSTGRES,
+            notices::QUERIES_POSTGRES,
+            audit::QUERIES_POSTGRES,
+            verify::QUERIES_POSTGRES,
+        ]
+        .concat(),
     };
     [
         &[NOW, SCHEMA_VERSION][..],

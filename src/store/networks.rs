@@ -49,7 +49,17 @@ macro_rules! columns {
     };
 }
 
-pub(super) const ALL_QUERIES: &[&str] = &[INSERT, INSERT_RESIDUAL, GET, WEIGHTS, NEWEST, IS_RESIDUAL, NEWEST_RESIDUAL, LIST, EACH];
+pub(super) const ALL_QUERIES: &[&str] = &[
+    INSERT,
+    INSERT_RESIDUAL,
+    GET,
+    WEIGHTS,
+    NEWEST,
+    IS_RESIDUAL,
+    NEWEST_RESIDUAL,
+    LIST,
+    EACH,
+];
 
 const INSERT: &str = concat!(
     "insert into network (id, robot_id, job_id, model, preset, metadata_json, weights, weights_sha256, created_at_ms)
@@ -65,8 +75,13 @@ const INSERT_RESIDUAL: &str = concat!(
     columns!()
 );
 
-const GET: &str =
-    concat!("select ", columns!(), " from network where id = $1 union all select ", columns!(), " from residual_network where id = $1");
+const GET: &str = concat!(
+    "select ",
+    columns!(),
+    " from network where id = $1 union all select ",
+    columns!(),
+    " from residual_network where id = $1"
+);
 
 const WEIGHTS: &str = "select weights from network where id = $1 union all select weights from residual_network where id = $1";
 
@@ -75,7 +90,8 @@ const NEWEST: &str = "select id, weights from network
      order by created_at_ms desc, id desc
      limit cast($4 as bigint)";
 
-const IS_RESIDUAL: &str = "select cast(1 as bigint) from residual_network where robot_id = $1 limit 1";
+const IS_RESIDUAL: &str =
+    "select cast(1 as bigint) from residual_network where robot_id = $1 limit 1";
 
 const NEWEST_RESIDUAL: &str = "select n.id, n.weights, j.measurement_set_id from residual_network n
      join job j on j.id = n.job_id join measurement_set m on m.id = j.measurement_set_id
@@ -143,7 +159,12 @@ pub async fn insert_residual(tx: &mut Tx, job_id: &str, new: &NewNetwork) -> Res
     insert_by(INSERT_RESIDUAL, tx, job_id, new).await
 }
 
-async fn insert_by(sql: &'static str, tx: &mut Tx, job_id: &str, new: &NewNetwork) -> Result<NetworkRow> {
+async fn insert_by(
+    sql: &'static str,
+    tx: &mut Tx,
+    job_id: &str,
+    new: &NewNetwork,
+) -> Result<NetworkRow> {
     let query = sqlx::query_as(sql)
         .bind(new_id("net"))
         .bind(job_id)
@@ -163,7 +184,10 @@ async fn insert_by(sql: &'static str, tx: &mut Tx, job_id: &str, new: &NewNetwor
 /// # Errors
 /// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn get(store: &Store, id: &str) -> Result<NetworkRow> {
-    Ok(sqlx::query_as(GET).bind(id).fetch_one(store.reads()).await?)
+    Ok(sqlx::query_as(GET)
+        .bind(id)
+        .fetch_one(store.reads())
+        .await?)
 }
 
 /// The weights of one network.
@@ -171,37 +195,73 @@ pub async fn get(store: &Store, id: &str) -> Result<NetworkRow> {
 /// # Errors
 /// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn weights(store: &Store, id: &str) -> Result<Vec<u8>> {
-    Ok(sqlx::query_scalar(WEIGHTS).bind(id).fetch_one(store.reads_much()).await?)
+    Ok(sqlx::query_scalar(WEIGHTS)
+        .bind(id)
+        .fetch_one(store.reads_much())
+        .await?)
 }
 
 /// Id and weights of the robot's newest networks of this model and preset, newest first, at most `limit`.
 ///
 /// # Errors
 /// [`super::Error::Database`].
-pub async fn newest(store: &Store, robot_id: &str, model: &str, preset: &str, limit: i64) -> Result<Vec<(String, Vec<u8>)>> {
-    Ok(sqlx::query_as(NEWEST).bind(robot_id).bind(model).bind(preset).bind(limit).fetch_all(store.reads()).await?)
+pub async fn newest(
+    store: &Store,
+    robot_id: &str,
+    model: &str,
+    preset: &str,
+    limit: i64,
+) -> Result<Vec<(String, Vec<u8>)>> {
+    Ok(sqlx::query_as(NEWEST)
+        .bind(robot_id)
+        .bind(model)
+        .bind(preset)
+        .bind(limit)
+        .fetch_all(store.reads())
+        .await?)
 }
 
 /// Id, weights and set of the robot's newest residual networks that were not trained on the bytes of this hash, newest first, at most `limit`.
 ///
 /// # Errors
 /// [`super::Error::Database`].
-pub async fn newest_residual(store: &Store, robot_id: &str, set_sha256: &str, limit: i64) -> Result<Vec<(String, Vec<u8>, String)>> {
+pub async fn newest_residual(
+    store: &Store,
+    robot_id: &str,
+    set_sha256: &str,
+    limit: i64,
+) -> Result<Vec<(String, Vec<u8>, String)>> {
     // most robots have none, and nothing has to go aside for a list
-    let is_one: Option<i64> = sqlx::query_scalar(IS_RESIDUAL).bind(robot_id).fetch_optional(store.reads()).await?;
+    let is_one: Option<i64> = sqlx::query_scalar(IS_RESIDUAL)
+        .bind(robot_id)
+        .fetch_optional(store.reads())
+        .await?;
     if is_one.is_none() {
         return Ok(vec![]);
     }
-    Ok(sqlx::query_as(NEWEST_RESIDUAL).bind(robot_id).bind(set_sha256).bind(limit).fetch_all(store.reads()).await?)
+    Ok(sqlx::query_as(NEWEST_RESIDUAL)
+        .bind(robot_id)
+        .bind(set_sha256)
+        .bind(limit)
+        .fetch_all(store.reads())
+        .await?)
 }
 
 /// A robot's networks of both kinds, newest first.
 ///
 /// # Errors
 /// [`super::Error::Database`].
-pub async fn list(store: &Store, robot_id: &str, request: &PageRequest) -> Result<Page<NetworkRow>> {
+pub async fn list(
+    store: &Store,
+    robot_id: &str,
+    request: &PageRequest,
+) -> Result<Page<NetworkRow>> {
     let keyset = request.keyset();
-    let query = sqlx::query_as(LIST).bind(robot_id).bind(keyset.created_at_ms).bind(keyset.id).bind(keyset.limit);
+    let query = sqlx::query_as(LIST)
+        .bind(robot_id)
+        .bind(keyset.created_at_ms)
+        .bind(keyset.id)
+        .bind(keyset.limit);
     let rows: Vec<NetworkRow> = query.fetch_all(store.reads()).await?;
     Ok(request.page(rows, |row| (row.created_at_ms, &row.id)))
 }

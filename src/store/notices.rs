@@ -24,7 +24,11 @@ impl Notices {
     /// # Errors
     /// [`super::Error::Database`] if the connection cannot be made anew.
     pub async fn next(&mut self) -> Result<Option<String>> {
-        Ok(self.listener.try_recv().await?.map(|notice| notice.payload().to_owned()))
+        Ok(self
+            .listener
+            .try_recv()
+            .await?
+            .map(|notice| notice.payload().to_owned()))
     }
 }
 
@@ -33,7 +37,9 @@ impl Notices {
 /// # Errors
 /// [`super::Error::Database`].
 pub async fn listen(store: &Store) -> Result<Option<Notices>> {
-    let Some(url) = store.postgres_url() else { return Ok(None) };
+    let Some(url) = store.postgres_url() else {
+        return Ok(None);
+    };
     let mut listener = PgListener::connect(url).await?;
     listener.listen(CHANNEL).await?;
     Ok(Some(Notices { listener }))
@@ -44,6 +50,9 @@ pub async fn listen(store: &Store) -> Result<Option<Notices>> {
 /// # Errors
 /// [`super::Error::Database`].
 pub async fn send(store: &Store, notice: &str) -> Result<()> {
-    sqlx::query(SEND).bind(notice).execute(store.reads()).await?;
+    sqlx::query(SEND)
+        .bind(notice)
+        .execute(store.reads())
+        .await?;
     Ok(())
 }

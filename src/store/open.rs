@@ -31,17 +31,42 @@ pub enum StoreLocation {
 
 /// The schema's steps, the same numbers on both engines: (version, name, SQLite, PostgreSQL).
 const MIGRATIONS: &[(i64, &str, &str, &str)] = &[
-    (1, "initial", include_str!("../../migrations/sqlite/0001_initial.sql"), include_str!("../../migrations/postgres/0001_initial.sql")),
-    (2, "trust", include_str!("../../migrations/sqlite/0002_trust.sql"), include_str!("../../migrations/postgres/0002_trust.sql")),
-    (3, "turns", include_str!("../../migrations/sqlite/0003_turns.sql"), include_str!("../../migrations/postgres/0003_turns.sql")),
-    (4, "release", include_str!("../../migrations/sqlite/0004_release.sql"), include_str!("../../migrations/postgres/0004_release.sql")),
+    (
+        1,
+        "initial",
+        include_str!("../../migrations/sqlite/0001_initial.sql"),
+        include_str!("../../migrations/postgres/0001_initial.sql"),
+    ),
+    (
+        2,
+        "trust",
+        include_str!("../../migrations/sqlite/0002_trust.sql"),
+        include_str!("../../migrations/postgres/0002_trust.sql"),
+    ),
+    (
+        3,
+        "turns",
+        include_str!("../../migrations/sqlite/0003_turns.sql"),
+        include_str!("../../migrations/postgres/0003_turns.sql"),
+    ),
+    (
+        4,
+        "release",
+        include_str!("../../migrations/sqlite/0004_release.sql"),
+        include_str!("../../migrations/postgres/0004_release.sql"),
+    ),
     (
         5,
         "residual_networks",
         include_str!("../../migrations/sqlite/0005_residual_networks.sql"),
         include_str!("../../migrations/postgres/0005_residual_networks.sql"),
     ),
-    (6, "results", include_str!("../../migrations/sqlite/0006_results.sql"), include_str!("../../migrations/postgres/0006_results.sql")),
+    (
+        6,
+        "results",
+        include_str!("../../migrations/sqlite/0006_results.sql"),
+        include_str!("../../migrations/postgres/0006_results.sql"),
+    ),
     (
         7,
         "documents_last",
@@ -81,8 +106,7 @@ const POSTGRES_SETTINGS_TO_MIGRATE: &str = "set lock_timeout = 0";
 /// How long a request waits for a connection before it is told to come back later.
 const ACQUIRE_TIMEOUT: Duration = Duration::from_secs(5);
 /// WAL and FULL: what was acknowledged survives power loss. The busy timeout (ms) covers tools beside the server.
-pub(super) const SQLITE_PRAGMAS: &str =
-    "pragma busy_timeout = 5000; pragma journal_mode = wal; pragma synchronous = full; pragma foreign_keys = on";
+pub(super) const SQLITE_PRAGMAS: &str = "pragma busy_timeout = 5000; pragma journal_mode = wal; pragma synchronous = full; pragma foreign_keys = on";
 /// The same busy timeout.
 const SQLITE_PATIENCE: Duration = Duration::from_millis(5000);
 
@@ -124,7 +148,9 @@ pub(super) async fn as_it_is(location: StoreLocation) -> Result<Store> {
     match location {
         StoreLocation::Sqlite { data_dir } => {
             if !data_dir.join(DATABASE).is_file() {
-                return Err(Error::Open { detail: format!("there is no database in {}", data_dir.display()) });
+                return Err(Error::Open {
+                    detail: format!("there is no database in {}", data_dir.display()),
+                });
             }
             let is_served = lock(&data_dir)?.is_none();
             connect_sqlite(&data_dir, None, is_served).await
@@ -141,60 +167,119 @@ async fn open_postgres(url: &str) -> Result<Store> {
 
 async fn connect_postgres(url: &str) -> Result<Store> {
     if !url.starts_with("postgres://") && !url.starts_with("postgresql://") {
-        return Err(Error::Open { detail: "the database URL must begin with postgres://".into() });
+        return Err(Error::Open {
+            detail: "the database URL must begin with postgres://".into(),
+        });
     }
     let options = AnyPoolOptions::new()
         .max_connections(POSTGRES_CONNECTIONS)
         .acquire_timeout(ACQUIRE_TIMEOUT)
-        .after_connect(|connection, _| Box::pin(async move { connection.execute(POSTGRES_SETTINGS).await.map(drop) }));
+        .after_connect(|connection, _| {
+            Box::pin(async move { connection.execute(POSTGRES_SETTINGS).await.map(drop) })
+        });
     let pool = connect(options, url, POSTGRES_SETTINGS).await?;
     let (engine, is_served) = (Engine::Postgres, true);
     let postgres_url = Some(url.to_owned());
     let writers = Some(Arc::new(Semaphore::new(POSTGRES_WRITERS)));
-    let inner = Inner { pool, engine, data_dir: None, is_served, postgres_url, sqlite: None, writer: None, writers, lock_file: None };
-    Ok(Store { inner: Arc::new(inner) })
+    let inner = Inner {
+        pool,
+        engine,
+        data_dir: None,
+        is_served,
+        postgres_url,
+        sqlite: None,
+        writer: None,
+        writers,
+        lock_file: None,
+    };
+    Ok(Store {
+        inner: Arc::new(inner),
+    })
 }
 
 async fn connect(options: AnyPoolOptions, url: &str, settings: &'static str) -> Result<AnyPool> {
     sqlx::any::install_default_drivers();
-    let url = AnyConnectOptions::from_str(url).map_err(|e| Error::Open { detail: format!("the database URL: {e}") })?;
+    let url = AnyConnectOptions::from_str(url).map_err(|e| Error::Open {
+        detail: format!("the database URL: {e}"),
+    })?;
     match options.connect_with(url.clone()).await {
         Ok(pool) => Ok(pool),
-        Err(cause) => Err(Error::Open { detail: format!("cannot open the database: {}", reason(cause, &url, settings).await) }),
+        Err(cause) => Err(Error::Open {
+            detail: format!(
+                "cannot open the database: {}",
+                reason(cause, &url, settings).await
+            ),
+        }),
     }
 }
 
 /// Why no connection could be made: a pool that tried for some time says only that it did.
-async fn reason(cause: sqlx::Error, url: &AnyConnectOptions, settings: &'static str) -> sqlx::Error {
+async fn reason(
+    cause: sqlx::Error,
+    url: &AnyConnectOptions,
+    settings: &'static str,
+) -> sqlx::Error {
     if !matches!(cause, sqlx::Error::PoolTimedOut) {
         return cause;
     }
-    let one = async { AnyConnection::connect_with(url).await?.execute(settings).await };
+    let one = async {
+        AnyConnection::connect_with(url)
+            .await?
+            .execute(settings)
+            .await
+    };
     one.await.err().unwrap_or(cause)
 }
 
-async fn connect_sqlite(data_dir: &Path, lock_file: Option<File>, is_served: bool) -> Result<Store> {
+async fn connect_sqlite(
+    data_dir: &Path,
+    lock_file: Option<File>,
+    is_served: bool,
+) -> Result<Store> {
     let options = AnyPoolOptions::new()
         .max_connections(SQLITE_CONNECTIONS)
         .acquire_timeout(ACQUIRE_TIMEOUT)
         .test_before_acquire(false)
-        .after_connect(|connection, _| Box::pin(async move { connection.execute(SQLITE_PRAGMAS).await.map(drop) }));
+        .after_connect(|connection, _| {
+            Box::pin(async move { connection.execute(SQLITE_PRAGMAS).await.map(drop) })
+        });
     let pool = connect(options, &sqlite_url(data_dir)?, SQLITE_PRAGMAS).await?;
     refuse_old_sqlite(&pool).await?;
-    let sqlite = Arc::new(sqlite::Pool::new(data_dir.join(DATABASE), SQLITE_PRAGMAS, SQLITE_PATIENCE, SQLITE_CONNECTIONS));
+    let sqlite = Arc::new(sqlite::Pool::new(
+        data_dir.join(DATABASE),
+        SQLITE_PRAGMAS,
+        SQLITE_PATIENCE,
+        SQLITE_CONNECTIONS,
+    ));
     let writer = Some(Writer::new(Arc::clone(&sqlite)));
     let (sqlite, data_dir) = (Some(sqlite), Some(data_dir.to_owned()));
-    let inner = Inner { pool, engine: Engine::Sqlite, data_dir, is_served, postgres_url: None, sqlite, writer, writers: None, lock_file };
-    Ok(Store { inner: Arc::new(inner) })
+    let inner = Inner {
+        pool,
+        engine: Engine::Sqlite,
+        data_dir,
+        is_served,
+        postgres_url: None,
+        sqlite,
+        writer,
+        writers: None,
+        lock_file,
+    };
+    Ok(Store {
+        inner: Arc::new(inner),
+    })
 }
 
 fn sqlite_url(data_dir: &Path) -> Result<String> {
     let file = data_dir.join(DATABASE);
-    let path = file.to_str().ok_or_else(|| Error::Open { detail: format!("the data directory {} is not UTF-8", data_dir.display()) })?;
+    let path = file.to_str().ok_or_else(|| Error::Open {
+        detail: format!("the data directory {} is not UTF-8", data_dir.display()),
+    })?;
     let mut url = String::from("sqlite://");
     for byte in path.bytes() {
         match byte {
-            b'a'..=b'z' | b'A'..=b'Z' | b'0'..=b'9' | b'/' | b'.' | b'-' | b'_' => url.push(char::from(byte)),
+            b'a'..=b'z' | b'A'..=b'Z' | b'0'..=b'9' | b'/' | b'.' | b'-' | b'_' => {
+                url.push(char::from(byte))
+            }
             other => url.push_str(&format!("%{other:02X}")),
         }
     }
@@ -202,17 +287,23 @@ fn sqlite_url(data_dir: &Path) -> Result<String> {
 }
 
 async fn refuse_old_sqlite(pool: &AnyPool) -> Result<()> {
-    let version: String = sqlx::query_scalar("select sqlite_version()").fetch_one(pool).await?;
+    let version: String = sqlx::query_scalar("select sqlite_version()")
+        .fetch_one(pool)
+        .await?;
     let mut numbers = version.split('.').map(|n| n.parse().unwrap_or(0));
     let mut next = || numbers.next().unwrap_or(0);
     if (next(), next(), next()) < OLDEST_SQLITE {
-        return Err(Error::Open { detail: format!("SQLite {version} can corrupt the database; 3.51.3 or later is needed") });
+        return Err(Error::Open {
+            detail: format!("SQLite {version} can corrupt the database; 3.51.3 or later is needed"),
+        });
     }
     Ok(())
 }
 
 fn make_data_dir(data_dir: &Path) -> Result<PathBuf> {
-    let failed = |e: std::io::Error| Error::Open { detail: format!("the data directory {}: {e}", data_dir.display()) };
+    let failed = |e: std::io::Error| Error::Open {
+        detail: format!("the data directory {}: {e}", data_dir.display()),
+    };
     std::fs::create_dir_all(data_dir).map_err(failed)?;
     data_dir.canonicalize().map_err(failed)
 }
@@ -220,8 +311,15 @@ fn make_data_dir(data_dir: &Path) -> Result<PathBuf> {
 /// The lock on the data directory, none if another process has it. It ends with the file, and so with the process.
 fn lock(data_dir: &Path) -> Result<Option<File>> {
     let path = data_dir.join(LOCK);
-    let failed = |e: std::io::Error| Error::Open { detail: format!("the lock file {}: {e}", path.display()) };
-    let file = File::options().create(true).truncate(false).write(true).open(&path).map_err(failed)?;
+    let failed = |e: std::io::Error| Error::Open {
+        detail: format!("the lock file {}: {e}", path.display()),
+    };
+    let file = File::options()
+        .create(true)
+        .truncate(false)
+        .write(true)
+        .open(&path)
+        .map_err(failed)?;
     match file.try_lock() {
         Ok(()) => Ok(Some(file)),
         Err(TryLockError::WouldBlock) => Ok(None),
@@ -236,7 +334,9 @@ async fn room_to_lay_jobs_out(store: &Store) -> Result<()> {
     if !is_ahead {
         return Ok(());
     }
-    let bytes: i64 = sqlx::query_scalar(JOB_BYTES).fetch_one(store.pool()).await?;
+    let bytes: i64 = sqlx::query_scalar(JOB_BYTES)
+        .fetch_one(store.pool())
+        .await?;
     let needed_bytes = u64::try_from(bytes).unwrap_or(0).saturating_mul(3) + RESERVE_BYTES;
     if let Some(free_bytes) = store.free_bytes().filter(|free| *free < needed_bytes) {
         let (needed_mib, free_mib) = (needed_bytes >> 20, free_bytes >> 20);
@@ -247,7 +347,10 @@ async fn room_to_lay_jobs_out(store: &Store) -> Result<()> {
             ),
         });
     }
-    tracing::info!(mib = bytes >> 20, "the jobs of this database are laid out anew, once; that may take some seconds for each 100 MiB");
+    tracing::info!(
+        mib = bytes >> 20,
+        "the jobs of this database are laid out anew, once; that may take some seconds for each 100 MiB"
+    );
     Ok(())
 }
 
@@ -257,10 +360,18 @@ async fn migrate(store: &Store) -> Result<()> {
             Engine::Sqlite => sqlite,
             Engine::Postgres => postgres,
         };
-        Migration::new(version, name.into(), MigrationType::Simple, sql.into_sql_str(), false)
+        Migration::new(
+            version,
+            name.into(),
+            MigrationType::Simple,
+            sql.into_sql_str(),
+            false,
+        )
     });
     let migrator = Migrator::with_migrations(migrations.collect());
-    let failed = |e: MigrateError| Error::Open { detail: format!("the database's schema: {e}") };
+    let failed = |e: MigrateError| Error::Open {
+        detail: format!("the database's schema: {e}"),
+    };
     if store.engine() == Engine::Sqlite {
         room_to_lay_jobs_out(store).await?;
         return migrator.run(store.pool()).await.map_err(failed);

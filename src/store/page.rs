@@ -46,7 +46,10 @@ impl std::str::FromStr for Cursor {
         let (created_at_ms, id) = text.split_once('-').ok_or(InvalidCursor)?;
         let is_id = !id.is_empty() && id.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'_');
         match created_at_ms.parse() {
-            Ok(created_at_ms) if is_id => Ok(Cursor { created_at_ms, id: id.to_owned() }),
+            Ok(created_at_ms) if is_id => Ok(Cursor {
+                created_at_ms,
+                id: id.to_owned(),
+            }),
             _ => Err(InvalidCursor),
         }
     }
@@ -54,7 +57,10 @@ impl std::str::FromStr for Cursor {
 
 impl Default for PageRequest {
     fn default() -> Self {
-        PageRequest { limit: MAX_PAGE_SIZE, cursor: None }
+        PageRequest {
+            limit: MAX_PAGE_SIZE,
+            cursor: None,
+        }
     }
 }
 
@@ -73,8 +79,16 @@ impl PageRequest {
     pub(crate) fn keyset(&self) -> Keyset {
         let limit = self.limit() as i64 + 1;
         match self.cursor.clone() {
-            Some(Cursor { created_at_ms, id }) => Keyset { created_at_ms, id, limit },
-            None => Keyset { created_at_ms: i64::MAX, id: String::new(), limit },
+            Some(Cursor { created_at_ms, id }) => Keyset {
+                created_at_ms,
+                id,
+                limit,
+            },
+            None => Keyset {
+                created_at_ms: i64::MAX,
+                id: String::new(),
+                limit,
+            },
         }
     }
 
@@ -84,8 +98,14 @@ impl PageRequest {
         rows.truncate(self.limit());
         let next_cursor = rows.last().filter(|_| more).map(|last| {
             let (created_at_ms, id) = key(last);
-            Cursor { created_at_ms, id: id.to_owned() }
+            Cursor {
+                created_at_ms,
+                id: id.to_owned(),
+            }
         });
-        Page { items: rows, next_cursor }
+        Page {
+            items: rows,
+            next_cursor,
+        }
     }
 }

@@ -37,10 +37,15 @@ impl TryFrom<String> for ParameterSetStatus {
     type Error = String;
 
     fn try_from(text: String) -> std::result::Result<Self, String> {
-        [ParameterSetStatus::Candidate, ParameterSetStatus::Released, ParameterSetStatus::Superseded, ParameterSetStatus::Withdrawn]
-            .into_iter()
-            .find(|status| status.as_str() == text)
-            .ok_or_else(|| format!("unknown parameter set status {text:?}"))
+        [
+            ParameterSetStatus::Candidate,
+            ParameterSetStatus::Released,
+            ParameterSetStatus::Superseded,
+            ParameterSetStatus::Withdrawn,
+        ]
+        .into_iter()
+        .find(|status| status.as_str() == text)
+        .ok_or_else(|| format!("unknown parameter set status {text:?}"))
     }
 }
 
@@ -129,8 +134,20 @@ macro_rules! columns {
     };
 }
 
-pub(super) const ALL_QUERIES: &[&str] =
-    &[INSERT, GET, ACTIVE, BEFORE_ACTIVE, IS_ANOTHER_SET, OF_ANOTHER_SESSION, LIST, LOCK_ROBOT, SUPERSEDE, RELEASE, WITHDRAW, EACH];
+pub(super) const ALL_QUERIES: &[&str] = &[
+    INSERT,
+    GET,
+    ACTIVE,
+    BEFORE_ACTIVE,
+    IS_ANOTHER_SET,
+    OF_ANOTHER_SESSION,
+    LIST,
+    LOCK_ROBOT,
+    SUPERSEDE,
+    RELEASE,
+    WITHDRAW,
+    EACH,
+];
 
 const INSERT: &str = concat!(
     "insert into parameter_set (id, robot_id, job_id, status, body_json, sha256, created_at_ms)
@@ -141,7 +158,11 @@ const INSERT: &str = concat!(
 
 const GET: &str = concat!("select ", columns!(), " from parameter_set where id = $1");
 
-const ACTIVE: &str = concat!("select ", columns!(), " from parameter_set where robot_id = $1 and status = 'released'");
+const ACTIVE: &str = concat!(
+    "select ",
+    columns!(),
+    " from parameter_set where robot_id = $1 and status = 'released'"
+);
 
 const BEFORE_ACTIVE: &str = concat!(
     "select ",
@@ -153,7 +174,8 @@ const BEFORE_ACTIVE: &str = concat!(
 );
 
 // Two entries of an index at most: in SQLite hashes stand behind uploads, which would be read on the way to them.
-const IS_ANOTHER_SET: &str = "select cast(1 as bigint) from measurement_set where robot_id = $1 and id <> $2 limit 1";
+const IS_ANOTHER_SET: &str =
+    "select cast(1 as bigint) from measurement_set where robot_id = $1 and id <> $2 limit 1";
 
 // Without another upload the limit is 0 and no row is looked at.
 const OF_ANOTHER_SESSION: &str = concat!(
@@ -179,9 +201,11 @@ const LIST: &str = concat!(
 );
 
 // Changes nothing, but on both engines the next release or withdrawal for this robot waits for this one.
-const LOCK_ROBOT: &str = "update robot set name = name where id = (select robot_id from parameter_set where id = $1)";
+const LOCK_ROBOT: &str =
+    "update robot set name = name where id = (select robot_id from parameter_set where id = $1)";
 
-const SUPERSEDE: &str = "update parameter_set set status = 'superseded' where robot_id = $1 and status = 'released'";
+const SUPERSEDE: &str =
+    "update parameter_set set status = 'superseded' where robot_id = $1 and status = 'released'";
 
 const RELEASE: &str = "
     update parameter_set set status = 'released', released_at_ms = (select now_ms from clock),
@@ -192,7 +216,11 @@ const WITHDRAW: &str = "
     update parameter_set set status = 'withdrawn', withdrawn_at_ms = (select now_ms from clock), withdraw_reason = $2, withdrawn_by = $3
     where id = $1 and status <> 'withdrawn'";
 
-const EACH: &str = concat!("select ", columns!(), " from parameter_set where id > $1 order by id limit cast($2 as bigint)");
+const EACH: &str = concat!(
+    "select ",
+    columns!(),
+    " from parameter_set where id > $1 order by id limit cast($2 as bigint)"
+);
 
 pub(super) const CREATED: &str = "parameter_set_created";
 pub(super) const RELEASED: &str = "parameter_set_released";
@@ -209,7 +237,10 @@ fn as_released(row: &ParameterSetRow) -> Option<(i64, Value)> {
     let is_said = row.release_reason.is_some() || row.released_by.is_some();
     let is_said = is_said || row.release_evidence.is_some() || row.release_uncertainty_mm.is_some();
     let at_ms = row.released_at_ms.or(is_said.then_some(0))?;
-    let checks_sha256 = row.release_checks_json.as_ref().map(|checks| canonical::sha256_hex(checks.as_bytes()));
+    let checks_sha256 = row
+        .release_checks_json
+        .as_ref()
+        .map(|checks| canonical::sha256_hex(checks.as_bytes()));
     let detail = json!({"reason": row.release_reason, "sha256": row.sha256, "checks_sha256": checks_sha256, "evidence": row.release_evidence,
         "uncertainty_mm": row.release_uncertainty_mm, "released_by": row.released_by, "released_at_ms": row.released_at_ms});
     Some((at_ms, detail))
@@ -232,8 +263,16 @@ impl Noted for ParameterSetRow {
     fn said(&self) -> Vec<Said> {
         vec![
             Said::created(CREATED, self.created_at_ms, as_created(self)),
-            Said { event: RELEASED, now: as_released(self), by: Some("released_by") },
-            Said { event: WITHDRAWN, now: as_withdrawn(self), by: Some("withdrawn_by") },
+            Said {
+                event: RELEASED,
+                now: as_released(self),
+                by: Some("released_by"),
+            },
+            Said {
+                event: WITHDRAWN,
+                now: as_withdrawn(self),
+                by: Some("withdrawn_by"),
+            },
         ]
     }
 }
@@ -243,7 +282,11 @@ impl Noted for ParameterSetRow {
 /// # Errors
 /// [`Conflict::Duplicate`] if the job has one, [`super::Error::Database`].
 pub async fn insert(tx: &mut Tx, job_id: &str, new: &NewParameterSet) -> Result<ParameterSetRow> {
-    let query = sqlx::query_as(INSERT).bind(new_id("par")).bind(job_id).bind(&new.body_json).bind(&new.sha256);
+    let query = sqlx::query_as(INSERT)
+        .bind(new_id("par"))
+        .bind(job_id)
+        .bind(&new.body_json)
+        .bind(&new.sha256);
     let row: ParameterSetRow = query.fetch_one(tx.connection()?).await?;
     tx.note(CREATED, &row.id, as_created(&row));
     Ok(row)
@@ -254,7 +297,10 @@ pub async fn insert(tx: &mut Tx, job_id: &str, new: &NewParameterSet) -> Result<
 /// # Errors
 /// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn get(store: &Store, id: &str) -> Result<ParameterSetRow> {
-    Ok(sqlx::query_as(GET).bind(id).fetch_one(store.reads()).await?)
+    Ok(sqlx::query_as(GET)
+        .bind(id)
+        .fetch_one(store.reads())
+        .await?)
 }
 
 /// The robot's released parameter set.
@@ -262,7 +308,10 @@ pub async fn get(store: &Store, id: &str) -> Result<ParameterSetRow> {
 /// # Errors
 /// [`super::Error::Database`].
 pub async fn active(store: &Store, robot_id: &str) -> Result<Option<ParameterSetRow>> {
-    Ok(sqlx::query_as(ACTIVE).bind(robot_id).fetch_optional(store.reads()).await?)
+    Ok(sqlx::query_as(ACTIVE)
+        .bind(robot_id)
+        .fetch_optional(store.reads())
+        .await?)
 }
 
 /// The set that a rollback goes back to: of those that were superseded, the one released last.
@@ -270,7 +319,10 @@ pub async fn active(store: &Store, robot_id: &str) -> Result<Option<ParameterSet
 /// # Errors
 /// [`Conflict::NothingToRollBackTo`], [`super::Error::Database`].
 pub async fn before_active(store: &Store, robot_id: &str) -> Result<ParameterSetRow> {
-    let row: Option<ParameterSetRow> = sqlx::query_as(BEFORE_ACTIVE).bind(robot_id).fetch_optional(store.reads()).await?;
+    let row: Option<ParameterSetRow> = sqlx::query_as(BEFORE_ACTIVE)
+        .bind(robot_id)
+        .fetch_optional(store.reads())
+        .await?;
     row.ok_or_else(|| Conflict::NothingToRollBackTo.into())
 }
 
@@ -278,23 +330,42 @@ pub async fn before_active(store: &Store, robot_id: &str) -> Result<ParameterSet
 ///
 /// # Errors
 /// [`super::Error::Database`].
-pub async fn of_another_session(store: &Store, robot_id: &str, measurement_set_id: &str) -> Result<Option<ParameterSetRow>> {
+pub async fn of_another_session(
+    store: &Store,
+    robot_id: &str,
+    measurement_set_id: &str,
+) -> Result<Option<ParameterSetRow>> {
     // most robots have one set of measurements and many jobs
-    let is_another: Option<i64> =
-        sqlx::query_scalar(IS_ANOTHER_SET).bind(robot_id).bind(measurement_set_id).fetch_optional(store.reads()).await?;
+    let is_another: Option<i64> = sqlx::query_scalar(IS_ANOTHER_SET)
+        .bind(robot_id)
+        .bind(measurement_set_id)
+        .fetch_optional(store.reads())
+        .await?;
     if is_another.is_none() {
         return Ok(None);
     }
-    Ok(sqlx::query_as(OF_ANOTHER_SESSION).bind(robot_id).bind(measurement_set_id).fetch_optional(store.reads_much()).await?)
+    Ok(sqlx::query_as(OF_ANOTHER_SESSION)
+        .bind(robot_id)
+        .bind(measurement_set_id)
+        .fetch_optional(store.reads_much())
+        .await?)
 }
 
 /// A robot's parameter sets, newest first.
 ///
 /// # Errors
 /// [`super::Error::Database`].
-pub async fn list(store: &Store, robot_id: &str, request: &PageRequest) -> Result<Page<ParameterSetRow>> {
+pub async fn list(
+    store: &Store,
+    robot_id: &str,
+    request: &PageRequest,
+) -> Result<Page<ParameterSetRow>> {
     let keyset = request.keyset();
-    let query = sqlx::query_as(LIST).bind(robot_id).bind(keyset.created_at_ms).bind(keyset.id).bind(keyset.limit);
+    let query = sqlx::query_as(LIST)
+        .bind(robot_id)
+        .bind(keyset.created_at_ms)
+        .bind(keyset.id)
+        .bind(keyset.limit);
     let rows: Vec<ParameterSetRow> = query.fetch_all(store.reads()).await?;
     Ok(request.page(rows, |row| (row.created_at_ms, &row.id)))
 }
@@ -313,17 +384,28 @@ pub async fn release(tx: &mut Tx, release: &Release) -> Result<ParameterSetRow> 
         ParameterSetStatus::Withdrawn => return Err(Conflict::Withdrawn.into()),
         ParameterSetStatus::Candidate | ParameterSetStatus::Superseded => {}
     }
-    let active: Option<ParameterSetRow> = sqlx::query_as(ACTIVE).bind(&set.robot_id).fetch_optional(tx.connection()?).await?;
+    let active: Option<ParameterSetRow> = sqlx::query_as(ACTIVE)
+        .bind(&set.robot_id)
+        .fetch_optional(tx.connection()?)
+        .await?;
     let active = active.map(|active| active.id);
     if active != release.checked.active {
         return Err(Conflict::ActiveChanged.into());
     }
     let policy = policies::get_in(tx, &set.robot_id).await?;
-    if (policy.version, sessions::count_in(tx, &release.id).await?) != (release.checked.policy_version, release.checked.n_sessions) {
+    if (policy.version, sessions::count_in(tx, &release.id).await?)
+        != (release.checked.policy_version, release.checked.n_sessions)
+    {
         return Err(Conflict::ChecksOutdated.into());
     }
-    sqlx::query(SUPERSEDE).bind(&set.robot_id).execute(tx.connection()?).await?;
-    let query = sqlx::query(RELEASE).bind(&release.id).bind(&release.reason).bind(&release.checks_json);
+    sqlx::query(SUPERSEDE)
+        .bind(&set.robot_id)
+        .execute(tx.connection()?)
+        .await?;
+    let query = sqlx::query(RELEASE)
+        .bind(&release.id)
+        .bind(&release.reason)
+        .bind(&release.checks_json);
     query
         .bind(&release.released_by)
         .bind(&release.evidence)
@@ -347,8 +429,14 @@ pub async fn release(tx: &mut Tx, release: &Release) -> Result<ParameterSetRow> 
 /// As [`release`].
 pub async fn roll_back(tx: &mut Tx, release: &Release) -> Result<ParameterSetRow> {
     let set = lock_and_get(tx, &release.id).await?;
-    let active: Option<ParameterSetRow> = sqlx::query_as(ACTIVE).bind(&set.robot_id).fetch_optional(tx.connection()?).await?;
-    let before: Option<ParameterSetRow> = sqlx::query_as(BEFORE_ACTIVE).bind(&set.robot_id).fetch_optional(tx.connection()?).await?;
+    let active: Option<ParameterSetRow> = sqlx::query_as(ACTIVE)
+        .bind(&set.robot_id)
+        .fetch_optional(tx.connection()?)
+        .await?;
+    let before: Option<ParameterSetRow> = sqlx::query_as(BEFORE_ACTIVE)
+        .bind(&set.robot_id)
+        .fetch_optional(tx.connection()?)
+        .await?;
     // asked again: what was released since this one was looked up has another set before it
     let is_before = before.is_some_and(|before| before.id == release.id);
     if active.as_ref().map(|active| &active.id) != release.checked.active.as_ref() || !is_before {
@@ -357,8 +445,18 @@ pub async fn roll_back(tx: &mut Tx, release: &Release) -> Result<ParameterSetRow
     if let Some(active) = active {
         withdraw(tx, &active.id, &release.reason, &release.released_by).await?;
     }
-    let checked = Checked { active: None, ..release.checked.clone() };
-    self::release(tx, &Release { checked, ..release.clone() }).await
+    let checked = Checked {
+        active: None,
+        ..release.checked.clone()
+    };
+    self::release(
+        tx,
+        &Release {
+            checked,
+            ..release.clone()
+        },
+    )
+    .await
 }
 
 /// Withdraws a set in whatever state it is; if it was the active one, the robot has none afterwards.
@@ -367,7 +465,13 @@ pub async fn roll_back(tx: &mut Tx, release: &Release) -> Result<ParameterSetRow
 /// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn withdraw(tx: &mut Tx, id: &str, reason: &str, by: &str) -> Result<ParameterSetRow> {
     lock_and_get(tx, id).await?;
-    let changed = sqlx::query(WITHDRAW).bind(id).bind(reason).bind(by).execute(tx.connection()?).await?.rows_affected();
+    let changed = sqlx::query(WITHDRAW)
+        .bind(id)
+        .bind(reason)
+        .bind(by)
+        .execute(tx.connection()?)
+        .await?
+        .rows_affected();
     let row = get_in(tx, id).await?;
     if let Some((_, detail)) = as_withdrawn(&row).filter(|_| changed > 0) {
         tx.note(WITHDRAWN, id, detail);
@@ -376,10 +480,16 @@ pub async fn withdraw(tx: &mut Tx, id: &str, reason: &str, by: &str) -> Result<P
 }
 
 async fn lock_and_get(tx: &mut Tx, id: &str) -> Result<ParameterSetRow> {
-    sqlx::query(LOCK_ROBOT).bind(id).execute(tx.connection()?).await?;
+    sqlx::query(LOCK_ROBOT)
+        .bind(id)
+        .execute(tx.connection()?)
+        .await?;
     get_in(tx, id).await
 }
 
 async fn get_in(tx: &mut Tx, id: &str) -> Result<ParameterSetRow> {
-    Ok(sqlx::query_as(GET).bind(id).fetch_one(tx.connection()?).await?)
+    Ok(sqlx::query_as(GET)
+        .bind(id)
+        .fetch_one(tx.connection()?)
+        .await?)
 }

@@ -52,7 +52,12 @@ pub(super) struct Set {
 }
 
 fn as_changed(set: &Set) -> Value {
-    let Set { policy, changed_by, changed_at_ms, .. } = set;
+    let Set {
+        policy,
+        changed_by,
+        changed_at_ms,
+        ..
+    } = set;
     json!({"tolerance_mm": policy.tolerance_mm, "independent_session_required": policy.independent_session_required == 1,
         "second_person_required": policy.second_person_required == 1, "version": policy.version,
         "changed_by": changed_by, "changed_at_ms": changed_at_ms})
@@ -66,7 +71,11 @@ impl Noted for Set {
     }
 
     fn said(&self) -> Vec<Said> {
-        vec![Said { event: CHANGED, now: Some((self.changed_at_ms, as_changed(self))), by: Some("changed_by") }]
+        vec![Said {
+            event: CHANGED,
+            now: Some((self.changed_at_ms, as_changed(self))),
+            by: Some("changed_by"),
+        }]
     }
 }
 
@@ -75,12 +84,18 @@ impl Noted for Set {
 /// # Errors
 /// [`super::Error::Database`].
 pub async fn get(store: &Store, robot_id: &str) -> Result<PolicyRow> {
-    let row: Option<PolicyRow> = sqlx::query_as(GET).bind(robot_id).fetch_optional(store.reads()).await?;
+    let row: Option<PolicyRow> = sqlx::query_as(GET)
+        .bind(robot_id)
+        .fetch_optional(store.reads())
+        .await?;
     Ok(row.unwrap_or_default())
 }
 
 pub(super) async fn get_in(tx: &mut Tx, robot_id: &str) -> Result<PolicyRow> {
-    let row: Option<PolicyRow> = sqlx::query_as(GET).bind(robot_id).fetch_optional(tx.connection()?).await?;
+    let row: Option<PolicyRow> = sqlx::query_as(GET)
+        .bind(robot_id)
+        .fetch_optional(tx.connection()?)
+        .await?;
     Ok(row.unwrap_or_default())
 }
 
@@ -91,8 +106,13 @@ pub(super) async fn get_in(tx: &mut Tx, robot_id: &str) -> Result<PolicyRow> {
 pub async fn put(tx: &mut Tx, robot_id: &str, policy: &PolicyRow, by: &str) -> Result<PolicyRow> {
     // A release that has read the policy ends first, or sees this one.
     robots::lock(tx, robot_id).await?;
-    let query = sqlx::query_as(PUT).bind(robot_id).bind(policy.tolerance_mm.unwrap_or(ABSENT));
-    let query = query.bind(policy.independent_session_required).bind(policy.second_person_required).bind(by);
+    let query = sqlx::query_as(PUT)
+        .bind(robot_id)
+        .bind(policy.tolerance_mm.unwrap_or(ABSENT));
+    let query = query
+        .bind(policy.independent_session_required)
+        .bind(policy.second_person_required)
+        .bind(by);
     let set: Set = query.fetch_one(tx.connection()?).await?;
     tx.note(CHANGED, robot_id, as_changed(&set));
     Ok(set.policy)

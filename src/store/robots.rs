@@ -48,7 +48,8 @@ const LIST: &str = "
 // Changes nothing, but on both engines what decides about this robot waits for who did this before: a release, a policy, a session's score.
 const LOCK: &str = "update robot set name = name where id = $1";
 
-const LOCK_OF_JOB: &str = "update robot set name = name where id = (select robot_id from job where id = $1)";
+const LOCK_OF_JOB: &str =
+    "update robot set name = name where id = (select robot_id from job where id = $1)";
 
 const EACH: &str = "select id, name, body_json, created_at_ms from robot where id > $1 order by id limit cast($2 as bigint)";
 
@@ -73,7 +74,10 @@ impl Noted for RobotRow {
 
 /// As [`lock`], of the robot of a job.
 pub(crate) async fn lock_of_job(tx: &mut Tx, job_id: &str) -> Result<()> {
-    sqlx::query(LOCK_OF_JOB).bind(job_id).execute(tx.connection()?).await?;
+    sqlx::query(LOCK_OF_JOB)
+        .bind(job_id)
+        .execute(tx.connection()?)
+        .await?;
     Ok(())
 }
 
@@ -88,7 +92,10 @@ pub(super) async fn lock(tx: &mut Tx, id: &str) -> Result<()> {
 /// # Errors
 /// [`super::Error::Database`].
 pub async fn insert(tx: &mut Tx, new: &NewRobot) -> Result<RobotRow> {
-    let query = sqlx::query_as(INSERT).bind(new_id("rob")).bind(&new.name).bind(&new.body_json);
+    let query = sqlx::query_as(INSERT)
+        .bind(new_id("rob"))
+        .bind(&new.name)
+        .bind(&new.body_json);
     tx.needs_room()?;
     let row: RobotRow = query.fetch_one(tx.connection()?).await?;
     tx.note(CREATED, &row.id, as_created(&row));
@@ -100,17 +107,28 @@ pub async fn insert(tx: &mut Tx, new: &NewRobot) -> Result<RobotRow> {
 /// # Errors
 /// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn get(store: &Store, id: &str) -> Result<RobotRow> {
-    Ok(sqlx::query_as(GET).bind(id).fetch_one(store.reads()).await?)
+    Ok(sqlx::query_as(GET)
+        .bind(id)
+        .fetch_one(store.reads())
+        .await?)
 }
 
 /// Robots, newest first; with `only`, of those ids.
 ///
 /// # Errors
 /// [`super::Error::Database`].
-pub async fn list(store: &Store, only: Option<&[String]>, request: &PageRequest) -> Result<Page<RobotRow>> {
+pub async fn list(
+    store: &Store,
+    only: Option<&[String]>,
+    request: &PageRequest,
+) -> Result<Page<RobotRow>> {
     let only = only.map_or(String::new(), |ids| format!(",{}", ids.join(",")));
     let keyset = request.keyset();
-    let query = sqlx::query_as(LIST).bind(only).bind(keyset.created_at_ms).bind(keyset.id).bind(keyset.limit);
+    let query = sqlx::query_as(LIST)
+        .bind(only)
+        .bind(keyset.created_at_ms)
+        .bind(keyset.id)
+        .bind(keyset.limit);
     let rows: Vec<RobotRow> = query.fetch_all(store.reads()).await?;
     Ok(request.page(rows, |row| (row.created_at_ms, &row.id)))
 }

@@ -37,7 +37,11 @@ const NO_BETTER: &str = "
 /// # Errors
 /// [`super::Error::Database`].
 pub async fn newest(store: &Store, parameter_set_id: &str, limit: i64) -> Result<Vec<SessionRow>> {
-    Ok(sqlx::query_as(NEWEST).bind(parameter_set_id).bind(limit).fetch_all(store.reads()).await?)
+    Ok(sqlx::query_as(NEWEST)
+        .bind(parameter_set_id)
+        .bind(limit)
+        .fetch_all(store.reads())
+        .await?)
 }
 
 /// How many sessions there are.
@@ -45,17 +49,29 @@ pub async fn newest(store: &Store, parameter_set_id: &str, limit: i64) -> Result
 /// # Errors
 /// [`super::Error::Database`].
 pub async fn count(store: &Store, parameter_set_id: &str) -> Result<i64> {
-    Ok(sqlx::query_scalar(COUNT).bind(parameter_set_id).fetch_one(store.reads()).await?)
+    Ok(sqlx::query_scalar(COUNT)
+        .bind(parameter_set_id)
+        .fetch_one(store.reads())
+        .await?)
 }
 
 /// The job that showed the set to be no better than nominal, if one did: of all sessions, however many came since.
 ///
 /// # Errors
 /// [`super::Error::Database`].
-pub async fn no_better_than_nominal(store: &Store, parameter_set_id: &str) -> Result<Option<String>> {
-    Ok(sqlx::query_scalar(NO_BETTER).bind(parameter_set_id).fetch_optional(store.reads_much()).await?)
+pub async fn no_better_than_nominal(
+    store: &Store,
+    parameter_set_id: &str,
+) -> Result<Option<String>> {
+    Ok(sqlx::query_scalar(NO_BETTER)
+        .bind(parameter_set_id)
+        .fetch_optional(store.reads_much())
+        .await?)
 }
 
 pub(super) async fn count_in(tx: &mut Tx, parameter_set_id: &str) -> Result<i64> {
-    Ok(sqlx::query_scalar(COUNT).bind(parameter_set_id).fetch_one(tx.connection()?).await?)
+    Ok(sqlx::query_scalar(COUNT)
+        .bind(parameter_set_id)
+        .fetch_one(tx.connection()?)
+        .await?)
 }

@@ -54,7 +54,10 @@ impl Connection {
         let handle = rusqlite::Connection::open_with_flags(file, flags).map_err(failure)?;
         handle.execute_batch(settings).map_err(failure)?;
         handle.set_prepared_statement_cache_capacity(STATEMENTS);
-        Ok(Self { handle, columns: HashMap::new() })
+        Ok(Self {
+            handle,
+            columns: HashMap::new(),
+        })
     }
 
     /// Takes the write lock: at once, or when those have ended who hold it, within the time that the settings give.
@@ -71,11 +74,18 @@ impl Connection {
 
     /// Runs statements that take nothing and give nothing.
     pub(super) fn run_all(&mut self, statements: &[&str]) -> sqlx::Result<()> {
-        statements.iter().try_for_each(|statement| self.run(statement, None, 0).map(drop))
+        statements
+            .iter()
+            .try_for_each(|statement| self.run(statement, None, 0).map(drop))
     }
 
     /// Runs one statement: to its end, or of one that only reads until there are so many rows. The log has its text, never what is in it.
-    pub(super) fn run(&mut self, sql: &str, arguments: Option<AnyArguments>, most: usize) -> sqlx::Result<Done> {
+    pub(super) fn run(
+        &mut self,
+        sql: &str,
+        arguments: Option<AnyArguments>,
+        most: usize,
+    ) -> sqlx::Result<Done> {
         let begun = Instant::now();
         let done = self.step(sql, arguments, most);
         let elapsed = begun.elapsed();
@@ -86,13 +96,22 @@ impl Connection {
         done
     }
 
-    fn step(&mut self, sql: &str, arguments: Option<AnyArguments>, most: usize) -> sqlx::Result<Done> {
+    fn step(
+        &mut self,
+        sql: &str,
+        arguments: Option<AnyArguments>,
+        most: usize,
+    ) -> sqlx::Result<Done> {
         let mut statement = self.handle.prepare_cached(sql).map_err(failure)?;
         bind(&mut statement, arguments)?;
         let columns = match self.columns.get(sql) {
             Some(columns) => Arc::clone(columns),
             None => {
-                let names = statement.column_names().into_iter().enumerate().map(|(at, name)| (UStr::new(name), at));
+                let names = statement
+                    .column_names()
+                    .into_iter()
+                    .enumerate()
+                    .map(|(at, name)| (UStr::new(name), at));
                 let columns: Columns = Arc::new(names.collect());
                 if self.columns.len() >= STATEMENTS {
                     self.columns.clear();
@@ -113,16 +132,26 @@ impl Connection {
         }
         drop(rows);
         drop(statement);
-        Ok(Done { n_changed: if reads { 0 } else { self.handle.changes() }, rows: found })
+        Ok(Done {
+            n_changed: if reads { 0 } else { self.handle.changes() },
+            rows: found,
+        })
     }
 }
 
 /// `$1` takes the first argument wherever it stands.
 fn bind(statement: &mut Statement<'_>, arguments: Option<AnyArguments>) -> sqlx::Result<()> {
-    let values = arguments.map(|arguments| arguments.values.0).unwrap_or_default();
+    let values = arguments
+        .map(|arguments| arguments.values.0)
+        .unwrap_or_default();
     for index in 1..=statement.parameter_count() {
-        let number = statement.parameter_name(index).and_then(|name| name.get(1..)?.parse().ok()).unwrap_or(index);
-        let Some(value) = number.checked_sub(1).and_then(|at: usize| values.get(at)) else { continue };
+        let number = statement
+            .parameter_name(index)
+            .and_then(|name| name.get(1..)?.parse().ok())
+            .unwrap_or(index);
+        let Some(value) = number.checked_sub(1).and_then(|at: usize| values.get(at)) else {
+            continue;
+        };
         let value = match value {
             AnyValueKind::Null(_) => ValueRef::Null,
             AnyValueKind::Bool(value) => ValueRef::Integer(i64::from(*value)),
@@ -134,29 +163,52 @@ fn bind(statement: &mut Statement<'_>, arguments: Option<AnyArguments>) -> sqlx:
             AnyValueKind::Text(value) => ValueRef::Text(value.as_bytes()),
             AnyValueKind::TextSlice(value) => ValueRef::Text(value.as_bytes()),
             AnyValueKind::Blob(value) => ValueRef::Blob(value),
-            other => return Err(sqlx::Error::AnyDriverError(format!("SQLite does not take {other:?}").into())),
+            other => {
+                return Err(sqlx::Error::AnyDriverError(
+                    format!("SQLite does not take {other:?}").into(),
+                ));
+            }
         };
-        statement.raw_bind_parameter(index, ToSqlOutput::Borrowed(value)).map_err(failure)?;
+        statement
+            .raw_bind_parameter(index, ToSqlOutput::Borrowed(value))
+            .map_err(failure)?;
     }
     Ok(())
 }
 
 fn any_row(row: &rusqlite::Row<'_>, columns: &Columns) -> sqlx::Result<AnyRow> {
     let n_columns = row.as_ref().column_count();
-    let mut out =
-        AnyRow { column_names: Arc::clone(columns), columns: Vec::with_capacity(n_columns), values: Vec::with_capacity(n_columns) };
+    let mut out = AnyRow {
+        column_names: Arc::clone(columns),
+        columns: Vec::with_capacity(n_columns),
+        values: Vec::with_capacity(n_columns),
+    };
     for at in 0..n_columns {
         let (kind, value) = match row.get_ref(at).map_err(failure)? {
-            ValueRef::Null => (AnyTypeInfoKind::Null, AnyValueKind::Null(AnyTypeInfoKind::Null)),
+            ValueRef::Null => (
+                AnyTypeInfoKind::Null,
+                AnyValueKind::Null(AnyTypeInfoKind::Null),
+            ),
             ValueRef::Integer(value) => (AnyTypeInfoKind::BigInt, AnyValueKind::BigInt(value)),
             ValueRef::Real(value) => (AnyTypeInfoKind::Double, AnyValueKind::Double(value)),
             ValueRef::Text(text) => {
-                let text = std::str::from_utf8(text).map_err(|error| sqlx::Error::Decode(error.into()))?;
-                (AnyTypeInfoKind::Text, AnyValueKind::Text(Arc::new(text.to_owned())))
+                let text =
+                    std::str::from_utf8(text).map_err(|error| sqlx::Error::Decode(error.into()))?;
+                (
+                    AnyTypeInfoKind::Text,
+                    AnyValueKind::Text(Arc::new(text.to_owned())),
+                )
             }
-            ValueRef::Blob(bytes) => (AnyTypeInfoKind::Blob, AnyValueKind::Blob(Arc::new(bytes.to_vec()))),
+            ValueRef::Blob(bytes) => (
+                AnyTypeInfoKind::Blob,
+                AnyValueKind::Blob(Arc::new(bytes.to_vec())),
+            ),
         };
-        out.columns.push(AnyColumn { ordinal: at, name: UStr::Static(""), type_info: AnyTypeInfo { kind } });
+        out.columns.push(AnyColumn {
+            ordinal: at,
+            name: UStr::Static(""),
+            type_info: AnyTypeInfo { kind },
+        });
         out.values.push(AnyValue { kind: value });
     }
     Ok(out)
@@ -177,8 +229,20 @@ pub(crate) struct Pool {
 
 impl Pool {
     /// Connections with these settings, which wait so long for locks that others hold; so many at most read what may take long.
-    pub(super) fn new(file: PathBuf, settings: &'static str, patience: Duration, most: u32) -> Self {
-        Self { file, settings, patience, idle: Mutex::default(), room: Semaphore::new(most as usize), most }
+    pub(super) fn new(
+        file: PathBuf,
+        settings: &'static str,
+        patience: Duration,
+        most: u32,
+    ) -> Self {
+        Self {
+            file,
+            settings,
+            patience,
+            idle: Mutex::default(),
+            room: Semaphore::new(most as usize),
+            most,
+        }
     }
 
     /// Another connection.
@@ -190,7 +254,12 @@ impl Pool {
     }
 
     /// Reads here and now. As many connections as threads do so at a time.
-    pub(super) fn run(&self, sql: &str, arguments: Option<AnyArguments>, most: usize) -> sqlx::Result<Done> {
+    pub(super) fn run(
+        &self,
+        sql: &str,
+        arguments: Option<AnyArguments>,
+        most: usize,
+    ) -> sqlx::Result<Done> {
         let idle = self.idle().pop();
         let mut connection = idle.map_or_else(|| aside(|| self.connect()), Ok)?;
         let done = connection.run(sql, arguments, most)?;
@@ -203,8 +272,15 @@ impl Pool {
     }
 
     /// Reads what may take long, when not too many others do.
-    pub(super) async fn run_aside(&self, sql: &str, arguments: Option<AnyArguments>, most: usize) -> sqlx::Result<Done> {
-        let room = timeout(LONGEST_WAIT, self.room.acquire()).await.map_err(|_| sqlx::Error::PoolTimedOut)?;
+    pub(super) async fn run_aside(
+        &self,
+        sql: &str,
+        arguments: Option<AnyArguments>,
+        most: usize,
+    ) -> sqlx::Result<Done> {
+        let room = timeout(LONGEST_WAIT, self.room.acquire())
+            .await
+            .map_err(|_| sqlx::Error::PoolTimedOut)?;
         let _room = room.map_err(|_| sqlx::Error::PoolClosed)?;
         aside(|| self.run(sql, arguments, most))
     }
@@ -249,12 +325,16 @@ struct Failure {
 
 fn is_locked(error: &sqlx::Error) -> bool {
     let code = error.as_database_error().and_then(DatabaseError::code);
-    code.and_then(|code| code.parse::<i32>().ok()).is_some_and(|code| LOCKED.contains(&(code & 0xff)))
+    code.and_then(|code| code.parse::<i32>().ok())
+        .is_some_and(|code| LOCKED.contains(&(code & 0xff)))
 }
 
 fn failure(error: rusqlite::Error) -> sqlx::Error {
     let (code, message) = match error {
-        rusqlite::Error::SqliteFailure(error, message) => (error.extended_code, message.unwrap_or_else(|| error.to_string())),
+        rusqlite::Error::SqliteFailure(error, message) => (
+            error.extended_code,
+            message.unwrap_or_else(|| error.to_string()),
+        ),
         other => return sqlx::Error::AnyDriverError(other.into()),
     };
     sqlx::Error::Database(Box::new(Failure { code, message }))
@@ -283,7 +363,8 @@ impl DatabaseError for Failure {
 
     fn kind(&self) -> ErrorKind {
         match self.code {
-            rusqlite::ffi::SQLITE_CONSTRAINT_UNIQUE | rusqlite::ffi::SQLITE_CONSTRAINT_PRIMARYKEY => ErrorKind::UniqueViolation,
+            rusqlite::ffi::SQLITE_CONSTRAINT_UNIQUE
+            | rusqlite::ffi::SQLITE_CONSTRAINT_PRIMARYKEY => ErrorKind::UniqueViolation,
             rusqlite::ffi::SQLITE_CONSTRAINT_FOREIGNKEY => ErrorKind::ForeignKeyViolation,
             rusqlite::ffi::SQLITE_CONSTRAINT_NOTNULL => ErrorKind::NotNullViolation,
             rusqlite::ffi::SQLITE_CONSTRAINT_CHECK => ErrorKind::CheckViolation,

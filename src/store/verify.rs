@@ -41,7 +41,13 @@ pub struct Options {
 
 impl Check {
     fn new(id: &'static str, promise: &'static str) -> Self {
-        Check { id, promise, n_examined: 0, violations: Vec::new(), n_violations: 0 }
+        Check {
+            id,
+            promise,
+            n_examined: 0,
+            violations: Vec::new(),
+            n_violations: 0,
+        }
     }
 
     fn violated(&mut self, what: String) {
@@ -92,7 +98,9 @@ pub async fn verify(store: &Store, options: &Options) -> Result<Vec<Check>> {
     for _ in 1..MOST_LOOKS {
         let head = audit::head(store).await?;
         let checks = look(store, options).await?;
-        if checks.iter().all(|check| check.n_violations == 0) || audit::head(store).await?.seq == head.seq {
+        if checks.iter().all(|check| check.n_violations == 0)
+            || audit::head(store).await?.seq == head.seq
+        {
             return Ok(checks);
         }
     }

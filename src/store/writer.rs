@@ -74,7 +74,12 @@ const ABANDON: &[&str] = &["rollback"];
 impl Writer {
     /// For the runtime of the caller, which has to outlive all others who write.
     pub(super) fn new(pool: Arc<Pool>) -> Self {
-        Self { pool, state: Arc::default(), n_waiting: Arc::default(), runtime: Handle::current() }
+        Self {
+            pool,
+            state: Arc::default(),
+            n_waiting: Arc::default(),
+            runtime: Handle::current(),
+        }
     }
 
     /// Closes the writers' connection. The pool has to be closed already, or another one is opened when it is needed.
@@ -106,7 +111,10 @@ impl Writer {
             }
         }
         step_over_what_is_kept(&mut state)?;
-        Ok(Member { writer: self.clone(), state: Some(state) })
+        Ok(Member {
+            writer: self.clone(),
+            state: Some(state),
+        })
     }
 
     /// Ends the group, or leaves it to those who wait and waits with them for its end.
@@ -114,14 +122,17 @@ impl Writer {
         if self.n_waiting.load(Ordering::SeqCst) == 0 {
             return self.end(&mut state).await;
         }
-        let Some(group) = state.group.as_mut() else { return Err(broken()) };
+        let Some(group) = state.group.as_mut() else {
+            return Err(broken());
+        };
         let (sender, verdict) = oneshot::channel();
         if group.waiting.is_empty() {
             let (writer, mut turn) = (self.clone(), Box::pin(Arc::clone(&self.state).lock_owned()));
             // asked once, it stands in line behind those who wait already
             let held_here = (&mut turn).now_or_never().is_none();
             debug_assert!(held_here, "nobody else has the state");
-            self.runtime.spawn(async move { writer.end(&mut *turn.await).await });
+            self.runtime
+                .spawn(async move { writer.end(&mut *turn.await).await });
         }
         group.waiting.push(sender);
         drop(state);
@@ -133,7 +144,9 @@ impl Writer {
 
     /// Commits the group, if there is one still, and tells everybody in it.
     async fn end(&self, state: &mut State) -> Result<()> {
-        let Some(mut group) = state.group.take() else { return Err(broken()) };
+        let Some(mut group) = state.group.take() else {
+            return Err(broken());
+        };
         match group.commit().await {
             Ok(()) => {
                 tell(&mut group.waiting, &Ok(()));
@@ -163,12 +176,20 @@ impl Drop for Counted<'_> {
 
 /// Fails with its connection: the transaction may be open.
 fn open(pool: &Pool, idle: Option<Connection>) -> Result<Group> {
-    let mut connection = idle.filter(|_| !pool.is_closed()).map_or_else(|| pool.connect(), Ok)?;
+    let mut connection = idle
+        .filter(|_| !pool.is_closed())
+        .map_or_else(|| pool.connect(), Ok)?;
     connection.begin_to_write(pool.patience())?;
     connection.run_all(ENTER)?;
     let begun = connection.run(audit::HEAD, None, 1)?;
     let head = AuditHead::from_row(begun.rows.first().ok_or(sqlx::Error::RowNotFound)?)?;
-    Ok(Group { connection, head, entries: Vec::new(), is_kept: false, waiting: Vec::new() })
+    Ok(Group {
+        connection,
+        head,
+        entries: Vec::new(),
+        is_kept: false,
+        waiting: Vec::new(),
+    })
 }
 
 impl Group {
@@ -201,7 +222,11 @@ fn tell(waiting: &mut Vec<oneshot::Sender<Verdict>>, verdict: &Verdict) {
 
 impl Member {
     pub(super) fn connection(&mut self) -> Option<&mut Connection> {
-        self.state.as_mut()?.group.as_mut().map(|group| &mut group.connection)
+        self.state
+            .as_mut()?
+            .group
+            .as_mut()
+            .map(|group| &mut group.connection)
     }
 
     /// Leaves this member's writes and its audit entries to the group, and waits until the group is committed.
@@ -211,8 +236,12 @@ impl Member {
             Some(Some(group)) => audit::entries(&group.head, &actor, notes),
             _ => return Err(broken()),
         };
-        let Some(mut state) = self.state.take() else { return Err(broken()) };
-        let Some(group) = state.group.as_mut() else { return Err(broken()) };
+        let Some(mut state) = self.state.take() else {
+            return Err(broken());
+        };
+        let Some(group) = state.group.as_mut() else {
+            return Err(broken());
+        };
         if let Some(last) = entries.last() {
             group.head.follow(last);
         }
@@ -233,7 +262,9 @@ impl Member {
     fn undo(&mut self) -> Option<OwnedMutexGuard<State>> {
         let mut state = self.state.take()?;
         undo(&mut state);
-        let Some(mut group) = state.group.take_if(|group| group.waiting.is_empty()) else { return Some(state) };
+        let Some(mut group) = state.group.take_if(|group| group.waiting.is_empty()) else {
+            return Some(state);
+        };
         if group.connection.run_all(ABANDON).is_ok() {
             state.idle = Some(group.connection).filter(|_| !self.writer.pool.is_closed());
         }
@@ -249,7 +280,9 @@ impl Drop for Member {
 
 /// Puts the savepoint behind everything done so far, or nothing of it would be certain.
 fn step_over_what_is_kept(state: &mut State) -> Result<()> {
-    let Some(group) = state.group.as_mut().filter(|group| group.is_kept) else { return Ok(()) };
+    let Some(group) = state.group.as_mut().filter(|group| group.is_kept) else {
+        return Ok(());
+    };
     match group.connection.run_all(NEXT) {
         Ok(()) => {
             group.is_kept = false;
@@ -268,7 +301,9 @@ fn step_over_what_is_kept(state: &mut State) -> Result<()> {
 /// Back to the savepoint. If that fails, the engine has given up the whole transaction (disk full, I/O error), and with it all
 /// members before.
 fn undo(state: &mut State) {
-    let Some(group) = state.group.as_mut() else { return };
+    let Some(group) = state.group.as_mut() else {
+        return;
+    };
     if let Err(error) = group.connection.run_all(UNDO)
         && let Some(group) = state.group.take()
     {

@@ -31,10 +31,18 @@ pub fn text_of(value: &Value) -> Result<String, serde_json::Error> {
 ///
 /// # Errors
 /// As [`to_canonical_json`].
-pub fn text_of_hash(value: &impl Serialize, sha256: &str) -> Result<Option<String>, serde_json::Error> {
+pub fn text_of_hash(
+    value: &impl Serialize,
+    sha256: &str,
+) -> Result<Option<String>, serde_json::Error> {
     let value = serde_json::to_value(value)?;
-    let texts = [text_with(&value, write_number)?, text_with(&value, write_number_as_before)?];
-    Ok(texts.into_iter().find(|text| sha256_hex(text.as_bytes()) == sha256))
+    let texts = [
+        text_with(&value, write_number)?,
+        text_with(&value, write_number_as_before)?,
+    ];
+    Ok(texts
+        .into_iter()
+        .find(|text| sha256_hex(text.as_bytes()) == sha256))
 }
 
 type WriteNumber = fn(&Number, &mut String) -> std::fmt::Result;
@@ -61,13 +69,18 @@ pub fn sha256_hex(bytes: &[u8]) -> String {
 /// Lower-case hexadecimal.
 pub fn hex(bytes: &[u8]) -> String {
     let digit = |nibble: u8| char::from(b"0123456789abcdef"[usize::from(nibble)]);
-    bytes.iter().flat_map(|byte| [digit(byte >> 4), digit(byte & 15)]).collect()
+    bytes
+        .iter()
+        .flat_map(|byte| [digit(byte >> 4), digit(byte & 15)])
+        .collect()
 }
 
 fn write_value(value: &Value, number: WriteNumber, out: &mut String) -> std::fmt::Result {
     match value {
         Value::Number(value) => number(value, out),
-        Value::Array(items) => write_joined(out, ('[', ']'), items.iter(), |item, out| write_value(item, number, out)),
+        Value::Array(items) => write_joined(out, ('[', ']'), items.iter(), |item, out| {
+            write_value(item, number, out)
+        }),
         Value::Object(map) => {
             let mut entries: Vec<_> = map.iter().collect();
             entries.sort_by(|(a, _), (b, _)| in_utf16(a, b));
@@ -84,7 +97,11 @@ fn write_value(value: &Value, number: WriteNumber, out: &mut String) -> std::fmt
 
 /// The order of keys: by UTF-16 units, which for ASCII are the bytes.
 fn in_utf16(a: &str, b: &str) -> Ordering {
-    if a.is_ascii() && b.is_ascii() { a.cmp(b) } else { a.encode_utf16().cmp(b.encode_utf16()) }
+    if a.is_ascii() && b.is_ascii() {
+        a.cmp(b)
+    } else {
+        a.encode_utf16().cmp(b.encode_utf16())
+    }
 }
 
 fn write_joined<T>(
@@ -106,7 +123,10 @@ fn write_joined<T>(
 
 /// Text as JSON has it; most needs no escapes.
 fn write_text(text: &str, out: &mut String) -> std::fmt::Result {
-    if text.bytes().all(|byte| byte >= b' ' && byte != b'"' && byte != b'\\') {
+    if text
+        .bytes()
+        .all(|byte| byte >= b' ' && byte != b'"' && byte != b'\\')
+    {
         out.push('"');
         out.push_str(text);
         out.push('"');
@@ -117,7 +137,11 @@ fn write_text(text: &str, out: &mut String) -> std::fmt::Result {
 }
 
 fn write_number(number: &Number, out: &mut String) -> std::fmt::Result {
-    if number.is_f64() { write_ecmascript(&number.to_string(), out) } else { write!(out, "{number}") }
+    if number.is_f64() {
+        write_ecmascript(&number.to_string(), out)
+    } else {
+        write!(out, "{number}")
+    }
 }
 
 /// With the digits of the standard library, which rounds up what is halfway.
@@ -201,15 +225,26 @@ mod tests {
     #[test]
     fn of_two_texts_that_are_equally_near_the_even_one_is_written() {
         // as node prints them; the standard library's {:e} rounds the first up
-        assert_eq!(text_of_float(87_477_002_012_648.0 + 0.125), "87477002012648.12");
-        assert_eq!(text_of_float(-87_477_002_012_648.0 - 0.375), "-87477002012648.38");
+        assert_eq!(
+            text_of_float(87_477_002_012_648.0 + 0.125),
+            "87477002012648.12"
+        );
+        assert_eq!(
+            text_of_float(-87_477_002_012_648.0 - 0.375),
+            "-87477002012648.38"
+        );
         // 600.2 that was kept as 32 bits somewhere
         let content = json!({"d_mm": f64::from(600.2_f32), "a_mm": [0.0, -0.0, 1.0, -2.5, 1e-7, 1e21, 123_456.75]});
         let now = r#"{"a_mm":[0,0,1,-2.5,1e-7,1e+21,123456.75],"d_mm":600.2000122070312}"#;
         let before = now.replace("070312", "070313");
         assert_eq!(to_canonical_json(&content).unwrap(), now);
         for text in [now, &before] {
-            assert_eq!(text_of_hash(&content, &sha256_hex(text.as_bytes())).unwrap().as_deref(), Some(text));
+            assert_eq!(
+                text_of_hash(&content, &sha256_hex(text.as_bytes()))
+                    .unwrap()
+                    .as_deref(),
+                Some(text)
+            );
         }
         assert_eq!(text_of_hash(&content, &sha256_hex(b"other")).unwrap(), None);
     }
@@ -219,39 +254,66 @@ mod tests {
         let mut state = 1_u64;
         for size in -340..=310 {
             for _ in 0..200 {
-                state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+                state = state
+                    .wrapping_mul(6_364_136_223_846_793_005)
+                    .wrapping_add(1_442_695_040_888_963_407);
                 let most = [10_u64, 1000, 1 << 20, 1 << 53][(state >> 5) as usize & 3];
-                let float: f64 = format!("{}{}e{size}", if state & 1 == 0 { "" } else { "-" }, (state >> 11) % most).parse().unwrap();
+                let float: f64 = format!(
+                    "{}{}e{size}",
+                    if state & 1 == 0 { "" } else { "-" },
+                    (state >> 11) % most
+                )
+                .parse()
+                .unwrap();
                 if !float.is_finite() {
                     continue;
                 }
                 let text = text_of_float(float);
                 assert_eq!(text.parse::<f64>().unwrap(), float, "{text}");
                 let n_digits = |text: &str| {
-                    let digits: String = text.split('e').next().unwrap().chars().filter(char::is_ascii_digit).collect();
+                    let digits: String = text
+                        .split('e')
+                        .next()
+                        .unwrap()
+                        .chars()
+                        .filter(char::is_ascii_digit)
+                        .collect();
                     digits.trim_matches('0').len()
                 };
                 assert_eq!(n_digits(&text), n_digits(&format!("{float:e}")), "{text}");
                 let (size, has_exponent) = (float.abs(), text.contains('e'));
-                assert_eq!(has_exponent, size != 0.0 && !(1e-6..1e21).contains(&size), "{text}");
+                assert_eq!(
+                    has_exponent,
+                    size != 0.0 && !(1e-6..1e21).contains(&size),
+                    "{text}"
+                );
             }
         }
     }
 
     #[test]
     fn keys_beyond_ascii_are_sorted_by_their_utf16_units() {
-        let text = to_canonical_json(&json!({"\u{fb33}": 1, "\u{1f600}": 2, "z": 3, "ö": 4})).unwrap();
+        let text =
+            to_canonical_json(&json!({"\u{fb33}": 1, "\u{1f600}": 2, "z": 3, "ö": 4})).unwrap();
         assert_eq!(text, "{\"z\":3,\"ö\":4,\"\u{1f600}\":2,\"\u{fb33}\":1}");
     }
 
     #[test]
     fn keys_are_sorted_and_white_space_is_gone() {
-        let text = to_canonical_json(&json!({"b": [1.0, -0.5, u64::MAX], "a": {"z": null, "k": "é\n"}})).unwrap();
-        assert_eq!(text, r#"{"a":{"k":"é\n","z":null},"b":[1,-0.5,18446744073709551615]}"#);
+        let text =
+            to_canonical_json(&json!({"b": [1.0, -0.5, u64::MAX], "a": {"z": null, "k": "é\n"}}))
+                .unwrap();
+        assert_eq!(
+            text,
+            r#"{"a":{"k":"é\n","z":null},"b":[1,-0.5,18446744073709551615]}"#
+        );
     }
 
     #[test]
     fn the_hash_is_the_one_everyone_else_computes() {
-        assert_eq!(sha256_hex(b"abc"), "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
+        assert_eq!(
+            sha256_hex(b"abc"),
+            "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
+        );
     }
 }

@@ -124,9 +124,12 @@ impl CompensateAnswer {
     /// Goes on with the answer to the next part of a long program; what is left out is the parameter set's and the same in each.
     pub fn extend(&mut self, next: Self) {
         self.q_deg.extend(next.q_deg);
-        self.position_error_before_mm.extend(next.position_error_before_mm);
-        self.position_error_after_mm.extend(next.position_error_after_mm);
-        self.orientation_error_after_deg.extend(next.orientation_error_after_deg);
+        self.position_error_before_mm
+            .extend(next.position_error_before_mm);
+        self.position_error_after_mm
+            .extend(next.position_error_after_mm);
+        self.orientation_error_after_deg
+            .extend(next.orientation_error_after_deg);
         self.status.extend(next.status);
         self.extrapolated.extend(next.extrapolated);
         self.left_out = next.left_out;
@@ -151,7 +154,8 @@ impl LeftOut {
     /// In words; `None` where there is nothing to say.
     pub fn remark(&self) -> Option<String> {
         let (turn_deg, shift_mm) = Self::NOTICED;
-        let is_noticed = self.base_turn_deg.max(self.flange_turn_deg) > turn_deg || self.base_shift_mm.max(self.flange_shift_mm) > shift_mm;
+        let is_noticed = self.base_turn_deg.max(self.flange_turn_deg) > turn_deg
+            || self.base_shift_mm.max(self.flange_shift_mm) > shift_mm;
         is_noticed.then(|| {
             format!(
                 "not corrected: the base frame is turned by {:.4}° and shifted by {:.3} mm from the nominal one (link 1, mastering of joint 1), the \
@@ -167,15 +171,25 @@ impl CompensateBody {
     ///
     /// # Errors
     /// [`Invalid`] for joint values that do not fit the robot, a tool that is none, or a target that the set does not have.
-    pub fn run(&self, robot: &Robot, content: &ParameterSetContent, warnings: &[Warning]) -> Result<CompensateAnswer, Invalid> {
+    pub fn run(
+        &self,
+        robot: &Robot,
+        content: &ParameterSetContent,
+        warnings: &[Warning],
+    ) -> Result<CompensateAnswer, Invalid> {
         self.check(robot.links.len())?;
         let target = self.target.unwrap_or(0);
         if self.tool.is_none() && content.target_mm(target, None).is_none() {
             return Err(unknown_target());
         }
-        let identified = content.robot_to_core(None).carrying(self.payload.map(PayloadBody::to_core));
+        let identified = content
+            .robot_to_core(None)
+            .carrying(self.payload.map(PayloadBody::to_core));
         let compensation = Compensation::of(robot, &identified);
-        let tool = self.tool.map_or_else(|| Tool::Target(identified.target_mm(target)), |tool| Tool::Tcp(tool.to_core()));
+        let tool = self.tool.map_or_else(
+            || Tool::Target(identified.target_mm(target)),
+            |tool| Tool::Tcp(tool.to_core()),
+        );
         let mut answer = CompensateAnswer::with_capacity(self.q_deg.len());
         answer.left_out = LeftOut::of(compensation.anchor());
         // the measured reflector is right whatever the positions do not show
@@ -185,12 +199,28 @@ impl CompensateBody {
         for q_deg in &self.q_deg {
             let q_rad: Vec<f64> = q_deg.iter().map(|deg| to_radians(*deg)).collect();
             let corrected = compensation.correct(&q_rad, &tool, self.mode.to_core());
-            answer.q_deg.push(corrected.q_controller_rad.iter().map(|rad| to_degrees(*rad)).collect());
-            answer.position_error_before_mm.push(corrected.position_error_before_mm);
-            answer.position_error_after_mm.push(corrected.position_error_after_mm);
-            answer.orientation_error_after_deg.push(to_degrees(corrected.orientation_error_after_rad));
-            answer.status.push(CompensateStatus::from_core(corrected.status));
-            answer.extrapolated.push(identified.is_extrapolated(&robot.q_model_rad(&corrected.q_controller_rad)));
+            answer.q_deg.push(
+                corrected
+                    .q_controller_rad
+                    .iter()
+                    .map(|rad| to_degrees(*rad))
+                    .collect(),
+            );
+            answer
+                .position_error_before_mm
+                .push(corrected.position_error_before_mm);
+            answer
+                .position_error_after_mm
+                .push(corrected.position_error_after_mm);
+            answer
+                .orientation_error_after_deg
+                .push(to_degrees(corrected.orientation_error_after_rad));
+            answer
+                .status
+                .push(CompensateStatus::from_core(corrected.status));
+            answer
+                .extrapolated
+                .push(identified.is_extrapolated(&robot.q_model_rad(&corrected.q_controller_rad)));
         }
         Ok(answer)
     }
@@ -202,14 +232,21 @@ impl CompensateBody {
     pub fn check(&self, n_joints: usize) -> Result<(), Invalid> {
         let mut checker = Checker::default();
         if self.q_deg.len() > MAX_TARGETS_PER_REQUEST {
-            let detail = format!("{} targets; at most {MAX_TARGETS_PER_REQUEST}: send a long program in parts", self.q_deg.len());
+            let detail = format!(
+                "{} targets; at most {MAX_TARGETS_PER_REQUEST}: send a long program in parts",
+                self.q_deg.len()
+            );
             checker.note("/q_deg", "wrong_length", detail);
         }
         for (i, pose) in self.q_deg.iter().take(MAX_TARGETS_PER_REQUEST).enumerate() {
             check_pose(&mut checker, i, pose, n_joints);
         }
         if self.target.is_some() && self.tool.is_some() {
-            checker.note("/tool", "target_and_tool", "the tool is either a reflector (target) or a tool centre point (tool): give one");
+            checker.note(
+                "/tool",
+                "target_and_tool",
+                "the tool is either a reflector (target) or a tool centre point (tool): give one",
+            );
         }
         if let Some(tool) = &self.tool {
             tool.check(&mut checker);
@@ -224,7 +261,12 @@ impl CompensateBody {
 impl ToolBody {
     fn check(&self, checker: &mut Checker) {
         for (i, value) in self.translation_mm.iter().enumerate() {
-            checker.magnitude(format!("/tool/translation_mm/{i}"), *value, MAX_LENGTH_MM, "lengths are in millimetres");
+            checker.magnitude(
+                format!("/tool/translation_mm/{i}"),
+                *value,
+                MAX_LENGTH_MM,
+                "lengths are in millimetres",
+            );
         }
         let rotation = self.matrix();
         let off = (rotation * rotation.transpose() - Matrix3::identity()).amax();
@@ -235,12 +277,17 @@ impl ToolBody {
     }
 
     fn matrix(&self) -> Matrix3<f64> {
-        self.rotation.map_or_else(Matrix3::identity, |rows| Matrix3::from_fn(|i, j| rows[i][j]))
+        self.rotation.map_or_else(Matrix3::identity, |rows| {
+            Matrix3::from_fn(|i, j| rows[i][j])
+        })
     }
 
     fn to_core(self) -> IsometryMatrix3<f64> {
         let rotation = Rotation3::from_matrix_unchecked(self.matrix());
-        IsometryMatrix3::from_parts(Translation3::from(Vector3::from(self.translation_mm)), rotation)
+        IsometryMatrix3::from_parts(
+            Translation3::from(Vector3::from(self.translation_mm)),
+            rotation,
+        )
     }
 }
 

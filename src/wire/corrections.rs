@@ -3,7 +3,9 @@
 use crate::identification::KinematicModel;
 use crate::identification::corrected::CorrectedModel;
 use crate::kinematics::corrections::HARMONIC_ORDERS;
-use crate::kinematics::{Compliance, Corrections, Harmonic, Link, MeasuredRegion, Payload, ResidualNetwork};
+use crate::kinematics::{
+    Compliance, Corrections, Harmonic, Link, MeasuredRegion, Payload, ResidualNetwork,
+};
 use crate::wire::angle::{to_degrees, to_radians};
 use crate::wire::frames::Transform;
 use crate::wire::issue::{Checker, Invalid};
@@ -134,20 +136,35 @@ impl PayloadBody {
     /// Notes what is out of range.
     pub fn check(&self, pointer: &str, checker: &mut Checker) {
         if !(0.0..=MAX_PAYLOAD_KG).contains(&self.mass_kg) {
-            checker.note(format!("{pointer}/mass_kg"), "out_of_range", format!("{} is outside 0 to {MAX_PAYLOAD_KG} kg", self.mass_kg));
+            checker.note(
+                format!("{pointer}/mass_kg"),
+                "out_of_range",
+                format!("{} is outside 0 to {MAX_PAYLOAD_KG} kg", self.mass_kg),
+            );
         }
         for (axis, v) in self.centre_mm.iter().enumerate() {
-            checker.magnitude(format!("{pointer}/centre_mm/{axis}"), *v, MAX_PAYLOAD_OFFSET_MM, "the payload's centre, mm from the flange");
+            checker.magnitude(
+                format!("{pointer}/centre_mm/{axis}"),
+                *v,
+                MAX_PAYLOAD_OFFSET_MM,
+                "the payload's centre, mm from the flange",
+            );
         }
     }
 
     /// The core's payload.
     pub fn to_core(self) -> Payload {
-        Payload { mass_kg: self.mass_kg, centre_mm: Vector3::from(self.centre_mm) }
+        Payload {
+            mass_kg: self.mass_kg,
+            centre_mm: Vector3::from(self.centre_mm),
+        }
     }
 
     fn from_core(payload: &Payload) -> Self {
-        Self { mass_kg: payload.mass_kg, centre_mm: payload.centre_mm.into() }
+        Self {
+            mass_kg: payload.mass_kg,
+            centre_mm: payload.centre_mm.into(),
+        }
     }
 }
 
@@ -188,7 +205,12 @@ impl ResidualNetworkContent {
             ("output_thresholds", self.output_thresholds.len(), 3),
         ];
         for (name, found, expected) in sizes {
-            checker.length(format!("/corrections/residual_network/{name}"), found, expected, "a network of joints → position");
+            checker.length(
+                format!("/corrections/residual_network/{name}"),
+                found,
+                expected,
+                "a network of joints → position",
+            );
         }
     }
 }
@@ -196,7 +218,11 @@ impl ResidualNetworkContent {
 impl CorrectionsContent {
     /// From the core's model, whose targets are `targets` on the wire.
     pub fn from_core(corrected: &CorrectedModel, targets: Vec<Target>) -> Self {
-        let Corrections { compliance, harmonics, residual } = &corrected.corrections;
+        let Corrections {
+            compliance,
+            harmonics,
+            residual,
+        } = &corrected.corrections;
         let region = &corrected.region;
         let listed = |(joint, orders): (usize, &Vec<Harmonic>)| {
             let content = move |(k, h): (usize, &Harmonic)| HarmonicContent {
@@ -205,7 +231,12 @@ impl CorrectionsContent {
                 sin_deg: to_degrees(h.sin_rad),
                 cos_deg: to_degrees(h.cos_rad),
             };
-            orders.iter().enumerate().filter(|(_, h)| **h != Harmonic::default()).map(content).collect::<Vec<_>>()
+            orders
+                .iter()
+                .enumerate()
+                .filter(|(_, h)| **h != Harmonic::default())
+                .map(content)
+                .collect::<Vec<_>>()
         };
         Self {
             version: CORRECTIONS_VERSION,
@@ -213,7 +244,11 @@ impl CorrectionsContent {
             targets,
             gravity_in_base: compliance.gravity_in_base.into(),
             masses: compliance.masses.clone(),
-            first_moments_m: compliance.first_moments_m.iter().map(|c| (*c).into()).collect(),
+            first_moments_m: compliance
+                .first_moments_m
+                .iter()
+                .map(|c| (*c).into())
+                .collect(),
             joint_compliance_deg: compliance.joints_rad.iter().map(degrees3).collect(),
             base_compliance_deg: degrees3(&compliance.base_rad),
             payload: compliance.payload.as_ref().map(PayloadBody::from_core),
@@ -233,29 +268,44 @@ impl CorrectionsContent {
     /// The core's model with these links. `segment`: the stretch of targets that moved; default: the last.
     pub fn to_core(&self, links: Vec<Link>, segment: Option<u32>) -> CorrectedModel {
         let n_targets = self.targets.iter().map(|t| t.target + 1).max().unwrap_or(0);
-        let target_mm = |target| of_target(&self.targets, target, segment).or_else(|| of_target(&self.targets, target, None));
+        let target_mm = |target| {
+            of_target(&self.targets, target, segment)
+                .or_else(|| of_target(&self.targets, target, None))
+        };
         let mut harmonics = vec![vec![Harmonic::default(); HARMONIC_ORDERS]; links.len()];
         for h in &self.harmonics {
-            harmonics[h.joint - 1][h.order - 1] = Harmonic { sin_rad: to_radians(h.sin_deg), cos_rad: to_radians(h.cos_deg) };
+            harmonics[h.joint - 1][h.order - 1] = Harmonic {
+                sin_rad: to_radians(h.sin_deg),
+                cos_rad: to_radians(h.cos_deg),
+            };
         }
         CorrectedModel {
             model: KinematicModel {
                 t_instrument_base: self.t_instrument_base.to_core(),
                 links,
-                targets_mm: (0..n_targets).map(|target| target_mm(target).unwrap_or_else(Vector3::zeros)).collect(),
+                targets_mm: (0..n_targets)
+                    .map(|target| target_mm(target).unwrap_or_else(Vector3::zeros))
+                    .collect(),
             },
             corrections: Corrections {
                 compliance: Compliance {
                     gravity_in_base: Vector3::from(self.gravity_in_base),
                     masses: self.masses.clone(),
-                    first_moments_m: self.first_moments_m.iter().map(|c| Vector3::from(*c)).collect(),
+                    first_moments_m: self
+                        .first_moments_m
+                        .iter()
+                        .map(|c| Vector3::from(*c))
+                        .collect(),
                     joints_rad: self.joint_compliance_deg.iter().map(radians3).collect(),
                     base_rad: radians3(&self.base_compliance_deg),
                     payload: self.payload.map(PayloadBody::to_core),
                     mass_unit_kg: self.mass_unit_kg,
                 },
                 harmonics,
-                residual: self.residual_network.as_ref().map(ResidualNetworkContent::to_core),
+                residual: self
+                    .residual_network
+                    .as_ref()
+                    .map(ResidualNetworkContent::to_core),
             },
             region: MeasuredRegion {
                 lowest_rad: radians(&self.measured.q_lowest_deg),
@@ -274,7 +324,10 @@ impl CorrectionsContent {
     pub fn check(&self, n: usize) -> Result<(), Invalid> {
         let mut checker = Checker::default();
         if self.version != CORRECTIONS_VERSION {
-            let detail = format!("version {} is not known; this version of kincal reads {CORRECTIONS_VERSION}", self.version);
+            let detail = format!(
+                "version {} is not known; this version of kincal reads {CORRECTIONS_VERSION}",
+                self.version
+            );
             checker.note("/corrections/version", "unknown_version", detail);
         }
         let sizes = [
@@ -282,17 +335,37 @@ impl CorrectionsContent {
             ("first_moments_m", self.first_moments_m.len(), n),
             ("joint_compliance_deg", self.joint_compliance_deg.len(), n),
             ("measured/q_lowest_deg", self.measured.q_lowest_deg.len(), n),
-            ("measured/q_highest_deg", self.measured.q_highest_deg.len(), n),
+            (
+                "measured/q_highest_deg",
+                self.measured.q_highest_deg.len(),
+                n,
+            ),
             ("measured/q_mean_deg", self.measured.q_mean_deg.len(), n),
-            ("measured/q_spread_deg", self.measured.q_spread_deg.len(), n * (n + 1) / 2),
+            (
+                "measured/q_spread_deg",
+                self.measured.q_spread_deg.len(),
+                n * (n + 1) / 2,
+            ),
         ];
         for (name, found, expected) in sizes {
-            checker.length(format!("/corrections/{name}"), found, expected, "one value per link of the robot");
+            checker.length(
+                format!("/corrections/{name}"),
+                found,
+                expected,
+                "one value per link of the robot",
+            );
         }
         for (i, h) in self.harmonics.iter().enumerate() {
             if !(1..=n).contains(&h.joint) || !(1..=HARMONIC_ORDERS).contains(&h.order) {
-                let detail = format!("joint {} order {}: joints are 1 to {n}, orders 1 to {HARMONIC_ORDERS}", h.joint, h.order);
-                checker.note(format!("/corrections/harmonics/{i}"), "out_of_range", detail);
+                let detail = format!(
+                    "joint {} order {}: joints are 1 to {n}, orders 1 to {HARMONIC_ORDERS}",
+                    h.joint, h.order
+                );
+                checker.note(
+                    format!("/corrections/harmonics/{i}"),
+                    "out_of_range",
+                    detail,
+                );
             }
         }
         if let Some(network) = &self.residual_network {

@@ -22,13 +22,19 @@ impl Transform {
     pub fn from_core(t: &IsometryMatrix3<f64>) -> Self {
         let r = t.rotation.matrix();
         let row = |i| [r[(i, 0)], r[(i, 1)], r[(i, 2)]];
-        Self { rotation: [row(0), row(1), row(2)], translation_mm: t.translation.vector.into() }
+        Self {
+            rotation: [row(0), row(1), row(2)],
+            translation_mm: t.translation.vector.into(),
+        }
     }
 
     /// The core's transformation, bit for bit what [`Transform::from_core`] was given.
     pub fn to_core(&self) -> IsometryMatrix3<f64> {
         let matrix = Matrix3::from_fn(|i, j| self.rotation[i][j]);
-        IsometryMatrix3::from_parts(Translation3::from(Vector3::from(self.translation_mm)), Rotation3::from_matrix_unchecked(matrix))
+        IsometryMatrix3::from_parts(
+            Translation3::from(Vector3::from(self.translation_mm)),
+            Rotation3::from_matrix_unchecked(matrix),
+        )
     }
 }
 
@@ -78,8 +84,19 @@ pub struct FramesAnswer {
 impl FramesAnswer {
     /// The answer for stored frames.
     pub fn new(id: String, robot_id: String, content: FramesContent, created_at: String) -> Self {
-        let FramesContent { t_instrument_base, z_tool_mm, circles } = content;
-        Self { id, robot_id, t_instrument_base, z_tool_mm, circles, created_at }
+        let FramesContent {
+            t_instrument_base,
+            z_tool_mm,
+            circles,
+        } = content;
+        Self {
+            id,
+            robot_id,
+            t_instrument_base,
+            z_tool_mm,
+            circles,
+            created_at,
+        }
     }
 }
 
@@ -89,7 +106,8 @@ impl FramesAnswer {
 /// [`Invalid`] for a file that cannot be read, or sweeps that do not say enough (parallel axes, too short an arc).
 pub fn from_sweeps(bytes: &[u8], robot: &Robot) -> Result<FramesContent, Invalid> {
     let set = from_csv(bytes, Decimal::Point, Frame::Instrument, robot.links.len())?;
-    let frames = preliminary_frames(robot, &set).map_err(|error| Invalid::at("", error.code(), error.to_string()))?;
+    let frames = preliminary_frames(robot, &set)
+        .map_err(|error| Invalid::at("", error.code(), error.to_string()))?;
     Ok(FramesContent::from_core(&frames))
 }
 

@@ -65,7 +65,9 @@ pub struct ReportExcerpt {
 impl ReportExcerpt {
     /// The error of the held-out points, by the best that the report has: with corrections where there are any.
     pub fn verify_rms_mm(&self) -> Option<f64> {
-        self.verify.as_ref().map(|verify| verify.corrected.unwrap_or(verify.after).rms_mm)
+        self.verify
+            .as_ref()
+            .map(|verify| verify.corrected.unwrap_or(verify.after).rms_mm)
     }
 }
 
@@ -115,7 +117,11 @@ pub struct SessionTest {
 impl SessionTest {
     /// From the core's comparison of two sessions.
     pub fn from_core(changes: &Changes) -> Self {
-        let change = |c: &crate::calibration::changes::NamedChange| ChangeReport { name: c.name.clone(), delta: c.delta, sigmas: c.sigmas };
+        let change = |c: &crate::calibration::changes::NamedChange| ChangeReport {
+            name: c.name.clone(),
+            delta: c.delta,
+            sigmas: c.sigmas,
+        };
         Self {
             chi_square: changes.chi_square,
             n_combinations: changes.n_combinations,
@@ -127,21 +133,36 @@ impl SessionTest {
 
 /// The map of differences: both robots with their bases and flanges anchored to their own axes, so that it does not matter where
 /// instrument and reflector were. The tool is target 0 of the set in the path.
-pub fn map(robot: &Robot, one: &ParameterSetContent, other: &ParameterSetContent) -> (Vec<MapPoint>, f64, f64) {
+pub fn map(
+    robot: &Robot,
+    one: &ParameterSetContent,
+    other: &ParameterSetContent,
+) -> (Vec<MapPoint>, f64, f64) {
     let (one, other) = (one.robot_to_core(None), other.robot_to_core(None));
-    let (of_one, of_other) = (Compensation::of(robot, &one), Compensation::of(robot, &other));
+    let (of_one, of_other) = (
+        Compensation::of(robot, &one),
+        Compensation::of(robot, &other),
+    );
     let tool = Point3::from(of_one.p_anchored_mm(&one.target_mm(0)));
     let point = |q_controller: Vec<f64>| {
         let q = robot.q_model_rad(&q_controller);
         MapPoint {
             q_deg: q_controller.iter().map(|rad| to_degrees(*rad)).collect(),
             position_mm: (t_base_flange(&robot.links, &q) * tool).coords.into(),
-            difference_mm: (of_one.t_base_flange(&q) * tool - of_other.t_base_flange(&q) * tool).into(),
+            difference_mm: (of_one.t_base_flange(&q) * tool - of_other.t_base_flange(&q) * tool)
+                .into(),
         }
     };
-    let map: Vec<MapPoint> = random_configurations(robot, N_POSES, SEED).into_iter().map(point).collect();
-    let lengths = map.iter().map(|p| nalgebra::Vector3::from(p.difference_mm).norm());
-    let (sum, max) = lengths.fold((0.0, 0.0f64), |(sum, max), length| (sum + length, max.max(length)));
+    let map: Vec<MapPoint> = random_configurations(robot, N_POSES, SEED)
+        .into_iter()
+        .map(point)
+        .collect();
+    let lengths = map
+        .iter()
+        .map(|p| nalgebra::Vector3::from(p.difference_mm).norm());
+    let (sum, max) = lengths.fold((0.0, 0.0f64), |(sum, max), length| {
+        (sum + length, max.max(length))
+    });
     let mean = sum / map.len().max(1) as f64;
     (map, mean, max)
 }

@@ -59,33 +59,61 @@ pub struct Table {
 ///
 /// # Errors
 /// [`Invalid`] for what cannot be read, with row and column, or cannot be a robot here.
-pub fn import(bytes: &[u8], format: ImportFormat, name: &str, tip: Option<&str>) -> Result<ImportAnswer, Invalid> {
+pub fn import(
+    bytes: &[u8],
+    format: ImportFormat,
+    name: &str,
+    tip: Option<&str>,
+) -> Result<ImportAnswer, Invalid> {
     match format {
         ImportFormat::Urdf => {
             let chain = Urdf::parse(bytes)?.chain(tip, None)?.chain;
             if chain.n_moving() > MAX_LINKS {
-                let detail = format!("{} joints move; at most {MAX_LINKS} are allowed: name a tip link further in", chain.n_moving());
+                let detail = format!(
+                    "{} joints move; at most {MAX_LINKS} are allowed: name a tip link further in",
+                    chain.n_moving()
+                );
                 return Err(Invalid::at("", "wrong_length", detail));
             }
             let moving = chain.joints.iter().filter(|joint| joint.axis.is_some());
-            let (joints, limits): (Vec<String>, Vec<_>) = moving.map(|joint| (joint.name.clone(), joint.limits_rad)).unzip();
-            answer(name, joints, &links_of_chain(&chain), limits, &|q| chain.t_root_tip(q))
+            let (joints, limits): (Vec<String>, Vec<_>) = moving
+                .map(|joint| (joint.name.clone(), joint.limits_rad))
+                .unzip();
+            answer(name, joints, &links_of_chain(&chain), limits, &|q| {
+                chain.t_root_tip(q)
+            })
         }
         ImportFormat::Dh => {
-            let Table { links: rows, limits_rad } = table(bytes)?;
+            let Table {
+                links: rows,
+                limits_rad,
+            } = table(bytes)?;
             if let Some(row) = rows.iter().position(|row| row.beta_rad != 0.0) {
                 return Err(Invalid {
                     code: "invalid_table",
-                    issues: vec![at(Some(row), "beta_deg", "unused", "a distal table has no beta")],
+                    issues: vec![at(
+                        Some(row),
+                        "beta_deg",
+                        "unused",
+                        "a distal table has no beta",
+                    )],
                 });
             }
-            answer(name, vec![], &links_of_distal(&rows), limits_rad, &|q| distal(&rows, q))
+            answer(name, vec![], &links_of_distal(&rows), limits_rad, &|q| {
+                distal(&rows, q)
+            })
         }
         ImportFormat::Mdh => {
             let Table { links, limits_rad } = table(bytes)?;
             let identity = IsometryMatrix3::identity();
-            let imported = ImportedLinks { t_root_base: identity, links: links.clone(), t_flange_tip: identity };
-            answer(name, vec![], &imported, limits_rad, &|q| t_base_flange(&links, q))
+            let imported = ImportedLinks {
+                t_root_base: identity,
+                links: links.clone(),
+                t_flange_tip: identity,
+            };
+            answer(name, vec![], &imported, limits_rad, &|q| {
+                t_base_flange(&links, q)
+            })
         }
     }
 }
@@ -93,11 +121,25 @@ pub fn import(bytes: &[u8], format: ImportFormat, name: &str, tip: Option<&str>)
 /// Rz(q + theta)·Dz(d)·Dx(a)·Rx(alpha), row by row.
 fn distal(rows: &[Link], q_rad: &[f64]) -> IsometryMatrix3<f64> {
     use crate::kinematics::forward::t_previous_link;
-    rows.iter().zip(q_rad).fold(IsometryMatrix3::identity(), |t, (row, q)| {
-        let about_z = Link { a_mm: 0.0, alpha_rad: 0.0, ..*row };
-        // Dx(a)·Rx(alpha) = Rx(alpha)·Dx(a): they commute
-        t * t_previous_link(&about_z, *q) * t_previous_link(&Link { a_mm: row.a_mm, alpha_rad: row.alpha_rad, ..Link::default() }, 0.0)
-    })
+    rows.iter()
+        .zip(q_rad)
+        .fold(IsometryMatrix3::identity(), |t, (row, q)| {
+            let about_z = Link {
+                a_mm: 0.0,
+                alpha_rad: 0.0,
+                ..*row
+            };
+            // Dx(a)·Rx(alpha) = Rx(alpha)·Dx(a): they commute
+            t * t_previous_link(&about_z, *q)
+                * t_previous_link(
+                    &Link {
+                        a_mm: row.a_mm,
+                        alpha_rad: row.alpha_rad,
+                        ..Link::default()
+                    },
+                    0.0,
+                )
+        })
 }
 
 fn answer(
@@ -126,23 +168,42 @@ fn answer(
     let core = robot.to_core()?;
     let largest_difference_mm = largest_difference(&core, imported, described);
     if largest_difference_mm.is_nan() || largest_difference_mm > SAME_MM {
-        let detail =
-            format!("links and description differ by {largest_difference_mm:.1e} mm: two neighbouring axes may be too near to each other");
+        let detail = format!(
+            "links and description differ by {largest_difference_mm:.1e} mm: two neighbouring axes may be too near to each other"
+        );
         return Err(Invalid::at("", "not_expressible", detail));
     }
-    let (t_root_base, t_flange_tip) = (Transform::from_core(&imported.t_root_base), Transform::from_core(&imported.t_flange_tip));
-    Ok(ImportAnswer { robot, joints, t_root_base, t_flange_tip, largest_difference_mm })
+    let (t_root_base, t_flange_tip) = (
+        Transform::from_core(&imported.t_root_base),
+        Transform::from_core(&imported.t_flange_tip),
+    );
+    Ok(ImportAnswer {
+        robot,
+        joints,
+        t_root_base,
+        t_flange_tip,
+        largest_difference_mm,
+    })
 }
 
-fn largest_difference(robot: &Robot, imported: &ImportedLinks, described: &dyn Fn(&[f64]) -> IsometryMatrix3<f64>) -> f64 {
+fn largest_difference(
+    robot: &Robot,
+    imported: &ImportedLinks,
+    described: &dyn Fn(&[f64]) -> IsometryMatrix3<f64>,
+) -> f64 {
     let difference = |q: Vec<f64>| {
         let ours = imported.t_root_base * t_base_flange(&robot.links, &q) * imported.t_flange_tip;
         let theirs = described(&q);
         // a rotation's entries count at a metre
         let turn = (ours.rotation.matrix() - theirs.rotation.matrix()).amax() * 1e3;
-        (ours.translation.vector - theirs.translation.vector).norm().max(turn)
+        (ours.translation.vector - theirs.translation.vector)
+            .norm()
+            .max(turn)
     };
-    random_configurations(robot, N_CONFIGURATIONS, 0).into_iter().map(difference).fold(0.0, f64::max)
+    random_configurations(robot, N_CONFIGURATIONS, 0)
+        .into_iter()
+        .map(difference)
+        .fold(0.0, f64::max)
 }
 
 /// Columns: `a_mm` or `a_m`, `alpha_deg` or `alpha_rad`, `d_mm` or `d_m`, `theta_offset_deg` or `theta_offset_rad`; optional `beta_deg` or
@@ -151,23 +212,49 @@ fn largest_difference(robot: &Robot, imported: &ImportedLinks, described: &dyn F
 /// # Errors
 /// [`Invalid`] with row and column of everything that is wrong.
 pub fn table(bytes: &[u8]) -> Result<Table, Invalid> {
-    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(bytes);
-    let unreadable = |e: csv::Error| Invalid::at("", "unreadable_table", format!("the table is not CSV: {e}"));
-    let header: Vec<String> =
-        reader.headers().map_err(unreadable)?.iter().map(|name| name.trim_start_matches('\u{feff}').to_owned()).collect();
+    let mut reader = csv::ReaderBuilder::new()
+        .trim(csv::Trim::All)
+        .from_reader(bytes);
+    let unreadable =
+        |e: csv::Error| Invalid::at("", "unreadable_table", format!("the table is not CSV: {e}"));
+    let header: Vec<String> = reader
+        .headers()
+        .map_err(unreadable)?
+        .iter()
+        .map(|name| name.trim_start_matches('\u{feff}').to_owned())
+        .collect();
     let columns = columns(&header)?;
-    let (mut table, mut issues) = (Table { links: vec![], limits_rad: vec![] }, Vec::new());
+    let (mut table, mut issues) = (
+        Table {
+            links: vec![],
+            limits_rad: vec![],
+        },
+        Vec::new(),
+    );
     for (i, record) in reader.records().take(MAX_LINKS + 1).enumerate() {
         let record = record.map_err(unreadable)?;
         let mut values = [None; 7];
-        for (index, (quantity, factor)) in columns.iter().enumerate().filter_map(|(index, c)| Some((index, (*c)?))) {
+        for (index, (quantity, factor)) in columns
+            .iter()
+            .enumerate()
+            .filter_map(|(index, c)| Some((index, (*c)?)))
+        {
             let text = record.get(index).unwrap_or_default();
             match text.parse::<f64>() {
                 Ok(number) if number.is_finite() => {
-                    values[quantity] = Some(if factor == 0.0 { to_radians(number) } else { number * factor })
+                    values[quantity] = Some(if factor == 0.0 {
+                        to_radians(number)
+                    } else {
+                        number * factor
+                    })
                 }
                 _ if text.is_empty() && quantity >= 4 => {}
-                _ => issues.push(at(Some(i), &header[index], "not_a_number", &format!("{text:?} is not a number"))),
+                _ => issues.push(at(
+                    Some(i),
+                    &header[index],
+                    "not_a_number",
+                    &format!("{text:?} is not a number"),
+                )),
             }
         }
         let [a_mm, alpha, d_mm, theta, beta, low, high] = values;
@@ -187,13 +274,27 @@ pub fn table(bytes: &[u8]) -> Result<Table, Invalid> {
             ..Issue::default()
         });
     }
-    if issues.is_empty() { Ok(table) } else { Err(Invalid { code: "invalid_table", issues }) }
+    if issues.is_empty() {
+        Ok(table)
+    } else {
+        Err(Invalid {
+            code: "invalid_table",
+            issues,
+        })
+    }
 }
 
 /// Of each column which quantity it holds, and the factor to mm or rad (0 for degrees).
 fn columns(header: &[String]) -> Result<Vec<Option<(usize, f64)>>, Invalid> {
-    const NAMES: [(&str, &str); 7] =
-        [("a", "mm"), ("alpha", "deg"), ("d", "mm"), ("theta_offset", "deg"), ("beta", "deg"), ("min", "deg"), ("max", "deg")];
+    const NAMES: [(&str, &str); 7] = [
+        ("a", "mm"),
+        ("alpha", "deg"),
+        ("d", "mm"),
+        ("theta_offset", "deg"),
+        ("beta", "deg"),
+        ("min", "deg"),
+        ("max", "deg"),
+    ];
     let mut found = [false; 7];
     let mut of = |name: &String| -> Result<Option<(usize, f64)>, Invalid> {
         if name == "link" {
@@ -213,12 +314,20 @@ fn columns(header: &[String]) -> Result<Vec<Option<(usize, f64)>>, Invalid> {
             let detail = format!(
                 "the column {name:?} is not known; a table has a_mm, alpha_deg, d_mm, theta_offset_deg (or _m, _rad), and may have beta_deg, min_deg, max_deg, link"
             );
-            return Err(Invalid { code: "invalid_table", issues: vec![at(None, name, "unknown_column", &detail)] });
+            return Err(Invalid {
+                code: "invalid_table",
+                issues: vec![at(None, name, "unknown_column", &detail)],
+            });
         };
         if std::mem::replace(&mut found[i], true) {
             return Err(Invalid {
                 code: "invalid_table",
-                issues: vec![at(None, name, "repeated_column", "this quantity stands in two columns")],
+                issues: vec![at(
+                    None,
+                    name,
+                    "repeated_column",
+                    "this quantity stands in two columns",
+                )],
             });
         }
         Ok(Some((i, factor)))
@@ -226,11 +335,31 @@ fn columns(header: &[String]) -> Result<Vec<Option<(usize, f64)>>, Invalid> {
     let columns = header.iter().map(&mut of).collect::<Result<Vec<_>, _>>()?;
     let missing: Vec<Issue> = (0..4)
         .filter(|i| !found[*i])
-        .map(|i| at(None, &format!("{}_{}", NAMES[i].0, NAMES[i].1), "missing_column", "this column is needed"))
+        .map(|i| {
+            at(
+                None,
+                &format!("{}_{}", NAMES[i].0, NAMES[i].1),
+                "missing_column",
+                "this column is needed",
+            )
+        })
         .collect();
-    if missing.is_empty() { Ok(columns) } else { Err(Invalid { code: "invalid_table", issues: missing }) }
+    if missing.is_empty() {
+        Ok(columns)
+    } else {
+        Err(Invalid {
+            code: "invalid_table",
+            issues: missing,
+        })
+    }
 }
 
 fn at(row: Option<usize>, column: &str, code: &str, detail: &str) -> Issue {
-    Issue { row, column: Some(column.into()), code: code.into(), detail: detail.into(), ..Issue::default() }
+    Issue {
+        row,
+        column: Some(column.into()),
+        code: code.into(),
+        detail: detail.into(),
+        ..Issue::default()
+    }
 }

@@ -27,7 +27,12 @@ pub struct Issue {
 impl Issue {
     /// An issue at a JSON pointer.
     pub fn at(pointer: impl Into<String>, code: &str, detail: impl Into<String>) -> Self {
-        Self { pointer: Some(pointer.into()), code: code.into(), detail: detail.into(), ..Self::default() }
+        Self {
+            pointer: Some(pointer.into()),
+            code: code.into(),
+            detail: detail.into(),
+            ..Self::default()
+        }
     }
 
     /// Where and what.
@@ -40,7 +45,11 @@ impl Issue {
             _ => String::new(),
         };
         // many say it themselves
-        if self.detail.starts_with(&place) { self.detail.clone() } else { format!("{place}{}", self.detail) }
+        if self.detail.starts_with(&place) {
+            self.detail.clone()
+        } else {
+            format!("{place}{}", self.detail)
+        }
     }
 }
 
@@ -57,12 +66,17 @@ pub struct Invalid {
 impl Invalid {
     /// One reason at a JSON pointer; its code is the whole problem's too.
     pub fn at(pointer: &str, code: &'static str, detail: impl Into<String>) -> Self {
-        Self { code, issues: vec![Issue::at(pointer, code, detail)] }
+        Self {
+            code,
+            issues: vec![Issue::at(pointer, code, detail)],
+        }
     }
 
     /// The first reason and how many more there are.
     pub fn summary(&self) -> String {
-        let Some(first) = self.issues.first() else { return "the input cannot be used".into() };
+        let Some(first) = self.issues.first() else {
+            return "the input cannot be used".into();
+        };
         match self.issues.len() - 1 {
             0 => first.in_words(),
             more => format!("{} (and {more} more, see errors)", first.in_words()),
@@ -87,14 +101,28 @@ impl Checker {
     /// Notes an issue unless `value` is finite and within `[-limit, limit]`.
     pub fn magnitude(&mut self, pointer: impl Into<String>, value: f64, limit: f64, hint: &str) {
         if value.is_nan() || value.abs() > limit {
-            self.note(pointer, "out_of_range", format!("{value} is outside ±{limit}: {hint}"));
+            self.note(
+                pointer,
+                "out_of_range",
+                format!("{value} is outside ±{limit}: {hint}"),
+            );
         }
     }
 
     /// Notes an issue unless `found` equals `expected`; true when it does.
-    pub fn length(&mut self, pointer: impl Into<String>, found: usize, expected: usize, what: &str) -> bool {
+    pub fn length(
+        &mut self,
+        pointer: impl Into<String>,
+        found: usize,
+        expected: usize,
+        what: &str,
+    ) -> bool {
         if found != expected {
-            self.note(pointer, "wrong_length", format!("{found} values where {expected} belong: {what}"));
+            self.note(
+                pointer,
+                "wrong_length",
+                format!("{found} values where {expected} belong: {what}"),
+            );
         }
         found == expected
     }
@@ -103,10 +131,18 @@ impl Checker {
     pub fn text(&mut self, pointer: &str, text: &str, max: usize) {
         let n = text.chars().count();
         if n == 0 || n > max {
-            self.note(pointer, "wrong_length", format!("{n} characters; 1 to {max} are allowed"));
+            self.note(
+                pointer,
+                "wrong_length",
+                format!("{n} characters; 1 to {max} are allowed"),
+            );
         }
         if text.contains('\0') {
-            self.note(pointer, "nul_character", "it holds U+0000, which no database text may hold: take it out");
+            self.note(
+                pointer,
+                "nul_character",
+                "it holds U+0000, which no database text may hold: take it out",
+            );
         }
     }
 
@@ -115,6 +151,13 @@ impl Checker {
     /// # Errors
     /// [`Invalid`] with everything that was.
     pub fn finish(self, code: &'static str) -> Result<(), Invalid> {
-        if self.issues.is_empty() { Ok(()) } else { Err(Invalid { code, issues: self.issues }) }
+        if self.issues.is_empty() {
+            Ok(())
+        } else {
+            Err(Invalid {
+                code,
+                issues: self.issues,
+            })
+        }
     }
 }

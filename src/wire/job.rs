@@ -209,7 +209,11 @@ impl JobRequestBody {
         if let Some(VerifyBody::Fraction { fraction }) = self.verify
             && !(fraction > 0.0 && fraction < 1.0)
         {
-            checker.note("/verify/fraction", "out_of_range", format!("{fraction} is not between 0 and 1, e.g. 0.5"));
+            checker.note(
+                "/verify/fraction",
+                "out_of_range",
+                format!("{fraction} is not between 0 and 1, e.g. 0.5"),
+            );
         }
         if let Some(parameters) = &self.parameters {
             parameters.check(&mut checker);
@@ -218,10 +222,15 @@ impl JobRequestBody {
             payload.check("/payload", &mut checker);
         }
         if !(-MAX_PRIORITY..=MAX_PRIORITY).contains(&self.priority) {
-            checker.note("/priority", "out_of_range", format!("{} is outside ±{MAX_PRIORITY}", self.priority));
+            checker.note(
+                "/priority",
+                "out_of_range",
+                format!("{} is outside ±{MAX_PRIORITY}", self.priority),
+            );
         }
         if self.holds_parameter_set() && self.parameter_set_id.is_none() {
-            let detail = "the rest is held at the values of a parameter set: name it in parameter_set_id";
+            let detail =
+                "the rest is held at the values of a parameter set: name it in parameter_set_id";
             checker.note("/parameters/rest", "parameter_set_missing", detail);
         }
         checker.finish("invalid_job")?;
@@ -234,20 +243,35 @@ impl JobRequestBody {
             _ => None,
         };
         let named = [
-            ("/measurement_set_id", Some(&self.measurement_set_id), "measurement set"),
+            (
+                "/measurement_set_id",
+                Some(&self.measurement_set_id),
+                "measurement set",
+            ),
             ("/verify/measurement_set_id", verify_set, "measurement set"),
-            ("/parameter_set_id", self.parameter_set_id.as_ref(), "parameter set"),
+            (
+                "/parameter_set_id",
+                self.parameter_set_id.as_ref(),
+                "parameter set",
+            ),
             ("/frames_id", self.frames_id.as_ref(), "frames"),
             ("/network_id", self.network_id.as_ref(), "network"),
-            ("/residual_network_id", self.residual_network_id.as_ref(), "residual network"),
+            (
+                "/residual_network_id",
+                self.residual_network_id.as_ref(),
+                "residual network",
+            ),
         ];
-        named.into_iter().try_for_each(|(at, id, what)| id.map_or(Ok(()), |id| id::check(at, id, what)))
+        named
+            .into_iter()
+            .try_for_each(|(at, id, what)| id.map_or(Ok(()), |id| id::check(at, id, what)))
     }
 
     /// Refuses what the job would quietly leave unused.
     fn check_applicable(&self) -> Result<(), Invalid> {
         let mut checker = Checker::default();
-        let mut unused = |pointer: &str, detail: &str| checker.note(pointer, "not_applicable", detail);
+        let mut unused =
+            |pointer: &str, detail: &str| checker.note(pointer, "not_applicable", detail);
         if self.network_id.is_some() && !matches!(self.method, Method::BpnnPso | Method::Auto) {
             unused(
                 "/network_id",
@@ -255,28 +279,46 @@ impl JobRequestBody {
             );
         }
         if self.frames_id.is_some() && self.model == Some(Model::Complete) {
-            unused("/frames_id", "model \"complete\" identifies base and targets itself: leave frames_id out, or ask for model \"paper\"");
+            unused(
+                "/frames_id",
+                "model \"complete\" identifies base and targets itself: leave frames_id out, or ask for model \"paper\"",
+            );
         }
         if self.kind == Kind::Verify {
             if self.verify.is_some() {
-                unused("/verify", "kind \"verify\" scores all points of measurement_set_id: leave verify out");
+                unused(
+                    "/verify",
+                    "kind \"verify\" scores all points of measurement_set_id: leave verify out",
+                );
             }
             if self.parameters.is_some() {
-                unused("/parameters", "kind \"verify\" identifies nothing: leave parameters out");
+                unused(
+                    "/parameters",
+                    "kind \"verify\" identifies nothing: leave parameters out",
+                );
             }
             if self.payload.is_some() {
-                unused("/payload", "kind \"verify\" scores the robot with what it carried when it was identified: leave payload out");
+                unused(
+                    "/payload",
+                    "kind \"verify\" scores the robot with what it carried when it was identified: leave payload out",
+                );
             }
             if self.network_id.is_some() {
-                unused("/network_id", "kind \"verify\" identifies nothing: leave network_id out");
+                unused(
+                    "/network_id",
+                    "kind \"verify\" identifies nothing: leave network_id out",
+                );
             }
         }
         if self.residual_network_id.is_some() && !self.may_train_residual_network() {
-            unused("/residual_network_id", "this job looks for no corrections, and so trains no residual network: leave it out");
+            unused(
+                "/residual_network_id",
+                "this job looks for no corrections, and so trains no residual network: leave it out",
+            );
         }
-        if matches!(&self.verify, Some(VerifyBody::Set { measurement_set_id }) if *measurement_set_id == self.measurement_set_id) {
-            let detail =
-                "a set cannot verify what was identified from it: name another set, or leave verify out to keep a part of this one";
+        if matches!(&self.verify, Some(VerifyBody::Set { measurement_set_id }) if *measurement_set_id == self.measurement_set_id)
+        {
+            let detail = "a set cannot verify what was identified from it: name another set, or leave verify out to keep a part of this one";
             checker.note("/verify/measurement_set_id", "same_set", detail);
         }
         checker.finish("invalid_job")
@@ -284,19 +326,34 @@ impl JobRequestBody {
 
     /// True if corrections are looked for, with the residual network last of them.
     pub fn may_train_residual_network(&self) -> bool {
-        let has_priors = self.parameters.as_ref().is_some_and(|p| p.priors.as_ref().is_some_and(|priors| !priors.is_empty()));
-        let are_wanted = corrections_are_wanted(self.corrections.map(Corrections::to_core), self.preset.to_core());
+        let has_priors = self
+            .parameters
+            .as_ref()
+            .is_some_and(|p| p.priors.as_ref().is_some_and(|priors| !priors.is_empty()));
+        let are_wanted = corrections_are_wanted(
+            self.corrections.map(Corrections::to_core),
+            self.preset.to_core(),
+        );
         self.kind == Kind::Identify && are_wanted && !has_priors && !self.holds_parameter_set()
     }
 
     /// True for a partial recalibration.
     pub fn holds_parameter_set(&self) -> bool {
-        self.kind == Kind::Identify && self.parameters.as_ref().is_some_and(|p| p.rest == Some(Rest::ParameterSet))
+        self.kind == Kind::Identify
+            && self
+                .parameters
+                .as_ref()
+                .is_some_and(|p| p.rest == Some(Rest::ParameterSet))
     }
 
     /// The model that is identified from a set in this frame: the one asked for, else the default.
     pub fn model_for(&self, frame: Frame) -> Model {
-        self.model.unwrap_or_else(|| Model::from_core(request::default_model(frame.to_core(), self.frames_id.is_some())))
+        self.model.unwrap_or_else(|| {
+            Model::from_core(request::default_model(
+                frame.to_core(),
+                self.frames_id.is_some(),
+            ))
+        })
     }
 
     /// The core's request.
@@ -305,7 +362,10 @@ impl JobRequestBody {
     /// As [`JobRequestBody::check`], and for priors that do not fit robot and model.
     pub fn to_core(&self, parts: JobParts) -> Result<CalibrationRequest, Invalid> {
         self.check()?;
-        let priors = self.parameters.iter().flat_map(|parameters| parameters.priors.iter().flatten());
+        let priors = self
+            .parameters
+            .iter()
+            .flat_map(|parameters| parameters.priors.iter().flatten());
         let request = CalibrationRequest {
             robot: parts.robot,
             set: parts.set,
@@ -367,7 +427,29 @@ macro_rules! same_as_core {
     };
 }
 
-same_as_core!(Method, request::Method, Auto = "auto", LeastSquares = "least_squares", Pso = "pso", BpnnPso = "bpnn_pso");
-same_as_core!(Corrections, request::CorrectionsChoice, Off = "off", Auto = "auto");
-same_as_core!(Model, request::Model, Paper = "paper", Complete = "complete");
-same_as_core!(Preset, request::Preset, Default = "default", Paper = "paper");
+same_as_core!(
+    Method,
+    request::Method,
+    Auto = "auto",
+    LeastSquares = "least_squares",
+    Pso = "pso",
+    BpnnPso = "bpnn_pso"
+);
+same_as_core!(
+    Corrections,
+    request::CorrectionsChoice,
+    Off = "off",
+    Auto = "auto"
+);
+same_as_core!(
+    Model,
+    request::Model,
+    Paper = "paper",
+    Complete = "complete"
+);
+same_as_core!(
+    Preset,
+    request::Preset,
+    Default = "default",
+    Paper = "paper"
+);

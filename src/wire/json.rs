@@ -1,7 +1,9 @@
 //! Request bodies in JSON, with errors that say where.
 
 use crate::wire::{Invalid, Issue};
-use serde::de::{Deserialize, DeserializeOwned, Deserializer, Error as _, IgnoredAny, SeqAccess, Visitor};
+use serde::de::{
+    Deserialize, DeserializeOwned, Deserializer, Error as _, IgnoredAny, SeqAccess, Visitor,
+};
 use serde_path_to_error::{Path, Segment};
 use std::fmt;
 use std::marker::PhantomData;
@@ -24,7 +26,12 @@ pub enum Error {
 pub fn parse<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Error> {
     // A list would be read as the fields in their order, and those that it lacks as not said.
     if bytes.iter().find(|byte| !byte.is_ascii_whitespace()) == Some(&b'[') {
-        return Err(Invalid::at("", "invalid_body", "the body is a list; it has to be an object with named fields").into());
+        return Err(Invalid::at(
+            "",
+            "invalid_body",
+            "the body is a list; it has to be an object with named fields",
+        )
+        .into());
     }
     // where something is wrong takes twice as long to follow as to read, and is asked of what is wrong only
     if let Ok(value) = serde_json::from_slice(bytes) {
@@ -35,7 +42,9 @@ pub fn parse<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Error> {
         let pointer = pointer(error.path());
         explain(pointer, error.inner(), bytes)
     })?;
-    reader.end().map_err(|error| Error::Syntax(error.to_string()))?;
+    reader
+        .end()
+        .map_err(|error| Error::Syntax(error.to_string()))?;
     Ok(value)
 }
 
@@ -43,7 +52,9 @@ pub fn parse<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Error> {
 ///
 /// # Errors
 /// Of the reader; or that there are more.
-pub fn at_most<'de, D: Deserializer<'de>, T: Deserialize<'de>, const MAX: usize>(reader: D) -> Result<Vec<T>, D::Error> {
+pub fn at_most<'de, D: Deserializer<'de>, T: Deserialize<'de>, const MAX: usize>(
+    reader: D,
+) -> Result<Vec<T>, D::Error> {
     reader.deserialize_seq(List::<T, MAX>(PhantomData))
 }
 
@@ -73,22 +84,40 @@ fn explain(pointer: String, error: &serde_json::Error, bytes: &[u8]) -> Error {
     let text = error.to_string();
     if text.starts_with("number out of range") {
         let detail = format!("{text}: numbers must fit a 64-bit float");
-        return Error::Shape(Invalid { code: "out_of_range", issues: vec![Issue::at(pointer, "out_of_range", detail)] });
+        return Error::Shape(Invalid {
+            code: "out_of_range",
+            issues: vec![Issue::at(pointer, "out_of_range", detail)],
+        });
     }
     // where a word is expected, the reader takes null for a fault of syntax
-    let line = bytes.split(|byte| *byte == b'\n').nth(error.line().saturating_sub(1)).unwrap_or_default();
-    let is_null = line.get(error.column().saturating_sub(1)..).is_some_and(|rest| rest.starts_with(b"null"));
+    let line = bytes
+        .split(|byte| *byte == b'\n')
+        .nth(error.line().saturating_sub(1))
+        .unwrap_or_default();
+    let is_null = line
+        .get(error.column().saturating_sub(1)..)
+        .is_some_and(|rest| rest.starts_with(b"null"));
     match error.classify() {
         Category::Syntax if is_null => {
-            let detail = format!("this field does not take null; leave it out if it has a default ({text})");
-            Error::Shape(Invalid { code: "invalid_body", issues: vec![Issue::at(pointer, "invalid_body", detail)] })
+            let detail =
+                format!("this field does not take null; leave it out if it has a default ({text})");
+            Error::Shape(Invalid {
+                code: "invalid_body",
+                issues: vec![Issue::at(pointer, "invalid_body", detail)],
+            })
         }
         // so it does a list with more items than its place takes
         Category::Syntax if text.starts_with("trailing characters") && is_json(bytes) => {
             let detail = format!("this list has more items than belong here ({text})");
-            Error::Shape(Invalid { code: "invalid_body", issues: vec![Issue::at(pointer, "invalid_body", detail)] })
+            Error::Shape(Invalid {
+                code: "invalid_body",
+                issues: vec![Issue::at(pointer, "invalid_body", detail)],
+            })
         }
-        Category::Data => Error::Shape(Invalid { code: "invalid_body", issues: vec![Issue::at(pointer, "invalid_body", text)] }),
+        Category::Data => Error::Shape(Invalid {
+            code: "invalid_body",
+            issues: vec![Issue::at(pointer, "invalid_body", text)],
+        }),
         Category::Syntax | Category::Eof | Category::Io => Error::Syntax(text),
     }
 }
@@ -103,7 +132,9 @@ fn pointer(path: &Path) -> String {
     for segment in path.iter() {
         match segment {
             Segment::Seq { index } => pointer.push_str(&format!("/{index}")),
-            Segment::Map { key } => pointer.push_str(&format!("/{}", key.replace('~', "~0").replace('/', "~1"))),
+            Segment::Map { key } => {
+                pointer.push_str(&format!("/{}", key.replace('~', "~0").replace('/', "~1")))
+            }
             Segment::Enum { .. } | Segment::Unknown => {}
         }
     }
@@ -117,7 +148,10 @@ mod tests {
 
     fn issue_of(body: &str) -> (Option<String>, String) {
         match parse::<RobotBody>(body.as_bytes()) {
-            Err(Error::Shape(invalid)) => (invalid.issues[0].pointer.clone(), invalid.issues[0].code.clone()),
+            Err(Error::Shape(invalid)) => (
+                invalid.issues[0].pointer.clone(),
+                invalid.issues[0].code.clone(),
+            ),
             other => panic!("expected a shape error, got {other:?}"),
         }
     }
@@ -125,31 +159,53 @@ mod tests {
     #[test]
     fn a_number_that_would_become_infinite_is_refused_where_it_stands() {
         let body = r#"{"name": "x", "links": [{"a_mm": 1e400, "alpha_deg": 0, "d_mm": 0, "theta_offset_deg": 0}]}"#;
-        assert_eq!(issue_of(body), (Some("/links/0/a_mm".into()), "out_of_range".into()));
+        assert_eq!(
+            issue_of(body),
+            (Some("/links/0/a_mm".into()), "out_of_range".into())
+        );
     }
 
     #[test]
     fn null_in_place_of_a_word_is_no_fault_of_syntax() {
-        match parse::<crate::wire::job::JobRequestBody>(br#"{"measurement_set_id": "set_1", "method": null}"#) {
-            Err(Error::Shape(invalid)) => assert_eq!(invalid.issues[0].pointer.as_deref(), Some("/method")),
+        match parse::<crate::wire::job::JobRequestBody>(
+            br#"{"measurement_set_id": "set_1", "method": null}"#,
+        ) {
+            Err(Error::Shape(invalid)) => {
+                assert_eq!(invalid.issues[0].pointer.as_deref(), Some("/method"))
+            }
             other => panic!("expected a shape error, got {other:?}"),
         }
-        assert!(matches!(parse::<RobotBody>(br#"{"name": "\ud800", "links": []}"#), Err(Error::Syntax(_))));
+        assert!(matches!(
+            parse::<RobotBody>(br#"{"name": "\ud800", "links": []}"#),
+            Err(Error::Syntax(_))
+        ));
     }
 
     #[test]
     fn a_list_with_too_many_items_is_no_fault_of_syntax() {
         let link = r#"{"a_mm": 1, "alpha_deg": 0, "d_mm": 0, "theta_offset_deg": 0, "joint_limits_deg": [1, 2, 3]}"#;
         let body = format!(r#"{{"name": "x", "links": [{link}]}}"#);
-        assert_eq!(issue_of(&body), (Some("/links/0/joint_limits_deg".into()), "invalid_body".into()));
+        assert_eq!(
+            issue_of(&body),
+            (
+                Some("/links/0/joint_limits_deg".into()),
+                "invalid_body".into()
+            )
+        );
         let cut_off = &body[..body.len() - 1];
-        assert!(matches!(parse::<RobotBody>(cut_off.as_bytes()), Err(Error::Syntax(_))));
+        assert!(matches!(
+            parse::<RobotBody>(cut_off.as_bytes()),
+            Err(Error::Syntax(_))
+        ));
     }
 
     #[test]
     fn an_unknown_field_is_refused_where_it_stands() {
         let body = r#"{"name": "x", "links": [{"a_mm": 1, "alpha_rad": 0, "d_mm": 0, "theta_offset_deg": 0}]}"#;
-        assert_eq!(issue_of(body), (Some("/links/0/alpha_rad".into()), "invalid_body".into()));
+        assert_eq!(
+            issue_of(body),
+            (Some("/links/0/alpha_rad".into()), "invalid_body".into())
+        );
     }
 
     #[test]
@@ -161,17 +217,32 @@ mod tests {
         }
         for list in ["[]", " [0.3]", "[[1, 2]]"] {
             let refused = parse::<Policy>(list.as_bytes()).unwrap_err();
-            assert!(matches!(&refused, Error::Shape(invalid) if invalid.code == "invalid_body"), "{refused:?}");
+            assert!(
+                matches!(&refused, Error::Shape(invalid) if invalid.code == "invalid_body"),
+                "{refused:?}"
+            );
         }
     }
 
     #[test]
     fn text_after_the_document_and_deep_nesting_are_syntax_errors() {
-        assert!(matches!(parse::<serde_json::Value>(b"{\"a\": 1} {}"), Err(Error::Syntax(_))));
+        assert!(matches!(
+            parse::<serde_json::Value>(b"{\"a\": 1} {}"),
+            Err(Error::Syntax(_))
+        ));
         let deep = format!("{{\"a\": {}", "[".repeat(1_000_000));
-        assert!(matches!(parse::<serde_json::Value>(deep.as_bytes()), Err(Error::Syntax(_))));
+        assert!(matches!(
+            parse::<serde_json::Value>(deep.as_bytes()),
+            Err(Error::Syntax(_))
+        ));
         let deep = format!("{deep}1{}}}", "]".repeat(1_000_000));
-        assert!(matches!(parse::<serde_json::Value>(deep.as_bytes()), Err(Error::Syntax(_))));
-        assert!(matches!(parse::<serde_json::Value>(b"{\"a\": NaN}"), Err(Error::Syntax(_))));
+        assert!(matches!(
+            parse::<serde_json::Value>(deep.as_bytes()),
+            Err(Error::Syntax(_))
+        ));
+        assert!(matches!(
+            parse::<serde_json::Value>(b"{\"a\": NaN}"),
+            Err(Error::Syntax(_))
+        ));
     }
 }

@@ -3,7 +3,9 @@
 use crate::calibration::upload;
 use crate::kinematics::Robot;
 pub use crate::measurement::MeasurementSet;
-use crate::measurement::csv::{MAX_COORDINATE_MM, MAX_STD_MM, MAX_TARGETS, MAX_TEMPERATURE_C, MIN_STD_MM};
+use crate::measurement::csv::{
+    MAX_COORDINATE_MM, MAX_STD_MM, MAX_TARGETS, MAX_TEMPERATURE_C, MIN_STD_MM,
+};
 pub use crate::measurement::set::n_shared_points;
 use crate::measurement::{self, Point, Subset};
 use crate::wire::angle::{to_degrees, to_radians};
@@ -45,7 +47,9 @@ impl Frame {
 
     /// From its spelling on the wire.
     pub fn parse(text: &str) -> Option<Self> {
-        [Self::Base, Self::Instrument].into_iter().find(|frame| frame.as_str() == text)
+        [Self::Base, Self::Instrument]
+            .into_iter()
+            .find(|frame| frame.as_str() == text)
     }
 
     /// As it stands on the wire.
@@ -64,7 +68,11 @@ pub const DEFAULT_FRAME: Frame = Frame::Base;
 pub fn frame_assumed() -> Warning {
     let detail = "the upload does not say in which frame positions are; the robot's base frame was taken. Say frame=base, or frame=instrument \
                   where base pose and targets are unknown";
-    Warning { code: "frame_assumed".into(), detail: detail.into(), rows: vec![] }
+    Warning {
+        code: "frame_assumed".into(),
+        detail: detail.into(),
+        rows: vec![],
+    }
 }
 
 /// Which half of a set a point belongs to.
@@ -174,7 +182,11 @@ pub struct Warning {
 impl Warning {
     /// The core's remark.
     pub fn from_core(warning: &crate::calibration::report::Warning) -> Self {
-        Self { code: warning.code.into(), detail: warning.detail.clone(), rows: warning.rows.clone() }
+        Self {
+            code: warning.code.into(),
+            detail: warning.detail.clone(),
+            rows: warning.rows.clone(),
+        }
     }
 }
 
@@ -195,7 +207,10 @@ pub const DECIMAL_COMMA: &str = "decimal=comma";
 impl Decimal {
     /// What a content type declares.
     pub fn of(content_type: &str) -> Self {
-        let declared = content_type.split(';').skip(1).any(|parameter| parameter.trim().eq_ignore_ascii_case(DECIMAL_COMMA));
+        let declared = content_type
+            .split(';')
+            .skip(1)
+            .any(|parameter| parameter.trim().eq_ignore_ascii_case(DECIMAL_COMMA));
         if declared { Self::Comma } else { Self::Point }
     }
 
@@ -211,19 +226,39 @@ impl Decimal {
 ///
 /// # Errors
 /// [`Invalid`] with row, column and value of everything that is wrong.
-pub fn from_csv(bytes: &[u8], decimal: Decimal, frame: Frame, n_joints: usize) -> Result<MeasurementSet, Invalid> {
-    measurement::csv::parse_with(decimal.to_core(), bytes, frame.to_core(), n_joints).map_err(|error| Invalid {
-        code: "invalid_measurements",
-        issues: error.issues.into_iter().take(MAX_ISSUES).map(csv_issue).collect(),
-    })
+pub fn from_csv(
+    bytes: &[u8],
+    decimal: Decimal,
+    frame: Frame,
+    n_joints: usize,
+) -> Result<MeasurementSet, Invalid> {
+    measurement::csv::parse_with(decimal.to_core(), bytes, frame.to_core(), n_joints).map_err(
+        |error| Invalid {
+            code: "invalid_measurements",
+            issues: error
+                .issues
+                .into_iter()
+                .take(MAX_ISSUES)
+                .map(csv_issue)
+                .collect(),
+        },
+    )
 }
 
 /// Reads a stored upload again.
 ///
 /// # Errors
 /// [`Invalid`]; does not happen for bytes that were accepted once.
-pub fn from_upload(content_type: &str, bytes: &[u8], frame: Frame, n_joints: usize) -> Result<MeasurementSet, Invalid> {
-    if !content_type.to_ascii_lowercase().starts_with("application/json") {
+pub fn from_upload(
+    content_type: &str,
+    bytes: &[u8],
+    frame: Frame,
+    n_joints: usize,
+) -> Result<MeasurementSet, Invalid> {
+    if !content_type
+        .to_ascii_lowercase()
+        .starts_with("application/json")
+    {
         return from_csv(bytes, Decimal::of(content_type), frame, n_joints);
     }
     let body: MeasurementSetBody = json::parse(bytes).map_err(|error| match error {
@@ -234,7 +269,13 @@ pub fn from_upload(content_type: &str, bytes: &[u8], frame: Frame, n_joints: usi
 }
 
 fn csv_issue(issue: measurement::csv::Issue) -> Issue {
-    Issue { row: issue.row, column: issue.column, pointer: None, code: issue.code.into(), detail: issue.detail }
+    Issue {
+        row: issue.row,
+        column: issue.column,
+        pointer: None,
+        code: issue.code.into(),
+        detail: issue.detail,
+    }
 }
 
 impl MeasurementSetBody {
@@ -242,11 +283,22 @@ impl MeasurementSetBody {
     ///
     /// # Errors
     /// [`Invalid`] with a JSON pointer to everything that is wrong.
-    pub fn to_core(&self, frame: Option<Frame>, n_joints: usize) -> Result<MeasurementSet, Invalid> {
+    pub fn to_core(
+        &self,
+        frame: Option<Frame>,
+        n_joints: usize,
+    ) -> Result<MeasurementSet, Invalid> {
         let frame = self.resolve_frame(frame)?.unwrap_or(DEFAULT_FRAME);
         let mut checker = Checker::default();
         if self.points.is_empty() || self.points.len() > MAX_POINTS {
-            checker.note("/points", "wrong_length", format!("{} points; 1 to {MAX_POINTS} are allowed", self.points.len()));
+            checker.note(
+                "/points",
+                "wrong_length",
+                format!(
+                    "{} points; 1 to {MAX_POINTS} are allowed",
+                    self.points.len()
+                ),
+            );
         }
         if let Some(name) = &self.name {
             checker.text("/name", name, MAX_NAME);
@@ -258,12 +310,19 @@ impl MeasurementSetBody {
         if with_std > 0
             && let Some(i) = self.points.iter().position(|p| p.std_mm.is_none())
         {
-            let detail =
-                format!("{with_std} of {} points have std_mm and this one has none; give it to every point or to none", self.points.len());
+            let detail = format!(
+                "{with_std} of {} points have std_mm and this one has none; give it to every point or to none",
+                self.points.len()
+            );
             checker.note(format!("/points/{i}/std_mm"), "mixed_std_mm", detail);
         }
         checker.finish("invalid_measurements")?;
-        let points = self.points.iter().enumerate().map(|(row, point)| point.to_core(row)).collect();
+        let points = self
+            .points
+            .iter()
+            .enumerate()
+            .map(|(row, point)| point.to_core(row))
+            .collect();
         Ok(MeasurementSet::new(frame.to_core(), points))
     }
 
@@ -274,7 +333,11 @@ impl MeasurementSetBody {
     pub fn resolve_frame(&self, query: Option<Frame>) -> Result<Option<Frame>, Invalid> {
         match (self.frame, query) {
             (Some(body), Some(query)) if body != query => {
-                let detail = format!("the body says {:?}, the query {:?}: drop one", body.as_str(), query.as_str());
+                let detail = format!(
+                    "the body says {:?}, the query {:?}: drop one",
+                    body.as_str(),
+                    query.as_str()
+                );
                 Err(Invalid::at("/frame", "frame_conflict", detail))
             }
             (body, query) => Ok(body.or(query)),
@@ -284,22 +347,50 @@ impl MeasurementSetBody {
 
 impl PointBody {
     fn check(&self, at: &str, n_joints: usize, checker: &mut Checker) {
-        checker.length(format!("{at}/q_deg"), self.q_deg.len(), n_joints, "one joint value per link of the robot");
+        checker.length(
+            format!("{at}/q_deg"),
+            self.q_deg.len(),
+            n_joints,
+            "one joint value per link of the robot",
+        );
         for (j, q) in self.q_deg.iter().enumerate() {
-            checker.magnitude(format!("{at}/q_deg/{j}"), *q, MAX_JOINT_VALUE_DEG, "joint values are in degrees");
+            checker.magnitude(
+                format!("{at}/q_deg/{j}"),
+                *q,
+                MAX_JOINT_VALUE_DEG,
+                "joint values are in degrees",
+            );
         }
         for (j, x) in self.position_mm.iter().enumerate() {
-            checker.magnitude(format!("{at}/position_mm/{j}"), *x, MAX_COORDINATE_MM, "positions are in millimetres");
+            checker.magnitude(
+                format!("{at}/position_mm/{j}"),
+                *x,
+                MAX_COORDINATE_MM,
+                "positions are in millimetres",
+            );
         }
         if let Some(target) = self.target.filter(|target| *target >= MAX_TARGETS) {
-            checker.note(format!("{at}/target"), "out_of_range", format!("{target}: targets are numbered from 0, at most {MAX_TARGETS}"));
+            checker.note(
+                format!("{at}/target"),
+                "out_of_range",
+                format!("{target}: targets are numbered from 0, at most {MAX_TARGETS}"),
+            );
         }
-        if let Some(std) = self.std_mm.filter(|std| !(MIN_STD_MM..=MAX_STD_MM).contains(std)) {
-            let detail = format!("{std}: a standard uncertainty is {MIN_STD_MM} to {MAX_STD_MM} mm");
+        if let Some(std) = self
+            .std_mm
+            .filter(|std| !(MIN_STD_MM..=MAX_STD_MM).contains(std))
+        {
+            let detail =
+                format!("{std}: a standard uncertainty is {MIN_STD_MM} to {MAX_STD_MM} mm");
             checker.note(format!("{at}/std_mm"), "out_of_range", detail);
         }
         if let Some(temperature_c) = self.temperature_c {
-            checker.magnitude(format!("{at}/temperature_c"), temperature_c, MAX_TEMPERATURE_C, "temperatures are in °C");
+            checker.magnitude(
+                format!("{at}/temperature_c"),
+                temperature_c,
+                MAX_TEMPERATURE_C,
+                "temperatures are in °C",
+            );
         }
         for (label, name) in [
             (&self.configuration, "configuration"),
@@ -357,7 +448,9 @@ pub fn counts(set: &MeasurementSet) -> (usize, usize) {
 pub fn warnings(robot: &Robot, set: &MeasurementSet) -> Vec<Warning> {
     let of_the_set = upload::warnings(robot, set);
     let mut warnings: Vec<Warning> = of_the_set.iter().map(Warning::from_core).collect();
-    warnings.iter_mut().for_each(|warning| warning.rows.truncate(MAX_WARNED_ROWS));
+    warnings
+        .iter_mut()
+        .for_each(|warning| warning.rows.truncate(MAX_WARNED_ROWS));
     warnings.extend(outside_limits(robot, set));
     warnings
 }
@@ -367,8 +460,11 @@ fn outside_limits(robot: &Robot, set: &MeasurementSet) -> Option<Warning> {
     let mut first = None;
     for (row, point) in set.points.iter().enumerate() {
         // the limits are the controller's, as the values are
-        let outside =
-            robot.joint_limits_rad.iter().zip(&point.q_rad).position(|(limits, q)| limits.is_some_and(|(lo, hi)| *q < lo || *q > hi));
+        let outside = robot
+            .joint_limits_rad
+            .iter()
+            .zip(&point.q_rad)
+            .position(|(limits, q)| limits.is_some_and(|(lo, hi)| *q < lo || *q > hi));
         if let Some(joint) = outside {
             first.get_or_insert((row, joint + 1, to_degrees(point.q_rad[joint])));
             rows.push(row);
@@ -380,5 +476,9 @@ fn outside_limits(robot: &Robot, set: &MeasurementSet) -> Option<Warning> {
         rows.len()
     );
     rows.truncate(MAX_WARNED_ROWS);
-    Some(Warning { code: "outside_joint_limits".into(), detail, rows })
+    Some(Warning {
+        code: "outside_joint_limits".into(),
+        detail,
+        rows,
+    })
 }

@@ -78,24 +78,65 @@ pub enum Loss {
 impl OptionsBody {
     /// Notes every option that is out of its range.
     pub fn check(&self, checker: &mut Checker) {
-        let within = |checker: &mut Checker, name: &str, value: Option<usize>, min: usize, max: usize| {
-            if let Some(value) = value.filter(|value| !(min..=max).contains(value)) {
-                checker.note(format!("/options/{name}"), "out_of_range", format!("{value} is outside {min} to {max}"));
-            }
-        };
-        within(checker, "n_particles", self.n_particles, MIN_PARTICLES, MAX_PARTICLES);
-        within(checker, "n_iterations", self.n_iterations, 0, MAX_ITERATIONS);
-        let evaluations = self.n_particles.unwrap_or(0).saturating_mul(self.n_iterations.unwrap_or(0));
+        let within =
+            |checker: &mut Checker, name: &str, value: Option<usize>, min: usize, max: usize| {
+                if let Some(value) = value.filter(|value| !(min..=max).contains(value)) {
+                    checker.note(
+                        format!("/options/{name}"),
+                        "out_of_range",
+                        format!("{value} is outside {min} to {max}"),
+                    );
+                }
+            };
+        within(
+            checker,
+            "n_particles",
+            self.n_particles,
+            MIN_PARTICLES,
+            MAX_PARTICLES,
+        );
+        within(
+            checker,
+            "n_iterations",
+            self.n_iterations,
+            0,
+            MAX_ITERATIONS,
+        );
+        let evaluations = self
+            .n_particles
+            .unwrap_or(0)
+            .saturating_mul(self.n_iterations.unwrap_or(0));
         if evaluations > MAX_EVALUATIONS {
-            let detail = format!("n_particles × n_iterations is {evaluations}; at most {MAX_EVALUATIONS} cost evaluations are allowed");
+            let detail = format!(
+                "n_particles × n_iterations is {evaluations}; at most {MAX_EVALUATIONS} cost evaluations are allowed"
+            );
             checker.note("/options/n_iterations", "too_much_work", detail);
         }
-        for (name, value) in [("inertia_weight", self.inertia_weight), ("cognitive", self.cognitive), ("social", self.social)] {
+        for (name, value) in [
+            ("inertia_weight", self.inertia_weight),
+            ("cognitive", self.cognitive),
+            ("social", self.social),
+        ] {
             at_least_zero(checker, name, value, MAX_COEFFICIENT);
         }
-        at_least_zero(checker, "stop_at_cost_mm2", self.stop_at_cost_mm2, MAX_COST_MM2);
-        above_zero(checker, "search_half_width_mm", self.search_half_width_mm, MAX_HALF_WIDTH_MM);
-        above_zero(checker, "search_half_width_deg", self.search_half_width_deg, MAX_HALF_WIDTH_DEG);
+        at_least_zero(
+            checker,
+            "stop_at_cost_mm2",
+            self.stop_at_cost_mm2,
+            MAX_COST_MM2,
+        );
+        above_zero(
+            checker,
+            "search_half_width_mm",
+            self.search_half_width_mm,
+            MAX_HALF_WIDTH_MM,
+        );
+        above_zero(
+            checker,
+            "search_half_width_deg",
+            self.search_half_width_deg,
+            MAX_HALF_WIDTH_DEG,
+        );
     }
 
     /// The core's options.
@@ -116,13 +157,21 @@ impl OptionsBody {
 
 fn at_least_zero(checker: &mut Checker, name: &str, value: Option<f64>, max: f64) {
     if let Some(value) = value.filter(|value| !(0.0..=max).contains(value)) {
-        checker.note(format!("/options/{name}"), "out_of_range", format!("{value} is outside 0 to {max}"));
+        checker.note(
+            format!("/options/{name}"),
+            "out_of_range",
+            format!("{value} is outside 0 to {max}"),
+        );
     }
 }
 
 fn above_zero(checker: &mut Checker, name: &str, value: Option<f64>, max: f64) {
     if let Some(value) = value.filter(|value| !(*value > 0.0 && *value <= max)) {
-        checker.note(format!("/options/{name}"), "out_of_range", format!("{value}: must be above 0 and at most {max}"));
+        checker.note(
+            format!("/options/{name}"),
+            "out_of_range",
+            format!("{value}: must be above 0 and at most {max}"),
+        );
     }
 }
 

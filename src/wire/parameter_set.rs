@@ -165,8 +165,16 @@ impl ParameterSetContent {
             links: core.links.iter().map(IdentifiedLink::from_core).collect(),
             t_instrument_base: Transform::from_core(&core.t_instrument_base),
             targets: targets_from_core(core, &core.targets_mm),
-            links_with_corrections: core.corrected.as_ref().map(|c| c.model.links.iter().map(IdentifiedLink::from_core).collect()),
-            corrections: core.corrected.as_ref().map(|c| CorrectionsContent::from_core(c, targets_from_core(core, &c.model.targets_mm))),
+            links_with_corrections: core.corrected.as_ref().map(|c| {
+                c.model
+                    .links
+                    .iter()
+                    .map(IdentifiedLink::from_core)
+                    .collect()
+            }),
+            corrections: core.corrected.as_ref().map(|c| {
+                CorrectionsContent::from_core(c, targets_from_core(core, &c.model.targets_mm))
+            }),
         }
     }
 
@@ -178,17 +186,28 @@ impl ParameterSetContent {
     /// The robot as identified: links, and corrections where there are some. Of a target that moved while it was measured, the position of
     /// that stretch, else the last.
     pub fn robot_to_core(&self, segment: Option<u32>) -> IdentifiedRobot {
-        let with_corrections = self.links_with_corrections.as_ref().zip(self.corrections.as_ref());
+        let with_corrections = self
+            .links_with_corrections
+            .as_ref()
+            .zip(self.corrections.as_ref());
         IdentifiedRobot {
             plain: self.plain_to_core(segment),
-            corrected: with_corrections
-                .map(|(links, corrections)| corrections.to_core(links.iter().copied().map(IdentifiedLink::to_core).collect(), segment)),
+            corrected: with_corrections.map(|(links, corrections)| {
+                corrections.to_core(
+                    links.iter().copied().map(IdentifiedLink::to_core).collect(),
+                    segment,
+                )
+            }),
         }
     }
 
     fn plain_to_core(&self, segment: Option<u32>) -> KinematicModel {
         let n_targets = self.targets.iter().map(|t| t.target + 1).max().unwrap_or(0);
-        let target_mm = |target| self.target_mm(target, segment).or_else(|| self.target_mm(target, None)).unwrap_or_else(Vector3::zeros);
+        let target_mm = |target| {
+            self.target_mm(target, segment)
+                .or_else(|| self.target_mm(target, None))
+                .unwrap_or_else(Vector3::zeros)
+        };
         KinematicModel {
             t_instrument_base: self.t_instrument_base.to_core(),
             links: self.links_to_core(),
@@ -202,15 +221,31 @@ impl ParameterSetContent {
     /// [`Invalid`] with a JSON pointer to every part that does not fit.
     pub fn check(&self, n_links: usize) -> Result<(), Invalid> {
         let mut checker = Checker::default();
-        checker.length("/links", self.links.len(), n_links, "one per link of the robot");
+        checker.length(
+            "/links",
+            self.links.len(),
+            n_links,
+            "one per link of the robot",
+        );
         if let Some(links) = &self.links_with_corrections {
-            checker.length("/links_with_corrections", links.len(), n_links, "one per link of the robot");
+            checker.length(
+                "/links_with_corrections",
+                links.len(),
+                n_links,
+                "one per link of the robot",
+            );
         }
         if self.links_with_corrections.is_some() != self.corrections.is_some() {
-            checker.note("/corrections", "incomplete", "links_with_corrections and corrections belong together");
+            checker.note(
+                "/corrections",
+                "incomplete",
+                "links_with_corrections and corrections belong together",
+            );
         }
         checker.finish("invalid_parameter_set")?;
-        self.corrections.as_ref().map_or(Ok(()), |corrections| corrections.check(n_links))
+        self.corrections
+            .as_ref()
+            .map_or(Ok(()), |corrections| corrections.check(n_links))
     }
 
     /// What the cell PC checks.
@@ -223,7 +258,11 @@ impl ParameterSetContent {
 
     /// The core's links.
     pub fn links_to_core(&self) -> Vec<Link> {
-        self.links.iter().copied().map(IdentifiedLink::to_core).collect()
+        self.links
+            .iter()
+            .copied()
+            .map(IdentifiedLink::to_core)
+            .collect()
     }
 
     /// Offset of a target in the flange frame: of the stretch asked for, else of the last.
@@ -233,7 +272,11 @@ impl ParameterSetContent {
 }
 
 /// Offset of a target among `targets`: of the stretch asked for, else of the last.
-pub(super) fn of_target(targets: &[Target], target: usize, segment: Option<u32>) -> Option<Vector3<f64>> {
+pub(super) fn of_target(
+    targets: &[Target],
+    target: usize,
+    segment: Option<u32>,
+) -> Option<Vector3<f64>> {
     let mut of_target = targets.iter().filter(|t| t.target == target);
     match segment {
         Some(segment) => of_target.find(|t| t.segment.unwrap_or(0) == segment),
@@ -244,13 +287,24 @@ pub(super) fn of_target(targets: &[Target], target: usize, segment: Option<u32>)
 
 /// Every target, and every stretch of those that moved, in their order.
 fn targets_from_core(core: &CalibrationReport, targets_mm: &[Vector3<f64>]) -> Vec<Target> {
-    let moved = |target: usize| core.target_segments.iter().filter(|(t, _)| *t == target).count() > 1;
+    let moved = |target: usize| {
+        core.target_segments
+            .iter()
+            .filter(|(t, _)| *t == target)
+            .count()
+            > 1
+    };
     let of = |((target, segment), position): (&(usize, usize), &Vector3<f64>)| Target {
         target: *target,
         segment: moved(*target).then_some(*segment as u32),
         position_mm: (*position).into(),
     };
-    let mut targets: Vec<Target> = core.target_segments.iter().zip(targets_mm).map(of).collect();
+    let mut targets: Vec<Target> = core
+        .target_segments
+        .iter()
+        .zip(targets_mm)
+        .map(of)
+        .collect();
     targets.sort_by_key(|t| (t.target, t.segment));
     targets
 }

@@ -43,15 +43,27 @@ impl ParametersBody {
     /// Whether it can be meant, as far as can be said without the robot.
     pub(super) fn check(&self, checker: &mut Checker) {
         if self.hold.is_some() && self.identify.is_some() {
-            checker.note("/parameters", "hold_and_identify", "give either hold or identify, not both");
+            checker.note(
+                "/parameters",
+                "hold_and_identify",
+                "give either hold or identify, not both",
+            );
         }
         if self.rest == Some(Rest::ParameterSet) && self.identify.is_none() {
-            checker.note("/parameters/rest", "identify_missing", "name what is identified anew in identify; the rest is held");
+            checker.note(
+                "/parameters/rest",
+                "identify_missing",
+                "name what is identified anew in identify; the rest is held",
+            );
         }
         for (at, names) in [("hold", &self.hold), ("identify", &self.identify)] {
             let names = names.as_deref().unwrap_or_default();
             if names.len() > MAX_NAMES {
-                checker.note(format!("/parameters/{at}"), "wrong_length", format!("{} names; at most {MAX_NAMES}", names.len()));
+                checker.note(
+                    format!("/parameters/{at}"),
+                    "wrong_length",
+                    format!("{} names; at most {MAX_NAMES}", names.len()),
+                );
             }
             for (i, name) in names.iter().take(MAX_NAMES).enumerate() {
                 checker.text(&format!("/parameters/{at}/{i}"), name, MAX_PARAMETER_NAME);

@@ -146,10 +146,22 @@ impl PosePlanBody {
     ///
     /// # Errors
     /// [`Invalid`] for values out of range, and where the room holds too few configurations.
-    pub fn run(&self, robot: &Robot, measured: &[MeasurementSet]) -> Result<PosePlanAnswer, Invalid> {
+    pub fn run(
+        &self,
+        robot: &Robot,
+        measured: &[MeasurementSet],
+    ) -> Result<PosePlanAnswer, Invalid> {
         self.check()?;
-        let model = self.model.unwrap_or(if self.frame == Some(Frame::Base) { Model::Paper } else { Model::Complete });
-        let target_mm = self.target_mm.unwrap_or(if model == Model::Paper { ON_AXIS_MM } else { OFF_AXIS_MM });
+        let model = self.model.unwrap_or(if self.frame == Some(Frame::Base) {
+            Model::Paper
+        } else {
+            Model::Complete
+        });
+        let target_mm = self.target_mm.unwrap_or(if model == Model::Paper {
+            ON_AXIS_MM
+        } else {
+            OFF_AXIS_MM
+        });
         let request = PlanRequest {
             robot,
             model: model.to_core(),
@@ -163,12 +175,23 @@ impl PosePlanBody {
             noise_std_mm: self.noise_std_mm.unwrap_or(DEFAULT_NOISE_MM),
             seed: self.seed,
             room: self.room(),
-            measured: measured.iter().map(|set| observations(robot, set)).collect(),
+            measured: measured
+                .iter()
+                .map(|set| observations(robot, set))
+                .collect(),
         };
-        let plan = plan(&request).map_err(|error| Invalid::at("/boxes", "too_little_room", error.to_string()))?;
-        let uncertainty = |u: ToolUncertainty| ToolUncertaintyReport { mean: u.mean_mm, max: u.max_mm };
+        let plan = plan(&request)
+            .map_err(|error| Invalid::at("/boxes", "too_little_room", error.to_string()))?;
+        let uncertainty = |u: ToolUncertainty| ToolUncertaintyReport {
+            mean: u.mean_mm,
+            max: u.max_mm,
+        };
         let configuration = |planned: &crate::planning::Planned| PlannedConfiguration {
-            q_deg: planned.q_controller_rad.iter().map(|rad| to_degrees(*rad)).collect(),
+            q_deg: planned
+                .q_controller_rad
+                .iter()
+                .map(|rad| to_degrees(*rad))
+                .collect(),
             repeats: planned.repeats,
         };
         Ok(PosePlanAnswer {
@@ -181,9 +204,16 @@ impl PosePlanBody {
 
     fn room(&self) -> Room {
         Room {
-            boxes_mm: self.boxes.iter().map(|b| (Vector3::from(b.min_mm), Vector3::from(b.max_mm))).collect(),
+            boxes_mm: self
+                .boxes
+                .iter()
+                .map(|b| (Vector3::from(b.min_mm), Vector3::from(b.max_mm)))
+                .collect(),
             floor_z_mm: self.floor_z_mm,
-            base_cylinder: self.base_cylinder.map(|c| BaseCylinder { radius_mm: c.radius_mm, height_mm: c.height_mm }),
+            base_cylinder: self.base_cylinder.map(|c| BaseCylinder {
+                radius_mm: c.radius_mm,
+                height_mm: c.height_mm,
+            }),
         }
     }
 
@@ -195,44 +225,111 @@ impl PosePlanBody {
         let mut checker = Checker::default();
         let mut within = |at: &str, value: usize, most: usize| {
             if value == 0 || value > most {
-                checker.note(at, "out_of_range", format!("{value}; 1 to {most} are allowed"));
+                checker.note(
+                    at,
+                    "out_of_range",
+                    format!("{value}; 1 to {most} are allowed"),
+                );
             }
         };
         within("/n_configurations", self.n_configurations, MAX_PLANNED);
-        within("/n_candidates", self.n_candidates.unwrap_or(DEFAULT_CANDIDATES), MAX_CANDIDATES);
-        if self.n_repeats.is_some_and(|repeats| repeats > self.n_configurations / 2) {
-            checker.note("/n_repeats", "out_of_range", "at most half of the configurations can be repeats of the others");
+        within(
+            "/n_candidates",
+            self.n_candidates.unwrap_or(DEFAULT_CANDIDATES),
+            MAX_CANDIDATES,
+        );
+        if self
+            .n_repeats
+            .is_some_and(|repeats| repeats > self.n_configurations / 2)
+        {
+            checker.note(
+                "/n_repeats",
+                "out_of_range",
+                "at most half of the configurations can be repeats of the others",
+            );
         }
-        if self.noise_std_mm.is_some_and(|std| !(NOISE_MM.0..=NOISE_MM.1).contains(&std)) {
-            checker.note("/noise_std_mm", "out_of_range", format!("{} to {} mm are allowed", NOISE_MM.0, NOISE_MM.1));
+        if self
+            .noise_std_mm
+            .is_some_and(|std| !(NOISE_MM.0..=NOISE_MM.1).contains(&std))
+        {
+            checker.note(
+                "/noise_std_mm",
+                "out_of_range",
+                format!("{} to {} mm are allowed", NOISE_MM.0, NOISE_MM.1),
+            );
         }
         for (k, value) in self.target_mm.iter().flatten().enumerate() {
-            checker.magnitude(format!("/target_mm/{k}"), *value, MAX_LENGTH_MM, "lengths are in millimetres");
+            checker.magnitude(
+                format!("/target_mm/{k}"),
+                *value,
+                MAX_LENGTH_MM,
+                "lengths are in millimetres",
+            );
         }
         if let Some(floor_z_mm) = self.floor_z_mm {
-            checker.magnitude("/floor_z_mm", floor_z_mm, MAX_LENGTH_MM, "lengths are in millimetres");
+            checker.magnitude(
+                "/floor_z_mm",
+                floor_z_mm,
+                MAX_LENGTH_MM,
+                "lengths are in millimetres",
+            );
         }
         if self.boxes.len() > MAX_BOXES {
-            checker.note("/boxes", "wrong_length", format!("{} boxes; at most {MAX_BOXES}", self.boxes.len()));
+            checker.note(
+                "/boxes",
+                "wrong_length",
+                format!("{} boxes; at most {MAX_BOXES}", self.boxes.len()),
+            );
         }
         for (i, b) in self.boxes.iter().take(MAX_BOXES).enumerate() {
             for k in 0..3 {
-                checker.magnitude(format!("/boxes/{i}/min_mm/{k}"), b.min_mm[k], MAX_LENGTH_MM, "lengths are in millimetres");
-                checker.magnitude(format!("/boxes/{i}/max_mm/{k}"), b.max_mm[k], MAX_LENGTH_MM, "lengths are in millimetres");
+                checker.magnitude(
+                    format!("/boxes/{i}/min_mm/{k}"),
+                    b.min_mm[k],
+                    MAX_LENGTH_MM,
+                    "lengths are in millimetres",
+                );
+                checker.magnitude(
+                    format!("/boxes/{i}/max_mm/{k}"),
+                    b.max_mm[k],
+                    MAX_LENGTH_MM,
+                    "lengths are in millimetres",
+                );
                 if b.min_mm[k] >= b.max_mm[k] {
-                    checker.note(format!("/boxes/{i}"), "corners_reversed", "min_mm is the lowest corner and max_mm the highest");
+                    checker.note(
+                        format!("/boxes/{i}"),
+                        "corners_reversed",
+                        "min_mm is the lowest corner and max_mm the highest",
+                    );
                 }
             }
         }
         if let Some(cylinder) = &self.base_cylinder {
-            checker.magnitude("/base_cylinder/radius_mm", cylinder.radius_mm, MAX_LENGTH_MM, "lengths are in millimetres");
-            checker.magnitude("/base_cylinder/height_mm", cylinder.height_mm, MAX_LENGTH_MM, "lengths are in millimetres");
+            checker.magnitude(
+                "/base_cylinder/radius_mm",
+                cylinder.radius_mm,
+                MAX_LENGTH_MM,
+                "lengths are in millimetres",
+            );
+            checker.magnitude(
+                "/base_cylinder/height_mm",
+                cylinder.height_mm,
+                MAX_LENGTH_MM,
+                "lengths are in millimetres",
+            );
         }
         if self.measured.len() > MAX_MEASURED {
-            checker.note("/measured", "wrong_length", format!("{} sets; at most {MAX_MEASURED}", self.measured.len()));
+            checker.note(
+                "/measured",
+                "wrong_length",
+                format!("{} sets; at most {MAX_MEASURED}", self.measured.len()),
+            );
         }
         checker.finish("invalid_plan")?;
-        self.measured.iter().enumerate().try_for_each(|(i, id)| id::check(&format!("/measured/{i}"), id, "measurement set"))
+        self.measured
+            .iter()
+            .enumerate()
+            .try_for_each(|(i, id)| id::check(&format!("/measured/{i}"), id, "measurement set"))
     }
 }
 

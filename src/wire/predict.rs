@@ -48,19 +48,31 @@ impl PredictBody {
     ///
     /// # Errors
     /// [`Invalid`] for poses that do not fit the robot, or a target that the set does not have.
-    pub fn run(&self, robot: &Robot, content: &ParameterSetContent) -> Result<PredictAnswer, Invalid> {
+    pub fn run(
+        &self,
+        robot: &Robot,
+        content: &ParameterSetContent,
+    ) -> Result<PredictAnswer, Invalid> {
         self.check(robot.links.len())?;
         if content.target_mm(self.target, self.segment).is_none() {
             return Err(unknown_target());
         }
-        let identified = content.robot_to_core(self.segment).carrying(self.payload.map(PayloadBody::to_core));
+        let identified = content
+            .robot_to_core(self.segment)
+            .carrying(self.payload.map(PayloadBody::to_core));
         let predicted = |q_deg: &Vec<f64>| -> ([f64; 3], bool) {
             let q_rad: Vec<f64> = q_deg.iter().map(|deg| to_radians(*deg)).collect();
             let q_rad = robot.q_model_rad(&q_rad);
-            (identified.position(&q_rad, self.target).into(), identified.is_extrapolated(&q_rad))
+            (
+                identified.position(&q_rad, self.target).into(),
+                identified.is_extrapolated(&q_rad),
+            )
         };
         let (position_mm, extrapolated) = self.q_deg.iter().map(predicted).unzip();
-        Ok(PredictAnswer { position_mm, extrapolated })
+        Ok(PredictAnswer {
+            position_mm,
+            extrapolated,
+        })
     }
 
     /// Every check that needs the request and the number of joints alone.
@@ -70,13 +82,24 @@ impl PredictBody {
     pub fn check(&self, n_joints: usize) -> Result<(), Invalid> {
         let mut checker = Checker::default();
         if self.q_deg.len() > MAX_POSES {
-            checker.note("/q_deg", "wrong_length", format!("{} poses; at most {MAX_POSES}", self.q_deg.len()));
+            checker.note(
+                "/q_deg",
+                "wrong_length",
+                format!("{} poses; at most {MAX_POSES}", self.q_deg.len()),
+            );
         }
         for (i, pose) in self.q_deg.iter().take(MAX_POSES).enumerate() {
             check_pose(&mut checker, i, pose, n_joints);
         }
         if self.target >= MAX_TARGETS {
-            checker.note("/target", "out_of_range", format!("{}: targets are numbered from 0, at most {MAX_TARGETS}", self.target));
+            checker.note(
+                "/target",
+                "out_of_range",
+                format!(
+                    "{}: targets are numbered from 0, at most {MAX_TARGETS}",
+                    self.target
+                ),
+            );
         }
         if let Some(payload) = &self.payload {
             payload.check("/payload", &mut checker);
@@ -87,13 +110,27 @@ impl PredictBody {
 
 /// Notes what is wrong with the joint values of pose `i` of `q_deg`.
 pub fn check_pose(checker: &mut Checker, i: usize, pose: &[f64], n_joints: usize) {
-    checker.length(format!("/q_deg/{i}"), pose.len(), n_joints, "one joint value per link of the robot");
+    checker.length(
+        format!("/q_deg/{i}"),
+        pose.len(),
+        n_joints,
+        "one joint value per link of the robot",
+    );
     for (j, q) in pose.iter().enumerate() {
-        checker.magnitude(format!("/q_deg/{i}/{j}"), *q, MAX_JOINT_VALUE_DEG, "joint values are in degrees");
+        checker.magnitude(
+            format!("/q_deg/{i}/{j}"),
+            *q,
+            MAX_JOINT_VALUE_DEG,
+            "joint values are in degrees",
+        );
     }
 }
 
 /// A target that the parameter set does not have.
 pub fn unknown_target() -> Invalid {
-    Invalid::at("/target", "unknown_target", "the parameter set has no such target (or segment); its `targets` lists them")
+    Invalid::at(
+        "/target",
+        "unknown_target",
+        "the parameter set has no such target (or segment); its `targets` lists them",
+    )
 }

@@ -35,22 +35,42 @@ pub struct Prior {
 impl Prior {
     /// The core's.
     pub fn to_core(&self) -> ParameterPrior {
-        let Self { name, std, mean, min, max } = self.clone();
-        ParameterPrior { name, std, mean, min, max }
+        let Self {
+            name,
+            std,
+            mean,
+            min,
+            max,
+        } = self.clone();
+        ParameterPrior {
+            name,
+            std,
+            mean,
+            min,
+            max,
+        }
     }
 }
 
 /// Notes every number that is wrong by itself.
 pub fn check(priors: &[Prior], checker: &mut Checker) {
     if priors.len() > MAX_NAMES {
-        checker.note("/parameters/priors", "wrong_length", format!("{} priors; at most {MAX_NAMES}", priors.len()));
+        checker.note(
+            "/parameters/priors",
+            "wrong_length",
+            format!("{} priors; at most {MAX_NAMES}", priors.len()),
+        );
     }
     for (i, prior) in priors.iter().take(MAX_NAMES).enumerate() {
         let at = |field: &str| format!("/parameters/priors/{i}/{field}");
         checker.text(&at("name"), &prior.name, MAX_PARAMETER_NAME);
         if !(MIN_STD..=MAX_VALUE).contains(&prior.std) {
             let hint = "a standard deviation is above 0; hold the parameter to keep it exactly";
-            checker.note(at("std"), "out_of_range", format!("{} is outside {MIN_STD} to {MAX_VALUE}: {hint}", prior.std));
+            checker.note(
+                at("std"),
+                "out_of_range",
+                format!("{} is outside {MIN_STD} to {MAX_VALUE}: {hint}", prior.std),
+            );
         }
         for (field, value) in [("mean", prior.mean), ("min", prior.min), ("max", prior.max)] {
             checker.magnitude(at(field), value.unwrap_or(0.0), MAX_VALUE, "mm or degrees");
@@ -58,7 +78,11 @@ pub fn check(priors: &[Prior], checker: &mut Checker) {
         if let (Some(min), Some(max)) = (prior.min, prior.max)
             && min > max
         {
-            checker.note(at("min"), "out_of_range", format!("min {min} is above max {max}"));
+            checker.note(
+                at("min"),
+                "out_of_range",
+                format!("min {min} is above max {max}"),
+            );
         }
     }
 }
@@ -69,10 +93,20 @@ pub fn check(priors: &[Prior], checker: &mut Checker) {
 /// [`Invalid`] with every fault at its pointer.
 pub fn check_applicable(request: &CalibrationRequest) -> Result<(), Invalid> {
     let faults = prior_faults(request);
-    let Some(code) = faults.first().map(|fault| fault.code) else { return Ok(()) };
+    let Some(code) = faults.first().map(|fault| fault.code) else {
+        return Ok(());
+    };
     let mut checker = Checker::default();
     for fault in &faults {
-        checker.note(format!("/parameters/priors/{}/{}", fault.index, fault.field), fault.code, fault.detail.clone());
+        checker.note(
+            format!("/parameters/priors/{}/{}", fault.index, fault.field),
+            fault.code,
+            fault.detail.clone(),
+        );
     }
-    checker.finish(if faults.iter().all(|fault| fault.code == code) { code } else { "invalid_job" })
+    checker.finish(if faults.iter().all(|fault| fault.code == code) {
+        code
+    } else {
+        "invalid_job"
+    })
 }

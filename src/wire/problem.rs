@@ -34,7 +34,17 @@ impl Problem {
     pub fn new(status: u16, code: &str, detail: impl Into<String>) -> Self {
         let words = code.replace('_', " ");
         let mut letters = words.chars();
-        let title = letters.next().map(|first| first.to_uppercase().chain(letters).collect()).unwrap_or_default();
-        Self { kind: format!("{TYPE_PREFIX}{code}"), title, status, detail: detail.into(), code: code.into(), errors: Vec::new() }
+        let title = letters
+            .next()
+            .map(|first| first.to_uppercase().chain(letters).collect())
+            .unwrap_or_default();
+        Self {
+            kind: format!("{TYPE_PREFIX}{code}"),
+            title,
+            status,
+            detail: detail.into(),
+            code: code.into(),
+            errors: Vec::new(),
+        }
     }
 }

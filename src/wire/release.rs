@@ -35,16 +35,28 @@ pub struct Gate {
 
 impl Gate {
     fn new(gate: &str, passed: bool, detail: impl Into<String>) -> Self {
-        Self { gate: gate.into(), passed, detail: detail.into(), warning: false }
+        Self {
+            gate: gate.into(),
+            passed,
+            detail: detail.into(),
+            warning: false,
+        }
     }
 
     fn warned(self, warning: bool) -> Self {
-        Self { warning: warning && self.passed, ..self }
+        Self {
+            warning: warning && self.passed,
+            ..self
+        }
     }
 
     /// As it is listed in a refusal.
     pub fn issue(&self) -> Issue {
-        Issue { code: self.gate.clone(), detail: self.detail.clone(), ..Issue::default() }
+        Issue {
+            code: self.gate.clone(),
+            detail: self.detail.clone(),
+            ..Issue::default()
+        }
     }
 }
 
@@ -84,7 +96,9 @@ impl ReleaseBody {
     pub fn check(&self) -> Result<(), Invalid> {
         let mut checker = Checker::default();
         checker.text("/reason", &self.reason, MAX_REASON);
-        self.change_reason.iter().for_each(|reason| checker.text("/change_reason", reason, MAX_REASON));
+        self.change_reason
+            .iter()
+            .for_each(|reason| checker.text("/change_reason", reason, MAX_REASON));
         checker.finish("invalid_reason")
     }
 }
@@ -147,7 +161,8 @@ pub struct Facts<'a> {
 impl Facts<'_> {
     /// How strong the verification is.
     pub fn evidence(&self) -> Evidence {
-        let independent = self.sessions.iter().any(|session| session.is_independent) || (self.verified_elsewhere && self.has_own_points());
+        let independent = self.sessions.iter().any(|session| session.is_independent)
+            || (self.verified_elsewhere && self.has_own_points());
         match (independent, self.has_own_points()) {
             (true, _) => Evidence::IndependentSession,
             (false, true) => Evidence::SameUpload,
@@ -161,17 +176,37 @@ impl Facts<'_> {
     }
 
     fn has_own_points(&self) -> bool {
-        self.report.verify.is_some_and(|verify| verify.n_points >= MIN_VERIFY_POINTS)
+        self.report
+            .verify
+            .is_some_and(|verify| verify.n_points >= MIN_VERIFY_POINTS)
     }
 }
 
 /// Every gate, passed or not.
 pub fn gates(facts: &Facts<'_>) -> Vec<Gate> {
-    let mut gates = vec![verified(facts), errors_improved(facts), all_finite(facts.content), fits(facts), better_than_nominal(facts)];
-    gates.extend([better_than_active(facts), evidence(facts), uncertainty(facts), errors_within_tolerance(facts)]);
+    let mut gates = vec![
+        verified(facts),
+        errors_improved(facts),
+        all_finite(facts.content),
+        fits(facts),
+        better_than_nominal(facts),
+    ];
+    gates.extend([
+        better_than_active(facts),
+        evidence(facts),
+        uncertainty(facts),
+        errors_within_tolerance(facts),
+    ]);
     gates.extend([identity(facts), change(facts), second_person(facts)]);
     if facts.is_withdrawn {
-        gates.insert(0, Gate::new("withdrawn", false, "the set was withdrawn, which is for good: identify anew, or release another set"));
+        gates.insert(
+            0,
+            Gate::new(
+                "withdrawn",
+                false,
+                "the set was withdrawn, which is for good: identify anew, or release another set",
+            ),
+        );
     }
     gates
 }
@@ -180,8 +215,13 @@ fn verified(facts: &Facts<'_>) -> Gate {
     let n = facts.report.verify.map_or(0, |verify| verify.n_points);
     let passed = facts.evidence() != Evidence::None;
     let detail = match passed {
-        true => format!("{n} points were held out to verify, {} sessions scored", facts.sessions.len()),
-        false => format!("{n} points were held out to verify; {MIN_VERIFY_POINTS} are needed: post a job with verify, or of kind verify"),
+        true => format!(
+            "{n} points were held out to verify, {} sessions scored",
+            facts.sessions.len()
+        ),
+        false => format!(
+            "{n} points were held out to verify; {MIN_VERIFY_POINTS} are needed: post a job with verify, or of kind verify"
+        ),
     };
     Gate::new("verified", passed, detail)
 }
@@ -191,25 +231,49 @@ fn errors_improved(facts: &Facts<'_>) -> Gate {
     match &facts.report.verify {
         Some(_) => {
             let judged = facts.report.judged();
-            let (before, after, remark) = (judged.before_rms_mm, judged.after_rms_mm, judged.remark());
-            Gate::new(name, judged.is_better(), format!("rms on the verify points{remark}: {before:.4} mm before, {after:.4} mm after"))
+            let (before, after, remark) =
+                (judged.before_rms_mm, judged.after_rms_mm, judged.remark());
+            Gate::new(
+                name,
+                judged.is_better(),
+                format!(
+                    "rms on the verify points{remark}: {before:.4} mm before, {after:.4} mm after"
+                ),
+            )
         }
-        None if facts.sessions.iter().any(|session| session.is_independent) => Gate::new(name, true, "see the sessions"),
+        None if facts.sessions.iter().any(|session| session.is_independent) => {
+            Gate::new(name, true, "see the sessions")
+        }
         None => Gate::new(name, false, "without verify points nobody knows"),
     }
 }
 
 fn all_finite(content: &ParameterSetContent) -> Gate {
-    let links = content.links.iter().flat_map(|l| [l.a_mm, l.alpha_deg, l.d_mm, l.theta_offset_deg, l.beta_deg]);
+    let links = content
+        .links
+        .iter()
+        .flat_map(|l| [l.a_mm, l.alpha_deg, l.d_mm, l.theta_offset_deg, l.beta_deg]);
     let base = content.t_instrument_base;
-    let frame = base.rotation.into_iter().flatten().chain(base.translation_mm);
-    let finite = links.chain(frame).chain(content.targets.iter().flat_map(|t| t.position_mm)).all(f64::is_finite);
+    let frame = base
+        .rotation
+        .into_iter()
+        .flatten()
+        .chain(base.translation_mm);
+    let finite = links
+        .chain(frame)
+        .chain(content.targets.iter().flat_map(|t| t.position_mm))
+        .all(f64::is_finite);
     Gate::new("all_finite", finite, "every number is finite")
 }
 
 /// Where everything is noise, the identified robot is better than the nominal one half of the time.
 fn fits(facts: &Facts<'_>) -> Gate {
-    match facts.report.warnings.iter().find(|warning| warning.code == "no_fit") {
+    match facts
+        .report
+        .warnings
+        .iter()
+        .find(|warning| warning.code == "no_fit")
+    {
         Some(warning) => Gate::new("fits", false, warning.detail.clone()),
         None => Gate::new("fits", true, "the identified robot comes near the points"),
     }
@@ -218,7 +282,10 @@ fn fits(facts: &Facts<'_>) -> Gate {
 /// Fails closed: an error that cannot be compared is not smaller.
 fn better_than_nominal(facts: &Facts<'_>) -> Gate {
     let name = "sessions_better_than_nominal";
-    let worse = facts.sessions.iter().find(|session| !session.judged.is_better());
+    let worse = facts
+        .sessions
+        .iter()
+        .find(|session| !session.judged.is_better());
     match worse {
         Some(s) => {
             let detail = format!(
@@ -232,11 +299,22 @@ fn better_than_nominal(facts: &Facts<'_>) -> Gate {
         }
         None if facts.no_better_than_nominal.is_some() => {
             let job = facts.no_better_than_nominal.unwrap_or_default();
-            let detail = format!("job {job} showed on another session that the set is no better than nominal, so it is never released");
+            let detail = format!(
+                "job {job} showed on another session that the set is no better than nominal, so it is never released"
+            );
             Gate::new(name, false, detail)
         }
-        None if facts.sessions.is_empty() => Gate::new(name, true, "no other session has been scored on it"),
-        None => Gate::new(name, true, format!("{} sessions, each better than nominal", facts.sessions.len())),
+        None if facts.sessions.is_empty() => {
+            Gate::new(name, true, "no other session has been scored on it")
+        }
+        None => Gate::new(
+            name,
+            true,
+            format!(
+                "{} sessions, each better than nominal",
+                facts.sessions.len()
+            ),
+        ),
     }
 }
 
@@ -255,11 +333,17 @@ fn better_than_active(facts: &Facts<'_>) -> Gate {
             Ok((own, active)) => {
                 passed &= *own <= active + SAME_MM;
                 changed |= *active > CHANGED * own + SAME_MM;
-                said.push(format!("{}: {own:.4} mm rms, the active set {active:.4} mm", comparison.points));
+                said.push(format!(
+                    "{}: {own:.4} mm rms, the active set {active:.4} mm",
+                    comparison.points
+                ));
             }
             Err(why) => {
                 passed = false;
-                said.push(format!("{}: cannot be compared with the active set: {why}", comparison.points));
+                said.push(format!(
+                    "{}: cannot be compared with the active set: {why}",
+                    comparison.points
+                ));
             }
         }
     }
@@ -275,13 +359,16 @@ fn better_than_active(facts: &Facts<'_>) -> Gate {
 fn evidence(facts: &Facts<'_>) -> Gate {
     let evidence = facts.evidence();
     let detail = match evidence {
-        Evidence::IndependentSession => "independent_session: another session, measured anew, was scored",
+        Evidence::IndependentSession => {
+            "independent_session: another session, measured anew, was scored"
+        }
         Evidence::SameUpload => {
             "same_upload: only points of the same upload were held out; a wrong base, tool or scale would not show. Measure another session, and post a job of kind verify"
         }
         Evidence::None => "none: nothing was held out",
     };
-    let passed = !facts.policy.independent_session_required || evidence == Evidence::IndependentSession;
+    let passed =
+        !facts.policy.independent_session_required || evidence == Evidence::IndependentSession;
     Gate::new("evidence", passed, detail).warned(evidence != Evidence::IndependentSession)
 }
 
@@ -289,14 +376,26 @@ fn uncertainty(facts: &Facts<'_>) -> Gate {
     let name = "uncertainty_within_tolerance";
     match (facts.uncertainty_mm(), facts.policy.tolerance_mm) {
         (Some(found), Some(tolerance)) => {
-            let detail =
-                format!("predicted uncertainty of the tool over the workspace: at most {found:.4} mm, the tolerance is {tolerance} mm");
+            let detail = format!(
+                "predicted uncertainty of the tool over the workspace: at most {found:.4} mm, the tolerance is {tolerance} mm"
+            );
             Gate::new(name, found <= tolerance, detail)
         }
-        (None, Some(tolerance)) => Gate::new(name, false, format!("the uncertainty cannot be stated; the tolerance is {tolerance} mm")),
+        (None, Some(tolerance)) => Gate::new(
+            name,
+            false,
+            format!("the uncertainty cannot be stated; the tolerance is {tolerance} mm"),
+        ),
         (found, None) => {
-            let said = found.map_or("cannot be stated".to_owned(), |found| format!("is {found:.4} mm"));
-            Gate::new(name, true, format!("the robot's policy has no tolerance; the uncertainty {said}")).warned(found.is_none())
+            let said = found.map_or("cannot be stated".to_owned(), |found| {
+                format!("is {found:.4} mm")
+            });
+            Gate::new(
+                name,
+                true,
+                format!("the robot's policy has no tolerance; the uncertainty {said}"),
+            )
+            .warned(found.is_none())
         }
     }
 }
@@ -304,11 +403,31 @@ fn uncertainty(facts: &Facts<'_>) -> Gate {
 /// What was measured has to be within the tolerance too: on other sessions where there are any, else on the points held out.
 fn errors_within_tolerance(facts: &Facts<'_>) -> Gate {
     let name = "verify_errors_within_tolerance";
-    let Some(tolerance) = facts.policy.tolerance_mm else { return Gate::new(name, true, "the robot's policy has no tolerance") };
-    let elsewhere = facts.sessions.iter().filter(|s| s.is_independent).map(|s| s.judged.after_rms_mm);
-    let found: Vec<f64> = elsewhere.chain(facts.report.verify.map(|_| facts.report.judged().after_rms_mm)).collect();
-    let largest = found.iter().fold(f64::NEG_INFINITY, |largest, rms| if rms.is_nan() { f64::INFINITY } else { largest.max(*rms) });
-    let detail = format!("largest rms on verify points: {largest:.4} mm, the tolerance is {tolerance} mm");
+    let Some(tolerance) = facts.policy.tolerance_mm else {
+        return Gate::new(name, true, "the robot's policy has no tolerance");
+    };
+    let elsewhere = facts
+        .sessions
+        .iter()
+        .filter(|s| s.is_independent)
+        .map(|s| s.judged.after_rms_mm);
+    let found: Vec<f64> = elsewhere
+        .chain(
+            facts
+                .report
+                .verify
+                .map(|_| facts.report.judged().after_rms_mm),
+        )
+        .collect();
+    let largest = found.iter().fold(f64::NEG_INFINITY, |largest, rms| {
+        if rms.is_nan() {
+            f64::INFINITY
+        } else {
+            largest.max(*rms)
+        }
+    });
+    let detail =
+        format!("largest rms on verify points: {largest:.4} mm, the tolerance is {tolerance} mm");
     Gate::new(name, !found.is_empty() && largest <= tolerance, detail)
 }
 
@@ -330,17 +449,38 @@ fn identity(facts: &Facts<'_>) -> Gate {
             _ => return None,
         })
     };
-    let of_links = facts.report.parameters.iter().filter_map(|p| Some((p, p.link?)));
-    let other =
-        of_links.clone().find(|(p, link)| nominal(*link, &p.name).is_some_and(|expected| (expected - p.nominal).abs() > SAME_NOMINAL));
+    let of_links = facts
+        .report
+        .parameters
+        .iter()
+        .filter_map(|p| Some((p, p.link?)));
+    let other = of_links.clone().find(|(p, link)| {
+        nominal(*link, &p.name).is_some_and(|expected| (expected - p.nominal).abs() > SAME_NOMINAL)
+    });
     match other {
-        Some((p, _)) => {
-            Gate::new("identity", false, format!("{} is nominally {} in the report, which is not the robot's", p.name, p.nominal))
+        Some((p, _)) => Gate::new(
+            "identity",
+            false,
+            format!(
+                "{} is nominally {} in the report, which is not the robot's",
+                p.name, p.nominal
+            ),
+        ),
+        None if facts.content.links.len() != facts.robot.links.len() => {
+            Gate::new("identity", false, "another number of links")
         }
-        None if facts.content.links.len() != facts.robot.links.len() => Gate::new("identity", false, "another number of links"),
         None => match facts.serial_numbers {
-            (Some(_), Some(stated)) => Gate::new("identity", true, format!("serial number {stated:?}, the robot's nominal model")),
-            _ => Gate::new("identity", true, "the robot's nominal model; no serial number was stated with the upload").warned(true),
+            (Some(_), Some(stated)) => Gate::new(
+                "identity",
+                true,
+                format!("serial number {stated:?}, the robot's nominal model"),
+            ),
+            _ => Gate::new(
+                "identity",
+                true,
+                "the robot's nominal model; no serial number was stated with the upload",
+            )
+            .warned(true),
         },
     }
 }
@@ -352,14 +492,30 @@ fn change(facts: &Facts<'_>) -> Gate {
     };
     let changes = implausible_changes(&facts.content.links_to_core(), &reference);
     if changes.is_empty() {
-        return Gate::new("change_plausible", true, format!("no parameter is far from {name}"));
+        return Gate::new(
+            "change_plausible",
+            true,
+            format!("no parameter is far from {name}"),
+        );
     }
     let found = format!("against {name} it changes {}", changes.join(", "));
     match facts.change_reason {
-        Some(reason) => Gate::new("change_plausible", true, format!("{found}; the reason given: {reason}")).warned(true),
-        None if facts.is_rollback => Gate::new("change_plausible", true, format!("{found}; the set was active before")).warned(true),
+        Some(reason) => Gate::new(
+            "change_plausible",
+            true,
+            format!("{found}; the reason given: {reason}"),
+        )
+        .warned(true),
+        None if facts.is_rollback => Gate::new(
+            "change_plausible",
+            true,
+            format!("{found}; the set was active before"),
+        )
+        .warned(true),
         None => {
-            let detail = format!("{found}: a wrong tool, another robot? If it is right, say why in change_reason");
+            let detail = format!(
+                "{found}: a wrong tool, another robot? If it is right, say why in change_reason"
+            );
             Gate::new("change_plausible", false, detail)
         }
     }
@@ -371,9 +527,16 @@ fn second_person(facts: &Facts<'_>) -> Gate {
     let known: BTreeSet<&str> = uploaders.iter().flatten().map(String::as_str).collect();
     let other = is_known && !known.contains(approver);
     let detail = match (is_known, other) {
-        (true, true) => format!("uploaded by {}, released by {approver}", Vec::from_iter(known).join(" and ")),
+        (true, true) => format!(
+            "uploaded by {}, released by {approver}",
+            Vec::from_iter(known).join(" and ")
+        ),
         (true, false) => format!("uploaded and released by {approver}"),
         (false, _) => "who uploaded it is not known".into(),
     };
-    Gate::new("second_person", other || !facts.policy.second_person_required, detail)
+    Gate::new(
+        "second_person",
+        other || !facts.policy.second_person_required,
+        detail,
+    )
 }

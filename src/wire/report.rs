@@ -3,7 +3,8 @@
 use crate::calibration::CalibrationReport;
 use crate::calibration::changes::NamedChange;
 use crate::calibration::report::{
-    ErrorModel, Errors, MethodComparison, ParameterOutcome, PointErrors, PoseRepeatability, PriorOutcome, Repeatability, SubsetErrors,
+    ErrorModel, Errors, MethodComparison, ParameterOutcome, PointErrors, PoseRepeatability,
+    PriorOutcome, Repeatability, SubsetErrors,
 };
 use crate::identification::corrections::Evidence;
 use crate::identification::workspace::ToolUncertainty;
@@ -13,8 +14,9 @@ use crate::wire::job::{Method, Model, Preset};
 use crate::wire::measurement::{SubsetName, Warning};
 use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::report_shape::{
-    ChangeReport, ComparisonReport, Convergence, CorrectionReport, ErrorModelReport, ErrorsReport, Evidence as VerifyEvidence,
-    IdentifiabilityReport, ParameterReport, PointReport, PoseRepeatabilityReport, PriorReport, RepeatabilityReport, Report, SubsetReport,
+    ChangeReport, ComparisonReport, Convergence, CorrectionReport, ErrorModelReport, ErrorsReport,
+    Evidence as VerifyEvidence, IdentifiabilityReport, ParameterReport, PointReport,
+    PoseRepeatabilityReport, PriorReport, RepeatabilityReport, Report, SubsetReport,
     ToolUncertaintyReport,
 };
 use crate::wire::robot::MAX_LENGTH_MM;
@@ -49,7 +51,9 @@ pub fn warnings_for_use(report_json: &str) -> Result<Vec<Warning>, serde_json::E
         warnings: Vec<Warning>,
     }
     let mut found: Warnings = serde_json::from_str(report_json)?;
-    found.warnings.retain(|warning| warning.code == "pose_not_seen");
+    found
+        .warnings
+        .retain(|warning| warning.code == "pose_not_seen");
     Ok(found.warnings)
 }
 
@@ -85,7 +89,10 @@ fn without_hash(core: &CalibrationReport, run: &RunContext<'_>) -> Report {
         verify: core.verify.as_ref().map(subset),
         per_point: core.per_point.iter().map(point).collect(),
         parameters: core.parameters.iter().map(parameter).collect(),
-        tool_uncertainty_mm: core.tool_uncertainty.filter(|t| t.max_mm.is_finite()).map(tool_uncertainty),
+        tool_uncertainty_mm: core
+            .tool_uncertainty
+            .filter(|t| t.max_mm.is_finite())
+            .map(tool_uncertainty),
         error_model: core.error_model.map(error_model),
         identifiability: IdentifiabilityReport {
             n_parameters: core.identifiability.n_parameters,
@@ -95,10 +102,21 @@ fn without_hash(core: &CalibrationReport, run: &RunContext<'_>) -> Report {
             unidentifiable: core.identifiability.unidentifiable.clone(),
             observability_index_o1: finite(core.identifiability.observability_index_o1),
         },
-        comparison: core.comparison.iter().enumerate().map(|(i, c)| comparison(c, run.comparison_ms.get(i))).collect(),
-        corrections: core.corrections.as_ref().map(|tried| tried.iter().map(correction).collect()),
+        comparison: core
+            .comparison
+            .iter()
+            .enumerate()
+            .map(|(i, c)| comparison(c, run.comparison_ms.get(i)))
+            .collect(),
+        corrections: core
+            .corrections
+            .as_ref()
+            .map(|tried| tried.iter().map(correction).collect()),
         repeatability: core.repeatability.as_ref().map(repeatability),
-        changed: core.changes.as_ref().map(|changes| changes.all.iter().map(change).collect()),
+        changed: core
+            .changes
+            .as_ref()
+            .map(|changes| changes.all.iter().map(change).collect()),
         evidence: match (&core.verify, run.verify_set_is_another) {
             (None, _) => VerifyEvidence::None,
             (Some(_), false) => VerifyEvidence::SameUpload,
@@ -111,30 +129,64 @@ fn without_hash(core: &CalibrationReport, run: &RunContext<'_>) -> Report {
 
 /// It covers report, parameter set, convergence and the network's hash. Identifiers, times and durations are taken out before hashing, and what is said about earlier sessions: it depends on what was there
 /// before, and the result does not.
-fn result_sha256(report: &Report, core: &CalibrationReport, network_sha256: Option<&str>) -> Result<String, serde_json::Error> {
+fn result_sha256(
+    report: &Report,
+    core: &CalibrationReport,
+    network_sha256: Option<&str>,
+) -> Result<String, serde_json::Error> {
     let mut value = serde_json::to_value(report)?;
     if let Some(fields) = value.as_object_mut() {
-        fields.retain(|name, _| !["job_id", "parameter_set_from", "duration_ms", "result_sha256", "changed"].contains(&name.as_str()));
-        if let Some(warnings) = fields.get_mut("warnings").and_then(|warnings| warnings.as_array_mut()) {
-            warnings.retain(|warning| !ABOUT_EARLIER_SESSIONS.contains(&warning["code"].as_str().unwrap_or_default()));
+        fields.retain(|name, _| {
+            ![
+                "job_id",
+                "parameter_set_from",
+                "duration_ms",
+                "result_sha256",
+                "changed",
+            ]
+            .contains(&name.as_str())
+        });
+        if let Some(warnings) = fields
+            .get_mut("warnings")
+            .and_then(|warnings| warnings.as_array_mut())
+        {
+            warnings.retain(|warning| {
+                !ABOUT_EARLIER_SESSIONS.contains(&warning["code"].as_str().unwrap_or_default())
+            });
         }
-        for row in fields.get_mut("comparison").and_then(|rows| rows.as_array_mut()).into_iter().flatten() {
+        for row in fields
+            .get_mut("comparison")
+            .and_then(|rows| rows.as_array_mut())
+            .into_iter()
+            .flatten()
+        {
             row.as_object_mut().map(|row| row.remove("duration_ms"));
         }
     }
     let (parameter_set, convergence) = (ParameterSetContent::from_core(core), convergence(core));
     let content = serde_json::Map::from_iter([
         ("report".to_owned(), value),
-        ("parameter_set".to_owned(), serde_json::to_value(parameter_set)?),
+        (
+            "parameter_set".to_owned(),
+            serde_json::to_value(parameter_set)?,
+        ),
         ("convergence".to_owned(), serde_json::to_value(convergence)?),
-        ("network_sha256".to_owned(), serde_json::to_value(network_sha256)?),
+        (
+            "network_sha256".to_owned(),
+            serde_json::to_value(network_sha256)?,
+        ),
     ]);
-    Ok(canonical::sha256_hex(canonical::text_of(&content.into())?.as_bytes()))
+    Ok(canonical::sha256_hex(
+        canonical::text_of(&content.into())?.as_bytes(),
+    ))
 }
 
 /// The convergence curve.
 pub fn convergence(core: &CalibrationReport) -> Convergence {
-    Convergence { iteration: (0..core.convergence_mm2.len()).collect(), best_cost_mm2: core.convergence_mm2.clone() }
+    Convergence {
+        iteration: (0..core.convergence_mm2.len()).collect(),
+        best_cost_mm2: core.convergence_mm2.clone(),
+    }
 }
 
 /// Whether links and targets have sizes that robots have; a fit to rows that do not belong together may run away.
@@ -147,16 +199,46 @@ pub fn is_of_a_size(core: &CalibrationReport) -> bool {
 /// True if every number that a controller or a reader would rely on is finite. JSON cannot hold the others.
 pub fn is_finite(core: &CalibrationReport) -> bool {
     let subsets = [Some(&core.identify), core.verify.as_ref()];
-    let errors = subsets.into_iter().flatten().flat_map(|s| [Some(s.before), Some(s.after), s.corrected]).flatten();
+    let errors = subsets
+        .into_iter()
+        .flatten()
+        .flat_map(|s| [Some(s.before), Some(s.after), s.corrected])
+        .flatten();
     let compared = core.comparison.iter().filter_map(|c| c.verify_after);
-    let statistics = errors.chain(compared).flat_map(|e| [e.mean_mm, e.std_mm, e.rms_mm, e.max_mm]);
-    let parameters = core.parameters.iter().flat_map(|p| [p.nominal, p.identified, p.delta]);
-    let points = core.per_point.iter().flat_map(|p| [p.before_mm, p.after_mm, p.corrected_vector_mm.map_or(0.0, |v| v.norm())]);
-    let links = core.links.iter().flat_map(|l| [l.a_mm, l.alpha_rad, l.d_mm, l.theta_offset_rad, l.beta_rad]);
+    let statistics = errors
+        .chain(compared)
+        .flat_map(|e| [e.mean_mm, e.std_mm, e.rms_mm, e.max_mm]);
+    let parameters = core
+        .parameters
+        .iter()
+        .flat_map(|p| [p.nominal, p.identified, p.delta]);
+    let points = core.per_point.iter().flat_map(|p| {
+        [
+            p.before_mm,
+            p.after_mm,
+            p.corrected_vector_mm.map_or(0.0, |v| v.norm()),
+        ]
+    });
+    let links = core
+        .links
+        .iter()
+        .flat_map(|l| [l.a_mm, l.alpha_rad, l.d_mm, l.theta_offset_rad, l.beta_rad]);
     let base = core.t_instrument_base.to_homogeneous();
     let targets = core.targets_mm.iter().flat_map(|t| [t.x, t.y, t.z]);
-    let costs = core.comparison.iter().map(|c| c.cost_mm2).chain(core.convergence_mm2.iter().copied()).chain([core.cost_mm2]);
-    statistics.chain(parameters).chain(points).chain(links).chain(base.iter().copied()).chain(targets).chain(costs).all(f64::is_finite)
+    let costs = core
+        .comparison
+        .iter()
+        .map(|c| c.cost_mm2)
+        .chain(core.convergence_mm2.iter().copied())
+        .chain([core.cost_mm2]);
+    statistics
+        .chain(parameters)
+        .chain(points)
+        .chain(links)
+        .chain(base.iter().copied())
+        .chain(targets)
+        .chain(costs)
+        .all(f64::is_finite)
 }
 
 fn finite(value: f64) -> Option<f64> {
@@ -164,11 +246,21 @@ fn finite(value: f64) -> Option<f64> {
 }
 
 fn errors(e: &Errors) -> ErrorsReport {
-    ErrorsReport { mean_mm: e.mean_mm, std_mm: e.std_mm, rms_mm: e.rms_mm, max_mm: e.max_mm }
+    ErrorsReport {
+        mean_mm: e.mean_mm,
+        std_mm: e.std_mm,
+        rms_mm: e.rms_mm,
+        max_mm: e.max_mm,
+    }
 }
 
 fn subset(s: &SubsetErrors) -> SubsetReport {
-    SubsetReport { n_points: s.n_points, before: errors(&s.before), after: errors(&s.after), corrected: s.corrected.as_ref().map(errors) }
+    SubsetReport {
+        n_points: s.n_points,
+        before: errors(&s.before),
+        after: errors(&s.after),
+        corrected: s.corrected.as_ref().map(errors),
+    }
 }
 
 fn point(p: &PointErrors) -> PointReport {
@@ -195,7 +287,9 @@ fn parameter(p: &ParameterOutcome) -> ParameterReport {
         identified: p.identified,
         delta: p.delta,
         std_uncertainty: p.std_uncertainty.and_then(finite),
-        interval_95: p.interval_95.filter(|[low, high]| low.is_finite() && high.is_finite()),
+        interval_95: p
+            .interval_95
+            .filter(|[low, high]| low.is_finite() && high.is_finite()),
         identifiable: p.identifiable,
         prior: p.prior.as_ref().map(prior),
     }
@@ -233,15 +327,29 @@ fn correction(e: &Evidence) -> CorrectionReport {
 }
 
 fn prior(p: &PriorOutcome) -> PriorReport {
-    PriorReport { mean: p.mean, std: p.std, min: p.min, max: p.max, share: p.share.and_then(finite), at_bound: p.at_bound.map(Into::into) }
+    PriorReport {
+        mean: p.mean,
+        std: p.std,
+        min: p.min,
+        max: p.max,
+        share: p.share.and_then(finite),
+        at_bound: p.at_bound.map(Into::into),
+    }
 }
 
 fn change(c: &NamedChange) -> ChangeReport {
-    ChangeReport { name: c.name.clone(), delta: c.delta, sigmas: c.sigmas }
+    ChangeReport {
+        name: c.name.clone(),
+        delta: c.delta,
+        sigmas: c.sigmas,
+    }
 }
 
 fn tool_uncertainty(t: ToolUncertainty) -> ToolUncertaintyReport {
-    ToolUncertaintyReport { mean: t.mean_mm, max: t.max_mm }
+    ToolUncertaintyReport {
+        mean: t.mean_mm,
+        max: t.max_mm,
+    }
 }
 
 fn error_model(e: ErrorModel) -> ErrorModelReport {

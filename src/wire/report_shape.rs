@@ -135,8 +135,21 @@ pub struct PointReport {
 impl Report {
     /// Before and after on the points to verify, without those that are wild for both.
     pub fn judged(&self) -> Judged {
-        let to_verify = self.per_point.iter().filter(|point| point.subset == SubsetName::Verify);
-        judged(&to_verify.map(|p| [p.before_mm, p.after_mm, p.corrected_mm.unwrap_or(p.after_mm)]).collect::<Vec<_>>())
+        let to_verify = self
+            .per_point
+            .iter()
+            .filter(|point| point.subset == SubsetName::Verify);
+        judged(
+            &to_verify
+                .map(|p| {
+                    [
+                        p.before_mm,
+                        p.after_mm,
+                        p.corrected_mm.unwrap_or(p.after_mm),
+                    ]
+                })
+                .collect::<Vec<_>>(),
+        )
     }
 }
 

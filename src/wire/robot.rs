@@ -82,7 +82,10 @@ pub struct LinkBody {
 
 /// How the robot stands, which says where gravity pulls.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(untagged, expecting = "mounting is \"floor\", \"wall\", \"ceiling\" or {gravity_in_base: [x, y, z], std_deg}")]
+#[serde(
+    untagged,
+    expecting = "mounting is \"floor\", \"wall\", \"ceiling\" or {gravity_in_base: [x, y, z], std_deg}"
+)]
 pub enum MountingBody {
     /// One of the usual ways.
     Named(NamedMounting),
@@ -156,8 +159,24 @@ pub struct RobotAnswer {
 impl RobotAnswer {
     /// The answer for a stored robot.
     pub fn new(id: String, body: RobotBody, created_at: String) -> Self {
-        let RobotBody { name, serial_number, description, links, mounting, joint_map } = body;
-        Self { id, name, serial_number, description, links, mounting, joint_map, created_at }
+        let RobotBody {
+            name,
+            serial_number,
+            description,
+            links,
+            mounting,
+            joint_map,
+        } = body;
+        Self {
+            id,
+            name,
+            serial_number,
+            description,
+            links,
+            mounting,
+            joint_map,
+            created_at,
+        }
     }
 }
 
@@ -172,8 +191,18 @@ impl RobotBody {
         checker.finish("invalid_robot")?;
         Ok(Robot {
             links: self.links.iter().map(LinkBody::to_core).collect(),
-            joint_limits_rad: self.links.iter().map(|l| l.joint_limits_deg.map(|[lo, hi]| (to_radians(lo), to_radians(hi)))).collect(),
-            joint_map: self.joint_map.as_ref().map(|map| map.to_core(self.links.len())),
+            joint_limits_rad: self
+                .links
+                .iter()
+                .map(|l| {
+                    l.joint_limits_deg
+                        .map(|[lo, hi]| (to_radians(lo), to_radians(hi)))
+                })
+                .collect(),
+            joint_map: self
+                .joint_map
+                .as_ref()
+                .map(|map| map.to_core(self.links.len())),
             mounting: self.mounting.map(|mounting| mounting.to_core()),
         })
     }
@@ -188,10 +217,17 @@ impl RobotBody {
         }
         let n = self.links.len();
         if n == 0 || n > MAX_LINKS {
-            checker.note("/links", "wrong_length", format!("{n} links; 1 to {MAX_LINKS} are allowed, base to flange"));
+            checker.note(
+                "/links",
+                "wrong_length",
+                format!("{n} links; 1 to {MAX_LINKS} are allowed, base to flange"),
+            );
             return;
         }
-        self.links.iter().enumerate().for_each(|(i, link)| link.check(&format!("/links/{i}"), checker));
+        self.links
+            .iter()
+            .enumerate()
+            .for_each(|(i, link)| link.check(&format!("/links/{i}"), checker));
         if let Some(map) = &self.joint_map {
             map.check(n, checker);
         }
@@ -218,14 +254,45 @@ impl LinkBody {
         let degrees = "angles are in degrees";
         checker.magnitude(format!("{at}/a_mm"), self.a_mm, MAX_LENGTH_MM, millimetres);
         checker.magnitude(format!("{at}/d_mm"), self.d_mm, MAX_LENGTH_MM, millimetres);
-        checker.magnitude(format!("{at}/alpha_deg"), self.alpha_deg, MAX_ANGLE_DEG, degrees);
-        checker.magnitude(format!("{at}/theta_offset_deg"), self.theta_offset_deg, MAX_ANGLE_DEG, degrees);
-        checker.magnitude(format!("{at}/beta_deg"), self.beta_deg.unwrap_or(0.0), MAX_BETA_DEG, "beta is a small misalignment");
-        let Some([lo, hi]) = self.joint_limits_deg else { return };
-        checker.magnitude(format!("{at}/joint_limits_deg/0"), lo, MAX_JOINT_DEG, degrees);
-        checker.magnitude(format!("{at}/joint_limits_deg/1"), hi, MAX_JOINT_DEG, degrees);
+        checker.magnitude(
+            format!("{at}/alpha_deg"),
+            self.alpha_deg,
+            MAX_ANGLE_DEG,
+            degrees,
+        );
+        checker.magnitude(
+            format!("{at}/theta_offset_deg"),
+            self.theta_offset_deg,
+            MAX_ANGLE_DEG,
+            degrees,
+        );
+        checker.magnitude(
+            format!("{at}/beta_deg"),
+            self.beta_deg.unwrap_or(0.0),
+            MAX_BETA_DEG,
+            "beta is a small misalignment",
+        );
+        let Some([lo, hi]) = self.joint_limits_deg else {
+            return;
+        };
+        checker.magnitude(
+            format!("{at}/joint_limits_deg/0"),
+            lo,
+            MAX_JOINT_DEG,
+            degrees,
+        );
+        checker.magnitude(
+            format!("{at}/joint_limits_deg/1"),
+            hi,
+            MAX_JOINT_DEG,
+            degrees,
+        );
         if lo >= hi {
-            checker.note(format!("{at}/joint_limits_deg"), "limits_reversed", format!("[{lo}, {hi}]: the lower limit comes first"));
+            checker.note(
+                format!("{at}/joint_limits_deg"),
+                "limits_reversed",
+                format!("[{lo}, {hi}]: the lower limit comes first"),
+            );
         }
     }
 }
@@ -235,13 +302,27 @@ impl JointMapBody {
         if let Some(sign) = &self.sign {
             checker.length("/joint_map/sign", sign.len(), n, "one sign per link");
             for (i, s) in sign.iter().enumerate().filter(|(_, s)| s.abs() != 1.0) {
-                checker.note(format!("/joint_map/sign/{i}"), "out_of_range", format!("{s} is neither 1 nor -1"));
+                checker.note(
+                    format!("/joint_map/sign/{i}"),
+                    "out_of_range",
+                    format!("{s} is neither 1 nor -1"),
+                );
             }
         }
         if let Some(offsets) = &self.offset_deg {
-            checker.length("/joint_map/offset_deg", offsets.len(), n, "one offset per link");
+            checker.length(
+                "/joint_map/offset_deg",
+                offsets.len(),
+                n,
+                "one offset per link",
+            );
             for (i, offset) in offsets.iter().enumerate() {
-                checker.magnitude(format!("/joint_map/offset_deg/{i}"), *offset, MAX_ANGLE_DEG, "angles are in degrees");
+                checker.magnitude(
+                    format!("/joint_map/offset_deg/{i}"),
+                    *offset,
+                    MAX_ANGLE_DEG,
+                    "angles are in degrees",
+                );
             }
         }
         if let Some(coupling) = &self.coupling {
@@ -253,8 +334,14 @@ impl JointMapBody {
     fn to_core(&self, n: usize) -> JointMap {
         JointMap {
             sign: self.sign.clone().unwrap_or_else(|| vec![1.0; n]),
-            offset_rad: self.offset_deg.as_ref().map_or_else(|| vec![0.0; n], |o| o.iter().map(|deg| to_radians(*deg)).collect()),
-            coupling: self.coupling.as_ref().map_or_else(|| DMatrix::identity(n, n), |rows| matrix(rows)),
+            offset_rad: self.offset_deg.as_ref().map_or_else(
+                || vec![0.0; n],
+                |o| o.iter().map(|deg| to_radians(*deg)).collect(),
+            ),
+            coupling: self
+                .coupling
+                .as_ref()
+                .map_or_else(|| DMatrix::identity(n, n), |rows| matrix(rows)),
         }
     }
 }
@@ -272,7 +359,12 @@ fn check_coupling(rows: &[Vec<f64>], n: usize, checker: &mut Checker) {
     for (i, row) in rows.iter().enumerate() {
         square &= checker.length(format!("{at}/{i}"), row.len(), n, "one column per link");
         for (j, value) in row.iter().enumerate() {
-            checker.magnitude(format!("{at}/{i}/{j}"), *value, MAX_COUPLING, "couplings are ratios of joint angles");
+            checker.magnitude(
+                format!("{at}/{i}/{j}"),
+                *value,
+                MAX_COUPLING,
+                "couplings are ratios of joint angles",
+            );
         }
     }
     if square && matrix(rows).determinant().abs() < MIN_COUPLING_DETERMINANT {
@@ -284,12 +376,17 @@ impl GravityDirection {
     fn check(&self, checker: &mut Checker) {
         let length = Vector3::from(self.gravity_in_base).norm();
         if length.is_nan() || (length - 1.0).abs() > GRAVITY_TOLERANCE {
-            let detail =
-                format!("its length is {length}; give the unit vector along which things fall, e.g. [0, 0, -1] for a robot on the floor");
+            let detail = format!(
+                "its length is {length}; give the unit vector along which things fall, e.g. [0, 0, -1] for a robot on the floor"
+            );
             checker.note("/mounting/gravity_in_base", "not_a_direction", detail);
         }
         if !(0.0..=90.0).contains(&self.std_deg) {
-            checker.note("/mounting/std_deg", "out_of_range", format!("{} is outside 0 to 90 degrees", self.std_deg));
+            checker.note(
+                "/mounting/std_deg",
+                "out_of_range",
+                format!("{} is outside 0 to 90 degrees", self.std_deg),
+            );
         }
     }
 }
@@ -302,6 +399,9 @@ impl MountingBody {
             Self::Named(NamedMounting::Ceiling) => ([0.0, 0.0, 1.0], DEFAULT_MOUNTING_STD_DEG),
             Self::Direction(direction) => (direction.gravity_in_base, direction.std_deg),
         };
-        Mounting { gravity_in_base: Vector3::from(gravity).normalize(), std_rad: to_radians(std_deg) }
+        Mounting {
+            gravity_in_base: Vector3::from(gravity).normalize(),
+            std_rad: to_radians(std_deg),
+        }
     }
 }

@@ -105,7 +105,10 @@ pub fn write(network: &TrainedNetwork) -> Result<StoredNetwork, Error> {
 ///
 /// # Errors
 /// As [`write`].
-pub fn write_residual(network: &ResidualNetwork, origin: ResidualOrigin) -> Result<StoredNetwork, Error> {
+pub fn write_residual(
+    network: &ResidualNetwork,
+    origin: ResidualOrigin,
+) -> Result<StoredNetwork, Error> {
     let (n, h) = (network.centre_rad.len(), network.hidden_thresholds.len());
     let metadata = NetworkMetadata {
         kind: NetworkKind::Residual,
@@ -144,13 +147,21 @@ fn file_of(metadata: NetworkMetadata, tensors: &[Named<'_>]) -> Result<StoredNet
         hash.update(&data);
         named.push((*name, shape.clone(), data));
     }
-    let views =
-        named.iter().map(|(name, shape, data)| Ok((*name, TensorView::new(Dtype::F64, shape.clone(), data).map_err(format_error)?)));
+    let views = named.iter().map(|(name, shape, data)| {
+        Ok((
+            *name,
+            TensorView::new(Dtype::F64, shape.clone(), data).map_err(format_error)?,
+        ))
+    });
     let views = views.collect::<Result<Vec<_>, Error>>()?;
     let json = canonical::to_canonical_json(&metadata).map_err(format_error)?;
     let info = HashMap::from([(METADATA_KEY.to_owned(), json)]);
     let bytes = safetensors::serialize(views, Some(info)).map_err(format_error)?;
-    Ok(StoredNetwork { bytes, metadata, sha256: canonical::hex(&hash.finalize()) })
+    Ok(StoredNetwork {
+        bytes,
+        metadata,
+        sha256: canonical::hex(&hash.finalize()),
+    })
 }
 
 /// The network of a file, every size checked.
@@ -197,14 +208,23 @@ pub fn read_residual(bytes: &[u8]) -> Result<ResidualNetwork, Error> {
 
 fn read_metadata(bytes: &[u8], kind: NetworkKind) -> Result<NetworkMetadata, Error> {
     let (_, header) = SafeTensors::read_metadata(bytes).map_err(format_error)?;
-    let json = header.metadata().as_ref().and_then(|map| map.get(METADATA_KEY)).ok_or_else(|| Error::Format("no metadata".into()))?;
+    let json = header
+        .metadata()
+        .as_ref()
+        .and_then(|map| map.get(METADATA_KEY))
+        .ok_or_else(|| Error::Format("no metadata".into()))?;
     let metadata: NetworkMetadata = serde_json::from_str(json).map_err(format_error)?;
     if metadata.kind != kind {
-        return Err(Error::Format(format!("it is of kind {:?}, not {kind:?}", metadata.kind)));
+        return Err(Error::Format(format!(
+            "it is of kind {:?}, not {kind:?}",
+            metadata.kind
+        )));
     }
     let (n, h) = (metadata.parameter_names.len(), metadata.n_hidden);
     if n > MAX_INPUTS || h > MAX_HIDDEN {
-        return Err(Error::Format(format!("{n} inputs and {h} hidden nodes are more than {MAX_INPUTS} and {MAX_HIDDEN}")));
+        return Err(Error::Format(format!(
+            "{n} inputs and {h} hidden nodes are more than {MAX_INPUTS} and {MAX_HIDDEN}"
+        )));
     }
     Ok(metadata)
 }
@@ -236,17 +256,40 @@ fn tensors_of(network: &TrainedNetwork, h: usize) -> [Named<'_>; 6] {
 
 fn check_size(name: &'static str, shape: &[usize], found: usize) -> Result<(), Error> {
     let expected = shape.iter().product();
-    if found == expected { Ok(()) } else { Err(Error::Tensor { name, expected, shape: shape.to_vec() }) }
+    if found == expected {
+        Ok(())
+    } else {
+        Err(Error::Tensor {
+            name,
+            expected,
+            shape: shape.to_vec(),
+        })
+    }
 }
 
-fn floats(tensors: &SafeTensors<'_>, name: &'static str, shape: &[usize]) -> Result<Vec<f64>, Error> {
-    let wrong = || Error::Tensor { name, expected: shape.iter().product(), shape: shape.to_vec() };
+fn floats(
+    tensors: &SafeTensors<'_>,
+    name: &'static str,
+    shape: &[usize],
+) -> Result<Vec<f64>, Error> {
+    let wrong = || Error::Tensor {
+        name,
+        expected: shape.iter().product(),
+        shape: shape.to_vec(),
+    };
     let view = tensors.tensor(name).map_err(|_| wrong())?;
     if view.dtype() != Dtype::F64 || view.shape() != shape {
         return Err(wrong());
     }
     let (values, rest) = view.data().as_chunks::<8>();
-    if rest.is_empty() { Ok(values.iter().map(|bytes| f64::from_le_bytes(*bytes)).collect()) } else { Err(wrong()) }
+    if rest.is_empty() {
+        Ok(values
+            .iter()
+            .map(|bytes| f64::from_le_bytes(*bytes))
+            .collect())
+    } else {
+        Err(wrong())
+    }
 }
 
 fn format_error(error: impl std::fmt::Display) -> Error {
@@ -306,26 +349,52 @@ mod tests {
         let stored = write_residual(&residual, origin).unwrap();
         assert_eq!(read_residual(&stored.bytes).unwrap(), residual);
         assert!(matches!(read(&stored.bytes), Err(Error::Format(_))));
-        assert!(matches!(read_residual(&write(&network()).unwrap().bytes), Err(Error::Format(_))));
-        let short = ResidualNetwork { output_weights: vec![1.0], ..residual };
-        assert!(matches!(write_residual(&short, origin), Err(Error::Tensor { name: "output_weights", expected: 9, .. })));
+        assert!(matches!(
+            read_residual(&write(&network()).unwrap().bytes),
+            Err(Error::Format(_))
+        ));
+        let short = ResidualNetwork {
+            output_weights: vec![1.0],
+            ..residual
+        };
+        assert!(matches!(
+            write_residual(&short, origin),
+            Err(Error::Tensor {
+                name: "output_weights",
+                expected: 9,
+                ..
+            })
+        ));
     }
 
     #[test]
     fn the_hash_covers_every_weight() {
         let mut other = network();
         other.hidden_weights[1] = 0.0;
-        assert_ne!(write(&other).unwrap().sha256, write(&network()).unwrap().sha256);
+        assert_ne!(
+            write(&other).unwrap().sha256,
+            write(&network()).unwrap().sha256
+        );
     }
 
     #[test]
     fn sizes_that_do_not_fit_are_refused_on_both_sides() {
         let mut short = network();
         short.scale.pop();
-        assert!(matches!(write(&short), Err(Error::Tensor { name: "scale", expected: 3, .. })));
+        assert!(matches!(
+            write(&short),
+            Err(Error::Tensor {
+                name: "scale",
+                expected: 3,
+                ..
+            })
+        ));
         let mut bytes = write(&network()).unwrap().bytes;
         bytes.truncate(bytes.len() - 1);
         assert!(matches!(read(&bytes), Err(Error::Format(_))));
-        assert!(matches!(read(b"PK\x03\x04 something else entirely"), Err(Error::Format(_))));
+        assert!(matches!(
+            read(b"PK\x03\x04 something else entirely"),
+            Err(Error::Format(_))
+        ));
     }
 }

@@ -2,7 +2,8 @@
 
 /// RFC 3339 in UTC with milliseconds, e.g. `2026-03-01T08:15:30.250Z`. Out-of-range values become the epoch.
 pub fn rfc3339(epoch_ms: i64) -> String {
-    let instant = jiff::Timestamp::from_millisecond(epoch_ms).unwrap_or(jiff::Timestamp::UNIX_EPOCH);
+    let instant =
+        jiff::Timestamp::from_millisecond(epoch_ms).unwrap_or(jiff::Timestamp::UNIX_EPOCH);
     format!("{instant:.3}")
 }
 

@@ -60,19 +60,35 @@ impl Trend {
             detail,
         };
         let Some((first, last)) = scored.first().zip(scored.last()) else {
-            return none("not enough data: no released parameter set, or it was never scored".into());
+            return none(
+                "not enough data: no released parameter set, or it was never scored".into(),
+            );
         };
         let span = last.day - first.day;
         if scored.len() < MIN_SESSIONS || span < MIN_DAYS {
-            let sessions = if scored.len() == 1 { "1 session".into() } else { format!("{} sessions over {span:.1} days", scored.len()) };
+            let sessions = if scored.len() == 1 {
+                "1 session".into()
+            } else {
+                format!("{} sessions over {span:.1} days", scored.len())
+            };
             return none(format!(
                 "not enough data: {sessions}; a trend takes {MIN_SESSIONS} over a day at least. Score the released set on new points with jobs of kind verify"
             ));
         }
         let limit = limit_mm.unwrap_or(GROWTH * first.rms_mm);
-        let (mean_day, mean_mm) = (scored.iter().map(|s| s.day).sum::<f64>() / n, scored.iter().map(|s| s.rms_mm).sum::<f64>() / n);
-        let spread: f64 = scored.iter().map(|s| (s.day - mean_day) * (s.day - mean_day)).sum();
-        let slope = scored.iter().map(|s| (s.day - mean_day) * (s.rms_mm - mean_mm)).sum::<f64>() / spread;
+        let (mean_day, mean_mm) = (
+            scored.iter().map(|s| s.day).sum::<f64>() / n,
+            scored.iter().map(|s| s.rms_mm).sum::<f64>() / n,
+        );
+        let spread: f64 = scored
+            .iter()
+            .map(|s| (s.day - mean_day) * (s.day - mean_day))
+            .sum();
+        let slope = scored
+            .iter()
+            .map(|s| (s.day - mean_day) * (s.rms_mm - mean_mm))
+            .sum::<f64>()
+            / spread;
         let off = |s: &Scored| s.rms_mm - mean_mm - slope * (s.day - mean_day);
         let variance = scored.iter().map(|s| off(s) * off(s)).sum::<f64>() / (n - 2.0);
         let half_width = t_half_width(CONFIDENCE, n - 2.0) * (variance / spread).sqrt();
@@ -82,9 +98,13 @@ impl Trend {
         let days_to_limit = (grows && days <= MAX_DAYS).then_some(days);
         let detail = match (grows, days_to_limit) {
             (false, _) => format!("the error does not grow beyond chance over {span:.0} days"),
-            (true, Some(days)) if days > 0.0 => format!("at this rate the error reaches {limit:.3} mm in {days:.0} days: calibrate before"),
+            (true, Some(days)) if days > 0.0 => format!(
+                "at this rate the error reaches {limit:.3} mm in {days:.0} days: calibrate before"
+            ),
             (true, Some(_)) => format!("the error has reached {limit:.3} mm: calibrate now"),
-            (true, None) => format!("the error grows, but will not reach {limit:.3} mm within ten years"),
+            (true, None) => {
+                format!("the error grows, but will not reach {limit:.3} mm within ten years")
+            }
         };
         Self {
             n_sessions: scored.len(),

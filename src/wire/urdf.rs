@@ -61,19 +61,34 @@ impl<'t> Urdf<'t> {
     /// [`Invalid`] for what is no URDF, with what is wrong where.
     pub fn parse(bytes: &'t [u8]) -> Result<Self, Invalid> {
         if bytes.len() > MAX_URDF_BYTES {
-            return Err(invalid("too_large", format!("the URDF has {} bytes; at most {MAX_URDF_BYTES} are read", bytes.len())));
+            return Err(invalid(
+                "too_large",
+                format!(
+                    "the URDF has {} bytes; at most {MAX_URDF_BYTES} are read",
+                    bytes.len()
+                ),
+            ));
         }
-        let text = std::str::from_utf8(bytes).map_err(|e| invalid("not_utf8", format!("the URDF is not UTF-8: {e}")))?;
-        let options = ParsingOptions { nodes_limit: MAX_NODES, ..ParsingOptions::default() };
-        let document =
-            Document::parse_with_options(text, options).map_err(|e| invalid("not_xml", format!("the URDF is not well-formed XML: {e}")))?;
+        let text = std::str::from_utf8(bytes)
+            .map_err(|e| invalid("not_utf8", format!("the URDF is not UTF-8: {e}")))?;
+        let options = ParsingOptions {
+            nodes_limit: MAX_NODES,
+            ..ParsingOptions::default()
+        };
+        let document = Document::parse_with_options(text, options)
+            .map_err(|e| invalid("not_xml", format!("the URDF is not well-formed XML: {e}")))?;
         let robot = document.root_element();
         if robot.tag_name().name() != "robot" {
-            let detail = format!("the root element is <{}>; a URDF has <robot>", robot.tag_name().name());
+            let detail = format!(
+                "the root element is <{}>; a URDF has <robot>",
+                robot.tag_name().name()
+            );
             return Err(invalid("not_a_urdf", detail));
         }
         let joints = robot.children().filter(|node| node.has_tag_name("joint"));
-        let joints = joints.map(|node| joint(text, node)).collect::<Result<_, _>>()?;
+        let joints = joints
+            .map(|node| joint(text, node))
+            .collect::<Result<_, _>>()?;
         Ok(Self { text, joints })
     }
 
@@ -82,21 +97,40 @@ impl<'t> Urdf<'t> {
     /// # Errors
     /// [`Invalid`] where there is no such chain, several that differ, or a joint in it that is not revolute.
     pub fn chain(&self, tip: Option<&str>, n_moving: Option<usize>) -> Result<UrdfChain, Invalid> {
-        let by_child: BTreeMap<&str, usize> = self.joints.iter().enumerate().map(|(i, joint)| (joint.child.as_str(), i)).collect();
+        let by_child: BTreeMap<&str, usize> = self
+            .joints
+            .iter()
+            .enumerate()
+            .map(|(i, joint)| (joint.child.as_str(), i))
+            .collect();
         let indices = match tip {
             Some(tip) if by_child.contains_key(tip) => self.path(tip, &by_child)?,
-            Some(tip) => return Err(invalid("unknown_link", format!("no joint leads to a link {tip:?}"))),
+            Some(tip) => {
+                return Err(invalid(
+                    "unknown_link",
+                    format!("no joint leads to a link {tip:?}"),
+                ));
+            }
             None => self.longest(&by_child, n_moving)?,
         };
         for index in &indices {
             let UrdfJoint { name, kind, .. } = &self.joints[*index];
             if !["revolute", "continuous", "fixed"].contains(&kind.as_str()) {
-                let detail =
-                    format!("joint {name:?} is {kind}: only revolute, continuous and fixed joints can be calibrated; name another tip");
+                let detail = format!(
+                    "joint {name:?} is {kind}: only revolute, continuous and fixed joints can be calibrated; name another tip"
+                );
                 return Err(invalid("unsupported_joint", detail));
             }
         }
-        Ok(UrdfChain { chain: Chain { joints: indices.iter().map(|i| self.joints[*i].joint.clone()).collect() }, indices })
+        Ok(UrdfChain {
+            chain: Chain {
+                joints: indices
+                    .iter()
+                    .map(|i| self.joints[*i].joint.clone())
+                    .collect(),
+            },
+            indices,
+        })
     }
 
     fn path(&self, tip: &str, by_child: &BTreeMap<&str, usize>) -> Result<Vec<usize>, Invalid> {
@@ -104,7 +138,12 @@ impl<'t> Urdf<'t> {
         while let Some(index) = by_child.get(link) {
             path.push(*index);
             if path.len() > MAX_JOINTS {
-                return Err(invalid("no_root", format!("more than {MAX_JOINTS} joints lead to {tip:?}, or they go round in a circle")));
+                return Err(invalid(
+                    "no_root",
+                    format!(
+                        "more than {MAX_JOINTS} joints lead to {tip:?}, or they go round in a circle"
+                    ),
+                ));
             }
             link = &self.joints[*index].parent;
         }
@@ -112,21 +151,59 @@ impl<'t> Urdf<'t> {
         Ok(path)
     }
 
-    fn longest(&self, by_child: &BTreeMap<&str, usize>, n_moving: Option<usize>) -> Result<Vec<usize>, Invalid> {
-        let is_leaf = |joint: &&UrdfJoint| !self.joints.iter().any(|other| other.parent == joint.child);
-        let paths = self.joints.iter().filter(is_leaf).map(|joint| self.path(&joint.child, by_child)).collect::<Result<Vec<_>, _>>()?;
-        let moving = |path: &Vec<usize>| -> Vec<usize> { path.iter().copied().filter(|i| self.joints[*i].joint.axis.is_some()).collect() };
-        let most = n_moving.or_else(|| paths.iter().map(|path| moving(path).len()).max()).filter(|n| *n > 0);
-        let Some(most) = most else { return Err(invalid("no_joints", "no joint of the URDF moves")) };
-        let candidates: Vec<&Vec<usize>> = paths.iter().filter(|path| moving(path).len() == most).collect();
+    fn longest(
+        &self,
+        by_child: &BTreeMap<&str, usize>,
+        n_moving: Option<usize>,
+    ) -> Result<Vec<usize>, Invalid> {
+        let is_leaf =
+            |joint: &&UrdfJoint| !self.joints.iter().any(|other| other.parent == joint.child);
+        let paths = self
+            .joints
+            .iter()
+            .filter(is_leaf)
+            .map(|joint| self.path(&joint.child, by_child))
+            .collect::<Result<Vec<_>, _>>()?;
+        let moving = |path: &Vec<usize>| -> Vec<usize> {
+            path.iter()
+                .copied()
+                .filter(|i| self.joints[*i].joint.axis.is_some())
+                .collect()
+        };
+        let most = n_moving
+            .or_else(|| paths.iter().map(|path| moving(path).len()).max())
+            .filter(|n| *n > 0);
+        let Some(most) = most else {
+            return Err(invalid("no_joints", "no joint of the URDF moves"));
+        };
+        let candidates: Vec<&Vec<usize>> = paths
+            .iter()
+            .filter(|path| moving(path).len() == most)
+            .collect();
         let Some(longest) = candidates.iter().max_by_key(|path| path.len()) else {
-            let found: Vec<String> = paths.iter().map(|path| moving(path).len().to_string()).collect();
-            let detail = format!("no chain has {most} joints that move (there are chains with {}): name the tip link", found.join(", "));
+            let found: Vec<String> = paths
+                .iter()
+                .map(|path| moving(path).len().to_string())
+                .collect();
+            let detail = format!(
+                "no chain has {most} joints that move (there are chains with {}): name the tip link",
+                found.join(", ")
+            );
             return Err(invalid("no_chain", detail));
         };
-        if candidates.iter().any(|path| moving(path) != moving(longest)) {
-            let ends: Vec<&str> = candidates.iter().filter_map(|path| path.last()).map(|i| self.joints[*i].child.as_str()).collect();
-            let detail = format!("several chains have {most} joints that move, ending at {}: name the tip link", ends.join(", "));
+        if candidates
+            .iter()
+            .any(|path| moving(path) != moving(longest))
+        {
+            let ends: Vec<&str> = candidates
+                .iter()
+                .filter_map(|path| path.last())
+                .map(|i| self.joints[*i].child.as_str())
+                .collect();
+            let detail = format!(
+                "several chains have {most} joints that move, ending at {}: name the tip link",
+                ends.join(", ")
+            );
             return Err(invalid("several_chains", detail));
         }
         Ok((*longest).clone())
@@ -135,7 +212,12 @@ impl<'t> Urdf<'t> {
     /// The text with the origins of the moving joints of `old` as they are in `new`; nothing else of it changes.
     pub fn with_origins(&self, old: &UrdfChain, new: &Chain) -> String {
         let mut edits: Vec<(Range<usize>, String)> = Vec::new();
-        for (index, joint) in old.indices.iter().zip(&new.joints).filter(|(_, joint)| joint.axis.is_some()) {
+        for (index, joint) in old
+            .indices
+            .iter()
+            .zip(&new.joints)
+            .filter(|(_, joint)| joint.axis.is_some())
+        {
             let (place, origin) = (&self.joints[*index].place, origin_of(&joint.t_parent_joint));
             let (xyz, rpy) = (xyz_text(&origin), rpy_text(&origin));
             let at = place.insert_at..place.insert_at;
@@ -165,18 +247,29 @@ fn joint(text: &str, node: Node<'_, '_>) -> Result<UrdfJoint, Invalid> {
     let name = node.attribute("name").unwrap_or_default().to_owned();
     let wrong = |what: &str| {
         let row = node.document().text_pos_at(node.range().start).row;
-        invalid("invalid_joint", format!("line {row}: joint {name:?} {what}"))
+        invalid(
+            "invalid_joint",
+            format!("line {row}: joint {name:?} {what}"),
+        )
     };
     let child = |tag: &str| node.children().find(|child| child.has_tag_name(tag));
-    let link =
-        |tag: &str| child(tag).and_then(|n| n.attribute("link")).map(str::to_owned).ok_or_else(|| wrong(&format!("has no {tag} link")));
+    let link = |tag: &str| {
+        child(tag)
+            .and_then(|n| n.attribute("link"))
+            .map(str::to_owned)
+            .ok_or_else(|| wrong(&format!("has no {tag} link")))
+    };
     let kind = node.attribute("type").unwrap_or_default().to_owned();
     let origin = child("origin");
-    let three = |node: Option<Node<'_, '_>>, name: &str, default: [f64; 3]| match node.and_then(|n| n.attribute(name)) {
+    let three = |node: Option<Node<'_, '_>>, name: &str, default: [f64; 3]| match node
+        .and_then(|n| n.attribute(name))
+    {
         None => Ok(default),
-        Some(value) => {
-            three_numbers(value).ok_or_else(|| wrong(&format!("has {name}={value:?}, which is not three numbers; expand xacro first")))
-        }
+        Some(value) => three_numbers(value).ok_or_else(|| {
+            wrong(&format!(
+                "has {name}={value:?}, which is not three numbers; expand xacro first"
+            ))
+        }),
     };
     let xyz_m = three(origin, "xyz", [0.0; 3])?;
     let rpy_rad = three(origin, "rpy", [0.0; 3])?;
@@ -186,32 +279,66 @@ fn joint(text: &str, node: Node<'_, '_>) -> Result<UrdfJoint, Invalid> {
         return Err(wrong("has an axis of no length"));
     }
     if is_moving && child("mimic").is_some() {
-        return Err(wrong("mimics another: such couplings cannot be calibrated from a URDF"));
+        return Err(wrong(
+            "mimics another: such couplings cannot be calibrated from a URDF",
+        ));
     }
-    let limit = |name: &str| child("limit").and_then(|n| n.attribute(name)).and_then(|v| v.trim().parse::<f64>().ok());
-    let limits_rad = if kind == "revolute" { limit("lower").zip(limit("upper")).filter(|(low, high)| low < high) } else { None };
+    let limit = |name: &str| {
+        child("limit")
+            .and_then(|n| n.attribute(name))
+            .and_then(|v| v.trim().parse::<f64>().ok())
+    };
+    let limits_rad = if kind == "revolute" {
+        limit("lower")
+            .zip(limit("upper"))
+            .filter(|(low, high)| low < high)
+    } else {
+        None
+    };
     let chain_joint = ChainJoint {
         name: name.clone(),
-        t_parent_joint: pose_of(&Origin { xyz_mm: xyz_m.map(|m| m * MM), rpy_rad }),
+        t_parent_joint: pose_of(&Origin {
+            xyz_mm: xyz_m.map(|m| m * MM),
+            rpy_rad,
+        }),
         axis: is_moving.then(|| axis.normalize()),
         limits_rad,
     };
-    let value = |name: &str| origin.and_then(|n| n.attribute_node(name)).map(|attribute| attribute.range_value());
+    let value = |name: &str| {
+        origin
+            .and_then(|n| n.attribute_node(name))
+            .map(|attribute| attribute.range_value())
+    };
     let insert_at = match origin {
         Some(element) => element.range().start + "<origin".len(),
         None => opening_tag_end(text, node),
     };
-    let place = OriginPlace { xyz: value("xyz"), rpy: value("rpy"), insert_at, has_element: origin.is_some() };
-    Ok(UrdfJoint { parent: link("parent")?, child: link("child")?, name, kind, joint: chain_joint, place })
+    let place = OriginPlace {
+        xyz: value("xyz"),
+        rpy: value("rpy"),
+        insert_at,
+        has_element: origin.is_some(),
+    };
+    Ok(UrdfJoint {
+        parent: link("parent")?,
+        child: link("child")?,
+        name,
+        kind,
+        joint: chain_joint,
+        place,
+    })
 }
 
 /// Behind the `>` of an element's opening tag: it has children, so the first of them begins there.
 fn opening_tag_end(text: &str, node: Node<'_, '_>) -> usize {
-    node.first_child().map_or_else(|| text.len(), |child| child.range().start)
+    node.first_child()
+        .map_or_else(|| text.len(), |child| child.range().start)
 }
 
 fn three_numbers(text: &str) -> Option<[f64; 3]> {
-    let numbers = text.split_whitespace().map(|number| number.parse::<f64>().ok().filter(|n| n.is_finite()));
+    let numbers = text
+        .split_whitespace()
+        .map(|number| number.parse::<f64>().ok().filter(|n| n.is_finite()));
     numbers.collect::<Option<Vec<f64>>>()?.try_into().ok()
 }
 
@@ -233,6 +360,18 @@ fn three_text([a, b, c]: [f64; 3]) -> String {
 /// Text for between tags and quotes. What XML cannot hold, not even as a reference, becomes U+FFFD.
 pub fn escaped(text: &str) -> String {
     let is_xml = |c: char| matches!(c, '\t' | '\n' | '\r' | ' '..='\u{fffd}' | '\u{10000}'..);
-    let text: String = text.chars().map(|c| if is_xml(c) { c } else { char::REPLACEMENT_CHARACTER }).collect();
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+    let text: String = text
+        .chars()
+        .map(|c| {
+            if is_xml(c) {
+                c
+            } else {
+                char::REPLACEMENT_CHARACTER
+            }
+        })
+        .collect();
+    text.replace('&', "&amp;")
+        .replace('<', "&lt;")
+        .replace('>', "&gt;")
+        .replace('"', "&quot;")
 }

@@ -32,7 +32,9 @@ pub fn correction(kind: &str) -> String {
 
 /// A method in words.
 pub fn method(method: &str) -> String {
-    WORDS.get(&("METHODS", method)).map_or_else(|| method.replace('_', " "), |words| (*words).into())
+    WORDS
+        .get(&("METHODS", method))
+        .map_or_else(|| method.replace('_', " "), |words| (*words).into())
 }
 
 /// A gate of the release in words.
@@ -42,13 +44,17 @@ pub fn gate(gate: &str) -> String {
 
 /// The code itself as the beginning of a sentence where nobody has written words for it, as in a report of another version.
 fn of(table: &str, code: &str) -> String {
-    WORDS.get(&(table, code)).map_or_else(|| capital(&code.replace('_', " ")), |words| (*words).into())
+    WORDS
+        .get(&(table, code))
+        .map_or_else(|| capital(&code.replace('_', " ")), |words| (*words).into())
 }
 
 /// With a capital letter, as a sentence begins.
 pub fn capital(text: &str) -> String {
     let mut letters = text.chars();
-    letters.next().map_or_else(String::new, |first| first.to_uppercase().chain(letters).collect())
+    letters.next().map_or_else(String::new, |first| {
+        first.to_uppercase().chain(letters).collect()
+    })
 }
 
 #[cfg(test)]
@@ -60,7 +66,10 @@ mod tests {
         assert_eq!(warning("no_verify_points"), "Nothing was kept to verify");
         assert_eq!(correction("link_masses"), "Masses of the links");
         assert_eq!(gate("identity"), "It is the same robot");
-        assert_eq!((method("least_squares"), method("not_thought_of")), ("least squares".into(), "not thought of".into()));
+        assert_eq!(
+            (method("least_squares"), method("not_thought_of")),
+            ("least squares".into(), "not thought of".into())
+        );
         assert_eq!(warning("identity"), "Identity");
         assert_eq!(gate("not_thought_of"), "Not thought of");
     }

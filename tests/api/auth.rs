@@ -13,7 +13,10 @@ async fn guarded() -> (TestApp, tempfile::TempDir) {
 
 pub async fn guarded_with_workers(n: usize) -> (TestApp, tempfile::TempDir) {
     let dir = tempfile::tempdir().unwrap();
-    let config = ServeConfig { no_auth: false, ..ServeConfig::loopback(dir.path().join("data"), n) };
+    let config = ServeConfig {
+        no_auth: false,
+        ..ServeConfig::loopback(dir.path().join("data"), n)
+    };
     (TestApp::with_config(config).await, dir)
 }
 
@@ -21,32 +24,61 @@ pub async fn guarded_with_workers(n: usize) -> (TestApp, tempfile::TempDir) {
 pub async fn key(app: &TestApp, scopes: &[&str], robots: Option<Vec<&str>>) -> (String, String) {
     let (key, key_sha256) = new_key().unwrap();
     let robots_json = robots.map(|robots| json!(robots).to_string());
-    let new = NewApiKey { name: "test".into(), key_sha256, scopes_json: json!(scopes).to_string(), robots_json };
+    let new = NewApiKey {
+        name: "test".into(),
+        key_sha256,
+        scopes_json: json!(scopes).to_string(),
+        robots_json,
+    };
     let mut tx = app.server.store.begin().await.unwrap();
     let row = api_keys::insert(&mut tx, &new).await.unwrap();
     tx.commit().await.unwrap();
     (key, row.id)
 }
 
-pub async fn with_key(app: &TestApp, method: Method, path: &str, key: &str, body: Vec<u8>) -> Answer {
-    Answer::of(app.request(method, path).bearer_auth(key).header("content-type", "application/json").body(body)).await
+pub async fn with_key(
+    app: &TestApp,
+    method: Method,
+    path: &str,
+    key: &str,
+    body: Vec<u8>,
+) -> Answer {
+    Answer::of(
+        app.request(method, path)
+            .bearer_auth(key)
+            .header("content-type", "application/json")
+            .body(body),
+    )
+    .await
 }
 
 #[tokio::test]
 async fn without_a_key_nothing_but_health_and_contract_answers() {
     let (app, _dir) = guarded().await;
     for path in OPEN {
-        assert_eq!(app.get(&path.replace("{file}", "app.js")).await.status, 200, "{path}");
+        assert_eq!(
+            app.get(&path.replace("{file}", "app.js")).await.status,
+            200,
+            "{path}"
+        );
     }
     for (method, path, _) in POLICY {
         let path = path.replace("{robot_id}", "rob_1").replace("{id}", "x_1");
         let answer = Answer::of(app.request(method.clone(), &path)).await;
         answer.problem(401, "unauthorized");
-        assert_eq!(answer.header("www-authenticate"), Some("Bearer realm=\"kincal\""));
+        assert_eq!(
+            answer.header("www-authenticate"),
+            Some("Bearer realm=\"kincal\"")
+        );
     }
     for value in ["Bearer nonsense", "Basic dTpw", "Bearer", "Bearer \u{e9}"] {
         let value = reqwest::header::HeaderValue::from_bytes(value.as_bytes()).unwrap();
-        Answer::of(app.request(Method::GET, "/v1/robots").header("authorization", value)).await.problem(401, "unauthorized");
+        Answer::of(
+            app.request(Method::GET, "/v1/robots")
+                .header("authorization", value),
+        )
+        .await
+        .problem(401, "unauthorized");
     }
 }
 
@@ -60,10 +92,19 @@ async fn each_route_takes_its_scope_and_no_other() {
             let (key, _) = key(&app, &[name], None).await;
             let answer = with_key(&app, method.clone(), &path, &key, Vec::new()).await;
             if name == scope.as_str() || name == "admin" {
-                assert!(answer.status != 401 && answer.status != 403, "{method} {path} with {name}: {}", answer.text());
+                assert!(
+                    answer.status != 401 && answer.status != 403,
+                    "{method} {path} with {name}: {}",
+                    answer.text()
+                );
             } else {
                 answer.problem(403, "insufficient_scope");
-                assert!(answer.header("www-authenticate").unwrap().contains(scope.as_str()));
+                assert!(
+                    answer
+                        .header("www-authenticate")
+                        .unwrap()
+                        .contains(scope.as_str())
+                );
             }
         }
     }
@@ -73,29 +114,65 @@ async fn each_route_takes_its_scope_and_no_other() {
 async fn a_priority_above_0_takes_scope_admin_and_the_challenge_names_the_scope_alone() {
     let (app, _dir) = guarded().await;
     let (admin, _) = key(&app, &["admin"], None).await;
-    let robot = with_key(&app, Method::POST, "/v1/robots", &admin, paper("robot.json")).await.ok(201);
+    let robot = with_key(
+        &app,
+        Method::POST,
+        "/v1/robots",
+        &admin,
+        paper("robot.json"),
+    )
+    .await
+    .ok(201);
     let (identify, _) = key(&app, &["identify"], None).await;
-    let body = json!({"measurement_set_id": "set_0", "priority": 1}).to_string().into_bytes();
-    let answer = with_key(&app, Method::POST, &format!("/v1/robots/{}/jobs", text(&robot["id"])), &identify, body).await;
+    let body = json!({"measurement_set_id": "set_0", "priority": 1})
+        .to_string()
+        .into_bytes();
+    let answer = with_key(
+        &app,
+        Method::POST,
+        &format!("/v1/robots/{}/jobs", text(&robot["id"])),
+        &identify,
+        body,
+    )
+    .await;
     let problem = answer.problem(403, "insufficient_scope");
     let challenge = "Bearer realm=\"kincal\", error=\"insufficient_scope\", scope=\"admin\"";
     assert_eq!(answer.header("www-authenticate"), Some(challenge));
     let detail = text(&problem["detail"]);
-    assert!(detail.contains("a priority above 0") && detail.contains("--scope admin …"), "{detail}");
+    assert!(
+        detail.contains("a priority above 0") && detail.contains("--scope admin …"),
+        "{detail}"
+    );
 }
 
 #[tokio::test]
 async fn every_documented_route_has_a_policy() {
     let document = kincal::http::openapi();
     for (path, item) in &document.paths.paths {
-        let documented = [(Method::GET, &item.get), (Method::POST, &item.post), (Method::PUT, &item.put), (Method::DELETE, &item.delete)];
-        for (method, _) in documented.into_iter().filter(|(_, operation)| operation.is_some()) {
-            let has_policy = POLICY.iter().any(|(m, route, _)| *m == method && route == path);
-            assert!(has_policy || OPEN.contains(&path.as_str()), "{method} {path} has no policy");
+        let documented = [
+            (Method::GET, &item.get),
+            (Method::POST, &item.post),
+            (Method::PUT, &item.put),
+            (Method::DELETE, &item.delete),
+        ];
+        for (method, _) in documented
+            .into_iter()
+            .filter(|(_, operation)| operation.is_some())
+        {
+            let has_policy = POLICY
+                .iter()
+                .any(|(m, route, _)| *m == method && route == path);
+            assert!(
+                has_policy || OPEN.contains(&path.as_str()),
+                "{method} {path} has no policy"
+            );
         }
     }
     for (method, route, _) in POLICY {
-        assert!(document.paths.paths.contains_key(*route), "{method} {route} is in the policy but not in the contract");
+        assert!(
+            document.paths.paths.contains_key(*route),
+            "{method} {route} is in the policy but not in the contract"
+        );
     }
 }
 
@@ -105,55 +182,153 @@ async fn a_key_limited_to_a_robot_sees_no_other() {
     let (admin, _) = key(&app, &["admin"], None).await;
     let mut ids = Vec::new();
     for _ in 0..2 {
-        ids.push(text(&with_key(&app, Method::POST, "/v1/robots", &admin, paper("robot.json")).await.ok(201)["id"]).to_owned());
+        ids.push(
+            text(
+                &with_key(
+                    &app,
+                    Method::POST,
+                    "/v1/robots",
+                    &admin,
+                    paper("robot.json"),
+                )
+                .await
+                .ok(201)["id"],
+            )
+            .to_owned(),
+        );
     }
     let set = json!({"frame": "base", "points": [{"q_deg": [0, 0, 0, 0, 0, 0], "position_mm": [1, 2, 3]}]}).to_string().into_bytes();
-    let other_set = with_key(&app, Method::POST, &format!("/v1/robots/{}/measurement-sets", ids[1]), &admin, set.clone()).await.ok(201);
+    let other_set = with_key(
+        &app,
+        Method::POST,
+        &format!("/v1/robots/{}/measurement-sets", ids[1]),
+        &admin,
+        set.clone(),
+    )
+    .await
+    .ok(201);
     let (limited, _) = key(&app, &["read", "upload", "identify"], Some(vec![&ids[0]])).await;
-    let list = with_key(&app, Method::GET, "/v1/robots", &limited, Vec::new()).await.ok(200);
-    assert_eq!(list["items"].as_array().unwrap().iter().map(|robot| text(&robot["id"])).collect::<Vec<_>>(), [ids[0].as_str()]);
+    let list = with_key(&app, Method::GET, "/v1/robots", &limited, Vec::new())
+        .await
+        .ok(200);
+    assert_eq!(
+        list["items"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(|robot| text(&robot["id"]))
+            .collect::<Vec<_>>(),
+        [ids[0].as_str()]
+    );
     for path in [
         format!("/v1/robots/{}", ids[1]),
         format!("/v1/robots/{}/jobs", ids[1]),
         format!("/v1/measurement-sets/{}", text(&other_set["id"])),
     ] {
-        with_key(&app, Method::GET, &path, &limited, Vec::new()).await.problem(404, "not_found");
+        with_key(&app, Method::GET, &path, &limited, Vec::new())
+            .await
+            .problem(404, "not_found");
     }
-    with_key(&app, Method::POST, &format!("/v1/robots/{}/measurement-sets", ids[1]), &limited, set.clone()).await.problem(404, "not_found");
-    with_key(&app, Method::POST, "/v1/robots", &limited, paper("robot.json")).await.problem(403, "forbidden");
-    with_key(&app, Method::POST, &format!("/v1/robots/{}/measurement-sets", ids[0]), &limited, set).await.ok(201);
+    with_key(
+        &app,
+        Method::POST,
+        &format!("/v1/robots/{}/measurement-sets", ids[1]),
+        &limited,
+        set.clone(),
+    )
+    .await
+    .problem(404, "not_found");
+    with_key(
+        &app,
+        Method::POST,
+        "/v1/robots",
+        &limited,
+        paper("robot.json"),
+    )
+    .await
+    .problem(403, "forbidden");
+    with_key(
+        &app,
+        Method::POST,
+        &format!("/v1/robots/{}/measurement-sets", ids[0]),
+        &limited,
+        set,
+    )
+    .await
+    .ok(201);
 }
 
 #[tokio::test]
 async fn a_revoked_key_is_refused_at_once() {
     let (app, _dir) = guarded().await;
     let (key, id) = key(&app, &["read"], None).await;
-    with_key(&app, Method::GET, "/v1/robots", &key, Vec::new()).await.ok(200);
+    with_key(&app, Method::GET, "/v1/robots", &key, Vec::new())
+        .await
+        .ok(200);
     let mut tx = app.server.store.begin().await.unwrap();
     api_keys::revoke(&mut tx, &id).await.unwrap();
     tx.commit().await.unwrap();
-    with_key(&app, Method::GET, "/v1/robots", &key, Vec::new()).await.problem(401, "unauthorized");
+    with_key(&app, Method::GET, "/v1/robots", &key, Vec::new())
+        .await
+        .problem(401, "unauthorized");
 }
 
 #[tokio::test]
 async fn a_stream_of_events_ends_with_its_key() {
     let (app, _dir) = guarded().await;
     let (admin, _) = key(&app, &["admin"], None).await;
-    let robot = with_key(&app, Method::POST, "/v1/robots", &admin, paper("robot.json")).await.ok(201);
+    let robot = with_key(
+        &app,
+        Method::POST,
+        "/v1/robots",
+        &admin,
+        paper("robot.json"),
+    )
+    .await
+    .ok(201);
     let robot = format!("/v1/robots/{}", text(&robot["id"]));
-    let upload = app.request(Method::POST, &format!("{robot}/measurement-sets?frame=base")).bearer_auth(&admin);
-    let set = Answer::of(upload.header("content-type", "text/csv").body(paper("first.csv"))).await.ok(201);
-    let body = json!({"measurement_set_id": set["id"]}).to_string().into_bytes();
-    let job = with_key(&app, Method::POST, &format!("{robot}/jobs"), &admin, body).await.ok(202);
+    let upload = app
+        .request(
+            Method::POST,
+            &format!("{robot}/measurement-sets?frame=base"),
+        )
+        .bearer_auth(&admin);
+    let set = Answer::of(
+        upload
+            .header("content-type", "text/csv")
+            .body(paper("first.csv")),
+    )
+    .await
+    .ok(201);
+    let body = json!({"measurement_set_id": set["id"]})
+        .to_string()
+        .into_bytes();
+    let job = with_key(&app, Method::POST, &format!("{robot}/jobs"), &admin, body)
+        .await
+        .ok(202);
     let (reader, id) = key(&app, &["read"], None).await;
     let events = format!("/v1/jobs/{}/events", text(&job["id"]));
-    let mut stream = app.request(Method::GET, &events).bearer_auth(&reader).send().await.unwrap();
-    assert!(stream.chunk().await.unwrap().unwrap().starts_with(b"event: progress"));
+    let mut stream = app
+        .request(Method::GET, &events)
+        .bearer_auth(&reader)
+        .send()
+        .await
+        .unwrap();
+    assert!(
+        stream
+            .chunk()
+            .await
+            .unwrap()
+            .unwrap()
+            .starts_with(b"event: progress")
+    );
     let mut tx = app.server.store.begin().await.unwrap();
     api_keys::revoke(&mut tx, &id).await.unwrap();
     tx.commit().await.unwrap();
     // Without workers the job stays queued, so that nothing else ends the stream; a comment comes only after 15 s.
-    let end = tokio::time::timeout(Duration::from_secs(10), stream.chunk()).await.expect("the stream ends");
+    let end = tokio::time::timeout(Duration::from_secs(10), stream.chunk())
+        .await
+        .expect("the stream ends");
     assert_eq!(end.unwrap(), None);
 }
 
@@ -163,8 +338,20 @@ async fn one_holders_idempotency_keys_are_not_anothers() {
     let mut ids = Vec::new();
     for _ in 0..2 {
         let (key, _) = key(&app, &["upload"], None).await;
-        let request = app.request(Method::POST, "/v1/robots").bearer_auth(key).header("idempotency-key", "same");
-        ids.push(Answer::of(request.header("content-type", "application/json").body(paper("robot.json"))).await.ok(201)["id"].clone());
+        let request = app
+            .request(Method::POST, "/v1/robots")
+            .bearer_auth(key)
+            .header("idempotency-key", "same");
+        ids.push(
+            Answer::of(
+                request
+                    .header("content-type", "application/json")
+                    .body(paper("robot.json")),
+            )
+            .await
+            .ok(201)["id"]
+                .clone(),
+        );
     }
     assert_ne!(ids[0], ids[1]);
 }

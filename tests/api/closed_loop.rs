@@ -20,7 +20,10 @@ impl Draw {
     }
 
     pub fn pose(&mut self, limits_deg: &[f64; 6]) -> Vec<f64> {
-        limits_deg.iter().map(|limit| (limit * (2.0 * self.0.random::<f64>() - 1.0)).to_radians()).collect()
+        limits_deg
+            .iter()
+            .map(|limit| (limit * (2.0 * self.0.random::<f64>() - 1.0)).to_radians())
+            .collect()
     }
 }
 
@@ -33,7 +36,13 @@ pub fn nominal(robot: &Value) -> Vec<[f64; 5]> {
     let links = robot["links"].as_array().unwrap().iter();
     links
         .map(|l| {
-            [number(l, "a_mm"), number(l, "alpha_deg").to_radians(), number(l, "d_mm"), number(l, "theta_offset_deg").to_radians(), 0.0]
+            [
+                number(l, "a_mm"),
+                number(l, "alpha_deg").to_radians(),
+                number(l, "d_mm"),
+                number(l, "theta_offset_deg").to_radians(),
+                0.0,
+            ]
         })
         .collect()
 }
@@ -54,7 +63,10 @@ pub fn real_robot(nominal: &[[f64; 5]], draw: &mut Draw) -> RealRobot {
     eccentric_rad[1] = [8e-5, -5e-5, 4e-5, 0.0];
     eccentric_rad[2] = [-6e-5, 7e-5, 0.0, 3e-5];
     eccentric_rad[3] = [1e-4, 0.0, 0.0, -5e-5];
-    let place = times(&shift([1800.0, -700.0, 400.0]), &times(&turn(2, 2.1), &turn(0, 0.2)));
+    let place = times(
+        &shift([1800.0, -700.0, 400.0]),
+        &times(&turn(2, 2.1), &turn(0, 0.2)),
+    );
     RealRobot {
         links,
         give_rad: vec![0.0, 4e-4, 5e-4, 0.0, 0.0, 0.0],
@@ -81,7 +93,12 @@ impl Cell {
         let mut draw = Draw::new(77);
         let truth = real_robot(&nominal, &mut draw);
         let robot = app.post_json("/v1/robots", &body).await.ok(201);
-        Self { robot: format!("/v1/robots/{}", text(&robot["id"])), nominal, truth, draw }
+        Self {
+            robot: format!("/v1/robots/{}", text(&robot["id"])),
+            nominal,
+            truth,
+            draw,
+        }
     }
 }
 
@@ -90,7 +107,11 @@ pub fn csv(truth: &RealRobot, poses_rad: &[Vec<f64>], draw: &mut Draw) -> String
     let mut csv = String::from("q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,x_mm,y_mm,z_mm\n");
     for q in poses_rad {
         let seen = truth.seen(q).map(|mm| mm + NOISE_MM * draw.normal());
-        let cells: Vec<String> = q.iter().map(|q| q.to_degrees().to_string()).chain(seen.iter().map(f64::to_string)).collect();
+        let cells: Vec<String> = q
+            .iter()
+            .map(|q| q.to_degrees().to_string())
+            .chain(seen.iter().map(f64::to_string))
+            .collect();
         csv += &(cells.join(",") + "\n");
     }
     csv
@@ -108,7 +129,12 @@ pub fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
 pub fn arm() -> Value {
     let mut body: Value = serde_json::from_slice(&paper("robot.json")).unwrap();
     body["mounting"] = json!("floor");
-    for (link, limit) in body["links"].as_array_mut().unwrap().iter_mut().zip(LIMITS_DEG) {
+    for (link, limit) in body["links"]
+        .as_array_mut()
+        .unwrap()
+        .iter_mut()
+        .zip(LIMITS_DEG)
+    {
         link["joint_limits_deg"] = json!([-limit - 20.0, limit + 20.0]);
     }
     body
@@ -123,25 +149,62 @@ pub fn campaign(truth: &RealRobot, n: usize, draw: &mut Draw) -> String {
 #[tokio::test]
 async fn a_real_robot_lands_where_the_nominal_one_would() {
     let app = TestApp::with_workers(1).await;
-    let Cell { robot, nominal, truth, mut draw } = Cell::registered(&app).await;
+    let Cell {
+        robot,
+        nominal,
+        truth,
+        mut draw,
+    } = Cell::registered(&app).await;
     let poses: Vec<Vec<f64>> = (0..150).map(|_| draw.pose(&LIMITS_DEG)).collect();
     let csv = csv(&truth, &poses, &mut draw);
-    let set = app.post(&format!("{robot}/measurement-sets?frame=instrument"), "text/csv", csv).await.ok(201);
+    let set = app
+        .post(
+            &format!("{robot}/measurement-sets?frame=instrument"),
+            "text/csv",
+            csv,
+        )
+        .await
+        .ok(201);
     let job = app.run(&robot, &json!({"measurement_set_id": set["id"], "verify": {"source": "fraction", "fraction": 0.1}})).await;
     assert_eq!(job["status"], "succeeded", "{job}");
-    let report = app.get(&format!("/v1/jobs/{}/report", text(&job["id"]))).await.ok(200);
-    println!("verify {}; corrections {}", report["verify"], report["corrections"]);
+    let report = app
+        .get(&format!("/v1/jobs/{}/report", text(&job["id"])))
+        .await
+        .ok(200);
+    println!(
+        "verify {}; corrections {}",
+        report["verify"], report["corrections"]
+    );
 
     // targets that were programmed offline, away from the wrist's singularity
-    let programmed: Vec<Vec<f64>> = std::iter::repeat_with(|| draw.pose(&LIMITS_DEG)).filter(|q| q[4].abs() > 0.15).take(200).collect();
-    let q_deg: Vec<Vec<f64>> = programmed.iter().map(|q| q.iter().map(|q| q.to_degrees()).collect()).collect();
+    let programmed: Vec<Vec<f64>> = std::iter::repeat_with(|| draw.pose(&LIMITS_DEG))
+        .filter(|q| q[4].abs() > 0.15)
+        .take(200)
+        .collect();
+    let q_deg: Vec<Vec<f64>> = programmed
+        .iter()
+        .map(|q| q.iter().map(|q| q.to_degrees()).collect())
+        .collect();
     for mode in ["pose", "position"] {
-        let path = format!("/v1/parameter-sets/{}/compensate", text(&job["parameter_set_id"]));
-        let answer = app.post_json(&path, &json!({"q_deg": q_deg, "mode": mode})).await.ok(200);
+        let path = format!(
+            "/v1/parameter-sets/{}/compensate",
+            text(&job["parameter_set_id"])
+        );
+        let answer = app
+            .post_json(&path, &json!({"q_deg": q_deg, "mode": mode}))
+            .await
+            .ok(200);
         let corrected: Vec<Vec<f64>> = serde_json::from_value(answer["q_deg"].clone()).unwrap();
         let (mut before, mut after, mut all) = (Vec::new(), Vec::new(), Vec::new());
-        for ((came, corrected), status) in programmed.iter().zip(&corrected).zip(answer["status"].as_array().unwrap()) {
-            let flange = nominal.iter().zip(came).fold(shift([0.0; 3]), |t, (link, q)| times(&t, &rigid(link, *q)));
+        for ((came, corrected), status) in programmed
+            .iter()
+            .zip(&corrected)
+            .zip(answer["status"].as_array().unwrap())
+        {
+            let flange = nominal
+                .iter()
+                .zip(came)
+                .fold(shift([0.0; 3]), |t, (link, q)| times(&t, &rigid(link, *q)));
             let wanted = apply(&flange, truth.target_mm);
             let commanded: Vec<f64> = corrected.iter().map(|q| q.to_radians()).collect();
             let missed = distance(truth.in_base(&commanded), wanted);
@@ -151,7 +214,12 @@ async fn a_real_robot_lands_where_the_nominal_one_would() {
                 after.push(missed);
             }
         }
-        let extrapolated = answer["extrapolated"].as_array().unwrap().iter().filter(|e| **e == json!(true)).count();
+        let extrapolated = answer["extrapolated"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .filter(|e| **e == json!(true))
+            .count();
         let worst = all.iter().fold(0.0, |m: f64, e| m.max(*e));
         println!(
             "{mode}: {} of 200 ok: {:.4} mm rms before, {:.4} mm after; all 200: {:.4} mm rms, {worst:.4} mm at most; {extrapolated} extrapolated",

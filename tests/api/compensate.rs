@@ -3,7 +3,12 @@ use crate::real_robot::{apply, rigid, shift, times};
 use serde_json::{Value, json};
 
 fn numbers(value: &Value) -> Vec<f64> {
-    value.as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect()
+    value
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|v| v.as_f64().unwrap())
+        .collect()
 }
 
 fn rows(value: &Value) -> Vec<Vec<f64>> {
@@ -20,23 +25,64 @@ pub async fn parameter_set(app: &TestApp) -> String {
 async fn corrected_targets_are_predicted_where_the_nominal_robot_would_be() {
     let app = TestApp::with_workers(1).await;
     let set = parameter_set(&app).await;
-    let q = json!([[10.0, -30.0, 20.0, 15.0, 40.0, 5.0], [-60.0, -50.0, 35.0, -20.0, -50.0, 100.0], [0.0, -20.0, 10.0, 0.0, 60.0, 0.0]]);
+    let q = json!([
+        [10.0, -30.0, 20.0, 15.0, 40.0, 5.0],
+        [-60.0, -50.0, 35.0, -20.0, -50.0, 100.0],
+        [0.0, -20.0, 10.0, 0.0, 60.0, 0.0]
+    ]);
     for mode in ["pose", "position"] {
-        let answer = app.post_json(&format!("{set}/compensate"), &json!({"q_deg": q, "mode": mode})).await.ok(200);
+        let answer = app
+            .post_json(
+                &format!("{set}/compensate"),
+                &json!({"q_deg": q, "mode": mode}),
+            )
+            .await
+            .ok(200);
         assert_eq!(answer["status"], json!(["ok", "ok", "ok"]), "{answer}");
         assert_eq!(answer["extrapolated"].as_array().unwrap().len(), 3);
-        assert!(numbers(&answer["position_error_before_mm"]).iter().all(|mm| *mm > 0.05), "{answer}");
-        assert!(numbers(&answer["position_error_after_mm"]).iter().all(|mm| *mm < 1e-3));
+        assert!(
+            numbers(&answer["position_error_before_mm"])
+                .iter()
+                .all(|mm| *mm > 0.05),
+            "{answer}"
+        );
+        assert!(
+            numbers(&answer["position_error_after_mm"])
+                .iter()
+                .all(|mm| *mm < 1e-3)
+        );
         for (corrected, came) in rows(&answer["q_deg"]).iter().zip(rows(&q)) {
-            assert!(corrected.iter().zip(&came).all(|(a, b)| (a - b).abs() < 3.0), "{corrected:?} {came:?}");
+            assert!(
+                corrected
+                    .iter()
+                    .zip(&came)
+                    .all(|(a, b)| (a - b).abs() < 3.0),
+                "{corrected:?} {came:?}"
+            );
         }
         // corrected again it is another target; corrected by the same set the distances between targets are the nominal robot's
         let at = |answer: &Value| rows(&answer["position_mm"]);
-        let found = at(&app.post_json(&format!("{set}/predict"), &json!({"q_deg": answer["q_deg"]})).await.ok(200));
+        let found = at(&app
+            .post_json(
+                &format!("{set}/predict"),
+                &json!({"q_deg": answer["q_deg"]}),
+            )
+            .await
+            .ok(200));
         let nominal = nominal_positions(&app, &set, &rows(&q)).await;
         for (i, j) in [(0, 1), (0, 2), (1, 2)] {
-            let distance = |p: &[Vec<f64>]| (0..3).map(|k| (p[i][k] - p[j][k]).powi(2)).sum::<f64>().sqrt();
-            assert!((distance(&found) - distance(&nominal)).abs() < 2e-3, "{mode}: {} {}", distance(&found), distance(&nominal));
+            let distance = |p: &[Vec<f64>]| {
+                (0..3)
+                    .map(|k| (p[i][k] - p[j][k]).powi(2))
+                    .sum::<f64>()
+                    .sqrt()
+            };
+            assert!(
+                (distance(&found) - distance(&nominal)).abs() < 2e-3,
+                "{mode}: {} {}",
+                distance(&found),
+                distance(&nominal)
+            );
         }
     }
 }
@@ -53,18 +99,35 @@ async fn where_more_counts_than_the_measured_reflector_it_is_said_what_was_not_s
         (json!({"q_deg": q, "mode": "position"}), false),
         (json!({"q_deg": q, "mode": "position", "tool": tool}), true),
     ] {
-        let answer = app.post_json(&format!("{set}/compensate"), &body).await.ok(200);
-        assert_eq!(answer["warnings"][0]["code"] == "pose_not_seen", is_said, "{body}: {answer}");
+        let answer = app
+            .post_json(&format!("{set}/compensate"), &body)
+            .await
+            .ok(200);
+        assert_eq!(
+            answer["warnings"][0]["code"] == "pose_not_seen",
+            is_said,
+            "{body}: {answer}"
+        );
     }
-    assert_eq!(app.get(&format!("{set}/export")).await.ok(200)["warnings"][0]["code"], "pose_not_seen");
+    assert_eq!(
+        app.get(&format!("{set}/export")).await.ok(200)["warnings"][0]["code"],
+        "pose_not_seen"
+    );
 }
 
 /// The nominal robot's reflector, written out: the paper's Table 1 by hand, the reflector where the set has it beyond the nominal flange.
 async fn nominal_positions(app: &TestApp, set: &str, q_deg: &[Vec<f64>]) -> Vec<Vec<f64>> {
     let document = app.get(&format!("{set}/export")).await.ok(200);
-    let beyond = document["links"][5]["d_mm"].as_f64().unwrap() - 125.0 + document["targets"][0]["position_mm"][2].as_f64().unwrap();
-    let table =
-        [(0.0, 0.0, 504.0), (166.605, -90.0, 0.0), (782.27, 0.0, 0.0), (138.826, -90.0, 761.35), (0.0, 90.0, 0.0), (0.0, -90.0, 125.0)];
+    let beyond = document["links"][5]["d_mm"].as_f64().unwrap() - 125.0
+        + document["targets"][0]["position_mm"][2].as_f64().unwrap();
+    let table = [
+        (0.0, 0.0, 504.0),
+        (166.605, -90.0, 0.0),
+        (782.27, 0.0, 0.0),
+        (138.826, -90.0, 761.35),
+        (0.0, 90.0, 0.0),
+        (0.0, -90.0, 125.0),
+    ];
     let position = |q: &Vec<f64>| {
         let mut p = [0.0, 0.0, beyond];
         for ((a, alpha, d), q) in table.iter().zip(q).rev() {
@@ -84,27 +147,63 @@ async fn what_cannot_be_corrected_is_said_where_it_stands() {
     let pose = [0.0, -30.0, 20.0, 0.0, 40.0, 0.0];
     for (body, code, pointer) in [
         (json!({"q_deg": [[1.0, 2.0]]}), "invalid_poses", "/q_deg/0"),
-        (json!({"q_deg": [pose], "target": 3}), "unknown_target", "/target"),
-        (json!({"q_deg": [pose], "target": 0, "tool": {"translation_mm": [0, 0, 100]}}), "invalid_poses", "/tool"),
+        (
+            json!({"q_deg": [pose], "target": 3}),
+            "unknown_target",
+            "/target",
+        ),
+        (
+            json!({"q_deg": [pose], "target": 0, "tool": {"translation_mm": [0, 0, 100]}}),
+            "invalid_poses",
+            "/tool",
+        ),
         (
             json!({"q_deg": [pose], "tool": {"translation_mm": [0, 0, 100], "rotation": [[1, 0, 0], [0, 1, 0], [0, 0, -1]]}}),
             "invalid_poses",
             "/tool/rotation",
         ),
-        (json!({"q_deg": vec![pose; 20_001]}), "invalid_poses", "/q_deg"),
-        (json!({"q_deg": [pose], "mode": "path"}), "invalid_body", "/mode"),
+        (
+            json!({"q_deg": vec![pose; 20_001]}),
+            "invalid_poses",
+            "/q_deg",
+        ),
+        (
+            json!({"q_deg": [pose], "mode": "path"}),
+            "invalid_body",
+            "/mode",
+        ),
     ] {
         let problem = app.post_json(&path, &body).await.problem(422, code);
         assert_eq!(problem["errors"][0]["pointer"], pointer, "{problem}");
     }
-    app.post_json("/v1/parameter-sets/par_1/compensate", &json!({"q_deg": [pose]})).await.problem(404, "not_found");
+    app.post_json(
+        "/v1/parameter-sets/par_1/compensate",
+        &json!({"q_deg": [pose]}),
+    )
+    .await
+    .problem(404, "not_found");
     let answer = app.post_json(&path, &json!({"q_deg": []})).await.ok(200);
     assert_eq!(answer["q_deg"], json!([]));
     // at the wrist's singularity the answer stays near and says so
     let q = [10.0, -30.0, 20.0, 15.0, 0.0, 5.0];
-    let answer = app.post_json(&path, &json!({"q_deg": [q], "tool": {"translation_mm": [20, 0, 150]}})).await.ok(200);
-    assert!(["near_singular", "ok"].contains(&text(&answer["status"][0])), "{answer}");
-    assert!(rows(&answer["q_deg"])[0].iter().zip(q).all(|(a, b)| (a - b).abs() < 11.0), "{answer}");
+    let answer = app
+        .post_json(
+            &path,
+            &json!({"q_deg": [q], "tool": {"translation_mm": [20, 0, 150]}}),
+        )
+        .await
+        .ok(200);
+    assert!(
+        ["near_singular", "ok"].contains(&text(&answer["status"][0])),
+        "{answer}"
+    );
+    assert!(
+        rows(&answer["q_deg"])[0]
+            .iter()
+            .zip(q)
+            .all(|(a, b)| (a - b).abs() < 11.0),
+        "{answer}"
+    );
 }
 
 #[tokio::test]
@@ -118,22 +217,51 @@ async fn a_wrong_mastering_of_the_first_joint_is_not_corrected_and_the_answer_sa
     let mut csv = String::from("q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,x_mm,y_mm,z_mm\n");
     for _ in 0..60 {
         let q = draw.pose(&crate::closed_loop::LIMITS_DEG);
-        let flange = links.iter().zip(&q).fold(shift([0.0; 3]), |t, (link, q)| times(&t, &rigid(link, *q)));
-        let cells: Vec<String> = q.iter().map(|q| q.to_degrees()).chain(apply(&flange, [0.0, 0.0, 0.0])).map(|v| v.to_string()).collect();
+        let flange = links
+            .iter()
+            .zip(&q)
+            .fold(shift([0.0; 3]), |t, (link, q)| times(&t, &rigid(link, *q)));
+        let cells: Vec<String> = q
+            .iter()
+            .map(|q| q.to_degrees())
+            .chain(apply(&flange, [0.0, 0.0, 0.0]))
+            .map(|v| v.to_string())
+            .collect();
         csv += &(cells.join(",") + "\n");
     }
-    let robot = format!("/v1/robots/{}", text(&app.post_json("/v1/robots", &body).await.ok(201)["id"]));
+    let robot = format!(
+        "/v1/robots/{}",
+        text(&app.post_json("/v1/robots", &body).await.ok(201)["id"])
+    );
     let q = json!({"q_deg": [[10.0, -30.0, 20.0, 15.0, 40.0, 5.0]]});
     for (frame, turn_deg) in [("base", 0.2), ("instrument", 0.0)] {
-        let set = app.post(&format!("{robot}/measurement-sets?frame={frame}"), "text/csv", csv.clone()).await.ok(201);
+        let set = app
+            .post(
+                &format!("{robot}/measurement-sets?frame={frame}"),
+                "text/csv",
+                csv.clone(),
+            )
+            .await
+            .ok(201);
         let job = app.run(&robot, &json!({"measurement_set_id": set["id"], "method": "least_squares", "corrections": "off"})).await;
         assert_eq!(job["status"], "succeeded", "{job}");
         let set = format!("/v1/parameter-sets/{}", text(&job["parameter_set_id"]));
-        let answer = app.post_json(&format!("{set}/compensate"), &q).await.ok(200);
+        let answer = app
+            .post_json(&format!("{set}/compensate"), &q)
+            .await
+            .ok(200);
         println!("{frame}: {}", answer["left_out"]);
         let left_out = |name: &str| answer["left_out"][name].as_f64().unwrap();
-        assert!((left_out("base_turn_deg") - turn_deg).abs() < 1e-4, "{frame}: {}", answer["left_out"]);
-        assert!((left_out("base_shift_mm") > 0.1) == (frame == "base"), "{frame}: {}", answer["left_out"]);
+        assert!(
+            (left_out("base_turn_deg") - turn_deg).abs() < 1e-4,
+            "{frame}: {}",
+            answer["left_out"]
+        );
+        assert!(
+            (left_out("base_shift_mm") > 0.1) == (frame == "base"),
+            "{frame}: {}",
+            answer["left_out"]
+        );
         // joint 1 stays where it was: the robot is right in its own base frame
         let (came, corrected) = (10.0, rows(&answer["q_deg"])[0][0]);
         assert!((corrected - came).abs() < 1e-3, "{frame}: {corrected}");

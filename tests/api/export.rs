@@ -47,7 +47,12 @@ fn by_links(links: &Value, q_rad: &[f64]) -> Pose {
 }
 
 fn origin(xyz_m: [f64; 3], rpy: [f64; 3]) -> Pose {
-    product([shift(xyz_m.map(|m| m * 1e3)), turn(2, rpy[2]), turn(1, rpy[1]), turn(0, rpy[0])])
+    product([
+        shift(xyz_m.map(|m| m * 1e3)),
+        turn(2, rpy[2]),
+        turn(1, rpy[1]),
+        turn(0, rpy[0]),
+    ])
 }
 
 #[track_caller]
@@ -55,28 +60,48 @@ fn same(a: &Pose, b: &Pose) {
     for i in 0..3 {
         for j in 0..4 {
             let limit = if j == 3 { 1e-9 } else { 1e-12 };
-            assert!((a[i][j] - b[i][j]).abs() < limit, "{i}{j}: {} {}", a[i][j], b[i][j]);
+            assert!(
+                (a[i][j] - b[i][j]).abs() < limit,
+                "{i}{j}: {} {}",
+                a[i][j],
+                b[i][j]
+            );
         }
     }
 }
 
 /// Seeded by hand.
 fn configurations() -> Vec<Vec<f64>> {
-    (0..20).map(|i| (0..6).map(|j| 3.0 * (f64::from(i * 6 + j) * 12.9898).sin()).collect()).collect()
+    (0..20)
+        .map(|i| {
+            (0..6)
+                .map(|j| 3.0 * (f64::from(i * 6 + j) * 12.9898).sin())
+                .collect()
+        })
+        .collect()
 }
 
 fn between<'t>(text: &'t str, before: &str, after: &str) -> Vec<&'t str> {
-    text.split(before).skip(1).map(|part| part.split(after).next().unwrap()).collect()
+    text.split(before)
+        .skip(1)
+        .map(|part| part.split(after).next().unwrap())
+        .collect()
 }
 
 fn three(text: &str) -> [f64; 3] {
-    let numbers: Vec<f64> = text.split_whitespace().map(|n| n.parse().unwrap()).collect();
+    let numbers: Vec<f64> = text
+        .split_whitespace()
+        .map(|n| n.parse().unwrap())
+        .collect();
     numbers.try_into().unwrap()
 }
 
 /// The chain of a URDF of ours, by looking for quotation marks.
 fn by_urdf(text: &str, q_rad: &[f64]) -> Pose {
-    let joints = text.split("<joint ").skip(1).filter(|joint| !joint.contains("type=\"fixed\""));
+    let joints = text
+        .split("<joint ")
+        .skip(1)
+        .filter(|joint| !joint.contains("type=\"fixed\""));
     let joint = |(joint, q): (&str, &f64)| {
         let value = |name: &str| three(between(joint, &format!("{name}=\""), "\"")[0]);
         let axis = three(between(joint.split("<axis").nth(1).unwrap(), "xyz=\"", "\"")[0]);
@@ -107,10 +132,21 @@ async fn every_format_has_the_identified_kinematics() {
         .collect();
     let urdf = export("?format=urdf").await;
     assert_eq!(urdf.header("content-type"), Some("application/xml"));
-    assert!(urdf.header("content-disposition").unwrap().ends_with(".urdf\""));
+    assert!(
+        urdf.header("content-disposition")
+            .unwrap()
+            .ends_with(".urdf\"")
+    );
     let urdf = urdf.text();
     let ur: Value = yaml_serde::from_str(&export("?format=ur_kinematics").await.text()).unwrap();
-    let frames = ["shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3"];
+    let frames = [
+        "shoulder",
+        "upper_arm",
+        "forearm",
+        "wrist_1",
+        "wrist_2",
+        "wrist_3",
+    ];
     for q in configurations() {
         let meant = by_links(&links, &q);
         same(&meant, &by_links(&json["links"], &q));
@@ -119,20 +155,34 @@ async fn every_format_has_the_identified_kinematics() {
         same(&meant, &by_urdf(&urdf, &q));
         let by_ur = frames.iter().zip(&q).map(|(frame, q)| {
             let value = |name: &str| ur["kinematics"][*frame][name].as_f64().unwrap();
-            let pose = origin([value("x"), value("y"), value("z")], [value("roll"), value("pitch"), value("yaw")]);
+            let pose = origin(
+                [value("x"), value("y"), value("z")],
+                [value("roll"), value("pitch"), value("yaw")],
+            );
             times(&pose, &turn(2, *q))
         });
         same(&meant, &product(by_ur));
     }
     assert_eq!(json["robot"]["name"], "ER20-C10");
     let mastering = export("?format=mastering").await;
-    assert!(mastering.header("kincal-remaining-error-mm").unwrap().starts_with("mean="));
+    assert!(
+        mastering
+            .header("kincal-remaining-error-mm")
+            .unwrap()
+            .starts_with("mean=")
+    );
     let mastering = mastering.ok(200);
     assert_eq!(mastering["joints"].as_array().unwrap().len(), 6);
     assert!(mastering["remaining_error_mm"]["mean"].as_f64().unwrap() > 0.0);
     let refitted = export("?beta=refit").await;
     assert!(refitted.header("kincal-remaining-error-mm").is_some());
-    assert!(refitted.ok(200)["links"].as_array().unwrap().iter().all(|link| link["beta_deg"] == 0.0));
+    assert!(
+        refitted.ok(200)["links"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .all(|link| link["beta_deg"] == 0.0)
+    );
     export("?format=pdf").await.problem(400, "invalid_query");
 }
 
@@ -141,14 +191,31 @@ async fn every_format_has_the_identified_kinematics() {
 async fn a_reader_in_another_language_moves_every_export_alike() {
     let app = TestApp::with_workers(1).await;
     let mut draw = Draw::new(9);
-    let robot = format!("/v1/robots/{}", text(&app.post_json("/v1/robots", &arm()).await.ok(201)["id"]));
+    let robot = format!(
+        "/v1/robots/{}",
+        text(&app.post_json("/v1/robots", &arm()).await.ok(201)["id"])
+    );
     let truth = real_robot(&nominal(&arm()), &mut draw);
     let path = format!("{robot}/measurement-sets?frame=instrument");
-    let uploaded = app.post(&path, "text/csv", campaign(&truth, 60, &mut draw)).await.ok(201);
-    let job = app.run(&robot, &json!({"measurement_set_id": uploaded["id"], "corrections": "off"})).await;
+    let uploaded = app
+        .post(&path, "text/csv", campaign(&truth, 60, &mut draw))
+        .await
+        .ok(201);
+    let job = app
+        .run(
+            &robot,
+            &json!({"measurement_set_id": uploaded["id"], "corrections": "off"}),
+        )
+        .await;
     let set = format!("/v1/parameter-sets/{}", text(&job["parameter_set_id"]));
     // of parallel axes: what a table without beta could not hold
-    assert!(app.get(&set).await.ok(200)["links"][2]["beta_deg"].as_f64().unwrap().abs() > 1e-3);
+    assert!(
+        app.get(&set).await.ok(200)["links"][2]["beta_deg"]
+            .as_f64()
+            .unwrap()
+            .abs()
+            > 1e-3
+    );
     let folder = tempfile::tempdir().unwrap();
     let mut files = Vec::new();
     for format in ["json", "yaml", "csv", "urdf", "ur_kinematics"] {
@@ -158,21 +225,43 @@ async fn a_reader_in_another_language_moves_every_export_alike() {
         std::fs::write(&file, answer.bytes).unwrap();
         files.push(file);
     }
-    let script = format!("{}/docs/oracles/read_exports.py", env!("CARGO_MANIFEST_DIR"));
-    let run = |files: &[PathBuf]| Command::new("python3").arg(&script).args(files).output().unwrap();
+    let script = format!(
+        "{}/docs/oracles/read_exports.py",
+        env!("CARGO_MANIFEST_DIR")
+    );
+    let run = |files: &[PathBuf]| {
+        Command::new("python3")
+            .arg(&script)
+            .args(files)
+            .output()
+            .unwrap()
+    };
     let output = run(&files);
     let said = String::from_utf8_lossy(&output.stdout);
     println!("{said}");
-    assert!(output.status.success(), "{said}{}", String::from_utf8_lossy(&output.stderr));
+    assert!(
+        output.status.success(),
+        "{said}{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
     let read = said.lines().filter(|line| line.contains(" mm ")).count();
     let left_out = said.lines().filter(|line| line.contains("PyYAML")).count();
     assert!(read >= 2 && read + left_out == 4, "{said}");
     // it can tell: a tenth of a micrometre in one row of the table
     let table = std::fs::read_to_string(&files[2]).unwrap();
-    let mut rows: Vec<Vec<String>> = table.lines().map(|line| line.split(',').map(str::to_owned).collect()).collect();
+    let mut rows: Vec<Vec<String>> = table
+        .lines()
+        .map(|line| line.split(',').map(str::to_owned).collect())
+        .collect();
     let column = rows[0].iter().position(|name| name == "a_mm").unwrap();
     rows[3][column] = (rows[3][column].parse::<f64>().unwrap() + 1e-4).to_string();
-    std::fs::write(&files[2], rows.iter().map(|row| row.join(",") + "\n").collect::<String>()).unwrap();
+    std::fs::write(
+        &files[2],
+        rows.iter()
+            .map(|row| row.join(",") + "\n")
+            .collect::<String>(),
+    )
+    .unwrap();
     assert_eq!(run(&files).status.code(), Some(1));
 }
 
@@ -187,20 +276,32 @@ async fn a_users_urdf_is_patched_and_a_wrong_one_refused() {
     let mut own = String::from("<robot name='mine'><!-- keep me -->\n<link name='base_link'/>");
     for (i, link) in table.as_array().unwrap().iter().enumerate() {
         let number = |name: &str| link[name].as_f64().unwrap();
-        let (a, alpha, d) = (number("a_mm") / 1e3, number("alpha_deg").to_radians(), number("d_mm") / 1e3);
+        let (a, alpha, d) = (
+            number("a_mm") / 1e3,
+            number("alpha_deg").to_radians(),
+            number("d_mm") / 1e3,
+        );
         // Rx(alpha)·Dx(a)·Dz(d): d stands along the turned z
         let xyz = format!("{a} {} {}", -alpha.sin() * d, alpha.cos() * d);
         own += &format!(
             "<link name='link_{}'><visual><origin xyz='9 9 9'/></visual></link>\n<joint name='j{i}' type='continuous'><parent link='{}'/><child link='link_{}'/><origin xyz=\"{xyz}\" rpy=\"{alpha} 0 0\"/><axis xyz=\"0 0 1\"/></joint>\n",
             i + 1,
-            if i == 0 { "base_link".into() } else { format!("link_{i}") },
+            if i == 0 {
+                "base_link".into()
+            } else {
+                format!("link_{i}")
+            },
             i + 1
         );
     }
     own += "</robot>";
     let patch = async |text: String| {
-        Answer::of(app.request(Method::POST, &format!("{set}/export?format=urdf")).header("content-type", "application/xml").body(text))
-            .await
+        Answer::of(
+            app.request(Method::POST, &format!("{set}/export?format=urdf"))
+                .header("content-type", "application/xml")
+                .body(text),
+        )
+        .await
     };
     let answer = patch(own.clone()).await;
     assert_eq!(answer.status, 200, "{}", answer.text());
@@ -209,13 +310,25 @@ async fn a_users_urdf_is_patched_and_a_wrong_one_refused() {
         same(&by_links(&links, &q), &by_urdf(&patched, &q));
     }
     let skeleton = |text: &str| {
-        text.split("<origin xyz=\"").map(|part| part.split_once("/><axis").map_or(part, |(_, rest)| rest).to_owned()).collect::<Vec<_>>()
+        text.split("<origin xyz=\"")
+            .map(|part| {
+                part.split_once("/><axis")
+                    .map_or(part, |(_, rest)| rest)
+                    .to_owned()
+            })
+            .collect::<Vec<_>>()
     };
     assert_eq!(skeleton(&own), skeleton(&patched));
-    let problem = patch(own.replace("0.78227", "0.9")).await.problem(422, "urdf_mismatch");
+    let problem = patch(own.replace("0.78227", "0.9"))
+        .await
+        .problem(422, "urdf_mismatch");
     assert!(text(&problem["detail"]).contains("j"), "{problem}");
     patch("<robot".into()).await.problem(422, "not_xml");
-    let wrong = Answer::of(app.request(Method::POST, &format!("{set}/export?format=csv")).body(own)).await;
+    let wrong = Answer::of(
+        app.request(Method::POST, &format!("{set}/export?format=csv"))
+            .body(own),
+    )
+    .await;
     wrong.problem(400, "invalid_query");
 }
 
@@ -224,24 +337,48 @@ async fn robots_are_imported_from_urdf_and_tables() {
     let app = TestApp::spawn().await;
     let import = async |query: &str, body: &str| {
         Answer::of(
-            app.request(Method::POST, &format!("/v1/robot-imports?{query}")).header("content-type", "text/csv").body(body.to_owned()),
+            app.request(Method::POST, &format!("/v1/robot-imports?{query}"))
+                .header("content-type", "text/csv")
+                .body(body.to_owned()),
         )
         .await
     };
-    let distal =
-        "theta_offset_deg,d_mm,a_mm,alpha_deg\n0,504,166.605,-90\n0,0,782.27,0\n0,0,138.826,-90\n0,761.35,0,90\n0,0,0,-90\n0,125,0,0\n";
+    let distal = "theta_offset_deg,d_mm,a_mm,alpha_deg\n0,504,166.605,-90\n0,0,782.27,0\n0,0,138.826,-90\n0,761.35,0,90\n0,0,0,-90\n0,125,0,0\n";
     let answer = import("format=dh&name=mine", distal).await.ok(200);
     assert_eq!(answer["robot"]["name"], "mine");
     // the paper's robot is the same table in Craig's convention
     let paper: Value = serde_json::from_slice(&crate::app::paper("robot.json")).unwrap();
-    for (a, b) in answer["robot"]["links"].as_array().unwrap().iter().zip(paper["links"].as_array().unwrap()) {
+    for (a, b) in answer["robot"]["links"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .zip(paper["links"].as_array().unwrap())
+    {
         for name in ["a_mm", "alpha_deg", "d_mm", "theta_offset_deg"] {
-            assert!((a[name].as_f64().unwrap() - b[name].as_f64().unwrap()).abs() < 1e-12, "{a} {b}");
+            assert!(
+                (a[name].as_f64().unwrap() - b[name].as_f64().unwrap()).abs() < 1e-12,
+                "{a} {b}"
+            );
         }
     }
     app.post_json("/v1/robots", &answer["robot"]).await.ok(201);
-    let problem = import("format=mdh", "a_mm,alpha_deg,d_mm,theta_offset_deg\n1,2,3,4\n1,x,3,4\n").await.problem(422, "invalid_table");
-    assert_eq!((&problem["errors"][0]["row"], &problem["errors"][0]["column"]), (&json!(1), &json!("alpha_deg")));
-    import("format=mdh", "a,alpha_deg,d_mm,theta_offset_deg\n1,2,3,4\n").await.problem(422, "invalid_table");
-    import("format=urdf", "<robot/>").await.problem(422, "no_joints");
+    let problem = import(
+        "format=mdh",
+        "a_mm,alpha_deg,d_mm,theta_offset_deg\n1,2,3,4\n1,x,3,4\n",
+    )
+    .await
+    .problem(422, "invalid_table");
+    assert_eq!(
+        (
+            &problem["errors"][0]["row"],
+            &problem["errors"][0]["column"]
+        ),
+        (&json!(1), &json!("alpha_deg"))
+    );
+    import("format=mdh", "a,alpha_deg,d_mm,theta_offset_deg\n1,2,3,4\n")
+        .await
+        .problem(422, "invalid_table");
+    import("format=urdf", "<robot/>")
+        .await
+        .problem(422, "no_joints");
 }

@@ -6,68 +6,153 @@ async fn history_tells_what_moved_and_comparison_where_the_tool_did() {
     let app = TestApp::with_workers(1).await;
     let (robot, first) = app.identified().await;
     let set = app.upload(&robot, "followup_collision.csv").await;
-    let second = app.run(&robot, &json!({"measurement_set_id": set, "method": "least_squares"})).await;
-    let ids = [text(&first["parameter_set_id"]), text(&second["parameter_set_id"])];
+    let second = app
+        .run(
+            &robot,
+            &json!({"measurement_set_id": set, "method": "least_squares"}),
+        )
+        .await;
+    let ids = [
+        text(&first["parameter_set_id"]),
+        text(&second["parameter_set_id"]),
+    ];
     let history = app.get(&format!("{robot}/history")).await.ok(200);
     let items = history["items"].as_array().unwrap();
-    assert_eq!(items.iter().map(|item| text(&item["parameter_set_id"])).collect::<Vec<_>>(), [ids[1], ids[0]]);
+    assert_eq!(
+        items
+            .iter()
+            .map(|item| text(&item["parameter_set_id"]))
+            .collect::<Vec<_>>(),
+        [ids[1], ids[0]]
+    );
     assert_eq!(items[1]["changed"], json!([]));
     let changed = items[0]["changed"].as_array().unwrap();
-    assert!(!changed.is_empty() && changed.iter().all(|c| c["sigmas"].as_f64().unwrap() > 1.0), "{changed:?}");
+    assert!(
+        !changed.is_empty() && changed.iter().all(|c| c["sigmas"].as_f64().unwrap() > 1.0),
+        "{changed:?}"
+    );
     assert_eq!(items[0]["parameters"].as_array().unwrap().len(), 24);
     assert!(items[0]["verify_rms_mm"].as_f64().unwrap() < 0.1);
     assert_eq!(history["trend"]["rms_mm_per_day"], json!(null));
     assert!(text(&history["trend"]["detail"]).starts_with("not enough data"));
     let page = app.get(&format!("{robot}/history?limit=1")).await.ok(200);
-    let next = app.get(&format!("{robot}/history?limit=1&cursor={}", text(&page["next_cursor"]))).await.ok(200);
+    let next = app
+        .get(&format!(
+            "{robot}/history?limit=1&cursor={}",
+            text(&page["next_cursor"])
+        ))
+        .await
+        .ok(200);
     assert_eq!(next["items"][0]["parameter_set_id"], ids[0]);
 
-    let compare = async |with: &str| app.get(&format!("/v1/parameter-sets/{}/compare?with={with}", ids[1])).await;
+    let compare = async |with: &str| {
+        app.get(&format!(
+            "/v1/parameter-sets/{}/compare?with={with}",
+            ids[1]
+        ))
+        .await
+    };
     let differences = compare(ids[0]).await.ok(200);
     assert_eq!(differences["map"].as_array().unwrap().len(), 200);
     let length = |point: &serde_json::Value| {
-        point["difference_mm"].as_array().unwrap().iter().map(|v| v.as_f64().unwrap().powi(2)).sum::<f64>().sqrt()
+        point["difference_mm"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(|v| v.as_f64().unwrap().powi(2))
+            .sum::<f64>()
+            .sqrt()
     };
-    let lengths: Vec<f64> = differences["map"].as_array().unwrap().iter().map(length).collect();
-    assert!((differences["mean_mm"].as_f64().unwrap() - lengths.iter().sum::<f64>() / 200.0).abs() < 1e-9);
+    let lengths: Vec<f64> = differences["map"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(length)
+        .collect();
+    assert!(
+        (differences["mean_mm"].as_f64().unwrap() - lengths.iter().sum::<f64>() / 200.0).abs()
+            < 1e-9
+    );
     assert!(differences["max_mm"].as_f64().unwrap() > 0.1);
-    assert!(differences["sessions"]["probability"].as_f64().unwrap() < 1e-3, "{}", differences["sessions"]);
+    assert!(
+        differences["sessions"]["probability"].as_f64().unwrap() < 1e-3,
+        "{}",
+        differences["sessions"]
+    );
     let itself = compare(ids[1]).await.ok(200);
-    assert_eq!((&itself["max_mm"], &itself["sessions"]), (&json!(0.0), &json!(null)));
+    assert_eq!(
+        (&itself["max_mm"], &itself["sessions"]),
+        (&json!(0.0), &json!(null))
+    );
     // What PostgreSQL takes for no text at all is looked up nowhere.
-    for nobodys in ["par_1", "%00", "par_%00", "%F0%9F%A4%96", "'%20or%201=1", ""] {
+    for nobodys in [
+        "par_1",
+        "%00",
+        "par_%00",
+        "%F0%9F%A4%96",
+        "'%20or%201=1",
+        "",
+    ] {
         compare(nobodys).await.problem(422, "unknown_reference");
     }
 
-    app.post_json(&format!("/v1/parameter-sets/{}/release", ids[1]), &json!({"reason": "after the collision"})).await.ok(200);
+    app.post_json(
+        &format!("/v1/parameter-sets/{}/release", ids[1]),
+        &json!({"reason": "after the collision"}),
+    )
+    .await
+    .ok(200);
     let verify = json!({"kind": "verify", "measurement_set_id": set, "parameter_set_id": ids[1]});
     for _ in 0..2 {
         assert_eq!(app.run(&robot, &verify).await["status"], "succeeded");
     }
     let trend = app.get(&format!("{robot}/history?limit=1")).await.ok(200)["trend"].clone();
     // the upload that it was identified from, scored again and again, is no session but its own
-    assert!(text(&trend["detail"]).starts_with("not enough data: 1 session;"), "{trend}");
+    assert!(
+        text(&trend["detail"]).starts_with("not enough data: 1 session;"),
+        "{trend}"
+    );
 }
 
 #[test]
 fn a_trend_is_a_line_with_its_interval_or_says_what_is_missing() {
     use kincal::wire::trend::{Scored, Trend};
-    let scored: Vec<Scored> = [(0.0, 0.10), (10.0, 0.12), (20.0, 0.13), (30.0, 0.16)].map(|(day, rms_mm)| Scored { day, rms_mm }).to_vec();
+    let scored: Vec<Scored> = [(0.0, 0.10), (10.0, 0.12), (20.0, 0.13), (30.0, 0.16)]
+        .map(|(day, rms_mm)| Scored { day, rms_mm })
+        .to_vec();
     let trend = Trend::of(&scored, Some(0.2));
     // by hand: Sxx = 500, Sxy = 0.95, residual variance 3.5e-5 with 2 degrees of freedom, t = 4.30265
     let near = |found: Option<f64>, expected: f64| {
-        assert!((found.unwrap() - expected).abs() < 1e-6 * expected.abs().max(1.0), "{found:?} {expected}")
+        assert!(
+            (found.unwrap() - expected).abs() < 1e-6 * expected.abs().max(1.0),
+            "{found:?} {expected}"
+        )
     };
     near(trend.rms_mm_per_day, 0.0019);
-    near(trend.interval_95.map(|i| i[0]), 0.0019 - 4.302_653 * (3.5e-5_f64 / 500.0).sqrt());
+    near(
+        trend.interval_95.map(|i| i[0]),
+        0.0019 - 4.302_653 * (3.5e-5_f64 / 500.0).sqrt(),
+    );
     near(trend.days_to_limit, (0.2 - 0.156) / 0.0019);
     assert!(trend.detail.contains("23 days"), "{}", trend.detail);
     // noise alone
-    let flat: Vec<Scored> = [(0.0, 0.10), (10.0, 0.12), (20.0, 0.09), (30.0, 0.11)].map(|(day, rms_mm)| Scored { day, rms_mm }).to_vec();
+    let flat: Vec<Scored> = [(0.0, 0.10), (10.0, 0.12), (20.0, 0.09), (30.0, 0.11)]
+        .map(|(day, rms_mm)| Scored { day, rms_mm })
+        .to_vec();
     assert_eq!(Trend::of(&flat, Some(0.2)).days_to_limit, None);
-    assert!(Trend::of(&scored[..3], Some(0.2)).detail.starts_with("not enough data: 3 sessions"));
+    assert!(
+        Trend::of(&scored[..3], Some(0.2))
+            .detail
+            .starts_with("not enough data: 3 sessions")
+    );
     assert!(Trend::of(&[], None).detail.starts_with("not enough data"));
-    let over: Vec<Scored> = scored.iter().map(|s| Scored { rms_mm: s.rms_mm + 0.1, ..*s }).collect();
+    let over: Vec<Scored> = scored
+        .iter()
+        .map(|s| Scored {
+            rms_mm: s.rms_mm + 0.1,
+            ..*s
+        })
+        .collect();
     assert!(Trend::of(&over, Some(0.2)).detail.contains("calibrate now"));
 }
 
@@ -84,26 +169,64 @@ async fn after_a_collision_only_what_is_named_is_identified_anew() {
         }
         request
     };
-    let refused = app.post_json(&format!("{robot}/jobs"), &partial("parameter_set", None)).await.problem(422, "invalid_job");
+    let refused = app
+        .post_json(&format!("{robot}/jobs"), &partial("parameter_set", None))
+        .await
+        .problem(422, "invalid_job");
     assert_eq!(refused["errors"][0]["pointer"], "/parameters/rest");
     let before = text(&first["parameter_set_id"]);
-    let job = app.run(&robot, &partial("parameter_set", Some(before))).await;
+    let job = app
+        .run(&robot, &partial("parameter_set", Some(before)))
+        .await;
     assert_eq!(job["status"], "succeeded", "{job}");
-    let links = async |id: &str| app.get(&format!("/v1/parameter-sets/{id}")).await.ok(200)["links"].clone();
-    let (old, new) = (links(before).await, links(text(&job["parameter_set_id"])).await);
-    for (i, (old, new)) in old.as_array().unwrap().iter().zip(new.as_array().unwrap()).enumerate() {
+    let links = async |id: &str| {
+        app.get(&format!("/v1/parameter-sets/{id}")).await.ok(200)["links"].clone()
+    };
+    let (old, new) = (
+        links(before).await,
+        links(text(&job["parameter_set_id"])).await,
+    );
+    for (i, (old, new)) in old
+        .as_array()
+        .unwrap()
+        .iter()
+        .zip(new.as_array().unwrap())
+        .enumerate()
+    {
         for name in ["a_mm", "alpha_deg", "d_mm", "theta_offset_deg", "beta_deg"] {
-            let is_named = (i == 1 || i == 2) && name == "theta_offset_deg" || i == 2 && name == "a_mm";
+            let is_named =
+                (i == 1 || i == 2) && name == "theta_offset_deg" || i == 2 && name == "a_mm";
             let change = (old[name].as_f64().unwrap() - new[name].as_f64().unwrap()).abs();
             assert!(is_named || change < 1e-12, "{name}_{}: {change}", i + 1);
         }
     }
-    let report = app.get(&format!("/v1/jobs/{}/report", text(&job["id"]))).await.ok(200);
+    let report = app
+        .get(&format!("/v1/jobs/{}/report", text(&job["id"])))
+        .await
+        .ok(200);
     let parameters = report["parameters"].as_array().unwrap();
-    assert_eq!(parameters.iter().map(|p| text(&p["name"])).collect::<Vec<_>>().len(), 3);
-    assert!(parameters.iter().all(|p| p["std_uncertainty"].is_number()), "{parameters:?}");
+    assert_eq!(
+        parameters
+            .iter()
+            .map(|p| text(&p["name"]))
+            .collect::<Vec<_>>()
+            .len(),
+        3
+    );
+    assert!(
+        parameters.iter().all(|p| p["std_uncertainty"].is_number()),
+        "{parameters:?}"
+    );
     let nominal = app.run(&robot, &partial("nominal", None)).await;
-    let from_nominal = app.get(&format!("/v1/jobs/{}/report", text(&nominal["id"]))).await.ok(200);
+    let from_nominal = app
+        .get(&format!("/v1/jobs/{}/report", text(&nominal["id"])))
+        .await
+        .ok(200);
     let rms = |report: &serde_json::Value| report["verify"]["after"]["rms_mm"].as_f64().unwrap();
-    assert!(rms(&report) < rms(&from_nominal), "{} {}", rms(&report), rms(&from_nominal));
+    assert!(
+        rms(&report) < rms(&from_nominal),
+        "{} {}",
+        rms(&report),
+        rms(&from_nominal)
+    );
 }

@@ -30,7 +30,8 @@ async fn breaking(server: SocketAddr, fates: impl IntoIterator<Item = Fate>) -> 
                 Some(Fate::Busy) => busy(client).await,
                 Some(Fate::CutAfter(said)) => drop(tokio::spawn(cut_after(client, server, said))),
                 None => drop(tokio::spawn(async move {
-                    let (mut client, mut server) = (client, TcpStream::connect(server).await.unwrap());
+                    let (mut client, mut server) =
+                        (client, TcpStream::connect(server).await.unwrap());
                     let _ = tokio::io::copy_bidirectional(&mut client, &mut server).await;
                 })),
             }
@@ -52,10 +53,13 @@ async fn busy(mut client: TcpStream) {
 async fn cut_after(client: TcpStream, server: SocketAddr, said: &str) {
     let (mut from_client, mut to_client) = client.into_split();
     let (mut from_server, mut to_server) = TcpStream::connect(server).await.unwrap().into_split();
-    let asking = tokio::spawn(async move { tokio::io::copy(&mut from_client, &mut to_server).await });
+    let asking =
+        tokio::spawn(async move { tokio::io::copy(&mut from_client, &mut to_server).await });
     let mut told = Vec::new();
     while !told.ends_with(said.as_bytes()) {
-        let Ok(byte) = from_server.read_u8().await else { break };
+        let Ok(byte) = from_server.read_u8().await else {
+            break;
+        };
         told.push(byte);
         if to_client.write_all(&[byte]).await.is_err() {
             break;
@@ -66,19 +70,38 @@ async fn cut_after(client: TcpStream, server: SocketAddr, said: &str) {
 
 async fn kincal(url: &str, key: &str, arguments: &[&str]) -> (Option<i32>, String, String) {
     let mut command = Command::new(env!("CARGO_BIN_EXE_kincal"));
-    command.args(arguments).env("KINCAL_SERVER", url).env("KINCAL_KEY", key);
-    let output: Output = tokio::task::spawn_blocking(move || command.output().expect("the binary runs")).await.unwrap();
+    command
+        .args(arguments)
+        .env("KINCAL_SERVER", url)
+        .env("KINCAL_KEY", key);
+    let output: Output =
+        tokio::task::spawn_blocking(move || command.output().expect("the binary runs"))
+            .await
+            .unwrap();
     let text = |bytes: Vec<u8>| String::from_utf8(bytes).unwrap();
-    (output.status.code(), text(output.stdout), text(output.stderr))
+    (
+        output.status.code(),
+        text(output.stdout),
+        text(output.stderr),
+    )
 }
 
 async fn robot(person: &Person<'_>) -> String {
-    let robot = person.post("/v1/robots", &serde_json::from_slice(&paper("robot.json")).unwrap()).await.ok(201);
+    let robot = person
+        .post(
+            "/v1/robots",
+            &serde_json::from_slice(&paper("robot.json")).unwrap(),
+        )
+        .await
+        .ok(201);
     text(&robot["id"]).to_owned()
 }
 
 async fn n_items(person: &Person<'_>, path: &str) -> usize {
-    person.get(path).await.ok(200)["items"].as_array().unwrap().len()
+    person.get(path).await.ok(200)["items"]
+        .as_array()
+        .unwrap()
+        .len()
 }
 
 fn set() -> String {
@@ -95,14 +118,26 @@ async fn a_connection_that_breaks_again_and_again_costs_nothing_but_time() {
     let person = somebody(&app).await;
     let (robot, set) = (robot(&person).await, set());
     // the upload's answer is cut within its body; the events after the first; and the server is away when they are asked for again
-    let fates = [Fate::CutAfter("\r\n\r\n{"), Fate::Busy, Fate::CutAfter("event: progress"), Fate::Refused, Fate::Busy];
+    let fates = [
+        Fate::CutAfter("\r\n\r\n{"),
+        Fate::Busy,
+        Fate::CutAfter("event: progress"),
+        Fate::Refused,
+        Fate::Busy,
+    ];
     let url = breaking(app.server.address, fates).await;
-    let arguments = ["submit", "--robot", &robot, &set, "--wait", "--method", "pso", "--preset", "paper"];
+    let arguments = [
+        "submit", "--robot", &robot, &set, "--wait", "--method", "pso", "--preset", "paper",
+    ];
     let (code, told, complaints) = kincal(&url, &person.key, &arguments).await;
     assert_eq!(code, Some(0), "{complaints}");
     assert!(told.contains("verify (50), after"), "{told}");
     for what in ["measurement-sets", "jobs"] {
-        assert_eq!(n_items(&person, &format!("/v1/robots/{robot}/{what}")).await, 1, "{what}");
+        assert_eq!(
+            n_items(&person, &format!("/v1/robots/{robot}/{what}")).await,
+            1,
+            "{what}"
+        );
     }
 }
 
@@ -113,10 +148,20 @@ async fn a_server_that_stays_busy_is_given_up_and_one_that_is_not_there_is_said_
     let url = breaking(app.server.address, (0..100).map(|_| Fate::Busy)).await;
     let (code, _, complaints) = kincal(&url, &person.key, &["robots"]).await;
     assert_eq!(code, Some(1), "{complaints}");
-    assert!(complaints.contains("the server answered 503"), "{complaints}");
-    let free = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+    assert!(
+        complaints.contains("the server answered 503"),
+        "{complaints}"
+    );
+    let free = std::net::TcpListener::bind("127.0.0.1:0")
+        .unwrap()
+        .local_addr()
+        .unwrap();
     let begun = std::time::Instant::now();
     let (code, _, complaints) = kincal(&format!("http://{free}"), &person.key, &["robots"]).await;
     assert_eq!(code, Some(1), "{complaints}");
-    assert!(complaints.contains("is it running, and is --server right?") && begun.elapsed().as_secs() < 5, "{complaints}");
+    assert!(
+        complaints.contains("is it running, and is --server right?")
+            && begun.elapsed().as_secs() < 5,
+        "{complaints}"
+    );
 }

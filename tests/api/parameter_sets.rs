@@ -10,12 +10,29 @@ use sha2::{Digest, Sha256};
 async fn a_parameter_set_says_what_the_controller_needs() {
     let app = TestApp::with_workers(1).await;
     let (robot, job) = app.identified().await;
-    let set = app.get(&format!("/v1/parameter-sets/{}", text(&job["parameter_set_id"]))).await.ok(200);
-    assert_eq!((&set["status"], &set["job_id"]), (&json!("candidate"), &job["id"]));
+    let set = app
+        .get(&format!(
+            "/v1/parameter-sets/{}",
+            text(&job["parameter_set_id"])
+        ))
+        .await
+        .ok(200);
+    assert_eq!(
+        (&set["status"], &set["job_id"]),
+        (&json!("candidate"), &job["id"])
+    );
     assert_eq!(set["links"].as_array().unwrap().len(), 6);
-    assert_eq!(set["t_instrument_base"]["rotation"], json!([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]));
-    assert_eq!(app.get(&format!("{robot}/parameter-sets")).await.ok(200)["items"], json!([set]));
-    app.get("/v1/parameter-sets/par_0").await.problem(404, "not_found");
+    assert_eq!(
+        set["t_instrument_base"]["rotation"],
+        json!([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    );
+    assert_eq!(
+        app.get(&format!("{robot}/parameter-sets")).await.ok(200)["items"],
+        json!([set])
+    );
+    app.get("/v1/parameter-sets/par_0")
+        .await
+        .problem(404, "not_found");
 }
 
 /// RFC 8785 for this content, written independently: keys in order, numbers as ECMAScript prints them.
@@ -23,10 +40,16 @@ fn canonical(value: &Value) -> String {
     match value {
         Value::Object(map) => {
             let entries: std::collections::BTreeMap<_, _> = map.iter().collect();
-            let entries: Vec<String> = entries.iter().map(|(key, value)| format!("\"{key}\":{}", canonical(value))).collect();
+            let entries: Vec<String> = entries
+                .iter()
+                .map(|(key, value)| format!("\"{key}\":{}", canonical(value)))
+                .collect();
             format!("{{{}}}", entries.join(","))
         }
-        Value::Array(items) => format!("[{}]", items.iter().map(canonical).collect::<Vec<_>>().join(",")),
+        Value::Array(items) => format!(
+            "[{}]",
+            items.iter().map(canonical).collect::<Vec<_>>().join(",")
+        ),
         Value::Number(number) => {
             let number = number.as_f64().unwrap();
             let (plain, scientific) = (number.to_string(), format!("{number:e}"));
@@ -34,7 +57,10 @@ fn canonical(value: &Value) -> String {
             match exponent {
                 _ if number == 0.0 => "0".into(),
                 -6..=20 => plain,
-                _ => scientific.replace("e-", "E-").replace('e', "e+").replace('E', "e"),
+                _ => scientific
+                    .replace("e-", "E-")
+                    .replace('e', "e+")
+                    .replace('E', "e"),
             }
         }
         other => other.to_string(),
@@ -45,13 +71,28 @@ fn canonical(value: &Value) -> String {
 async fn the_cell_pc_can_check_a_parameter_sets_hash() {
     let app = TestApp::with_workers(1).await;
     let (_, job) = app.identified().await;
-    let set = app.get(&format!("/v1/parameter-sets/{}", text(&job["parameter_set_id"]))).await.ok(200);
+    let set = app
+        .get(&format!(
+            "/v1/parameter-sets/{}",
+            text(&job["parameter_set_id"])
+        ))
+        .await
+        .ok(200);
     let content = json!({"links": set["links"], "t_instrument_base": set["t_instrument_base"], "targets": set["targets"]});
-    let hash: String = Sha256::digest(canonical(&content)).iter().map(|byte| format!("{byte:02x}")).collect();
+    let hash: String = Sha256::digest(canonical(&content))
+        .iter()
+        .map(|byte| format!("{byte:02x}"))
+        .collect();
     assert_eq!(set["sha256"], hash);
-    let covered = app.get(&format!("/v1/parameter-sets/{}/content", text(&set["id"]))).await;
+    let covered = app
+        .get(&format!("/v1/parameter-sets/{}/content", text(&set["id"])))
+        .await;
     assert_eq!(covered.status, 200);
-    assert_eq!(set["sha256"], kincal::wire::canonical::hex(&Sha256::digest(&covered.bytes)), "the bytes as they came");
+    assert_eq!(
+        set["sha256"],
+        kincal::wire::canonical::hex(&Sha256::digest(&covered.bytes)),
+        "the bytes as they came"
+    );
     assert_eq!(covered.text(), canonical(&content));
 }
 
@@ -60,20 +101,46 @@ async fn only_a_released_set_is_active_and_its_etag_saves_fetching_it_again() {
     let app = TestApp::with_workers(1).await;
     let (robot, job) = app.identified().await;
     let active = format!("{robot}/parameter-sets/active");
-    app.get(&active).await.problem(404, "no_active_parameter_set");
+    app.get(&active)
+        .await
+        .problem(404, "no_active_parameter_set");
     let path = format!("/v1/parameter-sets/{}", text(&job["parameter_set_id"]));
-    let released = app.post_json(&format!("{path}/release"), &json!({"reason": "verified on the cell"})).await.ok(200);
+    let released = app
+        .post_json(
+            &format!("{path}/release"),
+            &json!({"reason": "verified on the cell"}),
+        )
+        .await
+        .ok(200);
     assert_eq!(released["status"], "released");
     assert!(released["released_at"].is_string());
     let answer = app.get(&active).await;
     assert_eq!(answer.ok(200), released);
     let etag = answer.header("etag").unwrap().to_owned();
-    let again = Answer::of(app.request(Method::GET, &active).header("if-none-match", &etag)).await;
-    assert_eq!((again.status, again.bytes.len(), again.header("etag")), (304, 0, Some(etag.as_str())));
-    let withdrawn = app.post_json(&format!("{path}/withdraw"), &json!({"reason": "the tool was changed"})).await.ok(200);
+    let again = Answer::of(
+        app.request(Method::GET, &active)
+            .header("if-none-match", &etag),
+    )
+    .await;
+    assert_eq!(
+        (again.status, again.bytes.len(), again.header("etag")),
+        (304, 0, Some(etag.as_str()))
+    );
+    let withdrawn = app
+        .post_json(
+            &format!("{path}/withdraw"),
+            &json!({"reason": "the tool was changed"}),
+        )
+        .await
+        .ok(200);
     assert_eq!(withdrawn["status"], "withdrawn");
-    app.get(&active).await.problem(404, "no_active_parameter_set");
-    let refused = app.post_json(&format!("{path}/release"), &json!({"reason": "again"})).await.problem(409, "release_refused");
+    app.get(&active)
+        .await
+        .problem(404, "no_active_parameter_set");
+    let refused = app
+        .post_json(&format!("{path}/release"), &json!({"reason": "again"}))
+        .await
+        .problem(409, "release_refused");
     assert_eq!(refused["errors"][0]["code"], "withdrawn");
 }
 
@@ -81,14 +148,33 @@ async fn only_a_released_set_is_active_and_its_etag_saves_fetching_it_again() {
 async fn releasing_another_set_supersedes_the_first_and_one_call_rolls_back() {
     let app = TestApp::with_workers(1).await;
     let (robot, first) = app.identified().await;
-    let second = app.run(&robot, &json!({"measurement_set_id": first["measurement_set_id"], "method": "pso"})).await;
+    let second = app
+        .run(
+            &robot,
+            &json!({"measurement_set_id": first["measurement_set_id"], "method": "pso"}),
+        )
+        .await;
     let path = |job: &Value| format!("/v1/parameter-sets/{}", text(&job["parameter_set_id"]));
     let reason = json!({"reason": "better"});
-    for (release, superseded) in [(&first, None), (&second, Some(&first)), (&first, Some(&second))] {
-        app.post_json(&format!("{}/release", path(release)), &reason).await.ok(200);
-        assert_eq!(app.get(&format!("{robot}/parameter-sets/active")).await.ok(200)["id"], release["parameter_set_id"]);
+    for (release, superseded) in [
+        (&first, None),
+        (&second, Some(&first)),
+        (&first, Some(&second)),
+    ] {
+        app.post_json(&format!("{}/release", path(release)), &reason)
+            .await
+            .ok(200);
+        assert_eq!(
+            app.get(&format!("{robot}/parameter-sets/active"))
+                .await
+                .ok(200)["id"],
+            release["parameter_set_id"]
+        );
         if let Some(superseded) = superseded {
-            assert_eq!(app.get(&path(superseded)).await.ok(200)["status"], "superseded");
+            assert_eq!(
+                app.get(&path(superseded)).await.ok(200)["status"],
+                "superseded"
+            );
         }
     }
 }
@@ -97,18 +183,48 @@ async fn releasing_another_set_supersedes_the_first_and_one_call_rolls_back() {
 async fn a_set_that_nobody_verified_is_not_released() {
     let app = TestApp::with_workers(1).await;
     let robot = app.paper_robot().await;
-    let all_identify = String::from_utf8(paper("first.csv")).unwrap().replace("verify", "identify");
-    let set = app.post(&format!("{robot}/measurement-sets?frame=base"), "text/csv", all_identify).await.ok(201);
+    let all_identify = String::from_utf8(paper("first.csv"))
+        .unwrap()
+        .replace("verify", "identify");
+    let set = app
+        .post(
+            &format!("{robot}/measurement-sets?frame=base"),
+            "text/csv",
+            all_identify,
+        )
+        .await
+        .ok(201);
     let job = app.run(&robot, &json!({"measurement_set_id": set["id"], "method": "least_squares", "verify": {"source": "subset"}})).await;
     assert_eq!(job["status"], "succeeded", "{job}");
-    let report = app.get(&format!("/v1/jobs/{}/report", text(&job["id"]))).await.ok(200);
-    assert_eq!((&report["verify"], &report["evidence"]), (&Value::Null, &json!("none")));
-    let path = format!("/v1/parameter-sets/{}/release", text(&job["parameter_set_id"]));
-    let refused = app.post_json(&path, &json!({"reason": "it looks good"})).await.problem(409, "release_refused");
-    let gates: Vec<&str> = refused["errors"].as_array().unwrap().iter().map(|issue| text(&issue["code"])).collect();
+    let report = app
+        .get(&format!("/v1/jobs/{}/report", text(&job["id"])))
+        .await
+        .ok(200);
+    assert_eq!(
+        (&report["verify"], &report["evidence"]),
+        (&Value::Null, &json!("none"))
+    );
+    let path = format!(
+        "/v1/parameter-sets/{}/release",
+        text(&job["parameter_set_id"])
+    );
+    let refused = app
+        .post_json(&path, &json!({"reason": "it looks good"}))
+        .await
+        .problem(409, "release_refused");
+    let gates: Vec<&str> = refused["errors"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|issue| text(&issue["code"]))
+        .collect();
     assert_eq!(gates, ["verified", "verify_errors_improved"]);
-    app.post_json(&path, &json!({"reason": ""})).await.problem(422, "invalid_reason");
-    app.post_json(&path, &json!({})).await.problem(422, "invalid_body");
+    app.post_json(&path, &json!({"reason": ""}))
+        .await
+        .problem(422, "invalid_reason");
+    app.post_json(&path, &json!({}))
+        .await
+        .problem(422, "invalid_body");
 }
 
 /// q and position of the paper's first rows.
@@ -117,16 +233,27 @@ fn first_rows(n: usize) -> (Vec<Vec<f64>>, Vec<Vec<f64>>) {
     let mut lines = text.lines();
     let header: Vec<&str> = lines.next().unwrap().split(',').collect();
     let at = |name: &str| header.iter().position(|column| *column == name).unwrap();
-    let pick = |line: &str, names: &[&str]| names.iter().map(|name| line.split(',').nth(at(name)).unwrap().parse().unwrap()).collect();
+    let pick = |line: &str, names: &[&str]| {
+        names
+            .iter()
+            .map(|name| line.split(',').nth(at(name)).unwrap().parse().unwrap())
+            .collect()
+    };
     let q = ["q1_deg", "q2_deg", "q3_deg", "q4_deg", "q5_deg", "q6_deg"];
-    lines.take(n).map(|line| (pick(line, &q), pick(line, &["x_mm", "y_mm", "z_mm"]))).unzip()
+    lines
+        .take(n)
+        .map(|line| (pick(line, &q), pick(line, &["x_mm", "y_mm", "z_mm"])))
+        .unzip()
 }
 
 #[tokio::test]
 async fn predictions_agree_with_what_was_measured() {
     let app = TestApp::with_workers(1).await;
     let (_, job) = app.identified().await;
-    let path = format!("/v1/parameter-sets/{}/predict", text(&job["parameter_set_id"]));
+    let path = format!(
+        "/v1/parameter-sets/{}/predict",
+        text(&job["parameter_set_id"])
+    );
     let (q_deg, measured) = first_rows(20);
     let answer = app.post_json(&path, &json!({"q_deg": q_deg})).await.ok(200);
     assert_eq!(answer["extrapolated"], json!(vec![false; 20]));
@@ -135,13 +262,25 @@ async fn predictions_agree_with_what_was_measured() {
     for (row, measured) in measured.iter().enumerate() {
         for (axis, expected) in measured.iter().enumerate() {
             let predicted = answer["position_mm"][row][axis].as_f64().unwrap();
-            assert!((predicted - expected).abs() < PRINT_MM, "row {row}, axis {axis}: {predicted} and {expected}");
+            assert!(
+                (predicted - expected).abs() < PRINT_MM,
+                "row {row}, axis {axis}: {predicted} and {expected}"
+            );
         }
     }
-    app.post_json(&path, &json!({"q_deg": [[0.0]]})).await.problem(422, "invalid_poses");
-    app.post_json(&path, &json!({"q_deg": q_deg, "target": 3})).await.problem(422, "unknown_target");
-    app.post(&path, "text/plain", "x").await.problem(415, "unsupported_media_type");
-    assert_eq!(app.post_json(&path, &json!({"q_deg": []})).await.ok(200)["position_mm"], json!([]));
+    app.post_json(&path, &json!({"q_deg": [[0.0]]}))
+        .await
+        .problem(422, "invalid_poses");
+    app.post_json(&path, &json!({"q_deg": q_deg, "target": 3}))
+        .await
+        .problem(422, "unknown_target");
+    app.post(&path, "text/plain", "x")
+        .await
+        .problem(415, "unsupported_media_type");
+    assert_eq!(
+        app.post_json(&path, &json!({"q_deg": []})).await.ok(200)["position_mm"],
+        json!([])
+    );
 }
 
 #[tokio::test]
@@ -157,27 +296,80 @@ async fn after_a_slip_the_reflector_is_predicted_in_either_stretch() {
     for (row, (q, position)) in q_deg.iter().zip(&mut measured).enumerate() {
         let q_rad: Vec<f64> = q.iter().map(|deg| deg.to_radians()).collect();
         let moved = t_base_flange(&links, &q_rad).rotation * slip_mm;
-        (0..3).filter(|_| row >= SLIP_ROW).for_each(|axis| position[axis] += moved[axis]);
+        (0..3)
+            .filter(|_| row >= SLIP_ROW)
+            .for_each(|axis| position[axis] += moved[axis]);
         let subset = if row % 4 == 3 { "verify" } else { "identify" };
-        let numbers: Vec<String> = q.iter().chain(position.iter()).map(f64::to_string).collect();
+        let numbers: Vec<String> = q
+            .iter()
+            .chain(position.iter())
+            .map(f64::to_string)
+            .collect();
         csv += &format!("{subset},{}\n", numbers.join(","));
     }
     let robot = app.paper_robot().await;
-    let set = app.post(&format!("{robot}/measurement-sets?frame=instrument"), "text/csv", csv).await.ok(201);
-    let job = app.run(&robot, &json!({"measurement_set_id": set["id"], "corrections": "off"})).await;
-    let report = app.get(&format!("/v1/jobs/{}/report", text(&job["id"]))).await.ok(200);
-    let moved = report["warnings"].as_array().unwrap().iter().find(|w| w["code"] == "target_moved").expect("the slip is named");
+    let set = app
+        .post(
+            &format!("{robot}/measurement-sets?frame=instrument"),
+            "text/csv",
+            csv,
+        )
+        .await
+        .ok(201);
+    let job = app
+        .run(
+            &robot,
+            &json!({"measurement_set_id": set["id"], "corrections": "off"}),
+        )
+        .await;
+    let report = app
+        .get(&format!("/v1/jobs/{}/report", text(&job["id"])))
+        .await
+        .ok(200);
+    let moved = report["warnings"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .find(|w| w["code"] == "target_moved")
+        .expect("the slip is named");
     assert_eq!(moved["rows"], json!([SLIP_ROW]), "{moved}");
-    let path = format!("/v1/parameter-sets/{}/predict", text(&job["parameter_set_id"]));
-    let predicted = async |body: Value| app.post_json(&path, &body).await.ok(200)["position_mm"].clone();
-    let (first, second) = (predicted(json!({"q_deg": q_deg, "segment": 0})).await, predicted(json!({"q_deg": q_deg, "segment": 1})).await);
-    assert_eq!(predicted(json!({"q_deg": q_deg})).await, second, "the last stretch is where the reflector is now");
+    let path = format!(
+        "/v1/parameter-sets/{}/predict",
+        text(&job["parameter_set_id"])
+    );
+    let predicted =
+        async |body: Value| app.post_json(&path, &body).await.ok(200)["position_mm"].clone();
+    let (first, second) = (
+        predicted(json!({"q_deg": q_deg, "segment": 0})).await,
+        predicted(json!({"q_deg": q_deg, "segment": 1})).await,
+    );
+    assert_eq!(
+        predicted(json!({"q_deg": q_deg})).await,
+        second,
+        "the last stretch is where the reflector is now"
+    );
     for (row, position) in measured.iter().enumerate() {
-        let (own, other) = if row < SLIP_ROW { (&first, &second) } else { (&second, &first) };
-        let distance = |from: &Value| (0..3).map(|axis| (from[row][axis].as_f64().unwrap() - position[axis]).powi(2)).sum::<f64>().sqrt();
-        assert!(distance(own) < 0.01 && distance(other) > 1.9, "row {row}: {} and {}", distance(own), distance(other));
+        let (own, other) = if row < SLIP_ROW {
+            (&first, &second)
+        } else {
+            (&second, &first)
+        };
+        let distance = |from: &Value| {
+            (0..3)
+                .map(|axis| (from[row][axis].as_f64().unwrap() - position[axis]).powi(2))
+                .sum::<f64>()
+                .sqrt()
+        };
+        assert!(
+            distance(own) < 0.01 && distance(other) > 1.9,
+            "row {row}: {} and {}",
+            distance(own),
+            distance(other)
+        );
     }
-    app.post_json(&path, &json!({"q_deg": q_deg, "segment": 2})).await.problem(422, "unknown_target");
+    app.post_json(&path, &json!({"q_deg": q_deg, "segment": 2}))
+        .await
+        .problem(422, "unknown_target");
 }
 
 #[tokio::test]
@@ -189,17 +381,44 @@ async fn uploads_and_predictions_speak_the_controllers_joint_values() {
     (0..6).for_each(|i| coupling[i][i] = 1.0);
     coupling[2][1] = -1.0;
     robot["joint_map"] = json!({"sign": [1, 1, -1, 1, 1, 1], "offset_deg": [0, 0, 10, 0, 0, 0], "coupling": coupling});
-    let path = format!("/v1/robots/{}", text(&app.post_json("/v1/robots", &robot).await.ok(201)["id"]));
+    let path = format!(
+        "/v1/robots/{}",
+        text(&app.post_json("/v1/robots", &robot).await.ok(201)["id"])
+    );
     let (q_model, measured) = first_rows(100);
     let to_controller = |q: &Vec<f64>| [q[0], q[1], -(q[2] - 10.0 + q[1]), q[3], q[4], q[5]];
-    let points: Vec<Value> =
-        q_model.iter().zip(&measured).map(|(q, position)| json!({"q_deg": to_controller(q), "position_mm": position})).collect();
-    let set = app.post_json(&format!("{path}/measurement-sets"), &json!({"frame": "base", "points": points})).await.ok(201);
-    let job = app.run(&path, &json!({"measurement_set_id": set["id"], "method": "least_squares"})).await;
+    let points: Vec<Value> = q_model
+        .iter()
+        .zip(&measured)
+        .map(|(q, position)| json!({"q_deg": to_controller(q), "position_mm": position}))
+        .collect();
+    let set = app
+        .post_json(
+            &format!("{path}/measurement-sets"),
+            &json!({"frame": "base", "points": points}),
+        )
+        .await
+        .ok(201);
+    let job = app
+        .run(
+            &path,
+            &json!({"measurement_set_id": set["id"], "method": "least_squares"}),
+        )
+        .await;
     assert_eq!(job["status"], "succeeded", "{job}");
-    let predict = format!("/v1/parameter-sets/{}/predict", text(&job["parameter_set_id"]));
-    let answer = app.post_json(&predict, &json!({"q_deg": [to_controller(&q_model[3])]})).await.ok(200);
+    let predict = format!(
+        "/v1/parameter-sets/{}/predict",
+        text(&job["parameter_set_id"])
+    );
+    let answer = app
+        .post_json(&predict, &json!({"q_deg": [to_controller(&q_model[3])]}))
+        .await
+        .ok(200);
     for axis in 0..3 {
-        assert!((answer["position_mm"][0][axis].as_f64().unwrap() - measured[3][axis]).abs() < 1e-4, "{answer} and {:?}", measured[3]);
+        assert!(
+            (answer["position_mm"][0][axis].as_f64().unwrap() - measured[3][axis]).abs() < 1e-4,
+            "{answer} and {:?}",
+            measured[3]
+        );
     }
 }

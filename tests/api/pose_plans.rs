@@ -5,7 +5,12 @@ use serde_json::{Value, json};
 async fn a_plan_keeps_to_the_limits_and_adds_to_what_was_measured() {
     let app = TestApp::spawn().await;
     let mut body: Value = serde_json::from_slice(&paper("robot.json")).unwrap();
-    for (link, limit) in body["links"].as_array_mut().unwrap().iter_mut().zip([170.0, 80.0, 90.0, 180.0, 115.0, 300.0]) {
+    for (link, limit) in body["links"]
+        .as_array_mut()
+        .unwrap()
+        .iter_mut()
+        .zip([170.0, 80.0, 90.0, 180.0, 115.0, 300.0])
+    {
         link["joint_limits_deg"] = json!([-limit, limit]);
     }
     let robot = app.post_json("/v1/robots", &body).await.ok(201);
@@ -16,22 +21,42 @@ async fn a_plan_keeps_to_the_limits_and_adds_to_what_was_measured() {
     assert_eq!(plan["configurations"].as_array().unwrap().len(), 12);
     let mut repeating = request.clone();
     repeating["n_repeats"] = json!(2);
-    let repeating = app.post_json(&format!("{path}/pose-plans"), &repeating).await.ok(200);
+    let repeating = app
+        .post_json(&format!("{path}/pose-plans"), &repeating)
+        .await
+        .ok(200);
     assert_eq!(repeating["configurations"][10]["repeats"], 0);
-    assert_eq!(repeating["configurations"][11]["q_deg"], repeating["configurations"][1]["q_deg"]);
+    assert_eq!(
+        repeating["configurations"][11]["q_deg"],
+        repeating["configurations"][1]["q_deg"]
+    );
     for configuration in plan["configurations"].as_array().unwrap() {
-        for (q, link) in configuration["q_deg"].as_array().unwrap().iter().zip(body["links"].as_array().unwrap()) {
+        for (q, link) in configuration["q_deg"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .zip(body["links"].as_array().unwrap())
+        {
             assert!(q.as_f64().unwrap().abs() <= link["joint_limits_deg"][1].as_f64().unwrap());
         }
     }
     let std = |plan: &Value, of: &str| plan[of]["mean"].as_f64().unwrap();
     assert!(std(&plan, "predicted_std_mm") < std(&plan, "predicted_std_mm_random"));
     assert!(plan["observability_index_o1"].as_f64().unwrap() > 0.0);
-    assert_eq!(bytes, app.post_json(&format!("{path}/pose-plans"), &request).await.bytes, "the same request, the same bytes");
+    assert_eq!(
+        bytes,
+        app.post_json(&format!("{path}/pose-plans"), &request)
+            .await
+            .bytes,
+        "the same request, the same bytes"
+    );
     let set = app.upload(&path, "first.csv").await;
     let mut more = request.clone();
     more["measured"] = json!([set]);
-    let after = app.post_json(&format!("{path}/pose-plans"), &more).await.ok(200);
+    let after = app
+        .post_json(&format!("{path}/pose-plans"), &more)
+        .await
+        .ok(200);
     assert!(std(&after, "predicted_std_mm") < std(&plan, "predicted_std_mm"));
 }
 
@@ -40,19 +65,51 @@ async fn a_plan_that_cannot_be_is_refused() {
     let app = TestApp::spawn().await;
     let path = format!("{}/pose-plans", app.paper_robot().await);
     for (body, code, pointer) in [
-        (json!({"n_configurations": 0}), "invalid_plan", "/n_configurations"),
-        (json!({"n_configurations": 301}), "invalid_plan", "/n_configurations"),
-        (json!({"n_configurations": 10, "n_repeats": 6}), "invalid_plan", "/n_repeats"),
-        (json!({"n_configurations": 10, "noise_std_mm": 0}), "invalid_plan", "/noise_std_mm"),
-        (json!({"n_configurations": 10, "boxes": [{"min_mm": [0, 0, 0], "max_mm": [1, 0, 1]}]}), "invalid_plan", "/boxes/0"),
+        (
+            json!({"n_configurations": 0}),
+            "invalid_plan",
+            "/n_configurations",
+        ),
+        (
+            json!({"n_configurations": 301}),
+            "invalid_plan",
+            "/n_configurations",
+        ),
+        (
+            json!({"n_configurations": 10, "n_repeats": 6}),
+            "invalid_plan",
+            "/n_repeats",
+        ),
+        (
+            json!({"n_configurations": 10, "noise_std_mm": 0}),
+            "invalid_plan",
+            "/noise_std_mm",
+        ),
+        (
+            json!({"n_configurations": 10, "boxes": [{"min_mm": [0, 0, 0], "max_mm": [1, 0, 1]}]}),
+            "invalid_plan",
+            "/boxes/0",
+        ),
         (
             json!({"n_configurations": 10, "n_candidates": 100, "boxes": [{"min_mm": [9000, 0, 0], "max_mm": [9001, 1, 1]}]}),
             "too_little_room",
             "/boxes",
         ),
-        (json!({"n_configurations": 10, "measured": ["set_1"]}), "unknown_reference", "/measured/0"),
-        (json!({"n_configurations": 10, "measured": ["set_\u{0}1"]}), "unknown_reference", "/measured/0"),
-        (json!({"n_configurations": 10, "poses": 3}), "invalid_body", "/poses"),
+        (
+            json!({"n_configurations": 10, "measured": ["set_1"]}),
+            "unknown_reference",
+            "/measured/0",
+        ),
+        (
+            json!({"n_configurations": 10, "measured": ["set_\u{0}1"]}),
+            "unknown_reference",
+            "/measured/0",
+        ),
+        (
+            json!({"n_configurations": 10, "poses": 3}),
+            "invalid_body",
+            "/poses",
+        ),
     ] {
         let problem = app.post_json(&path, &body).await.problem(422, code);
         assert_eq!(problem["errors"][0]["pointer"], pointer, "{problem}");

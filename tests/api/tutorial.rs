@@ -9,7 +9,10 @@ use std::process::{Command, Output};
 /// The lines of a text's code blocks.
 pub fn commands(file: &str) -> Vec<String> {
     let text = std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join(file)).unwrap();
-    text.lines().filter_map(|line| line.strip_prefix("    ")).map(str::to_owned).collect()
+    text.lines()
+        .filter_map(|line| line.strip_prefix("    "))
+        .map(str::to_owned)
+        .collect()
 }
 
 /// What a reader puts in place of a word in capitals: the newest of its kind.
@@ -32,9 +35,14 @@ fn script(port: u16) -> String {
         }
         let words: Vec<String> = command.split(' ').map(of_the_reader).collect();
         let command = words.join(" ").replace(":8080", &format!(":{port}"));
-        script += &format!("echo {:?}\n{command}\n", format!("--- {}", command.replace(['$', '"', '`', '\\'], "")));
+        script += &format!(
+            "echo {:?}\n{command}\n",
+            format!("--- {}", command.replace(['$', '"', '`', '\\'], ""))
+        );
         if command == "kincal serve &" {
-            script += &format!("for i in $(seq 200); do curl -s -o /dev/null http://127.0.0.1:{port}/readyz && break; sleep 0.1; done\n");
+            script += &format!(
+                "for i in $(seq 200); do curl -s -o /dev/null http://127.0.0.1:{port}/readyz && break; sleep 0.1; done\n"
+            );
         }
     }
     script
@@ -48,12 +56,27 @@ fn the_tutorial_does_what_it_says() {
         symlink(root.join(name), folder.path().join(name)).unwrap();
     }
     std::fs::create_dir_all(folder.path().join("target/release")).unwrap();
-    symlink(env!("CARGO_BIN_EXE_kincal"), folder.path().join("target/release/kincal")).unwrap();
-    let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+    symlink(
+        env!("CARGO_BIN_EXE_kincal"),
+        folder.path().join("target/release/kincal"),
+    )
+    .unwrap();
+    let port = TcpListener::bind("127.0.0.1:0")
+        .unwrap()
+        .local_addr()
+        .unwrap()
+        .port();
     let server = format!("http://127.0.0.1:{port}");
     let script = script(port);
-    assert!(script.matches("\n--- ").count() == 0 && script.matches("echo \"--- ").count() >= 10, "commands were found:\n{script}");
-    let Output { status, stdout, stderr } = Command::new("timeout")
+    assert!(
+        script.matches("\n--- ").count() == 0 && script.matches("echo \"--- ").count() >= 10,
+        "commands were found:\n{script}"
+    );
+    let Output {
+        status,
+        stdout,
+        stderr,
+    } = Command::new("timeout")
         .args(["300", "bash", "-c", &script])
         .current_dir(folder.path())
         .env("KINCAL_LISTEN", format!("127.0.0.1:{port}"))
@@ -61,20 +84,39 @@ fn the_tutorial_does_what_it_says() {
         .output()
         .unwrap();
     let told = String::from_utf8(stdout).unwrap();
-    assert!(status.success(), "{told}\n{}", String::from_utf8_lossy(&stderr));
+    assert!(
+        status.success(),
+        "{told}\n{}",
+        String::from_utf8_lossy(&stderr)
+    );
 
     // what the text promises of each step
-    for expected in ["verify (50), after", "passed   verify_errors_improved", "is released", "fetched par_", "SHA-256"] {
+    for expected in [
+        "verify (50), after",
+        "passed   verify_errors_improved",
+        "is released",
+        "fetched par_",
+        "SHA-256",
+    ] {
         assert!(told.contains(expected), "{expected}:\n{told}");
     }
-    let parameters: Value = serde_json::from_slice(&std::fs::read(folder.path().join("parameters.json")).unwrap()).unwrap();
+    let parameters: Value =
+        serde_json::from_slice(&std::fs::read(folder.path().join("parameters.json")).unwrap())
+            .unwrap();
     assert_eq!(parameters["links"].as_array().unwrap().len(), 6);
     let page = std::fs::read_to_string(folder.path().join("report.html")).unwrap();
-    let text = std::fs::read_to_string(root.join("docs/tutorial.md")).unwrap().replace('\n', " ");
-    let (_, sentence) = page.split_once("the mean position error fell from ").unwrap();
+    let text = std::fs::read_to_string(root.join("docs/tutorial.md"))
+        .unwrap()
+        .replace('\n', " ");
+    let (_, sentence) = page
+        .split_once("the mean position error fell from ")
+        .unwrap();
     let (before, rest) = sentence.split_once(" mm to <strong>").unwrap();
     let (after, _) = rest.split_once(" mm</strong>").unwrap();
     let number = |text: &str| text.parse::<f64>().unwrap();
     let promised = format!("fell from {:.3} to {:.3} mm", number(before), number(after));
-    assert!(text.contains(&promised), "the text does not say: {promised}");
+    assert!(
+        text.contains(&promised),
+        "the text does not say: {promised}"
+    );
 }

@@ -14,24 +14,47 @@ fn quoted(piece: &str) -> BTreeSet<&str> {
 
 /// The list behind `key = [` in a section.
 fn list(section: &str, key: &str) -> &'static str {
-    let (_, section) = DENY.split_once(&format!("[{section}]\n")).expect("the section");
-    let (_, list) = section.split_once(&format!("\n{key} = [")).expect("the key");
+    let (_, section) = DENY
+        .split_once(&format!("[{section}]\n"))
+        .expect("the section");
+    let (_, list) = section
+        .split_once(&format!("\n{key} = ["))
+        .expect("the key");
     list.split_once("]\n").expect("the list has an end").0
 }
 
 /// All packages that are built here, also for tests.
 fn packages() -> Vec<Value> {
     let here = format!("{}-unknown-linux-gnu", std::env::consts::ARCH);
-    let arguments = ["metadata", "--locked", "--offline", "--format-version", "1", "--filter-platform", &here];
-    let output = Command::new(env!("CARGO")).args(arguments).current_dir(env!("CARGO_MANIFEST_DIR")).output().unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let arguments = [
+        "metadata",
+        "--locked",
+        "--offline",
+        "--format-version",
+        "1",
+        "--filter-platform",
+        &here,
+    ];
+    let output = Command::new(env!("CARGO"))
+        .args(arguments)
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .output()
+        .unwrap();
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
     let metadata: Value = serde_json::from_slice(&output.stdout).unwrap();
     metadata["packages"].as_array().unwrap().clone()
 }
 
 /// Whether this expression of SPDX can be met with these licences. `/` is an old way to write OR; OR binds loosest.
 fn can_be_met(expression: &str, allowed: &BTreeSet<&str>) -> bool {
-    let spaced = expression.replace('/', " OR ").replace('(', " ( ").replace(')', " ) ");
+    let spaced = expression
+        .replace('/', " OR ")
+        .replace('(', " ( ")
+        .replace(')', " ) ");
     let mut words = spaced.split_whitespace().peekable();
     either(&mut words, allowed)
 }
@@ -63,7 +86,8 @@ fn one(words: &mut Words, allowed: &BTreeSet<&str>) -> bool {
     }
     // With an exception it is another licence, which stands for itself in the list or not.
     match words.next_if_eq(&"WITH") {
-        Some(_) => allowed.contains(format!("{word} WITH {}", words.next().expect("an exception")).as_str()),
+        Some(_) => allowed
+            .contains(format!("{word} WITH {}", words.next().expect("an exception")).as_str()),
         None => allowed.contains(word),
     }
 }
@@ -71,7 +95,14 @@ fn one(words: &mut Words, allowed: &BTreeSet<&str>) -> bool {
 #[test]
 fn licences_are_read_as_they_are_meant() {
     let allowed = BTreeSet::from(["MIT", "ISC"]);
-    for good in ["MIT", "MIT OR X", "X/MIT", "X OR (MIT AND ISC)", "(X OR MIT) AND ISC", "X WITH e OR ISC"] {
+    for good in [
+        "MIT",
+        "MIT OR X",
+        "X/MIT",
+        "X OR (MIT AND ISC)",
+        "(X OR MIT) AND ISC",
+        "X WITH e OR ISC",
+    ] {
         assert!(can_be_met(good, &allowed), "{good}");
     }
     for bad in ["X", "MIT AND X", "(X OR MIT) AND Y", "MIT WITH e", "X/Y"] {
@@ -87,22 +118,46 @@ fn each_dependency_has_an_allowed_licence_and_comes_from_where_it_may() {
     assert!(packages.len() > 100 && allowed.contains("MIT") && sources.len() == 1);
     for package in &packages {
         let name = &package["name"];
-        let licence = package["license"].as_str().unwrap_or_else(|| panic!("{name} says no licence"));
+        let licence = package["license"]
+            .as_str()
+            .unwrap_or_else(|| panic!("{name} says no licence"));
         assert!(can_be_met(licence, &allowed), "{name} is {licence}");
         let source = package["source"].as_str();
-        let known = source.is_none_or(|source| source.strip_prefix("registry+").is_some_and(|source| sources.contains(source)));
-        assert!(known && (source.is_some() || name == "kincal"), "{name} comes from {source:?}");
+        let known = source.is_none_or(|source| {
+            source
+                .strip_prefix("registry+")
+                .is_some_and(|source| sources.contains(source))
+        });
+        assert!(
+            known && (source.is_some() || name == "kincal"),
+            "{name} comes from {source:?}"
+        );
     }
 }
 
 #[test]
 fn nothing_is_among_the_dependencies_that_is_forbidden() {
-    let forbidden: BTreeSet<&str> =
-        DENY.split("crate = \"").skip(1).map(|rest| rest.split('"').next().unwrap()).filter(|name| *name != "nalgebra").collect();
+    let forbidden: BTreeSet<&str> = DENY
+        .split("crate = \"")
+        .skip(1)
+        .map(|rest| rest.split('"').next().unwrap())
+        .filter(|name| *name != "nalgebra")
+        .collect();
     assert!(forbidden.len() >= 5, "{forbidden:?}");
     for package in packages() {
-        assert!(!forbidden.contains(package["name"].as_str().unwrap()), "{}", package["name"]);
-        let any = package["dependencies"].as_array().unwrap().iter().any(|dependency| dependency["req"] == "*");
-        assert!(package["name"] != "kincal" || !any, "a dependency of any version");
+        assert!(
+            !forbidden.contains(package["name"].as_str().unwrap()),
+            "{}",
+            package["name"]
+        );
+        let any = package["dependencies"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .any(|dependency| dependency["req"] == "*");
+        assert!(
+            package["name"] != "kincal" || !any,
+            "a dependency of any version"
+        );
     }
 }

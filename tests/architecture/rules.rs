@@ -4,8 +4,17 @@ use crate::source::{Token, UsedPath, production_tokens, starts_with, used_paths}
 use std::fmt;
 
 /// The numeric core, in the order of its dependencies.
-pub const CORE: &[&str] =
-    &["kinematics", "solvers", "measurement", "frames", "identification", "compensation", "planning", "exchange", "calibration"];
+pub const CORE: &[&str] = &[
+    "kinematics",
+    "solvers",
+    "measurement",
+    "frames",
+    "identification",
+    "compensation",
+    "planning",
+    "exchange",
+    "calibration",
+];
 
 /// Which modules each module may use besides itself (ARCHITECTURE.md, "Who may use whom").
 pub const MAY_USE: &[(&str, &[&str])] = &[
@@ -16,7 +25,10 @@ pub const MAY_USE: &[(&str, &[&str])] = &[
     ("identification", &["kinematics", "solvers", "measurement"]),
     ("compensation", &["kinematics", "identification"]),
     ("planning", &["kinematics", "identification"]),
-    ("exchange", &["kinematics", "identification", "compensation"]),
+    (
+        "exchange",
+        &["kinematics", "identification", "compensation"],
+    ),
     ("calibration", CORE),
     ("config", &[]),
     ("telemetry", &["config"]),
@@ -24,14 +36,32 @@ pub const MAY_USE: &[(&str, &[&str])] = &[
     ("store", &["wire"]),
     ("jobs", &["store", "wire", "calibration"]),
     ("report_page", &["wire"]),
-    ("http", &["jobs", "store", "wire", "report_page", "config", "telemetry", "calibration"]),
+    (
+        "http",
+        &[
+            "jobs",
+            "store",
+            "wire",
+            "report_page",
+            "config",
+            "telemetry",
+            "calibration",
+        ],
+    ),
 ];
 
 /// Modules that may use everything: the command line, and the library's root, which only names its parts.
 const UNRESTRICTED: &[&str] = &["cli", "lib"];
 
 /// Crates the core may use. Any other dependency of Cargo.toml is a violation there.
-const CORE_CRATES: &[&str] = &["libm", "nalgebra", "multiversion", "rand", "csv", "thiserror"];
+const CORE_CRATES: &[&str] = &[
+    "libm",
+    "nalgebra",
+    "multiversion",
+    "rand",
+    "csv",
+    "thiserror",
+];
 
 /// Parts of std that reach outside of the computation.
 const CORE_STD_FORBIDDEN: &[&str] = &["env", "fs", "io", "net", "os", "process", "thread", "time"];
@@ -43,12 +73,23 @@ const CORE_STD_ALLOWED: (&str, &str) = ("identification::parallel", "thread");
 const PRINTING_MACROS: &[&str] = &["print", "println", "eprint", "eprintln", "dbg"];
 
 /// Names that bring an order or a number that differs from run to run or from version to version.
-const UNSEEDED: &[&str] = &["HashMap", "HashSet", "RandomState", "ThreadRng", "OsRng", "SysRng", "StdRng", "SmallRng", "from_os_rng"];
+const UNSEEDED: &[&str] = &[
+    "HashMap",
+    "HashSet",
+    "RandomState",
+    "ThreadRng",
+    "OsRng",
+    "SysRng",
+    "StdRng",
+    "SmallRng",
+    "from_os_rng",
+];
 
 /// Methods of f64 whose last bits std leaves to the platform. `sqrt`, `abs`, `mul_add`, rounding and `to_radians` are exact or plain products.
 const PLATFORM_FLOAT_METHODS: &[&str] = &[
-    "sin", "cos", "tan", "sin_cos", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh", "asinh", "acosh", "atanh", "exp", "exp2",
-    "exp_m1", "ln", "ln_1p", "log", "log2", "log10", "powf", "powi", "cbrt", "hypot", "gamma", "ln_gamma",
+    "sin", "cos", "tan", "sin_cos", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh",
+    "asinh", "acosh", "atanh", "exp", "exp2", "exp_m1", "ln", "ln_1p", "log", "log2", "log10",
+    "powf", "powi", "cbrt", "hypot", "gamma", "ln_gamma",
 ];
 
 /// Files aim at 300 lines; above this one a noun is missing.
@@ -88,7 +129,11 @@ pub struct Violation {
 
 impl fmt::Display for Violation {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}:{}: {:?}: {}", self.path, self.line, self.rule, self.detail)
+        write!(
+            f,
+            "{}:{}: {:?}: {}",
+            self.path, self.line, self.rule, self.detail
+        )
     }
 }
 
@@ -115,14 +160,29 @@ pub fn check(path: &str, text: &str, dependencies: &[String]) -> Vec<Violation> 
     }
     let n_lines = text.lines().count();
     if n_lines > MAX_LINES {
-        found.push((Rule::TooLong, n_lines, format!("{n_lines} lines, the limit is {MAX_LINES}: which noun is missing?")));
+        found.push((
+            Rule::TooLong,
+            n_lines,
+            format!("{n_lines} lines, the limit is {MAX_LINES}: which noun is missing?"),
+        ));
     }
-    found.into_iter().map(|(rule, line, detail)| Violation { rule, path: path.into(), line, detail }).collect()
+    found
+        .into_iter()
+        .map(|(rule, line, detail)| Violation {
+            rule,
+            path: path.into(),
+            line,
+            detail,
+        })
+        .collect()
 }
 
 /// `src/http/error.rs` is `http::error`, `src/http/mod.rs` is `http`, `src/lib.rs` is the root.
 fn module_path(path: &str) -> Vec<String> {
-    let inside = path.strip_prefix("src/").unwrap_or(path).trim_end_matches(".rs");
+    let inside = path
+        .strip_prefix("src/")
+        .unwrap_or(path)
+        .trim_end_matches(".rs");
     let mut names: Vec<String> = inside.split('/').map(String::from).collect();
     if names.last().is_some_and(|last| last == "mod") || names == ["lib"] {
         names.pop();
@@ -131,23 +191,42 @@ fn module_path(path: &str) -> Vec<String> {
 }
 
 fn may_use(owner: &str) -> Option<&'static [&'static str]> {
-    MAY_USE.iter().find(|(module, _)| *module == owner).map(|(_, uses)| *uses)
+    MAY_USE
+        .iter()
+        .find(|(module, _)| *module == owner)
+        .map(|(_, uses)| *uses)
 }
 
-fn check_dependency(owner: &str, module: &[String], used: &UsedPath) -> Option<(Rule, usize, String)> {
-    let allowed = if owner == "main" { &["cli"] } else { may_use(owner)? };
+fn check_dependency(
+    owner: &str,
+    module: &[String],
+    used: &UsedPath,
+) -> Option<(Rule, usize, String)> {
+    let allowed = if owner == "main" {
+        &["cli"]
+    } else {
+        may_use(owner)?
+    };
     let written = used.segments.join("::");
     let target = match target_module(module, used) {
         Target::Elsewhere => return None,
         Target::Root => {
-            return Some((Rule::Dependency, used.line, format!("`{written}` names the whole library: name the module that is meant")));
+            return Some((
+                Rule::Dependency,
+                used.line,
+                format!("`{written}` names the whole library: name the module that is meant"),
+            ));
         }
         Target::Module(name) => name,
     };
     if target == owner || allowed.contains(&target.as_str()) {
         return None;
     }
-    Some((Rule::Dependency, used.line, format!("`{owner}` may use {allowed:?}, but this is `{target}` (`{written}`)")))
+    Some((
+        Rule::Dependency,
+        used.line,
+        format!("`{owner}` may use {allowed:?}, but this is `{target}` (`{written}`)"),
+    ))
 }
 
 enum Target {
@@ -182,27 +261,49 @@ fn target_module(module: &[String], used: &UsedPath) -> Target {
     }
 }
 
-fn check_crate(module: &[String], used: &UsedPath, dependencies: &[String]) -> Option<(Rule, usize, String)> {
+fn check_crate(
+    module: &[String],
+    used: &UsedPath,
+    dependencies: &[String],
+) -> Option<(Rule, usize, String)> {
     let (root, written) = (used.segments[0].as_str(), used.segments.join("::"));
     let owner = module.first().map_or("lib", String::as_str);
     let core = CORE.contains(&owner);
     if core && ["std", "core", "alloc"].contains(&root) {
         let part = used.segments.get(1).map_or("", String::as_str);
         let is_allowed = (module.join("::").as_str(), part) == CORE_STD_ALLOWED;
-        return (CORE_STD_FORBIDDEN.contains(&part) && !is_allowed)
-            .then(|| (Rule::CoreStd, used.line, format!("`{written}`: the core has no clock, files, environment or threads")));
+        return (CORE_STD_FORBIDDEN.contains(&part) && !is_allowed).then(|| {
+            (
+                Rule::CoreStd,
+                used.line,
+                format!("`{written}`: the core has no clock, files, environment or threads"),
+            )
+        });
     }
     if !dependencies.iter().any(|name| name == root) {
         return None;
     }
     if core && ["serde", "serde_json", "utoipa"].contains(&root) {
-        return Some((Rule::CoreSerialize, used.line, format!("`{written}`: the JSON shapes are wire's")));
+        return Some((
+            Rule::CoreSerialize,
+            used.line,
+            format!("`{written}`: the JSON shapes are wire's"),
+        ));
     }
     if core && !CORE_CRATES.contains(&root) {
-        return Some((Rule::CoreCrate, used.line, format!("`{written}`: the core may use {CORE_CRATES:?}")));
+        return Some((
+            Rule::CoreCrate,
+            used.line,
+            format!("`{written}`: the core may use {CORE_CRATES:?}"),
+        ));
     }
-    (["sqlx", "sqlx_core", "rusqlite"].contains(&root) && owner != "store")
-        .then(|| (Rule::SqlOutsideStore, used.line, format!("`{written}`: all SQL is in store")))
+    (["sqlx", "sqlx_core", "rusqlite"].contains(&root) && owner != "store").then(|| {
+        (
+            Rule::SqlOutsideStore,
+            used.line,
+            format!("`{written}`: all SQL is in store"),
+        )
+    })
 }
 
 fn check_core_tokens(tokens: &[Token]) -> Vec<(Rule, usize, String)> {
@@ -211,10 +312,16 @@ fn check_core_tokens(tokens: &[Token]) -> Vec<(Rule, usize, String)> {
         let name = token.text.as_str();
         let next = tokens.get(i + 1).map_or("", |t| t.text.as_str());
         if PRINTING_MACROS.contains(&name) && next == "!" {
-            found.push((Rule::CorePrints, token.line, format!("`{name}!`: progress leaves the core through the monitor")));
+            found.push((
+                Rule::CorePrints,
+                token.line,
+                format!("`{name}!`: progress leaves the core through the monitor"),
+            ));
         }
         if UNSEEDED.contains(&name)
-            || (name == "rand" && (starts_with(&tokens[i + 1..], &["::", "rng"]) || starts_with(&tokens[i + 1..], &["::", "random"])))
+            || (name == "rand"
+                && (starts_with(&tokens[i + 1..], &["::", "rng"])
+                    || starts_with(&tokens[i + 1..], &["::", "random"])))
         {
             found.push((
                 Rule::Unseeded,
@@ -223,7 +330,11 @@ fn check_core_tokens(tokens: &[Token]) -> Vec<(Rule, usize, String)> {
             ));
         }
         if (name == "Serialize" || name == "Deserialize") && next != "::" {
-            found.push((Rule::CoreSerialize, token.line, format!("`{name}`: the JSON shapes are wire's")));
+            found.push((
+                Rule::CoreSerialize,
+                token.line,
+                format!("`{name}`: the JSON shapes are wire's"),
+            ));
         }
         if PLATFORM_FLOAT_METHODS.contains(&name) && is_float_method(tokens, i) {
             found.push((Rule::PlatformFloat, token.line, format!("`{name}` of std differs between platforms: libm::{name}, or a plain product for powi (for a method of nalgebra's write the type in front, `Rotation3::powf(&r, t)`)")));
@@ -242,7 +353,10 @@ fn is_float_method(tokens: &[Token], i: usize) -> bool {
 
 /// The crates under `[dependencies]`, as Rust spells them.
 pub fn dependencies(manifest: &str) -> Vec<String> {
-    let section = manifest.lines().skip_while(|line| line.trim() != "[dependencies]").skip(1);
+    let section = manifest
+        .lines()
+        .skip_while(|line| line.trim() != "[dependencies]")
+        .skip(1);
     let entries = section.take_while(|line| !line.starts_with('['));
     entries
         .filter_map(|line| line.split_once('='))
@@ -253,14 +367,26 @@ pub fn dependencies(manifest: &str) -> Vec<String> {
 
 /// What the manifest must say so that no dependency chooses instructions or random numbers by machine.
 pub fn check_manifest(manifest: &str) -> Vec<String> {
-    let line = |name: &str| manifest.lines().find(|line| line.starts_with(&format!("{name} ="))).unwrap_or("").to_owned();
+    let line = |name: &str| {
+        manifest
+            .lines()
+            .find(|line| line.starts_with(&format!("{name} =")))
+            .unwrap_or("")
+            .to_owned()
+    };
     let mut found = Vec::new();
     let nalgebra = line("nalgebra");
-    if !nalgebra.contains("default-features = false") || !nalgebra.contains("\"libm-force\"") || nalgebra.contains("\"std\"") {
+    if !nalgebra.contains("default-features = false")
+        || !nalgebra.contains("\"libm-force\"")
+        || nalgebra.contains("\"std\"")
+    {
         found.push("nalgebra must be built without `std` and with `libm-force`".to_owned());
     }
     if !line("rand").contains("default-features = false") {
-        found.push("rand must be built without its default features (thread_rng, OS randomness)".to_owned());
+        found.push(
+            "rand must be built without its default features (thread_rng, OS randomness)"
+                .to_owned(),
+        );
     }
     found
 }

@@ -11,12 +11,17 @@ pub struct Token {
 
 impl Token {
     fn is_ident(&self) -> bool {
-        self.text.starts_with(|c: char| c.is_alphabetic() || c == '_')
+        self.text
+            .starts_with(|c: char| c.is_alphabetic() || c == '_')
     }
 
     /// An identifier that can stand in a path: `use ::std` starts one, `a::std` does not.
     fn is_name(&self) -> bool {
-        self.is_ident() && !["use", "in", "as", "impl", "for", "dyn", "mut", "return", "match", "if", "else"].contains(&self.text.as_str())
+        self.is_ident()
+            && ![
+                "use", "in", "as", "impl", "for", "dyn", "mut", "return", "match", "if", "else",
+            ]
+            .contains(&self.text.as_str())
     }
 }
 
@@ -52,7 +57,11 @@ fn without_comments_and_literals(text: &str) -> String {
             out.push(chars[i]);
             i += 1;
         } else {
-            out.extend(chars[i..end].iter().map(|&c| if c == '\n' { '\n' } else { ' ' }));
+            out.extend(
+                chars[i..end]
+                    .iter()
+                    .map(|&c| if c == '\n' { '\n' } else { ' ' }),
+            );
             i = end;
         }
     }
@@ -64,7 +73,9 @@ fn after_ident(chars: &[char], i: usize) -> bool {
 }
 
 fn line_end(chars: &[char], from: usize) -> usize {
-    (from..chars.len()).find(|&i| chars[i] == '\n').unwrap_or(chars.len())
+    (from..chars.len())
+        .find(|&i| chars[i] == '\n')
+        .unwrap_or(chars.len())
 }
 
 fn block_comment_end(chars: &[char], from: usize) -> usize {
@@ -95,9 +106,15 @@ fn string_end(chars: &[char], from: usize) -> usize {
 /// `'x'` and `'\n'` are literals, `'a` is a lifetime: for the latter `from` itself comes back.
 fn char_literal_end(chars: &[char], from: usize) -> usize {
     if chars.get(from + 1) == Some(&'\\') {
-        return (from + 3..chars.len()).find(|&i| chars[i] == '\'').map_or(chars.len(), |i| i + 1);
+        return (from + 3..chars.len())
+            .find(|&i| chars[i] == '\'')
+            .map_or(chars.len(), |i| i + 1);
     }
-    if chars.get(from + 2) == Some(&'\'') { from + 3 } else { from }
+    if chars.get(from + 2) == Some(&'\'') {
+        from + 3
+    } else {
+        from
+    }
 }
 
 /// `r"…"`, `r#"…"#`, `b"…"`, `br#"…"#`, `c"…"`; `from` itself if it is none of them.
@@ -115,8 +132,12 @@ fn prefixed_string_end(chars: &[char], from: usize) -> usize {
     if !raw {
         return string_end(chars, inside);
     }
-    let closes = |&at: &usize| chars[at] == '"' && chars[at + 1..].iter().take_while(|&&c| c == '#').count() >= hashes;
-    (inside..chars.len()).find(closes).map_or(chars.len(), |at| at + 1 + hashes)
+    let closes = |&at: &usize| {
+        chars[at] == '"' && chars[at + 1..].iter().take_while(|&&c| c == '#').count() >= hashes
+    };
+    (inside..chars.len())
+        .find(closes)
+        .map_or(chars.len(), |at| at + 1 + hashes)
 }
 
 fn tokens(code: &str) -> Vec<Token> {
@@ -137,7 +158,10 @@ fn tokens(code: &str) -> Vec<Token> {
                 i += 1;
             }
             if !chars[start].is_whitespace() {
-                out.push(Token { text: chars[start..i].iter().collect(), line });
+                out.push(Token {
+                    text: chars[start..i].iter().collect(),
+                    line,
+                });
             }
         }
     }
@@ -164,7 +188,9 @@ fn without_test_items(tokens: &[Token]) -> Vec<Token> {
 
 fn is_cfg_test(attribute: &[Token]) -> bool {
     let arguments = || attribute.iter().take_while(|t| t.text != "]");
-    starts_with(attribute, &["cfg", "("]) && arguments().any(|t| t.text == "test") && !arguments().any(|t| t.text == "not")
+    starts_with(attribute, &["cfg", "("])
+        && arguments().any(|t| t.text == "test")
+        && !arguments().any(|t| t.text == "not")
 }
 
 /// One past the item that starts at `from`: its block, or its semicolon if that comes first.
@@ -198,7 +224,11 @@ fn group_end(tokens: &[Token], open: usize) -> usize {
 }
 
 pub fn starts_with(tokens: &[Token], texts: &[&str]) -> bool {
-    tokens.len() >= texts.len() && tokens.iter().zip(texts).all(|(token, text)| token.text == *text)
+    tokens.len() >= texts.len()
+        && tokens
+            .iter()
+            .zip(texts)
+            .all(|(token, text)| token.text == *text)
 }
 
 /// Every path that the tokens spell, also those of a single name after `use` or `extern crate`.
@@ -214,11 +244,18 @@ pub fn used_paths(tokens: &[Token]) -> Vec<UsedPath> {
                 depth -= 1;
                 inline.retain(|(_, opened_at)| *opened_at < depth + 1);
             }
-            "mod" if tokens.get(i + 2).is_some_and(|t| t.text == "{") => inline.push((tokens[i + 1].text.clone(), depth + 1)),
+            "mod" if tokens.get(i + 2).is_some_and(|t| t.text == "{") => {
+                inline.push((tokens[i + 1].text.clone(), depth + 1))
+            }
             _ if starts_path(tokens, i) => {
-                let inline_modules: Vec<String> = inline.iter().map(|(name, _)| name.clone()).collect();
+                let inline_modules: Vec<String> =
+                    inline.iter().map(|(name, _)| name.clone()).collect();
                 let (found, end) = path_tree(tokens, i, &[]);
-                out.extend(found.into_iter().map(|(segments, line)| UsedPath { segments, inline_modules: inline_modules.clone(), line }));
+                out.extend(found.into_iter().map(|(segments, line)| UsedPath {
+                    segments,
+                    inline_modules: inline_modules.clone(),
+                    line,
+                }));
                 i = end;
                 continue;
             }
@@ -231,14 +268,20 @@ pub fn used_paths(tokens: &[Token]) -> Vec<UsedPath> {
 
 fn starts_path(tokens: &[Token], i: usize) -> bool {
     let before = |n: usize| i.checked_sub(n).map(|at| tokens[at].text.as_str());
-    let continues = before(1) == Some("::") && i >= 2 && (tokens[i - 2].is_name() || tokens[i - 2].text == ">");
-    let imported = before(1) == Some("use") || (before(1) == Some("crate") && before(2) == Some("extern"));
+    let continues =
+        before(1) == Some("::") && i >= 2 && (tokens[i - 2].is_name() || tokens[i - 2].text == ">");
+    let imported =
+        before(1) == Some("use") || (before(1) == Some("crate") && before(2) == Some("extern"));
     let longer = tokens.get(i + 1).is_some_and(|t| t.text == "::");
     tokens[i].is_name() && !continues && (longer || imported)
 }
 
 /// Reads `a::b`, `a::{b, c::d}`, `a::*` at `from`, with `prefix` in front: the paths, and one past the last token read.
-fn path_tree(tokens: &[Token], from: usize, prefix: &[String]) -> (Vec<(Vec<String>, usize)>, usize) {
+fn path_tree(
+    tokens: &[Token],
+    from: usize,
+    prefix: &[String],
+) -> (Vec<(Vec<String>, usize)>, usize) {
     let mut segments = prefix.to_vec();
     let mut i = from;
     let line = tokens[from].line;
@@ -260,7 +303,11 @@ fn path_tree(tokens: &[Token], from: usize, prefix: &[String]) -> (Vec<(Vec<Stri
     }
 }
 
-fn group_of_paths(tokens: &[Token], open: usize, prefix: &[String]) -> (Vec<(Vec<String>, usize)>, usize) {
+fn group_of_paths(
+    tokens: &[Token],
+    open: usize,
+    prefix: &[String],
+) -> (Vec<(Vec<String>, usize)>, usize) {
     let end = group_end(tokens, open);
     let mut out = Vec::new();
     let mut i = open + 1;

@@ -4,18 +4,33 @@ const WORDS: &str = include_str!("../../web/words.js");
 
 /// The codes that a table of `web/words.js` has words for.
 pub fn worded(table: &str) -> Vec<&'static str> {
-    let (_, rest) = WORDS.split_once(&format!("export const {table} = {{\n")).unwrap_or_else(|| panic!("no table {table}"));
+    let (_, rest) = WORDS
+        .split_once(&format!("export const {table} = {{\n"))
+        .unwrap_or_else(|| panic!("no table {table}"));
     let (body, _) = rest.split_once("\n};").unwrap();
-    body.lines().map(|line| line.trim().split_once(": \"").unwrap_or_else(|| panic!("not a code with its words: {line}")).0).collect()
+    body.lines()
+        .map(|line| {
+            line.trim()
+                .split_once(": \"")
+                .unwrap_or_else(|| panic!("not a code with its words: {line}"))
+                .0
+        })
+        .collect()
 }
 
 /// Codes of the warnings that a file can give: `code: "…"`, `warning("…"`, and `("…", "words")` that a code is chosen from, in files that speak of
 /// warnings or of what an upload is suspected of.
 pub fn warnings(text: &str) -> Vec<&str> {
-    if !["Warning", "Finding::Odd", "warning("].iter().any(|word| text.contains(word)) {
+    if !["Warning", "Finding::Odd", "warning("]
+        .iter()
+        .any(|word| text.contains(word))
+    {
         return vec![];
     }
-    literals(text).filter(|(before, _, after)| is_code(before) || is_chosen(before, after)).map(|(_, code, _)| code).collect()
+    literals(text)
+        .filter(|(before, _, after)| is_code(before) || is_chosen(before, after))
+        .map(|(_, code, _)| code)
+        .collect()
 }
 
 fn is_code(before: &str) -> bool {
@@ -23,7 +38,9 @@ fn is_code(before: &str) -> bool {
 }
 
 fn is_chosen(before: &str, after: &str) -> bool {
-    let opens = before.strip_suffix('(').is_some_and(|rest| !rest.ends_with(|c: char| c.is_alphanumeric() || c == '_' || c == '!'));
+    let opens = before
+        .strip_suffix('(')
+        .is_some_and(|rest| !rest.ends_with(|c: char| c.is_alphanumeric() || c == '_' || c == '!'));
     let next = after.strip_prefix(',').unwrap_or_default().trim_start();
     opens && (next.starts_with('"') || next.starts_with("format!"))
 }
@@ -46,7 +63,15 @@ fn literals(text: &str) -> impl Iterator<Item = (&str, &str, &str)> {
     pairs.into_iter().filter_map(move |(from, to)| {
         let literal = &text[from + 1..to];
         let plain = literal.starts_with(|c: char| c.is_ascii_lowercase())
-            && literal.chars().all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_');
-        plain.then(|| (text[..from].trim_end(), literal, text[to + 1..].trim_start()))
+            && literal
+                .chars()
+                .all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_');
+        plain.then(|| {
+            (
+                text[..from].trim_end(),
+                literal,
+                text[to + 1..].trim_start(),
+            )
+        })
     })
 }

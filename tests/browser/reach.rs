@@ -8,11 +8,17 @@ use thirtyfour::Key;
 
 #[test]
 fn every_page_is_accessible_in_both_themes_and_fits_a_tablet() {
-    let Some(driver) = Driver::start() else { return };
+    let Some(driver) = Driver::start() else {
+        return;
+    };
     let hall = Hall::open();
     let robot = hall.robot("Cell 6, handling", "ER20-0119");
     let mut last = Value::Null;
-    for (file, method) in [("first_noisy.csv", "pso"), ("followup_unchanged.csv", "bpnn_pso"), ("followup_drifted.csv", "bpnn_pso")] {
+    for (file, method) in [
+        ("first_noisy.csv", "pso"),
+        ("followup_unchanged.csv", "bpnn_pso"),
+        ("followup_drifted.csv", "bpnn_pso"),
+    ] {
         last = hall.calibrated(&robot, &hall.set(&robot, file, file), method);
         if file == "first_noisy.csv" {
             hall.release(&last, "the first one");
@@ -23,7 +29,11 @@ fn every_page_is_accessible_in_both_themes_and_fits_a_tablet() {
     let key = hall.key(&["admin"]);
     in_browser(&driver, &hall.server, async |browser: &Browser| {
         browser.go("/").await;
-        assert_eq!(browser.accessibility().await, Vec::<String>::new(), "sign in");
+        assert_eq!(
+            browser.accessibility().await,
+            Vec::<String>::new(),
+            "sign in"
+        );
         browser.picture("sign-in", Picture::Whole).await;
         sign_in(browser, &key).await;
         browser.until_it_says("newer result to review").await;
@@ -38,11 +48,23 @@ fn every_page_is_accessible_in_both_themes_and_fits_a_tablet() {
             for (name, path) in &pages {
                 browser.go(path).await;
                 let shape = if dark { "tablet" } else { "desktop" };
-                assert_eq!(browser.accessibility().await, Vec::<String>::new(), "{name} on a {shape}");
-                let too_wide = browser.run("return document.documentElement.scrollWidth > innerWidth").await;
+                assert_eq!(
+                    browser.accessibility().await,
+                    Vec::<String>::new(),
+                    "{name} on a {shape}"
+                );
+                let too_wide = browser
+                    .run("return document.documentElement.scrollWidth > innerWidth")
+                    .await;
                 assert_eq!(too_wide, false, "{name} on a {shape}");
-                assert_eq!(hidden_by_scrolling(browser).await, json!([]), "{name} on a {shape}: tables that are cut off");
-                browser.picture(&format!("{name}-{shape}"), Picture::Whole).await;
+                assert_eq!(
+                    hidden_by_scrolling(browser).await,
+                    json!([]),
+                    "{name} on a {shape}: tables that are cut off"
+                );
+                browser
+                    .picture(&format!("{name}-{shape}"), Picture::Whole)
+                    .await;
                 if *name == "robot" && !dark {
                     browser.picture("robot", Picture::Top(1168)).await;
                 }
@@ -59,17 +81,31 @@ async fn hidden_by_scrolling(browser: &Browser) -> Value {
 
 #[test]
 fn everything_is_within_reach_of_the_keyboard() {
-    let Some(driver) = Driver::start() else { return };
+    let Some(driver) = Driver::start() else {
+        return;
+    };
     let hall = Hall::open();
     let robot = hall.robot("Cell 8", "ER20-0121");
-    let job = hall.calibrated(&robot, &hall.set(&robot, "first_noisy.csv", "first"), "least_squares");
+    let job = hall.calibrated(
+        &robot,
+        &hall.set(&robot, "first_noisy.csv", "first"),
+        "least_squares",
+    );
     let key = hall.key(&["admin"]);
     in_browser(&driver, &hall.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
         browser.until_it_says("result to review").await;
-        for hash in ["#/".to_owned(), format!("#/robots/{robot}"), format!("#/jobs/{}", job["id"].as_str().unwrap())] {
-            browser.run(&format!("location.hash = {}", json!(hash))).await;
-            browser.until("!document.querySelector('[aria-busy]')").await;
+        for hash in [
+            "#/".to_owned(),
+            format!("#/robots/{robot}"),
+            format!("#/jobs/{}", job["id"].as_str().unwrap()),
+        ] {
+            browser
+                .run(&format!("location.hash = {}", json!(hash)))
+                .await;
+            browser
+                .until("!document.querySelector('[aria-busy]')")
+                .await;
             browser.settled().await;
             assert_eq!(out_of_reach(browser).await, Vec::<String>::new(), "{hash}");
         }
@@ -83,7 +119,9 @@ fn everything_is_within_reach_of_the_keyboard() {
         browser.until_it_says("now uses this set").await;
         browser.assert_quiet(&[]).await;
     });
-    let (_, active) = hall.server.get(&format!("/v1/robots/{robot}/parameter-sets/active"));
+    let (_, active) = hall
+        .server
+        .get(&format!("/v1/robots/{robot}/parameter-sets/active"));
     assert_eq!(active["id"], job["parameter_set_id"]);
 }
 
@@ -103,6 +141,12 @@ async fn out_of_reach(browser: &Browser) -> Vec<String> {
             return vec![];
         }
     }
-    let left = browser.run("return window.waiting.map((e) => e.outerHTML.slice(0, 120))").await;
-    left.as_array().unwrap().iter().map(|html| html.as_str().unwrap().to_owned()).collect()
+    let left = browser
+        .run("return window.waiting.map((e) => e.outerHTML.slice(0, 120))")
+        .await;
+    left.as_array()
+        .unwrap()
+        .iter()
+        .map(|html| html.as_str().unwrap().to_owned())
+        .collect()
 }

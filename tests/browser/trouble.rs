@@ -12,7 +12,9 @@ const LISTED: usize = 200;
 
 #[test]
 fn a_key_that_opens_nothing_leads_back_to_the_sign_in() {
-    let Some(driver) = Driver::start() else { return };
+    let Some(driver) = Driver::start() else {
+        return;
+    };
     let hall = Hall::open();
     hall.robot("Cell 1", "ER20-0101");
     let (no_reader, reader) = (hall.key(&["upload"]), hall.key(&["read"]));
@@ -20,7 +22,10 @@ fn a_key_that_opens_nothing_leads_back_to_the_sign_in() {
         sign_in(browser, &no_reader).await;
         browser.until_it_says("This key may not read").await;
         // as an editor or a chat makes of a key what looks like one
-        for (wrong, said) in [("kincal_„ключ“", "This is not a key"), ("kincal_é", "This is not a key")] {
+        for (wrong, said) in [
+            ("kincal_„ключ“", "This is not a key"),
+            ("kincal_é", "This is not a key"),
+        ] {
             browser.until("document.activeElement.id === 'key'").await;
             browser.press(wrong).await;
             browser.press(Key::Enter).await;
@@ -37,12 +42,17 @@ fn a_key_that_opens_nothing_leads_back_to_the_sign_in() {
 
 #[test]
 fn a_live_job_outlives_a_restart_of_the_server() {
-    let Some(driver) = Driver::start() else { return };
+    let Some(driver) = Driver::start() else {
+        return;
+    };
     let hall = Hall::open();
     let robot = hall.robot("Cell 2", "ER20-0102");
     let set = hall.set(&robot, "first_noisy.csv", "first");
     let options = json!({"n_particles": 3000, "n_iterations": 10_000, "stop_at_cost_mm2": 0.0});
-    let job = hall.server.job(&robot, &json!({"measurement_set_id": set, "method": "pso", "preset": "paper", "options": options}));
+    let job = hall.server.job(
+        &robot,
+        &json!({"measurement_set_id": set, "method": "pso", "preset": "paper", "options": options}),
+    );
     let key = hall.key(&["read", "identify"]);
     let Hall { server, folder } = hall;
     let url = server.url.clone();
@@ -51,11 +61,24 @@ fn a_live_job_outlives_a_restart_of_the_server() {
     in_browser_at(&driver, &url, async |browser: &Browser| {
         sign_in(browser, &key).await;
         browser.until_it_says("calibrating").await;
-        browser.run(&format!("location.hash = '#/jobs/{job}'")).await;
-        browser.until("document.querySelector('progress')?.value > 5").await;
+        browser
+            .run(&format!("location.hash = '#/jobs/{job}'"))
+            .await;
+        browser
+            .until("document.querySelector('progress')?.value > 5")
+            .await;
         in_place(|| server.take().unwrap().terminate());
-        browser.until_it_says("The server does not answer. This page waits for it").await;
-        let mut command = kincal(&["serve", "--listen", url.strip_prefix("http://").unwrap(), "--workers", "1", "--data-dir"]);
+        browser
+            .until_it_says("The server does not answer. This page waits for it")
+            .await;
+        let mut command = kincal(&[
+            "serve",
+            "--listen",
+            url.strip_prefix("http://").unwrap(),
+            "--workers",
+            "1",
+            "--data-dir",
+        ]);
         command.arg(folder.path().join("data"));
         again = Some(in_place(|| Server::of(command)));
         browser.until_it_says("Iteration ").await;
@@ -67,11 +90,14 @@ fn a_live_job_outlives_a_restart_of_the_server() {
 
 #[test]
 fn the_active_set_is_found_however_many_came_after_it() {
-    let Some(driver) = Driver::start() else { return };
+    let Some(driver) = Driver::start() else {
+        return;
+    };
     let hall = Hall::open();
     let robot = hall.robot("Cell 3", "ER20-0103");
     let set = hall.set(&robot, "first_noisy.csv", "first");
-    let request = json!({"measurement_set_id": set, "method": "least_squares", "corrections": "off"});
+    let request =
+        json!({"measurement_set_id": set, "method": "least_squares", "corrections": "off"});
     let ask = || hall.server.job(&robot, &request);
     let first = hall.server.finished(&ask());
     hall.release(&first, "the first one");
@@ -82,12 +108,21 @@ fn the_active_set_is_found_however_many_came_after_it() {
     in_browser(&driver, &hall.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
         browser.until_it_says("newer result to review").await;
-        let active = browser.run("return document.querySelector('tbody td:nth-child(3)').innerText").await;
+        let active = browser
+            .run("return document.querySelector('tbody td:nth-child(3)').innerText")
+            .await;
         assert_ne!(active, "none");
-        browser.run(&format!("location.hash = '#/robots/{robot}'")).await;
+        browser
+            .run(&format!("location.hash = '#/robots/{robot}'"))
+            .await;
         browser.until_it_says("Error now (active set)").await;
         let path = format!("a[href='#/jobs/{}']", first["id"].as_str().unwrap());
-        let row = browser.run(&format!("return document.querySelector({}).closest('tr').innerText", json!(path))).await;
+        let row = browser
+            .run(&format!(
+                "return document.querySelector({}).closest('tr').innerText",
+                json!(path)
+            ))
+            .await;
         assert!(row.as_str().unwrap().contains("released"), "{row}");
         browser.assert_quiet(&[]).await;
     });
@@ -95,12 +130,15 @@ fn the_active_set_is_found_however_many_came_after_it() {
 
 #[test]
 fn what_cannot_be_fetched_is_said_and_robots_are_listed_once() {
-    let Some(driver) = Driver::start() else { return };
+    let Some(driver) = Driver::start() else {
+        return;
+    };
     let hall = Hall::open();
     let robot = hall.robot("Cell 4", "ER20-0104");
     let text = json_set();
     let path = format!("/v1/robots/{robot}/measurement-sets?frame=base&name=by%20hand");
-    hall.server.create(&path, "application/json", text.clone().into_bytes());
+    hall.server
+        .create(&path, "application/json", text.clone().into_bytes());
     for i in 0..24 {
         hall.robot(&format!("Other {i}"), &format!("ER20-1{i:03}"));
     }
@@ -112,29 +150,48 @@ fn what_cannot_be_fetched_is_said_and_robots_are_listed_once() {
             .run("const b = [...document.querySelectorAll('button')].find((b) => b.innerText === 'Show more'); b.click(); b.click()")
             .await;
         browser.until("document.querySelectorAll('tbody tr').length >= 25 && !document.body.innerText.includes('Show more')").await;
-        assert_eq!(browser.run("return document.querySelectorAll('tbody tr').length").await, 25);
+        assert_eq!(
+            browser
+                .run("return document.querySelectorAll('tbody tr').length")
+                .await,
+            25
+        );
 
         let folder = hall.folder.path().join("downloads");
         browser.download_to(&folder).await;
-        browser.run(&format!("location.hash = '#/robots/{robot}'")).await;
+        browser
+            .run(&format!("location.hash = '#/robots/{robot}'"))
+            .await;
         browser.until_it_says("by hand").await;
         browser.button("Download").await.click().await.unwrap();
         let file = folder.join("by hand.json");
         browser.until_there_is(&file).await;
-        assert_eq!(std::fs::read_to_string(file).unwrap(), text, "a JSON upload is a JSON download");
+        assert_eq!(
+            std::fs::read_to_string(file).unwrap(),
+            text,
+            "a JSON upload is a JSON download"
+        );
         browser.assert_quiet(&[]).await;
 
         // as if it had been revoked meanwhile
-        browser.run("sessionStorage.setItem('kincal-key', 'kincal_0000')").await;
+        browser
+            .run("sessionStorage.setItem('kincal-key', 'kincal_0000')")
+            .await;
         browser.button("Download").await.click().await.unwrap();
-        browser.until_it_says("Nothing was downloaded: this key is not known or was revoked").await;
+        browser
+            .until_it_says("Nothing was downloaded: this key is not known or was revoked")
+            .await;
         browser.assert_quiet(&[401]).await;
     });
 }
 
 /// The lines of the paper's first set.
 fn lines() -> Vec<String> {
-    std::fs::read_to_string(data("first_noisy.csv")).unwrap().lines().map(str::to_owned).collect()
+    std::fs::read_to_string(data("first_noisy.csv"))
+        .unwrap()
+        .lines()
+        .map(str::to_owned)
+        .collect()
 }
 
 /// Some points of the paper's first set, as JSON.
@@ -142,7 +199,11 @@ fn json_set() -> String {
     let points: Vec<Value> = lines()[1..]
         .iter()
         .map(|line| {
-            let numbers: Vec<f64> = line.split(',').skip(2).map(|cell| cell.parse().unwrap()).collect();
+            let numbers: Vec<f64> = line
+                .split(',')
+                .skip(2)
+                .map(|cell| cell.parse().unwrap())
+                .collect();
             json!({"q_deg": numbers[..6], "position_mm": numbers[6..]})
         })
         .collect();
@@ -151,7 +212,9 @@ fn json_set() -> String {
 
 #[test]
 fn faults_are_shown_on_the_lines_that_an_editor_has_them_on() {
-    let Some(driver) = Driver::start() else { return };
+    let Some(driver) = Driver::start() else {
+        return;
+    };
     let hall = Hall::open();
     let robot = hall.robot("Cell 5", "ER20-0105");
     let key = hall.key(&["read", "upload"]);
@@ -159,44 +222,78 @@ fn faults_are_shown_on_the_lines_that_an_editor_has_them_on() {
     let of = |i: usize| lines[i].split_once(',').unwrap().1;
     // line 1 is the header; 2: row 0; 3: empty; 4: row 1, spaces; 5 and 6: row 2, in two lines; 7: row 3
     let wrong = of(3).replace(lines[3].rsplit(',').next().unwrap(), "12 mm");
-    let text = format!("{}\n0,{}\n\n   \n\"one\n two\",{}\n2,{wrong}\n", lines[0], of(1), of(2));
+    let text = format!(
+        "{}\n0,{}\n\n   \n\"one\n two\",{}\n2,{wrong}\n",
+        lines[0],
+        of(1),
+        of(2)
+    );
     in_browser(&driver, &hall.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
         browser.until_it_says("not calibrated").await;
-        browser.run(&format!("location.hash = '#/robots/{robot}'")).await;
-        browser.until_it_says("This robot has not been calibrated yet").await;
+        browser
+            .run(&format!("location.hash = '#/robots/{robot}'"))
+            .await;
+        browser
+            .until_it_says("This robot has not been calibrated yet")
+            .await;
         browser.drop_file(".drop", "gaps.csv", &text).await;
         browser.until_it_says("Nothing was stored").await;
         let rows = browser
             .run("return [...document.querySelectorAll('.problem + .caption + .scroll tbody tr')].map((row) => row.innerText)")
             .await;
-        let rows: Vec<String> = rows.as_array().unwrap().iter().map(|row| row.as_str().unwrap().replace('\t', " ")).collect();
-        assert!(rows.iter().any(|row| row.starts_with("1 4 ")), "the line of spaces: {rows:#?}");
-        assert!(rows.iter().any(|row| row.starts_with("3 7 z_mm 12 mm ")), "the cell that is no number: {rows:#?}");
+        let rows: Vec<String> = rows
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(|row| row.as_str().unwrap().replace('\t', " "))
+            .collect();
+        assert!(
+            rows.iter().any(|row| row.starts_with("1 4 ")),
+            "the line of spaces: {rows:#?}"
+        );
+        assert!(
+            rows.iter().any(|row| row.starts_with("3 7 z_mm 12 mm ")),
+            "the cell that is no number: {rows:#?}"
+        );
         browser.assert_quiet(&[422]).await;
     });
 }
 
 #[test]
 fn a_large_set_is_drawn_with_as_many_arrows_as_can_be_told_apart() {
-    let Some(driver) = Driver::start() else { return };
+    let Some(driver) = Driver::start() else {
+        return;
+    };
     let hall = Hall::open();
     let robot = hall.robot("Cell 6", "ER20-0106");
     let lines = lines();
-    let rows = (0..2500).map(|i| format!("{i},{}\n", lines[1 + i % 100].split_once(',').unwrap().1));
+    let rows =
+        (0..2500).map(|i| format!("{i},{}\n", lines[1 + i % 100].split_once(',').unwrap().1));
     let text = format!("{}\n{}", lines[0], rows.collect::<String>());
-    let set = hall.server.create(&format!("/v1/robots/{robot}/measurement-sets?frame=base&name=large"), "text/csv", text.into_bytes());
-    let job = hall.server.job(&robot, &json!({"measurement_set_id": set, "method": "least_squares", "corrections": "off"}));
+    let set = hall.server.create(
+        &format!("/v1/robots/{robot}/measurement-sets?frame=base&name=large"),
+        "text/csv",
+        text.into_bytes(),
+    );
+    let job = hall.server.job(
+        &robot,
+        &json!({"measurement_set_id": set, "method": "least_squares", "corrections": "off"}),
+    );
     hall.server.finished(&job);
     let key = hall.key(&["read"]);
     in_browser(&driver, &hall.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
         browser.until_it_says("result to review").await;
-        browser.run(&format!("location.hash = '#/jobs/{job}'")).await;
+        browser
+            .run(&format!("location.hash = '#/jobs/{job}'"))
+            .await;
         browser
             .until_it_says("Of every 2 neighbouring points only the one with the largest error after calibration is drawn: 1,250 of 2,500.")
             .await;
-        browser.until("document.querySelector('path.before-line')").await;
+        browser
+            .until("document.querySelector('path.before-line')")
+            .await;
         let drawn = "return [...document.querySelectorAll('figure')].find((f) => f.innerText.includes('Seen from above')) \
             .querySelectorAll('path.before-line, circle.before-dot').length";
         assert_eq!(browser.run(drawn).await, 1250);

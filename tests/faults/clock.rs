@@ -19,27 +19,47 @@ struct Clock(File);
 
 impl Clock {
     fn turn(&self, days: i64) {
-        self.0.write_all_at(&(days * 86_400_000_000_000).to_ne_bytes(), 0).unwrap();
+        self.0
+            .write_all_at(&(days * 86_400_000_000_000).to_ne_bytes(), 0)
+            .unwrap();
     }
 }
 
 /// The leases are short and the attempts many: whoever turns the clock forwards ends all leases each time.
 fn serve(data_dir: &Path, library: &Path, clock: &Path) -> Command {
-    let mut command = kincal(&["serve", "--listen", "127.0.0.1:0", "--no-auth", "--workers", "2", "--data-dir"]);
-    command.arg(data_dir).env("LD_PRELOAD", library).env("KINCAL_CLOCK", clock);
-    command.env("KINCAL_LEASE_S", "1").env("KINCAL_MAX_ATTEMPTS", "20");
+    let mut command = kincal(&[
+        "serve",
+        "--listen",
+        "127.0.0.1:0",
+        "--no-auth",
+        "--workers",
+        "2",
+        "--data-dir",
+    ]);
+    command
+        .arg(data_dir)
+        .env("LD_PRELOAD", library)
+        .env("KINCAL_CLOCK", clock);
+    command
+        .env("KINCAL_LEASE_S", "1")
+        .env("KINCAL_MAX_ATTEMPTS", "20");
     command
 }
 
 #[test]
 fn a_clock_that_jumps_by_a_year_gives_no_second_result_and_loses_nothing() {
     let dir = tempfile::tempdir().unwrap();
-    let Some(library) = preload::build(dir.path(), "clock", include_str!("clock.c")) else { return };
+    let Some(library) = preload::build(dir.path(), "clock", include_str!("clock.c")) else {
+        return;
+    };
     let (data_dir, clock_file) = (dir.path().join("data"), dir.path().join("clock"));
     std::fs::write(&clock_file, [0; 8]).unwrap();
     let clock = Clock(File::options().write(true).open(&clock_file).unwrap());
     let mut server = Server::of(serve(&data_dir, &library, &clock_file));
-    let (robot, own) = (server.robot(&paper_path("robot.json")), server.robot(&paper_path("robot.json")));
+    let (robot, own) = (
+        server.robot(&paper_path("robot.json")),
+        server.robot(&paper_path("robot.json")),
+    );
     let set = server.set(&own, &paper_path("first.csv"), "base");
     let load = Load::new();
     let url = server.url.clone();
@@ -52,12 +72,24 @@ fn a_clock_that_jumps_by_a_year_gives_no_second_result_and_loses_nothing() {
             std::thread::sleep(Duration::from_millis(300)); // work at this time
             let begun = Instant::now();
             let (status, job) = server.get(&format!("/v1/jobs/{long}?wait_s=1"));
-            assert!(status == 200 && begun.elapsed() < POLLED_WITHIN, "{status} after {:?}: {job}", begun.elapsed());
+            assert!(
+                status == 200 && begun.elapsed() < POLLED_WITHIN,
+                "{status} after {:?}: {job}",
+                begun.elapsed()
+            );
             let probe = server.set(&own, &paper_path("first.csv"), "base");
-            years.push(server.get(&format!("/v1/measurement-sets/{probe}")).1["created_at"].as_str().unwrap()[..4].to_owned());
+            years.push(
+                server.get(&format!("/v1/measurement-sets/{probe}")).1["created_at"]
+                    .as_str()
+                    .unwrap()[..4]
+                    .to_owned(),
+            );
         }
     });
-    let different = years.iter().collect::<std::collections::BTreeSet<_>>().len();
+    let different = years
+        .iter()
+        .collect::<std::collections::BTreeSet<_>>()
+        .len();
     assert!(different >= 3, "the server saw the clock jump: {years:?}");
     // What was acknowledged before a jump is known after it: the same key makes no second effect.
     resend(&server, &load, &robot);
@@ -69,18 +101,39 @@ fn a_clock_that_jumps_by_a_year_gives_no_second_result_and_loses_nothing() {
     let end = server.finished(&long);
     assert_eq!(end["status"], "succeeded", "{end}");
     let (_, results) = server.get(&format!("/v1/robots/{own}/parameter-sets"));
-    assert_eq!(results["items"].as_array().unwrap().len(), 1, "one job, one result: {results}");
+    assert_eq!(
+        results["items"].as_array().unwrap().len(),
+        1,
+        "one job, one result: {results}"
+    );
     let ledger = load.ledger.lock().unwrap();
     assert!(ledger.refusals.is_empty(), "{:?}", ledger.refusals);
-    eprintln!("{} jumps, years {years:?}: {} uploads, {} jobs", DAYS.len(), ledger.uploads.len(), ledger.jobs.len());
+    eprintln!(
+        "{} jumps, years {years:?}: {} uploads, {} jobs",
+        DAYS.len(),
+        ledger.uploads.len(),
+        ledger.jobs.len()
+    );
     all_is_well(server, &robot, &data_dir, &ledger);
 }
 
 fn resend(server: &Server, load: &Load, robot: &str) {
     let ledger = load.ledger.lock().unwrap();
-    let mut known = ledger.uploads.iter().filter_map(|upload| Some((upload, &upload.acknowledged.as_ref()?.0)));
+    let mut known = ledger
+        .uploads
+        .iter()
+        .filter_map(|upload| Some((upload, &upload.acknowledged.as_ref()?.0)));
     let (upload, id) = known.next().expect("an acknowledged upload");
     let path = format!("/v1/robots/{robot}/measurement-sets?frame=base");
-    let (status, answer) = server.post_with_key(&path, "text/csv", upload.body.clone().into_bytes(), &upload.key);
-    assert_eq!((status, answer["id"].as_str()), (201, Some(id.as_str())), "{answer}");
+    let (status, answer) = server.post_with_key(
+        &path,
+        "text/csv",
+        upload.body.clone().into_bytes(),
+        &upload.key,
+    );
+    assert_eq!(
+        (status, answer["id"].as_str()),
+        (201, Some(id.as_str())),
+        "{answer}"
+    );
 }

@@ -30,16 +30,30 @@ fn a_job_that_takes_its_process_down_each_time_comes_to_an_end_and_others_go_on(
     let poison = server.job(&robot, &poison(&set));
     for death in 1..=MAX_DEATHS {
         let begun = server.begun(&poison);
-        assert_eq!(begun["attempt"], 1, "the death of the process uses up no attempt: {begun}");
+        assert_eq!(
+            begun["attempt"], 1,
+            "the death of the process uses up no attempt: {begun}"
+        );
         assert_eq!(server.end_by("-ABRT").signal(), Some(SIGABRT));
         server = Server::start(dir.path(), 2);
         if death % 5 == 0 {
-            let other = server.job(&robot, &json!({"measurement_set_id": set, "method": "least_squares"}));
-            assert_eq!(server.finished(&other)["status"], "succeeded", "others go on");
+            let other = server.job(
+                &robot,
+                &json!({"measurement_set_id": set, "method": "least_squares"}),
+            );
+            assert_eq!(
+                server.finished(&other)["status"],
+                "succeeded",
+                "others go on"
+            );
         }
     }
     let end = server.finished(&poison);
-    assert_eq!((&end["status"], &end["error"]["code"]), (&json!("failed"), &json!("attempts_exhausted")), "{end}");
+    assert_eq!(
+        (&end["status"], &end["error"]["code"]),
+        (&json!("failed"), &json!("attempts_exhausted")),
+        "{end}"
+    );
     assert!(server.terminate().0.success());
     keeps_its_promises(dir.path());
 }
@@ -47,7 +61,9 @@ fn a_job_that_takes_its_process_down_each_time_comes_to_an_end_and_others_go_on(
 #[test]
 fn a_job_that_takes_its_node_down_each_time_is_tried_as_often_as_allowed_and_others_go_on() {
     for_each_engine(async |database| {
-        let StoreLocation::Postgres { url } = &database.location else { return };
+        let StoreLocation::Postgres { url } = &database.location else {
+            return;
+        };
         // The client of the processes has a runtime of its own, which cannot run within this one.
         std::thread::scope(|scope| scope.spawn(|| takes_nodes_down(url)).join()).unwrap();
     });
@@ -55,7 +71,14 @@ fn a_job_that_takes_its_node_down_each_time_is_tried_as_often_as_allowed_and_oth
 
 fn a_node(url: &str) -> Node {
     let mut command = kincal(&["worker", "--database-url", url, "--workers", "1"]);
-    Node(command.env("KINCAL_LEASE_S", "1").stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap())
+    Node(
+        command
+            .env("KINCAL_LEASE_S", "1")
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap(),
+    )
 }
 
 /// Waits until a node has begun the job for the `attempt`th time: until its lease runs out it still stands there as the last one's.
@@ -78,12 +101,29 @@ fn takes_nodes_down(url: &str) {
         signal("-ABRT", node.0.id());
         assert_eq!(node.0.wait().unwrap().signal(), Some(SIGABRT));
     }
-    let other = server.job(&robot, &json!({"measurement_set_id": set, "method": "least_squares"}));
+    let other = server.job(
+        &robot,
+        &json!({"measurement_set_id": set, "method": "least_squares"}),
+    );
     let _node = a_node(url);
-    assert_eq!(server.finished(&other)["status"], "succeeded", "others go on");
+    assert_eq!(
+        server.finished(&other)["status"],
+        "succeeded",
+        "others go on"
+    );
     let end = server.finished(&poison);
-    assert_eq!((&end["status"], &end["error"]["code"]), (&json!("failed"), &json!("attempts_exhausted")), "{end}");
+    assert_eq!(
+        (&end["status"], &end["error"]["code"]),
+        (&json!("failed"), &json!("attempts_exhausted")),
+        "{end}"
+    );
     drop(server);
-    let checked = kincal(&["verify-store", "--database-url", url]).output().unwrap();
-    assert!(checked.status.success(), "{}", String::from_utf8_lossy(&checked.stdout));
+    let checked = kincal(&["verify-store", "--database-url", url])
+        .output()
+        .unwrap();
+    assert!(
+        checked.status.success(),
+        "{}",
+        String::from_utf8_lossy(&checked.stdout)
+    );
 }

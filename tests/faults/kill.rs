@@ -16,7 +16,10 @@ const STOPPED: Duration = Duration::from_secs(10);
 
 #[test]
 fn a_server_that_is_killed_at_random_moments_loses_nothing_and_does_nothing_twice() {
-    let kills = std::env::var(KILLS).ok().and_then(|text| text.parse().ok()).unwrap_or(KILLS_BY_DEFAULT);
+    let kills = std::env::var(KILLS)
+        .ok()
+        .and_then(|text| text.parse().ok())
+        .unwrap_or(KILLS_BY_DEFAULT);
     let dir = tempfile::tempdir().unwrap();
     let mut random = ChaCha8Rng::seed_from_u64(1);
     let load = Load::new();
@@ -38,8 +41,16 @@ fn a_server_that_is_killed_at_random_moments_loses_nothing_and_does_nothing_twic
     }
     assert!(slowest < READY_AGAIN, "{slowest:?}");
     let ledger = load.ledger.lock().unwrap();
-    eprintln!("{kills} kills: {} uploads, {} jobs, ready again within {slowest:?}", ledger.uploads.len(), ledger.jobs.len());
-    assert!(ledger.uploads.len() > kills && ledger.refusals.is_empty(), "{:?}", ledger.refusals);
+    eprintln!(
+        "{kills} kills: {} uploads, {} jobs, ready again within {slowest:?}",
+        ledger.uploads.len(),
+        ledger.jobs.len()
+    );
+    assert!(
+        ledger.uploads.len() > kills && ledger.refusals.is_empty(),
+        "{:?}",
+        ledger.refusals
+    );
     all_is_well(server, &robot, dir.path(), &ledger);
 }
 
@@ -54,12 +65,19 @@ fn a_server_that_is_asked_to_stop_under_load_answers_what_it_began_and_hands_job
         std::thread::sleep(Duration::from_millis(500)); // load first
         server.terminate()
     });
-    assert!(status.success() && took < STOPPED, "{status} after {took:?}");
+    assert!(
+        status.success() && took < STOPPED,
+        "{status} after {took:?}"
+    );
     let server = Server::start(dir.path(), 2);
     // What was refused at the door, or found it closed, is sent again; what was begun was answered.
     load.retry(&server.url, &robot);
     let ledger = load.ledger.lock().unwrap();
-    eprintln!("stopped in {took:?}: {} uploads, {} jobs", ledger.uploads.len(), ledger.jobs.len());
+    eprintln!(
+        "stopped in {took:?}: {} uploads, {} jobs",
+        ledger.uploads.len(),
+        ledger.jobs.len()
+    );
     all_is_well(server, &robot, dir.path(), &ledger);
 }
 
@@ -74,10 +92,27 @@ fn a_backup_under_load_is_whole_and_can_be_served() {
     load.during(&url, &robot, || {
         for n in 0..3 {
             let to = backups.join(n.to_string());
-            let made = run(&["backup", "--data-dir", data_dir.to_str().unwrap(), to.to_str().unwrap()]);
-            assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
-            let over = run(&["backup", "--data-dir", data_dir.to_str().unwrap(), to.to_str().unwrap()]);
-            assert!(!over.status.success() && String::from_utf8_lossy(&over.stderr).contains("not empty"));
+            let made = run(&[
+                "backup",
+                "--data-dir",
+                data_dir.to_str().unwrap(),
+                to.to_str().unwrap(),
+            ]);
+            assert!(
+                made.status.success(),
+                "{}",
+                String::from_utf8_lossy(&made.stderr)
+            );
+            let over = run(&[
+                "backup",
+                "--data-dir",
+                data_dir.to_str().unwrap(),
+                to.to_str().unwrap(),
+            ]);
+            assert!(
+                !over.status.success()
+                    && String::from_utf8_lossy(&over.stderr).contains("not empty")
+            );
         }
     });
     for n in 0..3 {

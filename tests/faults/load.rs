@@ -48,14 +48,24 @@ pub fn body(serial: usize) -> String {
 
 impl Load {
     pub fn new() -> Self {
-        let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().unwrap();
-        Self { ledger: Arc::default(), runtime, serial: Arc::default() }
+        let runtime = tokio::runtime::Builder::new_multi_thread()
+            .worker_threads(2)
+            .enable_all()
+            .build()
+            .unwrap();
+        Self {
+            ledger: Arc::default(),
+            runtime,
+            serial: Arc::default(),
+        }
     }
 
     /// Runs the uploaders against a server until `work` is done or they are cut off; every eighth upload is calibrated from.
     pub fn during<T>(&self, url: &str, robot: &str, work: impl FnOnce() -> T) -> T {
         let stop = Arc::new(AtomicBool::new(false));
-        let tasks: Vec<_> = (0..UPLOADERS).map(|_| self.runtime.spawn(self.uploader(url, robot, &stop))).collect();
+        let tasks: Vec<_> = (0..UPLOADERS)
+            .map(|_| self.runtime.spawn(self.uploader(url, robot, &stop)))
+            .collect();
         let done = work();
         stop.store(true, Ordering::Relaxed);
         self.runtime.block_on(async {
@@ -66,14 +76,23 @@ impl Load {
         done
     }
 
-    fn uploader(&self, url: &str, robot: &str, stop: &Arc<AtomicBool>) -> impl Future<Output = ()> + Send + 'static {
+    fn uploader(
+        &self,
+        url: &str,
+        robot: &str,
+        stop: &Arc<AtomicBool>,
+    ) -> impl Future<Output = ()> + Send + 'static {
         let (url, robot, stop) = (url.to_owned(), robot.to_owned(), Arc::clone(stop));
         let (ledger, serial) = (Arc::clone(&self.ledger), Arc::clone(&self.serial));
         let client = client();
         async move {
             while !stop.load(Ordering::Relaxed) {
                 let n = serial.fetch_add(1, Ordering::Relaxed);
-                let mut upload = Upload { key: format!("upload-{n}"), body: body(n), acknowledged: None };
+                let mut upload = Upload {
+                    key: format!("upload-{n}"),
+                    body: body(n),
+                    acknowledged: None,
+                };
                 let alive = upload.send(&client, &url, &robot, &ledger).await;
                 let id = upload.acknowledged.as_ref().map(|(id, _)| id.clone());
                 ledger.lock().unwrap().uploads.push(upload);
@@ -81,12 +100,17 @@ impl Load {
                     return;
                 }
                 if let Some(id) = id.filter(|_| n.is_multiple_of(8)) {
-                    let request =
-                        json!({"measurement_set_id": id, "method": "least_squares", "verify": {"source": "fraction", "fraction": 0.4}});
-                    let posted = client.post(format!("{url}/v1/robots/{robot}/jobs")).json(&request).send().await;
+                    let request = json!({"measurement_set_id": id, "method": "least_squares", "verify": {"source": "fraction", "fraction": 0.4}});
+                    let posted = client
+                        .post(format!("{url}/v1/robots/{robot}/jobs"))
+                        .json(&request)
+                        .send()
+                        .await;
                     let Ok(answer) = posted else { return };
                     let status = answer.status().as_u16();
-                    let Ok(job) = answer.json::<Value>().await else { return };
+                    let Ok(job) = answer.json::<Value>().await else {
+                        return;
+                    };
                     match job["id"].as_str() {
                         Some(id) => ledger.lock().unwrap().jobs.push(id.to_owned()),
                         None => ledger.lock().unwrap().refusals.push(status),
@@ -101,9 +125,17 @@ impl Load {
         let mut uploads = std::mem::take(&mut self.ledger.lock().unwrap().uploads);
         self.runtime.block_on(async {
             let client = client();
-            for upload in uploads.iter_mut().filter(|upload| upload.acknowledged.is_none()) {
+            for upload in uploads
+                .iter_mut()
+                .filter(|upload| upload.acknowledged.is_none())
+            {
                 upload.send(&client, url, robot, &self.ledger).await;
-                assert!(upload.acknowledged.is_some(), "{}: a retry is refused: {:?}", upload.key, self.ledger.lock().unwrap().refusals);
+                assert!(
+                    upload.acknowledged.is_some(),
+                    "{}: a retry is refused: {:?}",
+                    upload.key,
+                    self.ledger.lock().unwrap().refusals
+                );
             }
         });
         self.ledger.lock().unwrap().uploads = uploads;
@@ -111,19 +143,39 @@ impl Load {
 }
 
 fn client() -> reqwest::Client {
-    reqwest::Client::builder().no_proxy().timeout(PATIENCE).build().unwrap()
+    reqwest::Client::builder()
+        .no_proxy()
+        .timeout(PATIENCE)
+        .build()
+        .unwrap()
 }
 
 impl Upload {
     /// Whether the server answered at all.
-    async fn send(&mut self, client: &reqwest::Client, url: &str, robot: &str, ledger: &Arc<Mutex<Ledger>>) -> bool {
-        let request = client.post(format!("{url}/v1/robots/{robot}/measurement-sets?frame=base"));
-        let request = request.header("content-type", "text/csv").header("idempotency-key", &self.key).body(self.body.clone());
-        let Ok(answer) = request.send().await else { return false };
+    async fn send(
+        &mut self,
+        client: &reqwest::Client,
+        url: &str,
+        robot: &str,
+        ledger: &Arc<Mutex<Ledger>>,
+    ) -> bool {
+        let request = client.post(format!(
+            "{url}/v1/robots/{robot}/measurement-sets?frame=base"
+        ));
+        let request = request
+            .header("content-type", "text/csv")
+            .header("idempotency-key", &self.key)
+            .body(self.body.clone());
+        let Ok(answer) = request.send().await else {
+            return false;
+        };
         let status = answer.status().as_u16();
-        let Ok(answer) = answer.json::<Value>().await else { return false };
+        let Ok(answer) = answer.json::<Value>().await else {
+            return false;
+        };
         if status == 201 {
-            self.acknowledged = Some((answer["id"].as_str().unwrap().to_owned(), SystemTime::now()));
+            self.acknowledged =
+                Some((answer["id"].as_str().unwrap().to_owned(), SystemTime::now()));
         } else {
             ledger.lock().unwrap().refusals.push(status);
         }
@@ -140,18 +192,40 @@ pub fn all_is_well(server: Server, robot: &str, data_dir: &Path, ledger: &Ledger
     let mut stored = Vec::new();
     let mut cursor = String::new();
     loop {
-        let (_, page) = server.get(&format!("/v1/robots/{robot}/measurement-sets?limit=200{cursor}"));
+        let (_, page) = server.get(&format!(
+            "/v1/robots/{robot}/measurement-sets?limit=200{cursor}"
+        ));
         let items = page["items"].as_array().unwrap();
-        stored.extend(items.iter().map(|set| (set["id"].as_str().unwrap().to_owned(), set["sha256"].as_str().unwrap().to_owned())));
-        let Some(next) = page["next_cursor"].as_str() else { break };
+        stored.extend(items.iter().map(|set| {
+            (
+                set["id"].as_str().unwrap().to_owned(),
+                set["sha256"].as_str().unwrap().to_owned(),
+            )
+        }));
+        let Some(next) = page["next_cursor"].as_str() else {
+            break;
+        };
         cursor = format!("&cursor={next}");
     }
-    let acknowledged = ledger.uploads.iter().filter_map(|upload| Some((upload, &upload.acknowledged.as_ref()?.0)));
-    let mut expected: Vec<(String, String)> =
-        acknowledged.map(|(upload, id)| (id.clone(), kincal::wire::canonical::sha256_hex(upload.body.as_bytes()))).collect();
+    let acknowledged = ledger
+        .uploads
+        .iter()
+        .filter_map(|upload| Some((upload, &upload.acknowledged.as_ref()?.0)));
+    let mut expected: Vec<(String, String)> = acknowledged
+        .map(|(upload, id)| {
+            (
+                id.clone(),
+                kincal::wire::canonical::sha256_hex(upload.body.as_bytes()),
+            )
+        })
+        .collect();
     stored.sort();
     expected.sort();
-    assert_eq!(stored.len(), expected.len(), "as many sets are stored as were acknowledged");
+    assert_eq!(
+        stored.len(),
+        expected.len(),
+        "as many sets are stored as were acknowledged"
+    );
     assert_eq!(stored, expected);
     let (status, _) = server.terminate();
     assert!(status.success(), "{status}");
@@ -162,5 +236,10 @@ pub fn all_is_well(server: Server, robot: &str, data_dir: &Path, ledger: &Ledger
 #[track_caller]
 pub fn keeps_its_promises(data_dir: &Path) {
     let checked = run(&["verify-store", "--data-dir", data_dir.to_str().unwrap()]);
-    assert!(checked.status.success(), "{}{}", String::from_utf8_lossy(&checked.stdout), String::from_utf8_lossy(&checked.stderr));
+    assert!(
+        checked.status.success(),
+        "{}{}",
+        String::from_utf8_lossy(&checked.stdout),
+        String::from_utf8_lossy(&checked.stderr)
+    );
 }

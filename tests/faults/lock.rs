@@ -24,12 +24,19 @@ const WRITERS: usize = 24;
 
 /// Holds a lock in another process's stead, while `during` runs.
 fn locked<T>(url: &str, lock: &'static str, during: impl FnOnce() -> T) -> T {
-    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
+    let runtime = tokio::runtime::Builder::new_multi_thread()
+        .worker_threads(1)
+        .enable_all()
+        .build()
+        .unwrap();
     let mut locker = runtime.block_on(async {
         sqlx::any::install_default_drivers();
         let mut connection = AnyConnection::connect(url).await.unwrap();
         for statement in lock.split("; ") {
-            sqlx::query(statement).execute(&mut connection).await.unwrap();
+            sqlx::query(statement)
+                .execute(&mut connection)
+                .await
+                .unwrap();
         }
         connection
     });
@@ -40,7 +47,10 @@ fn locked<T>(url: &str, lock: &'static str, during: impl FnOnce() -> T) -> T {
 
 /// Writers that come back as often as they are told, and a reader; what they met.
 fn work_on(server: &Server, robot: &str) {
-    let lock_s = std::env::var(LOCKED_S).ok().and_then(|text| text.parse().ok()).unwrap_or(LOCKED_S_BY_DEFAULT);
+    let lock_s = std::env::var(LOCKED_S)
+        .ok()
+        .and_then(|text| text.parse().ok())
+        .unwrap_or(LOCKED_S_BY_DEFAULT);
     let until = Instant::now() + Duration::from_secs(lock_s);
     let (url, over) = (server.url.clone(), AtomicBool::new(false));
     let (told, reads, slowest_read) = std::thread::scope(|scope| {
@@ -62,7 +72,10 @@ fn work_on(server: &Server, robot: &str) {
             std::thread::sleep(Duration::from_millis(50)); // one reader among others
         }
         over.store(true, Ordering::Relaxed);
-        let told: Vec<Duration> = writers.into_iter().flat_map(|writer| writer.join().unwrap()).collect();
+        let told: Vec<Duration> = writers
+            .into_iter()
+            .flat_map(|writer| writer.join().unwrap())
+            .collect();
         (told, reads, slowest)
     });
     let longest = told.iter().max().copied().unwrap_or_default();
@@ -70,20 +83,34 @@ fn work_on(server: &Server, robot: &str) {
         "locked for {lock_s} s: {reads} reads, the slowest {slowest_read:?}; {} writers told to come back, the last after {longest:?}",
         told.len()
     );
-    assert!(told.len() >= WRITERS && longest < TOLD_WITHIN && slowest_read < READ_WITHIN, "{longest:?} {slowest_read:?}");
+    assert!(
+        told.len() >= WRITERS && longest < TOLD_WITHIN && slowest_read < READ_WITHIN,
+        "{longest:?} {slowest_read:?}"
+    );
 }
 
 /// How long each refusal took. Anything but 503 with `Retry-After` is a fault.
 fn told_to_come_back(url: &str, robot: &str, writer: usize, over: &AtomicBool) -> Vec<Duration> {
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+        .unwrap();
     let client = reqwest::Client::builder().no_proxy().build().unwrap();
     let mut refusals = Vec::new();
     while !over.load(Ordering::Relaxed) {
         let begun = Instant::now();
-        let request = client.post(format!("{url}/v1/robots/{robot}/measurement-sets?frame=base")).header("content-type", "text/csv");
+        let request = client
+            .post(format!(
+                "{url}/v1/robots/{robot}/measurement-sets?frame=base"
+            ))
+            .header("content-type", "text/csv");
         let (status, again, text) = runtime.block_on(async {
             let answer = request.body(body(writer)).send().await.unwrap();
-            (answer.status().as_u16(), answer.headers().contains_key("retry-after"), answer.text().await.unwrap())
+            (
+                answer.status().as_u16(),
+                answer.headers().contains_key("retry-after"),
+                answer.text().await.unwrap(),
+            )
         });
         let says_why = text.contains("locks it") || text.contains("no connection");
         assert!(status == 503 && again && says_why, "{status} {text}");
@@ -100,7 +127,11 @@ fn a_database_locked_by_somebody_else_answers_reads_and_tells_writers_to_come_ba
     let (robot, _) = released(&server);
     let url = format!("sqlite://{}", dir.path().join("kincal.sqlite").display());
     locked(&url, "begin exclusive", || work_on(&server, &robot));
-    assert_eq!(upload(&server, &robot, 1).0, 201, "it goes on, without a restart");
+    assert_eq!(
+        upload(&server, &robot, 1).0,
+        201,
+        "it goes on, without a restart"
+    );
     assert!(server.terminate().0.success());
     keeps_its_promises(dir.path());
 }
@@ -108,23 +139,45 @@ fn a_database_locked_by_somebody_else_answers_reads_and_tells_writers_to_come_ba
 #[test]
 fn tables_locked_by_somebody_else_on_postgresql_do_the_same_and_running_jobs_end() {
     for_each_engine(async |database| {
-        let StoreLocation::Postgres { url } = &database.location else { return };
+        let StoreLocation::Postgres { url } = &database.location else {
+            return;
+        };
         // The client of the processes has a runtime of its own, which cannot run within this one.
         std::thread::scope(|scope| scope.spawn(|| on_postgresql(url)).join()).unwrap();
     });
 }
 
 fn on_postgresql(url: &str) {
-    let worker = kincal(&["worker", "--database-url", url, "--workers", "1"]).stdout(std::process::Stdio::null()).spawn().unwrap();
+    let worker = kincal(&["worker", "--database-url", url, "--workers", "1"])
+        .stdout(std::process::Stdio::null())
+        .spawn()
+        .unwrap();
     let _worker = crate::stop::Node(worker);
     let server = on(url);
     let (robot, _) = released(&server);
     let set = server.set(&robot, &paper_path("first.csv"), "base");
-    let job = server.job(&robot, &json!({"measurement_set_id": set, "method": "pso", "options": {"n_iterations": 300}}));
-    locked(url, "begin; lock table measurement_set, job, audit_head in exclusive mode", || work_on(&server, &robot));
-    assert_eq!(upload(&server, &robot, 1).0, 201, "it goes on, without a restart");
+    let job = server.job(
+        &robot,
+        &json!({"measurement_set_id": set, "method": "pso", "options": {"n_iterations": 300}}),
+    );
+    locked(
+        url,
+        "begin; lock table measurement_set, job, audit_head in exclusive mode",
+        || work_on(&server, &robot),
+    );
+    assert_eq!(
+        upload(&server, &robot, 1).0,
+        201,
+        "it goes on, without a restart"
+    );
     assert_eq!(server.finished(&job)["status"], "succeeded");
     drop(server);
-    let checked = kincal(&["verify-store", "--database-url", url]).output().unwrap();
-    assert!(checked.status.success(), "{}", String::from_utf8_lossy(&checked.stdout));
+    let checked = kincal(&["verify-store", "--database-url", url])
+        .output()
+        .unwrap();
+    assert!(
+        checked.status.success(),
+        "{}",
+        String::from_utf8_lossy(&checked.stdout)
+    );
 }

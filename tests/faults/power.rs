@@ -41,24 +41,44 @@ fn read(log: &[u8]) -> Vec<Operation> {
     // A killed process may leave half a record at the end.
     while rest.len() >= 32 {
         let number = |i: usize| u64::from_le_bytes(rest[8 * i..8 * i + 8].try_into().unwrap());
-        let (head, offset, length, at_ns) = (number(0), number(1) as usize, number(2) as usize, number(3));
+        let (head, offset, length, at_ns) =
+            (number(0), number(1) as usize, number(2) as usize, number(3));
         let kind = match head & 0xff {
             1 => Kind::Write,
             2 => Kind::Sync,
             _ => Kind::Truncate,
         };
-        let Some(bytes) = rest.get(32..32 + length) else { break };
-        operations.push(Operation { kind, file: (head >> 8) as usize, offset, at_ns, bytes: bytes.to_vec() });
+        let Some(bytes) = rest.get(32..32 + length) else {
+            break;
+        };
+        operations.push(Operation {
+            kind,
+            file: (head >> 8) as usize,
+            offset,
+            at_ns,
+            bytes: bytes.to_vec(),
+        });
         rest = &rest[32 + length..];
     }
     operations
 }
 
 /// Both files after a power loss behind the first `n` operations.
-fn crash_state(operations: &[Operation], n: usize, log_is_synced: bool, random: &mut ChaCha8Rng) -> [Vec<u8>; 2] {
+fn crash_state(
+    operations: &[Operation],
+    n: usize,
+    log_is_synced: bool,
+    random: &mut ChaCha8Rng,
+) -> [Vec<u8>; 2] {
     let done = &operations[..n];
-    let counts = |o: &Operation, file: usize| o.kind == Kind::Sync && o.file == file && (file == 0 || log_is_synced);
-    let durable = [0, 1].map(|file| done.iter().rposition(|o| counts(o, file)).map_or(0, |last| last + 1));
+    let counts = |o: &Operation, file: usize| {
+        o.kind == Kind::Sync && o.file == file && (file == 0 || log_is_synced)
+    };
+    let durable = [0, 1].map(|file| {
+        done.iter()
+            .rposition(|o| counts(o, file))
+            .map_or(0, |last| last + 1)
+    });
     let mut files = [Vec::new(), Vec::new()];
     for (i, operation) in done.iter().enumerate() {
         let file: &mut Vec<u8> = &mut files[operation.file];
@@ -89,23 +109,36 @@ async fn lost(files: &[Vec<u8>; 2], ledger: &Ledger, before_ns: u64) -> (usize, 
     let path = dir.path().join("kincal.sqlite");
     std::fs::write(&path, &files[0]).unwrap();
     std::fs::write(dir.path().join("kincal.sqlite-wal"), &files[1]).unwrap();
-    let acknowledged = ledger.uploads.iter().filter_map(|upload| upload.acknowledged.as_ref().map(|(id, at)| (id, at, &upload.body)));
+    let acknowledged = ledger.uploads.iter().filter_map(|upload| {
+        upload
+            .acknowledged
+            .as_ref()
+            .map(|(id, at)| (id, at, &upload.body))
+    });
     let expected: Vec<(&String, &String)> = acknowledged
         .filter(|(_, at, _)| (at.duration_since(UNIX_EPOCH).unwrap().as_nanos() as u64) < before_ns)
         .map(|(id, _, body)| (id, body))
         .collect();
     let stored = stored(&path).await.unwrap_or_default();
-    let missing = expected.iter().filter(|(id, body)| stored.get(*id).is_none_or(|bytes| bytes != body.as_bytes())).count();
+    let missing = expected
+        .iter()
+        .filter(|(id, body)| stored.get(*id).is_none_or(|bytes| bytes != body.as_bytes()))
+        .count();
     (missing, expected.len())
 }
 
 async fn stored(path: &Path) -> Result<BTreeMap<String, Vec<u8>>, sqlx::Error> {
-    let mut connection = sqlx::AnyConnection::connect(&format!("sqlite://{}", path.display())).await?;
-    let sound: String = sqlx::query_scalar("pragma integrity_check").fetch_one(&mut connection).await?;
+    let mut connection =
+        sqlx::AnyConnection::connect(&format!("sqlite://{}", path.display())).await?;
+    let sound: String = sqlx::query_scalar("pragma integrity_check")
+        .fetch_one(&mut connection)
+        .await?;
     if sound != "ok" {
         return Ok(BTreeMap::new());
     }
-    let rows: Vec<(String, Vec<u8>)> = sqlx::query_as("select id, body from measurement_set").fetch_all(&mut connection).await?;
+    let rows: Vec<(String, Vec<u8>)> = sqlx::query_as("select id, body from measurement_set")
+        .fetch_all(&mut connection)
+        .await?;
     connection.close().await?;
     Ok(rows.into_iter().collect())
 }
@@ -113,10 +146,23 @@ async fn stored(path: &Path) -> Result<BTreeMap<String, Vec<u8>>, sqlx::Error> {
 #[test]
 fn a_power_loss_at_any_moment_loses_no_acknowledged_upload() {
     let dir = tempfile::tempdir().unwrap();
-    let Some(library) = preload::build(dir.path(), "recorder", include_str!("recorder.c")) else { return };
+    let Some(library) = preload::build(dir.path(), "recorder", include_str!("recorder.c")) else {
+        return;
+    };
     let (data_dir, log) = (dir.path().join("data"), dir.path().join("log"));
-    let mut command = kincal(&["serve", "--listen", "127.0.0.1:0", "--no-auth", "--workers", "1", "--data-dir"]);
-    command.arg(&data_dir).env("LD_PRELOAD", &library).env("KINCAL_RECORD", &log);
+    let mut command = kincal(&[
+        "serve",
+        "--listen",
+        "127.0.0.1:0",
+        "--no-auth",
+        "--workers",
+        "1",
+        "--data-dir",
+    ]);
+    command
+        .arg(&data_dir)
+        .env("LD_PRELOAD", &library)
+        .env("KINCAL_RECORD", &log);
     let server = Server::of(command);
     let robot = server.robot(&paper_path("robot.json"));
     let (load, url) = (Load::new(), server.url.clone());
@@ -126,12 +172,24 @@ fn a_power_loss_at_any_moment_loses_no_acknowledged_upload() {
     });
     let operations = read(&std::fs::read(&log).unwrap());
     let ledger = load.ledger.lock().unwrap();
-    let first_ack = ledger.uploads.iter().filter_map(|u| u.acknowledged.as_ref()).map(|(_, at)| *at).min().unwrap();
+    let first_ack = ledger
+        .uploads
+        .iter()
+        .filter_map(|u| u.acknowledged.as_ref())
+        .map(|(_, at)| *at)
+        .min()
+        .unwrap();
     let first_ns = first_ack.duration_since(UNIX_EPOCH).unwrap().as_nanos() as u64;
     let first = operations.iter().position(|o| o.at_ns > first_ns).unwrap();
-    let states = std::env::var(STATES).ok().and_then(|text| text.parse().ok()).unwrap_or(STATES_BY_DEFAULT);
+    let states = std::env::var(STATES)
+        .ok()
+        .and_then(|text| text.parse().ok())
+        .unwrap_or(STATES_BY_DEFAULT);
     sqlx::any::install_default_drivers();
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+        .unwrap();
     let mut random = ChaCha8Rng::seed_from_u64(1);
     let (mut looked_at, mut blind, mut states_with_loss) = (0, 0, 0);
     for _ in 0..states {
@@ -139,7 +197,12 @@ fn a_power_loss_at_any_moment_loses_no_acknowledged_upload() {
         let before_ns = operations[n - 1].at_ns;
         let full = crash_state(&operations, n, true, &mut random);
         let (missing, expected) = runtime.block_on(lost(&full, &ledger, before_ns));
-        assert_eq!(missing, 0, "of {expected} acknowledged uploads, after {n} of {} operations", operations.len());
+        assert_eq!(
+            missing,
+            0,
+            "of {expected} acknowledged uploads, after {n} of {} operations",
+            operations.len()
+        );
         looked_at += expected;
         let normal = crash_state(&operations, n, false, &mut random);
         let (missing, expected) = runtime.block_on(lost(&normal, &ledger, before_ns));
@@ -150,5 +213,8 @@ fn a_power_loss_at_any_moment_loses_no_acknowledged_upload() {
         "{states} crash states of {} recorded operations: {looked_at} acknowledged uploads looked for, none lost; without the log's syncs {states_with_loss} states lose some, {blind} none",
         operations.len()
     );
-    assert!(looked_at > 0 && states_with_loss > 0, "the control loses nothing: the test is blind");
+    assert!(
+        looked_at > 0 && states_with_loss > 0,
+        "the control loses nothing: the test is blind"
+    );
 }

@@ -13,7 +13,13 @@ use std::time::Duration;
 const LEASE: [(&str, &str); 1] = [("KINCAL_LEASE_S", "1")];
 
 pub fn signal(name: &str, pid: u32) {
-    assert!(Command::new("kill").args([name, &pid.to_string()]).status().unwrap().success());
+    assert!(
+        Command::new("kill")
+            .args([name, &pid.to_string()])
+            .status()
+            .unwrap()
+            .success()
+    );
 }
 
 /// A swarm that takes some seconds and is not done before it is stopped.
@@ -36,14 +42,27 @@ fn a_server_stopped_past_its_leases_gives_no_second_result() {
     let end = server.finished(&job);
     assert_eq!(end["status"], "succeeded", "{end}");
     let (_, sets) = server.get(&format!("/v1/robots/{robot}/parameter-sets"));
-    assert_eq!(sets["items"].as_array().unwrap().len(), 1, "one job, one result");
+    assert_eq!(
+        sets["items"].as_array().unwrap().len(),
+        1,
+        "one job, one result"
+    );
     assert!(server.terminate().0.success());
     keeps_its_promises(dir.path());
 }
 
 /// A server that only serves.
 pub fn on(url: &str) -> Server {
-    let mut command = kincal(&["serve", "--listen", "127.0.0.1:0", "--no-auth", "--workers", "0", "--database-url", url]);
+    let mut command = kincal(&[
+        "serve",
+        "--listen",
+        "127.0.0.1:0",
+        "--no-auth",
+        "--workers",
+        "0",
+        "--database-url",
+        url,
+    ]);
     command.envs(LEASE);
     Server::of(command)
 }
@@ -53,7 +72,14 @@ pub struct Node(pub Child);
 impl Node {
     fn start(url: &str) -> Self {
         let mut command = kincal(&["worker", "--database-url", url, "--workers", "1"]);
-        Self(command.envs(LEASE).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap())
+        Self(
+            command
+                .envs(LEASE)
+                .stdout(Stdio::null())
+                .stderr(Stdio::null())
+                .spawn()
+                .unwrap(),
+        )
     }
 }
 
@@ -67,7 +93,9 @@ impl Drop for Node {
 #[test]
 fn a_worker_node_stopped_past_its_lease_is_replaced_by_another_and_its_late_result_is_refused() {
     for_each_engine(async |database| {
-        let StoreLocation::Postgres { url } = &database.location else { return };
+        let StoreLocation::Postgres { url } = &database.location else {
+            return;
+        };
         // The client of the processes has a runtime of its own, which cannot run within this one.
         std::thread::scope(|scope| scope.spawn(|| replaced(url)).join()).unwrap();
     });
@@ -83,16 +111,41 @@ fn replaced(url: &str) {
     signal("-STOP", first.0.id());
     let second = Node::start(url);
     let end = server.finished(&job);
-    assert_eq!((&end["status"], &end["attempt"]), (&json!("succeeded"), &json!(2)), "{end}");
+    assert_eq!(
+        (&end["status"], &end["attempt"]),
+        (&json!("succeeded"), &json!(2)),
+        "{end}"
+    );
     signal("-CONT", first.0.id());
     // The first node finds out when it next renews or finishes: another job through both of them comes after that.
-    let jobs: Vec<String> = (0..4).map(|_| server.job(&robot, &json!({"measurement_set_id": set, "method": "least_squares"}))).collect();
-    jobs.iter().for_each(|job| assert_eq!(server.finished(job)["status"], "succeeded"));
+    let jobs: Vec<String> = (0..4)
+        .map(|_| {
+            server.job(
+                &robot,
+                &json!({"measurement_set_id": set, "method": "least_squares"}),
+            )
+        })
+        .collect();
+    jobs.iter()
+        .for_each(|job| assert_eq!(server.finished(job)["status"], "succeeded"));
     let again = server.get(&format!("/v1/jobs/{job}")).1;
-    assert_eq!((&again["parameter_set_id"], &again["finished_at"]), (&end["parameter_set_id"], &end["finished_at"]));
+    assert_eq!(
+        (&again["parameter_set_id"], &again["finished_at"]),
+        (&end["parameter_set_id"], &end["finished_at"])
+    );
     let (_, sets) = server.get(&format!("/v1/robots/{robot}/parameter-sets"));
-    assert_eq!(sets["items"].as_array().unwrap().len(), 1 + jobs.len(), "one result per job");
+    assert_eq!(
+        sets["items"].as_array().unwrap().len(),
+        1 + jobs.len(),
+        "one result per job"
+    );
     drop((first, second, server));
-    let checked = kincal(&["verify-store", "--database-url", url]).output().unwrap();
-    assert!(checked.status.success(), "{}", String::from_utf8_lossy(&checked.stdout));
+    let checked = kincal(&["verify-store", "--database-url", url])
+        .output()
+        .unwrap();
+    assert!(
+        checked.status.success(),
+        "{}",
+        String::from_utf8_lossy(&checked.stdout)
+    );
 }

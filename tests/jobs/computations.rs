@@ -22,19 +22,31 @@ pub type Computed = Result<JobOutcome, JobFailure>;
 pub fn obey(inputs: &JobInputs, monitor: Monitor<'_>) -> Computed {
     match inputs.job.request_json.as_str() {
         "succeed" => Ok(outcome(inputs)),
-        "fail" => Err(JobFailure::Failed { problem_json: r#"{"code":"under_determined"}"#.into() }),
+        "fail" => Err(JobFailure::Failed {
+            problem_json: r#"{"code":"under_determined"}"#.into(),
+        }),
         "panic" => panic!("the computation met something it did not expect"),
         "give up" => Err(JobFailure::Cancelled),
         "report progress, wait at the gate" => {
             for iteration in 1..=3 {
-                let _ = monitor(Progress { iteration, n_iterations: 10, best_cost_mm2: 0.5 });
+                let _ = monitor(Progress {
+                    iteration,
+                    n_iterations: 10,
+                    best_cost_mm2: 0.5,
+                });
             }
             gate(&inputs.job.id).pass();
             Ok(outcome(inputs))
         }
         "run until stopped" => loop {
             gate(&inputs.job.id).arrive();
-            if monitor(Progress { iteration: 1, n_iterations: 10, best_cost_mm2: f64::INFINITY }).is_break() {
+            if monitor(Progress {
+                iteration: 1,
+                n_iterations: 10,
+                best_cost_mm2: f64::INFINITY,
+            })
+            .is_break()
+            {
                 return Err(JobFailure::Cancelled);
             }
             std::thread::park_timeout(Duration::from_millis(1));
@@ -49,7 +61,10 @@ fn outcome(inputs: &JobInputs) -> JobOutcome {
         report_json: format!(r#"{{"n_bytes":{}}}"#, inputs.set.body.len()),
         convergence_json: r#"{"iteration":[0],"best_cost_mm2":[1.5]}"#.into(),
         result_sha256: "abcd".into(),
-        parameter_set: Some(NewParameterSet { body_json: r#"{"links":[]}"#.into(), sha256: "ef".into() }),
+        parameter_set: Some(NewParameterSet {
+            body_json: r#"{"links":[]}"#.into(),
+            sha256: "ef".into(),
+        }),
         network: Some(NewNetwork {
             model: "paper".into(),
             preset: "paper".into(),
@@ -84,7 +99,10 @@ impl Gate {
     fn pass(&self) {
         self.arrive();
         let guard = self.state.lock().unwrap();
-        let (_guard, result) = self.changed.wait_timeout_while(guard, PATIENCE, |(_, open)| !*open).unwrap();
+        let (_guard, result) = self
+            .changed
+            .wait_timeout_while(guard, PATIENCE, |(_, open)| !*open)
+            .unwrap();
         assert!(!result.timed_out(), "nobody opened the gate");
     }
 
@@ -100,7 +118,12 @@ pub async fn arrived(job_id: &str) {
     let gate = gate(job_id);
     let arrived = tokio::task::spawn_blocking(move || {
         let guard = gate.state.lock().unwrap();
-        !gate.changed.wait_timeout_while(guard, PATIENCE, |(arrived, _)| !*arrived).unwrap().1.timed_out()
+        !gate
+            .changed
+            .wait_timeout_while(guard, PATIENCE, |(arrived, _)| !*arrived)
+            .unwrap()
+            .1
+            .timed_out()
     });
     assert!(arrived.await.unwrap(), "the computation did not begin");
 }
@@ -117,7 +140,9 @@ pub async fn until(store: &Store, job_id: &str, wanted: impl Fn(&JobRow) -> bool
             }
         }
     };
-    tokio::time::timeout(PATIENCE, looking).await.expect("the job never became as wanted")
+    tokio::time::timeout(PATIENCE, looking)
+        .await
+        .expect("the job never became as wanted")
 }
 
 pub fn a_worker(lease: Duration) -> WorkerContext {

@@ -9,7 +9,11 @@ use crate::computations::{LONG, arrived, gate, obey, until};
 use crate::engines::for_each_engine;
 use crate::fixtures::{a_job, a_robot, a_set};
 
-const RULES: Rules = Rules { lease: LONG, max_attempts: 3, longest: LONG };
+const RULES: Rules = Rules {
+    lease: LONG,
+    max_attempts: 3,
+    longest: LONG,
+};
 
 #[test]
 fn a_pool_runs_every_job_once() {
@@ -26,11 +30,18 @@ fn a_pool_runs_every_job_once() {
         }
         for (id, panics) in &ids {
             let job = until(store, id, |job| job.status.is_over()).await;
-            let expected = if *panics { (JobStatus::Failed, i64::from(RULES.max_attempts)) } else { (JobStatus::Succeeded, 1) };
+            let expected = if *panics {
+                (JobStatus::Failed, i64::from(RULES.max_attempts))
+            } else {
+                (JobStatus::Succeeded, 1)
+            };
             assert_eq!((job.status, job.attempt), expected);
         }
         pool.shutdown(LONG).await;
-        let sets = parameter_sets::list(store, &set.robot_id, &PageRequest::default()).await.unwrap().items;
+        let sets = parameter_sets::list(store, &set.robot_id, &PageRequest::default())
+            .await
+            .unwrap()
+            .items;
         assert_eq!(sets.len(), 36);
     });
 }
@@ -41,8 +52,18 @@ fn a_pool_finds_jobs_that_nobody_signalled() {
         let store = &database.store;
         let pool = WorkerPool::start(store.clone(), obey, 1, RULES, JobSignals::default());
         // Posted through another process.
-        let job = a_job(store, &a_set(store, &a_robot(store, "r").await).await, "succeed").await;
-        assert_eq!(until(store, &job.id, |job| job.status.is_over()).await.status, JobStatus::Succeeded);
+        let job = a_job(
+            store,
+            &a_set(store, &a_robot(store, "r").await).await,
+            "succeed",
+        )
+        .await;
+        assert_eq!(
+            until(store, &job.id, |job| job.status.is_over())
+                .await
+                .status,
+            JobStatus::Succeeded
+        );
         pool.shutdown(LONG).await;
     });
 }
@@ -59,10 +80,17 @@ fn a_worker_goes_on_with_what_waits_without_a_signal_for_each() {
         let begun = Instant::now();
         let pool = WorkerPool::start(store.clone(), obey, 1, RULES, JobSignals::default());
         for id in &ids {
-            assert_eq!(until(store, id, |job| job.status.is_over()).await.status, JobStatus::Succeeded);
+            assert_eq!(
+                until(store, id, |job| job.status.is_over()).await.status,
+                JobStatus::Succeeded
+            );
         }
         // One that waits to be polled takes a second for each.
-        assert!(begun.elapsed() < Duration::from_secs(10), "{:?}", begun.elapsed());
+        assert!(
+            begun.elapsed() < Duration::from_secs(10),
+            "{:?}",
+            begun.elapsed()
+        );
         pool.shutdown(LONG).await;
     });
 }
@@ -76,19 +104,28 @@ fn a_pool_forgets_the_idempotency_keys_of_long_ago_and_no_others() {
                 "insert into idempotency (key_holder, method, path, idempotency_key, request_sha256, created_at_ms)
                  values ('k', 'POST', '/', 'at {at}', 's', {at})"
             );
-            sqlx::query(sqlx::AssertSqlSafe(sql)).execute(store.pool()).await.unwrap();
+            sqlx::query(sqlx::AssertSqlSafe(sql))
+                .execute(store.pool())
+                .await
+                .unwrap();
         }
         let pool = WorkerPool::start(store.clone(), obey, 0, RULES, JobSignals::default());
         let kept = async {
             loop {
                 let kept: Vec<String> =
-                    sqlx::query_scalar("select idempotency_key from idempotency").fetch_all(store.pool()).await.unwrap();
+                    sqlx::query_scalar("select idempotency_key from idempotency")
+                        .fetch_all(store.pool())
+                        .await
+                        .unwrap();
                 if kept.len() < 2 {
                     return kept;
                 }
             }
         };
-        assert_eq!(tokio::time::timeout(LONG, kept).await.unwrap(), ["at (select now_ms from clock)"]);
+        assert_eq!(
+            tokio::time::timeout(LONG, kept).await.unwrap(),
+            ["at (select now_ms from clock)"]
+        );
         pool.shutdown(LONG).await;
     });
 }
@@ -97,8 +134,16 @@ fn a_pool_forgets_the_idempotency_keys_of_long_ago_and_no_others() {
 fn a_pool_takes_over_the_job_of_a_worker_that_died() {
     for_each_engine(async |database| {
         let store = &database.store;
-        let job = a_job(store, &a_set(store, &a_robot(store, "r").await).await, "succeed").await;
-        leases::claim(store, "dead", Duration::from_millis(1)).await.unwrap().unwrap();
+        let job = a_job(
+            store,
+            &a_set(store, &a_robot(store, "r").await).await,
+            "succeed",
+        )
+        .await;
+        leases::claim(store, "dead", Duration::from_millis(1))
+            .await
+            .unwrap()
+            .unwrap();
         let pool = WorkerPool::start(store.clone(), obey, 1, RULES, JobSignals::default());
         let done = until(store, &job.id, |job| job.status.is_over()).await;
         assert_eq!((done.status, done.attempt), (JobStatus::Succeeded, 2));
@@ -110,19 +155,45 @@ fn a_pool_takes_over_the_job_of_a_worker_that_died() {
 fn a_pool_that_shuts_down_lets_computations_finish_in_time() {
     for_each_engine(async |database| {
         let store = &database.store;
-        let job = a_job(store, &a_set(store, &a_robot(store, "r").await).await, "report progress, wait at the gate").await;
-        let waiting = a_job(store, &a_set(store, &a_robot(store, "r").await).await, "succeed").await;
+        let job = a_job(
+            store,
+            &a_set(store, &a_robot(store, "r").await).await,
+            "report progress, wait at the gate",
+        )
+        .await;
+        let waiting = a_job(
+            store,
+            &a_set(store, &a_robot(store, "r").await).await,
+            "succeed",
+        )
+        .await;
         // The lease is shorter than what the draining takes: it must be kept.
-        let pool = WorkerPool::start(store.clone(), obey, 1, Rules { lease: Duration::from_millis(1500), ..RULES }, JobSignals::default());
+        let pool = WorkerPool::start(
+            store.clone(),
+            obey,
+            1,
+            Rules {
+                lease: Duration::from_millis(1500),
+                ..RULES
+            },
+            JobSignals::default(),
+        );
         arrived(&job.id).await;
         let shutdown = tokio::spawn(pool.shutdown(LONG));
         let begun = jobs::get(store, &job.id).await.unwrap();
-        until(store, &job.id, |job| job.lease_until_ms > begun.lease_until_ms.map(|ms| ms + 2000)).await;
+        until(store, &job.id, |job| {
+            job.lease_until_ms > begun.lease_until_ms.map(|ms| ms + 2000)
+        })
+        .await;
         gate(&job.id).open();
         shutdown.await.unwrap();
         let done = jobs::get(store, &job.id).await.unwrap();
         assert_eq!((done.status, done.attempt), (JobStatus::Succeeded, 1));
-        assert_eq!(jobs::get(store, &waiting.id).await.unwrap().status, JobStatus::Queued, "nothing new was begun");
+        assert_eq!(
+            jobs::get(store, &waiting.id).await.unwrap().status,
+            JobStatus::Queued,
+            "nothing new was begun"
+        );
     });
 }
 
@@ -130,14 +201,26 @@ fn a_pool_that_shuts_down_lets_computations_finish_in_time() {
 fn a_pool_that_shuts_down_hands_unfinished_jobs_back_with_their_attempt() {
     for_each_engine(async |database| {
         let store = &database.store;
-        let job = a_job(store, &a_set(store, &a_robot(store, "r").await).await, "run until stopped").await;
+        let job = a_job(
+            store,
+            &a_set(store, &a_robot(store, "r").await).await,
+            "run until stopped",
+        )
+        .await;
         let pool = WorkerPool::start(store.clone(), obey, 2, RULES, JobSignals::default());
         arrived(&job.id).await;
         let begun = Instant::now();
         pool.shutdown(Duration::from_secs(1)).await;
-        assert!(begun.elapsed() < LONG / 4, "the shutdown took {:?}", begun.elapsed());
+        assert!(
+            begun.elapsed() < LONG / 4,
+            "the shutdown took {:?}",
+            begun.elapsed()
+        );
         let handed_back = jobs::get(store, &job.id).await.unwrap();
-        assert_eq!((handed_back.status, handed_back.attempt, handed_back.owner), (JobStatus::Queued, 0, None));
+        assert_eq!(
+            (handed_back.status, handed_back.attempt, handed_back.owner),
+            (JobStatus::Queued, 0, None)
+        );
     });
 }
 
@@ -150,14 +233,24 @@ fn a_computation_that_does_not_stop_is_handed_back_and_its_late_result_is_not_st
         let pool = WorkerPool::start(store.clone(), obey, 1, RULES, JobSignals::default());
         arrived(&job.id).await;
         pool.shutdown(Duration::from_secs(1)).await;
-        assert_eq!(jobs::get(store, &job.id).await.unwrap().status, JobStatus::Queued);
+        assert_eq!(
+            jobs::get(store, &job.id).await.unwrap().status,
+            JobStatus::Queued
+        );
         gate(&job.id).open();
         // Another pool computes it, once.
         let pool = WorkerPool::start(store.clone(), obey, 1, RULES, JobSignals::default());
         let done = until(store, &job.id, |job| job.status.is_over()).await;
         assert_eq!((done.status, done.attempt), (JobStatus::Succeeded, 1));
         pool.shutdown(LONG).await;
-        assert_eq!(parameter_sets::list(store, &set.robot_id, &PageRequest::default()).await.unwrap().items.len(), 1);
+        assert_eq!(
+            parameter_sets::list(store, &set.robot_id, &PageRequest::default())
+                .await
+                .unwrap()
+                .items
+                .len(),
+            1
+        );
     });
 }
 
@@ -165,7 +258,13 @@ fn a_computation_that_does_not_stop_is_handed_back_and_its_late_result_is_not_st
 fn a_pool_without_work_shuts_down_at_once() {
     for_each_engine(async |database| {
         for n_workers in [0, 3] {
-            let pool = WorkerPool::start(database.store.clone(), obey, n_workers, RULES, JobSignals::default());
+            let pool = WorkerPool::start(
+                database.store.clone(),
+                obey,
+                n_workers,
+                RULES,
+                JobSignals::default(),
+            );
             let begun = Instant::now();
             pool.shutdown(LONG).await;
             assert!(begun.elapsed() < LONG / 2);
@@ -174,7 +273,8 @@ fn a_pool_without_work_shuts_down_at_once() {
 }
 
 #[test]
-fn a_cancelled_job_is_over_soon_though_its_computation_does_not_look_and_its_worker_takes_no_other_until_it_ends() {
+fn a_cancelled_job_is_over_soon_though_its_computation_does_not_look_and_its_worker_takes_no_other_until_it_ends()
+ {
     for_each_engine(async |database| {
         let store = &database.store;
         let set = a_set(store, &a_robot(store, "r").await).await;
@@ -186,21 +286,38 @@ fn a_cancelled_job_is_over_soon_though_its_computation_does_not_look_and_its_wor
         let next = a_job(store, &set, "succeed").await;
         signals.job_enqueued();
         let asked = Instant::now();
-        queue::cancel(store, &signals, &deaf.id, "anybody").await.unwrap();
+        queue::cancel(store, &signals, &deaf.id, "anybody")
+            .await
+            .unwrap();
         let over = until(store, &deaf.id, |job| job.status.is_over()).await;
         assert_eq!(over.status, JobStatus::Cancelled);
         assert!(asked.elapsed() < LONG / 10, "{:?}", asked.elapsed());
         // more than enough to claim it
         tokio::time::sleep(Duration::from_millis(300)).await;
-        assert_eq!(jobs::get(store, &next.id).await.unwrap().status, JobStatus::Queued, "one worker computes one job at a time");
+        assert_eq!(
+            jobs::get(store, &next.id).await.unwrap().status,
+            JobStatus::Queued,
+            "one worker computes one job at a time"
+        );
         gate(&deaf.id).open();
-        assert_eq!(until(store, &next.id, |job| job.status.is_over()).await.status, JobStatus::Succeeded);
-        assert_eq!(jobs::get(store, &deaf.id).await.unwrap().status, JobStatus::Cancelled, "what it gave in the end is nobody's");
+        assert_eq!(
+            until(store, &next.id, |job| job.status.is_over())
+                .await
+                .status,
+            JobStatus::Succeeded
+        );
+        assert_eq!(
+            jobs::get(store, &deaf.id).await.unwrap().status,
+            JobStatus::Cancelled,
+            "what it gave in the end is nobody's"
+        );
         // a pool that shuts down does not wait for such a thread
         let deaf = a_job(store, &set, "report progress, wait at the gate").await;
         signals.job_enqueued();
         arrived(&deaf.id).await;
-        queue::cancel(store, &signals, &deaf.id, "anybody").await.unwrap();
+        queue::cancel(store, &signals, &deaf.id, "anybody")
+            .await
+            .unwrap();
         until(store, &deaf.id, |job| job.status.is_over()).await;
         let asked = Instant::now();
         pool.shutdown(LONG).await;
@@ -215,18 +332,31 @@ fn a_cancelled_computation_without_an_end_keeps_its_worker_no_longer_than_a_job_
         let store = &database.store;
         let set = a_set(store, &a_robot(store, "r").await).await;
         let signals = JobSignals::default();
-        let rules = Rules { longest: Duration::from_secs(1), ..RULES };
+        let rules = Rules {
+            longest: Duration::from_secs(1),
+            ..RULES
+        };
         let pool = WorkerPool::start(store.clone(), obey, 1, rules, signals.clone());
         let deaf = a_job(store, &set, "report progress, wait at the gate").await;
         signals.job_enqueued();
         arrived(&deaf.id).await;
-        queue::cancel(store, &signals, &deaf.id, "anybody").await.unwrap();
+        queue::cancel(store, &signals, &deaf.id, "anybody")
+            .await
+            .unwrap();
         let (next, asked) = (a_job(store, &set, "succeed").await, Instant::now());
         signals.job_enqueued();
-        assert_eq!(until(store, &next.id, |job| job.status.is_over()).await.status, JobStatus::Succeeded);
+        assert_eq!(
+            until(store, &next.id, |job| job.status.is_over())
+                .await
+                .status,
+            JobStatus::Succeeded
+        );
         // the gate would give up later
         assert!(asked.elapsed() < LONG / 4, "{:?}", asked.elapsed());
-        assert_eq!(jobs::get(store, &deaf.id).await.unwrap().status, JobStatus::Cancelled);
+        assert_eq!(
+            jobs::get(store, &deaf.id).await.unwrap().status,
+            JobStatus::Cancelled
+        );
         pool.shutdown(LONG).await;
         gate(&deaf.id).open();
     });

@@ -5,7 +5,8 @@ use std::time::Duration;
 
 use kincal::jobs::{JobOutcome, JobSignals, queue};
 use kincal::store::{
-    Conflict, Error, JobRow, JobStatus, Lease, NewJob, NewParameterSet, PageRequest, Result, Store, jobs, leases, parameter_sets,
+    Conflict, Error, JobRow, JobStatus, Lease, NewJob, NewParameterSet, PageRequest, Result, Store,
+    jobs, leases, parameter_sets,
 };
 
 use crate::computations::LONG;
@@ -18,16 +19,25 @@ async fn some_job(database: &TestDatabase) -> JobRow {
 }
 
 async fn claim(store: &Store, owner: &str) -> Lease {
-    leases::claim(store, owner, LONG).await.unwrap().expect("a job waits")
+    leases::claim(store, owner, LONG)
+        .await
+        .unwrap()
+        .expect("a job waits")
 }
 
 /// As if the time of this lease were over.
 async fn let_it_run_out(store: &Store, lease: &Lease) {
-    sqlx::query("update job set lease_until_ms = 1 where id = $1").bind(&lease.job_id).execute(store.pool()).await.unwrap();
+    sqlx::query("update job set lease_until_ms = 1 where id = $1")
+        .bind(&lease.job_id)
+        .execute(store.pool())
+        .await
+        .unwrap();
 }
 
 async fn expire(store: &Store) -> (Vec<String>, Vec<String>, Vec<String>) {
-    let expired = queue::expire(store, 3, &JobSignals::default()).await.unwrap();
+    let expired = queue::expire(store, 3, &JobSignals::default())
+        .await
+        .unwrap();
     (expired.queued, expired.failed, expired.cancelled)
 }
 
@@ -36,7 +46,10 @@ fn an_outcome(report_json: &str) -> JobOutcome {
         report_json: report_json.into(),
         convergence_json: "{}".into(),
         result_sha256: "ab".into(),
-        parameter_set: Some(NewParameterSet { body_json: "{}".into(), sha256: "cd".into() }),
+        parameter_set: Some(NewParameterSet {
+            body_json: "{}".into(),
+            sha256: "cd".into(),
+        }),
         network: None,
         residual_network: None,
     }
@@ -48,8 +61,12 @@ fn is_lost<T: std::fmt::Debug>(result: &Result<T>) -> bool {
 
 /// Everything a worker can do to a job.
 async fn everything_is_refused(store: &Store, lease: &Lease) {
-    assert!(is_lost(&leases::heartbeat(store, lease, LONG, Some("{}")).await));
-    assert!(is_lost(&queue::finish(store, lease, &an_outcome("stale")).await));
+    assert!(is_lost(
+        &leases::heartbeat(store, lease, LONG, Some("{}")).await
+    ));
+    assert!(is_lost(
+        &queue::finish(store, lease, &an_outcome("stale")).await
+    ));
     assert!(is_lost(&queue::fail(store, lease, "{}").await));
     assert!(is_lost(&queue::end_cancelled(store, lease).await));
     assert!(is_lost(&queue::hand_back(store, lease).await));
@@ -62,13 +79,32 @@ fn a_posted_job_waits_with_what_was_asked() {
         let store = &database.store;
         let set = a_set(store, &a_robot(store, "r").await).await;
         let verify = a_set(store, &a_robot(store, "other").await).await;
-        let new = NewJob { verify_set_id: Some(verify.id), priority: 5, ..new_job(&set, r#"{"seed":1}"#) };
+        let new = NewJob {
+            verify_set_id: Some(verify.id),
+            priority: 5,
+            ..new_job(&set, r#"{"seed":1}"#)
+        };
         let job = in_transaction(store, async |tx| queue::enqueue(tx, &new).await).await;
-        assert_eq!((job.status, job.attempt, job.priority), (JobStatus::Queued, 0, 5));
-        assert_eq!((&job.request_json, &job.verify_set_id), (&new.request_json, &new.verify_set_id));
-        assert_eq!((job.owner.as_deref(), job.started_at_ms, job.finished_at_ms), (None, None, None));
+        assert_eq!(
+            (job.status, job.attempt, job.priority),
+            (JobStatus::Queued, 0, 5)
+        );
+        assert_eq!(
+            (&job.request_json, &job.verify_set_id),
+            (&new.request_json, &new.verify_set_id)
+        );
+        assert_eq!(
+            (job.owner.as_deref(), job.started_at_ms, job.finished_at_ms),
+            (None, None, None)
+        );
         assert_eq!(jobs::get(store, &job.id).await.unwrap(), job);
-        assert_eq!(jobs::list(store, &set.robot_id, &PageRequest::default()).await.unwrap().items, [job]);
+        assert_eq!(
+            jobs::list(store, &set.robot_id, &PageRequest::default())
+                .await
+                .unwrap()
+                .items,
+            [job]
+        );
         assert_eq!(jobs::queued_and_running(store).await.unwrap(), (1, 0));
     });
 }
@@ -85,7 +121,10 @@ fn two_workers_never_get_the_same_job() {
                 let store = database.store.clone();
                 tokio::spawn(async move {
                     let mut claimed = Vec::new();
-                    while let Some(lease) = leases::claim(&store, &format!("worker {worker}"), LONG).await.unwrap() {
+                    while let Some(lease) = leases::claim(&store, &format!("worker {worker}"), LONG)
+                        .await
+                        .unwrap()
+                    {
                         claimed.push(lease.job_id);
                     }
                     claimed
@@ -98,7 +137,10 @@ fn two_workers_never_get_the_same_job() {
         }
         assert_eq!(all.len(), 60);
         assert_eq!(all.iter().collect::<HashSet<_>>().len(), 60);
-        assert_eq!(jobs::queued_and_running(&database.store).await.unwrap(), (0, 60));
+        assert_eq!(
+            jobs::queued_and_running(&database.store).await.unwrap(),
+            (0, 60)
+        );
     });
 }
 
@@ -109,8 +151,15 @@ fn the_highest_priority_goes_first_and_of_those_the_oldest() {
         let set = a_set(store, &a_robot(store, "r").await).await;
         let mut posted = Vec::new();
         for priority in [0, 0, 7, 0, 7] {
-            let new = NewJob { priority, ..new_job(&set, "{}") };
-            posted.push(in_transaction(store, async |tx| queue::enqueue(tx, &new).await).await.id);
+            let new = NewJob {
+                priority,
+                ..new_job(&set, "{}")
+            };
+            posted.push(
+                in_transaction(store, async |tx| queue::enqueue(tx, &new).await)
+                    .await
+                    .id,
+            );
         }
         for expected in [2, 4, 0, 1, 3] {
             assert_eq!(claim(store, "w").await.job_id, posted[expected]);
@@ -127,15 +176,28 @@ fn a_lease_lasts_as_long_as_it_was_asked_for_and_from_each_heartbeat_anew() {
         let before_ms = store.now_ms().await.unwrap();
         let lease = claim(store, "w").await;
         let claimed = jobs::get(store, &job.id).await.unwrap();
-        assert_eq!((claimed.status, claimed.attempt, claimed.owner.as_deref()), (JobStatus::Running, 1, Some("w")));
+        assert_eq!(
+            (claimed.status, claimed.attempt, claimed.owner.as_deref()),
+            (JobStatus::Running, 1, Some("w"))
+        );
         let after_ms = store.now_ms().await.unwrap();
-        assert!((before_ms + 60_000..=after_ms + 60_000).contains(&claimed.lease_until_ms.unwrap()));
+        assert!(
+            (before_ms + 60_000..=after_ms + 60_000).contains(&claimed.lease_until_ms.unwrap())
+        );
         assert!((before_ms..=after_ms).contains(&claimed.started_at_ms.unwrap()));
-        leases::heartbeat(store, &lease, 2 * LONG, Some("1")).await.unwrap();
-        leases::heartbeat(store, &lease, 2 * LONG, None).await.unwrap();
+        leases::heartbeat(store, &lease, 2 * LONG, Some("1"))
+            .await
+            .unwrap();
+        leases::heartbeat(store, &lease, 2 * LONG, None)
+            .await
+            .unwrap();
         let kept = jobs::get(store, &job.id).await.unwrap();
         assert!(kept.lease_until_ms.unwrap() >= after_ms + 120_000);
-        assert_eq!(kept.progress_json.as_deref(), Some("1"), "a heartbeat without progress keeps the last one");
+        assert_eq!(
+            kept.progress_json.as_deref(),
+            Some("1"),
+            "a heartbeat without progress keeps the last one"
+        );
     });
 }
 
@@ -145,21 +207,52 @@ fn after_a_lease_ran_out_the_job_is_begun_again_and_its_first_worker_can_do_noth
         let store = &database.store;
         let job = some_job(database).await;
         let stale = claim(store, "stopped").await;
-        leases::heartbeat(store, &stale, LONG, Some("1")).await.unwrap();
-        assert_eq!(expire(store).await, (vec![], vec![], vec![]), "the lease holds");
+        leases::heartbeat(store, &stale, LONG, Some("1"))
+            .await
+            .unwrap();
+        assert_eq!(
+            expire(store).await,
+            (vec![], vec![], vec![]),
+            "the lease holds"
+        );
         let_it_run_out(store, &stale).await;
         assert_eq!(expire(store).await, (vec![job.id.clone()], vec![], vec![]));
         let waiting = jobs::get(store, &job.id).await.unwrap();
-        assert_eq!((waiting.status, waiting.progress_json, waiting.started_at_ms), (JobStatus::Queued, None, None));
+        assert_eq!(
+            (waiting.status, waiting.progress_json, waiting.started_at_ms),
+            (JobStatus::Queued, None, None)
+        );
         everything_is_refused(store, &stale).await;
         let second = claim(store, "alive").await;
-        assert_eq!((second.job_id.as_str(), second.attempt), (job.id.as_str(), 2));
+        assert_eq!(
+            (second.job_id.as_str(), second.attempt),
+            (job.id.as_str(), 2)
+        );
         everything_is_refused(store, &stale).await;
         // Nor under its own name, should the same worker have taken it again.
-        everything_is_refused(store, &Lease { attempt: 1, ..second.clone() }).await;
-        everything_is_refused(store, &Lease { owner: "stopped".into(), ..second.clone() }).await;
-        assert_eq!(jobs::get(store, &job.id).await.unwrap().parameter_set_id, None);
-        queue::finish(store, &second, &an_outcome("fresh")).await.unwrap();
+        everything_is_refused(
+            store,
+            &Lease {
+                attempt: 1,
+                ..second.clone()
+            },
+        )
+        .await;
+        everything_is_refused(
+            store,
+            &Lease {
+                owner: "stopped".into(),
+                ..second.clone()
+            },
+        )
+        .await;
+        assert_eq!(
+            jobs::get(store, &job.id).await.unwrap().parameter_set_id,
+            None
+        );
+        queue::finish(store, &second, &an_outcome("fresh"))
+            .await
+            .unwrap();
         everything_is_refused(store, &stale).await;
         assert_eq!(jobs::report(store, &job.id).await.unwrap(), "fresh");
     });
@@ -174,7 +267,9 @@ fn a_job_is_finished_once() {
         let finishes: Vec<_> = (0..8)
             .map(|i| {
                 let (store, lease) = (store.clone(), lease.clone());
-                tokio::spawn(async move { queue::finish(&store, &lease, &an_outcome(&i.to_string())).await })
+                tokio::spawn(async move {
+                    queue::finish(&store, &lease, &an_outcome(&i.to_string())).await
+                })
             })
             .collect();
         let mut n_finished = 0;
@@ -185,9 +280,19 @@ fn a_job_is_finished_once() {
             }
         }
         assert_eq!(n_finished, 1);
-        let sets = parameter_sets::list(store, &job.robot_id, &PageRequest::default()).await.unwrap().items;
+        let sets = parameter_sets::list(store, &job.robot_id, &PageRequest::default())
+            .await
+            .unwrap()
+            .items;
         assert_eq!(sets.len(), 1);
-        assert_eq!(jobs::get(store, &job.id).await.unwrap().parameter_set_id.as_ref(), Some(&sets[0].id));
+        assert_eq!(
+            jobs::get(store, &job.id)
+                .await
+                .unwrap()
+                .parameter_set_id
+                .as_ref(),
+            Some(&sets[0].id)
+        );
     });
 }
 
@@ -197,12 +302,32 @@ fn of_a_finish_that_fails_halfway_nothing_is_stored() {
         let store = &database.store;
         let job = some_job(database).await;
         let lease = claim(store, "w").await;
-        let in_the_way = NewParameterSet { body_json: "{}".into(), sha256: "00".into() };
-        in_transaction(store, async |tx| parameter_sets::insert(tx, &job.id, &in_the_way).await).await;
-        assert!(matches!(queue::finish(store, &lease, &an_outcome("x")).await, Err(Error::Conflict(Conflict::Duplicate))));
-        assert_eq!(jobs::get(store, &job.id).await.unwrap().status, JobStatus::Running);
+        let in_the_way = NewParameterSet {
+            body_json: "{}".into(),
+            sha256: "00".into(),
+        };
+        in_transaction(store, async |tx| {
+            parameter_sets::insert(tx, &job.id, &in_the_way).await
+        })
+        .await;
+        assert!(matches!(
+            queue::finish(store, &lease, &an_outcome("x")).await,
+            Err(Error::Conflict(Conflict::Duplicate))
+        ));
+        assert_eq!(
+            jobs::get(store, &job.id).await.unwrap().status,
+            JobStatus::Running
+        );
         let report = jobs::report(store, &job.id).await;
-        assert!(matches!(report, Err(Error::Conflict(Conflict::JobStatus { status: JobStatus::Running }))), "{report:?}");
+        assert!(
+            matches!(
+                report,
+                Err(Error::Conflict(Conflict::JobStatus {
+                    status: JobStatus::Running
+                }))
+            ),
+            "{report:?}"
+        );
     });
 }
 
@@ -216,14 +341,21 @@ fn a_job_whose_attempts_are_used_up_fails_and_says_so() {
             assert_eq!(lease.attempt, attempt);
             let_it_run_out(store, &lease).await;
             let (queued, failed, _) = expire(store).await;
-            let expected = if attempt < 3 { (vec![job.id.clone()], vec![]) } else { (vec![], vec![job.id.clone()]) };
+            let expected = if attempt < 3 {
+                (vec![job.id.clone()], vec![])
+            } else {
+                (vec![], vec![job.id.clone()])
+            };
             assert_eq!((queued, failed), expected);
         }
         let failed = jobs::get(store, &job.id).await.unwrap();
         assert_eq!(failed.status, JobStatus::Failed);
         assert!(failed.finished_at_ms.is_some());
         let error: serde_json::Value = serde_json::from_str(&failed.error_json.unwrap()).unwrap();
-        assert_eq!((&error["code"], &error["status"]), (&"attempts_exhausted".into(), &500.into()));
+        assert_eq!(
+            (&error["code"], &error["status"]),
+            (&"attempts_exhausted".into(), &500.into())
+        );
         assert_eq!(leases::claim(store, "w", LONG).await.unwrap(), None);
     });
 }
@@ -247,40 +379,97 @@ fn a_waiting_job_is_cancelled_at_once_and_a_running_one_hears_of_it() {
     for_each_engine(async |database| {
         let (store, signals) = (&database.store, JobSignals::default());
         let waiting = some_job(database).await;
-        let cancelled = queue::cancel(store, &signals, &waiting.id, "key_1").await.unwrap();
+        let cancelled = queue::cancel(store, &signals, &waiting.id, "key_1")
+            .await
+            .unwrap();
         assert_eq!(cancelled.status, JobStatus::Cancelled);
         assert!(cancelled.finished_at_ms.is_some());
         assert_eq!(leases::claim(store, "w", LONG).await.unwrap(), None);
-        assert_eq!(queue::cancel(store, &signals, &waiting.id, "key_1").await.unwrap(), cancelled, "again changes nothing");
+        assert_eq!(
+            queue::cancel(store, &signals, &waiting.id, "key_1")
+                .await
+                .unwrap(),
+            cancelled,
+            "again changes nothing"
+        );
 
         let running = some_job(database).await;
         let lease = claim(store, "w").await;
-        assert!(!leases::heartbeat(store, &lease, LONG, None).await.unwrap().cancel_requested);
-        assert_eq!(queue::cancel(store, &signals, &running.id, "key_1").await.unwrap().status, JobStatus::Running);
-        assert!(leases::heartbeat(store, &lease, LONG, None).await.unwrap().cancel_requested);
+        assert!(
+            !leases::heartbeat(store, &lease, LONG, None)
+                .await
+                .unwrap()
+                .cancel_requested
+        );
+        assert_eq!(
+            queue::cancel(store, &signals, &running.id, "key_1")
+                .await
+                .unwrap()
+                .status,
+            JobStatus::Running
+        );
+        assert!(
+            leases::heartbeat(store, &lease, LONG, None)
+                .await
+                .unwrap()
+                .cancel_requested
+        );
         queue::end_cancelled(store, &lease).await.unwrap();
-        assert_eq!(jobs::get(store, &running.id).await.unwrap().status, JobStatus::Cancelled);
+        assert_eq!(
+            jobs::get(store, &running.id).await.unwrap().status,
+            JobStatus::Cancelled
+        );
 
         // it came to its end before its worker heard
         let unheard = some_job(database).await;
         let lease = claim(store, "w").await;
-        queue::cancel(store, &signals, &unheard.id, "key_1").await.unwrap();
-        queue::finish(store, &lease, &an_outcome("too late")).await.unwrap();
+        queue::cancel(store, &signals, &unheard.id, "key_1")
+            .await
+            .unwrap();
+        queue::finish(store, &lease, &an_outcome("too late"))
+            .await
+            .unwrap();
         let cancelled = jobs::get(store, &unheard.id).await.unwrap();
-        assert_eq!((cancelled.status, cancelled.parameter_set_id, cancelled.result_sha256), (JobStatus::Cancelled, None, None));
-        assert!(jobs::report(store, &unheard.id).await.is_err() && jobs::convergence(store, &unheard.id).await.is_err());
+        assert_eq!(
+            (
+                cancelled.status,
+                cancelled.parameter_set_id,
+                cancelled.result_sha256
+            ),
+            (JobStatus::Cancelled, None, None)
+        );
+        assert!(
+            jobs::report(store, &unheard.id).await.is_err()
+                && jobs::convergence(store, &unheard.id).await.is_err()
+        );
 
         let failing = some_job(database).await;
         let lease = claim(store, "w").await;
-        queue::cancel(store, &signals, &failing.id, "key_1").await.unwrap();
+        queue::cancel(store, &signals, &failing.id, "key_1")
+            .await
+            .unwrap();
         queue::fail(store, &lease, "{}").await.unwrap();
         let cancelled = jobs::get(store, &failing.id).await.unwrap();
-        assert_eq!((cancelled.status, cancelled.error_json), (JobStatus::Cancelled, None));
+        assert_eq!(
+            (cancelled.status, cancelled.error_json),
+            (JobStatus::Cancelled, None)
+        );
 
         let finished = some_job(database).await;
-        queue::finish(store, &claim(store, "w").await, &an_outcome("done")).await.unwrap();
-        assert_eq!(queue::cancel(store, &signals, &finished.id, "key_1").await.unwrap().status, JobStatus::Succeeded);
-        assert!(matches!(queue::cancel(store, &signals, "job_0", "key_1").await, Err(Error::NotFound)));
+        queue::finish(store, &claim(store, "w").await, &an_outcome("done"))
+            .await
+            .unwrap();
+        assert_eq!(
+            queue::cancel(store, &signals, &finished.id, "key_1")
+                .await
+                .unwrap()
+                .status,
+            JobStatus::Succeeded
+        );
+        assert!(matches!(
+            queue::cancel(store, &signals, "job_0", "key_1").await,
+            Err(Error::NotFound)
+        ));
     });
 }
 
@@ -290,16 +479,29 @@ fn a_cancelled_job_is_not_begun_again_when_its_worker_dies_or_leaves() {
         let (store, signals) = (&database.store, JobSignals::default());
         let orphan = some_job(database).await;
         let lease = claim(store, "dies").await;
-        queue::cancel(store, &signals, &orphan.id, "key_1").await.unwrap();
+        queue::cancel(store, &signals, &orphan.id, "key_1")
+            .await
+            .unwrap();
         let_it_run_out(store, &lease).await;
-        assert_eq!(expire(store).await, (vec![], vec![], vec![orphan.id.clone()]));
-        assert_eq!(jobs::get(store, &orphan.id).await.unwrap().status, JobStatus::Cancelled);
+        assert_eq!(
+            expire(store).await,
+            (vec![], vec![], vec![orphan.id.clone()])
+        );
+        assert_eq!(
+            jobs::get(store, &orphan.id).await.unwrap().status,
+            JobStatus::Cancelled
+        );
 
         let left = some_job(database).await;
         let lease = claim(store, "leaves").await;
-        queue::cancel(store, &signals, &left.id, "key_1").await.unwrap();
+        queue::cancel(store, &signals, &left.id, "key_1")
+            .await
+            .unwrap();
         queue::hand_back(store, &lease).await.unwrap();
-        assert_eq!(jobs::get(store, &left.id).await.unwrap().status, JobStatus::Cancelled);
+        assert_eq!(
+            jobs::get(store, &left.id).await.unwrap().status,
+            JobStatus::Cancelled
+        );
     });
 }
 
@@ -312,12 +514,26 @@ fn a_robot_has_ten_thousand_jobs_waiting_and_no_more() {
     for_each_engine(async |database| {
         let store = &database.store;
         let job = some_job(database).await;
-        sqlx::query(FILL).bind(&job.id).execute(store.pool()).await.unwrap();
+        sqlx::query(FILL)
+            .bind(&job.id)
+            .execute(store.pool())
+            .await
+            .unwrap();
         assert_eq!(jobs::queued_and_running(store).await.unwrap(), (10_000, 0));
-        let new = NewJob { robot_id: job.robot_id.clone(), measurement_set_id: job.measurement_set_id.clone(), ..some_new_job() };
+        let new = NewJob {
+            robot_id: job.robot_id.clone(),
+            measurement_set_id: job.measurement_set_id.clone(),
+            ..some_new_job()
+        };
         let mut tx = store.begin().await.unwrap();
         let refused = queue::enqueue(&mut tx, &new).await;
-        assert!(matches!(refused, Err(Error::Conflict(Conflict::QueueFull { limit: 10_000 }))), "{refused:?}");
+        assert!(
+            matches!(
+                refused,
+                Err(Error::Conflict(Conflict::QueueFull { limit: 10_000 }))
+            ),
+            "{refused:?}"
+        );
         tx.rollback().await.unwrap();
         some_job(database).await;
         claim(store, "w").await;
@@ -326,7 +542,12 @@ fn a_robot_has_ten_thousand_jobs_waiting_and_no_more() {
 }
 
 fn some_new_job() -> NewJob {
-    NewJob { kind: "identify".into(), method: "auto".into(), request_json: "{}".into(), ..NewJob::default() }
+    NewJob {
+        kind: "identify".into(),
+        method: "auto".into(),
+        request_json: "{}".into(),
+        ..NewJob::default()
+    }
 }
 
 #[test]
@@ -337,7 +558,12 @@ fn a_job_of_a_transaction_that_is_rolled_back_was_never_there() {
         let mut tx = store.begin().await.unwrap();
         queue::enqueue(&mut tx, &new_job(&set, "{}")).await.unwrap();
         drop(tx);
-        assert_eq!(leases::claim(store, "w", Duration::from_secs(1)).await.unwrap(), None);
+        assert_eq!(
+            leases::claim(store, "w", Duration::from_secs(1))
+                .await
+                .unwrap(),
+            None
+        );
     });
 }
 
@@ -347,15 +573,29 @@ fn a_job_under_which_the_process_died_is_tried_last_and_not_for_ever() {
         let store = &database.store;
         let job = some_job(database).await;
         let innocent = some_job(database).await;
-        let died = |n: i64| sqlx::query("update job set deaths = $2 where id = $1").bind(job.id.clone()).bind(n);
-        died(leases::MAX_DEATHS - 1).execute(store.pool()).await.unwrap();
+        let died = |n: i64| {
+            sqlx::query("update job set deaths = $2 where id = $1")
+                .bind(job.id.clone())
+                .bind(n)
+        };
+        died(leases::MAX_DEATHS - 1)
+            .execute(store.pool())
+            .await
+            .unwrap();
         assert_eq!(claim(store, "w").await.job_id, innocent.id);
         let lease = claim(store, "w").await;
         assert_eq!(lease.job_id, job.id);
         let_it_run_out(store, &lease).await;
-        assert_eq!(expire(store).await.0, std::slice::from_ref(&job.id), "below the limit it is tried again");
+        assert_eq!(
+            expire(store).await.0,
+            std::slice::from_ref(&job.id),
+            "below the limit it is tried again"
+        );
         let lease = claim(store, "w").await;
-        died(leases::MAX_DEATHS).execute(store.pool()).await.unwrap();
+        died(leases::MAX_DEATHS)
+            .execute(store.pool())
+            .await
+            .unwrap();
         let_it_run_out(store, &lease).await;
         assert_eq!(expire(store).await.1, std::slice::from_ref(&job.id));
     });
@@ -367,8 +607,13 @@ fn clients_are_served_in_turn_however_many_jobs_one_of_them_posts() {
         let store = &database.store;
         let set = a_set(store, &a_robot(store, "r").await).await;
         let post = async |client: &str| {
-            let new = NewJob { client: client.into(), ..new_job(&set, "{}") };
-            in_transaction(store, async |tx| queue::enqueue(tx, &new).await).await.id
+            let new = NewJob {
+                client: client.into(),
+                ..new_job(&set, "{}")
+            };
+            in_transaction(store, async |tx| queue::enqueue(tx, &new).await)
+                .await
+                .id
         };
         for _ in 0..50 {
             post("many").await;
@@ -380,7 +625,10 @@ fn clients_are_served_in_turn_however_many_jobs_one_of_them_posts() {
         let first = post("few").await;
         let second = post("few").await;
         let served: Vec<String> = [next().await, next().await, next().await, next().await].into();
-        assert!(served[..2].contains(&first), "the first job of a client that comes later is among the next two");
+        assert!(
+            served[..2].contains(&first),
+            "the first job of a client that comes later is among the next two"
+        );
         assert!(served.contains(&second), "its second among the next four");
         // nobody gets ahead by having been away: a new client does not go before everyone who waited
         let third = post("late").await;

@@ -13,7 +13,12 @@ use crate::fixtures::{a_job, a_robot, a_set};
 fn an_event_stream_sees_begin_progress_and_end() {
     for_each_engine(async |database| {
         let store = &database.store;
-        let job = a_job(store, &a_set(store, &a_robot(store, "r").await).await, "report progress, wait at the gate").await;
+        let job = a_job(
+            store,
+            &a_set(store, &a_robot(store, "r").await).await,
+            "report progress, wait at the gate",
+        )
+        .await;
         let signals = JobSignals::default();
         let context = WorkerContext::new(obey, LONG, signals.clone());
         let worker = tokio::spawn({
@@ -24,7 +29,11 @@ fn an_event_stream_sees_begin_progress_and_end() {
         let mut stages = Vec::new();
         while !seen.status.is_over() {
             let next = signals.wait_for_change(store, &seen, LONG).await.unwrap();
-            assert_ne!((next.status, &next.progress_json), (seen.status, &seen.progress_json), "an event without news");
+            assert_ne!(
+                (next.status, &next.progress_json),
+                (seen.status, &seen.progress_json),
+                "an event without news"
+            );
             stages.push((next.status, next.progress_json.is_some()));
             if next.progress_json.is_some() {
                 gate(&job.id).open();
@@ -41,7 +50,12 @@ fn an_event_stream_sees_begin_progress_and_end() {
 fn a_long_poll_does_not_end_for_progress_but_for_a_status() {
     for_each_engine(async |database| {
         let store = &database.store;
-        let job = a_job(store, &a_set(store, &a_robot(store, "r").await).await, "report progress, wait at the gate").await;
+        let job = a_job(
+            store,
+            &a_set(store, &a_robot(store, "r").await).await,
+            "report progress, wait at the gate",
+        )
+        .await;
         let signals = JobSignals::default();
         let context = WorkerContext::new(obey, LONG, signals.clone());
         let worker = tokio::spawn({
@@ -51,12 +65,20 @@ fn a_long_poll_does_not_end_for_progress_but_for_a_status() {
         arrived(&job.id).await;
         let poll = tokio::spawn({
             let (store, signals, id) = (store.clone(), signals.clone(), job.id.clone());
-            async move { signals.wait_for_status_change(&store, &id, JobStatus::Running, LONG).await.unwrap() }
+            async move {
+                signals
+                    .wait_for_status_change(&store, &id, JobStatus::Running, LONG)
+                    .await
+                    .unwrap()
+            }
         });
         // Progress is written meanwhile.
         let running = jobs::get(store, &job.id).await.unwrap();
         if running.progress_json.is_none() {
-            signals.wait_for_change(store, &running, LONG).await.unwrap();
+            signals
+                .wait_for_change(store, &running, LONG)
+                .await
+                .unwrap();
         }
         assert!(!poll.is_finished());
         gate(&job.id).open();
@@ -72,9 +94,16 @@ fn a_long_poll_hears_of_what_another_process_does() {
         let job = a_job(store, &a_set(store, &a_robot(store, "r").await).await, "{}").await;
         let poll = tokio::spawn({
             let (store, id) = (store.clone(), job.id.clone());
-            async move { JobSignals::default().wait_for_status_change(&store, &id, JobStatus::Queued, LONG).await.unwrap() }
+            async move {
+                JobSignals::default()
+                    .wait_for_status_change(&store, &id, JobStatus::Queued, LONG)
+                    .await
+                    .unwrap()
+            }
         });
-        queue::cancel(store, &JobSignals::default(), &job.id, "key_1").await.unwrap();
+        queue::cancel(store, &JobSignals::default(), &job.id, "key_1")
+            .await
+            .unwrap();
         assert_eq!(poll.await.unwrap().status, JobStatus::Cancelled);
     });
 }
@@ -86,14 +115,24 @@ fn a_long_poll_ends_at_once_for_a_job_that_is_over_and_in_time_for_one_that_is_n
         let job = a_job(store, &a_set(store, &a_robot(store, "r").await).await, "{}").await;
         let begun = Instant::now();
         let wait = Duration::from_millis(50);
-        let unchanged = signals.wait_for_status_change(store, &job.id, JobStatus::Queued, wait).await.unwrap();
+        let unchanged = signals
+            .wait_for_status_change(store, &job.id, JobStatus::Queued, wait)
+            .await
+            .unwrap();
         assert_eq!(unchanged, job);
         assert!(begun.elapsed() >= wait);
-        queue::cancel(store, &signals, &job.id, "key_1").await.unwrap();
-        let over = signals.wait_for_status_change(store, &job.id, JobStatus::Cancelled, LONG).await.unwrap();
+        queue::cancel(store, &signals, &job.id, "key_1")
+            .await
+            .unwrap();
+        let over = signals
+            .wait_for_status_change(store, &job.id, JobStatus::Cancelled, LONG)
+            .await
+            .unwrap();
         assert_eq!(over.status, JobStatus::Cancelled);
         assert!(begun.elapsed() < LONG / 2);
-        let missing = signals.wait_for_status_change(store, "job_0", JobStatus::Queued, LONG).await;
+        let missing = signals
+            .wait_for_status_change(store, "job_0", JobStatus::Queued, LONG)
+            .await;
         assert!(matches!(missing, Err(Error::NotFound)), "{missing:?}");
     });
 }

@@ -4,7 +4,8 @@ use std::time::Duration;
 
 use kincal::jobs::{JobSignals, WorkerContext, queue, run_next_job, run_pending_jobs};
 use kincal::store::{
-    Engine, JobRow, JobStatus, MeasurementSetRow, NewJob, NewParameterSet, PageRequest, Store, frames, jobs, networks, parameter_sets,
+    Engine, JobRow, JobStatus, MeasurementSetRow, NewJob, NewParameterSet, PageRequest, Store,
+    frames, jobs, networks, parameter_sets,
 };
 
 use crate::computations::{LONG, a_worker, arrived, gate, until};
@@ -19,12 +20,16 @@ async fn some_set(database: &TestDatabase) -> MeasurementSetRow {
 fn begin(store: &Store, context: &WorkerContext) -> tokio::task::JoinHandle<()> {
     let (store, context) = (store.clone(), context.clone());
     tokio::spawn(async move {
-        run_next_job(&store, &context).await.unwrap().expect("a job waits");
+        run_next_job(&store, &context)
+            .await
+            .unwrap()
+            .expect("a job waits");
     })
 }
 
 fn code(job: &JobRow) -> String {
-    let error: serde_json::Value = serde_json::from_str(job.error_json.as_ref().expect("an error")).unwrap();
+    let error: serde_json::Value =
+        serde_json::from_str(job.error_json.as_ref().expect("an error")).unwrap();
     error["code"].as_str().unwrap().to_owned()
 }
 
@@ -33,15 +38,37 @@ fn a_job_leaves_its_report_its_curve_its_parameter_set_and_its_network() {
     for_each_engine(async |database| {
         let store = &database.store;
         let job = a_job(store, &some_set(database).await, "succeed").await;
-        assert_eq!(run_next_job(store, &a_worker(LONG)).await.unwrap().as_ref(), Some(&job.id));
+        assert_eq!(
+            run_next_job(store, &a_worker(LONG)).await.unwrap().as_ref(),
+            Some(&job.id)
+        );
         let done = jobs::get(store, &job.id).await.unwrap();
-        assert_eq!((done.status, done.attempt, done.result_sha256.as_deref()), (JobStatus::Succeeded, 1, Some("abcd")));
+        assert_eq!(
+            (done.status, done.attempt, done.result_sha256.as_deref()),
+            (JobStatus::Succeeded, 1, Some("abcd"))
+        );
         assert!(done.started_at_ms.unwrap() <= done.finished_at_ms.unwrap());
-        assert_eq!(jobs::report(store, &job.id).await.unwrap(), r#"{"n_bytes":9}"#);
-        assert_eq!(jobs::convergence(store, &job.id).await.unwrap(), r#"{"iteration":[0],"best_cost_mm2":[1.5]}"#);
-        let set = parameter_sets::get(store, &done.parameter_set_id.unwrap()).await.unwrap();
-        assert_eq!((set.robot_id, set.job_id, set.body_json.as_str()), (job.robot_id, job.id, r#"{"links":[]}"#));
-        assert_eq!(networks::weights(store, &done.network_id.unwrap()).await.unwrap(), [0, 1, 255]);
+        assert_eq!(
+            jobs::report(store, &job.id).await.unwrap(),
+            r#"{"n_bytes":9}"#
+        );
+        assert_eq!(
+            jobs::convergence(store, &job.id).await.unwrap(),
+            r#"{"iteration":[0],"best_cost_mm2":[1.5]}"#
+        );
+        let set = parameter_sets::get(store, &done.parameter_set_id.unwrap())
+            .await
+            .unwrap();
+        assert_eq!(
+            (set.robot_id, set.job_id, set.body_json.as_str()),
+            (job.robot_id, job.id, r#"{"links":[]}"#)
+        );
+        assert_eq!(
+            networks::weights(store, &done.network_id.unwrap())
+                .await
+                .unwrap(),
+            [0, 1, 255]
+        );
         assert_eq!(run_next_job(store, &a_worker(LONG)).await.unwrap(), None);
     });
 }
@@ -56,19 +83,30 @@ fn inputs_that_cannot_be_read_for_a_while_use_up_no_attempt() {
         }
         let job = a_job(store, &some_set(database).await, "succeed").await;
         let mut lock = store.pool().begin().await.unwrap();
-        sqlx::query("lock table robot in access exclusive mode").execute(&mut *lock).await.unwrap();
+        sqlx::query("lock table robot in access exclusive mode")
+            .execute(&mut *lock)
+            .await
+            .unwrap();
         // Somebody looks for leases that ran out meanwhile, as a pool does.
         let sweep = tokio::spawn({
             let store = store.clone();
             async move {
                 loop {
-                    queue::expire(&store, 3, &JobSignals::default()).await.unwrap();
+                    queue::expire(&store, 3, &JobSignals::default())
+                        .await
+                        .unwrap();
                     tokio::time::sleep(Duration::from_millis(100)).await;
                 }
             }
         });
         // The database gives up after 3 s, which is past the time for trying again.
-        assert_eq!(run_next_job(store, &a_worker(Duration::from_secs(2))).await.unwrap().as_ref(), Some(&job.id));
+        assert_eq!(
+            run_next_job(store, &a_worker(Duration::from_secs(2)))
+                .await
+                .unwrap()
+                .as_ref(),
+            Some(&job.id)
+        );
         sweep.abort();
         let waiting = jobs::get(store, &job.id).await.unwrap();
         assert_eq!((waiting.status, waiting.attempt), (JobStatus::Queued, 0));
@@ -83,7 +121,10 @@ fn inputs_that_cannot_be_read_for_a_while_use_up_no_attempt() {
 fn nothing_is_computed_before_the_claim_is_certain() {
     use std::sync::atomic::{AtomicUsize, Ordering};
     static COMPUTED: AtomicUsize = AtomicUsize::new(0);
-    fn count(inputs: &kincal::jobs::JobInputs, monitor: crate::computations::Monitor<'_>) -> crate::computations::Computed {
+    fn count(
+        inputs: &kincal::jobs::JobInputs,
+        monitor: crate::computations::Monitor<'_>,
+    ) -> crate::computations::Computed {
         COMPUTED.fetch_add(1, Ordering::SeqCst);
         crate::computations::obey(inputs, monitor)
     }
@@ -109,10 +150,24 @@ fn nothing_is_computed_before_the_claim_is_certain() {
         let worker = WorkerContext::new(count, LONG, JobSignals::default());
         run_next_job(store, &worker).await.unwrap_err();
         let waiting = jobs::get(store, &job.id).await.unwrap();
-        assert_eq!((waiting.status, waiting.attempt, COMPUTED.load(Ordering::SeqCst) - before), (JobStatus::Queued, 0, 0));
-        let mend = if store.engine() == Engine::Sqlite { "drop trigger sabotage" } else { "drop trigger sabotage on job" };
+        assert_eq!(
+            (
+                waiting.status,
+                waiting.attempt,
+                COMPUTED.load(Ordering::SeqCst) - before
+            ),
+            (JobStatus::Queued, 0, 0)
+        );
+        let mend = if store.engine() == Engine::Sqlite {
+            "drop trigger sabotage"
+        } else {
+            "drop trigger sabotage on job"
+        };
         sqlx::query(mend).execute(store.pool()).await.unwrap();
-        assert_eq!(run_next_job(store, &worker).await.unwrap().as_ref(), Some(&job.id));
+        assert_eq!(
+            run_next_job(store, &worker).await.unwrap().as_ref(),
+            Some(&job.id)
+        );
         assert_eq!(COMPUTED.load(Ordering::SeqCst) - before, 1);
     });
 }
@@ -120,7 +175,10 @@ fn nothing_is_computed_before_the_claim_is_certain() {
 #[test]
 fn a_computation_gets_everything_that_its_job_names() {
     use kincal::jobs::{JobFailure, JobInputs, JobOutcome};
-    fn tell(inputs: &JobInputs, _: crate::computations::Monitor<'_>) -> Result<JobOutcome, JobFailure> {
+    fn tell(
+        inputs: &JobInputs,
+        _: crate::computations::Monitor<'_>,
+    ) -> Result<JobOutcome, JobFailure> {
         let ids = serde_json::json!({
             "robot": inputs.robot.id, "status": inputs.job.status.as_str(), "set": inputs.set.row.id,
             "verify_set": inputs.verify_set.as_ref().map(|set| (&set.row.id, &set.body)),
@@ -128,7 +186,9 @@ fn a_computation_gets_everything_that_its_job_names() {
             "network": inputs.network.as_ref().map(|network| (&network.row.id, &network.weights)),
             "parameter_set": inputs.parameter_set.as_ref().map(|set| &set.row.id),
         });
-        Err(JobFailure::Failed { problem_json: ids.to_string() })
+        Err(JobFailure::Failed {
+            problem_json: ids.to_string(),
+        })
     }
     for_each_engine(async |database| {
         let store = &database.store;
@@ -152,8 +212,15 @@ fn a_computation_gets_everything_that_its_job_names() {
             ..new_job(&set, "{}")
         };
         let job = in_transaction(store, async |tx| queue::enqueue(tx, &new).await).await;
-        run_next_job(store, &WorkerContext::new(tell, LONG, JobSignals::default())).await.unwrap();
-        let told: serde_json::Value = serde_json::from_str(&jobs::get(store, &job.id).await.unwrap().error_json.unwrap()).unwrap();
+        run_next_job(
+            store,
+            &WorkerContext::new(tell, LONG, JobSignals::default()),
+        )
+        .await
+        .unwrap();
+        let told: serde_json::Value =
+            serde_json::from_str(&jobs::get(store, &job.id).await.unwrap().error_json.unwrap())
+                .unwrap();
         let expected = serde_json::json!({
             "robot": set.robot_id, "status": "running", "set": set.id, "verify_set": (verify.id, b"the bytes"), "frames": frames.id,
             "network": (before.network_id, [0, 1, 255]), "parameter_set": before.parameter_set_id,
@@ -169,7 +236,10 @@ fn a_computation_that_fails_fails_its_job_with_its_problem() {
         let job = a_job(store, &some_set(database).await, "fail").await;
         run_pending_jobs(store, &a_worker(LONG)).await.unwrap();
         let failed = jobs::get(store, &job.id).await.unwrap();
-        assert_eq!((failed.status, failed.error_json.as_deref()), (JobStatus::Failed, Some(r#"{"code":"under_determined"}"#)));
+        assert_eq!(
+            (failed.status, failed.error_json.as_deref()),
+            (JobStatus::Failed, Some(r#"{"code":"under_determined"}"#))
+        );
         assert_eq!((failed.parameter_set_id, failed.network_id), (None, None));
     });
 }
@@ -179,19 +249,37 @@ fn a_computation_that_panics_is_tried_as_often_as_allowed_and_others_go_on() {
     for_each_engine(async |database| {
         let store = &database.store;
         let set = some_set(database).await;
-        let (first, second) = (a_job(store, &set, "panic").await, a_job(store, &set, "succeed").await);
+        let (first, second) = (
+            a_job(store, &set, "panic").await,
+            a_job(store, &set, "succeed").await,
+        );
         let done = run_pending_jobs(store, &a_worker(LONG)).await.unwrap();
         assert_eq!(done, [first.id.clone(), second.id.clone()]);
-        assert_eq!(jobs::get(store, &second.id).await.unwrap().status, JobStatus::Succeeded);
+        assert_eq!(
+            jobs::get(store, &second.id).await.unwrap().status,
+            JobStatus::Succeeded
+        );
         for attempt in 1..=3 {
             let job = jobs::get(store, &first.id).await.unwrap();
-            assert_eq!((job.status, job.attempt), (JobStatus::Running, attempt), "its lease ends at once");
-            queue::expire(store, 3, &JobSignals::default()).await.unwrap();
+            assert_eq!(
+                (job.status, job.attempt),
+                (JobStatus::Running, attempt),
+                "its lease ends at once"
+            );
+            queue::expire(store, 3, &JobSignals::default())
+                .await
+                .unwrap();
             run_pending_jobs(store, &a_worker(LONG)).await.unwrap();
         }
         let failed = jobs::get(store, &first.id).await.unwrap();
-        assert_eq!((failed.status, code(&failed).as_str(), failed.attempt), (JobStatus::Failed, "attempts_exhausted", 3));
-        assert!(!failed.error_json.unwrap().contains("did not expect"), "the cause is for the log");
+        assert_eq!(
+            (failed.status, code(&failed).as_str(), failed.attempt),
+            (JobStatus::Failed, "attempts_exhausted", 3)
+        );
+        assert!(
+            !failed.error_json.unwrap().contains("did not expect"),
+            "the cause is for the log"
+        );
     });
 }
 
@@ -202,23 +290,46 @@ fn a_computation_without_an_end_is_tried_as_often_as_allowed_and_others_go_on() 
         let set = some_set(database).await;
         // One that asks whether to go on, and one that is deaf and keeps its thread.
         for request in ["run until stopped", "report progress, wait at the gate"] {
-            let (endless, other) = (a_job(store, &set, request).await, a_job(store, &set, "succeed").await);
+            let (endless, other) = (
+                a_job(store, &set, request).await,
+                a_job(store, &set, "succeed").await,
+            );
             let mut context = a_worker(LONG);
             context.longest = Duration::from_millis(50);
             for attempt in 1..=3 {
                 let ran = tokio::time::timeout(LONG / 4, run_pending_jobs(store, &context)).await;
-                ran.expect("a computation without an end is given up").unwrap();
+                ran.expect("a computation without an end is given up")
+                    .unwrap();
                 let job = jobs::get(store, &endless.id).await.unwrap();
-                assert_eq!((job.status, job.attempt), (JobStatus::Running, attempt), "its lease ends at once");
-                assert_eq!(jobs::get(store, &other.id).await.unwrap().status, JobStatus::Succeeded);
-                queue::expire(store, 3, &JobSignals::default()).await.unwrap();
+                assert_eq!(
+                    (job.status, job.attempt),
+                    (JobStatus::Running, attempt),
+                    "its lease ends at once"
+                );
+                assert_eq!(
+                    jobs::get(store, &other.id).await.unwrap().status,
+                    JobStatus::Succeeded
+                );
+                queue::expire(store, 3, &JobSignals::default())
+                    .await
+                    .unwrap();
             }
             let failed = jobs::get(store, &endless.id).await.unwrap();
-            assert_eq!((failed.status, code(&failed).as_str(), failed.attempt), (JobStatus::Failed, "attempts_exhausted", 3));
+            assert_eq!(
+                (failed.status, code(&failed).as_str(), failed.attempt),
+                (JobStatus::Failed, "attempts_exhausted", 3)
+            );
             // Its threads come back when it is too late.
             gate(&endless.id).open();
         }
-        assert_eq!(parameter_sets::list(store, &set.robot_id, &PageRequest::default()).await.unwrap().items.len(), 2);
+        assert_eq!(
+            parameter_sets::list(store, &set.robot_id, &PageRequest::default())
+                .await
+                .unwrap()
+                .items
+                .len(),
+            2
+        );
     });
 }
 
@@ -229,7 +340,10 @@ fn a_computation_that_stops_without_being_told_to_fails_its_job() {
         let job = a_job(store, &some_set(database).await, "give up").await;
         run_pending_jobs(store, &a_worker(LONG)).await.unwrap();
         let failed = jobs::get(store, &job.id).await.unwrap();
-        assert_eq!((failed.status, code(&failed).as_str()), (JobStatus::Failed, "internal"));
+        assert_eq!(
+            (failed.status, code(&failed).as_str()),
+            (JobStatus::Failed, "internal")
+        );
     });
 }
 
@@ -238,11 +352,20 @@ fn a_result_that_cannot_be_stored_fails_its_job_and_leaves_nothing_of_it() {
     for_each_engine(async |database| {
         let store = &database.store;
         let job = a_job(store, &some_set(database).await, "succeed").await;
-        let in_the_way = NewParameterSet { body_json: "{}".into(), sha256: "00".into() };
-        in_transaction(store, async |tx| parameter_sets::insert(tx, &job.id, &in_the_way).await).await;
+        let in_the_way = NewParameterSet {
+            body_json: "{}".into(),
+            sha256: "00".into(),
+        };
+        in_transaction(store, async |tx| {
+            parameter_sets::insert(tx, &job.id, &in_the_way).await
+        })
+        .await;
         run_pending_jobs(store, &a_worker(LONG)).await.unwrap();
         let failed = jobs::get(store, &job.id).await.unwrap();
-        assert_eq!((failed.status, code(&failed).as_str()), (JobStatus::Failed, "internal"));
+        assert_eq!(
+            (failed.status, code(&failed).as_str()),
+            (JobStatus::Failed, "internal")
+        );
         assert_eq!((failed.result_sha256, failed.network_id), (None, None));
     });
 }
@@ -257,11 +380,20 @@ fn a_running_job_stops_when_it_is_cancelled() {
             let context = a_worker(LONG);
             let worker = begin(store, &context);
             arrived(&job.id).await;
-            let signals = if signalled { context.signals.clone() } else { JobSignals::default() };
-            queue::cancel(store, &signals, &job.id, "key_1").await.unwrap();
+            let signals = if signalled {
+                context.signals.clone()
+            } else {
+                JobSignals::default()
+            };
+            queue::cancel(store, &signals, &job.id, "key_1")
+                .await
+                .unwrap();
             worker.await.unwrap();
             let cancelled = jobs::get(store, &job.id).await.unwrap();
-            assert_eq!((cancelled.status, cancelled.parameter_set_id), (JobStatus::Cancelled, None));
+            assert_eq!(
+                (cancelled.status, cancelled.parameter_set_id),
+                (JobStatus::Cancelled, None)
+            );
         }
     });
 }
@@ -270,19 +402,42 @@ fn a_running_job_stops_when_it_is_cancelled() {
 fn a_heartbeat_keeps_the_lease_while_the_computation_is_silent() {
     for_each_engine(async |database| {
         let store = &database.store;
-        let job = a_job(store, &some_set(database).await, "report progress, wait at the gate").await;
+        let job = a_job(
+            store,
+            &some_set(database).await,
+            "report progress, wait at the gate",
+        )
+        .await;
         let lease = Duration::from_millis(1500);
         let worker = begin(store, &a_worker(lease));
         arrived(&job.id).await;
         let first = jobs::get(store, &job.id).await.unwrap();
         // More than a lease later it is still the same attempt, whoever looks for leases that ran out.
-        let later = until(store, &job.id, |now| now.lease_until_ms > first.lease_until_ms.map(|ms| ms + 2000)).await;
-        assert_eq!(queue::expire(store, 3, &JobSignals::default()).await.unwrap(), Default::default());
-        let progress: serde_json::Value = serde_json::from_str(later.progress_json.as_deref().unwrap()).unwrap();
-        assert_eq!((later.attempt, progress), (1, serde_json::json!({"best_cost_mm2": 0.5, "iteration": 3, "n_iterations": 10})));
+        let later = until(store, &job.id, |now| {
+            now.lease_until_ms > first.lease_until_ms.map(|ms| ms + 2000)
+        })
+        .await;
+        assert_eq!(
+            queue::expire(store, 3, &JobSignals::default())
+                .await
+                .unwrap(),
+            Default::default()
+        );
+        let progress: serde_json::Value =
+            serde_json::from_str(later.progress_json.as_deref().unwrap()).unwrap();
+        assert_eq!(
+            (later.attempt, progress),
+            (
+                1,
+                serde_json::json!({"best_cost_mm2": 0.5, "iteration": 3, "n_iterations": 10})
+            )
+        );
         gate(&job.id).open();
         worker.await.unwrap();
-        assert_eq!(jobs::get(store, &job.id).await.unwrap().status, JobStatus::Succeeded);
+        assert_eq!(
+            jobs::get(store, &job.id).await.unwrap().status,
+            JobStatus::Succeeded
+        );
     });
 }
 
@@ -296,15 +451,34 @@ fn a_worker_that_lost_its_lease_stops_computing_and_writes_nothing() {
             let worker = begin(store, &a_worker(LONG));
             arrived(&job.id).await;
             let taken = "update job set owner = 'another', attempt = 2 where id = $1";
-            sqlx::query(taken).bind(&job.id).execute(store.pool()).await.unwrap();
+            sqlx::query(taken)
+                .bind(&job.id)
+                .execute(store.pool())
+                .await
+                .unwrap();
             // The second computation does not ask, and comes back with a result when it is too late.
             gate(&job.id).open();
             worker.await.unwrap();
             let theirs = jobs::get(store, &job.id).await.unwrap();
-            assert_eq!((theirs.status, theirs.owner.as_deref(), theirs.attempt), (JobStatus::Running, Some("another"), 2));
+            assert_eq!(
+                (theirs.status, theirs.owner.as_deref(), theirs.attempt),
+                (JobStatus::Running, Some("another"), 2)
+            );
         }
-        assert_eq!(parameter_sets::list(store, &set.robot_id, &PageRequest::default()).await.unwrap().items, []);
-        assert_eq!(networks::list(store, &set.robot_id, &PageRequest::default()).await.unwrap().items, []);
+        assert_eq!(
+            parameter_sets::list(store, &set.robot_id, &PageRequest::default())
+                .await
+                .unwrap()
+                .items,
+            []
+        );
+        assert_eq!(
+            networks::list(store, &set.robot_id, &PageRequest::default())
+                .await
+                .unwrap()
+                .items,
+            []
+        );
     });
 }
 
@@ -312,15 +486,26 @@ fn a_worker_that_lost_its_lease_stops_computing_and_writes_nothing() {
 fn a_result_survives_a_database_that_is_busy_for_less_than_the_lease() {
     for_each_engine(async |database| {
         let store = &database.store;
-        let job = a_job(store, &some_set(database).await, "report progress, wait at the gate").await;
+        let job = a_job(
+            store,
+            &some_set(database).await,
+            "report progress, wait at the gate",
+        )
+        .await;
         let worker = begin(store, &a_worker(LONG));
         arrived(&job.id).await;
         let busy = hold_the_row(store, &job).await;
         gate(&job.id).open();
-        assert_eq!(jobs::get(store, &job.id).await.unwrap().status, JobStatus::Running);
+        assert_eq!(
+            jobs::get(store, &job.id).await.unwrap().status,
+            JobStatus::Running
+        );
         busy.rollback().await.unwrap();
         worker.await.unwrap();
-        assert_eq!(jobs::get(store, &job.id).await.unwrap().status, JobStatus::Succeeded);
+        assert_eq!(
+            jobs::get(store, &job.id).await.unwrap().status,
+            JobStatus::Succeeded
+        );
     });
 }
 
@@ -336,7 +521,10 @@ fn a_worker_gives_up_when_the_database_is_away_for_longer_than_the_lease() {
         worker.await.unwrap();
         away.rollback().await.unwrap();
         let left = until(store, &job.id, |_| true).await;
-        assert_eq!((left.status, left.parameter_set_id), (JobStatus::Running, None));
+        assert_eq!(
+            (left.status, left.parameter_set_id),
+            (JobStatus::Running, None)
+        );
     });
 }
 
@@ -358,7 +546,9 @@ fn a_worker_that_is_dropped_holds_no_lease_and_stops_its_computation() {
         worker.abort();
         let expired = async {
             loop {
-                let expired = queue::expire(store, 3, &JobSignals::default()).await.unwrap();
+                let expired = queue::expire(store, 3, &JobSignals::default())
+                    .await
+                    .unwrap();
                 if !expired.queued.is_empty() {
                     return expired.queued;
                 }

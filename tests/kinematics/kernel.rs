@@ -6,7 +6,9 @@ use kincal::identification::objective::{Observation, cost};
 use kincal::identification::parameters::{Parameter, Quantity, apply};
 use kincal::identification::search_space::SearchSpace;
 use kincal::identification::swarm::{lane_robots, prepared_poses};
-use kincal::kinematics::batch::{InstructionSet, LANES, LaneRobots, Lanes, PreparedPoses, sum_of_squares};
+use kincal::kinematics::batch::{
+    InstructionSet, LANES, LaneRobots, Lanes, PreparedPoses, sum_of_squares,
+};
 use nalgebra::{IsometryMatrix3, Vector3};
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 
@@ -41,43 +43,91 @@ impl Case {
 }
 
 pub fn all_parameters(n_links: usize, n_targets: usize) -> Vec<Parameter> {
-    let quantities = [Quantity::A, Quantity::Alpha, Quantity::D, Quantity::ThetaOffset, Quantity::Beta];
-    let links = (0..n_links).flat_map(|link| quantities.map(|quantity| Parameter::Link(link, quantity)));
-    let base = (0..3).flat_map(|axis| [Parameter::BaseTranslation(axis), Parameter::BaseRotation(axis)]);
-    let targets = (0..n_targets).flat_map(|target| (0..3).map(move |axis| Parameter::Target(target, axis)));
+    let quantities = [
+        Quantity::A,
+        Quantity::Alpha,
+        Quantity::D,
+        Quantity::ThetaOffset,
+        Quantity::Beta,
+    ];
+    let links =
+        (0..n_links).flat_map(|link| quantities.map(|quantity| Parameter::Link(link, quantity)));
+    let base = (0..3).flat_map(|axis| {
+        [
+            Parameter::BaseTranslation(axis),
+            Parameter::BaseRotation(axis),
+        ]
+    });
+    let targets =
+        (0..n_targets).flat_map(|target| (0..3).map(move |axis| Parameter::Target(target, axis)));
     links.chain(base).chain(targets).collect()
 }
 
 /// Poses measured at `model`, moved by up to `noise_mm`.
-fn observations(random: &mut ChaCha8Rng, model: &KinematicModel, n: usize, noise_mm: f64, weighted: bool) -> Vec<Observation> {
+fn observations(
+    random: &mut ChaCha8Rng,
+    model: &KinematicModel,
+    n: usize,
+    noise_mm: f64,
+    weighted: bool,
+) -> Vec<Observation> {
     (0..n)
         .map(|i| {
             let q_rad = random_q(random, model.links.len());
             let target = i % model.targets_mm.len();
             let noise = Vector3::from_fn(|_, _| random.random_range(-1.0..1.0) * noise_mm);
-            let weight = if weighted { random.random_range(0.1..2.0) } else { 1.0 };
-            Observation { position_mm: model.position(&q_rad, target) + noise, q_rad, target, weight }
+            let weight = if weighted {
+                random.random_range(0.1..2.0)
+            } else {
+                1.0
+            };
+            Observation {
+                position_mm: model.position(&q_rad, target) + noise,
+                q_rad,
+                target,
+                weight,
+            }
         })
         .collect()
 }
 
 /// Deviations by up to these half-widths.
-pub fn case(random: &mut ChaCha8Rng, reference: KinematicModel, parameters: Vec<Parameter>, (mm, rad): (f64, f64), weighted: bool) -> Case {
-    let deviation = |p: &Parameter, random: &mut ChaCha8Rng| random.random_range(-1.0..1.0) * if p.is_angle() { rad } else { mm };
-    let deviations = parameters.iter().map(|p| Lanes(std::array::from_fn(|_| deviation(p, random)))).collect();
+pub fn case(
+    random: &mut ChaCha8Rng,
+    reference: KinematicModel,
+    parameters: Vec<Parameter>,
+    (mm, rad): (f64, f64),
+    weighted: bool,
+) -> Case {
+    let deviation = |p: &Parameter, random: &mut ChaCha8Rng| {
+        random.random_range(-1.0..1.0) * if p.is_angle() { rad } else { mm }
+    };
+    let deviations = parameters
+        .iter()
+        .map(|p| Lanes(std::array::from_fn(|_| deviation(p, random))))
+        .collect();
     // no multiple of the poses that are pushed side by side
     let observations = observations(random, &reference, 37, mm, weighted);
     let scale = vec![1.0; parameters.len()];
-    Case { space: SearchSpace::raw(reference, parameters, scale), deviations, observations }
+    Case {
+        space: SearchSpace::raw(reference, parameters, scale),
+        deviations,
+        observations,
+    }
 }
 
 fn assert_equal_to_the_readable_cost(case: &Case, name: &str) {
     let fast = sum_of_squares(&case.robots(), &case.poses());
     for lane in 0..LANES {
         let readable = cost(&case.model(lane), &case.observations);
-        let rounding = RESIDUAL_ROUNDING_MM * (case.observations.len() as f64 * readable).sqrt() + RESIDUAL_ROUNDING_MM.powi(2);
+        let rounding = RESIDUAL_ROUNDING_MM * (case.observations.len() as f64 * readable).sqrt()
+            + RESIDUAL_ROUNDING_MM.powi(2);
         let allowed = KERNEL_RELATIVE * readable + rounding;
-        assert!((fast.0[lane] - readable).abs() <= allowed, "{name}, lane {lane}: {} and {readable}", fast.0[lane]);
+        assert!(
+            (fast.0[lane] - readable).abs() <= allowed,
+            "{name}, lane {lane}: {} and {readable}",
+            fast.0[lane]
+        );
     }
 }
 
@@ -88,8 +138,17 @@ fn the_kernel_equals_the_readable_cost_for_any_robot() {
         for n_targets in [1, 3] {
             let reference = random_model(&mut random, n_links, n_targets);
             // angles beyond π/4, where the polynomials end, in some lanes
-            let moved = case(&mut random, reference, all_parameters(n_links, n_targets), (5.0, 1.2), true);
-            assert_equal_to_the_readable_cost(&moved, &format!("{n_links} links, {n_targets} targets"));
+            let moved = case(
+                &mut random,
+                reference,
+                all_parameters(n_links, n_targets),
+                (5.0, 1.2),
+                true,
+            );
+            assert_equal_to_the_readable_cost(
+                &moved,
+                &format!("{n_links} links, {n_targets} targets"),
+            );
         }
     }
 }
@@ -102,11 +161,23 @@ fn the_kernel_equals_the_readable_cost_with_base_known_and_target_on_the_axis() 
             let mut reference = random_model(&mut random, n_links, 1);
             reference.t_instrument_base = IsometryMatrix3::identity();
             reference.targets_mm[0] = Vector3::new(0.0, 0.0, height_mm);
-            reference.links.iter_mut().for_each(|link| link.beta_rad = 0.0);
+            reference
+                .links
+                .iter_mut()
+                .for_each(|link| link.beta_rad = 0.0);
             let parameters = kincal::identification::parameters::paper_parameters(n_links);
             for (mm, rad) in [(1.0, 0.01), (1e-6, 1e-8), (500.0, 3.0)] {
-                let moved = case(&mut random, reference.clone(), parameters.clone(), (mm, rad), false);
-                assert_equal_to_the_readable_cost(&moved, &format!("{n_links} links, moved by {mm} mm and {rad} rad"));
+                let moved = case(
+                    &mut random,
+                    reference.clone(),
+                    parameters.clone(),
+                    (mm, rad),
+                    false,
+                );
+                assert_equal_to_the_readable_cost(
+                    &moved,
+                    &format!("{n_links} links, moved by {mm} mm and {rad} rad"),
+                );
             }
         }
     }
@@ -117,7 +188,13 @@ fn parameters_that_do_not_move_stay_at_the_reference() {
     let mut random = ChaCha8Rng::seed_from_u64(6);
     let reference = random_model(&mut random, 6, 2);
     for parameter in all_parameters(6, 2) {
-        let moved = case(&mut random, reference.clone(), vec![parameter], (3.0, 0.02), true);
+        let moved = case(
+            &mut random,
+            reference.clone(),
+            vec![parameter],
+            (3.0, 0.02),
+            true,
+        );
         assert_equal_to_the_readable_cost(&moved, &parameter.name());
     }
     let none = case(&mut random, reference, vec![], (3.0, 0.02), true);
@@ -130,13 +207,23 @@ fn particles_far_out_cost_what_the_readable_cost_says() {
     // a swarm without walls may carry an angle many turns and a length many metres away
     for (mm, rad) in [(1e6, 50.0), (1e3, 1e4)] {
         let reference = random_model(&mut random, 6, 1);
-        let moved = case(&mut random, reference, all_parameters(6, 1), (mm, rad), false);
+        let moved = case(
+            &mut random,
+            reference,
+            all_parameters(6, 1),
+            (mm, rad),
+            false,
+        );
         let fast = sum_of_squares(&moved.robots(), &moved.poses());
         for lane in 0..LANES {
             let readable = cost(&moved.model(lane), &moved.observations);
             // reference + deviation of an angle is rounded to an ulp of the sum before the readable form takes its sine
             let allowed = readable * (KERNEL_RELATIVE + 40.0 * rad * f64::EPSILON);
-            assert!((fast.0[lane] - readable).abs() <= allowed, "{mm} mm, {rad} rad, lane {lane}: {} and {readable}", fast.0[lane]);
+            assert!(
+                (fast.0[lane] - readable).abs() <= allowed,
+                "{mm} mm, {rad} rad, lane {lane}: {} and {readable}",
+                fast.0[lane]
+            );
         }
     }
 }
@@ -146,13 +233,27 @@ fn a_deviation_that_is_not_a_number_gives_a_cost_that_is_not_finite() {
     let mut random = ChaCha8Rng::seed_from_u64(8);
     let reference = random_model(&mut random, 6, 1);
     for wild in [f64::NAN, f64::INFINITY] {
-        let mut moved = case(&mut random, reference.clone(), all_parameters(6, 1), (1.0, 0.01), false);
+        let mut moved = case(
+            &mut random,
+            reference.clone(),
+            all_parameters(6, 1),
+            (1.0, 0.01),
+            false,
+        );
         let sane = sum_of_squares(&moved.robots(), &moved.poses());
         for parameter in 0..moved.deviations.len() {
             let before = std::mem::replace(&mut moved.deviations[parameter].0[3], wild);
             let costs = sum_of_squares(&moved.robots(), &moved.poses());
-            assert!(!costs.0[3].is_finite(), "{}", moved.space.parameters[parameter].name());
-            assert!((0..LANES).filter(|lane| *lane != 3).all(|lane| costs.0[lane] == sane.0[lane]));
+            assert!(
+                !costs.0[3].is_finite(),
+                "{}",
+                moved.space.parameters[parameter].name()
+            );
+            assert!(
+                (0..LANES)
+                    .filter(|lane| *lane != 3)
+                    .all(|lane| costs.0[lane] == sane.0[lane])
+            );
             moved.deviations[parameter].0[3] = before;
         }
     }
@@ -164,7 +265,13 @@ fn cases_for_bits() -> Vec<Case> {
     for n_links in [1, 2, 6, 7, 12] {
         let reference = random_model(&mut random, n_links, 2);
         for (weighted, angles) in [(true, 0.02), (false, 0.9), (false, 5.0)] {
-            cases.push(case(&mut random, reference.clone(), all_parameters(n_links, 2), (3.0, angles), weighted));
+            cases.push(case(
+                &mut random,
+                reference.clone(),
+                all_parameters(n_links, 2),
+                (3.0, angles),
+                weighted,
+            ));
         }
         let mut paper = random_model(&mut random, n_links, 1);
         paper.t_instrument_base = IsometryMatrix3::identity();
@@ -201,10 +308,17 @@ fn a_particles_cost_does_not_depend_on_its_lane_or_its_neighbours() {
     for case in cases_for_bits() {
         let together = bits(sum_of_squares(&case.robots(), &case.poses()));
         for (lane, expected) in together.into_iter().enumerate() {
-            let alone: Vec<Lanes> = case.deviations.iter().map(|d| Lanes::splat(d.0[lane])).collect();
+            let alone: Vec<Lanes> = case
+                .deviations
+                .iter()
+                .map(|d| Lanes::splat(d.0[lane]))
+                .collect();
             let mut robots = lane_robots(&case.space);
             robots.set(&alone);
-            assert_eq!(bits(sum_of_squares(&robots, &case.poses())), [expected; LANES]);
+            assert_eq!(
+                bits(sum_of_squares(&robots, &case.poses())),
+                [expected; LANES]
+            );
         }
     }
 }
@@ -214,7 +328,13 @@ fn a_weight_of_one_is_no_weight() {
     // poses of weight 1 take a shorter way than weighted ones; a last pose of weight 0 sends all of them the long way
     let mut random = ChaCha8Rng::seed_from_u64(10);
     let reference = random_model(&mut random, 6, 1);
-    let mut case = case(&mut random, reference, all_parameters(6, 1), (3.0, 0.02), false);
+    let mut case = case(
+        &mut random,
+        reference,
+        all_parameters(6, 1),
+        (3.0, 0.02),
+        false,
+    );
     let short = bits(sum_of_squares(&case.robots(), &case.poses()));
     let mut last = case.observations[0].clone();
     last.weight = 0.0;

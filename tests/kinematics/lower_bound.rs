@@ -12,7 +12,11 @@ use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 
 /// Which of the case's particles are surely above a share of their own F.
 fn exceeds(case: &Case, anchor: &Anchor, limits: &Lanes) -> [bool; LANES] {
-    anchor.bound().exceeds(&case.deviations, limits, &mut vec![Lanes::ZERO; case.deviations.len()])
+    anchor.bound().exceeds(
+        &case.deviations,
+        limits,
+        &mut vec![Lanes::ZERO; case.deviations.len()],
+    )
 }
 
 fn times(costs: Lanes, factor: f64) -> Lanes {
@@ -29,15 +33,25 @@ fn random_case(seed: u64, n_links: usize, moved: (f64, f64)) -> Case {
         1 => complete_parameters(&reference.links, n_targets),
         _ => {
             reference.t_instrument_base = IsometryMatrix3::identity();
-            reference.targets_mm.iter_mut().for_each(|target| *target = Vector3::zeros());
+            reference
+                .targets_mm
+                .iter_mut()
+                .for_each(|target| *target = Vector3::zeros());
             paper_parameters(n_links)
         }
     };
-    case(&mut random, reference, parameters, moved, seed.is_multiple_of(2))
+    case(
+        &mut random,
+        reference,
+        parameters,
+        moved,
+        seed.is_multiple_of(2),
+    )
 }
 
 fn anchor_at(case: &Case, deviation: &[f64]) -> Anchor {
-    let mut anchor = Anchor::at_reference(&case.space, &case.observations).expect("there are more residuals than parameters");
+    let mut anchor = Anchor::at_reference(&case.space, &case.observations)
+        .expect("there are more residuals than parameters");
     anchor.move_to(deviation);
     anchor
 }
@@ -72,12 +86,28 @@ fn near_the_anchor_the_bound_is_near_the_cost() {
         let mut case = random_case(seed, 6, (0.01, 1e-5));
         let anchor = anchor_at(&case, &vec![0.0; case.deviations.len()]);
         let costs = sum_of_squares(&case.robots(), &case.poses());
-        assert_eq!(exceeds(&case, &anchor, &times(costs, 0.97)), [true; LANES], "seed {seed}");
+        assert_eq!(
+            exceeds(&case, &anchor, &times(costs, 0.97)),
+            [true; LANES],
+            "seed {seed}"
+        );
         // elsewhere it is as near as there
-        let there: Vec<f64> = case.space.parameters.iter().map(|p| if p.is_angle() { 0.4 } else { 50.0 }).collect();
-        case.deviations.iter_mut().zip(&there).for_each(|(d, there)| d.0.iter_mut().for_each(|d| *d = 0.1 * *d + there));
+        let there: Vec<f64> = case
+            .space
+            .parameters
+            .iter()
+            .map(|p| if p.is_angle() { 0.4 } else { 50.0 })
+            .collect();
+        case.deviations
+            .iter_mut()
+            .zip(&there)
+            .for_each(|(d, there)| d.0.iter_mut().for_each(|d| *d = 0.1 * *d + there));
         let costs = sum_of_squares(&case.robots(), &case.poses());
-        assert_eq!(exceeds(&case, &anchor_at(&case, &there), &times(costs, 0.97)), [true; LANES], "seed {seed}, moved");
+        assert_eq!(
+            exceeds(&case, &anchor_at(&case, &there), &times(costs, 0.97)),
+            [true; LANES],
+            "seed {seed}, moved"
+        );
     }
 }
 
@@ -86,20 +116,37 @@ fn what_is_not_a_number_is_above_nothing_and_disturbs_nobody() {
     let mut case = random_case(6, 6, (0.01, 1e-5));
     let anchor = anchor_at(&case, &vec![0.0; case.deviations.len()]);
     let limits = times(sum_of_squares(&case.robots(), &case.poses()), 0.97);
-    for wild in [f64::NAN, f64::INFINITY, -f64::INFINITY, f64::MAX, 1e200, -1e160] {
+    for wild in [
+        f64::NAN,
+        f64::INFINITY,
+        -f64::INFINITY,
+        f64::MAX,
+        1e200,
+        -1e160,
+    ] {
         for parameter in 0..case.deviations.len() {
             let before = std::mem::replace(&mut case.deviations[parameter].0[3], wild);
             let is_length = !case.space.parameters[parameter].is_angle();
             let found = exceeds(&case, &anchor, &limits);
             // a finite length may be that far out: its cost is no number either, or above the limit
             let cost = sum_of_squares(&case.robots(), &case.poses()).0[3];
-            assert!(!found[3] || is_length && (cost.is_nan() || cost > limits.0[3]), "{wild}: {}", case.space.parameters[parameter].name());
+            assert!(
+                !found[3] || is_length && (cost.is_nan() || cost > limits.0[3]),
+                "{wild}: {}",
+                case.space.parameters[parameter].name()
+            );
             assert!((0..LANES).filter(|lane| *lane != 3).all(|lane| found[lane]));
             case.deviations[parameter].0[3] = before;
         }
     }
-    assert_eq!(exceeds(&case, &anchor, &Lanes::splat(f64::INFINITY)), [false; LANES]);
-    assert_eq!(exceeds(&case, &anchor, &Lanes::splat(f64::NAN)), [false; LANES]);
+    assert_eq!(
+        exceeds(&case, &anchor, &Lanes::splat(f64::INFINITY)),
+        [false; LANES]
+    );
+    assert_eq!(
+        exceeds(&case, &anchor, &Lanes::splat(f64::NAN)),
+        [false; LANES]
+    );
 }
 
 #[test]
@@ -109,7 +156,8 @@ fn every_code_path_says_the_same() {
         let costs = sum_of_squares(&case.robots(), &case.poses());
         for factor in [0.9, 0.5, 0.2, 0.05, 0.01] {
             let on = |set: InstructionSet| {
-                let anchor = anchor_at(&case, &vec![0.0; case.deviations.len()]).with_instructions(set);
+                let anchor =
+                    anchor_at(&case, &vec![0.0; case.deviations.len()]).with_instructions(set);
                 exceeds(&case, &anchor, &times(costs, factor))
             };
             for set in InstructionSet::all_here() {
@@ -123,7 +171,10 @@ fn every_code_path_says_the_same() {
 fn the_anchors_cost_is_the_readable_one() {
     let case = random_case(5, 6, (3.0, 0.1));
     let deviation: Vec<f64> = case.deviations.iter().map(|d| d.0[0]).collect();
-    let readable = cost(&apply(&case.space.reference, &case.space.parameters, &deviation), &case.observations);
+    let readable = cost(
+        &apply(&case.space.reference, &case.space.parameters, &deviation),
+        &case.observations,
+    );
     assert!((anchor_at(&case, &deviation).cost_mm2() - readable).abs() < 1e-12 * readable);
 }
 

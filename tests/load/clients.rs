@@ -13,12 +13,18 @@ const PAUSE: Duration = Duration::from_millis(50);
 
 pub async fn impatient(limits: LimitsConfig) -> (TestApp, tempfile::TempDir) {
     let dir = tempfile::tempdir().unwrap();
-    let config = ServeConfig { limits, ..ServeConfig::loopback(dir.path().join("data"), 0) };
+    let config = ServeConfig {
+        limits,
+        ..ServeConfig::loopback(dir.path().join("data"), 0)
+    };
     (TestApp::with_config(config).await, dir)
 }
 
 pub fn short() -> LimitsConfig {
-    LimitsConfig { client_timeout_s: CLIENT_TIMEOUT_S, ..LimitsConfig::default() }
+    LimitsConfig {
+        client_timeout_s: CLIENT_TIMEOUT_S,
+        ..LimitsConfig::default()
+    }
 }
 
 #[tokio::test]
@@ -26,7 +32,12 @@ async fn a_silent_client_is_cut_off() {
     let (app, _dir) = impatient(short()).await;
     let begun = Instant::now();
     Raw::connect(app.server.address).await.rest().await;
-    assert!(begun.elapsed() >= Duration::from_secs(CLIENT_TIMEOUT_S) && begun.elapsed() < CUT_OFF_WITHIN, "{:?}", begun.elapsed());
+    assert!(
+        begun.elapsed() >= Duration::from_secs(CLIENT_TIMEOUT_S)
+            && begun.elapsed() < CUT_OFF_WITHIN,
+        "{:?}",
+        begun.elapsed()
+    );
 }
 
 #[tokio::test]
@@ -34,7 +45,9 @@ async fn a_client_that_is_silent_after_an_answer_is_cut_off() {
     let (app, _dir) = impatient(short()).await;
     let begun = Instant::now();
     let mut client = Raw::connect(app.server.address).await;
-    client.send(b"GET /healthz HTTP/1.1\r\nhost: x\r\n\r\n").await;
+    client
+        .send(b"GET /healthz HTTP/1.1\r\nhost: x\r\n\r\n")
+        .await;
     assert!(client.rest().await.starts_with("HTTP/1.1 200"));
     assert!(begun.elapsed() < CUT_OFF_WITHIN, "{:?}", begun.elapsed());
 }
@@ -42,7 +55,10 @@ async fn a_client_that_is_silent_after_an_answer_is_cut_off() {
 #[tokio::test]
 async fn a_dribbling_header_is_cut_off() {
     let (app, _dir) = impatient(short()).await;
-    let (took, _) = Raw::connect(app.server.address).await.dribble(b"GET / HTTP/1.1\r\nx-slow: ", b'a', PAUSE).await;
+    let (took, _) = Raw::connect(app.server.address)
+        .await
+        .dribble(b"GET / HTTP/1.1\r\nx-slow: ", b'a', PAUSE)
+        .await;
     assert!(took < CUT_OFF_WITHIN, "{took:?}");
 }
 
@@ -51,12 +67,24 @@ async fn a_dribbling_body_is_cut_off_with_408_and_nothing_is_stored() {
     let (app, _dir) = impatient(short()).await;
     let robot = app.paper_robot().await;
     let length = paper("first.csv").len();
-    let header =
-        format!("POST {robot}/measurement-sets HTTP/1.1\r\nhost: x\r\ncontent-type: text/csv\r\ncontent-length: {length}\r\n\r\nq1_deg");
-    let (took, answer) = Raw::connect(app.server.address).await.dribble(header.as_bytes(), b'1', PAUSE).await;
+    let header = format!(
+        "POST {robot}/measurement-sets HTTP/1.1\r\nhost: x\r\ncontent-type: text/csv\r\ncontent-length: {length}\r\n\r\nq1_deg"
+    );
+    let (took, answer) = Raw::connect(app.server.address)
+        .await
+        .dribble(header.as_bytes(), b'1', PAUSE)
+        .await;
     assert!(took < CUT_OFF_WITHIN, "{took:?}");
-    assert!(answer.starts_with("HTTP/1.1 408") && answer.contains("request_timeout"), "{answer}");
-    assert!(app.get(&format!("{robot}/measurement-sets")).await.ok(200)["items"].as_array().unwrap().is_empty());
+    assert!(
+        answer.starts_with("HTTP/1.1 408") && answer.contains("request_timeout"),
+        "{answer}"
+    );
+    assert!(
+        app.get(&format!("{robot}/measurement-sets")).await.ok(200)["items"]
+            .as_array()
+            .unwrap()
+            .is_empty()
+    );
 }
 
 #[tokio::test]
@@ -64,15 +92,22 @@ async fn a_client_that_sends_on_after_its_refusal_still_hears_it() {
     let (app, _dir) = impatient(LimitsConfig::default()).await;
     let robot = app.paper_robot().await;
     let too_large = 33 << 20;
-    let body =
-        format!("POST {robot}/measurement-sets HTTP/1.1\r\nhost: x\r\ncontent-type: text/csv\r\ncontent-length: {too_large}\r\n\r\n");
-    let header = format!("GET /healthz HTTP/1.1\r\nhost: x\r\nx-long: {}", "a".repeat(40 * 1024));
+    let body = format!(
+        "POST {robot}/measurement-sets HTTP/1.1\r\nhost: x\r\ncontent-type: text/csv\r\ncontent-length: {too_large}\r\n\r\n"
+    );
+    let header = format!(
+        "GET /healthz HTTP/1.1\r\nhost: x\r\nx-long: {}",
+        "a".repeat(40 * 1024)
+    );
     for (first, expected) in [(body, "HTTP/1.1 413"), (header, "HTTP/1.1 431")] {
         let mut client = Raw::connect(app.server.address).await;
         assert!(client.send(first.as_bytes()).await);
         for _ in 0..4 {
             tokio::time::sleep(PAUSE).await;
-            assert!(client.send(&[b'1'; 64 * 1024]).await, "{expected}: the server still listens");
+            assert!(
+                client.send(&[b'1'; 64 * 1024]).await,
+                "{expected}: the server still listens"
+            );
         }
         let answer = client.rest().await;
         assert!(answer.starts_with(expected), "{answer}");
@@ -83,7 +118,9 @@ async fn a_client_that_sends_on_after_its_refusal_still_hears_it() {
 async fn slow_clients_do_not_keep_others_waiting() {
     let (app, _dir) = impatient(short()).await;
     let robot = app.paper_robot().await;
-    let body = format!("POST {robot}/measurement-sets HTTP/1.1\r\nhost: x\r\ncontent-type: text/csv\r\ncontent-length: 30000000\r\n\r\nq");
+    let body = format!(
+        "POST {robot}/measurement-sets HTTP/1.1\r\nhost: x\r\ncontent-type: text/csv\r\ncontent-length: 30000000\r\n\r\nq"
+    );
     let mut slow = tokio::task::JoinSet::new();
     for i in 0..300 {
         let first = [b"".as_slice(), b"GET / HTTP/1.1\r\nx: ", body.as_bytes()][i % 3].to_vec();
@@ -104,24 +141,44 @@ async fn slow_clients_do_not_keep_others_waiting() {
 
 #[tokio::test]
 async fn one_connection_too_many_is_told_to_come_back() {
-    let (app, _dir) = impatient(LimitsConfig { max_connections: 2, ..short() }).await;
+    let (app, _dir) = impatient(LimitsConfig {
+        max_connections: 2,
+        ..short()
+    })
+    .await;
     let mut kept = Vec::new();
     for _ in 0..2 {
         let mut client = Raw::connect(app.server.address).await;
-        client.send(b"GET /healthz HTTP/1.1\r\nhost: x\r\n\r\n").await;
+        client
+            .send(b"GET /healthz HTTP/1.1\r\nhost: x\r\n\r\n")
+            .await;
         client.0.readable().await.unwrap();
         kept.push(client);
     }
     let mut one_more = Raw::connect(app.server.address).await;
-    one_more.send(b"GET /healthz HTTP/1.1\r\nhost: x\r\n\r\n").await;
+    one_more
+        .send(b"GET /healthz HTTP/1.1\r\nhost: x\r\n\r\n")
+        .await;
     let answer = one_more.rest().await;
-    assert!(answer.starts_with("HTTP/1.1 503") && answer.contains("retry-after: 1") && answer.contains("too_many_connections"), "{answer}");
+    assert!(
+        answer.starts_with("HTTP/1.1 503")
+            && answer.contains("retry-after: 1")
+            && answer.contains("too_many_connections"),
+        "{answer}"
+    );
     for client in &mut kept {
         client.rest().await;
     }
-    assert_eq!(app.get("/healthz").await.status, 200, "room again once the idle ones were cut off");
+    assert_eq!(
+        app.get("/healthz").await.status,
+        200,
+        "room again once the idle ones were cut off"
+    );
     let metrics = app.get("/metrics").await.text();
-    assert!(metrics.contains("kincal_errors_total{code=\"too_many_connections\"} 1\n"), "{metrics}");
+    assert!(
+        metrics.contains("kincal_errors_total{code=\"too_many_connections\"} 1\n"),
+        "{metrics}"
+    );
 }
 
 #[tokio::test]
@@ -131,6 +188,8 @@ async fn a_client_that_does_not_read_its_answer_is_cut_off() {
     // More requests than all buffers hold: a server that waits for its answers to be read takes no more of them.
     let requests = "GET /openapi.yaml HTTP/1.1\r\nhost: x\r\n\r\n".repeat(1_000_000);
     let sending = client.send(requests.as_bytes());
-    let sent = tokio::time::timeout(CUT_OFF_WITHIN, sending).await.expect("the server closes rather than waits");
+    let sent = tokio::time::timeout(CUT_OFF_WITHIN, sending)
+        .await
+        .expect("the server closes rather than waits");
     assert!(!sent, "the connection is closed");
 }

@@ -32,13 +32,27 @@ async fn answer(stream: &mut TcpStream) -> Option<(u16, bool)> {
         let n = stream.read(&mut chunk).await.ok().filter(|n| *n > 0)?;
         bytes.extend_from_slice(&chunk[..n]);
         let text = String::from_utf8_lossy(&bytes).to_ascii_lowercase();
-        let Some((head, body)) = text.split_once("\r\n\r\n") else { continue };
-        let length: usize = head.lines().find_map(|line| line.strip_prefix("content-length: ")).expect("a length").parse().unwrap();
+        let Some((head, body)) = text.split_once("\r\n\r\n") else {
+            continue;
+        };
+        let length: usize = head
+            .lines()
+            .find_map(|line| line.strip_prefix("content-length: "))
+            .expect("a length")
+            .parse()
+            .unwrap();
         if body.len() >= length {
-            for name in ["x-request-id", "x-content-type-options", "content-security-policy"] {
+            for name in [
+                "x-request-id",
+                "x-content-type-options",
+                "content-security-policy",
+            ] {
                 assert!(head.contains(&format!("\r\n{name}: ")), "{head}");
             }
-            return Some((head[9..12].parse().unwrap(), head.contains("\r\nretry-after: ")));
+            return Some((
+                head[9..12].parse().unwrap(),
+                head.contains("\r\nretry-after: "),
+            ));
         }
     }
 }
@@ -49,7 +63,9 @@ async fn upload(address: String, request: Vec<u8>, until: Instant) -> Outcome {
     while Instant::now() < until {
         let mut stream = match open.take() {
             Some(stream) => stream,
-            None => TcpStream::connect(&address).await.expect("the server accepts"),
+            None => TcpStream::connect(&address)
+                .await
+                .expect("the server accepts"),
         };
         let begun = Instant::now();
         let answer = match stream.write_all(&request).await {
@@ -57,7 +73,9 @@ async fn upload(address: String, request: Vec<u8>, until: Instant) -> Outcome {
             Err(_) => None,
         };
         // After a refusal the server may close rather than read the rest.
-        let Some((status, says_when)) = answer else { continue };
+        let Some((status, says_when)) = answer else {
+            continue;
+        };
         open = Some(stream);
         match status {
             201 => outcome.stored += 1,
@@ -80,7 +98,11 @@ async fn uploads(address: &str, request: &[u8], clients: usize) -> Outcome {
     Outcome {
         stored: outcomes.iter().map(|outcome| outcome.stored).sum(),
         refused: outcomes.iter().map(|outcome| outcome.refused).sum(),
-        slowest_refusal: outcomes.iter().map(|outcome| outcome.slowest_refusal).max().unwrap_or_default(),
+        slowest_refusal: outcomes
+            .iter()
+            .map(|outcome| outcome.slowest_refusal)
+            .max()
+            .unwrap_or_default(),
     }
 }
 
@@ -92,11 +114,15 @@ fn uploads_that_are_taken_do_not_wait_behind_those_that_are_refused() {
     let robot = server.robot(&data.join("robot.json"));
     let csv = std::fs::read_to_string(data.join("first.csv")).unwrap();
     let csv = csv.lines().take(21).collect::<Vec<_>>().join("\n");
-    let head =
-        format!("POST /v1/robots/{robot}/measurement-sets?frame=base HTTP/1.1\r\nhost: x\r\ncontent-type: text/csv\r\ncontent-length: ");
+    let head = format!(
+        "POST /v1/robots/{robot}/measurement-sets?frame=base HTTP/1.1\r\nhost: x\r\ncontent-type: text/csv\r\ncontent-length: "
+    );
     let request = format!("{head}{}\r\n\r\n{csv}", csv.len()).into_bytes();
     let address = server.url.strip_prefix("http://").unwrap();
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+        .unwrap();
     let alone = runtime.block_on(uploads(address, &request, FEW));
     let flood = runtime.block_on(uploads(address, &request, MANY));
     println!(
@@ -105,7 +131,15 @@ fn uploads_that_are_taken_do_not_wait_behind_those_that_are_refused() {
     );
     assert_eq!(alone.refused, 0);
     assert!(flood.refused > flood.stored, "that was no flood");
-    assert!(flood.stored as f64 >= SHARE * alone.stored as f64, "{} stored among many clients, {} among few", flood.stored, alone.stored);
+    assert!(
+        flood.stored as f64 >= SHARE * alone.stored as f64,
+        "{} stored among many clients, {} among few",
+        flood.stored,
+        alone.stored
+    );
     let metrics = server.text("/metrics");
-    assert!(metrics.contains("kincal_requests_total{method=\"POST\",route=\"-\",status=\"503\"}"), "{metrics}");
+    assert!(
+        metrics.contains("kincal_requests_total{method=\"POST\",route=\"-\",status=\"503\"}"),
+        "{metrics}"
+    );
 }

@@ -63,17 +63,38 @@ fn value(random: &mut ChaCha8Rng) -> Vec<u8> {
             value.extend(PARTS[random.random_range(0..PARTS.len())]);
         } else {
             // Any byte but those that end a header.
-            value.extend((0..random.random_range(0..40)).map(|_| random.random_range(1..=255_u8)).filter(|b| !matches!(b, b'\r' | b'\n')));
+            value.extend(
+                (0..random.random_range(0..40))
+                    .map(|_| random.random_range(1..=255_u8))
+                    .filter(|b| !matches!(b, b'\r' | b'\n')),
+            );
         }
     }
     value
 }
 
 fn request(random: &mut ChaCha8Rng, robot: &str) -> Vec<u8> {
-    let method: &[u8] = [b"GET".as_slice(), b"POST", b"PUT", b"DELETE", b"HEAD", b"OPTIONS", b"BREW"][random.random_range(0..7)];
+    let method: &[u8] = [
+        b"GET".as_slice(),
+        b"POST",
+        b"PUT",
+        b"DELETE",
+        b"HEAD",
+        b"OPTIONS",
+        b"BREW",
+    ][random.random_range(0..7)];
     let paths = [robot, "/v1/robots", "/metrics", "/v1/jobs/x", "/"].map(str::to_owned);
-    let mut request = [method, b" ", paths[random.random_range(0..paths.len())].as_bytes()].concat();
-    for (sign, name) in ["/", "?", "&", "&"].iter().zip(["measurement-sets", "frame=base", "limit=", "cursor="]) {
+    let mut request = [
+        method,
+        b" ",
+        paths[random.random_range(0..paths.len())].as_bytes(),
+    ]
+    .concat();
+    for (sign, name) in
+        ["/", "?", "&", "&"]
+            .iter()
+            .zip(["measurement-sets", "frame=base", "limit=", "cursor="])
+    {
         if random.random_bool(0.5) {
             let tail = (0..random.random_range(0..12)).map(|_| random.random_range(b'!'..=b'~'));
             request.extend([sign.as_bytes(), name.as_bytes(), &tail.collect::<Vec<_>>()].concat());
@@ -81,7 +102,15 @@ fn request(random: &mut ChaCha8Rng, robot: &str) -> Vec<u8> {
     }
     request.extend(b" HTTP/1.1\r\n");
     for _ in 0..random.random_range(0..6) {
-        request.extend([NAMES[random.random_range(0..NAMES.len())].as_bytes(), b": ", &value(random), b"\r\n"].concat());
+        request.extend(
+            [
+                NAMES[random.random_range(0..NAMES.len())].as_bytes(),
+                b": ",
+                &value(random),
+                b"\r\n",
+            ]
+            .concat(),
+        );
     }
     request.extend(b"connection: close\r\n\r\n{}");
     request
@@ -89,12 +118,18 @@ fn request(random: &mut ChaCha8Rng, robot: &str) -> Vec<u8> {
 
 #[tokio::test]
 async fn any_headers_are_the_clients_fault_or_fine() {
-    let n = std::env::var(REQUESTS).ok().and_then(|text| text.parse().ok()).unwrap_or(REQUESTS_BY_DEFAULT);
+    let n = std::env::var(REQUESTS)
+        .ok()
+        .and_then(|text| text.parse().ok())
+        .unwrap_or(REQUESTS_BY_DEFAULT);
     // A body that was announced and does not come costs its client the timeout: many at a time.
     let (app, _dir) = impatient(short()).await;
     let robot = app.paper_robot().await;
     let mut random = ChaCha8Rng::seed_from_u64(5);
-    let (mut asked, mut statuses) = (tokio::task::JoinSet::new(), std::collections::BTreeMap::new());
+    let (mut asked, mut statuses) = (
+        tokio::task::JoinSet::new(),
+        std::collections::BTreeMap::new(),
+    );
     for already in (0..n).step_by(AT_ONCE) {
         for _ in already..n.min(already + AT_ONCE) {
             let (request, address) = (request(&mut random, &robot), app.server.address);
@@ -107,11 +142,18 @@ async fn any_headers_are_the_clients_fault_or_fine() {
         while let Some(asked) = asked.join_next().await {
             let (answer, request) = asked.unwrap();
             let status = answer.split(' ').nth(1).unwrap_or("none").to_owned();
-            let is_theirs = answer.is_empty() || ["2", "3", "4"].iter().any(|class| status.starts_with(class)) || status == "503";
+            let is_theirs = answer.is_empty()
+                || ["2", "3", "4"]
+                    .iter()
+                    .any(|class| status.starts_with(class))
+                || status == "503";
             assert!(is_theirs, "{}\n{answer}", String::from_utf8_lossy(&request));
             *statuses.entry(status).or_insert(0) += 1;
         }
     }
     eprintln!("{n} requests: {statuses:?}");
-    assert!(statuses.len() >= 5 && TestApp::get(&app, "/readyz").await.status == 200, "{statuses:?}");
+    assert!(
+        statuses.len() >= 5 && TestApp::get(&app, "/readyz").await.status == 200,
+        "{statuses:?}"
+    );
 }

@@ -6,9 +6,20 @@ use std::time::{Duration, Instant};
 /// trust.md's second, fivefold for an unoptimised build on a busy machine.
 const WITHIN: Duration = Duration::from_secs(5);
 
-async fn upload(app: &TestApp, robot: &str, content_type: &str, body: Vec<u8>) -> (Answer, Duration) {
+async fn upload(
+    app: &TestApp,
+    robot: &str,
+    content_type: &str,
+    body: Vec<u8>,
+) -> (Answer, Duration) {
     let begun = Instant::now();
-    let answer = app.post(&format!("{robot}/measurement-sets?frame=base"), content_type, body).await;
+    let answer = app
+        .post(
+            &format!("{robot}/measurement-sets?frame=base"),
+            content_type,
+            body,
+        )
+        .await;
     (answer, begun.elapsed())
 }
 
@@ -17,7 +28,13 @@ async fn a_million_rows_are_refused_in_time() {
     let app = TestApp::spawn().await;
     let robot = app.paper_robot().await;
     let header = "q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,x_mm,y_mm,z_mm\n".to_owned();
-    let (answer, took) = upload(&app, &robot, "text/csv", (header + &"1,2,3,4,5,6,7,8,9\n".repeat(1_000_000)).into_bytes()).await;
+    let (answer, took) = upload(
+        &app,
+        &robot,
+        "text/csv",
+        (header + &"1,2,3,4,5,6,7,8,9\n".repeat(1_000_000)).into_bytes(),
+    )
+    .await;
     let problem = answer.problem(422, "invalid_measurements");
     assert_eq!(problem["errors"][0]["code"], "too_many_rows", "{problem}");
     assert!(took < WITHIN, "{took:?}");
@@ -28,7 +45,10 @@ async fn a_million_points_in_json_are_refused_in_time() {
     let app = TestApp::spawn().await;
     let robot = app.paper_robot().await;
     let points = "{\"q_deg\":[],\"position_mm\":[0,0,0]},".repeat(900_000);
-    let body = format!("{{\"frame\":\"base\",\"points\":[{}]}}", points.trim_end_matches(','));
+    let body = format!(
+        "{{\"frame\":\"base\",\"points\":[{}]}}",
+        points.trim_end_matches(',')
+    );
     let (answer, took) = upload(&app, &robot, "application/json", body.into_bytes()).await;
     let problem = answer.problem(422, "invalid_body");
     assert_eq!(problem["errors"][0]["pointer"], "/points", "{problem}");
@@ -41,7 +61,11 @@ async fn json_nested_a_million_deep_is_refused_in_time_wherever_it_hides() {
     let robot = app.paper_robot().await;
     for (open, close) in [("[", "]"), ("{\"a\":", "}")] {
         let deep = format!("{}1{}", open.repeat(1_000_000), close.repeat(1_000_000));
-        for body in [deep.clone(), format!("{{\"frame\":\"base\",\"points\":{deep}}}"), format!("{{\"points\":[{{\"q_deg\":{deep}}}]}}")] {
+        for body in [
+            deep.clone(),
+            format!("{{\"frame\":\"base\",\"points\":{deep}}}"),
+            format!("{{\"points\":[{{\"q_deg\":{deep}}}]}}"),
+        ] {
             let (answer, took) = upload(&app, &robot, "application/json", body.into_bytes()).await;
             assert!(matches!(answer.status, 400 | 422), "{}", answer.text());
             assert!(took < WITHIN, "{took:?}");
@@ -55,8 +79,13 @@ async fn a_gzip_bomb_is_not_unpacked() {
     let robot = app.paper_robot().await;
     for encoding in ["gzip", "deflate", "br", "zstd", "gzip, identity"] {
         let request = app.request(Method::POST, &format!("{robot}/measurement-sets"));
-        let request = request.header("content-type", "text/csv").header("content-encoding", encoding).body(vec![0x1f; 1000]);
-        Answer::of(request).await.problem(415, "unsupported_media_type");
+        let request = request
+            .header("content-type", "text/csv")
+            .header("content-encoding", encoding)
+            .body(vec![0x1f; 1000]);
+        Answer::of(request)
+            .await
+            .problem(415, "unsupported_media_type");
     }
 }
 
@@ -76,7 +105,10 @@ async fn a_body_that_hides_its_length_is_cut_off_at_the_limit() {
         }
     }
     let answer = client.rest().await;
-    assert!(answer.is_empty() || answer.starts_with("HTTP/1.1 413"), "{answer}");
+    assert!(
+        answer.is_empty() || answer.starts_with("HTTP/1.1 413"),
+        "{answer}"
+    );
     assert_eq!(app.get("/healthz").await.status, 200);
 }
 
@@ -89,15 +121,28 @@ async fn many_large_bodies_at_once_are_all_answered_and_small_ones_go_on() {
     for _ in 0..16 {
         let (app, robot, body) = (app.clone(), robot.clone(), body.clone());
         uploads.spawn(async move {
-            let request = app.request(Method::POST, &format!("{robot}/measurement-sets")).header("content-type", "text/csv").body(body);
+            let request = app
+                .request(Method::POST, &format!("{robot}/measurement-sets"))
+                .header("content-type", "text/csv")
+                .body(body);
             // A server that answers before it has read everything may close while the client still writes.
-            request.send().await.map(|response| (response.status().as_u16(), response.headers().contains_key("retry-after")))
+            request.send().await.map(|response| {
+                (
+                    response.status().as_u16(),
+                    response.headers().contains_key("retry-after"),
+                )
+            })
         });
     }
     app.upload(&robot, "first.csv").await;
     let answers = uploads.join_all().await;
     let known = answers.iter().flatten().collect::<Vec<_>>();
-    assert!(known.iter().all(|answer| matches!(answer, (422, false) | (503, true))), "{known:?}");
+    assert!(
+        known
+            .iter()
+            .all(|answer| matches!(answer, (422, false) | (503, true))),
+        "{known:?}"
+    );
     assert!(known.iter().any(|answer| answer.0 == 422), "{known:?}");
     let (answer, _) = upload(&app, &robot, "text/csv", paper("first.csv")).await;
     answer.ok(201);

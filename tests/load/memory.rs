@@ -25,16 +25,38 @@ fn bodies() -> [(&'static str, Vec<u8>); 5] {
     };
     [
         ("text/csv", filled(header, "1")),
-        ("text/csv", filled(header, "10.25,20.5,-30,40,50,60,1000.125,200,300\n")),
-        ("application/json", filled("{\"frame\":\"base\",\"points\":[", "{\"q_deg\":[1,2,3,4,5,6],\"position_mm\":[0,0,0]},")),
-        ("application/json", filled("{\"frame\":\"base\",\"points\":[{\"q_deg\":[", "1,")),
+        (
+            "text/csv",
+            filled(header, "10.25,20.5,-30,40,50,60,1000.125,200,300\n"),
+        ),
+        (
+            "application/json",
+            filled(
+                "{\"frame\":\"base\",\"points\":[",
+                "{\"q_deg\":[1,2,3,4,5,6],\"position_mm\":[0,0,0]},",
+            ),
+        ),
+        (
+            "application/json",
+            filled("{\"frame\":\"base\",\"points\":[{\"q_deg\":[", "1,"),
+        ),
         ("application/json", filled("{\"points\":", "[")),
     ]
 }
 
-async fn post(address: String, path: String, content_type: &'static str, body: Arc<Vec<u8>>) -> Option<u16> {
-    let mut stream = TcpStream::connect(&address).await.expect("the server accepts");
-    let head = format!("POST {path} HTTP/1.1\r\nhost: x\r\ncontent-type: {content_type}\r\ncontent-length: {}\r\n\r\n", body.len());
+async fn post(
+    address: String,
+    path: String,
+    content_type: &'static str,
+    body: Arc<Vec<u8>>,
+) -> Option<u16> {
+    let mut stream = TcpStream::connect(&address)
+        .await
+        .expect("the server accepts");
+    let head = format!(
+        "POST {path} HTTP/1.1\r\nhost: x\r\ncontent-type: {content_type}\r\ncontent-length: {}\r\n\r\n",
+        body.len()
+    );
     let (mut reader, mut writer) = stream.split();
     // A server that answers before it has read everything may close while the client still writes.
     let send = async {
@@ -52,8 +74,16 @@ async fn post(address: String, path: String, content_type: &'static str, body: A
 /// Largest memory that the process ever had, MiB.
 fn peak_mib(server: &Server) -> u64 {
     let status = std::fs::read_to_string(format!("/proc/{}/status", server.id())).unwrap();
-    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:")).expect("its peak");
-    line.split_whitespace().next().unwrap().parse::<u64>().unwrap() / 1024
+    let line = status
+        .lines()
+        .find_map(|line| line.strip_prefix("VmHWM:"))
+        .expect("its peak");
+    line.split_whitespace()
+        .next()
+        .unwrap()
+        .parse::<u64>()
+        .unwrap()
+        / 1024
 }
 
 #[test]
@@ -63,15 +93,34 @@ fn sixty_four_of_the_largest_bodies_at_once_stay_within_memory() {
     let robot = server.robot(&Path::new(env!("CARGO_MANIFEST_DIR")).join("data/paper/robot.json"));
     let path = format!("/v1/robots/{robot}/measurement-sets");
     let address = server.url.strip_prefix("http://").unwrap().to_owned();
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+        .unwrap();
     for (content_type, body) in bodies() {
         let body = Arc::new(body);
         let mut all = JoinSet::new();
         for _ in 0..BODIES {
-            runtime.block_on(async { drop(all.spawn(post(address.clone(), path.clone(), content_type, Arc::clone(&body)))) });
+            runtime.block_on(async {
+                drop(all.spawn(post(
+                    address.clone(),
+                    path.clone(),
+                    content_type,
+                    Arc::clone(&body),
+                )))
+            });
         }
-        let answers: Vec<u16> = runtime.block_on(all.join_all()).into_iter().flatten().collect();
-        assert!(answers.iter().all(|status| matches!(status, 400 | 422 | 503)), "{answers:?}");
+        let answers: Vec<u16> = runtime
+            .block_on(all.join_all())
+            .into_iter()
+            .flatten()
+            .collect();
+        assert!(
+            answers
+                .iter()
+                .all(|status| matches!(status, 400 | 422 | 503)),
+            "{answers:?}"
+        );
         // One that was read to its end is among them: otherwise nothing was measured.
         assert!(answers.iter().any(|status| *status != 503), "{answers:?}");
         println!(
@@ -91,11 +140,22 @@ const DEAF: usize = 40;
 
 /// Asks and reads the status, and nothing of the rest as long as the stream is kept.
 async fn ask(address: &str, path: &str) -> (u16, TcpStream) {
-    let mut stream = TcpStream::connect(address).await.expect("the server accepts");
-    stream.write_all(format!("GET {path} HTTP/1.1\r\nhost: x\r\n\r\n").as_bytes()).await.unwrap();
+    let mut stream = TcpStream::connect(address)
+        .await
+        .expect("the server accepts");
+    stream
+        .write_all(format!("GET {path} HTTP/1.1\r\nhost: x\r\n\r\n").as_bytes())
+        .await
+        .unwrap();
     let mut answer = [0; 12];
     stream.read_exact(&mut answer).await.expect("a status");
-    (std::str::from_utf8(&answer[9..12]).unwrap().parse().unwrap(), stream)
+    (
+        std::str::from_utf8(&answer[9..12])
+            .unwrap()
+            .parse()
+            .unwrap(),
+        stream,
+    )
 }
 
 #[test]
@@ -104,12 +164,21 @@ fn clients_that_do_not_read_their_answers_stay_within_memory_and_are_refused_bey
     let server = Server::start(dir.path(), 0);
     let robot = server.robot(&Path::new(env!("CARGO_MANIFEST_DIR")).join("data/paper/robot.json"));
     // Nothing but white space makes it large.
-    let mut body = b"{\"frame\":\"base\",\"points\":[{\"q_deg\":[1,2,3,4,5,6],\"position_mm\":[500,0,900]}]}".to_vec();
+    let mut body =
+        b"{\"frame\":\"base\",\"points\":[{\"q_deg\":[1,2,3,4,5,6],\"position_mm\":[500,0,900]}]}"
+            .to_vec();
     body.resize(ANSWER_BYTES, b' ');
-    let set = server.create(&format!("/v1/robots/{robot}/measurement-sets"), "application/json", body);
+    let set = server.create(
+        &format!("/v1/robots/{robot}/measurement-sets"),
+        "application/json",
+        body,
+    );
     let path = format!("/v1/measurement-sets/{set}/points");
     let address = server.url.strip_prefix("http://").unwrap().to_owned();
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+        .unwrap();
     let deaf = runtime.block_on(async {
         let mut all = JoinSet::new();
         for _ in 0..DEAF {
@@ -119,14 +188,35 @@ fn clients_that_do_not_read_their_answers_stay_within_memory_and_are_refused_bey
         all.join_all().await
     });
     let count = |status: u16| deaf.iter().filter(|(found, _)| *found == status).count();
-    println!("{} kept, {} refused; at most {} MiB", count(200), count(503), peak_mib(&server));
-    assert!(count(200) > 0 && count(503) > 0 && count(200) + count(503) == DEAF, "{} kept, {} refused", count(200), count(503));
-    assert_eq!(runtime.block_on(ask(&address, &path)).0, 503, "there is no room for one more");
-    assert_eq!(server.get(&format!("/v1/measurement-sets/{set}")).0, 200, "small answers go on");
+    println!(
+        "{} kept, {} refused; at most {} MiB",
+        count(200),
+        count(503),
+        peak_mib(&server)
+    );
+    assert!(
+        count(200) > 0 && count(503) > 0 && count(200) + count(503) == DEAF,
+        "{} kept, {} refused",
+        count(200),
+        count(503)
+    );
+    assert_eq!(
+        runtime.block_on(ask(&address, &path)).0,
+        503,
+        "there is no room for one more"
+    );
+    assert_eq!(
+        server.get(&format!("/v1/measurement-sets/{set}")).0,
+        200,
+        "small answers go on"
+    );
     assert!(peak_mib(&server) <= MAX_MIB, "{} MiB", peak_mib(&server));
     drop(deaf);
     let begun = Instant::now();
     while runtime.block_on(ask(&address, &path)).0 != 200 {
-        assert!(begun.elapsed() < ROOM_AGAIN_WITHIN, "clients that are gone keep their room");
+        assert!(
+            begun.elapsed() < ROOM_AGAIN_WITHIN,
+            "clients that are gone keep their room"
+        );
     }
 }

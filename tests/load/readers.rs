@@ -23,7 +23,11 @@ async fn soon(what: &str, answer: impl Future<Output = Answer>) -> Answer {
     let begun = Instant::now();
     let answer = answer.await;
     println!("{what}: {} after {:?}", answer.status, begun.elapsed());
-    assert!(begun.elapsed() < WITHIN, "{what} took {:?}", begun.elapsed());
+    assert!(
+        begun.elapsed() < WITHIN,
+        "{what} took {:?}",
+        begun.elapsed()
+    );
     answer
 }
 
@@ -32,26 +36,57 @@ async fn soon(what: &str, answer: impl Future<Output = Answer>) -> Answer {
 async fn a_flood_of_plans_by_a_key_that_only_reads_keeps_no_upload_and_no_withdrawal_out() {
     let (app, _dir) = guarded(1).await;
     let writer = Person::new(&app, &["read", "upload", "identify", "release"]).await;
-    let (reader, other) = (Person::new(&app, &["read"]).await, Person::new(&app, &["read"]).await);
-    let robot = writer.send(Method::POST, "/v1/robots", "application/json", paper("robot.json")).await.ok(201);
+    let (reader, other) = (
+        Person::new(&app, &["read"]).await,
+        Person::new(&app, &["read"]).await,
+    );
+    let robot = writer
+        .send(
+            Method::POST,
+            "/v1/robots",
+            "application/json",
+            paper("robot.json"),
+        )
+        .await
+        .ok(201);
     let robot = format!("/v1/robots/{}", text(&robot["id"]));
     let csv = String::from_utf8(paper("first.csv")).unwrap();
     let set = writer.upload(&robot, &csv).await;
-    let job = writer.job(&robot, &json!({"measurement_set_id": set["id"], "method": "least_squares"})).await;
+    let job = writer
+        .job(
+            &robot,
+            &json!({"measurement_set_id": set["id"], "method": "least_squares"}),
+        )
+        .await;
     let parameters = format!("/v1/parameter-sets/{}", text(&job["parameter_set_id"]));
 
     let refusals = Arc::new(AtomicUsize::new(0));
     let plan = json!({"n_configurations": 60, "n_candidates": 2000}).to_string();
     let mut flood = JoinSet::new();
     for _ in 0..CLIENTS {
-        let request = app.request(Method::POST, &format!("{robot}/pose-plans")).bearer_auth(&reader.key);
-        let request = request.header("content-type", "application/json").body(plan.clone());
+        let request = app
+            .request(Method::POST, &format!("{robot}/pose-plans"))
+            .bearer_auth(&reader.key);
+        let request = request
+            .header("content-type", "application/json")
+            .body(plan.clone());
         let refusals = Arc::clone(&refusals);
         flood.spawn(async move {
             loop {
-                let Ok(response) = request.try_clone().expect("a text can be sent again").send().await else { continue };
+                let Ok(response) = request
+                    .try_clone()
+                    .expect("a text can be sent again")
+                    .send()
+                    .await
+                else {
+                    continue;
+                };
                 if response.status() != 200 {
-                    assert!(matches!(response.status().as_u16(), 429 | 503), "{}", response.status());
+                    assert!(
+                        matches!(response.status().as_u16(), 429 | 503),
+                        "{}",
+                        response.status()
+                    );
                     assert!(response.headers().contains_key("retry-after"));
                     refusals.fetch_add(1, Ordering::Relaxed);
                     tokio::time::sleep(PAUSE).await;
@@ -64,15 +99,53 @@ async fn a_flood_of_plans_by_a_key_that_only_reads_keeps_no_upload_and_no_withdr
         assert!(begun.elapsed() < WITHIN, "that is no flood");
         tokio::time::sleep(PAUSE).await;
     }
-    soon("upload", writer.send(Method::POST, &format!("{robot}/measurement-sets?frame=base"), "text/csv", csv)).await.ok(201);
-    soon("cancel", writer.send(Method::POST, &format!("/v1/jobs/{}/cancel", text(&job["id"])), "", "")).await.ok(200);
+    soon(
+        "upload",
+        writer.send(
+            Method::POST,
+            &format!("{robot}/measurement-sets?frame=base"),
+            "text/csv",
+            csv,
+        ),
+    )
+    .await
+    .ok(201);
+    soon(
+        "cancel",
+        writer.send(
+            Method::POST,
+            &format!("/v1/jobs/{}/cancel", text(&job["id"])),
+            "",
+            "",
+        ),
+    )
+    .await
+    .ok(200);
     let predict = json!({"q_deg": [[0, 0, 0, 0, 0, 0]]});
-    soon("prediction for another", other.post(&format!("{parameters}/predict"), &predict)).await.ok(200);
-    soon("gates", other.get(&format!("{parameters}/gates"))).await.ok(200);
+    soon(
+        "prediction for another",
+        other.post(&format!("{parameters}/predict"), &predict),
+    )
+    .await
+    .ok(200);
+    soon("gates", other.get(&format!("{parameters}/gates")))
+        .await
+        .ok(200);
     let why = json!({"reason": "the cell makes scrap"});
-    assert_eq!(soon("withdrawal", writer.post(&format!("{parameters}/withdraw"), &why)).await.ok(200)["status"], "withdrawn");
+    assert_eq!(
+        soon(
+            "withdrawal",
+            writer.post(&format!("{parameters}/withdraw"), &why)
+        )
+        .await
+        .ok(200)["status"],
+        "withdrawn"
+    );
     flood.abort_all();
     while let Some(end) = flood.join_next().await {
-        assert!(end.is_err_and(|error| error.is_cancelled()), "a client of the flood got what it should not");
+        assert!(
+            end.is_err_and(|error| error.is_cancelled()),
+            "a client of the flood got what it should not"
+        );
     }
 }

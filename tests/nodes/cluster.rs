@@ -25,16 +25,39 @@ impl Cluster {
             return None;
         }
         let Some(bin) = newest_bin() else {
-            say("!!! NO initdb UNDER /usr/lib/postgresql: THE TESTS WITH SEVERAL NODES DO NOT RUN !!!");
+            say(
+                "!!! NO initdb UNDER /usr/lib/postgresql: THE TESTS WITH SEVERAL NODES DO NOT RUN !!!",
+            );
             return None;
         };
         let home = tempfile::tempdir().unwrap();
-        let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+        let port = TcpListener::bind("127.0.0.1:0")
+            .unwrap()
+            .local_addr()
+            .unwrap()
+            .port();
         let cluster = Self { home, bin, port };
         if is_root() {
-            assert!(Command::new("chown").arg("postgres").arg(cluster.home.path()).status().unwrap().success());
+            assert!(
+                Command::new("chown")
+                    .arg("postgres")
+                    .arg(cluster.home.path())
+                    .status()
+                    .unwrap()
+                    .success()
+            );
         }
-        cluster.run("initdb", &["--auth=trust", "--username=postgres", "--no-sync", "--encoding=UTF8", "-D", &cluster.data()]);
+        cluster.run(
+            "initdb",
+            &[
+                "--auth=trust",
+                "--username=postgres",
+                "--no-sync",
+                "--encoding=UTF8",
+                "-D",
+                &cluster.data(),
+            ],
+        );
         cluster.up();
         Some(cluster)
     }
@@ -51,25 +74,52 @@ impl Cluster {
             self.port
         );
         let log = self.home.path().join("log").display().to_string();
-        self.run("pg_ctl", &["start", "--wait", "--silent", "-D", &self.data(), "-l", &log, "-o", &options]);
+        self.run(
+            "pg_ctl",
+            &[
+                "start",
+                "--wait",
+                "--silent",
+                "-D",
+                &self.data(),
+                "-l",
+                &log,
+                "-o",
+                &options,
+            ],
+        );
     }
 
     /// Stops it as a power cut does: no connection is told, no checkpoint made.
     pub fn crash(&self) {
-        self.run("pg_ctl", &["stop", "--mode=immediate", "--silent", "-D", &self.data()]);
+        self.run(
+            "pg_ctl",
+            &["stop", "--mode=immediate", "--silent", "-D", &self.data()],
+        );
     }
 
     /// Cuts all connections of the nodes, whatever they are doing.
     pub fn cut_connections(&self) {
-        let sql =
-            "select pg_terminate_backend(pid) from pg_stat_activity where pid <> pg_backend_pid() and backend_type = 'client backend'";
+        let sql = "select pg_terminate_backend(pid) from pg_stat_activity where pid <> pg_backend_pid() and backend_type = 'client backend'";
         let psql = self.bin.join("psql");
-        let _ = Command::new(psql).args([&self.url(), "-qc", sql]).stdout(Stdio::null()).stderr(Stdio::null()).status();
+        let _ = Command::new(psql)
+            .args([&self.url(), "-qc", sql])
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .status();
     }
 
     /// An API node.
     pub fn api_node(&self, more: &[&str]) -> Server {
-        let mut command = kincal(&["serve", "--listen", "127.0.0.1:0", "--workers", "0", "--database-url", &self.url()]);
+        let mut command = kincal(&[
+            "serve",
+            "--listen",
+            "127.0.0.1:0",
+            "--workers",
+            "0",
+            "--database-url",
+            &self.url(),
+        ]);
         command.args(more).env("KINCAL_LEASE_S", "2");
         Server::of(command)
     }
@@ -77,13 +127,25 @@ impl Cluster {
     /// A compute node with one worker.
     pub fn worker(&self) -> Worker {
         let mut command = kincal(&["worker", "--workers", "1", "--database-url", &self.url()]);
-        Worker(command.env("KINCAL_LEASE_S", "2").stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap())
+        Worker(
+            command
+                .env("KINCAL_LEASE_S", "2")
+                .stdout(Stdio::null())
+                .stderr(Stdio::null())
+                .spawn()
+                .unwrap(),
+        )
     }
 
     /// Checks I1 to I9 on what is left.
     pub fn verify(&self) {
         let checked = crate::process::run(&["verify-store", "--database-url", &self.url()]);
-        assert!(checked.status.success(), "{}{}", String::from_utf8_lossy(&checked.stdout), String::from_utf8_lossy(&checked.stderr));
+        assert!(
+            checked.status.success(),
+            "{}{}",
+            String::from_utf8_lossy(&checked.stdout),
+            String::from_utf8_lossy(&checked.stderr)
+        );
     }
 
     fn data(&self) -> String {
@@ -101,15 +163,29 @@ impl Cluster {
             Command::new(&program)
         };
         let since = Instant::now();
-        let status = command.args(arguments).current_dir(self.home.path()).stdout(Stdio::null()).status().unwrap();
-        assert!(status.success() && since.elapsed() < START_WITHIN, "{} {arguments:?}: {status}", program.display());
+        let status = command
+            .args(arguments)
+            .current_dir(self.home.path())
+            .stdout(Stdio::null())
+            .status()
+            .unwrap();
+        assert!(
+            status.success() && since.elapsed() < START_WITHIN,
+            "{} {arguments:?}: {status}",
+            program.display()
+        );
     }
 }
 
 impl Drop for Cluster {
     fn drop(&mut self) {
         // also when the test panics; a server that is down already is no reason to panic again
-        let stop = || self.run("pg_ctl", &["stop", "--mode=immediate", "--silent", "-D", &self.data()]);
+        let stop = || {
+            self.run(
+                "pg_ctl",
+                &["stop", "--mode=immediate", "--silent", "-D", &self.data()],
+            )
+        };
         let _ = std::panic::catch_unwind(std::panic::AssertUnwindSafe(stop));
     }
 }
@@ -120,7 +196,13 @@ pub struct Worker(Child);
 impl Worker {
     /// Sends a signal: KILL, STOP, CONT, TERM.
     pub fn signal(&self, name: &str) {
-        assert!(Command::new("kill").args([&format!("-{name}"), &self.0.id().to_string()]).status().unwrap().success());
+        assert!(
+            Command::new("kill")
+                .args([&format!("-{name}"), &self.0.id().to_string()])
+                .status()
+                .unwrap()
+                .success()
+        );
     }
 }
 
@@ -144,7 +226,13 @@ fn is_root() -> bool {
 /// The effective user, without another dependency.
 fn effective_user() -> Option<u32> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
-    status.lines().find_map(|line| line.strip_prefix("Uid:"))?.split_whitespace().nth(1)?.parse().ok()
+    status
+        .lines()
+        .find_map(|line| line.strip_prefix("Uid:"))?
+        .split_whitespace()
+        .nth(1)?
+        .parse()
+        .ok()
 }
 
 fn say(line: &str) {

@@ -7,8 +7,12 @@ use std::ops::ControlFlow;
 
 /// One number that changes with any bit of any of the numbers (FNV-1a).
 fn fingerprint<'a>(numbers: impl IntoIterator<Item = &'a f64>) -> u64 {
-    let bytes = numbers.into_iter().flat_map(|number| number.to_bits().to_le_bytes());
-    bytes.fold(0xcbf2_9ce4_8422_2325, |hash, byte| (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3))
+    let bytes = numbers
+        .into_iter()
+        .flat_map(|number| number.to_bits().to_le_bytes());
+    bytes.fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
+        (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3)
+    })
 }
 
 #[test]
@@ -23,19 +27,43 @@ fn a_swarm_keeps_its_bits() {
     let mut cost = |positions: &pso::Positions, costs: &mut [f64]| {
         for (i, cost) in costs.iter_mut().enumerate() {
             let x = positions.particle(i);
-            *cost =
-                x.windows(2).fold(0.0, |sum, w| sum + 100.0 * (w[1] - w[0] * w[0]) * (w[1] - w[0] * w[0]) + (1.0 - w[0]) * (1.0 - w[0]));
+            *cost = x.windows(2).fold(0.0, |sum, w| {
+                sum + 100.0 * (w[1] - w[0] * w[0]) * (w[1] - w[0] * w[0])
+                    + (1.0 - w[0]) * (1.0 - w[0])
+            });
         }
     };
-    let search_box = pso::SearchBox { centre: vec![0.1; 7], half_width: vec![1.7; 7] };
-    let options = pso::Options { n_particles: 37, n_iterations: 100, seed: 3, ..pso::Options::default() };
-    let summary = pso::minimize(&mut cost, &search_box, &options, None, &mut |_| ControlFlow::Continue(()));
-    assert_eq!(fingerprint(summary.own_best_positions.values.iter().chain(&summary.convergence)), SWARM);
+    let search_box = pso::SearchBox {
+        centre: vec![0.1; 7],
+        half_width: vec![1.7; 7],
+    };
+    let options = pso::Options {
+        n_particles: 37,
+        n_iterations: 100,
+        seed: 3,
+        ..pso::Options::default()
+    };
+    let summary = pso::minimize(&mut cost, &search_box, &options, None, &mut |_| {
+        ControlFlow::Continue(())
+    });
+    assert_eq!(
+        fingerprint(
+            summary
+                .own_best_positions
+                .values
+                .iter()
+                .chain(&summary.convergence)
+        ),
+        SWARM
+    );
 }
 
 #[test]
 fn least_squares_keep_their_bits() {
-    let problem = problems().into_iter().find(|problem| problem.name == "Thurber").expect("it is in the file");
+    let problem = problems()
+        .into_iter()
+        .find(|problem| problem.name == "Thurber")
+        .expect("it is in the file");
     let summary = least_squares::minimize(
         &mut |b, r, j| problem.evaluate(b, r, j),
         problem.data.len(),
@@ -43,7 +71,10 @@ fn least_squares_keep_their_bits() {
         &least_squares::Options::default(),
         &mut |_| ControlFlow::Continue(()),
     );
-    assert_eq!(fingerprint(summary.x.iter().chain(&summary.convergence)), LEAST_SQUARES);
+    assert_eq!(
+        fingerprint(summary.x.iter().chain(&summary.convergence)),
+        LEAST_SQUARES
+    );
 }
 
 #[test]
@@ -61,10 +92,21 @@ fn networks_keep_their_bits() {
     let mut weights = Vec::new();
     for update_rule in [
         bpnn::Options::default().update_rule,
-        bpnn::UpdateRule::Adam { learning_rate: 0.01 },
-        bpnn::UpdateRule::Momentum { learning_rate: 0.1, momentum: 0.9 },
+        bpnn::UpdateRule::Adam {
+            learning_rate: 0.01,
+        },
+        bpnn::UpdateRule::Momentum {
+            learning_rate: 0.1,
+            momentum: 0.9,
+        },
     ] {
-        let options = bpnn::Options { update_rule, n_epochs: 100, n_trial_epochs: 20, seed: 5, ..bpnn::Options::default() };
+        let options = bpnn::Options {
+            update_rule,
+            n_epochs: 100,
+            n_trial_epochs: 20,
+            seed: 5,
+            ..bpnn::Options::default()
+        };
         let (network, choice) = bpnn::choose_size_and_train(&inputs, &targets, &options);
         weights.extend(network.hidden_weights);
         weights.extend(network.output_weights);

@@ -1,8 +1,8 @@
 //! The network against a plainly written one, its gradient against differences, and what it learns.
 
 use kincal::solvers::bpnn::{
-    Activation, Network, Options, Termination, UpdateRule, choose_size_and_train, error_and_gradient, hidden_size_candidates,
-    initial_network, mean_squared_error, train,
+    Activation, Network, Options, Termination, UpdateRule, choose_size_and_train,
+    error_and_gradient, hidden_size_candidates, initial_network, mean_squared_error, train,
 };
 use kincal::solvers::random::LaneRandom;
 use std::time::{Duration, Instant};
@@ -26,7 +26,9 @@ fn one_answer(scale: f64) -> (Vec<Vec<f64>>, Vec<Vec<f64>>) {
 
 /// [Gao 2018, eq. 12] neuron by neuron.
 fn plain_answer(network: &Network, input: &[f64]) -> Vec<f64> {
-    let neuron = |weights: &[f64], x: &[f64], threshold: f64| -> f64 { weights.iter().zip(x).map(|(w, x)| w * x).sum::<f64>() - threshold };
+    let neuron = |weights: &[f64], x: &[f64], threshold: f64| -> f64 {
+        weights.iter().zip(x).map(|(w, x)| w * x).sum::<f64>() - threshold
+    };
     let hidden: Vec<f64> = (0..network.n_hidden)
         .map(|i| {
             let weights = &network.hidden_weights[i * network.n_inputs..(i + 1) * network.n_inputs];
@@ -37,14 +39,21 @@ fn plain_answer(network: &Network, input: &[f64]) -> Vec<f64> {
         .map(|i| {
             let weights = &network.output_weights[i * network.n_hidden..(i + 1) * network.n_hidden];
             let argument = neuron(weights, &hidden, network.output_thresholds[i]);
-            if network.output_activation == Activation::Tanh { libm::tanh(argument) } else { argument }
+            if network.output_activation == Activation::Tanh {
+                libm::tanh(argument)
+            } else {
+                argument
+            }
         })
         .collect()
 }
 
 fn largest_difference(a: &[f64], b: &[f64]) -> f64 {
     assert_eq!(a.len(), b.len());
-    a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+    a.iter()
+        .zip(b)
+        .map(|(a, b)| (a - b).abs())
+        .fold(0.0, f64::max)
 }
 
 /// Sizes that fill no tile and no block of lanes, and sizes that fill them all.
@@ -56,7 +65,11 @@ fn answers_are_those_of_a_plain_network() {
     const ROUNDING: f64 = 1e-14;
     for output_activation in [Activation::Identity, Activation::Tanh] {
         for (n_samples, n_inputs, n_hidden, n_outputs) in SIZES {
-            let options = Options { output_activation, seed: 4, ..Options::default() };
+            let options = Options {
+                output_activation,
+                seed: 4,
+                ..Options::default()
+            };
             let network = initial_network(n_inputs, n_hidden, n_outputs, &options);
             let inputs = rows(n_samples, n_inputs, 9);
             let answers = network.evaluate_all(&inputs);
@@ -77,17 +90,29 @@ fn the_error_is_the_mean_square_over_samples_and_outputs() {
             .iter()
             .zip(&targets)
             .flat_map(|(input, target)| {
-                plain_answer(&network, input).into_iter().zip(target).map(|(a, t)| (a - t) * (a - t)).collect::<Vec<_>>()
+                plain_answer(&network, input)
+                    .into_iter()
+                    .zip(target)
+                    .map(|(a, t)| (a - t) * (a - t))
+                    .collect::<Vec<_>>()
             })
             .sum();
         let expected = squares / (n_samples * n_outputs) as f64;
-        assert!((mean_squared_error(&network, &inputs, &targets) - expected).abs() < 1e-14 * expected.max(1.0));
+        assert!(
+            (mean_squared_error(&network, &inputs, &targets) - expected).abs()
+                < 1e-14 * expected.max(1.0)
+        );
     }
 }
 
 /// The weights and thresholds of a network one after the other.
 fn parameters(network: &mut Network) -> [&mut Vec<f64>; 4] {
-    [&mut network.hidden_weights, &mut network.hidden_thresholds, &mut network.output_weights, &mut network.output_thresholds]
+    [
+        &mut network.hidden_weights,
+        &mut network.hidden_thresholds,
+        &mut network.output_weights,
+        &mut network.output_thresholds,
+    ]
 }
 
 #[test]
@@ -97,7 +122,11 @@ fn the_back_propagated_gradient_agrees_with_central_differences() {
     const TOLERANCE: f64 = 1e-9;
     for output_activation in [Activation::Identity, Activation::Tanh] {
         for (n_samples, n_inputs, n_hidden, n_outputs) in SIZES {
-            let options = Options { output_activation, seed: 6, ..Options::default() };
+            let options = Options {
+                output_activation,
+                seed: 6,
+                ..Options::default()
+            };
             let mut network = initial_network(n_inputs, n_hidden, n_outputs, &options);
             let (inputs, targets) = (rows(n_samples, n_inputs, 9), rows(n_samples, n_outputs, 10));
             let (error, mut gradient) = error_and_gradient(&network, &inputs, &targets);
@@ -112,7 +141,10 @@ fn the_back_propagated_gradient_agrees_with_central_differences() {
                     };
                     let difference = (error_at(STEP) - error_at(-STEP)) / (2.0 * STEP);
                     let derivative = parameters(&mut gradient)[part][k];
-                    assert!((difference - derivative).abs() < TOLERANCE, "part {part}, {k}: {derivative} or {difference}");
+                    assert!(
+                        (difference - derivative).abs() < TOLERANCE,
+                        "part {part}, {k}: {derivative} or {difference}"
+                    );
                 }
             }
         }
@@ -121,25 +153,49 @@ fn the_back_propagated_gradient_agrees_with_central_differences() {
 
 #[test]
 fn ten_sizes_are_tried_from_the_rule_of_the_paper() {
-    assert_eq!(hidden_size_candidates(24, 24), [8, 9, 10, 11, 12, 13, 14, 15, 16, 17]);
-    assert_eq!(hidden_size_candidates(2, 1), [3, 4, 5, 6, 7, 8, 9, 10, 11, 12]);
+    assert_eq!(
+        hidden_size_candidates(24, 24),
+        [8, 9, 10, 11, 12, 13, 14, 15, 16, 17]
+    );
+    assert_eq!(
+        hidden_size_candidates(2, 1),
+        [3, 4, 5, 6, 7, 8, 9, 10, 11, 12]
+    );
 }
 
 #[test]
 fn every_rule_learns_a_curved_surface() {
     /// A plane fitted to it leaves 0.1; a hundredth of that is a network that bends.
     const LEARNT: f64 = 1e-3;
-    let surface = |inputs: &[Vec<f64>]| -> Vec<Vec<f64>> { inputs.iter().map(|x| vec![libm::sin(3.0 * x[0]) * x[1]]).collect() };
+    let surface = |inputs: &[Vec<f64>]| -> Vec<Vec<f64>> {
+        inputs
+            .iter()
+            .map(|x| vec![libm::sin(3.0 * x[0]) * x[1]])
+            .collect()
+    };
     let (inputs, fresh) = (rows(200, 2, 20), rows(300, 2, 21));
     for update_rule in [
         Options::default().update_rule,
-        UpdateRule::Adam { learning_rate: 0.01 },
-        UpdateRule::Momentum { learning_rate: 0.1, momentum: 0.9 },
+        UpdateRule::Adam {
+            learning_rate: 0.01,
+        },
+        UpdateRule::Momentum {
+            learning_rate: 0.1,
+            momentum: 0.9,
+        },
     ] {
-        let options = Options { update_rule, n_epochs: 6000, ..Options::default() };
+        let options = Options {
+            update_rule,
+            n_epochs: 6000,
+            ..Options::default()
+        };
         let (network, summary) = train(&inputs, &surface(&inputs), 10, &options);
         let unseen = mean_squared_error(&network, &fresh, &surface(&fresh));
-        assert!(summary.training_error < LEARNT && unseen < 2.0 * LEARNT, "{update_rule:?}: {}, unseen {unseen}", summary.training_error);
+        assert!(
+            summary.training_error < LEARNT && unseen < 2.0 * LEARNT,
+            "{update_rule:?}: {}, unseen {unseen}",
+            summary.training_error
+        );
     }
 }
 
@@ -149,13 +205,30 @@ fn an_affine_map_of_24_coordinates_is_learnt() {
     const LEARNT: f64 = 6e-5;
     let matrix = rows(24, 24, 30);
     let map = |inputs: &[Vec<f64>]| -> Vec<Vec<f64>> {
-        let answer = |x: &Vec<f64>| matrix.iter().map(|row| 0.3 + 0.2 * row.iter().zip(x).map(|(a, x)| a * x).sum::<f64>()).collect();
+        let answer = |x: &Vec<f64>| {
+            matrix
+                .iter()
+                .map(|row| 0.3 + 0.2 * row.iter().zip(x).map(|(a, x)| a * x).sum::<f64>())
+                .collect()
+        };
         inputs.iter().map(answer).collect()
     };
     let (inputs, fresh) = (rows(400, 24, 31), rows(100, 24, 32));
-    let (network, summary) = train(&inputs, &map(&inputs), 28, &Options { n_epochs: 3000, ..Options::default() });
+    let (network, summary) = train(
+        &inputs,
+        &map(&inputs),
+        28,
+        &Options {
+            n_epochs: 3000,
+            ..Options::default()
+        },
+    );
     let unseen = mean_squared_error(&network, &fresh, &map(&fresh));
-    assert!(summary.training_error < LEARNT && unseen < 3.0 * LEARNT, "{}, unseen {unseen}", summary.training_error);
+    assert!(
+        summary.training_error < LEARNT && unseen < 3.0 * LEARNT,
+        "{}, unseen {unseen}",
+        summary.training_error
+    );
 }
 
 #[test]
@@ -166,23 +239,55 @@ fn a_constant_answer_is_predicted_wherever_it_lies_and_not_to_a_single_point() {
     const COLLAPSED: f64 = 1e-6;
     for scale in [0.2, 1.0, 4.0] {
         let (inputs, targets) = one_answer(scale);
-        let (network, summary) = train(&inputs, &targets, 8, &Options { n_epochs: 3000, ..Options::default() });
-        let distance = |answer: &Vec<f64>| answer.iter().zip(&targets[0]).map(|(a, t)| (a - t) * (a - t)).sum::<f64>().sqrt();
+        let (network, summary) = train(
+            &inputs,
+            &targets,
+            8,
+            &Options {
+                n_epochs: 3000,
+                ..Options::default()
+            },
+        );
+        let distance = |answer: &Vec<f64>| {
+            answer
+                .iter()
+                .zip(&targets[0])
+                .map(|(a, t)| (a - t) * (a - t))
+                .sum::<f64>()
+                .sqrt()
+        };
         let mut distances: Vec<f64> = network.evaluate_all(&inputs).iter().map(distance).collect();
         distances.sort_by(f64::total_cmp);
         let (low, median, high) = (distances[20], distances[100], distances[180]);
-        println!("answer within {scale}: median {median:.1e}, 10 % {low:.1e}, 90 % {high:.1e}, mse {:.1e}", summary.training_error);
-        assert!(high < FAR && low > COLLAPSED, "scale {scale}: {low:e} … {high:e}");
+        println!(
+            "answer within {scale}: median {median:.1e}, 10 % {low:.1e}, 90 % {high:.1e}, mse {:.1e}",
+            summary.training_error
+        );
+        assert!(
+            high < FAR && low > COLLAPSED,
+            "scale {scale}: {low:e} … {high:e}"
+        );
     }
 }
 
 #[test]
 fn tanh_on_the_output_cannot_answer_outside_one() {
     let (inputs, targets) = (rows(20, 2, 40), vec![vec![2.5]; 20]);
-    let options = Options { n_epochs: 500, ..Options::default() };
+    let options = Options {
+        n_epochs: 500,
+        ..Options::default()
+    };
     let (identity, _) = train(&inputs, &targets, 3, &options);
     assert!((identity.evaluate(&inputs[0])[0] - 2.5).abs() < 0.01);
-    let (tanh, _) = train(&inputs, &targets, 3, &Options { output_activation: Activation::Tanh, ..options });
+    let (tanh, _) = train(
+        &inputs,
+        &targets,
+        3,
+        &Options {
+            output_activation: Activation::Tanh,
+            ..options
+        },
+    );
     let answer = tanh.evaluate(&inputs[0])[0];
     assert!(answer <= 1.0 && answer > 0.9, "{answer}");
 }
@@ -191,67 +296,156 @@ fn tanh_on_the_output_cannot_answer_outside_one() {
 fn the_network_with_the_smallest_error_seen_is_returned() {
     // So much momentum that the error swings up and down.
     let (inputs, targets) = (rows(30, 3, 50), rows(30, 2, 51));
-    let options = Options { n_epochs: 40, update_rule: UpdateRule::Momentum { learning_rate: 1.0, momentum: 0.99 }, ..Options::default() };
+    let options = Options {
+        n_epochs: 40,
+        update_rule: UpdateRule::Momentum {
+            learning_rate: 1.0,
+            momentum: 0.99,
+        },
+        ..Options::default()
+    };
     let (network, summary) = train(&inputs, &targets, 4, &options);
-    let smallest = summary.convergence.iter().copied().fold(f64::INFINITY, f64::min);
-    assert!(summary.convergence[40] > smallest, "this training must not end at its best");
+    let smallest = summary
+        .convergence
+        .iter()
+        .copied()
+        .fold(f64::INFINITY, f64::min);
+    assert!(
+        summary.convergence[40] > smallest,
+        "this training must not end at its best"
+    );
     assert_eq!(summary.training_error, smallest);
     assert_eq!(mean_squared_error(&network, &inputs, &targets), smallest);
-    assert_eq!((summary.n_epochs, summary.convergence.len(), summary.termination), (40, 41, Termination::EpochLimit));
+    assert_eq!(
+        (
+            summary.n_epochs,
+            summary.convergence.len(),
+            summary.termination
+        ),
+        (40, 41, Termination::EpochLimit)
+    );
 }
 
 #[test]
 fn training_stops_at_the_error_asked_for() {
     let (inputs, targets) = one_answer(1.0);
-    let options = Options { target_error: 1e-3, ..Options::default() };
+    let options = Options {
+        target_error: 1e-3,
+        ..Options::default()
+    };
     let (_, summary) = train(&inputs, &targets, 8, &options);
     assert_eq!(summary.termination, Termination::ErrorReached);
     assert!(summary.training_error <= 1e-3 && summary.n_epochs < options.n_epochs);
-    assert!(summary.convergence[..summary.n_epochs].iter().all(|&error| error > 1e-3));
+    assert!(
+        summary.convergence[..summary.n_epochs]
+            .iter()
+            .all(|&error| error > 1e-3)
+    );
 }
 
 #[test]
 fn the_size_that_predicts_best_is_chosen_and_ties_go_to_the_smaller() {
     let (inputs, targets) = (rows(60, 3, 60), rows(60, 2, 61));
-    let options = Options { n_epochs: 50, n_trial_epochs: 30, tie_factor: 1.0, ..Options::default() };
+    let options = Options {
+        n_epochs: 50,
+        n_trial_epochs: 30,
+        tie_factor: 1.0,
+        ..Options::default()
+    };
     let (network, choice) = choose_size_and_train(&inputs, &targets, &options);
-    assert_eq!(choice.candidates.iter().map(|c| c.n_hidden).collect::<Vec<_>>(), hidden_size_candidates(3, 2));
-    let smallest = choice.candidates.iter().map(|c| c.validation_error).fold(f64::INFINITY, f64::min);
-    let best = choice.candidates.iter().find(|c| c.validation_error == smallest).expect("one of them");
-    assert_eq!((choice.n_hidden, choice.validation_error), (best.n_hidden, smallest));
-    assert_eq!(network, train(&inputs, &targets, best.n_hidden, &options).0, "then trained on all samples");
-    assert_eq!(choice.training_error, mean_squared_error(&network, &inputs, &targets));
+    assert_eq!(
+        choice
+            .candidates
+            .iter()
+            .map(|c| c.n_hidden)
+            .collect::<Vec<_>>(),
+        hidden_size_candidates(3, 2)
+    );
+    let smallest = choice
+        .candidates
+        .iter()
+        .map(|c| c.validation_error)
+        .fold(f64::INFINITY, f64::min);
+    let best = choice
+        .candidates
+        .iter()
+        .find(|c| c.validation_error == smallest)
+        .expect("one of them");
+    assert_eq!(
+        (choice.n_hidden, choice.validation_error),
+        (best.n_hidden, smallest)
+    );
+    assert_eq!(
+        network,
+        train(&inputs, &targets, best.n_hidden, &options).0,
+        "then trained on all samples"
+    );
+    assert_eq!(
+        choice.training_error,
+        mean_squared_error(&network, &inputs, &targets)
+    );
 
-    let (_, all_tied) = choose_size_and_train(&inputs, &targets, &Options { tie_factor: 1e9, ..options });
+    let (_, all_tied) = choose_size_and_train(
+        &inputs,
+        &targets,
+        &Options {
+            tie_factor: 1e9,
+            ..options
+        },
+    );
     assert_eq!(all_tied.n_hidden, all_tied.candidates[0].n_hidden);
 }
 
 #[test]
 fn one_sample_is_enough() {
-    let options = Options { n_epochs: 200, n_trial_epochs: 10, ..Options::default() };
+    let options = Options {
+        n_epochs: 200,
+        n_trial_epochs: 10,
+        ..Options::default()
+    };
     let (network, choice) = choose_size_and_train(&[vec![0.5, -0.5]], &[vec![1.5]], &options);
-    assert!((network.evaluate(&[0.5, -0.5])[0] - 1.5).abs() < 1e-3 && choice.validation_error.is_finite());
+    assert!(
+        (network.evaluate(&[0.5, -0.5])[0] - 1.5).abs() < 1e-3
+            && choice.validation_error.is_finite()
+    );
 }
 
 #[test]
 fn the_same_seed_gives_the_same_bits_and_another_seed_does_not() {
     let (inputs, targets) = (rows(40, 4, 70), rows(40, 3, 71));
-    let options = Options { n_epochs: 50, n_trial_epochs: 20, seed: 1, ..Options::default() };
+    let options = Options {
+        n_epochs: 50,
+        n_trial_epochs: 20,
+        seed: 1,
+        ..Options::default()
+    };
     let first = choose_size_and_train(&inputs, &targets, &options);
     assert_eq!(first, choose_size_and_train(&inputs, &targets, &options));
-    assert_ne!(first.0.hidden_weights, choose_size_and_train(&inputs, &targets, &Options { seed: 2, ..options }).0.hidden_weights);
+    assert_ne!(
+        first.0.hidden_weights,
+        choose_size_and_train(&inputs, &targets, &Options { seed: 2, ..options })
+            .0
+            .hidden_weights
+    );
 }
 
 #[test]
 fn a_swarms_network_is_chosen_and_trained_within_its_time() {
     /// In release 0.2 s on a free core; without optimisation some twenty times that. Both are far off on purpose: the
     /// machine may be busy, and what must not happen unseen is a kernel that no longer uses its vector registers.
-    const LIMIT: Duration = if cfg!(debug_assertions) { Duration::from_secs(60) } else { Duration::from_secs(1) };
+    const LIMIT: Duration = if cfg!(debug_assertions) {
+        Duration::from_secs(60)
+    } else {
+        Duration::from_secs(1)
+    };
     let (inputs, targets) = one_answer(1.0);
     let start = Instant::now();
     let (_, choice) = choose_size_and_train(&inputs, &targets, &Options::default());
     let elapsed = start.elapsed();
-    println!("{} hidden neurons, mse {:.1e}, {elapsed:?}", choice.n_hidden, choice.training_error);
+    println!(
+        "{} hidden neurons, mse {:.1e}, {elapsed:?}",
+        choice.n_hidden, choice.training_error
+    );
     assert!(choice.training_error < 1e-6, "{}", choice.training_error);
     assert!(elapsed < LIMIT, "{elapsed:?}");
 }

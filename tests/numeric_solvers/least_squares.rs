@@ -1,7 +1,9 @@
 //! Levenberg-Marquardt against closed forms and certified problems.
 
 use super::nist::{Problem, problems};
-use kincal::solvers::least_squares::{Iteration, Options, Summary, Termination, covariance, minimize};
+use kincal::solvers::least_squares::{
+    Iteration, Options, Summary, Termination, covariance, minimize,
+};
 use nalgebra::{DMatrix, DVector};
 use std::ops::ControlFlow;
 
@@ -12,16 +14,31 @@ fn go_on(_: Iteration) -> ControlFlow<()> {
 /// Correct digits of a number: the log relative error, at most 11, since NIST prints 11 digits.
 fn digits(computed: f64, certified: f64) -> f64 {
     let relative = ((computed - certified) / certified).abs();
-    if relative.is_nan() { 0.0 } else { (-relative.max(1e-11).log10()).max(0.0) }
+    if relative.is_nan() {
+        0.0
+    } else {
+        (-relative.max(1e-11).log10()).max(0.0)
+    }
 }
 
 fn fewest_digits(computed: &[f64], certified: &[f64]) -> f64 {
-    computed.iter().zip(certified).map(|(x, c)| digits(*x, *c)).fold(f64::INFINITY, f64::min)
+    computed
+        .iter()
+        .zip(certified)
+        .map(|(x, c)| digits(*x, *c))
+        .fold(f64::INFINITY, f64::min)
 }
 
 fn solve(problem: &Problem, start: &[f64], options: &Options) -> Summary {
-    let mut evaluate = |b: &[f64], r: &mut DVector<f64>, j: Option<&mut DMatrix<f64>>| problem.evaluate(b, r, j);
-    minimize(&mut evaluate, problem.data.len(), start, options, &mut go_on)
+    let mut evaluate =
+        |b: &[f64], r: &mut DVector<f64>, j: Option<&mut DMatrix<f64>>| problem.evaluate(b, r, j);
+    minimize(
+        &mut evaluate,
+        problem.data.len(),
+        start,
+        options,
+        &mut go_on,
+    )
 }
 
 /// Trial steps for NIST's far starts, of which Bennett5 takes most (760).
@@ -42,7 +59,11 @@ fn the_data_give_the_certified_sums_of_squares_at_the_certified_parameters() {
         let mut residuals = DVector::zeros(problem.data.len());
         problem.evaluate(&problem.certified, &mut residuals, None);
         let rss = residuals.iter().map(|r| r * r).sum();
-        assert!(digits(rss, problem.certified_rss) >= PRINTED_DIGITS, "{}: {rss}", problem.name);
+        assert!(
+            digits(rss, problem.certified_rss) >= PRINTED_DIGITS,
+            "{}: {rss}",
+            problem.name
+        );
     }
 }
 
@@ -54,7 +75,8 @@ fn the_problems_jacobians_agree_with_central_differences() {
     const TOLERANCE: f64 = 1e-6;
     for problem in problems() {
         let (m, n) = (problem.data.len(), problem.certified.len());
-        let (mut above, mut below, mut jacobian) = (DVector::zeros(m), DVector::zeros(m), DMatrix::zeros(m, n));
+        let (mut above, mut below, mut jacobian) =
+            (DVector::zeros(m), DVector::zeros(m), DMatrix::zeros(m, n));
         problem.evaluate(&problem.certified, &mut above, Some(&mut jacobian));
         for j in 0..n {
             let mut b = problem.certified.clone();
@@ -65,19 +87,29 @@ fn the_problems_jacobians_agree_with_central_differences() {
             problem.evaluate(&b, &mut below, None);
             let differences = (&above - &below) / (2.0 * h);
             let error = (&differences - jacobian.column(j)).amax() / jacobian.column(j).amax();
-            assert!(error < TOLERANCE, "{} parameter {j}: {error:e}", problem.name);
+            assert!(
+                error < TOLERANCE,
+                "{} parameter {j}: {error:e}",
+                problem.name
+            );
         }
     }
 }
 
 #[test]
 fn the_nist_problems_are_solved_from_both_starts_to_six_digits() {
-    let options = Options { max_iterations: MANY_ITERATIONS, ..Options::default() };
+    let options = Options {
+        max_iterations: MANY_ITERATIONS,
+        ..Options::default()
+    };
     let mut not_converging = Vec::new();
     for problem in problems() {
         for (which, start) in problem.starts.iter().enumerate() {
             let summary = solve(&problem, start, &options);
-            let (x, rss) = (fewest_digits(&summary.x, &problem.certified), digits(summary.cost, problem.certified_rss));
+            let (x, rss) = (
+                fewest_digits(&summary.x, &problem.certified),
+                digits(summary.cost, problem.certified_rss),
+            );
             println!(
                 "{:8} start {}: {x:4.1} digits in the parameters, {rss:4.1} in the sum of squares; {} steps, {} Jacobians, {:?}",
                 problem.name,
@@ -89,7 +121,13 @@ fn the_nist_problems_are_solved_from_both_starts_to_six_digits() {
             if x < REQUIRED_DIGITS || rss < REQUIRED_DIGITS {
                 not_converging.push((problem.name.clone(), which + 1));
             } else {
-                assert!(summary.termination.converged(), "{} start {}: {:?}", problem.name, which + 1, summary.termination);
+                assert!(
+                    summary.termination.converged(),
+                    "{} start {}: {:?}",
+                    problem.name,
+                    which + 1,
+                    summary.termination
+                );
             }
         }
     }
@@ -100,11 +138,21 @@ fn the_nist_problems_are_solved_from_both_starts_to_six_digits() {
 #[test]
 fn a_first_radius_of_100_would_lose_boxbod() {
     // Why the default is 10: the plateau b2 → ∞, where all predictions are b1, fits with 9771.5 instead of 1168.
-    let problem = problems().into_iter().find(|problem| problem.name == "BoxBOD").expect("it is in the file");
-    let options = Options { initial_radius: 100.0, ..Options::default() };
+    let problem = problems()
+        .into_iter()
+        .find(|problem| problem.name == "BoxBOD")
+        .expect("it is in the file");
+    let options = Options {
+        initial_radius: 100.0,
+        ..Options::default()
+    };
     let summary = solve(&problem, &problem.starts[0], &options);
     assert!(summary.termination.converged());
-    assert!(digits(summary.cost, 9771.5) > REQUIRED_DIGITS, "{}", summary.cost);
+    assert!(
+        digits(summary.cost, 9771.5) > REQUIRED_DIGITS,
+        "{}",
+        summary.cost
+    );
 }
 
 #[test]
@@ -118,9 +166,18 @@ fn covariances_are_the_certified_standard_deviations() {
         let variance = residuals.norm_squared() / problem.degrees_of_freedom();
         let covariance = covariance(&jacobian, variance).expect("a finite Jacobian");
         assert_eq!(covariance.rank, n, "{}", problem.name);
-        let deviations: Vec<f64> = covariance.matrix.diagonal().iter().map(|variance| variance.sqrt()).collect();
+        let deviations: Vec<f64> = covariance
+            .matrix
+            .diagonal()
+            .iter()
+            .map(|variance| variance.sqrt())
+            .collect();
         let reached = fewest_digits(&deviations, &problem.deviations);
-        assert!(reached >= DEVIATION_DIGITS, "{}: {reached:.1} digits", problem.name);
+        assert!(
+            reached >= DEVIATION_DIGITS,
+            "{}: {reached:.1} digits",
+            problem.name
+        );
     }
 }
 
@@ -133,7 +190,9 @@ struct Linear {
 impl Linear {
     /// Twelve equations in four unknowns, of fixed numbers without a pattern.
     fn example() -> Self {
-        let a = DMatrix::from_fn(12, 4, |i, j| libm::sin((7 * i + 3 * j + 1) as f64) + f64::from(u8::from(i == j)));
+        let a = DMatrix::from_fn(12, 4, |i, j| {
+            libm::sin((7 * i + 3 * j + 1) as f64) + f64::from(u8::from(i == j))
+        });
         let b = DVector::from_fn(12, |i, _| libm::cos((5 * i + 2) as f64));
         Self { a, b }
     }
@@ -157,9 +216,14 @@ fn a_linear_problem_is_solved_in_one_step_as_by_the_normal_equations() {
     let problem = Linear::example();
     let summary = problem.solve(&[0.0; 4], &Options::default());
     let normal = problem.a.transpose() * &problem.a;
-    let expected = normal.clone().try_inverse().expect("full rank") * problem.a.transpose() * &problem.b;
+    let expected =
+        normal.clone().try_inverse().expect("full rank") * problem.a.transpose() * &problem.b;
     assert!((DVector::from_vec(summary.x.clone()) - &expected).amax() < ROUNDING);
-    assert!(summary.convergence[1] - summary.cost < ROUNDING, "the first step does it: {:?}", summary.convergence);
+    assert!(
+        summary.convergence[1] - summary.cost < ROUNDING,
+        "the first step does it: {:?}",
+        summary.convergence
+    );
     assert!(summary.termination.converged());
     assert!((summary.cost - (&problem.b - &problem.a * expected).norm_squared()).abs() < ROUNDING);
 
@@ -178,9 +242,19 @@ fn a_parameter_that_nothing_depends_on_stays_and_one_seen_twice_is_shared() {
     let summary = problem.solve(&[0.5, 0.25, 0.0, 0.0], &Options::default());
     assert!(summary.termination.converged(), "{:?}", summary.termination);
     assert!((summary.x[1] - 0.25).abs() < ROUNDING, "{:?}", summary.x);
-    assert!((summary.x[2] - summary.x[3]).abs() < ROUNDING, "the shortest of all equally good steps: {:?}", summary.x);
-    let svd = problem.a.clone().try_svd(true, true, f64::EPSILON, 1000).expect("finite");
-    let best = svd.solve(&problem.b, 1e-10).expect("both sides were asked for");
+    assert!(
+        (summary.x[2] - summary.x[3]).abs() < ROUNDING,
+        "the shortest of all equally good steps: {:?}",
+        summary.x
+    );
+    let svd = problem
+        .a
+        .clone()
+        .try_svd(true, true, f64::EPSILON, 1000)
+        .expect("finite");
+    let best = svd
+        .solve(&problem.b, 1e-10)
+        .expect("both sides were asked for");
     assert!((summary.cost - (&problem.b - &problem.a * best).norm_squared()).abs() < ROUNDING);
 
     let covariance = covariance(&problem.a, 1.0).expect("a finite Jacobian");
@@ -191,7 +265,10 @@ fn a_parameter_that_nothing_depends_on_stays_and_one_seen_twice_is_shared() {
 #[test]
 fn fewer_residuals_than_parameters_are_made_zero() {
     let full = Linear::example();
-    let problem = Linear { a: full.a.rows(0, 3).clone_owned(), b: full.b.rows(0, 3).clone_owned() };
+    let problem = Linear {
+        a: full.a.rows(0, 3).clone_owned(),
+        b: full.b.rows(0, 3).clone_owned(),
+    };
     let summary = problem.solve(&[0.0; 4], &Options::default());
     assert!(summary.cost < ROUNDING * ROUNDING, "{}", summary.cost);
     assert!(summary.termination.converged());
@@ -201,7 +278,10 @@ fn fewer_residuals_than_parameters_are_made_zero() {
 fn the_unit_of_a_parameter_changes_nothing() {
     // With parameters in units of 2^-20 every power of two is exact, so even the path is the same.
     const UNIT: f64 = 1_048_576.0;
-    let problem = problems().into_iter().find(|problem| problem.name == "Thurber").expect("it is in the file");
+    let problem = problems()
+        .into_iter()
+        .find(|problem| problem.name == "Thurber")
+        .expect("it is in the file");
     let plain = solve(&problem, &problem.starts[1], &Options::default());
     let mut in_units = |b: &[f64], r: &mut DVector<f64>, mut j: Option<&mut DMatrix<f64>>| {
         let b: Vec<f64> = b.iter().map(|b| b / UNIT).collect();
@@ -211,14 +291,27 @@ fn the_unit_of_a_parameter_changes_nothing() {
         }
     };
     let start: Vec<f64> = problem.starts[1].iter().map(|b| b * UNIT).collect();
-    let scaled = minimize(&mut in_units, problem.data.len(), &start, &Options::default(), &mut go_on);
+    let scaled = minimize(
+        &mut in_units,
+        problem.data.len(),
+        &start,
+        &Options::default(),
+        &mut go_on,
+    );
     assert_eq!(scaled.convergence, plain.convergence);
-    assert_eq!(scaled.x.iter().map(|x| x / UNIT).collect::<Vec<_>>(), plain.x);
+    assert_eq!(
+        scaled.x.iter().map(|x| x / UNIT).collect::<Vec<_>>(),
+        plain.x
+    );
 }
 
 /// Residual ln(x): not a number left of zero, and the first step from 8 leads there.
 fn logarithm(x: &[f64], r: &mut DVector<f64>, j: Option<&mut DMatrix<f64>>) {
-    r[0] = if x[0] > 0.0 { libm::log(x[0]) } else { f64::NAN };
+    r[0] = if x[0] > 0.0 {
+        libm::log(x[0])
+    } else {
+        f64::NAN
+    };
     if let Some(j) = j {
         j[(0, 0)] = 1.0 / x[0];
     }
@@ -240,7 +333,10 @@ fn a_step_to_where_the_residuals_are_not_finite_is_rejected() {
 #[test]
 fn a_start_or_a_jacobian_that_is_not_finite_ends_the_search() {
     let start = minimize(&mut logarithm, 1, &[-1.0], &Options::default(), &mut go_on);
-    assert_eq!((start.termination, start.cost, start.n_iterations), (Termination::NotFinite, f64::INFINITY, 0));
+    assert_eq!(
+        (start.termination, start.cost, start.n_iterations),
+        (Termination::NotFinite, f64::INFINITY, 0)
+    );
     let mut root = |x: &[f64], r: &mut DVector<f64>, j: Option<&mut DMatrix<f64>>| {
         r[0] = 1.0 + x[0].sqrt();
         if let Some(j) = j {
@@ -248,35 +344,87 @@ fn a_start_or_a_jacobian_that_is_not_finite_ends_the_search() {
         }
     };
     let jacobian = minimize(&mut root, 1, &[0.0], &Options::default(), &mut go_on);
-    assert_eq!((jacobian.termination, jacobian.x, jacobian.cost), (Termination::NotFinite, vec![0.0], 1.0));
+    assert_eq!(
+        (jacobian.termination, jacobian.x, jacobian.cost),
+        (Termination::NotFinite, vec![0.0], 1.0)
+    );
     assert!(covariance(&DMatrix::from_element(3, 2, f64::NAN), 1.0).is_none());
 }
 
 #[test]
 fn the_search_stops_at_a_cost_at_a_limit_and_when_told_to() {
-    let problem = problems().into_iter().find(|problem| problem.name == "Thurber").expect("it is in the file");
+    let problem = problems()
+        .into_iter()
+        .find(|problem| problem.name == "Thurber")
+        .expect("it is in the file");
     let start = &problem.starts[0];
-    let reached = solve(&problem, start, &Options { stop_at_cost: Some(1e4), ..Options::default() });
+    let reached = solve(
+        &problem,
+        start,
+        &Options {
+            stop_at_cost: Some(1e4),
+            ..Options::default()
+        },
+    );
     assert_eq!(reached.termination, Termination::CostReached);
     assert!(reached.cost <= 1e4 && reached.convergence[reached.n_iterations - 1] > 1e4);
-    let limited = solve(&problem, start, &Options { max_iterations: 3, ..Options::default() });
-    assert_eq!((limited.termination, limited.n_iterations, limited.convergence.len()), (Termination::IterationLimit, 3, 4));
+    let limited = solve(
+        &problem,
+        start,
+        &Options {
+            max_iterations: 3,
+            ..Options::default()
+        },
+    );
+    assert_eq!(
+        (
+            limited.termination,
+            limited.n_iterations,
+            limited.convergence.len()
+        ),
+        (Termination::IterationLimit, 3, 4)
+    );
     assert!(!limited.termination.converged());
 
-    let mut evaluate = |b: &[f64], r: &mut DVector<f64>, j: Option<&mut DMatrix<f64>>| problem.evaluate(b, r, j);
+    let mut evaluate =
+        |b: &[f64], r: &mut DVector<f64>, j: Option<&mut DMatrix<f64>>| problem.evaluate(b, r, j);
     let mut told = Vec::new();
     let mut monitor = |iteration: Iteration| {
         told.push((iteration.iteration, iteration.cost));
-        if iteration.iteration == 4 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        if iteration.iteration == 4 {
+            ControlFlow::Break(())
+        } else {
+            ControlFlow::Continue(())
+        }
     };
-    let stopped = minimize(&mut evaluate, problem.data.len(), start, &Options::default(), &mut monitor);
-    assert_eq!((stopped.termination, stopped.n_iterations), (Termination::Stopped, 4));
-    assert_eq!(told, stopped.convergence.iter().copied().enumerate().collect::<Vec<_>>());
+    let stopped = minimize(
+        &mut evaluate,
+        problem.data.len(),
+        start,
+        &Options::default(),
+        &mut monitor,
+    );
+    assert_eq!(
+        (stopped.termination, stopped.n_iterations),
+        (Termination::Stopped, 4)
+    );
+    assert_eq!(
+        told,
+        stopped
+            .convergence
+            .iter()
+            .copied()
+            .enumerate()
+            .collect::<Vec<_>>()
+    );
 }
 
 #[test]
 fn the_summary_describes_the_point_it_returns() {
-    let problem = problems().into_iter().find(|problem| problem.name == "Hahn1").expect("it is in the file");
+    let problem = problems()
+        .into_iter()
+        .find(|problem| problem.name == "Hahn1")
+        .expect("it is in the file");
     let summary = solve(&problem, &problem.starts[0], &Options::default());
     let mut residuals = DVector::zeros(problem.data.len());
     problem.evaluate(&summary.x, &mut residuals, None);
@@ -284,5 +432,8 @@ fn the_summary_describes_the_point_it_returns() {
     assert!(digits(residuals.norm_squared(), summary.cost) > 10.0);
     assert_eq!(summary.convergence.last(), Some(&summary.cost));
     assert_eq!(summary.convergence.len(), summary.n_iterations + 1);
-    assert_eq!(summary.n_evaluations, 1 + summary.n_iterations + summary.n_jacobians);
+    assert_eq!(
+        summary.n_evaluations,
+        1 + summary.n_iterations + summary.n_jacobians
+    );
 }

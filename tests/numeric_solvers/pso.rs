@@ -1,7 +1,8 @@
 //! The swarm against known minima and against a textbook swarm, and what its summary promises.
 
 use kincal::solvers::pso::{
-    Boundary, InitialVelocity, Iteration, Options, Positions, RandomNumbers, SearchBox, Summary, Termination, initial_positions, minimize,
+    Boundary, InitialVelocity, Iteration, Options, Positions, RandomNumbers, SearchBox, Summary,
+    Termination, initial_positions, minimize,
 };
 use kincal::solvers::random::LaneRandom;
 use std::ops::ControlFlow;
@@ -11,11 +12,15 @@ fn sphere(x: &[f64]) -> f64 {
 }
 
 fn rosenbrock(x: &[f64]) -> f64 {
-    x.windows(2).map(|w| 100.0 * (w[1] - w[0] * w[0]).powi(2) + (1.0 - w[0]).powi(2)).sum()
+    x.windows(2)
+        .map(|w| 100.0 * (w[1] - w[0] * w[0]).powi(2) + (1.0 - w[0]).powi(2))
+        .sum()
 }
 
 fn rastrigin(x: &[f64]) -> f64 {
-    x.iter().map(|x| 10.0 + x * x - 10.0 * libm::cos(std::f64::consts::TAU * x)).sum()
+    x.iter()
+        .map(|x| 10.0 + x * x - 10.0 * libm::cos(std::f64::consts::TAU * x))
+        .sum()
 }
 
 /// The batch cost of a function of one position.
@@ -28,7 +33,10 @@ fn batch(f: impl Fn(&[f64]) -> f64) -> impl FnMut(&Positions, &mut [f64]) {
 }
 
 fn cube(n: usize, centre: f64, half_width: f64) -> SearchBox {
-    SearchBox { centre: vec![centre; n], half_width: vec![half_width; n] }
+    SearchBox {
+        centre: vec![centre; n],
+        half_width: vec![half_width; n],
+    }
 }
 
 fn go_on(_: Iteration) -> ControlFlow<()> {
@@ -42,16 +50,35 @@ fn run(f: impl Fn(&[f64]) -> f64, search_box: &SearchBox, options: &Options) -> 
 /// The constriction constants of Clerc and Kennedy, with which swarms are known to converge; the paper's w = 0.9 is
 /// slow.
 fn convergent() -> Options {
-    Options { inertia_weight: 0.7298, cognitive: 1.49618, social: 1.49618, seed: 1, ..Options::default() }
+    Options {
+        inertia_weight: 0.7298,
+        cognitive: 1.49618,
+        social: 1.49618,
+        seed: 1,
+        ..Options::default()
+    }
 }
 
 #[test]
 fn the_defaults_are_the_papers() {
     let options = Options::default();
     assert_eq!((options.n_particles, options.n_iterations), (200, 492));
-    assert_eq!((options.inertia_weight, options.cognitive, options.social), (0.9, 0.5, 1.25));
-    assert_eq!((options.random_numbers, options.initial_velocity), (RandomNumbers::PerCoordinate, InitialVelocity::Zero));
-    assert_eq!((options.boundary, options.velocity_limit, options.stop_at_cost), (Boundary::None, None, None));
+    assert_eq!(
+        (options.inertia_weight, options.cognitive, options.social),
+        (0.9, 0.5, 1.25)
+    );
+    assert_eq!(
+        (options.random_numbers, options.initial_velocity),
+        (RandomNumbers::PerCoordinate, InitialVelocity::Zero)
+    );
+    assert_eq!(
+        (
+            options.boundary,
+            options.velocity_limit,
+            options.stop_at_cost
+        ),
+        (Boundary::None, None, None)
+    );
 }
 
 #[test]
@@ -68,7 +95,14 @@ fn the_minimum_of_a_sphere_is_found_even_when_it_lies_outside_the_box() {
 fn the_papers_constants_reach_the_minimum_of_a_sphere_slowly() {
     // w = 0.9 with small c keeps the swarm moving: it must get near, and not as near as the constriction constants.
     let search_box = cube(6, 0.5, 2.0);
-    let papers = run(sphere, &search_box, &Options { seed: 1, ..Options::default() });
+    let papers = run(
+        sphere,
+        &search_box,
+        &Options {
+            seed: 1,
+            ..Options::default()
+        },
+    );
     let constricted = run(sphere, &search_box, &convergent());
     assert!(papers.best_cost < 1e-2, "{}", papers.best_cost);
     assert!(constricted.best_cost < papers.best_cost);
@@ -76,7 +110,10 @@ fn the_papers_constants_reach_the_minimum_of_a_sphere_slowly() {
 
 #[test]
 fn the_valley_of_rosenbrock_is_followed_to_its_end() {
-    let options = Options { n_iterations: 3000, ..convergent() };
+    let options = Options {
+        n_iterations: 3000,
+        ..convergent()
+    };
     let summary = run(rosenbrock, &cube(4, 0.0, 2.0), &options);
     assert!(summary.best_cost < 1e-10, "{}", summary.best_cost);
     assert!(summary.best_position.iter().all(|x| (x - 1.0).abs() < 1e-4));
@@ -98,11 +135,21 @@ struct Particle {
 }
 
 /// Best cost after each iteration, and the best position.
-fn textbook(f: impl Fn(&[f64]) -> f64, search_box: &SearchBox, options: &Options) -> (Vec<f64>, Vec<f64>) {
+fn textbook(
+    f: impl Fn(&[f64]) -> f64,
+    search_box: &SearchBox,
+    options: &Options,
+) -> (Vec<f64>, Vec<f64>) {
     let (n, d) = (options.n_particles, search_box.centre.len());
     let start = initial_positions(search_box, options);
-    let mut swarm: Vec<Particle> =
-        (0..n).map(|i| Particle { x: start.particle(i), v: vec![0.0; d], best: start.particle(i), best_cost: f64::INFINITY }).collect();
+    let mut swarm: Vec<Particle> = (0..n)
+        .map(|i| Particle {
+            x: start.particle(i),
+            v: vec![0.0; d],
+            best: start.particle(i),
+            best_cost: f64::INFINITY,
+        })
+        .collect();
     let mut best = (f64::INFINITY, swarm[0].x.clone());
     let mut convergence = Vec::new();
     let mut random = LaneRandom::new(options.seed, 2);
@@ -129,7 +176,8 @@ fn textbook(f: impl Fn(&[f64]) -> f64, search_box: &SearchBox, options: &Options
                 let (r1, r2) = (drawn[i], drawn[n + i]);
                 let inertia = options.inertia_weight * particle.v[j];
                 let social = (options.social * r2).mul_add(best.1[j] - particle.x[j], inertia);
-                particle.v[j] = (options.cognitive * r1).mul_add(particle.best[j] - particle.x[j], social);
+                particle.v[j] =
+                    (options.cognitive * r1).mul_add(particle.best[j] - particle.x[j], social);
                 particle.x[j] += particle.v[j];
             }
         }
@@ -141,7 +189,13 @@ fn textbook(f: impl Fn(&[f64]) -> f64, search_box: &SearchBox, options: &Options
 fn a_textbook_swarm_of_structs_finds_the_same_bits() {
     for random_numbers in [RandomNumbers::PerCoordinate, RandomNumbers::PerParticle] {
         for n_particles in [1, 13, 40] {
-            let options = Options { n_particles, n_iterations: 60, random_numbers, seed: 11, ..Options::default() };
+            let options = Options {
+                n_particles,
+                n_iterations: 60,
+                random_numbers,
+                seed: 11,
+                ..Options::default()
+            };
             let search_box = cube(5, 0.25, 1.5);
             let summary = run(rosenbrock, &search_box, &options);
             let (convergence, best_position) = textbook(rosenbrock, &search_box, &options);
@@ -153,12 +207,23 @@ fn a_textbook_swarm_of_structs_finds_the_same_bits() {
 
 #[test]
 fn the_first_swarm_fills_the_box_and_is_what_the_summary_and_the_free_function_say() {
-    let search_box = SearchBox { centre: vec![1.0, -5.0], half_width: vec![0.5, 2.0] };
-    let options = Options { n_iterations: 1, seed: 3, ..Options::default() };
+    let search_box = SearchBox {
+        centre: vec![1.0, -5.0],
+        half_width: vec![0.5, 2.0],
+    };
+    let options = Options {
+        n_iterations: 1,
+        seed: 3,
+        ..Options::default()
+    };
     let positions = initial_positions(&search_box, &options);
     for j in 0..2 {
         let (centre, half_width) = (search_box.centre[j], search_box.half_width[j]);
-        let scaled: Vec<f64> = positions.coordinate(j).iter().map(|x| (x - centre) / half_width).collect();
+        let scaled: Vec<f64> = positions
+            .coordinate(j)
+            .iter()
+            .map(|x| (x - centre) / half_width)
+            .collect();
         assert!(scaled.iter().all(|x| x.abs() <= 1.0));
         // With 200 uniform draws the outer twentieth on either side is empty once in 170,000,000 times.
         assert!(scaled.iter().any(|&x| x < -0.9) && scaled.iter().any(|&x| x > 0.9));
@@ -168,9 +233,18 @@ fn the_first_swarm_fills_the_box_and_is_what_the_summary_and_the_free_function_s
             positions.values.fill(0.0);
         }
     };
-    let summary = minimize(&mut batch(sphere), &search_box, &options, Some(move_all), &mut go_on);
+    let summary = minimize(
+        &mut batch(sphere),
+        &search_box,
+        &options,
+        Some(move_all),
+        &mut go_on,
+    );
     assert_eq!(summary.initial_positions, positions);
-    assert_eq!(summary.convergence[0], 0.0, "the moved positions are what is evaluated");
+    assert_eq!(
+        summary.convergence[0], 0.0,
+        "the moved positions are what is evaluated"
+    );
 }
 
 #[test]
@@ -181,32 +255,67 @@ fn particles_can_be_moved_before_every_evaluation() {
         seen.push(positions.get(2, 1));
         costs.fill(1.0);
     };
-    let options = Options { n_particles: 5, n_iterations: 3, ..Options::default() };
+    let options = Options {
+        n_particles: 5,
+        n_iterations: 3,
+        ..Options::default()
+    };
     let move_particles = &mut |k: usize, positions: &mut Positions| {
         called.push(k);
         positions.set_particle(2, &[0.0, 100.0 + k as f64]);
     };
-    minimize(&mut cost, &cube(2, 0.0, 1.0), &options, Some(move_particles), &mut go_on);
+    minimize(
+        &mut cost,
+        &cube(2, 0.0, 1.0),
+        &options,
+        Some(move_particles),
+        &mut go_on,
+    );
     assert_eq!(called, [0, 1, 2, 3]);
     assert_eq!(seen, [100.0, 101.0, 102.0, 103.0]);
 }
 
 #[test]
 fn the_summary_counts_and_keeps_what_it_says() {
-    let options = Options { n_particles: 30, n_iterations: 25, seed: 8, ..Options::default() };
+    let options = Options {
+        n_particles: 30,
+        n_iterations: 25,
+        seed: 8,
+        ..Options::default()
+    };
     let mut told = Vec::new();
     let mut monitor = |iteration: Iteration| {
         told.push(iteration);
         ControlFlow::Continue(())
     };
-    let summary = minimize(&mut batch(rastrigin), &cube(3, 0.0, 4.0), &options, None, &mut monitor);
+    let summary = minimize(
+        &mut batch(rastrigin),
+        &cube(3, 0.0, 4.0),
+        &options,
+        None,
+        &mut monitor,
+    );
     assert_eq!((summary.n_iterations, summary.n_evaluations), (25, 30 * 26));
     assert_eq!(summary.convergence.len(), 26);
-    assert!(summary.convergence.is_sorted_by(|a, b| a >= b), "convergence rises: {:?}", summary.convergence);
+    assert!(
+        summary.convergence.is_sorted_by(|a, b| a >= b),
+        "convergence rises: {:?}",
+        summary.convergence
+    );
     assert!(summary.convergence[25] < summary.convergence[0]);
-    assert_eq!(told.iter().map(|told| told.iteration).collect::<Vec<_>>(), (0..=25).collect::<Vec<_>>());
-    assert_eq!(told.iter().map(|told| told.best_cost).collect::<Vec<_>>(), summary.convergence);
-    let smallest = summary.own_best_costs.iter().copied().min_by(f64::total_cmp);
+    assert_eq!(
+        told.iter().map(|told| told.iteration).collect::<Vec<_>>(),
+        (0..=25).collect::<Vec<_>>()
+    );
+    assert_eq!(
+        told.iter().map(|told| told.best_cost).collect::<Vec<_>>(),
+        summary.convergence
+    );
+    let smallest = summary
+        .own_best_costs
+        .iter()
+        .copied()
+        .min_by(f64::total_cmp);
     assert_eq!(smallest, Some(summary.best_cost));
     for (i, &cost) in summary.own_best_costs.iter().enumerate() {
         assert_eq!(rastrigin(&summary.own_best_positions.particle(i)), cost);
@@ -216,10 +325,17 @@ fn the_summary_counts_and_keeps_what_it_says() {
 #[test]
 fn the_same_seed_gives_the_same_bits_and_another_seed_does_not() {
     let search_box = cube(4, 0.0, 2.0);
-    let options = Options { n_iterations: 50, seed: 5, ..Options::default() };
+    let options = Options {
+        n_iterations: 50,
+        seed: 5,
+        ..Options::default()
+    };
     let first = run(rosenbrock, &search_box, &options);
     assert_eq!(first, run(rosenbrock, &search_box, &options));
-    assert_ne!(first.best_position, run(rosenbrock, &search_box, &Options { seed: 6, ..options }).best_position);
+    assert_ne!(
+        first.best_position,
+        run(rosenbrock, &search_box, &Options { seed: 6, ..options }).best_position
+    );
 }
 
 #[test]
@@ -232,9 +348,19 @@ fn costs_that_are_not_finite_never_win() {
         _ => sphere(x),
     };
     let summary = run(holes, &cube(3, 0.0, 1.0), &convergent());
-    assert!(summary.best_position[0] >= 0.0 && summary.best_cost < 1e-6, "{summary:?}");
+    assert!(
+        summary.best_position[0] >= 0.0 && summary.best_cost < 1e-6,
+        "{summary:?}"
+    );
 
-    let nowhere = run(|_| f64::NAN, &cube(3, 0.0, 1.0), &Options { n_iterations: 5, ..Options::default() });
+    let nowhere = run(
+        |_| f64::NAN,
+        &cube(3, 0.0, 1.0),
+        &Options {
+            n_iterations: 5,
+            ..Options::default()
+        },
+    );
     assert_eq!(nowhere.best_cost, f64::INFINITY);
     assert!(nowhere.best_position.iter().all(|x| x.is_finite()));
     assert_eq!(nowhere.termination, Termination::IterationLimit);
@@ -244,10 +370,18 @@ fn costs_that_are_not_finite_never_win() {
 fn farthest(boundary: Boundary) -> f64 {
     let mut farthest = 0.0_f64;
     let mut cost = |positions: &Positions, costs: &mut [f64]| {
-        farthest = positions.values.iter().fold(farthest, |farthest, x| farthest.max((x - 3.0).abs() / 2.0));
+        farthest = positions
+            .values
+            .iter()
+            .fold(farthest, |farthest, x| farthest.max((x - 3.0).abs() / 2.0));
         batch(sphere)(positions, costs);
     };
-    let options = Options { n_iterations: 100, boundary, seed: 2, ..Options::default() };
+    let options = Options {
+        n_iterations: 100,
+        boundary,
+        seed: 2,
+        ..Options::default()
+    };
     let summary = minimize(&mut cost, &cube(4, 3.0, 2.0), &options, None, &mut go_on);
     assert!(summary.best_position.iter().all(|x| x.is_finite()));
     farthest
@@ -257,12 +391,18 @@ fn farthest(boundary: Boundary) -> f64 {
 fn a_boundary_keeps_every_evaluated_position_in_the_box_and_none_does_not() {
     assert!(farthest(Boundary::Clamp) <= 1.0);
     assert!(farthest(Boundary::Reflect) <= 1.0);
-    assert!(farthest(Boundary::None) > 1.0, "the minimum at 0 lies outside 3 ± 2");
+    assert!(
+        farthest(Boundary::None) > 1.0,
+        "the minimum at 0 lies outside 3 ± 2"
+    );
 }
 
 #[test]
 fn a_clamped_swarm_ends_at_the_wall_nearest_to_the_minimum() {
-    let options = Options { boundary: Boundary::Clamp, ..convergent() };
+    let options = Options {
+        boundary: Boundary::Clamp,
+        ..convergent()
+    };
     let summary = run(sphere, &cube(3, 3.0, 2.0), &options);
     assert_eq!(summary.best_position, [1.0; 3]);
 }
@@ -274,17 +414,30 @@ fn no_step_is_longer_than_the_velocity_limit() {
     let mut longest = 0.0_f64;
     let mut cost = |positions: &Positions, costs: &mut [f64]| {
         if let Some(last) = &last {
-            longest = positions.values.iter().zip(last).fold(longest, |longest, (now, then)| longest.max((now - then).abs()));
+            longest = positions
+                .values
+                .iter()
+                .zip(last)
+                .fold(longest, |longest, (now, then)| {
+                    longest.max((now - then).abs())
+                });
         }
         last = Some(positions.values.clone());
         batch(sphere)(positions, costs);
     };
-    let options = Options { n_iterations: 40, velocity_limit: Some(LIMIT), ..Options::default() };
+    let options = Options {
+        n_iterations: 40,
+        velocity_limit: Some(LIMIT),
+        ..Options::default()
+    };
     minimize(&mut cost, &cube(4, 0.0, 2.0), &options, None, &mut go_on);
     // The difference of two positions of order 2 is rounded at 2⁻⁵².
     let rounding = 1e-15;
     assert!(longest <= LIMIT * 2.0 + rounding, "{longest}");
-    assert!(longest > 0.9 * LIMIT * 2.0, "the limit was never reached: {longest}");
+    assert!(
+        longest > 0.9 * LIMIT * 2.0,
+        "the limit was never reached: {longest}"
+    );
 }
 
 #[test]
@@ -304,14 +457,25 @@ fn first_velocities_carry_the_first_swarm_on() {
         costs.fill(0.0);
     };
     minimize(&mut cost, &cube(3, 0.0, 2.0), &options, None, &mut go_on);
-    let steps: Vec<f64> = evaluated[1].values.iter().zip(&evaluated[0].values).map(|(a, b)| (a - b).abs()).collect();
+    let steps: Vec<f64> = evaluated[1]
+        .values
+        .iter()
+        .zip(&evaluated[0].values)
+        .map(|(a, b)| (a - b).abs())
+        .collect();
     let longest = steps.iter().copied().fold(0.0, f64::max);
-    assert!(longest <= 0.5 + 1e-15 && longest > 0.45, "600 draws within ± 0.5: {longest}");
+    assert!(
+        longest <= 0.5 + 1e-15 && longest > 0.45,
+        "600 draws within ± 0.5: {longest}"
+    );
 }
 
 #[test]
 fn the_search_stops_at_the_cost_asked_for() {
-    let options = Options { stop_at_cost: Some(1e-3), ..convergent() };
+    let options = Options {
+        stop_at_cost: Some(1e-3),
+        ..convergent()
+    };
     let summary = run(sphere, &cube(5, 0.5, 2.0), &options);
     assert_eq!(summary.termination, Termination::CostReached);
     let n = summary.n_iterations;
@@ -322,10 +486,28 @@ fn the_search_stops_at_the_cost_asked_for() {
 #[test]
 fn the_monitor_can_stop_the_search() {
     for stop_at in [0, 4] {
-        let mut monitor = |told: Iteration| if told.iteration == stop_at { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
-        let options = Options { n_particles: 10, ..Options::default() };
-        let summary = minimize(&mut batch(sphere), &cube(2, 0.0, 1.0), &options, None, &mut monitor);
-        assert_eq!((summary.termination, summary.n_iterations), (Termination::Stopped, stop_at));
+        let mut monitor = |told: Iteration| {
+            if told.iteration == stop_at {
+                ControlFlow::Break(())
+            } else {
+                ControlFlow::Continue(())
+            }
+        };
+        let options = Options {
+            n_particles: 10,
+            ..Options::default()
+        };
+        let summary = minimize(
+            &mut batch(sphere),
+            &cube(2, 0.0, 1.0),
+            &options,
+            None,
+            &mut monitor,
+        );
+        assert_eq!(
+            (summary.termination, summary.n_iterations),
+            (Termination::Stopped, stop_at)
+        );
         assert_eq!(summary.n_evaluations, 10 * (stop_at + 1));
     }
 }

@@ -22,7 +22,11 @@ impl Scalar {
 
 /// `state[word][lane]` from any distinct numbers.
 fn some_state() -> [[u64; LANES]; 4] {
-    std::array::from_fn(|word| std::array::from_fn(|lane| 0x9e37_79b9_7f4a_7c15_u64.wrapping_mul((word * LANES + lane + 1) as u64)))
+    std::array::from_fn(|word| {
+        std::array::from_fn(|lane| {
+            0x9e37_79b9_7f4a_7c15_u64.wrapping_mul((word * LANES + lane + 1) as u64)
+        })
+    })
 }
 
 #[test]
@@ -85,9 +89,15 @@ fn the_numbers_look_uniform() {
 
     let n = N as f64;
     let mean = numbers.iter().sum::<f64>() / n;
-    assert!((mean - 0.5).abs() < STANDARD_ERRORS * (1.0 / 12.0 / n).sqrt(), "mean {mean}");
+    assert!(
+        (mean - 0.5).abs() < STANDARD_ERRORS * (1.0 / 12.0 / n).sqrt(),
+        "mean {mean}"
+    );
     let variance = numbers.iter().map(|u| (u - 0.5).powi(2)).sum::<f64>() / n;
-    assert!((variance - 1.0 / 12.0).abs() < STANDARD_ERRORS * (1.0 / 180.0 / n).sqrt(), "variance {variance}");
+    assert!(
+        (variance - 1.0 / 12.0).abs() < STANDARD_ERRORS * (1.0 / 180.0 / n).sqrt(),
+        "variance {variance}"
+    );
 
     const BINS: usize = 256;
     let mut counts = [0.0; BINS];
@@ -95,9 +105,15 @@ fn the_numbers_look_uniform() {
         counts[(u * BINS as f64) as usize] += 1.0;
     }
     let expected = n / BINS as f64;
-    let chi_squared: f64 = counts.iter().map(|count: &f64| (count - expected).powi(2) / expected).sum();
+    let chi_squared: f64 = counts
+        .iter()
+        .map(|count: &f64| (count - expected).powi(2) / expected)
+        .sum();
     let degrees = (BINS - 1) as f64;
-    assert!((chi_squared - degrees).abs() < STANDARD_ERRORS * (2.0 * degrees).sqrt(), "chi squared {chi_squared}");
+    assert!(
+        (chi_squared - degrees).abs() < STANDARD_ERRORS * (2.0 * degrees).sqrt(),
+        "chi squared {chi_squared}"
+    );
 }
 
 #[test]
@@ -107,8 +123,15 @@ fn neighbouring_lanes_and_successive_draws_are_uncorrelated() {
     let mut numbers = vec![0.0; N];
     LaneRandom::new(5, 0).fill(&mut numbers);
     for lag in [1, LANES - 1, LANES, 2 * LANES] {
-        let sum: f64 = numbers.iter().zip(&numbers[lag..]).map(|(a, b)| (a - 0.5) * (b - 0.5)).sum();
+        let sum: f64 = numbers
+            .iter()
+            .zip(&numbers[lag..])
+            .map(|(a, b)| (a - 0.5) * (b - 0.5))
+            .sum();
         let correlation = 12.0 * sum / (N - lag) as f64;
-        assert!(correlation.abs() < STANDARD_ERRORS / (N as f64).sqrt(), "lag {lag}: {correlation}");
+        assert!(
+            correlation.abs() < STANDARD_ERRORS / (N as f64).sqrt(),
+            "lag {lag}: {correlation}"
+        );
     }
 }

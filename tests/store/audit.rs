@@ -14,7 +14,15 @@ async fn entries(store: &Store) -> Vec<AuditRow> {
 }
 
 async fn chain(store: &Store, known_head: Option<(i64, String)>) -> Check {
-    let checks = verify(store, &Options { known_head, is_served: false }).await.unwrap();
+    let checks = verify(
+        store,
+        &Options {
+            known_head,
+            is_served: false,
+        },
+    )
+    .await
+    .unwrap();
     checks.into_iter().find(|check| check.id == "I8").unwrap()
 }
 
@@ -22,17 +30,25 @@ async fn chain(store: &Store, known_head: Option<(i64, String)>) -> Check {
 async fn forge(store: &Store, sql: &str) {
     let (off, on) = match store.engine() {
         Engine::Sqlite => (
-            vec!["drop trigger audit_entry_stays", "drop trigger audit_entry_is_kept"],
+            vec![
+                "drop trigger audit_entry_stays",
+                "drop trigger audit_entry_is_kept",
+            ],
             vec![
                 "create trigger audit_entry_stays before update on audit begin select raise(abort, 'x'); end",
                 "create trigger audit_entry_is_kept before delete on audit begin select raise(abort, 'x'); end",
             ],
         ),
-        Engine::Postgres => (vec!["alter table audit disable trigger user"], vec!["alter table audit enable trigger user"]),
+        Engine::Postgres => (
+            vec!["alter table audit disable trigger user"],
+            vec!["alter table audit enable trigger user"],
+        ),
     };
     let mut connection = store.pool().acquire().await.unwrap();
     for sql in off.into_iter().chain([sql]).chain(on) {
-        let done = sqlx::raw_sql(AssertSqlSafe(sql)).execute(&mut *connection).await;
+        let done = sqlx::raw_sql(AssertSqlSafe(sql))
+            .execute(&mut *connection)
+            .await;
         done.unwrap_or_else(|error| panic!("{sql}: {error}"));
     }
 }
@@ -45,7 +61,12 @@ fn what_is_done_is_in_the_chain_with_who_did_it() {
         let set = a_set(store, &robot).await;
         let candidate = a_candidate(store, &set).await;
         let waiting = a_job(store, &set, "{}").await;
-        let new = NewApiKey { name: "n".into(), key_sha256: "00".into(), scopes_json: "[]".into(), robots_json: None };
+        let new = NewApiKey {
+            name: "n".into(),
+            key_sha256: "00".into(),
+            scopes_json: "[]".into(),
+            robots_json: None,
+        };
         let key = in_transaction(store, async |tx| {
             tx.act_as("command line");
             let key = api_keys::insert(tx, &new).await?;
@@ -59,8 +80,10 @@ fn what_is_done_is_in_the_chain_with_who_did_it() {
         })
         .await;
         let found = entries(store).await;
-        let found: Vec<(&str, &str, &str)> =
-            found.iter().map(|row| (row.actor.as_str(), row.event.as_str(), row.subject.as_str())).collect();
+        let found: Vec<(&str, &str, &str)> = found
+            .iter()
+            .map(|row| (row.actor.as_str(), row.event.as_str(), row.subject.as_str()))
+            .collect();
         let expected = [
             ("kincal", "robot_created", robot.id.as_str()),
             ("key_uploader", "measurement_set_created", &set.id),
@@ -74,7 +97,13 @@ fn what_is_done_is_in_the_chain_with_who_did_it() {
         ];
         assert_eq!(found, expected);
         assert_eq!(chain(store, None).await.violations, [""; 0]);
-        assert_eq!(audit::actor(store, &set.id, "measurement_set_created").await.unwrap().as_deref(), Some("key_uploader"));
+        assert_eq!(
+            audit::actor(store, &set.id, "measurement_set_created")
+                .await
+                .unwrap()
+                .as_deref(),
+            Some("key_uploader")
+        );
     });
 }
 
@@ -82,7 +111,10 @@ fn what_is_done_is_in_the_chain_with_who_did_it() {
 fn what_was_rolled_back_is_not_in_the_chain() {
     for_each_engine(async |database| {
         let store = &database.store;
-        let new = kincal::store::NewRobot { name: "r".into(), body_json: "{}".into() };
+        let new = kincal::store::NewRobot {
+            name: "r".into(),
+            body_json: "{}".into(),
+        };
         let mut tx = store.begin().await.unwrap();
         kincal::store::robots::insert(&mut tx, &new).await.unwrap();
         tx.rollback().await.unwrap();
@@ -121,7 +153,15 @@ fn an_edit_a_deletion_another_order_and_a_cut_end_show() {
 
 /// The hash as it is documented: of the JSON list of the hash before and all fields.
 fn documented(before: &str, row: &AuditRow) -> String {
-    let list = json!([before, row.seq, row.at_ms, row.actor, row.event, row.subject, row.detail_json]);
+    let list = json!([
+        before,
+        row.seq,
+        row.at_ms,
+        row.actor,
+        row.event,
+        row.subject,
+        row.detail_json
+    ]);
     sha256_hex(list.to_string().as_bytes())
 }
 
@@ -134,11 +174,25 @@ fn an_entry_forged_together_with_its_own_hash_shows_in_the_next_one() {
         }
         let rows = entries(store).await;
         for pair in rows.windows(2) {
-            assert_eq!(pair[1].sha256, documented(&pair[0].sha256, &pair[1]), "the chain is made as documented");
+            assert_eq!(
+                pair[1].sha256,
+                documented(&pair[0].sha256, &pair[1]),
+                "the chain is made as documented"
+            );
         }
-        let forged = AuditRow { actor: "somebody else".into(), ..rows[2].clone() };
+        let forged = AuditRow {
+            actor: "somebody else".into(),
+            ..rows[2].clone()
+        };
         let hash = documented(&rows[1].sha256, &forged);
-        forge(store, &format!("update audit set actor = '{}', sha256 = '{hash}' where seq = {}", forged.actor, forged.seq)).await;
+        forge(
+            store,
+            &format!(
+                "update audit set actor = '{}', sha256 = '{hash}' where seq = {}",
+                forged.actor, forged.seq
+            ),
+        )
+        .await;
         let check = chain(store, None).await;
         assert_eq!(check.n_violations, 1, "the entry after it: {check:?}");
     });
@@ -151,8 +205,18 @@ fn a_chain_computed_anew_does_not_have_the_head_that_was_kept_elsewhere() {
         a_robot(store, "r").await;
         let kept = audit::head(store).await.unwrap();
         a_robot(store, "r").await;
-        assert_eq!(chain(store, Some((kept.seq, kept.sha256.clone()))).await.n_violations, 0);
-        assert_eq!(chain(store, Some((kept.seq, "00".into()))).await.n_violations, 1);
+        assert_eq!(
+            chain(store, Some((kept.seq, kept.sha256.clone())))
+                .await
+                .n_violations,
+            0
+        );
+        assert_eq!(
+            chain(store, Some((kept.seq, "00".into())))
+                .await
+                .n_violations,
+            1
+        );
         assert_eq!(chain(store, Some((9, kept.sha256))).await.n_violations, 1);
     });
 }
@@ -164,7 +228,10 @@ fn the_schema_itself_refuses_to_touch_an_entry() {
         a_robot(store, "r").await;
         for sql in ["update audit set actor = 'x'", "delete from audit"] {
             let error = sqlx::query(sql).execute(store.pool()).await.unwrap_err();
-            assert!(error.to_string().contains("an audit entry is never"), "{error}");
+            assert!(
+                error.to_string().contains("an audit entry is never"),
+                "{error}"
+            );
         }
     });
 }
@@ -184,7 +251,11 @@ fn writers_at_once_make_one_chain() {
         }
         let check = chain(&database.store, None).await;
         assert_eq!((check.n_examined, check.n_violations), (40, 0));
-        let mut subjects: Vec<String> = entries(&database.store).await.into_iter().map(|row| row.subject).collect();
+        let mut subjects: Vec<String> = entries(&database.store)
+            .await
+            .into_iter()
+            .map(|row| row.subject)
+            .collect();
         subjects.sort();
         ids.sort();
         assert_eq!(subjects, ids);

@@ -9,12 +9,25 @@ use crate::engines::{for_each_engine, on_sqlite};
 use crate::fixtures::a_robot;
 
 async fn insert(tx: &mut Tx, name: &str) {
-    robots::insert(tx, &NewRobot { name: name.into(), body_json: "{}".into() }).await.unwrap();
+    robots::insert(
+        tx,
+        &NewRobot {
+            name: name.into(),
+            body_json: "{}".into(),
+        },
+    )
+    .await
+    .unwrap();
 }
 
 async fn names(store: &Store) -> Vec<String> {
-    let mut names: Vec<String> =
-        robots::list(store, None, &PageRequest::default()).await.unwrap().items.into_iter().map(|robot| robot.name).collect();
+    let mut names: Vec<String> = robots::list(store, None, &PageRequest::default())
+        .await
+        .unwrap()
+        .items
+        .into_iter()
+        .map(|robot| robot.name)
+        .collect();
     names.sort();
     names
 }
@@ -82,23 +95,38 @@ fn an_engine_that_gives_up_the_transaction_fails_everybody_in_it_and_nobody_afte
         // A constraint with `on conflict rollback` gives up the whole transaction, as a full disk does.
         let mut saboteur = sqlx::AnyConnection::connect(&url(database)).await.unwrap();
         first.rollback().await.unwrap();
-        saboteur.execute("create table strict (n bigint unique on conflict rollback)").await.unwrap();
+        saboteur
+            .execute("create table strict (n bigint unique on conflict rollback)")
+            .await
+            .unwrap();
         saboteur
             .execute("create trigger sabotage after insert on robot when new.name = 'bad' begin insert into strict values (1); end")
             .await
             .unwrap();
-        saboteur.execute("insert into strict values (1)").await.unwrap();
+        saboteur
+            .execute("insert into strict values (1)")
+            .await
+            .unwrap();
         let mut first = store.begin().await.unwrap();
         insert(&mut first, "first").await;
         let bad = tokio::spawn({
             let store = store.clone();
             async move {
                 let mut tx = store.begin().await?;
-                robots::insert(&mut tx, &NewRobot { name: "bad".into(), body_json: "{}".into() }).await?;
+                robots::insert(
+                    &mut tx,
+                    &NewRobot {
+                        name: "bad".into(),
+                        body_json: "{}".into(),
+                    },
+                )
+                .await?;
                 tx.commit().await
             }
         });
-        let first = tokio::time::timeout(Duration::from_secs(20), first.commit()).await.expect("it is answered");
+        let first = tokio::time::timeout(Duration::from_secs(20), first.commit())
+            .await
+            .expect("it is answered");
         let bad = bad.await.unwrap();
         assert!(bad.is_err());
         // Whether the two shared a commit depends on who came when; what counts: an answer of success is kept, one of failure is not there.
@@ -118,7 +146,11 @@ async fn together(store: &Store, writers: &[(&'static str, bool)]) -> Vec<Result
         running.push(tokio::spawn(async move {
             let mut tx = store.begin().await?;
             insert(&mut tx, name).await;
-            if commits { tx.commit().await } else { tx.rollback().await }
+            if commits {
+                tx.commit().await
+            } else {
+                tx.rollback().await
+            }
         }));
         // They stand in line as they came.
         tokio::time::sleep(Duration::from_millis(50)).await;
@@ -159,7 +191,11 @@ fn nobody_is_answered_before_the_common_commit() {
         assert_eq!(names(store).await, [""; 0]);
         insert(&mut late, "late").await;
         late.commit().await.unwrap();
-        tokio::time::timeout(Duration::from_secs(20), early).await.expect("it is answered").unwrap().unwrap();
+        tokio::time::timeout(Duration::from_secs(20), early)
+            .await
+            .expect("it is answered")
+            .unwrap()
+            .unwrap();
         assert_eq!(names(store).await, ["early", "late"]);
     });
 }
@@ -184,7 +220,11 @@ fn who_gives_up_waiting_keeps_nobody_from_an_answer() {
             if let Ok(second) = second.await {
                 drop(second);
             }
-            tokio::time::timeout(Duration::from_secs(20), first).await.expect("it is answered").unwrap().unwrap();
+            tokio::time::timeout(Duration::from_secs(20), first)
+                .await
+                .expect("it is answered")
+                .unwrap()
+                .unwrap();
         }
         assert_eq!(names(store).await.len(), 20);
     });
@@ -195,16 +235,37 @@ fn a_writer_that_rolls_back_between_two_that_commit_takes_neither_their_rows_nor
     on_sqlite(async |database| {
         let store = &database.store;
         let before = audit::head(store).await.unwrap().seq;
-        let heard = together(store, &[("a", true), ("b", false), ("c", true), ("d", true), ("e", false)]).await;
+        let heard = together(
+            store,
+            &[
+                ("a", true),
+                ("b", false),
+                ("c", true),
+                ("d", true),
+                ("e", false),
+            ],
+        )
+        .await;
         heard.into_iter().for_each(|result| result.unwrap());
         assert_eq!(names(store).await, ["a", "c", "d"]);
         let mut said = Vec::new();
         for entry in audit::list(store, before, 100).await.unwrap() {
-            said.push((entry.event, robots::get(store, &entry.subject).await.unwrap().name));
+            said.push((
+                entry.event,
+                robots::get(store, &entry.subject).await.unwrap().name,
+            ));
         }
-        assert_eq!(said, ["a", "c", "d"].map(|name| ("robot_created".to_owned(), name.to_owned())));
-        let checks = kincal::store::verify::verify(store, &Default::default()).await.unwrap();
-        assert!(checks.iter().all(|check| check.n_violations == 0), "{checks:?}");
+        assert_eq!(
+            said,
+            ["a", "c", "d"].map(|name| ("robot_created".to_owned(), name.to_owned()))
+        );
+        let checks = kincal::store::verify::verify(store, &Default::default())
+            .await
+            .unwrap();
+        assert!(
+            checks.iter().all(|check| check.n_violations == 0),
+            "{checks:?}"
+        );
     });
 }
 
@@ -226,15 +287,30 @@ fn a_group_whose_entries_cannot_be_written_is_gone_with_them() {
         assert!(heard.iter().all(|result| result.is_err()), "{heard:?}");
         assert_eq!(names(store).await, [""; 0]);
         let after = audit::head(store).await.unwrap();
-        assert_eq!((after.seq, audit::list(store, before.seq, 100).await.unwrap().len()), (before.seq, 0));
+        assert_eq!(
+            (
+                after.seq,
+                audit::list(store, before.seq, 100).await.unwrap().len()
+            ),
+            (before.seq, 0)
+        );
         a_robot(store, "after").await;
         assert_eq!(names(store).await, ["after"]);
     });
 }
 
 fn url(database: &crate::engines::TestDatabase) -> String {
-    let kincal::store::StoreLocation::Sqlite { data_dir } = &database.location else { unreachable!() };
-    format!("sqlite://{}/kincal.sqlite", data_dir.to_str().unwrap().replace('%', "%25").replace(' ', "%20"))
+    let kincal::store::StoreLocation::Sqlite { data_dir } = &database.location else {
+        unreachable!()
+    };
+    format!(
+        "sqlite://{}/kincal.sqlite",
+        data_dir
+            .to_str()
+            .unwrap()
+            .replace('%', "%25")
+            .replace(' ', "%20")
+    )
 }
 
 #[test]
@@ -254,15 +330,25 @@ fn a_client_that_goes_away_at_any_moment_leaves_no_transaction_open() {
             }
             drop(write);
         }
-        tokio::time::timeout(Duration::from_secs(20), a_robot(store, "after")).await.expect("the writer is free");
-        let checks = kincal::store::verify::verify(store, &Default::default()).await.unwrap();
-        assert!(checks.iter().all(|check| check.n_violations == 0), "{checks:?}");
+        tokio::time::timeout(Duration::from_secs(20), a_robot(store, "after"))
+            .await
+            .expect("the writer is free");
+        let checks = kincal::store::verify::verify(store, &Default::default())
+            .await
+            .unwrap();
+        assert!(
+            checks.iter().all(|check| check.n_violations == 0),
+            "{checks:?}"
+        );
     });
 }
 
 /// Polls once, then lets others run; whether it is done.
 async fn futures_poll(future: &mut (impl Future<Output = ()> + Unpin)) -> bool {
-    let done = std::future::poll_fn(|context| std::task::Poll::Ready(std::pin::Pin::new(&mut *future).poll(context).is_ready())).await;
+    let done = std::future::poll_fn(|context| {
+        std::task::Poll::Ready(std::pin::Pin::new(&mut *future).poll(context).is_ready())
+    })
+    .await;
     tokio::task::yield_now().await;
     done
 }

@@ -1,6 +1,9 @@
 //! One effect per `Idempotency-Key`.
 
-use kincal::store::{Error, IdempotencyScope, IdempotentOutcome, NewRobot, PageRequest, Result, Store, StoredResponse, Tx, robots};
+use kincal::store::{
+    Error, IdempotencyScope, IdempotentOutcome, NewRobot, PageRequest, Result, Store,
+    StoredResponse, Tx, robots,
+};
 
 use tokio::sync::Notify;
 
@@ -17,13 +20,29 @@ pub fn scope(key: &str, request_sha256: &str) -> IdempotencyScope {
 }
 
 pub async fn make_a_robot(tx: &mut Tx) -> Result<StoredResponse> {
-    let robot = robots::insert(tx, &NewRobot { name: "r".into(), body_json: "{}".into() }).await?;
+    let robot = robots::insert(
+        tx,
+        &NewRobot {
+            name: "r".into(),
+            body_json: "{}".into(),
+        },
+    )
+    .await?;
     let location = Some(format!("/v1/robots/{}", robot.id));
-    Ok(StoredResponse { status: 201, location, content_type: "application/json".into(), body: robot.id.into_bytes() })
+    Ok(StoredResponse {
+        status: 201,
+        location,
+        content_type: "application/json".into(),
+        body: robot.id.into_bytes(),
+    })
 }
 
 async fn n_robots(store: &Store) -> usize {
-    robots::list(store, None, &PageRequest::default()).await.unwrap().items.len()
+    robots::list(store, None, &PageRequest::default())
+        .await
+        .unwrap()
+        .items
+        .len()
 }
 
 #[test]
@@ -33,7 +52,13 @@ fn of_sixteen_requests_at_once_with_one_key_one_takes_effect_and_all_get_its_ans
             .map(|_| {
                 let store = database.store.clone();
                 // Spawned: what a handler awaits must be Send.
-                tokio::spawn(async move { store.create_idempotent(Some(&scope("k", "s")), async |tx| make_a_robot(tx).await).await })
+                tokio::spawn(async move {
+                    store
+                        .create_idempotent(Some(&scope("k", "s")), async |tx| {
+                            make_a_robot(tx).await
+                        })
+                        .await
+                })
             })
             .collect();
         let (mut fresh, mut replays) = (Vec::new(), Vec::new());
@@ -54,8 +79,14 @@ fn of_sixteen_requests_at_once_with_one_key_one_takes_effect_and_all_get_its_ans
 fn another_body_under_the_same_key_does_nothing() {
     for_each_engine(async |database| {
         let store = &database.store;
-        store.create_idempotent(Some(&scope("k", "one")), make_a_robot).await.unwrap();
-        let outcome = store.create_idempotent(Some(&scope("k", "another")), make_a_robot).await.unwrap();
+        store
+            .create_idempotent(Some(&scope("k", "one")), make_a_robot)
+            .await
+            .unwrap();
+        let outcome = store
+            .create_idempotent(Some(&scope("k", "another")), make_a_robot)
+            .await
+            .unwrap();
         assert_eq!(outcome, IdempotentOutcome::Reused);
         assert_eq!(n_robots(store).await, 1);
     });
@@ -68,12 +99,24 @@ fn the_same_key_of_another_holder_or_for_another_path_is_another_key() {
         let others = [
             scope("k", "s"),
             scope("l", "s"),
-            IdempotencyScope { holder: "key_2".into(), ..scope("k", "s") },
-            IdempotencyScope { path: "/v1/else".into(), ..scope("k", "s") },
-            IdempotencyScope { method: "PUT".into(), ..scope("k", "s") },
+            IdempotencyScope {
+                holder: "key_2".into(),
+                ..scope("k", "s")
+            },
+            IdempotencyScope {
+                path: "/v1/else".into(),
+                ..scope("k", "s")
+            },
+            IdempotencyScope {
+                method: "PUT".into(),
+                ..scope("k", "s")
+            },
         ];
         for scope in &others {
-            let outcome = store.create_idempotent(Some(scope), make_a_robot).await.unwrap();
+            let outcome = store
+                .create_idempotent(Some(scope), make_a_robot)
+                .await
+                .unwrap();
             assert!(matches!(outcome, IdempotentOutcome::Fresh(_)), "{scope:?}");
         }
         assert_eq!(n_robots(store).await, others.len());
@@ -85,14 +128,20 @@ fn a_failed_effect_leaves_nothing_and_its_key_free() {
     for_each_engine(async |database| {
         let store = &database.store;
         let failed = store
-            .create_idempotent(Some(&scope("k", "s")), async |tx: &mut Tx| -> Result<StoredResponse> {
-                make_a_robot(tx).await?;
-                Err(Error::NotFound)
-            })
+            .create_idempotent(
+                Some(&scope("k", "s")),
+                async |tx: &mut Tx| -> Result<StoredResponse> {
+                    make_a_robot(tx).await?;
+                    Err(Error::NotFound)
+                },
+            )
             .await;
         assert!(matches!(failed, Err(Error::NotFound)));
         assert_eq!(n_robots(store).await, 0);
-        let outcome = store.create_idempotent(Some(&scope("k", "s")), make_a_robot).await.unwrap();
+        let outcome = store
+            .create_idempotent(Some(&scope("k", "s")), make_a_robot)
+            .await
+            .unwrap();
         assert!(matches!(outcome, IdempotentOutcome::Fresh(_)));
     });
 }
@@ -101,7 +150,11 @@ fn a_failed_effect_leaves_nothing_and_its_key_free() {
 fn without_a_key_every_request_takes_effect() {
     for_each_engine(async |database| {
         for _ in 0..3 {
-            let outcome = database.store.create_idempotent(None, make_a_robot).await.unwrap();
+            let outcome = database
+                .store
+                .create_idempotent(None, make_a_robot)
+                .await
+                .unwrap();
             assert!(matches!(outcome, IdempotentOutcome::Fresh(_)));
         }
         assert_eq!(n_robots(&database.store).await, 3);
@@ -124,7 +177,10 @@ fn a_request_that_is_cut_off_before_its_end_can_be_made_again() {
             _ = request => panic!("it never ends"),
             () = written.notified() => {}
         }
-        let outcome = store.create_idempotent(Some(&scope), make_a_robot).await.unwrap();
+        let outcome = store
+            .create_idempotent(Some(&scope), make_a_robot)
+            .await
+            .unwrap();
         assert!(matches!(outcome, IdempotentOutcome::Fresh(_)));
         assert_eq!(n_robots(store).await, 1);
     });

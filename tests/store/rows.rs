@@ -3,8 +3,8 @@
 use std::collections::HashSet;
 
 use kincal::store::{
-    Conflict, Cursor, Error, NewApiKey, NewFrames, NewMeasurementSet, NewNetwork, NewRobot, Page, PageRequest, api_keys, frames, jobs,
-    measurement_sets, networks, robots,
+    Conflict, Cursor, Error, NewApiKey, NewFrames, NewMeasurementSet, NewNetwork, NewRobot, Page,
+    PageRequest, api_keys, frames, jobs, measurement_sets, networks, robots,
 };
 
 use crate::engines::for_each_engine;
@@ -20,12 +20,20 @@ fn uploads_read_back_byte_for_byte() {
         let store = &database.store;
         let robot = a_robot(store, "r").await;
         for body in [every_byte(), Vec::new(), b"q1_deg\r\n1\r\n".to_vec()] {
-            let new = NewMeasurementSet { name: Some("n".into()), ..new_set(&robot, &body) };
-            let row = in_transaction(store, async |tx| measurement_sets::insert(tx, &new).await).await;
+            let new = NewMeasurementSet {
+                name: Some("n".into()),
+                ..new_set(&robot, &body)
+            };
+            let row =
+                in_transaction(store, async |tx| measurement_sets::insert(tx, &new).await).await;
             assert_eq!(measurement_sets::get(store, &row.id).await.unwrap(), row);
             assert!(measurement_sets::body(store, &row.id).await.unwrap() == body);
-            let new =
-                NewFrames { robot_id: robot.id.clone(), content_type: "text/csv".into(), body: body.clone(), result_json: "{}".into() };
+            let new = NewFrames {
+                robot_id: robot.id.clone(),
+                content_type: "text/csv".into(),
+                body: body.clone(),
+                result_json: "{}".into(),
+            };
             let row = in_transaction(store, async |tx| frames::insert(tx, &new).await).await;
             assert_eq!(frames::get(store, &row.id).await.unwrap(), row);
             assert!(frames::body(store, &row.id).await.unwrap() == body);
@@ -36,9 +44,19 @@ fn uploads_read_back_byte_for_byte() {
 #[test]
 fn names_with_markup_quotes_and_control_characters_round_trip() {
     for_each_engine(async |database| {
-        for name in ["<script>alert(1)</script>", "'; drop table robot; --", "a\tb\r\n\u{1}\u{7f}", "Prüfstand № 7 🤖", "%_$1?", ""] {
+        for name in [
+            "<script>alert(1)</script>",
+            "'; drop table robot; --",
+            "a\tb\r\n\u{1}\u{7f}",
+            "Prüfstand № 7 🤖",
+            "%_$1?",
+            "",
+        ] {
             let robot = a_robot(&database.store, name).await;
-            assert_eq!(robots::get(&database.store, &robot.id).await.unwrap().name, name);
+            assert_eq!(
+                robots::get(&database.store, &robot.id).await.unwrap().name,
+                name
+            );
         }
     });
 }
@@ -50,7 +68,12 @@ fn a_network_reads_back_and_the_newest_of_its_kind_is_found() {
         let robot = a_robot(store, "r").await;
         let set = a_set(store, &robot).await;
         let mut rows = Vec::new();
-        for (model, preset) in [("paper", "paper"), ("paper", "default"), ("paper", "paper"), ("complete", "paper")] {
+        for (model, preset) in [
+            ("paper", "paper"),
+            ("paper", "default"),
+            ("paper", "paper"),
+            ("complete", "paper"),
+        ] {
             let job = a_job(store, &set, "{}").await;
             let new = NewNetwork {
                 model: model.into(),
@@ -59,22 +82,46 @@ fn a_network_reads_back_and_the_newest_of_its_kind_is_found() {
                 weights: every_byte(),
                 weights_sha256: "00".into(),
             };
-            let row = in_transaction(store, async |tx| networks::insert(tx, &job.id, &new).await).await;
+            let row =
+                in_transaction(store, async |tx| networks::insert(tx, &job.id, &new).await).await;
             assert_eq!(networks::get(store, &row.id).await.unwrap(), row);
             assert!(networks::weights(store, &row.id).await.unwrap() == every_byte());
-            assert_eq!(jobs::get(store, &job.id).await.unwrap().network_id.as_ref(), Some(&row.id));
+            assert_eq!(
+                jobs::get(store, &job.id).await.unwrap().network_id.as_ref(),
+                Some(&row.id)
+            );
             let mut tx = store.begin().await.unwrap();
             let again = networks::insert(&mut tx, &job.id, &new).await;
-            assert!(matches!(again, Err(Error::Conflict(Conflict::Duplicate))), "{again:?}");
+            assert!(
+                matches!(again, Err(Error::Conflict(Conflict::Duplicate))),
+                "{again:?}"
+            );
             tx.rollback().await.unwrap();
             rows.push(row);
         }
-        let newest = networks::newest(store, &robot.id, "paper", "paper", 2).await.unwrap();
+        let newest = networks::newest(store, &robot.id, "paper", "paper", 2)
+            .await
+            .unwrap();
         let ids: Vec<&str> = newest.iter().map(|(id, _)| id.as_str()).collect();
-        assert_eq!(ids, [&rows[2].id, &rows[0].id], "newest first, of this model and preset");
-        assert_eq!(networks::newest(store, &robot.id, "complete", "default", 9).await.unwrap(), []);
+        assert_eq!(
+            ids,
+            [&rows[2].id, &rows[0].id],
+            "newest first, of this model and preset"
+        );
+        assert_eq!(
+            networks::newest(store, &robot.id, "complete", "default", 9)
+                .await
+                .unwrap(),
+            []
+        );
         rows.reverse();
-        assert_eq!(networks::list(store, &robot.id, &PageRequest::default()).await.unwrap().items, rows);
+        assert_eq!(
+            networks::list(store, &robot.id, &PageRequest::default())
+                .await
+                .unwrap()
+                .items,
+            rows
+        );
     });
 }
 
@@ -82,9 +129,18 @@ fn a_network_reads_back_and_the_newest_of_its_kind_is_found() {
 fn what_is_not_there_is_not_found() {
     for_each_engine(async |database| {
         let store = &database.store;
-        assert!(matches!(robots::get(store, "rob_0").await, Err(Error::NotFound)));
-        assert!(matches!(measurement_sets::body(store, "set_0").await, Err(Error::NotFound)));
-        assert!(matches!(jobs::report(store, "job_0").await, Err(Error::NotFound)));
+        assert!(matches!(
+            robots::get(store, "rob_0").await,
+            Err(Error::NotFound)
+        ));
+        assert!(matches!(
+            measurement_sets::body(store, "set_0").await,
+            Err(Error::NotFound)
+        ));
+        assert!(matches!(
+            jobs::report(store, "job_0").await,
+            Err(Error::NotFound)
+        ));
         let robot = a_robot(store, "r").await;
         let set = a_set(store, &robot).await;
         let mut nobodys = new_set(&robot, b"");
@@ -107,12 +163,32 @@ fn a_dropped_transaction_leaves_nothing() {
         let store = &database.store;
         for _ in 0..10 {
             let mut tx = store.begin().await.unwrap();
-            robots::insert(&mut tx, &NewRobot { name: "r".into(), body_json: "{}".into() }).await.unwrap();
+            robots::insert(
+                &mut tx,
+                &NewRobot {
+                    name: "r".into(),
+                    body_json: "{}".into(),
+                },
+            )
+            .await
+            .unwrap();
             drop(tx);
         }
-        assert_eq!(robots::list(store, None, &PageRequest::default()).await.unwrap().items, []);
+        assert_eq!(
+            robots::list(store, None, &PageRequest::default())
+                .await
+                .unwrap()
+                .items,
+            []
+        );
         let kept = a_robot(store, "kept").await;
-        assert_eq!(robots::list(store, None, &PageRequest::default()).await.unwrap().items, [kept]);
+        assert_eq!(
+            robots::list(store, None, &PageRequest::default())
+                .await
+                .unwrap()
+                .items,
+            [kept]
+        );
     });
 }
 
@@ -131,8 +207,17 @@ fn many_writers_at_once_all_get_through() {
             ids.insert(writer.await.unwrap());
         }
         assert_eq!(ids.len(), 32);
-        let listed = measurement_sets::list(&database.store, &robot.id, &PageRequest::default()).await.unwrap();
-        assert_eq!(listed.items.into_iter().map(|row| row.id).collect::<HashSet<_>>(), ids);
+        let listed = measurement_sets::list(&database.store, &robot.id, &PageRequest::default())
+            .await
+            .unwrap();
+        assert_eq!(
+            listed
+                .items
+                .into_iter()
+                .map(|row| row.id)
+                .collect::<HashSet<_>>(),
+            ids
+        );
     });
 }
 
@@ -149,9 +234,14 @@ fn pages_are_complete_and_stable_while_rows_are_added() {
         }
         expected.reverse();
         let mut listed = Vec::new();
-        let mut request = PageRequest { limit: 5, cursor: None };
+        let mut request = PageRequest {
+            limit: 5,
+            cursor: None,
+        };
         loop {
-            let Page { items, next_cursor } = measurement_sets::list(store, &robot.id, &request).await.unwrap();
+            let Page { items, next_cursor } = measurement_sets::list(store, &robot.id, &request)
+                .await
+                .unwrap();
             assert!(items.len() <= 5);
             listed.extend(items);
             a_set(store, &robot).await;
@@ -170,11 +260,19 @@ fn rows_of_the_same_millisecond_come_once_each() {
         for _ in 0..10 {
             a_set(store, &robot).await;
         }
-        sqlx::query("update measurement_set set created_at_ms = 5").execute(store.pool()).await.unwrap();
+        sqlx::query("update measurement_set set created_at_ms = 5")
+            .execute(store.pool())
+            .await
+            .unwrap();
         let mut ids = Vec::new();
-        let mut request = PageRequest { limit: 3, cursor: None };
+        let mut request = PageRequest {
+            limit: 3,
+            cursor: None,
+        };
         loop {
-            let page = measurement_sets::list(store, &robot.id, &request).await.unwrap();
+            let page = measurement_sets::list(store, &robot.id, &request)
+                .await
+                .unwrap();
             ids.extend(page.items.into_iter().map(|row| row.id));
             request.cursor = page.next_cursor;
             if request.cursor.is_none() {
@@ -193,9 +291,27 @@ fn a_page_that_holds_all_has_no_next() {
         for _ in 0..3 {
             a_robot(store, "r").await;
         }
-        for (limit, n, more) in [(0, 1, true), (2, 2, true), (3, 3, false), (u32::MAX, 3, false)] {
-            let page = robots::list(store, None, &PageRequest { limit, cursor: None }).await.unwrap();
-            assert_eq!((page.items.len(), page.next_cursor.is_some()), (n, more), "limit {limit}");
+        for (limit, n, more) in [
+            (0, 1, true),
+            (2, 2, true),
+            (3, 3, false),
+            (u32::MAX, 3, false),
+        ] {
+            let page = robots::list(
+                store,
+                None,
+                &PageRequest {
+                    limit,
+                    cursor: None,
+                },
+            )
+            .await
+            .unwrap();
+            assert_eq!(
+                (page.items.len(), page.next_cursor.is_some()),
+                (n, more),
+                "limit {limit}"
+            );
         }
     });
 }
@@ -204,17 +320,39 @@ fn a_page_that_holds_all_has_no_next() {
 fn a_list_limited_to_some_robots_has_only_those() {
     for_each_engine(async |database| {
         let store = &database.store;
-        let (a, _b, c) = (a_robot(store, "a").await, a_robot(store, "b").await, a_robot(store, "c").await);
+        let (a, _b, c) = (
+            a_robot(store, "a").await,
+            a_robot(store, "b").await,
+            a_robot(store, "c").await,
+        );
         let only = [a.id.clone(), c.id.clone(), "rob_0".into()];
-        let page = robots::list(store, Some(&only), &PageRequest::default()).await.unwrap();
+        let page = robots::list(store, Some(&only), &PageRequest::default())
+            .await
+            .unwrap();
         assert_eq!(page.items, [c, a]);
-        assert_eq!(robots::list(store, Some(&[]), &PageRequest::default()).await.unwrap().items, []);
+        assert_eq!(
+            robots::list(store, Some(&[]), &PageRequest::default())
+                .await
+                .unwrap()
+                .items,
+            []
+        );
     });
 }
 
 #[test]
 fn text_that_is_no_cursor_is_refused() {
-    for text in ["", "-", "5-", "x-rob_1", "5-rob 1", "5-'", "rob_1", "99999999999999999999-rob_1", "5-rob_1-"] {
+    for text in [
+        "",
+        "-",
+        "5-",
+        "x-rob_1",
+        "5-rob 1",
+        "5-'",
+        "rob_1",
+        "99999999999999999999-rob_1",
+        "5-rob_1-",
+    ] {
         assert!(text.parse::<Cursor>().is_err(), "{text}");
     }
     assert_eq!("5-rob_1".parse::<Cursor>().unwrap().to_string(), "5-rob_1");
@@ -224,17 +362,37 @@ fn text_that_is_no_cursor_is_refused() {
 fn a_key_is_found_by_its_hash_until_it_is_revoked() {
     for_each_engine(async |database| {
         let store = &database.store;
-        let new = NewApiKey { name: "cell-4".into(), key_sha256: "abcd".into(), scopes_json: "[]".into(), robots_json: None };
+        let new = NewApiKey {
+            name: "cell-4".into(),
+            key_sha256: "abcd".into(),
+            scopes_json: "[]".into(),
+            robots_json: None,
+        };
         let key = in_transaction(store, async |tx| api_keys::insert(tx, &new).await).await;
-        assert_eq!(api_keys::find(store, "abcd").await.unwrap().as_ref(), Some(&key));
+        assert_eq!(
+            api_keys::find(store, "abcd").await.unwrap().as_ref(),
+            Some(&key)
+        );
         assert_eq!(api_keys::find(store, "ABCD").await.unwrap(), None);
         let mut tx = store.begin().await.unwrap();
-        assert!(matches!(api_keys::insert(&mut tx, &new).await, Err(Error::Conflict(Conflict::Duplicate))));
+        assert!(matches!(
+            api_keys::insert(&mut tx, &new).await,
+            Err(Error::Conflict(Conflict::Duplicate))
+        ));
         tx.rollback().await.unwrap();
         let revoked = in_transaction(store, async |tx| api_keys::revoke(tx, &key.id).await).await;
         assert!(revoked.revoked_at_ms.is_some());
         assert_eq!(api_keys::find(store, "abcd").await.unwrap(), None);
-        assert_eq!(in_transaction(store, async |tx| api_keys::revoke(tx, &key.id).await).await, revoked);
-        assert_eq!(api_keys::list(store, &PageRequest::default()).await.unwrap().items, [revoked]);
+        assert_eq!(
+            in_transaction(store, async |tx| api_keys::revoke(tx, &key.id).await).await,
+            revoked
+        );
+        assert_eq!(
+            api_keys::list(store, &PageRequest::default())
+                .await
+                .unwrap()
+                .items,
+            [revoked]
+        );
     });
 }

@@ -2,8 +2,9 @@
 
 use kincal::store::verify::{Options, verify};
 use kincal::store::{
-    Checked, Engine, Lease, MeasurementSetRow, NewApiKey, NewFrames, NewNetwork, NewParameterSet, ParameterSetRow, PolicyRow, Release,
-    Store, api_keys, frames, leases, networks, parameter_sets, policies,
+    Checked, Engine, Lease, MeasurementSetRow, NewApiKey, NewFrames, NewNetwork, NewParameterSet,
+    ParameterSetRow, PolicyRow, Release, Store, api_keys, frames, leases, networks, parameter_sets,
+    policies,
 };
 use kincal::wire::canonical::sha256_hex;
 use sqlx::AssertSqlSafe;
@@ -14,23 +15,51 @@ use crate::fixtures::{a_candidate, a_job, a_robot, a_set, in_transaction};
 use crate::idempotency::{make_a_robot, scope};
 
 pub async fn broken(store: &Store) -> Vec<&'static str> {
-    let checks = verify(store, &Options { is_served: true, ..Options::default() }).await.unwrap();
-    assert_eq!(checks.iter().map(|check| check.id).collect::<Vec<_>>(), ["I1", "I2", "I3", "I4", "I5", "I6", "I7", "I8", "I9"]);
-    checks.into_iter().filter(|check| check.n_violations > 0).map(|check| check.id).collect()
+    let checks = verify(
+        store,
+        &Options {
+            is_served: true,
+            ..Options::default()
+        },
+    )
+    .await
+    .unwrap();
+    assert_eq!(
+        checks.iter().map(|check| check.id).collect::<Vec<_>>(),
+        ["I1", "I2", "I3", "I4", "I5", "I6", "I7", "I8", "I9"]
+    );
+    checks
+        .into_iter()
+        .filter(|check| check.n_violations > 0)
+        .map(|check| check.id)
+        .collect()
 }
 
 /// A job that a worker has.
 async fn a_running_job(store: &Store, set: &MeasurementSetRow) -> Lease {
     a_job(store, set, "{}").await;
-    leases::claim(store, "worker_1", Duration::from_secs(60)).await.unwrap().unwrap()
+    leases::claim(store, "worker_1", Duration::from_secs(60))
+        .await
+        .unwrap()
+        .unwrap()
 }
 
 /// A parameter set as a worker stores it.
 async fn an_identified_set(store: &Store, set: &MeasurementSetRow) -> ParameterSetRow {
     let lease = a_running_job(store, set).await;
-    let new = NewParameterSet { body_json: "{}".into(), sha256: sha256_hex(b"{}") };
+    let new = NewParameterSet {
+        body_json: "{}".into(),
+        sha256: sha256_hex(b"{}"),
+    };
     in_transaction(store, async |tx| {
-        leases::succeed(tx, &lease, r#"{"result_sha256":"r","version":"1"}"#, "{}", "r").await?;
+        leases::succeed(
+            tx,
+            &lease,
+            r#"{"result_sha256":"r","version":"1"}"#,
+            "{}",
+            "r",
+        )
+        .await?;
         parameter_sets::insert(tx, &lease.job_id, &new).await
     })
     .await
@@ -43,7 +72,10 @@ async fn a_history(store: &Store, set: &MeasurementSetRow) {
         let id = an_identified_set(store, set).await.id;
         let release = Release {
             id: id.clone(),
-            checked: Checked { active: active.replace(id), ..Checked::default() },
+            checked: Checked {
+                active: active.replace(id),
+                ..Checked::default()
+            },
             reason: "better".into(),
             checks_json: r#"[{"passed":true}]"#.into(),
             released_by: "key_1".into(),
@@ -67,7 +99,12 @@ async fn a_history(store: &Store, set: &MeasurementSetRow) {
 /// Frames, jobs with a report, with networks and with an error, parameter sets of every kind, a policy, an answer kept for its key, an API key
 /// in force and one that is revoked: something of everything that may be edited.
 pub async fn something_of_everything(store: &Store, set: &MeasurementSetRow) {
-    let new = NewFrames { robot_id: set.robot_id.clone(), content_type: "text/csv".into(), body: vec![0], result_json: "{}".into() };
+    let new = NewFrames {
+        robot_id: set.robot_id.clone(),
+        content_type: "text/csv".into(),
+        body: vec![0],
+        result_json: "{}".into(),
+    };
     in_transaction(store, async |tx| frames::insert(tx, &new).await).await;
     let failed = a_running_job(store, set).await;
     in_transaction(store, async |tx| leases::fail(tx, &failed, "{}").await).await;
@@ -80,12 +117,24 @@ pub async fn something_of_everything(store: &Store, set: &MeasurementSetRow) {
         weights_sha256: "00".into(),
     };
     in_transaction(store, async |tx| {
-        leases::succeed(tx, &lease, r#"{"result_sha256":"r","version":"1"}"#, "{}", "r").await?;
+        leases::succeed(
+            tx,
+            &lease,
+            r#"{"result_sha256":"r","version":"1"}"#,
+            "{}",
+            "r",
+        )
+        .await?;
         networks::insert_residual(tx, &lease.job_id, &network).await?;
         networks::insert(tx, &lease.job_id, &network).await
     })
     .await;
-    let policy = PolicyRow { tolerance_mm: Some(0.1), independent_session_required: 1, second_person_required: 1, version: 0 };
+    let policy = PolicyRow {
+        tolerance_mm: Some(0.1),
+        independent_session_required: 1,
+        second_person_required: 1,
+        version: 0,
+    };
     // Of another robot, so that it stands in the way of no release.
     let other = a_robot(store, "other").await;
     in_transaction(store, async |tx| {
@@ -94,8 +143,16 @@ pub async fn something_of_everything(store: &Store, set: &MeasurementSetRow) {
     })
     .await;
     a_history(store, &a_set(store, &a_robot(store, "third").await).await).await;
-    store.create_idempotent(Some(&scope("k", "s")), make_a_robot).await.unwrap();
-    let key = |hash: &str| NewApiKey { name: "n".into(), key_sha256: hash.into(), scopes_json: "[\"read\"]".into(), robots_json: None };
+    store
+        .create_idempotent(Some(&scope("k", "s")), make_a_robot)
+        .await
+        .unwrap();
+    let key = |hash: &str| NewApiKey {
+        name: "n".into(),
+        key_sha256: hash.into(),
+        scopes_json: "[\"read\"]".into(),
+        robots_json: None,
+    };
     let (first, second) = (key("00"), key("01"));
     in_transaction(store, async |tx| {
         api_keys::insert(tx, &first).await?;
@@ -196,10 +253,16 @@ fn each_fault_is_told_by_its_check() {
             something_of_everything(store, &set).await;
             a_candidate(store, &set).await;
             for fault in faults.split("; ") {
-                sqlx::query(AssertSqlSafe(in_the_words_of(store.engine(), fault))).execute(store.pool()).await.unwrap();
+                sqlx::query(AssertSqlSafe(in_the_words_of(store.engine(), fault)))
+                    .execute(store.pool())
+                    .await
+                    .unwrap();
             }
             let found = broken(store).await;
-            assert!(expected.iter().all(|id| found.contains(id)), "{faults}: told by {found:?}");
+            assert!(
+                expected.iter().all(|id| found.contains(id)),
+                "{faults}: told by {found:?}"
+            );
         });
     }
 }
@@ -216,8 +279,13 @@ fn the_schema_itself_keeps_results_and_frames_as_they_were_found() {
             "update frames set result_json = '[]'",
             "update frames set body = x'00'",
         ] {
-            let refused = sqlx::query(AssertSqlSafe(in_the_words_of(store.engine(), sql))).execute(store.pool()).await;
-            assert!(refused.unwrap_err().to_string().contains("never changed"), "{sql}");
+            let refused = sqlx::query(AssertSqlSafe(in_the_words_of(store.engine(), sql)))
+                .execute(store.pool())
+                .await;
+            assert!(
+                refused.unwrap_err().to_string().contains("never changed"),
+                "{sql}"
+            );
         }
         assert_eq!(broken(store).await, [""; 0]);
     });
@@ -230,8 +298,16 @@ fn in_the_words_of(engine: Engine, sql: &str) -> String {
     }
     match sql.strip_prefix("drop trigger ") {
         Some(name) => {
-            let table =
-                ["measurement_set", "robot", "parameter_set", "audit", "frames", "job"].into_iter().find(|table| name.starts_with(table));
+            let table = [
+                "measurement_set",
+                "robot",
+                "parameter_set",
+                "audit",
+                "frames",
+                "job",
+            ]
+            .into_iter()
+            .find(|table| name.starts_with(table));
             format!("drop trigger {name} on {}", table.unwrap())
         }
         None => sql.replace("x'00'", "'\\x00'"),

@@ -19,11 +19,17 @@ impl Answer {
     pub async fn of(request: RequestBuilder) -> Self {
         let response = request.send().await.expect("the server answers");
         let (status, headers) = (response.status().as_u16(), response.headers().clone());
-        Self { status, headers, bytes: response.bytes().await.expect("a whole body").to_vec() }
+        Self {
+            status,
+            headers,
+            bytes: response.bytes().await.expect("a whole body").to_vec(),
+        }
     }
 
     pub fn header(&self, name: &str) -> Option<&str> {
-        self.headers.get(name).map(|value| value.to_str().expect("ASCII"))
+        self.headers
+            .get(name)
+            .map(|value| value.to_str().expect("ASCII"))
     }
 
     pub fn text(&self) -> String {
@@ -45,13 +51,19 @@ impl Answer {
     #[track_caller]
     pub fn problem(&self, status: u16, code: &str) -> Value {
         assert_eq!(self.status, status, "{}", self.text());
-        assert_eq!(self.header("content-type"), Some("application/problem+json"));
+        assert_eq!(
+            self.header("content-type"),
+            Some("application/problem+json")
+        );
         assert!(self.header("x-request-id").is_some());
         let problem = self.json();
         assert_eq!(problem["code"], code, "{problem}");
         assert_eq!(problem["status"], status);
         assert_eq!(problem["type"], format!("urn:kincal:problem:{code}"));
-        assert!(problem["title"].is_string() && problem["detail"].is_string(), "{problem}");
+        assert!(
+            problem["title"].is_string() && problem["detail"].is_string(),
+            "{problem}"
+        );
         problem
     }
 }
@@ -72,32 +84,54 @@ impl TestApp {
     pub async fn with_workers(workers: usize) -> Self {
         let dir = tempfile::tempdir().expect("a temporary directory");
         let config = ServeConfig::loopback(dir.path().join("data"), workers);
-        Self { _dir: Some(dir), ..Self::with_config(config).await }
+        Self {
+            _dir: Some(dir),
+            ..Self::with_config(config).await
+        }
     }
 
     pub async fn with_config(config: ServeConfig) -> Self {
         kincal::http::tls::use_ring();
         let server = server::start(&config).await.expect("the server starts");
-        Self { server, client: reqwest::Client::new(), config, _dir: None }
+        Self {
+            server,
+            client: reqwest::Client::new(),
+            config,
+            _dir: None,
+        }
     }
 
     /// The same database under a new server.
     pub async fn restart(mut self) -> Self {
         let dir = self._dir.take();
         self.server.shutdown().await;
-        Self { _dir: dir, ..Self::with_config(self.config).await }
+        Self {
+            _dir: dir,
+            ..Self::with_config(self.config).await
+        }
     }
 
     pub fn request(&self, method: Method, path: &str) -> RequestBuilder {
-        self.client.request(method, format!("{}{path}", self.server.url()))
+        self.client
+            .request(method, format!("{}{path}", self.server.url()))
     }
 
     pub async fn get(&self, path: &str) -> Answer {
         Answer::of(self.request(Method::GET, path)).await
     }
 
-    pub async fn post(&self, path: &str, content_type: &str, body: impl Into<reqwest::Body>) -> Answer {
-        Answer::of(self.request(Method::POST, path).header("content-type", content_type).body(body)).await
+    pub async fn post(
+        &self,
+        path: &str,
+        content_type: &str,
+        body: impl Into<reqwest::Body>,
+    ) -> Answer {
+        Answer::of(
+            self.request(Method::POST, path)
+                .header("content-type", content_type)
+                .body(body),
+        )
+        .await
     }
 
     pub async fn post_json(&self, path: &str, body: &Value) -> Answer {
@@ -106,7 +140,9 @@ impl TestApp {
 
     /// The paper's robot, stored; its path.
     pub async fn paper_robot(&self) -> String {
-        let answer = self.post("/v1/robots", "application/json", paper("robot.json")).await;
+        let answer = self
+            .post("/v1/robots", "application/json", paper("robot.json"))
+            .await;
         format!("/v1/robots/{}", answer.ok(201)["id"].as_str().unwrap())
     }
 
@@ -119,7 +155,13 @@ impl TestApp {
 
     /// Uploads one of the paper's sets; its id.
     pub async fn upload(&self, robot: &str, file: &str) -> String {
-        let answer = self.post(&format!("{robot}/measurement-sets?frame=base"), "text/csv", paper(file)).await;
+        let answer = self
+            .post(
+                &format!("{robot}/measurement-sets?frame=base"),
+                "text/csv",
+                paper(file),
+            )
+            .await;
         answer.ok(201)["id"].as_str().unwrap().into()
     }
 
@@ -127,9 +169,15 @@ impl TestApp {
     pub async fn run(&self, robot: &str, request: &Value) -> Value {
         let posted = self.post_json(&format!("{robot}/jobs"), request).await;
         let mut job = posted.ok(202);
-        assert_eq!(posted.header("location"), Some(format!("/v1/jobs/{}", text(&job["id"])).as_str()));
+        assert_eq!(
+            posted.header("location"),
+            Some(format!("/v1/jobs/{}", text(&job["id"])).as_str())
+        );
         while ["queued", "running"].contains(&text(&job["status"])) {
-            job = self.get(&format!("/v1/jobs/{}?wait_s=30", text(&job["id"]))).await.ok(200);
+            job = self
+                .get(&format!("/v1/jobs/{}?wait_s=30", text(&job["id"])))
+                .await
+                .ok(200);
         }
         job
     }
@@ -137,7 +185,12 @@ impl TestApp {
     /// A least-squares job on the paper's first set that has succeeded: (robot path, job).
     pub async fn identified(&self) -> (String, Value) {
         let (robot, set) = self.robot_with_set("first.csv").await;
-        let job = self.run(&robot, &json!({"measurement_set_id": set, "method": "least_squares"})).await;
+        let job = self
+            .run(
+                &robot,
+                &json!({"measurement_set_id": set, "method": "least_squares"}),
+            )
+            .await;
         assert_eq!(job["status"], "succeeded", "{job}");
         (robot, job)
     }
@@ -145,11 +198,14 @@ impl TestApp {
 
 /// A file of the paper's data.
 pub fn paper(name: &str) -> Vec<u8> {
-    std::fs::read(format!("{}/data/paper/{name}", env!("CARGO_MANIFEST_DIR"))).expect("the paper's data")
+    std::fs::read(format!("{}/data/paper/{name}", env!("CARGO_MANIFEST_DIR")))
+        .expect("the paper's data")
 }
 
 /// A JSON string's text.
 #[track_caller]
 pub fn text(value: &Value) -> &str {
-    value.as_str().unwrap_or_else(|| panic!("not a text: {value}"))
+    value
+        .as_str()
+        .unwrap_or_else(|| panic!("not a text: {value}"))
 }

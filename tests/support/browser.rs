@@ -25,15 +25,30 @@ pub struct Driver {
 impl Driver {
     /// Starts it; nothing, said aloud, where Chromium is not installed. KINCAL_EXPECT_BROWSER says that it must be.
     pub fn start() -> Option<Self> {
-        let spawned = Command::new("chromedriver").arg("--port=0").stdout(Stdio::piped()).stderr(Stdio::null()).spawn();
+        let spawned = Command::new("chromedriver")
+            .arg("--port=0")
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn();
         let Ok(mut child) = spawned else {
-            assert!(std::env::var_os("KINCAL_EXPECT_BROWSER").is_none(), "chromedriver is expected here and missing");
+            assert!(
+                std::env::var_os("KINCAL_EXPECT_BROWSER").is_none(),
+                "chromedriver is expected here and missing"
+            );
             eprintln!("SKIPPED: no chromedriver here; apt-get install chromium chromium-driver");
             return None;
         };
-        let mut lines = BufReader::new(child.stdout.take().unwrap()).lines().map_while(Result::ok);
-        let port = lines.find_map(|line| line.rsplit_once("successfully on port ").map(|(_, port)| port.trim_end_matches('.').to_owned()));
-        let url = format!("http://127.0.0.1:{}", port.expect("chromedriver names its port"));
+        let mut lines = BufReader::new(child.stdout.take().unwrap())
+            .lines()
+            .map_while(Result::ok);
+        let port = lines.find_map(|line| {
+            line.rsplit_once("successfully on port ")
+                .map(|(_, port)| port.trim_end_matches('.').to_owned())
+        });
+        let url = format!(
+            "http://127.0.0.1:{}",
+            port.expect("chromedriver names its port")
+        );
         // chromedriver must be able to go on talking
         std::thread::spawn(move || lines.for_each(drop));
         Some(Self { child, url })
@@ -56,7 +71,10 @@ pub struct Look {
 
 impl Default for Look {
     fn default() -> Self {
-        Self { size: DESKTOP, dark: false }
+        Self {
+            size: DESKTOP,
+            dark: false,
+        }
     }
 }
 
@@ -70,15 +88,37 @@ impl Browser {
     /// Opens a window.
     pub async fn open(driver: &Driver, server: &str, look: Look) -> Self {
         let mut capabilities = DesiredCapabilities::chrome();
-        for argument in ["--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--hide-scrollbars"] {
+        for argument in [
+            "--headless=new",
+            "--no-sandbox",
+            "--disable-gpu",
+            "--disable-dev-shm-usage",
+            "--hide-scrollbars",
+        ] {
             capabilities.add_arg(argument).unwrap();
         }
-        capabilities.set("goog:loggingPrefs", json!({"browser": "ALL", "performance": "ALL"})).unwrap();
+        capabilities
+            .set(
+                "goog:loggingPrefs",
+                json!({"browser": "ALL", "performance": "ALL"}),
+            )
+            .unwrap();
         kincal::http::tls::use_ring();
-        let client = reqwest::Client::builder().no_proxy().timeout(PATIENCE).build().unwrap();
-        let driver = WebDriver::builder(driver.url.as_str(), capabilities).client(client).connect().await.expect("Chromium starts");
+        let client = reqwest::Client::builder()
+            .no_proxy()
+            .timeout(PATIENCE)
+            .build()
+            .unwrap();
+        let driver = WebDriver::builder(driver.url.as_str(), capabilities)
+            .client(client)
+            .connect()
+            .await
+            .expect("Chromium starts");
         driver.set_script_timeout(PATIENCE).await.unwrap();
-        let browser = Self { driver, server: server.into() };
+        let browser = Self {
+            driver,
+            server: server.into(),
+        };
         browser.look(look).await;
         browser
     }
@@ -86,26 +126,41 @@ impl Browser {
     /// Another size or another theme.
     pub async fn look(&self, look: Look) {
         let metrics = json!({"width": look.size.0, "height": look.size.1, "deviceScaleFactor": 1, "mobile": false});
-        self.devtools("Emulation.setDeviceMetricsOverride", metrics).await;
+        self.devtools("Emulation.setDeviceMetricsOverride", metrics)
+            .await;
         let scheme = if look.dark { "dark" } else { "light" };
-        self.devtools("Emulation.setEmulatedMedia", json!({"features": [{"name": "prefers-color-scheme", "value": scheme}]})).await;
+        self.devtools(
+            "Emulation.setEmulatedMedia",
+            json!({"features": [{"name": "prefers-color-scheme", "value": scheme}]}),
+        )
+        .await;
     }
 
     async fn devtools(&self, method: &str, parameters: Value) -> Value {
-        self.driver.cdp().send_raw(method, parameters).await.unwrap()
+        self.driver
+            .cdp()
+            .send_raw(method, parameters)
+            .await
+            .unwrap()
     }
 
     /// Goes to an address of the server, and waits until the page is there.
     pub async fn go(&self, path: &str) {
         // an address that differs in its fragment alone would not be loaded anew
         self.driver.goto("about:blank").await.unwrap();
-        self.driver.goto(format!("{}{path}", self.server)).await.unwrap();
+        self.driver
+            .goto(format!("{}{path}", self.server))
+            .await
+            .unwrap();
         self.settled().await;
     }
 
     /// Goes to a file.
     pub async fn go_to_file(&self, path: &Path) {
-        self.driver.goto(format!("file://{}", path.display())).await.unwrap();
+        self.driver
+            .goto(format!("file://{}", path.display()))
+            .await
+            .unwrap();
     }
 
     /// Waits until nothing is being loaded.
@@ -115,7 +170,12 @@ impl Browser {
 
     /// Runs a script; what it returns.
     pub async fn run(&self, script: &str) -> Value {
-        self.driver.execute(script, vec![]).await.unwrap_or_else(|e| panic!("{script}: {e}")).json().clone()
+        self.driver
+            .execute(script, vec![])
+            .await
+            .unwrap_or_else(|e| panic!("{script}: {e}"))
+            .json()
+            .clone()
     }
 
     /// Waits until an expression is true.
@@ -125,30 +185,52 @@ impl Browser {
             if self.run(&format!("return Boolean({expression})")).await == true {
                 return;
             }
-            assert!(Instant::now() < deadline, "{expression} did not come true; the page says:\n{}", self.text().await);
+            assert!(
+                Instant::now() < deadline,
+                "{expression} did not come true; the page says:\n{}",
+                self.text().await
+            );
             tokio::time::sleep(Duration::from_millis(40)).await;
         }
     }
 
     /// Waits until the page says something.
     pub async fn until_it_says(&self, text: &str) {
-        self.until(&format!("document.body.innerText.includes({})", json!(text))).await;
+        self.until(&format!(
+            "document.body.innerText.includes({})",
+            json!(text)
+        ))
+        .await;
     }
 
     /// All that can be read.
     pub async fn text(&self) -> String {
-        self.run("return document.body.innerText").await.as_str().unwrap().to_owned()
+        self.run("return document.body.innerText")
+            .await
+            .as_str()
+            .unwrap()
+            .to_owned()
     }
 
     /// The button of this name that can be seen.
     pub async fn button(&self, name: &str) -> WebElement {
-        let path = format!("//button[normalize-space(.)={name:?} and not(ancestor::dialog[not(@open)])]");
-        self.driver.query(By::XPath(path)).and_displayed().first().await.unwrap_or_else(|e| panic!("no button {name}: {e}"))
+        let path =
+            format!("//button[normalize-space(.)={name:?} and not(ancestor::dialog[not(@open)])]");
+        self.driver
+            .query(By::XPath(path))
+            .and_displayed()
+            .first()
+            .await
+            .unwrap_or_else(|e| panic!("no button {name}: {e}"))
     }
 
     /// What a selector finds first.
     pub async fn find(&self, css: &str) -> WebElement {
-        self.driver.query(By::Css(css)).first().await.unwrap_or_else(|e| panic!("no {css}: {e}"))
+        self.driver
+            .query(By::Css(css))
+            .first()
+            .await
+            .unwrap_or_else(|e| panic!("no {css}: {e}"))
     }
 
     /// Drags a file of this content over an element and drops it there.
@@ -157,27 +239,43 @@ impl Browser {
             dataTransfer.items.add(new File([content], name)); \
             for (const kind of ['dragover', 'drop']) \
             document.querySelector(css).dispatchEvent(new DragEvent(kind, { dataTransfer, bubbles: true, cancelable: true }));";
-        self.driver.execute(script, vec![json!(css), json!(name), json!(content)]).await.unwrap();
+        self.driver
+            .execute(script, vec![json!(css), json!(name), json!(content)])
+            .await
+            .unwrap();
     }
 
     /// Where this window's downloads go from now on.
     pub async fn download_to(&self, folder: &Path) {
         std::fs::create_dir_all(folder).unwrap();
-        self.devtools("Browser.setDownloadBehavior", json!({"behavior": "allow", "downloadPath": folder})).await;
+        self.devtools(
+            "Browser.setDownloadBehavior",
+            json!({"behavior": "allow", "downloadPath": folder}),
+        )
+        .await;
     }
 
     /// Waits until a file is there, whole: Chromium gives it its name when it is.
     pub async fn until_there_is(&self, file: &Path) {
         let deadline = Instant::now() + PATIENCE;
         while !file.exists() {
-            assert!(Instant::now() < deadline, "{} was not downloaded", file.display());
+            assert!(
+                Instant::now() < deadline,
+                "{} was not downloaded",
+                file.display()
+            );
             tokio::time::sleep(Duration::from_millis(40)).await;
         }
     }
 
     /// Keys as a person presses them, to whatever has the focus.
     pub async fn press(&self, keys: impl Into<TypingData>) {
-        self.driver.action_chain().send_keys(keys).perform().await.unwrap();
+        self.driver
+            .action_chain()
+            .send_keys(keys)
+            .perform()
+            .await
+            .unwrap();
     }
 
     /// What axe finds wrong with the page, in words.
@@ -186,33 +284,61 @@ impl Browser {
         let run = "const done = arguments[0]; axe.run(document).then((r) => done(r.violations.map((v) => `${v.id}: ${v.nodes.map((n) => \
             n.html.slice(0, 200) + ' ' + n.failureSummary).join(' | ')}`)), (e) => done([String(e)]));";
         let found = self.driver.execute_async(run, vec![]).await.unwrap();
-        found.json().as_array().unwrap().iter().map(|violation| violation.as_str().unwrap().to_owned()).collect()
+        found
+            .json()
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(|violation| violation.as_str().unwrap().to_owned())
+            .collect()
     }
 
     /// What the console holds since it was asked last.
     pub async fn console(&self) -> Vec<String> {
         let entries = self.driver.browser_log().await.unwrap();
-        entries.into_iter().map(|entry| format!("{}: {}", entry.level, entry.message)).collect()
+        entries
+            .into_iter()
+            .map(|entry| format!("{}: {}", entry.level, entry.message))
+            .collect()
     }
 
     /// Every address that was asked for since this was asked last.
     pub async fn requests(&self) -> Vec<String> {
         let entries = self.driver.get_log("performance").await.unwrap();
-        let messages = entries.iter().map(|entry| serde_json::from_str::<Value>(&entry.message).unwrap()["message"].clone());
+        let messages = entries
+            .iter()
+            .map(|entry| serde_json::from_str::<Value>(&entry.message).unwrap()["message"].clone());
         let sent = messages.filter(|message| message["method"] == "Network.requestWillBeSent");
-        sent.map(|message| message["params"]["request"]["url"].as_str().unwrap().to_owned()).collect()
+        sent.map(|message| {
+            message["params"]["request"]["url"]
+                .as_str()
+                .unwrap()
+                .to_owned()
+        })
+        .collect()
     }
 
     /// A quiet console but for answers of these statuses, and no request but to this server.
     pub async fn assert_quiet(&self, expected_statuses: &[u16]) {
-        let expected =
-            |line: &String| expected_statuses.iter().any(|s| line.contains(&format!("the server responded with a status of {s}")));
-        let loud: Vec<String> = self.console().await.into_iter().filter(|line| !expected(line)).collect();
+        let expected = |line: &String| {
+            expected_statuses
+                .iter()
+                .any(|s| line.contains(&format!("the server responded with a status of {s}")))
+        };
+        let loud: Vec<String> = self
+            .console()
+            .await
+            .into_iter()
+            .filter(|line| !expected(line))
+            .collect();
         assert!(loud.is_empty(), "the console says: {loud:#?}");
         let requests = self.requests().await;
         assert!(!requests.is_empty(), "the log of requests works");
-        let own =
-            |url: &String| url.starts_with(&self.server) || url.starts_with(&format!("blob:{}", self.server)) || url.starts_with("data:");
+        let own = |url: &String| {
+            url.starts_with(&self.server)
+                || url.starts_with(&format!("blob:{}", self.server))
+                || url.starts_with("data:")
+        };
         assert_eq!(requests.iter().find(|url| !own(url)), None);
     }
 
@@ -220,20 +346,31 @@ impl Browser {
     pub async fn printed(&self) -> Vec<u8> {
         let parameters = json!({"preferCSSPageSize": true, "printBackground": false});
         let printed = self.devtools("Page.printToPDF", parameters).await;
-        BASE64_STANDARD.decode(printed["data"].as_str().unwrap()).unwrap()
+        BASE64_STANDARD
+            .decode(printed["data"].as_str().unwrap())
+            .unwrap()
     }
 
     /// Keeps a picture if somebody asked for it: `KINCAL_SCREENSHOTS` names the folder of those that docs/ show, `KINCAL_PAGES` that of whole
     /// pages.
     pub async fn picture(&self, name: &str, of: Picture<'_>) {
-        let variable = if matches!(of, Picture::Whole) { "KINCAL_PAGES" } else { "KINCAL_SCREENSHOTS" };
-        let Some(folder) = std::env::var_os(variable).map(PathBuf::from) else { return };
+        let variable = if matches!(of, Picture::Whole) {
+            "KINCAL_PAGES"
+        } else {
+            "KINCAL_SCREENSHOTS"
+        };
+        let Some(folder) = std::env::var_os(variable).map(PathBuf::from) else {
+            return;
+        };
         tokio::time::sleep(Duration::from_millis(250)).await;
         // what is said in passing would lie over a figure for good
-        self.run("document.getElementById('said')?.style.setProperty('display', 'none')").await;
+        self.run("document.getElementById('said')?.style.setProperty('display', 'none')")
+            .await;
         let clip = match of {
             Picture::Top(height) => {
-                format!("[0, 0, innerWidth, Math.min({height}, Math.max(innerHeight, document.documentElement.scrollHeight))]")
+                format!(
+                    "[0, 0, innerWidth, Math.min({height}, Math.max(innerHeight, document.documentElement.scrollHeight))]"
+                )
             }
             Picture::Whole => "[0, 0, innerWidth, document.documentElement.scrollHeight]".into(),
             Picture::Element(css) => format!(
@@ -242,13 +379,28 @@ impl Browser {
             ),
         };
         let clip = self.run(&format!("return {clip}")).await;
-        let clip = json!({"x": clip[0], "y": clip[1], "width": clip[2], "height": clip[3], "scale": 1});
-        let taken = self.devtools("Page.captureScreenshot", json!({"format": "png", "captureBeyondViewport": true, "clip": clip})).await;
+        let clip =
+            json!({"x": clip[0], "y": clip[1], "width": clip[2], "height": clip[3], "scale": 1});
+        let taken = self
+            .devtools(
+                "Page.captureScreenshot",
+                json!({"format": "png", "captureBeyondViewport": true, "clip": clip}),
+            )
+            .await;
         std::fs::create_dir_all(&folder).unwrap();
         let file = folder.join(format!("{name}.png"));
-        std::fs::write(&file, BASE64_STANDARD.decode(taken["data"].as_str().unwrap()).unwrap()).unwrap();
+        std::fs::write(
+            &file,
+            BASE64_STANDARD
+                .decode(taken["data"].as_str().unwrap())
+                .unwrap(),
+        )
+        .unwrap();
         // the same picture to the eye in a third of the bytes; where it is not installed they stay large
-        let _ = Command::new("pngquant").args(["--force", "--speed=1", "--ext=.png", "128"]).arg(&file).status();
+        let _ = Command::new("pngquant")
+            .args(["--force", "--speed=1", "--ext=.png", "128"])
+            .arg(&file)
+            .status();
     }
 
     /// Closes the window.

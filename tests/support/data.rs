@@ -9,7 +9,9 @@ use std::path::{Path, PathBuf};
 
 /// Path of a file in `data/paper`.
 pub fn paper_path(name: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("data/paper").join(name)
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("data/paper")
+        .join(name)
 }
 
 /// Where measured sets lie, or `None` with one loud line where they are absent.
@@ -31,7 +33,11 @@ pub fn real_data() -> Option<PathBuf> {
 /// A robot file.
 pub fn robot(path: &Path) -> Robot {
     let json: serde_json::Value = serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap();
-    let number = |link: &serde_json::Value, key: &str| link.get(key).and_then(serde_json::Value::as_f64).unwrap_or(0.0);
+    let number = |link: &serde_json::Value, key: &str| {
+        link.get(key)
+            .and_then(serde_json::Value::as_f64)
+            .unwrap_or(0.0)
+    };
     let link = |link: &serde_json::Value| Link {
         a_mm: number(link, "a_mm"),
         alpha_rad: number(link, "alpha_deg").to_radians(),

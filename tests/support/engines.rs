@@ -42,7 +42,10 @@ pub fn for_each_engine(test: impl AsyncFn(&TestDatabase)) {
 fn say_that_half_is_missing() {
     static SAID: Once = Once::new();
     SAID.call_once(|| {
-        let _ = writeln!(std::io::stderr(), "!!! {POSTGRES_VARIABLE} IS NOT SET: THESE TESTS DO NOT RUN ON POSTGRESQL !!!");
+        let _ = writeln!(
+            std::io::stderr(),
+            "!!! {POSTGRES_VARIABLE} IS NOT SET: THESE TESTS DO NOT RUN ON POSTGRESQL !!!"
+        );
     });
 }
 
@@ -53,13 +56,20 @@ pub fn on_sqlite(test: impl AsyncFn(&TestDatabase)) {
 
 fn run(engine: Engine, test: &impl AsyncFn(&TestDatabase), server: &str) {
     eprintln!("on {engine:?}");
-    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().expect("a runtime");
+    let runtime = tokio::runtime::Builder::new_multi_thread()
+        .worker_threads(2)
+        .enable_all()
+        .build()
+        .expect("a runtime");
     runtime.block_on(async {
         let (home, location) = match engine {
             Engine::Sqlite => {
                 let directory = TempDir::new().expect("a temporary directory");
                 let data_dir = directory.path().join("data 100%");
-                (Home::Directory(directory), StoreLocation::Sqlite { data_dir })
+                (
+                    Home::Directory(directory),
+                    StoreLocation::Sqlite { data_dir },
+                )
             }
             Engine::Postgres => {
                 let database = PostgresDatabase::create(server).await;
@@ -67,8 +77,14 @@ fn run(engine: Engine, test: &impl AsyncFn(&TestDatabase), server: &str) {
                 (Home::Database(database), StoreLocation::Postgres { url })
             }
         };
-        let store = Store::open(location.clone()).await.expect("the store opens");
-        let database = TestDatabase { store, location, _home: home };
+        let store = Store::open(location.clone())
+            .await
+            .expect("the store opens");
+        let database = TestDatabase {
+            store,
+            location,
+            _home: home,
+        };
         test(&database).await;
         database.store.close().await;
     });
@@ -76,7 +92,10 @@ fn run(engine: Engine, test: &impl AsyncFn(&TestDatabase), server: &str) {
 
 impl PostgresDatabase {
     async fn create(server: &str) -> Self {
-        let database = PostgresDatabase { server: server.to_owned(), name: format!("kincal_test_{}", uuid::Uuid::now_v7().simple()) };
+        let database = PostgresDatabase {
+            server: server.to_owned(),
+            name: format!("kincal_test_{}", uuid::Uuid::now_v7().simple()),
+        };
         database.administer("create database").await;
         database
     }
@@ -87,8 +106,13 @@ impl PostgresDatabase {
     }
 
     async fn administer(&self, what: &str) {
-        let mut connection = PgConnection::connect(&self.server).await.expect("PostgreSQL answers");
-        sqlx::query(AssertSqlSafe(format!("{what} {}", self.name))).execute(&mut connection).await.expect("it may administer databases");
+        let mut connection = PgConnection::connect(&self.server)
+            .await
+            .expect("PostgreSQL answers");
+        sqlx::query(AssertSqlSafe(format!("{what} {}", self.name)))
+            .execute(&mut connection)
+            .await
+            .expect("it may administer databases");
     }
 }
 
@@ -98,11 +122,20 @@ impl Drop for Home {
             // Also when the test panics, and there is no waiting in a drop: on a thread of its own.
             std::thread::scope(|scope| {
                 let drop_database = || {
-                    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().expect("a runtime");
+                    let runtime = tokio::runtime::Builder::new_current_thread()
+                        .enable_all()
+                        .build()
+                        .expect("a runtime");
                     runtime.block_on(async {
-                        let mut connection = PgConnection::connect(&database.server).await.expect("PostgreSQL answers");
-                        let sql = AssertSqlSafe(format!("drop database {} with (force)", database.name));
-                        sqlx::query(sql).execute(&mut connection).await.expect("it drops the database");
+                        let mut connection = PgConnection::connect(&database.server)
+                            .await
+                            .expect("PostgreSQL answers");
+                        let sql =
+                            AssertSqlSafe(format!("drop database {} with (force)", database.name));
+                        sqlx::query(sql)
+                            .execute(&mut connection)
+                            .await
+                            .expect("it drops the database");
                     });
                 };
                 let _ = scope.spawn(drop_database).join();

@@ -2,12 +2,15 @@
 
 use kincal::jobs::queue;
 use kincal::store::{
-    JobRow, MeasurementSetRow, NewJob, NewMeasurementSet, NewRobot, ParameterSetRow, RobotRow, Store, Tx, measurement_sets, parameter_sets,
-    robots,
+    JobRow, MeasurementSetRow, NewJob, NewMeasurementSet, NewRobot, ParameterSetRow, RobotRow,
+    Store, Tx, measurement_sets, parameter_sets, robots,
 };
 use kincal::wire::canonical;
 
-pub async fn in_transaction<T>(store: &Store, write: impl AsyncFnOnce(&mut Tx) -> kincal::store::Result<T>) -> T {
+pub async fn in_transaction<T>(
+    store: &Store,
+    write: impl AsyncFnOnce(&mut Tx) -> kincal::store::Result<T>,
+) -> T {
     let mut tx = store.begin().await.expect("a transaction");
     let written = write(&mut tx).await.expect("the write is accepted");
     tx.commit().await.expect("it is committed");
@@ -15,7 +18,10 @@ pub async fn in_transaction<T>(store: &Store, write: impl AsyncFnOnce(&mut Tx) -
 }
 
 pub async fn a_robot(store: &Store, name: &str) -> RobotRow {
-    let new = NewRobot { name: name.into(), body_json: "{}".into() };
+    let new = NewRobot {
+        name: name.into(),
+        body_json: "{}".into(),
+    };
     in_transaction(store, async |tx| robots::insert(tx, &new).await).await
 }
 
@@ -57,13 +63,22 @@ pub fn new_job(set: &MeasurementSetRow, request_json: &str) -> NewJob {
 
 /// A job whose request tells the computation of the test what to do.
 pub async fn a_job(store: &Store, set: &MeasurementSetRow, request_json: &str) -> JobRow {
-    in_transaction(store, async |tx| queue::enqueue(tx, &new_job(set, request_json)).await).await
+    in_transaction(store, async |tx| {
+        queue::enqueue(tx, &new_job(set, request_json)).await
+    })
+    .await
 }
 
 /// A candidate with the job that it comes from.
 #[allow(dead_code, reason = "each test binary uses its part")]
 pub async fn a_candidate(store: &Store, set: &MeasurementSetRow) -> ParameterSetRow {
     let job = a_job(store, set, "{}").await;
-    let new = kincal::store::NewParameterSet { body_json: "{}".into(), sha256: canonical::sha256_hex(b"{}") };
-    in_transaction(store, async |tx| parameter_sets::insert(tx, &job.id, &new).await).await
+    let new = kincal::store::NewParameterSet {
+        body_json: "{}".into(),
+        sha256: canonical::sha256_hex(b"{}"),
+    };
+    in_transaction(store, async |tx| {
+        parameter_sets::insert(tx, &job.id, &new).await
+    })
+    .await
 }

@@ -16,48 +16,90 @@ impl Hall {
     pub fn open() -> Self {
         let folder = tempfile::tempdir().unwrap();
         let data = folder.path().join("data");
-        let mut command = kincal(&["serve", "--listen", "127.0.0.1:0", "--workers", "1", "--data-dir"]);
+        let mut command = kincal(&[
+            "serve",
+            "--listen",
+            "127.0.0.1:0",
+            "--workers",
+            "1",
+            "--data-dir",
+        ]);
         command.arg(&data);
-        let hall = Self { server: Server::of(command), folder };
+        let hall = Self {
+            server: Server::of(command),
+            folder,
+        };
         let admin = hall.key(&["admin"]);
-        Self { server: hall.server.with_key(admin), folder: hall.folder }
+        Self {
+            server: hall.server.with_key(admin),
+            folder: hall.folder,
+        }
     }
 
     /// A new key, as the command line makes it.
     pub fn key(&self, scopes: &[&str]) -> String {
         let data = self.folder.path().join("data");
-        let mut arguments = vec!["key", "create", "--name", "test", "--data-dir", data.to_str().unwrap()];
+        let mut arguments = vec![
+            "key",
+            "create",
+            "--name",
+            "test",
+            "--data-dir",
+            data.to_str().unwrap(),
+        ];
         arguments.extend(scopes.iter().flat_map(|scope| ["--scope", scope]));
         let output = run(&arguments);
-        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        assert!(
+            output.status.success(),
+            "{}",
+            String::from_utf8_lossy(&output.stderr)
+        );
         String::from_utf8(output.stdout).unwrap().trim().to_owned()
     }
 
     /// The paper's robot under a name.
     pub fn robot(&self, name: &str, serial_number: &str) -> String {
-        let mut robot: Value = serde_json::from_slice(&std::fs::read(data("robot.json")).unwrap()).unwrap();
+        let mut robot: Value =
+            serde_json::from_slice(&std::fs::read(data("robot.json")).unwrap()).unwrap();
         (robot["name"], robot["serial_number"]) = (json!(name), json!(serial_number));
-        self.server.create("/v1/robots", "application/json", robot.to_string().into_bytes())
+        self.server.create(
+            "/v1/robots",
+            "application/json",
+            robot.to_string().into_bytes(),
+        )
     }
 
     /// One of the paper's sets, uploaded under a name; its id.
     pub fn set(&self, robot: &str, file: &str, name: &str) -> String {
-        let query = reqwest::Url::parse_with_params("http://x/", [("frame", "base"), ("name", name)]).unwrap();
-        let path = format!("/v1/robots/{robot}/measurement-sets?{}", query.query().unwrap());
-        self.server.create(&path, "text/csv", std::fs::read(data(file)).unwrap())
+        let query =
+            reqwest::Url::parse_with_params("http://x/", [("frame", "base"), ("name", name)])
+                .unwrap();
+        let path = format!(
+            "/v1/robots/{robot}/measurement-sets?{}",
+            query.query().unwrap()
+        );
+        self.server
+            .create(&path, "text/csv", std::fs::read(data(file)).unwrap())
     }
 
     /// A calibration to its end; the job.
     pub fn calibrated(&self, robot: &str, set: &str, method: &str) -> Value {
-        let job = self.server.job(robot, &json!({"measurement_set_id": set, "method": method}));
+        let job = self
+            .server
+            .job(robot, &json!({"measurement_set_id": set, "method": method}));
         self.server.finished(&job)
     }
 
     /// Makes what a job identified the robot's active set.
     pub fn release(&self, job: &Value, reason: &str) {
-        let path = format!("/v1/parameter-sets/{}/release", job["parameter_set_id"].as_str().unwrap());
+        let path = format!(
+            "/v1/parameter-sets/{}/release",
+            job["parameter_set_id"].as_str().unwrap()
+        );
         let body = json!({"reason": reason, "change_reason": "tried in a test"}).to_string();
-        let (status, answer) = self.server.post(&path, "application/json", body.into_bytes());
+        let (status, answer) = self
+            .server
+            .post(&path, "application/json", body.into_bytes());
         assert_eq!(status, 200, "{answer}");
     }
 
@@ -71,5 +113,7 @@ impl Hall {
 
 /// A file of the paper's data.
 pub fn data(name: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("data/paper").join(name)
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("data/paper")
+        .join(name)
 }

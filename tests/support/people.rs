@@ -11,7 +11,10 @@ use serde_json::{Value, json};
 /// A server that asks for keys; the directory lives as long as the test needs it.
 pub async fn guarded(workers: usize) -> (TestApp, tempfile::TempDir) {
     let dir = tempfile::tempdir().unwrap();
-    let config = ServeConfig { no_auth: false, ..ServeConfig::loopback(dir.path().join("data"), workers) };
+    let config = ServeConfig {
+        no_auth: false,
+        ..ServeConfig::loopback(dir.path().join("data"), workers)
+    };
     (TestApp::with_config(config).await, dir)
 }
 
@@ -19,7 +22,12 @@ pub async fn guarded(workers: usize) -> (TestApp, tempfile::TempDir) {
 pub async fn key(app: &TestApp, scopes: &[&str], robots: Option<Vec<&str>>) -> (String, String) {
     let (key, key_sha256) = new_key().unwrap();
     let robots_json = robots.map(|robots| json!(robots).to_string());
-    let new = NewApiKey { name: "test".into(), key_sha256, scopes_json: json!(scopes).to_string(), robots_json };
+    let new = NewApiKey {
+        name: "test".into(),
+        key_sha256,
+        scopes_json: json!(scopes).to_string(),
+        robots_json,
+    };
     let mut tx = app.server.store.begin().await.unwrap();
     let row = api_keys::insert(&mut tx, &new).await.unwrap();
     tx.commit().await.unwrap();
@@ -39,8 +47,21 @@ impl<'a> Person<'a> {
         Self { app, key, id }
     }
 
-    pub async fn send(&self, method: Method, path: &str, content_type: &str, body: impl Into<reqwest::Body>) -> Answer {
-        Answer::of(self.app.request(method, path).bearer_auth(&self.key).header("content-type", content_type).body(body)).await
+    pub async fn send(
+        &self,
+        method: Method,
+        path: &str,
+        content_type: &str,
+        body: impl Into<reqwest::Body>,
+    ) -> Answer {
+        Answer::of(
+            self.app
+                .request(method, path)
+                .bearer_auth(&self.key)
+                .header("content-type", content_type)
+                .body(body),
+        )
+        .await
     }
 
     pub async fn get(&self, path: &str) -> Answer {
@@ -48,23 +69,38 @@ impl<'a> Person<'a> {
     }
 
     pub async fn post(&self, path: &str, body: &Value) -> Answer {
-        self.send(Method::POST, path, "application/json", body.to_string()).await
+        self.send(Method::POST, path, "application/json", body.to_string())
+            .await
     }
 
     pub async fn put(&self, path: &str, body: &Value) -> Answer {
-        self.send(Method::PUT, path, "application/json", body.to_string()).await
+        self.send(Method::PUT, path, "application/json", body.to_string())
+            .await
     }
 
     /// Uploads CSV in the base frame: the set's summary.
     pub async fn upload(&self, robot: &str, csv: &str) -> Value {
-        self.send(Method::POST, &format!("{robot}/measurement-sets?frame=base"), "text/csv", csv.to_owned()).await.ok(201)
+        self.send(
+            Method::POST,
+            &format!("{robot}/measurement-sets?frame=base"),
+            "text/csv",
+            csv.to_owned(),
+        )
+        .await
+        .ok(201)
     }
 
     /// Posts a job and waits for its success.
     pub async fn job(&self, robot: &str, request: &Value) -> Value {
         let mut job = self.post(&format!("{robot}/jobs"), request).await.ok(202);
         while ["queued", "running"].contains(&job["status"].as_str().unwrap()) {
-            job = self.get(&format!("/v1/jobs/{}?wait_s=30", job["id"].as_str().unwrap())).await.ok(200);
+            job = self
+                .get(&format!(
+                    "/v1/jobs/{}?wait_s=30",
+                    job["id"].as_str().unwrap()
+                ))
+                .await
+                .ok(200);
         }
         assert_eq!(job["status"], "succeeded", "{job}");
         job

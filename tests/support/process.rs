@@ -40,7 +40,15 @@ impl Server {
 
     /// As [`Self::start`], with more environment.
     pub fn start_with(data_dir: &Path, workers: usize, environment: &[(&str, &str)]) -> Self {
-        let mut command = kincal(&["serve", "--listen", "127.0.0.1:0", "--no-auth", "--workers", &workers.to_string(), "--data-dir"]);
+        let mut command = kincal(&[
+            "serve",
+            "--listen",
+            "127.0.0.1:0",
+            "--no-auth",
+            "--workers",
+            &workers.to_string(),
+            "--data-dir",
+        ]);
         command.arg(data_dir).envs(environment.iter().copied());
         Self::of(command)
     }
@@ -50,13 +58,33 @@ impl Server {
         command.stdout(Stdio::piped()).stderr(Stdio::null());
         let mut child = command.spawn().unwrap();
         let mut line = String::new();
-        BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
-        let url = line.trim().strip_prefix("kincal listening on ").unwrap_or_else(|| panic!("said {line:?}")).to_string();
+        BufReader::new(child.stdout.take().unwrap())
+            .read_line(&mut line)
+            .unwrap();
+        let url = line
+            .trim()
+            .strip_prefix("kincal listening on ")
+            .unwrap_or_else(|| panic!("said {line:?}"))
+            .to_string();
         kincal::http::tls::use_ring();
         // a connection that nobody uses is closed by the server after a while: each request takes one of its own
-        let http = reqwest::Client::builder().no_proxy().timeout(PATIENCE).pool_max_idle_per_host(0).build().unwrap();
-        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
-        Self { child, url, key: None, http, runtime }
+        let http = reqwest::Client::builder()
+            .no_proxy()
+            .timeout(PATIENCE)
+            .pool_max_idle_per_host(0)
+            .build()
+            .unwrap();
+        let runtime = tokio::runtime::Builder::new_current_thread()
+            .enable_all()
+            .build()
+            .unwrap();
+        Self {
+            child,
+            url,
+            key: None,
+            http,
+            runtime,
+        }
     }
 
     /// The same server, asked with a key.
@@ -78,14 +106,26 @@ impl Server {
 
     /// A signal that ends it; how it ended.
     pub fn end_by(mut self, signal: &str) -> std::process::ExitStatus {
-        assert!(Command::new("kill").args([signal, &self.child.id().to_string()]).status().unwrap().success());
+        assert!(
+            Command::new("kill")
+                .args([signal, &self.child.id().to_string()])
+                .status()
+                .unwrap()
+                .success()
+        );
         self.child.wait().unwrap()
     }
 
     /// SIGTERM, and how long it took to end.
     pub fn terminate(mut self) -> (std::process::ExitStatus, Duration) {
         let since = Instant::now();
-        assert!(Command::new("kill").args(["-TERM", &self.child.id().to_string()]).status().unwrap().success());
+        assert!(
+            Command::new("kill")
+                .args(["-TERM", &self.child.id().to_string()])
+                .status()
+                .unwrap()
+                .success()
+        );
         (self.child.wait().unwrap(), since.elapsed())
     }
 
@@ -97,56 +137,117 @@ impl Server {
     /// GET: the text of a success.
     pub fn text(&self, path: &str) -> String {
         let request = self.signed(self.http.get(format!("{}{path}", self.url)));
-        self.runtime.block_on(async { request.send().await.unwrap().error_for_status().unwrap().text().await.unwrap() })
+        self.runtime.block_on(async {
+            request
+                .send()
+                .await
+                .unwrap()
+                .error_for_status()
+                .unwrap()
+                .text()
+                .await
+                .unwrap()
+        })
     }
 
     /// POST: status and JSON.
     pub fn post(&self, path: &str, content_type: &str, body: Vec<u8>) -> (u16, Value) {
-        self.send(self.http.post(format!("{}{path}", self.url)).header("content-type", content_type).body(body))
+        self.send(
+            self.http
+                .post(format!("{}{path}", self.url))
+                .header("content-type", content_type)
+                .body(body),
+        )
     }
 
     /// PUT of JSON: status and JSON.
     pub fn put(&self, path: &str, body: &Value) -> (u16, Value) {
-        self.send(self.http.put(format!("{}{path}", self.url)).header("content-type", "application/json").body(body.to_string()))
+        self.send(
+            self.http
+                .put(format!("{}{path}", self.url))
+                .header("content-type", "application/json")
+                .body(body.to_string()),
+        )
     }
 
     /// POST under an Idempotency-Key: status and JSON.
-    pub fn post_with_key(&self, path: &str, content_type: &str, body: Vec<u8>, key: &str) -> (u16, Value) {
-        let request = self.http.post(format!("{}{path}", self.url)).header("content-type", content_type).header("idempotency-key", key);
+    pub fn post_with_key(
+        &self,
+        path: &str,
+        content_type: &str,
+        body: Vec<u8>,
+        key: &str,
+    ) -> (u16, Value) {
+        let request = self
+            .http
+            .post(format!("{}{path}", self.url))
+            .header("content-type", content_type)
+            .header("idempotency-key", key);
         self.send(request.body(body))
     }
 
     /// POST: status, `Retry-After`, and JSON.
-    pub fn post_and_when_again(&self, path: &str, content_type: &str, body: Vec<u8>) -> (u16, Option<String>, Value) {
-        let request = self.http.post(format!("{}{path}", self.url)).header("content-type", content_type).body(body);
+    pub fn post_and_when_again(
+        &self,
+        path: &str,
+        content_type: &str,
+        body: Vec<u8>,
+    ) -> (u16, Option<String>, Value) {
+        let request = self
+            .http
+            .post(format!("{}{path}", self.url))
+            .header("content-type", content_type)
+            .body(body);
         self.runtime.block_on(async {
             let response = request.send().await.unwrap();
-            let again = response.headers().get("retry-after").map(|value| value.to_str().unwrap().to_owned());
+            let again = response
+                .headers()
+                .get("retry-after")
+                .map(|value| value.to_str().unwrap().to_owned());
             let status = response.status().as_u16();
-            (status, again, serde_json::from_slice(&response.bytes().await.unwrap()).unwrap_or(Value::Null))
+            (
+                status,
+                again,
+                serde_json::from_slice(&response.bytes().await.unwrap()).unwrap_or(Value::Null),
+            )
         })
     }
 
     /// POST that must create; its `id`.
     pub fn create(&self, path: &str, content_type: &str, body: Vec<u8>) -> String {
         let (status, answer) = self.post(path, content_type, body);
-        assert!(matches!(status, 201 | 202), "{path} answered {status}: {answer}");
+        assert!(
+            matches!(status, 201 | 202),
+            "{path} answered {status}: {answer}"
+        );
         answer["id"].as_str().unwrap().to_string()
     }
 
     /// A robot from a file.
     pub fn robot(&self, path: &Path) -> String {
-        self.create("/v1/robots", "application/json", std::fs::read(path).unwrap())
+        self.create(
+            "/v1/robots",
+            "application/json",
+            std::fs::read(path).unwrap(),
+        )
     }
 
     /// A set from a CSV file.
     pub fn set(&self, robot: &str, path: &Path, frame: &str) -> String {
-        self.create(&format!("/v1/robots/{robot}/measurement-sets?frame={frame}"), "text/csv", std::fs::read(path).unwrap())
+        self.create(
+            &format!("/v1/robots/{robot}/measurement-sets?frame={frame}"),
+            "text/csv",
+            std::fs::read(path).unwrap(),
+        )
     }
 
     /// A job, accepted.
     pub fn job(&self, robot: &str, request: &Value) -> String {
-        self.create(&format!("/v1/robots/{robot}/jobs"), "application/json", serde_json::to_vec(request).unwrap())
+        self.create(
+            &format!("/v1/robots/{robot}/jobs"),
+            "application/json",
+            serde_json::to_vec(request).unwrap(),
+        )
     }
 
     /// Waits until a job is over.
@@ -167,10 +268,15 @@ impl Server {
         let deadline = Instant::now() + PATIENCE;
         while Instant::now() < deadline {
             let (_, answer) = self.get(&format!("/v1/jobs/{job}?wait_s=1"));
-            if answer["status"] == "running" && answer["progress"]["iteration"].as_u64().unwrap_or(0) > 0 {
+            if answer["status"] == "running"
+                && answer["progress"]["iteration"].as_u64().unwrap_or(0) > 0
+            {
                 return answer;
             }
-            assert!(matches!(answer["status"].as_str().unwrap(), "queued" | "running"), "over too early: {answer}");
+            assert!(
+                matches!(answer["status"].as_str().unwrap(), "queued" | "running"),
+                "over too early: {answer}"
+            );
         }
         panic!("job {job} has not begun after {PATIENCE:?}");
     }
@@ -195,7 +301,10 @@ impl Server {
             let response = self.signed(request).send().await.unwrap();
             let status = response.status().as_u16();
             let bytes = response.bytes().await.unwrap();
-            (status, serde_json::from_slice(&bytes).unwrap_or(Value::Null))
+            (
+                status,
+                serde_json::from_slice(&bytes).unwrap_or(Value::Null),
+            )
         })
     }
 }

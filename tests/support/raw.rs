@@ -13,7 +13,11 @@ pub struct Raw(pub TcpStream);
 
 impl Raw {
     pub async fn connect(address: std::net::SocketAddr) -> Self {
-        Self(TcpStream::connect(address).await.expect("the server accepts"))
+        Self(
+            TcpStream::connect(address)
+                .await
+                .expect("the server accepts"),
+        )
     }
 
     /// Sends; whether the server still listens does not matter.
@@ -24,7 +28,9 @@ impl Raw {
     /// All that comes until the server closes.
     pub async fn rest(&mut self) -> String {
         let mut bytes = Vec::new();
-        let end = timeout(PATIENCE, self.0.read_to_end(&mut bytes)).await.expect("the server closes the connection");
+        let end = timeout(PATIENCE, self.0.read_to_end(&mut bytes))
+            .await
+            .expect("the server closes the connection");
         // A reset is a close, too.
         drop(end);
         String::from_utf8_lossy(&bytes).into_owned()
@@ -41,8 +47,13 @@ impl Raw {
             }
         });
         let mut bytes = Vec::new();
-        let _ = timeout(PATIENCE, reader.read_to_end(&mut bytes)).await.expect("the server closes the connection");
+        let _ = timeout(PATIENCE, reader.read_to_end(&mut bytes))
+            .await
+            .expect("the server closes the connection");
         dribble.abort();
-        (begun.elapsed(), String::from_utf8_lossy(&bytes).into_owned())
+        (
+            begun.elapsed(),
+            String::from_utf8_lossy(&bytes).into_owned(),
+        )
     }
 }

@@ -54,7 +54,11 @@ fn about(w: [f64; 3]) -> Pose {
 }
 
 fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    [
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    ]
 }
 
 /// One link: a mm, alpha rad, d mm, theta rad, beta rad.
@@ -78,7 +82,14 @@ pub struct RealRobot {
 
 pub fn rigid(link: &RealLink, q: f64) -> Pose {
     let [a, alpha, d, theta, beta] = *link;
-    [shift([a, 0.0, 0.0]), turn(1, beta), turn(2, q + theta), shift([0.0, 0.0, d])].iter().fold(turn(0, alpha), |t, part| times(&t, part))
+    [
+        shift([a, 0.0, 0.0]),
+        turn(1, beta),
+        turn(2, q + theta),
+        shift([0.0, 0.0, d]),
+    ]
+    .iter()
+    .fold(turn(0, alpha), |t, part| times(&t, part))
 }
 
 impl RealRobot {
@@ -86,7 +97,10 @@ impl RealRobot {
     pub fn in_base(&self, q_rad: &[f64]) -> [f64; 3] {
         let mut rigid_frames = vec![shift([0.0; 3])];
         for (link, q) in self.links.iter().zip(q_rad) {
-            rigid_frames.push(times(&rigid_frames[rigid_frames.len() - 1], &rigid(link, *q)));
+            rigid_frames.push(times(
+                &rigid_frames[rigid_frames.len() - 1],
+                &rigid(link, *q),
+            ));
         }
         let mut t = shift([0.0; 3]);
         for (i, (link, q)) in self.links.iter().zip(q_rad).enumerate() {
@@ -96,7 +110,9 @@ impl RealRobot {
             let own = &rigid_frames[i + 1];
             let mut moment = [0.0; 3];
             for (j, mass) in self.masses.iter().enumerate().skip(i) {
-                let arm_m: [f64; 3] = std::array::from_fn(|k| (rigid_frames[j + 1][k][3] - own[k][3]) / 1000.0 * mass);
+                let arm_m: [f64; 3] = std::array::from_fn(|k| {
+                    (rigid_frames[j + 1][k][3] - own[k][3]) / 1000.0 * mass
+                });
                 let of_mass = cross(arm_m, [0.0, 0.0, -1.0]);
                 (0..3).for_each(|k| moment[k] += of_mass[k]);
             }

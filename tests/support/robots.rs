@@ -80,7 +80,15 @@ pub fn models() -> Vec<(&'static str, Robot)> {
                 [0., 90., 126., 0.],
             ]),
         ),
-        ("four axes", robot(&[[0., 0., 700., 0.], [260., -90., 0., -90.], [1000., 0., 0., 90.], [1100., 90., 250., 0.]])),
+        (
+            "four axes",
+            robot(&[
+                [0., 0., 700., 0.],
+                [260., -90., 0., -90.],
+                [1000., 0., 0., 90.],
+                [1100., 90., 250., 0.],
+            ]),
+        ),
     ]
 }
 
@@ -96,10 +104,24 @@ pub struct Making {
 
 /// A set measured on a robot of this make.
 pub fn measured(nominal: &Robot, making: &Making, random: &mut Normal) -> MeasurementSet {
-    let parameters: Vec<Parameter> = complete_parameters(&nominal.links, 1).into_iter().filter(Parameter::is_link).collect();
-    let error = |p: &Parameter| random.draw() * if p.is_angle() { making.angle_deg.to_radians() } else { making.length_mm };
+    let parameters: Vec<Parameter> = complete_parameters(&nominal.links, 1)
+        .into_iter()
+        .filter(Parameter::is_link)
+        .collect();
+    let error = |p: &Parameter| {
+        random.draw()
+            * if p.is_angle() {
+                making.angle_deg.to_radians()
+            } else {
+                making.length_mm
+            }
+    };
     let errors: Vec<f64> = parameters.iter().map(error).collect();
-    let mut truth = apply(&KinematicModel::nominal(&nominal.links, 1), &parameters, &errors);
+    let mut truth = apply(
+        &KinematicModel::nominal(&nominal.links, 1),
+        &parameters,
+        &errors,
+    );
     if making.frame == Frame::Instrument {
         let axis = Unit::new_normalize(random.vector() + Vector3::z() * 0.1);
         truth.t_instrument_base = IsometryMatrix3::from_parts(
@@ -110,9 +132,15 @@ pub fn measured(nominal: &Robot, making: &Making, random: &mut Normal) -> Measur
     }
     let joints = nominal.links.len();
     let mut point = |row: usize| {
-        let q_rad: Vec<f64> = (0..joints).map(|joint| reach(joint) * (2.0 * random.0.random::<f64>() - 1.0)).collect();
+        let q_rad: Vec<f64> = (0..joints)
+            .map(|joint| reach(joint) * (2.0 * random.0.random::<f64>() - 1.0))
+            .collect();
         let position_mm = truth.position(&q_rad, 0) + random.vector() * making.noise_mm;
-        Point { q_rad, position_mm, ..Point::empty(joints, row) }
+        Point {
+            q_rad,
+            position_mm,
+            ..Point::empty(joints, row)
+        }
     };
     let points = (0..making.n_points).map(&mut point).collect();
     MeasurementSet::new(making.frame, points)
@@ -124,22 +152,48 @@ fn reach(joint: usize) -> f64 {
 }
 
 /// As robots come from the factory.
-pub const CLEAN: Making = Making { length_mm: 0.5, angle_deg: 0.1, noise_mm: 0.05, n_points: 40, frame: Frame::Instrument };
+pub const CLEAN: Making = Making {
+    length_mm: 0.5,
+    angle_deg: 0.1,
+    noise_mm: 0.05,
+    n_points: 40,
+    frame: Frame::Instrument,
+};
 
 /// What a study of clean robots found: how many were refused, had a remark, or fitted.
 pub fn clean_robots(n: usize, seed: u64) -> Vec<(&'static str, [usize; 3])> {
     use kincal::calibration::alignment::{Finding, Look, explain, look};
     let models = models();
-    let others: Vec<(String, Robot)> = models.iter().map(|(name, robot)| ((*name).to_owned(), robot.clone())).collect();
-    let mut counts: Vec<(&'static str, [usize; 3])> = models.iter().map(|(name, _)| (*name, [0; 3])).collect();
+    let others: Vec<(String, Robot)> = models
+        .iter()
+        .map(|(name, robot)| ((*name).to_owned(), robot.clone()))
+        .collect();
+    let mut counts: Vec<(&'static str, [usize; 3])> =
+        models.iter().map(|(name, _)| (*name, [0; 3])).collect();
     for i in 0..n {
         let index = i % models.len();
         let nominal = &models[index].1;
         let mut random = Normal::new(seed + i as u64);
         let n_points = 10 + (random.0.random::<f64>() * 70.0) as usize;
-        let frame = if i.is_multiple_of(2) { Frame::Instrument } else { Frame::Base };
-        let set = measured(nominal, &Making { n_points, frame, ..CLEAN }, &mut random);
-        let without: Vec<(String, Robot)> = others.iter().filter(|(name, _)| name != models[index].0).cloned().collect();
+        let frame = if i.is_multiple_of(2) {
+            Frame::Instrument
+        } else {
+            Frame::Base
+        };
+        let set = measured(
+            nominal,
+            &Making {
+                n_points,
+                frame,
+                ..CLEAN
+            },
+            &mut random,
+        );
+        let without: Vec<(String, Robot)> = others
+            .iter()
+            .filter(|(name, _)| name != models[index].0)
+            .cloned()
+            .collect();
         let outcome = match look(nominal, &set) {
             Look::Fine => 2,
             Look::Off(rms_mm) => match explain(nominal, &set, rms_mm, &without) {

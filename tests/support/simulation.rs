@@ -13,7 +13,14 @@ use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 use std::f64::consts::TAU;
 
 /// Middle and half-width of the poses of each joint, rad.
-const JOINTS_RAD: [(f64, f64); 6] = [(0.0, 2.6), (-0.4, 1.0), (0.3, 1.1), (0.0, 2.8), (0.0, 1.7), (0.0, 3.0)];
+const JOINTS_RAD: [(f64, f64); 6] = [
+    (0.0, 2.6),
+    (-0.4, 1.0),
+    (0.3, 1.1),
+    (0.0, 2.8),
+    (0.0, 1.7),
+    (0.0, 3.0),
+];
 
 /// Seeded normal numbers (Box and Muller 1958).
 pub struct Normal(pub ChaCha8Rng);
@@ -48,52 +55,98 @@ pub struct Campaign {
 
 impl Campaign {
     /// White noise alone, one target.
-    pub const PLAIN: Self = Self { n_configurations: 50, n_targets: 1, noise_mm: 0.03, shared_mm: 0.0, sag_rad: 0.0 };
+    pub const PLAIN: Self = Self {
+        n_configurations: 50,
+        n_targets: 1,
+        noise_mm: 0.03,
+        shared_mm: 0.0,
+        sag_rad: 0.0,
+    };
 }
 
 /// A robot as it truly is: errors of 0.3 mm and 0.05° (one standard deviation) in every link parameter of the complete model, somewhere
 /// in the room, with targets off the flange's axis.
 pub fn true_robot(nominal: &Robot, n_targets: usize, random: &mut Normal) -> KinematicModel {
-    let parameters: Vec<Parameter> = complete_parameters(&nominal.links, n_targets).into_iter().filter(Parameter::is_link).collect();
-    let errors: Vec<f64> = parameters.iter().map(|p| random.draw() * if p.is_angle() { 0.05f64.to_radians() } else { 0.3 }).collect();
-    let mut truth = apply(&KinematicModel::nominal(&nominal.links, n_targets), &parameters, &errors);
+    let parameters: Vec<Parameter> = complete_parameters(&nominal.links, n_targets)
+        .into_iter()
+        .filter(Parameter::is_link)
+        .collect();
+    let errors: Vec<f64> = parameters
+        .iter()
+        .map(|p| {
+            random.draw()
+                * if p.is_angle() {
+                    0.05f64.to_radians()
+                } else {
+                    0.3
+                }
+        })
+        .collect();
+    let mut truth = apply(
+        &KinematicModel::nominal(&nominal.links, n_targets),
+        &parameters,
+        &errors,
+    );
     let axis = Unit::new_normalize(random.vector() + Vector3::z() * 0.1);
     let turn = Rotation3::from_axis_angle(&axis, random.draw());
-    truth.t_instrument_base = IsometryMatrix3::from_parts(Translation3::from(random.vector() * 800.0), turn);
+    truth.t_instrument_base =
+        IsometryMatrix3::from_parts(Translation3::from(random.vector() * 800.0), turn);
     for (k, target) in truth.targets_mm.iter_mut().enumerate() {
         let angle = TAU * k as f64 / n_targets as f64 + 0.4;
-        *target = Vector3::new(90.0 * angle.cos(), 90.0 * angle.sin(), 110.0) + random.vector() * 5.0;
+        *target =
+            Vector3::new(90.0 * angle.cos(), 90.0 * angle.sin(), 110.0) + random.vector() * 5.0;
     }
     truth
 }
 
 /// Random poses of the paper's arm.
 pub fn poses(n: usize, random: &mut Normal) -> Vec<Vec<f64>> {
-    let mut joint = |(middle, half_width): &(f64, f64)| middle + half_width * (2.0 * random.0.random::<f64>() - 1.0);
-    (0..n).map(|_| JOINTS_RAD.iter().map(&mut joint).collect()).collect()
+    let mut joint = |(middle, half_width): &(f64, f64)| {
+        middle + half_width * (2.0 * random.0.random::<f64>() - 1.0)
+    };
+    (0..n)
+        .map(|_| JOINTS_RAD.iter().map(&mut joint).collect())
+        .collect()
 }
 
 /// The paper's arm, with the joint limits that [`poses`] keeps.
 pub fn limited(mut nominal: Robot) -> Robot {
-    nominal.joint_limits_rad = JOINTS_RAD.iter().map(|(middle, half_width)| Some((middle - half_width, middle + half_width))).collect();
+    nominal.joint_limits_rad = JOINTS_RAD
+        .iter()
+        .map(|(middle, half_width)| Some((middle - half_width, middle + half_width)))
+        .collect();
     nominal
 }
 
 /// Two sessions of one simulated robot, 40 configurations of two targets each: the tracker stands elsewhere and the reflectors are fixed
 /// anew; the second with a change.
-pub fn two_sessions(nominal: &Robot, seed: u64, change: impl Fn(&mut KinematicModel)) -> (MeasurementSet, MeasurementSet) {
+pub fn two_sessions(
+    nominal: &Robot,
+    seed: u64,
+    change: impl Fn(&mut KinematicModel),
+) -> (MeasurementSet, MeasurementSet) {
     let mut random = Normal::new(seed);
     let first = true_robot(nominal, 2, &mut random);
     let mut second = true_robot(nominal, 2, &mut random);
     second.links = first.links.clone();
     change(&mut second);
-    let campaign = Campaign { n_configurations: 40, n_targets: 2, ..Campaign::PLAIN };
-    let mut session = |truth: &KinematicModel| measure(truth, &poses(40, &mut random), &campaign, &mut random);
+    let campaign = Campaign {
+        n_configurations: 40,
+        n_targets: 2,
+        ..Campaign::PLAIN
+    };
+    let mut session =
+        |truth: &KinematicModel| measure(truth, &poses(40, &mut random), &campaign, &mut random);
     (session(&first), session(&second))
 }
 
 /// Measures `truth` at `poses`, every point to identify, in the instrument frame.
-pub fn measure(truth: &KinematicModel, poses: &[Vec<f64>], campaign: &Campaign, random: &mut Normal) -> MeasurementSet {
+pub fn measure(
+    truth: &KinematicModel,
+    poses: &[Vec<f64>],
+    campaign: &Campaign,
+    random: &mut Normal,
+) -> MeasurementSet {
     let mut points = Vec::new();
     for (configuration, q_rad) in poses.iter().enumerate() {
         let shared = random.vector() * campaign.shared_mm;
@@ -113,7 +166,12 @@ pub fn measure(truth: &KinematicModel, poses: &[Vec<f64>], campaign: &Campaign, 
 }
 
 /// Where a target is, mm, when joints 2 and 3 give under masses of 1, 1 and 0.5 kg at the origins of links 3, 5 and 6.
-pub fn position_with_sag(model: &KinematicModel, q_rad: &[f64], target: usize, sag_rad: f64) -> Vector3<f64> {
+pub fn position_with_sag(
+    model: &KinematicModel,
+    q_rad: &[f64],
+    target: usize,
+    sag_rad: f64,
+) -> Vector3<f64> {
     let mut frames = vec![IsometryMatrix3::identity()];
     for (link, q) in model.links.iter().zip(q_rad) {
         frames.push(frames[frames.len() - 1] * t_previous_link(link, *q));
@@ -123,14 +181,18 @@ pub fn position_with_sag(model: &KinematicModel, q_rad: &[f64], target: usize, s
         [(3, 1.0), (5, 1.0), (6, 0.5)]
             .iter()
             .filter(|(link, _)| *link > joint)
-            .map(|(link, mass)| (frames[*link].translation.vector - at).cross(&(-Vector3::z())) * (mass / 1000.0))
+            .map(|(link, mass)| {
+                (frames[*link].translation.vector - at).cross(&(-Vector3::z())) * (mass / 1000.0)
+            })
             .sum()
     };
     let mut t = model.t_instrument_base;
     for (i, (link, q)) in model.links.iter().zip(q_rad).enumerate() {
         t *= t_previous_link(link, *q);
         if i == 1 || i == 2 {
-            let turn = (frames[i + 1].rotation.inverse() * moment(i + 1)).component_mul(&Vector3::new(0.5, 0.5, 1.0)) * sag_rad;
+            let turn = (frames[i + 1].rotation.inverse() * moment(i + 1))
+                .component_mul(&Vector3::new(0.5, 0.5, 1.0))
+                * sag_rad;
             t *= IsometryMatrix3::from_parts(Translation3::identity(), Rotation3::new(turn));
         }
     }
@@ -143,7 +205,11 @@ pub fn true_value(truth: &KinematicModel, parameter: &Parameter) -> Option<f64> 
     match *parameter {
         Parameter::Link(link, quantity) => {
             let value = *quantity_mut(&mut truth.links[link].clone(), quantity);
-            Some(if parameter.is_angle() { value.to_degrees() } else { value })
+            Some(if parameter.is_angle() {
+                value.to_degrees()
+            } else {
+                value
+            })
         }
         Parameter::BaseTranslation(axis) => Some(truth.t_instrument_base.translation.vector[axis]),
         Parameter::BaseRotation(_) => None,
@@ -152,11 +218,19 @@ pub fn true_value(truth: &KinematicModel, parameter: &Parameter) -> Option<f64> 
 }
 
 /// Of the stated 95 % intervals of a report: how many there are, and how many hold the truth.
-pub fn intervals_held(nominal: &Robot, truth: &KinematicModel, report: &kincal::calibration::CalibrationReport) -> (usize, usize) {
+pub fn intervals_held(
+    nominal: &Robot,
+    truth: &KinematicModel,
+    report: &kincal::calibration::CalibrationReport,
+) -> (usize, usize) {
     let parameters = complete_parameters(&nominal.links, truth.targets_mm.len());
     let mut counts = (0, 0);
     for parameter in &parameters {
-        let stated = report.parameters.iter().find(|p| p.name == parameter.name()).and_then(|p| p.interval_95);
+        let stated = report
+            .parameters
+            .iter()
+            .find(|p| p.name == parameter.name())
+            .and_then(|p| p.interval_95);
         if let (Some([low, high]), Some(value)) = (stated, true_value(truth, parameter)) {
             counts.0 += 1;
             counts.1 += usize::from((low..=high).contains(&value));
@@ -167,7 +241,11 @@ pub fn intervals_held(nominal: &Robot, truth: &KinematicModel, report: &kincal::
 
 /// The robot as a report found it.
 pub fn found(report: &kincal::calibration::CalibrationReport) -> KinematicModel {
-    KinematicModel { t_instrument_base: report.t_instrument_base, links: report.links.clone(), targets_mm: report.targets_mm.clone() }
+    KinematicModel {
+        t_instrument_base: report.t_instrument_base,
+        links: report.links.clone(),
+        targets_mm: report.targets_mm.clone(),
+    }
 }
 
 /// Of the stated 95 % intervals of where target 0 is at some poses, along each axis: how many there are, and how many hold the truth.
@@ -178,12 +256,19 @@ pub fn tool_intervals_held(
     poses: &[Vec<f64>],
     sag_rad: f64,
 ) -> (usize, usize) {
-    let Some(uncertainty) = &report.uncertainty else { return (0, 0) };
-    let (parameters, found) = (complete_parameters(&nominal.links, truth.targets_mm.len()), found(report));
+    let Some(uncertainty) = &report.uncertainty else {
+        return (0, 0);
+    };
+    let (parameters, found) = (
+        complete_parameters(&nominal.links, truth.targets_mm.len()),
+        found(report),
+    );
     let held = |q: &Vec<f64>| {
         let half_widths = uncertainty.position_half_widths_mm(&found, &parameters, (q, 0), 0.95);
         let missed = position_with_sag(truth, q, 0, sag_rad) - found.position(q, 0);
-        (0..3).filter(|axis| missed[*axis].abs() <= half_widths[*axis]).count()
+        (0..3)
+            .filter(|axis| missed[*axis].abs() <= half_widths[*axis])
+            .count()
     };
     (3 * poses.len(), poses.iter().map(held).sum())
 }
@@ -198,7 +283,10 @@ pub struct Bent {
 }
 
 impl Bent {
-    pub const NONE: Self = Self { sag_rad: 0.0, harmonic_rad: 0.0 };
+    pub const NONE: Self = Self {
+        sag_rad: 0.0,
+        harmonic_rad: 0.0,
+    };
 }
 
 /// A robot with what bends it.
@@ -211,21 +299,51 @@ pub struct BentRobot {
 impl BentRobot {
     /// Where a target truly is, mm.
     pub fn position(&self, q_rad: &[f64], target: usize) -> Vector3<f64> {
-        let turned = |(q, phase): (&f64, &[f64; 2])| q + self.bent.harmonic_rad * ((q + phase[0]).sin() + 0.5 * (2.0 * q + phase[1]).sin());
+        let turned = |(q, phase): (&f64, &[f64; 2])| {
+            q + self.bent.harmonic_rad * ((q + phase[0]).sin() + 0.5 * (2.0 * q + phase[1]).sin())
+        };
         let q_rad: Vec<f64> = q_rad.iter().zip(&self.phases_rad).map(turned).collect();
         position_with_sag(&self.truth, &q_rad, target, self.bent.sag_rad)
     }
 }
 
 /// A bent robot and a campaign on it, every point to identify, in the instrument frame.
-pub fn bent_set(nominal: &Robot, campaign: &Campaign, bent: &Bent, random: &mut Normal) -> (BentRobot, MeasurementSet) {
+pub fn bent_set(
+    nominal: &Robot,
+    campaign: &Campaign,
+    bent: &Bent,
+    random: &mut Normal,
+) -> (BentRobot, MeasurementSet) {
     let truth = true_robot(nominal, campaign.n_targets, random);
-    let phases_rad = nominal.links.iter().map(|_| [TAU * random.0.random::<f64>(), TAU * random.0.random::<f64>()]).collect();
-    let robot = BentRobot { truth, bent: *bent, phases_rad };
+    let phases_rad = nominal
+        .links
+        .iter()
+        .map(|_| {
+            [
+                TAU * random.0.random::<f64>(),
+                TAU * random.0.random::<f64>(),
+            ]
+        })
+        .collect();
+    let robot = BentRobot {
+        truth,
+        bent: *bent,
+        phases_rad,
+    };
     let poses = poses(campaign.n_configurations, random);
-    let mut set = measure(&robot.truth, &poses, &Campaign { noise_mm: 0.0, sag_rad: 0.0, ..*campaign }, random);
+    let mut set = measure(
+        &robot.truth,
+        &poses,
+        &Campaign {
+            noise_mm: 0.0,
+            sag_rad: 0.0,
+            ..*campaign
+        },
+        random,
+    );
     for point in &mut set.points {
-        point.position_mm = robot.position(&point.q_rad, point.target) + random.vector() * campaign.noise_mm;
+        point.position_mm =
+            robot.position(&point.q_rad, point.target) + random.vector() * campaign.noise_mm;
     }
     (robot, set)
 }
@@ -240,18 +358,38 @@ pub struct Scored {
 }
 
 /// Identifies a simulated robot and scores it.
-pub fn identified(nominal: &Robot, campaign: &Campaign, bent: &Bent, seed: u64, n_unseen: usize) -> Scored {
+pub fn identified(
+    nominal: &Robot,
+    campaign: &Campaign,
+    bent: &Bent,
+    seed: u64,
+    n_unseen: usize,
+) -> Scored {
     use kincal::identification::corrected::IdentifiedRobot;
     let mut random = Normal::new(seed);
     let (robot, set) = bent_set(nominal, campaign, bent, &mut random);
     let request = kincal::calibration::CalibrationRequest::new(nominal.clone(), set);
-    let report = kincal::calibration::calibrate(&request, &mut |_| std::ops::ControlFlow::Continue(())).unwrap();
-    let found = IdentifiedRobot { plain: found(&report), corrected: report.corrected.clone() };
+    let report =
+        kincal::calibration::calibrate(&request, &mut |_| std::ops::ControlFlow::Continue(()))
+            .unwrap();
+    let found = IdentifiedRobot {
+        plain: found(&report),
+        corrected: report.corrected.clone(),
+    };
     let unseen = poses(n_unseen, &mut random);
     let rms = |predicted: &dyn Fn(&[f64]) -> Vector3<f64>| {
-        let squares = unseen.iter().map(|q| (robot.position(q, 0) - predicted(q)).norm_squared());
+        let squares = unseen
+            .iter()
+            .map(|q| (robot.position(q, 0) - predicted(q)).norm_squared());
         (squares.sum::<f64>() / n_unseen as f64).sqrt()
     };
-    let (links_mm, corrected_mm) = (rms(&|q| found.plain.position(q, 0)), rms(&|q| found.position(q, 0)));
-    Scored { report, links_mm, corrected_mm }
+    let (links_mm, corrected_mm) = (
+        rms(&|q| found.plain.position(q, 0)),
+        rms(&|q| found.position(q, 0)),
+    );
+    Scored {
+        report,
+        links_mm,
+        corrected_mm,
+    }
 }

@@ -40,13 +40,18 @@ const LENGTHS: [f64; 4] = [1.0, 1000.0, 0.001, 25.4];
 pub fn hypotheses(n_joints: usize, n_others: usize) -> Vec<Hypothesis> {
     let mut all = Vec::new();
     for joints in [1.0, TO_DEGREES, TO_RADIANS] {
-        for positions in LENGTHS.into_iter().filter(|positions| (joints, *positions) != (1.0, 1.0)) {
+        for positions in LENGTHS
+            .into_iter()
+            .filter(|positions| (joints, *positions) != (1.0, 1.0))
+        {
             all.push(Hypothesis::Units { joints, positions });
         }
     }
     all.extend(ORDERS.map(Hypothesis::PositionColumns));
     all.extend((0..3).map(Hypothesis::MirroredAxis));
-    all.extend((0..n_joints).flat_map(|i| (i + 1..n_joints).map(move |j| Hypothesis::JointColumns(i, j))));
+    all.extend(
+        (0..n_joints).flat_map(|i| (i + 1..n_joints).map(move |j| Hypothesis::JointColumns(i, j))),
+    );
     all.extend((0..n_joints).map(Hypothesis::JointSign));
     all.extend([1, -1, 2, -2].map(Hypothesis::ShiftedRows));
     all.extend((0..n_others).map(Hypothesis::Robot));
@@ -57,11 +62,23 @@ impl Hypothesis {
     /// The points as they would be right.
     pub fn applied(&self, points: &[Point]) -> Vec<Point> {
         if let Self::ShiftedRows(by) = *self {
-            let position = |row: usize| points.get(row.checked_add_signed(by)?).map(|other| other.position_mm);
-            let moved = points.iter().enumerate().map(|(row, p)| Some(Point { position_mm: position(row)?, ..p.clone() }));
+            let position = |row: usize| {
+                points
+                    .get(row.checked_add_signed(by)?)
+                    .map(|other| other.position_mm)
+            };
+            let moved = points.iter().enumerate().map(|(row, p)| {
+                Some(Point {
+                    position_mm: position(row)?,
+                    ..p.clone()
+                })
+            });
             return moved.flatten().collect();
         }
-        points.iter().map(|point| self.applied_to(point.clone())).collect()
+        points
+            .iter()
+            .map(|point| self.applied_to(point.clone()))
+            .collect()
     }
 
     fn applied_to(&self, mut point: Point) -> Point {
@@ -71,7 +88,9 @@ impl Hypothesis {
                 point.q_rad.iter_mut().for_each(|q| *q *= joints);
                 point.position_mm = p * positions;
             }
-            Self::PositionColumns(order) => point.position_mm = Vector3::new(p[order[0]], p[order[1]], p[order[2]]),
+            Self::PositionColumns(order) => {
+                point.position_mm = Vector3::new(p[order[0]], p[order[1]], p[order[2]])
+            }
             Self::MirroredAxis(axis) => point.position_mm[axis] = -p[axis],
             Self::JointColumns(i, j) => point.q_rad.swap(i, j),
             Self::JointSign(joint) => point.q_rad[joint] = -point.q_rad[joint],
@@ -82,7 +101,11 @@ impl Hypothesis {
 
     /// The other robot that it speaks of.
     pub fn robot(&self) -> Option<usize> {
-        if let Self::Robot(index) = self { Some(*index) } else { None }
+        if let Self::Robot(index) = self {
+            Some(*index)
+        } else {
+            None
+        }
     }
 
     /// The problem's code.
@@ -96,7 +119,12 @@ impl Hypothesis {
 
     /// The columns that it is about.
     pub fn columns(&self) -> Option<String> {
-        let axes = |order: &[usize; 3]| (0..3).filter(|axis| order[*axis] != *axis).map(|axis| AXES[axis].to_string()).collect::<Vec<_>>();
+        let axes = |order: &[usize; 3]| {
+            (0..3)
+                .filter(|axis| order[*axis] != *axis)
+                .map(|axis| AXES[axis].to_string())
+                .collect::<Vec<_>>()
+        };
         Some(match self {
             Self::Units { joints, positions } => match (*joints != 1.0, *positions != 1.0) {
                 (true, true) => "q1 …, x, y, z".into(),
@@ -115,20 +143,37 @@ impl Hypothesis {
     /// What would be the case, in words; `others` are the names of the other robots.
     pub fn words(&self, others: &[&str]) -> String {
         match self {
-            Self::Units { joints, positions } => {
-                [joint_unit(*joints), length_unit(*positions)].into_iter().flatten().collect::<Vec<_>>().join(" and ")
-            }
+            Self::Units { joints, positions } => [joint_unit(*joints), length_unit(*positions)]
+                .into_iter()
+                .flatten()
+                .collect::<Vec<_>>()
+                .join(" and "),
             Self::PositionColumns(order) => {
-                format!("x, y, z stand in the columns named {}", order.map(|axis| AXES[axis].to_string()).join(", "))
+                format!(
+                    "x, y, z stand in the columns named {}",
+                    order.map(|axis| AXES[axis].to_string()).join(", ")
+                )
             }
-            Self::MirroredAxis(axis) => format!("{} has the wrong sign (a left-handed frame)", AXES[*axis]),
-            Self::JointColumns(i, j) => format!("the columns of joints {} and {} are exchanged", i + 1, j + 1),
+            Self::MirroredAxis(axis) => {
+                format!("{} has the wrong sign (a left-handed frame)", AXES[*axis])
+            }
+            Self::JointColumns(i, j) => format!(
+                "the columns of joints {} and {} are exchanged",
+                i + 1,
+                j + 1
+            ),
             Self::JointSign(joint) => format!("joint {} is counted the other way round", joint + 1),
             Self::ShiftedRows(by) => {
                 let direction = if *by > 0 { "below" } else { "above" };
-                format!("each position stands {} row(s) {direction} its joint values", by.abs())
+                format!(
+                    "each position stands {} row(s) {direction} its joint values",
+                    by.abs()
+                )
             }
-            Self::Robot(index) => format!("it was measured on {:?}", others.get(*index).copied().unwrap_or("another robot")),
+            Self::Robot(index) => format!(
+                "it was measured on {:?}",
+                others.get(*index).copied().unwrap_or("another robot")
+            ),
         }
     }
 
@@ -136,10 +181,16 @@ impl Hypothesis {
     pub fn hint(&self) -> &'static str {
         match self {
             Self::Units { .. } => "name the columns by the unit that they are in, or convert them",
-            Self::PositionColumns(_) | Self::JointColumns(..) => "name the columns by what they hold",
+            Self::PositionColumns(_) | Self::JointColumns(..) => {
+                "name the columns by what they hold"
+            }
             Self::MirroredAxis(_) => "export in a right-handed frame",
-            Self::JointSign(_) => "if the controller counts so, declare it in the robot's joint_map, else mend the column",
-            Self::ShiftedRows(_) => "pair each position with the joint values at which it was measured",
+            Self::JointSign(_) => {
+                "if the controller counts so, declare it in the robot's joint_map, else mend the column"
+            }
+            Self::ShiftedRows(_) => {
+                "pair each position with the joint values at which it was measured"
+            }
             Self::Robot(_) => "upload it to that robot",
         }
     }

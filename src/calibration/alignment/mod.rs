@@ -72,20 +72,33 @@ pub fn look(robot: &Robot, set: &MeasurementSet) -> Look {
 }
 
 /// What explains a set that fits only to `off_mm`. `others` are robots that the set may have been measured on instead.
-pub fn explain(robot: &Robot, set: &MeasurementSet, off_mm: f64, others: &[(String, Robot)]) -> Finding {
+pub fn explain(
+    robot: &Robot,
+    set: &MeasurementSet,
+    off_mm: f64,
+    others: &[(String, Robot)],
+) -> Finding {
     let points = of_one_target_and_station(set);
-    let tried = hypotheses(robot.links.len(), others.len()).into_iter().filter_map(|hypothesis| {
-        let changed = hypothesis.applied(&points);
-        let robot = hypothesis.robot().map_or(robot, |index| &others[index].1);
-        Some((rms(robot, &changed, set.frame, Fit::ClosedForm)?, hypothesis))
-    });
+    let tried = hypotheses(robot.links.len(), others.len())
+        .into_iter()
+        .filter_map(|hypothesis| {
+            let changed = hypothesis.applied(&points);
+            let robot = hypothesis.robot().map_or(robot, |index| &others[index].1);
+            Some((
+                rms(robot, &changed, set.frame, Fit::ClosedForm)?,
+                hypothesis,
+            ))
+        });
     let best = tried.min_by(|a, b| a.0.total_cmp(&b.0));
     let mastered = with_joint_offsets(robot, &points, set.frame);
     if let Some((rms_mm, hypothesis)) = best
         && BETTER * rms_mm <= off_mm
         && rms_mm <= EXPLAINS_MM
-        && mastered.as_ref().is_none_or(|(explained_mm, _)| BETTER * rms_mm <= *explained_mm)
-        && rms(robot, &points, set.frame, Fit::Thorough).is_some_and(|found| found > FITS_MM && found >= BETTER * rms_mm)
+        && mastered
+            .as_ref()
+            .is_none_or(|(explained_mm, _)| BETTER * rms_mm <= *explained_mm)
+        && rms(robot, &points, set.frame, Fit::Thorough)
+            .is_some_and(|found| found > FITS_MM && found >= BETTER * rms_mm)
     {
         let names: Vec<&str> = others.iter().map(|(name, _)| name.as_str()).collect();
         let detail = format!(
@@ -93,39 +106,76 @@ pub fn explain(robot: &Robot, set: &MeasurementSet, off_mm: f64, others: &[(Stri
             hypothesis.words(&names),
             hypothesis.hint()
         );
-        return Finding::Wrong { code: hypothesis.code(), columns: hypothesis.columns(), detail };
+        return Finding::Wrong {
+            code: hypothesis.code(),
+            columns: hypothesis.columns(),
+            detail,
+        };
     }
     odd(robot, &points, set.frame, off_mm, mastered)
 }
 
-fn odd(robot: &Robot, points: &[Point], frame: Frame, off_mm: f64, mastered: Option<(f64, String)>) -> Finding {
+fn odd(
+    robot: &Robot,
+    points: &[Point],
+    frame: Frame,
+    off_mm: f64,
+    mastered: Option<(f64, String)>,
+) -> Finding {
     if let Some((rms_mm, joints)) = mastered.filter(|(rms_mm, _)| BETTER * rms_mm <= off_mm) {
         let detail = format!(
             "the nominal robot fits these points only to {off_mm:.1} mm; with joint values that are off by {joints} it fits to {rms_mm:.1} mm: an unmastered joint?"
         );
-        return Finding::Odd { code: "joint_offset_suspect", detail };
+        return Finding::Odd {
+            code: "joint_offset_suspect",
+            detail,
+        };
     }
     if frame == Frame::Base
-        && let Some(rms_mm) = rms(robot, points, Frame::Instrument, Fit::Polished).filter(|rms_mm| BETTER * rms_mm <= off_mm)
+        && let Some(rms_mm) = rms(robot, points, Frame::Instrument, Fit::Polished)
+            .filter(|rms_mm| BETTER * rms_mm <= off_mm)
     {
         let detail = format!(
             "in the base frame the nominal robot fits these points only to {off_mm:.1} mm, with the base turned to {rms_mm:.1} mm: are they in the instrument's frame (frame=instrument)?"
         );
-        return Finding::Odd { code: "frame_suspect", detail };
+        return Finding::Odd {
+            code: "frame_suspect",
+            detail,
+        };
     }
-    let detail =
-        format!("the nominal robot fits these points only to {off_mm:.1} mm (rms, best alignment); right data fit to some millimetres");
-    Finding::Odd { code: "poor_alignment", detail }
+    let detail = format!(
+        "the nominal robot fits these points only to {off_mm:.1} mm (rms, best alignment); right data fit to some millimetres"
+    );
+    Finding::Odd {
+        code: "poor_alignment",
+        detail,
+    }
 }
 
 /// One target on one station, the one with most points: for the others base or target are unknown anew.
 fn of_one_target_and_station(set: &MeasurementSet) -> Vec<Point> {
     let mut groups: BTreeMap<(usize, Option<&str>), Vec<&Point>> = BTreeMap::new();
     for point in &set.points {
-        groups.entry((point.target, point.station.as_deref())).or_default().push(point);
+        groups
+            .entry((point.target, point.station.as_deref()))
+            .or_default()
+            .push(point);
     }
-    let largest = groups.into_values().reduce(|largest, group| if group.len() > largest.len() { group } else { largest });
-    largest.unwrap_or_default().into_iter().map(|point| Point { target: 0, ..point.clone() }).collect()
+    let largest = groups.into_values().reduce(|largest, group| {
+        if group.len() > largest.len() {
+            group
+        } else {
+            largest
+        }
+    });
+    largest
+        .unwrap_or_default()
+        .into_iter()
+        .map(|point| Point {
+            target: 0,
+            ..point.clone()
+        })
+        .collect()
 }
 
 /// How much trouble is taken to place base and target.
@@ -141,11 +191,21 @@ enum Fit {
 
 fn observations(robot: &Robot, points: &[Point]) -> Vec<Observation> {
     let step = points.len().div_ceil(MAX_POINTS).max(1);
-    let observation = |p: &Point| Observation { q_rad: robot.q_model_rad(&p.q_rad), position_mm: p.position_mm, target: 0, weight: 1.0 };
+    let observation = |p: &Point| Observation {
+        q_rad: robot.q_model_rad(&p.q_rad),
+        position_mm: p.position_mm,
+        target: 0,
+        weight: 1.0,
+    };
     points.iter().step_by(step).map(observation).collect()
 }
 
-fn model(robot: &Robot, observations: &[Observation], frame: Frame, fit: Fit) -> Option<KinematicModel> {
+fn model(
+    robot: &Robot,
+    observations: &[Observation],
+    frame: Frame,
+    fit: Fit,
+) -> Option<KinematicModel> {
     if 3 * observations.len() < UNKNOWNS + SPARE_EQUATIONS {
         return None;
     }
@@ -161,16 +221,33 @@ fn model(robot: &Robot, observations: &[Observation], frame: Frame, fit: Fit) ->
 
 /// The parameters of base (translation, then rotation: `n_base` of them) and target.
 fn placing(n_base: usize) -> Vec<Parameter> {
-    let base = (0..3).map(Parameter::BaseTranslation).chain((0..3).map(Parameter::BaseRotation));
-    base.take(n_base).chain((0..3).map(|axis| Parameter::Target(0, axis))).collect()
+    let base = (0..3)
+        .map(Parameter::BaseTranslation)
+        .chain((0..3).map(Parameter::BaseRotation));
+    base.take(n_base)
+        .chain((0..3).map(|axis| Parameter::Target(0, axis)))
+        .collect()
 }
 
 /// rms; more where the points hardly differ in position, which any robot fits that hardly moves: metres taken for millimetres.
 fn rms_of(robot: &Robot, model: &KinematicModel, observations: &[Observation]) -> f64 {
     let n = observations.len() as f64;
-    let reach: f64 = robot.links.iter().map(|l| (l.a_mm * l.a_mm + l.d_mm * l.d_mm).sqrt()).sum();
-    let centre = observations.iter().map(|o| o.position_mm).sum::<Vector3<f64>>() / n;
-    let spread = (observations.iter().map(|o| (o.position_mm - centre).norm_squared()).sum::<f64>() / n).sqrt();
+    let reach: f64 = robot
+        .links
+        .iter()
+        .map(|l| (l.a_mm * l.a_mm + l.d_mm * l.d_mm).sqrt())
+        .sum();
+    let centre = observations
+        .iter()
+        .map(|o| o.position_mm)
+        .sum::<Vector3<f64>>()
+        / n;
+    let spread = (observations
+        .iter()
+        .map(|o| (o.position_mm - centre).norm_squared())
+        .sum::<f64>()
+        / n)
+        .sqrt();
     (cost(model, observations) / n).sqrt() * (SMALL_SPREAD * reach / spread).max(1.0)
 }
 
@@ -191,12 +268,19 @@ fn with_joint_offsets(robot: &Robot, points: &[Point], frame: Frame) -> Option<(
     let offsets = (0..robot.links.len()).map(|link| Parameter::Link(link, Quantity::ThetaOffset));
     // the first joint's offset is the base's turn, unless that is known
     let free = offsets.skip(usize::from(frame == Frame::Instrument));
-    let parameters: Vec<Parameter> = free.chain(placing(if frame == Frame::Instrument { 6 } else { 3 })).collect();
+    let parameters: Vec<Parameter> = free
+        .chain(placing(if frame == Frame::Instrument { 6 } else { 3 }))
+        .collect();
     let fitted = fit_least_squares(&start, &parameters, &observations).model;
-    let off = |joint: usize| (fitted.links[joint].theta_offset_rad - robot.links[joint].theta_offset_rad).to_degrees();
+    let off = |joint: usize| {
+        (fitted.links[joint].theta_offset_rad - robot.links[joint].theta_offset_rad).to_degrees()
+    };
     let joints = (0..robot.links.len()).filter(|joint| off(*joint).abs() > OFFSET_DEG);
-    let words: Vec<String> = joints.map(|joint| format!("{:+.2}° (joint {})", off(joint), joint + 1)).collect();
-    Some((rms_of(robot, &fitted, &observations), words.join(", "))).filter(|(rms, words)| rms.is_finite() && !words.is_empty())
+    let words: Vec<String> = joints
+        .map(|joint| format!("{:+.2}° (joint {})", off(joint), joint + 1))
+        .collect();
+    Some((rms_of(robot, &fitted, &observations), words.join(", ")))
+        .filter(|(rms, words)| rms.is_finite() && !words.is_empty())
 }
 
 /// Smaller offsets are not worth naming, degrees.

@@ -63,26 +63,44 @@ pub struct Linear {
 impl Setting<'_> {
     /// The corrections of a fit.
     pub fn corrections(&self, fitted: &Fitted) -> Corrections {
-        let mut corrections = corrections_at(self.nominal.links.len(), &self.mounting, &fitted.terms, &fitted.values);
+        let mut corrections = corrections_at(
+            self.nominal.links.len(),
+            &self.mounting,
+            &fitted.terms,
+            &fitted.values,
+        );
         corrections.compliance.payload = self.payload;
         corrections
     }
 
     /// The linear problem at a fit, along the combinations that the data see there.
     pub fn linear(&self, at: &Fitted) -> Linear {
-        let directions = decomposition_at(&at.model, self.parameters, self.scale, self.observations).seen_directions();
+        let directions =
+            decomposition_at(&at.model, self.parameters, self.scale, self.observations)
+                .seen_directions();
         self.linear_along(at, directions)
     }
 
     fn linear_along(&self, at: &Fitted, directions: DMatrix<f64>) -> Linear {
         let corrections = self.corrections(at);
         let unknowns = (self.parameters, at.terms.as_slice());
-        let (residuals, by_parameter, mut by_term) = linearise(&at.model, &corrections, &self.mounting, unknowns, self.observations);
+        let (residuals, by_parameter, mut by_term) = linearise(
+            &at.model,
+            &corrections,
+            &self.mounting,
+            unknowns,
+            self.observations,
+        );
         let (seen, k) = (directions.ncols(), at.terms.len());
         let mut columns = DMatrix::zeros(residuals.len(), seen + k);
-        columns.columns_mut(0, seen).copy_from(&(by_parameter * &directions));
+        columns
+            .columns_mut(0, seen)
+            .copy_from(&(by_parameter * &directions));
         // what the points at hand hardly see moves no further than its scale in one step
-        let (mut prior, mut pull) = (DMatrix::<f64>::identity(seen + k, seen + k), DVector::<f64>::zeros(seen + k));
+        let (mut prior, mut pull) = (
+            DMatrix::<f64>::identity(seen + k, seen + k),
+            DVector::<f64>::zeros(seen + k),
+        );
         let widths = prior_widths(&at.model, self.nominal, self.parameters, self.scale);
         for (j, parameter) in self.parameters.iter().enumerate() {
             if !parameter.is_link() {
@@ -90,8 +108,11 @@ impl Setting<'_> {
             }
             let delta = deviation_from(self.nominal, &at.model, parameter);
             let row = directions.row(j) / widths[j];
-            prior.view_mut((0, 0), (seen, seen)).ger(1.0, &row.transpose(), &row.transpose(), 1.0);
-            pull.rows_mut(0, seen).axpy(-delta / widths[j], &row.transpose(), 1.0);
+            prior
+                .view_mut((0, 0), (seen, seen))
+                .ger(1.0, &row.transpose(), &row.transpose(), 1.0);
+            pull.rows_mut(0, seen)
+                .axpy(-delta / widths[j], &row.transpose(), 1.0);
         }
         for (j, (term, value)) in at.terms.iter().zip(&at.values).enumerate() {
             let width = term.prior(&self.mounting);
@@ -99,17 +120,33 @@ impl Setting<'_> {
             pull[seen + j] = -value / width;
         }
         columns.columns_mut(seen, k).copy_from(&by_term);
-        Linear { residuals, columns, prior, pull, directions }
+        Linear {
+            residuals,
+            columns,
+            prior,
+            pull,
+            directions,
+        }
     }
 }
 
 impl Linear {
     /// x of the most probable answer, from the normal matrix AᵀA and Aᵀr of some of the rows.
-    pub fn solve(&self, normal: DMatrix<f64>, right: DVector<f64>, variance: f64) -> Option<DVector<f64>> {
+    pub fn solve(
+        &self,
+        normal: DMatrix<f64>,
+        right: DVector<f64>,
+        variance: f64,
+    ) -> Option<DVector<f64>> {
         self.solved(normal, right, variance).map(|(x, _)| x)
     }
 
-    fn solved(&self, normal: DMatrix<f64>, right: DVector<f64>, variance: f64) -> Option<(DVector<f64>, Cholesky<f64, Dyn>)> {
+    fn solved(
+        &self,
+        normal: DMatrix<f64>,
+        right: DVector<f64>,
+        variance: f64,
+    ) -> Option<(DVector<f64>, Cholesky<f64, Dyn>)> {
         let cholesky = (normal + &self.prior * variance).cholesky()?;
         let x = cholesky.solve(&(right + &self.pull * variance));
         x.iter().all(|v| v.is_finite()).then_some((x, cholesky))
@@ -118,9 +155,25 @@ impl Linear {
 
 /// Fits links and `terms` from `start`, whose own terms keep their values at first.
 pub fn fit(setting: &Setting<'_>, start: &Fitted, terms: &[Term]) -> Option<Fitted> {
-    let known = |term: &Term| start.terms.iter().position(|t| t == term).map_or(0.0, |i| start.values[i]);
-    let mut at = Fitted { terms: terms.to_vec(), values: terms.iter().map(known).collect(), ..start.clone() };
-    let directions = decomposition_at(&at.model, setting.parameters, setting.scale, setting.observations).seen_directions();
+    let known = |term: &Term| {
+        start
+            .terms
+            .iter()
+            .position(|t| t == term)
+            .map_or(0.0, |i| start.values[i])
+    };
+    let mut at = Fitted {
+        terms: terms.to_vec(),
+        values: terms.iter().map(known).collect(),
+        ..start.clone()
+    };
+    let directions = decomposition_at(
+        &at.model,
+        setting.parameters,
+        setting.scale,
+        setting.observations,
+    )
+    .seen_directions();
     for _ in 0..STEPS {
         let linear = setting.linear_along(&at, directions.clone());
         let normal = linear.columns.tr_mul(&linear.columns);
@@ -133,7 +186,8 @@ pub fn fit(setting: &Setting<'_>, start: &Fitted, terms: &[Term]) -> Option<Fitt
             at.values[j] += x[seen + j] * term.prior(&setting.mounting);
         }
         // degrees of freedom used up: trace((AᵀA + σ²Λ)⁻¹·AᵀA)
-        let used = x.len() as f64 - at.variance * cholesky.inverse().component_mul(&linear.prior).sum();
+        let used =
+            x.len() as f64 - at.variance * cholesky.inverse().component_mul(&linear.prior).sum();
         let left = (&linear.residuals - &linear.columns * &x).norm_squared();
         at.variance = left / (linear.residuals.len() as f64 - used).max(1.0);
     }

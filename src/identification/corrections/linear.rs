@@ -22,19 +22,33 @@ pub fn linearise(
 ) -> (DVector<f64>, DMatrix<f64>, DMatrix<f64>) {
     let n = 3 * observations.len();
     let mut residuals = DVector::zeros(n);
-    let (mut by_parameter, mut by_term) = (DMatrix::zeros(n, parameters.len()), DMatrix::zeros(n, terms.len()));
+    let (mut by_parameter, mut by_term) = (
+        DMatrix::zeros(n, parameters.len()),
+        DMatrix::zeros(n, terms.len()),
+    );
     for (i, o) in observations.iter().enumerate() {
         let pose = Pose::new(model, corrections, o);
         let root = o.weight.sqrt();
-        let put =
-            |to: &mut DMatrix<f64>, column: usize, v: Vector3<f64>| (0..3).for_each(|axis| to[(3 * i + axis, column)] = root * v[axis]);
+        let put = |to: &mut DMatrix<f64>, column: usize, v: Vector3<f64>| {
+            (0..3).for_each(|axis| to[(3 * i + axis, column)] = root * v[axis])
+        };
         for (column, parameter) in parameters.iter().enumerate() {
-            put(&mut by_parameter, column, pose.by_parameter(parameter, o.target));
+            put(
+                &mut by_parameter,
+                column,
+                pose.by_parameter(parameter, o.target),
+            );
         }
         for (column, term) in terms.iter().enumerate() {
-            put(&mut by_term, column, pose.by_term(term, &corrections.compliance.gravity_in_base, mounting));
+            put(
+                &mut by_term,
+                column,
+                pose.by_term(term, &corrections.compliance.gravity_in_base, mounting),
+            );
         }
-        residuals.fixed_rows_mut::<3>(3 * i).copy_from(&((o.position_mm - pose.position_mm) * root));
+        residuals
+            .fixed_rows_mut::<3>(3 * i)
+            .copy_from(&((o.position_mm - pose.position_mm) * root));
     }
     (residuals, by_parameter, by_term)
 }
@@ -68,27 +82,41 @@ impl<'a> Pose<'a> {
         let mut at = base;
         at.rotation *= rotation_exp(&base_turn);
         let n = model.links.len();
-        let (mut before, mut after, mut turns) = (Vec::with_capacity(n), Vec::with_capacity(n), Vec::with_capacity(n));
+        let (mut before, mut after, mut turns) = (
+            Vec::with_capacity(n),
+            Vec::with_capacity(n),
+            Vec::with_capacity(n),
+        );
         for (i, (link, q)) in model.links.iter().zip(&o.q_rad).enumerate() {
             before.push(at);
             at *= t_previous_link(link, q + corrections.harmonic_rad(i, *q));
             after.push(at);
-            let turn = compliance.joints_rad[i].component_mul(&(chain[i].rotation.inverse() * first.joints[i].cross(g)));
+            let turn = compliance.joints_rad[i]
+                .component_mul(&(chain[i].rotation.inverse() * first.joints[i].cross(g)));
             at.rotation *= rotation_exp(&turn);
             turns.push(turn);
         }
         // the network displaces the end of the chain without turning anything
         let tip = at.rotation * model.targets_mm[o.target] + at.translation.vector;
-        let net = corrections.residual.as_ref().map_or_else(Vector3::zeros, |network| base.rotation * network.displacement_mm(&o.q_rad));
+        let net = corrections
+            .residual
+            .as_ref()
+            .map_or_else(Vector3::zeros, |network| {
+                base.rotation * network.displacement_mm(&o.q_rad)
+            });
         let lever = |from: &IsometryMatrix3<f64>| -(tip - from.translation.vector).cross_matrix();
         let position_mm = tip + net;
         Self {
             q_rad: &o.q_rad,
             position_mm,
-            links: (0..n).map(|i| link_columns(&model.links[i], &before[i], &after[i], &tip)).collect(),
+            links: (0..n)
+                .map(|i| link_columns(&model.links[i], &before[i], &after[i], &tip))
+                .collect(),
             base_rotation: -(position_mm - base.translation.vector).cross_matrix(),
             flange_rotation: *at.rotation.matrix(),
-            by_turn: (0..n).map(|i| lever(&after[i]) * after[i].rotation.matrix() * left_jacobian(&turns[i])).collect(),
+            by_turn: (0..n)
+                .map(|i| lever(&after[i]) * after[i].rotation.matrix() * left_jacobian(&turns[i]))
+                .collect(),
             by_base_turn: lever(&base) * base.rotation.matrix() * left_jacobian(&base_turn),
             chain,
             first: first.joints,
@@ -106,7 +134,9 @@ impl<'a> Pose<'a> {
             Parameter::Link(link, Quantity::Beta) => self.links[link].beta,
             Parameter::BaseTranslation(axis) => Vector3::ith(axis, 1.0),
             Parameter::BaseRotation(axis) => self.base_rotation.column(axis).into(),
-            Parameter::Target(target, axis) if target == own_target => self.flange_rotation.column(axis).into(),
+            Parameter::Target(target, axis) if target == own_target => {
+                self.flange_rotation.column(axis).into()
+            }
             Parameter::Target(..) => Vector3::zeros(),
         }
     }
@@ -140,17 +170,32 @@ impl<'a> Pose<'a> {
     }
 
     /// Displacement by a first moment, given about each frame's origin (mm), that the first `n_joints` joints and the base carry.
-    fn bent(&self, n_joints: usize, about: impl Fn(&Vector3<f64>) -> Vector3<f64>, g: &Vector3<f64>) -> Vector3<f64> {
-        let joints: Vec<Vector3<f64>> = self.chain[..n_joints].iter().map(|frame| about(&frame.translation.vector)).collect();
+    fn bent(
+        &self,
+        n_joints: usize,
+        about: impl Fn(&Vector3<f64>) -> Vector3<f64>,
+        g: &Vector3<f64>,
+    ) -> Vector3<f64> {
+        let joints: Vec<Vector3<f64>> = self.chain[..n_joints]
+            .iter()
+            .map(|frame| about(&frame.translation.vector))
+            .collect();
         self.turned_by(&about(&Vector3::zeros()), &joints, g)
     }
 
     /// Displacement when the moments change by `first` × `g`.
-    fn turned_by(&self, base: &Vector3<f64>, joints: &[Vector3<f64>], g: &Vector3<f64>) -> Vector3<f64> {
+    fn turned_by(
+        &self,
+        base: &Vector3<f64>,
+        joints: &[Vector3<f64>],
+        g: &Vector3<f64>,
+    ) -> Vector3<f64> {
         let compliance = &self.corrections.compliance;
         let mut sum = self.by_base_turn * compliance.base_rad.component_mul(&base.cross(g));
         for (i, first) in joints.iter().enumerate() {
-            sum += self.by_turn[i] * compliance.joints_rad[i].component_mul(&(self.chain[i].rotation.inverse() * first.cross(g)));
+            sum += self.by_turn[i]
+                * compliance.joints_rad[i]
+                    .component_mul(&(self.chain[i].rotation.inverse() * first.cross(g)));
         }
         sum
     }

@@ -67,7 +67,12 @@ pub fn across_gravity(mounting: &Mounting) -> [Vector3<f64>; 2] {
 }
 
 /// The corrections at some values of the terms.
-pub fn corrections_at(n_links: usize, mounting: &Mounting, terms: &[Term], values: &[f64]) -> Corrections {
+pub fn corrections_at(
+    n_links: usize,
+    mounting: &Mounting,
+    terms: &[Term],
+    values: &[f64],
+) -> Corrections {
     let mut corrections = Corrections::none(n_links, mounting);
     let axes = across_gravity(mounting);
     let mut gravity = mounting.gravity_in_base;

@@ -66,24 +66,48 @@ pub(super) fn choose_network(
             return None;
         }
         let residuals = &folded.residuals[fold];
-        let (unseen, seen): (Vec<usize>, Vec<usize>) = (0..errors.len()).partition(|point| folds.folds[*point] == fold);
-        let network = train_residual_network(&samples(setting, &seen, |point| left(residuals, point)), earlier, seed)?;
+        let (unseen, seen): (Vec<usize>, Vec<usize>) =
+            (0..errors.len()).partition(|point| folds.folds[*point] == fold);
+        let network = train_residual_network(
+            &samples(setting, &seen, |point| left(residuals, point)),
+            earlier,
+            seed,
+        )?;
         for point in unseen {
             let o = &setting.observations[point];
-            errors[point] = o.weight * (left(residuals, point) - network.displacement_mm(&o.q_rad)).norm_squared();
+            errors[point] = o.weight
+                * (left(residuals, point) - network.displacement_mm(&o.q_rad)).norm_squared();
         }
     }
     // of the same division: what another division would leave is not the network's merit
-    let before = folds.by_configuration(|point| folded.residuals[folds.folds[point]].fixed_rows::<3>(3 * point).norm_squared());
+    let before = folds.by_configuration(|point| {
+        folded.residuals[folds.folds[point]]
+            .fixed_rows::<3>(3 * point)
+            .norm_squared()
+    });
     let after = folds.by_configuration(|point| errors[point]);
     let evidence = before.evidence(&after, "residual_network");
     if !evidence.kept {
-        return Some(Tried { evidence, before, after, network: None });
+        return Some(Tried {
+            evidence,
+            before,
+            after,
+            network: None,
+        });
     }
     let residuals = setting.linear(fitted).residuals;
     let all: Vec<usize> = (0..errors.len()).collect();
-    let network = train_residual_network(&samples(setting, &all, |point| left(&residuals, point)), earlier, seed)?;
-    Some(Tried { evidence, before, after, network: Some(network) })
+    let network = train_residual_network(
+        &samples(setting, &all, |point| left(&residuals, point)),
+        earlier,
+        seed,
+    )?;
+    Some(Tried {
+        evidence,
+        before,
+        after,
+        network: Some(network),
+    })
 }
 
 /// A cheap look before anything is trained: a smooth function of the joints makes the residuals of neighbouring poses alike. True if their
@@ -93,60 +117,129 @@ fn neighbours_agree(setting: &Setting<'_>, fitted: &Fitted) -> bool {
     let step = setting.observations.len().div_ceil(MOST_SAMPLES).max(1);
     let points: Vec<usize> = (0..setting.observations.len()).step_by(step).collect();
     let distance = |a: usize, b: usize| -> f64 {
-        let (a, b) = (&setting.observations[a].q_rad, &setting.observations[b].q_rad);
+        let (a, b) = (
+            &setting.observations[a].q_rad,
+            &setting.observations[b].q_rad,
+        );
         a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum()
     };
     let product = |point: &usize| -> Option<f64> {
         // another target at the same pose, or the same pose again, says nothing about the joints
-        let others = points.iter().map(|other| (distance(*point, *other), *other)).filter(|(d, _)| *d > 1e-6);
+        let others = points
+            .iter()
+            .map(|other| (distance(*point, *other), *other))
+            .filter(|(d, _)| *d > 1e-6);
         let (_, nearest) = others.min_by(|a, b| a.0.total_cmp(&b.0))?;
-        Some(residuals.fixed_rows::<3>(3 * point).dot(&residuals.fixed_rows::<3>(3 * nearest)))
+        Some(
+            residuals
+                .fixed_rows::<3>(3 * point)
+                .dot(&residuals.fixed_rows::<3>(3 * nearest)),
+        )
     };
     let products: Vec<f64> = points.iter().filter_map(product).collect();
     let n = products.len() as f64;
     let mean = products.iter().sum::<f64>() / n;
-    let variance = products.iter().map(|p| (p - mean) * (p - mean)).sum::<f64>() / (n - 1.0);
+    let variance = products
+        .iter()
+        .map(|p| (p - mean) * (p - mean))
+        .sum::<f64>()
+        / (n - 1.0);
     mean > (variance / n).sqrt()
 }
 
-fn samples(setting: &Setting<'_>, points: &[usize], left: impl Fn(usize) -> Vector3<f64>) -> Samples {
+fn samples(
+    setting: &Setting<'_>,
+    points: &[usize],
+    left: impl Fn(usize) -> Vector3<f64>,
+) -> Samples {
     let step = points.len().div_ceil(MOST_SAMPLES).max(1);
     let taken: Vec<usize> = points.iter().copied().step_by(step).collect();
     Samples {
-        poses: taken.iter().map(|point| setting.observations[*point].q_rad.clone()).collect(),
+        poses: taken
+            .iter()
+            .map(|point| setting.observations[*point].q_rad.clone())
+            .collect(),
         left_mm: taken.iter().map(|point| left(*point)).collect(),
     }
 }
 
 /// Trains a network on poses and what is left there (base frame, mm), from random weights or, where the robot has a network of the same
 /// size, from that one's. `None` without samples.
-fn train_residual_network(samples: &Samples, earlier: Option<&ResidualNetwork>, seed: u64) -> Option<ResidualNetwork> {
+fn train_residual_network(
+    samples: &Samples,
+    earlier: Option<&ResidualNetwork>,
+    seed: u64,
+) -> Option<ResidualNetwork> {
     let n_joints = samples.poses.first()?.len();
     let n = samples.poses.len() as f64;
-    let scale_mm = (samples.left_mm.iter().map(Vector3::norm_squared).sum::<f64>() / (3.0 * n)).sqrt().max(1e-6);
+    let scale_mm = (samples
+        .left_mm
+        .iter()
+        .map(Vector3::norm_squared)
+        .sum::<f64>()
+        / (3.0 * n))
+        .sqrt()
+        .max(1e-6);
     let range = |joint: usize| {
         let values = samples.poses.iter().map(|q| q[joint]);
-        values.fold((f64::MAX, f64::MIN), |(low, high), q| (low.min(q), high.max(q)))
+        values.fold((f64::MAX, f64::MIN), |(low, high), q| {
+            (low.min(q), high.max(q))
+        })
     };
     let ranges: Vec<(f64, f64)> = (0..n_joints).map(range).collect();
     let mut found = ResidualNetwork {
-        centre_rad: ranges.iter().map(|(low, high)| 0.5 * (low + high)).collect(),
-        half_range_rad: ranges.iter().map(|(low, high)| (0.5 * (high - low)).max(0.1)).collect(),
+        centre_rad: ranges
+            .iter()
+            .map(|(low, high)| 0.5 * (low + high))
+            .collect(),
+        half_range_rad: ranges
+            .iter()
+            .map(|(low, high)| (0.5 * (high - low)).max(0.1))
+            .collect(),
         hidden_weights: vec![],
         hidden_thresholds: vec![],
         output_weights: vec![],
         output_thresholds: vec![],
         scale_mm,
     };
-    let inputs: Vec<Vec<f64>> =
-        samples.poses.iter().map(|q| (0..n_joints).map(|j| (q[j] - found.centre_rad[j]) / found.half_range_rad[j]).collect()).collect();
-    let targets: Vec<Vec<f64>> = samples.left_mm.iter().map(|left| (left / scale_mm).as_slice().to_vec()).collect();
-    let options = bpnn::Options { seed, n_epochs: EPOCHS, weight_decay: 1.0 / (3.0 * n), ..bpnn::Options::default() };
-    let first =
-        earlier.and_then(|earlier| remembered(earlier, &found)).unwrap_or_else(|| bpnn::initial_network(n_joints, HIDDEN, 3, &options));
+    let inputs: Vec<Vec<f64>> = samples
+        .poses
+        .iter()
+        .map(|q| {
+            (0..n_joints)
+                .map(|j| (q[j] - found.centre_rad[j]) / found.half_range_rad[j])
+                .collect()
+        })
+        .collect();
+    let targets: Vec<Vec<f64>> = samples
+        .left_mm
+        .iter()
+        .map(|left| (left / scale_mm).as_slice().to_vec())
+        .collect();
+    let options = bpnn::Options {
+        seed,
+        n_epochs: EPOCHS,
+        weight_decay: 1.0 / (3.0 * n),
+        ..bpnn::Options::default()
+    };
+    let first = earlier
+        .and_then(|earlier| remembered(earlier, &found))
+        .unwrap_or_else(|| bpnn::initial_network(n_joints, HIDDEN, 3, &options));
     let (network, _) = bpnn::train_from(first, &inputs, &targets, &options);
-    let Network { hidden_weights, hidden_thresholds, output_weights, output_thresholds, .. } = network;
-    found = ResidualNetwork { hidden_weights, hidden_thresholds, output_weights, output_thresholds, ..found };
+    let Network {
+        hidden_weights,
+        hidden_thresholds,
+        output_weights,
+        output_thresholds,
+        ..
+    } = network;
+    found = ResidualNetwork {
+        hidden_weights,
+        hidden_thresholds,
+        output_weights,
+        output_thresholds,
+        ..found
+    };
     Some(found)
 }
 
@@ -162,8 +255,16 @@ fn remembered(earlier: &ResidualNetwork, scales: &ResidualNetwork) -> Option<Net
         n_outputs: 3,
         hidden_weights: earlier.hidden_weights.clone(),
         hidden_thresholds: earlier.hidden_thresholds.clone(),
-        output_weights: earlier.output_weights.iter().map(|w| w * earlier.scale_mm / scales.scale_mm).collect(),
-        output_thresholds: earlier.output_thresholds.iter().map(|t| t * earlier.scale_mm / scales.scale_mm).collect(),
+        output_weights: earlier
+            .output_weights
+            .iter()
+            .map(|w| w * earlier.scale_mm / scales.scale_mm)
+            .collect(),
+        output_thresholds: earlier
+            .output_thresholds
+            .iter()
+            .map(|t| t * earlier.scale_mm / scales.scale_mm)
+            .collect(),
         output_activation: Activation::Identity,
     };
     // w·(q − c)/h − t at the old scales is w'·(q − c')/h' − t' at the new ones

@@ -62,7 +62,12 @@ pub(super) struct Unseen {
 impl Unseen {
     /// Mean gain from `self` to `other`, and its standard error.
     pub fn gain(&self, other: &Self) -> (f64, f64) {
-        let gains: Vec<f64> = self.errors.iter().zip(&other.errors).map(|(before, after)| before - after).collect();
+        let gains: Vec<f64> = self
+            .errors
+            .iter()
+            .zip(&other.errors)
+            .map(|(before, after)| before - after)
+            .collect();
         let n = gains.len() as f64;
         let mean = gains.iter().sum::<f64>() / n;
         let variance = gains.iter().map(|g| (g - mean) * (g - mean)).sum::<f64>() / (n - 1.0);
@@ -76,7 +81,14 @@ impl Unseen {
     pub fn evidence(&self, with: &Self, kind: &str) -> Evidence {
         let (gain_mm2, standard_error_mm2) = self.gain(with);
         let kept = gain_mm2 > standard_error_mm2;
-        Evidence { kind: kind.into(), kept, before_mm: self.rms_mm(), after_mm: with.rms_mm(), gain_mm2, standard_error_mm2 }
+        Evidence {
+            kind: kind.into(),
+            kept,
+            before_mm: self.rms_mm(),
+            after_mm: with.rms_mm(),
+            gain_mm2,
+            standard_error_mm2,
+        }
     }
 }
 
@@ -100,17 +112,33 @@ fn divisions(clusters: &[usize], sessions: &[Option<String>], seed: u64) -> Vec<
     }
     if labels.len() > 1 {
         // whole sessions stay together; what a fold costs does not grow with how many there are
-        let folds = sessions.iter().map(|session| labels[session] % FOLDS).collect();
-        return vec![Folds { clusters: clusters.to_vec(), folds, n_folds: labels.len().min(FOLDS), n_clusters }];
+        let folds = sessions
+            .iter()
+            .map(|session| labels[session] % FOLDS)
+            .collect();
+        return vec![Folds {
+            clusters: clusters.to_vec(),
+            folds,
+            n_folds: labels.len().min(FOLDS),
+            n_clusters,
+        }];
     }
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut order: Vec<usize> = (0..n_clusters).collect();
     let mut division = |_| {
         order.shuffle(&mut random);
         let mut fold_of = vec![0; n_clusters];
-        order.iter().enumerate().for_each(|(i, cluster)| fold_of[*cluster] = i % FOLDS);
+        order
+            .iter()
+            .enumerate()
+            .for_each(|(i, cluster)| fold_of[*cluster] = i % FOLDS);
         let folds = clusters.iter().map(|cluster| fold_of[*cluster]).collect();
-        Folds { clusters: clusters.to_vec(), folds, n_folds: FOLDS, n_clusters }
+        Folds {
+            clusters: clusters.to_vec(),
+            folds,
+            n_folds: FOLDS,
+            n_clusters,
+        }
     };
     (0..DIVISIONS).map(&mut division).collect()
 }
@@ -123,22 +151,43 @@ impl Folds {
             sums[*cluster] += of_point(point);
             counts[*cluster] += 1.0;
         }
-        Unseen { errors: sums.iter().zip(&counts).filter(|(_, n)| **n > 0.0).map(|(sum, n)| sum / n).collect() }
+        Unseen {
+            errors: sums
+                .iter()
+                .zip(&counts)
+                .filter(|(_, n)| **n > 0.0)
+                .map(|(sum, n)| sum / n)
+                .collect(),
+        }
     }
 }
 
 /// Residuals of all points for each part left out of the fit; the points of that part are the unseen ones.
-pub(super) fn residuals_by_fold(linear: &Linear, folds: &Folds, variance: f64) -> Option<Vec<DVector<f64>>> {
+pub(super) fn residuals_by_fold(
+    linear: &Linear,
+    folds: &Folds,
+    variance: f64,
+) -> Option<Vec<DVector<f64>>> {
     let m = linear.columns.ncols();
     let normal = |fold: usize| {
-        let rows: Vec<usize> = (0..folds.folds.len()).filter(|p| folds.folds[*p] == fold).flat_map(|p| 3 * p..3 * p + 3).collect();
-        let (columns, residuals) = (linear.columns.select_rows(&rows), linear.residuals.select_rows(&rows));
+        let rows: Vec<usize> = (0..folds.folds.len())
+            .filter(|p| folds.folds[*p] == fold)
+            .flat_map(|p| 3 * p..3 * p + 3)
+            .collect();
+        let (columns, residuals) = (
+            linear.columns.select_rows(&rows),
+            linear.residuals.select_rows(&rows),
+        );
         (columns.tr_mul(&columns), columns.tr_mul(&residuals))
     };
     let normals: Vec<(DMatrix<f64>, DVector<f64>)> = (0..folds.n_folds).map(normal).collect();
     let left_out = |fold: usize| {
         let mut sum = (DMatrix::<f64>::zeros(m, m), DVector::<f64>::zeros(m));
-        for (_, (normal, right)) in normals.iter().enumerate().filter(|(other, _)| *other != fold) {
+        for (_, (normal, right)) in normals
+            .iter()
+            .enumerate()
+            .filter(|(other, _)| *other != fold)
+        {
             sum.0 += normal;
             sum.1 += right;
         }
@@ -149,17 +198,27 @@ pub(super) fn residuals_by_fold(linear: &Linear, folds: &Folds, variance: f64) -
 }
 
 /// Errors of unseen points over all divisions, and the residuals by part of the first.
-fn unseen(setting: &Setting<'_>, fitted: &Fitted, divisions: &[Folds]) -> Option<(Unseen, Vec<DVector<f64>>)> {
+fn unseen(
+    setting: &Setting<'_>,
+    fitted: &Fitted,
+    divisions: &[Folds],
+) -> Option<(Unseen, Vec<DVector<f64>>)> {
     let linear = setting.linear(fitted);
     let (mut errors, mut first) = (vec![0.0; setting.observations.len()], None);
     for folds in divisions {
         let residuals = residuals_by_fold(&linear, folds, fitted.variance)?;
         for (point, error) in errors.iter_mut().enumerate() {
-            *error += residuals[folds.folds[point]].fixed_rows::<3>(3 * point).norm_squared() / divisions.len() as f64;
+            *error += residuals[folds.folds[point]]
+                .fixed_rows::<3>(3 * point)
+                .norm_squared()
+                / divisions.len() as f64;
         }
         first.get_or_insert(residuals);
     }
-    Some((divisions.first()?.by_configuration(|point| errors[point]), first?))
+    Some((
+        divisions.first()?.by_configuration(|point| errors[point]),
+        first?,
+    ))
 }
 
 /// Chooses corrections for the robot that `links` is, the answer of links alone. `clusters` numbers each observation's configuration,
@@ -174,7 +233,9 @@ pub fn select(
     go_on: &mut dyn FnMut() -> bool,
 ) -> Option<Selected> {
     let divisions = divisions(clusters, sessions, seed);
-    let folds = divisions.first().filter(|folds| folds.n_clusters >= FEWEST_CONFIGURATIONS)?;
+    let folds = divisions
+        .first()
+        .filter(|folds| folds.n_clusters >= FEWEST_CONFIGURATIONS)?;
     let mut best = fit(setting, links, &[])?;
     let (mut error, mut residuals) = unseen(setting, &best, &divisions)?;
     let links_alone = error.clone();
@@ -183,14 +244,25 @@ pub fn select(
         if !go_on() {
             return None;
         }
-        let gives = best.terms.iter().any(|t| matches!(t, Term::Joint(..) | Term::Base(_)));
-        if more.iter().any(|t| matches!(t, Term::Mass(_) | Term::FirstMoment(..))) && !gives {
+        let gives = best
+            .terms
+            .iter()
+            .any(|t| matches!(t, Term::Joint(..) | Term::Base(_)));
+        if more
+            .iter()
+            .any(|t| matches!(t, Term::Mass(_) | Term::FirstMoment(..)))
+            && !gives
+        {
             continue; // masses that nothing gives under cannot be seen
         }
         let mut terms = best.terms.clone();
         terms.extend(more.iter().filter(|t| !best.terms.contains(t)));
-        let Some(candidate) = fit(setting, &best, &terms) else { continue };
-        let Some((with, left)) = unseen(setting, &candidate, &divisions) else { continue };
+        let Some(candidate) = fit(setting, &best, &terms) else {
+            continue;
+        };
+        let Some((with, left)) = unseen(setting, &candidate, &divisions) else {
+            continue;
+        };
         let found = error.evidence(&with, &kind);
         if found.kept {
             (best, error, residuals) = (candidate, with, left);
@@ -198,13 +270,29 @@ pub fn select(
         evidence.push(found);
     }
     let mut corrections = setting.corrections(&best);
-    let folded = FoldedResiduals { folds, residuals: &residuals, n_configurations: error.errors.len() };
+    let folded = FoldedResiduals {
+        folds,
+        residuals: &residuals,
+        n_configurations: error.errors.len(),
+    };
     if let Some(tried) = choose_network(setting, &best, &folded, earlier, seed, go_on) {
         corrections.residual = tried.network;
         if tried.evidence.kept {
             // it was tried on the first division alone: what it gained there, against what all of them left
-            let gains = tried.before.errors.iter().zip(&tried.after.errors).map(|(before, after)| before - after);
-            error = Unseen { errors: error.errors.iter().zip(gains).map(|(left, gain)| left - gain).collect() };
+            let gains = tried
+                .before
+                .errors
+                .iter()
+                .zip(&tried.after.errors)
+                .map(|(before, after)| before - after);
+            error = Unseen {
+                errors: error
+                    .errors
+                    .iter()
+                    .zip(gains)
+                    .map(|(left, gain)| left - gain)
+                    .collect(),
+            };
         }
         evidence.push(tried.evidence);
     }
@@ -214,7 +302,11 @@ pub fn select(
         evidence.iter_mut().for_each(|e| e.kept &= all.kept);
         evidence.push(all);
     }
-    Some(Selected { fitted: best, corrections, evidence })
+    Some(Selected {
+        fitted: best,
+        corrections,
+        evidence,
+    })
 }
 
 /// The corrections in the order in which they are tried, with the numbers that each adds.
@@ -225,13 +317,24 @@ fn kinds(setting: &Setting<'_>, links: &Fitted) -> Vec<(String, Vec<Term>)> {
     let loaded = most_loaded(setting, links);
     let names: Vec<String> = loaded.iter().map(|joint| (joint + 1).to_string()).collect();
     let axes = |of: fn(usize, usize) -> Term, links: std::ops::Range<usize>| -> Vec<Term> {
-        links.flat_map(|link| (0..3).map(move |axis| of(link, axis))).collect()
+        links
+            .flat_map(|link| (0..3).map(move |axis| of(link, axis)))
+            .collect()
     };
-    let phases = |joint| (0..HARMONIC_ORDERS).flat_map(move |order| (0..2).map(move |phase| Term::Harmonic(joint, order, phase)));
+    let phases = |joint| {
+        (0..HARMONIC_ORDERS)
+            .flat_map(move |order| (0..2).map(move |phase| Term::Harmonic(joint, order, phase)))
+    };
     vec![
-        (format!("stiffness_{}", names.join("_")), giving(loaded.iter().map(|joint| Term::Joint(*joint, 2)).collect())),
+        (
+            format!("stiffness_{}", names.join("_")),
+            giving(loaded.iter().map(|joint| Term::Joint(*joint, 2)).collect()),
+        ),
         ("stiffness_all".into(), giving(axes(Term::Joint, 0..n))),
-        ("base_compliance".into(), giving((0..3).map(Term::Base).collect())),
+        (
+            "base_compliance".into(),
+            giving((0..3).map(Term::Base).collect()),
+        ),
         ("link_masses".into(), (1..n).map(Term::Mass).collect()),
         ("link_centres".into(), axes(Term::FirstMoment, 1..n)),
         ("joint_harmonics".into(), (0..n).flat_map(phases).collect()),
@@ -244,8 +347,11 @@ fn most_loaded(setting: &Setting<'_>, links: &Fitted) -> Vec<usize> {
     let none = corrections_at(n, &setting.mounting, &[], &[]);
     let mut load = vec![0.0; n];
     for o in setting.observations {
-        let moments: Vec<Vector3<f64>> = moments(&rigid_chain(&links.model.links, &o.q_rad), &none.compliance).joints;
-        load.iter_mut().zip(moments).for_each(|(sum, moment)| *sum += moment.z * moment.z);
+        let moments: Vec<Vector3<f64>> =
+            moments(&rigid_chain(&links.model.links, &o.q_rad), &none.compliance).joints;
+        load.iter_mut()
+            .zip(moments)
+            .for_each(|(sum, moment)| *sum += moment.z * moment.z);
     }
     let mut order: Vec<usize> = (0..n).collect();
     order.sort_by(|a, b| load[*b].total_cmp(&load[*a]).then(a.cmp(b)));

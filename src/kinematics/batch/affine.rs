@@ -27,7 +27,8 @@ impl<const W: usize> Affine<W> {
     pub fn store_circle(&self, [x, y, z]: [Vector<W>; 3], to: &mut Circle, part: usize) {
         for row in 0..3 {
             let [r0, r1, r2] = self.rotation[row];
-            r2.mul_add(z, self.translation[row]).store(&mut to.centre[row], part);
+            r2.mul_add(z, self.translation[row])
+                .store(&mut to.centre[row], part);
             r0.mul_add(x, r1 * y).store(&mut to.cos[row], part);
             r1.mul_add(x, -(r0 * y)).store(&mut to.sin[row], part);
         }
@@ -38,33 +39,69 @@ impl<const W: usize> Affine<W> {
 #[inline(always)]
 pub(super) fn before_joint<const W: usize>(link: &LaneLink, part: usize) -> Affine<W> {
     let (zero, one) = (Vector::splat(0.0), Vector::splat(1.0));
-    let (sa, ca) = (Vector::<W>::load(&link.alpha.sin, part), Vector::<W>::load(&link.alpha.cos, part));
+    let (sa, ca) = (
+        Vector::<W>::load(&link.alpha.sin, part),
+        Vector::<W>::load(&link.alpha.cos, part),
+    );
     let translation = [Vector::load(&link.a, part), zero, zero];
     if !link.has_beta() {
-        return Affine { rotation: [[one, zero, zero], [zero, ca, -sa], [zero, sa, ca]], translation };
+        return Affine {
+            rotation: [[one, zero, zero], [zero, ca, -sa], [zero, sa, ca]],
+            translation,
+        };
     }
-    let (sb, cb) = (Vector::<W>::load(&link.beta.sin, part), Vector::<W>::load(&link.beta.cos, part));
-    Affine { rotation: [[cb, zero, sb], [sa * sb, ca, -(sa * cb)], [-(ca * sb), sa, ca * cb]], translation }
+    let (sb, cb) = (
+        Vector::<W>::load(&link.beta.sin, part),
+        Vector::<W>::load(&link.beta.cos, part),
+    );
+    Affine {
+        rotation: [
+            [cb, zero, sb],
+            [sa * sb, ca, -(sa * cb)],
+            [-(ca * sb), sa, ca * cb],
+        ],
+        translation,
+    }
 }
 
 /// M_i = Rz(theta_offset_i) · Dz(d_i) · Rx(alpha_{i+1}) · Dx(a_{i+1}) · Ry(beta_{i+1}), from links i and i+1.
 #[inline(always)]
 pub(super) fn between<const W: usize>(link: &LaneLink, next: &LaneLink, part: usize) -> Affine<W> {
-    let (s, c) = (Vector::<W>::load(&link.theta.sin, part), Vector::<W>::load(&link.theta.cos, part));
-    let Affine { mut rotation, translation: [a, ..] } = before_joint(next, part);
+    let (s, c) = (
+        Vector::<W>::load(&link.theta.sin, part),
+        Vector::<W>::load(&link.theta.cos, part),
+    );
+    let Affine {
+        mut rotation,
+        translation: [a, ..],
+    } = before_joint(next, part);
     let [x, y, _] = rotation;
     for column in 0..3 {
         rotation[0][column] = c.mul_add(x[column], -(s * y[column]));
         rotation[1][column] = s.mul_add(x[column], c * y[column]);
     }
-    Affine { rotation, translation: [c * a, s * a, Vector::load(&link.d, part)] }
+    Affine {
+        rotation,
+        translation: [c * a, s * a, Vector::load(&link.d, part)],
+    }
 }
 
 /// As [`between`] where beta_{i+1} is 0, without what is 0 then.
 #[inline(always)]
-pub(super) fn store_untilted<const W: usize>(link: &LaneLink, next: &LaneLink, to: &mut Between, part: usize) {
-    let (s, c) = (Vector::<W>::load(&link.theta.sin, part), Vector::<W>::load(&link.theta.cos, part));
-    let (sa, ca) = (Vector::<W>::load(&next.alpha.sin, part), Vector::<W>::load(&next.alpha.cos, part));
+pub(super) fn store_untilted<const W: usize>(
+    link: &LaneLink,
+    next: &LaneLink,
+    to: &mut Between,
+    part: usize,
+) {
+    let (s, c) = (
+        Vector::<W>::load(&link.theta.sin, part),
+        Vector::<W>::load(&link.theta.cos, part),
+    );
+    let (sa, ca) = (
+        Vector::<W>::load(&next.alpha.sin, part),
+        Vector::<W>::load(&next.alpha.cos, part),
+    );
     let a = Vector::<W>::load(&next.a, part);
     c.store(&mut to.rotation[0][0], part);
     (-(s * ca)).store(&mut to.rotation[0][1], part);
@@ -82,7 +119,13 @@ pub(super) fn store_untilted<const W: usize>(link: &LaneLink, next: &LaneLink, t
 /// (I + a·[w]× + b·[w]×²) · R, with [w]×² = w·wᵀ − |w|². Lane by lane: of so many vectors at a time the compiler makes shuffles between
 /// registers, of this loop it makes vectors.
 #[inline(always)]
-pub(super) fn store_exponential([x, y, z]: &[Lanes; 3], a: &Lanes, b: &Lanes, reference: &Matrix3<f64>, to: &mut [[Lanes; 3]; 3]) {
+pub(super) fn store_exponential(
+    [x, y, z]: &[Lanes; 3],
+    a: &Lanes,
+    b: &Lanes,
+    reference: &Matrix3<f64>,
+    to: &mut [[Lanes; 3]; 3],
+) {
     for lane in 0..LANES {
         let (x, y, z, a, b) = (x.0[lane], y.0[lane], z.0[lane], a.0[lane], b.0[lane]);
         let (ax, ay, az) = (a * x, a * y, a * z);
@@ -95,7 +138,11 @@ pub(super) fn store_exponential([x, y, z]: &[Lanes; 3], a: &Lanes, b: &Lanes, re
         ];
         for (row, [e0, e1, e2]) in exponential.into_iter().enumerate() {
             for column in 0..3 {
-                let [r0, r1, r2] = [reference[(0, column)], reference[(1, column)], reference[(2, column)]];
+                let [r0, r1, r2] = [
+                    reference[(0, column)],
+                    reference[(1, column)],
+                    reference[(2, column)],
+                ];
                 to[row][column].0[lane] = e0.mul_add(r0, e1.mul_add(r1, e2 * r2));
             }
         }

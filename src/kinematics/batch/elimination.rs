@@ -45,19 +45,42 @@ impl Elimination {
     pub fn new(robots: &LaneRobots, poses: &PreparedPoses) -> Self {
         let n = poses.len();
         let close_at = (RANKS_CLOSE_AT * n as f64) as usize / SIDE_BY_SIDE * SIDE_BY_SIDE;
-        let close_at = if n >= FEWEST_POSES { close_at.max(SIDE_BY_SIDE) } else { n };
-        let rank = Rank { robots: robots.clone(), poses: close_at..n, sums: Lanes::ZERO, particles: [0; LANES], n: 0 };
+        let close_at = if n >= FEWEST_POSES {
+            close_at.max(SIDE_BY_SIDE)
+        } else {
+            n
+        };
+        let rank = Rank {
+            robots: robots.clone(),
+            poses: close_at..n,
+            sums: Lanes::ZERO,
+            particles: [0; LANES],
+            n: 0,
+        };
         Self { close_at, rank }
     }
 
     /// Evaluates particles, who are the first lanes of `robots`. `costs` holds everybody's bound, and for those who were evaluated gets F,
     /// or something above their bound. Some may still be under way until [`Self::finish`].
-    pub fn add(&mut self, robots: &LaneRobots, poses: &PreparedPoses, particles: &[usize], costs: &mut [f64]) {
+    pub fn add(
+        &mut self,
+        robots: &LaneRobots,
+        poses: &PreparedPoses,
+        particles: &[usize],
+        costs: &mut [f64],
+    ) {
         let sums = add_squares(robots, poses, 0..self.close_at, Lanes::ZERO);
         let is_left = |(particle, sum): &(&usize, &f64)| !is_out(**sum, costs[**particle]);
         let n_left = particles.iter().zip(&sums.0).filter(is_left).count();
         if n_left > WORTH_MOVING {
-            return go_on(robots, poses, self.rank.poses.clone(), sums, particles, costs);
+            return go_on(
+                robots,
+                poses,
+                self.rank.poses.clone(),
+                sums,
+                particles,
+                costs,
+            );
         }
         for (lane, (&particle, &sum)) in particles.iter().zip(&sums.0).enumerate() {
             if is_out(sum, costs[particle]) {
@@ -88,16 +111,34 @@ impl Rank {
 
     fn run(&mut self, poses: &PreparedPoses, costs: &mut [f64]) {
         let particles = &self.particles[..std::mem::take(&mut self.n)];
-        go_on(&self.robots, poses, self.poses.clone(), self.sums, particles, costs);
+        go_on(
+            &self.robots,
+            poses,
+            self.poses.clone(),
+            self.sums,
+            particles,
+            costs,
+        );
     }
 }
 
 /// Goes on until the last pose, or until all are out.
-fn go_on(robots: &LaneRobots, poses: &PreparedPoses, range: Range<usize>, mut sums: Lanes, particles: &[usize], costs: &mut [f64]) {
+fn go_on(
+    robots: &LaneRobots,
+    poses: &PreparedPoses,
+    range: Range<usize>,
+    mut sums: Lanes,
+    particles: &[usize],
+    costs: &mut [f64],
+) {
     for start in range.clone().step_by(LOOK_EVERY) {
         let end = range.end.min(start + LOOK_EVERY);
         sums = add_squares(robots, poses, start..end, sums);
-        if particles.iter().zip(&sums.0).all(|(particle, sum)| is_out(*sum, costs[*particle])) {
+        if particles
+            .iter()
+            .zip(&sums.0)
+            .all(|(particle, sum)| is_out(*sum, costs[*particle]))
+        {
             break;
         }
     }

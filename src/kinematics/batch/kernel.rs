@@ -24,8 +24,17 @@ pub fn sum_of_squares(robots: &LaneRobots, poses: &PreparedPoses) -> Lanes {
 }
 
 /// As [`sum_of_squares`] of some of the poses, added to what the poses before gave: in parts it is the same bits as at once.
-pub(super) fn add_squares(robots: &LaneRobots, poses: &PreparedPoses, range: Range<usize>, sums: Lanes) -> Lanes {
-    assert_eq!(poses.n_links, robots.n_links(), "poses and robots have the same number of links");
+pub(super) fn add_squares(
+    robots: &LaneRobots,
+    poses: &PreparedPoses,
+    range: Range<usize>,
+    sums: Lanes,
+) -> Lanes {
+    assert_eq!(
+        poses.n_links,
+        robots.n_links(),
+        "poses and robots have the same number of links"
+    );
     match robots.instructions {
         InstructionSet::Avx512 => on_avx512(robots, poses, range, sums),
         InstructionSet::Avx2 => on_avx2(robots, poses, range, sums),
@@ -34,7 +43,12 @@ pub(super) fn add_squares(robots: &LaneRobots, poses: &PreparedPoses, range: Ran
 }
 
 #[multiversion(targets("x86_64+avx512f+avx512vl+fma"))]
-fn on_avx512(robots: &LaneRobots, poses: &PreparedPoses, range: Range<usize>, sums: Lanes) -> Lanes {
+fn on_avx512(
+    robots: &LaneRobots,
+    poses: &PreparedPoses,
+    range: Range<usize>,
+    sums: Lanes,
+) -> Lanes {
     SumOfSquares { robots, poses }.of::<8, POSES_OF_32_REGISTERS>(range, sums)
 }
 
@@ -43,7 +57,12 @@ fn on_avx2(robots: &LaneRobots, poses: &PreparedPoses, range: Range<usize>, sums
     SumOfSquares { robots, poses }.of::<4, POSES_OF_16_REGISTERS>(range, sums)
 }
 
-fn on_baseline(robots: &LaneRobots, poses: &PreparedPoses, range: Range<usize>, sums: Lanes) -> Lanes {
+fn on_baseline(
+    robots: &LaneRobots,
+    poses: &PreparedPoses,
+    range: Range<usize>,
+    sums: Lanes,
+) -> Lanes {
     SumOfSquares { robots, poses }.of::<2, POSES_OF_32_REGISTERS>(range, sums)
 }
 
@@ -56,7 +75,11 @@ struct SumOfSquares<'a> {
 impl SumOfSquares<'_> {
     #[inline(always)]
     fn of<const W: usize, const P: usize>(self, range: Range<usize>, sums: Lanes) -> Lanes {
-        match (self.robots.base_stage, self.poses.is_unweighted, self.poses.bound) {
+        match (
+            self.robots.base_stage,
+            self.poses.is_unweighted,
+            self.poses.bound,
+        ) {
             (BaseStage::Known, _, Some(_)) => self.sums::<W, P, KNOWN, BOUNDED>(range, sums),
             (BaseStage::Any, _, Some(_)) => self.sums::<W, P, ANY, BOUNDED>(range, sums),
             (BaseStage::None, _, Some(_)) => self.sums::<W, P, NONE, BOUNDED>(range, sums),
@@ -69,7 +92,11 @@ impl SumOfSquares<'_> {
     }
 
     #[inline(always)]
-    fn sums<const W: usize, const P: usize, const BASE: u8, const LOSS: u8>(self, range: Range<usize>, mut sums: Lanes) -> Lanes {
+    fn sums<const W: usize, const P: usize, const BASE: u8, const LOSS: u8>(
+        self,
+        range: Range<usize>,
+        mut sums: Lanes,
+    ) -> Lanes {
         for part in 0..Vector::<W>::PER_CHUNK {
             let mut sum = Vector::<W>::load(&sums, part);
             let mut first = range.start;
@@ -88,38 +115,53 @@ impl SumOfSquares<'_> {
 
     /// Adds the poses `first` … `first + P - 1`, from the target to the base, stage by stage.
     #[inline(always)]
-    fn add<const W: usize, const P: usize, const BASE: u8, const LOSS: u8>(self, part: usize, first: usize, sum: &mut Vector<W>) {
+    fn add<const W: usize, const P: usize, const BASE: u8, const LOSS: u8>(
+        self,
+        part: usize,
+        first: usize,
+        sum: &mut Vector<W>,
+    ) {
         let Self { robots, poses } = self;
         let n = poses.n_links;
         let cos_sin = &poses.cos_sin_q[first * n..(first + P) * n];
         let mut points = [[Vector::<W>::splat(0.0); 3]; P];
         for i in 0..P {
-            points[i] = robots.circles[poses.target[first + i]].at(cos_sin[i * n + robots.n_joints - 1], part);
+            points[i] = robots.circles[poses.target[first + i]]
+                .at(cos_sin[i * n + robots.n_joints - 1], part);
         }
         for joint in (1..robots.between.len()).rev() {
             let between = &robots.between[joint];
             if between.is_tilted {
                 for i in 0..P {
-                    points[i] = between.apply::<W, true>(turn(points[i], cos_sin[i * n + joint]), part);
+                    points[i] =
+                        between.apply::<W, true>(turn(points[i], cos_sin[i * n + joint]), part);
                 }
             } else {
                 for i in 0..P {
-                    points[i] = between.apply::<W, false>(turn(points[i], cos_sin[i * n + joint]), part);
+                    points[i] =
+                        between.apply::<W, false>(turn(points[i], cos_sin[i * n + joint]), part);
                 }
             }
         }
         for i in 0..P {
             let measured = &poses.measured_mm[first + i];
             let [x, y, z] = match BASE {
-                KNOWN => robots.between[0].error_at_known_base(points[i], cos_sin[i * n], measured, part),
-                ANY => minus(robots.between[0].apply::<W, true>(turn(points[i], cos_sin[i * n]), part), measured),
+                KNOWN => {
+                    robots.between[0].error_at_known_base(points[i], cos_sin[i * n], measured, part)
+                }
+                ANY => minus(
+                    robots.between[0].apply::<W, true>(turn(points[i], cos_sin[i * n]), part),
+                    measured,
+                ),
                 _ => minus(points[i], measured),
             };
             let square = x.mul_add(x, y.mul_add(y, z * z));
             // 1 · square + sum is the same bits as square + sum
             *sum = match (LOSS, poses.bound) {
                 (UNWEIGHTED, _) => square + *sum,
-                (BOUNDED, Some(bound)) => bound.of(Vector::splat(poses.weight[first + i]) * square) + *sum,
+                (BOUNDED, Some(bound)) => {
+                    bound.of(Vector::splat(poses.weight[first + i]) * square) + *sum
+                }
                 _ => Vector::splat(poses.weight[first + i]).mul_add(square, *sum),
             };
         }
@@ -148,7 +190,11 @@ fn turn<const W: usize>([x, y, z]: Point<W>, (cos, sin): (f64, f64)) -> Point<W>
 
 #[inline(always)]
 fn minus<const W: usize>([x, y, z]: Point<W>, measured: &Vector3<f64>) -> Point<W> {
-    [x - Vector::splat(measured.x), y - Vector::splat(measured.y), z - Vector::splat(measured.z)]
+    [
+        x - Vector::splat(measured.x),
+        y - Vector::splat(measured.y),
+        z - Vector::splat(measured.z),
+    ]
 }
 
 impl Circle {
@@ -159,7 +205,10 @@ impl Circle {
         let mut point = [c; 3];
         for (row, coordinate) in point.iter_mut().enumerate() {
             let (a, b, k) = (&self.cos[row], &self.sin[row], &self.centre[row]);
-            *coordinate = c.mul_add(Vector::load(a, part), s.mul_add(Vector::load(b, part), Vector::load(k, part)));
+            *coordinate = c.mul_add(
+                Vector::load(a, part),
+                s.mul_add(Vector::load(b, part), Vector::load(k, part)),
+            );
         }
         point
     }
@@ -168,12 +217,23 @@ impl Circle {
 impl Between {
     /// M · point. Without `TILTED` the rotation's r20 is 0.
     #[inline(always)]
-    fn apply<const W: usize, const TILTED: bool>(&self, [x, y, z]: Point<W>, part: usize) -> Point<W> {
+    fn apply<const W: usize, const TILTED: bool>(
+        &self,
+        [x, y, z]: Point<W>,
+        part: usize,
+    ) -> Point<W> {
         let mut moved = [x; 3];
         for (row, coordinate) in moved.iter_mut().enumerate() {
             let [r0, r1, r2] = &self.rotation[row];
-            let yz = Vector::load(r1, part).mul_add(y, Vector::load(r2, part).mul_add(z, Vector::load(&self.translation[row], part)));
-            *coordinate = if row < 2 || TILTED { Vector::load(r0, part).mul_add(x, yz) } else { yz };
+            let yz = Vector::load(r1, part).mul_add(
+                y,
+                Vector::load(r2, part).mul_add(z, Vector::load(&self.translation[row], part)),
+            );
+            *coordinate = if row < 2 || TILTED {
+                Vector::load(r0, part).mul_add(x, yz)
+            } else {
+                yz
+            };
         }
         moved
     }
@@ -188,11 +248,21 @@ impl Between {
         part: usize,
     ) -> Point<W> {
         let (c, s) = (Vector::splat(cos), Vector::splat(sin));
-        let (mx, my, mz) = (Vector::splat(measured.x), Vector::splat(measured.y), Vector::splat(measured.z));
-        let (cos_alpha, sin_alpha) = (Vector::load(&self.rotation[1][1], part), Vector::load(&self.rotation[2][1], part));
+        let (mx, my, mz) = (
+            Vector::splat(measured.x),
+            Vector::splat(measured.y),
+            Vector::splat(measured.z),
+        );
+        let (cos_alpha, sin_alpha) = (
+            Vector::load(&self.rotation[1][1], part),
+            Vector::load(&self.rotation[2][1], part),
+        );
         let v = s.mul_add(x, c * y);
         [
-            c.mul_add(x, (-s).mul_add(y, Vector::load(&self.translation[0], part) - mx)),
+            c.mul_add(
+                x,
+                (-s).mul_add(y, Vector::load(&self.translation[0], part) - mx),
+            ),
             cos_alpha.mul_add(v, -sin_alpha.mul_add(z, my)),
             sin_alpha.mul_add(v, cos_alpha.mul_add(z, -mz)),
         ]

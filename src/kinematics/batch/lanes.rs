@@ -34,7 +34,10 @@ pub enum InstructionSet {
 impl InstructionSet {
     /// All that this CPU has, the fastest first.
     pub fn all_here() -> Vec<Self> {
-        [Self::Avx512, Self::Avx2, Self::Baseline].into_iter().filter(|set| set.is_here()).collect()
+        [Self::Avx512, Self::Avx2, Self::Baseline]
+            .into_iter()
+            .filter(|set| set.is_here())
+            .collect()
     }
 
     /// The fastest that this CPU has.
@@ -47,7 +50,11 @@ impl InstructionSet {
         match self {
             Self::Baseline => true,
             Self::Avx2 => is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma"),
-            Self::Avx512 => is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512vl") && is_x86_feature_detected!("fma"),
+            Self::Avx512 => {
+                is_x86_feature_detected!("avx512f")
+                    && is_x86_feature_detected!("avx512vl")
+                    && is_x86_feature_detected!("fma")
+            }
         }
     }
 
@@ -82,7 +89,11 @@ impl<const W: usize> Vector<W> {
     /// Register `part` of three coordinates.
     #[inline(always)]
     pub fn load_all([x, y, z]: &[Lanes; 3], part: usize) -> [Self; 3] {
-        [Self::load(x, part), Self::load(y, part), Self::load(z, part)]
+        [
+            Self::load(x, part),
+            Self::load(y, part),
+            Self::load(z, part),
+        ]
     }
 
     /// The smaller of the two, lane by lane.

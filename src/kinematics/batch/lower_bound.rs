@@ -69,7 +69,12 @@ struct Quantity {
 impl Quantity {
     /// The deviation from the anchor, which is kept for what comes after.
     #[inline(always)]
-    fn delta<const W: usize>(&self, deviations: &[Lanes], deltas: &mut [Lanes], part: usize) -> Vector<W> {
+    fn delta<const W: usize>(
+        &self,
+        deviations: &[Lanes],
+        deltas: &mut [Lanes],
+        part: usize,
+    ) -> Vector<W> {
         let delta = Vector::load(&deviations[self.at], part) - Vector::splat(self.anchor);
         delta.store(&mut deltas[self.at], part);
         delta
@@ -103,10 +108,23 @@ impl LowerBound {
     pub fn new(moved: &[Moved]) -> Self {
         let p = moved.len();
         let quantity = |at: usize| {
-            let is_angle = matches!(moved[at], Moved::Alpha(_) | Moved::Beta(_) | Moved::ThetaOffset(_));
-            Quantity { at, anchor: 0.0, turns: f64::from(u8::from(is_angle)), effect_mm: 0.0 }
+            let is_angle = matches!(
+                moved[at],
+                Moved::Alpha(_) | Moved::Beta(_) | Moved::ThetaOffset(_)
+            );
+            Quantity {
+                at,
+                anchor: 0.0,
+                turns: f64::from(u8::from(is_angle)),
+                effect_mm: 0.0,
+            }
         };
-        let those = |wanted: fn(&Moved) -> bool| (0..p).filter(|at| wanted(&moved[*at])).map(quantity).collect();
+        let those = |wanted: fn(&Moved) -> bool| {
+            (0..p)
+                .filter(|at| wanted(&moved[*at]))
+                .map(quantity)
+                .collect()
+        };
         let mut chain: Vec<Quantity> = those(|m| place(m).is_some());
         chain.sort_by_key(|quantity| std::cmp::Reverse(place(&moved[quantity.at])));
         Self {
@@ -116,7 +134,11 @@ impl LowerBound {
             base_arm_mm: 0.0,
             constant: vec![0.0; p.next_multiple_of(ROWS)],
             apart_mm2: 0.0,
-            panels: (0..p).step_by(ROWS).flat_map(|first| first..p).map(|_| [0.0; ROWS]).collect(),
+            panels: (0..p)
+                .step_by(ROWS)
+                .flat_map(|first| first..p)
+                .map(|_| [0.0; ROWS])
+                .collect(),
             rounding: f64::INFINITY,
             size_mm: f64::INFINITY,
             instructions: InstructionSet::fastest(),
@@ -135,10 +157,25 @@ impl LowerBound {
     /// When it is of another number of quantities, or has fewer rows than these.
     pub fn set(&mut self, anchored: &Anchored<'_>) {
         let p = anchored.deviation.len();
-        let Self { chain, base_rotation, base_translation, .. } = self;
-        assert_eq!(p, chain.len() + base_rotation.len() + base_translation.len(), "one deviation per quantity");
-        for quantity in [chain, base_rotation, base_translation].into_iter().flatten() {
-            (quantity.anchor, quantity.effect_mm) = (anchored.deviation[quantity.at], anchored.effects_mm[quantity.at]);
+        let Self {
+            chain,
+            base_rotation,
+            base_translation,
+            ..
+        } = self;
+        assert_eq!(
+            p,
+            chain.len() + base_rotation.len() + base_translation.len(),
+            "one deviation per quantity"
+        );
+        for quantity in [chain, base_rotation, base_translation]
+            .into_iter()
+            .flatten()
+        {
+            (quantity.anchor, quantity.effect_mm) = (
+                anchored.deviation[quantity.at],
+                anchored.effects_mm[quantity.at],
+            );
         }
         let (constant, apart) = anchored.qt_residuals.split_at(p);
         self.constant[..p].copy_from_slice(constant);
@@ -146,21 +183,35 @@ impl LowerBound {
         let mut panels = self.panels.iter_mut();
         for first in (0..p).step_by(ROWS) {
             for (column, panel) in (first..p).zip(&mut panels) {
-                let entry = |row: usize| if row <= column { anchored.triangle[column * anchored.n_rows + row] } else { 0.0 };
+                let entry = |row: usize| {
+                    if row <= column {
+                        anchored.triangle[column * anchored.n_rows + row]
+                    } else {
+                        0.0
+                    }
+                };
                 *panel = std::array::from_fn(|row| entry(first + row));
             }
         }
-        (self.base_arm_mm, self.rounding, self.size_mm) = (anchored.base_arm_mm, anchored.rounding, anchored.size_mm);
+        (self.base_arm_mm, self.rounding, self.size_mm) =
+            (anchored.base_arm_mm, anchored.rounding, anchored.size_mm);
     }
 
     /// Whether F is surely above `limits`, mm², as the kernel computes it. `deviations` as for [`super::LaneRobots::set`]; `room` is for
     /// as many.
-    pub fn exceeds(&self, deviations: &[Lanes], limits: &Lanes, room: &mut [Lanes]) -> [bool; LANES] {
+    pub fn exceeds(
+        &self,
+        deviations: &[Lanes],
+        limits: &Lanes,
+        room: &mut [Lanes],
+    ) -> [bool; LANES] {
         let mut excess_mm2 = Lanes::ZERO;
         match self.instructions {
             InstructionSet::Avx512 => on_avx512(self, deviations, limits, room, &mut excess_mm2),
             InstructionSet::Avx2 => on_avx2(self, deviations, limits, room, &mut excess_mm2),
-            InstructionSet::Baseline => self.excess_with::<2, 4>(deviations, limits, room, &mut excess_mm2),
+            InstructionSet::Baseline => {
+                self.excess_with::<2, 4>(deviations, limits, room, &mut excess_mm2)
+            }
         }
         excess_mm2.0.map(|excess_mm2| excess_mm2 > 0.0)
     }
@@ -178,7 +229,8 @@ impl LowerBound {
         let (error, way) = self.remainder::<W, P>(deviations, room);
         let squares = self.linear_squares::<W, P>(room);
         for part in 0..P {
-            let rounding = Vector::splat(self.rounding) * (way[part] + error[part] + Vector::splat(self.size_mm));
+            let rounding = Vector::splat(self.rounding)
+                * (way[part] + error[part] + Vector::splat(self.size_mm));
             let root = Vector::load(limits, part).sqrt() + (error[part] + rounding);
             (squares[part] - root * root).store(excess_mm2, part);
         }
@@ -187,12 +239,19 @@ impl LowerBound {
     /// Upper bounds of ‖e‖ and of how far the targets move, over all poses; and the deltas, which are made on the way: in a loop of their own
     /// the compiler gathers them across quantities, one lane after the other.
     #[inline(always)]
-    fn remainder<const W: usize, const P: usize>(&self, deviations: &[Lanes], deltas: &mut [Lanes]) -> ([Vector<W>; P], [Vector<W>; P]) {
+    fn remainder<const W: usize, const P: usize>(
+        &self,
+        deviations: &[Lanes],
+        deltas: &mut [Lanes],
+    ) -> ([Vector<W>; P], [Vector<W>; P]) {
         let (mut error, mut way) = ([Vector::<W>::splat(0.0); P], [Vector::<W>::splat(0.0); P]);
         for quantity in &self.chain {
             for part in 0..P {
                 let size = quantity.delta::<W>(deviations, deltas, part).abs();
-                let (angle, direct) = (size * Vector::splat(quantity.turns), size * Vector::splat(quantity.effect_mm));
+                let (angle, direct) = (
+                    size * Vector::splat(quantity.turns),
+                    size * Vector::splat(quantity.effect_mm),
+                );
                 turn(angle, direct, HALF, &mut error[part], &mut way[part]);
             }
         }
@@ -206,12 +265,21 @@ impl LowerBound {
             }
             for part in 0..P {
                 let size = squares[part].sqrt();
-                turn(size, size * Vector::splat(self.base_arm_mm), THREE_QUARTERS, &mut error[part], &mut way[part]);
+                turn(
+                    size,
+                    size * Vector::splat(self.base_arm_mm),
+                    THREE_QUARTERS,
+                    &mut error[part],
+                    &mut way[part],
+                );
             }
         }
         for length in &self.base_translation {
             for (part, way) in way.iter_mut().enumerate() {
-                *way = length.delta(deviations, deltas, part).abs().mul_add(Vector::splat(length.effect_mm), *way);
+                *way = length
+                    .delta(deviations, deltas, part)
+                    .abs()
+                    .mul_add(Vector::splat(length.effect_mm), *way);
             }
         }
         (error, way)
@@ -254,19 +322,37 @@ const THREE_QUARTERS: f64 = 0.75;
 
 /// A quantity that moves the target by `direct` where the anchor is, and by angle · way more for what lies behind.
 #[inline(always)]
-fn turn<const W: usize>(angle: Vector<W>, direct: Vector<W>, own: f64, error: &mut Vector<W>, way: &mut Vector<W>) {
+fn turn<const W: usize>(
+    angle: Vector<W>,
+    direct: Vector<W>,
+    own: f64,
+    error: &mut Vector<W>,
+    way: &mut Vector<W>,
+) {
     let moved = angle.mul_add(*way, direct);
     *error = angle.mul_add(Vector::splat(own).mul_add(moved, *way), *error);
     *way = *way + moved;
 }
 
 #[multiversion(targets("x86_64+avx512f+avx512vl+fma"))]
-fn on_avx512(bound: &LowerBound, deviations: &[Lanes], limits: &Lanes, room: &mut [Lanes], excess_mm2: &mut Lanes) {
+fn on_avx512(
+    bound: &LowerBound,
+    deviations: &[Lanes],
+    limits: &Lanes,
+    room: &mut [Lanes],
+    excess_mm2: &mut Lanes,
+) {
     bound.excess_with::<8, 1>(deviations, limits, room, excess_mm2);
 }
 
 #[multiversion(targets("x86_64+avx2+fma"))]
-fn on_avx2(bound: &LowerBound, deviations: &[Lanes], limits: &Lanes, room: &mut [Lanes], excess_mm2: &mut Lanes) {
+fn on_avx2(
+    bound: &LowerBound,
+    deviations: &[Lanes],
+    limits: &Lanes,
+    room: &mut [Lanes],
+    excess_mm2: &mut Lanes,
+) {
     bound.excess_with::<4, 2>(deviations, limits, room, excess_mm2);
 }
 

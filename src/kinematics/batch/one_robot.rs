@@ -30,7 +30,14 @@ pub struct PoseLanes {
 impl PoseLanes {
     /// Room for poses of a robot with `n_links` links.
     pub fn new(n_links: usize) -> Self {
-        Self { n_links, cos_sin_q: vec![], target: vec![], measured_mm: vec![], root_weight: vec![], filled: vec![] }
+        Self {
+            n_links,
+            cos_sin_q: vec![],
+            target: vec![],
+            measured_mm: vec![],
+            root_weight: vec![],
+            filled: vec![],
+        }
     }
 
     /// Adds one pose: joint values (rad), the measured position (mm), the weight of its squared residual.
@@ -55,12 +62,19 @@ impl PoseLanes {
             self.filled.resize(target + 1, (0, LANES));
         }
         let (chunk, lane) = self.filled[target];
-        let (chunk, lane) = if lane == LANES { (self.target.len(), 0) } else { (chunk, lane) };
+        let (chunk, lane) = if lane == LANES {
+            (self.target.len(), 0)
+        } else {
+            (chunk, lane)
+        };
         if lane == 0 {
             self.target.push(target);
             self.measured_mm.push([Lanes::ZERO; 3]);
             self.root_weight.push(Lanes::ZERO);
-            self.cos_sin_q.resize(self.cos_sin_q.len() + self.n_links, [Lanes::splat(1.0), Lanes::ZERO]);
+            self.cos_sin_q.resize(
+                self.cos_sin_q.len() + self.n_links,
+                [Lanes::splat(1.0), Lanes::ZERO],
+            );
         }
         self.filled[target] = (chunk, lane + 1);
         (chunk, lane)
@@ -103,8 +117,18 @@ pub struct OneRobot {
 impl OneRobot {
     /// Room for robots with so many links.
     pub fn new(n_links: usize) -> Self {
-        let still = Constants { a: 0.0, d: 0.0, alpha: (0.0, 1.0), beta: (0.0, 1.0), theta: (0.0, 1.0) };
-        let at_origin = Axes { x: [[Lanes::ZERO; 3]; 2], y: [[Lanes::ZERO; 3]; 2], z: [[Lanes::ZERO; 3]; 2] };
+        let still = Constants {
+            a: 0.0,
+            d: 0.0,
+            alpha: (0.0, 1.0),
+            beta: (0.0, 1.0),
+            theta: (0.0, 1.0),
+        };
+        let at_origin = Axes {
+            x: [[Lanes::ZERO; 3]; 2],
+            y: [[Lanes::ZERO; 3]; 2],
+            z: [[Lanes::ZERO; 3]; 2],
+        };
         Self {
             base: IsometryMatrix3::identity(),
             targets_mm: vec![],
@@ -124,14 +148,32 @@ impl OneRobot {
     ///
     /// # Panics
     /// When it has another number of links.
-    pub fn set(&mut self, base: &IsometryMatrix3<f64>, links: &[Link], targets_mm: &[Vector3<f64>]) {
-        assert_eq!(links.len(), self.constants.len(), "as many links as there is room for");
+    pub fn set(
+        &mut self,
+        base: &IsometryMatrix3<f64>,
+        links: &[Link],
+        targets_mm: &[Vector3<f64>],
+    ) {
+        assert_eq!(
+            links.len(),
+            self.constants.len(),
+            "as many links as there is room for"
+        );
         self.base = *base;
         self.targets_mm.clear();
         self.targets_mm.extend_from_slice(targets_mm);
         for (to, link) in self.constants.iter_mut().zip(links) {
-            let (alpha, theta) = (libm::sincos(link.alpha_rad), libm::sincos(link.theta_offset_rad));
-            *to = Constants { a: link.a_mm, d: link.d_mm, alpha, beta: libm::sincos(link.beta_rad), theta };
+            let (alpha, theta) = (
+                libm::sincos(link.alpha_rad),
+                libm::sincos(link.theta_offset_rad),
+            );
+            *to = Constants {
+                a: link.a_mm,
+                d: link.d_mm,
+                alpha,
+                beta: libm::sincos(link.beta_rad),
+                theta,
+            };
         }
     }
 
@@ -145,11 +187,22 @@ impl OneRobot {
     }
 
     /// As [`Self::residuals`], with their derivatives: rows × r, column-major. `raw` is room for one entry per moved quantity.
-    pub fn linearise(&mut self, poses: &PoseLanes, along: &Along<'_>, raw: &mut [[Lanes; 3]], residuals: &mut [f64], jacobian: &mut [f64]) {
+    pub fn linearise(
+        &mut self,
+        poses: &PoseLanes,
+        along: &Along<'_>,
+        raw: &mut [[Lanes; 3]],
+        residuals: &mut [f64],
+        jacobian: &mut [f64],
+    ) {
         match self.instructions {
-            InstructionSet::Avx512 => linearise_on_avx512(self, poses, along, raw, residuals, jacobian),
+            InstructionSet::Avx512 => {
+                linearise_on_avx512(self, poses, along, raw, residuals, jacobian)
+            }
             InstructionSet::Avx2 => linearise_on_avx2(self, poses, along, raw, residuals, jacobian),
-            InstructionSet::Baseline => linearise_of::<2>(self, poses, along, raw, residuals, jacobian),
+            InstructionSet::Baseline => {
+                linearise_of::<2>(self, poses, along, raw, residuals, jacobian)
+            }
         }
     }
 }
@@ -193,7 +246,12 @@ fn residuals_of<const W: usize>(robot: &OneRobot, poses: &PoseLanes, residuals: 
     for (chunk, rows) in residuals.chunks_exact_mut(ROWS).enumerate() {
         for part in 0..Vector::<W>::PER_CHUNK {
             let frame = walk::<W>(robot, poses, chunk, part, |_, _, _, _| {});
-            poses.weigh::<W>(chunk, part, &frame.tip(&robot.targets_mm[poses.target[chunk]]), rows);
+            poses.weigh::<W>(
+                chunk,
+                part,
+                &frame.tip(&robot.targets_mm[poses.target[chunk]]),
+                rows,
+            );
         }
     }
 }
@@ -224,11 +282,27 @@ fn linearise_of<const W: usize>(
             let tip = frame.tip(&robot.targets_mm[poses.target[chunk]]);
             poses.weigh::<W>(chunk, part, &tip, rows);
             for (to, moved) in raw.iter_mut().zip(along.moved) {
-                let column = column(robot, &axes, *moved, poses.target[chunk], along.left_jacobian, &frame, &tip, part);
+                let column = column(
+                    robot,
+                    &axes,
+                    *moved,
+                    poses.target[chunk],
+                    along.left_jacobian,
+                    &frame,
+                    &tip,
+                    part,
+                );
                 (0..3).for_each(|row| column[row].store(&mut to[row], part));
             }
         }
-        combine::<W>(&poses.root_weight[chunk], along, raw, chunk * ROWS, n_rows, jacobian);
+        combine::<W>(
+            &poses.root_weight[chunk],
+            along,
+            raw,
+            chunk * ROWS,
+            n_rows,
+            jacobian,
+        );
     }
     robot.axes = axes;
 }
@@ -261,14 +335,27 @@ impl<const W: usize> Frame<W> {
 
 /// origin + length · axis.
 #[inline(always)]
-fn along<const W: usize>(axis: [Vector<W>; 3], length: f64, origin: [Vector<W>; 3]) -> [Vector<W>; 3] {
+fn along<const W: usize>(
+    axis: [Vector<W>; 3],
+    length: f64,
+    origin: [Vector<W>; 3],
+) -> [Vector<W>; 3] {
     let length = Vector::splat(length);
-    [length.mul_add(axis[0], origin[0]), length.mul_add(axis[1], origin[1]), length.mul_add(axis[2], origin[2])]
+    [
+        length.mul_add(axis[0], origin[0]),
+        length.mul_add(axis[1], origin[1]),
+        length.mul_add(axis[2], origin[2]),
+    ]
 }
 
 /// (c·a + s·b, c·b − s·a): two axes turned about the third.
 #[inline(always)]
-fn turned<const W: usize>(a: [Vector<W>; 3], b: [Vector<W>; 3], c: Vector<W>, s: Vector<W>) -> ([Vector<W>; 3], [Vector<W>; 3]) {
+fn turned<const W: usize>(
+    a: [Vector<W>; 3],
+    b: [Vector<W>; 3],
+    c: Vector<W>,
+    s: Vector<W>,
+) -> ([Vector<W>; 3], [Vector<W>; 3]) {
     let (mut to_a, mut to_b) = (a, b);
     for row in 0..3 {
         to_a[row] = c.mul_add(a[row], s * b[row]);
@@ -287,8 +374,17 @@ fn walk<const W: usize>(
     mut keep: impl FnMut(usize, Axis, &[Vector<W>; 3], &[Vector<W>; 3]),
 ) -> Frame<W> {
     let base = robot.base.rotation.matrix();
-    let column = |k: usize| [Vector::splat(base[(0, k)]), Vector::splat(base[(1, k)]), Vector::splat(base[(2, k)])];
-    let ([mut x, mut y, mut z], t) = ([column(0), column(1), column(2)], robot.base.translation.vector);
+    let column = |k: usize| {
+        [
+            Vector::splat(base[(0, k)]),
+            Vector::splat(base[(1, k)]),
+            Vector::splat(base[(2, k)]),
+        ]
+    };
+    let ([mut x, mut y, mut z], t) = (
+        [column(0), column(1), column(2)],
+        robot.base.translation.vector,
+    );
     let mut origin = [Vector::splat(t.x), Vector::splat(t.y), Vector::splat(t.z)];
     let cos_sin_q = &poses.cos_sin_q[chunk * poses.n_links..(chunk + 1) * poses.n_links];
     for (link, (constants, [cos_q, sin_q])) in robot.constants.iter().zip(cos_sin_q).enumerate() {
@@ -303,19 +399,34 @@ fn walk<const W: usize>(
         }
         // sine and cosine of q + theta_offset
         let (cos_q, sin_q) = (Vector::load(cos_q, part), Vector::load(sin_q, part));
-        let (st, ct) = (Vector::splat(constants.theta.0), Vector::splat(constants.theta.1));
-        let (c, s) = (ct.mul_add(cos_q, -(st * sin_q)), ct.mul_add(sin_q, st * cos_q));
+        let (st, ct) = (
+            Vector::splat(constants.theta.0),
+            Vector::splat(constants.theta.1),
+        );
+        let (c, s) = (
+            ct.mul_add(cos_q, -(st * sin_q)),
+            ct.mul_add(sin_q, st * cos_q),
+        );
         (x, y) = turned(x, y, c, s);
         origin = along(z, constants.d, origin);
         keep(link, Axis::Z, &z, &origin);
     }
-    Frame { axes: [x, y, z], origin }
+    Frame {
+        axes: [x, y, z],
+        origin,
+    }
 }
 
 impl PoseLanes {
     /// sqrt(weight) · (measured − tip) of one register of poses, into the chunk's rows.
     #[inline(always)]
-    fn weigh<const W: usize>(&self, chunk: usize, part: usize, tip: &[Vector<W>; 3], rows: &mut [f64]) {
+    fn weigh<const W: usize>(
+        &self,
+        chunk: usize,
+        part: usize,
+        tip: &[Vector<W>; 3],
+        rows: &mut [f64],
+    ) {
         let root = Vector::load(&self.root_weight[chunk], part);
         for (axis, tip) in tip.iter().enumerate() {
             let residual = root * (Vector::load(&self.measured_mm[chunk][axis], part) - *tip);
@@ -344,7 +455,11 @@ fn column<const W: usize>(
         Moved::ThetaOffset(link) => about(&axes[link].z, tip, part),
         Moved::Beta(link) => about(&axes[link].y, tip, part),
         Moved::BaseTranslation(axis) => splat(Vector3::ith(axis, 1.0)),
-        Moved::BaseRotation(axis) => cross(splat(left_jacobian.column(axis).into()), splat(robot.base.translation.vector), tip),
+        Moved::BaseRotation(axis) => cross(
+            splat(left_jacobian.column(axis).into()),
+            splat(robot.base.translation.vector),
+            tip,
+        ),
         Moved::Target(of, axis) if of == target => flange.axes[axis],
         Moved::Target(..) => splat(Vector3::zeros()),
     }
@@ -357,13 +472,32 @@ fn splat<const W: usize>(v: Vector3<f64>) -> [Vector<W>; 3] {
 }
 
 #[inline(always)]
-fn about<const W: usize>([axis, origin]: &[[Lanes; 3]; 2], tip: &[Vector<W>; 3], part: usize) -> [Vector<W>; 3] {
-    cross(Vector::load_all(axis, part), Vector::load_all(origin, part), tip)
+fn about<const W: usize>(
+    [axis, origin]: &[[Lanes; 3]; 2],
+    tip: &[Vector<W>; 3],
+    part: usize,
+) -> [Vector<W>; 3] {
+    cross(
+        Vector::load_all(axis, part),
+        Vector::load_all(origin, part),
+        tip,
+    )
 }
 
 /// axis × (tip − origin).
 #[inline(always)]
-fn cross<const W: usize>(axis: [Vector<W>; 3], origin: [Vector<W>; 3], tip: &[Vector<W>; 3]) -> [Vector<W>; 3] {
-    let ([ax, ay, az], [x, y, z]) = (axis, [tip[0] - origin[0], tip[1] - origin[1], tip[2] - origin[2]]);
-    [ay.mul_add(z, -(az * y)), az.mul_add(x, -(ax * z)), ax.mul_add(y, -(ay * x))]
+fn cross<const W: usize>(
+    axis: [Vector<W>; 3],
+    origin: [Vector<W>; 3],
+    tip: &[Vector<W>; 3],
+) -> [Vector<W>; 3] {
+    let ([ax, ay, az], [x, y, z]) = (
+        axis,
+        [tip[0] - origin[0], tip[1] - origin[1], tip[2] - origin[2]],
+    );
+    [
+        ay.mul_add(z, -(az * y)),
+        az.mul_add(x, -(ax * z)),
+        ax.mul_add(y, -(ay * x)),
+    ]
 }

@@ -24,7 +24,15 @@ pub struct PreparedPoses {
 impl PreparedPoses {
     /// Room for poses of a robot with `n_links` links.
     pub fn new(n_links: usize) -> Self {
-        Self { cos_sin_q: vec![], measured_mm: vec![], weight: vec![], target: vec![], n_links, is_unweighted: true, bound: None }
+        Self {
+            cos_sin_q: vec![],
+            measured_mm: vec![],
+            weight: vec![],
+            target: vec![],
+            n_links,
+            is_unweighted: true,
+            bound: None,
+        }
     }
 
     /// Adds one pose: joint values (rad), the measured position (mm), the weight of its squared residual.
@@ -33,7 +41,8 @@ impl PreparedPoses {
     /// When there is not one joint value per link.
     pub fn push(&mut self, q_rad: &[f64], measured_mm: Vector3<f64>, weight: f64, target: usize) {
         assert_eq!(q_rad.len(), self.n_links, "one joint value per link");
-        self.cos_sin_q.extend(q_rad.iter().map(|q| (libm::cos(*q), libm::sin(*q))));
+        self.cos_sin_q
+            .extend(q_rad.iter().map(|q| (libm::cos(*q), libm::sin(*q))));
         self.measured_mm.push(measured_mm);
         self.weight.push(weight);
         self.target.push(target);

@@ -99,7 +99,12 @@ pub struct LaneRobots {
 
 impl LaneRobots {
     /// Robots that all are the reference. `moved` says what [`Self::set`] will move.
-    pub fn new(base: &IsometryMatrix3<f64>, links: &[Link], targets_mm: &[Vector3<f64>], moved: &[Moved]) -> Self {
+    pub fn new(
+        base: &IsometryMatrix3<f64>,
+        links: &[Link],
+        targets_mm: &[Vector3<f64>],
+        moved: &[Moved],
+    ) -> Self {
         let lane_link = |link: &Link| LaneLink {
             a: Lanes::splat(link.a_mm),
             d: Lanes::splat(link.d_mm),
@@ -111,16 +116,29 @@ impl LaneRobots {
         let moves_off_axis = moved.iter().any(|m| matches!(m, Moved::Target(_, 0 | 1)));
         let last_turns = links.len() == 1 || moves_off_axis || !targets_mm.iter().all(on_axis);
         let n_joints = links.len() - usize::from(!last_turns);
-        let base_moves = moved.iter().any(|m| matches!(m, Moved::BaseTranslation(_) | Moved::BaseRotation(_) | Moved::Beta(0)));
-        let base_is_known = !base_moves && *base == IsometryMatrix3::identity() && links[0].beta_rad == 0.0;
-        let between = Between { rotation: [[Lanes::ZERO; 3]; 3], translation: [Lanes::ZERO; 3], is_tilted: false };
+        let base_moves = moved.iter().any(|m| {
+            matches!(
+                m,
+                Moved::BaseTranslation(_) | Moved::BaseRotation(_) | Moved::Beta(0)
+            )
+        });
+        let base_is_known =
+            !base_moves && *base == IsometryMatrix3::identity() && links[0].beta_rad == 0.0;
+        let between = Between {
+            rotation: [[Lanes::ZERO; 3]; 3],
+            translation: [Lanes::ZERO; 3],
+            is_tilted: false,
+        };
         let mut robots = Self {
             reference_base: *base,
             reference_links: links.to_vec(),
             reference_targets_mm: targets_mm.to_vec(),
             moved: moved.to_vec(),
             links: links.iter().map(lane_link).collect(),
-            targets_mm: targets_mm.iter().map(|t| [t.x, t.y, t.z].map(Lanes::splat)).collect(),
+            targets_mm: targets_mm
+                .iter()
+                .map(|t| [t.x, t.y, t.z].map(Lanes::splat))
+                .collect(),
             base_translation_mm: [0, 1, 2].map(|axis| Lanes::splat(base.translation.vector[axis])),
             base_rotation_rad: [Lanes::ZERO; 3],
             n_joints,
@@ -129,7 +147,14 @@ impl LaneRobots {
                 (_, true) => BaseStage::Known,
                 (_, false) => BaseStage::Any,
             },
-            circles: vec![Circle { centre: [Lanes::ZERO; 3], cos: [Lanes::ZERO; 3], sin: [Lanes::ZERO; 3] }; targets_mm.len()],
+            circles: vec![
+                Circle {
+                    centre: [Lanes::ZERO; 3],
+                    cos: [Lanes::ZERO; 3],
+                    sin: [Lanes::ZERO; 3]
+                };
+                targets_mm.len()
+            ],
             between: vec![between; n_joints - 1],
             instructions: InstructionSet::fastest(),
         };
@@ -156,7 +181,11 @@ impl LaneRobots {
     /// # Panics
     /// When there are fewer or more.
     pub fn set(&mut self, deviations: &[Lanes]) {
-        assert_eq!(deviations.len(), self.moved.len(), "one deviation per moved quantity");
+        assert_eq!(
+            deviations.len(),
+            self.moved.len(),
+            "one deviation per moved quantity"
+        );
         match self.instructions {
             InstructionSet::Avx512 => set_on_avx512(self, deviations),
             InstructionSet::Avx2 => set_on_avx2(self, deviations),
@@ -201,17 +230,33 @@ impl LaneRobots {
     fn place<const W: usize>(&mut self, deviations: &[Lanes]) {
         for (moved, deviation) in self.moved.iter().zip(deviations) {
             match *moved {
-                Moved::A(link) => add::<W>(self.reference_links[link].a_mm, deviation, &mut self.links[link].a),
-                Moved::D(link) => add::<W>(self.reference_links[link].d_mm, deviation, &mut self.links[link].d),
+                Moved::A(link) => add::<W>(
+                    self.reference_links[link].a_mm,
+                    deviation,
+                    &mut self.links[link].a,
+                ),
+                Moved::D(link) => add::<W>(
+                    self.reference_links[link].d_mm,
+                    deviation,
+                    &mut self.links[link].d,
+                ),
                 Moved::Alpha(link) => self.links[link].alpha.deviation_rad = *deviation,
                 Moved::ThetaOffset(link) => self.links[link].theta.deviation_rad = *deviation,
                 Moved::Beta(link) => self.links[link].beta.deviation_rad = *deviation,
                 Moved::BaseTranslation(axis) => {
-                    add::<W>(self.reference_base.translation.vector[axis], deviation, &mut self.base_translation_mm[axis]);
+                    add::<W>(
+                        self.reference_base.translation.vector[axis],
+                        deviation,
+                        &mut self.base_translation_mm[axis],
+                    );
                 }
                 Moved::BaseRotation(axis) => self.base_rotation_rad[axis] = *deviation,
                 Moved::Target(target, axis) => {
-                    add::<W>(self.reference_targets_mm[target][axis], deviation, &mut self.targets_mm[target][axis]);
+                    add::<W>(
+                        self.reference_targets_mm[target][axis],
+                        deviation,
+                        &mut self.targets_mm[target][axis],
+                    );
                 }
             }
         }
@@ -230,7 +275,13 @@ impl Angle {
     fn reference(reference_rad: f64) -> Self {
         let (sin, cos) = libm::sincos(reference_rad);
         let still = Lanes::ZERO;
-        Self { reference: (sin, cos), deviation_rad: still, is_moved: false, sin: Lanes::splat(sin), cos: Lanes::splat(cos) }
+        Self {
+            reference: (sin, cos),
+            deviation_rad: still,
+            is_moved: false,
+            sin: Lanes::splat(sin),
+            cos: Lanes::splat(cos),
+        }
     }
 
     /// Sine and cosine of reference + deviation, by the addition theorems.
@@ -239,11 +290,18 @@ impl Angle {
         if !self.is_moved {
             return;
         }
-        let (reference_sin, reference_cos) = (Vector::<W>::splat(self.reference.0), Vector::<W>::splat(self.reference.1));
+        let (reference_sin, reference_cos) = (
+            Vector::<W>::splat(self.reference.0),
+            Vector::<W>::splat(self.reference.1),
+        );
         for part in 0..Vector::<W>::PER_CHUNK {
             let (s, c) = sin_cos(Vector::<W>::load(&self.deviation_rad, part));
-            reference_sin.mul_add(c, reference_cos * s).store(&mut self.sin, part);
-            reference_cos.mul_add(c, -(reference_sin * s)).store(&mut self.cos, part);
+            reference_sin
+                .mul_add(c, reference_cos * s)
+                .store(&mut self.sin, part);
+            reference_cos
+                .mul_add(c, -(reference_sin * s))
+                .store(&mut self.cos, part);
         }
         if !all_are_small {
             self.refresh_large();
@@ -300,7 +358,8 @@ impl LaneRobots {
     fn refresh_part<const W: usize>(&mut self, base: &[[Lanes; 3]; 3], part: usize) {
         let n = self.between.len();
         if n > 0 {
-            self.first::<W>(base, part).store(&mut self.between[0], part);
+            self.first::<W>(base, part)
+                .store(&mut self.between[0], part);
             self.between[0].is_tilted = true;
         }
         for i in 1..n {
@@ -312,7 +371,11 @@ impl LaneRobots {
                 store_untilted::<W>(link, next, &mut self.between[i], part);
             }
         }
-        let behind = if n > 0 { between(&self.links[n - 1], &self.links[n], part) } else { self.first::<W>(base, part) };
+        let behind = if n > 0 {
+            between(&self.links[n - 1], &self.links[n], part)
+        } else {
+            self.first::<W>(base, part)
+        };
         for target in 0..self.targets_mm.len() {
             let point = self.turned_point(&self.targets_mm[target], part);
             behind.store_circle(point, &mut self.circles[target], part);
@@ -324,9 +387,16 @@ impl LaneRobots {
     fn angles_are_small(&self) -> bool {
         let mut largest = [0.0; LANES];
         for link in &self.links {
-            for angle in [&link.alpha, &link.theta, &link.beta].into_iter().filter(|angle| angle.is_moved) {
+            for angle in [&link.alpha, &link.theta, &link.beta]
+                .into_iter()
+                .filter(|angle| angle.is_moved)
+            {
                 for (largest, deviation) in largest.iter_mut().zip(&angle.deviation_rad.0) {
-                    *largest = if deviation.abs() > *largest { deviation.abs() } else { *largest };
+                    *largest = if deviation.abs() > *largest {
+                        deviation.abs()
+                    } else {
+                        *largest
+                    };
                 }
             }
         }
@@ -340,13 +410,18 @@ impl LaneRobots {
         if self.base_stage == BaseStage::Known {
             return first;
         }
-        let Affine { rotation: [x, y, z], translation: [a, ..] } = first;
+        let Affine {
+            rotation: [x, y, z],
+            translation: [a, ..],
+        } = first;
         for (row, base) in base.iter().enumerate() {
             let [r0, r1, r2] = Vector::<W>::load_all(base, part);
             for column in 0..3 {
-                first.rotation[row][column] = r0.mul_add(x[column], r1.mul_add(y[column], r2 * z[column]));
+                first.rotation[row][column] =
+                    r0.mul_add(x[column], r1.mul_add(y[column], r2 * z[column]));
             }
-            first.translation[row] = r0.mul_add(a, Vector::load(&self.base_translation_mm[row], part));
+            first.translation[row] =
+                r0.mul_add(a, Vector::load(&self.base_translation_mm[row], part));
         }
         first
     }
@@ -359,18 +434,34 @@ impl LaneRobots {
         let [x, y, z] = Vector::<W>::load_all(target, part);
         let z = z + Vector::load(&link.d, part);
         if self.n_joints == self.links.len() {
-            let (s, c) = (Vector::<W>::load(&link.theta.sin, part), Vector::<W>::load(&link.theta.cos, part));
+            let (s, c) = (
+                Vector::<W>::load(&link.theta.sin, part),
+                Vector::<W>::load(&link.theta.cos, part),
+            );
             return [c.mul_add(x, -(s * y)), s.mul_add(x, c * y), z];
         }
-        let Affine { rotation: [row_x, row_y, row_z], translation: [tx, ty, tz] } = between(&self.links[last - 1], link, part);
-        [row_x[2].mul_add(z, tx), row_y[2].mul_add(z, ty), row_z[2].mul_add(z, tz)]
+        let Affine {
+            rotation: [row_x, row_y, row_z],
+            translation: [tx, ty, tz],
+        } = between(&self.links[last - 1], link, part);
+        [
+            row_x[2].mul_add(z, tx),
+            row_y[2].mul_add(z, ty),
+            row_z[2].mul_add(z, tz),
+        ]
     }
 
     /// Exp(w) · (the reference's rotation), by Rodrigues' formula.
     #[inline(always)]
     fn base_rotation<const W: usize>(&self, rotation: &mut [[Lanes; 3]; 3]) {
         let (sine, versine) = rotation_terms::<W>(&self.base_rotation_rad);
-        store_exponential(&self.base_rotation_rad, &sine, &versine, self.reference_base.rotation.matrix(), rotation);
+        store_exponential(
+            &self.base_rotation_rad,
+            &sine,
+            &versine,
+            self.reference_base.rotation.matrix(),
+            rotation,
+        );
     }
 }
 

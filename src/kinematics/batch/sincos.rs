@@ -54,8 +54,12 @@ pub(super) fn rotation_terms<const W: usize>(rotation_rad: &[Lanes; 3]) -> (Lane
         let [x, y, z] = Vector::<W>::load_all(rotation_rad, part);
         let square = x.mul_add(x, y.mul_add(y, z * z));
         square.store(&mut squares, part);
-        series(&SIN, square).mul_add(square, Vector::splat(1.0)).store(&mut sine, part);
-        (-series(&COS, square)).mul_add(square, Vector::splat(0.5)).store(&mut versine, part);
+        series(&SIN, square)
+            .mul_add(square, Vector::splat(1.0))
+            .store(&mut sine, part);
+        (-series(&COS, square))
+            .mul_add(square, Vector::splat(0.5))
+            .store(&mut versine, part);
     }
     for lane in (0..LANES).filter(|lane| squares.0[*lane] > LARGEST_RAD * LARGEST_RAD) {
         let angle = squares.0[lane].sqrt();

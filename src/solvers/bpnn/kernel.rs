@@ -24,7 +24,10 @@ pub(super) struct Samples {
 
 impl Samples {
     fn zeros(n_blocks: usize, n_values: usize) -> Self {
-        Self { n_values, values: vec![[0.0; LANES]; n_blocks * n_values] }
+        Self {
+            n_values,
+            values: vec![[0.0; LANES]; n_blocks * n_values],
+        }
     }
 
     /// From one row per sample.
@@ -41,7 +44,10 @@ impl Samples {
     /// The row of sample i.
     pub fn row(&self, i: usize) -> Vec<f64> {
         let block = i / LANES * self.n_values;
-        self.values[block..block + self.n_values].iter().map(|lanes| lanes[i % LANES]).collect()
+        self.values[block..block + self.n_values]
+            .iter()
+            .map(|lanes| lanes[i % LANES])
+            .collect()
     }
 }
 
@@ -103,7 +109,13 @@ impl Pass {
     }
 
     /// Mean squared error and its gradient, by back-propagation, after [`Self::forward`].
-    pub fn backward(&mut self, network: &Network, inputs: &Samples, targets: &Samples, gradient: &mut Gradient) -> f64 {
+    pub fn backward(
+        &mut self,
+        network: &Network,
+        inputs: &Samples,
+        targets: &Samples,
+        gradient: &mut Gradient,
+    ) -> f64 {
         let error = output_deltas(network, targets, self);
         backward(network, inputs, self, gradient);
         error
@@ -112,9 +124,19 @@ impl Pass {
 
 #[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl", "x86_64+avx2+fma"))]
 fn forward(network: &Network, inputs: &Samples, pass: &mut Pass) {
-    layer(&network.hidden_weights, &network.hidden_thresholds, inputs, &mut pass.hidden);
+    layer(
+        &network.hidden_weights,
+        &network.hidden_thresholds,
+        inputs,
+        &mut pass.hidden,
+    );
     activate(&mut pass.hidden.values);
-    layer(&network.output_weights, &network.output_thresholds, &pass.hidden, &mut pass.outputs);
+    layer(
+        &network.output_weights,
+        &network.output_thresholds,
+        &pass.hidden,
+        &mut pass.outputs,
+    );
     if network.output_activation == Activation::Tanh {
         activate(&mut pass.outputs.values);
     }
@@ -124,10 +146,15 @@ fn forward(network: &Network, inputs: &Samples, pass: &mut Pass) {
 #[inline(always)]
 fn layer(weights: &[f64], thresholds: &[f64], inputs: &Samples, outputs: &mut Samples) {
     let (n_in, n_out) = (inputs.n_values, outputs.n_values);
-    for (x, y) in inputs.values.chunks_exact(n_in).zip(outputs.values.chunks_exact_mut(n_out)) {
+    for (x, y) in inputs
+        .values
+        .chunks_exact(n_in)
+        .zip(outputs.values.chunks_exact_mut(n_out))
+    {
         let mut first = 0;
         while first + TILE <= n_out {
-            let rows: [&[f64]; TILE] = std::array::from_fn(|r| &weights[(first + r) * n_in..(first + r + 1) * n_in]);
+            let rows: [&[f64]; TILE] =
+                std::array::from_fn(|r| &weights[(first + r) * n_in..(first + r + 1) * n_in]);
             let mut sums: [Lanes; TILE] = std::array::from_fn(|r| [-thresholds[first + r]; LANES]);
             for (j, x) in x.iter().enumerate() {
                 for (row, sum) in rows.iter().zip(&mut sums) {
@@ -171,7 +198,13 @@ fn output_deltas(network: &Network, targets: &Samples, pass: &mut Pass) -> f64 {
     let mut squares = [0.0; LANES];
     for block in 0..pass.n_blocks {
         // Lanes beyond the last sample count nothing.
-        let used: Lanes = std::array::from_fn(|lane| if block * LANES + lane < pass.n_samples { 1.0 } else { 0.0 });
+        let used: Lanes = std::array::from_fn(|lane| {
+            if block * LANES + lane < pass.n_samples {
+                1.0
+            } else {
+                0.0
+            }
+        });
         for value in block * n_outputs..(block + 1) * n_outputs {
             let (answer, target) = (&pass.outputs.values[value], &targets.values[value]);
             let delta = &mut pass.output_deltas.values[value];
@@ -192,10 +225,25 @@ fn output_deltas(network: &Network, targets: &Samples, pass: &mut Pass) -> f64 {
 
 #[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl", "x86_64+avx2+fma"))]
 fn backward(network: &Network, inputs: &Samples, pass: &mut Pass, gradient: &mut Gradient) {
-    propagate(&network.output_weights, &pass.output_deltas, &pass.hidden, &mut pass.hidden_deltas);
-    weight_gradient(&pass.output_deltas, &pass.hidden, &mut pass.sums, &mut gradient.output_weights);
+    propagate(
+        &network.output_weights,
+        &pass.output_deltas,
+        &pass.hidden,
+        &mut pass.hidden_deltas,
+    );
+    weight_gradient(
+        &pass.output_deltas,
+        &pass.hidden,
+        &mut pass.sums,
+        &mut gradient.output_weights,
+    );
     threshold_gradient(&pass.output_deltas, &mut gradient.output_thresholds);
-    weight_gradient(&pass.hidden_deltas, inputs, &mut pass.sums, &mut gradient.hidden_weights);
+    weight_gradient(
+        &pass.hidden_deltas,
+        inputs,
+        &mut pass.sums,
+        &mut gradient.hidden_weights,
+    );
     threshold_gradient(&pass.hidden_deltas, &mut gradient.hidden_thresholds);
 }
 
@@ -203,7 +251,10 @@ fn backward(network: &Network, inputs: &Samples, pass: &mut Pass, gradient: &mut
 #[inline(always)]
 fn propagate(weights: &[f64], deltas: &Samples, hidden: &Samples, hidden_deltas: &mut Samples) {
     let (n_out, n_hidden) = (deltas.n_values, hidden.n_values);
-    let blocks = deltas.values.chunks_exact(n_out).zip(hidden.values.chunks_exact(n_hidden));
+    let blocks = deltas
+        .values
+        .chunks_exact(n_out)
+        .zip(hidden.values.chunks_exact(n_hidden));
     for ((delta, h), back) in blocks.zip(hidden_deltas.values.chunks_exact_mut(n_hidden)) {
         let mut first = 0;
         while first + TILE <= n_hidden {
@@ -254,7 +305,11 @@ fn weight_gradient(deltas: &Samples, inputs: &Samples, sums: &mut [Lanes], gradi
 #[inline(always)]
 fn correlate<const N: usize>(deltas: &Samples, i: usize, inputs: &Samples, j: usize) -> [Lanes; N] {
     let mut sums = [[0.0; LANES]; N];
-    for (delta, x) in deltas.values.chunks_exact(deltas.n_values).zip(inputs.values.chunks_exact(inputs.n_values)) {
+    for (delta, x) in deltas
+        .values
+        .chunks_exact(deltas.n_values)
+        .zip(inputs.values.chunks_exact(inputs.n_values))
+    {
         let delta = &delta[i];
         for (x, sum) in x[j..j + N].iter().zip(&mut sums) {
             for lane in 0..LANES {

@@ -9,7 +9,10 @@ mod tanh;
 mod training;
 
 pub use size::{Candidate, SizeChoice, choose_size_and_train, hidden_size_candidates};
-pub use training::{Termination, TrainingSummary, error_and_gradient, initial_network, mean_squared_error, train, train_from};
+pub use training::{
+    Termination, TrainingSummary, error_and_gradient, initial_network, mean_squared_error, train,
+    train_from,
+};
 
 use kernel::{Pass, Samples};
 
@@ -57,7 +60,10 @@ impl Network {
     /// # Panics
     /// When a row has another length than the network has inputs.
     pub fn evaluate_all(&self, inputs: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        assert!(inputs.iter().all(|row| row.len() == self.n_inputs), "one value per input");
+        assert!(
+            inputs.iter().all(|row| row.len() == self.n_inputs),
+            "one value per input"
+        );
         let mut pass = Pass::new(self, inputs.len());
         let outputs = pass.forward(self, &Samples::from_rows(inputs, self.n_inputs));
         (0..inputs.len()).map(|i| outputs.row(i)).collect()
@@ -123,7 +129,10 @@ impl Default for Options {
         Self {
             n_epochs: 10_000,
             target_error: 0.0,
-            update_rule: UpdateRule::Rprop { initial_step: 0.01, largest_step: 1.0 },
+            update_rule: UpdateRule::Rprop {
+                initial_step: 0.01,
+                largest_step: 1.0,
+            },
             output_activation: Activation::Identity,
             weight_decay: 0.0,
             seed: 0,

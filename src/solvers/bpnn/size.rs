@@ -46,33 +46,74 @@ pub struct SizeChoice {
 ///
 /// # Panics
 /// When there are no samples, or inputs and targets differ in number, or rows in length.
-pub fn choose_size_and_train(inputs: &[Vec<f64>], targets: &[Vec<f64>], options: &Options) -> (Network, SizeChoice) {
-    assert!(!inputs.is_empty() && inputs.len() == targets.len(), "at least one input, and one target per input");
+pub fn choose_size_and_train(
+    inputs: &[Vec<f64>],
+    targets: &[Vec<f64>],
+    options: &Options,
+) -> (Network, SizeChoice) {
+    assert!(
+        !inputs.is_empty() && inputs.len() == targets.len(),
+        "at least one input, and one target per input"
+    );
     let (training_rows, validation_rows) = split(inputs.len(), options);
-    let select = |rows: &[usize], from: &[Vec<f64>]| -> Vec<Vec<f64>> { rows.iter().map(|&row| from[row].clone()).collect() };
-    let (x, y) = (select(&training_rows, inputs), select(&training_rows, targets));
+    let select = |rows: &[usize], from: &[Vec<f64>]| -> Vec<Vec<f64>> {
+        rows.iter().map(|&row| from[row].clone()).collect()
+    };
+    let (x, y) = (
+        select(&training_rows, inputs),
+        select(&training_rows, targets),
+    );
     // A single sample is trained on and looked at again.
-    let kept = if validation_rows.is_empty() { &training_rows } else { &validation_rows };
+    let kept = if validation_rows.is_empty() {
+        &training_rows
+    } else {
+        &validation_rows
+    };
     let (x_kept, y_kept) = (select(kept, inputs), select(kept, targets));
-    let trial = Options { n_epochs: options.n_trial_epochs, ..options.clone() };
+    let trial = Options {
+        n_epochs: options.n_trial_epochs,
+        ..options.clone()
+    };
     let sizes = hidden_size_candidates(inputs[0].len(), targets[0].len());
     let candidates: Vec<Candidate> = sizes
         .into_iter()
         .map(|n_hidden| {
             let (network, summary) = train(&x, &y, n_hidden, &trial);
             let validation_error = mean_squared_error(&network, &x_kept, &y_kept);
-            Candidate { n_hidden, training_error: summary.training_error, validation_error }
+            Candidate {
+                n_hidden,
+                training_error: summary.training_error,
+                validation_error,
+            }
         })
         .collect();
-    let Candidate { n_hidden, validation_error, .. } = choose(&candidates, options.tie_factor);
+    let Candidate {
+        n_hidden,
+        validation_error,
+        ..
+    } = choose(&candidates, options.tie_factor);
     let (network, training) = train(inputs, targets, n_hidden, options);
-    (network, SizeChoice { candidates, n_hidden, training_error: training.training_error, validation_error, training })
+    (
+        network,
+        SizeChoice {
+            candidates,
+            n_hidden,
+            training_error: training.training_error,
+            validation_error,
+            training,
+        },
+    )
 }
 
 /// The first, that is smallest, candidate within the tie factor of the smallest error.
 fn choose(candidates: &[Candidate], tie_factor: f64) -> Candidate {
-    let smallest = candidates.iter().map(|candidate| candidate.validation_error).fold(f64::INFINITY, f64::min);
-    let chosen = candidates.iter().find(|candidate| candidate.validation_error <= smallest * tie_factor);
+    let smallest = candidates
+        .iter()
+        .map(|candidate| candidate.validation_error)
+        .fold(f64::INFINITY, f64::min);
+    let chosen = candidates
+        .iter()
+        .find(|candidate| candidate.validation_error <= smallest * tie_factor);
     *chosen.unwrap_or(&candidates[0])
 }
 

@@ -31,7 +31,12 @@ const ROUND: f64 = 6_755_399_441_055_744.0;
 #[inline(always)]
 pub(super) fn tanh(x: f64) -> f64 {
     let magnitude = x.abs();
-    let y = 2.0 * if magnitude > SATURATED { SATURATED } else { magnitude };
+    let y = 2.0
+        * if magnitude > SATURATED {
+            SATURATED
+        } else {
+            magnitude
+        };
     // e^y - 1 = 2^n (e^r - 1) + (2^n - 1), with y = n ln 2 + r
     let shifted = y.mul_add(std::f64::consts::LOG2_E, ROUND);
     let n = shifted - ROUND;
@@ -78,7 +83,10 @@ mod tests {
         assert_eq!(tanh(0.0).to_bits(), 0.0_f64.to_bits());
         assert_eq!(tanh(-0.0).to_bits(), (-0.0_f64).to_bits());
         assert_eq!(tanh(f64::MIN_POSITIVE), f64::MIN_POSITIVE);
-        assert_eq!((tanh(40.0), tanh(-1e300), tanh(f64::INFINITY)), (1.0, -1.0, 1.0));
+        assert_eq!(
+            (tanh(40.0), tanh(-1e300), tanh(f64::INFINITY)),
+            (1.0, -1.0, 1.0)
+        );
         assert!(tanh(f64::NAN).is_nan());
         assert_eq!(tanh(-0.7), -tanh(0.7));
     }

@@ -32,11 +32,18 @@ pub struct TrainingSummary {
 }
 
 /// An untrained network: all weights and thresholds uniform within ± 1/√(neurons of the layer before).
-pub fn initial_network(n_inputs: usize, n_hidden: usize, n_outputs: usize, options: &Options) -> Network {
+pub fn initial_network(
+    n_inputs: usize,
+    n_hidden: usize,
+    n_outputs: usize,
+    options: &Options,
+) -> Network {
     let mut random = chacha8(options.seed, STREAM_INITIAL_WEIGHTS);
     let mut draw = |count: usize, fan_in: usize| -> Vec<f64> {
         let limit = 1.0 / (fan_in.max(1) as f64).sqrt();
-        (0..count).map(|_| limit * (2.0 * unit_interval(random.next_u64()) - 1.0)).collect()
+        (0..count)
+            .map(|_| limit * (2.0 * unit_interval(random.next_u64()) - 1.0))
+            .collect()
     };
     Network {
         n_inputs,
@@ -58,13 +65,36 @@ pub fn mean_squared_error(network: &Network, inputs: &[Vec<f64>], targets: &[Vec
 }
 
 /// Mean squared error and its gradient by back-propagation, as a network whose weights are derivatives.
-pub fn error_and_gradient(network: &Network, inputs: &[Vec<f64>], targets: &[Vec<f64>]) -> (f64, Network) {
+pub fn error_and_gradient(
+    network: &Network,
+    inputs: &[Vec<f64>],
+    targets: &[Vec<f64>],
+) -> (f64, Network) {
     let (mut pass, mut gradient) = (Pass::new(network, inputs.len()), Gradient::zeros(network));
     let inputs = Samples::from_rows(inputs, network.n_inputs);
     pass.forward(network, &inputs);
-    let error = pass.backward(network, &inputs, &Samples::from_rows(targets, network.n_outputs), &mut gradient);
-    let Gradient { hidden_weights, hidden_thresholds, output_weights, output_thresholds } = gradient;
-    (error, Network { hidden_weights, hidden_thresholds, output_weights, output_thresholds, ..network.clone() })
+    let error = pass.backward(
+        network,
+        &inputs,
+        &Samples::from_rows(targets, network.n_outputs),
+        &mut gradient,
+    );
+    let Gradient {
+        hidden_weights,
+        hidden_thresholds,
+        output_weights,
+        output_thresholds,
+    } = gradient;
+    (
+        error,
+        Network {
+            hidden_weights,
+            hidden_thresholds,
+            output_weights,
+            output_thresholds,
+            ..network.clone()
+        },
+    )
 }
 
 /// Trains a network with `n_hidden` hidden neurons on all samples (rows of `inputs` and `targets`).
@@ -73,21 +103,49 @@ pub fn error_and_gradient(network: &Network, inputs: &[Vec<f64>], targets: &[Vec
 ///
 /// # Panics
 /// When there are no samples, or inputs and targets differ in number, or rows in length.
-pub fn train(inputs: &[Vec<f64>], targets: &[Vec<f64>], n_hidden: usize, options: &Options) -> (Network, TrainingSummary) {
-    assert!(!inputs.is_empty() && inputs.len() == targets.len(), "at least one input, and one target per input");
-    train_from(initial_network(inputs[0].len(), n_hidden, targets[0].len(), options), inputs, targets, options)
+pub fn train(
+    inputs: &[Vec<f64>],
+    targets: &[Vec<f64>],
+    n_hidden: usize,
+    options: &Options,
+) -> (Network, TrainingSummary) {
+    assert!(
+        !inputs.is_empty() && inputs.len() == targets.len(),
+        "at least one input, and one target per input"
+    );
+    train_from(
+        initial_network(inputs[0].len(), n_hidden, targets[0].len(), options),
+        inputs,
+        targets,
+        options,
+    )
 }
 
 /// As [`train`], from a network that is there already.
 ///
 /// # Panics
 /// As [`train`], and when rows do not fit the network.
-pub fn train_from(mut network: Network, inputs: &[Vec<f64>], targets: &[Vec<f64>], options: &Options) -> (Network, TrainingSummary) {
-    assert!(!inputs.is_empty() && inputs.len() == targets.len(), "at least one input, and one target per input");
+pub fn train_from(
+    mut network: Network,
+    inputs: &[Vec<f64>],
+    targets: &[Vec<f64>],
+    options: &Options,
+) -> (Network, TrainingSummary) {
+    assert!(
+        !inputs.is_empty() && inputs.len() == targets.len(),
+        "at least one input, and one target per input"
+    );
     let (n_inputs, n_outputs) = (network.n_inputs, network.n_outputs);
-    assert!(inputs.iter().all(|row| row.len() == n_inputs) && targets.iter().all(|row| row.len() == n_outputs), "rows of one length");
+    assert!(
+        inputs.iter().all(|row| row.len() == n_inputs)
+            && targets.iter().all(|row| row.len() == n_outputs),
+        "rows of one length"
+    );
     let (mut pass, mut gradient) = (Pass::new(&network, inputs.len()), Gradient::zeros(&network));
-    let (inputs, targets) = (Samples::from_rows(inputs, n_inputs), Samples::from_rows(targets, n_outputs));
+    let (inputs, targets) = (
+        Samples::from_rows(inputs, n_inputs),
+        Samples::from_rows(targets, n_outputs),
+    );
     let mut memories = Memories::new(&network, options.update_rule);
     let mut convergence = Vec::with_capacity(options.n_epochs.min(100_000) + 1);
     let mut best = (f64::INFINITY, network.clone());
@@ -110,14 +168,22 @@ pub fn train_from(mut network: Network, inputs: &[Vec<f64>], targets: &[Vec<f64>
         }
         memories.update(&mut network, &gradient, convergence.len(), options);
     };
-    let summary = TrainingSummary { n_epochs: convergence.len() - 1, training_error: best.0, convergence, termination };
+    let summary = TrainingSummary {
+        n_epochs: convergence.len() - 1,
+        training_error: best.0,
+        convergence,
+        termination,
+    };
     (best.1, summary)
 }
 
 /// Adds λ·Σ w² over the weights (thresholds are free) to the gradient; its value.
 fn decay(network: &Network, gradient: &mut Gradient, lambda: f64) -> f64 {
     let mut sum = 0.0;
-    let pairs = [(&network.hidden_weights, &mut gradient.hidden_weights), (&network.output_weights, &mut gradient.output_weights)];
+    let pairs = [
+        (&network.hidden_weights, &mut gradient.hidden_weights),
+        (&network.output_weights, &mut gradient.output_weights),
+    ];
     for (weights, gradient) in pairs {
         for (weight, slope) in weights.iter().zip(gradient) {
             *slope = (2.0 * lambda).mul_add(*weight, *slope);
@@ -138,33 +204,73 @@ struct Memories([Memory; 4]);
 
 impl Memories {
     fn new(network: &Network, rule: UpdateRule) -> Self {
-        let first = if let UpdateRule::Rprop { initial_step, .. } = rule { initial_step } else { 0.0 };
-        let of = |weights: &[f64]| Memory { first: vec![first; weights.len()], second: vec![0.0; weights.len()] };
-        Self([&network.hidden_weights, &network.hidden_thresholds, &network.output_weights, &network.output_thresholds].map(|w| of(w)))
+        let first = if let UpdateRule::Rprop { initial_step, .. } = rule {
+            initial_step
+        } else {
+            0.0
+        };
+        let of = |weights: &[f64]| Memory {
+            first: vec![first; weights.len()],
+            second: vec![0.0; weights.len()],
+        };
+        Self(
+            [
+                &network.hidden_weights,
+                &network.hidden_thresholds,
+                &network.output_weights,
+                &network.output_thresholds,
+            ]
+            .map(|w| of(w)),
+        )
     }
 
-    fn update(&mut self, network: &mut Network, gradient: &Gradient, epoch: usize, options: &Options) {
+    fn update(
+        &mut self,
+        network: &mut Network,
+        gradient: &Gradient,
+        epoch: usize,
+        options: &Options,
+    ) {
         let [a, b, c, d] = &mut self.0;
         for (weights, gradient, memory) in [
             (&mut network.hidden_weights, &gradient.hidden_weights, a),
-            (&mut network.hidden_thresholds, &gradient.hidden_thresholds, b),
+            (
+                &mut network.hidden_thresholds,
+                &gradient.hidden_thresholds,
+                b,
+            ),
             (&mut network.output_weights, &gradient.output_weights, c),
-            (&mut network.output_thresholds, &gradient.output_thresholds, d),
+            (
+                &mut network.output_thresholds,
+                &gradient.output_thresholds,
+                d,
+            ),
         ] {
             match options.update_rule {
-                UpdateRule::Rprop { largest_step, .. } => rprop(weights, gradient, memory, largest_step),
+                UpdateRule::Rprop { largest_step, .. } => {
+                    rprop(weights, gradient, memory, largest_step)
+                }
                 UpdateRule::Adam { learning_rate } => {
                     let left = 1.0 - (epoch - 1) as f64 / options.n_epochs as f64;
                     adam(weights, gradient, memory, learning_rate * left, epoch);
                 }
-                UpdateRule::Momentum { learning_rate, momentum } => momentum_step(weights, gradient, memory, learning_rate, momentum),
+                UpdateRule::Momentum {
+                    learning_rate,
+                    momentum,
+                } => momentum_step(weights, gradient, memory, learning_rate, momentum),
             }
         }
     }
 }
 
 #[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl", "x86_64+avx2+fma"))]
-fn momentum_step(weights: &mut [f64], gradient: &[f64], memory: &mut Memory, learning_rate: f64, momentum: f64) {
+fn momentum_step(
+    weights: &mut [f64],
+    gradient: &[f64],
+    memory: &mut Memory,
+    learning_rate: f64,
+    momentum: f64,
+) {
     for ((weight, gradient), change) in weights.iter_mut().zip(gradient).zip(&mut memory.first) {
         *change = momentum.mul_add(*change, -learning_rate * gradient);
         *weight += *change;
@@ -175,7 +281,11 @@ fn momentum_step(weights: &mut [f64], gradient: &[f64], memory: &mut Memory, lea
 #[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl", "x86_64+avx2+fma"))]
 fn rprop(weights: &mut [f64], gradient: &[f64], memory: &mut Memory, largest_step: f64) {
     let n = weights.len();
-    let (gradient, steps, last) = (&gradient[..n], &mut memory.first[..n], &mut memory.second[..n]);
+    let (gradient, steps, last) = (
+        &gradient[..n],
+        &mut memory.first[..n],
+        &mut memory.second[..n],
+    );
     for i in 0..n {
         let agreement = gradient[i] * last[i];
         let factor = if agreement > 0.0 {
@@ -205,12 +315,23 @@ fn adam(weights: &mut [f64], gradient: &[f64], memory: &mut Memory, rate: f64, e
     const BETA_2: f64 = 0.999;
     let n = weights.len();
     let epoch = epoch as f64;
-    let (bias_1, bias_2) = (1.0 - libm::pow(BETA_1, epoch), 1.0 - libm::pow(BETA_2, epoch));
-    let (gradient, means, squares) = (&gradient[..n], &mut memory.first[..n], &mut memory.second[..n]);
+    let (bias_1, bias_2) = (
+        1.0 - libm::pow(BETA_1, epoch),
+        1.0 - libm::pow(BETA_2, epoch),
+    );
+    let (gradient, means, squares) = (
+        &gradient[..n],
+        &mut memory.first[..n],
+        &mut memory.second[..n],
+    );
     for i in 0..n {
         means[i] = BETA_1.mul_add(means[i], (1.0 - BETA_1) * gradient[i]);
         squares[i] = BETA_2.mul_add(squares[i], (1.0 - BETA_2) * gradient[i] * gradient[i]);
         let spread = (squares[i] / bias_2).sqrt();
-        weights[i] -= if spread > 0.0 { rate * (means[i] / bias_1) / spread } else { 0.0 };
+        weights[i] -= if spread > 0.0 {
+            rate * (means[i] / bias_1) / spread
+        } else {
+            0.0
+        };
     }
 }

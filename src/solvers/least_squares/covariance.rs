@@ -26,17 +26,32 @@ pub fn covariance(jacobian: &DMatrix<f64>, variance: f64) -> Option<Covariance> 
         return None;
     }
     let norms = jacobian.column_iter().map(|column| norm(column.as_slice()));
-    let inverse: Vec<f64> = norms.map(|norm| if norm > 0.0 { 1.0 / norm } else { 0.0 }).collect();
+    let inverse: Vec<f64> = norms
+        .map(|norm| if norm > 0.0 { 1.0 / norm } else { 0.0 })
+        .collect();
     // with fewer residuals than parameters, rows of zeros are added
-    let mut scaled = DMatrix::from_fn(m.max(n), n, |i, j| if i < m { jacobian[(i, j)] * inverse[j] } else { 0.0 });
+    let mut scaled = DMatrix::from_fn(m.max(n), n, |i, j| {
+        if i < m {
+            jacobian[(i, j)] * inverse[j]
+        } else {
+            0.0
+        }
+    });
     if n > 0 {
         triangularise(scaled.as_mut_slice(), m.max(n), &mut vec![0.0; m.max(n)]);
     }
     let r = DMatrix::from_fn(n, n, |i, j| if i <= j { scaled[(i, j)] } else { 0.0 });
-    let svd = r.try_svd(false, true, f64::EPSILON, SVD_ITERATIONS_PER_PARAMETER * n.max(1))?;
+    let svd = r.try_svd(
+        false,
+        true,
+        f64::EPSILON,
+        SVD_ITERATIONS_PER_PARAMETER * n.max(1),
+    )?;
     let v_t = svd.v_t?;
     let smallest = SMALLEST_SINGULAR_VALUE * svd.singular_values.max();
-    let seen: Vec<usize> = (0..n).filter(|&k| svd.singular_values[k] > smallest).collect();
+    let seen: Vec<usize> = (0..n)
+        .filter(|&k| svd.singular_values[k] > smallest)
+        .collect();
     let matrix = DMatrix::from_fn(n, n, |i, j| {
         let sum = seen.iter().fold(0.0, |sum: f64, &k| {
             let sigma = svd.singular_values[k];
@@ -44,5 +59,8 @@ pub fn covariance(jacobian: &DMatrix<f64>, variance: f64) -> Option<Covariance> 
         });
         variance * sum * inverse[i] * inverse[j]
     });
-    Some(Covariance { matrix, rank: seen.len() })
+    Some(Covariance {
+        matrix,
+        rank: seen.len(),
+    })
 }

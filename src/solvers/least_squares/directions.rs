@@ -34,25 +34,44 @@ impl Directions {
     pub fn of(triangle: &[f64], qt_residuals: &[f64], scale: &[f64]) -> Option<Self> {
         let n = scale.len();
         let matrix = DMatrix::from_column_slice(n, n, triangle);
-        let svd = matrix.try_svd(true, true, f64::EPSILON, SVD_ITERATIONS_PER_PARAMETER * n.max(1))?;
+        let svd = matrix.try_svd(
+            true,
+            true,
+            f64::EPSILON,
+            SVD_ITERATIONS_PER_PARAMETER * n.max(1),
+        )?;
         let (u, v_t) = (svd.u?, svd.v_t?);
         let smallest = SMALLEST_SINGULAR_VALUE * svd.singular_values.max();
-        let seen: Vec<usize> = (0..n).filter(|&k| svd.singular_values[k] > smallest).collect();
+        let seen: Vec<usize> = (0..n)
+            .filter(|&k| svd.singular_values[k] > smallest)
+            .collect();
         Some(Self {
             singular_values: seen.iter().map(|&k| svd.singular_values[k]).collect(),
-            along: seen.iter().map(|&k| dot(u.column(k).as_slice(), qt_residuals)).collect(),
+            along: seen
+                .iter()
+                .map(|&k| dot(u.column(k).as_slice(), qt_residuals))
+                .collect(),
             unscaled: DMatrix::from_fn(n, seen.len(), |j, k| v_t[(seen[k], j)] / scale[j]),
         })
     }
 
     /// w(λ) = −σ b / (σ² + λ).
     fn step(&self, damping: f64) -> Vec<f64> {
-        self.singular_values.iter().zip(&self.along).map(|(sigma, b)| -sigma * b / sigma.mul_add(*sigma, damping)).collect()
+        self.singular_values
+            .iter()
+            .zip(&self.along)
+            .map(|(sigma, b)| -sigma * b / sigma.mul_add(*sigma, damping))
+            .collect()
     }
 
     /// ‖J·p‖².
     pub fn change(&self, w: &[f64]) -> f64 {
-        let change: Vec<f64> = self.singular_values.iter().zip(w).map(|(sigma, w)| sigma * w).collect();
+        let change: Vec<f64> = self
+            .singular_values
+            .iter()
+            .zip(w)
+            .map(|(sigma, w)| sigma * w)
+            .collect();
         dot(&change, &change)
     }
 
@@ -64,7 +83,12 @@ impl Directions {
             return (0.0, w);
         }
         let mut lowest = self.newton_step(0.0, &w, radius);
-        let gradient: Vec<f64> = self.singular_values.iter().zip(&self.along).map(|(sigma, b)| sigma * b).collect();
+        let gradient: Vec<f64> = self
+            .singular_values
+            .iter()
+            .zip(&self.along)
+            .map(|(sigma, b)| sigma * b)
+            .collect();
         let mut highest = norm(&gradient) / radius;
         let mut damping = guess.clamp(lowest, highest.max(lowest));
         for _ in 0..MAX_DAMPING_TRIES {
@@ -78,7 +102,8 @@ impl Directions {
             } else {
                 highest = highest.min(damping);
             }
-            damping = (damping + self.newton_step(damping, &w, radius)).clamp(lowest, highest.max(lowest));
+            damping = (damping + self.newton_step(damping, &w, radius))
+                .clamp(lowest, highest.max(lowest));
         }
         (damping, w)
     }
@@ -86,10 +111,14 @@ impl Directions {
     /// (‖w‖ − Δ)/Δ · ‖w‖ / −d‖w‖/dλ.
     fn newton_step(&self, damping: f64, w: &[f64], radius: f64) -> f64 {
         let squares = dot(w, w);
-        let slope = self.singular_values.iter().zip(w).fold(0.0, |sum: f64, (sigma, w)| {
-            let curvature = sigma.mul_add(*sigma, damping);
-            (w / curvature).mul_add(*w, sum)
-        });
+        let slope = self
+            .singular_values
+            .iter()
+            .zip(w)
+            .fold(0.0, |sum: f64, (sigma, w)| {
+                let curvature = sigma.mul_add(*sigma, damping);
+                (w / curvature).mul_add(*w, sum)
+            });
         (squares.sqrt() - radius) / radius * (squares / slope)
     }
 }

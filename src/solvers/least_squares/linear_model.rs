@@ -46,7 +46,11 @@ impl LinearModel {
         Self {
             triangle: vec![0.0; n * n],
             qt_residuals: vec![0.0; n_rows],
-            padded: if n_rows > n_residuals { vec![0.0; n_rows * n] } else { vec![] },
+            padded: if n_rows > n_residuals {
+                vec![0.0; n_rows * n]
+            } else {
+                vec![]
+            },
             undamped: vec![0.0; n],
             undamped_change: None,
             minimum_norm: MinimumNorm::new(n),
@@ -65,7 +69,11 @@ impl LinearModel {
         if n == 0 || n_rows == 0 {
             return;
         }
-        let matrix = if self.padded.is_empty() { jacobian.as_mut_slice() } else { padded(jacobian, n_rows, &mut self.padded) };
+        let matrix = if self.padded.is_empty() {
+            jacobian.as_mut_slice()
+        } else {
+            padded(jacobian, n_rows, &mut self.padded)
+        };
         triangularise(matrix, n_rows, &mut self.qt_residuals);
         for (j, scale) in scale.iter().enumerate() {
             for i in 0..=j {
@@ -76,7 +84,8 @@ impl LinearModel {
         self.undamped_change = if solve(&self.triangle, &mut self.undamped) {
             Some(norm(&self.qt_residuals[..n])) // T·w = −b
         } else {
-            self.minimum_norm.solve(&self.triangle, &self.qt_residuals[..n], &mut self.undamped)
+            self.minimum_norm
+                .solve(&self.triangle, &self.qt_residuals[..n], &mut self.undamped)
         };
     }
 
@@ -89,11 +98,16 @@ impl LinearModel {
                 for ((p, w), scale) in self.step.iter_mut().zip(&self.undamped).zip(scale) {
                     *p = w / scale;
                 }
-                return Some(Step { damping: 0.0, length, change: change * change });
+                return Some(Step {
+                    damping: 0.0,
+                    length,
+                    change: change * change,
+                });
             }
         }
         if self.directions.is_none() {
-            self.directions = Directions::of(&self.triangle, &self.qt_residuals[..scale.len()], scale);
+            self.directions =
+                Directions::of(&self.triangle, &self.qt_residuals[..scale.len()], scale);
         }
         let directions = self.directions.as_ref()?;
         let (damping, w) = directions.step_within(radius, guess);
@@ -103,7 +117,11 @@ impl LinearModel {
                 *p += v * w;
             }
         }
-        Some(Step { damping, length: norm(&w), change: directions.change(&w) })
+        Some(Step {
+            damping,
+            length: norm(&w),
+            change: directions.change(&w),
+        })
     }
 
     /// p.

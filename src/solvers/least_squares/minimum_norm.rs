@@ -21,7 +21,11 @@ pub(super) struct MinimumNorm {
 impl MinimumNorm {
     /// For n columns.
     pub fn new(n: usize) -> Self {
-        Self { matrix: vec![0.0; n * n], rhs: vec![0.0; n], order: vec![0; n] }
+        Self {
+            matrix: vec![0.0; n * n],
+            rhs: vec![0.0; n],
+            order: vec![0; n],
+        }
     }
 
     /// Fills w and gives ‖T·w‖, or `None` where the rank of T is zero or not clear.
@@ -149,20 +153,30 @@ mod tests {
 
     #[test]
     fn the_shortest_minimiser_is_that_of_the_singular_values() {
-        for (seed, (n, rank)) in [(2, 1), (5, 3), (7, 7), (12, 11), (24, 20), (24, 6)].into_iter().enumerate() {
+        for (seed, (n, rank)) in [(2, 1), (5, 3), (7, 7), (12, 11), (24, 20), (24, 6)]
+            .into_iter()
+            .enumerate()
+        {
             let triangle = singular_triangle(seed as u64, n, rank);
             let b: Vec<f64> = (0..n).map(|i| 0.3 - 0.1 * i as f64).collect();
             let mut w = vec![0.0; n];
-            let change = MinimumNorm::new(n).solve(&triangle, &b, &mut w).expect("its rank is clear");
+            let change = MinimumNorm::new(n)
+                .solve(&triangle, &b, &mut w)
+                .expect("its rank is clear");
             let directions = Directions::of(&triangle, &b, &vec![1.0; n]).expect("it is finite");
             let (damping, along) = directions.step_within(f64::INFINITY, 0.0);
             let expected = &directions.unscaled * nalgebra::DVector::from_vec(along.clone());
             assert_eq!(damping, 0.0);
             let size = expected.norm();
             for (w, expected) in w.iter().zip(&expected) {
-                assert!((w - expected).abs() < ROUNDING * size, "{n} columns, rank {rank}: {w} and {expected}");
+                assert!(
+                    (w - expected).abs() < ROUNDING * size,
+                    "{n} columns, rank {rank}: {w} and {expected}"
+                );
             }
-            assert!((change * change - directions.change(&along)).abs() < ROUNDING * change * change);
+            assert!(
+                (change * change - directions.change(&along)).abs() < ROUNDING * change * change
+            );
         }
     }
 
@@ -171,9 +185,23 @@ mod tests {
         let mut w = [0.0; 2];
         let triangle = |last: f64| [1.0, 0.0, 1.0, last];
         for (last, is_clear) in [(0.5, true), (1e-12, false), (1e-16, true)] {
-            assert_eq!(MinimumNorm::new(2).solve(&triangle(last), &[1.0, 1.0], &mut w).is_some(), is_clear, "{last}");
+            assert_eq!(
+                MinimumNorm::new(2)
+                    .solve(&triangle(last), &[1.0, 1.0], &mut w)
+                    .is_some(),
+                is_clear,
+                "{last}"
+            );
         }
-        assert!(MinimumNorm::new(2).solve(&[0.0; 4], &[1.0, 1.0], &mut w).is_none());
-        assert!(MinimumNorm::new(2).solve(&[f64::NAN; 4], &[1.0, 1.0], &mut w).is_none());
+        assert!(
+            MinimumNorm::new(2)
+                .solve(&[0.0; 4], &[1.0, 1.0], &mut w)
+                .is_none()
+        );
+        assert!(
+            MinimumNorm::new(2)
+                .solve(&[f64::NAN; 4], &[1.0, 1.0], &mut w)
+                .is_none()
+        );
     }
 }

@@ -126,10 +126,20 @@ pub type Problem<'a> = dyn FnMut(&[f64], &mut DVector<f64>, Option<&mut DMatrix<
 pub type Monitor<'a> = dyn FnMut(Iteration) -> ControlFlow<()> + 'a;
 
 /// Minimises Σ r_i² from `x0`, where `problem` has `n_residuals` residuals.
-pub fn minimize(problem: &mut Problem<'_>, n_residuals: usize, x0: &[f64], options: &Options, monitor: &mut Monitor<'_>) -> Summary {
+pub fn minimize(
+    problem: &mut Problem<'_>,
+    n_residuals: usize,
+    x0: &[f64],
+    options: &Options,
+    monitor: &mut Monitor<'_>,
+) -> Summary {
     let mut search = Search::new(problem, n_residuals, x0, options);
     let termination = loop {
-        let told = Iteration { iteration: search.n_iterations, max_iterations: options.max_iterations, cost: search.cost };
+        let told = Iteration {
+            iteration: search.n_iterations,
+            max_iterations: options.max_iterations,
+            cost: search.cost,
+        };
         search.convergence.push(search.cost);
         if monitor(told).is_break() {
             break Termination::Stopped;
@@ -210,10 +220,16 @@ impl Search {
     }
 
     fn ended(&self, options: &Options) -> Option<Termination> {
-        if self.cost == 0.0 || options.stop_at_cost.is_some_and(|target| self.cost <= target) {
+        if self.cost == 0.0
+            || options
+                .stop_at_cost
+                .is_some_and(|target| self.cost <= target)
+        {
             return Some(Termination::CostReached);
         }
-        self.outcome.or((self.n_iterations == options.max_iterations).then_some(Termination::IterationLimit))
+        self.outcome
+            .or((self.n_iterations == options.max_iterations)
+                .then_some(Termination::IterationLimit))
     }
 
     /// Evaluates the Jacobian, updates D, and at the first call sets Δ.
@@ -222,29 +238,52 @@ impl Search {
         self.n_evaluations += 1;
         self.n_jacobians += 1;
         self.linearisation_is_stale = false;
-        let largest_cosine =
-            norms_and_cosine(self.jacobian.as_slice(), self.residuals.as_slice(), self.cost.sqrt(), &mut self.column_norms);
-        if !self.column_norms.iter().all(|norm| norm.is_finite()) && !self.jacobian.iter().all(|value| value.is_finite()) {
+        let largest_cosine = norms_and_cosine(
+            self.jacobian.as_slice(),
+            self.residuals.as_slice(),
+            self.cost.sqrt(),
+            &mut self.column_norms,
+        );
+        if !self.column_norms.iter().all(|norm| norm.is_finite())
+            && !self.jacobian.iter().all(|value| value.is_finite())
+        {
             return Some(Termination::NotFinite);
         }
         let first = self.n_jacobians == 1;
         for (scale, norm) in self.scale.iter_mut().zip(&self.column_norms) {
-            *scale = if first && *norm == 0.0 { 1.0 } else { scale.max(*norm) };
+            *scale = if first && *norm == 0.0 {
+                1.0
+            } else {
+                scale.max(*norm)
+            };
         }
         if first {
             let length = self.scaled_norm(&self.x);
-            self.radius = options.initial_radius * if length > 0.0 { length } else { self.cost.sqrt() };
+            self.radius = options.initial_radius
+                * if length > 0.0 {
+                    length
+                } else {
+                    self.cost.sqrt()
+                };
         }
         if largest_cosine <= options.gradient_tolerance {
             return Some(Termination::GradientTolerance);
         }
-        self.model.reduce(&mut self.jacobian, self.residuals.as_slice(), &self.scale);
+        self.model
+            .reduce(&mut self.jacobian, self.residuals.as_slice(), &self.scale);
         None
     }
 
     /// Tries one step and takes it if the cost falls as predicted [Moré 1978, algorithm 7.1].
     fn try_step(&mut self, problem: &mut Problem<'_>, options: &Options) {
-        let Some(Step { damping, length, change }) = self.model.step_within(self.radius, self.damping, &self.scale) else {
+        let Some(Step {
+            damping,
+            length,
+            change,
+        }) = self
+            .model
+            .step_within(self.radius, self.damping, &self.scale)
+        else {
             self.outcome = Some(Termination::NoFurtherProgress);
             return;
         };
@@ -261,12 +300,20 @@ impl Search {
         let cost = sum_of_squares(self.trial_residuals.as_slice());
 
         // Reductions relative to the present cost; a tenfold growth counts as -1 (also where it is infinite).
-        let actual = if 0.01 * cost < self.cost { 1.0 - cost / self.cost } else { -1.0 };
+        let actual = if 0.01 * cost < self.cost {
+            1.0 - cost / self.cost
+        } else {
+            -1.0
+        };
         let linear = change / self.cost;
         let damped = damping * length * length / self.cost;
         let predicted = linear + 2.0 * damped;
         let slope = -(linear + damped);
-        let ratio = if predicted > 0.0 { actual / predicted } else { 0.0 };
+        let ratio = if predicted > 0.0 {
+            actual / predicted
+        } else {
+            0.0
+        };
         self.adapt_radius(ratio, actual, slope, cost, length);
         if ratio >= ACCEPTED_RATIO {
             std::mem::swap(&mut self.x, &mut self.trial);
@@ -280,7 +327,11 @@ impl Search {
     /// Shrinks Δ after a bad step, by the minimiser of the parabola through what is known; grows it after a good one.
     fn adapt_radius(&mut self, ratio: f64, actual: f64, slope: f64, cost: f64, length: f64) {
         if ratio <= 0.25 {
-            let mut factor = if actual >= 0.0 { 0.5 } else { 0.5 * slope / (slope + 0.5 * actual) };
+            let mut factor = if actual >= 0.0 {
+                0.5
+            } else {
+                0.5 * slope / (slope + 0.5 * actual)
+            };
             if 0.01 * cost >= self.cost || factor < 0.1 || !cost.is_finite() {
                 factor = 0.1;
             }
@@ -292,14 +343,23 @@ impl Search {
         }
     }
 
-    fn outcome_of(&self, actual: f64, predicted: f64, ratio: f64, options: &Options) -> Option<Termination> {
+    fn outcome_of(
+        &self,
+        actual: f64,
+        predicted: f64,
+        ratio: f64,
+        options: &Options,
+    ) -> Option<Termination> {
         let small = |limit: f64| actual.abs() <= limit && predicted <= limit && 0.5 * ratio <= 1.0;
         let length = self.scaled_norm(&self.x);
         if small(options.cost_tolerance) {
             Some(Termination::CostTolerance)
         } else if self.radius <= options.step_tolerance * length {
             Some(Termination::StepTolerance)
-        } else if small(f64::EPSILON) || self.radius <= f64::EPSILON * length || self.radius < f64::MIN_POSITIVE {
+        } else if small(f64::EPSILON)
+            || self.radius <= f64::EPSILON * length
+            || self.radius < f64::MIN_POSITIVE
+        {
             Some(Termination::NoFurtherProgress)
         } else {
             None
@@ -327,7 +387,12 @@ fn squares(x: &[f64]) -> f64 {
 
 /// Norms of the columns, and the largest cosine of the angle between the residuals and a column.
 #[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl+fma", "x86_64+avx2+fma"))]
-fn norms_and_cosine(jacobian: &[f64], residuals: &[f64], residual_norm: f64, norms: &mut [f64]) -> f64 {
+fn norms_and_cosine(
+    jacobian: &[f64],
+    residuals: &[f64],
+    residual_norm: f64,
+    norms: &mut [f64],
+) -> f64 {
     let mut largest = 0.0_f64;
     for (column, norm) in jacobian.chunks_exact(residuals.len().max(1)).zip(norms) {
         *norm = dot(column, column).sqrt();
@@ -339,5 +404,9 @@ fn norms_and_cosine(jacobian: &[f64], residuals: &[f64], residual_norm: f64, nor
 }
 
 fn scaled_norm(scale: &[f64], x: &[f64]) -> f64 {
-    scale.iter().zip(x).fold(0.0, |sum: f64, (d, x)| sum + (d * x) * (d * x)).sqrt()
+    scale
+        .iter()
+        .zip(x)
+        .fold(0.0, |sum: f64, (d, x)| sum + (d * x) * (d * x))
+        .sqrt()
 }

@@ -38,7 +38,11 @@ pub struct Positions {
 impl Positions {
     /// All zero.
     pub fn zeros(n_particles: usize, n_coordinates: usize) -> Self {
-        Self { n_particles, n_coordinates, values: vec![0.0; n_particles * n_coordinates] }
+        Self {
+            n_particles,
+            n_coordinates,
+            values: vec![0.0; n_particles * n_coordinates],
+        }
     }
 
     /// Coordinate j of all particles.
@@ -71,7 +75,11 @@ impl Positions {
     /// # Panics
     /// When `position` has another number of coordinates.
     pub fn set_particle(&mut self, i: usize, position: &[f64]) {
-        assert_eq!(position.len(), self.n_coordinates, "one value per coordinate");
+        assert_eq!(
+            position.len(),
+            self.n_coordinates,
+            "one value per coordinate"
+        );
         for (j, &value) in position.iter().enumerate() {
             self.set(i, j, value);
         }
@@ -235,7 +243,11 @@ pub fn initial_positions(search_box: &SearchBox, options: &Options) -> Positions
 /// First positions, and the generator, from which the first velocities are drawn next.
 fn draw_initial(search_box: &SearchBox, options: &Options) -> (Positions, LaneRandom) {
     let SearchBox { centre, half_width } = search_box;
-    assert_eq!(centre.len(), half_width.len(), "a box has one centre and one half width per coordinate");
+    assert_eq!(
+        centre.len(),
+        half_width.len(),
+        "a box has one centre and one half width per coordinate"
+    );
     let mut random = LaneRandom::new(options.seed, STREAM_INITIAL);
     let mut positions = Positions::zeros(options.n_particles, centre.len());
     for j in 0..centre.len() {
@@ -259,7 +271,10 @@ pub fn minimize(
     mut move_particles: Option<&mut MoveParticles<'_>>,
     monitor: &mut Monitor<'_>,
 ) -> Summary {
-    assert!(options.n_particles > 0 && !search_box.centre.is_empty(), "a swarm needs particles and coordinates");
+    assert!(
+        options.n_particles > 0 && !search_box.centre.is_empty(),
+        "a swarm needs particles and coordinates"
+    );
     let (initial_positions, mut random) = draw_initial(search_box, options);
     let mut swarm = Swarm::new(&initial_positions, search_box, options, &mut random);
     let mut random = LaneRandom::new(options.seed, STREAM_UPDATE);
@@ -271,11 +286,18 @@ pub fn minimize(
         }
         swarm.evaluate(cost);
         convergence.push(swarm.best_cost);
-        let told = Iteration { iteration, n_iterations: options.n_iterations, best_cost: swarm.best_cost };
+        let told = Iteration {
+            iteration,
+            n_iterations: options.n_iterations,
+            best_cost: swarm.best_cost,
+        };
         if monitor(told).is_break() {
             break Termination::Stopped;
         }
-        if options.stop_at_cost.is_some_and(|target| swarm.best_cost <= target) {
+        if options
+            .stop_at_cost
+            .is_some_and(|target| swarm.best_cost <= target)
+        {
             break Termination::CostReached;
         }
         if iteration == options.n_iterations {

@@ -33,7 +33,12 @@ struct Coordinate {
 
 impl Swarm {
     /// A swarm at the given positions; `random` draws its first velocities.
-    pub fn new(positions: &Positions, search_box: &SearchBox, options: &Options, random: &mut LaneRandom) -> Self {
+    pub fn new(
+        positions: &Positions,
+        search_box: &SearchBox,
+        options: &Options,
+        random: &mut LaneRandom,
+    ) -> Self {
         let n = positions.n_particles;
         Self {
             positions: positions.clone(),
@@ -52,7 +57,12 @@ impl Swarm {
     pub fn evaluate(&mut self, cost: &mut Cost<'_>) {
         self.costs.copy_from_slice(&self.own_best_costs);
         cost(&self.positions, &mut self.costs);
-        let best = keep_own_best(&mut self.costs, &self.positions, &mut self.own_best_costs, &mut self.own_best_positions);
+        let best = keep_own_best(
+            &mut self.costs,
+            &self.positions,
+            &mut self.own_best_costs,
+            &mut self.own_best_positions,
+        );
         if self.costs[best] < self.best_cost {
             self.best_cost = self.costs[best];
             for (j, x) in self.best_position.iter_mut().enumerate() {
@@ -76,18 +86,31 @@ impl Swarm {
                 cognitive: options.cognitive,
                 social: options.social,
                 swarm_best: self.best_position[j],
-                largest_speed: options.velocity_limit.map_or(f64::INFINITY, |limit| limit * search_box.half_width[j]),
+                largest_speed: options
+                    .velocity_limit
+                    .map_or(f64::INFINITY, |limit| limit * search_box.half_width[j]),
                 boundary: options.boundary,
                 lowest: search_box.centre[j] - search_box.half_width[j],
                 highest: search_box.centre[j] + search_box.half_width[j],
             };
             let own_best = self.own_best_positions.coordinate(j);
-            move_coordinate(&coordinate, r1, r2, own_best, self.positions.coordinate_mut(j), self.velocities.coordinate_mut(j));
+            move_coordinate(
+                &coordinate,
+                r1,
+                r2,
+                own_best,
+                self.positions.coordinate_mut(j),
+                self.velocities.coordinate_mut(j),
+            );
         }
     }
 }
 
-fn initial_velocities(search_box: &SearchBox, options: &Options, random: &mut LaneRandom) -> Positions {
+fn initial_velocities(
+    search_box: &SearchBox,
+    options: &Options,
+    random: &mut LaneRandom,
+) -> Positions {
     let mut velocities = Positions::zeros(options.n_particles, search_box.centre.len());
     if let InitialVelocity::Uniform { fraction } = options.initial_velocity {
         for (j, half_width) in search_box.half_width.iter().enumerate() {
@@ -103,12 +126,21 @@ fn initial_velocities(search_box: &SearchBox, options: &Options, random: &mut La
 
 /// Makes costs that are not finite +∞, copies cost and coordinates of the particles that improved, and gives the first of the cheapest.
 #[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl", "x86_64+avx2+fma"))]
-fn keep_own_best(costs: &mut [f64], positions: &Positions, own_best_costs: &mut [f64], own_best_positions: &mut Positions) -> usize {
+fn keep_own_best(
+    costs: &mut [f64],
+    positions: &Positions,
+    own_best_costs: &mut [f64],
+    own_best_positions: &mut Positions,
+) -> usize {
     let n = costs.len();
     let mut lowest = [f64::INFINITY; LANES];
     for block in costs.chunks_mut(LANES) {
         for (cost, lowest) in block.iter_mut().zip(&mut lowest) {
-            *cost = if cost.is_finite() { *cost } else { f64::INFINITY };
+            *cost = if cost.is_finite() {
+                *cost
+            } else {
+                f64::INFINITY
+            };
             *lowest = if *cost < *lowest { *cost } else { *lowest };
         }
     }
@@ -117,7 +149,11 @@ fn keep_own_best(costs: &mut [f64], positions: &Positions, own_best_costs: &mut 
     for i in 0..n {
         if costs[i] < own_best_costs[i] {
             own_best_costs[i] = costs[i];
-            for (x, best) in positions.values.chunks_exact(n).zip(own_best_positions.values.chunks_exact_mut(n)) {
+            for (x, best) in positions
+                .values
+                .chunks_exact(n)
+                .zip(own_best_positions.values.chunks_exact_mut(n))
+            {
                 best[i] = x[i];
             }
         }
@@ -127,7 +163,14 @@ fn keep_own_best(costs: &mut [f64], positions: &Positions, own_best_costs: &mut 
 
 /// [Gao 2018, eq. 9, 10] for one coordinate of all particles.
 #[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl", "x86_64+avx2+fma"))]
-fn move_coordinate(coordinate: &Coordinate, r1: &[f64], r2: &[f64], own_best: &[f64], x: &mut [f64], v: &mut [f64]) {
+fn move_coordinate(
+    coordinate: &Coordinate,
+    r1: &[f64],
+    r2: &[f64],
+    own_best: &[f64],
+    x: &mut [f64],
+    v: &mut [f64],
+) {
     if coordinate.largest_speed < f64::INFINITY {
         step::<true>(coordinate, r1, r2, own_best, x, v);
     } else {
@@ -141,15 +184,33 @@ fn move_coordinate(coordinate: &Coordinate, r1: &[f64], r2: &[f64], own_best: &[
 }
 
 #[inline(always)]
-fn step<const LIMITED: bool>(coordinate: &Coordinate, r1: &[f64], r2: &[f64], own_best: &[f64], x: &mut [f64], v: &mut [f64]) {
-    let Coordinate { inertia_weight, cognitive, social, swarm_best, largest_speed, .. } = *coordinate;
+fn step<const LIMITED: bool>(
+    coordinate: &Coordinate,
+    r1: &[f64],
+    r2: &[f64],
+    own_best: &[f64],
+    x: &mut [f64],
+    v: &mut [f64],
+) {
+    let Coordinate {
+        inertia_weight,
+        cognitive,
+        social,
+        swarm_best,
+        largest_speed,
+        ..
+    } = *coordinate;
     let n = x.len();
     let (r1, r2, own_best, x, v) = (&r1[..n], &r2[..n], &own_best[..n], &mut x[..n], &mut v[..n]);
     for i in 0..n {
         let inertia = inertia_weight * v[i];
         let towards_swarm = (social * r2[i]).mul_add(swarm_best - x[i], inertia);
         let velocity = (cognitive * r1[i]).mul_add(own_best[i] - x[i], towards_swarm);
-        v[i] = if LIMITED { velocity.max(-largest_speed).min(largest_speed) } else { velocity };
+        v[i] = if LIMITED {
+            velocity.max(-largest_speed).min(largest_speed)
+        } else {
+            velocity
+        };
         x[i] += v[i];
     }
 }

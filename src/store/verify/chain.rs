@@ -37,7 +37,11 @@ pub(super) const MISSING: &str = "
 
 impl Chain {
     /// The entries of one kind about one thing.
-    pub(super) fn entries<'a>(&'a self, subject: &str, event: &'a str) -> impl DoubleEndedIterator<Item = &'a Entry> {
+    pub(super) fn entries<'a>(
+        &'a self,
+        subject: &str,
+        event: &'a str,
+    ) -> impl DoubleEndedIterator<Item = &'a Entry> {
         let entries = self.events.get(subject).map_or(&[][..], Vec::as_slice);
         entries.iter().filter(move |entry| entry.event == event)
     }
@@ -49,53 +53,95 @@ impl Chain {
 
     /// What the newest entry of this kind says in one field.
     pub(super) fn says(&self, subject: &str, event: &str, field: &str) -> Option<String> {
-        self.newest(subject, event)?.detail.get(field)?.as_str().map(str::to_owned)
+        self.newest(subject, event)?
+            .detail
+            .get(field)?
+            .as_str()
+            .map(str::to_owned)
     }
 
     /// Whether all that happened to this has entries.
     pub(super) fn was_created(&self, subject: &str) -> bool {
-        self.events.get(subject).is_some_and(|entries| entries.iter().any(|entry| entry.event.ends_with("_created")))
+        self.events.get(subject).is_some_and(|entries| {
+            entries
+                .iter()
+                .any(|entry| entry.event.ends_with("_created"))
+        })
     }
 }
 
 pub(super) async fn read(store: &Store, options: &Options) -> Result<Chain> {
     let head = audit::head(store).await?;
-    let mut check = Check::new("I8", "the audit chain holds: nothing in it was edited, deleted or moved");
+    let mut check = Check::new(
+        "I8",
+        "the audit chain holds: nothing in it was edited, deleted or moved",
+    );
     let mut events: BTreeMap<String, Vec<_>> = BTreeMap::new();
     let mut answers = BTreeMap::new();
     let (mut seq, mut sha256) = (0, String::new());
     let mut known = options.known_head.clone();
     loop {
         let rows = audit::list(store, seq, BATCH).await?;
-        let Some(last) = rows.last().map(|row| row.seq) else { break };
+        let Some(last) = rows.last().map(|row| row.seq) else {
+            break;
+        };
         for row in rows {
             look_at(&mut check, &row, seq, &sha256);
             known = known.filter(|(n, hash)| (*n, hash) != (row.seq, &row.sha256));
             (seq, sha256) = (row.seq, row.sha256.clone());
-            let detail: serde_json::Value = serde_json::from_str(&row.detail_json).unwrap_or_default();
+            let detail: serde_json::Value =
+                serde_json::from_str(&row.detail_json).unwrap_or_default();
             if let Some((request, answer)) = idempotency::answer_noted(&detail) {
                 answers.insert(request, answer);
             }
-            events.entry(row.subject).or_default().push(Entry { event: row.event, actor: row.actor, detail });
+            events.entry(row.subject).or_default().push(Entry {
+                event: row.event,
+                actor: row.actor,
+                detail,
+            });
         }
         debug_assert_eq!(seq, last);
     }
     // A server beside this one adds to the chain meanwhile; the head read first is then somewhere in it.
-    check.require(head.seq <= seq, || format!("the chain ends at entry {seq}, but entry {} was the last one", head.seq));
-    check.require(head.seq != seq || head.sha256 == sha256, || format!("entry {seq} is not the one that was last"));
+    check.require(head.seq <= seq, || {
+        format!(
+            "the chain ends at entry {seq}, but entry {} was the last one",
+            head.seq
+        )
+    });
+    check.require(head.seq != seq || head.sha256 == sha256, || {
+        format!("entry {seq} is not the one that was last")
+    });
     if let Some((n, _)) = known {
-        check.violated(format!("the head kept elsewhere, entry {n}, is not in the chain"));
+        check.violated(format!(
+            "the head kept elsewhere, entry {n}, is not in the chain"
+        ));
     }
-    let missing: Vec<String> =
-        sqlx::query_scalar(MISSING).bind(head.begun_at_ms).bind(super::MAX_LISTED as i64).fetch_all(store.reads()).await?;
-    missing.into_iter().for_each(|id| check.violated(format!("{id} was made, but no entry says so")));
-    Ok(Chain { check, begun_at_ms: head.begun_at_ms, events, answers })
+    let missing: Vec<String> = sqlx::query_scalar(MISSING)
+        .bind(head.begun_at_ms)
+        .bind(super::MAX_LISTED as i64)
+        .fetch_all(store.reads())
+        .await?;
+    missing
+        .into_iter()
+        .for_each(|id| check.violated(format!("{id} was made, but no entry says so")));
+    Ok(Chain {
+        check,
+        begun_at_ms: head.begun_at_ms,
+        events,
+        answers,
+    })
 }
 
 fn look_at(check: &mut Check, row: &AuditRow, seq_before: i64, sha256_before: &str) {
     check.n_examined += 1;
-    check.require(row.seq == seq_before + 1, || format!("after entry {seq_before} comes entry {}", row.seq));
+    check.require(row.seq == seq_before + 1, || {
+        format!("after entry {seq_before} comes entry {}", row.seq)
+    });
     check.require(row.sha256 == audit::hash(sha256_before, row), || {
-        format!("entry {} ({} {}) does not fit its hash and the entry before", row.seq, row.event, row.subject)
+        format!(
+            "entry {} ({} {}) does not fit its hash and the entry before",
+            row.seq, row.event, row.subject
+        )
     });
 }

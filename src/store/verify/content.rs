@@ -11,10 +11,8 @@ use crate::wire::canonical::sha256_hex;
 pub(super) const SETS: &str = "select id, sha256, body from measurement_set where id > $1 order by id limit cast($2 as bigint)";
 pub(super) const FRAMES: &str = "select id, cast('' as text), body from frames where id > $1 order by id limit cast($2 as bigint)";
 pub(super) const NETWORKS: &str = "select id, cast('' as text), weights from network where id > $1 order by id limit cast($2 as bigint)";
-pub(super) const RESIDUAL_NETWORKS: &str =
-    "select id, cast('' as text), weights from residual_network where id > $1 order by id limit cast($2 as bigint)";
-pub(super) const REPORTS: &str =
-    "select id, report_json from job where status = 'succeeded' and id > $1 order by id limit cast($2 as bigint)";
+pub(super) const RESIDUAL_NETWORKS: &str = "select id, cast('' as text), weights from residual_network where id > $1 order by id limit cast($2 as bigint)";
+pub(super) const REPORTS: &str = "select id, report_json from job where status = 'succeeded' and id > $1 order by id limit cast($2 as bigint)";
 pub(super) const CONVERGENCES: &str = "
     select id, coalesce(convergence_json, '') from job where status = 'succeeded' and id > $1 order by id limit cast($2 as bigint)";
 pub(super) const JOBS: &str = "
@@ -50,7 +48,10 @@ const STUCK_AFTER_MS: i64 = 60_000;
 
 /// I1: bytes and documents are those whose hash was kept when they were acknowledged.
 pub(super) async fn uploads_read_back(store: &Store, chain: &Chain) -> Result<Check> {
-    let mut check = Check::new("I1", "every acknowledged upload, request and result reads back bit for bit");
+    let mut check = Check::new(
+        "I1",
+        "every acknowledged upload, request and result reads back bit for bit",
+    );
     let mut found = 0;
     let kept = [
         (SETS, "measurement_set_created"),
@@ -68,21 +69,37 @@ pub(super) async fn uploads_read_back(store: &Store, chain: &Chain) -> Result<Ch
             for (id, kept, body) in rows {
                 found += 1;
                 let now = sha256_hex(&body);
-                check.require(kept.is_empty() || kept == now, || format!("{id}: its bytes are not those of its hash"));
+                check.require(kept.is_empty() || kept == now, || {
+                    format!("{id}: its bytes are not those of its hash")
+                });
                 noted(&mut check, chain, &id, event, "sha256", &now);
             }
         }
     }
-    let documents = [(REPORTS, "job_succeeded", "report_sha256"), (CONVERGENCES, "job_succeeded", "convergence_sha256")];
+    let documents = [
+        (REPORTS, "job_succeeded", "report_sha256"),
+        (CONVERGENCES, "job_succeeded", "convergence_sha256"),
+    ];
     for (query, event, field) in documents {
         let mut after = String::new();
         loop {
-            let rows: Vec<(String, String)> = sqlx::query_as(query).bind(&after).bind(BATCH).fetch_all(store.reads()).await?;
+            let rows: Vec<(String, String)> = sqlx::query_as(query)
+                .bind(&after)
+                .bind(BATCH)
+                .fetch_all(store.reads())
+                .await?;
             let Some(last) = rows.last() else { break };
             after.clone_from(&last.0);
             for (id, document) in rows {
                 found += 1;
-                noted(&mut check, chain, &id, event, field, &sha256_hex(document.as_bytes()));
+                noted(
+                    &mut check,
+                    chain,
+                    &id,
+                    event,
+                    field,
+                    &sha256_hex(document.as_bytes()),
+                );
             }
         }
     }
@@ -95,7 +112,9 @@ pub(super) async fn uploads_read_back(store: &Store, chain: &Chain) -> Result<Ch
 /// What is older than the chain, or than a field of its entries, is not looked at; what should have an entry and has none is for I8 to tell.
 fn noted(check: &mut Check, chain: &Chain, id: &str, event: &str, field: &str, now: &str) {
     if let Some(then) = chain.says(id, event, field) {
-        check.require(then == now, || format!("{id}: it is not what was acknowledged"));
+        check.require(then == now, || {
+            format!("{id}: it is not what was acknowledged")
+        });
     }
 }
 
@@ -120,30 +139,53 @@ async fn is_there(store: &Store, id: &str) -> Result<bool> {
         Some("key") => SUBJECT_KEY,
         _ => return Ok(true),
     };
-    let n: i64 = sqlx::query_scalar(query).bind(id).fetch_one(store.reads()).await?;
+    let n: i64 = sqlx::query_scalar(query)
+        .bind(id)
+        .fetch_one(store.reads())
+        .await?;
     Ok(n == 1)
 }
 
 /// I2: a key's answer and its effect were one transaction. That an answer is gone cannot be told: after a week they are forgotten.
 pub(super) async fn answers_have_effects(store: &Store, chain: &Chain) -> Result<Check> {
-    let mut check = Check::new("I2", "a request happened wholly or not at all, and once per Idempotency-Key");
+    let mut check = Check::new(
+        "I2",
+        "a request happened wholly or not at all, and once per Idempotency-Key",
+    );
     let mut after = IdempotencyScope::default();
     loop {
-        let query = sqlx::query_as(ANSWERS).bind(&after.holder).bind(&after.method).bind(&after.path).bind(&after.key).bind(BATCH);
+        let query = sqlx::query_as(ANSWERS)
+            .bind(&after.holder)
+            .bind(&after.method)
+            .bind(&after.path)
+            .bind(&after.key)
+            .bind(BATCH);
         let rows: Vec<Answered> = query.fetch_all(store.reads()).await?;
-        let Some(last) = rows.last() else { return Ok(check) };
+        let Some(last) = rows.last() else {
+            return Ok(check);
+        };
         after = last.scope.clone();
         for Answered { scope, answer } in rows {
             check.n_examined += 1;
-            let IdempotencyScope { method, path, key, .. } = &scope;
+            let IdempotencyScope {
+                method, path, key, ..
+            } = &scope;
             let Some(answer) = answer else {
-                check.violated(format!("{method} {path} with key {key:?} was begun and never answered"));
+                check.violated(format!(
+                    "{method} {path} with key {key:?} was begun and never answered"
+                ));
                 continue;
             };
             let (request, now) = idempotency::hashes(&scope, &answer);
             let is_as_given = chain.answers.get(&request).is_none_or(|then| *then == now);
-            check.require(is_as_given, || format!("{method} {path} with key {key:?} was answered otherwise"));
-            if let Some(id) = answer.location.as_deref().and_then(|location| location.rsplit('/').next()) {
+            check.require(is_as_given, || {
+                format!("{method} {path} with key {key:?} was answered otherwise")
+            });
+            if let Some(id) = answer
+                .location
+                .as_deref()
+                .and_then(|location| location.rsplit('/').next())
+            {
                 check.require(is_there(store, id).await?, || {
                     format!("{method} {path} with key {key:?} was answered with {id}, which is not there")
                 });
@@ -153,30 +195,58 @@ pub(super) async fn answers_have_effects(store: &Store, chain: &Chain) -> Result
 }
 
 /// I3: one end per job in the chain, none before the end; nobody holds a job past its lease.
-pub(super) async fn jobs_end_once(store: &Store, chain: &Chain, options: &Options) -> Result<Check> {
-    let mut check = Check::new("I3", "every accepted job ends in exactly one state, and none is stuck");
+pub(super) async fn jobs_end_once(
+    store: &Store,
+    chain: &Chain,
+    options: &Options,
+) -> Result<Check> {
+    let mut check = Check::new(
+        "I3",
+        "every accepted job ends in exactly one state, and none is stuck",
+    );
     let mut after = String::new();
     loop {
-        let rows: Vec<(String, String, i64, i64)> = sqlx::query_as(ENDS).bind(&after).bind(BATCH).fetch_all(store.reads()).await?;
+        let rows: Vec<(String, String, i64, i64)> = sqlx::query_as(ENDS)
+            .bind(&after)
+            .bind(BATCH)
+            .fetch_all(store.reads())
+            .await?;
         let Some(last) = rows.last() else { break };
         after.clone_from(&last.0);
         for (id, status, created_at_ms, n_sets) in rows {
             check.n_examined += 1;
             let ended = |event: &'static str| chain.entries(&id, event).count();
-            let ends = [("succeeded", ended("job_succeeded")), ("failed", ended("job_failed")), ("cancelled", ended("job_cancelled"))];
+            let ends = [
+                ("succeeded", ended("job_succeeded")),
+                ("failed", ended("job_failed")),
+                ("cancelled", ended("job_cancelled")),
+            ];
             let n_ends: usize = ends.iter().map(|(_, n)| n).sum();
             let is_over = ends.iter().any(|(end, _)| *end == status);
             if created_at_ms > chain.begun_at_ms {
-                check.require(n_ends == usize::from(is_over), || format!("{id} is {status} and has ended {n_ends} times"));
+                check.require(n_ends == usize::from(is_over), || {
+                    format!("{id} is {status} and has ended {n_ends} times")
+                });
                 let agrees = !is_over || ends.contains(&(status.as_str(), 1));
-                check.require(agrees, || format!("{id} is {status}, which is not how it ended"));
+                check.require(agrees, || {
+                    format!("{id} is {status}, which is not how it ended")
+                });
             }
-            check.require(n_sets == 0 || status == "succeeded", || format!("{id} is {status} and has a parameter set"));
+            check.require(n_sets == 0 || status == "succeeded", || {
+                format!("{id} is {status} and has a parameter set")
+            });
         }
     }
     if options.is_served {
-        let stuck: Vec<String> = sqlx::query_scalar(STUCK).bind(STUCK_AFTER_MS).fetch_all(store.reads()).await?;
-        stuck.into_iter().for_each(|id| check.violated(format!("{id} is stuck: its lease ran out over a minute ago")));
+        let stuck: Vec<String> = sqlx::query_scalar(STUCK)
+            .bind(STUCK_AFTER_MS)
+            .fetch_all(store.reads())
+            .await?;
+        stuck.into_iter().for_each(|id| {
+            check.violated(format!(
+                "{id} is stuck: its lease ran out over a minute ago"
+            ))
+        });
     }
     Ok(check)
 }
@@ -184,7 +254,9 @@ pub(super) async fn jobs_end_once(store: &Store, chain: &Chain, options: &Option
 /// I4.
 pub(super) async fn one_set_per_job(store: &Store) -> Result<Check> {
     let mut check = Check::new("I4", "a job has at most one parameter set");
-    let counts: Vec<(String, i64)> = sqlx::query_as(SETS_OF_JOBS).fetch_all(store.reads()).await?;
+    let counts: Vec<(String, i64)> = sqlx::query_as(SETS_OF_JOBS)
+        .fetch_all(store.reads())
+        .await?;
     for (id, n) in counts {
         check.n_examined += 1;
         check.require(n == 1, || format!("{id} has {n} parameter sets"));
@@ -192,26 +264,81 @@ pub(super) async fn one_set_per_job(store: &Store) -> Result<Check> {
     Ok(check)
 }
 
-type Result5 = (String, String, String, String, String, String, String, String, String, String, String);
+type Result5 = (
+    String,
+    String,
+    String,
+    String,
+    String,
+    String,
+    String,
+    String,
+    String,
+    String,
+    String,
+);
 
 /// I5: equal inputs, equal results.
 pub(super) async fn same_request_same_result(store: &Store, chain: &Chain) -> Result<Check> {
-    let mut check = Check::new("I5", "the same request, seed and version gives the same bytes");
+    let mut check = Check::new(
+        "I5",
+        "the same request, seed and version gives the same bytes",
+    );
     let mut results: BTreeMap<String, (String, String)> = BTreeMap::new();
     let mut after = String::new();
     loop {
-        let rows: Vec<Result5> = sqlx::query_as(JOBS).bind(&after).bind(BATCH).fetch_all(store.reads()).await?;
+        let rows: Vec<Result5> = sqlx::query_as(JOBS)
+            .bind(&after)
+            .bind(BATCH)
+            .fetch_all(store.reads())
+            .await?;
         let Some(last) = rows.last() else { break };
         after.clone_from(&last.0);
-        for (id, robot, set, verify, frames, network, residual, parameters, request, report, result_sha256) in rows {
+        for (
+            id,
+            robot,
+            set,
+            verify,
+            frames,
+            network,
+            residual,
+            parameters,
+            request,
+            report,
+            result_sha256,
+        ) in rows
+        {
             check.n_examined += 1;
             let report: serde_json::Value = serde_json::from_str(&report).unwrap_or_default();
-            check.require(report["result_sha256"] == *result_sha256, || format!("{id}: its report is not the one that was hashed"));
-            noted(&mut check, chain, &id, "job_succeeded", "result_sha256", &result_sha256);
-            let inputs =
-                serde_json::json!([robot, set, verify, frames, network, residual, parameters, request, report["version"]]).to_string();
-            let (first, expected) = results.entry(inputs).or_insert_with(|| (id.clone(), result_sha256.clone()));
-            check.require(*expected == result_sha256, || format!("{id} and {first} asked for the same and got different results"));
+            check.require(report["result_sha256"] == *result_sha256, || {
+                format!("{id}: its report is not the one that was hashed")
+            });
+            noted(
+                &mut check,
+                chain,
+                &id,
+                "job_succeeded",
+                "result_sha256",
+                &result_sha256,
+            );
+            let inputs = serde_json::json!([
+                robot,
+                set,
+                verify,
+                frames,
+                network,
+                residual,
+                parameters,
+                request,
+                report["version"]
+            ])
+            .to_string();
+            let (first, expected) = results
+                .entry(inputs)
+                .or_insert_with(|| (id.clone(), result_sha256.clone()));
+            check.require(*expected == result_sha256, || {
+                format!("{id} and {first} asked for the same and got different results")
+            });
         }
     }
     Ok(check)
@@ -220,7 +347,9 @@ pub(super) async fn same_request_same_result(store: &Store, chain: &Chain) -> Re
 /// I6.
 pub(super) async fn one_released_per_robot(store: &Store) -> Result<Check> {
     let mut check = Check::new("I6", "a robot has at most one released parameter set");
-    let counts: Vec<(String, i64)> = sqlx::query_as(RELEASED_OF_ROBOTS).fetch_all(store.reads()).await?;
+    let counts: Vec<(String, i64)> = sqlx::query_as(RELEASED_OF_ROBOTS)
+        .fetch_all(store.reads())
+        .await?;
     for (id, n) in counts {
         check.n_examined += 1;
         check.require(n == 1, || format!("{id} has {n} released parameter sets"));
@@ -231,16 +360,23 @@ pub(super) async fn one_released_per_robot(store: &Store) -> Result<Check> {
 /// I7: the checks are kept, all passed, and are those of the chain.
 pub(super) async fn releases_have_checks(store: &Store, chain: &Chain) -> Result<Check> {
     let mut check = Check::new("I7", "no release without its checks");
-    let rows: Vec<(String, String, String, i64)> = sqlx::query_as(RELEASES).fetch_all(store.reads()).await?;
+    let rows: Vec<(String, String, String, i64)> =
+        sqlx::query_as(RELEASES).fetch_all(store.reads()).await?;
     for (id, status, checks_json, released_at_ms) in rows {
         check.n_examined += 1;
         let checks: Vec<serde_json::Value> = serde_json::from_str(&checks_json).unwrap_or_default();
-        check.require(!checks.is_empty(), || format!("{id} is {status} without checks"));
-        check.require(checks.iter().all(|gate| gate["passed"] == true), || format!("{id} is {status} in spite of a gate that failed"));
+        check.require(!checks.is_empty(), || {
+            format!("{id} is {status} without checks")
+        });
+        check.require(checks.iter().all(|gate| gate["passed"] == true), || {
+            format!("{id} is {status} in spite of a gate that failed")
+        });
         if released_at_ms > chain.begun_at_ms {
             let noted = chain.says(&id, "parameter_set_released", "checks_sha256");
             let is_noted = noted.as_deref() == Some(sha256_hex(checks_json.as_bytes()).as_str());
-            check.require(is_noted, || format!("{id} is {status}, but the audit chain does not say so with these checks"));
+            check.require(is_noted, || {
+                format!("{id} is {status}, but the audit chain does not say so with these checks")
+            });
         }
     }
     Ok(check)

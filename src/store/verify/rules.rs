@@ -27,7 +27,10 @@ pub(super) async fn are_as_noted(check: &mut Check, store: &Store, chain: &Chain
     each(check, store, chain, |_, _: &Posted| ()).await?;
     each(check, store, chain, |_, _: &NetworkRow| ()).await?;
     each(check, store, chain, |_, _: &ApiKeyRow| ()).await?;
-    each(check, store, chain, |check, row| parameter_set(check, chain, row)).await?;
+    each(check, store, chain, |check, row| {
+        parameter_set(check, chain, row)
+    })
+    .await?;
     let mut found = BTreeSet::new();
     let is_there = |_: &mut Check, row: &Set| {
         found.insert(row.subject().to_owned());
@@ -35,21 +38,36 @@ pub(super) async fn are_as_noted(check: &mut Check, store: &Store, chain: &Chain
     each(check, store, chain, is_there).await?;
     for id in chain.events.keys() {
         let was_set = chain.newest(id, policies::CHANGED).is_some();
-        check.require(!was_set || found.contains(id), || format!("{id}: its policy was acknowledged and is gone"));
+        check.require(!was_set || found.contains(id), || {
+            format!("{id}: its policy was acknowledged and is gone")
+        });
     }
     Ok(())
 }
 
 /// Compares all rows of a kind with their entries, and has `look` see each.
-async fn each<T: Noted>(check: &mut Check, store: &Store, chain: &Chain, mut look: impl FnMut(&mut Check, &T)) -> Result<()> {
+async fn each<T: Noted>(
+    check: &mut Check,
+    store: &Store,
+    chain: &Chain,
+    mut look: impl FnMut(&mut Check, &T),
+) -> Result<()> {
     let mut after = String::new();
     loop {
-        let rows: Vec<T> = sqlx::query_as(T::EACH).bind(&after).bind(BATCH).fetch_all(store.reads()).await?;
-        let Some(last) = rows.last() else { return Ok(()) };
+        let rows: Vec<T> = sqlx::query_as(T::EACH)
+            .bind(&after)
+            .bind(BATCH)
+            .fetch_all(store.reads())
+            .await?;
+        let Some(last) = rows.last() else {
+            return Ok(());
+        };
         last.subject().clone_into(&mut after);
         for row in &rows {
             check.n_examined += 1;
-            row.said().iter().for_each(|said| compare(check, chain, row.subject(), said));
+            row.said()
+                .iter()
+                .for_each(|said| compare(check, chain, row.subject(), said));
             look(check, row);
         }
     }
@@ -65,14 +83,20 @@ fn compare(check: &mut Check, chain: &Chain, id: &str, said: &Said) {
                     Some(then) => then == now,
                     None => *by != Some(field.as_str()) || *now == *then.actor,
                 };
-                check.require(is_so, || format!("{id}: its {field} is not what {event} says in the audit chain"));
+                check.require(is_so, || {
+                    format!("{id}: its {field} is not what {event} says in the audit chain")
+                });
             }
         }
-        (Some(_), None) => check.violated(format!("{id}: {event} is in the audit chain, and no longer so")),
+        (Some(_), None) => check.violated(format!(
+            "{id}: {event} is in the audit chain, and no longer so"
+        )),
         // What was made without an entry is for I8 to tell.
         (None, Some((at_ms, _))) if !event.ends_with("_created") => {
             let is_older = *at_ms <= chain.begun_at_ms && !chain.was_created(id);
-            check.require(is_older, || format!("{id}: {event} is not in the audit chain"));
+            check.require(is_older, || {
+                format!("{id}: {event} is not in the audit chain")
+            });
         }
         (None, _) => {}
     }
@@ -80,11 +104,26 @@ fn compare(check: &mut Check, chain: &Chain, id: &str, said: &Said) {
 
 fn parameter_set(check: &mut Check, chain: &Chain, row: &ParameterSetRow) {
     let content: Option<serde_json::Value> = serde_json::from_str(&row.body_json).ok();
-    let text = content.and_then(|content| canonical::text_of_hash(&content, &row.sha256).ok().flatten());
-    check.require(text.is_some(), || format!("{}: its content is not that of its hash", row.id));
+    let text = content.and_then(|content| {
+        canonical::text_of_hash(&content, &row.sha256)
+            .ok()
+            .flatten()
+    });
+    check.require(text.is_some(), || {
+        format!("{}: its content is not that of its hash", row.id)
+    });
     let entries = chain.events.get(&row.id).map_or(&[][..], Vec::as_slice);
-    let then = entries.iter().rev().find_map(|entry| LIFE.iter().find(|(event, _)| *event == entry.event));
+    let then = entries
+        .iter()
+        .rev()
+        .find_map(|entry| LIFE.iter().find(|(event, _)| *event == entry.event));
     if let Some((_, then)) = then {
-        check.require(*then == row.status.as_str(), || format!("{} is {}, the audit chain says {then}", row.id, row.status.as_str()));
+        check.require(*then == row.status.as_str(), || {
+            format!(
+                "{} is {}, the audit chain says {then}",
+                row.id,
+                row.status.as_str()
+            )
+        });
     }
 }

@@ -3,8 +3,10 @@
 use super::Check;
 use crate::store::{Engine, Result, Store};
 
-pub(super) const QUERIES_SQLITE: &[&str] = &[INTEGRITY, FOREIGN_KEYS, OBJECTS_SQLITE, UNIQUE_SQLITE];
-pub(super) const QUERIES_POSTGRES: &[&str] = &[UNPROVEN_POSTGRES, OBJECTS_POSTGRES, UNIQUE_POSTGRES];
+pub(super) const QUERIES_SQLITE: &[&str] =
+    &[INTEGRITY, FOREIGN_KEYS, OBJECTS_SQLITE, UNIQUE_SQLITE];
+pub(super) const QUERIES_POSTGRES: &[&str] =
+    &[UNPROVEN_POSTGRES, OBJECTS_POSTGRES, UNIQUE_POSTGRES];
 
 const INTEGRITY: &str = "select integrity_check from pragma_integrity_check";
 const FOREIGN_KEYS: &str = "select \"table\" from pragma_foreign_key_check";
@@ -13,7 +15,8 @@ const UNIQUE_SQLITE: &str = "
     select m.name || '(' || (select group_concat(i.name) from pragma_index_info(l.name) i) || ')'
     from sqlite_master m, pragma_index_list(m.name) l where m.type = 'table' and l.\"unique\" = 1";
 
-const UNPROVEN_POSTGRES: &str = "select cast(conname as text) from pg_constraint where not convalidated";
+const UNPROVEN_POSTGRES: &str =
+    "select cast(conname as text) from pg_constraint where not convalidated";
 const OBJECTS_POSTGRES: &str = "
     select cast(tgname as text) from pg_trigger where tgenabled <> 'D' and not tgisinternal
     union all select cast(indexname as text) from pg_indexes where schemaname = current_schema()";
@@ -51,27 +54,49 @@ const UNIQUE: &[&str] = &[
 ];
 
 pub(super) async fn is_sound(store: &Store) -> Result<Check> {
-    let mut check = Check::new("I9", "the database is sound, its references hold and its constraints are in force");
+    let mut check = Check::new(
+        "I9",
+        "the database is sound, its references hold and its constraints are in force",
+    );
     let (objects, unique) = match store.engine() {
         Engine::Sqlite => {
-            let lines: Vec<String> = sqlx::query_scalar(INTEGRITY).fetch_all(store.reads()).await?;
+            let lines: Vec<String> = sqlx::query_scalar(INTEGRITY)
+                .fetch_all(store.reads())
+                .await?;
             check.n_examined += lines.len() as i64;
-            lines.into_iter().filter(|line| line != "ok").for_each(|line| check.violated(line));
-            let tables: Vec<String> = sqlx::query_scalar(FOREIGN_KEYS).fetch_all(store.reads()).await?;
-            tables.into_iter().for_each(|table| check.violated(format!("a row of {table} refers to one that is not there")));
+            lines
+                .into_iter()
+                .filter(|line| line != "ok")
+                .for_each(|line| check.violated(line));
+            let tables: Vec<String> = sqlx::query_scalar(FOREIGN_KEYS)
+                .fetch_all(store.reads())
+                .await?;
+            tables.into_iter().for_each(|table| {
+                check.violated(format!("a row of {table} refers to one that is not there"))
+            });
             (OBJECTS_SQLITE, UNIQUE_SQLITE)
         }
         Engine::Postgres => {
-            let unproven: Vec<String> = sqlx::query_scalar(UNPROVEN_POSTGRES).fetch_all(store.reads()).await?;
-            unproven.into_iter().for_each(|name| check.violated(format!("constraint {name} is not validated")));
+            let unproven: Vec<String> = sqlx::query_scalar(UNPROVEN_POSTGRES)
+                .fetch_all(store.reads())
+                .await?;
+            unproven
+                .into_iter()
+                .for_each(|name| check.violated(format!("constraint {name} is not validated")));
             (OBJECTS_POSTGRES, UNIQUE_POSTGRES)
         }
     };
     let objects: Vec<String> = sqlx::query_scalar(objects).fetch_all(store.reads()).await?;
     let unique: Vec<String> = sqlx::query_scalar(unique).fetch_all(store.reads()).await?;
-    for (name, found) in GUARDS.iter().map(|name| (name, &objects)).chain(UNIQUE.iter().map(|name| (name, &unique))) {
+    for (name, found) in GUARDS
+        .iter()
+        .map(|name| (name, &objects))
+        .chain(UNIQUE.iter().map(|name| (name, &unique)))
+    {
         check.n_examined += 1;
-        check.require(found.iter().any(|object| object == name), || format!("the schema has lost {name}"));
+        check.require(found.iter().any(|object| object == name), || {
+            format!("the schema has lost {name}")
+        });
     }
     Ok(check)
 }

@@ -16,15 +16,28 @@ pub const SAME_MM: f64 = 1e-9;
 const SAME_ROTATION: f64 = 1e-12;
 
 /// Links that were read back.
-pub fn same_links(format: &'static str, robot: &Robot, meant: &[Link], back: &[Link]) -> Result<(), Error> {
+pub fn same_links(
+    format: &'static str,
+    robot: &Robot,
+    meant: &[Link],
+    back: &[Link],
+) -> Result<(), Error> {
     if meant.len() != back.len() {
-        return Err(Error::ReadBack { format, cause: format!("{} links became {}", meant.len(), back.len()) });
+        return Err(Error::ReadBack {
+            format,
+            cause: format!("{} links became {}", meant.len(), back.len()),
+        });
     }
     same_poses(format, robot, meant, &|q| t_base_flange(back, q))
 }
 
 /// Flange poses at the model's joint values.
-pub fn same_poses(format: &'static str, robot: &Robot, meant: &[Link], back: &dyn Fn(&[f64]) -> IsometryMatrix3<f64>) -> Result<(), Error> {
+pub fn same_poses(
+    format: &'static str,
+    robot: &Robot,
+    meant: &[Link],
+    back: &dyn Fn(&[f64]) -> IsometryMatrix3<f64>,
+) -> Result<(), Error> {
     let as_model = |q_controller: &[f64]| back(&robot.q_model_rad(q_controller));
     same_at_controller(format, robot, meant, &as_model)
 }
@@ -41,18 +54,30 @@ pub fn same_at_controller(
         let mm = (a.translation.vector - b.translation.vector).norm();
         let turn = (a.rotation.matrix() - b.rotation.matrix()).amax();
         if !(mm <= SAME_MM && turn <= SAME_ROTATION) {
-            return Err(Error::ReadBack { format, cause: format!("the flange is {mm:.1e} mm and {turn:.1e} rad away at {q:?} rad") });
+            return Err(Error::ReadBack {
+                format,
+                cause: format!("the flange is {mm:.1e} mm and {turn:.1e} rad away at {q:?} rad"),
+            });
         }
     }
     Ok(())
 }
 
 /// A URDF of ours, by the joint values it has.
-pub fn same_chain(format: &'static str, robot: &Robot, meant: &[Link], text: &[u8]) -> Result<(), Error> {
+pub fn same_chain(
+    format: &'static str,
+    robot: &Robot,
+    meant: &[Link],
+    text: &[u8],
+) -> Result<(), Error> {
     let urdf = Urdf::parse(text)?;
     let flange = format!("link_{}", meant.len());
     let chain = urdf.chain(Some(&flange), Some(meant.len()))?.chain;
-    if robot.joint_map.as_ref().is_some_and(|map| !map.coupling.is_identity(0.0)) {
+    if robot
+        .joint_map
+        .as_ref()
+        .is_some_and(|map| !map.coupling.is_identity(0.0))
+    {
         return same_poses(format, robot, meant, &|q| chain.t_root_tip(q));
     }
     same_at_controller(format, robot, meant, &|q| chain.t_root_tip(q))

@@ -74,13 +74,23 @@ pub struct MasteringOffset {
 
 impl ExportDocument {
     /// A parameter set with these links.
-    pub fn new(source: &Source<'_>, links: &[Link], remaining_error_mm: Option<RemainingError>) -> Self {
+    pub fn new(
+        source: &Source<'_>,
+        links: &[Link],
+        remaining_error_mm: Option<RemainingError>,
+    ) -> Self {
         let mut content = source.content.clone();
         if remaining_error_mm.is_some() {
             content.links = links.iter().map(IdentifiedLink::from_core).collect();
         }
         let warnings = source.warnings.to_vec();
-        Self { parameter_set_id: source.id.into(), robot: source.body.clone(), content, remaining_error_mm, warnings }
+        Self {
+            parameter_set_id: source.id.into(),
+            robot: source.body.clone(),
+            content,
+            remaining_error_mm,
+            warnings,
+        }
     }
 }
 
@@ -88,17 +98,32 @@ impl MasteringDocument {
     /// The offsets of refitted links: δq_controller = (coupling · sign)⁻¹ · δtheta_offset.
     pub fn new(robot: &Robot, refit: &Refit) -> Self {
         let n = robot.links.len();
-        let change = DVector::from_fn(n, |i, _| refit.links[i].theta_offset_rad - robot.links[i].theta_offset_rad);
+        let change = DVector::from_fn(n, |i, _| {
+            refit.links[i].theta_offset_rad - robot.links[i].theta_offset_rad
+        });
         let offsets = robot.joint_rates().lu().solve(&change).unwrap_or(change);
         let is_inner = |i: usize| i > 0 && i + 1 < n;
-        let joint = |i: usize| MasteringOffset { joint: i + 1, offset_deg: to_degrees(offsets[i]), determined: is_inner(i) };
-        let remaining_error_mm = RemainingError { mean: refit.mean_mm, max: refit.max_mm };
-        Self { joints: (0..n).map(joint).collect(), remaining_error_mm }
+        let joint = |i: usize| MasteringOffset {
+            joint: i + 1,
+            offset_deg: to_degrees(offsets[i]),
+            determined: is_inner(i),
+        };
+        let remaining_error_mm = RemainingError {
+            mean: refit.mean_mm,
+            max: refit.max_mm,
+        };
+        Self {
+            joints: (0..n).map(joint).collect(),
+            remaining_error_mm,
+        }
     }
 
     /// The offsets, rad.
     pub fn offsets_rad(&self) -> Vec<f64> {
-        self.joints.iter().map(|joint| to_radians(joint.offset_deg)).collect()
+        self.joints
+            .iter()
+            .map(|joint| to_radians(joint.offset_deg))
+            .collect()
     }
 }
 
@@ -106,23 +131,50 @@ impl MasteringDocument {
 pub fn csv_of(links: &[Link]) -> String {
     let mut text = String::from("link,a_mm,alpha_deg,d_mm,theta_offset_deg,beta_deg\n");
     for (i, link) in links.iter().map(IdentifiedLink::from_core).enumerate() {
-        let IdentifiedLink { a_mm, alpha_deg, d_mm, theta_offset_deg, beta_deg } = link;
-        let _ = writeln!(text, "{},{a_mm},{alpha_deg},{d_mm},{theta_offset_deg},{beta_deg}", i + 1);
+        let IdentifiedLink {
+            a_mm,
+            alpha_deg,
+            d_mm,
+            theta_offset_deg,
+            beta_deg,
+        } = link;
+        let _ = writeln!(
+            text,
+            "{},{a_mm},{alpha_deg},{d_mm},{theta_offset_deg},{beta_deg}",
+            i + 1
+        );
     }
     text
 }
 
 /// Names of the joints' frames in the description packages of Universal Robots.
-const UR_FRAMES: [&str; 6] = ["shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3"];
+const UR_FRAMES: [&str; 6] = [
+    "shoulder",
+    "upper_arm",
+    "forearm",
+    "wrist_1",
+    "wrist_2",
+    "wrist_3",
+];
 
 /// Origins of the joints as `kinematics:` of a UR description: x, y, z in metres, roll, pitch, yaw in rad. The hash is not a controller's:
 /// the driver will say so.
 pub fn ur_kinematics(links: &[Link], sha256: &str) -> String {
     let mut text = String::from("kinematics:\n");
     for (name, link) in UR_FRAMES.iter().zip(links) {
-        let Origin { xyz_mm: [x, y, z], rpy_rad: [roll, pitch, yaw] } = origin_of(&t_previous_link(link, 0.0));
+        let Origin {
+            xyz_mm: [x, y, z],
+            rpy_rad: [roll, pitch, yaw],
+        } = origin_of(&t_previous_link(link, 0.0));
         let _ = writeln!(text, "  {name}:");
-        for (key, value) in [("x", x / 1e3), ("y", y / 1e3), ("z", z / 1e3), ("roll", roll), ("pitch", pitch), ("yaw", yaw)] {
+        for (key, value) in [
+            ("x", x / 1e3),
+            ("y", y / 1e3),
+            ("z", z / 1e3),
+            ("roll", roll),
+            ("pitch", pitch),
+            ("yaw", yaw),
+        ] {
             let _ = writeln!(text, "    {key}: {:?}", value + 0.0);
         }
     }
@@ -138,7 +190,14 @@ struct UrFile {
 #[derive(Deserialize)]
 #[serde(untagged)]
 enum UrEntry {
-    Frame { x: f64, y: f64, z: f64, roll: f64, pitch: f64, yaw: f64 },
+    Frame {
+        x: f64,
+        y: f64,
+        z: f64,
+        roll: f64,
+        pitch: f64,
+        yaw: f64,
+    },
     Hash(#[allow(dead_code, reason = "read and left")] String),
 }
 
@@ -149,11 +208,31 @@ enum UrEntry {
 pub fn read_ur_kinematics(text: &str) -> Result<Chain, String> {
     let file: UrFile = yaml_serde::from_str(text).map_err(|e| e.to_string())?;
     let joint = |name: &str| match file.kinematics.get(name) {
-        Some(UrEntry::Frame { x, y, z, roll, pitch, yaw }) => {
-            let origin = Origin { xyz_mm: [x * 1e3, y * 1e3, z * 1e3], rpy_rad: [*roll, *pitch, *yaw] };
-            Ok(ChainJoint { name: name.into(), t_parent_joint: pose_of(&origin), axis: Some(Vector3::z()), limits_rad: None })
+        Some(UrEntry::Frame {
+            x,
+            y,
+            z,
+            roll,
+            pitch,
+            yaw,
+        }) => {
+            let origin = Origin {
+                xyz_mm: [x * 1e3, y * 1e3, z * 1e3],
+                rpy_rad: [*roll, *pitch, *yaw],
+            };
+            Ok(ChainJoint {
+                name: name.into(),
+                t_parent_joint: pose_of(&origin),
+                axis: Some(Vector3::z()),
+                limits_rad: None,
+            })
         }
         _ => Err(format!("no frame {name}")),
     };
-    Ok(Chain { joints: UR_FRAMES.iter().map(|name| joint(name)).collect::<Result<_, _>>()? })
+    Ok(Chain {
+        joints: UR_FRAMES
+            .iter()
+            .map(|name| joint(name))
+            .collect::<Result<_, _>>()?,
+    })
 }

@@ -4,7 +4,9 @@ mod check;
 mod documents;
 mod urdf;
 
-pub use documents::{ExportAnswer, ExportDocument, MasteringDocument, MasteringOffset, RemainingError};
+pub use documents::{
+    ExportAnswer, ExportDocument, MasteringDocument, MasteringOffset, RemainingError,
+};
 
 use crate::exchange::refit;
 use crate::kinematics::{Link, Robot};
@@ -93,44 +95,86 @@ pub struct Source<'a> {
 ///
 /// # Errors
 /// [`Error`].
-pub fn export(source: &Source<'_>, format: ExportFormat, beta: BetaChoice) -> Result<Exported, Error> {
+pub fn export(
+    source: &Source<'_>,
+    format: ExportFormat,
+    beta: BetaChoice,
+) -> Result<Exported, Error> {
     let (links, remaining) = links_of(source, beta);
     match format {
         ExportFormat::Json => {
             let document = ExportDocument::new(source, &links, remaining);
-            let text = serde_json::to_string_pretty(&document).map_err(|e| unreadable("json", e))?;
-            let back: ExportDocument = serde_json::from_str(&text).map_err(|e| unreadable("json", e))?;
+            let text =
+                serde_json::to_string_pretty(&document).map_err(|e| unreadable("json", e))?;
+            let back: ExportDocument =
+                serde_json::from_str(&text).map_err(|e| unreadable("json", e))?;
             check::same_links("json", source.robot, &links, &back.content.links_to_core())?;
-            Ok(Exported { content_type: "application/json", extension: "json", text, remaining })
+            Ok(Exported {
+                content_type: "application/json",
+                extension: "json",
+                text,
+                remaining,
+            })
         }
         ExportFormat::Yaml => {
             let document = ExportDocument::new(source, &links, remaining);
             let text = yaml_serde::to_string(&document).map_err(|e| unreadable("yaml", e))?;
-            let back: ExportDocument = yaml_serde::from_str(&text).map_err(|e| unreadable("yaml", e))?;
+            let back: ExportDocument =
+                yaml_serde::from_str(&text).map_err(|e| unreadable("yaml", e))?;
             check::same_links("yaml", source.robot, &links, &back.content.links_to_core())?;
-            Ok(Exported { content_type: "application/yaml", extension: "yaml", text, remaining })
+            Ok(Exported {
+                content_type: "application/yaml",
+                extension: "yaml",
+                text,
+                remaining,
+            })
         }
         ExportFormat::Csv => {
             let text = documents::csv_of(&links);
-            let table = crate::wire::import::table(text.as_bytes()).map_err(|e| unreadable("csv", e.summary()))?;
+            let table = crate::wire::import::table(text.as_bytes())
+                .map_err(|e| unreadable("csv", e.summary()))?;
             check::same_links("csv", source.robot, &links, &table.links)?;
-            Ok(Exported { content_type: "text/csv", extension: "csv", text, remaining })
+            Ok(Exported {
+                content_type: "text/csv",
+                extension: "csv",
+                text,
+                remaining,
+            })
         }
         ExportFormat::Urdf => {
             let text = urdf::written(source, &links);
             check::same_chain("urdf", source.robot, &links, text.as_bytes())?;
-            Ok(Exported { content_type: "application/xml", extension: "urdf", text, remaining })
+            Ok(Exported {
+                content_type: "application/xml",
+                extension: "urdf",
+                text,
+                remaining,
+            })
         }
         ExportFormat::UrKinematics => {
             if links.len() != 6 {
-                let detail = format!("UR kinematics have six joints; this robot has {}: take urdf or json", links.len());
+                let detail = format!(
+                    "UR kinematics have six joints; this robot has {}: take urdf or json",
+                    links.len()
+                );
                 return Err(Invalid::at("", "not_six_joints", detail).into());
             }
-            let sha256 = source.content.sha256().map_err(|e| unreadable("ur_kinematics", e))?;
+            let sha256 = source
+                .content
+                .sha256()
+                .map_err(|e| unreadable("ur_kinematics", e))?;
             let text = documents::ur_kinematics(&links, &sha256);
-            let back = documents::read_ur_kinematics(&text).map_err(|e| unreadable("ur_kinematics", e))?;
-            check::same_poses("ur_kinematics", source.robot, &links, &|q| back.t_root_tip(q))?;
-            Ok(Exported { content_type: "application/yaml", extension: "yaml", text, remaining })
+            let back =
+                documents::read_ur_kinematics(&text).map_err(|e| unreadable("ur_kinematics", e))?;
+            check::same_poses("ur_kinematics", source.robot, &links, &|q| {
+                back.t_root_tip(q)
+            })?;
+            Ok(Exported {
+                content_type: "application/yaml",
+                extension: "yaml",
+                text,
+                remaining,
+            })
         }
         ExportFormat::Mastering => mastering(source),
     }
@@ -143,7 +187,12 @@ pub fn export(source: &Source<'_>, format: ExportFormat, beta: BetaChoice) -> Re
 pub fn patch_urdf(source: &Source<'_>, bytes: &[u8], tip: Option<&str>) -> Result<Exported, Error> {
     let links = source.content.links_to_core();
     let text = urdf::patched(source, &links, bytes, tip)?;
-    Ok(Exported { content_type: "application/xml", extension: "urdf", text, remaining: None })
+    Ok(Exported {
+        content_type: "application/xml",
+        extension: "urdf",
+        text,
+        remaining: None,
+    })
 }
 
 /// The identified links, with or without beta, and what is lost without.
@@ -153,21 +202,44 @@ fn links_of(source: &Source<'_>, beta: BetaChoice) -> (Vec<Link>, Option<Remaini
         return (links, None);
     }
     let refit = refit::without_beta(source.robot, &links);
-    (refit.links, Some(RemainingError { mean: refit.mean_mm, max: refit.max_mm }))
+    (
+        refit.links,
+        Some(RemainingError {
+            mean: refit.mean_mm,
+            max: refit.max_mm,
+        }),
+    )
 }
 
 fn mastering(source: &Source<'_>) -> Result<Exported, Error> {
     let refit = refit::mastering(source.robot, &source.content.links_to_core());
     let document = MasteringDocument::new(source.robot, &refit);
     let offsets_rad = document.offsets_rad();
-    let shifted = |q: &[f64]| -> Vec<f64> { q.iter().zip(&offsets_rad).map(|(q, offset)| q + offset).collect() };
-    let nominal =
-        |q_controller: &[f64]| crate::kinematics::t_base_flange(&source.robot.links, &source.robot.q_model_rad(&shifted(q_controller)));
+    let shifted = |q: &[f64]| -> Vec<f64> {
+        q.iter()
+            .zip(&offsets_rad)
+            .map(|(q, offset)| q + offset)
+            .collect()
+    };
+    let nominal = |q_controller: &[f64]| {
+        crate::kinematics::t_base_flange(
+            &source.robot.links,
+            &source.robot.q_model_rad(&shifted(q_controller)),
+        )
+    };
     check::same_at_controller("mastering", source.robot, &refit.links, &nominal)?;
     let text = serde_json::to_string_pretty(&document).map_err(|e| unreadable("mastering", e))?;
-    Ok(Exported { content_type: "application/json", extension: "json", text, remaining: Some(document.remaining_error_mm) })
+    Ok(Exported {
+        content_type: "application/json",
+        extension: "json",
+        text,
+        remaining: Some(document.remaining_error_mm),
+    })
 }
 
 fn unreadable(format: &'static str, cause: impl std::fmt::Display) -> Error {
-    Error::ReadBack { format, cause: cause.to_string() }
+    Error::ReadBack {
+        format,
+        cause: cause.to_string(),
+    }
 }

@@ -29,20 +29,53 @@ pub fn written(source: &Source<'_>, links: &[Link]) -> String {
         let (sign, offset) = uncoupled.map_or((1.0, 0.0), |map| (map.sign[i], map.offset_rad[i]));
         let origin = origin_of(&t_previous_link(link, offset));
         let limits = source.robot.joint_limits_rad[i].filter(|_| is_controllers);
-        let kind = if limits.is_some() { "revolute" } else { "continuous" };
-        let parent = if i == 0 { "base_link".to_owned() } else { format!("link_{i}") };
-        let _ = writeln!(text, "  <link name=\"link_{}\"/>\n  <joint name=\"joint_{}\" type=\"{kind}\">", i + 1, i + 1);
-        let _ = writeln!(text, "    <parent link=\"{parent}\"/>\n    <child link=\"link_{}\"/>", i + 1);
-        let _ = writeln!(text, "    <origin xyz=\"{}\" rpy=\"{}\"/>\n    <axis xyz=\"0 0 {sign}\"/>", xyz_text(&origin), rpy_text(&origin));
+        let kind = if limits.is_some() {
+            "revolute"
+        } else {
+            "continuous"
+        };
+        let parent = if i == 0 {
+            "base_link".to_owned()
+        } else {
+            format!("link_{i}")
+        };
+        let _ = writeln!(
+            text,
+            "  <link name=\"link_{}\"/>\n  <joint name=\"joint_{}\" type=\"{kind}\">",
+            i + 1,
+            i + 1
+        );
+        let _ = writeln!(
+            text,
+            "    <parent link=\"{parent}\"/>\n    <child link=\"link_{}\"/>",
+            i + 1
+        );
+        let _ = writeln!(
+            text,
+            "    <origin xyz=\"{}\" rpy=\"{}\"/>\n    <axis xyz=\"0 0 {sign}\"/>",
+            xyz_text(&origin),
+            rpy_text(&origin)
+        );
         if let Some((low, high)) = limits {
-            let _ = writeln!(text, "    <limit lower=\"{low}\" upper=\"{high}\" effort=\"0\" velocity=\"0\"/>");
+            let _ = writeln!(
+                text,
+                "    <limit lower=\"{low}\" upper=\"{high}\" effort=\"0\" velocity=\"0\"/>"
+            );
         }
         text += "  </joint>\n";
     }
-    for target in source.content.targets.iter().filter(|target| target.segment.is_none()) {
+    for target in source
+        .content
+        .targets
+        .iter()
+        .filter(|target| target.segment.is_none())
+    {
         let [x, y, z] = target.position_mm.map(|mm| mm / 1e3);
         let (n, number) = (links.len(), target.target);
-        let _ = writeln!(text, "  <link name=\"target_{number}\"/>\n  <joint name=\"target_{number}_joint\" type=\"fixed\">");
+        let _ = writeln!(
+            text,
+            "  <link name=\"target_{number}\"/>\n  <joint name=\"target_{number}_joint\" type=\"fixed\">"
+        );
         let _ = writeln!(
             text,
             "    <parent link=\"link_{n}\"/>\n    <child link=\"target_{number}\"/>\n    <origin xyz=\"{x} {y} {z}\" rpy=\"0 0 0\"/>\n  </joint>"
@@ -53,7 +86,12 @@ pub fn written(source: &Source<'_>, links: &[Link]) -> String {
 }
 
 /// The user's URDF with new origins of the joints that move; read back and compared.
-pub fn patched(source: &Source<'_>, links: &[Link], bytes: &[u8], tip: Option<&str>) -> Result<String, Error> {
+pub fn patched(
+    source: &Source<'_>,
+    links: &[Link],
+    bytes: &[u8],
+    tip: Option<&str>,
+) -> Result<String, Error> {
     let urdf = Urdf::parse(bytes)?;
     let old = urdf.chain(tip, Some(links.len()))?;
     let new = transplanted(&old.chain, source.robot, links).map_err(|mismatch| {
@@ -61,23 +99,43 @@ pub fn patched(source: &Source<'_>, links: &[Link], bytes: &[u8], tip: Option<&s
         Invalid::at("", "urdf_mismatch", detail)
     })?;
     let text = urdf.with_origins(&old, &new);
-    let back = Urdf::parse(text.as_bytes())?.chain(tip, Some(links.len()))?.chain;
-    let unlike = |cause: String| Error::ReadBack { format: "urdf", cause };
+    let back = Urdf::parse(text.as_bytes())?
+        .chain(tip, Some(links.len()))?
+        .chain;
+    let unlike = |cause: String| Error::ReadBack {
+        format: "urdf",
+        cause,
+    };
     let (mm, turn) = largest_difference(&new, &back, source);
     if !(mm <= check::SAME_MM && turn <= check::SAME_MM) {
-        return Err(unlike(format!("the tip is {mm:.1e} mm away from what was meant")));
+        return Err(unlike(format!(
+            "the tip is {mm:.1e} mm away from what was meant"
+        )));
     }
     let mm = worst_against_links(&back, source, links);
-    if mm > check::SAME_MM { Err(unlike(format!("it moves {mm:.1e} mm unlike the identified links"))) } else { Ok(text) }
+    if mm > check::SAME_MM {
+        Err(unlike(format!(
+            "it moves {mm:.1e} mm unlike the identified links"
+        )))
+    } else {
+        Ok(text)
+    }
 }
 
 fn largest_difference(a: &Chain, b: &Chain, source: &Source<'_>) -> (f64, f64) {
     let apart = |q: Vec<f64>| {
         let (a, b) = (a.t_root_tip(&q), b.t_root_tip(&q));
-        ((a.translation.vector - b.translation.vector).norm(), (a.rotation.matrix() - b.rotation.matrix()).amax())
+        (
+            (a.translation.vector - b.translation.vector).norm(),
+            (a.rotation.matrix() - b.rotation.matrix()).amax(),
+        )
     };
-    let all = random_configurations(source.robot, N_CONFIGURATIONS, 2).into_iter().map(apart);
-    all.fold((0.0, 0.0), |worst: (f64, f64), at| (worst.0.max(at.0), worst.1.max(at.1)))
+    let all = random_configurations(source.robot, N_CONFIGURATIONS, 2)
+        .into_iter()
+        .map(apart);
+    all.fold((0.0, 0.0), |worst: (f64, f64), at| {
+        (worst.0.max(at.0), worst.1.max(at.1))
+    })
 }
 
 /// How far a chain is from moving as links do, whatever stands before and behind them: between two configurations the tip moves by
@@ -86,14 +144,21 @@ fn worst_against_links(chain: &Chain, source: &Source<'_>, links: &[Link]) -> f6
     let screw = |a: &IsometryMatrix3<f64>, b: &IsometryMatrix3<f64>| {
         let t = a.inverse() * b;
         let m = t.rotation.matrix();
-        let axis = Vector3::new(m[(2, 1)] - m[(1, 2)], m[(0, 2)] - m[(2, 0)], m[(1, 0)] - m[(0, 1)]);
+        let axis = Vector3::new(
+            m[(2, 1)] - m[(1, 2)],
+            m[(0, 2)] - m[(2, 0)],
+            m[(1, 0)] - m[(0, 1)],
+        );
         (m.trace(), axis.dot(&t.translation.vector))
     };
     let configurations = random_configurations(source.robot, N_CONFIGURATIONS, 3);
     let differences = |to_model: &dyn Fn(&[f64]) -> Vec<f64>| {
         let pair = |pair: &[Vec<f64>]| {
             let theirs = screw(&chain.t_root_tip(&pair[0]), &chain.t_root_tip(&pair[1]));
-            let ours = screw(&t_base_flange(links, &to_model(&pair[0])), &t_base_flange(links, &to_model(&pair[1])));
+            let ours = screw(
+                &t_base_flange(links, &to_model(&pair[0])),
+                &t_base_flange(links, &to_model(&pair[1])),
+            );
             // a trace of rounding 1e-15 is as much as 1e-12 mm at a metre
             ((theirs.0 - ours.0).abs() * 1e3).max((theirs.1 - ours.1).abs())
         };
