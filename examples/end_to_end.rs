@@ -63,7 +63,10 @@ impl Client {
     }
 
     fn get_bytes(&mut self, path: &str) -> anyhow::Result<Vec<u8>> {
-        self.answer(&format!("GET {path} HTTP/1.1\r\nhost: kincal\r\n\r\n"), b"")
+        self.answer(
+            &format!("GET {path} HTTP/1.1\r\nhost: localhost\r\n\r\n"),
+            b"",
+        )
     }
 
     fn post(&mut self, path: &str, content_type: &str, body: &[u8]) -> anyhow::Result<Value> {
@@ -72,7 +75,7 @@ impl Client {
             body.len()
         );
         parsed(&self.answer(
-            &format!("POST {path} HTTP/1.1\r\nhost: kincal\r\n{of_body}\r\n\r\n"),
+            &format!("POST {path} HTTP/1.1\r\nhost: localhost\r\n{of_body}\r\n\r\n"),
             body,
         )?)
     }

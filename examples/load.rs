@@ -208,7 +208,7 @@ fn row(what: &str, rate: f64, took_s: f64, answers: &[Answer], target: &str) -> 
 
 fn post(path: &str, content_type: &str, body: &[u8]) -> Vec<u8> {
     let head = format!(
-        "POST {path} HTTP/1.1\r\nhost: l\r\ncontent-type: {content_type}\r\ncontent-length: {}\r\n\r\n",
+        "POST {path} HTTP/1.1\r\nhost: localhost\r\ncontent-type: {content_type}\r\ncontent-length: {}\r\n\r\n",
         body.len()
     );
     [head.as_bytes(), body].concat()
@@ -258,7 +258,7 @@ async fn main() -> anyhow::Result<()> {
     println!(
         "| what | offered, 1/s | done, 1/s | median, ms | p99, ms | told to come back | p99 of these, ms | failed | target |\n|---|---|---|---|---|---|---|---|---|"
     );
-    let get = format!("GET /v1/robots/{robot} HTTP/1.1\r\nhost: l\r\n\r\n").into_bytes();
+    let get = format!("GET /v1/robots/{robot} HTTP/1.1\r\nhost: localhost\r\n\r\n").into_bytes();
     for rate in [1000.0, 2500.0, 5000.0, 10_000.0] {
         let request = get.clone();
         let (answers, took_s) = at_rate(&server.address, rate, seconds, CONNECTIONS, move |_| {
@@ -329,7 +329,7 @@ async fn slow_clients(server: &Server, get: &[u8]) -> anyhow::Result<()> {
         let beginning: &[u8] = match i % 3 {
             0 => b"",
             1 => b"GET / HT",
-            _ => b"POST /v1/robots HTTP/1.1\r\nhost: l\r\ncontent-type: application/json\r\ncontent-length: 1000\r\n\r\n{",
+            _ => b"POST /v1/robots HTTP/1.1\r\nhost: localhost\r\ncontent-type: application/json\r\ncontent-length: 1000\r\n\r\n{",
         };
         stream.write_all(beginning).await?;
         slow.push(tokio::spawn(async move {
@@ -384,6 +384,7 @@ async fn claims(data_dir: &std::path::Path) -> anyhow::Result<()> {
         warnings_json: "[]".into(),
         uploaded_by: None,
         serial_number: None,
+        insisted_on: None,
     };
     let set = measurement_sets::insert(&mut tx, &set).await?;
     tx.commit().await?;

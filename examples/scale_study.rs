@@ -220,6 +220,7 @@ fn papers_set(robot_id: &str) -> NewMeasurementSet {
         warnings_json: "[]".into(),
         uploaded_by: None,
         serial_number: None,
+        insisted_on: None,
     }
 }
 

@@ -3,7 +3,7 @@
 //! Core (no IO, no async, no clock, no unseeded randomness): [`kinematics`], [`solvers`], [`measurement`],
 //! [`frames`], [`identification`], [`compensation`], [`planning`], [`exchange`], [`calibration`]. Service: [`wire`], [`store`], [`jobs`],
 //! [`report_page`], [`http`], [`cli`].
-//! `ARCHITECTURE.md` has the map and the reasons; `tests/architecture.rs` holds who may use whom.
+//! `ARCHITECTURE.md` has the map and the reasons; `tests/architecture/main.rs` holds who may use whom.
 
 // The core: clippy.toml names the float functions it may not use.
 #[warn(clippy::disallowed_methods)]
@@ -29,6 +29,7 @@ pub mod cli;
 pub mod config;
 pub mod http;
 pub mod jobs;
+pub mod release;
 pub mod report_page;
 pub mod store;
 pub mod telemetry;

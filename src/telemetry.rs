@@ -1,22 +1,26 @@
 //! Logs: text for people at a terminal, JSON for everything else, always on standard error.
 
 use std::io::IsTerminal;
-use tracing_subscriber::EnvFilter;
+use tracing_subscriber::filter::{LevelFilter, Targets};
+use tracing_subscriber::layer::SubscriberExt;
+use tracing_subscriber::util::SubscriberInitExt;
 
-/// Starts logging once per process. `KINCAL_LOG` takes filters such as `kincal=debug`; default `info`.
+/// Starts logging once per process. `KINCAL_LOG` takes levels by target, such as `info,kincal::jobs=debug`; default `info`.
 pub fn start() {
-    let filter = EnvFilter::try_from_env("KINCAL_LOG").unwrap_or_else(|_| EnvFilter::new("info"));
-    let builder = tracing_subscriber::fmt()
-        .with_env_filter(filter)
+    let asked = std::env::var("KINCAL_LOG").ok();
+    let filter = asked.and_then(|levels| levels.parse::<Targets>().ok());
+    let filter = filter.unwrap_or_else(|| Targets::new().with_default(LevelFilter::INFO));
+    let layer = tracing_subscriber::fmt::layer()
         .with_writer(std::io::stderr)
         .with_target(false);
     // A log that cannot be written must not end what it tells of: told on standard error, it would.
-    let builder = builder.log_internal_errors(false);
+    let layer = layer.log_internal_errors(false);
+    let registry = tracing_subscriber::registry().with(filter);
     // A second start, e.g. by several servers in one test process, keeps the first.
     let started = if std::io::stderr().is_terminal() {
-        builder.try_init()
+        registry.with(layer).try_init()
     } else {
-        builder.json().flatten_event(true).try_init()
+        registry.with(layer.json().flatten_event(true)).try_init()
     };
     drop(started);
 }

@@ -1,7 +1,8 @@
 //! What runs in every iteration allocates nothing.
 
-#[path = "support/data.rs"]
-mod data;
+#[path = "support/mod.rs"]
+mod support;
+use support::data;
 
 use allocation_counter::measure;
 use data::{paper_robot, paper_set};

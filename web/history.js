@@ -107,10 +107,11 @@ export function parameterHistory(entries) {
   return chart;
 }
 
-/** Largest step of a parameter from one set to the next, in units of the two uncertainties; base and targets come after the links. */
+/** Largest step of a parameter from one set to the next, in units of the two uncertainties, where they are stated; base and targets come after the links. */
 function jump(entries, name) {
   const rows = entries.map(({ report }) => report.parameters.find((p) => p.name === name && p.identifiable)).filter(Boolean);
-  const steps = rows.slice(1).map((now, i) => Math.abs(now.delta - rows[i].delta) / (Math.hypot(now.std_uncertainty ?? 0, rows[i].std_uncertainty ?? 0) || 1e-9));
+  const std = (now, then) => (now.std_uncertainty === null || then.std_uncertainty === null ? Infinity : Math.hypot(now.std_uncertainty, then.std_uncertainty) || 1e-9);
+  const steps = rows.slice(1).map((now, i) => Math.abs(now.delta - rows[i].delta) / std(now, rows[i]));
   return rows.some((p) => p.link) ? 1 + Math.max(0, ...steps) : 0;
 }
 

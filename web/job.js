@@ -3,9 +3,10 @@
 import { follow, get, post } from "./api.js";
 import { convergence } from "./figures.js";
 import { el, fill, problem, say } from "./dom.js";
-import { capital, method, number, span, when } from "./format.js";
+import { capital, method, number, when } from "./format.js";
 import { statusBadge } from "./robot.js";
 import { result } from "./result.js";
+import { STAGES } from "./words.js";
 
 const isOver = (job) => !["queued", "running"].includes(job.status);
 
@@ -60,7 +61,18 @@ function ending(job, robot) {
 
 const WAITING = "Waiting for a worker …";
 
-/** Progress, remaining time and the curve so far. */
+/** What it is at, in words. Only the main method has iterations, and its limit is seldom reached: no time is promised. */
+function at({ stage, iteration, n_iterations, best_cost_mm2 }) {
+  const words = STAGES[stage] ?? "Computing";
+  if (!iterates(stage) || n_iterations === 0) return `${words} …`;
+  const cost = best_cost_mm2 === null ? "" : ` Smallest cost so far: ${number(best_cost_mm2)} mm².`;
+  return `${words}: iteration ${iteration} of at most ${n_iterations}.${cost}`;
+}
+
+/** Whether the iterations are those of what it is at; an older server does not say. */
+const iterates = (stage) => stage === undefined || ["least_squares", "pso", "bpnn_pso"].includes(stage);
+
+/** Progress by stages, and the curve so far. */
 function watch(first, may) {
   const bar = el("progress", { max: 1, "aria-label": `Progress of the ${noun(first)}` });
   const text = el("p", {}, WAITING);
@@ -77,19 +89,18 @@ function watch(first, may) {
   const node = el("div", {}, el("section.card", {}, el("h2", {}, "Running"), bar, text, out, may("identify") && el("button.danger", { type: "button", click: cancel }, "Cancel")), plot);
   const curve = { iteration: [], best_cost_mm2: [], limit: 1 };
   let chart = null;
-  let begun = null;
   const moved = (job) => {
     const progress = job.progress;
-    const isWaiting = job.status === "queued" || !progress;
-    if (isWaiting && !isOver(job)) fill(text, WAITING);
-    if (isWaiting || isOver(job)) return;
-    const now = performance.now();
-    // a job that a restart handed back begins anew
-    if (!begun || progress.iteration < bar.value) begun = { at: now, iteration: progress.iteration };
+    if (isOver(job)) return;
+    if (job.status === "queued") fill(text, WAITING);
+    if (job.status === "running") fill(text, progress ? at(progress) : "A worker has begun …");
+    if (job.status === "queued" || !progress || !iterates(progress.stage) || progress.n_iterations === 0) {
+      // how far such a stage is cannot be told
+      bar.removeAttribute("value");
+      return;
+    }
     bar.max = progress.n_iterations;
     bar.value = progress.iteration;
-    fill(text, `Iteration ${progress.iteration} of at most ${progress.n_iterations}. `, remaining(progress, begun, now),
-      progress.best_cost_mm2 === null ? "" : ` Smallest cost so far: ${number(progress.best_cost_mm2)} mm².`);
     if (progress.best_cost_mm2 === null || progress.iteration <= (curve.iteration.at(-1) ?? -1)) return;
     curve.iteration.push(progress.iteration);
     curve.best_cost_mm2.push(progress.best_cost_mm2);
@@ -101,11 +112,4 @@ function watch(first, may) {
   const lost = () => fill(text, "The server does not answer. This page waits for it; the job is not lost.");
   moved(first);
   return { node, moved, lost };
-}
-
-function remaining(progress, begun, now) {
-  const done = progress.iteration - begun.iteration;
-  if (done < 5) return "";
-  const seconds = ((now - begun.at) / 1000 / done) * (progress.n_iterations - progress.iteration);
-  return `At most ${span(seconds)} to go.`;
 }

@@ -7,6 +7,10 @@ import { capital, correctionTitle, error, EVIDENCE, fixed, gateDetail, gateTitle
 import { decisions, statusBadge } from "./robot.js";
 import { facts } from "./robots.js";
 import { saveButton, savePoints } from "./save.js";
+import { NO_USE } from "./words.js";
+
+/** Points were held out, and prove nothing. */
+const NO_EVIDENCE = "These points are no evidence: they are too few, or somebody insisted on them.";
 
 /** Draws a finished job. */
 export async function result(body, context, { job, robot, set, verified }) {
@@ -18,7 +22,7 @@ export async function result(body, context, { job, robot, set, verified }) {
   const half = report.verify ?? report.identify;
   const names = job.kind === "verify" ? VERIFIED : IDENTIFIED;
   const swarm = curve.iteration.length > 1 && convergence(curve);
-  fill(body, job.kind === "verify" ? score(report, half, verified) : verdict(report, half), summary(report, half, job, verified), parameterSet && decision(parameterSet, context, job, robot),
+  fill(body, job.kind === "verify" ? score(report, half, verified) : verdict(report, half), summary(report, half, job, verified), parameterSet && !noUse(report) && decision(parameterSet, context, job, robot),
     report.warnings.map(warning), el("div.two", {}, errorTable(report, job), histogram(report.per_point, names)), perPoint(report.per_point, names),
     pairs(arrows(report.per_point, names)), parameterTable(report), priors(report), pairs([swarm, comparison(report)].flat().filter(Boolean)), corrections(report), repeatability(report), changed(report), files(job, set, parameterSet), origin(report, set, parameterSet));
 }
@@ -28,23 +32,36 @@ const pairs = (figures) => figures.length > 0 && el("div.two", {}, figures);
 /** True where a correction was kept; else the errors with corrections are those without. */
 const isCorrected = (half) => half.corrected && half.corrected.rms_mm !== half.after.rms_mm;
 
+/** Why nothing is to be done with what was found, in words; undefined where there is no reason. */
+function noUse(report) {
+  const code = Object.keys(NO_USE).find((known) => report.warnings.some((remark) => remark.code === known));
+  return NO_USE[code];
+}
+
+function useless(report, half) {
+  return el("div.problem", { role: "alert" }, el("p", {}, el("strong", {}, `${noUse(report)}.`), ` The mean position error is ${mm(half.after.mean_mm)}, and ${mm(half.before.mean_mm)} with the nominal robot. The warnings below say more.`));
+}
+
 function verdict(report, half) {
+  if (noUse(report)) return useless(report, half);
   const share = 1 - half.after.mean_mm / half.before.mean_mm;
   const where = report.verify ? `On ${half.n_points} points that were not fitted` : `On the ${half.n_points} points of the fit itself`;
   const better = share > 0.001 ? `fell from ${mm(half.before.mean_mm)} to ${mm(half.after.mean_mm)}, by ${share > 0.9995 ? "more than 99.9" : (100 * share).toFixed(1)} %` : `went from ${mm(half.before.mean_mm)} to ${mm(half.after.mean_mm)}: it did not get better`;
-  const [, why] = EVIDENCE[report.evidence] ?? ["", ""];
-  return el(share > 0.001 && report.verify ? "div.done" : "div.warning", {}, el("p", {}, el("strong", {}, `${where}, the mean position error ${better}.`), " ", why));
+  const why = report.evidence === "none" && report.verify ? NO_EVIDENCE : EVIDENCE[report.evidence]?.[1] ?? "";
+  return el(share > 0.001 && report.evidence !== "none" ? "div.done" : "div.warning", {}, el("p", {}, el("strong", {}, `${where}, the mean position error ${better}.`), " ", why));
 }
 
 /** What a verification found. Where no set was scored, that was the nominal robot. */
 function score(report, half, verified) {
-  if (!verified && !half.corrected) return el("div.done", {}, el("p", {}, el("strong", {}, `On ${half.n_points} points, the nominal robot has a mean position error of ${mm(half.after.mean_mm)}.`), " No identified parameters were verified."));
+  if (noUse(report)) return useless(report, half);
+  if (!verified && !half.corrected) return el(report.evidence === "none" ? "div.warning" : "div.done", {}, el("p", {}, el("strong", {}, `On ${half.n_points} points, the nominal robot has a mean position error of ${mm(half.after.mean_mm)}.`), " No identified parameters were verified."));
   const share = 1 - half.after.mean_mm / half.before.mean_mm;
   const isAnew = report.evidence === "independent_session";
   const which = verified ? `the parameters identified ${when(verified.created_at)}` : "these parameters";
   const beside = share > 0.001 ? `${share > 0.9995 ? "more than 99.9" : (100 * share).toFixed(1)} % less than with the nominal robot (${mm(half.before.mean_mm)})` : `no less than with the nominal robot (${mm(half.before.mean_mm)})`;
   // what the words for an upload's own verify points say is not true here: the points of the fit are among these
-  const why = isAnew ? EVIDENCE.independent_session[1] : "Among them are points that the parameters were identified from: that they fit proves little.";
+  const same = "Among them are points that the parameters were identified from: that they fit proves little.";
+  const why = { independent_session: EVIDENCE.independent_session[1], same_upload: same, none: NO_EVIDENCE }[report.evidence] ?? "";
   return el(share > 0.001 && isAnew ? "div.done" : "div.warning", {}, el("p", {}, el("strong", {}, `On ${half.n_points} points, the mean position error with ${which} is ${mm(half.after.mean_mm)}, ${beside}.`), " ", why));
 }
 
@@ -61,7 +78,9 @@ function summary(report, half, job, verified) {
     ["Mean error", mm(half.after.mean_mm), `${before} ${mm(half.before.mean_mm)}`],
     isCorrected(half) && ["With corrections", mm(half.corrected.mean_mm), "mean error; for predictions and corrected targets"],
     ["Largest error", mm(half.after.max_mm), `${before} ${mm(half.before.max_mm)}`],
-    report.tool_uncertainty_mm && ["Uncertainty at the tool", mm(report.tool_uncertainty_mm.mean ?? report.tool_uncertainty_mm), report.tool_uncertainty_mm.max ? `at worst ${mm(report.tool_uncertainty_mm.max)}` : "one standard deviation"],
+    report.tool_uncertainty_mm && ["Uncertainty at the tool", mm(report.tool_uncertainty_mm.mean), `at worst ${mm(report.tool_uncertainty_mm.max)}; one standard deviation, by the links alone, not of predictions with corrections`],
+    report.tool_uncertainty_absent_because && ["Uncertainty at the tool", "not stated", report.tool_uncertainty_absent_because],
+    report.flange_rotation_std_deg != null && ["Flange's rotation known to", `${number(report.flange_rotation_std_deg)}°`, report.flange_rotation_std_deg > 0.5 ? "one standard deviation under what is known of robots beforehand: corrected poses are refused, positions of a measured reflector are not" : "one standard deviation under what is known of robots beforehand"],
     ["Evidence", evidence, `${half.n_points} points`],
     n > 0 && ["Identified", `${alone} of ${n}`, alone < n || rank < n ? `parameters alone, ${rank} independent combinations` : "all parameters were seen"],
     ["Took", span(whole), `from start to end, computed for ${span(report.duration_ms / 1000)}; ${how}`],
@@ -194,10 +213,10 @@ function comparison(report) {
 
 function corrections(report) {
   if (!report.corrections?.length) return [];
-  const columns = [["Correction", (c) => correctionTitle(c.kind)], ["Kept", (c) => (c.kept ? el("strong", {}, "yes") : "no")],
+  const columns = [["Correction", (c) => correctionTitle(c.kind)], ["Kept", (c) => (c.kept ? el("strong", {}, "yes") : c.dropped_because ? "dropped: worse on the verify points" : "no")],
     ["Without", (c) => mm(c.cross_validated_rms_mm_before), "n"], ["With", (c) => mm(c.cross_validated_rms_mm_after), "n"],
     ["Gain, mm²", (c) => number(c.gain_mm2), "n"], ["± standard error", (c) => number(c.standard_error_mm2), "n"]];
-  return el("section.card", {}, el("h2", {}, "What links cannot say"), table("Rms on points that were left out in turn. Each is kept only where it gains more than its standard error; all of them together must gain twice that, else none is kept.", columns, report.corrections, ""));
+  return el("section.card", {}, el("h2", {}, "What links cannot say"), table("Rms on points that were left out in turn. Each is kept only where it gains more than its standard error; all of them together must gain twice that, else none is kept; and all are dropped where the points to verify are further from the robot with corrections than from its links alone.", columns, report.corrections, ""));
 }
 
 /** How well the robot returns to poses that were measured several times. */

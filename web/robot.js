@@ -1,7 +1,7 @@
 // One robot: how it stands, its history, and everything stored of it.
 
-import { get, list } from "./api.js";
-import { brief, el, fill, table } from "./dom.js";
+import { get, list, post } from "./api.js";
+import { brief, el, fill, problem, table } from "./dom.js";
 import { age, error, EVIDENCE, method, mm, number, parameter, ran, span, when } from "./format.js";
 import { best, errorHistory, parameterHistory, past, state } from "./history.js";
 import { facts, standing } from "./robots.js";
@@ -26,7 +26,7 @@ export async function robotPage({ main, signal, may }, id) {
     sets.unshift(set);
     fill(uploads, setTable(sets));
   };
-  fill(main, head(robot, stand), known(robot, stand, trend), uploadCard(robot, sets, stand.sets, may, uploaded), history(entries),
+  fill(main, head(robot, stand), checkRobot(robot, may), known(robot, stand, trend), uploadCard(robot, sets, stand.sets, may, uploaded), history(entries),
     section("Parameter sets", parameterSets(entries)), section("Jobs", jobTable(jobs, sets)), section("Measurement sets", uploads),
     networks.length > 0 && section("Networks", networkTable(networks)), nominal(robot));
 }
@@ -34,7 +34,27 @@ export async function robotPage({ main, signal, may }, id) {
 function head(robot, stand) {
   const details = [robot.serial_number && `serial number ${robot.serial_number}`, robot.description, `${robot.links.length} ${robot.links.length === 1 ? "joint" : "joints"}`].filter(Boolean);
   return el("div.head", {}, el("div", {}, el("p.crumbs", {}, el("a", { href: "#/" }, "Robots")), el("h1", {}, robot.name), el("p.quiet", {}, details.join(" · "))),
-    el("div.actions", {}, standing(stand)));
+    el("div.actions", {}, standing({ robot, ...stand })));
+}
+
+/** What to do where a session does not fit the robot. */
+function checkRobot(robot, may) {
+  if (robot.state !== "check_robot") return [];
+  const out = el("div", {});
+  const reason = el("input", { id: "checked-reason", required: true, maxlength: 2000 });
+  const submit = async (event) => {
+    event.preventDefault();
+    try {
+      await post(`/v1/robots/${robot.id}/checked`, JSON.stringify({ reason: reason.value }));
+      location.reload();
+    } catch (error) {
+      fill(out, problem(error));
+    }
+  };
+  return el("section.card", {}, el("h2", {}, "Check this robot"),
+    el("p", {}, "The file of ", el("a", { href: `#/jobs/${robot.check_job_id}` }, "this verification"), " does not fit this robot: it is in another frame or of another robot, or the robot has changed. No release is made until a new session fits, or somebody says why all is well."),
+    may("release") && el("form", { submit }, el("label", { for: "checked-reason" }, "Why all is well"),
+      el("div.fields", {}, reason, el("div", {}, el("button", { type: "submit" }, "Say so"))), out));
 }
 
 /** So seldom may an unchanged robot be called changed: as the service's own test has it. */

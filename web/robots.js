@@ -38,7 +38,8 @@ export async function robotsPage({ main, signal, may }) {
 }
 
 /** How a robot stands, as a badge. */
-export function standing({ active, since, newest, lastJob }) {
+export function standing({ robot, active, since, newest, lastJob }) {
+  if (robot.state === "check_robot") return el("span.badge.bad", {}, "check this robot");
   if (lastJob && ["queued", "running"].includes(lastJob.status)) return el("span.badge.wait", {}, "calibrating");
   if (since) return el("span.badge.wait", {}, "newer result to review");
   if (active) return el("span.badge.good", {}, "released");

@@ -4,6 +4,7 @@ import { post } from "./api.js";
 import { rowsOf } from "./csv.js";
 import { brief, el, fill, problem, say, table, warning } from "./dom.js";
 import { when } from "./format.js";
+import { SUSPICIONS } from "./words.js";
 
 /** Rows of the file that are shown around its faults. */
 const MAX_SHOWN = 25;
@@ -59,6 +60,7 @@ async function upload(context, file, query, out) {
     const set = await post(path, file, isJson ? "application/json" : "text/csv");
     say(`${set.n_points} points were understood`);
     fill(out, el("div.done", {}, el("strong", {}, set.name), `: ${set.n_points} points in ${set.n_configurations} configurations, ${set.n_targets === 1 ? "one target" : `${set.n_targets} targets`}.`),
+      set.insisted_on && el("div.warning", {}, el("p", {}, el("strong", {}, "It was refused and kept because you insisted."), " No release will rest on it.")),
       set.warnings.map(warning),
       may("identify") && jobForm(robot, [set], parameterSets));
     came(set);
@@ -70,8 +72,23 @@ async function upload(context, file, query, out) {
       upload(context, file, { ...query, decimal: "comma" }, out);
     };
     const offer = mayHaveCommas(error, text, query) && el("p", {}, el("button", { type: "button", click: again }, "The file has decimal commas: read it so"));
-    fill(out, refused(error, file, text, query.decimal), offer);
+    const retry = (more) => () => {
+      out.focus();
+      upload(context, file, { ...query, ...more }, out);
+    };
+    fill(out, refused(error, file, text, query.decimal), offer, remedies(error, isJson, retry));
   }
+}
+
+/** What one click can do about an upload that was refused by suspicion. A JSON file says its frame itself. */
+function remedies({ code, errors }, isJson, retry) {
+  if (!SUSPICIONS.includes(code)) return [];
+  const map = (errors ?? []).map((issue) => issue.joint_map).find(Boolean);
+  return el("div", {},
+    map && [el("p", {}, "The joint map that the robot should have:"), el("pre", {}, JSON.stringify(map))],
+    el("div.actions", {},
+      code === "frame_suspect" && !isJson && el("button.primary", { type: "button", click: retry({ frame: "instrument" }) }, "Read it in the instrument's frame"),
+      el("button", { type: "button", click: retry({ insist: code }) }, "Keep it all the same: no release will rest on it")));
 }
 
 /** The file as text, to show its faults in; none where it is not UTF-8, or has changed on the disk since it was chosen. */

@@ -1,5 +1,5 @@
 """Forward kinematics with corrections, written anew in numpy from the formula of docs/corrections.md with 4 x 4 matrices: an oracle for
-kinematics/compliance.rs. Prints random robots, corrections and poses with the flange's pose, one case a line, as tests/kinematics.rs reads them.
+kinematics/compliance.rs. Prints random robots, corrections and poses with the flange's pose, one case a line, as tests/core/kinematics/mod.rs reads them.
 
     python docs/oracles/compliance_forward.py > docs/oracles/compliance_forward.csv
 

@@ -1,10 +1,10 @@
 """Reads a parameter set's exports with other people's readers (json, csv, ElementTree, PyYAML) and moves them side by side.
 
-    for f in json yaml csv urdf ur_kinematics; do curl -s "$SERVER/v1/parameter-sets/$ID/export?format=$f" > set.$f; done
-    python docs/oracles/read_exports.py set.json set.yaml set.csv set.urdf set.ur_kinematics
+    for f in json yaml csv urdf; do curl -s "$SERVER/v1/parameter-sets/$ID/export?format=$f" > set.$f; done
+    python docs/oracles/read_exports.py set.json set.yaml set.csv set.urdf
 
 Prints the largest difference of the flange from the JSON's links over 200 random configurations, mm, and of an entry of its rotation, and ends with 1 where that is above
-1e-9 mm or 1e-12. YAML needs PyYAML and is left out, by name, without it; tests/api/export.rs runs the rest.
+1e-9 mm or 1e-12. YAML needs PyYAML and is left out, by name, without it; tests/service/api/export.rs runs the rest. For ur_kinematics see read_ur_description.py.
 """
 
 import csv
@@ -18,8 +18,6 @@ try:
     import yaml
 except ImportError:
     yaml = None
-
-UR_FRAMES = ["shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3"]
 
 
 def times(*matrices):
@@ -86,11 +84,6 @@ def by_chain(chain):
     return flange
 
 
-def by_ur(path):
-    frames = yaml.safe_load(open(path))["kinematics"]
-    return by_chain([(origin([frames[n][k] for k in "xyz"], [frames[n][k] for k in ("roll", "pitch", "yaw")]), 1) for n in UR_FRAMES])
-
-
 def reader(path):
     kind = path.rsplit(".", 1)[1]
     if kind == "json":
@@ -101,7 +94,7 @@ def reader(path):
         return by_urdf(path)
     if yaml is None:
         return None
-    return by_links(yaml.safe_load(open(path))["links"]) if kind == "yaml" else by_ur(path)
+    return by_links(yaml.safe_load(open(path))["links"])
 
 
 if __name__ == "__main__":

@@ -4,7 +4,13 @@
 use kincal_fuzz::measurement::csv::Decimal;
 
 libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
-    let Some((first, file)) = bytes.split_first() else { return };
-    let decimal = if *first < 128 { Decimal::Point } else { Decimal::Comma };
+    let Some((first, file)) = bytes.split_first() else {
+        return;
+    };
+    let decimal = if *first < 128 {
+        Decimal::Point
+    } else {
+        Decimal::Comma
+    };
     kincal_fuzz::check_csv(decimal, file, usize::from(first % 12) + 1);
 });

@@ -4,21 +4,35 @@
 use kincal_fuzz::measurement::{Frame, csv};
 
 libfuzzer_sys::fuzz_target!(|input: (u8, u8, &str)| {
-    let (n_joints, n_rows, header) = (usize::from(input.0 % 12) + 1, usize::from(input.1 % 4), input.2);
+    let (n_joints, n_rows, header) = (
+        usize::from(input.0 % 12) + 1,
+        usize::from(input.1 % 4),
+        input.2,
+    );
     let n_columns = header.split(',').count();
     let row = vec!["1"; n_columns].join(",");
     let text = format!("{header}\n{}", format!("{row}\n").repeat(n_rows));
     kincal_fuzz::check_csv(csv::Decimal::Point, text.as_bytes(), n_joints);
     if let Ok(set) = csv::parse(text.as_bytes(), Frame::Instrument, n_joints) {
         // Accepted: then each joint and each axis has its one column, and a unit.
-        let names: Vec<&str> = header.trim_start_matches('\u{feff}').split(',').map(|name| name.trim().trim_matches('"').trim()).collect();
+        let names: Vec<&str> = header
+            .trim_start_matches('\u{feff}')
+            .split(',')
+            .map(|name| name.trim().trim_matches('"').trim())
+            .collect();
         let with = |name: String| names.iter().filter(|known| **known == name).count();
         let plain = !header.contains(['"', '\n', '\r']);
         for joint in 1..=n_joints {
-            assert!(!plain || with(format!("q{joint}_deg")) + with(format!("q{joint}_rad")) == 1, "{header:?}");
+            assert!(
+                !plain || with(format!("q{joint}_deg")) + with(format!("q{joint}_rad")) == 1,
+                "{header:?}"
+            );
         }
         for axis in ["x", "y", "z"] {
-            assert!(!plain || with(format!("{axis}_mm")) + with(format!("{axis}_m")) == 1, "{header:?}");
+            assert!(
+                !plain || with(format!("{axis}_mm")) + with(format!("{axis}_m")) == 1,
+                "{header:?}"
+            );
         }
         assert!(!plain || set.points.len() == n_rows, "{header:?}");
     }

@@ -12,13 +12,16 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
-    let Some((first, body)) = bytes.split_first() else { return };
+    let Some((first, body)) = bytes.split_first() else {
+        return;
+    };
     match first % 7 {
         0 => round_trip::<RobotBody>(body, |robot| drop(robot.to_core())),
         1 => round_trip::<MeasurementSetBody>(body, |set| {
             for n_joints in [1, 6, 12] {
                 if let Ok(set) = set.to_core(None, n_joints) {
-                    assert!(set.points.iter().all(|p| p.q_rad.len() == n_joints && p.position_mm.iter().all(|p| p.is_finite())));
+                    assert!(set.points.iter().all(|p| p.q_rad.len() == n_joints
+                        && p.position_mm.iter().all(|p| p.is_finite())));
                 }
             }
         }),
@@ -32,9 +35,12 @@ libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
 
 /// What is understood is written and understood again, to the same document.
 fn round_trip<T: DeserializeOwned + Serialize>(body: &[u8], check: impl Fn(&T)) {
-    let Ok(document) = json::parse::<T>(body) else { return };
+    let Ok(document) = json::parse::<T>(body) else {
+        return;
+    };
     check(&document);
     let written = serde_json::to_vec(&document).expect("what was read can be written");
-    let again: T = json::parse(&written).unwrap_or_else(|error| panic!("{error}: {}", String::from_utf8_lossy(&written)));
+    let again: T = json::parse(&written)
+        .unwrap_or_else(|error| panic!("{error}: {}", String::from_utf8_lossy(&written)));
     assert_eq!(serde_json::to_vec(&again).expect("twice"), written);
 }

@@ -22,8 +22,16 @@ pub mod solvers;
 #[path = "../../src/wire/mod.rs"]
 pub mod wire;
 
-use measurement::csv::{Decimal, MAX_COORDINATE_MM, MAX_ISSUES, MAX_JOINT_RAD, MAX_ROWS, ParseError};
+use measurement::csv::{
+    Decimal, MAX_COORDINATE_MM, MAX_ISSUES, MAX_JOINT_RAD, MAX_ROWS, ParseError,
+};
 use measurement::{Frame, MeasurementSet, csv};
+use wire::import::{ImportFormat, import};
+use wire::urdf::Urdf;
+use wire::{Invalid, xml_limits};
+
+/// Longest text of one issue, bytes: whatever the file holds, an answer stays short.
+const LONGEST_DETAIL: usize = 70_000;
 
 /// What holds for every file, good or bad.
 pub fn check_csv(decimal: Decimal, bytes: &[u8], n_joints: usize) {
@@ -31,24 +39,106 @@ pub fn check_csv(decimal: Decimal, bytes: &[u8], n_joints: usize) {
     match &parsed {
         Ok(set) => check_set(set, n_joints),
         Err(ParseError { issues }) => {
-            assert!((1..=MAX_ISSUES).contains(&issues.len()), "{} issues", issues.len());
-            let n_rows = bytes.iter().filter(|byte| matches!(byte, b'\n' | b'\r')).count() + 1;
+            assert!(
+                (1..=MAX_ISSUES).contains(&issues.len()),
+                "{} issues",
+                issues.len()
+            );
+            let n_rows = bytes
+                .iter()
+                .filter(|byte| matches!(byte, b'\n' | b'\r'))
+                .count()
+                + 1;
             for issue in issues {
-                assert!(!issue.detail.is_empty() && !issue.code.is_empty(), "{issue:?}");
-                assert!(issue.row.is_none_or(|row| row < n_rows), "{issue:?} of {n_rows}");
+                assert!(
+                    !issue.detail.is_empty() && !issue.code.is_empty(),
+                    "{issue:?}"
+                );
+                assert!(
+                    issue.row.is_none_or(|row| row < n_rows),
+                    "{issue:?} of {n_rows}"
+                );
             }
         }
     }
-    assert_eq!(csv::parse_with(decimal, bytes, Frame::Base, n_joints), parsed, "the same bytes, the same answer");
+    assert_eq!(
+        csv::parse_with(decimal, bytes, Frame::Base, n_joints),
+        parsed,
+        "the same bytes, the same answer"
+    );
 }
 
 fn check_set(set: &MeasurementSet, n_joints: usize) {
     assert!((1..=MAX_ROWS).contains(&set.points.len()));
     for point in &set.points {
         assert_eq!(point.q_rad.len(), n_joints);
-        assert!(point.q_rad.iter().all(|q| q.is_finite() && q.abs() <= MAX_JOINT_RAD), "{point:?}");
-        assert!(point.position_mm.iter().all(|p| p.is_finite() && p.abs() <= MAX_COORDINATE_MM), "{point:?}");
-        assert!(point.std_mm.is_none_or(|std| std.is_finite() && std > 0.0), "{point:?}");
+        assert!(
+            point
+                .q_rad
+                .iter()
+                .all(|q| q.is_finite() && q.abs() <= MAX_JOINT_RAD),
+            "{point:?}"
+        );
+        assert!(
+            point
+                .position_mm
+                .iter()
+                .all(|p| p.is_finite() && p.abs() <= MAX_COORDINATE_MM),
+            "{point:?}"
+        );
+        assert!(
+            point.std_mm.is_none_or(|std| std.is_finite() && std > 0.0),
+            "{point:?}"
+        );
         assert!(point.temperature_c.is_none_or(f64::is_finite), "{point:?}");
+    }
+}
+
+/// What holds for every description of a robot.
+pub fn check_import(bytes: &[u8], format: ImportFormat) {
+    match import(bytes, format, "fuzzed", None) {
+        Ok(answer) => {
+            let written = serde_json::to_string(&answer.robot).expect("it can be written");
+            let robot: wire::robot::RobotBody =
+                wire::json::parse(written.as_bytes()).expect("it can be read");
+            let links = robot.to_core().expect("it is a robot").links;
+            assert!((1..=kinematics::model::MAX_LINKS).contains(&links.len()));
+            assert!(answer.largest_difference_mm <= 1e-9, "{written}");
+        }
+        Err(invalid) => check_refusal(&invalid),
+    }
+}
+
+/// A URDF that was read: it is within its limits, and its own origins put in again change no joint.
+pub fn check_urdf(bytes: &[u8]) {
+    let urdf = match Urdf::parse(bytes) {
+        Ok(urdf) => urdf,
+        Err(invalid) => return check_refusal(&invalid),
+    };
+    let text = std::str::from_utf8(bytes).expect("what was read is UTF-8");
+    let document = roxmltree::Document::parse(text).expect("what was read is XML");
+    for element in document.descendants().filter(roxmltree::Node::is_element) {
+        assert!(element.attributes().len() <= xml_limits::MAX_ATTRIBUTES);
+        assert!(element.ancestors().count() <= xml_limits::MAX_DEPTH + 1);
+    }
+    let old = match urdf.chain(None, None) {
+        Ok(old) => old,
+        Err(invalid) => return check_refusal(&invalid),
+    };
+    let text = urdf.with_origins(&old, &old.chain);
+    let again = Urdf::parse(text.as_bytes()).unwrap_or_else(|e| panic!("{e:?}: {text}"));
+    let new = again
+        .chain(None, None)
+        .unwrap_or_else(|e| panic!("{e:?}: {text}"));
+    assert_eq!(old.chain.joints.len(), new.chain.joints.len(), "{text}");
+}
+
+fn check_refusal(invalid: &Invalid) {
+    assert!((1..=wire::issue::MAX_ISSUES).contains(&invalid.issues.len()));
+    for issue in &invalid.issues {
+        assert!(
+            !issue.detail.is_empty() && issue.detail.len() <= LONGEST_DETAIL,
+            "{issue:?}"
+        );
     }
 }

@@ -3,9 +3,9 @@
 use crate::calibration::check::check;
 use crate::calibration::identify::{Problem, least_squares_from};
 use crate::calibration::observe::observe;
-use crate::calibration::outcome::uncertainty_of;
 use crate::calibration::report::Warning;
 use crate::calibration::request::CalibrationRequest;
+use crate::calibration::stated_uncertainty::stated;
 use crate::calibration::{Error, Monitor};
 use crate::identification::changes::{Change, Comparison, Estimate, FALSE_ALARMS, compare};
 use crate::identification::identifiability::prior_scale;
@@ -88,7 +88,7 @@ pub fn changes(
     Ok(compare(&before, &after).map(|comparison| in_words(&comparison)))
 }
 
-/// What a session says of its own, from all its points.
+/// What a session says of its own, from all its points; `None` where it cannot be said how sure that is.
 pub fn estimate(
     request: &CalibrationRequest,
     monitor: &mut Monitor<'_>,
@@ -109,7 +109,7 @@ pub fn estimate(
         return Ok(None);
     }
     let problem = problem.with_tool_of(&found.model);
-    let uncertainty = uncertainty_of(&problem, &found.model);
+    let uncertainty = stated(&problem, &found.model);
     let Problem {
         parameters,
         decomposition,

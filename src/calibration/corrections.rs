@@ -1,6 +1,7 @@
 //! The stage of a calibration that looks for what links cannot say, after the links are found. It changes nothing about them.
 
 use crate::calibration::identify::Problem;
+use crate::calibration::judged::judged;
 use crate::calibration::observe::stated_scale_mm;
 use crate::calibration::outcome::delivered;
 use crate::calibration::report::Warning;
@@ -63,6 +64,55 @@ pub fn left_out_of_a_part() -> Warning {
         detail: detail.into(),
         rows: vec![],
     }
+}
+
+/// The veto of the points to verify. It selects nothing: either all corrections stay, or, where the robot with corrections is further from
+/// these points than its links alone, none. `robot` is as it stands at `points`.
+pub fn veto(
+    found: Found,
+    robot: &IdentifiedRobot,
+    points: &[Observation],
+) -> (Found, Option<Warning>) {
+    if robot.corrected.is_none() {
+        return (found, None);
+    }
+    let size = |predicted_mm: Vector3<f64>, o: &Observation| (o.position_mm - predicted_mm).norm();
+    let errors_mm: Vec<[f64; 3]> = points
+        .iter()
+        .map(|o| {
+            let links_mm = size(robot.plain.position(&o.q_rad, o.target), o);
+            let corrected_mm = size(robot.position(&o.q_rad, o.target), o);
+            [links_mm, corrected_mm, corrected_mm]
+        })
+        .collect();
+    // points that both miss wildly do not count
+    let judged = judged(&errors_mm);
+    let (links_mm, corrected_mm) = (judged.before_rms_mm, judged.after_rms_mm);
+    if corrected_mm <= links_mm || errors_mm.is_empty() {
+        return (found, None);
+    }
+    let drop = |tried: Evidence| Evidence {
+        kept: false,
+        is_vetoed: tried.kept,
+        ..tried
+    };
+    let found = Found {
+        evidence: found.evidence.into_iter().map(drop).collect(),
+        corrected: None,
+    };
+    let detail = format!(
+        "corrections won on the identify points, but on the {} points to verify{} the robot is {corrected_mm:.4} mm rms off with them and {links_mm:.4} mm \
+         with its links alone: all were dropped, and the set predicts by its links alone. Identify from poses that cover the workspace of \
+         the points to verify, and check that payload and mounting are as stated",
+        points.len(),
+        judged.remark()
+    );
+    let warning = Warning {
+        code: "corrections_worse_on_verify_points",
+        detail,
+        rows: vec![],
+    };
+    (found, Some(warning))
 }
 
 /// Looks for corrections beside the identified `model`; nothing once the monitor breaks.

@@ -78,9 +78,12 @@ pub fn calibrate(
     request: &CalibrationRequest,
     monitor: &mut Monitor<'_>,
 ) -> Result<CalibrationReport, Error> {
-    check(request)?;
-    let problem = Problem::new(request)?;
-    let choice = choose(&problem);
+    let (problem, choice) = stage(monitor, "screening", |_| {
+        check(request)?;
+        let problem = Problem::new(request)?;
+        let choice = choose(&problem);
+        Ok((problem, choice))
+    })?;
     let method = choice.method;
     let mut found = stage(monitor, method.name(), |monitor| match method {
         Method::Pso => swarm(&problem, &choice.start, Start::Cold, monitor),
@@ -137,15 +140,17 @@ pub fn calibrate(
     };
     let comparison = compare(&problem, &choice, own, monitor)?;
     let problem = problem.with_tool_of(&found.model);
-    let mut report = report(
-        &problem,
-        method,
-        choice.reason,
-        found,
-        comparison,
-        network,
-        corrections,
-    )?;
+    let mut report = stage(monitor, "uncertainty", |_| {
+        report(
+            &problem,
+            method,
+            choice.reason,
+            found,
+            comparison,
+            network,
+            corrections,
+        )
+    })?;
     report.warnings.extend(too_small);
     report
         .warnings
@@ -327,7 +332,7 @@ pub fn nominal_model(
 }
 
 /// Runs one stage between its two events.
-fn stage<T>(
+pub fn stage<T>(
     monitor: &mut Monitor<'_>,
     name: &str,
     run: impl FnOnce(&mut Monitor<'_>) -> Result<T, Error>,
@@ -347,7 +352,7 @@ fn tell(monitor: &mut Monitor<'_>, event: Event<'_>) -> Result<(), Error> {
 }
 
 /// Passes on nothing but the question whether to stop: iterations of later stages are not the main method's progress.
-fn quiet<'m>(monitor: &'m mut Monitor<'_>) -> impl FnMut(Event<'_>) -> ControlFlow<()> + 'm {
+pub fn quiet<'m>(monitor: &'m mut Monitor<'_>) -> impl FnMut(Event<'_>) -> ControlFlow<()> + 'm {
     |event| match event {
         Event::Iteration { .. } => monitor(Event::Heartbeat),
         event => monitor(event),

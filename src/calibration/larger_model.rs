@@ -4,6 +4,7 @@ use crate::calibration::check::check;
 use crate::calibration::identify::{Problem, least_squares_from};
 use crate::calibration::report::Warning;
 use crate::calibration::request::{CalibrationRequest, Method, Model, Preset};
+use crate::calibration::verdict::no_fit_mm;
 use crate::calibration::{Error, Monitor};
 use crate::identification::KinematicModel;
 use crate::identification::objective::{Observation, weighted_residuals};
@@ -46,13 +47,17 @@ pub fn remark(
     };
     let fit = least_squares_from(&complete, &complete.nominal, None, monitor)?.model;
     let complete_mm = rms_mm(&fit, &complete.identify);
-    if complete_mm * BETTER > fit_mm {
+    // where the one does not fit at all it is enough that the other does
+    let limit_mm = no_fit_mm(&request.robot.links);
+    let is_remedy = fit_mm > limit_mm && complete_mm < 0.5 * limit_mm;
+    if complete_mm * BETTER > fit_mm && !is_remedy {
         return Ok(None);
     }
     let target = fit.targets_mm.first().copied().unwrap_or_default();
     let detail = format!(
         "model paper leaves {fit_mm:.3} mm (rms) where model complete leaves {complete_mm:.3} mm: the target is not on the flange axis (model complete \
-         has it at {:.1}, {:.1}, {:.1} mm of the flange), or the positions are not in the robot's base frame. Ask for model complete",
+         has it at {:.1}, {:.1}, {:.1} mm of the flange), or the positions are not in the robot's base frame. Ask for model complete; if they are in \
+         an instrument's frame, say so: frame=instrument",
         target.x, target.y, target.z
     );
     Ok(Some(Warning {

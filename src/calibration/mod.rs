@@ -11,21 +11,26 @@ mod judged;
 mod known;
 mod larger_model;
 mod observe;
+mod orientation;
 mod outcome;
 pub mod partial;
 mod placing;
 mod plausibility;
 mod remarks;
 mod repeatability;
+mod repeated_rows;
 pub mod report;
 pub mod request;
 mod rescoring;
 mod robust;
 mod screening;
+mod session_fit;
 mod settings;
+mod stated_uncertainty;
 mod swarms;
 mod unseen;
 pub mod upload;
+mod verdict;
 mod verify;
 
 pub use check::{check, network_fits};
@@ -33,10 +38,14 @@ pub use corrections::are_wanted as corrections_are_wanted;
 pub use identify::calibrate;
 pub use judged::{Judged, judged};
 pub use known::{PriorFault, prior_faults};
+pub use orientation::{MAX_FLANGE_ROTATION_STD_RAD, NOT_KNOWN as ORIENTATION_NOT_KNOWN};
 pub use plausibility::implausible_changes;
+pub use repeated_rows::{is_anew, repeated_rows};
 pub use report::{CalibrationReport, Errors};
 pub use request::{CalibrationRequest, Method, Model, Preset};
 pub use rescoring::{errors_mm, verify_points_of};
+pub use session_fit::{HeldOut, SessionFit, session_fit};
+pub use verdict::{DOES_NOT_FIT, NO_BETTER, NO_FIT};
 pub use verify::{check_verify, verify};
 
 use std::ops::ControlFlow;
@@ -44,8 +53,9 @@ use std::ops::ControlFlow;
 /// What the monitor is told while a calibration runs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Event<'a> {
-    /// A named stage begins: `least_squares`, `pso` or `bpnn_pso` for the main method, then `refine`, `train_network`,
-    /// `corrections`, `compare_least_squares`, `compare_pso`, `compare_warm_start`, `compare_sessions`.
+    /// A named stage begins: `screening`, then `least_squares`, `pso` or `bpnn_pso` for the main method, then `train_network`, `refine`,
+    /// `corrections`, `compare_least_squares`, `compare_pso`, `compare_warm_start`, `uncertainty`, `compare_sessions`. A job of kind verify has
+    /// `verify` alone, a partial recalibration ends with `held_uncertainty`.
     StageStarted(&'a str),
     /// Nothing to report: a stage other than the main method is at work and asks whether to stop.
     Heartbeat,

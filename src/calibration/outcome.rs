@@ -1,29 +1,29 @@
 //! From an identified model to the report: errors before and after, parameters with their uncertainty, remarks.
 
-use crate::calibration::check::n_equations;
 use crate::calibration::corrections;
 use crate::calibration::identify::{Found, Problem};
-use crate::calibration::judged::judged;
 use crate::calibration::observe::{Observed, observe_verify_set};
+use crate::calibration::orientation::{self, flange_rotation_std_rad};
 use crate::calibration::placing::Layout;
 use crate::calibration::remarks::{extrapolated, of_the_verify_set, remarks};
 use crate::calibration::repeatability::repeatability;
 use crate::calibration::report::*;
-use crate::calibration::request::{Method, Model, Preset, VerifySource};
+use crate::calibration::request::{Method, Model, VerifySource};
+use crate::calibration::session_fit::own_scatter_mm;
+use crate::calibration::stated_uncertainty::{
+    estimated, nothing_left, why_it_says_nothing, why_not_stated,
+};
 use crate::calibration::verify::refits;
-use crate::calibration::{Error, known, plausibility, unseen};
+use crate::calibration::{Error, known, unseen, verdict};
 use crate::identification::corrected::{CorrectedModel, IdentifiedRobot};
-use crate::identification::misfit::gravity_directions;
-use crate::identification::multistart::FOUND_MM;
 use crate::identification::objective::{Observation, residuals};
 use crate::identification::parameters::{Parameter, Quantity, deviation_from, quantity_mut};
-use crate::identification::search_space::decomposition_at;
-use crate::identification::uncertainty::{Uncertainty, uncertainty};
+use crate::identification::uncertainty::Uncertainty;
 use crate::identification::workspace::tool_uncertainty;
 use crate::identification::{KinematicModel, TrainedNetwork};
+use crate::kinematics::Link;
 use crate::measurement::{Frame, Subset};
 use nalgebra::{IsometryMatrix3, Vector3};
-use std::collections::BTreeSet;
 
 /// Probability with which a parameter's stated interval holds the truth.
 const CONFIDENCE: f64 = 0.95;
@@ -89,6 +89,29 @@ fn verify_layout<'a>(
     }
 }
 
+/// Corrections after the veto of the points to verify, and what is said of it.
+fn vetoed(
+    problem: &Problem<'_>,
+    model: &KinematicModel,
+    layout: Option<&Layout<'_>>,
+    found: corrections::Found,
+) -> Result<(corrections::Found, Option<Warning>), Error> {
+    let robot = IdentifiedRobot {
+        plain: delivered(problem, model),
+        corrected: found.corrected.clone(),
+    };
+    let Some(layout) = layout else {
+        let points = problem.observed.of(Subset::Verify);
+        return Ok(corrections::veto(found, &robot, &points));
+    };
+    let after = layout.place(model)?;
+    let there = IdentifiedRobot {
+        plain: after.model.clone(),
+        ..layout.place_corrected(&robot, &after)
+    };
+    Ok(corrections::veto(found, &there, &after.observed.all))
+}
+
 /// Errors of a model on the verify points.
 pub fn verify_errors(problem: &Problem<'_>, model: &KinematicModel) -> Option<Errors> {
     match verify_layout(problem, model).ok()? {
@@ -109,6 +132,14 @@ pub fn report(
 ) -> Result<CalibrationReport, Error> {
     let request = problem.request;
     let model = &found.model;
+    let layout = verify_layout(problem, model)?;
+    let (corrections, vetoed) = match corrections {
+        Some(found) => {
+            let (found, vetoed) = vetoed(problem, model, layout.as_ref(), found)?;
+            (Some(found), vetoed)
+        }
+        None => (None, None),
+    };
     // in the frame of the fit
     let robot = corrections.as_ref().map(|c| IdentifiedRobot {
         plain: delivered(problem, model),
@@ -145,7 +176,7 @@ pub fn report(
         (&problem.observed, model),
         robot.as_ref(),
     );
-    let layout = verify_layout(problem, model)?;
+    let mut fit = verdict::no_fit(&per_point, &request.robot.links);
     let (verify, of_verify_set);
     if let Some(layout) = &layout {
         let (before, after) = (layout.place(&problem.nominal)?, layout.place(model)?);
@@ -168,11 +199,18 @@ pub fn report(
                 after,
                 corrected,
             });
-        per_point.extend(self::per_point(
+        let there = self::per_point(
             (&before.observed, &before.model),
             (&after.observed, &after.model),
             robot_there.as_ref(),
-        ));
+        );
+        let errors_mm: Vec<[f64; 3]> = there.iter().map(PointErrors::to_judge).collect();
+        fit = fit.or_else(|| {
+            verdict::of_another_session(&errors_mm, &identify, &request.robot, || {
+                own_scatter_mm(&after.model, &after.observed.all)
+            })
+        });
+        per_point.extend(there);
         of_verify_set = remarks(&layout.screening, &after.observed, None);
     } else {
         verify = both(
@@ -184,10 +222,29 @@ pub fn report(
         of_verify_set = vec![];
     }
     let (links, t_instrument_base, targets_mm) = as_delivered(problem, model);
-    let uncertainty = uncertainty_of(problem, model);
+    let fits = fit.as_ref().is_none_or(|told| told.code != verdict::NO_FIT);
+    let estimated = estimated(problem, model);
+    let tool = estimated.as_ref().map(|estimated| {
+        let (robot, points) = (&request.robot, &problem.identify);
+        tool_uncertainty(robot, model, &problem.parameters, points, estimated)
+    });
+    let mut not_determined = None;
+    let why_not_stated = match fits {
+        false => Some("the identified robot does not fit the points (no_fit)".into()),
+        true => why_not_stated(problem, estimated.as_ref()).or_else(|| {
+            not_determined = why_it_says_nothing(problem, tool.as_ref()?);
+            not_determined.clone()
+        }),
+    };
+    let uncertainty = estimated.filter(|_| why_not_stated.is_none());
     let beyond = uncertainty
         .as_ref()
         .and_then(|u| extrapolated(problem, model, u, identify.after.rms_mm));
+    let with_corrections = corrections.as_ref().and_then(|c| c.corrected.as_ref());
+    let of_both: Vec<&[Link]> = std::iter::once(&model.links)
+        .chain(with_corrections.map(|corrected| &corrected.model.links))
+        .map(Vec::as_slice)
+        .collect();
     let mut report = CalibrationReport {
         method,
         method_reason,
@@ -203,18 +260,14 @@ pub fn report(
         verify,
         per_point,
         parameters: parameters(problem, model, uncertainty.as_ref()),
-        tool_uncertainty: uncertainty.as_ref().map(|u| {
-            tool_uncertainty(
-                &request.robot,
-                model,
-                &problem.parameters,
-                &problem.identify,
-                u,
-            )
-        }),
+        tool_uncertainty: tool.filter(|_| uncertainty.is_some()),
         error_model: uncertainty.as_ref().map(ErrorModel::of),
         uncertainty,
+        uncertainty_absent_because: why_not_stated,
         changes: None,
+        flange_rotation_std_rad: fits
+            .then(|| flange_rotation_std_rad(problem, model, &of_both))
+            .flatten(),
         identifiability: identifiability(problem),
         comparison,
         warnings: vec![],
@@ -230,14 +283,25 @@ pub fn report(
         repeatability,
         network,
     };
-    report.warnings = warnings(&report, &problem.request.robot.links);
+    report.warnings = verdict::warnings(&report, &problem.request.robot.links, fit);
+    report.warnings.extend(not_determined.map(|detail| Warning {
+        code: "tool_uncertain",
+        detail,
+        rows: vec![],
+    }));
+    report.warnings.extend(vetoed);
     report.warnings.extend(nothing_left(problem));
-    report.warnings.extend(unseen::remark(
-        problem,
-        model,
-        report.uncertainty.as_ref(),
-        report.identify.after.rms_mm,
-    ));
+    if fits {
+        report.warnings.extend(unseen::remark(
+            problem,
+            model,
+            report.uncertainty.as_ref(),
+            report.identify.after.rms_mm,
+        ));
+    }
+    report
+        .warnings
+        .extend(orientation::remark(report.flange_rotation_std_rad));
     report.warnings.extend(known::remarks(problem, model));
     report.warnings.extend(remarks(
         &problem.screening,
@@ -289,11 +353,7 @@ pub fn per_point(
 fn as_delivered(
     problem: &Problem<'_>,
     model: &KinematicModel,
-) -> (
-    Vec<crate::kinematics::Link>,
-    IsometryMatrix3<f64>,
-    Vec<Vector3<f64>>,
-) {
+) -> (Vec<Link>, IsometryMatrix3<f64>, Vec<Vector3<f64>>) {
     let KinematicModel {
         links,
         t_instrument_base,
@@ -435,90 +495,6 @@ impl Problem<'_> {
     }
 }
 
-/// What the residuals say about the errors of parameters and tool.
-pub fn uncertainty_of(problem: &Problem<'_>, model: &KinematicModel) -> Option<Uncertainty> {
-    if without_redundancy(problem).is_some() {
-        return None;
-    }
-    let gravity = gravity_directions(
-        problem
-            .request
-            .robot
-            .mounting
-            .as_ref()
-            .map(|m| &m.gravity_in_base),
-    );
-    let clusters = problem.observed.clusters(Subset::Identify);
-    let counting: Vec<usize> = (0..clusters.len())
-        .filter(|i| problem.identify[*i].weight > 0.0)
-        .collect();
-    let points = problem.loss.as_squares(model, &problem.identify);
-    let mut known = BTreeSet::new();
-    // a row that stands in the file twice, to the last digit, was measured once
-    let bits = |o: &Observation| -> Vec<u64> {
-        o.q_rad
-            .iter()
-            .chain(o.position_mm.iter())
-            .map(|x| x.to_bits())
-            .collect()
-    };
-    let counting: Vec<usize> = counting
-        .into_iter()
-        .filter(|i| known.insert((problem.identify[*i].target, bits(&problem.identify[*i]))))
-        .collect();
-    let observations: Vec<Observation> = counting.iter().map(|i| points[*i].clone()).collect();
-    let clusters: Vec<usize> = counting.iter().map(|i| clusters[*i]).collect();
-    let priors = problem.fitting().priors;
-    let at_bounds = priors.map_or(vec![], |priors| priors.at_bounds(model));
-    let mut decomposition = problem.decomposition.clone();
-    if !at_bounds.is_empty() {
-        at_bounds
-            .iter()
-            .for_each(|(parameter, _)| decomposition.scale[*parameter] = 0.0);
-        decomposition = decomposition_at(
-            &problem.nominal,
-            &problem.parameters,
-            &decomposition.scale,
-            &problem.identify,
-        );
-    }
-    uncertainty(
-        model,
-        &problem.parameters,
-        (&decomposition, priors),
-        &observations,
-        &clusters,
-        &gravity,
-    )
-}
-
-/// Told where the fit can follow any error of the points.
-fn nothing_left(problem: &Problem<'_>) -> Option<Warning> {
-    let (equations, rank) = without_redundancy(problem)?;
-    let detail = format!(
-        "{equations} equations from distinct configurations to identify from fix {rank} combinations of parameters: the fit can follow any error \
-         of the points, and what is left of them says nothing of how far the robot is off. Measure more configurations, or hold parameters"
-    );
-    Some(Warning {
-        code: "nothing_left_to_judge",
-        detail,
-        rows: vec![],
-    })
-}
-
-/// Equations and rank where there are no more of the former. Poses that are repeated say how well they repeat, and no more.
-fn without_redundancy(problem: &Problem<'_>) -> Option<(usize, usize)> {
-    let counting: Vec<Observation> = problem
-        .identify
-        .iter()
-        .filter(|o| o.weight > 0.0)
-        .cloned()
-        .collect();
-    let rank = problem.decomposition.rank();
-    let equations = n_equations(&counting, rank + 1);
-    (equations <= rank).then_some((equations, rank))
-}
-
 fn identifiability(problem: &Problem<'_>) -> Identifiability {
     let names = |group: Vec<usize>| {
         group
@@ -544,80 +520,4 @@ fn identifiability(problem: &Problem<'_>) -> Identifiability {
             .collect(),
         observability_index_o1: problem.decomposition.observability_index_o1(),
     }
-}
-
-fn warnings(report: &CalibrationReport, nominal: &[crate::kinematics::Link]) -> Vec<Warning> {
-    let warning = |code, detail: String| Warning {
-        code,
-        detail,
-        rows: vec![],
-    };
-    let mut warnings = Vec::new();
-    match &report.verify {
-        None => warnings.push(warning(
-            "no_verify_points",
-            "no points were kept to verify: the errors after are those of the fit itself".into(),
-        )),
-        Some(_) => {
-            let to_verify = report
-                .per_point
-                .iter()
-                .filter(|point| point.subset == Subset::Verify);
-            let judged = judged(
-                &to_verify
-                    .map(|point| [point.before_mm, point.after_mm, point.after_mm])
-                    .collect::<Vec<_>>(),
-            );
-            if !judged.is_better() {
-                let detail = format!(
-                    "on points that the fit has not seen{} the identified robot ({:.4} mm rms) is no better than the nominal one ({:.4} mm rms)",
-                    judged.remark(),
-                    judged.after_rms_mm,
-                    judged.before_rms_mm
-                );
-                warnings.push(warning("no_better_than_nominal", detail));
-            }
-        }
-    }
-    let mut after_mm: Vec<f64> = report
-        .per_point
-        .iter()
-        .map(|point| point.after_mm)
-        .collect();
-    after_mm.sort_by(f64::total_cmp);
-    if let Some(median_mm) = after_mm
-        .get(after_mm.len() / 2)
-        .filter(|mm| **mm > FOUND_MM)
-    {
-        let detail = format!(
-            "half of the points are {median_mm:.3} mm or more from where the identified robot has them: that is no fit. Do joints and positions of a \
-             row belong together, and is it this robot? It cannot be released"
-        );
-        warnings.push(warning("no_fit", detail));
-    }
-    let unseen = &report.identifiability.unidentifiable;
-    if !unseen.is_empty() {
-        let groups: Vec<String> = unseen.iter().map(|group| group.join(" with ")).collect();
-        let stay = match (report.method, report.preset) {
-            (Method::Pso | Method::BpnnPso, Preset::Paper) => {
-                "what the swarm left them at has no meaning one by one"
-            }
-            _ => "what the data do not see of them stays nominal",
-        };
-        let detail = format!(
-            "these cannot be told apart or seen from the measured positions; {stay}: {}",
-            groups.join("; ")
-        );
-        warnings.push(warning("unidentifiable_parameters", detail));
-    }
-    warnings.extend(plausibility::warnings(report, nominal));
-    if report.method == Method::LeastSquares
-        && matches!(report.termination, "iteration_limit" | "not_finite")
-    {
-        warnings.push(warning(
-            "not_converged",
-            "least squares did not converge; check joint offsets and wild points, or try method \"pso\"".into(),
-        ));
-    }
-    warnings
 }

@@ -3,7 +3,8 @@
 
 use crate::calibration::changes::estimate;
 use crate::calibration::corrections;
-use crate::calibration::identify::{Problem, calibrate};
+use crate::calibration::identify::{Problem, calibrate, quiet, stage};
+use crate::calibration::orientation::{self, flange_rotation_std_rad};
 use crate::calibration::report::{CalibrationReport, Warning};
 use crate::calibration::request::{CalibrationRequest, CorrectionsChoice, PreviousSession};
 use crate::calibration::{Error, Monitor};
@@ -11,6 +12,7 @@ use crate::identification::KinematicModel;
 use crate::identification::changes::Estimate;
 use crate::identification::objective::weighted_jacobian;
 use crate::identification::parameters::{Parameter, quantity_mut};
+use crate::identification::start::fit_base_and_targets;
 use crate::identification::uncertainty::Uncertainty;
 use crate::identification::workspace::tool_uncertainty;
 use crate::kinematics::{Link, Robot};
@@ -58,24 +60,59 @@ pub fn calibrate_partially(
         ..CalibrationRequest::new(request.robot.clone(), held.session.set.clone())
     };
     let problem = Problem::new(&from_held)?;
-    let earlier = estimate(&whole, monitor)?;
+    let earlier = stage(monitor, "held_uncertainty", |monitor| {
+        estimate(&whole, &mut quiet(monitor))
+    })?;
     let widened = earlier
         .as_ref()
         .zip(report.uncertainty.as_ref())
         .and_then(|(earlier, own)| widened(&problem, &report, earlier, own));
     match widened {
         Some((parameters, uncertainty)) => state(&mut report, &problem, &parameters, uncertainty),
-        None => report.warnings.push(Warning {
-            code: "held_uncertainty_unknown",
-            detail:
-                "how uncertain the parameters are that were held cannot be told from the session that they were identified from: stated \
-                     uncertainties count them as exact"
-                    .into(),
-            rows: vec![],
-        }),
+        // where the part itself has no uncertainty, the report says why already
+        None if report.uncertainty.is_none() => {}
+        None => withhold(&mut report),
     }
+    // what the earlier session shows of the held robot's flange, and what this one says against the held robot
+    let of_held = Problem::new(&whole).ok().and_then(|problem| {
+        let n_targets = problem.screening.targets.len();
+        let model = fit_base_and_targets(&held.links, &problem.identify, n_targets);
+        flange_rotation_std_rad(&problem, &model, &[held.links.as_slice()])
+    });
+    report.flange_rotation_std_rad = of_held
+        .zip(report.flange_rotation_std_rad)
+        .map(|(held, own)| libm::hypot(held, own));
+    report
+        .warnings
+        .retain(|warning| warning.code != orientation::NOT_KNOWN);
+    report
+        .warnings
+        .extend(orientation::remark(report.flange_rotation_std_rad));
     from_catalogue(&mut report, &problem.parameters, &request.robot.links);
     Ok(report)
+}
+
+/// States none: with what was held counted as exact, each would be too small.
+fn withhold(report: &mut CalibrationReport) {
+    let detail = "how uncertain the parameters are that were held cannot be told from the session that they were identified from, so no \
+                  uncertainty is stated";
+    report.warnings.push(Warning {
+        code: "held_uncertainty_unknown",
+        detail: detail.into(),
+        rows: vec![],
+    });
+    report.uncertainty_absent_because = Some(detail.into());
+    for outcome in &mut report.parameters {
+        (outcome.std_uncertainty, outcome.interval_95) = (None, None);
+        if let Some(prior) = &mut outcome.prior {
+            prior.share = None;
+        }
+    }
+    (
+        report.tool_uncertainty,
+        report.uncertainty,
+        report.error_model,
+    ) = (None, None, None);
 }
 
 /// The model of a report, as it was fitted.

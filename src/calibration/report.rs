@@ -3,6 +3,7 @@
 use crate::calibration::changes::Changes;
 pub use crate::calibration::repeatability::{PoseRepeatability, Repeatability};
 use crate::calibration::request::{Method, Model, Preset};
+use crate::calibration::verdict::{DOES_NOT_FIT, NO_FIT};
 use crate::identification::TrainedNetwork;
 use crate::identification::corrected::CorrectedModel;
 use crate::identification::corrections::Evidence;
@@ -11,6 +12,7 @@ use crate::identification::workspace::ToolUncertainty;
 use crate::kinematics::Link;
 use crate::measurement::Subset;
 use nalgebra::{IsometryMatrix3, Vector3};
+use std::collections::BTreeSet;
 
 /// Mean, standard deviation (population), root mean square and largest of the 3-D position errors, mm.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -229,14 +231,18 @@ pub struct CalibrationReport {
     pub per_point: Vec<PointErrors>,
     /// Every free parameter.
     pub parameters: Vec<ParameterOutcome>,
-    /// Predicted uncertainty of the tool's position over the workspace, where it can be stated.
+    /// Predicted uncertainty of the tool's position over the workspace, by the links alone, where it can be stated.
     pub tool_uncertainty: Option<ToolUncertainty>,
     /// How the points scatter about the model, where it can be stated.
     pub error_model: Option<ErrorModel>,
     /// The whole of it, for whoever wants the covariance: rows in the order of `parameters`.
     pub uncertainty: Option<Uncertainty>,
+    /// Why no uncertainty is stated, where a robot was identified and none is.
+    pub uncertainty_absent_because: Option<String>,
     /// What changed since the robot's last identification, where that was given.
     pub changes: Option<Changes>,
+    /// How far the flange may be turned in the robot's base from where the links have it, rad; `None` where it cannot be computed.
+    pub flange_rotation_std_rad: Option<f64>,
     /// What the data can see.
     pub identifiability: Identifiability,
     /// Other methods on the same points.
@@ -259,4 +265,24 @@ pub struct CalibrationReport {
     pub corrections: Option<Vec<Evidence>>,
     /// The network trained on this run, if it was a swarm.
     pub network: Option<TrainedNetwork>,
+}
+
+/// Fewer configurations than this prove nothing, however often each was read.
+const FEWEST_TO_PROVE: usize = 5;
+
+impl CalibrationReport {
+    /// Whether its points to verify say anything of the robot: they fit it, and are enough.
+    pub fn is_evidence(&self) -> bool {
+        let says_nothing = [DOES_NOT_FIT, NO_FIT, "few_verify_points"];
+        let to_verify = self.per_point.iter();
+        let to_verify = to_verify.filter(|point| point.subset == Subset::Verify);
+        let configurations: BTreeSet<&str> = to_verify
+            .map(|point| point.configuration.as_str())
+            .collect();
+        configurations.len() >= FEWEST_TO_PROVE
+            && self
+                .warnings
+                .iter()
+                .all(|warning| !says_nothing.contains(&warning.code))
+    }
 }

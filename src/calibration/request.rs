@@ -1,5 +1,6 @@
 //! What a calibration needs: everything, and nothing that is not plain data.
 
+use crate::calibration::session_fit::HeldOut;
 use crate::frames::PreliminaryFrames;
 pub use crate::identification::{Model, Preset};
 
@@ -137,6 +138,8 @@ pub struct CalibrationRequest {
     pub corrections: Option<CorrectionsChoice>,
     /// What the flange carried while the set was measured, where it is known.
     pub payload: Option<Payload>,
+    /// What the parameter set that is verified missed its own held-out points by: whether a session fits the robot is judged by it.
+    pub held_out: Option<HeldOut>,
     /// The residual network of the robot's last identification: where the training of a new one starts.
     pub residual_network: Option<ResidualNetwork>,
     /// The session that the robot was last identified from, to compare with.
@@ -183,6 +186,7 @@ impl CalibrationRequest {
             options: SearchOptions::default(),
             corrections: None,
             payload: None,
+            held_out: None,
             residual_network: None,
             previous: None,
         }

@@ -5,15 +5,15 @@ use crate::calibration::identify::Problem;
 use crate::calibration::report::Warning;
 use crate::compensation::anchor;
 use crate::identification::KinematicModel;
-use crate::identification::parameters::apply;
+use crate::identification::parameters::{Parameter, apply};
 use crate::identification::uncertainty::Uncertainty;
 use crate::identification::workspace::random_configurations;
 use crate::kinematics::rotation::rotation_log;
-use crate::kinematics::t_base_flange;
+use crate::kinematics::{Robot, t_base_flange};
 use nalgebra::DMatrix;
 
 /// Configurations that stand for the workspace.
-const N_CONFIGURATIONS: usize = 64;
+pub const N_CONFIGURATIONS: usize = 64;
 /// Less is what parameters do that the model has twice, such as d of links with parallel axes: nothing but rounding.
 const NOTICED_MM: f64 = 1e-3;
 /// See [`NOTICED_MM`]; 0.001°.
@@ -44,17 +44,18 @@ pub fn remark(
         || problem.decomposition.unseen_directions(),
         |u| u.unseen.clone(),
     );
-    let not_seen = at_flange(problem, model, &[&unseen]);
-    let all = uncertainty.map_or(not_seen, |u| {
-        at_flange(problem, model, &[&unseen, &u.noise, &u.misfit])
-    });
+    let flange = |roots: &[&DMatrix<f64>]| {
+        at_flange(&problem.request.robot, model, &problem.parameters, roots)
+    };
+    let not_seen = flange(&[&unseen]);
+    let all = uncertainty.map_or(not_seen, |u| flange(&[&unseen, &u.noise, &u.misfit]));
     let is_seen = not_seen.shift_mm < NOTICED_MM && not_seen.turn_rad < NOTICED_RAD;
     if is_seen && TOOL_MM * all.turn_rad < UNCERTAIN * scatter_mm {
         return None;
     }
     let detail = format!(
-        "the measured positions hardly show how the flange stands: it may be turned by {:.3}° and shifted by {:.3} mm (one standard deviation) from \
-         where the identified robot has it. The measured reflector is right all the same; corrected poses, and another tool than that \
+        "the measured positions hardly show how the flange stands: it may be turned by {:.3}° and shifted by {:.3} mm (one standard deviation; what the \
+         positions do not show at all counts as off by 1 mm or 0.3°) from where the identified robot has it. The measured reflector is right all the same; corrected poses, and another tool than that \
          reflector, need not be. Measure a reflector off the last axis, or two, at poses that move every joint",
         all.turn_rad.to_degrees(),
         all.shift_mm
@@ -68,14 +69,18 @@ pub fn remark(
 
 /// Root of the sum over the columns of `roots`, parameter deviations of one standard deviation each, of what they do to the anchored
 /// flange: root mean square over random configurations of the joint space.
-fn at_flange(problem: &Problem<'_>, model: &KinematicModel, roots: &[&DMatrix<f64>]) -> AtFlange {
-    let robot = &problem.request.robot;
+pub fn at_flange(
+    robot: &Robot,
+    model: &KinematicModel,
+    parameters: &[Parameter],
+    roots: &[&DMatrix<f64>],
+) -> AtFlange {
     let (mut shift_mm2, mut turn_rad2) = (0.0, 0.0);
     let configurations = random_configurations(robot, N_CONFIGURATIONS, 0);
     let here = anchor(&model.links, &robot.links);
     for deviation in roots.iter().flat_map(|root| root.column_iter()) {
         let deviation: Vec<f64> = deviation.iter().copied().collect();
-        let moved = apply(model, &problem.parameters, &deviation);
+        let moved = apply(model, parameters, &deviation);
         let there = anchor(&moved.links, &robot.links);
         for q_controller_rad in &configurations {
             let q_rad = robot.q_model_rad(q_controller_rad);

@@ -1,9 +1,11 @@
-//! What can be said of a measurement set when it arrives. Remarks only: a set that is too small to identify from may still verify.
+//! What can be said of a measurement set when it arrives. Remarks only: a set that is too small to identify from may still verify,
+//! and what is said of that is what a job of kind verify would say.
 
 use crate::calibration::report::Warning;
+use crate::calibration::verify::too_small_to_verify;
 use crate::calibration::{CalibrationRequest, Error, check};
 use crate::kinematics::Robot;
-use crate::measurement::{MeasurementSet, Point, split};
+use crate::measurement::{Frame, MeasurementSet, Point, split};
 use nalgebra::Vector3;
 use std::collections::BTreeSet;
 
@@ -39,18 +41,30 @@ fn warning(code: &'static str, detail: String) -> Warning {
     }
 }
 
-/// What a default job would be refused for, if it is a lack of equations.
+/// What a default job would be refused for, if it is a lack of equations, and what the set can serve for all the same.
 fn too_small(robot: &Robot, set: &MeasurementSet) -> Option<Warning> {
-    match check(&CalibrationRequest::new(robot.clone(), set.clone())) {
-        Err(Error::Unusable {
-            code: "under_determined",
-            detail,
-        }) => Some(warning(
-            "under_determined",
-            format!("kept, but as it is it can only serve to verify: {detail}"),
-        )),
-        _ => None,
-    }
+    let request = CalibrationRequest::new(robot.clone(), set.clone());
+    let Err(Error::Unusable {
+        code: "under_determined",
+        detail,
+    }) = check(&request)
+    else {
+        return None;
+    };
+    let serves = match (too_small_to_verify(&request), set.frame) {
+        ([_, None], _) => {
+            "kept: too small to identify from, it can serve to verify (a job of kind verify)".into()
+        }
+        ([None, Some(_)], Frame::Base) => {
+            "kept: too small to identify from, it can serve to verify what was identified in the base frame, base and target included (a job \
+             of kind verify)"
+                .into()
+        }
+        ([_, Some(why)], _) => {
+            format!("kept, but too small to identify from and to verify on: to verify, {why}; to identify")
+        }
+    };
+    Some(warning("under_determined", format!("{serves}: {detail}")))
 }
 
 fn duplicates(set: &MeasurementSet) -> Option<Warning> {

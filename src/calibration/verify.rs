@@ -3,7 +3,8 @@
 
 use crate::calibration::arrangement::FEWEST_OF_SETUP;
 use crate::calibration::check::n_equations;
-use crate::calibration::judged::{Judged, judged};
+use crate::calibration::identify::stage;
+use crate::calibration::judged::judged;
 use crate::calibration::observe::{observe_to_verify, observe_verify_set};
 use crate::calibration::outcome::{corrected_errors, per_point};
 use crate::calibration::placing::{Layout, Placed, n_stations};
@@ -12,7 +13,9 @@ use crate::calibration::report::{
     CalibrationReport, Errors, Identifiability, PointErrors, SubsetErrors, Warning,
 };
 use crate::calibration::request::{CalibrationRequest, Model};
-use crate::calibration::{Error, Event, Monitor, unusable};
+use crate::calibration::session_fit::{nominal_fit, own_scatter_mm, session_fit};
+use crate::calibration::verdict::Verdict;
+use crate::calibration::{Error, Monitor, unusable};
 use crate::identification::KinematicModel;
 use crate::identification::corrected::IdentifiedRobot;
 use crate::identification::objective::{Observation, cost};
@@ -20,8 +23,10 @@ use crate::measurement::set::n_shared_points;
 use crate::measurement::{Frame, MeasurementSet};
 use nalgebra::IsometryMatrix3;
 
-/// Fewer equations for each number that is refitted are refused: with as many equations as numbers every robot fits.
-const EQUATIONS_PER_REFITTED: usize = 2;
+/// Of m equations from which p numbers are refitted, the refit leaves the share 1 − p/m of the squared error to be seen, on average. Less than a
+/// third of it is refused: with as many equations as numbers every robot fits. A position alone is placed by nine numbers, so that five points
+/// (15 equations) are enough.
+const LEAST_SHARE_SEEN: (usize, usize) = (1, 3);
 /// At most one in this many points of a verify set may be, bit for bit, a point of the set to identify from: a pose that was measured
 /// twice may repeat by chance, a file that was uploaded twice repeats in every row.
 const MAX_SHARED: usize = 10;
@@ -60,6 +65,17 @@ pub fn check_verify(
         &request.set,
         n_refitted(request, identified) > 0,
     )
+}
+
+/// Why a set is too small to verify on: where its points are taken as they stand, and where base and targets are placed anew. `None` where it
+/// is large enough.
+pub fn too_small_to_verify(request: &CalibrationRequest) -> [Option<String>; 2] {
+    let observations = observe_to_verify(request).all;
+    [false, true].map(|refit| {
+        check_enough(&observations, &request.set, refit)
+            .err()
+            .map(|error| error.to_string())
+    })
 }
 
 /// The checks of a second set to verify on: it may be scored by the job, and what it says is about the robot.
@@ -124,7 +140,9 @@ fn check_enough(
         );
         return Err(unusable("under_determined", detail));
     }
-    let needed = (EQUATIONS_PER_REFITTED * n_refitted).max(1);
+    // 1 − p/m ≥ a/b, in whole numbers
+    let (a, b) = LEAST_SHARE_SEEN;
+    let needed = (b * n_refitted).div_ceil(b - a).max(1);
     let found = n_equations(observations, needed);
     if found < needed {
         let detail = format!(
@@ -147,10 +165,7 @@ pub fn verify(
     monitor: &mut Monitor<'_>,
 ) -> Result<CalibrationReport, Error> {
     check_verify(request, identified.map(|robot| &robot.plain))?;
-    if monitor(Event::Heartbeat).is_break() {
-        return Err(Error::Cancelled);
-    }
-    let scored = score(request, identified)?;
+    let scored = stage(monitor, "verify", |_| score(request, identified))?;
     let (Some(before), Some(after)) = (scored.before.errors(), scored.after.errors()) else {
         return Err(unusable("under_determined", "the set has no points"));
     };
@@ -232,12 +247,26 @@ fn report(
         (&scored.after.observed, &scored.after.model),
         scored.corrected.as_ref(),
     );
-    let judged = judged(
-        &per_point
-            .iter()
-            .map(PointErrors::to_judge)
-            .collect::<Vec<_>>(),
-    );
+    let errors_mm: Vec<[f64; 3]> = per_point.iter().map(PointErrors::to_judge).collect();
+    let verdict = Verdict {
+        is_identified,
+        judged: judged(&errors_mm),
+        fit: match is_identified {
+            true => session_fit(
+                &errors_mm,
+                request.held_out.as_ref(),
+                &request.robot,
+                || own_scatter_mm(&scored.after.model, &scored.after.observed.all),
+            ),
+            false => nominal_fit(
+                &request.robot,
+                &scored.after.model,
+                &scored.after.observed.all,
+                scored.n_refitted,
+            ),
+        },
+        held_out: request.held_out,
+    };
     let none = Errors {
         mean_mm: 0.0,
         std_mm: 0.0,
@@ -246,7 +275,7 @@ fn report(
     };
     CalibrationReport {
         method: request.method,
-        method_reason: verdict(is_identified, &judged),
+        method_reason: verdict.in_words(),
         model: request.model(),
         preset: request.preset,
         seed: request.seed,
@@ -267,7 +296,9 @@ fn report(
         tool_uncertainty: None,
         error_model: None,
         uncertainty: None,
+        uncertainty_absent_because: None,
         changes: None,
+        flange_rotation_std_rad: None,
         identifiability: Identifiability {
             n_parameters: 0,
             rank: 0,
@@ -277,7 +308,7 @@ fn report(
             observability_index_o1: 0.0,
         },
         comparison: vec![],
-        warnings: warnings(is_identified, &scored, (&verify, &judged)),
+        warnings: warnings(&verdict, &scored, &verify),
         links: scored.after.model.links,
         t_instrument_base: scored.after.model.t_instrument_base,
         target_segments: scored.after.segments,
@@ -289,41 +320,8 @@ fn report(
     }
 }
 
-/// In one sentence.
-fn verdict(is_identified: bool, judged: &Judged) -> String {
-    let (before, after, remark) = (judged.before_rms_mm, judged.after_rms_mm, judged.remark());
-    match (is_identified, judged.is_better()) {
-        (false, _) => format!(
-            "nothing was identified: the nominal robot was scored, {before:.4} mm rms{remark}; no parameter set was named and none is released"
-        ),
-        (true, true) => {
-            format!(
-                "nothing was identified: the parameter set was scored, {after:.4} mm rms against {before:.4} mm of the nominal robot{remark}"
-            )
-        }
-        (true, false) => format!(
-            "nothing was identified: the parameter set was scored, and with {after:.4} mm rms the calibrated robot is no better than the nominal one ({before:.4} mm{remark})"
-        ),
-    }
-}
-
-fn warnings(
-    is_identified: bool,
-    scored: &Scored,
-    (verify, judged): (&SubsetErrors, &Judged),
-) -> Vec<Warning> {
-    let mut warnings = Vec::new();
-    if is_identified && !judged.is_better() {
-        let (before, after, remark) = (judged.before_rms_mm, judged.after_rms_mm, judged.remark());
-        let detail = format!(
-            "on these points{remark} the calibrated robot ({after:.4} mm rms) is no better than the nominal one ({before:.4} mm rms): do not use it"
-        );
-        warnings.push(Warning {
-            code: "no_better_than_nominal",
-            detail,
-            rows: vec![],
-        });
-    }
+fn warnings(verdict: &Verdict, scored: &Scored, verify: &SubsetErrors) -> Vec<Warning> {
+    let mut warnings: Vec<Warning> = verdict.warning().into_iter().collect();
     if 3 * verify.n_points < FEW_RESIDUALS * scored.n_refitted {
         let detail = format!(
             "{} points, from which {} numbers of base and targets were refitted: the errors are smaller than they would be elsewhere",

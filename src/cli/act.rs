@@ -1,7 +1,7 @@
-//! `kincal release|withdraw|cancel`: what people decide.
+//! `kincal release|withdraw|checked|cancel`: what people decide.
 
-use super::block_on;
 use super::client::{Client, ServerArguments};
+use super::runtime::block_on;
 use super::terminal::Output;
 use serde_json::{Value, json};
 
@@ -35,6 +35,21 @@ pub struct Release {
 pub struct Withdraw {
     #[command(flatten)]
     decision: Decision,
+}
+
+/// Say why a robot in the state `check_robot` is well.
+#[derive(Debug, clap::Args)]
+pub struct Checked {
+    #[command(flatten)]
+    server: ServerArguments,
+    /// The robot, as `kincal robots` lists it.
+    #[arg(value_name = "ID")]
+    id: String,
+    /// Why, for those who come after.
+    #[arg(long, value_name = "TEXT")]
+    reason: String,
+    #[command(flatten)]
+    output: Output,
 }
 
 /// Cancel a job.
@@ -105,6 +120,19 @@ async fn decide(client: &Client, id: &str, action: &str, body: &Value) -> anyhow
             serde_json::to_vec(body)?,
         )
         .await
+}
+
+/// `kincal checked`.
+pub fn checked(arguments: &Checked) -> anyhow::Result<()> {
+    let path = format!("/v1/robots/{}/checked", arguments.id);
+    let body = serde_json::to_vec(&json!({"reason": arguments.reason}))?;
+    let robot = block_on(async {
+        let client = arguments.server.client()?;
+        client.create(&path, "application/json", body).await
+    })?;
+    arguments.output.told(&robot, || {
+        format!("{} is well: releases are made again", arguments.id)
+    })
 }
 
 /// `kincal cancel`.

@@ -1,6 +1,6 @@
 //! `kincal backup`: a copy of the embedded database, checked.
 
-use super::block_on;
+use super::runtime::block_on;
 use super::terminal::Output;
 use crate::config::DatabaseConfig;
 use crate::http::server::location;
@@ -9,7 +9,7 @@ use crate::store::{Store, StoreLocation, audit, backup};
 use serde_json::json;
 use std::path::PathBuf;
 
-/// Copy the embedded database while it is served, and check the copy; exit code 1 if it does not keep its promises.
+/// Where from and where to.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     #[command(flatten)]

@@ -1,18 +1,20 @@
 //! `kincal calibrate`: offline, no server, no database.
 
 use super::files::{Numbers, cannot_be_used, fault, read, read_json};
-use super::terminal::Output;
-use super::{Usage, table};
+use super::options::{IdentifyOptions, SetOptions};
+use super::table;
+use super::terminal::{Output, in_commands};
+use super::usage::Usage;
 use crate::calibration::alignment::{self, Finding, Look};
 use crate::jobs::JobFailure;
 use crate::jobs::execution;
 use crate::kinematics::Robot;
 use crate::report_page::{self, MeasuredSet, Sources};
-use crate::wire::job::{JobParts, JobRequestBody, Method, Model, Preset};
-use crate::wire::measurement::{self, Frame, MeasurementSet};
+use crate::wire::job::{JobParts, JobRequestBody, Method, ProgressAnswer, Stage};
+use crate::wire::measurement::{self, Insist, MeasurementSet};
 use crate::wire::report_shape::Report;
 use crate::wire::robot::RobotBody;
-use crate::wire::{Issue, Problem, canonical, words};
+use crate::wire::{Problem, canonical, words};
 use anyhow::Context;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::ops::ControlFlow;
@@ -32,23 +34,12 @@ pub struct Arguments {
     /// Measurement set: CSV with units in its header, or JSON.
     #[arg(value_name = "SET.csv")]
     set: PathBuf,
-    /// Frame of the measured positions.
-    #[arg(long, env = "KINCAL_FRAME", default_value = "base", value_parser = ["base", "instrument"])]
-    frame: String,
+    #[command(flatten)]
+    of_set: SetOptions,
     #[command(flatten)]
     numbers: Numbers,
-    /// How: auto, least_squares or pso.
-    #[arg(long, env = "KINCAL_METHOD", default_value = "auto", value_parser = ["auto", "least_squares", "pso"])]
-    method: String,
-    /// Which parameters exist [default: paper for frame base, else complete].
-    #[arg(long, env = "KINCAL_MODEL", value_parser = ["paper", "complete"])]
-    model: Option<String>,
-    /// Where options come from.
-    #[arg(long, env = "KINCAL_PRESET", default_value = "default", value_parser = ["default", "paper"])]
-    preset: String,
-    /// Seed of every random number.
-    #[arg(long, env = "KINCAL_SEED", default_value_t = 0)]
-    seed: u64,
+    #[command(flatten)]
+    identify: IdentifyOptions,
     /// Least squares after a swarm [default: true, false in preset paper].
     #[arg(long, env = "KINCAL_REFINE")]
     refine: Option<bool>,
@@ -61,13 +52,17 @@ pub struct Arguments {
 
 /// Runs it.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    if arguments.identify.method == Method::BpnnPso {
+        let text = "bpnn_pso starts from a network, and networks are kept by a server: kincal submit --method bpnn_pso";
+        return Err(Usage(text.into()).into());
+    }
     let robot_body = read_robot_body(&arguments.robot)?;
     let robot = robot_body
         .to_core()
         .map_err(|invalid| Usage(cannot_be_used(&arguments.robot, &[], &invalid.issues)))?;
-    let frame = Frame::parse(&arguments.frame).context("--frame is base or instrument")?;
+    let frame = arguments.of_set.frame;
     let bytes = read(&arguments.set)?;
-    let set = measurement::from_upload(
+    let set = measurement::from_file(
         &arguments.numbers.content_type(&arguments.set),
         &bytes,
         frame,
@@ -83,10 +78,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             "warning: {} ({}): {}",
             words::warning(&remark.code),
             remark.code,
-            remark.detail
+            in_commands(&remark.detail)
         );
     }
-    look(&robot, &set, &arguments.set)?;
+    let insisted_on = look(&robot, &set, arguments)?;
     let measured = MeasuredSet {
         name: arguments.set.file_name().and_then(|name| name.to_str()),
         frame,
@@ -103,7 +98,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         residual_network: None,
         previous: None,
     };
-    let request = body(arguments)?.to_core(parts).map_err(|invalid| {
+    let request = body(arguments).to_core(parts).map_err(|invalid| {
         let faults: Vec<String> = invalid
             .issues
             .iter()
@@ -111,14 +106,17 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             .collect();
         Usage(faults.join("\n"))
     })?;
-    let bar = (!arguments.output.json).then(|| progress_bar("iterations"));
+    let bar = (!arguments.output.json).then(progress_bar);
     let mut monitor = |progress: crate::jobs::Progress| {
         if let Some(bar) = &bar {
             show(
                 bar,
-                progress.iteration,
-                progress.n_iterations,
-                progress.best_cost_mm2,
+                &ProgressAnswer {
+                    stage: progress.stage,
+                    iteration: progress.iteration,
+                    n_iterations: progress.n_iterations,
+                    best_cost_mm2: Some(progress.best_cost_mm2),
+                },
             );
         }
         ControlFlow::Continue(())
@@ -127,7 +125,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if let Some(bar) = bar {
         bar.finish_and_clear();
     }
-    let report = calibrated.report(OFFLINE, None, false)?;
+    let report = calibrated.report(OFFLINE, None, false, insisted_on)?;
     if let Some(path) = &arguments.html {
         let convergence = calibrated.convergence();
         let sources = Sources {
@@ -141,34 +139,55 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         std::fs::write(path, report_page::html(&sources))
             .with_context(|| format!("cannot write {}", path.display()))?;
     }
-    print(arguments, &report)
+    print(arguments, &report)?;
+    is_of_use(&report, None)
 }
 
 /// Whether the set can have been measured on this robot, as a server asks of an upload: units, columns and joints that are not what they are
 /// said to be can give a fit that looks perfect.
-fn look(robot: &Robot, set: &MeasurementSet, path: &Path) -> anyhow::Result<()> {
+fn look<'a>(
+    robot: &Robot,
+    set: &MeasurementSet,
+    arguments: &'a Arguments,
+) -> anyhow::Result<Option<&'a str>> {
     let Look::Off(rms_mm) = alignment::look(robot, set) else {
+        return Ok(None);
+    };
+    let insist = arguments.of_set.insist.map(Insist::as_str);
+    let (code, detail, insisted_on) = match alignment::explain(robot, set, rms_mm, &[]) {
+        Finding::Odd { code, detail } => (code.to_owned(), detail, None),
+        Finding::Wrong(suspicion) if insist == Some(suspicion.code) => {
+            let warning = measurement::insisted(&suspicion);
+            (warning.code, warning.detail, insist)
+        }
+        Finding::Wrong(suspicion) => {
+            let issues = [measurement::suspected(&suspicion)];
+            return Err(Usage(cannot_be_used(&arguments.set, &[], &issues)).into());
+        }
+    };
+    let detail = in_commands(&detail);
+    eprintln!("warning: {} ({code}): {detail}", words::warning(&code));
+    Ok(insisted_on)
+}
+
+/// Fails where nothing that was found is of use, so that nobody goes on with it. `job_id` is a server's.
+pub fn is_of_use(report: &Report, job_id: Option<&str>) -> anyhow::Result<()> {
+    let Some(code) = report.no_use() else {
         return Ok(());
     };
-    match alignment::explain(robot, set, rms_mm, &[]) {
-        Finding::Odd { code, detail } => {
-            eprintln!("warning: {} ({code}): {detail}", words::warning(code))
+    let next = match code {
+        "model_too_small" => {
+            "again with --model complete, or with --frame instrument where the positions are in an instrument's own frame"
         }
-        Finding::Wrong {
-            code,
-            columns,
-            detail,
-        } => {
-            let issue = Issue {
-                column: columns,
-                code: code.into(),
-                detail,
-                ..Issue::default()
-            };
-            return Err(Usage(cannot_be_used(path, &[], &[issue])).into());
+        "no_fit" | "session_does_not_fit" => {
+            "check the file: is it of this robot, in this frame (--frame), and do the joint values and the position of each row belong together?"
         }
-    }
-    Ok(())
+        _ => "measure more poses, spread over the workspace, and identify from them",
+    };
+    let page = job_id.map_or(String::new(), |id| {
+        format!("\nto look at it: kincal report {id} --html report.html")
+    });
+    anyhow::bail!("{} ({code})\nnext: {next}{page}", words::no_use(code))
 }
 
 fn print(arguments: &Arguments, report: &Report) -> anyhow::Result<()> {
@@ -180,22 +199,11 @@ fn print(arguments: &Arguments, report: &Report) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn body(arguments: &Arguments) -> anyhow::Result<JobRequestBody> {
-    let method: Method = serde_json::from_value(arguments.method.clone().into())?;
-    let preset: Preset = serde_json::from_value(arguments.preset.clone().into())?;
-    let model: Option<Model> = arguments
-        .model
-        .clone()
-        .map(|m| serde_json::from_value(m.into()))
-        .transpose()?;
-    Ok(JobRequestBody {
-        method,
-        preset,
-        model,
-        seed: arguments.seed,
+fn body(arguments: &Arguments) -> JobRequestBody {
+    JobRequestBody {
         refine: arguments.refine,
-        ..JobRequestBody::for_set(OFFLINE)
-    })
+        ..arguments.identify.request(OFFLINE)
+    }
 }
 
 /// A robot file, after every check.
@@ -223,22 +231,64 @@ fn failure(failure: JobFailure) -> anyhow::Error {
     }
 }
 
-/// A bar with the smallest F beside it; it draws itself on a terminal only.
-pub fn progress_bar(what: &'static str) -> ProgressBar {
+/// A bar with what is being done beside it; it draws itself on a terminal only.
+pub fn progress_bar() -> ProgressBar {
     let bar = ProgressBar::new(0);
-    let style = ProgressStyle::with_template("{bar:32} {pos}/{len} {msg}")
+    let style = ProgressStyle::with_template("{bar:32} {msg}")
         .unwrap_or_else(|_| ProgressStyle::default_bar());
     bar.set_style(style);
-    bar.set_message(what);
     bar
 }
 
-/// Moves the bar.
-pub fn show(bar: &ProgressBar, iteration: u64, n_iterations: u64, best_cost_mm2: f64) {
-    bar.set_length(n_iterations);
-    bar.set_position(iteration);
-    bar.set_message(format!(
-        "iterations, F = {} mm²",
-        table::number(best_cost_mm2)
-    ));
+/// Moves the bar. Only the main method has iterations, and its limit is seldom reached: no time is promised.
+pub fn show(bar: &ProgressBar, progress: &ProgressAnswer) {
+    bar.set_length(progress.n_iterations);
+    bar.set_position(progress.iteration);
+    bar.set_message(in_words(progress));
+}
+
+/// The stage, and in the main method its iteration and the smallest F so far.
+fn in_words(progress: &ProgressAnswer) -> String {
+    let stage = words::stage(progress.stage);
+    // an older server does not name its stages
+    let iterates = progress.stage.is_none_or(Stage::has_iterations) && progress.n_iterations > 0;
+    let cost = progress.best_cost_mm2.filter(|cost| cost.is_finite());
+    match (iterates, cost) {
+        (false, _) => format!("{stage} …"),
+        (true, cost) => {
+            let cost = cost.map_or(String::new(), |cost| {
+                format!(", F = {} mm²", table::number(cost))
+            });
+            format!(
+                "{stage}: iteration {} of at most {}{cost}",
+                progress.iteration, progress.n_iterations
+            )
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{ProgressAnswer, Stage, in_words};
+
+    #[test]
+    fn a_stage_without_iterations_promises_nothing() {
+        let at = |stage, iteration, cost| {
+            in_words(&ProgressAnswer {
+                stage,
+                iteration,
+                n_iterations: 500,
+                best_cost_mm2: cost,
+            })
+        };
+        assert_eq!(
+            at(Some(Stage::Pso), 20, Some(1.5)),
+            "Particle swarm: iteration 20 of at most 500, F = 1.5000 mm²"
+        );
+        assert_eq!(
+            at(Some(Stage::Corrections), 500, Some(1.5)),
+            "Looking for what links cannot say …"
+        );
+        assert_eq!(at(None, 3, None), "Computing: iteration 3 of at most 500");
+    }
 }

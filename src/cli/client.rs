@@ -1,7 +1,7 @@
 //! The cell PC's side of the REST interface.
 
-use super::Usage;
 use super::failure::Failed;
+use super::usage::Usage;
 use crate::http::tls;
 use crate::wire::job::JobAnswer;
 use anyhow::{Context, bail};
@@ -404,8 +404,8 @@ fn parse_event(event: &[u8]) -> Option<(String, JobAnswer)> {
 #[cfg(test)]
 mod tests {
     use super::{Client, piece};
-    use crate::cli::Usage;
     use crate::cli::failure::Failed;
+    use crate::cli::usage::Usage;
     use std::time::Duration;
 
     #[tokio::test]

@@ -3,10 +3,13 @@
 use super::client::ServerArguments;
 use super::failure::Refused;
 use super::files::{self, cannot_be_used, read, read_json};
+use super::runtime::block_on;
+use super::terminal;
 use super::terminal::Output;
-use super::{Usage, block_on, terminal};
+use super::usage::Usage;
 use crate::wire::compensate::{
-    CompensateAnswer, CompensateBody, CompensateMode, CompensateStatus, MAX_TARGETS_PER_REQUEST,
+    CompensateAnswer, CompensateBase, CompensateBody, CompensateMode, CompensateStatus, ErrorFrame,
+    MAX_TARGETS_PER_REQUEST,
 };
 use crate::wire::export::ExportDocument;
 use crate::wire::issue::{Invalid, Issue};
@@ -27,8 +30,12 @@ pub struct Arguments {
     #[command(flatten)]
     server: ServerArguments,
     /// What of the tool is kept.
-    #[arg(long, env = "KINCAL_MODE", default_value = "pose", value_parser = ["pose", "position"])]
-    mode: String,
+    #[arg(long, env = "KINCAL_MODE", value_enum, default_value_t = CompensateMode::Pose)]
+    mode: CompensateMode,
+    /// The frame in which targets are met: the measuring frame, base error included, or the robot's own base frame [default: measured
+    /// where positions were measured in the base frame, else robot].
+    #[arg(long, env = "KINCAL_BASE", value_enum)]
+    base: Option<CompensateBase>,
     /// The tool is this reflector (0-based) [default: 0, or the tool of --tool-mm].
     #[arg(long, env = "KINCAL_TARGET")]
     target: Option<usize>,
@@ -90,6 +97,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     for part in parts {
         answer.extend(part?);
     }
+    eprintln!(
+        "targets are met in {}",
+        match answer.frame {
+            ErrorFrame::Measuring =>
+                "the measuring frame, which is the nominal base frame: what turned or shifted the base is corrected",
+            ErrorFrame::RobotBase => "the robot's own base frame, wherever it stands",
+        }
+    );
     if let Some(remark) = answer.left_out.remark() {
         eprintln!("warning (base_and_tool): {remark}");
     }
@@ -140,11 +155,8 @@ fn correct(arguments: &Arguments, q_deg: &[Vec<f64>]) -> anyhow::Result<Compensa
             rotation: None,
         }),
         payload: None,
-        mode: if arguments.mode == "position" {
-            CompensateMode::Position
-        } else {
-            CompensateMode::Pose
-        },
+        mode: arguments.mode,
+        base: arguments.base,
     };
     match (&arguments.parameters, arguments.files.as_slice()) {
         (Some(id), [_]) => block_on(async {
@@ -169,7 +181,7 @@ fn correct(arguments: &Arguments, q_deg: &[Vec<f64>]) -> anyhow::Result<Compensa
                 .content
                 .check(robot.links.len())
                 .map_err(unusable)?;
-            Ok(body.run(&robot, &document.content, &document.warnings)?)
+            Ok(body.run(&robot, &document.content, &document.provenance)?)
         }
         (Some(_), _) => Err(Usage("with --parameters only PROGRAM.csv is given".into()).into()),
         (None, _) => Err(Usage(
@@ -282,6 +294,8 @@ impl Program {
                 )
             }
             (Some("q_deg"), ..) => format!("its columns are q1 … q{}: {detail}", self.joints.len()),
+            (Some("mode"), ..) => format!("--mode: {detail}"),
+            (Some("base"), ..) => format!("--base: {detail}"),
             (Some("target"), ..) => format!("--target: {detail}"),
             (Some("tool"), ..) => format!("--tool-mm: {detail}"),
             _ => files::fault(issue, None),

@@ -1,7 +1,6 @@
 //! `kincal completions`: what makes the Tab key work.
 
 use super::terminal;
-use clap::CommandFactory;
 use clap_complete::Shell;
 
 /// Print the completions of a shell.
@@ -12,9 +11,8 @@ pub struct Arguments {
     shell: Shell,
 }
 
-/// Prints them.
-pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
-    let mut command = super::Arguments::command();
+/// Prints those of `command`, which is all of kincal.
+pub fn run(arguments: &Arguments, mut command: clap::Command) -> anyhow::Result<()> {
     let mut script = Vec::new();
     clap_complete::generate(arguments.shell, &mut command, "kincal", &mut script);
     terminal::whole(script);

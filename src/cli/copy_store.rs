@@ -1,7 +1,8 @@
 //! `kincal copy-store`: from the embedded database to PostgreSQL, or back.
 
+use super::runtime::block_on;
 use super::terminal::Output;
-use super::{Usage, block_on};
+use super::usage::Usage;
 use crate::store::verify::{self, Options};
 use crate::store::{Store, StoreLocation, copy};
 use serde_json::{Value, json};

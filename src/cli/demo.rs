@@ -2,8 +2,9 @@
 
 use super::calibrate::{progress_bar, show};
 use super::client::Client;
+use super::runtime::block_on;
+use super::table;
 use super::terminal::Output;
-use super::{block_on, table};
 use crate::config::ServeConfig;
 use crate::http::server;
 use crate::wire::job::JobAnswer;
@@ -201,15 +202,11 @@ impl Demo<'_> {
             .client
             .post_json(&format!("/v1/robots/{robot}/jobs"), request)
             .await?)?;
-        let bar = (!self.arguments.output.json).then(|| progress_bar(label));
+        let bar = (!self.arguments.output.json).then(progress_bar);
+        bar.iter().for_each(|bar| bar.set_message(label));
         let moved = |job: &JobAnswer| {
             if let (Some(bar), Some(progress)) = (&bar, &job.progress) {
-                show(
-                    bar,
-                    progress.iteration,
-                    progress.n_iterations,
-                    progress.best_cost_mm2.unwrap_or(f64::NAN),
-                );
+                show(bar, progress);
             }
         };
         self.client.follow(&job, moved).await?;

@@ -1,6 +1,7 @@
 //! Files that people hand in: how they are read, and what is said where one cannot be used.
 
-use super::Usage;
+use super::terminal::in_commands;
+use super::usage::Usage;
 use crate::wire::issue::Issue;
 use crate::wire::json;
 use crate::wire::measurement::DECIMAL_COMMA;
@@ -90,8 +91,7 @@ pub fn cannot_be_used(path: &Path, bytes: &[u8], issues: &[Issue]) -> String {
 
 /// Where and what, once; with the line of the file where that is at hand.
 pub fn fault(issue: &Issue, bytes: Option<&[u8]>) -> String {
-    // the query's parameter is an option here
-    let detail = issue.detail.replace("?decimal=comma", "--decimal-comma");
+    let detail = in_commands(&issue.detail);
     let Some(row) = issue.row else {
         let says_it = issue
             .column

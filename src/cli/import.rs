@@ -1,7 +1,7 @@
 //! `kincal import`: a robot file from other people's descriptions.
 
-use super::Usage;
 use super::files::{cannot_be_used, read, refuse_semicolons};
+use super::usage::Usage;
 use crate::wire::frames::Transform;
 use crate::wire::import::{ImportFormat, import};
 use nalgebra::{Matrix3, Rotation3};
@@ -14,8 +14,8 @@ pub struct Arguments {
     #[arg(value_name = "ROBOT.urdf|TABLE.csv")]
     file: PathBuf,
     /// What it is [default: urdf for .urdf and .xml, else mdh].
-    #[arg(long, env = "KINCAL_CONVENTION", value_parser = ["urdf", "dh", "mdh"])]
-    convention: Option<String>,
+    #[arg(long, env = "KINCAL_CONVENTION", value_enum)]
+    convention: Option<ImportFormat>,
     /// The robot's name [default: the file's].
     #[arg(long, env = "KINCAL_NAME")]
     name: Option<String>,
@@ -31,13 +31,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         .file
         .extension()
         .is_some_and(|e| e == "urdf" || e == "xml");
-    let format = match arguments.convention.as_deref() {
-        Some("urdf") => ImportFormat::Urdf,
-        Some("dh") => ImportFormat::Dh,
-        Some(_) => ImportFormat::Mdh,
-        None if is_urdf => ImportFormat::Urdf,
-        None => ImportFormat::Mdh,
+    let by_name = if is_urdf {
+        ImportFormat::Urdf
+    } else {
+        ImportFormat::Mdh
     };
+    let format = arguments.convention.unwrap_or(by_name);
     if !matches!(format, ImportFormat::Urdf) {
         refuse_semicolons(&bytes)
             .map_err(|error| Usage(format!("{}: {error}", arguments.file.display())))?;

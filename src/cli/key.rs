@@ -1,7 +1,9 @@
 //! `kincal key`: may run beside a server.
 
+use super::look;
+use super::runtime::block_on;
 use super::terminal::{self, Output};
-use super::{Usage, block_on, look};
+use super::usage::Usage;
 use crate::config::DatabaseConfig;
 use crate::http::auth::{Scope, new_key};
 use crate::http::server::location;

@@ -1,8 +1,9 @@
 //! `kincal robots|sets|jobs|params`: to look around on a server.
 
 use super::client::ServerArguments;
-use super::terminal::{Output, plain};
-use super::{block_on, terminal};
+use super::runtime::block_on;
+use super::terminal;
+use super::terminal::{Output, in_commands, plain};
 use serde_json::Value;
 
 /// Most rows of a list; the newest come first.
@@ -22,7 +23,7 @@ struct Kind {
 const ROBOTS: Kind = Kind {
     list: |_| "/v1/robots".into(),
     one: "/v1/robots",
-    columns: &["id", "name", "serial_number"],
+    columns: &["id", "name", "serial_number", "state"],
     empty: "there is no robot yet; next: POST /v1/robots, or add its file on the dashboard",
 };
 const SETS: Kind = Kind {
@@ -182,7 +183,7 @@ fn gate_lines(found: &Value) -> String {
         format!(
             "{word:<8} {:<30} {}\n",
             plain(gate["gate"].as_str().unwrap_or_default()),
-            plain(gate["detail"].as_str().unwrap_or_default())
+            plain(&in_commands(gate["detail"].as_str().unwrap_or_default()))
         )
     };
     found["gates"]

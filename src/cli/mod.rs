@@ -17,17 +17,19 @@ mod import;
 mod key;
 mod look;
 mod openapi;
+mod options;
 mod plan;
 mod report;
+mod runtime;
 mod serve;
 mod submit;
 mod table;
+mod usage;
 mod verify_store;
 mod worker;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 use std::process::ExitCode;
-use std::time::Duration;
 
 const EXIT_CODES: &str = "\
 Exit codes: 0 done, 1 failed (the server, the network, the job), 2 wrong usage (an option, a file: mend it and try again).
@@ -67,7 +69,10 @@ enum Command {
     Key(key::Arguments),
     /// Check that the database keeps its promises; exit code 1 if it does not.
     VerifyStore(verify_store::Arguments),
-    /// Copy the embedded database while it is served, and check the copy.
+    /// Copy the embedded database while it is served, and check the copy; exit code 1 if it does not keep its promises.
+    ///
+    /// Copying the data directory of a running server is no backup: its files are copied at different moments, and such copies are often
+    /// broken. This command reads one consistent state.
     Backup(backup::Arguments),
     /// Identify a robot from two files, offline: no server, no database.
     Calibrate(calibrate::Arguments),
@@ -93,6 +98,8 @@ enum Command {
     Release(act::Release),
     /// Take a parameter set back.
     Withdraw(act::Withdraw),
+    /// Say why a robot is well in spite of a session that did not fit it.
+    Checked(act::Checked),
     /// Cancel a job.
     Cancel(act::Cancel),
     /// Run the paper's calibrations through a real server on a temporary database, and print its tables beside ours.
@@ -103,11 +110,6 @@ enum Command {
     #[command(after_help = COMPLETIONS_HELP)]
     Completions(completions::Arguments),
 }
-
-/// A wrong use of the command line: exit code 2.
-#[derive(Debug, thiserror::Error)]
-#[error("{0}")]
-struct Usage(String);
 
 /// Runs the command line.
 pub fn main() -> ExitCode {
@@ -131,17 +133,19 @@ pub fn main() -> ExitCode {
         Command::Report(arguments) => report::run(&arguments),
         Command::Release(arguments) => act::release(&arguments),
         Command::Withdraw(arguments) => act::withdraw(&arguments),
+        Command::Checked(arguments) => act::checked(&arguments),
         Command::Cancel(arguments) => act::cancel(&arguments),
         Command::Demo(arguments) => demo::run(&arguments),
         Command::Openapi(arguments) => openapi::run(&arguments),
-        Command::Completions(arguments) => completions::run(&arguments),
+        Command::Completions(arguments) => completions::run(&arguments, Arguments::command()),
     };
     match result {
         Ok(()) if terminal::is_complete() => ExitCode::SUCCESS,
         Ok(()) => ExitCode::FAILURE,
         Err(error) => {
-            eprintln!("kincal: {}", terminal::plain(&format!("{error:#}")));
-            let is_usage = error.is::<Usage>()
+            let text = terminal::in_commands(&format!("{error:#}"));
+            eprintln!("kincal: {}", terminal::plain(&text));
+            let is_usage = error.is::<usage::Usage>()
                 || error
                     .downcast_ref::<failure::Refused>()
                     .is_some_and(failure::Refused::is_usage);
@@ -152,17 +156,4 @@ pub fn main() -> ExitCode {
             }
         }
     }
-}
-
-/// Computations that are still at work when a command ends are left behind after this long: their jobs have been handed back.
-const LEAVE_BEHIND_AFTER: Duration = Duration::from_secs(1);
-
-/// Runs something asynchronous to its end.
-fn block_on<T>(work: impl Future<Output = anyhow::Result<T>>) -> anyhow::Result<T> {
-    let runtime = tokio::runtime::Builder::new_multi_thread()
-        .enable_all()
-        .build()?;
-    let result = runtime.block_on(work);
-    runtime.shutdown_timeout(LEAVE_BEHIND_AFTER);
-    result
 }

@@ -1,13 +1,13 @@
 //! `kincal plan`: which configurations to measure, offline.
 
-use super::Usage;
 use super::calibrate::read_robot;
 use super::files::{Numbers, cannot_be_used, fault, parse_json, read};
 use super::terminal::Output;
+use super::usage::Usage;
 use crate::kinematics::Robot;
 use crate::wire::issue::Issue;
 use crate::wire::job::Model;
-use crate::wire::measurement::{Frame, from_upload};
+use crate::wire::measurement::{Frame, from_file};
 use crate::wire::pose_plan::PosePlanBody;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
@@ -38,11 +38,11 @@ pub struct Arguments {
     #[command(flatten)]
     numbers: Numbers,
     /// Frame that is measured in [default: that of --request, else instrument; with --measured it has to be said].
-    #[arg(long, env = "KINCAL_FRAME", value_parser = ["base", "instrument"])]
-    frame: Option<String>,
+    #[arg(long, env = "KINCAL_FRAME", value_enum)]
+    frame: Option<Frame>,
     /// The model that will be identified [default: complete; paper for frame base].
-    #[arg(long, env = "KINCAL_MODEL", value_parser = ["paper", "complete"])]
-    model: Option<String>,
+    #[arg(long, env = "KINCAL_MODEL", value_enum)]
+    model: Option<Model>,
     /// Seed of the candidates [default: that of --request, else 0].
     #[arg(long, env = "KINCAL_SEED")]
     seed: Option<u64>,
@@ -64,7 +64,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let mut measured = Vec::new();
     for path in &arguments.measured {
         let bytes = read(path)?;
-        let set = from_upload(
+        let set = from_file(
             &arguments.numbers.content_type(path),
             &bytes,
             frame,
@@ -124,16 +124,8 @@ fn body(arguments: &Arguments) -> anyhow::Result<PosePlanBody> {
     };
     body.n_configurations = arguments.n_configurations.unwrap_or(body.n_configurations);
     body.seed = arguments.seed.unwrap_or(body.seed);
-    body.frame = arguments
-        .frame
-        .as_deref()
-        .and_then(Frame::parse)
-        .or(body.frame);
-    body.model = arguments
-        .model
-        .as_deref()
-        .and_then(Model::parse)
-        .or(body.model);
+    body.frame = arguments.frame.or(body.frame);
+    body.model = arguments.model.or(body.model);
     Ok(body)
 }
 

@@ -1,8 +1,9 @@
 //! `kincal report`: what came out of a job.
 
 use super::client::ServerArguments;
+use super::runtime::block_on;
+use super::table;
 use super::terminal::Output;
-use super::{block_on, table};
 use crate::wire::report_shape::Report;
 use anyhow::Context;
 use std::path::PathBuf;

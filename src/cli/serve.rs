@@ -1,6 +1,7 @@
 //! `kincal serve`.
 
-use super::{Usage, block_on};
+use super::runtime::block_on;
+use super::usage::Usage;
 use crate::config::ServeConfig;
 use crate::http::server::{self, RunningServer};
 use crate::store::{PageRequest, api_keys};

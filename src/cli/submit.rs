@@ -1,12 +1,15 @@
 //! `kincal submit`: a measurement set to a server, and its calibration back.
 
-use super::calibrate::{progress_bar, show};
+use super::calibrate::{is_of_use, progress_bar, show};
 use super::client::{Client, ServerArguments};
 use super::failure::Refused;
 use super::files::{Numbers, cannot_be_used, is_json, read};
-use super::terminal::Output;
-use super::{Usage, block_on, table};
-use crate::wire::job::{JobAnswer, JobRequestBody, Kind, Method, Model, Preset};
+use super::options::{IdentifyOptions, SetOptions};
+use super::runtime::block_on;
+use super::table;
+use super::terminal::{Output, in_commands};
+use super::usage::Usage;
+use crate::wire::job::{JobAnswer, JobRequestBody, JobStatus, Kind};
 use crate::wire::report_shape::Report;
 use crate::wire::robot::MAX_NAME;
 use crate::wire::words;
@@ -27,9 +30,8 @@ pub struct Arguments {
     /// Measurement set: CSV with units in its header, or JSON.
     #[arg(value_name = "SET.csv")]
     set: PathBuf,
-    /// Frame of the measured positions.
-    #[arg(long, env = "KINCAL_FRAME", default_value = "base", value_parser = ["base", "instrument"])]
-    frame: String,
+    #[command(flatten)]
+    of_set: SetOptions,
     #[command(flatten)]
     numbers: Numbers,
     /// Identify nothing: say how good a parameter set is on these points.
@@ -41,18 +43,8 @@ pub struct Arguments {
     /// With --verify: which parameter set [default: the active one, else the nominal robot].
     #[arg(long, env = "KINCAL_PARAMETERS", value_name = "ID")]
     parameters: Option<String>,
-    /// How.
-    #[arg(long, env = "KINCAL_METHOD", default_value = "auto", value_parser = ["auto", "least_squares", "pso", "bpnn_pso"])]
-    method: String,
-    /// Which parameters exist [default: paper for frame base, else complete].
-    #[arg(long, env = "KINCAL_MODEL", value_parser = ["paper", "complete"])]
-    model: Option<String>,
-    /// Where options come from.
-    #[arg(long, env = "KINCAL_PRESET", default_value = "default", value_parser = ["default", "paper"])]
-    preset: String,
-    /// Seed of every random number.
-    #[arg(long, env = "KINCAL_SEED", default_value_t = 0)]
-    seed: u64,
+    #[command(flatten)]
+    identify: IdentifyOptions,
     /// Wait for the result, with a progress bar on a terminal.
     #[arg(long, env = "KINCAL_WAIT", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue)]
     wait: bool,
@@ -71,7 +63,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         let client = arguments.server.client()?;
         let robot = client.robot_id(&arguments.robot).await?;
         let set = upload(&client, arguments, &robot, bytes).await?;
-        let request = serde_json::to_value(request(arguments, text(&set, "id")?)?)?;
+        let request = serde_json::to_value(request(arguments, text(&set, "id")?))?;
         let posted = client
             .create(
                 &format!("/v1/robots/{robot}/jobs"),
@@ -95,11 +87,18 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         let shaped: Report = serde_json::from_value(report.clone())
             .context("the server's report is of another version of kincal")?;
         arguments.output.told(&report, || {
-            let next = job.parameter_set_id.map_or(String::new(), |id| {
-                format!("next: kincal release {id} --reason \"…\" if it is good; until then the cell does not get it\n")
-            });
+            if shaped.no_use().is_some() {
+                return table::report(&shaped);
+            }
+            let set_id = job.parameter_set_id.as_ref();
+            let next = match set_id.filter(|_| set["insisted_on"].is_null()) {
+                Some(id) => format!("next: kincal release {id} --reason \"…\" if it is good; until then the cell does not get it\n"),
+                None if set_id.is_some() => "next: submit a set that need not be insisted on; no release rests on this one\n".into(),
+                None => String::new(),
+            };
             format!("{}\n{next}to print it: kincal report {job_id} --html report.html", table::report(&shaped))
-        })
+        })?;
+        is_of_use(&shaped, Some(job_id))
     })
 }
 
@@ -114,7 +113,9 @@ async fn upload(
     } else {
         "text/csv"
     };
-    let mut parameters = vec![("frame", arguments.frame.clone())];
+    let mut parameters = vec![("frame", arguments.of_set.frame.as_str().to_owned())];
+    let insist = arguments.of_set.insist;
+    parameters.extend(insist.map(|code| ("insist", code.as_str().to_owned())));
     if content_type == "text/csv" {
         // a CSV has no name of its own: people know it by its file
         parameters.extend(file_name(arguments).map(|name| ("name", name)));
@@ -137,6 +138,7 @@ async fn upload(
             warning["code"].as_str().unwrap_or_default(),
             warning["detail"].as_str().unwrap_or_default(),
         );
+        let detail = in_commands(detail);
         eprintln!("warning: {} ({code}): {detail}", words::warning(code));
     }
     if !arguments.output.json {
@@ -177,15 +179,13 @@ fn file_name(arguments: &Arguments) -> Option<String> {
 }
 
 async fn follow(client: &Client, arguments: &Arguments, job_id: &str) -> anyhow::Result<JobAnswer> {
-    let bar = (!arguments.output.json).then(|| progress_bar("waiting for a worker"));
+    let bar = (!arguments.output.json).then(progress_bar);
     let moved = |job: &JobAnswer| {
-        if let (Some(bar), Some(progress)) = (&bar, &job.progress) {
-            show(
-                bar,
-                progress.iteration,
-                progress.n_iterations,
-                progress.best_cost_mm2.unwrap_or(f64::NAN),
-            );
+        let Some(bar) = &bar else { return };
+        match (job.status, &job.progress) {
+            (JobStatus::Queued, _) => bar.set_message("waiting for a worker"),
+            (_, Some(progress)) => show(bar, progress),
+            (_, None) => bar.set_message("a worker has begun"),
         }
     };
     let job = client.follow(job_id, moved).await;
@@ -195,21 +195,15 @@ async fn follow(client: &Client, arguments: &Arguments, job_id: &str) -> anyhow:
     job
 }
 
-fn request(arguments: &Arguments, set_id: &str) -> anyhow::Result<JobRequestBody> {
+fn request(arguments: &Arguments, set_id: &str) -> JobRequestBody {
     if arguments.verify {
-        return Ok(JobRequestBody {
+        return JobRequestBody {
             kind: Kind::Verify,
             parameter_set_id: arguments.parameters.clone(),
             ..JobRequestBody::for_set(set_id)
-        });
+        };
     }
-    Ok(JobRequestBody {
-        method: Method::parse(&arguments.method).context("--method")?,
-        model: arguments.model.as_deref().and_then(Model::parse),
-        preset: Preset::parse(&arguments.preset).context("--preset")?,
-        seed: arguments.seed,
-        ..JobRequestBody::for_set(set_id)
-    })
+    arguments.identify.request(set_id)
 }
 
 fn text<'a>(answer: &'a Value, field: &str) -> anyhow::Result<&'a str> {

@@ -1,5 +1,6 @@
 //! A report as text, for people at a terminal.
 
+use super::terminal::in_commands;
 use crate::wire::job::{Method, Model};
 use crate::wire::report_shape::{
     ComparisonReport, CorrectionReport, ErrorsReport, Evidence, ParameterReport,
@@ -26,7 +27,7 @@ pub fn report(report: &Report) -> String {
                 "\nwarning: {} ({}): {}",
                 words::warning(&warning.code),
                 warning.code,
-                warning.detail
+                in_commands(&warning.detail)
             ),
         );
     }
@@ -72,10 +73,7 @@ fn verified(report: &Report) -> String {
             line(&mut text, row("with their corrections", corrected));
         }
     }
-    line(
-        &mut text,
-        format!("evidence: {}", evidence(report.evidence)),
-    );
+    line(&mut text, format!("evidence: {}", evidence(report)));
     text
 }
 
@@ -109,16 +107,26 @@ fn identified(report: &Report) -> String {
     line(&mut text, columns());
     halves(&mut text, "identify", Some(&report.identify));
     halves(&mut text, "verify", report.verify.as_ref());
-    line(
-        &mut text,
-        format!("evidence: {}", evidence(report.evidence)),
-    );
+    line(&mut text, format!("evidence: {}", evidence(report)));
     if let Some(tool) = report.tool_uncertainty_mm {
         let (mean, max) = (number(tool.mean), number(tool.max));
         line(
             &mut text,
             format!(
-                "the tool is known to {mean} mm on average over the workspace, {max} mm at worst (one standard deviation)"
+                "by the links alone the tool is known to {mean} mm on average over the workspace, {max} mm at worst (one standard deviation); \
+                 of predictions with corrections this says nothing"
+            ),
+        );
+    }
+    if let Some(why) = &report.tool_uncertainty_absent_because {
+        line(&mut text, format!("no uncertainty is stated: {why}"));
+    }
+    if let Some(std_deg) = report.flange_rotation_std_deg {
+        let std_deg = number(std_deg);
+        line(
+            &mut text,
+            format!(
+                "the flange's rotation is known to {std_deg}° (one standard deviation, under what is known of robots beforehand)"
             ),
         );
     }
@@ -128,11 +136,11 @@ fn identified(report: &Report) -> String {
     text
 }
 
-fn evidence(evidence: Evidence) -> &'static str {
-    match evidence {
-        Evidence::None => "none; no point was held out, these errors are those of the fit itself",
-        Evidence::SameUpload => "same upload; a wrong tool, base or scale would not show",
-        Evidence::IndependentSession => "independent session; the strongest there is here",
+fn evidence(report: &Report) -> String {
+    match report.evidence {
+        Evidence::None => format!("none; {}", report.why_no_evidence()),
+        Evidence::SameUpload => "same upload; a wrong tool, base or scale would not show".into(),
+        Evidence::IndependentSession => "independent session; the strongest there is here".into(),
     }
 }
 
@@ -255,11 +263,15 @@ fn corrections(text: &mut String, rows: &[CorrectionReport]) {
         .map(error);
         let gains = [row.gain_mm2, row.standard_error_mm2].map(number);
         let kept = if row.kept { "yes" } else { "no" };
+        let why = row
+            .dropped_because
+            .as_ref()
+            .map_or("", |_| "  (dropped: worse on the verify points)");
         let name = words::correction(&row.kind);
         line(
             text,
             format!(
-                "{name:<28}{:>12}{:>12}{:>12}{:>13}{kept:>6}",
+                "{name:<28}{:>12}{:>12}{:>12}{:>13}{kept:>6}{why}",
                 errors[0], errors[1], gains[0], gains[1]
             ),
         );

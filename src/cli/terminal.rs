@@ -73,6 +73,33 @@ pub fn plain(text: &str) -> String {
         .collect()
 }
 
+/// Remedies as whoever asks by HTTP is told them, and the commands and options for the same.
+const COMMANDS: [(&str, &str); 8] = [
+    (
+        "post a job of kind verify with parameter_set_id ",
+        "kincal submit --verify --robot ROBOT SET.csv --parameters ",
+    ),
+    (
+        "POST /v1/robots/{robot_id}/checked",
+        "kincal checked ROBOT --reason TEXT",
+    ),
+    (
+        "POST /v1/parameter-sets/{id}/release",
+        "kincal release ID --reason TEXT",
+    ),
+    ("?decimal=comma", "--decimal-comma"),
+    ("?frame=", "--frame "),
+    ("?insist=", "--insist "),
+    ("frame=instrument", "--frame instrument"),
+    ("frame=base", "--frame base"),
+];
+
+/// A text of a server or of the core with its remedies as commands and options.
+pub fn in_commands(text: &str) -> String {
+    let replace = |text: String, (http, command): &(&str, &str)| text.replace(http, command);
+    COMMANDS.iter().fold(text.to_owned(), replace)
+}
+
 #[cfg(test)]
 mod tests {
     use super::plain;

@@ -1,7 +1,8 @@
 //! `kincal verify-store`: whether what is stored keeps its promises.
 
+use super::runtime::block_on;
 use super::terminal::Output;
-use super::{Usage, block_on};
+use super::usage::Usage;
 use crate::config::DatabaseConfig;
 use crate::http::server::location;
 use crate::store::verify::{self, Check, Options};

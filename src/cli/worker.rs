@@ -1,11 +1,12 @@
 //! `kincal worker`, a node that only computes, and `kincal migrate`.
 
+use super::runtime::block_on;
 use super::serve::told_to_stop;
 use super::terminal::Output;
-use super::{Usage, block_on};
+use super::usage::Usage;
 use crate::config::{DatabaseConfig, WorkerConfig};
 use crate::http::server::{location, rules};
-use crate::jobs::{JobSignals, WorkerPool, execution};
+use crate::jobs::{JobSignals, WorkerPool, execution, facts};
 use crate::store::Store;
 use crate::telemetry;
 use std::time::Duration;
@@ -21,6 +22,7 @@ pub fn run(config: &WorkerConfig) -> anyhow::Result<()> {
         // Before the first job, so that no signal finds the default action.
         let told_to_stop = told_to_stop()?;
         let store = Store::open(location(&config.database)).await?;
+        facts::gather_missing(&store).await?;
         let queue = config.queue;
         let pool = WorkerPool::start(
             store.clone(),
@@ -51,6 +53,7 @@ pub struct MigrateArguments {
 pub fn migrate(arguments: &MigrateArguments) -> anyhow::Result<()> {
     block_on(async {
         let store = Store::open(location(&arguments.database)).await?;
+        facts::gather_missing(&store).await?;
         let version = store.schema_version().await?;
         store.close().await;
         arguments

@@ -4,6 +4,7 @@
 //! link. Which of them a set of parameters names says nothing of the robot. So base and flange are anchored to its axes: the base frame is
 //! the one in which link 1 is nominal, the flange the one for which theta_offset and d of the last link are.
 
+use crate::identification::KinematicModel;
 use crate::identification::parameters::is_parallel;
 use crate::kinematics::Link;
 use crate::kinematics::forward::t_previous_link;
@@ -82,6 +83,29 @@ fn first_group_end(nominal: &[Link]) -> usize {
         .take_while(|link| is_parallel(&nominal[*link]))
         .last()
         .unwrap_or(0)
+}
+
+/// A change of the last link's d up to this share of the arm's reach is an error of the robot. A larger one is the length of a tool: ten
+/// standard deviations of a machined length, 0.5 mm at a reach of 1700 mm.
+const PLAUSIBLE_D_PER_REACH: f64 = 10.0 * 0.5 / 1700.0;
+
+/// The anchor for targets that are met in the measuring frame, where positions were measured in the nominal base frame: the base stays where
+/// the measurements say that it is. So does d of the last link, which the paper's model identifies with the reflector held on the flange,
+/// unless it changed by more than robots are off by: then it holds the length of a tool that the nominal robot does not know.
+///
+/// # Panics
+/// If the robots have not the same number of links.
+pub fn anchor_in_measuring_frame(identified: &KinematicModel, nominal: &[Link]) -> Anchor {
+    let of_axes = anchor(&identified.links, nominal);
+    let reach_mm: f64 = nominal.iter().map(|l| l.a_mm.abs() + l.d_mm.abs()).sum();
+    let mut t_anchored_flange = of_axes.t_anchored_flange;
+    if t_anchored_flange.translation.vector.norm() <= PLAUSIBLE_D_PER_REACH * reach_mm {
+        t_anchored_flange.translation.vector.fill(0.0);
+    }
+    Anchor {
+        t_base_anchored: identified.t_instrument_base.inverse(),
+        t_anchored_flange,
+    }
 }
 
 /// First link of those whose axes are parallel to the last.

@@ -3,5 +3,5 @@
 pub mod anchor;
 pub mod targets;
 
-pub use anchor::{Anchor, anchor};
-pub use targets::{Compensation, Corrected, Mode, Status, Tool};
+pub use anchor::{Anchor, anchor, anchor_in_measuring_frame};
+pub use targets::{Base, Compensation, Corrected, Mode, Status, Tool};

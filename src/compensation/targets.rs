@@ -1,6 +1,7 @@
 //! Corrected joint targets: Gauss-Newton on the identified robot, damped along the directions in which it hardly moves, within joint limits.
 
-use crate::compensation::anchor::{Anchor, anchor};
+use crate::compensation::anchor::{Anchor, anchor, anchor_in_measuring_frame};
+use crate::identification::KinematicModel;
 use crate::identification::corrected::{CorrectedModel, IdentifiedRobot};
 use crate::kinematics::forward::t_previous_link;
 use crate::kinematics::model::MAX_LINKS;
@@ -42,6 +43,16 @@ pub enum Mode {
     Pose,
     /// The position, with the smallest change of the joints.
     Position,
+}
+
+/// The frame in which targets are met.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Base {
+    /// The robot's own base frame, the one in which link 1 is nominal, wherever it stands.
+    Robot,
+    /// The measuring frame, which is the nominal base frame: what turned or shifted the base is corrected too. Only for positions that were
+    /// measured in the base frame.
+    Measured,
 }
 
 /// What is corrected.
@@ -110,8 +121,12 @@ struct Miss {
 }
 
 impl<'a> Compensation<'a> {
-    /// Prepares the correction of targets of `nominal`, which in truth has the links `identified`.
+    /// Prepares the correction of targets of `nominal`, which in truth has the links `identified`, in the robot's own base frame.
     pub fn new(nominal: &'a Robot, identified: &'a [Link]) -> Self {
+        Self::anchored(nominal, identified, anchor(identified, &nominal.links))
+    }
+
+    fn anchored(nominal: &'a Robot, identified: &'a [Link], anchor: Anchor) -> Self {
         let offset = |(a, b): (&Link, &Link)| (a.theta_offset_rad - b.theta_offset_rad).abs();
         let inner = 1..identified.len().saturating_sub(1).max(1);
         let worst = identified[inner.clone()]
@@ -122,23 +137,35 @@ impl<'a> Compensation<'a> {
         Self {
             nominal,
             links: identified,
-            anchor: anchor(identified, &nominal.links),
+            anchor,
             fading: None,
             joint_rates: nominal.joint_rates(),
             max_change_rad: MAX_CHANGE_RAD + worst,
         }
     }
 
-    /// As [`Self::new`], with the corrections of the identified robot where it has some.
-    pub fn of(nominal: &'a Robot, identified: &'a IdentifiedRobot) -> Self {
-        let Some(corrected) = &identified.corrected else {
-            return Self::new(nominal, &identified.plain.links);
+    /// As [`Self::new`], in the given frame, with the corrections of the identified robot where it has some.
+    pub fn of(nominal: &'a Robot, identified: &'a IdentifiedRobot, base: Base) -> Self {
+        let anchor_of = |model: &KinematicModel| match base {
+            Base::Robot => anchor(&model.links, &nominal.links),
+            Base::Measured => anchor_in_measuring_frame(model, &nominal.links),
         };
-        let fading = Some((identified, anchor(&identified.plain.links, &nominal.links)));
-        Self {
-            fading,
-            ..Self::new(nominal, &corrected.model.links)
+        let (model, fading) = match &identified.corrected {
+            None => (&identified.plain, None),
+            Some(corrected) => (
+                &corrected.model,
+                Some((identified, anchor_of(&identified.plain))),
+            ),
+        };
+        let mut compensation = Self::anchored(nominal, &model.links, anchor_of(model));
+        compensation.fading = fading;
+        if base == Base::Measured {
+            // joint 1 makes up for a turned base
+            let t_measuring_base =
+                model.t_instrument_base * anchor(&model.links, &nominal.links).t_base_anchored;
+            compensation.max_change_rad += t_measuring_base.rotation.angle();
         }
+        compensation
     }
 
     /// Where the identified robot has its base and its flange: what is not corrected.

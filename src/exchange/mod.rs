@@ -7,6 +7,7 @@ pub mod links;
 pub mod origin;
 pub mod refit;
 pub mod transplant;
+pub mod universal_robots;
 
 pub use chain::{Chain, ChainJoint};
 pub use links::{ImportedLinks, links_of_chain};

@@ -104,6 +104,25 @@ pub fn transplanted(
     Ok(moved(chain, nominal, identified, &convention, &t_root_base))
 }
 
+/// The nominal robot with the controller's joint values at 0: its axes and its flange in the base of its links. `None` where joints are coupled.
+pub fn nominal_at_zero(nominal: &Robot) -> Option<(Vec<Axis>, IsometryMatrix3<f64>)> {
+    let convention = controllers(nominal)?;
+    let t_base_flange = *nominal_frames(nominal, &convention).last()?;
+    Some((nominal_axes(nominal, &convention), t_base_flange))
+}
+
+/// As [`transplanted`], for a chain made for this robot, at the controller's joint values, with the base of its links where it is said to be
+/// in the chain's root. `None` where joints are coupled.
+pub fn placed(
+    chain: &Chain,
+    nominal: &Robot,
+    identified: &[Link],
+    t_root_base: &IsometryMatrix3<f64>,
+) -> Option<Chain> {
+    let convention = controllers(nominal)?;
+    Some(moved(chain, nominal, identified, &convention, t_root_base))
+}
+
 /// A joint, and how far its axis is from where the robot has it, mm and rad.
 type OffAxis = (String, f64, f64);
 
@@ -119,22 +138,31 @@ fn laid_onto(chain: &Chain, robot: &Robot) -> Option<(Convention, IsometryMatrix
 
 /// The controller's joint values where a chain can have them, and the model's.
 fn conventions(nominal: &Robot) -> Vec<Convention> {
-    let n = nominal.links.len();
-    let model = Convention {
-        sign: vec![1.0; n],
-        offset_rad: vec![0.0; n],
-    };
-    match &nominal.joint_map {
-        Some(map) if map.coupling.is_identity(0.0) => {
-            vec![
-                Convention {
-                    sign: map.sign.clone(),
-                    offset_rad: map.offset_rad.clone(),
-                },
-                model,
-            ]
-        }
+    let model = Convention::model(nominal.links.len());
+    match (&nominal.joint_map, controllers(nominal)) {
+        (Some(_), Some(controllers)) => vec![controllers, model],
         _ => vec![model],
+    }
+}
+
+/// The controller's joint values; `None` where they are coupled.
+fn controllers(nominal: &Robot) -> Option<Convention> {
+    match &nominal.joint_map {
+        None => Some(Convention::model(nominal.links.len())),
+        Some(map) => map.coupling.is_identity(0.0).then(|| Convention {
+            sign: map.sign.clone(),
+            offset_rad: map.offset_rad.clone(),
+        }),
+    }
+}
+
+impl Convention {
+    /// The model's own joint values.
+    fn model(n: usize) -> Self {
+        Self {
+            sign: vec![1.0; n],
+            offset_rad: vec![0.0; n],
+        }
     }
 }
 

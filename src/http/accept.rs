@@ -1,14 +1,24 @@
-//! The accept loop: how many may be connected, and how long a client may keep the server waiting.
-//! `axum::serve` has neither limit.
+//! The accept loop, with a limit on connections and timeouts for slow clients; `axum::serve` has neither.
 
 use crate::config::LimitsConfig;
-use crate::http::front::Desk;
+use crate::http::counters::Metrics;
+use crate::http::limits::{Class, Limits};
 use crate::http::lingering::Lingering;
+use crate::http::peer::Peer;
+use crate::http::router::router;
 use crate::http::tls::Tls;
+use crate::http::unreadable::{self, WithProblems};
+use crate::http::{App, layers};
+use axum::Router;
 use axum::body::Body;
+use axum::extract::Request;
+use axum::http::{HeaderMap, HeaderValue, header};
+use axum::response::Response;
 use hyper::server::conn::http1;
+use hyper::service::service_fn;
 use hyper_util::rt::{TokioIo, TokioTimer};
-use std::net::{IpAddr, SocketAddr};
+use std::convert::Infallible;
+use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncWrite, AsyncWriteExt};
@@ -17,87 +27,99 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore, watch};
 use tokio::task::JoinSet;
 use tokio::time::{Instant, sleep, timeout, timeout_at};
 use tokio_io_timeout::TimeoutStream;
+use tower::ServiceExt;
 
 /// Largest header; cell PCs send under a kilobyte.
 const MAX_HEADER_BYTES: usize = 32 * 1024;
-/// A failed `accept` (out of file descriptors) is tried again after this.
+/// Pause after a failed `accept` (out of file descriptors).
 const ACCEPT_AGAIN: Duration = Duration::from_millis(50);
-/// After the word to stop those are let in and heard for this long who are connected as far as they know: closing the listener, or a
-/// connection before its first request, cuts them off. Long enough for a client on a busy machine, or some hops away, to send what it began.
+/// Grace period at shutdown. Clients whose connection or request is on its way when the server is told to stop are still accepted and
+/// answered for this long.
 const LAST_CALL: Duration = Duration::from_millis(100);
-/// How many: as many as the operating system keeps waiting, or they would never end.
+/// Connections accepted during [`LAST_CALL`]: as many as the operating system queues.
 const MAX_LAST: usize = 4096;
-/// Clients that are turned away politely at the same time; more are just closed.
+/// Clients that get the answer [`TURNED_AWAY`] at the same time; more are closed without one.
 const MAX_TURNED_AWAY: usize = 256;
-/// How long one that is turned away may take to read the reason.
+/// Time that such a client has to read it.
 const TURN_AWAY_WITHIN: Duration = Duration::from_secs(1);
-/// What [`TURNED_AWAY`] says, and what is counted of it.
+/// Code of [`TURNED_AWAY`], also for the counter.
 const TOO_MANY_CONNECTIONS: &str = "too_many_connections";
-/// The whole answer to a connection too many. Without TLS only: a handshake costs more than the answer.
+/// The answer beyond the connection limit. Without TLS only: a handshake costs more than the answer.
 const TURNED_AWAY: &[u8] = b"HTTP/1.1 503 Service Unavailable\r\ncontent-type: application/problem+json\r\nretry-after: 1\r\n\
 connection: close\r\ncontent-length: 186\r\n\r\n{\"type\":\"urn:kincal:problem:too_many_connections\",\"title\":\"Too many connections\",\"status\":503,\
 \"detail\":\"the server has no room for more clients: try again\",\"code\":\"too_many_connections\"}";
 
-/// Where a request comes from.
-#[derive(Clone, Copy, Debug)]
-pub struct Peer(pub IpAddr);
+/// HSTS for a year (RFC 6797).
+const ALWAYS_TLS: HeaderValue = HeaderValue::from_static("max-age=31536000");
 
 /// What all connections share.
 #[derive(Clone)]
-struct Serving {
-    desk: Desk,
+pub struct Service {
+    router: Router,
+    limits: Limits,
+    metrics: Metrics,
     client_timeout: Duration,
+    max_connections: usize,
     tls: Option<Tls>,
     stopping: watch::Receiver<bool>,
-    /// Room for more connections, of so many.
-    room: Arc<Semaphore>,
-    max_connections: usize,
 }
 
-impl Serving {
-    fn n_connected(&self) -> usize {
-        self.max_connections
-            .saturating_sub(self.room.available_permits())
+impl Service {
+    /// The service of this server, until it is told to stop.
+    pub fn new(app: App, config: &LimitsConfig, tls: Option<Tls>) -> Self {
+        Self {
+            limits: app.limits.clone(),
+            metrics: app.metrics.clone(),
+            stopping: app.stopping.clone(),
+            client_timeout: config.client_timeout(),
+            max_connections: config.max_connections,
+            router: router(app),
+            tls,
+        }
+    }
+
+    /// The answer to one request; where there is no permit for it, it is refused before routing.
+    async fn answer(self, request: Request) -> Response {
+        let of_all = self.headers();
+        let class = Class::new(request.method(), request.uri().path());
+        let is_limited = !layers::is_unlimited(request.uri());
+        let permit = is_limited.then(|| self.limits.admit(class)).transpose();
+        let mut answer = match permit {
+            Ok(_permit) => match self.router.oneshot(request).await {
+                Ok(answer) => answer,
+                Err(never) => match never {},
+            },
+            Err(busy) => layers::refuse_unrouted(&self.metrics, request.method(), busy),
+        };
+        answer.headers_mut().extend(of_all);
+        answer
+    }
+
+    /// Headers of every answer, also of those that are hyper's own.
+    fn headers(&self) -> HeaderMap {
+        let hsts = (header::STRICT_TRANSPORT_SECURITY, ALWAYS_TLS);
+        self.tls.iter().map(|_| hsts.clone()).collect()
     }
 }
 
 /// Answers clients until told to stop, then until the last request under way is answered.
-pub async fn accept_all(
-    listener: TcpListener,
-    desk: Desk,
-    limits: &LimitsConfig,
-    tls: Option<Tls>,
-    stopping: watch::Receiver<bool>,
-) {
-    let LimitsConfig {
-        max_connections, ..
-    } = *limits;
-    let room = Arc::new(Semaphore::new(max_connections));
-    let (client_timeout, listening) = (limits.client_timeout(), stopping.clone());
-    let serving = Serving {
-        desk,
-        client_timeout,
-        tls,
-        stopping: listening,
-        room: Arc::clone(&room),
-        max_connections,
-    };
-    let room_to_turn_away = Arc::new(Semaphore::new(MAX_TURNED_AWAY));
+pub async fn accept_all(listener: TcpListener, service: Service) {
+    let slots = Arc::new(Semaphore::new(service.max_connections));
+    let slots_to_turn_away = Arc::new(Semaphore::new(MAX_TURNED_AWAY));
     let mut connections = JoinSet::new();
-    let admit = |(stream, peer), connections: &mut JoinSet<()>| match Arc::clone(&room)
+    let admit = |(stream, peer), connections: &mut JoinSet<()>| match Arc::clone(&slots)
         .try_acquire_owned()
     {
-        Ok(slot) => drop(connections.spawn(connection(stream, peer, serving.clone(), slot))),
+        Ok(slot) => drop(connections.spawn(connection(stream, peer, service.clone(), slot))),
         Err(_) => {
-            serving.desk.turned_away(TOO_MANY_CONNECTIONS);
-            let room = Arc::clone(&room_to_turn_away)
-                .try_acquire_owned()
-                .ok()
-                .filter(|_| serving.tls.is_none());
-            drop(room.map(|slot| connections.spawn(turn_away(stream, slot))));
+            service.metrics.turned_away(TOO_MANY_CONNECTIONS);
+            let slot = Arc::clone(&slots_to_turn_away).try_acquire_owned();
+            if let (Ok(slot), None) = (slot, &service.tls) {
+                connections.spawn(turn_away(stream, slot));
+            }
         }
     };
-    let stopped = told_to_stop(stopping);
+    let stopped = told_to_stop(service.stopping.clone());
     tokio::pin!(stopped);
     loop {
         let accepted = tokio::select! {
@@ -120,7 +142,7 @@ pub async fn accept_all(
         };
         admit(client, &mut connections);
     }
-    // what came since the runtime last heard of this socket: it is asked itself, and closed at once
+    // Connections that the runtime has not been told of yet: the socket itself is asked, then closed.
     if let Ok(listener) = listener.into_std() {
         for _ in 0..MAX_LAST {
             let Ok((stream, peer)) = listener.accept() else {
@@ -138,7 +160,7 @@ pub async fn accept_all(
 }
 
 async fn told_to_stop(mut stopping: watch::Receiver<bool>) {
-    // An error means that whoever could stop it is gone: then it runs as long as the process.
+    // An error means that the sender is gone: then the server runs as long as the process.
     if stopping.wait_for(|stop| *stop).await.is_err() {
         std::future::pending::<()>().await;
     }
@@ -147,20 +169,21 @@ async fn told_to_stop(mut stopping: watch::Receiver<bool>) {
 async fn connection(
     stream: TcpStream,
     peer: SocketAddr,
-    serving: Serving,
+    service: Service,
     _slot: OwnedSemaphorePermit,
 ) {
-    // Answers are small and awaited.
+    // Answers are small; do not delay them.
     let _ = stream.set_nodelay(true);
     let mut stream = TimeoutStream::new(stream);
-    // A client that does not read its answer. Reading has no such limit: long polls are silent; hyper watches headers, `whole_body` bodies.
-    stream.set_write_timeout(Some(serving.client_timeout));
+    // For clients that do not read their answers. Reading has no timeout here because long polls are silent: hyper limits headers,
+    // `whole_body` limits bodies.
+    stream.set_write_timeout(Some(service.client_timeout));
     let stream = Box::pin(stream);
-    match &serving.tls {
-        None => requests(Lingering::new(stream), peer, &serving).await,
+    match &service.tls {
+        None => requests(Lingering::new(stream), peer, &service).await,
         Some(tls) => {
-            if let Ok(Ok(stream)) = timeout(serving.client_timeout, tls.accept(stream)).await {
-                requests(Lingering::new(stream), peer, &serving).await;
+            if let Ok(Ok(stream)) = timeout(service.client_timeout, tls.accept(stream)).await {
+                requests(Lingering::new(stream), peer, &service).await;
             }
         }
     }
@@ -170,37 +193,40 @@ async fn connection(
 async fn requests(
     stream: impl AsyncRead + AsyncWrite + Unpin + Send + 'static,
     peer: SocketAddr,
-    serving: &Serving,
+    service: &Service,
 ) {
     let answer = |mut request: hyper::Request<hyper::body::Incoming>| {
         request.extensions_mut().insert(Peer(peer.ip()));
-        serving
-            .desk
-            .clone()
-            .answer(request.map(Body::new), serving.n_connected())
+        let answer = service.clone().answer(request.map(Body::new));
+        async move { Ok::<_, Infallible>(answer.await) }
     };
     let mut builder = http1::Builder::new();
     builder
         .timer(TokioTimer::new())
-        .header_read_timeout(serving.client_timeout)
+        .header_read_timeout(service.client_timeout)
         .max_buf_size(MAX_HEADER_BYTES);
-    let connection =
-        builder.serve_connection(TokioIo::new(stream), hyper::service::service_fn(answer));
+    let stream = TokioIo::new(WithProblems::new(stream, service.headers()));
+    let connection = builder.serve_connection(stream, service_fn(answer));
     tokio::pin!(connection);
-    // Clients come and go as they like, so how a connection ended is of no interest.
-    // A request may be on its way already, and one that was not read yet is not waited for by what follows.
+    // Only unreadable requests are counted; other errors of a connection are the client's.
+    // A request may be on its way: graceful shutdown would not wait for one that was not read yet.
     let last_call = async {
-        told_to_stop(serving.stopping.clone()).await;
+        told_to_stop(service.stopping.clone()).await;
         sleep(LAST_CALL).await;
     };
-    tokio::select! {
-        _ = &mut connection => return,
-        () = last_call => connection.as_mut().graceful_shutdown(),
+    let ended = tokio::select! {
+        ended = &mut connection => ended,
+        () = last_call => {
+            connection.as_mut().graceful_shutdown();
+            connection.await
+        }
+    };
+    if let Some(code) = ended.err().as_ref().and_then(unreadable::code) {
+        service.metrics.turned_away(code);
     }
-    let _ = connection.await;
 }
 
-/// Says why, waits until it was read, and closes.
+/// Sends [`TURNED_AWAY`], waits until it was read, and closes.
 async fn turn_away(stream: TcpStream, _slot: OwnedSemaphorePermit) {
     let mut stream = Lingering::new(stream);
     let _ = timeout(TURN_AWAY_WITHIN, async {

@@ -1,4 +1,4 @@
-//! Reads of stored things, for those who may see them. A robot that a key may not see is as absent as one that does not exist.
+//! Reads that check the key's robots. A robot that a key may not see answers 404, as one that does not exist.
 
 use crate::http::auth::Caller;
 use crate::http::{App, Error};
@@ -83,7 +83,7 @@ pub async fn network(app: &App, caller: &Caller, id: &str) -> Result<NetworkRow,
     Ok(row)
 }
 
-/// What cannot be an id is not looked up: it came in a query or a body.
+/// Refuses a text from a query or a body that cannot be an id, without asking the database.
 fn plausible(id: &str, what: &'static str) -> Result<(), Error> {
     if id::is_plausible(id) {
         Ok(())

@@ -1,6 +1,6 @@
-//! Who may do what: keys, their scopes, and the one table that says which scope a route takes.
+//! Authentication and authorisation: keys, scopes, and the table of the scope that each route requires.
 
-use crate::http::accept::Peer;
+use crate::http::peer::Peer;
 use crate::http::{App, Error};
 use crate::store::{ApiKeyRow, api_keys};
 use crate::wire::canonical;
@@ -9,7 +9,7 @@ use axum::http::{HeaderMap, HeaderValue, Method, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 
-/// Characters before a key's random part; lets a leaked key be recognised.
+/// Prefix of every key, so that secret scanners recognise a leaked one.
 const KEY_PREFIX: &str = "kincal_";
 /// Random bytes of a key: 256 bits.
 const KEY_BYTES: usize = 32;
@@ -33,7 +33,7 @@ pub enum Scope {
 }
 
 impl Scope {
-    /// As it stands in keys and problems.
+    /// The word used in keys and problems.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Read => "read",
@@ -44,7 +44,7 @@ impl Scope {
         }
     }
 
-    /// From its spelling.
+    /// Parses the word.
     pub fn parse(text: &str) -> Option<Self> {
         [
             Self::Read,
@@ -58,7 +58,7 @@ impl Scope {
     }
 }
 
-/// Every route that takes a key, and the scope it takes. A route that is not here is refused; a test walks the contract.
+/// Every route that requires a key, with its scope. A route that is not listed is refused; a test walks the contract.
 pub const POLICY: &[(Method, &str, Scope)] = &[
     (Method::GET, "/v1/me", Scope::Read),
     (Method::GET, "/metrics", Scope::Read),
@@ -100,6 +100,11 @@ pub const POLICY: &[(Method, &str, Scope)] = &[
     (Method::GET, "/v1/parameter-sets/{id}", Scope::Read),
     (Method::GET, "/v1/parameter-sets/{id}/gates", Scope::Read),
     (Method::GET, "/v1/parameter-sets/{id}/content", Scope::Read),
+    (
+        Method::POST,
+        "/v1/robots/{robot_id}/checked",
+        Scope::Release,
+    ),
     (Method::GET, "/v1/robots/{robot_id}/policy", Scope::Read),
     (Method::PUT, "/v1/robots/{robot_id}/policy", Scope::Admin),
     (
@@ -149,10 +154,10 @@ pub const OPEN: &[&str] = &[
     "/openapi.json",
 ];
 
-/// Who sends a request.
+/// The authenticated client.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Caller {
-    /// The key's id; `anonymous` with `--no-auth`. Scope of Idempotency-Keys.
+    /// The key's id; `anonymous` with `--no-auth`. Idempotency-Keys are scoped to it.
     pub holder: String,
     /// What the key may do.
     pub scopes: Vec<Scope>,
@@ -247,7 +252,9 @@ async fn admit(
             .await
             .map_err(Refusal::Error)?
     };
-    app.limits.count(&caller).map_err(Refusal::Error)?;
+    app.limits
+        .count_request(&caller.holder)
+        .map_err(Refusal::Error)?;
     let method = if method == Method::HEAD {
         &Method::GET
     } else {
@@ -299,13 +306,13 @@ async fn caller_of(app: &App, headers: &HeaderMap, peer: Option<Peer>) -> Result
         Some(row) => Caller::of_key(row),
         None => Err(app
             .limits
-            .failed_attempt(peer)
+            .count_failed_attempt(peer.map(|peer| peer.0))
             .err()
             .unwrap_or(Error::Unauthorized(UNKNOWN_KEY))),
     }
 }
 
-/// Whether the key of a request that goes on for long is still to be served; not where that cannot be told.
+/// Whether the key of a long request is still valid; false if that cannot be read.
 pub async fn is_in_force(app: &App, caller: &Caller) -> bool {
     app.no_auth
         || api_keys::get(&app.store, &caller.holder)
@@ -313,7 +320,7 @@ pub async fn is_in_force(app: &App, caller: &Caller) -> bool {
             .is_ok_and(|row| row.revoked_at_ms.is_none())
 }
 
-/// A new key: its text, shown once, and the hash that is kept.
+/// A new key: its text, shown once, and its stored hash.
 ///
 /// # Errors
 /// If the operating system has no random numbers.

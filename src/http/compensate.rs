@@ -2,6 +2,7 @@
 
 use crate::http::auth::Caller;
 use crate::http::extract::{Id, json_body};
+use crate::http::limits::Class;
 use crate::http::{App, Error, access, parameter_sets};
 use crate::wire::compensate::{CompensateAnswer, CompensateBody};
 use crate::wire::json;
@@ -30,11 +31,11 @@ async fn compensate(
     let robot = access::robot(&app, &caller, &row.robot_id).await?;
     let bytes = json_body(request, &app).await?;
     let (robot, content) = (access::robot_body(&robot)?, parameter_sets::content(&row)?);
-    let turn = app.turn().await?;
-    let warnings = parameter_sets::warnings_for_use(&app, &turn, &row).await?;
-    let answer = turn.run(|| {
+    let permit = app.compute_permit(Class::Calculation).await?;
+    let provenance = parameter_sets::provenance(&app, &permit, &row).await?;
+    let answer = permit.run(move || {
         let body: CompensateBody = json::parse(&bytes)?;
-        Ok::<_, Error>(body.run(&robot.to_core()?, &content, &warnings)?)
+        Ok::<_, Error>(body.run(&robot.to_core()?, &content, &provenance)?)
     });
-    Ok(Json(answer?))
+    Ok(Json(answer.await?))
 }

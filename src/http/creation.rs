@@ -2,15 +2,17 @@
 
 use crate::http::auth::Caller;
 use crate::http::error::Error;
-use crate::http::extract::{aside_if_large, media_type, whole_body};
+use crate::http::extract::{media_type, parse_small, whole_body};
 use crate::store::{IdempotencyScope, IdempotentOutcome, Store, StoredResponse, Tx};
-use crate::wire::{canonical, json};
+use crate::wire::canonical;
+use crate::wire::parameter_set::ReasonBody;
 use axum::body::Bytes;
 use axum::extract::{FromRequest, OriginalUri, Request};
-use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, Uri, header};
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
+use std::ops::ControlFlow;
 
 /// Longest Idempotency-Key, characters.
 const MAX_KEY: usize = 200;
@@ -51,15 +53,16 @@ impl<S: Send + Sync> FromRequest<S> for Submission {
             .unwrap_or_default()
             .to_owned();
         let body = whole_body(request, state).await?;
-        let scope = key.map(|key| IdempotencyScope {
-            holder: caller.holder.clone(),
-            method,
-            path: uri.path().into(),
-            key,
-            request_sha256: aside_if_large(body.len(), || {
-                fingerprint(uri.query().unwrap_or_default(), &content_type, &body)
+        let scope = match key {
+            Some(key) => Some(IdempotencyScope {
+                holder: caller.holder.clone(),
+                method,
+                path: uri.path().into(),
+                key,
+                request_sha256: fingerprint(&uri, &content_type, &body).await?,
             }),
-        });
+            None => None,
+        };
         Ok(Self {
             caller,
             media_type,
@@ -86,10 +89,17 @@ fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, Error> {
     Ok(Some(text.into()))
 }
 
-/// What makes two requests the same: query, type and body.
-fn fingerprint(query: &str, content_type: &str, body: &[u8]) -> String {
-    let parts = [query.as_bytes(), content_type.as_bytes(), body].map(canonical::sha256_hex);
-    canonical::sha256_hex(parts.concat().as_bytes())
+/// Hash of query, content type and body: equal for a retry. On a blocking thread, because hashing 32 MiB takes long.
+async fn fingerprint(uri: &Uri, content_type: &str, body: &Bytes) -> Result<String, Error> {
+    let body = body.clone();
+    let of_body = tokio::task::spawn_blocking(move || canonical::sha256_hex(&body))
+        .await
+        .map_err(|error| Error::Internal(error.to_string()))?;
+    let of_query = canonical::sha256_hex(uri.query().unwrap_or_default().as_bytes());
+    let of_type = canonical::sha256_hex(content_type.as_bytes());
+    Ok(canonical::sha256_hex(
+        [of_query, of_type, of_body].concat().as_bytes(),
+    ))
 }
 
 impl Submission {
@@ -101,7 +111,20 @@ impl Submission {
         if self.media_type != "application/json" {
             return Err(self.unsupported("application/json"));
         }
-        Ok(aside_if_large(self.body.len(), || json::parse(&self.body))?)
+        parse_small(&self.body)
+    }
+
+    /// The head of everything that is decided for a reason: the first answer where this request was done before, else the reason.
+    ///
+    /// # Errors
+    /// Those of [`Self::replay`] and [`Self::json`]; 422 for a reason that says nothing.
+    pub async fn reason(&self, store: &Store) -> Result<ControlFlow<Response, String>, Error> {
+        if let Some(answer) = self.replay(store).await? {
+            return Ok(ControlFlow::Break(answer));
+        }
+        let body: ReasonBody = self.json()?;
+        body.check()?;
+        Ok(ControlFlow::Continue(body.reason))
     }
 
     /// 415 for this body.
@@ -119,7 +142,7 @@ impl Submission {
         self.scope.is_some()
     }
 
-    /// The first answer, if this request was done before. Comes before every other check: a replay is not judged anew.
+    /// The stored answer, if this request was done before. Call it before every other check: a replay is not checked again.
     ///
     /// # Errors
     /// [`Error::IdempotencyKeyReused`], [`Error::Store`].
@@ -127,7 +150,7 @@ impl Submission {
         if self.scope.is_none() {
             return Ok(None);
         }
-        // Taking the key and giving it back at once tells whether it was free.
+        // Claiming the key and rolling back tells whether it was free.
         let probe = store
             .create_idempotent(self.scope.as_ref(), async |_: &mut Tx| Err(Probe::Free))
             .await;

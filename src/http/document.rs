@@ -1,9 +1,9 @@
-//! The OpenAPI document: what the routes say, and what is true of all of them.
+//! The OpenAPI document: the routes' own documentation, and what holds for every route.
 
 use crate::http::auth::{OPEN, POLICY};
-use crate::http::routes;
-use crate::wire::Problem;
+use crate::http::routes::routes;
 use crate::wire::problem::PROBLEM_JSON;
+use crate::wire::{Problem, bounds};
 use axum::http::Method;
 use std::sync::LazyLock;
 use utoipa::OpenApi;
@@ -13,7 +13,7 @@ use utoipa::openapi::schema::{ObjectBuilder, Type};
 use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityRequirement, SecurityScheme};
 use utoipa::openapi::{Content, Ref, RefOr, Response, ResponseBuilder};
 
-/// Operations without a body whose query may ask for what cannot be.
+/// Operations without a body that may answer 422 because of their query.
 const JUDGED: [&str; 2] = ["compareParameterSets", "exportParameterSet"];
 
 /// Name of the key scheme in the document.
@@ -29,7 +29,7 @@ const IDEMPOTENT: &[&str] = &[
     "rollBackParameterSet",
     "putPolicy",
 ];
-/// Operations that may not fit how things stand.
+/// Operations that may answer 409.
 const CONFLICTS: &[&str] = &[
     "createJob",
     "getReport",
@@ -78,6 +78,7 @@ pub fn json() -> Result<&'static str, &'static str> {
 pub fn openapi() -> utoipa::openapi::OpenApi {
     let mut document = Base::openapi();
     document.merge(routes().into_openapi());
+    bounds::write(&mut document);
     for (path, item) in &mut document.paths.paths {
         for (method, operation) in operations(item) {
             complete(&method, path, operation);
@@ -222,5 +223,16 @@ fn replayed(operation: &mut Operation) {
                 )),
             );
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::openapi;
+    use crate::wire::bounds;
+
+    #[test]
+    fn every_field_whose_bounds_are_written_is_there() {
+        assert_eq!(bounds::write(&mut openapi()), Vec::<String>::new());
     }
 }

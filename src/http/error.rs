@@ -11,10 +11,10 @@ use axum::response::{IntoResponse, Response};
 #[derive(Clone, Debug)]
 pub struct Code(pub String);
 
-/// When to come back after a 429 or 503, seconds.
+/// `Retry-After` of 429 and 503, seconds.
 const RETRY_AFTER_S: &str = "1";
 
-/// Why a request was not done.
+/// Errors of the service.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// No such thing, or none that this key may see.
@@ -66,9 +66,32 @@ pub enum Error {
         /// What takes it.
         what: &'static str,
     },
-    /// The key may not do this at all.
+    /// No scope allows this for such a key.
     #[error("{0}")]
     Forbidden(&'static str),
+    /// A server without keys that is called by another name than this machine's own.
+    #[error(
+        "this server takes no keys (--no-auth), so it answers to localhost, 127.0.0.1 and [::1] only, not to {0:?}: use http://localhost:PORT, or serve without --no-auth and give clients keys"
+    )]
+    HostNotLoopback(String),
+    /// A page of another site asks a server without keys.
+    #[error(
+        "{0}. This server takes no keys (--no-auth), so it does nothing for other sites' pages: use its own page, or serve without --no-auth and give clients keys"
+    )]
+    ForeignOrigin(String),
+    /// hyper could not read the request; it says no more than that.
+    #[error(
+        "the request is not HTTP/1.1 as it should be: look at its first line, its header, Content-Length and Transfer-Encoding"
+    )]
+    MalformedRequest,
+    /// More header than is read.
+    #[error(
+        "the request's header is too large: send less than 32 KiB and at most 100 fields (cookies of other services on this host count, too)"
+    )]
+    HeaderTooLarge,
+    /// More address than is read.
+    #[error("the request's address is too long: send less than 32 KiB")]
+    UriTooLong,
     /// The body did not come in time.
     #[error("the request did not arrive in time")]
     RequestTimeout,
@@ -93,7 +116,7 @@ pub enum Error {
         "this Idempotency-Key was used for another request on this path; use a new key for a new request"
     )]
     IdempotencyKeyReused,
-    /// It does not fit how things stand.
+    /// The request conflicts with the current state.
     #[error("{detail}")]
     Conflict {
         /// Stable reason.
@@ -106,16 +129,19 @@ pub enum Error {
     /// The store's answer.
     #[error(transparent)]
     Store(#[from] store::Error),
-    /// As much is under way as the server can take.
+    /// A concurrency limit is reached.
     #[error("the server is busy: try again")]
     Busy,
-    /// Too often.
+    /// A rate limit is reached.
     #[error("{0}: wait a little")]
     RateLimited(&'static str),
     /// The database does not answer.
     #[error("the database does not answer: {}", .0.reason())]
     NotReady(store::Error),
-    /// Something that should not happen.
+    /// The database answers, and takes no writes.
+    #[error("{0}")]
+    WritersStuck(store::stuck::Stuck),
+    /// A defect or an unexpected failure; the cause goes to the log only.
     #[error("{0}")]
     Internal(String),
 }
@@ -202,7 +228,7 @@ fn of_store(error: &store::Error) -> (u16, &'static str, String) {
             "no_room",
             format!("{error}: make room, or move the data directory"),
         ),
-        E::Open { .. } | E::Database(_) | E::NotCommitted(_) if error.is_unavailable() => (
+        E::Open { .. } | E::Database(_) if error.is_unavailable() => (
             503,
             "unavailable",
             format!(
@@ -210,7 +236,7 @@ fn of_store(error: &store::Error) -> (u16, &'static str, String) {
                 error.reason()
             ),
         ),
-        E::Open { .. } | E::Database(_) | E::NotCommitted(_) => internal(),
+        E::Open { .. } | E::Database(_) => internal(),
     }
 }
 
@@ -236,6 +262,11 @@ impl Error {
             Self::Unauthorized(_) => (401, "unauthorized"),
             Self::InsufficientScope { .. } => (403, "insufficient_scope"),
             Self::Forbidden(_) => (403, "forbidden"),
+            Self::HostNotLoopback(_) => (421, "host_not_loopback"),
+            Self::ForeignOrigin(_) => (403, "foreign_origin"),
+            Self::MalformedRequest => (400, "malformed_request"),
+            Self::HeaderTooLarge => (431, "header_too_large"),
+            Self::UriTooLong => (414, "uri_too_long"),
             Self::RequestTimeout => (408, "request_timeout"),
             Self::TooLarge { .. } => (413, "too_large"),
             Self::UnsupportedMediaType { .. } => (415, "unsupported_media_type"),
@@ -243,7 +274,7 @@ impl Error {
             Self::Conflict { code, .. } => (409, *code),
             Self::Busy => (503, "overloaded"),
             Self::RateLimited(_) => (429, "rate_limited"),
-            Self::NotReady(_) => (503, "not_ready"),
+            Self::NotReady(_) | Self::WritersStuck(_) => (503, "not_ready"),
             Self::Store(error) => return of_store(error),
             Self::Internal(_) => return internal(),
         };
@@ -296,7 +327,7 @@ pub fn answer(problem: &Problem) -> Response {
 impl IntoResponse for Error {
     fn into_response(self) -> Response {
         let problem = self.problem();
-        // Being busy is no fault: it is counted, and logging it would make it worse.
+        // Overload is counted, not logged: logging would make it worse.
         if problem.status >= 500 && !matches!(self, Self::Busy) {
             tracing::error!(status = problem.status, cause = ?self, "request failed");
         }

@@ -2,13 +2,12 @@
 
 use crate::http::auth::Caller;
 use crate::http::extract::{Id, Query, whole_body};
-use crate::http::turns::Turn;
+use crate::http::limits::{Class, ComputePermit};
 use crate::http::{App, Error, access, parameter_sets};
 use crate::store::ParameterSetRow;
 use crate::wire::export::{self, BetaChoice, ExportFormat, Exported, Source};
 use crate::wire::import::{ImportAnswer, ImportFormat, import};
-use crate::wire::measurement::Warning;
-use crate::wire::parameter_set::ParameterSetContent;
+use crate::wire::parameter_set::{ParameterSetContent, Provenance};
 use crate::wire::robot::RobotBody;
 use axum::Json;
 use axum::extract::{Request, State};
@@ -85,13 +84,11 @@ async fn get(
     Query(query): Query<ExportQuery>,
 ) -> Result<Response, Error> {
     access::parameter_set(&app, &caller, &id).await?;
-    let turn = app.turn().await?;
-    let stored = stored(&app, &turn, &caller, &id).await?;
+    let permit = app.compute_permit(Class::CostlyRead).await?;
+    let stored = stored(&app, &permit, &caller, &id).await?;
     let ExportQuery { format, beta } = query;
-    respond(
-        &id,
-        turn.run(|| stored.with(|source| export::export(source, format, beta)))?,
-    )
+    let export = move || stored.with(|source| export::export(source, format, beta));
+    respond(&id, permit.run(export).await?)
 }
 
 /// The body, a URDF, with the joint origins of the identified robot; nothing else of it changes.
@@ -116,14 +113,11 @@ async fn patch_urdf(
         });
     }
     let bytes = whole_body(request, &app).await?;
-    let turn = app.turn().await?;
-    let stored = stored(&app, &turn, &caller, &id).await?;
-    respond(
-        &id,
-        turn.run(|| {
-            stored.with(|source| export::patch_urdf(source, &bytes, query.tip.as_deref()))
-        })?,
-    )
+    let permit = app.compute_permit(Class::Calculation).await?;
+    let stored = stored(&app, &permit, &caller, &id).await?;
+    let patch =
+        move || stored.with(|source| export::patch_urdf(source, &bytes, query.tip.as_deref()));
+    respond(&id, permit.run(patch).await?)
 }
 
 /// A robot from a URDF or a table of Denavit-Hartenberg parameters, to be posted to /v1/robots; nothing is stored.
@@ -138,7 +132,7 @@ async fn import_robot(
     request: Request,
 ) -> Result<Json<ImportAnswer>, Error> {
     let bytes = whole_body(request, &app).await?;
-    let answer = app.compute(move || {
+    let answer = app.compute(Class::Calculation, move || {
         let name = query.name.as_deref().unwrap_or("imported robot");
         Ok(import(&bytes, query.format, name, query.tip.as_deref())?)
     });
@@ -150,7 +144,7 @@ struct Stored {
     row: ParameterSetRow,
     body: RobotBody,
     content: ParameterSetContent,
-    warnings: Vec<Warning>,
+    provenance: Provenance,
 }
 
 impl Stored {
@@ -163,14 +157,14 @@ impl Stored {
             row,
             body,
             content,
-            warnings,
+            provenance,
         } = self;
         write(&Source {
             id: &row.id,
             body,
             robot: &robot,
             content,
-            warnings,
+            provenance,
         })
         .map_err(|error| match error {
             export::Error::Invalid(invalid) => invalid.into(),
@@ -179,16 +173,21 @@ impl Stored {
     }
 }
 
-async fn stored(app: &App, turn: &Turn, caller: &Caller, id: &str) -> Result<Stored, Error> {
+async fn stored(
+    app: &App,
+    permit: &ComputePermit,
+    caller: &Caller,
+    id: &str,
+) -> Result<Stored, Error> {
     let row = access::parameter_set(app, caller, id).await?;
     let body = access::robot_body(&access::robot(app, caller, &row.robot_id).await?)?;
     let content = parameter_sets::content(&row)?;
-    let warnings = parameter_sets::warnings_for_use(app, turn, &row).await?;
+    let provenance = parameter_sets::provenance(app, permit, &row).await?;
     Ok(Stored {
         row,
         body,
         content,
-        warnings,
+        provenance,
     })
 }
 

@@ -1,13 +1,11 @@
-//! Extractors whose refusals are problems.
+//! Extractors whose errors are problem documents.
 
-use crate::http::admission::{BodyRoom, LARGE_BODY_BYTES, Limits};
+use crate::http::Error;
 use crate::http::auth::Caller;
-use crate::http::class::Asker;
-use crate::http::shares::Room;
-use crate::http::{Error, MAX_BODY_BYTES};
-use crate::store::{Cursor, PageRequest, aside};
-use crate::wire::id;
+use crate::http::limits::{BodyBudget, Class, LARGE_BODY_BYTES, Limits, MAX_BODY_BYTES};
+use crate::store::{Cursor, PageRequest};
 use crate::wire::page::{DEFAULT_PAGE, MAX_PAGE};
+use crate::wire::{id, json};
 use axum::body::{Body, Bytes};
 use axum::extract::{FromRequestParts, Path, Request};
 use axum::http::request::Parts;
@@ -16,15 +14,16 @@ use http_body_util::BodyExt;
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use std::time::Duration;
+use tokio::sync::OwnedSemaphorePermit;
 use tokio::time::{Instant, timeout_at};
 use utoipa::IntoParams;
 
-/// A body that comes slower than this on the whole, after the first seconds, is cut off; so is who reads a large answer slower.
+/// Lowest average rate of a body after the client timeout, and of reading a large answer; slower clients are cut off.
 pub const MIN_BYTES_PER_S: f64 = 16.0 * 1024.0;
-/// To parse or hash a body of this size takes less than to wake another thread.
-pub const SMALL_BYTES: usize = 64 * 1024;
+/// Largest JSON document that is parsed where it is received. Measurement sets may be larger: they are parsed with a permit to compute.
+pub const MAX_JSON_BYTES: usize = 4 * 1024 * 1024;
 
-/// The id in a path. Anything that cannot be one of ours is not looked up.
+/// The id in a path. A text that cannot be an id is 404 without a query.
 pub struct Id(pub String);
 
 impl<S: Send + Sync> FromRequestParts<S> for Id {
@@ -51,7 +50,7 @@ impl<S: Send + Sync, T: DeserializeOwned> FromRequestParts<S> for Query<T> {
     async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Error> {
         let query = axum::extract::Query::<T>::try_from_uri(&parts.uri);
         let axum::extract::Query(value) = query.map_err(|e| {
-            // the library's name for what it did says nothing to who asked
+            // Only the cause: the library's prefix means nothing to the client.
             let text = e.body_text();
             let detail = text
                 .split_once("query string: ")
@@ -134,7 +133,7 @@ pub async fn json_body<S: Send + Sync>(request: Request, state: &S) -> Result<By
     whole_body(request, state).await
 }
 
-/// The whole body, within size, time and memory. Its room, among the writes if it is one, is held as long as the bytes are.
+/// The whole body, within size, time and memory. Its permits are held as long as the bytes are.
 pub async fn whole_body<S: Send + Sync>(request: Request, _: &S) -> Result<Bytes, Error> {
     let headers = request.headers();
     let declared = headers
@@ -160,38 +159,39 @@ pub async fn whole_body<S: Send + Sync>(request: Request, _: &S) -> Result<Bytes
         .get::<Limits>()
         .cloned()
         .ok_or_else(|| Error::Internal("a route without limits".into()))?;
-    let asker = request
-        .extensions()
-        .get::<Asker>()
-        .cloned()
-        .ok_or_else(|| Error::Internal("a route without an asker".into()))?;
-    let mut room = limits.body(&asker, declared)?;
+    let class = Class::new(request.method(), request.uri().path());
+    let mut budget = limits.body(class, declared)?;
     let bytes = arrive(
         request.into_body(),
         declared,
-        &mut room,
+        &mut budget,
         limits.client_timeout(),
     )
     .await?;
     Ok(Bytes::from_owner(Received {
         bytes,
-        _room: room.arrived()?,
+        _permits: budget.arrived()?,
     }))
 }
 
-/// Parses or hashes so many bytes: many aside from this thread's other tasks.
-pub fn aside_if_large<T>(n_bytes: usize, look: impl FnOnce() -> T) -> T {
-    if n_bytes > SMALL_BYTES {
-        aside(look)
-    } else {
-        look()
+/// Parses a JSON document that is small by nature.
+///
+/// # Errors
+/// [`Error::TooLarge`], or what is wrong with it.
+pub fn parse_small<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Error> {
+    if bytes.len() > MAX_JSON_BYTES {
+        return Err(Error::TooLarge {
+            limit: MAX_JSON_BYTES,
+            advice: "this document is small by nature: look for what was repeated",
+        });
     }
+    Ok(json::parse(bytes)?)
 }
 
-/// A body and the room that it takes.
+/// A body and the permits that it holds.
 struct Received {
     bytes: Vec<u8>,
-    _room: Vec<Room>,
+    _permits: Vec<OwnedSemaphorePermit>,
 }
 
 impl AsRef<[u8]> for Received {
@@ -200,12 +200,12 @@ impl AsRef<[u8]> for Received {
     }
 }
 
-/// Reads a body that keeps coming. One that dribbles is cut off: it holds room that others need.
+/// Reads a body as it comes. One that comes too slowly is cut off: it holds memory that others need.
 async fn arrive(
     mut body: Body,
     declared: Option<usize>,
-    room: &mut BodyRoom,
-    patience: Duration,
+    budget: &mut BodyBudget,
+    client_timeout: Duration,
 ) -> Result<Vec<u8>, Error> {
     let begun = Instant::now();
     let mut bytes = Vec::with_capacity(declared.unwrap_or(0).min(
@@ -217,7 +217,7 @@ async fn arrive(
     ));
     loop {
         let deadline =
-            begun + patience + Duration::from_secs_f64(bytes.len() as f64 / MIN_BYTES_PER_S);
+            begun + client_timeout + Duration::from_secs_f64(bytes.len() as f64 / MIN_BYTES_PER_S);
         let frame = timeout_at(deadline, body.frame())
             .await
             .map_err(|_| Error::RequestTimeout)?;
@@ -226,7 +226,7 @@ async fn arrive(
             code: "unreadable_body",
             detail: error.to_string(),
         })?;
-        // Trailers are of no interest.
+        // Trailers are ignored.
         let Ok(data) = frame.into_data() else {
             continue;
         };
@@ -237,7 +237,7 @@ async fn arrive(
                 advice: "split what it holds, a measurement set for instance",
             });
         }
-        room.grow(length)?;
+        budget.grow(length)?;
         bytes.extend_from_slice(&data);
     }
 }

@@ -1,32 +1,30 @@
-//! How a robot's parameters went over time, and what two parameter sets say differently.
+//! A robot's parameters over time, and the comparison of two parameter sets.
 
 use crate::calibration::changes::changes;
 use crate::calibration::request::PreviousSession;
 use crate::http::auth::Caller;
 use crate::http::extract::{Id, ListQuery, Query};
-use crate::http::turns::Turn;
+use crate::http::limits::{Class, ComputePermit};
 use crate::http::{App, Error, access, parameter_sets as answers};
 use crate::jobs::JobInputs;
 use crate::jobs::execution::request_of;
-use crate::store::{
-    JobRow, JobStatus, MAX_PAGE_SIZE, PageRequest, ParameterSetRow, jobs, parameter_sets, policies,
-};
+use crate::store::{ParameterSetRow, jobs, parameter_sets, policies, verifications};
 use crate::wire::Invalid;
 use crate::wire::history::{
     CompareAnswer, HistoryAnswer, HistoryItem, ReportExcerpt, SessionTest, map,
 };
 use crate::wire::trend::{Scored, Trend};
+use crate::wire::verification::Fit;
 use axum::Json;
 use axum::extract::State;
 use serde::Deserialize;
+use std::collections::BTreeSet;
 use std::ops::ControlFlow;
 use utoipa::IntoParams;
 use utoipa_axum::{router::OpenApiRouter, routes};
 
 /// Most sessions that a trend is drawn through: the newest.
 const MAX_SESSIONS: usize = 200;
-/// Most pages of jobs that are looked through for them.
-const MAX_JOB_PAGES: usize = 50;
 /// Milliseconds of a day.
 const DAY_MS: f64 = 86_400_000.0;
 
@@ -60,10 +58,10 @@ async fn history(
 ) -> Result<Json<HistoryAnswer>, Error> {
     access::robot(&app, &caller, &robot_id).await?;
     let page = parameter_sets::list(&app.store, &robot_id, &query.page()?).await?;
-    let turn = app.turn().await?;
+    let permit = app.compute_permit(Class::CostlyRead).await?;
     let mut items = Vec::with_capacity(page.items.len());
     for row in page.items {
-        let report = excerpt(&app, &turn, &row.job_id).await?;
+        let report = excerpt(&app, &permit, &row.job_id).await?;
         let verify_rms_mm = report.verify_rms_mm();
         let ReportExcerpt {
             parameters,
@@ -80,7 +78,7 @@ async fn history(
             changed: changed.unwrap_or_default(),
         });
     }
-    let trend = trend(&app, &turn, &robot_id).await?;
+    let trend = trend(&app, &robot_id).await?;
     Ok(Json(HistoryAnswer {
         items,
         next_cursor: page.next_cursor.map(|cursor| cursor.to_string()),
@@ -88,76 +86,35 @@ async fn history(
     }))
 }
 
-/// What of a job's report the history shows. A report of 20,000 points has 9 MB, so no more than one is in memory for each request.
-async fn excerpt(app: &App, turn: &Turn, job_id: &str) -> Result<ReportExcerpt, Error> {
+/// The parts of a report that the history shows. A report of 20,000 points has 9 MB: one at a time is in memory.
+async fn excerpt(app: &App, permit: &ComputePermit, job_id: &str) -> Result<ReportExcerpt, Error> {
     let report = jobs::report(&app.store, job_id).await?;
-    Ok(turn.run(|| serde_json::from_str(&report))?)
+    permit.run(move || serde_json::from_str(&report)).await
 }
 
-/// The trend of the released set's errors: of its own held-out points, and of the sessions that it was scored on.
-async fn trend(app: &App, turn: &Turn, robot_id: &str) -> Result<Trend, Error> {
+/// The trend of the released set's errors on its own held-out points and on later sessions. Each upload counts once, with its first score,
+/// which is nearest to the time of measurement.
+async fn trend(app: &App, robot_id: &str) -> Result<Trend, Error> {
     let limit_mm = policies::get(&app.store, robot_id).await?.tolerance_mm;
     let Some(active) = parameter_sets::active(&app.store, robot_id).await? else {
         return Ok(Trend::of(&[], limit_mm));
     };
-    let mut all = sessions(app, &active).await?;
-    all.push((active.created_at_ms, active.job_id));
+    let own = jobs::get(&app.store, &active.job_id).await?;
+    let mut uploads = BTreeSet::from([Some(own.measurement_set_id), own.verify_set_id]);
     let mut scored = Vec::new();
-    for (at_ms, job_id) in all {
-        let report = excerpt(app, turn, &job_id).await?;
-        scored.extend(report.verify_rms_mm().map(|rms_mm| Scored {
-            day: at_ms as f64 / DAY_MS,
+    for row in verifications::of_set(&app.store, &active.id).await? {
+        let is_session = row.is_session();
+        if is_session && !uploads.insert(Some(row.measurement_set_id)) {
+            continue;
+        }
+        let fits = row.fit != Fit::DoesNotFit && row.n_points > 0;
+        scored.extend(row.after_rms_mm.filter(|_| fits).map(|rms_mm| Scored {
+            day: row.created_at_ms as f64 / DAY_MS,
             rms_mm,
         }));
     }
-    Ok(Trend::of(&scored, limit_mm))
-}
-
-/// When and by which jobs a parameter set was scored on sets other than its own, newest first; of each set the first time, which is nearest to
-/// when it was measured. Found among the robot's jobs, which come without their reports.
-async fn sessions(app: &App, active: &ParameterSetRow) -> Result<Vec<(i64, String)>, Error> {
-    let is_session = |job: &JobRow| {
-        job.kind == "verify"
-            && job.status == JobStatus::Succeeded
-            && job.parameter_set_input_id.as_deref() == Some(active.id.as_str())
-    };
-    let own = jobs::get(&app.store, &active.job_id).await?;
-    let own = [Some(own.measurement_set_id), own.verify_set_id];
-    let (mut found, mut cursor): (Vec<JobRow>, _) = (Vec::new(), None);
-    for _ in 0..MAX_JOB_PAGES {
-        let page = jobs::list(
-            &app.store,
-            &active.robot_id,
-            &PageRequest {
-                limit: MAX_PAGE_SIZE,
-                cursor,
-            },
-        )
-        .await?;
-        // Nothing was scored before it was there.
-        let is_older = page
-            .items
-            .last()
-            .is_none_or(|job| job.created_at_ms < active.created_at_ms);
-        for job in page
-            .items
-            .into_iter()
-            .filter(is_session)
-            .filter(|job| !own.contains(&Some(job.measurement_set_id.clone())))
-        {
-            found.retain(|newer| newer.measurement_set_id != job.measurement_set_id);
-            found.push(job);
-        }
-        cursor = page.next_cursor;
-        if is_older || cursor.is_none() || found.len() >= MAX_SESSIONS {
-            break;
-        }
-    }
-    found.truncate(MAX_SESSIONS);
-    Ok(found
-        .into_iter()
-        .map(|job| (job.created_at_ms, job.id))
-        .collect())
+    let newest = scored.len().saturating_sub(MAX_SESSIONS);
+    Ok(Trend::of(&scored[newest..], limit_mm))
 }
 
 /// What two parameter sets of a robot say differently: the tool over the workspace, and a test of the sessions behind them.
@@ -185,14 +142,13 @@ async fn compare(
         }
         Err(error) => return Err(error),
     };
-    let turn = app.turn().await?;
+    let permit = app.compute_permit(Class::CostlyRead).await?;
     let inputs = (
         JobInputs::load(&app.store, &row.job_id).await?,
         JobInputs::load(&app.store, &other.job_id).await?,
     );
-    Ok(Json(
-        turn.run(|| compared(&row, &other, &inputs.0, &inputs.1))?,
-    ))
+    let compare = move || compared(&row, &other, &inputs.0, &inputs.1);
+    Ok(Json(permit.run(compare).await?))
 }
 
 fn compared(

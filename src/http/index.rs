@@ -1,10 +1,22 @@
-//! What needs no key: health and the contract.
+//! Routes without a key: health and the contract.
 
-use crate::http::{App, Error, document};
+use crate::http::{App, Error};
+use crate::store::stuck::stuck_writers;
+use axum::Extension;
 use axum::extract::State;
 use axum::http::header;
 use axum::response::{IntoResponse, Response};
+use std::time::Duration;
 use utoipa_axum::{router::OpenApiRouter, routes};
+
+/// Where the text of the contract comes from. It is made from all routes, these among them, so the router hands it in.
+#[derive(Clone, Copy, Debug)]
+pub struct Contract {
+    /// In YAML.
+    pub yaml: fn() -> Result<&'static str, &'static str>,
+    /// In JSON.
+    pub json: fn() -> Result<&'static str, &'static str>,
+}
 
 /// Routes that need no key.
 pub fn router() -> OpenApiRouter<App> {
@@ -21,33 +33,49 @@ async fn healthz() -> &'static str {
     "ok\n"
 }
 
-/// The database answers. Where only part of the service is there, the text says which part is not.
+/// Writers that wait for less than this are not reported.
+const STUCK: Duration = Duration::from_secs(1);
+/// A node whose writers wait longer is not ready. Until then it is, because reads are answered.
+const STUCK_TOO_LONG: Duration = Duration::from_secs(60);
+
+/// The database answers. Where only part of the service is there, the text says which part is not, and for how long writers have been stuck.
 #[utoipa::path(
     get, path = "/readyz", tag = "service", operation_id = "readyz",
     responses(
-        (status = 200, description = "`ready`, or `ready, but …` with what is refused and why", body = String, content_type = "text/plain"),
-        (status = 503, description = "Not now", body = crate::wire::Problem, content_type = "application/problem+json")
+        (status = 200, description = "`ready`, or `ready, but …` with what is refused and why; `ready, but no write has got through for 4.2 s: …` while writers are stuck, for less than 60 s", body = String, content_type = "text/plain"),
+        (status = 503, description = "Not now: the database does not answer, or no write has got through for 60 s or more", body = crate::wire::Problem, content_type = "application/problem+json")
     )
 )]
 async fn readyz(State(app): State<App>) -> Result<String, Error> {
     app.store.now_ms().await.map_err(Error::NotReady)?;
-    let without = app
-        .store
-        .short_of_room()
-        .map(|short| format!(", but new robots, uploads and jobs are refused: {short}"));
-    Ok(format!("ready{}\n", without.unwrap_or_default()))
+    let stuck = stuck_writers(&app.store).await.map_err(Error::NotReady)?;
+    if let Some(stuck) = stuck.filter(|stuck| stuck.duration >= STUCK_TOO_LONG) {
+        return Err(Error::WritersStuck(stuck));
+    }
+    let buts = [
+        app.store
+            .short_of_room()
+            .map(|short| format!(", but new robots, uploads and jobs are refused: {short}")),
+        stuck
+            .filter(|stuck| stuck.duration >= STUCK)
+            .map(|stuck| format!(", but {stuck}")),
+    ];
+    Ok(format!(
+        "ready{}\n",
+        buts.into_iter().flatten().collect::<String>()
+    ))
 }
 
 /// The contract.
 #[utoipa::path(get, path = "/openapi.yaml", tag = "service", operation_id = "openapiYaml", responses((status = 200, description = "OpenAPI 3.1", body = serde_json::Value, content_type = "application/yaml")))]
-async fn openapi_yaml() -> Result<Response, Error> {
-    let text = document::yaml().map_err(|error| Error::Internal(error.into()))?;
+async fn openapi_yaml(Extension(contract): Extension<Contract>) -> Result<Response, Error> {
+    let text = (contract.yaml)().map_err(|error| Error::Internal(error.into()))?;
     Ok(([(header::CONTENT_TYPE, "application/yaml")], text).into_response())
 }
 
 /// The contract, for readers of JSON.
 #[utoipa::path(get, path = "/openapi.json", tag = "service", operation_id = "openapiJson", responses((status = 200, description = "OpenAPI 3.1", body = serde_json::Value)))]
-async fn openapi_json() -> Result<Response, Error> {
-    let text = document::json().map_err(|error| Error::Internal(error.into()))?;
+async fn openapi_json(Extension(contract): Extension<Contract>) -> Result<Response, Error> {
+    let text = (contract.json)().map_err(|error| Error::Internal(error.into()))?;
     Ok(([(header::CONTENT_TYPE, "application/json")], text).into_response())
 }

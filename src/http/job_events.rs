@@ -2,22 +2,22 @@
 
 use crate::http::auth::{self, Caller};
 use crate::http::extract::Id;
-use crate::http::shares::Room;
-use crate::http::{App, Error, access, jobs};
+use crate::http::{App, Error, access, job_answer};
 use crate::store::JobRow;
 use crate::wire::job::{JobAnswer, JobEvent};
 use axum::extract::State;
 use axum::response::sse::{Event, KeepAlive, Sse};
 use std::convert::Infallible;
 use std::time::Duration;
-use tokio::sync::mpsc;
+use tokio::sync::{OwnedSemaphorePermit, mpsc};
 use tokio::task::JoinSet;
-use tokio_stream::Stream;
+use tokio_stream::wrappers::ReceiverStream;
+use tokio_stream::{Stream, StreamExt};
 use utoipa_axum::{router::OpenApiRouter, routes};
 
-/// A comment is sent this often where nothing happens, so that proxies keep the connection.
+/// Interval of comments that keep the connection open at proxies.
 const KEEP_ALIVE: Duration = Duration::from_secs(15);
-/// A stream outlives its key by no more than this.
+/// Interval of the check that the key is still valid.
 const KEY_LOOKED_AT_EVERY: Duration = Duration::from_secs(1);
 
 /// Routes of events.
@@ -36,32 +36,34 @@ async fn events(
     Id(id): Id,
 ) -> Result<Sse<impl Stream<Item = Result<Event, Infallible>> + use<>>, Error> {
     let row = access::job(&app, &caller, &id).await?;
-    let room = app.limits.wait(&caller.holder)?;
-    Ok(Sse::new(stream(app, caller, row, room)).keep_alive(KeepAlive::new().interval(KEEP_ALIVE)))
+    let permit = app.limits.waiting()?;
+    Ok(
+        Sse::new(stream(app, caller, row, permit))
+            .keep_alive(KeepAlive::new().interval(KEEP_ALIVE)),
+    )
 }
 
-/// The connection only passes events on: what looks at the database is a task where requests are answered, and ends with the stream.
+/// The connection only passes events on. What looks at the database is a task of its own that ends with the stream.
 fn stream(
     app: App,
     caller: Caller,
     row: JobRow,
-    room: Room,
+    permit: OwnedSemaphorePermit,
 ) -> impl Stream<Item = Result<Event, Infallible>> {
-    let (events, mut to_pass_on) = mpsc::channel(1);
+    let (events, to_pass_on) = mpsc::channel(1);
     let mut work = JoinSet::new();
     work.spawn(follow(app, caller, row, events));
-    async_stream::stream! {
-        let (_room, _work) = (room, work);
-        while let Some(event) = to_pass_on.recv().await {
-            yield Ok(event);
-        }
-    }
+    ReceiverStream::new(to_pass_on).map(move |event| {
+        // Held as long as the stream.
+        let _held = (&permit, &work);
+        Ok(event)
+    })
 }
 
 async fn follow(app: App, caller: Caller, mut row: JobRow, events: mpsc::Sender<Event>) {
     loop {
         let is_over = row.status.is_over();
-        let Ok(answer) = jobs::answer(&row) else {
+        let Ok(answer) = job_answer::answer(&row) else {
             return;
         };
         if let Some(event) = event(if is_over { "finished" } else { "progress" }, &answer)
@@ -77,7 +79,7 @@ async fn follow(app: App, caller: Caller, mut row: JobRow, events: mpsc::Sender<
             () = out_of_force(&app, &caller) => None,
             () = app.stopped() => None,
         };
-        // On a database error, a shutdown or a revoked key the stream ends; clients reconnect and get the job anew.
+        // The stream ends on a database error, a shutdown or a revoked key; clients reconnect.
         let Some(next) = next else { return };
         if !auth::is_in_force(&app, &caller).await {
             return;

@@ -1,13 +1,12 @@
-//! Posting a job: everything that can be refused is refused now, not when a worker gets to it.
+//! Posting a job. Everything that can be refused is refused here, not by a worker later.
 
 use crate::calibration::request::VerifySource;
-use crate::calibration::{self, CalibrationRequest};
+use crate::calibration::{self, CalibrationRequest, is_anew};
 use crate::http::auth::{Caller, Scope};
 use crate::http::creation::{Submission, stored_json};
-use crate::http::extract::{Id, SMALL_BYTES};
-use crate::http::recent_sets::RecentSet;
-use crate::http::{App, Error, access, jobs};
-use crate::jobs::execution::is_anew;
+use crate::http::extract::Id;
+use crate::http::limits::Class;
+use crate::http::{App, Error, access, job_answer};
 use crate::jobs::queue;
 use crate::store::jobs as stored;
 use crate::store::{
@@ -23,13 +22,12 @@ use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::safetensors::{self, NetworkMetadata};
 use axum::extract::State;
 use axum::response::Response;
-use std::sync::Arc;
 
-/// Of a robot's networks of one model and preset, the newest that are looked at for one that speaks of the same parameters.
+/// Newest networks of the robot, model and preset that are tried for one with the same parameters.
 const MAX_NETWORKS: i64 = 8;
-/// Of a robot's residual networks, the newest that are looked at for one that has seen none of the points: each brings its set along.
+/// Newest residual networks that are tried for one that was not trained on these points; each is read with its measurement set.
 const MAX_RESIDUAL_NETWORKS: i64 = 3;
-/// Networks that one residual network may go back to.
+/// Longest chain of residual networks that started from each other.
 const LONGEST_LINE: usize = 64;
 
 /// What a job refers to, as it is stored.
@@ -43,67 +41,21 @@ struct Sources {
     parameter_set: Option<ParameterSetRow>,
 }
 
-/// A stored set: its bytes, or what was understood of them when they came.
+/// A stored set and its bytes.
 struct SetSource {
     row: MeasurementSetRow,
-    content: Content,
-}
-
-enum Content {
-    Bytes(Vec<u8>),
-    Understood(Arc<RecentSet>),
+    bytes: Vec<u8>,
 }
 
 impl SetSource {
     async fn read(app: &App, id: &str) -> Result<Self, store::Error> {
-        if let Some(recent) = app.recent_sets.find(id) {
-            return Ok(Self {
-                row: recent.row.clone(),
-                content: Content::Understood(recent),
-            });
-        }
         let (row, bytes) = measurement_sets::get_with_body(&app.store, id).await?;
-        Ok(Self {
-            row,
-            content: Content::Bytes(bytes),
-        })
+        Ok(Self { row, bytes })
     }
 
     fn set(&self, n_joints: usize) -> Result<MeasurementSet, Error> {
-        match &self.content {
-            Content::Understood(recent) => Ok(recent.set.clone()),
-            Content::Bytes(bytes) => from_upload(
-                &self.row.content_type,
-                bytes,
-                frame_of(&self.row)?,
-                n_joints,
-            )
-            .map_err(Error::Invalid),
-        }
-    }
-
-    fn n_bytes(&self) -> usize {
-        match &self.content {
-            Content::Bytes(bytes) => bytes.len(),
-            Content::Understood(_) => 0,
-        }
-    }
-}
-
-/// A set with more points, or more targets, is checked aside.
-const FEW: (i64, i64) = (300, 4);
-
-impl Sources {
-    /// Whether the check is over in a fraction of a millisecond: it reads one small set, takes no network apart, and fits nothing, as it does
-    /// to judge a search box that the options ask for. Stations are compared point by point, so that points count too.
-    fn are_checked_soon(&self, request: &JobRequestBody) -> bool {
-        let set = &self.set.row;
-        let is_small =
-            self.set.n_bytes() <= SMALL_BYTES && set.n_points <= FEW.0 && set.n_targets <= FEW.1;
-        let is_alone = self.verify_set.is_none()
-            && self.networks.is_empty()
-            && self.residual_networks.is_empty();
-        is_small && is_alone && request.options.is_none()
+        let frame = frame_of(&self.row)?;
+        from_upload(&self.row.content_type, &self.bytes, frame, n_joints).map_err(Error::Invalid)
     }
 }
 
@@ -112,11 +64,11 @@ struct ResidualSource {
     id: String,
     weights: Vec<u8>,
     set: SetSource,
-    /// Of the uploads that it and those before it have seen; none if they are too many to follow.
+    /// Hashes of the uploads that it and its predecessors were trained on; none if the chain is too long.
     line_sha256: Option<Vec<String>>,
 }
 
-/// What a job starts from.
+/// The networks that a job starts from.
 struct Chosen {
     network_id: Option<String>,
     residual_network_id: Option<String>,
@@ -134,7 +86,7 @@ pub async fn create(
     submission: Submission,
 ) -> Result<Response, Error> {
     if submission.has_key() {
-        // to look for a key takes a turn of those who write, which is not for a robot that does not exist
+        // The robot first: looking up an Idempotency-Key takes the writer.
         access::robot(&app, &submission.caller, &robot_id).await?;
         if let Some(answer) = submission.replay(&app.store).await? {
             return Ok(answer);
@@ -144,18 +96,16 @@ pub async fn create(
     let request = match asked(&submission) {
         Ok(request) => request,
         Err(refusal) => {
-            // that there is no such robot is told before anything else
+            // A missing robot is reported before other errors.
             access::robot(&app, &submission.caller, &robot_id).await?;
             return Err(refusal);
         }
     };
-    // its uploads are in memory from here on
-    let turn = app.turn().await?;
+    // Before the uploads are read: waiting requests hold none in memory.
+    let permit = app.compute_permit(Class::Write).await?;
     let sources = load(&app, &submission.caller, &robot_id, &request).await?;
     let mut new = new_job(&request, &sources, &submission.caller.holder)?;
-    let chosen = turn.run_soon(sources.are_checked_soon(&request), || {
-        check(&request, sources)
-    })?;
+    let chosen = permit.run(move || check(&request, sources)).await?;
     (new.network_input_id, new.residual_network_input_id) =
         (chosen.network_id, chosen.residual_network_id);
     let effect = async |tx: &mut Tx| {
@@ -163,7 +113,7 @@ pub async fn create(
         stored_json(
             202,
             Some(format!("/v1/jobs/{}", row.id)),
-            &jobs::answer(&row)?,
+            &job_answer::answer(&row)?,
         )
     };
     let answer = submission.create(&app.store, effect).await?;
@@ -171,7 +121,7 @@ pub async fn create(
     Ok(answer)
 }
 
-/// The body, if it says what can be done and this key may ask for that.
+/// Parses and checks the request body.
 fn asked(submission: &Submission) -> Result<JobRequestBody, Error> {
     let request: JobRequestBody = submission.json()?;
     request.check()?;
@@ -210,7 +160,7 @@ async fn load(
     robot_id: &str,
     request: &JobRequestBody,
 ) -> Result<Sources, Error> {
-    // at once; of several refusals the first in this order is told, whichever came first
+    // Concurrently; of several errors the first in this order is returned.
     let (robot, set, verify_set, frames, parameter_set) = tokio::join!(
         access::robot(app, caller, robot_id),
         set(
@@ -284,8 +234,8 @@ async fn frames(
     Ok(Some(serde_json::from_str(&row.result_json)?))
 }
 
-/// The parameter set that the job will use whatever is identified or released meanwhile: the one named; to verify, else the active one;
-/// to identify, else the robot's last from another upload, to compare with.
+/// The parameter set of the job, fixed now: the one named; else, to verify, the active one, and to identify, the robot's last from another
+/// upload, to compare with.
 async fn parameter_set(
     app: &App,
     robot_id: &str,
@@ -306,7 +256,7 @@ async fn parameter_set(
     })
 }
 
-/// The networks that the job may start from, whatever is trained meanwhile: the one named, or for `bpnn_pso` and `auto` the newest.
+/// The networks that the job may start from, fixed now: the one named, or for `bpnn_pso` and `auto` the newest.
 async fn networks(
     app: &App,
     robot_id: &str,
@@ -339,7 +289,7 @@ async fn networks(
     .await?)
 }
 
-/// The residual networks that the training may go on from, with the points that they were trained on.
+/// The residual networks that training may start from, with the points that they were trained on.
 async fn residual_networks(
     app: &App,
     robot_id: &str,
@@ -384,8 +334,7 @@ async fn residual_networks(
     Ok(sources)
 }
 
-/// Hashes of the uploads that a residual network, and those that its training went on from, were trained on; `None` of a line too long to
-/// follow.
+/// Hashes of the uploads that a residual network and its predecessors were trained on; `None` if the chain is too long.
 async fn line_of(app: &App, network_id: &str) -> Result<Option<Vec<String>>, Error> {
     let (mut line, mut next) = (Vec::new(), Some(network_id.to_owned()));
     while let Some(id) = next {
@@ -410,8 +359,8 @@ fn is_of(row: &NetworkRow, robot_id: &str, kind: NetworkKind) -> bool {
             .is_ok_and(|metadata| metadata.kind == kind)
 }
 
-/// The newest that fits and has seen none of these points, those to verify included, neither itself nor one that its training went on from:
-/// its own cross-validation, and the errors on the points to verify, would be worthless.
+/// The newest residual network that fits the robot and was trained, predecessors included, on none of these points or of those to verify:
+/// else cross-validation and verification would be worthless.
 fn choose_residual(
     request: &JobRequestBody,
     calibration_request: &CalibrationRequest,
@@ -436,8 +385,12 @@ fn choose_residual(
         };
         if fits && source.line_sha256.as_ref().is_some_and(is_of_others) {
             let trained_on = parse(&source.set)?;
-            if is_anew(&trained_on, &calibration_request.set)
-                && to_verify.is_none_or(|set| is_anew(&trained_on, set))
+            if is_anew(
+                &calibration_request.robot,
+                &trained_on,
+                &calibration_request.set,
+            ) && to_verify
+                .is_none_or(|set| is_anew(&calibration_request.robot, &trained_on, set))
             {
                 return Ok(Some(source.id.clone()));
             }
@@ -461,7 +414,7 @@ pub fn frame_of(set: &MeasurementSetRow) -> Result<Frame, Error> {
         .ok_or_else(|| Error::Internal(format!("set {} has frame {:?}", set.id, set.frame)))
 }
 
-/// What the request names must exist and belong to the robot; both failures look the same from outside.
+/// A named document must exist and belong to the robot; both failures give the same error.
 pub fn own<T>(
     found: Result<T, crate::store::Error>,
     is_own: impl Fn(&T) -> bool,
@@ -475,7 +428,7 @@ pub fn own<T>(
     }
 }
 
-/// Every check of the core; the networks that the job will start from.
+/// Runs every check of the core, and chooses the networks that the job starts from.
 fn check(request: &JobRequestBody, sources: Sources) -> Result<Chosen, Error> {
     let robot = access::robot_body(&sources.robot)?.to_core()?;
     let n_joints = robot.links.len();
@@ -498,7 +451,7 @@ fn check(request: &JobRequestBody, sources: Sources) -> Result<Chosen, Error> {
         }
     };
     let mut networks: Vec<_> = sources.networks.into_iter().filter_map(readable).collect();
-    // the newest that fits; where none does, `auto` goes without, and for who asked for one it is the newest, so that the refusal says so
+    // The newest that fits. If none does, `auto` goes without; if one was asked for, the newest is taken and the check refuses it.
     let fitting = networks
         .iter()
         .position(|(_, network)| calibration::network_fits(&calibration_request, network));

@@ -1,14 +1,14 @@
-//! Jobs: how they stand, what came out.
+//! Jobs: status, report, cancellation.
 
 use crate::http::auth::Caller;
 use crate::http::extract::{Id, ListQuery, Query};
+use crate::http::job_answer::answer;
 use crate::http::{App, Error, access, job_posting};
 use crate::jobs::queue;
 use crate::store::{self, JobRow, jobs};
-use crate::wire::job::{JobAnswer, JobRequestBody, JobStatus};
+use crate::wire::job::JobAnswer;
 use crate::wire::page::Page;
 use crate::wire::report_shape::{Convergence, Report};
-use crate::wire::time::rfc3339;
 use axum::Json;
 use axum::extract::State;
 use axum::http::header;
@@ -62,7 +62,7 @@ async fn list(
     }))
 }
 
-/// How a job stands. With `wait_s` it answers when the status changes or the job is over, at the latest after that time.
+/// A job. With `wait_s` it answers when the status changes or the job is over, at the latest after that time.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}", tag = "jobs", operation_id = "getJob", params(("id" = String, Path, description = "The job"), WaitQuery),
     responses((status = 200, description = "The job", body = JobAnswer))
@@ -97,7 +97,7 @@ async fn wait(app: &App, row: JobRow, timeout: Duration) -> Result<JobRow, store
     }
 }
 
-/// Cancels a job: at once if it waits, soon if it runs. One that is over stays as it is.
+/// Cancels a job: at once if it is queued, within a second if it runs. A finished job stays as it is.
 #[utoipa::path(
     post, path = "/v1/jobs/{id}/cancel", tag = "jobs", operation_id = "cancelJob", params(("id" = String, Path, description = "The job")),
     responses((status = 200, description = "The job", body = JobAnswer))
@@ -123,7 +123,7 @@ async fn report(State(app): State<App>, caller: Caller, Id(id): Id) -> Result<Re
     Ok(stored(jobs::report(&app.store, &id).await?))
 }
 
-/// How the cost fell, iteration by iteration.
+/// The best cost, iteration by iteration.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/convergence", tag = "jobs", operation_id = "getConvergence", params(("id" = String, Path, description = "The job")),
     responses((status = 200, description = "The curve", body = Convergence))
@@ -139,47 +139,4 @@ async fn convergence(
 
 fn stored(json: String) -> Response {
     ([(header::CONTENT_TYPE, "application/json")], json).into_response()
-}
-
-/// The job as it is answered.
-pub fn answer(row: &JobRow) -> Result<JobAnswer, Error> {
-    let request: JobRequestBody = serde_json::from_str(&row.request_json)?;
-    Ok(JobAnswer {
-        id: row.id.clone(),
-        robot_id: row.robot_id.clone(),
-        measurement_set_id: row.measurement_set_id.clone(),
-        kind: request.kind,
-        method: request.method,
-        request,
-        status: status(row.status),
-        attempt: u32::try_from(row.attempt).unwrap_or(u32::MAX),
-        progress: row
-            .progress_json
-            .as_deref()
-            .map(serde_json::from_str)
-            .transpose()?,
-        error: row
-            .error_json
-            .as_deref()
-            .map(serde_json::from_str)
-            .transpose()?,
-        parameter_set_from: row.parameter_set_input_id.clone(),
-        parameter_set_id: row.parameter_set_id.clone(),
-        network_id: row.network_id.clone(),
-        residual_network_from: row.residual_network_input_id.clone(),
-        residual_network_id: row.residual_network_id.clone(),
-        created_at: rfc3339(row.created_at_ms),
-        started_at: row.started_at_ms.map(rfc3339),
-        finished_at: row.finished_at_ms.map(rfc3339),
-    })
-}
-
-fn status(status: store::JobStatus) -> JobStatus {
-    match status {
-        store::JobStatus::Queued => JobStatus::Queued,
-        store::JobStatus::Running => JobStatus::Running,
-        store::JobStatus::Succeeded => JobStatus::Succeeded,
-        store::JobStatus::Failed => JobStatus::Failed,
-        store::JobStatus::Cancelled => JobStatus::Cancelled,
-    }
 }

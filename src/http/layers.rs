@@ -1,12 +1,14 @@
-//! What surrounds every request: an id, one log line, and problems in place of everything that layers answer on their own.
+//! Middleware of every request: an id, a log line, limits after authentication, and problem documents for errors of other layers.
 
+use crate::http::counters::Metrics;
 use crate::http::error::{self, Code, Error};
-use crate::http::metrics::Metrics;
+use crate::http::limits::{Class, is_document};
+use crate::http::{App, response_memory};
 use crate::wire::Problem;
 use crate::wire::problem::PROBLEM_JSON;
 use axum::Router;
 use axum::extract::{MatchedPath, Request, State};
-use axum::http::{HeaderName, HeaderValue, Method, StatusCode, header};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, Uri, header};
 use axum::middleware::{Next, from_fn, from_fn_with_state};
 use axum::response::{IntoResponse, Response};
 use std::any::Any;
@@ -14,9 +16,10 @@ use std::time::{Duration, Instant};
 use tower_http::catch_panic::CatchPanicLayer;
 use tracing::Instrument;
 
-const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
+/// Carried by every answer.
+pub const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
 
-/// What every answer says unless its handler says otherwise: nothing in it is to be run, framed, guessed at or kept.
+/// Default security headers; a handler may set its own.
 const SAFE: [(HeaderName, HeaderValue); 5] = [
     (
         header::X_CONTENT_TYPE_OPTIONS,
@@ -34,7 +37,7 @@ const SAFE: [(HeaderName, HeaderValue); 5] = [
     (header::CACHE_CONTROL, HeaderValue::from_static("no-store")),
 ];
 
-/// Puts all of it around a router.
+/// Adds the middleware to a router.
 pub fn surround<S: Clone + Send + Sync + 'static>(
     router: Router<S>,
     metrics: Metrics,
@@ -64,20 +67,19 @@ async fn observe(State(metrics): State<Metrics>, request: Request, next: Next) -
         .map(|code| code.0.as_str());
     metrics.answered(&method, &route, status, code, duration);
     let duration_ms = duration.as_secs_f64() * 1e3;
-    // Reads are many and alike; what changes something, or was refused, is worth a line. Being busy is counted only.
+    // Successful reads and overload are logged at debug only; both are counted.
     span.in_scope(|| match (&method, status.as_u16()) {
         (_, 429 | 503) | (&Method::GET | &Method::HEAD, ..=399) => {
             tracing::debug!(status = status.as_u16(), duration_ms, "answered")
         }
         _ => tracing::info!(status = status.as_u16(), code, duration_ms, "answered"),
     });
-    sign(&mut response, &id);
+    sign(response.headers_mut(), &id);
     response
 }
 
 /// The headers that every answer has.
-fn sign(response: &mut Response, request_id: &str) {
-    let headers = response.headers_mut();
+fn sign(headers: &mut HeaderMap, request_id: &str) {
     headers.extend(
         HeaderValue::from_str(request_id)
             .ok()
@@ -88,16 +90,58 @@ fn sign(response: &mut Response, request_id: &str) {
     }
 }
 
-/// The answer to a request that is not looked at: before routing, authentication and body, as most requests of a flood are refused.
-pub fn refuse_at_the_door(metrics: &Metrics, method: &Method) -> Response {
-    let mut response = Error::Busy.into_response();
+/// Whether a request takes no permit: health and metrics must answer under load.
+pub fn is_unlimited(uri: &Uri) -> bool {
+    matches!(uri.path(), "/healthz" | "/readyz" | "/metrics") || may_wait(uri)
+}
+
+/// Whether a request may be a long poll, however its query is written: it takes a permit to wait instead of one to read.
+fn may_wait(uri: &Uri) -> bool {
+    let job = uri.path().strip_prefix("/v1/jobs/");
+    job.is_some_and(|id| !id.contains('/')) && uri.query().is_some()
+}
+
+/// The answer to a request that is refused before routing, authentication and body, as most requests of a flood are.
+pub fn refuse_unrouted(metrics: &Metrics, method: &Method, error: Error) -> Response {
+    let mut response = error.into_response();
     let code = response
         .extensions()
         .get::<Code>()
         .map(|code| code.0.as_str());
     metrics.answered(method, "-", response.status(), code, Duration::ZERO);
-    sign(&mut response, &uuid::Uuid::now_v7().simple().to_string());
+    sign(
+        response.headers_mut(),
+        &uuid::Uuid::now_v7().simple().to_string(),
+    );
     response
+}
+
+/// Takes the permits that only a request with a known key may have, and counts the memory of large answers. Comes after authentication.
+pub async fn limit(State(app): State<App>, request: Request, next: Next) -> Response {
+    let limits = &app.limits;
+    let class = Class::new(request.method(), request.uri().path());
+    let permit = if class == Class::Safety {
+        limits.safety().map(Some)
+    } else if may_wait(request.uri()) {
+        limits.waiting().map(Some)
+    } else if is_document(class, request.uri().path()) {
+        limits.document().await.map(Some)
+    } else {
+        Ok(None)
+    };
+    match permit {
+        Ok(_permit) => response_memory::account(next.run(request).await, limits).await,
+        Err(busy) => busy.into_response(),
+    }
+}
+
+/// Headers and body of the problem for a request that hyper refuses before routing.
+pub fn unrouted(error: &Error) -> (HeaderMap, Vec<u8>) {
+    let body = serde_json::to_vec(&error.problem()).unwrap_or_default();
+    let mut headers = HeaderMap::new();
+    headers.insert(header::CONTENT_TYPE, HeaderValue::from_static(PROBLEM_JSON));
+    sign(&mut headers, &uuid::Uuid::now_v7().simple().to_string());
+    (headers, body)
 }
 
 /// Turns error answers that a layer or extractor made on its own into problems; their headers (`Allow`, …) stay.
@@ -148,7 +192,7 @@ pub async fn method_not_allowed() -> (StatusCode, Error) {
 #[cfg(test)]
 mod tests {
     use super::surround;
-    use crate::http::metrics::Metrics;
+    use crate::http::counters::Metrics;
     use crate::wire::Problem;
     use axum::Router;
     use axum::body::{Body, to_bytes};

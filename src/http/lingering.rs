@@ -1,5 +1,5 @@
-//! Closing a connection so that the client hears the last answer. A client that is refused while it sends, a body that is too large for
-//! instance, would be told that the connection is reset, and would not read why.
+//! Lingering close: a client that is refused while it still sends (a body that is too large) reads the answer. A plain close would reset
+//! the connection, and the answer would be lost.
 
 use std::io;
 use std::pin::Pin;
@@ -8,34 +8,35 @@ use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::time::{Instant, Sleep, sleep};
 
-/// A client that has not closed its side and sends nothing for this long is not waited for.
-const SILENCE: Duration = Duration::from_secs(1);
-/// Nor is one that sends for this long, or this much: twice the largest body.
-const LONGEST: Duration = Duration::from_secs(10);
-const MOST_BYTES: usize = 64 << 20;
-/// Read and thrown away at a time.
-const PIECE_BYTES: usize = 16 * 1024;
+/// A client that sends nothing for this long is no longer waited for.
+const IDLE_TIMEOUT: Duration = Duration::from_secs(1);
+/// Longest time of a lingering close.
+const TOTAL_TIMEOUT: Duration = Duration::from_secs(10);
+/// Most bytes that are read and discarded: twice the largest body.
+const MAX_BYTES: usize = 64 << 20;
+/// Size of one read.
+const CHUNK_BYTES: usize = 16 * 1024;
 
-/// A stream whose shutdown says that nothing more will come, and then waits until the client has closed its side, within bounds.
+/// A stream whose shutdown closes the writing side, then reads and discards until the client closes, within limits.
 #[derive(Debug)]
 pub struct Lingering<S> {
     stream: S,
-    goodbye: Option<Goodbye>,
+    draining: Option<Draining>,
 }
 
 #[derive(Debug)]
-struct Goodbye {
+struct Draining {
     until: Instant,
-    silence: Pin<Box<Sleep>>,
+    idle: Pin<Box<Sleep>>,
     bytes_left: usize,
 }
 
 impl<S> Lingering<S> {
-    /// Around this stream.
+    /// Wraps a stream.
     pub fn new(stream: S) -> Self {
         Self {
             stream,
-            goodbye: None,
+            draining: None,
         }
     }
 }
@@ -76,35 +77,35 @@ impl<S: AsyncRead + AsyncWrite + Unpin> AsyncWrite for Lingering<S> {
     }
 
     fn poll_shutdown(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
-        let Self { stream, goodbye } = &mut *self;
-        if goodbye.is_none() {
+        let Self { stream, draining } = &mut *self;
+        if draining.is_none() {
             ready!(Pin::new(&mut *stream).poll_shutdown(context))?;
         }
-        let Goodbye {
+        let Draining {
             until,
-            silence,
+            idle,
             bytes_left,
-        } = goodbye.get_or_insert_with(|| Goodbye {
-            until: Instant::now() + LONGEST,
-            silence: Box::pin(sleep(SILENCE)),
-            bytes_left: MOST_BYTES,
+        } = draining.get_or_insert_with(|| Draining {
+            until: Instant::now() + TOTAL_TIMEOUT,
+            idle: Box::pin(sleep(IDLE_TIMEOUT)),
+            bytes_left: MAX_BYTES,
         });
-        let mut unread = [0_u8; PIECE_BYTES];
+        let mut buffer = [0_u8; CHUNK_BYTES];
         loop {
-            let mut piece = ReadBuf::new(&mut unread);
-            match Pin::new(&mut *stream).poll_read(context, &mut piece) {
-                // it may also say so by resetting the connection
+            let mut chunk = ReadBuf::new(&mut buffer);
+            match Pin::new(&mut *stream).poll_read(context, &mut chunk) {
+                // A reset is a close, too.
                 Poll::Ready(Err(_)) => return Poll::Ready(Ok(())),
-                Poll::Ready(Ok(())) if piece.filled().is_empty() => return Poll::Ready(Ok(())),
+                Poll::Ready(Ok(())) if chunk.filled().is_empty() => return Poll::Ready(Ok(())),
                 Poll::Ready(Ok(())) => {
-                    *bytes_left = bytes_left.saturating_sub(piece.filled().len());
+                    *bytes_left = bytes_left.saturating_sub(chunk.filled().len());
                     let now = Instant::now();
                     if *bytes_left == 0 || now >= *until {
                         return Poll::Ready(Ok(()));
                     }
-                    silence.as_mut().reset((now + SILENCE).min(*until));
+                    idle.as_mut().reset((now + IDLE_TIMEOUT).min(*until));
                 }
-                Poll::Pending => return silence.as_mut().poll(context).map(Ok),
+                Poll::Pending => return idle.as_mut().poll(context).map(Ok),
             }
         }
     }
@@ -112,7 +113,7 @@ impl<S: AsyncRead + AsyncWrite + Unpin> AsyncWrite for Lingering<S> {
 
 #[cfg(test)]
 mod tests {
-    use super::{Lingering, MOST_BYTES, SILENCE};
+    use super::{IDLE_TIMEOUT, Lingering, MAX_BYTES};
     use std::time::Instant;
     use tokio::io::{AsyncReadExt, AsyncWriteExt};
     use tokio::net::{TcpListener, TcpStream};
@@ -132,7 +133,7 @@ mod tests {
             server.write_all(b"too large").await.unwrap();
             server.shutdown().await.unwrap();
         });
-        let body = vec![0; MOST_BYTES / 8];
+        let body = vec![0; MAX_BYTES / 8];
         client.write_all(&body).await.unwrap();
         let mut answer = Vec::new();
         client.read_to_end(&mut answer).await.unwrap();
@@ -141,7 +142,7 @@ mod tests {
         drop(client);
         closing.await.unwrap();
         assert!(
-            begun.elapsed() < SILENCE / 2,
+            begun.elapsed() < IDLE_TIMEOUT / 2,
             "who has closed is not waited for"
         );
     }
@@ -152,7 +153,7 @@ mod tests {
         let begun = Instant::now();
         Lingering::new(server).shutdown().await.unwrap();
         assert!(
-            begun.elapsed() >= SILENCE && begun.elapsed() < 4 * SILENCE,
+            begun.elapsed() >= IDLE_TIMEOUT && begun.elapsed() < 4 * IDLE_TIMEOUT,
             "{:?}",
             begun.elapsed()
         );

@@ -3,14 +3,14 @@
 use crate::http::auth::Caller;
 use crate::http::creation::{Submission, stored_json};
 use crate::http::extract::{Id, ListQuery, Query};
-use crate::http::recent_sets::RecentSets;
+use crate::http::limits::Class;
 use crate::http::upload_check::{self, Off};
 use crate::http::{App, Error, access};
 use crate::store::{MeasurementSetRow, NewMeasurementSet, Tx, measurement_sets};
 use crate::wire::issue::Checker;
 use crate::wire::measurement::{
-    self, DECIMAL_COMMA, DEFAULT_FRAME, Decimal, Frame, MeasurementSet, MeasurementSetBody,
-    SetSummary, Warning,
+    self, DECIMAL_COMMA, DEFAULT_FRAME, Decimal, Frame, Insist, MeasurementSetBody, SetSummary,
+    Warning,
 };
 use crate::wire::page::Page;
 use crate::wire::robot::{MAX_NAME, RobotBody};
@@ -50,6 +50,9 @@ struct UploadQuery {
     /// Serial number of the robot that was measured; an upload for another robot is refused.
     #[param(min_length = 1, max_length = 200)]
     serial_number: Option<String>,
+    /// Keeps the set although the check of uploads refuses it with this code. It is kept with the set, and no release rests on it.
+    #[param(inline)]
+    insist: Option<Insist>,
 }
 
 /// An upload that was understood.
@@ -63,8 +66,6 @@ struct Upload {
     warnings: Vec<Warning>,
     sha256: String,
     off: Option<Off>,
-    /// What may be kept in memory once it is stored.
-    recent: Option<MeasurementSet>,
 }
 
 /// Uploads a measurement set, as CSV (a header row with units) or JSON.
@@ -91,13 +92,18 @@ async fn create(
     let (robot, bytes) = (access::robot_body(&robot)?, submission.body.clone());
     let content_type = content_type(&submission, query.decimal);
     let kind = (!is_json).then(|| Decimal::of(&content_type));
+    let insist = query.insist;
     let mut upload = app
-        .compute(move || understand(&robot, &bytes, kind, query))
+        .compute(Class::Write, move || {
+            understand(&robot, &bytes, kind, query)
+        })
         .await?;
+    let mut insisted_on = None;
     if let Some(off) = upload.off.take() {
-        upload
-            .warnings
-            .push(upload_check::explain(&app, &submission.caller, &robot_id, off).await?);
+        let (warning, insisted) =
+            upload_check::explain(&app, &submission.caller, &robot_id, off, insist).await?;
+        upload.warnings.push(warning);
+        insisted_on = insisted.map(|insist| insist.as_str().to_owned());
     }
     let new = NewMeasurementSet {
         robot_id,
@@ -112,21 +118,17 @@ async fn create(
         warnings_json: serde_json::to_string(&upload.warnings)?,
         uploaded_by: Some(submission.caller.holder.clone()),
         serial_number: upload.serial_number,
+        insisted_on,
     };
-    let mut stored = None;
     let effect = async |tx: &mut Tx| {
-        let row = stored.insert(measurement_sets::insert(tx, &new).await?);
+        let row = measurement_sets::insert(tx, &new).await?;
         stored_json(
             201,
             Some(format!("/v1/measurement-sets/{}", row.id)),
-            &summary(row)?,
+            &summary(&row)?,
         )
     };
-    let answer = submission.create(&app.store, effect).await?;
-    if let Some((row, set)) = stored.zip(upload.recent) {
-        app.recent_sets.keep(row, set);
-    }
-    Ok(answer)
+    submission.create(&app.store, effect).await
 }
 
 /// First bytes of archives (xlsx is one) and of old workbooks.
@@ -153,7 +155,7 @@ fn is_json(submission: &Submission) -> Result<bool, Error> {
     }
 }
 
-/// The upload's own type; with what the query declared, so that the stored bytes say how they are to be read.
+/// Content type that is stored with the bytes, with the decimal mark that the query declared.
 fn content_type(submission: &Submission, decimal: Option<Decimal>) -> String {
     match submission.media_type.as_str() {
         "text/csv" if decimal.is_some() => declared_csv(decimal),
@@ -215,12 +217,11 @@ fn understand(
         n_targets,
         warnings,
         sha256: canonical::sha256_hex(bytes),
-        recent: RecentSets::copy_of(&set),
         off: upload_check::look(body, set)?,
     })
 }
 
-/// Whoever says which robot was measured says the right one.
+/// Refuses an upload that names another serial number.
 fn check_serial_number(robot: &RobotBody, stated: Option<&str>) -> Result<(), Error> {
     let Some(stated) = stated else { return Ok(()) };
     let mut checker = Checker::default();
@@ -258,7 +259,7 @@ async fn list(
     }))
 }
 
-/// What is known of a set.
+/// A measurement set.
 #[utoipa::path(
     get, path = "/v1/measurement-sets/{id}", tag = "measurement sets", operation_id = "getMeasurementSet",
     params(("id" = String, Path, description = "The set")),
@@ -274,7 +275,7 @@ async fn get(
     )?))
 }
 
-/// The uploaded bytes, in their own type.
+/// The uploaded bytes, in their own content type.
 #[utoipa::path(
     get, path = "/v1/measurement-sets/{id}/points", tag = "measurement sets", operation_id = "getMeasurementSetPoints",
     params(("id" = String, Path, description = "The set")),
@@ -301,44 +302,6 @@ pub fn summary(row: &MeasurementSetRow) -> Result<SetSummary, Error> {
         sha256: row.sha256.clone(),
         created_at: rfc3339(row.created_at_ms),
         warnings: serde_json::from_str(&row.warnings_json)?,
+        insisted_on: row.insisted_on.as_deref().and_then(Insist::parse),
     })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::{Decimal, UploadQuery, declared_csv, measurement, understand};
-    use crate::wire::json;
-    use axum::body::Bytes;
-
-    #[test]
-    fn what_is_kept_of_an_upload_is_what_its_bytes_say_when_they_are_read_again() {
-        let data = |name: &str| {
-            std::fs::read(format!("{}/data/paper/{name}", env!("CARGO_MANIFEST_DIR"))).unwrap()
-        };
-        let (robot, csv) = (json::parse(&data("robot.json")).unwrap(), data("first.csv"));
-        let commas = String::from_utf8(csv.clone())
-            .unwrap()
-            .replace(',', ";")
-            .replace('.', ",")
-            .into_bytes();
-        for (bytes, declared) in [
-            (csv.clone(), None),
-            (csv, Some(Decimal::Point)),
-            (commas, Some(Decimal::Comma)),
-        ] {
-            let bytes = Bytes::from(bytes);
-            let content_type = declared_csv(declared);
-            let query = UploadQuery {
-                frame: None,
-                name: None,
-                decimal: declared,
-                serial_number: None,
-            };
-            let upload = understand(&robot, &bytes, Some(Decimal::of(&content_type)), query)
-                .ok()
-                .unwrap();
-            let again = measurement::from_upload(&content_type, &bytes, upload.frame, 6).unwrap();
-            assert_eq!(upload.recent, Some(again), "{content_type}");
-        }
-    }
 }

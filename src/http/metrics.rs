@@ -1,180 +1,17 @@
 //! `/metrics`: counters of this process and the state of the queue, in Prometheus's text format.
 
 use crate::http::auth::Caller;
+use crate::http::counters::Text;
 use crate::http::{App, Error};
 use crate::store::statistics::{self, JobStatistics};
 use axum::extract::State;
-use axum::http::{Method, StatusCode, header};
+use axum::http::header;
 use axum::response::{IntoResponse, Response};
-use std::collections::BTreeMap;
-use std::fmt::Write;
-use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Duration;
 use utoipa_axum::{router::OpenApiRouter, routes};
 
-/// Upper bounds of the histogram of answer times, s.
-const BOUNDS_S: [f64; 9] = [0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 1.0, 10.0];
 /// Statuses of jobs that are always listed, also where there is none.
 const JOB_STATUSES: [&str; 5] = ["queued", "running", "succeeded", "failed", "cancelled"];
 const TEXT_FORMAT: &str = "text/plain; version=0.0.4; charset=utf-8";
-
-/// What is counted since the process began. Clones share the counts.
-#[derive(Clone, Debug, Default)]
-pub struct Metrics(Arc<Mutex<Counts>>);
-
-#[derive(Debug, Default)]
-struct Counts {
-    requests: BTreeMap<(&'static str, String, u16), u64>,
-    durations: BTreeMap<String, Histogram>,
-    errors: BTreeMap<String, u64>,
-}
-
-#[derive(Clone, Debug, Default)]
-struct Histogram {
-    at_most: [u64; BOUNDS_S.len()],
-    count: u64,
-    sum_s: f64,
-}
-
-impl Metrics {
-    /// Counts one answer. `route` is a template, so that the number of series is bounded.
-    pub fn answered(
-        &self,
-        method: &Method,
-        route: &str,
-        status: StatusCode,
-        code: Option<&str>,
-        duration: Duration,
-    ) {
-        let method = ["GET", "HEAD", "POST"]
-            .into_iter()
-            .find(|known| *known == method.as_str())
-            .unwrap_or("other");
-        let mut counts = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        *counts
-            .requests
-            .entry((method, route.to_owned(), status.as_u16()))
-            .or_default() += 1;
-        if let Some(code) = code {
-            *counts.errors.entry(code.to_owned()).or_default() += 1;
-        }
-        let seconds = duration.as_secs_f64();
-        let histogram = counts.durations.entry(route.to_owned()).or_default();
-        histogram.count += 1;
-        histogram.sum_s += seconds;
-        for (bound, at_most) in BOUNDS_S.iter().zip(&mut histogram.at_most) {
-            *at_most += u64::from(seconds <= *bound);
-        }
-    }
-
-    /// Counts a client that was sent away before it could ask for anything.
-    pub fn turned_away(&self, code: &str) {
-        let mut counts = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        *counts.errors.entry(code.to_owned()).or_default() += 1;
-    }
-
-    fn write(&self, out: &mut Text) {
-        let counts = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        out.family("kincal_requests_total", "counter", "Requests answered.");
-        for ((method, route, status), n) in &counts.requests {
-            out.sample(
-                "kincal_requests_total",
-                &[
-                    ("method", method),
-                    ("route", route),
-                    ("status", &status.to_string()),
-                ],
-                *n as f64,
-            );
-        }
-        out.family(
-            "kincal_uploads_total",
-            "counter",
-            "Measurement sets stored.",
-        );
-        let stored = (
-            "POST",
-            "/v1/robots/{robot_id}/measurement-sets".to_owned(),
-            201,
-        );
-        out.sample(
-            "kincal_uploads_total",
-            &[],
-            counts.requests.get(&stored).copied().unwrap_or(0) as f64,
-        );
-        out.family(
-            "kincal_errors_total",
-            "counter",
-            "Problems answered, by their code.",
-        );
-        for (code, n) in &counts.errors {
-            out.sample("kincal_errors_total", &[("code", code)], *n as f64);
-        }
-        out.family(
-            "kincal_request_duration_seconds",
-            "histogram",
-            "From a request's header to its answer's.",
-        );
-        for (route, histogram) in &counts.durations {
-            let name = "kincal_request_duration_seconds_bucket";
-            for (bound, at_most) in BOUNDS_S.iter().zip(histogram.at_most) {
-                out.sample(
-                    name,
-                    &[("route", route), ("le", &bound.to_string())],
-                    at_most as f64,
-                );
-            }
-            out.sample(
-                name,
-                &[("route", route), ("le", "+Inf")],
-                histogram.count as f64,
-            );
-            out.sample(
-                "kincal_request_duration_seconds_sum",
-                &[("route", route)],
-                histogram.sum_s,
-            );
-            out.sample(
-                "kincal_request_duration_seconds_count",
-                &[("route", route)],
-                histogram.count as f64,
-            );
-        }
-    }
-}
-
-/// The text as it grows.
-#[derive(Default)]
-struct Text(String);
-
-impl Text {
-    fn family(&mut self, name: &str, kind: &str, help: &str) {
-        // Writing to a String does not fail.
-        let _ = writeln!(self.0, "# HELP {name} {help}\n# TYPE {name} {kind}");
-    }
-
-    fn sample(&mut self, name: &str, labels: &[(&str, &str)], value: f64) {
-        let quoted = |(key, value): &(&str, &str)| {
-            let value = value
-                .replace('\\', "\\\\")
-                .replace('"', "\\\"")
-                .replace('\n', "\\n");
-            format!("{key}=\"{value}\"")
-        };
-        let labels = labels.iter().map(quoted).collect::<Vec<_>>().join(",");
-        let labels = if labels.is_empty() {
-            labels
-        } else {
-            format!("{{{labels}}}")
-        };
-        let _ = writeln!(self.0, "{name}{labels} {value}");
-    }
-
-    fn gauge(&mut self, name: &str, help: &str, labels: &[(&str, &str)], value: f64) {
-        self.family(name, "gauge", help);
-        self.sample(name, labels, value);
-    }
-}
 
 /// Route of the metrics.
 pub fn router() -> OpenApiRouter<App> {
@@ -205,10 +42,10 @@ async fn metrics(State(app): State<App>, caller: Caller) -> Result<Response, Err
         "gauge",
         "What more may be under way before requests are refused, by kind.",
     );
-    for (kind, left) in app.limits.room_left() {
+    for (kind, left) in app.limits.free() {
         out.sample("kincal_room_left", &[("kind", kind)], left as f64);
     }
-    // The counters are worth having when the database is not there: above all then.
+    // The counters are answered also while the database is unavailable.
     let jobs = statistics::jobs(&app.store).await;
     out.gauge(
         "kincal_database_up",
@@ -284,50 +121,4 @@ fn write_jobs(out: &mut Text, jobs: &[JobStatistics]) {
 
 fn seconds(ms: i64) -> f64 {
     ms as f64 / 1e3
-}
-
-#[cfg(test)]
-mod tests {
-    use super::{Metrics, Text};
-    use axum::http::{Method, StatusCode};
-    use std::time::Duration;
-
-    #[test]
-    fn answers_are_counted_by_route_status_and_code() {
-        let metrics = Metrics::default();
-        for ms in [2, 30] {
-            metrics.answered(
-                &Method::GET,
-                "/a",
-                StatusCode::OK,
-                None,
-                Duration::from_millis(ms),
-            );
-        }
-        metrics.answered(
-            &Method::from_bytes(b"BREW").unwrap(),
-            "-",
-            StatusCode::NOT_FOUND,
-            Some("no_such_route"),
-            Duration::ZERO,
-        );
-        let mut out = Text::default();
-        metrics.write(&mut out);
-        for line in [
-            "kincal_requests_total{method=\"GET\",route=\"/a\",status=\"200\"} 2",
-            "kincal_requests_total{method=\"other\",route=\"-\",status=\"404\"} 1",
-            "kincal_errors_total{code=\"no_such_route\"} 1",
-            "kincal_request_duration_seconds_bucket{route=\"/a\",le=\"0.001\"} 0",
-            "kincal_request_duration_seconds_bucket{route=\"/a\",le=\"0.0025\"} 1",
-            "kincal_request_duration_seconds_bucket{route=\"/a\",le=\"0.05\"} 2",
-            "kincal_request_duration_seconds_bucket{route=\"/a\",le=\"+Inf\"} 2",
-            "kincal_request_duration_seconds_count{route=\"/a\"} 2",
-        ] {
-            assert!(
-                out.0.lines().any(|found| found == line),
-                "{line} is not in\n{}",
-                out.0
-            );
-        }
-    }
 }

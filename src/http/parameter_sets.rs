@@ -2,13 +2,15 @@
 
 use crate::http::auth::Caller;
 use crate::http::extract::{Id, ListQuery, Query};
-use crate::http::turns::Turn;
+use crate::http::limits::ComputePermit;
 use crate::http::{App, Error, access};
-use crate::store::{self, ParameterSetRow, jobs, parameter_sets};
+use crate::store::{self, ParameterSetRow, jobs, measurement_sets, parameter_sets};
 use crate::wire::canonical;
-use crate::wire::measurement::Warning;
+use crate::wire::measurement::Frame;
 use crate::wire::page::Page;
-use crate::wire::parameter_set::{ParameterSetAnswer, ParameterSetContent, ParameterSetStatus};
+use crate::wire::parameter_set::{
+    ParameterSetAnswer, ParameterSetContent, ParameterSetStatus, Provenance,
+};
 use crate::wire::report;
 use crate::wire::time::rfc3339;
 use axum::Json;
@@ -105,7 +107,7 @@ async fn active(
     Ok((headers, body).into_response())
 }
 
-/// What was identified, as exactly those bytes whose SHA-256 is the set's `sha256`: hash what came, compare, then read it.
+/// What was identified, as exactly those bytes whose SHA-256 is the set's `sha256`.
 #[utoipa::path(
     get, path = "/v1/parameter-sets/{id}/content", tag = "parameter sets", operation_id = "getParameterSetContent",
     params(("id" = String, Path, description = "The parameter set")),
@@ -116,7 +118,7 @@ async fn covered(State(app): State<App>, caller: Caller, Id(id): Id) -> Result<R
     let content = content(&row)?;
     let text = match canonical::text_of_hash(&content, &row.sha256)? {
         Some(text) => text,
-        // it was edited past the service: whoever compares finds out
+        // Edited outside the service: the client's comparison of the hash will fail.
         None => canonical::to_canonical_json(&content)?,
     };
     Ok(([(header::CONTENT_TYPE, "application/json")], text).into_response())
@@ -127,14 +129,18 @@ pub fn content(row: &ParameterSetRow) -> Result<ParameterSetContent, Error> {
     Ok(serde_json::from_str(&row.body_json)?)
 }
 
-/// What the report of its job says that who uses the set should have before them.
-pub async fn warnings_for_use(
+/// Where a set comes from, and the warnings of its report that its users should see.
+pub async fn provenance(
     app: &App,
-    turn: &Turn,
+    permit: &ComputePermit,
     row: &ParameterSetRow,
-) -> Result<Vec<Warning>, Error> {
+) -> Result<Provenance, Error> {
     let report = jobs::report(&app.store, &row.job_id).await?;
-    Ok(turn.run(|| report::warnings_for_use(&report))?)
+    let job = jobs::get(&app.store, &row.job_id).await?;
+    let measured = measurement_sets::get(&app.store, &job.measurement_set_id).await?;
+    permit
+        .run(move || report::provenance(&report, Frame::parse(&measured.frame)))
+        .await
 }
 
 /// The parameter set as it is answered.

@@ -1,4 +1,4 @@
-//! What a robot asks of a release.
+//! Release policies of robots.
 
 use crate::http::auth::Caller;
 use crate::http::creation::{Submission, stored_json};
@@ -16,7 +16,7 @@ pub fn router() -> OpenApiRouter<App> {
     OpenApiRouter::new().routes(routes!(get, put))
 }
 
-/// What the robot asks of a release; where nothing was set, nothing beyond the gates that always stand.
+/// The robot's release policy; the default asks for nothing beyond the gates that always hold.
 #[utoipa::path(
     get, path = "/v1/robots/{robot_id}/policy", tag = "robots", operation_id = "getPolicy",
     params(("robot_id" = String, Path, description = "The robot")),
@@ -31,7 +31,7 @@ async fn get(
     Ok(Json(body(&policies::get(&app.store, &robot_id).await?)))
 }
 
-/// Sets what the robot asks of a release; takes the scope `admin`.
+/// Sets the robot's release policy; requires the scope `admin`.
 #[utoipa::path(
     put, path = "/v1/robots/{robot_id}/policy", tag = "robots", operation_id = "putPolicy",
     params(("robot_id" = String, Path, description = "The robot")), request_body = PolicyBody,

@@ -1,11 +1,11 @@
 //! Which poses to measure next.
 
 use crate::http::auth::Caller;
-use crate::http::extract::{Id, aside_if_large, json_body};
+use crate::http::extract::{Id, json_body, parse_small};
 use crate::http::job_posting::{frame_of, own};
+use crate::http::limits::Class;
 use crate::http::{App, Error, access};
 use crate::store::measurement_sets;
-use crate::wire::json;
 use crate::wire::measurement::from_upload;
 use crate::wire::pose_plan::{PosePlanAnswer, PosePlanBody};
 use axum::Json;
@@ -17,7 +17,7 @@ pub fn router() -> OpenApiRouter<App> {
     OpenApiRouter::new().routes(routes!(create))
 }
 
-/// Configurations that tell most of the robot, within its joint limits; computed anew each time, nothing is stored.
+/// Configurations that determine the robot's parameters best, within its joint limits. Nothing is stored.
 #[utoipa::path(
     post, path = "/v1/robots/{robot_id}/pose-plans", tag = "pose plans", operation_id = "planPoses",
     params(("robot_id" = String, Path, description = "The robot")), request_body = PosePlanBody,
@@ -31,7 +31,7 @@ async fn create(
 ) -> Result<Json<PosePlanAnswer>, Error> {
     let row = access::robot(&app, &caller, &robot_id).await?;
     let bytes = json_body(request, &app).await?;
-    let body: PosePlanBody = aside_if_large(bytes.len(), || json::parse(&bytes))?;
+    let body: PosePlanBody = parse_small(&bytes)?;
     body.check()?;
     let mut measured = Vec::new();
     for (i, id) in body.measured.iter().enumerate() {
@@ -45,15 +45,16 @@ async fn create(
     }
     let robot = access::robot_body(&row)?.to_core()?;
     let n_joints = robot.links.len();
-    let turn = app.turn().await?;
+    let permit = app.compute_permit(Class::Calculation).await?;
     let mut sets = Vec::new();
     for set in measured {
-        // One after the other: their texts are much larger than what is in them.
+        // One after the other: the texts are much larger than the parsed points.
         let points = measurement_sets::body(&app.store, &set.id).await?;
-        sets.push(turn.run(|| {
+        let parse = move || {
             from_upload(&set.content_type, &points, frame_of(&set)?, n_joints)
                 .map_err(Error::Invalid)
-        })?);
+        };
+        sets.push(permit.run(parse).await?);
     }
-    Ok(Json(turn.run(|| body.run(&robot, &sets))?))
+    Ok(Json(permit.run(move || body.run(&robot, &sets)).await?))
 }

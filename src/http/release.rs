@@ -3,20 +3,25 @@
 use crate::http::auth::Caller;
 use crate::http::creation::{Submission, stored_json};
 use crate::http::extract::Id;
+use crate::http::limits::{Class, ComputePermit};
 use crate::http::{App, Error, access, parameter_sets as answers, policies as policy_answers};
 use crate::jobs::evidence::{self, Weighed};
+use crate::release::{Comparison, Facts, gates};
 use crate::store::{
-    Checked, MeasurementSetRow, ParameterSetRow, ParameterSetStatus, PolicyRow, Release, Tx,
+    Checked, MeasurementSetRow, ParameterSetRow, ParameterSetStatus, PolicyRow, Release, RobotRow,
+    Tx,
 };
 use crate::store::{audit, jobs, measurement_sets, parameter_sets, policies, robots};
 use crate::wire::parameter_set::{ParameterSetAnswer, ReasonBody};
-use crate::wire::release::{Facts, Gate, GatesAnswer, ReleaseBody, gates};
+use crate::wire::release::{Gate, GatesAnswer, ReleaseBody};
 use crate::wire::report_shape::Evidence;
 use crate::wire::robot::RobotBody;
 use crate::wire::{Issue, Problem};
 use axum::Json;
 use axum::extract::State;
 use axum::response::Response;
+use std::ops::ControlFlow;
+use std::sync::Arc;
 use utoipa_axum::{router::OpenApiRouter, routes};
 
 /// Routes of releases.
@@ -103,10 +108,10 @@ async fn roll_back(
     submission: Submission,
 ) -> Result<Response, Error> {
     access::robot(&app, &submission.caller, &robot_id).await?;
-    if let Some(answer) = submission.replay(&app.store).await? {
-        return Ok(answer);
-    }
-    let ReasonBody { reason } = self::reason(&submission)?;
+    let reason = match submission.reason(&app.store).await? {
+        ControlFlow::Break(answer) => return Ok(answer),
+        ControlFlow::Continue(reason) => reason,
+    };
     let row = parameter_sets::before_active(&app.store, &robot_id).await?;
     let release = judged(&app, &submission.caller, row, Purpose::Rollback)
         .await?
@@ -133,10 +138,10 @@ async fn withdraw(
     submission: Submission,
 ) -> Result<Response, Error> {
     access::parameter_set(&app, &submission.caller, &id).await?;
-    if let Some(answer) = submission.replay(&app.store).await? {
-        return Ok(answer);
-    }
-    let ReasonBody { reason } = reason(&submission)?;
+    let reason = match submission.reason(&app.store).await? {
+        ControlFlow::Break(answer) => return Ok(answer),
+        ControlFlow::Continue(reason) => reason,
+    };
     let effect = async |tx: &mut Tx| {
         stored_json(
             200,
@@ -149,14 +154,9 @@ async fn withdraw(
     submission.create(&app.store, effect).await
 }
 
-fn reason(submission: &Submission) -> Result<ReasonBody, Error> {
-    let body: ReasonBody = submission.json()?;
-    body.check()?;
-    Ok(body)
-}
-
 /// All but the stored documents that the gates look at.
 struct Around {
+    parameter_set_id: String,
     robot: RobotBody,
     set: MeasurementSetRow,
     /// Who uploaded what the set was identified from: the points and, where the base rests on them, the sweeps.
@@ -194,6 +194,11 @@ struct Judged {
 }
 
 impl Judged {
+    fn n_gates(&self, passed: bool) -> i64 {
+        let gates = self.gates.iter().filter(|gate| gate.passed == passed);
+        i64::try_from(gates.count()).unwrap_or(i64::MAX)
+    }
+
     /// The release to be written, if every gate is passed.
     fn release(self, reason: String) -> Result<Release, Error> {
         let failed: Vec<Issue> = self
@@ -205,11 +210,14 @@ impl Judged {
         if !failed.is_empty() {
             return Err(refused(failed));
         }
+        let (n_passed, n_failed) = (self.n_gates(true), self.n_gates(false));
         Ok(Release {
             id: self.id,
             checked: self.checked,
             reason,
             checks_json: serde_json::to_string(&self.gates)?,
+            n_passed,
+            n_failed,
             released_by: self.approver,
             evidence: self.evidence.as_str().into(),
             uncertainty_mm: self.uncertainty_mm,
@@ -224,6 +232,7 @@ async fn judged(
     row: ParameterSetRow,
     purpose: Purpose,
 ) -> Result<Judged, Error> {
+    let robot = robots::get(&app.store, &row.robot_id).await?;
     let policy = policies::get(&app.store, &row.robot_id).await?;
     let active = parameter_sets::active(&app.store, &row.robot_id).await?;
     let job = jobs::get(&app.store, &row.job_id).await?;
@@ -233,7 +242,8 @@ async fn judged(
         uploaders.push(audit::actor(&app.store, frames_id, "frames_created").await?);
     }
     let around = Around {
-        robot: access::robot_body(&robots::get(&app.store, &row.robot_id).await?)?,
+        parameter_set_id: row.id.clone(),
+        robot: access::robot_body(&robot)?,
         set,
         uploaders,
         policy: policy.clone(),
@@ -242,15 +252,26 @@ async fn judged(
         purpose,
     };
     let other = active.as_ref().filter(|active| active.id != row.id);
-    let turn = app.turn().await?;
+    let class = match around.purpose {
+        Purpose::Release { .. } => Class::Write,
+        Purpose::Rollback => Class::Safety,
+    };
+    let permit = app.compute_permit(class).await?;
     let stored = evidence::load(&app.store, &row, other).await?;
     let checked = Checked {
-        active: active.map(|active| active.id),
+        active: active.as_ref().map(|active| active.id.clone()),
         policy_version: policy.version,
-        n_sessions: stored.n_sessions,
+        n_verifications: stored.n_verifications(),
+        robot: robot.check(),
     };
-    let (gates, evidence, uncertainty_mm) =
-        turn.run(|| judge(&evidence::weigh(stored).map_err(unreadable)?, &around))?;
+    let weigh = move || evidence::weigh(stored).map_err(unreadable);
+    let weighed = Arc::new(permit.run(weigh).await?);
+    let comparisons = match around.purpose {
+        Purpose::Release { .. } => compared(app, &permit, &weighed).await?,
+        Purpose::Rollback => Vec::new(),
+    };
+    let judge = move || judge(&weighed, &comparisons, &around, &robot);
+    let (gates, evidence, uncertainty_mm) = permit.run(judge).await?;
     Ok(Judged {
         id: row.id,
         checked,
@@ -261,16 +282,50 @@ async fn judged(
     })
 }
 
-fn judge(weighed: &Weighed, around: &Around) -> Result<(Vec<Gate>, Evidence, Option<f64>), Error> {
+/// The set beside the active one: on every session, one upload in memory at a time; where there is none, on the points held out.
+async fn compared(
+    app: &App,
+    permit: &ComputePermit,
+    weighed: &Arc<Weighed>,
+) -> Result<Vec<Comparison>, Error> {
+    let mut comparisons = Vec::new();
+    if weighed.active.is_none() {
+        return Ok(comparisons);
+    }
+    for (job_id, measurement_set_id) in &weighed.to_compare {
+        let upload = evidence::upload(&app.store, measurement_set_id).await?;
+        let (weighed, job_id) = (Arc::clone(weighed), job_id.clone());
+        let compare = move || evidence::compare_on(&weighed, &job_id, &upload).map_err(unreadable);
+        comparisons.extend(permit.run(compare).await?);
+    }
+    if comparisons.is_empty() && weighed.identification.n_points > 0 {
+        let weighed = Arc::clone(weighed);
+        let compare = move || Ok::<_, Error>(evidence::compare_on_held_out(&weighed));
+        comparisons.extend(permit.run(compare).await?);
+    }
+    Ok(comparisons)
+}
+
+fn judge(
+    weighed: &Weighed,
+    comparisons: &[Comparison],
+    around: &Around,
+    robot: &RobotRow,
+) -> Result<(Vec<Gate>, Evidence, Option<f64>), Error> {
+    let last_check = weighed.last_check.as_ref();
     let facts = Facts {
         robot: &around.robot.to_core()?,
+        check_job_id: robot.check_job_id.as_deref(),
+        last_check: last_check.map(|(seq, job_id)| (*seq, job_id.as_str())),
+        checked_seq: robot.checked_seq,
         report: &weighed.report,
-        verified_elsewhere: weighed.verified_elsewhere,
+        identification: &weighed.identification,
+        identification_seq: weighed.identification_seq,
+        parameter_set_id: &around.parameter_set_id,
         content: &weighed.content,
         active: weighed.active.as_ref(),
         sessions: &weighed.sessions,
-        no_better_than_nominal: weighed.no_better_than_nominal.as_deref(),
-        comparisons: &weighed.comparisons,
+        comparisons,
         is_withdrawn: around.status == ParameterSetStatus::Withdrawn,
         is_rollback: around.purpose == Purpose::Rollback,
         serial_numbers: (
@@ -281,7 +336,11 @@ fn judge(weighed: &Weighed, around: &Around) -> Result<(Vec<Gate>, Evidence, Opt
         change_reason: around.purpose.change_reason(),
         policy: &policy_answers::body(&around.policy),
     };
-    Ok((gates(&facts), facts.evidence(), facts.uncertainty_mm()))
+    Ok((
+        gates(&facts),
+        facts.evidence(),
+        facts.identification.uncertainty_mm,
+    ))
 }
 
 fn unreadable(problem: impl AsRef<Problem>) -> Error {

@@ -2,8 +2,9 @@
 
 use crate::http::auth::Caller;
 use crate::http::extract::Id;
+use crate::http::limits::Class;
 use crate::http::{
-    App, Error, access, jobs as job_answers, measurement_sets as set_answers,
+    App, Error, access, job_answer, measurement_sets as set_answers,
     parameter_sets as parameter_set_answers,
 };
 use crate::report_page::{self, Sources};
@@ -35,16 +36,16 @@ async fn report_html(
         Some(id) => Some(access::parameter_set(&app, &caller, id).await?),
         None => None,
     };
-    let turn = app.turn().await?;
+    let permit = app.compute_permit(Class::CostlyRead).await?;
     let (report, convergence) = (
         jobs::report(&app.store, &id).await?,
         jobs::convergence(&app.store, &id).await?,
     );
-    let page = || {
+    let page = move || {
         Ok::<_, Error>(report_page::html(&Sources {
             robot: &access::robot_body(&robot)?,
             set: (&set_answers::summary(&set)?).into(),
-            job: Some(&job_answers::answer(&job)?),
+            job: Some(&job_answer::answer(&job)?),
             parameter_set: parameter_set
                 .map(parameter_set_answers::answer)
                 .transpose()?
@@ -53,7 +54,7 @@ async fn report_html(
             convergence: &serde_json::from_str(&convergence)?,
         }))
     };
-    let page = turn.run(page)?;
+    let page = permit.run(page).await?;
     let policy = report_page::CONTENT_SECURITY_POLICY.as_str();
     Ok((
         [

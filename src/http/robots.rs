@@ -6,11 +6,13 @@ use crate::http::extract::{Id, ListQuery, Query};
 use crate::http::{App, Error, access};
 use crate::store::{NewRobot, RobotRow, Tx, robots};
 use crate::wire::page::Page;
-use crate::wire::robot::{RobotAnswer, RobotBody};
+use crate::wire::parameter_set::ReasonBody;
+use crate::wire::robot::{CheckedAnswer, RobotAnswer, RobotBody, RobotState};
 use crate::wire::time::rfc3339;
 use axum::Json;
 use axum::extract::State;
 use axum::response::Response;
+use std::ops::ControlFlow;
 use utoipa_axum::{router::OpenApiRouter, routes};
 
 /// Routes of robots.
@@ -18,6 +20,7 @@ pub fn router() -> OpenApiRouter<App> {
     OpenApiRouter::new()
         .routes(routes!(create, list))
         .routes(routes!(get))
+        .routes(routes!(checked))
 }
 
 /// Stores a robot with its nominal links.
@@ -80,10 +83,44 @@ async fn get(
     )?))
 }
 
+/// Says why the robot is well in spite of a session that did not fit it: it leaves the state `check_robot`.
+#[utoipa::path(
+    post, path = "/v1/robots/{robot_id}/checked", tag = "robots", operation_id = "checkedRobot",
+    params(("robot_id" = String, Path, description = "The robot")), request_body = ReasonBody,
+    responses((status = 200, description = "The robot", body = RobotAnswer))
+)]
+async fn checked(
+    State(app): State<App>,
+    Id(robot_id): Id,
+    submission: Submission,
+) -> Result<Response, Error> {
+    access::robot(&app, &submission.caller, &robot_id).await?;
+    let reason = match submission.reason(&app.store).await? {
+        ControlFlow::Break(answer) => return Ok(answer),
+        ControlFlow::Continue(reason) => reason,
+    };
+    let by = &submission.caller.holder;
+    let effect = async |tx: &mut Tx| {
+        let row = robots::checked(tx, &robot_id, &reason, by).await?;
+        stored_json(200, None, &answer(&row)?)
+    };
+    submission.create(&app.store, effect).await
+}
+
 fn answer(row: &RobotRow) -> Result<RobotAnswer, Error> {
+    let checked = row.checked_reason.as_ref().zip(row.checked_at_ms);
+    let state = RobotState {
+        check_job_id: row.check_job_id.clone(),
+        checked: checked.map(|(reason, at_ms)| CheckedAnswer {
+            reason: reason.clone(),
+            by: row.checked_by.clone().unwrap_or_default(),
+            at: rfc3339(at_ms),
+        }),
+    };
     Ok(RobotAnswer::new(
         row.id.clone(),
         access::robot_body(row)?,
         rfc3339(row.created_at_ms),
+        state,
     ))
 }

@@ -1,22 +1,18 @@
 //! Starting and stopping the service, for `kincal serve`, `kincal demo` and the tests alike.
 
 use crate::config::{self, ServeConfig};
-use crate::http::front::{self, Desk, Front};
-use crate::http::{App, accept, tls};
-use crate::jobs::{Compute, JobSignals, Rules, WorkerPool, execution};
+use crate::http::accept::{self, Service};
+use crate::http::{App, tls};
+use crate::jobs::{Compute, JobSignals, Rules, WorkerPool, execution, facts};
 use crate::store::{self, Store, StoreLocation};
 use std::net::SocketAddr;
-use std::sync::Arc;
 use std::time::Duration;
 use tokio::net::TcpListener;
 use tokio::sync::watch;
-use tokio::task::{AbortHandle, JoinHandle};
+use tokio::task::JoinHandle;
 
 /// Requests and running jobs get this long to end when the server stops; service managers kill after 10 s.
 const STOP_WITHIN: Duration = Duration::from_secs(8);
-
-/// What is still at work when everything else has ended is left behind after this long: its job has been handed back.
-const LEAVE_BEHIND_AFTER: Duration = Duration::from_millis(500);
 
 /// Why a server did not start.
 #[derive(Debug, thiserror::Error)]
@@ -30,9 +26,6 @@ pub enum Error {
     /// Certificate or key.
     #[error("TLS: {0}")]
     Tls(std::io::Error),
-    /// Threads.
-    #[error("no threads for connections: {0}")]
-    Threads(std::io::Error),
     /// The address.
     #[error(
         "cannot listen on {address}: {cause}; is another server running there? choose another with --listen"
@@ -53,9 +46,7 @@ pub struct RunningServer {
     /// Its database.
     pub store: Store,
     stop: watch::Sender<bool>,
-    front: Arc<Front>,
     serving: JoinHandle<()>,
-    cut_off: AbortHandle,
     scheme: &'static str,
     workers: WorkerPool,
 }
@@ -108,39 +99,24 @@ pub async fn start_with(config: &ServeConfig, compute: Compute) -> Result<Runnin
         .map_err(listen_error)?;
     let address = listener.local_addr().map_err(listen_error)?;
     let store = Store::open(location(&config.database)).await?;
+    facts::gather_missing(&store).await?;
     let signals = JobSignals::default();
-    let front = Arc::new(Front::start().map_err(Error::Threads)?);
-    let workers = {
-        let _there = front.home_of_workers(store.engine());
-        WorkerPool::start(
-            store.clone(),
-            compute,
-            config.n_workers(),
-            rules(&config.queue),
-            signals.clone(),
-        )
-    };
+    let workers = WorkerPool::start(
+        store.clone(),
+        compute,
+        config.n_workers(),
+        rules(&config.queue),
+        signals.clone(),
+    );
     let (stop, stopping) = watch::channel(false);
-    let desk = Desk::new(App::new(store.clone(), config, stopping.clone(), signals));
-    let limits = config.limits.clone();
     let scheme = if tls.is_some() { "https" } else { "http" };
-    let listener = front.adopt(listener).map_err(listen_error)?;
-    let accepting = front
-        .spawn(async move { accept::accept_all(listener, desk, &limits, tls, stopping).await });
-    let cut_off = accepting.abort_handle();
-    // Kept by a task of the caller's runtime: then the front goes on without this handle, and ends with that runtime.
-    let kept = Arc::clone(&front);
-    let serving = tokio::spawn(async move {
-        let _ = accepting.await;
-        drop(kept);
-    });
+    let app = App::new(store.clone(), config, stopping, signals);
+    let service = Service::new(app, &config.limits, tls);
     Ok(RunningServer {
         address,
         store,
         stop,
-        front,
-        serving,
-        cut_off,
+        serving: tokio::spawn(accept::accept_all(listener, service)),
         scheme,
         workers,
     })
@@ -164,7 +140,7 @@ impl RunningServer {
                 tracing::warn!(
                     "some clients did not finish their requests in time; they are cut off"
                 );
-                self.cut_off.abort();
+                self.serving.abort();
             }
         };
         tokio::join!(requests, self.workers.shutdown(STOP_WITHIN));
@@ -175,7 +151,5 @@ impl RunningServer {
         {
             tracing::warn!("the database was still in use when the server ended");
         }
-        // Last: connections to the database may have been opened there. What is over then holds the data directory no more.
-        front::end(self.front, LEAVE_BEHIND_AFTER).await;
     }
 }

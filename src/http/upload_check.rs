@@ -2,11 +2,12 @@
 
 use crate::calibration::alignment::{self, Finding, Look};
 use crate::http::auth::Caller;
+use crate::http::limits::Class;
 use crate::http::{App, Error, access};
 use crate::store::{PageRequest, robots};
-use crate::wire::measurement::{MeasurementSet, Warning};
+use crate::wire::Invalid;
+use crate::wire::measurement::{Insist, MeasurementSet, Warning, insisted, suspected};
 use crate::wire::robot::RobotBody;
-use crate::wire::{Invalid, Issue};
 
 /// Other robots that a set may have been measured on, tried at most.
 const MAX_OTHERS: u32 = 50;
@@ -30,13 +31,14 @@ pub fn look(robot: &RobotBody, set: MeasurementSet) -> Result<Option<Off>, Error
     })
 }
 
-/// What explains it, if anything does.
+/// What explains it, if anything does; with the suspicion that the caller insisted on, where it would have been refused.
 pub async fn explain(
     app: &App,
     caller: &Caller,
     robot_id: &str,
     off: Off,
-) -> Result<Warning, Error> {
+    insist: Option<Insist>,
+) -> Result<(Warning, Option<Insist>), Error> {
     let newest = robots::list(
         &app.store,
         caller.robots.as_deref(),
@@ -59,24 +61,26 @@ pub async fn explain(
             others.push(body);
         }
     }
-    match app.compute(move || finding(&off, &others)).await? {
-        Finding::Odd { code, detail } => Ok(Warning {
-            code: code.into(),
-            detail,
-            rows: Vec::new(),
-        }),
-        Finding::Wrong {
-            code,
-            columns,
-            detail,
-        } => Err(Invalid {
-            code,
-            issues: vec![Issue {
-                column: columns,
+    match app
+        .compute(Class::Write, move || finding(&off, &others))
+        .await?
+    {
+        Finding::Odd { code, detail } => {
+            let warning = Warning {
                 code: code.into(),
                 detail,
-                ..Issue::default()
-            }],
+                rows: Vec::new(),
+            };
+            Ok((warning, None))
+        }
+        Finding::Wrong(suspicion)
+            if insist.is_some_and(|insist| insist.as_str() == suspicion.code) =>
+        {
+            Ok((insisted(&suspicion), insist))
+        }
+        Finding::Wrong(suspicion) => Err(Invalid {
+            code: suspicion.code,
+            issues: vec![suspected(&suspicion)],
         }
         .into()),
     }

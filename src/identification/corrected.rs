@@ -64,12 +64,16 @@ impl IdentifiedRobot {
         self
     }
 
-    /// Offset of a target in the flange frame of the links with corrections where there are some, else of the links alone, mm.
-    pub fn target_mm(&self, target: usize) -> Vector3<f64> {
+    /// Base, links and targets that were identified with corrections where there are some, else the links alone.
+    pub fn model(&self) -> &KinematicModel {
         self.corrected
             .as_ref()
             .map_or(&self.plain, |corrected| &corrected.model)
-            .targets_mm[target]
+    }
+
+    /// Offset of a target in the flange frame of the links with corrections where there are some, else of the links alone, mm.
+    pub fn target_mm(&self, target: usize) -> Vector3<f64> {
+        self.model().targets_mm[target]
     }
 
     /// How far corrections hold at a pose, 0 to 1; 0 where there are none.

@@ -1,10 +1,54 @@
-//! What link parameters cannot say, as a random function of the joint values: joints that give under gravity, and joints whose
-//! transmission is eccentric. Nothing here is identified; it says how a robot errs where nobody has measured it, and by how much
-//! parameters that were fitted without it are wrong.
+//! What the fitted parameters cannot say, as a random function of the joint values: joints that give under gravity, joints whose transmission is
+//! eccentric, and parameters of a larger model that are held. Nothing here is identified; it says how a robot errs where nobody has measured it,
+//! and by how much parameters that were fitted without it are wrong.
 
 use crate::identification::KinematicModel;
+use crate::identification::identifiability::{PRIOR_ANGLE_RAD, prior_scale};
+use crate::identification::objective::{Observation, weighted_jacobian};
+use crate::identification::parameters::Parameter;
 use crate::kinematics::forward::t_previous_link;
 use nalgebra::{DMatrix, IsometryMatrix3, Vector3};
+
+/// What a misfit is made of.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Misfit {
+    /// Directions of gravity, in the base frame.
+    pub gravity: Vec<Vector3<f64>>,
+    /// Parameters of the complete model that are not fitted.
+    pub held: Vec<Parameter>,
+}
+
+impl Misfit {
+    /// The features of some poses, one column each: those of [`features`], and what the held parameters do. A length counts as much as an angle as
+    /// their errors are to each other in robots fresh from the factory.
+    pub fn features<'a>(
+        &self,
+        model: &KinematicModel,
+        poses: impl ExactSizeIterator<Item = (&'a [f64], usize, f64)> + Clone,
+    ) -> DMatrix<f64> {
+        let of_joints = features(model, poses.clone(), &self.gravity);
+        if self.held.is_empty() {
+            return of_joints;
+        }
+        let poses: Vec<Observation> = poses
+            .map(|(q_rad, target, weight)| Observation {
+                q_rad: q_rad.to_vec(),
+                position_mm: Vector3::zeros(),
+                target,
+                weight,
+            })
+            .collect();
+        let mut of_held = weighted_jacobian(model, &self.held, &poses, &Vector3::zeros());
+        for (mut column, parameter) in of_held.column_iter_mut().zip(&self.held) {
+            column *= prior_scale(parameter) / PRIOR_ANGLE_RAD;
+        }
+        let n_of_joints = of_joints.ncols();
+        let mut all = of_joints.resize_horizontally(n_of_joints + self.held.len(), 0.0);
+        all.columns_mut(n_of_joints, self.held.len())
+            .copy_from(&of_held);
+        all
+    }
+}
 
 /// The features of some poses: displacement of the target, mm, per rad of each feature, times sqrt(weight); 3·N × m.
 ///

@@ -14,13 +14,15 @@
 use crate::identification::KinematicModel;
 use crate::identification::distributions::t_half_width;
 use crate::identification::identifiability::Decomposition;
-use crate::identification::misfit;
+use crate::identification::misfit::Misfit;
 use crate::identification::objective::{Observation, weighted_jacobian, weighted_residuals};
 use crate::identification::parameters::Parameter;
 use crate::identification::priors::Priors;
 use crate::identification::shared::Shared;
-use crate::identification::variance::{Linear, freedom, misfit_components, shared_ratio, whitened};
-use nalgebra::{DMatrix, Vector3};
+use crate::identification::variance::{
+    Linear, UndeterminedMisfit, freedom, misfit_components, shared_ratio, whitened,
+};
+use nalgebra::{DMatrix, DVector, Vector3};
 
 /// Errors of an identification, one standard deviation, as roots: covariance = root · rootᵀ.
 #[derive(Clone, Debug, PartialEq)]
@@ -37,11 +39,16 @@ pub struct Uncertainty {
     pub misfit: DMatrix<f64>,
     /// p × (p − rank): S·V of the combinations that the data do not see, which are off by their prior.
     pub unseen: DMatrix<f64>,
-    /// Directions of gravity that the features were made with.
-    pub gravity: Vec<Vector3<f64>>,
+    /// What the features were made of.
+    pub features: Misfit,
     /// Residuals less fitted combinations; where points of a configuration share errors, of the configurations' means alone, for those
     /// errors are known from them.
     pub freedom: f64,
+    /// How far the answer is from the minimum of the cost, in its own standard deviations (root mean square over the fitted combinations):
+    /// what is said here is said of that minimum.
+    pub stds_from_minimum: f64,
+    /// Where the misfit is not determined, and with it what it makes of parameters and tool.
+    pub undetermined_misfit: Option<UndeterminedMisfit>,
     /// Covariance of the estimated (σe², σm²), for the degrees of freedom of a combination of the two.
     variance_of_variances: [[f64; 2]; 2],
 }
@@ -52,6 +59,8 @@ struct Estimator {
     per_score: DMatrix<f64>,
     /// Q's rows of the points, 3·N × r: parameters = D·R⁻¹·Qᵀ·y.
     q: DMatrix<f64>,
+    /// Qᵀ·y of points and priors: the step to the minimum, in units of the standard deviation of a residual.
+    step: DVector<f64>,
     /// Root of QᵀQ, r × r; `None` where it is one.
     root: Option<DMatrix<f64>>,
     /// Root of what the errors of the priors leave, p × k.
@@ -61,19 +70,20 @@ struct Estimator {
 }
 
 impl Estimator {
-    /// `a` are the derivatives along the seen combinations, `jacobian` those by the parameters.
+    /// `linear` has the residuals of `model` and their derivatives along the seen combinations, `jacobian` has those by the parameters.
     fn new(
-        a: &DMatrix<f64>,
+        (model, linear): (&KinematicModel, &Linear),
         jacobian: &DMatrix<f64>,
         decomposition: &Decomposition,
         priors: Option<&Priors>,
     ) -> Option<Self> {
         let Some(priors) = priors else {
-            let (q, r) = a.clone().qr().unpack();
+            let (q, r) = linear.a.clone().qr().unpack();
             let per_score = decomposition.seen_directions() * r.try_inverse()?;
             let of_priors = DMatrix::zeros(per_score.nrows(), 0);
             return Some(Self {
                 per_score,
+                step: q.tr_mul(&linear.y),
                 q,
                 root: None,
                 of_priors,
@@ -93,7 +103,16 @@ impl Estimator {
             rows.row_mut(n + k)
                 .copy_from(&(directions.row(*j) * (priors.scale_mm / std)));
         }
+        let mut right = linear.y.clone().resize_vertically(n + stds.len(), 0.0);
+        let pulls = priors.from(model).pulls;
+        let held = pulls
+            .iter()
+            .filter(|pull| decomposition.scale[pull.parameter] > 0.0);
+        for (k, pull) in held.enumerate() {
+            right[n + k] = pull.weight * pull.away;
+        }
         let (q, r) = rows.qr().unpack();
+        let step = q.tr_mul(&right);
         let per_score = directions * r.try_inverse()?;
         let of_priors = &per_score * q.rows(n, stds.len()).transpose() * priors.scale_mm;
         let q = q.rows(0, n).into_owned();
@@ -101,6 +120,7 @@ impl Estimator {
         Some(Self {
             per_score,
             q,
+            step,
             root: Some(root),
             of_priors,
             unknown,
@@ -123,7 +143,7 @@ pub fn uncertainty(
     (decomposition, priors): (&Decomposition, Option<&Priors>),
     observations: &[Observation],
     clusters: &[usize],
-    gravity: &[Vector3<f64>],
+    misfit: Misfit,
 ) -> Option<Uncertainty> {
     let directions = decomposition.seen_directions();
     let n_free = 3 * observations.len() as i64 - directions.ncols() as i64;
@@ -137,11 +157,12 @@ pub fn uncertainty(
     let linear = Linear {
         y: weighted_residuals(model, observations),
         a: &jacobian * &directions,
-        features: misfit::features(model, poses, gravity),
+        features: misfit.features(model, poses),
         shared: Shared::new(observations, clusters),
     };
     let ratio = shared_ratio(&linear)?;
-    let estimator = Estimator::new(&linear.a, &jacobian, decomposition, priors)?;
+    let estimator = Estimator::new((model, &linear), &jacobian, decomposition, priors)?;
+    let stds_from_minimum = stds_from_minimum(&linear, &estimator.step, n_free as f64);
     let freedom = freedom(&linear, ratio);
     let Estimator { per_score, q, .. } = &estimator;
     let through_shared = per_score * linear.shared.transpose_times(q).transpose();
@@ -160,24 +181,40 @@ pub fn uncertainty(
         }
     };
     let shared = kept(through_shared, configuration_std_mm);
-    let misfit = kept(through_features, misfit_std_rad);
+    let of_misfit = kept(through_features, misfit_std_rad);
     let noise = beside(
         &beside(&(estimator.noise() * noise_std_mm), &shared),
         &estimator.of_priors,
     );
-    let finite = noise.iter().chain(misfit.iter()).all(|v| v.is_finite());
+    let finite = noise.iter().chain(of_misfit.iter()).all(|v| v.is_finite());
     finite.then(|| Uncertainty {
         noise_std_mm,
         configuration_std_mm,
         misfit_std_rad,
         noise,
-        misfit,
+        misfit: of_misfit,
         unseen: estimator.unknown,
-        gravity: gravity.to_vec(),
+        features: misfit,
         freedom,
+        stds_from_minimum,
+        undetermined_misfit: components
+            .undetermined
+            .filter(|misfit| misfit.found_mm > ROUNDING_MM),
         variance_of_variances,
     })
 }
+
+/// Length of a Gauss-Newton step in units of its own standard deviation, per combination. The variance of a coordinate is that of the residuals
+/// at the minimum.
+fn stds_from_minimum(linear: &Linear, step: &DVector<f64>, n_free: f64) -> f64 {
+    let q = linear.a.clone().qr().q();
+    let left = linear.y.norm_squared() - q.tr_mul(&linear.y).norm_squared();
+    let variance = (left / n_free).max(ROUNDING_MM * ROUNDING_MM);
+    (step.norm_squared() / variance / step.len() as f64).sqrt()
+}
+
+/// Residuals below a nanometre are rounding, and a step of their size is none.
+const ROUNDING_MM: f64 = 1e-6;
 
 fn beside(left: &DMatrix<f64>, right: &DMatrix<f64>) -> DMatrix<f64> {
     let mut both = DMatrix::zeros(left.nrows(), left.ncols() + right.ncols());
@@ -270,7 +307,9 @@ impl Uncertainty {
         let (noise, unseen) = (&jacobian * &self.noise, &jacobian * &self.unseen);
         let mut misfit = &jacobian * &self.misfit;
         if misfit.ncols() > 0 {
-            misfit -= misfit::features(model, [(q_rad, target, 1.0)].into_iter(), &self.gravity)
+            misfit -= self
+                .features
+                .features(model, [(q_rad, target, 1.0)].into_iter())
                 * self.misfit_std_rad;
         }
         let along = |axis: usize| {

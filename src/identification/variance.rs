@@ -2,6 +2,7 @@
 //!
 //! ρ is found by moments, σm by restricted maximum likelihood (Patterson & Thompson 1971).
 
+use crate::identification::distributions::chi_square_tail;
 use crate::identification::shared::Shared;
 use crate::solvers::products::{less_product, transposed_times};
 use nalgebra::{DMatrix, DVector};
@@ -15,6 +16,9 @@ const LOG10_RATIO: (f64, f64) = (-8.0, 12.0);
 const GRID: usize = 81;
 /// Golden sections: the bracket shrinks by 0.618 each.
 const SECTIONS: usize = 40;
+/// A misfit is believed unless its residuals would be as small as those there are in fewer than one of twenty cases: so sure is one also that
+/// there is one ([`KEPT_ABOVE`]).
+const TOO_SMALL: f64 = 0.05;
 /// Features below this share of the largest tell nothing.
 const NEGLIGIBLE: f64 = 1e-12;
 /// Iteration limit of an eigenvalue decomposition.
@@ -128,6 +132,18 @@ pub(super) struct Components {
     pub noise_variance: f64,
     pub misfit_variance: f64,
     pub variance_of_variances: [[f64; 2]; 2],
+    /// Where the misfit's variance is not determined.
+    pub undetermined: Option<UndeterminedMisfit>,
+}
+
+/// A misfit whose size the residuals do not determine. Its likelihood is largest where it explains small residuals that the fit can hardly
+/// follow, and the large ones that it would leave elsewhere are not there: what the model cannot say is of another kind than its features.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct UndeterminedMisfit {
+    /// Length of the residuals that it would leave, root mean square over the points, mm.
+    pub predicted_mm: f64,
+    /// And of those that there are, mm.
+    pub found_mm: f64,
 }
 
 /// The residuals along the eigenvectors of P·Φ·Φᵀ·P: their squares, the eigenvalues there, and the rest.
@@ -182,6 +198,26 @@ impl Spectrum {
         libm::pow(10.0, 0.5 * (low + high))
     }
 
+    /// Whether components of variance hold for the residuals as a whole: their sum of squares is Σ (σe² + σm²·s)·χ², for which chi-square
+    /// with the degrees of freedom of Satterthwaite (1946) stands. `n_points` are those of the residuals.
+    fn undetermined(&self, noise: f64, ratio: f64, n_points: f64) -> Option<UndeterminedMisfit> {
+        let without = (self.n_free - self.eigenvalues.len() as f64).max(0.0);
+        let (mut expected, mut squares) = (without * noise, without * noise * noise);
+        for s in &self.eigenvalues {
+            let variance = noise * (1.0 + ratio * s);
+            (expected, squares) = (expected + variance, squares + variance * variance);
+        }
+        let found = self.squares.iter().sum::<f64>() + self.rest;
+        let freedom = expected * expected / squares;
+        let is_too_small = 1.0 - chi_square_tail(freedom * found / expected, freedom) < TOO_SMALL;
+        let step = (LOG10_RATIO.1 - LOG10_RATIO.0) / (GRID - 1) as f64;
+        let is_at_bound = ratio > libm::pow(10.0, LOG10_RATIO.1 - step);
+        (is_too_small || is_at_bound).then(|| UndeterminedMisfit {
+            predicted_mm: (expected / n_points).sqrt(),
+            found_mm: (found / n_points).sqrt(),
+        })
+    }
+
     /// Inverse of the Fisher information of (σe², σm²).
     fn variance_of_variances(&self, noise: f64, misfit: f64) -> [[f64; 2]; 2] {
         let rest = self.n_free - self.eigenvalues.len() as f64;
@@ -207,6 +243,7 @@ pub(super) fn misfit_components(linear: &Linear, n_free: f64) -> Option<Componen
         noise_variance,
         misfit_variance: 0.0,
         variance_of_variances: spectrum.variance_of_variances(noise_variance, 0.0),
+        undetermined: None,
     };
     let alone = spectrum.noise_variance(0.0);
     if alone <= 0.0 {
@@ -214,6 +251,7 @@ pub(super) fn misfit_components(linear: &Linear, n_free: f64) -> Option<Componen
             noise_variance: 0.0,
             misfit_variance: 0.0,
             variance_of_variances: [[0.0; 2]; 2],
+            undetermined: None,
         });
     }
     let ratio = spectrum.best_ratio();
@@ -223,10 +261,12 @@ pub(super) fn misfit_components(linear: &Linear, n_free: f64) -> Option<Componen
     let noise_variance = spectrum.noise_variance(ratio);
     let misfit_variance = ratio * noise_variance;
     let variance_of_variances = spectrum.variance_of_variances(noise_variance, misfit_variance);
+    let n_points = linear.y.len() as f64 / 3.0;
     Some(Components {
         noise_variance,
         misfit_variance,
         variance_of_variances,
+        undetermined: spectrum.undetermined(noise_variance, ratio, n_points),
     })
 }
 

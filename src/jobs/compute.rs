@@ -1,14 +1,18 @@
-//! The seam between the workers and what they compute.
+//! What a worker passes to a computation, and what it gets back.
 
 use std::ops::ControlFlow;
 
 use crate::store::{
     FramesRow, JobRow, MeasurementSetRow, NetworkRow, NewNetwork, NewParameterSet, ParameterSetRow,
-    Result, RobotRow, Store, frames, jobs, measurement_sets, networks, parameter_sets, robots,
+    Result, RobotRow, Store, VerificationRow, frames, jobs, measurement_sets, networks,
+    parameter_sets, robots, verifications,
 };
+use crate::wire::verification::Verification;
 
-/// Computes a job from its inputs alone. Tells its progress at least once per iteration, and stops with
-/// [`JobFailure::Cancelled`] when the answer is `Break`. Runs on a thread of its own; may panic.
+use crate::wire::job::Stage;
+
+/// Computes a job from its inputs alone. Reports progress at least once per iteration, and stops with
+/// [`JobFailure::Cancelled`] when the answer is `Break`. Runs on a blocking thread; may panic.
 pub type Compute = fn(
     &JobInputs,
     &mut dyn FnMut(Progress) -> ControlFlow<()>,
@@ -21,7 +25,7 @@ pub struct JobInputs {
     pub job: JobRow,
     /// Its robot.
     pub robot: RobotRow,
-    /// The set to identify from, or to verify on.
+    /// The measurement set to identify from, or to verify on.
     pub set: MeasurementSetInput,
     /// Another set to verify on.
     pub verify_set: Option<MeasurementSetInput>,
@@ -29,11 +33,29 @@ pub struct JobInputs {
     pub frames: Option<FramesRow>,
     /// The network to start from.
     pub network: Option<NetworkInput>,
-    /// The residual network whose training its own goes on from.
+    /// The residual network that training starts from.
     pub residual_network: Option<NetworkInput>,
     /// The parameter set to verify, or the robot's last identification, to compare with.
     pub parameter_set: Option<ParameterSetInput>,
+    /// Earlier uploads that a session is compared with: a repeat does not show that the robot is well.
+    pub earlier: Earlier,
 }
+
+/// Uploads from before the robot's last session that did not fit.
+#[derive(Clone, Debug, PartialEq, Default)]
+pub struct Earlier {
+    /// The number of that session in the robot's counter; 0 for none.
+    pub check_seq: i64,
+    /// The uploads.
+    pub sets: Vec<MeasurementSetInput>,
+    /// True if there are more than [`MAX_EARLIER`]; the rest is not compared with.
+    pub is_cut_short: bool,
+}
+
+/// Limits on the earlier uploads that a session is compared with, and on their points: some hundred MB. Where there are more, a session does
+/// not clear `check_robot`; a person has to (`POST /v1/robots/{id}/checked`).
+const MAX_EARLIER: i64 = 500;
+const MAX_EARLIER_POINTS: i64 = 500_000;
 
 /// A parameter set, and what it was identified from.
 #[derive(Clone, Debug, PartialEq)]
@@ -44,6 +66,8 @@ pub struct ParameterSetInput {
     pub set: MeasurementSetInput,
     /// The frames that they were identified with.
     pub frames: Option<FramesRow>,
+    /// Verification facts of its identification.
+    pub verification: Option<VerificationRow>,
 }
 
 /// A measurement set with its bytes.
@@ -64,10 +88,12 @@ pub struct NetworkInput {
     pub weights: Vec<u8>,
 }
 
-/// How far a computation is.
+/// Progress of a computation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Progress {
-    /// Iterations done.
+    /// Current stage.
+    pub stage: Option<Stage>,
+    /// Iterations of the main method that are done.
     pub iteration: u64,
     /// The limit.
     pub n_iterations: u64,
@@ -75,14 +101,14 @@ pub struct Progress {
     pub best_cost_mm2: f64,
 }
 
-/// What a computation gives.
+/// Result of a computation.
 #[derive(Clone, Debug, PartialEq)]
 pub struct JobOutcome {
     /// The whole report.
     pub report_json: String,
     /// The convergence curve.
     pub convergence_json: String,
-    /// Of the result, hexadecimal.
+    /// SHA-256 of the result, hexadecimal.
     pub result_sha256: String,
     /// The parameter set, if one was identified.
     pub parameter_set: Option<NewParameterSet>,
@@ -90,9 +116,11 @@ pub struct JobOutcome {
     pub network: Option<NewNetwork>,
     /// The residual network, if one was kept.
     pub residual_network: Option<NewNetwork>,
+    /// Verification facts of the parameter set that was identified or scored; none where none was.
+    pub verification: Option<Verification>,
 }
 
-/// Why a computation gave nothing.
+/// Why a computation has no result.
 #[derive(Clone, Debug, PartialEq)]
 pub enum JobFailure {
     /// Its monitor said `Break`.
@@ -108,12 +136,13 @@ impl Progress {
     /// As it is stored and answered.
     pub(super) fn to_json(self) -> String {
         let Progress {
+            stage,
             iteration,
             n_iterations,
             best_cost_mm2,
         } = self;
         // A number that is not finite becomes null.
-        serde_json::json!({ "iteration": iteration, "n_iterations": n_iterations, "best_cost_mm2": best_cost_mm2 }).to_string()
+        serde_json::json!({ "stage": stage, "iteration": iteration, "n_iterations": n_iterations, "best_cost_mm2": best_cost_mm2 }).to_string()
     }
 }
 
@@ -125,8 +154,8 @@ impl JobInputs {
 
     /// Reads what the job names.
     pub async fn of(store: &Store, job: JobRow) -> Result<JobInputs> {
-        // at once, each on a connection of its own: a job of a few milliseconds should not wait for one after another
-        let (robot, set, verify_set, frames, network, residual_network, parameter_set) = tokio::try_join!(
+        // Concurrently: each read takes a connection of its own.
+        let (robot, set, verify_set, frames, network, residual_network, parameter_set, earlier) = tokio::try_join!(
             robots::get(store, &job.robot_id),
             load_set(store, &job.measurement_set_id),
             load(job.verify_set_id.as_deref(), |id| load_set(store, id)),
@@ -140,6 +169,7 @@ impl JobInputs {
             load(job.parameter_set_input_id.as_deref(), |id| {
                 load_parameter_set(store, id)
             }),
+            load_earlier(store, &job),
         )?;
         Ok(JobInputs {
             job,
@@ -150,11 +180,12 @@ impl JobInputs {
             network,
             residual_network,
             parameter_set,
+            earlier,
         })
     }
 }
 
-/// What an optional reference names.
+/// Loads an optional reference.
 async fn load<'a, T, F: Future<Output = Result<T>>>(
     id: Option<&'a str>,
     get: impl FnOnce(&'a str) -> F,
@@ -177,10 +208,34 @@ async fn load_parameter_set(store: &Store, id: &str) -> Result<ParameterSetInput
     let job = jobs::get(store, &row.job_id).await?;
     let frames = load(job.frames_id.as_deref(), |id| frames::get(store, id)).await?;
     Ok(ParameterSetInput {
+        verification: verifications::of_job(store, &row.job_id).await?,
         row,
         set: load_set(store, &job.measurement_set_id).await?,
         frames,
     })
+}
+
+/// Earlier uploads to compare a verification with; empty unless a session of the robot did not fit.
+async fn load_earlier(store: &Store, job: &JobRow) -> Result<Earlier> {
+    let check = verifications::check(store, &job.robot_id).await?;
+    let mut earlier = Earlier {
+        check_seq: check.check_seq,
+        ..Earlier::default()
+    };
+    if check.check_seq <= check.checked_seq {
+        return Ok(earlier);
+    }
+    let (robot_id, limit) = (&job.robot_id, MAX_EARLIER + 1);
+    let uploads = verifications::earlier_uploads(store, robot_id, check.check_seq, limit).await?;
+    let n_points: i64 = uploads.iter().map(|upload| upload.n_points).sum();
+    if uploads.len() as i64 > MAX_EARLIER || n_points > MAX_EARLIER_POINTS {
+        earlier.is_cut_short = true;
+        return Ok(earlier);
+    }
+    for upload in uploads {
+        earlier.sets.push(load_set(store, &upload.id).await?);
+    }
+    Ok(earlier)
 }
 
 async fn load_set(store: &Store, id: &str) -> Result<MeasurementSetInput> {

@@ -1,30 +1,27 @@
-//! What a release rests on: the sessions that a parameter set was verified on, and the active set on the same points.
+//! What a release rests on, read from the store: the facts of every job about a parameter set, and the active set on the same points.
 
 use crate::calibration::{self, CalibrationRequest, judged};
-use crate::jobs::JobInputs;
-use crate::jobs::execution::{is_anew, request_of};
-use crate::store::{ParameterSetRow, Result, Store, jobs, sessions};
+use crate::jobs::execution::{request_of, set_of};
+use crate::jobs::{JobInputs, MeasurementSetInput};
+use crate::release::{Comparison, Session};
+use crate::store::{
+    ParameterSetRow, Result, Store, VerificationRow, jobs, measurement_sets, verifications,
+};
 use crate::wire::Problem;
 use crate::wire::measurement::MeasurementSet;
 use crate::wire::parameter_set::ParameterSetContent;
-use crate::wire::release::{Comparison, Session};
 use crate::wire::report_shape::{Evidence, Report};
-
-/// Sessions that are weighed: the newest. Whether one shows the set to be no better than nominal is asked of all of them.
-const MAX_SESSIONS: i64 = 8;
-/// Fewer configurations than this in a session prove nothing, however often each was read.
-const MIN_CONFIGURATIONS: usize = 5;
+use crate::wire::verification::Verification;
 
 /// What is stored about a parameter set, read and not yet weighed.
 #[derive(Debug)]
 pub struct Stored {
+    rows: Vec<VerificationRow>,
+    n_unknown: i64,
+    last_check: Option<(i64, String)>,
     identification: (JobInputs, String),
-    sessions: Vec<(JobInputs, String)>,
     content: String,
     active: Option<String>,
-    no_better_than_nominal: Option<String>,
-    /// How many sessions there are.
-    pub n_sessions: i64,
 }
 
 /// What the gates need of it.
@@ -32,21 +29,24 @@ pub struct Stored {
 pub struct Weighed {
     /// The identification's report.
     pub report: Report,
-    /// Whether that job's verify points are another session's.
-    pub verified_elsewhere: bool,
+    /// What was found at the identification.
+    pub identification: Verification,
+    /// Its place in the robot's counter.
+    pub identification_seq: i64,
+    /// The robot's last session that did not fit it: its number and its job.
+    pub last_check: Option<(i64, String)>,
     /// The set.
     pub content: ParameterSetContent,
     /// The active set.
     pub active: Option<ParameterSetContent>,
-    /// What it was scored on: the newest.
+    /// Every session that it was scored on, in order.
     pub sessions: Vec<Session>,
-    /// Of all sessions, the job that showed it to be no better than nominal.
-    pub no_better_than_nominal: Option<String>,
-    /// Against the active set.
-    pub comparisons: Vec<Comparison>,
+    /// The uploads to compare it with the active set on: job and measurement set.
+    pub to_compare: Vec<(String, String)>,
+    request: CalibrationRequest,
 }
 
-/// Reads all of it: up to nine uploads with their reports, so in a turn of its own.
+/// Reads it: columns, one report and one upload, so in a turn of its own.
 ///
 /// # Errors
 /// [`crate::store::Error`].
@@ -55,27 +55,40 @@ pub async fn load(
     set: &ParameterSetRow,
     active: Option<&ParameterSetRow>,
 ) -> Result<Stored> {
-    // Counted first: a session that comes in between makes the release ask again.
-    let n_sessions = sessions::count(store, &set.id).await?;
-    let no_better_than_nominal = sessions::no_better_than_nominal(store, &set.id).await?;
-    let mut read = Vec::new();
-    for session in sessions::newest(store, &set.id, MAX_SESSIONS).await? {
-        read.push((
-            JobInputs::load(store, &session.job_id).await?,
-            session.report_json,
-        ));
-    }
     Ok(Stored {
+        // What comes in between makes the release ask again.
+        rows: verifications::of_set(store, &set.id).await?,
+        n_unknown: verifications::n_unknown(store, &set.id).await?,
+        last_check: last_check(store, &set.robot_id).await?,
         identification: (
             JobInputs::load(store, &set.job_id).await?,
             jobs::report(store, &set.job_id).await?,
         ),
-        sessions: read,
         content: set.body_json.clone(),
         active: active.map(|active| active.body_json.clone()),
-        no_better_than_nominal,
-        n_sessions,
     })
+}
+
+async fn last_check(store: &Store, robot_id: &str) -> Result<Option<(i64, String)>> {
+    let seq = verifications::check(store, robot_id).await?.check_seq;
+    let job_id = verifications::job_of(store, robot_id, seq).await?;
+    Ok(job_id.map(|job_id| (seq, job_id)))
+}
+
+impl Stored {
+    /// How many jobs have identified the set or scored it.
+    pub fn n_verifications(&self) -> i64 {
+        self.rows.len() as i64
+    }
+}
+
+/// The upload of a session.
+///
+/// # Errors
+/// [`crate::store::Error`].
+pub async fn upload(store: &Store, measurement_set_id: &str) -> Result<MeasurementSetInput> {
+    let (row, body) = measurement_sets::get_with_body(store, measurement_set_id).await?;
+    Ok(MeasurementSetInput { row, body })
 }
 
 fn parsed<T: serde::de::DeserializeOwned>(json: &str) -> std::result::Result<T, Box<Problem>> {
@@ -91,106 +104,103 @@ fn broken(cause: &str) -> Box<Problem> {
     ))
 }
 
-/// Weighs it; computes, so on a thread of its own.
+/// Makes facts of it; parses, so on a thread of its own.
 ///
 /// # Errors
 /// A problem where stored documents cannot be read any more.
 pub fn weigh(stored: Stored) -> std::result::Result<Weighed, Box<Problem>> {
-    let Stored {
-        identification: (inputs, report),
-        sessions,
-        content,
-        active,
-        no_better_than_nominal,
-        ..
-    } = stored;
-    let (report, content): (Report, ParameterSetContent) = (parsed(&report)?, parsed(&content)?);
-    let active: Option<ParameterSetContent> = active.as_deref().map(parsed).transpose()?;
-    let own = request(&inputs)?;
-    let own_verify = points("the points held out", &own);
-    let verified_elsewhere = report.evidence == Evidence::IndependentSession
-        && own_verify
-            .1
-            .as_ref()
-            .is_ok_and(|points| is_anew(&own.set, points));
-    let mut weighed = Vec::new();
-    let mut compared = Vec::new();
-    for (inputs, report) in &sessions {
-        let request = request(inputs)?;
-        let session = session(&own.set, &request, inputs, &parsed(report)?);
-        if session.is_independent {
-            compared.push((
-                format!("session of job {}", session.job_id),
-                Ok(request.set.clone()),
-            ));
+    let (inputs, report) = &stored.identification;
+    if stored.n_unknown > 0 {
+        return Err(broken("jobs about this set of which no facts were kept"));
+    }
+    let mut identification = None;
+    let mut sessions: Vec<Session> = Vec::new();
+    let mut to_compare: Vec<(String, String)> = Vec::new();
+    for row in &stored.rows {
+        let found = verification(row);
+        if !found.is_session {
+            identification = Some((row.seq, found));
+            continue;
         }
-        weighed.push(session);
+        let is_new = to_compare
+            .iter()
+            .all(|(_, set)| *set != row.measurement_set_id);
+        if found.evidence != Evidence::None && is_new {
+            to_compare.push((row.job_id.clone(), row.measurement_set_id.clone()));
+        }
+        sessions.push(Session {
+            job_id: row.job_id.clone(),
+            seq: row.seq,
+            found,
+        });
     }
-    if compared.is_empty() {
-        compared.push(own_verify);
-    }
-    let comparisons = match &active {
-        Some(active) => compared
-            .into_iter()
-            .map(|on| compare(&own, on, &content, active))
-            .collect(),
-        None => Vec::new(),
-    };
+    let (identification_seq, identification) =
+        identification.ok_or_else(|| broken("no facts of the identification"))?;
     Ok(Weighed {
-        report,
-        verified_elsewhere,
-        content,
-        active,
-        sessions: weighed,
-        no_better_than_nominal,
-        comparisons,
+        report: parsed(report)?,
+        identification,
+        identification_seq,
+        last_check: stored.last_check,
+        content: parsed(&stored.content)?,
+        active: stored.active.as_deref().map(parsed).transpose()?,
+        sessions,
+        to_compare,
+        request: request_of(inputs)
+            .map_err(|_| broken(&format!("the inputs of {}", inputs.job.id)))?,
     })
 }
 
-type Points = (String, std::result::Result<MeasurementSet, String>);
-
-fn request(inputs: &JobInputs) -> std::result::Result<CalibrationRequest, Box<Problem>> {
-    request_of(inputs).map_err(|_| broken(&format!("the inputs of {}", inputs.job.id)))
-}
-
-fn points(name: &str, request: &CalibrationRequest) -> Points {
-    (
-        name.into(),
-        calibration::verify_points_of(request).map_err(|error| error.to_string()),
-    )
-}
-
-fn session(
-    identified_from: &MeasurementSet,
-    request: &CalibrationRequest,
-    inputs: &JobInputs,
-    report: &Report,
-) -> Session {
-    let is_small = request.set.configurations().len() < MIN_CONFIGURATIONS
-        || report
-            .warnings
-            .iter()
-            .any(|warning| warning.code == "few_verify_points");
-    Session {
-        job_id: inputs.job.id.clone(),
-        n_points: report.verify.map_or(0, |verify| verify.n_points),
-        judged: report.judged(),
-        is_independent: !is_small && is_anew(identified_from, &request.set),
+fn verification(row: &VerificationRow) -> Verification {
+    Verification {
+        is_session: row.is_session(),
+        n_points: usize::try_from(row.n_points).unwrap_or(0),
+        before_rms_mm: row.before_rms_mm,
+        after_rms_mm: row.after_rms_mm,
+        is_better: row.is_better == 1,
+        fit: row.fit,
+        evidence: row.evidence,
+        is_repeat: row.is_repeat == 1,
+        check_seq: row.check_seq,
+        uncertainty_mm: row.uncertainty_mm,
     }
 }
 
+/// The set and the active one on a session's points; `None` where no other set is active.
+///
+/// # Errors
+/// A problem where the upload cannot be read any more.
+pub fn compare_on(
+    weighed: &Weighed,
+    job_id: &str,
+    upload: &MeasurementSetInput,
+) -> std::result::Result<Option<Comparison>, Box<Problem>> {
+    let set = set_of(upload, weighed.request.robot.links.len())
+        .map_err(|_| broken(&format!("the upload {}", upload.row.id)))?;
+    Ok(compare(
+        weighed,
+        format!("session of job {job_id}"),
+        Ok(set),
+    ))
+}
+
+/// Both on the points that were held out when the set was identified.
+pub fn compare_on_held_out(weighed: &Weighed) -> Option<Comparison> {
+    let set = calibration::verify_points_of(&weighed.request).map_err(|error| error.to_string());
+    compare(weighed, "the points held out".into(), set)
+}
+
 fn compare(
-    request: &CalibrationRequest,
-    (points, set): Points,
-    own: &ParameterSetContent,
-    active: &ParameterSetContent,
-) -> Comparison {
+    weighed: &Weighed,
+    points: String,
+    set: std::result::Result<MeasurementSet, String>,
+) -> Option<Comparison> {
+    let active = weighed.active.as_ref()?;
     let errors_mm = |set: &MeasurementSet, content: &ParameterSetContent| {
-        calibration::errors_mm(request, set, &content.robot_to_core(None))
+        calibration::errors_mm(&weighed.request, set, &content.robot_to_core(None))
             .map_err(|error| error.to_string())
     };
     let rms_mm = set.and_then(|set| {
-        let (own, active) = (errors_mm(&set, own)?, errors_mm(&set, active)?);
+        let (own, active) = (errors_mm(&set, &weighed.content)?, errors_mm(&set, active)?);
         let judged = judged(
             &active
                 .iter()
@@ -200,5 +210,5 @@ fn compare(
         );
         Ok((judged.after_rms_mm, judged.before_rms_mm))
     });
-    Comparison { points, rms_mm }
+    Some(Comparison { points, rms_mm })
 }

@@ -1,30 +1,30 @@
-//! From a job's stored inputs to `calibration::calibrate` and back: the same inputs give the same outcome on any worker,
-//! but for the durations.
+//! Converts a job's stored inputs to a `calibration` request, runs it, and converts the result to what is stored. The same inputs give the
+//! same outcome on any worker, durations excepted.
 
 use crate::calibration::partial::{Held, calibrate_partially};
 use crate::calibration::request::{PreviousSession, VerifySource};
-use crate::calibration::{self, CalibrationReport, CalibrationRequest, Event, calibrate};
+use crate::calibration::{
+    self, CalibrationReport, CalibrationRequest, Event, HeldOut, calibrate, is_anew,
+};
 use crate::jobs::{
     JobFailure, JobInputs, JobOutcome, MeasurementSetInput, ParameterSetInput, Progress,
 };
+use crate::release::facts::{Since, of_identification, of_session, repeats};
 use crate::store::{NewNetwork, NewParameterSet};
 use crate::wire::frames::FramesContent;
-use crate::wire::job::{JobParts, JobRequestBody, Kind, Model, Preset};
-use crate::wire::measurement::{Frame, MeasurementSet, from_upload, n_shared_points};
+use crate::wire::job::{JobParts, JobRequestBody, Kind, Model, Preset, Stage};
+use crate::wire::measurement::{Frame, MeasurementSet, from_upload};
 use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::report::{self, RunContext};
-use crate::wire::report_shape::{Convergence, Report};
+use crate::wire::report_shape::{Convergence, NO_USE, Report};
 use crate::wire::robot::RobotBody;
 use crate::wire::safetensors::{self, ResidualOrigin, StoredNetwork};
 use crate::wire::{Invalid, Problem, json};
 use std::ops::ControlFlow;
 use std::time::Instant;
 
-/// Stages whose name begins so belong to the report's comparison and not to its duration.
+/// Prefix of stages that belong to the report's comparison; they do not count as the job's duration.
 const COMPARISON: &str = "compare_";
-
-/// A session that shares more than this part of its points with the identification was not measured anew.
-const SHARED: f64 = 0.1;
 
 /// Computes one job.
 ///
@@ -47,16 +47,22 @@ pub fn compute(
         None => calibrated(&request, progress)?,
     };
     // the same points uploaded again are the same session
-    let another = matches!(&request.verify, VerifySource::Set(set) if is_anew(&request.set, set));
+    let another = matches!(&request.verify, VerifySource::Set(set) if is_anew(&request.robot, &request.set, set));
     let report = calibrated
         .report(
             &inputs.job.id,
             inputs.job.parameter_set_input_id.as_deref(),
             another,
+            insisted_on(inputs),
         )
         .map_err(broken)?;
     let content = ParameterSetContent::from_core(&calibrated.core);
     Ok(JobOutcome {
+        verification: Some(of_identification(
+            &report,
+            another,
+            since(inputs, &request)?,
+        )),
         report_json: serde_json::to_string(&report).map_err(broken)?,
         convergence_json: serde_json::to_string(&report::convergence(&calibrated.core))
             .map_err(broken)?,
@@ -72,7 +78,7 @@ pub fn compute(
     })
 }
 
-/// The identification that a partial recalibration holds what it does not name at.
+/// The earlier identification whose values a partial recalibration keeps for the parameters that it does not name.
 fn held_of(
     body: &JobRequestBody,
     request: &CalibrationRequest,
@@ -92,8 +98,8 @@ fn held_of(
     }))
 }
 
-/// Scores a parameter set, or the nominal robot; identifies nothing.
-fn verified(
+/// Verifies a parameter set, or the nominal robot; identifies nothing.
+pub(super) fn verified(
     request: &CalibrationRequest,
     inputs: &JobInputs,
     progress: &mut dyn FnMut(Progress) -> ControlFlow<()>,
@@ -117,19 +123,20 @@ fn verified(
         .as_ref()
         .map(|input| set_of(&input.set, request.robot.links.len()))
         .transpose()?;
-    let another =
-        identified_from.is_none_or(|identified_from| is_anew(&identified_from, &request.set));
+    let another = identified_from.is_none_or(|from| is_anew(&request.robot, &from, &request.set));
     let report = calibrated
         .report(
             &inputs.job.id,
             inputs.job.parameter_set_input_id.as_deref(),
             another,
+            insisted_on(inputs),
         )
         .map_err(broken)?;
     Ok(JobOutcome {
         report_json: serde_json::to_string(&report).map_err(broken)?,
         convergence_json: serde_json::to_string(&report::convergence(&calibrated.core))
             .map_err(broken)?,
+        verification: Some(of_session(request, &report, since(inputs, request)?)),
         parameter_set: None,
         network: None,
         residual_network: None,
@@ -137,7 +144,19 @@ fn verified(
     })
 }
 
-/// A finished calibration: what the core found, and when its stages ran.
+/// Whether a job's own points were measured since the robot's last session that did not fit.
+pub(super) fn since(inputs: &JobInputs, request: &CalibrationRequest) -> Result<Since, JobFailure> {
+    let earlier = inputs.earlier.sets.iter();
+    let earlier: Vec<MeasurementSet> = earlier
+        .map(|input| set_of(input, request.robot.links.len()))
+        .collect::<Result<_, _>>()?;
+    Ok(Since {
+        check_seq: inputs.earlier.check_seq,
+        is_repeat: inputs.earlier.is_cut_short || repeats(&request.robot, &earlier, &request.set),
+    })
+}
+
+/// A finished calibration: the core's report and the durations of its stages.
 pub struct Calibrated {
     core: CalibrationReport,
     network: Option<StoredNetwork>,
@@ -145,15 +164,16 @@ pub struct Calibrated {
 }
 
 impl Calibrated {
-    /// The wire's report of it.
+    /// The report as it is stored and answered.
     ///
     /// # Errors
-    /// If it cannot be serialised; does not happen for finite numbers, and only those come here.
+    /// If it cannot be serialised. Finite numbers always can; others were refused before.
     pub fn report(
         &self,
         job_id: &str,
         parameter_set_from: Option<&str>,
         verify_set_is_another: bool,
+        insisted_on: Option<&str>,
     ) -> Result<Report, serde_json::Error> {
         let run = RunContext {
             job_id,
@@ -167,17 +187,18 @@ impl Calibrated {
                 .collect(),
             verify_set_is_another,
             network_sha256: self.network.as_ref().map(|network| network.sha256.as_str()),
+            insisted_on,
         };
         report::build(&self.core, &run)
     }
 
-    /// How the cost fell.
+    /// The convergence curve.
     pub fn convergence(&self) -> Convergence {
         report::convergence(&self.core)
     }
 }
 
-/// Runs the core with its stages timed and its progress passed on.
+/// Runs the core, times its stages and passes its progress on.
 ///
 /// # Errors
 /// As [`compute`].
@@ -188,7 +209,7 @@ pub fn calibrated(
     timed(&|monitor| calibrate(request, monitor), progress)
 }
 
-/// What the core computes when it is given a monitor.
+/// A computation of the core that reports to a monitor.
 type Computation<'a> =
     dyn Fn(&mut calibration::Monitor<'_>) -> Result<CalibrationReport, calibration::Error> + 'a;
 
@@ -198,23 +219,28 @@ fn timed(
 ) -> Result<Calibrated, JobFailure> {
     let mut clock = StageClock::start();
     let mut last = Progress {
+        stage: None,
         iteration: 0,
         n_iterations: 0,
         best_cost_mm2: f64::INFINITY,
     };
     let mut monitor = |event: Event<'_>| {
         clock.note(event);
-        if let Event::Iteration {
-            iteration,
-            n_iterations,
-            best_cost_mm2,
-        } = event
-        {
-            last = Progress {
-                iteration: iteration as u64,
-                n_iterations: n_iterations as u64,
+        match event {
+            Event::StageStarted(name) => last.stage = Stage::parse(name),
+            Event::Iteration {
+                iteration,
+                n_iterations,
                 best_cost_mm2,
-            };
+            } => {
+                last = Progress {
+                    iteration: iteration as u64,
+                    n_iterations: n_iterations as u64,
+                    best_cost_mm2,
+                    ..last
+                }
+            }
+            Event::Heartbeat | Event::StageEnded(_) => {}
         }
         progress(last)
     };
@@ -232,9 +258,11 @@ fn timed(
                       together";
         return Err(failed(&Problem::new(422, "fit_diverged", detail)));
     }
+    // No network is trained where the result is of no use.
     let network = core
         .network
         .as_ref()
+        .filter(|_| is_of_use(&core))
         .map(safetensors::write)
         .transpose()
         .map_err(broken)?;
@@ -245,11 +273,27 @@ fn timed(
     })
 }
 
+/// Whether the result fits and is better than nominal.
+fn is_of_use(core: &CalibrationReport) -> bool {
+    core.warnings
+        .iter()
+        .all(|warning| !NO_USE.contains(&warning.code))
+}
+
+/// The suspicion that was insisted on when the set, or the set to verify on, was uploaded.
+fn insisted_on(inputs: &JobInputs) -> Option<&str> {
+    [Some(&inputs.set), inputs.verify_set.as_ref()]
+        .into_iter()
+        .flatten()
+        .find_map(|input| input.row.insisted_on.as_deref())
+}
+
 /// The file of the residual network, where one was kept.
 fn residual_of(core: &CalibrationReport) -> Result<Option<StoredNetwork>, JobFailure> {
     let Some(network) = core
         .corrected
         .as_ref()
+        .filter(|_| is_of_use(core))
         .and_then(|corrected| corrected.corrections.residual.as_ref())
     else {
         return Ok(None);
@@ -284,10 +328,10 @@ fn new_network(network: StoredNetwork) -> Result<NewNetwork, JobFailure> {
     })
 }
 
-/// The core's request from what is stored.
+/// Converts stored inputs to the core's request.
 ///
 /// # Errors
-/// [`JobFailure::Failed`] for what was accepted once and cannot be read any more.
+/// [`JobFailure::Failed`] if a stored document cannot be read.
 pub fn request_of(inputs: &JobInputs) -> Result<CalibrationRequest, JobFailure> {
     let request: JobRequestBody =
         json::parse(inputs.job.request_json.as_bytes()).map_err(broken)?;
@@ -322,12 +366,23 @@ pub fn request_of(inputs: &JobInputs) -> Result<CalibrationRequest, JobFailure> 
         previous: previous_of(&request, inputs, n_joints),
         robot,
     };
-    request
+    let mut request = request
         .to_core(parts)
-        .map_err(|invalid: Invalid| failed(&Problem::new(422, invalid.code, invalid.summary())))
+        .map_err(|invalid: Invalid| failed(&Problem::new(422, invalid.code, invalid.summary())))?;
+    request.held_out = held_out(inputs);
+    Ok(request)
 }
 
-/// The session that the robot was last identified from. One that cannot be read any more is not compared with, and the job goes on.
+/// Errors of the verified parameter set on the points that were held out when it was identified.
+fn held_out(inputs: &JobInputs) -> Option<HeldOut> {
+    let found = inputs.parameter_set.as_ref()?.verification.as_ref()?;
+    Some(HeldOut {
+        nominal_rms_mm: found.before_rms_mm?,
+        identified_rms_mm: found.after_rms_mm?,
+    })
+}
+
+/// The session that the robot was last identified from; none if it cannot be read.
 fn previous_of(
     request: &JobRequestBody,
     inputs: &JobInputs,
@@ -350,18 +405,16 @@ fn previous_of(
     })
 }
 
-fn set_of(input: &MeasurementSetInput, n_joints: usize) -> Result<MeasurementSet, JobFailure> {
+pub(super) fn set_of(
+    input: &MeasurementSetInput,
+    n_joints: usize,
+) -> Result<MeasurementSet, JobFailure> {
     let frame = Frame::parse(&input.row.frame)
         .ok_or_else(|| broken(format!("unknown frame {:?}", input.row.frame)))?;
     from_upload(&input.row.content_type, &input.body, frame, n_joints).map_err(broken)
 }
 
-/// Whether points were measured anew, and not taken from the session that something was identified from.
-pub fn is_anew(identified_from: &MeasurementSet, points: &MeasurementSet) -> bool {
-    n_shared_points(identified_from, points) as f64 <= SHARED * points.points.len() as f64
-}
-
-/// What was accepted once cannot be read any more: not the client's fault.
+/// Failure for a stored document that cannot be read or written: an internal error, not the client's.
 fn broken(cause: impl std::fmt::Display) -> JobFailure {
     tracing::error!(%cause, "a job's stored documents do not fit together");
     failed(&Problem::new(
@@ -377,7 +430,7 @@ fn failed(problem: &Problem) -> JobFailure {
     }
 }
 
-/// When stages began and how long they took.
+/// Measures how long stages take.
 struct StageClock {
     begun: Instant,
     whole_ms: f64,
@@ -420,7 +473,7 @@ impl StageClock {
             .sum()
     }
 
-    /// Everything but the comparison.
+    /// Duration without the comparison's stages.
     fn duration_ms(&self) -> f64 {
         let compared: f64 = self
             .ended_ms
@@ -432,7 +485,7 @@ impl StageClock {
     }
 }
 
-/// Microsecond resolution, so that reports stay readable.
+/// Milliseconds since an instant, with microsecond resolution.
 fn milliseconds(since: Instant) -> f64 {
     since.elapsed().as_micros() as f64 / 1e3
 }

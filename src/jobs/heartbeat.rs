@@ -1,44 +1,44 @@
-//! Keeps a worker's lease while it computes, as a task of its own.
+//! Renews a worker's lease while it computes, in a task of its own.
 
 use std::ops::ControlFlow;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::Duration;
 
 use tokio::sync::{Notify, watch};
-use tokio::task::{AbortHandle, JoinHandle};
+use tokio::task::JoinHandle;
 use tokio::time::{Instant, sleep, timeout_at};
 
 use super::Progress;
 use super::progress::{Cancellations, JobSignals};
 use crate::store::{Conflict, Error, Lease, Store, leases};
 
-/// How far a pool's shutdown is.
+/// Stage of a pool's shutdown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Drain {
-    /// None is under way.
+    /// Not shutting down.
     No,
-    /// No job is claimed any more.
+    /// No new job is claimed.
     Finish,
     /// Computations are told to stop.
     Stop,
-    /// Computations that did not stop are left to themselves.
+    /// Computations that did not stop are no longer waited for.
     Abandon,
 }
 
 /// Why a computation was told to stop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Stop {
-    /// Somebody wants the job cancelled.
+    /// Cancellation of the job was requested.
     Cancelled,
     /// The service shuts down.
     ShuttingDown,
-    /// The job is somebody else's now.
+    /// The lease is lost.
     LeaseLost,
-    /// It computes for longer than any job may.
+    /// It exceeded the longest time of an attempt.
     TooLong,
 }
 
-/// What the computing thread and its heartbeat tell each other.
+/// Shared state of a computing thread and its heartbeat: progress one way, the reason to stop the other.
 #[derive(Debug, Default)]
 pub(super) struct Control {
     progress: Mutex<Option<Progress>>,
@@ -47,7 +47,7 @@ pub(super) struct Control {
 }
 
 impl Control {
-    /// Takes the progress, and gives the word to go on or to stop. Called in the middle of the computation: cheap.
+    /// Stores the progress; `Break` if the computation should stop. Called in every iteration: cheap.
     pub(super) fn report(&self, progress: Progress) -> ControlFlow<()> {
         *self.progress.lock().unwrap_or_else(PoisonError::into_inner) = Some(progress);
         if self.stop.get().is_some() {
@@ -57,13 +57,13 @@ impl Control {
         }
     }
 
-    /// Tells the computation to stop; the first reason counts.
+    /// Asks the computation to stop; the first reason is kept.
     pub(super) fn stop(&self, reason: Stop) {
         let _ = self.stop.set(reason);
         self.told_to_stop.notify_one();
     }
 
-    /// Resolves when the computation was told to stop because its job is to be cancelled. For one at a time to wait for.
+    /// Resolves when the computation was asked to stop because of a cancellation. Only one task may wait.
     pub(super) async fn cancelled(&self) {
         while self.stopped() != Some(Stop::Cancelled) {
             self.told_to_stop.notified().await;
@@ -79,12 +79,12 @@ impl Control {
     }
 }
 
-/// Progress is shown to people; more often than this is not seen.
+/// Interval of progress updates; people do not see a shorter one.
 const PROGRESS_EVERY: Duration = Duration::from_millis(300);
-/// Longest time between two looks at the cancel flag, when another process took the request.
+/// Longest interval between two reads of the cancel flag, for requests that another process took.
 const RENEW_EVERY: Duration = Duration::from_secs(1);
 
-/// A lease that is being renewed. Dropped, it is renewed no more and the computation is told to stop.
+/// A lease that is being renewed. Dropping it ends the renewal and asks the computation to stop.
 pub(super) struct KeptLease {
     control: Arc<Control>,
     task: JoinHandle<()>,
@@ -98,9 +98,19 @@ impl KeptLease {
         }
     }
 
-    /// The heartbeat. It is finished when the lease is lost, or nothing is known of it for so long that it must be.
-    pub(super) fn beat(&self) -> AbortHandle {
-        self.task.abort_handle()
+    /// Shared with the computation.
+    pub(super) fn control(&self) -> &Arc<Control> {
+        &self.control
+    }
+
+    /// True when the lease is lost, or could not be renewed in time.
+    pub(super) fn is_lost(&self) -> bool {
+        self.task.is_finished()
+    }
+
+    /// Ends the renewal: the job is over.
+    pub(super) fn stop(&self) {
+        self.task.abort();
     }
 }
 
@@ -123,7 +133,7 @@ pub(super) struct Beat {
 }
 
 impl Beat {
-    /// Renews the lease until it is lost. If the database does not answer, tries on until the lease is over.
+    /// Renews the lease until it is lost. If the database does not answer, retries until the lease has expired.
     async fn run(mut self) {
         let tick = PROGRESS_EVERY.min(self.duration / 4);
         let renew_every = RENEW_EVERY.min(self.duration / 3);
@@ -139,7 +149,7 @@ impl Beat {
                 continue;
             }
             let begun = Instant::now();
-            // After a pause of the whole process one try is still worth while: it fails if somebody else has the job.
+            // After a pause of the whole process one attempt is still made; it fails if another worker has the job.
             let until = (renewed + self.duration).max(begun + self.duration / 4);
             match timeout_at(until, self.renew(progress)).await {
                 Ok(Ok(())) => (renewed, written) = (begun, progress.or(written)),
@@ -159,7 +169,7 @@ impl Beat {
         self.control.stop(Stop::LeaseLost);
     }
 
-    /// Waits for the next tick; true if something happened that should be looked into at once.
+    /// Waits for the next tick; true if the lease should be renewed at once.
     async fn wait(&mut self, tick: Duration) -> bool {
         let stopping = self.control.stopped().is_some();
         tokio::select! {
@@ -191,7 +201,7 @@ impl Beat {
     }
 }
 
-/// Resolves when the shutdown is this far.
+/// Resolves when the shutdown has reached this stage.
 pub(super) async fn reached(drain: &mut watch::Receiver<Drain>, stage: Drain) {
     if drain.wait_for(|now| *now >= stage).await.is_err() {
         std::future::pending().await

@@ -7,15 +7,17 @@
 mod compute;
 pub mod evidence;
 pub mod execution;
+pub mod facts;
 mod heartbeat;
 mod pool;
 mod progress;
 pub mod queue;
 mod relay;
+mod run_alone;
 mod worker;
 
 pub use compute::{
-    Compute, JobFailure, JobInputs, JobOutcome, MeasurementSetInput, NetworkInput,
+    Compute, Earlier, JobFailure, JobInputs, JobOutcome, MeasurementSetInput, NetworkInput,
     ParameterSetInput, Progress,
 };
 pub use pool::{Rules, WorkerPool};

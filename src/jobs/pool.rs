@@ -8,11 +8,12 @@ use tokio::task::JoinSet;
 use tokio::time::{Instant, MissedTickBehavior, interval, sleep, timeout, timeout_at};
 
 use super::heartbeat::{Drain, reached};
+use super::run_alone::RunAlone;
 use super::worker::STOP_WITHIN;
 use super::{Compute, JobSignals, WorkerContext, queue, relay, run_next_job};
 use crate::store::{Store, jobs};
 
-/// Workers that run until they are shut down. Dropped, they stop at once, and what they had is begun again when its lease is over.
+/// Workers that run until they are shut down. Dropped, they stop at once; their jobs are computed again when the leases have expired.
 #[derive(Debug)]
 pub struct WorkerPool {
     drain: Arc<watch::Sender<Drain>>,
@@ -20,27 +21,27 @@ pub struct WorkerPool {
     _relays: JoinSet<()>,
 }
 
-/// How often a worker looks for jobs of which no signal came: posted through another process, its notice lost.
+/// How often a worker polls for jobs whose signal was lost.
 const POLL: Duration = Duration::from_secs(1);
-/// How often leases are looked at, unless they are shorter.
+/// How often expired leases are looked for; more often where leases are shorter.
 const SWEEP: Duration = Duration::from_secs(1);
 
-/// How often Idempotency-Keys of long ago are forgotten; they are kept for a week.
+/// How often Idempotency-Keys older than a week are deleted.
 const FORGET_EVERY: Duration = Duration::from_secs(3600);
 
-/// How long a job may be held and computed, and how often begun.
+/// Limits on a job's attempts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rules {
     /// How long a worker has a job without renewing.
     pub lease: Duration,
-    /// How often a job is begun before it is given up.
+    /// Attempts before a job fails with `attempts_exhausted`.
     pub max_attempts: u32,
     /// How long one attempt may compute.
     pub longest: Duration,
 }
 
 impl WorkerPool {
-    /// Starts `n_workers` workers, and the sweep that takes jobs from workers which did not renew their leases, and forgets old Idempotency-Keys.
+    /// Starts `n_workers` workers, and the sweep that expires leases and deletes old Idempotency-Keys.
     pub fn start(
         store: Store,
         compute: Compute,
@@ -55,10 +56,12 @@ impl WorkerPool {
         } = rules;
         let relays = relay::start(&store, &signals);
         let drain = Arc::new(watch::Sender::new(Drain::No));
+        let run_alone = Arc::new(RunAlone::new(lease));
         let mut tasks = JoinSet::new();
         for _ in 0..n_workers {
             let context = WorkerContext {
                 drain: Arc::clone(&drain),
+                run_alone: Arc::clone(&run_alone),
                 longest,
                 ..WorkerContext::new(compute, lease, signals.clone())
             };
@@ -70,6 +73,7 @@ impl WorkerPool {
             max_attempts,
             signals,
             every,
+            (n_workers > 0).then_some(run_alone),
             drain.subscribe(),
         ));
         WorkerPool {
@@ -79,8 +83,8 @@ impl WorkerPool {
         }
     }
 
-    /// Claims nothing more and lets computations finish; those that are not done shortly before the deadline are
-    /// stopped and handed back to the queue, as if they had not been begun. Returns within about the deadline.
+    /// Claims no more jobs and lets computations finish. Those that are not done shortly before the deadline are stopped, and their jobs are
+    /// handed back to the queue without counting the attempt. Returns at about the deadline.
     pub async fn shutdown(mut self, deadline: Duration) {
         let deadline = Instant::now() + deadline;
         let stages = [
@@ -117,7 +121,7 @@ async fn work(store: Store, context: WorkerContext) {
     let mut drain = context.drain.subscribe();
     while *drain.borrow() == Drain::No {
         match run_next_job(&store, &context).await {
-            // A look takes no turn from other writers, as a claim of nothing would.
+            // A read first: a claim would take the writer even if there is no job.
             Ok(Some(_)) if jobs::any_queued(&store).await.unwrap_or(true) => {}
             Ok(_) => {
                 tokio::select! {
@@ -139,6 +143,7 @@ async fn sweep(
     max_attempts: u32,
     signals: JobSignals,
     every: Duration,
+    run_alone: Option<Arc<RunAlone>>,
     mut drain: watch::Receiver<Drain>,
 ) {
     let mut ticks = interval(every);
@@ -151,6 +156,12 @@ async fn sweep(
         }
         if let Err(error) = queue::expire(&store, max_attempts, &signals).await {
             tracing::warn!(error = %error.cause(), "leases could not be looked at; trying again");
+        }
+        if let Some(run_alone) = &run_alone {
+            // On an error the next tick tries again.
+            if let Ok(any) = jobs::any_suspect_queued(&store).await {
+                run_alone.suspects_wait(any);
+            }
         }
         if forgotten.is_none_or(|at| at.elapsed() >= FORGET_EVERY) {
             match store.forget_old_keys().await {

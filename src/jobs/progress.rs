@@ -1,5 +1,5 @@
-//! Who hears of what: workers of new jobs and cancellations, long polls and event streams of changes.
-//! Signals only save waiting; what happened is always read from the database, also when nobody signals.
+//! Signals: workers hear of new jobs and cancellations, long polls and event streams of changes.
+//! A signal only saves waiting. The state is always read from the database, and listeners poll in case a signal is lost.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -13,24 +13,24 @@ use crate::store::{Engine, JobRow, JobStatus, Result, Store, jobs};
 #[derive(Clone, Debug)]
 pub struct JobSignals {
     enqueued: Arc<Notify>,
-    /// What happened, here or elsewhere.
+    /// Signals of this and other processes.
     heard: broadcast::Sender<Signal>,
-    /// What happened here.
+    /// Signals of this process, for the relay.
     raised: broadcast::Sender<Signal>,
 }
 
-/// Something that others wait for.
+/// A change that somebody may wait for.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Signal {
     Enqueued,
     Changed(Arc<str>),
     CancelRequested(Arc<str>),
-    /// Nobody knows: look at the database.
+    /// Unknown: read the database.
     Anything,
 }
 
 impl Signal {
-    /// For other processes.
+    /// The text sent to other processes.
     pub(super) fn to_text(&self) -> String {
         match self {
             Signal::Enqueued => "enqueued".into(),
@@ -40,7 +40,7 @@ impl Signal {
         }
     }
 
-    /// From another process; what is not understood, because that one is newer, may mean anything.
+    /// Parses a text of another process; an unknown one, from a newer version, is [`Signal::Anything`].
     pub(super) fn from_text(text: &str) -> Signal {
         match text.split_once(' ') {
             None if text == "enqueued" => Signal::Enqueued,
@@ -51,11 +51,11 @@ impl Signal {
     }
 }
 
-/// A listener that falls behind by more looks at the database instead.
+/// Signals kept for a slow listener; one that falls further behind reads the database.
 const SIGNALS_KEPT: usize = 256;
-/// How often a listener looks at the database when another process may run the job, and its notice may be lost.
+/// Poll interval of listeners where another process may run the job and its notice may be lost.
 const POLL_SHARED: Duration = Duration::from_millis(500);
-/// The same when every job runs in this process, which signals.
+/// Poll interval where every job runs in this process.
 const POLL_ALONE: Duration = Duration::from_secs(2);
 
 impl Default for JobSignals {
@@ -69,33 +69,33 @@ impl Default for JobSignals {
 }
 
 impl JobSignals {
-    /// A job waits (its transaction is committed): wakes a worker.
+    /// A job was posted and its transaction committed: wakes a worker.
     pub fn job_enqueued(&self) {
         self.raise(Signal::Enqueued);
     }
 
-    /// A job's status or progress is not what it was: wakes those who wait for that.
+    /// A job's status or progress changed: wakes its listeners.
     pub fn job_changed(&self, job_id: &str) {
         self.raise(Signal::Changed(job_id.into()));
     }
 
-    /// Somebody wants a job cancelled: wakes its worker too.
+    /// Cancellation of a job was requested: wakes its worker and its listeners.
     pub fn job_cancel_requested(&self, job_id: &str) {
         self.raise(Signal::CancelRequested(job_id.into()));
     }
 
     fn raise(&self, signal: Signal) {
-        // An error only says that nobody listens.
+        // An error only means that there is no listener.
         let _ = self.raised.send(signal.clone());
         self.told(signal);
     }
 
-    /// Another process tells that something happened.
+    /// Handles a signal of this or another process.
     pub(super) fn told(&self, signal: Signal) {
         match signal {
             Signal::Enqueued => self.enqueued.notify_one(),
             Signal::Anything => {
-                // those who wait now, and one who comes later
+                // All that wait now, and the next one that will.
                 self.enqueued.notify_waiters();
                 self.enqueued.notify_one();
                 let _ = self.heard.send(signal);
@@ -106,7 +106,7 @@ impl JobSignals {
         }
     }
 
-    /// What happens here from now on.
+    /// Subscribes to the signals of this process.
     pub(super) fn raised(&self) -> broadcast::Receiver<Signal> {
         self.raised.subscribe()
     }
@@ -155,7 +155,7 @@ impl JobSignals {
             Engine::Postgres => POLL_SHARED,
         };
         let deadline = Instant::now() + timeout;
-        // Before the first look, so that no change falls between.
+        // Before the first read, so that no change is missed.
         let mut signals = self.heard.subscribe();
         loop {
             let job = jobs::get(store, job_id).await?;
@@ -167,7 +167,7 @@ impl JobSignals {
         }
     }
 
-    /// Resolves when a job was enqueued since the last time.
+    /// Resolves when a job was enqueued since the last call.
     pub(super) async fn enqueued(&self) {
         self.enqueued.notified().await;
     }
@@ -180,7 +180,7 @@ impl JobSignals {
     }
 }
 
-/// Hears when this job's cancellation is asked for.
+/// Listens for cancellation requests of one job.
 pub(super) struct Cancellations {
     job_id: String,
     signals: broadcast::Receiver<Signal>,
@@ -200,7 +200,7 @@ impl Cancellations {
     }
 }
 
-/// Resolves when something about this job was signalled, or may have been.
+/// Resolves when this job was signalled, or may have been.
 async fn concerning(signals: &mut broadcast::Receiver<Signal>, job_id: &str) {
     loop {
         match signals.recv().await {

@@ -3,14 +3,14 @@
 use super::{JobOutcome, JobSignals};
 use crate::store::{
     Expired, JobRow, Lease, NewJob, Result, Store, Tx, jobs, leases, networks, parameter_sets,
-    robots,
+    robots, verifications,
 };
 use crate::wire::Problem;
 
-/// How many jobs of one robot may wait: days of work for all workers; a client that posts more has run wild.
+/// Jobs of one robot that may wait (api.md): days of work for all workers.
 pub const MAX_WAITING_JOBS_PER_ROBOT: i64 = 10_000;
 
-/// Posts a job in the caller's transaction. After the commit, tell the workers: [`JobSignals::job_enqueued`].
+/// Posts a job in the caller's transaction. After the commit, call [`JobSignals::job_enqueued`].
 ///
 /// # Errors
 /// Those of [`jobs::insert`].
@@ -31,15 +31,15 @@ pub async fn cancel(store: &Store, signals: &JobSignals, job_id: &str, by: &str)
     Ok(job)
 }
 
-/// Ends a job with everything it made, in one transaction: all of it or, if the lease is lost, nothing. One that somebody wanted cancelled
-/// before it came to its end is cancelled, and nothing of it is kept.
+/// Ends a job and stores its results in one transaction: all of them or, if the lease is lost, nothing. If cancellation was requested, the
+/// job is cancelled and no result is stored.
 ///
 /// # Errors
 /// [`crate::store::Conflict::LeaseLost`], [`crate::store::Error::Database`].
 pub async fn finish(store: &Store, lease: &Lease, outcome: &JobOutcome) -> Result<()> {
     let mut tx = store.begin().await?;
-    if outcome.parameter_set.is_none() {
-        // A release that has counted the sessions ends first, or sees this one.
+    if outcome.verification.is_some() {
+        // Serialises with releases of the same robot, which count its verifications.
         robots::lock_of_job(&mut tx, &lease.job_id).await?;
     }
     if !leases::succeed(
@@ -55,6 +55,9 @@ pub async fn finish(store: &Store, lease: &Lease, outcome: &JobOutcome) -> Resul
     }
     if let Some(parameter_set) = &outcome.parameter_set {
         parameter_sets::insert(&mut tx, &lease.job_id, parameter_set).await?;
+    }
+    if let Some(found) = &outcome.verification {
+        verifications::insert(&mut tx, &lease.job_id, found).await?;
     }
     // lists are newest first: the network that `network_id` takes is the first of its job
     if let Some(network) = &outcome.residual_network {
@@ -96,7 +99,7 @@ pub async fn hand_back(store: &Store, lease: &Lease) -> Result<()> {
     tx.commit().await
 }
 
-/// Ends the lease of a computation that panicked: this attempt counts, and [`expire`] says what comes next.
+/// Ends the lease of a computation that panicked. The attempt counts; [`expire`] decides whether there is another.
 ///
 /// # Errors
 /// [`crate::store::Conflict::LeaseLost`], [`crate::store::Error::Database`].
@@ -106,13 +109,14 @@ pub async fn give_up(store: &Store, lease: &Lease) -> Result<()> {
     tx.commit().await
 }
 
-/// Takes jobs from workers whose leases ran out, and tells whom it concerns.
+/// Requeues or fails jobs whose leases have expired, and signals their listeners.
 ///
 /// # Errors
 /// [`crate::store::Error::Database`].
 pub async fn expire(store: &Store, max_attempts: u32, signals: &JobSignals) -> Result<Expired> {
     let detail = format!(
-        "{max_attempts} attempts to compute this job ended without a result; each time it broke, or its worker stopped or was cut off"
+        "{max_attempts} attempts to compute this job broke or did not come to an end, or the process that computed it ended {} times while it ran nothing else",
+        leases::MAX_DEATHS_ALONE
     );
     let problem = problem_json(&Problem::new(500, "attempts_exhausted", detail));
     let expired = leases::expire(store, i64::from(max_attempts), &problem).await?;

@@ -1,4 +1,4 @@
-//! Passes signals on between processes that share a PostgreSQL. Without it they would find out by polling.
+//! Passes signals between processes that share a PostgreSQL (LISTEN and NOTIFY). Without it they rely on polling.
 
 use std::time::Duration;
 
@@ -10,12 +10,12 @@ use super::JobSignals;
 use super::progress::Signal;
 use crate::store::{Engine, Store, notices};
 
-/// After the connection failed.
+/// Pause before connecting again.
 const TRY_AGAIN_AFTER: Duration = Duration::from_millis(200);
-/// Notices of one kind of change that come in bursts (a thousand jobs posted) are sent together after this.
+/// Bursts of the same notice (a thousand jobs posted) are sent as one after this.
 const GATHER: Duration = Duration::from_millis(5);
 
-/// Starts relaying in both directions, until the tasks are dropped. On SQLite there is nobody to tell.
+/// Starts relaying in both directions until the tasks are dropped. On SQLite there is no other process.
 pub(super) fn start(store: &Store, signals: &JobSignals) -> JoinSet<()> {
     let mut tasks = JoinSet::new();
     if store.engine() == Engine::Postgres {
@@ -26,7 +26,7 @@ pub(super) fn start(store: &Store, signals: &JobSignals) -> JoinSet<()> {
     tasks
 }
 
-/// Tells the others what was raised here.
+/// Sends the signals of this process.
 async fn send(store: Store, mut raised: broadcast::Receiver<Signal>, process: String) {
     loop {
         let first = match raised.recv().await {
@@ -55,7 +55,7 @@ async fn send(store: Store, mut raised: broadcast::Receiver<Signal>, process: St
     }
 }
 
-/// Passes on here what the others tell.
+/// Receives the signals of other processes.
 async fn receive(store: Store, signals: JobSignals, process: String) {
     loop {
         if let Err(error) = receive_from_one_connection(&store, &signals, &process).await {

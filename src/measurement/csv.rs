@@ -88,6 +88,9 @@ enum Column {
     SweepJoint,
 }
 
+/// RFC 3339, with its distance from UTC.
+pub const EXAMPLE_OF_A_TIME: &str = "2026-03-01T08:15:30Z or 2026-03-01T09:15:30+01:00 (RFC 3339)";
+
 /// Parses a CSV file with decimal points. `n_joints` is the robot's number of links.
 ///
 /// # Errors
@@ -105,6 +108,20 @@ pub fn parse_with(
     bytes: &[u8],
     frame: Frame,
     n_joints: usize,
+) -> Result<MeasurementSet, ParseError> {
+    parse_with_times(decimal, bytes, frame, n_joints, |_| true)
+}
+
+/// As [`parse_with`], with what `measured_at` may hold: nothing in the core reads a time.
+///
+/// # Errors
+/// As [`parse`].
+pub fn parse_with_times(
+    decimal: Decimal,
+    bytes: &[u8],
+    frame: Frame,
+    n_joints: usize,
+    is_time: fn(&str) -> bool,
 ) -> Result<MeasurementSet, ParseError> {
     let text = decode(bytes, decimal)?;
     refuse_endless_rows(text.as_bytes(), decimal.separator())?;
@@ -140,7 +157,11 @@ pub fn parse_with(
                     &record,
                     &header,
                     &columns,
-                    (n_joints, decimal),
+                    &Reading {
+                        n_joints,
+                        decimal,
+                        is_time,
+                    },
                     &mut issues,
                 ) {
                     points.push(point);
@@ -358,12 +379,16 @@ fn parse_row(
     record: &csv::StringRecord,
     header: &csv::StringRecord,
     columns: &[Column],
-    (n_joints, decimal): (usize, Decimal),
+    reading: &Reading,
     issues: &mut Vec<Issue>,
 ) -> Option<Point> {
     if record.len() != columns.len() {
-        let other = if decimal == Decimal::Point { ';' } else { ',' };
-        let hint = match (record.len() < columns.len(), decimal) {
+        let other = if reading.decimal == Decimal::Point {
+            ';'
+        } else {
+            ','
+        };
+        let hint = match (record.len() < columns.len(), reading.decimal) {
             (true, _)
                 if record.iter().filter(|cell| cell.contains(other)).count() == record.len() =>
             {
@@ -388,10 +413,10 @@ fn parse_row(
         });
         return None;
     }
-    let mut point = Point::empty(n_joints, row);
+    let mut point = Point::empty(reading.n_joints, row);
     let before = issues.len();
     for ((cell, column), name) in record.iter().zip(columns).zip(header) {
-        if let Err((code, detail)) = fill(&mut point, *column, cell.trim(), n_joints, decimal) {
+        if let Err((code, detail)) = fill(&mut point, *column, cell.trim(), reading) {
             let detail = format!("row {row}, column {name}: {detail}");
             issues.push(Issue {
                 row: Some(row),
@@ -406,14 +431,15 @@ fn parse_row(
 
 type CellError = (&'static str, String);
 
-fn fill(
-    point: &mut Point,
-    column: Column,
-    cell: &str,
+/// How cells are read.
+struct Reading {
     n_joints: usize,
     decimal: Decimal,
-) -> Result<(), CellError> {
-    let number = |cell, factor, limit| number(cell, decimal, factor, limit);
+    is_time: fn(&str) -> bool,
+}
+
+fn fill(point: &mut Point, column: Column, cell: &str, reading: &Reading) -> Result<(), CellError> {
+    let number = |cell, factor, limit| number(cell, reading.decimal, factor, limit);
     match column {
         Column::Joint(joint, factor) => point.q_rad[joint] = number(cell, factor, MAX_JOINT_RAD)?,
         Column::Position(axis, factor) => {
@@ -422,7 +448,13 @@ fn fill(
         Column::Configuration => point.configuration = label(cell)?,
         Column::Target => point.target = index(cell, MAX_TARGETS - 1)?,
         Column::Subset => point.subset = subset(cell)?,
-        Column::MeasuredAt => drop(label(cell)?),
+        Column::MeasuredAt if (reading.is_time)(&label(cell)?) => {}
+        Column::MeasuredAt => {
+            return Err((
+                "not_a_time",
+                format!("{cell:?} is not a time; write it as {EXAMPLE_OF_A_TIME}"),
+            ));
+        }
         Column::StdMm => {
             let std = number(cell, 1.0, MAX_STD_MM)?;
             if std < MIN_STD_MM {
@@ -440,7 +472,7 @@ fn fill(
         Column::Sequence => point.sequence = number(cell, 1.0, 1.0e12)? as i64,
         Column::TemperatureC => point.temperature_c = Some(number(cell, 1.0, MAX_TEMPERATURE_C)?),
         Column::SweepJoint => {
-            let joint = index(cell, n_joints)?;
+            let joint = index(cell, reading.n_joints)?;
             if joint == 0 {
                 return Err(("out_of_range", "joints are counted from 1".into()));
             }

@@ -26,9 +26,10 @@ pub fn verdict(sources: &Sources<'_>) -> Markup {
     };
     if sources.is_verification() && half.after == half.before {
         let of = sources.verified();
-        return html! { p.verdict { "On " (half.n_points) " points, the mean position error of " (of) " is " strong { (error(after)) " mm" } "." } };
+        return html! { (no_use(report)) p.verdict { "On " (half.n_points) " points, the mean position error of " (of) " is " strong { (error(after)) " mm" } "." } };
     }
     html! {
+        (no_use(report))
         p.verdict {
             "On " (half.n_points) @if report.verify.is_some() { " points that were not fitted" } @else { " points of the fit itself" }
             @if share > NO_REDUCTION {
@@ -37,6 +38,13 @@ pub fn verdict(sources: &Sources<'_>) -> Markup {
                 ", the mean position error went from " (error(before)) " mm to " strong { (error(after)) " mm" } ": it did not get better."
             }
         }
+    }
+}
+
+/// Why nothing is to be done with it.
+fn no_use(report: &Report) -> Markup {
+    html! {
+        @if let Some(code) = report.no_use() { p.warning { strong { (words::no_use(code)) "." } } }
     }
 }
 
@@ -76,9 +84,13 @@ pub fn facts(sources: &Sources<'_>) -> Markup {
                 (fact("Method", &format!("{}: {}", words::method(report.method.as_str()), report.method_reason)))
             }
             @if seen.n_parameters > 0 { (fact("Model", &model(report))) }
-            (fact("Evidence", evidence(report.evidence)))
+            (fact("Evidence", &evidence(report)))
             @if let Some(tool) = report.tool_uncertainty_mm {
-                (fact("Uncertainty of the tool", &format!("{} mm on average, {} mm at worst over the workspace (one standard deviation)", number(tool.mean), number(tool.max))))
+                (fact("Uncertainty of the tool", &format!("{} mm on average, {} mm at worst over the workspace (one standard deviation); by the links alone, not of predictions with corrections", number(tool.mean), number(tool.max))))
+            }
+            @if let Some(why) = &report.tool_uncertainty_absent_because { (fact("Uncertainty", &format!("not stated: {why}"))) }
+            @if let Some(std_deg) = report.flange_rotation_std_deg {
+                (fact("Rotation of the flange", &format!("known to {}° (one standard deviation over the workspace, under what is known of robots beforehand)", number(std_deg))))
             }
             @if let Some(error_model) = report.error_model {
                 (fact("Scatter of the points", &format!("{} mm (one standard deviation of a coordinate)", number(error_model.noise_std_mm))))
@@ -295,14 +307,15 @@ pub fn corrections(report: &Report) -> Markup {
                             td.n { (error(c.cross_validated_rms_mm_after)) }
                             td.n { (number(c.gain_mm2)) }
                             td.n { (number(c.standard_error_mm2)) }
-                            td { @if c.kept { strong { "yes" } } @else { "no" } }
+                            td { @if c.kept { strong { "yes" } } @else if c.dropped_because.is_some() { "dropped: worse on the verify points" } @else { "no" } }
                         }
                     }
                 }
             }
             p.note {
                 "By cross-validation on the identify points; the gain is what a configuration's mean squared error falls by. Kept where it is above "
-                "its standard error; all together, where it is above twice that."
+                "its standard error; all together, where it is above twice that. All are dropped where the points to verify are further from the "
+                "robot with corrections than from its links alone."
             }
         }
     }

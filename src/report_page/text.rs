@@ -1,6 +1,6 @@
 //! Numbers and names as they stand on paper.
 
-use crate::wire::report_shape::Evidence;
+use crate::wire::report_shape::{Evidence, Report};
 
 /// No instrument sees less than a tenth of a micrometre: smaller errors are all the same.
 pub const SMALLEST_MM: f64 = 1e-4;
@@ -84,14 +84,14 @@ pub fn time(rfc3339: &str) -> String {
 }
 
 /// What a verification is worth.
-pub fn evidence(evidence: Evidence) -> &'static str {
-    match evidence {
-        Evidence::None => "none: no point was held out; these errors are those of the fit itself",
+pub fn evidence(report: &Report) -> String {
+    match report.evidence {
+        Evidence::None => format!("none: {}", report.why_no_evidence()),
         Evidence::SameUpload => {
-            "same upload: checked on points that were not fitted but measured in the same session; a wrong tool, base or scale would not show"
+            "same upload: checked on points that were not fitted but measured in the same session; a wrong tool, base or scale would not show".into()
         }
         Evidence::IndependentSession => {
-            "independent session: checked on points of another measuring session"
+            "independent session: checked on points of another measuring session".into()
         }
     }
 }

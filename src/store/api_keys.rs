@@ -3,10 +3,12 @@
 use serde_json::{Value, json};
 
 use super::audit::{Noted, Said};
-use super::{Page, PageRequest, Result, Store, Tx, new_id};
+use super::database::new_id;
+use super::from_row::from_row;
+use super::{Page, PageRequest, Result, Store, Tx};
 
 /// An API key.
-#[derive(Clone, Debug, PartialEq, sqlx::FromRow)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct ApiKeyRow {
     /// `key_…`
     pub id: String,
@@ -23,6 +25,16 @@ pub struct ApiKeyRow {
     /// When it was revoked.
     pub revoked_at_ms: Option<i64>,
 }
+
+from_row!(ApiKeyRow {
+    id,
+    name,
+    key_sha256,
+    scopes_json,
+    robots_json,
+    created_at_ms,
+    revoked_at_ms
+});
 
 /// An API key to be stored.
 #[derive(Clone, Debug, PartialEq)]
@@ -126,7 +138,7 @@ pub async fn insert(tx: &mut Tx, new: &NewApiKey) -> Result<ApiKeyRow> {
         .bind(&new.key_sha256)
         .bind(&new.scopes_json)
         .bind(new.robots_json.as_deref());
-    let row: ApiKeyRow = query.fetch_one(tx.connection()?).await?;
+    let row: ApiKeyRow = query.fetch_one(tx.connection()).await?;
     tx.note(CREATED, &row.id, as_created(&row));
     Ok(row)
 }
@@ -174,7 +186,7 @@ pub async fn list(store: &Store, request: &PageRequest) -> Result<Page<ApiKeyRow
 pub async fn revoke(tx: &mut Tx, id: &str) -> Result<ApiKeyRow> {
     let row: ApiKeyRow = sqlx::query_as(REVOKE)
         .bind(id)
-        .fetch_one(tx.connection()?)
+        .fetch_one(tx.connection())
         .await?;
     if let Some((_, detail)) = as_revoked(&row) {
         tx.note(REVOKED, &row.id, detail);

@@ -2,7 +2,8 @@
 
 use std::path::Path;
 
-use super::open::DATABASE;
+use super::database::DATABASE;
+use super::open::{make_private_dir, make_private_file};
 use super::{Engine, Error, Result, Store};
 
 pub(super) const QUERIES_SQLITE: &[&str] = &[INTO];
@@ -25,7 +26,7 @@ pub async fn write(store: &Store, directory: &Path) -> Result<()> {
     let failed = |e: std::io::Error| Error::Open {
         detail: format!("the directory {}: {e}", directory.display()),
     };
-    std::fs::create_dir_all(directory).map_err(failed)?;
+    make_private_dir(directory).map_err(failed)?;
     if std::fs::read_dir(directory)
         .map_err(failed)?
         .next()
@@ -42,6 +43,8 @@ pub async fn write(store: &Store, directory: &Path) -> Result<()> {
     let path = file.to_str().ok_or_else(|| Error::Open {
         detail: format!("the directory {} is not UTF-8", directory.display()),
     })?;
+    // SQLite writes a copy into an empty file as into none
+    make_private_file(&file).map_err(failed)?;
     sqlx::query(INTO).bind(path).execute(store.pool()).await?;
     let synced = std::fs::File::open(&file).and_then(|file| file.sync_all());
     synced

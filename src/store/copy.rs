@@ -2,7 +2,6 @@
 //!
 //! Rows are copied column by column as the target's schema names them, so that a later migration needs no change here unless it adds a table.
 
-use super::connection::Connection;
 use sqlx::any::AnyArguments;
 use sqlx::query::Query;
 use sqlx::{Any, AnyConnection, AssertSqlSafe, Row, ValueRef};
@@ -10,7 +9,7 @@ use tokio_stream::StreamExt;
 
 use super::{Engine, Error, Result, Store};
 
-/// Every table, each after those that it refers to.
+/// Every table, in the order of their references.
 pub const TABLES: &[&str] = &[
     "robot",
     "robot_policy",
@@ -20,13 +19,14 @@ pub const TABLES: &[&str] = &[
     "network",
     "residual_network",
     "parameter_set",
+    "verification",
     "idempotency",
     "api_key",
     "audit",
     "audit_head",
 ];
 
-/// A job may start from what another job made, which is copied after it: these are filled in at the end.
+/// References of a job to results of other jobs, which are copied later: filled in at the end.
 const LATER: &[&str] = &[
     "network_input_id",
     "residual_network_input_id",
@@ -56,8 +56,8 @@ struct Column {
     kind: Kind,
 }
 
-/// Copies everything from one store into another in one transaction of the target: all of it or nothing. Nobody may write to the source
-/// meanwhile. `moved` hears of each table when it begins.
+/// Copies one store into another in one transaction of the target. Nobody may write to the source meanwhile. `moved` is called at the start
+/// of each table.
 ///
 /// # Errors
 /// [`Error::Open`] if the target is not empty or the schemas differ, [`Error::Database`].
@@ -77,12 +77,12 @@ pub async fn copy(
     let mut tx = to.begin().await?;
     let mut source = from.pool().acquire().await?;
     if from.engine() == Engine::Postgres {
-        // one moment's view of all tables
+        // One snapshot of all tables.
         sqlx::query("begin isolation level repeatable read read only")
             .execute(&mut *source)
             .await?;
     }
-    let target = &mut tx.connection()?;
+    let target = tx.connection();
     for table in TABLES.iter().filter(|table| **table != "audit_head") {
         refuse_rows(target, table).await?;
     }
@@ -102,10 +102,10 @@ pub async fn copy(
     Ok(copied)
 }
 
-async fn refuse_rows(target: &mut Connection<'_>, table: &str) -> Result<()> {
+async fn refuse_rows(target: &mut AnyConnection, table: &str) -> Result<()> {
     let sql = format!("select count(*) from (select 1 from {table} limit 1) as first_row");
     let n: i64 = sqlx::query_scalar(AssertSqlSafe(sql))
-        .fetch_one(target.again())
+        .fetch_one(&mut *target)
         .await?;
     if n > 0 {
         let detail = format!(
@@ -118,7 +118,7 @@ async fn refuse_rows(target: &mut Connection<'_>, table: &str) -> Result<()> {
 
 async fn copy_table(
     source: &mut AnyConnection,
-    target: &mut Connection<'_>,
+    target: &mut AnyConnection,
     engine: Engine,
     table: &'static str,
 ) -> Result<u64> {
@@ -127,9 +127,9 @@ async fn copy_table(
         columns.retain(|column| !LATER.contains(&column.name.as_str()));
     }
     if table == "audit_head" {
-        // a new database has a head of its own
+        // A new database has a head already.
         sqlx::query("delete from audit_head")
-            .execute(target.again())
+            .execute(&mut *target)
             .await?;
     }
     let names = columns
@@ -142,7 +142,7 @@ async fn copy_table(
     let mut n_rows = 0;
     while let Some(row) = rows.next().await {
         let row = row?;
-        // what is absent is left out: an absent value has no type that both engines agree on
+        // Nulls are left out: a null has no type that both engines agree on.
         let mut present = Vec::new();
         for (at, column) in columns.iter().enumerate() {
             if !row.try_get_raw(at)?.is_null() {
@@ -164,7 +164,7 @@ async fn copy_table(
         for (at, column) in present {
             query = bind(query, &row, at, column.kind)?;
         }
-        query.execute(target.again()).await?;
+        query.execute(&mut *target).await?;
         n_rows += 1;
     }
     Ok(n_rows)
@@ -184,8 +184,8 @@ fn bind<'q>(
     })
 }
 
-/// What jobs started from.
-async fn link_jobs(source: &mut AnyConnection, target: &mut Connection<'_>) -> Result<()> {
+/// Copies the references of jobs to results of other jobs.
+async fn link_jobs(source: &mut AnyConnection, target: &mut AnyConnection) -> Result<()> {
     for column in LATER {
         let select = format!("select id, {column} from job where {column} is not null");
         let update = format!("update job set {column} = $2 where id = $1");
@@ -196,14 +196,14 @@ async fn link_jobs(source: &mut AnyConnection, target: &mut Connection<'_>) -> R
             sqlx::query(AssertSqlSafe(update.clone()))
                 .bind(id)
                 .bind(value)
-                .execute(target.again())
+                .execute(&mut *target)
                 .await?;
         }
     }
     Ok(())
 }
 
-async fn columns(target: &mut Connection<'_>, engine: Engine, table: &str) -> Result<Vec<Column>> {
+async fn columns(target: &mut AnyConnection, engine: Engine, table: &str) -> Result<Vec<Column>> {
     let sql = match engine {
         Engine::Sqlite => "select name, lower(type) from pragma_table_info($1) order by cid",
         Engine::Postgres => {
@@ -213,7 +213,7 @@ async fn columns(target: &mut Connection<'_>, engine: Engine, table: &str) -> Re
     };
     let found: Vec<(String, String)> = sqlx::query_as(sql)
         .bind(table)
-        .fetch_all(target.again())
+        .fetch_all(&mut *target)
         .await?;
     let column = |(name, kind): (String, String)| {
         let kind = match kind.as_str() {

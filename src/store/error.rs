@@ -1,6 +1,4 @@
-//! What can go wrong in the store.
-
-use std::sync::Arc;
+//! Errors of the store.
 
 use sqlx::error::ErrorKind;
 
@@ -9,13 +7,13 @@ use super::JobStatus;
 /// The store's result.
 pub type Result<T, E = Error> = std::result::Result<T, E>;
 
-/// Why the store could not do what was asked.
+/// Errors of the store.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// There is no such row.
     #[error("not found")]
     NotFound,
-    /// The request does not fit the state of what is stored.
+    /// The request conflicts with the stored state.
     #[error(transparent)]
     Conflict(#[from] Conflict),
     /// The database cannot be opened.
@@ -27,9 +25,6 @@ pub enum Error {
     /// The database failed; see [`Error::is_unavailable`].
     #[error("the database failed")]
     Database(#[source] sqlx::Error),
-    /// The commit that this write shared with others failed; see [`Error::is_unavailable`].
-    #[error("the database failed")]
-    NotCommitted(#[source] Arc<sqlx::Error>),
     /// The disk is nearly full: what is left is kept for ending and withdrawing what there is.
     #[error("only {free_mib} MiB are left on the disk")]
     NoRoom {
@@ -38,7 +33,7 @@ pub enum Error {
     },
 }
 
-/// The states a request may collide with.
+/// Conflicts with the stored state.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Conflict {
     /// The job is not this worker's any more: its lease ran out, or it was ended by someone else.
@@ -65,7 +60,7 @@ pub enum Conflict {
     /// The robot's policy, or the sessions that the set was scored on, are not those of the release checks.
     #[error("the robot's policy or the set's sessions changed in the meantime")]
     ChecksOutdated,
-    /// A trigger of the schema refuses the release: it keeps what the release checks should have found.
+    /// A trigger of the schema refuses the release, which the release checks should have refused before.
     #[error("{why}")]
     RefusedBySchema {
         /// The trigger's own words.
@@ -84,16 +79,14 @@ impl Error {
     pub fn is_unavailable(&self) -> bool {
         match self {
             Error::Database(error) => is_unavailable(error),
-            Error::NotCommitted(error) => is_unavailable(error),
             _ => false,
         }
     }
 
-    /// What is the matter with the database, in words that give nothing away: for clients, and for whoever asks whether it is ready.
+    /// Description of a database failure without internals, for clients and `/readyz`.
     pub fn reason(&self) -> &'static str {
         match self {
             Error::Database(error) => reason(error),
-            Error::NotCommitted(error) => reason(error),
             Error::NoRoom { .. } => "its disk is nearly full",
             _ => "it does not do what it should",
         }
@@ -103,7 +96,6 @@ impl Error {
     pub fn cause(&self) -> String {
         match self {
             Error::Database(source) => format!("{self}: {source}"),
-            Error::NotCommitted(source) => format!("{self}: {source}"),
             _ => self.to_string(),
         }
     }
@@ -139,13 +131,17 @@ fn reason(error: &sqlx::Error) -> &'static str {
     }
 }
 
-/// Why waiting may help, by the engine's code; nothing where it does not. PostgreSQL's SQLSTATE has five characters; SQLite's extended
+/// Description of a temporary failure by the engine's code; none if waiting does not help. PostgreSQL's SQLSTATE has five characters; SQLite's extended
 /// result codes are numbers of at most four digits whose low byte is the primary code.
 fn reason_of_code(code: &str) -> Option<&'static str> {
     if code.len() == 5 {
         let classes = [
             ("08", "the connection to it failed"),
             ("55P03", "somebody else locks it"),
+            (
+                "25P03",
+                "it ended a transaction that this server had left idle",
+            ),
             ("53", "it is out of connections, memory or disk"),
             ("57P", "it is shutting down or starting"),
             ("40", "others write the same rows"),
@@ -166,11 +162,11 @@ fn reason_of_code(code: &str) -> Option<&'static str> {
     })
 }
 
-/// What a trigger of the schema says, where it refused: on SQLite `raise(abort)`, on PostgreSQL the exception of `kincal_refuse…`.
+/// Message of a trigger that refused: on SQLite `raise(abort)`, on PostgreSQL the exception of `kincal_refuse…`.
 const BY_TRIGGER: [&str; 3] = ["1811", "23000", "P0001"];
 
 impl Error {
-    /// For the statements of a release: a trigger's refusal is an answer, not a fault of the database.
+    /// Converts a trigger's refusal of a release to [`Conflict`]; other errors stay.
     pub(super) fn of_release(error: sqlx::Error) -> Self {
         match error.as_database_error() {
             Some(refusal)

@@ -3,11 +3,13 @@
 use serde_json::{Value, json};
 
 use super::audit::{Noted, Said};
-use super::{Page, PageRequest, Result, Store, Tx, new_id};
+use super::database::new_id;
+use super::from_row::from_row;
+use super::{Page, PageRequest, Result, Store, Tx};
 use crate::wire::canonical;
 
 /// What was found from one upload of sweeps.
-#[derive(Clone, Debug, PartialEq, sqlx::FromRow)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct FramesRow {
     /// `frm_…`
     pub id: String,
@@ -20,6 +22,14 @@ pub struct FramesRow {
     /// When it was stored.
     pub created_at_ms: i64,
 }
+
+from_row!(FramesRow {
+    id,
+    robot_id,
+    content_type,
+    result_json,
+    created_at_ms
+});
 
 /// Frames to be stored.
 #[derive(Clone, Debug, PartialEq)]
@@ -87,7 +97,7 @@ pub async fn insert(tx: &mut Tx, new: &NewFrames) -> Result<FramesRow> {
         .bind(new.body.as_slice())
         .bind(&new.result_json);
     tx.needs_room()?;
-    let row: FramesRow = query.fetch_one(tx.connection()?).await?;
+    let row: FramesRow = query.fetch_one(tx.connection()).await?;
     tx.note(CREATED, &row.id, as_created(&row));
     tx.note_also("sha256", canonical::sha256_hex(&new.body).into());
     Ok(row)
@@ -111,7 +121,7 @@ pub async fn get(store: &Store, id: &str) -> Result<FramesRow> {
 pub async fn body(store: &Store, id: &str) -> Result<Vec<u8>> {
     Ok(sqlx::query_scalar(BODY)
         .bind(id)
-        .fetch_one(store.reads_much())
+        .fetch_one(store.reads())
         .await?)
 }
 

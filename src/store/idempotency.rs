@@ -35,7 +35,7 @@ pub struct StoredResponse {
     pub body: Vec<u8>,
 }
 
-/// What became of a request.
+/// Result of an idempotent request.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum IdempotentOutcome {
     /// It took effect now.
@@ -51,7 +51,7 @@ const KEPT_MS: i64 = 7 * 24 * 3600 * 1000;
 
 pub(super) const ALL_QUERIES: &[&str] = &[CLAIM, ANSWER, FIND, FORGET_OLD];
 
-// With a claim in another open transaction this waits until that one ends.
+// Waits for another open transaction with the same claim.
 const CLAIM: &str = "
     insert into idempotency (key_holder, method, path, idempotency_key, request_sha256, created_at_ms)
     values ($1, $2, $3, $4, $5, (select now_ms from clock))
@@ -71,7 +71,7 @@ const FORGET_OLD: &str =
 type Found = (String, i64, Option<String>, String, Vec<u8>);
 
 impl Store {
-    /// Forgets the Idempotency-Keys of long ago, with the answers that were kept for them.
+    /// Deletes expired Idempotency-Keys and their answers.
     ///
     /// # Errors
     /// [`Error::Database`].
@@ -79,7 +79,7 @@ impl Store {
         let mut tx = self.begin().await?;
         sqlx::query(FORGET_OLD)
             .bind(KEPT_MS)
-            .execute(tx.connection()?.for_long())
+            .execute(tx.connection())
             .await?;
         tx.commit().await
     }
@@ -132,7 +132,7 @@ async fn claim(tx: &mut Tx, scope: &IdempotencyScope) -> Result<bool> {
         .bind(&scope.key);
     Ok(query
         .bind(&scope.request_sha256)
-        .execute(tx.connection()?)
+        .execute(tx.connection())
         .await?
         .rows_affected()
         == 1)
@@ -150,17 +150,17 @@ async fn answer(tx: &mut Tx, scope: &IdempotencyScope, response: &StoredResponse
         .bind(&response.content_type);
     query
         .bind(response.body.as_slice())
-        .execute(tx.connection()?)
+        .execute(tx.connection())
         .await?;
     let (request, answer) = hashes(scope, response);
     tx.note_also(NOTED_AS, json!([request, answer]));
     Ok(())
 }
 
-/// The field of the last entry of what was done, which binds the answer to it.
+/// Field of the effect's last audit entry that holds the hash of the answer.
 const NOTED_AS: &str = "answered";
 
-/// Of the use of a key, and of what was asked and answered.
+/// Hash of an Idempotency-Key with its request and answer.
 pub(super) fn hashes(scope: &IdempotencyScope, response: &StoredResponse) -> (String, String) {
     let request = json!([scope.holder, scope.method, scope.path, scope.key]);
     let body_sha256 = canonical::sha256_hex(&response.body);
@@ -227,7 +227,7 @@ async fn answer_again(tx: &mut Tx, scope: &IdempotencyScope) -> Result<Idempoten
         .bind(&scope.path)
         .bind(&scope.key);
     let (request_sha256, status, location, content_type, body): Found =
-        query.fetch_one(tx.connection()?).await?;
+        query.fetch_one(tx.connection()).await?;
     if request_sha256 != scope.request_sha256 {
         return Ok(IdempotentOutcome::Reused);
     }

@@ -3,64 +3,13 @@
 use serde_json::{Value, json};
 
 use super::audit::{Noted, Said};
-use super::{Conflict, Error, Page, PageRequest, Result, Store, Tx, new_id};
+use super::database::new_id;
+use super::from_row::from_row;
+use super::{Conflict, Error, JobStatus, Page, PageRequest, Result, Store, Tx};
 use crate::wire::canonical;
 
-/// Where a job is in its life.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum JobStatus {
-    /// Waiting for a worker.
-    Queued,
-    /// A worker has it.
-    Running,
-    /// Over, with a report.
-    Succeeded,
-    /// Over, with an error.
-    Failed,
-    /// Over, because someone asked for it.
-    Cancelled,
-}
-
-impl JobStatus {
-    /// As in api.md.
-    pub fn as_str(self) -> &'static str {
-        match self {
-            JobStatus::Queued => "queued",
-            JobStatus::Running => "running",
-            JobStatus::Succeeded => "succeeded",
-            JobStatus::Failed => "failed",
-            JobStatus::Cancelled => "cancelled",
-        }
-    }
-
-    /// Whether it stays so for ever.
-    pub fn is_over(self) -> bool {
-        matches!(
-            self,
-            JobStatus::Succeeded | JobStatus::Failed | JobStatus::Cancelled
-        )
-    }
-}
-
-impl TryFrom<String> for JobStatus {
-    type Error = String;
-
-    fn try_from(text: String) -> std::result::Result<Self, String> {
-        [
-            JobStatus::Queued,
-            JobStatus::Running,
-            JobStatus::Succeeded,
-            JobStatus::Failed,
-            JobStatus::Cancelled,
-        ]
-        .into_iter()
-        .find(|status| status.as_str() == text)
-        .ok_or_else(|| format!("unknown job status {text:?}"))
-    }
-}
-
 /// A job without its report and convergence curve.
-#[derive(Clone, Debug, PartialEq, sqlx::FromRow)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct JobRow {
     /// `job_…`
     pub id: String,
@@ -85,11 +34,10 @@ pub struct JobRow {
     /// The whole request.
     pub request_json: String,
     /// Where it is in its life.
-    #[sqlx(try_from = "String")]
     pub status: JobStatus,
     /// Higher ones first.
     pub priority: i64,
-    /// How often it was begun; attempts handed back do not count.
+    /// How often it was begun; attempts handed back do not count, nor those of an embedded server that was restarted.
     pub attempt: i64,
     /// The worker that has or had it.
     pub owner: Option<String>,
@@ -116,6 +64,8 @@ pub struct JobRow {
     /// When it ended.
     pub finished_at_ms: Option<i64>,
 }
+
+from_row!(JobRow { id, robot_id, measurement_set_id, verify_set_id, frames_id, network_input_id, residual_network_input_id, parameter_set_input_id, kind, method, request_json, priority, attempt, owner, lease_until_ms, cancel_requested_at_ms, progress_json, error_json, result_sha256, parameter_set_id, network_id, residual_network_id, created_at_ms, started_at_ms, finished_at_ms } parsed { status });
 
 /// A job to be stored. Everything its result depends on is named here, so that every attempt computes the same.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -166,6 +116,7 @@ pub(super) const ALL_QUERIES: &[&str] = &[
     REPORT,
     CONVERGENCE,
     ANY_QUEUED,
+    ANY_SUSPECT_QUEUED,
     CANCEL,
     COUNT_BY_STATUS,
     EACH,
@@ -206,6 +157,9 @@ const CONVERGENCE: &str = "select status, convergence_json from job where id = $
 
 const ANY_QUEUED: &str = "select cast(1 as bigint) from job where status = 'queued' limit 1";
 
+const ANY_SUSPECT_QUEUED: &str =
+    "select cast(1 as bigint) from job where status = 'queued' and deaths > 0 limit 1";
+
 const CANCEL: &str = "
     update job set
         cancel_requested_at_ms = coalesce(cancel_requested_at_ms, (select now_ms from clock)),
@@ -226,12 +180,13 @@ const CREATED: &str = "job_created";
 pub(super) const FAILED: &str = "job_failed";
 
 /// A job with who posted it.
-#[derive(Debug, sqlx::FromRow)]
+#[derive(Debug)]
 pub(super) struct Posted {
     client: String,
-    #[sqlx(flatten)]
     job: JobRow,
 }
+
+from_row!(Posted { client } nested { job });
 
 fn as_created(row: &JobRow, client: &str) -> Value {
     let rest = json!([
@@ -298,7 +253,7 @@ pub async fn insert(tx: &mut Tx, new: &NewJob, limit: Option<i64>) -> Result<Job
         .bind(new.priority)
         .bind(&new.client)
         .bind(limit);
-    let row: Option<JobRow> = query.fetch_optional(tx.connection()?).await?;
+    let row: Option<JobRow> = query.fetch_optional(tx.connection()).await?;
     let row = row.ok_or(Conflict::QueueFull {
         limit: limit.unwrap_or_default(),
     })?;
@@ -324,7 +279,7 @@ pub async fn get(store: &Store, id: &str) -> Result<JobRow> {
 pub async fn get_in(tx: &mut Tx, id: &str) -> Result<JobRow> {
     Ok(sqlx::query_as(GET)
         .bind(id)
-        .fetch_one(tx.connection()?)
+        .fetch_one(tx.connection())
         .await?)
 }
 
@@ -362,7 +317,7 @@ pub async fn convergence(store: &Store, id: &str) -> Result<String> {
 async fn document(store: &Store, query: &'static str, id: &str) -> Result<String> {
     let (status, document): (String, Option<String>) = sqlx::query_as(query)
         .bind(id)
-        .fetch_one(store.reads_much())
+        .fetch_one(store.reads())
         .await?;
     let status =
         JobStatus::try_from(status).map_err(|e| Error::Database(sqlx::Error::Decode(e.into())))?;
@@ -375,6 +330,17 @@ async fn document(store: &Store, query: &'static str, id: &str) -> Result<String
 /// [`Error::Database`].
 pub async fn any_queued(store: &Store) -> Result<bool> {
     let one: Option<i64> = sqlx::query_scalar(ANY_QUEUED)
+        .fetch_optional(store.reads())
+        .await?;
+    Ok(one.is_some())
+}
+
+/// Whether a job waits under which a process died.
+///
+/// # Errors
+/// [`Error::Database`].
+pub async fn any_suspect_queued(store: &Store) -> Result<bool> {
+    let one: Option<i64> = sqlx::query_scalar(ANY_SUSPECT_QUEUED)
         .fetch_optional(store.reads())
         .await?;
     Ok(one.is_some())
@@ -404,7 +370,7 @@ pub async fn queued_and_running(store: &Store) -> Result<(i64, i64)> {
 pub async fn cancel(tx: &mut Tx, id: &str) -> Result<JobRow> {
     let changed = sqlx::query(CANCEL)
         .bind(id)
-        .execute(tx.connection()?)
+        .execute(tx.connection())
         .await?
         .rows_affected();
     let row = get_in(tx, id).await?;

@@ -48,13 +48,25 @@ pub struct Expired {
     pub cancelled: Vec<String>,
 }
 
+/// Which of the waiting jobs to take. A suspect is a job under which a process died. It is only claimed by a process that runs nothing
+/// else beside it, so that the next death blames exactly one job.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Which {
+    /// No process died under it.
+    Unsuspected,
+    /// A process died under it, or was cut off from the database for longer than the lease.
+    Suspect,
+}
+
 macro_rules! claim {
-    ($lock:literal) => {
+    ($which:literal, $lock:literal) => {
         concat!(
             "update job set status = 'running', owner = $1, attempt = attempt + 1,
                  lease_until_ms = (select now_ms from clock) + $2, started_at_ms = (select now_ms from clock), progress_json = null
              where status = 'queued' and id = (
-                 select id from job where status = 'queued' order by deaths, priority desc, turn, created_at_ms, id limit 1",
+                 select id from job where status = 'queued' and deaths ",
+            $which,
+            " order by deaths, priority desc, turn, created_at_ms, id limit 1",
             $lock,
             ")
              returning ",
@@ -63,7 +75,7 @@ macro_rules! claim {
     };
 }
 
-/// The fence: this job, if this worker still has it in this attempt.
+/// The fencing condition: this job, if this worker still has it in this attempt.
 macro_rules! fenced {
     ($update:literal) => {
         concat!(
@@ -74,7 +86,7 @@ macro_rules! fenced {
 }
 
 macro_rules! expired {
-    ($update:literal, $condition:literal) => {
+    ($update:expr, $condition:expr) => {
         concat!(
             $update,
             " where status = 'running' and lease_until_ms < (select now_ms from clock) and ",
@@ -84,8 +96,23 @@ macro_rules! expired {
     };
 }
 
-pub(super) const QUERIES_SQLITE: &[&str] = &[CLAIM_SQLITE];
-pub(super) const QUERIES_POSTGRES: &[&str] = &[CLAIM_POSTGRES];
+/// 1 if the lease ran out by itself: the process died, or was frozen or cut off. [`GIVE_UP`] sets the lease to 0.
+macro_rules! died {
+    () => {
+        "(case when lease_until_ms > 0 then 1 else 0 end)"
+    };
+}
+
+/// The attempts that count against the limit: those that the job itself ended, by a panic or by taking too long. The number of an attempt under
+/// which a process died stays, as part of the fence against a worker that is only frozen; the deaths are subtracted.
+macro_rules! spent {
+    () => {
+        concat!("(attempt - deaths - ", died!(), ")")
+    };
+}
+
+pub(super) const QUERIES_SQLITE: &[&str] = &[CLAIM_SQLITE, CLAIM_SUSPECT_SQLITE];
+pub(super) const QUERIES_POSTGRES: &[&str] = &[CLAIM_POSTGRES, CLAIM_SUSPECT_POSTGRES];
 pub(super) const ALL_QUERIES: &[&str] = &[
     HEARTBEAT,
     SUCCEED,
@@ -97,13 +124,14 @@ pub(super) const ALL_QUERIES: &[&str] = &[
     EXPIRE_CANCELLED,
     EXPIRE_FAILED,
     EXPIRE_QUEUED,
-    GIVE_BACK,
     END_ALL,
 ];
 
-const CLAIM_SQLITE: &str = claim!("");
-// Workers that claim at the same moment pass each other by instead of waiting for the same row.
-const CLAIM_POSTGRES: &str = claim!(" for update skip locked");
+const CLAIM_SQLITE: &str = claim!("= 0", "");
+const CLAIM_SUSPECT_SQLITE: &str = claim!("> 0", "");
+// `skip locked`: workers that claim at the same moment do not wait for the same row.
+const CLAIM_POSTGRES: &str = claim!("= 0", " for update skip locked");
+const CLAIM_SUSPECT_POSTGRES: &str = claim!("> 0", " for update skip locked");
 
 const HEARTBEAT: &str = concat!(
     fenced!(
@@ -158,50 +186,70 @@ const EXPIRE_CANCELLED: &str = expired!(
 );
 
 const EXPIRE_FAILED: &str = expired!(
-    "update job set status = 'failed', error_json = $2, lease_until_ms = null, finished_at_ms = (select now_ms from clock)",
-    "(attempt >= $1 or deaths >= $3)"
+    concat!(
+        "update job set status = 'failed', error_json = $2, deaths = deaths + ",
+        died!(),
+        ", lease_until_ms = null, finished_at_ms = (select now_ms from clock)"
+    ),
+    concat!("(", spent!(), " >= $1 or deaths + ", died!(), " > $3)")
 );
 
 const EXPIRE_QUEUED: &str = expired!(
-    "update job set status = 'queued', owner = null, lease_until_ms = null, started_at_ms = null, progress_json = null",
-    "attempt < $1 and deaths < $2"
+    concat!(
+        "update job set status = 'queued', deaths = deaths + ",
+        died!(),
+        ", owner = null, lease_until_ms = null, started_at_ms = null, progress_json = null"
+    ),
+    concat!(spent!(), " < $1 and deaths + ", died!(), " <= $2")
 );
 
-const GIVE_BACK: &str = "
-    update job set attempt = attempt - 1, deaths = deaths + 1 where status = 'running' and lease_until_ms > 0";
+// The workers are known to be dead, so the numbers of their attempts are given back. The lease is not set to 0: that would say that the jobs
+// gave up.
+const END_ALL: &str = "update job set attempt = attempt - 1, lease_until_ms = 1 where status = 'running' and lease_until_ms > 0";
 
-const END_ALL: &str = "update job set lease_until_ms = 0 where status = 'running'";
+/// How often a process may die under a job that it runs alone, before the job is given up. A death is not the job's fault as a rule, so it uses
+/// up no attempt; but a job that overflows the stack kills every process that computes it, and has to end too. The first death is not
+/// counted: other jobs may have run beside it. Later ones are, as suspects run alone.
+pub const MAX_DEATHS_ALONE: i64 = 5;
 
-/// How often the process may die under a job. That is not the job's fault as a rule, so it uses up no attempt; but a job that
-/// overflows the stack kills every process that computes it, and has to end too.
-pub const MAX_DEATHS: i64 = 10;
-
-/// Takes the next waiting job: one under which no process died, the highest priority, the client whose turn it is. It is the worker's once
-/// the transaction is committed.
+/// Takes the next waiting job: the highest priority, the client whose turn it is; among suspects first those under which fewest processes died.
+/// It is the worker's once the transaction is committed. A suspect may only be asked for by a process that runs nothing else.
 ///
 /// # Errors
 /// [`super::Error::Database`].
-pub async fn claim_in(tx: &mut Tx, owner: &str, lease: Duration) -> Result<Option<JobRow>> {
-    let statement = match tx.engine() {
-        Engine::Sqlite => CLAIM_SQLITE,
-        Engine::Postgres => CLAIM_POSTGRES,
+pub async fn claim_in(
+    tx: &mut Tx,
+    which: Which,
+    owner: &str,
+    lease: Duration,
+) -> Result<Option<JobRow>> {
+    let statement = match (tx.engine(), which) {
+        (Engine::Sqlite, Which::Unsuspected) => CLAIM_SQLITE,
+        (Engine::Sqlite, Which::Suspect) => CLAIM_SUSPECT_SQLITE,
+        (Engine::Postgres, Which::Unsuspected) => CLAIM_POSTGRES,
+        (Engine::Postgres, Which::Suspect) => CLAIM_SUSPECT_POSTGRES,
     };
     Ok(sqlx::query_as(statement)
         .bind(owner)
         .bind(millis(lease))
-        .fetch_optional(tx.connection()?)
+        .fetch_optional(tx.connection())
         .await?)
 }
 
-/// Takes the next waiting job in a transaction of its own, for those who do not go on with it at once: tests and studies.
+/// Takes the next waiting job, suspects last, in a transaction of its own, for those who do not go on with it at once: tests and studies.
 ///
 /// # Errors
 /// [`super::Error::Database`].
 pub async fn claim(store: &Store, owner: &str, lease: Duration) -> Result<Option<Lease>> {
-    let mut tx = store.begin().await?;
-    let claimed = claim_in(&mut tx, owner, lease).await?;
-    tx.commit().await?;
-    Ok(claimed.as_ref().map(|job| Lease::of(job, owner)))
+    for which in [Which::Unsuspected, Which::Suspect] {
+        let mut tx = store.begin().await?;
+        let claimed = claim_in(&mut tx, which, owner, lease).await?;
+        tx.commit().await?;
+        if let Some(job) = claimed {
+            return Ok(Some(Lease::of(&job, owner)));
+        }
+    }
+    Ok(None)
 }
 
 /// Renews a lease, stores the progress if there is some, and reads the cancel flag, all in one statement.
@@ -220,8 +268,7 @@ pub async fn heartbeat(
         .bind(&lease.owner)
         .bind(lease.attempt);
     let query = query.bind(millis(duration)).bind(progress_json);
-    let cancel_requested_at_ms: Option<Option<i64>> =
-        query.fetch_optional(tx.connection()?).await?;
+    let cancel_requested_at_ms: Option<Option<i64>> = query.fetch_optional(tx.connection()).await?;
     tx.commit().await?;
     let cancel_requested_at_ms = cancel_requested_at_ms.ok_or(Conflict::LeaseLost)?;
     Ok(Heartbeat {
@@ -229,7 +276,7 @@ pub async fn heartbeat(
     })
 }
 
-/// Ends a job with its report. False if somebody wants it cancelled: then it is, and has none.
+/// Ends a job with its report. Returns false if cancellation was requested; the job is then cancelled and no report is stored.
 ///
 /// # Errors
 /// [`Conflict::LeaseLost`], [`super::Error::Database`]; the transaction must then not be committed.
@@ -248,7 +295,7 @@ pub async fn succeed(
         .bind(report_json)
         .bind(convergence_json)
         .bind(result_sha256);
-    let status: Option<String> = query.fetch_optional(tx.connection()?).await?;
+    let status: Option<String> = query.fetch_optional(tx.connection()).await?;
     if status.ok_or(Conflict::LeaseLost)? == "cancelled" {
         note(tx, lease, "job_cancelled", json!({}));
         return Ok(false);
@@ -259,7 +306,7 @@ pub async fn succeed(
     Ok(true)
 }
 
-/// Ends a job with an error; one that somebody wants cancelled is cancelled.
+/// Ends a job with an error; if cancellation was requested, it is cancelled.
 ///
 /// # Errors
 /// [`Conflict::LeaseLost`], [`super::Error::Database`].
@@ -269,7 +316,7 @@ pub async fn fail(tx: &mut Tx, lease: &Lease, error_json: &str) -> Result<()> {
         .bind(&lease.owner)
         .bind(lease.attempt)
         .bind(error_json);
-    let status: Option<String> = query.fetch_optional(tx.connection()?).await?;
+    let status: Option<String> = query.fetch_optional(tx.connection()).await?;
     match status.ok_or(Conflict::LeaseLost)?.as_str() {
         "cancelled" => note(tx, lease, "job_cancelled", json!({})),
         _ => note(tx, lease, jobs::FAILED, jobs::as_failed(error_json)),
@@ -277,7 +324,7 @@ pub async fn fail(tx: &mut Tx, lease: &Lease, error_json: &str) -> Result<()> {
     Ok(())
 }
 
-/// Ends a job because somebody asked for it.
+/// Ends a job as cancelled.
 ///
 /// # Errors
 /// [`Conflict::LeaseLost`], [`super::Error::Database`].
@@ -286,12 +333,12 @@ pub async fn cancelled(tx: &mut Tx, lease: &Lease) -> Result<()> {
         .bind(&lease.job_id)
         .bind(&lease.owner)
         .bind(lease.attempt);
-    held(query.execute(tx.connection()?).await?.rows_affected())?;
+    held(query.execute(tx.connection()).await?.rows_affected())?;
     note(tx, lease, "job_cancelled", json!({}));
     Ok(())
 }
 
-/// Puts a job back into the queue as if this attempt had not been; to its end if somebody wanted it cancelled.
+/// Puts a job back into the queue without counting the attempt; if cancellation was requested, it is cancelled.
 ///
 /// # Errors
 /// [`Conflict::LeaseLost`], [`super::Error::Database`].
@@ -300,14 +347,14 @@ pub async fn hand_back(tx: &mut Tx, lease: &Lease) -> Result<()> {
         .bind(&lease.job_id)
         .bind(&lease.owner)
         .bind(lease.attempt);
-    let status: Option<String> = query.fetch_optional(tx.connection()?).await?;
+    let status: Option<String> = query.fetch_optional(tx.connection()).await?;
     if status.ok_or(Conflict::LeaseLost)? == "cancelled" {
         note(tx, lease, "job_cancelled", json!({}));
     }
     Ok(())
 }
 
-/// Gives a job up without a result: its lease ends now, and this attempt counts.
+/// Ends the lease without a result; the attempt counts.
 ///
 /// # Errors
 /// [`Conflict::LeaseLost`], [`super::Error::Database`].
@@ -316,7 +363,7 @@ pub async fn give_up(tx: &mut Tx, lease: &Lease) -> Result<()> {
         .bind(&lease.job_id)
         .bind(&lease.owner)
         .bind(lease.attempt);
-    held(query.execute(tx.connection()?).await?.rows_affected())
+    held(query.execute(tx.connection()).await?.rows_affected())
 }
 
 fn note(tx: &mut Tx, lease: &Lease, event: &'static str, detail: serde_json::Value) {
@@ -324,13 +371,13 @@ fn note(tx: &mut Tx, lease: &Lease, event: &'static str, detail: serde_json::Val
     tx.note(event, &lease.job_id, detail);
 }
 
-/// Takes jobs from workers that did not renew: back into the queue, or to their end with `exhausted_json` if this
-/// was attempt number `max_attempts`.
+/// Takes jobs from workers that did not renew: back into the queue, as suspects, or to their end with `exhausted_json`. They end if they used up
+/// `max_attempts` themselves, or if a process died under them [`MAX_DEATHS_ALONE`] times while it ran nothing else.
 ///
 /// # Errors
 /// [`super::Error::Database`].
 pub async fn expire(store: &Store, max_attempts: i64, exhausted_json: &str) -> Result<Expired> {
-    // Mostly there are none, and looking needs no write lock.
+    // A read first: usually there are none, and a read needs no write lock.
     let n_expired: i64 = sqlx::query_scalar(N_EXPIRED)
         .fetch_one(store.reads())
         .await?;
@@ -339,17 +386,17 @@ pub async fn expire(store: &Store, max_attempts: i64, exhausted_json: &str) -> R
     }
     let mut tx = store.begin().await?;
     let cancelled = sqlx::query_scalar(EXPIRE_CANCELLED)
-        .fetch_all(tx.connection()?)
+        .fetch_all(tx.connection())
         .await?;
     let failed = sqlx::query_scalar(EXPIRE_FAILED)
         .bind(max_attempts)
         .bind(exhausted_json)
-        .bind(MAX_DEATHS);
-    let failed: Vec<String> = failed.fetch_all(tx.connection()?).await?;
+        .bind(MAX_DEATHS_ALONE);
+    let failed: Vec<String> = failed.fetch_all(tx.connection()).await?;
     let queued = sqlx::query_scalar(EXPIRE_QUEUED)
         .bind(max_attempts)
-        .bind(MAX_DEATHS)
-        .fetch_all(tx.connection()?)
+        .bind(MAX_DEATHS_ALONE)
+        .fetch_all(tx.connection())
         .await?;
     cancelled
         .iter()
@@ -366,12 +413,10 @@ pub async fn expire(store: &Store, max_attempts: i64, exhausted_json: &str) -> R
     })
 }
 
-/// Ends every lease: whoever holds the data directory alone knows that the workers before it are dead. The attempts are
-/// given back.
+/// Ends every lease. For the process that has locked the data directory: earlier workers are dead.
 pub(super) async fn end_all(store: &Store) -> Result<()> {
     let mut tx = store.begin().await?;
-    sqlx::query(GIVE_BACK).execute(tx.connection()?).await?;
-    sqlx::query(END_ALL).execute(tx.connection()?).await?;
+    sqlx::query(END_ALL).execute(tx.connection()).await?;
     tx.commit().await
 }
 

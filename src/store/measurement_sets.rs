@@ -4,11 +4,13 @@ use serde_json::{Value, json};
 use sqlx::{FromRow, Row};
 
 use super::audit::{Noted, Said};
-use super::{Page, PageRequest, Result, Store, Tx, new_id};
+use super::database::new_id;
+use super::from_row::from_row;
+use super::{Page, PageRequest, Result, Store, Tx};
 use crate::wire::canonical;
 
 /// A measurement set without its bytes.
-#[derive(Clone, Debug, PartialEq, sqlx::FromRow)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct MeasurementSetRow {
     /// `set_…`
     pub id: String,
@@ -36,7 +38,26 @@ pub struct MeasurementSetRow {
     pub uploaded_by: Option<String>,
     /// The serial number that the uploader stated.
     pub serial_number: Option<String>,
+    /// The code of the suspicion that the uploader insisted on: no release rests on such a set.
+    pub insisted_on: Option<String>,
 }
+
+from_row!(MeasurementSetRow {
+    id,
+    robot_id,
+    name,
+    frame,
+    content_type,
+    sha256,
+    n_points,
+    n_configurations,
+    n_targets,
+    warnings_json,
+    created_at_ms,
+    uploaded_by,
+    serial_number,
+    insisted_on
+});
 
 /// A measurement set to be stored.
 #[derive(Clone, Debug, PartialEq)]
@@ -65,12 +86,14 @@ pub struct NewMeasurementSet {
     pub uploaded_by: Option<String>,
     /// The serial number that the uploader states.
     pub serial_number: Option<String>,
+    /// The code of the suspicion that the uploader insists on.
+    pub insisted_on: Option<String>,
 }
 
 macro_rules! columns {
     () => {
         "id, robot_id, name, frame, content_type, sha256, n_points, n_configurations, n_targets, warnings_json, created_at_ms,
-         uploaded_by, serial_number"
+         uploaded_by, serial_number, insisted_on"
     };
 }
 
@@ -78,8 +101,8 @@ pub(super) const ALL_QUERIES: &[&str] = &[INSERT, GET, GET_WITH_BODY, BODY, LIST
 
 const INSERT: &str = concat!(
     "insert into measurement_set (id, robot_id, name, frame, content_type, body, sha256,
-         n_points, n_configurations, n_targets, warnings_json, created_at_ms, uploaded_by, serial_number)
-     values ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, (select now_ms from clock), $12, $13)
+         n_points, n_configurations, n_targets, warnings_json, created_at_ms, uploaded_by, serial_number, insisted_on)
+     values ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, (select now_ms from clock), $12, $13, $14)
      returning ",
     columns!()
 );
@@ -121,8 +144,13 @@ fn as_created(row: &MeasurementSetRow) -> Value {
         row.warnings_json,
         row.created_at_ms
     ]);
-    json!({"robot_id": row.robot_id, "sha256": row.sha256, "frame": row.frame, "content_type": row.content_type,
-        "serial_number": row.serial_number, "uploaded_by": row.uploaded_by, "rest_sha256": canonical::sha256_hex(rest.to_string().as_bytes())})
+    let mut created = json!({"robot_id": row.robot_id, "sha256": row.sha256, "frame": row.frame, "content_type": row.content_type,
+        "serial_number": row.serial_number, "uploaded_by": row.uploaded_by, "rest_sha256": canonical::sha256_hex(rest.to_string().as_bytes())});
+    // entries of sets from before there was insisting have no such field
+    if let Some(code) = &row.insisted_on {
+        created["insisted_on"] = json!(code);
+    }
+    created
 }
 
 impl Noted for MeasurementSetRow {
@@ -160,9 +188,10 @@ pub async fn insert(tx: &mut Tx, new: &NewMeasurementSet) -> Result<MeasurementS
         .bind(new.n_targets)
         .bind(&new.warnings_json)
         .bind(new.uploaded_by.as_deref())
-        .bind(new.serial_number.as_deref());
+        .bind(new.serial_number.as_deref())
+        .bind(new.insisted_on.as_deref());
     tx.needs_room()?;
-    let row: MeasurementSetRow = query.fetch_one(tx.connection()?).await?;
+    let row: MeasurementSetRow = query.fetch_one(tx.connection()).await?;
     tx.note(CREATED, &row.id, as_created(&row));
     Ok(row)
 }
@@ -202,7 +231,7 @@ pub async fn get_with_body(store: &Store, id: &str) -> Result<(MeasurementSetRow
 pub async fn body(store: &Store, id: &str) -> Result<Vec<u8>> {
     Ok(sqlx::query_scalar(BODY)
         .bind(id)
-        .fetch_one(store.reads_much())
+        .fetch_one(store.reads())
         .await?)
 }
 

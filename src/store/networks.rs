@@ -1,14 +1,16 @@
-//! Trained networks: of each kind at most one per job. Those that speak of link parameters and those of what links and physics leave stand in
-//! tables of their own and are found together.
+//! Trained networks, at most one of each kind per job. Networks of link parameters and residual networks have tables of their own; lists show
+//! both.
 
 use serde_json::{Value, json};
 
 use super::audit::{Noted, Said};
-use super::{Page, PageRequest, Result, Store, Tx, new_id};
+use super::database::new_id;
+use super::from_row::from_row;
+use super::{Page, PageRequest, Result, Store, Tx};
 use crate::wire::canonical;
 
 /// A network without its weights.
-#[derive(Clone, Debug, PartialEq, sqlx::FromRow)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct NetworkRow {
     /// `net_…`
     pub id: String,
@@ -27,6 +29,17 @@ pub struct NetworkRow {
     /// When it was stored.
     pub created_at_ms: i64,
 }
+
+from_row!(NetworkRow {
+    id,
+    robot_id,
+    job_id,
+    model,
+    preset,
+    metadata_json,
+    weights_sha256,
+    created_at_ms
+});
 
 /// A network to be stored with the job that trained it.
 #[derive(Clone, Debug, PartialEq)]
@@ -87,7 +100,7 @@ const WEIGHTS: &str = "select weights from network where id = $1 union all selec
 
 const NEWEST: &str = "select id, weights from network
      where robot_id = $1 and model = $2 and preset = $3
-     order by created_at_ms desc, id desc
+     order by coalesce((select v.seq from verification v where v.job_id = network.job_id), 0) desc, id desc
      limit cast($4 as bigint)";
 
 const IS_RESIDUAL: &str =
@@ -96,7 +109,7 @@ const IS_RESIDUAL: &str =
 const NEWEST_RESIDUAL: &str = "select n.id, n.weights, j.measurement_set_id from residual_network n
      join job j on j.id = n.job_id join measurement_set m on m.id = j.measurement_set_id
      where n.robot_id = $1 and m.sha256 <> $2
-     order by n.created_at_ms desc, n.id desc
+     order by coalesce((select v.seq from verification v where v.job_id = n.job_id), 0) desc, n.id desc
      limit cast($3 as bigint)";
 
 const LIST: &str = concat!(
@@ -173,7 +186,7 @@ async fn insert_by(
         .bind(&new.metadata_json)
         .bind(new.weights.as_slice())
         .bind(&new.weights_sha256);
-    let row: NetworkRow = query.fetch_one(tx.connection()?).await?;
+    let row: NetworkRow = query.fetch_one(tx.connection()).await?;
     tx.note(CREATED, &row.id, as_created(&row));
     tx.note_also("sha256", canonical::sha256_hex(&new.weights).into());
     Ok(row)
@@ -197,7 +210,7 @@ pub async fn get(store: &Store, id: &str) -> Result<NetworkRow> {
 pub async fn weights(store: &Store, id: &str) -> Result<Vec<u8>> {
     Ok(sqlx::query_scalar(WEIGHTS)
         .bind(id)
-        .fetch_one(store.reads_much())
+        .fetch_one(store.reads())
         .await?)
 }
 
@@ -231,7 +244,7 @@ pub async fn newest_residual(
     set_sha256: &str,
     limit: i64,
 ) -> Result<Vec<(String, Vec<u8>, String)>> {
-    // most robots have none, and nothing has to go aside for a list
+    // Most robots have none.
     let is_one: Option<i64> = sqlx::query_scalar(IS_RESIDUAL)
         .bind(robot_id)
         .fetch_optional(store.reads())

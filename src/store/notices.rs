@@ -1,25 +1,24 @@
-//! What the processes on one PostgreSQL tell each other: LISTEN and NOTIFY. Notices only save waiting; one that is lost delays nobody for
-//! longer than the poll that stands behind it.
+//! LISTEN and NOTIFY between the processes on one PostgreSQL. A notice only saves waiting: listeners poll in case one is lost.
 
 use sqlx::postgres::PgListener;
 
 use super::{Result, Store};
 
-/// The channel of all kincal processes on a database; PostgreSQL keeps those of different databases apart.
+/// Channel of all kincal processes on a database; channels of different databases are separate.
 const CHANNEL: &str = "kincal_jobs";
 
 pub(super) const QUERIES_POSTGRES: &[&str] = &[SEND];
 
 const SEND: &str = "select 1 from (select pg_notify('kincal_jobs', $1)) as sent";
 
-/// The notices of all processes, this one's among them.
+/// Notices of all processes, including this one.
 #[derive(Debug)]
 pub struct Notices {
     listener: PgListener,
 }
 
 impl Notices {
-    /// The next notice; none after the connection was lost and made anew: anything may have been missed.
+    /// The next notice; none after a reconnection, when notices may have been missed.
     ///
     /// # Errors
     /// [`super::Error::Database`] if the connection cannot be made anew.
@@ -32,7 +31,7 @@ impl Notices {
     }
 }
 
-/// Begins to listen; none where the database has only one process.
+/// Starts to listen; none on SQLite, which has one process.
 ///
 /// # Errors
 /// [`super::Error::Database`].

@@ -1,6 +1,7 @@
 //! Opening the database: where it is, its settings, its lock and its schema.
 
-use std::fs::{File, TryLockError};
+use std::fs::{DirBuilder, File, Permissions, TryLockError};
+use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::sync::Arc;
@@ -11,8 +12,8 @@ use sqlx::migrate::{MigrateError, Migration, MigrationType, Migrator};
 use sqlx::{AnyConnection, AnyPool, Connection, Executor, SqlSafeStr};
 use tokio::sync::Semaphore;
 
-use super::writer::Writer;
-use super::{Engine, Error, Inner, RESERVE_BYTES, Result, Store, leases, sqlite};
+use super::database::{DATABASE, Inner, LOCK, RESERVE_BYTES, WRITER_TIMEOUT};
+use super::{Engine, Error, Result, Store, leases};
 
 /// Where the database is.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -73,9 +74,21 @@ const MIGRATIONS: &[(i64, &str, &str, &str)] = &[
         include_str!("../../migrations/sqlite/0007_documents_last.sql"),
         include_str!("../../migrations/postgres/0007_documents_last.sql"),
     ),
+    (
+        8,
+        "verification",
+        include_str!("../../migrations/sqlite/0008_verification.sql"),
+        include_str!("../../migrations/postgres/0008_verification.sql"),
+    ),
+    (
+        9,
+        "insisted",
+        include_str!("../../migrations/sqlite/0009_insisted.sql"),
+        include_str!("../../migrations/postgres/0009_insisted.sql"),
+    ),
 ];
 
-/// The step that lays jobs out anew on SQLite.
+/// Version of the migration that rewrites the job table on SQLite.
 const LAID_OUT: i64 = 7;
 
 pub(super) const QUERIES_SQLITE: &[&str] = &[HAS_JOBS, JOB_BYTES];
@@ -85,35 +98,69 @@ const JOB_BYTES: &str = "
     select coalesce(sum(1024 + octet_length(request_json) + coalesce(octet_length(report_json), 0) + coalesce(octet_length(convergence_json), 0)), 0)
     from job";
 
-/// The database's file in the data directory.
-pub(super) const DATABASE: &str = "kincal.sqlite";
-/// The file whose lock makes the data directory one process's.
-pub(super) const LOCK: &str = "lock";
+/// Permissions of the data directory: the owner's only.
+const PRIVATE_DIR: u32 = 0o700;
+/// Permissions of the files in it.
+const PRIVATE_FILE: u32 = 0o600;
+/// Rights of everybody but the owner.
+const OTHERS: u32 = 0o077;
 /// Older ones can corrupt a database in WAL mode.
 const OLDEST_SQLITE: (u32, u32, u32) = (3, 51, 3);
 /// SQLite's readers do not wait for each other; more connections than this only cost memory.
-const SQLITE_CONNECTIONS: u32 = 8;
+const SQLITE_READERS: u32 = 8;
 /// Per process; a PostgreSQL server takes 100 connections unless told otherwise.
 const POSTGRES_CONNECTIONS: u32 = 16;
-/// Of these, what writers may have: those that wait for somebody's lock must not keep readers out.
+/// Connections of these that may write: writers that wait for a lock must leave some to readers.
 const POSTGRES_WRITERS: usize = 12;
-/// Longest wait of a writer for one of them.
-pub(super) const POSTGRES_WRITER_TIMEOUT: Duration = Duration::from_secs(2);
-/// Longest wait for somebody else's lock: then it is the client's turn to come back.
-const POSTGRES_SETTINGS: &str = "set lock_timeout = '3s'";
-/// Another node may be at the same step, and may take its time.
-const POSTGRES_SETTINGS_TO_MIGRATE: &str = "set lock_timeout = 0";
-/// How long a request waits for a connection before it is told to come back later.
+/// A node that is frozen, paused or cut off must not stop the writes of the others for longer than 10 s.
+///
+/// `lock_timeout` is the longest wait for somebody else's lock: then it is the client's turn to come back. A frozen node's transactions that waited
+/// for a lock have therefore ended after 3 s, and one that got it ends 5 s later, for being idle: 8 s in all. The time for which a transaction
+/// may be idle includes that of receiving a statement, so the network has to carry the largest upload in it: 32 MiB in 5 s. A node that does not
+/// take its answer, or whose machine does not answer at all, is told by TCP: 5 s and three probes 1 s apart, or 8 s for what was sent.
+const POSTGRES_SETTINGS: &str = "set lock_timeout = '3s'; set idle_in_transaction_session_timeout = '5s'; \
+    set tcp_keepalives_idle = 5; set tcp_keepalives_interval = 1; set tcp_keepalives_count = 3; set tcp_user_timeout = '8s'";
+/// Longest wait for another node that runs the same migration.
+const POSTGRES_SETTINGS_TO_MIGRATE: &str =
+    "set lock_timeout = 0; set idle_in_transaction_session_timeout = 0";
+/// Longest wait of a request for a connection; then it is 503.
 const ACQUIRE_TIMEOUT: Duration = Duration::from_secs(5);
-/// WAL and FULL: what was acknowledged survives power loss. The busy timeout (ms) covers tools beside the server.
-pub(super) const SQLITE_PRAGMAS: &str = "pragma busy_timeout = 5000; pragma journal_mode = wal; pragma synchronous = full; pragma foreign_keys = on";
-/// The same busy timeout.
-const SQLITE_PATIENCE: Duration = Duration::from_millis(5000);
+/// WAL and FULL: what was acknowledged survives power loss. The busy timeout (ms) is for locks of tools beside the server, as
+/// PostgreSQL's lock timeout.
+pub(super) const SQLITE_PRAGMAS: &str = "pragma busy_timeout = 3000; pragma journal_mode = wal; pragma synchronous = full; pragma foreign_keys = on";
 
-pub(super) async fn as_server(location: StoreLocation) -> Result<Store> {
+impl Store {
+    /// Opens the database as a server does: brings its schema up to date and, on SQLite, takes the data directory
+    /// for itself and ends the leases of the process that had it before, which is dead.
+    ///
+    /// # Errors
+    /// [`Error::Open`] saying what is wrong (data directory in use, SQLite too old, …), [`Error::Database`].
+    pub async fn open(location: StoreLocation) -> Result<Store> {
+        as_server(location).await
+    }
+
+    /// Opens the database for a short-lived tool (`kincal key …`) that may run beside the server.
+    ///
+    /// # Errors
+    /// As [`Store::open`], except that a data directory in use is no reason to refuse.
+    pub async fn open_beside_a_server(location: StoreLocation) -> Result<Store> {
+        beside_a_server(location).await
+    }
+
+    /// Opens an existing database without migrating its schema.
+    ///
+    /// # Errors
+    /// As [`Store::open`].
+    pub async fn open_as_it_is(location: StoreLocation) -> Result<Store> {
+        as_it_is(location).await
+    }
+}
+
+async fn as_server(location: StoreLocation) -> Result<Store> {
     match location {
         StoreLocation::Sqlite { data_dir } => {
             let data_dir = make_data_dir(&data_dir)?;
+            keep_others_out(&data_dir);
             let lock_file = lock(&data_dir)?.ok_or_else(|| Error::Open {
                 detail: format!(
                     "the data directory {} is in use by another kincal server; stop that one or choose another",
@@ -129,7 +176,7 @@ pub(super) async fn as_server(location: StoreLocation) -> Result<Store> {
     }
 }
 
-pub(super) async fn beside_a_server(location: StoreLocation) -> Result<Store> {
+async fn beside_a_server(location: StoreLocation) -> Result<Store> {
     match location {
         StoreLocation::Sqlite { data_dir } => {
             let data_dir = make_data_dir(&data_dir)?;
@@ -144,7 +191,7 @@ pub(super) async fn beside_a_server(location: StoreLocation) -> Result<Store> {
     }
 }
 
-pub(super) async fn as_it_is(location: StoreLocation) -> Result<Store> {
+async fn as_it_is(location: StoreLocation) -> Result<Store> {
     match location {
         StoreLocation::Sqlite { data_dir } => {
             if !data_dir.join(DATABASE).is_file() {
@@ -178,18 +225,15 @@ async fn connect_postgres(url: &str) -> Result<Store> {
             Box::pin(async move { connection.execute(POSTGRES_SETTINGS).await.map(drop) })
         });
     let pool = connect(options, url, POSTGRES_SETTINGS).await?;
-    let (engine, is_served) = (Engine::Postgres, true);
-    let postgres_url = Some(url.to_owned());
-    let writers = Some(Arc::new(Semaphore::new(POSTGRES_WRITERS)));
     let inner = Inner {
         pool,
-        engine,
+        sqlite_writer: None,
+        postgres_writers: Some(Arc::new(Semaphore::new(POSTGRES_WRITERS))),
+        writes: Arc::default(),
+        engine: Engine::Postgres,
         data_dir: None,
-        is_served,
-        postgres_url,
-        sqlite: None,
-        writer: None,
-        writers,
+        is_served: true,
+        postgres_url: Some(url.to_owned()),
         lock_file: None,
     };
     Ok(Store {
@@ -213,7 +257,7 @@ async fn connect(options: AnyPoolOptions, url: &str, settings: &'static str) -> 
     }
 }
 
-/// Why no connection could be made: a pool that tried for some time says only that it did.
+/// Connects once to get the actual error; the pool only reports a timeout.
 async fn reason(
     cause: sqlx::Error,
     url: &AnyConnectOptions,
@@ -237,31 +281,40 @@ async fn connect_sqlite(
     is_served: bool,
 ) -> Result<Store> {
     let options = AnyPoolOptions::new()
-        .max_connections(SQLITE_CONNECTIONS)
         .acquire_timeout(ACQUIRE_TIMEOUT)
         .test_before_acquire(false)
         .after_connect(|connection, _| {
             Box::pin(async move { connection.execute(SQLITE_PRAGMAS).await.map(drop) })
         });
-    let pool = connect(options, &sqlite_url(data_dir)?, SQLITE_PRAGMAS).await?;
+    let file = data_dir.join(DATABASE);
+    make_private_file(&file).map_err(|e| Error::Open {
+        detail: format!("the database file {}: {e}", file.display()),
+    })?;
+    let url = sqlite_url(data_dir)?;
+    let readers = options.clone().max_connections(SQLITE_READERS);
+    let pool = connect(readers, &url, SQLITE_PRAGMAS).await?;
     refuse_old_sqlite(&pool).await?;
-    let sqlite = Arc::new(sqlite::Pool::new(
-        data_dir.join(DATABASE),
-        SQLITE_PRAGMAS,
-        SQLITE_PATIENCE,
-        SQLITE_CONNECTIONS,
-    ));
-    let writer = Some(Writer::new(Arc::clone(&sqlite)));
-    let (sqlite, data_dir) = (Some(sqlite), Some(data_dir.to_owned()));
+    // Where SQLite itself ended a transaction (disk full), sqlx still counts it as open: such a connection is closed. The rollback of a
+    // dropped transaction is queued; the ping waits for it.
+    let writer = options
+        .max_connections(1)
+        .acquire_timeout(WRITER_TIMEOUT)
+        .after_release(|connection, _| {
+            Box::pin(async move {
+                connection.ping().await?;
+                Ok(!connection.is_in_transaction())
+            })
+        });
+    let sqlite_writer = connect(writer, &url, SQLITE_PRAGMAS).await?;
     let inner = Inner {
         pool,
+        sqlite_writer: Some(sqlite_writer),
+        postgres_writers: None,
+        writes: Arc::default(),
         engine: Engine::Sqlite,
-        data_dir,
+        data_dir: Some(data_dir.to_owned()),
         is_served,
         postgres_url: None,
-        sqlite,
-        writer,
-        writers: None,
         lock_file,
     };
     Ok(Store {
@@ -304,11 +357,58 @@ fn make_data_dir(data_dir: &Path) -> Result<PathBuf> {
     let failed = |e: std::io::Error| Error::Open {
         detail: format!("the data directory {}: {e}", data_dir.display()),
     };
-    std::fs::create_dir_all(data_dir).map_err(failed)?;
+    make_private_dir(data_dir).map_err(failed)?;
     data_dir.canonicalize().map_err(failed)
 }
 
-/// The lock on the data directory, none if another process has it. It ends with the file, and so with the process.
+/// Makes a directory that only its owner can read, if it is missing: it holds measurements, reports and hashes of keys.
+pub(super) fn make_private_dir(dir: &Path) -> std::io::Result<()> {
+    DirBuilder::new()
+        .recursive(true)
+        .mode(PRIVATE_DIR)
+        .create(dir)
+}
+
+/// Makes an empty file that only its owner can read, if it is missing. SQLite gives its log and index the same permissions.
+pub(super) fn make_private_file(file: &Path) -> std::io::Result<()> {
+    if file.exists() {
+        return Ok(());
+    }
+    let mut options = File::options();
+    match options
+        .write(true)
+        .create_new(true)
+        .mode(PRIVATE_FILE)
+        .open(file)
+    {
+        Err(error) if error.kind() != std::io::ErrorKind::AlreadyExists => Err(error),
+        _ => Ok(()),
+    }
+}
+
+/// A directory that was there already, as older versions made it. Only its owner can change its rights.
+fn keep_others_out(data_dir: &Path) {
+    let mode = std::fs::metadata(data_dir).map_or(0, |data| data.permissions().mode());
+    if mode & OTHERS == 0 {
+        return;
+    }
+    let (directory, before) = (data_dir.display(), format!("{:04o}", mode & 0o7777));
+    match std::fs::set_permissions(data_dir, Permissions::from_mode(PRIVATE_DIR)) {
+        Ok(()) => tracing::info!(
+            %directory,
+            %before,
+            "taken the rights of others to the data directory: it holds measurements, reports and the hashes of keys"
+        ),
+        Err(error) => tracing::warn!(
+            %directory,
+            mode = before,
+            %error,
+            "other users of this machine may look into the data directory, and it is not this user's: its owner keeps them out by `chmod 0700`"
+        ),
+    }
+}
+
+/// Locks the data directory; none if another process has the lock. The lock ends with the process.
 fn lock(data_dir: &Path) -> Result<Option<File>> {
     let path = data_dir.join(LOCK);
     let failed = |e: std::io::Error| Error::Open {
@@ -318,6 +418,7 @@ fn lock(data_dir: &Path) -> Result<Option<File>> {
         .create(true)
         .truncate(false)
         .write(true)
+        .mode(PRIVATE_FILE)
         .open(&path)
         .map_err(failed)?;
     match file.try_lock() {

@@ -1,4 +1,4 @@
-//! Lists, page by page, newest first: what was there at the first page comes exactly once, whatever is added meanwhile.
+//! Lists, page by page, newest first. Items that existed at the first page come exactly once, whatever is added meanwhile.
 
 /// The most items on one page: a page of summaries stays well under a megabyte.
 pub const MAX_PAGE_SIZE: u32 = 200;
@@ -64,7 +64,7 @@ impl Default for PageRequest {
     }
 }
 
-/// What a list query binds: everything before (`created_at_ms`, `id`), one row more than the page holds.
+/// Bind values of a list query: rows before (`created_at_ms`, `id`), one more than the page holds.
 pub(crate) struct Keyset {
     pub(crate) created_at_ms: i64,
     pub(crate) id: String,

@@ -4,11 +4,15 @@
 use serde_json::{Value, json};
 
 use super::audit::{Noted, Said};
+use super::database::new_id;
+use super::from_row::from_row;
 use super::policies::ABSENT;
-use super::{Conflict, Error, Page, PageRequest, Result, Store, Tx, new_id, policies, sessions};
+use super::{
+    Conflict, Error, Page, PageRequest, Result, Store, Tx, policies, robots, verifications,
+};
 use crate::wire::canonical;
 
-/// Where a parameter set is in its life.
+/// Status of a parameter set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ParameterSetStatus {
     /// Just identified.
@@ -50,7 +54,7 @@ impl TryFrom<String> for ParameterSetStatus {
 }
 
 /// A parameter set.
-#[derive(Clone, Debug, PartialEq, sqlx::FromRow)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct ParameterSetRow {
     /// `par_…`
     pub id: String,
@@ -59,7 +63,6 @@ pub struct ParameterSetRow {
     /// The job that identified it.
     pub job_id: String,
     /// Where it is in its life.
-    #[sqlx(try_from = "String")]
     pub status: ParameterSetStatus,
     /// The parameters.
     pub body_json: String,
@@ -73,6 +76,10 @@ pub struct ParameterSetRow {
     pub release_reason: Option<String>,
     /// What was checked before that.
     pub release_checks_json: Option<String>,
+    /// How many gates it passed.
+    pub release_n_passed: Option<i64>,
+    /// How many it did not pass.
+    pub release_n_failed: Option<i64>,
     /// When it was withdrawn.
     pub withdrawn_at_ms: Option<i64>,
     /// Why it was withdrawn.
@@ -85,7 +92,13 @@ pub struct ParameterSetRow {
     pub release_evidence: Option<String>,
     /// The tool's largest uncertainty that the last release rests on, mm.
     pub release_uncertainty_mm: Option<f64>,
+    /// Counts the releases of its robot: of its last one.
+    pub release_seq: Option<i64>,
+    /// The set whose place it took with its last release.
+    pub supersedes_id: Option<String>,
 }
+
+from_row!(ParameterSetRow { id, robot_id, job_id, body_json, sha256, created_at_ms, released_at_ms, release_reason, release_checks_json, release_n_passed, release_n_failed, withdrawn_at_ms, withdraw_reason, released_by, withdrawn_by, release_evidence, release_uncertainty_mm, release_seq, supersedes_id } parsed { status });
 
 /// A parameter set to be stored with the job that identified it.
 #[derive(Clone, Debug, PartialEq)]
@@ -96,17 +109,21 @@ pub struct NewParameterSet {
     pub sha256: String,
 }
 
-/// The wish to make a parameter set the active one.
+/// A release to be written.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Release {
     /// Which.
     pub id: String,
-    /// How things stood when the checks were made.
+    /// State that the checks looked at.
     pub checked: Checked,
     /// Why.
     pub reason: String,
     /// What was checked, and how it came out.
     pub checks_json: String,
+    /// How many gates were passed.
+    pub n_passed: i64,
+    /// How many were not.
+    pub n_failed: i64,
     /// Who releases: the id of a key.
     pub released_by: String,
     /// How strong the verification is: `none`, `same_upload` or `independent_session`.
@@ -115,22 +132,25 @@ pub struct Release {
     pub uncertainty_mm: Option<f64>,
 }
 
-/// What the checks of a release looked at. If any of it is otherwise when the release is written, they have to be made again.
+/// State that the checks of a release looked at. If it has changed when the release is written, the checks must run again.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Checked {
     /// The robot's active set.
     pub active: Option<String>,
     /// Version of the robot's policy.
     pub policy_version: i64,
-    /// How many sessions the set was scored on.
-    pub n_sessions: i64,
+    /// How many jobs have identified the set or scored it.
+    pub n_verifications: i64,
+    /// The session that does not fit the robot, the number of the last one that did not, and what was looked at when somebody last said that it
+    /// is well.
+    pub robot: (Option<String>, i64, i64),
 }
 
 macro_rules! columns {
     () => {
         "id, robot_id, job_id, status, body_json, sha256, created_at_ms,
-         released_at_ms, release_reason, release_checks_json, withdrawn_at_ms, withdraw_reason, released_by, withdrawn_by,
-         release_evidence, release_uncertainty_mm"
+         released_at_ms, release_reason, release_checks_json, release_n_passed, release_n_failed, withdrawn_at_ms, withdraw_reason, released_by, withdrawn_by,
+         release_evidence, release_uncertainty_mm, release_seq, supersedes_id"
     };
 }
 
@@ -164,12 +184,15 @@ const ACTIVE: &str = concat!(
     " from parameter_set where robot_id = $1 and status = 'released'"
 );
 
+// The set that the active one superseded; if that was withdrawn or none is active, the last released of the others. Ordered by the robot's
+// counter, not by a clock.
 const BEFORE_ACTIVE: &str = concat!(
     "select ",
     columns!(),
     " from parameter_set
      where robot_id = $1 and status = 'superseded'
-     order by released_at_ms desc, id desc
+     order by case when id = (select a.supersedes_id from parameter_set a where a.robot_id = $1 and a.status = 'released') then 0 else 1 end,
+         release_seq desc
      limit 1"
 );
 
@@ -185,7 +208,7 @@ const OF_ANOTHER_SESSION: &str = concat!(
      where robot_id = $1 and exists (
          select 1 from job join measurement_set on measurement_set.id = job.measurement_set_id
          where job.id = parameter_set.job_id and measurement_set.sha256 <> (select sha256 from measurement_set where id = $2))
-     order by created_at_ms desc, id desc
+     order by coalesce((select v.seq from verification v where v.job_id = parameter_set.job_id), 0) desc, id desc
      limit (select count(*) from (
          select 1 from measurement_set
          where robot_id = $1 and sha256 <> (select sha256 from measurement_set where id = $2) limit 1) as other)"
@@ -200,7 +223,7 @@ const LIST: &str = concat!(
      limit cast($4 as bigint)"
 );
 
-// Changes nothing, but on both engines the next release or withdrawal for this robot waits for this one.
+// Changes nothing: locks the robot's row, so that releases and withdrawals of a robot run one after the other.
 const LOCK_ROBOT: &str =
     "update robot set name = name where id = (select robot_id from parameter_set where id = $1)";
 
@@ -209,7 +232,9 @@ const SUPERSEDE: &str =
 
 const RELEASE: &str = "
     update parameter_set set status = 'released', released_at_ms = (select now_ms from clock),
-        release_reason = $2, release_checks_json = $3, released_by = $4, release_evidence = $5, release_uncertainty_mm = nullif($6, cast(-1 as double precision))
+        release_seq = (select coalesce(max(o.release_seq), 0) + 1 from parameter_set o where o.robot_id = parameter_set.robot_id),
+        supersedes_id = nullif($7, ''),
+        release_reason = $2, release_checks_json = $3, release_n_passed = $8, release_n_failed = $9, released_by = $4, release_evidence = $5, release_uncertainty_mm = nullif($6, cast(-1 as double precision))
     where id = $1";
 
 const WITHDRAW: &str = "
@@ -242,7 +267,8 @@ fn as_released(row: &ParameterSetRow) -> Option<(i64, Value)> {
         .as_ref()
         .map(|checks| canonical::sha256_hex(checks.as_bytes()));
     let detail = json!({"reason": row.release_reason, "sha256": row.sha256, "checks_sha256": checks_sha256, "evidence": row.release_evidence,
-        "uncertainty_mm": row.release_uncertainty_mm, "released_by": row.released_by, "released_at_ms": row.released_at_ms});
+        "uncertainty_mm": row.release_uncertainty_mm, "released_by": row.released_by, "released_at_ms": row.released_at_ms,
+        "n_passed": row.release_n_passed, "n_failed": row.release_n_failed, "release_seq": row.release_seq, "supersedes_id": row.supersedes_id});
     Some((at_ms, detail))
 }
 
@@ -287,7 +313,7 @@ pub async fn insert(tx: &mut Tx, job_id: &str, new: &NewParameterSet) -> Result<
         .bind(job_id)
         .bind(&new.body_json)
         .bind(&new.sha256);
-    let row: ParameterSetRow = query.fetch_one(tx.connection()?).await?;
+    let row: ParameterSetRow = query.fetch_one(tx.connection()).await?;
     tx.note(CREATED, &row.id, as_created(&row));
     Ok(row)
 }
@@ -314,7 +340,7 @@ pub async fn active(store: &Store, robot_id: &str) -> Result<Option<ParameterSet
         .await?)
 }
 
-/// The set that a rollback goes back to: of those that were superseded, the one released last.
+/// The set that a rollback goes back to: the one that the active set superseded.
 ///
 /// # Errors
 /// [`Conflict::NothingToRollBackTo`], [`super::Error::Database`].
@@ -347,7 +373,7 @@ pub async fn of_another_session(
     Ok(sqlx::query_as(OF_ANOTHER_SESSION)
         .bind(robot_id)
         .bind(measurement_set_id)
-        .fetch_optional(store.reads_much())
+        .fetch_optional(store.reads())
         .await?)
 }
 
@@ -386,21 +412,27 @@ pub async fn release(tx: &mut Tx, release: &Release) -> Result<ParameterSetRow> 
     }
     let active: Option<ParameterSetRow> = sqlx::query_as(ACTIVE)
         .bind(&set.robot_id)
-        .fetch_optional(tx.connection()?)
+        .fetch_optional(tx.connection())
         .await?;
     let active = active.map(|active| active.id);
     if active != release.checked.active {
         return Err(Conflict::ActiveChanged.into());
     }
     let policy = policies::get_in(tx, &set.robot_id).await?;
-    if (policy.version, sessions::count_in(tx, &release.id).await?)
-        != (release.checked.policy_version, release.checked.n_sessions)
-    {
+    let robot = robots::get_in(tx, &set.robot_id).await?;
+    let now = Checked {
+        active,
+        policy_version: policy.version,
+        n_verifications: verifications::count_in(tx, &release.id).await?,
+        robot: robot.check(),
+    };
+    if now != release.checked {
         return Err(Conflict::ChecksOutdated.into());
     }
+    let active = now.active;
     sqlx::query(SUPERSEDE)
         .bind(&set.robot_id)
-        .execute(tx.connection()?)
+        .execute(tx.connection())
         .await?;
     let query = sqlx::query(RELEASE)
         .bind(&release.id)
@@ -410,7 +442,10 @@ pub async fn release(tx: &mut Tx, release: &Release) -> Result<ParameterSetRow> 
         .bind(&release.released_by)
         .bind(&release.evidence)
         .bind(release.uncertainty_mm.unwrap_or(ABSENT))
-        .execute(tx.connection()?.for_long())
+        .bind(active.as_deref().unwrap_or_default())
+        .bind(release.n_passed)
+        .bind(release.n_failed)
+        .execute(tx.connection())
         .await
         .map_err(Error::of_release)?;
     if let Some(active) = &active {
@@ -431,11 +466,11 @@ pub async fn roll_back(tx: &mut Tx, release: &Release) -> Result<ParameterSetRow
     let set = lock_and_get(tx, &release.id).await?;
     let active: Option<ParameterSetRow> = sqlx::query_as(ACTIVE)
         .bind(&set.robot_id)
-        .fetch_optional(tx.connection()?)
+        .fetch_optional(tx.connection())
         .await?;
     let before: Option<ParameterSetRow> = sqlx::query_as(BEFORE_ACTIVE)
         .bind(&set.robot_id)
-        .fetch_optional(tx.connection()?)
+        .fetch_optional(tx.connection())
         .await?;
     // asked again: what was released since this one was looked up has another set before it
     let is_before = before.is_some_and(|before| before.id == release.id);
@@ -469,7 +504,7 @@ pub async fn withdraw(tx: &mut Tx, id: &str, reason: &str, by: &str) -> Result<P
         .bind(id)
         .bind(reason)
         .bind(by)
-        .execute(tx.connection()?)
+        .execute(tx.connection())
         .await?
         .rows_affected();
     let row = get_in(tx, id).await?;
@@ -482,7 +517,7 @@ pub async fn withdraw(tx: &mut Tx, id: &str, reason: &str, by: &str) -> Result<P
 async fn lock_and_get(tx: &mut Tx, id: &str) -> Result<ParameterSetRow> {
     sqlx::query(LOCK_ROBOT)
         .bind(id)
-        .execute(tx.connection()?)
+        .execute(tx.connection())
         .await?;
     get_in(tx, id).await
 }
@@ -490,6 +525,6 @@ async fn lock_and_get(tx: &mut Tx, id: &str) -> Result<ParameterSetRow> {
 async fn get_in(tx: &mut Tx, id: &str) -> Result<ParameterSetRow> {
     Ok(sqlx::query_as(GET)
         .bind(id)
-        .fetch_one(tx.connection()?)
+        .fetch_one(tx.connection())
         .await?)
 }

@@ -1,12 +1,13 @@
-//! What robots ask of a release. A robot without a row asks nothing beyond the gates that always stand.
+//! Release policies of robots. A robot without a row has only the gates that always hold.
 
 use serde_json::{Value, json};
 
 use super::audit::{Noted, Said};
+use super::from_row::from_row;
 use super::{Result, Store, Tx, robots};
 
-/// What one robot asks of a release.
-#[derive(Clone, Debug, Default, PartialEq, sqlx::FromRow)]
+/// Release policy of a robot.
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct PolicyRow {
     /// Largest uncertainty of the tool's position, and largest rms on verify points, mm.
     pub tolerance_mm: Option<f64>,
@@ -14,9 +15,16 @@ pub struct PolicyRow {
     pub independent_session_required: i64,
     /// 1: who releases must not be who uploaded.
     pub second_person_required: i64,
-    /// Counts the changes; 0 where nothing was ever set.
+    /// Number of changes; 0 if never set.
     pub version: i64,
 }
+
+from_row!(PolicyRow {
+    tolerance_mm,
+    independent_session_required,
+    second_person_required,
+    version
+});
 
 /// Stands for a number that is not there. `Any` binds an absent double as a float4, which PostgreSQL then refuses where a statement was
 /// prepared for the other of the two.
@@ -41,15 +49,16 @@ const EACH: &str = "
 
 pub(super) const CHANGED: &str = "robot_policy_changed";
 
-/// A policy with whose it is, and who set it.
-#[derive(Debug, sqlx::FromRow)]
+/// A policy with its robot and who set it.
+#[derive(Debug)]
 pub(super) struct Set {
     robot_id: String,
-    #[sqlx(flatten)]
     policy: PolicyRow,
     changed_by: String,
     changed_at_ms: i64,
 }
+
+from_row!(Set { robot_id, changed_by, changed_at_ms } nested { policy });
 
 fn as_changed(set: &Set) -> Value {
     let Set {
@@ -94,12 +103,12 @@ pub async fn get(store: &Store, robot_id: &str) -> Result<PolicyRow> {
 pub(super) async fn get_in(tx: &mut Tx, robot_id: &str) -> Result<PolicyRow> {
     let row: Option<PolicyRow> = sqlx::query_as(GET)
         .bind(robot_id)
-        .fetch_optional(tx.connection()?)
+        .fetch_optional(tx.connection())
         .await?;
     Ok(row.unwrap_or_default())
 }
 
-/// Sets a robot's policy; its version counts up.
+/// Sets a robot's policy and increments its version.
 ///
 /// # Errors
 /// [`super::Error::NotFound`] if there is no such robot, [`super::Error::Database`].
@@ -113,7 +122,7 @@ pub async fn put(tx: &mut Tx, robot_id: &str, policy: &PolicyRow, by: &str) -> R
         .bind(policy.independent_session_required)
         .bind(policy.second_person_required)
         .bind(by);
-    let set: Set = query.fetch_one(tx.connection()?).await?;
+    let set: Set = query.fetch_one(tx.connection()).await?;
     tx.note(CHANGED, robot_id, as_changed(&set));
     Ok(set.policy)
 }

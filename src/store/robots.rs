@@ -3,11 +3,13 @@
 use serde_json::{Value, json};
 
 use super::audit::{Noted, Said};
-use super::{Page, PageRequest, Result, Store, Tx, new_id};
+use super::database::new_id;
+use super::from_row::from_row;
+use super::{Page, PageRequest, Result, Store, Tx};
 use crate::wire::canonical;
 
 /// A robot.
-#[derive(Clone, Debug, PartialEq, sqlx::FromRow)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct RobotRow {
     /// `rob_…`
     pub id: String,
@@ -17,6 +19,38 @@ pub struct RobotRow {
     pub body_json: String,
     /// When it was stored.
     pub created_at_ms: i64,
+    /// Job of the session that did not fit; set while the robot is in the state `check_robot`.
+    pub check_job_id: Option<String>,
+    /// The number in its counter of the last session that did not fit it, also when that is over; 0 for none.
+    pub check_seq: i64,
+    /// What was found up to this number of its counter was looked at by whoever said last that it is well.
+    pub checked_seq: i64,
+    /// Reason given by `checked`.
+    pub checked_reason: Option<String>,
+    /// Who said so.
+    pub checked_by: Option<String>,
+    /// When.
+    pub checked_at_ms: Option<i64>,
+}
+
+from_row!(RobotRow {
+    id,
+    name,
+    body_json,
+    created_at_ms,
+    check_job_id,
+    check_seq,
+    checked_seq,
+    checked_reason,
+    checked_by,
+    checked_at_ms
+});
+
+impl RobotRow {
+    /// What releases ask of it: see [`super::Checked`].
+    pub fn check(&self) -> (Option<String>, i64, i64) {
+        (self.check_job_id.clone(), self.check_seq, self.checked_seq)
+    }
 }
 
 /// A robot to be stored.
@@ -28,36 +62,81 @@ pub struct NewRobot {
     pub body_json: String,
 }
 
-pub(super) const ALL_QUERIES: &[&str] = &[INSERT, GET, LIST, LOCK, LOCK_OF_JOB, EACH];
+macro_rules! columns {
+    () => {
+        "id, name, body_json, created_at_ms, check_job_id, check_seq, checked_seq, checked_reason, checked_by, checked_at_ms"
+    };
+}
 
-const INSERT: &str = "
-    insert into robot (id, name, body_json, created_at_ms)
-    values ($1, $2, $3, (select now_ms from clock))
-    returning id, name, body_json, created_at_ms";
+pub(super) const ALL_QUERIES: &[&str] = &[
+    INSERT,
+    GET,
+    LIST,
+    LOCK,
+    LOCK_OF_JOB,
+    EACH,
+    ASK_FOR_CHECK,
+    FITS_AGAIN,
+    CHECKED_NOW,
+];
 
-const GET: &str = "select id, name, body_json, created_at_ms from robot where id = $1";
+const INSERT: &str = concat!(
+    "insert into robot (id, name, body_json, created_at_ms)
+     values ($1, $2, $3, (select now_ms from clock))
+     returning ",
+    columns!()
+);
+
+const GET: &str = concat!("select ", columns!(), " from robot where id = $1");
 
 // $1 is the list of the robots wanted, with commas; '' for all. An id has no other id in it, so taking it out of the
 // list changes the list exactly if it is there.
-const LIST: &str = "
-    select id, name, body_json, created_at_ms from robot
-    where ($1 = '' or replace($1, id, '') <> $1) and (created_at_ms, id) < ($2, $3)
-    order by created_at_ms desc, id desc
-    limit cast($4 as bigint)";
+const LIST: &str = concat!(
+    "select ",
+    columns!(),
+    " from robot
+     where ($1 = '' or replace($1, id, '') <> $1) and (created_at_ms, id) < ($2, $3)
+     order by created_at_ms desc, id desc
+     limit cast($4 as bigint)"
+);
 
-// Changes nothing, but on both engines what decides about this robot waits for who did this before: a release, a policy, a session's score.
+// Changes nothing: locks the robot's row, so that releases, policies and scores of sessions of a robot are written one after the other.
 const LOCK: &str = "update robot set name = name where id = $1";
 
 const LOCK_OF_JOB: &str =
     "update robot set name = name where id = (select robot_id from job where id = $1)";
 
-const EACH: &str = "select id, name, body_json, created_at_ms from robot where id > $1 order by id limit cast($2 as bigint)";
+const EACH: &str = concat!(
+    "select ",
+    columns!(),
+    " from robot where id > $1 order by id limit cast($2 as bigint)"
+);
+
+const ASK_FOR_CHECK: &str = "update robot set check_job_id = $2, check_seq = $3 where id = $1";
+
+const FITS_AGAIN: &str =
+    "update robot set check_job_id = null where id = $1 and check_job_id is not null";
+
+const CHECKED_NOW: &str = concat!(
+    "update robot set check_job_id = null, checked_reason = $2, checked_by = $3, checked_at_ms = (select now_ms from clock),
+         checked_seq = (select coalesce(max(v.seq), 0) from verification v where v.robot_id = robot.id)
+     where id = $1
+     returning ",
+    columns!()
+);
 
 const CREATED: &str = "robot_created";
+pub(super) const DOES_NOT_FIT: &str = "robot_does_not_fit";
+pub(super) const FITS: &str = "robot_fits_again";
+pub(super) const CHECKED: &str = "robot_checked";
 
 fn as_created(row: &RobotRow) -> Value {
     let sha256 = canonical::sha256_hex(row.body_json.as_bytes());
     json!({"sha256": sha256, "name": row.name, "created_at_ms": row.created_at_ms})
+}
+
+fn as_checked(row: &RobotRow) -> Value {
+    json!({"reason": row.checked_reason, "checked_by": row.checked_by, "checked_at_ms": row.checked_at_ms, "checked_seq": row.checked_seq})
 }
 
 impl Noted for RobotRow {
@@ -68,7 +147,15 @@ impl Noted for RobotRow {
     }
 
     fn said(&self) -> Vec<Said> {
-        vec![Said::created(CREATED, self.created_at_ms, as_created(self))]
+        let checked = self.checked_at_ms.map(|at_ms| (at_ms, as_checked(self)));
+        vec![
+            Said::created(CREATED, self.created_at_ms, as_created(self)),
+            Said {
+                event: CHECKED,
+                now: checked,
+                by: Some("checked_by"),
+            },
+        ]
     }
 }
 
@@ -76,15 +163,55 @@ impl Noted for RobotRow {
 pub(crate) async fn lock_of_job(tx: &mut Tx, job_id: &str) -> Result<()> {
     sqlx::query(LOCK_OF_JOB)
         .bind(job_id)
-        .execute(tx.connection()?)
+        .execute(tx.connection())
         .await?;
     Ok(())
 }
 
-/// Makes a transaction wait for others that decide about the same robot, and them for it.
+/// Locks the robot's row until the transaction ends.
 pub(super) async fn lock(tx: &mut Tx, id: &str) -> Result<()> {
-    sqlx::query(LOCK).bind(id).execute(tx.connection()?).await?;
+    sqlx::query(LOCK).bind(id).execute(tx.connection()).await?;
     Ok(())
+}
+
+/// Puts the robot into the state `check_robot`: a session does not fit it.
+pub(super) async fn ask_for_check(tx: &mut Tx, id: &str, job_id: &str, seq: i64) -> Result<()> {
+    sqlx::query(ASK_FOR_CHECK)
+        .bind(id)
+        .bind(job_id)
+        .bind(seq)
+        .execute(tx.connection())
+        .await?;
+    tx.note(
+        DOES_NOT_FIT,
+        id,
+        json!({"job_id": job_id, "check_seq": seq}),
+    );
+    Ok(())
+}
+
+/// Ends the state `check_robot`: a session fits the robot.
+pub(super) async fn fits_again(tx: &mut Tx, id: &str, job_id: &str) -> Result<()> {
+    let changed = sqlx::query(FITS_AGAIN)
+        .bind(id)
+        .execute(tx.connection())
+        .await?;
+    if changed.rows_affected() > 0 {
+        tx.note(FITS, id, json!({"job_id": job_id}));
+    }
+    Ok(())
+}
+
+/// Ends the state `check_robot` with a person's reason.
+///
+/// # Errors
+/// [`super::Error::NotFound`], [`super::Error::Database`].
+pub async fn checked(tx: &mut Tx, id: &str, reason: &str, by: &str) -> Result<RobotRow> {
+    lock(tx, id).await?;
+    let query = sqlx::query_as(CHECKED_NOW).bind(id).bind(reason).bind(by);
+    let row: RobotRow = query.fetch_one(tx.connection()).await?;
+    tx.note(CHECKED, id, as_checked(&row));
+    Ok(row)
 }
 
 /// Stores a robot.
@@ -97,7 +224,7 @@ pub async fn insert(tx: &mut Tx, new: &NewRobot) -> Result<RobotRow> {
         .bind(&new.name)
         .bind(&new.body_json);
     tx.needs_room()?;
-    let row: RobotRow = query.fetch_one(tx.connection()?).await?;
+    let row: RobotRow = query.fetch_one(tx.connection()).await?;
     tx.note(CREATED, &row.id, as_created(&row));
     Ok(row)
 }
@@ -110,6 +237,13 @@ pub async fn get(store: &Store, id: &str) -> Result<RobotRow> {
     Ok(sqlx::query_as(GET)
         .bind(id)
         .fetch_one(store.reads())
+        .await?)
+}
+
+pub(super) async fn get_in(tx: &mut Tx, id: &str) -> Result<RobotRow> {
+    Ok(sqlx::query_as(GET)
+        .bind(id)
+        .fetch_one(tx.connection())
         .await?)
 }
 

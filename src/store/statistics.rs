@@ -1,9 +1,10 @@
-//! How the queue stands, for `/metrics`.
+//! State of the queue, for `/metrics`.
 
+use super::from_row::from_row;
 use super::{Result, Store};
 
 /// The jobs of one status.
-#[derive(Clone, Debug, PartialEq, sqlx::FromRow)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct JobStatistics {
     /// As it is stored.
     pub status: String,
@@ -18,6 +19,15 @@ pub struct JobStatistics {
     /// From the (last) beginning to the end, all together, ms.
     pub ran_ms: i64,
 }
+
+from_row!(JobStatistics {
+    status,
+    n_jobs,
+    oldest_age_ms,
+    n_begun,
+    waited_ms,
+    ran_ms
+});
 
 pub(super) const ALL_QUERIES: &[&str] = &[JOBS];
 

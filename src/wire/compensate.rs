@@ -1,16 +1,15 @@
 //! Corrected joint targets.
 
-use crate::compensation::{Anchor, Compensation, Mode, Status, Tool};
+use crate::calibration::ORIENTATION_NOT_KNOWN;
+use crate::compensation::{Anchor, Base, Compensation, Mode, Status, Tool};
 use crate::kinematics::Robot;
 use crate::wire::angle::{to_degrees, to_radians};
 use crate::wire::corrections::PayloadBody;
 use crate::wire::issue::{Checker, Invalid};
 use crate::wire::json;
-use crate::wire::measurement::Warning;
-use crate::wire::parameter_set::ParameterSetContent;
+use crate::wire::measurement::{Frame, Warning};
+use crate::wire::parameter_set::{ParameterSetContent, Provenance};
 use crate::wire::predict::{check_pose, unknown_target};
-#[cfg(doc)]
-use crate::wire::report;
 use crate::wire::robot::MAX_LENGTH_MM;
 use nalgebra::{IsometryMatrix3, Matrix3, Rotation3, Translation3, Vector3};
 use serde::{Deserialize, Serialize};
@@ -19,7 +18,7 @@ use utoipa::ToSchema;
 /// Most targets of one request: some seconds of one core.
 pub const MAX_TARGETS_PER_REQUEST: usize = 20_000;
 /// How far rows and columns of a rotation may be from unit length and from right angles.
-const ROTATION_TOLERANCE: f64 = 1e-6;
+pub(super) const ROTATION_TOLERANCE: f64 = 1e-6;
 
 /// Targets to correct. They must have been programmed offline: one that was taught already holds the robot's errors.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -39,6 +38,9 @@ pub struct CompensateBody {
     /// What is kept.
     #[serde(default)]
     pub mode: CompensateMode,
+    /// The frame in which targets are met; default: `measured` where positions were measured in the base frame, else `robot`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub base: Option<CompensateBase>,
     /// What the flange carries at these targets; default: what it carried when the robot was identified. Without corrections it has no effect.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub payload: Option<PayloadBody>,
@@ -56,14 +58,39 @@ pub struct ToolBody {
 }
 
 /// What of the tool is kept.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema, clap::ValueEnum,
+)]
 #[serde(rename_all = "snake_case")]
+#[value(rename_all = "snake_case")]
 pub enum CompensateMode {
     /// Position and orientation.
     #[default]
     Pose,
     /// The position, with the smallest change of the joints.
     Position,
+}
+
+/// The frame in which targets are met.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
+#[serde(rename_all = "snake_case")]
+#[value(rename_all = "snake_case")]
+pub enum CompensateBase {
+    /// The measuring frame, which is the nominal base frame: what turned or shifted the base is corrected too. Only for sets whose positions
+    /// were measured in the base frame.
+    Measured,
+    /// The robot's own base frame, wherever it stands: `left_out` says how far that is from the nominal one.
+    Robot,
+}
+
+/// The frame that position and orientation errors are true in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum ErrorFrame {
+    /// The measuring frame, with `base: measured`.
+    Measuring,
+    /// The robot's own base frame, with `base: robot`.
+    RobotBase,
 }
 
 /// How a target came out.
@@ -85,6 +112,9 @@ pub enum CompensateStatus {
 pub struct CompensateAnswer {
     /// The controller's joint values with which the robot has its tool where the nominal robot would have it, degrees.
     pub q_deg: Vec<Vec<f64>>,
+    /// The frame in which the errors below are true. An answer of an older version has none: it was `robot_base`.
+    #[serde(default = "ErrorFrame::of_older_versions")]
+    pub frame: ErrorFrame,
     /// How far the tool is off with the joint values as they came, mm.
     pub position_error_before_mm: Vec<f64>,
     /// How far with the corrected ones, by the identified robot, mm.
@@ -105,7 +135,9 @@ pub struct CompensateAnswer {
     pub warnings: Vec<Warning>,
 }
 
-/// What counts as where base and tool are: all of link 1, a wrong mastering of joint 1 among it, and `theta_offset` and `d` of the last link.
+/// What counts as where base and tool are. With `base: robot` that is all of link 1, a wrong mastering of joint 1 among it, and
+/// `theta_offset` and `d` of the last link. With `base: measured` the base is corrected and 0 here; of the last link `theta_offset` is left
+/// out, and `d` where it changed by more than robots are off by, so that it holds the length of a tool.
 /// Corrected targets are right in a base frame and on a flange that have moved by as much: measure the work object and the tool with this
 /// robot, or take it into them. All 0 where the set was identified from an instrument, which cannot see it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -141,8 +173,14 @@ impl LeftOut {
     /// Smaller ones are below what anything is measured with.
     const NOTICED: (f64, f64) = (0.001, 0.01);
 
-    fn of(anchor: &Anchor) -> Self {
-        let (base, flange) = (&anchor.t_base_anchored, &anchor.t_anchored_flange);
+    /// `t_nominal_base`: the base of the identified links in the nominal base frame, where that is known.
+    fn of(anchor: &Anchor, base: Base, t_nominal_base: Option<IsometryMatrix3<f64>>) -> Self {
+        let flange = &anchor.t_anchored_flange;
+        let base = match (base, t_nominal_base) {
+            (Base::Measured, _) => IsometryMatrix3::identity(),
+            (Base::Robot, Some(t_nominal_base)) => t_nominal_base * anchor.t_base_anchored,
+            (Base::Robot, None) => anchor.t_base_anchored,
+        };
         Self {
             base_turn_deg: to_degrees(base.rotation.angle()),
             base_shift_mm: base.translation.vector.norm(),
@@ -167,17 +205,20 @@ impl LeftOut {
 }
 
 impl CompensateBody {
-    /// The corrected targets. `warnings` are those of the parameter set ([`report::warnings_for_use`]).
+    /// The corrected targets.
     ///
     /// # Errors
-    /// [`Invalid`] for joint values that do not fit the robot, a tool that is none, or a target that the set does not have.
+    /// [`Invalid`] for joint values that do not fit the robot, a tool that is none, a target that the set does not have, `base: measured`
+    /// where the base was not measured, or a pose or tool where it is not known how the flange is turned.
     pub fn run(
         &self,
         robot: &Robot,
         content: &ParameterSetContent,
-        warnings: &[Warning],
+        provenance: &Provenance,
     ) -> Result<CompensateAnswer, Invalid> {
         self.check(robot.links.len())?;
+        let base = self.base_in(provenance)?;
+        self.check_orientation(provenance)?;
         let target = self.target.unwrap_or(0);
         if self.tool.is_none() && content.target_mm(target, None).is_none() {
             return Err(unknown_target());
@@ -185,16 +226,18 @@ impl CompensateBody {
         let identified = content
             .robot_to_core(None)
             .carrying(self.payload.map(PayloadBody::to_core));
-        let compensation = Compensation::of(robot, &identified);
+        let compensation = Compensation::of(robot, &identified, base);
         let tool = self.tool.map_or_else(
             || Tool::Target(identified.target_mm(target)),
             |tool| Tool::Tcp(tool.to_core()),
         );
-        let mut answer = CompensateAnswer::with_capacity(self.q_deg.len());
-        answer.left_out = LeftOut::of(compensation.anchor());
+        let mut answer = CompensateAnswer::with_capacity(self.q_deg.len(), ErrorFrame::of(base));
+        let t_nominal_base = (provenance.measuring_frame == Some(Frame::Base))
+            .then(|| identified.model().t_instrument_base);
+        answer.left_out = LeftOut::of(compensation.anchor(), base, t_nominal_base);
         // the measured reflector is right whatever the positions do not show
         if self.tool.is_some() || self.mode == CompensateMode::Pose {
-            answer.warnings = warnings.to_vec();
+            answer.warnings = provenance.warnings.clone();
         }
         for q_deg in &self.q_deg {
             let q_rad: Vec<f64> = q_deg.iter().map(|deg| to_radians(*deg)).collect();
@@ -223,6 +266,39 @@ impl CompensateBody {
                 .push(identified.is_extrapolated(&robot.q_model_rad(&corrected.q_controller_rad)));
         }
         Ok(answer)
+    }
+
+    /// The measured reflector is right whatever the positions do not show; its pose and other tools are not.
+    fn check_orientation(&self, provenance: &Provenance) -> Result<(), Invalid> {
+        if self.tool.is_none() && self.mode == CompensateMode::Position {
+            return Ok(());
+        }
+        let pointer = if self.tool.is_some() {
+            "/tool"
+        } else {
+            "/mode"
+        };
+        provenance.orientation_unknown().map_or(Ok(()), |why| {
+            let detail =
+                format!("{why}; mode position of a measured reflector is given all the same");
+            Err(Invalid::at(pointer, ORIENTATION_NOT_KNOWN, detail))
+        })
+    }
+
+    /// The frame that was asked for, or that suits where positions were measured.
+    fn base_in(&self, provenance: &Provenance) -> Result<Base, Invalid> {
+        let is_measured = provenance.measuring_frame == Some(Frame::Base);
+        match self.base {
+            Some(CompensateBase::Robot) => Ok(Base::Robot),
+            Some(CompensateBase::Measured) if !is_measured => Err(Invalid::at(
+                "/base",
+                "base_not_measured",
+                "the positions of this set were not measured in the base frame, so that nothing is known of where the nominal base is in it: \
+                 take base robot, or identify from positions in the base frame",
+            )),
+            None if !is_measured => Ok(Base::Robot),
+            Some(CompensateBase::Measured) | None => Ok(Base::Measured),
+        }
     }
 
     /// Every check that needs the request and the number of joints alone.
@@ -291,6 +367,19 @@ impl ToolBody {
     }
 }
 
+impl ErrorFrame {
+    fn of(base: Base) -> Self {
+        match base {
+            Base::Measured => Self::Measuring,
+            Base::Robot => Self::RobotBase,
+        }
+    }
+
+    fn of_older_versions() -> Self {
+        Self::RobotBase
+    }
+}
+
 impl CompensateMode {
     fn to_core(self) -> Mode {
         match self {
@@ -312,9 +401,10 @@ impl CompensateStatus {
 }
 
 impl CompensateAnswer {
-    fn with_capacity(n: usize) -> Self {
+    fn with_capacity(n: usize, frame: ErrorFrame) -> Self {
         Self {
             q_deg: Vec::with_capacity(n),
+            frame,
             position_error_before_mm: Vec::with_capacity(n),
             position_error_after_mm: Vec::with_capacity(n),
             orientation_error_after_deg: Vec::with_capacity(n),

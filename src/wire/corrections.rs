@@ -9,7 +9,7 @@ use crate::kinematics::{
 use crate::wire::angle::{to_degrees, to_radians};
 use crate::wire::frames::Transform;
 use crate::wire::issue::{Checker, Invalid};
-use crate::wire::parameter_set::{Target, of_target};
+use crate::wire::target::{Target, of_target};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;

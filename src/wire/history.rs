@@ -1,7 +1,7 @@
 //! How a robot's parameters went over time, and what two parameter sets say differently.
 
 use crate::calibration::changes::Changes;
-use crate::compensation::Compensation;
+use crate::compensation::{Base, Compensation};
 use crate::identification::workspace::random_configurations;
 use crate::kinematics::{Robot, t_base_flange};
 use crate::wire::angle::to_degrees;
@@ -140,8 +140,8 @@ pub fn map(
 ) -> (Vec<MapPoint>, f64, f64) {
     let (one, other) = (one.robot_to_core(None), other.robot_to_core(None));
     let (of_one, of_other) = (
-        Compensation::of(robot, &one),
-        Compensation::of(robot, &other),
+        Compensation::of(robot, &one, Base::Robot),
+        Compensation::of(robot, &other, Base::Robot),
     );
     let tool = Point3::from(of_one.p_anchored_mm(&one.target_mm(0)));
     let point = |q_controller: Vec<f64>| {

@@ -3,7 +3,7 @@
 use crate::wire::issue::Invalid;
 
 /// Longest id that is looked up; ours have 36 characters.
-const MAX_ID: usize = 100;
+pub(super) const MAX_ID: usize = 100;
 
 /// Whether a text may be one of our ids. What cannot be one is not looked up: PostgreSQL takes no U+0000, and a long one is only work.
 pub fn is_plausible(id: &str) -> bool {

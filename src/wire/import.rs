@@ -16,12 +16,15 @@ use utoipa::ToSchema;
 
 /// Configurations at which an import is compared with what it came from.
 const N_CONFIGURATIONS: usize = 100;
+/// Largest table, bytes: a dozen rows of nine columns have two KiB.
+const MAX_TABLE_BYTES: usize = 64 * 1024;
 /// How far apart they may be, mm.
 const SAME_MM: f64 = 1e-9;
 
 /// What a file describes a robot by.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
 #[serde(rename_all = "snake_case")]
+#[value(rename_all = "snake_case")]
 pub enum ImportFormat {
     /// A URDF, xacro expanded.
     Urdf,
@@ -212,6 +215,13 @@ fn largest_difference(
 /// # Errors
 /// [`Invalid`] with row and column of everything that is wrong.
 pub fn table(bytes: &[u8]) -> Result<Table, Invalid> {
+    if bytes.len() > MAX_TABLE_BYTES {
+        let detail = format!(
+            "the table has {} bytes; at most {MAX_TABLE_BYTES} are read",
+            bytes.len()
+        );
+        return Err(Invalid::at("", "too_large", detail));
+    }
     let mut reader = csv::ReaderBuilder::new()
         .trim(csv::Trim::All)
         .from_reader(bytes);

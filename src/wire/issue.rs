@@ -1,5 +1,6 @@
 //! What is wrong with an upload, item by item.
 
+use crate::wire::joint_map::JointMapBody;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -22,6 +23,10 @@ pub struct Issue {
     pub code: String,
     /// In words: the value found, and a hint.
     pub detail: String,
+    /// With `joint_map_suspect`: the joint map that the robot should have.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<JointMapBody>)]
+    pub joint_map: Option<serde_json::Value>,
 }
 
 impl Issue {
@@ -146,6 +151,18 @@ impl Checker {
         }
     }
 
+    /// As [`Self::text`], of words that somebody should read: there has to be a letter or a digit in them.
+    pub fn words(&mut self, pointer: &str, text: &str, max: usize) {
+        self.text(pointer, text, max);
+        if !text.is_empty() && !text.chars().any(is_readable) {
+            self.note(
+                pointer,
+                "blank",
+                "there is nothing to read in it, neither a letter nor a digit: say why, for those who come after",
+            );
+        }
+    }
+
     /// `Ok` if nothing was noted.
     ///
     /// # Errors
@@ -160,4 +177,9 @@ impl Checker {
             })
         }
     }
+}
+
+/// Whether something is seen of it that can be read. Fillers of Hangul syllables count as letters and are blank.
+fn is_readable(c: char) -> bool {
+    c.is_alphanumeric() && !matches!(c, '\u{115f}' | '\u{1160}' | '\u{3164}' | '\u{ffa0}')
 }

@@ -8,12 +8,14 @@ use crate::measurement::MeasurementSet;
 use crate::wire::corrections::PayloadBody;
 use crate::wire::id;
 use crate::wire::issue::{Checker, Invalid};
-pub use crate::wire::job_answer::{JobAnswer, JobEvent, JobEventName, JobStatus, ProgressAnswer};
+pub use crate::wire::job_answer::{
+    JobAnswer, JobEvent, JobEventName, JobStatus, ProgressAnswer, Stage,
+};
 use crate::wire::measurement::Frame;
 use crate::wire::options::OptionsBody;
-pub use crate::wire::parameters::{MAX_NAMES, MAX_PARAMETER_NAME, ParametersBody, Rest};
+pub use crate::wire::parameters::{ParametersBody, Rest};
 use crate::wire::prior;
-pub use crate::wire::prior::Prior;
+pub use crate::wire::prior::{MAX_NAMES, MAX_PARAMETER_NAME, Prior};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -32,8 +34,11 @@ pub enum Kind {
 }
 
 /// How the parameters are identified.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema, clap::ValueEnum,
+)]
 #[serde(rename_all = "snake_case")]
+#[value(rename_all = "snake_case")]
 pub enum Method {
     /// The best we know for this set.
     #[default]
@@ -47,8 +52,9 @@ pub enum Method {
 }
 
 /// Which parameters exist.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
 #[serde(rename_all = "snake_case")]
+#[value(rename_all = "snake_case")]
 pub enum Model {
     /// The paper's: four per link, base known, target on the flange axis.
     Paper,
@@ -57,8 +63,11 @@ pub enum Model {
 }
 
 /// Where options that are not given come from.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema, clap::ValueEnum,
+)]
 #[serde(rename_all = "snake_case")]
+#[value(rename_all = "snake_case")]
 pub enum Preset {
     /// Ours.
     #[default]
@@ -387,6 +396,7 @@ impl JobRequestBody {
             options: self.options.unwrap_or_default().to_core(),
             corrections: self.corrections.map(Corrections::to_core),
             payload: self.payload.map(PayloadBody::to_core),
+            held_out: None,
             residual_network: parts.residual_network,
             previous: parts.previous,
         };

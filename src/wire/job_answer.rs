@@ -28,12 +28,99 @@ impl JobStatus {
     }
 }
 
+/// What a running job is at.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Stage {
+    /// The points are screened, and the method is chosen.
+    Screening,
+    /// The main method: least squares.
+    LeastSquares,
+    /// The main method: a swarm.
+    Pso,
+    /// The main method: a swarm that the robot's network begins.
+    BpnnPso,
+    /// A network is trained on the swarm.
+    TrainNetwork,
+    /// Least squares ends what the swarm began.
+    Refine,
+    /// What links cannot say is looked for.
+    Corrections,
+    /// Least squares on the same points, to compare with.
+    CompareLeastSquares,
+    /// A cold swarm on the same points, to compare with.
+    ComparePso,
+    /// A swarm from the last answer, to compare with.
+    CompareWarmStart,
+    /// Errors and uncertainties are worked out.
+    Uncertainty,
+    /// The uncertainty of what a partial recalibration held.
+    HeldUncertainty,
+    /// The session is compared with the one before.
+    CompareSessions,
+    /// A parameter set is scored.
+    Verify,
+}
+
+impl Stage {
+    /// All of them.
+    pub const ALL: [Self; 14] = [
+        Self::Screening,
+        Self::LeastSquares,
+        Self::Pso,
+        Self::BpnnPso,
+        Self::TrainNetwork,
+        Self::Refine,
+        Self::Corrections,
+        Self::CompareLeastSquares,
+        Self::ComparePso,
+        Self::CompareWarmStart,
+        Self::Uncertainty,
+        Self::HeldUncertainty,
+        Self::CompareSessions,
+        Self::Verify,
+    ];
+
+    /// As it stands on the wire, and as the core calls it.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Screening => "screening",
+            Self::LeastSquares => "least_squares",
+            Self::Pso => "pso",
+            Self::BpnnPso => "bpnn_pso",
+            Self::TrainNetwork => "train_network",
+            Self::Refine => "refine",
+            Self::Corrections => "corrections",
+            Self::CompareLeastSquares => "compare_least_squares",
+            Self::ComparePso => "compare_pso",
+            Self::CompareWarmStart => "compare_warm_start",
+            Self::Uncertainty => "uncertainty",
+            Self::HeldUncertainty => "held_uncertainty",
+            Self::CompareSessions => "compare_sessions",
+            Self::Verify => "verify",
+        }
+    }
+
+    /// The stage that the core calls so.
+    pub fn parse(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|stage| stage.as_str() == name)
+    }
+
+    /// True for the main method: iterations are its own, and say nothing of how long other stages take.
+    pub fn has_iterations(self) -> bool {
+        matches!(self, Self::LeastSquares | Self::Pso | Self::BpnnPso)
+    }
+}
+
 /// How far a running job is.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ProgressAnswer {
-    /// Iterations done.
+    /// What it is at; absent in what an older version wrote.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub stage: Option<Stage>,
+    /// Iterations of the main method that are done. Other stages follow it, and have none.
     pub iteration: u64,
-    /// The limit.
+    /// The limit, which is seldom reached; 0 before the main method.
     pub n_iterations: u64,
     /// Smallest F so far, mm².
     #[schema(required)]

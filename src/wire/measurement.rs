@@ -1,17 +1,19 @@
 //! Measurement sets: CSV or JSON in, a summary out.
 
+use crate::calibration::alignment::Suspicion;
 use crate::calibration::upload;
 use crate::kinematics::Robot;
 pub use crate::measurement::MeasurementSet;
 use crate::measurement::csv::{
-    MAX_COORDINATE_MM, MAX_STD_MM, MAX_TARGETS, MAX_TEMPERATURE_C, MIN_STD_MM,
+    EXAMPLE_OF_A_TIME, MAX_COORDINATE_MM, MAX_STD_MM, MAX_TARGETS, MAX_TEMPERATURE_C, MIN_STD_MM,
 };
 pub use crate::measurement::set::n_shared_points;
 use crate::measurement::{self, Point, Subset};
 use crate::wire::angle::{to_degrees, to_radians};
 use crate::wire::issue::{Checker, Invalid, Issue, MAX_ISSUES};
 use crate::wire::json;
-use crate::wire::robot::MAX_NAME;
+use crate::wire::robot::{JointMapBody, MAX_NAME};
+use crate::wire::time::is_rfc3339;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
@@ -27,8 +29,9 @@ pub const MAX_JOINT_VALUE_DEG: f64 = 3_600.0;
 const MAX_WARNED_ROWS: usize = 20;
 
 /// The frame in which positions were measured.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
 #[serde(rename_all = "snake_case")]
+#[value(rename_all = "snake_case")]
 pub enum Frame {
     /// The robot's base frame.
     Base,
@@ -136,7 +139,7 @@ pub struct PointBody {
     /// Air temperature at the robot, °C.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub temperature_c: Option<f64>,
-    /// When it was measured; kept with the upload.
+    /// When it was measured, RFC 3339; kept with the upload.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub measured_at: Option<String>,
 }
@@ -165,6 +168,9 @@ pub struct SetSummary {
     pub created_at: String,
     /// What one should know before using it.
     pub warnings: Vec<Warning>,
+    /// The suspicion that would have refused it, had the uploader not insisted: no release rests on such a set.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub insisted_on: Option<Insist>,
 }
 
 /// A remark that the reader should not miss.
@@ -187,6 +193,70 @@ impl Warning {
             detail: warning.detail.clone(),
             rows: warning.rows.clone(),
         }
+    }
+}
+
+/// The code of a refusal by suspicion that the caller insists on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
+#[serde(rename_all = "snake_case")]
+#[value(rename_all = "snake_case")]
+pub enum Insist {
+    /// Joints or positions seem to be in other units.
+    UnitSuspect,
+    /// Columns or rows seem to be exchanged.
+    ColumnSuspect,
+    /// The positions seem to be in another frame.
+    FrameSuspect,
+    /// The controller seems to count its joints otherwise.
+    JointMapSuspect,
+    /// It seems to have been measured on another robot of this server.
+    RobotMismatch,
+    /// The robot does not come near, whatever is tried.
+    PoorAlignment,
+}
+
+impl Insist {
+    /// The code.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::UnitSuspect => "unit_suspect",
+            Self::ColumnSuspect => "column_suspect",
+            Self::FrameSuspect => "frame_suspect",
+            Self::JointMapSuspect => "joint_map_suspect",
+            Self::RobotMismatch => "robot_mismatch",
+            Self::PoorAlignment => "poor_alignment",
+        }
+    }
+
+    /// The suspicion of that code.
+    pub fn parse(code: &str) -> Option<Self> {
+        serde_json::from_value(code.into()).ok()
+    }
+}
+
+/// A suspicion as a refusal lists it.
+pub fn suspected(suspicion: &Suspicion) -> Issue {
+    Issue {
+        column: suspicion.columns.clone(),
+        code: suspicion.code.into(),
+        detail: suspicion.refusal(),
+        joint_map: suspicion
+            .joint_map
+            .as_ref()
+            .map(|map| serde_json::json!(JointMapBody::from_core(map))),
+        ..Issue::default()
+    }
+}
+
+/// The remark on a set that was kept because the caller insisted.
+pub fn insisted(suspicion: &Suspicion) -> Warning {
+    Warning {
+        code: suspicion.code.into(),
+        detail: format!(
+            "{}. It was kept because the uploader insisted; no release rests on it",
+            suspicion.detail
+        ),
+        rows: Vec::new(),
     }
 }
 
@@ -222,6 +292,9 @@ impl Decimal {
     }
 }
 
+/// What `measured_at` may hold: a time in what is uploaded now, any label in what was stored before that was asked for.
+type TimeCheck = fn(&str) -> bool;
+
 /// Reads an uploaded CSV file.
 ///
 /// # Errors
@@ -232,8 +305,19 @@ pub fn from_csv(
     frame: Frame,
     n_joints: usize,
 ) -> Result<MeasurementSet, Invalid> {
-    measurement::csv::parse_with(decimal.to_core(), bytes, frame.to_core(), n_joints).map_err(
-        |error| Invalid {
+    parse_csv(bytes, decimal, frame, n_joints, is_rfc3339)
+}
+
+fn parse_csv(
+    bytes: &[u8],
+    decimal: Decimal,
+    frame: Frame,
+    n_joints: usize,
+    is_time: TimeCheck,
+) -> Result<MeasurementSet, Invalid> {
+    let (decimal, frame) = (decimal.to_core(), frame.to_core());
+    measurement::csv::parse_with_times(decimal, bytes, frame, n_joints, is_time).map_err(|error| {
+        Invalid {
             code: "invalid_measurements",
             issues: error
                 .issues
@@ -241,8 +325,21 @@ pub fn from_csv(
                 .take(MAX_ISSUES)
                 .map(csv_issue)
                 .collect(),
-        },
-    )
+        }
+    })
+}
+
+/// Reads a file that nobody has looked at yet.
+///
+/// # Errors
+/// [`Invalid`] with row, column and value of everything that is wrong.
+pub fn from_file(
+    content_type: &str,
+    bytes: &[u8],
+    frame: Frame,
+    n_joints: usize,
+) -> Result<MeasurementSet, Invalid> {
+    parse_typed(content_type, bytes, frame, n_joints, is_rfc3339)
 }
 
 /// Reads a stored upload again.
@@ -255,17 +352,27 @@ pub fn from_upload(
     frame: Frame,
     n_joints: usize,
 ) -> Result<MeasurementSet, Invalid> {
+    parse_typed(content_type, bytes, frame, n_joints, |_| true)
+}
+
+fn parse_typed(
+    content_type: &str,
+    bytes: &[u8],
+    frame: Frame,
+    n_joints: usize,
+    is_time: TimeCheck,
+) -> Result<MeasurementSet, Invalid> {
     if !content_type
         .to_ascii_lowercase()
         .starts_with("application/json")
     {
-        return from_csv(bytes, Decimal::of(content_type), frame, n_joints);
+        return parse_csv(bytes, Decimal::of(content_type), frame, n_joints, is_time);
     }
     let body: MeasurementSetBody = json::parse(bytes).map_err(|error| match error {
         json::Error::Shape(invalid) => invalid,
         json::Error::Syntax(detail) => Invalid::at("", "malformed_json", detail),
     })?;
-    body.to_core(Some(frame), n_joints)
+    body.to_core_with_times(Some(frame), n_joints, is_time)
 }
 
 fn csv_issue(issue: measurement::csv::Issue) -> Issue {
@@ -275,6 +382,7 @@ fn csv_issue(issue: measurement::csv::Issue) -> Issue {
         pointer: None,
         code: issue.code.into(),
         detail: issue.detail,
+        joint_map: None,
     }
 }
 
@@ -287,6 +395,15 @@ impl MeasurementSetBody {
         &self,
         frame: Option<Frame>,
         n_joints: usize,
+    ) -> Result<MeasurementSet, Invalid> {
+        self.to_core_with_times(frame, n_joints, is_rfc3339)
+    }
+
+    fn to_core_with_times(
+        &self,
+        frame: Option<Frame>,
+        n_joints: usize,
+        is_time: TimeCheck,
     ) -> Result<MeasurementSet, Invalid> {
         let frame = self.resolve_frame(frame)?.unwrap_or(DEFAULT_FRAME);
         let mut checker = Checker::default();
@@ -304,7 +421,7 @@ impl MeasurementSetBody {
             checker.text("/name", name, MAX_NAME);
         }
         for (i, point) in self.points.iter().take(MAX_POINTS).enumerate() {
-            point.check(&format!("/points/{i}"), n_joints, &mut checker);
+            point.check(&format!("/points/{i}"), n_joints, is_time, &mut checker);
         }
         let with_std = self.points.iter().filter(|p| p.std_mm.is_some()).count();
         if with_std > 0
@@ -346,7 +463,7 @@ impl MeasurementSetBody {
 }
 
 impl PointBody {
-    fn check(&self, at: &str, n_joints: usize, checker: &mut Checker) {
+    fn check(&self, at: &str, n_joints: usize, is_time: TimeCheck, checker: &mut Checker) {
         checker.length(
             format!("{at}/q_deg"),
             self.q_deg.len(),
@@ -401,6 +518,11 @@ impl PointBody {
             if let Some(label) = label {
                 checker.text(&format!("{at}/{name}"), label, MAX_NAME);
             }
+        }
+        if let Some(text) = self.measured_at.as_deref().filter(|text| !is_time(text)) {
+            let shown: String = text.chars().take(40).collect();
+            let detail = format!("{shown:?} is not a time; write it as {EXAMPLE_OF_A_TIME}");
+            checker.note(format!("{at}/measured_at"), "not_a_time", detail);
         }
     }
 

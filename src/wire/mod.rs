@@ -4,6 +4,7 @@
 //! everything behind [`angle`] is in radians. What has passed a `to_core` function is valid by type.
 
 pub mod angle;
+pub mod bounds;
 pub mod canonical;
 pub mod compensate;
 pub mod corrections;
@@ -15,6 +16,7 @@ pub mod import;
 pub mod issue;
 pub mod job;
 mod job_answer;
+mod joint_map;
 pub mod json;
 pub mod key;
 pub mod measurement;
@@ -28,15 +30,19 @@ pub mod pose_plan;
 pub mod predict;
 pub mod prior;
 pub mod problem;
+mod reason;
 pub mod release;
 pub mod report;
 pub mod report_shape;
 pub mod robot;
 pub mod safetensors;
+mod target;
 pub mod time;
 pub mod trend;
 pub mod urdf;
+pub mod verification;
 pub mod words;
+pub mod xml_limits;
 
 pub use issue::{Invalid, Issue};
 pub use problem::Problem;

@@ -20,7 +20,7 @@ pub const MAX_HALF_WIDTH_DEG: f64 = 180.0;
 /// Largest inertia weight or acceleration; anything above 4 diverges.
 pub const MAX_COEFFICIENT: f64 = 10.0;
 /// Largest cost to stop at, mm².
-const MAX_COST_MM2: f64 = 1e12;
+pub(super) const MAX_COST_MM2: f64 = 1e12;
 
 /// Search options; what is absent takes the preset's value.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]

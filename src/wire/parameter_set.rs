@@ -1,6 +1,6 @@
 //! A parameter set: what the controller needs, with a hash it can check.
 
-use crate::calibration::CalibrationReport;
+use crate::calibration::{CalibrationReport, MAX_FLANGE_ROTATION_STD_RAD, NO_FIT};
 use crate::identification::KinematicModel;
 use crate::identification::corrected::IdentifiedRobot;
 use crate::kinematics::Link;
@@ -9,13 +9,14 @@ use crate::wire::canonical;
 use crate::wire::corrections::CorrectionsContent;
 use crate::wire::frames::Transform;
 use crate::wire::issue::{Checker, Invalid};
+use crate::wire::measurement::{Frame, Warning};
+pub use crate::wire::reason::{MAX_REASON, ReasonBody};
 use crate::wire::release::Gate;
+pub use crate::wire::target::Target;
+use crate::wire::target::of_target;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
-
-/// Longest reason for a release or withdrawal, characters.
-pub const MAX_REASON: usize = 2_000;
 
 /// What `sha256` of a parameter set covers: the SHA-256 of this object's canonical JSON (RFC 8785), lower-case hexadecimal.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -34,6 +35,40 @@ pub struct ParameterSetContent {
     pub corrections: Option<CorrectionsContent>,
 }
 
+/// Where a parameter set comes from, and what one should know before using it.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Provenance {
+    /// The frame that its positions were measured in; absent in documents of older versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub measuring_frame: Option<Frame>,
+    /// One standard deviation of the flange's rotation, degrees; absent where it was not computed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub flange_rotation_std_deg: Option<f64>,
+    /// What one should know before using it.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub warnings: Vec<Warning>,
+}
+
+impl Provenance {
+    /// Why nothing rests on how the flange is turned; `None` where it is known. A report of an older version tells it by its warning.
+    pub fn orientation_unknown(&self) -> Option<String> {
+        let remedy = "identify from a reflector off the last axis, or from two, at poses that move every joint";
+        match self.flange_rotation_std_deg {
+            Some(std) if std > to_degrees(MAX_FLANGE_ROTATION_STD_RAD) => Some(format!(
+                "the measured positions do not show how the flange is turned: it may be off by {std:.2}°, one standard deviation: {remedy}"
+            )),
+            None if self.warnings.iter().any(|w| w.code == NO_FIT) => Some(
+                "the identified robot does not fit the points that it was identified from: check them, and identify anew".into(),
+            ),
+            None if self.warnings.iter().any(|w| w.code == "pose_not_seen") => Some(format!(
+                "the measured positions hardly show how the flange is turned, and by how much it may be off was not computed by the version \
+                 that identified this set: identify it again, or {remedy}"
+            )),
+            _ => None,
+        }
+    }
+}
+
 /// One identified link: Rx(alpha) · Dx(a) · Ry(beta) · Rz(q + theta_offset) · Dz(d).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct IdentifiedLink {
@@ -47,18 +82,6 @@ pub struct IdentifiedLink {
     pub theta_offset_deg: f64,
     /// Degrees.
     pub beta_deg: f64,
-}
-
-/// One reflector on the tool.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct Target {
-    /// 0-based.
-    pub target: usize,
-    /// Stretch between steps, where something moved.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub segment: Option<u32>,
-    /// In the flange frame, mm.
-    pub position_mm: [f64; 3],
 }
 
 /// How a parameter set stands.
@@ -135,27 +158,6 @@ pub struct ParameterSetAnswer {
     /// The gates of the last release and what they found; look at those with `warning`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub release_checks: Option<Vec<Gate>>,
-}
-
-/// Why a set is released or withdrawn.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-#[serde(deny_unknown_fields)]
-pub struct ReasonBody {
-    /// In words, for those who come after.
-    #[schema(min_length = 1, max_length = 2000)]
-    pub reason: String,
-}
-
-impl ReasonBody {
-    /// A reason is a sentence, not nothing and not a book.
-    ///
-    /// # Errors
-    /// [`Invalid`] for an empty or overlong one.
-    pub fn check(&self) -> Result<(), Invalid> {
-        let mut checker = Checker::default();
-        checker.text("/reason", &self.reason, MAX_REASON);
-        checker.finish("invalid_reason")
-    }
 }
 
 impl ParameterSetContent {
@@ -269,20 +271,6 @@ impl ParameterSetContent {
     pub fn target_mm(&self, target: usize, segment: Option<u32>) -> Option<Vector3<f64>> {
         of_target(&self.targets, target, segment)
     }
-}
-
-/// Offset of a target among `targets`: of the stretch asked for, else of the last.
-pub(super) fn of_target(
-    targets: &[Target],
-    target: usize,
-    segment: Option<u32>,
-) -> Option<Vector3<f64>> {
-    let mut of_target = targets.iter().filter(|t| t.target == target);
-    match segment {
-        Some(segment) => of_target.find(|t| t.segment.unwrap_or(0) == segment),
-        None => of_target.max_by_key(|t| t.segment),
-    }
-    .map(|t| Vector3::from(t.position_mm))
 }
 
 /// Every target, and every stretch of those that moved, in their order.

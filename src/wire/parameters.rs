@@ -2,14 +2,9 @@
 
 use crate::calibration::request::ParameterChoice;
 use crate::wire::issue::Checker;
-use crate::wire::prior::{self, Prior};
+use crate::wire::prior::{self, MAX_NAMES, MAX_PARAMETER_NAME, Prior};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
-
-/// Most names in `hold`, `identify` or `priors`: more than any model has.
-pub const MAX_NAMES: usize = 500;
-/// Longest parameter name, characters.
-pub const MAX_PARAMETER_NAME: usize = 64;
 
 /// Which of the model's parameters are free: all but `hold`, or only `identify`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]

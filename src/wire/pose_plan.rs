@@ -29,7 +29,7 @@ pub const MAX_MEASURED: usize = 20;
 /// Noise of a coordinate where none is given, mm: a tracker and an arm's repeatability.
 const DEFAULT_NOISE_MM: f64 = 0.05;
 /// Noise that is taken, mm.
-const NOISE_MM: (f64, f64) = (1e-4, 10.0);
+pub(super) const NOISE_MM: (f64, f64) = (1e-4, 10.0);
 /// Where the reflector is thought to be with `model: complete`: off the flange's axis, where it sees all joints.
 const OFF_AXIS_MM: [f64; 3] = [80.0, 0.0, 100.0];
 /// And with `model: paper`: on it.

@@ -3,14 +3,17 @@
 use crate::calibration::prior_faults;
 use crate::calibration::request::{CalibrationRequest, ParameterPrior};
 use crate::wire::issue::{Checker, Invalid};
-use crate::wire::job::{MAX_NAMES, MAX_PARAMETER_NAME};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+/// Most names in `hold`, `identify` or `priors`: more than any model has.
+pub const MAX_NAMES: usize = 500;
+/// Longest parameter name, characters.
+pub const MAX_PARAMETER_NAME: usize = 64;
 /// Widest standard deviation, and largest value, mm or degrees.
-const MAX_VALUE: f64 = 1e6;
+pub(super) const MAX_VALUE: f64 = 1e6;
 /// Narrowest standard deviation, mm or degrees: a nanometre; what is known better is held.
-const MIN_STD: f64 = 1e-6;
+pub(super) const MIN_STD: f64 = 1e-6;
 
 /// What is known of a free parameter beforehand, in the unit that the report has it in (`parameters[].unit`: mm or deg): it is expected at
 /// `mean` ± `std`, and stays between `min` and `max`.

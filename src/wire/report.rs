@@ -1,18 +1,18 @@
 //! From the core's report to the wire's, and the hash that tells whether two results are the same.
 
-use crate::calibration::CalibrationReport;
 use crate::calibration::changes::NamedChange;
 use crate::calibration::report::{
     ErrorModel, Errors, MethodComparison, ParameterOutcome, PointErrors, PoseRepeatability,
     PriorOutcome, Repeatability, SubsetErrors,
 };
+use crate::calibration::{CalibrationReport, NO_FIT};
 use crate::identification::corrections::Evidence;
 use crate::identification::workspace::ToolUncertainty;
 use crate::wire::angle::to_degrees;
 use crate::wire::canonical;
 use crate::wire::job::{Method, Model, Preset};
-use crate::wire::measurement::{SubsetName, Warning};
-use crate::wire::parameter_set::ParameterSetContent;
+use crate::wire::measurement::{Frame, SubsetName, Warning};
+use crate::wire::parameter_set::{ParameterSetContent, Provenance};
 use crate::wire::report_shape::{
     ChangeReport, ComparisonReport, Convergence, CorrectionReport, ErrorModelReport, ErrorsReport,
     Evidence as VerifyEvidence, IdentifiabilityReport, ParameterReport, PointReport,
@@ -36,25 +36,36 @@ pub struct RunContext<'a> {
     pub verify_set_is_another: bool,
     /// SHA-256 of the trained network's tensors.
     pub network_sha256: Option<&'a str>,
+    /// The suspicion that the uploader of the points insisted on.
+    pub insisted_on: Option<&'a str>,
 }
 
 /// The version every report names.
 pub const VERSION: &str = env!("CARGO_PKG_VERSION");
 
-/// The warnings of a stored report that who uses its parameters should have before them.
+/// What who uses the parameters of a stored report should have before them.
 ///
 /// # Errors
 /// If it is no report.
-pub fn warnings_for_use(report_json: &str) -> Result<Vec<Warning>, serde_json::Error> {
+pub fn provenance(
+    report_json: &str,
+    measuring_frame: Option<Frame>,
+) -> Result<Provenance, serde_json::Error> {
     #[derive(serde::Deserialize)]
-    struct Warnings {
+    struct Excerpt {
         warnings: Vec<Warning>,
+        #[serde(default)]
+        flange_rotation_std_deg: Option<f64>,
     }
-    let mut found: Warnings = serde_json::from_str(report_json)?;
+    let mut found: Excerpt = serde_json::from_str(report_json)?;
     found
         .warnings
-        .retain(|warning| warning.code == "pose_not_seen");
-    Ok(found.warnings)
+        .retain(|warning| warning.code == "pose_not_seen" || warning.code == NO_FIT);
+    Ok(Provenance {
+        measuring_frame,
+        flange_rotation_std_deg: found.flange_rotation_std_deg,
+        warnings: found.warnings,
+    })
 }
 
 /// Warnings that compare with earlier sessions.
@@ -93,6 +104,8 @@ fn without_hash(core: &CalibrationReport, run: &RunContext<'_>) -> Report {
             .tool_uncertainty
             .filter(|t| t.max_mm.is_finite())
             .map(tool_uncertainty),
+        tool_uncertainty_absent_because: core.uncertainty_absent_because.clone(),
+        flange_rotation_std_deg: core.flange_rotation_std_rad.map(to_degrees),
         error_model: core.error_model.map(error_model),
         identifiability: IdentifiabilityReport {
             n_parameters: core.identifiability.n_parameters,
@@ -117,14 +130,28 @@ fn without_hash(core: &CalibrationReport, run: &RunContext<'_>) -> Report {
             .changes
             .as_ref()
             .map(|changes| changes.all.iter().map(change).collect()),
-        evidence: match (&core.verify, run.verify_set_is_another) {
-            (None, _) => VerifyEvidence::None,
-            (Some(_), false) => VerifyEvidence::SameUpload,
-            (Some(_), true) => VerifyEvidence::IndependentSession,
+        evidence: match run.verify_set_is_another {
+            _ if run.insisted_on.is_some() || !core.is_evidence() => VerifyEvidence::None,
+            false => VerifyEvidence::SameUpload,
+            true => VerifyEvidence::IndependentSession,
         },
-        warnings: core.warnings.iter().map(Warning::from_core).collect(),
+        warnings: insisted(run)
+            .into_iter()
+            .chain(core.warnings.iter().map(Warning::from_core))
+            .collect(),
         result_sha256: String::new(),
     }
+}
+
+fn insisted(run: &RunContext<'_>) -> Option<Warning> {
+    let code = run.insisted_on?;
+    Some(Warning {
+        code: "insisted_upload".into(),
+        detail: format!(
+            "the points were refused as {code} and kept because the uploader insisted: no release rests on them"
+        ),
+        rows: Vec::new(),
+    })
 }
 
 /// It covers report, parameter set, convergence and the network's hash. Identifiers, times and durations are taken out before hashing, and what is said about earlier sessions: it depends on what was there
@@ -319,6 +346,7 @@ fn correction(e: &Evidence) -> CorrectionReport {
     CorrectionReport {
         kind: e.kind.clone(),
         kept: e.kept,
+        dropped_because: e.is_vetoed.then(|| "worse_on_verify_points".into()),
         cross_validated_rms_mm_before: e.before_mm,
         cross_validated_rms_mm_after: e.after_mm,
         gain_mm2: e.gain_mm2,

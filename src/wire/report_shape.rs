@@ -1,5 +1,6 @@
 //! The shape of a report.
 
+use crate::calibration::{DOES_NOT_FIT, NO_BETTER, NO_FIT};
 use crate::calibration::{Judged, judged};
 use crate::wire::job::{Method, Model, Preset};
 use crate::wire::measurement::{SubsetName, Warning};
@@ -46,9 +47,19 @@ pub struct Report {
     pub per_point: Vec<PointReport>,
     /// Every free parameter.
     pub parameters: Vec<ParameterReport>,
-    /// Predicted uncertainty of the tool's position over the workspace; null where it cannot be stated.
+    /// Predicted uncertainty of the tool's position over the workspace, by the links alone: predictions with corrections have an error of their
+    /// own, which nothing here counts. Null where it cannot be stated.
     #[schema(required)]
     pub tool_uncertainty_mm: Option<ToolUncertaintyReport>,
+    /// Why neither the tool nor any parameter has an uncertainty, in words; absent where they have, and where nothing was identified.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tool_uncertainty_absent_because: Option<String>,
+    /// One standard deviation of the flange's rotation in the robot's base over the workspace, degrees, under what is known of robots
+    /// beforehand: what the positions leave open, and how far the identified links are from the best estimate. Above 0.5° corrected poses and
+    /// other tools than a measured reflector are refused (`orientation_not_known`), and no `change_reason` releases implausible changes. Null
+    /// where it cannot be computed, absent in reports of older versions.
+    #[serde(default)]
+    pub flange_rotation_std_deg: Option<f64>,
     /// How the points scatter about the model; null where it cannot be stated.
     #[schema(required)]
     pub error_model: Option<ErrorModelReport>,
@@ -132,7 +143,38 @@ pub struct PointReport {
     pub corrected_vector_mm: Option<[f64; 3]>,
 }
 
+/// Warnings with which nothing that was found is of use; the first that a report has counts.
+pub const NO_USE: [&str; 5] = [
+    "model_too_small",
+    NO_FIT,
+    DOES_NOT_FIT,
+    "set_far_off",
+    NO_BETTER,
+];
+
 impl Report {
+    /// The code of the warning that says so, where nothing that was found is of use.
+    pub fn no_use(&self) -> Option<&'static str> {
+        let is_told = |code: &&str| self.warnings.iter().any(|warning| warning.code == *code);
+        NO_USE.into_iter().find(is_told)
+    }
+
+    /// Why it is no evidence, in words.
+    pub fn why_no_evidence(&self) -> &'static str {
+        let is_told = |code: &str| self.warnings.iter().any(|warning| warning.code == code);
+        if self.verify.is_none_or(|verify| verify.n_points == 0) {
+            "no point was held out, these errors are those of the fit itself"
+        } else if is_told(DOES_NOT_FIT) {
+            "this file does not fit this robot"
+        } else if is_told(NO_FIT) {
+            "the identified robot does not fit the points"
+        } else if is_told("insisted_upload") {
+            "these points were refused, and kept because the uploader insisted"
+        } else {
+            "so few configurations prove nothing"
+        }
+    }
+
     /// Before and after on the points to verify, without those that are wild for both.
     pub fn judged(&self) -> Judged {
         let to_verify = self
@@ -204,7 +246,7 @@ pub struct PriorReport {
 }
 
 /// One standard deviation of the tool's position (3-D) at random configurations within the joint limits, or where they are unknown over
-/// what was measured and at least half a turn. Noise, combinations that the data do not see, and misfit of the model all count.
+/// what was measured and at least half a turn, by the links alone. Noise, combinations that the data do not see, and misfit of the model all count.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ToolUncertaintyReport {
     /// Mean, mm.
@@ -268,8 +310,12 @@ pub struct CorrectionReport {
     /// `stiffness_2_3` (the two joints that gravity loads most), `stiffness_all`, `base_compliance`, `link_masses`, `link_centres`,
     /// `joint_harmonics`, `residual_network`: the order in which they are tried, each beside those kept before it; `all_together` at last.
     pub kind: String,
-    /// True if it won: the gain is above its standard error, and that of all together above twice its own.
+    /// True if it won: the gain is above its standard error, that of all together above twice its own, and the points to verify had no veto.
     pub kept: bool,
+    /// Why it was dropped though it won: `worse_on_verify_points` where the robot with all corrections is further from the points to verify
+    /// than its links alone. Absent elsewhere.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub dropped_because: Option<String>,
     /// Cross-validated rms without it, mm.
     pub cross_validated_rms_mm_before: f64,
     /// Cross-validated rms with it, mm.

@@ -1,10 +1,12 @@
 //! A robot as the cell PC describes it.
 
 use crate::kinematics::model::MAX_LINKS;
-use crate::kinematics::{JointMap, Link, Mounting, Robot};
+use crate::kinematics::{Link, Mounting, Robot};
 use crate::wire::angle::to_radians;
 use crate::wire::issue::{Checker, Invalid};
-use nalgebra::{DMatrix, Vector3};
+pub use crate::wire::joint_map::JointMapBody;
+use crate::wire::joint_map::matrix;
+use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -25,7 +27,7 @@ pub const MAX_COUPLING: f64 = 10.0;
 /// A coupling whose determinant is smaller than this cannot be undone.
 const MIN_COUPLING_DETERMINANT: f64 = 1e-6;
 /// How far the length of a gravity direction may be from 1.
-const GRAVITY_TOLERANCE: f64 = 1e-3;
+pub(super) const GRAVITY_TOLERANCE: f64 = 1e-3;
 /// How well gravity is known for a robot on a floor, wall or ceiling, degrees.
 const DEFAULT_MOUNTING_STD_DEG: f64 = 2.0;
 
@@ -116,21 +118,6 @@ pub struct GravityDirection {
     pub std_deg: f64,
 }
 
-/// q_model = coupling · (sign ∘ q_controller) + offset.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(deny_unknown_fields)]
-pub struct JointMapBody {
-    /// +1 or -1 for each joint; all +1 where absent.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub sign: Option<Vec<f64>>,
-    /// Added last, degrees; all 0 where absent.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub offset_deg: Option<Vec<f64>>,
-    /// n rows of n values, invertible; the identity where absent.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub coupling: Option<Vec<Vec<f64>>>,
-}
-
 /// A robot as the service answers it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct RobotAnswer {
@@ -152,13 +139,51 @@ pub struct RobotAnswer {
     /// The controller's joint convention.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub joint_map: Option<JointMapBody>,
+    /// `ok`, or `check_robot`: a session did not fit it, and no release is made until one does or somebody says why all is well.
+    pub state: RobotStateName,
+    /// The job of kind `verify` whose file does not fit, in the state `check_robot`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub check_job_id: Option<String>,
+    /// Who last said why all is well.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub checked: Option<CheckedAnswer>,
     /// RFC 3339, UTC.
     pub created_at: String,
 }
 
+/// Whether releases are made for a robot.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum RobotStateName {
+    /// Nothing is in doubt.
+    Ok,
+    /// A session did not fit.
+    CheckRobot,
+}
+
+/// Why a robot is well in spite of a session that did not fit it.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct CheckedAnswer {
+    /// In words.
+    pub reason: String,
+    /// The key that said so.
+    pub by: String,
+    /// RFC 3339, UTC.
+    pub at: String,
+}
+
+/// How a robot stands.
+#[derive(Clone, Debug, Default)]
+pub struct RobotState {
+    /// The job whose file does not fit it.
+    pub check_job_id: Option<String>,
+    /// Who last said why all is well.
+    pub checked: Option<CheckedAnswer>,
+}
+
 impl RobotAnswer {
     /// The answer for a stored robot.
-    pub fn new(id: String, body: RobotBody, created_at: String) -> Self {
+    pub fn new(id: String, body: RobotBody, created_at: String, state: RobotState) -> Self {
         let RobotBody {
             name,
             serial_number,
@@ -175,6 +200,12 @@ impl RobotAnswer {
             links,
             mounting,
             joint_map,
+            state: match state.check_job_id {
+                Some(_) => RobotStateName::CheckRobot,
+                None => RobotStateName::Ok,
+            },
+            check_job_id: state.check_job_id,
+            checked: state.checked,
             created_at,
         }
     }
@@ -329,25 +360,6 @@ impl JointMapBody {
             check_coupling(coupling, n, checker);
         }
     }
-
-    /// The core's joint map of `n` joints; call after the checks.
-    fn to_core(&self, n: usize) -> JointMap {
-        JointMap {
-            sign: self.sign.clone().unwrap_or_else(|| vec![1.0; n]),
-            offset_rad: self.offset_deg.as_ref().map_or_else(
-                || vec![0.0; n],
-                |o| o.iter().map(|deg| to_radians(*deg)).collect(),
-            ),
-            coupling: self
-                .coupling
-                .as_ref()
-                .map_or_else(|| DMatrix::identity(n, n), |rows| matrix(rows)),
-        }
-    }
-}
-
-fn matrix(rows: &[Vec<f64>]) -> DMatrix<f64> {
-    DMatrix::from_fn(rows.len(), rows.len(), |i, j| rows[i][j])
 }
 
 fn check_coupling(rows: &[Vec<f64>], n: usize, checker: &mut Checker) {

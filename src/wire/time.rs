@@ -7,9 +7,68 @@ pub fn rfc3339(epoch_ms: i64) -> String {
     format!("{instant:.3}")
 }
 
+/// Whether a text is a time by RFC 3339: date, time with seconds, and the distance from UTC.
+pub fn is_rfc3339(text: &str) -> bool {
+    const SHAPE: &[u8] = b"0000-00-00T00:00:00";
+    let Some((head, rest)) = text.as_bytes().split_at_checked(SHAPE.len()) else {
+        return false;
+    };
+    let fits = |(byte, shape): (&u8, &u8)| match shape {
+        b'0' => byte.is_ascii_digit(),
+        b'T' => matches!(byte, b'T' | b't' | b' '),
+        other => byte == other,
+    };
+    let fraction = rest.strip_prefix(b".").map(|rest| {
+        let n_digits = rest.iter().take_while(|byte| byte.is_ascii_digit()).count();
+        (n_digits, &rest[n_digits..])
+    });
+    let zone = match fraction {
+        Some((0, _)) => return false,
+        Some((_, rest)) => rest,
+        None => rest,
+    };
+    let is_zone = match zone {
+        [b'Z' | b'z'] => true,
+        [b'+' | b'-', a, b, b':', c, d] => [a, b, c, d].iter().all(|byte| byte.is_ascii_digit()),
+        _ => false,
+    };
+    // The calendar: no 30th of February, no hour 25.
+    head.iter().zip(SHAPE).all(fits) && is_zone && text.parse::<jiff::Timestamp>().is_ok()
+}
+
 #[cfg(test)]
 mod tests {
-    use super::rfc3339;
+    use super::{is_rfc3339, rfc3339};
+
+    #[test]
+    fn a_time_has_a_date_seconds_and_its_distance_from_utc() {
+        for time in [
+            "2026-03-01T08:15:30Z",
+            "2026-03-01t08:15:30z",
+            "2026-03-01 08:15:30.250+01:00",
+            "2024-02-29T23:59:59.999999999-11:30",
+            "2016-12-31T23:59:60Z",
+        ] {
+            assert!(is_rfc3339(time), "{time}");
+        }
+        for text in [
+            "",
+            "yesterday",
+            "2026-03-01",
+            "2026-03-01T08:15Z",
+            "2026-03-01T08:15:30",
+            "2026-03-01T08:15:30.Z",
+            "2026-03-01T08:15:30+0100",
+            "2026-02-30T08:15:30Z",
+            "2026-03-01T25:15:30Z",
+            "2026-03-01T08:15:30Z[Europe/Paris]",
+            "01.03.2026 08:15:30",
+            "1772352930",
+            "2026-03-01T08:15:30\u{e9}",
+        ] {
+            assert!(!is_rfc3339(text), "{text}");
+        }
+    }
 
     #[test]
     fn times_are_rfc_3339_in_utc_with_milliseconds() {

@@ -2,17 +2,24 @@
 
 use crate::exchange::{Chain, ChainJoint, Origin, origin_of, pose_of};
 use crate::wire::issue::Invalid;
+use crate::wire::xml_limits;
 use nalgebra::Vector3;
 use roxmltree::{Document, Node, ParsingOptions};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 
 /// Largest text that is read, bytes; descriptions with meshes beside them have a hundred KiB.
 pub const MAX_URDF_BYTES: usize = 4 * 1024 * 1024;
-/// Most elements.
-const MAX_NODES: u32 = 200_000;
+/// Most nodes: elements, texts between them, comments.
+const MAX_NODES: u32 = 250_000;
+/// Most joints of a file; whole production cells have some hundred.
+const MAX_JOINTS: usize = 5_000;
 /// Most joints from root to tip.
-const MAX_JOINTS: usize = 200;
+const MAX_CHAIN: usize = 200;
+/// Most things that an error lists.
+const MAX_LISTED: usize = 10;
+/// Longest text of an error.
+const MAX_DETAIL_CHARS: usize = 500;
 /// Millimetres in a metre.
 const MM: f64 = 1e3;
 
@@ -50,7 +57,25 @@ pub struct UrdfChain {
     indices: Vec<usize>,
 }
 
+/// The first of many.
+fn listed<T: AsRef<str>>(all: &[T]) -> String {
+    let shown: Vec<&str> = all.iter().take(MAX_LISTED).map(AsRef::as_ref).collect();
+    let more = all.len() - shown.len();
+    let tail = if more > 0 {
+        format!(" and {more} more")
+    } else {
+        String::new()
+    };
+    shown.join(", ") + &tail
+}
+
+/// Names and values in a file may be as long as the file; of what an answer says of them the beginning will do.
 fn invalid(code: &'static str, detail: impl Into<String>) -> Invalid {
+    let mut detail = detail.into();
+    if let Some((end, _)) = detail.char_indices().nth(MAX_DETAIL_CHARS) {
+        detail.truncate(end);
+        detail.push('…');
+    }
     Invalid::at("", code, detail)
 }
 
@@ -71,6 +96,7 @@ impl<'t> Urdf<'t> {
         }
         let text = std::str::from_utf8(bytes)
             .map_err(|e| invalid("not_utf8", format!("the URDF is not UTF-8: {e}")))?;
+        xml_limits::check(text)?;
         let options = ParsingOptions {
             nodes_limit: MAX_NODES,
             ..ParsingOptions::default()
@@ -85,8 +111,19 @@ impl<'t> Urdf<'t> {
             );
             return Err(invalid("not_a_urdf", detail));
         }
-        let joints = robot.children().filter(|node| node.has_tag_name("joint"));
+        let joints: Vec<Node<'_, '_>> = robot
+            .children()
+            .filter(|node| node.has_tag_name("joint"))
+            .collect();
+        if joints.len() > MAX_JOINTS {
+            let detail = format!(
+                "the URDF has {} joints; at most {MAX_JOINTS} are read",
+                joints.len()
+            );
+            return Err(invalid("too_many_joints", detail));
+        }
         let joints = joints
+            .into_iter()
             .map(|node| joint(text, node))
             .collect::<Result<_, _>>()?;
         Ok(Self { text, joints })
@@ -137,11 +174,11 @@ impl<'t> Urdf<'t> {
         let (mut link, mut path) = (tip, Vec::new());
         while let Some(index) = by_child.get(link) {
             path.push(*index);
-            if path.len() > MAX_JOINTS {
+            if path.len() > MAX_CHAIN {
                 return Err(invalid(
                     "no_root",
                     format!(
-                        "more than {MAX_JOINTS} joints lead to {tip:?}, or they go round in a circle"
+                        "more than {MAX_CHAIN} joints lead to {tip:?}, or they go round in a circle"
                     ),
                 ));
             }
@@ -156,8 +193,8 @@ impl<'t> Urdf<'t> {
         by_child: &BTreeMap<&str, usize>,
         n_moving: Option<usize>,
     ) -> Result<Vec<usize>, Invalid> {
-        let is_leaf =
-            |joint: &&UrdfJoint| !self.joints.iter().any(|other| other.parent == joint.child);
+        let parents: BTreeSet<&str> = self.joints.iter().map(|j| j.parent.as_str()).collect();
+        let is_leaf = |joint: &&UrdfJoint| !parents.contains(joint.child.as_str());
         let paths = self
             .joints
             .iter()
@@ -181,20 +218,16 @@ impl<'t> Urdf<'t> {
             .filter(|path| moving(path).len() == most)
             .collect();
         let Some(longest) = candidates.iter().max_by_key(|path| path.len()) else {
-            let found: Vec<String> = paths
-                .iter()
-                .map(|path| moving(path).len().to_string())
-                .collect();
+            let found: BTreeSet<usize> = paths.iter().map(|path| moving(path).len()).collect();
+            let found: Vec<String> = found.iter().map(usize::to_string).collect();
             let detail = format!(
                 "no chain has {most} joints that move (there are chains with {}): name the tip link",
-                found.join(", ")
+                listed(&found)
             );
             return Err(invalid("no_chain", detail));
         };
-        if candidates
-            .iter()
-            .any(|path| moving(path) != moving(longest))
-        {
+        let of_longest = moving(longest);
+        if candidates.iter().any(|path| moving(path) != of_longest) {
             let ends: Vec<&str> = candidates
                 .iter()
                 .filter_map(|path| path.last())
@@ -202,7 +235,7 @@ impl<'t> Urdf<'t> {
                 .collect();
             let detail = format!(
                 "several chains have {most} joints that move, ending at {}: name the tip link",
-                ends.join(", ")
+                listed(&ends)
             );
             return Err(invalid("several_chains", detail));
         }
@@ -307,10 +340,10 @@ fn joint(text: &str, node: Node<'_, '_>) -> Result<UrdfJoint, Invalid> {
     let value = |name: &str| {
         origin
             .and_then(|n| n.attribute_node(name))
-            .map(|attribute| attribute.range_value())
+            .map(|attribute| inside_quotes(text, attribute.range()))
     };
     let insert_at = match origin {
-        Some(element) => element.range().start + "<origin".len(),
+        Some(element) => behind_name(text, element.range()),
         None => opening_tag_end(text, node),
     };
     let place = OriginPlace {
@@ -327,6 +360,19 @@ fn joint(text: &str, node: Node<'_, '_>) -> Result<UrdfJoint, Invalid> {
         joint: chain_joint,
         place,
     })
+}
+
+/// Where the value of `name="value"` stands. roxmltree's own range is wrong behind very long names and spaces.
+fn inside_quotes(text: &str, attribute: Range<usize>) -> Range<usize> {
+    let to_quote = text[attribute.clone()].find(['"', '\'']).unwrap_or(0);
+    attribute.start + to_quote + 1..attribute.end - 1
+}
+
+/// Behind the name in an element's opening tag; it may have a prefix.
+fn behind_name(text: &str, element: Range<usize>) -> usize {
+    let ends = |c: char| c.is_ascii_whitespace() || matches!(c, '/' | '>');
+    let length = text[element.clone()].find(ends);
+    length.map_or(element.end, |length| element.start + length)
 }
 
 /// Behind the `>` of an element's opening tag: it has children, so the first of them begins there.

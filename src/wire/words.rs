@@ -1,5 +1,6 @@
 //! Codes in plain words, as the dashboard has them: `web/words.js` is the one place where they stand.
 
+use crate::wire::job::Stage;
 use std::collections::HashMap;
 use std::sync::LazyLock;
 
@@ -25,6 +26,11 @@ pub fn warning(code: &str) -> String {
     of("WARNINGS", code)
 }
 
+/// Why nothing is to be done with what a report has found, in words.
+pub fn no_use(code: &str) -> String {
+    of("NO_USE", code)
+}
+
 /// A correction's kind in words.
 pub fn correction(kind: &str) -> String {
     of("CORRECTIONS", kind)
@@ -35,6 +41,11 @@ pub fn method(method: &str) -> String {
     WORDS
         .get(&("METHODS", method))
         .map_or_else(|| method.replace('_', " "), |words| (*words).into())
+}
+
+/// What a job is at, in words.
+pub fn stage(stage: Option<Stage>) -> String {
+    stage.map_or_else(|| "Computing".into(), |stage| of("STAGES", stage.as_str()))
 }
 
 /// A gate of the release in words.
@@ -59,7 +70,22 @@ pub fn capital(text: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::{correction, gate, method, warning};
+    use super::{WORDS, correction, gate, method, stage, warning};
+    use crate::wire::job::Stage;
+
+    #[test]
+    fn every_stage_has_its_words_and_its_name_on_the_wire() {
+        for known in Stage::ALL {
+            assert!(
+                WORDS.contains_key(&("STAGES", known.as_str())),
+                "{known:?} has no words"
+            );
+            assert_eq!(serde_json::json!(known), known.as_str());
+            assert_eq!(Stage::parse(known.as_str()), Some(known));
+        }
+        assert_eq!(stage(None), "Computing");
+        assert_eq!(Stage::parse("not_thought_of"), None);
+    }
 
     #[test]
     fn known_codes_have_their_words_and_others_are_spelled_out() {

@@ -34,12 +34,17 @@ pub const MAY_USE: &[(&str, &[&str])] = &[
     ("telemetry", &["config"]),
     ("wire", CORE),
     ("store", &["wire"]),
-    ("jobs", &["store", "wire", "calibration"]),
+    (
+        "release",
+        &["kinematics", "measurement", "calibration", "wire"],
+    ),
+    ("jobs", &["release", "store", "wire", "calibration"]),
     ("report_page", &["wire"]),
     (
         "http",
         &[
             "jobs",
+            "release",
             "store",
             "wire",
             "report_page",
@@ -92,8 +97,9 @@ const PLATFORM_FLOAT_METHODS: &[&str] = &[
     "powf", "powi", "cbrt", "hypot", "gamma", "ln_gamma",
 ];
 
-/// Files aim at 300 lines; above this one a noun is missing.
-const MAX_LINES: usize = 450;
+/// Files aim at 400 lines. A file above this limit holds more than one purpose. (It was 450 at 140 columns; rustfmt's default of 100 makes
+/// the same code about a third longer.)
+const MAX_LINES: usize = 650;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Rule {
@@ -297,7 +303,7 @@ fn check_crate(
             format!("`{written}`: the core may use {CORE_CRATES:?}"),
         ));
     }
-    (["sqlx", "sqlx_core", "rusqlite"].contains(&root) && owner != "store").then(|| {
+    (root == "sqlx" && owner != "store").then(|| {
         (
             Rule::SqlOutsideStore,
             used.line,

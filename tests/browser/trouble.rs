@@ -81,7 +81,7 @@ fn a_live_job_outlives_a_restart_of_the_server() {
         ]);
         command.arg(folder.path().join("data"));
         again = Some(in_place(|| Server::of(command)));
-        browser.until_it_says("Iteration ").await;
+        browser.until_it_says(": iteration ").await;
         browser.button("Cancel").await.click().await.unwrap();
         browser.until_it_says("The calibration was cancelled").await;
     });

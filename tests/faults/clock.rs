@@ -137,3 +137,40 @@ fn resend(server: &Server, load: &Load, robot: &str) {
         "{answer}"
     );
 }
+
+/// How far the clock is ahead when the first set is released.
+const AHEAD_DAYS: i64 = 30;
+
+#[test]
+fn a_release_under_a_clock_that_was_ahead_is_not_what_a_rollback_goes_to() {
+    let dir = tempfile::tempdir().unwrap();
+    let Some(library) = preload::build(dir.path(), "clock", include_str!("clock.c")) else {
+        return;
+    };
+    let (data_dir, clock_file) = (dir.path().join("data"), dir.path().join("clock"));
+    std::fs::write(&clock_file, [0; 8]).unwrap();
+    let clock = Clock(File::options().write(true).open(&clock_file).unwrap());
+    let server = Server::of(serve(&data_dir, &library, &clock_file));
+    let robot = server.robot(&paper_path("robot.json"));
+    let set = server.set(&robot, &paper_path("first_noisy.csv"), "base");
+    let decide = |path: &str| {
+        let body = br#"{"reason": "better"}"#.to_vec();
+        let (status, answer) = server.post(path, "application/json", body);
+        assert_eq!(status, 200, "{answer}");
+        answer
+    };
+    let mut sets = Vec::new();
+    for days in [AHEAD_DAYS, 0, 0] {
+        let request = serde_json::json!({"measurement_set_id": set, "method": "least_squares"});
+        let job = server.finished(&server.job(&robot, &request));
+        let id = job["parameter_set_id"].as_str().unwrap().to_owned();
+        clock.turn(days);
+        decide(&format!("/v1/parameter-sets/{id}/release"));
+        clock.turn(0);
+        sets.push(id);
+    }
+    for back_to in [1, 0] {
+        let active = decide(&format!("/v1/robots/{robot}/parameter-sets/rollback"));
+        assert_eq!(active["id"], sets[back_to]);
+    }
+}

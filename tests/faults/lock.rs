@@ -19,6 +19,12 @@ const LOCKED_S_BY_DEFAULT: u64 = 6;
 const TOLD_WITHIN: Duration = Duration::from_secs(9);
 /// Reads do not wait for writers; unoptimised, on a busy machine.
 const READ_WITHIN: Duration = Duration::from_secs(2);
+/// Writers that are held up for less than a second are not told; a busy machine adds to it.
+const NOTICED_WITHIN_S: f64 = 3.0;
+/// From the statement that takes the lock to the first look.
+const LOCK_TAKEN_S: f64 = 2.0;
+/// From here on `/readyz` answers 503.
+const STUCK_TOO_LONG_S: f64 = 60.0;
 /// More than there are connections for writers.
 const WRITERS: usize = 24;
 
@@ -51,7 +57,8 @@ fn work_on(server: &Server, robot: &str) {
         .ok()
         .and_then(|text| text.parse().ok())
         .unwrap_or(LOCKED_S_BY_DEFAULT);
-    let until = Instant::now() + Duration::from_secs(lock_s);
+    let begun_at = Instant::now();
+    let until = begun_at + Duration::from_secs(lock_s);
     let (url, over) = (server.url.clone(), AtomicBool::new(false));
     let (told, reads, slowest_read) = std::thread::scope(|scope| {
         let writers: Vec<_> = (0..WRITERS)
@@ -62,16 +69,18 @@ fn work_on(server: &Server, robot: &str) {
                 })
             })
             .collect();
+        // Also where an assertion fails: otherwise the writers would never end.
+        let over_at_end = SetOnDrop(&over);
         let (mut reads, mut slowest) = (0, Duration::ZERO);
         while Instant::now() < until {
             let begun = Instant::now();
             assert_eq!(active(server, robot), 200);
-            assert!(server.text("/readyz").starts_with("ready"));
+            says_how_long(server, begun_at.elapsed());
             slowest = slowest.max(begun.elapsed() / 2);
             reads += 2;
             std::thread::sleep(Duration::from_millis(50)); // one reader among others
         }
-        over.store(true, Ordering::Relaxed);
+        drop(over_at_end);
         let told: Vec<Duration> = writers
             .into_iter()
             .flat_map(|writer| writer.join().unwrap())
@@ -87,6 +96,40 @@ fn work_on(server: &Server, robot: &str) {
         told.len() >= WRITERS && longest < TOLD_WITHIN && slowest_read < READ_WITHIN,
         "{longest:?} {slowest_read:?}"
     );
+}
+
+/// Sets a flag when it is dropped.
+struct SetOnDrop<'a>(&'a AtomicBool);
+
+impl Drop for SetOnDrop<'_> {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+}
+
+/// `/readyz` says since when writers have been stuck: not before the first of them came, and not for longer than the lock has been held.
+fn says_how_long(server: &Server, locked: Duration) {
+    let (status, text) = server.status_and_text("/readyz");
+    let stuck_s = text
+        .split_once("no write has got through for ")
+        .and_then(|(_, rest)| rest.split_once(" s: "))
+        .map(|(seconds, _)| seconds.parse::<f64>().unwrap());
+    let locked_s = locked.as_secs_f64();
+    match stuck_s {
+        Some(stuck_s) => {
+            let is_near =
+                stuck_s > locked_s - NOTICED_WITHIN_S && stuck_s < locked_s + LOCK_TAKEN_S;
+            assert!(is_near, "{text} after {locked_s} s");
+            // The text is rounded to a tenth of a second: just before the limit it says 60.0, too.
+            let is_at_limit = (stuck_s - STUCK_TOO_LONG_S).abs() < 0.1;
+            let expected = if stuck_s < STUCK_TOO_LONG_S { 200 } else { 503 };
+            assert!(status == expected || is_at_limit, "{status} {text}");
+        }
+        None => assert!(
+            status == 200 && locked_s < NOTICED_WITHIN_S,
+            "{status} {text}"
+        ),
+    }
 }
 
 /// How long each refusal took. Anything but 503 with `Retry-After` is a fault.
@@ -145,6 +188,50 @@ fn tables_locked_by_somebody_else_on_postgresql_do_the_same_and_running_jobs_end
         // The client of the processes has a runtime of its own, which cannot run within this one.
         std::thread::scope(|scope| scope.spawn(|| on_postgresql(url)).join()).unwrap();
     });
+}
+
+#[test]
+fn readyz_tells_how_long_the_writer_has_been_stuck() {
+    let dir = tempfile::tempdir().unwrap();
+    let server = Server::start(dir.path(), 0);
+    let robot = server.robot(&paper_path("robot.json"));
+    assert_eq!(server.text("/readyz"), "ready\n");
+    let url = format!("sqlite://{}", dir.path().join("kincal.sqlite").display());
+    locked(&url, "begin exclusive", || {
+        // one writer that gives up after 5 s, and nobody afterwards
+        let begun = Instant::now();
+        assert_eq!(upload(&server, &robot, 1).0, 503);
+        says_how_long(&server, begun.elapsed());
+        let (_, first) = server.status_and_text("/readyz");
+        assert!(
+            first.contains("another program locks the database"),
+            "{first}"
+        );
+    });
+    // no write is needed to find out; a look that waits for the lock already takes a moment to get it
+    let free = Instant::now();
+    while server.text("/readyz") != "ready\n" {
+        assert!(free.elapsed() < READ_WITHIN, "nobody is stuck any more");
+    }
+    for_each_engine(async |database| {
+        let StoreLocation::Postgres { url } = &database.location else {
+            return;
+        };
+        std::thread::scope(|scope| scope.spawn(|| tells_on_postgresql(url)).join()).unwrap();
+    });
+}
+
+fn tells_on_postgresql(url: &str) {
+    let server = on(url);
+    assert_eq!(server.text("/readyz"), "ready\n");
+    // nobody writes: the lock is seen all the same
+    locked(url, "begin; select seq from audit_head for update", || {
+        std::thread::sleep(Duration::from_secs(2)); // the figure is a matter of time
+        says_how_long(&server, Duration::from_secs(2));
+        let (_, text) = server.status_and_text("/readyz");
+        assert!(text.contains("idle in its transaction"), "{text}");
+    });
+    assert_eq!(server.text("/readyz"), "ready\n");
 }
 
 fn on_postgresql(url: &str) {

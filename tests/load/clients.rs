@@ -46,7 +46,7 @@ async fn a_client_that_is_silent_after_an_answer_is_cut_off() {
     let begun = Instant::now();
     let mut client = Raw::connect(app.server.address).await;
     client
-        .send(b"GET /healthz HTTP/1.1\r\nhost: x\r\n\r\n")
+        .send(b"GET /healthz HTTP/1.1\r\nhost: localhost\r\n\r\n")
         .await;
     assert!(client.rest().await.starts_with("HTTP/1.1 200"));
     assert!(begun.elapsed() < CUT_OFF_WITHIN, "{:?}", begun.elapsed());
@@ -68,7 +68,7 @@ async fn a_dribbling_body_is_cut_off_with_408_and_nothing_is_stored() {
     let robot = app.paper_robot().await;
     let length = paper("first.csv").len();
     let header = format!(
-        "POST {robot}/measurement-sets HTTP/1.1\r\nhost: x\r\ncontent-type: text/csv\r\ncontent-length: {length}\r\n\r\nq1_deg"
+        "POST {robot}/measurement-sets HTTP/1.1\r\nhost: localhost\r\ncontent-type: text/csv\r\ncontent-length: {length}\r\n\r\nq1_deg"
     );
     let (took, answer) = Raw::connect(app.server.address)
         .await
@@ -93,10 +93,10 @@ async fn a_client_that_sends_on_after_its_refusal_still_hears_it() {
     let robot = app.paper_robot().await;
     let too_large = 33 << 20;
     let body = format!(
-        "POST {robot}/measurement-sets HTTP/1.1\r\nhost: x\r\ncontent-type: text/csv\r\ncontent-length: {too_large}\r\n\r\n"
+        "POST {robot}/measurement-sets HTTP/1.1\r\nhost: localhost\r\ncontent-type: text/csv\r\ncontent-length: {too_large}\r\n\r\n"
     );
     let header = format!(
-        "GET /healthz HTTP/1.1\r\nhost: x\r\nx-long: {}",
+        "GET /healthz HTTP/1.1\r\nhost: localhost\r\nx-long: {}",
         "a".repeat(40 * 1024)
     );
     for (first, expected) in [(body, "HTTP/1.1 413"), (header, "HTTP/1.1 431")] {
@@ -119,7 +119,7 @@ async fn slow_clients_do_not_keep_others_waiting() {
     let (app, _dir) = impatient(short()).await;
     let robot = app.paper_robot().await;
     let body = format!(
-        "POST {robot}/measurement-sets HTTP/1.1\r\nhost: x\r\ncontent-type: text/csv\r\ncontent-length: 30000000\r\n\r\nq"
+        "POST {robot}/measurement-sets HTTP/1.1\r\nhost: localhost\r\ncontent-type: text/csv\r\ncontent-length: 30000000\r\n\r\nq"
     );
     let mut slow = tokio::task::JoinSet::new();
     for i in 0..300 {
@@ -150,14 +150,14 @@ async fn one_connection_too_many_is_told_to_come_back() {
     for _ in 0..2 {
         let mut client = Raw::connect(app.server.address).await;
         client
-            .send(b"GET /healthz HTTP/1.1\r\nhost: x\r\n\r\n")
+            .send(b"GET /healthz HTTP/1.1\r\nhost: localhost\r\n\r\n")
             .await;
         client.0.readable().await.unwrap();
         kept.push(client);
     }
     let mut one_more = Raw::connect(app.server.address).await;
     one_more
-        .send(b"GET /healthz HTTP/1.1\r\nhost: x\r\n\r\n")
+        .send(b"GET /healthz HTTP/1.1\r\nhost: localhost\r\n\r\n")
         .await;
     let answer = one_more.rest().await;
     assert!(
@@ -186,7 +186,7 @@ async fn a_client_that_does_not_read_its_answer_is_cut_off() {
     let (app, _dir) = impatient(short()).await;
     let mut client = Raw::connect(app.server.address).await;
     // More requests than all buffers hold: a server that waits for its answers to be read takes no more of them.
-    let requests = "GET /openapi.yaml HTTP/1.1\r\nhost: x\r\n\r\n".repeat(1_000_000);
+    let requests = "GET /openapi.yaml HTTP/1.1\r\nhost: localhost\r\n\r\n".repeat(1_000_000);
     let sending = client.send(requests.as_bytes());
     let sent = tokio::time::timeout(CUT_OFF_WITHIN, sending)
         .await

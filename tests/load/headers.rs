@@ -101,6 +101,10 @@ fn request(random: &mut ChaCha8Rng, robot: &str) -> Vec<u8> {
         }
     }
     request.extend(b" HTTP/1.1\r\n");
+    // Most say whom they ask, or nothing else would be looked at.
+    if random.random_bool(0.9) {
+        request.extend(b"host: localhost\r\n");
+    }
     for _ in 0..random.random_range(0..6) {
         request.extend(
             [

@@ -73,6 +73,149 @@ async fn json_nested_a_million_deep_is_refused_in_time_wherever_it_hides() {
     }
 }
 
+async fn import(app: &TestApp, urdf: String) -> (Answer, Duration) {
+    let begun = Instant::now();
+    let path = "/v1/robot-imports?format=urdf";
+    let answer = app.post(path, "application/xml", urdf).await;
+    (answer, begun.elapsed())
+}
+
+fn attributes(n: usize) -> String {
+    (0..n).map(|i| format!(" a{i}='1'")).collect()
+}
+
+#[tokio::test]
+async fn a_urdf_of_too_much_of_anything_is_refused_in_time_with_its_line() {
+    let app = TestApp::spawn().await;
+    let many = attributes(100_000);
+    let namespaces: String = (0..60_000).map(|i| format!(" xmlns:n{i}='u{i}'")).collect();
+    let spread: String = (0..50_000)
+        .map(|i| format!("<a xmlns:n{i}='u{i}'>"))
+        .collect();
+    for (urdf, code, line) in [
+        (
+            format!("<robot>\n<link{many}/></robot>"),
+            "too_many_attributes",
+            2,
+        ),
+        (format!("<robot{many}/>"), "too_many_attributes", 1),
+        (format!("<robot{namespaces}/>"), "too_many_attributes", 1),
+        (format!("<robot>\n\n{spread}"), "too_many_namespaces", 3),
+        (
+            format!("<robot>{}", "\n<a>".repeat(500_000)),
+            "too_deep",
+            101,
+        ),
+        (
+            format!("<robot>{}</robot>", "<a/>".repeat(900_000)),
+            "too_many_elements",
+            1,
+        ),
+        (
+            format!(
+                "<robot>{}</robot>",
+                format!("<a{}/>\n", attributes(60)).repeat(6_000)
+            ),
+            "too_many_attributes",
+            3_334,
+        ),
+    ] {
+        let start: String = urdf.chars().take(40).collect();
+        let (answer, took) = import(&app, urdf).await;
+        let problem = answer.problem(422, code);
+        let detail = problem["errors"][0]["detail"].as_str().unwrap();
+        assert!(
+            detail.starts_with(&format!("line {line}: ")),
+            "{start}: {detail}"
+        );
+        assert!(took < WITHIN, "{start}: {took:?}");
+    }
+    let (answer, took) = import(&app, "<robot>".repeat(700_000)).await;
+    assert!(
+        matches!(answer.status, 413 | 422) && took < WITHIN,
+        "{took:?}"
+    );
+}
+
+/// Joints at the end of one another, and as many at the last one as a file may have.
+fn star(n: usize) -> String {
+    let joint = |parent: usize, child: usize| {
+        format!(
+            "<joint name='j{child}' type='revolute'><parent link='l{parent}'/><child link='l{child}'/><axis xyz='0 0 1'/></joint>\n"
+        )
+    };
+    let chain: String = (0..190).map(|i| joint(i, i + 1)).collect();
+    let ends: String = (191..n).map(|i| joint(190, i)).collect();
+    format!("<robot>{chain}{ends}</robot>")
+}
+
+#[tokio::test]
+async fn a_urdf_of_many_joints_is_answered_in_time_and_shortly() {
+    let app = TestApp::spawn().await;
+    for (n, code) in [(4_999, "several_chains"), (20_000, "too_many_joints")] {
+        let (answer, took) = import(&app, star(n)).await;
+        answer.problem(422, code);
+        assert!(answer.bytes.len() < 4_000, "{}", answer.text());
+        assert!(took < WITHIN, "{n} joints: {took:?}");
+    }
+}
+
+/// As costly as a description may be: as many attributes as are read, each with a prefix to be looked up among all namespaces.
+fn costly_urdf() -> String {
+    let namespaces: String = (0..64).map(|i| format!(" xmlns:n{i}='u{i}'")).collect();
+    let attributes: String = (0..64).map(|i| format!(" n63:a{i}='1'")).collect();
+    format!(
+        "<robot{namespaces}>{}</robot>",
+        format!("<a{attributes}/>").repeat(3_120)
+    )
+}
+
+#[tokio::test]
+async fn clients_that_send_a_costly_urdf_and_go_away_leave_no_work_behind() {
+    const CLIENTS: usize = 64;
+    let app = TestApp::spawn().await;
+    let urdf = costly_urdf();
+    let (answer, one) = import(&app, urdf.clone()).await;
+    answer.problem(422, "no_joints");
+    assert!(one < WITHIN, "{one:?}");
+    let head = format!(
+        "POST /v1/robot-imports?format=urdf HTTP/1.1\r\nhost: localhost\r\ncontent-type: application/xml\r\ncontent-length: {}\r\n\r\n",
+        urdf.len()
+    );
+    let request = head.into_bytes().into_iter().chain(urdf.into_bytes());
+    let request: std::sync::Arc<[u8]> = request.collect();
+    let mut clients = tokio::task::JoinSet::new();
+    for _ in 0..CLIENTS {
+        let (address, request) = (app.server.address, request.clone());
+        clients.spawn(async move {
+            let mut client = crate::raw::Raw::connect(address).await;
+            client.send(&request).await;
+        });
+    }
+    clients.join_all().await;
+    let gone = Instant::now();
+    // Requests of clients that are gone may still be arriving: a refusal until their permits are free again.
+    let (answer, took) = loop {
+        let (answer, took) = import(&app, costly_urdf()).await;
+        if answer.status != 503 {
+            break (answer, took);
+        }
+        assert!(
+            gone.elapsed() < WITHIN,
+            "work goes on for clients that are gone"
+        );
+    };
+    answer.problem(422, "no_joints");
+    let free = "kincal_room_left{kind=\"calculations\"} 64";
+    while !app.get("/metrics").await.text().contains(free) {
+        assert!(gone.elapsed() < WITHIN, "permits are not given back");
+    }
+    eprintln!(
+        "one takes {one:?}; after {CLIENTS} had gone the next was answered in {:?}, {took:?} of it its own",
+        gone.elapsed()
+    );
+}
+
 #[tokio::test]
 async fn a_gzip_bomb_is_not_unpacked() {
     let app = TestApp::spawn().await;
@@ -95,7 +238,7 @@ async fn a_body_that_hides_its_length_is_cut_off_at_the_limit() {
     let robot = app.paper_robot().await;
     let mut client = crate::raw::Raw::connect(app.server.address).await;
     let mut head = Vec::new();
-    write!(head, "POST {robot}/measurement-sets HTTP/1.1\r\nhost: x\r\ncontent-type: text/csv\r\ntransfer-encoding: chunked\r\n\r\n")
+    write!(head, "POST {robot}/measurement-sets HTTP/1.1\r\nhost: localhost\r\ncontent-type: text/csv\r\ntransfer-encoding: chunked\r\n\r\n")
         .unwrap();
     client.send(&head).await;
     let chunk = [b"100000\r\n".as_slice(), &vec![b'1'; 0x10_0000], b"\r\n"].concat();

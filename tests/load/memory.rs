@@ -54,7 +54,7 @@ async fn post(
         .await
         .expect("the server accepts");
     let head = format!(
-        "POST {path} HTTP/1.1\r\nhost: x\r\ncontent-type: {content_type}\r\ncontent-length: {}\r\n\r\n",
+        "POST {path} HTTP/1.1\r\nhost: localhost\r\ncontent-type: {content_type}\r\ncontent-length: {}\r\n\r\n",
         body.len()
     );
     let (mut reader, mut writer) = stream.split();
@@ -144,7 +144,7 @@ async fn ask(address: &str, path: &str) -> (u16, TcpStream) {
         .await
         .expect("the server accepts");
     stream
-        .write_all(format!("GET {path} HTTP/1.1\r\nhost: x\r\n\r\n").as_bytes())
+        .write_all(format!("GET {path} HTTP/1.1\r\nhost: localhost\r\n\r\n").as_bytes())
         .await
         .unwrap();
     let mut answer = [0; 12];

@@ -30,6 +30,27 @@ pub fn real_data() -> Option<PathBuf> {
     None
 }
 
+/// Descriptions of robots by their makers, which lie beside the measured sets: names and texts, sorted. Empty where they are absent.
+pub fn urdfs() -> Vec<(String, String)> {
+    let folder = real_data().and_then(|real| Some(real.parent()?.join("urdf")));
+    let Some(entries) = folder.and_then(|folder| std::fs::read_dir(folder).ok()) else {
+        return vec![];
+    };
+    let mut paths: Vec<PathBuf> = entries.map(|entry| entry.unwrap().path()).collect();
+    paths.retain(|path| path.extension().is_some_and(|e| e == "urdf"));
+    paths.sort();
+    let read = |path: PathBuf| {
+        let name = path.file_stem().unwrap().to_string_lossy().into_owned();
+        (name, std::fs::read_to_string(path).unwrap())
+    };
+    paths.into_iter().map(read).collect()
+}
+
+/// The python to run oracles with: that of `KINCAL_ORACLES_PYTHON`, which has the libraries that they read with, else any.
+pub fn oracles_python() -> String {
+    std::env::var("KINCAL_ORACLES_PYTHON").unwrap_or_else(|_| "python3".into())
+}
+
 /// A robot file.
 pub fn robot(path: &Path) -> Robot {
     let json: serde_json::Value = serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap();

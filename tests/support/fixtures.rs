@@ -39,6 +39,7 @@ pub fn new_set(robot: &RobotRow, body: &[u8]) -> NewMeasurementSet {
         warnings_json: "[]".into(),
         uploaded_by: Some("key_uploader".into()),
         serial_number: None,
+        insisted_on: None,
     }
 }
 

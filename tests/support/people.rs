@@ -1,7 +1,7 @@
 //! People with keys of their own at one server.
 #![allow(dead_code)] // each test binary uses its part
 
-use crate::app::{Answer, TestApp};
+use super::app::{Answer, TestApp};
 use kincal::config::ServeConfig;
 use kincal::http::auth::new_key;
 use kincal::store::{NewApiKey, api_keys};

@@ -150,6 +150,16 @@ impl Server {
         })
     }
 
+    /// GET: status and text.
+    pub fn status_and_text(&self, path: &str) -> (u16, String) {
+        let request = self.signed(self.http.get(format!("{}{path}", self.url)));
+        self.runtime.block_on(async {
+            let response = request.send().await.unwrap();
+            let status = response.status().as_u16();
+            (status, response.text().await.unwrap())
+        })
+    }
+
     /// POST: status and JSON.
     pub fn post(&self, path: &str, content_type: &str, body: Vec<u8>) -> (u16, Value) {
         self.send(

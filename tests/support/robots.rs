@@ -1,7 +1,7 @@
 //! Robots of several makes, simulated as they are built and measured, and what can be done wrongly with a file of theirs.
 #![allow(dead_code)] // each user takes its part
 
-use crate::simulation::Normal;
+use super::simulation::Normal;
 use kincal::identification::KinematicModel;
 use kincal::identification::parameters::{Parameter, apply, complete_parameters};
 use kincal::kinematics::{Link, Robot};
@@ -197,7 +197,7 @@ pub fn clean_robots(n: usize, seed: u64) -> Vec<(&'static str, [usize; 3])> {
         let outcome = match look(nominal, &set) {
             Look::Fine => 2,
             Look::Off(rms_mm) => match explain(nominal, &set, rms_mm, &without) {
-                Finding::Wrong { .. } => 0,
+                Finding::Wrong(_) => 0,
                 Finding::Odd { .. } => 1,
             },
         };

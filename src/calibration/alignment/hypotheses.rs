@@ -20,8 +20,6 @@ pub enum Hypothesis {
     MirroredAxis(usize),
     /// Two joints' columns are exchanged.
     JointColumns(usize, usize),
-    /// One joint is counted the other way round.
-    JointSign(usize),
     /// Positions stand this many rows further down than their joint values.
     ShiftedRows(isize),
     /// Another robot, by its place in a list.
@@ -52,7 +50,6 @@ pub fn hypotheses(n_joints: usize, n_others: usize) -> Vec<Hypothesis> {
     all.extend(
         (0..n_joints).flat_map(|i| (i + 1..n_joints).map(move |j| Hypothesis::JointColumns(i, j))),
     );
-    all.extend((0..n_joints).map(Hypothesis::JointSign));
     all.extend([1, -1, 2, -2].map(Hypothesis::ShiftedRows));
     all.extend((0..n_others).map(Hypothesis::Robot));
     all
@@ -93,7 +90,6 @@ impl Hypothesis {
             }
             Self::MirroredAxis(axis) => point.position_mm[axis] = -p[axis],
             Self::JointColumns(i, j) => point.q_rad.swap(i, j),
-            Self::JointSign(joint) => point.q_rad[joint] = -point.q_rad[joint],
             Self::ShiftedRows(_) | Self::Robot(_) => {}
         }
         point
@@ -105,6 +101,15 @@ impl Hypothesis {
             Some(*index)
         } else {
             None
+        }
+    }
+
+    /// True where the axes would be left-handed.
+    pub fn is_left_handed(&self) -> bool {
+        match self {
+            Self::MirroredAxis(_) => true,
+            Self::PositionColumns(order) => (0..3).any(|axis| order[axis] == axis),
+            _ => false,
         }
     }
 
@@ -134,7 +139,6 @@ impl Hypothesis {
             Self::PositionColumns(order) => axes(order).join(", "),
             Self::MirroredAxis(axis) => AXES[*axis].into(),
             Self::JointColumns(i, j) => format!("q{}, q{}", i + 1, j + 1),
-            Self::JointSign(joint) => format!("q{}", joint + 1),
             Self::ShiftedRows(_) => "x, y, z".into(),
             Self::Robot(_) => return None,
         })
@@ -162,7 +166,6 @@ impl Hypothesis {
                 i + 1,
                 j + 1
             ),
-            Self::JointSign(joint) => format!("joint {} is counted the other way round", joint + 1),
             Self::ShiftedRows(by) => {
                 let direction = if *by > 0 { "below" } else { "above" };
                 format!(
@@ -185,9 +188,6 @@ impl Hypothesis {
                 "name the columns by what they hold"
             }
             Self::MirroredAxis(_) => "export in a right-handed frame",
-            Self::JointSign(_) => {
-                "if the controller counts so, declare it in the robot's joint_map, else mend the column"
-            }
             Self::ShiftedRows(_) => {
                 "pair each position with the joint values at which it was measured"
             }

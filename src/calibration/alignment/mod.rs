@@ -1,33 +1,35 @@
 //! Whether a measurement set can have been measured on this robot as it says: the nominal robot is laid onto the points, and where it
-//! does not fit, wrong units, columns, rows and robots are tried. A set is called wrong only where one of these fits several times better;
-//! an unmastered joint alone is no reason to refuse.
+//! does not fit, another frame, makers' joint conventions, wrong units, columns, rows and robots are tried. A set is refused where one of
+//! these fits several times better, or where nothing comes near; an unmastered joint alone is no reason to refuse.
 
+mod convention;
+mod fitting;
 mod hypotheses;
+mod joint_maps;
+mod suspect;
 
 pub use hypotheses::{Hypothesis, hypotheses};
 
-use crate::identification::KinematicModel;
-use crate::identification::fit::fit_least_squares;
-use crate::identification::objective::{Observation, cost};
-use crate::identification::parameters::{Parameter, Quantity};
-use crate::identification::start::{align_in_closed_form, fit_base_and_targets};
-use crate::kinematics::Robot;
+use crate::identification::objective::Observation;
+use crate::kinematics::{JointMap, Robot};
 use crate::measurement::{Frame, MeasurementSet, Point};
-use nalgebra::Vector3;
+use fitting::{placed_thoroughly, quickly_placed, reach_mm};
 use std::collections::BTreeMap;
+use std::f64::consts::PI;
+use suspect::Suspect;
 
-/// The nominal robot fits right data of real robots to 2 to 7 mm; above this something is worth a look, rms, mm.
-pub const FITS_MM: f64 = 20.0;
+/// The nominal robot fits right data of real robots, unmastered joints placed, to 0.5 % of its reach; above twice that something is worth a
+/// look, rms as a share of the reach.
+pub const FITS: f64 = 0.01;
 /// A hypothesis has to fit this many times better before a set is called wrong.
 pub const BETTER: f64 = 5.0;
-/// ... and to fit this well itself: with some joints unmastered nominal robots fit to some tens, rms, mm.
-const EXPLAINS_MM: f64 = 50.0;
+/// Nothing is refused that the nominal robot, or one with other joint zeros, fits to this share of its reach: four times what real robots
+/// show. Positions that are in another frame by less than this are a base frame that is known badly.
+pub const COMES_NEAR: f64 = 0.02;
+/// A joint that was never mastered may be off by so much, rad (45°); more is another convention, or another frame.
+const UNMASTERED_RAD: f64 = PI / 4.0;
 /// Points that are looked at, evenly from the whole set: enough to tell, and few enough for every upload.
 const MAX_POINTS: usize = 40;
-/// Equations beyond the unknowns that are needed before anything is said.
-const SPARE_EQUATIONS: usize = 12;
-/// Numbers of a free base with one target: nine of its rotation, three of its translation, three of the target.
-const UNKNOWNS: usize = 15;
 
 /// How a set looks when it arrives.
 #[derive(Clone, Debug, PartialEq)]
@@ -41,16 +43,9 @@ pub enum Look {
 /// What is probably wrong.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Finding {
-    /// One hypothesis fits far better: the set is to be refused.
-    Wrong {
-        /// `unit_suspect`, `column_suspect` or `robot_mismatch`.
-        code: &'static str,
-        /// The columns that it is about, as they stand in a CSV header.
-        columns: Option<String>,
-        /// In words, with both figures.
-        detail: String,
-    },
-    /// Nothing explains it so well: a remark.
+    /// The set is to be refused, unless the caller insists.
+    Wrong(Suspicion),
+    /// A remark.
     Odd {
         /// `joint_offset_suspect`, `frame_suspect` or `poor_alignment`.
         code: &'static str,
@@ -59,15 +54,53 @@ pub enum Finding {
     },
 }
 
+/// Why a set is refused.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Suspicion {
+    /// One of [`SUSPICIONS`].
+    pub code: &'static str,
+    /// The columns that it is about, as they stand in a CSV header.
+    pub columns: Option<String>,
+    /// In words, with both figures and what to do.
+    pub detail: String,
+    /// The joint map that the robot should have.
+    pub joint_map: Option<JointMap>,
+}
+
+impl Suspicion {
+    /// What is said where the set is not kept.
+    pub fn refusal(&self) -> String {
+        format!(
+            "{}. To keep it as it is all the same: ?insist={}, and no release rests on it",
+            self.detail, self.code
+        )
+    }
+}
+
+/// Codes of refusals by suspicion: a caller may insist on the upload all the same.
+pub const SUSPICIONS: [&str; 6] = [
+    "unit_suspect",
+    "column_suspect",
+    "frame_suspect",
+    "joint_map_suspect",
+    "robot_mismatch",
+    "poor_alignment",
+];
+
 /// The check of every upload.
 pub fn look(robot: &Robot, set: &MeasurementSet) -> Look {
-    let all: Vec<Point> = of_one_target_and_station(set);
-    match rms(robot, &all, set.frame, Fit::ClosedForm) {
-        Some(found) if found > FITS_MM => match rms(robot, &all, set.frame, Fit::Polished) {
-            Some(found) if found > FITS_MM => Look::Off(found),
-            _ => Look::Fine,
-        },
-        _ => Look::Fine,
+    let observations = observations(robot, &of_one_target_and_station(set));
+    let Some(quick) = quickly_placed(&robot.links, &observations, set.frame) else {
+        return Look::Fine;
+    };
+    let fits_mm = FITS * reach_mm(&robot.links, &observations);
+    if quick.rms_mm <= fits_mm {
+        return Look::Fine;
+    }
+    match placed_thoroughly(&robot.links, &observations, set.frame) {
+        Some(found) if found.rms_mm <= fits_mm => Look::Fine,
+        Some(found) => Look::Off(found.rms_mm),
+        None => Look::Off(quick.rms_mm),
     }
 }
 
@@ -78,78 +111,57 @@ pub fn explain(
     off_mm: f64,
     others: &[(String, Robot)],
 ) -> Finding {
-    let points = of_one_target_and_station(set);
-    let tried = hypotheses(robot.links.len(), others.len())
-        .into_iter()
-        .filter_map(|hypothesis| {
-            let changed = hypothesis.applied(&points);
-            let robot = hypothesis.robot().map_or(robot, |index| &others[index].1);
-            Some((
-                rms(robot, &changed, set.frame, Fit::ClosedForm)?,
-                hypothesis,
-            ))
-        });
-    let best = tried.min_by(|a, b| a.0.total_cmp(&b.0));
-    let mastered = with_joint_offsets(robot, &points, set.frame);
-    if let Some((rms_mm, hypothesis)) = best
-        && BETTER * rms_mm <= off_mm
-        && rms_mm <= EXPLAINS_MM
-        && mastered
-            .as_ref()
-            .is_none_or(|(explained_mm, _)| BETTER * rms_mm <= *explained_mm)
-        && rms(robot, &points, set.frame, Fit::Thorough)
-            .is_some_and(|found| found > FITS_MM && found >= BETTER * rms_mm)
+    let suspect = Suspect::new(robot, set, off_mm);
+    let zeros = suspect.zeros(set.frame);
+    let best = suspect.best_hypothesis(others);
+    // whatever joints that were never mastered explain nearly as well is none of the others' fault
+    let is_unmastered = |rms_mm: f64| {
+        zeros.as_ref().is_some_and(|zeros| {
+            zeros.rms_mm <= suspect.fits_mm
+                && zeros.largest_rad() <= UNMASTERED_RAD
+                && zeros.rms_mm < BETTER * rms_mm
+        })
+    };
+    let explains = |rms_mm: f64| BETTER * rms_mm <= off_mm && !is_unmastered(rms_mm);
+    let best = best.filter(|best| explains(best.rms_mm));
+    // joint 1's zero, quarter turns away, looks like a frame that is turned: frames go before zeros
+    if let Some(best) = best.as_ref().filter(|best| best.rms_mm <= suspect.fits_mm)
+        && !best.what.is_turned()
     {
-        let names: Vec<&str> = others.iter().map(|(name, _)| name.as_str()).collect();
-        let detail = format!(
-            "as it is, the nominal robot fits these points only to {off_mm:.1} mm (rms, best alignment); if {}, it fits to {rms_mm:.1} mm: {}",
-            hypothesis.words(&names),
-            hypothesis.hint()
-        );
-        return Finding::Wrong {
-            code: hypothesis.code(),
-            columns: hypothesis.columns(),
-            detail,
-        };
+        return Finding::Wrong(suspect.told(best, others));
     }
-    odd(robot, &points, set.frame, off_mm, mastered)
-}
-
-fn odd(
-    robot: &Robot,
-    points: &[Point],
-    frame: Frame,
-    off_mm: f64,
-    mastered: Option<(f64, String)>,
-) -> Finding {
-    if let Some((rms_mm, joints)) = mastered.filter(|(rms_mm, _)| BETTER * rms_mm <= off_mm) {
-        let detail = format!(
-            "the nominal robot fits these points only to {off_mm:.1} mm; with joint values that are off by {joints} it fits to {rms_mm:.1} mm: an unmastered joint?"
-        );
-        return Finding::Odd {
-            code: "joint_offset_suspect",
-            detail,
-        };
-    }
-    if frame == Frame::Base
-        && let Some(rms_mm) = rms(robot, points, Frame::Instrument, Fit::Polished)
-            .filter(|rms_mm| BETTER * rms_mm <= off_mm)
+    if set.frame == Frame::Base
+        && let Some(free) = suspect
+            .in_another_frame()
+            .filter(|free| explains(free.rms_mm))
     {
-        let detail = format!(
-            "in the base frame the nominal robot fits these points only to {off_mm:.1} mm, with the base turned to {rms_mm:.1} mm: are they in the instrument's frame (frame=instrument)?"
-        );
-        return Finding::Odd {
-            code: "frame_suspect",
-            detail,
-        };
+        return suspect.frame(&free, "");
     }
-    let detail = format!(
-        "the nominal robot fits these points only to {off_mm:.1} mm (rms, best alignment); right data fit to some millimetres"
-    );
-    Finding::Odd {
-        code: "poor_alignment",
-        detail,
+    if let Some(best) = best.as_ref().filter(|best| best.rms_mm <= suspect.fits_mm) {
+        return Finding::Wrong(suspect.told(best, others));
     }
+    if let Some(found) = suspect
+        .convention_and_zeros(set.frame)
+        .filter(|found| explains(found.rms_mm))
+    {
+        return Finding::Wrong(suspect.told(&found, others));
+    }
+    if let Some(best) = best.filter(|best| best.rms_mm <= suspect.near_mm) {
+        return Finding::Wrong(suspect.told(&best, others));
+    }
+    if let Some(zeros) = zeros
+        .as_ref()
+        .filter(|zeros| zeros.rms_mm <= suspect.near_mm && BETTER * zeros.rms_mm <= off_mm)
+        && let Some(finding) = suspect.unmastered(zeros)
+    {
+        return finding;
+    }
+    if set.frame == Frame::Base
+        && let Some(finding) = suspect.frame_and_joints()
+    {
+        return finding;
+    }
+    suspect.poor(zeros.as_ref())
 }
 
 /// One target on one station, the one with most points: for the others base or target are unknown anew.
@@ -178,17 +190,6 @@ fn of_one_target_and_station(set: &MeasurementSet) -> Vec<Point> {
         .collect()
 }
 
-/// How much trouble is taken to place base and target.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Fit {
-    /// Linear, for every upload and hypothesis.
-    ClosedForm,
-    /// From there by least squares.
-    Polished,
-    /// From many starts: before a set is called wrong.
-    Thorough,
-}
-
 fn observations(robot: &Robot, points: &[Point]) -> Vec<Observation> {
     let step = points.len().div_ceil(MAX_POINTS).max(1);
     let observation = |p: &Point| Observation {
@@ -199,89 +200,3 @@ fn observations(robot: &Robot, points: &[Point]) -> Vec<Observation> {
     };
     points.iter().step_by(step).map(observation).collect()
 }
-
-fn model(
-    robot: &Robot,
-    observations: &[Observation],
-    frame: Frame,
-    fit: Fit,
-) -> Option<KinematicModel> {
-    if 3 * observations.len() < UNKNOWNS + SPARE_EQUATIONS {
-        return None;
-    }
-    if frame == Frame::Instrument && fit == Fit::Thorough {
-        return Some(fit_base_and_targets(&robot.links, observations, 1));
-    }
-    let start = align_in_closed_form(&robot.links, observations, 1, frame == Frame::Base)?;
-    if frame == Frame::Base || fit == Fit::ClosedForm {
-        return Some(start); // with the base's rotation known it is linear, and done
-    }
-    Some(fit_least_squares(&start, &placing(6), observations).model)
-}
-
-/// The parameters of base (translation, then rotation: `n_base` of them) and target.
-fn placing(n_base: usize) -> Vec<Parameter> {
-    let base = (0..3)
-        .map(Parameter::BaseTranslation)
-        .chain((0..3).map(Parameter::BaseRotation));
-    base.take(n_base)
-        .chain((0..3).map(|axis| Parameter::Target(0, axis)))
-        .collect()
-}
-
-/// rms; more where the points hardly differ in position, which any robot fits that hardly moves: metres taken for millimetres.
-fn rms_of(robot: &Robot, model: &KinematicModel, observations: &[Observation]) -> f64 {
-    let n = observations.len() as f64;
-    let reach: f64 = robot
-        .links
-        .iter()
-        .map(|l| (l.a_mm * l.a_mm + l.d_mm * l.d_mm).sqrt())
-        .sum();
-    let centre = observations
-        .iter()
-        .map(|o| o.position_mm)
-        .sum::<Vector3<f64>>()
-        / n;
-    let spread = (observations
-        .iter()
-        .map(|o| (o.position_mm - centre).norm_squared())
-        .sum::<f64>()
-        / n)
-        .sqrt();
-    (cost(model, observations) / n).sqrt() * (SMALL_SPREAD * reach / spread).max(1.0)
-}
-
-/// Points this close together, as a share of the arm's reach, may be in a larger unit than they seem.
-const SMALL_SPREAD: f64 = 0.02;
-
-/// rms of the nominal robot, base and target placed as well as can be; `None` where that cannot be told.
-fn rms(robot: &Robot, points: &[Point], frame: Frame, fit: Fit) -> Option<f64> {
-    let observations = observations(robot, points);
-    let model = model(robot, &observations, frame, fit)?;
-    Some(rms_of(robot, &model, &observations)).filter(|rms| rms.is_finite())
-}
-
-/// The fit with every joint's offset free, and the joints that then are off, in words.
-fn with_joint_offsets(robot: &Robot, points: &[Point], frame: Frame) -> Option<(f64, String)> {
-    let observations = observations(robot, points);
-    let start = model(robot, &observations, frame, Fit::Polished)?;
-    let offsets = (0..robot.links.len()).map(|link| Parameter::Link(link, Quantity::ThetaOffset));
-    // the first joint's offset is the base's turn, unless that is known
-    let free = offsets.skip(usize::from(frame == Frame::Instrument));
-    let parameters: Vec<Parameter> = free
-        .chain(placing(if frame == Frame::Instrument { 6 } else { 3 }))
-        .collect();
-    let fitted = fit_least_squares(&start, &parameters, &observations).model;
-    let off = |joint: usize| {
-        (fitted.links[joint].theta_offset_rad - robot.links[joint].theta_offset_rad).to_degrees()
-    };
-    let joints = (0..robot.links.len()).filter(|joint| off(*joint).abs() > OFFSET_DEG);
-    let words: Vec<String> = joints
-        .map(|joint| format!("{:+.2}° (joint {})", off(joint), joint + 1))
-        .collect();
-    Some((rms_of(robot, &fitted, &observations), words.join(", ")))
-        .filter(|(rms, words)| rms.is_finite() && !words.is_empty())
-}
-
-/// Smaller offsets are not worth naming, degrees.
-const OFFSET_DEG: f64 = 0.3;

@@ -31,8 +31,10 @@ pub struct Evidence {
     /// `stiffness_2_3` (the two joints that gravity loads most), `stiffness_all`, `base_compliance`, `link_masses`, `link_centres`,
     /// `joint_harmonics`, `residual_network`, and at last `all_together` where something was kept.
     pub kind: String,
-    /// It won.
+    /// It won, and the points to verify had nothing against it.
     pub kept: bool,
+    /// It won, and was dropped with all others: on the points to verify the robot with corrections is further off than its links alone.
+    pub is_vetoed: bool,
     /// Root mean square error of unseen points without it, mm.
     pub before_mm: f64,
     /// And with it, mm.
@@ -84,6 +86,7 @@ impl Unseen {
         Evidence {
             kind: kind.into(),
             kept,
+            is_vetoed: false,
             before_mm: self.rms_mm(),
             after_mm: with.rms_mm(),
             gain_mm2,

@@ -1,12 +1,11 @@
-//! I8: the audit chain, walked from its first entry; what it says is what the other checks compare with.
+//! I8: reads the audit chain from its first entry. The other checks compare rows with it.
 
 use std::collections::BTreeMap;
 
-use super::{BATCH, Check, Options};
-use crate::store::audit::{self, AuditRow};
-use crate::store::{Result, Store, idempotency};
+use super::check::{BATCH, Check, MAX_LISTED, Options};
+use crate::store::{AuditRow, Result, Store, audit, audit_chain, idempotency};
 
-/// What the chain says, by the id of what it is about.
+/// Content of the chain, by subject.
 pub(super) struct Chain {
     pub(super) check: Check,
     /// What is older has no entries.
@@ -119,7 +118,7 @@ pub(super) async fn read(store: &Store, options: &Options) -> Result<Chain> {
     }
     let missing: Vec<String> = sqlx::query_scalar(MISSING)
         .bind(head.begun_at_ms)
-        .bind(super::MAX_LISTED as i64)
+        .bind(MAX_LISTED as i64)
         .fetch_all(store.reads())
         .await?;
     missing
@@ -138,7 +137,7 @@ fn look_at(check: &mut Check, row: &AuditRow, seq_before: i64, sha256_before: &s
     check.require(row.seq == seq_before + 1, || {
         format!("after entry {seq_before} comes entry {}", row.seq)
     });
-    check.require(row.sha256 == audit::hash(sha256_before, row), || {
+    check.require(row.sha256 == audit_chain::hash(sha256_before, row), || {
         format!(
             "entry {} ({} {}) does not fit its hash and the entry before",
             row.seq, row.event, row.subject

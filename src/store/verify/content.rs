@@ -3,7 +3,9 @@
 use std::collections::BTreeMap;
 
 use super::chain::Chain;
-use super::{BATCH, Check, Options, rules};
+use super::check::{BATCH, Check, Options};
+use super::rules;
+use crate::store::from_row::from_row;
 use crate::store::idempotency::{self, Answered, IdempotencyScope};
 use crate::store::{Result, Store};
 use crate::wire::canonical::sha256_hex;
@@ -40,7 +42,7 @@ pub(super) const SETS_OF_JOBS: &str = "select job_id, count(*) from parameter_se
 pub(super) const RELEASED_OF_ROBOTS: &str = "
     select robot_id, count(*) from parameter_set where status = 'released' group by robot_id";
 pub(super) const RELEASES: &str = "
-    select id, status, coalesce(release_checks_json, ''), coalesce(released_at_ms, 0) from parameter_set
+    select id, status, coalesce(release_checks_json, '') as checks_json, released_at_ms, release_n_passed, release_n_failed from parameter_set
     where released_at_ms is not null order by id";
 
 /// A worker looks at leases every second; this is past any delay of a busy machine, ms.
@@ -357,12 +359,36 @@ pub(super) async fn one_released_per_robot(store: &Store) -> Result<Check> {
     Ok(check)
 }
 
+/// A parameter set that was released once.
+struct Released {
+    id: String,
+    status: String,
+    checks_json: String,
+    released_at_ms: i64,
+    release_n_passed: Option<i64>,
+    release_n_failed: Option<i64>,
+}
+
+from_row!(Released {
+    id,
+    status,
+    checks_json,
+    released_at_ms,
+    release_n_passed,
+    release_n_failed
+});
+
 /// I7: the checks are kept, all passed, and are those of the chain.
 pub(super) async fn releases_have_checks(store: &Store, chain: &Chain) -> Result<Check> {
     let mut check = Check::new("I7", "no release without its checks");
-    let rows: Vec<(String, String, String, i64)> =
-        sqlx::query_as(RELEASES).fetch_all(store.reads()).await?;
-    for (id, status, checks_json, released_at_ms) in rows {
+    let rows: Vec<Released> = sqlx::query_as(RELEASES).fetch_all(store.reads()).await?;
+    for row in rows {
+        let Released {
+            id,
+            status,
+            checks_json,
+            ..
+        } = row;
         check.n_examined += 1;
         let checks: Vec<serde_json::Value> = serde_json::from_str(&checks_json).unwrap_or_default();
         check.require(!checks.is_empty(), || {
@@ -371,7 +397,20 @@ pub(super) async fn releases_have_checks(store: &Store, chain: &Chain) -> Result
         check.require(checks.iter().all(|gate| gate["passed"] == true), || {
             format!("{id} is {status} in spite of a gate that failed")
         });
-        if released_at_ms > chain.begun_at_ms {
+        let n = |passed: bool| {
+            checks
+                .iter()
+                .filter(|gate| gate["passed"] == passed)
+                .count() as i64
+        };
+        let (n_passed, n_failed) = (row.release_n_passed, row.release_n_failed);
+        // Releases of older versions were not counted.
+        let is_counted = (n_passed, n_failed) == (Some(n(true)), Some(n(false)))
+            || (n_passed, n_failed) == (None, None);
+        check.require(is_counted, || {
+            format!("{id}: its gates are not as many as were counted")
+        });
+        if row.released_at_ms > chain.begun_at_ms {
             let noted = chain.says(&id, "parameter_set_released", "checks_sha256");
             let is_noted = noted.as_deref() == Some(sha256_hex(checks_json.as_bytes()).as_str());
             check.require(is_noted, || {

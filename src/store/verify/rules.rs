@@ -3,12 +3,15 @@
 use std::collections::BTreeSet;
 
 use super::chain::Chain;
-use super::{BATCH, Check};
+use super::check::{BATCH, Check};
 use crate::store::audit::{Noted, Said};
 use crate::store::jobs::Posted;
 use crate::store::parameter_sets::{self, ParameterSetRow};
 use crate::store::policies::{self, Set};
-use crate::store::{ApiKeyRow, FramesRow, MeasurementSetRow, NetworkRow, Result, RobotRow, Store};
+use crate::store::{
+    ApiKeyRow, FramesRow, MeasurementSetRow, NetworkRow, Result, RobotRow, Store, VerificationRow,
+};
+use crate::store::{robots, verifications};
 use crate::wire::canonical;
 
 /// The entries that move a parameter set, and where to.
@@ -21,7 +24,7 @@ const LIFE: &[(&str, &str)] = &[
 
 /// Every kind of row of which the chain tells.
 pub(super) async fn are_as_noted(check: &mut Check, store: &Store, chain: &Chain) -> Result<()> {
-    each(check, store, chain, |_, _: &RobotRow| ()).await?;
+    each(check, store, chain, |check, row| robot(check, chain, row)).await?;
     each(check, store, chain, |_, _: &MeasurementSetRow| ()).await?;
     each(check, store, chain, |_, _: &FramesRow| ()).await?;
     each(check, store, chain, |_, _: &Posted| ()).await?;
@@ -31,16 +34,25 @@ pub(super) async fn are_as_noted(check: &mut Check, store: &Store, chain: &Chain
         parameter_set(check, chain, row)
     })
     .await?;
-    let mut found = BTreeSet::new();
-    let is_there = |_: &mut Check, row: &Set| {
-        found.insert(row.subject().to_owned());
-    };
-    each(check, store, chain, is_there).await?;
+    let (mut policies, mut verifications) = (BTreeSet::new(), BTreeSet::new());
+    each(check, store, chain, |_, row: &Set| {
+        policies.insert(row.subject().to_owned());
+    })
+    .await?;
+    each(check, store, chain, |_, row: &VerificationRow| {
+        verifications.insert(row.subject().to_owned());
+    })
+    .await?;
     for id in chain.events.keys() {
-        let was_set = chain.newest(id, policies::CHANGED).is_some();
-        check.require(!was_set || found.contains(id), || {
-            format!("{id}: its policy was acknowledged and is gone")
-        });
+        for (event, found, what) in [
+            (policies::CHANGED, &policies, "its policy"),
+            (verifications::KEPT, &verifications, "what it found"),
+        ] {
+            let was_noted = chain.newest(id, event).is_some();
+            check.require(!was_noted || found.contains(id), || {
+                format!("{id}: {what} was acknowledged and is gone")
+            });
+        }
     }
     Ok(())
 }
@@ -100,6 +112,28 @@ fn compare(check: &mut Check, chain: &Chain, id: &str, said: &Said) {
         }
         (None, _) => {}
     }
+}
+
+/// The robot is in the state `check_robot` where the newest entry about that says so.
+fn robot(check: &mut Check, chain: &Chain, row: &RobotRow) {
+    let about = [robots::DOES_NOT_FIT, robots::FITS, robots::CHECKED];
+    let entries = chain.events.get(&row.id).map_or(&[][..], Vec::as_slice);
+    let newest = entries
+        .iter()
+        .rev()
+        .find(|entry| about.contains(&entry.event.as_str()));
+    let asks = newest
+        .filter(|entry| entry.event == robots::DOES_NOT_FIT)
+        .and_then(|entry| entry.detail["job_id"].as_str());
+    let last = chain.newest(&row.id, robots::DOES_NOT_FIT);
+    let seq = last.map_or(Some(0), |last| last.detail["check_seq"].as_i64());
+    let is_so = asks == row.check_job_id.as_deref() && seq == Some(row.check_seq);
+    check.require(is_so, || {
+        format!(
+            "{}: whether it is to be checked is not what the audit chain says",
+            row.id
+        )
+    });
 }
 
 fn parameter_set(check: &mut Check, chain: &Chain, row: &ParameterSetRow) {

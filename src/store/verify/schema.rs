@@ -1,6 +1,6 @@
 //! I9, and the constraints behind I4, I6 and I7: the database is sound and still has its schema.
 
-use super::Check;
+use super::check::Check;
 use crate::store::{Engine, Result, Store};
 
 pub(super) const QUERIES_SQLITE: &[&str] =
@@ -37,8 +37,14 @@ const GUARDS: &[&str] = &[
     "parameter_set_is_kept",
     "parameter_set_policy",
     "parameter_set_no_better",
+    "parameter_set_check_robot",
+    "parameter_set_insisted",
+    "parameter_set_sessions_fit",
+    "verification_stays",
+    "verification_is_kept",
     "measurement_set_stays",
     "measurement_set_uploader_stays",
+    "measurement_set_insisted_stays",
     "robot_stays",
     "job_stays_over",
     "job_report_stays",

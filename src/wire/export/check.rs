@@ -1,6 +1,8 @@
 //! What was written is read back and moved beside what was meant.
 
 use super::Error;
+use crate::exchange::Chain;
+use crate::exchange::universal_robots::UrBase;
 use crate::identification::workspace::random_configurations;
 use crate::kinematics::{Link, Robot, t_base_flange};
 use crate::wire::urdf::Urdf;
@@ -61,6 +63,22 @@ pub fn same_at_controller(
         }
     }
     Ok(())
+}
+
+/// A description of Universal Robots, by the controller's joint values. Its last frame may stand elsewhere on the last link than the flange
+/// does, and always at the same place.
+pub fn same_description(
+    robot: &Robot,
+    meant: &[Link],
+    back: &Chain,
+    base: UrBase,
+) -> Result<(), Error> {
+    let described = |q: &[f64]| base.t_inertia_links().inverse() * back.t_root_tip(q);
+    let zero = vec![0.0; meant.len()];
+    let t_tip_flange = described(&zero).inverse() * t_base_flange(meant, &robot.q_model_rad(&zero));
+    same_at_controller("ur_kinematics", robot, meant, &|q| {
+        described(q) * t_tip_flange
+    })
 }
 
 /// A URDF of ours, by the joint values it has.

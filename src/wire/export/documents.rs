@@ -2,12 +2,11 @@
 
 use super::Source;
 use crate::exchange::refit::Refit;
-use crate::exchange::{Chain, ChainJoint, Origin, origin_of, pose_of};
-use crate::kinematics::forward::t_previous_link;
+use crate::exchange::universal_robots::{FRAMES, UrArm};
+use crate::exchange::{Chain, ChainJoint, Origin, pose_of};
 use crate::kinematics::{Link, Robot};
 use crate::wire::angle::{to_degrees, to_radians};
-use crate::wire::measurement::Warning;
-use crate::wire::parameter_set::{IdentifiedLink, ParameterSetContent};
+use crate::wire::parameter_set::{IdentifiedLink, ParameterSetContent, Provenance};
 use crate::wire::robot::RobotBody;
 use nalgebra::{DVector, Vector3};
 use serde::{Deserialize, Serialize};
@@ -28,9 +27,9 @@ pub struct ExportDocument {
     /// With `beta=refit`: how far the tool is off by these links from where the identified ones have it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub remaining_error_mm: Option<RemainingError>,
-    /// What one should know before using it.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub warnings: Vec<Warning>,
+    /// Where it comes from, and what one should know before using it.
+    #[serde(flatten)]
+    pub provenance: Provenance,
 }
 
 /// Distance of points 100 mm from the flange's origin from where the identified links have them, over the workspace.
@@ -83,13 +82,12 @@ impl ExportDocument {
         if remaining_error_mm.is_some() {
             content.links = links.iter().map(IdentifiedLink::from_core).collect();
         }
-        let warnings = source.warnings.to_vec();
         Self {
             parameter_set_id: source.id.into(),
             robot: source.body.clone(),
             content,
             remaining_error_mm,
-            warnings,
+            provenance: source.provenance.clone(),
         }
     }
 }
@@ -147,25 +145,21 @@ pub fn csv_of(links: &[Link]) -> String {
     text
 }
 
-/// Names of the joints' frames in the description packages of Universal Robots.
-const UR_FRAMES: [&str; 6] = [
-    "shoulder",
-    "upper_arm",
-    "forearm",
-    "wrist_1",
-    "wrist_2",
-    "wrist_3",
-];
-
 /// Origins of the joints as `kinematics:` of a UR description: x, y, z in metres, roll, pitch, yaw in rad. The hash is not a controller's:
 /// the driver will say so.
-pub fn ur_kinematics(links: &[Link], sha256: &str) -> String {
-    let mut text = String::from("kinematics:\n");
-    for (name, link) in UR_FRAMES.iter().zip(links) {
+pub fn ur_kinematics(arm: &UrArm, sha256: &str) -> String {
+    let mut text = format!(
+        "# Joint origins of the identified robot, in place of those in ur_description (default_kinematics.yaml).\n\
+         # The shoulder's origin is in base_link_inertia: the Base of the teach pendant, and base_link turned by 180 degrees about z.\n\
+         # The robot's links, and positions in its base frame, begin in: {}.\n\
+         kinematics:\n",
+        arm.base.name()
+    );
+    for (name, origin) in FRAMES.iter().zip(arm.chain.origins()) {
         let Origin {
             xyz_mm: [x, y, z],
             rpy_rad: [roll, pitch, yaw],
-        } = origin_of(&t_previous_link(link, 0.0));
+        } = origin;
         let _ = writeln!(text, "  {name}:");
         for (key, value) in [
             ("x", x / 1e3),
@@ -230,7 +224,7 @@ pub fn read_ur_kinematics(text: &str) -> Result<Chain, String> {
         _ => Err(format!("no frame {name}")),
     };
     Ok(Chain {
-        joints: UR_FRAMES
+        joints: FRAMES
             .iter()
             .map(|name| joint(name))
             .collect::<Result<_, _>>()?,

@@ -2,18 +2,19 @@
 
 mod check;
 mod documents;
+mod error;
+mod source;
 mod urdf;
 
 pub use documents::{
     ExportAnswer, ExportDocument, MasteringDocument, MasteringOffset, RemainingError,
 };
+pub use error::Error;
+pub use source::Source;
 
-use crate::exchange::refit;
-use crate::kinematics::{Link, Robot};
+use crate::exchange::{refit, universal_robots};
+use crate::kinematics::Link;
 use crate::wire::issue::Invalid;
-use crate::wire::measurement::Warning;
-use crate::wire::parameter_set::ParameterSetContent;
-use crate::wire::robot::RobotBody;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -58,37 +59,6 @@ pub struct Exported {
     pub text: String,
     /// What is lost with it, where something is.
     pub remaining: Option<RemainingError>,
-}
-
-/// Why there is no export.
-#[derive(Debug, thiserror::Error)]
-pub enum Error {
-    /// The robot or the URDF cannot be written that way.
-    #[error(transparent)]
-    Invalid(#[from] Invalid),
-    /// What was written reads back as another robot: a fault of ours.
-    #[error("the {format} export does not read back: {cause}")]
-    ReadBack {
-        /// The format.
-        format: &'static str,
-        /// How.
-        cause: String,
-    },
-}
-
-/// What is exported.
-#[derive(Clone, Copy, Debug)]
-pub struct Source<'a> {
-    /// The parameter set's id.
-    pub id: &'a str,
-    /// The nominal robot as it was given.
-    pub body: &'a RobotBody,
-    /// The same for the core.
-    pub robot: &'a Robot,
-    /// What was identified.
-    pub content: &'a ParameterSetContent,
-    /// What one should know before using it.
-    pub warnings: &'a [Warning],
 }
 
 /// The text of a parameter set.
@@ -152,23 +122,21 @@ pub fn export(
             })
         }
         ExportFormat::UrKinematics => {
-            if links.len() != 6 {
+            let arm = universal_robots::described(source.robot, &links).map_err(|reason| {
                 let detail = format!(
-                    "UR kinematics have six joints; this robot has {}: take urdf or json",
-                    links.len()
+                    "ur_kinematics is for the robots of Universal Robots, with links that begin in the robot's own Base or in base_link of its \
+                     description, and this robot is none: {reason}. Take format=urdf, or post the URDF that you use to this path with format=urdf"
                 );
-                return Err(Invalid::at("", "not_six_joints", detail).into());
-            }
+                Invalid::at("/format", "not_a_universal_robot", detail)
+            })?;
             let sha256 = source
                 .content
                 .sha256()
                 .map_err(|e| unreadable("ur_kinematics", e))?;
-            let text = documents::ur_kinematics(&links, &sha256);
+            let text = documents::ur_kinematics(&arm, &sha256);
             let back =
                 documents::read_ur_kinematics(&text).map_err(|e| unreadable("ur_kinematics", e))?;
-            check::same_poses("ur_kinematics", source.robot, &links, &|q| {
-                back.t_root_tip(q)
-            })?;
+            check::same_description(source.robot, &links, &back, arm.base)?;
             Ok(Exported {
                 content_type: "application/yaml",
                 extension: "yaml",

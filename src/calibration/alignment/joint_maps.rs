@@ -1,0 +1,529 @@
+//! Makers' joint conventions: which joints count the other way round, whether joint 3 moves with joint 2 (FANUC, arms with linkages), and which
+//! zeros are quarter turns away. All sign patterns are tried with each coupling and with up to three turned zeros, on some of the points; the
+//! simplest convention of those that fit best is then fitted to all of them.
+
+use super::convention::{Convention, MAKERS};
+use super::fitting::{
+    Fitted, Zeroed, placed, quickly_placed, quickly_with_free_zeros, with_free_zeros,
+};
+use crate::identification::objective::Observation;
+use crate::kinematics::Link;
+use crate::kinematics::forward::t_previous_link;
+use crate::kinematics::model::MAX_LINKS;
+use crate::measurement::Frame;
+use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
+
+/// Points that conventions are compared on.
+const COMPARED_POINTS: usize = 18;
+/// Fewer points say nothing of a convention: twelve give 36 equations for the fifteen numbers of base and target.
+const FEWEST_POINTS: usize = 12;
+/// Disjoint choices of points, tried in turn: a gross row spoils those that hold it.
+const CHOICES: usize = 2;
+/// Of so many compared points one is left out where the base is known, for gross rows.
+const LEFT_OUT: usize = 5;
+/// Joints whose zero is quarter turns away at the same time, at most: the first and the last are often not seen, and the number of
+/// conventions grows with each.
+const MOST_TURNED: usize = 3;
+/// ... and for long arms, where signs alone are many: joints from which on fewer are tried.
+const TWO_TURNED_FROM: usize = 7;
+const ONE_TURNED_FROM: usize = 8;
+const NONE_TURNED_FROM: usize = 10;
+/// Conventions whose rms is within this factor of the best one's fit as well: symmetric arms have several that are the same.
+const AS_GOOD: f64 = 2.0;
+/// Share of a vector's length below which there is nothing but rounding.
+const SEEN: f64 = 1e-9;
+/// Conventions that are fitted to all points, at most.
+const FITTED: usize = 40;
+/// ... and without gross rows.
+const FITTED_THOROUGHLY: usize = 6;
+/// Signs and couplings that are fitted with free joint zeros, beside those of makers: the nearest without.
+const WITH_ZEROS: usize = 12;
+/// ... and thoroughly where they come within so many times of what fits.
+const WORTH_A_SEARCH: f64 = 5.0;
+/// What joint 2's value may be multiplied by before it is added to joint 3's.
+const COUPLINGS: [f64; 3] = [0.0, 1.0, -1.0];
+
+/// Rotation and origin of a link's frame, mm.
+type LinkFrame = (Matrix3<f64>, Vector3<f64>);
+
+/// What a joint's turning looks like in a convention, at each of the compared points.
+struct Turning {
+    reversed: bool,
+    /// What joint 2's own value, before its sign, is multiplied by.
+    of_joint_2: f64,
+    sine_cosine: Vec<(f64, f64)>,
+}
+
+/// A convention that was tried, in few bytes: there may be hundreds of thousands.
+#[derive(Clone, Copy)]
+struct Tried {
+    cost_mm2: f64,
+    path: Path,
+}
+
+/// Which turning and how many quarter turns each joint has.
+#[derive(Clone, Copy, Default)]
+struct Path([u8; MAX_LINKS]);
+
+/// The simplest convention of those that fit best, and how near it comes; never the one that the robot has. `None` where there are too few
+/// points to tell.
+pub(super) fn search(
+    links: &[Link],
+    observations: &[Observation],
+    frame: Frame,
+    fits_mm: f64,
+) -> Option<(Convention, Fitted)> {
+    if observations.len() < FEWEST_POINTS {
+        return None;
+    }
+    let mut found: Option<(Convention, Fitted)> = None;
+    for choice in 0..CHOICES {
+        let compared = chosen(observations, choice);
+        let candidates = candidates(links, &compared, frame, fits_mm);
+        let fits = fitted(links, candidates, observations, frame);
+        let best_mm = fits
+            .iter()
+            .map(|(_, fit)| fit.rms_mm)
+            .fold(f64::INFINITY, f64::min);
+        // candidates come simplest first
+        let simplest = fits
+            .into_iter()
+            .find(|(_, fit)| fit.rms_mm <= AS_GOOD * best_mm);
+        found = match (found, simplest) {
+            (Some(a), Some(b)) if b.1.rms_mm >= a.1.rms_mm => Some(a),
+            (a, b) => b.or(a),
+        };
+        if found.as_ref().is_some_and(|(_, fit)| fit.rms_mm <= fits_mm) {
+            break;
+        }
+    }
+    found
+}
+
+/// As [`search`], with every joint's zero free: joints that were never mastered hide a maker's convention. Zeros that are quarter turns away are
+/// [`search`]'s. Only what fits is answered.
+pub(super) fn search_with_zeros(
+    links: &[Link],
+    observations: &[Observation],
+    frame: Frame,
+    fits_mm: f64,
+) -> Option<(Convention, Zeroed)> {
+    let n = links.len();
+    if observations.len() < FEWEST_POINTS || n < 3 {
+        return None;
+    }
+    let mut search = Search::new(links, &chosen(observations, 0), frame);
+    search.most_turned = 0;
+    search.run();
+    search
+        .tried
+        .sort_by(|a, b| a.cost_mm2.total_cmp(&b.cost_mm2));
+    search.tried.truncate(WITH_ZEROS);
+    let nearest: Vec<Convention> = search
+        .tried
+        .iter()
+        .map(|tried| search.convention(&tried.path))
+        .collect();
+    let makers = MAKERS.iter().filter(|maker| maker.len() == n);
+    let of_makers = makers.flat_map(|reversed| {
+        COUPLINGS.map(|coupling| Convention {
+            reversed: reversed.to_vec(),
+            coupling,
+            quarter_turns: vec![0; n],
+        })
+    });
+    let mut all: Vec<Convention> = nearest;
+    all.extend(
+        of_makers
+            .filter(|maker| !all.contains(maker))
+            .collect::<Vec<_>>(),
+    );
+    all.retain(|convention| convention.complexity() > 0);
+    let with_zeros = |convention: Convention| {
+        let points = convention.observations(observations);
+        Some((
+            quickly_with_free_zeros(links, &points, frame)?.rms_mm,
+            convention,
+        ))
+    };
+    let mut quick: Vec<(f64, Convention)> = all.into_iter().filter_map(with_zeros).collect();
+    quick.retain(|(rms_mm, _)| *rms_mm <= WORTH_A_SEARCH * fits_mm);
+    quick.sort_by(|a, b| a.0.total_cmp(&b.0));
+    quick.truncate(FITTED_THOROUGHLY);
+    let thoroughly = |(_, convention): (f64, Convention)| {
+        let points = convention.observations(observations);
+        let zeros = with_free_zeros(links, &points, frame, 0.5 * fits_mm)?;
+        Some((convention, zeros))
+    };
+    let mut fits: Vec<(Convention, Zeroed)> = quick.into_iter().filter_map(thoroughly).collect();
+    let best_mm = fits
+        .iter()
+        .map(|(_, zeros)| zeros.rms_mm)
+        .fold(f64::INFINITY, f64::min);
+    fits.retain(|(_, zeros)| zeros.rms_mm <= fits_mm && zeros.rms_mm <= AS_GOOD * best_mm);
+    fits.into_iter().min_by(|(a, x), (b, y)| {
+        let simpler = a.complexity().cmp(&b.complexity());
+        simpler.then(x.largest_rad().total_cmp(&y.largest_rad()))
+    })
+}
+
+/// The conventions that fit all points about as well as the best one, in their order: quickly, then those that are left without gross rows.
+fn fitted(
+    links: &[Link],
+    candidates: Vec<Convention>,
+    observations: &[Observation],
+    frame: Frame,
+) -> Vec<(Convention, Fitted)> {
+    let quickly = candidates.into_iter().filter_map(|convention| {
+        let quick = quickly_placed(links, &convention.observations(observations), frame)?;
+        Some((convention, quick.rms_mm))
+    });
+    let quick: Vec<(Convention, f64)> = quickly.collect();
+    let best_mm = quick
+        .iter()
+        .map(|(_, rms)| *rms)
+        .fold(f64::INFINITY, f64::min);
+    quick
+        .into_iter()
+        .filter(|(_, rms_mm)| *rms_mm <= AS_GOOD * best_mm)
+        .take(FITTED_THOROUGHLY)
+        .filter_map(|(convention, _)| {
+            let fitted = placed(links, &convention.observations(observations), frame)?;
+            Some((convention, fitted))
+        })
+        .collect()
+}
+
+/// Some of the points, evenly taken.
+fn chosen(observations: &[Observation], choice: usize) -> Vec<Observation> {
+    let step = (observations.len() / COMPARED_POINTS).max(1);
+    let first = choice % step;
+    observations
+        .iter()
+        .skip(first)
+        .step_by(step)
+        .take(COMPARED_POINTS)
+        .cloned()
+        .collect()
+}
+
+/// Conventions worth fitting, simplest first.
+fn candidates(
+    links: &[Link],
+    compared: &[Observation],
+    frame: Frame,
+    fits_mm: f64,
+) -> Vec<Convention> {
+    let mut search = Search::new(links, compared, frame);
+    search.run();
+    let n = compared.len() as f64;
+    let lowest = search
+        .tried
+        .iter()
+        .map(|tried| tried.cost_mm2)
+        .fold(f64::INFINITY, f64::min);
+    let bar_mm2 = (AS_GOOD * AS_GOOD * lowest).max(fits_mm * fits_mm * n);
+    let mut near: Vec<(usize, f64, Convention)> = search
+        .tried
+        .iter()
+        .filter(|tried| tried.cost_mm2 <= bar_mm2)
+        .map(|tried| {
+            let convention = search.convention(&tried.path);
+            (convention.complexity(), tried.cost_mm2, convention)
+        })
+        .filter(|(complexity, ..)| *complexity > 0)
+        .collect();
+    near.sort_by(|a, b| a.1.total_cmp(&b.1));
+    // the best of all, however intricate, then the simplest
+    let few = near.len().min(FITTED / 4);
+    let mut rest = near.split_off(few);
+    rest.sort_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
+    rest.truncate(FITTED - few);
+    near.extend(rest);
+    near.sort_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
+    near.into_iter()
+        .map(|(.., convention)| convention)
+        .collect()
+}
+
+/// The tree of conventions, one level for each joint: what the first joints do is computed once for all that differ in the later ones.
+struct Search<'a> {
+    links: &'a [Link],
+    frame: Frame,
+    most_turned: usize,
+    turnings: Vec<Vec<Turning>>,
+    /// From the frame of a link to that of the next before its joint turns.
+    fixed: Vec<LinkFrame>,
+    positions: Vec<Vector3<f64>>,
+    /// What no affine image of the measured positions takes up.
+    beyond_affine: DMatrix<f64>,
+    tried: Vec<Tried>,
+}
+
+impl<'a> Search<'a> {
+    fn new(links: &'a [Link], compared: &[Observation], frame: Frame) -> Self {
+        let n = links.len();
+        let positions: Vec<Vector3<f64>> = compared.iter().map(|o| o.position_mm).collect();
+        let before_its_joint = |link: &Link| {
+            let still = Link {
+                theta_offset_rad: 0.0,
+                d_mm: 0.0,
+                ..*link
+            };
+            let t = t_previous_link(&still, 0.0);
+            (*t.rotation.matrix(), t.translation.vector)
+        };
+        Self {
+            links,
+            frame,
+            most_turned: match n {
+                NONE_TURNED_FROM.. => 0,
+                ONE_TURNED_FROM.. => 1,
+                TWO_TURNED_FROM.. => 2,
+                _ => MOST_TURNED,
+            },
+            turnings: (0..n)
+                .map(|joint| turnings(links, compared, joint))
+                .collect(),
+            fixed: links.iter().map(before_its_joint).collect(),
+            beyond_affine: beyond_affine(&positions),
+            positions,
+            tried: Vec::new(),
+        }
+    }
+
+    fn run(&mut self) {
+        match self.frame {
+            Frame::Base => self.towards_flange(0, &self.positions.clone(), Path::default(), 0),
+            Frame::Instrument => {
+                let base = vec![(Matrix3::identity(), Vector3::zeros()); self.positions.len()];
+                self.outwards_from_base(0, &base, Path::default(), 0);
+            }
+        }
+    }
+
+    /// Quarter turns worth trying. The last joint's zero is the target's turn, and the first one's is the base's where that is free: neither
+    /// can be seen.
+    fn n_quarter_turns(&self, joint: usize, n_turned: usize) -> u8 {
+        let is_seen = joint + 1 < self.links.len() && (joint > 0 || self.frame == Frame::Base);
+        if is_seen && n_turned < self.most_turned {
+            4
+        } else {
+            1
+        }
+    }
+
+    /// With the base known: the measured points in the frame of each link in turn. In the flange's frame they are one point, if the
+    /// convention is right.
+    fn towards_flange(
+        &mut self,
+        joint: usize,
+        points: &[Vector3<f64>],
+        path: Path,
+        n_turned: usize,
+    ) {
+        let Some((rotation, shift)) = self.fixed.get(joint).copied() else {
+            let cost_mm2 = scatter_mm2(points);
+            self.tried.push(Tried { cost_mm2, path });
+            return;
+        };
+        let d_mm = self.links[joint].d_mm;
+        let before: Vec<Vector3<f64>> = points
+            .iter()
+            .map(|p| rotation.tr_mul(&(p - shift)))
+            .collect();
+        for turning in 0..self.turnings[joint].len() {
+            for turns in 0..self.n_quarter_turns(joint, n_turned) {
+                let in_link = |(p, sine_cosine): (&Vector3<f64>, &(f64, f64))| {
+                    let (s, c) = turned(*sine_cosine, turns);
+                    Vector3::new(c * p.x + s * p.y, c * p.y - s * p.x, p.z - d_mm)
+                };
+                let angles = &self.turnings[joint][turning].sine_cosine;
+                let after: Vec<Vector3<f64>> = before.iter().zip(angles).map(in_link).collect();
+                let path = path.with(joint, turning, turns);
+                self.towards_flange(joint + 1, &after, path, n_turned + usize::from(turns > 0));
+            }
+        }
+    }
+
+    /// With the base free: the frame of each link in turn, in the base's frame.
+    fn outwards_from_base(
+        &mut self,
+        joint: usize,
+        frames: &[LinkFrame],
+        path: Path,
+        n_turned: usize,
+    ) {
+        let Some((rotation, shift)) = self.fixed.get(joint).copied() else {
+            let cost_mm2 = affine_cost_mm2(&self.beyond_affine, frames);
+            self.tried.push(Tried { cost_mm2, path });
+            return;
+        };
+        let d_mm = self.links[joint].d_mm;
+        let before: Vec<LinkFrame> = frames
+            .iter()
+            .map(|(r, t)| (r * rotation, t + r * shift))
+            .collect();
+        for turning in 0..self.turnings[joint].len() {
+            for turns in 0..self.n_quarter_turns(joint, n_turned) {
+                let of_link = |((r, t), sine_cosine): (&LinkFrame, &(f64, f64))| {
+                    let (s, c) = turned(*sine_cosine, turns);
+                    let (x, y, z) = (r.column(0), r.column(1), r.column(2));
+                    let turned =
+                        Matrix3::from_columns(&[x * c + y * s, y * c - x * s, z.into_owned()]);
+                    (turned, t + z * d_mm)
+                };
+                let angles = &self.turnings[joint][turning].sine_cosine;
+                let after: Vec<_> = before.iter().zip(angles).map(of_link).collect();
+                let path = path.with(joint, turning, turns);
+                self.outwards_from_base(joint + 1, &after, path, n_turned + usize::from(turns > 0));
+            }
+        }
+    }
+
+    fn convention(&self, path: &Path) -> Convention {
+        let n = self.links.len();
+        let of = |joint: usize| &self.turnings[joint][path.turning(joint)];
+        let reversed: Vec<bool> = (0..n).map(|joint| of(joint).reversed).collect();
+        let coupling = match n {
+            3.. if reversed[1] => -of(2).of_joint_2,
+            3.. => of(2).of_joint_2,
+            _ => 0.0,
+        };
+        Convention {
+            reversed,
+            coupling: coupling + 0.0,
+            quarter_turns: (0..n).map(|joint| path.quarter_turns(joint)).collect(),
+        }
+    }
+}
+
+impl Path {
+    fn with(mut self, joint: usize, turning: usize, quarter_turns: u8) -> Self {
+        self.0[joint] = 4 * turning as u8 + quarter_turns;
+        self
+    }
+
+    fn turning(&self, joint: usize) -> usize {
+        usize::from(self.0[joint] / 4)
+    }
+
+    fn quarter_turns(&self, joint: usize) -> u8 {
+        self.0[joint] % 4
+    }
+}
+
+/// Sine and cosine of an angle with quarter turns added.
+fn turned((s, c): (f64, f64), quarter_turns: u8) -> (f64, f64) {
+    match quarter_turns {
+        0 => (s, c),
+        1 => (c, -s),
+        2 => (-s, -c),
+        _ => (-c, s),
+    }
+}
+
+/// Both directions of a joint; of the third one with each coupling to the second.
+fn turnings(links: &[Link], compared: &[Observation], joint: usize) -> Vec<Turning> {
+    let couplings = if joint == 2 { &COUPLINGS[..] } else { &[0.0] };
+    let turning = |reversed: bool, of_joint_2: f64| {
+        let angle_rad = |o: &Observation| {
+            let own = if reversed {
+                -o.q_rad[joint]
+            } else {
+                o.q_rad[joint]
+            };
+            let other = if of_joint_2 == 0.0 {
+                0.0
+            } else {
+                of_joint_2 * o.q_rad[1]
+            };
+            own + other + links[joint].theta_offset_rad
+        };
+        Turning {
+            reversed,
+            of_joint_2,
+            sine_cosine: compared
+                .iter()
+                .map(|o| libm::sincos(angle_rad(o)))
+                .collect(),
+        }
+    };
+    [false, true]
+        .into_iter()
+        .flat_map(|reversed| couplings.iter().map(move |coupling| (reversed, *coupling)))
+        .map(|(reversed, coupling)| turning(reversed, coupling))
+        .collect()
+}
+
+/// Squared distances from their centre, mm², without the points that lie farthest from the centre of all.
+fn scatter_mm2(points: &[Vector3<f64>]) -> f64 {
+    let sum: Vector3<f64> = points.iter().sum();
+    let centre = sum / points.len() as f64;
+    let mut kept: Vec<(f64, &Vector3<f64>)> = points
+        .iter()
+        .map(|p| ((p - centre).norm_squared(), p))
+        .collect();
+    kept.sort_by(|a, b| a.0.total_cmp(&b.0));
+    kept.truncate(points.len() - points.len() / LEFT_OUT);
+    let sum: Vector3<f64> = kept.iter().map(|(_, p)| *p).sum();
+    let centre = sum / kept.len() as f64;
+    kept.iter().map(|(_, p)| (*p - centre).norm_squared()).sum()
+}
+
+/// An orthonormal basis, in rows, of what is orthogonal to the measured coordinates and to a constant: the rest that is left of anything when
+/// its best affine image of the measured positions is taken away.
+fn beyond_affine(positions: &[Vector3<f64>]) -> DMatrix<f64> {
+    let n = positions.len();
+    let columns = DMatrix::from_fn(n, 4, |row, column| {
+        if column == 3 {
+            1.0
+        } else {
+            positions[row][column]
+        }
+    });
+    let mut basis: Vec<DVector<f64>> = Vec::new();
+    let seeds = columns.column_iter().map(|c| c.into_owned()).rev();
+    let units = (0..n).map(|i| DVector::from_fn(n, |row, _| if row == i { 1.0 } else { 0.0 }));
+    let mut n_affine = 0;
+    for (i, seed) in seeds.chain(units).enumerate() {
+        let length = seed.norm();
+        let mut rest = seed;
+        // twice is enough [Giraud 2005]
+        for _ in 0..2 {
+            for known in &basis {
+                let along = known.dot(&rest);
+                rest.axpy(-along, known, 1.0);
+            }
+        }
+        let left = rest.norm();
+        if left > SEEN * length && basis.len() < n {
+            basis.push(rest / left);
+            n_affine += usize::from(i < 4);
+        }
+    }
+    let rows: Vec<_> = basis[n_affine..].iter().map(|v| v.transpose()).collect();
+    DMatrix::from_rows(&rows)
+}
+
+/// Σ |t + R·x − affine image of the measured positions|² with the best target x and the best affine image, mm². The right base is such an
+/// image; a wrong one may be too, so what is near is fitted afterwards.
+fn affine_cost_mm2(beyond_affine: &DMatrix<f64>, frames: &[LinkFrame]) -> f64 {
+    let (mut normal, mut right, mut squares) = (Matrix3::zeros(), Vector3::zeros(), 0.0);
+    for row in beyond_affine.row_iter() {
+        let (mut r, mut t) = (Matrix3::<f64>::zeros(), Vector3::<f64>::zeros());
+        for (weight, (rotation, origin)) in row.iter().zip(frames) {
+            r += rotation * *weight;
+            t += origin * *weight;
+        }
+        normal += r.tr_mul(&r);
+        right += r.tr_mul(&t);
+        squares += t.norm_squared();
+    }
+    // so little that it only keeps what is not seen from growing
+    let ridge = normal.trace() * SEEN + f64::MIN_POSITIVE;
+    let along = (normal + Matrix3::identity() * ridge)
+        .cholesky()
+        .map_or(0.0, |decomposed| right.dot(&decomposed.solve(&right)));
+    (squares - along).max(0.0)
+}

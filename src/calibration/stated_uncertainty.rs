@@ -1,0 +1,167 @@
+//! How sure the answer is, as far as that can be said: an uncertainty that is not true is not stated, and the report says why.
+
+use crate::calibration::check::n_equations;
+use crate::calibration::identify::Problem;
+use crate::calibration::report::Warning;
+use crate::calibration::request::Preset;
+use crate::identification::KinematicModel;
+use crate::identification::misfit::{Misfit, gravity_directions};
+use crate::identification::objective::{Observation, residuals};
+use crate::identification::parameters::{Parameter, complete_parameters};
+use crate::identification::search_space::decomposition_at;
+use crate::identification::start::fit_base_and_targets;
+use crate::identification::uncertainty::{Uncertainty, uncertainty};
+use crate::identification::workspace::ToolUncertainty;
+use crate::measurement::Subset;
+use nalgebra::Vector3;
+use std::collections::BTreeSet;
+
+/// The covariance is that of the minimum of the cost. An answer further off than its own standard deviation is not that minimum.
+const AT_MINIMUM_STDS: f64 = 1.0;
+/// The last step of least squares draws the answer towards nominal as far as noise would move it; it goes no further than this
+/// ([`crate::identification::settle`]), and what it leaves is nearer to the truth than the minimum.
+const SETTLED_STDS: f64 = 3.0;
+
+/// What the residuals say about the errors of parameters and tool, whether or not it can be stated.
+pub fn estimated(problem: &Problem<'_>, model: &KinematicModel) -> Option<Uncertainty> {
+    if without_redundancy(problem).is_some() {
+        return None;
+    }
+    let robot = &problem.request.robot;
+    let is_held = |parameter: &Parameter| !problem.parameters.contains(parameter);
+    let misfit = Misfit {
+        gravity: gravity_directions(robot.mounting.as_ref().map(|m| &m.gravity_in_base)),
+        held: complete_parameters(&robot.links, problem.screening.targets.len())
+            .into_iter()
+            .filter(is_held)
+            .collect(),
+    };
+    let clusters = problem.observed.clusters(Subset::Identify);
+    let counting: Vec<usize> = (0..clusters.len())
+        .filter(|i| problem.identify[*i].weight > 0.0)
+        .collect();
+    let points = problem.loss.as_squares(model, &problem.identify);
+    let mut known = BTreeSet::new();
+    // a row that stands in the file twice, to the last digit, was measured once
+    let bits = |o: &Observation| -> Vec<u64> {
+        o.q_rad
+            .iter()
+            .chain(o.position_mm.iter())
+            .map(|x| x.to_bits())
+            .collect()
+    };
+    let counting: Vec<usize> = counting
+        .into_iter()
+        .filter(|i| known.insert((problem.identify[*i].target, bits(&problem.identify[*i]))))
+        .collect();
+    let observations: Vec<Observation> = counting.iter().map(|i| points[*i].clone()).collect();
+    let clusters: Vec<usize> = counting.iter().map(|i| clusters[*i]).collect();
+    let priors = problem.fitting().priors;
+    let at_bounds = priors.map_or(vec![], |priors| priors.at_bounds(model));
+    let mut decomposition = problem.decomposition.clone();
+    if !at_bounds.is_empty() {
+        at_bounds
+            .iter()
+            .for_each(|(parameter, _)| decomposition.scale[*parameter] = 0.0);
+        decomposition = decomposition_at(
+            &problem.nominal,
+            &problem.parameters,
+            &decomposition.scale,
+            &problem.identify,
+        );
+    }
+    uncertainty(
+        model,
+        &problem.parameters,
+        (&decomposition, priors),
+        &observations,
+        &clusters,
+        misfit,
+    )
+}
+
+/// Why no uncertainty is stated; `None` where it is.
+pub fn why_not_stated(problem: &Problem<'_>, estimated: Option<&Uncertainty>) -> Option<String> {
+    let Some(estimated) = estimated else {
+        let why = match without_redundancy(problem) {
+            Some(_) => "no more equations than unknowns: nothing says how good the fit is",
+            None => "the equations cannot be solved for it",
+        };
+        return Some(why.into());
+    };
+    let is_settled = problem.request.preset == Preset::Default && problem.settings.refine;
+    let limit = if is_settled {
+        SETTLED_STDS
+    } else {
+        AT_MINIMUM_STDS
+    };
+    let stds = estimated.stds_from_minimum;
+    if stds > limit || stds.is_nan() {
+        return Some(format!(
+            "the method did not converge: the answer is {stds:.1} standard deviations away from the minimum of the cost, and the uncertainty \
+             of that minimum is not that of this answer. Ask for `refine: true`, or for method auto"
+        ));
+    }
+    let misfit = estimated.undetermined_misfit?;
+    Some(format!(
+        "how much the model cannot say is not determined by these points: at its likeliest size it would leave {:.3} mm rms, and {:.3} mm are \
+         left. Poses that differ more, above all in the tool's orientation, tell more",
+        misfit.predicted_mm, misfit.found_mm
+    ))
+}
+
+/// Why the tool's uncertainty says nothing: the nominal robot, laid onto the points as well as can be, is nearer than that.
+pub fn why_it_says_nothing(problem: &Problem<'_>, tool: &ToolUncertainty) -> Option<String> {
+    let n_targets = problem.screening.targets.len();
+    let points: Vec<Observation> = problem.trusted();
+    let points: Vec<Observation> = points.into_iter().filter(|o| o.weight > 0.0).collect();
+    let links = &problem.request.robot.links;
+    let nominal = fit_base_and_targets(links, &points, n_targets);
+    let nominal_mm = (residuals(&nominal, &points)
+        .iter()
+        .map(Vector3::norm_squared)
+        .sum::<f64>()
+        / points.len().max(1) as f64)
+        .sqrt();
+    // not a number, too
+    if tool.mean_mm <= nominal_mm {
+        return None;
+    }
+    Some(format!(
+        "these points do not determine the robot over its workspace: by them its tool would be known to {:.3} mm, and the nominal robot is off by {nominal_mm:.3} \
+         mm (rms, on these points). Measure poses spread over the workspace, with every joint moving",
+        tool.mean_mm
+    ))
+}
+
+/// As [`estimated`], where it can be stated.
+pub fn stated(problem: &Problem<'_>, model: &KinematicModel) -> Option<Uncertainty> {
+    estimated(problem, model).filter(|found| why_not_stated(problem, Some(found)).is_none())
+}
+
+/// Told where the fit can follow any error of the points.
+pub fn nothing_left(problem: &Problem<'_>) -> Option<Warning> {
+    let (equations, rank) = without_redundancy(problem)?;
+    let detail = format!(
+        "{equations} equations from distinct configurations to identify from fix {rank} combinations of parameters: the fit can follow any error \
+         of the points, and what is left of them says nothing of how far the robot is off. Measure more configurations, or hold parameters"
+    );
+    Some(Warning {
+        code: "nothing_left_to_judge",
+        detail,
+        rows: vec![],
+    })
+}
+
+/// Equations and rank where there are no more of the former. Poses that are repeated say how well they repeat, and no more.
+fn without_redundancy(problem: &Problem<'_>) -> Option<(usize, usize)> {
+    let counting: Vec<Observation> = problem
+        .identify
+        .iter()
+        .filter(|o| o.weight > 0.0)
+        .cloned()
+        .collect();
+    let rank = problem.decomposition.rank();
+    let equations = n_equations(&counting, rank + 1);
+    (equations <= rank).then_some((equations, rank))
+}

@@ -1,0 +1,74 @@
+//! What handlers share.
+
+use crate::config::ServeConfig;
+use crate::http::Error;
+use crate::http::counters::Metrics;
+use crate::http::limits::{Class, ComputePermit, Limits};
+use crate::jobs::JobSignals;
+use crate::store::Store;
+use tokio::sync::watch;
+
+/// What handlers need.
+#[derive(Clone, Debug)]
+pub struct App {
+    /// The database.
+    pub store: Store,
+    /// True lets everyone in (`--no-auth`).
+    pub no_auth: bool,
+    /// Turns true when the server is about to stop: long polls and event streams end.
+    pub stopping: watch::Receiver<bool>,
+    /// Wakes workers, long polls and event streams.
+    pub signals: JobSignals,
+    pub(super) limits: Limits,
+    pub(super) metrics: Metrics,
+}
+
+impl App {
+    /// The state of a server on this store.
+    pub fn new(
+        store: Store,
+        config: &ServeConfig,
+        stopping: watch::Receiver<bool>,
+        signals: JobSignals,
+    ) -> Self {
+        let limits = Limits::new(&config.limits, config.no_auth);
+        Self {
+            store,
+            no_auth: config.no_auth,
+            stopping,
+            signals,
+            limits,
+            metrics: Metrics::default(),
+        }
+    }
+
+    /// Resolves when the server is about to stop.
+    pub async fn stopped(&self) {
+        let mut stopping = self.stopping.clone();
+        // An error means that whoever could stop it is gone: then it runs as long as the process.
+        let told = stopping.wait_for(|stop| *stop).await.is_ok();
+        if !told {
+            std::future::pending::<()>().await;
+        }
+    }
+
+    /// A permit to compute for a request of this class; waits for it.
+    ///
+    /// # Errors
+    /// [`Error::Busy`] if none came free in time.
+    pub(super) async fn compute_permit(&self, class: Class) -> Result<ComputePermit, Error> {
+        self.limits.compute(class).await
+    }
+
+    /// Computes with a permit, on a thread that may block.
+    ///
+    /// # Errors
+    /// What `work` returns, [`Error::Busy`].
+    pub(super) async fn compute<T: Send + 'static>(
+        &self,
+        class: Class,
+        work: impl FnOnce() -> Result<T, Error> + Send + 'static,
+    ) -> Result<T, Error> {
+        self.compute_permit(class).await?.run(work).await
+    }
+}

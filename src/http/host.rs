@@ -1,0 +1,176 @@
+//! Checks `Host`, and with `--no-auth` also `Origin`. A server without keys is reachable by every page in a browser on the same machine, by
+//! DNS rebinding or a cross-site request. With keys the check of the origin is not needed: no browser sends a key by itself.
+
+use crate::http::extract::media_type;
+use crate::http::{App, Error};
+use axum::extract::{Request, State};
+use axum::http::uri::Authority;
+use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, Version, header};
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Response};
+use std::net::{Ipv4Addr, Ipv6Addr};
+
+const SEC_FETCH_SITE: HeaderName = HeaderName::from_static("sec-fetch-site");
+const SEC_FETCH_MODE: HeaderName = HeaderName::from_static("sec-fetch-mode");
+
+/// Content types that a page may send anywhere without asking the server first (Fetch standard, CORS-safelisted request headers).
+const SENT_BY_FORMS: [&str; 3] = [
+    "text/plain",
+    "application/x-www-form-urlencoded",
+    "multipart/form-data",
+];
+
+/// Refuses requests without a usable `Host`, and with `--no-auth` those of other hosts and of other sites' pages. For every path.
+pub async fn check(State(app): State<App>, request: Request, next: Next) -> Response {
+    let checked = host(&request).and_then(|host| {
+        if app.no_auth {
+            loopback_only(&request, host.as_ref())
+        } else {
+            Ok(())
+        }
+    });
+    match checked {
+        Ok(()) => next.run(request).await,
+        Err(error) => error.into_response(),
+    }
+}
+
+/// The request's host. HTTP/1.0 allows requests without one (RFC 9112, section 3.2); no browser sends them.
+fn host(request: &Request) -> Result<Option<Authority>, Error> {
+    let refused = |code, detail: &str| {
+        Err(Error::BadRequest {
+            code,
+            detail: detail.into(),
+        })
+    };
+    let mut values = request.headers().get_all(header::HOST).iter();
+    match (values.next(), values.next()) {
+        (_, Some(_)) => refused(
+            "repeated_host",
+            "the request has more than one Host header; send one",
+        ),
+        (None, None) if request.version() == Version::HTTP_10 => Ok(None),
+        (None, None) => refused(
+            "missing_host",
+            "the request has no Host header, which HTTP/1.1 demands: send `Host: ` and the server's name",
+        ),
+        (Some(value), None) => match Authority::try_from(value.as_bytes()) {
+            Ok(authority) if !authority.as_str().contains('@') => Ok(Some(authority)),
+            _ => refused(
+                "invalid_host",
+                "the Host header is not a host name or address, with or without a port",
+            ),
+        },
+    }
+}
+
+/// Checks a request to a server with `--no-auth`.
+fn loopback_only(request: &Request, host: Option<&Authority>) -> Result<(), Error> {
+    // The target may name a host, too: `GET http://host/path`.
+    if let Some(other) = host
+        .into_iter()
+        .chain(request.uri().authority())
+        .find(|host| !is_loopback(host.host()))
+    {
+        return Err(Error::HostNotLoopback(
+            other.as_str().chars().take(100).collect(),
+        ));
+    }
+    let headers = request.headers();
+    let mut origins = headers.get_all(header::ORIGIN).iter();
+    if let Some(origin) = origins.find(|origin| !is_own(origin, host)) {
+        let origin = String::from_utf8_lossy(origin.as_bytes());
+        return Err(Error::ForeignOrigin(format!(
+            "the request comes from a page of {:?}",
+            origin.chars().take(100).collect::<String>()
+        )));
+    }
+    if is_of_another_site(request.method(), headers) {
+        return Err(Error::ForeignOrigin(
+            "the request comes from a page of another site".into(),
+        ));
+    }
+    let may_be_a_form = request.method() == Method::POST
+        && media_type(headers).is_some_and(|kind| SENT_BY_FORMS.contains(&kind.as_str()));
+    if may_be_a_form
+        && !headers.contains_key(header::ORIGIN)
+        && !headers.contains_key(SEC_FETCH_SITE)
+    {
+        return Err(Error::UnsupportedMediaType {
+            found: media_type(headers).unwrap_or_default(),
+            expected: "the body's own type, such as application/json, text/csv or application/xml: what forms send could come from another \
+                       site's page, and this server takes no keys",
+        });
+    }
+    Ok(())
+}
+
+/// `localhost`, 127.0.0.0/8 and `[::1]`.
+fn is_loopback(host: &str) -> bool {
+    let ipv6 = host
+        .strip_prefix('[')
+        .and_then(|rest| rest.strip_suffix(']'));
+    host.eq_ignore_ascii_case("localhost")
+        || host.parse().is_ok_and(|ip: Ipv4Addr| ip.is_loopback())
+        || ipv6.is_some_and(|ip| ip.parse().is_ok_and(|ip: Ipv6Addr| ip.is_loopback()))
+}
+
+/// Whether an origin is this server, under the request's host.
+fn is_own(origin: &HeaderValue, host: Option<&Authority>) -> bool {
+    let origin = origin.to_str().ok();
+    let authority = origin.and_then(|text| {
+        text.strip_prefix("http://")
+            .or_else(|| text.strip_prefix("https://"))
+    });
+    authority
+        .zip(host)
+        .is_some_and(|(origin, host)| origin.eq_ignore_ascii_case(host.as_str()))
+}
+
+/// Whether the browser declares the request as cross-site (Fetch Metadata). A followed link is allowed.
+fn is_of_another_site(method: &Method, headers: &HeaderMap) -> bool {
+    let is = |name: &HeaderName, values: &[&str]| {
+        headers
+            .get(name)
+            .is_some_and(|value| values.iter().any(|known| value == known))
+    };
+    let is_link =
+        matches!(*method, Method::GET | Method::HEAD) && is(&SEC_FETCH_MODE, &["navigate"]);
+    headers.contains_key(SEC_FETCH_SITE)
+        && !is(&SEC_FETCH_SITE, &["same-origin", "none"])
+        && !is_link
+}
+
+#[cfg(test)]
+mod tests {
+    use super::is_loopback;
+
+    #[test]
+    fn only_loopback_names_and_addresses_are_loopback() {
+        for host in [
+            "localhost",
+            "LocalHost",
+            "127.0.0.1",
+            "127.8.9.10",
+            "[::1]",
+            "[0:0:0:0:0:0:0:1]",
+        ] {
+            assert!(is_loopback(host), "{host}");
+        }
+        for host in [
+            "evil.example",
+            "localhost.evil.example",
+            "127.0.0.1.nip.io",
+            "127.0.0.1.",
+            "0.0.0.0",
+            "128.0.0.1",
+            "2130706433",
+            "::1",
+            "[::]",
+            "[::ffff:127.0.0.1]",
+            "",
+        ] {
+            assert!(!is_loopback(host), "{host}");
+        }
+    }
+}

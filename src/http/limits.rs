@@ -1,0 +1,530 @@
+//! Limits of one server: how much may be under way at once, how much memory bodies and answers may take, and how often a key or an
+//! address may ask. What is over a limit is refused at once with 503 or 429 and `Retry-After`.
+
+use crate::config::LimitsConfig;
+use crate::http::Error;
+use crate::http::rate::TokenBuckets;
+use axum::http::Method;
+use std::net::{IpAddr, Ipv4Addr};
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::sync::{OwnedSemaphorePermit, Semaphore};
+use tokio::task::spawn_blocking;
+use tokio::time::timeout;
+
+/// Largest request body, bytes: ten times the largest campaign.
+pub const MAX_BODY_BYTES: usize = 32 * 1024 * 1024;
+/// Reads under way: at 0.1 ms each on two cores the last one waits some 15 ms.
+const MAX_READS: usize = 256;
+/// Requests under way that compute or read a whole document, and store nothing. Cheap reads go on beside them.
+const MAX_CALCULATIONS: usize = 64;
+/// Writes under way, counted from when their body is here. There is one writer: at 500 a second the last one waits some 130 ms, and so does
+/// a withdrawal behind them.
+const MAX_WRITES: usize = 64;
+/// Kept free for [`Class::Safety`] where no more writes fit.
+const SAFETY_RESERVE: usize = 16;
+/// Longest body of [`Class::Safety`]: a reason of 2,000 characters, each of them escaped. So small that no memory is set aside for it.
+const MAX_SAFETY_BYTES: usize = 64 * 1024;
+/// Long polls and event streams that wait at the same time.
+const MAX_WAITING: usize = 2_048;
+/// Bodies above this size need one of [`LARGE_BODIES`]; smaller ones share [`SMALL_BODIES_KIB`]. A set of 60 poses has 6 KiB.
+pub const LARGE_BODY_BYTES: usize = 1024 * 1024;
+/// Memory of all small bodies together.
+const SMALL_BODIES_KIB: usize = 64 * 1024;
+/// Large bodies in memory at once, each up to [`MAX_BODY_BYTES`]: understanding one takes several times its size.
+const LARGE_BODIES: usize = 2;
+/// Memory of all large answers that are not sent yet. A report of 100,000 points has 45 MiB.
+const ANSWERS_KIB: usize = 64 * 1024;
+/// Whole documents (reports, uploads, weights) that are read from the database at once: each takes three times its size meanwhile.
+const DOCUMENTS: usize = 2;
+/// Computations at once for reads, for writes, and for [`Class::Safety`]: more only makes each slower and memory larger.
+const COMPUTING: [usize; 3] = [4, 8, 2];
+/// A computation that has not begun after this long is refused; clients retry.
+const BEGIN_WITHIN: Duration = Duration::from_secs(10);
+/// Failed attempts of one address before the answer is 429 instead of 401, and how many are forgiven each second.
+const FAILED_ATTEMPTS: (f64, f64) = (20.0, 0.5);
+
+/// Last path segments of [`Class::Calculation`].
+const CALCULATIONS: [&str; 5] = [
+    "predict",
+    "compensate",
+    "export",
+    "pose-plans",
+    "robot-imports",
+];
+/// Last path segments of [`Class::Safety`].
+const SAFETY: [&str; 3] = ["withdraw", "rollback", "cancel"];
+/// Last path segments of reads that answer one whole document, and of those that compute.
+const DOCUMENT_READS: [&str; 4] = ["points", "weights", "report", "convergence"];
+const COMPUTED_READS: [&str; 5] = ["report.html", "history", "compare", "export", "gates"];
+
+/// What a request is, as far as limits go. Read from method and path alone, so that a flood is refused before routing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Class {
+    /// Reads what is stored.
+    Read,
+    /// Reads a whole document, or computes from what is stored.
+    CostlyRead,
+    /// Computes from its body and stores nothing.
+    Calculation,
+    /// Withdraw, rollback, cancel: they have a reserve.
+    Safety,
+    /// All other requests that are not reads.
+    Write,
+}
+
+impl Class {
+    /// The class of a request, also of one to a path that does not exist.
+    pub fn new(method: &Method, path: &str) -> Self {
+        let last = path.rsplit('/').next().unwrap_or_default();
+        match *method {
+            Method::GET | Method::HEAD | Method::OPTIONS => {
+                if DOCUMENT_READS.contains(&last) || COMPUTED_READS.contains(&last) {
+                    Self::CostlyRead
+                } else {
+                    Self::Read
+                }
+            }
+            Method::POST if CALCULATIONS.contains(&last) => Self::Calculation,
+            Method::POST if SAFETY.contains(&last) => Self::Safety,
+            _ => Self::Write,
+        }
+    }
+}
+
+/// Whether a request of this class and path answers one whole document.
+pub fn is_document(class: Class, path: &str) -> bool {
+    let last = path.rsplit('/').next().unwrap_or_default();
+    class == Class::CostlyRead && DOCUMENT_READS.contains(&last)
+}
+
+/// The limits of one server; clones share them.
+#[derive(Clone, Debug)]
+pub struct Limits(Arc<Inner>);
+
+#[derive(Debug)]
+struct Inner {
+    reads: Arc<Semaphore>,
+    calculations: Arc<Semaphore>,
+    writes: Arc<Semaphore>,
+    safety_reserve: Arc<Semaphore>,
+    waiting: Arc<Semaphore>,
+    small_bodies_kib: Arc<Semaphore>,
+    large_bodies: Arc<Semaphore>,
+    answers_kib: Arc<Semaphore>,
+    documents: Arc<Semaphore>,
+    /// As [`COMPUTING`].
+    computing: [Arc<Semaphore>; 3],
+    client_timeout: Duration,
+    requests_per_key: Option<TokenBuckets<String>>,
+    failed_attempts: TokenBuckets<IpAddr>,
+}
+
+/// Takes `n` permits that are free now.
+fn take(semaphore: &Arc<Semaphore>, n: usize) -> Result<OwnedSemaphorePermit, Error> {
+    let n = u32::try_from(n).unwrap_or(u32::MAX);
+    Arc::clone(semaphore)
+        .try_acquire_many_owned(n)
+        .map_err(|_| Error::Busy)
+}
+
+/// Waits for one permit, at most [`BEGIN_WITHIN`].
+async fn wait_for(semaphore: &Arc<Semaphore>) -> Result<OwnedSemaphorePermit, Error> {
+    match timeout(BEGIN_WITHIN, Arc::clone(semaphore).acquire_owned()).await {
+        Ok(Ok(permit)) => Ok(permit),
+        Ok(Err(_)) | Err(_) => Err(Error::Busy),
+    }
+}
+
+impl Limits {
+    /// Nothing under way. `no_auth` lifts the rate per key.
+    pub fn new(config: &LimitsConfig, no_auth: bool) -> Self {
+        let rate = f64::from(config.rate_per_key);
+        let permits = |n| Arc::new(Semaphore::new(n));
+        Self(Arc::new(Inner {
+            reads: permits(MAX_READS),
+            calculations: permits(MAX_CALCULATIONS),
+            writes: permits(MAX_WRITES),
+            safety_reserve: permits(SAFETY_RESERVE),
+            waiting: permits(MAX_WAITING),
+            small_bodies_kib: permits(SMALL_BODIES_KIB),
+            large_bodies: permits(LARGE_BODIES),
+            answers_kib: permits(ANSWERS_KIB),
+            documents: permits(DOCUMENTS),
+            computing: COMPUTING.map(permits),
+            client_timeout: config.client_timeout(),
+            requests_per_key: (!no_auth && config.rate_per_key > 0)
+                .then(|| TokenBuckets::new(2.0 * rate, rate)),
+            failed_attempts: TokenBuckets::new(FAILED_ATTEMPTS.0, FAILED_ATTEMPTS.1),
+        }))
+    }
+
+    /// How long a client may be silent.
+    pub fn client_timeout(&self) -> Duration {
+        self.0.client_timeout
+    }
+
+    /// Free permits by kind: requests, and KiB of bodies and answers.
+    pub fn free(&self) -> [(&'static str, usize); 9] {
+        let all = &self.0;
+        [
+            ("reads", &all.reads),
+            ("calculations", &all.calculations),
+            ("writes", &all.writes),
+            ("safety_reserve", &all.safety_reserve),
+            ("waiting", &all.waiting),
+            ("small_bodies_kib", &all.small_bodies_kib),
+            ("large_bodies", &all.large_bodies),
+            ("answers_kib", &all.answers_kib),
+            ("documents", &all.documents),
+        ]
+        .map(|(kind, semaphore)| (kind, semaphore.available_permits()))
+    }
+
+    /// Admits a request before it is routed. Reads get their permit. A request with a body gets its own when the body is here
+    /// ([`BodyBudget::arrived`]); it is refused now if none is free. [`Class::Safety`] is admitted once its key is known
+    /// ([`Limits::safety`]): nobody without a key takes the reserve.
+    ///
+    /// # Errors
+    /// [`Error::Busy`].
+    pub fn admit(&self, class: Class) -> Result<Option<OwnedSemaphorePermit>, Error> {
+        match class {
+            Class::Read => take(&self.0.reads, 1).map(Some),
+            Class::CostlyRead => take(&self.0.calculations, 1).map(Some),
+            Class::Calculation => self.has_free(&self.0.calculations),
+            Class::Write => self.has_free(&self.0.writes),
+            Class::Safety => Ok(None),
+        }
+    }
+
+    fn has_free(&self, semaphore: &Semaphore) -> Result<Option<OwnedSemaphorePermit>, Error> {
+        if semaphore.available_permits() > 0 {
+            Ok(None)
+        } else {
+            Err(Error::Busy)
+        }
+    }
+
+    /// A permit for [`Class::Safety`]: a write's, or one of the reserve.
+    ///
+    /// # Errors
+    /// [`Error::Busy`].
+    pub fn safety(&self) -> Result<OwnedSemaphorePermit, Error> {
+        take(&self.0.writes, 1).or_else(|_| take(&self.0.safety_reserve, 1))
+    }
+
+    /// A permit to wait for a job: of a long poll, or for the life of an event stream.
+    ///
+    /// # Errors
+    /// [`Error::Busy`].
+    pub fn waiting(&self) -> Result<OwnedSemaphorePermit, Error> {
+        take(&self.0.waiting, 1)
+    }
+
+    /// A permit to read a whole document from the database; waits for it.
+    ///
+    /// # Errors
+    /// [`Error::Busy`].
+    pub async fn document(&self) -> Result<OwnedSemaphorePermit, Error> {
+        wait_for(&self.0.documents).await
+    }
+
+    /// A permit for the memory of an answer of this size until it is sent.
+    ///
+    /// # Errors
+    /// [`Error::Busy`].
+    pub fn answer(&self, bytes: u64) -> Result<OwnedSemaphorePermit, Error> {
+        let kib = usize::try_from(bytes.div_ceil(1024)).unwrap_or(usize::MAX);
+        take(&self.0.answers_kib, kib.min(ANSWERS_KIB))
+    }
+
+    /// A permit to compute; waits for it. Take it before large inputs are read from the database: then requests that wait hold none.
+    ///
+    /// # Errors
+    /// [`Error::Busy`].
+    pub async fn compute(&self, class: Class) -> Result<ComputePermit, Error> {
+        let [reads, writes, safety] = &self.0.computing;
+        let semaphore = match class {
+            Class::Read | Class::CostlyRead | Class::Calculation => reads,
+            Class::Write => writes,
+            Class::Safety => safety,
+        };
+        Ok(ComputePermit(Arc::new(wait_for(semaphore).await?)))
+    }
+
+    /// Counts one more request of this key.
+    ///
+    /// # Errors
+    /// [`Error::RateLimited`].
+    pub fn count_request(&self, holder: &str) -> Result<(), Error> {
+        match &self.0.requests_per_key {
+            Some(buckets) if !buckets.take(&holder.to_owned()) => {
+                Err(Error::RateLimited("this key sends too many requests"))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Counts a request whose key is not known. Only such requests are refused for it: a good key works from any address.
+    ///
+    /// # Errors
+    /// [`Error::RateLimited`] after too many.
+    pub fn count_failed_attempt(&self, address: Option<IpAddr>) -> Result<(), Error> {
+        let address = address.unwrap_or(IpAddr::V4(Ipv4Addr::UNSPECIFIED));
+        if self.0.failed_attempts.take(&address) {
+            Ok(())
+        } else {
+            Err(Error::RateLimited("too many attempts without a valid key"))
+        }
+    }
+
+    /// The memory of a body that begins to arrive. A large one that is announced takes its permit at once.
+    ///
+    /// # Errors
+    /// [`Error::Busy`].
+    pub fn body(&self, class: Class, announced_bytes: Option<usize>) -> Result<BodyBudget, Error> {
+        let mut budget = BodyBudget {
+            limits: self.clone(),
+            class,
+            reserved_bytes: 0,
+            permits: Vec::new(),
+        };
+        let large = announced_bytes.filter(|bytes| *bytes > LARGE_BODY_BYTES);
+        budget.grow(large.unwrap_or(1))?;
+        Ok(budget)
+    }
+}
+
+/// A permit to compute. The computation keeps it, also where its client has gone away.
+#[derive(Clone, Debug)]
+pub struct ComputePermit(Arc<OwnedSemaphorePermit>);
+
+impl ComputePermit {
+    /// Runs something that computes on a thread that may block.
+    ///
+    /// # Errors
+    /// What `work` returns; [`Error::Internal`] if the server stops before it began.
+    ///
+    /// # Panics
+    /// If `work` does.
+    pub async fn run<T, E>(
+        &self,
+        work: impl FnOnce() -> Result<T, E> + Send + 'static,
+    ) -> Result<T, Error>
+    where
+        T: Send + 'static,
+        E: Into<Error> + Send + 'static,
+    {
+        let permit = Arc::clone(&self.0);
+        let done = spawn_blocking(move || {
+            let _permit = permit;
+            work()
+        })
+        .await;
+        match done {
+            Ok(result) => result.map_err(Into::into),
+            Err(error) => match error.try_into_panic() {
+                Ok(panic) => std::panic::resume_unwind(panic),
+                Err(error) => Err(Error::Internal(error.to_string())),
+            },
+        }
+    }
+}
+
+/// Memory that is set aside for one body, until it is dropped.
+#[derive(Debug)]
+pub struct BodyBudget {
+    limits: Limits,
+    class: Class,
+    reserved_bytes: usize,
+    permits: Vec<OwnedSemaphorePermit>,
+}
+
+impl BodyBudget {
+    /// Sets memory aside for a body of this size. It grows with what came, not with what was announced: announcing is free.
+    ///
+    /// # Errors
+    /// [`Error::Busy`]; [`Error::TooLarge`] for [`Class::Safety`], which takes no memory from others and waits for none.
+    pub fn grow(&mut self, to_bytes: usize) -> Result<(), Error> {
+        if self.class == Class::Safety {
+            return if to_bytes > MAX_SAFETY_BYTES {
+                Err(Error::TooLarge {
+                    limit: MAX_SAFETY_BYTES,
+                    advice: "shorten the reason",
+                })
+            } else {
+                Ok(())
+            };
+        }
+        if to_bytes <= self.reserved_bytes {
+            return Ok(());
+        }
+        let limits = &self.limits.0;
+        if to_bytes > LARGE_BODY_BYTES {
+            self.permits = vec![take(&limits.large_bodies, 1)?];
+            self.reserved_bytes = MAX_BODY_BYTES;
+            return Ok(());
+        }
+        // Doubling, so that a body takes few permits.
+        let size = to_bytes
+            .max(2 * self.reserved_bytes)
+            .next_multiple_of(8 * 1024)
+            .min(LARGE_BODY_BYTES);
+        let more_kib = (size - self.reserved_bytes).div_ceil(1024);
+        self.permits.push(take(&limits.small_bodies_kib, more_kib)?);
+        self.reserved_bytes = size;
+        Ok(())
+    }
+
+    /// The body is here: the request now counts as one under way. The permits are held as long as the bytes are.
+    ///
+    /// # Errors
+    /// [`Error::Busy`].
+    pub fn arrived(mut self) -> Result<Vec<OwnedSemaphorePermit>, Error> {
+        match self.class {
+            Class::Calculation => self.permits.push(take(&self.limits.0.calculations, 1)?),
+            Class::Write => self.permits.push(take(&self.limits.0.writes, 1)?),
+            // They have theirs already.
+            Class::Read | Class::CostlyRead | Class::Safety => {}
+        }
+        Ok(self.permits)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{
+        CALCULATIONS, COMPUTED_READS, Class, DOCUMENT_READS, LARGE_BODIES, LARGE_BODY_BYTES,
+        Limits, MAX_BODY_BYTES, MAX_SAFETY_BYTES, MAX_WRITES, SAFETY, SAFETY_RESERVE, take,
+    };
+    use crate::config::LimitsConfig;
+    use crate::http::Error;
+    use crate::http::auth::{POLICY, Scope};
+    use axum::http::Method;
+
+    fn limits() -> Limits {
+        Limits::new(&LimitsConfig::default(), false)
+    }
+
+    #[test]
+    fn requests_of_the_scope_read_take_no_permits_of_writes() {
+        for (method, path, scope) in POLICY {
+            let class = Class::new(method, path);
+            // An import reads its body and stores nothing.
+            let only_reads = *scope == Scope::Read || *path == "/v1/robot-imports";
+            assert_eq!(
+                only_reads,
+                matches!(class, Class::Read | Class::CostlyRead | Class::Calculation),
+                "{method} {path}: {class:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn each_path_segment_is_that_of_a_route() {
+        let posts = CALCULATIONS
+            .iter()
+            .chain(&SAFETY)
+            .map(|name| (Method::POST, name));
+        let gets = DOCUMENT_READS
+            .iter()
+            .chain(&COMPUTED_READS)
+            .map(|name| (Method::GET, name));
+        for (method, name) in posts.chain(gets) {
+            let is_routes = |(m, path, _): &(Method, &str, Scope)| {
+                *m == method && path.ends_with(&format!("/{name}"))
+            };
+            assert!(POLICY.iter().any(is_routes), "{name}");
+        }
+    }
+
+    #[test]
+    fn bodies_take_memory_as_they_grow_and_give_it_back() {
+        let limits = limits();
+        let before = limits.free();
+        let small = &limits.0.small_bodies_kib;
+        let free = small.available_permits();
+        let mut budget = limits.body(Class::Write, Some(MAX_BODY_BYTES)).unwrap();
+        assert_eq!(
+            limits.0.large_bodies.available_permits(),
+            LARGE_BODIES - 1,
+            "an announced large body takes its permit at once"
+        );
+        budget.grow(MAX_BODY_BYTES).unwrap();
+        drop(budget);
+        let mut budget = limits.body(Class::Write, None).unwrap();
+        budget.grow(LARGE_BODY_BYTES).unwrap();
+        assert_eq!(free - small.available_permits(), LARGE_BODY_BYTES / 1024);
+        budget.grow(LARGE_BODY_BYTES + 1).unwrap();
+        assert_eq!(small.available_permits(), free);
+        drop(budget);
+        assert_eq!(limits.free(), before);
+    }
+
+    #[test]
+    fn a_large_body_too_many_is_refused_and_small_ones_go_on() {
+        let limits = limits();
+        let large = || limits.body(Class::Write, Some(MAX_BODY_BYTES));
+        let _held: Vec<_> = (0..LARGE_BODIES).map(|_| large().unwrap()).collect();
+        assert!(matches!(large(), Err(Error::Busy)));
+        assert!(limits.body(Class::Write, Some(6_000)).is_ok());
+    }
+
+    #[test]
+    fn withdraw_rollback_and_cancel_have_a_reserve_where_writes_have_nothing() {
+        let limits = limits();
+        let write = || limits.body(Class::Write, None).unwrap().arrived();
+        let held: Vec<_> = (0..MAX_WRITES).map(|_| write().unwrap()).collect();
+        assert!(matches!(write(), Err(Error::Busy)));
+        assert!(matches!(limits.admit(Class::Write), Err(Error::Busy)));
+        assert!(limits.admit(Class::Safety).is_ok());
+        let all_memory = take(
+            &limits.0.small_bodies_kib,
+            limits.0.small_bodies_kib.available_permits(),
+        );
+        assert!(matches!(limits.body(Class::Read, None), Err(Error::Busy)));
+        let mut reason = limits.body(Class::Safety, None).unwrap();
+        reason.grow(MAX_SAFETY_BYTES).unwrap();
+        assert!(matches!(
+            reason.grow(MAX_SAFETY_BYTES + 1),
+            Err(Error::TooLarge { .. })
+        ));
+        drop(all_memory);
+        let reserve: Vec<_> = (0..SAFETY_RESERVE)
+            .map(|_| limits.safety().unwrap())
+            .collect();
+        assert!(matches!(limits.safety(), Err(Error::Busy)));
+        assert!(
+            limits.admit(Class::Read).is_ok() && limits.admit(Class::Calculation).is_ok(),
+            "what reads has its own"
+        );
+        drop((held, reserve));
+        assert_eq!(limits.0.writes.available_permits(), MAX_WRITES);
+    }
+
+    #[tokio::test]
+    async fn a_computation_keeps_its_permit_when_its_client_goes_away() {
+        let limits = limits();
+        let semaphore = &limits.0.computing[2];
+        let all = semaphore.available_permits();
+        let (begun, has_begun) = tokio::sync::oneshot::channel();
+        let (end, ends) = std::sync::mpsc::channel::<()>();
+        let permit = limits.compute(Class::Safety).await.unwrap();
+        let request = tokio::spawn(async move {
+            permit
+                .run(move || {
+                    let _ = begun.send(());
+                    let _ = ends.recv();
+                    Ok::<_, Error>(())
+                })
+                .await
+        });
+        has_begun.await.unwrap();
+        request.abort();
+        assert!(request.await.unwrap_err().is_cancelled());
+        assert_eq!(semaphore.available_permits(), all - 1);
+        drop(end);
+        let _all_again = semaphore.acquire_many(all as u32).await.unwrap();
+        assert!(take(semaphore, 1).is_err());
+    }
+}

@@ -1,0 +1,29 @@
+//! The whole service: the routes, and what every request passes through.
+
+use crate::http::index::Contract;
+use crate::http::limits::MAX_BODY_BYTES;
+use crate::http::routes::routes;
+use crate::http::{App, auth, document, host, layers};
+use axum::extract::DefaultBodyLimit;
+use axum::middleware::from_fn_with_state;
+use axum::{Extension, Router};
+
+/// The whole service.
+pub fn router(app: App) -> Router {
+    let (router, _) = routes().split_for_parts();
+    let router = router
+        .fallback(layers::no_such_route)
+        .method_not_allowed_fallback(layers::method_not_allowed);
+    let contract = Contract {
+        yaml: document::yaml,
+        json: document::json,
+    };
+    let guarded = router
+        .layer(Extension(contract))
+        .layer(from_fn_with_state(app.clone(), layers::limit))
+        .layer(from_fn_with_state(app.clone(), auth::authorize))
+        .layer(Extension(app.limits.clone()))
+        .layer(DefaultBodyLimit::max(MAX_BODY_BYTES))
+        .layer(from_fn_with_state(app.clone(), host::check));
+    layers::surround(guarded, app.metrics.clone()).with_state(app)
+}

@@ -1,0 +1,32 @@
+//! Every route with its documentation.
+
+use crate::http::{
+    App, compensate, dashboard, export, frames, history, index, job_events, jobs, me,
+    measurement_sets, metrics, networks, parameter_sets, policies, pose_plans, predict, release,
+    report_html, robots,
+};
+use utoipa_axum::router::OpenApiRouter;
+
+/// Every route with its documentation.
+pub fn routes() -> OpenApiRouter<App> {
+    OpenApiRouter::new()
+        .merge(robots::router())
+        .merge(measurement_sets::router())
+        .merge(frames::router())
+        .merge(jobs::router())
+        .merge(job_events::router())
+        .merge(report_html::router())
+        .merge(parameter_sets::router())
+        .merge(release::router())
+        .merge(policies::router())
+        .merge(predict::router())
+        .merge(compensate::router())
+        .merge(export::router())
+        .merge(history::router())
+        .merge(pose_plans::router())
+        .merge(networks::router())
+        .merge(me::router())
+        .merge(index::router())
+        .merge(dashboard::router())
+        .merge(metrics::router())
+}

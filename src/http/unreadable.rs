@@ -1,0 +1,158 @@
+//! Problems in place of hyper's own answers. A request that hyper cannot parse never reaches the router: hyper writes a 400, 414 or 431
+//! without a body and closes the connection, and has no hook for that answer. So it is recognised as it is written. Every answer of this
+//! server carries an `x-request-id`; hyper's does not, and it is the last that is written to its connection.
+
+use crate::http::Error;
+use crate::http::layers;
+use axum::http::HeaderMap;
+use std::io;
+use std::pin::Pin;
+use std::task::{Context, Poll, ready};
+use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
+
+/// hyper's own answers are shorter than this: a status line, `connection`, `content-length` and `date`.
+const LONGEST_OWN_ANSWER: usize = 256;
+const NO_BODY: &str = "content-length: 0\r\n";
+
+/// A stream under hyper that gives hyper's own answers a body.
+#[derive(Debug)]
+pub struct WithProblems<S> {
+    stream: S,
+    /// Headers of every answer of this connection.
+    headers: HeaderMap,
+    /// What hyper wrote last, if it looks like its own answer; kept back until it is known to be the last.
+    kept_back: Vec<u8>,
+}
+
+impl<S> WithProblems<S> {
+    /// Around this stream, whose answers all have these headers.
+    pub fn new(stream: S, headers: HeaderMap) -> Self {
+        Self {
+            stream,
+            headers,
+            kept_back: Vec::new(),
+        }
+    }
+}
+
+/// Which problem stands for an answer of hyper's own; none for anything else that is written.
+fn problem_of(written: &[u8]) -> Option<Error> {
+    if written.len() > LONGEST_OWN_ANSWER {
+        return None;
+    }
+    let text = std::str::from_utf8(written).ok()?;
+    let (version, rest) = text.split_at_checked("HTTP/1.1 ".len())?;
+    let is_head_alone = text.find("\r\n\r\n")? + 4 == text.len();
+    let is_own = matches!(version, "HTTP/1.1 " | "HTTP/1.0 ")
+        && is_head_alone
+        && text.contains(NO_BODY)
+        && !text.contains(layers::REQUEST_ID.as_str());
+    if !is_own {
+        return None;
+    }
+    match rest.split_at_checked(4)?.0 {
+        "400 " => Some(Error::MalformedRequest),
+        "414 " => Some(Error::UriTooLong),
+        "431 " => Some(Error::HeaderTooLarge),
+        _ => None,
+    }
+}
+
+/// The code of the problem that stands for hyper's error on a connection.
+pub fn code(error: &hyper::Error) -> Option<&'static str> {
+    if error.is_parse_too_large() {
+        Some("header_too_large")
+    } else {
+        error.is_parse().then_some("malformed_request")
+    }
+}
+
+/// hyper's answer with the headers and the body of a problem.
+fn with_body(written: &[u8], error: &Error, of_all: &HeaderMap) -> Vec<u8> {
+    let (mut headers, body) = layers::unrouted(error);
+    headers.extend(of_all.clone());
+    let mut text = String::from_utf8_lossy(written).into_owned();
+    let mut more = format!("content-length: {}\r\n", body.len());
+    if !text.contains("connection: close") {
+        more.push_str("connection: close\r\n");
+    }
+    for (name, value) in &headers {
+        more.push_str(&format!(
+            "{name}: {}\r\n",
+            value.to_str().unwrap_or_default()
+        ));
+    }
+    text = text.replace(NO_BODY, &more);
+    let mut answer = text.into_bytes();
+    answer.extend(body);
+    answer
+}
+
+impl<S: AsyncWrite + Unpin> WithProblems<S> {
+    /// Writes what was kept back.
+    fn poll_release(&mut self, context: &mut Context<'_>) -> Poll<io::Result<()>> {
+        while !self.kept_back.is_empty() {
+            let n = ready!(Pin::new(&mut self.stream).poll_write(context, &self.kept_back))?;
+            if n == 0 {
+                return Poll::Ready(Err(io::ErrorKind::WriteZero.into()));
+            }
+            self.kept_back.drain(..n);
+        }
+        Poll::Ready(Ok(()))
+    }
+}
+
+impl<S: AsyncRead + AsyncWrite + Unpin> AsyncRead for WithProblems<S> {
+    fn poll_read(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+        to: &mut ReadBuf<'_>,
+    ) -> Poll<io::Result<()>> {
+        // After its own answer hyper reads no more: this one was somebody's body.
+        ready!(self.poll_release(context))?;
+        Pin::new(&mut self.stream).poll_read(context, to)
+    }
+}
+
+impl<S: AsyncWrite + Unpin> AsyncWrite for WithProblems<S> {
+    fn poll_write(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+        bytes: &[u8],
+    ) -> Poll<io::Result<usize>> {
+        ready!(self.poll_release(context))?;
+        if problem_of(bytes).is_some() {
+            self.kept_back = bytes.to_vec();
+            return Poll::Ready(Ok(bytes.len()));
+        }
+        Pin::new(&mut self.stream).poll_write(context, bytes)
+    }
+
+    fn poll_write_vectored(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+        bytes: &[io::IoSlice<'_>],
+    ) -> Poll<io::Result<usize>> {
+        if let [one] = bytes {
+            return self.poll_write(context, one);
+        }
+        ready!(self.poll_release(context))?;
+        Pin::new(&mut self.stream).poll_write_vectored(context, bytes)
+    }
+
+    fn is_write_vectored(&self) -> bool {
+        self.stream.is_write_vectored()
+    }
+
+    fn poll_flush(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
+        Pin::new(&mut self.stream).poll_flush(context)
+    }
+
+    fn poll_shutdown(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
+        if let Some(error) = problem_of(&self.kept_back) {
+            self.kept_back = with_body(&self.kept_back, &error, &self.headers);
+        }
+        ready!(self.poll_release(context))?;
+        Pin::new(&mut self.stream).poll_shutdown(context)
+    }
+}

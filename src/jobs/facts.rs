@@ -1,0 +1,93 @@
+//! Gathers what ended jobs say about parameter sets where another version of kincal has ended them: once, before anything is served.
+
+use crate::calibration::request::VerifySource;
+use crate::calibration::{
+    CalibrationRequest, DOES_NOT_FIT, HeldOut, SessionFit, is_anew, session_fit,
+};
+use crate::jobs::JobInputs;
+use crate::jobs::execution::{request_of, since, verified};
+use crate::release::facts::of_identification;
+use crate::store::{Result, Store, jobs, robots, verifications};
+use crate::wire::measurement::{SubsetName, Warning};
+use crate::wire::report_shape::Report;
+use crate::wire::verification::Verification;
+use std::ops::ControlFlow;
+
+/// Gathers all that is missing, in the order in which the jobs ended. What cannot be read is left out and logged: no release rests on it.
+///
+/// # Errors
+/// [`crate::store::Error::Database`].
+pub async fn gather_missing(store: &Store) -> Result<()> {
+    let without = verifications::jobs_without(store).await?;
+    if !without.is_empty() {
+        tracing::info!(
+            n_jobs = without.len(),
+            "gathering what the jobs of this database say about parameter sets, once"
+        );
+    }
+    for job_id in without {
+        let inputs = JobInputs::load(store, &job_id).await?;
+        let report = jobs::report(store, &job_id).await?;
+        let found = tokio::task::spawn_blocking(move || found(&inputs, &report));
+        match found.await {
+            Ok(Some(found)) => keep(store, &job_id, &found).await?,
+            Ok(None) | Err(_) => tracing::error!(
+                job_id,
+                "what this job says about its parameter set cannot be told any more; the set is not released"
+            ),
+        }
+    }
+    Ok(())
+}
+
+async fn keep(store: &Store, job_id: &str, found: &Verification) -> Result<()> {
+    let mut tx = store.begin().await?;
+    robots::lock_of_job(&mut tx, job_id).await?;
+    verifications::insert(&mut tx, job_id, found).await?;
+    tx.commit().await
+}
+
+/// A session is scored once more, which takes little; an identification is told by its report.
+fn found(inputs: &JobInputs, report: &str) -> Option<Verification> {
+    let request = request_of(inputs).ok()?;
+    if inputs.job.kind == "verify" {
+        let outcome = verified(&request, inputs, &mut |_| ControlFlow::Continue(()));
+        return outcome.ok()?.verification;
+    }
+    let mut report: Report = serde_json::from_str(report).ok()?;
+    if matches!(request.verify, VerifySource::Set(_)) {
+        report.warnings.extend(verify_set_fit(&request, &report));
+    }
+    let is_verified_anew = matches!(&request.verify, VerifySource::Set(set) if is_anew(&request.robot, &request.set, set));
+    let since = since(inputs, &request).ok()?;
+    Some(of_identification(&report, is_verified_anew, since))
+}
+
+/// Reports of older versions do not say whether the set to verify on fits the robot. How much its points scatter by themselves is not in them.
+fn verify_set_fit(request: &CalibrationRequest, report: &Report) -> Option<Warning> {
+    let points = report.per_point.iter();
+    let points = points.filter(|point| point.subset == SubsetName::Verify);
+    let errors_mm: Vec<[f64; 3]> = points
+        .map(|p| {
+            [
+                p.before_mm,
+                p.after_mm,
+                p.corrected_mm.unwrap_or(p.after_mm),
+            ]
+        })
+        .collect();
+    let fitted = HeldOut {
+        nominal_rms_mm: report.identify.before.rms_mm,
+        identified_rms_mm: report.identify.after.rms_mm,
+    };
+    let code = match session_fit(&errors_mm, Some(&fitted), &request.robot, || 0.0) {
+        SessionFit::Fits => return None,
+        SessionFit::SetFarOff => "set_far_off",
+        SessionFit::DoesNotFit => DOES_NOT_FIT,
+    };
+    Some(Warning {
+        code: code.into(),
+        detail: String::new(),
+        rows: Vec::new(),
+    })
+}

@@ -1,0 +1,77 @@
+//! Runs suspect jobs alone. A suspect is a job that was running when its process died; if the process dies again, exactly one job is the cause.
+
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use tokio::sync::{OwnedRwLockReadGuard, OwnedRwLockWriteGuard, RwLock};
+use tokio::time::{Instant, timeout};
+
+/// Leases for which other jobs go first. Then this process starts no new job, and runs a suspect when its running jobs have ended.
+const LEASES_TO_WAIT: u32 = 2;
+/// How long to wait for workers that are looking for a job at this moment.
+const A_MOMENT: Duration = Duration::from_millis(100);
+
+/// Decides which jobs run beside others in this process.
+#[derive(Debug)]
+pub(super) struct RunAlone {
+    jobs: Arc<RwLock<()>>,
+    patience: Duration,
+    suspects_since: Mutex<Option<Instant>>,
+}
+
+/// Permit to run a job in this process.
+#[derive(Debug)]
+pub(super) enum Permit {
+    /// Beside others.
+    Shared(#[allow(dead_code, reason = "held")] OwnedRwLockReadGuard<()>),
+    /// Alone.
+    Alone(#[allow(dead_code, reason = "held")] OwnedRwLockWriteGuard<()>),
+}
+
+impl RunAlone {
+    pub(super) fn new(lease: Duration) -> Self {
+        RunAlone {
+            jobs: Arc::default(),
+            patience: lease * LEASES_TO_WAIT,
+            suspects_since: Mutex::default(),
+        }
+    }
+
+    /// A permit to run beside others; waits while a suspect runs or is due.
+    pub(super) async fn shared(&self) -> Permit {
+        Permit::Shared(Arc::clone(&self.jobs).read_owned().await)
+    }
+
+    /// A permit to run alone; waits until the running jobs have ended, and no other job starts meanwhile.
+    pub(super) async fn alone(&self) -> Permit {
+        Permit::Alone(Arc::clone(&self.jobs).write_owned().await)
+    }
+
+    /// A permit to run alone if no job runs now.
+    pub(super) async fn alone_now(&self) -> Option<Permit> {
+        timeout(A_MOMENT, self.alone()).await.ok()
+    }
+
+    /// Records whether suspects are queued.
+    pub(super) fn suspects_wait(&self, any: bool) {
+        let mut since = self.since();
+        *since = any.then(|| since.unwrap_or_else(Instant::now));
+    }
+
+    /// Whether a suspect has waited long enough.
+    pub(super) fn suspect_is_due(&self) -> bool {
+        self.since()
+            .is_some_and(|since| since.elapsed() >= self.patience)
+    }
+
+    /// Records that a suspect was run.
+    pub(super) fn suspect_had_its_turn(&self) {
+        *self.since() = None;
+    }
+
+    fn since(&self) -> std::sync::MutexGuard<'_, Option<Instant>> {
+        self.suspects_since
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+    }
+}

@@ -1,0 +1,8 @@
+//! What has to hold before a parameter set may move a robot: pure functions over facts. The facts are gathered by `jobs` and kept by `store`; the
+//! schema's triggers keep the most important rules whatever the code does.
+
+pub mod facts;
+mod gates;
+
+pub use facts::{Comparison, Facts, Session};
+pub use gates::gates;

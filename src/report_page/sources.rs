@@ -1,0 +1,90 @@
+//! What the page is made from.
+
+use crate::wire::job::{JobAnswer, Kind};
+use crate::wire::measurement::{Frame, SetSummary};
+use crate::wire::parameter_set::ParameterSetAnswer;
+use crate::wire::report_shape::{Convergence, Report};
+use crate::wire::robot::RobotBody;
+
+/// What was measured.
+#[derive(Clone, Copy, Debug)]
+pub struct MeasuredSet<'a> {
+    /// What people call it.
+    pub name: Option<&'a str>,
+    /// The frame of every position.
+    pub frame: Frame,
+    /// Number of points.
+    pub n_points: usize,
+    /// Number of distinct arm configurations.
+    pub n_configurations: usize,
+    /// SHA-256 of the file, lower-case hexadecimal.
+    pub sha256: &'a str,
+}
+
+impl<'a> From<&'a SetSummary> for MeasuredSet<'a> {
+    fn from(set: &'a SetSummary) -> Self {
+        Self {
+            name: set.name.as_deref(),
+            frame: set.frame,
+            n_points: set.n_points,
+            n_configurations: set.n_configurations,
+            sha256: &set.sha256,
+        }
+    }
+}
+
+/// What the page is made from.
+#[derive(Clone, Copy, Debug)]
+pub struct Sources<'a> {
+    /// The robot.
+    pub robot: &'a RobotBody,
+    /// The set that it was identified from.
+    pub set: MeasuredSet<'a>,
+    /// The job; none offline.
+    pub job: Option<&'a JobAnswer>,
+    /// What was identified, as it stands now; none offline, and where nothing was identified.
+    pub parameter_set: Option<&'a ParameterSetAnswer>,
+    /// The report.
+    pub report: &'a Report,
+    /// How the cost fell.
+    pub convergence: &'a Convergence,
+}
+
+impl Sources<'_> {
+    /// True where a parameter set was only scored.
+    pub(super) fn is_verification(&self) -> bool {
+        self.job.is_some_and(|job| job.kind == Kind::Verify)
+    }
+
+    /// Of which parameters a verification speaks.
+    pub(super) fn verified(&self) -> String {
+        match &self.report.parameter_set_from {
+            Some(id) => format!("parameter set {id}"),
+            None => "the nominal robot".into(),
+        }
+    }
+
+    /// Serial number and id of the robot, as far as there are any.
+    pub(super) fn which_robot(&self) -> Option<String> {
+        let serial_number = self
+            .robot
+            .serial_number
+            .as_ref()
+            .map(|number| format!("serial number {number}"));
+        let known: Vec<String> = serial_number
+            .into_iter()
+            .chain(self.job.map(|job| format!("robot {}", job.robot_id)))
+            .collect();
+        (!known.is_empty()).then(|| known.join(" · "))
+    }
+
+    /// What the page is called.
+    pub(super) fn title(&self) -> String {
+        let what = if self.is_verification() {
+            "Verification"
+        } else {
+            "Calibration"
+        };
+        format!("{what} of {}", self.robot.name)
+    }
+}

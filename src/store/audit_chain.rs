@@ -1,0 +1,171 @@
+//! The audit chain: every creation, release, withdrawal, end of a job and change of a key, in the transaction that did it.
+//! Each entry's hash covers its content and the hash before it, so that an edit, a deletion or another order shows.
+//!
+//! A writer of the database can also compute a new chain. To detect that, keep a head elsewhere (`kincal verify-store` prints it) and
+//! compare later (`--known-head`).
+
+use serde_json::Value;
+use sqlx::AnyConnection;
+
+use super::from_row::from_row;
+use super::{Engine, Result};
+use crate::wire::canonical;
+
+/// One entry of the chain.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct AuditRow {
+    /// 1, 2, 3, ….
+    pub seq: i64,
+    /// When, by the database's clock.
+    pub at_ms: i64,
+    /// The id of the key, `worker`, `command line`, ….
+    pub actor: String,
+    /// `robot_created`, `parameter_set_released`, ….
+    pub event: String,
+    /// The id of what it is about.
+    pub subject: String,
+    /// What else is worth keeping: hashes, reasons.
+    pub detail_json: String,
+    /// Of this entry and the one before, hexadecimal.
+    pub sha256: String,
+}
+
+from_row!(AuditRow {
+    seq,
+    at_ms,
+    actor,
+    event,
+    subject,
+    detail_json,
+    sha256
+});
+
+/// The chain's newest entry; 0 and empty before the first.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct AuditHead {
+    /// Its number.
+    pub seq: i64,
+    /// Its hash.
+    pub sha256: String,
+    /// Start of the chain; older rows have no entries.
+    pub begun_at_ms: i64,
+    /// The database's clock when this was read.
+    pub now_ms: i64,
+}
+
+from_row!(AuditHead {
+    seq,
+    sha256,
+    begun_at_ms,
+    now_ms
+});
+
+impl AuditHead {
+    /// Moves to the next entry.
+    fn follow(&mut self, next: &AuditRow) {
+        (self.seq, self.sha256) = (next.seq, next.sha256.clone());
+    }
+}
+
+/// An entry that a transaction adds to the chain when it is committed.
+#[derive(Clone, Debug)]
+pub(super) struct Note {
+    pub(super) event: &'static str,
+    pub(super) subject: String,
+    pub(super) detail: Value,
+}
+
+macro_rules! head_text {
+    () => {
+        "select seq, sha256, begun_at_ms, (select now_ms from clock) as now_ms from audit_head"
+    };
+}
+
+pub(super) const ALL_QUERIES: &[&str] = &[INSERT, HEAD, MOVE_HEAD];
+pub(super) const QUERIES_POSTGRES: &[&str] = &[HEAD_LOCKED];
+
+const INSERT: &str = "insert into audit (seq, at_ms, actor, event, subject, detail_json, sha256) values ($1, $2, $3, $4, $5, $6, $7)";
+
+pub(super) const HEAD: &str = head_text!();
+
+// On PostgreSQL the head is locked: transactions append one after the other, as their last statement before the commit.
+const HEAD_LOCKED: &str = concat!(head_text!(), " for update");
+
+const MOVE_HEAD: &str = "update audit_head set seq = $1, sha256 = $2";
+
+/// SHA-256 of the JSON list of the previous hash and the entry's fields.
+pub(super) fn hash(before: &str, row: &AuditRow) -> String {
+    let AuditRow {
+        seq,
+        at_ms,
+        actor,
+        event,
+        subject,
+        detail_json,
+        ..
+    } = row;
+    let text =
+        serde_json::json!([before, seq, at_ms, actor, event, subject, detail_json]).to_string();
+    canonical::sha256_hex(text.as_bytes())
+}
+
+/// The entries that follow `head`.
+fn entries(head: &AuditHead, actor: &str, notes: Vec<Note>) -> Vec<AuditRow> {
+    let mut head = head.clone();
+    let entry = |Note {
+                     event,
+                     subject,
+                     detail,
+                 }| {
+        let (at_ms, detail_json) = (head.now_ms, detail.to_string());
+        let mut row = AuditRow {
+            seq: head.seq + 1,
+            at_ms,
+            actor: actor.into(),
+            event: event.into(),
+            subject,
+            detail_json,
+            sha256: String::new(),
+        };
+        row.sha256 = hash(&head.sha256, &row);
+        head.follow(&row);
+        row
+    };
+    notes.into_iter().map(entry).collect()
+}
+
+/// Appends to the chain, as the last statement of a transaction.
+pub(super) async fn append(
+    connection: &mut AnyConnection,
+    engine: Engine,
+    actor: &str,
+    notes: Vec<Note>,
+) -> Result<()> {
+    let head = match engine {
+        // the transaction holds the one write lock
+        Engine::Sqlite => HEAD,
+        Engine::Postgres => HEAD_LOCKED,
+    };
+    let head: AuditHead = sqlx::query_as(head).fetch_one(&mut *connection).await?;
+    let entries = entries(&head, actor, notes);
+    for row in &entries {
+        sqlx::query(INSERT)
+            .bind(row.seq)
+            .bind(row.at_ms)
+            .bind(&row.actor)
+            .bind(&row.event)
+            .bind(&row.subject)
+            .bind(&row.detail_json)
+            .bind(&row.sha256)
+            .execute(&mut *connection)
+            .await?;
+    }
+    if let Some(last) = entries.last() {
+        sqlx::query(MOVE_HEAD)
+            .bind(last.seq)
+            .bind(&last.sha256)
+            .execute(connection)
+            .await?;
+    }
+    Ok(())
+}

@@ -1,0 +1,276 @@
+//! The open database and the transactions that write to it.
+
+use std::fs::File;
+use std::os::unix::fs::MetadataExt;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+
+use sqlx::{Any, AnyConnection, AnyPool, Transaction};
+use tokio::sync::{OwnedSemaphorePermit, Semaphore};
+use tokio::time::timeout;
+
+use super::audit_chain::{self, Note};
+use super::write_progress::{Write, WriteProgress};
+use super::{Engine, Error, Result};
+
+/// A handle on the database; clones share its connections.
+#[derive(Clone, Debug)]
+pub struct Store {
+    pub(super) inner: Arc<Inner>,
+}
+
+#[derive(Debug)]
+pub(super) struct Inner {
+    /// Reads; on PostgreSQL it also writes.
+    pub(super) pool: AnyPool,
+    /// SQLite has one writer at a time: a pool of one connection, in which writers queue.
+    pub(super) sqlite_writer: Option<AnyPool>,
+    /// Limits the PostgreSQL connections that write, and so may wait for locks.
+    pub(super) postgres_writers: Option<Arc<Semaphore>>,
+    /// Tells since when no write of this process has succeeded.
+    pub(super) writes: Arc<WriteProgress>,
+    pub(super) engine: Engine,
+    pub(super) data_dir: Option<PathBuf>,
+    pub(super) is_served: bool,
+    pub(super) postgres_url: Option<String>,
+    /// Held as long as the store is open, so that two servers never share a data directory.
+    pub(super) lock_file: Option<File>,
+}
+
+/// An open transaction; dropping it rolls everything back.
+#[derive(Debug)]
+pub struct Tx {
+    transaction: Transaction<'static, Any>,
+    actor: String,
+    notes: Vec<Note>,
+    store: Store,
+    /// Under way until this transaction is gone.
+    write: Write,
+    _postgres_permit: Option<OwnedSemaphorePermit>,
+}
+
+/// Disk space kept free: the largest upload, in the WAL and in the database, twice.
+pub(super) const RESERVE_BYTES: u64 = 64 << 20;
+
+/// The database's file in the data directory.
+pub(super) const DATABASE: &str = "kincal.sqlite";
+/// The file whose lock makes the data directory one process's.
+pub(super) const LOCK: &str = "lock";
+
+/// Longest wait for a connection that may write.
+pub(super) const WRITER_TIMEOUT: Duration = Duration::from_secs(2);
+
+/// Default actor: the process itself.
+const NOBODY: &str = "kincal";
+
+impl Store {
+    /// Whether a server uses this database; always assumed on PostgreSQL.
+    pub fn is_served(&self) -> bool {
+        self.inner.is_served
+    }
+
+    /// Begins a transaction that may write.
+    ///
+    /// # Errors
+    /// [`Error::Database`].
+    pub async fn begin(&self) -> Result<Tx> {
+        self.is_in_place()?;
+        let mut write = Write::begin(&self.inner.writes);
+        let begun = self.begin_to_write().await;
+        write.note(&begun);
+        let (transaction, permit) = begun?;
+        Ok(Tx {
+            transaction,
+            actor: NOBODY.into(),
+            notes: Vec::new(),
+            store: self.clone(),
+            write,
+            _postgres_permit: permit,
+        })
+    }
+
+    async fn begin_to_write(
+        &self,
+    ) -> Result<(Transaction<'static, Any>, Option<OwnedSemaphorePermit>)> {
+        match &self.inner.sqlite_writer {
+            // Takes the write lock at once: a transaction that reads first could find it taken when it writes.
+            Some(writer) => Ok((writer.begin_with("begin immediate").await?, None)),
+            None => {
+                let permit = self.postgres_permit().await?;
+                Ok((self.inner.pool.begin().await?, permit))
+            }
+        }
+    }
+
+    async fn postgres_permit(&self) -> Result<Option<OwnedSemaphorePermit>> {
+        let Some(writers) = &self.inner.postgres_writers else {
+            return Ok(None);
+        };
+        let permit = timeout(WRITER_TIMEOUT, Arc::clone(writers).acquire_owned()).await;
+        permit
+            .map_err(|_| sqlx::Error::PoolTimedOut)?
+            .map(Some)
+            .map_err(|_| sqlx::Error::PoolClosed.into())
+    }
+
+    /// The error if the disk is nearly full and new data is refused.
+    pub fn short_of_room(&self) -> Option<Error> {
+        self.free_bytes()
+            .filter(|free| *free < RESERVE_BYTES)
+            .map(|free| Error::NoRoom {
+                free_mib: free >> 20,
+            })
+    }
+
+    /// Free disk space of an embedded database; none if unknown.
+    pub fn free_bytes(&self) -> Option<u64> {
+        let disk = rustix::fs::statvfs(self.inner.data_dir.as_ref()?).ok()?;
+        Some(disk.f_bavail.saturating_mul(disk.f_frsize))
+    }
+
+    /// Fails if the data directory was removed or replaced: writes to removed files would succeed, and be lost when they are closed.
+    fn is_in_place(&self) -> Result<()> {
+        let (Some(data_dir), Some(held)) = (&self.inner.data_dir, &self.inner.lock_file) else {
+            return Ok(());
+        };
+        let which = |file: std::fs::Metadata| (file.dev(), file.ino());
+        let there = std::fs::metadata(data_dir.join(LOCK)).map(which).ok();
+        match there == held.metadata().map(which).ok() && data_dir.join(DATABASE).exists() {
+            true => Ok(()),
+            false => Err(sqlx::Error::Io(std::io::ErrorKind::NotFound.into()).into()),
+        }
+    }
+
+    /// The engine behind this store.
+    pub fn engine(&self) -> Engine {
+        self.inner.engine
+    }
+
+    /// For statements that only read.
+    pub(crate) fn reads(&self) -> &AnyPool {
+        &self.inner.pool
+    }
+
+    /// The connections, for tests and tools. Reads only; writes go through [`Store::begin`].
+    pub fn pool(&self) -> &AnyPool {
+        &self.inner.pool
+    }
+
+    /// The database's clock, ms since the epoch. Answers only if the database does: `/readyz` asks this.
+    ///
+    /// # Errors
+    /// [`Error::Database`].
+    pub async fn now_ms(&self) -> Result<i64> {
+        self.is_in_place()?;
+        Ok(sqlx::query_scalar(NOW).fetch_one(self.reads()).await?)
+    }
+
+    /// URL of the database server, for the listening connection.
+    pub(super) fn postgres_url(&self) -> Option<&str> {
+        self.inner.postgres_url.as_deref()
+    }
+
+    /// Version of the schema.
+    ///
+    /// # Errors
+    /// [`Error::Database`].
+    pub async fn schema_version(&self) -> Result<i64> {
+        Ok(sqlx::query_scalar(SCHEMA_VERSION)
+            .fetch_one(self.reads())
+            .await?)
+    }
+
+    /// Closes all connections, after which SQLite's WAL is folded into the database file.
+    pub async fn close(&self) {
+        if let Some(writer) = &self.inner.sqlite_writer {
+            writer.close().await;
+        }
+        self.inner.pool.close().await;
+    }
+}
+
+impl Tx {
+    /// Sets the actor for the audit chain.
+    pub fn act_as(&mut self, actor: &str) {
+        actor.clone_into(&mut self.actor);
+    }
+
+    /// Commits everything done in this transaction, with its entries in the audit chain.
+    ///
+    /// # Errors
+    /// [`Error::Database`]; then it is unknown whether it did, unless the engine says so.
+    pub async fn commit(self) -> Result<()> {
+        let engine = self.engine();
+        let Tx {
+            mut transaction,
+            actor,
+            notes,
+            mut write,
+            ..
+        } = self;
+        let committed = async {
+            if !notes.is_empty() {
+                audit_chain::append(&mut transaction, engine, &actor, notes).await?;
+            }
+            Ok(transaction.commit().await?)
+        };
+        let committed = committed.await;
+        write.note(&committed);
+        committed
+    }
+
+    /// Undoes everything done in this transaction, as dropping it does, but waits until that is done.
+    ///
+    /// # Errors
+    /// [`Error::Database`].
+    pub async fn rollback(self) -> Result<()> {
+        Ok(self.transaction.rollback().await?)
+    }
+
+    pub(crate) fn connection(&mut self) -> &mut AnyConnection {
+        &mut self.transaction
+    }
+
+    pub(crate) fn engine(&self) -> Engine {
+        self.store.engine()
+    }
+
+    /// Fails while the disk is nearly full. Not called by what must still work then: ending jobs, withdrawing.
+    ///
+    /// # Errors
+    /// [`Error::NoRoom`].
+    pub(crate) fn needs_room(&self) -> Result<()> {
+        self.store.short_of_room().map_or(Ok(()), Err)
+    }
+
+    /// Adds an entry to the audit chain, if this transaction is committed.
+    pub(super) fn note(&mut self, event: &'static str, subject: &str, detail: serde_json::Value) {
+        self.notes.push(Note {
+            event,
+            subject: subject.into(),
+            detail,
+        });
+    }
+
+    /// Adds a field to the last of the entries, if there is one.
+    pub(super) fn note_also(&mut self, field: &str, value: serde_json::Value) {
+        if let Some(detail) = self
+            .notes
+            .last_mut()
+            .and_then(|note| note.detail.as_object_mut())
+        {
+            detail.insert(field.into(), value);
+        }
+    }
+}
+
+pub(super) const NOW: &str = "select now_ms from clock";
+
+pub(super) const SCHEMA_VERSION: &str =
+    "select coalesce(max(version), 0) from _sqlx_migrations where success";
+
+/// A new identifier: a prefix that says of what, and a UUID of version 7, so that ids of one process sort by age.
+pub(super) fn new_id(prefix: &str) -> String {
+    format!("{prefix}_{}", uuid::Uuid::now_v7().simple())
+}

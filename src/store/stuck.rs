@@ -1,0 +1,81 @@
+//! How long writers have been blocked by a lock. Takes no lock that others wait for, and writes nothing.
+
+use std::time::Duration;
+
+use tokio::time::timeout;
+
+use super::{Engine, Result, Store};
+
+pub(super) const QUERIES_POSTGRES: &[&str] = &[HOLDER];
+
+// Sessions that block writers, longest first: a session that others wait for and that waits for nobody itself, or one that holds the end of the audit
+// chain, which every write needs. `state_change` is when it last sent or finished a statement.
+const HOLDER: &str = "
+    select cast(extract(epoch from clock_timestamp() - holder.state_change) * 1000 as bigint) as held_ms,
+        case when holder.state like 'idle in transaction%' then 1 else 0 end as is_idle
+    from pg_stat_activity holder
+    where holder.datname = current_database() and holder.pid <> pg_backend_pid() and holder.state_change is not null
+        and holder.wait_event_type is distinct from 'Lock'
+        and holder.pid in (
+            select held.pid from pg_locks held
+            where held.relation = cast('audit_head' as regclass) and held.granted
+                and held.mode not in ('AccessShareLock', 'ShareUpdateExclusiveLock')
+            union all
+            select unnest(pg_blocking_pids(waiting.pid)) from pg_stat_activity waiting
+            where waiting.datname = current_database() and waiting.wait_event_type = 'Lock')
+    order by holder.state_change limit 1";
+
+/// To take a lock that is free takes less.
+const A_MOMENT: Duration = Duration::from_millis(200);
+
+/// Blocked writers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Stuck {
+    /// For how long.
+    pub duration: Duration,
+    /// What they wait for, without internals.
+    pub reason: &'static str,
+}
+
+impl std::fmt::Display for Stuck {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Stuck { duration, reason } = self;
+        let seconds = duration.as_secs_f64();
+        write!(f, "no write has got through for {seconds:.1} s: {reason}")
+    }
+}
+
+/// The blocked writers; none if no write is blocked.
+///
+/// # Errors
+/// [`super::Error::Database`].
+pub async fn stuck_writers(store: &Store) -> Result<Option<Stuck>> {
+    if store.engine() == Engine::Sqlite {
+        return Ok(stuck_sqlite_writers(store).await);
+    }
+    let holder: Option<(i64, i32)> = sqlx::query_as(HOLDER).fetch_optional(store.reads()).await?;
+    Ok(holder.map(|(held_ms, is_idle)| Stuck {
+        duration: Duration::from_millis(u64::try_from(held_ms).unwrap_or(0)),
+        reason: match is_idle {
+            0 => "another connection's statement holds a lock that they need",
+            _ => "another connection holds a lock that they need and is idle in its transaction",
+        },
+    }))
+}
+
+/// Those of this process: nobody else writes. Where all of them have failed and none waits, whether writes get through again is seen by taking
+/// the write lock for a moment. That is not waited for where somebody else has it.
+async fn stuck_sqlite_writers(store: &Store) -> Option<Stuck> {
+    let writes = &store.inner.writes;
+    writes.stuck_for()?;
+    if !writes.is_any_under_way() {
+        let store = store.clone();
+        let look = tokio::spawn(async move { store.begin().await?.rollback().await });
+        // what it finds is in `writes`
+        let _ = timeout(A_MOMENT, look).await;
+    }
+    writes.stuck_for().map(|duration| Stuck {
+        duration,
+        reason: "another program locks the database, or its disk does not write",
+    })
+}

@@ -1,0 +1,336 @@
+//! Verification facts: what each succeeded job found about a parameter set, for the gates of a release. Ordered by a counter of the robot,
+//! never by a clock.
+
+use serde_json::{Value, json};
+
+use super::audit::{Noted, Said};
+use super::from_row::from_row;
+use super::policies::ABSENT;
+use super::{Result, Store, Tx, robots};
+use crate::wire::report_shape::Evidence;
+use crate::wire::verification::{Fit, Verification};
+
+/// What one job found.
+#[derive(Clone, Debug, PartialEq)]
+pub struct VerificationRow {
+    /// The job.
+    pub job_id: String,
+    /// Its robot.
+    pub robot_id: String,
+    /// The set that it identified or scored; none where the nominal robot was scored.
+    pub parameter_set_id: Option<String>,
+    /// The points that it was scored on.
+    pub measurement_set_id: String,
+    /// When the job was posted.
+    pub created_at_ms: i64,
+    /// `identification` or `session`.
+    pub kind: String,
+    /// Counts the robot's rows.
+    pub seq: i64,
+    /// Points that were not fitted.
+    pub n_points: i64,
+    /// rms of the nominal robot, mm.
+    pub before_rms_mm: Option<f64>,
+    /// rms of the set, mm.
+    pub after_rms_mm: Option<f64>,
+    /// 1: the set is nearer than the nominal robot.
+    pub is_better: i64,
+    /// Whether the points fit the robot.
+    pub fit: Fit,
+    /// How strong it is as evidence for the set.
+    pub evidence: Evidence,
+    /// 1: the points repeat an earlier upload.
+    pub is_repeat: i64,
+    /// The robot's last session that did not fit when the job began; 0 for none.
+    pub check_seq: i64,
+    /// The tool's largest predicted uncertainty over the workspace, mm.
+    pub uncertainty_mm: Option<f64>,
+}
+
+from_row!(VerificationRow { job_id, robot_id, parameter_set_id, measurement_set_id, created_at_ms, kind, seq, n_points, before_rms_mm, after_rms_mm, is_better, is_repeat, check_seq, uncertainty_mm } parsed { fit, evidence });
+
+impl VerificationRow {
+    /// Whether it supports a release: another session, measured anew, that fits and in which the set is better than nominal.
+    pub fn supports(&self) -> bool {
+        self.fit == Fit::Fits
+            && self.is_better == 1
+            && self.evidence == Evidence::IndependentSession
+    }
+
+    /// A job of kind `verify`.
+    pub fn is_session(&self) -> bool {
+        self.kind == "session"
+    }
+
+    fn as_kept(&self) -> Value {
+        json!({"parameter_set_id": self.parameter_set_id, "kind": self.kind, "seq": self.seq, "n_points": self.n_points,
+            "before_rms_mm": self.before_rms_mm, "after_rms_mm": self.after_rms_mm, "is_better": self.is_better, "fit": self.fit.as_str(),
+            "evidence": self.evidence.as_str(), "is_repeat": self.is_repeat, "check_seq": self.check_seq, "verified_uncertainty_mm": self.uncertainty_mm})
+    }
+}
+
+/// An upload that is older than the one that did not fit the robot.
+#[derive(Clone, Debug, PartialEq)]
+pub struct EarlierUpload {
+    /// The measurement set.
+    pub id: String,
+    /// Its points.
+    pub n_points: i64,
+}
+
+from_row!(EarlierUpload { id, n_points });
+
+/// The robot's sessions that did not fit, as a job needs them.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct CheckRow {
+    /// The number of its last session that did not fit it; 0 for none.
+    pub check_seq: i64,
+    /// What was found up to this number was looked at by whoever said last that it is well.
+    pub checked_seq: i64,
+}
+
+from_row!(CheckRow {
+    check_seq,
+    checked_seq
+});
+
+macro_rules! rows {
+    () => {
+        "select v.job_id as job_id, v.robot_id as robot_id, v.parameter_set_id as parameter_set_id, j.measurement_set_id as measurement_set_id, j.created_at_ms as created_at_ms, v.kind as kind, v.seq as seq,
+             v.n_points as n_points, v.before_rms_mm as before_rms_mm, v.after_rms_mm as after_rms_mm, v.is_better as is_better, v.fit as fit,
+             v.evidence as evidence, v.is_repeat as is_repeat, v.check_seq as check_seq, v.uncertainty_mm as uncertainty_mm
+         from verification v join job j on j.id = v.job_id"
+    };
+}
+
+// The upload that a job scored: its verify set if it has one, else its own points.
+macro_rules! scored_set {
+    () => {
+        "coalesce(j.verify_set_id, j.measurement_set_id)"
+    };
+}
+
+pub(super) const ALL_QUERIES: &[&str] = &[
+    INSERT,
+    OF_JOB,
+    OF_SET,
+    COUNT,
+    N_UNKNOWN,
+    EARLIER_UPLOADS,
+    CHECK,
+    JOB_OF,
+    EACH,
+    JOBS_WITHOUT,
+];
+
+// The robot's row is locked: the counter goes up one by one.
+const INSERT: &str = "
+    insert into verification (job_id, robot_id, parameter_set_id, kind, seq, n_points, before_rms_mm, after_rms_mm, is_better, fit, evidence,
+        is_repeat, check_seq, uncertainty_mm)
+    select j.id, j.robot_id,
+        case when $2 = 'session' then j.parameter_set_input_id else (select p.id from parameter_set p where p.job_id = j.id) end,
+        $2, (select coalesce(max(v.seq), 0) + 1 from verification v where v.robot_id = j.robot_id), $3,
+        nullif($4, cast(-1 as double precision)), nullif($5, cast(-1 as double precision)), $6, $7, $8,
+        case when (select r.check_seq from robot r where r.id = j.robot_id) = $11 then $9 else 1 end, $11,
+        nullif($10, cast(-1 as double precision))
+    from job j where j.id = $1
+    on conflict (job_id) do nothing";
+
+const OF_JOB: &str = concat!(rows!(), " where v.job_id = $1");
+
+const OF_SET: &str = concat!(rows!(), " where v.parameter_set_id = $1 order by v.seq");
+
+const COUNT: &str = "select count(*) from verification where parameter_set_id = $1";
+
+// Jobs that another version of kincal has ended, and whose facts nobody has gathered yet.
+const N_UNKNOWN: &str = "
+    select count(*) from job j where j.status = 'succeeded'
+        and ((j.kind = 'verify' and j.parameter_set_input_id = $1) or j.id = (select job_id from parameter_set where id = $1))
+        and not exists (select 1 from verification v where v.job_id = j.id)";
+
+// Uploads up to the one that did not fit, in the order of the audit chain (those without an entry are older than the chain), but for all that did
+// not fit.
+const EARLIER_UPLOADS: &str = concat!(
+    "select m.id as id, m.n_points as n_points from measurement_set m
+    where m.robot_id = $1
+        and coalesce((select max(a.seq) from audit a where a.subject = m.id and a.event = 'measurement_set_created'), 0)
+            <= coalesce((select max(a.seq) from verification v join job j on j.id = v.job_id join audit a on a.subject = ",
+    scored_set!(),
+    " and a.event = 'measurement_set_created' where v.robot_id = $1 and v.seq = $2), 0)
+        and m.id not in (select ",
+    scored_set!(),
+    " from verification v join job j on j.id = v.job_id where v.robot_id = $1 and v.fit = 'does_not_fit')
+    order by m.id limit cast($3 as bigint)"
+);
+
+const CHECK: &str = "select check_seq, checked_seq from robot where id = $1";
+
+const JOB_OF: &str = "select job_id from verification where robot_id = $1 and seq = $2";
+
+const EACH: &str = concat!(
+    rows!(),
+    " where v.job_id > $1 order by v.job_id limit cast($2 as bigint)"
+);
+
+// In the order in which the jobs ended, which the audit chain knows.
+const JOBS_WITHOUT: &str = "
+    select id from (
+        select j.id as id, (select min(a.seq) from audit a where a.subject = j.id and a.event = 'job_succeeded') as ended
+        from job j where j.status = 'succeeded' and not exists (select 1 from verification v where v.job_id = j.id)
+            and (j.kind = 'verify' or exists (select 1 from parameter_set p where p.job_id = j.id))) as without
+    order by coalesce(ended, 0), id";
+
+pub(super) const KEPT: &str = "verification_kept";
+
+impl Noted for VerificationRow {
+    const EACH: &'static str = EACH;
+
+    fn subject(&self) -> &str {
+        &self.job_id
+    }
+
+    fn said(&self) -> Vec<Said> {
+        vec![Said {
+            event: KEPT,
+            now: Some((self.created_at_ms, self.as_kept())),
+            by: None,
+        }]
+    }
+}
+
+/// Keeps what a job found, in the transaction that ends it and holds the robot's row, and what follows for the robot: points that do not fit it
+/// put it into the state `check_robot`, a session that fits takes it out.
+///
+/// # Errors
+/// [`super::Error::Database`].
+pub async fn insert(tx: &mut Tx, job_id: &str, found: &Verification) -> Result<()> {
+    let kind = if found.is_session {
+        "session"
+    } else {
+        "identification"
+    };
+    let query = sqlx::query(INSERT)
+        .bind(job_id)
+        .bind(kind)
+        .bind(i64::try_from(found.n_points).unwrap_or(i64::MAX))
+        .bind(number(found.before_rms_mm))
+        .bind(number(found.after_rms_mm));
+    let query = query
+        .bind(i64::from(found.is_better))
+        .bind(found.fit.as_str())
+        .bind(found.evidence.as_str())
+        .bind(i64::from(found.is_repeat))
+        .bind(number(found.uncertainty_mm))
+        .bind(found.check_seq);
+    if query.execute(tx.connection()).await?.rows_affected() == 0 {
+        return Ok(());
+    }
+    let row: VerificationRow = sqlx::query_as(OF_JOB)
+        .bind(job_id)
+        .fetch_one(tx.connection())
+        .await?;
+    tx.note(KEPT, job_id, row.as_kept());
+    if row.fit == Fit::DoesNotFit {
+        robots::ask_for_check(tx, &row.robot_id, job_id, row.seq).await
+    } else if row.is_session() && row.supports() && row.is_repeat == 0 {
+        robots::fits_again(tx, &row.robot_id, job_id).await
+    } else {
+        Ok(())
+    }
+}
+
+/// None for a number that is not finite.
+fn number(value: Option<f64>) -> f64 {
+    value.filter(|value| value.is_finite()).unwrap_or(ABSENT)
+}
+
+/// The facts of one job, if any.
+///
+/// # Errors
+/// [`super::Error::Database`].
+pub async fn of_job(store: &Store, job_id: &str) -> Result<Option<VerificationRow>> {
+    Ok(sqlx::query_as(OF_JOB)
+        .bind(job_id)
+        .fetch_optional(store.reads())
+        .await?)
+}
+
+/// All facts of a parameter set, its identification and every session, in order.
+///
+/// # Errors
+/// [`super::Error::Database`].
+pub async fn of_set(store: &Store, parameter_set_id: &str) -> Result<Vec<VerificationRow>> {
+    Ok(sqlx::query_as(OF_SET)
+        .bind(parameter_set_id)
+        .fetch_all(store.reads())
+        .await?)
+}
+
+/// Ended jobs of a parameter set without facts.
+///
+/// # Errors
+/// [`super::Error::Database`].
+pub async fn n_unknown(store: &Store, parameter_set_id: &str) -> Result<i64> {
+    Ok(sqlx::query_scalar(N_UNKNOWN)
+        .bind(parameter_set_id)
+        .fetch_one(store.reads())
+        .await?)
+}
+
+pub(super) async fn count_in(tx: &mut Tx, parameter_set_id: &str) -> Result<i64> {
+    Ok(sqlx::query_scalar(COUNT)
+        .bind(parameter_set_id)
+        .fetch_one(tx.connection())
+        .await?)
+}
+
+/// What a robot's sessions that did not fit say to a job that begins now.
+///
+/// # Errors
+/// [`super::Error::NotFound`], [`super::Error::Database`].
+pub async fn check(store: &Store, robot_id: &str) -> Result<CheckRow> {
+    Ok(sqlx::query_as(CHECK)
+        .bind(robot_id)
+        .fetch_one(store.reads())
+        .await?)
+}
+
+/// The job behind a number of a robot's counter.
+///
+/// # Errors
+/// [`super::Error::Database`].
+pub async fn job_of(store: &Store, robot_id: &str, seq: i64) -> Result<Option<String>> {
+    Ok(sqlx::query_scalar(JOB_OF)
+        .bind(robot_id)
+        .bind(seq)
+        .fetch_optional(store.reads())
+        .await?)
+}
+
+/// The uploads from before the one that did not fit the robot, by the number of that session: what repeats them was not measured since.
+///
+/// # Errors
+/// [`super::Error::Database`].
+pub async fn earlier_uploads(
+    store: &Store,
+    robot_id: &str,
+    check_seq: i64,
+    limit: i64,
+) -> Result<Vec<EarlierUpload>> {
+    Ok(sqlx::query_as(EARLIER_UPLOADS)
+        .bind(robot_id)
+        .bind(check_seq)
+        .bind(limit)
+        .fetch_all(store.reads())
+        .await?)
+}
+
+/// Jobs that ended before their facts were kept, in the order in which they ended.
+///
+/// # Errors
+/// [`super::Error::Database`].
+pub async fn jobs_without(store: &Store) -> Result<Vec<String>> {
+    Ok(sqlx::query_scalar(JOBS_WITHOUT)
+        .fetch_all(store.reads())
+        .await?)
+}

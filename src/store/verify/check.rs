@@ -1,0 +1,55 @@
+//! One promise of the store, and its violations.
+
+/// A promise and the result of its check.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Check {
+    /// `I1` to `I9`.
+    pub id: &'static str,
+    /// What is promised.
+    pub promise: &'static str,
+    /// How many things were looked at.
+    pub n_examined: i64,
+    /// Violations, at most [`MAX_LISTED`].
+    pub violations: Vec<String>,
+    /// Number of violations.
+    pub n_violations: i64,
+}
+
+/// More violations than this are counted and not listed.
+pub const MAX_LISTED: usize = 100;
+/// Rows read at a time.
+pub(super) const BATCH: i64 = 200;
+
+/// Options of the checks.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Options {
+    /// A head of the audit chain that was kept elsewhere: number and hash.
+    pub known_head: Option<(i64, String)>,
+    /// Whether a worker should be at work, so that a lease that ran out long ago is a fault.
+    pub is_served: bool,
+}
+
+impl Check {
+    pub(super) fn new(id: &'static str, promise: &'static str) -> Self {
+        Check {
+            id,
+            promise,
+            n_examined: 0,
+            violations: Vec::new(),
+            n_violations: 0,
+        }
+    }
+
+    pub(super) fn violated(&mut self, what: String) {
+        self.n_violations += 1;
+        if self.violations.len() < MAX_LISTED {
+            self.violations.push(what);
+        }
+    }
+
+    pub(super) fn require(&mut self, is_kept: bool, what: impl FnOnce() -> String) {
+        if !is_kept {
+            self.violated(what());
+        }
+    }
+}

@@ -1,0 +1,72 @@
+//! Whether what is stored keeps its promises: I1 to I9. Reads only; may run beside a server.
+
+mod chain;
+mod check;
+mod content;
+mod rules;
+mod schema;
+
+pub use check::{Check, MAX_LISTED, Options};
+
+use super::{Result, Store, audit};
+
+/// A database that changes under every look is believed after so many.
+const MOST_LOOKS: usize = 5;
+
+pub(super) const ALL_QUERIES: &[&str] = &[
+    content::SETS,
+    content::FRAMES,
+    content::NETWORKS,
+    content::RESIDUAL_NETWORKS,
+    content::REPORTS,
+    content::CONVERGENCES,
+    content::JOBS,
+    content::ANSWERS,
+    content::SUBJECT_SET,
+    content::SUBJECT_FRAMES,
+    content::SUBJECT_ROBOT,
+    content::SUBJECT_JOB,
+    content::SUBJECT_PARAMETER_SET,
+    content::SUBJECT_NETWORK,
+    content::SUBJECT_KEY,
+    content::ENDS,
+    content::STUCK,
+    content::SETS_OF_JOBS,
+    content::RELEASED_OF_ROBOTS,
+    content::RELEASES,
+    chain::MISSING,
+];
+pub(super) const QUERIES_SQLITE: &[&str] = schema::QUERIES_SQLITE;
+pub(super) const QUERIES_POSTGRES: &[&str] = schema::QUERIES_POSTGRES;
+
+/// Every check, in order. What a server changes while it is looked at may seem not to fit together: then it is looked at again.
+///
+/// # Errors
+/// [`super::Error::Database`] if the database cannot be read at all.
+pub async fn verify(store: &Store, options: &Options) -> Result<Vec<Check>> {
+    for _ in 1..MOST_LOOKS {
+        let head = audit::head(store).await?;
+        let checks = look(store, options).await?;
+        if checks.iter().all(|check| check.n_violations == 0)
+            || audit::head(store).await?.seq == head.seq
+        {
+            return Ok(checks);
+        }
+    }
+    look(store, options).await
+}
+
+async fn look(store: &Store, options: &Options) -> Result<Vec<Check>> {
+    let chain = chain::read(store, options).await?;
+    Ok(vec![
+        content::uploads_read_back(store, &chain).await?,
+        content::answers_have_effects(store, &chain).await?,
+        content::jobs_end_once(store, &chain, options).await?,
+        content::one_set_per_job(store).await?,
+        content::same_request_same_result(store, &chain).await?,
+        content::one_released_per_robot(store).await?,
+        content::releases_have_checks(store, &chain).await?,
+        chain.check,
+        schema::is_sound(store).await?,
+    ])
+}

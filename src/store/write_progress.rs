@@ -1,0 +1,74 @@
+//! Since when no write has succeeded, on SQLite.
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use tokio::time::Instant;
+
+use super::Result;
+
+/// Progress of the writes of this process.
+#[derive(Debug, Default)]
+pub(super) struct WriteProgress(Mutex<State>);
+
+#[derive(Debug, Default)]
+struct State {
+    n_under_way: usize,
+    /// Whether the last one failed.
+    has_failed: bool,
+    /// Start of the first write that waits or failed since the last success.
+    since: Option<Instant>,
+}
+
+/// One write, from its request to its end.
+#[derive(Debug)]
+pub(super) struct Write {
+    progress: Arc<WriteProgress>,
+    /// None if its client went away while it waited.
+    succeeded: Option<bool>,
+}
+
+impl WriteProgress {
+    pub(super) fn stuck_for(&self) -> Option<Duration> {
+        self.state().since.map(|since| since.elapsed())
+    }
+
+    pub(super) fn is_any_under_way(&self) -> bool {
+        self.state().n_under_way > 0
+    }
+
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Write {
+    pub(super) fn begin(progress: &Arc<WriteProgress>) -> Self {
+        let mut state = progress.state();
+        state.n_under_way += 1;
+        state.since.get_or_insert_with(Instant::now);
+        drop(state);
+        Write {
+            progress: Arc::clone(progress),
+            succeeded: None,
+        }
+    }
+
+    /// Records the result of a step: the start of the transaction, or its commit.
+    pub(super) fn note<T>(&mut self, result: &Result<T>) {
+        self.succeeded = Some(result.is_ok());
+    }
+}
+
+impl Drop for Write {
+    fn drop(&mut self) {
+        let mut state = self.progress.state();
+        state.n_under_way -= 1;
+        state.has_failed = self.succeeded.map_or(state.has_failed, |success| !success);
+        if self.succeeded == Some(true) {
+            state.since = (state.n_under_way > 0).then(Instant::now);
+        } else if state.n_under_way == 0 && !state.has_failed {
+            state.since = None;
+        }
+    }
+}

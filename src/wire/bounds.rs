@@ -1,0 +1,259 @@
+//! Bounds of request fields in the OpenAPI document that attributes cannot say: of what stands in lists, and with the constants of the
+//! checks themselves. A test sends values at and beyond every bound of the document.
+
+use crate::kinematics::model::MAX_LINKS;
+use crate::measurement::csv::{
+    MAX_COORDINATE_MM, MAX_LABEL_LENGTH, MAX_STD_MM, MAX_TEMPERATURE_C, MIN_STD_MM,
+};
+use crate::wire::compensate::{MAX_TARGETS_PER_REQUEST, ROTATION_TOLERANCE};
+use crate::wire::corrections::MAX_PAYLOAD_OFFSET_MM;
+use crate::wire::id::MAX_ID;
+use crate::wire::measurement::MAX_JOINT_VALUE_DEG;
+use crate::wire::options::MAX_COST_MM2;
+use crate::wire::pose_plan::{MAX_MEASURED, MAX_PLANNED, NOISE_MM};
+use crate::wire::predict::MAX_POSES;
+use crate::wire::prior::{MAX_NAMES, MAX_PARAMETER_NAME, MAX_VALUE, MIN_STD};
+use crate::wire::robot::{
+    GRAVITY_TOLERANCE, MAX_ANGLE_DEG, MAX_COUPLING, MAX_JOINT_DEG, MAX_LENGTH_MM,
+};
+use utoipa::Number;
+use utoipa::openapi::schema::{ArrayItems, KnownFormat, Object, SchemaFormat};
+use utoipa::openapi::{OpenApi, RefOr, Schema};
+
+/// One bound; several of a field go from the outer list to the numbers in the inner one.
+enum Bound {
+    /// Items of a list, fewest and most.
+    Items(usize, usize),
+    /// A number, smallest and largest.
+    Number(f64, f64),
+    /// A number strictly between two others.
+    Between(f64, f64),
+    /// Characters of a text, fewest and most.
+    Text(usize, usize),
+    /// A text that is a time.
+    Time,
+}
+use Bound::{Between, Items, Number as Range, Text, Time};
+
+/// Type, field and bounds.
+type Bounded = (&'static str, &'static str, Vec<Bound>);
+
+fn plus_minus(largest: f64) -> Bound {
+    Range(-largest, largest)
+}
+
+fn bounded() -> Vec<Bounded> {
+    let joints = || Items(1, MAX_LINKS);
+    let three = |largest| vec![Items(3, 3), plus_minus(largest)];
+    let label = || vec![Text(1, MAX_LABEL_LENGTH)];
+    let id = || vec![Text(1, MAX_ID)];
+    let names = || vec![Items(0, MAX_NAMES), Text(1, MAX_PARAMETER_NAME)];
+    vec![
+        (
+            "LinkBody",
+            "joint_limits_deg",
+            vec![Items(2, 2), plus_minus(MAX_JOINT_DEG)],
+        ),
+        (
+            "GravityDirection",
+            "gravity_in_base",
+            three(1.0 + GRAVITY_TOLERANCE),
+        ),
+        ("JointMapBody", "sign", vec![joints(), plus_minus(1.0)]),
+        (
+            "JointMapBody",
+            "offset_deg",
+            vec![joints(), plus_minus(MAX_ANGLE_DEG)],
+        ),
+        (
+            "JointMapBody",
+            "coupling",
+            vec![joints(), joints(), plus_minus(MAX_COUPLING)],
+        ),
+        (
+            "PointBody",
+            "q_deg",
+            vec![joints(), plus_minus(MAX_JOINT_VALUE_DEG)],
+        ),
+        ("PointBody", "position_mm", three(MAX_COORDINATE_MM)),
+        ("PointBody", "configuration", label()),
+        ("PointBody", "station", label()),
+        ("PointBody", "session", label()),
+        ("PointBody", "measured_at", vec![Time]),
+        ("PointBody", "std_mm", vec![Range(MIN_STD_MM, MAX_STD_MM)]),
+        (
+            "PointBody",
+            "temperature_c",
+            vec![plus_minus(MAX_TEMPERATURE_C)],
+        ),
+        ("JobRequestBody", "measurement_set_id", id()),
+        ("JobRequestBody", "parameter_set_id", id()),
+        ("JobRequestBody", "frames_id", id()),
+        ("JobRequestBody", "network_id", id()),
+        ("JobRequestBody", "residual_network_id", id()),
+        ("VerifyBody", "fraction", vec![Between(0.0, 1.0)]),
+        ("VerifyBody", "measurement_set_id", id()),
+        ("ParametersBody", "hold", names()),
+        ("ParametersBody", "identify", names()),
+        ("ParametersBody", "priors", vec![Items(0, MAX_NAMES)]),
+        ("Prior", "name", vec![Text(1, MAX_PARAMETER_NAME)]),
+        ("Prior", "std", vec![Range(MIN_STD, MAX_VALUE)]),
+        ("Prior", "mean", vec![plus_minus(MAX_VALUE)]),
+        ("Prior", "min", vec![plus_minus(MAX_VALUE)]),
+        ("Prior", "max", vec![plus_minus(MAX_VALUE)]),
+        (
+            "OptionsBody",
+            "stop_at_cost_mm2",
+            vec![Range(0.0, MAX_COST_MM2)],
+        ),
+        ("PayloadBody", "centre_mm", three(MAX_PAYLOAD_OFFSET_MM)),
+        ("PosePlanBody", "target_mm", three(MAX_LENGTH_MM)),
+        (
+            "PosePlanBody",
+            "noise_std_mm",
+            vec![Range(NOISE_MM.0, NOISE_MM.1)],
+        ),
+        (
+            "PosePlanBody",
+            "n_repeats",
+            vec![Range(0.0, (MAX_PLANNED / 2) as f64)],
+        ),
+        (
+            "PosePlanBody",
+            "floor_z_mm",
+            vec![plus_minus(MAX_LENGTH_MM)],
+        ),
+        (
+            "PosePlanBody",
+            "measured",
+            vec![Items(0, MAX_MEASURED), Text(1, MAX_ID)],
+        ),
+        ("BoxBody", "min_mm", three(MAX_LENGTH_MM)),
+        ("BoxBody", "max_mm", three(MAX_LENGTH_MM)),
+        (
+            "BaseCylinderBody",
+            "radius_mm",
+            vec![plus_minus(MAX_LENGTH_MM)],
+        ),
+        (
+            "BaseCylinderBody",
+            "height_mm",
+            vec![plus_minus(MAX_LENGTH_MM)],
+        ),
+        (
+            "PredictBody",
+            "q_deg",
+            vec![
+                Items(0, MAX_POSES),
+                joints(),
+                plus_minus(MAX_JOINT_VALUE_DEG),
+            ],
+        ),
+        (
+            "PredictBody",
+            "segment",
+            vec![Range(0.0, f64::from(u32::MAX))],
+        ),
+        (
+            "CompensateBody",
+            "q_deg",
+            vec![
+                Items(0, MAX_TARGETS_PER_REQUEST),
+                joints(),
+                plus_minus(MAX_JOINT_VALUE_DEG),
+            ],
+        ),
+        ("ToolBody", "translation_mm", three(MAX_LENGTH_MM)),
+        (
+            "ToolBody",
+            "rotation",
+            vec![
+                Items(3, 3),
+                Items(3, 3),
+                plus_minus(1.0 + ROTATION_TOLERANCE),
+            ],
+        ),
+    ]
+}
+
+/// Writes the bounds into a document. Returns the fields that it does not have: none.
+pub fn write(document: &mut OpenApi) -> Vec<String> {
+    let Some(components) = &mut document.components else {
+        return Vec::new();
+    };
+    let mut absent = Vec::new();
+    for (name, field, bounds) in bounded() {
+        let schema = components.schemas.get_mut(name);
+        let found = schema.and_then(|schema| field_of(schema, field));
+        if !found.is_some_and(|found| bound(found, &bounds)) {
+            absent.push(format!("{name}.{field}"));
+        }
+    }
+    absent
+}
+
+/// A field, of one of its variants where a type has several.
+fn field_of<'s>(schema: &'s mut RefOr<Schema>, field: &str) -> Option<&'s mut RefOr<Schema>> {
+    match schema {
+        RefOr::T(Schema::Object(object)) => object.properties.get_mut(field),
+        RefOr::T(Schema::OneOf(one_of)) => one_of
+            .items
+            .iter_mut()
+            .find_map(|variant| field_of(variant, field)),
+        _ => None,
+    }
+}
+
+/// False if the schema is not of the bounds' kind.
+fn bound(schema: &mut RefOr<Schema>, bounds: &[Bound]) -> bool {
+    let Some((first, rest)) = bounds.split_first() else {
+        return true;
+    };
+    match (schema, first) {
+        (RefOr::T(Schema::Array(array)), Items(fewest, most)) => {
+            array.min_items = Some(*fewest).filter(|fewest| *fewest > 0);
+            array.max_items = Some(*most);
+            match &mut array.items {
+                ArrayItems::RefOrSchema(items) => bound(items, rest),
+                ArrayItems::False => false,
+            }
+        }
+        (RefOr::T(Schema::Object(object)), scalar) => {
+            bound_scalar(object, scalar);
+            rest.is_empty()
+        }
+        _ => false,
+    }
+}
+
+fn bound_scalar(object: &mut Object, bound: &Bound) {
+    match bound {
+        Range(smallest, largest) => {
+            object.minimum = Some(number(*smallest));
+            object.maximum = Some(number(*largest));
+        }
+        Between(low, high) => {
+            object.exclusive_minimum = Some(number(*low));
+            object.exclusive_maximum = Some(number(*high));
+        }
+        Text(fewest, most) => {
+            object.min_length = Some(*fewest);
+            object.max_length = Some(*most);
+        }
+        Time => {
+            object.format = Some(SchemaFormat::KnownFormat(KnownFormat::DateTime));
+            object.min_length = Some("2026-03-01T08:15:30Z".len());
+            object.max_length = Some(MAX_LABEL_LENGTH);
+        }
+        Items(..) => {}
+    }
+}
+
+/// Whole numbers without a point.
+fn number(value: f64) -> Number {
+    if value.fract() == 0.0 && value.abs() < 1e15 {
+        Number::Int(value as isize)
+    } else {
+        Number::Float(value)
+    }
+}

@@ -1,0 +1,60 @@
+//! How a controller's joint values become those of the model.
+
+use crate::kinematics::JointMap;
+use crate::wire::angle::{to_degrees, to_radians};
+use nalgebra::DMatrix;
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// q_model = coupling · (sign ∘ q_controller) + offset.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct JointMapBody {
+    /// +1 or -1 for each joint; all +1 where absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sign: Option<Vec<f64>>,
+    /// Added last, degrees; all 0 where absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub offset_deg: Option<Vec<f64>>,
+    /// n rows of n values, invertible; the identity where absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub coupling: Option<Vec<Vec<f64>>>,
+}
+
+impl JointMapBody {
+    /// The map in full, in degrees.
+    pub fn from_core(map: &JointMap) -> Self {
+        // radians leave a last digit
+        let rounded_deg = |rad: &f64| (to_degrees(*rad) * 1e9).round() / 1e9;
+        Self {
+            sign: Some(map.sign.clone()),
+            offset_deg: Some(map.offset_rad.iter().map(rounded_deg).collect()),
+            coupling: Some(
+                map.coupling
+                    .row_iter()
+                    .map(|row| row.iter().copied().collect())
+                    .collect(),
+            ),
+        }
+    }
+
+    /// The core's joint map of `n` joints; call after the checks.
+    pub(super) fn to_core(&self, n: usize) -> JointMap {
+        JointMap {
+            sign: self.sign.clone().unwrap_or_else(|| vec![1.0; n]),
+            offset_rad: self.offset_deg.as_ref().map_or_else(
+                || vec![0.0; n],
+                |o| o.iter().map(|deg| to_radians(*deg)).collect(),
+            ),
+            coupling: self
+                .coupling
+                .as_ref()
+                .map_or_else(|| DMatrix::identity(n, n), |rows| matrix(rows)),
+        }
+    }
+}
+
+/// A matrix from its rows, all of the same length.
+pub(super) fn matrix(rows: &[Vec<f64>]) -> DMatrix<f64> {
+    DMatrix::from_fn(rows.len(), rows.len(), |i, j| rows[i][j])
+}

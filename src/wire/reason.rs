@@ -1,0 +1,29 @@
+//! Why a set is released or withdrawn.
+
+use crate::wire::issue::{Checker, Invalid};
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// Longest reason for a release or withdrawal, characters.
+pub const MAX_REASON: usize = 2_000;
+
+/// Why a set is released or withdrawn.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ReasonBody {
+    /// In words, for those who come after.
+    #[schema(min_length = 1, max_length = 2000)]
+    pub reason: String,
+}
+
+impl ReasonBody {
+    /// A reason is a sentence, not nothing and not a book.
+    ///
+    /// # Errors
+    /// [`Invalid`] for an overlong one, or one without a letter or digit.
+    pub fn check(&self) -> Result<(), Invalid> {
+        let mut checker = Checker::default();
+        checker.words("/reason", &self.reason, MAX_REASON);
+        checker.finish("invalid_reason")
+    }
+}

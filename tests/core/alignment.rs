@@ -1,0 +1,592 @@
+//! Files that are wrong as a whole are found by laying the nominal robot onto them, and right ones are not refused.
+
+use crate::robots::{CLEAN, Making, clean_robots, measured, models};
+use crate::simulation::Normal;
+use kincal::calibration::alignment::{BETTER, FITS, Finding, Look, Suspicion, explain, look};
+use kincal::kinematics::{JointMap, Robot};
+use kincal::measurement::{Frame, MeasurementSet, csv};
+use nalgebra::{DMatrix, DVector, IsometryMatrix3, Rotation3, Translation3, Vector3};
+use rand::RngExt;
+use std::f64::consts::PI;
+
+/// The study in docs/alignment.md does 1,000; these take a second.
+const SHORT_STUDY: usize = 120;
+/// Of right files, refused at most.
+const REFUSED_AT_MOST: f64 = 0.01;
+
+fn judged(robot: &Robot, set: &MeasurementSet, others: &[(String, Robot)]) -> Option<Finding> {
+    match look(robot, set) {
+        Look::Fine => None,
+        Look::Off(rms_mm) => Some(explain(robot, set, rms_mm, others)),
+    }
+}
+
+#[track_caller]
+fn suspicion(robot: &Robot, set: &MeasurementSet) -> Suspicion {
+    match judged(robot, set, &[]) {
+        Some(Finding::Wrong(found)) => found,
+        other => panic!("not refused: {other:?}"),
+    }
+}
+
+#[track_caller]
+fn wrong(robot: &Robot, set: &MeasurementSet, code: &str, words: &str) {
+    let found = suspicion(robot, set);
+    let detail = found.detail;
+    assert_eq!(found.code, code, "{detail}");
+    assert!(detail.contains(words), "{detail:?} does not say {words:?}");
+}
+
+#[track_caller]
+fn not_refused(robot: &Robot, set: &MeasurementSet, what: &str) {
+    if let Some(Finding::Wrong(found)) = judged(robot, set, &[]) {
+        panic!("{what}: {found:?}");
+    }
+}
+
+fn changed(
+    set: &MeasurementSet,
+    change: impl Fn(&mut Vec<f64>, &mut Vector3<f64>),
+) -> MeasurementSet {
+    let mut set = set.clone();
+    set.points
+        .iter_mut()
+        .for_each(|p| change(&mut p.q_rad, &mut p.position_mm));
+    set
+}
+
+/// Each of several makes, in both frames.
+fn for_each_make(test: impl Fn(&str, &Robot, &MeasurementSet)) {
+    for (seed, (name, nominal)) in models().into_iter().enumerate() {
+        for frame in [Frame::Base, Frame::Instrument] {
+            let set = measured(
+                &nominal,
+                &Making { frame, ..CLEAN },
+                &mut Normal::new(seed as u64),
+            );
+            test(name, &nominal, &set);
+        }
+    }
+}
+
+#[test]
+fn right_files_are_not_refused() {
+    let counts = clean_robots(SHORT_STUDY, 1);
+    let refused: usize = counts.iter().map(|(_, [refused, ..])| refused).sum();
+    assert!(
+        refused as f64 <= REFUSED_AT_MOST * SHORT_STUDY as f64,
+        "{counts:?}"
+    );
+}
+
+#[test]
+fn measured_robots_fit_without_a_remark() {
+    let Some(root) = crate::data::real_data() else {
+        return;
+    };
+    for (file, frame) in [
+        ("motoman_ma1400/visit_1.csv", Frame::Instrument),
+        ("motoman_ma1400/visit_2.csv", Frame::Instrument),
+        ("qkm_hl6/set.csv", Frame::Instrument),
+    ] {
+        let path = root.join(file);
+        let robot = crate::data::robot(&path.parent().unwrap().join("robot.json"));
+        let set = csv::parse(&std::fs::read(&path).unwrap(), frame, robot.links.len()).unwrap();
+        assert_eq!(judged(&robot, &set, &[]), None, "{file}");
+    }
+}
+
+#[test]
+fn radians_given_as_degrees_and_the_other_way_round_are_found() {
+    for_each_make(|_, robot, set| {
+        let as_degrees = changed(set, |q, _| q.iter_mut().for_each(|q| *q = q.to_radians()));
+        wrong(
+            robot,
+            &as_degrees,
+            "unit_suspect",
+            "the joint values are radians and were given as degrees",
+        );
+        let as_radians = changed(set, |q, _| q.iter_mut().for_each(|q| *q = q.to_degrees()));
+        wrong(
+            robot,
+            &as_radians,
+            "unit_suspect",
+            "the joint values are degrees and were given as radians",
+        );
+    });
+}
+
+#[test]
+fn metres_given_as_millimetres_and_the_other_way_round_are_found() {
+    for_each_make(|_, robot, set| {
+        wrong(
+            robot,
+            &changed(set, |_, p| *p *= 0.001),
+            "unit_suspect",
+            "the positions are metres and were given as millimetres",
+        );
+        wrong(
+            robot,
+            &changed(set, |_, p| *p *= 1000.0),
+            "unit_suspect",
+            "the positions are millimetres and were given as metres",
+        );
+    });
+}
+
+#[test]
+fn both_units_wrong_are_found() {
+    for_each_make(|_, robot, set| {
+        let both = changed(set, |q, p| {
+            q.iter_mut().for_each(|q| *q = q.to_radians());
+            *p *= 0.001;
+        });
+        wrong(robot, &both, "unit_suspect", "radians");
+    });
+}
+
+#[test]
+fn swapped_position_columns_and_a_mirrored_axis_are_found() {
+    for_each_make(|name, robot, set| {
+        let swapped = changed(set, |_, p| p.swap((0, 0), (1, 0)));
+        let mirrored = changed(set, |_, p| p.z = -p.z);
+        if set.frame == Frame::Instrument {
+            // All left-handed files are alike, and like a controller that counts some joints the other way round.
+            for file in [swapped, mirrored] {
+                let found = suspicion(robot, &file);
+                let is_told = match found.code {
+                    "joint_map_suspect" => found.detail.contains("left-handed"),
+                    code => code == "column_suspect",
+                };
+                assert!(is_told, "{name}: {found:?}");
+            }
+            return;
+        }
+        let order = "x, y, z stand in the columns named y, x, z";
+        wrong(robot, &swapped, "column_suspect", order);
+        wrong(robot, &mirrored, "column_suspect", "z has the wrong sign");
+    });
+}
+
+#[test]
+fn swapped_joint_columns_and_a_joint_counted_the_other_way_are_found() {
+    for_each_make(|_, robot, set| {
+        wrong(
+            robot,
+            &changed(set, |q, _| q.swap(1, 2)),
+            "column_suspect",
+            "the columns of joints 2 and 3 are exchanged",
+        );
+        wrong(
+            robot,
+            &changed(set, |q, _| q[2] = -q[2]),
+            "joint_map_suspect",
+            "joint 3 is counted the other way round",
+        );
+    });
+}
+
+#[test]
+fn shifted_rows_are_found() {
+    for_each_make(|_, robot, set| {
+        let mut shifted = set.clone();
+        for row in 1..set.points.len() {
+            shifted.points[row].position_mm = set.points[row - 1].position_mm;
+        }
+        wrong(
+            robot,
+            &shifted,
+            "column_suspect",
+            "1 row(s) below its joint values",
+        );
+    });
+}
+
+#[test]
+fn a_set_of_another_known_robot_is_found_by_its_name() {
+    let models = models();
+    let set = measured(&models[1].1, &CLEAN, &mut Normal::new(5));
+    let known = [
+        ("cell 7".to_owned(), models[2].1.clone()),
+        ("cell 9".to_owned(), models[1].1.clone()),
+    ];
+    match judged(&models[0].1, &set, &known) {
+        Some(Finding::Wrong(found)) if found.code == "robot_mismatch" => {
+            assert_eq!(found.columns, None);
+            assert!(found.detail.contains("cell 9"), "{}", found.detail);
+        }
+        other => panic!("{other:?}"),
+    }
+    // A robot that nobody knows here fits in no way.
+    wrong(&models[0].1, &set, "poor_alignment", "is it this robot");
+}
+
+#[test]
+fn an_unmastered_joint_alone_warns_and_names_the_joint() {
+    for_each_make(|name, robot, set| {
+        let unmastered = changed(set, |q, _| q[2] += 4.0f64.to_radians());
+        match judged(robot, &unmastered, &[]) {
+            Some(Finding::Odd {
+                code: "joint_offset_suspect",
+                detail,
+            }) => assert!(detail.contains("(joint 3)"), "{name}: {detail}"),
+            None => {} // a small arm: 4° are less than the limit
+            Some(Finding::Odd {
+                code: "poor_alignment",
+                ..
+            }) if name == "four axes" => {} // hardly above the limit
+            other => panic!("{name}: {other:?}"),
+        }
+    });
+}
+
+/// The set as an instrument sees it that stands somewhere: levelled, and turned about the vertical.
+fn from_a_tracker(set: &MeasurementSet, reach_mm: f64, random: &mut Normal) -> MeasurementSet {
+    let mut uniform = |from: f64, to: f64| from + (to - from) * random.0.random::<f64>();
+    let (yaw, away, bearing) = (uniform(-PI, PI), uniform(1.0, 3.0), uniform(-PI, PI));
+    let at = Vector3::new(
+        away * bearing.cos(),
+        away * bearing.sin(),
+        uniform(-0.5, 0.5),
+    ) * reach_mm;
+    let placed = IsometryMatrix3::from_parts(
+        Translation3::from(at),
+        Rotation3::from_axis_angle(&Vector3::z_axis(), yaw),
+    );
+    changed(set, |_, p| {
+        *p = placed.rotation * *p + placed.translation.vector;
+    })
+}
+
+fn reach_mm(robot: &Robot) -> f64 {
+    robot.links.iter().map(|l| l.a_mm.hypot(l.d_mm)).sum()
+}
+
+#[test]
+fn a_base_frame_file_turned_by_quarter_turns_is_told_as_another_frame_and_not_as_joint_1() {
+    let made = Making {
+        frame: Frame::Base,
+        ..CLEAN
+    };
+    for (seed, (name, robot)) in models().into_iter().enumerate() {
+        let in_base = measured(&robot, &made, &mut Normal::new(seed as u64));
+        for quarter_turns in 1..4 {
+            if name == "seven axes" && quarter_turns == 2 {
+                continue; // the same arm with joints 2, 4 and 6 counted the other way round
+            }
+            let turn =
+                Rotation3::from_axis_angle(&Vector3::z_axis(), f64::from(quarter_turns) * PI / 2.0);
+            let mut set = changed(&in_base, |_, p| *p = turn * *p);
+            wrong(&robot, &set, "frame_suspect", "?frame=instrument");
+            set.frame = Frame::Instrument;
+            assert_eq!(judged(&robot, &set, &[]), None, "{name} {quarter_turns}");
+        }
+    }
+}
+
+#[test]
+fn makers_signs_are_found_on_a_robot_with_unmastered_joints() {
+    let kuka = [-1.0, 1.0, 1.0, -1.0, 1.0, -1.0];
+    for (seed, (name, robot)) in models().into_iter().take(4).enumerate() {
+        for frame in [Frame::Base, Frame::Instrument] {
+            let made = Making { frame, ..CLEAN };
+            let set = measured(&robot, &made, &mut Normal::new(seed as u64));
+            let set = changed(&set, |q, _| {
+                q[2] -= 4.0f64.to_radians();
+                q.iter_mut().zip(kuka).for_each(|(q, sign)| *q *= sign);
+            });
+            let found = suspicion(&robot, &set);
+            assert_eq!(found.code, "joint_map_suspect", "{name}: {}", found.detail);
+            // counted so, the joint alone is left
+            let mended = Robot {
+                joint_map: found.joint_map,
+                ..robot.clone()
+            };
+            not_refused(&mended, &set, &found.detail);
+        }
+    }
+}
+
+/// The same robot and its files in another size.
+fn scaled(robot: &Robot, by: f64) -> Robot {
+    let mut robot = robot.clone();
+    for link in &mut robot.links {
+        link.a_mm *= by;
+        link.d_mm *= by;
+    }
+    robot
+}
+
+#[test]
+fn a_tracker_file_read_as_base_frame_is_refused_in_24_levelled_placements_and_fits_when_it_is_read_as_told()
+ {
+    let made = Making {
+        frame: Frame::Base,
+        ..CLEAN
+    };
+    for (seed, (name, robot)) in models().into_iter().enumerate() {
+        for placement in 0..if name == "paper" { 24 } else { 4 } {
+            let mut random = Normal::new(100 * seed as u64 + placement);
+            let in_base = measured(&robot, &made, &mut random);
+            let mut set = from_a_tracker(&in_base, reach_mm(&robot), &mut random);
+            wrong(&robot, &set, "frame_suspect", "?frame=instrument");
+            set.frame = Frame::Instrument;
+            assert_eq!(judged(&robot, &set, &[]), None, "{name} {placement}");
+        }
+    }
+}
+
+#[test]
+fn a_tracker_file_of_a_robot_with_an_unmastered_joint_read_as_base_frame_is_refused_too() {
+    for (seed, (_, robot)) in models().into_iter().enumerate() {
+        let mut random = Normal::new(seed as u64);
+        let set = measured(&robot, &CLEAN, &mut random);
+        let mut set = from_a_tracker(&set, reach_mm(&robot), &mut random);
+        set = changed(&set, |q, _| q[1] += 10.0f64.to_radians());
+        set.frame = Frame::Base;
+        wrong(&robot, &set, "frame_suspect", "?frame=instrument");
+        set.frame = Frame::Instrument;
+        not_refused(&robot, &set, "read in its own frame");
+    }
+}
+
+#[test]
+fn a_base_frame_known_to_some_millimetres_and_tenths_of_a_degree_is_not_refused() {
+    let made = Making {
+        frame: Frame::Base,
+        ..CLEAN
+    };
+    for (seed, (name, robot)) in models().into_iter().enumerate() {
+        for other in 0..3 {
+            let mut random = Normal::new(10 * other + seed as u64);
+            let set = measured(&robot, &made, &mut random);
+            let turn = Rotation3::new(random.vector() * 0.3f64.to_radians());
+            let shift = random.vector() * 3.0;
+            let set = changed(&set, |_, p| *p = turn * *p + shift);
+            not_refused(&robot, &set, name);
+        }
+    }
+}
+
+#[test]
+fn a_turn_about_joint_1_alone_is_an_unmastered_joint_up_to_45_degrees_and_another_frame_beyond() {
+    let (_, robot) = models().swap_remove(0);
+    let made = Making {
+        frame: Frame::Base,
+        ..CLEAN
+    };
+    for turn_deg in [-40.0f64, -20.0, 8.0, 30.0, 53.0, -70.0, 130.0] {
+        let set = measured(&robot, &made, &mut Normal::new(9));
+        let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), turn_deg.to_radians());
+        let set = changed(&set, |_, p| *p = turn * *p);
+        match judged(&robot, &set, &[]) {
+            Some(Finding::Odd {
+                code: "joint_offset_suspect",
+                detail,
+            }) if turn_deg.abs() < 45.0 => assert!(detail.contains("(joint 1)"), "{detail}"),
+            Some(Finding::Wrong(found)) if turn_deg.abs() > 45.0 => {
+                assert_eq!(found.code, "frame_suspect", "{turn_deg}: {found:?}");
+            }
+            other => panic!("{turn_deg}: {other:?}"),
+        }
+    }
+}
+
+/// A maker's convention: signs, what joint 2 adds to joint 3, and zeros in quarter turns; missing joints have none.
+type Convention = (&'static str, &'static [i8], i8, &'static [i8]);
+
+const CONVENTIONS: &[Convention] = &[
+    ("KUKA", &[-1, 1, 1, -1, 1, -1], 0, &[]),
+    ("joint 5 reversed", &[1, 1, 1, 1, -1], 0, &[]),
+    ("upper arm reversed", &[1, -1, -1], 0, &[]),
+    ("FANUC", &[], 1, &[]),
+    ("linkage", &[], -1, &[]),
+    ("FANUC, signs", &[1, 1, -1, -1, -1, -1], 1, &[]),
+    ("joint 2 from the horizontal", &[], 0, &[0, 1]),
+    ("joint 3 stretched", &[], 0, &[0, 0, -1]),
+    ("joints 2 and 3", &[], 0, &[0, -1, 1]),
+    ("KUKA, zeros", &[-1, 1, 1, -1, 1, -1], 0, &[0, -1, 1]),
+    ("FANUC, zero", &[], 1, &[0, 1]),
+];
+
+fn joint_map((_, sign, coupling, turns): Convention, n: usize) -> JointMap {
+    let at = |list: &[i8], joint: usize, default: i8| {
+        f64::from(list.get(joint).copied().unwrap_or(default))
+    };
+    let mut matrix = DMatrix::identity(n, n);
+    matrix[(2, 1)] = f64::from(coupling);
+    JointMap {
+        sign: (0..n).map(|joint| at(sign, joint, 1)).collect(),
+        offset_rad: (0..n).map(|joint| at(turns, joint, 0) * PI / 2.0).collect(),
+        coupling: matrix,
+    }
+}
+
+/// The file as a controller with that convention writes it.
+fn as_counted_by(map: &JointMap, set: &MeasurementSet) -> MeasurementSet {
+    let inverse = map.rates().try_inverse().unwrap();
+    let offset = DVector::from_column_slice(&map.offset_rad);
+    changed(set, |q, _| {
+        let model = DVector::from_column_slice(q);
+        *q = (&inverse * (model - &offset)).iter().copied().collect();
+    })
+}
+
+#[test]
+fn makers_joint_conventions_are_told_with_the_joint_map_that_mends_them() {
+    for_each_make(|name, robot, set| {
+        for convention in CONVENTIONS {
+            let what = format!("{name}, {:?}, {}", set.frame, convention.0);
+            let map = joint_map(*convention, robot.links.len());
+            let file = as_counted_by(&map, set);
+            if file == *set {
+                continue; // about joints that this arm has not
+            }
+            let Some(found) = judged(robot, &file, &[]) else {
+                // some arms look the same: whatever turns all joints of an arm in one plane turns its base
+                assert_eq!(set.frame, Frame::Instrument, "{what}");
+                continue;
+            };
+            let Finding::Wrong(found) = found else {
+                panic!("{what}: {found:?}");
+            };
+            assert_eq!(found.code, "joint_map_suspect", "{what}: {found:?}");
+            let mut mended = robot.clone();
+            mended.joint_map = found.joint_map;
+            assert_eq!(
+                judged(&mended, &file, &[]),
+                None,
+                "{what}: {}",
+                found.detail
+            );
+        }
+    });
+}
+
+#[test]
+fn the_joint_map_of_the_papers_arm_is_the_makers_own() {
+    let (_, robot) = models().swap_remove(0);
+    for frame in [Frame::Base, Frame::Instrument] {
+        let set = measured(&robot, &Making { frame, ..CLEAN }, &mut Normal::new(8));
+        for convention in &CONVENTIONS[..6] {
+            let map = joint_map(*convention, 6);
+            let found = suspicion(&robot, &as_counted_by(&map, &set));
+            assert_eq!(
+                found.joint_map,
+                Some(map),
+                "{frame:?} {}: {}",
+                convention.0,
+                found.detail
+            );
+        }
+    }
+}
+
+#[test]
+fn a_joint_map_that_the_robot_has_already_is_mended_and_not_replaced() {
+    let (_, mut robot) = models().swap_remove(0);
+    let set = measured(&robot, &CLEAN, &mut Normal::new(8));
+    let file = as_counted_by(&joint_map(CONVENTIONS[0], 6), &set);
+    robot.joint_map = Some(joint_map(CONVENTIONS[10], 6));
+    let found = suspicion(&robot, &file);
+    robot.joint_map = found.joint_map;
+    assert_eq!(judged(&robot, &file, &[]), None, "{}", found.detail);
+}
+
+#[test]
+fn unmastered_joints_of_up_to_30_degrees_are_not_refused() {
+    for_each_make(|name, robot, set| {
+        for seed in 0..4 {
+            let mut random = Normal::new(seed);
+            let n = robot.links.len();
+            let off: Vec<f64> = (0..n)
+                .map(|_| 30.0f64.to_radians() * (2.0 * random.0.random::<f64>() - 1.0))
+                .collect();
+            let is_off = |joint: usize| seed > 1 || joint == seed as usize + 1;
+            let file = changed(set, |q, _| {
+                (0..n)
+                    .filter(|joint| is_off(*joint))
+                    .for_each(|joint| q[joint] += off[joint]);
+            });
+            not_refused(robot, &file, &format!("{name} {:?} {seed}", set.frame));
+        }
+    });
+}
+
+#[test]
+fn files_with_a_tenth_of_gross_rows_are_not_refused() {
+    for_each_make(|name, robot, set| {
+        for seed in 0..3 {
+            let mut random = Normal::new(seed);
+            let mut file = set.clone();
+            let n = file.points.len();
+            for _ in 0..n / 10 {
+                let row = (random.0.random::<f64>() * n as f64) as usize;
+                let far = random.vector() * reach_mm(robot);
+                file.points[row].position_mm += far;
+            }
+            not_refused(robot, &file, &format!("{name} {:?} {seed}", set.frame));
+        }
+    });
+}
+
+#[test]
+fn another_robot_is_refused_whatever_its_frame() {
+    let models = models();
+    for (seed, (name, measured_on)) in models.iter().enumerate() {
+        for frame in [Frame::Base, Frame::Instrument] {
+            let set = measured(
+                measured_on,
+                &Making { frame, ..CLEAN },
+                &mut Normal::new(seed as u64),
+            );
+            let same_joints =
+                |robot: &&(&str, Robot)| robot.1.links.len() == measured_on.links.len();
+            for (other, robot) in models.iter().filter(|m| m.0 != *name).filter(same_joints) {
+                match judged(robot, &set, &[]) {
+                    Some(Finding::Wrong(_)) => {}
+                    found => panic!("a file of {name} on {other}, {frame:?}: {found:?}"),
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn arms_of_ten_millimetres_and_of_twenty_metres_are_judged_by_their_reach() {
+    let (_, paper) = models().swap_remove(0);
+    for by in [0.005, 8.0] {
+        let robot = scaled(&paper, by);
+        for frame in [Frame::Base, Frame::Instrument] {
+            let mut random = Normal::new(4);
+            let making = Making { frame, ..CLEAN };
+            let set = changed(&measured(&paper, &making, &mut random), |_, p| *p *= by);
+            assert_eq!(judged(&robot, &set, &[]), None, "{by} {frame:?}");
+            let kuka = as_counted_by(&joint_map(CONVENTIONS[0], 6), &set);
+            wrong(&robot, &kuka, "joint_map_suspect", "joints 1, 4 and 6");
+            let unmastered = changed(&set, |q, _| q[2] += 20.0f64.to_radians());
+            not_refused(&robot, &unmastered, "unmastered");
+            let mut tracker = from_a_tracker(&set, reach_mm(&robot), &mut random);
+            tracker.frame = Frame::Base;
+            wrong(&robot, &tracker, "frame_suspect", "?frame=instrument");
+        }
+    }
+}
+
+#[test]
+fn too_few_points_say_nothing() {
+    let (_, robot) = models().swap_remove(0);
+    let mut set = measured(
+        &robot,
+        &Making {
+            n_points: 8,
+            ..CLEAN
+        },
+        &mut Normal::new(3),
+    );
+    set.points.iter_mut().for_each(|p| p.position_mm *= 1000.0);
+    assert_eq!(judged(&robot, &set, &[]), None);
+}
+
+// Twice what real robots show, and a hypothesis has to fit several times better.
+const _: () = assert!(FITS >= 2.0 * 0.005 && BETTER >= 5.0);

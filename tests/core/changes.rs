@@ -1,0 +1,231 @@
+//! What has changed since a robot's last session: false alarms, detection, and the names.
+
+use crate::data::{paper_robot, paper_set};
+use crate::simulation::{Normal, true_robot};
+use kincal::calibration::changes::{Changes, Kind};
+use kincal::calibration::request::PreviousSession;
+use kincal::calibration::{CalibrationRequest, Method, calibrate};
+use kincal::identification::KinematicModel;
+use kincal::kinematics::{Link, Robot};
+use kincal::measurement::{Frame, MeasurementSet, Point};
+use rand::RngExt;
+use std::ops::ControlFlow;
+
+fn two_sessions(
+    seed: u64,
+    change: impl Fn(&mut KinematicModel),
+) -> (MeasurementSet, MeasurementSet) {
+    crate::simulation::two_sessions(&paper_robot(), seed, change)
+}
+
+/// What is said of `after` when the robot was last identified from `before`.
+fn compared(robot: &Robot, before: &MeasurementSet, after: &MeasurementSet) -> Changes {
+    let previous = Some(PreviousSession {
+        set: before.clone(),
+        frames: None,
+    });
+    let request = CalibrationRequest {
+        method: Method::LeastSquares,
+        previous,
+        ..CalibrationRequest::new(robot.clone(), after.clone())
+    };
+    calibrate(&request, &mut |_| ControlFlow::Continue(()))
+        .unwrap()
+        .changes
+        .unwrap()
+}
+
+fn names(changes: &Changes) -> Vec<&str> {
+    changes.all.iter().map(|c| c.name.as_str()).collect()
+}
+
+fn of_the_robot<'a>(names: &[&'a str]) -> Vec<&'a str> {
+    let mut names: Vec<&str> = names
+        .iter()
+        .copied()
+        .filter(|n| !n.starts_with("base") && !n.starts_with("target"))
+        .collect();
+    names.sort_unstable();
+    names
+}
+
+/// Pairs of sessions; `examples/changes_study.rs` takes 1,000.
+const PAIRS: u64 = 40;
+
+#[test]
+fn a_robot_that_has_not_changed_is_called_changed_in_one_of_a_hundred_cases_wherever_its_base_and_targets_stand()
+ {
+    let mut alarms = 0;
+    for seed in 0..PAIRS {
+        let (first, second) = two_sessions(seed, |_| ());
+        let changes = compared(&paper_robot(), &first, &second);
+        alarms += usize::from(changes.kind.is_some());
+        assert!(
+            changes
+                .warnings
+                .iter()
+                .any(|w| w.code == "placement_changed"),
+            "the tracker stands elsewhere"
+        );
+        assert!(
+            names(&changes)
+                .iter()
+                .filter(|n| n.starts_with("base"))
+                .count()
+                >= 4
+        );
+    }
+    // 40 cases at 1 %: four or more in 7 of 10,000
+    assert!(alarms <= 3, "{alarms} of {PAIRS}");
+}
+
+/// Three parallel axes, as of a SCARA robot without its spindle.
+fn parallel_arm() -> Robot {
+    let link = |a_mm: f64, alpha_deg: f64, d_mm: f64| Link {
+        a_mm,
+        alpha_rad: alpha_deg.to_radians(),
+        d_mm,
+        ..Link::default()
+    };
+    let mut robot = Robot::from_links(vec![
+        link(0.0, 0.0, 300.0),
+        link(325.0, 0.0, 0.0),
+        link(275.0, 180.0, -50.0),
+    ]);
+    robot.joint_limits_rad = vec![Some((-2.2, 2.2)); 3];
+    robot
+}
+
+/// Two sessions of it, 60 poses of one target each: the tracker stands elsewhere, and the second is of a changed robot.
+fn of_the_parallel_arm(
+    seed: u64,
+    change: impl Fn(&mut KinematicModel),
+) -> (MeasurementSet, MeasurementSet) {
+    let mut random = Normal::new(seed);
+    let first = true_robot(&parallel_arm(), 1, &mut random);
+    let mut second = true_robot(&parallel_arm(), 1, &mut random);
+    (second.links, second.targets_mm) = (first.links.clone(), first.targets_mm.clone());
+    change(&mut second);
+    let mut session = |truth: &KinematicModel| {
+        let point = |configuration: usize| {
+            let q_rad: Vec<f64> = (0..3)
+                .map(|_| 2.2 * (2.0 * random.0.random::<f64>() - 1.0))
+                .collect();
+            let position_mm = truth.position(&q_rad, 0) + random.vector() * 0.04;
+            let configuration_name = format!("c{configuration}");
+            Point {
+                q_rad,
+                position_mm,
+                configuration: configuration_name,
+                ..Point::empty(3, configuration)
+            }
+        };
+        MeasurementSet::new(Frame::Instrument, (0..60).map(point).collect())
+    };
+    (session(&first), session(&second))
+}
+
+#[test]
+fn an_arm_whose_axes_are_all_parallel_has_not_changed_either_and_a_change_of_it_is_named() {
+    let mut alarms = 0;
+    for seed in 0..20 {
+        let (first, second) = of_the_parallel_arm(seed, |_| ());
+        let changes = compared(&parallel_arm(), &first, &second);
+        alarms += usize::from(changes.kind.is_some());
+        // what neither session can tell apart has no size
+        assert!(
+            changes
+                .all
+                .iter()
+                .all(|c| c.delta.abs() < 1e4 && c.sigmas.is_finite()),
+            "{:?}",
+            changes.all
+        );
+    }
+    // the target's place along the axes is assumed, and tilts of the axes carry it into a_3: not all of it is in the covariance
+    assert!(alarms <= 2, "{alarms} of 20");
+    for seed in 20..25 {
+        let (first, second) = of_the_parallel_arm(seed, |robot| {
+            robot.links[1].theta_offset_rad += 0.05f64.to_radians()
+        });
+        let changes = compared(&parallel_arm(), &first, &second);
+        let first_named = &changes.all[0];
+        assert!(
+            first_named.name == "theta_offset_2" && (first_named.delta - 0.05).abs() < 0.02,
+            "{:?}",
+            changes.all
+        );
+    }
+}
+
+#[test]
+fn a_collision_is_found_and_the_parameters_that_jumped_are_named() {
+    for seed in 100..110 {
+        let (first, second) = two_sessions(seed, |robot| {
+            robot.links[2].theta_offset_rad += 0.1f64.to_radians();
+            robot.links[3].a_mm -= 0.3;
+        });
+        let changes = compared(&paper_robot(), &first, &second);
+        assert_eq!(changes.kind, Some(Kind::Collision));
+        let warning = &changes.warnings[0];
+        assert!(
+            warning.code == "robot_changed" && warning.detail.contains("collision"),
+            "{}",
+            warning.detail
+        );
+        let first_two: Vec<&str> = names(&changes)[..2].to_vec();
+        assert_eq!(of_the_robot(&first_two), ["a_4", "theta_offset_3"]);
+        let turned = changes
+            .all
+            .iter()
+            .find(|c| c.name == "theta_offset_3")
+            .unwrap();
+        // within four of its own standard deviations
+        assert!(
+            (turned.delta - 0.1).abs() < 4.0 * 0.1 / turned.sigmas,
+            "{turned:?}"
+        );
+    }
+}
+
+#[test]
+fn what_happened_to_the_papers_robot_between_its_sessions_is_told_apart() {
+    let against_first =
+        |name: &str| compared(&paper_robot(), &paper_set("first.csv"), &paper_set(name));
+    let unchanged = against_first("followup_unchanged.csv");
+    assert_eq!(
+        (
+            unchanged.kind,
+            unchanged.all.len(),
+            unchanged.warnings.len()
+        ),
+        (None, 0, 0)
+    );
+    let drifted = against_first("followup_drifted.csv");
+    assert_eq!(drifted.kind, Some(Kind::Drift));
+    let collision = against_first("followup_collision.csv");
+    assert_eq!(collision.kind, Some(Kind::Collision));
+    assert_eq!(
+        of_the_robot(&names(&collision)[..3]),
+        ["a_3", "theta_offset_2", "theta_offset_3"]
+    );
+    for (name, planted) in [
+        ("theta_offset_2", 0.2),
+        ("theta_offset_3", -0.15),
+        ("a_3", 0.1),
+    ] {
+        let found = collision.all.iter().find(|c| c.name == name).unwrap().delta;
+        // what two linearisations 1 mm and 0.2° apart differ by
+        assert!((found - planted).abs() < 2e-3, "{name}: {found}");
+    }
+}
+
+#[test]
+fn the_same_points_again_have_not_changed() {
+    let (first, _) = two_sessions(7, |_| ());
+    let changes = compared(&paper_robot(), &first, &first);
+    assert_eq!(
+        (changes.kind, changes.all.len(), changes.warnings.len()),
+        (None, 0, 0)
+    );
+}

@@ -1,0 +1,459 @@
+//! Corrections: derivatives, what is kept, what it is worth on unseen poses, and where it ends. The tables are in `docs/corrections.md`.
+
+use crate::data::{paper_robot, real_data, robot};
+use crate::simulation::{Bent, Campaign, Normal, bent_set, identified, poses, true_robot};
+use kincal::calibration::request::{CorrectionsChoice, VerifySource};
+use kincal::calibration::{CalibrationReport, CalibrationRequest, Preset, calibrate, verify};
+use kincal::identification::KinematicModel;
+use kincal::identification::corrected::IdentifiedRobot;
+use kincal::identification::corrections::{Term, corrections_at, linearise};
+use kincal::identification::objective::Observation;
+use kincal::identification::parameters::{Parameter, apply, complete_parameters};
+use kincal::kinematics::{Mounting, ResidualNetwork};
+use kincal::measurement::{Frame, MeasurementSet, Point, Subset, csv};
+use nalgebra::Vector3;
+use std::ops::ControlFlow;
+
+/// Unseen poses that simulated robots are scored at.
+const UNSEEN: usize = 200;
+
+fn run(request: &CalibrationRequest) -> CalibrationReport {
+    calibrate(request, &mut |_| ControlFlow::Continue(())).unwrap()
+}
+
+fn kept(report: &CalibrationReport) -> Vec<&str> {
+    report
+        .corrections
+        .iter()
+        .flatten()
+        .filter(|e| e.kept)
+        .map(|e| e.kind.as_str())
+        .collect()
+}
+
+fn set(path: &std::path::Path) -> MeasurementSet {
+    csv::parse(&std::fs::read(path).unwrap(), Frame::Instrument, 6).unwrap()
+}
+
+fn every_term(n: usize) -> Vec<Term> {
+    let axes = |of: fn(usize, usize) -> Term| {
+        (0..n).flat_map(move |link| (0..3).map(move |axis| of(link, axis)))
+    };
+    let harmonics =
+        (0..n).flat_map(|joint| (0..4).map(move |k| Term::Harmonic(joint, k / 2, k % 2)));
+    let base = (0..3)
+        .map(Term::Base)
+        .chain((0..2).map(Term::Gravity))
+        .chain((0..n).map(Term::Mass));
+    axes(Term::Joint)
+        .chain(axes(Term::FirstMoment))
+        .chain(base)
+        .chain(harmonics)
+        .collect()
+}
+
+#[test]
+fn derivatives_equal_central_differences() {
+    let mut random = Normal::new(3);
+    let nominal = paper_robot();
+    let mounting = Mounting {
+        gravity_in_base: Vector3::new(0.2, -0.1, -0.97).normalize(),
+        std_rad: 0.035,
+    };
+    let model = true_robot(&nominal, 2, &mut random);
+    let (terms, parameters) = (every_term(6), complete_parameters(&nominal.links, 2));
+    let values: Vec<f64> = terms
+        .iter()
+        .map(|t| random.draw() * t.prior(&mounting))
+        .collect();
+    let observations: Vec<Observation> = poses(8, &mut random)
+        .into_iter()
+        .enumerate()
+        .map(|(i, q_rad)| Observation {
+            q_rad,
+            position_mm: random.vector() * 1000.0,
+            target: i % 2,
+            weight: 1.0 + i as f64,
+        })
+        .collect();
+    let network = ResidualNetwork {
+        centre_rad: vec![0.1; 6],
+        half_range_rad: vec![1.5; 6],
+        hidden_weights: (0..12).map(|_| random.draw()).collect(),
+        hidden_thresholds: vec![0.2, -0.3],
+        output_weights: (0..6).map(|_| random.draw()).collect(),
+        output_thresholds: vec![0.1; 3],
+        scale_mm: 0.1,
+    };
+    let at = |model: &KinematicModel, values: &[f64]| {
+        let mut corrections = corrections_at(6, &mounting, &terms, values);
+        corrections.residual = Some(network.clone());
+        linearise(
+            model,
+            &corrections,
+            &mounting,
+            (&parameters, &terms),
+            &observations,
+        )
+    };
+    let (residuals, by_parameter, by_term) = at(&model, &values);
+    assert!(residuals.norm() > 1.0);
+    for (j, term) in terms.iter().enumerate() {
+        let step = 1e-3 * term.prior(&mounting);
+        let moved = |sign: f64| {
+            let mut values = values.clone();
+            values[j] += sign * step;
+            at(&model, &values).0
+        };
+        let difference = (moved(-1.0) - moved(1.0)) / (2.0 * step);
+        let (size, off) = (difference.norm(), (difference - by_term.column(j)).norm());
+        // a mass at the base moves nothing; rounding of a metre over the step is 1e-6 of any other column
+        assert!(
+            off <= 2e-6 * size + 1e-9 / step,
+            "{term:?}: {off} of {size}"
+        );
+    }
+    for (j, parameter) in parameters.iter().enumerate() {
+        let step = if parameter.is_angle() { 1e-6 } else { 1e-3 };
+        let moved = |sign: f64| {
+            let mut deviation = vec![0.0; parameters.len()];
+            deviation[j] = sign * step;
+            at(&apply(&model, &parameters, &deviation), &values).0
+        };
+        let difference = (moved(-1.0) - moved(1.0)) / (2.0 * step);
+        let off = (&difference - by_parameter.column(j)).norm() / difference.norm();
+        // that links move the masses is left out: some mrad per unit moment
+        assert!(
+            off < if matches!(parameter, Parameter::Link(..)) {
+                1e-2
+            } else {
+                1e-5
+            },
+            "{}: {off}",
+            parameter.name()
+        );
+    }
+}
+
+#[test]
+fn a_simulated_real_robot_is_predicted_to_fifty_micrometres_at_unseen_poses() {
+    let bent = Bent {
+        sag_rad: 1e-3,
+        harmonic_rad: 2e-4,
+    };
+    for seed in 0..5 {
+        let found = identified(
+            &paper_robot(),
+            &Campaign {
+                n_configurations: 100,
+                ..Campaign::PLAIN
+            },
+            &bent,
+            seed,
+            UNSEEN,
+        );
+        println!(
+            "seed {seed}: links {:.3} mm, corrected {:.4} mm, {:?}",
+            found.links_mm,
+            found.corrected_mm,
+            kept(&found.report)
+        );
+        assert!(
+            found.corrected_mm <= 0.05,
+            "seed {seed}: {}",
+            found.corrected_mm
+        );
+        assert!(
+            found.links_mm > 0.3,
+            "the simulated robot bends: {}",
+            found.links_mm
+        );
+        assert!(
+            kept(&found.report).contains(&"stiffness_2_3")
+                && kept(&found.report).contains(&"joint_harmonics")
+        );
+    }
+}
+
+#[test]
+fn at_most_five_of_a_hundred_geometric_robots_get_worse_by_more_than_five_percent() {
+    let campaigns = [(50, 1, 0.03), (30, 3, 0.1), (100, 1, 0.1), (25, 1, 0.05)];
+    let mut worse = 0;
+    for seed in 0..100 {
+        let (n_configurations, n_targets, noise_mm) = campaigns[seed as usize % 4];
+        let campaign = Campaign {
+            n_configurations,
+            n_targets,
+            noise_mm,
+            ..Campaign::PLAIN
+        };
+        let found = identified(&paper_robot(), &campaign, &Bent::NONE, 1000 + seed, UNSEEN);
+        worse += usize::from(found.corrected_mm > 1.05 * found.links_mm);
+    }
+    println!("{worse} of 100 worse");
+    assert!(worse <= 5, "{worse}");
+}
+
+#[test]
+fn the_measured_arm_that_sags_is_predicted_three_times_better_with_corrections() {
+    let Some(root) = real_data() else { return };
+    let request = CalibrationRequest::new(
+        robot(&root.join("qkm_hl6/robot.json")),
+        set(&root.join("qkm_hl6/set.csv")),
+    );
+    let report = run(&request);
+    let verify = report.verify.unwrap();
+    println!(
+        "links {:.4} mm, corrected {:.4} mm, {:?}",
+        verify.after.rms_mm,
+        verify.corrected.unwrap().rms_mm,
+        kept(&report)
+    );
+    assert!(
+        verify.corrected.unwrap().rms_mm <= 0.13,
+        "{:?}",
+        verify.corrected
+    );
+    assert!(kept(&report).contains(&"stiffness_2_3"));
+    // the links do not know of it
+    let off = run(&CalibrationRequest {
+        corrections: Some(CorrectionsChoice::Off),
+        ..request
+    });
+    assert_eq!(
+        (off.links, off.t_instrument_base, off.targets_mm),
+        (report.links, report.t_instrument_base, report.targets_mm)
+    );
+    assert!(
+        off.corrections.is_none()
+            && off.corrected.is_none()
+            && off.verify.unwrap().corrected.is_none()
+    );
+}
+
+#[test]
+fn corrections_of_one_visit_hold_on_the_other() {
+    let Some(root) = real_data() else { return };
+    let folder = root.join("motoman_ma1400");
+    for (first, second) in [
+        ("visit_1.csv", "visit_2.csv"),
+        ("visit_2.csv", "visit_1.csv"),
+    ] {
+        let mut request =
+            CalibrationRequest::new(robot(&folder.join("robot.json")), set(&folder.join(first)));
+        request.verify = VerifySource::Set(set(&folder.join(second)));
+        let report = run(&request);
+        let scored = report.verify.unwrap();
+        println!(
+            "{first} on {second}: links {:.4} mm, corrected {:.4} mm",
+            scored.after.rms_mm,
+            scored.corrected.unwrap().rms_mm
+        );
+        assert!(scored.corrected.unwrap().rms_mm <= scored.after.rms_mm);
+        // a verify job on the same points finds the same
+        let identified = IdentifiedRobot {
+            plain: crate::simulation::found(&report),
+            corrected: report.corrected.clone(),
+        };
+        let job =
+            CalibrationRequest::new(robot(&folder.join("robot.json")), set(&folder.join(second)));
+        let again = verify(&job, Some(&identified), &mut |_| ControlFlow::Continue(()))
+            .unwrap()
+            .verify
+            .unwrap();
+        assert!((again.corrected.unwrap().rms_mm - scored.corrected.unwrap().rms_mm).abs() < 1e-6);
+    }
+}
+
+/// Groups of neighbouring poses, each group 0.3 mm (one coordinate) off for itself, and other such poses to verify: corrections that follow the
+/// groups win the cross-validation among them.
+fn groups_that_mislead(seed: u64) -> MeasurementSet {
+    const GROUPS: usize = 20;
+    let mut random = Normal::new(seed);
+    let truth = true_robot(&paper_robot(), 1, &mut random);
+    let mut points = Vec::new();
+    for (group, middle) in poses(GROUPS + 40, &mut random).iter().enumerate() {
+        let own_mm = random.vector() * 0.3;
+        let (n, subset) = match group < GROUPS {
+            true => (5, Subset::Identify),
+            false => (1, Subset::Verify),
+        };
+        for _ in 0..n {
+            let q_rad: Vec<f64> = middle.iter().map(|q| q + 0.02 * random.draw()).collect();
+            points.push(Point {
+                position_mm: truth.position(&q_rad, 0) + own_mm + random.vector() * 0.01,
+                configuration: format!("c{}", points.len()),
+                subset: Some(subset),
+                q_rad,
+                ..Point::empty(6, points.len())
+            });
+        }
+    }
+    MeasurementSet::new(Frame::Instrument, points)
+}
+
+#[test]
+fn the_points_to_verify_and_nobody_else_have_a_veto_over_all_corrections() {
+    for seed in 0..3 {
+        let set = groups_that_mislead(seed);
+        let report = run(&CalibrationRequest::new(paper_robot(), set.clone()));
+        let tried = report.corrections.as_ref().unwrap();
+        assert!(tried.last().unwrap().is_vetoed && tried.iter().all(|e| !e.kept));
+        assert!(report.corrected.is_none());
+        assert_eq!(
+            report.verify.unwrap().corrected,
+            Some(report.verify.unwrap().after)
+        );
+        assert_eq!(
+            report.identify.corrected,
+            Some(report.identify.after),
+            "the links alone everywhere"
+        );
+        // without points to verify nobody has a veto
+        let mut unverified = set;
+        unverified
+            .points
+            .retain(|p| p.subset == Some(Subset::Identify));
+        let free = run(&CalibrationRequest::new(paper_robot(), unverified));
+        assert!(free.verify.is_none() && free.corrected.is_some());
+    }
+}
+
+#[test]
+fn outside_of_what_was_measured_corrections_fade_into_the_links() {
+    let mut random = Normal::new(5);
+    let campaign = Campaign {
+        n_configurations: 80,
+        ..Campaign::PLAIN
+    };
+    let (_, set) = bent_set(
+        &paper_robot(),
+        &campaign,
+        &Bent {
+            sag_rad: 1e-3,
+            harmonic_rad: 0.0,
+        },
+        &mut random,
+    );
+    let report = run(&CalibrationRequest::new(paper_robot(), set.clone()));
+    let found = IdentifiedRobot {
+        plain: crate::simulation::found(&report),
+        corrected: report.corrected.clone(),
+    };
+    let inside = set
+        .points
+        .iter()
+        .filter(|p| found.is_extrapolated(&p.q_rad))
+        .count();
+    assert_eq!(inside, 0, "measured poses are inside");
+    // poses of the same kind are inside, too, but for a few
+    let unseen = poses(500, &mut random);
+    let outside = unseen.iter().filter(|q| found.is_extrapolated(q)).count();
+    assert!(outside < 10, "{outside} of 500");
+    // joint 2, measured between -1.4 and 0.6 rad, goes out: the displacement between the two predictions fades without a jump
+    let q = |q2: f64| vec![0.3, q2, 0.2, -0.5, 0.7, 0.4];
+    let gap = |q2: f64| (found.position(&q(q2), 0) - found.plain.position(&q(q2), 0)).norm();
+    assert!(!found.is_extrapolated(&q(0.5)) && gap(0.5) > 0.0);
+    assert!(
+        found.is_extrapolated(&q(1.6)) && gap(1.6) == 0.0,
+        "{}",
+        gap(1.6)
+    );
+    let steps: Vec<f64> = (0..=1000)
+        .map(|i| found.position(&q(0.5 + 0.0011 * i as f64), 0))
+        .collect::<Vec<_>>()
+        .windows(2)
+        .map(|w| (w[1] - w[0]).norm())
+        .collect();
+    let (least, most) = steps.iter().fold((f64::MAX, 0.0f64), |(least, most), s| {
+        (least.min(*s), most.max(*s))
+    });
+    assert!(
+        most < 1.05 * least,
+        "a path along joint 2 goes {least} to {most} mm a step"
+    );
+    // whole turns make no difference
+    assert!(!found.is_extrapolated(&[0.3 + std::f64::consts::TAU, 0.5, 0.2, -0.5, 0.7, 0.4]));
+    // the flange fades along
+    let flange = found.t_instrument_flange(&q(1.6));
+    let tip = flange.rotation * found.plain.targets_mm[0] + flange.translation.vector;
+    assert!((tip - found.plain.position(&q(1.6), 0)).norm() < 1e-9);
+}
+
+#[test]
+fn nothing_is_looked_for_where_there_is_nothing_to_find() {
+    let mut random = Normal::new(7);
+    let (_, mut set) = bent_set(
+        &paper_robot(),
+        &Campaign {
+            noise_mm: 0.0,
+            ..Campaign::PLAIN
+        },
+        &Bent::NONE,
+        &mut random,
+    );
+    let exact = run(&CalibrationRequest::new(paper_robot(), set.clone()));
+    assert_eq!(
+        exact.corrections.as_deref(),
+        Some(&[][..]),
+        "residuals are zero"
+    );
+    assert!(exact.corrected.is_none());
+    assert_eq!(exact.identify.corrected, Some(exact.identify.after));
+    set.points.iter_mut().for_each(|p| {
+        p.position_mm += random.vector() * 0.05;
+        p.std_mm = Some(0.06);
+    });
+    let noisy = run(&CalibrationRequest::new(paper_robot(), set.clone()));
+    assert_eq!(
+        noisy.corrections.as_deref(),
+        Some(&[][..]),
+        "residuals are the stated noise"
+    );
+    let paper = CalibrationRequest {
+        preset: Preset::Paper,
+        method: kincal::calibration::Method::LeastSquares,
+        ..CalibrationRequest::new(paper_robot(), set)
+    };
+    assert!(
+        run(&paper).corrections.is_none(),
+        "off in the paper's preset"
+    );
+}
+
+#[test]
+fn the_same_request_gives_the_same_bits_and_sessions_are_left_out_whole() {
+    let mut random = Normal::new(11);
+    let bent = Bent {
+        sag_rad: 1e-3,
+        harmonic_rad: 2e-4,
+    };
+    let (_, mut set) = bent_set(
+        &paper_robot(),
+        &Campaign {
+            n_configurations: 60,
+            ..Campaign::PLAIN
+        },
+        &bent,
+        &mut random,
+    );
+    let first = run(&CalibrationRequest::new(paper_robot(), set.clone()));
+    assert_eq!(
+        first,
+        run(&CalibrationRequest::new(paper_robot(), set.clone()))
+    );
+    set.points
+        .iter_mut()
+        .enumerate()
+        .for_each(|(i, p): (usize, &mut Point)| {
+            p.session = Some(if i % 3 == 0 { "a" } else { "b" }.into())
+        });
+    let sessions = run(&CalibrationRequest::new(paper_robot(), set));
+    assert_eq!(sessions.links, first.links);
+    assert!(kept(&sessions).contains(&"stiffness_2_3"));
+    let rms = |report: &CalibrationReport| report.corrections.as_ref().unwrap()[0].before_mm;
+    assert!(
+        (rms(&sessions) - rms(&first)).abs() > 1e-6,
+        "other points are left out together"
+    );
+}

@@ -1,0 +1,269 @@
+//! Follow-ups by BPNN-PSO in the default preset: the network that learns the way from what the swarm sees.
+
+use crate::data::{paper_robot, paper_set};
+use crate::simulation::{Campaign, Normal, measure, poses, true_robot};
+use kincal::calibration::request::Loss;
+use kincal::calibration::{CalibrationReport, CalibrationRequest, Method, calibrate};
+use kincal::identification::{KinematicModel, TrainedNetwork};
+use kincal::measurement::{MeasurementSet, Subset};
+use rand::RngExt;
+use std::ops::ControlFlow;
+
+/// F that the paper's PSO ends with in its simulation, mm² [Gao 2018, section 4.1].
+const PRINTED_COST_MM2: f64 = 5.5519e-5;
+
+fn run(
+    set: MeasurementSet,
+    method: Method,
+    seed: u64,
+    n_iterations: usize,
+    network: Option<&TrainedNetwork>,
+) -> CalibrationReport {
+    let mut request = CalibrationRequest::new(paper_robot(), set);
+    (
+        request.method,
+        request.seed,
+        request.refine,
+        request.network,
+    ) = (method, seed, Some(false), network.cloned());
+    request.options.n_iterations = Some(n_iterations);
+    calibrate(&request, &mut |_| ControlFlow::Continue(())).unwrap()
+}
+
+fn trained_on(set: MeasurementSet, seed: u64) -> TrainedNetwork {
+    run(set, Method::Pso, seed, 120, None).network.unwrap()
+}
+
+fn cost_of(report: &CalibrationReport, method: &str) -> f64 {
+    report
+        .comparison
+        .iter()
+        .find(|c| c.method == method)
+        .unwrap()
+        .cost_mm2
+}
+
+#[test]
+fn a_follow_up_reaches_the_papers_cost_in_a_few_iterations_whatever_happened_to_the_robot() {
+    for seed in 0..3 {
+        let network = trained_on(paper_set("first.csv"), seed);
+        // the paper: 71 on a robot that has not changed; asked of us: 10, 25, 50; seen over 20 seeds: at most 2, 4, 5
+        for (set, at_most) in [
+            ("followup_unchanged.csv", 4),
+            ("followup_drifted.csv", 8),
+            ("followup_collision.csv", 10),
+        ] {
+            let report = run(paper_set(set), Method::BpnnPso, seed, 20, Some(&network));
+            let reached = report
+                .convergence_mm2
+                .iter()
+                .position(|f| *f <= PRINTED_COST_MM2);
+            assert!(
+                reached.is_some_and(|n| n <= at_most),
+                "{set}, seed {seed}: {reached:?}"
+            );
+        }
+    }
+}
+
+#[test]
+fn a_network_of_another_robot_ends_no_worse_than_a_cold_start() {
+    // errors of 0.3 mm and 0.05° in every parameter, others than the measured robot's
+    let campaign = Campaign {
+        n_configurations: 50,
+        ..Campaign::PLAIN
+    };
+    let mut random = Normal::new(1);
+    let other = true_robot(&paper_robot(), 1, &mut random);
+    let session = |links, random: &mut Normal| {
+        let mut truth = true_robot(&paper_robot(), 1, random);
+        truth.links = links;
+        measure(&truth, &poses(50, random), &campaign, random)
+    };
+    let stale = trained_on(session(other.links, &mut random), 0);
+    for seed in 0..3 {
+        let links = true_robot(&paper_robot(), 1, &mut random).links;
+        let report = run(
+            session(links, &mut random),
+            Method::BpnnPso,
+            seed,
+            60,
+            Some(&stale),
+        );
+        let (cold, least) = (cost_of(&report, "pso"), cost_of(&report, "least_squares"));
+        println!(
+            "seed {seed}: F {} against {cold} of the cold swarm and {least} of least squares",
+            report.cost_mm2
+        );
+        assert!(report.cost_mm2 <= cold);
+    }
+}
+
+#[test]
+fn a_swarm_too_small_to_learn_from_is_moved_by_the_stored_network_alone() {
+    let network = trained_on(paper_set("first.csv"), 0);
+    let mut request = CalibrationRequest::new(paper_robot(), paper_set("followup_unchanged.csv"));
+    (request.method, request.refine, request.network) =
+        (Method::BpnnPso, Some(false), Some(network));
+    (request.options.n_particles, request.options.n_iterations) = (Some(12), Some(10));
+    let report = calibrate(&request, &mut |_| ControlFlow::Continue(())).unwrap();
+    // it starts where the robot was, to the spread that training leaves, and not at 64.9 mm²
+    assert!(
+        report.convergence_mm2[0] < 1.0 && report.n_evaluations == 12 * 11,
+        "{}",
+        report.convergence_mm2[0]
+    );
+}
+
+/// Every twentieth point 5 to 20 mm off.
+fn with_wild_points(mut set: MeasurementSet) -> (MeasurementSet, Vec<usize>) {
+    let mut random = Normal::new(7);
+    let rows: Vec<usize> = (10..set.points.len()).step_by(20).collect();
+    for row in &rows {
+        set.points[*row].position_mm +=
+            random.vector().normalize() * random.0.random_range(5.0..20.0);
+    }
+    (set, rows)
+}
+
+#[test]
+fn a_follow_up_with_a_robust_loss_is_moved_by_the_network_and_not_by_wild_points() {
+    let network = trained_on(paper_set("first.csv"), 0);
+    let (wild, rows) = with_wild_points(paper_set("first_noisy.csv"));
+    for loss in [Loss::Huber, Loss::Tukey] {
+        let [clean, wild] = [paper_set("first_noisy.csv"), wild.clone()].map(|set| {
+            let mut request = CalibrationRequest::new(paper_robot(), set);
+            (request.method, request.network, request.options.loss) =
+                (Method::BpnnPso, Some(network.clone()), Some(loss));
+            calibrate(&request, &mut |_| ControlFlow::Continue(())).unwrap()
+        });
+        let rms_mm = |report: &CalibrationReport| {
+            let scored = report
+                .per_point
+                .iter()
+                .enumerate()
+                .filter(|(row, p)| p.subset == Subset::Verify && !rows.contains(row));
+            let squares: Vec<f64> = scored.map(|(_, p)| p.after_mm * p.after_mm).collect();
+            (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
+        };
+        println!(
+            "{loss:?}: {} mm, without wild points {} mm",
+            rms_mm(&wild),
+            rms_mm(&clean)
+        );
+        assert!(rms_mm(&wild) <= 1.1 * rms_mm(&clean), "{loss:?}");
+        let named = wild
+            .warnings
+            .iter()
+            .find(|w| w.code.starts_with("outliers"))
+            .map(|w| w.rows.clone());
+        assert_eq!(named.as_ref(), Some(&rows), "{loss:?}");
+    }
+}
+
+/// A robot whose joints were never mastered, up to 120° off; a session of it, white noise of so many millimetres.
+fn unmastered(seed: u64) -> (KinematicModel, Normal) {
+    let mut random = Normal::new(seed);
+    let mut truth = true_robot(&paper_robot(), 1, &mut random);
+    for link in &mut truth.links {
+        link.theta_offset_rad += 120f64.to_radians() * (2.0 * random.0.random::<f64>() - 1.0);
+    }
+    (truth, random)
+}
+
+fn automatic(set: MeasurementSet, network: Option<&TrainedNetwork>) -> CalibrationReport {
+    let request = CalibrationRequest {
+        network: network.cloned(),
+        ..CalibrationRequest::new(paper_robot(), set)
+    };
+    calibrate(&request, &mut |_| ControlFlow::Continue(())).unwrap()
+}
+
+#[test]
+fn auto_starts_from_what_the_robots_network_remembers_where_nominal_is_too_far_off() {
+    let (mut n_found, mut n_far) = (0, 0);
+    // one that least squares finds from nominal, and one that it does not
+    for seed in [2, 3] {
+        let (truth, mut random) = unmastered(seed);
+        let mut session = |noise_mm| {
+            measure(
+                &truth,
+                &poses(50, &mut random),
+                &Campaign {
+                    noise_mm,
+                    ..Campaign::PLAIN
+                },
+                &mut random,
+            )
+        };
+        // the first session is so rough that no fit looks like one: a swarm has to search, and its network remembers where it ended
+        let rough = automatic(session(3.0), None);
+        assert_eq!(
+            rough.method,
+            Method::Pso,
+            "robot {seed}: {}",
+            rough.method_reason
+        );
+        let network = rough.network.clone().unwrap();
+        // so is the second: the network moves the swarm
+        let rough_again = automatic(session(3.0), Some(&network));
+        assert_eq!(
+            rough_again.method,
+            Method::BpnnPso,
+            "robot {seed}: {}",
+            rough_again.method_reason
+        );
+        // 3·σ² for each of 50 points; where the first session ended in another valley of the offsets the network remembers nothing of use
+        let is_found = |report: &CalibrationReport| report.cost_mm2 < 2.0 * 50.0 * 27.0;
+        if !is_found(&rough) {
+            println!(
+                "robot {seed}: F {} and {}",
+                rough.cost_mm2, rough_again.cost_mm2
+            );
+            continue;
+        }
+        n_found += 1;
+        assert!(
+            is_found(&rough_again),
+            "robot {seed}: F {}",
+            rough_again.cost_mm2
+        );
+        // the third is a good one
+        let fine = session(0.05);
+        let (with, without) = (
+            automatic(fine.clone(), Some(&network)),
+            automatic(fine, None),
+        );
+        println!(
+            "robot {seed}: with {} | without {}",
+            with.method_reason, without.method_reason
+        );
+        assert_eq!(
+            (with.method, without.method),
+            (Method::LeastSquares, Method::LeastSquares)
+        );
+        let (with_mm, without_mm) = (with.identify.after.rms_mm, without.identify.after.rms_mm);
+        // two ways to one answer, to a hundredth of the noise
+        assert!(
+            (with_mm - without_mm).abs() < 0.01 * 0.05,
+            "robot {seed}: {with_mm} and {without_mm}"
+        );
+        if without.method_reason.contains("which is no fit") {
+            n_far += 1;
+            assert!(
+                with.method_reason
+                    .contains("from what the robot's network remembers, within 0.0"),
+                "{}",
+                with.method_reason
+            );
+        } else {
+            // where least squares converges the network changes nothing, the words included
+            assert_eq!(with.method_reason, without.method_reason);
+        }
+    }
+    assert_eq!(
+        (n_found, n_far),
+        (2, 1),
+        "robots found, and of them those that least squares from nominal does not find"
+    );
+}

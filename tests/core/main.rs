@@ -1,0 +1,25 @@
+//! The numeric core: kinematics, solvers, identification, corrections, compensation, planning, exchange, calibration.
+
+mod alignment;
+mod changes;
+mod compensation;
+mod corrections;
+mod exchange;
+mod follow_ups;
+mod frames;
+mod guide;
+mod identification;
+mod kinematics;
+mod measurement;
+mod numeric_solvers;
+mod partial;
+mod planning;
+mod priors;
+mod real_robots;
+mod repeatability;
+mod screening;
+#[path = "../support/mod.rs"]
+mod support;
+mod uncertainty;
+
+use support::{data, real_robot, robots, simulation};

@@ -1,0 +1,8 @@
+//! The solvers against closed forms, certified problems and second implementations.
+
+mod bits;
+mod bpnn;
+mod least_squares;
+mod nist;
+mod pso;
+mod random;

@@ -1,0 +1,161 @@
+//! RP and AP of ISO 9283, against numbers computed by hand, and in a report.
+
+use crate::data::paper_robot;
+use crate::simulation::{Campaign, Normal, measure, poses, true_robot};
+use kincal::calibration::{CalibrationRequest, calibrate, is_anew};
+use kincal::measurement::MeasurementSet;
+use kincal::measurement::repeatability::{Visits, pooled_rp_mm, pooled_std_mm};
+use nalgebra::{Rotation3, Vector3};
+use std::ops::ControlFlow;
+
+#[test]
+fn rp_is_what_a_pencil_says() {
+    // distances from the barycentre (100, 0, 0): 3, 3, 0 and 4, 4, 4 about (0, 50, 0)
+    let first = Visits::of(&[
+        Vector3::new(103.0, 0.0, 0.0),
+        Vector3::new(97.0, 0.0, 0.0),
+        Vector3::new(100.0, 0.0, 0.0),
+    ])
+    .unwrap();
+    assert_eq!(
+        (first.n, first.barycentre_mm),
+        (3, Vector3::new(100.0, 0.0, 0.0))
+    );
+    // mean 2, squares of deviations 1 + 1 + 4 over 2
+    assert!(
+        (first.mean_distance_mm - 2.0).abs() < 1e-12
+            && (first.std_distance_mm - 3f64.sqrt()).abs() < 1e-12
+    );
+    assert!((first.rp_mm() - 7.196_152_422_706_632).abs() < 1e-12);
+    let second =
+        Visits::of(&[Vector3::new(4.0, 50.0, 0.0), Vector3::new(-4.0, 50.0, 0.0)]).unwrap();
+    assert_eq!(second.rp_mm(), 4.0);
+    // together: mean (3·2 + 2·4)/5 = 2.8, variance (2·3 + 1·0)/3 = 2; coordinate (18 + 32)/(3·3)
+    assert!((pooled_rp_mm(&[first, second]) - (2.8 + 3.0 * 2f64.sqrt())).abs() < 1e-12);
+    assert!((pooled_std_mm(&[first, second]) - (50.0f64 / 9.0).sqrt()).abs() < 1e-12);
+    assert!(Visits::of(&[Vector3::zeros()]).is_none());
+}
+
+#[test]
+fn a_report_has_the_figures_of_revisited_poses() {
+    let mut random = Normal::new(4);
+    let nominal = paper_robot();
+    let truth = true_robot(&nominal, 1, &mut random);
+    let mut visited = poses(40, &mut random);
+    // five poses again, nine times each
+    for k in 0..9 {
+        visited.extend((0..5).map(|pose| visited[pose].clone()).collect::<Vec<_>>());
+        assert_eq!(visited.len(), 45 + 5 * k);
+    }
+    let campaign = Campaign {
+        noise_mm: 0.05,
+        ..Campaign::PLAIN
+    };
+    let mut set = measure(&truth, &visited, &campaign, &mut random);
+    // the same joints are the same configuration
+    (0..set.points.len())
+        .skip(40)
+        .for_each(|row| set.points[row].configuration = format!("c{}", row % 5));
+    let run = |set| {
+        calibrate(&CalibrationRequest::new(nominal.clone(), set), &mut |_| {
+            ControlFlow::Continue(())
+        })
+        .unwrap()
+    };
+    let report = run(set.clone());
+    let repeatability = report.repeatability.clone().unwrap();
+    assert_eq!(repeatability.poses.len(), 5);
+    assert!(repeatability.poses.iter().all(|pose| pose.rows.len() == 10));
+    assert_eq!(repeatability.poses[2].rows[..3], [2, 42, 47]);
+    // 45 · 3 / 5 · 5 degrees of freedom: 0.05 mm to a tenth or so
+    assert!(
+        (repeatability.std_mm - 0.05).abs() < 0.01,
+        "{}",
+        repeatability.std_mm
+    );
+    let positions: Vec<Vector3<f64>> = repeatability.poses[1]
+        .rows
+        .iter()
+        .map(|row| set.points[*row].position_mm)
+        .collect();
+    let visits = Visits::of(&positions).unwrap();
+    assert!((repeatability.poses[1].rp_mm - visits.rp_mm()).abs() < 1e-12);
+    // AP: the barycentre against the identified robot, by another way
+    let found = crate::simulation::found(&report);
+    let off = (visits.barycentre_mm - found.position(&visited[1], 0)).norm();
+    assert!(
+        (repeatability.poses[1].ap_after_mm - off).abs() < 1e-9,
+        "{off}"
+    );
+    assert!(
+        repeatability
+            .poses
+            .iter()
+            .all(|pose| pose.ap_after_mm < 0.1 && pose.ap_before_mm > pose.ap_after_mm)
+    );
+    // no pose twice: no figures
+    set.points.truncate(40);
+    assert!(run(set).repeatability.is_none());
+}
+
+/// As an instrument sees it that stands elsewhere, positions rounded to 0.001 mm.
+fn carried(set: &MeasurementSet) -> MeasurementSet {
+    let turn = Rotation3::from_euler_angles(0.01, -0.02, 0.7);
+    let mut set = set.clone();
+    for point in &mut set.points {
+        let moved = turn * point.position_mm + Vector3::new(900.0, -300.0, 50.0);
+        point.position_mm = moved.map(|x| (x * 1e3).round() / 1e3);
+    }
+    set
+}
+
+fn noisy(set: &MeasurementSet, std_mm: f64, random: &mut Normal) -> MeasurementSet {
+    let mut set = set.clone();
+    let noisy = |point: &mut kincal::measurement::Point| {
+        point.position_mm += random.vector() * std_mm;
+    };
+    set.points.iter_mut().for_each(noisy);
+    set
+}
+
+#[test]
+fn a_session_at_the_same_joint_values_is_told_from_a_copy_by_its_noise_wherever_the_instrument_stands()
+ {
+    let nominal = paper_robot();
+    for seed in 0..8 {
+        let mut random = Normal::new(seed);
+        let truth = true_robot(&nominal, 1, &mut random);
+        let poses = poses(40, &mut random);
+        let mut session = || measure(&truth, &poses, &Campaign::PLAIN, &mut random);
+        let (first, second) = (session(), session());
+        assert!(is_anew(&nominal, &first, &second), "measured anew: {seed}");
+        assert!(is_anew(&nominal, &first, &carried(&second)), "{seed}");
+        for std_mm in [0.0, 0.001, 0.01, 0.03, 0.1, 0.3] {
+            let copy = noisy(&first, std_mm, &mut random);
+            for (copy, what) in [(carried(&copy), "carried"), (copy, "in place")] {
+                assert!(!is_anew(&nominal, &first, &copy), "{std_mm} mm, {what}");
+                assert!(!is_anew(&nominal, &copy, &first), "{std_mm} mm, {what}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_joint_that_does_not_move_the_reflector_makes_no_new_pose_of_a_copy() {
+    let nominal = paper_robot();
+    let mut random = Normal::new(3);
+    let mut truth = true_robot(&nominal, 1, &mut random);
+    truth.targets_mm[0] = Vector3::new(0.0, 0.0, 110.0);
+    let poses = poses(40, &mut random);
+    let first = measure(&truth, &poses, &Campaign::PLAIN, &mut random);
+    for turned_deg in [0.03f64, 1.0, 90.0] {
+        let mut copy = noisy(&first, 0.02, &mut random);
+        let turn = |point: &mut kincal::measurement::Point| {
+            point.q_rad[5] += turned_deg.to_radians();
+        };
+        copy.points.iter_mut().for_each(turn);
+        assert!(!is_anew(&nominal, &first, &copy), "{turned_deg}°");
+    }
+    let session = measure(&truth, &poses, &Campaign::PLAIN, &mut random);
+    assert!(is_anew(&nominal, &first, &session));
+}

@@ -1,0 +1,555 @@
+//! What the report says of its own errors, held against robots whose truth is known.
+
+use crate::data::{paper_robot, paper_set, real_data, robot};
+use crate::simulation::{
+    Campaign, Normal, found, intervals_held, limited, measure, poses, position_with_sag,
+    tool_intervals_held, true_robot,
+};
+use kincal::calibration::request::{CorrectionsChoice, Loss};
+use kincal::calibration::{CalibrationReport, CalibrationRequest, Method, Preset, calibrate};
+use kincal::identification::KinematicModel;
+use kincal::kinematics::t_base_flange;
+use kincal::measurement::{Frame, MeasurementSet, Subset, csv};
+use nalgebra::{Matrix3, Rotation3, Vector3};
+use rand::RngExt;
+use std::ops::ControlFlow;
+
+/// Robots per test; `examples/coverage_study.rs` takes 1,000.
+const ROBOTS: u64 = 80;
+
+struct Run {
+    truth: KinematicModel,
+    report: CalibrationReport,
+}
+
+fn runs(campaign: Campaign) -> Vec<Run> {
+    let run = |seed: u64| {
+        let nominal = limited(paper_robot());
+        let mut random = Normal::new(seed);
+        let truth = true_robot(&nominal, campaign.n_targets, &mut random);
+        let set = measure(
+            &truth,
+            &poses(campaign.n_configurations, &mut random),
+            &campaign,
+            &mut random,
+        );
+        let request = CalibrationRequest {
+            method: Method::LeastSquares,
+            ..CalibrationRequest::new(nominal, set)
+        };
+        Run {
+            truth,
+            report: calibrate(&request, &mut |_| ControlFlow::Continue(())).unwrap(),
+        }
+    };
+    (0..ROBOTS).map(run).collect()
+}
+
+/// The same, two of the points of each robot 5 mm off, and a loss that bounds what they do.
+fn robust_runs(loss: Loss) -> Vec<Run> {
+    let run = |seed: u64| {
+        let nominal = limited(paper_robot());
+        let mut random = Normal::new(seed);
+        let truth = true_robot(&nominal, 1, &mut random);
+        let mut set = measure(
+            &truth,
+            &poses(50, &mut random),
+            &Campaign::PLAIN,
+            &mut random,
+        );
+        for point in [11, 37] {
+            set.points[point].position_mm += random.vector().normalize() * 5.0;
+        }
+        let mut request = CalibrationRequest {
+            method: Method::LeastSquares,
+            ..CalibrationRequest::new(nominal, set)
+        };
+        request.options.loss = Some(loss);
+        Run {
+            truth,
+            report: calibrate(&request, &mut |_| ControlFlow::Continue(())).unwrap(),
+        }
+    };
+    (0..ROBOTS).map(run).collect()
+}
+
+#[test]
+fn with_wild_points_and_a_robust_loss_the_intervals_are_those_of_the_other_points() {
+    let mean_std = |runs: &[Run]| {
+        let stds = runs
+            .iter()
+            .flat_map(|r| r.report.parameters.iter().filter_map(|p| p.std_uncertainty));
+        let (sum, n) = stds.fold((0.0, 0), |(sum, n), std| (sum + std, n + 1));
+        sum / f64::from(n)
+    };
+    let plain = mean_std(&runs(Campaign::PLAIN));
+    for loss in [Loss::Huber, Loss::Tukey] {
+        let runs = robust_runs(loss);
+        let (held, wider) = (coverage(&runs), mean_std(&runs) / plain);
+        println!("{loss:?}: {held:.2} % held, {wider:.3} times as wide as without wild points");
+        // 95 % of the efficiency is 1.026 times the width; two of 50 points pull with Huber's bound
+        assert!(
+            (92.0..=97.0).contains(&held) && (0.95..1.3).contains(&wider),
+            "{loss:?}: {held} %, {wider}"
+        );
+    }
+}
+
+/// Share of the stated 95 % intervals that hold the truth, %.
+fn coverage(runs: &[Run]) -> f64 {
+    let counts = runs
+        .iter()
+        .map(|r| intervals_held(&paper_robot(), &r.truth, &r.report));
+    let (stated, held) = counts.fold((0, 0), |(s, h), (stated, held)| (s + stated, h + held));
+    assert!(
+        stated >= 24 * ROBOTS as usize,
+        "every parameter but the base's rotation has an interval"
+    );
+    100.0 * held as f64 / stated as f64
+}
+
+/// How many runs kept a part of the error model.
+fn kept(runs: &[Run], part: impl Fn(&kincal::calibration::report::ErrorModel) -> f64) -> usize {
+    runs.iter()
+        .filter(|r| r.report.error_model.is_some_and(|e| part(&e) > 0.0))
+        .count()
+}
+
+#[test]
+fn with_white_noise_the_stated_intervals_hold_the_truth_in_93_to_97_of_100_cases() {
+    let runs = runs(Campaign::PLAIN);
+    let held = coverage(&runs);
+    println!("{held:.2} % held");
+    assert!((93.0..=97.0).contains(&held), "{held} %");
+    // a part that is not there is kept in at most one of twenty cases; 80 · 0.05 and three standard deviations of that
+    assert!(
+        kept(&runs, |e| e.misfit_std_rad) <= 10 && kept(&runs, |e| e.configuration_std_mm) == 0
+    );
+    let noise = runs
+        .iter()
+        .map(|r| r.report.error_model.unwrap().noise_std_mm)
+        .sum::<f64>()
+        / ROBOTS as f64;
+    assert!(
+        (noise / 0.03 - 1.0).abs() < 0.02,
+        "the noise of 0.03 mm is found: {noise}"
+    );
+}
+
+/// Of 80 robots at 95 %, with the poses of one robot erring together (27 parameters): three standard deviations of a share over
+/// 80 · 27 independent intervals are 1.4 %.
+const TOOL_HELD: std::ops::RangeInclusive<f64> = 93.0..=97.0;
+
+#[test]
+fn with_white_noise_the_stated_intervals_of_the_tool_hold_it_in_93_to_97_of_100_cases() {
+    let (mut stated, mut held) = (0, 0);
+    for (seed, Run { truth, report }) in runs(Campaign::PLAIN).iter().enumerate() {
+        let elsewhere = poses(20, &mut Normal::new(1000 + seed as u64));
+        let counts = tool_intervals_held(&paper_robot(), truth, report, &elsewhere, 0.0);
+        (stated, held) = (stated + counts.0, held + counts.1);
+    }
+    let share = 100.0 * held as f64 / stated as f64;
+    println!("{share:.2} % of {stated}");
+    assert!(
+        stated == 60 * ROBOTS as usize && TOOL_HELD.contains(&share),
+        "{share} %"
+    );
+}
+
+#[test]
+fn what_the_points_of_a_configuration_share_is_found_and_counted() {
+    let shared = Campaign {
+        n_configurations: 20,
+        n_targets: 3,
+        shared_mm: 0.06,
+        ..Campaign::PLAIN
+    };
+    let runs = runs(shared);
+    assert!(
+        kept(&runs, |e| e.configuration_std_mm) >= 76,
+        "twice the noise is found in 95 % of the campaigns"
+    );
+    let held = coverage(&runs);
+    println!("{held:.2} % held");
+    assert!((93.0..=97.0).contains(&held), "{held} %");
+}
+
+#[test]
+fn sag_that_no_model_knows_is_noticed_and_widens_the_intervals() {
+    let runs = runs(Campaign {
+        sag_rad: 5e-4,
+        ..Campaign::PLAIN
+    });
+    assert_eq!(kept(&runs, |e| e.misfit_std_rad), ROBOTS as usize);
+    let held = coverage(&runs);
+    println!("{held:.2} % held");
+    // 86 % in the study: the links take up part of the sag, and what they take up cannot be seen in the residuals
+    assert!((80.0..97.0).contains(&held), "{held} %");
+}
+
+/// The predicted standard deviation against the true error, both over the same workspace. 80 robots leave 4 %, of which three; and the
+/// mean over the workspace is a little below the root mean square.
+const PREDICTED_OVER_TRUE: std::ops::Range<f64> = 0.85..1.13;
+/// With sag, what is predicted rests on an estimate of one number from the residuals of each robot, and gravity may come from anywhere.
+const PREDICTED_OVER_TRUE_WITH_SAG: std::ops::Range<f64> = 0.85..1.8;
+
+#[test]
+fn the_predicted_tool_uncertainty_is_that_of_unseen_poses() {
+    for sag_rad in [0.0, 1e-4] {
+        let runs = runs(Campaign {
+            sag_rad,
+            ..Campaign::PLAIN
+        });
+        let (mut predicted, mut missed) = (0.0, 0.0);
+        for (seed, Run { truth, report }) in runs.iter().enumerate() {
+            let tool = report.tool_uncertainty.unwrap();
+            assert!(tool.max_mm >= tool.mean_mm);
+            predicted += tool.mean_mm * tool.mean_mm;
+            let found = found(report);
+            let error = |q: &Vec<f64>| {
+                (position_with_sag(truth, q, 0, sag_rad) - found.position(q, 0)).norm_squared()
+            };
+            missed += poses(20, &mut Normal::new(1000 + seed as u64))
+                .iter()
+                .map(error)
+                .sum::<f64>()
+                / 20.0;
+        }
+        let ratio = (predicted / missed).sqrt();
+        println!("sag {sag_rad}: predicted over true {ratio:.3}");
+        let limit = if sag_rad > 0.0 {
+            PREDICTED_OVER_TRUE_WITH_SAG
+        } else {
+            PREDICTED_OVER_TRUE
+        };
+        assert!(limit.contains(&ratio), "{ratio}");
+    }
+}
+
+#[test]
+fn poses_that_show_little_of_the_robot_leave_the_tool_uncertain() {
+    let nominal = paper_robot();
+    let campaign = Campaign::PLAIN;
+    let mut random = Normal::new(7);
+    let truth = true_robot(&nominal, 1, &mut random);
+    let good = poses(50, &mut random);
+    let frozen_wrist: Vec<Vec<f64>> = good
+        .iter()
+        .map(|q| [&q[..3], &[0.3, -0.7, 0.2]].concat())
+        .collect();
+    let narrow: Vec<Vec<f64>> = good
+        .iter()
+        .map(|q| q.iter().map(|q| 0.3 + 0.1 * q).collect())
+        .collect();
+    let mut std_mm = |poses: &[Vec<f64>]| {
+        let set = measure(&truth, poses, &campaign, &mut random);
+        let request = CalibrationRequest {
+            method: Method::LeastSquares,
+            ..CalibrationRequest::new(nominal.clone(), set)
+        };
+        let report = calibrate(&request, &mut |_| ControlFlow::Continue(())).unwrap();
+        if report.tool_uncertainty.is_none() {
+            // the nominal robot is nearer than what these poses leave open
+            assert_nothing_is_stated(&report, "do not determine the robot");
+        }
+        let tool = report.tool_uncertainty;
+        tool.map_or(f64::INFINITY, |tool| tool.mean_mm)
+    };
+    let (wide, frozen, narrow) = (std_mm(&good), std_mm(&frozen_wrist), std_mm(&narrow));
+    println!("wide {wide:.4} mm, frozen wrist {frozen:.4} mm, narrow cloud {narrow:.4} mm");
+    assert!(wide < 0.05 && frozen > 10.0 * wide && narrow > 10.0 * wide);
+}
+
+#[test]
+fn a_file_that_stands_twice_in_the_upload_says_no_more_than_once() {
+    let nominal = limited(paper_robot());
+    let mut random = Normal::new(5);
+    let truth = true_robot(&nominal, 1, &mut random);
+    let once = measure(
+        &truth,
+        &poses(30, &mut random),
+        &Campaign::PLAIN,
+        &mut random,
+    );
+    let mut twice = once.clone();
+    twice.points.extend(once.points.iter().cloned());
+    let stds = |set| {
+        let report = calibrate(&CalibrationRequest::new(nominal.clone(), set), &mut |_| {
+            ControlFlow::Continue(())
+        })
+        .unwrap();
+        assert!(report.error_model.unwrap().misfit_std_rad == 0.0);
+        report
+            .parameters
+            .iter()
+            .map(|p| p.std_uncertainty.unwrap_or(0.0))
+            .collect::<Vec<f64>>()
+    };
+    for (one, two) in stds(once).into_iter().zip(stds(twice)) {
+        // what the data hardly see is settled by their number, twice as large
+        assert!((one - two).abs() <= 1e-3 * one, "{one} {two}");
+    }
+}
+
+/// Neither the tool nor any parameter has an uncertainty, and the report says why in these words.
+fn assert_nothing_is_stated(report: &CalibrationReport, why: &str) {
+    let said = report.uncertainty_absent_because.as_deref().unwrap_or("");
+    assert!(said.contains(why), "{said:?}");
+    assert!(report.tool_uncertainty.is_none() && report.uncertainty.is_none());
+    assert!(report.error_model.is_none());
+    let nothing = |p: &kincal::calibration::report::ParameterOutcome| {
+        p.std_uncertainty.is_none() && p.interval_95.is_none()
+    };
+    assert!(report.parameters.iter().all(nothing));
+}
+
+#[test]
+fn of_an_answer_that_did_not_converge_no_uncertainty_is_stated() {
+    let mut request = CalibrationRequest {
+        preset: Preset::Paper,
+        method: Method::Pso,
+        ..CalibrationRequest::new(paper_robot(), paper_set("first_noisy.csv"))
+    };
+    request.options.n_iterations = Some(200);
+    let run = |request: &CalibrationRequest| {
+        calibrate(request, &mut |_| ControlFlow::Continue(())).unwrap()
+    };
+    let swarm = run(&request);
+    println!(
+        "verify {:.4} mm: {:?}",
+        swarm.verify.unwrap().after.rms_mm,
+        swarm.uncertainty_absent_because
+    );
+    assert_nothing_is_stated(&swarm, "did not converge");
+    // least squares from there ends at the minimum
+    request.refine = Some(true);
+    let refined = run(&request);
+    let tool_mm = refined.tool_uncertainty.unwrap().mean_mm;
+    assert!(refined.uncertainty_absent_because.is_none());
+    let ratio = tool_mm / refined.verify.unwrap().after.rms_mm;
+    assert!((0.2..5.0).contains(&ratio), "{tool_mm} mm");
+}
+
+/// Poses in which the flange faces one way but for `turn_rad` about each axis, as a reflector faces its tracker.
+fn facing(n: usize, turn_rad: f64, random: &mut Normal) -> Vec<Vec<f64>> {
+    let links = paper_robot().links;
+    let rotation = |q: &[f64]| t_base_flange(&links, q).rotation;
+    let middle = [0.0, -0.4, 0.3, 0.0, 0.9, 0.0];
+    let straight = rotation(&middle);
+    let mut all = Vec::new();
+    while all.len() < n {
+        let mut uniform = || 2.0 * random.0.random::<f64>() - 1.0;
+        let mut q = middle.to_vec();
+        for (joint, half_width) in [0.6, 0.65, 0.8].into_iter().enumerate() {
+            q[joint] += half_width * uniform();
+        }
+        let turn = Vector3::new(uniform(), uniform(), uniform()) * turn_rad;
+        let wanted = Rotation3::new(turn) * straight;
+        // Newton's method for the three joints of the wrist
+        for _ in 0..30 {
+            let here = rotation(&q);
+            let mut by_joint = Matrix3::zeros();
+            for joint in 0..3 {
+                let mut moved = q.clone();
+                moved[3 + joint] += 1e-6;
+                let turned = (rotation(&moved) * here.inverse()).scaled_axis() / 1e-6;
+                by_joint.set_column(joint, &turned);
+            }
+            let missing = (wanted * here.inverse()).scaled_axis();
+            let Some(step) = by_joint.lu().solve(&missing) else {
+                break;
+            };
+            (0..3).for_each(|joint| q[3 + joint] += step[joint].clamp(-0.5, 0.5));
+        }
+        let is_there = (wanted * rotation(&q).inverse()).scaled_axis().norm() < 1e-6;
+        if is_there && q.iter().all(|q| q.abs() < 3.1) && q[4].abs() > 0.2 {
+            all.push(q);
+        }
+    }
+    all
+}
+
+/// What no turning of joints is: a smooth field of displacements over the room, of 0.2 mm, as of a linkage or of the air before the instrument.
+struct Field(Vec<(Vector3<f64>, Vector3<f64>, f64)>);
+
+impl Field {
+    fn new(random: &mut Normal) -> Self {
+        let wave = |random: &mut Normal| {
+            let (by_mm, along_mm) = (random.vector() / 1000.0, random.vector() * 0.15);
+            (by_mm, along_mm, random.draw() * 3.0)
+        };
+        Self((0..8).map(|_| wave(random)).collect())
+    }
+
+    fn at(&self, p: &Vector3<f64>) -> Vector3<f64> {
+        let wave = |(by_mm, along_mm, phase): &(Vector3<f64>, Vector3<f64>, f64)| {
+            along_mm * (by_mm.dot(p) + phase).sin()
+        };
+        self.0.iter().map(wave).sum()
+    }
+}
+
+#[test]
+fn a_misfit_that_runs_away_is_told_and_nothing_is_stated() {
+    for seed in 0..4 {
+        let nominal = limited(paper_robot());
+        let mut random = Normal::new(seed);
+        let truth = true_robot(&nominal, 1, &mut random);
+        let field = Field::new(&mut random);
+        let measured = facing(400, 0.3, &mut random);
+        let mut set = measure(&truth, &measured, &Campaign::PLAIN, &mut random);
+        for point in &mut set.points {
+            point.position_mm += field.at(&point.position_mm);
+        }
+        let request = CalibrationRequest {
+            method: Method::LeastSquares,
+            corrections: Some(CorrectionsChoice::Off),
+            ..CalibrationRequest::new(nominal, set)
+        };
+        let report = calibrate(&request, &mut |_| ControlFlow::Continue(())).unwrap();
+        let found = found(&report);
+        let unseen = poses(200, &mut random);
+        let missed = |q: &Vec<f64>| {
+            let there = truth.position(q, 0);
+            (there + field.at(&there) - found.position(q, 0)).norm_squared()
+        };
+        let missed_mm = (unseen.iter().map(missed).sum::<f64>() / 200.0).sqrt();
+        println!(
+            "seed {seed}: {missed_mm:.3} mm off over the workspace; {:?}",
+            report.uncertainty_absent_because
+        );
+        assert_nothing_is_stated(&report, "is not determined by these points");
+    }
+}
+
+#[test]
+fn of_measured_robots_only_an_uncertainty_that_the_points_determine_is_stated() {
+    let Some(root) = real_data() else { return };
+    let of = |folder: &str, file: &str| {
+        let bytes = std::fs::read(root.join(folder).join(file)).unwrap();
+        let mut set: MeasurementSet = csv::parse(&bytes, Frame::Instrument, 6).unwrap();
+        set.points
+            .iter_mut()
+            .for_each(|point| point.subset = Some(Subset::Identify));
+        let request = CalibrationRequest {
+            corrections: Some(CorrectionsChoice::Off),
+            ..CalibrationRequest::new(robot(&root.join(folder).join("robot.json")), set)
+        };
+        calibrate(&request, &mut |_| ControlFlow::Continue(())).unwrap()
+    };
+    // 0.4 m were stated of a robot that is found to 0.3 mm
+    for visit in ["visit_1.csv", "visit_2.csv"] {
+        let report = of("motoman_ma1400", visit);
+        assert_nothing_is_stated(&report, "is not determined by these points");
+    }
+    let sags = of("qkm_hl6", "set.csv");
+    let tool_mm = sags.tool_uncertainty.unwrap().mean_mm;
+    assert!(sags.uncertainty_absent_because.is_none() && (0.1..1.0).contains(&tool_mm));
+}
+
+/// The tool's true error over the workspace, rms, and what is told of it, mm.
+fn true_and_told_mm(
+    truth: &KinematicModel,
+    report: &CalibrationReport,
+    bent: impl Fn(&[f64]) -> Vec<f64>,
+    random: &mut Normal,
+) -> (f64, Option<f64>) {
+    let found = found(report);
+    let missed = |q: &Vec<f64>| {
+        let there = truth.position(&bent(q), 0);
+        (there - found.position(q, 0)).norm_squared()
+    };
+    let squares: f64 = poses(200, random).iter().map(missed).sum();
+    let told = report.tool_uncertainty.map(|tool| tool.mean_mm);
+    assert_eq!(told.is_none(), report.uncertainty_absent_because.is_some());
+    ((squares / 200.0).sqrt(), told)
+}
+
+#[test]
+fn what_the_papers_model_holds_is_counted_or_nothing_is_stated() {
+    let nominal = paper_robot();
+    let (mut n_told, mut n) = (0, 0);
+    // joints with a harmonic; an axis that the reflector sits on, of a robot with zeros off by 2°
+    for (amplitude_rad, off_deg, n_poses) in [(1e-4, 0.0, 800), (0.0, 2.0, 25), (0.0, 2.0, 60)] {
+        for seed in 0..4 {
+            let mut random = Normal::new(seed);
+            let mut truth = true_robot(&nominal, 1, &mut random);
+            truth.t_instrument_base = nalgebra::IsometryMatrix3::identity();
+            truth.targets_mm[0] = Vector3::new(0.0, 0.0, 110.0);
+            for link in &mut truth.links {
+                link.theta_offset_rad += f64::to_radians(off_deg) * random.draw();
+            }
+            let phases: Vec<f64> = (0..6).map(|_| 3.0 * random.draw()).collect();
+            let bent = |q: &[f64]| -> Vec<f64> {
+                let bend = |(q, phase): (&f64, &f64)| q + amplitude_rad * (q + phase).sin();
+                q.iter().zip(&phases).map(bend).collect()
+            };
+            let measured = poses(n_poses, &mut random);
+            let mut set = measure(&truth, &measured, &Campaign::PLAIN, &mut random);
+            set.frame = Frame::Base;
+            for (point, q) in set.points.iter_mut().zip(&measured) {
+                point.position_mm += truth.position(&bent(q), 0) - truth.position(q, 0);
+            }
+            let request = CalibrationRequest {
+                corrections: Some(CorrectionsChoice::Off),
+                ..CalibrationRequest::new(nominal.clone(), set)
+            };
+            let report = calibrate(&request, &mut |_| ControlFlow::Continue(())).unwrap();
+            let (true_mm, told_mm) = true_and_told_mm(&truth, &report, bent, &mut random);
+            println!("{n_poses} poses, seed {seed}: {true_mm:.3} mm, told {told_mm:?}");
+            assert!(
+                told_mm.is_none_or(|told_mm| true_mm < 2.0 * told_mm),
+                "{n_poses} poses, seed {seed}: {true_mm} mm, told {told_mm:?}"
+            );
+            n_told += usize::from(told_mm.is_some());
+            n += 1;
+        }
+    }
+    println!("told of {n_told} of {n}");
+}
+
+#[test]
+fn no_uncertainty_is_stated_that_is_larger_than_the_nominal_robots_error() {
+    let Some(root) = real_data() else { return };
+    for (folder, file) in [
+        ("motoman_ma1400", "visit_1.csv"),
+        ("motoman_ma1400", "visit_2.csv"),
+        ("ur10_tmac", "data_D.csv"),
+    ] {
+        let text = std::fs::read_to_string(root.join(folder).join(file)).unwrap();
+        // measured poses have columns of rotations, which kincal does not read yet
+        let names: Vec<&str> = text.lines().next().unwrap().split(',').collect();
+        let is_read = |name: &str| {
+            name == "configuration"
+                || name.starts_with('q')
+                || ["x_mm", "y_mm", "z_mm"].contains(&name)
+        };
+        let of_line = |line: &str| {
+            let cells = line.split(',').zip(&names);
+            let kept: Vec<&str> = cells
+                .filter(|(_, name)| is_read(name))
+                .map(|(cell, _)| cell)
+                .collect();
+            kept.join(",") + "\n"
+        };
+        let read: String = text.lines().map(of_line).collect();
+        let set: MeasurementSet = csv::parse(read.as_bytes(), Frame::Instrument, 6).unwrap();
+        for seed in 0..4 {
+            let request = CalibrationRequest {
+                corrections: Some(CorrectionsChoice::Off),
+                seed,
+                ..CalibrationRequest::new(robot(&root.join(folder).join("robot.json")), set.clone())
+            };
+            let report = calibrate(&request, &mut |_| ControlFlow::Continue(())).unwrap();
+            let nominal_mm = report.identify.before.rms_mm;
+            println!(
+                "{file}, seed {seed}: nominal {nominal_mm:.3} mm, told {:?}, {:?}",
+                report.tool_uncertainty, report.uncertainty_absent_because
+            );
+            match report.tool_uncertainty {
+                Some(tool) => assert!(tool.mean_mm <= nominal_mm, "{file}, seed {seed}: {tool:?}"),
+                None => assert_nothing_is_stated(&report, "determine"),
+            }
+        }
+    }
+}

@@ -1,0 +1,356 @@
+#!/usr/bin/env python3
+"""Plants one fault at a time in a copy of the tree and runs the test that has to catch it.
+
+    tests/planted_faults.py --check             every fault finds its place in the tree as it is: a second, part of .ci/run
+    tests/planted_faults.py                     all faults; each is a build, so this runs by night
+    tests/planted_faults.py fence "no scope"    those whose name contains one of these texts
+
+First the tests run without a fault and have to pass. A fault that no test catches fails this script. KINCAL_PLANT_DIR keeps the copy and its
+target directory for the next run; a copy of target/ there saves building the dependencies.
+
+A fault is a text to find and a text to put in its place. It is looked for in all of src/ (or in the folder that the fault names), and has to be
+found exactly once. Spaces, line breaks and trailing commas do not count, so it survives rustfmt and moves between files.
+"""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+LONGEST_BUILD_S = 3600
+LONGEST_RUN_S = 900
+
+
+@dataclass
+class Fault:
+    name: str
+    # the test binary, and the filter of the tests that must fail
+    test: str
+    filter: str
+    # (find, replace), all of them planted together
+    edits: list
+    folder: str = "src"
+
+
+FAULTS = [
+    # The store
+    Fault("no UNIQUE on the job's parameter set", "service", "a_job_has_at_most_one", [
+        ("""create table parameter_set (
+                id text not null primary key, robot_id text not null references robot (id), job_id text not null unique references job (id)""",
+         """create table parameter_set (
+                id text not null primary key, robot_id text not null references robot (id), job_id text not null references job (id)""")],
+        "migrations/sqlite"),
+    Fault("no UNIQUE on the released set", "service", "the_schema_itself_refuses_a_second", [
+        ("create unique index parameter_set_one_released", "create index parameter_set_one_released")], "migrations/sqlite"),
+    Fault("a release in spite of a failed gate", "service", "in_spite_of_a_failed_gate", [
+        ("or coalesce(new.release_n_failed, 1) <> 0", "")], "migrations/sqlite"),
+    Fault("a rollback by the clock", "service", "follows_what_a_release_superseded", [
+        ("""order by case when id = (select a.supersedes_id from parameter_set a where a.robot_id = $1 and a.status = 'released') then 0 else 1 end,
+            release_seq desc""", "order by released_at_ms desc")], "src/store"),
+    Fault("a set of before a collision is released", "service", "keeps_what_speaks_against", [
+        ("or (r.check_seq > r.checked_seq and not exists", "or (1 = 0 and not exists")], "migrations/sqlite"),
+    Fault("a set that is far off is released", "service", "keeps_what_speaks_against", [
+        ("v.fit = 'set_far_off' and v.seq > r.checked_seq", "v.fit = 'set_far_off' and v.seq > r.checked_seq + 1000")], "migrations/sqlite"),
+    Fault("old points count as measured since", "service", "keeps_what_speaks_against", [
+        ("= $11 then $9 else 1 end", "= $11 then $9 else $9 end")], "src/store"),
+    Fault("facts are not in the chain", "service", "each_fault_is_told", [
+        ("tx.note(KEPT, job_id, row.as_kept());", "")], "src/store"),
+    Fault("a withdrawn set comes back", "service", "keeps_the_life", [
+        ("old.status = 'withdrawn' and new.status <> 'withdrawn'", "1 = 0")], "migrations/sqlite"),
+    Fault("a policy that only code keeps", "service", "keeps_the_robots_policy", [
+        ("p.independent_session_required = 1 and", "p.independent_session_required = 2 and")], "migrations/sqlite/0008_verification.sql"),
+    Fault("a report that may be edited", "service", "keeps_results_and_frames", [
+        ("""update of report_json, convergence_json, result_sha256 on job
+            when old.status in ('succeeded', 'failed', 'cancelled')""",
+         """update of report_json, convergence_json, result_sha256 on job
+            when 1 = 0""")], "migrations/sqlite/0007_documents_last.sql"),
+    Fault("the chain forgets the hash before", "service", "an_entry_forged", [
+        ("json!([before, seq, at_ms,", 'json!(["", seq, at_ms,')]),
+    Fault("the chain leaves out who did it", "service", "an_edit_a_deletion", [
+        ("seq, at_ms, actor, event, subject, detail_json]).to_string()", 'seq, at_ms, "", event, subject, detail_json]).to_string()')]),
+    Fault("the key is claimed outside its effect", "service", "idempotency::", [
+        ("""(select now_ms from clock)) on conflict do nothing";""",
+         """(select now_ms from clock))
+            on conflict (key_holder, method, path, idempotency_key) do update set status = null";""")]),
+    Fault("synchronous = NORMAL", "service", "durable_settings", [
+        ("pragma synchronous = full", "pragma synchronous = normal")]),
+    Fault("bytes are not compared", "service", "each_fault_is_told", [
+        ("kept.is_empty() || kept == now", "true || kept == now"),
+        ("require(then == now,", "require(true || then == now,")]),
+    Fault("documents are not compared", "service", "each_fault_is_told", [
+        ('(REPORTS, "job_succeeded", "report_sha256")', '(REPORTS, "job_succeeded", "no_such_field")')]),
+    Fault("fields of rows are not compared", "service", "each_fault_is_told", [
+        ("Some(then) => then == now,", "Some(_) => true,")]),
+    Fault("who did it is not compared", "service", "databases_from_before", [
+        ("|| *now == *then.actor }", "|| true }")]),
+    # Jobs and nodes
+    Fault("computed before the claim is certain", "service", "nothing_is_computed", [
+        ("tx.commit().await?; tracing::info!(", "drop(tx.commit().await); tracing::info!(")]),
+    Fault("no fencing token", "service", "queue::", [
+        ("where id = $1 and owner = $2 and attempt = $3 and status = 'running'",
+         "where id = $1 and $2 = $2 and $3 = $3 and status = 'running'")]),
+    Fault("attempts without end", "service", "is_tried_as_often", [
+        ('concat!("(", spent!(), " >= $1 or deaths', 'concat!("(", spent!(), " >= $1 + 1000 or deaths'),
+        ('concat!(spent!(), " < $1 and', 'concat!(spent!(), " < $1 + 1000 and')]),
+    Fault("deaths without end", "service", "not_for_ever", [
+        ('died!(), " > $3)"', 'died!(), " > $3 + 1000)"'), ('died!(), " <= $2"', 'died!(), " <= $2 + 1000"')]),
+    Fault("a death counts as an attempt", "service", "uses_up_no_attempt", [
+        ('"(attempt - deaths - "', '"(attempt - 0 * "')]),
+    Fault("a suspect beside others", "service", "run_alone_one_after_the_other", [
+        ("Arc::clone(&self.jobs).write_owned().await", "RwLock::default().pipe_write().await"),
+        ("impl RunAlone {", """trait PipeWrite { async fn pipe_write(self) -> OwnedRwLockWriteGuard<()>; }
+            impl PipeWrite for RwLock<()> { async fn pipe_write(self) -> OwnedRwLockWriteGuard<()> { Arc::new(self).write_owned().await } }
+            impl RunAlone {""")]),
+    Fault("suspects starve", "service", "has_its_turn", [
+        ("since.elapsed() >= self.patience", "since.elapsed() >= self.patience * 10_000")]),
+    Fault("a frozen node keeps its lock", "faults", "a_frozen_node", [
+        ("set idle_in_transaction_session_timeout = '5s'", "set idle_in_transaction_session_timeout = 0")]),
+    Fault("/readyz does not look for stuck writers", "faults", "readyz_tells", [
+        ("stuck.filter(|stuck| stuck.duration >= STUCK).map(", "stuck.filter(|stuck| stuck.duration >= STUCK_TOO_LONG).map(")]),
+    Fault("a job without end", "service", "without_an_end", [
+        ("tokio::time::sleep(longest)", "tokio::time::sleep(longest.max(Duration::from_secs(3600)))")]),
+    Fault("cancelled: over with its thread only", "service", "a_cancelled_job_is_over_soon", [
+        ("sleep(CANCELLED_WITHIN)", "sleep(CANCELLED_WITHIN * 1000)")]),
+    Fault("cancelled: two threads of one worker", "service", "a_cancelled_job_is_over_soon", [
+        ("computation.wait(context, &job_id).await;", "drop(deaf);")]),
+    Fault("cancelled: a worker waits for ever", "service", "a_cancelled_computation_without", [
+        ("tokio::time::sleep(left)", "tokio::time::sleep(left * 1000)")]),
+    Fault("a cancellation that comes too late", "service", "a_waiting_job_is_cancelled", [
+        ("status = case when cancel_requested_at_ms is null then 'succeeded' else 'cancelled' end", "status = 'succeeded'")]),
+    # Release
+    Fault("a broken beam decides a release", "core", "one_wild_point", [
+        ("let n_set_aside = if points", "let n_set_aside = if points.is_empty() && points")]),
+    Fault("a gate that fails open", "service", "no_better_than_nominal", [
+        ("find(|session| !session.found.is_better)", "find(|session| session.seq == -1)")]),
+    Fault("a copy with noise is a session", "core", "a_second_visit", [
+        ("pair.reading_rad <= SAME_READING_RAD", "pair.reading_rad < 0.0"), ("slope >= FOLLOWS && slope", "true || slope")]),
+    Fault("a set of before a collision passes its gates", "service", "from_before_a_collision", [
+        ("if facts.identification_seq > seq && !facts.identification.is_repeat", "if seq > 0")], "src/release"),
+    Fault("a later session outweighs one that missed", "service", "missed_by_far_stays", [
+        ("Fit::SetFarOff => false,", "Fit::SetFarOff => facts.sessions.iter().any(|later| supports_since(later, session.seq)),")], "src/release"),
+    Fault("a blank is a reason", "service", "nothing_to_read", [
+        ("!text.is_empty() && !text.chars().any(is_readable)", "text.trim().is_empty() && !text.is_empty()")], "src/wire"),
+    Fault("what does not fit is evidence", "service", "session_that_does_not_fit", [
+        ("const FAR: f64 = 10.0", "const FAR: f64 = 1e9")], "src/calibration/session_fit.rs"),
+    Fault("the same points count as a session", "service", "the_same_points_uploaded_again", [
+        ("n_repeated as f64 <= MAX_REPEATED", "0.0 <= MAX_REPEATED")]),
+    Fault("no look at the active set", "service", "worse_than_the_active_one", [
+        ("passed &= *own <= active + SAME_MM", "passed &= *own <= active + 1000.0")]),
+    Fault("releases what was uploaded alone", "service", "no_dangerous_upload", [
+        ("other || !facts.policy.second_person_required", "other || facts.policy.second_person_required")]),
+    # HTTP
+    Fault("pages of other sites may release", "service", "without_keys", [
+        ("if app.no_auth {", "if false {")], "src/http/host.rs"),
+    Fault("hyper's own answers forget TLS", "service", "no_route_gets_to_see", [
+        ("headers.extend(of_all.clone());", "")], "src/http"),
+    Fault("remedies of HTTP in a terminal", "service", "remedies_in_a_terminal", [
+        ("COMMANDS.iter().fold(text.to_owned(), replace)", "COMMANDS.iter().take(0).fold(text.to_owned(), replace)")], "src/cli"),
+    Fault("an old data directory stays open", "service", "of_an_older_version", [
+        ("set_permissions(data_dir, Permissions::from_mode(PRIVATE_DIR))", "set_permissions(data_dir, Permissions::from_mode(mode & 0o7777))")], "src/store"),
+    Fault("a description is parsed uncounted", "load", "a_urdf_of_too_much", [
+        ("xml_limits::check(text)?;", "")]),
+    Fault("a data directory for everybody", "service", "owners_alone", [
+        (".mode(PRIVATE_DIR)", "")]),
+    Fault("no scope check", "service", "each_route_takes_its_scope", [
+        ("if caller.has(*scope) => Ok", "if caller.has(*scope) || true => Ok")]),
+    Fault("other robots' things are seen", "service", "every_role_on_every_route", [
+        ("if caller.may_see(robot_id) { Ok", "if true || caller.may_see(robot_id) { Ok")]),
+    Fault("what is refused unread is not heard", "load", "still_hears", [
+        ("Poll::Pending => return idle.as_mut().poll(context).map(Ok)", "Poll::Pending => return Poll::Ready(Ok(()))")]),
+    Fault("no last call of who is connected", "service", "who_was_connected", [
+        ("const LAST_CALL: Duration = Duration::from_millis(100)", "const LAST_CALL: Duration = Duration::from_millis(0)")]),
+    Fault("no last call before the end", "service", "who_is_connected", [
+        ("const LAST_CALL: Duration = Duration::from_millis(100)", "const LAST_CALL: Duration = Duration::from_millis(0)"),
+        ("for _ in 0..MAX_LAST { let Ok(Ok(client))", "for _ in 0..0 { let Ok(Ok(client))"),
+        ("for _ in 0..MAX_LAST { let Ok((stream, peer))", "for _ in 0..0 { let Ok((stream, peer))")]),
+    Fault("a key is logged", "service", "no_key_and_no_body", [
+        ("let key = value.to_str().ok().and_then", 'tracing::debug!(?value, "a key"); let key = value.to_str().ok().and_then')]),
+    # What is uploaded and asked
+    Fault("calibrate takes any file", "service", "calibrate_refuses", [
+        ("let insisted_on = look(&robot, &set, arguments)?;", "let insisted_on: Option<&str> = None;")]),
+    Fault("jitter makes equations", "core", "poses_repeated", [
+        ("configurations.first_row_like(&o.q_rad, row)", "configurations.first_row_like(&[row as f64], row)")]),
+    Fault("targets that no pose has looked at", "core", "with_nothing_to_identify", [
+        ("let n_poses = (parameters.len() + MORE_POSES).max(n_targets);", "let n_poses = parameters.len() + MORE_POSES;")]),
+    Fault("no finite check", "service", "every_bad_file", [
+        ("if !value.is_finite() { return Err((\"not_finite\"", "if value.is_nan() && false { return Err((\"not_finite\"")]),
+    Fault("joints are counted as the file says", "service", "a_controllers_joint_convention", [
+        ("all.extend(self.convention(self.frame));", "")]),
+    Fault("no alignment check", "service", "wrong_as_a_whole", [
+        ("pub const FITS: f64 = 0.01", "pub const FITS: f64 = 1e9")]),
+    # The core
+    Fault("a robot of Universal Robots points backwards", "service", "a_universal_robot_from_its", [
+        ("rpy_rad: [0.0, 0.0, if self == Self::Base { 0.0 } else { PI }]", "rpy_rad: [0.0, 0.0, 0.0 * PI]")], "src/exchange"),
+    Fault("compensate forgets where the base is", "service", "a_wrong_mastering_of_the_first_joint", [
+        ("Some(CompensateBase::Measured) | None => Ok(Base::Measured)",
+         "Some(CompensateBase::Measured) => Ok(Base::Measured), None => Ok(Base::Robot)")], "src/wire"),
+    Fault("a flange turned as nobody knows", "service", "how_the_flange_is_turned", [
+        ("MAX_FLANGE_ROTATION_STD_RAD: f64 = 0.5 *", "MAX_FLANGE_ROTATION_STD_RAD: f64 = 500.0 *")], "src/calibration"),
+    Fault("five points cannot serve as they are told", "service", "a_small_set_can_serve", [
+        ("[false, true].map(|refit| { check_enough(", "[false, false].map(|refit| { check_enough(")], "src/calibration"),
+    Fault("corrections without a veto", "core", "have_a_veto", [
+        ("if corrected_mm <= links_mm || errors_mm.is_empty()", "if corrected_mm <= links_mm + 1e9 || errors_mm.is_empty()")]),
+    Fault("uncertainty of what did not converge", "core", "did_not_converge", [
+        ("const SETTLED_STDS: f64 = 3.0", "const SETTLED_STDS: f64 = 1e12")]),
+    Fault("a lower bound without what is not linear", "core", "never_above_the_cost", [
+        ("+ (error[part] + rounding)", "+ rounding")]),
+    Fault("a lower bound without its rounding", "core", "never_above_the_cost", [
+        ("+ (error[part] + rounding)", "+ error[part]")]),
+]
+
+
+def squeezed(text):
+    """The text without spaces and trailing commas, and where each of its characters stands."""
+    kept = [at for at, character in enumerate(text) if not character.isspace()]
+    kept = [at for at, after in zip(kept, kept[1:] + [None]) if not (text[at] == "," and after is not None and text[after] in ")]}")]
+    return "".join(text[at] for at in kept), kept
+
+
+class Tree:
+    """The sources in which faults are planted."""
+
+    def __init__(self, root):
+        self.root = Path(root)
+        self.files = {}
+        for folder, suffix in (("src", ".rs"), ("migrations", ".sql")):
+            for path in sorted((self.root / folder).rglob("*" + suffix)):
+                text = path.read_text(encoding="utf-8")
+                self.files[path.relative_to(self.root).as_posix()] = (text, *squeezed(text))
+
+    def places(self, find, folder):
+        """(file, begin, end) of each place where the text stands."""
+        needle, _ = squeezed(find)
+        found = []
+        for name, (_, text, kept) in self.files.items():
+            if name == folder or name.startswith(folder + "/"):
+                found += [(name, kept[m.start()], kept[m.start() + len(needle) - 1] + 1) for m in re.finditer(re.escape(needle), text)]
+        return found
+
+    def troubles(self, fault):
+        """Why the fault cannot be planted."""
+        counted = [(find, len(self.places(find, fault.folder))) for find, _ in fault.edits]
+        return [f"{fault.name}: found {n} times in {fault.folder}, not once: {find.strip()}" for find, n in counted if n != 1]
+
+    def planted(self, fault):
+        """The files with the fault in them."""
+        changed = {}
+        for name, begin, end, replace in sorted(
+            ((*self.places(find, fault.folder)[0], replace) for find, replace in fault.edits), reverse=True
+        ):
+            text = changed.get(name, self.files[name][0])
+            changed[name] = text[:begin] + replace + text[end:]
+        return changed
+
+
+def check():
+    tree = Tree(ROOT)
+    troubles = [trouble for fault in FAULTS for trouble in tree.troubles(fault)]
+    names = [fault.name for fault in FAULTS]
+    troubles += [f"{name}: there are two of this name" for name in sorted(set(names)) if names.count(name) > 1]
+    binaries = {path.stem for path in (ROOT / "tests").glob("*.rs")} | {path.parent.name for path in (ROOT / "tests").glob("*/main.rs")}
+    tests = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "tests").rglob("*.rs"))
+    for fault in FAULTS:
+        name = fault.filter.removesuffix("::")
+        if fault.test not in binaries or not re.search(rf"(fn|mod) \w*{re.escape(name)}", tests):
+            troubles.append(f"{fault.name}: there is no test {fault.test} {fault.filter}")
+    print("\n".join(troubles + [f"{len(FAULTS)} faults, {len(troubles)} troubles"]))
+    return not troubles
+
+
+class Runner:
+    def __init__(self, directory):
+        self.copy = Path(directory) / "tree"
+        self.env = {**os.environ, "CARGO_TARGET_DIR": str(Path(directory) / "target"), "RUST_BACKTRACE": "0"}
+        self.output = ""
+
+    def refresh(self):
+        """Copies what git knows and what differs, so that a second run builds only what changed."""
+        known = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, stdout=subprocess.PIPE, check=True).stdout.decode().split("\0")
+        for name in filter(None, known):
+            source, target = ROOT / name, self.copy / name
+            if not source.is_file():
+                target.unlink(missing_ok=True)
+            elif not target.is_file() or source.read_bytes() != target.read_bytes():
+                target.parent.mkdir(parents=True, exist_ok=True)
+                shutil.copy(source, target)
+        for folder in ("src", "tests", "migrations"):
+            for path in (self.copy / folder).rglob("*"):
+                if path.is_file() and path.relative_to(self.copy).as_posix() not in known:
+                    path.unlink()
+
+    def cargo(self, test, timeout_s, *arguments):
+        # Without optimisation of this crate a build takes a third of the time; the crates below it stay as they are.
+        command = ["cargo", "--config", "profile.dev.package.kincal.opt-level=0", "test", "--locked", "--test", test, *arguments]
+        try:
+            done = subprocess.run(command, cwd=self.copy, env=self.env, timeout=timeout_s, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+        except subprocess.TimeoutExpired as late:
+            self.output = (late.stdout or b"").decode(errors="replace") + f"\nnot over after {timeout_s} s"
+            return False
+        self.output = done.stdout.decode(errors="replace")
+        return done.returncode == 0
+
+    def build(self, test):
+        return self.cargo(test, LONGEST_BUILD_S, "--no-run")
+
+    def run(self, test, filters):
+        return self.cargo(test, LONGEST_RUN_S, "--", *filters)
+
+    def failed(self):
+        return " ".join(re.findall(r"^test (\S+) \.\.\. FAILED", self.output, re.MULTILINE)) or self.output.strip().splitlines()[-1]
+
+    def ran_any(self):
+        return any(int(n) > 0 for n in re.findall(r"^test result: \w+\. (\d+) passed", self.output, re.MULTILINE))
+
+    def put(self, files):
+        for name, text in files.items():
+            (self.copy / name).write_text(text, encoding="utf-8")
+
+
+def plant(wanted, directory):
+    faults = [fault for fault in FAULTS if not wanted or any(part in fault.name for part in wanted)]
+    runner = Runner(directory)
+    runner.refresh()
+    tree = Tree(runner.copy)
+    missed = 0
+    for test in dict.fromkeys(fault.test for fault in faults):
+        ours = [fault for fault in faults if fault.test == test]
+        if not (runner.build(test) and runner.run(test, sorted({fault.filter for fault in ours})) and runner.ran_any()):
+            print(f"without a fault, {test} fails: {runner.failed()}\n{runner.output[-3000:]}")
+            return False
+        for fault in ours:
+            troubles = tree.troubles(fault)
+            if troubles:
+                verdict, detail = "NOT PLANTED", "; ".join(troubles)
+            else:
+                changed = tree.planted(fault)
+                runner.put(changed)
+                if not runner.build(test):
+                    verdict, detail = "NO BUILD", "\n".join(re.findall(r"^error.*(?:\n.*){0,4}", runner.output, re.MULTILINE)[:4])
+                elif runner.run(test, [fault.filter]):
+                    verdict, detail = "MISSED", f"{test} {fault.filter} passed"
+                else:
+                    verdict, detail = "caught", f"by {test}: {runner.failed()}"
+                # a new time, so that the build sees that the fault is gone
+                runner.put({name: tree.files[name][0] for name in changed})
+            missed += verdict != "caught"
+            print(f"{verdict:<12} {fault.name:<42} {detail}", flush=True)
+    print(f"{len(faults) - missed} caught, {missed} not")
+    return missed == 0 and bool(faults)
+
+
+def main(arguments):
+    if arguments == ["--check"]:
+        return check()
+    if kept := os.environ.get("KINCAL_PLANT_DIR"):
+        return plant(arguments, kept)
+    with tempfile.TemporaryDirectory() as directory:
+        return plant(arguments, directory)
+
+
+if __name__ == "__main__":
+    sys.exit(0 if main(sys.argv[1:]) else 1)

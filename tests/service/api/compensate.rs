@@ -1,0 +1,419 @@
+use crate::app::{TestApp, text};
+use crate::real_robot::{apply, rigid, shift, times};
+use serde_json::{Value, json};
+
+fn numbers(value: &Value) -> Vec<f64> {
+    value
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|v| v.as_f64().unwrap())
+        .collect()
+}
+
+fn rows(value: &Value) -> Vec<Vec<f64>> {
+    value.as_array().unwrap().iter().map(numbers).collect()
+}
+
+/// Path of the parameter set of the paper's first set.
+pub async fn parameter_set(app: &TestApp) -> String {
+    let (_, job) = app.identified().await;
+    format!("/v1/parameter-sets/{}", text(&job["parameter_set_id"]))
+}
+
+#[tokio::test]
+async fn corrected_targets_are_predicted_where_the_nominal_robot_would_be() {
+    let app = TestApp::with_workers(1).await;
+    let set = parameter_set(&app).await;
+    let q = json!([
+        [10.0, -30.0, 20.0, 15.0, 40.0, 5.0],
+        [-60.0, -50.0, 35.0, -20.0, -50.0, 100.0],
+        [0.0, -20.0, 10.0, 0.0, 60.0, 0.0]
+    ]);
+    for (mode, base, frame) in [
+        ("pose", "robot", "robot_base"),
+        ("position", "robot", "robot_base"),
+        ("position", "measured", "measuring"),
+    ] {
+        let answer = app
+            .post_json(
+                &format!("{set}/compensate"),
+                &json!({"q_deg": q, "mode": mode, "base": base}),
+            )
+            .await
+            .ok(200);
+        assert_eq!(answer["status"], json!(["ok", "ok", "ok"]), "{answer}");
+        assert_eq!(answer["frame"], frame);
+        assert_eq!(answer["extrapolated"].as_array().unwrap().len(), 3);
+        assert!(
+            numbers(&answer["position_error_before_mm"])
+                .iter()
+                .all(|mm| *mm > 0.05),
+            "{answer}"
+        );
+        assert!(
+            numbers(&answer["position_error_after_mm"])
+                .iter()
+                .all(|mm| *mm < 1e-3)
+        );
+        for (corrected, came) in rows(&answer["q_deg"]).iter().zip(rows(&q)) {
+            assert!(
+                corrected
+                    .iter()
+                    .zip(&came)
+                    .all(|(a, b)| (a - b).abs() < 3.0),
+                "{corrected:?} {came:?}"
+            );
+        }
+        // corrected again it is another target; corrected by the same set the distances between targets are the nominal robot's
+        let at = |answer: &Value| rows(&answer["position_mm"]);
+        let found = at(&app
+            .post_json(
+                &format!("{set}/predict"),
+                &json!({"q_deg": answer["q_deg"]}),
+            )
+            .await
+            .ok(200));
+        let nominal = nominal_positions(&app, &set, &rows(&q), base).await;
+        if base == "measured" {
+            // in the base frame itself
+            for (found, nominal) in found.iter().zip(&nominal) {
+                let apart = |k: usize| (found[k] - nominal[k]).abs();
+                assert!((0..3).all(|k| apart(k) < 2e-3), "{found:?} {nominal:?}");
+            }
+        }
+        for (i, j) in [(0, 1), (0, 2), (1, 2)] {
+            let distance = |p: &[Vec<f64>]| {
+                (0..3)
+                    .map(|k| (p[i][k] - p[j][k]).powi(2))
+                    .sum::<f64>()
+                    .sqrt()
+            };
+            assert!(
+                (distance(&found) - distance(&nominal)).abs() < 2e-3,
+                "{mode}: {} {}",
+                distance(&found),
+                distance(&nominal)
+            );
+        }
+    }
+}
+
+#[tokio::test]
+async fn where_more_counts_than_the_measured_reflector_it_is_said_what_was_not_seen() {
+    let app = TestApp::with_workers(1).await;
+    // one reflector on the last axis
+    let set = parameter_set(&app).await;
+    let q = json!([[10.0, -30.0, 20.0, 15.0, 40.0, 5.0]]);
+    let tool = json!({"translation_mm": [30.0, -45.0, 160.0]});
+    for (body, is_said) in [
+        (json!({"q_deg": q}), true),
+        (json!({"q_deg": q, "mode": "position"}), false),
+        (json!({"q_deg": q, "mode": "position", "tool": tool}), true),
+    ] {
+        let answer = app
+            .post_json(&format!("{set}/compensate"), &body)
+            .await
+            .ok(200);
+        assert_eq!(
+            answer["warnings"][0]["code"] == "pose_not_seen",
+            is_said,
+            "{body}: {answer}"
+        );
+    }
+    assert_eq!(
+        app.get(&format!("{set}/export")).await.ok(200)["warnings"][0]["code"],
+        "pose_not_seen"
+    );
+}
+
+/// A robot measured from an instrument by one reflector, identified: the job and the path of its set.
+async fn identified_by_one_reflector(
+    app: &TestApp,
+    urdf: &str,
+    target_mm: [f64; 3],
+    seed: u64,
+) -> (Value, String) {
+    let mut draw = crate::api::closed_loop::Draw::new(seed);
+    let (robot, truth) = crate::api::export::ur10e(app, urdf, target_mm, &mut draw).await;
+    let poses: Vec<Vec<f64>> = (0..60).map(|_| draw.pose(&[170.0; 6])).collect();
+    let csv = crate::api::closed_loop::csv(&truth, &poses, &mut draw);
+    let path = format!("{robot}/measurement-sets?frame=instrument");
+    let set = app.post(&path, "text/csv", csv).await.ok(201);
+    let body = json!({"measurement_set_id": set["id"], "corrections": "off"});
+    let job = app.run(&robot, &body).await;
+    assert_eq!(job["status"], "succeeded", "{job}");
+    let set = format!("/v1/parameter-sets/{}", text(&job["parameter_set_id"]));
+    (job, set)
+}
+
+#[tokio::test]
+async fn where_it_is_not_known_how_the_flange_is_turned_poses_are_refused_and_positions_are_given()
+{
+    let Some(urdf) = crate::api::export::ur10e_description() else {
+        return;
+    };
+    let app = TestApp::with_workers(1).await;
+    let q = json!([[10.0, -30.0, 20.0, 15.0, 40.0, 5.0]]);
+    let tool = json!({"translation_mm": [30.0, -45.0, 160.0]});
+    let requests = [
+        (json!({"q_deg": q}), "/mode"),
+        (
+            json!({"q_deg": q, "mode": "position", "tool": tool}),
+            "/tool",
+        ),
+        (json!({"q_deg": q, "tool": tool}), "/tool"),
+    ];
+    // one reflector on the last axis: whether an identification runs away from there hangs on hundredths of a millimetre, and with most it does
+    let mut unknown = None;
+    for seed in 19..27 {
+        let (job, set) = identified_by_one_reflector(&app, &urdf, [0.0, 0.0, 110.0], seed).await;
+        let path = format!("/v1/jobs/{}/report", text(&job["id"]));
+        let report = app.get(&path).await.ok(200);
+        let std_deg = report["flange_rotation_std_deg"].as_f64().unwrap();
+        println!("robot {seed}: told {std_deg:.2}°");
+        if std_deg > 0.5 {
+            unknown = Some((report, set, std_deg));
+            break;
+        }
+    }
+    let (report, set, std_deg) = unknown.unwrap();
+    let warned = |report: &Value| {
+        report["warnings"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .any(|warning| warning["code"] == "orientation_not_known")
+    };
+    assert!(warned(&report), "{}", report["warnings"]);
+    for (body, pointer) in &requests {
+        let answer = app.post_json(&format!("{set}/compensate"), body).await;
+        let problem = answer.problem(422, "orientation_not_known");
+        assert_eq!(problem["errors"][0]["pointer"], *pointer, "{problem}");
+    }
+    let body = json!({"q_deg": q, "mode": "position"});
+    let answer = app.post_json(&format!("{set}/compensate"), &body).await;
+    assert_eq!(answer.ok(200)["status"], json!(["ok"]));
+    // the exported document tells it too, and so `kincal compensate` refuses
+    let document = app.get(&format!("{set}/export")).await.ok(200);
+    assert_eq!(document["flange_rotation_std_deg"], std_deg);
+    // off the axis it is known
+    let (job, set) = identified_by_one_reflector(&app, &urdf, [85.0, -20.0, 110.0], 19).await;
+    let path = format!("/v1/jobs/{}/report", text(&job["id"]));
+    let report = app.get(&path).await.ok(200);
+    assert!(report["flange_rotation_std_deg"].as_f64().unwrap() < 0.5);
+    assert!(!warned(&report), "{}", report["warnings"]);
+    for (body, _) in &requests {
+        app.post_json(&format!("{set}/compensate"), body)
+            .await
+            .ok(200);
+    }
+}
+
+/// The nominal robot's reflector, written out: the paper's Table 1 by hand, the reflector where the set has it beyond the nominal flange.
+async fn nominal_positions(
+    app: &TestApp,
+    set: &str,
+    q_deg: &[Vec<f64>],
+    base: &str,
+) -> Vec<Vec<f64>> {
+    let document = app.get(&format!("{set}/export")).await.ok(200);
+    let number = |value: &Value| value.as_f64().unwrap();
+    let mut beyond = number(&document["targets"][0]["position_mm"][2]);
+    if base == "robot" {
+        // d of the last link counts as where the reflector is; in the measuring frame it is the robot's own
+        beyond += number(&document["links"][5]["d_mm"]) - 125.0;
+    }
+    let table = [
+        (0.0, 0.0, 504.0),
+        (166.605, -90.0, 0.0),
+        (782.27, 0.0, 0.0),
+        (138.826, -90.0, 761.35),
+        (0.0, 90.0, 0.0),
+        (0.0, -90.0, 125.0),
+    ];
+    let position = |q: &Vec<f64>| {
+        let mut p = [0.0, 0.0, beyond];
+        for ((a, alpha, d), q) in table.iter().zip(q).rev() {
+            let ((s, c), (sa, ca)) = (q.to_radians().sin_cos(), f64::to_radians(*alpha).sin_cos());
+            let [x, y, z] = [c * p[0] - s * p[1], s * p[0] + c * p[1], p[2] + d];
+            p = [x + a, ca * y - sa * z, sa * y + ca * z];
+        }
+        p.to_vec()
+    };
+    q_deg.iter().map(position).collect()
+}
+
+#[tokio::test]
+async fn what_cannot_be_corrected_is_said_where_it_stands() {
+    let app = TestApp::with_workers(1).await;
+    let path = format!("{}/compensate", parameter_set(&app).await);
+    let pose = [0.0, -30.0, 20.0, 0.0, 40.0, 0.0];
+    for (body, code, pointer) in [
+        (json!({"q_deg": [[1.0, 2.0]]}), "invalid_poses", "/q_deg/0"),
+        (
+            json!({"q_deg": [pose], "target": 3}),
+            "unknown_target",
+            "/target",
+        ),
+        (
+            json!({"q_deg": [pose], "target": 0, "tool": {"translation_mm": [0, 0, 100]}}),
+            "invalid_poses",
+            "/tool",
+        ),
+        (
+            json!({"q_deg": [pose], "tool": {"translation_mm": [0, 0, 100], "rotation": [[1, 0, 0], [0, 1, 0], [0, 0, -1]]}}),
+            "invalid_poses",
+            "/tool/rotation",
+        ),
+        (
+            json!({"q_deg": vec![pose; 20_001]}),
+            "invalid_poses",
+            "/q_deg",
+        ),
+        (
+            json!({"q_deg": [pose], "mode": "path"}),
+            "invalid_body",
+            "/mode",
+        ),
+    ] {
+        let problem = app.post_json(&path, &body).await.problem(422, code);
+        assert_eq!(problem["errors"][0]["pointer"], pointer, "{problem}");
+    }
+    app.post_json(
+        "/v1/parameter-sets/par_1/compensate",
+        &json!({"q_deg": [pose]}),
+    )
+    .await
+    .problem(404, "not_found");
+    let answer = app.post_json(&path, &json!({"q_deg": []})).await.ok(200);
+    assert_eq!(answer["q_deg"], json!([]));
+    // at the wrist's singularity the answer stays near and says so
+    let q = [10.0, -30.0, 20.0, 15.0, 0.0, 5.0];
+    let answer = app
+        .post_json(
+            &path,
+            &json!({"q_deg": [q], "tool": {"translation_mm": [20, 0, 150]}}),
+        )
+        .await
+        .ok(200);
+    assert!(
+        ["near_singular", "ok"].contains(&text(&answer["status"][0])),
+        "{answer}"
+    );
+    assert!(
+        rows(&answer["q_deg"])[0]
+            .iter()
+            .zip(q)
+            .all(|(a, b)| (a - b).abs() < 11.0),
+        "{answer}"
+    );
+}
+
+#[tokio::test]
+async fn a_wrong_mastering_of_the_first_joint_is_corrected_in_the_measuring_frame_and_told_in_the_robots_own()
+ {
+    let app = TestApp::with_workers(1).await;
+    // link 1 turned by 0.2° and raised by 0.5 mm, measured in the base frame
+    let body = crate::api::closed_loop::arm();
+    let mut links = crate::api::closed_loop::nominal(&body);
+    (links[0][2], links[0][3]) = (links[0][2] + 0.5, links[0][3] + 0.2f64.to_radians());
+    let mut draw = crate::api::closed_loop::Draw::new(12);
+    let mut csv = String::from("q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,x_mm,y_mm,z_mm\n");
+    for _ in 0..60 {
+        let q = draw.pose(&crate::api::closed_loop::LIMITS_DEG);
+        let flange = links
+            .iter()
+            .zip(&q)
+            .fold(shift([0.0; 3]), |t, (link, q)| times(&t, &rigid(link, *q)));
+        let cells: Vec<String> = q
+            .iter()
+            .map(|q| q.to_degrees())
+            .chain(apply(&flange, [0.0, 0.0, 0.0]))
+            .map(|v| v.to_string())
+            .collect();
+        csv += &(cells.join(",") + "\n");
+    }
+    let robot = format!(
+        "/v1/robots/{}",
+        text(&app.post_json("/v1/robots", &body).await.ok(201)["id"])
+    );
+    let q_deg = json!([[10.0, -30.0, 20.0, 15.0, 40.0, 5.0]]);
+    let q = json!({"q_deg": q_deg, "base": "robot", "mode": "position"});
+    for (frame, turn_deg) in [("base", 0.2), ("instrument", 0.0)] {
+        let set = app
+            .post(
+                &format!("{robot}/measurement-sets?frame={frame}"),
+                "text/csv",
+                csv.clone(),
+            )
+            .await
+            .ok(201);
+        let job = app.run(&robot, &json!({"measurement_set_id": set["id"], "method": "least_squares", "corrections": "off"})).await;
+        assert_eq!(job["status"], "succeeded", "{job}");
+        let set = format!("/v1/parameter-sets/{}", text(&job["parameter_set_id"]));
+        let answer = app
+            .post_json(&format!("{set}/compensate"), &q)
+            .await
+            .ok(200);
+        println!("{frame}: {}", answer["left_out"]);
+        let left_out = |name: &str| answer["left_out"][name].as_f64().unwrap();
+        assert!(
+            (left_out("base_turn_deg") - turn_deg).abs() < 1e-4,
+            "{frame}: {}",
+            answer["left_out"]
+        );
+        assert!(
+            (left_out("base_shift_mm") > 0.1) == (frame == "base"),
+            "{frame}: {}",
+            answer["left_out"]
+        );
+        // joint 1 stays where it was: the robot is right in its own base frame
+        let (came, corrected) = (10.0, rows(&answer["q_deg"])[0][0]);
+        assert!((corrected - came).abs() < 1e-3, "{frame}: {corrected}");
+        assert_eq!(answer["frame"], "robot_base");
+        let by_default = json!({"q_deg": q_deg, "mode": "position"});
+        let answer = app
+            .post_json(&format!("{set}/compensate"), &by_default)
+            .await
+            .ok(200);
+        if frame == "instrument" {
+            // nothing is known of where the nominal base is
+            assert_eq!(answer["frame"], "robot_base");
+            let measured = json!({"q_deg": q_deg, "mode": "position", "base": "measured"});
+            let problem = app
+                .post_json(&format!("{set}/compensate"), &measured)
+                .await
+                .problem(422, "base_not_measured");
+            assert_eq!(problem["errors"][0]["pointer"], "/base");
+            continue;
+        }
+        // by default the base is corrected too: joint 1 turns back by what its mastering is off
+        assert_eq!(answer["frame"], "measuring");
+        assert_eq!(answer["left_out"]["base_turn_deg"], 0.0);
+        let corrected = rows(&answer["q_deg"])[0][0];
+        // and the other joints by what it is raised
+        assert!((came - turn_deg - corrected).abs() < 0.01, "{corrected}");
+        let predicted = app
+            .post_json(
+                &format!("{set}/predict"),
+                &json!({"q_deg": answer["q_deg"]}),
+            )
+            .await
+            .ok(200);
+        let nominal = crate::api::closed_loop::nominal(&body);
+        let flange = nominal
+            .iter()
+            .zip(&rows(&q_deg)[0])
+            .fold(shift([0.0; 3]), |t, (link, q)| {
+                times(&t, &rigid(link, q.to_radians()))
+            });
+        let (wanted, found) = (
+            apply(&flange, [0.0; 3]),
+            rows(&predicted["position_mm"])[0].clone(),
+        );
+        let apart = |k: usize| (wanted[k] - found[k]).abs();
+        // corrected targets are met to 1 µm
+        assert!((0..3).all(|k| apart(k) < 1e-3), "{wanted:?} {found:?}");
+    }
+}

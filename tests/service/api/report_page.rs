@@ -1,0 +1,450 @@
+//! The report as a page: what is in it, what is not, and that nothing in it can act.
+
+use crate::api::closed_loop::{Cell, LIMITS_DEG, csv};
+use crate::app::{TestApp, paper, text};
+use base64::Engine;
+use serde_json::{Value, json};
+use sha2::{Digest, Sha256};
+use std::process::Command;
+
+/// Fetches the page of a job.
+async fn page(app: &TestApp, job: &Value) -> (String, String) {
+    let answer = app
+        .get(&format!("/v1/jobs/{}/report.html", text(&job["id"])))
+        .await;
+    assert_eq!(answer.status, 200, "{}", answer.text());
+    assert_eq!(
+        answer.header("content-type"),
+        Some("text/html; charset=utf-8")
+    );
+    (
+        answer.text(),
+        answer.header("content-security-policy").unwrap().to_owned(),
+    )
+}
+
+/// What stands between two marks.
+fn between<'a>(page: &'a str, begin: &str, end: &str) -> &'a str {
+    let (_, rest) = page
+        .split_once(begin)
+        .unwrap_or_else(|| panic!("no {begin}"));
+    rest.split_once(end).unwrap_or_else(|| panic!("no {end}")).0
+}
+
+/// Names of all elements of the page.
+fn elements(page: &str) -> Vec<&str> {
+    page.split('<')
+        .skip(1)
+        .filter(|tag| !tag.starts_with(['/', '!']))
+        .map(|tag| tag.split([' ', '>']).next().unwrap())
+        .collect()
+}
+
+#[tokio::test]
+async fn the_page_says_what_the_report_says() {
+    let app = TestApp::with_workers(1).await;
+    let (robot, set) = app.robot_with_set("first_noisy.csv").await;
+    let job = app
+        .run(&robot, &json!({"measurement_set_id": set, "method": "pso"}))
+        .await;
+    let (page, _) = page(&app, &job).await;
+    let report = app
+        .get(&format!("/v1/jobs/{}/report", text(&job["id"])))
+        .await
+        .ok(200);
+    for half in ["identify", "verify"] {
+        for (stage, decimals) in [("before", 2), ("after", 4)] {
+            let rms = report[half][stage]["rms_mm"].as_f64().unwrap();
+            assert!(
+                page.contains(&format!("{rms:.decimals$}</td>")),
+                "{half} {stage} {rms}"
+            );
+        }
+    }
+    let summary = app
+        .get(&format!("/v1/measurement-sets/{set}"))
+        .await
+        .ok(200);
+    let parameters = app
+        .get(&format!(
+            "/v1/parameter-sets/{}",
+            text(&job["parameter_set_id"])
+        ))
+        .await
+        .ok(200);
+    for expected in [
+        &report["result_sha256"],
+        &summary["sha256"],
+        &parameters["sha256"],
+        &report["version"],
+        &report["method_reason"],
+        &job["id"],
+    ] {
+        assert!(page.contains(text(expected)), "{expected}");
+    }
+    for parameter in report["parameters"].as_array().unwrap() {
+        let row = between(&page, &format!("<th>{}", text(&parameter["name"])), "</tr>");
+        assert_eq!(
+            row.contains("not seen alone"),
+            parameter["identifiable"] == false,
+            "{parameter}"
+        );
+        assert!(
+            row.contains(&format!(
+                "{:.4}</td>",
+                parameter["identified"].as_f64().unwrap().abs()
+            )),
+            "{parameter}: {row}"
+        );
+    }
+    assert!(page.contains("same upload"));
+    // one bar before and one after for each of the 100 points, arrows of both kinds in two views, the curve
+    let bars = between(&page, "Error per point", "</figure>");
+    let bars = bars.split_once("role=\"img\"").unwrap().1;
+    assert_eq!(
+        (
+            bars.matches("class=\"before\"").count(),
+            bars.matches("class=\"after\"").count()
+        ),
+        (100, 100)
+    );
+    assert_eq!(
+        (
+            page.matches("class=\"before-line\"").count(),
+            page.matches("class=\"after-line\"").count()
+        ),
+        (200, 200)
+    );
+    assert_eq!(page.matches("class=\"curve\"").count(), 1);
+}
+
+#[tokio::test]
+async fn the_page_has_corrections_with_their_standard_errors_repeatability_and_what_was_known() {
+    let app = TestApp::with_workers(1).await;
+    let Cell {
+        robot,
+        truth,
+        mut draw,
+        ..
+    } = Cell::registered(&app).await;
+    // a hundred poses, and three of them five times more
+    let mut poses: Vec<Vec<f64>> = (0..100).map(|_| draw.pose(&LIMITS_DEG)).collect();
+    (0..5).for_each(|_| poses.extend_from_within(..3));
+    let csv = csv(&truth, &poses, &mut draw);
+    let set = app
+        .post(
+            &format!("{robot}/measurement-sets?frame=instrument"),
+            "text/csv",
+            csv,
+        )
+        .await
+        .ok(201);
+    let job = app
+        .run(&robot, &json!({"measurement_set_id": set["id"]}))
+        .await;
+    assert_eq!(job["status"], "succeeded", "{job}");
+    let (text_of_it, _) = page(&app, &job).await;
+    let report = app
+        .get(&format!("/v1/jobs/{}/report", text(&job["id"])))
+        .await
+        .ok(200);
+
+    let section = between(&text_of_it, "What links cannot say", "</section>");
+    let corrections = report["corrections"].as_array().unwrap();
+    assert!(
+        corrections.iter().any(|c| c["kept"] == true),
+        "the robot sags: {corrections:?}"
+    );
+    for correction in corrections {
+        let row = between(
+            section,
+            &format!(
+                "<th>{}</th>",
+                kincal::wire::words::correction(text(&correction["kind"]))
+            ),
+            "</tr>",
+        );
+        for field in [
+            "cross_validated_rms_mm_before",
+            "cross_validated_rms_mm_after",
+            "gain_mm2",
+            "standard_error_mm2",
+        ] {
+            assert!(
+                row.contains(&shown(&correction[field])),
+                "{field} of {correction}: {row}"
+            );
+        }
+        assert_eq!(
+            (row.contains("yes"), row.contains("no")),
+            (correction["kept"] == true, correction["kept"] == false),
+            "{row}"
+        );
+    }
+    let errors = between(
+        &text_of_it,
+        "Position errors before and after",
+        "</section>",
+    );
+    for half in ["identify", "verify"] {
+        assert!(
+            errors.contains(&shown(&report[half]["corrected"]["rms_mm"])),
+            "{half} with corrections: {errors}"
+        );
+    }
+
+    let section = between(&text_of_it, "<h2>Repeatability", "</section>");
+    let found = &report["repeatability"];
+    for field in ["rp_mm", "std_mm"] {
+        assert!(
+            section.replace(" mm<", "<").contains(&shown(&found[field])),
+            "{field} of {found}: {section}"
+        );
+    }
+    let visited = found["poses"].as_array().unwrap();
+    assert_eq!(
+        (
+            visited.len(),
+            section.matches("<td class=\"n\">6</td>").count()
+        ),
+        (3, 3),
+        "{section}"
+    );
+    for pose in visited {
+        let row = between(
+            section,
+            &format!("<th>{}</th>", text(&pose["configuration"])),
+            "</tr>",
+        );
+        for field in ["rp_mm", "ap_before_mm", "ap_after_mm", "ap_corrected_mm"] {
+            assert!(
+                row.contains(&shown(&pose[field])),
+                "{field} of {pose}: {row}"
+            );
+        }
+    }
+
+    // with priors no corrections are looked for
+    let priors = json!([{"name": "a_3", "std": 0.5, "max": 800.0}]);
+    let job = app
+        .run(
+            &robot,
+            &json!({"measurement_set_id": set["id"], "parameters": {"priors": priors}}),
+        )
+        .await;
+    assert_eq!(job["status"], "succeeded", "{job}");
+    let (page, _) = page(&app, &job).await;
+    let row = between(
+        between(&page, "Known beforehand", "</section>"),
+        "<th>a_3</th>",
+        "</tr>",
+    );
+    assert!(
+        row.contains("0.500") && row.contains("to +800.0000") && row.contains(" %"),
+        "{row}"
+    );
+}
+
+/// A number as the page writes it: three digits; below a thousandth two of them and the beginning of a power of ten.
+fn shown(value: &Value) -> String {
+    let value = value.as_f64().unwrap();
+    let sign = if value < 0.0 { "\u{2212}" } else { "" };
+    if value.abs() < 1e-3 {
+        let scientific = format!("{:.1e}", value.abs());
+        return format!("{sign}{}·10", scientific.split('e').next().unwrap());
+    }
+    let decimals = (2.0 - value.abs().log10().floor()).max(0.0) as usize;
+    format!("{sign}{:.decimals$}<", value.abs())
+}
+
+#[tokio::test]
+async fn the_page_needs_nothing_else_and_hostile_names_do_nothing() {
+    let app = TestApp::with_workers(1).await;
+    let hostile = "</title></style><script>alert(1)</script><img src=x onerror=alert(2)>\"'&amp;";
+    let mut robot: Value = serde_json::from_slice(&paper("robot.json")).unwrap();
+    (robot["name"], robot["serial_number"]) = (json!(hostile), json!(hostile));
+    let robot = format!(
+        "/v1/robots/{}",
+        text(&app.post_json("/v1/robots", &robot).await.ok(201)["id"])
+    );
+    let csv = String::from_utf8(paper("first.csv")).unwrap();
+    let sets = reqwest::Url::parse_with_params("http://x/", [("frame", "base"), ("name", hostile)])
+        .unwrap();
+    let set = app
+        .post(
+            &format!("{robot}/measurement-sets?{}", sets.query().unwrap()),
+            "text/csv",
+            csv,
+        )
+        .await
+        .ok(201);
+    let job = app
+        .run(&robot, &json!({"measurement_set_id": set["id"]}))
+        .await;
+    let (page, policy) = page(&app, &job).await;
+    let known = [
+        "html",
+        "head",
+        "meta",
+        "title",
+        "style",
+        "body",
+        "header",
+        "main",
+        "section",
+        "figure",
+        "figcaption",
+        "div",
+        "p",
+        "h1",
+        "h2",
+        "dl",
+        "dt",
+        "dd",
+        "table",
+        "thead",
+        "tbody",
+        "tr",
+        "th",
+        "td",
+        "strong",
+        "svg",
+        "rect",
+        "line",
+        "text",
+        "path",
+        "polyline",
+    ];
+    assert_eq!(
+        elements(&page)
+            .into_iter()
+            .find(|element| !known.contains(element)),
+        None
+    );
+    assert_eq!(
+        page.matches("&lt;script&gt;alert(1)").count(),
+        4,
+        "title, heading, serial number and set"
+    );
+    for forbidden in [
+        " src=",
+        " href=",
+        "url(",
+        "@import",
+        "http://",
+        "https://",
+        " style=\"",
+    ] {
+        assert!(
+            !page.replace("src=x onerror", "").contains(forbidden),
+            "{forbidden}"
+        );
+    }
+    let style = between(&page, "<style>", "</style>");
+    let hash = base64::prelude::BASE64_STANDARD.encode(Sha256::digest(style));
+    assert_eq!(
+        policy,
+        format!(
+            "default-src 'none'; style-src 'sha256-{hash}'; base-uri 'none'; form-action 'none'"
+        )
+    );
+    assert!(page.contains(&format!("content=\"{policy}\"")));
+}
+
+#[tokio::test]
+async fn a_verification_has_a_page_too() {
+    let app = TestApp::with_workers(1).await;
+    let (robot, set) = app.robot_with_set("first.csv").await;
+    app.run(&robot, &json!({"measurement_set_id": set})).await;
+    let follow_up = app.upload(&robot, "followup_unchanged.csv").await;
+    let job = app
+        .run(
+            &robot,
+            &json!({"measurement_set_id": follow_up, "kind": "verify"}),
+        )
+        .await;
+    let (page, _) = page(&app, &job).await;
+    assert!(page.contains("<h1>Verification of ER20-C10</h1>"));
+    assert!(
+        page.contains("<th>on 100 points</th>")
+            && page.contains("<dd>the nominal robot; ")
+            && page.contains(text(&job["robot_id"]))
+    );
+    for nothing in [
+        "<h2>Parameters</h2>",
+        "<h2>Convergence</h2>",
+        "Identify (0)",
+        "these parameters",
+    ] {
+        assert!(!page.contains(nothing), "{nothing}");
+    }
+}
+
+#[tokio::test]
+async fn the_command_line_makes_the_same_page() {
+    let app = TestApp::with_workers(1).await;
+    let (robot, set) = app.robot_with_set("first.csv").await;
+    let job = app
+        .run(
+            &robot,
+            &json!({"measurement_set_id": set, "method": "pso", "seed": 3}),
+        )
+        .await;
+    let (served, _) = page(&app, &job).await;
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("report.html");
+    let paper = |name: &str| format!("{}/data/paper/{name}", env!("CARGO_MANIFEST_DIR"));
+    let output = Command::new(env!("CARGO_BIN_EXE_kincal"))
+        .args([
+            "calibrate",
+            &paper("robot.json"),
+            &paper("first.csv"),
+            "--method",
+            "pso",
+            "--seed",
+            "3",
+            "--json",
+            "--html",
+        ])
+        .arg(&path)
+        .output()
+        .unwrap();
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    let offline = std::fs::read_to_string(path).unwrap();
+    let parts = [
+        ("Position errors before and after, mm", "</section>"),
+        ("<h2>Error per point", "</figure>"),
+        ("<h2>Distribution of the errors", "</figure>"),
+        ("<h2>Convergence", "</figure>"),
+        ("<h2>Seen from above", "</figure>"),
+        ("<h2>Parameters", "</section>"),
+    ];
+    for (begin, end) in parts {
+        assert!(
+            between(&served, begin, end) == between(&offline, begin, end),
+            "{begin}"
+        );
+    }
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert!(
+        served.contains(text(&report["result_sha256"]))
+            && offline.contains(text(&report["result_sha256"]))
+    );
+    let nowhere = dir.path().join("missing").join("report.html");
+    let output = Command::new(env!("CARGO_BIN_EXE_kincal"))
+        .args([
+            "calibrate",
+            &paper("robot.json"),
+            &paper("first.csv"),
+            "--html",
+        ])
+        .arg(&nowhere)
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(1));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("cannot write"));
+}

@@ -1,0 +1,154 @@
+//! Computations that do what the job's request tells them, so that one function serves all tests.
+//!
+//! A computation can wait at a gate, which the test opens: nothing here depends on how long something takes.
+
+use std::collections::HashMap;
+use std::ops::ControlFlow;
+use std::sync::{Arc, Condvar, LazyLock, Mutex};
+use std::time::Duration;
+
+use kincal::jobs::{JobFailure, JobInputs, JobOutcome, JobSignals, Progress, WorkerContext};
+use kincal::store::{JobRow, NewNetwork, NewParameterSet, Store, jobs};
+use kincal::wire::job::Stage;
+
+/// Long enough for everything in the tests that is not about leases running out.
+pub const LONG: Duration = Duration::from_secs(60);
+/// If something has not happened by then, it will not.
+const PATIENCE: Duration = Duration::from_secs(30);
+
+pub type Monitor<'a> = &'a mut dyn FnMut(Progress) -> ControlFlow<()>;
+pub type Computed = Result<JobOutcome, JobFailure>;
+
+/// Does what the request says.
+pub fn obey(inputs: &JobInputs, monitor: Monitor<'_>) -> Computed {
+    match inputs.job.request_json.as_str() {
+        "succeed" => Ok(outcome(inputs)),
+        "fail" => Err(JobFailure::Failed {
+            problem_json: r#"{"code":"under_determined"}"#.into(),
+        }),
+        "panic" => panic!("the computation met something it did not expect"),
+        "give up" => Err(JobFailure::Cancelled),
+        "report progress, wait at the gate" => {
+            for iteration in 1..=3 {
+                let _ = monitor(Progress {
+                    stage: Some(Stage::Corrections),
+                    iteration,
+                    n_iterations: 10,
+                    best_cost_mm2: 0.5,
+                });
+            }
+            gate(&inputs.job.id).pass();
+            Ok(outcome(inputs))
+        }
+        "run until stopped" => loop {
+            gate(&inputs.job.id).arrive();
+            if monitor(Progress {
+                stage: None,
+                iteration: 1,
+                n_iterations: 10,
+                best_cost_mm2: f64::INFINITY,
+            })
+            .is_break()
+            {
+                return Err(JobFailure::Cancelled);
+            }
+            std::thread::park_timeout(Duration::from_millis(1));
+        },
+        other => panic!("no such computation: {other}"),
+    }
+}
+
+/// What every successful computation gives; it depends on the inputs alone.
+fn outcome(inputs: &JobInputs) -> JobOutcome {
+    JobOutcome {
+        report_json: format!(r#"{{"n_bytes":{}}}"#, inputs.set.body.len()),
+        convergence_json: r#"{"iteration":[0],"best_cost_mm2":[1.5]}"#.into(),
+        result_sha256: "abcd".into(),
+        parameter_set: Some(NewParameterSet {
+            body_json: r#"{"links":[]}"#.into(),
+            sha256: "ef".into(),
+        }),
+        network: Some(NewNetwork {
+            model: "paper".into(),
+            preset: "paper".into(),
+            metadata_json: "{}".into(),
+            weights: vec![0, 1, 255],
+            weights_sha256: "01".into(),
+        }),
+        residual_network: None,
+        verification: None,
+    }
+}
+
+/// The gate of one job.
+#[derive(Default)]
+pub struct Gate {
+    state: Mutex<(bool, bool)>,
+    changed: Condvar,
+}
+
+static GATES: LazyLock<Mutex<HashMap<String, Arc<Gate>>>> = LazyLock::new(Mutex::default);
+
+pub fn gate(job_id: &str) -> Arc<Gate> {
+    Arc::clone(GATES.lock().unwrap().entry(job_id.to_owned()).or_default())
+}
+
+impl Gate {
+    fn arrive(&self) {
+        self.state.lock().unwrap().0 = true;
+        self.changed.notify_all();
+    }
+
+    /// Called by the computation.
+    fn pass(&self) {
+        self.arrive();
+        let guard = self.state.lock().unwrap();
+        let (_guard, result) = self
+            .changed
+            .wait_timeout_while(guard, PATIENCE, |(_, open)| !*open)
+            .unwrap();
+        assert!(!result.timed_out(), "nobody opened the gate");
+    }
+
+    /// Called by the test.
+    pub fn open(&self) {
+        self.state.lock().unwrap().1 = true;
+        self.changed.notify_all();
+    }
+}
+
+/// Waits until the job's computation runs and has come to its gate.
+pub async fn arrived(job_id: &str) {
+    let gate = gate(job_id);
+    let arrived = tokio::task::spawn_blocking(move || {
+        let guard = gate.state.lock().unwrap();
+        !gate
+            .changed
+            .wait_timeout_while(guard, PATIENCE, |(arrived, _)| !*arrived)
+            .unwrap()
+            .1
+            .timed_out()
+    });
+    assert!(arrived.await.unwrap(), "the computation did not begin");
+}
+
+/// Looks at the job until it is as wanted.
+pub async fn until(store: &Store, job_id: &str, wanted: impl Fn(&JobRow) -> bool) -> JobRow {
+    let mut looks = tokio::time::interval(Duration::from_millis(5));
+    let looking = async {
+        loop {
+            looks.tick().await;
+            let job = jobs::get(store, job_id).await.unwrap();
+            if wanted(&job) {
+                return job;
+            }
+        }
+    };
+    tokio::time::timeout(PATIENCE, looking)
+        .await
+        .expect("the job never became as wanted")
+}
+
+pub fn a_worker(lease: Duration) -> WorkerContext {
+    WorkerContext::new(obey, lease, JobSignals::default())
+}

@@ -1,0 +1,178 @@
+//! A database that commit d61237a has made, with a clock that was 30 days ahead and a tracker's file read as base frame: `data/d61237a.json`.
+
+use kincal::jobs::facts::gather_missing;
+use kincal::store::verify::{Options, verify};
+use kincal::store::{
+    Checked, Engine, Release, Store, StoreLocation, parameter_sets, robots, verifications,
+};
+use kincal::wire::report_shape::Evidence;
+use kincal::wire::verification::Fit;
+use serde_json::Value;
+use sqlx::migrate::Migrator;
+use sqlx::{AnyPool, AssertSqlSafe};
+use std::path::Path;
+
+use crate::engines::for_each_engine;
+use crate::fixtures::in_transaction;
+
+const MADE: &str = include_str!("../../data/d61237a.json");
+/// The newest step of that commit.
+const VERSION: i64 = 7;
+/// Each after those that it refers to.
+const TABLES: [&str; 6] = [
+    "robot",
+    "measurement_set",
+    "job",
+    "parameter_set",
+    "audit",
+    "audit_head",
+];
+/// A job refers to what later jobs have made.
+const LATER: &str = "parameter_set_input_id";
+
+/// The schema of that commit, and its rows.
+async fn as_it_was(engine: Engine, url: &str, made: &Value) {
+    let pool = AnyPool::connect(url).await.unwrap();
+    let folder = match engine {
+        Engine::Sqlite => "migrations/sqlite",
+        Engine::Postgres => "migrations/postgres",
+    };
+    let steps = Path::new(env!("CARGO_MANIFEST_DIR")).join(folder);
+    let steps = Migrator::new(steps).await.unwrap();
+    let then = steps.iter().filter(|step| step.version <= VERSION);
+    let then = Migrator::with_migrations(then.cloned().collect());
+    then.run(&pool).await.unwrap();
+    sqlx::query("delete from audit_head")
+        .execute(&pool)
+        .await
+        .unwrap();
+    let mut later = Vec::new();
+    for table in TABLES {
+        for row in made["tables"][table].as_array().unwrap() {
+            let row = row.as_object().unwrap();
+            if let Some(input) = row.get(LATER) {
+                later.push((row["id"].clone(), input.clone()));
+            }
+            let columns: Vec<&str> = row.keys().map(String::as_str).collect();
+            let columns: Vec<&str> = columns.into_iter().filter(|c| *c != LATER).collect();
+            let places: Vec<String> = (1..=columns.len()).map(|n| format!("${n}")).collect();
+            let (names, places) = (columns.join(", "), places.join(", "));
+            let sql = format!("insert into {table} ({names}) values ({places})");
+            let mut query = sqlx::query(AssertSqlSafe(sql));
+            for column in columns {
+                let value = &row[column];
+                query = match value {
+                    Value::String(text) if column == "body" => query.bind(text.as_bytes().to_vec()),
+                    Value::String(text) => query.bind(text.clone()),
+                    Value::Number(number) if number.is_i64() => query.bind(number.as_i64()),
+                    other => query.bind(other.as_f64()),
+                };
+            }
+            query.execute(&pool).await.unwrap();
+        }
+    }
+    for (id, input) in later {
+        sqlx::query("update job set parameter_set_input_id = $2 where id = $1")
+            .bind(id.as_str().unwrap().to_owned())
+            .bind(input.as_str().unwrap().to_owned())
+            .execute(&pool)
+            .await
+            .unwrap();
+    }
+    pool.close().await;
+}
+
+#[test]
+fn a_database_of_d61237a_gets_its_facts_as_columns_once() {
+    let made: Value = serde_json::from_str(MADE).unwrap();
+    let id = |scene: &str, name: &str| made["scenes"][scene][name].as_str().unwrap().to_owned();
+    for_each_engine(async |database| {
+        let engine = database.store.engine();
+        // beside the database of this version, which the test has been given
+        let (location, url) = match &database.location {
+            StoreLocation::Sqlite { data_dir } => {
+                let data_dir = data_dir.parent().unwrap().join("of_d61237a");
+                std::fs::create_dir(&data_dir).unwrap();
+                let url = format!("sqlite://{}/kincal.sqlite?mode=rwc", data_dir.display());
+                (StoreLocation::Sqlite { data_dir }, url)
+            }
+            StoreLocation::Postgres { url } => {
+                let sql = "drop schema public cascade; create schema public";
+                sqlx::raw_sql(sql)
+                    .execute(database.store.pool())
+                    .await
+                    .unwrap();
+                (StoreLocation::Postgres { url: url.clone() }, url.clone())
+            }
+        };
+        as_it_was(engine, &url, &made).await;
+        let store = Store::open(location).await.unwrap();
+        assert!(store.schema_version().await.unwrap() > VERSION);
+        gather_missing(&store).await.unwrap();
+        assert!(
+            verifications::jobs_without(&store)
+                .await
+                .unwrap()
+                .is_empty()
+        );
+
+        // C superseded B, though A was released at a later time.
+        let [a, b, c] =
+            std::array::from_fn(|i| made["scenes"]["clock"]["a_b_c"][i].as_str().unwrap());
+        let superseded =
+            async |id: &str| parameter_sets::get(&store, id).await.unwrap().supersedes_id;
+        assert_eq!(superseded(c).await.as_deref(), Some(b));
+        assert_eq!(superseded(b).await.as_deref(), Some(a));
+        assert_eq!(superseded(a).await, None);
+        let before = parameter_sets::before_active(&store, &id("clock", "robot_id")).await;
+        assert_eq!(before.unwrap().id, b);
+
+        // The copy with noise is no other session, and the tracker's file is no evidence: the robot is to be checked.
+        let rows = verifications::of_set(&store, &id("frames", "parameter_set_id"))
+            .await
+            .unwrap();
+        let found: Vec<_> = rows.iter().map(|row| (row.fit, row.evidence)).collect();
+        assert_eq!(
+            found,
+            [
+                (Fit::Fits, Evidence::SameUpload),
+                (Fit::Fits, Evidence::SameUpload),
+                (Fit::DoesNotFit, Evidence::None)
+            ]
+        );
+        assert!(rows[0].uncertainty_mm.is_some() && rows[0].after_rms_mm < rows[0].before_rms_mm);
+        let robot = robots::get(&store, &id("frames", "robot_id"))
+            .await
+            .unwrap();
+        assert_eq!(robot.check_job_id, Some(id("frames", "wrong_frame_job_id")));
+        for check in verify(&store, &Options::default()).await.unwrap() {
+            assert_eq!(check.violations, [""; 0], "{}", check.id);
+        }
+
+        // It is not condemned: when somebody has said why, the schema lets it be released.
+        let checked = in_transaction(&store, async |tx| {
+            robots::checked(tx, &robot.id, "a tracker's file", "key_1").await
+        })
+        .await;
+        let release = Release {
+            id: id("frames", "parameter_set_id"),
+            checked: Checked {
+                n_verifications: 3,
+                robot: checked.check(),
+                ..Checked::default()
+            },
+            reason: "it fits".into(),
+            checks_json: r#"[{"gate":"x","passed":true}]"#.into(),
+            n_passed: 1,
+            n_failed: 0,
+            released_by: "key_1".into(),
+            evidence: "same_upload".into(),
+            uncertainty_mm: None,
+        };
+        in_transaction(&store, async |tx| {
+            parameter_sets::release(tx, &release).await
+        })
+        .await;
+        store.close().await;
+    });
+}

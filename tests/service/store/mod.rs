@@ -1,0 +1,10 @@
+//! What the store promises, on each engine.
+
+mod audit;
+mod idempotency;
+mod noted;
+mod opening;
+mod parameter_sets;
+mod rows;
+mod transactions;
+mod verify;

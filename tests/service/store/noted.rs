@@ -1,0 +1,390 @@
+//! Every field of which the audit chain tells: an edit of it is told, also where the entries are from before most of the fields.
+
+use kincal::store::verify::{Options, verify};
+use kincal::store::{AuditRow, Engine, Store, audit};
+use kincal::wire::canonical::sha256_hex;
+use serde_json::{Value, json};
+use sqlx::AssertSqlSafe;
+
+use crate::engines::for_each_engine;
+use crate::fixtures::{a_robot, a_set};
+use crate::store::verify::something_of_everything;
+
+/// Table, column, what somebody writes there, and the field that is told.
+type Edit = (&'static str, &'static str, &'static str, &'static str);
+
+/// What entries said from the beginning.
+const KNOWN: &[Edit] = &[
+    ("robot", "body_json", "'[]'", "sha256"),
+    ("robot", "check_job_id", "'job_0'", "says"),
+    ("measurement_set", "uploaded_by", "'key_0'", "uploaded_by"),
+    ("measurement_set", "sha256", "'ff'", "sha256"),
+    (
+        "measurement_set",
+        "robot_id",
+        "(select max(id) from robot)",
+        "robot_id",
+    ),
+    ("frames", "result_json", "'[]'", "result_sha256"),
+    ("robot", "check_seq", "check_seq + 1", "says"),
+    (
+        "verification",
+        "parameter_set_id",
+        "null",
+        "parameter_set_id",
+    ),
+    ("verification", "kind", "'session'", "kind"),
+    ("verification", "seq", "seq + 7", "seq"),
+    ("verification", "n_points", "9", "n_points"),
+    ("verification", "before_rms_mm", "9.0", "before_rms_mm"),
+    ("verification", "after_rms_mm", "0.01", "after_rms_mm"),
+    ("verification", "is_better", "0", "is_better"),
+    ("verification", "fit", "'fits'", "fit"),
+    (
+        "verification",
+        "evidence",
+        "'independent_session'",
+        "evidence",
+    ),
+    ("verification", "is_repeat", "1", "is_repeat"),
+    ("verification", "check_seq", "1", "check_seq"),
+    (
+        "verification",
+        "uncertainty_mm",
+        "0.01",
+        "verified_uncertainty_mm",
+    ),
+    ("network", "job_id", "(select max(id) from job)", "job_id"),
+    ("parameter_set", "body_json", "'[]'", "body_sha256"),
+    ("parameter_set", "sha256", "'ff'", "sha256"),
+    ("parameter_set", "released_by", "'key_0'", "released_by"),
+    ("parameter_set", "released_by", "null", "released_by"),
+    ("parameter_set", "release_reason", "'other'", "reason"),
+    (
+        "parameter_set",
+        "release_checks_json",
+        "'[{\"passed\":true},{\"passed\":true}]'",
+        "checks_sha256",
+    ),
+    (
+        "parameter_set",
+        "release_n_passed",
+        "release_n_passed + 1",
+        "counted",
+    ),
+    (
+        "parameter_set",
+        "release_n_failed",
+        "release_n_failed + 1",
+        "counted",
+    ),
+    (
+        "parameter_set",
+        "release_evidence",
+        "'independent_session'",
+        "evidence",
+    ),
+    ("parameter_set", "withdrawn_by", "'key_0'", "withdrawn_by"),
+    ("parameter_set", "withdraw_reason", "'other'", "reason"),
+    (
+        "parameter_set",
+        "status",
+        "case when status = 'superseded' then 'candidate' else status end",
+        "superseded",
+    ),
+    (
+        "job",
+        "measurement_set_id",
+        "(select max(id) from measurement_set)",
+        "measurement_set_id",
+    ),
+    ("job", "request_json", "'[]'", "request_sha256"),
+    ("robot_policy", "changed_by", "'key_9'", "changed_by"),
+    ("robot_policy", "tolerance_mm", "9.5", "tolerance_mm"),
+    ("api_key", "name", "'other'", "name"),
+];
+
+/// What they say now besides.
+const NEW: &[Edit] = &[
+    ("robot", "name", "'other'", "name"),
+    (
+        "robot",
+        "created_at_ms",
+        "created_at_ms + 1",
+        "created_at_ms",
+    ),
+    ("measurement_set", "uploaded_by", "null", "uploaded_by"),
+    ("measurement_set", "frame", "'instrument'", "frame"),
+    (
+        "measurement_set",
+        "serial_number",
+        "'other'",
+        "serial_number",
+    ),
+    (
+        "measurement_set",
+        "content_type",
+        "'application/json'",
+        "content_type",
+    ),
+    ("measurement_set", "name", "'other'", "rest_sha256"),
+    ("measurement_set", "n_points", "9", "rest_sha256"),
+    ("measurement_set", "n_configurations", "9", "rest_sha256"),
+    ("measurement_set", "n_targets", "9", "rest_sha256"),
+    ("measurement_set", "warnings_json", "'[1]'", "rest_sha256"),
+    (
+        "measurement_set",
+        "created_at_ms",
+        "created_at_ms + 1",
+        "rest_sha256",
+    ),
+    ("frames", "content_type", "'other'", "content_type"),
+    ("network", "metadata_json", "'[]'", "metadata_sha256"),
+    ("network", "weights_sha256", "'ff'", "weights_sha256"),
+    ("network", "model", "'complete'", "model"),
+    (
+        "residual_network",
+        "metadata_json",
+        "'[]'",
+        "metadata_sha256",
+    ),
+    (
+        "parameter_set",
+        "release_uncertainty_mm",
+        "case when release_uncertainty_mm > 0 then 0.05 end",
+        "uncertainty_mm",
+    ),
+    (
+        "parameter_set",
+        "release_seq",
+        "release_seq + 7",
+        "release_seq",
+    ),
+    ("parameter_set", "supersedes_id", "id", "supersedes_id"),
+    (
+        "parameter_set",
+        "released_at_ms",
+        "released_at_ms - 1",
+        "released_at_ms",
+    ),
+    (
+        "parameter_set",
+        "withdrawn_at_ms",
+        "withdrawn_at_ms - 1",
+        "withdrawn_at_ms",
+    ),
+    (
+        "job",
+        "verify_set_id",
+        "measurement_set_id",
+        "verify_set_id",
+    ),
+    (
+        "job",
+        "frames_id",
+        "(select max(id) from frames)",
+        "frames_id",
+    ),
+    (
+        "job",
+        "network_input_id",
+        "(select max(id) from network)",
+        "network_input_id",
+    ),
+    (
+        "job",
+        "residual_network_input_id",
+        "(select max(id) from residual_network)",
+        "residual_network_input_id",
+    ),
+    (
+        "job",
+        "parameter_set_input_id",
+        "(select max(id) from parameter_set)",
+        "parameter_set_input_id",
+    ),
+    ("job", "kind", "'verify'", "rest_sha256"),
+    ("job", "method", "'other'", "rest_sha256"),
+    ("job", "priority", "9", "rest_sha256"),
+    ("job", "client", "'key_9'", "rest_sha256"),
+    (
+        "job",
+        "error_json",
+        "case when status = 'failed' then '[]' end",
+        "error_sha256",
+    ),
+    ("robot_policy", "changed_at_ms", "1", "changed_at_ms"),
+    ("api_key", "created_at_ms", "1", "created_at_ms"),
+];
+
+/// Fields of [`NEW`], and those that stand for the actor.
+const NEW_FIELDS: &[&str] = &[
+    "created_at_ms",
+    "uploaded_by",
+    "frame",
+    "serial_number",
+    "content_type",
+    "rest_sha256",
+    "metadata_sha256",
+    "weights_sha256",
+    "model",
+    "preset",
+    "uncertainty_mm",
+    "released_by",
+    "released_at_ms",
+    "n_passed",
+    "n_failed",
+    "release_seq",
+    "supersedes_id",
+    "withdrawn_by",
+    "withdrawn_at_ms",
+    "verify_set_id",
+    "frames_id",
+    "network_input_id",
+    "residual_network_input_id",
+    "parameter_set_input_id",
+    "error_sha256",
+    "changed_by",
+    "changed_at_ms",
+    "revoked_at_ms",
+    "answered",
+];
+
+async fn run(store: &Store, sql: &str) {
+    let done = sqlx::query(AssertSqlSafe(sql.to_owned()))
+        .execute(store.pool())
+        .await;
+    done.unwrap_or_else(|error| panic!("{sql}: {error}"));
+}
+
+/// As somebody with the database's password would.
+async fn take_the_guards_away(store: &Store) {
+    let find = match store.engine() {
+        Engine::Sqlite => "select 'drop trigger ' || name from sqlite_master where type = 'trigger'",
+        Engine::Postgres => {
+            "select distinct 'alter table ' || c.relname || ' disable trigger user' from pg_trigger t join pg_class c on c.oid = t.tgrelid
+             join pg_namespace n on n.oid = c.relnamespace where n.nspname = current_schema()"
+        }
+    };
+    let statements: Vec<String> = sqlx::query_scalar(find)
+        .fetch_all(store.pool())
+        .await
+        .unwrap();
+    assert!(!statements.is_empty());
+    for sql in statements {
+        run(store, &sql).await;
+    }
+}
+
+/// What breaks the promises, but for the guards that are gone.
+async fn told(store: &Store) -> Vec<String> {
+    let checks = verify(store, &Options::default()).await.unwrap();
+    checks
+        .into_iter()
+        .filter(|check| check.id != "I9")
+        .flat_map(|check| check.violations)
+        .collect()
+}
+
+/// What is told of an edit, which is then taken back.
+async fn told_of(store: &Store, (table, column, value, _): &Edit) -> Vec<String> {
+    let id = match *table {
+        "robot_policy" => "robot_id",
+        "verification" => "job_id",
+        _ => "id",
+    };
+    run(
+        store,
+        &format!("create table kept as select {id} as subject, {column} as was from {table}"),
+    )
+    .await;
+    run(store, &format!("update {table} set {column} = {value}")).await;
+    let told = told(store).await;
+    run(
+        store,
+        &format!(
+            "update {table} set {column} = (select was from kept where subject = {table}.{id})"
+        ),
+    )
+    .await;
+    run(store, "drop table kept").await;
+    told
+}
+
+async fn each_is_told(store: &Store, edits: impl Iterator<Item = &Edit>) {
+    for edit in edits {
+        let told = told_of(store, edit).await;
+        assert!(
+            told.iter()
+                .any(|what| what.contains(&format!(" {} ", edit.3)) || what.ends_with(edit.3)),
+            "{edit:?}: {told:?}"
+        );
+    }
+    assert_eq!(told(store).await, [""; 0], "nothing is left of the edits");
+}
+
+#[test]
+fn each_fault_is_told_in_whatever_field_it_is() {
+    for_each_engine(async |database| {
+        let store = &database.store;
+        something_of_everything(store, &a_set(store, &a_robot(store, "r").await).await).await;
+        take_the_guards_away(store).await;
+        each_is_told(store, KNOWN.iter().chain(NEW)).await;
+    });
+}
+
+/// The chain as it would be if the new fields had never been.
+async fn as_it_was_before(store: &Store) {
+    let mut before = String::new();
+    for mut row in audit::list(store, 0, 1000).await.unwrap() {
+        let mut detail: Value = serde_json::from_str(&row.detail_json).unwrap();
+        let fields = detail.as_object_mut().unwrap();
+        NEW_FIELDS
+            .iter()
+            .for_each(|field| drop(fields.remove(*field)));
+        if row.event == "robot_created" {
+            fields.remove("name");
+        }
+        row.detail_json = detail.to_string();
+        let AuditRow {
+            seq,
+            at_ms,
+            actor,
+            event,
+            subject,
+            detail_json,
+            ..
+        } = &row;
+        let sha256 = sha256_hex(
+            json!([before, seq, at_ms, actor, event, subject, detail_json])
+                .to_string()
+                .as_bytes(),
+        );
+        let update = sqlx::query("update audit set detail_json = $1, sha256 = $2 where seq = $3")
+            .bind(detail_json)
+            .bind(&sha256)
+            .bind(seq);
+        update.execute(store.pool()).await.unwrap();
+        before = sha256;
+    }
+    sqlx::query("update audit_head set sha256 = $1")
+        .bind(before)
+        .execute(store.pool())
+        .await
+        .unwrap();
+}
+
+#[test]
+fn databases_from_before_are_whole_and_what_their_entries_say_is_compared() {
+    for_each_engine(async |database| {
+        let store = &database.store;
+        something_of_everything(store, &a_set(store, &a_robot(store, "r").await).await).await;
+        take_the_guards_away(store).await;
+        as_it_was_before(store).await;
+        each_is_told(store, KNOWN.iter()).await;
+        // What no entry says cannot be told, and is no fault.
+        for edit in NEW {
+            assert_eq!(told_of(store, edit).await, [""; 0], "{edit:?}");
+        }
+    });
+}

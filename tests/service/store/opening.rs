@@ -1,0 +1,456 @@
+//! Opening: settings, lock, schema.
+
+use std::time::{Duration, SystemTime};
+
+use kincal::store::{
+    Engine, Error, NewJob, Store, StoreLocation, all_queries, jobs, leases, robots,
+};
+use sqlx::migrate::Migrator;
+use sqlx::{AssertSqlSafe, Executor, SqlitePool, query_scalar};
+use tempfile::TempDir;
+
+use crate::engines::{for_each_engine, on_sqlite};
+use crate::fixtures::{a_job, a_robot, a_set, in_transaction, new_job};
+use crate::store::verify::{broken, something_of_everything};
+
+#[test]
+fn each_engine_prepares_every_query() {
+    for_each_engine(async |database| {
+        let queries = all_queries(database.store.engine());
+        assert!(
+            queries.len() > 50,
+            "the list of queries is incomplete: {}",
+            queries.len()
+        );
+        let mut connection = database.store.pool().acquire().await.unwrap();
+        for query in queries {
+            // SQLite would plan the query anew at every use
+            assert!(
+                !query.contains("limit $"),
+                "a limit that is bound is cast: {query}"
+            );
+            let prepared = (&mut *connection)
+                .prepare(sqlx::SqlSafeStr::into_sql_str(query))
+                .await;
+            prepared.unwrap_or_else(|error| panic!("{error}: {query}"));
+        }
+    });
+}
+
+/// Texts of the store that are none, or belong to one engine's connections.
+const NO_QUERIES: &[&str] = &[
+    "SQLITE_PRAGMAS",
+    "POSTGRES_SETTINGS",
+    "POSTGRES_SETTINGS_TO_MIGRATE",
+    "NOW",
+    "SCHEMA_VERSION",
+    "CHANNEL",
+    "DATABASE",
+    "NOBODY",
+    "CREATED",
+    "REVOKED",
+    "NOTED_AS",
+    "BEGIN",
+    "NEXT",
+    "UNDO",
+    "NOTE_AND_COMMIT",
+    "COMMIT",
+];
+
+#[test]
+fn every_query_constant_of_the_store_is_listed() {
+    // A constant that is not in the list would not be prepared above.
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("src/store");
+    let files = [folder.clone(), folder.join("verify")]
+        .into_iter()
+        .flat_map(|folder| std::fs::read_dir(folder).unwrap());
+    for path in files
+        .map(|entry| entry.unwrap().path())
+        .filter(|path| path.is_file())
+    {
+        let text = std::fs::read_to_string(path).unwrap();
+        let lists: String = text
+            .split("QUERIES")
+            .skip(1)
+            .filter_map(|rest| rest.split_once("];"))
+            .map(|(list, _)| list)
+            .collect();
+        for line in text.lines().filter_map(|line| line.strip_prefix("const ")) {
+            let (name, definition) = line.split_once(':').unwrap();
+            if definition.contains("&str =") && !NO_QUERIES.contains(&name) {
+                assert!(lists.contains(name), "{name} is in no list");
+            }
+        }
+    }
+}
+
+#[test]
+fn every_pooled_connection_has_the_durable_settings() {
+    on_sqlite(async |database| {
+        let n = database.store.pool().options().get_max_connections();
+        let mut connections = Vec::new();
+        for _ in 0..n {
+            connections.push(database.store.pool().acquire().await.unwrap());
+        }
+        for connection in &mut connections {
+            let journal: String = query_scalar("pragma journal_mode")
+                .fetch_one(&mut **connection)
+                .await
+                .unwrap();
+            let synchronous: i64 = query_scalar("pragma synchronous")
+                .fetch_one(&mut **connection)
+                .await
+                .unwrap();
+            let foreign_keys: i64 = query_scalar("pragma foreign_keys")
+                .fetch_one(&mut **connection)
+                .await
+                .unwrap();
+            let busy_timeout: i64 = query_scalar("pragma busy_timeout")
+                .fetch_one(&mut **connection)
+                .await
+                .unwrap();
+            assert_eq!(
+                (journal.as_str(), synchronous, foreign_keys, busy_timeout),
+                ("wal", 2, 1, 3000)
+            );
+        }
+        assert_eq!(connections.len(), 8);
+    });
+}
+
+#[test]
+fn a_data_directory_serves_one_server_at_a_time() {
+    on_sqlite(async |database| {
+        let error = Store::open(database.location.clone()).await.unwrap_err();
+        assert!(
+            matches!(&error, Error::Open { detail } if detail.contains("in use by another kincal server")),
+            "{error}"
+        );
+        let tool = Store::open_beside_a_server(database.location.clone())
+            .await
+            .unwrap();
+        assert_eq!(
+            robots::list(&tool, None, &Default::default())
+                .await
+                .unwrap()
+                .items,
+            []
+        );
+    });
+}
+
+#[test]
+fn a_data_directory_is_free_again_when_its_server_is_gone_and_keeps_its_rows() {
+    let directory = TempDir::new().unwrap();
+    let location = StoreLocation::Sqlite {
+        data_dir: directory.path().join("kept"),
+    };
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+        .unwrap();
+    runtime.block_on(async {
+        let tool = Store::open_beside_a_server(location.clone()).await.unwrap();
+        let robot = a_robot(&tool, "made by a tool before any server ran").await;
+        drop(tool);
+        let first = Store::open(location.clone()).await.unwrap();
+        assert_eq!(robots::get(&first, &robot.id).await.unwrap(), robot);
+        drop(first);
+        let second = Store::open(location).await.unwrap();
+        assert_eq!(robots::get(&second, &robot.id).await.unwrap(), robot);
+    });
+}
+
+#[test]
+fn a_file_that_is_no_database_is_said_to_be_none() {
+    let directory = TempDir::new().unwrap();
+    std::fs::write(directory.path().join("kincal.sqlite"), [7_u8; 9000]).unwrap();
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+        .unwrap();
+    let error = runtime
+        .block_on(Store::open(StoreLocation::Sqlite {
+            data_dir: directory.path().to_owned(),
+        }))
+        .unwrap_err();
+    assert!(
+        matches!(&error, Error::Open { detail } if detail.contains("file is not a database")),
+        "{error}"
+    );
+}
+
+#[test]
+fn a_server_that_opens_a_data_directory_ends_the_leases_of_the_dead_one() {
+    let directory = TempDir::new().unwrap();
+    let location = StoreLocation::Sqlite {
+        data_dir: directory.path().to_owned(),
+    };
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+        .unwrap();
+    runtime.block_on(async {
+        let dead = Store::open(location.clone()).await.unwrap();
+        let job = a_job(&dead, &a_set(&dead, &a_robot(&dead, "r").await).await, "{}").await;
+        leases::claim(&dead, "dead", Duration::from_secs(3600))
+            .await
+            .unwrap()
+            .unwrap();
+        drop(dead);
+        let store = Store::open(location.clone()).await.unwrap();
+        let beside = Store::open_beside_a_server(location).await.unwrap();
+        assert_eq!(
+            leases::expire(&store, 3, "{}").await.unwrap().queued,
+            std::slice::from_ref(&job.id)
+        );
+        let mine = leases::claim(&store, "alive", Duration::from_secs(3600))
+            .await
+            .unwrap()
+            .unwrap();
+        assert_eq!(
+            mine.attempt, 1,
+            "the death of the process was not the job's fault"
+        );
+        // A tool leaves the leases of the server beside it alone.
+        assert!(
+            jobs::get(&beside, &job.id)
+                .await
+                .unwrap()
+                .lease_until_ms
+                .unwrap()
+                > store.now_ms().await.unwrap()
+        );
+    });
+}
+
+#[test]
+fn opening_again_changes_nothing() {
+    for_each_engine(async |database| {
+        let robot = a_robot(&database.store, "r").await;
+        let again = Store::open_beside_a_server(database.location.clone())
+            .await
+            .unwrap();
+        assert_eq!(robots::get(&again, &robot.id).await.unwrap(), robot);
+        again.close().await;
+    });
+}
+
+#[test]
+fn a_url_of_another_kind_is_refused_with_the_reason() {
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+        .unwrap();
+    runtime.block_on(async {
+        for url in ["mysql://localhost/x", "sqlite://x", "nonsense"] {
+            let error = Store::open(StoreLocation::Postgres { url: url.into() })
+                .await
+                .unwrap_err();
+            assert!(
+                matches!(&error, Error::Open { detail } if detail.contains("postgres://")),
+                "{error}"
+            );
+        }
+    });
+}
+
+#[test]
+fn the_databases_clock_tells_the_time() {
+    for_each_engine(async |database| {
+        let now = SystemTime::now()
+            .duration_since(SystemTime::UNIX_EPOCH)
+            .unwrap()
+            .as_millis() as i64;
+        let difference_ms = (database.store.now_ms().await.unwrap() - now).abs();
+        assert!(difference_ms < 60_000, "{difference_ms} ms apart");
+        // Milliseconds, not whole seconds: of 20 readings not all end in 000.
+        let mut in_between = false;
+        for _ in 0..20 {
+            in_between |= database.store.now_ms().await.unwrap() % 1000 != 0;
+        }
+        assert!(in_between);
+        assert!(matches!(
+            database.store.engine(),
+            Engine::Sqlite | Engine::Postgres
+        ));
+    });
+}
+
+#[test]
+fn a_copy_of_the_database_takes_every_table() {
+    for_each_engine(async |database| {
+        let sql = match database.store.engine() {
+            Engine::Sqlite => {
+                "select name from sqlite_master where type = 'table' and name not like 'sqlite%' and name not like '\\_%' escape '\\'"
+            }
+            Engine::Postgres => {
+                "select cast(table_name as text) from information_schema.tables
+                 where table_schema = current_schema() and table_type = 'BASE TABLE' and table_name not like '\\_%'"
+            }
+        };
+        let mut found: Vec<String> = query_scalar(sql)
+            .fetch_all(database.store.pool())
+            .await
+            .unwrap();
+        let mut copied: Vec<String> = kincal::store::copy::TABLES
+            .iter()
+            .map(ToString::to_string)
+            .collect();
+        found.sort();
+        copied.sort();
+        assert_eq!(found, copied);
+    });
+}
+
+#[test]
+fn a_node_of_the_first_version_works_on_beside_todays_schema() {
+    // The statements that it had, to the letter: steps may only add.
+    for_each_engine(async |database| {
+        let store = &database.store;
+        let set = a_set(store, &a_robot(store, "r").await).await;
+        let run = async |sql: &'static str, texts: &[&str]| {
+            let query = texts
+                .iter()
+                .fold(sqlx::query(sql), |query, text| query.bind(*text));
+            assert_eq!(
+                query
+                    .execute(store.pool())
+                    .await
+                    .unwrap_or_else(|e| panic!("{e}: {sql}"))
+                    .rows_affected(),
+                1,
+                "{sql}"
+            );
+        };
+        run(
+            "insert into measurement_set (id, robot_id, name, frame, content_type, body, sha256,
+                 n_points, n_configurations, n_targets, warnings_json, created_at_ms)
+             select 'set_old', $1, name, frame, content_type, body, sha256,
+                 n_points, n_configurations, n_targets, warnings_json, (select now_ms from clock) from measurement_set",
+            &[&set.robot_id],
+        )
+        .await;
+        run(
+            "insert into job (id, robot_id, measurement_set_id, verify_set_id, frames_id, network_input_id,
+                 parameter_set_input_id, kind, method, request_json, priority, status, attempt, created_at_ms)
+             values ('job_old', $1, 'set_old', null, null, null, null, 'identify', 'auto', '{}', 0, 'queued', 0, (select now_ms from clock))",
+            &[&set.robot_id],
+        )
+        .await;
+        run(
+            "update job set status = 'running', owner = $1, attempt = attempt + 1,
+                 lease_until_ms = (select now_ms from clock) + 1000, started_at_ms = (select now_ms from clock), progress_json = null
+             where status = 'queued' and id = (
+                 select id from job where status = 'queued' order by priority desc, created_at_ms, id limit 1)",
+            &["worker_old"],
+        )
+        .await;
+        run(
+            "update job set status = 'succeeded', report_json = '{}', convergence_json = '{}', result_sha256 = 'x',
+                 lease_until_ms = null, finished_at_ms = (select now_ms from clock)
+             where id = 'job_old' and owner = $1 and attempt = 1 and status = 'running'",
+            &["worker_old"],
+        )
+        .await;
+        assert!(jobs::get(store, "job_old").await.unwrap().status.is_over());
+    });
+}
+
+/// Every row of every table as text, its columns by name.
+async fn content(store: &Store) -> Vec<String> {
+    let mut rows = Vec::new();
+    for table in kincal::store::copy::TABLES {
+        let columns = "select group_concat('quote(' || name || ')', '||'', ''||') from (select name from pragma_table_info($1) order by name)";
+        let columns: String = query_scalar(columns)
+            .bind(*table)
+            .fetch_one(store.pool())
+            .await
+            .unwrap();
+        let select = AssertSqlSafe(format!(
+            "select '{table}: ' || {columns} from {table} order by 1"
+        ));
+        rows.append(&mut query_scalar(select).fetch_all(store.pool()).await.unwrap());
+    }
+    rows
+}
+
+#[test]
+fn a_database_whose_jobs_are_laid_out_anew_keeps_everything_in_it() {
+    let runtime = tokio::runtime::Builder::new_multi_thread()
+        .worker_threads(2)
+        .enable_all()
+        .build()
+        .unwrap();
+    runtime.block_on(async {
+        let directory = TempDir::new().unwrap();
+        let location = StoreLocation::Sqlite {
+            data_dir: directory.path().to_owned(),
+        };
+        let url = format!(
+            "sqlite://{}?mode=rwc",
+            directory.path().join("kincal.sqlite").display()
+        );
+        let pool = SqlitePool::connect(&url).await.unwrap();
+        let steps = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("migrations/sqlite");
+        let steps = Migrator::new(steps).await.unwrap();
+        let before = steps
+            .iter()
+            .filter(|step| step.version != 7)
+            .cloned()
+            .collect();
+        Migrator::with_migrations(before).run(&pool).await.unwrap();
+        pool.close().await;
+
+        let store = Store::open_as_it_is(location.clone()).await.unwrap();
+        let set = a_set(&store, &a_robot(&store, "r").await).await;
+        something_of_everything(&store, &set).await;
+        let network: String = query_scalar("select id from network")
+            .fetch_one(store.pool())
+            .await
+            .unwrap();
+        let new = NewJob {
+            network_input_id: Some(network),
+            client: "key_1".into(),
+            ..new_job(&set, "{}")
+        };
+        let job = in_transaction(&store, async |tx| jobs::insert(tx, &new, None).await).await;
+        let more = "update job set turn = 7, deaths = 2 where id = $1";
+        assert_eq!(
+            sqlx::query(more)
+                .bind(job.id)
+                .execute(store.pool())
+                .await
+                .unwrap()
+                .rows_affected(),
+            1
+        );
+        let then = content(&store).await;
+        store.close().await;
+
+        let store = Store::open(location).await.unwrap();
+        assert!(store.schema_version().await.unwrap() >= 7);
+        let now = content(&store).await;
+        assert!(then.len() > 40, "{}", then.len());
+        assert_eq!(then, now);
+        assert_eq!(broken(&store).await, [""; 0]);
+        // what refers to a job still does
+        let refused = sqlx::query("delete from job where status = 'succeeded'")
+            .execute(store.pool())
+            .await;
+        assert!(refused.unwrap_err().to_string().contains("FOREIGN KEY"));
+        // and a job's row begins with what is short
+        let columns = "select name from pragma_table_info('job') order by cid desc limit 4";
+        let last: Vec<String> = query_scalar(columns).fetch_all(store.pool()).await.unwrap();
+        assert_eq!(
+            last,
+            [
+                "report_json",
+                "convergence_json",
+                "error_json",
+                "progress_json"
+            ]
+        );
+        store.close().await;
+    });
+}

@@ -1,0 +1,831 @@
+//! Release and withdrawal of parameter sets.
+
+use kincal::store::{
+    Checked, Conflict, Engine, Error, MeasurementSetRow, NewJob, NewParameterSet, ParameterSetRow,
+    ParameterSetStatus, PolicyRow, Release, Result, Store, jobs, leases, measurement_sets,
+    parameter_sets, policies, robots, verifications,
+};
+use kincal::wire::report_shape::Evidence;
+use kincal::wire::verification::{Fit, Verification};
+use std::time::Duration;
+
+use crate::engines::for_each_engine;
+use crate::fixtures::{a_candidate, a_job, a_robot, a_set, in_transaction, new_job, new_set};
+
+/// What a release keeps of its gates.
+const PASSED: &str = r#"[{"gate":"x","passed":true}]"#;
+
+async fn release(
+    store: &Store,
+    set: &ParameterSetRow,
+    active: Option<&ParameterSetRow>,
+) -> Result<ParameterSetRow> {
+    let release = Release {
+        id: set.id.clone(),
+        checked: Checked {
+            active: active.map(|active| active.id.clone()),
+            ..Checked::default()
+        },
+        reason: "after the collision".into(),
+        checks_json: PASSED.into(),
+        n_passed: 1,
+        n_failed: 0,
+        released_by: "key_1".into(),
+        evidence: "same_upload".into(),
+        uncertainty_mm: Some(0.1),
+    };
+    let mut tx = store.begin().await?;
+    let released = parameter_sets::release(&mut tx, &release).await?;
+    tx.commit().await?;
+    Ok(released)
+}
+
+async fn status(store: &Store, set: &ParameterSetRow) -> ParameterSetStatus {
+    parameter_sets::get(store, &set.id).await.unwrap().status
+}
+
+#[test]
+fn a_release_supersedes_the_one_before_and_can_be_rolled_back_in_one_call() {
+    for_each_engine(async |database| {
+        let store = &database.store;
+        let robot = a_robot(store, "r").await;
+        let set = a_set(store, &robot).await;
+        let (first, second) = (
+            a_candidate(store, &set).await,
+            a_candidate(store, &set).await,
+        );
+        assert_eq!(first.status, ParameterSetStatus::Candidate);
+        assert_eq!(
+            parameter_sets::active(store, &robot.id).await.unwrap(),
+            None
+        );
+        let released = release(store, &first, None).await.unwrap();
+        assert_eq!(
+            released.release_reason.as_deref(),
+            Some("after the collision")
+        );
+        assert!(released.released_at_ms.unwrap() >= first.created_at_ms);
+        assert_eq!(
+            release(store, &first, None).await.unwrap(),
+            released,
+            "releasing it again changes nothing"
+        );
+        release(store, &second, Some(&first)).await.unwrap();
+        assert_eq!(status(store, &first).await, ParameterSetStatus::Superseded);
+        assert_eq!(
+            parameter_sets::active(store, &robot.id)
+                .await
+                .unwrap()
+                .unwrap()
+                .id,
+            second.id
+        );
+        release(store, &first, Some(&second)).await.unwrap();
+        assert_eq!(
+            parameter_sets::active(store, &robot.id)
+                .await
+                .unwrap()
+                .unwrap()
+                .id,
+            first.id
+        );
+        assert_eq!(status(store, &second).await, ParameterSetStatus::Superseded);
+    });
+}
+
+#[test]
+fn a_release_is_refused_when_another_was_released_since_its_checks() {
+    for_each_engine(async |database| {
+        let store = &database.store;
+        let set = a_set(store, &a_robot(store, "r").await).await;
+        let (first, second) = (
+            a_candidate(store, &set).await,
+            a_candidate(store, &set).await,
+        );
+        release(store, &first, None).await.unwrap();
+        let refused = release(store, &second, None).await;
+        assert!(
+            matches!(refused, Err(Error::Conflict(Conflict::ActiveChanged))),
+            "{refused:?}"
+        );
+        assert_eq!(status(store, &first).await, ParameterSetStatus::Released);
+        assert_eq!(status(store, &second).await, ParameterSetStatus::Candidate);
+    });
+}
+
+#[test]
+fn a_withdrawn_set_is_not_active_and_cannot_be_released() {
+    for_each_engine(async |database| {
+        let store = &database.store;
+        let robot = a_robot(store, "r").await;
+        let candidate = a_candidate(store, &a_set(store, &robot).await).await;
+        release(store, &candidate, None).await.unwrap();
+        let withdrawn = in_transaction(store, async |tx| {
+            parameter_sets::withdraw(tx, &candidate.id, "wrong tool", "key_2").await
+        })
+        .await;
+        assert_eq!(
+            (withdrawn.status, withdrawn.withdraw_reason.as_deref()),
+            (ParameterSetStatus::Withdrawn, Some("wrong tool"))
+        );
+        assert_eq!(
+            parameter_sets::active(store, &robot.id).await.unwrap(),
+            None
+        );
+        let again = in_transaction(store, async |tx| {
+            parameter_sets::withdraw(tx, &candidate.id, "again", "key_3").await
+        })
+        .await;
+        assert_eq!(again, withdrawn, "withdrawing it again changes nothing");
+        let refused = release(store, &candidate, None).await;
+        assert!(
+            matches!(refused, Err(Error::Conflict(Conflict::Withdrawn))),
+            "{refused:?}"
+        );
+    });
+}
+
+#[test]
+fn of_concurrent_releases_exactly_one_wins() {
+    for_each_engine(async |database| {
+        let robot = a_robot(&database.store, "r").await;
+        let set = a_set(&database.store, &robot).await;
+        let mut attempts = Vec::new();
+        for _ in 0..8 {
+            let (store, candidate) = (
+                database.store.clone(),
+                a_candidate(&database.store, &set).await,
+            );
+            attempts.push(tokio::spawn(async move {
+                release(&store, &candidate, None).await
+            }));
+        }
+        let mut won = 0;
+        for attempt in attempts {
+            match attempt.await.unwrap() {
+                Ok(_) => won += 1,
+                Err(error) => assert!(
+                    matches!(error, Error::Conflict(Conflict::ActiveChanged)),
+                    "{error:?}"
+                ),
+            }
+        }
+        assert_eq!(won, 1);
+    });
+}
+
+#[test]
+fn the_schema_itself_refuses_a_second_released_set() {
+    for_each_engine(async |database| {
+        let store = &database.store;
+        let set = a_set(store, &a_robot(store, "r").await).await;
+        let (first, second) = (
+            a_candidate(store, &set).await,
+            a_candidate(store, &set).await,
+        );
+        release(store, &first, None).await.unwrap();
+        let sql = "update parameter_set set status = 'released', released_at_ms = 1, release_checks_json = $2, release_n_passed = 1, release_n_failed = 0
+            where id = $1";
+        let error = sqlx::query(sql)
+            .bind(&second.id)
+            .bind(PASSED)
+            .execute(store.pool())
+            .await
+            .unwrap_err();
+        assert!(
+            error.as_database_error().unwrap().is_unique_violation(),
+            "{error}"
+        );
+        // Another robot has its own.
+        let elsewhere =
+            a_candidate(store, &a_set(store, &a_robot(store, "other").await).await).await;
+        sqlx::query(sql)
+            .bind(&elsewhere.id)
+            .bind(PASSED)
+            .execute(store.pool())
+            .await
+            .unwrap();
+    });
+}
+
+#[test]
+fn the_schema_itself_refuses_a_release_without_checks_and_states_that_do_not_exist() {
+    for_each_engine(async |database| {
+        let store = &database.store;
+        let candidate = a_candidate(store, &a_set(store, &a_robot(store, "r").await).await).await;
+        for sql in [
+            "update parameter_set set status = 'released', released_at_ms = 1, release_n_passed = 1, release_n_failed = 0 where id = $1",
+            "update parameter_set set status = 'released', release_checks_json = '[{\"passed\":true}]', release_n_passed = 1, release_n_failed = 0 where id = $1",
+            "update parameter_set set status = 'approved' where id = $1",
+            "update parameter_set set status = 'withdrawn' where id = $1",
+        ] {
+            let error = sqlx::query(sql)
+                .bind(&candidate.id)
+                .execute(store.pool())
+                .await
+                .unwrap_err();
+            assert!(
+                error.as_database_error().unwrap().is_check_violation(),
+                "{sql}: {error}"
+            );
+        }
+    });
+}
+
+#[test]
+fn a_job_has_at_most_one_parameter_set() {
+    for_each_engine(async |database| {
+        let store = &database.store;
+        let job = a_job(store, &a_set(store, &a_robot(store, "r").await).await, "{}").await;
+        let new = NewParameterSet {
+            body_json: "{}".into(),
+            sha256: "00".into(),
+        };
+        let first = in_transaction(store, async |tx| {
+            parameter_sets::insert(tx, &job.id, &new).await
+        })
+        .await;
+        let mut tx = store.begin().await.unwrap();
+        let second = parameter_sets::insert(&mut tx, &job.id, &new).await;
+        assert!(
+            matches!(second, Err(Error::Conflict(Conflict::Duplicate))),
+            "{second:?}"
+        );
+        tx.rollback().await.unwrap();
+        assert_eq!(
+            jobs::get(store, &job.id).await.unwrap().parameter_set_id,
+            Some(first.id)
+        );
+    });
+}
+
+#[test]
+fn the_schema_itself_refuses_a_release_in_spite_of_a_failed_gate_or_without_any() {
+    for_each_engine(async |database| {
+        let store = &database.store;
+        let candidate = a_candidate(store, &a_set(store, &a_robot(store, "r").await).await).await;
+        // Whatever the texts say that are kept beside them.
+        for (n_passed, n_failed) in [
+            ("null", "null"),
+            ("0", "0"),
+            ("0", "1"),
+            ("1", "1"),
+            ("1", "null"),
+        ] {
+            let sql = format!(
+                "update parameter_set set status = 'released', released_at_ms = 1, release_checks_json = '{PASSED}', release_n_passed = {n_passed},
+                    release_n_failed = {n_failed} where id = '{}'",
+                candidate.id
+            );
+            let error = sqlx::query(sqlx::AssertSqlSafe(sql))
+                .execute(store.pool())
+                .await
+                .unwrap_err();
+            assert!(
+                error.to_string().contains("all of them passed"),
+                "{n_passed} {n_failed}: {error}"
+            );
+        }
+    });
+}
+
+/// A withdrawn set that moves the robot again.
+const BACK_IN_FORCE: &str =
+    "update parameter_set set status = 'released', withdrawn_at_ms = null, released_at_ms = 1,
+    release_checks_json = '[{\"passed\":true}]', release_n_passed = 1, release_n_failed = 0 where id = $1";
+
+#[test]
+fn the_schema_itself_keeps_the_life_and_the_content_of_a_set() {
+    for_each_engine(async |database| {
+        let store = &database.store;
+        let set = a_set(store, &a_robot(store, "r").await).await;
+        let (first, second) = (
+            a_candidate(store, &set).await,
+            a_candidate(store, &set).await,
+        );
+        release(store, &first, None).await.unwrap();
+        in_transaction(store, async |tx| {
+            parameter_sets::withdraw(tx, &second.id, "no", "key_1").await
+        })
+        .await;
+        let refused: [(&'static str, &str, &str); 9] = [
+            (BACK_IN_FORCE, &second.id, "never back"),
+            (
+                "update parameter_set set status = 'candidate' where id = $1",
+                &first.id,
+                "never back",
+            ),
+            (
+                "update parameter_set set status = 'candidate', withdrawn_at_ms = null where id = $1",
+                &second.id,
+                "never back",
+            ),
+            (
+                "update parameter_set set status = 'superseded', withdrawn_at_ms = null where id = $1",
+                &second.id,
+                "never back",
+            ),
+            (
+                "update parameter_set set body_json = '{}' where id = $1",
+                &first.id,
+                "never changed",
+            ),
+            (
+                "delete from parameter_set where id = $1",
+                &first.id,
+                "never deleted",
+            ),
+            (
+                "update measurement_set set body = x'00' where id = $1",
+                &set.id,
+                "never changed",
+            ),
+            (
+                "update measurement_set set sha256 = '' where id = $1",
+                &set.id,
+                "never changed",
+            ),
+            (
+                "update robot set body_json = '{}' where id = $1",
+                &set.robot_id,
+                "never changed",
+            ),
+        ];
+        for (sql, id, expected) in refused {
+            let sql = if sql.contains("x'00'") && store.engine() == Engine::Postgres {
+                POSTGRES_BYTES
+            } else {
+                sql
+            };
+            let error = sqlx::query(sql)
+                .bind(id)
+                .execute(store.pool())
+                .await
+                .unwrap_err();
+            assert!(error.to_string().contains(expected), "{sql}: {error}");
+        }
+    });
+}
+
+const POSTGRES_BYTES: &str = "update measurement_set set body = '' where id = $1";
+
+/// What the code would write if it forgot to look.
+const FORGETFUL: &str = "update parameter_set set status = 'released', released_at_ms = 1, release_checks_json = '[{\"passed\":true}]', release_n_passed = 1, release_n_failed = 0,
+    release_evidence = $2, release_uncertainty_mm = nullif($3, cast(-1 as double precision)), released_by = $4 where id = $1";
+
+#[test]
+fn the_schema_itself_keeps_the_robots_policy() {
+    for_each_engine(async |database| {
+        let store = &database.store;
+        let robot = a_robot(store, "r").await;
+        let set_row = a_set(store, &robot).await;
+        let candidate = a_candidate(store, &set_row).await;
+        let strict = PolicyRow {
+            tolerance_mm: Some(0.2),
+            independent_session_required: 1,
+            second_person_required: 1,
+            version: 0,
+        };
+        let set = in_transaction(store, async |tx| {
+            policies::put(tx, &robot.id, &strict, "boss").await
+        })
+        .await;
+        assert_eq!(
+            set,
+            PolicyRow {
+                version: 1,
+                ..strict.clone()
+            }
+        );
+        let write = async |evidence: &str, uncertainty_mm: f64, by: &str| {
+            sqlx::query(FORGETFUL)
+                .bind(&candidate.id)
+                .bind(evidence)
+                .bind(uncertainty_mm)
+                .bind(by)
+                .execute(store.pool())
+                .await
+        };
+        for (evidence, uncertainty_mm, by) in [
+            ("same_upload", 0.1, "engineer"),
+            ("independent_session", 0.21, "engineer"),
+            ("independent_session", -1.0, "engineer"), // which stands for none
+            ("independent_session", 0.1, "key_uploader"),
+        ] {
+            let error = write(evidence, uncertainty_mm, by).await.unwrap_err();
+            assert!(
+                error.to_string().contains("policy"),
+                "{evidence} {uncertainty_mm} {by}: {error}"
+            );
+        }
+        // Nor where the code says that there was an independent session, and none was.
+        let error = write("independent_session", 0.1, "engineer")
+            .await
+            .unwrap_err();
+        assert!(error.to_string().contains("policy"), "{error}");
+        scored(store, &set_row, &candidate, &good_session()).await;
+        write("independent_session", 0.1, "engineer").await.unwrap();
+    });
+}
+
+#[test]
+fn the_set_to_compare_with_is_the_newest_from_another_upload() {
+    for_each_engine(async |database| {
+        let store = &database.store;
+        let robot = a_robot(store, "r").await;
+        let upload = async |bytes: &[u8]| {
+            in_transaction(store, async |tx| {
+                measurement_sets::insert(tx, &new_set(&robot, bytes)).await
+            })
+            .await
+        };
+        let other = async |set: &MeasurementSetRow| {
+            parameter_sets::of_another_session(store, &robot.id, &set.id)
+                .await
+                .unwrap()
+                .map(|found| found.id)
+        };
+        let (first, again) = (upload(b"monday").await, upload(b"monday").await);
+        let on_monday = a_candidate(store, &first).await;
+        a_candidate(store, &again).await;
+        assert_eq!((other(&first).await, other(&again).await), (None, None));
+        let next = upload(b"tuesday").await;
+        assert_eq!(other(&first).await, None);
+        assert!(
+            other(&next)
+                .await
+                .is_some_and(|found| found != on_monday.id)
+        );
+        let (older, newer) = (
+            a_candidate(store, &next).await,
+            a_candidate(store, &next).await,
+        );
+        assert!(older.id < newer.id);
+        assert_eq!(
+            (other(&first).await, other(&again).await),
+            (Some(newer.id.clone()), Some(newer.id))
+        );
+        // another robot's sets are none of this one's
+        let strange = a_set(store, &a_robot(store, "s").await).await;
+        assert_eq!(
+            parameter_sets::of_another_session(store, &strange.robot_id, &strange.id)
+                .await
+                .unwrap(),
+            None
+        );
+    });
+}
+
+/// A session that fits, in which the set is better than nominal, measured anew.
+fn good_session() -> Verification {
+    Verification {
+        is_session: true,
+        n_points: 50,
+        before_rms_mm: Some(1.0),
+        after_rms_mm: Some(0.1),
+        is_better: true,
+        fit: Fit::Fits,
+        evidence: Evidence::IndependentSession,
+        is_repeat: false,
+        check_seq: 0,
+        uncertainty_mm: None,
+    }
+}
+
+/// A session that scored the set, and what it found.
+async fn scored(
+    store: &Store,
+    set: &MeasurementSetRow,
+    candidate: &ParameterSetRow,
+    found: &Verification,
+) -> String {
+    let new = NewJob {
+        kind: "verify".into(),
+        parameter_set_input_id: Some(candidate.id.clone()),
+        priority: 1,
+        ..new_job(set, "{}")
+    };
+    in_transaction(store, async |tx| jobs::insert(tx, &new, None).await).await;
+    let lease = leases::claim(store, "worker_1", Duration::from_secs(60))
+        .await
+        .unwrap()
+        .unwrap();
+    in_transaction(store, async |tx| {
+        leases::succeed(tx, &lease, "{}", "{}", "00").await?;
+        verifications::insert(tx, &lease.job_id, found).await
+    })
+    .await;
+    lease.job_id
+}
+
+/// What a server would write if it forgot to look at the gates.
+async fn released_blindly(store: &Store, candidate: &ParameterSetRow) -> Result<ParameterSetRow> {
+    let robot = robots::get(store, &candidate.robot_id).await?;
+    let rows = verifications::of_set(store, &candidate.id).await?;
+    let release = Release {
+        id: candidate.id.clone(),
+        checked: Checked {
+            n_verifications: rows.len() as i64,
+            robot: robot.check(),
+            ..Checked::default()
+        },
+        reason: "it fits".into(),
+        checks_json: PASSED.into(),
+        n_passed: 1,
+        n_failed: 0,
+        released_by: "key_1".into(),
+        evidence: "same_upload".into(),
+        uncertainty_mm: None,
+    };
+    let mut tx = store.begin().await?;
+    let released = parameter_sets::release(&mut tx, &release).await?;
+    tx.commit().await?;
+    Ok(released)
+}
+
+fn is_refused_by_schema<T: std::fmt::Debug>(result: Result<T>, expected: &str) {
+    match result {
+        Err(Error::Conflict(Conflict::RefusedBySchema { why })) => {
+            assert!(why.contains(expected), "{why}")
+        }
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn a_set_once_shown_to_be_no_better_than_nominal_is_refused_as_a_conflict_however_many_sessions_came_since()
+ {
+    for_each_engine(async |database| {
+        let store = &database.store;
+        let set = a_set(store, &a_robot(store, "r").await).await;
+        let candidate = a_candidate(store, &set).await;
+        let worse = Verification {
+            is_better: false,
+            ..good_session()
+        };
+        scored(store, &set, &candidate, &worse).await;
+        for _ in 0..9 {
+            scored(store, &set, &candidate, &good_session()).await;
+        }
+        is_refused_by_schema(
+            released_blindly(store, &candidate).await,
+            "no better than nominal",
+        );
+        assert_eq!(
+            status(store, &candidate).await,
+            ParameterSetStatus::Candidate
+        );
+    });
+}
+
+#[test]
+fn the_schema_itself_makes_no_release_for_a_robot_that_a_session_does_not_fit() {
+    for_each_engine(async |database| {
+        let store = &database.store;
+        let robot = a_robot(store, "r").await;
+        let set = a_set(store, &robot).await;
+        let (first, second) = (
+            a_candidate(store, &set).await,
+            a_candidate(store, &set).await,
+        );
+        let asked = async || {
+            let row = robots::get(store, &robot.id).await.unwrap();
+            row.check_job_id
+        };
+        let does_not_fit = Verification {
+            fit: Fit::DoesNotFit,
+            is_better: false,
+            evidence: Evidence::None,
+            ..good_session()
+        };
+        let job_id = scored(store, &set, &first, &does_not_fit).await;
+        assert_eq!(asked().await, Some(job_id));
+        for candidate in [&first, &second] {
+            is_refused_by_schema(released_blindly(store, candidate).await, "check_robot");
+        }
+        let since = Verification {
+            check_seq: 1,
+            ..good_session()
+        };
+        // A session that repeats an earlier one, or says nothing, changes nothing.
+        for silent in [
+            Verification {
+                is_repeat: true,
+                ..since.clone()
+            },
+            Verification {
+                evidence: Evidence::SameUpload,
+                ..since.clone()
+            },
+            Verification {
+                is_better: false,
+                ..since.clone()
+            },
+            // its job began before the session that did not fit
+            good_session(),
+        ] {
+            scored(store, &set, &second, &silent).await;
+            assert!(asked().await.is_some(), "{silent:?}");
+        }
+        // One that fits does. It is no evidence against a set that another session did not fit.
+        scored(store, &set, &first, &since).await;
+        assert_eq!(asked().await, None);
+        released_blindly(store, &first).await.unwrap();
+        // So does somebody who says why.
+        scored(store, &set, &first, &does_not_fit).await;
+        assert!(asked().await.is_some());
+        let checked = in_transaction(store, async |tx| {
+            robots::checked(tx, &robot.id, "the tracker's file was mixed up", "key_2").await
+        })
+        .await;
+        assert_eq!(
+            (checked.check_job_id, checked.checked_seq),
+            (None, 7),
+            "everything so far was looked at"
+        );
+        for (sql, expected) in [
+            (
+                "update verification set fit = 'fits' where seq = 1",
+                "never changed",
+            ),
+            ("delete from verification where seq = 1", "never deleted"),
+        ] {
+            let error = sqlx::query(sql).execute(store.pool()).await.unwrap_err();
+            assert!(error.to_string().contains(expected), "{error}");
+        }
+    });
+}
+
+#[test]
+fn the_schema_itself_keeps_what_speaks_against_a_set_until_it_is_answered() {
+    for_each_engine(async |database| {
+        let store = &database.store;
+        let robot = a_robot(store, "r").await;
+        let set = a_set(store, &robot).await;
+        let (old, new) = (
+            a_candidate(store, &set).await,
+            a_candidate(store, &set).await,
+        );
+        let checked = async |why: &str| {
+            in_transaction(store, async |tx| {
+                robots::checked(tx, &robot.id, why, "key_2").await
+            })
+            .await
+            .checked_seq
+        };
+        // A session did not fit the robot, and another set has ended that: nobody knows of this one.
+        let does_not_fit = Verification {
+            fit: Fit::DoesNotFit,
+            evidence: Evidence::None,
+            is_better: false,
+            ..good_session()
+        };
+        scored(store, &set, &new, &does_not_fit).await;
+        // a job that began before it cannot tell whether it repeats what was before it
+        scored(store, &set, &new, &good_session()).await;
+        is_refused_by_schema(released_blindly(store, &old).await, "check_robot");
+        let since = Verification {
+            check_seq: 1,
+            ..good_session()
+        };
+        scored(store, &set, &new, &since).await;
+        is_refused_by_schema(released_blindly(store, &old).await, "none since supports");
+        let repeat = Verification {
+            is_repeat: true,
+            ..since.clone()
+        };
+        scored(store, &set, &old, &repeat).await;
+        is_refused_by_schema(released_blindly(store, &old).await, "none since supports");
+        released_blindly(store, &new).await.unwrap();
+        withdrawn(store, &new).await;
+        // A set of points that were measured since needs no session; one of points of before does.
+        for (is_repeat, is_refused) in [(true, true), (false, false)] {
+            let identified = Verification {
+                is_session: false,
+                is_repeat,
+                evidence: Evidence::SameUpload,
+                ..since.clone()
+            };
+            let candidate = an_identified(store, &set, &identified).await;
+            let released = released_blindly(store, &candidate).await;
+            match is_refused {
+                true => is_refused_by_schema(released, "none since supports"),
+                false => drop(released.unwrap()),
+            }
+            withdrawn(store, &candidate).await;
+        }
+        // A session that the set missed by far is not outweighed by others.
+        let far_off = Verification {
+            fit: Fit::SetFarOff,
+            ..since.clone()
+        };
+        scored(store, &set, &old, &since).await;
+        scored(store, &set, &old, &far_off).await;
+        scored(store, &set, &old, &since).await;
+        is_refused_by_schema(released_blindly(store, &old).await, "none since supports");
+        assert!(checked("the tripod was kicked").await > 0);
+        released_blindly(store, &old).await.unwrap();
+    });
+}
+
+async fn withdrawn(store: &Store, set: &ParameterSetRow) {
+    in_transaction(store, async |tx| {
+        parameter_sets::withdraw(tx, &set.id, "no", "key_1").await
+    })
+    .await;
+}
+
+/// A set as its job ends, with what that found.
+async fn an_identified(
+    store: &Store,
+    set: &MeasurementSetRow,
+    found: &Verification,
+) -> ParameterSetRow {
+    let job = a_job(store, set, "{}").await;
+    let candidate = NewParameterSet {
+        body_json: "{}".into(),
+        sha256: kincal::wire::canonical::sha256_hex(b"{}"),
+    };
+    in_transaction(store, async |tx| {
+        let row = parameter_sets::insert(tx, &job.id, &candidate).await?;
+        verifications::insert(tx, &job.id, found).await?;
+        Ok(row)
+    })
+    .await
+}
+
+#[test]
+fn a_rollback_follows_what_a_release_superseded_and_no_clock() {
+    for_each_engine(async |database| {
+        let store = &database.store;
+        let set = a_set(store, &a_robot(store, "r").await).await;
+        let mut sets = Vec::new();
+        for _ in 0..3 {
+            sets.push(a_candidate(store, &set).await);
+        }
+        let [a, b, c] = &sets[..] else { unreachable!() };
+        release(store, a, None).await.unwrap();
+        // A was released while the clock was 30 days ahead, and B and C after it was corrected.
+        sqlx::query(
+            "update parameter_set set released_at_ms = released_at_ms + 2592000000 where id = $1",
+        )
+        .bind(&a.id)
+        .execute(store.pool())
+        .await
+        .unwrap();
+        let released = release(store, b, Some(a)).await.unwrap();
+        assert_eq!(released.supersedes_id.as_ref(), Some(&a.id));
+        release(store, c, Some(b)).await.unwrap();
+        for back_to in [b, a] {
+            let before = parameter_sets::before_active(store, &set.robot_id)
+                .await
+                .unwrap();
+            assert_eq!(before.id, back_to.id);
+            let active = parameter_sets::active(store, &set.robot_id).await.unwrap();
+            let release = Release {
+                id: back_to.id.clone(),
+                checked: Checked {
+                    active: active.map(|active| active.id),
+                    ..Checked::default()
+                },
+                reason: "scrap".into(),
+                checks_json: PASSED.into(),
+                n_passed: 1,
+                n_failed: 0,
+                released_by: "key_1".into(),
+                evidence: "same_upload".into(),
+                uncertainty_mm: None,
+            };
+            in_transaction(store, async |tx| {
+                parameter_sets::roll_back(tx, &release).await
+            })
+            .await;
+        }
+    });
+}
+
+#[test]
+fn a_release_is_refused_when_the_policy_changed_since_its_checks() {
+    for_each_engine(async |database| {
+        let store = &database.store;
+        let robot = a_robot(store, "r").await;
+        let candidate = a_candidate(store, &a_set(store, &robot).await).await;
+        let loose = PolicyRow {
+            tolerance_mm: Some(10.0),
+            ..PolicyRow::default()
+        };
+        in_transaction(store, async |tx| {
+            policies::put(tx, &robot.id, &loose, "boss").await
+        })
+        .await;
+        let refused = release(store, &candidate, None).await;
+        assert!(
+            matches!(refused, Err(Error::Conflict(Conflict::ChecksOutdated))),
+            "{refused:?}"
+        );
+        assert_eq!(
+            status(store, &candidate).await,
+            ParameterSetStatus::Candidate
+        );
+    });
+}

@@ -1,0 +1,348 @@
+//! `verify` finds what it should, and nothing in a healthy database.
+
+use kincal::store::verify::{Options, verify};
+use kincal::store::{
+    Checked, Engine, Lease, MeasurementSetRow, NewApiKey, NewFrames, NewNetwork, NewParameterSet,
+    ParameterSetRow, PolicyRow, Release, Store, api_keys, frames, leases, networks, parameter_sets,
+    policies, verifications,
+};
+use kincal::wire::canonical::sha256_hex;
+use kincal::wire::report_shape::Evidence;
+use kincal::wire::verification::{Fit, Verification};
+use sqlx::AssertSqlSafe;
+use std::time::Duration;
+
+use crate::engines::for_each_engine;
+use crate::fixtures::{a_candidate, a_job, a_robot, a_set, in_transaction};
+use crate::store::idempotency::{make_a_robot, scope};
+
+pub async fn broken(store: &Store) -> Vec<&'static str> {
+    let checks = verify(
+        store,
+        &Options {
+            is_served: true,
+            ..Options::default()
+        },
+    )
+    .await
+    .unwrap();
+    assert_eq!(
+        checks.iter().map(|check| check.id).collect::<Vec<_>>(),
+        ["I1", "I2", "I3", "I4", "I5", "I6", "I7", "I8", "I9"]
+    );
+    checks
+        .into_iter()
+        .filter(|check| check.n_violations > 0)
+        .map(|check| check.id)
+        .collect()
+}
+
+/// A job that a worker has.
+async fn a_running_job(store: &Store, set: &MeasurementSetRow) -> Lease {
+    a_job(store, set, "{}").await;
+    leases::claim(store, "worker_1", Duration::from_secs(60))
+        .await
+        .unwrap()
+        .unwrap()
+}
+
+/// A parameter set as a worker stores it.
+async fn an_identified_set(store: &Store, set: &MeasurementSetRow) -> ParameterSetRow {
+    let lease = a_running_job(store, set).await;
+    let new = NewParameterSet {
+        body_json: "{}".into(),
+        sha256: sha256_hex(b"{}"),
+    };
+    in_transaction(store, async |tx| {
+        leases::succeed(
+            tx,
+            &lease,
+            r#"{"result_sha256":"r","version":"1"}"#,
+            "{}",
+            "r",
+        )
+        .await?;
+        let row = parameter_sets::insert(tx, &lease.job_id, &new).await?;
+        verifications::insert(tx, &lease.job_id, &as_identified()).await?;
+        Ok(row)
+    })
+    .await
+}
+
+/// What a job found that identified a set.
+fn as_identified() -> Verification {
+    Verification {
+        is_session: false,
+        n_points: 50,
+        before_rms_mm: Some(1.0),
+        after_rms_mm: Some(0.1),
+        is_better: true,
+        fit: Fit::SetFarOff,
+        evidence: Evidence::SameUpload,
+        is_repeat: false,
+        check_seq: 0,
+        uncertainty_mm: Some(0.1),
+    }
+}
+
+/// One parameter set each that is superseded, released and withdrawn.
+async fn a_history(store: &Store, set: &MeasurementSetRow) {
+    let mut active = None;
+    for _ in 0..2 {
+        let id = an_identified_set(store, set).await.id;
+        let release = Release {
+            id: id.clone(),
+            checked: Checked {
+                active: active.replace(id),
+                n_verifications: 1,
+                ..Checked::default()
+            },
+            reason: "better".into(),
+            checks_json: r#"[{"passed":true}]"#.into(),
+            n_passed: 1,
+            n_failed: 0,
+            released_by: "key_1".into(),
+            evidence: "same_upload".into(),
+            uncertainty_mm: Some(0.1),
+        };
+        in_transaction(store, async |tx| {
+            tx.act_as("key_1");
+            parameter_sets::release(tx, &release).await
+        })
+        .await;
+    }
+    let candidate = an_identified_set(store, set).await;
+    in_transaction(store, async |tx| {
+        tx.act_as("key_1");
+        parameter_sets::withdraw(tx, &candidate.id, "no", "key_1").await
+    })
+    .await;
+}
+
+/// Frames, jobs with a report, with networks and with an error, parameter sets of every kind, a policy, an answer kept for its key, an API key
+/// in force and one that is revoked: something of everything that may be edited.
+pub async fn something_of_everything(store: &Store, set: &MeasurementSetRow) {
+    let new = NewFrames {
+        robot_id: set.robot_id.clone(),
+        content_type: "text/csv".into(),
+        body: vec![0],
+        result_json: "{}".into(),
+    };
+    in_transaction(store, async |tx| frames::insert(tx, &new).await).await;
+    let failed = a_running_job(store, set).await;
+    in_transaction(store, async |tx| leases::fail(tx, &failed, "{}").await).await;
+    let lease = a_running_job(store, set).await;
+    let network = NewNetwork {
+        model: "paper".into(),
+        preset: "paper".into(),
+        metadata_json: "{}".into(),
+        weights: vec![1],
+        weights_sha256: "00".into(),
+    };
+    in_transaction(store, async |tx| {
+        leases::succeed(
+            tx,
+            &lease,
+            r#"{"result_sha256":"r","version":"1"}"#,
+            "{}",
+            "r",
+        )
+        .await?;
+        networks::insert_residual(tx, &lease.job_id, &network).await?;
+        networks::insert(tx, &lease.job_id, &network).await
+    })
+    .await;
+    let policy = PolicyRow {
+        tolerance_mm: Some(0.1),
+        independent_session_required: 1,
+        second_person_required: 1,
+        version: 0,
+    };
+    // Of another robot, so that it stands in the way of no release.
+    let other = a_robot(store, "other").await;
+    in_transaction(store, async |tx| {
+        tx.act_as("key_0");
+        policies::put(tx, &other.id, &policy, "key_0").await
+    })
+    .await;
+    a_history(store, &a_set(store, &a_robot(store, "third").await).await).await;
+    store
+        .create_idempotent(Some(&scope("k", "s")), make_a_robot)
+        .await
+        .unwrap();
+    let key = |hash: &str| NewApiKey {
+        name: "n".into(),
+        key_sha256: hash.into(),
+        scopes_json: "[\"read\"]".into(),
+        robots_json: None,
+    };
+    let (first, second) = (key("00"), key("01"));
+    in_transaction(store, async |tx| {
+        api_keys::insert(tx, &first).await?;
+        let revoked = api_keys::insert(tx, &second).await?.id;
+        api_keys::revoke(tx, &revoked).await
+    })
+    .await;
+}
+
+#[test]
+fn a_healthy_database_keeps_every_promise() {
+    for_each_engine(async |database| {
+        let store = &database.store;
+        assert_eq!(broken(store).await, [""; 0]);
+        let set = a_set(store, &a_robot(store, "r").await).await;
+        a_job(store, &set, "{}").await;
+        assert_eq!(broken(store).await, [""; 0]);
+    });
+    for_each_engine(async |database| {
+        let store = &database.store;
+        something_of_everything(store, &a_set(store, &a_robot(store, "r").await).await).await;
+        assert_eq!(broken(store).await, [""; 0]);
+    });
+}
+
+/// What breaks, and which checks have to tell.
+const FAULTS: &[(&str, &[&str])] = &[
+    ("drop trigger measurement_set_stays; update measurement_set set body = x'00'", &["I1", "I9"]),
+    ("drop trigger robot_stays; update robot set body_json = '[]'", &["I1", "I9"]),
+    (
+        "drop trigger parameter_set_is_kept; drop trigger verification_is_kept; delete from verification; delete from network; \
+         delete from residual_network; delete from parameter_set; delete from job",
+        &["I1"],
+    ),
+    ("delete from network", &["I1"]),
+    ("delete from api_key where revoked_at_ms is null", &["I1"]),
+    ("update api_key set scopes_json = '[\"admin\"]'", &["I1"]),
+    ("update api_key set key_sha256 = 'ff' where revoked_at_ms is null", &["I1"]),
+    ("update api_key set revoked_at_ms = null", &["I1"]),
+    ("update robot_policy set second_person_required = 0", &["I1"]),
+    ("delete from robot_policy", &["I1"]),
+    ("drop trigger frames_stay; update frames set result_json = '[]'", &["I1", "I9"]),
+    ("update job set request_json = '{\"seed\":1}' where status = 'succeeded'", &["I1"]),
+    (
+        "drop trigger job_report_stays; update job set report_json = '{\"result_sha256\":\"r\",\"version\":\"1\",\"verify\":null}' where status = 'succeeded'",
+        &["I1", "I9"],
+    ),
+    ("drop trigger job_report_stays; update job set convergence_json = '[]' where status = 'succeeded'", &["I1", "I9"]),
+    (
+        "drop trigger job_report_stays; update job set report_json = '{\"result_sha256\":\"x\"}', result_sha256 = 'x' where status = 'succeeded'",
+        &["I1", "I5", "I9"],
+    ),
+    (
+        "insert into idempotency (key_holder, method, path, idempotency_key, request_sha256, created_at_ms) values ('k', 'POST', '/', 'a', 's', 1)",
+        &["I2"],
+    ),
+    (
+        "insert into idempotency (key_holder, method, path, idempotency_key, request_sha256, created_at_ms, status, location)
+         values ('k', 'POST', '/', 'a', 's', 1, 201, '/v1/measurement-sets/set_0')",
+        &["I2"],
+    ),
+    ("update job set status = 'cancelled', finished_at_ms = 1 where status = 'queued'", &["I3"]),
+    ("update job set status = 'running', owner = 'gone', lease_until_ms = 1 where status = 'queued'", &["I3"]),
+    ("drop index parameter_set_one_released", &["I9"]),
+    ("drop trigger verification_stays; update verification set is_better = 0", &["I1", "I9"]),
+    ("drop trigger verification_stays; update verification set fit = 'fits', evidence = 'independent_session'", &["I1", "I9"]),
+    ("drop trigger verification_is_kept; delete from verification", &["I1", "I9"]),
+    ("update robot set check_seq = check_seq + 1", &["I1"]),
+    ("update parameter_set set release_n_passed = 9 where status = 'released'", &["I1", "I7"]),
+    (
+        "drop trigger parameter_set_checks; update parameter_set set status = 'released', released_at_ms = 1, release_checks_json = '[]'
+         where status = 'candidate'",
+        &["I1", "I7", "I9"],
+    ),
+    (
+        "drop trigger parameter_set_checks; update parameter_set set status = 'released', released_at_ms = 1, release_checks_json = '[{\"passed\":false}]'
+         where status = 'candidate'",
+        &["I1", "I7", "I9"],
+    ),
+    (
+        "update parameter_set set status = 'released', released_at_ms = (select now_ms + 1000 from clock), release_checks_json = '[{\"passed\":true}]', release_n_passed = 1, release_n_failed = 0
+         where status = 'candidate'",
+        &["I1", "I7"],
+    ),
+    ("drop trigger measurement_set_uploader_stays; update measurement_set set uploaded_by = 'key_0'", &["I1", "I9"]),
+    ("update parameter_set set released_by = 'key_0' where status = 'released'", &["I1"]),
+    ("update parameter_set set release_reason = 'other' where status = 'released'", &["I1"]),
+    ("update parameter_set set withdrawn_by = 'key_0' where status = 'withdrawn'", &["I1"]),
+    ("drop trigger parameter_set_stays; update parameter_set set sha256 = 'ff'", &["I1", "I9"]),
+    ("update job set measurement_set_id = (select max(id) from measurement_set) where status = 'succeeded'", &["I1"]),
+    ("update network set metadata_json = '[]'", &["I1"]),
+    ("update robot_policy set changed_by = 'key_9'", &["I1"]),
+    ("insert into robot_policy (robot_id, independent_session_required, second_person_required, version, changed_by, changed_at_ms)
+         select max(id), 0, 0, 1, 'key_0', 1 from robot", &["I1"]),
+    ("update idempotency set response_body = x'00'", &["I2"]),
+    ("update idempotency set response_body = 'text'", &["I2"]),
+    ("update idempotency set location = null", &["I2"]),
+    ("drop trigger audit_entry_is_kept; delete from audit where event = 'robot_created'", &["I8", "I9"]),
+];
+
+#[test]
+fn each_fault_is_told_by_its_check() {
+    for (faults, expected) in FAULTS {
+        for_each_engine(async |database| {
+            let store = &database.store;
+            let set = a_set(store, &a_robot(store, "r").await).await;
+            something_of_everything(store, &set).await;
+            a_candidate(store, &set).await;
+            for fault in faults.split("; ") {
+                sqlx::query(AssertSqlSafe(in_the_words_of(store.engine(), fault)))
+                    .execute(store.pool())
+                    .await
+                    .unwrap();
+            }
+            let found = broken(store).await;
+            assert!(
+                expected.iter().all(|id| found.contains(id)),
+                "{faults}: told by {found:?}"
+            );
+        });
+    }
+}
+
+#[test]
+fn the_schema_itself_keeps_results_and_frames_as_they_were_found() {
+    for_each_engine(async |database| {
+        let store = &database.store;
+        something_of_everything(store, &a_set(store, &a_robot(store, "r").await).await).await;
+        for sql in [
+            "update job set report_json = '{}'",
+            "update job set convergence_json = null",
+            "update job set result_sha256 = 'x'",
+            "update frames set result_json = '[]'",
+            "update frames set body = x'00'",
+        ] {
+            let refused = sqlx::query(AssertSqlSafe(in_the_words_of(store.engine(), sql)))
+                .execute(store.pool())
+                .await;
+            assert!(
+                refused.unwrap_err().to_string().contains("never changed"),
+                "{sql}"
+            );
+        }
+        assert_eq!(broken(store).await, [""; 0]);
+    });
+}
+
+/// PostgreSQL names the table of a trigger, and writes bytes in another way.
+fn in_the_words_of(engine: Engine, sql: &str) -> String {
+    if engine == Engine::Sqlite {
+        return sql.to_owned();
+    }
+    match sql.strip_prefix("drop trigger ") {
+        Some(name) => {
+            let table = [
+                "measurement_set",
+                "robot",
+                "parameter_set",
+                "audit",
+                "frames",
+                "job",
+                "verification",
+            ]
+            .into_iter()
+            .find(|table| name.starts_with(table));
+            format!("drop trigger {name} on {}", table.unwrap())
+        }
+        None => sql.replace("x'00'", "'\\x00'"),
+    }
+}

@@ -1,0 +1,14 @@
+//! What the test binaries share.
+#![allow(dead_code, unused_macros, reason = "each binary uses a part")]
+
+pub mod app;
+pub mod data;
+pub mod engines;
+pub mod fixtures;
+pub mod people;
+pub mod preload;
+pub mod process;
+pub mod raw;
+pub mod real_robot;
+pub mod robots;
+pub mod simulation;
