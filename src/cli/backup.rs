@@ -9,12 +9,12 @@ use crate::store::{Store, StoreLocation, audit, backup};
 use serde_json::json;
 use std::path::PathBuf;
 
-/// Where from and where to.
+/// Source and destination.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     #[command(flatten)]
     database: DatabaseConfig,
-    /// A new or empty directory; serve it with --data-dir to restore.
+    /// A new or empty directory. To restore, start a server with --data-dir on it.
     #[arg(value_name = "DIRECTORY")]
     to: PathBuf,
     #[command(flatten)]
@@ -32,7 +32,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             data_dir: arguments.to.clone(),
         })
         .await?;
-        // No worker holds anything in a copy: leases are nobody's.
+        // No worker holds a lease in a copy.
         let checks = verify::verify(&copy, &Options::default()).await?;
         let head = audit::head(&copy).await?;
         copy.close().await;
@@ -48,7 +48,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             arguments.to.display()
         );
         let answer = json!({"directory": arguments.to, "audit_head": {"seq": head.seq, "sha256": head.sha256}});
-        arguments.output.told(&answer, || {
+        arguments.output.print(&answer, || {
             format!(
                 "{}: every promise kept; head of the audit chain: {}:{}",
                 arguments.to.display(),

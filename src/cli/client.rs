@@ -1,4 +1,4 @@
-//! The cell PC's side of the REST interface.
+//! HTTP client of the REST interface, with retries.
 
 use super::failure::Failed;
 use super::usage::Usage;
@@ -11,24 +11,23 @@ use std::time::Duration;
 use tokio::time::{sleep, timeout};
 use tokio_stream::{Stream, StreamExt};
 
-/// A request that is not answered in this time is given up.
+/// Timeout of a request.
 const REQUEST_TIMEOUT: Duration = Duration::from_secs(60);
-/// Robots are looked up by name on at most so many pages.
+/// Most pages that are read to look up a robot by name.
 const MAX_PAGES: usize = 50;
-/// A connection that ends before the job does is made anew at most this often in a row: about a minute and a half, in which a server that was
-/// restarted is there again.
+/// Most reconnects in a row while a job is followed. They take about a minute and a half; a server that restarts is back by then.
 const MAX_RECONNECTS: u32 = 20;
-/// Each time it is waited a second longer, up to this.
+/// Longest pause between reconnects; each pause is a second longer than the one before.
 const LONGEST_PAUSE: Duration = Duration::from_secs(5);
-/// The server sends a comment every 15 s: one that is silent for three times as long has gone without a word.
+/// An event stream without data for this long is lost: the server sends a comment every 15 s.
 const SILENCE: Duration = Duration::from_secs(45);
-/// What may be sent again is sent at most this often: what only reads, and what creates under the same Idempotency-Key.
+/// Most attempts at a request that can be repeated: reads, and creations under one `Idempotency-Key`.
 const MAX_TRIES: u32 = 5;
 
-/// Where the server is, and the key to it.
+/// The server and the API key.
 #[derive(Debug, clap::Args)]
 pub struct ServerArguments {
-    /// The server, http://… or https://….
+    /// URL of the server, http://… or https://….
     #[arg(
         long,
         env = "KINCAL_SERVER",
@@ -36,10 +35,10 @@ pub struct ServerArguments {
         value_name = "URL"
     )]
     server: String,
-    /// The key; better given in the environment, where nobody sees it.
+    /// API key; better given in the environment, where other users do not see it.
     #[arg(long, env = "KINCAL_KEY", value_name = "KEY", hide_env_values = true)]
     key: Option<String>,
-    /// Certificate of the authority that signed the server's, PEM; without it, those that the system trusts.
+    /// Certificate of the authority that signed the server's, PEM [default: those that the system trusts].
     #[arg(long, env = "KINCAL_CA_CERT", value_name = "FILE")]
     ca_cert: Option<PathBuf>,
 }
@@ -54,7 +53,7 @@ impl ServerArguments {
     }
 }
 
-/// A server, and the key to it.
+/// Client of one server.
 #[derive(Clone, Debug)]
 pub struct Client {
     http: reqwest::Client,
@@ -78,11 +77,10 @@ fn authorities(file: &Path) -> anyhow::Result<Vec<reqwest::Certificate>> {
 }
 
 impl Client {
-    /// A client of the server at `url` (`http://HOST:PORT`), whose certificate one of those in `ca_cert` has signed; without, one that the
-    /// system trusts.
+    /// A client of the server at `url` (`http://HOST:PORT`). It trusts the authorities in `ca_cert`; without, those that the system trusts.
     ///
     /// # Errors
-    /// [`Usage`] if it is no such URL; if the HTTP client cannot be made.
+    /// [`Usage`] for another kind of URL; if the HTTP client cannot be made.
     pub fn new(url: &str, key: Option<String>, ca_cert: Option<&Path>) -> anyhow::Result<Self> {
         if !reqwest::Url::parse(url)
             .is_ok_and(|url| matches!(url.scheme(), "http" | "https") && url.has_host())
@@ -99,12 +97,12 @@ impl Client {
             .no_proxy();
         let http = match ca_cert {
             Some(file) => http.tls_certs_only(authorities(file)?),
-            // a machine without any certificates can still speak to its own server
+            // Plain HTTP needs no certificates: also works on a machine that has none.
             None if !url.starts_with("https:") => http.tls_certs_only([]),
             None => http,
         };
         let http = http.build().with_context(|| match ca_cert {
-            // a machine that trusts no authority at all gets no further than here
+            // Reached on a machine that trusts no authority at all.
             None if url.starts_with("https:") => {
                 "no certificate can be checked; next: give the server's authority by --ca-cert FILE or KINCAL_CA_CERT"
             }
@@ -117,15 +115,15 @@ impl Client {
         })
     }
 
-    /// GET, answered in JSON.
+    /// GET with a JSON answer.
     ///
     /// # Errors
-    /// The connection, or the server's problem in words.
+    /// If the connection fails, or the server answers with a problem; the message has the problem's text.
     pub async fn get(&self, path: &str) -> anyhow::Result<Value> {
         json(&self.read(path).await?)
     }
 
-    /// GET of text.
+    /// GET with a text answer.
     ///
     /// # Errors
     /// As [`Self::get`].
@@ -133,7 +131,7 @@ impl Client {
         Ok(String::from_utf8_lossy(&self.read(path).await?).into_owned())
     }
 
-    /// GET, again where the server is busy. One that is not there is said at once: a person is waiting.
+    /// GET, repeated while the server is busy. An unreachable server is an error immediately, because a person is waiting.
     async fn read(&self, path: &str) -> anyhow::Result<Vec<u8>> {
         let mut attempt = 0;
         loop {
@@ -149,7 +147,7 @@ impl Client {
         }
     }
 
-    /// One request, and its answer as a whole.
+    /// Sends one request and reads the whole answer.
     async fn answer(&self, request: reqwest::RequestBuilder) -> Result<Vec<u8>, Failed> {
         let response = self
             .with_key(request)
@@ -169,31 +167,31 @@ impl Client {
         }
     }
 
-    /// The id of a robot that is named by its id, its name or its serial number.
+    /// The id of the robot with this id, name or serial number.
     ///
     /// # Errors
-    /// As [`Self::get`]; [`Usage`] if several robots or none are called so.
+    /// As [`Self::get`]; [`Usage`] if there is no such robot, or several.
     pub async fn robot_id(&self, named: &str) -> anyhow::Result<String> {
         if named.starts_with("rob_") {
             return Ok(named.into());
         }
-        let mut called = Vec::new();
+        let mut matching = Vec::new();
         let mut cursor = String::new();
         for _ in 0..MAX_PAGES {
             let page = self.get(&format!("/v1/robots?limit=200{cursor}")).await?;
             let items = page["items"].as_array().into_iter().flatten();
-            let fits = items.filter(|robot| {
+            let matches = items.filter(|robot| {
                 [&robot["name"], &robot["serial_number"]]
                     .into_iter()
                     .any(|field| field == named)
             });
-            called.extend(fits.filter_map(|robot| robot["id"].as_str().map(String::from)));
+            matching.extend(matches.filter_map(|robot| robot["id"].as_str().map(String::from)));
             match page["next_cursor"].as_str() {
                 Some(next) => cursor = format!("&cursor={next}"),
                 None => break,
             }
         }
-        match called.as_slice() {
+        match matching.as_slice() {
             [id] => Ok(id.clone()),
             [] => Err(Usage(format!(
                 "no robot is called {named:?}; `kincal robots` lists those that are there"
@@ -207,7 +205,7 @@ impl Client {
         }
     }
 
-    /// POST of a body of some content type, answered in JSON.
+    /// POST of a body with this content type and a JSON answer.
     ///
     /// # Errors
     /// As [`Self::get`].
@@ -225,7 +223,7 @@ impl Client {
         json(&self.answer(request).await?)
     }
 
-    /// POST that creates, once however often it has to be sent.
+    /// POST that creates something. It is repeated under one `Idempotency-Key`, so it takes effect once.
     ///
     /// # Errors
     /// As [`Self::get`].
@@ -263,31 +261,31 @@ impl Client {
             .await
     }
 
-    /// Follows a job by its events to its end.
+    /// Follows the events of a job until it ends.
     ///
     /// # Errors
     /// As [`Self::get`], and if the job does not succeed.
     pub async fn follow(
         &self,
         job_id: &str,
-        mut moved: impl FnMut(&JobAnswer),
+        mut on_update: impl FnMut(&JobAnswer),
     ) -> anyhow::Result<JobAnswer> {
-        let mut lost = 0;
+        let mut n_lost = 0;
         loop {
-            let mut heard = false;
-            let told = |job: &JobAnswer| {
-                heard = true;
-                moved(job);
+            let mut received_any = false;
+            let on_event = |job: &JobAnswer| {
+                received_any = true;
+                on_update(job);
             };
-            let failed = match self.events(job_id, told).await {
+            let failed = match self.events(job_id, on_event).await {
                 Ok(job) => return succeeded(job),
                 Err(failed) => failed,
             };
-            lost = if heard { 1 } else { lost + 1 };
+            n_lost = if received_any { 1 } else { n_lost + 1 };
             let Some(after) = failed.again_after() else {
                 return Err(failed.into());
             };
-            if lost > MAX_RECONNECTS {
+            if n_lost > MAX_RECONNECTS {
                 let later = format!(
                     "the job goes on without this command; ask for it later with kincal jobs {job_id}"
                 );
@@ -295,15 +293,15 @@ impl Client {
                     "job {job_id}: the connection was lost, and {MAX_RECONNECTS} attempts at another came to nothing; {later}"
                 )));
             }
-            sleep(after.max(Duration::from_secs(lost.into()).min(LONGEST_PAUSE))).await;
+            sleep(after.max(Duration::from_secs(n_lost.into()).min(LONGEST_PAUSE))).await;
         }
     }
 
-    /// One connection's events, to the one that says that the job is over.
+    /// Reads the events of one connection until the job is finished.
     async fn events(
         &self,
         job_id: &str,
-        mut moved: impl FnMut(&JobAnswer),
+        mut on_update: impl FnMut(&JobAnswer),
     ) -> Result<JobAnswer, Failed> {
         let request = self.with_key(
             self.http
@@ -311,26 +309,26 @@ impl Client {
         );
         let response = timeout(SILENCE, request.send())
             .await
-            .map_err(|_| silent())?
+            .map_err(|_| timed_out())?
             .map_err(|error| Failed::sending(&self.url, &error))?;
         if !response.status().is_success() {
             let (status, headers) = (response.status().as_u16(), response.headers().clone());
             let body = timeout(SILENCE, response.bytes())
                 .await
-                .map_err(|_| silent())?
+                .map_err(|_| timed_out())?
                 .map_err(|error| Failed::reading(&self.url, &error))?;
             return Err(Failed::answer(status, &headers, &body));
         }
         let mut stream = response.bytes_stream();
         let mut text = Vec::new();
         loop {
-            text.extend_from_slice(&piece(&mut stream, SILENCE).await?);
+            text.extend_from_slice(&next_chunk(&mut stream, SILENCE).await?);
             while let Some(end) = text.windows(2).position(|w| w == b"\n\n") {
                 let event: Vec<u8> = text.drain(..end + 2).collect();
                 let Some((name, job)) = parse_event(&event) else {
                     continue;
                 };
-                moved(&job);
+                on_update(&job);
                 if name == "finished" {
                     return Ok(job);
                 }
@@ -362,21 +360,21 @@ fn succeeded(job: JobAnswer) -> anyhow::Result<JobAnswer> {
     )
 }
 
-/// What a stream brings next. One that ends or falls silent is lost: a host that vanishes says nothing at all.
-async fn piece<T>(
+/// The next chunk of a stream. A stream that ends or times out is lost: a host that disappears closes no connection.
+async fn next_chunk<T>(
     stream: &mut (impl Stream<Item = reqwest::Result<T>> + Unpin),
-    silence: Duration,
+    limit: Duration,
 ) -> Result<T, Failed> {
-    match timeout(silence, stream.next()).await {
-        Ok(Some(Ok(piece))) => Ok(piece),
+    match timeout(limit, stream.next()).await {
+        Ok(Some(Ok(chunk))) => Ok(chunk),
         Ok(_) => Err(Failed::Lost(anyhow::anyhow!(
             "the events ended before the job did"
         ))),
-        Err(_) => Err(silent()),
+        Err(_) => Err(timed_out()),
     }
 }
 
-fn silent() -> Failed {
+fn timed_out() -> Failed {
     Failed::Lost(anyhow::anyhow!(
         "nothing came from the server for {} s",
         SILENCE.as_secs()
@@ -387,7 +385,7 @@ fn json(bytes: &[u8]) -> anyhow::Result<Value> {
     serde_json::from_slice(bytes).context("the server's answer is not JSON")
 }
 
-/// Name and job of one server-sent event; nothing for a comment.
+/// Name and job of one server-sent event; `None` for a comment.
 fn parse_event(event: &[u8]) -> Option<(String, JobAnswer)> {
     let text = std::str::from_utf8(event).ok()?;
     let field = |name: &str| {
@@ -403,7 +401,7 @@ fn parse_event(event: &[u8]) -> Option<(String, JobAnswer)> {
 
 #[cfg(test)]
 mod tests {
-    use super::{Client, piece};
+    use super::{Client, next_chunk};
     use crate::cli::failure::Failed;
     use crate::cli::usage::Usage;
     use std::time::Duration;
@@ -411,11 +409,11 @@ mod tests {
     #[tokio::test]
     async fn a_host_that_vanishes_is_noticed_and_may_come_back() {
         let mut silent = tokio_stream::pending::<reqwest::Result<u8>>();
-        let said = piece(&mut silent, Duration::from_millis(10)).await;
-        assert!(matches!(said, Err(Failed::Lost(_))), "{said:?}");
+        let result = next_chunk(&mut silent, Duration::from_millis(10)).await;
+        assert!(matches!(result, Err(Failed::Lost(_))), "{result:?}");
         let mut closed = tokio_stream::empty::<reqwest::Result<u8>>();
-        let said = piece(&mut closed, Duration::from_millis(10)).await;
-        assert!(matches!(said, Err(Failed::Lost(_))), "{said:?}");
+        let result = next_chunk(&mut closed, Duration::from_millis(10)).await;
+        assert!(matches!(result, Err(Failed::Lost(_))), "{result:?}");
     }
 
     #[test]

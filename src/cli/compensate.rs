@@ -1,4 +1,4 @@
-//! `kincal compensate`: the joint targets of a program, corrected.
+//! `kincal compensate`: corrects the joint targets of a program.
 
 use super::client::ServerArguments;
 use super::failure::Refused;
@@ -18,25 +18,25 @@ use std::path::{Path, PathBuf};
 
 /// Correct the joint targets of a program that was made offline.
 ///
-/// The JSON has the corrected joint values and what became of each target.
+/// The JSON has the corrected joint values and the status of each target.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     /// With --parameters: PROGRAM.csv. Without: PARAMETERS.json (GET /v1/parameter-sets/{id}/export) and PROGRAM.csv.
     #[arg(value_name = "PARAMETERS.json PROGRAM.csv", num_args = 1..=2, required = true)]
     files: Vec<PathBuf>,
-    /// A parameter set of the server, instead of a file.
+    /// Id of a parameter set on the server, instead of a file.
     #[arg(long, env = "KINCAL_PARAMETERS", value_name = "ID")]
     parameters: Option<String>,
     #[command(flatten)]
     server: ServerArguments,
-    /// What of the tool is kept.
+    /// Correct the tool's pose, or only its position.
     #[arg(long, env = "KINCAL_MODE", value_enum, default_value_t = CompensateMode::Pose)]
     mode: CompensateMode,
-    /// The frame in which targets are met: the measuring frame, base error included, or the robot's own base frame [default: measured
-    /// where positions were measured in the base frame, else robot].
+    /// Frame in which the targets are reached: the measuring frame, which corrects the base error too, or the robot's own base frame
+    /// [default: measured if positions were measured in the base frame, else robot].
     #[arg(long, env = "KINCAL_BASE", value_enum)]
     base: Option<CompensateBase>,
-    /// The tool is this reflector (0-based) [default: 0, or the tool of --tool-mm].
+    /// The reflector that is the tool (0-based) [default: 0, or the tool of --tool-mm].
     #[arg(long, env = "KINCAL_TARGET")]
     target: Option<usize>,
     /// The tool centre point in the flange frame: X,Y,Z in mm.
@@ -46,7 +46,7 @@ pub struct Arguments {
     output: Output,
 }
 
-/// Three lengths with commas between them.
+/// Parses three lengths with commas between them.
 fn tool_mm(text: &str) -> Result<[f64; 3], String> {
     let numbers: Result<Vec<f64>, _> = text
         .split(',')
@@ -60,7 +60,7 @@ fn tool_mm(text: &str) -> Result<[f64; 3], String> {
         .ok_or_else(|| "three numbers in mm are needed, such as 30,-45,160".into())
 }
 
-/// A program: its header, its rows, and where the joint values stand.
+/// A program: its header, its rows, and the columns of its joint values.
 struct Program {
     bytes: Vec<u8>,
     header: Vec<String>,
@@ -114,7 +114,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if arguments.output.json {
         say!("{}", serde_json::to_string_pretty(&answer)?);
     } else {
-        terminal::whole(program.with(&answer.q_deg)?);
+        terminal::raw(program.with(&answer.q_deg)?);
     }
     let statuses = &answer.status;
     for (status, what) in [
@@ -251,7 +251,7 @@ impl Program {
         self.rows.iter().enumerate().map(row).collect()
     }
 
-    /// What cannot be corrected, in the program's own rows and columns and in options; `first` is the first row of its part.
+    /// An error in terms of the program's own rows and columns and of options. `first` is the first row of the request.
     fn explained(&self, error: anyhow::Error, path: &Path, first: usize) -> anyhow::Error {
         let issues = match (
             error.downcast_ref::<Refused>(),
@@ -268,7 +268,7 @@ impl Program {
             .iter()
             .map(|issue| self.fault(issue, first))
             .collect();
-        // a column too few is too few in every row
+        // A missing column is reported once per row.
         faults.dedup();
         Usage(format!("{}: {}", path.display(), faults.join("\n  "))).into()
     }

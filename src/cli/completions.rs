@@ -1,4 +1,4 @@
-//! `kincal completions`: what makes the Tab key work.
+//! `kincal completions`: shell completions.
 
 use super::terminal;
 use clap_complete::Shell;
@@ -6,15 +6,15 @@ use clap_complete::Shell;
 /// Print the completions of a shell.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
-    /// Which shell.
+    /// The shell.
     #[arg(value_name = "SHELL")]
     shell: Shell,
 }
 
-/// Prints those of `command`, which is all of kincal.
+/// Prints the completions of `command`, the whole command line.
 pub fn run(arguments: &Arguments, mut command: clap::Command) -> anyhow::Result<()> {
     let mut script = Vec::new();
     clap_complete::generate(arguments.shell, &mut command, "kincal", &mut script);
-    terminal::whole(script);
+    terminal::raw(script);
     Ok(())
 }

@@ -11,7 +11,7 @@ use std::path::PathBuf;
 /// Copy a whole database into an empty one, and check the copy as `verify-store` does. Stop all servers and workers first.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
-    /// Where from: a data directory, or postgres://….
+    /// Source: a data directory, or postgres://….
     #[arg(
         long,
         env = "KINCAL_FROM",
@@ -19,7 +19,7 @@ pub struct Arguments {
         hide_env_values = true
     )]
     from: String,
-    /// Where to: a data directory that is made, or the URL of an empty PostgreSQL database.
+    /// Destination: a new data directory, or the URL of an empty PostgreSQL database.
     #[arg(
         long,
         env = "KINCAL_TO",
@@ -47,7 +47,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         .into());
     }
     block_on(async {
-        // opened as a server does: its schema is brought up to date, and a data directory that is in use is refused
+        // Opened as a server does: this updates the schema, and refuses a data directory that is in use.
         let from = Store::open(from).await?;
         let to = Store::open(to).await?;
         let copied = copy::copy(&from, &to, |table| eprintln!("copying {table}")).await?;
@@ -81,7 +81,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             .collect();
         let answer =
             json!({"tables": tables, "audit_head": {"seq": heads.1.seq, "sha256": heads.1.sha256}});
-        arguments.output.told(&answer, || {
+        arguments.output.print(&answer, || {
             let rows: String = copied
                 .iter()
                 .map(|copied| format!("{:>10} rows of {}\n", copied.n_rows, copied.table))

@@ -12,16 +12,16 @@ use crate::wire::report_shape::{ErrorsReport, Report};
 use anyhow::Context;
 use serde_json::{Value, json};
 
-/// The paper's data, which `demo` uploads: made by `kincal`'s own model, 100 poses each without noise.
+/// The data that `demo` uploads: the paper's robot, simulated with `kincal`'s own model, 100 poses per set, without noise.
 const ROBOT: &[u8] = include_bytes!("../../data/paper/robot.json");
 const SWEEPS: &[u8] = include_bytes!("../../data/paper/sweeps_instrument.csv");
 const FIRST: &[u8] = include_bytes!("../../data/paper/first.csv");
 const FOLLOW_UP: &[u8] = include_bytes!("../../data/paper/followup_unchanged.csv");
 const CSV: &str = "text/csv";
 
-/// Iterations of the paper's PSO and BPNN-PSO [Gao 2018, section 4.1]; the follow-up gets the same limit as the first.
+/// Iterations of the paper's PSO [Gao 2018, section 4.1]; the follow-up has the same limit.
 const ITERATIONS: u64 = 404;
-/// F that the paper's PSO ends with in its simulation [Gao 2018, section 4.1].
+/// Final F of the paper's PSO in its simulation [Gao 2018, section 4.1].
 const PRINTED_COST_MM2: f64 = 5.5519e-5;
 
 /// Settings of the demo.
@@ -34,14 +34,14 @@ pub struct Arguments {
     output: Output,
 }
 
-/// A server, whose robot it is, and whom to tell.
+/// The server's client and the command's arguments.
 struct Demo<'a> {
     client: Client,
     arguments: &'a Arguments,
 }
 
-/// One finished job with its report and its curve.
-struct Done {
+/// A finished job with its report and its convergence curve.
+struct FinishedJob {
     label: &'static str,
     report: Report,
     convergence_mm2: Vec<f64>,
@@ -103,7 +103,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             client: Client::new(&server.url(), None, None)?,
             arguments,
         };
-        demo.say(&format!(
+        demo.progress(&format!(
             "kincal serves on {} with its database in {}\n",
             server.url(),
             data_dir.path().display()
@@ -111,13 +111,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         let done = demo.calibrations().await;
         server.shutdown().await;
         let done = done?;
-        arguments.output.told(&answer(&done), || text(&done))
+        arguments.output.print(&answer(&done), || text(&done))
     })
 }
 
 impl Demo<'_> {
-    /// What happens on the way.
-    fn say(&self, line: &str) {
+    /// Prints a line of progress; with `--json` to standard error.
+    fn progress(&self, line: &str) {
         if self.arguments.output.json {
             eprintln!("{line}");
         } else {
@@ -125,12 +125,12 @@ impl Demo<'_> {
         }
     }
 
-    async fn calibrations(&self) -> anyhow::Result<Vec<Done>> {
+    async fn calibrations(&self) -> anyhow::Result<Vec<FinishedJob>> {
         let robot = id(&self
             .client
             .post("/v1/robots", "application/json", ROBOT.to_vec())
             .await?)?;
-        self.say(&format!("robot ER20-C10 is {robot}"));
+        self.progress(&format!("robot ER20-C10 is {robot}"));
         self.frames(&robot).await?;
         let first = self.upload(&robot, "first", FIRST).await?;
         let follow_up = self.upload(&robot, "follow-up", FOLLOW_UP).await?;
@@ -157,7 +157,7 @@ impl Demo<'_> {
         Ok(done)
     }
 
-    /// Uploads the sweeps of joints 1, 2 and 5 and says what they give.
+    /// Uploads the sweeps of joints 1, 2 and 5 and prints the frames that they give.
     async fn frames(&self, robot: &str) -> anyhow::Result<()> {
         let frames = self
             .client
@@ -165,7 +165,7 @@ impl Demo<'_> {
             .await?;
         let number = |value: &Value| value.as_f64().unwrap_or(f64::NAN);
         let at = &frames["t_instrument_base"]["translation_mm"];
-        self.say(&format!(
+        self.progress(&format!(
             "sweeps of joints 1, 2 and 5: base at {:.3} {:.3} {:.3} mm of the instrument, z_t = {:.3} mm",
             number(&at[0]),
             number(&at[1]),
@@ -184,7 +184,7 @@ impl Demo<'_> {
                 csv.to_vec(),
             )
             .await?;
-        self.say(&format!(
+        self.progress(&format!(
             "set {name}: {} points, sha256 {:.12}…",
             set["n_points"],
             set["sha256"].as_str().unwrap_or_default()
@@ -197,19 +197,19 @@ impl Demo<'_> {
         robot: &str,
         label: &'static str,
         request: &Value,
-    ) -> anyhow::Result<Done> {
+    ) -> anyhow::Result<FinishedJob> {
         let job = id(&self
             .client
             .post_json(&format!("/v1/robots/{robot}/jobs"), request)
             .await?)?;
         let bar = (!self.arguments.output.json).then(progress_bar);
         bar.iter().for_each(|bar| bar.set_message(label));
-        let moved = |job: &JobAnswer| {
+        let on_update = |job: &JobAnswer| {
             if let (Some(bar), Some(progress)) = (&bar, &job.progress) {
                 show(bar, progress);
             }
         };
-        self.client.follow(&job, moved).await?;
+        self.client.follow(&job, on_update).await?;
         if let Some(bar) = &bar {
             bar.finish_and_clear();
         }
@@ -222,11 +222,11 @@ impl Demo<'_> {
         let convergence_mm2: Vec<f64> =
             serde_json::from_value(convergence["best_cost_mm2"].clone())?;
         let cost = table::number(report.cost_mm2);
-        self.say(&format!(
+        self.progress(&format!(
             "{label}: job {job}, F = {cost} mm², result {:.12}…",
             report.result_sha256
         ));
-        Ok(Done {
+        Ok(FinishedJob {
             label,
             report,
             convergence_mm2,
@@ -241,8 +241,8 @@ fn id(answer: &Value) -> anyhow::Result<String> {
         .to_string())
 }
 
-/// The tables for programs: what the paper printed, and what just ran.
-fn answer(done: &[Done]) -> Value {
+/// The tables as JSON: the paper's values, and this run's.
+fn answer(done: &[FinishedJob]) -> Value {
     let printed = |rows: &[Printed]| -> Vec<Value> {
         rows.iter()
             .map(|row| {
@@ -267,8 +267,8 @@ fn answer(done: &[Done]) -> Value {
     json!({"paper_simulation": printed(&SIMULATION), "paper_experiment": printed(&EXPERIMENT), "ran": ran})
 }
 
-/// The paper's table beside what just ran.
-fn text(done: &[Done]) -> String {
+/// The tables as text: the paper's values, and this run's.
+fn text(done: &[FinishedJob]) -> String {
     let mut lines = vec![format!(
         "\n{:<34}{:>11}{:>13}{:>10}{:>10}{:>10}{:>10}",
         "", "iterations", "F, mm²", "time, s", "mean, mm", "std, mm", "max, mm"
@@ -332,7 +332,7 @@ fn text(done: &[Done]) -> String {
     lines.join("\n")
 }
 
-fn iterations_to(done: &Done, cost_mm2: f64) -> Option<usize> {
+fn iterations_to(done: &FinishedJob, cost_mm2: f64) -> Option<usize> {
     done.convergence_mm2.iter().position(|f| *f <= cost_mm2)
 }
 

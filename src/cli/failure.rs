@@ -1,28 +1,28 @@
-//! Why a server did not do what it was asked, in words, and whether it may be asked again.
+//! Failed requests: their messages, and whether a retry makes sense.
 
 use super::files;
 use crate::wire::Problem;
 use reqwest::header::{HeaderMap, RETRY_AFTER};
 use std::time::Duration;
 
-/// A server that asks to come back later than this is not waited for so long: a person is there.
+/// Longest wait before a retry, also where `Retry-After` is longer: a person is waiting.
 const LONGEST_WAIT: Duration = Duration::from_secs(5);
-/// Where it does not say when, or what it was asked for got lost.
+/// Wait before a retry without a `Retry-After`, or after a lost connection.
 const AGAIN_AFTER: Duration = Duration::from_secs(1);
 
-/// Why a request came to nothing.
+/// Why a request failed.
 #[derive(Debug)]
 pub enum Failed {
     /// Nobody answered, or the connection broke before the answer was whole.
     Lost(anyhow::Error),
-    /// It cannot be taken now; it may be in a while.
+    /// The server cannot take the request now; a retry after this time may succeed.
     Busy(Duration, anyhow::Error),
-    /// It would not be answered otherwise a second time.
+    /// A retry would give the same answer.
     Final(anyhow::Error),
 }
 
 impl Failed {
-    /// What a request ended by that was sent to `url`.
+    /// An error while a request was sent to `url`.
     pub fn sending(url: &str, error: &reqwest::Error) -> Self {
         let is_final = error.is_builder() || advice(&cause(error)).is_some();
         let reason = unreachable(url, error);
@@ -33,7 +33,7 @@ impl Failed {
         }
     }
 
-    /// Likewise where its answer had begun.
+    /// An error while the answer was read.
     pub fn reading(url: &str, error: &reqwest::Error) -> Self {
         Self::Lost(anyhow::anyhow!(
             "the connection to {url} broke within an answer: {}",
@@ -41,7 +41,7 @@ impl Failed {
         ))
     }
 
-    /// An answer that is no success. 502 and 504 are what a proxy says while the server behind it restarts.
+    /// An answer that is no success. A proxy answers 502 and 504 while the server behind it restarts.
     pub fn answer(status: u16, headers: &HeaderMap, body: &[u8]) -> Self {
         let error = match serde_json::from_slice::<Problem>(body) {
             Ok(problem) => Refused { status, problem }.into(),
@@ -54,7 +54,7 @@ impl Failed {
         }
     }
 
-    /// How long to wait before it is tried again, if that is of any use.
+    /// The wait before a retry, if a retry makes sense.
     pub fn again_after(&self) -> Option<Duration> {
         match self {
             Self::Lost(_) => Some(AGAIN_AFTER),
@@ -73,10 +73,11 @@ impl From<Failed> for anyhow::Error {
 }
 
 fn wait(headers: &HeaderMap) -> Duration {
-    let told = headers
+    let retry_after = headers
         .get(RETRY_AFTER)
         .and_then(|value| value.to_str().ok()?.trim().parse().ok());
-    told.map_or(AGAIN_AFTER, Duration::from_secs)
+    retry_after
+        .map_or(AGAIN_AFTER, Duration::from_secs)
         .min(LONGEST_WAIT)
 }
 
@@ -95,10 +96,10 @@ fn unreachable(url: &str, error: &reqwest::Error) -> anyhow::Error {
     )
 }
 
-/// What to do about a certificate that was refused, by the names that rustls has for the reasons.
+/// Remedy for a refused certificate, by the name of rustls's error.
 fn advice(cause: &str) -> Option<&'static str> {
     let reason = cause.split_once("invalid peer certificate: ")?.1;
-    // a signature is bad where the one that is trusted has the right name and another key, as before a renewal
+    // BadSignature: the trusted certificate has the right name and another key, e.g. from before a renewal.
     Some(
         if reason.contains("UnknownIssuer") || reason.contains("BadSignature") {
             "give the certificate of the authority that signed the server's, or the server's own where it signed itself, as it is now, by --ca-cert FILE or KINCAL_CA_CERT"
@@ -114,7 +115,7 @@ fn advice(cause: &str) -> Option<&'static str> {
     )
 }
 
-/// The innermost cause: a refused connection, an unknown host and a certificate that is not trusted differ only there.
+/// The innermost cause: only there a refused connection, an unknown host and an untrusted certificate differ.
 fn cause(error: &dyn std::error::Error) -> String {
     let mut innermost = error;
     while let Some(source) = innermost.source() {
@@ -123,22 +124,22 @@ fn cause(error: &dyn std::error::Error) -> String {
     innermost.to_string()
 }
 
-/// What the server refused, and why.
+/// A problem document that the server answered.
 #[derive(Debug, thiserror::Error)]
 #[error("{}", self.in_words())]
 pub struct Refused {
     status: u16,
-    /// In the server's words.
+    /// The server's problem document.
     pub problem: Problem,
 }
 
 impl Refused {
-    /// True where a file or an option has to be mended, as where `kincal calibrate` ends on the same file.
+    /// True if a file or an option has to be corrected. `kincal calibrate` has the same exit code for the same file.
     pub fn is_usage(&self) -> bool {
         matches!(self.status, 400 | 415 | 422)
     }
 
-    /// What, why, and what to do next. The detail of bad input is its first fault, which is not said twice.
+    /// The message: what, why, and what to do next. The detail of bad input repeats its first fault, which is printed once.
     fn in_words(&self) -> String {
         let Problem {
             detail,
@@ -177,9 +178,9 @@ mod tests {
 
     #[test]
     fn only_what_may_pass_is_asked_again_and_not_too_late() {
-        let after = |status, told: Option<&'static str>| {
-            let headers: HeaderMap = told
-                .map(|told| (RETRY_AFTER, HeaderValue::from_static(told)))
+        let after = |status, retry_after: Option<&'static str>| {
+            let headers: HeaderMap = retry_after
+                .map(|retry_after| (RETRY_AFTER, HeaderValue::from_static(retry_after)))
                 .into_iter()
                 .collect();
             Failed::answer(status, &headers, b"{}").again_after()
@@ -187,16 +188,16 @@ mod tests {
         for status in [400, 401, 403, 404, 409, 422, 500, 507] {
             assert_eq!(after(status, Some("1")), None, "{status}");
         }
-        for (told, seconds) in [
+        for (retry_after, seconds) in [
             (None, 1),
             (Some("3"), 3),
             (Some("86400"), 5),
             (Some("Fri, 31 Dec 1999 23:59:59 GMT"), 1),
         ] {
             assert_eq!(
-                after(503, told),
+                after(503, retry_after),
                 Some(Duration::from_secs(seconds)),
-                "{told:?}"
+                "{retry_after:?}"
             );
         }
     }

@@ -1,4 +1,4 @@
-//! Files that people hand in: how they are read, and what is said where one cannot be used.
+//! Input files: reading them, and the messages about files that cannot be used.
 
 use super::terminal::in_commands;
 use super::usage::Usage;
@@ -8,10 +8,10 @@ use crate::wire::measurement::DECIMAL_COMMA;
 use serde::de::DeserializeOwned;
 use std::path::Path;
 
-/// What editors on Windows put before a text.
+/// Byte order mark (UTF-8) that editors on Windows write.
 const BYTE_ORDER_MARK: &[u8] = b"\xEF\xBB\xBF";
 
-/// How the numbers of a measurement set are written.
+/// Number format of a measurement set.
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub struct Numbers {
     /// The CSV has decimal commas, and semicolons between its columns.
@@ -20,7 +20,7 @@ pub struct Numbers {
 }
 
 impl Numbers {
-    /// The content type that a measurement set is read by.
+    /// The content type of a measurement set.
     pub fn content_type(self, set: &Path) -> String {
         match (is_json(set), self.decimal_comma) {
             (true, _) => "application/json".into(),
@@ -30,7 +30,7 @@ impl Numbers {
     }
 }
 
-/// True for a file that is called so.
+/// True if the file's extension is `json`.
 pub fn is_json(path: &Path) -> bool {
     path.extension()
         .is_some_and(|extension| extension == "json")
@@ -41,12 +41,12 @@ pub fn read(path: &Path) -> anyhow::Result<Vec<u8>> {
     std::fs::read(path).map_err(|e| Usage(format!("cannot read {}: {e}", path.display())).into())
 }
 
-/// A JSON file that describes `what`.
+/// Reads a JSON file; `what` names its content in messages.
 pub fn read_json<T: DeserializeOwned>(path: &Path, what: &str) -> anyhow::Result<T> {
     parse_json(path, &read(path)?, what)
 }
 
-/// The same from its bytes.
+/// As [`read_json`], from the file's bytes.
 pub fn parse_json<T: DeserializeOwned>(path: &Path, bytes: &[u8], what: &str) -> anyhow::Result<T> {
     let text = bytes.strip_prefix(BYTE_ORDER_MARK).unwrap_or(bytes);
     if text.trim_ascii_start().first() != Some(&b'{') {
@@ -65,7 +65,7 @@ pub fn parse_json<T: DeserializeOwned>(path: &Path, bytes: &[u8], what: &str) ->
     })?)
 }
 
-/// Refuses a table whose columns are separated by semicolons, where nothing can be declared.
+/// Refuses a table with semicolons between its columns, for commands without `--decimal-comma`.
 pub fn refuse_semicolons(bytes: &[u8]) -> Result<(), String> {
     let header = bytes
         .split(|byte| *byte == b'\n')
@@ -80,7 +80,7 @@ pub fn refuse_semicolons(bytes: &[u8]) -> Result<(), String> {
     Ok(())
 }
 
-/// Every reason on a line of its own, as an engineer wants to mend them.
+/// The message about a file that cannot be used: one line per issue.
 pub fn cannot_be_used(path: &Path, bytes: &[u8], issues: &[Issue]) -> String {
     let lines: Vec<String> = issues
         .iter()
@@ -89,7 +89,7 @@ pub fn cannot_be_used(path: &Path, bytes: &[u8], issues: &[Issue]) -> String {
     format!("{} cannot be used:{}", path.display(), lines.concat())
 }
 
-/// Where and what, once; with the line of the file where that is at hand.
+/// Place and detail of an issue, each once, with the line of the file if its bytes are given.
 pub fn fault(issue: &Issue, bytes: Option<&[u8]>) -> String {
     let detail = in_commands(&issue.detail);
     let Some(row) = issue.row else {
@@ -126,7 +126,7 @@ pub fn row(row: usize, bytes: Option<&[u8]>) -> String {
     format!("row {row}{line}")
 }
 
-/// Where in a cell a byte is.
+/// State of the parser within a cell.
 #[derive(Clone, Copy, PartialEq)]
 enum At {
     Start,
@@ -135,8 +135,8 @@ enum At {
     Closed,
 }
 
-/// The line on which a row begins, as the reader of measurement files counts rows: lines without a single character are none, those of spaces
-/// are, a quote opens where a cell begins, and a cell in quotes may go on over several lines.
+/// The line on which a row begins. Rows are counted as the reader of measurement files counts them: empty lines are no rows, lines of spaces
+/// are, a quote opens only at the beginning of a cell, and a quoted cell may span several lines.
 fn line_of(bytes: &[u8], row: usize) -> Option<usize> {
     let bytes = bytes.strip_prefix(BYTE_ORDER_MARK).unwrap_or(bytes);
     let header = bytes
@@ -150,11 +150,11 @@ fn line_of(bytes: &[u8], row: usize) -> Option<usize> {
     };
     let (mut at, mut line, mut n_rows, mut is_begun) = (At::Start, 1, 0, false);
     for (i, &byte) in bytes.iter().enumerate() {
-        // \r\n is one end of line
+        // \r\n is a single line ending
         let ends_line = byte == b'\r' || byte == b'\n' && (i == 0 || bytes[i - 1] != b'\r');
         let is_break = matches!(byte, b'\r' | b'\n');
         if !is_begun && !is_break {
-            // the header is the first
+            // the header counts as the first row
             if n_rows == row + 1 {
                 return Some(line);
             }
@@ -187,7 +187,7 @@ mod tests {
             [0, 1, 2].map(|row| line_of(text, row)),
             [Some(3), Some(5), None]
         );
-        // of spaces: a row; a quote within a cell: a character; a quote after a semicolon opens where that separates
+        // A line of spaces is a row. A quote within a cell is a character. A quote after a semicolon opens a cell if semicolons separate.
         let text = b"\xEF\xBB\xBF\"a\";b\n\n  \n5\" pipe;2\n\"x \"\"y\"\"\n z\";4\r\r5;6\n";
         assert_eq!(
             [0, 1, 2, 3, 4].map(|row| line_of(text, row)),

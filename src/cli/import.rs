@@ -1,4 +1,4 @@
-//! `kincal import`: a robot file from other people's descriptions.
+//! `kincal import`: makes a robot file from a URDF or a table.
 
 use super::files::{cannot_be_used, read, refuse_semicolons};
 use super::usage::Usage;
@@ -13,10 +13,10 @@ pub struct Arguments {
     /// A URDF (xacro expanded), or a CSV table with a_mm, alpha_deg, d_mm, theta_offset_deg, one row per link.
     #[arg(value_name = "ROBOT.urdf|TABLE.csv")]
     file: PathBuf,
-    /// What it is [default: urdf for .urdf and .xml, else mdh].
+    /// Format of the file [default: urdf for .urdf and .xml, else mdh].
     #[arg(long, env = "KINCAL_CONVENTION", value_enum)]
     convention: Option<ImportFormat>,
-    /// The robot's name [default: the file's].
+    /// The robot's name [default: the file's name].
     #[arg(long, env = "KINCAL_NAME")]
     name: Option<String>,
     /// The link at the end of the robot, in a URDF with several.
@@ -24,7 +24,7 @@ pub struct Arguments {
     tip: Option<String>,
 }
 
-/// Prints the robot on standard output, and what its links cannot hold on standard error.
+/// Prints the robot on standard output, and what its links cannot represent on standard error.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let bytes = read(&arguments.file)?;
     let is_urdf = arguments
@@ -68,7 +68,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Where a frame is, and how it is turned.
+/// Translation and rotation of a frame as text.
 fn in_words(t: &Transform) -> String {
     let [x, y, z] = t.translation_mm;
     let rotation = Rotation3::from_matrix_unchecked(Matrix3::from_fn(|i, j| t.rotation[i][j]));
@@ -85,7 +85,7 @@ fn in_words(t: &Transform) -> String {
     format!("at {x:.4}, {y:.4}, {z:.4} mm, {turned}")
 }
 
-/// Links and description are the same where they differ by less, mm.
+/// Smallest difference between links and description that is reported, mm.
 const SAME_MM: f64 = 1e-6;
 const IDENTITY: Transform = Transform {
     rotation: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],

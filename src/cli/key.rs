@@ -1,6 +1,6 @@
-//! `kincal key`: may run beside a server.
+//! `kincal key`: API keys. It may run while a server uses the database.
 
-use super::look;
+use super::list;
 use super::runtime::block_on;
 use super::terminal::{self, Output};
 use super::usage::Usage;
@@ -14,7 +14,7 @@ use clap::Subcommand;
 use serde_json::{Value, json};
 use std::io::Write;
 
-/// Who makes and revokes keys, in the audit chain.
+/// Actor of these changes in the audit chain.
 const COMMAND_LINE: &str = "command line";
 /// Columns of the list.
 const COLUMNS: [&str; 6] = ["id", "name", "scopes", "robots", "created_at", "revoked_at"];
@@ -32,10 +32,10 @@ enum Action {
     Create {
         #[command(flatten)]
         database: DatabaseConfig,
-        /// Whose key it is, e.g. cell-4.
+        /// Holder of the key, e.g. cell-4.
         #[arg(long, value_parser = holder)]
         name: String,
-        /// What it may do; may be given several times.
+        /// Permission of the key; may be given several times.
         #[arg(long = "scope", required = true, value_enum)]
         scopes: Vec<Scope>,
         /// Limit it to this robot; may be given several times.
@@ -44,14 +44,14 @@ enum Action {
         #[command(flatten)]
         output: Output,
     },
-    /// List all keys, newest first; the keys themselves are not kept.
+    /// List all keys, newest first; the secrets are not stored.
     List {
         #[command(flatten)]
         database: DatabaseConfig,
         #[command(flatten)]
         output: Output,
     },
-    /// Revoke a key by its id, or every key of a name.
+    /// Revoke a key by its id, or every key with a name.
     Revoke {
         #[command(flatten)]
         database: DatabaseConfig,
@@ -66,7 +66,7 @@ enum Action {
     },
 }
 
-/// Does what was asked.
+/// Runs the command.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     block_on(async {
         match &arguments.action {
@@ -87,12 +87,12 @@ async fn open(database: &DatabaseConfig) -> anyhow::Result<Store> {
     Ok(Store::open_beside_a_server(location(database)).await?)
 }
 
-/// For what needs keys that are there: a wrong --data-dir makes no database.
+/// Opens an existing database: a wrong --data-dir creates none.
 async fn open_as_it_is(database: &DatabaseConfig) -> anyhow::Result<Store> {
     Ok(Store::open_as_it_is(location(database)).await?)
 }
 
-/// Whose key it is.
+/// Parses the holder of a key.
 fn holder(text: &str) -> Result<String, String> {
     if text.trim().is_empty() {
         Err("say whose key it is, e.g. cell-4".into())
@@ -143,7 +143,7 @@ async fn create(
             names.join(", ")
         );
     }
-    // nobody will see it again
+    // The key cannot be shown again, so a failed write is an error.
     writeln!(std::io::stdout().lock(), "{shown}")
         .with_context(|| format!("key {} was made but could not be shown: revoke it", row.id))
 }
@@ -195,10 +195,10 @@ async fn list(store: &Store, output: &Output) -> anyhow::Result<()> {
             if item["robots"].is_null() {
                 item["robots"] = "all".into();
             }
-            look::cells(&item, &COLUMNS)
+            list::cells(&item, &COLUMNS)
         };
         let rows: Vec<Vec<String>> = items.into_iter().map(everywhere).collect();
-        terminal::whole(look::columns(&COLUMNS, &rows));
+        terminal::raw(list::columns(&COLUMNS, &rows));
     }
     Ok(())
 }
@@ -227,7 +227,7 @@ async fn revoke(
         .iter()
         .map(|row| json!({"id": row.id, "name": row.name}))
         .collect();
-    output.told(&json!({"revoked": revoked}), || {
+    output.print(&json!({"revoked": revoked}), || {
         let lines: Vec<String> = rows
             .iter()
             .map(|row| format!("revoked {} ({:?})", row.id, row.name))

@@ -1,9 +1,9 @@
-//! The command line. Exit codes: 0 done, 1 failed, 2 wrong usage.
+//! The command line. Exit codes: 0 success, 1 failure, 2 wrong usage.
 
 #[macro_use]
 mod terminal;
 
-mod act;
+mod actions;
 mod backup;
 mod calibrate;
 mod client;
@@ -15,7 +15,7 @@ mod failure;
 mod files;
 mod import;
 mod key;
-mod look;
+mod list;
 mod openapi;
 mod options;
 mod plan;
@@ -32,9 +32,9 @@ use clap::{CommandFactory, Parser, Subcommand};
 use std::process::ExitCode;
 
 const EXIT_CODES: &str = "\
-Exit codes: 0 done, 1 failed (the server, the network, the job), 2 wrong usage (an option, a file: mend it and try again).
-Each long option has an environment variable, KINCAL_…; --help of a command names them. What is decided anew each time has none: --reason,
---change-reason, and whose key `kincal key` makes or revokes (--name, --scope, --robot).
+Exit codes: 0 success, 1 failure (the server, the network, the job), 2 wrong usage (an option, a file: correct it and try again).
+Each long option has an environment variable, KINCAL_…; --help of a command names them. Options of a single call have none: --reason,
+--change-reason, and the options of `kincal key` (--name, --scope, --robot).
 
 First steps:
   kincal serve --no-auth                       a server on this machine, http://127.0.0.1:8080/
@@ -59,17 +59,17 @@ struct Arguments {
 enum Command {
     /// Serve the REST interface and compute calibrations.
     Serve(crate::config::ServeConfig),
-    /// Compute calibrations only: a node beside others on one PostgreSQL.
+    /// Compute calibrations without serving requests: one of several nodes on one PostgreSQL.
     Worker(crate::config::WorkerConfig),
     /// Bring the database's schema up to date.
     Migrate(worker::MigrateArguments),
-    /// Copy a whole database into an empty one of either kind.
+    /// Copy a whole database into an empty one: SQLite to PostgreSQL, or back.
     CopyStore(copy_store::Arguments),
     /// Make, list and revoke keys.
     Key(key::Arguments),
-    /// Check that the database keeps its promises; exit code 1 if it does not.
+    /// Check the database's integrity promises (I1 to I9); exit code 1 if one is broken.
     VerifyStore(verify_store::Arguments),
-    /// Copy the embedded database while it is served, and check the copy; exit code 1 if it does not keep its promises.
+    /// Copy the embedded database while the server runs, and check the copy; exit code 1 if the check fails.
     ///
     /// Copying the data directory of a running server is no backup: its files are copied at different moments, and such copies are often
     /// broken. This command reads one consistent state.
@@ -85,24 +85,24 @@ enum Command {
     /// Make a robot file from a URDF or a table of Denavit-Hartenberg parameters.
     Import(import::Arguments),
     /// List a server's robots, or show one.
-    Robots(look::Robots),
+    Robots(list::Robots),
     /// List a robot's measurement sets, or show one.
-    Sets(look::OfRobot),
+    Sets(list::OfRobot),
     /// List a robot's jobs, or show one.
-    Jobs(look::OfRobot),
+    Jobs(list::OfRobot),
     /// List a robot's parameter sets, or show one.
-    Params(look::Params),
-    /// Show the report of a job, or write it as a page to print.
+    Params(list::Params),
+    /// Show the report of a job, or write it as a printable page.
     Report(report::Arguments),
     /// Make a parameter set the robot's active one.
-    Release(act::Release),
-    /// Take a parameter set back.
-    Withdraw(act::Withdraw),
-    /// Say why a robot is well in spite of a session that did not fit it.
-    Checked(act::Checked),
+    Release(actions::Release),
+    /// Withdraw a parameter set: the cell no longer gets it.
+    Withdraw(actions::Withdraw),
+    /// State why a robot is in order although a session did not fit it.
+    Checked(actions::Checked),
     /// Cancel a job.
-    Cancel(act::Cancel),
-    /// Run the paper's calibrations through a real server on a temporary database, and print its tables beside ours.
+    Cancel(actions::Cancel),
+    /// Run the paper's calibrations through a real server with a temporary database, and compare with the paper's tables.
     Demo(demo::Arguments),
     /// Print the OpenAPI document.
     Openapi(openapi::Arguments),
@@ -126,15 +126,15 @@ pub fn main() -> ExitCode {
         Command::Compensate(arguments) => compensate::run(&arguments),
         Command::Plan(arguments) => plan::run(&arguments),
         Command::Import(arguments) => import::run(&arguments),
-        Command::Robots(arguments) => look::robots(&arguments),
-        Command::Sets(arguments) => look::sets(&arguments),
-        Command::Jobs(arguments) => look::jobs(&arguments),
-        Command::Params(arguments) => look::parameter_sets(&arguments),
+        Command::Robots(arguments) => list::robots(&arguments),
+        Command::Sets(arguments) => list::sets(&arguments),
+        Command::Jobs(arguments) => list::jobs(&arguments),
+        Command::Params(arguments) => list::parameter_sets(&arguments),
         Command::Report(arguments) => report::run(&arguments),
-        Command::Release(arguments) => act::release(&arguments),
-        Command::Withdraw(arguments) => act::withdraw(&arguments),
-        Command::Checked(arguments) => act::checked(&arguments),
-        Command::Cancel(arguments) => act::cancel(&arguments),
+        Command::Release(arguments) => actions::release(&arguments),
+        Command::Withdraw(arguments) => actions::withdraw(&arguments),
+        Command::Checked(arguments) => actions::checked(&arguments),
+        Command::Cancel(arguments) => actions::cancel(&arguments),
         Command::Demo(arguments) => demo::run(&arguments),
         Command::Openapi(arguments) => openapi::run(&arguments),
         Command::Completions(arguments) => completions::run(&arguments, Arguments::command()),

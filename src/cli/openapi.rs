@@ -16,6 +16,6 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     } else {
         crate::http::yaml()
     };
-    terminal::whole(text.map_err(anyhow::Error::msg)?);
+    terminal::raw(text.map_err(anyhow::Error::msg)?);
     Ok(())
 }

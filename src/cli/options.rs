@@ -3,27 +3,27 @@
 use crate::wire::job::{JobRequestBody, Method, Model, Preset};
 use crate::wire::measurement::{Frame, Insist};
 
-/// How a measurement set is understood.
+/// Interpretation of a measurement set.
 #[derive(Debug, clap::Args)]
 pub struct SetOptions {
     /// Frame of the measured positions.
     #[arg(long, env = "KINCAL_FRAME", value_enum, default_value_t = Frame::Base)]
     pub frame: Frame,
-    /// Go on with a set that the check of uploads refuses with this code, e.g. frame_suspect; no release rests on it.
+    /// Accept a set that the upload check refuses with this code, e.g. frame_suspect; it cannot lead to a release.
     #[arg(long, env = "KINCAL_INSIST", value_name = "CODE", value_enum)]
     pub insist: Option<Insist>,
 }
 
-/// How parameters are identified.
+/// Settings of the identification.
 #[derive(Debug, clap::Args)]
 pub struct IdentifyOptions {
-    /// How.
+    /// Method of identification.
     #[arg(long, env = "KINCAL_METHOD", value_enum, default_value_t = Method::Auto)]
     pub method: Method,
-    /// Which parameters exist [default: paper for frame base, else complete].
+    /// Model whose parameters are identified [default: paper for frame base, else complete].
     #[arg(long, env = "KINCAL_MODEL", value_enum)]
     pub model: Option<Model>,
-    /// Where options come from.
+    /// Default values of the method's options.
     #[arg(long, env = "KINCAL_PRESET", value_enum, default_value_t = Preset::Default)]
     pub preset: Preset,
     /// Seed of every random number.
@@ -32,7 +32,7 @@ pub struct IdentifyOptions {
 }
 
 impl IdentifyOptions {
-    /// The request for a job that identifies from this set.
+    /// The request of a job that identifies from this set.
     pub fn request(&self, measurement_set_id: &str) -> JobRequestBody {
         JobRequestBody {
             method: self.method,

@@ -1,4 +1,4 @@
-//! `kincal plan`: which configurations to measure, offline.
+//! `kincal plan`: plans which configurations to measure, offline.
 
 use super::calibrate::read_robot;
 use super::files::{Numbers, cannot_be_used, fault, parse_json, read};
@@ -12,22 +12,22 @@ use crate::wire::pose_plan::PosePlanBody;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
-/// Configurations where neither the command line nor the request says how many.
+/// Number of configurations if neither the command line nor the request states one.
 const DEFAULT_CONFIGURATIONS: usize = 50;
 
 /// Plan which configurations to measure.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
-    /// Robot file: the body of POST /v1/robots. Joint limits should stand in it; where one does not, -90° to 90° is taken.
+    /// Robot file: the body of POST /v1/robots. It should have joint limits; a joint without limits gets -90° to 90°.
     #[arg(value_name = "ROBOT.json")]
     robot: PathBuf,
-    /// Configurations, repeats included [default: those of --request, else 50].
+    /// Number of configurations, repeats included [default: that of --request, else 50].
     #[arg(short = 'n', long = "configurations", env = "KINCAL_CONFIGURATIONS")]
     n_configurations: Option<usize>,
-    /// Boxes, obstacles, reflector and the rest: a file with the body of POST /v1/robots/{id}/pose-plans. Options win over it.
+    /// A file with the body of POST /v1/robots/{id}/pose-plans: boxes, obstacles, reflector and so on. Options of the command line override it.
     #[arg(long, env = "KINCAL_REQUEST", value_name = "REQUEST.json")]
     request: Option<PathBuf>,
-    /// Sets that were measured already, in the frame given by --frame.
+    /// Sets that were already measured, in the frame given by --frame.
     #[arg(
         long,
         env = "KINCAL_MEASURED",
@@ -37,20 +37,20 @@ pub struct Arguments {
     measured: Vec<PathBuf>,
     #[command(flatten)]
     numbers: Numbers,
-    /// Frame that is measured in [default: that of --request, else instrument; with --measured it has to be said].
+    /// Frame of the measurement [default: that of --request, else instrument; required with --measured].
     #[arg(long, env = "KINCAL_FRAME", value_enum)]
     frame: Option<Frame>,
     /// The model that will be identified [default: complete; paper for frame base].
     #[arg(long, env = "KINCAL_MODEL", value_enum)]
     model: Option<Model>,
-    /// Seed of the candidates [default: that of --request, else 0].
+    /// Seed of the random candidates [default: that of --request, else 0].
     #[arg(long, env = "KINCAL_SEED")]
     seed: Option<u64>,
     #[command(flatten)]
     output: Output,
 }
 
-/// Prints the plan as CSV (q1_deg …, repeats) or JSON on standard output, and how good it is on standard error.
+/// Prints the plan as CSV or JSON on standard output, and its predicted uncertainty on standard error.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let robot = read_robot(&arguments.robot)?;
     let body = body(arguments)?;
@@ -76,12 +76,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         let faults: Vec<String> = invalid
             .issues
             .iter()
-            .map(|issue| asked(arguments, issue))
+            .map(|issue| issue_text(arguments, issue))
             .collect();
         Usage(faults.join("\n"))
     })?;
-    if let Some(remark) = without_limits(&robot, &arguments.robot) {
-        eprintln!("warning: {remark}");
+    if let Some(warning) = without_limits(&robot, &arguments.robot) {
+        eprintln!("warning: {warning}");
     }
     let (planned, random) = (
         plan.predicted_std_mm.mean,
@@ -106,7 +106,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             .iter()
             .map(|q| format!("{q:.4}"))
             .collect();
-        // a repeat is the same configuration, so that it never stands on both sides of a split
+        // A repeat has the number of its configuration, so that it is never on both sides of a split.
         say!(
             "{},{}",
             configuration.repeats.unwrap_or(i) + 1,
@@ -116,7 +116,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// What is asked: the request's file, and over it what the command line says.
+/// The request: its file, overridden by the options of the command line.
 fn body(arguments: &Arguments) -> anyhow::Result<PosePlanBody> {
     let mut body = match &arguments.request {
         Some(path) => request(path)?,
@@ -129,7 +129,7 @@ fn body(arguments: &Arguments) -> anyhow::Result<PosePlanBody> {
     Ok(body)
 }
 
-/// The body of a request; unlike the server's it need not say how many configurations.
+/// Reads the request's file. Unlike the server's body it may omit the number of configurations.
 fn request(path: &Path) -> anyhow::Result<PosePlanBody> {
     const WHAT: &str = "a pose plan's request";
     let mut bytes = read(path)?;
@@ -146,8 +146,8 @@ fn request(path: &Path) -> anyhow::Result<PosePlanBody> {
     Ok(body)
 }
 
-/// What is wrong with what was asked, where it was.
-fn asked(arguments: &Arguments, issue: &Issue) -> String {
+/// An issue of the request, with its file or option.
+fn issue_text(arguments: &Arguments, issue: &Issue) -> String {
     match (&arguments.request, issue.pointer.as_deref()) {
         (_, Some("/n_configurations")) if arguments.n_configurations.is_some() => {
             format!("-n: {}", issue.detail)
@@ -157,7 +157,7 @@ fn asked(arguments: &Arguments, issue: &Issue) -> String {
     }
 }
 
-/// What is told of joints whose limits nobody knows.
+/// Warning about joints without limits.
 fn without_limits(robot: &Robot, path: &Path) -> Option<String> {
     let joints = robot
         .joint_limits_rad

@@ -1,4 +1,4 @@
-//! `kincal report`: what came out of a job.
+//! `kincal report`: the report of a job.
 
 use super::client::ServerArguments;
 use super::runtime::block_on;
@@ -16,7 +16,7 @@ pub struct Arguments {
     /// The job, as `kincal jobs` lists it.
     #[arg(value_name = "ID")]
     id: String,
-    /// Write it as a page to print into this file instead.
+    /// Write it as a printable HTML page into this file instead.
     #[arg(
         long,
         env = "KINCAL_HTML",
@@ -43,7 +43,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             .with_context(|| format!("cannot write {}", file.display()));
     }
     let report = block_on(async { arguments.server.client()?.get(&path).await })?;
-    let shaped: Report = serde_json::from_value(report.clone())
+    let parsed: Report = serde_json::from_value(report.clone())
         .context("the server's report is of another version of kincal")?;
-    arguments.output.told(&report, || table::report(&shaped))
+    arguments.output.print(&report, || table::report(&parsed))
 }

@@ -8,16 +8,16 @@ use crate::store::{PageRequest, api_keys};
 use crate::telemetry;
 use std::io::Write;
 
-/// Serves until told to stop.
+/// Serves until a stop signal.
 pub fn run(config: &ServeConfig) -> anyhow::Result<()> {
     config.check().map_err(|error| Usage(error.to_string()))?;
     telemetry::start();
     block_on(async {
-        // Before the first request, so that no signal finds the default action.
-        let told_to_stop = told_to_stop()?;
+        // Installed before the first request: a signal must never meet the default action.
+        let stop_signal = stop_signal()?;
         let server = server::start(config).await?;
         announce(config, &server).await?;
-        told_to_stop.await;
+        stop_signal.await;
         tracing::info!("stopping: finishing requests, handing running jobs back");
         server.shutdown().await;
         Ok(())
@@ -42,7 +42,7 @@ async fn announce(config: &ServeConfig, server: &RunningServer) -> anyhow::Resul
         .is_empty()
     {
         let store = match &config.database.database_url {
-            // not printed: an URL may hold a password
+            // The URL itself is not printed: it may contain a password.
             Some(_) => "--database-url \"$KINCAL_DATABASE_URL\"".into(),
             None => format!("--data-dir {:?}", config.database.data_dir),
         };
@@ -55,7 +55,7 @@ async fn announce(config: &ServeConfig, server: &RunningServer) -> anyhow::Resul
 
 /// Resolves on SIGTERM or SIGINT (ctrl-c).
 #[cfg(unix)]
-pub fn told_to_stop() -> anyhow::Result<impl Future<Output = ()>> {
+pub fn stop_signal() -> anyhow::Result<impl Future<Output = ()>> {
     use tokio::signal::unix::{SignalKind, signal};
     let (mut terminate, mut interrupt) = (
         signal(SignalKind::terminate())?,
@@ -71,7 +71,7 @@ pub fn told_to_stop() -> anyhow::Result<impl Future<Output = ()>> {
 
 /// Resolves on ctrl-c.
 #[cfg(not(unix))]
-pub fn told_to_stop() -> anyhow::Result<impl Future<Output = ()>> {
+pub fn stop_signal() -> anyhow::Result<impl Future<Output = ()>> {
     Ok(async {
         let _ = tokio::signal::ctrl_c().await;
     })

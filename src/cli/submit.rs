@@ -1,4 +1,4 @@
-//! `kincal submit`: a measurement set to a server, and its calibration back.
+//! `kincal submit`: uploads a measurement set to a server and has it calibrated.
 
 use super::calibrate::{is_of_use, progress_bar, show};
 use super::client::{Client, ServerArguments};
@@ -34,25 +34,25 @@ pub struct Arguments {
     of_set: SetOptions,
     #[command(flatten)]
     numbers: Numbers,
-    /// Identify nothing: say how good a parameter set is on these points.
+    /// Identify nothing; score a parameter set on these points.
     #[arg(
         long, env = "KINCAL_VERIFY", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue,
         conflicts_with_all = ["method", "model", "preset", "seed"]
     )]
     verify: bool,
-    /// With --verify: which parameter set [default: the active one, else the nominal robot].
+    /// With --verify: the parameter set to score [default: the active one, else the nominal robot].
     #[arg(long, env = "KINCAL_PARAMETERS", value_name = "ID")]
     parameters: Option<String>,
     #[command(flatten)]
     identify: IdentifyOptions,
-    /// Wait for the result, with a progress bar on a terminal.
+    /// Wait for the result; shows a progress bar on a terminal.
     #[arg(long, env = "KINCAL_WAIT", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue)]
     wait: bool,
     #[command(flatten)]
     output: Output,
 }
 
-/// Uploads, asks for the job and, with `--wait`, follows it to its end.
+/// Uploads the set, posts the job and, with `--wait`, follows it to its end.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if arguments.parameters.is_some() && !arguments.verify {
         let text = "--parameters (or KINCAL_PARAMETERS) says what is verified: give --verify with it, or leave it out to identify";
@@ -76,19 +76,19 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             let next = format!(
                 "job {job_id} is queued\nnext: kincal report {job_id} once it is over (kincal jobs {job_id}), or submit with --wait"
             );
-            return arguments.output.told(&posted, || next);
+            return arguments.output.print(&posted, || next);
         }
-        // who stops waiting has to name it
+        // A user who stops waiting needs the id.
         eprintln!(
             "job {job_id} is queued; it goes on without this command, and `kincal cancel {job_id}` stops it"
         );
         let job = follow(&client, arguments, job_id).await?;
         let report = client.get(&format!("/v1/jobs/{job_id}/report")).await?;
-        let shaped: Report = serde_json::from_value(report.clone())
+        let parsed: Report = serde_json::from_value(report.clone())
             .context("the server's report is of another version of kincal")?;
-        arguments.output.told(&report, || {
-            if shaped.no_use().is_some() {
-                return table::report(&shaped);
+        arguments.output.print(&report, || {
+            if parsed.no_use().is_some() {
+                return table::report(&parsed);
             }
             let set_id = job.parameter_set_id.as_ref();
             let next = match set_id.filter(|_| set["insisted_on"].is_null()) {
@@ -96,9 +96,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
                 None if set_id.is_some() => "next: submit a set that need not be insisted on; no release rests on this one\n".into(),
                 None => String::new(),
             };
-            format!("{}\n{next}to print it: kincal report {job_id} --html report.html", table::report(&shaped))
+            format!("{}\n{next}to print it: kincal report {job_id} --html report.html", table::report(&parsed))
         })?;
-        is_of_use(&shaped, Some(job_id))
+        is_of_use(&parsed, Some(job_id))
     })
 }
 
@@ -117,7 +117,7 @@ async fn upload(
     let insist = arguments.of_set.insist;
     parameters.extend(insist.map(|code| ("insist", code.as_str().to_owned())));
     if content_type == "text/csv" {
-        // a CSV has no name of its own: people know it by its file
+        // A CSV has no name field; its file name is used.
         parameters.extend(file_name(arguments).map(|name| ("name", name)));
         parameters.extend(
             arguments
@@ -152,7 +152,7 @@ async fn upload(
     Ok(set)
 }
 
-/// What is wrong with the file, row by row.
+/// The server's refusal of the file, with its rows and lines.
 fn explained(error: anyhow::Error, arguments: &Arguments, bytes: &[u8]) -> anyhow::Error {
     match error.downcast::<Refused>() {
         Ok(refused) if refused.is_usage() && !refused.problem.errors.is_empty() => Usage(
@@ -167,7 +167,7 @@ fn explained(error: anyhow::Error, arguments: &Arguments, bytes: &[u8]) -> anyho
     }
 }
 
-/// The file's name without its ending, as far as a set's name may be long.
+/// The file's name without its extension, cut to the longest name of a set.
 fn file_name(arguments: &Arguments) -> Option<String> {
     let stem = arguments.set.file_stem()?.to_str()?;
     let name: String = stem
@@ -180,7 +180,7 @@ fn file_name(arguments: &Arguments) -> Option<String> {
 
 async fn follow(client: &Client, arguments: &Arguments, job_id: &str) -> anyhow::Result<JobAnswer> {
     let bar = (!arguments.output.json).then(progress_bar);
-    let moved = |job: &JobAnswer| {
+    let on_update = |job: &JobAnswer| {
         let Some(bar) = &bar else { return };
         match (job.status, &job.progress) {
             (JobStatus::Queued, _) => bar.set_message("waiting for a worker"),
@@ -188,7 +188,7 @@ async fn follow(client: &Client, arguments: &Arguments, job_id: &str) -> anyhow:
             (_, None) => bar.set_message("a worker has begun"),
         }
     };
-    let job = client.follow(job_id, moved).await;
+    let job = client.follow(job_id, on_update).await;
     if let Some(bar) = bar {
         bar.finish_and_clear();
     }

@@ -1,4 +1,4 @@
-//! A report as text, for people at a terminal.
+//! A report as text for a terminal.
 
 use super::terminal::in_commands;
 use crate::wire::job::{Method, Model};
@@ -9,10 +9,10 @@ use crate::wire::report_shape::{
 use crate::wire::words;
 use std::fmt::Write;
 
-/// No instrument sees less than a tenth of a micrometre: smaller errors are all the same.
+/// Smallest error that is printed as a number, mm: no instrument resolves a tenth of a micrometre.
 const SMALLEST_MM: f64 = 1e-4;
 
-/// The whole report: errors before and after, how strong the evidence is, methods side by side, parameters, corrections, repeatability, warnings.
+/// The whole report: errors before and after, strength of the evidence, comparison of methods, parameters, corrections, repeatability, warnings.
 pub fn report(report: &Report) -> String {
     let mut text = if is_verification(report) {
         verified(report)
@@ -34,12 +34,12 @@ pub fn report(report: &Report) -> String {
     text
 }
 
-/// True where a parameter set was only scored.
+/// True if the job only scored a parameter set.
 fn is_verification(report: &Report) -> bool {
     report.termination == "verified"
 }
 
-/// Which parameters were scored, and how far they are off.
+/// The scored parameter set and its errors.
 fn verified(report: &Report) -> String {
     let mut text = String::new();
     let what = report
@@ -105,8 +105,8 @@ fn identified(report: &Report) -> String {
     );
     line(&mut text, String::new());
     line(&mut text, columns());
-    halves(&mut text, "identify", Some(&report.identify));
-    halves(&mut text, "verify", report.verify.as_ref());
+    subset(&mut text, "identify", Some(&report.identify));
+    subset(&mut text, "verify", report.verify.as_ref());
     line(&mut text, format!("evidence: {}", evidence(report)));
     if let Some(tool) = report.tool_uncertainty_mm {
         let (mean, max) = (number(tool.mean), number(tool.max));
@@ -145,11 +145,11 @@ fn evidence(report: &Report) -> String {
 }
 
 fn line(text: &mut String, line: String) {
-    // writing to a String cannot fail
+    // Writing to a String cannot fail.
     let _ = writeln!(text, "{line}");
 }
 
-fn halves(text: &mut String, name: &str, half: Option<&SubsetReport>) {
+fn subset(text: &mut String, name: &str, half: Option<&SubsetReport>) {
     let Some(half) = half.filter(|half| half.n_points > 0) else {
         return;
     };
@@ -299,7 +299,7 @@ fn error(value: f64) -> String {
     }
 }
 
-/// Four significant digits, in powers of ten where it is tiny.
+/// A number with about four significant digits, in scientific notation below 0.001.
 pub fn number(value: f64) -> String {
     match value.abs() {
         0.0 => "0".into(),
@@ -309,7 +309,7 @@ pub fn number(value: f64) -> String {
     }
 }
 
-/// A method's name as on the wire.
+/// A method's name as in the API.
 pub fn name(method: Method) -> &'static str {
     method.to_core().name()
 }

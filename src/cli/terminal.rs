@@ -1,45 +1,45 @@
-//! What a terminal may be shown, and how.
+//! Output to the terminal: text, JSON, and the escaping of texts from elsewhere.
 
 use serde::Serialize;
 use std::io::{ErrorKind, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// As `println!`, for an output that may be closed before its end: `kincal robots | head -1` is no failure.
+/// As `println!`, but a closed output is no failure (`kincal robots | head -1`).
 macro_rules! say {
     ($($text:tt)*) => { $crate::cli::terminal::line(format_args!($($text)*)) };
 }
 
-/// A line on standard output. Whoever closed it has seen enough, and the command does its work to the end.
+/// Prints a line on standard output. If the output is closed, the command still does its work to the end.
 pub fn line(text: std::fmt::Arguments<'_>) {
     unless_closed(writeln!(std::io::stdout().lock(), "{text}"));
 }
 
-/// What a command's answer looks like.
+/// Format of a command's output.
 #[derive(Debug, clap::Args)]
 pub struct Output {
-    /// Print JSON, and nothing else, on standard output.
+    /// Print only JSON on standard output.
     #[arg(long, env = "KINCAL_JSON", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue)]
     pub json: bool,
 }
 
 impl Output {
-    /// Prints an answer: the JSON of it if that was asked for, else words.
-    pub fn told(
+    /// Prints an answer: as JSON with `--json`, else as text.
+    pub fn print(
         &self,
         answer: &impl Serialize,
-        words: impl FnOnce() -> String,
+        text: impl FnOnce() -> String,
     ) -> anyhow::Result<()> {
         if self.json {
             say!("{}", serde_json::to_string_pretty(answer)?);
         } else {
-            say!("{}", words());
+            say!("{}", text());
         }
         Ok(())
     }
 }
 
-/// Text as it is on standard output.
-pub fn whole(text: impl AsRef<[u8]>) {
+/// Prints text or bytes unchanged on standard output.
+pub fn raw(text: impl AsRef<[u8]>) {
     unless_closed(std::io::stdout().lock().write_all(text.as_ref()));
 }
 
@@ -52,28 +52,28 @@ fn unless_closed(written: std::io::Result<()>) {
     }
 }
 
-/// Whether something that was to be shown is not, as on a full disk.
+/// Set if output could not be written, e.g. on a full disk.
 static INCOMPLETE: AtomicBool = AtomicBool::new(false);
 
-/// Whether all that was to be shown was.
+/// True if all output was written.
 pub fn is_complete() -> bool {
     !INCOMPLETE.load(Ordering::Relaxed)
 }
 
-/// A text that came from elsewhere, as a terminal may have it: names and messages may hold anything, and a terminal must neither obey it
-/// nor write backwards. Ends of lines stay.
+/// Replaces control characters and changes of writing direction in a text from elsewhere: names and messages may contain anything, and the
+/// terminal must not interpret it. Line endings stay.
 pub fn plain(text: &str) -> String {
-    let is_obeyed = |c: char| {
+    let is_control = |c: char| {
         c != '\n'
             && (c.is_control()
                 || matches!(c, '\u{200e}' | '\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}'))
     };
     text.chars()
-        .map(|c| if is_obeyed(c) { '\u{fffd}' } else { c })
+        .map(|c| if is_control(c) { '\u{fffd}' } else { c })
         .collect()
 }
 
-/// Remedies as whoever asks by HTTP is told them, and the commands and options for the same.
+/// Remedies as the HTTP interface words them, and the same as commands and options.
 const COMMANDS: [(&str, &str); 8] = [
     (
         "post a job of kind verify with parameter_set_id ",
@@ -94,7 +94,7 @@ const COMMANDS: [(&str, &str); 8] = [
     ("frame=base", "--frame base"),
 ];
 
-/// A text of a server or of the core with its remedies as commands and options.
+/// Rewrites the remedies in a text of the server or the core as commands and options.
 pub fn in_commands(text: &str) -> String {
     let replace = |text: String, (http, command): &(&str, &str)| text.replace(http, command);
     COMMANDS.iter().fold(text.to_owned(), replace)

@@ -1,6 +1,6 @@
-//! Wrong uses of the command line.
+//! The error for wrong usage.
 
-/// A wrong use of the command line: exit code 2.
+/// Wrong usage of the command line: exit code 2.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 pub struct Usage(pub String);

@@ -1,4 +1,4 @@
-//! `kincal verify-store`: whether what is stored keeps its promises.
+//! `kincal verify-store`: checks the promises I1 to I9 on a database.
 
 use super::runtime::block_on;
 use super::terminal::Output;
@@ -9,12 +9,12 @@ use crate::store::verify::{self, Check, Options};
 use crate::store::{Store, audit};
 use std::io::Write;
 
-/// Check the database; may run beside a server. Exit code 1 if a promise is broken.
+/// Check the database; may run while a server uses it. Exit code 1 if a promise is broken.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     #[command(flatten)]
     database: DatabaseConfig,
-    /// A head of the audit chain kept from an earlier run, to be found again: NUMBER:HASH.
+    /// A head of the audit chain from an earlier run, which must still be in the chain: NUMBER:HASH.
     #[arg(long, env = "KINCAL_KNOWN_HEAD", value_name = "NUMBER:HASH")]
     known_head: Option<String>,
     #[command(flatten)]

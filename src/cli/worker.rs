@@ -1,7 +1,7 @@
-//! `kincal worker`, a node that only computes, and `kincal migrate`.
+//! `kincal worker`: a node that only computes. `kincal migrate`: updates the schema.
 
 use super::runtime::block_on;
-use super::serve::told_to_stop;
+use super::serve::stop_signal;
 use super::terminal::Output;
 use super::usage::Usage;
 use crate::config::{DatabaseConfig, WorkerConfig};
@@ -11,16 +11,16 @@ use crate::store::Store;
 use crate::telemetry;
 use std::time::Duration;
 
-/// Running jobs get this long to end when the node stops; service managers kill after 10 s.
+/// Time for running jobs to end when the node stops; service managers kill it after 10 s.
 const STOP_WITHIN: Duration = Duration::from_secs(8);
 
-/// Computes until told to stop.
+/// Computes until a stop signal.
 pub fn run(config: &WorkerConfig) -> anyhow::Result<()> {
     config.check().map_err(|error| Usage(error.to_string()))?;
     telemetry::start();
     block_on(async {
-        // Before the first job, so that no signal finds the default action.
-        let told_to_stop = told_to_stop()?;
+        // Installed before the first job: a signal must never meet the default action.
+        let stop_signal = stop_signal()?;
         let store = Store::open(location(&config.database)).await?;
         facts::gather_missing(&store).await?;
         let queue = config.queue;
@@ -32,7 +32,7 @@ pub fn run(config: &WorkerConfig) -> anyhow::Result<()> {
             JobSignals::default(),
         );
         say!("kincal computing with {} workers", config.n_workers());
-        told_to_stop.await;
+        stop_signal.await;
         tracing::info!("stopping: handing running jobs back");
         pool.shutdown(STOP_WITHIN).await;
         let _ = tokio::time::timeout(Duration::from_secs(1), store.close()).await;
@@ -40,7 +40,7 @@ pub fn run(config: &WorkerConfig) -> anyhow::Result<()> {
     })
 }
 
-/// Bring the database's schema up to date, and say which it is. `serve` and `worker` do the same when they start; several may do it at once.
+/// Bring the database's schema up to date, and print its version. `serve` and `worker` do the same when they start; several may do so at the same time.
 #[derive(Debug, clap::Args)]
 pub struct MigrateArguments {
     #[command(flatten)]
@@ -58,7 +58,7 @@ pub fn migrate(arguments: &MigrateArguments) -> anyhow::Result<()> {
         store.close().await;
         arguments
             .output
-            .told(&serde_json::json!({"schema_version": version}), || {
+            .print(&serde_json::json!({"schema_version": version}), || {
                 format!("the schema is at version {version}")
             })
     })

@@ -1,11 +1,11 @@
-//! `kincal release|withdraw|checked|cancel`: what people decide.
+//! `kincal release|withdraw|checked|cancel`: decisions of people about a parameter set, a robot or a job.
 
 use super::client::{Client, ServerArguments};
 use super::runtime::block_on;
 use super::terminal::Output;
 use serde_json::{Value, json};
 
-/// Which parameter set is decided on, and why.
+/// The parameter set, and the reason for the decision.
 #[derive(Debug, clap::Args)]
 struct Decision {
     #[command(flatten)]
@@ -13,7 +13,7 @@ struct Decision {
     /// The parameter set, as `kincal params` lists it.
     #[arg(value_name = "ID")]
     id: String,
-    /// Why, for those who come after.
+    /// Reason; it is kept with the decision.
     #[arg(long, value_name = "TEXT")]
     reason: String,
     #[command(flatten)]
@@ -25,19 +25,19 @@ struct Decision {
 pub struct Release {
     #[command(flatten)]
     decision: Decision,
-    /// Why the robot may have changed as much as it did, where the gate change_plausible asks for it.
+    /// Why the parameters changed that much, if the gate change_plausible asks for it.
     #[arg(long, value_name = "TEXT")]
     change_reason: Option<String>,
 }
 
-/// Take a parameter set back.
+/// Withdraw a parameter set: the cell no longer gets it.
 #[derive(Debug, clap::Args)]
 pub struct Withdraw {
     #[command(flatten)]
     decision: Decision,
 }
 
-/// Say why a robot in the state `check_robot` is well.
+/// State why a robot in the state `check_robot` is in order.
 #[derive(Debug, clap::Args)]
 pub struct Checked {
     #[command(flatten)]
@@ -45,7 +45,7 @@ pub struct Checked {
     /// The robot, as `kincal robots` lists it.
     #[arg(value_name = "ID")]
     id: String,
-    /// Why, for those who come after.
+    /// Reason; it is kept with the decision.
     #[arg(long, value_name = "TEXT")]
     reason: String,
     #[command(flatten)]
@@ -78,13 +78,13 @@ pub fn release(arguments: &Release) -> anyhow::Result<()> {
     }
     let (was_released, set) = block_on(async {
         let client = server.client()?;
-        // a key may release and not read; then nothing is known of before
+        // A key may release without being allowed to read; then the status before the release is unknown.
         match client.get(&format!("/v1/parameter-sets/{id}")).await {
             Ok(set) if set["status"] == "released" => Ok((true, set)),
-            _ => Ok((false, decide(&client, id, "release", &body).await?)),
+            _ => Ok((false, post_decision(&client, id, "release", &body).await?)),
         }
     })?;
-    output.told(&set, || match was_released {
+    output.print(&set, || match was_released {
         true => format!("{id} was released already; nothing changed"),
         false => format!("{id} is released: the cell gets it from now on"),
     })
@@ -99,7 +99,7 @@ pub fn withdraw(arguments: &Withdraw) -> anyhow::Result<()> {
         output,
     } = &arguments.decision;
     let set = block_on(async {
-        decide(
+        post_decision(
             &server.client()?,
             id,
             "withdraw",
@@ -107,12 +107,17 @@ pub fn withdraw(arguments: &Withdraw) -> anyhow::Result<()> {
         )
         .await
     })?;
-    output.told(&set, || {
+    output.print(&set, || {
         format!("{id} is withdrawn; `kincal params` shows whether another one is active")
     })
 }
 
-async fn decide(client: &Client, id: &str, action: &str, body: &Value) -> anyhow::Result<Value> {
+async fn post_decision(
+    client: &Client,
+    id: &str,
+    action: &str,
+    body: &Value,
+) -> anyhow::Result<Value> {
     client
         .create(
             &format!("/v1/parameter-sets/{id}/{action}"),
@@ -130,7 +135,7 @@ pub fn checked(arguments: &Checked) -> anyhow::Result<()> {
         let client = arguments.server.client()?;
         client.create(&path, "application/json", body).await
     })?;
-    arguments.output.told(&robot, || {
+    arguments.output.print(&robot, || {
         format!("{} is well: releases are made again", arguments.id)
     })
 }
@@ -147,7 +152,7 @@ pub fn cancel(arguments: &Cancel) -> anyhow::Result<()> {
     })?;
     arguments
         .output
-        .told(&job, || match job["status"].as_str() {
+        .print(&job, || match job["status"].as_str() {
             Some("running") => format!("{} is asked to stop", arguments.id),
             status => format!("{} is {}", arguments.id, status.unwrap_or("over")),
         })

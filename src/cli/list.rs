@@ -1,4 +1,4 @@
-//! `kincal robots|sets|jobs|params`: to look around on a server.
+//! `kincal robots|sets|jobs|params`: lists what a server has, or shows one item.
 
 use super::client::ServerArguments;
 use super::runtime::block_on;
@@ -9,14 +9,14 @@ use serde_json::Value;
 /// Most rows of a list; the newest come first.
 const MAX_ROWS: usize = 100;
 
-/// What a list shows: path, and the fields that are its columns.
+/// A kind of item: its paths, and the fields that are the columns of its list.
 struct Kind {
-    /// Of the things of one robot, or of all.
+    /// Path of the list, for a robot's id.
     list: fn(&str) -> String,
-    /// Of one thing.
+    /// Path of one item, without its id.
     one: &'static str,
     columns: &'static [&'static str],
-    /// What to say where there is nothing, and what to do next.
+    /// Message for an empty list, with the next step.
     empty: &'static str,
 }
 
@@ -66,19 +66,19 @@ const PARAMETER_SETS: Kind = Kind {
 pub struct Robots {
     #[command(flatten)]
     server: ServerArguments,
-    /// One of them, in full.
+    /// Show this one in full.
     #[arg(value_name = "ID")]
     id: Option<String>,
     #[command(flatten)]
     output: Output,
 }
 
-/// What one robot has, or one thing of it by its own id.
+/// A list of one robot, or one item by its own id.
 #[derive(Debug, clap::Args)]
 pub struct OfRobot {
     #[command(flatten)]
     server: ServerArguments,
-    /// The robot whose list is wanted: its id, name or serial number.
+    /// The robot: its id, name or serial number.
     #[arg(
         long,
         env = "KINCAL_ROBOT",
@@ -86,7 +86,7 @@ pub struct OfRobot {
         required_unless_present = "id"
     )]
     robot: Option<String>,
-    /// One of them, in full.
+    /// Show this one in full.
     #[arg(value_name = "ID")]
     id: Option<String>,
     #[command(flatten)]
@@ -95,7 +95,7 @@ pub struct OfRobot {
 
 /// `kincal robots`.
 pub fn robots(arguments: &Robots) -> anyhow::Result<()> {
-    look(
+    list_or_show(
         &arguments.server,
         &ROBOTS,
         "",
@@ -119,13 +119,13 @@ pub fn jobs(arguments: &OfRobot) -> anyhow::Result<()> {
 pub struct Params {
     #[command(flatten)]
     server: ServerArguments,
-    /// The robot whose list is wanted: its id, name or serial number.
+    /// The robot: its id, name or serial number.
     #[arg(long, env = "KINCAL_ROBOT", value_name = "ROBOT", required_unless_present_any = ["id", "gates"])]
     robot: Option<String>,
-    /// One of them, in full.
+    /// Show this one in full.
     #[arg(value_name = "ID")]
     id: Option<String>,
-    /// Of one of them: what a release would find now, gate by gate; exit code 1 if it would be refused.
+    /// Show what each gate of a release of this set would find now; exit code 1 if the release would be refused.
     #[arg(
         long, env = "KINCAL_GATES", requires = "id", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue
     )]
@@ -145,7 +145,7 @@ pub fn parameter_sets(arguments: &Params) -> anyhow::Result<()> {
     } = arguments;
     match id {
         Some(id) if *gates => self::gates(server, id, output),
-        _ => look(
+        _ => list_or_show(
             server,
             &PARAMETER_SETS,
             robot.as_deref().unwrap_or_default(),
@@ -164,7 +164,7 @@ fn gates(server: &ServerArguments, id: &str, output: &Output) -> anyhow::Result<
         if output.json {
             say!("{}", serde_json::to_string_pretty(&found)?);
         } else {
-            terminal::whole(gate_lines(&found));
+            terminal::raw(gate_lines(&found));
         }
         if found["releasable"] != true {
             anyhow::bail!("a release of {id} would be refused");
@@ -195,7 +195,7 @@ fn gate_lines(found: &Value) -> String {
 }
 
 fn of_robot(arguments: &OfRobot, kind: &Kind) -> anyhow::Result<()> {
-    look(
+    list_or_show(
         &arguments.server,
         kind,
         arguments.robot.as_deref().unwrap_or_default(),
@@ -204,7 +204,7 @@ fn of_robot(arguments: &OfRobot, kind: &Kind) -> anyhow::Result<()> {
     )
 }
 
-fn look(
+fn list_or_show(
     server: &ServerArguments,
     kind: &Kind,
     robot: &str,
@@ -240,7 +240,7 @@ fn look(
             say!("{}", kind.empty);
             return Ok(());
         }
-        terminal::whole(columns(kind.columns, &rows));
+        terminal::raw(columns(kind.columns, &rows));
         if !page["next_cursor"].is_null() {
             eprintln!("the newest {MAX_ROWS} are shown; there are more");
         }
@@ -248,7 +248,7 @@ fn look(
     })
 }
 
-/// An item's values, in the order of the columns.
+/// An item's values in the order of the columns.
 pub fn cells(item: &Value, columns: &[&str]) -> Vec<String> {
     let cell = |value: &Value| match value {
         Value::Null => "–".to_owned(),
@@ -262,7 +262,7 @@ pub fn cells(item: &Value, columns: &[&str]) -> Vec<String> {
     columns.iter().map(|column| cell(&item[*column])).collect()
 }
 
-/// Columns as wide as what is in them.
+/// A table whose columns are as wide as their widest cell.
 pub fn columns(names: &[&str], rows: &[Vec<String>]) -> String {
     let width = |at: usize| {
         rows.iter()
