@@ -51,6 +51,7 @@ export const WARNINGS = {
 export const NO_USE = {
   model_too_small: "The model is too small for these points, and nothing that was found is of use: ask for model complete",
   no_fit: "The points do not fit the robot, and nothing that was found is of use: check the file",
+  joint_map_suspect: "The points fit only with a joint counted in another way, and nothing that was found is of use: correct the robot's joint map",
   session_does_not_fit: "This file does not fit this robot, and is no evidence for anything: check the file, then look at the robot",
   set_far_off: "These points fit the robot, and the parameter set misses them by far: identify anew",
   no_better_than_nominal: "On the points to verify it is no better than the nominal robot: do not use it",
@@ -63,6 +64,7 @@ export const GATES = {
   all_finite: "Every number is finite",
   fits: "The identified robot fits the points",
   change_plausible: "The parameters changed by a plausible amount",
+  orientation_known: "It is known how the flange is turned",
   check_robot: "Every session fits the robot, or somebody said why not",
   evidence: "How strong the verification is",
   identity: "It is the same robot",

@@ -14,6 +14,9 @@ const POOR_MM: f64 = 1.0;
 /// The complete model has to fit so many times better.
 const BETTER: f64 = 5.0;
 
+/// Code of the warning.
+pub const MODEL_TOO_SMALL: &str = "model_too_small";
+
 /// A remark where the paper's model fits the points poorly and the complete one fits them well.
 ///
 /// # Errors
@@ -61,7 +64,7 @@ pub fn remark(
         target.x, target.y, target.z
     );
     Ok(Some(Warning {
-        code: "model_too_small",
+        code: MODEL_TOO_SMALL,
         detail,
         rows: vec![],
     }))

@@ -5,6 +5,7 @@ use crate::calibration::identify::{Found, Problem};
 use crate::calibration::observe::{Observed, observe_verify_set};
 use crate::calibration::orientation::{self, flange_rotation_std_rad};
 use crate::calibration::placing::Layout;
+use crate::calibration::plausibility::{JOINT_MAP, joint_counted_otherwise};
 use crate::calibration::remarks::{extrapolated, of_the_verify_set, remarks};
 use crate::calibration::repeatability::repeatability;
 use crate::calibration::report::*;
@@ -176,7 +177,8 @@ pub fn report(
         (&problem.observed, model),
         robot.as_ref(),
     );
-    let mut fit = verdict::no_fit(&per_point, &request.robot.links);
+    let mut fit = verdict::no_fit(&per_point, &request.robot.links)
+        .or_else(|| joint_counted_otherwise(&model.links, &request.robot.links));
     let (verify, of_verify_set);
     if let Some(layout) = &layout {
         let (before, after) = (layout.place(&problem.nominal)?, layout.place(model)?);
@@ -222,16 +224,22 @@ pub fn report(
         of_verify_set = vec![];
     }
     let (links, t_instrument_base, targets_mm) = as_delivered(problem, model);
-    let fits = fit.as_ref().is_none_or(|told| told.code != verdict::NO_FIT);
+    let misfit = fit
+        .as_ref()
+        .map(|told| told.code)
+        .filter(|code| [verdict::NO_FIT, JOINT_MAP].contains(code));
+    let fits = misfit.is_none();
     let estimated = estimated(problem, model);
     let tool = estimated.as_ref().map(|estimated| {
         let (robot, points) = (&request.robot, &problem.identify);
         tool_uncertainty(robot, model, &problem.parameters, points, estimated)
     });
     let mut not_determined = None;
-    let why_not_stated = match fits {
-        false => Some("the identified robot does not fit the points (no_fit)".into()),
-        true => why_not_stated(problem, estimated.as_ref()).or_else(|| {
+    let why_not_stated = match misfit {
+        Some(code) => Some(format!(
+            "the identified robot does not fit the points ({code})"
+        )),
+        None => why_not_stated(problem, estimated.as_ref()).or_else(|| {
             not_determined = why_it_says_nothing(problem, tool.as_ref()?);
             not_determined.clone()
         }),

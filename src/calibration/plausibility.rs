@@ -1,5 +1,6 @@
 //! Whether what was identified can be true of a robot that was built to its drawing.
 
+use crate::calibration::alignment::UNMASTERED_RAD;
 use crate::calibration::report::{CalibrationReport, Warning};
 use crate::kinematics::Link;
 use std::f64::consts::{PI, TAU};
@@ -26,8 +27,7 @@ pub fn implausible_changes(links: &[Link], reference: &[Link]) -> Vec<String> {
             ("theta_offset", now.theta_offset_rad - then.theta_offset_rad),
             ("beta", now.beta_rad - then.beta_rad),
         ];
-        let turned = |delta: f64| delta - TAU * (delta / TAU).round();
-        for (name, delta_rad) in angles.map(|(name, delta)| (name, turned(delta))) {
+        for (name, delta_rad) in angles.map(|(name, delta)| (name, within_half_a_turn(delta))) {
             if delta_rad.is_nan() || delta_rad.abs() > PLAUSIBLE_RAD {
                 changes.push(format!(
                     "{name}_{} by {:.4}°",
@@ -45,6 +45,43 @@ pub fn implausible_changes(links: &[Link], reference: &[Link]) -> Vec<String> {
         ));
     }
     changes
+}
+
+fn within_half_a_turn(angle_rad: f64) -> f64 {
+    angle_rad - TAU * (angle_rad / TAU).round()
+}
+
+/// Code of the warning that the links only fit with a joint counted in another way.
+pub const JOINT_MAP: &str = "joint_map_suspect";
+
+/// Told where a joint's zero or an axis is turned by more than a joint that was never mastered. A reflector near the last axis fits as well with
+/// that joint counted the other way round: then another link is turned by half a turn, and the flange is turned wrongly.
+pub fn joint_counted_otherwise(links: &[Link], nominal: &[Link]) -> Option<Warning> {
+    let turned = links
+        .iter()
+        .zip(nominal)
+        .zip(1..)
+        .flat_map(|((now, then), i)| {
+            [
+                ("theta_offset", now.theta_offset_rad - then.theta_offset_rad),
+                ("alpha", now.alpha_rad - then.alpha_rad),
+            ]
+            .map(|(name, delta_rad)| (format!("{name}_{i}"), within_half_a_turn(delta_rad)))
+        });
+    let words: Vec<String> = turned
+        .filter(|(_, delta_rad)| delta_rad.abs() > UNMASTERED_RAD)
+        .map(|(name, delta_rad)| format!("{name} by {:.1}°", delta_rad.to_degrees()))
+        .collect();
+    (!words.is_empty()).then(|| Warning {
+        code: JOINT_MAP,
+        detail: format!(
+            "the points fit only with {}: a joint that counts the other way round, from another zero, or together with another joint looks \
+             like that, and then the flange is turned wrongly. Compare the controller's joint values with the nominal robot, correct the \
+             robot's joint_map, and upload the file again. It cannot be released",
+            words.join(", ")
+        ),
+        rows: vec![],
+    })
 }
 
 /// The tool's uncertainty somewhere in the workspace, in units of the error found where it was measured, from which on it is worth a word.
@@ -135,6 +172,21 @@ mod tests {
         theta_offset_rad: 0.0,
         beta_rad: 0.0,
     };
+
+    #[test]
+    fn an_unmastered_joint_is_counted_as_it_should_be_and_half_a_turn_is_not() {
+        let turned_by = |degrees: f64| Link {
+            theta_offset_rad: degrees.to_radians(),
+            ..LINK
+        };
+        let told = |degrees: f64| joint_counted_otherwise(&[turned_by(degrees)], &[LINK]);
+        for degrees in [0.0, 20.0, -44.0, 360.0, 340.0] {
+            assert_eq!(told(degrees), None, "{degrees}");
+        }
+        for degrees in [46.0, -90.0, 180.0, -180.0] {
+            assert_eq!(told(degrees).unwrap().code, JOINT_MAP, "{degrees}");
+        }
+    }
 
     #[test]
     fn tenths_of_a_millimetre_are_plausible_and_a_wrong_tool_is_not() {

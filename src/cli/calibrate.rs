@@ -179,6 +179,9 @@ pub fn is_of_use(report: &Report, job_id: Option<&str>) -> anyhow::Result<()> {
         "model_too_small" => {
             "again with --model complete, or with --frame instrument where the positions are in an instrument's own frame"
         }
+        "joint_map_suspect" => {
+            "compare the controller's joint values with the nominal robot, correct the robot's joint_map, and upload the file again"
+        }
         "no_fit" | "session_does_not_fit" => {
             "check the file: is it of this robot, in this frame (--frame), and do the joint values and the position of each row belong together?"
         }

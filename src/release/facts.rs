@@ -1,6 +1,9 @@
 //! The facts that gates look at, and those of them that are told by one job.
 
-use crate::calibration::{CalibrationRequest, DOES_NOT_FIT, Judged, NO_FIT, judged, repeated_rows};
+use crate::calibration::{
+    CalibrationRequest, DOES_NOT_FIT, JOINT_MAP, Judged, MODEL_TOO_SMALL, NO_FIT, judged,
+    repeated_rows,
+};
 use crate::kinematics::Robot;
 use crate::measurement::MeasurementSet;
 use crate::wire::measurement::SubsetName;
@@ -124,7 +127,9 @@ pub fn of_identification(report: &Report, is_verified_anew: bool, since: Since) 
         0 => judged_on_fitted(report),
         _ => report.judged(),
     };
-    let is_far_off = has_warning(report, NO_FIT) || has_warning(report, FAR_OFF);
+    let is_far_off = [NO_FIT, FAR_OFF, JOINT_MAP, MODEL_TOO_SMALL]
+        .iter()
+        .any(|code| has_warning(report, code));
     Verification {
         is_session: false,
         n_points,

@@ -37,7 +37,12 @@ pub fn gates(facts: &Facts<'_>) -> Vec<Gate> {
         uncertainty(facts),
         errors_within_tolerance(facts),
     ]);
-    gates.extend([identity(facts), change(facts), second_person(facts)]);
+    gates.extend([
+        identity(facts),
+        change(facts),
+        orientation(facts),
+        second_person(facts),
+    ]);
     if facts.is_withdrawn {
         gates.insert(
             0,
@@ -144,7 +149,7 @@ fn fits(facts: &Facts<'_>) -> Gate {
         Fit::SetFarOff => Gate::new(
             "fits",
             false,
-            "the identified robot does not come near the points of its job: its report's warnings say which, and why",
+            "the identified robot does not fit the points of its job, or fits them for a wrong reason: its report's warnings say which, and why",
         ),
     }
 }
@@ -451,11 +456,7 @@ fn change(facts: &Facts<'_>) -> Gate {
         );
     }
     let found = format!("against {name} it changes {}", changes.join(", "));
-    let unknown_deg = facts
-        .report
-        .flange_rotation_std_deg
-        .filter(|std_deg| std_deg.to_radians() > MAX_FLANGE_ROTATION_STD_RAD && !facts.is_rollback);
-    if let Some(std_deg) = unknown_deg {
+    if let Some(std_deg) = orientation_unknown_deg(facts).filter(|_| !facts.is_rollback) {
         let detail = format!(
             "{found}, and the measured positions do not show how the flange is turned ({std_deg:.1}°, one standard deviation): no reason \
              makes up for that. Identify from a reflector off the last axis, or from two"
@@ -480,6 +481,42 @@ fn change(facts: &Facts<'_>) -> Gate {
                 "{found}: a wrong tool, another robot? If it is right, say why in change_reason"
             );
             Gate::new("change_plausible", false, detail)
+        }
+    }
+}
+
+/// One standard deviation of the flange's rotation, degrees, where it is so large that the orientation counts as not known.
+fn orientation_unknown_deg(facts: &Facts<'_>) -> Option<f64> {
+    let std_deg = facts.report.flange_rotation_std_deg?;
+    (std_deg.to_radians() > MAX_FLANGE_ROTATION_STD_RAD).then_some(std_deg)
+}
+
+/// Points of one upload fit as well with the flange turned wrongly. Another session shows at least that the reflector's positions are right.
+fn orientation(facts: &Facts<'_>) -> Gate {
+    let name = "orientation_known";
+    let Some(std_deg) = orientation_unknown_deg(facts) else {
+        return Gate::new(name, true, "the orientation of the flange is not in doubt");
+    };
+    let found = format!(
+        "the measured positions do not show how the flange is turned ({std_deg:.1}°, one standard deviation)"
+    );
+    if facts.is_rollback {
+        return Gate::new(name, true, format!("{found}; the set was active before")).warned(true);
+    }
+    match facts.evidence() {
+        Evidence::IndependentSession => {
+            let detail = format!(
+                "{found}; another session shows that the position of the measured reflector is right: use the set for that alone"
+            );
+            Gate::new(name, true, detail).warned(true)
+        }
+        _ => {
+            let detail = format!(
+                "{found}: identify from a reflector off the last axis, or from two, or show by another session that the reflector's positions \
+                 are right: {}",
+                verify_it(facts)
+            );
+            Gate::new(name, false, detail)
         }
     }
 }

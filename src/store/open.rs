@@ -114,19 +114,20 @@ const POSTGRES_CONNECTIONS: u32 = 16;
 const POSTGRES_WRITERS: usize = 12;
 /// A node that is frozen, paused or cut off must not stop the writes of the others for longer than 10 s.
 ///
-/// `lock_timeout` is the longest wait for somebody else's lock: then it is the client's turn to come back. A frozen node's transactions that waited
-/// for a lock have therefore ended after 3 s, and one that got it ends 5 s later, for being idle: 8 s in all. The time for which a transaction
-/// may be idle includes that of receiving a statement, so the network has to carry the largest upload in it: 32 MiB in 5 s. A node that does not
-/// take its answer, or whose machine does not answer at all, is told by TCP: 5 s and three probes 1 s apart, or 8 s for what was sent.
-const POSTGRES_SETTINGS: &str = "set lock_timeout = '3s'; set idle_in_transaction_session_timeout = '5s'; \
+/// `lock_timeout` is the longest wait for somebody else's lock: then it is the client's turn to come back. It counts anew for each lock, and who
+/// waits for a row may wait for two: a place in the row's queue, and the row. A frozen node's transactions that waited have therefore ended after
+/// 4 s, before the 5 s after which one that holds the row ends for being idle: none of them takes it over for another 5 s. One that got the row
+/// from another node after 4 s holds it until 9 s. The time for which a transaction may be idle includes that of receiving a statement, so the
+/// network has to carry the largest upload in it: 32 MiB in 5 s. A node that does not take its answer, or whose machine does not answer at all,
+/// is told by TCP: 5 s and three probes 1 s apart, or 8 s for what was sent.
+const POSTGRES_SETTINGS: &str = "set lock_timeout = '2s'; set idle_in_transaction_session_timeout = '5s'; \
     set tcp_keepalives_idle = 5; set tcp_keepalives_interval = 1; set tcp_keepalives_count = 3; set tcp_user_timeout = '8s'";
 /// Longest wait for another node that runs the same migration.
 const POSTGRES_SETTINGS_TO_MIGRATE: &str =
     "set lock_timeout = 0; set idle_in_transaction_session_timeout = 0";
 /// Longest wait of a request for a connection; then it is 503.
 const ACQUIRE_TIMEOUT: Duration = Duration::from_secs(5);
-/// WAL and FULL: what was acknowledged survives power loss. The busy timeout (ms) is for locks of tools beside the server, as
-/// PostgreSQL's lock timeout.
+/// WAL and FULL: what was acknowledged survives power loss. The busy timeout (ms) is for locks of tools beside the server.
 pub(super) const SQLITE_PRAGMAS: &str = "pragma busy_timeout = 3000; pragma journal_mode = wal; pragma synchronous = full; pragma foreign_keys = on";
 
 impl Store {

@@ -218,7 +218,7 @@ impl CompensateBody {
     ) -> Result<CompensateAnswer, Invalid> {
         self.check(robot.links.len())?;
         let base = self.base_in(provenance)?;
-        self.check_orientation(provenance)?;
+        self.check_provenance(provenance)?;
         let target = self.target.unwrap_or(0);
         if self.tool.is_none() && content.target_mm(target, None).is_none() {
             return Err(unknown_target());
@@ -268,8 +268,13 @@ impl CompensateBody {
         Ok(answer)
     }
 
-    /// The measured reflector is right whatever the positions do not show; its pose and other tools are not.
-    fn check_orientation(&self, provenance: &Provenance) -> Result<(), Invalid> {
+    /// A robot that does not fit its own points corrects nothing. The measured reflector is right whatever the positions do not show; its pose
+    /// and other tools are not.
+    fn check_provenance(&self, provenance: &Provenance) -> Result<(), Invalid> {
+        if let Some((code, detail)) = provenance.wrong_robot() {
+            let detail = format!("no target is corrected with this set: {detail}");
+            return Err(Invalid::at("", code, detail));
+        }
         if self.tool.is_none() && self.mode == CompensateMode::Position {
             return Ok(());
         }

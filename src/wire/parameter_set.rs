@@ -1,6 +1,8 @@
 //! A parameter set: what the controller needs, with a hash it can check.
 
-use crate::calibration::{CalibrationReport, MAX_FLANGE_ROTATION_STD_RAD, NO_FIT};
+use crate::calibration::{
+    CalibrationReport, JOINT_MAP, MAX_FLANGE_ROTATION_STD_RAD, MODEL_TOO_SMALL, NO_FIT,
+};
 use crate::identification::KinematicModel;
 use crate::identification::corrected::IdentifiedRobot;
 use crate::kinematics::Link;
@@ -50,6 +52,17 @@ pub struct Provenance {
 }
 
 impl Provenance {
+    /// Warnings with which the identified robot is wrong somewhere, so that nothing is corrected with it.
+    pub const WRONG_ROBOT: [&str; 3] = [MODEL_TOO_SMALL, NO_FIT, JOINT_MAP];
+
+    /// Why nothing is corrected with the set: the warning's code, and in words.
+    pub fn wrong_robot(&self) -> Option<(&'static str, &str)> {
+        Self::WRONG_ROBOT.into_iter().find_map(|code| {
+            let warning = self.warnings.iter().find(|warning| warning.code == code)?;
+            Some((code, warning.detail.as_str()))
+        })
+    }
+
     /// Why nothing rests on how the flange is turned; `None` where it is known. A report of an older version tells it by its warning.
     pub fn orientation_unknown(&self) -> Option<String> {
         let remedy = "identify from a reflector off the last axis, or from two, at poses that move every joint";
@@ -57,9 +70,6 @@ impl Provenance {
             Some(std) if std > to_degrees(MAX_FLANGE_ROTATION_STD_RAD) => Some(format!(
                 "the measured positions do not show how the flange is turned: it may be off by {std:.2}°, one standard deviation: {remedy}"
             )),
-            None if self.warnings.iter().any(|w| w.code == NO_FIT) => Some(
-                "the identified robot does not fit the points that it was identified from: check them, and identify anew".into(),
-            ),
             None if self.warnings.iter().any(|w| w.code == "pose_not_seen") => Some(format!(
                 "the measured positions hardly show how the flange is turned, and by how much it may be off was not computed by the version \
                  that identified this set: identify it again, or {remedy}"

@@ -1,11 +1,11 @@
 //! From the core's report to the wire's, and the hash that tells whether two results are the same.
 
+use crate::calibration::CalibrationReport;
 use crate::calibration::changes::NamedChange;
 use crate::calibration::report::{
     ErrorModel, Errors, MethodComparison, ParameterOutcome, PointErrors, PoseRepeatability,
     PriorOutcome, Repeatability, SubsetErrors,
 };
-use crate::calibration::{CalibrationReport, NO_FIT};
 use crate::identification::corrections::Evidence;
 use crate::identification::workspace::ToolUncertainty;
 use crate::wire::angle::to_degrees;
@@ -58,9 +58,9 @@ pub fn provenance(
         flange_rotation_std_deg: Option<f64>,
     }
     let mut found: Excerpt = serde_json::from_str(report_json)?;
-    found
-        .warnings
-        .retain(|warning| warning.code == "pose_not_seen" || warning.code == NO_FIT);
+    found.warnings.retain(|warning| {
+        warning.code == "pose_not_seen" || Provenance::WRONG_ROBOT.contains(&warning.code.as_str())
+    });
     Ok(Provenance {
         measuring_frame,
         flange_rotation_std_deg: found.flange_rotation_std_deg,

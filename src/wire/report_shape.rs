@@ -1,6 +1,6 @@
 //! The shape of a report.
 
-use crate::calibration::{DOES_NOT_FIT, NO_BETTER, NO_FIT};
+use crate::calibration::{DOES_NOT_FIT, JOINT_MAP, MODEL_TOO_SMALL, NO_BETTER, NO_FIT};
 use crate::calibration::{Judged, judged};
 use crate::wire::job::{Method, Model, Preset};
 use crate::wire::measurement::{SubsetName, Warning};
@@ -144,9 +144,10 @@ pub struct PointReport {
 }
 
 /// Warnings with which nothing that was found is of use; the first that a report has counts.
-pub const NO_USE: [&str; 5] = [
-    "model_too_small",
+pub const NO_USE: [&str; 6] = [
+    MODEL_TOO_SMALL,
     NO_FIT,
+    JOINT_MAP,
     DOES_NOT_FIT,
     "set_far_off",
     NO_BETTER,

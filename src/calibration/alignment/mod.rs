@@ -27,7 +27,7 @@ pub const BETTER: f64 = 5.0;
 /// show. Positions that are in another frame by less than this are a base frame that is known badly.
 pub const COMES_NEAR: f64 = 0.02;
 /// A joint that was never mastered may be off by so much, rad (45°); more is another convention, or another frame.
-const UNMASTERED_RAD: f64 = PI / 4.0;
+pub const UNMASTERED_RAD: f64 = PI / 4.0;
 /// Points that are looked at, evenly from the whole set: enough to tell, and few enough for every upload.
 const MAX_POINTS: usize = 40;
 

@@ -127,6 +127,14 @@ async fn where_more_counts_than_the_measured_reflector_it_is_said_what_was_not_s
     );
 }
 
+fn failed_gates(refused: &Value) -> Vec<String> {
+    let errors = refused["errors"].as_array().unwrap();
+    errors
+        .iter()
+        .map(|error| text(&error["code"]).to_owned())
+        .collect()
+}
+
 /// A robot measured from an instrument by one reflector, identified: the job and the path of its set.
 async fn identified_by_one_reflector(
     app: &TestApp,
@@ -197,12 +205,28 @@ async fn where_it_is_not_known_how_the_flange_is_turned_poses_are_refused_and_po
     // the exported document tells it too, and so `kincal compensate` refuses
     let document = app.get(&format!("{set}/export")).await.ok(200);
     assert_eq!(document["flange_rotation_std_deg"], std_deg);
+    // no reason releases it, however plausible its parameters
+    let why = json!({"reason": "trial", "change_reason": "trial"});
+    let refused = app.post_json(&format!("{set}/release"), &why).await;
+    let refused = refused.problem(409, "release_refused");
+    assert!(
+        failed_gates(&refused).contains(&"orientation_known".into()),
+        "{refused}"
+    );
     // off the axis it is known
     let (job, set) = identified_by_one_reflector(&app, &urdf, [85.0, -20.0, 110.0], 19).await;
     let path = format!("/v1/jobs/{}/report", text(&job["id"]));
     let report = app.get(&path).await.ok(200);
     assert!(report["flange_rotation_std_deg"].as_f64().unwrap() < 0.5);
     assert!(!warned(&report), "{}", report["warnings"]);
+    let answer = app.post_json(&format!("{set}/release"), &why).await;
+    if answer.status != 200 {
+        let refused = answer.problem(409, "release_refused");
+        assert!(
+            !failed_gates(&refused).contains(&"orientation_known".into()),
+            "{refused}"
+        );
+    }
     for (body, _) in &requests {
         app.post_json(&format!("{set}/compensate"), body)
             .await

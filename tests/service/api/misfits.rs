@@ -53,6 +53,17 @@ fn base_off() -> String {
     })
 }
 
+/// Joint 6 counts the other way round, and the reflector is 10 mm off its axis.
+fn last_joint_reversed() -> String {
+    let robot = paper_robot();
+    let tool_mm = Vector3::new(10.0, 0.0, 0.0);
+    changed("first_noisy.csv", |q, p| {
+        let off = nominal_mm(&robot, q, tool_mm) - nominal_mm(&robot, q, Vector3::zeros());
+        p.iter_mut().zip(off.iter()).for_each(|(p, off)| *p += off);
+        q[5] = -q[5];
+    })
+}
+
 /// The first rows of a file.
 fn first_rows(csv: &str, n: usize) -> String {
     csv.lines()
@@ -91,6 +102,42 @@ async fn a_set_that_is_no_better_than_nominal_trains_no_network_and_is_not_relea
     app.post_json(&release, &reasons)
         .await
         .problem(409, "release_refused");
+}
+
+/// The model cannot fit these points, or fits them with a link turned over: neither a release nor a corrected target comes of it.
+#[tokio::test]
+async fn an_identified_robot_that_is_wrong_corrects_no_target_and_is_not_released() {
+    let app = TestApp::with_workers(1).await;
+    let robot = app.paper_robot().await;
+    for (csv, model, code) in [
+        (base_off(), "paper", "model_too_small"),
+        (last_joint_reversed(), "complete", "joint_map_suspect"),
+    ] {
+        let set = upload(&app, &robot, "frame=base", &csv).await.ok(201);
+        let request =
+            json!({"measurement_set_id": set["id"], "method": "least_squares", "model": model});
+        let job = app.run(&robot, &request).await;
+        let report = report_of(&app, &job).await;
+        assert!(
+            codes(&report["warnings"]).contains(&code),
+            "{code}: {}",
+            report["warnings"]
+        );
+        assert!(job["network_id"].is_null(), "{job}");
+        let set = format!("/v1/parameter-sets/{}", text(&job["parameter_set_id"]));
+        let reasons = json!({"reason": "r", "change_reason": "r"});
+        let refused = app.post_json(&format!("{set}/release"), &reasons).await;
+        let refused = refused.problem(409, "release_refused");
+        assert!(
+            codes(&refused["errors"]).contains(&"fits"),
+            "{code}: {refused}"
+        );
+        for mode in ["position", "pose"] {
+            let body = json!({"q_deg": [[10.0, -30.0, 20.0, 15.0, 40.0, 5.0]], "mode": mode});
+            let answer = app.post_json(&format!("{set}/compensate"), &body).await;
+            answer.problem(422, code);
+        }
+    }
 }
 
 #[tokio::test(flavor = "multi_thread")]
