@@ -11,9 +11,10 @@ use crate::jobs::execution;
 use crate::kinematics::Robot;
 use crate::report_page::{self, MeasuredSet, Sources};
 use crate::wire::job::{JobParts, JobRequestBody, Method, ProgressAnswer, Stage};
-use crate::wire::measurement::{self, Insist, MeasurementSet};
+use crate::wire::measurement::{self, MeasurementSet};
 use crate::wire::report_shape::Report;
 use crate::wire::robot::RobotBody;
+use crate::wire::suspicion::{self, Insist};
 use crate::wire::{Problem, canonical, words};
 use anyhow::Context;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -157,11 +158,11 @@ fn look<'a>(
     let (code, detail, insisted_on) = match alignment::explain(robot, set, rms_mm, &[]) {
         Finding::Odd { code, detail } => (code.to_owned(), detail, None),
         Finding::Wrong(suspicion) if insist == Some(suspicion.code) => {
-            let warning = measurement::insisted(&suspicion);
+            let warning = suspicion::insisted(&suspicion);
             (warning.code, warning.detail, insist)
         }
         Finding::Wrong(suspicion) => {
-            let issues = [measurement::suspected(&suspicion)];
+            let issues = [suspicion::refusal(&suspicion)];
             return Err(Usage(cannot_be_used(&arguments.set, &[], &issues)).into());
         }
     };

@@ -1,7 +1,8 @@
 //! Options that several commands share.
 
 use crate::wire::job::{JobRequestBody, Method, Model, Preset};
-use crate::wire::measurement::{Frame, Insist};
+use crate::wire::measurement::Frame;
+use crate::wire::suspicion::Insist;
 
 /// Interpretation of a measurement set.
 #[derive(Debug, clap::Args)]

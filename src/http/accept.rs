@@ -2,9 +2,10 @@
 
 use crate::config::LimitsConfig;
 use crate::http::counters::Metrics;
-use crate::http::limits::{Class, Limits};
+use crate::http::limits::Limits;
 use crate::http::lingering::Lingering;
 use crate::http::peer::Peer;
+use crate::http::request_class::RequestClass;
 use crate::http::router::router;
 use crate::http::tls::Tls;
 use crate::http::unreadable::{self, WithProblems};
@@ -81,7 +82,7 @@ impl Service {
     /// The answer to one request; where there is no permit for it, it is refused before routing.
     async fn answer(self, request: Request) -> Response {
         let of_all = self.headers();
-        let class = Class::new(request.method(), request.uri().path());
+        let class = RequestClass::new(request.method(), request.uri().path());
         let is_limited = !layers::is_unlimited(request.uri());
         let permit = is_limited.then(|| self.limits.admit(class)).transpose();
         let mut answer = match permit {

@@ -3,7 +3,8 @@
 use crate::config::ServeConfig;
 use crate::http::Error;
 use crate::http::counters::Metrics;
-use crate::http::limits::{Class, ComputePermit, Limits};
+use crate::http::limits::{ComputePermit, Limits};
+use crate::http::request_class::RequestClass;
 use crate::jobs::JobSignals;
 use crate::store::Store;
 use tokio::sync::watch;
@@ -56,7 +57,7 @@ impl App {
     ///
     /// # Errors
     /// [`Error::Busy`] if none came free in time.
-    pub(super) async fn compute_permit(&self, class: Class) -> Result<ComputePermit, Error> {
+    pub(super) async fn compute_permit(&self, class: RequestClass) -> Result<ComputePermit, Error> {
         self.limits.compute(class).await
     }
 
@@ -66,7 +67,7 @@ impl App {
     /// What `work` returns, [`Error::Busy`].
     pub(super) async fn compute<T: Send + 'static>(
         &self,
-        class: Class,
+        class: RequestClass,
         work: impl FnOnce() -> Result<T, Error> + Send + 'static,
     ) -> Result<T, Error> {
         self.compute_permit(class).await?.run(work).await

@@ -2,7 +2,7 @@
 
 use crate::http::auth::Caller;
 use crate::http::extract::{Id, json_body};
-use crate::http::limits::Class;
+use crate::http::request_class::RequestClass;
 use crate::http::{App, Error, access, parameter_sets};
 use crate::wire::compensate::{CompensateAnswer, CompensateBody};
 use crate::wire::json;
@@ -31,7 +31,7 @@ async fn compensate(
     let robot = access::robot(&app, &caller, &row.robot_id).await?;
     let bytes = json_body(request, &app).await?;
     let (robot, content) = (access::robot_body(&robot)?, parameter_sets::content(&row)?);
-    let permit = app.compute_permit(Class::Calculation).await?;
+    let permit = app.compute_permit(RequestClass::Calculation).await?;
     let provenance = parameter_sets::provenance(&app, &permit, &row).await?;
     let answer = permit.run(move || {
         let body: CompensateBody = json::parse(&bytes)?;

@@ -14,7 +14,7 @@ use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityRequirement
 use utoipa::openapi::{Content, Ref, RefOr, Response, ResponseBuilder};
 
 /// Operations without a body that may answer 422 because of their query.
-const JUDGED: [&str; 2] = ["compareParameterSets", "exportParameterSet"];
+const UNPROCESSABLE: [&str; 2] = ["compareParameterSets", "exportParameterSet"];
 
 /// Name of the key scheme in the document.
 const KEY_SCHEME: &str = "key";
@@ -136,7 +136,7 @@ fn complete(method: &Method, path: &str, operation: &mut Operation) {
         add("404", "No such thing, or none that this key may see");
     }
     add("503", "The database is busy: try again");
-    if JUDGED.contains(&id.as_str()) {
+    if UNPROCESSABLE.contains(&id.as_str()) {
         add("422", "Understood, but wrong: `errors` says where");
     }
     if takes_body {

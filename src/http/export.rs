@@ -2,7 +2,8 @@
 
 use crate::http::auth::Caller;
 use crate::http::extract::{Id, Query, whole_body};
-use crate::http::limits::{Class, ComputePermit};
+use crate::http::limits::ComputePermit;
+use crate::http::request_class::RequestClass;
 use crate::http::{App, Error, access, parameter_sets};
 use crate::store::ParameterSetRow;
 use crate::wire::export::{self, BetaChoice, ExportFormat, Exported, Source};
@@ -84,7 +85,7 @@ async fn get(
     Query(query): Query<ExportQuery>,
 ) -> Result<Response, Error> {
     access::parameter_set(&app, &caller, &id).await?;
-    let permit = app.compute_permit(Class::CostlyRead).await?;
+    let permit = app.compute_permit(RequestClass::CostlyRead).await?;
     let stored = stored(&app, &permit, &caller, &id).await?;
     let ExportQuery { format, beta } = query;
     let export = move || stored.with(|source| export::export(source, format, beta));
@@ -113,7 +114,7 @@ async fn patch_urdf(
         });
     }
     let bytes = whole_body(request, &app).await?;
-    let permit = app.compute_permit(Class::Calculation).await?;
+    let permit = app.compute_permit(RequestClass::Calculation).await?;
     let stored = stored(&app, &permit, &caller, &id).await?;
     let patch =
         move || stored.with(|source| export::patch_urdf(source, &bytes, query.tip.as_deref()));
@@ -132,7 +133,7 @@ async fn import_robot(
     request: Request,
 ) -> Result<Json<ImportAnswer>, Error> {
     let bytes = whole_body(request, &app).await?;
-    let answer = app.compute(Class::Calculation, move || {
+    let answer = app.compute(RequestClass::Calculation, move || {
         let name = query.name.as_deref().unwrap_or("imported robot");
         Ok(import(&bytes, query.format, name, query.tip.as_deref())?)
     });

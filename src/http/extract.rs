@@ -2,7 +2,8 @@
 
 use crate::http::Error;
 use crate::http::auth::Caller;
-use crate::http::limits::{BodyBudget, Class, LARGE_BODY_BYTES, Limits, MAX_BODY_BYTES};
+use crate::http::limits::{BodyBudget, LARGE_BODY_BYTES, Limits, MAX_BODY_BYTES};
+use crate::http::request_class::RequestClass;
 use crate::store::{Cursor, PageRequest};
 use crate::wire::page::{DEFAULT_PAGE, MAX_PAGE};
 use crate::wire::{id, json};
@@ -159,7 +160,7 @@ pub async fn whole_body<S: Send + Sync>(request: Request, _: &S) -> Result<Bytes
         .get::<Limits>()
         .cloned()
         .ok_or_else(|| Error::Internal("a route without limits".into()))?;
-    let class = Class::new(request.method(), request.uri().path());
+    let class = RequestClass::new(request.method(), request.uri().path());
     let mut budget = limits.body(class, declared)?;
     let bytes = arrive(
         request.into_body(),

@@ -3,7 +3,7 @@
 use crate::http::auth::Caller;
 use crate::http::creation::{Submission, stored_json};
 use crate::http::extract::Id;
-use crate::http::limits::Class;
+use crate::http::request_class::RequestClass;
 use crate::http::{App, Error, access};
 use crate::store::{FramesRow, NewFrames, Tx, frames};
 use crate::wire::frames::{FramesAnswer, from_sweeps};
@@ -41,7 +41,7 @@ async fn create(
     }
     let (robot, bytes) = (access::robot_body(&robot)?, submission.body.clone());
     let content = app
-        .compute(Class::Write, move || {
+        .compute(RequestClass::Write, move || {
             Ok(from_sweeps(&bytes, &robot.to_core()?)?)
         })
         .await?;

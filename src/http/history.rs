@@ -4,7 +4,8 @@ use crate::calibration::changes::changes;
 use crate::calibration::request::PreviousSession;
 use crate::http::auth::Caller;
 use crate::http::extract::{Id, ListQuery, Query};
-use crate::http::limits::{Class, ComputePermit};
+use crate::http::limits::ComputePermit;
+use crate::http::request_class::RequestClass;
 use crate::http::{App, Error, access, parameter_sets as answers};
 use crate::jobs::JobInputs;
 use crate::jobs::execution::request_of;
@@ -58,7 +59,7 @@ async fn history(
 ) -> Result<Json<HistoryAnswer>, Error> {
     access::robot(&app, &caller, &robot_id).await?;
     let page = parameter_sets::list(&app.store, &robot_id, &query.page()?).await?;
-    let permit = app.compute_permit(Class::CostlyRead).await?;
+    let permit = app.compute_permit(RequestClass::CostlyRead).await?;
     let mut items = Vec::with_capacity(page.items.len());
     for row in page.items {
         let report = excerpt(&app, &permit, &row.job_id).await?;
@@ -142,7 +143,7 @@ async fn compare(
         }
         Err(error) => return Err(error),
     };
-    let permit = app.compute_permit(Class::CostlyRead).await?;
+    let permit = app.compute_permit(RequestClass::CostlyRead).await?;
     let inputs = (
         JobInputs::load(&app.store, &row.job_id).await?,
         JobInputs::load(&app.store, &other.job_id).await?,

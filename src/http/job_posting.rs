@@ -5,7 +5,7 @@ use crate::calibration::{self, CalibrationRequest, is_anew};
 use crate::http::auth::{Caller, Scope};
 use crate::http::creation::{Submission, stored_json};
 use crate::http::extract::Id;
-use crate::http::limits::Class;
+use crate::http::request_class::RequestClass;
 use crate::http::{App, Error, access, job_answer};
 use crate::jobs::queue;
 use crate::store::jobs as stored;
@@ -102,7 +102,7 @@ pub async fn create(
         }
     };
     // Before the uploads are read: waiting requests hold none in memory.
-    let permit = app.compute_permit(Class::Write).await?;
+    let permit = app.compute_permit(RequestClass::Write).await?;
     let sources = load(&app, &submission.caller, &robot_id, &request).await?;
     let mut new = new_job(&request, &sources, &submission.caller.holder)?;
     let chosen = permit.run(move || check(&request, sources)).await?;

@@ -2,7 +2,7 @@
 
 use crate::http::counters::Metrics;
 use crate::http::error::{self, Code, Error};
-use crate::http::limits::{Class, is_document};
+use crate::http::request_class::RequestClass;
 use crate::http::{App, response_memory};
 use crate::wire::Problem;
 use crate::wire::problem::PROBLEM_JSON;
@@ -119,12 +119,12 @@ pub fn refuse_unrouted(metrics: &Metrics, method: &Method, error: Error) -> Resp
 /// Takes the permits that only a request with a known key may have, and counts the memory of large answers. Comes after authentication.
 pub async fn limit(State(app): State<App>, request: Request, next: Next) -> Response {
     let limits = &app.limits;
-    let class = Class::new(request.method(), request.uri().path());
-    let permit = if class == Class::Safety {
+    let class = RequestClass::new(request.method(), request.uri().path());
+    let permit = if class == RequestClass::Safety {
         limits.safety().map(Some)
     } else if may_wait(request.uri()) {
         limits.waiting().map(Some)
-    } else if is_document(class, request.uri().path()) {
+    } else if class.answers_document(request.uri().path()) {
         limits.document().await.map(Some)
     } else {
         Ok(None)

@@ -4,7 +4,7 @@
 use crate::config::LimitsConfig;
 use crate::http::Error;
 use crate::http::rate::TokenBuckets;
-use axum::http::Method;
+use crate::http::request_class::RequestClass;
 use std::net::{IpAddr, Ipv4Addr};
 use std::sync::Arc;
 use std::time::Duration;
@@ -21,9 +21,9 @@ const MAX_CALCULATIONS: usize = 64;
 /// Writes under way, counted from when their body is here. There is one writer: at 500 a second the last one waits some 130 ms, and so does
 /// a withdrawal behind them.
 const MAX_WRITES: usize = 64;
-/// Kept free for [`Class::Safety`] where no more writes fit.
+/// Kept free for [`RequestClass::Safety`] where no more writes fit.
 const SAFETY_RESERVE: usize = 16;
-/// Longest body of [`Class::Safety`]: a reason of 2,000 characters, each of them escaped. So small that no memory is set aside for it.
+/// Longest body of [`RequestClass::Safety`]: a reason of 2,000 characters, each of them escaped. So small that no memory is set aside for it.
 const MAX_SAFETY_BYTES: usize = 64 * 1024;
 /// Long polls and event streams that wait at the same time.
 const MAX_WAITING: usize = 2_048;
@@ -37,66 +37,12 @@ const LARGE_BODIES: usize = 2;
 const ANSWERS_KIB: usize = 64 * 1024;
 /// Whole documents (reports, uploads, weights) that are read from the database at once: each takes three times its size meanwhile.
 const DOCUMENTS: usize = 2;
-/// Computations at once for reads, for writes, and for [`Class::Safety`]: more only makes each slower and memory larger.
+/// Computations at once for reads, for writes, and for [`RequestClass::Safety`]: more only makes each slower and memory larger.
 const COMPUTING: [usize; 3] = [4, 8, 2];
 /// A computation that has not begun after this long is refused; clients retry.
 const BEGIN_WITHIN: Duration = Duration::from_secs(10);
 /// Failed attempts of one address before the answer is 429 instead of 401, and how many are forgiven each second.
 const FAILED_ATTEMPTS: (f64, f64) = (20.0, 0.5);
-
-/// Last path segments of [`Class::Calculation`].
-const CALCULATIONS: [&str; 5] = [
-    "predict",
-    "compensate",
-    "export",
-    "pose-plans",
-    "robot-imports",
-];
-/// Last path segments of [`Class::Safety`].
-const SAFETY: [&str; 3] = ["withdraw", "rollback", "cancel"];
-/// Last path segments of reads that answer one whole document, and of those that compute.
-const DOCUMENT_READS: [&str; 4] = ["points", "weights", "report", "convergence"];
-const COMPUTED_READS: [&str; 5] = ["report.html", "history", "compare", "export", "gates"];
-
-/// What a request is, as far as limits go. Read from method and path alone, so that a flood is refused before routing.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Class {
-    /// Reads what is stored.
-    Read,
-    /// Reads a whole document, or computes from what is stored.
-    CostlyRead,
-    /// Computes from its body and stores nothing.
-    Calculation,
-    /// Withdraw, rollback, cancel: they have a reserve.
-    Safety,
-    /// All other requests that are not reads.
-    Write,
-}
-
-impl Class {
-    /// The class of a request, also of one to a path that does not exist.
-    pub fn new(method: &Method, path: &str) -> Self {
-        let last = path.rsplit('/').next().unwrap_or_default();
-        match *method {
-            Method::GET | Method::HEAD | Method::OPTIONS => {
-                if DOCUMENT_READS.contains(&last) || COMPUTED_READS.contains(&last) {
-                    Self::CostlyRead
-                } else {
-                    Self::Read
-                }
-            }
-            Method::POST if CALCULATIONS.contains(&last) => Self::Calculation,
-            Method::POST if SAFETY.contains(&last) => Self::Safety,
-            _ => Self::Write,
-        }
-    }
-}
-
-/// Whether a request of this class and path answers one whole document.
-pub fn is_document(class: Class, path: &str) -> bool {
-    let last = path.rsplit('/').next().unwrap_or_default();
-    class == Class::CostlyRead && DOCUMENT_READS.contains(&last)
-}
 
 /// The limits of one server; clones share them.
 #[derive(Clone, Debug)]
@@ -182,18 +128,18 @@ impl Limits {
     }
 
     /// Admits a request before it is routed. Reads get their permit. A request with a body gets its own when the body is here
-    /// ([`BodyBudget::arrived`]); it is refused now if none is free. [`Class::Safety`] is admitted once its key is known
+    /// ([`BodyBudget::arrived`]); it is refused now if none is free. [`RequestClass::Safety`] is admitted once its key is known
     /// ([`Limits::safety`]): nobody without a key takes the reserve.
     ///
     /// # Errors
     /// [`Error::Busy`].
-    pub fn admit(&self, class: Class) -> Result<Option<OwnedSemaphorePermit>, Error> {
+    pub fn admit(&self, class: RequestClass) -> Result<Option<OwnedSemaphorePermit>, Error> {
         match class {
-            Class::Read => take(&self.0.reads, 1).map(Some),
-            Class::CostlyRead => take(&self.0.calculations, 1).map(Some),
-            Class::Calculation => self.has_free(&self.0.calculations),
-            Class::Write => self.has_free(&self.0.writes),
-            Class::Safety => Ok(None),
+            RequestClass::Read => take(&self.0.reads, 1).map(Some),
+            RequestClass::CostlyRead => take(&self.0.calculations, 1).map(Some),
+            RequestClass::Calculation => self.has_free(&self.0.calculations),
+            RequestClass::Write => self.has_free(&self.0.writes),
+            RequestClass::Safety => Ok(None),
         }
     }
 
@@ -205,7 +151,7 @@ impl Limits {
         }
     }
 
-    /// A permit for [`Class::Safety`]: a write's, or one of the reserve.
+    /// A permit for [`RequestClass::Safety`]: a write's, or one of the reserve.
     ///
     /// # Errors
     /// [`Error::Busy`].
@@ -242,12 +188,12 @@ impl Limits {
     ///
     /// # Errors
     /// [`Error::Busy`].
-    pub async fn compute(&self, class: Class) -> Result<ComputePermit, Error> {
+    pub async fn compute(&self, class: RequestClass) -> Result<ComputePermit, Error> {
         let [reads, writes, safety] = &self.0.computing;
         let semaphore = match class {
-            Class::Read | Class::CostlyRead | Class::Calculation => reads,
-            Class::Write => writes,
-            Class::Safety => safety,
+            RequestClass::Read | RequestClass::CostlyRead | RequestClass::Calculation => reads,
+            RequestClass::Write => writes,
+            RequestClass::Safety => safety,
         };
         Ok(ComputePermit(Arc::new(wait_for(semaphore).await?)))
     }
@@ -282,7 +228,11 @@ impl Limits {
     ///
     /// # Errors
     /// [`Error::Busy`].
-    pub fn body(&self, class: Class, announced_bytes: Option<usize>) -> Result<BodyBudget, Error> {
+    pub fn body(
+        &self,
+        class: RequestClass,
+        announced_bytes: Option<usize>,
+    ) -> Result<BodyBudget, Error> {
         let mut budget = BodyBudget {
             limits: self.clone(),
             class,
@@ -335,7 +285,7 @@ impl ComputePermit {
 #[derive(Debug)]
 pub struct BodyBudget {
     limits: Limits,
-    class: Class,
+    class: RequestClass,
     reserved_bytes: usize,
     permits: Vec<OwnedSemaphorePermit>,
 }
@@ -344,9 +294,9 @@ impl BodyBudget {
     /// Sets memory aside for a body of this size. It grows with what came, not with what was announced: announcing is free.
     ///
     /// # Errors
-    /// [`Error::Busy`]; [`Error::TooLarge`] for [`Class::Safety`], which takes no memory from others and waits for none.
+    /// [`Error::Busy`]; [`Error::TooLarge`] for [`RequestClass::Safety`], which takes no memory from others and waits for none.
     pub fn grow(&mut self, to_bytes: usize) -> Result<(), Error> {
-        if self.class == Class::Safety {
+        if self.class == RequestClass::Safety {
             return if to_bytes > MAX_SAFETY_BYTES {
                 Err(Error::TooLarge {
                     limit: MAX_SAFETY_BYTES,
@@ -382,10 +332,10 @@ impl BodyBudget {
     /// [`Error::Busy`].
     pub fn arrived(mut self) -> Result<Vec<OwnedSemaphorePermit>, Error> {
         match self.class {
-            Class::Calculation => self.permits.push(take(&self.limits.0.calculations, 1)?),
-            Class::Write => self.permits.push(take(&self.limits.0.writes, 1)?),
+            RequestClass::Calculation => self.permits.push(take(&self.limits.0.calculations, 1)?),
+            RequestClass::Write => self.permits.push(take(&self.limits.0.writes, 1)?),
             // They have theirs already.
-            Class::Read | Class::CostlyRead | Class::Safety => {}
+            RequestClass::Read | RequestClass::CostlyRead | RequestClass::Safety => {}
         }
         Ok(self.permits)
     }
@@ -394,48 +344,14 @@ impl BodyBudget {
 #[cfg(test)]
 mod tests {
     use super::{
-        CALCULATIONS, COMPUTED_READS, Class, DOCUMENT_READS, LARGE_BODIES, LARGE_BODY_BYTES,
-        Limits, MAX_BODY_BYTES, MAX_SAFETY_BYTES, MAX_WRITES, SAFETY, SAFETY_RESERVE, take,
+        LARGE_BODIES, LARGE_BODY_BYTES, Limits, MAX_BODY_BYTES, MAX_SAFETY_BYTES, MAX_WRITES,
+        RequestClass, SAFETY_RESERVE, take,
     };
     use crate::config::LimitsConfig;
     use crate::http::Error;
-    use crate::http::auth::{POLICY, Scope};
-    use axum::http::Method;
 
     fn limits() -> Limits {
         Limits::new(&LimitsConfig::default(), false)
-    }
-
-    #[test]
-    fn requests_of_the_scope_read_take_no_permits_of_writes() {
-        for (method, path, scope) in POLICY {
-            let class = Class::new(method, path);
-            // An import reads its body and stores nothing.
-            let only_reads = *scope == Scope::Read || *path == "/v1/robot-imports";
-            assert_eq!(
-                only_reads,
-                matches!(class, Class::Read | Class::CostlyRead | Class::Calculation),
-                "{method} {path}: {class:?}"
-            );
-        }
-    }
-
-    #[test]
-    fn each_path_segment_is_that_of_a_route() {
-        let posts = CALCULATIONS
-            .iter()
-            .chain(&SAFETY)
-            .map(|name| (Method::POST, name));
-        let gets = DOCUMENT_READS
-            .iter()
-            .chain(&COMPUTED_READS)
-            .map(|name| (Method::GET, name));
-        for (method, name) in posts.chain(gets) {
-            let is_routes = |(m, path, _): &(Method, &str, Scope)| {
-                *m == method && path.ends_with(&format!("/{name}"))
-            };
-            assert!(POLICY.iter().any(is_routes), "{name}");
-        }
     }
 
     #[test]
@@ -444,7 +360,9 @@ mod tests {
         let before = limits.free();
         let small = &limits.0.small_bodies_kib;
         let free = small.available_permits();
-        let mut budget = limits.body(Class::Write, Some(MAX_BODY_BYTES)).unwrap();
+        let mut budget = limits
+            .body(RequestClass::Write, Some(MAX_BODY_BYTES))
+            .unwrap();
         assert_eq!(
             limits.0.large_bodies.available_permits(),
             LARGE_BODIES - 1,
@@ -452,7 +370,7 @@ mod tests {
         );
         budget.grow(MAX_BODY_BYTES).unwrap();
         drop(budget);
-        let mut budget = limits.body(Class::Write, None).unwrap();
+        let mut budget = limits.body(RequestClass::Write, None).unwrap();
         budget.grow(LARGE_BODY_BYTES).unwrap();
         assert_eq!(free - small.available_permits(), LARGE_BODY_BYTES / 1024);
         budget.grow(LARGE_BODY_BYTES + 1).unwrap();
@@ -464,26 +382,32 @@ mod tests {
     #[test]
     fn a_large_body_too_many_is_refused_and_small_ones_go_on() {
         let limits = limits();
-        let large = || limits.body(Class::Write, Some(MAX_BODY_BYTES));
+        let large = || limits.body(RequestClass::Write, Some(MAX_BODY_BYTES));
         let _held: Vec<_> = (0..LARGE_BODIES).map(|_| large().unwrap()).collect();
         assert!(matches!(large(), Err(Error::Busy)));
-        assert!(limits.body(Class::Write, Some(6_000)).is_ok());
+        assert!(limits.body(RequestClass::Write, Some(6_000)).is_ok());
     }
 
     #[test]
     fn withdraw_rollback_and_cancel_have_a_reserve_where_writes_have_nothing() {
         let limits = limits();
-        let write = || limits.body(Class::Write, None).unwrap().arrived();
+        let write = || limits.body(RequestClass::Write, None).unwrap().arrived();
         let held: Vec<_> = (0..MAX_WRITES).map(|_| write().unwrap()).collect();
         assert!(matches!(write(), Err(Error::Busy)));
-        assert!(matches!(limits.admit(Class::Write), Err(Error::Busy)));
-        assert!(limits.admit(Class::Safety).is_ok());
+        assert!(matches!(
+            limits.admit(RequestClass::Write),
+            Err(Error::Busy)
+        ));
+        assert!(limits.admit(RequestClass::Safety).is_ok());
         let all_memory = take(
             &limits.0.small_bodies_kib,
             limits.0.small_bodies_kib.available_permits(),
         );
-        assert!(matches!(limits.body(Class::Read, None), Err(Error::Busy)));
-        let mut reason = limits.body(Class::Safety, None).unwrap();
+        assert!(matches!(
+            limits.body(RequestClass::Read, None),
+            Err(Error::Busy)
+        ));
+        let mut reason = limits.body(RequestClass::Safety, None).unwrap();
         reason.grow(MAX_SAFETY_BYTES).unwrap();
         assert!(matches!(
             reason.grow(MAX_SAFETY_BYTES + 1),
@@ -495,7 +419,8 @@ mod tests {
             .collect();
         assert!(matches!(limits.safety(), Err(Error::Busy)));
         assert!(
-            limits.admit(Class::Read).is_ok() && limits.admit(Class::Calculation).is_ok(),
+            limits.admit(RequestClass::Read).is_ok()
+                && limits.admit(RequestClass::Calculation).is_ok(),
             "what reads has its own"
         );
         drop((held, reserve));
@@ -509,7 +434,7 @@ mod tests {
         let all = semaphore.available_permits();
         let (begun, has_begun) = tokio::sync::oneshot::channel();
         let (end, ends) = std::sync::mpsc::channel::<()>();
-        let permit = limits.compute(Class::Safety).await.unwrap();
+        let permit = limits.compute(RequestClass::Safety).await.unwrap();
         let request = tokio::spawn(async move {
             permit
                 .run(move || {

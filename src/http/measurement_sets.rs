@@ -3,17 +3,17 @@
 use crate::http::auth::Caller;
 use crate::http::creation::{Submission, stored_json};
 use crate::http::extract::{Id, ListQuery, Query};
-use crate::http::limits::Class;
+use crate::http::request_class::RequestClass;
 use crate::http::upload_check::{self, Off};
 use crate::http::{App, Error, access};
 use crate::store::{MeasurementSetRow, NewMeasurementSet, Tx, measurement_sets};
 use crate::wire::issue::Checker;
 use crate::wire::measurement::{
-    self, DECIMAL_COMMA, DEFAULT_FRAME, Decimal, Frame, Insist, MeasurementSetBody, SetSummary,
-    Warning,
+    self, DECIMAL_COMMA, DEFAULT_FRAME, Decimal, Frame, MeasurementSetBody, SetSummary, Warning,
 };
 use crate::wire::page::Page;
 use crate::wire::robot::{MAX_NAME, RobotBody};
+use crate::wire::suspicion::Insist;
 use crate::wire::time::rfc3339;
 use crate::wire::{Invalid, canonical, json};
 use axum::Json;
@@ -94,7 +94,7 @@ async fn create(
     let kind = (!is_json).then(|| Decimal::of(&content_type));
     let insist = query.insist;
     let mut upload = app
-        .compute(Class::Write, move || {
+        .compute(RequestClass::Write, move || {
             understand(&robot, &bytes, kind, query)
         })
         .await?;

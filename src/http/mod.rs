@@ -36,6 +36,7 @@ mod predict;
 mod rate;
 mod release;
 mod report_html;
+mod request_class;
 mod response_memory;
 mod robots;
 mod router;

@@ -3,7 +3,7 @@
 use crate::http::auth::Caller;
 use crate::http::extract::{Id, json_body, parse_small};
 use crate::http::job_posting::{frame_of, own};
-use crate::http::limits::Class;
+use crate::http::request_class::RequestClass;
 use crate::http::{App, Error, access};
 use crate::store::measurement_sets;
 use crate::wire::measurement::from_upload;
@@ -45,7 +45,7 @@ async fn create(
     }
     let robot = access::robot_body(&row)?.to_core()?;
     let n_joints = robot.links.len();
-    let permit = app.compute_permit(Class::Calculation).await?;
+    let permit = app.compute_permit(RequestClass::Calculation).await?;
     let mut sets = Vec::new();
     for set in measured {
         // One after the other: the texts are much larger than the parsed points.

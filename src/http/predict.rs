@@ -2,7 +2,7 @@
 
 use crate::http::auth::Caller;
 use crate::http::extract::{Id, json_body};
-use crate::http::limits::Class;
+use crate::http::request_class::RequestClass;
 use crate::http::{App, Error, access, parameter_sets};
 use crate::wire::json;
 use crate::wire::predict::{PredictAnswer, PredictBody};
@@ -31,7 +31,7 @@ async fn predict(
     let robot = access::robot(&app, &caller, &row.robot_id).await?;
     let bytes = json_body(request, &app).await?;
     let (robot, content) = (access::robot_body(&robot)?, parameter_sets::content(&row)?);
-    let answer = app.compute(Class::Calculation, move || {
+    let answer = app.compute(RequestClass::Calculation, move || {
         let body: PredictBody = json::parse(&bytes)?;
         Ok(body.run(&robot.to_core()?, &content)?)
     });

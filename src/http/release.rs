@@ -3,7 +3,8 @@
 use crate::http::auth::Caller;
 use crate::http::creation::{Submission, stored_json};
 use crate::http::extract::Id;
-use crate::http::limits::{Class, ComputePermit};
+use crate::http::limits::ComputePermit;
+use crate::http::request_class::RequestClass;
 use crate::http::{App, Error, access, parameter_sets as answers, policies as policy_answers};
 use crate::jobs::evidence::{self, Weighed};
 use crate::release::{Comparison, Facts, gates};
@@ -45,7 +46,7 @@ async fn gates_now(
     Id(id): Id,
 ) -> Result<Json<GatesAnswer>, Error> {
     let row = access::parameter_set(&app, &caller, &id).await?;
-    let judged = judged(
+    let check = check_release(
         &app,
         &caller,
         row,
@@ -56,10 +57,10 @@ async fn gates_now(
     .await?;
     Ok(Json(GatesAnswer {
         parameter_set_id: id,
-        releasable: judged.gates.iter().all(|gate| gate.passed),
-        evidence: judged.evidence,
-        uncertainty_mm: judged.uncertainty_mm,
-        gates: judged.gates,
+        releasable: check.gates.iter().all(|gate| gate.passed),
+        evidence: check.evidence,
+        uncertainty_mm: check.uncertainty_mm,
+        gates: check.gates,
     }))
 }
 
@@ -83,7 +84,7 @@ async fn release(
     let purpose = Purpose::Release {
         change_reason: body.change_reason,
     };
-    let release = judged(&app, &submission.caller, row, purpose)
+    let release = check_release(&app, &submission.caller, row, purpose)
         .await?
         .release(body.reason)?;
     let effect = async |tx: &mut Tx| {
@@ -113,7 +114,7 @@ async fn roll_back(
         ControlFlow::Continue(reason) => reason,
     };
     let row = parameter_sets::before_active(&app.store, &robot_id).await?;
-    let release = judged(&app, &submission.caller, row, Purpose::Rollback)
+    let release = check_release(&app, &submission.caller, row, Purpose::Rollback)
         .await?
         .release(reason)?;
     let effect = async |tx: &mut Tx| {
@@ -154,7 +155,7 @@ async fn withdraw(
     submission.create(&app.store, effect).await
 }
 
-/// All but the stored documents that the gates look at.
+/// Inputs of the gates other than stored documents.
 struct Around {
     parameter_set_id: String,
     robot: RobotBody,
@@ -167,7 +168,7 @@ struct Around {
     purpose: Purpose,
 }
 
-/// What a set is judged for. A superseded one that is released again is judged as any other; only a rollback takes it as it was.
+/// Purpose of a release check. A superseded set that is released again is checked as any other; only a rollback takes it as it was.
 #[derive(PartialEq, Eq)]
 enum Purpose {
     Release { change_reason: Option<String> },
@@ -183,8 +184,8 @@ impl Purpose {
     }
 }
 
-/// A parameter set as it was found, and everything that a release writes except why.
-struct Judged {
+/// Result of the gates: everything that a release writes, except its reason.
+struct ReleaseCheck {
     id: String,
     checked: Checked,
     gates: Vec<Gate>,
@@ -193,7 +194,7 @@ struct Judged {
     approver: String,
 }
 
-impl Judged {
+impl ReleaseCheck {
     fn n_gates(&self, passed: bool) -> i64 {
         let gates = self.gates.iter().filter(|gate| gate.passed == passed);
         i64::try_from(gates.count()).unwrap_or(i64::MAX)
@@ -225,13 +226,13 @@ impl Judged {
     }
 }
 
-/// Reads what a release rests on, and weighs it.
-async fn judged(
+/// Reads the evidence of a release and runs the gates on it.
+async fn check_release(
     app: &App,
     caller: &Caller,
     row: ParameterSetRow,
     purpose: Purpose,
-) -> Result<Judged, Error> {
+) -> Result<ReleaseCheck, Error> {
     let robot = robots::get(&app.store, &row.robot_id).await?;
     let policy = policies::get(&app.store, &row.robot_id).await?;
     let active = parameter_sets::active(&app.store, &row.robot_id).await?;
@@ -253,8 +254,8 @@ async fn judged(
     };
     let other = active.as_ref().filter(|active| active.id != row.id);
     let class = match around.purpose {
-        Purpose::Release { .. } => Class::Write,
-        Purpose::Rollback => Class::Safety,
+        Purpose::Release { .. } => RequestClass::Write,
+        Purpose::Rollback => RequestClass::Safety,
     };
     let permit = app.compute_permit(class).await?;
     let stored = evidence::load(&app.store, &row, other).await?;
@@ -270,9 +271,9 @@ async fn judged(
         Purpose::Release { .. } => compared(app, &permit, &weighed).await?,
         Purpose::Rollback => Vec::new(),
     };
-    let judge = move || judge(&weighed, &comparisons, &around, &robot);
-    let (gates, evidence, uncertainty_mm) = permit.run(judge).await?;
-    Ok(Judged {
+    let run = move || run_gates(&weighed, &comparisons, &around, &robot);
+    let (gates, evidence, uncertainty_mm) = permit.run(run).await?;
+    Ok(ReleaseCheck {
         id: row.id,
         checked,
         gates,
@@ -306,7 +307,7 @@ async fn compared(
     Ok(comparisons)
 }
 
-fn judge(
+fn run_gates(
     weighed: &Weighed,
     comparisons: &[Comparison],
     around: &Around,

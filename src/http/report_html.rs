@@ -2,7 +2,7 @@
 
 use crate::http::auth::Caller;
 use crate::http::extract::Id;
-use crate::http::limits::Class;
+use crate::http::request_class::RequestClass;
 use crate::http::{
     App, Error, access, job_answer, measurement_sets as set_answers,
     parameter_sets as parameter_set_answers,
@@ -36,7 +36,7 @@ async fn report_html(
         Some(id) => Some(access::parameter_set(&app, &caller, id).await?),
         None => None,
     };
-    let permit = app.compute_permit(Class::CostlyRead).await?;
+    let permit = app.compute_permit(RequestClass::CostlyRead).await?;
     let (report, convergence) = (
         jobs::report(&app.store, &id).await?,
         jobs::convergence(&app.store, &id).await?,

@@ -2,12 +2,13 @@
 
 use crate::calibration::alignment::{self, Finding, Look};
 use crate::http::auth::Caller;
-use crate::http::limits::Class;
+use crate::http::request_class::RequestClass;
 use crate::http::{App, Error, access};
 use crate::store::{PageRequest, robots};
 use crate::wire::Invalid;
-use crate::wire::measurement::{Insist, MeasurementSet, Warning, insisted, suspected};
+use crate::wire::measurement::{MeasurementSet, Warning};
 use crate::wire::robot::RobotBody;
+use crate::wire::suspicion::{Insist, insisted, refusal};
 
 /// Other robots that a set may have been measured on, tried at most.
 const MAX_OTHERS: u32 = 50;
@@ -62,7 +63,7 @@ pub async fn explain(
         }
     }
     match app
-        .compute(Class::Write, move || finding(&off, &others))
+        .compute(RequestClass::Write, move || finding(&off, &others))
         .await?
     {
         Finding::Odd { code, detail } => {
@@ -80,7 +81,7 @@ pub async fn explain(
         }
         Finding::Wrong(suspicion) => Err(Invalid {
             code: suspicion.code,
-            issues: vec![suspected(&suspicion)],
+            issues: vec![refusal(&suspicion)],
         }
         .into()),
     }

@@ -69,7 +69,7 @@ pub fn best_start(
             if median <= FOUND_MM {
                 break;
             }
-            let core = best_fitting(&model, &compared);
+            let core = best_fitting(&model, &compared, LEFT_OUT);
             model = fit_along_seen(&model, parameters, scale, &core, 0.0, &mut |_| {
                 ControlFlow::Continue(())
             })
@@ -147,15 +147,19 @@ fn evenly_taken(observations: &[Observation], n_targets: usize) -> Vec<Observati
     (0..n_targets).flat_map(of_target).cloned().collect()
 }
 
-/// All but the points that fit worst.
-fn best_fitting(model: &KinematicModel, observations: &[Observation]) -> Vec<Observation> {
+/// Points that fit best; of `left_out` points, the one that fits worst is left out.
+pub fn best_fitting(
+    model: &KinematicModel,
+    observations: &[Observation],
+    left_out: usize,
+) -> Vec<Observation> {
     let mut by_length: Vec<(f64, usize)> = residuals(model, observations)
         .iter()
         .map(Vector3::norm)
         .zip(0..)
         .collect();
     by_length.sort_by(|(a, _), (b, _)| a.total_cmp(b));
-    by_length.truncate(observations.len() - observations.len() / LEFT_OUT);
+    by_length.truncate(observations.len() - observations.len() / left_out);
     by_length
         .into_iter()
         .map(|(_, i)| observations[i].clone())

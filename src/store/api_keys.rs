@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use super::audit::{Noted, Said};
+use super::audit::{Audited, ExpectedEntry};
 use super::database::new_id;
 use super::from_row::from_row;
 use super::{Page, PageRequest, Result, Store, Tx};
@@ -107,18 +107,18 @@ fn as_revoked(row: &ApiKeyRow) -> Option<(i64, Value)> {
         .map(|at_ms| (at_ms, json!({"name": row.name, "revoked_at_ms": at_ms})))
 }
 
-impl Noted for ApiKeyRow {
+impl Audited for ApiKeyRow {
     const EACH: &'static str = EACH;
 
     fn subject(&self) -> &str {
         &self.id
     }
 
-    fn said(&self) -> Vec<Said> {
-        let created = Said::created(CREATED, self.created_at_ms, as_created(self));
+    fn expected_entries(&self) -> Vec<ExpectedEntry> {
+        let created = ExpectedEntry::created(CREATED, self.created_at_ms, as_created(self));
         vec![
             created,
-            Said {
+            ExpectedEntry {
                 event: REVOKED,
                 now: as_revoked(self),
                 by: None,

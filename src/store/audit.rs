@@ -9,7 +9,7 @@ use super::{Result, Store};
 
 /// Rows with entries in the audit chain. The same function computes an entry's content when it is written and when `verify-store` compares
 /// it with the row.
-pub(super) trait Noted: for<'r> FromRow<'r, AnyRow> + Send + Unpin {
+pub(super) trait Audited: for<'r> FromRow<'r, AnyRow> + Send + Unpin {
     /// The rows with an id after $1 by id, at most $2.
     const EACH: &'static str;
 
@@ -17,12 +17,12 @@ pub(super) trait Noted: for<'r> FromRow<'r, AnyRow> + Send + Unpin {
     fn subject(&self) -> &str;
 
     /// Expected content of the newest entry of each event.
-    fn said(&self) -> Vec<Said>;
+    fn expected_entries(&self) -> Vec<ExpectedEntry>;
 }
 
 /// Expected content of an entry.
 #[derive(Debug)]
-pub(super) struct Said {
+pub(super) struct ExpectedEntry {
     pub(super) event: &'static str,
     /// Time and fields; none if the event has not happened. The meaning of a field never changes, because old entries stay: new facts get new
     /// fields.
@@ -31,9 +31,9 @@ pub(super) struct Said {
     pub(super) by: Option<&'static str>,
 }
 
-impl Said {
+impl ExpectedEntry {
     pub(super) fn created(event: &'static str, at_ms: i64, detail: Value) -> Self {
-        Said {
+        ExpectedEntry {
             event,
             now: Some((at_ms, detail)),
             by: None,

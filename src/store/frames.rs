@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use super::audit::{Noted, Said};
+use super::audit::{Audited, ExpectedEntry};
 use super::database::new_id;
 use super::from_row::from_row;
 use super::{Page, PageRequest, Result, Store, Tx};
@@ -73,15 +73,19 @@ fn as_created(row: &FramesRow) -> Value {
         "result_sha256": canonical::sha256_hex(row.result_json.as_bytes())})
 }
 
-impl Noted for FramesRow {
+impl Audited for FramesRow {
     const EACH: &'static str = EACH;
 
     fn subject(&self) -> &str {
         &self.id
     }
 
-    fn said(&self) -> Vec<Said> {
-        vec![Said::created(CREATED, self.created_at_ms, as_created(self))]
+    fn expected_entries(&self) -> Vec<ExpectedEntry> {
+        vec![ExpectedEntry::created(
+            CREATED,
+            self.created_at_ms,
+            as_created(self),
+        )]
     }
 }
 

@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use super::audit::{Noted, Said};
+use super::audit::{Audited, ExpectedEntry};
 use super::database::new_id;
 use super::from_row::from_row;
 use super::{Conflict, Error, JobStatus, Page, PageRequest, Result, Store, Tx};
@@ -206,22 +206,22 @@ pub(super) fn as_failed(error_json: &str) -> Value {
     json!({"error_sha256": canonical::sha256_hex(error_json.as_bytes())})
 }
 
-impl Noted for Posted {
+impl Audited for Posted {
     const EACH: &'static str = EACH;
 
     fn subject(&self) -> &str {
         &self.job.id
     }
 
-    fn said(&self) -> Vec<Said> {
+    fn expected_entries(&self) -> Vec<ExpectedEntry> {
         let Posted { client, job } = self;
         let failed = job
             .error_json
             .as_deref()
             .map(|error| (job.finished_at_ms.unwrap_or_default(), as_failed(error)));
         vec![
-            Said::created(CREATED, job.created_at_ms, as_created(job, client)),
-            Said {
+            ExpectedEntry::created(CREATED, job.created_at_ms, as_created(job, client)),
+            ExpectedEntry {
                 event: FAILED,
                 now: failed,
                 by: None,

@@ -3,7 +3,7 @@
 use serde_json::{Value, json};
 use sqlx::{FromRow, Row};
 
-use super::audit::{Noted, Said};
+use super::audit::{Audited, ExpectedEntry};
 use super::database::new_id;
 use super::from_row::from_row;
 use super::{Page, PageRequest, Result, Store, Tx};
@@ -153,19 +153,19 @@ fn as_created(row: &MeasurementSetRow) -> Value {
     created
 }
 
-impl Noted for MeasurementSetRow {
+impl Audited for MeasurementSetRow {
     const EACH: &'static str = EACH;
 
     fn subject(&self) -> &str {
         &self.id
     }
 
-    fn said(&self) -> Vec<Said> {
+    fn expected_entries(&self) -> Vec<ExpectedEntry> {
         // The chain is older than the column: sets from between have an entry and no uploader.
         let by = self.uploaded_by.is_some().then_some("uploaded_by");
-        vec![Said {
+        vec![ExpectedEntry {
             by,
-            ..Said::created(CREATED, self.created_at_ms, as_created(self))
+            ..ExpectedEntry::created(CREATED, self.created_at_ms, as_created(self))
         }]
     }
 }

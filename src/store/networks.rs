@@ -3,7 +3,7 @@
 
 use serde_json::{Value, json};
 
-use super::audit::{Noted, Said};
+use super::audit::{Audited, ExpectedEntry};
 use super::database::new_id;
 use super::from_row::from_row;
 use super::{Page, PageRequest, Result, Store, Tx};
@@ -144,15 +144,19 @@ fn as_created(row: &NetworkRow) -> Value {
         "weights_sha256": row.weights_sha256, "metadata_sha256": canonical::sha256_hex(row.metadata_json.as_bytes())})
 }
 
-impl Noted for NetworkRow {
+impl Audited for NetworkRow {
     const EACH: &'static str = EACH;
 
     fn subject(&self) -> &str {
         &self.id
     }
 
-    fn said(&self) -> Vec<Said> {
-        vec![Said::created(CREATED, self.created_at_ms, as_created(self))]
+    fn expected_entries(&self) -> Vec<ExpectedEntry> {
+        vec![ExpectedEntry::created(
+            CREATED,
+            self.created_at_ms,
+            as_created(self),
+        )]
     }
 }
 

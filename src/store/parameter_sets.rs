@@ -3,55 +3,15 @@
 
 use serde_json::{Value, json};
 
-use super::audit::{Noted, Said};
+use super::audit::{Audited, ExpectedEntry};
 use super::database::new_id;
 use super::from_row::from_row;
+use super::parameter_set_status::ParameterSetStatus;
 use super::policies::ABSENT;
 use super::{
     Conflict, Error, Page, PageRequest, Result, Store, Tx, policies, robots, verifications,
 };
 use crate::wire::canonical;
-
-/// Status of a parameter set.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum ParameterSetStatus {
-    /// Just identified.
-    Candidate,
-    /// The robot's active one.
-    Released,
-    /// It was active until another one was released.
-    Superseded,
-    /// Not to be used.
-    Withdrawn,
-}
-
-impl ParameterSetStatus {
-    /// As in api.md.
-    pub fn as_str(self) -> &'static str {
-        match self {
-            ParameterSetStatus::Candidate => "candidate",
-            ParameterSetStatus::Released => "released",
-            ParameterSetStatus::Superseded => "superseded",
-            ParameterSetStatus::Withdrawn => "withdrawn",
-        }
-    }
-}
-
-impl TryFrom<String> for ParameterSetStatus {
-    type Error = String;
-
-    fn try_from(text: String) -> std::result::Result<Self, String> {
-        [
-            ParameterSetStatus::Candidate,
-            ParameterSetStatus::Released,
-            ParameterSetStatus::Superseded,
-            ParameterSetStatus::Withdrawn,
-        ]
-        .into_iter()
-        .find(|status| status.as_str() == text)
-        .ok_or_else(|| format!("unknown parameter set status {text:?}"))
-    }
-}
 
 /// A parameter set.
 #[derive(Clone, Debug, PartialEq)]
@@ -279,22 +239,22 @@ fn as_withdrawn(row: &ParameterSetRow) -> Option<(i64, Value)> {
     Some((at_ms, detail))
 }
 
-impl Noted for ParameterSetRow {
+impl Audited for ParameterSetRow {
     const EACH: &'static str = EACH;
 
     fn subject(&self) -> &str {
         &self.id
     }
 
-    fn said(&self) -> Vec<Said> {
+    fn expected_entries(&self) -> Vec<ExpectedEntry> {
         vec![
-            Said::created(CREATED, self.created_at_ms, as_created(self)),
-            Said {
+            ExpectedEntry::created(CREATED, self.created_at_ms, as_created(self)),
+            ExpectedEntry {
                 event: RELEASED,
                 now: as_released(self),
                 by: Some("released_by"),
             },
-            Said {
+            ExpectedEntry {
                 event: WITHDRAWN,
                 now: as_withdrawn(self),
                 by: Some("withdrawn_by"),

@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use super::audit::{Noted, Said};
+use super::audit::{Audited, ExpectedEntry};
 use super::from_row::from_row;
 use super::{Result, Store, Tx, robots};
 
@@ -72,15 +72,15 @@ fn as_changed(set: &Set) -> Value {
         "changed_by": changed_by, "changed_at_ms": changed_at_ms})
 }
 
-impl Noted for Set {
+impl Audited for Set {
     const EACH: &'static str = EACH;
 
     fn subject(&self) -> &str {
         &self.robot_id
     }
 
-    fn said(&self) -> Vec<Said> {
-        vec![Said {
+    fn expected_entries(&self) -> Vec<ExpectedEntry> {
+        vec![ExpectedEntry {
             event: CHANGED,
             now: Some((self.changed_at_ms, as_changed(self))),
             by: Some("changed_by"),

@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use super::audit::{Noted, Said};
+use super::audit::{Audited, ExpectedEntry};
 use super::database::new_id;
 use super::from_row::from_row;
 use super::{Page, PageRequest, Result, Store, Tx};
@@ -139,18 +139,18 @@ fn as_checked(row: &RobotRow) -> Value {
     json!({"reason": row.checked_reason, "checked_by": row.checked_by, "checked_at_ms": row.checked_at_ms, "checked_seq": row.checked_seq})
 }
 
-impl Noted for RobotRow {
+impl Audited for RobotRow {
     const EACH: &'static str = EACH;
 
     fn subject(&self) -> &str {
         &self.id
     }
 
-    fn said(&self) -> Vec<Said> {
+    fn expected_entries(&self) -> Vec<ExpectedEntry> {
         let checked = self.checked_at_ms.map(|at_ms| (at_ms, as_checked(self)));
         vec![
-            Said::created(CREATED, self.created_at_ms, as_created(self)),
-            Said {
+            ExpectedEntry::created(CREATED, self.created_at_ms, as_created(self)),
+            ExpectedEntry {
                 event: CHECKED,
                 now: checked,
                 by: Some("checked_by"),

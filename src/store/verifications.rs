@@ -3,7 +3,7 @@
 
 use serde_json::{Value, json};
 
-use super::audit::{Noted, Said};
+use super::audit::{Audited, ExpectedEntry};
 use super::from_row::from_row;
 use super::policies::ABSENT;
 use super::{Result, Store, Tx, robots};
@@ -182,15 +182,15 @@ const JOBS_WITHOUT: &str = "
 
 pub(super) const KEPT: &str = "verification_kept";
 
-impl Noted for VerificationRow {
+impl Audited for VerificationRow {
     const EACH: &'static str = EACH;
 
     fn subject(&self) -> &str {
         &self.job_id
     }
 
-    fn said(&self) -> Vec<Said> {
-        vec![Said {
+    fn expected_entries(&self) -> Vec<ExpectedEntry> {
+        vec![ExpectedEntry {
             event: KEPT,
             now: Some((self.created_at_ms, self.as_kept())),
             by: None,

@@ -1,6 +1,5 @@
 //! Measurement sets: CSV or JSON in, a summary out.
 
-use crate::calibration::alignment::Suspicion;
 use crate::calibration::upload;
 use crate::kinematics::Robot;
 pub use crate::measurement::MeasurementSet;
@@ -12,8 +11,10 @@ use crate::measurement::{self, Point, Subset};
 use crate::wire::angle::{to_degrees, to_radians};
 use crate::wire::issue::{Checker, Invalid, Issue, MAX_ISSUES};
 use crate::wire::json;
-use crate::wire::robot::{JointMapBody, MAX_NAME};
+use crate::wire::robot::MAX_NAME;
+use crate::wire::suspicion::Insist;
 use crate::wire::time::is_rfc3339;
+pub use crate::wire::warning::Warning;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
@@ -171,93 +172,6 @@ pub struct SetSummary {
     /// The suspicion that would have refused it, had the uploader not insisted: no release rests on such a set.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub insisted_on: Option<Insist>,
-}
-
-/// A remark that the reader should not miss.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-pub struct Warning {
-    /// Stable code.
-    pub code: String,
-    /// In words.
-    pub detail: String,
-    /// 0-based data rows it is about.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub rows: Vec<usize>,
-}
-
-impl Warning {
-    /// The core's remark.
-    pub fn from_core(warning: &crate::calibration::report::Warning) -> Self {
-        Self {
-            code: warning.code.into(),
-            detail: warning.detail.clone(),
-            rows: warning.rows.clone(),
-        }
-    }
-}
-
-/// The code of a refusal by suspicion that the caller insists on.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
-#[serde(rename_all = "snake_case")]
-#[value(rename_all = "snake_case")]
-pub enum Insist {
-    /// Joints or positions seem to be in other units.
-    UnitSuspect,
-    /// Columns or rows seem to be exchanged.
-    ColumnSuspect,
-    /// The positions seem to be in another frame.
-    FrameSuspect,
-    /// The controller seems to count its joints otherwise.
-    JointMapSuspect,
-    /// It seems to have been measured on another robot of this server.
-    RobotMismatch,
-    /// The robot does not come near, whatever is tried.
-    PoorAlignment,
-}
-
-impl Insist {
-    /// The code.
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Self::UnitSuspect => "unit_suspect",
-            Self::ColumnSuspect => "column_suspect",
-            Self::FrameSuspect => "frame_suspect",
-            Self::JointMapSuspect => "joint_map_suspect",
-            Self::RobotMismatch => "robot_mismatch",
-            Self::PoorAlignment => "poor_alignment",
-        }
-    }
-
-    /// The suspicion of that code.
-    pub fn parse(code: &str) -> Option<Self> {
-        serde_json::from_value(code.into()).ok()
-    }
-}
-
-/// A suspicion as a refusal lists it.
-pub fn suspected(suspicion: &Suspicion) -> Issue {
-    Issue {
-        column: suspicion.columns.clone(),
-        code: suspicion.code.into(),
-        detail: suspicion.refusal(),
-        joint_map: suspicion
-            .joint_map
-            .as_ref()
-            .map(|map| serde_json::json!(JointMapBody::from_core(map))),
-        ..Issue::default()
-    }
-}
-
-/// The remark on a set that was kept because the caller insisted.
-pub fn insisted(suspicion: &Suspicion) -> Warning {
-    Warning {
-        code: suspicion.code.into(),
-        detail: format!(
-            "{}. It was kept because the uploader insisted; no release rests on it",
-            suspicion.detail
-        ),
-        rows: Vec::new(),
-    }
 }
 
 /// How a CSV file writes its numbers.

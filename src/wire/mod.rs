@@ -36,11 +36,13 @@ pub mod report;
 pub mod report_shape;
 pub mod robot;
 pub mod safetensors;
+pub mod suspicion;
 mod target;
 pub mod time;
 pub mod trend;
 pub mod urdf;
 pub mod verification;
+pub mod warning;
 pub mod words;
 pub mod xml_limits;
 

@@ -3,6 +3,7 @@
 
 use crate::identification::KinematicModel;
 use crate::identification::fit::fit_least_squares;
+use crate::identification::multistart::best_fitting;
 use crate::identification::objective::{Observation, cost, residuals};
 use crate::identification::parameters::{Parameter, Quantity};
 use crate::identification::start::{align_in_closed_form, fit_base_and_targets};
@@ -221,7 +222,7 @@ fn concentrated(
     let mut model = start;
     let mut found: Option<Fitted> = None;
     for _ in 0..CONCENTRATIONS {
-        let kept = fitting_best(&model, observations);
+        let kept = best_fitting(&model, observations, LEFT_OUT);
         model = fit_least_squares(&model, parameters, &kept).model;
         let next = fitted(model.clone(), &kept, parameters.len())?;
         // a rms that falls by less than a hundredth has settled
@@ -234,21 +235,6 @@ fn concentrated(
         }
     }
     found
-}
-
-/// All rows but the fifth that fits worst.
-fn fitting_best(model: &KinematicModel, observations: &[Observation]) -> Vec<Observation> {
-    let mut by_length: Vec<(f64, usize)> = residuals(model, observations)
-        .iter()
-        .map(Vector3::norm)
-        .zip(0..)
-        .collect();
-    by_length.sort_by(|(a, _), (b, _)| a.total_cmp(b));
-    by_length.truncate(observations.len() - observations.len() / LEFT_OUT);
-    by_length
-        .iter()
-        .map(|(_, i)| observations[*i].clone())
-        .collect()
 }
 
 /// The robot with every joint's zero free.

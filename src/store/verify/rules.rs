@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use super::chain::Chain;
 use super::check::{BATCH, Check};
-use crate::store::audit::{Noted, Said};
+use crate::store::audit::{Audited, ExpectedEntry};
 use crate::store::jobs::Posted;
 use crate::store::parameter_sets::{self, ParameterSetRow};
 use crate::store::policies::{self, Set};
@@ -58,7 +58,7 @@ pub(super) async fn are_as_noted(check: &mut Check, store: &Store, chain: &Chain
 }
 
 /// Compares all rows of a kind with their entries, and has `look` see each.
-async fn each<T: Noted>(
+async fn each<T: Audited>(
     check: &mut Check,
     store: &Store,
     chain: &Chain,
@@ -77,17 +77,17 @@ async fn each<T: Noted>(
         last.subject().clone_into(&mut after);
         for row in &rows {
             check.n_examined += 1;
-            row.said()
+            row.expected_entries()
                 .iter()
-                .for_each(|said| compare(check, chain, row.subject(), said));
+                .for_each(|entry| compare(check, chain, row.subject(), entry));
             look(check, row);
         }
     }
 }
 
 /// A field that the entry does not have is not looked at: older entries lack some.
-fn compare(check: &mut Check, chain: &Chain, id: &str, said: &Said) {
-    let Said { event, now, by } = said;
+fn compare(check: &mut Check, chain: &Chain, id: &str, expected: &ExpectedEntry) {
+    let ExpectedEntry { event, now, by } = expected;
     match (chain.newest(id, event), now) {
         (Some(then), Some((_, now))) => {
             for (field, now) in now.as_object().into_iter().flatten() {

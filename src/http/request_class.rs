@@ -1,0 +1,99 @@
+//! What a request is, as far as limits go.
+
+use axum::http::Method;
+
+/// Last path segments of [`RequestClass::Calculation`].
+const CALCULATIONS: [&str; 5] = [
+    "predict",
+    "compensate",
+    "export",
+    "pose-plans",
+    "robot-imports",
+];
+/// Last path segments of [`RequestClass::Safety`].
+const SAFETY: [&str; 3] = ["withdraw", "rollback", "cancel"];
+/// Last path segments of reads that answer one whole document, and of those that compute.
+const DOCUMENT_READS: [&str; 4] = ["points", "weights", "report", "convergence"];
+const COMPUTED_READS: [&str; 5] = ["report.html", "history", "compare", "export", "gates"];
+
+/// RequestClass of a request for limits. It is read from method and path alone, so that a flood is refused before routing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RequestClass {
+    /// Reads what is stored.
+    Read,
+    /// Reads a whole document, or computes from what is stored.
+    CostlyRead,
+    /// Computes from its body and stores nothing.
+    Calculation,
+    /// Withdraw, rollback, cancel: they have a reserve.
+    Safety,
+    /// All other requests that are not reads.
+    Write,
+}
+
+impl RequestClass {
+    /// The class of a request, also of one to a path that does not exist.
+    pub fn new(method: &Method, path: &str) -> Self {
+        let last = path.rsplit('/').next().unwrap_or_default();
+        match *method {
+            Method::GET | Method::HEAD | Method::OPTIONS => {
+                if DOCUMENT_READS.contains(&last) || COMPUTED_READS.contains(&last) {
+                    Self::CostlyRead
+                } else {
+                    Self::Read
+                }
+            }
+            Method::POST if CALCULATIONS.contains(&last) => Self::Calculation,
+            Method::POST if SAFETY.contains(&last) => Self::Safety,
+            _ => Self::Write,
+        }
+    }
+
+    /// Whether a request of this class and path answers one whole document.
+    pub fn answers_document(self, path: &str) -> bool {
+        let last = path.rsplit('/').next().unwrap_or_default();
+        self == Self::CostlyRead && DOCUMENT_READS.contains(&last)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{CALCULATIONS, COMPUTED_READS, DOCUMENT_READS, RequestClass, SAFETY};
+    use crate::http::auth::{POLICY, Scope};
+    use axum::http::Method;
+
+    #[test]
+    fn requests_of_the_scope_read_take_no_permits_of_writes() {
+        for (method, path, scope) in POLICY {
+            let class = RequestClass::new(method, path);
+            // An import reads its body and stores nothing.
+            let only_reads = *scope == Scope::Read || *path == "/v1/robot-imports";
+            assert_eq!(
+                only_reads,
+                matches!(
+                    class,
+                    RequestClass::Read | RequestClass::CostlyRead | RequestClass::Calculation
+                ),
+                "{method} {path}: {class:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn each_path_segment_is_that_of_a_route() {
+        let posts = CALCULATIONS
+            .iter()
+            .chain(&SAFETY)
+            .map(|name| (Method::POST, name));
+        let gets = DOCUMENT_READS
+            .iter()
+            .chain(&COMPUTED_READS)
+            .map(|name| (Method::GET, name));
+        for (method, name) in posts.chain(gets) {
+            let is_routes = |(m, path, _): &(Method, &str, Scope)| {
+                *m == method && path.ends_with(&format!("/{name}"))
+            };
+            assert!(POLICY.iter().any(is_routes), "{name}");
+        }
+    }
+}

@@ -1,0 +1,72 @@
+//! Suspicions about an upload: the refusal, and how a caller insists on it.
+
+use crate::calibration::alignment::Suspicion;
+use crate::wire::issue::Issue;
+use crate::wire::robot::JointMapBody;
+use crate::wire::warning::Warning;
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// The code of a refusal by suspicion that the caller insists on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
+#[serde(rename_all = "snake_case")]
+#[value(rename_all = "snake_case")]
+pub enum Insist {
+    /// Joints or positions seem to be in other units.
+    UnitSuspect,
+    /// Columns or rows seem to be exchanged.
+    ColumnSuspect,
+    /// The positions seem to be in another frame.
+    FrameSuspect,
+    /// The controller seems to count its joints otherwise.
+    JointMapSuspect,
+    /// It seems to have been measured on another robot of this server.
+    RobotMismatch,
+    /// The robot does not come near, whatever is tried.
+    PoorAlignment,
+}
+
+impl Insist {
+    /// The code.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::UnitSuspect => "unit_suspect",
+            Self::ColumnSuspect => "column_suspect",
+            Self::FrameSuspect => "frame_suspect",
+            Self::JointMapSuspect => "joint_map_suspect",
+            Self::RobotMismatch => "robot_mismatch",
+            Self::PoorAlignment => "poor_alignment",
+        }
+    }
+
+    /// The suspicion of that code.
+    pub fn parse(code: &str) -> Option<Self> {
+        serde_json::from_value(code.into()).ok()
+    }
+}
+
+/// The issue of a refusal.
+pub fn refusal(suspicion: &Suspicion) -> Issue {
+    Issue {
+        column: suspicion.columns.clone(),
+        code: suspicion.code.into(),
+        detail: suspicion.refusal(),
+        joint_map: suspicion
+            .joint_map
+            .as_ref()
+            .map(|map| serde_json::json!(JointMapBody::from_core(map))),
+        ..Issue::default()
+    }
+}
+
+/// The warning of a set that was kept because the caller insisted.
+pub fn insisted(suspicion: &Suspicion) -> Warning {
+    Warning {
+        code: suspicion.code.into(),
+        detail: format!(
+            "{}. It was kept because the uploader insisted; no release rests on it",
+            suspicion.detail
+        ),
+        rows: Vec::new(),
+    }
+}

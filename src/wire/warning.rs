@@ -1,0 +1,28 @@
+//! Warnings: what a reader should know of a set, a report or an answer.
+
+use crate::calibration::report;
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// A remark that the reader should not miss.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct Warning {
+    /// Stable code.
+    pub code: String,
+    /// In words.
+    pub detail: String,
+    /// 0-based data rows it is about.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub rows: Vec<usize>,
+}
+
+impl Warning {
+    /// The core's remark.
+    pub fn from_core(warning: &report::Warning) -> Self {
+        Self {
+            code: warning.code.into(),
+            detail: warning.detail.clone(),
+            rows: warning.rows.clone(),
+        }
+    }
+}
