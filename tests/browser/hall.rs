@@ -90,6 +90,13 @@ impl Hall {
         self.server.finished(&job)
     }
 
+    /// A calibration that goes on until it is cancelled.
+    pub fn long_job(&self, robot: &str, set: &str) -> String {
+        let options = json!({"n_particles": 3000, "n_iterations": 10_000, "stop_at_cost_mm2": 0.0});
+        let request = json!({"measurement_set_id": set, "method": "pso", "preset": "paper", "options": options});
+        self.server.job(robot, &request)
+    }
+
     /// Makes what a job identified the robot's active set.
     pub fn release(&self, job: &Value, reason: &str) {
         let path = format!(

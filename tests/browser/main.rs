@@ -435,11 +435,7 @@ fn a_running_job_is_followed_and_cancelled() {
     let hall = Hall::open();
     let robot = hall.robot("Cell 5", "ER20-0118");
     let set = hall.set(&robot, "first_noisy.csv", "first");
-    let options = json!({"n_particles": 3000, "n_iterations": 10_000, "stop_at_cost_mm2": 0.0});
-    let job = hall.server.job(
-        &robot,
-        &json!({"measurement_set_id": set, "method": "pso", "preset": "paper", "options": options}),
-    );
+    let job = hall.long_job(&robot, &set);
     let key = hall.key(&["read", "identify"]);
     in_browser(&driver, &hall.server, async |browser: &Browser| {
         sign_in(browser, &key).await;

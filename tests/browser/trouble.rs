@@ -48,11 +48,7 @@ fn a_live_job_outlives_a_restart_of_the_server() {
     let hall = Hall::open();
     let robot = hall.robot("Cell 2", "ER20-0102");
     let set = hall.set(&robot, "first_noisy.csv", "first");
-    let options = json!({"n_particles": 3000, "n_iterations": 10_000, "stop_at_cost_mm2": 0.0});
-    let job = hall.server.job(
-        &robot,
-        &json!({"measurement_set_id": set, "method": "pso", "preset": "paper", "options": options}),
-    );
+    let job = hall.long_job(&robot, &set);
     let key = hall.key(&["read", "identify"]);
     let Hall { server, folder } = hall;
     let url = server.url.clone();

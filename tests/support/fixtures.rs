@@ -70,6 +70,12 @@ pub async fn a_job(store: &Store, set: &MeasurementSetRow, request_json: &str) -
     .await
 }
 
+/// Likewise, of a robot and a set of its own.
+pub async fn a_lone_job(store: &Store, request_json: &str) -> JobRow {
+    let set = a_set(store, &a_robot(store, "r").await).await;
+    a_job(store, &set, request_json).await
+}
+
 /// A candidate with the job that it comes from.
 #[allow(dead_code, reason = "each test binary uses its part")]
 pub async fn a_candidate(store: &Store, set: &MeasurementSetRow) -> ParameterSetRow {

@@ -34,6 +34,30 @@ pub async fn key(app: &TestApp, scopes: &[&str], robots: Option<Vec<&str>>) -> (
     (key, row.id)
 }
 
+/// The key with this id opens nothing any more.
+pub async fn revoke(app: &TestApp, id: &str) {
+    let mut tx = app.server.store.begin().await.unwrap();
+    api_keys::revoke(&mut tx, id).await.unwrap();
+    tx.commit().await.unwrap();
+}
+
+/// The answer to a request with this key and a JSON body.
+pub async fn with_key(
+    app: &TestApp,
+    method: Method,
+    path: &str,
+    key: &str,
+    body: Vec<u8>,
+) -> Answer {
+    Answer::of(
+        app.request(method, path)
+            .bearer_auth(key)
+            .header("content-type", "application/json")
+            .body(body),
+    )
+    .await
+}
+
 /// Somebody with a key.
 pub struct Person<'a> {
     pub app: &'a TestApp,

@@ -32,6 +32,18 @@ pub fn run(arguments: &[&str]) -> Output {
     kincal(arguments).output().unwrap()
 }
 
+/// Address of a server that has just started, read from its first line. Its standard output must be a pipe.
+pub fn url_of(child: &mut Child) -> String {
+    let mut line = String::new();
+    BufReader::new(child.stdout.take().unwrap())
+        .read_line(&mut line)
+        .unwrap();
+    line.trim()
+        .strip_prefix("kincal listening on ")
+        .unwrap_or_else(|| panic!("said {line:?}"))
+        .to_owned()
+}
+
 impl Server {
     /// Starts a server on a free port over the database in `data_dir`.
     pub fn start(data_dir: &Path, workers: usize) -> Self {
@@ -57,15 +69,7 @@ impl Server {
     pub fn of(mut command: Command) -> Self {
         command.stdout(Stdio::piped()).stderr(Stdio::null());
         let mut child = command.spawn().unwrap();
-        let mut line = String::new();
-        BufReader::new(child.stdout.take().unwrap())
-            .read_line(&mut line)
-            .unwrap();
-        let url = line
-            .trim()
-            .strip_prefix("kincal listening on ")
-            .unwrap_or_else(|| panic!("said {line:?}"))
-            .to_string();
+        let url = url_of(&mut child);
         kincal::http::tls::use_ring();
         // a connection that nobody uses is closed by the server after a while: each request takes one of its own
         let http = reqwest::Client::builder()

@@ -1,60 +1,13 @@
-use crate::app::{Answer, TestApp, paper, text};
-use kincal::config::ServeConfig;
+use crate::app::{Answer, paper, text};
+use crate::people::{guarded, key, revoke, with_key};
 use kincal::http::auth::{OPEN, POLICY, Scope, new_key};
-use kincal::store::{NewApiKey, api_keys};
 use reqwest::Method;
 use serde_json::json;
 use std::time::Duration;
 
-/// A server that asks for keys; the directory lives as long as the test needs it.
-async fn guarded() -> (TestApp, tempfile::TempDir) {
-    guarded_with_workers(0).await
-}
-
-pub async fn guarded_with_workers(n: usize) -> (TestApp, tempfile::TempDir) {
-    let dir = tempfile::tempdir().unwrap();
-    let config = ServeConfig {
-        no_auth: false,
-        ..ServeConfig::loopback(dir.path().join("data"), n)
-    };
-    (TestApp::with_config(config).await, dir)
-}
-
-/// A new key and its id.
-pub async fn key(app: &TestApp, scopes: &[&str], robots: Option<Vec<&str>>) -> (String, String) {
-    let (key, key_sha256) = new_key().unwrap();
-    let robots_json = robots.map(|robots| json!(robots).to_string());
-    let new = NewApiKey {
-        name: "test".into(),
-        key_sha256,
-        scopes_json: json!(scopes).to_string(),
-        robots_json,
-    };
-    let mut tx = app.server.store.begin().await.unwrap();
-    let row = api_keys::insert(&mut tx, &new).await.unwrap();
-    tx.commit().await.unwrap();
-    (key, row.id)
-}
-
-pub async fn with_key(
-    app: &TestApp,
-    method: Method,
-    path: &str,
-    key: &str,
-    body: Vec<u8>,
-) -> Answer {
-    Answer::of(
-        app.request(method, path)
-            .bearer_auth(key)
-            .header("content-type", "application/json")
-            .body(body),
-    )
-    .await
-}
-
 #[tokio::test]
 async fn without_a_key_nothing_but_health_and_contract_answers() {
-    let (app, _dir) = guarded().await;
+    let (app, _dir) = guarded(0).await;
     for path in OPEN {
         assert_eq!(
             app.get(&path.replace("{file}", "app.js")).await.status,
@@ -84,7 +37,7 @@ async fn without_a_key_nothing_but_health_and_contract_answers() {
 
 #[tokio::test]
 async fn each_route_takes_its_scope_and_no_other() {
-    let (app, _dir) = guarded().await;
+    let (app, _dir) = guarded(0).await;
     let all = ["read", "upload", "identify", "release"];
     for (method, path, scope) in POLICY {
         let path = path.replace("{robot_id}", "rob_1").replace("{id}", "x_1");
@@ -112,7 +65,7 @@ async fn each_route_takes_its_scope_and_no_other() {
 
 #[tokio::test]
 async fn a_priority_above_0_takes_scope_admin_and_the_challenge_names_the_scope_alone() {
-    let (app, _dir) = guarded().await;
+    let (app, _dir) = guarded(0).await;
     let (admin, _) = key(&app, &["admin"], None).await;
     let robot = with_key(
         &app,
@@ -178,7 +131,7 @@ async fn every_documented_route_has_a_policy() {
 
 #[tokio::test]
 async fn a_key_limited_to_a_robot_sees_no_other() {
-    let (app, _dir) = guarded().await;
+    let (app, _dir) = guarded(0).await;
     let (admin, _) = key(&app, &["admin"], None).await;
     let mut ids = Vec::new();
     for _ in 0..2 {
@@ -260,14 +213,12 @@ async fn a_key_limited_to_a_robot_sees_no_other() {
 
 #[tokio::test]
 async fn a_revoked_key_is_refused_at_once() {
-    let (app, _dir) = guarded().await;
+    let (app, _dir) = guarded(0).await;
     let (key, id) = key(&app, &["read"], None).await;
     with_key(&app, Method::GET, "/v1/robots", &key, Vec::new())
         .await
         .ok(200);
-    let mut tx = app.server.store.begin().await.unwrap();
-    api_keys::revoke(&mut tx, &id).await.unwrap();
-    tx.commit().await.unwrap();
+    revoke(&app, &id).await;
     with_key(&app, Method::GET, "/v1/robots", &key, Vec::new())
         .await
         .problem(401, "unauthorized");
@@ -275,7 +226,7 @@ async fn a_revoked_key_is_refused_at_once() {
 
 #[tokio::test]
 async fn a_stream_of_events_ends_with_its_key() {
-    let (app, _dir) = guarded().await;
+    let (app, _dir) = guarded(0).await;
     let (admin, _) = key(&app, &["admin"], None).await;
     let robot = with_key(
         &app,
@@ -322,9 +273,7 @@ async fn a_stream_of_events_ends_with_its_key() {
             .unwrap()
             .starts_with(b"event: progress")
     );
-    let mut tx = app.server.store.begin().await.unwrap();
-    api_keys::revoke(&mut tx, &id).await.unwrap();
-    tx.commit().await.unwrap();
+    revoke(&app, &id).await;
     // Without workers the job stays queued, so that nothing else ends the stream; a comment comes only after 15 s.
     let end = tokio::time::timeout(Duration::from_secs(10), stream.chunk())
         .await
@@ -334,7 +283,7 @@ async fn a_stream_of_events_ends_with_its_key() {
 
 #[tokio::test]
 async fn one_holders_idempotency_keys_are_not_anothers() {
-    let (app, _dir) = guarded().await;
+    let (app, _dir) = guarded(0).await;
     let mut ids = Vec::new();
     for _ in 0..2 {
         let (key, _) = key(&app, &["upload"], None).await;

@@ -1,10 +1,9 @@
 //! Role × route × robot: every documented route, with every scope, by a key for all robots, for the right one and for another one, and by
 //! keys that are no longer or never were any. The routes come from the contract, so a new one is in the matrix without a change here.
 
-use crate::api::auth::{guarded_with_workers, key, with_key};
 use crate::app::{Answer, TestApp, paper, text};
+use crate::people::{guarded, key, revoke, with_key};
 use kincal::http::auth::{OPEN, POLICY, Scope};
-use kincal::store::api_keys;
 use reqwest::Method;
 use serde_json::{Value, json};
 
@@ -126,7 +125,7 @@ fn documented() -> Vec<(Method, String, Scope)> {
 
 #[tokio::test]
 async fn every_role_on_every_route_for_every_robot() {
-    let (app, _dir) = guarded_with_workers(1).await;
+    let (app, _dir) = guarded(1).await;
     let (admin, _) = key(&app, &["admin"], None).await;
     let (cell, other) = (Cell::new(&app, &admin).await, Cell::new(&app, &admin).await);
     let mut n_asked = 0;
@@ -212,15 +211,13 @@ async fn without_a_key(app: &TestApp, method: &Method, path: &str) -> Answer {
 
 async fn with_a_revoked_key(app: &TestApp, method: &Method, path: &str) -> Answer {
     let (key, id) = key(app, &["admin"], None).await;
-    let mut tx = app.server.store.begin().await.unwrap();
-    api_keys::revoke(&mut tx, &id).await.unwrap();
-    tx.commit().await.unwrap();
+    revoke(app, &id).await;
     with_key(app, method.clone(), path, &key, b"{}".to_vec()).await
 }
 
 #[tokio::test]
 async fn what_another_robot_has_cannot_be_told_from_what_nobody_has() {
-    let (app, _dir) = guarded_with_workers(1).await;
+    let (app, _dir) = guarded(1).await;
     let (admin, _) = key(&app, &["admin"], None).await;
     let (cell, other) = (Cell::new(&app, &admin).await, Cell::new(&app, &admin).await);
     let (limited, _) = key(&app, &["identify"], Some(vec![&cell.robot])).await;

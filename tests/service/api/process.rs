@@ -1,19 +1,13 @@
 //! The released binary as a process.
 
 use crate::app::{paper, text};
+use crate::process::{run as kincal, url_of};
 use serde_json::{Value, json};
-use std::io::{BufRead, BufReader, Read, Write};
+use std::io::{Read, Write};
 use std::net::TcpStream;
 use std::path::Path;
-use std::process::{Child, Command, Output, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
-
-fn kincal(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_kincal"))
-        .args(arguments)
-        .output()
-        .unwrap()
-}
 
 struct Process {
     child: Child,
@@ -49,15 +43,7 @@ impl Process {
             std::os::unix::process::CommandExt::uid(&mut command, uid);
         }
         let mut child = command.stdout(Stdio::piped()).stderr(log).spawn().unwrap();
-        let mut line = String::new();
-        BufReader::new(child.stdout.take().unwrap())
-            .read_line(&mut line)
-            .unwrap();
-        let url = line
-            .trim()
-            .strip_prefix("kincal listening on ")
-            .unwrap_or_else(|| panic!("{line:?}"))
-            .to_owned();
+        let url = url_of(&mut child);
         Self { child, url }
     }
 

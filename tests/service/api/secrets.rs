@@ -2,7 +2,7 @@
 //! all that it has written.
 
 use crate::app::paper;
-use std::io::{BufRead, BufReader};
+use crate::process::url_of;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
@@ -27,15 +27,7 @@ impl Loud {
             .stdout(Stdio::piped())
             .stderr(std::fs::File::create(&log).unwrap());
         let mut child = command.spawn().unwrap();
-        let mut line = String::new();
-        BufReader::new(child.stdout.take().unwrap())
-            .read_line(&mut line)
-            .unwrap();
-        let url = line
-            .trim()
-            .strip_prefix("kincal listening on ")
-            .unwrap_or_else(|| panic!("{line:?}"))
-            .to_owned();
+        let url = url_of(&mut child);
         Self { child, url, log }
     }
 

@@ -6,7 +6,7 @@ use kincal::jobs::{JobSignals, Rules, WorkerPool, queue};
 use kincal::store::{JobStatus, PageRequest, jobs, leases, parameter_sets};
 
 use crate::engines::for_each_engine;
-use crate::fixtures::{a_job, a_robot, a_set};
+use crate::fixtures::{a_job, a_lone_job, a_robot, a_set};
 use crate::jobs::computations::{LONG, arrived, gate, obey, until};
 
 const RULES: Rules = Rules {
@@ -52,12 +52,7 @@ fn a_pool_finds_jobs_that_nobody_signalled() {
         let store = &database.store;
         let pool = WorkerPool::start(store.clone(), obey, 1, RULES, JobSignals::default());
         // Posted through another process.
-        let job = a_job(
-            store,
-            &a_set(store, &a_robot(store, "r").await).await,
-            "succeed",
-        )
-        .await;
+        let job = a_lone_job(store, "succeed").await;
         assert_eq!(
             until(store, &job.id, |job| job.status.is_over())
                 .await
@@ -134,12 +129,7 @@ fn a_pool_forgets_the_idempotency_keys_of_long_ago_and_no_others() {
 fn a_pool_takes_over_the_job_of_a_worker_that_died() {
     for_each_engine(async |database| {
         let store = &database.store;
-        let job = a_job(
-            store,
-            &a_set(store, &a_robot(store, "r").await).await,
-            "succeed",
-        )
-        .await;
+        let job = a_lone_job(store, "succeed").await;
         leases::claim(store, "dead", Duration::from_millis(1))
             .await
             .unwrap()
@@ -155,18 +145,8 @@ fn a_pool_takes_over_the_job_of_a_worker_that_died() {
 fn a_pool_that_shuts_down_lets_computations_finish_in_time() {
     for_each_engine(async |database| {
         let store = &database.store;
-        let job = a_job(
-            store,
-            &a_set(store, &a_robot(store, "r").await).await,
-            "report progress, wait at the gate",
-        )
-        .await;
-        let waiting = a_job(
-            store,
-            &a_set(store, &a_robot(store, "r").await).await,
-            "succeed",
-        )
-        .await;
+        let job = a_lone_job(store, "report progress, wait at the gate").await;
+        let waiting = a_lone_job(store, "succeed").await;
         // The lease is shorter than what the draining takes: it must be kept.
         let pool = WorkerPool::start(
             store.clone(),
@@ -201,12 +181,7 @@ fn a_pool_that_shuts_down_lets_computations_finish_in_time() {
 fn a_pool_that_shuts_down_hands_unfinished_jobs_back_with_their_attempt() {
     for_each_engine(async |database| {
         let store = &database.store;
-        let job = a_job(
-            store,
-            &a_set(store, &a_robot(store, "r").await).await,
-            "run until stopped",
-        )
-        .await;
+        let job = a_lone_job(store, "run until stopped").await;
         let pool = WorkerPool::start(store.clone(), obey, 2, RULES, JobSignals::default());
         arrived(&job.id).await;
         let begun = Instant::now();

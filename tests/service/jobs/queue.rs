@@ -5,18 +5,13 @@ use std::time::Duration;
 
 use kincal::jobs::{JobOutcome, JobSignals, queue};
 use kincal::store::{
-    Conflict, Error, JobRow, JobStatus, Lease, NewJob, NewParameterSet, PageRequest, Result, Store,
-    jobs, leases, parameter_sets,
+    Conflict, Error, JobStatus, Lease, NewJob, NewParameterSet, PageRequest, Result, Store, jobs,
+    leases, parameter_sets,
 };
 
-use crate::engines::{TestDatabase, for_each_engine};
-use crate::fixtures::{a_job, a_robot, a_set, in_transaction, new_job};
+use crate::engines::for_each_engine;
+use crate::fixtures::{a_job, a_lone_job, a_robot, a_set, in_transaction, new_job};
 use crate::jobs::computations::LONG;
-
-async fn some_job(database: &TestDatabase) -> JobRow {
-    let store = &database.store;
-    a_job(store, &a_set(store, &a_robot(store, "r").await).await, "{}").await
-}
 
 async fn claim(store: &Store, owner: &str) -> Lease {
     leases::claim(store, owner, LONG)
@@ -173,7 +168,7 @@ fn the_highest_priority_goes_first_and_of_those_the_oldest() {
 fn a_lease_lasts_as_long_as_it_was_asked_for_and_from_each_heartbeat_anew() {
     for_each_engine(async |database| {
         let store = &database.store;
-        let job = some_job(database).await;
+        let job = a_lone_job(&database.store, "{}").await;
         let before_ms = store.now_ms().await.unwrap();
         let lease = claim(store, "w").await;
         let claimed = jobs::get(store, &job.id).await.unwrap();
@@ -206,7 +201,7 @@ fn a_lease_lasts_as_long_as_it_was_asked_for_and_from_each_heartbeat_anew() {
 fn after_a_lease_ran_out_the_job_is_begun_again_and_its_first_worker_can_do_nothing() {
     for_each_engine(async |database| {
         let store = &database.store;
-        let job = some_job(database).await;
+        let job = a_lone_job(&database.store, "{}").await;
         let stale = claim(store, "stopped").await;
         leases::heartbeat(store, &stale, LONG, Some("1"))
             .await
@@ -263,7 +258,7 @@ fn after_a_lease_ran_out_the_job_is_begun_again_and_its_first_worker_can_do_noth
 fn a_job_is_finished_once() {
     for_each_engine(async |database| {
         let store = &database.store;
-        let job = some_job(database).await;
+        let job = a_lone_job(&database.store, "{}").await;
         let lease = claim(store, "w").await;
         let finishes: Vec<_> = (0..8)
             .map(|i| {
@@ -301,7 +296,7 @@ fn a_job_is_finished_once() {
 fn of_a_finish_that_fails_halfway_nothing_is_stored() {
     for_each_engine(async |database| {
         let store = &database.store;
-        let job = some_job(database).await;
+        let job = a_lone_job(&database.store, "{}").await;
         let lease = claim(store, "w").await;
         let in_the_way = NewParameterSet {
             body_json: "{}".into(),
@@ -336,7 +331,7 @@ fn of_a_finish_that_fails_halfway_nothing_is_stored() {
 fn a_job_whose_attempts_are_used_up_fails_and_says_so() {
     for_each_engine(async |database| {
         let store = &database.store;
-        let job = some_job(database).await;
+        let job = a_lone_job(&database.store, "{}").await;
         for attempt in 1..=3 {
             let lease = claim(store, "panics").await;
             assert_eq!(lease.attempt, attempt);
@@ -365,7 +360,7 @@ fn a_job_whose_attempts_are_used_up_fails_and_says_so() {
 fn a_job_handed_back_has_its_attempt_again() {
     for_each_engine(async |database| {
         let store = &database.store;
-        some_job(database).await;
+        a_lone_job(&database.store, "{}").await;
         for _ in 0..5 {
             let lease = claim(store, "leaves").await;
             assert_eq!(lease.attempt, 1);
@@ -379,7 +374,7 @@ fn a_job_handed_back_has_its_attempt_again() {
 fn a_waiting_job_is_cancelled_at_once_and_a_running_one_hears_of_it() {
     for_each_engine(async |database| {
         let (store, signals) = (&database.store, JobSignals::default());
-        let waiting = some_job(database).await;
+        let waiting = a_lone_job(&database.store, "{}").await;
         let cancelled = queue::cancel(store, &signals, &waiting.id, "key_1")
             .await
             .unwrap();
@@ -394,7 +389,7 @@ fn a_waiting_job_is_cancelled_at_once_and_a_running_one_hears_of_it() {
             "again changes nothing"
         );
 
-        let running = some_job(database).await;
+        let running = a_lone_job(&database.store, "{}").await;
         let lease = claim(store, "w").await;
         assert!(
             !leases::heartbeat(store, &lease, LONG, None)
@@ -422,7 +417,7 @@ fn a_waiting_job_is_cancelled_at_once_and_a_running_one_hears_of_it() {
         );
 
         // it came to its end before its worker heard
-        let unheard = some_job(database).await;
+        let unheard = a_lone_job(&database.store, "{}").await;
         let lease = claim(store, "w").await;
         queue::cancel(store, &signals, &unheard.id, "key_1")
             .await
@@ -444,7 +439,7 @@ fn a_waiting_job_is_cancelled_at_once_and_a_running_one_hears_of_it() {
                 && jobs::convergence(store, &unheard.id).await.is_err()
         );
 
-        let failing = some_job(database).await;
+        let failing = a_lone_job(&database.store, "{}").await;
         let lease = claim(store, "w").await;
         queue::cancel(store, &signals, &failing.id, "key_1")
             .await
@@ -456,7 +451,7 @@ fn a_waiting_job_is_cancelled_at_once_and_a_running_one_hears_of_it() {
             (JobStatus::Cancelled, None)
         );
 
-        let finished = some_job(database).await;
+        let finished = a_lone_job(&database.store, "{}").await;
         queue::finish(store, &claim(store, "w").await, &an_outcome("done"))
             .await
             .unwrap();
@@ -478,7 +473,7 @@ fn a_waiting_job_is_cancelled_at_once_and_a_running_one_hears_of_it() {
 fn a_cancelled_job_is_not_begun_again_when_its_worker_dies_or_leaves() {
     for_each_engine(async |database| {
         let (store, signals) = (&database.store, JobSignals::default());
-        let orphan = some_job(database).await;
+        let orphan = a_lone_job(&database.store, "{}").await;
         let lease = claim(store, "dies").await;
         queue::cancel(store, &signals, &orphan.id, "key_1")
             .await
@@ -493,7 +488,7 @@ fn a_cancelled_job_is_not_begun_again_when_its_worker_dies_or_leaves() {
             JobStatus::Cancelled
         );
 
-        let left = some_job(database).await;
+        let left = a_lone_job(&database.store, "{}").await;
         let lease = claim(store, "leaves").await;
         queue::cancel(store, &signals, &left.id, "key_1")
             .await
@@ -514,7 +509,7 @@ fn a_robot_has_ten_thousand_jobs_waiting_and_no_more() {
         select 'job_' || n.i, job.robot_id, job.measurement_set_id, 'identify', 'auto', '{}', 'queued', 0, 0, 0 from n, job where job.id = $1";
     for_each_engine(async |database| {
         let store = &database.store;
-        let job = some_job(database).await;
+        let job = a_lone_job(&database.store, "{}").await;
         sqlx::query(FILL)
             .bind(&job.id)
             .execute(store.pool())
@@ -536,7 +531,7 @@ fn a_robot_has_ten_thousand_jobs_waiting_and_no_more() {
             "{refused:?}"
         );
         tx.rollback().await.unwrap();
-        some_job(database).await;
+        a_lone_job(&database.store, "{}").await;
         claim(store, "w").await;
         in_transaction(store, async |tx| queue::enqueue(tx, &new).await).await;
     });
@@ -572,10 +567,10 @@ fn a_job_of_a_transaction_that_is_rolled_back_was_never_there() {
 fn a_job_under_which_the_process_died_is_tried_last_and_not_for_ever() {
     for_each_engine(async |database| {
         let store = &database.store;
-        let job = some_job(database).await;
+        let job = a_lone_job(&database.store, "{}").await;
         for death in 0..=leases::MAX_DEATHS_ALONE {
             // all others go first, whenever they were posted
-            let innocent = some_job(database).await;
+            let innocent = a_lone_job(&database.store, "{}").await;
             if death > 0 {
                 assert_eq!(claim(store, "w").await.job_id, innocent.id);
             }
@@ -600,7 +595,7 @@ fn a_job_under_which_the_process_died_is_tried_last_and_not_for_ever() {
 fn a_death_uses_up_no_attempt_and_an_attempt_counts_as_no_death() {
     for_each_engine(async |database| {
         let store = &database.store;
-        let job = some_job(database).await;
+        let job = a_lone_job(&database.store, "{}").await;
         // of the three attempts that a job has itself
         for used_up in 1..=3 {
             let lease = claim(store, "its process dies").await;

@@ -6,19 +6,14 @@ use kincal::jobs::{JobSignals, WorkerContext, queue, run_next_job};
 use kincal::store::{Error, JobStatus, jobs};
 
 use crate::engines::for_each_engine;
-use crate::fixtures::{a_job, a_robot, a_set};
+use crate::fixtures::a_lone_job;
 use crate::jobs::computations::{LONG, arrived, gate, obey};
 
 #[test]
 fn an_event_stream_sees_begin_progress_and_end() {
     for_each_engine(async |database| {
         let store = &database.store;
-        let job = a_job(
-            store,
-            &a_set(store, &a_robot(store, "r").await).await,
-            "report progress, wait at the gate",
-        )
-        .await;
+        let job = a_lone_job(store, "report progress, wait at the gate").await;
         let signals = JobSignals::default();
         let context = WorkerContext::new(obey, LONG, signals.clone());
         let worker = tokio::spawn({
@@ -50,12 +45,7 @@ fn an_event_stream_sees_begin_progress_and_end() {
 fn a_long_poll_does_not_end_for_progress_but_for_a_status() {
     for_each_engine(async |database| {
         let store = &database.store;
-        let job = a_job(
-            store,
-            &a_set(store, &a_robot(store, "r").await).await,
-            "report progress, wait at the gate",
-        )
-        .await;
+        let job = a_lone_job(store, "report progress, wait at the gate").await;
         let signals = JobSignals::default();
         let context = WorkerContext::new(obey, LONG, signals.clone());
         let worker = tokio::spawn({
@@ -91,7 +81,7 @@ fn a_long_poll_does_not_end_for_progress_but_for_a_status() {
 fn a_long_poll_hears_of_what_another_process_does() {
     for_each_engine(async |database| {
         let store = &database.store;
-        let job = a_job(store, &a_set(store, &a_robot(store, "r").await).await, "{}").await;
+        let job = a_lone_job(store, "{}").await;
         let poll = tokio::spawn({
             let (store, id) = (store.clone(), job.id.clone());
             async move {
@@ -112,7 +102,7 @@ fn a_long_poll_hears_of_what_another_process_does() {
 fn a_long_poll_ends_at_once_for_a_job_that_is_over_and_in_time_for_one_that_is_not() {
     for_each_engine(async |database| {
         let (store, signals) = (&database.store, JobSignals::default());
-        let job = a_job(store, &a_set(store, &a_robot(store, "r").await).await, "{}").await;
+        let job = a_lone_job(store, "{}").await;
         let begun = Instant::now();
         let wait = Duration::from_millis(50);
         let unchanged = signals

@@ -9,7 +9,7 @@ use kincal::store::{
 };
 
 use crate::engines::{TestDatabase, for_each_engine};
-use crate::fixtures::{a_job, a_robot, a_set, in_transaction, new_job};
+use crate::fixtures::{a_job, a_lone_job, a_robot, a_set, in_transaction, new_job};
 use crate::jobs::computations::{LONG, a_worker, arrived, gate, until};
 
 async fn some_set(database: &TestDatabase) -> MeasurementSetRow {
@@ -37,7 +37,7 @@ fn code(job: &JobRow) -> String {
 fn a_job_leaves_its_report_its_curve_its_parameter_set_and_its_network() {
     for_each_engine(async |database| {
         let store = &database.store;
-        let job = a_job(store, &some_set(database).await, "succeed").await;
+        let job = a_lone_job(store, "succeed").await;
         assert_eq!(
             run_next_job(store, &a_worker(LONG)).await.unwrap().as_ref(),
             Some(&job.id)
@@ -81,7 +81,7 @@ fn inputs_that_cannot_be_read_for_a_while_use_up_no_attempt() {
         if store.engine() == Engine::Sqlite {
             return;
         }
-        let job = a_job(store, &some_set(database).await, "succeed").await;
+        let job = a_lone_job(store, "succeed").await;
         let mut lock = store.pool().begin().await.unwrap();
         for statement in [
             "set local idle_in_transaction_session_timeout = 0",
@@ -133,7 +133,7 @@ fn nothing_is_computed_before_the_claim_is_certain() {
     for_each_engine(async |database| {
         let store = &database.store;
         let before = COMPUTED.load(Ordering::SeqCst);
-        let job = a_job(store, &some_set(database).await, "succeed").await;
+        let job = a_lone_job(store, "succeed").await;
         // What such a claim leaves is only found wrong when it is committed.
         let sabotage = match store.engine() {
             Engine::Sqlite => vec![
@@ -235,7 +235,7 @@ fn a_computation_gets_everything_that_its_job_names() {
 fn a_computation_that_fails_fails_its_job_with_its_problem() {
     for_each_engine(async |database| {
         let store = &database.store;
-        let job = a_job(store, &some_set(database).await, "fail").await;
+        let job = a_lone_job(store, "fail").await;
         run_pending_jobs(store, &a_worker(LONG)).await.unwrap();
         let failed = jobs::get(store, &job.id).await.unwrap();
         assert_eq!(
@@ -339,7 +339,7 @@ fn a_computation_without_an_end_is_tried_as_often_as_allowed_and_others_go_on() 
 fn a_computation_that_stops_without_being_told_to_fails_its_job() {
     for_each_engine(async |database| {
         let store = &database.store;
-        let job = a_job(store, &some_set(database).await, "give up").await;
+        let job = a_lone_job(store, "give up").await;
         run_pending_jobs(store, &a_worker(LONG)).await.unwrap();
         let failed = jobs::get(store, &job.id).await.unwrap();
         assert_eq!(
@@ -353,7 +353,7 @@ fn a_computation_that_stops_without_being_told_to_fails_its_job() {
 fn a_result_that_cannot_be_stored_fails_its_job_and_leaves_nothing_of_it() {
     for_each_engine(async |database| {
         let store = &database.store;
-        let job = a_job(store, &some_set(database).await, "succeed").await;
+        let job = a_lone_job(store, "succeed").await;
         let in_the_way = NewParameterSet {
             body_json: "{}".into(),
             sha256: "00".into(),
@@ -378,7 +378,7 @@ fn a_running_job_stops_when_it_is_cancelled() {
         let store = &database.store;
         // Once with a signal, and once as another process would do it, without.
         for signalled in [true, false] {
-            let job = a_job(store, &some_set(database).await, "run until stopped").await;
+            let job = a_lone_job(store, "run until stopped").await;
             let context = a_worker(LONG);
             let worker = begin(store, &context);
             arrived(&job.id).await;
@@ -404,12 +404,7 @@ fn a_running_job_stops_when_it_is_cancelled() {
 fn a_heartbeat_keeps_the_lease_while_the_computation_is_silent() {
     for_each_engine(async |database| {
         let store = &database.store;
-        let job = a_job(
-            store,
-            &some_set(database).await,
-            "report progress, wait at the gate",
-        )
-        .await;
+        let job = a_lone_job(store, "report progress, wait at the gate").await;
         let lease = Duration::from_millis(1500);
         let worker = begin(store, &a_worker(lease));
         arrived(&job.id).await;
@@ -488,12 +483,7 @@ fn a_worker_that_lost_its_lease_stops_computing_and_writes_nothing() {
 fn a_result_survives_a_database_that_is_busy_for_less_than_the_lease() {
     for_each_engine(async |database| {
         let store = &database.store;
-        let job = a_job(
-            store,
-            &some_set(database).await,
-            "report progress, wait at the gate",
-        )
-        .await;
+        let job = a_lone_job(store, "report progress, wait at the gate").await;
         let worker = begin(store, &a_worker(LONG));
         arrived(&job.id).await;
         let busy = hold_the_row(store, &job).await;
@@ -515,7 +505,7 @@ fn a_result_survives_a_database_that_is_busy_for_less_than_the_lease() {
 fn a_worker_gives_up_when_the_database_is_away_for_longer_than_the_lease() {
     for_each_engine(async |database| {
         let store = &database.store;
-        let job = a_job(store, &some_set(database).await, "run until stopped").await;
+        let job = a_lone_job(store, "run until stopped").await;
         let worker = begin(store, &a_worker(Duration::from_millis(400)));
         arrived(&job.id).await;
         let away = hold_the_row(store, &job).await;
@@ -542,7 +532,7 @@ async fn hold_the_row(store: &Store, job: &JobRow) -> kincal::store::Tx {
 fn a_worker_that_is_dropped_holds_no_lease_and_stops_its_computation() {
     for_each_engine(async |database| {
         let store = &database.store;
-        let job = a_job(store, &some_set(database).await, "run until stopped").await;
+        let job = a_lone_job(store, "run until stopped").await;
         let worker = begin(store, &a_worker(Duration::from_millis(300)));
         arrived(&job.id).await;
         worker.abort();

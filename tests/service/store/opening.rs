@@ -10,7 +10,7 @@ use sqlx::{AssertSqlSafe, Executor, SqlitePool, query_scalar};
 use tempfile::TempDir;
 
 use crate::engines::{for_each_engine, on_sqlite};
-use crate::fixtures::{a_job, a_robot, a_set, in_transaction, new_job};
+use crate::fixtures::{a_lone_job, a_robot, a_set, in_transaction, new_job};
 use crate::store::verify::{broken, something_of_everything};
 
 #[test]
@@ -192,7 +192,7 @@ fn a_server_that_opens_a_data_directory_ends_the_leases_of_the_dead_one() {
         .unwrap();
     runtime.block_on(async {
         let dead = Store::open(location.clone()).await.unwrap();
-        let job = a_job(&dead, &a_set(&dead, &a_robot(&dead, "r").await).await, "{}").await;
+        let job = a_lone_job(&dead, "{}").await;
         leases::claim(&dead, "dead", Duration::from_secs(3600))
             .await
             .unwrap()

@@ -10,7 +10,9 @@ use kincal::wire::verification::{Fit, Verification};
 use std::time::Duration;
 
 use crate::engines::for_each_engine;
-use crate::fixtures::{a_candidate, a_job, a_robot, a_set, in_transaction, new_job, new_set};
+use crate::fixtures::{
+    a_candidate, a_job, a_lone_job, a_robot, a_set, in_transaction, new_job, new_set,
+};
 
 /// What a release keeps of its gates.
 const PASSED: &str = r#"[{"gate":"x","passed":true}]"#;
@@ -236,7 +238,7 @@ fn the_schema_itself_refuses_a_release_without_checks_and_states_that_do_not_exi
 fn a_job_has_at_most_one_parameter_set() {
     for_each_engine(async |database| {
         let store = &database.store;
-        let job = a_job(store, &a_set(store, &a_robot(store, "r").await).await, "{}").await;
+        let job = a_lone_job(store, "{}").await;
         let new = NewParameterSet {
             body_json: "{}".into(),
             sha256: "00".into(),
