@@ -1,4 +1,4 @@
-//! `kincal calibrate`: offline, no server, no database.
+//! `kincal calibrate`: identifies a robot offline, without server and database.
 
 use super::files::{Numbers, cannot_be_used, fault, read, read_json};
 use super::options::{IdentifyOptions, SetOptions};
@@ -21,7 +21,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
-/// The id that an offline report has in place of a job's.
+/// Stands in place of the job's id in an offline report.
 const OFFLINE: &str = "offline";
 
 /// Identify a robot from two files.
@@ -41,12 +41,12 @@ pub struct Arguments {
     numbers: Numbers,
     #[command(flatten)]
     identify: IdentifyOptions,
-    /// Least squares after a swarm [default: true, false in preset paper].
+    /// Refine the swarm's result with least squares [default: true, false in preset paper].
     #[arg(long, env = "KINCAL_REFINE")]
     refine: Option<bool>,
     #[command(flatten)]
     output: Output,
-    /// Write the report as a page to print into this file, too.
+    /// Also write the report as a printable HTML page into this file.
     #[arg(long, env = "KINCAL_HTML", value_name = "FILE")]
     html: Option<PathBuf>,
 }
@@ -70,16 +70,16 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         robot.links.len(),
     )
     .map_err(|invalid| Usage(cannot_be_used(&arguments.set, &bytes, &invalid.issues)))?;
-    // of too few poses the calibration itself speaks; nothing is kept here that could verify
-    for remark in measurement::warnings(&robot, &set)
+    // The calibration itself reports too few poses; offline there is no stored set that could still verify.
+    for warning in measurement::warnings(&robot, &set)
         .into_iter()
-        .filter(|remark| remark.code != "under_determined")
+        .filter(|warning| warning.code != "under_determined")
     {
         eprintln!(
             "warning: {} ({}): {}",
-            words::warning(&remark.code),
-            remark.code,
-            in_commands(&remark.detail)
+            words::warning(&warning.code),
+            warning.code,
+            in_commands(&warning.detail)
         );
     }
     let insisted_on = look(&robot, &set, arguments)?;
@@ -144,8 +144,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     is_of_use(&report, None)
 }
 
-/// Whether the set can have been measured on this robot, as a server asks of an upload: units, columns and joints that are not what they are
-/// said to be can give a fit that looks perfect.
+/// Checks the set as a server checks an upload: with wrong units, columns or joints the fit can look perfect. Returns the code that was insisted on.
 fn look<'a>(
     robot: &Robot,
     set: &MeasurementSet,
@@ -171,7 +170,7 @@ fn look<'a>(
     Ok(insisted_on)
 }
 
-/// Fails where nothing that was found is of use, so that nobody goes on with it. `job_id` is a server's.
+/// Fails if the result cannot be used, so that nobody continues with it. `job_id` is the job on a server.
 pub fn is_of_use(report: &Report, job_id: Option<&str>) -> anyhow::Result<()> {
     let Some(code) = report.no_use() else {
         return Ok(());
@@ -210,7 +209,7 @@ fn body(arguments: &Arguments) -> JobRequestBody {
     }
 }
 
-/// A robot file, after every check.
+/// Reads and checks a robot file.
 pub fn read_robot(path: &Path) -> anyhow::Result<crate::kinematics::Robot> {
     Ok(read_robot_body(path)?
         .to_core()
@@ -235,7 +234,7 @@ fn failure(failure: JobFailure) -> anyhow::Error {
     }
 }
 
-/// A bar with what is being done beside it; it draws itself on a terminal only.
+/// A progress bar with a message; it is drawn only on a terminal.
 pub fn progress_bar() -> ProgressBar {
     let bar = ProgressBar::new(0);
     let style = ProgressStyle::with_template("{bar:32} {msg}")
@@ -244,17 +243,17 @@ pub fn progress_bar() -> ProgressBar {
     bar
 }
 
-/// Moves the bar. Only the main method has iterations, and its limit is seldom reached: no time is promised.
+/// Updates the bar. It predicts no time: only the main method has iterations, and it seldom reaches their limit.
 pub fn show(bar: &ProgressBar, progress: &ProgressAnswer) {
     bar.set_length(progress.n_iterations);
     bar.set_position(progress.iteration);
     bar.set_message(in_words(progress));
 }
 
-/// The stage, and in the main method its iteration and the smallest F so far.
+/// The stage; in the main method with the iteration and the smallest F so far.
 fn in_words(progress: &ProgressAnswer) -> String {
     let stage = words::stage(progress.stage);
-    // an older server does not name its stages
+    // An older server does not name its stages.
     let iterates = progress.stage.is_none_or(Stage::has_iterations) && progress.n_iterations > 0;
     let cost = progress.best_cost_mm2.filter(|cost| cost.is_finite());
     match (iterates, cost) {
