@@ -1,4 +1,4 @@
-//! What runs in every iteration allocates nothing.
+//! Iterations of the swarm and steps of least squares allocate no memory.
 
 #[path = "support/mod.rs"]
 mod support;
@@ -74,7 +74,7 @@ fn a_swarm_iteration_allocates_nothing() {
 
 #[test]
 fn an_undamped_least_squares_step_allocates_nothing() {
-    // without noise: raw parameters would follow noise along what the data hardly see, by damped steps
+    // Without noise: with raw parameters, damped steps would follow the noise along directions that the data hardly determine.
     let observations = observations("first.csv");
     for space in spaces(&observations) {
         let allocations = |max_iterations: usize| {

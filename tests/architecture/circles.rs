@@ -41,7 +41,7 @@ pub fn circles(files: &[(String, String)]) -> Vec<Vec<String>> {
     found.into_iter().collect()
 }
 
-/// All files that a file imports, directly or through others.
+/// All files that a file imports, directly or indirectly.
 fn reachable<'a>(file: &'a str, imports: &BTreeMap<&str, BTreeSet<&'a str>>) -> BTreeSet<&'a str> {
     let (mut found, mut next) = (BTreeSet::new(), vec![file]);
     while let Some(file) = next.pop() {
@@ -67,7 +67,7 @@ fn module_path(path: &str) -> ModulePath {
         .collect()
 }
 
-/// The tokens without `pub use …;`, and those declarations.
+/// Splits tokens into those outside `pub use …;` and those declarations.
 fn split_re_exports(tokens: &[Token]) -> (Vec<Token>, Vec<Token>) {
     let (mut own, mut re_exports) = (Vec::new(), Vec::new());
     let mut i = 0;
@@ -108,7 +108,7 @@ impl<'a> Modules<'a> {
         modules
     }
 
-    /// A path as written in a module, from the root of the library.
+    /// The absolute path of a path as written in a module.
     fn absolute(&self, module: &[String], segments: &[String]) -> ModulePath {
         let mut at: ModulePath = match segments[0].as_str() {
             "crate" | "kincal" => Vec::new(),
@@ -131,10 +131,10 @@ impl<'a> Modules<'a> {
         at
     }
 
-    /// The file that an absolute path ends in, through re-exports.
+    /// The file of an absolute path, following re-exports.
     fn file(&self, path: &[String]) -> Option<&'a str> {
         let mut path = path.to_vec();
-        // Re-exports of re-exports: no deeper than folders are.
+        // Follows re-exports of re-exports, at most as deep as folders are nested.
         for _ in 0..8 {
             let exported =
                 (1..=path.len()).find_map(|n| Some((n, self.re_exports.get(&path[..n])?)));

@@ -1,4 +1,4 @@
-//! What deny.toml asks of dependencies, without `cargo-deny`: their licences, where they come from, and what is not to be among them.
+//! Checks the rules of deny.toml without `cargo-deny`: licences, sources and forbidden crates.
 //! Advisories need the tool and its database.
 
 use serde_json::Value;
@@ -7,12 +7,12 @@ use std::process::Command;
 
 const DENY: &str = include_str!("../../deny.toml");
 
-/// The texts in quotes of a piece of deny.toml.
+/// The quoted texts in a part of deny.toml.
 fn quoted(piece: &str) -> BTreeSet<&str> {
     piece.split('"').skip(1).step_by(2).collect()
 }
 
-/// The list behind `key = [` in a section.
+/// The list after `key = [` in a section.
 fn list(section: &str, key: &str) -> &'static str {
     let (_, section) = DENY
         .split_once(&format!("[{section}]\n"))
@@ -23,7 +23,7 @@ fn list(section: &str, key: &str) -> &'static str {
     list.split_once("]\n").expect("the list has an end").0
 }
 
-/// All packages that are built here, also for tests.
+/// All packages of the build, also those for tests.
 fn packages() -> Vec<Value> {
     let here = format!("{}-unknown-linux-gnu", std::env::consts::ARCH);
     let arguments = [
@@ -49,7 +49,7 @@ fn packages() -> Vec<Value> {
     metadata["packages"].as_array().unwrap().clone()
 }
 
-/// Whether this expression of SPDX can be met with these licences. `/` is an old way to write OR; OR binds loosest.
+/// True if the SPDX expression can be satisfied with the allowed licences. `/` is an old notation for OR; OR has the lowest precedence.
 fn can_be_met(expression: &str, allowed: &BTreeSet<&str>) -> bool {
     let spaced = expression
         .replace('/', " OR ")
@@ -84,7 +84,7 @@ fn one(words: &mut Words, allowed: &BTreeSet<&str>) -> bool {
         assert_eq!(words.next(), Some(")"));
         return met;
     }
-    // With an exception it is another licence, which stands for itself in the list or not.
+    // A licence with an exception counts as a licence of its own.
     match words.next_if_eq(&"WITH") {
         Some(_) => allowed
             .contains(format!("{word} WITH {}", words.next().expect("an exception")).as_str()),

@@ -1,4 +1,4 @@
-//! Who may use whom, and what keeps the core pure: ARCHITECTURE.md as a test. Each rule also runs on a planted violation.
+//! The architecture rules of ARCHITECTURE.md: dependencies between modules, and the purity of the core. Each rule also runs on a planted violation.
 
 mod circles;
 mod dependencies;
@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 
 const MANIFEST: &str = include_str!("../../Cargo.toml");
 
-/// Files that break a rule today, with the reason why they may. A test says when one is no longer needed.
+/// Files that may break a rule, with the reason. A test fails when an exception is no longer needed.
 const KNOWN_EXCEPTIONS: &[(&str, Rule, &str)] = &[];
 
 fn checked(path: &str, text: &str) -> Vec<Violation> {
@@ -78,7 +78,7 @@ fn every_source_file_keeps_the_rules() {
     );
 }
 
-/// Folders with circles: those of the core until it is rebuilt around one problem.
+/// Folders that still have import circles.
 const CIRCLES_ALLOWED: &[&str] = &[
     "calibration",
     "frames",
@@ -552,7 +552,7 @@ fn the_core_has_a_row_for_each_of_its_modules() {
     );
 }
 
-/// What is written as warnings are, but refuses.
+/// Codes that look like warnings in the source, but are refusals.
 const NO_WARNINGS: [&str; 2] = ["invalid_measurements", "invalid_query"];
 
 #[test]
@@ -586,7 +586,7 @@ fn every_warning_and_every_gate_has_plain_words() {
             given.iter().any(|(code, _)| *code == some),
             "{some} is found in the sources"
         );
-        // a set that was kept because its uploader insisted carries the refusal as a warning
+        // A set that was accepted by `insist` carries the refusal as a warning.
         let insisted = kincal::calibration::alignment::SUSPICIONS;
         let insisted: &[&str] = if table == "WARNINGS" { &insisted } else { &[] };
         let worded = words::worded(table);

@@ -1,4 +1,4 @@
-//! The rules themselves, as one function over (path, text), so that they also run on planted violations.
+//! The rules, as one function of (path, text), so that they also run on planted violations.
 
 use crate::source::{Token, UsedPath, production_tokens, starts_with, used_paths};
 use std::fmt;
@@ -55,7 +55,7 @@ pub const MAY_USE: &[(&str, &[&str])] = &[
     ),
 ];
 
-/// Modules that may use everything: the command line, and the library's root, which only names its parts.
+/// Modules that may use everything: the command line, and the library's root, which only declares modules.
 const UNRESTRICTED: &[&str] = &["cli", "lib"];
 
 /// Crates the core may use. Any other dependency of Cargo.toml is a violation there.
@@ -68,16 +68,16 @@ const CORE_CRATES: &[&str] = &[
     "thiserror",
 ];
 
-/// Parts of std that reach outside of the computation.
+/// Parts of std with side effects, which the core may not use.
 const CORE_STD_FORBIDDEN: &[&str] = &["env", "fs", "io", "net", "os", "process", "thread", "time"];
 
-/// The one part of the core that may use one of them: swarms of millions of particles times poses start threads, which end before the
+/// The one exception: swarms of millions of particles times poses start threads, which end before the
 /// call returns and change no bit. Everything else in the core stays on the thread that called it.
 const CORE_STD_ALLOWED: (&str, &str) = ("identification::parallel", "thread");
 
 const PRINTING_MACROS: &[&str] = &["print", "println", "eprint", "eprintln", "dbg"];
 
-/// Names that bring an order or a number that differs from run to run or from version to version.
+/// Names whose order or numbers differ from run to run or from version to version.
 const UNSEEDED: &[&str] = &[
     "HashMap",
     "HashSet",
@@ -90,7 +90,7 @@ const UNSEEDED: &[&str] = &[
     "from_os_rng",
 ];
 
-/// Methods of f64 whose last bits std leaves to the platform. `sqrt`, `abs`, `mul_add`, rounding and `to_radians` are exact or plain products.
+/// Methods of f64 whose last bits depend on the platform. `sqrt`, `abs`, `mul_add`, rounding and `to_radians` are exact or plain products.
 const PLATFORM_FLOAT_METHODS: &[&str] = &[
     "sin", "cos", "tan", "sin_cos", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh",
     "asinh", "acosh", "atanh", "exp", "exp2", "exp_m1", "ln", "ln_1p", "log", "log2", "log10",
@@ -371,7 +371,7 @@ pub fn dependencies(manifest: &str) -> Vec<String> {
         .collect()
 }
 
-/// What the manifest must say so that no dependency chooses instructions or random numbers by machine.
+/// Checks that the manifest lets no dependency choose instructions or random numbers by machine.
 pub fn check_manifest(manifest: &str) -> Vec<String> {
     let line = |name: &str| {
         manifest

@@ -1,8 +1,8 @@
-//! Codes as they stand in source text, and the words that `web/words.js` has for them.
+//! Finds codes of warnings and gates in source text, and the codes that have a text in `web/words.js`.
 
 const WORDS: &str = include_str!("../../web/words.js");
 
-/// The codes that a table of `web/words.js` has words for.
+/// The codes with a text in a table of `web/words.js`.
 pub fn worded(table: &str) -> Vec<&'static str> {
     let (_, rest) = WORDS
         .split_once(&format!("export const {table} = {{\n"))
@@ -18,8 +18,8 @@ pub fn worded(table: &str) -> Vec<&'static str> {
         .collect()
 }
 
-/// Codes of the warnings that a file can give: `code: "…"`, `warning("…"`, and `("…", "words")` that a code is chosen from, in files that speak of
-/// warnings or of what an upload is suspected of.
+/// Codes of the warnings in a source file: `code: "…"`, `warning("…"`, and tables of `("…", "words")`, in files about
+/// warnings or suspicions.
 pub fn warnings(text: &str) -> Vec<&str> {
     if !["Warning", "Finding::Odd", "warning("]
         .iter()
@@ -45,7 +45,7 @@ fn is_chosen(before: &str, after: &str) -> bool {
     opens && (next.starts_with('"') || next.starts_with("format!"))
 }
 
-/// Names of the gates that a file can give: `Gate::new("…"` and, where gates are made, `let name = "…"`.
+/// Names of the gates in a source file: `Gate::new("…"` and, in files that create gates, `let name = "…"`.
 pub fn gates(text: &str) -> Vec<&str> {
     if !text.contains("Gate::new(") {
         return vec![];

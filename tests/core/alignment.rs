@@ -1,4 +1,4 @@
-//! Files that are wrong as a whole are found by laying the nominal robot onto them, and right ones are not refused.
+//! The alignment check: files that are wrong as a whole are found by fitting the nominal robot to them, and correct files are not refused.
 
 use crate::robots::{CLEAN, Making, clean_robots, measured, models};
 use crate::simulation::Normal;
@@ -9,12 +9,16 @@ use nalgebra::{DMatrix, DVector, IsometryMatrix3, Rotation3, Translation3, Vecto
 use rand::RngExt;
 use std::f64::consts::PI;
 
-/// The study in docs/alignment.md does 1,000; these take a second.
+/// Number of robots; the study in docs/alignment.md does 1,000.
 const SHORT_STUDY: usize = 120;
-/// Of right files, refused at most.
+/// Largest share of correct files that may be refused.
 const REFUSED_AT_MOST: f64 = 0.01;
 
-fn judged(robot: &Robot, set: &MeasurementSet, others: &[(String, Robot)]) -> Option<Finding> {
+fn check_upload(
+    robot: &Robot,
+    set: &MeasurementSet,
+    others: &[(String, Robot)],
+) -> Option<Finding> {
     match look(robot, set) {
         Look::Fine => None,
         Look::Off(rms_mm) => Some(explain(robot, set, rms_mm, others)),
@@ -23,7 +27,7 @@ fn judged(robot: &Robot, set: &MeasurementSet, others: &[(String, Robot)]) -> Op
 
 #[track_caller]
 fn suspicion(robot: &Robot, set: &MeasurementSet) -> Suspicion {
-    match judged(robot, set, &[]) {
+    match check_upload(robot, set, &[]) {
         Some(Finding::Wrong(found)) => found,
         other => panic!("not refused: {other:?}"),
     }
@@ -39,7 +43,7 @@ fn wrong(robot: &Robot, set: &MeasurementSet, code: &str, words: &str) {
 
 #[track_caller]
 fn not_refused(robot: &Robot, set: &MeasurementSet, what: &str) {
-    if let Some(Finding::Wrong(found)) = judged(robot, set, &[]) {
+    if let Some(Finding::Wrong(found)) = check_upload(robot, set, &[]) {
         panic!("{what}: {found:?}");
     }
 }
@@ -55,7 +59,7 @@ fn changed(
     set
 }
 
-/// Each of several makes, in both frames.
+/// Simulated robots of several makes, in both frames.
 fn for_each_make(test: impl Fn(&str, &Robot, &MeasurementSet)) {
     for (seed, (name, nominal)) in models().into_iter().enumerate() {
         for frame in [Frame::Base, Frame::Instrument] {
@@ -92,7 +96,7 @@ fn measured_robots_fit_without_a_remark() {
         let path = root.join(file);
         let robot = crate::data::robot(&path.parent().unwrap().join("robot.json"));
         let set = csv::parse(&std::fs::read(&path).unwrap(), frame, robot.links.len()).unwrap();
-        assert_eq!(judged(&robot, &set, &[]), None, "{file}");
+        assert_eq!(check_upload(&robot, &set, &[]), None, "{file}");
     }
 }
 
@@ -151,7 +155,7 @@ fn swapped_position_columns_and_a_mirrored_axis_are_found() {
         let swapped = changed(set, |_, p| p.swap((0, 0), (1, 0)));
         let mirrored = changed(set, |_, p| p.z = -p.z);
         if set.frame == Frame::Instrument {
-            // All left-handed files are alike, and like a controller that counts some joints the other way round.
+            // All left-handed files look alike, and like a controller with opposite signs of some joints.
             for file in [swapped, mirrored] {
                 let found = suspicion(robot, &file);
                 let is_told = match found.code {
@@ -210,14 +214,14 @@ fn a_set_of_another_known_robot_is_found_by_its_name() {
         ("cell 7".to_owned(), models[2].1.clone()),
         ("cell 9".to_owned(), models[1].1.clone()),
     ];
-    match judged(&models[0].1, &set, &known) {
+    match check_upload(&models[0].1, &set, &known) {
         Some(Finding::Wrong(found)) if found.code == "robot_mismatch" => {
             assert_eq!(found.columns, None);
             assert!(found.detail.contains("cell 9"), "{}", found.detail);
         }
         other => panic!("{other:?}"),
     }
-    // A robot that nobody knows here fits in no way.
+    // An unknown robot fits no hypothesis.
     wrong(&models[0].1, &set, "poor_alignment", "is it this robot");
 }
 
@@ -225,7 +229,7 @@ fn a_set_of_another_known_robot_is_found_by_its_name() {
 fn an_unmastered_joint_alone_warns_and_names_the_joint() {
     for_each_make(|name, robot, set| {
         let unmastered = changed(set, |q, _| q[2] += 4.0f64.to_radians());
-        match judged(robot, &unmastered, &[]) {
+        match check_upload(robot, &unmastered, &[]) {
             Some(Finding::Odd {
                 code: "joint_offset_suspect",
                 detail,
@@ -240,7 +244,7 @@ fn an_unmastered_joint_alone_warns_and_names_the_joint() {
     });
 }
 
-/// The set as an instrument sees it that stands somewhere: levelled, and turned about the vertical.
+/// The set in the frame of an instrument that stands somewhere: levelled, and turned about the vertical.
 fn from_a_tracker(set: &MeasurementSet, reach_mm: f64, random: &mut Normal) -> MeasurementSet {
     let mut uniform = |from: f64, to: f64| from + (to - from) * random.0.random::<f64>();
     let (yaw, away, bearing) = (uniform(-PI, PI), uniform(1.0, 3.0), uniform(-PI, PI));
@@ -272,14 +276,18 @@ fn a_base_frame_file_turned_by_quarter_turns_is_told_as_another_frame_and_not_as
         let in_base = measured(&robot, &made, &mut Normal::new(seed as u64));
         for quarter_turns in 1..4 {
             if name == "seven axes" && quarter_turns == 2 {
-                continue; // the same arm with joints 2, 4 and 6 counted the other way round
+                continue; // the same arm with opposite signs of joints 2, 4 and 6
             }
             let turn =
                 Rotation3::from_axis_angle(&Vector3::z_axis(), f64::from(quarter_turns) * PI / 2.0);
             let mut set = changed(&in_base, |_, p| *p = turn * *p);
             wrong(&robot, &set, "frame_suspect", "?frame=instrument");
             set.frame = Frame::Instrument;
-            assert_eq!(judged(&robot, &set, &[]), None, "{name} {quarter_turns}");
+            assert_eq!(
+                check_upload(&robot, &set, &[]),
+                None,
+                "{name} {quarter_turns}"
+            );
         }
     }
 }
@@ -297,7 +305,7 @@ fn makers_signs_are_found_on_a_robot_with_unmastered_joints() {
             });
             let found = suspicion(&robot, &set);
             assert_eq!(found.code, "joint_map_suspect", "{name}: {}", found.detail);
-            // counted so, the joint alone is left
+            // With this convention, only the joint's offset remains.
             let mended = Robot {
                 joint_map: found.joint_map,
                 ..robot.clone()
@@ -331,7 +339,7 @@ fn a_tracker_file_read_as_base_frame_is_refused_in_24_levelled_placements_and_fi
             let mut set = from_a_tracker(&in_base, reach_mm(&robot), &mut random);
             wrong(&robot, &set, "frame_suspect", "?frame=instrument");
             set.frame = Frame::Instrument;
-            assert_eq!(judged(&robot, &set, &[]), None, "{name} {placement}");
+            assert_eq!(check_upload(&robot, &set, &[]), None, "{name} {placement}");
         }
     }
 }
@@ -379,7 +387,7 @@ fn a_turn_about_joint_1_alone_is_an_unmastered_joint_up_to_45_degrees_and_anothe
         let set = measured(&robot, &made, &mut Normal::new(9));
         let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), turn_deg.to_radians());
         let set = changed(&set, |_, p| *p = turn * *p);
-        match judged(&robot, &set, &[]) {
+        match check_upload(&robot, &set, &[]) {
             Some(Finding::Odd {
                 code: "joint_offset_suspect",
                 detail,
@@ -392,7 +400,7 @@ fn a_turn_about_joint_1_alone_is_an_unmastered_joint_up_to_45_degrees_and_anothe
     }
 }
 
-/// A maker's convention: signs, what joint 2 adds to joint 3, and zeros in quarter turns; missing joints have none.
+/// A maker's convention: signs, coupling of joint 2 into joint 3, and zeros in quarter turns. Missing entries are zero.
 type Convention = (&'static str, &'static [i8], i8, &'static [i8]);
 
 const CONVENTIONS: &[Convention] = &[
@@ -422,7 +430,7 @@ fn joint_map((_, sign, coupling, turns): Convention, n: usize) -> JointMap {
     }
 }
 
-/// The file as a controller with that convention writes it.
+/// The file in a controller's joint convention.
 fn as_counted_by(map: &JointMap, set: &MeasurementSet) -> MeasurementSet {
     let inverse = map.rates().try_inverse().unwrap();
     let offset = DVector::from_column_slice(&map.offset_rad);
@@ -440,10 +448,10 @@ fn makers_joint_conventions_are_told_with_the_joint_map_that_mends_them() {
             let map = joint_map(*convention, robot.links.len());
             let file = as_counted_by(&map, set);
             if file == *set {
-                continue; // about joints that this arm has not
+                continue; // for joints that this arm does not have
             }
-            let Some(found) = judged(robot, &file, &[]) else {
-                // some arms look the same: whatever turns all joints of an arm in one plane turns its base
+            let Some(found) = check_upload(robot, &file, &[]) else {
+                // For some arms conventions are equivalent: a sign change of all joints of a planar arm turns its base.
                 assert_eq!(set.frame, Frame::Instrument, "{what}");
                 continue;
             };
@@ -454,7 +462,7 @@ fn makers_joint_conventions_are_told_with_the_joint_map_that_mends_them() {
             let mut mended = robot.clone();
             mended.joint_map = found.joint_map;
             assert_eq!(
-                judged(&mended, &file, &[]),
+                check_upload(&mended, &file, &[]),
                 None,
                 "{what}: {}",
                 found.detail
@@ -490,7 +498,7 @@ fn a_joint_map_that_the_robot_has_already_is_mended_and_not_replaced() {
     robot.joint_map = Some(joint_map(CONVENTIONS[10], 6));
     let found = suspicion(&robot, &file);
     robot.joint_map = found.joint_map;
-    assert_eq!(judged(&robot, &file, &[]), None, "{}", found.detail);
+    assert_eq!(check_upload(&robot, &file, &[]), None, "{}", found.detail);
 }
 
 #[test]
@@ -543,7 +551,7 @@ fn another_robot_is_refused_whatever_its_frame() {
             let same_joints =
                 |robot: &&(&str, Robot)| robot.1.links.len() == measured_on.links.len();
             for (other, robot) in models.iter().filter(|m| m.0 != *name).filter(same_joints) {
-                match judged(robot, &set, &[]) {
+                match check_upload(robot, &set, &[]) {
                     Some(Finding::Wrong(_)) => {}
                     found => panic!("a file of {name} on {other}, {frame:?}: {found:?}"),
                 }
@@ -561,7 +569,7 @@ fn arms_of_ten_millimetres_and_of_twenty_metres_are_judged_by_their_reach() {
             let mut random = Normal::new(4);
             let making = Making { frame, ..CLEAN };
             let set = changed(&measured(&paper, &making, &mut random), |_, p| *p *= by);
-            assert_eq!(judged(&robot, &set, &[]), None, "{by} {frame:?}");
+            assert_eq!(check_upload(&robot, &set, &[]), None, "{by} {frame:?}");
             let kuka = as_counted_by(&joint_map(CONVENTIONS[0], 6), &set);
             wrong(&robot, &kuka, "joint_map_suspect", "joints 1, 4 and 6");
             let unmastered = changed(&set, |q, _| q[2] += 20.0f64.to_radians());
@@ -585,8 +593,8 @@ fn too_few_points_say_nothing() {
         &mut Normal::new(3),
     );
     set.points.iter_mut().for_each(|p| p.position_mm *= 1000.0);
-    assert_eq!(judged(&robot, &set, &[]), None);
+    assert_eq!(check_upload(&robot, &set, &[]), None);
 }
 
-// Twice what real robots show, and a hypothesis has to fit several times better.
+// Twice the errors of real robots; and a hypothesis must fit several times better.
 const _: () = assert!(FITS >= 2.0 * 0.005 && BETTER >= 5.0);

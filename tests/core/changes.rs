@@ -1,4 +1,4 @@
-//! What has changed since a robot's last session: false alarms, detection, and the names.
+//! Changes since a robot's last session: false alarms, detection, and names of the changed parameters.
 
 use crate::data::{paper_robot, paper_set};
 use crate::simulation::{Normal, true_robot};
@@ -18,7 +18,7 @@ fn two_sessions(
     crate::simulation::two_sessions(&paper_robot(), seed, change)
 }
 
-/// What is said of `after` when the robot was last identified from `before`.
+/// The reported changes of `after` for a robot that was last identified from `before`.
 fn compared(robot: &Robot, before: &MeasurementSet, after: &MeasurementSet) -> Changes {
     let previous = Some(PreviousSession {
         set: before.clone(),
@@ -132,7 +132,7 @@ fn an_arm_whose_axes_are_all_parallel_has_not_changed_either_and_a_change_of_it_
         let (first, second) = of_the_parallel_arm(seed, |_| ());
         let changes = compared(&parallel_arm(), &first, &second);
         alarms += usize::from(changes.kind.is_some());
-        // what neither session can tell apart has no size
+        // A combination that neither session determines has no size.
         assert!(
             changes
                 .all
@@ -142,7 +142,7 @@ fn an_arm_whose_axes_are_all_parallel_has_not_changed_either_and_a_change_of_it_
             changes.all
         );
     }
-    // the target's place along the axes is assumed, and tilts of the axes carry it into a_3: not all of it is in the covariance
+    // The target's position along the axes is assumed, and tilted axes carry its error into a_3: the covariance has only a part of it.
     assert!(alarms <= 2, "{alarms} of 20");
     for seed in 20..25 {
         let (first, second) = of_the_parallel_arm(seed, |robot| {
@@ -180,7 +180,7 @@ fn a_collision_is_found_and_the_parameters_that_jumped_are_named() {
             .iter()
             .find(|c| c.name == "theta_offset_3")
             .unwrap();
-        // within four of its own standard deviations
+        // Within four of its own standard deviations.
         assert!(
             (turned.delta - 0.1).abs() < 4.0 * 0.1 / turned.sigmas,
             "{turned:?}"
@@ -215,7 +215,7 @@ fn what_happened_to_the_papers_robot_between_its_sessions_is_told_apart() {
         ("a_3", 0.1),
     ] {
         let found = collision.all.iter().find(|c| c.name == name).unwrap().delta;
-        // what two linearisations 1 mm and 0.2° apart differ by
+        // The difference of two linearisations that are 1 mm and 0.2° apart.
         assert!((found - planted).abs() < 2e-3, "{name}: {found}");
     }
 }

@@ -1,4 +1,4 @@
-//! Corrected targets: the robot as it is, simulated apart from the code under test, ends where the nominal robot would.
+//! Corrected targets: the true robot, simulated independently of the code under test, ends where the nominal robot would.
 
 use crate::data::{paper_robot, urdfs};
 use crate::simulation::{Campaign, Normal, found, limited, measure, poses, true_robot};
@@ -44,12 +44,12 @@ fn matrix(pose: &IsometryMatrix3<f64>) -> Matrix4<f64> {
     pose.to_homogeneous()
 }
 
-/// Displacement in mm and turn in rad from one pose to another.
+/// Displacement in mm and rotation angle in rad from one pose to another.
 fn apart(a: &Matrix4<f64>, b: &Matrix4<f64>) -> (f64, f64) {
     let between = a.try_inverse().unwrap() * b;
     let cosine = (between.fixed_view::<3, 3>(0, 0).trace() - 1.0) / 2.0;
     let translation = (a.column(3) - b.column(3)).norm();
-    // arc cosine is blind below 1e-8: the antisymmetric part sees small turns
+    // The arc cosine loses angles below 1e-8; the antisymmetric part resolves them.
     let sine = Vector3::new(
         between[(2, 1)] - between[(1, 2)],
         between[(0, 2)] - between[(2, 0)],
@@ -86,7 +86,7 @@ fn the_true_robot_has_its_tool_where_the_nominal_one_would() {
             let wanted = naive_flange(&nominal.links, q) * matrix(&tcp());
             let corrected = compensation.correct(q, &Tool::Tcp(tcp()), Mode::Pose);
             assert_eq!(corrected.status, Status::Ok, "{q:?}");
-            // link 1 and the flange of the complete model are nominal: base and flange are anchored as they are
+            // Link 1 and the flange of the complete model are nominal: base and flange keep their anchors.
             let before = apart(&wanted, &(naive_flange(&truth.links, q) * matrix(&tcp())));
             let after = apart(
                 &wanted,
@@ -103,7 +103,7 @@ fn the_true_robot_has_its_tool_where_the_nominal_one_would() {
 #[test]
 fn what_links_base_and_targets_share_out_among_them_does_not_matter() {
     let (nominal, truth) = robot_with_errors(7);
-    // the same robot with other values of link 1 and of theta_offset and d of the last link, and base and target moved to match
+    // The same robot with other values of link 1 and of theta_offset and d of the last link, with base and target moved to match.
     let mut other = truth.clone();
     let first = Link {
         a_mm: 0.4,
@@ -158,7 +158,7 @@ fn identified(
     (report.links, report.targets_mm[0])
 }
 
-/// Largest difference of the corrected joints, rad, when a robot is measured in its base frame and from an instrument.
+/// Largest difference between the corrected joints of a robot measured in its base frame and from an instrument, rad.
 fn base_against_instrument(noise_mm: f64) -> f64 {
     let nominal = limited(paper_robot());
     let (_, truth) = robot_with_errors(11);
@@ -212,7 +212,7 @@ fn measured_in_the_base_frame_or_from_an_instrument_the_targets_are_the_same() {
 
 #[test]
 fn the_papers_model_in_the_base_frame_agrees_on_positions() {
-    // four parameters per link, target on the flange's axis: link 1 takes part of what the base would take from an instrument
+    // Four parameters per link, target on the flange's axis: link 1 absorbs a part of what the base absorbs with an instrument.
     let nominal = limited(paper_robot());
     let mut truth = KinematicModel::nominal(&nominal.links, 1);
     let mut normal = Normal::new(5);
@@ -266,9 +266,13 @@ fn the_papers_model_in_the_base_frame_agrees_on_positions() {
     assert!(worst.to_degrees() < 1e-3, "{worst}");
 }
 
-/// Every number of every link off by 0.3 mm and 0.05°, joint offsets by 0.2°, but for what positions cannot tell from where the reflector
-/// is: theta_offset and, where `is_free_last_d` is false, d of the last link.
-fn off_everywhere(nominal: &Robot, is_free_last_d: bool, random: &mut Normal) -> KinematicModel {
+/// Errors of 0.3 mm and 0.05° in every parameter of every link, and of 0.2° in joint offsets, except those that positions cannot distinguish from the
+/// reflector's position: theta_offset and, unless `is_free_last_d`, d of the last link.
+fn with_errors_everywhere(
+    nominal: &Robot,
+    is_free_last_d: bool,
+    random: &mut Normal,
+) -> KinematicModel {
     let mut truth = KinematicModel::nominal(&nominal.links, 1);
     let last = nominal.links.len() - 1;
     for (i, link) in truth.links.iter_mut().enumerate() {
@@ -284,24 +288,24 @@ fn off_everywhere(nominal: &Robot, is_free_last_d: bool, random: &mut Normal) ->
     truth
 }
 
-/// How far the true robot has its reflector from where the nominal robot would have it, in the measuring frame, rms over the poses, mm:
+/// Distance between the reflector of the true robot and that of the nominal robot in the measuring frame, rms over the poses, mm:
 /// before and after.
-fn missed_in_measuring_frame(
+fn error_in_measuring_frame(
     nominal: &Robot,
     truth: &KinematicModel,
     identified: &IdentifiedRobot,
     base: Base,
     random: &mut Normal,
 ) -> (f64, f64) {
-    // within the joint limits, with room for the correction
+    // Within the joint limits, with a margin for the correction.
     let poses: Vec<Vec<f64>> = poses(60, random)
         .iter()
         .map(|q| q.iter().map(|q| 0.9 * q).collect())
         .collect();
-    missed_at(nominal, truth, identified, base, &poses)
+    rms_errors_at(nominal, truth, identified, base, &poses)
 }
 
-fn missed_at(
+fn rms_errors_at(
     nominal: &Robot,
     truth: &KinematicModel,
     identified: &IdentifiedRobot,
@@ -323,7 +327,7 @@ fn missed_at(
     ((before / n).sqrt(), (after / n).sqrt())
 }
 
-/// A hundred poses and 0.03 mm of noise leave about 0.03 · sqrt(27 / 100) = 0.016 mm of each point; three times that.
+/// Limit, mm: three times 0.03 · sqrt(27 / 100) = 0.016 mm, the error that a hundred poses with 0.03 mm of noise leave at each point.
 const MET_MM: f64 = 0.05;
 
 #[test]
@@ -336,12 +340,12 @@ fn targets_measured_in_the_base_frame_are_met_in_the_measuring_frame_for_both_mo
     };
     for (model, reflector_mm) in [
         (Model::Complete, Vector3::new(80.0, -30.0, 110.0)),
-        // the paper's model holds the reflector at the end of the nominal robot
+        // The paper's model holds the reflector at the tip of the nominal robot.
         (Model::Paper, Vector3::zeros()),
     ] {
         for seed in 0..5 {
             let mut random = Normal::new(700 + seed);
-            let mut truth = off_everywhere(&nominal, model == Model::Paper, &mut random);
+            let mut truth = with_errors_everywhere(&nominal, model == Model::Paper, &mut random);
             truth.targets_mm[0] = reflector_mm;
             let mut set = measure(&truth, &poses(100, &mut random), &campaign, &mut random);
             set.frame = Frame::Base;
@@ -356,14 +360,14 @@ fn targets_measured_in_the_base_frame_are_met_in_the_measuring_frame_for_both_mo
             };
             let missed = |base| {
                 let mut random = Normal::new(800 + seed);
-                missed_in_measuring_frame(&nominal, &truth, &identified, base, &mut random)
+                error_in_measuring_frame(&nominal, &truth, &identified, base, &mut random)
             };
             let ((before, measured), (_, robot)) = (missed(Base::Measured), missed(Base::Robot));
             println!(
                 "{model:?}, robot {seed}: {before:.2} mm before, {measured:.3} mm met in the measuring frame, {robot:.2} mm in the robot's own"
             );
             assert!(measured < MET_MM, "{model:?} {seed}: {measured}");
-            // what the robot's own base leaves out is not small
+            // The part that the robot's own base frame omits is not small.
             assert!(robot > 4.0 * MET_MM, "{model:?} {seed}: {robot}");
         }
     }
@@ -378,7 +382,7 @@ fn targets_measured_from_an_instrument_are_met_in_the_robots_own_base_frame() {
     };
     for seed in 0..5 {
         let mut random = Normal::new(750 + seed);
-        // link 1 and the flange are nominal: the robot's own base frame is that of its links
+        // Link 1 and the flange are nominal: the robot's own base frame is that of its links.
         let truth = true_robot(&nominal, 1, &mut random);
         let set = measure(&truth, &poses(100, &mut random), &campaign, &mut random);
         let report = calibrate(&CalibrationRequest::new(nominal.clone(), set), &mut |_| {
@@ -390,7 +394,7 @@ fn targets_measured_from_an_instrument_are_met_in_the_robots_own_base_frame() {
             corrected: report.corrected.clone(),
         };
         let (before, after) =
-            missed_in_measuring_frame(&nominal, &truth, &identified, Base::Robot, &mut random);
+            error_in_measuring_frame(&nominal, &truth, &identified, Base::Robot, &mut random);
         println!("robot {seed}: {before:.2} mm before, {after:.3} mm after");
         assert!(before > 0.5 && after < MET_MM, "{seed}: {before} {after}");
     }
@@ -398,10 +402,10 @@ fn targets_measured_from_an_instrument_are_met_in_the_robots_own_base_frame() {
 
 #[test]
 fn a_tool_in_the_last_link_is_no_error_of_the_robot() {
-    // the paper's model takes a reflector 100 mm out into d of the last link; the nominal robot carries it there too
+    // The paper's model puts a reflector that is 100 mm out into d of the last link; the nominal robot has it there too.
     let nominal = limited(paper_robot());
     let mut random = Normal::new(777);
-    let mut truth = off_everywhere(&nominal, false, &mut random);
+    let mut truth = with_errors_everywhere(&nominal, false, &mut random);
     truth.targets_mm[0] = Vector3::new(0.0, 0.0, 100.0);
     let campaign = Campaign {
         n_configurations: 100,
@@ -416,12 +420,12 @@ fn a_tool_in_the_last_link_is_no_error_of_the_robot() {
     let report = calibrate(&request, &mut |_| ControlFlow::Continue(())).unwrap();
     let identified = IdentifiedRobot::of_links(found(&report));
     let (_, after) =
-        missed_in_measuring_frame(&nominal, &truth, &identified, Base::Measured, &mut random);
+        error_in_measuring_frame(&nominal, &truth, &identified, Base::Measured, &mut random);
     println!("{after:.3} mm");
     assert!(after < MET_MM, "{after}");
 }
 
-/// Arms with six joints of four makers, from their descriptions.
+/// Six-axis arms of four makers, from their descriptions.
 const ARMS: [&str; 10] = [
     "Universal_Robots_ROS2_Description__ur10e",
     "Universal_Robots_ROS2_Description__ur3e",
@@ -435,7 +439,7 @@ const ARMS: [&str; 10] = [
     "kuka_experimental__kr5_arc",
 ];
 
-/// One of [`ARMS`] with errors as from the factory, measured from an instrument at 60 poses with 0.03 mm of noise; identified by default.
+/// One of [`ARMS`] with typical factory errors, measured from an instrument at 60 poses with 0.03 mm of noise, and identified with default settings.
 fn measured_arm(
     name: &str,
     urdf: &str,
@@ -450,7 +454,7 @@ fn measured_arm(
     let nominal = imported.robot.to_core().unwrap();
     let mut random = Normal::new(41);
     let mut truth = true_robot(&nominal, 1, &mut random);
-    // joint offsets are mastered on the shop floor: 0.3° instead of 0.05°
+    // Joints are mastered in the workshop: offsets of 0.3° instead of 0.05°.
     for (link, nominal) in truth.links.iter_mut().zip(&nominal.links) {
         link.theta_offset_rad =
             nominal.theta_offset_rad + 6.0 * (link.theta_offset_rad - nominal.theta_offset_rad);
@@ -460,7 +464,12 @@ fn measured_arm(
         n_configurations: 60,
         ..Campaign::PLAIN
     };
-    let set = measure(&truth, &inside(&nominal, 60, 1), &campaign, &mut random);
+    let set = measure(
+        &truth,
+        &poses_within_limits(&nominal, 60, 1),
+        &campaign,
+        &mut random,
+    );
     let report = calibrate(&CalibrationRequest::new(nominal.clone(), set), &mut |_| {
         ControlFlow::Continue(())
     })
@@ -468,8 +477,8 @@ fn measured_arm(
     (nominal, truth, report)
 }
 
-/// Random configurations within the joint limits, with room for corrections, and within half a turn.
-fn inside(robot: &Robot, n: usize, seed: u64) -> Vec<Vec<f64>> {
+/// Random configurations within the joint limits and within half a turn, with a margin for corrections.
+fn poses_within_limits(robot: &Robot, n: usize, seed: u64) -> Vec<Vec<f64>> {
     let mut random = Normal::new(seed);
     let mut pose = || {
         robot
@@ -486,13 +495,13 @@ fn inside(robot: &Robot, n: usize, seed: u64) -> Vec<Vec<f64>> {
     (0..n).map(|_| pose()).collect()
 }
 
-/// Angle between the flange of the identified robot and that of the true one, each on its anchored base, rms over poses, degrees.
+/// Angle between the flanges of the identified and the true robot, each on its anchored base, rms over poses, degrees.
 fn flange_off_deg(nominal: &Robot, truth: &KinematicModel, links: &[Link]) -> f64 {
     let (found, true_one) = (
         Compensation::new(nominal, links),
         Compensation::new(nominal, &truth.links),
     );
-    let poses = inside(nominal, 60, 2);
+    let poses = poses_within_limits(nominal, 60, 2);
     let square = |q: &Vec<f64>| {
         let (a, b) = (found.t_base_flange(q), true_one.t_base_flange(q));
         apart(&matrix(&a), &matrix(&b)).1.to_degrees().powi(2)
@@ -514,7 +523,7 @@ fn one_reflector_on_the_last_axis_does_not_tell_how_the_flange_is_turned() {
         println!(
             "{name}: turned by {off_deg:.2}°, told {std_deg:.2}°; its reflector {rms_mm:.3} mm from where the nominal robot would have it"
         );
-        // never told smaller than it is: three standard deviations
+        // Never stated too small: the error is within three standard deviations.
         assert!(off_deg < 3.0 * std_deg, "{name}: {off_deg} {std_deg}");
         let is_refused = report
             .warnings
@@ -526,11 +535,11 @@ fn one_reflector_on_the_last_axis_does_not_tell_how_the_flange_is_turned() {
         assert!(rms_mm < 0.1, "{name}: {rms_mm}");
     }
     println!("{n_refused} of {n} are refused");
-    // the tenth came out as the priors have it, and is told so
+    // The tenth came out at its prior, and the report says so.
     assert!(10 * n_refused >= 8 * n, "{n_refused} of {n}");
 }
 
-/// How far the true robot has its reflector, with corrected joints, from where the nominal robot would have one that is where the set says, rms
+/// Distance between the true robot's reflector with corrected joints and the nominal robot's with the reflector position of the set, rms
 /// over poses, mm.
 fn met_by_reflector(
     nominal: &Robot,
@@ -547,10 +556,10 @@ fn met_by_reflector(
         * identified.model().t_instrument_base
         * compensation.anchor().t_base_anchored;
     let (mut square, mut n) = (0.0, 0.0);
-    for q in inside(nominal, 60, 3) {
+    for q in poses_within_limits(nominal, 60, 3) {
         let corrected = compensation.correct(&q, &Tool::Target(target_mm), Mode::Position);
         if corrected.status != Status::Ok {
-            continue; // at a joint's limit, and told
+            continue; // at a joint limit, with the status to say so
         }
         let wanted = matrix(&t_true_base_identified)
             * naive_flange(&nominal.links, &q)
@@ -596,7 +605,7 @@ fn position_mode_moves_the_joints_least() {
             .fixed_rows::<3>(0)
             .into_owned();
         assert!((at(&corrected.q_controller_rad) - wanted).norm() < 1e-8);
-        // at the smallest change of all that reach a point, the change is a combination of the Jacobian's rows (Lagrange)
+        // The smallest change that reaches a point is a combination of the Jacobian's rows (Lagrange).
         let step = 1e-6;
         let jacobian = DMatrix::from_fn(3, 6, |axis, joint| {
             let (mut up, mut down) = (
@@ -654,7 +663,7 @@ fn near_a_wrist_singularity_the_joints_do_not_jump() {
             Status::Ok => assert!(corrected.position_error_after_mm < 1e-3),
             Status::NearSingular => {
                 n_damped += 1;
-                // better than uncorrected in position, and no worse than the wrist's own error in orientation
+                // Better than uncorrected in position, and no worse than the wrist's own error in orientation.
                 assert!(
                     corrected.position_error_after_mm < corrected.position_error_before_mm,
                     "{corrected:?}"
@@ -680,7 +689,7 @@ fn joint_limits_hold_and_are_named() {
     let free = Compensation::new(&nominal, &truth.links).correct(&q, &Tool::Tcp(tcp()), Mode::Pose);
     assert_eq!(free.status, Status::Ok);
     let change = free.q_controller_rad[2] - q[2];
-    // the limit lies half way
+    // The limit is half way.
     let limit = q[2] + change / 2.0;
     nominal.joint_limits_rad[2] = Some(if change > 0.0 {
         (-3.0, limit)
@@ -692,7 +701,7 @@ fn joint_limits_hold_and_are_named() {
     assert_eq!(limited.status, Status::JointLimit);
     assert!((limited.q_controller_rad[2] - limit).abs() < 1e-12);
     assert!(limited.position_error_after_mm < limited.position_error_before_mm);
-    // in position mode the other joints make up for it
+    // In position mode the other joints compensate for it.
     let position =
         Compensation::new(&nominal, &truth.links).correct(&q, &Tool::Tcp(tcp()), Mode::Position);
     assert!(position.position_error_after_mm < 1e-6, "{position:?}");
@@ -731,7 +740,7 @@ fn the_controllers_joint_values_are_corrected() {
     let corrected =
         Compensation::new(&coupled, &truth.links).correct(&q, &Tool::Tcp(tcp()), Mode::Pose);
     assert_eq!(corrected.status, Status::Ok);
-    // by hand: q3 of the model is q2 - q3 + 0.1 here
+    // By hand: q3 of the model is q2 - q3 + 0.1 here.
     let model = |q: &[f64]| vec![q[0], q[1] - 0.2, q[1] - q[2] + 0.1, q[3], -q[4], q[5] + 0.3];
     let wanted = naive_flange(&nominal.links, &model(&q)) * matrix(&tcp());
     let found = naive_flange(&truth.links, &model(&corrected.q_controller_rad)) * matrix(&tcp());
@@ -814,7 +823,7 @@ fn sag_and_eccentric_joints_are_corrected_and_fade_into_the_links_alone() {
     let before = (before / f64::from(n)).sqrt();
     println!("missed by {before:.2} mm rms before");
     assert!(before > 1.0);
-    // far from what was measured the links alone speak
+    // Far from the measured region only the links predict.
     let far = [0.0, 2.6, -2.4, 0.3, 0.8, 0.0];
     let alone = Compensation::new(&nominal, &truth.links).correct(
         &far,
@@ -832,9 +841,9 @@ fn numbers(text: &str) -> Vec<f64> {
         .collect()
 }
 
-/// How far the flange is from where the identified robot has it, turn and shift, in units of what `pose_not_seen` tells: root mean square of 30
-/// robots with errors as from the factory, whose reflector the last joint turns about itself.
-fn flange_over_told() -> (f64, f64) {
+/// Error of the flange's rotation and position, in units of what `pose_not_seen` states: root mean square of 30
+/// robots with typical factory errors, whose reflector is on the last axis.
+fn flange_over_stated() -> (f64, f64) {
     let nominal = limited(paper_robot());
     let campaign = Campaign {
         noise_mm: 1e-3,
@@ -894,10 +903,10 @@ fn flange_over_told() -> (f64, f64) {
 
 #[test]
 fn what_a_reflector_on_the_last_axis_does_not_show_is_told_by_its_size() {
-    let (turn, shift) = flange_over_told();
+    let (turn, shift) = flange_over_stated();
     println!("the flange is off by {turn:.2} (turn) and {shift:.2} (shift) times what is told");
-    // told by its size, and not too small: a handful of combinations each of 30 robots, whose root mean square is within a tenth of 1 where
-    // what is told is right; it comes out about twice as large
+    // The stated size is right and not too small: with a handful of combinations of each of 30 robots the root mean square is within a tenth of 1 if
+    // the stated size is right; the stated size is about twice as large.
     assert!(
         [turn, shift].iter().all(|ratio| (0.3..1.2).contains(ratio)),
         "{turn} {shift}"

@@ -1,4 +1,4 @@
-//! Corrections: derivatives, what is kept, what it is worth on unseen poses, and where it ends. The tables are in `docs/corrections.md`.
+//! Corrections: derivatives, selection, gain on unseen poses, and the region where they hold. The tables are in `docs/corrections.md`.
 
 use crate::data::{paper_robot, real_data, robot};
 use crate::simulation::{Bent, Campaign, Normal, bent_set, identified, poses, true_robot};
@@ -14,7 +14,7 @@ use kincal::measurement::{Frame, MeasurementSet, Point, Subset, csv};
 use nalgebra::Vector3;
 use std::ops::ControlFlow;
 
-/// Unseen poses that simulated robots are scored at.
+/// Number of unseen poses at which simulated robots are scored.
 const UNSEEN: usize = 200;
 
 fn run(request: &CalibrationRequest) -> CalibrationReport {
@@ -107,7 +107,7 @@ fn derivatives_equal_central_differences() {
         };
         let difference = (moved(-1.0) - moved(1.0)) / (2.0 * step);
         let (size, off) = (difference.norm(), (difference - by_term.column(j)).norm());
-        // a mass at the base moves nothing; rounding of a metre over the step is 1e-6 of any other column
+        // A mass at the base moves nothing. The rounding of a metre over the step is 1e-6 of any other column.
         assert!(
             off <= 2e-6 * size + 1e-9 / step,
             "{term:?}: {off} of {size}"
@@ -122,7 +122,7 @@ fn derivatives_equal_central_differences() {
         };
         let difference = (moved(-1.0) - moved(1.0)) / (2.0 * step);
         let off = (&difference - by_parameter.column(j)).norm() / difference.norm();
-        // that links move the masses is left out: some mrad per unit moment
+        // The links' effect on the position of the masses is neglected: some mrad per unit moment.
         assert!(
             off < if matches!(parameter, Parameter::Link(..)) {
                 1e-2
@@ -215,7 +215,7 @@ fn the_measured_arm_that_sags_is_predicted_three_times_better_with_corrections()
         verify.corrected
     );
     assert!(kept(&report).contains(&"stiffness_2_3"));
-    // the links do not know of it
+    // The links do not change.
     let off = run(&CalibrationRequest {
         corrections: Some(CorrectionsChoice::Off),
         ..request
@@ -250,7 +250,7 @@ fn corrections_of_one_visit_hold_on_the_other() {
             scored.corrected.unwrap().rms_mm
         );
         assert!(scored.corrected.unwrap().rms_mm <= scored.after.rms_mm);
-        // a verify job on the same points finds the same
+        // A verify job on the same points gives the same result.
         let identified = IdentifiedRobot {
             plain: crate::simulation::found(&report),
             corrected: report.corrected.clone(),
@@ -265,9 +265,9 @@ fn corrections_of_one_visit_hold_on_the_other() {
     }
 }
 
-/// Groups of neighbouring poses, each group 0.3 mm (one coordinate) off for itself, and other such poses to verify: corrections that follow the
+/// Groups of neighbouring poses, each group with its own error of 0.3 mm (one coordinate), and other such groups to verify: corrections that follow the
 /// groups win the cross-validation among them.
-fn groups_that_mislead(seed: u64) -> MeasurementSet {
+fn misleading_groups(seed: u64) -> MeasurementSet {
     const GROUPS: usize = 20;
     let mut random = Normal::new(seed);
     let truth = true_robot(&paper_robot(), 1, &mut random);
@@ -295,7 +295,7 @@ fn groups_that_mislead(seed: u64) -> MeasurementSet {
 #[test]
 fn the_points_to_verify_and_nobody_else_have_a_veto_over_all_corrections() {
     for seed in 0..3 {
-        let set = groups_that_mislead(seed);
+        let set = misleading_groups(seed);
         let report = run(&CalibrationRequest::new(paper_robot(), set.clone()));
         let tried = report.corrections.as_ref().unwrap();
         assert!(tried.last().unwrap().is_vetoed && tried.iter().all(|e| !e.kept));
@@ -309,7 +309,7 @@ fn the_points_to_verify_and_nobody_else_have_a_veto_over_all_corrections() {
             Some(report.identify.after),
             "the links alone everywhere"
         );
-        // without points to verify nobody has a veto
+        // Without verify points there is no veto.
         let mut unverified = set;
         unverified
             .points
@@ -346,11 +346,11 @@ fn outside_of_what_was_measured_corrections_fade_into_the_links() {
         .filter(|p| found.is_extrapolated(&p.q_rad))
         .count();
     assert_eq!(inside, 0, "measured poses are inside");
-    // poses of the same kind are inside, too, but for a few
+    // Poses of the same kind are inside the region, too, except for a few.
     let unseen = poses(500, &mut random);
     let outside = unseen.iter().filter(|q| found.is_extrapolated(q)).count();
     assert!(outside < 10, "{outside} of 500");
-    // joint 2, measured between -1.4 and 0.6 rad, goes out: the displacement between the two predictions fades without a jump
+    // Joint 2, measured between -1.4 and 0.6 rad, leaves the region: the displacement between the two predictions fades without a jump.
     let q = |q2: f64| vec![0.3, q2, 0.2, -0.5, 0.7, 0.4];
     let gap = |q2: f64| (found.position(&q(q2), 0) - found.plain.position(&q(q2), 0)).norm();
     assert!(!found.is_extrapolated(&q(0.5)) && gap(0.5) > 0.0);
@@ -372,9 +372,9 @@ fn outside_of_what_was_measured_corrections_fade_into_the_links() {
         most < 1.05 * least,
         "a path along joint 2 goes {least} to {most} mm a step"
     );
-    // whole turns make no difference
+    // Whole turns make no difference.
     assert!(!found.is_extrapolated(&[0.3 + std::f64::consts::TAU, 0.5, 0.2, -0.5, 0.7, 0.4]));
-    // the flange fades along
+    // The flange's pose fades in the same way.
     let flange = found.t_instrument_flange(&q(1.6));
     let tip = flange.rotation * found.plain.targets_mm[0] + flange.translation.vector;
     assert!((tip - found.plain.position(&q(1.6), 0)).norm() < 1e-9);

@@ -1,4 +1,4 @@
-//! Other people's descriptions: each conversion beside a second implementation, at random configurations.
+//! Conversions from and to other descriptions: each is compared with a second implementation at random configurations.
 
 use crate::data::{oracles_python, paper_robot, urdfs};
 use crate::simulation::{Normal, poses, true_robot};
@@ -33,7 +33,7 @@ fn shift(x: f64, y: f64, z: f64) -> Matrix4<f64> {
     Matrix4::new_translation(&Vector3::new(x, y, z))
 }
 
-/// Position apart in mm, entries of rotation apart at a metre.
+/// Largest difference of two poses in mm; rotations count at a metre.
 fn apart(a: &Matrix4<f64>, b: &Matrix4<f64>) -> f64 {
     (a - b)
         .fixed_view::<3, 1>(0, 3)
@@ -103,7 +103,7 @@ fn distal_tables_become_links_with_the_same_kinematics() {
     }
 }
 
-/// A chain with every kind of neighbours: at random, parallel, nearly parallel, intersecting, on one line.
+/// A chain with every relation of neighbouring axes: random, parallel, nearly parallel, intersecting, collinear.
 fn random_chain(n: usize, random: &mut Normal) -> Chain {
     let mut joints = Vec::new();
     for i in 0..n {
@@ -147,7 +147,7 @@ fn random_chain(n: usize, random: &mut Normal) -> Chain {
     Chain { joints }
 }
 
-/// Homogeneous matrices and Rodrigues' formula written out: the chain again.
+/// Second implementation of the chain: homogeneous matrices and Rodrigues' formula.
 fn naive_chain(chain: &Chain, q: &[f64]) -> Matrix4<f64> {
     let mut q = q.iter();
     chain.joints.iter().fold(Matrix4::identity(), |t, joint| {
@@ -185,8 +185,8 @@ fn chains_of_any_axes_become_links_with_the_same_kinematics() {
     assert!(worst < 1e-9, "{worst:.1e}");
 }
 
-/// The nominal paper robot in frames of a URDF's own taste: turned and slid on each link, other axes, fixed joints between.
-fn own_frames(nominal: &[Link], random: &mut Normal) -> (Chain, IsometryMatrix3<f64>) {
+/// The nominal paper robot as a URDF with arbitrary frames: turned and shifted on each link, other axes, fixed joints in between.
+fn with_arbitrary_frames(nominal: &[Link], random: &mut Normal) -> (Chain, IsometryMatrix3<f64>) {
     let t_root_base = IsometryMatrix3::from_parts(
         Translation3::new(10.0, -20.0, 300.0),
         rotation_exp(&Vector3::new(0.0, 0.0, 0.4)),
@@ -195,7 +195,7 @@ fn own_frames(nominal: &[Link], random: &mut Normal) -> (Chain, IsometryMatrix3<
     let mut from = t_root_base;
     for (i, link) in nominal.iter().enumerate() {
         if i == 2 {
-            // a fixed joint before joint 3; what follows starts behind it
+            // A fixed joint before joint 3; the following frames start behind it.
             let fixed = IsometryMatrix3::from_parts(
                 Translation3::new(1.0, 2.0, 3.0),
                 rotation_exp(&Vector3::new(0.1, 0.2, 0.3)),
@@ -266,7 +266,7 @@ fn urdf_text(chain: &Chain, decimals: usize) -> String {
             joint.name,
             i + 1
         );
-        // in every second joint the attributes stand the other way round
+        // Every second joint has its attributes in reverse order.
         text += &if i % 2 == 0 {
             format!("    <origin  rpy = '{roll} {pitch} {yaw}'\txyz=\"{x}  {y} {z}\" />\n")
         } else {
@@ -283,9 +283,9 @@ fn urdf_text(chain: &Chain, decimals: usize) -> String {
     text + "  <gazebo reference=\"l1\"><material>Gazebo/Orange</material></gazebo>\n</robot>\n"
 }
 
-/// What is left of a URDF without the values of the origins of the joints named.
+/// A URDF without the origin values of the named joints.
 fn without_origins(text: &str, names: &[String]) -> String {
-    let mut kept = String::new();
+    let mut remaining = String::new();
     for (i, part) in text.split("<joint").enumerate() {
         let mut part = part.to_owned();
         if i > 0
@@ -314,10 +314,10 @@ fn without_origins(text: &str, names: &[String]) -> String {
                 .collect();
             part.replace_range(start..end, &masked);
         }
-        kept += "<joint";
-        kept += &part;
+        remaining += "<joint";
+        remaining += &part;
     }
-    kept
+    remaining
 }
 
 #[test]
@@ -325,7 +325,7 @@ fn a_users_urdf_gets_the_identified_kinematics_and_nothing_else_of_it_changes() 
     let mut random = Normal::new(4);
     let nominal = paper_robot();
     let identified = true_robot(&nominal, 1, &mut random).links;
-    let (chain, _) = own_frames(&nominal.links, &mut random);
+    let (chain, _) = with_arbitrary_frames(&nominal.links, &mut random);
     let text = urdf_text(&chain, 6);
     let urdf = Urdf::parse(text.as_bytes()).unwrap();
     let old = urdf.chain(None, Some(6)).unwrap();
@@ -337,7 +337,7 @@ fn a_users_urdf_gets_the_identified_kinematics_and_nothing_else_of_it_changes() 
         without_origins(&text, &names),
         without_origins(&patched, &names)
     );
-    // frames stay where they were but for the robot's errors
+    // Frames stay where they were, except for the robot's errors.
     let back = Urdf::parse(patched.as_bytes())
         .unwrap()
         .chain(None, Some(6))
@@ -358,7 +358,7 @@ fn a_users_urdf_gets_the_identified_kinematics_and_nothing_else_of_it_changes() 
         .iter()
         .map(|q| t_base_flange(&identified, q).to_homogeneous())
         .collect();
-    // X⁻¹·T_urdf(q)·Y⁻¹: X is known from how the test made the chain, up to what the rounding of the text moved it
+    // X⁻¹·T_urdf(q)·Y⁻¹: X is known from the construction of the chain, up to the rounding of the text.
     let (x, y) = placed(&chains, &links);
     let worst = chains
         .iter()
@@ -430,9 +430,9 @@ fn ur_kinematics(body: &RobotBody, identified: &[Link]) -> Result<String, export
     export::export(&source, ExportFormat::UrKinematics, BetaChoice::Keep).map(|e| e.text)
 }
 
-/// Where the description with the exported origins has tool0 in base_link: by docs/oracles/read_ur_description.py, with pinocchio where it
+/// Pose of tool0 in base_link by the description with the exported origins, read by docs/oracles/read_ur_description.py, with pinocchio if it
 /// is installed.
-fn as_its_users_load_it(urdf: &str, kinematics: &str, q: &[Vec<f64>]) -> Vec<Matrix4<f64>> {
+fn read_by_the_oracle(urdf: &str, kinematics: &str, q: &[Vec<f64>]) -> Vec<Matrix4<f64>> {
     let folder = tempfile::tempdir().unwrap();
     let file = |name: &str, text: &str| {
         let path = folder.path().join(name);
@@ -450,8 +450,8 @@ fn as_its_users_load_it(urdf: &str, kinematics: &str, q: &[Vec<f64>]) -> Vec<Mat
         .arg(file("q.json", &json!(q).to_string()))
         .output()
         .unwrap();
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success(), "{said}");
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{stderr}");
     let answer: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     let readers = answer["readers"].as_array().unwrap();
     assert!(
@@ -467,8 +467,8 @@ fn as_its_users_load_it(urdf: &str, kinematics: &str, q: &[Vec<f64>]) -> Vec<Mat
         .collect()
 }
 
-/// Every number of every link off, and Hayati's beta where axes are parallel.
-fn off_by_a_little(nominal: &[Link], random: &mut Normal) -> Vec<Link> {
+/// Errors in every parameter of every link, and Hayati's beta for parallel axes.
+fn with_small_errors(nominal: &[Link], random: &mut Normal) -> Vec<Link> {
     let off = |link: &Link| Link {
         a_mm: link.a_mm + 0.5 * random.draw(),
         alpha_rad: link.alpha_rad + 1e-3 * random.draw(),
@@ -480,7 +480,7 @@ fn off_by_a_little(nominal: &[Link], random: &mut Normal) -> Vec<Link> {
 }
 
 /// The tables of the maker, in Base: d1, a2, a3, d4, d5, d6, mm. Row i holds a and alpha before axis i.
-fn typed_by_hand([d1, a2, a3, d4, d5, d6]: [f64; 6]) -> RobotBody {
+fn description_by_hand([d1, a2, a3, d4, d5, d6]: [f64; 6]) -> RobotBody {
     let row = |a: f64, alpha: f64, d: f64| json!({"a_mm": a, "alpha_deg": alpha, "d_mm": d, "theta_offset_deg": 0.0});
     let links = [
         row(0.0, 0.0, d1),
@@ -503,11 +503,11 @@ fn ur_kinematics_in_the_makers_description_move_as_the_identified_robot() {
     let compare =
         |name: &str, urdf: &str, body: &RobotBody, base_link_links: f64, random: &mut Normal| {
             let nominal = body.to_core().unwrap();
-            let identified = off_by_a_little(&nominal.links, random);
+            let identified = with_small_errors(&nominal.links, random);
             let q: Vec<Vec<f64>> = (0..20).map(|_| random_joints(6, random)).collect();
             let kinematics = ur_kinematics(body, &identified).unwrap();
-            let found = as_its_users_load_it(urdf, &kinematics, &q);
-            // by homogeneous matrices: the links in base_link; tool0 is the flange
+            let found = read_by_the_oracle(urdf, &kinematics, &q);
+            // By homogeneous matrices: the links in base_link; tool0 is the flange.
             let worst = q
                 .iter()
                 .zip(&found)
@@ -536,8 +536,8 @@ fn ur_kinematics_in_the_makers_description_move_as_the_identified_robot() {
         compare(name, urdf, &body, 0.0, &mut random);
     }
     if let Some((name, urdf)) = all.iter().find(|(name, _)| name.ends_with("__ur10e")) {
-        // the maker's Base is base_link turned by 180°
-        let body = typed_by_hand([180.7, -612.7, -571.55, 174.15, 119.85, 116.55]);
+        // The maker's Base is base_link turned by 180°.
+        let body = description_by_hand([180.7, -612.7, -571.55, 174.15, 119.85, 116.55]);
         compare(&format!("{name} by hand"), urdf, &body, PI, &mut random);
         assert!(all.len() >= 18, "{}", all.len());
     }
@@ -561,8 +561,8 @@ fn other_makers_robots_have_no_ur_kinematics() {
         }
     }
     println!("{refused} robots of other makers refused, {of_six} of them with six joints");
-    // a UR whose base is in a frame of somebody's own cannot be told where it is
-    let mut turned = typed_by_hand([180.7, -612.7, -571.55, 174.15, 119.85, 116.55]);
+    // The base of a UR in a custom frame cannot be located.
+    let mut turned = description_by_hand([180.7, -612.7, -571.55, 174.15, 119.85, 116.55]);
     turned.links[0].theta_offset_deg = 30.0;
     let links = turned.to_core().unwrap().links;
     assert!(ur_kinematics(&turned, &links).is_err());
@@ -573,7 +573,7 @@ fn a_urdf_of_another_robot_is_refused_with_the_joint_that_differs() {
     let nominal = paper_robot();
     let mut other = nominal.clone();
     other.links[2].a_mm += 15.0;
-    let (chain, _) = own_frames(&other.links, &mut Normal::new(6));
+    let (chain, _) = with_arbitrary_frames(&other.links, &mut Normal::new(6));
     match transplanted(&chain, &nominal, &nominal.links) {
         Err(Mismatch::Axis { distance_mm, .. }) => assert!(distance_mm > 3.0, "{distance_mm}"),
         other => panic!("{other:?}"),
@@ -671,7 +671,7 @@ fn links_without_beta_are_no_worse_than_beta_left_out_and_say_how_far_they_are_o
             ..*link
         })
         .collect();
-    // measured at other configurations than those that were fitted, by a rougher second implementation of the same statement
+    // Evaluated at other configurations than those that were fitted, by a rougher second implementation.
     let off = |links: &[Link]| {
         let at = |q: &Vec<f64>| {
             let (a, b) = (t_base_flange(&identified, q), t_base_flange(links, q));
@@ -769,11 +769,11 @@ fn of_two_joints_none_has_an_offset_that_can_be_told_from_base_and_tool() {
     );
 }
 
-/// The examples of docs/export.md: elevation of upper arm and forearm above the horizontal, and which way the robot faces, by the pendant.
+/// The examples of docs/export.md, by the pendant's joint values: elevation of upper arm and forearm above the horizontal, and the direction that the robot faces.
 mod joint_maps {
     use super::*;
 
-    /// The paper's arm: q2 = 0 has the upper arm level, q2 = -90° upright; with q3 = 0 the forearm hangs at a right angle below.
+    /// The paper's arm: with q2 = 0 the upper arm is level, with q2 = -90° upright; with q3 = 0 the forearm hangs at a right angle below.
     fn arm(map: JointMap) -> Robot {
         Robot {
             joint_map: Some(map),
@@ -790,7 +790,7 @@ mod joint_maps {
             x.y.atan2(x.x)
         };
         let upper = frame(2).rotation * Vector3::x();
-        // the forearm runs along the axis of joint 4
+        // The forearm is along the axis of joint 4.
         let forearm = frame(4).rotation * Vector3::z();
         [azimuth, upper.z.asin(), forearm.z.asin()].map(f64::to_degrees)
     }

@@ -1,4 +1,4 @@
-//! A robot that is measured again: scored on another session, and what has changed since the last one.
+//! A robot that is measured again: scores on another session, and changes since the last one.
 
 use crate::data::{paper_robot, real_data};
 use crate::simulation::{Campaign, Normal, measure, poses, true_robot};
@@ -89,7 +89,7 @@ fn a_parameter_set_that_is_no_better_than_nominal_is_said_to_be_so() {
     );
 }
 
-/// Whether the set is said to be no better than nominal, and the two errors that this rests on.
+/// True if the set is reported to be no better than nominal, with the two errors that decide it.
 fn verdict(report: &CalibrationReport) -> (bool, Judged) {
     let judged = judged(
         &report
@@ -116,7 +116,7 @@ fn one_wild_point_decides_neither_for_nor_against_a_parameter_set() {
         let (_, of_another_robot) = two_sessions(110 + seed, |_| ());
         let model = identified(&robot, &first);
         for session in [second, of_another_robot] {
-            let session = some(&session, 40);
+            let session = some_points(&session, 40);
             let (is_refused, clean) = verdict(&scored(&robot, &session, Some(&model)));
             n_bad += u32::from(is_refused);
             n_good += u32::from(!is_refused);
@@ -132,7 +132,7 @@ fn one_wild_point_decides_neither_for_nor_against_a_parameter_set() {
                         "{size_mm} mm, seed {seed}: {judged:?} for {clean:?}"
                     );
                 }
-                // where the two robots differ by more than a point can
+                // Where the two robots differ by more than the error of a point.
                 if (clean.before_rms_mm / clean.after_rms_mm - 1.0).abs() > 0.1 {
                     assert_eq!(
                         found, is_refused,
@@ -210,7 +210,7 @@ fn refusal(request: &CalibrationRequest) -> Option<&'static str> {
     }
 }
 
-fn some(set: &MeasurementSet, n: usize) -> MeasurementSet {
+fn some_points(set: &MeasurementSet, n: usize) -> MeasurementSet {
     MeasurementSet {
         frame: set.frame,
         points: set.points[..n].to_vec(),
@@ -222,15 +222,15 @@ fn a_verify_set_needs_half_as_many_equations_again_as_placing_it_takes() {
     let (first, second) = two_sessions(6, |_| ());
     // two targets: 12 numbers of base and targets, 6 equations a configuration, two rows each
     assert_eq!(
-        refusal(&to_identify_and_verify(&first, some(&second, 1))),
+        refusal(&to_identify_and_verify(&first, some_points(&second, 1))),
         Some("under_determined")
     );
     assert_eq!(
-        refusal(&to_identify_and_verify(&first, some(&second, 5))),
+        refusal(&to_identify_and_verify(&first, some_points(&second, 5))),
         Some("under_determined")
     );
     assert_eq!(
-        refusal(&to_identify_and_verify(&first, some(&second, 6))),
+        refusal(&to_identify_and_verify(&first, some_points(&second, 6))),
         None
     );
     let repeated = MeasurementSet {
@@ -269,7 +269,7 @@ fn moved(
     set
 }
 
-/// The second session scored for the robot of the first: as a set to verify on, and as a job of its own. Both rms before and after, and the
+/// Scores the second session for the robot of the first, as a verify set and as a verify job. Returns both rms before and after, and the
 /// warnings.
 fn both_ways(first: &MeasurementSet, second: &MeasurementSet) -> [([f64; 2], Vec<Warning>); 2] {
     let robot = paper_robot();
@@ -301,7 +301,7 @@ fn the_stations_of_a_verify_set_are_placed_each_for_itself() {
         .into_iter()
         .zip(both_ways(&first, &stations))
     {
-        // six numbers more are fitted: a little closer
+        // Six more numbers are fitted, so the errors are a little smaller.
         assert!(
             two[0] > 0.8 * one[0] && two[0] < 1.01 * one[0],
             "nominal: {two:?} for {one:?}"
@@ -328,7 +328,7 @@ fn what_slipped_in_a_verify_set_is_said_and_scored_apart() {
     for seed in [20, 21, 22] {
         let (first, second) = two_sessions(seed, |_| ());
         let clean = both_ways(&first, &second);
-        // target 1 slips by 2 mm before row 41: every point of it from there on
+        // Target 1 slips by 2 mm before row 41, which shifts all of its later points.
         let flange =
             |p: &Point| kincal::kinematics::t_base_flange(&paper_robot().links, &p.q_rad).rotation;
         let placed = scored(
@@ -373,17 +373,17 @@ fn what_slipped_in_a_verify_set_is_said_and_scored_apart() {
 #[test]
 fn wild_points_of_a_verify_set_are_named_and_place_nothing() {
     let (first, second) = two_sessions(30, |_| ());
-    let mut wild = second.clone();
+    let mut with_outliers = second.clone();
     for row in [12, 55] {
-        wild.points[row].position_mm += Vector3::new(6.0, -5.0, 7.0);
+        with_outliers.points[row].position_mm += Vector3::new(6.0, -5.0, 7.0);
     }
     for ((one, _), (two, warnings)) in both_ways(&first, &second)
         .into_iter()
-        .zip(both_ways(&first, &wild))
+        .zip(both_ways(&first, &with_outliers))
     {
         let named = warnings.iter().find(|w| w.code == "outliers").unwrap();
         assert_eq!(named.rows, [12, 55]);
-        // they stay in the statistics: 2 points of 80 by 10.5 mm are 1.66 mm rms
+        // They stay in the statistics: 2 points of 80 that are 10.5 mm off give 1.66 mm rms.
         let added = (two[1] * two[1] - one[1] * one[1]).sqrt();
         assert!((1.6..1.72).contains(&added), "{added}");
     }
@@ -477,7 +477,7 @@ fn points_to_verify_beyond_what_was_measured_to_identify_are_said_to_be_an_extra
             .find(|w| w.code == "verify_extrapolates")
             .cloned()
     };
-    // every fourth pose, wherever it is
+    // Every fourth pose.
     let among = session(
         &|row, _| {
             Some(if row % 4 == 0 {
@@ -489,7 +489,7 @@ fn points_to_verify_beyond_what_was_measured_to_identify_are_said_to_be_an_extra
         &mut random,
     );
     assert_eq!(warned(&among), None);
-    // identified with the elbow within 0.35 rad of its middle, verified elsewhere
+    // Identified with the elbow within 0.35 rad of its middle, verified elsewhere.
     let near = |q: &[f64]| (q[2] - 0.3).abs() < 0.35;
     let beyond = session(
         &|_, q| {

@@ -1,4 +1,4 @@
-//! Preliminary frames from sweeps: against the truth beside the data, against planted robots, and what is refused.
+//! Preliminary frames from sweeps: compared with the known truth and with planted robots; refused sweeps.
 
 use crate::data::{paper_path, paper_robot};
 use kincal::frames::{Error, PreliminaryFrames, preliminary_frames};
@@ -10,7 +10,7 @@ use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 
 /// Noise of `sweeps_instrument.csv`, mm per axis (`sweeps_truth.json`).
 const SWEEP_NOISE_MM: f64 = 0.005;
-/// An error beyond this many standard deviations of the simulated ones happens in one of 15,000 normal draws.
+/// Limit in standard deviations of the simulated errors: one of 15,000 normal draws exceeds it.
 const SIGMAS: f64 = 4.0;
 
 fn sweeps() -> MeasurementSet {
@@ -43,7 +43,7 @@ fn simulated(
     seed: u64,
 ) -> MeasurementSet {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
-    // twelve uniform numbers make a normal one (Irwin-Hall)
+    // The sum of twelve uniform numbers is nearly normal (Irwin-Hall).
     let mut normal = || (0..12).map(|_| random.random::<f64>()).sum::<f64>() - 6.0;
     let model = KinematicModel {
         t_instrument_base: truth.0,
@@ -67,7 +67,7 @@ fn simulated(
 fn misses(found: &PreliminaryFrames, truth: &(IsometryMatrix3<f64>, f64)) -> [f64; 3] {
     let turn = found.t_instrument_base.rotation.inverse() * truth.0.rotation;
     let origin = found.t_instrument_base.translation.vector - truth.0.translation.vector;
-    // for a small angle the skew part is the rotation vector; the angle by arc cosine would lose half its digits
+    // For a small angle the skew part is the rotation vector; the arc cosine would lose half of the digits.
     let m = turn.matrix();
     let skew = Vector3::new(
         m[(2, 1)] - m[(1, 2)],
@@ -137,7 +137,7 @@ fn noiseless_sweeps_of_other_robots_are_solved_exactly() {
     for robot in [intersecting, mirrored, reversed] {
         let set = simulated(&robot, &truth, &sweeps(), 0.0, 0);
         let [origin, rotation, z_t] = misses(&preliminary_frames(&robot, &set).unwrap(), &truth);
-        // circles of a metre, fitted to rounding
+        // Circles of a metre, fitted to rounding.
         assert!(
             origin < 1e-6 && rotation < 1e-9 && z_t < 1e-6,
             "{origin} {rotation} {z_t}"

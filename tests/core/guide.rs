@@ -1,4 +1,4 @@
-//! Follow-ups by BPNN-PSO in the default preset: the network that learns the way from what the swarm sees.
+//! Follow-ups by BPNN-PSO in the default preset: the network that is trained on what the swarm computed.
 
 use crate::data::{paper_robot, paper_set};
 use crate::simulation::{Campaign, Normal, measure, poses, true_robot};
@@ -9,7 +9,7 @@ use kincal::measurement::{MeasurementSet, Subset};
 use rand::RngExt;
 use std::ops::ControlFlow;
 
-/// F that the paper's PSO ends with in its simulation, mm² [Gao 2018, section 4.1].
+/// Final F of the paper's PSO in its simulation, mm² [Gao 2018, section 4.1].
 const PRINTED_COST_MM2: f64 = 5.5519e-5;
 
 fn run(
@@ -47,7 +47,7 @@ fn cost_of(report: &CalibrationReport, method: &str) -> f64 {
 fn a_follow_up_reaches_the_papers_cost_in_a_few_iterations_whatever_happened_to_the_robot() {
     for seed in 0..3 {
         let network = trained_on(paper_set("first.csv"), seed);
-        // the paper: 71 on a robot that has not changed; asked of us: 10, 25, 50; seen over 20 seeds: at most 2, 4, 5
+        // The paper: 71 for an unchanged robot. Required: 10, 25, 50. Observed over 20 seeds: at most 2, 4, 5.
         for (set, at_most) in [
             ("followup_unchanged.csv", 4),
             ("followup_drifted.csv", 8),
@@ -68,7 +68,7 @@ fn a_follow_up_reaches_the_papers_cost_in_a_few_iterations_whatever_happened_to_
 
 #[test]
 fn a_network_of_another_robot_ends_no_worse_than_a_cold_start() {
-    // errors of 0.3 mm and 0.05° in every parameter, others than the measured robot's
+    // Errors of 0.3 mm and 0.05° in every parameter, different from the measured robot's.
     let campaign = Campaign {
         n_configurations: 50,
         ..Campaign::PLAIN
@@ -107,7 +107,7 @@ fn a_swarm_too_small_to_learn_from_is_moved_by_the_stored_network_alone() {
         (Method::BpnnPso, Some(false), Some(network));
     (request.options.n_particles, request.options.n_iterations) = (Some(12), Some(10));
     let report = calibrate(&request, &mut |_| ControlFlow::Continue(())).unwrap();
-    // it starts where the robot was, to the spread that training leaves, and not at 64.9 mm²
+    // It starts at the previous robot, up to the spread that training leaves, and not at 64.9 mm².
     assert!(
         report.convergence_mm2[0] < 1.0 && report.n_evaluations == 12 * 11,
         "{}",
@@ -115,8 +115,8 @@ fn a_swarm_too_small_to_learn_from_is_moved_by_the_stored_network_alone() {
     );
 }
 
-/// Every twentieth point 5 to 20 mm off.
-fn with_wild_points(mut set: MeasurementSet) -> (MeasurementSet, Vec<usize>) {
+/// Shifts every twentieth point by 5 to 20 mm.
+fn with_outliers(mut set: MeasurementSet) -> (MeasurementSet, Vec<usize>) {
     let mut random = Normal::new(7);
     let rows: Vec<usize> = (10..set.points.len()).step_by(20).collect();
     for row in &rows {
@@ -129,9 +129,9 @@ fn with_wild_points(mut set: MeasurementSet) -> (MeasurementSet, Vec<usize>) {
 #[test]
 fn a_follow_up_with_a_robust_loss_is_moved_by_the_network_and_not_by_wild_points() {
     let network = trained_on(paper_set("first.csv"), 0);
-    let (wild, rows) = with_wild_points(paper_set("first_noisy.csv"));
+    let (outlying, rows) = with_outliers(paper_set("first_noisy.csv"));
     for loss in [Loss::Huber, Loss::Tukey] {
-        let [clean, wild] = [paper_set("first_noisy.csv"), wild.clone()].map(|set| {
+        let [clean, outlying] = [paper_set("first_noisy.csv"), outlying.clone()].map(|set| {
             let mut request = CalibrationRequest::new(paper_robot(), set);
             (request.method, request.network, request.options.loss) =
                 (Method::BpnnPso, Some(network.clone()), Some(loss));
@@ -148,11 +148,11 @@ fn a_follow_up_with_a_robust_loss_is_moved_by_the_network_and_not_by_wild_points
         };
         println!(
             "{loss:?}: {} mm, without wild points {} mm",
-            rms_mm(&wild),
+            rms_mm(&outlying),
             rms_mm(&clean)
         );
-        assert!(rms_mm(&wild) <= 1.1 * rms_mm(&clean), "{loss:?}");
-        let named = wild
+        assert!(rms_mm(&outlying) <= 1.1 * rms_mm(&clean), "{loss:?}");
+        let named = outlying
             .warnings
             .iter()
             .find(|w| w.code.starts_with("outliers"))
@@ -161,7 +161,7 @@ fn a_follow_up_with_a_robust_loss_is_moved_by_the_network_and_not_by_wild_points
     }
 }
 
-/// A robot whose joints were never mastered, up to 120° off; a session of it, white noise of so many millimetres.
+/// A session of a robot whose joints were never mastered (up to 120° off), with white noise of this many millimetres.
 fn unmastered(seed: u64) -> (KinematicModel, Normal) {
     let mut random = Normal::new(seed);
     let mut truth = true_robot(&paper_robot(), 1, &mut random);
@@ -182,7 +182,7 @@ fn automatic(set: MeasurementSet, network: Option<&TrainedNetwork>) -> Calibrati
 #[test]
 fn auto_starts_from_what_the_robots_network_remembers_where_nominal_is_too_far_off() {
     let (mut n_found, mut n_far) = (0, 0);
-    // one that least squares finds from nominal, and one that it does not
+    // One robot that least squares finds from nominal, and one that it does not.
     for seed in [2, 3] {
         let (truth, mut random) = unmastered(seed);
         let mut session = |noise_mm| {
@@ -196,7 +196,7 @@ fn auto_starts_from_what_the_robots_network_remembers_where_nominal_is_too_far_o
                 &mut random,
             )
         };
-        // the first session is so rough that no fit looks like one: a swarm has to search, and its network remembers where it ended
+        // The first session is so noisy that least squares does not look converged: a swarm has to search, and its network stores its result.
         let rough = automatic(session(3.0), None);
         assert_eq!(
             rough.method,
@@ -205,7 +205,7 @@ fn auto_starts_from_what_the_robots_network_remembers_where_nominal_is_too_far_o
             rough.method_reason
         );
         let network = rough.network.clone().unwrap();
-        // so is the second: the network moves the swarm
+        // The second session is as noisy: the network moves the swarm.
         let rough_again = automatic(session(3.0), Some(&network));
         assert_eq!(
             rough_again.method,
@@ -213,7 +213,7 @@ fn auto_starts_from_what_the_robots_network_remembers_where_nominal_is_too_far_o
             "robot {seed}: {}",
             rough_again.method_reason
         );
-        // 3·σ² for each of 50 points; where the first session ended in another valley of the offsets the network remembers nothing of use
+        // 3·σ² for each of 50 points. If the first session ended in another local minimum of the offsets, its network is of no use.
         let is_found = |report: &CalibrationReport| report.cost_mm2 < 2.0 * 50.0 * 27.0;
         if !is_found(&rough) {
             println!(
@@ -228,7 +228,7 @@ fn auto_starts_from_what_the_robots_network_remembers_where_nominal_is_too_far_o
             "robot {seed}: F {}",
             rough_again.cost_mm2
         );
-        // the third is a good one
+        // The third session is a good one.
         let fine = session(0.05);
         let (with, without) = (
             automatic(fine.clone(), Some(&network)),
@@ -243,7 +243,7 @@ fn auto_starts_from_what_the_robots_network_remembers_where_nominal_is_too_far_o
             (Method::LeastSquares, Method::LeastSquares)
         );
         let (with_mm, without_mm) = (with.identify.after.rms_mm, without.identify.after.rms_mm);
-        // two ways to one answer, to a hundredth of the noise
+        // Both ways give the same result, to a hundredth of the noise.
         assert!(
             (with_mm - without_mm).abs() < 0.01 * 0.05,
             "robot {seed}: {with_mm} and {without_mm}"
@@ -257,7 +257,7 @@ fn auto_starts_from_what_the_robots_network_remembers_where_nominal_is_too_far_o
                 with.method_reason
             );
         } else {
-            // where least squares converges the network changes nothing, the words included
+            // If least squares converges, the network changes nothing, including the texts of the report.
             assert_eq!(with.method_reason, without.method_reason);
         }
     }

@@ -1,4 +1,4 @@
-//! Identification against what `paper.md` states, planted truth, other people's results on measured robots, and invariances.
+//! Identification, compared with the paper's figures, planted truth, published results on measured robots, and invariances.
 
 #[path = "../../examples/throughput.rs"]
 #[allow(dead_code)]
@@ -40,9 +40,9 @@ fn verify_rms(report: &CalibrationReport) -> f64 {
     report.verify.unwrap().after.rms_mm
 }
 
-/// Planted errors in the order a mm, d mm, theta °, alpha ° of each link, as the paper's tables print them.
+/// Planted errors of each link in the order of the paper's tables: a mm, d mm, theta °, alpha °.
 type Planted = [[f64; 4]; 6];
-/// [Gao 2018, Table 3] as printed beside the data in `true_errors.json`.
+/// [Gao 2018, Table 3], as in `true_errors.json` of the data.
 const TABLE_3: Planted = [
     [0.1, 0.05, 0.01, 0.01],
     [0.05, 0.1, 0.015, 0.005],
@@ -87,7 +87,7 @@ fn planted(robot: &Robot, errors: &Planted) -> KinematicModel {
     model
 }
 
-/// The poses of `like`, measured on `model` without noise.
+/// Measures `model` at the poses of `like` without noise.
 fn measured_on(model: &KinematicModel, like: &MeasurementSet, frame: Frame) -> MeasurementSet {
     let points = like.points.iter().cloned().map(|mut p| {
         p.position_mm = model.position(&p.q_rad, p.target);
@@ -114,7 +114,7 @@ fn observations(set: &MeasurementSet, subset: Option<Subset>) -> Vec<Observation
 #[test]
 fn the_data_beside_the_paper_are_table_3_measured_without_noise() {
     let (robot, set) = (paper_robot(), paper_set("first.csv"));
-    // the file holds nanometres; 100 points rounded to 1e-9 mm
+    // The file has a resolution of nanometres: 100 points rounded to 1e-9 mm.
     assert!(cost(&planted(&robot, &TABLE_3), &observations(&set, None)) < 1e-15);
 }
 
@@ -177,7 +177,7 @@ fn the_ranks_of_the_identification_jacobian_are_the_stated_ones() {
     assert_eq!((links.len(), rank(off_axis, &links)), (24, 23));
     assert_eq!((placed.len(), rank(off_axis, &placed)), (33, 26));
     assert_eq!((with_beta.len(), rank(off_axis, &with_beta)), (34, 27));
-    // the complete model is that maximum, without redundancy
+    // The complete model has that maximum, without redundant parameters.
     let complete = complete_parameters(&robot.links, 1);
     assert_eq!((complete.len(), rank(off_axis, &complete)), (27, 27));
 }
@@ -245,7 +245,7 @@ fn least_squares_reaches_rounding_in_two_steps_as_gauss_newton_does() {
     assert!(verify_rms(&report) < 1e-8);
 }
 
-/// Table 6 is planted without noise; what stays is what the frozen null directions cost at second order.
+/// Limit for Table 6, planted without noise: the second-order cost of the frozen null directions.
 const TABLE_6_RMS_MM: f64 = 2e-3;
 
 #[test]
@@ -285,10 +285,10 @@ fn noise_is_not_fitted_but_averaged() {
         Preset::Default,
     ));
     let sigma = 0.03; // mm per axis, followup_truth.json
-    // 150 equations, 20 parameters: s² estimates sigma² within sqrt(2/130) = 12 %, here three of those
+    // 150 equations, 20 parameters: s² estimates sigma² within sqrt(2/130) = 12 %; the limit is three times that.
     let s = (report.cost_mm2 / 130.0).sqrt();
     assert!((s / sigma - 1.0).abs() < 0.19, "s = {s}");
-    // unseen points: sqrt(3)·sigma, widened by the fit's own uncertainty, sqrt(1 + 20/150)
+    // Unseen points: sqrt(3)·sigma, widened by the fit's own uncertainty, sqrt(1 + 20/150).
     let expected = sigma * 3f64.sqrt() * (1.0f64 + 20.0 / 150.0).sqrt();
     assert!(
         (verify_rms(&report) / expected - 1.0).abs() < 0.2,
@@ -422,7 +422,7 @@ fn moving_the_instrument_or_permuting_the_rows_changes_no_error() {
     let mut truth = planted(&robot, &TABLE_6);
     truth.targets_mm[0] = Vector3::new(50.0, 20.0, 110.0);
     let mut set = measured_on(&truth, &paper_set("first.csv"), Frame::Instrument);
-    // something that no parameter explains, so that there is an error to compare
+    // An error that no parameter explains, so that there is something to compare.
     set.points
         .iter_mut()
         .enumerate()
@@ -442,7 +442,7 @@ fn moving_the_instrument_or_permuting_the_rows_changes_no_error() {
         .points
         .iter_mut()
         .for_each(|p| p.position_mm = turn * p.position_mm + Vector3::new(-4000.0, 900.0, 150.0));
-    // both converge to the same minimum to a few nanometres
+    // Both converge to the same minimum, to a few nanometres.
     assert!((rms(&permuted) - there).abs() < 1e-6 * there);
     assert!((rms(&moved) - there).abs() < 1e-6 * there);
 }
@@ -482,7 +482,7 @@ fn sweeps_merge_z_t_into_d6_and_take_it_out_again() {
         report.targets_mm,
         [Vector3::new(0.0, 0.0, frames.z_tool_mm)]
     );
-    // a_6 and theta_offset_5 cannot be told apart; their second order, 212 mm · (0.06°)² / 2, lands in d_6
+    // a_6 and theta_offset_5 cannot be distinguished; their second-order effect, 212 mm · (0.06°)² / 2, goes into d_6.
     assert!(
         (report.links[5].d_mm - 125.01).abs() < 2e-4,
         "d6 without z_t, as planted: {}",
@@ -539,14 +539,14 @@ fn a_joint_map_is_applied_and_changes_nothing_else() {
 
 #[test]
 fn held_parameters_stay_nominal_and_only_named_ones_move() {
-    let mut asked = request("first.csv", Method::LeastSquares, Preset::Default);
-    asked.parameters = ParameterChoice::Hold(vec!["d_2".into(), "alpha_6".into()]);
-    let held = run(&asked);
+    let mut custom_request = request("first.csv", Method::LeastSquares, Preset::Default);
+    custom_request.parameters = ParameterChoice::Hold(vec!["d_2".into(), "alpha_6".into()]);
+    let held = run(&custom_request);
     assert_eq!(held.parameters.len(), 22);
     assert_eq!(held.links[1].d_mm, paper_robot().links[1].d_mm);
-    asked.parameters =
+    custom_request.parameters =
         ParameterChoice::Identify(vec!["theta_offset_2".into(), "theta_offset_3".into()]);
-    let two = run(&asked);
+    let two = run(&custom_request);
     assert_eq!(
         two.parameters
             .iter()
@@ -555,9 +555,9 @@ fn held_parameters_stay_nominal_and_only_named_ones_move() {
         ["theta_offset_2", "theta_offset_3"]
     );
     assert!(two.cost_mm2 < 64.0 && two.cost_mm2 > held.cost_mm2);
-    asked.parameters = ParameterChoice::Hold(vec!["a_7".into()]);
+    custom_request.parameters = ParameterChoice::Hold(vec!["a_7".into()]);
     assert!(matches!(
-        check(&asked),
+        check(&custom_request),
         Err(Error::Unusable {
             code: "unknown_parameter",
             ..
@@ -567,16 +567,20 @@ fn held_parameters_stay_nominal_and_only_named_ones_move() {
 
 #[test]
 fn points_with_a_larger_uncertainty_weigh_less() {
-    let mut asked = request("first.csv", Method::LeastSquares, Preset::Default);
-    for (i, p) in asked.set.points.iter_mut().enumerate() {
+    let mut custom_request = request("first.csv", Method::LeastSquares, Preset::Default);
+    for (i, p) in custom_request.set.points.iter_mut().enumerate() {
         let poor = i % 5 == 0 && p.subset == Some(Subset::Identify);
         p.position_mm.x += if poor { 3.0 } else { 0.0 };
         p.std_mm = Some(if poor { 100.0 } else { 0.01 });
     }
-    let weighted = verify_rms(&run(&asked));
-    asked.set.points.iter_mut().for_each(|p| p.std_mm = None);
-    asked.options.loss = Some(kincal::calibration::request::Loss::Squares);
-    let plain = verify_rms(&run(&asked));
+    let weighted = verify_rms(&run(&custom_request));
+    custom_request
+        .set
+        .points
+        .iter_mut()
+        .for_each(|p| p.std_mm = None);
+    custom_request.options.loss = Some(kincal::calibration::request::Loss::Squares);
+    let plain = verify_rms(&run(&custom_request));
     assert!(weighted < 1e-3 && plain > 0.1, "{weighted} {plain}");
 }
 
@@ -587,19 +591,21 @@ fn the_same_request_gives_the_same_bits_on_any_thread() {
         (Method::Pso, Preset::Default),
         (Method::Pso, Preset::Paper),
     ] {
-        let mut asked = request("first_noisy.csv", method, preset);
-        asked.options.n_iterations = Some(50);
-        let here = run(&asked);
-        let there = std::thread::spawn(move || run(&asked)).join().unwrap();
+        let mut custom_request = request("first_noisy.csv", method, preset);
+        custom_request.options.n_iterations = Some(50);
+        let here = run(&custom_request);
+        let there = std::thread::spawn(move || run(&custom_request))
+            .join()
+            .unwrap();
         assert_eq!(here, there);
     }
 }
 
 #[test]
 fn too_few_equations_are_refused_before_anything_is_computed() {
-    let mut asked = request("first.csv", Method::Auto, Preset::Default);
-    asked.set.points.truncate(6);
-    let refused = check(&asked).unwrap_err();
+    let mut custom_request = request("first.csv", Method::Auto, Preset::Default);
+    custom_request.set.points.truncate(6);
+    let refused = check(&custom_request).unwrap_err();
     let Error::Unusable { code, detail } = refused else {
         panic!("{refused}")
     };
@@ -608,20 +614,20 @@ fn too_few_equations_are_refused_before_anything_is_computed() {
         detail.contains("18 equations") && detail.contains("20 independent parameters"),
         "{detail}"
     );
-    // the same pose again is no new equation
-    let first = asked.set.points[0].clone();
-    asked.set.points = vec![first; 50];
+    // Repeating a pose adds no equation.
+    let first = custom_request.set.points[0].clone();
+    custom_request.set.points = vec![first; 50];
     assert!(matches!(
-        check(&asked),
+        check(&custom_request),
         Err(Error::Unusable {
             code: "under_determined",
             ..
         })
     ));
-    // all of a set's rows as identify, another set to verify
-    asked.set = paper_set("first.csv");
-    asked.verify = VerifySource::Set(paper_set("followup_unchanged.csv"));
-    let report = run(&asked);
+    // All rows of one set to identify, another set to verify.
+    custom_request.set = paper_set("first.csv");
+    custom_request.verify = VerifySource::Set(paper_set("followup_unchanged.csv"));
+    let report = run(&custom_request);
     assert_eq!(
         (
             report.identify.n_points,
@@ -636,14 +642,14 @@ fn too_few_equations_are_refused_before_anything_is_computed() {
 #[test]
 fn as_many_equations_as_there_are_combinations_suffice_and_one_pose_less_is_told() {
     for (n_points, is_enough) in [(6, false), (7, true), (8, true), (9, true)] {
-        let mut asked = request("first.csv", Method::Auto, Preset::Default);
-        asked
+        let mut custom_request = request("first.csv", Method::Auto, Preset::Default);
+        custom_request
             .set
             .points
             .retain(|p| p.subset == Some(Subset::Identify));
-        asked.set.points.truncate(n_points);
+        custom_request.set.points.truncate(n_points);
         // 20 combinations of 24 parameters: 7 poses are 21 equations, 8 are 24 and need no rank
-        let checked = check(&asked);
+        let checked = check(&custom_request);
         assert_eq!(checked.is_ok(), is_enough, "{n_points}: {checked:?}");
     }
 }
@@ -651,24 +657,24 @@ fn as_many_equations_as_there_are_combinations_suffice_and_one_pose_less_is_told
 #[test]
 fn with_nothing_to_identify_from_a_job_is_refused_whichever_of_many_targets_is_free() {
     for free in ["target_2_x", "target_20_x"] {
-        let mut asked = CalibrationRequest::new(
+        let mut custom_request = CalibrationRequest::new(
             paper_robot(),
             MeasurementSet {
                 frame: Frame::Instrument,
                 ..paper_set("first.csv")
             },
         );
-        for (i, point) in asked.set.points.iter_mut().enumerate() {
+        for (i, point) in custom_request.set.points.iter_mut().enumerate() {
             (point.target, point.subset) = (i % 21, Some(Subset::Verify));
         }
-        let all = complete_parameters(&asked.robot.links, 21);
-        asked.parameters = ParameterChoice::Hold(
+        let all = complete_parameters(&custom_request.robot.links, 21);
+        custom_request.parameters = ParameterChoice::Hold(
             all.iter()
                 .map(Parameter::name)
                 .filter(|name| name != free)
                 .collect(),
         );
-        let checked = check(&asked);
+        let checked = check(&custom_request);
         assert!(
             matches!(
                 checked,
@@ -692,15 +698,15 @@ fn what_is_said_of_parameters_that_cannot_be_told_apart_holds_of_their_values() 
         all.find(|p| p.name == *name).unwrap().delta.abs()
     };
     let largest = groups.iter().flatten().map(change).fold(0.0, f64::max);
-    let said = report
+    let warning = report
         .warnings
         .iter()
         .find(|w| w.code == "unidentifiable_parameters")
         .unwrap();
     assert!(
-        largest > 1e-3 && !said.detail.contains("nominal"),
+        largest > 1e-3 && !warning.detail.contains("nominal"),
         "they change by up to {largest}: {}",
-        said.detail
+        warning.detail
     );
 }
 
@@ -732,7 +738,7 @@ fn progress_tells_every_stage_and_iterations_are_those_of_the_main_method() {
             .filter(|name| kincal::wire::job::Stage::parse(name).is_none())
             .collect();
         assert!(unknown.is_empty(), "without words: {unknown:?}");
-        // from the first thing that takes time to the last
+        // From the first stage that takes time to the last.
         assert_eq!(stages.first().map(String::as_str), Some("screening"));
         assert_eq!(stages.last().map(String::as_str), Some("uncertainty"));
         assert!(stages.iter().any(|name| name == "corrections"));
@@ -779,7 +785,7 @@ fn a_swarm_without_link_parameters_places_base_and_target_and_trains_no_network(
 #[test]
 fn parameters_that_no_position_depends_on_are_refused_by_every_method() {
     for method in [Method::LeastSquares, Method::Pso] {
-        // the target is on the last axis, which turns it in its place
+        // The target is on the last axis, so the last joint does not move it.
         let parameters = ParameterChoice::Identify(vec!["theta_offset_6".into()]);
         let request = CalibrationRequest {
             parameters,
@@ -793,7 +799,7 @@ fn parameters_that_no_position_depends_on_are_refused_by_every_method() {
             })
         ));
     }
-    // nor where half a turn's sine is not quite zero
+    // Nor if the sine of half a turn is not exactly zero.
     let links = [(300.0, 0.0), (0.0, std::f64::consts::PI)].map(|(d_mm, alpha_rad)| Link {
         a_mm: 0.0,
         alpha_rad,
@@ -829,13 +835,13 @@ fn parameters_that_no_position_depends_on_are_refused_by_every_method() {
 
 #[test]
 fn poses_repeated_with_the_jitter_of_encoders_are_no_new_equations() {
-    let mut asked = request("first.csv", Method::Auto, Preset::Default);
-    asked
+    let mut custom_request = request("first.csv", Method::Auto, Preset::Default);
+    custom_request
         .set
         .points
         .retain(|p| p.subset == Some(Subset::Identify));
-    asked.set.points.truncate(6);
-    let poses = asked.set.points.clone();
+    custom_request.set.points.truncate(6);
+    let poses = custom_request.set.points.clone();
     for reading in 1..8 {
         for (i, pose) in poses.iter().enumerate() {
             // up to 0.008°
@@ -845,19 +851,19 @@ fn poses_repeated_with_the_jitter_of_encoders_are_no_new_equations() {
                 .enumerate()
                 .map(|(j, q)| q + 1e-5 * ((7 * reading + 3 * i + 5 * j) % 15) as f64)
                 .collect();
-            asked.set.points.push(Point {
+            custom_request.set.points.push(Point {
                 q_rad,
                 ..pose.clone()
             });
         }
     }
-    let refused = check(&asked).unwrap_err();
+    let refused = check(&custom_request).unwrap_err();
     assert!(
         matches!(&refused, Error::Unusable { code: "under_determined", detail } if detail.contains("18 equations")),
         "{refused}"
     );
     assert!(
-        upload::warnings(&asked.robot, &asked.set)
+        upload::warnings(&custom_request.robot, &custom_request.set)
             .iter()
             .any(|w| w.code == "duplicate_poses" && w.rows.len() == 42)
     );
@@ -867,14 +873,14 @@ fn poses_repeated_with_the_jitter_of_encoders_are_no_new_equations() {
 fn as_many_equations_as_unknowns_are_said_to_leave_nothing_to_judge_by() {
     // 18 combinations
     for (n_points, is_said) in [(7, false), (6, true)] {
-        let mut asked = request("first_noisy.csv", Method::LeastSquares, Preset::Default);
-        asked.parameters = ParameterChoice::Hold(vec!["a_1".into(), "alpha_2".into()]);
-        let mut kept = 0;
-        asked.set.points.retain(|p| {
-            kept += usize::from(p.subset == Some(Subset::Identify));
-            p.subset != Some(Subset::Identify) || kept <= n_points
+        let mut custom_request = request("first_noisy.csv", Method::LeastSquares, Preset::Default);
+        custom_request.parameters = ParameterChoice::Hold(vec!["a_1".into(), "alpha_2".into()]);
+        let mut n_kept = 0;
+        custom_request.set.points.retain(|p| {
+            n_kept += usize::from(p.subset == Some(Subset::Identify));
+            p.subset != Some(Subset::Identify) || n_kept <= n_points
         });
-        let report = run(&asked);
+        let report = run(&custom_request);
         let codes: Vec<&str> = report.warnings.iter().map(|w| w.code).collect();
         assert_eq!(
             codes.contains(&"nothing_left_to_judge"),
@@ -883,13 +889,18 @@ fn as_many_equations_as_unknowns_are_said_to_leave_nothing_to_judge_by() {
             report.identifiability.rank
         );
         assert_eq!(report.uncertainty.is_none(), is_said);
-        // the same poses read again are no more of them
+        // Reading the same poses again adds none.
         for jitter_rad in [0.0, 1e-5] {
-            let again = asked.set.points.clone().into_iter().map(|p| Point {
-                q_rad: p.q_rad.iter().map(|q| q + jitter_rad).collect(),
-                ..p
-            });
-            let mut twice = asked.clone();
+            let again = custom_request
+                .set
+                .points
+                .clone()
+                .into_iter()
+                .map(|p| Point {
+                    q_rad: p.q_rad.iter().map(|q| q + jitter_rad).collect(),
+                    ..p
+                });
+            let mut twice = custom_request.clone();
             twice.set.points.extend(again);
             let report = run(&twice);
             assert_eq!(
@@ -990,7 +1001,7 @@ fn a_swarm_that_gives_up_hopeless_particles_ends_as_one_that_does_not_on_any_num
         centre: vec![0.0; n],
         half_width: vec![1.0; n],
     };
-    // 4,003 particles times 250 poses: enough to start threads, and no multiple of eight
+    // 4,003 particles times 250 poses: enough to start threads, and not a multiple of eight.
     let options = pso::Options {
         n_particles: 4_003,
         n_iterations: 8,
@@ -1022,7 +1033,7 @@ fn a_swarm_in_any_space_finds_the_same_with_the_lower_bound_of_its_costs_as_with
         q_rad: p.q_rad.clone(),
         position_mm: p.position_mm,
         target: 0,
-        // some count more
+        // Some points have a larger weight.
         weight: if p.q_rad[0] > 0.0 { 2.5 } else { 1.0 },
     };
     let nominal = KinematicModel::nominal(&links, 1);
@@ -1044,7 +1055,7 @@ fn a_swarm_in_any_space_finds_the_same_with_the_lower_bound_of_its_costs_as_with
                     centre: vec![0.0; space.n_coordinates()],
                     half_width: vec![1.0; space.n_coordinates()],
                 };
-                // long enough for the swarm to close in and the anchor to follow
+                // Long enough for the swarm to converge and for the anchor to follow.
                 let options = pso::Options {
                     n_particles: 77,
                     n_iterations: 500,

@@ -1,4 +1,4 @@
-//! The CSV parser and the split: what is accepted, and that everything else is refused with its row, column and a hint.
+//! The CSV parser and the split: accepted files, and refusals with row, column and a hint.
 
 use crate::data::paper_path;
 use kincal::measurement::csv::{MAX_ISSUES, ParseError, parse};
@@ -11,7 +11,7 @@ fn two_joints(text: &str) -> Result<MeasurementSet, ParseError> {
     parse(text.as_bytes(), Frame::Instrument, 2)
 }
 
-/// (code, row, column) of the first issue.
+/// Code, row and column of the first issue.
 fn first_issue(text: &[u8]) -> (&'static str, Option<usize>, Option<String>) {
     let error = parse(text, Frame::Instrument, 2).expect_err("must be refused");
     let issue = &error.issues[0];
@@ -211,18 +211,18 @@ fn a_row_without_an_end_is_refused_where_it_begins_and_quotes_are_no_row_without
         first_issue(format!("{HEADER}\n1,2,3,4,5\n1,2,3,4,{}", "5".repeat(200_000)).as_bytes()),
         ("row_too_long", Some(1), None)
     );
-    // a quote that is never closed takes all rows after it for one cell
+    // An unclosed quote makes one cell of all following rows.
     assert_eq!(
         first_issue(format!("{HEADER}\n1,2,3,4,5\r\n\r\n1,2,3,4,\"5\n{rows}").as_bytes()),
         ("row_too_long", Some(1), None)
     );
-    // quotes within a cell that has begun open nothing, and so hide nothing
+    // A quote within a cell opens nothing, so it hides nothing.
     let hidden = format!("{HEADER}\n1,2,3,4,5\"\"\n1,2,3,4,\"5\n{rows}");
     assert_eq!(
         first_issue(hidden.as_bytes()),
         ("row_too_long", Some(1), None)
     );
-    // within a cell that has begun, a quote is text; two quotes in a quoted cell are one
+    // Within an unquoted cell a quote is text; in a quoted cell two quotes are one.
     let labels = format!(
         "{HEADER},station\n1,2,3,4,5,5\"\"plate\n1,2,3,4,6,\"a \"\"b\"\"\nc\"\n{}",
         "1,2,3,4,5,s\n".repeat(20_000)

@@ -1,4 +1,4 @@
-//! Partial recalibration: what is named is found, what is not stays, and stated intervals count the uncertainty of both.
+//! Partial recalibration: named parameters are identified, the others are held, and the stated intervals include the uncertainty of both.
 
 use crate::data::paper_robot;
 use crate::simulation::{Campaign, Normal, limited, measure, poses, true_robot};
@@ -7,7 +7,7 @@ use kincal::calibration::request::{CorrectionsChoice, ParameterChoice, PreviousS
 use kincal::calibration::{CalibrationRequest, calibrate};
 use std::ops::ControlFlow;
 
-/// 95 % intervals of theta_offset_3 over simulated collisions: how many held the truth as stated, how many with what was held counted as exact.
+/// 95 % intervals of theta_offset_3 over simulated collisions: how many contained the truth, as stated and with the held parameters taken as exact.
 fn held(n: u64) -> (usize, usize) {
     let nominal = limited(paper_robot());
     let campaign = |n_configurations| Campaign {
@@ -65,7 +65,7 @@ fn held(n: u64) -> (usize, usize) {
         let meant = truth.links[2].theta_offset_rad.to_degrees();
         let [low, high] = outcome.interval_95.unwrap();
         counts.0 += usize::from((low..=high).contains(&meant));
-        // the same fit with what was held as exact: the narrower interval
+        // The same fit with the held parameters taken as exact: the narrower interval.
         let exact = CalibrationRequest {
             robot: kincal::kinematics::Robot {
                 links: before.links,
@@ -94,7 +94,7 @@ fn stated_intervals_hold_the_truth_as_often_as_they_say() {
     let n = 30;
     let (stated, exact) = held(n);
     println!("of {n} intervals {stated} held the truth; with what was held as exact {exact}");
-    // a true 95 % would hold 25 or fewer of 30 once in sixty times
+    // A true 95 % interval would contain the truth in 25 or fewer of 30 runs once in sixty times.
     assert!(stated >= 26, "{stated}");
     assert!(exact < stated, "{exact} {stated}");
 }

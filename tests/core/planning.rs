@@ -1,4 +1,4 @@
-//! Pose plans against random poses, a plain second implementation, and their promises.
+//! Pose plans, compared with random poses and with a plain second implementation; and their promises.
 
 use crate::data::paper_robot;
 use crate::simulation::{Normal, limited, poses};
@@ -34,7 +34,7 @@ fn model_of(robot: &Robot, target_mm: Vector3<f64>) -> KinematicModel {
     }
 }
 
-/// Mean standard deviation of the tool over other configurations than the plan looked at: the textbook's formula with a plain inverse.
+/// Mean standard deviation of the tool over configurations that the plan did not use: the textbook formula with a plain inverse.
 fn mean_std_mm(request: &PlanRequest<'_>, chosen: &[Vec<f64>]) -> f64 {
     let parameters = complete_parameters(&request.robot.links, 1);
     let model = model_of(request.robot, request.target_mm);
@@ -187,7 +187,7 @@ fn the_last_poses_repeat_the_first_and_the_same_seed_gives_the_same_plan() {
 #[test]
 fn what_was_measured_already_counts_and_is_not_measured_again() {
     let robot = limited(paper_robot());
-    // an earlier session that hardly moved joints 4 to 6
+    // An earlier session that hardly moved joints 4 to 6.
     let narrow: Vec<Observation> = poses(40, &mut Normal::new(60))
         .into_iter()
         .map(|q| Observation {

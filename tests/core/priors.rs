@@ -1,4 +1,4 @@
-//! What is known of parameters beforehand, beside scipy, the closed form and planted truth.
+//! Priors, compared with scipy, the closed form and planted truth.
 
 use crate::data::{paper_robot, paper_set};
 use crate::simulation::{Campaign, Normal, measure, poses, true_robot, true_value};
@@ -26,7 +26,7 @@ const BOUNDS: [(&str, f64, f64, f64); 4] = [
 ];
 /// scipy's answers.
 const SCIPY: &str = include_str!("../../docs/oracles/priors.csv");
-/// Central differences leave scipy's derivatives wrong by 1e-9 or so of themselves, and its trust region stops a little inside a bound.
+/// Tolerance: scipy's central differences have a relative error of about 1e-9, and its trust region stops a little inside a bound.
 const AS_SCIPY: f64 = 2e-6;
 
 fn prior(name: &str, std: f64) -> ParameterPrior {
@@ -61,7 +61,7 @@ fn warned(report: &CalibrationReport, code: &str) -> bool {
     report.warnings.iter().any(|w| w.code == code)
 }
 
-/// The priors of the oracle, and with `is_bounded` its bounds as well, in absolute values.
+/// The priors of the oracle in absolute values, with its bounds if `is_bounded`.
 fn of_the_oracle(is_bounded: bool) -> Vec<ParameterPrior> {
     let plain = run(&request("first_noisy.csv", vec![]));
     let nominal = |name: &str| of(&plain, name).nominal;
@@ -106,7 +106,7 @@ fn least_squares_with_priors_and_bounds_ends_where_scipy_does() {
         }
         assert_eq!((compared, report.termination), (24, "converged"));
         assert_eq!(report.identifiability.n_by_priors, Some(4));
-        // what the points see is the same as without
+        // The directions that the points determine are the same as without priors.
         assert_eq!(
             (
                 report.identifiability.rank,
@@ -154,12 +154,12 @@ fn every_method_finds_the_same_with_priors() {
     })
     .network;
     for method in [Method::Pso, Method::BpnnPso, Method::Auto] {
-        let asked = CalibrationRequest {
+        let custom_request = CalibrationRequest {
             method,
             network: network.clone(),
             ..request("first_noisy.csv", priors.clone())
         };
-        let found = run(&asked).cost_mm2;
+        let found = run(&custom_request).cost_mm2;
         println!("{method:?}: F {found} of {best}");
         assert!(
             (1.0 - 1e-9..1.001).contains(&(found / best)),
@@ -183,13 +183,13 @@ fn every_method_and_loss_keeps_the_bounds_and_finds_the_same() {
         (Method::BpnnPso, Preset::Default),
         (Method::Auto, Preset::Default),
     ] {
-        let asked = CalibrationRequest {
+        let custom_request = CalibrationRequest {
             method,
             preset,
             network: network.clone(),
             ..request("first_noisy.csv", priors.clone())
         };
-        let report = run(&asked);
+        let report = run(&custom_request);
         for known in &priors {
             let value = of(&report, &known.name).identified;
             let (min, max) = (known.min.unwrap_or(f64::MIN), known.max.unwrap_or(f64::MAX));
@@ -212,14 +212,15 @@ fn every_method_and_loss_keeps_the_bounds_and_finds_the_same() {
             (last / stated - 1.0).abs() < 1e-9,
             "{method:?}: {last} {stated}"
         );
-        // a bound lies across the directions of the search, and a swarm alone stops short of the answer on it; least squares after it does not
+        // A bound crosses the search directions, so a swarm alone does not reach the answer on it; least squares after it does.
         if preset == Preset::Default {
-            let [refined, least] = [asked, request("first_noisy.csv", priors.clone())].map(|r| {
-                run(&CalibrationRequest {
-                    refine: Some(true),
-                    ..r
-                })
-            });
+            let [refined, least] = [custom_request, request("first_noisy.csv", priors.clone())]
+                .map(|r| {
+                    run(&CalibrationRequest {
+                        refine: Some(true),
+                        ..r
+                    })
+                });
             assert!(
                 (refined.cost_mm2 / least.cost_mm2 - 1.0).abs() < 1e-6,
                 "{method:?}: {} {}",
@@ -240,7 +241,7 @@ fn every_method_and_loss_keeps_the_bounds_and_finds_the_same() {
             known.name
         );
     }
-    // clean points: nearly squares, and nearly their answer
+    // Without outliers the loss is nearly quadratic, and the answer nearly that of least squares.
     assert!(
         (of(&report, "a_5").delta - of(&best, "a_5").delta).abs()
             < 2.0 * of(&best, "a_5").std_uncertainty.unwrap()
@@ -275,7 +276,7 @@ fn a_wide_prior_changes_nothing_and_a_narrow_one_holds() {
             other.name
         );
     }
-    // exact points: the prior is believed, and the contradiction is said
+    // Exact points: the prior is used, and the contradiction is reported.
     let exact = run(&request("first.csv", vec![prior("a_3", 1e-3)]));
     assert!(
         of(&exact, "a_3").delta.abs() < 5e-3,
@@ -287,7 +288,7 @@ fn a_wide_prior_changes_nothing_and_a_narrow_one_holds() {
 
 #[test]
 fn what_points_cannot_see_stays_where_its_prior_has_it_with_the_uncertainty_of_the_prior() {
-    // positions do not depend on the last joint's offset, with the target on its axis
+    // With the target on its axis, positions do not depend on the last joint's offset.
     let known = ParameterPrior {
         mean: Some(0.07),
         ..prior("theta_offset_6", 0.01)
@@ -300,7 +301,7 @@ fn what_points_cannot_see_stays_where_its_prior_has_it_with_the_uncertainty_of_t
         "{sixth:?}"
     );
     assert!((sixth.prior.unwrap().share.unwrap() - 1.0).abs() < 1e-6);
-    // of d_2 and d_3 the points see the sum: with d_2 known to 0.1 mm, d_3 is as well, and no better
+    // The points determine only the sum of d_2 and d_3: if d_2 is known to 0.1 mm, so is d_3, and no better.
     let (second, third) = (of(&report, "d_2"), of(&report, "d_3"));
     assert!((second.std_uncertainty.unwrap() / 0.1 - 1.0).abs() < 1e-6);
     assert!(
@@ -308,12 +309,12 @@ fn what_points_cannot_see_stays_where_its_prior_has_it_with_the_uncertainty_of_t
             && third.prior.is_none()
             && !third.identifiable
     );
-    // and where nothing is known beforehand, nothing is stated
+    // Without a prior nothing is stated.
     assert!(of(&report, "alpha_6").std_uncertainty.is_none());
     assert_eq!(report.identifiability.n_by_priors, Some(2));
 }
 
-/// Robots whose true errors come from the priors that are stated.
+/// Robots whose true errors are drawn from the stated priors.
 const ROBOTS: u64 = 150;
 
 #[test]
@@ -329,17 +330,20 @@ fn intervals_hold_the_truth_where_the_priors_are_true() {
         let truth = true_robot(&nominal, 1, &mut random);
         let set = measure(&truth, &poses(20, &mut random), &campaign, &mut random);
         let known = ["a_2", "d_4", "a_5", "theta_offset_5"];
-        // what true_robot draws them with
+        // The widths that true_robot uses.
         let priors = known
             .map(|name| prior(name, if name.starts_with("theta") { 0.05 } else { 0.3 }))
             .to_vec();
         for (k, priors) in [priors, vec![]].into_iter().enumerate() {
-            let asked = CalibrationRequest {
+            let custom_request = CalibrationRequest {
                 method: Method::LeastSquares,
                 refine: Some(false),
                 ..CalibrationRequest::new(nominal.clone(), set.clone())
             };
-            let report = run(&CalibrationRequest { priors, ..asked });
+            let report = run(&CalibrationRequest {
+                priors,
+                ..custom_request
+            });
             for p in kincal::identification::parameters::complete_parameters(&nominal.links, 1) {
                 let (Some(value), outcome) = (true_value(&truth, &p), of(&report, &p.name()))
                 else {

@@ -1,4 +1,4 @@
-//! Measured robots, links alone, beside scipy's `least_squares` (24 link parameters, base and targets) on the same splits. The tables are in
+//! Measured robots, links alone, compared with scipy's `least_squares` (24 link parameters, base and targets) on the same splits. The tables are in
 //! `docs/identification.md`, scipy's numbers in `docs/oracles`.
 
 use crate::data::{real_data, robot};
@@ -11,9 +11,9 @@ use nalgebra::{Rotation3, Vector3};
 use std::ops::ControlFlow;
 use std::path::Path;
 
-/// `docs/oracles/scipy_least_squares.py` on these splits, mm rms on the points to verify.
+/// Results of `docs/oracles/scipy_least_squares.py` on these splits, mm rms on the verify points.
 const SCIPY: &str = include_str!("../../docs/oracles/scipy_least_squares.csv");
-/// What is to be reached on the splits of the files, mm rms: scipy's, cut off after three digits.
+/// Required results on the splits of the files, mm rms: scipy's, truncated after three digits.
 const LIMITS: [(&str, f64); 2] = [("motoman_ma1400", 0.415), ("qkm_hl6", 0.442)];
 
 fn scipy(name: &str, split: &str) -> f64 {
@@ -29,7 +29,7 @@ fn set(path: &Path) -> MeasurementSet {
     csv::parse(&std::fs::read(path).unwrap(), Frame::Instrument, 6).unwrap()
 }
 
-/// Both visits of the motoman are one set: the instrument had not moved.
+/// Both visits of the Motoman as one set: the instrument had not moved.
 fn robot_and_set(root: &Path, name: &str) -> (Robot, MeasurementSet) {
     let folder = root.join(name);
     let files: &[&str] = if name == "qkm_hl6" {
@@ -61,7 +61,7 @@ fn verify_rms(report: &CalibrationReport) -> f64 {
     report.verify.unwrap().after.rms_mm
 }
 
-fn nothing_moved_and_nothing_is_wild(report: &CalibrationReport) -> bool {
+fn has_no_slip_and_no_outlier(report: &CalibrationReport) -> bool {
     report
         .warnings
         .iter()
@@ -85,7 +85,7 @@ fn measured_robots_are_identified_at_least_as_well_as_scipy_does() {
             verify_rms(&report)
         );
         assert!(
-            nothing_moved_and_nothing_is_wild(&report),
+            has_no_slip_and_no_outlier(&report),
             "{name}: {:?}",
             report.warnings
         );
@@ -122,7 +122,7 @@ fn what_one_visit_identified_holds_on_the_other() {
             "{first} on {second}: {:.3} mm, nominal {:.3} mm",
             verify.after.rms_mm, verify.before.rms_mm
         );
-        // half of what the nominal robot misses by: another session, base and target placed anew for both
+        // Half of the nominal robot's error: another session, with base and target placed again for both.
         assert!(
             verify.after.rms_mm < 0.55 * verify.before.rms_mm,
             "{first} on {second}: {}",
@@ -163,7 +163,7 @@ fn a_second_visit_is_another_session_and_a_copy_with_noise_is_not() {
             );
         }
     }
-    // Carried into another frame and rounded it is the same file; with the tracker placed anew it is another session.
+    // Transformed into another frame and rounded it is the same file; measured with the tracker placed again it is another session.
     let turn = Rotation3::from_euler_angles(0.01, -0.02, 0.7);
     let carried = |mut set: MeasurementSet| {
         for point in &mut set.points {
@@ -177,7 +177,7 @@ fn a_second_visit_is_another_session_and_a_copy_with_noise_is_not() {
         "exported in another frame"
     );
     assert!(is_anew(&robot, &first, &carried(second)), "placed anew");
-    // ... nor where noise is added, and however little or far it is moved.
+    // The same with added noise, and with a small or a large displacement.
     let nudged = |mut set: MeasurementSet| {
         let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), 3e-4);
         for point in &mut set.points {
@@ -190,7 +190,7 @@ fn a_second_visit_is_another_session_and_a_copy_with_noise_is_not() {
         assert!(!is_anew(&robot, &first, &carried(copy.clone())), "{std_mm}");
         assert!(!is_anew(&robot, &first, &nudged(copy)), "{std_mm}");
     }
-    // Half of a copy among new rows is a copy still.
+    // Half of a copy among new rows still counts as a copy.
     let mut mixed = set(&folder.join("visit_2.csv"));
     mixed.points[..36].clone_from_slice(&first.points[..36]);
     assert!(!is_anew(&robot, &first, &mixed), "half of it copied");

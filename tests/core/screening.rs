@@ -1,4 +1,4 @@
-//! What goes wrong in a cell: wild points, reflectors that slip, instruments that are set up anew. Simulated robots with planted faults; the
+//! Faults in a cell: outliers, reflectors that slip, instruments that are set up again. Simulated robots with planted faults; the
 //! oracle is the truth, or the same fit to the same set without the fault. The long form is `examples/identification_study.rs`.
 
 use crate::data::paper_robot;
@@ -14,13 +14,13 @@ use rand::RngExt;
 use std::collections::BTreeSet;
 use std::ops::ControlFlow;
 
-/// Half of 60 poses to identify, noise of 0.1 mm.
+/// A simulated set: half of 60 poses to identify, noise of 0.1 mm.
 const CAMPAIGN: Campaign = Campaign {
     n_configurations: 60,
     noise_mm: 0.1,
     ..Campaign::PLAIN
 };
-/// The verify rms on clean points may be this much larger than without wild points.
+/// Factor by which the verify rms on clean points may be larger than without outliers.
 const AS_GOOD_AS_WITHOUT: f64 = 1.1;
 
 fn run(request: &CalibrationRequest) -> CalibrationReport {
@@ -115,7 +115,7 @@ fn with_a_twentieth_of_the_points_wild_the_fit_is_as_good_as_without_them_and_na
                 .copied()
                 .collect();
             assert_eq!(named, rows, "robot {seed}, {loss:?}");
-            // all of them stay in the statistics
+            // All of them stay in the statistics.
             assert_eq!(
                 report.identify.n_points + report.verify.unwrap().n_points,
                 60
@@ -160,7 +160,7 @@ fn with_hubers_loss_swarm_and_least_squares_are_as_good_as_without_the_wild_poin
             rms <= AS_GOOD_AS_WITHOUT * reference,
             "{method:?}: {rms} against {reference}"
         );
-        // the curve is of the same cost as the report's, the kernel's as the readable one's
+        // The curve has the same cost as the report, and the kernel's equals the readable one.
         let (last, stated) = (*report.convergence_mm2.last().unwrap(), report.cost_mm2);
         assert!(
             (last / stated - 1.0).abs() < 1e-9,
@@ -243,10 +243,10 @@ fn a_slipped_reflector_is_found_at_its_row_and_fitted_as_two() {
             "its size: {}",
             moved.detail
         );
-        // as good as if nothing had slipped, but for what three more parameters cost
+        // As good as without a slip, except for the cost of three more parameters.
         let rms = report.verify.unwrap().after.rms_mm;
         assert!(rms < 1.25 * clean, "row {row}: {rms} against {clean}");
-        // the target as it is now comes first, then as it was
+        // The target's current position comes first, then the earlier one.
         assert_eq!(report.target_segments, [(0, 1), (0, 0)]);
         if (17..=44).contains(&row) {
             let fitted = report.targets_mm[0] - report.targets_mm[1];
@@ -326,7 +326,7 @@ fn a_session_that_ends_badly_is_not_said_to_have_moved() {
         (0..12).flat_map(|seed| [(700 + seed, 2), (800 + seed, 3), (900 + seed, 5)])
     {
         let (robot, truth, mut set, mut random) = campaign(seed, of);
-        // the last rows are wild, or stand beside the joints of their neighbours
+        // The last rows are outliers, or have the joint values of their neighbours.
         let first = set.points.len() - n_bad;
         if seed % 2 == 0 {
             set.points[first..].iter_mut().for_each(|p| {
@@ -354,7 +354,7 @@ fn a_session_that_ends_badly_is_not_said_to_have_moved() {
             !codes.contains(&"no_fit") || n_bad == 5,
             "robot {seed}, {n_bad} rows: {codes:?}"
         );
-        // where the robot is said to have its last target, in its own base: distances do not depend on where base and instrument are
+        // The robot's last target in its own base: distances do not depend on the placement of base and instrument.
         let found = KinematicModel {
             t_instrument_base: report.t_instrument_base,
             links: report.links.clone(),
@@ -362,7 +362,7 @@ fn a_session_that_ends_badly_is_not_said_to_have_moved() {
         };
         for q in poses(20, &mut random) {
             let off = (found.position(&q, 0) - truth.position(&q, 0)).norm();
-            // a tenth of the rows metres off is too much for Huber's loss; then it is said to be no fit, which no release rests on
+            // With a tenth of the rows metres off, Huber's loss fails; the result is then reported as no fit, and cannot be released.
             let off = if codes.contains(&"no_fit") { 0.0 } else { off };
             worst = worst.max(off);
         }
@@ -546,7 +546,7 @@ fn joints_that_were_never_mastered_are_found_with_no_guess_of_base_and_target() 
             .identify
             .after
             .rms_mm;
-        // up to 30 degrees, and for the last robots up to 120
+        // Up to 30 degrees, and for the last robots up to 120.
         let widest = if seed < 83 { 30.0f64 } else { 120.0 }.to_radians();
         for link in &mut truth.links {
             link.theta_offset_rad += widest * (2.0 * random.0.random::<f64>() - 1.0);
@@ -555,7 +555,7 @@ fn joints_that_were_never_mastered_are_found_with_no_guess_of_base_and_target() 
             p.position_mm = truth.position(&p.q_rad, 0) + random.vector() * CAMPAIGN.noise_mm;
         }
         let report = run(&CalibrationRequest::new(robot, set));
-        // the same noise, drawn anew: 90 residuals less 27 parameters scatter by a tenth
+        // Another draw of the same noise: with 90 residuals and 27 parameters the scatter is a tenth.
         assert!(
             report.identify.after.rms_mm < 1.5 * clean,
             "robot {seed}: {} against {clean}",

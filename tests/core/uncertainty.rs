@@ -1,4 +1,4 @@
-//! What the report says of its own errors, held against robots whose truth is known.
+//! The stated uncertainties, compared with robots whose true parameters are known.
 
 use crate::data::{paper_robot, paper_set, real_data, robot};
 use crate::simulation::{
@@ -14,7 +14,7 @@ use nalgebra::{Matrix3, Rotation3, Vector3};
 use rand::RngExt;
 use std::ops::ControlFlow;
 
-/// Robots per test; `examples/coverage_study.rs` takes 1,000.
+/// Robots per test; `examples/coverage_study.rs` uses 1,000.
 const ROBOTS: u64 = 80;
 
 struct Run {
@@ -45,7 +45,7 @@ fn runs(campaign: Campaign) -> Vec<Run> {
     (0..ROBOTS).map(run).collect()
 }
 
-/// The same, two of the points of each robot 5 mm off, and a loss that bounds what they do.
+/// The same, with two points of each robot 5 mm off, and a robust loss.
 fn robust_runs(loss: Loss) -> Vec<Run> {
     let run = |seed: u64| {
         let nominal = limited(paper_robot());
@@ -87,7 +87,7 @@ fn with_wild_points_and_a_robust_loss_the_intervals_are_those_of_the_other_point
         let runs = robust_runs(loss);
         let (held, wider) = (coverage(&runs), mean_std(&runs) / plain);
         println!("{loss:?}: {held:.2} % held, {wider:.3} times as wide as without wild points");
-        // 95 % of the efficiency is 1.026 times the width; two of 50 points pull with Huber's bound
+        // An efficiency of 95 % is 1.026 times the width; two of 50 points have an influence up to Huber's bound.
         assert!(
             (92.0..=97.0).contains(&held) && (0.95..1.3).contains(&wider),
             "{loss:?}: {held} %, {wider}"
@@ -95,7 +95,7 @@ fn with_wild_points_and_a_robust_loss_the_intervals_are_those_of_the_other_point
     }
 }
 
-/// Share of the stated 95 % intervals that hold the truth, %.
+/// Share of the stated 95 % intervals that contain the truth, %.
 fn coverage(runs: &[Run]) -> f64 {
     let counts = runs
         .iter()
@@ -108,8 +108,11 @@ fn coverage(runs: &[Run]) -> f64 {
     100.0 * held as f64 / stated as f64
 }
 
-/// How many runs kept a part of the error model.
-fn kept(runs: &[Run], part: impl Fn(&kincal::calibration::report::ErrorModel) -> f64) -> usize {
+/// Number of runs that kept a part of the error model.
+fn n_runs_with(
+    runs: &[Run],
+    part: impl Fn(&kincal::calibration::report::ErrorModel) -> f64,
+) -> usize {
     runs.iter()
         .filter(|r| r.report.error_model.is_some_and(|e| part(&e) > 0.0))
         .count()
@@ -121,9 +124,10 @@ fn with_white_noise_the_stated_intervals_hold_the_truth_in_93_to_97_of_100_cases
     let held = coverage(&runs);
     println!("{held:.2} % held");
     assert!((93.0..=97.0).contains(&held), "{held} %");
-    // a part that is not there is kept in at most one of twenty cases; 80 · 0.05 and three standard deviations of that
+    // A part that does not exist is kept in at most one of twenty cases: 80 · 0.05 plus three standard deviations.
     assert!(
-        kept(&runs, |e| e.misfit_std_rad) <= 10 && kept(&runs, |e| e.configuration_std_mm) == 0
+        n_runs_with(&runs, |e| e.misfit_std_rad) <= 10
+            && n_runs_with(&runs, |e| e.configuration_std_mm) == 0
     );
     let noise = runs
         .iter()
@@ -136,7 +140,7 @@ fn with_white_noise_the_stated_intervals_hold_the_truth_in_93_to_97_of_100_cases
     );
 }
 
-/// Of 80 robots at 95 %, with the poses of one robot erring together (27 parameters): three standard deviations of a share over
+/// Tolerance for 80 robots at 95 % whose parameters err together (27 parameters each): three standard deviations of a share over
 /// 80 · 27 independent intervals are 1.4 %.
 const TOOL_HELD: std::ops::RangeInclusive<f64> = 93.0..=97.0;
 
@@ -166,7 +170,7 @@ fn what_the_points_of_a_configuration_share_is_found_and_counted() {
     };
     let runs = runs(shared);
     assert!(
-        kept(&runs, |e| e.configuration_std_mm) >= 76,
+        n_runs_with(&runs, |e| e.configuration_std_mm) >= 76,
         "twice the noise is found in 95 % of the campaigns"
     );
     let held = coverage(&runs);
@@ -180,17 +184,17 @@ fn sag_that_no_model_knows_is_noticed_and_widens_the_intervals() {
         sag_rad: 5e-4,
         ..Campaign::PLAIN
     });
-    assert_eq!(kept(&runs, |e| e.misfit_std_rad), ROBOTS as usize);
+    assert_eq!(n_runs_with(&runs, |e| e.misfit_std_rad), ROBOTS as usize);
     let held = coverage(&runs);
     println!("{held:.2} % held");
-    // 86 % in the study: the links take up part of the sag, and what they take up cannot be seen in the residuals
+    // 86 % in the study: the links absorb a part of the sag, which the residuals then do not show.
     assert!((80.0..97.0).contains(&held), "{held} %");
 }
 
-/// The predicted standard deviation against the true error, both over the same workspace. 80 robots leave 4 %, of which three; and the
+/// Tolerance of the predicted standard deviation over the true error, both over the same workspace: three times the 4 % of 80 robots; and the
 /// mean over the workspace is a little below the root mean square.
 const PREDICTED_OVER_TRUE: std::ops::Range<f64> = 0.85..1.13;
-/// With sag, what is predicted rests on an estimate of one number from the residuals of each robot, and gravity may come from anywhere.
+/// The same with sag: the prediction uses one number that is estimated from the residuals of each robot, and gravity may have any direction.
 const PREDICTED_OVER_TRUE_WITH_SAG: std::ops::Range<f64> = 0.85..1.8;
 
 #[test]
@@ -249,7 +253,7 @@ fn poses_that_show_little_of_the_robot_leave_the_tool_uncertain() {
         };
         let report = calibrate(&request, &mut |_| ControlFlow::Continue(())).unwrap();
         if report.tool_uncertainty.is_none() {
-            // the nominal robot is nearer than what these poses leave open
+            // The nominal robot is nearer than the uncertainty that these poses leave.
             assert_nothing_is_stated(&report, "do not determine the robot");
         }
         let tool = report.tool_uncertainty;
@@ -286,15 +290,15 @@ fn a_file_that_stands_twice_in_the_upload_says_no_more_than_once() {
             .collect::<Vec<f64>>()
     };
     for (one, two) in stds(once).into_iter().zip(stds(twice)) {
-        // what the data hardly see is settled by their number, twice as large
+        // Shrinkage of weakly determined combinations depends on the number of rows, which is doubled here.
         assert!((one - two).abs() <= 1e-3 * one, "{one} {two}");
     }
 }
 
-/// Neither the tool nor any parameter has an uncertainty, and the report says why in these words.
+/// Asserts that neither the tool nor any parameter has an uncertainty, and that the report gives this reason.
 fn assert_nothing_is_stated(report: &CalibrationReport, why: &str) {
-    let said = report.uncertainty_absent_because.as_deref().unwrap_or("");
-    assert!(said.contains(why), "{said:?}");
+    let reason = report.uncertainty_absent_because.as_deref().unwrap_or("");
+    assert!(reason.contains(why), "{reason:?}");
     assert!(report.tool_uncertainty.is_none() && report.uncertainty.is_none());
     assert!(report.error_model.is_none());
     let nothing = |p: &kincal::calibration::report::ParameterOutcome| {
@@ -321,7 +325,7 @@ fn of_an_answer_that_did_not_converge_no_uncertainty_is_stated() {
         swarm.uncertainty_absent_because
     );
     assert_nothing_is_stated(&swarm, "did not converge");
-    // least squares from there ends at the minimum
+    // Least squares from there ends at the minimum.
     request.refine = Some(true);
     let refined = run(&request);
     let tool_mm = refined.tool_uncertainty.unwrap().mean_mm;
@@ -330,7 +334,7 @@ fn of_an_answer_that_did_not_converge_no_uncertainty_is_stated() {
     assert!((0.2..5.0).contains(&ratio), "{tool_mm} mm");
 }
 
-/// Poses in which the flange faces one way but for `turn_rad` about each axis, as a reflector faces its tracker.
+/// Poses whose flange has one orientation within `turn_rad` about each axis, as a reflector faces its tracker.
 fn facing(n: usize, turn_rad: f64, random: &mut Normal) -> Vec<Vec<f64>> {
     let links = paper_robot().links;
     let rotation = |q: &[f64]| t_base_flange(&links, q).rotation;
@@ -369,7 +373,7 @@ fn facing(n: usize, turn_rad: f64, random: &mut Normal) -> Vec<Vec<f64>> {
     all
 }
 
-/// What no turning of joints is: a smooth field of displacements over the room, of 0.2 mm, as of a linkage or of the air before the instrument.
+/// An error that is no joint rotation: a smooth displacement field of 0.2 mm over the room, as from a linkage or from the air in front of the instrument.
 struct Field(Vec<(Vector3<f64>, Vector3<f64>, f64)>);
 
 impl Field {
@@ -437,7 +441,7 @@ fn of_measured_robots_only_an_uncertainty_that_the_points_determine_is_stated() 
         };
         calibrate(&request, &mut |_| ControlFlow::Continue(())).unwrap()
     };
-    // 0.4 m were stated of a robot that is found to 0.3 mm
+    // Before, 0.4 m were stated for a robot that is known to 0.3 mm.
     for visit in ["visit_1.csv", "visit_2.csv"] {
         let report = of("motoman_ma1400", visit);
         assert_nothing_is_stated(&report, "is not determined by these points");
@@ -447,8 +451,8 @@ fn of_measured_robots_only_an_uncertainty_that_the_points_determine_is_stated() 
     assert!(sags.uncertainty_absent_because.is_none() && (0.1..1.0).contains(&tool_mm));
 }
 
-/// The tool's true error over the workspace, rms, and what is told of it, mm.
-fn true_and_told_mm(
+/// The tool's true rms error over the workspace, and the stated one, mm.
+fn true_and_stated_mm(
     truth: &KinematicModel,
     report: &CalibrationReport,
     bent: impl Fn(&[f64]) -> Vec<f64>,
@@ -460,16 +464,19 @@ fn true_and_told_mm(
         (there - found.position(q, 0)).norm_squared()
     };
     let squares: f64 = poses(200, random).iter().map(missed).sum();
-    let told = report.tool_uncertainty.map(|tool| tool.mean_mm);
-    assert_eq!(told.is_none(), report.uncertainty_absent_because.is_some());
-    ((squares / 200.0).sqrt(), told)
+    let stated = report.tool_uncertainty.map(|tool| tool.mean_mm);
+    assert_eq!(
+        stated.is_none(),
+        report.uncertainty_absent_because.is_some()
+    );
+    ((squares / 200.0).sqrt(), stated)
 }
 
 #[test]
 fn what_the_papers_model_holds_is_counted_or_nothing_is_stated() {
     let nominal = paper_robot();
-    let (mut n_told, mut n) = (0, 0);
-    // joints with a harmonic; an axis that the reflector sits on, of a robot with zeros off by 2°
+    let (mut n_stated, mut n) = (0, 0);
+    // Joints with a harmonic; a reflector on an axis, with joint zeros that are off by 2°.
     for (amplitude_rad, off_deg, n_poses) in [(1e-4, 0.0, 800), (0.0, 2.0, 25), (0.0, 2.0, 60)] {
         for seed in 0..4 {
             let mut random = Normal::new(seed);
@@ -495,17 +502,17 @@ fn what_the_papers_model_holds_is_counted_or_nothing_is_stated() {
                 ..CalibrationRequest::new(nominal.clone(), set)
             };
             let report = calibrate(&request, &mut |_| ControlFlow::Continue(())).unwrap();
-            let (true_mm, told_mm) = true_and_told_mm(&truth, &report, bent, &mut random);
-            println!("{n_poses} poses, seed {seed}: {true_mm:.3} mm, told {told_mm:?}");
+            let (true_mm, stated_mm) = true_and_stated_mm(&truth, &report, bent, &mut random);
+            println!("{n_poses} poses, seed {seed}: {true_mm:.3} mm, stated {stated_mm:?}");
             assert!(
-                told_mm.is_none_or(|told_mm| true_mm < 2.0 * told_mm),
-                "{n_poses} poses, seed {seed}: {true_mm} mm, told {told_mm:?}"
+                stated_mm.is_none_or(|stated_mm| true_mm < 2.0 * stated_mm),
+                "{n_poses} poses, seed {seed}: {true_mm} mm, stated {stated_mm:?}"
             );
-            n_told += usize::from(told_mm.is_some());
+            n_stated += usize::from(stated_mm.is_some());
             n += 1;
         }
     }
-    println!("told of {n_told} of {n}");
+    println!("stated for {n_stated} of {n}");
 }
 
 #[test]
@@ -517,7 +524,7 @@ fn no_uncertainty_is_stated_that_is_larger_than_the_nominal_robots_error() {
         ("ur10_tmac", "data_D.csv"),
     ] {
         let text = std::fs::read_to_string(root.join(folder).join(file)).unwrap();
-        // measured poses have columns of rotations, which kincal does not read yet
+        // Measured poses have columns for the rotation, which kincal does not read yet.
         let names: Vec<&str> = text.lines().next().unwrap().split(',').collect();
         let is_read = |name: &str| {
             name == "configuration"
@@ -526,11 +533,11 @@ fn no_uncertainty_is_stated_that_is_larger_than_the_nominal_robots_error() {
         };
         let of_line = |line: &str| {
             let cells = line.split(',').zip(&names);
-            let kept: Vec<&str> = cells
+            let remaining: Vec<&str> = cells
                 .filter(|(_, name)| is_read(name))
                 .map(|(cell, _)| cell)
                 .collect();
-            kept.join(",") + "\n"
+            remaining.join(",") + "\n"
         };
         let read: String = text.lines().map(of_line).collect();
         let set: MeasurementSet = csv::parse(read.as_bytes(), Frame::Instrument, 6).unwrap();
@@ -543,7 +550,7 @@ fn no_uncertainty_is_stated_that_is_larger_than_the_nominal_robots_error() {
             let report = calibrate(&request, &mut |_| ControlFlow::Continue(())).unwrap();
             let nominal_mm = report.identify.before.rms_mm;
             println!(
-                "{file}, seed {seed}: nominal {nominal_mm:.3} mm, told {:?}, {:?}",
+                "{file}, seed {seed}: nominal {nominal_mm:.3} mm, stated {:?}, {:?}",
                 report.tool_uncertainty, report.uncertainty_absent_because
             );
             match report.tool_uncertainty {

@@ -1,4 +1,4 @@
-//! A wall clock that jumps by a year, forwards and back, under a server at work.
+//! The wall clock jumps by a year, forwards and back, while a server is under load.
 
 use crate::data::paper_path;
 use crate::load::{Load, all_is_well};
@@ -12,20 +12,20 @@ use std::process::Command;
 use std::time::{Duration, Instant};
 
 const DAYS: [i64; 6] = [365, 0, -365, 365, -365, 0];
-/// What a poll with `wait_s=1` may take on a busy machine, whatever the clock says.
+/// Longest time for a poll with `wait_s=1` on a busy machine, whatever the clock shows.
 const POLLED_WITHIN: Duration = Duration::from_secs(10);
 
 struct Clock(File);
 
 impl Clock {
-    fn turn(&self, days: i64) {
+    fn set_offset_days(&self, days: i64) {
         self.0
             .write_all_at(&(days * 86_400_000_000_000).to_ne_bytes(), 0)
             .unwrap();
     }
 }
 
-/// The leases are short and the attempts many: whoever turns the clock forwards ends all leases each time.
+/// Starts a server with short leases and many attempts, because each jump forward ends all leases.
 fn serve(data_dir: &Path, library: &Path, clock: &Path) -> Command {
     let mut command = kincal(&[
         "serve",
@@ -68,8 +68,8 @@ fn a_clock_that_jumps_by_a_year_gives_no_second_result_and_loses_nothing() {
     server.begun(&long);
     load.during(&url, &robot, || {
         for days in DAYS {
-            clock.turn(days);
-            std::thread::sleep(Duration::from_millis(300)); // work at this time
+            clock.set_offset_days(days);
+            std::thread::sleep(Duration::from_millis(300)); // some load at this time
             let begun = Instant::now();
             let (status, job) = server.get(&format!("/v1/jobs/{long}?wait_s=1"));
             assert!(
@@ -91,10 +91,10 @@ fn a_clock_that_jumps_by_a_year_gives_no_second_result_and_loses_nothing() {
         .collect::<std::collections::BTreeSet<_>>()
         .len();
     assert!(different >= 3, "the server saw the clock jump: {years:?}");
-    // What was acknowledged before a jump is known after it: the same key makes no second effect.
+    // The same idempotency key has no second effect after a jump.
     resend(&server, &load, &robot);
-    // A start in the past: what the process before had begun is begun again, not left until its lease of next year.
-    clock.turn(-365);
+    // A start in the past: interrupted jobs run again; they do not wait for leases that end next year.
+    clock.set_offset_days(-365);
     server.kill();
     server = Server::of(serve(&data_dir, &library, &clock_file));
     load.retry(&server.url, &robot);
@@ -138,7 +138,7 @@ fn resend(server: &Server, load: &Load, robot: &str) {
     );
 }
 
-/// How far the clock is ahead when the first set is released.
+/// Days by which the clock is ahead when the first set is released.
 const AHEAD_DAYS: i64 = 30;
 
 #[test]
@@ -164,9 +164,9 @@ fn a_release_under_a_clock_that_was_ahead_is_not_what_a_rollback_goes_to() {
         let request = serde_json::json!({"measurement_set_id": set, "method": "least_squares"});
         let job = server.finished(&server.job(&robot, &request));
         let id = job["parameter_set_id"].as_str().unwrap().to_owned();
-        clock.turn(days);
+        clock.set_offset_days(days);
         decide(&format!("/v1/parameter-sets/{id}/release"));
-        clock.turn(0);
+        clock.set_offset_days(0);
         sets.push(id);
     }
     for back_to in [1, 0] {

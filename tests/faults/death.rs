@@ -1,4 +1,4 @@
-//! Jobs that take their process down each time.
+//! Jobs that kill their process on each attempt.
 
 use crate::data::paper_path;
 use crate::engines::for_each_engine;
@@ -12,10 +12,10 @@ use std::os::unix::process::ExitStatusExt;
 use std::process::Stdio;
 use std::time::{Duration, Instant};
 
-/// What a stack that overflows ends a process with.
+/// Signal with which a stack overflow ends a process.
 const SIGABRT: i32 = 6;
 
-/// A job that is never over before its process is taken down.
+/// A job that runs longer than its process lives.
 fn poison(set: &str) -> Value {
     json!({"measurement_set_id": set, "method": "pso", "preset": "paper", "verify": {"source": "subset"},
         "options": {"n_particles": 200, "n_iterations": 50_000, "stop_at_cost_mm2": 0.0}})
@@ -34,7 +34,7 @@ fn a_job_that_takes_its_process_down_each_time_comes_to_an_end_and_others_go_on(
             begun["attempt"], 1,
             "the death of the process uses up no attempt: {begun}"
         );
-        // At first it runs beside the other. Later it waits while a suspect runs, and goes before it after the restart.
+        // First it runs beside the other job. Later it waits while a suspect runs, and it runs before the suspect after a restart.
         let other = server.job(
             &robot,
             &json!({"measurement_set_id": set, "method": "least_squares"}),
@@ -66,12 +66,12 @@ fn a_job_that_takes_its_node_down_each_time_comes_to_an_end_and_others_go_on() {
         let StoreLocation::Postgres { url } = &database.location else {
             return;
         };
-        // The client of the processes has a runtime of its own, which cannot run within this one.
+        // The HTTP client has its own tokio runtime, which cannot run inside this one.
         std::thread::scope(|scope| scope.spawn(|| takes_nodes_down(url)).join()).unwrap();
     });
 }
 
-fn a_node(url: &str) -> Node {
+fn start_node(url: &str) -> Node {
     let mut command = kincal(&["worker", "--database-url", url, "--workers", "1"]);
     Node(
         command
@@ -83,8 +83,8 @@ fn a_node(url: &str) -> Node {
     )
 }
 
-/// Waits until a node has begun the job for the `attempt`th time: until its lease runs out it still stands there as the last one's.
-fn begun_as(server: &Server, job: &str, attempt: u64) {
+/// Waits until a node has started attempt number `attempt`. Until the previous lease expires, the job still shows the previous attempt.
+fn wait_for_attempt(server: &Server, job: &str, attempt: u64) {
     let deadline = Instant::now() + Duration::from_secs(60);
     while server.begun(job)["attempt"] != attempt {
         assert!(Instant::now() < deadline, "no attempt {attempt} of {job}");
@@ -98,8 +98,8 @@ fn takes_nodes_down(url: &str) {
     let set = server.set(&robot, &paper_path("first.csv"), "base");
     let poison = server.job(&robot, &poison(&set));
     for attempt in 1..=1 + MAX_DEATHS_ALONE.unsigned_abs() {
-        let mut node = a_node(url);
-        begun_as(&server, &poison, attempt);
+        let mut node = start_node(url);
+        wait_for_attempt(&server, &poison, attempt);
         signal("-ABRT", node.0.id());
         assert_eq!(node.0.wait().unwrap().signal(), Some(SIGABRT));
     }
@@ -107,7 +107,7 @@ fn takes_nodes_down(url: &str) {
         &robot,
         &json!({"measurement_set_id": set, "method": "least_squares"}),
     );
-    let _node = a_node(url);
+    let _node = start_node(url);
     assert_eq!(
         server.finished(&other)["status"],
         "succeeded",

@@ -8,7 +8,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// A small file system of its own, where the machine lets us mount one.
+/// A small tmpfs, if the machine allows to mount one.
 struct SmallDisk(PathBuf);
 
 impl SmallDisk {
@@ -109,7 +109,7 @@ fn a_full_disk_refuses_uploads_before_it_is_full_and_recovers_without_a_restart(
         ready.starts_with("ready, but") && ready.contains("left on the disk"),
         "{ready}"
     );
-    // To the last byte: what cannot be written is answered, never half done.
+    // Fills the disk to its last byte: each failed write gets an error answer, and none is half done.
     let mut file = std::fs::File::options().append(true).open(&filler).unwrap();
     while file.write_all(&[1_u8; 4096]).is_ok() {}
     assert!(matches!(upload(&server, &robot, 2).0, 503 | 507));
@@ -141,7 +141,7 @@ fn a_disk_that_turns_read_only_still_answers_what_was_released() {
     let data_dir = disk.0.join("data");
     let server = Server::start(&data_dir, 1);
     let (robot, _) = released(&server);
-    // The kernel refuses to remount while files are open for writing; making the files immutable to the server is the same to it.
+    // The kernel refuses to remount while files are open for writing. Immutable files have the same effect for the server.
     let busy = !Command::new("mount")
         .args(["-o", "remount,ro"])
         .arg(&disk.0)
@@ -149,7 +149,7 @@ fn a_disk_that_turns_read_only_still_answers_what_was_released() {
         .unwrap()
         .success();
     if busy {
-        // Nothing can be written where nothing is left, either.
+        // A disk without free space cannot be written either.
         let filler = std::fs::File::create(disk.0.join("filler")).unwrap();
         let mut filler = std::io::BufWriter::new(filler);
         while filler.write_all(&[1_u8; 4096]).is_ok() {}

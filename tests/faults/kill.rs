@@ -1,4 +1,4 @@
-//! kill -9 and SIGTERM of a server under load.
+//! `kill -9` and SIGTERM of a server under load.
 
 use crate::data::paper_path;
 use crate::load::{Load, all_is_well, keeps_its_promises};
@@ -6,10 +6,10 @@ use crate::process::{Server, run};
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 use std::time::{Duration, Instant};
 
-/// In CI 20, by night 200.
+/// Environment variable with the number of kills: 20 by default, 200 overnight.
 const KILLS: &str = "KINCAL_KILLS";
 const KILLS_BY_DEFAULT: usize = 20;
-/// From the start of the process to its first answer, whatever it has to recover; unoptimised, on a busy machine.
+/// Longest time from the start of the process to its first answer, recovery included; unoptimised, on a busy machine.
 const READY_AGAIN: Duration = Duration::from_secs(10);
 /// What trust.md promises.
 const STOPPED: Duration = Duration::from_secs(10);
@@ -30,7 +30,7 @@ fn a_server_that_is_killed_at_random_moments_loses_nothing_and_does_nothing_twic
         let url = server.url.clone();
         let moment = Duration::from_millis(20 + random.random_range(0..400));
         load.during(&url, &robot, || {
-            std::thread::sleep(moment); // the fault is a matter of time
+            std::thread::sleep(moment); // kills at a random moment
             server.kill();
         });
         let begun = Instant::now();
@@ -62,7 +62,7 @@ fn a_server_that_is_asked_to_stop_under_load_answers_what_it_began_and_hands_job
     let robot = server.robot(&paper_path("robot.json"));
     let url = server.url.clone();
     let (status, took) = load.during(&url, &robot, || {
-        std::thread::sleep(Duration::from_millis(500)); // load first
+        std::thread::sleep(Duration::from_millis(500)); // builds up some load
         server.terminate()
     });
     assert!(
@@ -70,7 +70,7 @@ fn a_server_that_is_asked_to_stop_under_load_answers_what_it_began_and_hands_job
         "{status} after {took:?}"
     );
     let server = Server::start(dir.path(), 2);
-    // What was refused at the door, or found it closed, is sent again; what was begun was answered.
+    // Refused requests and failed connections are sent again. Requests that the server had accepted were answered.
     load.retry(&server.url, &robot);
     let ledger = load.ledger.lock().unwrap();
     eprintln!(

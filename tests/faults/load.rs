@@ -1,4 +1,4 @@
-//! Uploaders that remember what was acknowledged, and what was not.
+//! Load generator: uploaders that record which requests were acknowledged.
 
 use crate::data::paper_path;
 use crate::process::{Server, run};
@@ -9,25 +9,25 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, SystemTime};
 
 pub const UPLOADERS: usize = 8;
-/// A client that hears nothing for so long gives up; nothing here takes that long while the server lives.
+/// Timeout of a client; nothing takes that long while the server is alive.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// An upload, and what became of it.
+/// An upload and its answer.
 #[derive(Clone, Debug)]
 pub struct Upload {
     pub key: String,
     pub body: String,
-    /// Its id, and when it was heard.
+    /// Its id and the time of the acknowledgement.
     pub acknowledged: Option<(String, SystemTime)>,
 }
 
-/// What all uploaders know.
+/// Requests of all uploaders.
 #[derive(Default)]
 pub struct Ledger {
     pub uploads: Vec<Upload>,
     /// Jobs that were accepted.
     pub jobs: Vec<String>,
-    /// Statuses other than success that were answered.
+    /// Statuses of answers other than success.
     pub refusals: Vec<u16>,
 }
 
@@ -37,7 +37,7 @@ pub struct Load {
     serial: Arc<AtomicUsize>,
 }
 
-/// The paper's set, each time a little different, so that each upload has bytes of its own.
+/// The paper's set with small changes, so that the bytes of each upload are different.
 pub fn body(serial: usize) -> String {
     let text = std::fs::read_to_string(paper_path("first.csv")).unwrap();
     let mut lines: Vec<&str> = text.lines().take(61).collect();
@@ -60,7 +60,7 @@ impl Load {
         }
     }
 
-    /// Runs the uploaders against a server until `work` is done or they are cut off; every eighth upload is calibrated from.
+    /// Runs the uploaders against a server until `work` returns or the connections fail. Every eighth upload gets a calibration job.
     pub fn during<T>(&self, url: &str, robot: &str, work: impl FnOnce() -> T) -> T {
         let stop = Arc::new(AtomicBool::new(false));
         let tasks: Vec<_> = (0..UPLOADERS)
@@ -120,7 +120,7 @@ impl Load {
         }
     }
 
-    /// Sends everything again that was never answered, under the same key; now it has to be answered.
+    /// Repeats every unanswered request under its idempotency key; each must be answered now.
     pub fn retry(&self, url: &str, robot: &str) {
         let mut uploads = std::mem::take(&mut self.ledger.lock().unwrap().uploads);
         self.runtime.block_on(async {
@@ -151,7 +151,7 @@ fn client() -> reqwest::Client {
 }
 
 impl Upload {
-    /// Whether the server answered at all.
+    /// True if the server answered.
     async fn send(
         &mut self,
         client: &reqwest::Client,
@@ -183,7 +183,7 @@ impl Upload {
     }
 }
 
-/// Everything acknowledged is there, once and bit for bit, all jobs end, and the store keeps its promises. Ends the server.
+/// Checks that everything acknowledged is stored once and bit for bit, that all jobs end, and that `verify-store` passes. Ends the server.
 pub fn all_is_well(server: Server, robot: &str, data_dir: &Path, ledger: &Ledger) {
     for job in &ledger.jobs {
         let end = server.finished(job);
@@ -232,7 +232,7 @@ pub fn all_is_well(server: Server, robot: &str, data_dir: &Path, ledger: &Ledger
     keeps_its_promises(data_dir);
 }
 
-/// `kincal verify-store`, on a database that no server has.
+/// Runs `kincal verify-store` on a database without a server.
 #[track_caller]
 pub fn keeps_its_promises(data_dir: &Path) {
     let checked = run(&["verify-store", "--data-dir", data_dir.to_str().unwrap()]);

@@ -1,4 +1,4 @@
-//! A database that somebody else locks: reads answer, writers are told to come back, and nothing is left when it is over.
+//! Another process locks the database: reads are answered, writes are refused with `Retry-After`, and nothing is left behind afterwards.
 
 use crate::data::paper_path;
 use crate::disk::{active, released, upload};
@@ -12,23 +12,23 @@ use sqlx::{AnyConnection, Connection};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// How long it is locked, s; by night 30.
+/// Environment variable with the duration of the lock, s; 30 and more overnight.
 const LOCKED_S: &str = "KINCAL_LOCKED_S";
 const LOCKED_S_BY_DEFAULT: u64 = 6;
-/// The server waits 5 s for a lock; a busy machine adds to it.
-const TOLD_WITHIN: Duration = Duration::from_secs(9);
-/// Reads do not wait for writers; unoptimised, on a busy machine.
+/// Longest time to a refusal: the server waits 5 s for a lock, plus the delays of a busy machine.
+const REFUSED_WITHIN: Duration = Duration::from_secs(9);
+/// Longest read; reads do not wait for writers. Unoptimised, on a busy machine.
 const READ_WITHIN: Duration = Duration::from_secs(2);
-/// Writers that are held up for less than a second are not told; a busy machine adds to it.
+/// Writers that wait for less than this are not reported; a busy machine adds to it.
 const NOTICED_WITHIN_S: f64 = 3.0;
-/// From the statement that takes the lock to the first look.
+/// Time from the statement that takes the lock to the first check.
 const LOCK_TAKEN_S: f64 = 2.0;
-/// From here on `/readyz` answers 503.
+/// Duration of a lock from which on `/readyz` answers 503.
 const STUCK_TOO_LONG_S: f64 = 60.0;
-/// More than there are connections for writers.
+/// Number of writers: more than there are connections for writers.
 const WRITERS: usize = 24;
 
-/// Holds a lock in another process's stead, while `during` runs.
+/// Holds a lock, as another process would, while `during` runs.
 fn locked<T>(url: &str, lock: &'static str, during: impl FnOnce() -> T) -> T {
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .worker_threads(1)
@@ -51,8 +51,8 @@ fn locked<T>(url: &str, lock: &'static str, during: impl FnOnce() -> T) -> T {
     done
 }
 
-/// Writers that come back as often as they are told, and a reader; what they met.
-fn work_on(server: &Server, robot: &str) {
+/// Runs writers that retry after each refusal, and a reader, and checks the times of their answers.
+fn write_and_read(server: &Server, robot: &str) {
     let lock_s = std::env::var(LOCKED_S)
         .ok()
         .and_then(|text| text.parse().ok())
@@ -60,40 +60,40 @@ fn work_on(server: &Server, robot: &str) {
     let begun_at = Instant::now();
     let until = begun_at + Duration::from_secs(lock_s);
     let (url, over) = (server.url.clone(), AtomicBool::new(false));
-    let (told, reads, slowest_read) = std::thread::scope(|scope| {
+    let (refusals, reads, slowest_read) = std::thread::scope(|scope| {
         let writers: Vec<_> = (0..WRITERS)
             .map(|n| {
                 scope.spawn({
                     let (url, over) = (&url, &over);
-                    move || told_to_come_back(url, robot, n, over)
+                    move || refusal_times(url, robot, n, over)
                 })
             })
             .collect();
-        // Also where an assertion fails: otherwise the writers would never end.
+        // Also when an assertion fails: otherwise the writers would never end.
         let over_at_end = SetOnDrop(&over);
         let (mut reads, mut slowest) = (0, Duration::ZERO);
         while Instant::now() < until {
             let begun = Instant::now();
             assert_eq!(active(server, robot), 200);
-            says_how_long(server, begun_at.elapsed());
+            check_reported_duration(server, begun_at.elapsed());
             slowest = slowest.max(begun.elapsed() / 2);
             reads += 2;
-            std::thread::sleep(Duration::from_millis(50)); // one reader among others
+            std::thread::sleep(Duration::from_millis(50)); // a moderate rate of reads
         }
         drop(over_at_end);
-        let told: Vec<Duration> = writers
+        let refusals: Vec<Duration> = writers
             .into_iter()
             .flat_map(|writer| writer.join().unwrap())
             .collect();
-        (told, reads, slowest)
+        (refusals, reads, slowest)
     });
-    let longest = told.iter().max().copied().unwrap_or_default();
+    let longest = refusals.iter().max().copied().unwrap_or_default();
     eprintln!(
         "locked for {lock_s} s: {reads} reads, the slowest {slowest_read:?}; {} writers told to come back, the last after {longest:?}",
-        told.len()
+        refusals.len()
     );
     assert!(
-        told.len() >= WRITERS && longest < TOLD_WITHIN && slowest_read < READ_WITHIN,
+        refusals.len() >= WRITERS && longest < REFUSED_WITHIN && slowest_read < READ_WITHIN,
         "{longest:?} {slowest_read:?}"
     );
 }
@@ -107,8 +107,8 @@ impl Drop for SetOnDrop<'_> {
     }
 }
 
-/// `/readyz` says since when writers have been stuck: not before the first of them came, and not for longer than the lock has been held.
-fn says_how_long(server: &Server, locked: Duration) {
+/// `/readyz` reports how long writers have been stuck: not longer than the first of them has waited, and not longer than the lock has been held.
+fn check_reported_duration(server: &Server, locked: Duration) {
     let (status, text) = server.status_and_text("/readyz");
     let stuck_s = text
         .split_once("no write has got through for ")
@@ -120,7 +120,7 @@ fn says_how_long(server: &Server, locked: Duration) {
             let is_near =
                 stuck_s > locked_s - NOTICED_WITHIN_S && stuck_s < locked_s + LOCK_TAKEN_S;
             assert!(is_near, "{text} after {locked_s} s");
-            // The text is rounded to a tenth of a second: just before the limit it says 60.0, too.
+            // The text is rounded to a tenth of a second: it can say 60.0 just before the limit.
             let is_at_limit = (stuck_s - STUCK_TOO_LONG_S).abs() < 0.1;
             let expected = if stuck_s < STUCK_TOO_LONG_S { 200 } else { 503 };
             assert!(status == expected || is_at_limit, "{status} {text}");
@@ -132,8 +132,8 @@ fn says_how_long(server: &Server, locked: Duration) {
     }
 }
 
-/// How long each refusal took. Anything but 503 with `Retry-After` is a fault.
-fn told_to_come_back(url: &str, robot: &str, writer: usize, over: &AtomicBool) -> Vec<Duration> {
+/// Duration of each refusal. Any answer but 503 with `Retry-After` is a fault.
+fn refusal_times(url: &str, robot: &str, writer: usize, over: &AtomicBool) -> Vec<Duration> {
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_all()
         .build()
@@ -158,7 +158,7 @@ fn told_to_come_back(url: &str, robot: &str, writer: usize, over: &AtomicBool) -
         let says_why = text.contains("locks it") || text.contains("no connection");
         assert!(status == 503 && again && says_why, "{status} {text}");
         refusals.push(begun.elapsed());
-        std::thread::sleep(Duration::from_millis(100)); // a client that comes back sooner than it was told
+        std::thread::sleep(Duration::from_millis(100)); // a client that retries sooner than `Retry-After`
     }
     refusals
 }
@@ -169,7 +169,7 @@ fn a_database_locked_by_somebody_else_answers_reads_and_tells_writers_to_come_ba
     let server = Server::start(dir.path(), 1);
     let (robot, _) = released(&server);
     let url = format!("sqlite://{}", dir.path().join("kincal.sqlite").display());
-    locked(&url, "begin exclusive", || work_on(&server, &robot));
+    locked(&url, "begin exclusive", || write_and_read(&server, &robot));
     assert_eq!(
         upload(&server, &robot, 1).0,
         201,
@@ -185,7 +185,7 @@ fn tables_locked_by_somebody_else_on_postgresql_do_the_same_and_running_jobs_end
         let StoreLocation::Postgres { url } = &database.location else {
             return;
         };
-        // The client of the processes has a runtime of its own, which cannot run within this one.
+        // The HTTP client has its own tokio runtime, which cannot run inside this one.
         std::thread::scope(|scope| scope.spawn(|| on_postgresql(url)).join()).unwrap();
     });
 }
@@ -198,17 +198,17 @@ fn readyz_tells_how_long_the_writer_has_been_stuck() {
     assert_eq!(server.text("/readyz"), "ready\n");
     let url = format!("sqlite://{}", dir.path().join("kincal.sqlite").display());
     locked(&url, "begin exclusive", || {
-        // one writer that gives up after 5 s, and nobody afterwards
+        // One writer gives up after 5 s; none comes after it.
         let begun = Instant::now();
         assert_eq!(upload(&server, &robot, 1).0, 503);
-        says_how_long(&server, begun.elapsed());
+        check_reported_duration(&server, begun.elapsed());
         let (_, first) = server.status_and_text("/readyz");
         assert!(
             first.contains("another program locks the database"),
             "{first}"
         );
     });
-    // no write is needed to find out; a look that waits for the lock already takes a moment to get it
+    // The check needs no write. A check that waits for the lock itself may take a moment to get it.
     let free = Instant::now();
     while server.text("/readyz") != "ready\n" {
         assert!(free.elapsed() < READ_WITHIN, "nobody is stuck any more");
@@ -217,17 +217,17 @@ fn readyz_tells_how_long_the_writer_has_been_stuck() {
         let StoreLocation::Postgres { url } = &database.location else {
             return;
         };
-        std::thread::scope(|scope| scope.spawn(|| tells_on_postgresql(url)).join()).unwrap();
+        std::thread::scope(|scope| scope.spawn(|| reports_on_postgresql(url)).join()).unwrap();
     });
 }
 
-fn tells_on_postgresql(url: &str) {
+fn reports_on_postgresql(url: &str) {
     let server = on(url);
     assert_eq!(server.text("/readyz"), "ready\n");
-    // nobody writes: the lock is seen all the same
+    // The lock is detected although nobody writes.
     locked(url, "begin; select seq from audit_head for update", || {
-        std::thread::sleep(Duration::from_secs(2)); // the figure is a matter of time
-        says_how_long(&server, Duration::from_secs(2));
+        std::thread::sleep(Duration::from_secs(2)); // the reported duration grows with time
+        check_reported_duration(&server, Duration::from_secs(2));
         let (_, text) = server.status_and_text("/readyz");
         assert!(text.contains("idle in its transaction"), "{text}");
     });
@@ -250,7 +250,7 @@ fn on_postgresql(url: &str) {
     locked(
         url,
         "begin; lock table measurement_set, job, audit_head in exclusive mode",
-        || work_on(&server, &robot),
+        || write_and_read(&server, &robot),
     );
     assert_eq!(
         upload(&server, &robot, 1).0,

@@ -1,4 +1,4 @@
-//! Real processes that are killed, stopped, starved and filled up under load; afterwards one program checks what was promised.
+//! Fault tests: real processes under load are killed, stopped and starved, and their disks filled. Afterwards `verify-store` checks the promises.
 
 mod nodes;
 #[path = "../support/mod.rs"]

@@ -1,6 +1,6 @@
 //! Power loss: what a server wrote and synced is recorded, and replayed up to random moments with writes that were not synced dropped or torn,
 //! sector by sector. No acknowledged upload may be missing. The same replay without the log's syncs, which is what `synchronous = NORMAL`
-//! leaves, has to lose some: else this test would be blind.
+//! leaves, has to lose some: otherwise this test could not detect a loss.
 
 use crate::data::paper_path;
 use crate::load::{Ledger, Load};
@@ -12,10 +12,10 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::{Duration, UNIX_EPOCH};
 
-/// By night 1,000.
+/// Environment variable with the number of crash states; 1,000 overnight.
 const STATES: &str = "KINCAL_CRASH_STATES";
 const STATES_BY_DEFAULT: usize = 40;
-/// What a disk writes at once.
+/// Bytes that a disk writes atomically.
 const SECTOR: usize = 512;
 
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -27,10 +27,10 @@ enum Kind {
 
 struct Operation {
     kind: Kind,
-    /// 0 database, 1 write-ahead log.
+    /// File: 0 is the database, 1 the write-ahead log.
     file: usize,
     offset: usize,
-    /// Since the epoch, ns.
+    /// Time since the epoch, ns.
     at_ns: u64,
     bytes: Vec<u8>,
 }
@@ -38,7 +38,7 @@ struct Operation {
 fn read(log: &[u8]) -> Vec<Operation> {
     let mut operations = Vec::new();
     let mut rest = log;
-    // A killed process may leave half a record at the end.
+    // A killed process may leave an incomplete record at the end.
     while rest.len() >= 32 {
         let number = |i: usize| u64::from_le_bytes(rest[8 * i..8 * i + 8].try_into().unwrap());
         let (head, offset, length, at_ns) =
@@ -63,7 +63,7 @@ fn read(log: &[u8]) -> Vec<Operation> {
     operations
 }
 
-/// Both files after a power loss behind the first `n` operations.
+/// Both files after a power loss that follows the first `n` operations.
 fn crash_state(
     operations: &[Operation],
     n: usize,
@@ -103,7 +103,7 @@ fn crash_state(
     files
 }
 
-/// Of the uploads acknowledged before `before_ns`, those that a database in this state does not have.
+/// Uploads that were acknowledged before `before_ns` and are missing in a database in this state.
 async fn lost(files: &[Vec<u8>; 2], ledger: &Ledger, before_ns: u64) -> (usize, usize) {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("kincal.sqlite");
@@ -167,7 +167,7 @@ fn a_power_loss_at_any_moment_loses_no_acknowledged_upload() {
     let robot = server.robot(&paper_path("robot.json"));
     let (load, url) = (Load::new(), server.url.clone());
     load.during(&url, &robot, || {
-        std::thread::sleep(Duration::from_millis(1500)); // something to lose
+        std::thread::sleep(Duration::from_millis(1500)); // some uploads to lose
         server.kill();
     });
     let operations = read(&std::fs::read(&log).unwrap());

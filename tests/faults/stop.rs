@@ -1,4 +1,4 @@
-//! Workers that are stopped past their lease and wake up again.
+//! Workers that are stopped (SIGSTOP) past their lease and continue later.
 
 use crate::data::paper_path;
 use crate::engines::for_each_engine;
@@ -22,7 +22,7 @@ pub fn signal(name: &str, pid: u32) {
     );
 }
 
-/// A swarm that takes some seconds and is not done before it is stopped.
+/// A swarm that takes some seconds, so that it is stopped before it ends.
 pub fn long_job(set: &str) -> Value {
     json!({"measurement_set_id": set, "method": "pso", "preset": "paper", "verify": {"source": "subset"},
         "options": {"n_particles": 200, "n_iterations": 4000, "stop_at_cost_mm2": 0.0}})
@@ -51,7 +51,7 @@ fn a_server_stopped_past_its_leases_gives_no_second_result() {
     keeps_its_promises(dir.path());
 }
 
-/// A server that only serves.
+/// Starts a server without workers.
 pub fn on(url: &str) -> Server {
     let mut command = kincal(&[
         "serve",
@@ -96,7 +96,7 @@ fn a_worker_node_stopped_past_its_lease_is_replaced_by_another_and_its_late_resu
         let StoreLocation::Postgres { url } = &database.location else {
             return;
         };
-        // The client of the processes has a runtime of its own, which cannot run within this one.
+        // The HTTP client has its own tokio runtime, which cannot run inside this one.
         std::thread::scope(|scope| scope.spawn(|| replaced(url)).join()).unwrap();
     });
 }
@@ -117,7 +117,7 @@ fn replaced(url: &str) {
         "{end}"
     );
     signal("-CONT", first.0.id());
-    // The first node finds out when it next renews or finishes: another job through both of them comes after that.
+    // The first node notices when it next renews its lease or finishes. A second job runs after that.
     let jobs: Vec<String> = (0..4)
         .map(|_| {
             server.job(

@@ -3,11 +3,11 @@ use crate::raw::Raw;
 use kincal::config::{LimitsConfig, ServeConfig};
 use std::time::{Duration, Instant};
 
-/// Shorter than the default, so that the tests are quick.
+/// Timeout of clients in these tests; short, so that the tests are quick.
 const CLIENT_TIMEOUT_S: u64 = 1;
-/// The timeout, and what a busy machine adds.
+/// The timeout plus the delays of a busy machine.
 const CUT_OFF_WITHIN: Duration = Duration::from_secs(CLIENT_TIMEOUT_S + 9);
-/// How long others may wait meanwhile: trust.md's 100 ms, tenfold for an unoptimised build on a busy machine.
+/// Longest wait of other clients meanwhile: ten times the promised 100 ms, for an unoptimised build on a busy machine.
 const OTHERS_WITHIN: Duration = Duration::from_secs(1);
 const PAUSE: Duration = Duration::from_millis(50);
 
@@ -146,14 +146,14 @@ async fn one_connection_too_many_is_told_to_come_back() {
         ..short()
     })
     .await;
-    let mut kept = Vec::new();
+    let mut idle = Vec::new();
     for _ in 0..2 {
         let mut client = Raw::connect(app.server.address).await;
         client
             .send(b"GET /healthz HTTP/1.1\r\nhost: localhost\r\n\r\n")
             .await;
         client.0.readable().await.unwrap();
-        kept.push(client);
+        idle.push(client);
     }
     let mut one_more = Raw::connect(app.server.address).await;
     one_more
@@ -166,7 +166,7 @@ async fn one_connection_too_many_is_told_to_come_back() {
             && answer.contains("too_many_connections"),
         "{answer}"
     );
-    for client in &mut kept {
+    for client in &mut idle {
         client.rest().await;
     }
     assert_eq!(
@@ -185,7 +185,7 @@ async fn one_connection_too_many_is_told_to_come_back() {
 async fn a_client_that_does_not_read_its_answer_is_cut_off() {
     let (app, _dir) = impatient(short()).await;
     let mut client = Raw::connect(app.server.address).await;
-    // More requests than all buffers hold: a server that waits for its answers to be read takes no more of them.
+    // More requests than all buffers hold: a server that waits for its answers to be read stops reading requests.
     let requests = "GET /openapi.yaml HTTP/1.1\r\nhost: localhost\r\n\r\n".repeat(1_000_000);
     let sending = client.send(requests.as_bytes());
     let sent = tokio::time::timeout(CUT_OFF_WITHIN, sending)

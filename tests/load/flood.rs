@@ -1,4 +1,4 @@
-//! Ten times as many uploads as trust.md promises: those that are taken are stored, the rest are refused at once, and jobs are cancelled.
+//! Ten times as many uploads as docs/trust.md promises: accepted ones are stored, the rest are refused quickly, and jobs can be cancelled meanwhile.
 
 use crate::process::Server;
 use std::path::Path;
@@ -15,13 +15,13 @@ const RATE_PER_S: f64 = 10.0 * PROMISED_PER_S;
 /// Connections that the requests are spread over.
 const CLIENTS: usize = 300;
 const SECONDS: f64 = 4.0;
-/// A refusal comes within this, a cancellation within [`CANCELLED_WITHIN`]: docs/trust.md.
+/// Longest time to a refusal; [`CANCELLED_WITHIN`] is that of a cancellation (docs/trust.md).
 const REFUSED_WITHIN: Duration = Duration::from_millis(250);
 const CANCELLED_WITHIN: Duration = Duration::from_secs(1);
 /// Jobs that are cancelled one after the other during the flood.
 const JOBS: usize = 10;
 
-/// Status of an answer; whether it says when to come back.
+/// Status of an answer, and whether it has `Retry-After`.
 async fn answer(stream: &mut TcpStream) -> Option<(u16, bool)> {
     let (mut bytes, mut chunk) = (Vec::new(), [0; 4096]);
     loop {
@@ -59,7 +59,7 @@ struct Answer {
     took: Duration,
 }
 
-/// Sends a request over a connection that is kept where the server keeps it; none if the server closed while it was sent.
+/// Sends a request and keeps the connection open if the server does. `None` if the server closed the connection meanwhile.
 async fn send(open: &mut Option<TcpStream>, address: &str, request: &[u8]) -> Option<Answer> {
     let mut stream = match open.take() {
         Some(stream) => stream,
@@ -82,7 +82,7 @@ async fn send(open: &mut Option<TcpStream>, address: &str, request: &[u8]) -> Op
     })
 }
 
-/// Every [`CLIENTS`]th request of an open loop at [`RATE_PER_S`].
+/// One client of an open loop at [`RATE_PER_S`]: it sends every [`CLIENTS`]th request.
 async fn client(number: usize, begun: Instant, address: String, request: Vec<u8>) -> Vec<Answer> {
     let (mut answers, mut open) = (Vec::new(), None);
     for i in (number..(RATE_PER_S * SECONDS) as usize).step_by(CLIENTS) {
@@ -166,13 +166,13 @@ fn ten_times_as_many_uploads_as_promised_are_stored_or_refused_at_once() {
     assert!(p99(&refused) <= REFUSED_WITHIN);
     let enough = PROMISED_PER_S * SECONDS;
     assert!(stored.len() as f64 >= enough, "{enough} were promised");
-    let kept = stored_sets(&server, &robot);
+    let n_stored = stored_sets(&server, &robot);
     let unanswered = (RATE_PER_S * SECONDS) as usize - answers.len();
     // One was uploaded before the flood.
     let acknowledged = stored.len() + 1;
     assert!(
-        (acknowledged..=acknowledged + unanswered).contains(&kept),
-        "{kept} kept, {acknowledged} acknowledged, {unanswered} unanswered"
+        (acknowledged..=acknowledged + unanswered).contains(&n_stored),
+        "{n_stored} kept, {acknowledged} acknowledged, {unanswered} unanswered"
     );
 }
 

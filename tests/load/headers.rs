@@ -1,14 +1,14 @@
-//! Any bytes in headers, paths and queries: an answer of the client's fault or none, never one of the server's, and the next client is served.
+//! Random bytes in headers, paths and queries: the answer is a success or a 4xx, never a 5xx, and the next client is served.
 
 use crate::app::TestApp;
 use crate::clients::{impatient, short};
 use crate::raw::Raw;
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 
-/// By night more.
+/// Environment variable with the number of requests; more overnight.
 const REQUESTS: &str = "KINCAL_HEADERS";
 const REQUESTS_BY_DEFAULT: usize = 600;
-/// Fewer than a process may have open files.
+/// Concurrent requests: fewer than a process may have open files.
 const AT_ONCE: usize = 300;
 
 const NAMES: [&str; 14] = [
@@ -28,7 +28,7 @@ const NAMES: [&str; 14] = [
     "x-request-id",
 ];
 
-/// Parts that parsers look for, among bytes that they do not.
+/// Texts with a meaning for parsers, which are mixed with random bytes.
 const PARTS: [&[u8]; 24] = [
     b"Bearer ",
     b"bearer",
@@ -62,7 +62,7 @@ fn value(random: &mut ChaCha8Rng) -> Vec<u8> {
         if random.random_bool(0.95) {
             value.extend(PARTS[random.random_range(0..PARTS.len())]);
         } else {
-            // Any byte but those that end a header.
+            // Any byte except those that end a header.
             value.extend(
                 (0..random.random_range(0..40))
                     .map(|_| random.random_range(1..=255_u8))
@@ -101,7 +101,7 @@ fn request(random: &mut ChaCha8Rng, robot: &str) -> Vec<u8> {
         }
     }
     request.extend(b" HTTP/1.1\r\n");
-    // Most say whom they ask, or nothing else would be looked at.
+    // Most requests have a valid `Host`: otherwise the server would read nothing else.
     if random.random_bool(0.9) {
         request.extend(b"host: localhost\r\n");
     }
@@ -126,25 +126,25 @@ async fn any_headers_are_the_clients_fault_or_fine() {
         .ok()
         .and_then(|text| text.parse().ok())
         .unwrap_or(REQUESTS_BY_DEFAULT);
-    // A body that was announced and does not come costs its client the timeout: many at a time.
+    // An announced body that never comes waits for the timeout, so many requests run concurrently.
     let (app, _dir) = impatient(short()).await;
     let robot = app.paper_robot().await;
     let mut random = ChaCha8Rng::seed_from_u64(5);
-    let (mut asked, mut statuses) = (
+    let (mut requests, mut statuses) = (
         tokio::task::JoinSet::new(),
         std::collections::BTreeMap::new(),
     );
     for already in (0..n).step_by(AT_ONCE) {
         for _ in already..n.min(already + AT_ONCE) {
             let (request, address) = (request(&mut random, &robot), app.server.address);
-            asked.spawn(async move {
+            requests.spawn(async move {
                 let mut client = Raw::connect(address).await;
                 client.send(&request).await;
                 (client.rest().await, request)
             });
         }
-        while let Some(asked) = asked.join_next().await {
-            let (answer, request) = asked.unwrap();
+        while let Some(requests) = requests.join_next().await {
+            let (answer, request) = requests.unwrap();
             let status = answer.split(' ').nth(1).unwrap_or("none").to_owned();
             let is_theirs = answer.is_empty()
                 || ["2", "3", "4"]

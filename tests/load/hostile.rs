@@ -3,7 +3,7 @@ use reqwest::Method;
 use std::io::Write;
 use std::time::{Duration, Instant};
 
-/// trust.md's second, fivefold for an unoptimised build on a busy machine.
+/// Five times the promised second, for an unoptimised build on a busy machine.
 const WITHIN: Duration = Duration::from_secs(5);
 
 async fn upload(
@@ -137,7 +137,7 @@ async fn a_urdf_of_too_much_of_anything_is_refused_in_time_with_its_line() {
     );
 }
 
-/// Joints at the end of one another, and as many at the last one as a file may have.
+/// A chain of joints, with as many children at the last one as a file may have.
 fn star(n: usize) -> String {
     let joint = |parent: usize, child: usize| {
         format!(
@@ -160,7 +160,7 @@ async fn a_urdf_of_many_joints_is_answered_in_time_and_shortly() {
     }
 }
 
-/// As costly as a description may be: as many attributes as are read, each with a prefix to be looked up among all namespaces.
+/// The most expensive description that is accepted: the most attributes, each with a prefix that is looked up among all namespaces.
 fn costly_urdf() -> String {
     let namespaces: String = (0..64).map(|i| format!(" xmlns:n{i}='u{i}'")).collect();
     let attributes: String = (0..64).map(|i| format!(" n63:a{i}='1'")).collect();
@@ -194,7 +194,7 @@ async fn clients_that_send_a_costly_urdf_and_go_away_leave_no_work_behind() {
     }
     clients.join_all().await;
     let gone = Instant::now();
-    // Requests of clients that are gone may still be arriving: a refusal until their permits are free again.
+    // Requests of disconnected clients may still arrive: the server may refuse until their permits are free again.
     let (answer, took) = loop {
         let (answer, took) = import(&app, costly_urdf()).await;
         if answer.status != 503 {
@@ -291,7 +291,7 @@ async fn many_large_bodies_at_once_are_all_answered_and_small_ones_go_on() {
     answer.ok(201);
 }
 
-/// As large as is allowed, and of no use.
+/// A body of the largest size without useful content.
 fn a_full_body() -> Vec<u8> {
     let mut body = b"q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,x_mm,y_mm,z_mm\n".to_vec();
     body.resize(kincal::http::MAX_BODY_BYTES, b'1');

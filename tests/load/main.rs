@@ -1,4 +1,4 @@
-//! Clients that are slow, too many, too large or hostile: everyone is answered or cut off in time, and the others go on.
+//! Load tests: slow, numerous, large and hostile clients are answered or disconnected in time, and others are served meanwhile.
 
 #[path = "../support/mod.rs"]
 mod support;

@@ -1,4 +1,4 @@
-//! How much memory the largest bodies take, of the whole process, from the operating system.
+//! Peak memory of the whole process under the largest bodies and answers, as the operating system reports it.
 
 use crate::process::Server;
 use std::path::Path;
@@ -8,15 +8,15 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
 use tokio::task::JoinSet;
 
-/// Bodies of the largest size at once.
+/// Concurrent bodies of the largest size.
 const BODIES: usize = 64;
-/// trust.md's bound.
+/// Bound promised in docs/trust.md.
 const MAX_MIB: u64 = 400;
-/// The server sees at once that a client is gone; on a busy machine a little later.
-const ROOM_AGAIN_WITHIN: Duration = Duration::from_secs(8);
+/// Longest time until the server has noticed that clients have disconnected, on a busy machine.
+const FREE_AGAIN_WITHIN: Duration = Duration::from_secs(8);
 
-/// Bodies as large as is allowed: one endless cell, rows that can be read, points in JSON, one point with endless joint values, and JSON that
-/// is nested only.
+/// Bodies of the largest size: one endless cell, valid rows, points in JSON, one point with endless joint values, and JSON that
+/// has only nesting.
 fn bodies() -> [(&'static str, Vec<u8>); 5] {
     let header = "q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,x_mm,y_mm,z_mm\n";
     let filled = |start: &str, with: &str| {
@@ -71,7 +71,7 @@ async fn post(
     }
 }
 
-/// Largest memory that the process ever had, MiB.
+/// Peak memory of the process, MiB.
 fn peak_mib(server: &Server) -> u64 {
     let status = std::fs::read_to_string(format!("/proc/{}/status", server.id())).unwrap();
     let line = status
@@ -121,7 +121,7 @@ fn sixty_four_of_the_largest_bodies_at_once_stay_within_memory() {
                 .all(|status| matches!(status, 400 | 422 | 503)),
             "{answers:?}"
         );
-        // One that was read to its end is among them: otherwise nothing was measured.
+        // At least one body was read to its end: otherwise the test has measured nothing.
         assert!(answers.iter().any(|status| *status != 503), "{answers:?}");
         println!(
             "{content_type}: {} refused for what is in them, {} unread; at most {} MiB so far",
@@ -133,12 +133,12 @@ fn sixty_four_of_the_largest_bodies_at_once_stay_within_memory() {
     assert!(peak_mib(&server) <= MAX_MIB, "{} MiB", peak_mib(&server));
 }
 
-/// Bytes of an answer that is not read: more than the kernel keeps for a connection.
+/// Bytes of an unread answer: more than the kernel buffers for a connection.
 const ANSWER_BYTES: usize = 16 * 1024 * 1024;
-/// Clients that do not read; all of their answers together have 640 MiB.
-const DEAF: usize = 40;
+/// Clients that do not read; their answers have 640 MiB in total.
+const NOT_READING: usize = 40;
 
-/// Asks and reads the status, and nothing of the rest as long as the stream is kept.
+/// Sends a request and reads only the status; the stream stays open.
 async fn ask(address: &str, path: &str) -> (u16, TcpStream) {
     let mut stream = TcpStream::connect(address)
         .await
@@ -163,7 +163,7 @@ fn clients_that_do_not_read_their_answers_stay_within_memory_and_are_refused_bey
     let dir = tempfile::tempdir().unwrap();
     let server = Server::start(dir.path(), 0);
     let robot = server.robot(&Path::new(env!("CARGO_MANIFEST_DIR")).join("data/paper/robot.json"));
-    // Nothing but white space makes it large.
+    // White space makes the document large.
     let mut body =
         b"{\"frame\":\"base\",\"points\":[{\"q_deg\":[1,2,3,4,5,6],\"position_mm\":[500,0,900]}]}"
             .to_vec();
@@ -181,7 +181,7 @@ fn clients_that_do_not_read_their_answers_stay_within_memory_and_are_refused_bey
         .unwrap();
     let deaf = runtime.block_on(async {
         let mut all = JoinSet::new();
-        for _ in 0..DEAF {
+        for _ in 0..NOT_READING {
             let (address, path) = (address.clone(), path.clone());
             all.spawn(async move { ask(&address, &path).await });
         }
@@ -195,7 +195,7 @@ fn clients_that_do_not_read_their_answers_stay_within_memory_and_are_refused_bey
         peak_mib(&server)
     );
     assert!(
-        count(200) > 0 && count(503) > 0 && count(200) + count(503) == DEAF,
+        count(200) > 0 && count(503) > 0 && count(200) + count(503) == NOT_READING,
         "{} kept, {} refused",
         count(200),
         count(503)
@@ -215,7 +215,7 @@ fn clients_that_do_not_read_their_answers_stay_within_memory_and_are_refused_bey
     let begun = Instant::now();
     while runtime.block_on(ask(&address, &path)).0 != 200 {
         assert!(
-            begun.elapsed() < ROOM_AGAIN_WITHIN,
+            begun.elapsed() < FREE_AGAIN_WITHIN,
             "clients that are gone keep their room"
         );
     }

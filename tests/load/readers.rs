@@ -1,4 +1,4 @@
-//! A key that may only read asks for more than can be computed: whoever writes goes on, and what must end ends.
+//! A key that may only read floods the server with computations: writes, cancellations and withdrawals still succeed in time.
 
 use crate::app::{Answer, paper, text};
 use crate::people::{Person, guarded};
@@ -9,17 +9,17 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 use tokio::task::JoinSet;
 
-/// More than may be under way of anything.
+/// Concurrent clients: more than any limit on concurrent requests.
 const CLIENTS: usize = 200;
-/// A refused client comes back after this.
+/// Pause of a refused client before it retries.
 const PAUSE: Duration = Duration::from_millis(100);
-/// Each of these takes some milliseconds; an unoptimised build computes for others on all cores meanwhile.
+/// Longest time for each of the other requests: they take milliseconds, but an unoptimised build computes on all cores meanwhile.
 const WITHIN: Duration = Duration::from_secs(5);
-/// So many refusals tell a flood.
+/// Number of refusals that shows that the flood is under way.
 const REFUSALS: usize = 50;
 
-/// An answer, and that it came in time.
-async fn soon(what: &str, answer: impl Future<Output = Answer>) -> Answer {
+/// Waits for an answer and asserts that it came in time.
+async fn in_time(what: &str, answer: impl Future<Output = Answer>) -> Answer {
     let begun = Instant::now();
     let answer = answer.await;
     println!("{what}: {} after {:?}", answer.status, begun.elapsed());
@@ -98,7 +98,7 @@ async fn a_flood_of_plans_by_a_key_that_only_reads_keeps_no_upload_and_no_withdr
         assert!(begun.elapsed() < WITHIN, "that is no flood");
         tokio::time::sleep(PAUSE).await;
     }
-    soon(
+    in_time(
         "upload",
         writer.send(
             Method::POST,
@@ -109,7 +109,7 @@ async fn a_flood_of_plans_by_a_key_that_only_reads_keeps_no_upload_and_no_withdr
     )
     .await
     .ok(201);
-    soon(
+    in_time(
         "cancel",
         writer.send(
             Method::POST,
@@ -120,12 +120,12 @@ async fn a_flood_of_plans_by_a_key_that_only_reads_keeps_no_upload_and_no_withdr
     )
     .await
     .ok(200);
-    soon("read by another", other.get(&parameters))
+    in_time("read by another", other.get(&parameters))
         .await
         .ok(200);
     let why = json!({"reason": "the cell makes scrap"});
     assert_eq!(
-        soon(
+        in_time(
             "withdrawal",
             writer.post(&format!("{parameters}/withdraw"), &why)
         )

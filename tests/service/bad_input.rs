@@ -1,5 +1,5 @@
-//! A corpus of bad uploads, made here: each class in ten files and more, each answered with the right status, code, row, column and hint, and
-//! nothing of it stored.
+//! A generated corpus of bad uploads: ten files and more per class, each answered with the right status, code, row, column and hint, and
+//! nothing is stored.
 
 use crate::app::{Answer, TestApp, paper, text};
 use crate::simulation::Normal;
@@ -24,7 +24,7 @@ fn csv(cells: &[Vec<String>]) -> Vec<u8> {
         .into_bytes()
 }
 
-/// One bad file, and what has to be said about it.
+/// One bad file and the expected answer.
 struct Bad {
     body: Vec<u8>,
     code: &'static str,
@@ -33,7 +33,7 @@ struct Bad {
     hint: &'static str,
 }
 
-/// Where a class puts its fault: a random data row and a random column among `columns`.
+/// Place of a class's fault: a random data row and a random column among `columns`.
 struct Place<'a> {
     random: &'a mut Normal,
 }
@@ -62,7 +62,7 @@ fn bad_cell(place: &mut Place, value: &str, code: &'static str, hint: &'static s
     }
 }
 
-/// A header whose fault is at one column.
+/// A header with a fault in one column.
 fn bad_header(
     place: &mut Place,
     rename: impl Fn(&str) -> String,
@@ -396,7 +396,7 @@ async fn workbooks_and_archives_are_answered_415_whatever_they_are_called() {
     nothing_is_stored(&app, &robot).await;
 }
 
-/// Changes of the paper's points that make the file wrong as a whole: code, words, column.
+/// Changes of the paper's points that make the file wrong as a whole, with the expected code, text and column.
 type Distortion = (
     &'static str,
     &'static str,
@@ -429,7 +429,7 @@ const DISTORTIONS: &[Distortion] = &[
         Some("z"),
         |_, p| p[2] = -p[2],
     ),
-    // the mirror image of this arm in its own plane is the same arm with KUKA's signs
+    // The mirror image of this arm in its own plane equals the same arm with KUKA's signs.
     (
         "joint_map_suspect",
         "It fits as well if y has the wrong sign",
@@ -450,7 +450,7 @@ const DISTORTIONS: &[Distortion] = &[
     ),
 ];
 
-/// Points of the paper's set in JSON, from some row on, distorted.
+/// Points of the paper's set in JSON, distorted from some row on.
 fn distorted(first: usize, distort: fn(&mut [f64; 6], &mut [f64; 3])) -> Value {
     let number = |cell: &String| cell.parse::<f64>().unwrap();
     let cells = cells();
@@ -585,7 +585,7 @@ async fn few_and_repeated_poses_warn_and_are_not_identified_from() {
     }
 }
 
-/// As a German spreadsheet exports it.
+/// The set as a German spreadsheet exports it.
 fn with_decimal_commas(cells: &[Vec<String>]) -> Vec<u8> {
     String::from_utf8(csv(cells))
         .unwrap()
@@ -617,7 +617,7 @@ async fn a_decimal_comma_is_read_where_it_is_declared_and_nowhere_else() {
                 .contains("decimal=comma"),
             "and says how it is to be read"
         );
-        // Read again, a worker finds the same numbers as in the file with points.
+        // The worker parses the same numbers as from the file with decimal points.
         let plain = app.upload(&robot, "first.csv").await;
         let mut results = Vec::new();
         for id in [text(&set["id"]), &plain] {

@@ -1,5 +1,5 @@
-//! Seven uploads that fit as well as a clean one and would move the robot wrongly. None becomes a released set where the robot's policy
-//! asks for an independent session, a second person and a tolerance; where it asks for nothing, each carries a warning.
+//! Seven uploads that fit as well as a correct one but would move the robot wrongly. None is released if the robot's policy
+//! requires an independent session, a second person and a tolerance. Without such a policy each carries a warning.
 
 use crate::app::{TestApp, paper, text};
 use crate::people::{Person, guarded};
@@ -10,16 +10,16 @@ use nalgebra::{IsometryMatrix3, Rotation3, Translation3, Vector3};
 use serde_json::{Value, json};
 use std::fmt::Write;
 
-/// What the robot's process needs, mm.
+/// Tolerance of the robot's process, mm.
 const TOLERANCE_MM: f64 = 0.3;
-/// Of a laser tracker, each coordinate, mm.
+/// Noise of a laser tracker, each coordinate, mm.
 const NOISE_MM: f64 = 0.03;
-/// A fit to noise of 0.03 mm has residuals of 0.05 mm (3-D); twice that would make an operator look.
+/// Largest residual that looks good, mm: noise of 0.03 mm gives 0.05 mm (3-D), and twice that an operator would notice.
 const LOOKS_GOOD_MM: f64 = 0.1;
 const POINTS: usize = 100;
 
-/// A robot that is off by some tenths, as robots are, with its target on the flange.
-fn built(seed: u64) -> KinematicModel {
+/// A robot with typical errors of some tenths of a millimetre, with its target on the flange.
+fn true_robot(seed: u64) -> KinematicModel {
     let nominal = KinematicModel::nominal(&crate::data::paper_robot().links, 1);
     let parameters = paper_parameters(6);
     let mut random = Normal::new(seed);
@@ -62,10 +62,10 @@ fn same(p: Vector3<f64>) -> Vector3<f64> {
     p
 }
 
-/// What was done wrongly, and the file that came of it.
+/// Each mistake with the file that results from it.
 fn dangerous() -> Vec<(&'static str, String)> {
-    let truth = built(1);
-    // Along and about what link 1 can take up: anything else would show in the fit.
+    let truth = true_robot(1);
+    // A displacement that link 1 can absorb: any other would show in the fit.
     let moved = IsometryMatrix3::from_parts(
         Translation3::new(0.9, 0.0, 0.6),
         Rotation3::new(Vector3::new(3e-4, 0.0, 5e-4)),
@@ -74,7 +74,7 @@ fn dangerous() -> Vec<(&'static str, String)> {
         targets_mm: vec![Vector3::new(0.0, 0.0, 10.0)],
         ..truth.clone()
     };
-    // Each repetition has a label of its own, so that it is found on both sides of the split.
+    // Each repetition has its own label, so that the pose is on both sides of the split.
     let few = poses(7, &mut Normal::new(4));
     let repeated: Vec<Vec<f64>> = (0..POINTS).map(|i| few[i % few.len()].clone()).collect();
     let frozen: Vec<Vec<f64>> = spread(5)
@@ -94,7 +94,7 @@ fn dangerous() -> Vec<(&'static str, String)> {
         ),
         (
             "another robot of the same model",
-            csv(&built(99), &spread(3), 13, same),
+            csv(&true_robot(99), &spread(3), 13, same),
         ),
         (
             "a scale of 0.1 %",
@@ -107,16 +107,16 @@ fn dangerous() -> Vec<(&'static str, String)> {
     ]
 }
 
-struct Shop<'a> {
-    boss: Person<'a>,
+struct Users<'a> {
+    admin: Person<'a>,
     cell: Person<'a>,
     engineer: Person<'a>,
 }
 
-impl<'a> Shop<'a> {
+impl<'a> Users<'a> {
     async fn new(app: &'a TestApp) -> Self {
         Self {
-            boss: Person::new(app, &["admin"]).await,
+            admin: Person::new(app, &["admin"]).await,
             cell: Person::new(app, &["read", "upload", "identify", "release"]).await,
             engineer: Person::new(app, &["read", "release"]).await,
         }
@@ -126,10 +126,10 @@ impl<'a> Shop<'a> {
         let body: Value = serde_json::from_slice(&paper("robot.json")).unwrap();
         let robot = format!(
             "/v1/robots/{}",
-            text(&self.boss.post("/v1/robots", &body).await.ok(201)["id"])
+            text(&self.admin.post("/v1/robots", &body).await.ok(201)["id"])
         );
         assert_eq!(
-            self.boss
+            self.admin
                 .put(&format!("{robot}/policy"), policy)
                 .await
                 .ok(200),
@@ -138,7 +138,7 @@ impl<'a> Shop<'a> {
         robot
     }
 
-    /// Uploads and identifies: path of the parameter set, report, and codes of all warnings so far.
+    /// Uploads a set and identifies from it. Returns the path of the parameter set, the report, and the codes of all warnings so far.
     async fn identified(&self, robot: &str, csv: &str) -> (String, Value, Vec<String>) {
         let set = self.cell.upload(robot, csv).await;
         let job = self
@@ -166,11 +166,11 @@ impl<'a> Shop<'a> {
         )
     }
 
-    /// Another session, measured rightly, on which the parameter set is scored.
+    /// Uploads another, correct session and scores the parameter set on it.
     async fn verified(&self, robot: &str, parameter_set: &str, seed: u64) {
         let session = self
             .cell
-            .upload(robot, &csv(&built(1), &spread(seed), seed + 1, same))
+            .upload(robot, &csv(&true_robot(1), &spread(seed), seed + 1, same))
             .await;
         let id = parameter_set.rsplit('/').next().unwrap();
         self.cell.job(robot, &json!({"kind": "verify", "measurement_set_id": session["id"], "parameter_set_id": id})).await;
@@ -189,26 +189,26 @@ fn failed(refusal: &Value) -> Vec<&str> {
 #[tokio::test(flavor = "multi_thread")]
 async fn no_dangerous_upload_is_released_under_the_strict_policy_and_a_clean_one_is() {
     let (app, _dir) = guarded(1).await;
-    let shop = Shop::new(&app).await;
+    let users = Users::new(&app).await;
     let strict = json!({"tolerance_mm": TOLERANCE_MM, "independent_session_required": true, "second_person_required": true});
     let why = json!({"reason": "new calibration", "change_reason": "new calibration"});
     for (what, csv) in dangerous() {
-        let robot = shop.robot(&strict).await;
-        let (set, report, _) = shop.identified(&robot, &csv).await;
+        let robot = users.robot(&strict).await;
+        let (set, report, _) = users.identified(&robot, &csv).await;
         let held_out = report["verify"]["after"]["rms_mm"].as_f64().unwrap();
         assert!(
             held_out < LOOKS_GOOD_MM,
             "{what} should look good to be dangerous: {held_out} mm"
         );
         let tool = &report["tool_uncertainty_mm"]["max"];
-        let early = shop
+        let early = users
             .engineer
             .post(&format!("{set}/release"), &why)
             .await
             .problem(409, "release_refused");
         assert!(failed(&early).contains(&"evidence"), "{what}: {early}");
-        shop.verified(&robot, &set, 40).await;
-        let late = shop.engineer.post(&format!("{set}/release"), &why).await;
+        users.verified(&robot, &set, 40).await;
+        let late = users.engineer.post(&format!("{set}/release"), &why).await;
         let late = late.problem(409, "release_refused");
         eprintln!(
             "{what}: held out {held_out:.4} mm, tool {tool} mm; refused by {:?}, then by {:?}",
@@ -219,28 +219,31 @@ async fn no_dangerous_upload_is_released_under_the_strict_policy_and_a_clean_one
             failed(&late).iter().any(|gate| *gate != "evidence"),
             "{what}: the other session shows it: {late}"
         );
-        shop.cell
+        users
+            .cell
             .get(&format!("{robot}/parameter-sets/active"))
             .await
             .problem(404, "no_active_parameter_set");
     }
-    let robot = shop.robot(&strict).await;
-    let (set, _, _) = shop
-        .identified(&robot, &csv(&built(1), &spread(2), 11, same))
+    let robot = users.robot(&strict).await;
+    let (set, _, _) = users
+        .identified(&robot, &csv(&true_robot(1), &spread(2), 11, same))
         .await;
-    shop.verified(&robot, &set, 40).await;
-    let alone = shop
+    users.verified(&robot, &set, 40).await;
+    let alone = users
         .cell
         .post(&format!("{set}/release"), &why)
         .await
         .problem(409, "release_refused");
     assert_eq!(failed(&alone), ["second_person"]);
-    shop.engineer
+    users
+        .engineer
         .post(&format!("{set}/release"), &why)
         .await
         .ok(200);
     assert_eq!(
-        shop.cell
+        users
+            .cell
             .get(&format!("{robot}/parameter-sets/active"))
             .await
             .ok(200)["status"],
@@ -251,7 +254,7 @@ async fn no_dangerous_upload_is_released_under_the_strict_policy_and_a_clean_one
 #[tokio::test(flavor = "multi_thread")]
 async fn each_dangerous_upload_carries_a_warning_under_the_normal_policy() {
     let (app, _dir) = guarded(1).await;
-    let shop = Shop::new(&app).await;
+    let users = Users::new(&app).await;
     let normal = json!({"tolerance_mm": null, "independent_session_required": false, "second_person_required": false});
     let expected: [(&str, &[&str]); 7] = [
         ("stale base", &["improved_on_active"]),
@@ -267,17 +270,18 @@ async fn each_dangerous_upload_carries_a_warning_under_the_normal_policy() {
     ];
     for ((what, file), (name, expected)) in dangerous().into_iter().zip(expected) {
         assert_eq!(what, name);
-        let robot = shop.robot(&normal).await;
-        // The robot was calibrated before, rightly: what changed since can be seen.
-        let (before, _, _) = shop
-            .identified(&robot, &csv(&built(1), &spread(30), 31, same))
+        let robot = users.robot(&normal).await;
+        // The robot has an earlier, correct calibration, so changes are visible.
+        let (before, _, _) = users
+            .identified(&robot, &csv(&true_robot(1), &spread(30), 31, same))
             .await;
-        shop.cell
+        users
+            .cell
             .post(&format!("{before}/release"), &json!({"reason": "first"}))
             .await
             .ok(200);
-        let (set, _, mut codes) = shop.identified(&robot, &file).await;
-        let answer = shop
+        let (set, _, mut codes) = users.identified(&robot, &file).await;
+        let answer = users
             .cell
             .post(&format!("{set}/release"), &json!({"reason": "again"}))
             .await;
@@ -304,17 +308,17 @@ async fn each_dangerous_upload_carries_a_warning_under_the_normal_policy() {
             );
         }
     }
-    // The clean one is released with the one remark that holds for it: nobody has verified it independently, nor said a serial number.
-    let robot = shop.robot(&normal).await;
-    let (set, _, codes) = shop
-        .identified(&robot, &csv(&built(1), &spread(2), 11, same))
+    // The clean one is released with the warnings that apply to it: no independent session, and no serial number.
+    let robot = users.robot(&normal).await;
+    let (set, _, codes) = users
+        .identified(&robot, &csv(&true_robot(1), &spread(2), 11, same))
         .await;
     assert_eq!(
         codes,
         ["unidentifiable_parameters", "pose_not_seen"],
         "one reflector on the last axis"
     );
-    let checks = shop
+    let checks = users
         .cell
         .post(&format!("{set}/release"), &json!({"reason": "first"}))
         .await

@@ -1,4 +1,4 @@
-//! From upload to compensated parameters with the real binary: measured robots, restarts, kill -9, the same bytes every time.
+//! The whole workflow with the real binary, from upload to compensated parameters: measured robots, restarts, kill -9, identical bytes.
 
 use crate::data::{paper_path, real_data};
 use crate::process::{Server, run};
@@ -9,7 +9,7 @@ fn rms(report: &Value) -> f64 {
     report["verify"]["after"]["rms_mm"].as_f64().unwrap()
 }
 
-/// scipy's least squares left 0.412 and 0.442 mm rms on the verify halves of these sets.
+/// Limits, from scipy's least squares: 0.412 and 0.442 mm rms on the verify halves of these sets.
 const REAL: [(&str, &str, f64); 2] = [
     ("motoman_ma1400", "visit_1.csv", 0.43),
     ("qkm_hl6", "set.csv", 0.46),
@@ -122,17 +122,17 @@ fn calibrate_refuses_what_the_server_refuses_as_wrong_as_a_whole() {
             paper_path("robot.json").to_str().unwrap(),
             path.to_str().unwrap(),
         ]);
-        let said = String::from_utf8_lossy(&output.stderr);
+        let stderr = String::from_utf8_lossy(&output.stderr);
         assert_eq!(
             output.status.code(),
             Some(if word.is_some() { 2 } else { 0 }),
-            "{name}: {said}"
+            "{name}: {stderr}"
         );
         assert!(
-            word.is_none_or(|word| said.contains(word)
-                && said.contains("cannot be used")
+            word.is_none_or(|word| stderr.contains(word)
+                && stderr.contains("cannot be used")
                 && output.stdout.is_empty()),
-            "{name}: {said}"
+            "{name}: {stderr}"
         );
     }
 }
@@ -159,7 +159,7 @@ fn sweeps_first_set_and_follow_up_give_a_network_and_a_parameter_set() {
         (409, Some("no_network")),
         "{refused}"
     );
-    // No network is trained on an answer that is worse than nominal, as the paper's preset is after 100 iterations.
+    // No network is trained on a result that is worse than nominal, such as the paper's preset after 100 iterations.
     for (preset, n_iterations) in [("paper", 404), ("default", 60)] {
         let request = json!({"measurement_set_id": first, "method": "pso", "preset": preset, "options": {"n_iterations": n_iterations}});
         server.report(&robot, &request);
@@ -187,7 +187,7 @@ fn sweeps_first_set_and_follow_up_give_a_network_and_a_parameter_set() {
     );
 }
 
-/// `predict` of the parameter set at the first verify pose is as far from the measured point as the report says.
+/// `predict` at the first verify pose differs from the measured point by the error in the report.
 fn predicted_where_measured(server: &Server, parameter_set: &str, report: &Value) {
     let text = std::fs::read_to_string(paper_path("followup_unchanged.csv")).unwrap();
     let row: Vec<f64> = text

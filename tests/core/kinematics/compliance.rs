@@ -1,4 +1,4 @@
-//! Forward kinematics with corrections, against numpy (docs/oracles/compliance_forward.py) and against itself without corrections.
+//! Forward kinematics with corrections, compared with numpy (docs/oracles/compliance_forward.py) and with the rigid kinematics.
 
 use kincal::kinematics::compliance::{moments, rigid_chain, t_base_flange_corrected};
 use kincal::kinematics::corrections::usual_masses;
@@ -117,7 +117,7 @@ fn the_corrected_flange_is_numpys_to_a_picometre() {
         let rigid = t_base_flange(&case.links, &case.q_rad);
         bent_mm = bent_mm.max((rigid.translation.vector - case.translation_mm).norm());
     }
-    // the corrections of the cases do something
+    // The corrections of the cases have an effect.
     assert!(bent_mm > 1.0, "{bent_mm}");
 }
 
@@ -134,7 +134,7 @@ fn without_corrections_nothing_changes_not_even_a_bit() {
 
 #[test]
 fn a_level_lever_has_the_moment_of_its_mass() {
-    // one joint about a horizontal axis, a mass of 2 units at 0.5 m along x: gravity along -z turns it about +y
+    // One joint about a horizontal axis, and a mass of 2 units at 0.5 m along x: gravity along -z turns it about +y.
     let links = [
         Link::default(),
         Link {
@@ -153,7 +153,7 @@ fn a_level_lever_has_the_moment_of_its_mass() {
     );
     assert!((moments.joints[0] - Vector3::new(0.0, 1.0, 0.0)).norm() < 1e-15);
     assert!(moments.joints[1].norm() < 1e-15);
-    // the tip of a base that gives by 1 mrad per unit goes down by 0.5 mm
+    // With a base compliance of 1 mrad per unit the tip sinks by 0.5 mm.
     corrections.compliance.base_rad = Vector3::new(0.0, 1e-3, 0.0);
     let tip = t_base_flange_corrected(&links, &corrections, &[0.0, 0.0])
         .translation

@@ -12,13 +12,13 @@ use kincal::kinematics::batch::{
 use nalgebra::{IsometryMatrix3, Vector3};
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 
-/// The kernel pushes points back with fused multiply-adds where the reference multiplies matrices, and adds angles by their sines: lengths
-/// of metres and residuals of metres, some roundings of each.
+/// Tolerance, mm: the kernel transforms points backwards with fused multiply-adds where the reference multiplies matrices, and adds angles by their sines. Lengths
+/// and residuals are metres, with some roundings each.
 const KERNEL_RELATIVE: f64 = 1e-13;
-/// F near its minimum is made of residuals that are small differences of lengths: an absolute error of some roundings of 10 m, mm.
+/// Tolerance of residuals near the minimum, mm: they are small differences of lengths, with an absolute error of some roundings of 10 m.
 const RESIDUAL_ROUNDING_MM: f64 = 1e-11;
 
-/// A reference, the parameters that move, eight particles' deviations, and poses.
+/// A reference robot, its free parameters, the deviations of eight particles, and poses.
 pub struct Case {
     pub space: SearchSpace,
     pub deviations: Vec<Lanes>,
@@ -63,7 +63,7 @@ pub fn all_parameters(n_links: usize, n_targets: usize) -> Vec<Parameter> {
     links.chain(base).chain(targets).collect()
 }
 
-/// Poses measured at `model`, moved by up to `noise_mm`.
+/// Poses measured on `model`, with noise of up to `noise_mm`.
 fn observations(
     random: &mut ChaCha8Rng,
     model: &KinematicModel,
@@ -91,7 +91,7 @@ fn observations(
         .collect()
 }
 
-/// Deviations by up to these half-widths.
+/// Random deviations within these half-widths.
 pub fn case(
     random: &mut ChaCha8Rng,
     reference: KinematicModel,
@@ -106,7 +106,7 @@ pub fn case(
         .iter()
         .map(|p| Lanes(std::array::from_fn(|_| deviation(p, random))))
         .collect();
-    // no multiple of the poses that are pushed side by side
+    // not a multiple of the number of poses that are processed together
     let observations = observations(random, &reference, 37, mm, weighted);
     let scale = vec![1.0; parameters.len()];
     Case {
@@ -137,7 +137,7 @@ fn the_kernel_equals_the_readable_cost_for_any_robot() {
     for n_links in 1..=12 {
         for n_targets in [1, 3] {
             let reference = random_model(&mut random, n_links, n_targets);
-            // angles beyond π/4, where the polynomials end, in some lanes
+            // In some lanes angles beyond π/4, where the polynomials end.
             let moved = case(
                 &mut random,
                 reference,
@@ -204,7 +204,7 @@ fn parameters_that_do_not_move_stay_at_the_reference() {
 #[test]
 fn particles_far_out_cost_what_the_readable_cost_says() {
     let mut random = ChaCha8Rng::seed_from_u64(7);
-    // a swarm without walls may carry an angle many turns and a length many metres away
+    // A swarm without bounds may move an angle by many turns and a length by many metres.
     for (mm, rad) in [(1e6, 50.0), (1e3, 1e4)] {
         let reference = random_model(&mut random, 6, 1);
         let moved = case(
@@ -217,7 +217,7 @@ fn particles_far_out_cost_what_the_readable_cost_says() {
         let fast = sum_of_squares(&moved.robots(), &moved.poses());
         for lane in 0..LANES {
             let readable = cost(&moved.model(lane), &moved.observations);
-            // reference + deviation of an angle is rounded to an ulp of the sum before the readable form takes its sine
+            // The readable form takes the sine of reference + deviation, which is rounded to an ulp of the sum.
             let allowed = readable * (KERNEL_RELATIVE + 40.0 * rad * f64::EPSILON);
             assert!(
                 (fast.0[lane] - readable).abs() <= allowed,
@@ -232,7 +232,7 @@ fn particles_far_out_cost_what_the_readable_cost_says() {
 fn a_deviation_that_is_not_a_number_gives_a_cost_that_is_not_finite() {
     let mut random = ChaCha8Rng::seed_from_u64(8);
     let reference = random_model(&mut random, 6, 1);
-    for wild in [f64::NAN, f64::INFINITY] {
+    for extreme in [f64::NAN, f64::INFINITY] {
         let mut moved = case(
             &mut random,
             reference.clone(),
@@ -242,7 +242,7 @@ fn a_deviation_that_is_not_a_number_gives_a_cost_that_is_not_finite() {
         );
         let sane = sum_of_squares(&moved.robots(), &moved.poses());
         for parameter in 0..moved.deviations.len() {
-            let before = std::mem::replace(&mut moved.deviations[parameter].0[3], wild);
+            let before = std::mem::replace(&mut moved.deviations[parameter].0[3], extreme);
             let costs = sum_of_squares(&moved.robots(), &moved.poses());
             assert!(
                 !costs.0[3].is_finite(),
@@ -325,7 +325,7 @@ fn a_particles_cost_does_not_depend_on_its_lane_or_its_neighbours() {
 
 #[test]
 fn a_weight_of_one_is_no_weight() {
-    // poses of weight 1 take a shorter way than weighted ones; a last pose of weight 0 sends all of them the long way
+    // Poses of weight 1 use a faster path than weighted ones; one last pose of weight 0 sends all of them through the slower path.
     let mut random = ChaCha8Rng::seed_from_u64(10);
     let reference = random_model(&mut random, 6, 1);
     let mut case = case(

@@ -1,4 +1,4 @@
-//! The lower bound of F: never above F, wherever the particle and the anchor are, and near F where the particle is near the anchor.
+//! The lower bound of F: never above F, wherever particle and anchor are, and close to F if the particle is near the anchor.
 
 use super::kernel::{Case, all_parameters, case};
 use super::random_model;
@@ -10,7 +10,7 @@ use nalgebra::{IsometryMatrix3, Vector3};
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 
-/// Which of the case's particles are surely above a share of their own F.
+/// The particles whose bound is above this share of their own F.
 fn exceeds(case: &Case, anchor: &Anchor, limits: &Lanes) -> [bool; LANES] {
     anchor.bound().exceeds(
         &case.deviations,
@@ -23,7 +23,7 @@ fn times(costs: Lanes, factor: f64) -> Lanes {
     Lanes(costs.0.map(|cost| factor * cost))
 }
 
-/// Random robots with many, the paper's or the complete parameters, moved by up to (mm, rad).
+/// Random robots with many, the paper's or the complete parameters, deviating by up to (mm, rad).
 fn random_case(seed: u64, n_links: usize, moved: (f64, f64)) -> Case {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let n_targets = random.random_range(1..4);
@@ -59,7 +59,7 @@ fn anchor_at(case: &Case, deviation: &[f64]) -> Anchor {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(400))]
 
-    // a bound that is above F by a rounding fails here: the limit is F itself, as the kernel has it and as the readable form has it
+    // The limit is F itself, from the kernel and from the readable form: a bound that is above F by one rounding fails.
     #[test]
     fn the_lower_bound_is_never_above_the_cost(
         seed in any::<u64>(),
@@ -69,7 +69,7 @@ proptest! {
         anchor_share in prop_oneof![Just(0.0), Just(1.0), -1.0..1.0_f64, -1e3..1e3_f64],
     ) {
         let case = random_case(seed, n_links, (10f64.powf(mm), 10f64.powf(rad)));
-        // around the reference, at a particle, or anywhere on the line through both
+        // Around the reference, at a particle, or anywhere on the line through both.
         let deviation: Vec<f64> = case.deviations.iter().map(|d| anchor_share * d.0[3]).collect();
         let anchor = anchor_at(&case, &deviation);
         let costs = sum_of_squares(&case.robots(), &case.poses());
@@ -82,7 +82,7 @@ proptest! {
 #[test]
 fn near_the_anchor_the_bound_is_near_the_cost() {
     for seed in 0..60 {
-        // thirty angles of 10 µrad on metres: what is not linear is a thousandth of what is
+        // Thirty angles of 10 µrad on lengths of metres: the nonlinear part is a thousandth of the linear one.
         let mut case = random_case(seed, 6, (0.01, 1e-5));
         let anchor = anchor_at(&case, &vec![0.0; case.deviations.len()]);
         let costs = sum_of_squares(&case.robots(), &case.poses());
@@ -91,7 +91,7 @@ fn near_the_anchor_the_bound_is_near_the_cost() {
             [true; LANES],
             "seed {seed}"
         );
-        // elsewhere it is as near as there
+        // At other anchors the bound is as close.
         let there: Vec<f64> = case
             .space
             .parameters
@@ -116,7 +116,7 @@ fn what_is_not_a_number_is_above_nothing_and_disturbs_nobody() {
     let mut case = random_case(6, 6, (0.01, 1e-5));
     let anchor = anchor_at(&case, &vec![0.0; case.deviations.len()]);
     let limits = times(sum_of_squares(&case.robots(), &case.poses()), 0.97);
-    for wild in [
+    for extreme in [
         f64::NAN,
         f64::INFINITY,
         -f64::INFINITY,
@@ -125,14 +125,14 @@ fn what_is_not_a_number_is_above_nothing_and_disturbs_nobody() {
         -1e160,
     ] {
         for parameter in 0..case.deviations.len() {
-            let before = std::mem::replace(&mut case.deviations[parameter].0[3], wild);
+            let before = std::mem::replace(&mut case.deviations[parameter].0[3], extreme);
             let is_length = !case.space.parameters[parameter].is_angle();
             let found = exceeds(&case, &anchor, &limits);
-            // a finite length may be that far out: its cost is no number either, or above the limit
+            // A finite length may be that large: then its cost is not a number either, or above the limit.
             let cost = sum_of_squares(&case.robots(), &case.poses()).0[3];
             assert!(
                 !found[3] || is_length && (cost.is_nan() || cost > limits.0[3]),
-                "{wild}: {}",
+                "{extreme}: {}",
                 case.space.parameters[parameter].name()
             );
             assert!((0..LANES).filter(|lane| *lane != 3).all(|lane| found[lane]));

@@ -1,4 +1,4 @@
-//! Forward kinematics, its Jacobian and the lane kernel, each against a second oracle.
+//! Forward kinematics, its Jacobian and the vectorised kernel, each compared with a second implementation.
 
 mod compliance;
 mod kernel;
@@ -14,9 +14,9 @@ use nalgebra::{IsometryMatrix3, Matrix4, Rotation3, Translation3, Vector3, Vecto
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 use std::f64::consts::{PI, TAU};
 
-/// Two ways of multiplying six to twelve 4×4 matrices with entries of some metres differ by roundings of this order, mm.
+/// Rounding difference between two ways to multiply six to twelve 4×4 matrices with entries of some metres, mm.
 const ROUNDING_MM: f64 = 1e-9;
-/// Central differences with steps of 1e-5 rad or 1e-3 mm on lever arms of metres: truncation and rounding are both below this, mm/rad.
+/// Error of central differences with steps of 1e-5 rad or 1e-3 mm on lever arms of metres, truncation and rounding, mm/rad.
 const DIFFERENCE: f64 = 2e-4;
 
 fn random_links(random: &mut ChaCha8Rng, n: usize) -> Vec<Link> {
@@ -66,7 +66,7 @@ fn random_model(random: &mut ChaCha8Rng, n_links: usize, n_targets: usize) -> Ki
     }
 }
 
-/// The print of [Gao 2018, eq. 3], element by element, multiplied out as plain 4×4 matrices.
+/// The matrix of [Gao 2018, eq. 3] as printed, element by element, multiplied as plain 4×4 matrices.
 fn printed_link(link: &Link, q_rad: f64) -> Matrix4<f64> {
     let (st, ct) = (q_rad + link.theta_offset_rad).sin_cos();
     let (sa, ca) = link.alpha_rad.sin_cos();
@@ -144,7 +144,7 @@ fn the_nominal_robot_misses_the_papers_points_by_what_paper_md_states() {
         .filter(|p| p.subset == Some(Subset::Identify))
         .map(|p| error(p).powi(2))
         .sum();
-    // the stated digits
+    // To the stated digits.
     assert!((mean - 1.0478669).abs() < 5e-8, "mean {mean}");
     assert!((errors.iter().fold(0.0f64, |m, e| m.max(*e)) - 1.581740).abs() < 5e-7);
     assert!((cost - 64.853).abs() < 5e-4, "F {cost}");
@@ -183,7 +183,7 @@ fn every_column_of_the_jacobian_equals_central_differences() {
         parameters.extend((0..3).map(Parameter::BaseTranslation));
         parameters.extend((0..3).map(Parameter::BaseRotation));
         parameters.extend((0..3).map(|axis| Parameter::Target(1, axis)));
-        // away from the reference, so that the base's rotation vector is not zero
+        // Away from the reference, so that the base's rotation vector is not zero.
         let at: Vec<f64> = parameters
             .iter()
             .map(|p| random.random_range(-1.0..1.0) * if p.is_angle() { 0.3 } else { 5.0 })
@@ -211,7 +211,7 @@ fn every_column_of_the_jacobian_equals_central_differences() {
             let predicted = |sign: f64| {
                 let mut moved = at.clone();
                 moved[column] += sign * step;
-                // residual = measured − predicted, so the prediction is its negative here
+                // residual = measured − predicted, so the prediction is its negative here.
                 -objective::weighted_residuals(
                     &apply(&reference, &parameters, &moved),
                     std::slice::from_ref(&observation),
@@ -264,7 +264,7 @@ fn the_complete_model_takes_redundancy_out_as_the_contract_says() {
     ];
     assert_eq!(links, expected);
     assert_eq!(names(&paper_robot().links, 3).len(), 33);
-    // a group of parallel axes that holds the base's axis has no free d at all: the base carries it
+    // A group of parallel axes that contains the base's axis has no free d: the base absorbs it.
     let scara = vec![
         Link::default(),
         Link {

@@ -1,4 +1,4 @@
-//! Residuals and derivatives for least squares: equal to the readable ones, and the same bits on every code path.
+//! Residuals and derivatives for least squares: equal to the readable implementation, and the same bits on every code path.
 
 use super::{random_model, random_q};
 use kincal::identification::linearisation::Linearisation;
@@ -9,9 +9,9 @@ use kincal::kinematics::batch::InstructionSet;
 use nalgebra::{DMatrix, DVector, Vector3};
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 
-/// Some roundings of ten metres, mm; derivatives by angles are as large as lengths.
+/// Tolerance, mm: some roundings of ten metres. Derivatives by angles are as large as lengths.
 const ROUNDING_MM: f64 = 1e-10;
-/// Sums of a hundred squares in another order.
+/// Relative tolerance: sums of a hundred squares in another order.
 const ANOTHER_ORDER: f64 = 1e-12;
 
 fn every_parameter(n_links: usize, n_targets: usize) -> Vec<Parameter> {
@@ -39,7 +39,7 @@ fn every_parameter(n_links: usize, n_targets: usize) -> Vec<Parameter> {
         .collect()
 }
 
-/// A space around a random robot, and poses on its targets in turn: no multiple of eight on any.
+/// A space around a random robot, and poses on its targets in turn; no target has a multiple of eight.
 fn case(
     random: &mut ChaCha8Rng,
     n_links: usize,
@@ -67,7 +67,7 @@ fn case(
     (SearchSpace::raw(reference, parameters, scale), observations)
 }
 
-/// Rows as [`kincal::kinematics::batch::PoseLanes`] has them, for the observations in their order: all of one target, eight by eight.
+/// Rows of the observations in the order of [`kincal::kinematics::batch::PoseLanes`]: target by target, in groups of eight.
 fn rows_of(observations: &[Observation], n_targets: usize) -> Vec<usize> {
     let mut rows = vec![0; observations.len()];
     let (mut chunks, mut last) = (0, vec![(0, 8); n_targets]);
@@ -126,7 +126,7 @@ fn residuals_and_derivatives_equal_the_readable_ones_for_any_robot() {
                     }
                 }
             }
-            // what is missing to full chunks counts nothing
+            // The padding of incomplete chunks does not count.
             assert!(
                 (residuals.norm_squared() / expected.norm_squared() - 1.0).abs() < ANOTHER_ORDER
             );

@@ -1,11 +1,11 @@
-//! The same bits on every CPU and in every build profile: results pinned to the last bit. Whoever changes an algorithm
-//! changes them on purpose; whoever changes a compiler, a flag or a machine must not.
+//! The same bits on every CPU and in every build profile: results are pinned to the last bit. A change of an algorithm
+//! may change them; another compiler, flag or machine must not.
 
 use super::nist::problems;
 use kincal::solvers::{bpnn, least_squares, pso, random::LaneRandom};
 use std::ops::ControlFlow;
 
-/// One number that changes with any bit of any of the numbers (FNV-1a).
+/// Hash of all bits of the numbers (FNV-1a).
 fn fingerprint<'a>(numbers: impl IntoIterator<Item = &'a f64>) -> u64 {
     let bytes = numbers
         .into_iter()

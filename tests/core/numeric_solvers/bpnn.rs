@@ -1,4 +1,4 @@
-//! The network against a plainly written one, its gradient against differences, and what it learns.
+//! The network, compared with a plain implementation; its gradient, compared with differences; and its training.
 
 use kincal::solvers::bpnn::{
     Activation, Network, Options, Termination, UpdateRule, choose_size_and_train,
@@ -7,7 +7,7 @@ use kincal::solvers::bpnn::{
 use kincal::solvers::random::LaneRandom;
 use std::time::{Duration, Instant};
 
-/// Rows of numbers uniform in ± 1.
+/// Rows of uniform numbers in ± 1.
 fn rows(n_rows: usize, n_columns: usize, seed: u64) -> Vec<Vec<f64>> {
     let mut random = LaneRandom::new(seed, 100);
     let row = |_| {
@@ -56,12 +56,12 @@ fn largest_difference(a: &[f64], b: &[f64]) -> f64 {
         .fold(0.0, f64::max)
 }
 
-/// Sizes that fill no tile and no block of lanes, and sizes that fill them all.
+/// Sizes that do not fill tiles and blocks of lanes, and sizes that do.
 const SIZES: [(usize, usize, usize, usize); 3] = [(11, 5, 7, 3), (16, 8, 4, 4), (1, 1, 1, 1)];
 
 #[test]
 fn answers_are_those_of_a_plain_network() {
-    /// Sums of a dozen terms of order one.
+    /// Tolerance for sums of a dozen terms of order one.
     const ROUNDING: f64 = 1e-14;
     for output_activation in [Activation::Identity, Activation::Tanh] {
         for (n_samples, n_inputs, n_hidden, n_outputs) in SIZES {
@@ -105,7 +105,7 @@ fn the_error_is_the_mean_square_over_samples_and_outputs() {
     }
 }
 
-/// The weights and thresholds of a network one after the other.
+/// The weights and thresholds of a network as one list.
 fn parameters(network: &mut Network) -> [&mut Vec<f64>; 4] {
     [
         &mut network.hidden_weights,
@@ -117,7 +117,7 @@ fn parameters(network: &mut Network) -> [&mut Vec<f64>; 4] {
 
 #[test]
 fn the_back_propagated_gradient_agrees_with_central_differences() {
-    /// Step h of the differences; they are wrong by about h² = 1e-10 and by rounding / h = 1e-11.
+    /// Step h of the differences; their error is about h² = 1e-10 plus rounding / h = 1e-11.
     const STEP: f64 = 1e-5;
     const TOLERANCE: f64 = 1e-9;
     for output_activation in [Activation::Identity, Activation::Tanh] {
@@ -165,7 +165,7 @@ fn ten_sizes_are_tried_from_the_rule_of_the_paper() {
 
 #[test]
 fn every_rule_learns_a_curved_surface() {
-    /// A plane fitted to it leaves 0.1; a hundredth of that is a network that bends.
+    /// Limit: a hundredth of 0.1, the error of a fitted plane, so the network must be nonlinear.
     const LEARNT: f64 = 1e-3;
     let surface = |inputs: &[Vec<f64>]| -> Vec<Vec<f64>> {
         inputs
@@ -201,7 +201,7 @@ fn every_rule_learns_a_curved_surface() {
 
 #[test]
 fn an_affine_map_of_24_coordinates_is_learnt() {
-    /// One part in 5000 of the targets' variance, 0.3.
+    /// Limit: one part in 5000 of the targets' variance, 0.3.
     const LEARNT: f64 = 6e-5;
     let matrix = rows(24, 24, 30);
     let map = |inputs: &[Vec<f64>]| -> Vec<Vec<f64>> {
@@ -233,8 +233,8 @@ fn an_affine_map_of_24_coordinates_is_learnt() {
 
 #[test]
 fn a_constant_answer_is_predicted_wherever_it_lies_and_not_to_a_single_point() {
-    /// Distances in units of the search box. A thousandth of a box of 1 mm is a micrometre; and below a millionth the
-    /// particles of the next swarm would all stand in one place.
+    /// Limits in units of the search box. A thousandth of a box of 1 mm is a micrometre; below a millionth the
+    /// particles of the next swarm would all be at one point.
     const FAR: f64 = 3e-3;
     const COLLAPSED: f64 = 1e-6;
     for scale in [0.2, 1.0, 4.0] {
@@ -294,7 +294,7 @@ fn tanh_on_the_output_cannot_answer_outside_one() {
 
 #[test]
 fn the_network_with_the_smallest_error_seen_is_returned() {
-    // So much momentum that the error swings up and down.
+    // So much momentum that the error oscillates.
     let (inputs, targets) = (rows(30, 3, 50), rows(30, 2, 51));
     let options = Options {
         n_epochs: 40,
@@ -431,8 +431,8 @@ fn the_same_seed_gives_the_same_bits_and_another_seed_does_not() {
 
 #[test]
 fn a_swarms_network_is_chosen_and_trained_within_its_time() {
-    /// In release 0.2 s on a free core; without optimisation some twenty times that. Both are far off on purpose: the
-    /// machine may be busy, and what must not happen unseen is a kernel that no longer uses its vector registers.
+    /// In release it takes 0.2 s on a free core, without optimisation some twenty times that. The limits are generous on purpose: the
+    /// machine may be busy, and they only have to detect a kernel that no longer uses its vector registers.
     const LIMIT: Duration = if cfg!(debug_assertions) {
         Duration::from_secs(60)
     } else {

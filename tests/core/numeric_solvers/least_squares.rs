@@ -1,4 +1,4 @@
-//! Levenberg-Marquardt against closed forms and certified problems.
+//! Levenberg-Marquardt, compared with closed forms and certified problems.
 
 use super::nist::{Problem, problems};
 use kincal::solvers::least_squares::{
@@ -11,7 +11,7 @@ fn go_on(_: Iteration) -> ControlFlow<()> {
     ControlFlow::Continue(())
 }
 
-/// Correct digits of a number: the log relative error, at most 11, since NIST prints 11 digits.
+/// Correct digits of a number: the log relative error, at most 11, because NIST prints 11 digits.
 fn digits(computed: f64, certified: f64) -> f64 {
     let relative = ((computed - certified) / certified).abs();
     if relative.is_nan() {
@@ -44,16 +44,16 @@ fn solve(problem: &Problem, start: &[f64], options: &Options) -> Summary {
 /// Trial steps for NIST's far starts, of which Bennett5 takes most (760).
 const MANY_ITERATIONS: usize = 3000;
 
-/// Digits every start must reach in every parameter. The flattest minimum, Lanczos3, allows six or seven: there the
+/// Digits that every start must reach in every parameter. The flattest minimum, Lanczos3, allows six or seven: there the
 /// cost changes by its last bit.
 const REQUIRED_DIGITS: f64 = 6.0;
 
-/// Starts (problem, 1 or 2) that do not converge with the default options but for the number of iterations.
+/// Starts (problem, 1 or 2) that do not converge with the default options, even with more iterations.
 const NOT_CONVERGING: [(&str, usize); 0] = [];
 
 #[test]
 fn the_data_give_the_certified_sums_of_squares_at_the_certified_parameters() {
-    /// Parameters and sums are printed to 11 digits, of which the last may be rounded.
+    /// Tolerance: parameters and sums are printed to 11 digits, the last of which may be rounded.
     const PRINTED_DIGITS: f64 = 10.0;
     for problem in problems() {
         let mut residuals = DVector::zeros(problem.data.len());
@@ -69,8 +69,8 @@ fn the_data_give_the_certified_sums_of_squares_at_the_certified_parameters() {
 
 #[test]
 fn the_problems_jacobians_agree_with_central_differences() {
-    /// Relative step. The differences are wrong by the square of the step over the scale on which the model bends,
-    /// at worst a thousandth (Eckerle4: a peak at 451 that is 4 wide), and by rounding / step.
+    /// Relative step. The error of the differences is the square of the step over the length scale of the model's curvature,
+    /// at worst a thousandth (Eckerle4: a peak at 451 with a width of 4), plus rounding / step.
     const STEP: f64 = 1e-5;
     const TOLERANCE: f64 = 1e-6;
     for problem in problems() {
@@ -188,7 +188,7 @@ struct Linear {
 }
 
 impl Linear {
-    /// Twelve equations in four unknowns, of fixed numbers without a pattern.
+    /// Twelve equations in four unknowns, with fixed irregular numbers.
     fn example() -> Self {
         let a = DMatrix::from_fn(12, 4, |i, j| {
             libm::sin((7 * i + 3 * j + 1) as f64) + f64::from(u8::from(i == j))
@@ -208,7 +208,7 @@ impl Linear {
     }
 }
 
-/// Rounding of a well conditioned problem of order one.
+/// Tolerance: rounding of a well-conditioned problem of order one.
 const ROUNDING: f64 = 1e-12;
 
 #[test]
@@ -388,9 +388,9 @@ fn the_search_stops_at_a_cost_at_a_limit_and_when_told_to() {
 
     let mut evaluate =
         |b: &[f64], r: &mut DVector<f64>, j: Option<&mut DMatrix<f64>>| problem.evaluate(b, r, j);
-    let mut told = Vec::new();
+    let mut reported = Vec::new();
     let mut monitor = |iteration: Iteration| {
-        told.push((iteration.iteration, iteration.cost));
+        reported.push((iteration.iteration, iteration.cost));
         if iteration.iteration == 4 {
             ControlFlow::Break(())
         } else {
@@ -409,7 +409,7 @@ fn the_search_stops_at_a_cost_at_a_limit_and_when_told_to() {
         (Termination::Stopped, 4)
     );
     assert_eq!(
-        told,
+        reported,
         stopped
             .convergence
             .iter()

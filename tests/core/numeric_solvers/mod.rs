@@ -1,4 +1,4 @@
-//! The solvers against closed forms, certified problems and second implementations.
+//! The solvers, compared with closed forms, certified problems and second implementations.
 
 mod bits;
 mod bpnn;

@@ -52,7 +52,7 @@ fn problem(text: &str) -> Problem {
 }
 
 impl Problem {
-    /// Residuals y − f(x; b) and, where asked, their Jacobian −df/db.
+    /// Residuals y − f(x; b) and, if requested, their Jacobian −df/db.
     pub fn evaluate(
         &self,
         b: &[f64],
@@ -181,7 +181,7 @@ fn model(name: &str, b: &[f64], x: f64) -> (f64, Vec<f64>) {
     }
 }
 
-/// offset + Σ a·exp(−k·x), and its derivatives by the a and by the k, which `order` puts into the problem's order.
+/// offset + Σ a·exp(−k·x), and its derivatives by a and k; `order` sorts them into the problem's order.
 fn exponentials(
     offset: f64,
     a: &[f64],

@@ -1,4 +1,4 @@
-//! The swarm against known minima and against a textbook swarm, and what its summary promises.
+//! The swarm, compared with known minima and with a textbook swarm; and the promises of its summary.
 
 use kincal::solvers::pso::{
     Boundary, InitialVelocity, Iteration, Options, Positions, RandomNumbers, SearchBox, Summary,
@@ -47,7 +47,7 @@ fn run(f: impl Fn(&[f64]) -> f64, search_box: &SearchBox, options: &Options) -> 
     minimize(&mut batch(f), search_box, options, None, &mut go_on)
 }
 
-/// The constriction constants of Clerc and Kennedy, with which swarms are known to converge; the paper's w = 0.9 is
+/// The constriction constants of Clerc and Kennedy, with which swarms converge; the paper's w = 0.9 is
 /// slow.
 fn convergent() -> Options {
     Options {
@@ -93,7 +93,7 @@ fn the_minimum_of_a_sphere_is_found_even_when_it_lies_outside_the_box() {
 
 #[test]
 fn the_papers_constants_reach_the_minimum_of_a_sphere_slowly() {
-    // w = 0.9 with small c keeps the swarm moving: it must get near, and not as near as the constriction constants.
+    // w = 0.9 with small c keeps the swarm moving: it must get near, but not as near as with the constriction constants.
     let search_box = cube(6, 0.5, 2.0);
     let papers = run(
         sphere,
@@ -121,12 +121,12 @@ fn the_valley_of_rosenbrock_is_followed_to_its_end() {
 
 #[test]
 fn the_many_minima_of_rastrigin_do_not_trap_the_swarm() {
-    // Its second-best minima cost 0.995: below a half is the global one.
+    // Its second-best minima cost 0.995: a cost below one half is the global minimum.
     let summary = run(rastrigin, &cube(5, 1.0, 5.12), &convergent());
     assert!(summary.best_cost < 0.5, "{}", summary.best_cost);
 }
 
-/// The textbook: one struct per particle, one loop over particles, one over coordinates.
+/// The textbook swarm: one struct per particle, one loop over particles, one over coordinates.
 struct Particle {
     x: Vec<f64>,
     v: Vec<f64>,
@@ -225,7 +225,7 @@ fn the_first_swarm_fills_the_box_and_is_what_the_summary_and_the_free_function_s
             .map(|x| (x - centre) / half_width)
             .collect();
         assert!(scaled.iter().all(|x| x.abs() <= 1.0));
-        // With 200 uniform draws the outer twentieth on either side is empty once in 170,000,000 times.
+        // With 200 uniform draws the outer twentieth on either side is empty once in 170,000,000 runs.
         assert!(scaled.iter().any(|&x| x < -0.9) && scaled.iter().any(|&x| x > 0.9));
     }
     let move_all = &mut |k: usize, positions: &mut Positions| {
@@ -283,9 +283,9 @@ fn the_summary_counts_and_keeps_what_it_says() {
         seed: 8,
         ..Options::default()
     };
-    let mut told = Vec::new();
+    let mut reported = Vec::new();
     let mut monitor = |iteration: Iteration| {
-        told.push(iteration);
+        reported.push(iteration);
         ControlFlow::Continue(())
     };
     let summary = minimize(
@@ -304,11 +304,17 @@ fn the_summary_counts_and_keeps_what_it_says() {
     );
     assert!(summary.convergence[25] < summary.convergence[0]);
     assert_eq!(
-        told.iter().map(|told| told.iteration).collect::<Vec<_>>(),
+        reported
+            .iter()
+            .map(|reported| reported.iteration)
+            .collect::<Vec<_>>(),
         (0..=25).collect::<Vec<_>>()
     );
     assert_eq!(
-        told.iter().map(|told| told.best_cost).collect::<Vec<_>>(),
+        reported
+            .iter()
+            .map(|reported| reported.best_cost)
+            .collect::<Vec<_>>(),
         summary.convergence
     );
     let smallest = summary
@@ -340,7 +346,7 @@ fn the_same_seed_gives_the_same_bits_and_another_seed_does_not() {
 
 #[test]
 fn costs_that_are_not_finite_never_win() {
-    // Not finite on one side of the plane x0 = 0, each in its own way.
+    // Not finite on one side of the plane x0 = 0: NaN or infinite.
     let holes = |x: &[f64]| match x[0] {
         x0 if x0 < -0.6 => f64::NAN,
         x0 if x0 < -0.3 => f64::NEG_INFINITY,
@@ -366,7 +372,7 @@ fn costs_that_are_not_finite_never_win() {
     assert_eq!(nowhere.termination, Termination::IterationLimit);
 }
 
-/// The largest distance from the centre, in half widths, of any position that was evaluated.
+/// Largest distance of an evaluated position from the centre, in half widths.
 fn farthest(boundary: Boundary) -> f64 {
     let mut farthest = 0.0_f64;
     let mut cost = |positions: &Positions, costs: &mut [f64]| {
@@ -442,7 +448,7 @@ fn no_step_is_longer_than_the_velocity_limit() {
 
 #[test]
 fn first_velocities_carry_the_first_swarm_on() {
-    // Without any pull the particles keep their first velocity: x1 - x0 = v, within the fraction asked for.
+    // Without attraction the particles keep their first velocity: x1 - x0 = v, within the configured fraction.
     let options = Options {
         n_iterations: 1,
         inertia_weight: 1.0,
@@ -486,8 +492,8 @@ fn the_search_stops_at_the_cost_asked_for() {
 #[test]
 fn the_monitor_can_stop_the_search() {
     for stop_at in [0, 4] {
-        let mut monitor = |told: Iteration| {
-            if told.iteration == stop_at {
+        let mut monitor = |reported: Iteration| {
+            if reported.iteration == stop_at {
                 ControlFlow::Break(())
             } else {
                 ControlFlow::Continue(())

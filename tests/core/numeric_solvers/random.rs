@@ -1,8 +1,8 @@
-//! The lane-parallel generator against a plainly written one, and against what uniform numbers must look like.
+//! The vectorised generator, compared with a plain implementation and with the properties of uniform numbers.
 
 use kincal::solvers::random::{LANES, LaneRandom};
 
-/// One xoshiro256+ generator, as its authors write it.
+/// One xoshiro256+ generator, as published by its authors.
 struct Scalar([u64; 4]);
 
 impl Scalar {
@@ -81,7 +81,7 @@ fn seeds_streams_and_lanes_give_different_numbers() {
 #[test]
 fn the_numbers_look_uniform() {
     const N: usize = 800_000;
-    /// Five standard errors: one run in two million would fail, and the seed is fixed.
+    /// Five standard errors: one random run in two million would fail; the seed is fixed.
     const STANDARD_ERRORS: f64 = 5.0;
     let mut numbers = vec![0.0; N];
     LaneRandom::new(20_180, 3).fill(&mut numbers);

@@ -1,4 +1,4 @@
-//! A PostgreSQL of its own, which a test may stop, and kincal's nodes on it as real processes.
+//! A private PostgreSQL server, which a test may stop, and kincal's nodes on it as real processes.
 
 use crate::process::{Server, kincal};
 use std::net::TcpListener;
@@ -7,7 +7,7 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
-/// PostgreSQL starts in under a second; more than this is a fault.
+/// Longest start of PostgreSQL; it usually takes under a second.
 const START_WITHIN: Duration = Duration::from_secs(30);
 
 /// A running PostgreSQL on a free loopback port.
@@ -18,7 +18,7 @@ pub struct Cluster {
 }
 
 impl Cluster {
-    /// A new cluster, or none with a loud line where PostgreSQL is not installed.
+    /// A new cluster; `None` with a clear message if PostgreSQL is not installed.
     pub fn start() -> Option<Self> {
         if std::env::var("TEST_POSTGRES_URL").is_err() {
             say("!!! TEST_POSTGRES_URL IS NOT SET: THE TESTS WITH SEVERAL NODES DO NOT RUN !!!");
@@ -62,7 +62,7 @@ impl Cluster {
         Some(cluster)
     }
 
-    /// Where kincal finds it.
+    /// Its URL for kincal.
     pub fn url(&self) -> String {
         format!("postgres://postgres@127.0.0.1:{}/postgres", self.port)
     }
@@ -90,7 +90,7 @@ impl Cluster {
         );
     }
 
-    /// Stops it as a power cut does: no connection is told, no checkpoint made.
+    /// Stops it as a power failure does: connections get no notice, and no checkpoint is written.
     pub fn crash(&self) {
         self.run(
             "pg_ctl",
@@ -98,7 +98,7 @@ impl Cluster {
         );
     }
 
-    /// Cuts all connections of the nodes, whatever they are doing.
+    /// Cuts all connections of the nodes, also during a statement.
     pub fn cut_connections(&self) {
         let sql = "select pg_terminate_backend(pid) from pg_stat_activity where pid <> pg_backend_pid() and backend_type = 'client backend'";
         let psql = self.bin.join("psql");
@@ -109,8 +109,8 @@ impl Cluster {
             .status();
     }
 
-    /// What a query answers, as text.
-    pub fn asked(&self, sql: &str) -> String {
+    /// The result of a query, as text.
+    pub fn query(&self, sql: &str) -> String {
         let psql = self.bin.join("psql");
         let output = Command::new(psql)
             .args([&self.url(), "-qAtc", sql])
@@ -158,7 +158,7 @@ impl Cluster {
         )
     }
 
-    /// Checks I1 to I9 on what is left.
+    /// Checks I1 to I9 at the end.
     pub fn verify(&self) {
         let checked = crate::process::run(&["verify-store", "--database-url", &self.url()]);
         assert!(
@@ -200,7 +200,7 @@ impl Cluster {
 
 impl Drop for Cluster {
     fn drop(&mut self) {
-        // also when the test panics; a server that is down already is no reason to panic again
+        // Also when the test panics; an error of a server that is already down is ignored.
         let stop = || {
             self.run(
                 "pg_ctl",

@@ -1,4 +1,4 @@
-//! Nodes that crash: the jobs that ran on them are not to blame, unless one of them kills its process again and again.
+//! Nodes that crash: their jobs do not fail, unless one of them kills its process again and again.
 
 use crate::nodes::cluster::Cluster;
 use crate::nodes::{NO_AUTH, PATIENCE, robot_and_set, some_seconds};
@@ -10,22 +10,22 @@ use std::time::Instant;
 const WORKERS: usize = 4;
 const CRASHES: usize = 3;
 
-/// A swarm that is not over before its process is ended.
+/// A swarm that runs longer than its process lives.
 fn endless(set: &str) -> Value {
     json!({"measurement_set_id": set, "method": "pso", "preset": "paper", "verify": {"source": "subset"},
         "options": {"n_particles": 200, "n_iterations": 100_000, "stop_at_cost_mm2": 0.0}})
 }
 
-fn look(node: &Server, job: &str) -> Value {
+fn get_job(node: &Server, job: &str) -> Value {
     node.get(&format!("/v1/jobs/{job}")).1
 }
 
-/// Waits until one of these jobs is computed in an attempt that was not seen before, and takes note of all attempts that were begun by then.
-fn begun_anew(node: &Server, jobs: &[String], seen: &mut [u64]) {
+/// Waits until one of these jobs runs in a new attempt, and records all attempts that have started by then.
+fn wait_for_new_attempt(node: &Server, jobs: &[String], seen: &mut [u64]) {
     let deadline = Instant::now() + 3 * PATIENCE;
     let attempt = |job: &Value| job["attempt"].as_u64().unwrap();
     while Instant::now() < deadline {
-        let now: Vec<Value> = jobs.iter().map(|job| look(node, job)).collect();
+        let now: Vec<Value> = jobs.iter().map(|job| get_job(node, job)).collect();
         let is_new = |(job, seen): (&Value, &u64)| {
             let is_computed = job["progress"]["iteration"].as_u64().unwrap_or(0) > 0;
             job["status"] == "running" && is_computed && attempt(job) > *seen
@@ -48,7 +48,7 @@ fn crashes_of_a_node_do_not_fail_innocent_jobs() {
     };
     let node = cluster.api_node(NO_AUTH);
     let (robot, set) = robot_and_set(&node);
-    // As many as there are workers run at each crash, and many more wait.
+    // At each crash every worker has a job, and many more jobs wait.
     let long: Vec<String> = (0..WORKERS)
         .map(|seed| {
             let mut request = some_seconds(&set);
@@ -69,9 +69,9 @@ fn crashes_of_a_node_do_not_fail_innocent_jobs() {
     for _ in 0..CRASHES {
         let crashing = cluster.node_of_workers(WORKERS);
         if seen == [0; WORKERS] {
-            while long.iter().any(|job| look(&node, job)["attempt"] == 0) {}
+            while long.iter().any(|job| get_job(&node, job)["attempt"] == 0) {}
         }
-        begun_anew(&node, &long, &mut seen);
+        wait_for_new_attempt(&node, &long, &mut seen);
         crashing.kill();
     }
     let _last = cluster.node_of_workers(WORKERS);
@@ -97,12 +97,12 @@ fn a_job_that_kills_its_process_is_given_up_when_it_ran_alone() {
             node.job(&robot, &request)
         })
         .collect();
-    // The process dies whenever it computes the poison, and only then: with others beside it once, and alone from then on.
+    // The process dies whenever it computes the poison job, and only then: once with other jobs beside it, and alone from then on.
     let mut attempts = [0];
     for _ in 0..=MAX_DEATHS_ALONE {
-        assert_eq!(look(&node, &poison[0])["error"], Value::Null);
+        assert_eq!(get_job(&node, &poison[0])["error"], Value::Null);
         let dying = cluster.node_of_workers(WORKERS);
-        begun_anew(&node, &poison, &mut attempts);
+        wait_for_new_attempt(&node, &poison, &mut attempts);
         dying.kill();
     }
     let end = node.finished(&poison[0]);

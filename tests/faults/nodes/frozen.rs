@@ -1,4 +1,4 @@
-//! A node that is frozen while it holds what the others need.
+//! A node that freezes while it holds a lock that the other nodes need.
 
 use crate::nodes::cluster::Cluster;
 use crate::nodes::{NO_AUTH, PATIENCE, Tally, paper, robot_and_set, upload_until};
@@ -7,7 +7,7 @@ use std::process::Command;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// What trust.md promises.
+/// Promise of docs/trust.md: longest time until another node writes again.
 const WRITES_AGAIN: Duration = Duration::from_secs(10);
 const UPLOADERS: usize = 8;
 
@@ -17,7 +17,7 @@ const HELD_MS: &str = "select coalesce(max(cast(extract(epoch from clock_timesta
     from pg_stat_activity a join pg_locks l on l.pid = a.pid
     where a.state = 'idle in transaction' and l.relation = 'audit_head'::regclass and l.mode = 'RowShareLock' and l.granted
         and not exists (select 1 from (select seq from audit_head for update skip locked) free)";
-/// A statement that was on its way when the node was stopped has come by then.
+/// Time after which a statement that was sent before the node was stopped has arrived.
 const STILL_MS: i64 = 500;
 
 fn signal(node: &Server, name: &str) {
@@ -26,14 +26,14 @@ fn signal(node: &Server, name: &str) {
     assert!(sent.success());
 }
 
-/// Stops a node under load until it is found with the lock in its hands. When it was stopped.
+/// Stops and continues a node under load until it is stopped while it holds the lock. Returns the time of the stop.
 fn freeze_with_the_lock(cluster: &Cluster, node: &Server) -> Instant {
     let deadline = Instant::now() + PATIENCE;
     while Instant::now() < deadline {
         let stopped = Instant::now();
         signal(node, "-STOP");
         loop {
-            match cluster.asked(HELD_MS).parse::<i64>().unwrap() {
+            match cluster.query(HELD_MS).parse::<i64>().unwrap() {
                 -1 => break,
                 held_ms if held_ms > STILL_MS => return stopped,
                 _ => {}
@@ -50,16 +50,16 @@ fn upload(node: &Server, robot: &str) -> u16 {
     node.post(&path, "text/csv", body).0
 }
 
-/// The seconds that `/readyz` says, if it says that writers are stuck.
+/// The duration in the answer of `/readyz`, if it reports stuck writers, s.
 fn stuck_s(ready: &str) -> Option<f64> {
     let (_, rest) = ready.split_once("no write has got through for ")?;
     Some(rest.split_once(" s")?.0.parse().unwrap())
 }
 
-/// Lets the node and its uploaders come to their end, whatever the test finds.
-struct ToTheEnd<'a>(&'a Server, &'a AtomicBool);
+/// On drop, continues the node and stops its uploaders, also when the test fails.
+struct ContinueOnDrop<'a>(&'a Server, &'a AtomicBool);
 
-impl Drop for ToTheEnd<'_> {
+impl Drop for ContinueOnDrop<'_> {
     fn drop(&mut self) {
         signal(self.0, "-CONT");
         self.1.store(true, Ordering::Relaxed);
@@ -81,7 +81,7 @@ fn a_frozen_node_stops_the_others_for_ten_seconds_at_most() {
                 scope.spawn(move || upload_until(node, robot, stop, tally, client))
             })
             .collect();
-        let to_the_end = ToTheEnd(&unlucky, &stop);
+        let to_the_end = ContinueOnDrop(&unlucky, &stop);
         let stopped = freeze_with_the_lock(&cluster, &unlucky);
         let (writer, of) = (&other, &robot);
         let writing = scope.spawn(move || {
@@ -100,7 +100,7 @@ fn a_frozen_node_stops_the_others_for_ten_seconds_at_most() {
             told.last()
         );
         assert_eq!(other.text("/readyz"), "ready\n", "nobody is stuck any more");
-        // The frozen node goes on: what it had begun was rolled back, it says so, and takes the same uploads again.
+        // The frozen node continues: its open transactions were rolled back, it answers so, and accepts the same uploads again.
         signal(&unlucky, "-CONT");
         let before = tally.created.load(Ordering::Relaxed);
         let again = crate::nodes::wait_for_more(&tally, before + 2 * UPLOADERS, PATIENCE);
@@ -120,7 +120,7 @@ fn a_frozen_node_stops_the_others_for_ten_seconds_at_most() {
     );
     let distinct: std::collections::BTreeSet<_> = ids.iter().collect();
     assert_eq!(distinct.len(), ids.len());
-    // beside those of the uploaders: the robot's first set, and the other node's upload
+    // In addition to the uploaders' sets: the robot's first set, and the other node's upload.
     assert_eq!(crate::nodes::n_sets(&other, &robot), ids.len() + 2);
     let odd = tally.other.lock().unwrap();
     assert!(odd.is_empty(), "neither 201 nor 503: {:?}", &odd[..1]);

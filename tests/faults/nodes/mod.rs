@@ -1,4 +1,4 @@
-//! Several API and compute nodes on one PostgreSQL, as real processes, with faults that are real too.
+//! Several API and compute nodes on one PostgreSQL, as real processes with real faults.
 
 mod cluster;
 mod crashes;
@@ -14,11 +14,11 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 const NO_AUTH: &[&str] = &["--no-auth"];
-/// What every node hears of within: PostgreSQL's notice takes milliseconds, the poll behind it half a second.
+/// Longest time until every node knows of an event: PostgreSQL's notification takes milliseconds, the poll behind it half a second.
 const A_SECOND: Duration = Duration::from_secs(1);
-/// After PostgreSQL is back.
+/// Longest time to serve again after PostgreSQL is back.
 const SERVING_AGAIN: Duration = Duration::from_secs(2);
-/// Least squares on the paper's set takes milliseconds; this is for a machine that does other things too.
+/// Timeout for jobs that take milliseconds on a free machine.
 const PATIENCE: Duration = Duration::from_secs(60);
 
 fn paper(name: &str) -> PathBuf {
@@ -33,12 +33,12 @@ fn robot_and_set(node: &Server) -> (String, String) {
     (robot, set)
 }
 
-/// Minutes of swarm, unless somebody ends it.
+/// A swarm of minutes, unless it is cancelled.
 fn long(set: &str) -> Value {
     json!({"measurement_set_id": set, "method": "pso", "preset": "paper", "options": {"n_particles": 2000, "n_iterations": 20000}})
 }
 
-/// Seconds of swarm.
+/// A swarm of some seconds.
 fn some_seconds(set: &str) -> Value {
     json!({"measurement_set_id": set, "method": "pso", "preset": "paper", "options": {"n_particles": 1000, "n_iterations": 1500}})
 }
@@ -181,13 +181,13 @@ fn a_worker_that_is_killed_or_stopped_past_its_lease_gives_one_result_all_the_sa
             "after {signal}"
         );
     }
-    // the one that was stopped has gone on meanwhile; what it had must not come twice
+    // The stopped node has continued meanwhile; its job must not give a second result.
     let last = node.report(&robot, &json!({"measurement_set_id": set}));
     assert!(last["result_sha256"].is_string());
     cluster.verify();
 }
 
-/// Answers of clients under load, by what they were.
+/// Counts of the answers of clients under load, by kind.
 #[derive(Default)]
 struct Tally {
     created: AtomicUsize,
@@ -195,7 +195,7 @@ struct Tally {
     other: std::sync::Mutex<Vec<String>>,
 }
 
-/// Uploads with Idempotency-Keys from several clients until told to stop; each upload is tried until it is acknowledged. The ids.
+/// Uploads with Idempotency-Keys from several clients until the flag is set; each upload is retried until it is acknowledged. Returns the ids.
 fn upload_until(
     node: &Server,
     robot: &str,
@@ -259,7 +259,7 @@ fn upload_until(
     ids
 }
 
-/// Runs `faults` while four clients upload to two nodes; everything acknowledged must be there afterwards, once.
+/// Runs `faults` while four clients upload to two nodes, then checks that everything acknowledged is stored once.
 fn under_load(cluster: &Cluster, nodes: &[Server; 2], robot: &str, faults: impl FnOnce(&Tally)) {
     let (stop, tally) = (AtomicBool::new(false), Tally::default());
     let before = n_sets(&nodes[0], robot);
@@ -400,7 +400,7 @@ fn nodes_come_and_go_and_several_may_start_on_an_empty_database_at_once() {
     cluster.verify();
 }
 
-/// haproxy with the configuration that compose.yaml uses, or none with a loud line.
+/// haproxy with the configuration of compose.yaml; `None` with a clear message if it is not installed.
 fn proxy(nodes: &[Server; 2]) -> Option<(std::process::Child, String)> {
     let port = std::net::TcpListener::bind("127.0.0.1:0")
         .unwrap()

@@ -6,17 +6,17 @@ use reqwest::Method;
 use serde_json::{Map, Value, json};
 use std::collections::BTreeSet;
 
-/// Reasons for a refusal that speak of bounds; others (a rotation that is none) may come at a bound, too.
+/// Texts of refusals that are about bounds. Other refusals (such as an invalid rotation) may also come at a bound.
 const OUT_OF_BOUNDS: [&str; 4] = ["out_of_range", "wrong_length", "invalid_body", "not_a_time"];
-/// Lists at a bound beyond this take the server long to work on: only what is beyond the bound is sent.
+/// Longest list that is sent at its bound. For longer ones the server computes too long, so only a list beyond the bound is sent.
 const LONG: u64 = 5_000;
-/// Fields without bounds: any number that their type holds will do.
+/// Fields without bounds: they accept any number of their type.
 const UNBOUNDED: [&str; 3] = [
     "JobRequestBody.seed",
     "PointBody.sequence",
     "PosePlanBody.seed",
 ];
-/// Lists with an item for each joint: at the bound for any robot they are too short or too long for the one of the test.
+/// Lists with one item per joint: at the general bound their length is wrong for the test's robot.
 const PER_JOINT: [&str; 4] = ["/sign", "/offset_deg", "/coupling", "/q_deg"];
 
 /// The contract.
@@ -24,7 +24,7 @@ fn contract() -> Value {
     serde_json::from_str(kincal::http::json().unwrap()).unwrap()
 }
 
-/// What a schema stands for: behind references, and without the `null` that an optional field may be.
+/// Resolves a schema: follows references, and removes the `null` of an optional field.
 fn resolved<'s>(contract: &'s Value, schema: &'s Value) -> Vec<&'s Value> {
     if let Some(name) = schema["$ref"].as_str() {
         let pointer = name.strip_prefix('#').unwrap();
@@ -46,7 +46,7 @@ fn is(schema: &Value, kind: &str) -> bool {
             .is_some_and(|kinds| kinds.iter().any(|known| known == kind))
 }
 
-/// A value in the place of what is at `pointer`, and whether the server should refuse it.
+/// A value to put at `pointer`, and whether the server should refuse it.
 struct Case {
     pointer: String,
     value: Value,
@@ -54,7 +54,7 @@ struct Case {
     of: String,
 }
 
-/// The cases of one value and everything in it.
+/// The cases of one value and of everything inside it.
 fn cases(contract: &Value, schema: &Value, value: &Value, pointer: &str, cases_of: &mut Vec<Case>) {
     let number = |key: &str, schema: &Value| schema[key].as_f64();
     for schema in resolved(contract, schema) {
@@ -263,14 +263,14 @@ async fn examples(app: &TestApp) -> Vec<(Method, String, &'static str, Value)> {
     all
 }
 
-/// The schema of the JSON that an operation takes.
+/// The schema of an operation's JSON body.
 fn body_schema<'s>(contract: &'s Value, method: &Method, template: &str) -> &'s Value {
     let method = method.as_str().to_lowercase();
     &contract["paths"][template][method]["requestBody"]["content"]["application/json"]["schema"]
 }
 
 /// True if an answer says that the value at `pointer`, or something that it is part of, is out of bounds.
-fn speaks_of(answer: &Answer, pointer: &str, codes: &[&str]) -> bool {
+fn is_about(answer: &Answer, pointer: &str, codes: &[&str]) -> bool {
     let errors = answer.json()["errors"].clone();
     errors.as_array().is_some_and(|errors| {
         errors.iter().any(|issue| {
@@ -313,16 +313,16 @@ async fn the_bounds_in_the_contract_are_the_servers() {
             let answer = Answer::of(request).await;
             let is_right = if is_beyond {
                 n_beyond += 1;
-                matches!(answer.status, 400 | 422) && speaks_of(&answer, &pointer, &[])
+                matches!(answer.status, 400 | 422) && is_about(&answer, &pointer, &[])
             } else {
                 n_at += 1;
-                !speaks_of(&answer, &pointer, &OUT_OF_BOUNDS)
+                !is_about(&answer, &pointer, &OUT_OF_BOUNDS)
             };
             if !is_right {
                 let side = if is_beyond { "beyond" } else { "at" };
-                let said: String = answer.text().chars().take(300).collect();
+                let excerpt: String = answer.text().chars().take(300).collect();
                 faults.push(format!(
-                    "{method} {template} {pointer}: {side} {of}: {} {said}",
+                    "{method} {template} {pointer}: {side} {of}: {} {excerpt}",
                     answer.status
                 ));
             }

@@ -1,4 +1,4 @@
-//! The cell PC in Python and in C#, as examples/ has them, against a real server with keys.
+//! The examples of a cell PC in Python and C# (examples/), against a real server with keys.
 
 use crate::api::tutorial::commands;
 use crate::app::{TestApp, paper, text};
@@ -18,7 +18,7 @@ fn example(name: &str) -> PathBuf {
 struct Example {
     program: &'static str,
     file: PathBuf,
-    /// What has to live as long as it does.
+    /// Temporary files that must live as long as the example.
     _folder: Option<TempDir>,
 }
 
@@ -31,8 +31,8 @@ impl Example {
         }
     }
 
-    /// Compiled by the command of docs/cell-pc.md, as C# 5, which the compiler of every .NET Framework 4 understands. `None`, said aloud,
-    /// where there is no compiler; KINCAL_EXPECT_MCS says that there must be one.
+    /// Compiles the example with the command of docs/cell-pc.md, as C# 5, which every .NET Framework 4 can compile. `None`, with a message,
+    /// if there is no compiler; KINCAL_EXPECT_MCS requires one.
     fn c_sharp() -> Option<Self> {
         if Command::new("mcs").arg("--version").output().is_err() {
             assert!(
@@ -73,7 +73,7 @@ impl Example {
         })
     }
 
-    /// Runs it with a key.
+    /// Runs the example with a key.
     async fn run(
         &self,
         app: &TestApp,
@@ -86,7 +86,7 @@ impl Example {
             .args(arguments)
             .env("KINCAL_URL", app.server.url())
             .env("KINCAL_KEY", key);
-        // the server runs in this process: the example must not hold its threads up
+        // The server runs in this process: the example must not block its threads.
         let output: Output =
             tokio::task::spawn_blocking(move || command.output().expect("it is there"))
                 .await
@@ -130,26 +130,23 @@ async fn calibrates_and_fetches(example: &Example) {
         file.to_str().unwrap(),
     );
 
-    let (code, told, complaints) = example.run(&app, &cell.key, &["fetch", robot, file]).await;
+    let (code, stdout, stderr) = example.run(&app, &cell.key, &["fetch", robot, file]).await;
     assert_eq!(
-        (code, told.as_str()),
+        (code, stdout.as_str()),
         (Some(2), ""),
         "nothing is released yet"
     );
-    assert!(
-        complaints.contains("no_active_parameter_set"),
-        "{complaints}"
-    );
+    assert!(stderr.contains("no_active_parameter_set"), "{stderr}");
     assert!(!Path::new(file).exists());
     for (count, reason) in [(1, "seen"), (2, "seen again")] {
-        let (code, told, complaints) = example
+        let (code, stdout, stderr) = example
             .run(&app, &cell.key, &["calibrate", robot, &set])
             .await;
-        assert_eq!(code, Some(0), "{complaints}");
-        assert!(told.contains("verify: 50 points, rms 1.0"), "{told}");
+        assert_eq!(code, Some(0), "{stderr}");
+        assert!(stdout.contains("verify: 50 points, rms 1.0"), "{stdout}");
         assert!(
-            complaints.contains("warning (unidentifiable_parameters): "),
-            "{complaints}"
+            stderr.contains("warning (unidentifiable_parameters): "),
+            "{stderr}"
         );
         let sets = cell
             .get(&format!("/v1/robots/{robot}/parameter-sets"))
@@ -157,7 +154,7 @@ async fn calibrates_and_fetches(example: &Example) {
             .ok(200);
         assert_eq!(sets["items"].as_array().unwrap().len(), count);
         let candidate = &sets["items"][0];
-        assert!(told.contains(text(&candidate["id"])), "{told}");
+        assert!(stdout.contains(text(&candidate["id"])), "{stdout}");
 
         boss.post(
             &format!("/v1/parameter-sets/{}/release", text(&candidate["id"])),
@@ -165,17 +162,17 @@ async fn calibrates_and_fetches(example: &Example) {
         )
         .await
         .ok(200);
-        let (code, told, complaints) = example.run(&app, &cell.key, &["fetch", robot, file]).await;
-        assert_eq!(code, Some(0), "{complaints}");
+        let (code, stdout, stderr) = example.run(&app, &cell.key, &["fetch", robot, file]).await;
+        assert_eq!(code, Some(0), "{stderr}");
         assert!(
-            told.starts_with("fetched") && told.contains(text(&candidate["sha256"])),
-            "{told}"
+            stdout.starts_with("fetched") && stdout.contains(text(&candidate["sha256"])),
+            "{stdout}"
         );
         let fetched: Value = serde_json::from_slice(&std::fs::read(file).unwrap()).unwrap();
         let canonical = |value: &Value| kincal::wire::canonical::to_canonical_json(value).unwrap();
         assert_eq!(canonical(&fetched["links"]), canonical(&candidate["links"]));
-        let (code, told, _) = example.run(&app, &cell.key, &["fetch", robot, file]).await;
-        assert_eq!((code, told.trim_end()), (Some(0), "unchanged"));
+        let (code, stdout, _) = example.run(&app, &cell.key, &["fetch", robot, file]).await;
+        assert_eq!((code, stdout.trim_end()), (Some(0), "unchanged"));
     }
     assert!(
         !Path::new(&format!("{file}.part")).exists(),
@@ -184,7 +181,7 @@ async fn calibrates_and_fetches(example: &Example) {
 
     let faulty = dir.path().join("faulty.csv");
     std::fs::write(&faulty, "q1_deg,x_mm\n1,2\n").unwrap();
-    let (code, _, complaints) = example
+    let (code, _, stderr) = example
         .run(
             &app,
             &cell.key,
@@ -193,34 +190,32 @@ async fn calibrates_and_fetches(example: &Example) {
         .await;
     assert_eq!(code, Some(2));
     assert!(
-        complaints.contains("q2_deg")
-            && !complaints.contains("Traceback")
-            && !complaints.contains("Exception"),
-        "{complaints}"
+        stderr.contains("q2_deg") && !stderr.contains("Traceback") && !stderr.contains("Exception"),
+        "{stderr}"
     );
-    let (code, _, complaints) = example
+    let (code, _, stderr) = example
         .run(&app, "kincal_wrong", &["fetch", robot, file])
         .await;
     assert_eq!(code, Some(2));
-    assert!(complaints.contains("unauthorized"), "{complaints}");
-    let (code, _, complaints) = example
+    assert!(stderr.contains("unauthorized"), "{stderr}");
+    let (code, _, stderr) = example
         .run(&app, &cell.key, &["calibrate", robot, "no_such_file.csv"])
         .await;
     assert_eq!(code, Some(1));
     assert!(
-        complaints.contains("no_such_file.csv") && complaints.lines().count() == 1,
-        "{complaints}"
+        stderr.contains("no_such_file.csv") && stderr.lines().count() == 1,
+        "{stderr}"
     );
 }
 
-/// A server that gives other bytes than the hash names: nothing of it may reach the file.
+/// A server whose content does not match its hash: nothing of it may reach the file.
 #[tokio::test(flavor = "multi_thread")]
 async fn damaged_parameters_are_not_kept() {
     for example in [Some(Example::python()), Example::c_sharp()]
         .into_iter()
         .flatten()
     {
-        let url = lying_server();
+        let url = server_with_wrong_content();
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("parameters.json");
         let mut command = Command::new(example.program);
@@ -233,9 +228,9 @@ async fn damaged_parameters_are_not_kept() {
         let output = tokio::task::spawn_blocking(move || command.output().expect("it is there"))
             .await
             .unwrap();
-        let complaints = String::from_utf8(output.stderr).unwrap();
-        assert_eq!(output.status.code(), Some(1), "{complaints}");
-        assert!(complaints.contains("is damaged"), "{complaints}");
+        let stderr = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(1), "{stderr}");
+        assert!(stderr.contains("is damaged"), "{stderr}");
         assert_eq!(
             std::fs::read_dir(folder.path()).unwrap().count(),
             0,
@@ -244,8 +239,8 @@ async fn damaged_parameters_are_not_kept() {
     }
 }
 
-/// Answers twice: an active set, then a content that is not its own.
-fn lying_server() -> String {
+/// Answers two requests: first an active set, then the content of another one.
+fn server_with_wrong_content() -> String {
     use std::io::{BufRead, BufReader, Write};
     let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let url = format!("http://{}", listener.local_addr().unwrap());

@@ -1,4 +1,4 @@
-//! What happens to a robot and to its sets when a session does not fit: who is stopped, for how long, and what ends it.
+//! The state `check_robot`: what a session that does not fit blocks, for how long, and what ends it.
 
 use crate::api::sessions::{
     Row, codes, failed_gates, identified_from_noisy_points, rows, scored, seen_by_a_tracker,
@@ -8,7 +8,7 @@ use crate::app::{Answer, TestApp, text};
 use rand::{SeedableRng, rngs::ChaCha8Rng};
 use serde_json::{Value, json};
 
-/// Texts in which there is nothing to read.
+/// Texts without readable characters.
 const BLANKS: [&str; 7] = [
     " \t\n ",
     "\u{a0}\u{2003}",
@@ -19,7 +19,7 @@ const BLANKS: [&str; 7] = [
     "– …",
 ];
 
-/// Every other row of a file of the paper, as it was measured.
+/// Every other row of one of the paper's files, unchanged.
 fn half(name: &str, which: usize, random: &mut ChaCha8Rng) -> Vec<Row> {
     let half: Vec<Row> = rows(name).into_iter().skip(which).step_by(2).collect();
     with_noise(&half, 0.03, random)
@@ -79,7 +79,7 @@ async fn a_set_to_verify_on_that_does_not_fit_asks_for_a_look_at_the_robot() {
         release(&app, parameter_set)
             .await
             .problem(409, "release_refused");
-        // It says nothing of the set: a session that fits ends it.
+        // The session is no evidence about the set: a session that fits ends the state.
         let good = upload(&app, &robot, &with_noise(&fresh, 0.03, &mut random)).await;
         scored(&app, &robot, &good, parameter_set).await;
         assert_eq!(state(&app, &robot).await.0, "ok", "{name}");
@@ -106,7 +106,7 @@ async fn a_misplaced_file_scored_on_the_nominal_robot_is_no_evidence() {
             ("check_robot".into(), json!(job)),
             "{n_points}"
         );
-        // A true one says nothing against the robot.
+        // A correct session says nothing against the robot.
         let robot = app.paper_robot().await;
         let set = upload(&app, &robot, &points[..n_points]).await;
         scored(&app, &robot, &set, &Value::Null).await;
@@ -123,7 +123,7 @@ async fn a_set_from_before_a_collision_takes_a_session_since_or_somebody_who_say
     let second = &second["parameter_set_id"];
     release(&app, &first).await.ok(200);
     release(&app, second).await.ok(200);
-    // The robot collides. A session shows it, of the first set alone; a set that is identified since ends the state.
+    // The robot collides. A session of the first set shows it; a set that is identified afterwards ends the state.
     let mut random = ChaCha8Rng::seed_from_u64(25);
     let collided = upload(
         &app,
@@ -144,7 +144,7 @@ async fn a_set_from_before_a_collision_takes_a_session_since_or_somebody_who_say
     scored(&app, &robot, &again, new).await;
     assert_eq!(state(&app, &robot).await.0, "ok");
 
-    // The second set was never scored on what was measured since; and what is identified now from the old upload is as old.
+    // The second set was never scored on points measured since. A set that is identified now from the old upload counts as old, too.
     let of_old_points = identified(&app, &robot, &old_upload, None).await;
     for old in [second, &of_old_points["parameter_set_id"]] {
         let (failed, _) = failed_gates(&app, old).await;
@@ -172,7 +172,7 @@ async fn a_set_from_before_a_collision_takes_a_session_since_or_somebody_who_say
             .ok(200)["id"],
         *new
     );
-    // Nor does the schema let it.
+    // The schema refuses it, too.
     let sql = "update parameter_set set status = 'released', released_at_ms = 1, release_n_passed = 1, release_n_failed = 0 where id = $1";
     let withdraw = format!("/v1/parameter-sets/{}/withdraw", text(new));
     app.post_json(&withdraw, &why).await.ok(200);
@@ -182,11 +182,11 @@ async fn a_set_from_before_a_collision_takes_a_session_since_or_somebody_who_say
         .await
         .unwrap_err();
     assert!(error.to_string().contains("session"), "{error}");
-    // What is identified from what was measured since needs no further session.
+    // A set that is identified from points measured since needs no further session.
     let newer = identified(&app, &robot, &again, None).await;
     let (failed, _) = failed_gates(&app, &newer["parameter_set_id"]).await;
     assert_eq!(failed, [""; 0]);
-    // The emergency exit: somebody answers for it.
+    // The emergency exit: somebody vouches for the set.
     let why = json!({"reason": "the arm was put back as it was before"});
     app.post_json(&format!("{robot}/checked"), &why)
         .await
@@ -212,7 +212,7 @@ async fn a_session_that_the_set_missed_by_far_stays_until_somebody_says_why() {
     let set = upload(&app, &robot, &shifted).await;
     let (_, report) = scored(&app, &robot, &set, &parameter_set).await;
     assert!(codes(&report).contains(&"set_far_off"), "{report}");
-    // A later session in which it is good does not take back what this one says.
+    // A later good session does not cancel this one.
     for left_out in 0..2 {
         let mut good = fresh.clone();
         good.remove(left_out);

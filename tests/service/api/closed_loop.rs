@@ -1,4 +1,4 @@
-//! The loop closed: a robot that is not what its catalogue says is measured from an instrument, identified, and commanded anew.
+//! The closed loop: a robot with errors is measured from an instrument, identified, and moved with corrected targets.
 
 use crate::app::{TestApp, paper, text};
 use crate::real_robot::{RealRobot, apply, rigid, shift, times, turn};
@@ -13,7 +13,7 @@ impl Draw {
         Self(ChaCha8Rng::seed_from_u64(seed))
     }
 
-    /// Normal (Box and Muller 1958).
+    /// Normal random numbers (Box and Muller 1958).
     pub fn normal(&mut self) -> f64 {
         let (u, v): (f64, f64) = (1.0 - self.0.random::<f64>(), self.0.random());
         (-2.0 * u.ln()).sqrt() * (TAU * v).cos()
@@ -47,7 +47,7 @@ pub fn nominal(robot: &Value) -> Vec<[f64; 5]> {
         .collect()
 }
 
-/// Errors of 0.3 mm and 0.05° in every link between the first and the last, sag of joints 2 and 3, eccentric transmissions.
+/// The robot with errors of 0.3 mm and 0.05° in every link between the first and the last, sag of joints 2 and 3, and eccentric transmissions.
 pub fn real_robot(nominal: &[[f64; 5]], draw: &mut Draw) -> RealRobot {
     let mut links = nominal.to_vec();
     for (i, link) in links.iter_mut().enumerate().skip(1) {
@@ -77,7 +77,7 @@ pub fn real_robot(nominal: &[[f64; 5]], draw: &mut Draw) -> RealRobot {
     }
 }
 
-/// The robot in its cell, and what a server knows of it.
+/// The robot in its cell, and its resources on the server.
 pub struct Cell {
     /// Its path on the server.
     pub robot: String,
@@ -102,7 +102,7 @@ impl Cell {
     }
 }
 
-/// What the instrument tells of these poses.
+/// The instrument's measurements at these poses.
 pub fn csv(truth: &RealRobot, poses_rad: &[Vec<f64>], draw: &mut Draw) -> String {
     let mut csv = String::from("q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,x_mm,y_mm,z_mm\n");
     for q in poses_rad {

@@ -1,4 +1,4 @@
-//! What people do in a terminal, through the binary and a real server.
+//! The command line: the binary against a real server.
 
 use crate::api::sessions::{csv, rows, seen_by_a_tracker};
 use crate::app::{TestApp, paper, text};
@@ -7,7 +7,7 @@ use rand::{SeedableRng, rngs::ChaCha8Rng};
 use serde_json::{Value, json};
 use std::process::{Command, Output};
 
-/// Runs the binary against a server with a key; it must not hold the server's threads up.
+/// Runs the binary against a server with a key, without blocking the server's threads.
 async fn kincal(app: &TestApp, key: &str, arguments: &[&str]) -> (Option<i32>, String, String) {
     let mut command = Command::new(env!("CARGO_BIN_EXE_kincal"));
     command
@@ -39,13 +39,13 @@ async fn from_the_upload_to_the_release_and_back_in_a_terminal() {
     let robot = person.post("/v1/robots", &robot).await.ok(201);
     let key = person.key.as_str();
 
-    let (code, told, _) = kincal(&app, key, &["params", "--robot", "ER20-0117"]).await;
+    let (code, stdout, _) = kincal(&app, key, &["params", "--robot", "ER20-0117"]).await;
     assert_eq!(code, Some(0));
     assert!(
-        told.contains("next: kincal submit"),
-        "an empty list says what to do: {told}"
+        stdout.contains("next: kincal submit"),
+        "an empty list says what to do: {stdout}"
     );
-    let (code, told, complaints) = kincal(
+    let (code, stdout, stderr) = kincal(
         &app,
         key,
         &[
@@ -57,10 +57,10 @@ async fn from_the_upload_to_the_release_and_back_in_a_terminal() {
         ],
     )
     .await;
-    assert_eq!(code, Some(0), "{complaints}");
+    assert_eq!(code, Some(0), "{stderr}");
     assert!(
-        told.contains("verify (50), after") && told.contains("next: kincal release par_"),
-        "{told}"
+        stdout.contains("verify (50), after") && stdout.contains("next: kincal release par_"),
+        "{stdout}"
     );
     let (_, offline, _) = kincal(
         &app,
@@ -71,8 +71,8 @@ async fn from_the_upload_to_the_release_and_back_in_a_terminal() {
     let offline = without_times(&offline);
     assert!(offline.contains("on the same points"), "{offline}");
     assert!(
-        without_times(&told).contains(&offline),
-        "the table of calibrate\n{offline}\nis that of submit\n{told}"
+        without_times(&stdout).contains(&offline),
+        "the table of calibrate\n{offline}\nis that of submit\n{stdout}"
     );
     let sets = person
         .get(&format!("/v1/robots/{}/parameter-sets", text(&robot["id"])))
@@ -91,7 +91,7 @@ async fn from_the_upload_to_the_release_and_back_in_a_terminal() {
     let (code, table, _) = kincal(&app, key, &["report", job]).await;
     assert_eq!(code, Some(0));
     assert!(
-        told.contains(table.trim()),
+        stdout.contains(table.trim()),
         "the same table as at the end of submit:\n{table}"
     );
     let (_, report, _) = kincal(&app, key, &["report", job, "--json"]).await;
@@ -100,35 +100,35 @@ async fn from_the_upload_to_the_release_and_back_in_a_terminal() {
         job
     );
     let page = dir.path().join("report.html");
-    let (code, _, complaints) = kincal(
+    let (code, _, stderr) = kincal(
         &app,
         key,
         &["report", job, "--html", page.to_str().unwrap()],
     )
     .await;
-    assert_eq!(code, Some(0), "{complaints}");
+    assert_eq!(code, Some(0), "{stderr}");
     assert!(
         std::fs::read_to_string(page)
             .unwrap()
             .contains("<h1>Calibration of Cell 4</h1>")
     );
 
-    let (code, released, complaints) =
+    let (code, released, stderr) =
         kincal(&app, key, &["release", set, "--reason", "seen", "--json"]).await;
-    assert_eq!(code, Some(0), "{complaints}");
+    assert_eq!(code, Some(0), "{stderr}");
     assert_eq!(
         serde_json::from_str::<Value>(&released).unwrap()["status"],
         "released"
     );
-    let (code, told, _) = kincal(&app, key, &["release", set, "--reason", "seen twice"]).await;
+    let (code, stdout, _) = kincal(&app, key, &["release", set, "--reason", "seen twice"]).await;
     assert_eq!(
-        (code, told.trim()),
+        (code, stdout.trim()),
         (
             Some(0),
             format!("{set} was released already; nothing changed").as_str()
         )
     );
-    let (code, verified, complaints) = kincal(
+    let (code, verified, stderr) = kincal(
         &app,
         key,
         &[
@@ -141,7 +141,7 @@ async fn from_the_upload_to_the_release_and_back_in_a_terminal() {
         ],
     )
     .await;
-    assert_eq!(code, Some(0), "{complaints}");
+    assert_eq!(code, Some(0), "{stderr}");
     assert!(
         verified.contains(&format!("verification of the parameter set {set}"))
             && verified.contains("\nthese parameters (100)"),
@@ -153,24 +153,24 @@ async fn from_the_upload_to_the_release_and_back_in_a_terminal() {
             && !verified.contains("on the same points"),
         "{verified}"
     );
-    let (code, told, _) = kincal(&app, key, &["withdraw", set, "--reason", "seen again"]).await;
+    let (code, stdout, _) = kincal(&app, key, &["withdraw", set, "--reason", "seen again"]).await;
     assert_eq!(code, Some(0));
-    assert!(told.contains("is withdrawn"), "{told}");
-    let (code, _, complaints) = kincal(&app, key, &["release", set, "--reason", "after all"]).await;
+    assert!(stdout.contains("is withdrawn"), "{stdout}");
+    let (code, _, stderr) = kincal(&app, key, &["release", set, "--reason", "after all"]).await;
     assert_eq!(code, Some(1), "a gate is a failure, not a wrong usage");
     assert!(
-        complaints.contains("release_refused") && complaints.contains("the set was withdrawn"),
-        "{complaints}"
+        stderr.contains("release_refused") && stderr.contains("the set was withdrawn"),
+        "{stderr}"
     );
-    let (code, told, _) = kincal(&app, key, &["cancel", job]).await;
+    let (code, stdout, _) = kincal(&app, key, &["cancel", job]).await;
     assert_eq!(
-        (code, told.trim()),
+        (code, stdout.trim()),
         (Some(0), format!("{job} is succeeded").as_str()),
         "what is over stays as it is"
     );
 }
 
-/// A table without what the clock says: the duration in its second line, and the column "time, ms" of the methods.
+/// A table without its times: the duration in its second line, and the column "time, ms" of the methods.
 fn without_times(table: &str) -> String {
     let mut in_methods = false;
     let lines = table.trim_end().lines().map(|line| {
@@ -262,15 +262,15 @@ async fn what_goes_wrong_says_what_to_do_next() {
             "there is no database in /nowhere/at/all",
         ),
     ] {
-        let (found, _, complaints) = kincal(&app, key, &arguments).await;
-        assert_eq!(found, Some(code), "{arguments:?}: {complaints}");
-        assert!(complaints.contains(expected), "{arguments:?}: {complaints}");
+        let (found, _, stderr) = kincal(&app, key, &arguments).await;
+        assert_eq!(found, Some(code), "{arguments:?}: {stderr}");
+        assert!(stderr.contains(expected), "{arguments:?}: {stderr}");
     }
-    let (code, _, complaints) = kincal(&app, "kincal_wrong", &["robots"]).await;
+    let (code, _, stderr) = kincal(&app, "kincal_wrong", &["robots"]).await;
     assert_eq!(code, Some(1));
     assert!(
-        complaints.contains("next: give the key with --key or in KINCAL_KEY"),
-        "{complaints}"
+        stderr.contains("next: give the key with --key or in KINCAL_KEY"),
+        "{stderr}"
     );
 }
 
@@ -298,7 +298,7 @@ async fn a_terminal_sees_how_far_a_job_is_and_a_file_does_not() {
     ];
     let line = format!("{} {}", env!("CARGO_BIN_EXE_kincal"), arguments.join(" "));
     let mut command = Command::new("script");
-    // script(1) runs it on a terminal of its own
+    // script(1) runs it on its own terminal.
     command
         .args(["-qefc", &line, "/dev/null"])
         .env("KINCAL_SERVER", app.server.url())
@@ -314,11 +314,11 @@ async fn a_terminal_sees_how_far_a_job_is_and_a_file_does_not() {
             && seen.contains("next: kincal release par_"),
         "{seen}"
     );
-    let (code, told, complaints) = kincal(&app, &person.key, &arguments).await;
-    assert_eq!(code, Some(0), "{complaints}");
+    let (code, stdout, stderr) = kincal(&app, &person.key, &arguments).await;
+    assert_eq!(code, Some(0), "{stderr}");
     assert!(
-        !told.contains('█') && !complaints.contains('█') && told.contains("verify (50), after"),
-        "{told}{complaints}"
+        !stdout.contains('█') && !stderr.contains('█') && stdout.contains("verify (50), after"),
+        "{stdout}{stderr}"
     );
 }
 
@@ -361,7 +361,7 @@ fn every_shell_completes_every_command() {
 
 #[test]
 fn a_long_option_without_an_environment_variable_is_one_of_those_that_are_said_to_have_none() {
-    let said = |arguments: &[&str]| {
+    let run_cli = |arguments: &[&str]| {
         let output = Command::new(env!("CARGO_BIN_EXE_kincal"))
             .args(arguments)
             .arg("--help")
@@ -369,7 +369,7 @@ fn a_long_option_without_an_environment_variable_is_one_of_those_that_are_said_t
             .unwrap();
         String::from_utf8(output.stdout).unwrap()
     };
-    let help = said(&[]);
+    let help = run_cli(&[]);
     let commands = help
         .lines()
         .skip_while(|line| *line != "Commands:")
@@ -379,7 +379,7 @@ fn a_long_option_without_an_environment_variable_is_one_of_those_that_are_said_t
         .filter_map(|line| line.split_whitespace().next())
         .filter(|command| !["help", "key"].contains(command));
     for command in commands {
-        let help = said(&[command]);
+        let help = run_cli(&[command]);
         let mut options: Vec<String> = Vec::new();
         for line in help.lines().skip_while(|line| *line != "Options:") {
             let indent = line.len() - line.trim_start().len();
@@ -469,7 +469,7 @@ fn keys_and_the_database_answer_as_json_too() {
     );
 }
 
-/// What a command prints on standard output: JSON and nothing else.
+/// The standard output of a command, which must be JSON only.
 fn printed(arguments: &[&str]) -> Value {
     let output = Command::new(env!("CARGO_BIN_EXE_kincal"))
         .args(arguments)
@@ -490,13 +490,13 @@ fn an_output_that_is_closed_early_is_no_failure() {
         env!("CARGO_BIN_EXE_kincal")
     );
     let output = Command::new("bash").args(["-c", &line]).output().unwrap();
-    let complaints = String::from_utf8_lossy(&output.stderr);
+    let stderr = String::from_utf8_lossy(&output.stderr);
     assert!(
-        output.status.success() && complaints.is_empty(),
-        "{:?}: {complaints}",
+        output.status.success() && stderr.is_empty(),
+        "{:?}: {stderr}",
         output.status
     );
-    // a full disk is one
+    // A full disk is a failure.
     let full = std::fs::OpenOptions::new()
         .write(true)
         .open("/dev/full")
@@ -513,17 +513,17 @@ fn an_output_that_is_closed_early_is_no_failure() {
         String::from_utf8_lossy(&output.stderr)
     );
     assert!(String::from_utf8_lossy(&output.stderr).contains("cannot write"));
-    // one that prints long after head has gone
+    // A command that prints long after `head` has ended.
     let (robot, set) = (data("robot.json"), data("first_noisy.csv"));
     let line = format!(
         "set -o pipefail; {} calibrate {robot} {set} --json | head -1",
         env!("CARGO_BIN_EXE_kincal")
     );
     let output = Command::new("bash").args(["-c", &line]).output().unwrap();
-    let complaints = String::from_utf8_lossy(&output.stderr);
+    let stderr = String::from_utf8_lossy(&output.stderr);
     assert!(
-        output.status.success() && !complaints.contains("panicked"),
-        "{:?}: {complaints}",
+        output.status.success() && !stderr.contains("panicked"),
+        "{:?}: {stderr}",
         output.status
     );
 }
@@ -573,30 +573,30 @@ async fn remedies_in_a_terminal_are_commands_and_options() {
     let (good, collided) = (data("first_noisy.csv"), data("followup_collision.csv"));
     let (misplaced, file) = (misplaced.to_str().unwrap(), data("robot.json"));
     let mut all = String::new();
-    let mut said = async |arguments: &[&str]| {
-        let (_, told, complaints) = kincal(&app, &person.key, arguments).await;
-        all += &told;
-        all += &complaints;
-        told + &complaints
+    let mut run_cli = async |arguments: &[&str]| {
+        let (_, stdout, stderr) = kincal(&app, &person.key, arguments).await;
+        all += &stdout;
+        all += &stderr;
+        stdout + &stderr
     };
     let submit = ["submit", "--robot", robot, "--wait"];
-    let refused = said(&[&submit[..], &[misplaced]].concat()).await;
+    let refused = run_cli(&[&submit[..], &[misplaced]].concat()).await;
     assert!(refused.contains("--frame instrument"), "{refused}");
     assert!(refused.contains("--insist frame_suspect"), "{refused}");
-    said(&["calibrate", &file, misplaced]).await;
-    said(&["calibrate", &file, misplaced, "--insist", "frame_suspect"]).await;
-    said(&[&submit[..], &[misplaced, "--insist", "frame_suspect"]].concat()).await;
-    said(&[&submit[..], &[&good]].concat()).await;
+    run_cli(&["calibrate", &file, misplaced]).await;
+    run_cli(&["calibrate", &file, misplaced, "--insist", "frame_suspect"]).await;
+    run_cli(&[&submit[..], &[misplaced, "--insist", "frame_suspect"]].concat()).await;
+    run_cli(&[&submit[..], &[&good]].concat()).await;
     let sets = format!("/v1/robots/{robot}/parameter-sets");
     let set = person.get(&sets).await.ok(200)["items"][0]["id"].clone();
     let verify = ["--verify", "--parameters", text(&set), &collided];
-    let misfit = said(&[&submit[..], &verify].concat()).await;
+    let misfit = run_cli(&[&submit[..], &verify].concat()).await;
     assert!(misfit.contains("--frame instrument"), "{misfit}");
-    let gates = said(&["params", "--gates", text(&set)]).await;
+    let gates = run_cli(&["params", "--gates", text(&set)]).await;
     assert!(gates.contains("kincal checked"), "{gates}");
-    let refused = said(&["release", text(&set), "--reason", "it fits"]).await;
+    let refused = run_cli(&["release", text(&set), "--reason", "it fits"]).await;
     assert!(refused.contains("kincal checked"), "{refused}");
-    let blank = said(&["checked", robot, "--reason", " "]).await;
+    let blank = run_cli(&["checked", robot, "--reason", " "]).await;
     assert!(blank.contains("nothing to read"), "{blank}");
     for form in ["POST ", "?frame=", "?insist=", " frame=instrument", "/v1/"] {
         assert!(!all.contains(form), "{form:?} in {all}");

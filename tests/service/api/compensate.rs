@@ -65,7 +65,7 @@ async fn corrected_targets_are_predicted_where_the_nominal_robot_would_be() {
                 "{corrected:?} {came:?}"
             );
         }
-        // corrected again it is another target; corrected by the same set the distances between targets are the nominal robot's
+        // A corrected target is a different target when corrected again. Corrected by the same set, targets keep the nominal robot's distances.
         let at = |answer: &Value| rows(&answer["position_mm"]);
         let found = at(&app
             .post_json(
@@ -76,7 +76,7 @@ async fn corrected_targets_are_predicted_where_the_nominal_robot_would_be() {
             .ok(200));
         let nominal = nominal_positions(&app, &set, &rows(&q), base).await;
         if base == "measured" {
-            // in the base frame itself
+            // In the base frame itself.
             for (found, nominal) in found.iter().zip(&nominal) {
                 let apart = |k: usize| (found[k] - nominal[k]).abs();
                 assert!((0..3).all(|k| apart(k) < 2e-3), "{found:?} {nominal:?}");
@@ -135,7 +135,7 @@ fn failed_gates(refused: &Value) -> Vec<String> {
         .collect()
 }
 
-/// A robot measured from an instrument by one reflector, identified: the job and the path of its set.
+/// Measures a robot from an instrument with one reflector and identifies it. Returns the job and the path of its set.
 async fn identified_by_one_reflector(
     app: &TestApp,
     urdf: &str,
@@ -172,7 +172,7 @@ async fn where_it_is_not_known_how_the_flange_is_turned_poses_are_refused_and_po
         ),
         (json!({"q_deg": q, "tool": tool}), "/tool"),
     ];
-    // one reflector on the last axis: whether an identification runs away from there hangs on hundredths of a millimetre, and with most it does
+    // One reflector on the last axis: hundredths of a millimetre decide whether an identification diverges from there; with most seeds it does.
     let mut unknown = None;
     for seed in 19..27 {
         let (job, set) = identified_by_one_reflector(&app, &urdf, [0.0, 0.0, 110.0], seed).await;
@@ -202,7 +202,7 @@ async fn where_it_is_not_known_how_the_flange_is_turned_poses_are_refused_and_po
     let body = json!({"q_deg": q, "mode": "position"});
     let answer = app.post_json(&format!("{set}/compensate"), &body).await;
     assert_eq!(answer.ok(200)["status"], json!(["ok"]));
-    // the exported document tells it too, and so `kincal compensate` refuses
+    // The exported document states it too, so `kincal compensate` refuses.
     let document = app.get(&format!("{set}/export")).await.ok(200);
     assert_eq!(document["flange_rotation_std_deg"], std_deg);
     // no reason releases it, however plausible its parameters
@@ -213,7 +213,7 @@ async fn where_it_is_not_known_how_the_flange_is_turned_poses_are_refused_and_po
         failed_gates(&refused).contains(&"orientation_known".into()),
         "{refused}"
     );
-    // off the axis it is known
+    // With a reflector off the axis, the rotation is known.
     let (job, set) = identified_by_one_reflector(&app, &urdf, [85.0, -20.0, 110.0], 19).await;
     let path = format!("/v1/jobs/{}/report", text(&job["id"]));
     let report = app.get(&path).await.ok(200);
@@ -245,7 +245,7 @@ async fn nominal_positions(
     let number = |value: &Value| value.as_f64().unwrap();
     let mut beyond = number(&document["targets"][0]["position_mm"][2]);
     if base == "robot" {
-        // d of the last link counts as where the reflector is; in the measuring frame it is the robot's own
+        // d of the last link counts as the position of the reflector; in the measuring frame it is the robot's own.
         beyond += number(&document["links"][5]["d_mm"]) - 125.0;
     }
     let table = [
@@ -312,7 +312,7 @@ async fn what_cannot_be_corrected_is_said_where_it_stands() {
     .problem(404, "not_found");
     let answer = app.post_json(&path, &json!({"q_deg": []})).await.ok(200);
     assert_eq!(answer["q_deg"], json!([]));
-    // at the wrist's singularity the answer stays near and says so
+    // At the wrist's singularity the answer stays near, and its status says so.
     let q = [10.0, -30.0, 20.0, 15.0, 0.0, 5.0];
     let answer = app
         .post_json(
@@ -338,7 +338,7 @@ async fn what_cannot_be_corrected_is_said_where_it_stands() {
 async fn a_wrong_mastering_of_the_first_joint_is_corrected_in_the_measuring_frame_and_told_in_the_robots_own()
  {
     let app = TestApp::with_workers(1).await;
-    // link 1 turned by 0.2° and raised by 0.5 mm, measured in the base frame
+    // Link 1 is turned by 0.2° and raised by 0.5 mm; measured in the base frame.
     let body = crate::api::closed_loop::arm();
     let mut links = crate::api::closed_loop::nominal(&body);
     (links[0][2], links[0][3]) = (links[0][2] + 0.5, links[0][3] + 0.2f64.to_radians());
@@ -392,7 +392,7 @@ async fn a_wrong_mastering_of_the_first_joint_is_corrected_in_the_measuring_fram
             "{frame}: {}",
             answer["left_out"]
         );
-        // joint 1 stays where it was: the robot is right in its own base frame
+        // Joint 1 stays as it is: the robot is right in its own base frame.
         let (came, corrected) = (10.0, rows(&answer["q_deg"])[0][0]);
         assert!((corrected - came).abs() < 1e-3, "{frame}: {corrected}");
         assert_eq!(answer["frame"], "robot_base");
@@ -402,7 +402,7 @@ async fn a_wrong_mastering_of_the_first_joint_is_corrected_in_the_measuring_fram
             .await
             .ok(200);
         if frame == "instrument" {
-            // nothing is known of where the nominal base is
+            // The position of the nominal base is unknown.
             assert_eq!(answer["frame"], "robot_base");
             let measured = json!({"q_deg": q_deg, "mode": "position", "base": "measured"});
             let problem = app
@@ -412,11 +412,11 @@ async fn a_wrong_mastering_of_the_first_joint_is_corrected_in_the_measuring_fram
             assert_eq!(problem["errors"][0]["pointer"], "/base");
             continue;
         }
-        // by default the base is corrected too: joint 1 turns back by what its mastering is off
+        // By default the base is corrected too: joint 1 turns back by the error of its mastering.
         assert_eq!(answer["frame"], "measuring");
         assert_eq!(answer["left_out"]["base_turn_deg"], 0.0);
         let corrected = rows(&answer["q_deg"])[0][0];
-        // and the other joints by what it is raised
+        // The other joints correct its height.
         assert!((came - turn_deg - corrected).abs() < 0.01, "{corrected}");
         let predicted = app
             .post_json(
@@ -437,7 +437,7 @@ async fn a_wrong_mastering_of_the_first_joint_is_corrected_in_the_measuring_fram
             rows(&predicted["position_mm"])[0].clone(),
         );
         let apart = |k: usize| (wanted[k] - found[k]).abs();
-        // corrected targets are met to 1 µm
+        // Corrected targets are reached to 1 µm.
         assert!((0..3).all(|k| apart(k) < 1e-3), "{wanted:?} {found:?}");
     }
 }

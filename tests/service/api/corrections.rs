@@ -1,4 +1,4 @@
-//! What links cannot say, from a job to a prediction: a simulated robot that sags, measured with ten kilograms on its flange.
+//! Corrections from a job to a prediction: a simulated robot that sags, measured with ten kilograms on its flange.
 
 use crate::api::closed_loop::{
     Draw, LIMITS_DEG, arm, campaign, distance, nominal, real_robot, rms,
@@ -7,12 +7,12 @@ use crate::app::{TestApp, text};
 use crate::real_robot::{RealRobot, apply, rigid, shift, times};
 use serde_json::{Value, json};
 
-/// What the service takes one unit of mass for, where nothing else is known.
+/// Default of `mass_unit_kg`.
 const KG_PER_UNIT: f64 = 10.0;
 const MEASURED_WITH_KG: f64 = 10.0;
 
-/// The robot with so much at the origin of its flange.
-fn carrying(truth: &RealRobot, kg: f64) -> RealRobot {
+/// The robot with this mass at the origin of its flange.
+fn with_payload(truth: &RealRobot, kg: f64) -> RealRobot {
     let mut loaded = truth.clone();
     loaded.masses[5] += kg / KG_PER_UNIT;
     loaded
@@ -30,7 +30,7 @@ struct Measured {
     unseen: Vec<Vec<f64>>,
 }
 
-/// 120 poses, and 100 others to predict.
+/// 120 poses to measure, and 100 others to predict.
 async fn measured(seed: u64) -> Measured {
     let app = TestApp::with_workers(1).await;
     let body = arm();
@@ -40,7 +40,7 @@ async fn measured(seed: u64) -> Measured {
         "/v1/robots/{}",
         text(&app.post_json("/v1/robots", &body).await.ok(201)["id"])
     );
-    let csv = campaign(&carrying(&truth, MEASURED_WITH_KG), 120, &mut draw);
+    let csv = campaign(&with_payload(&truth, MEASURED_WITH_KG), 120, &mut draw);
     let set = app
         .post(
             &format!("{robot}/measurement-sets?frame=instrument"),
@@ -88,8 +88,8 @@ impl Measured {
             .collect()
     }
 
-    /// How far predictions are from where the robot truly is with so much on its flange, rms, mm.
-    async fn missed(&self, set: &str, extra: Value, kg: f64) -> f64 {
+    /// Prediction error against the true robot with this payload, rms, mm.
+    async fn prediction_error(&self, set: &str, extra: Value, kg: f64) -> f64 {
         let mut body = extra;
         body["q_deg"] = json!(self.q_deg());
         let answer = self
@@ -98,7 +98,7 @@ impl Measured {
             .await
             .ok(200);
         let found: Vec<[f64; 3]> = serde_json::from_value(answer["position_mm"].clone()).unwrap();
-        let truth = carrying(&self.truth, kg);
+        let truth = with_payload(&self.truth, kg);
         rms(&found
             .iter()
             .zip(&self.unseen)
@@ -149,7 +149,7 @@ async fn corrections_come_with_their_evidence_and_stand_apart_from_the_links() {
         "{}",
         report["verify"]
     );
-    // the errors of all points are those of the halves
+    // The errors of all points are those of the two halves.
     for half in ["identify", "verify"] {
         let points = report["per_point"]
             .as_array()
@@ -192,7 +192,7 @@ async fn corrections_come_with_their_evidence_and_stand_apart_from_the_links() {
         );
     }
 
-    // off: the same links, and nothing else
+    // With corrections off: the same links, and nothing else.
     let (plain, plain_set) = cell.identify(json!({"corrections": "off"})).await;
     let links_alone = cell.app.get(&plain_set).await.ok(200);
     assert_eq!(links_alone["links"], document["links"]);
@@ -210,10 +210,12 @@ async fn corrections_come_with_their_evidence_and_stand_apart_from_the_links() {
     );
     assert_eq!(plain["verify"]["after"], report["verify"]["after"]);
 
-    // predictions use them where the robot was measured
+    // Predictions use corrections where the robot was measured.
     let (with, without) = (
-        cell.missed(&set, json!({}), MEASURED_WITH_KG).await,
-        cell.missed(&plain_set, json!({}), MEASURED_WITH_KG).await,
+        cell.prediction_error(&set, json!({}), MEASURED_WITH_KG)
+            .await,
+        cell.prediction_error(&plain_set, json!({}), MEASURED_WITH_KG)
+            .await,
     );
     println!("unseen poses: {with:.4} mm rms with corrections, {without:.4} mm by the links alone");
     assert!(with < 0.06 && without > 0.3, "{with} {without}");
@@ -229,7 +231,7 @@ async fn corrections_come_with_their_evidence_and_stand_apart_from_the_links() {
         predict(&set, &inside).await["position_mm"],
         predict(&plain_set, &inside).await["position_mm"]
     );
-    // joint 2 was between -55 and 55 degrees: twice as far the links alone speak
+    // Joint 2 was measured between -55 and 55 degrees. Twice as far out only the links predict.
     let outside = json!([[0.0, 115.0, -10.0, 30.0, 40.0, 10.0]]);
     assert_eq!(predict(&set, &outside).await["extrapolated"], json!([true]));
     assert_eq!(
@@ -243,7 +245,7 @@ async fn corrections_come_with_their_evidence_and_stand_apart_from_the_links() {
     );
 }
 
-/// Predicted positions with something on the flange.
+/// Predicted positions with a payload.
 async fn predicted(cell: &Measured, set: &str, payload: Option<Value>) -> Vec<[f64; 3]> {
     let mut body = json!({"q_deg": cell.q_deg()});
     payload
@@ -268,8 +270,8 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
-/// Cosine between two displacements, and how much the first has of the second.
-fn likeness(found: &[f64], truth: &[f64]) -> (f64, f64) {
+/// Cosine between two displacements, and the share of the second in the first.
+fn direction_and_share(found: &[f64], truth: &[f64]) -> (f64, f64) {
     (
         dot(found, truth) / (dot(found, found) * dot(truth, truth)).sqrt(),
         dot(found, truth) / dot(truth, truth),
@@ -290,7 +292,7 @@ async fn another_payload_moves_predictions_and_corrected_targets_the_way_it_move
     let truly = |kg: f64| {
         cell.unseen
             .iter()
-            .map(|q| carrying(&cell.truth, kg).seen(q))
+            .map(|q| with_payload(&cell.truth, kg).seen(q))
             .collect::<Vec<_>>()
     };
     for kg in [0.0, 25.0] {
@@ -298,23 +300,28 @@ async fn another_payload_moves_predictions_and_corrected_targets_the_way_it_move
             &predicted(&cell, &set, Some(payload(kg))).await,
             &as_measured,
         );
-        let (cosine, share) = likeness(&moved, &between(&truly(kg), &truly(MEASURED_WITH_KG)));
+        let (cosine, share) =
+            direction_and_share(&moved, &between(&truly(kg), &truly(MEASURED_WITH_KG)));
         println!("{kg} kg: cosine with the true displacement {cosine:.4}, share of it {share:.3}");
-        // where it goes is physics; how far hangs on what the links weigh, which one payload cannot tell (docs/corrections.md)
+        // The direction follows from physics. The size depends on the masses of the links, which one payload does not determine (docs/corrections.md).
         assert!(
             cosine > 0.95 && (0.5..1.5).contains(&share),
             "{kg} kg: {cosine} {share}"
         );
-        let (told, not_told) = (
-            cell.missed(&set, json!({"payload": payload(kg)}), kg).await,
-            cell.missed(&set, json!({}), kg).await,
+        let (with_its_payload, without_payload) = (
+            cell.prediction_error(&set, json!({"payload": payload(kg)}), kg)
+                .await,
+            cell.prediction_error(&set, json!({}), kg).await,
         );
         println!(
-            "{kg} kg: {told:.4} mm rms when the prediction is told, {not_told:.4} mm when it is not"
+            "{kg} kg: {with_its_payload:.4} mm rms when the prediction is told, {without_payload:.4} mm when it is not"
         );
-        assert!(told < not_told, "{kg} kg: {told} {not_told}");
+        assert!(
+            with_its_payload < without_payload,
+            "{kg} kg: {with_its_payload} {without_payload}"
+        );
     }
-    // twice the moment, twice the turn
+    // Twice the moment gives twice the rotation.
     let half = between(
         &predicted(&cell, &set, Some(payload(15.0))).await,
         &as_measured,
@@ -324,12 +331,12 @@ async fn another_payload_moves_predictions_and_corrected_targets_the_way_it_move
         &as_measured,
     );
     assert!(
-        (likeness(&whole, &half).1 - 2.0).abs() < 1e-2,
+        (direction_and_share(&whole, &half).1 - 2.0).abs() < 1e-2,
         "{}",
-        likeness(&whole, &half).1
+        direction_and_share(&whole, &half).1
     );
 
-    // corrected targets go the other way
+    // Corrected targets move the opposite way.
     let mut commanded = Vec::new();
     for extra in [json!({}), json!({"payload": payload(0.0)})] {
         let mut body = extra;
@@ -347,9 +354,9 @@ async fn another_payload_moves_predictions_and_corrected_targets_the_way_it_move
                 .collect::<Vec<_>>(),
         );
     }
-    let empty = carrying(&cell.truth, 0.0);
+    let empty = with_payload(&cell.truth, 0.0);
     let nominal_links = nominal(&arm());
-    let missed = |commanded: &[Vec<f64>]| {
+    let prediction_error = |commanded: &[Vec<f64>]| {
         let wanted = |q: &Vec<f64>| {
             nominal_links
                 .iter()
@@ -364,10 +371,10 @@ async fn another_payload_moves_predictions_and_corrected_targets_the_way_it_move
     };
     println!(
         "empty gripper: {:.4} mm rms when told, {:.4} mm when not",
-        missed(&commanded[1]),
-        missed(&commanded[0])
+        prediction_error(&commanded[1]),
+        prediction_error(&commanded[0])
     );
-    assert!(missed(&commanded[1]) < missed(&commanded[0]));
+    assert!(prediction_error(&commanded[1]) < prediction_error(&commanded[0]));
     let wrong = cell
         .app
         .post_json(
@@ -392,7 +399,7 @@ async fn beside_priors_corrections_are_left_out_and_the_report_says_so() {
         "{}",
         report["corrections"]
     );
-    let said = |report: &Value| {
+    let n_warnings = |report: &Value| {
         report["warnings"]
             .as_array()
             .unwrap()
@@ -400,7 +407,7 @@ async fn beside_priors_corrections_are_left_out_and_the_report_says_so() {
             .filter(|w| w["code"] == "corrections_left_out")
             .count()
     };
-    assert_eq!(said(&report), 1, "{}", report["warnings"]);
+    assert_eq!(n_warnings(&report), 1, "{}", report["warnings"]);
     assert!(
         cell.app
             .get(&set)
@@ -414,12 +421,12 @@ async fn beside_priors_corrections_are_left_out_and_the_report_says_so() {
             json!({"corrections": "off", "parameters": {"priors": [{"name": "a_3", "std": 0.5}]}}),
         )
         .await;
-    assert_eq!(said(&asked_off), 0, "nobody asked for any");
+    assert_eq!(n_warnings(&asked_off), 0, "nobody asked for any");
 }
 
-/// Groups of neighbouring poses, each group with an error of its own: who knows the neighbours predicts a pose well, so that corrections win
-/// the cross-validation, and know nothing of the poses to verify.
-fn groups_that_mislead(draw: &mut Draw) -> String {
+/// Groups of neighbouring poses, each group with its own error: neighbours predict a pose well, so corrections win
+/// the cross-validation, but do not hold at the verify poses.
+fn misleading_groups(draw: &mut Draw) -> String {
     const GROUPS: usize = 20;
     let truth = real_robot(&nominal(&arm()), draw);
     let mut csv = String::from("subset,q1_rad,q2_rad,q3_rad,q4_rad,q5_rad,q6_rad,x_mm,y_mm,z_mm\n");
@@ -449,7 +456,7 @@ async fn corrections_that_are_worse_than_the_links_on_the_verify_points_are_drop
         "/v1/robots/{}",
         text(&app.post_json("/v1/robots", &arm()).await.ok(201)["id"])
     );
-    let csv = groups_that_mislead(&mut Draw::new(5));
+    let csv = misleading_groups(&mut Draw::new(5));
     let set = app
         .post(
             &format!("{robot}/measurement-sets?frame=instrument"),
@@ -494,7 +501,7 @@ async fn corrections_that_are_worse_than_the_links_on_the_verify_points_are_drop
         "{}",
         report["warnings"]
     );
-    // whatever reads corrections finds none
+    // All readers of corrections find none.
     let set = app
         .get(&format!(
             "/v1/parameter-sets/{}",

@@ -84,7 +84,7 @@ async fn history_tells_what_moved_and_comparison_where_the_tool_did() {
         (&itself["max_mm"], &itself["sessions"]),
         (&json!(0.0), &json!(null))
     );
-    // What PostgreSQL takes for no text at all is looked up nowhere.
+    // PostgreSQL does not accept this text, so it is never looked up.
     for nobodys in [
         "par_1",
         "%00",
@@ -107,7 +107,7 @@ async fn history_tells_what_moved_and_comparison_where_the_tool_did() {
         assert_eq!(app.run(&robot, &verify).await["status"], "succeeded");
     }
     let trend = app.get(&format!("{robot}/history?limit=1")).await.ok(200)["trend"].clone();
-    // the upload that it was identified from, scored again and again, is no session but its own
+    // The set's own upload, scored repeatedly, counts as one session.
     assert!(
         text(&trend["detail"]).starts_with("not enough data: 1 session;"),
         "{trend}"
@@ -135,7 +135,7 @@ fn a_trend_is_a_line_with_its_interval_or_says_what_is_missing() {
     );
     near(trend.days_to_limit, (0.2 - 0.156) / 0.0019);
     assert!(trend.detail.contains("23 days"), "{}", trend.detail);
-    // noise alone
+    // Only noise.
     let flat: Vec<Scored> = [(0.0, 0.10), (10.0, 0.12), (20.0, 0.09), (30.0, 0.11)]
         .map(|(day, rms_mm)| Scored { day, rms_mm })
         .to_vec();

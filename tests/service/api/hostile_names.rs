@@ -1,4 +1,4 @@
-//! Names with HTML, SQL, escapes, other directions, and too long: they come back as they were sent, and do nothing anywhere.
+//! Names with HTML, SQL, escapes, bidirectional text, and too long ones: they are returned unchanged, and have no effect.
 
 use crate::app::{Answer, TestApp, paper, text};
 use kincal::store::audit;
@@ -29,24 +29,24 @@ fn kincal(app: &TestApp, arguments: &[&str]) -> String {
     String::from_utf8(output.stdout).unwrap() + &String::from_utf8(output.stderr).unwrap()
 }
 
-/// Longer ones are no URL any more.
+/// Longest name for a URL.
 const LONGEST_QUERY: usize = 60_000;
 
-/// As a query has it.
+/// Percent-encodes a name for a query.
 fn encoded(name: &str) -> String {
     name.bytes().map(|byte| format!("%{byte:02X}")).collect()
 }
 
-/// Nothing that a terminal obeys.
+/// Asserts that a text has no control characters.
 #[track_caller]
-fn is_tame(shown: &str) {
-    let wild = |c: char| {
+fn assert_no_control_characters(shown: &str) {
+    let is_control = |c: char| {
         c != '\n'
             && (c.is_control()
                 || ('\u{202a}'..='\u{202e}').contains(&c)
                 || ('\u{2066}'..='\u{2069}').contains(&c))
     };
-    assert!(!shown.chars().any(wild), "{shown:?}");
+    assert!(!shown.chars().any(is_control), "{shown:?}");
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -94,7 +94,7 @@ async fn they_round_trip_through_robots_sets_lists_reasons_and_audit_and_do_noth
             app.get(&format!("{path}/measurement-sets")).await.ok(200)["items"][0]["name"],
             name
         );
-        is_tame(&kincal(&app, &["sets", "--robot", text(&answer["id"])]));
+        assert_no_control_characters(&kincal(&app, &["sets", "--robot", text(&answer["id"])]));
         let job = app
             .run(
                 &path,
@@ -108,7 +108,7 @@ async fn they_round_trip_through_robots_sets_lists_reasons_and_audit_and_do_noth
         app.post_json(&release, &json!({"reason": name}))
             .await
             .ok(200);
-        is_tame(&kincal(
+        assert_no_control_characters(&kincal(
             &app,
             &["params", "--gates", text(&job["parameter_set_id"])],
         ));
@@ -140,11 +140,11 @@ async fn they_round_trip_through_robots_sets_lists_reasons_and_audit_and_do_noth
         shown.contains("DROP TABLE") && shown.lines().count() == 1 + NAMES.len(),
         "{shown}"
     );
-    is_tame(&shown);
-    // Refusals repeat what was sent, to a terminal too.
+    assert_no_control_characters(&shown);
+    // Refusals repeat the name, also in a terminal.
     let refused = kincal(&app, &["robots", "rob_\u{1b}[2J"]);
-    is_tame(&refused);
-    // The chain has the reasons to the letter, and holds.
+    assert_no_control_characters(&refused);
+    // The chain has the exact reasons, and is intact.
     let rows = audit::list(&app.server.store, 0, 1000).await.unwrap();
     for name in NAMES {
         let quoted = serde_json::to_string(name).unwrap();

@@ -1,4 +1,4 @@
-//! Which hosts and pages are answered, and requests that no route gets to see: written byte by byte, as no HTTP library would.
+//! Which hosts and origins are answered, and requests that reach no route. The requests are written byte by byte, as no HTTP library would.
 
 use crate::app::{Answer, TestApp};
 use crate::raw::Raw;
@@ -6,7 +6,7 @@ use kincal::config::ServeConfig;
 use reqwest::Method;
 use serde_json::{Value, json};
 
-/// Paths of every kind: pages, contract, health, metrics, data, and nothing.
+/// Paths of every kind: pages, contract, health, metrics, data, and an unknown one.
 const PATHS: [&str; 8] = [
     "/",
     "/docs",
@@ -18,7 +18,7 @@ const PATHS: [&str; 8] = [
     "/nowhere",
 ];
 
-/// One request by itself: the status, the header in lower case, and the body.
+/// Sends one request. Returns the status, the header in lower case, and the body.
 async fn answer(app: &TestApp, request: &str) -> (u16, String, String) {
     let mut client = Raw::connect(app.server.address).await;
     assert!(client.send(request.as_bytes()).await);
@@ -30,7 +30,7 @@ async fn answer(app: &TestApp, request: &str) -> (u16, String, String) {
     (status, header.to_lowercase(), body.into())
 }
 
-/// A problem with the headers and the length of one.
+/// Asserts that an answer is a problem document with the right headers and length.
 fn problem((status, header, body): (u16, String, String)) -> (u16, String) {
     for expected in [
         "content-type: application/problem+json\r\n",
@@ -80,7 +80,7 @@ async fn without_keys_only_loopback_names_are_answered() {
             assert_eq!(found, (421, "host_not_loopback".into()), "{host} {path}");
         }
     }
-    // the target may name the host, too
+    // The request target may contain the host, too.
     let refused = answer(
         &app,
         &get("http://evil.example/v1/robots", "host: localhost\r\n"),
@@ -161,7 +161,7 @@ async fn without_keys_a_page_of_another_site_can_do_nothing() {
                 .await
                 .problem(403, "foreign_origin");
         }
-        // what a form sends, from a browser too old to say where it comes from
+        // A form from an old browser that sends no origin.
         for kind in [
             "text/plain",
             "application/x-www-form-urlencoded",
@@ -193,7 +193,7 @@ async fn without_keys_a_page_of_another_site_can_do_nothing() {
     }
     assert_eq!(app.get(&set).await.ok(200)["status"], "candidate");
 
-    // its own page may, a link from elsewhere leads here, and whoever is no browser says nothing of all this
+    // The server's own page may, a link from another site may, and programs other than browsers send none of these headers.
     let own = app.server.url();
     let headers = [
         json,
@@ -242,7 +242,7 @@ async fn a_host_that_is_missing_doubled_or_none_is_400() {
                 assert_eq!(problem(refused), (400, code.into()), "{path} {headers:?}");
             }
         }
-        // HTTP/1.0 knows no Host: load balancers check health by it
+        // HTTP/1.0 has no Host; load balancers use it for health checks.
         let (status, ..) = answer(&app, "GET /readyz HTTP/1.0\r\n\r\n").await;
         assert_eq!(status, 200);
     }
@@ -314,7 +314,7 @@ async fn what_hyper_refuses_by_itself_is_a_problem_too() {
             refused.1
         );
         assert_eq!(problem(refused), (status, code.into()), "{start}");
-        // also behind a request that was answered, on the same connection
+        // Also after an answered request on the same connection.
         let second = format!("GET /healthz HTTP/1.1\r\nhost: localhost\r\n\r\n{request}");
         let (first, header, rest) = answer(&app, &second).await;
         let (ok, rest) = rest.split_at(3);

@@ -85,7 +85,7 @@ async fn a_search_box_in_which_nothing_can_be_seen_is_refused_when_the_job_is_po
         text(&problem["detail"]).contains("make them larger, or leave them out"),
         "{problem}"
     );
-    // raw parameters are searched whatever they do
+    // The preset searches raw parameters even if they have no effect.
     for request in [
         request(1e-4, 1e-4, "default"),
         request(1e-6, 1.0, "default"),
@@ -182,7 +182,7 @@ async fn a_swarms_network_is_stored_and_moves_the_next_swarm() {
     app.post_json(&format!("{robot}/jobs"), &other)
         .await
         .problem(409, "network_mismatch");
-    // where least squares converges a network changes nothing; one that was asked for and does not fit is refused
+    // If least squares converges, a network changes nothing. A requested network that does not fit the job is refused.
     assert_eq!(result(&app).await, before);
     let other = json!({"measurement_set_id": follow_up, "method": "auto", "model": "complete", "network_id": trained["network_id"]});
     app.post_json(&format!("{robot}/jobs"), &other)
@@ -437,7 +437,7 @@ async fn a_verify_job_scores_the_named_set_else_the_active_one_else_the_nominal_
         ),
         (&json!("independent_session"), &json!(100), &json!(0))
     );
-    // planted without noise, and nothing changed in between
+    // Planted without noise, and without a change in between.
     assert!(
         scored["verify"]["after"]["rms_mm"].as_f64() < Some(1e-6),
         "{}",
@@ -462,7 +462,7 @@ async fn a_verify_job_scores_the_named_set_else_the_active_one_else_the_nominal_
 async fn priors_and_bounds_are_kept_and_stand_in_the_report() {
     let app = TestApp::with_workers(1).await;
     let (robot, set) = app.robot_with_set("first_noisy.csv").await;
-    // positions do not depend on the last joint's offset; a_3 is 0.065 mm off in truth
+    // Positions do not depend on the last joint's offset. The true error of a_3 is 0.065 mm.
     let priors = json!([{"name": "theta_offset_6", "mean": 0.07, "std": 0.01}, {"name": "a_3", "std": 1.0, "max": A_3_MM + 0.03}]);
     let request =
         json!({"measurement_set_id": set, "parameters": {"hold": ["a_1"], "priors": priors}});
@@ -621,7 +621,7 @@ async fn priors_that_cannot_be_used_are_refused_by_pointer() {
             .await
             .problem(422, "invalid_body");
     }
-    // the turn of the base is counted from its first estimate
+    // The rotation of the base is relative to its first estimate.
     let complete = json!({"measurement_set_id": set, "model": "complete", "parameters": {"priors": [{"name": "base_rz", "std": 1.0}]}});
     app.post_json(&format!("{robot}/jobs"), &complete)
         .await
@@ -759,7 +759,7 @@ async fn another_set_can_verify_and_is_stronger_evidence() {
     assert_eq!(report["evidence"], "independent_session");
 }
 
-/// The first set's poses, measured from where the sweeps were measured: on the robot with the errors of Table 3 and the sweeps' target.
+/// The first set's poses, measured from the instrument position of the sweeps, on the robot with the errors of Table 3 and the sweeps' target.
 pub fn first_csv_seen_by_the_instrument() -> Vec<u8> {
     let json = |name: &str| serde_json::from_slice::<Value>(&paper(name)).unwrap();
     let (robot, errors, frames) = (
@@ -837,7 +837,7 @@ async fn sweeps_and_a_set_in_the_instruments_frame_give_the_papers_model_and_a_n
         )
         .await
         .ok(201);
-    // without a model named, frames_id means the paper's, in the job as in the search for its network
+    // If no model is named, frames_id implies the paper's model, for the job and for the search for its network.
     for method in ["pso", "bpnn_pso"] {
         let request =
             json!({"measurement_set_id": set["id"], "frames_id": frames["id"], "method": method});
@@ -852,7 +852,7 @@ async fn sweeps_and_a_set_in_the_instruments_frame_give_the_papers_model_and_a_n
             (text(&report["method"]), text(&report["model"])),
             (method, "paper")
         );
-        // the sweeps' own noise of 0.005 mm places the base that the fit cannot correct
+        // The sweeps' noise of 0.005 mm shifts the base, which the fit cannot correct.
         let rms = |when: &str| report["verify"][when]["rms_mm"].as_f64().unwrap();
         assert!(
             rms("before") > 0.5 && rms("after") < 0.02,

@@ -1,4 +1,4 @@
-//! The command line behind a network that breaks: what was sent once is done once, and who waits for a job is not sent away.
+//! The command line on an unreliable network: a request takes effect once, and `--wait` survives lost connections.
 
 use crate::app::{TestApp, paper, text};
 use crate::people::{Person, guarded};
@@ -8,27 +8,29 @@ use std::process::{Command, Output};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpStream};
 
-/// What becomes of a connection.
-enum Fate {
-    /// Closed before it is read.
+/// Behaviour of the proxy for one connection.
+enum Fault {
+    /// Closed before anything is read.
     Refused,
-    /// The first request is answered 503, to be sent again at once.
+    /// The first request is answered 503 with an immediate retry.
     Busy,
-    /// The server is reached, and all is cut once it has said this.
+    /// Forwarded, and cut when the server has sent this text.
     CutAfter(&'static str),
 }
 
-/// An address through which the server is reached, after these connections as well as ever.
-async fn breaking(server: SocketAddr, fates: impl IntoIterator<Item = Fate>) -> String {
+/// Starts a proxy to the server with these faults for its first connections; later ones are forwarded. Returns its address.
+async fn breaking(server: SocketAddr, fates: impl IntoIterator<Item = Fault>) -> String {
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let address = listener.local_addr().unwrap();
-    let mut fates: VecDeque<Fate> = fates.into_iter().collect();
+    let mut fates: VecDeque<Fault> = fates.into_iter().collect();
     tokio::spawn(async move {
         while let Ok((client, _)) = listener.accept().await {
             match fates.pop_front() {
-                Some(Fate::Refused) => drop(client),
-                Some(Fate::Busy) => busy(client).await,
-                Some(Fate::CutAfter(said)) => drop(tokio::spawn(cut_after(client, server, said))),
+                Some(Fault::Refused) => drop(client),
+                Some(Fault::Busy) => busy(client).await,
+                Some(Fault::CutAfter(marker)) => {
+                    drop(tokio::spawn(cut_after(client, server, marker)))
+                }
                 None => drop(tokio::spawn(async move {
                     let (mut client, mut server) =
                         (client, TcpStream::connect(server).await.unwrap());
@@ -46,21 +48,21 @@ async fn busy(mut client: TcpStream) {
     let answer = "HTTP/1.1 503 Service Unavailable\r\nretry-after: 0\r\ncontent-length: 2\r\nconnection: close\r\n\r\n{}";
     let _ = client.write_all(answer.as_bytes()).await;
     let _ = client.shutdown().await;
-    // what is not read would make the end a reset
+    // Unread data would turn the close into a reset.
     while client.read(&mut request).await.is_ok_and(|n| n > 0) {}
 }
 
-async fn cut_after(client: TcpStream, server: SocketAddr, said: &str) {
+async fn cut_after(client: TcpStream, server: SocketAddr, marker: &str) {
     let (mut from_client, mut to_client) = client.into_split();
     let (mut from_server, mut to_server) = TcpStream::connect(server).await.unwrap().into_split();
     let asking =
         tokio::spawn(async move { tokio::io::copy(&mut from_client, &mut to_server).await });
-    let mut told = Vec::new();
-    while !told.ends_with(said.as_bytes()) {
+    let mut received = Vec::new();
+    while !received.ends_with(marker.as_bytes()) {
         let Ok(byte) = from_server.read_u8().await else {
             break;
         };
-        told.push(byte);
+        received.push(byte);
         if to_client.write_all(&[byte]).await.is_err() {
             break;
         }
@@ -117,21 +119,21 @@ async fn a_connection_that_breaks_again_and_again_costs_nothing_but_time() {
     let (app, _dir) = guarded(1).await;
     let person = somebody(&app).await;
     let (robot, set) = (robot(&person).await, set());
-    // the upload's answer is cut within its body; the events after the first; and the server is away when they are asked for again
+    // The upload's answer is cut within its body, the event stream after its first event, and the next connection fails.
     let fates = [
-        Fate::CutAfter("\r\n\r\n{"),
-        Fate::Busy,
-        Fate::CutAfter("event: progress"),
-        Fate::Refused,
-        Fate::Busy,
+        Fault::CutAfter("\r\n\r\n{"),
+        Fault::Busy,
+        Fault::CutAfter("event: progress"),
+        Fault::Refused,
+        Fault::Busy,
     ];
     let url = breaking(app.server.address, fates).await;
     let arguments = [
         "submit", "--robot", &robot, &set, "--wait", "--method", "pso", "--preset", "paper",
     ];
-    let (code, told, complaints) = kincal(&url, &person.key, &arguments).await;
-    assert_eq!(code, Some(0), "{complaints}");
-    assert!(told.contains("verify (50), after"), "{told}");
+    let (code, received, stderr) = kincal(&url, &person.key, &arguments).await;
+    assert_eq!(code, Some(0), "{stderr}");
+    assert!(received.contains("verify (50), after"), "{received}");
     for what in ["measurement-sets", "jobs"] {
         assert_eq!(
             n_items(&person, &format!("/v1/robots/{robot}/{what}")).await,
@@ -145,23 +147,19 @@ async fn a_connection_that_breaks_again_and_again_costs_nothing_but_time() {
 async fn a_server_that_stays_busy_is_given_up_and_one_that_is_not_there_is_said_at_once() {
     let (app, _dir) = guarded(0).await;
     let person = somebody(&app).await;
-    let url = breaking(app.server.address, (0..100).map(|_| Fate::Busy)).await;
-    let (code, _, complaints) = kincal(&url, &person.key, &["robots"]).await;
-    assert_eq!(code, Some(1), "{complaints}");
-    assert!(
-        complaints.contains("the server answered 503"),
-        "{complaints}"
-    );
+    let url = breaking(app.server.address, (0..100).map(|_| Fault::Busy)).await;
+    let (code, _, stderr) = kincal(&url, &person.key, &["robots"]).await;
+    assert_eq!(code, Some(1), "{stderr}");
+    assert!(stderr.contains("the server answered 503"), "{stderr}");
     let free = std::net::TcpListener::bind("127.0.0.1:0")
         .unwrap()
         .local_addr()
         .unwrap();
     let begun = std::time::Instant::now();
-    let (code, _, complaints) = kincal(&format!("http://{free}"), &person.key, &["robots"]).await;
-    assert_eq!(code, Some(1), "{complaints}");
+    let (code, _, stderr) = kincal(&format!("http://{free}"), &person.key, &["robots"]).await;
+    assert_eq!(code, Some(1), "{stderr}");
     assert!(
-        complaints.contains("is it running, and is --server right?")
-            && begun.elapsed().as_secs() < 5,
-        "{complaints}"
+        stderr.contains("is it running, and is --server right?") && begun.elapsed().as_secs() < 5,
+        "{stderr}"
     );
 }

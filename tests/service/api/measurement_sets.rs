@@ -94,7 +94,7 @@ async fn a_set_too_small_to_identify_from_is_kept_with_a_warning() {
         .problem(422, "under_determined");
 }
 
-/// The first rows of the paper's set as an instrument would have measured them, shifted and turned by a quarter about z.
+/// The first rows of the paper's set in an instrument's frame: shifted, and turned by a quarter turn about z.
 fn five_rows_from_an_instrument(n: usize) -> String {
     let file = String::from_utf8(crate::app::paper("followup_unchanged.csv")).unwrap();
     let mut rows = file.lines();
@@ -118,7 +118,7 @@ fn five_rows_from_an_instrument(n: usize) -> String {
 async fn what_an_upload_says_that_a_small_set_can_serve_for_it_can() {
     let app = TestApp::with_workers(1).await;
     let (robot, _) = app.identified().await;
-    let said = |set: &Value| -> String {
+    let warning_details = |set: &Value| -> String {
         let warnings = set["warnings"].as_array().unwrap().iter();
         let small = warnings.filter(|warning| warning["code"] == "under_determined");
         small
@@ -133,7 +133,7 @@ async fn what_an_upload_says_that_a_small_set_can_serve_for_it_can() {
         let request = json!({"measurement_set_id": set["id"], "kind": "verify"});
         app.post_json(&format!("{robot}/jobs"), &request).await
     };
-    // five points of one target are enough wherever the instrument stands
+    // Five points of one target are enough, wherever the instrument stands.
     for frame in ["base", "instrument"] {
         let csv = match frame {
             "base" => String::from_utf8(crate::app::paper("followup_unchanged.csv"))
@@ -146,22 +146,22 @@ async fn what_an_upload_says_that_a_small_set_can_serve_for_it_can() {
         };
         let set = upload(csv, frame).await;
         assert!(
-            said(&set).contains("it can serve to verify"),
+            warning_details(&set).contains("it can serve to verify"),
             "{}",
-            said(&set)
+            warning_details(&set)
         );
         let request = json!({"measurement_set_id": set["id"], "kind": "verify"});
         let job = app.run(&robot, &request).await;
         assert_eq!(job["status"], "succeeded", "{frame}: {job}");
     }
-    // four are not, and the upload says what the job would
+    // Four are not enough, and the upload says the same as the job.
     let four = upload(five_rows_from_an_instrument(4), "instrument").await;
     let why = verify(&four).await.problem(422, "under_determined");
     assert!(
-        said(&four).contains("too small to identify from and to verify on")
-            && said(&four).contains(text(&why["detail"])),
+        warning_details(&four).contains("too small to identify from and to verify on")
+            && warning_details(&four).contains(text(&why["detail"])),
         "{}: {why}",
-        said(&four)
+        warning_details(&four)
     );
 }
 
@@ -232,7 +232,7 @@ async fn what_is_wrong_in_a_json_set_is_named_by_pointer() {
     app.post_json(&path, &json!({"frame": "base", "points": []}))
         .await
         .problem(422, "invalid_measurements");
-    // without a frame CSV and JSON are read alike, and the answer says how
+    // Without a frame, CSV and JSON are read alike, and the answer states the frame.
     let bodies = [
         (
             "application/json",
@@ -260,7 +260,7 @@ async fn what_is_wrong_in_a_json_set_is_named_by_pointer() {
     .problem(422, "frame_conflict");
 }
 
-/// A measurement file of the paper with another column in each row.
+/// One of the paper's measurement files with an additional column.
 fn with_column(name: &str, cell: impl Fn(usize) -> String) -> String {
     let csv = String::from_utf8(paper("first.csv")).unwrap();
     let (header, rows) = csv.trim_end().split_once('\n').unwrap();
@@ -360,7 +360,7 @@ async fn joint_limits_are_the_controllers_as_the_joint_values_are() {
     for link in robot["links"].as_array_mut().unwrap() {
         link["joint_limits_deg"] = json!([-180, 180]);
     }
-    // the model's joint 3 is the controller's plus 300 degrees: beyond every limit, and nobody's business
+    // The model's joint 3 is the controller's plus 300 degrees: beyond every limit, and still accepted.
     robot["joint_map"] = json!({"sign": [1, 1, 1, 1, 1, 1], "offset_deg": [0, 0, 300, 0, 0, 0]});
     robot["links"][2]["theta_offset_deg"] =
         json!(robot["links"][2]["theta_offset_deg"].as_f64().unwrap() - 300.0);

@@ -1,13 +1,13 @@
-//! The metrics, and what docs/operations.md says of them.
+//! The metrics, and their documentation in docs/operations.md.
 
 use crate::app::TestApp;
 use std::collections::{BTreeMap, BTreeSet};
 
 const DOCUMENT: &str = include_str!("../../../docs/operations.md");
-/// What a summary's or histogram's samples add to its name.
+/// Suffixes of the samples of a summary or histogram.
 const ENDINGS: [&str; 3] = ["_bucket", "_sum", "_count"];
 
-/// Name → names of its labels, of everything in a text that looks like a series of ours: `kincal_jobs{status="queued"}`.
+/// Names of all series in a text, each with the names of its labels: `kincal_jobs{status="queued"}`.
 fn series(text: &str) -> BTreeMap<String, BTreeSet<String>> {
     let mut found = BTreeMap::<String, BTreeSet<String>>::new();
     for (at, _) in text.match_indices("kincal_") {
@@ -40,7 +40,7 @@ fn series(text: &str) -> BTreeMap<String, BTreeSet<String>> {
     found
 }
 
-/// The metrics of a server that has answered something of each kind.
+/// The metrics of a server after requests of each kind.
 async fn scrape() -> String {
     let app = TestApp::spawn().await;
     let robot = app.paper_robot().await;
@@ -61,10 +61,10 @@ fn family(name: &str) -> &str {
 #[tokio::test]
 async fn each_series_that_operations_md_names_is_there_with_its_labels() {
     let found = series(&scrape().await);
-    let said = series(DOCUMENT);
-    assert!(said.len() > 10, "{said:?}");
-    for (name, labels) in said {
-        // Histograms and summaries are named without an ending in the table.
+    let documented = series(DOCUMENT);
+    assert!(documented.len() > 10, "{documented:?}");
+    for (name, labels) in documented {
+        // The table names histograms and summaries without suffix.
         let names = [name.clone()]
             .into_iter()
             .chain(ENDINGS.map(|ending| format!("{name}{ending}")));
@@ -82,12 +82,12 @@ async fn each_series_that_operations_md_names_is_there_with_its_labels() {
 
 #[tokio::test]
 async fn each_series_that_there_is_stands_in_operations_md() {
-    let said = series(DOCUMENT);
+    let documented = series(DOCUMENT);
     let text = scrape().await;
     let samples = text.lines().filter(|line| !line.starts_with('#'));
     for name in samples.filter_map(|line| line.split(['{', ' ']).next()) {
         assert!(
-            said.contains_key(family(name)),
+            documented.contains_key(family(name)),
             "{name} is not in docs/operations.md"
         );
     }

@@ -1,4 +1,4 @@
-//! Points that do not fit, and sets that are no better than nominal: what reports, gates and the terminal say of them.
+//! Points that do not fit, and sets that are no better than nominal: reports, gates and terminal output.
 
 use crate::api::suspicions::{by_a_tracker, changed, codes, kincal, upload};
 use crate::app::{TestApp, paper, text};
@@ -13,14 +13,14 @@ fn paper_robot() -> Robot {
     body.to_core().unwrap()
 }
 
-/// Where the nominal robot has a point of the flange, mm.
+/// Position of a point of the flange of the nominal robot, mm.
 fn nominal_mm(robot: &Robot, q_deg: &[f64], in_flange_mm: Vector3<f64>) -> Vector3<f64> {
     let q_rad: Vec<f64> = q_deg.iter().map(|q| q.to_radians()).collect();
     let flange = t_base_flange(&robot.links, &robot.q_model_rad(&q_rad));
     flange.rotation * in_flange_mm + flange.translation.vector
 }
 
-/// The robot has its errors in the points to identify, and none in those to verify.
+/// A set whose identify points have the robot's errors, and whose verify points have none.
 fn worse_than_nominal() -> String {
     let robot = paper_robot();
     let file = changed("first.csv", |_, _| {});
@@ -36,7 +36,7 @@ fn worse_than_nominal() -> String {
     file.lines().map(|line| mend(line) + "\n").collect()
 }
 
-/// With a reflector off the flange's axis.
+/// A set with a reflector off the flange's axis.
 fn off_axis() -> String {
     let robot = paper_robot();
     let tool_mm = Vector3::new(90.0, -40.0, 0.0);
@@ -46,7 +46,7 @@ fn off_axis() -> String {
     })
 }
 
-/// With the robot's base somewhere else than the file says.
+/// A set with another base than the file states.
 fn base_off() -> String {
     changed("first_noisy.csv", |_, p| {
         (p[0], p[1], p[2]) = (p[0] + 25.0, p[1] - 30.0, p[2] + 8.0);
@@ -218,7 +218,7 @@ async fn a_few_points_are_no_evidence_and_a_wrong_file_is_told_however_few_they_
     }
     let report = verified(&robot, "frame=base", &first_rows(&right, 5), set_id).await;
     assert_eq!(report["evidence"], "independent_session");
-    // nothing is identified of this one
+    // Nothing is identified from this set.
     let nominal = app.paper_robot().await;
     let kuka = |q: &mut [f64], _: &mut [f64]| [0, 3, 5].iter().for_each(|j| q[*j] = -q[*j]);
     let of_kuka = changed("followup_unchanged.csv", kuka);
@@ -240,7 +240,7 @@ async fn a_few_points_are_no_evidence_and_a_wrong_file_is_told_however_few_they_
             assert_eq!(state, "check_robot", "{what}, {query}, {n} points");
         }
     }
-    // right ones fit, with the reflector and in both frames
+    // Correct sets fit, with the reflector and in both frames.
     for query in ["frame=base", "frame=instrument"] {
         for n in [5, 7, 20] {
             let csv = first_rows(&off_axis(), n);

@@ -257,7 +257,7 @@ async fn predictions_agree_with_what_was_measured() {
     let (q_deg, measured) = first_rows(20);
     let answer = app.post_json(&path, &json!({"q_deg": q_deg})).await.ok(200);
     assert_eq!(answer["extrapolated"], json!(vec![false; 20]));
-    // The simulated set has no noise: what remains is the print of its positions.
+    // The simulated set has no noise: what remains is the rounding of its printed positions.
     const PRINT_MM: f64 = 1e-5;
     for (row, measured) in measured.iter().enumerate() {
         for (axis, expected) in measured.iter().enumerate() {
@@ -289,7 +289,7 @@ async fn after_a_slip_the_reflector_is_predicted_in_either_stretch() {
     let robot: RobotBody = serde_json::from_slice(&paper("robot.json")).unwrap();
     let links = robot.to_core().unwrap().links;
     let (q_deg, mut measured) = first_rows(100);
-    // 2 mm in the flange frame before row 40; the nominal robot's flange is turned well enough for that
+    // A shift of 2 mm in the flange frame before row 40; the nominal robot's flange rotation is accurate enough for that.
     const SLIP_ROW: usize = 40;
     let slip_mm = Vector3::new(1.2, -1.6, 0.0);
     let mut csv = String::from("subset,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,x_mm,y_mm,z_mm\n");
@@ -433,7 +433,7 @@ async fn an_uncertainty_that_is_not_true_is_absent_and_a_gate_that_needs_one_say
         .header("content-type", "application/json")
         .body(policy.to_string());
     Answer::of(put).await.ok(200);
-    // the paper's swarm, to the letter, stops before it has found the minimum
+    // The paper's swarm stops before it has reached the minimum.
     let request = json!({"measurement_set_id": set, "method": "pso", "preset": "paper"});
     let job = app.run(&robot, &request).await;
     let path = format!("/v1/jobs/{}/report", text(&job["id"]));
@@ -464,7 +464,7 @@ async fn an_uncertainty_that_is_not_true_is_absent_and_a_gate_that_needs_one_say
         .unwrap();
     assert_eq!(gate["passed"], false, "{gate}");
     assert!(text(&gate["detail"]).contains(why), "{gate}");
-    // what did converge has one, and it is said to be that of the links
+    // A converged result has one, which is stated to be that of the links.
     let refined = json!({"measurement_set_id": set_of(&job), "method": "pso", "preset": "paper", "refine": true});
     let job = app.run(&robot, &refined).await;
     let path = format!("/v1/jobs/{}/report", text(&job["id"]));

@@ -69,7 +69,7 @@ async fn one_call_goes_back_to_the_set_before_and_a_second_one_further() {
 async fn the_gates_are_told_beforehand_as_a_release_will_find_them_and_nothing_changes() {
     let app = TestApp::with_workers(1).await;
     let (robot, job) = app.identified().await;
-    let told = async || app.get(&format!("{}/gates", path(&job))).await.ok(200);
+    let gates_now = async || app.get(&format!("{}/gates", path(&job))).await.ok(200);
     let names = |found: &Value, passed: bool| -> Vec<String> {
         let gates = found["gates"]
             .as_array()
@@ -78,7 +78,7 @@ async fn the_gates_are_told_beforehand_as_a_release_will_find_them_and_nothing_c
             .filter(|gate| gate["passed"] == passed);
         gates.map(|gate| text(&gate["gate"]).to_owned()).collect()
     };
-    let found = told().await;
+    let found = gates_now().await;
     assert_eq!(
         (&found["releasable"], &found["evidence"]),
         (&json!(true), &json!("same_upload")),
@@ -89,14 +89,14 @@ async fn the_gates_are_told_beforehand_as_a_release_will_find_them_and_nothing_c
         "{found}"
     );
     assert!(found["uncertainty_mm"].as_f64().unwrap() > 0.0);
-    // A policy that asks for more: the same gates fail that refuse the release.
+    // With a stricter policy the same gates fail as in the refused release.
     let policy = json!({"tolerance_mm": 1e-6, "independent_session_required": true, "second_person_required": true});
     let put = app
         .request(Method::PUT, &format!("{robot}/policy"))
         .header("content-type", "application/json")
         .body(policy.to_string());
     Answer::of(put).await.ok(200);
-    let found = told().await;
+    let found = gates_now().await;
     assert_eq!(found["releasable"], false);
     let refused = app
         .post_json(&format!("{}/release", path(&job)), &json!({"reason": "r"}))
@@ -128,7 +128,7 @@ async fn the_gates_are_told_beforehand_as_a_release_will_find_them_and_nothing_c
         taken_back["withdrawn_at"].is_string() && taken_back["release_reason"].is_null(),
         "{taken_back}"
     );
-    let found = told().await;
+    let found = gates_now().await;
     assert_eq!(
         (&found["releasable"], names(&found, false)[0].as_str()),
         (&json!(false), "withdrawn")
@@ -142,7 +142,7 @@ async fn the_gates_are_told_beforehand_as_a_release_will_find_them_and_nothing_c
 async fn a_set_that_another_session_shows_to_be_no_better_than_nominal_is_never_released() {
     let app = TestApp::with_workers(1).await;
     let (robot, job) = app.identified().await;
-    // A session of the robot as it was drawn: there the nominal robot is right, and the identified one is not.
+    // A session of the nominal robot: there the nominal robot is right, and the identified one is not.
     let exact = predicted_by_nominal();
     let session = app
         .post(
@@ -174,7 +174,7 @@ async fn a_set_that_another_session_shows_to_be_no_better_than_nominal_is_never_
         failed(&refused).contains(&"sessions_better_than_nominal"),
         "{refused}"
     );
-    // Nor after more sessions than are weighed, other uploads each, in which it is better.
+    // Nor after many more sessions, each from another upload, in which it is better.
     for left_out in 0..9 {
         let better = rows_of("first.csv", |rows| drop(rows.remove(left_out)));
         let better = app
@@ -188,8 +188,8 @@ async fn a_set_that_another_session_shows_to_be_no_better_than_nominal_is_never_
         let better = json!({"kind": "verify", "measurement_set_id": better["id"], "parameter_set_id": job["parameter_set_id"]});
         assert_eq!(app.run(&robot, &better).await["status"], "succeeded");
     }
-    let told = app.get(&format!("{}/gates", path(&job))).await.ok(200);
-    assert_eq!(told["releasable"], false, "{told}");
+    let gates_now = app.get(&format!("{}/gates", path(&job))).await.ok(200);
+    assert_eq!(gates_now["releasable"], false, "{gates_now}");
     let refused = app
         .post_json(
             &format!("{}/release", path(&job)),
@@ -205,7 +205,7 @@ async fn a_set_that_another_session_shows_to_be_no_better_than_nominal_is_never_
             .contains(text(&scored["id"])),
         "{refused}"
     );
-    // Nor if the code forgot to look: the schema refuses it too.
+    // The schema refuses it too, even if the code did not check.
     let sql = "update parameter_set set status = 'released', released_at_ms = 1, release_checks_json = '[{\"passed\":true}]', release_n_passed = 1, release_n_failed = 0 where id = $1";
     let error = sqlx::query(sql)
         .bind(text(&job["parameter_set_id"]))
@@ -221,7 +221,7 @@ async fn a_set_that_another_session_shows_to_be_no_better_than_nominal_is_never_
         .problem(404, "no_active_parameter_set");
 }
 
-/// Poses of the paper's set with the positions that the nominal robot would have.
+/// Poses of the paper's set with the nominal robot's positions.
 fn predicted_by_nominal() -> String {
     let robot: Value = serde_json::from_slice(&paper("robot.json")).unwrap();
     let of = |link: &Value, key: &str| link[key].as_f64().unwrap_or(0.0);
@@ -281,7 +281,7 @@ async fn a_set_that_is_worse_than_the_active_one_on_the_same_points_is_not_relea
         (&json!("first"), &json!("anonymous")),
         "{active}"
     );
-    // Only two parameters: better than nominal, and worse than what is active.
+    // Identified with only two parameters: better than nominal, and worse than the active set.
     let few = json!({"measurement_set_id": first["measurement_set_id"], "method": "least_squares", "parameters": {"identify": ["theta_offset_2", "theta_offset_3"]}});
     let second = app.run(&robot, &few).await;
     let refused = app
@@ -315,8 +315,8 @@ async fn a_superseded_set_is_compared_with_the_active_one_unless_it_is_a_rollbac
         .ok(200);
     }
     assert_eq!(app.get(&path(&worse)).await.ok(200)["status"], "superseded");
-    let told = app.get(&format!("{}/gates", path(&worse))).await.ok(200);
-    assert_eq!(told["releasable"], false, "{told}");
+    let gates_now = app.get(&format!("{}/gates", path(&worse))).await.ok(200);
+    assert_eq!(gates_now["releasable"], false, "{gates_now}");
     let again = app
         .post_json(
             &format!("{}/release", path(&worse)),
@@ -353,7 +353,7 @@ async fn the_same_points_uploaded_again_are_no_independent_session() {
         .header("content-type", "application/json")
         .body(policy.to_string());
     Answer::of(put).await.ok(200);
-    // Other bytes, same points: the last row is missing and the order is another; rounded by a spreadsheet; a joint a turn further.
+    // The same points in other bytes: without the last row and in another order; rounded by a spreadsheet; with a joint a turn further.
     let reversed = rows_of("first.csv", |rows| {
         rows.pop();
         rows.reverse();
@@ -368,7 +368,7 @@ async fn the_same_points_uploaded_again_are_no_independent_session() {
         rows.iter_mut()
             .for_each(|row| row[0] = (number(&row[0]) + 360.0).to_string())
     });
-    // And one pose that was measured anew, read ten times.
+    // One pose that was measured anew, read ten times.
     let one_pose = rows_of("followup_unchanged.csv", |rows| {
         let row = rows[0].clone();
         rows.clear();
@@ -378,7 +378,7 @@ async fn the_same_points_uploaded_again_are_no_independent_session() {
             row
         }));
     });
-    // In that one pose the nominal robot is as good once the base is placed anew.
+    // In that single pose the nominal robot is as good after the base is placed again.
     let not_anew = ("same_upload", &["evidence"][..]);
     let too_little = ("none", &["sessions_better_than_nominal", "evidence"][..]);
     let sets = [
@@ -440,7 +440,7 @@ fn rows_of(name: &str, change: impl FnOnce(&mut Vec<Vec<String>>)) -> String {
 #[tokio::test]
 async fn a_bad_session_is_not_pushed_out_by_scoring_a_good_one_again_and_again() {
     let app = TestApp::with_workers(1).await;
-    // from points with noise: a session is compared with what the set missed its held-out points by
+    // From points with noise: a session is compared with the set's errors on its held-out points.
     let (robot, set) = app.robot_with_set("first_noisy.csv").await;
     let identify = json!({"measurement_set_id": set, "method": "least_squares"});
     let job = app.run(&robot, &identify).await;
@@ -508,7 +508,7 @@ async fn a_policy_is_stored_checked_and_read_back() {
     put(json!({"tolerance": 1.0}))
         .await
         .problem(422, "invalid_body");
-    // as fields in their order it would ask for nothing
+    // Written as fields in order, it would require nothing.
     put(json!([])).await.problem(422, "invalid_body");
     assert_eq!(app.get(&path).await.ok(200), strict);
     app.get("/v1/robots/rob_0/policy")

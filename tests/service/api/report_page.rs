@@ -1,4 +1,4 @@
-//! The report as a page: what is in it, what is not, and that nothing in it can act.
+//! The report page: its content, and that it has no scripts or requests.
 
 use crate::api::closed_loop::{Cell, LIMITS_DEG, csv};
 use crate::app::{TestApp, paper, text};
@@ -23,7 +23,7 @@ async fn page(app: &TestApp, job: &Value) -> (String, String) {
     )
 }
 
-/// What stands between two marks.
+/// The text between two marks.
 fn between<'a>(page: &'a str, begin: &str, end: &str) -> &'a str {
     let (_, rest) = page
         .split_once(begin)
@@ -127,7 +127,7 @@ async fn the_page_has_corrections_with_their_standard_errors_repeatability_and_w
         mut draw,
         ..
     } = Cell::registered(&app).await;
-    // a hundred poses, and three of them five times more
+    // A hundred poses, three of which have five more measurements.
     let mut poses: Vec<Vec<f64>> = (0..100).map(|_| draw.pose(&LIMITS_DEG)).collect();
     (0..5).for_each(|_| poses.extend_from_within(..3));
     let csv = csv(&truth, &poses, &mut draw);
@@ -224,7 +224,7 @@ async fn the_page_has_corrections_with_their_standard_errors_repeatability_and_w
         }
     }
 
-    // with priors no corrections are looked for
+    // With priors no corrections are identified.
     let priors = json!([{"name": "a_3", "std": 0.5, "max": 800.0}]);
     let job = app
         .run(

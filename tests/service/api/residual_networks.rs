@@ -1,11 +1,11 @@
-//! The residual network of a robot: stored and listed like the network of link parameters, and where the next one's training begins.
+//! The residual network of a robot: storage, lists, and the start of the next network's training.
 
 use crate::api::closed_loop::{Draw, LIMITS_DEG, NOISE_MM, arm, nominal, real_robot};
 use crate::app::{TestApp, text};
 use crate::real_robot::RealRobot;
 use serde_json::{Value, json};
 
-/// What neither links nor gravity nor harmonics of single joints can say: it depends on sums of joints.
+/// An error that links, gravity and harmonics of single joints cannot describe: it depends on sums of joints.
 fn drift_mm(q: &[f64]) -> [f64; 3] {
     [
         0.35 * (q[0] + q[1]).sin(),
@@ -47,7 +47,7 @@ async fn upload(app: &TestApp, robot: &str, csv: &str) -> Value {
     app.post(&path, "text/csv", csv.to_owned()).await.ok(201)["id"].clone()
 }
 
-/// A job that has succeeded, and its report's words about the network.
+/// Runs a job. Returns it, and the report's text about the network.
 async fn identified(app: &TestApp, robot: &str, set: &Value) -> (Value, Value) {
     let request =
         json!({"measurement_set_id": set, "verify": {"source": "fraction", "fraction": 0.1}});
@@ -103,7 +103,7 @@ async fn a_residual_network_is_stored_like_the_papers_and_the_next_one_goes_on_f
         "there was none before: {first}"
     );
 
-    // listed, described, and fetched: the same numbers as in the parameter set
+    // Listed, described and fetched, it has the same numbers as in the parameter set.
     let stored = networks(&app, &cell).await;
     assert_eq!(stored.len(), 1);
     assert_eq!(
@@ -146,7 +146,7 @@ async fn a_residual_network_is_stored_like_the_papers_and_the_next_one_goes_on_f
         assert!((rad.to_degrees() - deg.as_f64().unwrap()).abs() < 1e-12);
     }
 
-    // the follow-up goes on from it, and is better for it than a robot that begins anew with the same points
+    // The follow-up continues from it, and is better than a robot that starts anew with the same points.
     let second_set = upload(&app, &cell, &second_csv).await;
     let (second, warm) = identified(&app, &cell, &second_set).await;
     assert_eq!(
@@ -168,7 +168,7 @@ async fn a_residual_network_is_stored_like_the_papers_and_the_next_one_goes_on_f
     assert_eq!((&warm["kept"], &cold["kept"]), (&json!(true), &json!(true)));
     assert!(rms(&warm) < rms(&cold), "{warm} {cold}");
 
-    // one that has seen the points would make its own cross-validation worthless
+    // A network that has seen the points would make its own cross-validation worthless.
     let same_again = upload(&app, &other, &(second_csv.clone() + "\n")).await;
     let request = json!({"measurement_set_id": same_again, "residual_network_id": begun_anew["residual_network_id"]});
     let refused = app
@@ -187,7 +187,7 @@ async fn a_residual_network_is_stored_like_the_papers_and_the_next_one_goes_on_f
         .await
         .ok(202);
     assert!(posted.get("residual_network_from").is_none(), "{posted}");
-    // nor one whose training went on from one that has, nor one that has seen the points to verify
+    // The same holds for a network that continues such a network, and for one that has seen the verify points.
     let verify = json!({"source": "set", "measurement_set_id": first_set});
     for request in [
         json!({"measurement_set_id": first_set, "seed": 1}),
@@ -203,12 +203,12 @@ async fn a_residual_network_is_stored_like_the_papers_and_the_next_one_goes_on_f
         );
     }
 
-    // what does not go together is refused when it is posted
+    // Options that exclude each other are refused when the job is posted.
     let jobs = format!("{cell}/jobs");
-    let kept = &first["residual_network_id"];
+    let network_id = &first["residual_network_id"];
     for (request, code, pointer) in [
         (
-            json!({"measurement_set_id": second_set, "method": "bpnn_pso", "network_id": kept}),
+            json!({"measurement_set_id": second_set, "method": "bpnn_pso", "network_id": network_id}),
             "unknown_reference",
             "/network_id",
         ),
@@ -218,7 +218,7 @@ async fn a_residual_network_is_stored_like_the_papers_and_the_next_one_goes_on_f
             "/residual_network_id",
         ),
         (
-            json!({"measurement_set_id": second_set, "residual_network_id": kept, "corrections": "off"}),
+            json!({"measurement_set_id": second_set, "residual_network_id": network_id, "corrections": "off"}),
             "invalid_job",
             "/residual_network_id",
         ),

@@ -1,4 +1,4 @@
-//! What a session says of a parameter set, and of the robot.
+//! Sessions as evidence about a parameter set and about the robot.
 
 use crate::app::{Answer, TestApp, paper, text};
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
@@ -8,7 +8,7 @@ use std::f64::consts::TAU;
 
 /// Placements of a tracker that are tried.
 const N_PLACEMENTS: usize = 24;
-/// Poses of each: as many as a factory measures.
+/// Poses of each placement: as many as a factory measures.
 const N_POSES: usize = 40;
 const HEADER: &str = "q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,x_mm,y_mm,z_mm\n";
 
@@ -45,7 +45,7 @@ pub fn with_noise(rows: &[Row], std_mm: f64, random: &mut ChaCha8Rng) -> Vec<Row
     rows
 }
 
-/// As a levelled tracker sees them that stands somewhere in the cell.
+/// Positions in the frame of a levelled tracker that stands somewhere in the cell.
 pub fn seen_by_a_tracker(rows: &[Row], random: &mut ChaCha8Rng) -> Vec<Row> {
     let (sin, cos) = (TAU * random.random::<f64>()).sin_cos();
     let shift: [f64; 3] = std::array::from_fn(|_| 3000.0 * (random.random::<f64>() - 0.5));
@@ -60,7 +60,7 @@ pub fn seen_by_a_tracker(rows: &[Row], random: &mut ChaCha8Rng) -> Vec<Row> {
     rows.iter().map(seen).collect()
 }
 
-/// Uploads a set, also one that is suspected.
+/// Uploads a set; insists if it is refused as suspect.
 pub async fn upload(app: &TestApp, robot: &str, rows: &[Row]) -> String {
     let path = format!("{robot}/measurement-sets?frame=base");
     let first = app.post(&path, "text/csv", csv(rows)).await.json();
@@ -90,7 +90,7 @@ pub async fn scored(
     (id, report)
 }
 
-async fn asks(app: &TestApp, robot: &str, policy: Value) {
+async fn set_policy(app: &TestApp, robot: &str, policy: Value) {
     let put = app
         .request(Method::PUT, &format!("{robot}/policy"))
         .header("content-type", "application/json")
@@ -103,14 +103,14 @@ pub fn codes(report: &Value) -> Vec<&str> {
     warnings.iter().map(|w| text(&w["code"])).collect()
 }
 
-/// The gates that a release would fail now, and how strong the evidence is.
+/// The gates that a release would fail now, and the strength of the evidence.
 pub async fn failed_gates(app: &TestApp, parameter_set: &Value) -> (Vec<String>, String) {
     let path = format!("/v1/parameter-sets/{}/gates", text(parameter_set));
-    let told = app.get(&path).await.ok(200);
-    let gates = told["gates"].as_array().unwrap().iter();
+    let answer = app.get(&path).await.ok(200);
+    let gates = answer["gates"].as_array().unwrap().iter();
     let failed = gates.filter(|gate| gate["passed"] == false);
     let failed = failed.map(|gate| text(&gate["gate"]).to_owned()).collect();
-    (failed, text(&told["evidence"]).to_owned())
+    (failed, text(&answer["evidence"]).to_owned())
 }
 
 pub async fn identified_from_noisy_points(app: &TestApp) -> (String, Value) {
@@ -124,7 +124,7 @@ pub async fn identified_from_noisy_points(app: &TestApp) -> (String, Value) {
 async fn a_session_that_does_not_fit_is_no_evidence() {
     let app = TestApp::with_workers(1).await;
     let (robot, parameter_set) = identified_from_noisy_points(&app).await;
-    asks(&app, &robot, json!({"independent_session_required": true})).await;
+    set_policy(&app, &robot, json!({"independent_session_required": true})).await;
     let mut random = ChaCha8Rng::seed_from_u64(20);
     let fresh = &rows("followup_unchanged.csv")[..N_POSES];
     let release = format!("/v1/parameter-sets/{}/release", text(&parameter_set));
@@ -162,7 +162,7 @@ async fn a_session_that_does_not_fit_is_no_evidence() {
     app.post_json(&release, &json!({"reason": "it fits"}))
         .await
         .problem(409, "release_refused");
-    // No set is condemned: a session that fits ends the state, and is evidence.
+    // No set is condemned: a session that fits ends the state and is evidence.
     let set = upload(&app, &robot, &with_noise(fresh, 0.03, &mut random)).await;
     let (_, report) = scored(&app, &robot, &set, &parameter_set).await;
     assert_eq!(codes(&report), [""; 0]);
@@ -180,7 +180,7 @@ async fn a_session_that_does_not_fit_is_no_evidence() {
 async fn a_session_that_scatters_more_than_the_set_could_miss_is_no_evidence() {
     let app = TestApp::with_workers(1).await;
     let (robot, parameter_set) = identified_from_noisy_points(&app).await;
-    asks(&app, &robot, json!({"independent_session_required": true})).await;
+    set_policy(&app, &robot, json!({"independent_session_required": true})).await;
     let mut random = ChaCha8Rng::seed_from_u64(21);
     let fresh = with_noise(&rows("followup_unchanged.csv"), 0.03, &mut random);
     let whole_degrees = fresh.iter().map(|row| {
@@ -196,14 +196,17 @@ async fn a_session_that_scatters_more_than_the_set_could_miss_is_no_evidence() {
     for (name, file) in files {
         let set = upload(&app, &robot, &file).await;
         let (_, report) = scored(&app, &robot, &set, &parameter_set).await;
-        let told = codes(&report);
-        assert!(told.contains(&"session_does_not_fit"), "{name}: {told:?}");
+        let answer = codes(&report);
+        assert!(
+            answer.contains(&"session_does_not_fit"),
+            "{name}: {answer:?}"
+        );
         let (failed, evidence) = failed_gates(&app, &parameter_set).await;
         assert_eq!(evidence, "same_upload", "{name}");
         let condemned = "sessions_better_than_nominal".to_owned();
         assert!(failed.contains(&"check_robot".into()) && !failed.contains(&condemned));
     }
-    // a true session afterwards: the set is releasable again
+    // A correct session afterwards: the set is releasable again.
     let set = upload(&app, &robot, &fresh).await;
     scored(&app, &robot, &set, &parameter_set).await;
     let (failed, evidence) = failed_gates(&app, &parameter_set).await;
@@ -228,7 +231,7 @@ async fn a_robot_in_doubt_is_released_to_again_when_somebody_says_why() {
         "{:?}",
         report["warnings"]
     );
-    // A session from before, uploaded again with noise, is no sign that all is well; nor are the points that were fitted.
+    // An earlier session that is uploaded again with noise does not end the state; nor do the fitted points.
     let again = upload(&app, &robot, &rows("first_noisy.csv")).await;
     scored(&app, &robot, &again, &parameter_set).await;
     assert_eq!(app.get(&robot).await.ok(200)["state"], "check_robot");
@@ -257,9 +260,9 @@ async fn every_session_counts_and_a_copy_with_noise_is_no_other_session() {
     let app = TestApp::with_workers(1).await;
     let (robot, parameter_set) = identified_from_noisy_points(&app).await;
     let policy = json!({"tolerance_mm": 0.3, "independent_session_required": true});
-    asks(&app, &robot, policy).await;
+    set_policy(&app, &robot, policy).await;
     let mut random = ChaCha8Rng::seed_from_u64(22);
-    // Copies of the identified upload, with noise as small and as large as one likes, support nothing.
+    // Copies of the identified upload, with noise of any size, support nothing.
     let first = rows("first_noisy.csv");
     for std_mm in [0.005, 0.02, 0.05, 0.1] {
         let copy = upload(&app, &robot, &with_noise(&first, std_mm, &mut random)).await;
@@ -272,7 +275,7 @@ async fn every_session_counts_and_a_copy_with_noise_is_no_other_session() {
             "{std_mm} mm"
         );
     }
-    // A true session in which the set is 0.4 mm off, measured while the clock was two days back.
+    // A correct session in which the set is 0.4 mm off, measured while the clock was two days behind.
     let mut off = with_noise(&rows("followup_unchanged.csv"), 0.03, &mut random);
     off.iter_mut()
         .enumerate()
@@ -285,7 +288,7 @@ async fn every_session_counts_and_a_copy_with_noise_is_no_other_session() {
         .execute(app.server.store.pool())
         .await
         .unwrap();
-    // Nine good ones after it, other uploads each, do not push it out.
+    // Nine good sessions after it, each from another upload, do not outweigh it.
     for left_out in 0..9 {
         let mut good = rows("followup_unchanged.csv");
         good.remove(left_out);
@@ -294,7 +297,7 @@ async fn every_session_counts_and_a_copy_with_noise_is_no_other_session() {
     }
     let (failed, _) = failed_gates(&app, &parameter_set).await;
     assert_eq!(failed, ["verify_errors_within_tolerance"]);
-    // Nor does the schema forget it.
+    // The schema keeps it, too.
     let sql = "update parameter_set set status = 'released', released_at_ms = 1, release_checks_json = '[{\"passed\":true}]', release_n_passed = 1, release_n_failed = 0,
         release_evidence = 'independent_session', release_uncertainty_mm = 0.01 where id = $1";
     let error = sqlx::query(sql)
@@ -320,7 +323,7 @@ async fn a_rollback_goes_to_what_was_superseded_whatever_the_clock_said() {
             .await
             .ok(200);
         if at == 0 {
-            // The clock was 30 days ahead, and is corrected.
+            // The clock was 30 days ahead and is corrected.
             sqlx::query("update parameter_set set released_at_ms = released_at_ms + 2592000000 where id = $1")
                 .bind(text(set))
                 .execute(app.server.store.pool())

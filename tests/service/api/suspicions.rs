@@ -1,4 +1,4 @@
-//! Uploads that are refused by suspicion, the remedies that the refusals name, and uploads that somebody insists on.
+//! Uploads that are refused as suspect, the remedies in the refusals, and uploads that are accepted with `insist`.
 
 use crate::app::{Answer, TestApp, paper, text};
 use crate::people::{Person, guarded};
@@ -21,7 +21,7 @@ pub fn changed(name: &str, change: impl Fn(&mut [f64], &mut [f64])) -> String {
     text
 }
 
-/// As a levelled tracker sees it, 2.7 m away and turned by 53°.
+/// Position in the frame of a levelled tracker, 2.7 m away and turned by 53°.
 pub fn by_a_tracker(name: &str) -> String {
     let (sin, cos) = 53.0f64.to_radians().sin_cos();
     changed(name, |_, p| {
@@ -32,8 +32,8 @@ pub fn by_a_tracker(name: &str) -> String {
     })
 }
 
-/// Positions that have nothing to do with the joint values.
-fn of_nothing(name: &str) -> String {
+/// Positions that are unrelated to the joint values.
+fn unrelated_positions(name: &str) -> String {
     let row = std::cell::Cell::new(0.0);
     changed(name, |_, p| {
         row.set(row.get() + 1.0);
@@ -78,7 +78,7 @@ async fn a_tracker_file_read_as_base_frame_is_refused_with_the_remedy_and_calibr
     assert_eq!(set["warnings"], json!([]));
     let (_, report) = report(&app, &robot, &set).await;
     let verify_mm = report["verify"]["after"]["rms_mm"].as_f64().unwrap();
-    // the file's noise is 0.05 mm in each coordinate
+    // The file's noise is 0.05 mm in each coordinate.
     assert!(verify_mm < 0.2, "{verify_mm} mm");
 }
 
@@ -152,7 +152,7 @@ async fn an_upload_that_was_insisted_on_is_kept_shown_and_never_released() {
         codes(&problem["errors"]).contains(&"upload_not_insisted"),
         "{problem}"
     );
-    // insisting on a set that needs none is not kept with it
+    // Insisting on a set that needs no insisting is not stored.
     let fine = upload(&app, &robot, "frame=instrument&insist=frame_suspect", &csv)
         .await
         .ok(201);
@@ -180,7 +180,7 @@ async fn a_session_that_was_insisted_on_supports_no_release() {
 async fn a_job_whose_points_do_not_fit_leaves_no_network() {
     let app = TestApp::with_workers(1).await;
     let robot = app.paper_robot().await;
-    let csv = of_nothing("first.csv");
+    let csv = unrelated_positions("first.csv");
     upload(&app, &robot, "frame=base", &csv)
         .await
         .problem(422, "poor_alignment");
@@ -195,7 +195,7 @@ async fn a_job_whose_points_do_not_fit_leaves_no_network() {
         .await
         .ok(200);
     assert!(codes(&report["warnings"]).contains(&"no_fit"), "{report}");
-    // no figure stands beside what does not fit
+    // No figure is shown for a result that does not fit.
     assert_eq!(report["tool_uncertainty_mm"], Value::Null);
     assert_eq!(report["flange_rotation_std_deg"], Value::Null);
     let why = text(&report["tool_uncertainty_absent_because"]);
@@ -233,7 +233,7 @@ async fn in_a_terminal_nothing_that_does_not_fit_is_a_success_or_invites_to_rele
         path.display().to_string()
     };
     let tracker = file("tracker.csv", &by_a_tracker("first_noisy.csv"));
-    let nothing = file("nothing.csv", &of_nothing("first.csv"));
+    let nothing = file("nothing.csv", &unrelated_positions("first.csv"));
     let (app, _data) = guarded(1).await;
     let person = Person::new(&app, &["read", "upload", "identify"]).await;
     let body: Value = serde_json::from_slice(&paper("robot.json")).unwrap();
@@ -254,16 +254,13 @@ async fn in_a_terminal_nothing_that_does_not_fit_is_a_success_or_invites_to_rele
             )
             .await
         };
-        let (code, _, complaints) = run(&[&tracker]).await;
-        assert_eq!(code, Some(2), "{complaints}");
-        assert!(complaints.contains("--frame instrument"), "{complaints}");
-        assert!(
-            complaints.contains("--insist frame_suspect"),
-            "{complaints}"
-        );
-        let (code, told, complaints) = run(&[&tracker, "--frame", "instrument"]).await;
-        assert_eq!(code, Some(0), "{told} {complaints}");
-        let (code, told, complaints) = run(&[
+        let (code, _, stderr) = run(&[&tracker]).await;
+        assert_eq!(code, Some(2), "{stderr}");
+        assert!(stderr.contains("--frame instrument"), "{stderr}");
+        assert!(stderr.contains("--insist frame_suspect"), "{stderr}");
+        let (code, stdout, stderr) = run(&[&tracker, "--frame", "instrument"]).await;
+        assert_eq!(code, Some(0), "{stdout} {stderr}");
+        let (code, stdout, stderr) = run(&[
             &nothing,
             "--insist",
             "poor_alignment",
@@ -271,14 +268,14 @@ async fn in_a_terminal_nothing_that_does_not_fit_is_a_success_or_invites_to_rele
             "least_squares",
         ])
         .await;
-        assert_eq!(code, Some(1), "{told} {complaints}");
+        assert_eq!(code, Some(1), "{stdout} {stderr}");
         assert!(
-            complaints.contains("(no_fit)") && complaints.contains("check the file"),
-            "{complaints}"
+            stderr.contains("(no_fit)") && stderr.contains("check the file"),
+            "{stderr}"
         );
         assert!(
-            !told.contains("kincal release") && !complaints.contains("kincal release"),
-            "{told} {complaints}"
+            !stdout.contains("kincal release") && !stderr.contains("kincal release"),
+            "{stdout} {stderr}"
         );
     }
 }

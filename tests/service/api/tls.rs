@@ -1,4 +1,4 @@
-//! TLS by option, with certificates made for each test and `curl` as a client that checks them.
+//! TLS, with certificates made for each test and `curl` as a client that checks them.
 
 use crate::app::TestApp;
 use crate::raw::Raw;
@@ -8,10 +8,10 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use std::time::{Duration, Instant};
 
-/// Exit code of curl where nobody it knows vouches for the server.
+/// Exit code of curl for a certificate that it cannot verify.
 const NOT_VOUCHED_FOR: i32 = 60;
 
-/// A self-signed certificate for 127.0.0.1 and its key, as docs/operations.md makes one.
+/// Makes a self-signed certificate for 127.0.0.1 and its key, as in docs/operations.md.
 fn certificate(dir: &Path, name: &str) -> TlsConfig {
     certificate_of(
         dir,
@@ -62,7 +62,7 @@ fn certificate_of(dir: &Path, name: &str, names: &str, constraints: &str) -> Tls
     }
 }
 
-/// A server that speaks TLS, the file of its certificate, and where that lies.
+/// Starts a server with TLS. Returns it, the file of its certificate, and the temporary folder.
 async fn server() -> (TestApp, PathBuf, tempfile::TempDir) {
     let dir = tempfile::tempdir().unwrap();
     let tls = certificate(dir.path(), "server");
@@ -86,7 +86,7 @@ async fn server_with(
     (TestApp::with_config(config).await, certificate, dir)
 }
 
-/// Runs beside the server, which shares this thread's runtime.
+/// Runs a blocking command without blocking the server, which shares this thread's runtime.
 async fn curl(arguments: Vec<String>) -> Output {
     let mut command = Command::new("curl");
     command
@@ -174,7 +174,7 @@ async fn another_certificate_is_not_taken_for_the_servers() {
     );
 }
 
-/// What a person types, without the certificates that this machine trusts.
+/// Runs the command line without the certificates that this machine trusts.
 async fn kincal(
     app: &TestApp,
     arguments: &[&str],
@@ -200,14 +200,18 @@ async fn kincal(
 async fn the_command_line_speaks_tls_and_checks_who_is_there() {
     let (app, trusted, dir) = server().await;
     let other = certificate(dir.path(), "other").tls_cert.unwrap();
-    let said = kincal(&app, &["--ca-cert", trusted.to_str().unwrap()], &[]).await;
-    assert_eq!(said, (Some(0), String::new()));
-    let said = kincal(&app, &[], &[("SSL_CERT_FILE", &trusted)]).await;
-    assert_eq!(said, (Some(0), String::new()), "one that the system trusts");
+    let output = kincal(&app, &["--ca-cert", trusted.to_str().unwrap()], &[]).await;
+    assert_eq!(output, (Some(0), String::new()));
+    let output = kincal(&app, &[], &[("SSL_CERT_FILE", &trusted)]).await;
+    assert_eq!(
+        output,
+        (Some(0), String::new()),
+        "one that the system trusts"
+    );
     for arguments in [vec![], vec!["--ca-cert", other.to_str().unwrap()]] {
         let (code, complaints) = kincal(&app, &arguments, &[]).await;
         assert_eq!(code, Some(1), "{arguments:?}: {complaints}");
-        // this machine has no certificates at all, or others
+        // With other system certificates, or none at all.
         let reason = if arguments.is_empty() {
             "no certificate can be checked"
         } else {
@@ -270,11 +274,11 @@ async fn browsers_are_told_to_come_by_tls_again() {
         let url = format!("{}{path}", app.server.url());
         let trusted = certificate.to_str().unwrap();
         let arguments = ["--include", "--cacert", trusted, &url];
-        let said = curl(arguments.map(str::to_owned).to_vec()).await.stdout;
-        let said = String::from_utf8(said).unwrap().to_lowercase();
+        let output = curl(arguments.map(str::to_owned).to_vec()).await.stdout;
+        let output = String::from_utf8(output).unwrap().to_lowercase();
         assert!(
-            said.contains("strict-transport-security: max-age=31536000\r\n"),
-            "{path}: {said}"
+            output.contains("strict-transport-security: max-age=31536000\r\n"),
+            "{path}: {output}"
         );
     }
     let plain = TestApp::spawn().await.get("/healthz").await;
@@ -288,8 +292,8 @@ async fn plain_http_is_not_answered_on_the_port_of_tls() {
     plain
         .send(b"GET /healthz HTTP/1.1\r\nhost: localhost\r\n\r\n")
         .await;
-    let said = plain.rest().await;
-    assert!(!said.contains("HTTP/1.1"), "{said:?}");
+    let output = plain.rest().await;
+    assert!(!output.contains("HTTP/1.1"), "{output:?}");
     assert!(
         get(&app, "/healthz", &certificate, &[])
             .await
@@ -310,13 +314,16 @@ async fn what_no_route_gets_to_see_says_that_this_host_speaks_tls_too() {
         let arguments = ["--include", "--cacert", certificate.to_str().unwrap(), &url];
         let arguments = arguments.iter().chain(&more);
         let answer = curl(arguments.map(|text| (*text).to_owned()).collect()).await;
-        let said = String::from_utf8(answer.stdout).unwrap().to_lowercase();
-        assert!(said.starts_with(&format!("http/1.1 {status} ")), "{said}");
+        let output = String::from_utf8(answer.stdout).unwrap().to_lowercase();
         assert!(
-            said.contains("strict-transport-security: max-age="),
-            "{said}"
+            output.starts_with(&format!("http/1.1 {status} ")),
+            "{output}"
         );
-        assert!(said.contains("application/problem+json"), "{said}");
+        assert!(
+            output.contains("strict-transport-security: max-age="),
+            "{output}"
+        );
+        assert!(output.contains("application/problem+json"), "{output}");
     }
 }
 
@@ -401,7 +408,7 @@ fn plain_http_beyond_loopback_is_wrong_usage_unless_it_is_said_aloud() {
             .all(|part| message.contains(part)),
         "{message}"
     );
-    // The port is taken, so that nothing is served beyond this machine: the settings were accepted, and the address was not.
+    // The port is in use, so nothing is served to the network: the settings were accepted, and only the address was refused.
     let (code, message) = serve(&["--insecure-http"]);
     assert_eq!(
         (code, message.contains("cannot listen")),

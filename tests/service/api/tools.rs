@@ -1,4 +1,4 @@
-//! The commands that read other people's files and write them.
+//! The commands that read and write files of other programs.
 
 use crate::api::compensate::parameter_set;
 use crate::app::TestApp;
@@ -24,7 +24,7 @@ fn path(folder: &Path, name: &str, text: &str) -> String {
 
 #[test]
 fn a_program_is_corrected_by_a_file_and_by_a_server_alike() {
-    // the command runs its own runtime: it must not stand on this test's
+    // The command runs its own runtime, which must not run inside this test's.
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .enable_all()
         .build()
@@ -105,7 +105,7 @@ fn a_program_is_corrected_by_a_file_and_by_a_server_alike() {
             );
         }
     }
-    // a tool of its own, wherever on the command line and whatever the signs
+    // An explicit tool, anywhere on the command line and with any signs.
     let with_tool = |tool: &[&str]| {
         let output = kincal(&[&["compensate", "--json"], tool, &[&parameters, &program]].concat());
         assert!(
@@ -220,11 +220,11 @@ fn options_win_over_a_plans_request_and_what_is_assumed_is_said() {
         "--measured",
         &paper_path("first.csv"),
     ]);
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(2), "{said}");
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{stderr}");
     assert!(
-        said.contains("--frame base or --frame instrument"),
-        "{said}"
+        stderr.contains("--frame base or --frame instrument"),
+        "{stderr}"
     );
 }
 
@@ -238,10 +238,10 @@ fn semicolons_are_read_where_they_are_declared_and_named_where_they_cannot_be() 
     let set = path(folder.path(), "semi.csv", &text);
     let robot = paper_path("robot.json");
     let output = kincal(&["calibrate", &robot, &set]);
-    let said = String::from_utf8_lossy(&output.stderr);
+    let stderr = String::from_utf8_lossy(&output.stderr);
     assert!(
-        output.status.code() == Some(2) && said.contains("--decimal-comma"),
-        "{said}"
+        output.status.code() == Some(2) && stderr.contains("--decimal-comma"),
+        "{stderr}"
     );
     let report = |arguments: &[&str]| {
         let output = kincal(&[&["calibrate", "--json", &robot], arguments].concat());
@@ -268,11 +268,11 @@ fn semicolons_are_read_where_they_are_declared_and_named_where_they_cannot_be() 
         vec!["compensate", robot.as_str(), program.as_str()],
     ] {
         let output = kincal(&arguments);
-        let said = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(2), "{said}");
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{stderr}");
         assert!(
-            said.contains("columns are separated by ';': save it with commas"),
-            "{said}"
+            stderr.contains("columns are separated by ';': save it with commas"),
+            "{stderr}"
         );
     }
 }
@@ -290,11 +290,11 @@ fn a_robot_file_may_begin_with_a_mark_and_has_to_be_an_object() {
     );
     let seven = path(folder.path(), "seven.json", "7");
     let output = kincal(&["calibrate", &seven, &paper_path("first.csv")]);
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(2), "{said}");
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{stderr}");
     assert!(
-        said.contains("it is not JSON of a robot (an object is expected"),
-        "{said}"
+        stderr.contains("it is not JSON of a robot (an object is expected"),
+        "{stderr}"
     );
 }
 
@@ -302,12 +302,15 @@ fn a_robot_file_may_begin_with_a_mark_and_has_to_be_an_object() {
 fn a_server_is_named_by_a_url_and_its_silence_by_its_cause() {
     for server in ["127.0.0.1:19100", "ftp://x"] {
         let output = kincal(&["robots", "--server", server]);
-        let said = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(2), "{said}");
-        assert!(said.contains("begins with http:// or https://"), "{said}");
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{stderr}");
+        assert!(
+            stderr.contains("begins with http:// or https://"),
+            "{stderr}"
+        );
     }
     let output = kincal(&["robots", "--server", "http://127.0.0.1:1"]);
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(1), "{said}");
-    assert!(said.contains("refused"), "{said}");
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{stderr}");
+    assert!(stderr.contains("refused"), "{stderr}");
 }

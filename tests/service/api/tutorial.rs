@@ -1,4 +1,4 @@
-//! The tutorial, done: every command line of its code blocks, in order, in a shell of its own, with the binary under test.
+//! Runs the tutorial: every command line of its code blocks, in order, in one shell, with the binary under test.
 
 use serde_json::Value;
 use std::net::TcpListener;
@@ -15,8 +15,8 @@ pub fn commands(file: &str) -> Vec<String> {
         .collect()
 }
 
-/// What a reader puts in place of a word in capitals: the newest of its kind.
-fn of_the_reader(word: &str) -> String {
+/// The value for a placeholder in capitals: the id of the newest item of its kind.
+fn placeholder_value(word: &str) -> String {
     let newest = "python3 -c 'import json, sys; print(json.load(sys.stdin)[\"items\"][0][\"id\"])'";
     match word {
         "ROBOT_ID" => format!("$(kincal robots --json | {newest})"),
@@ -26,14 +26,14 @@ fn of_the_reader(word: &str) -> String {
     }
 }
 
-/// The commands as one script. Other than a reader it has the binary built already, another port, and waits for the server by asking it.
+/// The commands as one script. It differs from the tutorial in three ways: the binary is already built, the port is another, and it polls the server until it is ready.
 fn script(port: u16) -> String {
     let mut script = String::from("set -euo pipefail\ntrap 'kill $(jobs -p)' EXIT\n");
     for command in commands("docs/tutorial.md") {
         if command == "cargo build --release --locked" {
             continue;
         }
-        let words: Vec<String> = command.split(' ').map(of_the_reader).collect();
+        let words: Vec<String> = command.split(' ').map(placeholder_value).collect();
         let command = words.join(" ").replace(":8080", &format!(":{port}"));
         script += &format!(
             "echo {:?}\n{command}\n",
@@ -83,14 +83,14 @@ fn the_tutorial_does_what_it_says() {
         .envs([("KINCAL_SERVER", &server), ("KINCAL_URL", &server)])
         .output()
         .unwrap();
-    let told = String::from_utf8(stdout).unwrap();
+    let printed = String::from_utf8(stdout).unwrap();
     assert!(
         status.success(),
-        "{told}\n{}",
+        "{printed}\n{}",
         String::from_utf8_lossy(&stderr)
     );
 
-    // what the text promises of each step
+    // The results that the text promises for each step.
     for expected in [
         "verify (50), after",
         "passed   verify_errors_improved",
@@ -98,7 +98,7 @@ fn the_tutorial_does_what_it_says() {
         "fetched par_",
         "SHA-256",
     ] {
-        assert!(told.contains(expected), "{expected}:\n{told}");
+        assert!(printed.contains(expected), "{expected}:\n{printed}");
     }
     let parameters: Value =
         serde_json::from_slice(&std::fs::read(folder.path().join("parameters.json")).unwrap())

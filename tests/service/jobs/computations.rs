@@ -1,6 +1,6 @@
-//! Computations that do what the job's request tells them, so that one function serves all tests.
+//! Test computations whose behaviour is in the job's request, so that one function serves all tests.
 //!
-//! A computation can wait at a gate, which the test opens: nothing here depends on how long something takes.
+//! A computation can wait at a gate, which the test opens, so no test depends on durations.
 
 use std::collections::HashMap;
 use std::ops::ControlFlow;
@@ -11,15 +11,15 @@ use kincal::jobs::{JobFailure, JobInputs, JobOutcome, JobSignals, Progress, Work
 use kincal::store::{JobRow, NewNetwork, NewParameterSet, Store, jobs};
 use kincal::wire::job::Stage;
 
-/// Long enough for everything in the tests that is not about leases running out.
+/// Lease for all tests that are not about expired leases.
 pub const LONG: Duration = Duration::from_secs(60);
-/// If something has not happened by then, it will not.
+/// Timeout: what has not happened by then is a failure.
 const PATIENCE: Duration = Duration::from_secs(30);
 
 pub type Monitor<'a> = &'a mut dyn FnMut(Progress) -> ControlFlow<()>;
 pub type Computed = Result<JobOutcome, JobFailure>;
 
-/// Does what the request says.
+/// Runs the behaviour in the request.
 pub fn obey(inputs: &JobInputs, monitor: Monitor<'_>) -> Computed {
     match inputs.job.request_json.as_str() {
         "succeed" => Ok(outcome(inputs)),
@@ -58,7 +58,7 @@ pub fn obey(inputs: &JobInputs, monitor: Monitor<'_>) -> Computed {
     }
 }
 
-/// What every successful computation gives; it depends on the inputs alone.
+/// Result of a successful computation; it depends on the inputs alone.
 fn outcome(inputs: &JobInputs) -> JobOutcome {
     JobOutcome {
         report_json: format!(r#"{{"n_bytes":{}}}"#, inputs.set.body.len()),
@@ -117,7 +117,7 @@ impl Gate {
     }
 }
 
-/// Waits until the job's computation runs and has come to its gate.
+/// Waits until the job's computation has reached its gate.
 pub async fn arrived(job_id: &str) {
     let gate = gate(job_id);
     let arrived = tokio::task::spawn_blocking(move || {
@@ -132,7 +132,7 @@ pub async fn arrived(job_id: &str) {
     assert!(arrived.await.unwrap(), "the computation did not begin");
 }
 
-/// Looks at the job until it is as wanted.
+/// Polls the job until it satisfies the predicate.
 pub async fn until(store: &Store, job_id: &str, wanted: impl Fn(&JobRow) -> bool) -> JobRow {
     let mut looks = tokio::time::interval(Duration::from_millis(5));
     let looking = async {

@@ -1,4 +1,4 @@
-//! What the queue and its workers promise, on each engine.
+//! The promises of the queue and its workers, on each engine.
 
 mod computations;
 mod pool;

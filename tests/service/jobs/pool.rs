@@ -1,4 +1,4 @@
-//! The pool: runs what is posted, and shuts down without losing or repeating anything.
+//! The worker pool: it runs posted jobs, and shuts down without losing or repeating any.
 
 use std::time::{Duration, Instant};
 
@@ -51,7 +51,7 @@ fn a_pool_finds_jobs_that_nobody_signalled() {
     for_each_engine(async |database| {
         let store = &database.store;
         let pool = WorkerPool::start(store.clone(), obey, 1, RULES, JobSignals::default());
-        // Posted through another process.
+        // Posted as if by another process.
         let job = a_lone_job(store, "succeed").await;
         assert_eq!(
             until(store, &job.id, |job| job.status.is_over())
@@ -80,7 +80,7 @@ fn a_worker_goes_on_with_what_waits_without_a_signal_for_each() {
                 JobStatus::Succeeded
             );
         }
-        // One that waits to be polled takes a second for each.
+        // A pool that only polls would take a second for each.
         assert!(
             begun.elapsed() < Duration::from_secs(10),
             "{:?}",
@@ -105,20 +105,20 @@ fn a_pool_forgets_the_idempotency_keys_of_long_ago_and_no_others() {
                 .unwrap();
         }
         let pool = WorkerPool::start(store.clone(), obey, 0, RULES, JobSignals::default());
-        let kept = async {
+        let remaining = async {
             loop {
-                let kept: Vec<String> =
+                let remaining: Vec<String> =
                     sqlx::query_scalar("select idempotency_key from idempotency")
                         .fetch_all(store.pool())
                         .await
                         .unwrap();
-                if kept.len() < 2 {
-                    return kept;
+                if remaining.len() < 2 {
+                    return remaining;
                 }
             }
         };
         assert_eq!(
-            tokio::time::timeout(LONG, kept).await.unwrap(),
+            tokio::time::timeout(LONG, remaining).await.unwrap(),
             ["at (select now_ms from clock)"]
         );
         pool.shutdown(LONG).await;
@@ -147,7 +147,7 @@ fn a_pool_that_shuts_down_lets_computations_finish_in_time() {
         let store = &database.store;
         let job = a_lone_job(store, "report progress, wait at the gate").await;
         let waiting = a_lone_job(store, "succeed").await;
-        // The lease is shorter than what the draining takes: it must be kept.
+        // The lease is shorter than the draining, so it must be renewed.
         let pool = WorkerPool::start(
             store.clone(),
             obey,
@@ -213,7 +213,7 @@ fn a_computation_that_does_not_stop_is_handed_back_and_its_late_result_is_not_st
             JobStatus::Queued
         );
         gate(&job.id).open();
-        // Another pool computes it, once.
+        // Another pool computes the job, once.
         let pool = WorkerPool::start(store.clone(), obey, 1, RULES, JobSignals::default());
         let done = until(store, &job.id, |job| job.status.is_over()).await;
         assert_eq!((done.status, done.attempt), (JobStatus::Succeeded, 1));
@@ -260,14 +260,14 @@ fn a_cancelled_job_is_over_soon_though_its_computation_does_not_look_and_its_wor
         arrived(&deaf.id).await;
         let next = a_job(store, &set, "succeed").await;
         signals.job_enqueued();
-        let asked = Instant::now();
+        let started = Instant::now();
         queue::cancel(store, &signals, &deaf.id, "anybody")
             .await
             .unwrap();
         let over = until(store, &deaf.id, |job| job.status.is_over()).await;
         assert_eq!(over.status, JobStatus::Cancelled);
-        assert!(asked.elapsed() < LONG / 10, "{:?}", asked.elapsed());
-        // more than enough to claim it
+        assert!(started.elapsed() < LONG / 10, "{:?}", started.elapsed());
+        // more than enough time to claim it
         tokio::time::sleep(Duration::from_millis(300)).await;
         assert_eq!(
             jobs::get(store, &next.id).await.unwrap().status,
@@ -286,7 +286,7 @@ fn a_cancelled_job_is_over_soon_though_its_computation_does_not_look_and_its_wor
             JobStatus::Cancelled,
             "what it gave in the end is nobody's"
         );
-        // a pool that shuts down does not wait for such a thread
+        // A pool that shuts down does not wait for such a thread.
         let deaf = a_job(store, &set, "report progress, wait at the gate").await;
         signals.job_enqueued();
         arrived(&deaf.id).await;
@@ -294,9 +294,9 @@ fn a_cancelled_job_is_over_soon_though_its_computation_does_not_look_and_its_wor
             .await
             .unwrap();
         until(store, &deaf.id, |job| job.status.is_over()).await;
-        let asked = Instant::now();
+        let started = Instant::now();
         pool.shutdown(LONG).await;
-        assert!(asked.elapsed() < LONG / 10, "{:?}", asked.elapsed());
+        assert!(started.elapsed() < LONG / 10, "{:?}", started.elapsed());
         gate(&deaf.id).open();
     });
 }
@@ -318,7 +318,7 @@ fn a_cancelled_computation_without_an_end_keeps_its_worker_no_longer_than_a_job_
         queue::cancel(store, &signals, &deaf.id, "anybody")
             .await
             .unwrap();
-        let (next, asked) = (a_job(store, &set, "succeed").await, Instant::now());
+        let (next, started) = (a_job(store, &set, "succeed").await, Instant::now());
         signals.job_enqueued();
         assert_eq!(
             until(store, &next.id, |job| job.status.is_over())
@@ -326,8 +326,8 @@ fn a_cancelled_computation_without_an_end_keeps_its_worker_no_longer_than_a_job_
                 .status,
             JobStatus::Succeeded
         );
-        // the gate would give up later
-        assert!(asked.elapsed() < LONG / 4, "{:?}", asked.elapsed());
+        // The gate would time out later.
+        assert!(started.elapsed() < LONG / 4, "{:?}", started.elapsed());
         assert_eq!(
             jobs::get(store, &deaf.id).await.unwrap().status,
             JobStatus::Cancelled
@@ -337,8 +337,8 @@ fn a_cancelled_computation_without_an_end_keeps_its_worker_no_longer_than_a_job_
     });
 }
 
-/// As if the process that has these jobs had died.
-async fn their_process_dies(store: &kincal::store::Store, ids: &[&str]) {
+/// Expires the leases of these jobs, as if their process had died.
+async fn expire_leases_of(store: &kincal::store::Store, ids: &[&str]) {
     for id in ids {
         let lost = "update job set lease_until_ms = 1, owner = 'dead' where id = $1 and status = 'running'";
         let done = sqlx::query(lost).bind(*id).execute(store.pool()).await;
@@ -362,7 +362,7 @@ fn jobs_under_which_a_process_died_run_alone_one_after_the_other_and_after_all_o
         for _ in 0..2 {
             leases::claim(store, "dead", LONG).await.unwrap().unwrap();
         }
-        their_process_dies(store, &[&first, &second]).await;
+        expire_leases_of(store, &[&first, &second]).await;
         let other = a_job(store, &set, at_the_gate).await.id;
 
         let signals = JobSignals::default();
@@ -376,7 +376,7 @@ fn jobs_under_which_a_process_died_run_alone_one_after_the_other_and_after_all_o
         );
         gate(&other).open();
         arrived(&first).await;
-        // A job that comes while a suspect runs waits, though three workers have nothing to do.
+        // A job that is posted while a suspect runs waits, although three workers are idle.
         let late = a_job(store, &set, "succeed").await.id;
         signals.job_enqueued();
         let renewed = jobs::get(store, &first).await.unwrap().lease_until_ms;
@@ -410,13 +410,13 @@ fn a_suspect_has_its_turn_though_other_jobs_keep_coming() {
         let set = a_set(store, &a_robot(store, "r").await).await;
         let suspect = a_job(store, &set, "succeed").await.id;
         leases::claim(store, "dead", LONG).await.unwrap().unwrap();
-        their_process_dies(store, &[&suspect]).await;
+        expire_leases_of(store, &[&suspect]).await;
         let signals = JobSignals::default();
         let rules = Rules {
             lease: Duration::from_secs(1),
             ..RULES
         };
-        // Two jobs run and two wait at any moment, from the beginning until the suspect has had its turn.
+        // Two jobs run and two wait at any moment until the suspect has run.
         let mut others = std::collections::VecDeque::new();
         for _ in 0..4 {
             others.push_back(a_job(store, &set, "run until stopped").await.id);

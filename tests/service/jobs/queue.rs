@@ -1,4 +1,4 @@
-//! The queue: who gets which job, and who may still touch it.
+//! The queue: the order of claims, and fencing of workers that lost a job.
 
 use std::collections::HashSet;
 use std::time::Duration;
@@ -20,8 +20,8 @@ async fn claim(store: &Store, owner: &str) -> Lease {
         .expect("a job waits")
 }
 
-/// As if the time of this lease were over.
-async fn let_it_run_out(store: &Store, lease: &Lease) {
+/// Expires this lease.
+async fn wait_until_expired(store: &Store, lease: &Lease) {
     sqlx::query("update job set lease_until_ms = 1 where id = $1")
         .bind(&lease.job_id)
         .execute(store.pool())
@@ -55,8 +55,8 @@ fn is_lost<T: std::fmt::Debug>(result: &Result<T>) -> bool {
     matches!(result, Err(Error::Conflict(Conflict::LeaseLost)))
 }
 
-/// Everything a worker can do to a job.
-async fn everything_is_refused(store: &Store, lease: &Lease) {
+/// Every operation of a worker on a job.
+async fn assert_all_refused(store: &Store, lease: &Lease) {
     assert!(is_lost(
         &leases::heartbeat(store, lease, LONG, Some("{}")).await
     ));
@@ -187,10 +187,10 @@ fn a_lease_lasts_as_long_as_it_was_asked_for_and_from_each_heartbeat_anew() {
         leases::heartbeat(store, &lease, 2 * LONG, None)
             .await
             .unwrap();
-        let kept = jobs::get(store, &job.id).await.unwrap();
-        assert!(kept.lease_until_ms.unwrap() >= after_ms + 120_000);
+        let renewed = jobs::get(store, &job.id).await.unwrap();
+        assert!(renewed.lease_until_ms.unwrap() >= after_ms + 120_000);
         assert_eq!(
-            kept.progress_json.as_deref(),
+            renewed.progress_json.as_deref(),
             Some("1"),
             "a heartbeat without progress keeps the last one"
         );
@@ -211,22 +211,22 @@ fn after_a_lease_ran_out_the_job_is_begun_again_and_its_first_worker_can_do_noth
             (vec![], vec![], vec![]),
             "the lease holds"
         );
-        let_it_run_out(store, &stale).await;
+        wait_until_expired(store, &stale).await;
         assert_eq!(expire(store).await, (vec![job.id.clone()], vec![], vec![]));
         let waiting = jobs::get(store, &job.id).await.unwrap();
         assert_eq!(
             (waiting.status, waiting.progress_json, waiting.started_at_ms),
             (JobStatus::Queued, None, None)
         );
-        everything_is_refused(store, &stale).await;
+        assert_all_refused(store, &stale).await;
         let second = claim(store, "alive").await;
         assert_eq!(
             (second.job_id.as_str(), second.attempt),
             (job.id.as_str(), 2)
         );
-        everything_is_refused(store, &stale).await;
-        // Nor under its own name, should the same worker have taken it again.
-        everything_is_refused(
+        assert_all_refused(store, &stale).await;
+        // The old lease does nothing either if the same worker has claimed the job again.
+        assert_all_refused(
             store,
             &Lease {
                 attempt: 1,
@@ -234,7 +234,7 @@ fn after_a_lease_ran_out_the_job_is_begun_again_and_its_first_worker_can_do_noth
             },
         )
         .await;
-        everything_is_refused(
+        assert_all_refused(
             store,
             &Lease {
                 owner: "stopped".into(),
@@ -249,7 +249,7 @@ fn after_a_lease_ran_out_the_job_is_begun_again_and_its_first_worker_can_do_noth
         queue::finish(store, &second, &an_outcome("fresh"))
             .await
             .unwrap();
-        everything_is_refused(store, &stale).await;
+        assert_all_refused(store, &stale).await;
         assert_eq!(jobs::report(store, &job.id).await.unwrap(), "fresh");
     });
 }
@@ -365,7 +365,7 @@ fn a_job_handed_back_has_its_attempt_again() {
             let lease = claim(store, "leaves").await;
             assert_eq!(lease.attempt, 1);
             queue::hand_back(store, &lease).await.unwrap();
-            everything_is_refused(store, &lease).await;
+            assert_all_refused(store, &lease).await;
         }
     });
 }
@@ -416,7 +416,7 @@ fn a_waiting_job_is_cancelled_at_once_and_a_running_one_hears_of_it() {
             JobStatus::Cancelled
         );
 
-        // it came to its end before its worker heard
+        // It ended before its worker learnt of the cancellation.
         let unheard = a_lone_job(&database.store, "{}").await;
         let lease = claim(store, "w").await;
         queue::cancel(store, &signals, &unheard.id, "key_1")
@@ -478,7 +478,7 @@ fn a_cancelled_job_is_not_begun_again_when_its_worker_dies_or_leaves() {
         queue::cancel(store, &signals, &orphan.id, "key_1")
             .await
             .unwrap();
-        let_it_run_out(store, &lease).await;
+        wait_until_expired(store, &lease).await;
         assert_eq!(
             expire(store).await,
             (vec![], vec![], vec![orphan.id.clone()])
@@ -569,14 +569,14 @@ fn a_job_under_which_the_process_died_is_tried_last_and_not_for_ever() {
         let store = &database.store;
         let job = a_lone_job(&database.store, "{}").await;
         for death in 0..=leases::MAX_DEATHS_ALONE {
-            // all others go first, whenever they were posted
+            // All others are claimed first, whenever they were posted.
             let innocent = a_lone_job(&database.store, "{}").await;
             if death > 0 {
                 assert_eq!(claim(store, "w").await.job_id, innocent.id);
             }
             let lease = claim(store, "w").await;
             assert_eq!((&lease.job_id, lease.attempt), (&job.id, death + 1));
-            let_it_run_out(store, &lease).await;
+            wait_until_expired(store, &lease).await;
             let one = vec![job.id.clone()];
             let (queued, failed) = if death < leases::MAX_DEATHS_ALONE {
                 (one, vec![])
@@ -596,10 +596,10 @@ fn a_death_uses_up_no_attempt_and_an_attempt_counts_as_no_death() {
     for_each_engine(async |database| {
         let store = &database.store;
         let job = a_lone_job(&database.store, "{}").await;
-        // of the three attempts that a job has itself
+        // of the job's own three attempts
         for used_up in 1..=3 {
             let lease = claim(store, "its process dies").await;
-            let_it_run_out(store, &lease).await;
+            wait_until_expired(store, &lease).await;
             assert_eq!(expire(store).await.0, std::slice::from_ref(&job.id));
             let lease = claim(store, "it panics").await;
             queue::give_up(store, &lease).await.unwrap();
@@ -641,7 +641,7 @@ fn clients_are_served_in_turn_however_many_jobs_one_of_them_posts() {
             "the first job of a client that comes later is among the next two"
         );
         assert!(served.contains(&second), "its second among the next four");
-        // nobody gets ahead by having been away: a new client does not go before everyone who waited
+        // A new client does not overtake clients that have waited.
         let third = post("late").await;
         let served: Vec<String> = [next().await, next().await].into();
         assert!(served.contains(&third));

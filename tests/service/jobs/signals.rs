@@ -1,4 +1,4 @@
-//! Long polls and event streams hear of every change.
+//! Long polls and event streams receive every change.
 
 use std::time::{Duration, Instant};
 
@@ -62,7 +62,7 @@ fn a_long_poll_does_not_end_for_progress_but_for_a_status() {
                     .unwrap()
             }
         });
-        // Progress is written meanwhile.
+        // Progress is written at the same time.
         let running = jobs::get(store, &job.id).await.unwrap();
         if running.progress_json.is_none() {
             signals

@@ -1,4 +1,4 @@
-//! A database that commit d61237a has made, with a clock that was 30 days ahead and a tracker's file read as base frame: `data/d61237a.json`.
+//! Upgrade of a database from commit d61237a, with a clock that was 30 days ahead and a tracker's file read as base frame: `data/d61237a.json`.
 
 use kincal::jobs::facts::gather_missing;
 use kincal::store::verify::{Options, verify};
@@ -16,9 +16,9 @@ use crate::engines::for_each_engine;
 use crate::fixtures::in_transaction;
 
 const MADE: &str = include_str!("../../data/d61237a.json");
-/// The newest step of that commit.
+/// Schema version of that commit.
 const VERSION: i64 = 7;
-/// Each after those that it refers to.
+/// Tables, each after those that it refers to.
 const TABLES: [&str; 6] = [
     "robot",
     "measurement_set",
@@ -27,11 +27,11 @@ const TABLES: [&str; 6] = [
     "audit",
     "audit_head",
 ];
-/// A job refers to what later jobs have made.
+/// Columns with references to rows that are inserted later.
 const LATER: &str = "parameter_set_input_id";
 
-/// The schema of that commit, and its rows.
-async fn as_it_was(engine: Engine, url: &str, made: &Value) {
+/// Creates the schema of that commit and inserts its rows.
+async fn create_old_database(engine: Engine, url: &str, made: &Value) {
     let pool = AnyPool::connect(url).await.unwrap();
     let folder = match engine {
         Engine::Sqlite => "migrations/sqlite",
@@ -88,7 +88,7 @@ fn a_database_of_d61237a_gets_its_facts_as_columns_once() {
     let id = |scene: &str, name: &str| made["scenes"][scene][name].as_str().unwrap().to_owned();
     for_each_engine(async |database| {
         let engine = database.store.engine();
-        // beside the database of this version, which the test has been given
+        // beside the test's database, which has the current version
         let (location, url) = match &database.location {
             StoreLocation::Sqlite { data_dir } => {
                 let data_dir = data_dir.parent().unwrap().join("of_d61237a");
@@ -105,7 +105,7 @@ fn a_database_of_d61237a_gets_its_facts_as_columns_once() {
                 (StoreLocation::Postgres { url: url.clone() }, url.clone())
             }
         };
-        as_it_was(engine, &url, &made).await;
+        create_old_database(engine, &url, &made).await;
         let store = Store::open(location).await.unwrap();
         assert!(store.schema_version().await.unwrap() > VERSION);
         gather_missing(&store).await.unwrap();
@@ -127,7 +127,7 @@ fn a_database_of_d61237a_gets_its_facts_as_columns_once() {
         let before = parameter_sets::before_active(&store, &id("clock", "robot_id")).await;
         assert_eq!(before.unwrap().id, b);
 
-        // The copy with noise is no other session, and the tracker's file is no evidence: the robot is to be checked.
+        // The copy with noise is not another session, and the tracker's file is no evidence: the robot is in the state `check_robot`.
         let rows = verifications::of_set(&store, &id("frames", "parameter_set_id"))
             .await
             .unwrap();
@@ -149,7 +149,7 @@ fn a_database_of_d61237a_gets_its_facts_as_columns_once() {
             assert_eq!(check.violations, [""; 0], "{}", check.id);
         }
 
-        // It is not condemned: when somebody has said why, the schema lets it be released.
+        // The set is not condemned: after somebody has given a reason, the schema allows its release.
         let checked = in_transaction(&store, async |tx| {
             robots::checked(tx, &robot.id, "a tracker's file", "key_1").await
         })

@@ -1,4 +1,4 @@
-//! One worker: what becomes of a job however its computation ends.
+//! One worker: the outcome of a job for each way in which its computation can end.
 
 use std::time::Duration;
 
@@ -16,7 +16,7 @@ async fn some_set(database: &TestDatabase) -> MeasurementSetRow {
     a_set(&database.store, &a_robot(&database.store, "r").await).await
 }
 
-/// Begins the only waiting job in the background.
+/// Starts the only waiting job in the background.
 fn begin(store: &Store, context: &WorkerContext) -> tokio::task::JoinHandle<()> {
     let (store, context) = (store.clone(), context.clone());
     tokio::spawn(async move {
@@ -73,7 +73,7 @@ fn a_job_leaves_its_report_its_curve_its_parameter_set_and_its_network() {
     });
 }
 
-/// On SQLite nobody can keep readers out.
+/// SQLite has no lock that blocks readers.
 #[test]
 fn inputs_that_cannot_be_read_for_a_while_use_up_no_attempt() {
     for_each_engine(async |database| {
@@ -89,7 +89,7 @@ fn inputs_that_cannot_be_read_for_a_while_use_up_no_attempt() {
         ] {
             sqlx::query(statement).execute(&mut *lock).await.unwrap();
         }
-        // Somebody looks for leases that ran out meanwhile, as a pool does.
+        // Meanwhile expired leases are collected, as a pool does.
         let sweep = tokio::spawn({
             let store = store.clone();
             async move {
@@ -101,7 +101,7 @@ fn inputs_that_cannot_be_read_for_a_while_use_up_no_attempt() {
                 }
             }
         });
-        // The database gives up after 3 s, which is past the time for trying again.
+        // The database gives up after 3 s, later than the time for retries.
         assert_eq!(
             run_next_job(store, &a_worker(Duration::from_secs(2)))
                 .await
@@ -134,7 +134,7 @@ fn nothing_is_computed_before_the_claim_is_certain() {
         let store = &database.store;
         let before = COMPUTED.load(Ordering::SeqCst);
         let job = a_lone_job(store, "succeed").await;
-        // What such a claim leaves is only found wrong when it is committed.
+        // The violation is only detected at the commit.
         let sabotage = match store.engine() {
             Engine::Sqlite => vec![
                 "create table owed (robot_id text references robot (id) deferrable initially deferred)",
@@ -220,14 +220,14 @@ fn a_computation_gets_everything_that_its_job_names() {
         )
         .await
         .unwrap();
-        let told: serde_json::Value =
+        let problem: serde_json::Value =
             serde_json::from_str(&jobs::get(store, &job.id).await.unwrap().error_json.unwrap())
                 .unwrap();
         let expected = serde_json::json!({
             "robot": set.robot_id, "status": "running", "set": set.id, "verify_set": (verify.id, b"the bytes"), "frames": frames.id,
             "network": (before.network_id, [0, 1, 255]), "parameter_set": before.parameter_set_id,
         });
-        assert_eq!(told, expected);
+        assert_eq!(problem, expected);
     });
 }
 
@@ -290,7 +290,7 @@ fn a_computation_without_an_end_is_tried_as_often_as_allowed_and_others_go_on() 
     for_each_engine(async |database| {
         let store = &database.store;
         let set = some_set(database).await;
-        // One that asks whether to go on, and one that is deaf and keeps its thread.
+        // One computation checks for cancellation; the other ignores it and keeps its thread.
         for request in ["run until stopped", "report progress, wait at the gate"] {
             let (endless, other) = (
                 a_job(store, &set, request).await,
@@ -321,7 +321,7 @@ fn a_computation_without_an_end_is_tried_as_often_as_allowed_and_others_go_on() 
                 (failed.status, code(&failed).as_str(), failed.attempt),
                 (JobStatus::Failed, "attempts_exhausted", 3)
             );
-            // Its threads come back when it is too late.
+            // Its threads return too late.
             gate(&endless.id).open();
         }
         assert_eq!(
@@ -376,7 +376,7 @@ fn a_result_that_cannot_be_stored_fails_its_job_and_leaves_nothing_of_it() {
 fn a_running_job_stops_when_it_is_cancelled() {
     for_each_engine(async |database| {
         let store = &database.store;
-        // Once with a signal, and once as another process would do it, without.
+        // Once with a signal, and once without, as from another process.
         for signalled in [true, false] {
             let job = a_lone_job(store, "run until stopped").await;
             let context = a_worker(LONG);
@@ -409,7 +409,7 @@ fn a_heartbeat_keeps_the_lease_while_the_computation_is_silent() {
         let worker = begin(store, &a_worker(lease));
         arrived(&job.id).await;
         let first = jobs::get(store, &job.id).await.unwrap();
-        // More than a lease later it is still the same attempt, whoever looks for leases that ran out.
+        // After more than the length of a lease it is still the same attempt, although expired leases are collected.
         let later = until(store, &job.id, |now| {
             now.lease_until_ms > first.lease_until_ms.map(|ms| ms + 2000)
         })
@@ -453,7 +453,7 @@ fn a_worker_that_lost_its_lease_stops_computing_and_writes_nothing() {
                 .execute(store.pool())
                 .await
                 .unwrap();
-            // The second computation does not ask, and comes back with a result when it is too late.
+            // The second computation does not check, and returns its result too late.
             gate(&job.id).open();
             worker.await.unwrap();
             let theirs = jobs::get(store, &job.id).await.unwrap();
@@ -486,7 +486,7 @@ fn a_result_survives_a_database_that_is_busy_for_less_than_the_lease() {
         let job = a_lone_job(store, "report progress, wait at the gate").await;
         let worker = begin(store, &a_worker(LONG));
         arrived(&job.id).await;
-        let busy = hold_the_row(store, &job).await;
+        let busy = lock_the_row(store, &job).await;
         gate(&job.id).open();
         assert_eq!(
             jobs::get(store, &job.id).await.unwrap().status,
@@ -508,8 +508,8 @@ fn a_worker_gives_up_when_the_database_is_away_for_longer_than_the_lease() {
         let job = a_lone_job(store, "run until stopped").await;
         let worker = begin(store, &a_worker(Duration::from_millis(400)));
         arrived(&job.id).await;
-        let away = hold_the_row(store, &job).await;
-        // It ends though the database does not answer.
+        let away = lock_the_row(store, &job).await;
+        // The computation ends although the database does not answer.
         worker.await.unwrap();
         away.rollback().await.unwrap();
         let left = until(store, &job.id, |_| true).await;
@@ -520,10 +520,10 @@ fn a_worker_gives_up_when_the_database_is_away_for_longer_than_the_lease() {
     });
 }
 
-/// A transaction that all other writers of this job wait for.
-async fn hold_the_row(store: &Store, job: &JobRow) -> kincal::store::Tx {
+/// A transaction that blocks all other writers of this job.
+async fn lock_the_row(store: &Store, job: &JobRow) -> kincal::store::Tx {
     let mut tx = store.begin().await.unwrap();
-    // Writes the row without changing it, as far as anyone can tell.
+    // Writes the row without a visible change.
     jobs::cancel(&mut tx, &job.id).await.unwrap();
     tx
 }

@@ -1,4 +1,4 @@
-//! The audit chain: what was done is in it, and an edit, a deletion or another order shows.
+//! The audit chain: it has every action, and an edit, a deletion or a changed order is detected.
 
 use kincal::store::verify::{Check, Options, verify};
 use kincal::store::{AuditRow, Engine, NewApiKey, Store, api_keys, audit, jobs, parameter_sets};
@@ -26,7 +26,7 @@ async fn chain(store: &Store, known_head: Option<(i64, String)>) -> Check {
     checks.into_iter().find(|check| check.id == "I8").unwrap()
 }
 
-/// With the triggers out of the way, as somebody with the database's password would.
+/// Runs a statement without the triggers, as somebody with the database's password could.
 async fn forge(store: &Store, sql: &str) {
     let (off, on) = match store.engine() {
         Engine::Sqlite => (
@@ -151,7 +151,7 @@ fn an_edit_a_deletion_another_order_and_a_cut_end_show() {
     }
 }
 
-/// The hash as it is documented: of the JSON list of the hash before and all fields.
+/// The hash as documented: of the JSON list of the previous hash and all fields.
 fn documented(before: &str, row: &AuditRow) -> String {
     let list = json!([
         before,
@@ -203,21 +203,26 @@ fn a_chain_computed_anew_does_not_have_the_head_that_was_kept_elsewhere() {
     for_each_engine(async |database| {
         let store = &database.store;
         a_robot(store, "r").await;
-        let kept = audit::head(store).await.unwrap();
+        let known_head = audit::head(store).await.unwrap();
         a_robot(store, "r").await;
         assert_eq!(
-            chain(store, Some((kept.seq, kept.sha256.clone())))
+            chain(store, Some((known_head.seq, known_head.sha256.clone())))
                 .await
                 .n_violations,
             0
         );
         assert_eq!(
-            chain(store, Some((kept.seq, "00".into())))
+            chain(store, Some((known_head.seq, "00".into())))
                 .await
                 .n_violations,
             1
         );
-        assert_eq!(chain(store, Some((9, kept.sha256))).await.n_violations, 1);
+        assert_eq!(
+            chain(store, Some((9, known_head.sha256)))
+                .await
+                .n_violations,
+            1
+        );
     });
 }
 

@@ -1,4 +1,4 @@
-//! What the store promises, on each engine.
+//! The promises of the store, on each engine.
 
 mod audit;
 mod idempotency;

@@ -1,4 +1,4 @@
-//! Every field of which the audit chain tells: an edit of it is told, also where the entries are from before most of the fields.
+//! Every field that the audit chain covers: `verify-store` reports an edit of it. Entries of earlier versions cover fewer fields.
 
 use kincal::store::verify::{Options, verify};
 use kincal::store::{AuditRow, Engine, Store, audit};
@@ -8,12 +8,12 @@ use sqlx::AssertSqlSafe;
 
 use crate::engines::for_each_engine;
 use crate::fixtures::{a_robot, a_set};
-use crate::store::verify::something_of_everything;
+use crate::store::verify::insert_examples;
 
-/// Table, column, what somebody writes there, and the field that is told.
+/// Table, column, the value that an attacker writes, and the field that is reported.
 type Edit = (&'static str, &'static str, &'static str, &'static str);
 
-/// What entries said from the beginning.
+/// Fields that entries have had from the beginning.
 const KNOWN: &[Edit] = &[
     ("robot", "body_json", "'[]'", "sha256"),
     ("robot", "check_job_id", "'job_0'", "says"),
@@ -104,7 +104,7 @@ const KNOWN: &[Edit] = &[
     ("api_key", "name", "'other'", "name"),
 ];
 
-/// What they say now besides.
+/// Fields that were added later.
 const NEW: &[Edit] = &[
     ("robot", "name", "'other'", "name"),
     (
@@ -217,7 +217,7 @@ const NEW: &[Edit] = &[
     ("api_key", "created_at_ms", "1", "created_at_ms"),
 ];
 
-/// Fields of [`NEW`], and those that stand for the actor.
+/// Fields of [`NEW`], and those of the actor.
 const NEW_FIELDS: &[&str] = &[
     "created_at_ms",
     "uploaded_by",
@@ -257,8 +257,8 @@ async fn run(store: &Store, sql: &str) {
     done.unwrap_or_else(|error| panic!("{sql}: {error}"));
 }
 
-/// As somebody with the database's password would.
-async fn take_the_guards_away(store: &Store) {
+/// Edits a row as somebody with the database's password could.
+async fn drop_triggers(store: &Store) {
     let find = match store.engine() {
         Engine::Sqlite => "select 'drop trigger ' || name from sqlite_master where type = 'trigger'",
         Engine::Postgres => {
@@ -276,8 +276,8 @@ async fn take_the_guards_away(store: &Store) {
     }
 }
 
-/// What breaks the promises, but for the guards that are gone.
-async fn told(store: &Store) -> Vec<String> {
+/// The violations, without those about the removed triggers.
+async fn violations(store: &Store) -> Vec<String> {
     let checks = verify(store, &Options::default()).await.unwrap();
     checks
         .into_iter()
@@ -286,8 +286,8 @@ async fn told(store: &Store) -> Vec<String> {
         .collect()
 }
 
-/// What is told of an edit, which is then taken back.
-async fn told_of(store: &Store, (table, column, value, _): &Edit) -> Vec<String> {
+/// The violations that an edit causes; the edit is undone afterwards.
+async fn violations_of(store: &Store, (table, column, value, _): &Edit) -> Vec<String> {
     let id = match *table {
         "robot_policy" => "robot_id",
         "verification" => "job_id",
@@ -299,7 +299,7 @@ async fn told_of(store: &Store, (table, column, value, _): &Edit) -> Vec<String>
     )
     .await;
     run(store, &format!("update {table} set {column} = {value}")).await;
-    let told = told(store).await;
+    let violations = violations(store).await;
     run(
         store,
         &format!(
@@ -308,33 +308,38 @@ async fn told_of(store: &Store, (table, column, value, _): &Edit) -> Vec<String>
     )
     .await;
     run(store, "drop table kept").await;
-    told
+    violations
 }
 
-async fn each_is_told(store: &Store, edits: impl Iterator<Item = &Edit>) {
+async fn assert_each_is_reported(store: &Store, edits: impl Iterator<Item = &Edit>) {
     for edit in edits {
-        let told = told_of(store, edit).await;
+        let violations = violations_of(store, edit).await;
         assert!(
-            told.iter()
+            violations
+                .iter()
                 .any(|what| what.contains(&format!(" {} ", edit.3)) || what.ends_with(edit.3)),
-            "{edit:?}: {told:?}"
+            "{edit:?}: {violations:?}"
         );
     }
-    assert_eq!(told(store).await, [""; 0], "nothing is left of the edits");
+    assert_eq!(
+        violations(store).await,
+        [""; 0],
+        "nothing is left of the edits"
+    );
 }
 
 #[test]
 fn each_fault_is_told_in_whatever_field_it_is() {
     for_each_engine(async |database| {
         let store = &database.store;
-        something_of_everything(store, &a_set(store, &a_robot(store, "r").await).await).await;
-        take_the_guards_away(store).await;
-        each_is_told(store, KNOWN.iter().chain(NEW)).await;
+        insert_examples(store, &a_set(store, &a_robot(store, "r").await).await).await;
+        drop_triggers(store).await;
+        assert_each_is_reported(store, KNOWN.iter().chain(NEW)).await;
     });
 }
 
-/// The chain as it would be if the new fields had never been.
-async fn as_it_was_before(store: &Store) {
+/// Rewrites the chain as an earlier version wrote it, without the new fields.
+async fn rewrite_as_earlier_version(store: &Store) {
     let mut before = String::new();
     for mut row in audit::list(store, 0, 1000).await.unwrap() {
         let mut detail: Value = serde_json::from_str(&row.detail_json).unwrap();
@@ -378,13 +383,13 @@ async fn as_it_was_before(store: &Store) {
 fn databases_from_before_are_whole_and_what_their_entries_say_is_compared() {
     for_each_engine(async |database| {
         let store = &database.store;
-        something_of_everything(store, &a_set(store, &a_robot(store, "r").await).await).await;
-        take_the_guards_away(store).await;
-        as_it_was_before(store).await;
-        each_is_told(store, KNOWN.iter()).await;
-        // What no entry says cannot be told, and is no fault.
+        insert_examples(store, &a_set(store, &a_robot(store, "r").await).await).await;
+        drop_triggers(store).await;
+        rewrite_as_earlier_version(store).await;
+        assert_each_is_reported(store, KNOWN.iter()).await;
+        // A field without an entry cannot be compared, and is no violation.
         for edit in NEW {
-            assert_eq!(told_of(store, edit).await, [""; 0], "{edit:?}");
+            assert_eq!(violations_of(store, edit).await, [""; 0], "{edit:?}");
         }
     });
 }

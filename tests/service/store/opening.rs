@@ -11,7 +11,7 @@ use tempfile::TempDir;
 
 use crate::engines::{for_each_engine, on_sqlite};
 use crate::fixtures::{a_lone_job, a_robot, a_set, in_transaction, new_job};
-use crate::store::verify::{broken, something_of_everything};
+use crate::store::verify::{broken, insert_examples};
 
 #[test]
 fn each_engine_prepares_every_query() {
@@ -24,7 +24,7 @@ fn each_engine_prepares_every_query() {
         );
         let mut connection = database.store.pool().acquire().await.unwrap();
         for query in queries {
-            // SQLite would plan the query anew at every use
+            // Otherwise SQLite would plan the query at every use.
             assert!(
                 !query.contains("limit $"),
                 "a limit that is bound is cast: {query}"
@@ -37,7 +37,7 @@ fn each_engine_prepares_every_query() {
     });
 }
 
-/// Texts of the store that are none, or belong to one engine's connections.
+/// Constants of the store that are no statements, or belong to one engine's connections.
 const NO_QUERIES: &[&str] = &[
     "SQLITE_PRAGMAS",
     "POSTGRES_SETTINGS",
@@ -59,7 +59,7 @@ const NO_QUERIES: &[&str] = &[
 
 #[test]
 fn every_query_constant_of_the_store_is_listed() {
-    // A constant that is not in the list would not be prepared above.
+    // A constant that is missing from the list would not have been prepared above.
     let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("src/store");
     let files = [folder.clone(), folder.join("verify")]
         .into_iter()
@@ -212,7 +212,7 @@ fn a_server_that_opens_a_data_directory_ends_the_leases_of_the_dead_one() {
             mine.attempt, 1,
             "the death of the process was not the job's fault"
         );
-        // A tool leaves the leases of the server beside it alone.
+        // A tool does not touch the leases of a running server.
         assert!(
             jobs::get(&beside, &job.id)
                 .await
@@ -264,7 +264,7 @@ fn the_databases_clock_tells_the_time() {
             .as_millis() as i64;
         let difference_ms = (database.store.now_ms().await.unwrap() - now).abs();
         assert!(difference_ms < 60_000, "{difference_ms} ms apart");
-        // Milliseconds, not whole seconds: of 20 readings not all end in 000.
+        // The clock has milliseconds: of 20 readings not all end in 000.
         let mut in_between = false;
         for _ in 0..20 {
             in_between |= database.store.now_ms().await.unwrap() % 1000 != 0;
@@ -305,7 +305,7 @@ fn a_copy_of_the_database_takes_every_table() {
 
 #[test]
 fn a_node_of_the_first_version_works_on_beside_todays_schema() {
-    // The statements that it had, to the letter: steps may only add.
+    // Its statements are unchanged: a step may only add.
     for_each_engine(async |database| {
         let store = &database.store;
         let set = a_set(store, &a_robot(store, "r").await).await;
@@ -404,7 +404,7 @@ fn a_database_whose_jobs_are_laid_out_anew_keeps_everything_in_it() {
 
         let store = Store::open_as_it_is(location.clone()).await.unwrap();
         let set = a_set(&store, &a_robot(&store, "r").await).await;
-        something_of_everything(&store, &set).await;
+        insert_examples(&store, &set).await;
         let network: String = query_scalar("select id from network")
             .fetch_one(store.pool())
             .await
@@ -434,12 +434,12 @@ fn a_database_whose_jobs_are_laid_out_anew_keeps_everything_in_it() {
         assert!(then.len() > 40, "{}", then.len());
         assert_eq!(then, now);
         assert_eq!(broken(&store).await, [""; 0]);
-        // what refers to a job still does
+        // References to jobs are intact.
         let refused = sqlx::query("delete from job where status = 'succeeded'")
             .execute(store.pool())
             .await;
         assert!(refused.unwrap_err().to_string().contains("FOREIGN KEY"));
-        // and a job's row begins with what is short
+        // A job's row begins with its short columns.
         let columns = "select name from pragma_table_info('job') order by cid desc limit 4";
         let last: Vec<String> = query_scalar(columns).fetch_all(store.pool()).await.unwrap();
         assert_eq!(

@@ -14,7 +14,7 @@ use crate::fixtures::{
     a_candidate, a_job, a_lone_job, a_robot, a_set, in_transaction, new_job, new_set,
 };
 
-/// What a release keeps of its gates.
+/// The gate results that a release stores.
 const PASSED: &str = r#"[{"gate":"x","passed":true}]"#;
 
 async fn release(
@@ -198,7 +198,7 @@ fn the_schema_itself_refuses_a_second_released_set() {
             error.as_database_error().unwrap().is_unique_violation(),
             "{error}"
         );
-        // Another robot has its own.
+        // Another robot has its own active set.
         let elsewhere =
             a_candidate(store, &a_set(store, &a_robot(store, "other").await).await).await;
         sqlx::query(sql)
@@ -266,7 +266,7 @@ fn the_schema_itself_refuses_a_release_in_spite_of_a_failed_gate_or_without_any(
     for_each_engine(async |database| {
         let store = &database.store;
         let candidate = a_candidate(store, &a_set(store, &a_robot(store, "r").await).await).await;
-        // Whatever the texts say that are kept beside them.
+        // The stored texts do not matter.
         for (n_passed, n_failed) in [
             ("null", "null"),
             ("0", "0"),
@@ -291,7 +291,7 @@ fn the_schema_itself_refuses_a_release_in_spite_of_a_failed_gate_or_without_any(
     });
 }
 
-/// A withdrawn set that moves the robot again.
+/// A withdrawn set that is released again.
 const BACK_IN_FORCE: &str =
     "update parameter_set set status = 'released', withdrawn_at_ms = null, released_at_ms = 1,
     release_checks_json = '[{\"passed\":true}]', release_n_passed = 1, release_n_failed = 0 where id = $1";
@@ -371,8 +371,8 @@ fn the_schema_itself_keeps_the_life_and_the_content_of_a_set() {
 
 const POSTGRES_BYTES: &str = "update measurement_set set body = '' where id = $1";
 
-/// What the code would write if it forgot to look.
-const FORGETFUL: &str = "update parameter_set set status = 'released', released_at_ms = 1, release_checks_json = '[{\"passed\":true}]', release_n_passed = 1, release_n_failed = 0,
+/// The update that faulty code without checks would write.
+const UNCHECKED_UPDATE: &str = "update parameter_set set status = 'released', released_at_ms = 1, release_checks_json = '[{\"passed\":true}]', release_n_passed = 1, release_n_failed = 0,
     release_evidence = $2, release_uncertainty_mm = nullif($3, cast(-1 as double precision)), released_by = $4 where id = $1";
 
 #[test]
@@ -400,7 +400,7 @@ fn the_schema_itself_keeps_the_robots_policy() {
             }
         );
         let write = async |evidence: &str, uncertainty_mm: f64, by: &str| {
-            sqlx::query(FORGETFUL)
+            sqlx::query(UNCHECKED_UPDATE)
                 .bind(&candidate.id)
                 .bind(evidence)
                 .bind(uncertainty_mm)
@@ -411,7 +411,7 @@ fn the_schema_itself_keeps_the_robots_policy() {
         for (evidence, uncertainty_mm, by) in [
             ("same_upload", 0.1, "engineer"),
             ("independent_session", 0.21, "engineer"),
-            ("independent_session", -1.0, "engineer"), // which stands for none
+            ("independent_session", -1.0, "engineer"), // equals no tolerance
             ("independent_session", 0.1, "key_uploader"),
         ] {
             let error = write(evidence, uncertainty_mm, by).await.unwrap_err();
@@ -420,7 +420,7 @@ fn the_schema_itself_keeps_the_robots_policy() {
                 "{evidence} {uncertainty_mm} {by}: {error}"
             );
         }
-        // Nor where the code says that there was an independent session, and none was.
+        // Nor if the code claims an independent session that does not exist.
         let error = write("independent_session", 0.1, "engineer")
             .await
             .unwrap_err();
@@ -467,7 +467,7 @@ fn the_set_to_compare_with_is_the_newest_from_another_upload() {
             (other(&first).await, other(&again).await),
             (Some(newer.id.clone()), Some(newer.id))
         );
-        // another robot's sets are none of this one's
+        // Sets of another robot do not count.
         let strange = a_set(store, &a_robot(store, "s").await).await;
         assert_eq!(
             parameter_sets::of_another_session(store, &strange.robot_id, &strange.id)
@@ -478,7 +478,7 @@ fn the_set_to_compare_with_is_the_newest_from_another_upload() {
     });
 }
 
-/// A session that fits, in which the set is better than nominal, measured anew.
+/// A new session that fits, in which the set is better than nominal.
 fn good_session() -> Verification {
     Verification {
         is_session: true,
@@ -494,7 +494,7 @@ fn good_session() -> Verification {
     }
 }
 
-/// A session that scored the set, and what it found.
+/// A session that scored the set, with its results.
 async fn scored(
     store: &Store,
     set: &MeasurementSetRow,
@@ -520,8 +520,11 @@ async fn scored(
     lease.job_id
 }
 
-/// What a server would write if it forgot to look at the gates.
-async fn released_blindly(store: &Store, candidate: &ParameterSetRow) -> Result<ParameterSetRow> {
+/// The update that a faulty server would write without checking the gates.
+async fn release_without_checks(
+    store: &Store,
+    candidate: &ParameterSetRow,
+) -> Result<ParameterSetRow> {
     let robot = robots::get(store, &candidate.robot_id).await?;
     let rows = verifications::of_set(store, &candidate.id).await?;
     let release = Release {
@@ -570,7 +573,7 @@ fn a_set_once_shown_to_be_no_better_than_nominal_is_refused_as_a_conflict_howeve
             scored(store, &set, &candidate, &good_session()).await;
         }
         is_refused_by_schema(
-            released_blindly(store, &candidate).await,
+            release_without_checks(store, &candidate).await,
             "no better than nominal",
         );
         assert_eq!(
@@ -590,7 +593,7 @@ fn the_schema_itself_makes_no_release_for_a_robot_that_a_session_does_not_fit() 
             a_candidate(store, &set).await,
             a_candidate(store, &set).await,
         );
-        let asked = async || {
+        let check_job = async || {
             let row = robots::get(store, &robot.id).await.unwrap();
             row.check_job_id
         };
@@ -601,15 +604,18 @@ fn the_schema_itself_makes_no_release_for_a_robot_that_a_session_does_not_fit() 
             ..good_session()
         };
         let job_id = scored(store, &set, &first, &does_not_fit).await;
-        assert_eq!(asked().await, Some(job_id));
+        assert_eq!(check_job().await, Some(job_id));
         for candidate in [&first, &second] {
-            is_refused_by_schema(released_blindly(store, candidate).await, "check_robot");
+            is_refused_by_schema(
+                release_without_checks(store, candidate).await,
+                "check_robot",
+            );
         }
         let since = Verification {
             check_seq: 1,
             ..good_session()
         };
-        // A session that repeats an earlier one, or says nothing, changes nothing.
+        // A session that repeats an earlier one, or is no evidence, changes nothing.
         for silent in [
             Verification {
                 is_repeat: true,
@@ -623,19 +629,19 @@ fn the_schema_itself_makes_no_release_for_a_robot_that_a_session_does_not_fit() 
                 is_better: false,
                 ..since.clone()
             },
-            // its job began before the session that did not fit
+            // Its job began before the session that did not fit.
             good_session(),
         ] {
             scored(store, &set, &second, &silent).await;
-            assert!(asked().await.is_some(), "{silent:?}");
+            assert!(check_job().await.is_some(), "{silent:?}");
         }
-        // One that fits does. It is no evidence against a set that another session did not fit.
+        // A session that fits ends the state. The session that did not fit is no evidence against a set.
         scored(store, &set, &first, &since).await;
-        assert_eq!(asked().await, None);
-        released_blindly(store, &first).await.unwrap();
-        // So does somebody who says why.
+        assert_eq!(check_job().await, None);
+        release_without_checks(store, &first).await.unwrap();
+        // A reason ends the state, too.
         scored(store, &set, &first, &does_not_fit).await;
-        assert!(asked().await.is_some());
+        assert!(check_job().await.is_some());
         let checked = in_transaction(store, async |tx| {
             robots::checked(tx, &robot.id, "the tracker's file was mixed up", "key_2").await
         })
@@ -675,7 +681,7 @@ fn the_schema_itself_keeps_what_speaks_against_a_set_until_it_is_answered() {
             .await
             .checked_seq
         };
-        // A session did not fit the robot, and another set has ended that: nobody knows of this one.
+        // A session did not fit the robot, and a session of another set has ended that state: this set is unconfirmed.
         let does_not_fit = Verification {
             fit: Fit::DoesNotFit,
             evidence: Evidence::None,
@@ -683,24 +689,30 @@ fn the_schema_itself_keeps_what_speaks_against_a_set_until_it_is_answered() {
             ..good_session()
         };
         scored(store, &set, &new, &does_not_fit).await;
-        // a job that began before it cannot tell whether it repeats what was before it
+        // A job that began before it cannot tell whether it repeats earlier points.
         scored(store, &set, &new, &good_session()).await;
-        is_refused_by_schema(released_blindly(store, &old).await, "check_robot");
+        is_refused_by_schema(release_without_checks(store, &old).await, "check_robot");
         let since = Verification {
             check_seq: 1,
             ..good_session()
         };
         scored(store, &set, &new, &since).await;
-        is_refused_by_schema(released_blindly(store, &old).await, "none since supports");
+        is_refused_by_schema(
+            release_without_checks(store, &old).await,
+            "none since supports",
+        );
         let repeat = Verification {
             is_repeat: true,
             ..since.clone()
         };
         scored(store, &set, &old, &repeat).await;
-        is_refused_by_schema(released_blindly(store, &old).await, "none since supports");
-        released_blindly(store, &new).await.unwrap();
+        is_refused_by_schema(
+            release_without_checks(store, &old).await,
+            "none since supports",
+        );
+        release_without_checks(store, &new).await.unwrap();
         withdrawn(store, &new).await;
-        // A set of points that were measured since needs no session; one of points of before does.
+        // A set from points measured since needs no session; a set from earlier points does.
         for (is_repeat, is_refused) in [(true, true), (false, false)] {
             let identified = Verification {
                 is_session: false,
@@ -709,14 +721,14 @@ fn the_schema_itself_keeps_what_speaks_against_a_set_until_it_is_answered() {
                 ..since.clone()
             };
             let candidate = an_identified(store, &set, &identified).await;
-            let released = released_blindly(store, &candidate).await;
+            let released = release_without_checks(store, &candidate).await;
             match is_refused {
                 true => is_refused_by_schema(released, "none since supports"),
                 false => drop(released.unwrap()),
             }
             withdrawn(store, &candidate).await;
         }
-        // A session that the set missed by far is not outweighed by others.
+        // Other sessions do not outweigh a session in which the set was far off.
         let far_off = Verification {
             fit: Fit::SetFarOff,
             ..since.clone()
@@ -724,9 +736,12 @@ fn the_schema_itself_keeps_what_speaks_against_a_set_until_it_is_answered() {
         scored(store, &set, &old, &since).await;
         scored(store, &set, &old, &far_off).await;
         scored(store, &set, &old, &since).await;
-        is_refused_by_schema(released_blindly(store, &old).await, "none since supports");
+        is_refused_by_schema(
+            release_without_checks(store, &old).await,
+            "none since supports",
+        );
         assert!(checked("the tripod was kicked").await > 0);
-        released_blindly(store, &old).await.unwrap();
+        release_without_checks(store, &old).await.unwrap();
     });
 }
 
@@ -737,7 +752,7 @@ async fn withdrawn(store: &Store, set: &ParameterSetRow) {
     .await;
 }
 
-/// A set as its job ends, with what that found.
+/// Stores a set as its job does when it ends, with the job's findings.
 async fn an_identified(
     store: &Store,
     set: &MeasurementSetRow,

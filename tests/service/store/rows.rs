@@ -1,4 +1,4 @@
-//! Rows: what goes in comes out, all or nothing, page by page.
+//! Rows: they read back as written, transactions are atomic, and lists are paged.
 
 use std::collections::HashSet;
 

@@ -1,4 +1,4 @@
-//! Transactions: a writer commits, fails or goes away without harm to the others.
+//! Transactions: a writer that commits, fails or is dropped does not affect others.
 
 use std::time::Duration;
 
@@ -32,8 +32,8 @@ async fn names(store: &Store) -> Vec<String> {
     names
 }
 
-/// A writer of each kind, all waiting behind `first`; what each of them heard.
-async fn behind(store: &Store, first: Tx) -> (Result<(), Error>, Vec<Result<(), Error>>) {
+/// Runs a writer of each kind, all waiting behind `first`; returns the result of each.
+async fn run_behind(store: &Store, first: Tx) -> (Result<(), Error>, Vec<Result<(), Error>>) {
     let writers: Vec<_> = (0..9)
         .map(|i| {
             let store = store.clone();
@@ -52,11 +52,11 @@ async fn behind(store: &Store, first: Tx) -> (Result<(), Error>, Vec<Result<(), 
         })
         .collect();
     let first = first.commit().await;
-    let mut heard = Vec::new();
+    let mut results = Vec::new();
     for writer in writers {
-        heard.push(writer.await.unwrap());
+        results.push(writer.await.unwrap());
     }
-    (first, heard)
+    (first, results)
 }
 
 #[test]
@@ -65,9 +65,9 @@ fn a_writer_that_rolls_back_or_goes_away_takes_no_other_with_it() {
         let store = &database.store;
         let mut first = store.begin().await.unwrap();
         insert(&mut first, "first").await;
-        let (first, heard) = behind(store, first).await;
+        let (first, results) = run_behind(store, first).await;
         first.unwrap();
-        heard.into_iter().for_each(|result| result.unwrap());
+        results.into_iter().for_each(|result| result.unwrap());
         assert_eq!(names(store).await, ["0", "3", "6", "first"]);
         a_robot(store, "later").await;
         assert_eq!(names(store).await.len(), 5);
@@ -176,7 +176,7 @@ fn a_client_that_goes_away_at_any_moment_leaves_no_transaction_open() {
                 tx.commit().await.unwrap();
             });
             for _ in 0..polls {
-                if futures_poll(&mut write).await {
+                if poll_once(&mut write).await {
                     break;
                 }
             }
@@ -195,8 +195,8 @@ fn a_client_that_goes_away_at_any_moment_leaves_no_transaction_open() {
     });
 }
 
-/// Polls once, then lets others run; whether it is done.
-async fn futures_poll(future: &mut (impl Future<Output = ()> + Unpin)) -> bool {
+/// Polls once, then yields. True if the future is ready.
+async fn poll_once(future: &mut (impl Future<Output = ()> + Unpin)) -> bool {
     let done = std::future::poll_fn(|context| {
         std::task::Poll::Ready(std::pin::Pin::new(&mut *future).poll(context).is_ready())
     })

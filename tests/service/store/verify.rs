@@ -1,4 +1,4 @@
-//! `verify` finds what it should, and nothing in a healthy database.
+//! `verify` reports each planted fault, and nothing in a healthy database.
 
 use kincal::store::verify::{Options, verify};
 use kincal::store::{
@@ -37,7 +37,7 @@ pub async fn broken(store: &Store) -> Vec<&'static str> {
         .collect()
 }
 
-/// A job that a worker has.
+/// A running job.
 async fn a_running_job(store: &Store, set: &MeasurementSetRow) -> Lease {
     a_job(store, set, "{}").await;
     leases::claim(store, "worker_1", Duration::from_secs(60))
@@ -46,7 +46,7 @@ async fn a_running_job(store: &Store, set: &MeasurementSetRow) -> Lease {
         .unwrap()
 }
 
-/// A parameter set as a worker stores it.
+/// Stores a parameter set as a worker does.
 async fn an_identified_set(store: &Store, set: &MeasurementSetRow) -> ParameterSetRow {
     let lease = a_running_job(store, set).await;
     let new = NewParameterSet {
@@ -69,7 +69,7 @@ async fn an_identified_set(store: &Store, set: &MeasurementSetRow) -> ParameterS
     .await
 }
 
-/// What a job found that identified a set.
+/// The findings of a job that identified a set.
 fn as_identified() -> Verification {
     Verification {
         is_session: false,
@@ -85,8 +85,8 @@ fn as_identified() -> Verification {
     }
 }
 
-/// One parameter set each that is superseded, released and withdrawn.
-async fn a_history(store: &Store, set: &MeasurementSetRow) {
+/// Stores one superseded, one released and one withdrawn parameter set.
+async fn insert_history(store: &Store, set: &MeasurementSetRow) {
     let mut active = None;
     for _ in 0..2 {
         let id = an_identified_set(store, set).await.id;
@@ -120,8 +120,8 @@ async fn a_history(store: &Store, set: &MeasurementSetRow) {
 }
 
 /// Frames, jobs with a report, with networks and with an error, parameter sets of every kind, a policy, an answer kept for its key, an API key
-/// in force and one that is revoked: something of everything that may be edited.
-pub async fn something_of_everything(store: &Store, set: &MeasurementSetRow) {
+/// in force and one that is revoked: an example of everything that could be edited.
+pub async fn insert_examples(store: &Store, set: &MeasurementSetRow) {
     let new = NewFrames {
         robot_id: set.robot_id.clone(),
         content_type: "text/csv".into(),
@@ -158,14 +158,14 @@ pub async fn something_of_everything(store: &Store, set: &MeasurementSetRow) {
         second_person_required: 1,
         version: 0,
     };
-    // Of another robot, so that it stands in the way of no release.
+    // Of another robot, so that it blocks no release.
     let other = a_robot(store, "other").await;
     in_transaction(store, async |tx| {
         tx.act_as("key_0");
         policies::put(tx, &other.id, &policy, "key_0").await
     })
     .await;
-    a_history(store, &a_set(store, &a_robot(store, "third").await).await).await;
+    insert_history(store, &a_set(store, &a_robot(store, "third").await).await).await;
     store
         .create_idempotent(Some(&scope("k", "s")), make_a_robot)
         .await
@@ -196,12 +196,12 @@ fn a_healthy_database_keeps_every_promise() {
     });
     for_each_engine(async |database| {
         let store = &database.store;
-        something_of_everything(store, &a_set(store, &a_robot(store, "r").await).await).await;
+        insert_examples(store, &a_set(store, &a_robot(store, "r").await).await).await;
         assert_eq!(broken(store).await, [""; 0]);
     });
 }
 
-/// What breaks, and which checks have to tell.
+/// A planted fault, and the checks that must report it.
 const FAULTS: &[(&str, &[&str])] = &[
     ("drop trigger measurement_set_stays; update measurement_set set body = x'00'", &["I1", "I9"]),
     ("drop trigger robot_stays; update robot set body_json = '[]'", &["I1", "I9"]),
@@ -282,10 +282,10 @@ fn each_fault_is_told_by_its_check() {
         for_each_engine(async |database| {
             let store = &database.store;
             let set = a_set(store, &a_robot(store, "r").await).await;
-            something_of_everything(store, &set).await;
+            insert_examples(store, &set).await;
             a_candidate(store, &set).await;
             for fault in faults.split("; ") {
-                sqlx::query(AssertSqlSafe(in_the_words_of(store.engine(), fault)))
+                sqlx::query(AssertSqlSafe(sql_for(store.engine(), fault)))
                     .execute(store.pool())
                     .await
                     .unwrap();
@@ -303,7 +303,7 @@ fn each_fault_is_told_by_its_check() {
 fn the_schema_itself_keeps_results_and_frames_as_they_were_found() {
     for_each_engine(async |database| {
         let store = &database.store;
-        something_of_everything(store, &a_set(store, &a_robot(store, "r").await).await).await;
+        insert_examples(store, &a_set(store, &a_robot(store, "r").await).await).await;
         for sql in [
             "update job set report_json = '{}'",
             "update job set convergence_json = null",
@@ -311,7 +311,7 @@ fn the_schema_itself_keeps_results_and_frames_as_they_were_found() {
             "update frames set result_json = '[]'",
             "update frames set body = x'00'",
         ] {
-            let refused = sqlx::query(AssertSqlSafe(in_the_words_of(store.engine(), sql)))
+            let refused = sqlx::query(AssertSqlSafe(sql_for(store.engine(), sql)))
                 .execute(store.pool())
                 .await;
             assert!(
@@ -323,8 +323,8 @@ fn the_schema_itself_keeps_results_and_frames_as_they_were_found() {
     });
 }
 
-/// PostgreSQL names the table of a trigger, and writes bytes in another way.
-fn in_the_words_of(engine: Engine, sql: &str) -> String {
+/// Adapts a statement to PostgreSQL: triggers name their table, and bytes have another syntax.
+fn sql_for(engine: Engine, sql: &str) -> String {
     if engine == Engine::Sqlite {
         return sql.to_owned();
     }
