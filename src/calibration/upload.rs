@@ -56,8 +56,8 @@ fn too_small(robot: &Robot, set: &MeasurementSet) -> Option<Warning> {
             "kept: too small to identify from, it can serve to verify (a job of kind verify)".into()
         }
         ([None, Some(_)], Frame::Base) => {
-            "kept: too small to identify from, it can serve to verify what was identified in the base frame, base and target included (a job \
-             of kind verify)"
+            "kept: too small to identify from, and to verify a parameter set on whose base and target are fitted anew, as those of model \
+             complete are; it can serve to verify one of model paper that was identified in the base frame (a job of kind verify)"
                 .into()
         }
         ([_, Some(why)], _) => {

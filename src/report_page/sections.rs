@@ -28,10 +28,20 @@ pub fn verdict(sources: &Sources<'_>) -> Markup {
         let of = sources.verified();
         return html! { (no_use(report)) p.verdict { "On " (half.n_points) " points, the mean position error of " (of) " is " strong { (error(after)) " mm" } "." } };
     }
+    let points = if report.verify.is_some() {
+        " points that were not fitted"
+    } else {
+        " points of the fit itself"
+    };
+    if report.no_use().is_some() {
+        return html! {
+            (no_use(report))
+            p.verdict { "On " (half.n_points) (points) ", the mean position error is " (error(before)) " mm before and " (error(after)) " mm after." }
+        };
+    }
     html! {
-        (no_use(report))
         p.verdict {
-            "On " (half.n_points) @if report.verify.is_some() { " points that were not fitted" } @else { " points of the fit itself" }
+            "On " (half.n_points) (points)
             @if share > NO_REDUCTION {
                 ", the mean position error fell from " (error(before)) " mm to " strong { (error(after)) " mm" } ", by " (by) " %."
             } @else {

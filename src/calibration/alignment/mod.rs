@@ -19,12 +19,12 @@ use std::f64::consts::PI;
 use suspect::Suspect;
 
 /// The nominal robot fits right data of real robots, unmastered joints placed, to 0.5 % of its reach; above twice that something is worth a
-/// look, rms as a share of the reach.
+/// look, rms as a share of the reach. A set that nothing explains, other joint zeros included, is refused from there on.
 pub const FITS: f64 = 0.01;
 /// A hypothesis has to fit this many times better before a set is called wrong.
 pub const BETTER: f64 = 5.0;
-/// Nothing is refused that the nominal robot, or one with other joint zeros, fits to this share of its reach: four times what real robots
-/// show. Positions that are in another frame by less than this are a base frame that is known badly.
+/// A hypothesis that comes within this share of the reach is told, if it fits [`BETTER`] times better. Positions that are in another frame by
+/// less than this are a base frame that is known badly.
 pub const COMES_NEAR: f64 = 0.02;
 /// A joint that was never mastered may be off by so much, rad (45°); more is another convention, or another frame.
 pub const UNMASTERED_RAD: f64 = PI / 4.0;

@@ -341,7 +341,7 @@ impl<'a> Suspect<'a> {
             mm(nearest_mm),
             mm(self.fits_mm)
         );
-        if zeros.is_none() || nearest_mm <= self.near_mm || self.n_poses() < FEWEST_POSES {
+        if zeros.is_none() || nearest_mm <= self.fits_mm || self.n_poses() < FEWEST_POSES {
             return Finding::Odd {
                 code: "poor_alignment",
                 detail,

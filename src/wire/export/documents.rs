@@ -147,11 +147,13 @@ pub fn csv_of(links: &[Link]) -> String {
 
 /// Origins of the joints as `kinematics:` of a UR description: x, y, z in metres, roll, pitch, yaw in rad. The hash is not a controller's:
 /// the driver will say so.
-pub fn ur_kinematics(arm: &UrArm, sha256: &str) -> String {
+pub fn ur_kinematics(arm: &UrArm, sha256: &str, base_left_out: Option<&str>) -> String {
+    let base_left_out = base_left_out.map_or(String::new(), |remark| format!("# {remark}\n"));
     let mut text = format!(
         "# Joint origins of the identified robot, in place of those in ur_description (default_kinematics.yaml).\n\
          # The shoulder's origin is in base_link_inertia: the Base of the teach pendant, and base_link turned by 180 degrees about z.\n\
          # The robot's links, and positions in its base frame, begin in: {}.\n\
+         {base_left_out}\
          kinematics:\n",
         arm.base.name()
     );

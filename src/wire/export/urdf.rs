@@ -24,6 +24,9 @@ pub fn written(source: &Source<'_>, links: &[Link]) -> String {
     if !is_controllers {
         text += "  <!-- joint values are those of kincal's model: the controller's are coupled, which a URDF cannot say -->\n";
     }
+    if let Some(remark) = source.base_left_out() {
+        let _ = writeln!(text, "  <!-- {remark} -->");
+    }
     text += "  <link name=\"base_link\"/>\n";
     for (i, link) in links.iter().enumerate() {
         let (sign, offset) = uncoupled.map_or((1.0, 0.0), |map| (map.sign[i], map.offset_rad[i]));

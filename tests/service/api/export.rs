@@ -257,6 +257,10 @@ async fn a_universal_robot_from_its_makers_description_points_where_it_should() 
     assert_eq!(kinematics.status, 200, "{}", kinematics.text());
     let said = kinematics.text();
     assert!(said.contains("begin in: base_link."), "{said}");
+    assert!(
+        said.contains("# The measured positions place the robot's base at"),
+        "{said}"
+    );
     let q = poses(&mut draw, 30);
     let folder = tempfile::tempdir().unwrap();
     let file = |name: &str, text: &str| {
