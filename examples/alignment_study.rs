@@ -1,4 +1,4 @@
-//! How often a right upload is refused by the alignment check: `cargo run --release --example alignment_study 1000 > docs/alignment.md`.
+//! How often the alignment check refuses a correct upload: `cargo run --release --example alignment_study 1000 > docs/alignment.md`.
 
 #[path = "../tests/support/robots.rs"]
 mod robots;
@@ -15,21 +15,23 @@ fn main() {
         .and_then(|text| text.parse().ok())
         .unwrap_or(1000);
     let counts = robots::clean_robots(n, 1);
-    println!("# Right uploads and the alignment check\n");
+    println!("# Correct uploads and the alignment check\n");
     println!("Made by `cargo run --release --example alignment_study {n} > docs/alignment.md`.\n");
     println!(
         "Simulated robots with errors of 0.5 mm and 0.1° (one standard deviation) in every parameter, measured with 0.05 mm noise at 10 to 80"
     );
-    println!("poses, half of them in the base frame. All are right: none should be refused.\n");
-    println!("| make | refused | with a remark | accepted |\n|---|---|---|---|");
+    println!(
+        "poses, half of them in the base frame. All sets are correct: none should be refused.\n"
+    );
+    println!("| make | refused | with a warning | accepted |\n|---|---|---|---|");
     for (name, [refused, odd, fine]) in &counts {
         println!("| {name} | {refused} | {odd} | {fine} |");
     }
     let sum = |i: usize| counts.iter().map(|(_, outcome)| outcome[i]).sum::<usize>();
     println!("| all | {} | {} | {} |", sum(0), sum(1), sum(2));
-    println!("\n## What a look costs\n");
+    println!("\n## Cost of a check\n");
     println!(
-        "Median of {LOOKS} looks at a right set of a six-axis robot: what every upload pays before it is stored.\n"
+        "Median of {LOOKS} checks of a correct set of a six-axis robot. Every upload is checked before it is stored.\n"
     );
     println!("| frame | points | ms |\n|---|---|---|");
     for (name, frame) in [("base", Frame::Base), ("instrument", Frame::Instrument)] {

@@ -97,7 +97,7 @@ fn three(text: &str) -> [f64; 3] {
     numbers.try_into().unwrap()
 }
 
-/// The chain of a URDF of ours, by looking for quotation marks.
+/// The chain of a URDF that we exported, by a simple search for quotation marks.
 fn by_urdf(text: &str, q_rad: &[f64]) -> Pose {
     let joints = text
         .split("<joint ")
@@ -167,12 +167,12 @@ async fn every_format_has_the_identified_kinematics() {
             .all(|link| link["beta_deg"] == 0.0)
     );
     export("?format=pdf").await.problem(400, "invalid_query");
-    // the paper's arm is none of Universal Robots
+    // The paper's arm is not made by Universal Robots.
     let refused = export("?format=ur_kinematics").await;
     refused.problem(422, "not_a_universal_robot");
 }
 
-/// The maker's description of the UR10e, where it is.
+/// The maker's description of the UR10e, if it is available.
 pub fn ur10e_description() -> Option<String> {
     let mut all = crate::data::urdfs().into_iter();
     Some(
@@ -181,7 +181,7 @@ pub fn ur10e_description() -> Option<String> {
     )
 }
 
-/// A UR10e, registered as its description is imported, and as it is: with errors as from the factory, and a reflector.
+/// A UR10e as registered by importing its description, and the real one: with typical factory errors and a reflector.
 pub async fn ur10e(
     app: &TestApp,
     urdf: &str,
@@ -213,7 +213,7 @@ pub async fn ur10e(
         link[0] += 0.3 * draw.normal();
         link[1] += 1e-3 * draw.normal();
         if i < 5 {
-            // of the last link these are where the reflector is
+            // For the last link these describe the position of the reflector.
             link[2] += 0.3 * draw.normal();
             link[3] += 5e-3 * draw.normal();
         }
@@ -229,8 +229,8 @@ pub async fn ur10e(
     (format!("/v1/robots/{}", text(&robot["id"])), truth)
 }
 
-/// A UR10e with errors as from the factory, imported from its maker's description, measured in its base frame, identified and exported: the
-/// description with the exported origins, as its users load it, has the reflector where the robot has it.
+/// A UR10e with typical factory errors is imported from its maker's description, measured in its base frame, identified and exported. The
+/// description with the exported origins, as its users load it, has the reflector at the robot's position.
 #[tokio::test]
 async fn a_universal_robot_from_its_makers_description_points_where_it_should() {
     let Some(urdf) = ur10e_description() else {
@@ -255,11 +255,11 @@ async fn a_universal_robot_from_its_makers_description_points_where_it_should() 
     let set = format!("/v1/parameter-sets/{}", text(&job["parameter_set_id"]));
     let kinematics = app.get(&format!("{set}/export?format=ur_kinematics")).await;
     assert_eq!(kinematics.status, 200, "{}", kinematics.text());
-    let said = kinematics.text();
-    assert!(said.contains("begin in: base_link."), "{said}");
+    let printed = kinematics.text();
+    assert!(printed.contains("begin in: base_link."), "{printed}");
     assert!(
-        said.contains("# The measured positions place the robot's base at"),
-        "{said}"
+        printed.contains("# The measured positions place the robot's base at"),
+        "{printed}"
     );
     let q = poses(&mut draw, 30);
     let folder = tempfile::tempdir().unwrap();
@@ -274,7 +274,7 @@ async fn a_universal_robot_from_its_makers_description_points_where_it_should() 
             env!("CARGO_MANIFEST_DIR")
         ))
         .arg(file("robot.urdf", &urdf))
-        .arg(file("kinematics.yaml", &said))
+        .arg(file("kinematics.yaml", &printed))
         .arg(file("q.json", &json!(q).to_string()))
         .output()
         .unwrap();
@@ -306,7 +306,7 @@ async fn a_universal_robot_from_its_makers_description_points_where_it_should() 
         "{}: the reflector at most {worst:.3} mm off",
         found["readers"]
     );
-    // the noise of 0.03 mm over 80 poses; 2,555 mm where base_link_inertia is forgotten
+    // The noise of 0.03 mm over 80 poses. Without base_link_inertia the error is 2,555 mm.
     assert!(worst < 0.1, "{worst}");
 }
 
@@ -332,7 +332,7 @@ async fn a_reader_in_another_language_moves_every_export_alike() {
         )
         .await;
     let set = format!("/v1/parameter-sets/{}", text(&job["parameter_set_id"]));
-    // of parallel axes: what a table without beta could not hold
+    // Beta of parallel axes, which a table without beta cannot represent.
     assert!(
         app.get(&set).await.ok(200)["links"][2]["beta_deg"]
             .as_f64()
@@ -361,17 +361,20 @@ async fn a_reader_in_another_language_moves_every_export_alike() {
             .unwrap()
     };
     let output = run(&files);
-    let said = String::from_utf8_lossy(&output.stdout);
-    println!("{said}");
+    let printed = String::from_utf8_lossy(&output.stdout);
+    println!("{printed}");
     assert!(
         output.status.success(),
-        "{said}{}",
+        "{printed}{}",
         String::from_utf8_lossy(&output.stderr)
     );
-    let read = said.lines().filter(|line| line.contains(" mm ")).count();
-    let left_out = said.lines().filter(|line| line.contains("PyYAML")).count();
-    assert!(read >= 2 && read + left_out == 3, "{said}");
-    // it can tell: a tenth of a micrometre in one row of the table
+    let read = printed.lines().filter(|line| line.contains(" mm ")).count();
+    let left_out = printed
+        .lines()
+        .filter(|line| line.contains("PyYAML"))
+        .count();
+    assert!(read >= 2 && read + left_out == 3, "{printed}");
+    // The check is sensitive: it detects a tenth of a micrometre in one row of the table.
     let table = std::fs::read_to_string(&files[2]).unwrap();
     let mut rows: Vec<Vec<String>> = table
         .lines()
@@ -394,7 +397,7 @@ async fn a_users_urdf_is_patched_and_a_wrong_one_refused() {
     let app = TestApp::with_workers(1).await;
     let set = parameter_set(&app).await;
     let links = app.get(&set).await.ok(200)["links"].clone();
-    // the nominal robot as the service itself describes it, with a remark and a mesh of the user's
+    // The nominal robot as the service itself exports it, with a comment and a mesh of the user.
     let robot = String::from_utf8(crate::app::paper("robot.json")).unwrap();
     let table = serde_json::from_str::<Value>(&robot).unwrap()["links"].clone();
     let mut own = String::from("<robot name='mine'><!-- keep me -->\n<link name='base_link'/>");
@@ -405,7 +408,7 @@ async fn a_users_urdf_is_patched_and_a_wrong_one_refused() {
             number("alpha_deg").to_radians(),
             number("d_mm") / 1e3,
         );
-        // Rx(alpha)·Dx(a)·Dz(d): d stands along the turned z
+        // Rx(alpha)·Dx(a)·Dz(d): d is along the rotated z.
         let xyz = format!("{a} {} {}", -alpha.sin() * d, alpha.cos() * d);
         own += &format!(
             "<link name='link_{}'><visual><origin xyz='9 9 9'/></visual></link>\n<joint name='j{i}' type='continuous'><parent link='{}'/><child link='link_{}'/><origin xyz=\"{xyz}\" rpy=\"{alpha} 0 0\"/><axis xyz=\"0 0 1\"/></joint>\n",
@@ -470,7 +473,7 @@ async fn robots_are_imported_from_urdf_and_tables() {
     let distal = "theta_offset_deg,d_mm,a_mm,alpha_deg\n0,504,166.605,-90\n0,0,782.27,0\n0,0,138.826,-90\n0,761.35,0,90\n0,0,0,-90\n0,125,0,0\n";
     let answer = import("format=dh&name=mine", distal).await.ok(200);
     assert_eq!(answer["robot"]["name"], "mine");
-    // the paper's robot is the same table in Craig's convention
+    // The paper's robot has the same table in Craig's convention.
     let paper: Value = serde_json::from_slice(&crate::app::paper("robot.json")).unwrap();
     for (a, b) in answer["robot"]["links"]
         .as_array()
