@@ -19,13 +19,13 @@ enum Fault {
 }
 
 /// Starts a proxy to the server with these faults for its first connections; later ones are forwarded. Returns its address.
-async fn breaking(server: SocketAddr, fates: impl IntoIterator<Item = Fault>) -> String {
+async fn breaking(server: SocketAddr, faults: impl IntoIterator<Item = Fault>) -> String {
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let address = listener.local_addr().unwrap();
-    let mut fates: VecDeque<Fault> = fates.into_iter().collect();
+    let mut faults: VecDeque<Fault> = faults.into_iter().collect();
     tokio::spawn(async move {
         while let Ok((client, _)) = listener.accept().await {
-            match fates.pop_front() {
+            match faults.pop_front() {
                 Some(Fault::Refused) => drop(client),
                 Some(Fault::Busy) => busy(client).await,
                 Some(Fault::CutAfter(marker)) => {
@@ -120,14 +120,14 @@ async fn a_connection_that_breaks_again_and_again_costs_nothing_but_time() {
     let person = somebody(&app).await;
     let (robot, set) = (robot(&person).await, set());
     // The upload's answer is cut within its body, the event stream after its first event, and the next connection fails.
-    let fates = [
+    let faults = [
         Fault::CutAfter("\r\n\r\n{"),
         Fault::Busy,
         Fault::CutAfter("event: progress"),
         Fault::Refused,
         Fault::Busy,
     ];
-    let url = breaking(app.server.address, fates).await;
+    let url = breaking(app.server.address, faults).await;
     let arguments = [
         "submit", "--robot", &robot, &set, "--wait", "--method", "pso", "--preset", "paper",
     ];
