@@ -12,7 +12,7 @@ use crate::calibration::report::*;
 use crate::calibration::request::{Method, Model, VerifySource};
 use crate::calibration::session_fit::own_scatter_mm;
 use crate::calibration::stated_uncertainty::{
-    estimated, nothing_left, why_it_says_nothing, why_not_stated,
+    estimated, nothing_left, why_it_says_nothing, why_not_stated, with_found_misfit,
 };
 use crate::calibration::verify::refits;
 use crate::calibration::{Error, known, unseen, verdict};
@@ -25,6 +25,7 @@ use crate::identification::{KinematicModel, TrainedNetwork};
 use crate::kinematics::Link;
 use crate::measurement::{Frame, Subset};
 use nalgebra::{IsometryMatrix3, Vector3};
+use std::collections::BTreeSet;
 
 /// Probability with which a parameter's stated interval holds the truth.
 const CONFIDENCE: f64 = 0.95;
@@ -177,8 +178,16 @@ pub fn report(
         (&problem.observed, model),
         robot.as_ref(),
     );
-    let mut fit = verdict::no_fit(&per_point, &request.robot.links)
-        .or_else(|| joint_counted_otherwise(&model.links, &request.robot.links));
+    let identifiability = identifiability(problem);
+    let mut fit = verdict::no_fit(&per_point, &request.robot.links).or_else(|| {
+        let unseen: BTreeSet<&str> = identifiability
+            .unidentifiable
+            .iter()
+            .flatten()
+            .map(String::as_str)
+            .collect();
+        joint_counted_otherwise(&model.links, &request.robot.links, &unseen)
+    });
     let (verify, of_verify_set);
     if let Some(layout) = &layout {
         let (before, after) = (layout.place(&problem.nominal)?, layout.place(model)?);
@@ -232,7 +241,8 @@ pub fn report(
     let estimated = estimated(problem, model);
     let tool = estimated.as_ref().map(|estimated| {
         let (robot, points) = (&request.robot, &problem.identify);
-        tool_uncertainty(robot, model, &problem.parameters, points, estimated)
+        let of_links = tool_uncertainty(robot, model, &problem.parameters, points, estimated);
+        with_found_misfit(of_links, &identify)
     });
     let mut not_determined = None;
     let why_not_stated = match misfit {
@@ -276,7 +286,7 @@ pub fn report(
         flange_rotation_std_rad: fits
             .then(|| flange_rotation_std_rad(problem, model, &of_both))
             .flatten(),
-        identifiability: identifiability(problem),
+        identifiability,
         comparison,
         warnings: vec![],
         links,

@@ -3,6 +3,7 @@
 use crate::calibration::alignment::UNMASTERED_RAD;
 use crate::calibration::report::{CalibrationReport, Warning};
 use crate::kinematics::Link;
+use std::collections::BTreeSet;
 use std::f64::consts::{PI, TAU};
 
 /// Makers hold lengths to some tenths of a millimetre, and a hard collision bends by a few millimetres. More is rather a wrong tool,
@@ -55,8 +56,13 @@ fn within_half_a_turn(angle_rad: f64) -> f64 {
 pub const JOINT_MAP: &str = "joint_map_suspect";
 
 /// Told where a joint's zero or an axis is turned by more than a joint that was never mastered. A reflector near the last axis fits as well with
-/// that joint counted the other way round: then another link is turned by half a turn, and the flange is turned wrongly.
-pub fn joint_counted_otherwise(links: &[Link], nominal: &[Link]) -> Option<Warning> {
+/// that joint counted the other way round: then another link is turned by half a turn, and the flange is turned wrongly. What the points cannot
+/// see or tell apart (`unseen`, by name) says nothing: a swarm leaves it anywhere.
+pub fn joint_counted_otherwise(
+    links: &[Link],
+    nominal: &[Link],
+    unseen: &BTreeSet<&str>,
+) -> Option<Warning> {
     let turned = links
         .iter()
         .zip(nominal)
@@ -69,7 +75,9 @@ pub fn joint_counted_otherwise(links: &[Link], nominal: &[Link]) -> Option<Warni
             .map(|(name, delta_rad)| (format!("{name}_{i}"), within_half_a_turn(delta_rad)))
         });
     let words: Vec<String> = turned
-        .filter(|(_, delta_rad)| delta_rad.abs() > UNMASTERED_RAD)
+        .filter(|(name, delta_rad)| {
+            delta_rad.abs() > UNMASTERED_RAD && !unseen.contains(name.as_str())
+        })
         .map(|(name, delta_rad)| format!("{name} by {:.1}°", delta_rad.to_degrees()))
         .collect();
     (!words.is_empty()).then(|| Warning {
@@ -179,13 +187,16 @@ mod tests {
             theta_offset_rad: degrees.to_radians(),
             ..LINK
         };
-        let told = |degrees: f64| joint_counted_otherwise(&[turned_by(degrees)], &[LINK]);
+        let told_but =
+            |degrees: f64, unseen| joint_counted_otherwise(&[turned_by(degrees)], &[LINK], &unseen);
+        let told = |degrees: f64| told_but(degrees, BTreeSet::new());
         for degrees in [0.0, 20.0, -44.0, 360.0, 340.0] {
             assert_eq!(told(degrees), None, "{degrees}");
         }
         for degrees in [46.0, -90.0, 180.0, -180.0] {
             assert_eq!(told(degrees).unwrap().code, JOINT_MAP, "{degrees}");
         }
+        assert_eq!(told_but(126.0, BTreeSet::from(["theta_offset_1"])), None);
     }
 
     #[test]

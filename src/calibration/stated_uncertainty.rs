@@ -2,7 +2,7 @@
 
 use crate::calibration::check::n_equations;
 use crate::calibration::identify::Problem;
-use crate::calibration::report::Warning;
+use crate::calibration::report::{SubsetErrors, Warning};
 use crate::calibration::request::Preset;
 use crate::identification::KinematicModel;
 use crate::identification::misfit::{Misfit, gravity_directions};
@@ -110,6 +110,22 @@ pub fn why_not_stated(problem: &Problem<'_>, estimated: Option<&Uncertainty>) ->
     ))
 }
 
+/// Corrections that were kept show that the links cannot say everything. By how much they bring the points nearer, sqrt(after² − corrected²), is
+/// an error of the links wherever they are used: no less is stated of them.
+pub fn with_found_misfit(of_links: ToolUncertainty, identify: &SubsetErrors) -> ToolUncertainty {
+    let Some(corrected) = identify.corrected else {
+        return of_links;
+    };
+    let (after_mm, corrected_mm) = (identify.after.rms_mm, corrected.rms_mm);
+    let misfit_mm = (after_mm * after_mm - corrected_mm * corrected_mm)
+        .max(0.0)
+        .sqrt();
+    ToolUncertainty {
+        mean_mm: of_links.mean_mm.max(misfit_mm),
+        max_mm: of_links.max_mm.max(misfit_mm),
+    }
+}
+
 /// Why the tool's uncertainty says nothing: the nominal robot, laid onto the points as well as can be, is nearer than that.
 pub fn why_it_says_nothing(problem: &Problem<'_>, tool: &ToolUncertainty) -> Option<String> {
     let n_targets = problem.screening.targets.len();
@@ -164,4 +180,36 @@ fn without_redundancy(problem: &Problem<'_>) -> Option<(usize, usize)> {
     let rank = problem.decomposition.rank();
     let equations = n_equations(&counting, rank + 1);
     (equations <= rank).then_some((equations, rank))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::calibration::report::Errors;
+
+    #[test]
+    fn no_less_is_stated_of_the_links_than_kept_corrections_bring_the_points_nearer() {
+        let errors = |rms_mm| Errors {
+            mean_mm: rms_mm,
+            std_mm: 0.0,
+            rms_mm,
+            max_mm: rms_mm,
+        };
+        let identify = |corrected| SubsetErrors {
+            n_points: 10,
+            before: errors(2.0),
+            after: errors(0.5),
+            corrected,
+        };
+        let of_links = ToolUncertainty {
+            mean_mm: 0.1,
+            max_mm: 0.45,
+        };
+        assert_eq!(with_found_misfit(of_links, &identify(None)), of_links);
+        // none was kept
+        let same = identify(Some(errors(0.5)));
+        assert_eq!(with_found_misfit(of_links, &same), of_links);
+        let stated = with_found_misfit(of_links, &identify(Some(errors(0.3))));
+        assert!((stated.mean_mm - 0.4).abs() < 1e-12 && stated.max_mm == 0.45);
+    }
 }

@@ -168,6 +168,7 @@ const OF_ANOTHER_SESSION: &str = concat!(
      where robot_id = $1 and exists (
          select 1 from job join measurement_set on measurement_set.id = job.measurement_set_id
          where job.id = parameter_set.job_id and measurement_set.sha256 <> (select sha256 from measurement_set where id = $2))
+         and not exists (select 1 from verification v where v.job_id = parameter_set.job_id and v.fit = 'set_far_off')
      order by coalesce((select v.seq from verification v where v.job_id = parameter_set.job_id), 0) desc, id desc
      limit (select count(*) from (
          select 1 from measurement_set
@@ -312,7 +313,8 @@ pub async fn before_active(store: &Store, robot_id: &str) -> Result<ParameterSet
     row.ok_or_else(|| Conflict::NothingToRollBackTo.into())
 }
 
-/// The robot's newest parameter set that was identified from other bytes than those of this measurement set.
+/// The robot's newest parameter set that was identified from other bytes than those of this measurement set, and fits its own points: another
+/// one says nothing of the robot.
 ///
 /// # Errors
 /// [`super::Error::Database`].

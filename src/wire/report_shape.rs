@@ -48,7 +48,7 @@ pub struct Report {
     /// Every free parameter.
     pub parameters: Vec<ParameterReport>,
     /// Predicted uncertainty of the tool's position over the workspace, by the links alone: predictions with corrections have an error of their
-    /// own, which nothing here counts. Null where it cannot be stated.
+    /// own, which nothing here counts. What corrections that were kept show beyond the links is counted. Null where it cannot be stated.
     #[schema(required)]
     pub tool_uncertainty_mm: Option<ToolUncertaintyReport>,
     /// Why neither the tool nor any parameter has an uncertainty, in words; absent where they have, and where nothing was identified.

@@ -204,6 +204,14 @@ async fn a_job_whose_points_do_not_fit_leaves_no_network() {
     assert!(job["network_id"].is_null(), "{job}");
     let networks = app.get(&format!("{robot}/networks")).await.ok(200);
     assert_eq!(networks["items"], json!([]));
+    // The next calibration is not compared with it.
+    let set = upload(&app, &robot, "frame=base", &changed("first.csv", |_, _| {})).await;
+    let (_, report) = self::report(&app, &robot, &set.ok(201)).await;
+    assert!(report.get("changed").is_none(), "{}", report["changed"]);
+    assert!(
+        !codes(&report["warnings"]).contains(&"robot_changed"),
+        "{report}"
+    );
 }
 
 /// Runs the binary; exit code, standard output, standard error.
