@@ -49,8 +49,8 @@ fn run(
     let mut seconds = 0.0;
     let mut monitor = |event: Event<'_>| {
         match event {
-            Event::StageStarted(name) if name == method.name() => since = Some(Instant::now()),
-            Event::StageEnded(name) if name == method.name() => {
+            Event::StageStarted(name) if name == method.as_str() => since = Some(Instant::now()),
+            Event::StageEnded(name) if name == method.as_str() => {
                 seconds = since.map_or(0.0, |s: Instant| s.elapsed().as_secs_f64())
             }
             _ => {}

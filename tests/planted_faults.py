@@ -187,8 +187,8 @@ FAULTS = [
     Fault("a robot of Universal Robots points backwards", "service", "a_universal_robot_from_its", [
         ("rpy_rad: [0.0, 0.0, if self == Self::Base { 0.0 } else { PI }]", "rpy_rad: [0.0, 0.0, 0.0 * PI]")], "src/exchange"),
     Fault("compensate forgets where the base is", "service", "a_wrong_mastering_of_the_first_joint", [
-        ("Some(CompensateBase::Measured) | None => Ok(Base::Measured)",
-         "Some(CompensateBase::Measured) => Ok(Base::Measured), None => Ok(Base::Robot)")], "src/wire"),
+        ("Some(Base::Measured) | None => Ok(Base::Measured)",
+         "Some(Base::Measured) => Ok(Base::Measured), None => Ok(Base::Robot)")], "src/wire"),
     Fault("a flange turned as nobody knows", "service", "how_the_flange_is_turned", [
         ("MAX_FLANGE_ROTATION_STD_RAD: f64 = 0.5 *", "MAX_FLANGE_ROTATION_STD_RAD: f64 = 500.0 *")], "src/calibration"),
     Fault("five points cannot serve as they are told", "service", "a_small_set_can_serve", [

@@ -1,7 +1,7 @@
 #![no_main]
 //! Any bytes as a measurement file, for robots of 1 to 12 joints, with decimal points or commas (the first byte says which).
 
-use kincal_fuzz::measurement::csv::Decimal;
+use kincal_fuzz::measurement::Decimal;
 
 libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
     let Some((first, file)) = bytes.split_first() else {

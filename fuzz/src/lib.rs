@@ -22,10 +22,8 @@ pub mod solvers;
 #[path = "../../src/wire/mod.rs"]
 pub mod wire;
 
-use measurement::csv::{
-    Decimal, MAX_COORDINATE_MM, MAX_ISSUES, MAX_JOINT_RAD, MAX_ROWS, ParseError,
-};
-use measurement::{Frame, MeasurementSet, csv};
+use measurement::csv::{MAX_COORDINATE_MM, MAX_ISSUES, MAX_JOINT_RAD, MAX_ROWS, ParseError};
+use measurement::{Decimal, Frame, MeasurementSet, csv};
 use wire::import::{ImportFormat, import};
 use wire::urdf::Urdf;
 use wire::{Invalid, xml_limits};

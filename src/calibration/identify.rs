@@ -85,7 +85,7 @@ pub fn calibrate(
         Ok((problem, choice))
     })?;
     let method = choice.method;
-    let mut found = stage(monitor, method.name(), |monitor| match method {
+    let mut found = stage(monitor, method.as_str(), |monitor| match method {
         Method::Pso => swarm(&problem, &choice.start, Start::Cold, monitor),
         Method::BpnnPso => swarm(&problem, &choice.start, Start::Network, monitor),
         Method::Auto | Method::LeastSquares => least_squares_from(
@@ -95,7 +95,7 @@ pub fn calibrate(
             monitor,
         ),
     })?;
-    let own = comparison_row(&problem, method.name(), method.name(), &found);
+    let own = comparison_row(&problem, method.as_str(), method.as_str(), &found);
     let network = match (&found.swarm, method) {
         // a network speaks of link parameters; where none is free there is nothing for it to learn
         (Some((space, summary)), Method::Pso)

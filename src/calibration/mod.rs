@@ -10,6 +10,7 @@ mod identify;
 mod judged;
 mod known;
 mod larger_model;
+mod method;
 mod observe;
 mod orientation;
 mod outcome;

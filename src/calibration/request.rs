@@ -1,5 +1,6 @@
 //! What a calibration needs: everything, and nothing that is not plain data.
 
+pub use crate::calibration::method::{CorrectionsChoice, Loss, Method};
 use crate::calibration::session_fit::HeldOut;
 use crate::frames::PreliminaryFrames;
 pub use crate::identification::{Model, Preset};
@@ -7,19 +8,6 @@ pub use crate::identification::{Model, Preset};
 use crate::identification::TrainedNetwork;
 use crate::kinematics::{Payload, ResidualNetwork, Robot};
 use crate::measurement::{Frame, MeasurementSet};
-
-/// How the parameters are identified.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Method {
-    /// The best we know for this set.
-    Auto,
-    /// Levenberg-Marquardt from nominal.
-    LeastSquares,
-    /// Particle swarm, cold.
-    Pso,
-    /// Particle swarm moved by the robot's network first.
-    BpnnPso,
-}
 
 /// Which of the model's parameters are free. Names are `a_1`, `alpha_1`, `d_1`, `theta_offset_1`, `beta_1`, ….
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -62,17 +50,6 @@ pub enum VerifySource {
     Set(MeasurementSet),
 }
 
-/// The loss of a residual.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Loss {
-    /// |r|².
-    Squares,
-    /// Huber's.
-    Huber,
-    /// Tukey's biweight.
-    Tukey,
-}
-
 /// Search options; `None` takes the preset's value.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SearchOptions {
@@ -94,15 +71,6 @@ pub struct SearchOptions {
     pub stop_at_cost_mm2: Option<f64>,
     /// Loss of a residual.
     pub loss: Option<Loss>,
-}
-
-/// Whether corrections are looked for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum CorrectionsChoice {
-    /// Links alone.
-    Off,
-    /// Those that win by cross-validation.
-    Auto,
 }
 
 /// One calibration, complete.
@@ -153,18 +121,6 @@ pub struct PreviousSession {
     pub set: MeasurementSet,
     /// The frames that they were identified with.
     pub frames: Option<PreliminaryFrames>,
-}
-
-impl Method {
-    /// Its name on the wire.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Auto => "auto",
-            Self::LeastSquares => "least_squares",
-            Self::Pso => "pso",
-            Self::BpnnPso => "bpnn_pso",
-        }
-    }
 }
 
 impl CalibrationRequest {

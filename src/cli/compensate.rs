@@ -8,8 +8,7 @@ use super::terminal;
 use super::terminal::Output;
 use super::usage::Usage;
 use crate::wire::compensate::{
-    CompensateAnswer, CompensateBase, CompensateBody, CompensateMode, CompensateStatus, ErrorFrame,
-    MAX_TARGETS_PER_REQUEST,
+    Base, CompensateAnswer, CompensateBody, ErrorFrame, MAX_TARGETS_PER_REQUEST, Mode, Status,
 };
 use crate::wire::export::ExportDocument;
 use crate::wire::issue::{Invalid, Issue};
@@ -30,12 +29,12 @@ pub struct Arguments {
     #[command(flatten)]
     server: ServerArguments,
     /// Correct the tool's pose, or only its position.
-    #[arg(long, env = "KINCAL_MODE", value_enum, default_value_t = CompensateMode::Pose)]
-    mode: CompensateMode,
+    #[arg(long, env = "KINCAL_MODE", value_enum, default_value_t = Mode::Pose)]
+    mode: Mode,
     /// Frame in which the targets are reached: the measuring frame, which corrects the base error too, or the robot's own base frame
     /// [default: measured if positions were measured in the base frame, else robot].
     #[arg(long, env = "KINCAL_BASE", value_enum)]
-    base: Option<CompensateBase>,
+    base: Option<Base>,
     /// The reflector that is the tool (0-based) [default: 0, or the tool of --tool-mm].
     #[arg(long, env = "KINCAL_TARGET")]
     target: Option<usize>,
@@ -119,14 +118,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let statuses = &answer.status;
     for (status, what) in [
         (
-            CompensateStatus::NearSingular,
+            Status::NearSingular,
             "near a singularity: as near as the joints get without a wild motion",
         ),
         (
-            CompensateStatus::JointLimit,
+            Status::JointLimit,
             "at a joint limit: as near as the other joints get",
         ),
-        (CompensateStatus::NotReached, "out of reach"),
+        (Status::NotReached, "out of reach"),
     ] {
         let rows: Vec<String> = statuses
             .iter()

@@ -311,5 +311,5 @@ pub fn number(value: f64) -> String {
 
 /// A method's name as in the API.
 pub fn name(method: Method) -> &'static str {
-    method.to_core().name()
+    method.as_str()
 }

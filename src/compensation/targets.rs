@@ -1,6 +1,7 @@
 //! Corrected joint targets: Gauss-Newton on the identified robot, damped along the directions in which it hardly moves, within joint limits.
 
 use crate::compensation::anchor::{Anchor, anchor, anchor_in_measuring_frame};
+use crate::compensation::mode::{Base, Mode, Status};
 use crate::identification::KinematicModel;
 use crate::identification::corrected::{CorrectedModel, IdentifiedRobot};
 use crate::kinematics::forward::t_previous_link;
@@ -36,25 +37,6 @@ const EIGEN_ITERATIONS: usize = 1_000;
 type Jacobian = SMatrix<f64, 6, MAX_LINKS>;
 type Joints = SVector<f64, MAX_LINKS>;
 
-/// What of the tool is kept.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Mode {
-    /// Position and orientation.
-    Pose,
-    /// The position, with the smallest change of the joints.
-    Position,
-}
-
-/// The frame in which targets are met.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Base {
-    /// The robot's own base frame, the one in which link 1 is nominal, wherever it stands.
-    Robot,
-    /// The measuring frame, which is the nominal base frame: what turned or shifted the base is corrected too. Only for positions that were
-    /// measured in the base frame.
-    Measured,
-}
-
 /// What is corrected.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Tool {
@@ -63,19 +45,6 @@ pub enum Tool {
     Target(Vector3<f64>),
     /// The tool centre point as the controller knows it: its pose in the nominal flange frame, mm.
     Tcp(IsometryMatrix3<f64>),
-}
-
-/// How a target came out.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Status {
-    /// Reached within 1 µm and 0.0001°.
-    Ok,
-    /// The robot is near a singularity: the closest that it gets without a wild motion of the joints.
-    NearSingular,
-    /// A joint ended at its limit, or was commanded beyond it: the closest that the others get.
-    JointLimit,
-    /// The robot cannot have its tool there, for instance with fewer than six joints.
-    NotReached,
 }
 
 /// One corrected target.

@@ -1,8 +1,8 @@
 //! The job as it is answered.
 
 use crate::http::Error;
-use crate::store::{self, JobRow};
-use crate::wire::job::{JobAnswer, JobRequestBody, JobStatus};
+use crate::store::JobRow;
+use crate::wire::job::{JobAnswer, JobRequestBody};
 use crate::wire::time::rfc3339;
 
 /// From its row.
@@ -15,7 +15,7 @@ pub fn answer(row: &JobRow) -> Result<JobAnswer, Error> {
         kind: request.kind,
         method: request.method,
         request,
-        status: status(row.status),
+        status: row.status,
         attempt: u32::try_from(row.attempt).unwrap_or(u32::MAX),
         progress: row
             .progress_json
@@ -36,14 +36,4 @@ pub fn answer(row: &JobRow) -> Result<JobAnswer, Error> {
         started_at: row.started_at_ms.map(rfc3339),
         finished_at: row.finished_at_ms.map(rfc3339),
     })
-}
-
-fn status(status: store::JobStatus) -> JobStatus {
-    match status {
-        store::JobStatus::Queued => JobStatus::Queued,
-        store::JobStatus::Running => JobStatus::Running,
-        store::JobStatus::Succeeded => JobStatus::Succeeded,
-        store::JobStatus::Failed => JobStatus::Failed,
-        store::JobStatus::Cancelled => JobStatus::Cancelled,
-    }
 }

@@ -91,7 +91,7 @@ async fn create(
     let is_json = is_json(&submission)?;
     let (robot, bytes) = (access::robot_body(&robot)?, submission.body.clone());
     let content_type = content_type(&submission, query.decimal);
-    let kind = (!is_json).then(|| Decimal::of(&content_type));
+    let kind = (!is_json).then(|| measurement::declared_decimal(&content_type));
     let insist = query.insist;
     let mut upload = app
         .compute(RequestClass::Write, move || {

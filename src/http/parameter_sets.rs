@@ -4,13 +4,11 @@ use crate::http::auth::Caller;
 use crate::http::extract::{Id, ListQuery, Query};
 use crate::http::limits::ComputePermit;
 use crate::http::{App, Error, access};
-use crate::store::{self, ParameterSetRow, jobs, measurement_sets, parameter_sets};
+use crate::store::{ParameterSetRow, jobs, measurement_sets, parameter_sets};
 use crate::wire::canonical;
 use crate::wire::measurement::Frame;
 use crate::wire::page::Page;
-use crate::wire::parameter_set::{
-    ParameterSetAnswer, ParameterSetContent, ParameterSetStatus, Provenance,
-};
+use crate::wire::parameter_set::{ParameterSetAnswer, ParameterSetContent, Provenance};
 use crate::wire::report;
 use crate::wire::time::rfc3339;
 use axum::Json;
@@ -156,12 +154,7 @@ pub fn answer(row: ParameterSetRow) -> Result<ParameterSetAnswer, Error> {
         id: row.id,
         robot_id: row.robot_id,
         job_id: row.job_id,
-        status: match row.status {
-            store::ParameterSetStatus::Candidate => ParameterSetStatus::Candidate,
-            store::ParameterSetStatus::Released => ParameterSetStatus::Released,
-            store::ParameterSetStatus::Superseded => ParameterSetStatus::Superseded,
-            store::ParameterSetStatus::Withdrawn => ParameterSetStatus::Withdrawn,
-        },
+        status: row.status,
         links,
         t_instrument_base,
         targets,

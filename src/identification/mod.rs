@@ -3,6 +3,7 @@
 pub mod anchor;
 pub mod bpnn_pso;
 pub mod changes;
+mod choices;
 pub mod corrected;
 pub mod corrections;
 pub mod distributions;
@@ -27,6 +28,8 @@ pub mod uncertainty;
 pub mod variance;
 pub mod wild;
 pub mod workspace;
+
+pub use choices::{Model, Preset};
 
 use crate::kinematics::{Link, forward_kinematics};
 use nalgebra::{IsometryMatrix3, Vector3};
@@ -57,24 +60,6 @@ impl KinematicModel {
         let p = forward_kinematics(&self.links, q_rad, &self.targets_mm[target]);
         self.t_instrument_base.rotation * p + self.t_instrument_base.translation.vector
     }
-}
-
-/// Which parameters exist.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Model {
-    /// The paper's: four per link, base known, target on the flange axis.
-    Paper,
-    /// Base pose, targets, links and beta, redundancy taken out.
-    Complete,
-}
-
-/// Where unset options come from.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Preset {
-    /// Ours: singular-vector search.
-    Default,
-    /// The paper's method to the letter.
-    Paper,
 }
 
 /// The network of [Gao 2018, section 3.2], kept per robot between calibrations. It speaks of link parameter

@@ -12,7 +12,7 @@ use crate::jobs::{
 use crate::release::facts::{Since, of_identification, of_session, repeats};
 use crate::store::{NewNetwork, NewParameterSet};
 use crate::wire::frames::FramesContent;
-use crate::wire::job::{JobParts, JobRequestBody, Kind, Model, Preset, Stage};
+use crate::wire::job::{JobParts, JobRequestBody, Kind, Stage};
 use crate::wire::measurement::{Frame, MeasurementSet, from_upload};
 use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::report::{self, RunContext};
@@ -305,8 +305,8 @@ fn residual_of(core: &CalibrationReport) -> Result<Option<StoredNetwork>, JobFai
         .flatten()
         .find(|tried| tried.kind == "residual_network");
     let origin = ResidualOrigin {
-        model: Model::from_core(core.model),
-        preset: Preset::from_core(core.preset),
+        model: core.model,
+        preset: core.preset,
         training_error: core
             .identify
             .corrected

@@ -8,7 +8,7 @@ use crate::jobs::JobInputs;
 use crate::jobs::execution::{request_of, since, verified};
 use crate::release::facts::of_identification;
 use crate::store::{Result, Store, jobs, robots, verifications};
-use crate::wire::measurement::{SubsetName, Warning};
+use crate::wire::measurement::{Subset, Warning};
 use crate::wire::report_shape::Report;
 use crate::wire::verification::Verification;
 use std::ops::ControlFlow;
@@ -66,7 +66,7 @@ fn found(inputs: &JobInputs, report: &str) -> Option<Verification> {
 /// Reports of older versions do not say whether the set to verify on fits the robot. How much its points scatter by themselves is not in them.
 fn verify_set_fit(request: &CalibrationRequest, report: &Report) -> Option<Warning> {
     let points = report.per_point.iter();
-    let points = points.filter(|point| point.subset == SubsetName::Verify);
+    let points = points.filter(|point| point.subset == Subset::Verify);
     let errors_mm: Vec<[f64; 3]> = points
         .map(|p| {
             [

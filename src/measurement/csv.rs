@@ -1,7 +1,8 @@
 //! Measurement sets as CSV: header with units, one row per measured point. Parses bytes, never corrects silently.
 
+use crate::measurement::conventions::{Decimal, Frame, Subset};
 use crate::measurement::csv_text::{decode, refuse_endless_rows};
-use crate::measurement::set::{Frame, MeasurementSet, Point, Subset};
+use crate::measurement::set::{MeasurementSet, Point};
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 
@@ -49,25 +50,6 @@ impl ParseError {
     pub(super) fn new(mut issues: Vec<Issue>) -> Self {
         issues.truncate(MAX_ISSUES);
         Self { issues }
-    }
-}
-
-/// How a file writes its numbers. It has to be said: 1,234 is a number in both, and not the same one.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Decimal {
-    /// `12.5`, columns separated by `,`.
-    #[default]
-    Point,
-    /// `12,5`, columns separated by `;`, as a German or French spreadsheet exports.
-    Comma,
-}
-
-impl Decimal {
-    pub(super) fn separator(self) -> u8 {
-        match self {
-            Self::Point => b',',
-            Self::Comma => b';',
-        }
     }
 }
 

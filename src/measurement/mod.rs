@@ -1,9 +1,11 @@
 //! Measured poses: the set, its CSV form, units and the split into identify and verify.
 
+mod conventions;
 pub mod csv;
 mod csv_text;
 pub mod repeatability;
 pub mod set;
 pub mod split;
 
-pub use set::{Frame, MeasurementSet, Point, Subset};
+pub use conventions::{Decimal, Frame, Subset};
+pub use set::{MeasurementSet, Point};

@@ -1,25 +1,8 @@
 //! A measurement set: joint values and where the instrument saw the target.
 
+use crate::measurement::conventions::{Frame, Subset};
 use nalgebra::Vector3;
 use std::collections::BTreeMap;
-
-/// The frame in which positions were measured.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Frame {
-    /// The robot's base frame: the base pose is known.
-    Base,
-    /// The instrument's frame: base pose and target offsets are unknown.
-    Instrument,
-}
-
-/// Which half of a set a point belongs to.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub enum Subset {
-    /// The parameters are fitted to it.
-    Identify,
-    /// The parameters are scored on it.
-    Verify,
-}
 
 /// One measured position.
 #[derive(Clone, Debug, PartialEq)]

@@ -1,6 +1,7 @@
 //! Which points the parameters are fitted to and which they are scored on. Rows of one configuration stay together.
 
-use crate::measurement::set::{MeasurementSet, Subset};
+use crate::measurement::conventions::Subset;
+use crate::measurement::set::MeasurementSet;
 use rand::seq::SliceRandom;
 use rand::{SeedableRng, rngs::ChaCha8Rng};
 use std::collections::{BTreeMap, BTreeSet};

@@ -6,7 +6,7 @@ use crate::calibration::{
 };
 use crate::kinematics::Robot;
 use crate::measurement::MeasurementSet;
-use crate::wire::measurement::SubsetName;
+use crate::wire::measurement::Subset;
 use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::policy::PolicyBody;
 use crate::wire::report_shape::{Evidence, Report};
@@ -205,7 +205,7 @@ fn judged_on_fitted(report: &Report) -> Judged {
     let fitted = report
         .per_point
         .iter()
-        .filter(|p| p.subset == SubsetName::Identify);
+        .filter(|p| p.subset == Subset::Identify);
     let errors_mm: Vec<[f64; 3]> = fitted
         .map(|p| {
             let corrected_mm = p.corrected_mm.unwrap_or(p.after_mm);

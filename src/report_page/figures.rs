@@ -2,7 +2,7 @@
 
 use super::axes::{Frame, Labels, Range, WIDTH, place};
 use super::text::{self, SMALLEST_MM};
-use crate::wire::measurement::SubsetName;
+use crate::wire::measurement::Subset;
 use crate::wire::report_shape::{Convergence, PointReport};
 use maud::{Markup, html};
 
@@ -94,17 +94,16 @@ pub fn per_point(points: &[PointReport]) -> Markup {
     }
     let log = spans_much(points);
     let share = points.len().div_ceil(MAX_BARS);
-    let halves: Vec<(String, Vec<Bar>)> = [
-        (SubsetName::Verify, "verify"),
-        (SubsetName::Identify, "identify"),
-    ]
-    .into_iter()
-    .map(|(subset, name)| {
-        let half: Vec<&PointReport> = points.iter().filter(|p| p.subset == subset).collect();
-        (format!("{name}: {} points", half.len()), bars(&half, share))
-    })
-    .filter(|(_, half)| !half.is_empty())
-    .collect();
+    let halves: Vec<(String, Vec<Bar>)> =
+        [(Subset::Verify, "verify"), (Subset::Identify, "identify")]
+            .into_iter()
+            .map(|(subset, name)| {
+                let half: Vec<&PointReport> =
+                    points.iter().filter(|p| p.subset == subset).collect();
+                (format!("{name}: {} points", half.len()), bars(&half, share))
+            })
+            .filter(|(_, half)| !half.is_empty())
+            .collect();
     let count: usize = halves.iter().map(|(_, half)| half.len()).sum();
     let gap = if halves.len() > 1 { 1.5 } else { 0.0 };
     let x = Range {

@@ -2,7 +2,7 @@
 
 use sqlx::error::ErrorKind;
 
-use super::JobStatus;
+use crate::wire::job::JobStatus;
 
 /// The store's result.
 pub type Result<T, E = Error> = std::result::Result<T, E>;

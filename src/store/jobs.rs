@@ -5,8 +5,9 @@ use serde_json::{Value, json};
 use super::audit::{Audited, ExpectedEntry};
 use super::database::new_id;
 use super::from_row::from_row;
-use super::{Conflict, Error, JobStatus, Page, PageRequest, Result, Store, Tx};
+use super::{Conflict, Error, Page, PageRequest, Result, Store, Tx};
 use crate::wire::canonical;
+use crate::wire::job::JobStatus;
 
 /// A job without its report and convergence curve.
 #[derive(Clone, Debug, PartialEq)]

@@ -19,7 +19,6 @@ mod error;
 pub mod frames;
 mod from_row;
 mod idempotency;
-mod job_status;
 pub mod jobs;
 pub mod leases;
 pub mod measurement_sets;
@@ -27,7 +26,6 @@ pub mod networks;
 pub mod notices;
 mod open;
 mod page;
-mod parameter_set_status;
 pub mod parameter_sets;
 pub mod policies;
 pub mod robots;
@@ -44,18 +42,19 @@ pub use engine::Engine;
 pub use error::{Conflict, Error, Result};
 pub use frames::{FramesRow, NewFrames};
 pub use idempotency::{IdempotencyScope, IdempotentOutcome, StoredResponse};
-pub use job_status::JobStatus;
 pub use jobs::{JobRow, NewJob};
 pub use leases::{Expired, Heartbeat, Lease};
 pub use measurement_sets::{MeasurementSetRow, NewMeasurementSet};
 pub use networks::{NetworkRow, NewNetwork};
 pub use open::StoreLocation;
 pub use page::{Cursor, InvalidCursor, MAX_PAGE_SIZE, Page, PageRequest};
-pub use parameter_set_status::ParameterSetStatus;
 pub use parameter_sets::{Checked, NewParameterSet, ParameterSetRow, Release};
 pub use policies::PolicyRow;
 pub use robots::{NewRobot, RobotRow};
 pub use verifications::VerificationRow;
+
+pub use crate::wire::job::JobStatus;
+pub use crate::wire::parameter_set::ParameterSetStatus;
 
 /// Every SQL text of the store that the engine gets to see.
 pub fn all_queries(engine: Engine) -> Vec<&'static str> {

@@ -6,12 +6,12 @@ use serde_json::{Value, json};
 use super::audit::{Audited, ExpectedEntry};
 use super::database::new_id;
 use super::from_row::from_row;
-use super::parameter_set_status::ParameterSetStatus;
 use super::policies::ABSENT;
 use super::{
     Conflict, Error, Page, PageRequest, Result, Store, Tx, policies, robots, verifications,
 };
 use crate::wire::canonical;
+use crate::wire::parameter_set::ParameterSetStatus;
 
 /// A parameter set.
 #[derive(Clone, Debug, PartialEq)]

@@ -1,7 +1,8 @@
 //! Corrected joint targets.
 
 use crate::calibration::ORIENTATION_NOT_KNOWN;
-use crate::compensation::{Anchor, Base, Compensation, Mode, Status, Tool};
+use crate::compensation::{Anchor, Compensation, Tool};
+pub use crate::compensation::{Base, Mode, Status};
 use crate::kinematics::Robot;
 use crate::wire::angle::{to_degrees, to_radians};
 use crate::wire::corrections::PayloadBody;
@@ -37,10 +38,10 @@ pub struct CompensateBody {
     pub tool: Option<ToolBody>,
     /// What is kept.
     #[serde(default)]
-    pub mode: CompensateMode,
+    pub mode: Mode,
     /// The frame in which targets are met; default: `measured` where positions were measured in the base frame, else `robot`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub base: Option<CompensateBase>,
+    pub base: Option<Base>,
     /// What the flange carries at these targets; default: what it carried when the robot was identified. Without corrections it has no effect.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub payload: Option<PayloadBody>,
@@ -57,32 +58,6 @@ pub struct ToolBody {
     pub rotation: Option<[[f64; 3]; 3]>,
 }
 
-/// What of the tool is kept.
-#[derive(
-    Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema, clap::ValueEnum,
-)]
-#[serde(rename_all = "snake_case")]
-#[value(rename_all = "snake_case")]
-pub enum CompensateMode {
-    /// Position and orientation.
-    #[default]
-    Pose,
-    /// The position, with the smallest change of the joints.
-    Position,
-}
-
-/// The frame in which targets are met.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
-#[serde(rename_all = "snake_case")]
-#[value(rename_all = "snake_case")]
-pub enum CompensateBase {
-    /// The measuring frame, which is the nominal base frame: what turned or shifted the base is corrected too. Only for sets whose positions
-    /// were measured in the base frame.
-    Measured,
-    /// The robot's own base frame, wherever it stands: `left_out` says how far that is from the nominal one.
-    Robot,
-}
-
 /// The frame that position and orientation errors are true in.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
@@ -91,20 +66,6 @@ pub enum ErrorFrame {
     Measuring,
     /// The robot's own base frame, with `base: robot`.
     RobotBase,
-}
-
-/// How a target came out.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum CompensateStatus {
-    /// Reached within 1 µm and 0.0001°.
-    Ok,
-    /// Near a singularity: the closest without a wild motion of the joints.
-    NearSingular,
-    /// A joint is at or beyond its limit: the closest that the others get.
-    JointLimit,
-    /// The robot cannot have its tool there.
-    NotReached,
 }
 
 /// Corrected targets, in the order of the request.
@@ -122,7 +83,7 @@ pub struct CompensateAnswer {
     /// Angle by which the tool is turned with the corrected ones, degrees.
     pub orientation_error_after_deg: Vec<f64>,
     /// How each came out.
-    pub status: Vec<CompensateStatus>,
+    pub status: Vec<Status>,
     /// True where the corrected target is outside of what was measured, so that corrections fade into the links alone; without corrections
     /// always false.
     pub extrapolated: Vec<bool>,
@@ -236,12 +197,12 @@ impl CompensateBody {
             .then(|| identified.model().t_instrument_base);
         answer.left_out = LeftOut::of(compensation.anchor(), base, t_nominal_base);
         // the measured reflector is right whatever the positions do not show
-        if self.tool.is_some() || self.mode == CompensateMode::Pose {
+        if self.tool.is_some() || self.mode == Mode::Pose {
             answer.warnings = provenance.warnings.clone();
         }
         for q_deg in &self.q_deg {
             let q_rad: Vec<f64> = q_deg.iter().map(|deg| to_radians(*deg)).collect();
-            let corrected = compensation.correct(&q_rad, &tool, self.mode.to_core());
+            let corrected = compensation.correct(&q_rad, &tool, self.mode);
             answer.q_deg.push(
                 corrected
                     .q_controller_rad
@@ -258,9 +219,7 @@ impl CompensateBody {
             answer
                 .orientation_error_after_deg
                 .push(to_degrees(corrected.orientation_error_after_rad));
-            answer
-                .status
-                .push(CompensateStatus::from_core(corrected.status));
+            answer.status.push(corrected.status);
             answer
                 .extrapolated
                 .push(identified.is_extrapolated(&robot.q_model_rad(&corrected.q_controller_rad)));
@@ -275,7 +234,7 @@ impl CompensateBody {
             let detail = format!("no target is corrected with this set: {detail}");
             return Err(Invalid::at("", code, detail));
         }
-        if self.tool.is_none() && self.mode == CompensateMode::Position {
+        if self.tool.is_none() && self.mode == Mode::Position {
             return Ok(());
         }
         let pointer = if self.tool.is_some() {
@@ -294,15 +253,15 @@ impl CompensateBody {
     fn base_in(&self, provenance: &Provenance) -> Result<Base, Invalid> {
         let is_measured = provenance.measuring_frame == Some(Frame::Base);
         match self.base {
-            Some(CompensateBase::Robot) => Ok(Base::Robot),
-            Some(CompensateBase::Measured) if !is_measured => Err(Invalid::at(
+            Some(Base::Robot) => Ok(Base::Robot),
+            Some(Base::Measured) if !is_measured => Err(Invalid::at(
                 "/base",
                 "base_not_measured",
                 "the positions of this set were not measured in the base frame, so that nothing is known of where the nominal base is in it: \
                  take base robot, or identify from positions in the base frame",
             )),
             None if !is_measured => Ok(Base::Robot),
-            Some(CompensateBase::Measured) | None => Ok(Base::Measured),
+            Some(Base::Measured) | None => Ok(Base::Measured),
         }
     }
 
@@ -382,26 +341,6 @@ impl ErrorFrame {
 
     fn of_older_versions() -> Self {
         Self::RobotBase
-    }
-}
-
-impl CompensateMode {
-    fn to_core(self) -> Mode {
-        match self {
-            Self::Pose => Mode::Pose,
-            Self::Position => Mode::Position,
-        }
-    }
-}
-
-impl CompensateStatus {
-    fn from_core(status: Status) -> Self {
-        match status {
-            Status::Ok => Self::Ok,
-            Status::NearSingular => Self::NearSingular,
-            Status::JointLimit => Self::JointLimit,
-            Status::NotReached => Self::NotReached,
-        }
     }
 }
 

@@ -2,6 +2,7 @@
 
 use crate::calibration::corrections_are_wanted;
 use crate::calibration::request::{self, CalibrationRequest, PreviousSession, VerifySource};
+pub use crate::calibration::request::{CorrectionsChoice, Method, Model, Preset};
 use crate::identification::TrainedNetwork;
 use crate::kinematics::{ResidualNetwork, Robot};
 use crate::measurement::MeasurementSet;
@@ -31,59 +32,6 @@ pub enum Kind {
     Identify,
     /// Scores a parameter set on all points; identifies nothing.
     Verify,
-}
-
-/// How the parameters are identified.
-#[derive(
-    Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema, clap::ValueEnum,
-)]
-#[serde(rename_all = "snake_case")]
-#[value(rename_all = "snake_case")]
-pub enum Method {
-    /// The best we know for this set.
-    #[default]
-    Auto,
-    /// Levenberg-Marquardt from nominal.
-    LeastSquares,
-    /// Particle swarm, cold.
-    Pso,
-    /// Particle swarm that the robot's network moves first.
-    BpnnPso,
-}
-
-/// Which parameters exist.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
-#[serde(rename_all = "snake_case")]
-#[value(rename_all = "snake_case")]
-pub enum Model {
-    /// The paper's: four per link, base known, target on the flange axis.
-    Paper,
-    /// Base pose, targets, links and beta, redundancy taken out.
-    Complete,
-}
-
-/// Where options that are not given come from.
-#[derive(
-    Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema, clap::ValueEnum,
-)]
-#[serde(rename_all = "snake_case")]
-#[value(rename_all = "snake_case")]
-pub enum Preset {
-    /// Ours.
-    #[default]
-    Default,
-    /// The paper's, to the letter.
-    Paper,
-}
-
-/// What link parameters cannot say.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum Corrections {
-    /// None.
-    Off,
-    /// Those that win by cross-validation.
-    Auto,
 }
 
 /// A calibration to run. All but the set is optional.
@@ -137,7 +85,7 @@ pub struct JobRequestBody {
     pub priority: i64,
     /// What link parameters cannot say; default: auto, off in preset paper.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub corrections: Option<Corrections>,
+    pub corrections: Option<CorrectionsChoice>,
     /// What the flange carried while the set was measured; with it, corrections hold for other payloads too.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub payload: Option<PayloadBody>,
@@ -339,10 +287,7 @@ impl JobRequestBody {
             .parameters
             .as_ref()
             .is_some_and(|p| p.priors.as_ref().is_some_and(|priors| !priors.is_empty()));
-        let are_wanted = corrections_are_wanted(
-            self.corrections.map(Corrections::to_core),
-            self.preset.to_core(),
-        );
+        let are_wanted = corrections_are_wanted(self.corrections, self.preset);
         self.kind == Kind::Identify && are_wanted && !has_priors && !self.holds_parameter_set()
     }
 
@@ -357,12 +302,8 @@ impl JobRequestBody {
 
     /// The model that is identified from a set in this frame: the one asked for, else the default.
     pub fn model_for(&self, frame: Frame) -> Model {
-        self.model.unwrap_or_else(|| {
-            Model::from_core(request::default_model(
-                frame.to_core(),
-                self.frames_id.is_some(),
-            ))
-        })
+        self.model
+            .unwrap_or_else(|| request::default_model(frame, self.frames_id.is_some()))
     }
 
     /// The core's request.
@@ -378,9 +319,9 @@ impl JobRequestBody {
         let request = CalibrationRequest {
             robot: parts.robot,
             set: parts.set,
-            method: self.method.to_core(),
-            model: self.model.map(Model::to_core),
-            preset: self.preset.to_core(),
+            method: self.method,
+            model: self.model,
+            preset: self.preset,
             parameters: self.parameters.clone().unwrap_or_default().into_core(),
             priors: priors.map(Prior::to_core).collect(),
             frames: parts.frames,
@@ -394,7 +335,7 @@ impl JobRequestBody {
                 _ => VerifySource::Default,
             },
             options: self.options.unwrap_or_default().to_core(),
-            corrections: self.corrections.map(Corrections::to_core),
+            corrections: self.corrections,
             payload: self.payload.map(PayloadBody::to_core),
             held_out: None,
             residual_network: parts.residual_network,
@@ -409,57 +350,3 @@ impl JobRequestBody {
 fn is_zero(value: &i64) -> bool {
     *value == 0
 }
-
-/// Both directions between a wire enum and the core's, and its spelling.
-macro_rules! same_as_core {
-    ($wire:ident, $core:ty, $($variant:ident = $text:literal),+) => {
-        impl $wire {
-            /// The core's value.
-            pub fn to_core(self) -> $core {
-                match self { $(Self::$variant => <$core>::$variant),+ }
-            }
-
-            /// From the core's value.
-            pub fn from_core(value: $core) -> Self {
-                match value { $(<$core>::$variant => Self::$variant),+ }
-            }
-
-            /// As it stands on the wire.
-            pub fn as_str(self) -> &'static str {
-                match self { $(Self::$variant => $text),+ }
-            }
-
-            /// From its spelling on the wire.
-            pub fn parse(text: &str) -> Option<Self> {
-                match text { $($text => Some(Self::$variant),)+ _ => None }
-            }
-        }
-    };
-}
-
-same_as_core!(
-    Method,
-    request::Method,
-    Auto = "auto",
-    LeastSquares = "least_squares",
-    Pso = "pso",
-    BpnnPso = "bpnn_pso"
-);
-same_as_core!(
-    Corrections,
-    request::CorrectionsChoice,
-    Off = "off",
-    Auto = "auto"
-);
-same_as_core!(
-    Model,
-    request::Model,
-    Paper = "paper",
-    Complete = "complete"
-);
-same_as_core!(
-    Preset,
-    request::Preset,
-    Default = "default",
-    Paper = "paper"
-);

@@ -2,12 +2,12 @@
 
 use crate::calibration::upload;
 use crate::kinematics::Robot;
-pub use crate::measurement::MeasurementSet;
 use crate::measurement::csv::{
     EXAMPLE_OF_A_TIME, MAX_COORDINATE_MM, MAX_STD_MM, MAX_TARGETS, MAX_TEMPERATURE_C, MIN_STD_MM,
 };
 pub use crate::measurement::set::n_shared_points;
-use crate::measurement::{self, Point, Subset};
+use crate::measurement::{self, Point};
+pub use crate::measurement::{Decimal, Frame, MeasurementSet, Subset};
 use crate::wire::angle::{to_degrees, to_radians};
 use crate::wire::issue::{Checker, Invalid, Issue, MAX_ISSUES};
 use crate::wire::json;
@@ -29,42 +29,6 @@ pub const MAX_JOINT_VALUE_DEG: f64 = 3_600.0;
 /// Most rows one warning names.
 const MAX_WARNED_ROWS: usize = 20;
 
-/// The frame in which positions were measured.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
-#[serde(rename_all = "snake_case")]
-#[value(rename_all = "snake_case")]
-pub enum Frame {
-    /// The robot's base frame.
-    Base,
-    /// The instrument's own frame: base pose and target offsets are unknown.
-    Instrument,
-}
-
-impl Frame {
-    /// The core's frame.
-    pub fn to_core(self) -> measurement::Frame {
-        match self {
-            Self::Base => measurement::Frame::Base,
-            Self::Instrument => measurement::Frame::Instrument,
-        }
-    }
-
-    /// From its spelling on the wire.
-    pub fn parse(text: &str) -> Option<Self> {
-        [Self::Base, Self::Instrument]
-            .into_iter()
-            .find(|frame| frame.as_str() == text)
-    }
-
-    /// As it stands on the wire.
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Self::Base => "base",
-            Self::Instrument => "instrument",
-        }
-    }
-}
-
 /// The frame where an upload does not say it: as on the command line.
 pub const DEFAULT_FRAME: Frame = Frame::Base;
 
@@ -77,16 +41,6 @@ pub fn frame_assumed() -> Warning {
         detail: detail.into(),
         rows: vec![],
     }
-}
-
-/// Which half of a set a point belongs to.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum SubsetName {
-    /// The parameters are fitted to it.
-    Identify,
-    /// The parameters are scored on it.
-    Verify,
 }
 
 /// A measurement set in JSON.
@@ -124,7 +78,7 @@ pub struct PointBody {
     pub target: Option<usize>,
     /// Which half it belongs to.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub subset: Option<SubsetName>,
+    pub subset: Option<Subset>,
     /// Its own standard uncertainty, mm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub std_mm: Option<f64>,
@@ -174,35 +128,19 @@ pub struct SetSummary {
     pub insisted_on: Option<Insist>,
 }
 
-/// How a CSV file writes its numbers.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum Decimal {
-    /// `12.5`, columns separated by commas.
-    #[default]
-    Point,
-    /// `12,5`, columns separated by semicolons.
-    Comma,
-}
-
 /// Parameter of a content type that declares decimal commas; stored with the upload, so that it is read again as it was read first.
 pub const DECIMAL_COMMA: &str = "decimal=comma";
 
-impl Decimal {
-    /// What a content type declares.
-    pub fn of(content_type: &str) -> Self {
-        let declared = content_type
-            .split(';')
-            .skip(1)
-            .any(|parameter| parameter.trim().eq_ignore_ascii_case(DECIMAL_COMMA));
-        if declared { Self::Comma } else { Self::Point }
-    }
-
-    fn to_core(self) -> measurement::csv::Decimal {
-        match self {
-            Self::Point => measurement::csv::Decimal::Point,
-            Self::Comma => measurement::csv::Decimal::Comma,
-        }
+/// How a file writes its numbers, as its content type declares it.
+pub fn declared_decimal(content_type: &str) -> Decimal {
+    let is_comma = content_type
+        .split(';')
+        .skip(1)
+        .any(|parameter| parameter.trim().eq_ignore_ascii_case(DECIMAL_COMMA));
+    if is_comma {
+        Decimal::Comma
+    } else {
+        Decimal::Point
     }
 }
 
@@ -229,7 +167,6 @@ fn parse_csv(
     n_joints: usize,
     is_time: TimeCheck,
 ) -> Result<MeasurementSet, Invalid> {
-    let (decimal, frame) = (decimal.to_core(), frame.to_core());
     measurement::csv::parse_with_times(decimal, bytes, frame, n_joints, is_time).map_err(|error| {
         Invalid {
             code: "invalid_measurements",
@@ -280,7 +217,13 @@ fn parse_typed(
         .to_ascii_lowercase()
         .starts_with("application/json")
     {
-        return parse_csv(bytes, Decimal::of(content_type), frame, n_joints, is_time);
+        return parse_csv(
+            bytes,
+            declared_decimal(content_type),
+            frame,
+            n_joints,
+            is_time,
+        );
     }
     let body: MeasurementSetBody = json::parse(bytes).map_err(|error| match error {
         json::Error::Shape(invalid) => invalid,
@@ -354,7 +297,7 @@ impl MeasurementSetBody {
             .enumerate()
             .map(|(row, point)| point.to_core(row))
             .collect();
-        Ok(MeasurementSet::new(frame.to_core(), points))
+        Ok(MeasurementSet::new(frame, points))
     }
 
     /// The frame of the body, or else of the query; nothing where neither says it.
@@ -446,30 +389,13 @@ impl PointBody {
             position_mm: Vector3::from(self.position_mm),
             configuration: self.configuration.clone().unwrap_or_default(),
             target: self.target.unwrap_or(0),
-            subset: self.subset.map(SubsetName::to_core),
+            subset: self.subset,
             std_mm: self.std_mm,
             station: self.station.clone(),
             session: self.session.clone(),
             sequence: self.sequence.unwrap_or(row as i64),
             temperature_c: self.temperature_c,
             sweep_joint: None,
-        }
-    }
-}
-
-impl SubsetName {
-    fn to_core(self) -> Subset {
-        match self {
-            Self::Identify => Subset::Identify,
-            Self::Verify => Subset::Verify,
-        }
-    }
-
-    /// From the core's subset.
-    pub fn from_core(subset: Subset) -> Self {
-        match subset {
-            Subset::Identify => Self::Identify,
-            Subset::Verify => Self::Verify,
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Search options of a job, and their limits.
 
-use crate::calibration::request::{self, SearchOptions};
+use crate::calibration::request::{Loss, SearchOptions};
 use crate::wire::issue::Checker;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -61,18 +61,6 @@ pub struct OptionsBody {
     /// Loss of a residual.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub loss: Option<Loss>,
-}
-
-/// How a residual counts.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum Loss {
-    /// Its square.
-    Squares,
-    /// Huber's.
-    Huber,
-    /// Tukey's biweight.
-    Tukey,
 }
 
 impl OptionsBody {
@@ -150,7 +138,7 @@ impl OptionsBody {
             search_half_width_mm: self.search_half_width_mm,
             search_half_width_deg: self.search_half_width_deg,
             stop_at_cost_mm2: self.stop_at_cost_mm2,
-            loss: self.loss.map(Loss::to_core),
+            loss: self.loss,
         }
     }
 }
@@ -172,15 +160,5 @@ fn above_zero(checker: &mut Checker, name: &str, value: Option<f64>, max: f64) {
             "out_of_range",
             format!("{value}: must be above 0 and at most {max}"),
         );
-    }
-}
-
-impl Loss {
-    fn to_core(self) -> request::Loss {
-        match self {
-            Self::Squares => request::Loss::Squares,
-            Self::Huber => request::Loss::Huber,
-            Self::Tukey => request::Loss::Tukey,
-        }
     }
 }

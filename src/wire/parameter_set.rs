@@ -120,6 +120,22 @@ impl ParameterSetStatus {
     }
 }
 
+impl TryFrom<String> for ParameterSetStatus {
+    type Error = String;
+
+    fn try_from(text: String) -> Result<Self, String> {
+        [
+            Self::Candidate,
+            Self::Released,
+            Self::Superseded,
+            Self::Withdrawn,
+        ]
+        .into_iter()
+        .find(|status| status.as_str() == text)
+        .ok_or_else(|| format!("unknown parameter set status {text:?}"))
+    }
+}
+
 /// A parameter set as the service answers it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ParameterSetAnswer {

@@ -10,8 +10,7 @@ use crate::identification::corrections::Evidence;
 use crate::identification::workspace::ToolUncertainty;
 use crate::wire::angle::to_degrees;
 use crate::wire::canonical;
-use crate::wire::job::{Method, Model, Preset};
-use crate::wire::measurement::{Frame, SubsetName, Warning};
+use crate::wire::measurement::{Frame, Warning};
 use crate::wire::parameter_set::{ParameterSetContent, Provenance};
 use crate::wire::report_shape::{
     ChangeReport, ComparisonReport, Convergence, CorrectionReport, ErrorModelReport, ErrorsReport,
@@ -85,10 +84,10 @@ fn without_hash(core: &CalibrationReport, run: &RunContext<'_>) -> Report {
     Report {
         job_id: run.job_id.into(),
         parameter_set_from: run.parameter_set_from.map(Into::into),
-        method: Method::from_core(core.method),
+        method: core.method,
         method_reason: core.method_reason.clone(),
-        model: Model::from_core(core.model),
-        preset: Preset::from_core(core.preset),
+        model: core.model,
+        preset: core.preset,
         seed: core.seed,
         version: VERSION.into(),
         termination: core.termination.into(),
@@ -294,7 +293,7 @@ fn point(p: &PointErrors) -> PointReport {
     PointReport {
         configuration: p.configuration.clone(),
         target: p.target,
-        subset: SubsetName::from_core(p.subset),
+        subset: p.subset,
         before_mm: p.before_mm,
         after_mm: p.after_mm,
         corrected_mm: p.corrected_vector_mm.map(|v| v.norm()),

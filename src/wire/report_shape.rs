@@ -3,7 +3,7 @@
 use crate::calibration::{DOES_NOT_FIT, JOINT_MAP, MODEL_TOO_SMALL, NO_BETTER, NO_FIT};
 use crate::calibration::{Judged, judged};
 use crate::wire::job::{Method, Model, Preset};
-use crate::wire::measurement::{SubsetName, Warning};
+use crate::wire::measurement::{Subset, Warning};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -121,7 +121,7 @@ pub struct PointReport {
     /// Its target.
     pub target: usize,
     /// Its half.
-    pub subset: SubsetName,
+    pub subset: Subset,
     /// Of the nominal robot, mm.
     pub before_mm: f64,
     /// Of the identified robot, mm.
@@ -181,7 +181,7 @@ impl Report {
         let to_verify = self
             .per_point
             .iter()
-            .filter(|point| point.subset == SubsetName::Verify);
+            .filter(|point| point.subset == Subset::Verify);
         judged(
             &to_verify
                 .map(|p| {

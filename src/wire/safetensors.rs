@@ -182,8 +182,8 @@ pub fn read(bytes: &[u8]) -> Result<TrainedNetwork, Error> {
         parameter_names: metadata.parameter_names,
         training_error: metadata.training_error,
         validation_error: metadata.validation_error,
-        model: metadata.model.to_core(),
-        preset: metadata.preset.to_core(),
+        model: metadata.model,
+        preset: metadata.preset,
     })
 }
 
@@ -233,8 +233,8 @@ fn metadata_of(network: &TrainedNetwork) -> NetworkMetadata {
     NetworkMetadata {
         kind: NetworkKind::LinkParameters,
         parameter_names: network.parameter_names.clone(),
-        model: Model::from_core(network.model),
-        preset: Preset::from_core(network.preset),
+        model: network.model,
+        preset: network.preset,
         n_hidden: network.hidden_thresholds.len(),
         training_error: network.training_error,
         validation_error: network.validation_error,

@@ -13,7 +13,25 @@ use std::path::{Path, PathBuf};
 const MANIFEST: &str = include_str!("../../Cargo.toml");
 
 /// Files that may break a rule, with the reason. A test fails when an exception is no longer needed.
-const KNOWN_EXCEPTIONS: &[(&str, Rule, &str)] = &[];
+const KNOWN_EXCEPTIONS: &[(&str, Rule, &str)] = &[
+    ("src/calibration/method.rs", Rule::CoreSerialize, CHOICES),
+    ("src/calibration/method.rs", Rule::CoreCrate, CHOICES),
+    ("src/compensation/mode.rs", Rule::CoreSerialize, CHOICES),
+    ("src/compensation/mode.rs", Rule::CoreCrate, CHOICES),
+    (
+        "src/identification/choices.rs",
+        Rule::CoreSerialize,
+        CHOICES,
+    ),
+    ("src/identification/choices.rs", Rule::CoreCrate, CHOICES),
+    (
+        "src/measurement/conventions.rs",
+        Rule::CoreSerialize,
+        CHOICES,
+    ),
+    ("src/measurement/conventions.rs", Rule::CoreCrate, CHOICES),
+];
+const CHOICES: &str = "enums of the contract exist once; they derive what JSON, openapi.yaml and the command line need";
 
 fn checked(path: &str, text: &str) -> Vec<Violation> {
     check(path, text, &dependencies(MANIFEST))

@@ -726,7 +726,7 @@ fn progress_tells_every_stage_and_iterations_are_those_of_the_main_method() {
                 }
                 Event::StageEnded(name) => assert_eq!(begun.take().as_deref(), Some(name)),
                 Event::Iteration { .. } => {
-                    assert_eq!(begun.as_deref(), Some(method.name()));
+                    assert_eq!(begun.as_deref(), Some(method.as_str()));
                 }
                 Event::Heartbeat => outside += usize::from(begun.is_none()),
             }
