@@ -6,7 +6,7 @@ use kincal_fuzz::wire::measurement::MeasurementSetBody;
 use kincal_fuzz::wire::policy::PolicyBody;
 use kincal_fuzz::wire::predict::PredictBody;
 use kincal_fuzz::wire::release::ReleaseBody;
-use kincal_fuzz::wire::robot::RobotBody;
+use kincal_fuzz::wire::robot::{Robot, RobotBody};
 use kincal_fuzz::wire::{json, safetensors};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -16,10 +16,10 @@ libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
         return;
     };
     match first % 7 {
-        0 => round_trip::<RobotBody>(body, |robot| drop(robot.to_core())),
+        0 => round_trip::<RobotBody>(body, |robot| drop(Robot::try_from(robot))),
         1 => round_trip::<MeasurementSetBody>(body, |set| {
             for n_joints in [1, 6, 12] {
-                if let Ok(set) = set.to_core(None, n_joints) {
+                if let Ok(set) = set.measurement_set(None, n_joints) {
                     assert!(set.points.iter().all(|p| p.q_rad.len() == n_joints
                         && p.position_mm.iter().all(|p| p.is_finite())));
                 }

@@ -99,7 +99,7 @@ pub fn check_import(bytes: &[u8], format: ImportFormat) {
             let written = serde_json::to_string(&answer.robot).expect("it can be written");
             let robot: wire::robot::RobotBody =
                 wire::json::parse(written.as_bytes()).expect("it can be read");
-            let links = robot.to_core().expect("it is a robot").links;
+            let links = kinematics::Robot::try_from(&robot).expect("it is a robot").links;
             assert!((1..=kinematics::model::MAX_LINKS).contains(&links.len()));
             assert!(answer.largest_difference_mm <= 1e-9, "{written}");
         }

@@ -58,8 +58,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         return Err(Usage(text.into()).into());
     }
     let robot_body = read_robot_body(&arguments.robot)?;
-    let robot = robot_body
-        .to_core()
+    let robot = Robot::try_from(&robot_body)
         .map_err(|invalid| Usage(cannot_be_used(&arguments.robot, &[], &invalid.issues)))?;
     let frame = arguments.of_set.frame;
     let bytes = read(&arguments.set)?;
@@ -99,14 +98,16 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         residual_network: None,
         previous: None,
     };
-    let request = body(arguments).to_core(parts).map_err(|invalid| {
-        let faults: Vec<String> = invalid
-            .issues
-            .iter()
-            .map(|issue| fault(issue, None))
-            .collect();
-        Usage(faults.join("\n"))
-    })?;
+    let request = body(arguments)
+        .calibration_request(parts)
+        .map_err(|invalid| {
+            let faults: Vec<String> = invalid
+                .issues
+                .iter()
+                .map(|issue| fault(issue, None))
+                .collect();
+            Usage(faults.join("\n"))
+        })?;
     let bar = (!arguments.output.json).then(progress_bar);
     let mut monitor = |progress: crate::jobs::Progress| {
         if let Some(bar) = &bar {
@@ -210,9 +211,8 @@ fn body(arguments: &Arguments) -> JobRequestBody {
 }
 
 /// Reads and checks a robot file.
-pub fn read_robot(path: &Path) -> anyhow::Result<crate::kinematics::Robot> {
-    Ok(read_robot_body(path)?
-        .to_core()
+pub fn read_robot(path: &Path) -> anyhow::Result<Robot> {
+    Ok(Robot::try_from(&read_robot_body(path)?)
         .map_err(|invalid| Usage(cannot_be_used(path, &[], &invalid.issues)))?)
 }
 

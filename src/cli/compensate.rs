@@ -12,6 +12,7 @@ use crate::wire::compensate::{
 };
 use crate::wire::export::ExportDocument;
 use crate::wire::issue::{Invalid, Issue};
+use crate::wire::robot::Robot;
 use anyhow::Context;
 use std::path::{Path, PathBuf};
 
@@ -175,7 +176,7 @@ fn correct(arguments: &Arguments, q_deg: &[Vec<f64>]) -> anyhow::Result<Compensa
             )?;
             let unusable =
                 |invalid: Invalid| Usage(cannot_be_used(parameters, &[], &invalid.issues));
-            let robot = document.robot.to_core().map_err(unusable)?;
+            let robot = Robot::try_from(&document.robot).map_err(unusable)?;
             document
                 .content
                 .check(robot.links.len())

@@ -6,6 +6,7 @@ use crate::http::request_class::RequestClass;
 use crate::http::{App, Error, access, parameter_sets};
 use crate::wire::compensate::{CompensateAnswer, CompensateBody};
 use crate::wire::json;
+use crate::wire::robot::Robot;
 use axum::Json;
 use axum::extract::{Request, State};
 use utoipa_axum::{router::OpenApiRouter, routes};
@@ -35,7 +36,7 @@ async fn compensate(
     let provenance = parameter_sets::provenance(&app, &permit, &row).await?;
     let answer = permit.run(move || {
         let body: CompensateBody = json::parse(&bytes)?;
-        Ok::<_, Error>(body.run(&robot.to_core()?, &content, &provenance)?)
+        Ok::<_, Error>(body.run(&Robot::try_from(&robot)?, &content, &provenance)?)
     });
     Ok(Json(answer.await?))
 }

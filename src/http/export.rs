@@ -9,7 +9,7 @@ use crate::store::ParameterSetRow;
 use crate::wire::export::{self, BetaChoice, ExportFormat, Exported, Source};
 use crate::wire::import::{ImportAnswer, ImportFormat, import};
 use crate::wire::parameter_set::{ParameterSetContent, Provenance};
-use crate::wire::robot::RobotBody;
+use crate::wire::robot::{Robot, RobotBody};
 use axum::Json;
 use axum::extract::{Request, State};
 use axum::http::{HeaderName, HeaderValue, header};
@@ -153,7 +153,7 @@ impl Stored {
         &self,
         write: impl Fn(&Source<'_>) -> Result<Exported, export::Error>,
     ) -> Result<Exported, Error> {
-        let robot = self.body.to_core()?;
+        let robot = Robot::try_from(&self.body)?;
         let Self {
             row,
             body,

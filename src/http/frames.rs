@@ -7,6 +7,7 @@ use crate::http::request_class::RequestClass;
 use crate::http::{App, Error, access};
 use crate::store::{FramesRow, NewFrames, Tx, frames};
 use crate::wire::frames::{FramesAnswer, from_sweeps};
+use crate::wire::robot::Robot;
 use crate::wire::time::rfc3339;
 use axum::Json;
 use axum::extract::State;
@@ -42,7 +43,7 @@ async fn create(
     let (robot, bytes) = (access::robot_body(&robot)?, submission.body.clone());
     let content = app
         .compute(RequestClass::Write, move || {
-            Ok(from_sweeps(&bytes, &robot.to_core()?)?)
+            Ok(from_sweeps(&bytes, &Robot::try_from(&robot)?)?)
         })
         .await?;
     let result_json = serde_json::to_string(&content)?;

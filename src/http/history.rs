@@ -180,6 +180,6 @@ fn compared(
         mean_mm,
         max_mm,
         map,
-        sessions: changes.as_ref().map(SessionTest::from_core),
+        sessions: changes.as_ref().map(SessionTest::from),
     })
 }

@@ -19,6 +19,7 @@ use crate::wire::job::{JobAnswer, JobParts, JobRequestBody, Kind, Method, Verify
 use crate::wire::measurement::{Frame, MeasurementSet, from_upload};
 use crate::wire::network::NetworkKind;
 use crate::wire::parameter_set::ParameterSetContent;
+use crate::wire::robot::Robot;
 use crate::wire::safetensors::{self, NetworkMetadata};
 use axum::extract::State;
 use axum::response::Response;
@@ -430,19 +431,19 @@ pub fn own<T>(
 
 /// Runs every check of the core, and chooses the networks that the job starts from.
 fn check(request: &JobRequestBody, sources: Sources) -> Result<Chosen, Error> {
-    let robot = access::robot_body(&sources.robot)?.to_core()?;
+    let robot = Robot::try_from(&access::robot_body(&sources.robot)?)?;
     let n_joints = robot.links.len();
     let parse = |source: &SetSource| source.set(n_joints);
     let parts = JobParts {
         set: parse(&sources.set)?,
         verify_set: sources.verify_set.as_ref().map(parse).transpose()?,
-        frames: sources.frames.as_ref().map(FramesContent::to_core),
+        frames: sources.frames.as_ref().map(Into::into),
         network: None,
         residual_network: None,
         previous: None,
         robot,
     };
-    let mut calibration_request = request.to_core(parts)?;
+    let mut calibration_request = request.calibration_request(parts)?;
     let readable = |(id, bytes): (String, Vec<u8>)| match safetensors::read(&bytes) {
         Ok(network) => Some((id, network)),
         Err(error) => {
@@ -472,7 +473,7 @@ fn check(request: &JobRequestBody, sources: Sources) -> Result<Chosen, Error> {
                 .as_ref()
                 .map(parse)
                 .transpose()?
-                .map(|content| content.to_core());
+                .map(|content| (&content).into());
             calibration::check_verify(&calibration_request, identified.as_ref())?;
         }
     }

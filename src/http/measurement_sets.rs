@@ -12,7 +12,7 @@ use crate::wire::measurement::{
     self, DECIMAL_COMMA, DEFAULT_FRAME, Decimal, Frame, MeasurementSetBody, SetSummary, Warning,
 };
 use crate::wire::page::Page;
-use crate::wire::robot::{MAX_NAME, RobotBody};
+use crate::wire::robot::{MAX_NAME, Robot, RobotBody};
 use crate::wire::suspicion::Insist;
 use crate::wire::time::rfc3339;
 use crate::wire::{Invalid, canonical, json};
@@ -179,7 +179,7 @@ fn understand(
 ) -> Result<Upload, Error> {
     let serial_number = query.serial_number.clone();
     check_serial_number(body, serial_number.as_deref())?;
-    let robot = body.to_core()?;
+    let robot = Robot::try_from(body)?;
     let n_joints = robot.links.len();
     let (said, name, set) = if let Some(decimal) = csv {
         (
@@ -195,7 +195,7 @@ fn understand(
     } else {
         let upload: MeasurementSetBody = json::parse(bytes)?;
         let frame = upload.resolve_frame(query.frame)?;
-        let set = upload.to_core(frame, n_joints)?;
+        let set = upload.measurement_set(frame, n_joints)?;
         (frame, upload.name.or(query.name), set)
     };
     let mut checker = Checker::default();

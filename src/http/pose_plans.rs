@@ -8,6 +8,7 @@ use crate::http::{App, Error, access};
 use crate::store::measurement_sets;
 use crate::wire::measurement::from_upload;
 use crate::wire::pose_plan::{PosePlanAnswer, PosePlanBody};
+use crate::wire::robot::Robot;
 use axum::Json;
 use axum::extract::{Request, State};
 use utoipa_axum::{router::OpenApiRouter, routes};
@@ -43,7 +44,7 @@ async fn create(
             "measurement set",
         )?);
     }
-    let robot = access::robot_body(&row)?.to_core()?;
+    let robot = Robot::try_from(&access::robot_body(&row)?)?;
     let n_joints = robot.links.len();
     let permit = app.compute_permit(RequestClass::Calculation).await?;
     let mut sets = Vec::new();

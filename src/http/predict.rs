@@ -6,6 +6,7 @@ use crate::http::request_class::RequestClass;
 use crate::http::{App, Error, access, parameter_sets};
 use crate::wire::json;
 use crate::wire::predict::{PredictAnswer, PredictBody};
+use crate::wire::robot::Robot;
 use axum::Json;
 use axum::extract::{Request, State};
 use utoipa_axum::{router::OpenApiRouter, routes};
@@ -33,7 +34,7 @@ async fn predict(
     let (robot, content) = (access::robot_body(&robot)?, parameter_sets::content(&row)?);
     let answer = app.compute(RequestClass::Calculation, move || {
         let body: PredictBody = json::parse(&bytes)?;
-        Ok(body.run(&robot.to_core()?, &content)?)
+        Ok(body.run(&Robot::try_from(&robot)?, &content)?)
     });
     Ok(Json(answer.await?))
 }

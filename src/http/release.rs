@@ -16,7 +16,7 @@ use crate::store::{audit, jobs, measurement_sets, parameter_sets, policies, robo
 use crate::wire::parameter_set::{ParameterSetAnswer, ReasonBody};
 use crate::wire::release::{Gate, GatesAnswer, ReleaseBody};
 use crate::wire::report_shape::Evidence;
-use crate::wire::robot::RobotBody;
+use crate::wire::robot::{Robot, RobotBody};
 use crate::wire::{Issue, Problem};
 use axum::Json;
 use axum::extract::State;
@@ -315,7 +315,7 @@ fn run_gates(
 ) -> Result<(Vec<Gate>, Evidence, Option<f64>), Error> {
     let last_check = weighed.last_check.as_ref();
     let facts = Facts {
-        robot: &around.robot.to_core()?,
+        robot: &Robot::try_from(&around.robot)?,
         check_job_id: robot.check_job_id.as_deref(),
         last_check: last_check.map(|(seq, job_id)| (*seq, job_id.as_str())),
         checked_seq: robot.checked_seq,

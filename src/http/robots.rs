@@ -7,7 +7,7 @@ use crate::http::{App, Error, access};
 use crate::store::{NewRobot, RobotRow, Tx, robots};
 use crate::wire::page::Page;
 use crate::wire::parameter_set::ReasonBody;
-use crate::wire::robot::{CheckedAnswer, RobotAnswer, RobotBody, RobotState};
+use crate::wire::robot::{CheckedAnswer, Robot, RobotAnswer, RobotBody, RobotState};
 use crate::wire::time::rfc3339;
 use axum::Json;
 use axum::extract::State;
@@ -38,7 +38,7 @@ async fn create(State(app): State<App>, submission: Submission) -> Result<Respon
         return Ok(answer);
     }
     let body: RobotBody = submission.json()?;
-    body.to_core()?;
+    Robot::try_from(&body)?;
     let new = NewRobot {
         name: body.name.clone(),
         body_json: serde_json::to_string(&body)?,

@@ -7,7 +7,7 @@ use crate::http::{App, Error, access};
 use crate::store::{PageRequest, robots};
 use crate::wire::Invalid;
 use crate::wire::measurement::{MeasurementSet, Warning};
-use crate::wire::robot::RobotBody;
+use crate::wire::robot::{Robot, RobotBody};
 use crate::wire::suspicion::{Insist, insisted, refusal};
 
 /// Other robots that a set may have been measured on, tried at most.
@@ -22,7 +22,7 @@ pub struct Off {
 
 /// Looks at an upload; `None` where it fits, or is too small to tell.
 pub fn look(robot: &RobotBody, set: MeasurementSet) -> Result<Option<Off>, Error> {
-    Ok(match alignment::look(&robot.to_core()?, &set) {
+    Ok(match alignment::look(&Robot::try_from(robot)?, &set) {
         Look::Off(rms_mm) => Some(Off {
             robot: robot.clone(),
             set,
@@ -90,10 +90,10 @@ pub async fn explain(
 fn finding(off: &Off, others: &[RobotBody]) -> Result<Finding, Error> {
     let named = others
         .iter()
-        .map(|body| Ok((body.name.clone(), body.to_core()?)));
+        .map(|body| Ok((body.name.clone(), Robot::try_from(body)?)));
     let others: Vec<_> = named.collect::<Result<_, Error>>()?;
     Ok(alignment::explain(
-        &off.robot.to_core()?,
+        &Robot::try_from(&off.robot)?,
         &off.set,
         off.rms_mm,
         &others,

@@ -196,7 +196,7 @@ fn compare(
 ) -> Option<Comparison> {
     let active = weighed.active.as_ref()?;
     let errors_mm = |set: &MeasurementSet, content: &ParameterSetContent| {
-        calibration::errors_mm(&weighed.request, set, &content.robot_to_core(None))
+        calibration::errors_mm(&weighed.request, set, &content.identified_robot(None))
             .map_err(|error| error.to_string())
     };
     let rms_mm = set.and_then(|set| {

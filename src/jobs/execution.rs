@@ -17,7 +17,7 @@ use crate::wire::measurement::{Frame, MeasurementSet, from_upload};
 use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::report::{self, RunContext};
 use crate::wire::report_shape::{Convergence, NO_USE, Report};
-use crate::wire::robot::RobotBody;
+use crate::wire::robot::{Robot, RobotBody};
 use crate::wire::safetensors::{self, ResidualOrigin, StoredNetwork};
 use crate::wire::{Invalid, Problem, json};
 use std::ops::ControlFlow;
@@ -56,7 +56,7 @@ pub fn compute(
             insisted_on(inputs),
         )
         .map_err(broken)?;
-    let content = ParameterSetContent::from_core(&calibrated.core);
+    let content = ParameterSetContent::from(&calibrated.core);
     Ok(JobOutcome {
         verification: Some(of_identification(
             &report,
@@ -93,7 +93,7 @@ fn held_of(
     let content: ParameterSetContent =
         serde_json::from_str(&input.row.body_json).map_err(broken)?;
     Ok(Some(Held {
-        links: content.links_to_core(),
+        links: content.kinematic_links(),
         session: session.clone(),
     }))
 }
@@ -113,7 +113,7 @@ pub(super) fn verified(
         .map(parse)
         .transpose()
         .map_err(broken)?
-        .map(|content| content.robot_to_core(None));
+        .map(|content| content.identified_robot(None));
     let scored = |monitor: &mut calibration::Monitor<'_>| {
         calibration::verify(request, identified.as_ref(), monitor)
     };
@@ -336,7 +336,7 @@ pub fn request_of(inputs: &JobInputs) -> Result<CalibrationRequest, JobFailure> 
     let request: JobRequestBody =
         json::parse(inputs.job.request_json.as_bytes()).map_err(broken)?;
     let body: RobotBody = json::parse(inputs.robot.body_json.as_bytes()).map_err(broken)?;
-    let robot = body.to_core().map_err(broken)?;
+    let robot = Robot::try_from(&body).map_err(broken)?;
     let n_joints = robot.links.len();
     let frames = inputs
         .frames
@@ -360,14 +360,14 @@ pub fn request_of(inputs: &JobInputs) -> Result<CalibrationRequest, JobFailure> 
         frames: frames
             .transpose()
             .map_err(broken)?
-            .map(|content| content.to_core()),
+            .map(|content| (&content).into()),
         network: network.transpose().map_err(broken)?,
         residual_network: residual_network.transpose().map_err(broken)?,
         previous: previous_of(&request, inputs, n_joints),
         robot,
     };
     let mut request = request
-        .to_core(parts)
+        .calibration_request(parts)
         .map_err(|invalid: Invalid| failed(&Problem::new(422, invalid.code, invalid.summary())))?;
     request.held_out = held_out(inputs);
     Ok(request)
@@ -401,7 +401,7 @@ fn previous_of(
     let set = set_of(&input.set, n_joints).ok()?;
     Some(PreviousSession {
         set,
-        frames: frames.map(|content| content.to_core()),
+        frames: frames.map(|content| (&content).into()),
     })
 }
 

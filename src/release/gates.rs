@@ -444,10 +444,10 @@ fn identity(facts: &Facts<'_>) -> Gate {
 
 fn change(facts: &Facts<'_>) -> Gate {
     let (reference, name) = match facts.active {
-        Some(active) => (active.links_to_core(), "the active set"),
+        Some(active) => (active.kinematic_links(), "the active set"),
         None => (facts.robot.links.clone(), "the nominal robot"),
     };
-    let changes = implausible_changes(&facts.content.links_to_core(), &reference);
+    let changes = implausible_changes(&facts.content.kinematic_links(), &reference);
     if changes.is_empty() {
         return Gate::new(
             "change_plausible",

@@ -3,7 +3,7 @@
 use crate::calibration::ORIENTATION_NOT_KNOWN;
 use crate::compensation::{Anchor, Compensation, Tool};
 pub use crate::compensation::{Base, Mode, Status};
-use crate::kinematics::Robot;
+use crate::kinematics::{Payload, Robot};
 use crate::wire::angle::{to_degrees, to_radians};
 use crate::wire::corrections::PayloadBody;
 use crate::wire::issue::{Checker, Invalid};
@@ -185,12 +185,12 @@ impl CompensateBody {
             return Err(unknown_target());
         }
         let identified = content
-            .robot_to_core(None)
-            .carrying(self.payload.map(PayloadBody::to_core));
+            .identified_robot(None)
+            .carrying(self.payload.map(Payload::from));
         let compensation = Compensation::of(robot, &identified, base);
         let tool = self.tool.map_or_else(
             || Tool::Target(identified.target_mm(target)),
-            |tool| Tool::Tcp(tool.to_core()),
+            |tool| Tool::Tcp(IsometryMatrix3::from(tool)),
         );
         let mut answer = CompensateAnswer::with_capacity(self.q_deg.len(), ErrorFrame::of(base));
         let t_nominal_base = (provenance.measuring_frame == Some(Frame::Base))
@@ -321,11 +321,13 @@ impl ToolBody {
             Matrix3::from_fn(|i, j| rows[i][j])
         })
     }
+}
 
-    fn to_core(self) -> IsometryMatrix3<f64> {
-        let rotation = Rotation3::from_matrix_unchecked(self.matrix());
-        IsometryMatrix3::from_parts(
-            Translation3::from(Vector3::from(self.translation_mm)),
+impl From<ToolBody> for IsometryMatrix3<f64> {
+    fn from(tool: ToolBody) -> Self {
+        let rotation = Rotation3::from_matrix_unchecked(tool.matrix());
+        Self::from_parts(
+            Translation3::from(Vector3::from(tool.translation_mm)),
             rotation,
         )
     }

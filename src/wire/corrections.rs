@@ -10,7 +10,7 @@ use crate::wire::angle::{to_degrees, to_radians};
 use crate::wire::frames::Transform;
 use crate::wire::issue::{Checker, Invalid};
 use crate::wire::target::{Target, of_target};
-use nalgebra::Vector3;
+use nalgebra::{IsometryMatrix3, Vector3};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -151,16 +151,19 @@ impl PayloadBody {
             );
         }
     }
+}
 
-    /// The core's payload.
-    pub fn to_core(self) -> Payload {
-        Payload {
-            mass_kg: self.mass_kg,
-            centre_mm: Vector3::from(self.centre_mm),
+impl From<PayloadBody> for Payload {
+    fn from(payload: PayloadBody) -> Self {
+        Self {
+            mass_kg: payload.mass_kg,
+            centre_mm: Vector3::from(payload.centre_mm),
         }
     }
+}
 
-    fn from_core(payload: &Payload) -> Self {
+impl From<&Payload> for PayloadBody {
+    fn from(payload: &Payload) -> Self {
         Self {
             mass_kg: payload.mass_kg,
             centre_mm: payload.centre_mm.into(),
@@ -168,9 +171,8 @@ impl PayloadBody {
     }
 }
 
-impl ResidualNetworkContent {
-    /// From the core's network.
-    pub fn from_core(network: &ResidualNetwork) -> Self {
+impl From<&ResidualNetwork> for ResidualNetworkContent {
+    fn from(network: &ResidualNetwork) -> Self {
         Self {
             centre_deg: degrees(&network.centre_rad),
             half_range_deg: degrees(&network.half_range_rad),
@@ -181,20 +183,23 @@ impl ResidualNetworkContent {
             scale_mm: network.scale_mm,
         }
     }
+}
 
-    /// The core's network.
-    pub fn to_core(&self) -> ResidualNetwork {
-        ResidualNetwork {
-            centre_rad: radians(&self.centre_deg),
-            half_range_rad: radians(&self.half_range_deg),
-            hidden_weights: self.hidden_weights.clone(),
-            hidden_thresholds: self.hidden_thresholds.clone(),
-            output_weights: self.output_weights.clone(),
-            output_thresholds: self.output_thresholds.clone(),
-            scale_mm: self.scale_mm,
+impl From<&ResidualNetworkContent> for ResidualNetwork {
+    fn from(content: &ResidualNetworkContent) -> Self {
+        Self {
+            centre_rad: radians(&content.centre_deg),
+            half_range_rad: radians(&content.half_range_deg),
+            hidden_weights: content.hidden_weights.clone(),
+            hidden_thresholds: content.hidden_thresholds.clone(),
+            output_weights: content.output_weights.clone(),
+            output_thresholds: content.output_thresholds.clone(),
+            scale_mm: content.scale_mm,
         }
     }
+}
 
+impl ResidualNetworkContent {
     fn check(&self, n: usize, checker: &mut Checker) {
         let hidden = self.hidden_thresholds.len();
         let sizes = [
@@ -216,8 +221,8 @@ impl ResidualNetworkContent {
 }
 
 impl CorrectionsContent {
-    /// From the core's model, whose targets are `targets` on the wire.
-    pub fn from_core(corrected: &CorrectedModel, targets: Vec<Target>) -> Self {
+    /// The corrections of an identified robot. `targets` are its targets as the parameter set lists them.
+    pub fn new(corrected: &CorrectedModel, targets: Vec<Target>) -> Self {
         let Corrections {
             compliance,
             harmonics,
@@ -240,7 +245,7 @@ impl CorrectionsContent {
         };
         Self {
             version: CORRECTIONS_VERSION,
-            t_instrument_base: Transform::from_core(&corrected.model.t_instrument_base),
+            t_instrument_base: Transform::from(&corrected.model.t_instrument_base),
             targets,
             gravity_in_base: compliance.gravity_in_base.into(),
             masses: compliance.masses.clone(),
@@ -251,10 +256,10 @@ impl CorrectionsContent {
                 .collect(),
             joint_compliance_deg: compliance.joints_rad.iter().map(degrees3).collect(),
             base_compliance_deg: degrees3(&compliance.base_rad),
-            payload: compliance.payload.as_ref().map(PayloadBody::from_core),
+            payload: compliance.payload.as_ref().map(PayloadBody::from),
             mass_unit_kg: compliance.mass_unit_kg,
             harmonics: harmonics.iter().enumerate().flat_map(listed).collect(),
-            residual_network: residual.as_ref().map(ResidualNetworkContent::from_core),
+            residual_network: residual.as_ref().map(ResidualNetworkContent::from),
             measured: MeasuredRegionContent {
                 q_lowest_deg: degrees(&region.lowest_rad),
                 q_highest_deg: degrees(&region.highest_rad),
@@ -265,8 +270,8 @@ impl CorrectionsContent {
         }
     }
 
-    /// The core's model with these links. `segment`: the stretch of targets that moved; default: the last.
-    pub fn to_core(&self, links: Vec<Link>, segment: Option<u32>) -> CorrectedModel {
+    /// These corrections on these links. `segment`: the segment of targets that moved; default: the last.
+    pub fn corrected_model(&self, links: Vec<Link>, segment: Option<u32>) -> CorrectedModel {
         let n_targets = self.targets.iter().map(|t| t.target + 1).max().unwrap_or(0);
         let target_mm = |target| {
             of_target(&self.targets, target, segment)
@@ -281,7 +286,7 @@ impl CorrectionsContent {
         }
         CorrectedModel {
             model: KinematicModel {
-                t_instrument_base: self.t_instrument_base.to_core(),
+                t_instrument_base: IsometryMatrix3::from(&self.t_instrument_base),
                 links,
                 targets_mm: (0..n_targets)
                     .map(|target| target_mm(target).unwrap_or_else(Vector3::zeros))
@@ -298,14 +303,11 @@ impl CorrectionsContent {
                         .collect(),
                     joints_rad: self.joint_compliance_deg.iter().map(radians3).collect(),
                     base_rad: radians3(&self.base_compliance_deg),
-                    payload: self.payload.map(PayloadBody::to_core),
+                    payload: self.payload.map(Payload::from),
                     mass_unit_kg: self.mass_unit_kg,
                 },
                 harmonics,
-                residual: self
-                    .residual_network
-                    .as_ref()
-                    .map(ResidualNetworkContent::to_core),
+                residual: self.residual_network.as_ref().map(ResidualNetwork::from),
             },
             region: MeasuredRegion {
                 lowest_rad: radians(&self.measured.q_lowest_deg),

@@ -17,9 +17,8 @@ pub struct Transform {
     pub translation_mm: [f64; 3],
 }
 
-impl Transform {
-    /// From the core's transformation.
-    pub fn from_core(t: &IsometryMatrix3<f64>) -> Self {
+impl From<&IsometryMatrix3<f64>> for Transform {
+    fn from(t: &IsometryMatrix3<f64>) -> Self {
         let r = t.rotation.matrix();
         let row = |i| [r[(i, 0)], r[(i, 1)], r[(i, 2)]];
         Self {
@@ -27,12 +26,14 @@ impl Transform {
             translation_mm: t.translation.vector.into(),
         }
     }
+}
 
-    /// The core's transformation, bit for bit what [`Transform::from_core`] was given.
-    pub fn to_core(&self) -> IsometryMatrix3<f64> {
-        let matrix = Matrix3::from_fn(|i, j| self.rotation[i][j]);
-        IsometryMatrix3::from_parts(
-            Translation3::from(Vector3::from(self.translation_mm)),
+/// Bit for bit the transformation that the shape was made from.
+impl From<&Transform> for IsometryMatrix3<f64> {
+    fn from(transform: &Transform) -> Self {
+        let matrix = Matrix3::from_fn(|i, j| transform.rotation[i][j]);
+        Self::from_parts(
+            Translation3::from(Vector3::from(transform.translation_mm)),
             Rotation3::from_matrix_unchecked(matrix),
         )
     }
@@ -108,31 +109,31 @@ pub fn from_sweeps(bytes: &[u8], robot: &Robot) -> Result<FramesContent, Invalid
     let set = from_csv(bytes, Decimal::Point, Frame::Instrument, robot.links.len())?;
     let frames = preliminary_frames(robot, &set)
         .map_err(|error| Invalid::at("", error.code(), error.to_string()))?;
-    Ok(FramesContent::from_core(&frames))
+    Ok(FramesContent::from(&frames))
 }
 
-impl FramesContent {
-    /// From the core's frames.
-    pub fn from_core(frames: &PreliminaryFrames) -> Self {
+impl From<&PreliminaryFrames> for FramesContent {
+    fn from(frames: &PreliminaryFrames) -> Self {
         Self {
-            t_instrument_base: Transform::from_core(&frames.t_instrument_base),
+            t_instrument_base: Transform::from(&frames.t_instrument_base),
             z_tool_mm: frames.z_tool_mm,
-            circles: frames.circles.iter().map(Circle::from_core).collect(),
-        }
-    }
-
-    /// The core's frames.
-    pub fn to_core(&self) -> PreliminaryFrames {
-        PreliminaryFrames {
-            t_instrument_base: self.t_instrument_base.to_core(),
-            z_tool_mm: self.z_tool_mm,
-            circles: self.circles.iter().copied().map(Circle::to_core).collect(),
+            circles: frames.circles.iter().map(Circle::from).collect(),
         }
     }
 }
 
-impl Circle {
-    fn from_core(circle: &SweepCircle) -> Self {
+impl From<&FramesContent> for PreliminaryFrames {
+    fn from(content: &FramesContent) -> Self {
+        Self {
+            t_instrument_base: IsometryMatrix3::from(&content.t_instrument_base),
+            z_tool_mm: content.z_tool_mm,
+            circles: content.circles.iter().map(SweepCircle::from).collect(),
+        }
+    }
+}
+
+impl From<&SweepCircle> for Circle {
+    fn from(circle: &SweepCircle) -> Self {
         Self {
             joint: circle.joint,
             centre_mm: circle.centre_mm.into(),
@@ -141,14 +142,16 @@ impl Circle {
             rms_mm: circle.rms_mm,
         }
     }
+}
 
-    fn to_core(self) -> SweepCircle {
-        SweepCircle {
-            joint: self.joint,
-            centre_mm: self.centre_mm.into(),
-            normal: self.normal.into(),
-            radius_mm: self.radius_mm,
-            rms_mm: self.rms_mm,
+impl From<&Circle> for SweepCircle {
+    fn from(circle: &Circle) -> Self {
+        Self {
+            joint: circle.joint,
+            centre_mm: circle.centre_mm.into(),
+            normal: circle.normal.into(),
+            radius_mm: circle.radius_mm,
+            rms_mm: circle.rms_mm,
         }
     }
 }

@@ -114,19 +114,13 @@ pub struct SessionTest {
     pub changed: Vec<ChangeReport>,
 }
 
-impl SessionTest {
-    /// From the core's comparison of two sessions.
-    pub fn from_core(changes: &Changes) -> Self {
-        let change = |c: &crate::calibration::changes::NamedChange| ChangeReport {
-            name: c.name.clone(),
-            delta: c.delta,
-            sigmas: c.sigmas,
-        };
+impl From<&Changes> for SessionTest {
+    fn from(changes: &Changes) -> Self {
         Self {
             chi_square: changes.chi_square,
             n_combinations: changes.n_combinations,
             probability: changes.probability,
-            changed: changes.all.iter().map(change).collect(),
+            changed: changes.all.iter().map(ChangeReport::from).collect(),
         }
     }
 }
@@ -138,7 +132,7 @@ pub fn map(
     one: &ParameterSetContent,
     other: &ParameterSetContent,
 ) -> (Vec<MapPoint>, f64, f64) {
-    let (one, other) = (one.robot_to_core(None), other.robot_to_core(None));
+    let (one, other) = (one.identified_robot(None), other.identified_robot(None));
     let (of_one, of_other) = (
         Compensation::of(robot, &one, Base::Robot),
         Compensation::of(robot, &other, Base::Robot),

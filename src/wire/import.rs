@@ -168,7 +168,7 @@ fn answer(
         mounting: None,
         joint_map: None,
     };
-    let core = robot.to_core()?;
+    let core = Robot::try_from(&robot)?;
     let largest_difference_mm = largest_difference(&core, imported, described);
     if largest_difference_mm.is_nan() || largest_difference_mm > SAME_MM {
         let detail = format!(
@@ -177,8 +177,8 @@ fn answer(
         return Err(Invalid::at("", "not_expressible", detail));
     }
     let (t_root_base, t_flange_tip) = (
-        Transform::from_core(&imported.t_root_base),
-        Transform::from_core(&imported.t_flange_tip),
+        Transform::from(&imported.t_root_base),
+        Transform::from(&imported.t_flange_tip),
     );
     Ok(ImportAnswer {
         robot,

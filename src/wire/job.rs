@@ -306,11 +306,11 @@ impl JobRequestBody {
             .unwrap_or_else(|| request::default_model(frame, self.frames_id.is_some()))
     }
 
-    /// The core's request.
+    /// The calibration request with the stored things that this body refers to.
     ///
     /// # Errors
     /// As [`JobRequestBody::check`], and for priors that do not fit robot and model.
-    pub fn to_core(&self, parts: JobParts) -> Result<CalibrationRequest, Invalid> {
+    pub fn calibration_request(&self, parts: JobParts) -> Result<CalibrationRequest, Invalid> {
         self.check()?;
         let priors = self
             .parameters
@@ -322,8 +322,8 @@ impl JobRequestBody {
             method: self.method,
             model: self.model,
             preset: self.preset,
-            parameters: self.parameters.clone().unwrap_or_default().into_core(),
-            priors: priors.map(Prior::to_core).collect(),
+            parameters: self.parameters.clone().unwrap_or_default().into(),
+            priors: priors.map(Into::into).collect(),
             frames: parts.frames,
             network: parts.network,
             seed: self.seed,
@@ -334,9 +334,9 @@ impl JobRequestBody {
                 (Some(VerifyBody::Subset), _) => VerifySource::Subset,
                 _ => VerifySource::Default,
             },
-            options: self.options.unwrap_or_default().to_core(),
+            options: self.options.unwrap_or_default().into(),
             corrections: self.corrections,
-            payload: self.payload.map(PayloadBody::to_core),
+            payload: self.payload.map(Into::into),
             held_out: None,
             residual_network: parts.residual_network,
             previous: parts.previous,

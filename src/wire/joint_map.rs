@@ -21,9 +21,9 @@ pub struct JointMapBody {
     pub coupling: Option<Vec<Vec<f64>>>,
 }
 
-impl JointMapBody {
-    /// The map in full, in degrees.
-    pub fn from_core(map: &JointMap) -> Self {
+/// The map in full, in degrees.
+impl From<&JointMap> for JointMapBody {
+    fn from(map: &JointMap) -> Self {
         // radians leave a last digit
         let rounded_deg = |rad: &f64| (to_degrees(*rad) * 1e9).round() / 1e9;
         Self {
@@ -37,9 +37,11 @@ impl JointMapBody {
             ),
         }
     }
+}
 
-    /// The core's joint map of `n` joints; call after the checks.
-    pub(super) fn to_core(&self, n: usize) -> JointMap {
+impl JointMapBody {
+    /// The joint map of a robot with `n` joints. Call it after the checks.
+    pub(super) fn joint_map(&self, n: usize) -> JointMap {
         JointMap {
             sign: self.sign.clone().unwrap_or_else(|| vec![1.0; n]),
             offset_rad: self.offset_deg.as_ref().map_or_else(

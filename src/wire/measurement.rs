@@ -229,7 +229,7 @@ fn parse_typed(
         json::Error::Shape(invalid) => invalid,
         json::Error::Syntax(detail) => Invalid::at("", "malformed_json", detail),
     })?;
-    body.to_core_with_times(Some(frame), n_joints, is_time)
+    body.set_with_times(Some(frame), n_joints, is_time)
 }
 
 fn csv_issue(issue: measurement::csv::Issue) -> Issue {
@@ -244,19 +244,19 @@ fn csv_issue(issue: measurement::csv::Issue) -> Issue {
 }
 
 impl MeasurementSetBody {
-    /// The core's set, after the same checks as for CSV. `frame` is what the query said.
+    /// The measurement set, after the same checks as for CSV. `frame` is the frame of the query.
     ///
     /// # Errors
     /// [`Invalid`] with a JSON pointer to everything that is wrong.
-    pub fn to_core(
+    pub fn measurement_set(
         &self,
         frame: Option<Frame>,
         n_joints: usize,
     ) -> Result<MeasurementSet, Invalid> {
-        self.to_core_with_times(frame, n_joints, is_rfc3339)
+        self.set_with_times(frame, n_joints, is_rfc3339)
     }
 
-    fn to_core_with_times(
+    fn set_with_times(
         &self,
         frame: Option<Frame>,
         n_joints: usize,
@@ -295,7 +295,7 @@ impl MeasurementSetBody {
             .points
             .iter()
             .enumerate()
-            .map(|(row, point)| point.to_core(row))
+            .map(|(row, point)| point.point(row))
             .collect();
         Ok(MeasurementSet::new(frame, points))
     }
@@ -383,7 +383,7 @@ impl PointBody {
         }
     }
 
-    fn to_core(&self, row: usize) -> Point {
+    fn point(&self, row: usize) -> Point {
         Point {
             q_rad: self.q_deg.iter().map(|deg| to_radians(*deg)).collect(),
             position_mm: Vector3::from(self.position_mm),
@@ -409,7 +409,7 @@ pub fn counts(set: &MeasurementSet) -> (usize, usize) {
 /// What the uploader should know: the set is kept all the same.
 pub fn warnings(robot: &Robot, set: &MeasurementSet) -> Vec<Warning> {
     let of_the_set = upload::warnings(robot, set);
-    let mut warnings: Vec<Warning> = of_the_set.iter().map(Warning::from_core).collect();
+    let mut warnings: Vec<Warning> = of_the_set.iter().map(Warning::from).collect();
     warnings
         .iter_mut()
         .for_each(|warning| warning.rows.truncate(MAX_WARNED_ROWS));

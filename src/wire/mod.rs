@@ -1,7 +1,7 @@
 //! The JSON shapes of `openapi.yaml` and their conversion to and from the core.
 //!
 //! Here, and only here, millimetres and degrees meet radians: everything on the wire carries its unit last in its name,
-//! everything behind [`angle`] is in radians. What has passed a `to_core` function is valid by type.
+//! everything behind [`angle`] is in radians. What has been converted to a type of the core is valid by type.
 
 pub mod angle;
 pub mod bounds;

@@ -126,19 +126,20 @@ impl OptionsBody {
             MAX_HALF_WIDTH_DEG,
         );
     }
+}
 
-    /// The core's options.
-    pub fn to_core(self) -> SearchOptions {
-        SearchOptions {
-            n_particles: self.n_particles,
-            n_iterations: self.n_iterations,
-            inertia_weight: self.inertia_weight,
-            cognitive: self.cognitive,
-            social: self.social,
-            search_half_width_mm: self.search_half_width_mm,
-            search_half_width_deg: self.search_half_width_deg,
-            stop_at_cost_mm2: self.stop_at_cost_mm2,
-            loss: self.loss,
+impl From<OptionsBody> for SearchOptions {
+    fn from(body: OptionsBody) -> Self {
+        Self {
+            n_particles: body.n_particles,
+            n_iterations: body.n_iterations,
+            inertia_weight: body.inertia_weight,
+            cognitive: body.cognitive,
+            social: body.social,
+            search_half_width_mm: body.search_half_width_mm,
+            search_half_width_deg: body.search_half_width_deg,
+            stop_at_cost_mm2: body.stop_at_cost_mm2,
+            loss: body.loss,
         }
     }
 }

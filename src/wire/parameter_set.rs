@@ -16,7 +16,7 @@ pub use crate::wire::reason::{MAX_REASON, ReasonBody};
 use crate::wire::release::Gate;
 pub use crate::wire::target::Target;
 use crate::wire::target::of_target;
-use nalgebra::Vector3;
+use nalgebra::{IsometryMatrix3, Vector3};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -186,50 +186,48 @@ pub struct ParameterSetAnswer {
     pub release_checks: Option<Vec<Gate>>,
 }
 
-impl ParameterSetContent {
-    /// From the core's report.
-    pub fn from_core(core: &CalibrationReport) -> Self {
+impl From<&CalibrationReport> for ParameterSetContent {
+    fn from(report: &CalibrationReport) -> Self {
         Self {
-            links: core.links.iter().map(IdentifiedLink::from_core).collect(),
-            t_instrument_base: Transform::from_core(&core.t_instrument_base),
-            targets: targets_from_core(core, &core.targets_mm),
-            links_with_corrections: core.corrected.as_ref().map(|c| {
-                c.model
-                    .links
-                    .iter()
-                    .map(IdentifiedLink::from_core)
-                    .collect()
-            }),
-            corrections: core.corrected.as_ref().map(|c| {
-                CorrectionsContent::from_core(c, targets_from_core(core, &c.model.targets_mm))
-            }),
+            links: report.links.iter().map(IdentifiedLink::from).collect(),
+            t_instrument_base: Transform::from(&report.t_instrument_base),
+            targets: targets(report, &report.targets_mm),
+            links_with_corrections: report
+                .corrected
+                .as_ref()
+                .map(|c| c.model.links.iter().map(IdentifiedLink::from).collect()),
+            corrections: report
+                .corrected
+                .as_ref()
+                .map(|c| CorrectionsContent::new(c, targets(report, &c.model.targets_mm))),
         }
     }
+}
 
-    /// The core's model of the links alone. Of a target that moved while it was measured, the last position.
-    pub fn to_core(&self) -> KinematicModel {
-        self.plain_to_core(None)
+/// The links alone. A target that moved during the measurement has its last position.
+impl From<&ParameterSetContent> for KinematicModel {
+    fn from(content: &ParameterSetContent) -> Self {
+        content.links_alone(None)
     }
+}
 
+impl ParameterSetContent {
     /// The robot as identified: links, and corrections where there are some. Of a target that moved while it was measured, the position of
     /// that stretch, else the last.
-    pub fn robot_to_core(&self, segment: Option<u32>) -> IdentifiedRobot {
+    pub fn identified_robot(&self, segment: Option<u32>) -> IdentifiedRobot {
         let with_corrections = self
             .links_with_corrections
             .as_ref()
             .zip(self.corrections.as_ref());
         IdentifiedRobot {
-            plain: self.plain_to_core(segment),
+            plain: self.links_alone(segment),
             corrected: with_corrections.map(|(links, corrections)| {
-                corrections.to_core(
-                    links.iter().copied().map(IdentifiedLink::to_core).collect(),
-                    segment,
-                )
+                corrections.corrected_model(links.iter().map(Link::from).collect(), segment)
             }),
         }
     }
 
-    fn plain_to_core(&self, segment: Option<u32>) -> KinematicModel {
+    fn links_alone(&self, segment: Option<u32>) -> KinematicModel {
         let n_targets = self.targets.iter().map(|t| t.target + 1).max().unwrap_or(0);
         let target_mm = |target| {
             self.target_mm(target, segment)
@@ -237,8 +235,8 @@ impl ParameterSetContent {
                 .unwrap_or_else(Vector3::zeros)
         };
         KinematicModel {
-            t_instrument_base: self.t_instrument_base.to_core(),
-            links: self.links_to_core(),
+            t_instrument_base: IsometryMatrix3::from(&self.t_instrument_base),
+            links: self.kinematic_links(),
             targets_mm: (0..n_targets).map(target_mm).collect(),
         }
     }
@@ -284,13 +282,9 @@ impl ParameterSetContent {
         canonical::sha256_of(self)
     }
 
-    /// The core's links.
-    pub fn links_to_core(&self) -> Vec<Link> {
-        self.links
-            .iter()
-            .copied()
-            .map(IdentifiedLink::to_core)
-            .collect()
+    /// The identified links, angles in radians.
+    pub fn kinematic_links(&self) -> Vec<Link> {
+        self.links.iter().map(Link::from).collect()
     }
 
     /// Offset of a target in the flange frame: of the stretch asked for, else of the last.
@@ -300,9 +294,10 @@ impl ParameterSetContent {
 }
 
 /// Every target, and every stretch of those that moved, in their order.
-fn targets_from_core(core: &CalibrationReport, targets_mm: &[Vector3<f64>]) -> Vec<Target> {
+fn targets(report: &CalibrationReport, targets_mm: &[Vector3<f64>]) -> Vec<Target> {
     let moved = |target: usize| {
-        core.target_segments
+        report
+            .target_segments
             .iter()
             .filter(|(t, _)| *t == target)
             .count()
@@ -313,7 +308,7 @@ fn targets_from_core(core: &CalibrationReport, targets_mm: &[Vector3<f64>]) -> V
         segment: moved(*target).then_some(*segment as u32),
         position_mm: (*position).into(),
     };
-    let mut targets: Vec<Target> = core
+    let mut targets: Vec<Target> = report
         .target_segments
         .iter()
         .zip(targets_mm)
@@ -323,9 +318,8 @@ fn targets_from_core(core: &CalibrationReport, targets_mm: &[Vector3<f64>]) -> V
     targets
 }
 
-impl IdentifiedLink {
-    /// From the core's link.
-    pub fn from_core(link: &Link) -> Self {
+impl From<&Link> for IdentifiedLink {
+    fn from(link: &Link) -> Self {
         Self {
             a_mm: link.a_mm,
             alpha_deg: to_degrees(link.alpha_rad),
@@ -334,14 +328,16 @@ impl IdentifiedLink {
             beta_deg: to_degrees(link.beta_rad),
         }
     }
+}
 
-    fn to_core(self) -> Link {
-        Link {
-            a_mm: self.a_mm,
-            alpha_rad: to_radians(self.alpha_deg),
-            d_mm: self.d_mm,
-            theta_offset_rad: to_radians(self.theta_offset_deg),
-            beta_rad: to_radians(self.beta_deg),
+impl From<&IdentifiedLink> for Link {
+    fn from(link: &IdentifiedLink) -> Self {
+        Self {
+            a_mm: link.a_mm,
+            alpha_rad: to_radians(link.alpha_deg),
+            d_mm: link.d_mm,
+            theta_offset_rad: to_radians(link.theta_offset_deg),
+            beta_rad: to_radians(link.beta_deg),
         }
     }
 }

@@ -66,13 +66,14 @@ impl ParametersBody {
         }
         prior::check(self.priors.as_deref().unwrap_or_default(), checker);
     }
+}
 
-    /// The core's choice.
-    pub(super) fn into_core(self) -> ParameterChoice {
-        match (self.hold, self.identify) {
-            (Some(hold), _) => ParameterChoice::Hold(hold),
-            (None, Some(identify)) => ParameterChoice::Identify(identify),
-            (None, None) => ParameterChoice::All,
+impl From<ParametersBody> for ParameterChoice {
+    fn from(body: ParametersBody) -> Self {
+        match (body.hold, body.identify) {
+            (Some(hold), _) => Self::Hold(hold),
+            (None, Some(identify)) => Self::Identify(identify),
+            (None, None) => Self::All,
         }
     }
 }

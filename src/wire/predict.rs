@@ -1,6 +1,6 @@
 //! Where an identified robot has its target.
 
-use crate::kinematics::Robot;
+use crate::kinematics::{Payload, Robot};
 use crate::measurement::csv::MAX_TARGETS;
 use crate::wire::angle::to_radians;
 use crate::wire::corrections::PayloadBody;
@@ -58,8 +58,8 @@ impl PredictBody {
             return Err(unknown_target());
         }
         let identified = content
-            .robot_to_core(self.segment)
-            .carrying(self.payload.map(PayloadBody::to_core));
+            .identified_robot(self.segment)
+            .carrying(self.payload.map(Payload::from));
         let predicted = |q_deg: &Vec<f64>| -> ([f64; 3], bool) {
             let q_rad: Vec<f64> = q_deg.iter().map(|deg| to_radians(*deg)).collect();
             let q_rad = robot.q_model_rad(&q_rad);

@@ -35,17 +35,16 @@ pub struct Prior {
     pub max: Option<f64>,
 }
 
-impl Prior {
-    /// The core's.
-    pub fn to_core(&self) -> ParameterPrior {
-        let Self {
+impl From<&Prior> for ParameterPrior {
+    fn from(prior: &Prior) -> Self {
+        let Prior {
             name,
             std,
             mean,
             min,
             max,
-        } = self.clone();
-        ParameterPrior {
+        } = prior.clone();
+        Self {
             name,
             std,
             mean,

@@ -95,17 +95,17 @@ fn without_hash(core: &CalibrationReport, run: &RunContext<'_>) -> Report {
         n_evaluations: core.n_evaluations,
         duration_ms: run.duration_ms,
         cost_mm2: core.cost_mm2,
-        identify: subset(&core.identify),
-        verify: core.verify.as_ref().map(subset),
-        per_point: core.per_point.iter().map(point).collect(),
-        parameters: core.parameters.iter().map(parameter).collect(),
+        identify: (&core.identify).into(),
+        verify: core.verify.as_ref().map(Into::into),
+        per_point: core.per_point.iter().map(Into::into).collect(),
+        parameters: core.parameters.iter().map(Into::into).collect(),
         tool_uncertainty_mm: core
             .tool_uncertainty
             .filter(|t| t.max_mm.is_finite())
-            .map(tool_uncertainty),
+            .map(Into::into),
         tool_uncertainty_absent_because: core.uncertainty_absent_because.clone(),
         flange_rotation_std_deg: core.flange_rotation_std_rad.map(to_degrees),
-        error_model: core.error_model.map(error_model),
+        error_model: core.error_model.map(Into::into),
         identifiability: IdentifiabilityReport {
             n_parameters: core.identifiability.n_parameters,
             rank: core.identifiability.rank,
@@ -123,12 +123,12 @@ fn without_hash(core: &CalibrationReport, run: &RunContext<'_>) -> Report {
         corrections: core
             .corrections
             .as_ref()
-            .map(|tried| tried.iter().map(correction).collect()),
-        repeatability: core.repeatability.as_ref().map(repeatability),
+            .map(|tried| tried.iter().map(Into::into).collect()),
+        repeatability: core.repeatability.as_ref().map(Into::into),
         changed: core
             .changes
             .as_ref()
-            .map(|changes| changes.all.iter().map(change).collect()),
+            .map(|changes| changes.all.iter().map(Into::into).collect()),
         evidence: match run.verify_set_is_another {
             _ if run.insisted_on.is_some() || !core.is_evidence() => VerifyEvidence::None,
             false => VerifyEvidence::SameUpload,
@@ -136,7 +136,7 @@ fn without_hash(core: &CalibrationReport, run: &RunContext<'_>) -> Report {
         },
         warnings: insisted(run)
             .into_iter()
-            .chain(core.warnings.iter().map(Warning::from_core))
+            .chain(core.warnings.iter().map(Warning::from))
             .collect(),
         result_sha256: String::new(),
     }
@@ -189,7 +189,7 @@ fn result_sha256(
             row.as_object_mut().map(|row| row.remove("duration_ms"));
         }
     }
-    let (parameter_set, convergence) = (ParameterSetContent::from_core(core), convergence(core));
+    let (parameter_set, convergence) = (ParameterSetContent::from(core), convergence(core));
     let content = serde_json::Map::from_iter([
         ("report".to_owned(), value),
         (
@@ -271,119 +271,139 @@ fn finite(value: f64) -> Option<f64> {
     value.is_finite().then_some(value)
 }
 
-fn errors(e: &Errors) -> ErrorsReport {
-    ErrorsReport {
-        mean_mm: e.mean_mm,
-        std_mm: e.std_mm,
-        rms_mm: e.rms_mm,
-        max_mm: e.max_mm,
+impl From<&Errors> for ErrorsReport {
+    fn from(e: &Errors) -> Self {
+        Self {
+            mean_mm: e.mean_mm,
+            std_mm: e.std_mm,
+            rms_mm: e.rms_mm,
+            max_mm: e.max_mm,
+        }
     }
 }
 
-fn subset(s: &SubsetErrors) -> SubsetReport {
-    SubsetReport {
-        n_points: s.n_points,
-        before: errors(&s.before),
-        after: errors(&s.after),
-        corrected: s.corrected.as_ref().map(errors),
+impl From<&SubsetErrors> for SubsetReport {
+    fn from(s: &SubsetErrors) -> Self {
+        Self {
+            n_points: s.n_points,
+            before: (&s.before).into(),
+            after: (&s.after).into(),
+            corrected: s.corrected.as_ref().map(Into::into),
+        }
     }
 }
 
-fn point(p: &PointErrors) -> PointReport {
-    PointReport {
-        configuration: p.configuration.clone(),
-        target: p.target,
-        subset: p.subset,
-        before_mm: p.before_mm,
-        after_mm: p.after_mm,
-        corrected_mm: p.corrected_vector_mm.map(|v| v.norm()),
-        position_mm: Some(p.position_mm.into()),
-        before_vector_mm: Some(p.before_vector_mm.into()),
-        after_vector_mm: Some(p.after_vector_mm.into()),
-        corrected_vector_mm: p.corrected_vector_mm.map(Into::into),
+impl From<&PointErrors> for PointReport {
+    fn from(p: &PointErrors) -> Self {
+        Self {
+            configuration: p.configuration.clone(),
+            target: p.target,
+            subset: p.subset,
+            before_mm: p.before_mm,
+            after_mm: p.after_mm,
+            corrected_mm: p.corrected_vector_mm.map(|v| v.norm()),
+            position_mm: Some(p.position_mm.into()),
+            before_vector_mm: Some(p.before_vector_mm.into()),
+            after_vector_mm: Some(p.after_vector_mm.into()),
+            corrected_vector_mm: p.corrected_vector_mm.map(Into::into),
+        }
     }
 }
 
-fn parameter(p: &ParameterOutcome) -> ParameterReport {
-    ParameterReport {
-        name: p.name.clone(),
-        link: p.link,
-        unit: p.unit.into(),
-        nominal: p.nominal,
-        identified: p.identified,
-        delta: p.delta,
-        std_uncertainty: p.std_uncertainty.and_then(finite),
-        interval_95: p
-            .interval_95
-            .filter(|[low, high]| low.is_finite() && high.is_finite()),
-        identifiable: p.identifiable,
-        prior: p.prior.as_ref().map(prior),
+impl From<&ParameterOutcome> for ParameterReport {
+    fn from(p: &ParameterOutcome) -> Self {
+        Self {
+            name: p.name.clone(),
+            link: p.link,
+            unit: p.unit.into(),
+            nominal: p.nominal,
+            identified: p.identified,
+            delta: p.delta,
+            std_uncertainty: p.std_uncertainty.and_then(finite),
+            interval_95: p
+                .interval_95
+                .filter(|[low, high]| low.is_finite() && high.is_finite()),
+            identifiable: p.identifiable,
+            prior: p.prior.as_ref().map(Into::into),
+        }
     }
 }
 
-fn repeatability(r: &Repeatability) -> RepeatabilityReport {
-    let pose = |p: &PoseRepeatability| PoseRepeatabilityReport {
-        configuration: p.configuration.clone(),
-        target: p.target,
-        n: p.rows.len(),
-        rows: p.rows.clone(),
-        rp_mm: p.rp_mm,
-        ap_before_mm: p.ap_before_mm,
-        ap_after_mm: p.ap_after_mm,
-        ap_corrected_mm: p.ap_corrected_mm,
-    };
-    RepeatabilityReport {
-        n_poses: r.poses.len(),
-        n_points: r.poses.iter().map(|p| p.rows.len()).sum(),
-        rp_mm: r.rp_mm,
-        std_mm: r.std_mm,
-        poses: r.poses.iter().map(pose).collect(),
+impl From<&Repeatability> for RepeatabilityReport {
+    fn from(r: &Repeatability) -> Self {
+        let pose = |p: &PoseRepeatability| PoseRepeatabilityReport {
+            configuration: p.configuration.clone(),
+            target: p.target,
+            n: p.rows.len(),
+            rows: p.rows.clone(),
+            rp_mm: p.rp_mm,
+            ap_before_mm: p.ap_before_mm,
+            ap_after_mm: p.ap_after_mm,
+            ap_corrected_mm: p.ap_corrected_mm,
+        };
+        Self {
+            n_poses: r.poses.len(),
+            n_points: r.poses.iter().map(|p| p.rows.len()).sum(),
+            rp_mm: r.rp_mm,
+            std_mm: r.std_mm,
+            poses: r.poses.iter().map(pose).collect(),
+        }
     }
 }
 
-fn correction(e: &Evidence) -> CorrectionReport {
-    CorrectionReport {
-        kind: e.kind.clone(),
-        kept: e.kept,
-        dropped_because: e.is_vetoed.then(|| "worse_on_verify_points".into()),
-        cross_validated_rms_mm_before: e.before_mm,
-        cross_validated_rms_mm_after: e.after_mm,
-        gain_mm2: e.gain_mm2,
-        standard_error_mm2: e.standard_error_mm2,
+impl From<&Evidence> for CorrectionReport {
+    fn from(e: &Evidence) -> Self {
+        Self {
+            kind: e.kind.clone(),
+            kept: e.kept,
+            dropped_because: e.is_vetoed.then(|| "worse_on_verify_points".into()),
+            cross_validated_rms_mm_before: e.before_mm,
+            cross_validated_rms_mm_after: e.after_mm,
+            gain_mm2: e.gain_mm2,
+            standard_error_mm2: e.standard_error_mm2,
+        }
     }
 }
 
-fn prior(p: &PriorOutcome) -> PriorReport {
-    PriorReport {
-        mean: p.mean,
-        std: p.std,
-        min: p.min,
-        max: p.max,
-        share: p.share.and_then(finite),
-        at_bound: p.at_bound.map(Into::into),
+impl From<&PriorOutcome> for PriorReport {
+    fn from(p: &PriorOutcome) -> Self {
+        Self {
+            mean: p.mean,
+            std: p.std,
+            min: p.min,
+            max: p.max,
+            share: p.share.and_then(finite),
+            at_bound: p.at_bound.map(Into::into),
+        }
     }
 }
 
-fn change(c: &NamedChange) -> ChangeReport {
-    ChangeReport {
-        name: c.name.clone(),
-        delta: c.delta,
-        sigmas: c.sigmas,
+impl From<&NamedChange> for ChangeReport {
+    fn from(c: &NamedChange) -> Self {
+        Self {
+            name: c.name.clone(),
+            delta: c.delta,
+            sigmas: c.sigmas,
+        }
     }
 }
 
-fn tool_uncertainty(t: ToolUncertainty) -> ToolUncertaintyReport {
-    ToolUncertaintyReport {
-        mean: t.mean_mm,
-        max: t.max_mm,
+impl From<ToolUncertainty> for ToolUncertaintyReport {
+    fn from(t: ToolUncertainty) -> Self {
+        Self {
+            mean: t.mean_mm,
+            max: t.max_mm,
+        }
     }
 }
 
-fn error_model(e: ErrorModel) -> ErrorModelReport {
-    ErrorModelReport {
-        noise_std_mm: e.noise_std_mm,
-        configuration_std_mm: e.configuration_std_mm,
-        misfit_std_deg: to_degrees(e.misfit_std_rad),
+impl From<ErrorModel> for ErrorModelReport {
+    fn from(e: ErrorModel) -> Self {
+        Self {
+            noise_std_mm: e.noise_std_mm,
+            configuration_std_mm: e.configuration_std_mm,
+            misfit_std_deg: to_degrees(e.misfit_std_rad),
+        }
     }
 }
 
@@ -394,6 +414,6 @@ fn comparison(c: &MethodComparison, duration_ms: Option<&f64>) -> ComparisonRepo
         n_evaluations: c.n_evaluations,
         duration_ms: duration_ms.copied().unwrap_or(0.0),
         cost_mm2: c.cost_mm2,
-        verify_after: c.verify_after.as_ref().map(errors),
+        verify_after: c.verify_after.as_ref().map(Into::into),
     }
 }

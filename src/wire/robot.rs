@@ -1,7 +1,8 @@
 //! A robot as the cell PC describes it.
 
+pub use crate::kinematics::Robot;
 use crate::kinematics::model::MAX_LINKS;
-use crate::kinematics::{Link, Mounting, Robot};
+use crate::kinematics::{Link, Mounting};
 use crate::wire::angle::to_radians;
 use crate::wire::issue::{Checker, Invalid};
 pub use crate::wire::joint_map::JointMapBody;
@@ -211,18 +212,17 @@ impl RobotAnswer {
     }
 }
 
-impl RobotBody {
-    /// The core's robot, after every check.
-    ///
-    /// # Errors
-    /// [`Invalid`] naming every place that is wrong.
-    pub fn to_core(&self) -> Result<Robot, Invalid> {
+/// Runs every check. The error names every place that is wrong.
+impl TryFrom<&RobotBody> for Robot {
+    type Error = Invalid;
+
+    fn try_from(body: &RobotBody) -> Result<Self, Invalid> {
         let mut checker = Checker::default();
-        self.check(&mut checker);
+        body.check(&mut checker);
         checker.finish("invalid_robot")?;
-        Ok(Robot {
-            links: self.links.iter().map(LinkBody::to_core).collect(),
-            joint_limits_rad: self
+        Ok(Self {
+            links: body.links.iter().map(Link::from).collect(),
+            joint_limits_rad: body
                 .links
                 .iter()
                 .map(|l| {
@@ -230,14 +230,16 @@ impl RobotBody {
                         .map(|[lo, hi]| (to_radians(lo), to_radians(hi)))
                 })
                 .collect(),
-            joint_map: self
+            joint_map: body
                 .joint_map
                 .as_ref()
-                .map(|map| map.to_core(self.links.len())),
-            mounting: self.mounting.map(|mounting| mounting.to_core()),
+                .map(|map| map.joint_map(body.links.len())),
+            mounting: body.mounting.map(Mounting::from),
         })
     }
+}
 
+impl RobotBody {
     fn check(&self, checker: &mut Checker) {
         checker.text("/name", &self.name, MAX_NAME);
         if let Some(serial_number) = &self.serial_number {
@@ -268,18 +270,19 @@ impl RobotBody {
     }
 }
 
-impl LinkBody {
-    /// The core's link.
-    pub fn to_core(&self) -> Link {
-        Link {
-            a_mm: self.a_mm,
-            alpha_rad: to_radians(self.alpha_deg),
-            d_mm: self.d_mm,
-            theta_offset_rad: to_radians(self.theta_offset_deg),
-            beta_rad: to_radians(self.beta_deg.unwrap_or(0.0)),
+impl From<&LinkBody> for Link {
+    fn from(link: &LinkBody) -> Self {
+        Self {
+            a_mm: link.a_mm,
+            alpha_rad: to_radians(link.alpha_deg),
+            d_mm: link.d_mm,
+            theta_offset_rad: to_radians(link.theta_offset_deg),
+            beta_rad: to_radians(link.beta_deg.unwrap_or(0.0)),
         }
     }
+}
 
+impl LinkBody {
     fn check(&self, at: &str, checker: &mut Checker) {
         let millimetres = "lengths are in millimetres";
         let degrees = "angles are in degrees";
@@ -403,15 +406,16 @@ impl GravityDirection {
     }
 }
 
-impl MountingBody {
-    fn to_core(self) -> Mounting {
-        let (gravity, std_deg) = match self {
-            Self::Named(NamedMounting::Floor) => ([0.0, 0.0, -1.0], DEFAULT_MOUNTING_STD_DEG),
-            Self::Named(NamedMounting::Wall) => ([1.0, 0.0, 0.0], DEFAULT_MOUNTING_STD_DEG),
-            Self::Named(NamedMounting::Ceiling) => ([0.0, 0.0, 1.0], DEFAULT_MOUNTING_STD_DEG),
-            Self::Direction(direction) => (direction.gravity_in_base, direction.std_deg),
+impl From<MountingBody> for Mounting {
+    fn from(mounting: MountingBody) -> Self {
+        use MountingBody::{Direction, Named};
+        let (gravity, std_deg) = match mounting {
+            Named(NamedMounting::Floor) => ([0.0, 0.0, -1.0], DEFAULT_MOUNTING_STD_DEG),
+            Named(NamedMounting::Wall) => ([1.0, 0.0, 0.0], DEFAULT_MOUNTING_STD_DEG),
+            Named(NamedMounting::Ceiling) => ([0.0, 0.0, 1.0], DEFAULT_MOUNTING_STD_DEG),
+            Direction(direction) => (direction.gravity_in_base, direction.std_deg),
         };
-        Mounting {
+        Self {
             gravity_in_base: Vector3::from(gravity).normalize(),
             std_rad: to_radians(std_deg),
         }

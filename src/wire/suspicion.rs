@@ -54,7 +54,7 @@ pub fn refusal(suspicion: &Suspicion) -> Issue {
         joint_map: suspicion
             .joint_map
             .as_ref()
-            .map(|map| serde_json::json!(JointMapBody::from_core(map))),
+            .map(|map| serde_json::json!(JointMapBody::from(map))),
         ..Issue::default()
     }
 }

@@ -16,9 +16,8 @@ pub struct Warning {
     pub rows: Vec<usize>,
 }
 
-impl Warning {
-    /// The core's remark.
-    pub fn from_core(warning: &report::Warning) -> Self {
+impl From<&report::Warning> for Warning {
+    fn from(warning: &report::Warning) -> Self {
         Self {
             code: warning.code.into(),
             detail: warning.detail.clone(),

@@ -451,7 +451,7 @@ fn measured_arm(
 ) {
     use kincal::wire::import::{ImportFormat, import};
     let imported = import(urdf.as_bytes(), ImportFormat::Urdf, name, None).unwrap();
-    let nominal = imported.robot.to_core().unwrap();
+    let nominal = Robot::try_from(&imported.robot).unwrap();
     let mut random = Normal::new(41);
     let mut truth = true_robot(&nominal, 1, &mut random);
     // Joints are mastered in the workshop: offsets of 0.3° instead of 0.05°.

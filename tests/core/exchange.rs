@@ -415,7 +415,7 @@ fn placed(a: &[Matrix4<f64>], b: &[Matrix4<f64>]) -> (Matrix4<f64>, Matrix4<f64>
 fn ur_kinematics(body: &RobotBody, identified: &[Link]) -> Result<String, export::Error> {
     let identity =
         json!({"rotation": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "translation_mm": [0, 0, 0]});
-    let links: Vec<IdentifiedLink> = identified.iter().map(IdentifiedLink::from_core).collect();
+    let links: Vec<IdentifiedLink> = identified.iter().map(IdentifiedLink::from).collect();
     let content: ParameterSetContent = serde_json::from_value(
         json!({"links": links, "t_instrument_base": identity, "targets": []}),
     )
@@ -423,7 +423,7 @@ fn ur_kinematics(body: &RobotBody, identified: &[Link]) -> Result<String, export
     let source = Source {
         id: "par_1",
         body,
-        robot: &body.to_core().unwrap(),
+        robot: &Robot::try_from(body).unwrap(),
         content: &content,
         provenance: &Provenance::default(),
     };
@@ -502,7 +502,7 @@ fn ur_kinematics_in_the_makers_description_move_as_the_identified_robot() {
         .collect();
     let compare =
         |name: &str, urdf: &str, body: &RobotBody, base_link_links: f64, random: &mut Normal| {
-            let nominal = body.to_core().unwrap();
+            let nominal = Robot::try_from(body).unwrap();
             let identified = with_small_errors(&nominal.links, random);
             let q: Vec<Vec<f64>> = (0..20).map(|_| random_joints(6, random)).collect();
             let kinematics = ur_kinematics(body, &identified).unwrap();
@@ -550,7 +550,7 @@ fn other_makers_robots_have_no_ur_kinematics() {
         let Ok(imported) = import(urdf.as_bytes(), ImportFormat::Urdf, name, None) else {
             continue; // hands, and descriptions of two arms
         };
-        let links = imported.robot.to_core().unwrap().links;
+        let links = Robot::try_from(&imported.robot).unwrap().links;
         of_six += usize::from(links.len() == 6);
         match ur_kinematics(&imported.robot, &links) {
             Err(export::Error::Invalid(invalid)) => {
@@ -564,7 +564,7 @@ fn other_makers_robots_have_no_ur_kinematics() {
     // The base of a UR in a custom frame cannot be located.
     let mut turned = description_by_hand([180.7, -612.7, -571.55, 174.15, 119.85, 116.55]);
     turned.links[0].theta_offset_deg = 30.0;
-    let links = turned.to_core().unwrap().links;
+    let links = Robot::try_from(&turned).unwrap().links;
     assert!(ur_kinematics(&turned, &links).is_err());
 }
 

@@ -80,7 +80,7 @@ impl ExportDocument {
     ) -> Self {
         let mut content = source.content.clone();
         if remaining_error_mm.is_some() {
-            content.links = links.iter().map(IdentifiedLink::from_core).collect();
+            content.links = links.iter().map(IdentifiedLink::from).collect();
         }
         Self {
             parameter_set_id: source.id.into(),
@@ -128,7 +128,7 @@ impl MasteringDocument {
 /// One row per link; `kincal import` reads it as a table of Craig's convention.
 pub fn csv_of(links: &[Link]) -> String {
     let mut text = String::from("link,a_mm,alpha_deg,d_mm,theta_offset_deg,beta_deg\n");
-    for (i, link) in links.iter().map(IdentifiedLink::from_core).enumerate() {
+    for (i, link) in links.iter().map(IdentifiedLink::from).enumerate() {
         let IdentifiedLink {
             a_mm,
             alpha_deg,

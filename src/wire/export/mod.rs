@@ -78,7 +78,12 @@ pub fn export(
                 serde_json::to_string_pretty(&document).map_err(|e| unreadable("json", e))?;
             let back: ExportDocument =
                 serde_json::from_str(&text).map_err(|e| unreadable("json", e))?;
-            check::same_links("json", source.robot, &links, &back.content.links_to_core())?;
+            check::same_links(
+                "json",
+                source.robot,
+                &links,
+                &back.content.kinematic_links(),
+            )?;
             Ok(Exported {
                 content_type: "application/json",
                 extension: "json",
@@ -91,7 +96,12 @@ pub fn export(
             let text = yaml_serde::to_string(&document).map_err(|e| unreadable("yaml", e))?;
             let back: ExportDocument =
                 yaml_serde::from_str(&text).map_err(|e| unreadable("yaml", e))?;
-            check::same_links("yaml", source.robot, &links, &back.content.links_to_core())?;
+            check::same_links(
+                "yaml",
+                source.robot,
+                &links,
+                &back.content.kinematic_links(),
+            )?;
             Ok(Exported {
                 content_type: "application/yaml",
                 extension: "yaml",
@@ -153,7 +163,7 @@ pub fn export(
 /// # Errors
 /// [`Error`]: the URDF cannot be read, or is not the nominal robot.
 pub fn patch_urdf(source: &Source<'_>, bytes: &[u8], tip: Option<&str>) -> Result<Exported, Error> {
-    let links = source.content.links_to_core();
+    let links = source.content.kinematic_links();
     let text = urdf::patched(source, &links, bytes, tip)?;
     Ok(Exported {
         content_type: "application/xml",
@@ -165,7 +175,7 @@ pub fn patch_urdf(source: &Source<'_>, bytes: &[u8], tip: Option<&str>) -> Resul
 
 /// The identified links, with or without beta, and what is lost without.
 fn links_of(source: &Source<'_>, beta: BetaChoice) -> (Vec<Link>, Option<RemainingError>) {
-    let links = source.content.links_to_core();
+    let links = source.content.kinematic_links();
     if beta == BetaChoice::Keep {
         return (links, None);
     }
@@ -180,7 +190,7 @@ fn links_of(source: &Source<'_>, beta: BetaChoice) -> (Vec<Link>, Option<Remaini
 }
 
 fn mastering(source: &Source<'_>) -> Result<Exported, Error> {
-    let refit = refit::mastering(source.robot, &source.content.links_to_core());
+    let refit = refit::mastering(source.robot, &source.content.kinematic_links());
     let document = MasteringDocument::new(source.robot, &refit);
     let offsets_rad = document.offsets_rad();
     let shifted = |q: &[f64]| -> Vec<f64> {

@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 
 fn paper_robot() -> Robot {
     let body: RobotBody = serde_json::from_slice(&paper("robot.json")).unwrap();
-    body.to_core().unwrap()
+    Robot::try_from(&body).unwrap()
 }
 
 /// Position of a point of the flange of the nominal robot, mm.

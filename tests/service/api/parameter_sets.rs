@@ -1,6 +1,6 @@
 use crate::app::{Answer, TestApp, paper, text};
 use kincal::kinematics::forward::t_base_flange;
-use kincal::wire::robot::RobotBody;
+use kincal::wire::robot::{Robot, RobotBody};
 use nalgebra::Vector3;
 use reqwest::Method;
 use serde_json::{Value, json};
@@ -287,7 +287,7 @@ async fn predictions_agree_with_what_was_measured() {
 async fn after_a_slip_the_reflector_is_predicted_in_either_stretch() {
     let app = TestApp::with_workers(1).await;
     let robot: RobotBody = serde_json::from_slice(&paper("robot.json")).unwrap();
-    let links = robot.to_core().unwrap().links;
+    let links = Robot::try_from(&robot).unwrap().links;
     let (q_deg, mut measured) = first_rows(100);
     // A shift of 2 mm in the flange frame before row 40; the nominal robot's flange rotation is accurate enough for that.
     const SLIP_ROW: usize = 40;
