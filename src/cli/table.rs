@@ -1,12 +1,12 @@
 //! A report as text for a terminal.
 
 use super::terminal::in_commands;
+use crate::report_page::words;
 use crate::wire::job::{Method, Model};
 use crate::wire::report_shape::{
     ComparisonReport, CorrectionReport, ErrorsReport, Evidence, ParameterReport,
     RepeatabilityReport, Report, SubsetReport,
 };
-use crate::wire::words;
 use std::fmt::Write;
 
 /// Smallest error that is printed as a number, mm: no instrument resolves a tenth of a micrometre.

@@ -55,7 +55,11 @@ async fn create(
     };
     let effect = async |tx: &mut Tx| {
         let row = frames::insert(tx, &new).await?;
-        stored_json(201, Some(format!("/v1/frames/{}", row.id)), &answer(row)?)
+        stored_json(
+            201,
+            Some(format!("/v1/frames/{}", row.id)),
+            &FramesAnswer::try_from(row)?,
+        )
     };
     submission.create(&app.store, effect).await
 }
@@ -70,14 +74,18 @@ async fn get(
     caller: Caller,
     Id(id): Id,
 ) -> Result<Json<FramesAnswer>, Error> {
-    Ok(Json(answer(access::frames(&app, &caller, &id).await?)?))
+    Ok(Json(access::frames(&app, &caller, &id).await?.try_into()?))
 }
 
-fn answer(row: FramesRow) -> Result<FramesAnswer, Error> {
-    Ok(FramesAnswer::new(
-        row.id,
-        row.robot_id,
-        serde_json::from_str(&row.result_json)?,
-        rfc3339(row.created_at_ms),
-    ))
+impl TryFrom<FramesRow> for FramesAnswer {
+    type Error = Error;
+
+    fn try_from(row: FramesRow) -> Result<Self, Error> {
+        Ok(Self::new(
+            row.id,
+            row.robot_id,
+            serde_json::from_str(&row.result_json)?,
+            rfc3339(row.created_at_ms),
+        ))
+    }
 }

@@ -9,12 +9,14 @@ use crate::http::request_class::RequestClass;
 use crate::http::{App, Error, access, parameter_sets as answers};
 use crate::jobs::JobInputs;
 use crate::jobs::execution::request_of;
+use crate::release::{self, Scored};
 use crate::store::{ParameterSetRow, jobs, parameter_sets, policies, verifications};
 use crate::wire::Invalid;
 use crate::wire::history::{
     CompareAnswer, HistoryAnswer, HistoryItem, ReportExcerpt, SessionTest, map,
 };
-use crate::wire::trend::{Scored, Trend};
+use crate::wire::parameter_set::ParameterSetAnswer;
+use crate::wire::trend::Trend;
 use crate::wire::verification::Fit;
 use axum::Json;
 use axum::extract::State;
@@ -69,7 +71,7 @@ async fn history(
             changed,
             ..
         } = report;
-        let answer = answers::answer(row)?;
+        let answer = ParameterSetAnswer::try_from(row)?;
         items.push(HistoryItem {
             parameter_set_id: answer.id,
             created_at: answer.created_at,
@@ -98,7 +100,7 @@ async fn excerpt(app: &App, permit: &ComputePermit, job_id: &str) -> Result<Repo
 async fn trend(app: &App, robot_id: &str) -> Result<Trend, Error> {
     let limit_mm = policies::get(&app.store, robot_id).await?.tolerance_mm;
     let Some(active) = parameter_sets::active(&app.store, robot_id).await? else {
-        return Ok(Trend::of(&[], limit_mm));
+        return Ok(release::trend(&[], limit_mm));
     };
     let own = jobs::get(&app.store, &active.job_id).await?;
     let mut uploads = BTreeSet::from([Some(own.measurement_set_id), own.verify_set_id]);
@@ -115,7 +117,7 @@ async fn trend(app: &App, robot_id: &str) -> Result<Trend, Error> {
         }));
     }
     let newest = scored.len().saturating_sub(MAX_SESSIONS);
-    Ok(Trend::of(&scored[newest..], limit_mm))
+    Ok(release::trend(&scored[newest..], limit_mm))
 }
 
 /// What two parameter sets of a robot say differently: the tool over the workspace, and a test of the sessions behind them.

@@ -2,7 +2,7 @@
 
 use crate::http::auth::{self, Caller};
 use crate::http::extract::Id;
-use crate::http::{App, Error, access, job_answer};
+use crate::http::{App, Error, access};
 use crate::store::JobRow;
 use crate::wire::job::{JobAnswer, JobEvent};
 use axum::extract::State;
@@ -63,7 +63,7 @@ fn stream(
 async fn follow(app: App, caller: Caller, mut row: JobRow, events: mpsc::Sender<Event>) {
     loop {
         let is_over = row.status.is_over();
-        let Ok(answer) = job_answer::answer(&row) else {
+        let Ok(answer) = JobAnswer::try_from(&row) else {
             return;
         };
         if let Some(event) = event(if is_over { "finished" } else { "progress" }, &answer)

@@ -6,7 +6,7 @@ use crate::http::auth::{Caller, Scope};
 use crate::http::creation::{Submission, stored_json};
 use crate::http::extract::Id;
 use crate::http::request_class::RequestClass;
-use crate::http::{App, Error, access, job_answer};
+use crate::http::{App, Error, access};
 use crate::jobs::queue;
 use crate::store::jobs as stored;
 use crate::store::{
@@ -114,7 +114,7 @@ pub async fn create(
         stored_json(
             202,
             Some(format!("/v1/jobs/{}", row.id)),
-            &job_answer::answer(&row)?,
+            &JobAnswer::try_from(&row)?,
         )
     };
     let answer = submission.create(&app.store, effect).await?;

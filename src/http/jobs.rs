@@ -2,7 +2,6 @@
 
 use crate::http::auth::Caller;
 use crate::http::extract::{Id, ListQuery, Query};
-use crate::http::job_answer::answer;
 use crate::http::{App, Error, access, job_posting};
 use crate::jobs::queue;
 use crate::store::{self, JobRow, jobs};
@@ -55,7 +54,11 @@ async fn list(
 ) -> Result<Json<Page<JobAnswer>>, Error> {
     access::robot(&app, &caller, &robot_id).await?;
     let page = jobs::list(&app.store, &robot_id, &query.page()?).await?;
-    let items = page.items.iter().map(answer).collect::<Result<_, _>>()?;
+    let items = page
+        .items
+        .iter()
+        .map(JobAnswer::try_from)
+        .collect::<Result<_, _>>()?;
     Ok(Json(Page {
         items,
         next_cursor: page.next_cursor.map(|cursor| cursor.to_string()),
@@ -86,7 +89,7 @@ async fn get(
     } else {
         row
     };
-    Ok(Json(answer(&row)?))
+    Ok(Json(JobAnswer::try_from(&row)?))
 }
 
 /// The job once its status has changed, the time is over, or the server stops.
@@ -108,7 +111,7 @@ async fn cancel(
     Id(id): Id,
 ) -> Result<Json<JobAnswer>, Error> {
     access::job(&app, &caller, &id).await?;
-    Ok(Json(answer(
+    Ok(Json(JobAnswer::try_from(
         &queue::cancel(&app.store, &app.signals, &id, &caller.holder).await?,
     )?))
 }

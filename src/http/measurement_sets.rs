@@ -125,7 +125,7 @@ async fn create(
         stored_json(
             201,
             Some(format!("/v1/measurement-sets/{}", row.id)),
-            &summary(&row)?,
+            &SetSummary::try_from(&row)?,
         )
     };
     submission.create(&app.store, effect).await
@@ -252,7 +252,11 @@ async fn list(
 ) -> Result<Json<Page<SetSummary>>, Error> {
     access::robot(&app, &caller, &robot_id).await?;
     let page = measurement_sets::list(&app.store, &robot_id, &query.page()?).await?;
-    let items = page.items.iter().map(summary).collect::<Result<_, _>>()?;
+    let items = page
+        .items
+        .iter()
+        .map(SetSummary::try_from)
+        .collect::<Result<_, _>>()?;
     Ok(Json(Page {
         items,
         next_cursor: page.next_cursor.map(|cursor| cursor.to_string()),
@@ -270,7 +274,7 @@ async fn get(
     caller: Caller,
     Id(id): Id,
 ) -> Result<Json<SetSummary>, Error> {
-    Ok(Json(summary(
+    Ok(Json(SetSummary::try_from(
         &access::measurement_set(&app, &caller, &id).await?,
     )?))
 }
@@ -287,21 +291,24 @@ async fn points(State(app): State<App>, caller: Caller, Id(id): Id) -> Result<Re
     Ok(([(header::CONTENT_TYPE, row.content_type)], body).into_response())
 }
 
-/// The set as it is answered.
-pub fn summary(row: &MeasurementSetRow) -> Result<SetSummary, Error> {
-    let frame = Frame::parse(&row.frame)
-        .ok_or_else(|| Error::Internal(format!("set {} has frame {:?}", row.id, row.frame)))?;
-    Ok(SetSummary {
-        id: row.id.clone(),
-        robot_id: row.robot_id.clone(),
-        name: row.name.clone(),
-        frame,
-        n_points: row.n_points.unsigned_abs() as usize,
-        n_configurations: row.n_configurations.unsigned_abs() as usize,
-        n_targets: row.n_targets.unsigned_abs() as usize,
-        sha256: row.sha256.clone(),
-        created_at: rfc3339(row.created_at_ms),
-        warnings: serde_json::from_str(&row.warnings_json)?,
-        insisted_on: row.insisted_on.as_deref().and_then(Insist::parse),
-    })
+impl TryFrom<&MeasurementSetRow> for SetSummary {
+    type Error = Error;
+
+    fn try_from(row: &MeasurementSetRow) -> Result<Self, Error> {
+        let frame = Frame::parse(&row.frame)
+            .ok_or_else(|| Error::Internal(format!("set {} has frame {:?}", row.id, row.frame)))?;
+        Ok(Self {
+            id: row.id.clone(),
+            robot_id: row.robot_id.clone(),
+            name: row.name.clone(),
+            frame,
+            n_points: row.n_points.unsigned_abs() as usize,
+            n_configurations: row.n_configurations.unsigned_abs() as usize,
+            n_targets: row.n_targets.unsigned_abs() as usize,
+            sha256: row.sha256.clone(),
+            created_at: rfc3339(row.created_at_ms),
+            warnings: serde_json::from_str(&row.warnings_json)?,
+            insisted_on: row.insisted_on.as_deref().and_then(Insist::parse),
+        })
+    }
 }

@@ -39,7 +39,7 @@ async fn list(
     let items = page
         .items
         .into_iter()
-        .map(answer)
+        .map(NetworkAnswer::try_from)
         .collect::<Result<_, _>>()?;
     Ok(Json(Page {
         items,
@@ -57,7 +57,7 @@ async fn get(
     caller: Caller,
     Id(id): Id,
 ) -> Result<Json<NetworkAnswer>, Error> {
-    Ok(Json(answer(access::network(&app, &caller, &id).await?)?))
+    Ok(Json(access::network(&app, &caller, &id).await?.try_into()?))
 }
 
 /// Its weights, in the safetensors format.
@@ -75,28 +75,32 @@ async fn weights(State(app): State<App>, caller: Caller, Id(id): Id) -> Result<R
     Ok((headers, networks::weights(&app.store, &id).await?).into_response())
 }
 
-fn answer(row: NetworkRow) -> Result<NetworkAnswer, Error> {
-    let NetworkMetadata {
-        kind,
-        parameter_names,
-        model,
-        preset,
-        n_hidden,
-        training_error,
-        validation_error,
-    } = serde_json::from_str(&row.metadata_json)?;
-    Ok(NetworkAnswer {
-        id: row.id,
-        kind,
-        robot_id: row.robot_id,
-        job_id: row.job_id,
-        model,
-        preset,
-        parameter_names,
-        n_hidden,
-        training_error,
-        validation_error,
-        sha256: row.weights_sha256,
-        created_at: rfc3339(row.created_at_ms),
-    })
+impl TryFrom<NetworkRow> for NetworkAnswer {
+    type Error = Error;
+
+    fn try_from(row: NetworkRow) -> Result<Self, Error> {
+        let NetworkMetadata {
+            kind,
+            parameter_names,
+            model,
+            preset,
+            n_hidden,
+            training_error,
+            validation_error,
+        } = serde_json::from_str(&row.metadata_json)?;
+        Ok(Self {
+            id: row.id,
+            kind,
+            robot_id: row.robot_id,
+            job_id: row.job_id,
+            model,
+            preset,
+            parameter_names,
+            n_hidden,
+            training_error,
+            validation_error,
+            sha256: row.weights_sha256,
+            created_at: rfc3339(row.created_at_ms),
+        })
+    }
 }

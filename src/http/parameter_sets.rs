@@ -43,7 +43,7 @@ async fn list(
     let items = page
         .items
         .into_iter()
-        .map(answer)
+        .map(ParameterSetAnswer::try_from)
         .collect::<Result<_, _>>()?;
     Ok(Json(Page {
         items,
@@ -62,7 +62,7 @@ async fn get(
     caller: Caller,
     Id(id): Id,
 ) -> Result<Json<ParameterSetAnswer>, Error> {
-    Ok(Json(answer(
+    Ok(Json(ParameterSetAnswer::try_from(
         access::parameter_set(&app, &caller, &id).await?,
     )?))
 }
@@ -86,7 +86,7 @@ async fn active(
     let row = parameter_sets::active(&app.store, &robot_id)
         .await?
         .ok_or(Error::NoActiveParameterSet)?;
-    let body = serde_json::to_vec(&answer(row)?)?;
+    let body = serde_json::to_vec(&ParameterSetAnswer::try_from(row)?)?;
     let etag = format!("\"{}\"", canonical::sha256_hex(&body));
     let known = headers
         .get(header::IF_NONE_MATCH)
@@ -141,37 +141,40 @@ pub async fn provenance(
         .await
 }
 
-/// The parameter set as it is answered.
-pub fn answer(row: ParameterSetRow) -> Result<ParameterSetAnswer, Error> {
-    let ParameterSetContent {
-        links,
-        t_instrument_base,
-        targets,
-        links_with_corrections,
-        corrections,
-    } = content(&row)?;
-    Ok(ParameterSetAnswer {
-        id: row.id,
-        robot_id: row.robot_id,
-        job_id: row.job_id,
-        status: row.status,
-        links,
-        t_instrument_base,
-        targets,
-        links_with_corrections,
-        corrections,
-        sha256: row.sha256,
-        created_at: rfc3339(row.created_at_ms),
-        released_at: row.released_at_ms.map(rfc3339),
-        release_reason: row.release_reason,
-        released_by: row.released_by,
-        withdrawn_at: row.withdrawn_at_ms.map(rfc3339),
-        withdraw_reason: row.withdraw_reason,
-        withdrawn_by: row.withdrawn_by,
-        release_checks: row
-            .release_checks_json
-            .as_deref()
-            .map(serde_json::from_str)
-            .transpose()?,
-    })
+impl TryFrom<ParameterSetRow> for ParameterSetAnswer {
+    type Error = Error;
+
+    fn try_from(row: ParameterSetRow) -> Result<Self, Error> {
+        let ParameterSetContent {
+            links,
+            t_instrument_base,
+            targets,
+            links_with_corrections,
+            corrections,
+        } = content(&row)?;
+        Ok(Self {
+            id: row.id,
+            robot_id: row.robot_id,
+            job_id: row.job_id,
+            status: row.status,
+            links,
+            t_instrument_base,
+            targets,
+            links_with_corrections,
+            corrections,
+            sha256: row.sha256,
+            created_at: rfc3339(row.created_at_ms),
+            released_at: row.released_at_ms.map(rfc3339),
+            release_reason: row.release_reason,
+            released_by: row.released_by,
+            withdrawn_at: row.withdrawn_at_ms.map(rfc3339),
+            withdraw_reason: row.withdraw_reason,
+            withdrawn_by: row.withdrawn_by,
+            release_checks: row
+                .release_checks_json
+                .as_deref()
+                .map(serde_json::from_str)
+                .transpose()?,
+        })
+    }
 }

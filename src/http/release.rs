@@ -5,7 +5,7 @@ use crate::http::creation::{Submission, stored_json};
 use crate::http::extract::Id;
 use crate::http::limits::ComputePermit;
 use crate::http::request_class::RequestClass;
-use crate::http::{App, Error, access, parameter_sets as answers, policies as policy_answers};
+use crate::http::{App, Error, access, policies as policy_answers};
 use crate::jobs::evidence::{self, Weighed};
 use crate::release::{Comparison, Facts, gates};
 use crate::store::{
@@ -91,7 +91,7 @@ async fn release(
         stored_json(
             200,
             None,
-            &answers::answer(parameter_sets::release(tx, &release).await?)?,
+            &ParameterSetAnswer::try_from(parameter_sets::release(tx, &release).await?)?,
         )
     };
     submission.create(&app.store, effect).await
@@ -121,7 +121,7 @@ async fn roll_back(
         stored_json(
             200,
             None,
-            &answers::answer(parameter_sets::roll_back(tx, &release).await?)?,
+            &ParameterSetAnswer::try_from(parameter_sets::roll_back(tx, &release).await?)?,
         )
     };
     submission.create(&app.store, effect).await
@@ -147,7 +147,7 @@ async fn withdraw(
         stored_json(
             200,
             None,
-            &answers::answer(
+            &ParameterSetAnswer::try_from(
                 parameter_sets::withdraw(tx, &id, &reason, &submission.caller.holder).await?,
             )?,
         )

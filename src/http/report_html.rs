@@ -3,12 +3,12 @@
 use crate::http::auth::Caller;
 use crate::http::extract::Id;
 use crate::http::request_class::RequestClass;
-use crate::http::{
-    App, Error, access, job_answer, measurement_sets as set_answers,
-    parameter_sets as parameter_set_answers,
-};
+use crate::http::{App, Error, access};
 use crate::report_page::{self, Sources};
 use crate::store::jobs;
+use crate::wire::job::JobAnswer;
+use crate::wire::measurement::SetSummary;
+use crate::wire::parameter_set::ParameterSetAnswer;
 use axum::extract::State;
 use axum::http::header;
 use axum::response::{IntoResponse, Response};
@@ -44,10 +44,10 @@ async fn report_html(
     let page = move || {
         Ok::<_, Error>(report_page::html(&Sources {
             robot: &access::robot_body(&robot)?,
-            set: (&set_answers::summary(&set)?).into(),
-            job: Some(&job_answer::answer(&job)?),
+            set: (&SetSummary::try_from(&set)?).into(),
+            job: Some(&JobAnswer::try_from(&job)?),
             parameter_set: parameter_set
-                .map(parameter_set_answers::answer)
+                .map(ParameterSetAnswer::try_from)
                 .transpose()?
                 .as_ref(),
             report: &serde_json::from_str(&report)?,

@@ -45,7 +45,11 @@ async fn create(State(app): State<App>, submission: Submission) -> Result<Respon
     };
     let effect = async |tx: &mut Tx| {
         let row = robots::insert(tx, &new).await?;
-        stored_json(201, Some(format!("/v1/robots/{}", row.id)), &answer(&row)?)
+        stored_json(
+            201,
+            Some(format!("/v1/robots/{}", row.id)),
+            &RobotAnswer::try_from(&row)?,
+        )
     };
     submission.create(&app.store, effect).await
 }
@@ -61,7 +65,11 @@ async fn list(
     Query(query): Query<ListQuery>,
 ) -> Result<Json<Page<RobotAnswer>>, Error> {
     let page = robots::list(&app.store, caller.robots.as_deref(), &query.page()?).await?;
-    let items = page.items.iter().map(answer).collect::<Result<_, _>>()?;
+    let items = page
+        .items
+        .iter()
+        .map(RobotAnswer::try_from)
+        .collect::<Result<_, _>>()?;
     Ok(Json(Page {
         items,
         next_cursor: page.next_cursor.map(|cursor| cursor.to_string()),
@@ -78,7 +86,7 @@ async fn get(
     caller: Caller,
     Id(robot_id): Id,
 ) -> Result<Json<RobotAnswer>, Error> {
-    Ok(Json(answer(
+    Ok(Json(RobotAnswer::try_from(
         &access::robot(&app, &caller, &robot_id).await?,
     )?))
 }
@@ -102,25 +110,29 @@ async fn checked(
     let by = &submission.caller.holder;
     let effect = async |tx: &mut Tx| {
         let row = robots::checked(tx, &robot_id, &reason, by).await?;
-        stored_json(200, None, &answer(&row)?)
+        stored_json(200, None, &RobotAnswer::try_from(&row)?)
     };
     submission.create(&app.store, effect).await
 }
 
-fn answer(row: &RobotRow) -> Result<RobotAnswer, Error> {
-    let checked = row.checked_reason.as_ref().zip(row.checked_at_ms);
-    let state = RobotState {
-        check_job_id: row.check_job_id.clone(),
-        checked: checked.map(|(reason, at_ms)| CheckedAnswer {
-            reason: reason.clone(),
-            by: row.checked_by.clone().unwrap_or_default(),
-            at: rfc3339(at_ms),
-        }),
-    };
-    Ok(RobotAnswer::new(
-        row.id.clone(),
-        access::robot_body(row)?,
-        rfc3339(row.created_at_ms),
-        state,
-    ))
+impl TryFrom<&RobotRow> for RobotAnswer {
+    type Error = Error;
+
+    fn try_from(row: &RobotRow) -> Result<Self, Error> {
+        let checked = row.checked_reason.as_ref().zip(row.checked_at_ms);
+        let state = RobotState {
+            check_job_id: row.check_job_id.clone(),
+            checked: checked.map(|(reason, at_ms)| CheckedAnswer {
+                reason: reason.clone(),
+                by: row.checked_by.clone().unwrap_or_default(),
+                at: rfc3339(at_ms),
+            }),
+        };
+        Ok(Self::new(
+            row.id.clone(),
+            access::robot_body(row)?,
+            rfc3339(row.created_at_ms),
+            state,
+        ))
+    }
 }

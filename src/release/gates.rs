@@ -80,7 +80,7 @@ fn errors_improved(facts: &Facts<'_>) -> Gate {
     match facts
         .sessions
         .iter()
-        .any(|session| session.found.supports())
+        .any(|session| supports(&session.found))
     {
         true => Gate::new(name, true, "see the sessions"),
         false => Gate::new(name, false, "without verify points nobody knows"),
@@ -171,9 +171,17 @@ fn robot_is_well(facts: &Facts<'_>) -> Gate {
     }
 }
 
+/// Whether a job supports a release: another session, measured anew, that fits and in which the set is better than nominal.
+fn supports(found: &Verification) -> bool {
+    found.is_session
+        && found.evidence == Evidence::IndependentSession
+        && found.fit == Fit::Fits
+        && found.is_better
+}
+
 /// Whether it supports the set, and was measured after that number of the robot's counter.
 fn supports_since(session: &Session, seq: i64) -> bool {
-    session.seq > seq && session.found.supports() && !session.found.is_repeat
+    session.seq > seq && supports(&session.found) && !session.found.is_repeat
 }
 
 /// A session that did not fit the robot may mean that it changed. A set of before, or one that was identified from points of before, speaks of

@@ -3,6 +3,8 @@
 
 pub mod facts;
 mod gates;
+mod trend;
 
 pub use facts::{Comparison, Facts, Session};
 pub use gates::gates;
+pub use trend::{Scored, trend};

@@ -8,6 +8,7 @@ mod figures;
 mod sections;
 mod sources;
 mod text;
+pub mod words;
 
 pub use sources::{MeasuredSet, Sources};
 

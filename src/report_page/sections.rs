@@ -2,10 +2,10 @@
 
 use super::Sources;
 use super::text::{error, evidence, number, signed, time, unit};
+use crate::report_page::words;
 use crate::wire::measurement::{Frame, Warning};
 use crate::wire::parameter_set::ParameterSetAnswer;
 use crate::wire::report_shape::{ErrorsReport, PriorReport, Report, SubsetReport};
-use crate::wire::words;
 use maud::{Markup, html};
 
 /// A reduction by less than this is none.

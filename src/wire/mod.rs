@@ -43,7 +43,6 @@ pub mod trend;
 pub mod urdf;
 pub mod verification;
 pub mod warning;
-pub mod words;
 pub mod xml_limits;
 
 pub use issue::{Invalid, Issue};

@@ -164,7 +164,7 @@ impl PosePlanBody {
         });
         let request = PlanRequest {
             robot,
-            model: model,
+            model,
             target_mm: Vector3::from(target_mm),
             n_configurations: self.n_configurations,
             n_repeats: self.n_repeats.unwrap_or(match self.n_configurations {

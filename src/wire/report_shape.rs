@@ -399,6 +399,17 @@ impl Evidence {
     }
 }
 
+impl TryFrom<String> for Evidence {
+    type Error = String;
+
+    fn try_from(text: String) -> Result<Self, String> {
+        [Self::None, Self::SameUpload, Self::IndependentSession]
+            .into_iter()
+            .find(|evidence| evidence.as_str() == text)
+            .ok_or_else(|| format!("unknown evidence {text:?}"))
+    }
+}
+
 /// How the cost fell.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Convergence {

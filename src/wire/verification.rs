@@ -37,17 +37,6 @@ impl TryFrom<String> for Fit {
     }
 }
 
-impl TryFrom<String> for Evidence {
-    type Error = String;
-
-    fn try_from(text: String) -> Result<Self, String> {
-        [Self::None, Self::SameUpload, Self::IndependentSession]
-            .into_iter()
-            .find(|evidence| evidence.as_str() == text)
-            .ok_or_else(|| format!("unknown evidence {text:?}"))
-    }
-}
-
 /// What one job found.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Verification {
@@ -73,13 +62,4 @@ pub struct Verification {
     pub check_seq: i64,
     /// The tool's largest predicted uncertainty over the workspace, mm, of an identification.
     pub uncertainty_mm: Option<f64>,
-}
-
-impl Verification {
-    /// Whether it supports a release: another session, measured anew, that fits and in which the set is better than nominal.
-    pub fn supports(&self) -> bool {
-        let is_session_of_its_own =
-            self.is_session && self.evidence == Evidence::IndependentSession;
-        is_session_of_its_own && self.fit == Fit::Fits && self.is_better
-    }
 }

@@ -36,7 +36,13 @@ pub const MAY_USE: &[(&str, &[&str])] = &[
     ("store", &["wire"]),
     (
         "release",
-        &["kinematics", "measurement", "calibration", "wire"],
+        &[
+            "kinematics",
+            "measurement",
+            "identification",
+            "calibration",
+            "wire",
+        ],
     ),
     ("jobs", &["release", "store", "wire", "calibration"]),
     ("report_page", &["wire"]),

@@ -5,6 +5,7 @@ use crate::wire::angle::to_degrees;
 use crate::wire::measurement::Frame;
 use crate::wire::parameter_set::{ParameterSetContent, Provenance};
 use crate::wire::robot::RobotBody;
+use nalgebra::IsometryMatrix3;
 
 /// What is exported.
 #[derive(Clone, Copy, Debug)]
@@ -31,7 +32,7 @@ impl Source<'_> {
         if self.provenance.measuring_frame != Some(Frame::Base) {
             return None;
         }
-        let t_measured_base = self.content.t_instrument_base.to_core();
+        let t_measured_base = IsometryMatrix3::from(&self.content.t_instrument_base);
         let [x, y, z] = t_measured_base.translation.vector.into();
         let turned_rad = t_measured_base.rotation.angle();
         let is_same =

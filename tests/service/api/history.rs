@@ -116,11 +116,11 @@ async fn history_tells_what_moved_and_comparison_where_the_tool_did() {
 
 #[test]
 fn a_trend_is_a_line_with_its_interval_or_says_what_is_missing() {
-    use kincal::wire::trend::{Scored, Trend};
+    use kincal::release::{Scored, trend};
     let scored: Vec<Scored> = [(0.0, 0.10), (10.0, 0.12), (20.0, 0.13), (30.0, 0.16)]
         .map(|(day, rms_mm)| Scored { day, rms_mm })
         .to_vec();
-    let trend = Trend::of(&scored, Some(0.2));
+    let line = trend(&scored, Some(0.2));
     // by hand: Sxx = 500, Sxy = 0.95, residual variance 3.5e-5 with 2 degrees of freedom, t = 4.30265
     let near = |found: Option<f64>, expected: f64| {
         assert!(
@@ -128,24 +128,24 @@ fn a_trend_is_a_line_with_its_interval_or_says_what_is_missing() {
             "{found:?} {expected}"
         )
     };
-    near(trend.rms_mm_per_day, 0.0019);
+    near(line.rms_mm_per_day, 0.0019);
     near(
-        trend.interval_95.map(|i| i[0]),
+        line.interval_95.map(|i| i[0]),
         0.0019 - 4.302_653 * (3.5e-5_f64 / 500.0).sqrt(),
     );
-    near(trend.days_to_limit, (0.2 - 0.156) / 0.0019);
-    assert!(trend.detail.contains("23 days"), "{}", trend.detail);
+    near(line.days_to_limit, (0.2 - 0.156) / 0.0019);
+    assert!(line.detail.contains("23 days"), "{}", line.detail);
     // Only noise.
     let flat: Vec<Scored> = [(0.0, 0.10), (10.0, 0.12), (20.0, 0.09), (30.0, 0.11)]
         .map(|(day, rms_mm)| Scored { day, rms_mm })
         .to_vec();
-    assert_eq!(Trend::of(&flat, Some(0.2)).days_to_limit, None);
+    assert_eq!(trend(&flat, Some(0.2)).days_to_limit, None);
     assert!(
-        Trend::of(&scored[..3], Some(0.2))
+        trend(&scored[..3], Some(0.2))
             .detail
             .starts_with("not enough data: 3 sessions")
     );
-    assert!(Trend::of(&[], None).detail.starts_with("not enough data"));
+    assert!(trend(&[], None).detail.starts_with("not enough data"));
     let over: Vec<Scored> = scored
         .iter()
         .map(|s| Scored {
@@ -153,7 +153,7 @@ fn a_trend_is_a_line_with_its_interval_or_says_what_is_missing() {
             ..*s
         })
         .collect();
-    assert!(Trend::of(&over, Some(0.2)).detail.contains("calibrate now"));
+    assert!(trend(&over, Some(0.2)).detail.contains("calibrate now"));
 }
 
 #[tokio::test]

@@ -160,7 +160,7 @@ async fn the_page_has_corrections_with_their_standard_errors_repeatability_and_w
             section,
             &format!(
                 "<th>{}</th>",
-                kincal::wire::words::correction(text(&correction["kind"]))
+                kincal::report_page::words::correction(text(&correction["kind"]))
             ),
             "</tr>",
         );

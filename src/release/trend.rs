@@ -1,0 +1,92 @@
+//! When to calibrate next: the line through the errors of the released parameter set.
+
+use crate::identification::distributions::t_half_width;
+use crate::wire::trend::Trend;
+
+/// Fewest sessions of a trend: the line takes two numbers.
+const MIN_SESSIONS: usize = 4;
+/// Shortest time between the first and the last session, days.
+const MIN_DAYS: f64 = 1.0;
+/// Confidence of the stated interval.
+const CONFIDENCE: f64 = 0.95;
+/// Limit where the robot's policy has none: this factor times the first error.
+const GROWTH: f64 = 1.5;
+/// Longest forecast, days.
+const MAX_DAYS: f64 = 3_650.0;
+
+/// An error at a time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Scored {
+    /// Days since any fixed moment.
+    pub day: f64,
+    /// mm.
+    pub rms_mm: f64,
+}
+
+/// The straight line through the errors by least squares. `limit_mm` comes from the robot's policy, if it has one.
+pub fn trend(scored: &[Scored], limit_mm: Option<f64>) -> Trend {
+    let mut scored = scored.to_vec();
+    scored.sort_by(|a, b| a.day.total_cmp(&b.day));
+    let n = scored.len() as f64;
+    let none = |detail: String| Trend {
+        n_sessions: scored.len(),
+        rms_mm_per_day: None,
+        interval_95: None,
+        limit_mm,
+        days_to_limit: None,
+        detail,
+    };
+    let Some((first, last)) = scored.first().zip(scored.last()) else {
+        return none("not enough data: no released parameter set, or it was never scored".into());
+    };
+    let span = last.day - first.day;
+    if scored.len() < MIN_SESSIONS || span < MIN_DAYS {
+        let sessions = if scored.len() == 1 {
+            "1 session".into()
+        } else {
+            format!("{} sessions over {span:.1} days", scored.len())
+        };
+        return none(format!(
+            "not enough data: {sessions}; a trend takes {MIN_SESSIONS} over a day at least. Score the released set on new points with jobs of kind verify"
+        ));
+    }
+    let limit = limit_mm.unwrap_or(GROWTH * first.rms_mm);
+    let (mean_day, mean_mm) = (
+        scored.iter().map(|s| s.day).sum::<f64>() / n,
+        scored.iter().map(|s| s.rms_mm).sum::<f64>() / n,
+    );
+    let spread: f64 = scored
+        .iter()
+        .map(|s| (s.day - mean_day) * (s.day - mean_day))
+        .sum();
+    let slope = scored
+        .iter()
+        .map(|s| (s.day - mean_day) * (s.rms_mm - mean_mm))
+        .sum::<f64>()
+        / spread;
+    let off = |s: &Scored| s.rms_mm - mean_mm - slope * (s.day - mean_day);
+    let variance = scored.iter().map(|s| off(s) * off(s)).sum::<f64>() / (n - 2.0);
+    let half_width = t_half_width(CONFIDENCE, n - 2.0) * (variance / spread).sqrt();
+    let at_last = mean_mm + slope * (last.day - mean_day);
+    let days = ((limit - at_last) / slope).max(0.0);
+    let grows = slope - half_width > 0.0;
+    let days_to_limit = (grows && days <= MAX_DAYS).then_some(days);
+    let detail = match (grows, days_to_limit) {
+        (false, _) => format!("the error does not grow beyond chance over {span:.0} days"),
+        (true, Some(days)) if days > 0.0 => format!(
+            "at this rate the error reaches {limit:.3} mm in {days:.0} days: calibrate before"
+        ),
+        (true, Some(_)) => format!("the error has reached {limit:.3} mm: calibrate now"),
+        (true, None) => {
+            format!("the error grows, but will not reach {limit:.3} mm within ten years")
+        }
+    };
+    Trend {
+        n_sessions: scored.len(),
+        rms_mm_per_day: Some(slope),
+        interval_95: Some([slope - half_width, slope + half_width]),
+        limit_mm: Some(limit),
+        days_to_limit,
+        detail,
+    }
+}
