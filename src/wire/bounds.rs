@@ -1,5 +1,5 @@
-//! Bounds of request fields in the OpenAPI document that attributes cannot say: of what stands in lists, and with the constants of the
-//! checks themselves. A test sends values at and beyond every bound of the document.
+//! Bounds of request fields that attributes cannot express in the OpenAPI document: of list items, and by the constants of the checks.
+//! A test sends values at and beyond every bound of the document.
 
 use crate::kinematics::model::MAX_LINKS;
 use crate::measurement::csv::{
@@ -176,7 +176,7 @@ fn bounded() -> Vec<Bounded> {
     ]
 }
 
-/// Writes the bounds into a document. Returns the fields that it does not have: none.
+/// Writes the bounds into a document. Returns the fields that the document lacks; there should be none.
 pub fn write(document: &mut OpenApi) -> Vec<String> {
     let Some(components) = &mut document.components else {
         return Vec::new();
@@ -192,7 +192,7 @@ pub fn write(document: &mut OpenApi) -> Vec<String> {
     absent
 }
 
-/// A field, of one of its variants where a type has several.
+/// Finds a field of a type. If the type has variants, of one of them.
 fn field_of<'s>(schema: &'s mut RefOr<Schema>, field: &str) -> Option<&'s mut RefOr<Schema>> {
     match schema {
         RefOr::T(Schema::Object(object)) => object.properties.get_mut(field),
@@ -204,7 +204,7 @@ fn field_of<'s>(schema: &'s mut RefOr<Schema>, field: &str) -> Option<&'s mut Re
     }
 }
 
-/// False if the schema is not of the bounds' kind.
+/// Returns false if the schema is of another kind than the bounds.
 fn bound(schema: &mut RefOr<Schema>, bounds: &[Bound]) -> bool {
     let Some((first, rest)) = bounds.split_first() else {
         return true;

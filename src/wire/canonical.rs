@@ -18,7 +18,7 @@ pub fn to_canonical_json(value: &impl Serialize) -> Result<String, serde_json::E
     text_of(&serde_json::to_value(value)?)
 }
 
-/// As [`to_canonical_json`], of what is JSON already.
+/// As [`to_canonical_json`], for a JSON value.
 ///
 /// # Errors
 /// None in practice: text can always be written to.
@@ -26,8 +26,8 @@ pub fn text_of(value: &Value) -> Result<String, serde_json::Error> {
     text_with(value, write_number)
 }
 
-/// The canonical JSON that has this hash: as it is written now, or as versions before 22 November 2026 wrote it, which of two texts equally
-/// near to a number took the one further from zero. None where neither has it.
+/// Canonical JSON with this hash: as written now, or as written by versions before 22 November 2026. Of two texts
+/// equally near to a number, those took the one further from zero. Returns none if neither text has the hash.
 ///
 /// # Errors
 /// As [`to_canonical_json`].
@@ -144,7 +144,7 @@ fn write_number(number: &Number, out: &mut String) -> std::fmt::Result {
     }
 }
 
-/// With the digits of the standard library, which rounds up what is halfway.
+/// Uses the digits of the standard library: of two equally near texts the one further from zero.
 fn write_number_as_before(number: &Number, out: &mut String) -> std::fmt::Result {
     match number.as_f64() {
         Some(0.0) if number.is_f64() => write_ecmascript("0.0", out),
@@ -153,8 +153,8 @@ fn write_number_as_before(number: &Number, out: &mut String) -> std::fmt::Result
     }
 }
 
-/// Number::toString of ECMAScript: digits d1…dk and n such that the value is 0.d1…dk × 10^n. `shortest` has those digits already, the even
-/// ones where two are equally near, as ECMAScript asks; `{:e}` of the standard library does not.
+/// Number::toString of ECMAScript: digits d1…dk and n such that the value is 0.d1…dk × 10^n. `shortest` must have these digits: of
+/// two equally near texts the even one, as ECMAScript requires. `{:e}` of the standard library does not do that.
 fn write_ecmascript(shortest: &str, out: &mut String) -> std::fmt::Result {
     let unsigned = shortest.strip_prefix('-').unwrap_or(shortest);
     if unsigned == "0.0" {
@@ -164,7 +164,7 @@ fn write_ecmascript(shortest: &str, out: &mut String) -> std::fmt::Result {
     if unsigned.len() < shortest.len() {
         out.push('-');
     }
-    // in its place already but for the point after a whole number, or d1.d2…dkE(n-1)
+    // The point is in place already, except after a whole number and in d1.d2…dkE(n-1).
     let Some((mantissa, exponent)) = unsigned.split_once('e') else {
         out.push_str(unsigned.strip_suffix(".0").unwrap_or(unsigned));
         return Ok(());
@@ -224,7 +224,7 @@ mod tests {
 
     #[test]
     fn of_two_texts_that_are_equally_near_the_even_one_is_written() {
-        // as node prints them; the standard library's {:e} rounds the first up
+        // As node prints them. `{:e}` of the standard library rounds the first up.
         assert_eq!(
             text_of_float(87_477_002_012_648.0 + 0.125),
             "87477002012648.12"
@@ -233,7 +233,7 @@ mod tests {
             text_of_float(-87_477_002_012_648.0 - 0.375),
             "-87477002012648.38"
         );
-        // 600.2 that was kept as 32 bits somewhere
+        // 600.2 after a round trip through 32 bits.
         let content = json!({"d_mm": f64::from(600.2_f32), "a_mm": [0.0, -0.0, 1.0, -2.5, 1e-7, 1e21, 123_456.75]});
         let now = r#"{"a_mm":[0,0,1,-2.5,1e-7,1e+21,123456.75],"d_mm":600.2000122070312}"#;
         let before = now.replace("070312", "070313");

@@ -114,7 +114,7 @@ pub struct LeftOut {
 }
 
 impl CompensateAnswer {
-    /// Goes on with the answer to the next part of a long program; what is left out is the parameter set's and the same in each.
+    /// Appends the answer to the next part of a long program. `left_out` belongs to the parameter set and is the same in each part.
     pub fn extend(&mut self, next: Self) {
         self.q_deg.extend(next.q_deg);
         self.position_error_before_mm
@@ -131,7 +131,7 @@ impl CompensateAnswer {
 }
 
 impl LeftOut {
-    /// Smaller ones are below what anything is measured with.
+    /// Smallest turn, degrees, and shift, mm, that are mentioned: smaller ones are below measurement accuracy.
     const NOTICED: (f64, f64) = (0.001, 0.01);
 
     /// `t_nominal_base`: the base of the identified links in the nominal base frame, where that is known.
@@ -150,7 +150,7 @@ impl LeftOut {
         }
     }
 
-    /// In words; `None` where there is nothing to say.
+    /// Remark in words; `None` if all values are negligible.
     pub fn remark(&self) -> Option<String> {
         let (turn_deg, shift_mm) = Self::NOTICED;
         let is_noticed = self.base_turn_deg.max(self.flange_turn_deg) > turn_deg
@@ -196,7 +196,7 @@ impl CompensateBody {
         let t_nominal_base = (provenance.measuring_frame == Some(Frame::Base))
             .then(|| identified.model().t_instrument_base);
         answer.left_out = LeftOut::of(compensation.anchor(), base, t_nominal_base);
-        // the measured reflector is right whatever the positions do not show
+        // The measured reflector is right even where positions do not determine the flange.
         if self.tool.is_some() || self.mode == Mode::Pose {
             answer.warnings = provenance.warnings.clone();
         }
@@ -249,7 +249,7 @@ impl CompensateBody {
         })
     }
 
-    /// The frame that was asked for, or that suits where positions were measured.
+    /// Requested base, or the default for the frame of the measured positions.
     fn base_in(&self, provenance: &Provenance) -> Result<Base, Invalid> {
         let is_measured = provenance.measuring_frame == Some(Frame::Base);
         match self.base {
@@ -265,7 +265,7 @@ impl CompensateBody {
         }
     }
 
-    /// Every check that needs the request and the number of joints alone.
+    /// Checks that need only the request and the number of joints.
     ///
     /// # Errors
     /// [`Invalid`] with a JSON pointer to everything that is wrong.

@@ -1,4 +1,4 @@
-//! What link parameters cannot say, as part of a parameter set.
+//! Corrections beyond link parameters, as part of a parameter set.
 
 use crate::identification::KinematicModel;
 use crate::identification::corrected::CorrectedModel;
@@ -14,7 +14,7 @@ use nalgebra::{IsometryMatrix3, Vector3};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// The version of this shape. Another one is refused: it would mean another formula.
+/// Version of this shape. Other versions are refused, because their formula differs.
 pub const CORRECTIONS_VERSION: u32 = 1;
 /// Largest mass of a payload, kg.
 pub const MAX_PAYLOAD_KG: f64 = 10_000.0;
@@ -133,7 +133,7 @@ fn radians3(v: &[f64; 3]) -> Vector3<f64> {
 }
 
 impl PayloadBody {
-    /// Notes what is out of range.
+    /// Reports values that are out of range.
     pub fn check(&self, pointer: &str, checker: &mut Checker) {
         if !(0.0..=MAX_PAYLOAD_KG).contains(&self.mass_kg) {
             checker.note(

@@ -1,4 +1,4 @@
-//! How a robot's parameters went over time, and what two parameter sets say differently.
+//! History of a robot's parameters, and the comparison of two parameter sets.
 
 use crate::calibration::changes::Changes;
 use crate::compensation::{Base, Compensation};
@@ -14,7 +14,7 @@ use utoipa::ToSchema;
 
 /// Poses of the map.
 const N_POSES: usize = 200;
-/// Their seed: the same for every comparison.
+/// Seed of these poses: the same for every comparison.
 const SEED: u64 = 0;
 
 /// A page of a robot's history.
@@ -63,7 +63,7 @@ pub struct ReportExcerpt {
 }
 
 impl ReportExcerpt {
-    /// The error of the held-out points, by the best that the report has: with corrections where there are any.
+    /// rms error of the held-out points, with corrections if there are any, mm.
     pub fn verify_rms_mm(&self) -> Option<f64> {
         self.verify
             .as_ref()
@@ -125,8 +125,8 @@ impl From<&Changes> for SessionTest {
     }
 }
 
-/// The map of differences: both robots with their bases and flanges anchored to their own axes, so that it does not matter where
-/// instrument and reflector were. The tool is target 0 of the set in the path.
+/// Differences between two robots over seeded configurations, with mean and maximum. Bases and flanges are anchored to the robots' own
+/// axes, so the places of instrument and reflector do not matter. The tool is target 0 of the set in the path.
 pub fn map(
     robot: &Robot,
     one: &ParameterSetContent,

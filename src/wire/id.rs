@@ -2,10 +2,10 @@
 
 use crate::wire::issue::Invalid;
 
-/// Longest id that is looked up; ours have 36 characters.
+/// Longest id that is looked up. The service's ids have 36 characters.
 pub(super) const MAX_ID: usize = 100;
 
-/// Whether a text may be one of our ids. What cannot be one is not looked up: PostgreSQL takes no U+0000, and a long one is only work.
+/// Whether a text may be an id of this service. Other texts are not looked up: PostgreSQL accepts no U+0000, and a long text costs time.
 pub fn is_plausible(id: &str) -> bool {
     id.len() <= MAX_ID
         && id
@@ -13,7 +13,7 @@ pub fn is_plausible(id: &str) -> bool {
             .all(|byte| byte.is_ascii_alphanumeric() || byte == b'_')
 }
 
-/// What the request names and the robot does not have, whether there is such a thing or not.
+/// Refusal of an id that this robot does not have. The answer is the same whether or not another robot has it.
 pub fn unknown(at: &str, what: &str) -> Invalid {
     Invalid::at(
         at,
@@ -22,7 +22,7 @@ pub fn unknown(at: &str, what: &str) -> Invalid {
     )
 }
 
-/// Refuses what cannot be an id, as what does not exist.
+/// Refuses a text that cannot be an id, with the answer for an unknown id.
 ///
 /// # Errors
 /// [`Invalid`]: `unknown_reference`.

@@ -1,4 +1,4 @@
-//! Robots from other people's descriptions.
+//! Import of robots from URDF files and tables.
 
 use crate::exchange::dh::links_of_distal;
 use crate::exchange::{ImportedLinks, links_of_chain};
@@ -14,11 +14,11 @@ use nalgebra::IsometryMatrix3;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// Configurations at which an import is compared with what it came from.
+/// Configurations at which an import is compared with its source.
 const N_CONFIGURATIONS: usize = 100;
 /// Largest table, bytes: a dozen rows of nine columns have two KiB.
 const MAX_TABLE_BYTES: usize = 64 * 1024;
-/// How far apart they may be, mm.
+/// Largest allowed difference, mm.
 const SAME_MM: f64 = 1e-9;
 
 /// What a file describes a robot by.
@@ -294,7 +294,7 @@ pub fn table(bytes: &[u8]) -> Result<Table, Invalid> {
     }
 }
 
-/// Of each column which quantity it holds, and the factor to mm or rad (0 for degrees).
+/// Quantity of each column, and its factor to mm or rad (0 for degrees).
 fn columns(header: &[String]) -> Result<Vec<Option<(usize, f64)>>, Invalid> {
     const NAMES: [(&str, &str); 7] = [
         ("a", "mm"),

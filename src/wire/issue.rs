@@ -1,10 +1,10 @@
-//! What is wrong with an upload, item by item.
+//! Issues of an upload or a request body, each with its place.
 
 use crate::wire::joint_map::JointMapBody;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// Most issues one answer lists: enough to mend a file in one go, small enough to read.
+/// Largest number of issues in one answer: enough to correct a file at once, few enough to read.
 pub const MAX_ISSUES: usize = 100;
 
 /// One thing that is wrong with the input: where, what, and how to mend it.
@@ -40,7 +40,7 @@ impl Issue {
         }
     }
 
-    /// Where and what.
+    /// Place and detail in words.
     pub fn in_words(&self) -> String {
         let place = match (&self.pointer, self.row, &self.column) {
             (Some(pointer), _, _) if !pointer.is_empty() => format!("{pointer}: "),
@@ -69,7 +69,7 @@ pub struct Invalid {
 }
 
 impl Invalid {
-    /// One reason at a JSON pointer; its code is the whole problem's too.
+    /// One issue at a JSON pointer. Its code is also the code of the problem.
     pub fn at(pointer: &str, code: &'static str, detail: impl Into<String>) -> Self {
         Self {
             code,
@@ -77,7 +77,7 @@ impl Invalid {
         }
     }
 
-    /// The first reason and how many more there are.
+    /// First issue, and the number of further ones.
     pub fn summary(&self) -> String {
         let Some(first) = self.issues.first() else {
             return "the input cannot be used".into();
@@ -151,7 +151,7 @@ impl Checker {
         }
     }
 
-    /// As [`Self::text`], of words that somebody should read: there has to be a letter or a digit in them.
+    /// As [`Self::text`], for text that people read: it must contain a letter or a digit.
     pub fn words(&mut self, pointer: &str, text: &str, max: usize) {
         self.text(pointer, text, max);
         if !text.is_empty() && !text.chars().any(is_readable) {
@@ -179,7 +179,7 @@ impl Checker {
     }
 }
 
-/// Whether something is seen of it that can be read. Fillers of Hangul syllables count as letters and are blank.
+/// Whether a character is visible and readable. Hangul fillers count as letters but are blank.
 fn is_readable(c: char) -> bool {
     c.is_alphanumeric() && !matches!(c, '\u{115f}' | '\u{1160}' | '\u{3164}' | '\u{ffa0}')
 }

@@ -1,4 +1,4 @@
-//! A job: what is asked. How it stands is in [`crate::wire::job_answer`].
+//! Request body of a job. Its status and answer are in [`crate::wire::job_answer`].
 
 use crate::calibration::corrections_are_wanted;
 use crate::calibration::request::{self, CalibrationRequest, PreviousSession, VerifySource};
@@ -20,7 +20,7 @@ pub use crate::wire::prior::{MAX_NAMES, MAX_PARAMETER_NAME, Prior};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// Highest priority of a job, and with a minus the lowest.
+/// Highest priority of a job; the lowest is its negative.
 pub const MAX_PRIORITY: i64 = 10;
 
 /// What a job does.
@@ -155,7 +155,7 @@ impl JobRequestBody {
         }
     }
 
-    /// Every check that needs the request alone.
+    /// Checks that need only the request.
     ///
     /// # Errors
     /// [`Invalid`]: `invalid_job` for values out of range and for what the job would not use, `unknown_reference` for what cannot be an id.
@@ -224,7 +224,7 @@ impl JobRequestBody {
             .try_for_each(|(at, id, what)| id.map_or(Ok(()), |id| id::check(at, id, what)))
     }
 
-    /// Refuses what the job would quietly leave unused.
+    /// Refuses fields that the job would ignore.
     fn check_applicable(&self) -> Result<(), Invalid> {
         let mut checker = Checker::default();
         let mut unused =
@@ -281,7 +281,7 @@ impl JobRequestBody {
         checker.finish("invalid_job")
     }
 
-    /// True if corrections are looked for, with the residual network last of them.
+    /// True if the job looks for corrections. The residual network is the last of them.
     pub fn may_train_residual_network(&self) -> bool {
         let has_priors = self
             .parameters

@@ -1,4 +1,4 @@
-//! How a job stands, as it is answered.
+//! Answer about a job: status, stage and progress.
 
 use crate::wire::job::{JobRequestBody, Kind, Method};
 use crate::wire::problem::Problem;
@@ -33,7 +33,7 @@ impl JobStatus {
         }
     }
 
-    /// True once nothing changes any more.
+    /// Whether the status is final.
     pub fn is_over(self) -> bool {
         matches!(self, Self::Succeeded | Self::Failed | Self::Cancelled)
     }
@@ -109,7 +109,7 @@ impl Stage {
         Self::Verify,
     ];
 
-    /// As it stands on the wire, and as the core calls it.
+    /// Name on the wire and in the core.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Screening => "screening",
@@ -129,12 +129,12 @@ impl Stage {
         }
     }
 
-    /// The stage that the core calls so.
+    /// Stage with this name in the core.
     pub fn parse(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|stage| stage.as_str() == name)
     }
 
-    /// True for the main method: iterations are its own, and say nothing of how long other stages take.
+    /// True for the main method. Iterations are counted for it only.
     pub fn has_iterations(self) -> bool {
         matches!(self, Self::LeastSquares | Self::Pso | Self::BpnnPso)
     }

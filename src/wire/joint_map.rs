@@ -1,4 +1,4 @@
-//! How a controller's joint values become those of the model.
+//! Map from the controller's joint values to those of the model.
 
 use crate::kinematics::JointMap;
 use crate::wire::angle::{to_degrees, to_radians};

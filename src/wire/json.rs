@@ -24,7 +24,7 @@ pub enum Error {
 /// # Errors
 /// [`Error::Syntax`] if it is not JSON, [`Error::Shape`] if it is JSON of another shape.
 pub fn parse<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Error> {
-    // A list would be read as the fields in their order, and those that it lacks as not said.
+    // serde would read a list as the fields in their order, with missing ones absent.
     if bytes.iter().find(|byte| !byte.is_ascii_whitespace()) == Some(&b'[') {
         return Err(Invalid::at(
             "",
@@ -33,7 +33,7 @@ pub fn parse<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Error> {
         )
         .into());
     }
-    // where something is wrong takes twice as long to follow as to read, and is asked of what is wrong only
+    // Tracking the path takes twice as long as reading, so it is done only after an error.
     if let Ok(value) = serde_json::from_slice(bytes) {
         return Ok(value);
     }
@@ -89,7 +89,7 @@ fn explain(pointer: String, error: &serde_json::Error, bytes: &[u8]) -> Error {
             issues: vec![Issue::at(pointer, "out_of_range", detail)],
         });
     }
-    // where a word is expected, the reader takes null for a fault of syntax
+    // Where an enum is expected, serde_json reports null as a syntax error.
     let line = bytes
         .split(|byte| *byte == b'\n')
         .nth(error.line().saturating_sub(1))
@@ -106,7 +106,7 @@ fn explain(pointer: String, error: &serde_json::Error, bytes: &[u8]) -> Error {
                 issues: vec![Issue::at(pointer, "invalid_body", detail)],
             })
         }
-        // so it does a list with more items than its place takes
+        // The same holds for a list that is too long.
         Category::Syntax if text.starts_with("trailing characters") && is_json(bytes) => {
             let detail = format!("this list has more items than belong here ({text})");
             Error::Shape(Invalid {

@@ -22,17 +22,17 @@ use utoipa::ToSchema;
 
 /// Most points of one set; the largest public campaigns have under a thousand.
 pub const MAX_POINTS: usize = measurement::csv::MAX_ROWS;
-/// Most joint values that are read of a point: more than any robot has, so that the check can say how many there should be.
+/// Largest number of joint values that are read per point. It exceeds that of any robot, so the check can report the expected number.
 const MAX_LISTED: usize = 1_000;
 /// Largest joint value, degrees: ten turns.
 pub const MAX_JOINT_VALUE_DEG: f64 = 3_600.0;
 /// Most rows one warning names.
 const MAX_WARNED_ROWS: usize = 20;
 
-/// The frame where an upload does not say it: as on the command line.
+/// Frame of an upload that does not declare it; the command line has the same default.
 pub const DEFAULT_FRAME: Frame = Frame::Base;
 
-/// What an upload is told that did not say its frame.
+/// Warning for an upload that does not declare its frame.
 pub fn frame_assumed() -> Warning {
     let detail = "the upload does not say in which frame positions are; the robot's base frame was taken. Say frame=base, or frame=instrument \
                   where base pose and targets are unknown";
@@ -421,7 +421,7 @@ fn outside_limits(robot: &Robot, set: &MeasurementSet) -> Option<Warning> {
     let mut rows = Vec::new();
     let mut first = None;
     for (row, point) in set.points.iter().enumerate() {
-        // the limits are the controller's, as the values are
+        // Limits and values both follow the controller's convention.
         let outside = robot
             .joint_limits_rad
             .iter()

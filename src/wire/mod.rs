@@ -1,7 +1,7 @@
 //! The JSON shapes of `openapi.yaml` and their conversion to and from the core.
 //!
-//! Here, and only here, millimetres and degrees meet radians: everything on the wire carries its unit last in its name,
-//! everything behind [`angle`] is in radians. What has been converted to a type of the core is valid by type.
+//! Angles are in degrees here and in radians in the core; [`angle`] converts them. Fields on the wire end in their unit.
+//! What has been converted to a type of the core is valid by type.
 
 pub mod angle;
 pub mod bounds;

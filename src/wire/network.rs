@@ -1,4 +1,4 @@
-//! What is known of a stored network.
+//! Metadata of a stored network.
 
 use crate::wire::job::{Model, Preset};
 use serde::{Deserialize, Serialize};

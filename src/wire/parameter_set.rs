@@ -63,7 +63,7 @@ impl Provenance {
         })
     }
 
-    /// Why nothing rests on how the flange is turned; `None` where it is known. A report of an older version tells it by its warning.
+    /// Reason why the flange's rotation is unknown; `None` if it is known. Reports of older versions have only a warning for it.
     pub fn orientation_unknown(&self) -> Option<String> {
         let remedy = "identify from a reflector off the last axis, or from two, at poses that move every joint";
         match self.flange_rotation_std_deg {
@@ -212,8 +212,8 @@ impl From<&ParameterSetContent> for KinematicModel {
 }
 
 impl ParameterSetContent {
-    /// The robot as identified: links, and corrections where there are some. Of a target that moved while it was measured, the position of
-    /// that stretch, else the last.
+    /// Identified robot: links, and corrections if there are any. A target that moved during the measurement has its position in `segment`,
+    /// else its last position.
     pub fn identified_robot(&self, segment: Option<u32>) -> IdentifiedRobot {
         let with_corrections = self
             .links_with_corrections
@@ -274,7 +274,7 @@ impl ParameterSetContent {
             .map_or(Ok(()), |corrections| corrections.check(n_links))
     }
 
-    /// What the cell PC checks.
+    /// Hash that the cell PC checks.
     ///
     /// # Errors
     /// If it cannot be serialised; does not happen for finite numbers.
@@ -287,13 +287,13 @@ impl ParameterSetContent {
         self.links.iter().map(Link::from).collect()
     }
 
-    /// Offset of a target in the flange frame: of the stretch asked for, else of the last.
+    /// Offset of a target in the flange frame: in this segment, else in the last one.
     pub fn target_mm(&self, target: usize, segment: Option<u32>) -> Option<Vector3<f64>> {
         of_target(&self.targets, target, segment)
     }
 }
 
-/// Every target, and every stretch of those that moved, in their order.
+/// All targets in order, with one entry per segment for targets that moved.
 fn targets(report: &CalibrationReport, targets_mm: &[Vector3<f64>]) -> Vec<Target> {
     let moved = |target: usize| {
         report

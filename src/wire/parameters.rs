@@ -1,4 +1,4 @@
-//! Which parameters a job identifies, and what is known of them beforehand.
+//! Choice of the parameters that a job identifies, and their priors.
 
 use crate::calibration::request::ParameterChoice;
 use crate::wire::issue::Checker;
@@ -35,7 +35,7 @@ pub enum Rest {
 }
 
 impl ParametersBody {
-    /// Whether it can be meant, as far as can be said without the robot.
+    /// Checks that need only the body, not the robot.
     pub(super) fn check(&self, checker: &mut Checker) {
         if self.hold.is_some() && self.identify.is_some() {
             checker.note(

@@ -1,10 +1,10 @@
-//! What a robot asks of a release.
+//! Release policy of a robot.
 
 use crate::wire::issue::{Checker, Invalid};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// Largest tolerance: a robot that errs by more needs no calibration, mm.
+/// Largest tolerance, mm: calibration does not help a robot with larger errors.
 const MAX_TOLERANCE_MM: f64 = 1_000.0;
 
 /// A robot's policy. The gates that always stand are not listed: errors on verify points improved on nominal and on the active set,

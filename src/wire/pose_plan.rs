@@ -1,4 +1,4 @@
-//! Which poses to measure next.
+//! Pose plans: the poses to measure next.
 
 use crate::identification::objective::Observation;
 use crate::identification::workspace::ToolUncertainty;
@@ -26,13 +26,13 @@ pub const MAX_CANDIDATES: usize = 50_000;
 pub const MAX_BOXES: usize = 32;
 /// Most sets that count as measured already.
 pub const MAX_MEASURED: usize = 20;
-/// Noise of a coordinate where none is given, mm: a tracker and an arm's repeatability.
+/// Default noise of one coordinate, mm: tracker and repeatability of the arm.
 const DEFAULT_NOISE_MM: f64 = 0.05;
-/// Noise that is taken, mm.
+/// Allowed range of the noise, mm.
 pub(super) const NOISE_MM: (f64, f64) = (1e-4, 10.0);
-/// Where the reflector is thought to be with `model: complete`: off the flange's axis, where it sees all joints.
+/// Assumed reflector with `model: complete`: off the flange's axis, so that its position depends on all joints.
 const OFF_AXIS_MM: [f64; 3] = [80.0, 0.0, 100.0];
-/// And with `model: paper`: on it.
+/// Assumed reflector with `model: paper`: on the flange's axis.
 const ON_AXIS_MM: [f64; 3] = [0.0, 0.0, 100.0];
 
 /// What is to be planned. All but the number is optional.
@@ -217,7 +217,7 @@ impl PosePlanBody {
         }
     }
 
-    /// Every check that needs the request alone.
+    /// Checks that need only the request.
     ///
     /// # Errors
     /// [`Invalid`] with a JSON pointer to everything that is wrong.

@@ -1,4 +1,4 @@
-//! Where an identified robot has its target.
+//! Predicted positions of a target on an identified robot.
 
 use crate::kinematics::{Payload, Robot};
 use crate::measurement::csv::MAX_TARGETS;
@@ -75,7 +75,7 @@ impl PredictBody {
         })
     }
 
-    /// Every check that needs the request and the number of joints alone.
+    /// Checks that need only the request and the number of joints.
     ///
     /// # Errors
     /// [`Invalid`] with a JSON pointer to everything that is wrong.

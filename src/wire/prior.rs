@@ -1,4 +1,4 @@
-//! What a job knows of parameters beforehand.
+//! Priors of parameters in a job.
 
 use crate::calibration::prior_faults;
 use crate::calibration::request::{CalibrationRequest, ParameterPrior};
@@ -54,7 +54,7 @@ impl From<&Prior> for ParameterPrior {
     }
 }
 
-/// Notes every number that is wrong by itself.
+/// Checks each prior on its own.
 pub fn check(priors: &[Prior], checker: &mut Checker) {
     if priors.len() > MAX_NAMES {
         checker.note(

@@ -1,4 +1,4 @@
-//! Why a set is released or withdrawn.
+//! Reasons of releases and withdrawals.
 
 use crate::wire::issue::{Checker, Invalid};
 use serde::{Deserialize, Serialize};
@@ -17,7 +17,7 @@ pub struct ReasonBody {
 }
 
 impl ReasonBody {
-    /// A reason is a sentence, not nothing and not a book.
+    /// A reason must contain text and be at most [`MAX_REASON`] characters long.
     ///
     /// # Errors
     /// [`Invalid`] for an overlong one, or one without a letter or digit.

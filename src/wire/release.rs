@@ -31,7 +31,7 @@ impl Gate {
         }
     }
 
-    /// Worth a look though it was passed.
+    /// Marks a gate that passed but deserves attention.
     pub fn warned(self, warning: bool) -> Self {
         Self {
             warning: warning && self.passed,
@@ -39,7 +39,7 @@ impl Gate {
         }
     }
 
-    /// As it is listed in a refusal.
+    /// Issue of this gate in a refusal.
     pub fn issue(&self) -> Issue {
         Issue {
             code: self.gate.clone(),

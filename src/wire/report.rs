@@ -1,4 +1,4 @@
-//! From the core's report to the wire's, and the hash that tells whether two results are the same.
+//! Conversion of a calibration report, and the hash that tells whether two results are the same.
 
 use crate::calibration::CalibrationReport;
 use crate::calibration::changes::NamedChange;
@@ -42,7 +42,7 @@ pub struct RunContext<'a> {
 /// The version every report names.
 pub const VERSION: &str = env!("CARGO_PKG_VERSION");
 
-/// What who uses the parameters of a stored report should have before them.
+/// Provenance of the parameters of a stored report.
 ///
 /// # Errors
 /// If it is no report.
@@ -67,7 +67,7 @@ pub fn provenance(
     })
 }
 
-/// Warnings that compare with earlier sessions.
+/// Codes of warnings that compare with earlier sessions.
 const ABOUT_EARLIER_SESSIONS: [&str; 2] = ["robot_changed", "placement_changed"];
 
 /// The wire's report, hash included.
@@ -153,8 +153,8 @@ fn insisted(run: &RunContext<'_>) -> Option<Warning> {
     })
 }
 
-/// It covers report, parameter set, convergence and the network's hash. Identifiers, times and durations are taken out before hashing, and what is said about earlier sessions: it depends on what was there
-/// before, and the result does not.
+/// SHA-256 over report, parameter set, convergence and the network's hash. Identifiers, times, durations and comparisons with earlier
+/// sessions are removed first: the result does not depend on them.
 fn result_sha256(
     report: &Report,
     core: &CalibrationReport,
@@ -215,14 +215,14 @@ pub fn convergence(core: &CalibrationReport) -> Convergence {
     }
 }
 
-/// Whether links and targets have sizes that robots have; a fit to rows that do not belong together may run away.
+/// Whether links and targets have plausible sizes. A fit to rows that do not belong together may diverge.
 pub fn is_of_a_size(core: &CalibrationReport) -> bool {
     let links = core.links.iter().flat_map(|l| [l.a_mm, l.d_mm]);
     let targets = core.targets_mm.iter().flat_map(|t| [t.x, t.y, t.z]);
     links.chain(targets).all(|mm| mm.abs() <= MAX_LENGTH_MM)
 }
 
-/// True if every number that a controller or a reader would rely on is finite. JSON cannot hold the others.
+/// Whether all numbers of the result are finite. JSON has no others.
 pub fn is_finite(core: &CalibrationReport) -> bool {
     let subsets = [Some(&core.identify), core.verify.as_ref()];
     let errors = subsets

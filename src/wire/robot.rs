@@ -29,7 +29,7 @@ pub const MAX_COUPLING: f64 = 10.0;
 const MIN_COUPLING_DETERMINANT: f64 = 1e-6;
 /// How far the length of a gravity direction may be from 1.
 pub(super) const GRAVITY_TOLERANCE: f64 = 1e-3;
-/// How well gravity is known for a robot on a floor, wall or ceiling, degrees.
+/// Standard deviation of the direction of gravity for a robot on a floor, wall or ceiling, degrees.
 const DEFAULT_MOUNTING_STD_DEG: f64 = 2.0;
 
 /// A robot: its nominal (catalogue) links, base to flange.

@@ -135,7 +135,7 @@ pub fn write_residual(
 /// A tensor: name, shape, values.
 type Named<'a> = (&'static str, Vec<usize>, &'a [f64]);
 
-/// The file of some tensors, which come in the order of their names.
+/// File with these tensors. They must be sorted by name.
 fn file_of(metadata: NetworkMetadata, tensors: &[Named<'_>]) -> Result<StoredNetwork, Error> {
     let mut hash = Sha256::new();
     let mut named = Vec::new();
@@ -241,7 +241,7 @@ fn metadata_of(network: &TrainedNetwork) -> NetworkMetadata {
     }
 }
 
-/// In the order of their names, which is the order of the hash.
+/// Tensors sorted by name, which is the order of the hash.
 fn tensors_of(network: &TrainedNetwork, h: usize) -> [Named<'_>; 6] {
     let n = network.parameter_names.len();
     [

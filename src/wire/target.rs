@@ -1,4 +1,4 @@
-//! Where the reflectors are.
+//! Positions of the reflectors on the flange.
 
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
@@ -16,7 +16,7 @@ pub struct Target {
     pub position_mm: [f64; 3],
 }
 
-/// Offset of a target among `targets`: of the stretch asked for, else of the last.
+/// Offset of a target among `targets`: in this segment, else in the last one.
 pub(super) fn of_target(
     targets: &[Target],
     target: usize,

@@ -1,4 +1,4 @@
-//! How an error grows with time, and when it will be too large.
+//! Trend of a robot's error over time.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;

@@ -16,7 +16,7 @@ const MAX_NODES: u32 = 250_000;
 const MAX_JOINTS: usize = 5_000;
 /// Most joints from root to tip.
 const MAX_CHAIN: usize = 200;
-/// Most things that an error lists.
+/// Largest number of items that an error lists.
 const MAX_LISTED: usize = 10;
 /// Longest text of an error.
 const MAX_DETAIL_CHARS: usize = 500;
@@ -57,7 +57,7 @@ pub struct UrdfChain {
     indices: Vec<usize>,
 }
 
-/// The first of many.
+/// The first [`MAX_LISTED`] items.
 fn listed<T: AsRef<str>>(all: &[T]) -> String {
     let shown: Vec<&str> = all.iter().take(MAX_LISTED).map(AsRef::as_ref).collect();
     let more = all.len() - shown.len();
@@ -69,7 +69,7 @@ fn listed<T: AsRef<str>>(all: &[T]) -> String {
     shown.join(", ") + &tail
 }
 
-/// Names and values in a file may be as long as the file; of what an answer says of them the beginning will do.
+/// Names and values may be as long as the file. An answer quotes only the beginning.
 fn invalid(code: &'static str, detail: impl Into<String>) -> Invalid {
     let mut detail = detail.into();
     if let Some((end, _)) = detail.char_indices().nth(MAX_DETAIL_CHARS) {
@@ -242,7 +242,7 @@ impl<'t> Urdf<'t> {
         Ok((*longest).clone())
     }
 
-    /// The text with the origins of the moving joints of `old` as they are in `new`; nothing else of it changes.
+    /// Text with the origins of the moving joints of `old` replaced by those of `new`. Nothing else changes.
     pub fn with_origins(&self, old: &UrdfChain, new: &Chain) -> String {
         let mut edits: Vec<(Range<usize>, String)> = Vec::new();
         for (index, joint) in old
@@ -265,7 +265,7 @@ impl<'t> Urdf<'t> {
                 });
             }
         }
-        // from the end, so that the places before stay right; of two at one place the first stays first
+        // From the end, so that earlier positions stay valid. Two edits at one position keep their order.
         edits.reverse();
         edits.sort_by_key(|(range, _)| std::cmp::Reverse(range.start));
         let mut text = self.text.to_owned();
@@ -399,7 +399,7 @@ pub fn rpy_text(origin: &Origin) -> String {
 }
 
 fn three_text([a, b, c]: [f64; 3]) -> String {
-    // no negative zeros
+    // Avoids negative zeros.
     format!("{} {} {}", a + 0.0, b + 0.0, c + 0.0)
 }
 

@@ -1,4 +1,4 @@
-//! What a job says about the parameter set that it identified or scored, as it is kept beside the job.
+//! Verification facts: what one job found about a parameter set. They are stored with the job.
 
 use crate::wire::report_shape::Evidence;
 use serde::{Deserialize, Serialize};

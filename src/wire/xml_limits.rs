@@ -29,8 +29,8 @@ pub struct Counts {
     pub n_namespaces: usize,
 }
 
-/// Counts, and refuses at the first place where a limit is passed. Up to where the text is well-formed the counts are right; what is
-/// wrong with it is told by the parser, which gets no further than that.
+/// Counts, and refuses at the first place where a limit is exceeded. The counts are correct up to the first syntax error, which the parser
+/// reports.
 ///
 /// # Errors
 /// [`Invalid`] naming line and limit.
@@ -64,14 +64,14 @@ pub fn check(text: &str) -> Result<Counts, Invalid> {
             refuse_too_many(text, start, &counts)?;
             tag.end
         };
-        // What does not end is not well-formed: the parser says so.
+        // A missing end is not well-formed; the parser reports it.
         let Some(end) = end else { break };
         at = start + end;
     }
     Ok(counts)
 }
 
-/// Where `text` goes on behind the next `mark` that begins at `from` or later.
+/// Index after the next `mark` at or after `from`.
 fn behind(text: &str, from: usize, mark: &str) -> Option<usize> {
     Some(from + text[from..].find(mark)? + mark.len())
 }
@@ -108,7 +108,7 @@ fn start_tag(text: &str, start: usize, counts: &mut Counts) -> Result<StartTag, 
         // ` xmlns:name = `, or with the element's name before it
         let name = before.trim_end().trim_end_matches('=').trim_end();
         let name = name.rsplit(|c: char| c.is_ascii_whitespace()).next();
-        // roxmltree takes `x:xmlns` for a declaration, too
+        // roxmltree takes `x:xmlns` for a declaration as well.
         let is_namespace = name.is_some_and(|name| {
             name == "xmlns" || name.starts_with("xmlns:") || name.ends_with(":xmlns")
         });
