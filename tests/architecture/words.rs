@@ -18,7 +18,7 @@ pub fn worded(table: &str) -> Vec<&'static str> {
         .collect()
 }
 
-/// Codes of the warnings in a source file: `code: "…"`, `warning("…"`, and tables of `("…", "words")`, in files about
+/// Codes of the warnings in a source file: `code: "…"`, `warning("…"`, `const NAME: &str = "…"`, and tables of `("…", "words")`, in files about
 /// warnings or suspicions.
 pub fn warnings(text: &str) -> Vec<&str> {
     if !["Warning", "Finding::Odd", "warning("]
@@ -34,7 +34,7 @@ pub fn warnings(text: &str) -> Vec<&str> {
 }
 
 fn is_code(before: &str) -> bool {
-    before.ends_with("code:") || before.ends_with("warning(")
+    before.ends_with("code:") || before.ends_with("warning(") || before.ends_with(": &str =")
 }
 
 fn is_chosen(before: &str, after: &str) -> bool {
