@@ -191,6 +191,14 @@ FAULTS = [
          "Some(Base::Measured) => Ok(Base::Measured), None => Ok(Base::Robot)")], "src/wire"),
     Fault("a flange turned as nobody knows", "service", "how_the_flange_is_turned", [
         ("MAX_FLANGE_ROTATION_STD_RAD: f64 = 0.5 *", "MAX_FLANGE_ROTATION_STD_RAD: f64 = 500.0 *")], "src/calibration"),
+    Fault("an orientation that nobody knows is released", "service", "where_it_is_not_known_how", [
+        ("(std_deg.to_radians() > MAX_FLANGE_ROTATION_STD_RAD).then_some(std_deg)", "(std_deg > 1e9).then_some(std_deg)")], "src/release"),
+    Fault("a joint that counts the other way is no misfit", "service", "an_identified_robot_that_is_wrong", [
+        ("delta_rad.abs() > UNMASTERED_RAD &&", "delta_rad.abs() > 100.0 &&")], "src/calibration"),
+    Fault("a robot that does not fit corrects targets", "service", "an_identified_robot_that_is_wrong", [
+        ("= provenance.wrong_robot()", "= provenance.wrong_robot().filter(|_| false)")], "src/wire"),
+    Fault("a misfit is compared with", "service", "a_job_whose_points_do_not_fit", [
+        ("and v.fit = 'set_far_off') order by coalesce", "and v.fit = 'no such fit') order by coalesce")], "src/store"),
     Fault("five points cannot serve as they are told", "service", "a_small_set_can_serve", [
         ("[false, true].map(|refit| { check_enough(", "[false, false].map(|refit| { check_enough(")], "src/calibration"),
     Fault("corrections without a veto", "core", "have_a_veto", [

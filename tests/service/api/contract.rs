@@ -1,4 +1,71 @@
 use crate::app::{Answer, TestApp};
+use serde_json::Value;
+use std::collections::BTreeSet;
+
+/// The fields and the values of a schema, each as a line; what it takes over whole (`allOf`) is its own.
+fn fields(document: &Value, schema: &Value, name: &str, lines: &mut BTreeSet<String>) {
+    for (field, of_field) in schema["properties"].as_object().into_iter().flatten() {
+        let name = format!("{name}.{field}");
+        fields(document, of_field, &name, lines);
+        lines.insert(name);
+    }
+    if schema["items"].is_object() {
+        fields(document, &schema["items"], &format!("{name}[]"), lines);
+    }
+    for kind in ["oneOf", "anyOf", "allOf"] {
+        for part in schema[kind].as_array().into_iter().flatten() {
+            let named = part["$ref"].as_str().filter(|_| kind == "allOf");
+            let part = named.and_then(|named| document.pointer(named.strip_prefix('#')?)).unwrap_or(part);
+            fields(document, part, name, lines);
+        }
+    }
+    for value in schema["enum"].as_array().into_iter().flatten() {
+        lines.insert(format!("{name}={}", value.as_str().unwrap_or("None")));
+    }
+}
+
+/// Everything that the contract promises: routes, their parameters and answers, schemas, their fields and values.
+fn promises(document: &Value) -> BTreeSet<String> {
+    let mut lines = BTreeSet::new();
+    for (path, item) in document["paths"].as_object().unwrap() {
+        for method in ["get", "post", "put", "delete", "patch"] {
+            let operation = &item[method];
+            let Some(answers) = operation["responses"].as_object() else {
+                continue;
+            };
+            lines.insert(format!("{method} {path}"));
+            lines.extend(answers.keys().map(|status| format!("{method} {path} -> {status}")));
+            for parameter in operation["parameters"].as_array().into_iter().flatten() {
+                let [place, name] = ["in", "name"].map(|key| parameter[key].as_str().unwrap());
+                lines.insert(format!("{method} {path} {place} {name}"));
+            }
+        }
+    }
+    for (name, schema) in document["components"]["schemas"].as_object().unwrap() {
+        lines.insert(name.clone());
+        fields(document, schema, name, &mut lines);
+    }
+    lines
+}
+
+#[test]
+fn the_contract_keeps_every_route_field_and_value_that_it_had() {
+    let document = serde_json::to_value(kincal::http::openapi()).unwrap();
+    let now = promises(&document);
+    let before = include_str!("../../data/openapi_d61237a.txt").lines().skip(1);
+    let missing: Vec<&str> = before.filter(|line| !now.contains(*line)).collect();
+    assert!(missing.is_empty(), "gone from the contract: {missing:?}");
+    // The check sees a field, a value and a route that go.
+    for gone in [
+        "/paths/~1v1~1robots/post",
+        "/components/schemas/RobotAnswer/properties",
+        "/components/schemas/Method/enum",
+    ] {
+        let mut less = document.clone();
+        *less.pointer_mut(gone).unwrap_or_else(|| panic!("{gone}")) = Value::Null;
+        assert!(promises(&less).len() < now.len(), "{gone}");
+    }
+}
 
 #[test]
 fn openapi_yaml_is_what_the_code_says() {
