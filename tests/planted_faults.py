@@ -101,24 +101,24 @@ FAULTS = [
         ('died!(), " > $3)"', 'died!(), " > $3 + 1000)"'), ('died!(), " <= $2"', 'died!(), " <= $2 + 1000"')]),
     Fault("a death counts as an attempt", "service", "uses_up_no_attempt", [
         ('"(attempt - deaths - "', '"(attempt - 0 * "')]),
-    Fault("a suspect beside others", "service", "run_alone_one_after_the_other", [
+    Fault("a suspect beside others", "faults", "run_alone_one_after_the_other", [
         ("Arc::clone(&self.jobs).write_owned().await", "RwLock::default().pipe_write().await"),
         ("impl RunAlone {", """trait PipeWrite { async fn pipe_write(self) -> OwnedRwLockWriteGuard<()>; }
             impl PipeWrite for RwLock<()> { async fn pipe_write(self) -> OwnedRwLockWriteGuard<()> { Arc::new(self).write_owned().await } }
             impl RunAlone {""")]),
-    Fault("suspects starve", "service", "has_its_turn", [
+    Fault("suspects starve", "faults", "has_its_turn", [
         ("since.elapsed() >= self.patience", "since.elapsed() >= self.patience * 10_000")]),
     Fault("a frozen node keeps its lock", "faults", "a_frozen_node", [
         ("set idle_in_transaction_session_timeout = '5s'", "set idle_in_transaction_session_timeout = 0")]),
     Fault("/readyz does not look for stuck writers", "faults", "readyz_tells", [
         ("stuck.filter(|stuck| stuck.duration >= STUCK).map(", "stuck.filter(|stuck| stuck.duration >= STUCK_TOO_LONG).map(")]),
-    Fault("a job without end", "service", "without_an_end", [
+    Fault("a job without end", "faults", "without_an_end", [
         ("tokio::time::sleep(longest)", "tokio::time::sleep(longest.max(Duration::from_secs(3600)))")]),
-    Fault("cancelled: over with its thread only", "service", "a_cancelled_job_is_over_soon", [
+    Fault("cancelled: over with its thread only", "faults", "a_cancelled_job_is_over_soon", [
         ("sleep(CANCELLED_WITHIN)", "sleep(CANCELLED_WITHIN * 1000)")]),
-    Fault("cancelled: two threads of one worker", "service", "a_cancelled_job_is_over_soon", [
+    Fault("cancelled: two threads of one worker", "faults", "a_cancelled_job_is_over_soon", [
         ("computation.wait(context, &job_id).await;", "drop(deaf);")]),
-    Fault("cancelled: a worker waits for ever", "service", "a_cancelled_computation_without", [
+    Fault("cancelled: a worker waits for ever", "faults", "a_cancelled_computation_without", [
         ("tokio::time::sleep(left)", "tokio::time::sleep(left * 1000)")]),
     Fault("a cancellation that comes too late", "service", "a_waiting_job_is_cancelled", [
         ("status = case when cancel_requested_at_ms is null then 'succeeded' else 'cancelled' end", "status = 'succeeded'")]),
@@ -150,11 +150,11 @@ FAULTS = [
         ("headers.extend(of_all.clone());", "")], "src/http"),
     Fault("remedies of HTTP in a terminal", "service", "remedies_in_a_terminal", [
         ("COMMANDS.iter().fold(text.to_owned(), replace)", "COMMANDS.iter().take(0).fold(text.to_owned(), replace)")], "src/cli"),
-    Fault("an old data directory stays open", "service", "of_an_older_version", [
+    Fault("an old data directory stays open", "faults", "of_an_older_version", [
         ("set_permissions(data_dir, Permissions::from_mode(PRIVATE_DIR))", "set_permissions(data_dir, Permissions::from_mode(mode & 0o7777))")], "src/store"),
     Fault("a description is parsed uncounted", "load", "a_urdf_of_too_much", [
         ("xml_limits::check(text)?;", "")]),
-    Fault("a data directory for everybody", "service", "owners_alone", [
+    Fault("a data directory for everybody", "faults", "owners_alone", [
         (".mode(PRIVATE_DIR)", "")]),
     Fault("no scope check", "service", "each_route_takes_its_scope", [
         ("if caller.has(*scope) => Ok", "if caller.has(*scope) || true => Ok")]),
@@ -162,9 +162,9 @@ FAULTS = [
         ("if caller.may_see(robot_id) { Ok", "if true || caller.may_see(robot_id) { Ok")]),
     Fault("what is refused unread is not heard", "load", "still_hears", [
         ("Poll::Pending => return idle.as_mut().poll(context).map(Ok)", "Poll::Pending => return Poll::Ready(Ok(()))")]),
-    Fault("no last call of who is connected", "service", "who_was_connected", [
+    Fault("no last call of who is connected", "faults", "who_was_connected", [
         ("const LAST_CALL: Duration = Duration::from_millis(100)", "const LAST_CALL: Duration = Duration::from_millis(0)")]),
-    Fault("no last call before the end", "service", "who_is_connected", [
+    Fault("no last call before the end", "faults", "who_is_connected", [
         ("const LAST_CALL: Duration = Duration::from_millis(100)", "const LAST_CALL: Duration = Duration::from_millis(0)"),
         ("for _ in 0..MAX_LAST { let Ok(Ok(client))", "for _ in 0..0 { let Ok(Ok(client))"),
         ("for _ in 0..MAX_LAST { let Ok((stream, peer))", "for _ in 0..0 { let Ok((stream, peer))")]),

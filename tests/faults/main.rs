@@ -1,9 +1,10 @@
 //! Fault tests: real processes under load are killed, stopped and starved, and their disks filled. Afterwards `verify-store` checks the promises.
 
+mod jobs;
 mod nodes;
 #[path = "../support/mod.rs"]
 mod support;
-use support::{data, engines, preload, process};
+use support::{app, computations, data, engines, fixtures, preload, process};
 
 mod clock;
 mod death;
@@ -12,4 +13,5 @@ mod kill;
 mod load;
 mod lock;
 mod power;
+mod server_process;
 mod stop;

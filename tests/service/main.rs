@@ -9,4 +9,6 @@ mod store;
 #[path = "../support/mod.rs"]
 mod support;
 
-use support::{app, data, engines, fixtures, people, process, raw, real_robot, simulation};
+use support::{
+    app, computations, data, engines, fixtures, people, process, raw, real_robot, simulation,
+};

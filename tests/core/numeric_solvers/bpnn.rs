@@ -5,7 +5,6 @@ use kincal::solvers::bpnn::{
     error_and_gradient, hidden_size_candidates, initial_network, mean_squared_error, train,
 };
 use kincal::solvers::random::LaneRandom;
-use std::time::{Duration, Instant};
 
 /// Rows of uniform numbers in ± 1.
 fn rows(n_rows: usize, n_columns: usize, seed: u64) -> Vec<Vec<f64>> {
@@ -430,22 +429,8 @@ fn the_same_seed_gives_the_same_bits_and_another_seed_does_not() {
 }
 
 #[test]
-fn a_swarms_network_is_chosen_and_trained_within_its_time() {
-    /// In release it takes 0.2 s on a free core, without optimisation some twenty times that. The limits are generous on purpose: the
-    /// machine may be busy, and they only have to detect a kernel that no longer uses its vector registers.
-    const LIMIT: Duration = if cfg!(debug_assertions) {
-        Duration::from_secs(60)
-    } else {
-        Duration::from_secs(1)
-    };
+fn a_swarms_network_is_chosen_and_trained() {
     let (inputs, targets) = one_answer(1.0);
-    let start = Instant::now();
     let (_, choice) = choose_size_and_train(&inputs, &targets, &Options::default());
-    let elapsed = start.elapsed();
-    println!(
-        "{} hidden neurons, mse {:.1e}, {elapsed:?}",
-        choice.n_hidden, choice.training_error
-    );
     assert!(choice.training_error < 1e-6, "{}", choice.training_error);
-    assert!(elapsed < LIMIT, "{elapsed:?}");
 }

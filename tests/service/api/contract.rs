@@ -15,7 +15,9 @@ fn fields(document: &Value, schema: &Value, name: &str, lines: &mut BTreeSet<Str
     for kind in ["oneOf", "anyOf", "allOf"] {
         for part in schema[kind].as_array().into_iter().flatten() {
             let named = part["$ref"].as_str().filter(|_| kind == "allOf");
-            let part = named.and_then(|named| document.pointer(named.strip_prefix('#')?)).unwrap_or(part);
+            let part = named
+                .and_then(|named| document.pointer(named.strip_prefix('#')?))
+                .unwrap_or(part);
             fields(document, part, name, lines);
         }
     }
@@ -34,7 +36,11 @@ fn promises(document: &Value) -> BTreeSet<String> {
                 continue;
             };
             lines.insert(format!("{method} {path}"));
-            lines.extend(answers.keys().map(|status| format!("{method} {path} -> {status}")));
+            lines.extend(
+                answers
+                    .keys()
+                    .map(|status| format!("{method} {path} -> {status}")),
+            );
             for parameter in operation["parameters"].as_array().into_iter().flatten() {
                 let [place, name] = ["in", "name"].map(|key| parameter[key].as_str().unwrap());
                 lines.insert(format!("{method} {path} {place} {name}"));
@@ -52,7 +58,9 @@ fn promises(document: &Value) -> BTreeSet<String> {
 fn the_contract_keeps_every_route_field_and_value_that_it_had() {
     let document = serde_json::to_value(kincal::http::openapi()).unwrap();
     let now = promises(&document);
-    let before = include_str!("../../data/openapi_d61237a.txt").lines().skip(1);
+    let before = include_str!("../../data/openapi_d61237a.txt")
+        .lines()
+        .skip(1);
     let missing: Vec<&str> = before.filter(|line| !now.contains(*line)).collect();
     assert!(missing.is_empty(), "gone from the contract: {missing:?}");
     // The check sees a field, a value and a route that go.

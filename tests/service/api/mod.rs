@@ -24,7 +24,6 @@ mod misfits;
 mod parameter_sets;
 mod pose_plans;
 mod problems;
-mod process;
 mod release;
 mod report_page;
 mod residual_networks;

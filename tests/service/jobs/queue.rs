@@ -9,9 +9,9 @@ use kincal::store::{
     leases, parameter_sets,
 };
 
+use crate::computations::LONG;
 use crate::engines::for_each_engine;
 use crate::fixtures::{a_job, a_lone_job, a_robot, a_set, in_transaction, new_job};
-use crate::jobs::computations::LONG;
 
 async fn claim(store: &Store, owner: &str) -> Lease {
     leases::claim(store, owner, LONG)

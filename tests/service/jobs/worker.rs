@@ -8,9 +8,9 @@ use kincal::store::{
     frames, jobs, networks, parameter_sets,
 };
 
+use crate::computations::{LONG, a_worker, arrived, gate, until};
 use crate::engines::{TestDatabase, for_each_engine};
 use crate::fixtures::{a_job, a_lone_job, a_robot, a_set, in_transaction, new_job};
-use crate::jobs::computations::{LONG, a_worker, arrived, gate, until};
 
 async fn some_set(database: &TestDatabase) -> MeasurementSetRow {
     a_set(&database.store, &a_robot(&database.store, "r").await).await
@@ -125,10 +125,10 @@ fn nothing_is_computed_before_the_claim_is_certain() {
     static COMPUTED: AtomicUsize = AtomicUsize::new(0);
     fn count(
         inputs: &kincal::jobs::JobInputs,
-        monitor: crate::jobs::computations::Monitor<'_>,
-    ) -> crate::jobs::computations::Computed {
+        monitor: crate::computations::Monitor<'_>,
+    ) -> crate::computations::Computed {
         COMPUTED.fetch_add(1, Ordering::SeqCst);
-        crate::jobs::computations::obey(inputs, monitor)
+        crate::computations::obey(inputs, monitor)
     }
     for_each_engine(async |database| {
         let store = &database.store;
@@ -179,7 +179,7 @@ fn a_computation_gets_everything_that_its_job_names() {
     use kincal::jobs::{JobFailure, JobInputs, JobOutcome};
     fn tell(
         inputs: &JobInputs,
-        _: crate::jobs::computations::Monitor<'_>,
+        _: crate::computations::Monitor<'_>,
     ) -> Result<JobOutcome, JobFailure> {
         let ids = serde_json::json!({
             "robot": inputs.robot.id, "status": inputs.job.status.as_str(), "set": inputs.set.row.id,

@@ -5,9 +5,9 @@ use std::time::{Duration, Instant};
 use kincal::jobs::{JobSignals, Rules, WorkerPool, queue};
 use kincal::store::{JobStatus, PageRequest, jobs, leases, parameter_sets};
 
+use crate::computations::{LONG, arrived, gate, obey, until};
 use crate::engines::for_each_engine;
 use crate::fixtures::{a_job, a_lone_job, a_robot, a_set};
-use crate::jobs::computations::{LONG, arrived, gate, obey, until};
 
 const RULES: Rules = Rules {
     lease: LONG,

@@ -393,7 +393,7 @@ async fn a_key_made_beside_the_server_opens_it_until_it_is_revoked() {
 fn openapi_prints_the_checked_in_document() {
     assert_eq!(
         String::from_utf8(kincal(&["openapi"]).stdout).unwrap(),
-        include_str!("../../../openapi.yaml")
+        include_str!("../../openapi.yaml")
     );
 }
 

@@ -5,9 +5,9 @@ use std::time::{Duration, Instant};
 use kincal::jobs::{JobSignals, WorkerContext, queue, run_next_job};
 use kincal::store::{Error, JobStatus, jobs};
 
+use crate::computations::{LONG, arrived, gate, obey};
 use crate::engines::for_each_engine;
 use crate::fixtures::a_lone_job;
-use crate::jobs::computations::{LONG, arrived, gate, obey};
 
 #[test]
 fn an_event_stream_sees_begin_progress_and_end() {
