@@ -47,7 +47,7 @@ pub use report::{CalibrationReport, Errors};
 pub use request::{CalibrationRequest, Method, Model, Preset};
 pub use rescoring::{errors_mm, verify_points_of};
 pub use session_fit::{HeldOut, SessionFit, session_fit};
-pub use verdict::{DOES_NOT_FIT, NO_BETTER, NO_FIT};
+pub use verdict::{DOES_NOT_FIT, NO_BETTER, NO_FIT, SET_FAR_OFF};
 pub use verify::{check_verify, verify};
 
 use std::ops::ControlFlow;

@@ -14,6 +14,8 @@ use crate::measurement::Subset;
 pub const DOES_NOT_FIT: &str = "session_does_not_fit";
 /// Warning that the identified robot does not fit its own points.
 pub const NO_FIT: &str = "no_fit";
+/// Warning that a parameter set misses points by far which fit the nominal robot.
+pub const SET_FAR_OFF: &str = "set_far_off";
 /// Warning that the nominal robot is as good on the points to verify.
 pub const NO_BETTER: &str = "no_better_than_nominal";
 const WHY_NOT: &str = "Is it in another frame (a tracker's own frame is frame=instrument), with joints counted otherwise, or of another robot";
@@ -89,7 +91,7 @@ impl Verdict {
                 ),
             ),
             SessionFit::SetFarOff => (
-                "set_far_off",
+                SET_FAR_OFF,
                 format!(
                     "on these points the calibrated robot misses by {after:.4} mm rms while the nominal robot fits ({before:.4} mm){at_identification}: the \
                      robot has changed, or the parameter set holds only near the poses that it was identified from"

@@ -2,7 +2,7 @@
 
 use crate::calibration::request::VerifySource;
 use crate::calibration::{
-    CalibrationRequest, DOES_NOT_FIT, HeldOut, SessionFit, is_anew, session_fit,
+    CalibrationRequest, DOES_NOT_FIT, HeldOut, SET_FAR_OFF, SessionFit, is_anew, session_fit,
 };
 use crate::jobs::JobInputs;
 use crate::jobs::execution::{request_of, since, verified};
@@ -82,7 +82,7 @@ fn verify_set_fit(request: &CalibrationRequest, report: &Report) -> Option<Warni
     };
     let code = match session_fit(&errors_mm, Some(&fitted), &request.robot, || 0.0) {
         SessionFit::Fits => return None,
-        SessionFit::SetFarOff => "set_far_off",
+        SessionFit::SetFarOff => SET_FAR_OFF,
         SessionFit::DoesNotFit => DOES_NOT_FIT,
     };
     Some(Warning {

@@ -1,15 +1,14 @@
 //! The facts that gates look at, and those of them that are told by one job.
 
 use crate::calibration::{
-    CalibrationRequest, DOES_NOT_FIT, JOINT_MAP, Judged, MODEL_TOO_SMALL, NO_FIT, judged,
-    repeated_rows,
+    CalibrationRequest, DOES_NOT_FIT, Judged, SET_FAR_OFF, judged, repeated_rows,
 };
 use crate::kinematics::Robot;
 use crate::measurement::MeasurementSet;
 use crate::wire::measurement::Subset;
 use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::policy::PolicyBody;
-use crate::wire::report_shape::{Evidence, Report};
+use crate::wire::report_shape::{Evidence, Report, WRONG_ROBOT};
 use crate::wire::verification::{Fit, Verification};
 use std::collections::BTreeSet;
 
@@ -17,8 +16,6 @@ use std::collections::BTreeSet;
 pub const MIN_VERIFY_POINTS: usize = 5;
 /// The warning of a report whose points were kept because the uploader insisted: they support nothing.
 pub const INSISTED: &str = "insisted_upload";
-/// The warning of a parameter set that misses a file by far which fits the robot.
-const FAR_OFF: &str = "set_far_off";
 /// Warning of more outliers than a robust loss may weigh down: somebody has to look at the file.
 const TOO_MANY_OUTLIERS: &str = "outliers_review";
 /// Fewer configurations than this in a session prove nothing, however often each was read.
@@ -44,6 +41,21 @@ pub struct Session {
     pub seq: i64,
     /// What it found.
     pub found: Verification,
+}
+
+impl Session {
+    /// Whether it supports a release: another session, measured anew, that fits and in which the set is better than nominal.
+    pub fn supports(&self) -> bool {
+        self.found.is_session
+            && self.found.evidence == Evidence::IndependentSession
+            && self.found.fit == Fit::Fits
+            && self.found.is_better
+    }
+
+    /// Whether it supports the set, and was measured after that number of the robot's counter.
+    pub fn supports_since(&self, seq: i64) -> bool {
+        self.seq > seq && self.supports() && !self.found.is_repeat
+    }
 }
 
 /// The set and the robot's active one on the same points.
@@ -127,9 +139,8 @@ pub fn of_identification(report: &Report, is_verified_anew: bool, since: Since) 
         0 => judged_on_fitted(report),
         _ => report.judged(),
     };
-    let is_far_off = [NO_FIT, FAR_OFF, JOINT_MAP, MODEL_TOO_SMALL]
-        .iter()
-        .any(|code| has_warning(report, code));
+    let is_far_off = has_warning(report, SET_FAR_OFF)
+        || WRONG_ROBOT.iter().any(|code| has_warning(report, code));
     Verification {
         is_session: false,
         n_points,
@@ -161,7 +172,7 @@ pub fn of_session(request: &CalibrationRequest, report: &Report, since: Since) -
     let judged = report.judged();
     let fit = if has_warning(report, DOES_NOT_FIT) {
         Fit::DoesNotFit
-    } else if has_warning(report, FAR_OFF) {
+    } else if has_warning(report, SET_FAR_OFF) {
         Fit::SetFarOff
     } else {
         Fit::Fits

@@ -1,22 +1,21 @@
 //! The gates a parameter set passes before it may move a robot.
 
-use crate::calibration::{MAX_FLANGE_ROTATION_STD_RAD, implausible_changes};
 use crate::release::facts::{Facts, INSISTED, MIN_VERIFY_POINTS, Session};
+use crate::release::robot_gates::{change, identity, orientation};
+use crate::release::session_gates::{
+    better_than_nominal, measured_since_check, robot_is_well, sessions_fit,
+};
+use crate::release::texts::{both, sessions};
 use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::release::Gate;
 use crate::wire::report_shape::Evidence;
-use crate::wire::verification::{Fit, Verification};
+use crate::wire::verification::Fit;
 use std::collections::BTreeSet;
 
 /// Two parameter sets whose errors differ by less are equally good, mm: a tenth of what a laser tracker resolves over an arm's reach.
 const SAME_MM: f64 = 0.001;
-/// Nominal values in a report may have gone through degrees and back.
-const SAME_NOMINAL: f64 = 1e-6;
 /// The active set's errors on new points, in units of the candidate's, from which on something must have happened to the robot.
 const CHANGED: f64 = 3.0;
-
-/// How somebody says why a robot is well, as HTTP has it.
-const CHECKED: &str = "POST /v1/robots/{robot_id}/checked";
 
 /// Every gate, passed or not.
 pub fn gates(facts: &Facts<'_>) -> Vec<Gate> {
@@ -77,31 +76,10 @@ fn errors_improved(facts: &Facts<'_>) -> Gate {
         let detail = format!("rms on the verify points: {}", both(facts.identification));
         return Gate::new(name, facts.identification.is_better, detail);
     }
-    match facts
-        .sessions
-        .iter()
-        .any(|session| supports(&session.found))
-    {
+    match facts.sessions.iter().any(Session::supports) {
         true => Gate::new(name, true, "see the sessions"),
         false => Gate::new(name, false, "without verify points nobody knows"),
     }
-}
-
-fn sessions(n: usize) -> String {
-    match n {
-        1 => "1 session".into(),
-        n => format!("{n} sessions"),
-    }
-}
-
-/// Errors of the nominal robot and of the set, in words.
-fn both(found: &Verification) -> String {
-    let mm = |rms_mm: Option<f64>| rms_mm.map_or("unknown".into(), |rms| format!("{rms:.4} mm"));
-    format!(
-        "{} before, {} after",
-        mm(found.before_rms_mm),
-        mm(found.after_rms_mm)
-    )
 }
 
 fn all_finite(content: &ParameterSetContent) -> Gate {
@@ -150,142 +128,6 @@ fn fits(facts: &Facts<'_>) -> Gate {
             "fits",
             false,
             "the identified robot does not fit the points of its job, or fits them for a wrong reason: its report's warnings say which, and why",
-        ),
-    }
-}
-
-/// Until a session fits, or somebody says why, nobody knows what robot a set would move.
-fn robot_is_well(facts: &Facts<'_>) -> Gate {
-    let name = "check_robot";
-    match facts.check_job_id {
-        None => Gate::new(name, true, "no session is in doubt"),
-        Some(job_id) => Gate::new(
-            name,
-            false,
-            format!(
-                "the file of job {job_id} does not fit this robot: was it in another frame, or has the robot changed? Look at the robot, then measure \
-                 a new session and score a set on it: {}, or say why all is well: {CHECKED}",
-                verify_it(facts)
-            ),
-        ),
-    }
-}
-
-/// Whether a job supports a release: another session, measured anew, that fits and in which the set is better than nominal.
-fn supports(found: &Verification) -> bool {
-    found.is_session
-        && found.evidence == Evidence::IndependentSession
-        && found.fit == Fit::Fits
-        && found.is_better
-}
-
-/// Whether it supports the set, and was measured after that number of the robot's counter.
-fn supports_since(session: &Session, seq: i64) -> bool {
-    session.seq > seq && supports(&session.found) && !session.found.is_repeat
-}
-
-/// A session that did not fit the robot may mean that it changed. A set of before, or one that was identified from points of before, speaks of
-/// another robot then: another set that fits the robot since says nothing of this one. The triggers of the schema keep this too.
-fn measured_since_check(facts: &Facts<'_>) -> Gate {
-    let name = "measured_since_check";
-    let Some((seq, job_id)) = facts.last_check else {
-        return Gate::new(name, true, "no session did not fit the robot");
-    };
-    if seq <= facts.checked_seq {
-        let detail = "somebody has said why a session did not fit the robot";
-        return Gate::new(name, true, detail);
-    }
-    if facts.check_job_id.is_some() {
-        return Gate::new(name, true, "see check_robot");
-    }
-    if facts.identification_seq > seq && !facts.identification.is_repeat {
-        let detail = format!(
-            "identified from what was measured since the file of job {job_id} did not fit the robot"
-        );
-        return Gate::new(name, true, detail);
-    }
-    let mut sessions = facts.sessions.iter();
-    match sessions.find(|session| supports_since(session, seq)) {
-        Some(session) => Gate::new(
-            name,
-            true,
-            format!(
-                "fits the session of job {}, measured since the file of job {job_id} did not fit the robot",
-                session.job_id
-            ),
-        ),
-        None => Gate::new(
-            name,
-            false,
-            format!(
-                "the set was identified from points of before the file of job {job_id} did not fit the robot, and no session since shows that it                  still holds: measure one, and score it: {}, or say why the set still holds: {CHECKED}",
-                verify_it(facts)
-            ),
-        ),
-    }
-}
-
-/// How the set is scored, as HTTP has it.
-fn verify_it(facts: &Facts<'_>) -> String {
-    format!(
-        "post a job of kind verify with parameter_set_id {}",
-        facts.parameter_set_id
-    )
-}
-
-/// A session that the set missed by far speaks against it until somebody says why, whatever came later. One that did not fit the robot at all
-/// does so until the set fits a later one.
-fn sessions_fit(facts: &Facts<'_>) -> Gate {
-    let name = "sessions_fit";
-    let is_answered = |session: &Session| match session.found.fit {
-        Fit::Fits => true,
-        Fit::SetFarOff => false,
-        Fit::DoesNotFit => {
-            let mut sessions = facts.sessions.iter();
-            sessions.any(|later| supports_since(later, session.seq))
-        }
-    };
-    let is_open = |session: &&Session| session.seq > facts.checked_seq && !is_answered(session);
-    match facts.sessions.iter().rev().find(is_open) {
-        None => Gate::new(name, true, "no session missed the set by far"),
-        Some(session) => Gate::new(
-            name,
-            false,
-            format!(
-                "in the session of job {} rms on its points: {}; when the set was identified: {}. Identify anew, or say why all is well: {CHECKED}",
-                session.job_id,
-                both(&session.found),
-                both(facts.identification)
-            ),
-        ),
-    }
-}
-
-/// Fails closed: an error that cannot be compared is not smaller.
-fn better_than_nominal(facts: &Facts<'_>) -> Gate {
-    let name = "sessions_better_than_nominal";
-    let n = facts.telling().count();
-    match facts.telling().find(|session| !session.found.is_better) {
-        Some(session) => {
-            let detail = format!(
-                "job {} scored the set on another session: {}; it is no better than nominal, so it is never released",
-                session.job_id,
-                both(&session.found)
-            );
-            Gate::new(name, false, detail)
-        }
-        None if facts.sessions.is_empty() => {
-            Gate::new(name, true, "no other session has been scored on it")
-        }
-        None if n == 0 => Gate::new(
-            name,
-            true,
-            "no session that fits the robot has been scored on it",
-        ),
-        None => Gate::new(
-            name,
-            true,
-            format!("{}, each better than nominal", sessions(n)),
         ),
     }
 }
@@ -394,139 +236,6 @@ fn errors_within_tolerance(facts: &Facts<'_>) -> Gate {
     let detail =
         format!("largest rms on verify points: {largest:.4} mm, the tolerance is {tolerance} mm");
     Gate::new(name, !found.is_empty() && largest <= tolerance, detail)
-}
-
-fn identity(facts: &Facts<'_>) -> Gate {
-    if let (Some(robots), Some(stated)) = facts.serial_numbers
-        && robots != stated
-    {
-        let detail = format!("the upload says serial number {stated:?}, the robot has {robots:?}");
-        return Gate::new("identity", false, detail);
-    }
-    let nominal = |link: usize, name: &str| {
-        let link = facts.robot.links.get(link.checked_sub(1)?)?;
-        Some(match name.rsplit_once('_')?.0 {
-            "a" => link.a_mm,
-            "alpha" => link.alpha_rad.to_degrees(),
-            "d" => link.d_mm,
-            "theta_offset" => link.theta_offset_rad.to_degrees(),
-            "beta" => link.beta_rad.to_degrees(),
-            _ => return None,
-        })
-    };
-    let of_links = facts
-        .report
-        .parameters
-        .iter()
-        .filter_map(|p| Some((p, p.link?)));
-    let other = of_links.clone().find(|(p, link)| {
-        nominal(*link, &p.name).is_some_and(|expected| (expected - p.nominal).abs() > SAME_NOMINAL)
-    });
-    match other {
-        Some((p, _)) => Gate::new(
-            "identity",
-            false,
-            format!(
-                "{} is nominally {} in the report, which is not the robot's",
-                p.name, p.nominal
-            ),
-        ),
-        None if facts.content.links.len() != facts.robot.links.len() => {
-            Gate::new("identity", false, "another number of links")
-        }
-        None => match facts.serial_numbers {
-            (Some(_), Some(stated)) => Gate::new(
-                "identity",
-                true,
-                format!("serial number {stated:?}, the robot's nominal model"),
-            ),
-            _ => Gate::new(
-                "identity",
-                true,
-                "the robot's nominal model; no serial number was stated with the upload",
-            )
-            .warned(true),
-        },
-    }
-}
-
-fn change(facts: &Facts<'_>) -> Gate {
-    let (reference, name) = match facts.active {
-        Some(active) => (active.kinematic_links(), "the active set"),
-        None => (facts.robot.links.clone(), "the nominal robot"),
-    };
-    let changes = implausible_changes(&facts.content.kinematic_links(), &reference);
-    if changes.is_empty() {
-        return Gate::new(
-            "change_plausible",
-            true,
-            format!("no parameter is far from {name}"),
-        );
-    }
-    let found = format!("against {name} it changes {}", changes.join(", "));
-    if let Some(std_deg) = orientation_unknown_deg(facts).filter(|_| !facts.is_rollback) {
-        let detail = format!(
-            "{found}, and the measured positions do not show how the flange is turned ({std_deg:.1}°, one standard deviation): no reason \
-             makes up for that. Identify from a reflector off the last axis, or from two"
-        );
-        return Gate::new("change_plausible", false, detail);
-    }
-    match facts.change_reason {
-        Some(reason) => Gate::new(
-            "change_plausible",
-            true,
-            format!("{found}; the reason given: {reason}"),
-        )
-        .warned(true),
-        None if facts.is_rollback => Gate::new(
-            "change_plausible",
-            true,
-            format!("{found}; the set was active before"),
-        )
-        .warned(true),
-        None => {
-            let detail = format!(
-                "{found}: a wrong tool, another robot? If it is right, say why in change_reason"
-            );
-            Gate::new("change_plausible", false, detail)
-        }
-    }
-}
-
-/// One standard deviation of the flange's rotation, degrees, where it is so large that the orientation counts as not known.
-fn orientation_unknown_deg(facts: &Facts<'_>) -> Option<f64> {
-    let std_deg = facts.report.flange_rotation_std_deg?;
-    (std_deg.to_radians() > MAX_FLANGE_ROTATION_STD_RAD).then_some(std_deg)
-}
-
-/// Points of one upload fit as well with the flange turned wrongly. Another session shows at least that the reflector's positions are right.
-fn orientation(facts: &Facts<'_>) -> Gate {
-    let name = "orientation_known";
-    let Some(std_deg) = orientation_unknown_deg(facts) else {
-        return Gate::new(name, true, "the orientation of the flange is not in doubt");
-    };
-    let found = format!(
-        "the measured positions do not show how the flange is turned ({std_deg:.1}°, one standard deviation)"
-    );
-    if facts.is_rollback {
-        return Gate::new(name, true, format!("{found}; the set was active before")).warned(true);
-    }
-    match facts.evidence() {
-        Evidence::IndependentSession => {
-            let detail = format!(
-                "{found}; another session shows that the position of the measured reflector is right: use the set for that alone"
-            );
-            Gate::new(name, true, detail).warned(true)
-        }
-        _ => {
-            let detail = format!(
-                "{found}: identify from a reflector off the last axis, or from two, or show by another session that the reflector's positions \
-                 are right: {}",
-                verify_it(facts)
-            );
-            Gate::new(name, false, detail)
-        }
-    }
 }
 
 fn second_person(facts: &Facts<'_>) -> Gate {

@@ -3,6 +3,9 @@
 
 pub mod facts;
 mod gates;
+mod robot_gates;
+mod session_gates;
+mod texts;
 mod trend;
 
 pub use facts::{Comparison, Facts, Session};

@@ -1,8 +1,6 @@
 //! A parameter set: what the controller needs, with a hash it can check.
 
-use crate::calibration::{
-    CalibrationReport, JOINT_MAP, MAX_FLANGE_ROTATION_STD_RAD, MODEL_TOO_SMALL, NO_FIT,
-};
+use crate::calibration::{CalibrationReport, MAX_FLANGE_ROTATION_STD_RAD};
 use crate::identification::KinematicModel;
 use crate::identification::corrected::IdentifiedRobot;
 use crate::kinematics::Link;
@@ -14,6 +12,7 @@ use crate::wire::issue::{Checker, Invalid};
 use crate::wire::measurement::{Frame, Warning};
 pub use crate::wire::reason::{MAX_REASON, ReasonBody};
 use crate::wire::release::Gate;
+use crate::wire::report_shape::WRONG_ROBOT;
 pub use crate::wire::target::Target;
 use crate::wire::target::of_target;
 use nalgebra::{IsometryMatrix3, Vector3};
@@ -52,12 +51,9 @@ pub struct Provenance {
 }
 
 impl Provenance {
-    /// Warnings with which the identified robot is wrong somewhere, so that nothing is corrected with it.
-    pub const WRONG_ROBOT: [&str; 3] = [MODEL_TOO_SMALL, NO_FIT, JOINT_MAP];
-
     /// Why nothing is corrected with the set: the warning's code, and in words.
     pub fn wrong_robot(&self) -> Option<(&'static str, &str)> {
-        Self::WRONG_ROBOT.into_iter().find_map(|code| {
+        WRONG_ROBOT.into_iter().find_map(|code| {
             let warning = self.warnings.iter().find(|warning| warning.code == code)?;
             Some((code, warning.detail.as_str()))
         })

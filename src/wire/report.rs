@@ -16,7 +16,7 @@ use crate::wire::report_shape::{
     ChangeReport, ComparisonReport, Convergence, CorrectionReport, ErrorModelReport, ErrorsReport,
     Evidence as VerifyEvidence, IdentifiabilityReport, ParameterReport, PointReport,
     PoseRepeatabilityReport, PriorReport, RepeatabilityReport, Report, SubsetReport,
-    ToolUncertaintyReport,
+    ToolUncertaintyReport, WRONG_ROBOT,
 };
 use crate::wire::robot::MAX_LENGTH_MM;
 
@@ -58,7 +58,7 @@ pub fn provenance(
     }
     let mut found: Excerpt = serde_json::from_str(report_json)?;
     found.warnings.retain(|warning| {
-        warning.code == "pose_not_seen" || Provenance::WRONG_ROBOT.contains(&warning.code.as_str())
+        warning.code == "pose_not_seen" || WRONG_ROBOT.contains(&warning.code.as_str())
     });
     Ok(Provenance {
         measuring_frame,

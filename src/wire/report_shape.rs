@@ -1,6 +1,8 @@
 //! The shape of a report.
 
-use crate::calibration::{DOES_NOT_FIT, JOINT_MAP, MODEL_TOO_SMALL, NO_BETTER, NO_FIT};
+use crate::calibration::{
+    DOES_NOT_FIT, JOINT_MAP, MODEL_TOO_SMALL, NO_BETTER, NO_FIT, SET_FAR_OFF,
+};
 use crate::calibration::{Judged, judged};
 use crate::wire::job::{Method, Model, Preset};
 use crate::wire::measurement::{Subset, Warning};
@@ -143,15 +145,21 @@ pub struct PointReport {
     pub corrected_vector_mm: Option<[f64; 3]>,
 }
 
+/// Warnings with which the identified robot is wrong somewhere: nothing is corrected with it, and it is not released.
+pub const WRONG_ROBOT: [&str; 3] = [MODEL_TOO_SMALL, NO_FIT, JOINT_MAP];
+
 /// Warnings with which nothing that was found is of use; the first that a report has counts.
-pub const NO_USE: [&str; 6] = [
-    MODEL_TOO_SMALL,
-    NO_FIT,
-    JOINT_MAP,
-    DOES_NOT_FIT,
-    "set_far_off",
-    NO_BETTER,
-];
+pub const NO_USE: [&str; 6] = {
+    let [model_too_small, no_fit, joint_map] = WRONG_ROBOT;
+    [
+        model_too_small,
+        no_fit,
+        joint_map,
+        DOES_NOT_FIT,
+        SET_FAR_OFF,
+        NO_BETTER,
+    ]
+};
 
 impl Report {
     /// The code of the warning that says so, where nothing that was found is of use.

@@ -1,0 +1,143 @@
+//! The gates that compare a set with the robot: its identity, how much the parameters change, and whether its orientation is known.
+
+use crate::calibration::{MAX_FLANGE_ROTATION_STD_RAD, implausible_changes};
+use crate::release::facts::Facts;
+use crate::release::texts::verify_it;
+use crate::wire::release::Gate;
+use crate::wire::report_shape::Evidence;
+
+/// Nominal values in a report may have gone through degrees and back.
+const SAME_NOMINAL: f64 = 1e-6;
+
+pub fn identity(facts: &Facts<'_>) -> Gate {
+    if let (Some(robots), Some(stated)) = facts.serial_numbers
+        && robots != stated
+    {
+        let detail = format!("the upload says serial number {stated:?}, the robot has {robots:?}");
+        return Gate::new("identity", false, detail);
+    }
+    let nominal = |link: usize, name: &str| {
+        let link = facts.robot.links.get(link.checked_sub(1)?)?;
+        Some(match name.rsplit_once('_')?.0 {
+            "a" => link.a_mm,
+            "alpha" => link.alpha_rad.to_degrees(),
+            "d" => link.d_mm,
+            "theta_offset" => link.theta_offset_rad.to_degrees(),
+            "beta" => link.beta_rad.to_degrees(),
+            _ => return None,
+        })
+    };
+    let of_links = facts
+        .report
+        .parameters
+        .iter()
+        .filter_map(|p| Some((p, p.link?)));
+    let other = of_links.clone().find(|(p, link)| {
+        nominal(*link, &p.name).is_some_and(|expected| (expected - p.nominal).abs() > SAME_NOMINAL)
+    });
+    match other {
+        Some((p, _)) => Gate::new(
+            "identity",
+            false,
+            format!(
+                "{} is nominally {} in the report, which is not the robot's",
+                p.name, p.nominal
+            ),
+        ),
+        None if facts.content.links.len() != facts.robot.links.len() => {
+            Gate::new("identity", false, "another number of links")
+        }
+        None => match facts.serial_numbers {
+            (Some(_), Some(stated)) => Gate::new(
+                "identity",
+                true,
+                format!("serial number {stated:?}, the robot's nominal model"),
+            ),
+            _ => Gate::new(
+                "identity",
+                true,
+                "the robot's nominal model; no serial number was stated with the upload",
+            )
+            .warned(true),
+        },
+    }
+}
+
+pub fn change(facts: &Facts<'_>) -> Gate {
+    let (reference, name) = match facts.active {
+        Some(active) => (active.kinematic_links(), "the active set"),
+        None => (facts.robot.links.clone(), "the nominal robot"),
+    };
+    let changes = implausible_changes(&facts.content.kinematic_links(), &reference);
+    if changes.is_empty() {
+        return Gate::new(
+            "change_plausible",
+            true,
+            format!("no parameter is far from {name}"),
+        );
+    }
+    let found = format!("against {name} it changes {}", changes.join(", "));
+    if let Some(std_deg) = orientation_unknown_deg(facts).filter(|_| !facts.is_rollback) {
+        let detail = format!(
+            "{found}, and the measured positions do not show how the flange is turned ({std_deg:.1}°, one standard deviation): no reason \
+             makes up for that. Identify from a reflector off the last axis, or from two"
+        );
+        return Gate::new("change_plausible", false, detail);
+    }
+    match facts.change_reason {
+        Some(reason) => Gate::new(
+            "change_plausible",
+            true,
+            format!("{found}; the reason given: {reason}"),
+        )
+        .warned(true),
+        None if facts.is_rollback => Gate::new(
+            "change_plausible",
+            true,
+            format!("{found}; the set was active before"),
+        )
+        .warned(true),
+        None => {
+            let detail = format!(
+                "{found}: a wrong tool, another robot? If it is right, say why in change_reason"
+            );
+            Gate::new("change_plausible", false, detail)
+        }
+    }
+}
+
+/// One standard deviation of the flange's rotation, degrees, where it is so large that the orientation counts as not known.
+fn orientation_unknown_deg(facts: &Facts<'_>) -> Option<f64> {
+    let std_deg = facts.report.flange_rotation_std_deg?;
+    (std_deg.to_radians() > MAX_FLANGE_ROTATION_STD_RAD).then_some(std_deg)
+}
+
+/// Points of one upload fit as well with the flange turned wrongly. Another session shows at least that the reflector's positions are right.
+pub fn orientation(facts: &Facts<'_>) -> Gate {
+    let name = "orientation_known";
+    let Some(std_deg) = orientation_unknown_deg(facts) else {
+        return Gate::new(name, true, "the orientation of the flange is not in doubt");
+    };
+    let found = format!(
+        "the measured positions do not show how the flange is turned ({std_deg:.1}°, one standard deviation)"
+    );
+    if facts.is_rollback {
+        return Gate::new(name, true, format!("{found}; the set was active before")).warned(true);
+    }
+    match facts.evidence() {
+        Evidence::IndependentSession => {
+            let detail = format!(
+                "{found}; another session shows that the position of the measured reflector is right: use the set for that alone"
+            );
+            Gate::new(name, true, detail).warned(true)
+        }
+        _ => {
+            let detail = format!(
+                "{found}: identify from a reflector off the last axis, or from two, or show by another session that the reflector's positions \
+                 are right: {}",
+                verify_it(facts)
+            );
+            Gate::new(name, false, detail)
+        }
+    }
+}

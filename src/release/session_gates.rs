@@ -1,0 +1,122 @@
+//! The gates that other sessions decide, those that fit the robot and those that do not.
+
+use crate::release::facts::{Facts, Session};
+use crate::release::texts::{CHECKED, both, sessions, verify_it};
+use crate::wire::release::Gate;
+use crate::wire::verification::Fit;
+
+/// Until a session fits, or somebody says why, nobody knows what robot a set would move.
+pub fn robot_is_well(facts: &Facts<'_>) -> Gate {
+    let name = "check_robot";
+    match facts.check_job_id {
+        None => Gate::new(name, true, "no session is in doubt"),
+        Some(job_id) => Gate::new(
+            name,
+            false,
+            format!(
+                "the file of job {job_id} does not fit this robot: was it in another frame, or has the robot changed? Look at the robot, then measure \
+                 a new session and score a set on it: {}, or say why all is well: {CHECKED}",
+                verify_it(facts)
+            ),
+        ),
+    }
+}
+
+/// A session that did not fit the robot may mean that it changed. A set of before, or one that was identified from points of before, speaks of
+/// another robot then: another set that fits the robot since says nothing of this one. The triggers of the schema keep this too.
+pub fn measured_since_check(facts: &Facts<'_>) -> Gate {
+    let name = "measured_since_check";
+    let Some((seq, job_id)) = facts.last_check else {
+        return Gate::new(name, true, "no session did not fit the robot");
+    };
+    if seq <= facts.checked_seq {
+        let detail = "somebody has said why a session did not fit the robot";
+        return Gate::new(name, true, detail);
+    }
+    if facts.check_job_id.is_some() {
+        return Gate::new(name, true, "see check_robot");
+    }
+    if facts.identification_seq > seq && !facts.identification.is_repeat {
+        let detail = format!(
+            "identified from what was measured since the file of job {job_id} did not fit the robot"
+        );
+        return Gate::new(name, true, detail);
+    }
+    let mut sessions = facts.sessions.iter();
+    match sessions.find(|session| session.supports_since(seq)) {
+        Some(session) => Gate::new(
+            name,
+            true,
+            format!(
+                "fits the session of job {}, measured since the file of job {job_id} did not fit the robot",
+                session.job_id
+            ),
+        ),
+        None => Gate::new(
+            name,
+            false,
+            format!(
+                "the set was identified from points of before the file of job {job_id} did not fit the robot, and no session since shows that it \
+                 still holds: measure one, and score it: {}, or say why the set still holds: {CHECKED}",
+                verify_it(facts)
+            ),
+        ),
+    }
+}
+
+/// A session that the set missed by far speaks against it until somebody says why, whatever came later. One that did not fit the robot at all
+/// does so until the set fits a later one.
+pub fn sessions_fit(facts: &Facts<'_>) -> Gate {
+    let name = "sessions_fit";
+    let is_answered = |session: &Session| match session.found.fit {
+        Fit::Fits => true,
+        Fit::SetFarOff => false,
+        Fit::DoesNotFit => {
+            let mut sessions = facts.sessions.iter();
+            sessions.any(|later| later.supports_since(session.seq))
+        }
+    };
+    let is_open = |session: &&Session| session.seq > facts.checked_seq && !is_answered(session);
+    match facts.sessions.iter().rev().find(is_open) {
+        None => Gate::new(name, true, "no session missed the set by far"),
+        Some(session) => Gate::new(
+            name,
+            false,
+            format!(
+                "in the session of job {} rms on its points: {}; when the set was identified: {}. Identify anew, or say why all is well: {CHECKED}",
+                session.job_id,
+                both(&session.found),
+                both(facts.identification)
+            ),
+        ),
+    }
+}
+
+/// Fails closed: an error that cannot be compared is not smaller.
+pub fn better_than_nominal(facts: &Facts<'_>) -> Gate {
+    let name = "sessions_better_than_nominal";
+    let n = facts.telling().count();
+    match facts.telling().find(|session| !session.found.is_better) {
+        Some(session) => {
+            let detail = format!(
+                "job {} scored the set on another session: {}; it is no better than nominal, so it is never released",
+                session.job_id,
+                both(&session.found)
+            );
+            Gate::new(name, false, detail)
+        }
+        None if facts.sessions.is_empty() => {
+            Gate::new(name, true, "no other session has been scored on it")
+        }
+        None if n == 0 => Gate::new(
+            name,
+            true,
+            "no session that fits the robot has been scored on it",
+        ),
+        None => Gate::new(
+            name,
+            true,
+            format!("{}, each better than nominal", sessions(n)),
+        ),
+    }
+}

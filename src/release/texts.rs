@@ -1,0 +1,33 @@
+//! Phrases that the details of several gates share.
+
+use crate::release::facts::Facts;
+use crate::wire::verification::Verification;
+
+/// How somebody says why a robot is well, as HTTP has it.
+pub const CHECKED: &str = "POST /v1/robots/{robot_id}/checked";
+
+/// How the set is scored, as HTTP has it.
+pub fn verify_it(facts: &Facts<'_>) -> String {
+    format!(
+        "post a job of kind verify with parameter_set_id {}",
+        facts.parameter_set_id
+    )
+}
+
+/// Errors of the nominal robot and of the set, in words.
+pub fn both(found: &Verification) -> String {
+    let mm = |rms_mm: Option<f64>| rms_mm.map_or("unknown".into(), |rms| format!("{rms:.4} mm"));
+    format!(
+        "{} before, {} after",
+        mm(found.before_rms_mm),
+        mm(found.after_rms_mm)
+    )
+}
+
+/// A number of sessions, in words.
+pub fn sessions(n: usize) -> String {
+    match n {
+        1 => "1 session".into(),
+        n => format!("{n} sessions"),
+    }
+}
