@@ -34,6 +34,7 @@ pub mod upload;
 mod verdict;
 mod verify;
 
+pub use crate::compensation::tool_differences;
 pub use check::{check, network_fits};
 pub use corrections::are_wanted as corrections_are_wanted;
 pub use identify::calibrate;

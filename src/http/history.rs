@@ -2,6 +2,7 @@
 
 use crate::calibration::changes::changes;
 use crate::calibration::request::PreviousSession;
+use crate::calibration::tool_differences;
 use crate::http::auth::Caller;
 use crate::http::extract::{Id, ListQuery, Query};
 use crate::http::limits::ComputePermit;
@@ -13,7 +14,7 @@ use crate::release::{self, Scored};
 use crate::store::{ParameterSetRow, jobs, parameter_sets, policies, verifications};
 use crate::wire::Invalid;
 use crate::wire::history::{
-    CompareAnswer, HistoryAnswer, HistoryItem, ReportExcerpt, SessionTest, map,
+    CompareAnswer, HistoryAnswer, HistoryItem, MapPoint, ReportExcerpt, SessionTest,
 };
 use crate::wire::parameter_set::ParameterSetAnswer;
 use crate::wire::trend::Trend;
@@ -165,10 +166,10 @@ fn compared(
         request_of(own).map_err(unreadable)?,
         request_of(others).map_err(unreadable)?,
     );
-    let (map, mean_mm, max_mm) = map(
+    let differences = tool_differences(
         &request.robot,
-        &answers::content(row)?,
-        &answers::content(other)?,
+        &answers::content(row)?.identified_robot(None),
+        &answers::content(other)?.identified_robot(None),
     );
     let same_upload = own.set.row.sha256 == others.set.row.sha256;
     request.previous = (!same_upload).then_some(PreviousSession {
@@ -179,9 +180,9 @@ fn compared(
     Ok(CompareAnswer {
         parameter_set_id: row.id.clone(),
         with: other.id.clone(),
-        mean_mm,
-        max_mm,
-        map,
+        mean_mm: differences.mean_mm,
+        max_mm: differences.max_mm,
+        map: differences.points.iter().map(MapPoint::from).collect(),
         sessions: changes.as_ref().map(SessionTest::from),
     })
 }

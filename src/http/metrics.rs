@@ -38,12 +38,12 @@ async fn metrics(State(app): State<App>, caller: Caller) -> Result<Response, Err
     );
     app.metrics.write(&mut out);
     out.family(
-        "kincal_room_left",
+        "kincal_permits_available",
         "gauge",
-        "What more may be under way before requests are refused, by kind.",
+        "Free permits by kind; a request is refused when none of its kind is free.",
     );
     for (kind, left) in app.limits.free() {
-        out.sample("kincal_room_left", &[("kind", kind)], left as f64);
+        out.sample("kincal_permits_available", &[("kind", kind)], left as f64);
     }
     // The counters are answered also while the database is unavailable.
     let jobs = statistics::jobs(&app.store).await;

@@ -1,21 +1,13 @@
 //! History of a robot's parameters, and the comparison of two parameter sets.
 
 use crate::calibration::changes::Changes;
-use crate::compensation::{Base, Compensation};
-use crate::identification::workspace::random_configurations;
-use crate::kinematics::{Robot, t_base_flange};
+use crate::compensation::ToolDifference;
 use crate::wire::angle::to_degrees;
-use crate::wire::parameter_set::{ParameterSetContent, ParameterSetStatus};
+use crate::wire::parameter_set::ParameterSetStatus;
 use crate::wire::report_shape::{ChangeReport, Evidence, ParameterReport, SubsetReport};
 use crate::wire::trend::Trend;
-use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
-
-/// Poses of the map.
-const N_POSES: usize = 200;
-/// Seed of these poses: the same for every comparison.
-const SEED: u64 = 0;
 
 /// A page of a robot's history.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -125,38 +117,13 @@ impl From<&Changes> for SessionTest {
     }
 }
 
-/// Differences between two robots over seeded configurations, with mean and maximum. Bases and flanges are anchored to the robots' own
-/// axes, so the places of instrument and reflector do not matter. The tool is target 0 of the set in the path.
-pub fn map(
-    robot: &Robot,
-    one: &ParameterSetContent,
-    other: &ParameterSetContent,
-) -> (Vec<MapPoint>, f64, f64) {
-    let (one, other) = (one.identified_robot(None), other.identified_robot(None));
-    let (of_one, of_other) = (
-        Compensation::of(robot, &one, Base::Robot),
-        Compensation::of(robot, &other, Base::Robot),
-    );
-    let tool = Point3::from(of_one.p_anchored_mm(&one.target_mm(0)));
-    let point = |q_controller: Vec<f64>| {
-        let q = robot.q_model_rad(&q_controller);
-        MapPoint {
-            q_deg: q_controller.iter().map(|rad| to_degrees(*rad)).collect(),
-            position_mm: (t_base_flange(&robot.links, &q) * tool).coords.into(),
-            difference_mm: (of_one.t_base_flange(&q) * tool - of_other.t_base_flange(&q) * tool)
-                .into(),
+impl From<&ToolDifference> for MapPoint {
+    fn from(point: &ToolDifference) -> Self {
+        let q_deg = point.q_controller_rad.iter().map(|rad| to_degrees(*rad));
+        Self {
+            q_deg: q_deg.collect(),
+            position_mm: point.position_mm.into(),
+            difference_mm: point.difference_mm.into(),
         }
-    };
-    let map: Vec<MapPoint> = random_configurations(robot, N_POSES, SEED)
-        .into_iter()
-        .map(point)
-        .collect();
-    let lengths = map
-        .iter()
-        .map(|p| nalgebra::Vector3::from(p.difference_mm).norm());
-    let (sum, max) = lengths.fold((0.0, 0.0f64), |(sum, max), length| {
-        (sum + length, max.max(length))
-    });
-    let mean = sum / map.len().max(1) as f64;
-    (map, mean, max)
+    }
 }

@@ -206,7 +206,7 @@ async fn clients_that_send_a_costly_urdf_and_go_away_leave_no_work_behind() {
         );
     };
     answer.problem(422, "no_joints");
-    let free = "kincal_room_left{kind=\"calculations\"} 64";
+    let free = "kincal_permits_available{kind=\"calculations\"} 64";
     while !app.get("/metrics").await.text().contains(free) {
         assert!(gone.elapsed() < WITHIN, "permits are not given back");
     }
