@@ -120,7 +120,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
 fn body(arguments: &Arguments) -> anyhow::Result<PosePlanBody> {
     let mut body = match &arguments.request {
         Some(path) => request(path)?,
-        None => PosePlanBody::of(DEFAULT_CONFIGURATIONS),
+        None => PosePlanBody::new(DEFAULT_CONFIGURATIONS),
     };
     body.n_configurations = arguments.n_configurations.unwrap_or(body.n_configurations);
     body.seed = arguments.seed.unwrap_or(body.seed);

@@ -329,11 +329,10 @@ fn run_gates(
         comparisons,
         is_withdrawn: around.status == ParameterSetStatus::Withdrawn,
         is_rollback: around.purpose == Purpose::Rollback,
-        serial_numbers: (
-            around.robot.serial_number.as_deref(),
-            around.set.serial_number.as_deref(),
-        ),
-        people: (&around.uploaders, &around.approver),
+        serial_number: around.robot.serial_number.as_deref(),
+        stated_serial_number: around.set.serial_number.as_deref(),
+        uploaders: &around.uploaders,
+        approver: &around.approver,
         change_reason: around.purpose.change_reason(),
         policy: &policy_answers::body(&around.policy),
     };

@@ -147,13 +147,13 @@ impl Progress {
 }
 
 impl JobInputs {
-    /// Reads a job, and what it names.
+    /// Reads a job and the documents that it names.
     pub async fn load(store: &Store, job_id: &str) -> Result<JobInputs> {
-        JobInputs::of(store, jobs::get(store, job_id).await?).await
+        JobInputs::load_for(store, jobs::get(store, job_id).await?).await
     }
 
-    /// Reads what the job names.
-    pub async fn of(store: &Store, job: JobRow) -> Result<JobInputs> {
+    /// Reads the documents that a job names.
+    pub async fn load_for(store: &Store, job: JobRow) -> Result<JobInputs> {
         // Concurrently: each read takes a connection of its own.
         let (robot, set, verify_set, frames, network, residual_network, parameter_set, earlier) = tokio::try_join!(
             robots::get(store, &job.robot_id),

@@ -149,7 +149,7 @@ pub async fn run_next_job(store: &Store, context: &WorkerContext) -> Result<Opti
         permit: _permit,
     } = claimed;
     let job_id = job.id.clone();
-    let lease = Lease::of(&job, &context.owner);
+    let lease = Lease::new(&job, &context.owner);
     context.signals.job_changed(&job_id);
     let attempt = Attempt {
         store,
@@ -218,7 +218,7 @@ impl Attempt<'_> {
     async fn inputs(&self, job: &JobRow, until: Instant) -> std::result::Result<JobInputs, Ended> {
         let mut drain = self.context.drain.subscribe();
         loop {
-            let error = match JobInputs::of(self.store, job.clone()).await {
+            let error = match JobInputs::load_for(self.store, job.clone()).await {
                 Ok(inputs) => return Ok(inputs),
                 Err(error) => error,
             };

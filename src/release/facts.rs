@@ -98,10 +98,14 @@ pub struct Facts<'a> {
     pub is_withdrawn: bool,
     /// It was released before, and is to come back in the place of what is active, which is withdrawn.
     pub is_rollback: bool,
-    /// Serial number of the robot, and as the uploader stated it.
-    pub serial_numbers: (Option<&'a str>, Option<&'a str>),
-    /// Who uploaded the points and the sweeps, and who releases.
-    pub people: (&'a [Option<String>], &'a str),
+    /// Serial number of the robot.
+    pub serial_number: Option<&'a str>,
+    /// Serial number that the uploader stated.
+    pub stated_serial_number: Option<&'a str>,
+    /// Keys that uploaded the points and the sweeps.
+    pub uploaders: &'a [Option<String>],
+    /// The key that releases.
+    pub approver: &'a str,
     /// Why it changed so much.
     pub change_reason: Option<&'a str>,
     /// What the robot asks.

@@ -239,7 +239,7 @@ fn errors_within_tolerance(facts: &Facts<'_>) -> Gate {
 }
 
 fn second_person(facts: &Facts<'_>) -> Gate {
-    let (uploaders, approver) = facts.people;
+    let (uploaders, approver) = (facts.uploaders, facts.approver);
     let is_known = !uploaders.is_empty() && uploaders.iter().all(Option::is_some);
     let known: BTreeSet<&str> = uploaders.iter().flatten().map(String::as_str).collect();
     let other = is_known && !known.contains(approver);

@@ -10,7 +10,7 @@ use crate::wire::report_shape::Evidence;
 const SAME_NOMINAL: f64 = 1e-6;
 
 pub fn identity(facts: &Facts<'_>) -> Gate {
-    if let (Some(robots), Some(stated)) = facts.serial_numbers
+    if let (Some(robots), Some(stated)) = (facts.serial_number, facts.stated_serial_number)
         && robots != stated
     {
         let detail = format!("the upload says serial number {stated:?}, the robot has {robots:?}");
@@ -47,7 +47,7 @@ pub fn identity(facts: &Facts<'_>) -> Gate {
         None if facts.content.links.len() != facts.robot.links.len() => {
             Gate::new("identity", false, "another number of links")
         }
-        None => match facts.serial_numbers {
+        None => match (facts.serial_number, facts.stated_serial_number) {
             (Some(_), Some(stated)) => Gate::new(
                 "identity",
                 true,

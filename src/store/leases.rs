@@ -21,7 +21,7 @@ pub struct Lease {
 
 impl Lease {
     /// The hold that this claim of the job gives.
-    pub fn of(job: &JobRow, owner: &str) -> Lease {
+    pub fn new(job: &JobRow, owner: &str) -> Lease {
         Lease {
             job_id: job.id.clone(),
             owner: owner.to_owned(),
@@ -246,7 +246,7 @@ pub async fn claim(store: &Store, owner: &str, lease: Duration) -> Result<Option
         let claimed = claim_in(&mut tx, which, owner, lease).await?;
         tx.commit().await?;
         if let Some(job) = claimed {
-            return Ok(Some(Lease::of(&job, owner)));
+            return Ok(Some(Lease::new(&job, owner)));
         }
     }
     Ok(None)

@@ -135,7 +135,7 @@ impl LeftOut {
     const NOTICED: (f64, f64) = (0.001, 0.01);
 
     /// `t_nominal_base`: the base of the identified links in the nominal base frame, where that is known.
-    fn of(anchor: &Anchor, base: Base, t_nominal_base: Option<IsometryMatrix3<f64>>) -> Self {
+    fn new(anchor: &Anchor, base: Base, t_nominal_base: Option<IsometryMatrix3<f64>>) -> Self {
         let flange = &anchor.t_anchored_flange;
         let base = match (base, t_nominal_base) {
             (Base::Measured, _) => IsometryMatrix3::identity(),
@@ -192,10 +192,10 @@ impl CompensateBody {
             || Tool::Target(identified.target_mm(target)),
             |tool| Tool::Tcp(IsometryMatrix3::from(tool)),
         );
-        let mut answer = CompensateAnswer::with_capacity(self.q_deg.len(), ErrorFrame::of(base));
+        let mut answer = CompensateAnswer::with_capacity(self.q_deg.len(), ErrorFrame::from(base));
         let t_nominal_base = (provenance.measuring_frame == Some(Frame::Base))
             .then(|| identified.model().t_instrument_base);
-        answer.left_out = LeftOut::of(compensation.anchor(), base, t_nominal_base);
+        answer.left_out = LeftOut::new(compensation.anchor(), base, t_nominal_base);
         // The measured reflector is right even where positions do not determine the flange.
         if self.tool.is_some() || self.mode == Mode::Pose {
             answer.warnings = provenance.warnings.clone();
@@ -333,14 +333,16 @@ impl From<ToolBody> for IsometryMatrix3<f64> {
     }
 }
 
-impl ErrorFrame {
-    fn of(base: Base) -> Self {
+impl From<Base> for ErrorFrame {
+    fn from(base: Base) -> Self {
         match base {
             Base::Measured => Self::Measuring,
             Base::Robot => Self::RobotBase,
         }
     }
+}
 
+impl ErrorFrame {
     fn of_older_versions() -> Self {
         Self::RobotBase
     }

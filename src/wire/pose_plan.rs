@@ -125,7 +125,7 @@ pub struct PlannedConfiguration {
 
 impl PosePlanBody {
     /// A plan of so many configurations, everything else by default.
-    pub fn of(n_configurations: usize) -> Self {
+    pub fn new(n_configurations: usize) -> Self {
         Self {
             n_configurations,
             seed: 0,
