@@ -549,7 +549,7 @@ async fn a_data_directory_of_an_older_version_becomes_its_owners_alone() {
         let data = dir.path().join(format!("data-{rights:o}"));
         let said = served_from_an_old_directory(&data, rights, None);
         assert_eq!(mode(&data), 0o700, "{rights:o}: {said}");
-        let told = said.contains("taken the rights of others");
+        let told = said.contains("removed the permissions of other users");
         assert_eq!(told, is_told, "{rights:o}: {said}");
     }
 }
@@ -567,7 +567,7 @@ async fn a_data_directory_of_somebody_else_is_warned_of() {
     std::fs::set_permissions(dir.path(), open).unwrap();
     let data = dir.path().join("data");
     let said = served_from_an_old_directory(&data, 0o777, Some(NOBODY));
-    assert!(said.contains("may look into the data directory"), "{said}");
+    assert!(said.contains("can read the data directory"), "{said}");
     assert_eq!(mode(&data), 0o777);
 }
 
