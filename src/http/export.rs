@@ -1,4 +1,4 @@
-//! Parameter sets in other formats, and robots from them.
+//! Parameter sets in other formats, and robots from other formats.
 
 use crate::http::auth::Caller;
 use crate::http::extract::{Id, Query, whole_body};
@@ -18,7 +18,7 @@ use serde::Deserialize;
 use utoipa::IntoParams;
 use utoipa_axum::{router::OpenApiRouter, routes};
 
-/// What is lost with a format, mm.
+/// Header with the error that the format leaves, mm.
 const REMAINING_ERROR: HeaderName = HeaderName::from_static("kincal-remaining-error-mm");
 
 /// Routes of exports and imports.
@@ -140,7 +140,7 @@ async fn import_robot(
     Ok(Json(answer.await?))
 }
 
-/// What an export needs.
+/// Stored rows that an export needs.
 struct Stored {
     row: ParameterSetRow,
     body: RobotBody,

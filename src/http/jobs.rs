@@ -92,7 +92,7 @@ async fn get(
     Ok(Json(JobAnswer::try_from(&row)?))
 }
 
-/// The job once its status has changed, the time is over, or the server stops.
+/// Returns the job when its status changes, the time is over, or the server stops.
 async fn wait(app: &App, row: JobRow, timeout: Duration) -> Result<JobRow, store::Error> {
     tokio::select! {
         changed = app.signals.wait_for_status_change(&app.store, &row.id, row.status, timeout) => changed,

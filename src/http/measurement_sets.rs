@@ -1,4 +1,4 @@
-//! Measurement sets: uploads, kept byte for byte.
+//! Measurement sets: uploads, stored byte for byte.
 
 use crate::http::auth::Caller;
 use crate::http::creation::{Submission, stored_json};
@@ -55,7 +55,7 @@ struct UploadQuery {
     insist: Option<Insist>,
 }
 
-/// An upload that was understood.
+/// A parsed upload.
 struct Upload {
     frame: Frame,
     name: Option<String>,
@@ -170,7 +170,7 @@ fn declared_csv(decimal: Option<Decimal>) -> String {
     }
 }
 
-/// `csv` is how a CSV file writes its numbers; none for JSON.
+/// Parses an upload. `csv` is the number format of a CSV file; none for JSON.
 fn understand(
     body: &RobotBody,
     bytes: &Bytes,

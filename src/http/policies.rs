@@ -62,7 +62,7 @@ async fn put(
     submission.create(&app.store, effect).await
 }
 
-/// The policy as it is answered.
+/// Converts a stored policy to its answer.
 pub fn body(row: &PolicyRow) -> PolicyBody {
     PolicyBody {
         tolerance_mm: row.tolerance_mm,

@@ -1,4 +1,4 @@
-//! Where an identified robot has its target.
+//! Predicted positions of a target on an identified robot.
 
 use crate::http::auth::Caller;
 use crate::http::extract::{Id, json_body};

@@ -155,12 +155,12 @@ async fn withdraw(
     submission.create(&app.store, effect).await
 }
 
-/// Inputs of the gates other than stored documents.
+/// Inputs of the gates besides the evidence.
 struct Around {
     parameter_set_id: String,
     robot: RobotBody,
     set: MeasurementSetRow,
-    /// Who uploaded what the set was identified from: the points and, where the base rests on them, the sweeps.
+    /// Keys that uploaded the points from which the set was identified and, if the job used them, the sweeps.
     uploaders: Vec<Option<String>>,
     policy: PolicyRow,
     status: ParameterSetStatus,
@@ -168,7 +168,8 @@ struct Around {
     purpose: Purpose,
 }
 
-/// Purpose of a release check. A superseded set that is released again is checked as any other; only a rollback takes it as it was.
+/// Purpose of a release check. A superseded set that is released again must pass all gates; only a rollback skips the comparison with the active
+/// set.
 #[derive(PartialEq, Eq)]
 enum Purpose {
     Release { change_reason: Option<String> },
@@ -283,7 +284,7 @@ async fn check_release(
     })
 }
 
-/// The set beside the active one: on every session, one upload in memory at a time; where there is none, on the points held out.
+/// Compares the set with the active one, on every session; without sessions on the held-out points. Reads one upload at a time.
 async fn compared(
     app: &App,
     permit: &ComputePermit,

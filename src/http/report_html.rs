@@ -1,4 +1,4 @@
-//! A job's report as a page to print.
+//! A job's report as an HTML page for printing.
 
 use crate::http::auth::Caller;
 use crate::http::extract::Id;
