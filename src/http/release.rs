@@ -168,8 +168,8 @@ struct Around {
     purpose: Purpose,
 }
 
-/// Purpose of a release check. A superseded set that is released again must pass all gates; only a rollback skips the comparison with the active
-/// set.
+/// Purpose of a release check. A superseded set that is released again must pass all gates. For a rollback three gates only warn:
+/// `improved_on_active`, `change_plausible` and `orientation_known`.
 #[derive(PartialEq, Eq)]
 enum Purpose {
     Release { change_reason: Option<String> },
