@@ -6,7 +6,7 @@ use crate::wire::parameter_set::ParameterSetAnswer;
 use crate::wire::report_shape::{Convergence, Report};
 use crate::wire::robot::RobotBody;
 
-/// What was measured.
+/// The measurement set.
 #[derive(Clone, Copy, Debug)]
 pub struct MeasuredSet<'a> {
     /// Its name.

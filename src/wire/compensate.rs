@@ -18,7 +18,7 @@ use utoipa::ToSchema;
 
 /// Most targets of one request: some seconds of one core.
 pub const MAX_TARGETS_PER_REQUEST: usize = 20_000;
-/// How far rows and columns of a rotation may be from unit length and from right angles.
+/// Largest deviation of a rotation's rows and columns from unit length and from right angles.
 pub(super) const ROTATION_TOLERANCE: f64 = 1e-6;
 
 /// Targets to correct. They must have been programmed offline: one that was taught already holds the robot's errors.
@@ -131,10 +131,10 @@ impl CompensateAnswer {
 }
 
 impl LeftOut {
-    /// Smallest turn, degrees, and shift, mm, that are mentioned: smaller ones are below measurement accuracy.
+    /// Smallest rotation, degrees, and shift, mm, that are mentioned: smaller ones are below measurement accuracy.
     const NOTICED: (f64, f64) = (0.001, 0.01);
 
-    /// `t_nominal_base`: the base of the identified links in the nominal base frame, where that is known.
+    /// `t_nominal_base`: the base of the identified links in the nominal base frame, if it is known.
     fn of(anchor: &Anchor, base: Base, t_nominal_base: Option<IsometryMatrix3<f64>>) -> Self {
         let flange = &anchor.t_anchored_flange;
         let base = match (base, t_nominal_base) {
@@ -150,7 +150,7 @@ impl LeftOut {
         }
     }
 
-    /// Remark in words; `None` if all values are negligible.
+    /// Describes what is not corrected; `None` if all values are negligible.
     pub fn remark(&self) -> Option<String> {
         let (turn_deg, shift_mm) = Self::NOTICED;
         let is_noticed = self.base_turn_deg.max(self.flange_turn_deg) > turn_deg
@@ -169,8 +169,8 @@ impl CompensateBody {
     /// The corrected targets.
     ///
     /// # Errors
-    /// [`Invalid`] for joint values that do not fit the robot, a tool that is none, a target that the set does not have, `base: measured`
-    /// where the base was not measured, or a pose or tool where it is not known how the flange is turned.
+    /// [`Invalid`] for joint values that do not fit the robot, an invalid tool, a target that the set does not have, `base: measured` although the
+    /// base was not measured, or a pose or tool although the flange's rotation is unknown.
     pub fn run(
         &self,
         robot: &Robot,
@@ -196,7 +196,7 @@ impl CompensateBody {
         let t_nominal_base = (provenance.measuring_frame == Some(Frame::Base))
             .then(|| identified.model().t_instrument_base);
         answer.left_out = LeftOut::of(compensation.anchor(), base, t_nominal_base);
-        // The measured reflector is right even where positions do not determine the flange.
+        // Positions of the measured reflector are right even if they do not determine the flange's rotation.
         if self.tool.is_some() || self.mode == Mode::Pose {
             answer.warnings = provenance.warnings.clone();
         }
@@ -227,8 +227,8 @@ impl CompensateBody {
         Ok(answer)
     }
 
-    /// A robot that does not fit its own points corrects nothing. The measured reflector is right whatever the positions do not show; its pose
-    /// and other tools are not.
+    /// Refuses a set that does not fit its own points. If the flange's rotation is unknown, only positions of the measured reflector can be
+    /// corrected: refuses poses and other tools.
     fn check_provenance(&self, provenance: &Provenance) -> Result<(), Invalid> {
         if let Some((code, detail)) = provenance.wrong_robot() {
             let detail = format!("no target is corrected with this set: {detail}");

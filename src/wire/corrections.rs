@@ -270,7 +270,7 @@ impl CorrectionsContent {
         }
     }
 
-    /// These corrections on these links. `segment`: the segment of targets that moved; default: the last.
+    /// The core's model with these corrections and links. `segment`: the segment of targets that moved; default: the last.
     pub fn corrected_model(&self, links: Vec<Link>, segment: Option<u32>) -> CorrectedModel {
         let n_targets = self.targets.iter().map(|t| t.target + 1).max().unwrap_or(0);
         let target_mm = |target| {

@@ -12,7 +12,7 @@ use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// Poses of the map.
+/// Number of poses of the map.
 const N_POSES: usize = 200;
 /// Seed of these poses: the same for every comparison.
 const SEED: u64 = 0;
@@ -48,7 +48,7 @@ pub struct HistoryItem {
     pub changed: Vec<ChangeReport>,
 }
 
-/// What of a stored report the history shows.
+/// The parts of a stored report that the history shows.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 pub struct ReportExcerpt {
     /// Every free parameter.
@@ -58,7 +58,7 @@ pub struct ReportExcerpt {
     /// What changed.
     #[serde(default)]
     pub changed: Option<Vec<ChangeReport>>,
-    /// How strong the verification was.
+    /// Strength of the verification.
     pub evidence: Evidence,
 }
 
@@ -125,8 +125,8 @@ impl From<&Changes> for SessionTest {
     }
 }
 
-/// Differences between two robots over seeded configurations, with mean and maximum. Bases and flanges are anchored to the robots' own
-/// axes, so the places of instrument and reflector do not matter. The tool is target 0 of the set in the path.
+/// Differences between two robots over seeded configurations, with mean and maximum. Bases and flanges are anchored to the robots' own axes, so
+/// the positions of instrument and reflector do not matter. The tool is target 0 of the set in the path.
 pub fn map(
     robot: &Robot,
     one: &ParameterSetContent,

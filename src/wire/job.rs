@@ -112,20 +112,20 @@ pub enum VerifyBody {
     },
 }
 
-/// The stored things a job refers to, already read.
+/// Parsed documents that a job refers to.
 #[derive(Clone, Debug)]
 pub struct JobParts {
     /// The robot.
     pub robot: Robot,
-    /// The set.
+    /// The measurement set.
     pub set: MeasurementSet,
     /// The set of `verify: {source: "set"}`.
     pub verify_set: Option<MeasurementSet>,
     /// The frames of `frames_id`.
     pub frames: Option<crate::frames::PreliminaryFrames>,
-    /// The network that was pinned when the job was posted.
+    /// The network that was chosen when the job was posted.
     pub network: Option<TrainedNetwork>,
-    /// The residual network that was pinned when the job was posted, where the training of a new one starts.
+    /// The residual network that was chosen when the job was posted; training continues from it.
     pub residual_network: Option<ResidualNetwork>,
     /// The session of the robot's last identification, to compare with.
     pub previous: Option<PreviousSession>,
@@ -158,7 +158,7 @@ impl JobRequestBody {
     /// Checks that need only the request.
     ///
     /// # Errors
-    /// [`Invalid`]: `invalid_job` for values out of range and for what the job would not use, `unknown_reference` for what cannot be an id.
+    /// [`Invalid`]: `invalid_job` for values out of range and for fields that the job would ignore, `unknown_reference` for texts that cannot be ids.
     pub fn check(&self) -> Result<(), Invalid> {
         self.check_ids()?;
         let mut checker = Checker::default();
@@ -281,7 +281,7 @@ impl JobRequestBody {
         checker.finish("invalid_job")
     }
 
-    /// True if the job looks for corrections. The residual network is the last of them.
+    /// True if the job searches for corrections. The last of them is the residual network.
     pub fn may_train_residual_network(&self) -> bool {
         let has_priors = self
             .parameters
@@ -300,13 +300,13 @@ impl JobRequestBody {
                 .is_some_and(|p| p.rest == Some(Rest::ParameterSet))
     }
 
-    /// The model that is identified from a set in this frame: the one asked for, else the default.
+    /// The model that is identified from a set in this frame: the requested one, else the default.
     pub fn model_for(&self, frame: Frame) -> Model {
         self.model
             .unwrap_or_else(|| request::default_model(frame, self.frames_id.is_some()))
     }
 
-    /// The calibration request with the stored things that this body refers to.
+    /// The core's request of this body and the documents that it refers to.
     ///
     /// # Errors
     /// As [`JobRequestBody::check`], and for priors that do not fit robot and model.

@@ -22,7 +22,7 @@ pub enum JobStatus {
 }
 
 impl JobStatus {
-    /// As it stands on the wire and in the database.
+    /// Its name in JSON and in the database.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Queued => "queued",
@@ -91,7 +91,7 @@ pub enum Stage {
 }
 
 impl Stage {
-    /// All of them.
+    /// All stages.
     pub const ALL: [Self; 14] = [
         Self::Screening,
         Self::LeastSquares,

@@ -21,10 +21,10 @@ pub struct JointMapBody {
     pub coupling: Option<Vec<Vec<f64>>>,
 }
 
-/// The map in full, in degrees.
+/// Fills every field; angles in degrees.
 impl From<&JointMap> for JointMapBody {
     fn from(map: &JointMap) -> Self {
-        // radians leave a last digit
+        // Removes the rounding error of radians.
         let rounded_deg = |rad: &f64| (to_degrees(*rad) * 1e9).round() / 1e9;
         Self {
             sign: Some(map.sign.clone()),

@@ -51,7 +51,7 @@ pub struct Provenance {
 }
 
 impl Provenance {
-    /// Why nothing is corrected with the set: the warning's code, and in words.
+    /// Code and text of the warning with which the set must not correct targets; none if there is no such warning.
     pub fn wrong_robot(&self) -> Option<(&'static str, &str)> {
         WRONG_ROBOT.into_iter().find_map(|code| {
             let warning = self.warnings.iter().find(|warning| warning.code == code)?;
@@ -105,7 +105,7 @@ pub enum ParameterSetStatus {
 }
 
 impl ParameterSetStatus {
-    /// As it stands on the wire.
+    /// Its name in JSON.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Candidate => "candidate",

@@ -25,10 +25,10 @@ pub struct PolicyBody {
 }
 
 impl PolicyBody {
-    /// A tolerance is a length above zero.
+    /// Checks that the tolerance is a length above zero.
     ///
     /// # Errors
-    /// [`Invalid`] for any other.
+    /// [`Invalid`] if it is not.
     pub fn check(&self) -> Result<(), Invalid> {
         let mut checker = Checker::default();
         if let Some(tolerance) = self

@@ -18,13 +18,13 @@ use utoipa::ToSchema;
 
 /// Most configurations of a plan; more than anyone measures in a day.
 pub const MAX_PLANNED: usize = 300;
-/// Candidates where none are asked for.
+/// Default number of candidates.
 const DEFAULT_CANDIDATES: usize = 10_000;
 /// Most candidates.
 pub const MAX_CANDIDATES: usize = 50_000;
 /// Most boxes.
 pub const MAX_BOXES: usize = 32;
-/// Most sets that count as measured already.
+/// Most sets that were measured already.
 pub const MAX_MEASURED: usize = 20;
 /// Default noise of one coordinate, mm: tracker and repeatability of the arm.
 const DEFAULT_NOISE_MM: f64 = 0.05;
@@ -124,7 +124,7 @@ pub struct PlannedConfiguration {
 }
 
 impl PosePlanBody {
-    /// A plan of so many configurations, everything else by default.
+    /// The request for a plan of `n_configurations`, everything else by default.
     pub fn of(n_configurations: usize) -> Self {
         Self {
             n_configurations,
@@ -145,7 +145,7 @@ impl PosePlanBody {
     /// The plan. `measured` holds the sets that the request names.
     ///
     /// # Errors
-    /// [`Invalid`] for values out of range, and where the room holds too few configurations.
+    /// [`Invalid`] for values out of range, and if the allowed space has too few configurations.
     pub fn run(
         &self,
         robot: &Robot,

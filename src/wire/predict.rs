@@ -44,7 +44,7 @@ pub struct PredictAnswer {
 }
 
 impl PredictBody {
-    /// Where the identified robot has the target: through the joint map, the identified links, the corrections and the measuring frame.
+    /// Predicts the target's positions with the joint map, the identified links, the corrections and the base's pose in the measuring frame.
     ///
     /// # Errors
     /// [`Invalid`] for poses that do not fit the robot, or a target that the set does not have.
@@ -108,7 +108,7 @@ impl PredictBody {
     }
 }
 
-/// Notes what is wrong with the joint values of pose `i` of `q_deg`.
+/// Reports what is wrong with the joint values of pose `i` of `q_deg`.
 pub fn check_pose(checker: &mut Checker, i: usize, pose: &[f64], n_joints: usize) {
     checker.length(
         format!("/q_deg/{i}"),
@@ -126,7 +126,7 @@ pub fn check_pose(checker: &mut Checker, i: usize, pose: &[f64], n_joints: usize
     }
 }
 
-/// A target that the parameter set does not have.
+/// Refusal of a target that the parameter set does not have.
 pub fn unknown_target() -> Invalid {
     Invalid::at(
         "/target",

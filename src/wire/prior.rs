@@ -12,7 +12,7 @@ pub const MAX_NAMES: usize = 500;
 pub const MAX_PARAMETER_NAME: usize = 64;
 /// Widest standard deviation, and largest value, mm or degrees.
 pub(super) const MAX_VALUE: f64 = 1e6;
-/// Narrowest standard deviation, mm or degrees: a nanometre; what is known better is held.
+/// Narrowest standard deviation, mm or degrees: a nanometre. Hold a parameter that is known better.
 pub(super) const MIN_STD: f64 = 1e-6;
 
 /// What is known of a free parameter beforehand, in the unit that the report has it in (`parameters[].unit`: mm or deg): it is expected at

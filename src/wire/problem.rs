@@ -1,4 +1,4 @@
-//! RFC 9457: every answer that is not a success has this shape.
+//! Problem documents (RFC 9457): the shape of every error answer.
 
 use crate::wire::Issue;
 use serde::{Deserialize, Serialize};
@@ -7,7 +7,7 @@ use utoipa::ToSchema;
 /// Media type of a problem.
 pub const PROBLEM_JSON: &str = "application/problem+json";
 
-/// Prefix of every `type`: the `code` follows.
+/// Prefix of every `type`; the `code` follows.
 const TYPE_PREFIX: &str = "urn:kincal:problem:";
 
 /// What went wrong (RFC 9457).
@@ -30,7 +30,7 @@ pub struct Problem {
 }
 
 impl Problem {
-    /// A problem from its code; type and title follow from it.
+    /// A problem with this code, from which type and title follow.
     pub fn new(status: u16, code: &str, detail: impl Into<String>) -> Self {
         let words = code.replace('_', " ");
         let mut letters = words.chars();

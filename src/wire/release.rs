@@ -1,4 +1,4 @@
-//! Shapes of releases: gates as they are answered and kept, and the body of a release.
+//! Shapes of releases: the gates, and the body of a release.
 
 use crate::wire::issue::{Checker, Invalid, Issue};
 use crate::wire::reason::MAX_REASON;
@@ -21,7 +21,7 @@ pub struct Gate {
 }
 
 impl Gate {
-    /// A gate with what was found.
+    /// A gate and its result.
     pub fn new(gate: &str, passed: bool, detail: impl Into<String>) -> Self {
         Self {
             gate: gate.into(),
@@ -31,7 +31,7 @@ impl Gate {
         }
     }
 
-    /// Marks a gate that passed but deserves attention.
+    /// Sets `warning`: the gate passed, but somebody should look at it.
     pub fn warned(self, warning: bool) -> Self {
         Self {
             warning: warning && self.passed,
@@ -39,7 +39,7 @@ impl Gate {
         }
     }
 
-    /// Issue of this gate in a refusal.
+    /// This gate as an issue of a refusal.
     pub fn issue(&self) -> Issue {
         Issue {
             code: self.gate.clone(),
@@ -78,7 +78,7 @@ pub struct ReleaseBody {
 }
 
 impl ReleaseBody {
-    /// Reasons are sentences, not nothing and not books.
+    /// Checks the length of the reasons, and that they contain text.
     ///
     /// # Errors
     /// [`Invalid`] for an overlong one, or one without a letter or digit.

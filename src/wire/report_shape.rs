@@ -145,10 +145,10 @@ pub struct PointReport {
     pub corrected_vector_mm: Option<[f64; 3]>,
 }
 
-/// Warnings with which the identified robot is wrong somewhere: nothing is corrected with it, and it is not released.
+/// Warnings that the identified robot is wrong. Such a set corrects no targets and is not released.
 pub const WRONG_ROBOT: [&str; 3] = [MODEL_TOO_SMALL, NO_FIT, JOINT_MAP];
 
-/// Warnings with which nothing that was found is of use; the first that a report has counts.
+/// Warnings with which a result cannot be used. If a report has several, the first in this order counts.
 pub const NO_USE: [&str; 6] = {
     let [model_too_small, no_fit, joint_map] = WRONG_ROBOT;
     [
@@ -162,13 +162,13 @@ pub const NO_USE: [&str; 6] = {
 };
 
 impl Report {
-    /// The code of the warning that says so, where nothing that was found is of use.
+    /// Code of the warning with which the result cannot be used, if there is one.
     pub fn no_use(&self) -> Option<&'static str> {
         let is_told = |code: &&str| self.warnings.iter().any(|warning| warning.code == *code);
         NO_USE.into_iter().find(is_told)
     }
 
-    /// Why it is no evidence, in words.
+    /// Reason why the verification is no evidence.
     pub fn why_no_evidence(&self) -> &'static str {
         let is_told = |code: &str| self.warnings.iter().any(|warning| warning.code == code);
         if self.verify.is_none_or(|verify| verify.n_points == 0) {
@@ -184,7 +184,7 @@ impl Report {
         }
     }
 
-    /// Before and after on the points to verify, without those that are wild for both.
+    /// Robust comparison of the errors before and after on the verify points, without those that are outliers for both robots.
     pub fn judged(&self) -> Judged {
         let to_verify = self
             .per_point

@@ -1,4 +1,4 @@
-//! A robot as the cell PC describes it.
+//! Shapes of robots.
 
 pub use crate::kinematics::Robot;
 use crate::kinematics::model::MAX_LINKS;
@@ -25,9 +25,9 @@ pub const MAX_BETA_DEG: f64 = 45.0;
 pub const MAX_JOINT_DEG: f64 = 3_600.0;
 /// Largest entry of a coupling matrix.
 pub const MAX_COUPLING: f64 = 10.0;
-/// A coupling whose determinant is smaller than this cannot be undone.
+/// Smallest determinant of a coupling; with a smaller one the matrix cannot be inverted.
 const MIN_COUPLING_DETERMINANT: f64 = 1e-6;
-/// How far the length of a gravity direction may be from 1.
+/// Largest deviation of a gravity direction's length from 1.
 pub(super) const GRAVITY_TOLERANCE: f64 = 1e-3;
 /// Standard deviation of the direction of gravity for a robot on a floor, wall or ceiling, degrees.
 const DEFAULT_MOUNTING_STD_DEG: f64 = 2.0;
@@ -212,7 +212,7 @@ impl RobotAnswer {
     }
 }
 
-/// Runs every check. The error names every place that is wrong.
+/// Runs every check. The error names every wrong field.
 impl TryFrom<&RobotBody> for Robot {
     type Error = Invalid;
 

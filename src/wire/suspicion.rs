@@ -1,4 +1,4 @@
-//! Suspicions about an upload: the refusal, and how a caller insists on it.
+//! Suspicions about an upload: refusals, and the codes with which a caller overrides them.
 
 use crate::calibration::alignment::Suspicion;
 use crate::wire::issue::Issue;
@@ -39,13 +39,13 @@ impl Insist {
         }
     }
 
-    /// The suspicion of that code.
+    /// Parses a code.
     pub fn parse(code: &str) -> Option<Self> {
         serde_json::from_value(code.into()).ok()
     }
 }
 
-/// The issue of a refusal.
+/// A suspicion as the issue of a refusal.
 pub fn refusal(suspicion: &Suspicion) -> Issue {
     Issue {
         column: suspicion.columns.clone(),
@@ -59,7 +59,7 @@ pub fn refusal(suspicion: &Suspicion) -> Issue {
     }
 }
 
-/// The warning of a set that was kept because the caller insisted.
+/// A suspicion as the warning of a set that was stored because the caller insisted.
 pub fn insisted(suspicion: &Suspicion) -> Warning {
     Warning {
         code: suspicion.code.into(),

@@ -1,4 +1,4 @@
-//! The shapes of exports that are documents.
+//! Exports as documents: JSON, YAML, CSV, mastering offsets and UR kinematics.
 
 use super::Source;
 use crate::exchange::refit::Refit;
@@ -72,7 +72,7 @@ pub struct MasteringOffset {
 }
 
 impl ExportDocument {
-    /// A parameter set with these links.
+    /// The document of a parameter set with these links.
     pub fn new(
         source: &Source<'_>,
         links: &[Link],
@@ -145,8 +145,8 @@ pub fn csv_of(links: &[Link]) -> String {
     text
 }
 
-/// Origins of the joints as `kinematics:` of a UR description: x, y, z in metres, roll, pitch, yaw in rad. The hash is not a controller's:
-/// the driver will say so.
+/// Origins of the joints as `kinematics:` of a UR description: x, y, z in metres, roll, pitch, yaw in rad. The hash is not that of a controller;
+/// the driver will warn about it.
 pub fn ur_kinematics(arm: &UrArm, sha256: &str, base_left_out: Option<&str>) -> String {
     let base_left_out = base_left_out.map_or(String::new(), |remark| format!("# {remark}\n"));
     let mut text = format!(
@@ -197,10 +197,10 @@ enum UrEntry {
     Hash(#[allow(dead_code, reason = "read and left")] String),
 }
 
-/// The chain that such a file describes.
+/// Reads the chain that a file of [`ur_kinematics`] describes.
 ///
 /// # Errors
-/// A sentence, where it is none.
+/// A description, if it is no such file.
 pub fn read_ur_kinematics(text: &str) -> Result<Chain, String> {
     let file: UrFile = yaml_serde::from_str(text).map_err(|e| e.to_string())?;
     let joint = |name: &str| match file.kinematics.get(name) {
