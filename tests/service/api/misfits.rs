@@ -104,7 +104,7 @@ async fn a_set_that_is_no_better_than_nominal_trains_no_network_and_is_not_relea
         .problem(409, "release_refused");
 }
 
-/// The model cannot fit these points, or fits them with a link turned over: neither a release nor a corrected target comes of it.
+/// The model cannot fit these points, or fits them with a link turned over: the set is not released and corrects no target.
 #[tokio::test]
 async fn an_identified_robot_that_is_wrong_corrects_no_target_and_is_not_released() {
     let app = TestApp::with_workers(1).await;
