@@ -100,7 +100,7 @@ pub enum Error {
     TooLarge {
         /// The limit.
         limit: usize,
-        /// What to do.
+        /// Kind of job.
         advice: &'static str,
     },
     /// The route does not accept the body's media type.

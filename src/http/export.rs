@@ -33,11 +33,11 @@ pub fn router() -> OpenApiRouter<App> {
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 struct ExportQuery {
-    /// How it is written.
+    /// Format of the export.
     #[serde(default)]
     #[param(inline)]
     format: ExportFormat,
-    /// What becomes of beta: `refit` for controllers without it.
+    /// Treatment of beta: `refit` for controllers without it.
     #[serde(default)]
     #[param(inline)]
     beta: BetaChoice,
@@ -60,7 +60,7 @@ struct PatchQuery {
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 struct ImportQuery {
-    /// What the body is.
+    /// Format of the body.
     #[param(inline)]
     format: ImportFormat,
     /// The robot's name.
@@ -92,7 +92,7 @@ async fn get(
     respond(&id, permit.run(export).await?)
 }
 
-/// The body, a URDF, with the joint origins of the identified robot; nothing else of it changes.
+/// Returns the URDF in the body with the joint origins of the identified robot. Nothing else changes.
 #[utoipa::path(
     post, path = "/v1/parameter-sets/{id}/export", tag = "parameter sets", operation_id = "patchUrdf",
     params(("id" = String, Path, description = "The parameter set"), PatchQuery),

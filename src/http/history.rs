@@ -47,7 +47,7 @@ struct CompareQuery {
     with: String,
 }
 
-/// What was identified when, what moved since the session before in units of its own uncertainty, and when to calibrate next.
+/// The robot's identifications, the changes between sessions in units of their own uncertainty, and when to calibrate next.
 #[utoipa::path(
     get, path = "/v1/robots/{robot_id}/history", tag = "parameter sets", operation_id = "getHistory",
     params(("robot_id" = String, Path, description = "The robot"), ListQuery),
@@ -120,7 +120,7 @@ async fn trend(app: &App, robot_id: &str) -> Result<Trend, Error> {
     Ok(release::trend(&scored[newest..], limit_mm))
 }
 
-/// What two parameter sets of a robot say differently: the tool over the workspace, and a test of the sessions behind them.
+/// Differences between two parameter sets of a robot: the tool over the workspace, and a test of their sessions.
 #[utoipa::path(
     get, path = "/v1/parameter-sets/{id}/compare", tag = "parameter sets", operation_id = "compareParameterSets",
     params(("id" = String, Path, description = "The parameter set"), CompareQuery),

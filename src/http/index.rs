@@ -38,7 +38,7 @@ const STUCK: Duration = Duration::from_secs(1);
 /// Time without a write after which the node is not ready. Until then it is, because reads are answered.
 const STUCK_TOO_LONG: Duration = Duration::from_secs(60);
 
-/// The database answers. Where only part of the service is there, the text says which part is not, and for how long writers have been stuck.
+/// The database answers. If part of the service is not available, the text says which part, and for how long writers have been stuck.
 #[utoipa::path(
     get, path = "/readyz", tag = "service", operation_id = "readyz",
     responses(

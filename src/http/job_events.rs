@@ -25,7 +25,7 @@ pub fn router() -> OpenApiRouter<App> {
     OpenApiRouter::new().routes(routes!(events))
 }
 
-/// Server-sent events: `progress` at once and whenever the job moves, then one `finished`. The data of each is the job.
+/// Server-sent events: `progress` at once and at each change of the job, then one `finished`. The data of each is the job.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/events", tag = "jobs", operation_id = "listenToJob", params(("id" = String, Path, description = "The job")),
     responses((status = 200, description = "`event: progress` or `event: finished`, `data:` the job in JSON", body = JobEvent, content_type = "text/event-stream"))

@@ -75,7 +75,7 @@ struct Chosen {
     residual_network_id: Option<String>,
 }
 
-/// Queues a calibration. The answer comes at once; poll the job with `wait_s`, or listen to its events.
+/// Queues a calibration and answers at once. Poll the job with `wait_s`, or listen to its events.
 #[utoipa::path(
     post, path = "/v1/robots/{robot_id}/jobs", tag = "jobs", operation_id = "createJob",
     params(("robot_id" = String, Path, description = "The robot")), request_body = JobRequestBody,

@@ -34,7 +34,7 @@ pub fn router() -> OpenApiRouter<App> {
         .routes(routes!(roll_back))
 }
 
-/// What a release by this key would find now, gate by gate. Changes nothing.
+/// The gates as a release by this key would find them now. Changes nothing.
 #[utoipa::path(
     get, path = "/v1/parameter-sets/{id}/gates", tag = "parameter sets", operation_id = "getReleaseGates",
     params(("id" = String, Path, description = "The parameter set")),
@@ -97,7 +97,7 @@ async fn release(
     submission.create(&app.store, effect).await
 }
 
-/// Goes back in one call: the active set is withdrawn, and the one that it superseded is active again.
+/// Rolls back in one call: the active set is withdrawn, and the one that it superseded is active again.
 #[utoipa::path(
     post, path = "/v1/robots/{robot_id}/parameter-sets/rollback", tag = "parameter sets", operation_id = "rollBackParameterSet",
     params(("robot_id" = String, Path, description = "The robot")), request_body = ReasonBody,
@@ -127,7 +127,7 @@ async fn roll_back(
     submission.create(&app.store, effect).await
 }
 
-/// Takes a parameter set back. If it was the active one, the robot has none afterwards.
+/// Withdraws a parameter set. If it was the active one, the robot has none afterwards.
 #[utoipa::path(
     post, path = "/v1/parameter-sets/{id}/withdraw", tag = "parameter sets", operation_id = "withdrawParameterSet",
     params(("id" = String, Path, description = "The parameter set")), request_body = ReasonBody,

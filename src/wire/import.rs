@@ -21,7 +21,7 @@ const MAX_TABLE_BYTES: usize = 64 * 1024;
 /// Largest allowed difference, mm.
 const SAME_MM: f64 = 1e-9;
 
-/// What a file describes a robot by.
+/// Format of a robot's description.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
 #[serde(rename_all = "snake_case")]
 #[value(rename_all = "snake_case")]
@@ -34,16 +34,16 @@ pub enum ImportFormat {
     Mdh,
 }
 
-/// A robot as `POST /v1/robots` takes it, and what its links cannot hold.
+/// A robot for `POST /v1/robots`, and the transformations that its links cannot represent.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ImportAnswer {
     /// The robot.
     pub robot: RobotBody,
-    /// Names of the joints, where the description has any.
+    /// Names of the joints, if the description has any.
     pub joints: Vec<String>,
-    /// Where the links' base is in the description's root: the identity for most.
+    /// Pose of the links' base in the description's root; usually the identity.
     pub t_root_base: Transform,
-    /// Where the description's tip is on the links' flange: the identity for many.
+    /// Pose of the description's tip on the links' flange; often the identity.
     pub t_flange_tip: Transform,
     /// Largest difference between links and description over random configurations, mm.
     pub largest_difference_mm: f64,

@@ -7,7 +7,7 @@ use utoipa::ToSchema;
 /// Largest number of issues in one answer: enough to correct a file at once, few enough to read.
 pub const MAX_ISSUES: usize = 100;
 
-/// One thing that is wrong with the input: where, what, and how to mend it.
+/// One fault of the input: where, what, and how to correct it.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct Issue {
     /// 0-based data row of a CSV file (the header is not counted).
@@ -21,7 +21,7 @@ pub struct Issue {
     pub pointer: Option<String>,
     /// Stable, machine-readable reason.
     pub code: String,
-    /// In words: the value found, and a hint.
+    /// Description, with the value found and a hint.
     pub detail: String,
     /// With `joint_map_suspect`: the joint map that the robot should have.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -10,13 +10,13 @@ use utoipa::ToSchema;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct JointMapBody {
-    /// +1 or -1 for each joint; all +1 where absent.
+    /// +1 or -1 for each joint; default: all +1.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sign: Option<Vec<f64>>,
-    /// Added last, degrees; all 0 where absent.
+    /// Added last, degrees; default: all 0.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub offset_deg: Option<Vec<f64>>,
-    /// n rows of n values, invertible; the identity where absent.
+    /// n rows of n values, invertible; default: the identity.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub coupling: Option<Vec<Vec<f64>>>,
 }

@@ -50,7 +50,7 @@ pub struct MeasurementSetBody {
     /// The frame of every position; may be given in the query instead.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frame: Option<Frame>,
-    /// What people call it.
+    /// Its name.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(min_length = 1, max_length = 200)]
     pub name: Option<String>,
@@ -67,7 +67,7 @@ pub struct PointBody {
     /// The controller's joint values, degrees.
     #[serde(deserialize_with = "json::at_most::<_, _, MAX_LISTED>")]
     pub q_deg: Vec<f64>,
-    /// Where the target was seen, mm.
+    /// Measured position of the target, mm.
     pub position_mm: [f64; 3],
     /// Points of one arm configuration share this label; default: equal joint values.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -76,7 +76,7 @@ pub struct PointBody {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(maximum = 31)]
     pub target: Option<usize>,
-    /// Which half it belongs to.
+    /// Whether it is fitted (`identify`) or only scored (`verify`).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub subset: Option<Subset>,
     /// Its own standard uncertainty, mm.
@@ -94,19 +94,19 @@ pub struct PointBody {
     /// Air temperature at the robot, °C.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub temperature_c: Option<f64>,
-    /// When it was measured, RFC 3339; kept with the upload.
+    /// When it was measured, RFC 3339; stored with the upload.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub measured_at: Option<String>,
 }
 
-/// What is known of a stored set.
+/// Summary of a stored set.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct SetSummary {
     /// Opaque identifier.
     pub id: String,
     /// The robot it was measured on.
     pub robot_id: String,
-    /// What people call it.
+    /// Its name.
     #[schema(required)]
     pub name: Option<String>,
     /// The frame of every position.
@@ -121,9 +121,9 @@ pub struct SetSummary {
     pub sha256: String,
     /// RFC 3339, UTC.
     pub created_at: String,
-    /// What one should know before using it.
+    /// Warnings.
     pub warnings: Vec<Warning>,
-    /// The suspicion that would have refused it, had the uploader not insisted: no release rests on such a set.
+    /// Code of the suspicion that the uploader overrode with `insist`. No release rests on such a set.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub insisted_on: Option<Insist>,
 }

@@ -26,10 +26,10 @@ pub struct PredictBody {
     #[serde(default)]
     #[schema(maximum = 31)]
     pub target: usize,
-    /// Which stretch between steps; default: the last.
+    /// Segment of a target that moved; default: the last.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub segment: Option<u32>,
-    /// What the flange carries at these poses; default: what it carried when the robot was identified. Without corrections it has no effect.
+    /// Payload at these poses; default: the payload at the identification. Without corrections it has no effect.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub payload: Option<PayloadBody>,
 }
@@ -39,7 +39,7 @@ pub struct PredictBody {
 pub struct PredictAnswer {
     /// In the parameter set's measuring frame, mm, pose by pose.
     pub position_mm: Vec<[f64; 3]>,
-    /// True where the pose is outside of what was measured, so that corrections fade into the links alone; without corrections always false.
+    /// True if the pose is outside the measured region, where corrections fade to the links alone; always false without corrections.
     pub extrapolated: Vec<bool>,
 }
 

@@ -7,7 +7,7 @@ use crate::wire::warning::Warning;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// The code of a refusal by suspicion that the caller insists on.
+/// Code of the suspicion that the caller overrides.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
 #[serde(rename_all = "snake_case")]
 #[value(rename_all = "snake_case")]
@@ -18,11 +18,11 @@ pub enum Insist {
     ColumnSuspect,
     /// The positions seem to be in another frame.
     FrameSuspect,
-    /// The controller seems to count its joints otherwise.
+    /// The controller seems to use another joint convention.
     JointMapSuspect,
     /// It seems to have been measured on another robot of this server.
     RobotMismatch,
-    /// The robot does not come near, whatever is tried.
+    /// No hypothesis brings the robot near the points.
     PoorAlignment,
 }
 

@@ -19,20 +19,20 @@ use utoipa::ToSchema;
 pub struct ExportDocument {
     /// The parameter set.
     pub parameter_set_id: String,
-    /// The nominal robot, as it was given.
+    /// The nominal robot, as it was uploaded.
     pub robot: RobotBody,
-    /// What was identified.
+    /// The identified parameters.
     #[serde(flatten)]
     pub content: ParameterSetContent,
-    /// With `beta=refit`: how far the tool is off by these links from where the identified ones have it.
+    /// With `beta=refit`: distance of the tool by these links from the tool by the identified ones.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub remaining_error_mm: Option<RemainingError>,
-    /// Where it comes from, and what one should know before using it.
+    /// Its provenance, and warnings.
     #[serde(flatten)]
     pub provenance: Provenance,
 }
 
-/// Distance of points 100 mm from the flange's origin from where the identified links have them, over the workspace.
+/// Distance of points 100 mm from the flange's origin from the same points by the identified links, over the workspace.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct RemainingError {
     /// Mean, mm.
@@ -41,16 +41,16 @@ pub struct RemainingError {
     pub max: f64,
 }
 
-/// Joint offsets for a controller that takes nothing else.
+/// Joint offsets for a controller that accepts nothing else.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct MasteringDocument {
     /// One per joint.
     pub joints: Vec<MasteringOffset>,
-    /// How far the tool still is off with them.
+    /// Error of the tool that remains with them.
     pub remaining_error_mm: RemainingError,
 }
 
-/// What is exported as JSON: by `format=json` the document, by `format=mastering` the offsets.
+/// JSON exports: the document with `format=json`, the offsets with `format=mastering`.
 #[derive(Clone, Debug, Serialize, ToSchema)]
 #[serde(untagged)]
 pub enum ExportAnswer {
@@ -60,14 +60,14 @@ pub enum ExportAnswer {
     Mastering(MasteringDocument),
 }
 
-/// What a joint's value has to be raised by, in the controller's own sign: where the controller shows q, it should show q + offset.
+/// Offset to add to a joint's value, in the controller's own sign: where the controller shows q, it should show q + offset.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct MasteringOffset {
     /// 1-based.
     pub joint: usize,
     /// Degrees.
     pub offset_deg: f64,
-    /// False for the first and the last joint, whose offsets positions cannot tell from where base and tool are.
+    /// False for the first and the last joint: positions cannot distinguish their offsets from the pose of base and tool.
     pub determined: bool,
 }
 

@@ -18,11 +18,11 @@ use crate::wire::issue::Invalid;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// How a parameter set is written.
+/// Format of an export.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ExportFormat {
-    /// The nominal robot and what was identified; `kincal compensate` reads it.
+    /// The nominal robot and the identified parameters; `kincal compensate` reads it.
     #[default]
     Json,
     /// The same.
@@ -33,18 +33,18 @@ pub enum ExportFormat {
     Urdf,
     /// Joint origins as the drivers of Universal Robots read them; six joints.
     UrKinematics,
-    /// Joint offsets for controllers that take nothing else.
+    /// Joint offsets for controllers that accept nothing else.
     Mastering,
 }
 
-/// What becomes of Hayati's beta.
+/// Treatment of Hayati's beta.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum BetaChoice {
-    /// It stays.
+    /// Links with beta.
     #[default]
     Keep,
-    /// The links with beta 0 that come nearest over the workspace, and how far they are off.
+    /// Links with beta 0 that are nearest over the workspace, and their remaining error.
     Refit,
 }
 
