@@ -311,7 +311,7 @@ impl Attempt<'_> {
                         job_id = lease.job_id,
                         owner = lease.owner,
                         attempt = lease.attempt,
-                        "the job is not ours any more; nothing was written"
+                        "the lease was lost; nothing was written"
                     );
                     break;
                 }

@@ -399,7 +399,7 @@ pub enum Evidence {
 }
 
 impl Evidence {
-    /// As it stands on the wire.
+    /// Its name in JSON.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::None => "none",

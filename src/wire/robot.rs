@@ -173,7 +173,7 @@ pub struct CheckedAnswer {
     pub at: String,
 }
 
-/// How a robot stands.
+/// State of a robot.
 #[derive(Clone, Debug, Default)]
 pub struct RobotState {
     /// The job whose file does not fit it.
