@@ -80,7 +80,7 @@ impl Service {
 
     /// Answers one request. Without a free permit the request is refused before routing.
     async fn answer(self, request: Request) -> Response {
-        let of_all = self.headers();
+        let common = self.headers();
         let class = RequestClass::new(request.method(), request.uri().path());
         let is_limited = !layers::is_unlimited(request.uri());
         let permit = is_limited.then(|| self.limits.admit(class)).transpose();
@@ -91,7 +91,7 @@ impl Service {
             },
             Err(busy) => layers::refuse_unrouted(&self.metrics, request.method(), busy),
         };
-        answer.headers_mut().extend(of_all);
+        answer.headers_mut().extend(common);
         answer
     }
 

@@ -47,8 +47,8 @@ impl App {
     pub async fn stopped(&self) {
         let mut stopping = self.stopping.clone();
         // If the sender is dropped, nobody can stop the server: it runs until the process ends.
-        let told = stopping.wait_for(|stop| *stop).await.is_ok();
-        if !told {
+        let is_stopping = stopping.wait_for(|stop| *stop).await.is_ok();
+        if !is_stopping {
             std::future::pending::<()>().await;
         }
     }

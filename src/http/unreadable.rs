@@ -68,9 +68,9 @@ pub fn code(error: &hyper::Error) -> Option<&'static str> {
 }
 
 /// hyper's answer with the headers and the body of a problem.
-fn with_body(written: &[u8], error: &Error, of_all: &HeaderMap) -> Vec<u8> {
+fn with_body(written: &[u8], error: &Error, common: &HeaderMap) -> Vec<u8> {
     let (mut headers, body) = layers::unrouted(error);
-    headers.extend(of_all.clone());
+    headers.extend(common.clone());
     let mut text = String::from_utf8_lossy(written).into_owned();
     let mut more = format!("content-length: {}\r\n", body.len());
     if !text.contains("connection: close") {

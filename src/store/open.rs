@@ -117,9 +117,9 @@ const POSTGRES_WRITERS: usize = 12;
 /// - `lock_timeout`: longest wait for one lock; then the request fails, and the client tries again. A write to a row may wait for two locks, the
 ///   place in the row's queue and the row itself: 4 s.
 /// - `idle_in_transaction_session_timeout`: longest time for which a frozen node's transaction keeps its locks. It is longer than 4 s: when the
-///   transaction ends, the others of the frozen node that waited for the row have failed, and none of them takes it for another 5 s. A node that
-///   freezes right after it got the row may hold it until 9 s after the first wait began. Receiving a statement counts as idle, so the network
-///   must carry the largest upload, 32 MiB, within 5 s.
+///   transaction ends, the others of the frozen node that waited for the row have failed, and none of them takes it for another 5 s. If one of
+///   them gets the row from another node after 4 s, it holds the row until 9 s after the freeze. Receiving a statement counts as idle, so the
+///   network must carry the largest upload, 32 MiB, within 5 s.
 /// - TCP: detects a node that does not read its answer (8 s), or whose machine does not respond (5 s and three probes 1 s apart).
 const POSTGRES_SETTINGS: &str = "set lock_timeout = '2s'; set idle_in_transaction_session_timeout = '5s'; \
     set tcp_keepalives_idle = 5; set tcp_keepalives_interval = 1; set tcp_keepalives_count = 3; set tcp_user_timeout = '8s'";

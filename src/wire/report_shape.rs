@@ -165,20 +165,20 @@ pub const NO_USE: [&str; 6] = {
 impl Report {
     /// Code of the warning with which the result cannot be used, if there is one.
     pub fn no_use(&self) -> Option<&'static str> {
-        let is_told = |code: &&str| self.warnings.iter().any(|warning| warning.code == *code);
-        NO_USE.into_iter().find(is_told)
+        let has_warning = |code: &&str| self.warnings.iter().any(|warning| warning.code == *code);
+        NO_USE.into_iter().find(has_warning)
     }
 
     /// Reason why the verification is no evidence.
     pub fn why_no_evidence(&self) -> &'static str {
-        let is_told = |code: &str| self.warnings.iter().any(|warning| warning.code == code);
+        let has_warning = |code: &str| self.warnings.iter().any(|warning| warning.code == code);
         if self.verify.is_none_or(|verify| verify.n_points == 0) {
             "no point was held out, these errors are those of the fit itself"
-        } else if is_told(DOES_NOT_FIT) {
+        } else if has_warning(DOES_NOT_FIT) {
             "this file does not fit this robot"
-        } else if is_told(NO_FIT) {
+        } else if has_warning(NO_FIT) {
             "the identified robot does not fit the points"
-        } else if is_told("insisted_upload") {
+        } else if has_warning("insisted_upload") {
             "these points were refused, and kept because the uploader insisted"
         } else {
             "so few configurations prove nothing"
