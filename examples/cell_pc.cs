@@ -11,7 +11,7 @@
 //   cell_pc.exe fetch ROBOT_ID parameters.json                the released parameters, only if they changed, checked by their hash
 //
 // Every wait is bounded. What creates something carries an Idempotency-Key, so that it may be sent again when an answer got lost.
-// Exit codes: 0 done, 1 failed, 2 refused: the request or the file has to be mended.
+// Exit codes: 0 done, 1 failed, 2 refused: the request or the file has to be corrected.
 using System;
 using System.Globalization;
 using System.IO;
@@ -22,7 +22,7 @@ using System.Security.Cryptography;
 using System.Text;
 using System.Threading;
 
-// What is read of the answers; every other field is passed over.
+// Fields of the answers that are read; all others are ignored.
 public class MeasurementSet { public string id; public Warning[] warnings; }
 public class Job { public string id, status, parameter_set_id; public Problem error; }
 public class Report { public Half identify, verify; public Warning[] warnings; }

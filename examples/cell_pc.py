@@ -7,7 +7,7 @@
     cell_pc.py fetch ROBOT_ID parameters.json                 the released parameters, only if they changed, checked by their hash
 
 Every wait is bounded. What creates something carries an Idempotency-Key, so that it may be sent again when an answer got lost.
-Exit codes: 0 done, 1 failed, 2 refused: the request or the file has to be mended.
+Exit codes: 0 done, 1 failed, 2 refused: the request or the file has to be corrected.
 """
 
 import argparse

@@ -19,7 +19,7 @@ use std::hint::black_box;
 use std::ops::ControlFlow;
 use std::time::Instant;
 
-/// Timed runs of the whole swarm; speed.md of the issue asks for 15 at least.
+/// Timed runs of the whole swarm.
 const RUNS: usize = 31;
 /// Half-width of the search box, as `preset: "paper"` has it.
 const HALF_WIDTH_MM: f64 = 1.0;

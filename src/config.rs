@@ -1,19 +1,19 @@
-//! Settings: command line flags and environment in flat structs, checked once.
+//! Settings from flags and environment variables, in flat structs that are checked once.
 
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// Longest lease that makes sense: a dead worker's job waits this long.
+/// Longest lease: the job of a dead worker waits this long.
 const MAX_LEASE_S: u64 = 3_600;
-/// Longest job that anyone waits for: a week.
+/// Longest attempt at a job: a week.
 const MAX_JOB_S: u64 = 604_800;
 /// Most workers of one process.
 const MAX_WORKERS: usize = 256;
 
-/// Longest silence of a client that can be meant.
+/// Longest timeout for silent clients.
 const MAX_CLIENT_TIMEOUT_S: u64 = 600;
-/// More connections than any system gives file descriptors for by default.
+/// Most connections; by default no system allows as many open files.
 const MAX_CONNECTIONS: usize = 100_000;
 
 /// Where the database is.
@@ -200,10 +200,10 @@ pub struct WorkerConfig {
 }
 
 impl WorkerConfig {
-    /// Every check that needs the settings alone.
+    /// Checks the settings.
     ///
     /// # Errors
-    /// [`Error`] saying what and how to mend it.
+    /// [`Error`], which says what is wrong and how to correct it.
     pub fn check(&self) -> Result<(), Error> {
         if self.database.database_url.is_none() {
             return Err(Error::NoSharedDatabase);
@@ -212,7 +212,7 @@ impl WorkerConfig {
         self.queue.check()
     }
 
-    /// Workers to start.
+    /// Number of workers to start.
     pub fn n_workers(&self) -> usize {
         n_workers(self.workers)
     }
@@ -267,23 +267,23 @@ pub struct ServeConfig {
 /// Settings that cannot be used together; exit code 2.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Error {
-    /// Anyone on the network could move a robot.
+    /// `--no-auth` beyond loopback addresses: anyone on the network could move a robot.
     #[error(
         "--no-auth lets everyone in, so it is accepted on loopback addresses only, not on {listen}: listen on 127.0.0.1, or make a key with `kincal key create`"
     )]
     NoAuthBeyondLoopback {
-        /// The address asked for.
+        /// The requested address.
         listen: SocketAddr,
     },
-    /// Keys would travel in the open.
+    /// Plain HTTP beyond loopback addresses: keys would cross the network in clear text.
     #[error(
         "{listen} is beyond this machine, and plain HTTP shows keys to everyone on the way: give --tls-cert and --tls-key, listen on 127.0.0.1 behind a proxy that speaks TLS, or say --insecure-http"
     )]
     PlainHttpBeyondLoopback {
-        /// The address asked for.
+        /// The requested address.
         listen: SocketAddr,
     },
-    /// Workers alone need a database that others can reach.
+    /// `kincal worker` without PostgreSQL: it needs a database that API nodes can reach.
     #[error(
         "a worker takes its jobs from a PostgreSQL that API nodes share: give --database-url postgres://…; with the embedded database `kincal serve` computes itself"
     )]
@@ -291,17 +291,17 @@ pub enum Error {
     /// A number is out of range.
     #[error("{option} is {found}; {range} is allowed")]
     OutOfRange {
-        /// Which.
+        /// The option.
         option: &'static str,
-        /// What was given.
+        /// Its value.
         found: u64,
-        /// What is allowed.
+        /// The allowed range.
         range: &'static str,
     },
 }
 
 impl ServeConfig {
-    /// A server on a free loopback port without keys: what `demo` and the tests start.
+    /// Settings of a server without keys on a free loopback port, for `demo` and the tests.
     pub fn loopback(data_dir: PathBuf, workers: usize) -> Self {
         Self {
             listen: SocketAddr::from(([127, 0, 0, 1], 0)),
@@ -317,10 +317,10 @@ impl ServeConfig {
         }
     }
 
-    /// Every check that needs the settings alone.
+    /// Checks the settings.
     ///
     /// # Errors
-    /// [`Error`] saying what and how to mend it.
+    /// [`Error`], which says what is wrong and how to correct it.
     pub fn check(&self) -> Result<(), Error> {
         if self.no_auth && !self.listen.ip().is_loopback() {
             return Err(Error::NoAuthBeyondLoopback {
@@ -351,7 +351,7 @@ impl ServeConfig {
         self.queue.check()
     }
 
-    /// Workers to start.
+    /// Number of workers to start.
     pub fn n_workers(&self) -> usize {
         n_workers(self.workers)
     }

@@ -3,9 +3,9 @@
 //! Core (no IO, no async, no clock, no unseeded randomness): [`kinematics`], [`solvers`], [`measurement`],
 //! [`frames`], [`identification`], [`compensation`], [`planning`], [`exchange`], [`calibration`]. Service: [`wire`], [`store`], [`jobs`],
 //! [`report_page`], [`http`], [`cli`].
-//! `ARCHITECTURE.md` has the map and the reasons; `tests/architecture/main.rs` holds who may use whom.
+//! `ARCHITECTURE.md` has the map and the reasons; `tests/architecture/main.rs` checks which module may use which.
 
-// The core: clippy.toml names the float functions it may not use.
+// The core: clippy.toml lists the float functions that it may not use.
 #[warn(clippy::disallowed_methods)]
 pub mod calibration;
 #[warn(clippy::disallowed_methods)]

@@ -1,4 +1,4 @@
-//! Logs: text for people at a terminal, JSON for everything else, always on standard error.
+//! Logs on standard error: text at a terminal, otherwise JSON.
 
 use std::io::IsTerminal;
 use tracing_subscriber::filter::{LevelFilter, Targets};
@@ -13,7 +13,7 @@ pub fn start() {
     let layer = tracing_subscriber::fmt::layer()
         .with_writer(std::io::stderr)
         .with_target(false);
-    // A log that cannot be written must not end what it tells of: told on standard error, it would.
+    // A log that cannot be written must not end the server. Reporting that on standard error would panic.
     let layer = layer.log_internal_errors(false);
     let registry = tracing_subscriber::registry().with(filter);
     // A second start, e.g. by several servers in one test process, keeps the first.

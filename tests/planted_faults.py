@@ -147,7 +147,7 @@ FAULTS = [
     Fault("pages of other sites may release", "service", "without_keys", [
         ("if app.no_auth {", "if false {")], "src/http/host.rs"),
     Fault("hyper's own answers forget TLS", "service", "no_route_gets_to_see", [
-        ("headers.extend(of_all.clone());", "")], "src/http"),
+        ("headers.extend(common.clone());", "")], "src/http"),
     Fault("remedies of HTTP in a terminal", "service", "remedies_in_a_terminal", [
         ("COMMANDS.iter().fold(text.to_owned(), replace)", "COMMANDS.iter().take(0).fold(text.to_owned(), replace)")], "src/cli"),
     Fault("an old data directory stays open", "faults", "of_an_older_version", [

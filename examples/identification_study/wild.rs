@@ -1,4 +1,4 @@
-//! Wild points: is the fit as good as without them, and are they named?
+//! Outliers: is the fit as good as without them, and are they named?
 
 use crate::data::paper_robot;
 use crate::simulation::{Campaign, Normal, limited, measure, poses, true_robot};
@@ -124,7 +124,7 @@ fn run(
 /// The table.
 pub fn table(n_robots: u64) {
     println!(
-        "## Wild points\n\n{n_robots} simulated robots per row; half of the configurations to identify, half to verify; points displaced by 5 to 20 mm in"
+        "## Outliers\n\n{n_robots} simulated robots per row; half of the configurations to identify, half to verify; points displaced by 5 to 20 mm in"
     );
     println!(
         "any direction, on both sides. The ratio is the rms on the clean points to verify over that of least squares without the displaced points.\n"

@@ -1,10 +1,10 @@
-//! Bodies that nobody sends by mistake: how fast they are answered, and what that costs in memory.
+//! Hostile bodies: how fast they are answered, and how much memory they cost.
 
 use anyhow::Context;
 use kincal::http::MAX_BODY_BYTES;
 use std::time::{Duration, Instant};
 
-/// What is promised for an answer.
+/// Promised time to the answer.
 const WITHIN: Duration = Duration::from_secs(1);
 const HEADER: &str = "q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,x_mm,y_mm,z_mm\n";
 const MILLION: usize = 1_000_000;
@@ -63,7 +63,7 @@ fn all() -> Vec<Hostile> {
     ]
 }
 
-/// Uploads each alone, and then the largest 64 times at once; prints a table.
+/// Uploads each body alone, and then the largest 64 times concurrently. Prints a table.
 pub async fn bodies(client: &reqwest::Client, url: &str) -> anyhow::Result<()> {
     println!("\n| body | at once | answers | slowest, s | target, s |\n|---|---|---|---|---|");
     let hostile = all();
@@ -93,7 +93,7 @@ async fn row(
             });
         uploads.spawn(async move {
             let begun = Instant::now();
-            // a server that answers before it has read everything may close while the client still writes
+            // A server that answers before it has read everything may close while the client still writes.
             let status = request.send().await.map_or("cut off".into(), |answer| {
                 answer.status().as_u16().to_string()
             });

@@ -88,7 +88,7 @@ pub enum Error {
     /// Something in the request does not fit together. `code` is stable and goes to the client as it is.
     #[error("{detail}")]
     Unusable {
-        /// Machine-readable reason, as in api.md (`under_determined`, `network_mismatch`, `not_available`, …).
+        /// Machine-readable reason (`under_determined`, `network_mismatch`, `not_available`, …).
         code: &'static str,
         /// What, where and how to mend it.
         detail: String,

@@ -146,7 +146,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     is_of_use(&report, None)
 }
 
-/// Checks the set as a server checks an upload: with wrong units, columns or joints the fit can look perfect. Returns the code that was insisted on.
+/// Checks the set like a server checks an upload, because the fit can look perfect with wrong units, columns or joints. Returns the code that was
+/// overridden with `--insist`.
 fn look<'a>(
     robot: &Robot,
     set: &MeasurementSet,

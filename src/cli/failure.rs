@@ -5,7 +5,7 @@ use crate::wire::Problem;
 use reqwest::header::{HeaderMap, RETRY_AFTER};
 use std::time::Duration;
 
-/// Longest wait before a retry, also where `Retry-After` is longer: a person is waiting.
+/// Longest wait before a retry, even if `Retry-After` is longer: a person is waiting.
 const LONGEST_WAIT: Duration = Duration::from_secs(5);
 /// Wait before a retry without a `Retry-After`, or after a lost connection.
 const AGAIN_AFTER: Duration = Duration::from_secs(1);
@@ -115,7 +115,7 @@ fn advice(cause: &str) -> Option<&'static str> {
     )
 }
 
-/// The innermost cause: only there a refused connection, an unknown host and an untrusted certificate differ.
+/// The innermost cause: only this distinguishes a refused connection, an unknown host and an untrusted certificate.
 fn cause(error: &dyn std::error::Error) -> String {
     let mut innermost = error;
     while let Some(source) = innermost.source() {

@@ -135,8 +135,8 @@ enum At {
     Closed,
 }
 
-/// The line on which a row begins. Rows are counted as the reader of measurement files counts them: empty lines are no rows, lines of spaces
-/// are, a quote opens only at the beginning of a cell, and a quoted cell may span several lines.
+/// The line on which a row begins. Rows are counted like the parser of measurement files does: empty lines are no rows, lines of spaces are rows, a
+/// quote opens only at the beginning of a cell, and a quoted cell may span several lines.
 fn line_of(bytes: &[u8], row: usize) -> Option<usize> {
     let bytes = bytes.strip_prefix(BYTE_ORDER_MARK).unwrap_or(bytes);
     let header = bytes

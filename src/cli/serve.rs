@@ -13,7 +13,7 @@ pub fn run(config: &ServeConfig) -> anyhow::Result<()> {
     config.check().map_err(|error| Usage(error.to_string()))?;
     telemetry::start();
     block_on(async {
-        // Installed before the first request: a signal must never meet the default action.
+        // Installed before the first request: the default action of a signal would kill the process.
         let stop_signal = stop_signal()?;
         let server = server::start(config).await?;
         announce(config, &server).await?;

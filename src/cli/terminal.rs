@@ -60,7 +60,7 @@ pub fn is_complete() -> bool {
     !INCOMPLETE.load(Ordering::Relaxed)
 }
 
-/// Replaces control characters and changes of writing direction in a text from elsewhere: names and messages may contain anything, and the
+/// Replaces control characters and changes of writing direction in a text from elsewhere, because names and messages may contain anything and the
 /// terminal must not interpret it. Line endings stay.
 pub fn plain(text: &str) -> String {
     let is_control = |c: char| {
@@ -73,7 +73,7 @@ pub fn plain(text: &str) -> String {
         .collect()
 }
 
-/// Remedies as the HTTP interface words them, and the same as commands and options.
+/// Texts of remedies in the HTTP interface, and their replacements with commands and options.
 const COMMANDS: [(&str, &str); 8] = [
     (
         "post a job of kind verify with parameter_set_id ",

@@ -19,7 +19,7 @@ pub fn run(config: &WorkerConfig) -> anyhow::Result<()> {
     config.check().map_err(|error| Usage(error.to_string()))?;
     telemetry::start();
     block_on(async {
-        // Installed before the first job: a signal must never meet the default action.
+        // Installed before the first job: the default action of a signal would kill the process.
         let stop_signal = stop_signal()?;
         let store = Store::open(location(&config.database)).await?;
         facts::gather_missing(&store).await?;

@@ -30,22 +30,21 @@ use tokio::time::{Instant, sleep, timeout, timeout_at};
 use tokio_io_timeout::TimeoutStream;
 use tower::ServiceExt;
 
-/// Largest header; cell PCs send under a kilobyte.
+/// Size of hyper's read buffer, which bounds the header. Cell PCs send headers under a kilobyte.
 const MAX_HEADER_BYTES: usize = 32 * 1024;
 /// Pause after a failed `accept` (out of file descriptors).
 const ACCEPT_AGAIN: Duration = Duration::from_millis(50);
-/// Grace period at shutdown. Clients whose connection or request is on its way when the server is told to stop are still accepted and
-/// answered for this long.
+/// Grace period at shutdown: connections and requests that arrive this long after the signal are still accepted and answered.
 const LAST_CALL: Duration = Duration::from_millis(100);
-/// Connections accepted during [`LAST_CALL`]: as many as the operating system queues.
+/// Most connections accepted during [`LAST_CALL`]: as many as the operating system queues.
 const MAX_LAST: usize = 4096;
-/// Clients that get the answer [`TURNED_AWAY`] at the same time; more are closed without one.
+/// Most clients that receive [`TURNED_AWAY`] at the same time; the connections of others are closed without an answer.
 const MAX_TURNED_AWAY: usize = 256;
-/// Time that such a client has to read it.
+/// Longest time for sending that answer.
 const TURN_AWAY_WITHIN: Duration = Duration::from_secs(1);
-/// Code of [`TURNED_AWAY`], also for the counter.
+/// Code of [`TURNED_AWAY`] and of its counter.
 const TOO_MANY_CONNECTIONS: &str = "too_many_connections";
-/// The answer beyond the connection limit. Without TLS only: a handshake costs more than the answer.
+/// Answer beyond the connection limit. TLS clients do not get it, because a handshake costs more than the limit saves.
 const TURNED_AWAY: &[u8] = b"HTTP/1.1 503 Service Unavailable\r\ncontent-type: application/problem+json\r\nretry-after: 1\r\n\
 connection: close\r\ncontent-length: 186\r\n\r\n{\"type\":\"urn:kincal:problem:too_many_connections\",\"title\":\"Too many connections\",\"status\":503,\
 \"detail\":\"the server has no room for more clients: try again\",\"code\":\"too_many_connections\"}";
@@ -53,7 +52,7 @@ connection: close\r\ncontent-length: 186\r\n\r\n{\"type\":\"urn:kincal:problem:t
 /// HSTS for a year (RFC 6797).
 const ALWAYS_TLS: HeaderValue = HeaderValue::from_static("max-age=31536000");
 
-/// What all connections share.
+/// State that all connections share.
 #[derive(Clone)]
 pub struct Service {
     router: Router,
@@ -66,7 +65,7 @@ pub struct Service {
 }
 
 impl Service {
-    /// The service of this server, until it is told to stop.
+    /// The service of one server.
     pub fn new(app: App, config: &LimitsConfig, tls: Option<Tls>) -> Self {
         Self {
             limits: app.limits.clone(),
@@ -79,9 +78,9 @@ impl Service {
         }
     }
 
-    /// The answer to one request; where there is no permit for it, it is refused before routing.
+    /// Answers one request. Without a free permit the request is refused before routing.
     async fn answer(self, request: Request) -> Response {
-        let of_all = self.headers();
+        let common = self.headers();
         let class = RequestClass::new(request.method(), request.uri().path());
         let is_limited = !layers::is_unlimited(request.uri());
         let permit = is_limited.then(|| self.limits.admit(class)).transpose();
@@ -92,18 +91,18 @@ impl Service {
             },
             Err(busy) => layers::refuse_unrouted(&self.metrics, request.method(), busy),
         };
-        answer.headers_mut().extend(of_all);
+        answer.headers_mut().extend(common);
         answer
     }
 
-    /// Headers of every answer, also of those that are hyper's own.
+    /// Headers of every answer, including hyper's own.
     fn headers(&self) -> HeaderMap {
         let hsts = (header::STRICT_TRANSPORT_SECURITY, ALWAYS_TLS);
         self.tls.iter().map(|_| hsts.clone()).collect()
     }
 }
 
-/// Answers clients until told to stop, then until the last request under way is answered.
+/// Accepts and answers clients until shutdown begins, then until the last request under way is answered.
 pub async fn accept_all(listener: TcpListener, service: Service) {
     let slots = Arc::new(Semaphore::new(service.max_connections));
     let slots_to_turn_away = Arc::new(Semaphore::new(MAX_TURNED_AWAY));
@@ -143,7 +142,7 @@ pub async fn accept_all(listener: TcpListener, service: Service) {
         };
         admit(client, &mut connections);
     }
-    // Connections that the runtime has not been told of yet: the socket itself is asked, then closed.
+    // Connections that the operating system has queued and tokio has not reported yet: accept them from the socket, then close it.
     if let Ok(listener) = listener.into_std() {
         for _ in 0..MAX_LAST {
             let Ok((stream, peer)) = listener.accept() else {
@@ -161,7 +160,7 @@ pub async fn accept_all(listener: TcpListener, service: Service) {
 }
 
 async fn told_to_stop(mut stopping: watch::Receiver<bool>) {
-    // An error means that the sender is gone: then the server runs as long as the process.
+    // If the sender is dropped, nobody can stop the server: it runs until the process ends.
     if stopping.wait_for(|stop| *stop).await.is_err() {
         std::future::pending::<()>().await;
     }
@@ -176,8 +175,8 @@ async fn connection(
     // Answers are small; do not delay them.
     let _ = stream.set_nodelay(true);
     let mut stream = TimeoutStream::new(stream);
-    // For clients that do not read their answers. Reading has no timeout here because long polls are silent: hyper limits headers,
-    // `whole_body` limits bodies.
+    // Disconnects clients that do not read their answers. There is no read timeout here, because long polls are silent: hyper limits the time
+    // of headers, `whole_body` that of bodies.
     stream.set_write_timeout(Some(service.client_timeout));
     let stream = Box::pin(stream);
     match &service.tls {
@@ -190,7 +189,7 @@ async fn connection(
     }
 }
 
-/// The requests of one connection, one after the other.
+/// Answers the requests of one connection, one after the other.
 async fn requests(
     stream: impl AsyncRead + AsyncWrite + Unpin + Send + 'static,
     peer: SocketAddr,
@@ -209,8 +208,7 @@ async fn requests(
     let stream = TokioIo::new(WithProblems::new(stream, service.headers()));
     let connection = builder.serve_connection(stream, service_fn(answer));
     tokio::pin!(connection);
-    // Only unreadable requests are counted; other errors of a connection are the client's.
-    // A request may be on its way: graceful shutdown would not wait for one that was not read yet.
+    // A request may still be arriving: hyper's graceful shutdown does not wait for a request that it has not read.
     let last_call = async {
         told_to_stop(service.stopping.clone()).await;
         sleep(LAST_CALL).await;
@@ -222,12 +220,13 @@ async fn requests(
             connection.await
         }
     };
+    // Only unreadable requests are counted; other errors of a connection are the client's.
     if let Some(code) = ended.err().as_ref().and_then(unreadable::code) {
         service.metrics.turned_away(code);
     }
 }
 
-/// Sends [`TURNED_AWAY`], waits until it was read, and closes.
+/// Sends [`TURNED_AWAY`], waits until the client has read it, and closes the connection.
 async fn turn_away(stream: TcpStream, _slot: OwnedSemaphorePermit) {
     let mut stream = Lingering::new(stream);
     let _ = timeout(TURN_AWAY_WITHIN, async {

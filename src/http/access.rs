@@ -1,4 +1,4 @@
-//! Reads that check the key's robots. A robot that a key may not see answers 404, as one that does not exist.
+//! Reads of rows that the key may see. For a robot that the key may not see the answer is 404, as for one that does not exist.
 
 use crate::http::auth::Caller;
 use crate::http::{App, Error};
@@ -17,7 +17,7 @@ pub async fn robot(app: &App, caller: &Caller, id: &str) -> Result<RobotRow, Err
         .map_err(|error| absent(error, "robot"))
 }
 
-/// Whether this key may see that robot, if there is one.
+/// Fails with 404 if this key may not see that robot. Does not check that the robot exists.
 pub fn visible_robot(caller: &Caller, id: &str) -> Result<(), Error> {
     plausible(id, "robot")?;
     visible(caller, id, "robot")
@@ -83,7 +83,7 @@ pub async fn network(app: &App, caller: &Caller, id: &str) -> Result<NetworkRow,
     Ok(row)
 }
 
-/// Refuses a text from a query or a body that cannot be an id, without asking the database.
+/// Refuses a text from a query or a body that cannot be an id. Does not query the database.
 fn plausible(id: &str, what: &'static str) -> Result<(), Error> {
     if id::is_plausible(id) {
         Ok(())

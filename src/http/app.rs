@@ -1,4 +1,4 @@
-//! What handlers share.
+//! State that all handlers share.
 
 use crate::config::ServeConfig;
 use crate::http::Error;
@@ -9,14 +9,14 @@ use crate::jobs::JobSignals;
 use crate::store::Store;
 use tokio::sync::watch;
 
-/// What handlers need.
+/// State of one server.
 #[derive(Clone, Debug)]
 pub struct App {
     /// The database.
     pub store: Store,
-    /// True lets everyone in (`--no-auth`).
+    /// True with `--no-auth`: requests need no key.
     pub no_auth: bool,
-    /// Turns true when the server is about to stop: long polls and event streams end.
+    /// Becomes true when shutdown begins: long polls and event streams end.
     pub stopping: watch::Receiver<bool>,
     /// Wakes workers, long polls and event streams.
     pub signals: JobSignals,
@@ -43,25 +43,25 @@ impl App {
         }
     }
 
-    /// Resolves when the server is about to stop.
+    /// Resolves when shutdown begins.
     pub async fn stopped(&self) {
         let mut stopping = self.stopping.clone();
-        // An error means that whoever could stop it is gone: then it runs as long as the process.
-        let told = stopping.wait_for(|stop| *stop).await.is_ok();
-        if !told {
+        // If the sender is dropped, nobody can stop the server: it runs until the process ends.
+        let is_stopping = stopping.wait_for(|stop| *stop).await.is_ok();
+        if !is_stopping {
             std::future::pending::<()>().await;
         }
     }
 
-    /// A permit to compute for a request of this class; waits for it.
+    /// Waits for a permit to compute for a request of this class.
     ///
     /// # Errors
-    /// [`Error::Busy`] if none came free in time.
+    /// [`Error::Busy`] if none is free in time.
     pub(super) async fn compute_permit(&self, class: RequestClass) -> Result<ComputePermit, Error> {
         self.limits.compute(class).await
     }
 
-    /// Computes with a permit, on a thread that may block.
+    /// Waits for a permit and runs `work` on a blocking thread.
     ///
     /// # Errors
     /// What `work` returns, [`Error::Busy`].

@@ -33,7 +33,7 @@ pub enum Scope {
 }
 
 impl Scope {
-    /// The word used in keys and problems.
+    /// Name of the scope in keys and problems.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Read => "read",
@@ -44,7 +44,7 @@ impl Scope {
         }
     }
 
-    /// Parses the word.
+    /// Parses the name.
     pub fn parse(text: &str) -> Option<Self> {
         [
             Self::Read,
@@ -58,7 +58,7 @@ impl Scope {
     }
 }
 
-/// Every route that requires a key, with its scope. A route that is not listed is refused; a test walks the contract.
+/// Every route that requires a key, with its scope. A route in neither list is refused. A test compares the lists with the contract.
 pub const POLICY: &[(Method, &str, Scope)] = &[
     (Method::GET, "/v1/me", Scope::Read),
     (Method::GET, "/metrics", Scope::Read),
@@ -196,7 +196,7 @@ impl Caller {
         self.scopes.contains(&scope) || self.scopes.contains(&Scope::Admin)
     }
 
-    /// Whether this key may see that robot; others' ids answer 404.
+    /// Whether this key may see that robot. If not, its ids answer 404.
     pub fn may_see(&self, robot_id: &str) -> bool {
         self.robots
             .as_ref()
@@ -312,7 +312,7 @@ async fn caller_of(app: &App, headers: &HeaderMap, peer: Option<Peer>) -> Result
     }
 }
 
-/// Whether the key of a long request is still valid; false if that cannot be read.
+/// Whether the key of a long request is still valid; false if the database cannot be read.
 pub async fn is_in_force(app: &App, caller: &Caller) -> bool {
     app.no_auth
         || api_keys::get(&app.store, &caller.holder)

@@ -9,7 +9,7 @@ use std::time::Duration;
 /// Upper bounds of the histogram of answer times, s.
 const BOUNDS_S: [f64; 9] = [0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 1.0, 10.0];
 
-/// What is counted since the process began. Clones share the counts.
+/// Counts since the process started. Clones share them.
 #[derive(Clone, Debug, Default)]
 pub struct Metrics(Arc<Mutex<Counts>>);
 
@@ -58,7 +58,7 @@ impl Metrics {
         }
     }
 
-    /// Counts a client that was sent away before it could ask for anything.
+    /// Counts a connection that was refused, or whose request could not be read.
     pub fn turned_away(&self, code: &str) {
         let mut counts = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         *counts.errors.entry(code.to_owned()).or_default() += 1;
@@ -134,7 +134,7 @@ impl Metrics {
     }
 }
 
-/// The text as it grows.
+/// Text of the answer, built line by line.
 #[derive(Default)]
 pub(super) struct Text(pub(super) String);
 

@@ -25,7 +25,7 @@ pub struct Submission {
     pub caller: Caller,
     /// Its media type, without parameters.
     pub media_type: String,
-    /// Its media type as it came.
+    /// Its media type as sent.
     pub content_type: String,
     /// Its body.
     pub body: Bytes,
@@ -89,7 +89,7 @@ fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, Error> {
     Ok(Some(text.into()))
 }
 
-/// Hash of query, content type and body: equal for a retry. On a blocking thread, because hashing 32 MiB takes long.
+/// Hash of query, content type and body; a retry has the same. Runs on a blocking thread, because hashing 32 MiB takes long.
 async fn fingerprint(uri: &Uri, content_type: &str, body: &Bytes) -> Result<String, Error> {
     let body = body.clone();
     let of_body = tokio::task::spawn_blocking(move || canonical::sha256_hex(&body))
@@ -114,10 +114,10 @@ impl Submission {
         parse_small(&self.body)
     }
 
-    /// The head of everything that is decided for a reason: the first answer where this request was done before, else the reason.
+    /// First step of every action that needs a reason. Returns the stored answer if this request was done before, else the reason in the body.
     ///
     /// # Errors
-    /// Those of [`Self::replay`] and [`Self::json`]; 422 for a reason that says nothing.
+    /// Those of [`Self::replay`] and [`Self::json`]; 422 for a reason without a letter or a digit.
     pub async fn reason(&self, store: &Store) -> Result<ControlFlow<Response, String>, Error> {
         if let Some(answer) = self.replay(store).await? {
             return Ok(ControlFlow::Break(answer));
@@ -127,7 +127,7 @@ impl Submission {
         Ok(ControlFlow::Continue(body.reason))
     }
 
-    /// 415 for this body.
+    /// The error 415 for this body.
     pub fn unsupported(&self, expected: &'static str) -> Error {
         let found = if self.content_type.is_empty() {
             "without a Content-Type".into()
@@ -137,7 +137,7 @@ impl Submission {
         Error::UnsupportedMediaType { found, expected }
     }
 
-    /// Whether it came with an Idempotency-Key.
+    /// Whether it has an Idempotency-Key.
     pub fn has_key(&self) -> bool {
         self.scope.is_some()
     }
@@ -150,7 +150,7 @@ impl Submission {
         if self.scope.is_none() {
             return Ok(None);
         }
-        // Claiming the key and rolling back tells whether it was free.
+        // Claims the key and rolls back: the result shows whether the key was free.
         let probe = store
             .create_idempotent(self.scope.as_ref(), async |_: &mut Tx| Err(Probe::Free))
             .await;
@@ -164,7 +164,7 @@ impl Submission {
     /// Runs `effect` in a transaction, once for its Idempotency-Key, and answers.
     ///
     /// # Errors
-    /// What `effect` returns, [`Error::IdempotencyKeyReused`], [`Error::Store`].
+    /// Those of `effect`, [`Error::IdempotencyKeyReused`], [`Error::Store`].
     pub async fn create<F>(&self, store: &Store, effect: F) -> Result<Response, Error>
     where
         F: AsyncFnOnce(&mut Tx) -> Result<StoredResponse, Error>,
@@ -218,10 +218,10 @@ fn respond(outcome: IdempotentOutcome) -> Result<Response, Error> {
     Ok(response)
 }
 
-/// The answer to a creation, in JSON.
+/// An answer in JSON that is stored with the Idempotency-Key.
 ///
 /// # Errors
-/// [`Error::Internal`] if it cannot be written.
+/// [`Error::Internal`] if it cannot be serialised.
 pub fn stored_json(
     status: u16,
     location: Option<String>,

@@ -1,5 +1,4 @@
-//! The pages for people: static files that talk to the public interface only. Everything is inside the binary, because
-//! factories are offline.
+//! The dashboard: static files that use the public interface only. They are part of the binary, because factories are offline.
 
 use crate::http::{App, Error};
 use crate::wire::canonical;
@@ -9,7 +8,7 @@ use axum::response::{IntoResponse, Response};
 use std::sync::LazyLock;
 use utoipa_axum::{router::OpenApiRouter, routes};
 
-/// Scripts, styles and requests of this server only; nothing inline, no strings turned into markup.
+/// Allows scripts, styles and requests of this server only, nothing inline, and no strings as markup.
 const CONTENT_SECURITY_POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; connect-src 'self'; \
     base-uri 'none'; form-action 'none'; frame-ancestors 'none'; require-trusted-types-for 'script'; trusted-types 'none'";
 const HTML: &str = "text/html; charset=utf-8";
@@ -17,7 +16,7 @@ const CSS: &str = "text/css; charset=utf-8";
 const JAVASCRIPT: &str = "text/javascript; charset=utf-8";
 const SVG: &str = "image/svg+xml";
 
-/// Where the front page says whether a key is needed.
+/// Attribute of the start page with which it knows that a key is needed.
 const AUTH_MARK: &str = "data-auth=\"key\"";
 const NO_AUTH_MARK: &str = "data-auth=\"none\"";
 

@@ -1,4 +1,4 @@
-//! The OpenAPI document: the routes' own documentation, and what holds for every route.
+//! The OpenAPI document: the documentation of each route, and what all routes have in common.
 
 use crate::http::auth::{OPEN, POLICY};
 use crate::http::routes::routes;
@@ -13,12 +13,12 @@ use utoipa::openapi::schema::{ObjectBuilder, Type};
 use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityRequirement, SecurityScheme};
 use utoipa::openapi::{Content, Ref, RefOr, Response, ResponseBuilder};
 
-/// Operations without a body that may answer 422 because of their query.
+/// Operations without a body that may answer 422, because of their query.
 const UNPROCESSABLE: [&str; 2] = ["compareParameterSets", "exportParameterSet"];
 
 /// Name of the key scheme in the document.
 const KEY_SCHEME: &str = "key";
-/// Creations whose retry an `Idempotency-Key` makes harmless.
+/// Operations that accept an `Idempotency-Key`.
 const IDEMPOTENT: &[&str] = &[
     "createRobot",
     "createMeasurementSet",
@@ -58,7 +58,7 @@ static YAML: LazyLock<Result<String, String>> = LazyLock::new(|| {
 /// The document in YAML: `openapi.yaml`, `/openapi.yaml` and `kincal openapi`.
 ///
 /// # Errors
-/// If it cannot be written; does not happen.
+/// If it cannot be serialised; does not happen.
 pub fn yaml() -> Result<&'static str, &'static str> {
     YAML.as_deref().map_err(String::as_str)
 }
@@ -69,7 +69,7 @@ static JSON: LazyLock<Result<String, String>> =
 /// The document in JSON: `/openapi.json`, which `/docs` reads.
 ///
 /// # Errors
-/// If it cannot be written; does not happen.
+/// If it cannot be serialised; does not happen.
 pub fn json() -> Result<&'static str, &'static str> {
     JSON.as_deref().map_err(String::as_str)
 }
@@ -114,7 +114,7 @@ fn operations(item: &mut PathItem) -> impl Iterator<Item = (Method, &mut Operati
         .filter_map(|(method, operation)| Some((method, operation.as_mut()?)))
 }
 
-/// Adds what layers and extractors do to every operation.
+/// Documents for an operation what layers and extractors do.
 fn complete(method: &Method, path: &str, operation: &mut Operation) {
     let id = operation.operation_id.clone().unwrap_or_default();
     let takes_body = operation.request_body.is_some();

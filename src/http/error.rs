@@ -17,7 +17,7 @@ const RETRY_AFTER_S: &str = "1";
 /// Errors of the service.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// No such thing, or none that this key may see.
+    /// It does not exist, or this key may not see it.
     #[error("there is no {0} with this id")]
     NotFound(&'static str),
     /// The robot has no released parameter set.
@@ -25,7 +25,7 @@ pub enum Error {
         "the robot has no released parameter set: release one with POST /v1/parameter-sets/{{id}}/release"
     )]
     NoActiveParameterSet,
-    /// The path is not one of the contract's.
+    /// The contract has no such path.
     #[error("there is nothing at this path; /openapi.yaml lists what there is")]
     NoSuchRoute,
     /// The path takes other methods.
@@ -39,60 +39,60 @@ pub enum Error {
     BadRequest {
         /// Stable reason.
         code: &'static str,
-        /// What, where and how to mend it.
+        /// What is wrong, where, and how to correct it.
         detail: String,
     },
-    /// Understood, but wrong.
+    /// The request was parsed, but values in it are invalid.
     #[error(transparent)]
     Invalid(#[from] Invalid),
-    /// The core cannot work with it.
+    /// The core cannot use the request.
     #[error("{detail}")]
     Unusable {
         /// The core's reason.
         code: &'static str,
-        /// In words.
+        /// Description.
         detail: String,
     },
-    /// No key, or one that is not known.
+    /// No key, or an unknown one.
     #[error("{0}")]
     Unauthorized(&'static str),
-    /// The key lacks the scope that this takes.
+    /// The key lacks the scope that the route requires.
     #[error(
         "this key lacks the scope {scope:?}, which {what} takes; a key with it is made by `kincal key create --scope {scope} …`"
     )]
     InsufficientScope {
-        /// The scope's word.
+        /// Name of the scope.
         scope: &'static str,
-        /// What takes it.
+        /// What requires it.
         what: &'static str,
     },
-    /// No scope allows this for such a key.
+    /// The key may not do this with any scope.
     #[error("{0}")]
     Forbidden(&'static str),
-    /// A server without keys that is called by another name than this machine's own.
+    /// A server without keys was called by a name that is not a loopback name.
     #[error(
         "this server takes no keys (--no-auth), so it answers to localhost, 127.0.0.1 and [::1] only, not to {0:?}: use http://localhost:PORT, or serve without --no-auth and give clients keys"
     )]
     HostNotLoopback(String),
-    /// A page of another site asks a server without keys.
+    /// A page of another site sent a request to a server without keys.
     #[error(
         "{0}. This server takes no keys (--no-auth), so it does nothing for other sites' pages: use its own page, or serve without --no-auth and give clients keys"
     )]
     ForeignOrigin(String),
-    /// hyper could not read the request; it says no more than that.
+    /// hyper could not read the request. It gives no details.
     #[error(
         "the request is not HTTP/1.1 as it should be: look at its first line, its header, Content-Length and Transfer-Encoding"
     )]
     MalformedRequest,
-    /// More header than is read.
+    /// The header is too large.
     #[error(
         "the request's header is too large: send less than 32 KiB and at most 100 fields (cookies of other services on this host count, too)"
     )]
     HeaderTooLarge,
-    /// More address than is read.
+    /// The URI is too long.
     #[error("the request's address is too long: send less than 32 KiB")]
     UriTooLong,
-    /// The body did not come in time.
+    /// The body did not arrive in time.
     #[error("the request did not arrive in time")]
     RequestTimeout,
     /// The body is too large.
@@ -100,18 +100,18 @@ pub enum Error {
     TooLarge {
         /// The limit.
         limit: usize,
-        /// What to do.
+        /// Kind of job.
         advice: &'static str,
     },
-    /// The body is of a type that this route does not take.
+    /// The route does not accept the body's media type.
     #[error("the body is {found}; this route takes {expected}")]
     UnsupportedMediaType {
-        /// What came.
+        /// The media type that was sent.
         found: String,
-        /// What is taken.
+        /// The media types that are accepted.
         expected: &'static str,
     },
-    /// The Idempotency-Key was used before for something else.
+    /// The Idempotency-Key was used for another request.
     #[error(
         "this Idempotency-Key was used for another request on this path; use a new key for a new request"
     )]
@@ -121,12 +121,12 @@ pub enum Error {
     Conflict {
         /// Stable reason.
         code: &'static str,
-        /// In words.
+        /// Description.
         detail: String,
-        /// The single reasons, e.g. the gates that failed.
+        /// Single reasons, e.g. the gates that failed.
         errors: Vec<Issue>,
     },
-    /// The store's answer.
+    /// An error of the store.
     #[error(transparent)]
     Store(#[from] store::Error),
     /// A concurrency limit is reached.
@@ -138,7 +138,7 @@ pub enum Error {
     /// The database does not answer.
     #[error("the database does not answer: {}", .0.reason())]
     NotReady(store::Error),
-    /// The database answers, and takes no writes.
+    /// The database answers but does not accept writes.
     #[error("{0}")]
     WritersStuck(store::stuck::Stuck),
     /// A defect or an unexpected failure; the cause goes to the log only.
@@ -172,7 +172,7 @@ impl From<serde_json::Error> for Error {
     }
 }
 
-/// Status, code and detail of what the store says.
+/// Status, code and detail of an error of the store.
 fn of_store(error: &store::Error) -> (u16, &'static str, String) {
     use store::{Conflict, Error as E, JobStatus};
     match error {

@@ -1,4 +1,4 @@
-//! Parameter sets in other formats, and robots from them.
+//! Parameter sets in other formats, and robots from other formats.
 
 use crate::http::auth::Caller;
 use crate::http::extract::{Id, Query, whole_body};
@@ -18,7 +18,7 @@ use serde::Deserialize;
 use utoipa::IntoParams;
 use utoipa_axum::{router::OpenApiRouter, routes};
 
-/// What is lost with a format, mm.
+/// Header with the error that the format leaves, mm.
 const REMAINING_ERROR: HeaderName = HeaderName::from_static("kincal-remaining-error-mm");
 
 /// Routes of exports and imports.
@@ -33,11 +33,11 @@ pub fn router() -> OpenApiRouter<App> {
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 struct ExportQuery {
-    /// How it is written.
+    /// Format of the export.
     #[serde(default)]
     #[param(inline)]
     format: ExportFormat,
-    /// What becomes of beta: `refit` for controllers without it.
+    /// Treatment of beta: `refit` for controllers without it.
     #[serde(default)]
     #[param(inline)]
     beta: BetaChoice,
@@ -60,7 +60,7 @@ struct PatchQuery {
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 struct ImportQuery {
-    /// What the body is.
+    /// Format of the body.
     #[param(inline)]
     format: ImportFormat,
     /// The robot's name.
@@ -92,7 +92,7 @@ async fn get(
     respond(&id, permit.run(export).await?)
 }
 
-/// The body, a URDF, with the joint origins of the identified robot; nothing else of it changes.
+/// Returns the URDF in the body with the joint origins of the identified robot. Nothing else changes.
 #[utoipa::path(
     post, path = "/v1/parameter-sets/{id}/export", tag = "parameter sets", operation_id = "patchUrdf",
     params(("id" = String, Path, description = "The parameter set"), PatchQuery),
@@ -140,7 +140,7 @@ async fn import_robot(
     Ok(Json(answer.await?))
 }
 
-/// What an export needs.
+/// Stored rows that an export needs.
 struct Stored {
     row: ParameterSetRow,
     body: RobotBody,

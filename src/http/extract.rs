@@ -19,9 +19,9 @@ use tokio::sync::OwnedSemaphorePermit;
 use tokio::time::{Instant, timeout_at};
 use utoipa::IntoParams;
 
-/// Lowest average rate of a body after the client timeout, and of reading a large answer; slower clients are cut off.
+/// Lowest average rate at which a body must arrive, or a large answer must be read, after the client timeout. Slower clients are disconnected.
 pub const MIN_BYTES_PER_S: f64 = 16.0 * 1024.0;
-/// Largest JSON document that is parsed where it is received. Measurement sets may be larger: they are parsed with a permit to compute.
+/// Largest JSON document that is parsed without a permit to compute. Measurement sets may be larger and are parsed with one.
 pub const MAX_JSON_BYTES: usize = 4 * 1024 * 1024;
 
 /// The id in a path. A text that cannot be an id is 404 without a query.
@@ -42,7 +42,7 @@ impl<S: Send + Sync> FromRequestParts<S> for Id {
     }
 }
 
-/// The query; unknown names are refused, because a mistyped `frame` must not be ignored.
+/// The query. Unknown names are refused, because a mistyped `frame` must not be ignored.
 pub struct Query<T>(pub T);
 
 impl<S: Send + Sync, T: DeserializeOwned> FromRequestParts<S> for Query<T> {
@@ -51,7 +51,7 @@ impl<S: Send + Sync, T: DeserializeOwned> FromRequestParts<S> for Query<T> {
     async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Error> {
         let query = axum::extract::Query::<T>::try_from_uri(&parts.uri);
         let axum::extract::Query(value) = query.map_err(|e| {
-            // Only the cause: the library's prefix means nothing to the client.
+            // Only the cause: the prefix of axum's text does not help the client.
             let text = e.body_text();
             let detail = text
                 .split_once("query string: ")
@@ -90,7 +90,7 @@ pub struct ListQuery {
 }
 
 impl ListQuery {
-    /// The store's request.
+    /// Converts it to the store's request.
     pub fn page(self) -> Result<PageRequest, Error> {
         let limit = self.limit.unwrap_or(DEFAULT_PAGE);
         if !(1..=MAX_PAGE).contains(&limit) {
@@ -134,7 +134,7 @@ pub async fn json_body<S: Send + Sync>(request: Request, state: &S) -> Result<By
     whole_body(request, state).await
 }
 
-/// The whole body, within size, time and memory. Its permits are held as long as the bytes are.
+/// The whole body, within the limits of size, time and memory. Its permits are released when the bytes are dropped.
 pub async fn whole_body<S: Send + Sync>(request: Request, _: &S) -> Result<Bytes, Error> {
     let headers = request.headers();
     let declared = headers
@@ -175,10 +175,10 @@ pub async fn whole_body<S: Send + Sync>(request: Request, _: &S) -> Result<Bytes
     }))
 }
 
-/// Parses a JSON document that is small by nature.
+/// Parses a JSON document of at most [`MAX_JSON_BYTES`].
 ///
 /// # Errors
-/// [`Error::TooLarge`], or what is wrong with it.
+/// [`Error::TooLarge`], or those of parsing.
 pub fn parse_small<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Error> {
     if bytes.len() > MAX_JSON_BYTES {
         return Err(Error::TooLarge {
@@ -189,7 +189,7 @@ pub fn parse_small<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Error> {
     Ok(json::parse(bytes)?)
 }
 
-/// A body and the permits that it holds.
+/// A body and its permits.
 struct Received {
     bytes: Vec<u8>,
     _permits: Vec<OwnedSemaphorePermit>,
@@ -201,7 +201,7 @@ impl AsRef<[u8]> for Received {
     }
 }
 
-/// Reads a body as it comes. One that comes too slowly is cut off: it holds memory that others need.
+/// Reads a body as it arrives. A client that sends too slowly is disconnected, because its body holds memory that others need.
 async fn arrive(
     mut body: Body,
     declared: Option<usize>,

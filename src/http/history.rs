@@ -27,7 +27,7 @@ use std::ops::ControlFlow;
 use utoipa::IntoParams;
 use utoipa_axum::{router::OpenApiRouter, routes};
 
-/// Most sessions that a trend is drawn through: the newest.
+/// Most sessions in a trend: the newest.
 const MAX_SESSIONS: usize = 200;
 /// Milliseconds of a day.
 const DAY_MS: f64 = 86_400_000.0;
@@ -48,7 +48,7 @@ struct CompareQuery {
     with: String,
 }
 
-/// What was identified when, what moved since the session before in units of its own uncertainty, and when to calibrate next.
+/// The robot's identifications, the changes between sessions in units of their own uncertainty, and when to calibrate next.
 #[utoipa::path(
     get, path = "/v1/robots/{robot_id}/history", tag = "parameter sets", operation_id = "getHistory",
     params(("robot_id" = String, Path, description = "The robot"), ListQuery),
@@ -90,7 +90,7 @@ async fn history(
     }))
 }
 
-/// The parts of a report that the history shows. A report of 20,000 points has 9 MB: one at a time is in memory.
+/// The parts of a report that the history shows. Reports are read one at a time: one of 20,000 points has 9 MB.
 async fn excerpt(app: &App, permit: &ComputePermit, job_id: &str) -> Result<ReportExcerpt, Error> {
     let report = jobs::report(&app.store, job_id).await?;
     permit.run(move || serde_json::from_str(&report)).await
@@ -121,7 +121,7 @@ async fn trend(app: &App, robot_id: &str) -> Result<Trend, Error> {
     Ok(release::trend(&scored[newest..], limit_mm))
 }
 
-/// What two parameter sets of a robot say differently: the tool over the workspace, and a test of the sessions behind them.
+/// Differences between two parameter sets of a robot: the tool over the workspace, and a test of their sessions.
 #[utoipa::path(
     get, path = "/v1/parameter-sets/{id}/compare", tag = "parameter sets", operation_id = "compareParameterSets",
     params(("id" = String, Path, description = "The parameter set"), CompareQuery),

@@ -1,5 +1,5 @@
-//! Checks `Host`, and with `--no-auth` also `Origin`. A server without keys is reachable by every page in a browser on the same machine, by
-//! DNS rebinding or a cross-site request. With keys the check of the origin is not needed: no browser sends a key by itself.
+//! Checks `Host`, and with `--no-auth` also `Origin`. Any page in a browser on the same machine can reach a server without keys, by DNS
+//! rebinding or a cross-site request. A server with keys does not need the check of the origin: no browser sends a key by itself.
 
 use crate::http::extract::media_type;
 use crate::http::{App, Error};
@@ -13,14 +13,14 @@ use std::net::{Ipv4Addr, Ipv6Addr};
 const SEC_FETCH_SITE: HeaderName = HeaderName::from_static("sec-fetch-site");
 const SEC_FETCH_MODE: HeaderName = HeaderName::from_static("sec-fetch-mode");
 
-/// Content types that a page may send anywhere without asking the server first (Fetch standard, CORS-safelisted request headers).
+/// Content types that a page may send to any site without a preflight request (Fetch standard, CORS-safelisted request headers).
 const SENT_BY_FORMS: [&str; 3] = [
     "text/plain",
     "application/x-www-form-urlencoded",
     "multipart/form-data",
 ];
 
-/// Refuses requests without a usable `Host`, and with `--no-auth` those of other hosts and of other sites' pages. For every path.
+/// Refuses requests without a valid `Host`, and with `--no-auth` those to other hosts and those from pages of other sites. Applies to every path.
 pub async fn check(State(app): State<App>, request: Request, next: Next) -> Response {
     let checked = host(&request).and_then(|host| {
         if app.no_auth {

@@ -9,7 +9,7 @@ use axum::response::{IntoResponse, Response};
 use std::time::Duration;
 use utoipa_axum::{router::OpenApiRouter, routes};
 
-/// Where the text of the contract comes from. It is made from all routes, these among them, so the router hands it in.
+/// Functions that return the contract. It is generated from all routes, including these, so the router passes the functions in.
 #[derive(Clone, Copy, Debug)]
 pub struct Contract {
     /// In YAML.
@@ -33,12 +33,12 @@ async fn healthz() -> &'static str {
     "ok\n"
 }
 
-/// Writers that wait for less than this are not reported.
+/// Shortest time without a write that is reported.
 const STUCK: Duration = Duration::from_secs(1);
-/// A node whose writers wait longer is not ready. Until then it is, because reads are answered.
+/// Time without a write after which the node is not ready. Until then it is, because reads are answered.
 const STUCK_TOO_LONG: Duration = Duration::from_secs(60);
 
-/// The database answers. Where only part of the service is there, the text says which part is not, and for how long writers have been stuck.
+/// The database answers. If part of the service is not available, the text says which part, and for how long writers have been stuck.
 #[utoipa::path(
     get, path = "/readyz", tag = "service", operation_id = "readyz",
     responses(

@@ -1,4 +1,4 @@
-//! The job as it is answered.
+//! Converts a stored job to its answer.
 
 use crate::http::Error;
 use crate::store::JobRow;

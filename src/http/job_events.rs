@@ -25,7 +25,7 @@ pub fn router() -> OpenApiRouter<App> {
     OpenApiRouter::new().routes(routes!(events))
 }
 
-/// Server-sent events: `progress` at once and whenever the job moves, then one `finished`. The data of each is the job.
+/// Server-sent events: `progress` at once and at each change of the job, then one `finished`. The data of each is the job.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/events", tag = "jobs", operation_id = "listenToJob", params(("id" = String, Path, description = "The job")),
     responses((status = 200, description = "`event: progress` or `event: finished`, `data:` the job in JSON", body = JobEvent, content_type = "text/event-stream"))
@@ -43,7 +43,7 @@ async fn events(
     )
 }
 
-/// The connection only passes events on. What looks at the database is a task of its own that ends with the stream.
+/// Passes events to the connection. Another task reads the database; it ends with the stream.
 fn stream(
     app: App,
     caller: Caller,
@@ -54,7 +54,7 @@ fn stream(
     let mut work = JoinSet::new();
     work.spawn(follow(app, caller, row, events));
     ReceiverStream::new(to_pass_on).map(move |event| {
-        // Held as long as the stream.
+        // Moves both into the closure, so that they live as long as the stream.
         let _held = (&permit, &work);
         Ok(event)
     })
@@ -88,7 +88,7 @@ async fn follow(app: App, caller: Caller, mut row: JobRow, events: mpsc::Sender<
     }
 }
 
-/// The job once something about it has changed; none if the database fails.
+/// Waits until status, attempt or progress of the job has changed; none if the database fails.
 async fn changed(app: &App, seen: &JobRow) -> Option<JobRow> {
     loop {
         let row = app
@@ -103,7 +103,7 @@ async fn changed(app: &App, seen: &JobRow) -> Option<JobRow> {
     }
 }
 
-/// Resolves when the caller's key is revoked, or cannot be looked up.
+/// Resolves when the caller's key is revoked or cannot be read.
 async fn out_of_force(app: &App, caller: &Caller) {
     while auth::is_in_force(app, caller).await {
         tokio::time::sleep(KEY_LOOKED_AT_EVERY).await;

@@ -1,4 +1,4 @@
-//! Posting a job. Everything that can be refused is refused here, not by a worker later.
+//! Posting a job. Requests that cannot succeed are refused here, not later by a worker.
 
 use crate::calibration::request::VerifySource;
 use crate::calibration::{self, CalibrationRequest, is_anew};
@@ -24,14 +24,14 @@ use crate::wire::safetensors::{self, NetworkMetadata};
 use axum::extract::State;
 use axum::response::Response;
 
-/// Newest networks of the robot, model and preset that are tried for one with the same parameters.
+/// Most networks, newest first, among which one with the same parameters is searched.
 const MAX_NETWORKS: i64 = 8;
-/// Newest residual networks that are tried for one that was not trained on these points; each is read with its measurement set.
+/// Most residual networks, newest first, among which one is searched that was not trained on these points. Each is read with its measurement set.
 const MAX_RESIDUAL_NETWORKS: i64 = 3;
-/// Longest chain of residual networks that started from each other.
+/// Longest chain of residual networks of which each continued the training of the one before.
 const LONGEST_LINE: usize = 64;
 
-/// What a job refers to, as it is stored.
+/// Stored rows that a job refers to.
 struct Sources {
     robot: RobotRow,
     set: SetSource,
@@ -60,7 +60,7 @@ impl SetSource {
     }
 }
 
-/// A residual network with what it was trained on.
+/// A residual network with the uploads that it was trained on.
 struct ResidualSource {
     id: String,
     weights: Vec<u8>,
@@ -75,7 +75,7 @@ struct Chosen {
     residual_network_id: Option<String>,
 }
 
-/// Queues a calibration. The answer comes at once; poll the job with `wait_s`, or listen to its events.
+/// Queues a calibration and answers at once. Poll the job with `wait_s`, or listen to its events.
 #[utoipa::path(
     post, path = "/v1/robots/{robot_id}/jobs", tag = "jobs", operation_id = "createJob",
     params(("robot_id" = String, Path, description = "The robot")), request_body = JobRequestBody,
@@ -87,7 +87,7 @@ pub async fn create(
     submission: Submission,
 ) -> Result<Response, Error> {
     if submission.has_key() {
-        // The robot first: looking up an Idempotency-Key takes the writer.
+        // The robot is checked first: looking up an Idempotency-Key needs the database's writer.
         access::robot(&app, &submission.caller, &robot_id).await?;
         if let Some(answer) = submission.replay(&app.store).await? {
             return Ok(answer);
@@ -102,7 +102,7 @@ pub async fn create(
             return Err(refusal);
         }
     };
-    // Before the uploads are read: waiting requests hold none in memory.
+    // Before the uploads are read, so that waiting requests hold none in memory.
     let permit = app.compute_permit(RequestClass::Write).await?;
     let sources = load(&app, &submission.caller, &robot_id, &request).await?;
     let mut new = new_job(&request, &sources, &submission.caller.holder)?;
@@ -235,8 +235,8 @@ async fn frames(
     Ok(Some(serde_json::from_str(&row.result_json)?))
 }
 
-/// The parameter set of the job, fixed now: the one named; else, to verify, the active one, and to identify, the robot's last from another
-/// upload, to compare with.
+/// Chooses the parameter set of the job now, so that every attempt uses the same. It is the one that the request names. By default a `verify` job
+/// scores the active set, and an `identify` job is compared with the robot's last set from another upload.
 async fn parameter_set(
     app: &App,
     robot_id: &str,
@@ -257,7 +257,7 @@ async fn parameter_set(
     })
 }
 
-/// The networks that the job may start from, fixed now: the one named, or for `bpnn_pso` and `auto` the newest.
+/// The networks that the job may start from: the one that the request names, or for `bpnn_pso` and `auto` the newest.
 async fn networks(
     app: &App,
     robot_id: &str,
@@ -290,7 +290,7 @@ async fn networks(
     .await?)
 }
 
-/// The residual networks that training may start from, with the points that they were trained on.
+/// The residual networks from which training may continue, with the points that they were trained on.
 async fn residual_networks(
     app: &App,
     robot_id: &str,
@@ -360,8 +360,8 @@ fn is_of(row: &NetworkRow, robot_id: &str, kind: NetworkKind) -> bool {
             .is_ok_and(|metadata| metadata.kind == kind)
 }
 
-/// The newest residual network that fits the robot and was trained, predecessors included, on none of these points or of those to verify:
-/// else cross-validation and verification would be worthless.
+/// The newest residual network for this robot that was trained, predecessors included, on no point that is fitted or verified here. Otherwise
+/// cross-validation and verification would prove nothing.
 fn choose_residual(
     request: &JobRequestBody,
     calibration_request: &CalibrationRequest,
@@ -376,7 +376,7 @@ fn choose_residual(
         let fits = match safetensors::read_residual(&source.weights) {
             Ok(network) => network.centre_rad.len() == calibration_request.robot.links.len(),
             Err(error) => {
-                tracing::error!(network_id = source.id, %error, "a stored residual network cannot be read; it is passed over");
+                tracing::error!(network_id = source.id, %error, "a stored residual network cannot be read; it is skipped");
                 false
             }
         };
@@ -415,7 +415,7 @@ pub fn frame_of(set: &MeasurementSetRow) -> Result<Frame, Error> {
         .ok_or_else(|| Error::Internal(format!("set {} has frame {:?}", set.id, set.frame)))
 }
 
-/// A named document must exist and belong to the robot; both failures give the same error.
+/// A document that the request names must exist and belong to the robot; both failures give the same error.
 pub fn own<T>(
     found: Result<T, crate::store::Error>,
     is_own: impl Fn(&T) -> bool,
@@ -447,12 +447,12 @@ fn check(request: &JobRequestBody, sources: Sources) -> Result<Chosen, Error> {
     let readable = |(id, bytes): (String, Vec<u8>)| match safetensors::read(&bytes) {
         Ok(network) => Some((id, network)),
         Err(error) => {
-            tracing::error!(network_id = id, %error, "a stored network cannot be read; it is passed over");
+            tracing::error!(network_id = id, %error, "a stored network cannot be read; it is skipped");
             None
         }
     };
     let mut networks: Vec<_> = sources.networks.into_iter().filter_map(readable).collect();
-    // The newest that fits. If none does, `auto` goes without; if one was asked for, the newest is taken and the check refuses it.
+    // The newest with the same parameters. If there is none, `auto` uses no network; if the request needs one, the check refuses the newest.
     let fitting = networks
         .iter()
         .position(|(_, network)| calibration::network_fits(&calibration_request, network));

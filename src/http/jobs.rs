@@ -65,7 +65,7 @@ async fn list(
     }))
 }
 
-/// A job. With `wait_s` it answers when the status changes or the job is over, at the latest after that time.
+/// A job. With `wait_s` it answers when the status changes or the job has ended, at the latest after that time.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}", tag = "jobs", operation_id = "getJob", params(("id" = String, Path, description = "The job"), WaitQuery),
     responses((status = 200, description = "The job", body = JobAnswer))
@@ -92,7 +92,7 @@ async fn get(
     Ok(Json(JobAnswer::try_from(&row)?))
 }
 
-/// The job once its status has changed, the time is over, or the server stops.
+/// Returns the job when its status changes, the time is over, or the server stops.
 async fn wait(app: &App, row: JobRow, timeout: Duration) -> Result<JobRow, store::Error> {
     tokio::select! {
         changed = app.signals.wait_for_status_change(&app.store, &row.id, row.status, timeout) => changed,
@@ -126,7 +126,7 @@ async fn report(State(app): State<App>, caller: Caller, Id(id): Id) -> Result<Re
     Ok(stored(jobs::report(&app.store, &id).await?))
 }
 
-/// The best cost, iteration by iteration.
+/// The smallest cost at each iteration.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/convergence", tag = "jobs", operation_id = "getConvergence", params(("id" = String, Path, description = "The job")),
     responses((status = 200, description = "The curve", body = Convergence))

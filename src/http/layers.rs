@@ -16,7 +16,7 @@ use std::time::{Duration, Instant};
 use tower_http::catch_panic::CatchPanicLayer;
 use tracing::Instrument;
 
-/// Carried by every answer.
+/// Header of every answer.
 pub const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
 
 /// Default security headers; a handler may set its own.
@@ -48,7 +48,7 @@ pub fn surround<S: Clone + Send + Sync + 'static>(
         .layer(from_fn_with_state(metrics, observe))
 }
 
-/// Gives the request an id that its log lines and its answer carry, and counts it. Route templates are logged, never raw paths.
+/// Gives the request an id, which its log lines and its answer carry, and counts it. Logs route templates, never raw paths.
 async fn observe(State(metrics): State<Metrics>, request: Request, next: Next) -> Response {
     let id = uuid::Uuid::now_v7().simple().to_string();
     let route = request
@@ -95,13 +95,13 @@ pub fn is_unlimited(uri: &Uri) -> bool {
     matches!(uri.path(), "/healthz" | "/readyz" | "/metrics") || may_wait(uri)
 }
 
-/// Whether a request may be a long poll, however its query is written: it takes a permit to wait instead of one to read.
+/// Whether a request may be a long poll: a GET of a job with any query. It takes a permit to wait instead of one to read.
 fn may_wait(uri: &Uri) -> bool {
     let job = uri.path().strip_prefix("/v1/jobs/");
     job.is_some_and(|id| !id.contains('/')) && uri.query().is_some()
 }
 
-/// The answer to a request that is refused before routing, authentication and body, as most requests of a flood are.
+/// Answers a request that is refused before routing, authentication and reading its body, like most requests of a flood.
 pub fn refuse_unrouted(metrics: &Metrics, method: &Method, error: Error) -> Response {
     let mut response = error.into_response();
     let code = response
@@ -116,7 +116,7 @@ pub fn refuse_unrouted(metrics: &Metrics, method: &Method, error: Error) -> Resp
     response
 }
 
-/// Takes the permits that only a request with a known key may have, and counts the memory of large answers. Comes after authentication.
+/// Takes the permits that only requests with a known key may have, and counts the memory of large answers. Runs after authentication.
 pub async fn limit(State(app): State<App>, request: Request, next: Next) -> Response {
     let limits = &app.limits;
     let class = RequestClass::new(request.method(), request.uri().path());
@@ -144,7 +144,7 @@ pub fn unrouted(error: &Error) -> (HeaderMap, Vec<u8>) {
     (headers, body)
 }
 
-/// Turns error answers that a layer or extractor made on its own into problems; their headers (`Allow`, …) stay.
+/// Converts error answers of other layers and extractors to problems. Their headers (`Allow`, …) stay.
 async fn only_problems(request: Request, next: Next) -> Response {
     let response = next.run(request).await;
     let status = response.status();
@@ -166,7 +166,7 @@ async fn only_problems(request: Request, next: Next) -> Response {
     answer
 }
 
-/// A panic in a handler: the cause is logged, the client gets a 500.
+/// Answers a panic in a handler with 500 and logs the cause.
 fn panicked(cause: Box<dyn Any + Send + 'static>) -> Response {
     let text = cause
         .downcast_ref::<String>()

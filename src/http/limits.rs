@@ -1,5 +1,5 @@
-//! Limits of one server: how much may be under way at once, how much memory bodies and answers may take, and how often a key or an
-//! address may ask. What is over a limit is refused at once with 503 or 429 and `Retry-After`.
+//! Limits of one server: concurrent requests, memory of bodies and answers, and the rate per key and per address. A request over a limit is
+//! refused at once with 503 or 429 and `Retry-After`.
 
 use crate::config::LimitsConfig;
 use crate::http::Error;
@@ -14,16 +14,16 @@ use tokio::time::timeout;
 
 /// Largest request body, bytes: ten times the largest campaign.
 pub const MAX_BODY_BYTES: usize = 32 * 1024 * 1024;
-/// Reads under way: at 0.1 ms each on two cores the last one waits some 15 ms.
+/// Concurrent reads. At 0.1 ms each on two cores, the last one waits some 15 ms.
 const MAX_READS: usize = 256;
-/// Requests under way that compute or read a whole document, and store nothing. Cheap reads go on beside them.
+/// Concurrent requests that compute or read a whole document, and store nothing. Cheap reads have their own permits.
 const MAX_CALCULATIONS: usize = 64;
-/// Writes under way, counted from when their body is here. There is one writer: at 500 a second the last one waits some 130 ms, and so does
-/// a withdrawal behind them.
+/// Concurrent writes; one counts from the arrival of its body. SQLite has one writer, so the last of them, or a withdrawal behind them, waits for
+/// all the others.
 const MAX_WRITES: usize = 64;
-/// Kept free for [`RequestClass::Safety`] where no more writes fit.
+/// Further permits for [`RequestClass::Safety`], used when no permit of [`MAX_WRITES`] is free.
 const SAFETY_RESERVE: usize = 16;
-/// Longest body of [`RequestClass::Safety`]: a reason of 2,000 characters, each of them escaped. So small that no memory is set aside for it.
+/// Longest body of [`RequestClass::Safety`]: a reason of 2,000 characters, each of them escaped. It is so small that it needs no memory permit.
 const MAX_SAFETY_BYTES: usize = 64 * 1024;
 /// Long polls and event streams that wait at the same time.
 const MAX_WAITING: usize = 2_048;
@@ -31,17 +31,17 @@ const MAX_WAITING: usize = 2_048;
 pub const LARGE_BODY_BYTES: usize = 1024 * 1024;
 /// Memory of all small bodies together.
 const SMALL_BODIES_KIB: usize = 64 * 1024;
-/// Large bodies in memory at once, each up to [`MAX_BODY_BYTES`]: understanding one takes several times its size.
+/// Large bodies in memory at once, each up to [`MAX_BODY_BYTES`]. Parsing one takes several times its size.
 const LARGE_BODIES: usize = 2;
-/// Memory of all large answers that are not sent yet. A report of 100,000 points has 45 MiB.
+/// Memory of all large answers that are not sent yet, KiB. A report of 100,000 points has 45 MiB.
 const ANSWERS_KIB: usize = 64 * 1024;
-/// Whole documents (reports, uploads, weights) that are read from the database at once: each takes three times its size meanwhile.
+/// Whole documents (reports, uploads, weights) that are read from the database at once. Each takes three times its size meanwhile.
 const DOCUMENTS: usize = 2;
-/// Computations at once for reads, for writes, and for [`RequestClass::Safety`]: more only makes each slower and memory larger.
+/// Concurrent computations for reads, for writes, and for [`RequestClass::Safety`]. More would be slower each and take more memory.
 const COMPUTING: [usize; 3] = [4, 8, 2];
-/// A computation that has not begun after this long is refused; clients retry.
+/// Longest wait for a permit to compute or to read a document; then the request is refused, and clients retry.
 const BEGIN_WITHIN: Duration = Duration::from_secs(10);
-/// Failed attempts of one address before the answer is 429 instead of 401, and how many are forgiven each second.
+/// Attempts with unknown keys per address before the answer is 429 instead of 401: burst, and rate per second.
 const FAILED_ATTEMPTS: (f64, f64) = (20.0, 0.5);
 
 /// The limits of one server; clones share them.
@@ -83,7 +83,7 @@ async fn wait_for(semaphore: &Arc<Semaphore>) -> Result<OwnedSemaphorePermit, Er
 }
 
 impl Limits {
-    /// Nothing under way. `no_auth` lifts the rate per key.
+    /// All permits free. With `no_auth` there is no rate per key.
     pub fn new(config: &LimitsConfig, no_auth: bool) -> Self {
         let rate = f64::from(config.rate_per_key);
         let permits = |n| Arc::new(Semaphore::new(n));
@@ -127,9 +127,9 @@ impl Limits {
         .map(|(kind, semaphore)| (kind, semaphore.available_permits()))
     }
 
-    /// Admits a request before it is routed. Reads get their permit. A request with a body gets its own when the body is here
-    /// ([`BodyBudget::arrived`]); it is refused now if none is free. [`RequestClass::Safety`] is admitted once its key is known
-    /// ([`Limits::safety`]): nobody without a key takes the reserve.
+    /// Admits a request before it is routed. A read takes its permit now. A request with a body takes it when the body has arrived
+    /// ([`BodyBudget::arrived`]), but is refused now if none is free. [`RequestClass::Safety`] takes its permit when its key is known
+    /// ([`Limits::safety`]), so that nobody without a key can use up the reserve.
     ///
     /// # Errors
     /// [`Error::Busy`].
@@ -151,7 +151,7 @@ impl Limits {
         }
     }
 
-    /// A permit for [`RequestClass::Safety`]: a write's, or one of the reserve.
+    /// A permit for [`RequestClass::Safety`]: one for writes, or else one of the reserve.
     ///
     /// # Errors
     /// [`Error::Busy`].
@@ -159,7 +159,7 @@ impl Limits {
         take(&self.0.writes, 1).or_else(|_| take(&self.0.safety_reserve, 1))
     }
 
-    /// A permit to wait for a job: of a long poll, or for the life of an event stream.
+    /// A permit to wait for a job, for a long poll or an event stream.
     ///
     /// # Errors
     /// [`Error::Busy`].
@@ -167,7 +167,7 @@ impl Limits {
         take(&self.0.waiting, 1)
     }
 
-    /// A permit to read a whole document from the database; waits for it.
+    /// Waits for a permit to read a whole document from the database.
     ///
     /// # Errors
     /// [`Error::Busy`].
@@ -184,7 +184,7 @@ impl Limits {
         take(&self.0.answers_kib, kib.min(ANSWERS_KIB))
     }
 
-    /// A permit to compute; waits for it. Take it before large inputs are read from the database: then requests that wait hold none.
+    /// Waits for a permit to compute. Take it before reading large inputs from the database, so that waiting requests hold none in memory.
     ///
     /// # Errors
     /// [`Error::Busy`].
@@ -211,7 +211,7 @@ impl Limits {
         }
     }
 
-    /// Counts a request whose key is not known. Only such requests are refused for it: a good key works from any address.
+    /// Counts a request with an unknown key. The limit refuses only such requests: a valid key works from any address.
     ///
     /// # Errors
     /// [`Error::RateLimited`] after too many.
@@ -224,7 +224,7 @@ impl Limits {
         }
     }
 
-    /// The memory of a body that begins to arrive. A large one that is announced takes its permit at once.
+    /// The memory of a body that begins to arrive. A body that is announced as large takes its permit at once.
     ///
     /// # Errors
     /// [`Error::Busy`].
@@ -245,15 +245,15 @@ impl Limits {
     }
 }
 
-/// A permit to compute. The computation keeps it, also where its client has gone away.
+/// A permit to compute. The computation keeps it even if its client disconnects.
 #[derive(Clone, Debug)]
 pub struct ComputePermit(Arc<OwnedSemaphorePermit>);
 
 impl ComputePermit {
-    /// Runs something that computes on a thread that may block.
+    /// Runs `work` on a blocking thread.
     ///
     /// # Errors
-    /// What `work` returns; [`Error::Internal`] if the server stops before it began.
+    /// Those of `work`; [`Error::Internal`] if the server stops before it began.
     ///
     /// # Panics
     /// If `work` does.
@@ -281,7 +281,7 @@ impl ComputePermit {
     }
 }
 
-/// Memory that is set aside for one body, until it is dropped.
+/// Memory that is reserved for one body, until it is dropped.
 #[derive(Debug)]
 pub struct BodyBudget {
     limits: Limits,
@@ -291,10 +291,10 @@ pub struct BodyBudget {
 }
 
 impl BodyBudget {
-    /// Sets memory aside for a body of this size. It grows with what came, not with what was announced: announcing is free.
+    /// Reserves memory for a body of this size. Call it with the bytes that have arrived: a small announced size reserves nothing.
     ///
     /// # Errors
-    /// [`Error::Busy`]; [`Error::TooLarge`] for [`RequestClass::Safety`], which takes no memory from others and waits for none.
+    /// [`Error::Busy`]; [`Error::TooLarge`] for [`RequestClass::Safety`], which has a small limit instead of a reservation.
     pub fn grow(&mut self, to_bytes: usize) -> Result<(), Error> {
         if self.class == RequestClass::Safety {
             return if to_bytes > MAX_SAFETY_BYTES {
@@ -315,7 +315,7 @@ impl BodyBudget {
             self.reserved_bytes = MAX_BODY_BYTES;
             return Ok(());
         }
-        // Doubling, so that a body takes few permits.
+        // Doubles, so that a body takes few permits.
         let size = to_bytes
             .max(2 * self.reserved_bytes)
             .next_multiple_of(8 * 1024)
@@ -326,7 +326,7 @@ impl BodyBudget {
         Ok(())
     }
 
-    /// The body is here: the request now counts as one under way. The permits are held as long as the bytes are.
+    /// The body has arrived: takes the request's permit. The caller keeps all permits as long as the bytes.
     ///
     /// # Errors
     /// [`Error::Busy`].
@@ -334,7 +334,7 @@ impl BodyBudget {
         match self.class {
             RequestClass::Calculation => self.permits.push(take(&self.limits.0.calculations, 1)?),
             RequestClass::Write => self.permits.push(take(&self.limits.0.writes, 1)?),
-            // They have theirs already.
+            // `admit` or `safety` gives these their permit.
             RequestClass::Read | RequestClass::CostlyRead | RequestClass::Safety => {}
         }
         Ok(self.permits)

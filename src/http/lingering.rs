@@ -1,5 +1,5 @@
-//! Lingering close: a client that is refused while it still sends (a body that is too large) reads the answer. A plain close would reset
-//! the connection, and the answer would be lost.
+//! Lingering close: lets a client read its refusal even if it is still sending (a body that is too large). A plain close would reset the
+//! connection, and the answer would be lost.
 
 use std::io;
 use std::pin::Pin;
@@ -8,7 +8,7 @@ use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::time::{Instant, Sleep, sleep};
 
-/// A client that sends nothing for this long is no longer waited for.
+/// Longest wait for a client that sends nothing.
 const IDLE_TIMEOUT: Duration = Duration::from_secs(1);
 /// Longest time of a lingering close.
 const TOTAL_TIMEOUT: Duration = Duration::from_secs(10);
@@ -17,7 +17,7 @@ const MAX_BYTES: usize = 64 << 20;
 /// Size of one read.
 const CHUNK_BYTES: usize = 16 * 1024;
 
-/// A stream whose shutdown closes the writing side, then reads and discards until the client closes, within limits.
+/// A stream with a lingering shutdown: it closes the writing side, then reads and discards until the client closes or a limit is reached.
 #[derive(Debug)]
 pub struct Lingering<S> {
     stream: S,

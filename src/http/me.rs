@@ -11,7 +11,7 @@ pub fn router() -> OpenApiRouter<App> {
     OpenApiRouter::new().routes(routes!(me))
 }
 
-/// What the key of this request may do.
+/// Permissions of this request's key.
 #[utoipa::path(get, path = "/v1/me", tag = "service", operation_id = "getMe", responses((status = 200, description = "The key", body = KeyAnswer)))]
 async fn me(caller: Caller) -> Result<Json<KeyAnswer>, Error> {
     let scopes = caller

@@ -1,4 +1,4 @@
-//! Measurement sets: uploads, kept byte for byte.
+//! Measurement sets: uploads, stored byte for byte.
 
 use crate::http::auth::Caller;
 use crate::http::creation::{Submission, stored_json};
@@ -38,24 +38,24 @@ pub fn router() -> OpenApiRouter<App> {
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 struct UploadQuery {
-    /// The frame of every position; `base` where neither query nor a JSON body says it.
+    /// The frame of every position; `base` if neither the query nor a JSON body states it.
     #[param(inline)]
     frame: Option<Frame>,
-    /// What people call the set; a name in a JSON body wins.
+    /// Name of the set; a name in a JSON body takes precedence.
     #[param(min_length = 1, max_length = 200)]
     name: Option<String>,
-    /// How a CSV file writes its numbers: `comma` for 12,5 with columns separated by semicolons. Never guessed.
+    /// Number format of a CSV file: `comma` for 12,5 with columns separated by semicolons. Never guessed.
     #[param(inline)]
     decimal: Option<Decimal>,
     /// Serial number of the robot that was measured; an upload for another robot is refused.
     #[param(min_length = 1, max_length = 200)]
     serial_number: Option<String>,
-    /// Keeps the set although the check of uploads refuses it with this code. It is kept with the set, and no release rests on it.
+    /// Stores the set although the check refuses it with this code. The code is stored too, and no release rests on the set.
     #[param(inline)]
     insist: Option<Insist>,
 }
 
-/// An upload that was understood.
+/// A parsed upload.
 struct Upload {
     frame: Frame,
     name: Option<String>,
@@ -170,7 +170,7 @@ fn declared_csv(decimal: Option<Decimal>) -> String {
     }
 }
 
-/// `csv` is how a CSV file writes its numbers; none for JSON.
+/// Parses an upload. `csv` is the number format of a CSV file; none for JSON.
 fn understand(
     body: &RobotBody,
     bytes: &Bytes,

@@ -9,7 +9,7 @@ use axum::http::header;
 use axum::response::{IntoResponse, Response};
 use utoipa_axum::{router::OpenApiRouter, routes};
 
-/// Statuses of jobs that are always listed, also where there is none.
+/// Statuses that are always listed, even without jobs.
 const JOB_STATUSES: [&str; 5] = ["queued", "running", "succeeded", "failed", "cancelled"];
 const TEXT_FORMAT: &str = "text/plain; version=0.0.4; charset=utf-8";
 
@@ -45,7 +45,7 @@ async fn metrics(State(app): State<App>, caller: Caller) -> Result<Response, Err
     for (kind, left) in app.limits.free() {
         out.sample("kincal_permits_available", &[("kind", kind)], left as f64);
     }
-    // The counters are answered also while the database is unavailable.
+    // The counters are answered even while the database is unavailable.
     let jobs = statistics::jobs(&app.store).await;
     out.gauge(
         "kincal_database_up",

@@ -47,7 +47,7 @@ async fn list(
     }))
 }
 
-/// What is known of a network.
+/// Metadata of a network.
 #[utoipa::path(
     get, path = "/v1/networks/{id}", tag = "networks", operation_id = "getNetwork", params(("id" = String, Path, description = "The network")),
     responses((status = 200, description = "The network", body = NetworkAnswer))

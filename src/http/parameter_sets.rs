@@ -67,7 +67,7 @@ async fn get(
     )?))
 }
 
-/// The robot's released parameter set. Send its `ETag` as `If-None-Match` to be told when it is still the same.
+/// The robot's released parameter set. Send its `ETag` as `If-None-Match` to get 304 while it has not changed.
 #[utoipa::path(
     get, path = "/v1/robots/{robot_id}/parameter-sets/active", tag = "parameter sets", operation_id = "getActiveParameterSet",
     params(("robot_id" = String, Path, description = "The robot"), ("If-None-Match" = Option<String>, Header, description = "An ETag known already")),
@@ -105,7 +105,7 @@ async fn active(
     Ok((headers, body).into_response())
 }
 
-/// What was identified, as exactly those bytes whose SHA-256 is the set's `sha256`.
+/// The identified parameters, as exactly the bytes whose SHA-256 is the set's `sha256`.
 #[utoipa::path(
     get, path = "/v1/parameter-sets/{id}/content", tag = "parameter sets", operation_id = "getParameterSetContent",
     params(("id" = String, Path, description = "The parameter set")),
@@ -122,7 +122,7 @@ async fn covered(State(app): State<App>, caller: Caller, Id(id): Id) -> Result<R
     Ok(([(header::CONTENT_TYPE, "application/json")], text).into_response())
 }
 
-/// What was identified.
+/// The identified parameters.
 pub fn content(row: &ParameterSetRow) -> Result<ParameterSetContent, Error> {
     Ok(serde_json::from_str(&row.body_json)?)
 }

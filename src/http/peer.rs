@@ -1,7 +1,7 @@
-//! Where a request comes from.
+//! The client's address.
 
 use std::net::IpAddr;
 
-/// The address that a request comes from; the accept loop adds it.
+/// Address of the client; the accept loop adds it to each request.
 #[derive(Clone, Copy, Debug)]
 pub struct Peer(pub IpAddr);

@@ -16,7 +16,7 @@ pub fn router() -> OpenApiRouter<App> {
     OpenApiRouter::new().routes(routes!(get, put))
 }
 
-/// The robot's release policy; the default asks for nothing beyond the gates that always hold.
+/// The robot's release policy. The default requires nothing beyond the gates that always hold.
 #[utoipa::path(
     get, path = "/v1/robots/{robot_id}/policy", tag = "robots", operation_id = "getPolicy",
     params(("robot_id" = String, Path, description = "The robot")),
@@ -62,7 +62,7 @@ async fn put(
     submission.create(&app.store, effect).await
 }
 
-/// The policy as it is answered.
+/// Converts a stored policy to its answer.
 pub fn body(row: &PolicyRow) -> PolicyBody {
     PolicyBody {
         tolerance_mm: row.tolerance_mm,

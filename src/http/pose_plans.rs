@@ -49,7 +49,7 @@ async fn create(
     let permit = app.compute_permit(RequestClass::Calculation).await?;
     let mut sets = Vec::new();
     for set in measured {
-        // One after the other: the texts are much larger than the parsed points.
+        // One after the other, because the bytes are much larger than the parsed points.
         let points = measurement_sets::body(&app.store, &set.id).await?;
         let parse = move || {
             from_upload(&set.content_type, &points, frame_of(&set)?, n_joints)

@@ -1,4 +1,4 @@
-//! Where an identified robot has its target.
+//! Predicted positions of a target on an identified robot.
 
 use crate::http::auth::Caller;
 use crate::http::extract::{Id, json_body};
@@ -16,7 +16,7 @@ pub fn router() -> OpenApiRouter<App> {
     OpenApiRouter::new().routes(routes!(predict))
 }
 
-/// Positions of a target in the set's measuring frame, for the controller's joint values.
+/// Predicted positions of a target in the set's measuring frame, for the controller's joint values.
 #[utoipa::path(
     post, path = "/v1/parameter-sets/{id}/predict", tag = "parameter sets", operation_id = "predict",
     params(("id" = String, Path, description = "The parameter set")), request_body = PredictBody,

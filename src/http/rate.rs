@@ -1,11 +1,11 @@
-//! Token buckets: how often a key or an address may ask.
+//! Token buckets: limit the rate of requests per key or address.
 
 use std::collections::HashMap;
 use std::hash::Hash;
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
-/// Keys or addresses that are remembered. Beyond it, full buckets are dropped.
+/// Buckets after which full ones are removed.
 const MAX_REMEMBERED: usize = 10_000;
 
 /// Token buckets, one for each key or address.
@@ -17,7 +17,7 @@ pub struct TokenBuckets<K> {
 }
 
 impl<K: Clone + Eq + Hash> TokenBuckets<K> {
-    /// Full buckets of this capacity that are filled at this rate.
+    /// Buckets of this capacity, full at first, that are refilled at this rate.
     pub fn new(capacity: f64, per_s: f64) -> Self {
         Self {
             capacity,

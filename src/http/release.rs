@@ -34,7 +34,7 @@ pub fn router() -> OpenApiRouter<App> {
         .routes(routes!(roll_back))
 }
 
-/// What a release by this key would find now, gate by gate. Changes nothing.
+/// The gates as a release by this key would find them now. Changes nothing.
 #[utoipa::path(
     get, path = "/v1/parameter-sets/{id}/gates", tag = "parameter sets", operation_id = "getReleaseGates",
     params(("id" = String, Path, description = "The parameter set")),
@@ -97,7 +97,7 @@ async fn release(
     submission.create(&app.store, effect).await
 }
 
-/// Goes back in one call: the active set is withdrawn, and the one that it superseded is active again.
+/// Rolls back in one call: the active set is withdrawn, and the one that it superseded is active again.
 #[utoipa::path(
     post, path = "/v1/robots/{robot_id}/parameter-sets/rollback", tag = "parameter sets", operation_id = "rollBackParameterSet",
     params(("robot_id" = String, Path, description = "The robot")), request_body = ReasonBody,
@@ -127,7 +127,7 @@ async fn roll_back(
     submission.create(&app.store, effect).await
 }
 
-/// Takes a parameter set back. If it was the active one, the robot has none afterwards.
+/// Withdraws a parameter set. If it was the active one, the robot has none afterwards.
 #[utoipa::path(
     post, path = "/v1/parameter-sets/{id}/withdraw", tag = "parameter sets", operation_id = "withdrawParameterSet",
     params(("id" = String, Path, description = "The parameter set")), request_body = ReasonBody,
@@ -155,12 +155,12 @@ async fn withdraw(
     submission.create(&app.store, effect).await
 }
 
-/// Inputs of the gates other than stored documents.
+/// Inputs of the gates besides the evidence.
 struct Around {
     parameter_set_id: String,
     robot: RobotBody,
     set: MeasurementSetRow,
-    /// Who uploaded what the set was identified from: the points and, where the base rests on them, the sweeps.
+    /// Keys that uploaded the points from which the set was identified and, if the job used them, the sweeps.
     uploaders: Vec<Option<String>>,
     policy: PolicyRow,
     status: ParameterSetStatus,
@@ -168,7 +168,8 @@ struct Around {
     purpose: Purpose,
 }
 
-/// Purpose of a release check. A superseded set that is released again is checked as any other; only a rollback takes it as it was.
+/// Purpose of a release check. A superseded set that is released again must pass all gates. For a rollback three gates only warn:
+/// `improved_on_active`, `change_plausible` and `orientation_known`.
 #[derive(PartialEq, Eq)]
 enum Purpose {
     Release { change_reason: Option<String> },
@@ -283,7 +284,7 @@ async fn check_release(
     })
 }
 
-/// The set beside the active one: on every session, one upload in memory at a time; where there is none, on the points held out.
+/// Compares the set with the active one, on every session; without sessions on the held-out points. Reads one upload at a time.
 async fn compared(
     app: &App,
     permit: &ComputePermit,

@@ -1,4 +1,4 @@
-//! A job's report as a page to print.
+//! A job's report as an HTML page for printing.
 
 use crate::http::auth::Caller;
 use crate::http::extract::Id;
@@ -19,7 +19,7 @@ pub fn router() -> OpenApiRouter<App> {
     OpenApiRouter::new().routes(routes!(report_html))
 }
 
-/// The report as one self-contained page, to print or to file: no scripts, and nothing that asks for anything else.
+/// The report as one self-contained page for printing, without scripts and without requests.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/report.html", tag = "jobs", operation_id = "getReportPage", params(("id" = String, Path, description = "The job")),
     responses((status = 200, description = "The page", body = String, content_type = "text/html"))

@@ -1,4 +1,4 @@
-//! What a request is, as far as limits go.
+//! Classes of requests with different limits.
 
 use axum::http::Method;
 
@@ -12,11 +12,12 @@ const CALCULATIONS: [&str; 5] = [
 ];
 /// Last path segments of [`RequestClass::Safety`].
 const SAFETY: [&str; 3] = ["withdraw", "rollback", "cancel"];
-/// Last path segments of reads that answer one whole document, and of those that compute.
+/// Last path segments of [`RequestClass::CostlyRead`] that answer one whole document.
 const DOCUMENT_READS: [&str; 4] = ["points", "weights", "report", "convergence"];
+/// Last path segments of [`RequestClass::CostlyRead`] that compute.
 const COMPUTED_READS: [&str; 5] = ["report.html", "history", "compare", "export", "gates"];
 
-/// RequestClass of a request for limits. It is read from method and path alone, so that a flood is refused before routing.
+/// Class of a request for limits. It follows from method and path alone, so that a flood can be refused before routing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RequestClass {
     /// Reads what is stored.
@@ -25,14 +26,14 @@ pub enum RequestClass {
     CostlyRead,
     /// Computes from its body and stores nothing.
     Calculation,
-    /// Withdraw, rollback, cancel: they have a reserve.
+    /// Withdraw, rollback and cancel, which have a reserve.
     Safety,
     /// All other requests that are not reads.
     Write,
 }
 
 impl RequestClass {
-    /// The class of a request, also of one to a path that does not exist.
+    /// The class of a request, even if its path does not exist.
     pub fn new(method: &Method, path: &str) -> Self {
         let last = path.rsplit('/').next().unwrap_or_default();
         match *method {

@@ -1,5 +1,4 @@
-//! The memory of large answers: it is counted until the client has them. A client that asks for many and does not read them would
-//! otherwise have each of them kept.
+//! Counts the memory of large answers until they are sent. Otherwise a client that requests many and reads none would fill the memory.
 
 use crate::http::Error;
 use crate::http::extract::MIN_BYTES_PER_S;
@@ -14,14 +13,14 @@ use std::task::{Context, Poll};
 use std::time::{Duration, Instant};
 use tokio::sync::OwnedSemaphorePermit;
 
-/// Answers up to this size are not counted: 4096 clients that do not read keep 256 MiB of them at worst, and for ten seconds.
+/// Answers up to this size are not counted: 4096 clients that do not read hold at most 256 MiB, for ten seconds.
 const LARGE_ANSWER_BYTES: u64 = 64 * 1024;
-/// What is handed to the connection at a time. It takes no more while it has so much unsent.
+/// Size of the chunks that hyper gets. It asks for the next one when it has sent enough of the last.
 const CHUNK_BYTES: usize = 32 * 1024;
 
-/// Counts an answer if it is large, until it is sent or its client is gone. Beyond the limit the answer is 503.
+/// Counts an answer if it is large, until it is sent or its client disconnects. Beyond the limit the answer is 503.
 pub async fn account(response: Response, limits: &Limits) -> Response {
-    // An answer without a length is made as it is sent.
+    // An answer without a length is a stream and not in memory.
     let bytes = response.body().size_hint().exact();
     let Some(bytes) = bytes.filter(|bytes| *bytes > LARGE_ANSWER_BYTES) else {
         return response;
@@ -31,7 +30,7 @@ pub async fn account(response: Response, limits: &Limits) -> Response {
         Err(busy) => return busy.into_response(),
     };
     let (head, body) = response.into_parts();
-    // The body is in memory already, in one piece: nothing is copied.
+    // The body is in memory in one piece, so `collect` copies nothing.
     match body.collect().await {
         Ok(body) => {
             let bytes = body.to_bytes();
@@ -51,7 +50,7 @@ pub async fn account(response: Response, limits: &Limits) -> Response {
     }
 }
 
-/// An answer and its permit: the connection may keep the last chunks after the body is gone.
+/// An answer and its permit, in one owner, because the connection may hold the last chunks longer than the body.
 struct Counted {
     bytes: Bytes,
     _permit: OwnedSemaphorePermit,
@@ -63,7 +62,7 @@ impl AsRef<[u8]> for Counted {
     }
 }
 
-/// A body sent chunk by chunk. A client that reads slower than [`MIN_BYTES_PER_S`] on the whole, after the first seconds, is cut off.
+/// A body that is sent chunk by chunk. After the client timeout, a client whose average rate is below [`MIN_BYTES_PER_S`] is disconnected.
 struct TimedBody {
     rest: Bytes,
     sent: usize,

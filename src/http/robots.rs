@@ -91,7 +91,7 @@ async fn get(
     )?))
 }
 
-/// Says why the robot is well in spite of a session that did not fit it: it leaves the state `check_robot`.
+/// States a reason why the robot is in order although a session did not fit it, and ends the state `check_robot`.
 #[utoipa::path(
     post, path = "/v1/robots/{robot_id}/checked", tag = "robots", operation_id = "checkedRobot",
     params(("robot_id" = String, Path, description = "The robot")), request_body = ReasonBody,

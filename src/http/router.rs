@@ -1,4 +1,4 @@
-//! The whole service: the routes, and what every request passes through.
+//! The whole service: the routes and the middleware around them.
 
 use crate::http::index::Contract;
 use crate::http::limits::MAX_BODY_BYTES;
@@ -8,7 +8,7 @@ use axum::extract::DefaultBodyLimit;
 use axum::middleware::from_fn_with_state;
 use axum::{Extension, Router};
 
-/// The whole service.
+/// The routes with their middleware.
 pub fn router(app: App) -> Router {
     let (router, _) = routes().split_for_parts();
     let router = router

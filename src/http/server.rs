@@ -1,4 +1,4 @@
-//! Starting and stopping the service, for `kincal serve`, `kincal demo` and the tests alike.
+//! Starts and stops the service, for `kincal serve`, `kincal demo` and the tests.
 
 use crate::config::{self, ServeConfig};
 use crate::http::accept::{self, Service};
@@ -11,7 +11,7 @@ use tokio::net::TcpListener;
 use tokio::sync::watch;
 use tokio::task::JoinHandle;
 
-/// Requests and running jobs get this long to end when the server stops; service managers kill after 10 s.
+/// Longest time for requests and running jobs to end when the server stops. It is below the 10 s after which service managers kill a process.
 const STOP_WITHIN: Duration = Duration::from_secs(8);
 
 /// Why a server did not start.
@@ -33,7 +33,7 @@ pub enum Error {
     Listen {
         /// The address.
         address: SocketAddr,
-        /// What the operating system says.
+        /// Error of the operating system.
         cause: std::io::Error,
     },
 }
@@ -51,7 +51,7 @@ pub struct RunningServer {
     workers: WorkerPool,
 }
 
-/// Where these settings say the database is.
+/// Location of the database in these settings.
 pub fn location(database: &config::DatabaseConfig) -> StoreLocation {
     match &database.database_url {
         Some(url) => StoreLocation::Postgres { url: url.clone() },
@@ -61,7 +61,7 @@ pub fn location(database: &config::DatabaseConfig) -> StoreLocation {
     }
 }
 
-/// What these settings say about jobs.
+/// Rules of the queue in these settings.
 pub fn rules(queue: &config::QueueConfig) -> Rules {
     Rules {
         lease: queue.lease(),
@@ -73,12 +73,12 @@ pub fn rules(queue: &config::QueueConfig) -> Rules {
 /// Opens the database, starts the workers, and answers.
 ///
 /// # Errors
-/// [`Error`] saying what is wrong and how to mend it.
+/// [`Error`], which says what is wrong and how to correct it.
 pub async fn start(config: &ServeConfig) -> Result<RunningServer, Error> {
     start_with(config, execution::compute).await
 }
 
-/// As [`start`], with something else that the workers compute: a measurement around [`execution::compute`].
+/// As [`start`], with another function for what the workers compute. Studies use it to measure [`execution::compute`].
 ///
 /// # Errors
 /// As [`start`].
@@ -128,8 +128,8 @@ impl RunningServer {
         format!("{}://{}", self.scheme, self.address)
     }
 
-    /// Takes no more requests, finishes those under way, lets running jobs end or hands them back, and closes the
-    /// database: within ten seconds, whatever clients do.
+    /// Stops the server: accepts no more requests, finishes those under way, lets running jobs end or hands them back, and closes the database.
+    /// Takes at most ten seconds, whatever clients do.
     pub async fn shutdown(mut self) {
         self.stop.send_replace(true);
         let requests = async {
@@ -137,14 +137,12 @@ impl RunningServer {
                 .await
                 .is_err()
             {
-                tracing::warn!(
-                    "some clients did not finish their requests in time; they are cut off"
-                );
+                tracing::warn!("some requests did not end in time; their clients are disconnected");
                 self.serving.abort();
             }
         };
         tokio::join!(requests, self.workers.shutdown(STOP_WITHIN));
-        // Connections that are still busy belong to requests that were cut off.
+        // Connections to the database that are still busy belong to aborted requests.
         if tokio::time::timeout(Duration::from_secs(1), self.store.close())
             .await
             .is_err()

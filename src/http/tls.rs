@@ -12,16 +12,16 @@ use tokio_rustls::rustls::pki_types::{CertificateDer, PrivateKeyDer};
 /// Turns accepted connections into TLS ones.
 pub type Tls = TlsAcceptor;
 
-/// Makes ring what TLS computes with in this process; whoever builds an HTTP client does this first. A second time changes nothing.
+/// Makes ring the TLS provider of this process. Call it before building an HTTP client; a second call changes nothing.
 pub fn use_ring() {
-    // An error says that there is one already.
+    // An error means that a provider is installed already.
     let _ = ring::default_provider().install_default();
 }
 
 /// The acceptor of these files.
 ///
 /// # Errors
-/// If a file cannot be read, holds no certificate or key, or key and certificate do not fit.
+/// If a file cannot be read, contains no certificate or key, or key and certificate do not match.
 pub fn load(certificates: &Path, key: &Path) -> io::Result<Tls> {
     let invalid = |path: &Path, cause: String| {
         io::Error::new(

@@ -1,6 +1,6 @@
-//! Problems in place of hyper's own answers. A request that hyper cannot parse never reaches the router: hyper writes a 400, 414 or 431
-//! without a body and closes the connection, and has no hook for that answer. So it is recognised as it is written. Every answer of this
-//! server carries an `x-request-id`; hyper's does not, and it is the last that is written to its connection.
+//! Problem documents in place of hyper's own answers. A request that hyper cannot parse never reaches the router: hyper writes a 400, 414 or
+//! 431 without a body and closes the connection. It has no hook for that answer, so this stream recognises it while it is written: it has no
+//! `x-request-id`, which all other answers have, and it is the last on its connection.
 
 use crate::http::Error;
 use crate::http::layers;
@@ -10,7 +10,7 @@ use std::pin::Pin;
 use std::task::{Context, Poll, ready};
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 
-/// hyper's own answers are shorter than this: a status line, `connection`, `content-length` and `date`.
+/// Largest answer of hyper's own: a status line, `connection`, `content-length` and `date`.
 const LONGEST_OWN_ANSWER: usize = 256;
 const NO_BODY: &str = "content-length: 0\r\n";
 
@@ -20,12 +20,12 @@ pub struct WithProblems<S> {
     stream: S,
     /// Headers of every answer of this connection.
     headers: HeaderMap,
-    /// What hyper wrote last, if it looks like its own answer; kept back until it is known to be the last.
+    /// The last bytes that hyper wrote, if they look like its own answer; held back until it is clear that no more follow.
     kept_back: Vec<u8>,
 }
 
 impl<S> WithProblems<S> {
-    /// Around this stream, whose answers all have these headers.
+    /// Wraps a stream. All its answers have these headers.
     pub fn new(stream: S, headers: HeaderMap) -> Self {
         Self {
             stream,
@@ -35,7 +35,7 @@ impl<S> WithProblems<S> {
     }
 }
 
-/// Which problem stands for an answer of hyper's own; none for anything else that is written.
+/// The problem for one of hyper's own answers; none for other bytes.
 fn problem_of(written: &[u8]) -> Option<Error> {
     if written.len() > LONGEST_OWN_ANSWER {
         return None;
@@ -58,7 +58,7 @@ fn problem_of(written: &[u8]) -> Option<Error> {
     }
 }
 
-/// The code of the problem that stands for hyper's error on a connection.
+/// The problem's code for hyper's error on a connection.
 pub fn code(error: &hyper::Error) -> Option<&'static str> {
     if error.is_parse_too_large() {
         Some("header_too_large")
@@ -68,9 +68,9 @@ pub fn code(error: &hyper::Error) -> Option<&'static str> {
 }
 
 /// hyper's answer with the headers and the body of a problem.
-fn with_body(written: &[u8], error: &Error, of_all: &HeaderMap) -> Vec<u8> {
+fn with_body(written: &[u8], error: &Error, common: &HeaderMap) -> Vec<u8> {
     let (mut headers, body) = layers::unrouted(error);
-    headers.extend(of_all.clone());
+    headers.extend(common.clone());
     let mut text = String::from_utf8_lossy(written).into_owned();
     let mut more = format!("content-length: {}\r\n", body.len());
     if !text.contains("connection: close") {
@@ -89,7 +89,7 @@ fn with_body(written: &[u8], error: &Error, of_all: &HeaderMap) -> Vec<u8> {
 }
 
 impl<S: AsyncWrite + Unpin> WithProblems<S> {
-    /// Writes what was kept back.
+    /// Writes the bytes that were held back.
     fn poll_release(&mut self, context: &mut Context<'_>) -> Poll<io::Result<()>> {
         while !self.kept_back.is_empty() {
             let n = ready!(Pin::new(&mut self.stream).poll_write(context, &self.kept_back))?;
@@ -108,7 +108,7 @@ impl<S: AsyncRead + AsyncWrite + Unpin> AsyncRead for WithProblems<S> {
         context: &mut Context<'_>,
         to: &mut ReadBuf<'_>,
     ) -> Poll<io::Result<()>> {
-        // After its own answer hyper reads no more: this one was somebody's body.
+        // hyper reads nothing after its own answer, so the bytes held back were part of another answer.
         ready!(self.poll_release(context))?;
         Pin::new(&mut self.stream).poll_read(context, to)
     }

@@ -1,4 +1,5 @@
-//! Whether an upload can have been measured on its robot: a remark where it is odd, a refusal where it is plain what is wrong.
+//! Checks whether an upload can have been measured on its robot. If it does not fit and the cause is clear, it is refused; otherwise it gets a
+//! warning.
 
 use crate::calibration::alignment::{self, Finding, Look};
 use crate::http::auth::Caller;
@@ -10,17 +11,17 @@ use crate::wire::measurement::{MeasurementSet, Warning};
 use crate::wire::robot::{Robot, RobotBody};
 use crate::wire::suspicion::{Insist, insisted, refusal};
 
-/// Other robots that a set may have been measured on, tried at most.
+/// Most other robots that are tried as the one that was measured.
 const MAX_OTHERS: u32 = 50;
 
-/// A set that the nominal robot does not fit.
+/// A measurement set that does not fit the nominal robot.
 pub struct Off {
     robot: RobotBody,
     set: MeasurementSet,
     rms_mm: f64,
 }
 
-/// Looks at an upload; `None` where it fits, or is too small to tell.
+/// Compares an upload with the nominal robot; `None` if it fits or is too small to decide.
 pub fn look(robot: &RobotBody, set: MeasurementSet) -> Result<Option<Off>, Error> {
     Ok(match alignment::look(&Robot::try_from(robot)?, &set) {
         Look::Off(rms_mm) => Some(Off {
@@ -32,7 +33,7 @@ pub fn look(robot: &RobotBody, set: MeasurementSet) -> Result<Option<Off>, Error
     })
 }
 
-/// What explains it, if anything does; with the suspicion that the caller insisted on, where it would have been refused.
+/// Searches for the cause. Returns a warning and, if the caller insisted on the code with which the upload would be refused, that code.
 pub async fn explain(
     app: &App,
     caller: &Caller,

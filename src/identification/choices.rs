@@ -25,7 +25,7 @@ impl Model {
     }
 }
 
-/// Where options that are not given come from.
+/// Default values of options.
 #[derive(
     Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema, ValueEnum,
 )]

@@ -1,4 +1,4 @@
-//! What a worker passes to a computation, and what it gets back.
+//! Inputs and results of a worker's computation.
 
 use std::ops::ControlFlow;
 
@@ -11,8 +11,8 @@ use crate::wire::verification::Verification;
 
 use crate::wire::job::Stage;
 
-/// Computes a job from its inputs alone. Reports progress at least once per iteration, and stops with
-/// [`JobFailure::Cancelled`] when the answer is `Break`. Runs on a blocking thread; may panic.
+/// Computes a job from its inputs alone. It reports progress at least once per iteration, and stops with [`JobFailure::Cancelled`] when the monitor
+/// returns `Break`. It runs on a blocking thread and may panic.
 pub type Compute = fn(
     &JobInputs,
     &mut dyn FnMut(Progress) -> ControlFlow<()>,
@@ -33,38 +33,38 @@ pub struct JobInputs {
     pub frames: Option<FramesRow>,
     /// The network to start from.
     pub network: Option<NetworkInput>,
-    /// The residual network that training starts from.
+    /// The residual network from which training continues.
     pub residual_network: Option<NetworkInput>,
-    /// The parameter set to verify, or the robot's last identification, to compare with.
+    /// The parameter set to verify, or the robot's last one, with which an identification is compared.
     pub parameter_set: Option<ParameterSetInput>,
-    /// Earlier uploads that a session is compared with: a repeat does not show that the robot is well.
+    /// Earlier uploads that the points are compared with: points that repeat them do not show that the robot is in order.
     pub earlier: Earlier,
 }
 
 /// Uploads from before the robot's last session that did not fit.
 #[derive(Clone, Debug, PartialEq, Default)]
 pub struct Earlier {
-    /// The number of that session in the robot's counter; 0 for none.
+    /// Number of that session in the robot's counter; 0 for none.
     pub check_seq: i64,
     /// The uploads.
     pub sets: Vec<MeasurementSetInput>,
-    /// True if there are more than [`MAX_EARLIER`]; the rest is not compared with.
+    /// True if there are more uploads or points than the limits below; the others are not compared.
     pub is_cut_short: bool,
 }
 
-/// Limits on the earlier uploads that a session is compared with, and on their points: some hundred MB. Where there are more, a session does
-/// not clear `check_robot`; a person has to (`POST /v1/robots/{id}/checked`).
+/// Limits on the earlier uploads that a session is compared with, and on their points: some hundred MB. If there are more, no session can end the
+/// state `check_robot`; a person has to (`POST /v1/robots/{id}/checked`).
 const MAX_EARLIER: i64 = 500;
 const MAX_EARLIER_POINTS: i64 = 500_000;
 
-/// A parameter set, and what it was identified from.
+/// A parameter set with the points and frames that it was identified from.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ParameterSetInput {
     /// The parameter set.
     pub row: ParameterSetRow,
     /// The points that it was identified from.
     pub set: MeasurementSetInput,
-    /// The frames that they were identified with.
+    /// The frames that the identification used.
     pub frames: Option<FramesRow>,
     /// Verification facts of its identification.
     pub verification: Option<VerificationRow>,
@@ -73,7 +73,7 @@ pub struct ParameterSetInput {
 /// A measurement set with its bytes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MeasurementSetInput {
-    /// What is known about it.
+    /// Its row.
     pub row: MeasurementSetRow,
     /// The uploaded bytes.
     pub body: Vec<u8>,
@@ -82,9 +82,9 @@ pub struct MeasurementSetInput {
 /// A network with its weights.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NetworkInput {
-    /// What is known about it.
+    /// Its row.
     pub row: NetworkRow,
-    /// Safetensors.
+    /// The weights in safetensors format.
     pub weights: Vec<u8>,
 }
 
@@ -93,9 +93,9 @@ pub struct NetworkInput {
 pub struct Progress {
     /// Current stage.
     pub stage: Option<Stage>,
-    /// Iterations of the main method that are done.
+    /// Finished iterations of the main method.
     pub iteration: u64,
-    /// The limit.
+    /// Largest number of iterations.
     pub n_iterations: u64,
     /// Smallest F so far, mm²; not finite if there is none.
     pub best_cost_mm2: f64,
@@ -114,26 +114,26 @@ pub struct JobOutcome {
     pub parameter_set: Option<NewParameterSet>,
     /// The network, if one was trained.
     pub network: Option<NewNetwork>,
-    /// The residual network, if one was kept.
+    /// The residual network, if the corrections use one.
     pub residual_network: Option<NewNetwork>,
-    /// Verification facts of the parameter set that was identified or scored; none where none was.
+    /// Verification facts of the parameter set that was identified or scored, if there is one.
     pub verification: Option<Verification>,
 }
 
 /// Why a computation has no result.
 #[derive(Clone, Debug, PartialEq)]
 pub enum JobFailure {
-    /// Its monitor said `Break`.
+    /// The monitor returned `Break`.
     Cancelled,
     /// It cannot be computed, and trying again would not help.
     Failed {
-        /// Problem details, as the client gets them.
+        /// Problem details for the client.
         problem_json: String,
     },
 }
 
 impl Progress {
-    /// As it is stored and answered.
+    /// Converts it to the JSON that is stored and answered.
     pub(super) fn to_json(self) -> String {
         let Progress {
             stage,
@@ -147,14 +147,14 @@ impl Progress {
 }
 
 impl JobInputs {
-    /// Reads a job and the documents that it names.
+    /// Reads a job and everything that it names.
     pub async fn load(store: &Store, job_id: &str) -> Result<JobInputs> {
         JobInputs::load_for(store, jobs::get(store, job_id).await?).await
     }
 
-    /// Reads the documents that a job names.
+    /// Reads everything that the job names.
     pub async fn load_for(store: &Store, job: JobRow) -> Result<JobInputs> {
-        // Concurrently: each read takes a connection of its own.
+        // Concurrently; each read takes its own connection.
         let (robot, set, verify_set, frames, network, residual_network, parameter_set, earlier) = tokio::try_join!(
             robots::get(store, &job.robot_id),
             load_set(store, &job.measurement_set_id),

@@ -1,4 +1,4 @@
-//! What a release rests on, read from the store: the facts of every job about a parameter set, and the active set on the same points.
+//! Evidence for a release: reads the facts of every job about a parameter set, and compares the set with the active one on the same points.
 
 use crate::calibration::{self, CalibrationRequest, judged};
 use crate::jobs::execution::{request_of, set_of};
@@ -13,7 +13,7 @@ use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::report_shape::{Evidence, Report};
 use crate::wire::verification::Verification;
 
-/// What is stored about a parameter set, read and not yet weighed.
+/// Stored rows about a parameter set, not parsed yet.
 #[derive(Debug)]
 pub struct Stored {
     rows: Vec<VerificationRow>,
@@ -24,29 +24,29 @@ pub struct Stored {
     active: Option<String>,
 }
 
-/// What the gates need of it.
+/// Parsed evidence for the gates.
 #[derive(Debug)]
 pub struct Weighed {
     /// The identification's report.
     pub report: Report,
-    /// What was found at the identification.
+    /// Verification facts of the identification.
     pub identification: Verification,
-    /// Its place in the robot's counter.
+    /// Number of the identification in the robot's counter.
     pub identification_seq: i64,
-    /// The robot's last session that did not fit it: its number and its job.
+    /// Number and job of the robot's last session that did not fit.
     pub last_check: Option<(i64, String)>,
-    /// The set.
+    /// Content of the set.
     pub content: ParameterSetContent,
-    /// The active set.
+    /// Content of the active set.
     pub active: Option<ParameterSetContent>,
-    /// Every session that it was scored on, in order.
+    /// Every session on which the set was scored, in order.
     pub sessions: Vec<Session>,
-    /// The uploads to compare it with the active set on: job and measurement set.
+    /// Job and measurement set of each upload on which the set is compared with the active one.
     pub to_compare: Vec<(String, String)>,
     request: CalibrationRequest,
 }
 
-/// Reads it: columns, one report and one upload, so in a turn of its own.
+/// Reads the rows. They contain one report and one upload, so the caller needs a permit to compute.
 ///
 /// # Errors
 /// [`crate::store::Error`].
@@ -56,7 +56,7 @@ pub async fn load(
     active: Option<&ParameterSetRow>,
 ) -> Result<Stored> {
     Ok(Stored {
-        // What comes in between makes the release ask again.
+        // Read first: if a job adds facts after this, the release fails with `ChecksOutdated`.
         rows: verifications::of_set(store, &set.id).await?,
         n_unknown: verifications::n_unknown(store, &set.id).await?,
         last_check: last_check(store, &set.robot_id).await?,
@@ -76,7 +76,7 @@ async fn last_check(store: &Store, robot_id: &str) -> Result<Option<(i64, String
 }
 
 impl Stored {
-    /// How many jobs have identified the set or scored it.
+    /// Number of jobs that have identified or scored the set.
     pub fn n_verifications(&self) -> i64 {
         self.rows.len() as i64
     }
@@ -96,7 +96,7 @@ fn parsed<T: serde::de::DeserializeOwned>(json: &str) -> std::result::Result<T, 
 }
 
 fn broken(cause: &str) -> Box<Problem> {
-    tracing::error!(cause, "what a release rests on cannot be read");
+    tracing::error!(cause, "the evidence for a release cannot be read");
     Box::new(Problem::new(
         500,
         "internal",
@@ -104,10 +104,10 @@ fn broken(cause: &str) -> Box<Problem> {
     ))
 }
 
-/// Makes facts of it; parses, so on a thread of its own.
+/// Parses the rows. It takes long, so call it on a blocking thread.
 ///
 /// # Errors
-/// A problem where stored documents cannot be read any more.
+/// A problem if stored documents cannot be parsed.
 pub fn weigh(stored: Stored) -> std::result::Result<Weighed, Box<Problem>> {
     let (inputs, report) = &stored.identification;
     if stored.n_unknown > 0 {
@@ -165,10 +165,10 @@ fn verification(row: &VerificationRow) -> Verification {
     }
 }
 
-/// The set and the active one on a session's points; `None` where no other set is active.
+/// Errors of the set and of the active one on a session's points; `None` if no other set is active.
 ///
 /// # Errors
-/// A problem where the upload cannot be read any more.
+/// A problem if the upload cannot be parsed.
 pub fn compare_on(
     weighed: &Weighed,
     job_id: &str,
@@ -183,7 +183,7 @@ pub fn compare_on(
     ))
 }
 
-/// Both on the points that were held out when the set was identified.
+/// Errors of both on the points that were held out when the set was identified.
 pub fn compare_on_held_out(weighed: &Weighed) -> Option<Comparison> {
     let set = calibration::verify_points_of(&weighed.request).map_err(|error| error.to_string());
     compare(weighed, "the points held out".into(), set)

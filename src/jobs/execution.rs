@@ -1,5 +1,5 @@
-//! Converts a job's stored inputs to a `calibration` request, runs it, and converts the result to what is stored. The same inputs give the
-//! same outcome on any worker, durations excepted.
+//! Converts a job's stored inputs to a `calibration` request, runs it, and converts the result to rows. Except for durations, the same inputs
+//! give the same result on any worker.
 
 use crate::calibration::partial::{Held, calibrate_partially};
 use crate::calibration::request::{PreviousSession, VerifySource};
@@ -46,7 +46,7 @@ pub fn compute(
         )?,
         None => calibrated(&request, progress)?,
     };
-    // the same points uploaded again are the same session
+    // The same points uploaded again count as the same session.
     let another = matches!(&request.verify, VerifySource::Set(set) if is_anew(&request.robot, &request.set, set));
     let report = calibrated
         .report(
@@ -78,7 +78,7 @@ pub fn compute(
     })
 }
 
-/// The earlier identification whose values a partial recalibration keeps for the parameters that it does not name.
+/// The earlier identification. A partial recalibration keeps its values for the parameters that the request does not name.
 fn held_of(
     body: &JobRequestBody,
     request: &CalibrationRequest,
@@ -258,7 +258,7 @@ fn timed(
                       together";
         return Err(failed(&Problem::new(422, "fit_diverged", detail)));
     }
-    // No network is trained where the result is of no use.
+    // Trains no network on a result that cannot be used.
     let network = core
         .network
         .as_ref()
@@ -280,7 +280,7 @@ fn is_of_use(core: &CalibrationReport) -> bool {
         .all(|warning| !NO_USE.contains(&warning.code))
 }
 
-/// The suspicion that was insisted on when the set, or the set to verify on, was uploaded.
+/// Code of the suspicion that the uploader of the set, or of the set to verify on, overrode with `insist`.
 fn insisted_on(inputs: &JobInputs) -> Option<&str> {
     [Some(&inputs.set), inputs.verify_set.as_ref()]
         .into_iter()
@@ -288,7 +288,7 @@ fn insisted_on(inputs: &JobInputs) -> Option<&str> {
         .find_map(|input| input.row.insisted_on.as_deref())
 }
 
-/// The file of the residual network, where one was kept.
+/// The safetensors file of the residual network, if the corrections use one.
 fn residual_of(core: &CalibrationReport) -> Result<Option<StoredNetwork>, JobFailure> {
     let Some(network) = core
         .corrected
@@ -416,7 +416,7 @@ pub(super) fn set_of(
 
 /// Failure for a stored document that cannot be read or written: an internal error, not the client's.
 fn broken(cause: impl std::fmt::Display) -> JobFailure {
-    tracing::error!(%cause, "a job's stored documents do not fit together");
+    tracing::error!(%cause, "a job's stored documents cannot be read or written");
     failed(&Problem::new(
         500,
         "internal",

@@ -1,4 +1,4 @@
-//! Gathers what ended jobs say about parameter sets where another version of kincal has ended them: once, before anything is served.
+//! Computes the verification facts of jobs that an older version of kincal has ended. Runs once at start, before the server listens.
 
 use crate::calibration::request::VerifySource;
 use crate::calibration::{
@@ -13,7 +13,7 @@ use crate::wire::report_shape::Report;
 use crate::wire::verification::Verification;
 use std::ops::ControlFlow;
 
-/// Gathers all that is missing, in the order in which the jobs ended. What cannot be read is left out and logged: no release rests on it.
+/// Stores all missing facts, in the order in which the jobs ended. A job that cannot be read is skipped and logged; its set cannot be released.
 ///
 /// # Errors
 /// [`crate::store::Error::Database`].
@@ -22,7 +22,7 @@ pub async fn gather_missing(store: &Store) -> Result<()> {
     if !without.is_empty() {
         tracing::info!(
             n_jobs = without.len(),
-            "gathering what the jobs of this database say about parameter sets, once"
+            "computing verification facts of jobs that an older version has ended, once"
         );
     }
     for job_id in without {
@@ -33,7 +33,7 @@ pub async fn gather_missing(store: &Store) -> Result<()> {
             Ok(Some(found)) => keep(store, &job_id, &found).await?,
             Ok(None) | Err(_) => tracing::error!(
                 job_id,
-                "what this job says about its parameter set cannot be told any more; the set is not released"
+                "the verification facts of this job cannot be computed; its parameter set cannot be released"
             ),
         }
     }
@@ -47,7 +47,7 @@ async fn keep(store: &Store, job_id: &str, found: &Verification) -> Result<()> {
     tx.commit().await
 }
 
-/// A session is scored once more, which takes little; an identification is told by its report.
+/// Facts of one job. A session is scored again, which is quick; those of an identification are in its report.
 fn found(inputs: &JobInputs, report: &str) -> Option<Verification> {
     let request = request_of(inputs).ok()?;
     if inputs.job.kind == "verify" {
@@ -63,7 +63,8 @@ fn found(inputs: &JobInputs, report: &str) -> Option<Verification> {
     Some(of_identification(&report, is_verified_anew, since))
 }
 
-/// Reports of older versions do not say whether the set to verify on fits the robot. How much its points scatter by themselves is not in them.
+/// Warning if the set to verify on does not fit the robot: reports of older versions do not have it. Their points' own scatter is not stored either
+/// and counts as 0.
 fn verify_set_fit(request: &CalibrationRequest, report: &Report) -> Option<Warning> {
     let points = report.per_point.iter();
     let points = points.filter(|point| point.subset == Subset::Verify);

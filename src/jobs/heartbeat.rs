@@ -1,4 +1,4 @@
-//! Renews a worker's lease while it computes, in a task of its own.
+//! Renews a worker's lease while it computes, in a separate task.
 
 use std::ops::ControlFlow;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
@@ -47,7 +47,7 @@ pub(super) struct Control {
 }
 
 impl Control {
-    /// Stores the progress; `Break` if the computation should stop. Called in every iteration: cheap.
+    /// Stores the progress; `Break` if the computation should stop. It is called in every iteration, so it must be cheap.
     pub(super) fn report(&self, progress: Progress) -> ControlFlow<()> {
         *self.progress.lock().unwrap_or_else(PoisonError::into_inner) = Some(progress);
         if self.stop.get().is_some() {
@@ -57,7 +57,7 @@ impl Control {
         }
     }
 
-    /// Asks the computation to stop; the first reason is kept.
+    /// Asks the computation to stop. The first reason counts.
     pub(super) fn stop(&self, reason: Stop) {
         let _ = self.stop.set(reason);
         self.told_to_stop.notify_one();
@@ -79,9 +79,9 @@ impl Control {
     }
 }
 
-/// Interval of progress updates; people do not see a shorter one.
+/// Interval of progress updates; people do not notice a shorter one.
 const PROGRESS_EVERY: Duration = Duration::from_millis(300);
-/// Longest interval between two reads of the cancel flag, for requests that another process took.
+/// Longest interval between two reads of the cancel flag, for cancellations that another process accepted.
 const RENEW_EVERY: Duration = Duration::from_secs(1);
 
 /// A lease that is being renewed. Dropping it ends the renewal and asks the computation to stop.
@@ -149,7 +149,7 @@ impl Beat {
                 continue;
             }
             let begun = Instant::now();
-            // After a pause of the whole process one attempt is still made; it fails if another worker has the job.
+            // If the whole process was paused, it still tries once; that fails if another worker has the job.
             let until = (renewed + self.duration).max(begun + self.duration / 4);
             match timeout_at(until, self.renew(progress)).await {
                 Ok(Ok(())) => (renewed, written) = (begun, progress.or(written)),

@@ -1,8 +1,8 @@
-//! Jobs: the queue's rules, the workers that compute, and how others hear of their progress.
+//! Jobs: the queue's rules, the workers, and the signals of their progress.
 //!
-//! The life of a job: [`queue::enqueue`] in the request's own transaction, [`JobSignals::job_enqueued`] after its commit;
-//! a worker of the [`WorkerPool`] claims it with a lease, computes on a blocking thread while a task of its own renews the
-//! lease, and ends it, all fenced by (owner, attempt). If the worker dies, the lease runs out and the job is computed again.
+//! The life of a job: [`queue::enqueue`] in the request's transaction, [`JobSignals::job_enqueued`] after its commit. A worker of the
+//! [`WorkerPool`] claims it with a lease, computes it on a blocking thread while another task renews the lease, and ends it. All these writes are
+//! fenced by (owner, attempt). If the worker dies, the lease expires and the job is computed again.
 
 mod compute;
 pub mod evidence;

@@ -13,7 +13,8 @@ use super::worker::STOP_WITHIN;
 use super::{Compute, JobSignals, WorkerContext, queue, relay, run_next_job};
 use crate::store::{Store, jobs};
 
-/// Workers that run until they are shut down. Dropped, they stop at once; their jobs are computed again when the leases have expired.
+/// Workers that run until they are shut down. If the pool is dropped, they stop at once, and their jobs are computed again when the leases have
+/// expired.
 #[derive(Debug)]
 pub struct WorkerPool {
     drain: Arc<watch::Sender<Drain>>,
@@ -23,7 +24,7 @@ pub struct WorkerPool {
 
 /// How often a worker polls for jobs whose signal was lost.
 const POLL: Duration = Duration::from_secs(1);
-/// How often expired leases are looked for; more often where leases are shorter.
+/// Longest interval between two searches for expired leases; it is shorter if leases are shorter.
 const SWEEP: Duration = Duration::from_secs(1);
 
 /// How often Idempotency-Keys older than a week are deleted.
@@ -32,11 +33,11 @@ const FORGET_EVERY: Duration = Duration::from_secs(3600);
 /// Limits on a job's attempts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rules {
-    /// How long a worker has a job without renewing.
+    /// Duration of a lease.
     pub lease: Duration,
     /// Attempts before a job fails with `attempts_exhausted`.
     pub max_attempts: u32,
-    /// How long one attempt may compute.
+    /// Longest duration of one attempt.
     pub longest: Duration,
 }
 
@@ -83,8 +84,8 @@ impl WorkerPool {
         }
     }
 
-    /// Claims no more jobs and lets computations finish. Those that are not done shortly before the deadline are stopped, and their jobs are
-    /// handed back to the queue without counting the attempt. Returns at about the deadline.
+    /// Claims no more jobs and lets computations finish. Those that still run shortly before the deadline are stopped, and their jobs go back to
+    /// the queue without counting the attempt. Returns at about the deadline.
     pub async fn shutdown(mut self, deadline: Duration) {
         let deadline = Instant::now() + deadline;
         let stages = [
@@ -108,7 +109,7 @@ impl WorkerPool {
             }
         }
         tracing::warn!(
-            "workers did not end in time; their jobs are begun again when the leases are over"
+            "workers did not end in time; their jobs start again when their leases have expired"
         );
     }
 
@@ -121,7 +122,7 @@ async fn work(store: Store, context: WorkerContext) {
     let mut drain = context.drain.subscribe();
     while *drain.borrow() == Drain::No {
         match run_next_job(&store, &context).await {
-            // A read first: a claim would take the writer even if there is no job.
+            // Reads first: a claim takes the database's writer even if there is no job.
             Ok(Some(_)) if jobs::any_queued(&store).await.unwrap_or(true) => {}
             Ok(_) => {
                 tokio::select! {
@@ -155,7 +156,7 @@ async fn sweep(
             () = reached(&mut drain, Drain::Finish) => return,
         }
         if let Err(error) = queue::expire(&store, max_attempts, &signals).await {
-            tracing::warn!(error = %error.cause(), "leases could not be looked at; trying again");
+            tracing::warn!(error = %error.cause(), "expired leases could not be searched for; trying again");
         }
         if let Some(run_alone) = &run_alone {
             // On an error the next tick tries again.
@@ -167,7 +168,7 @@ async fn sweep(
             match store.forget_old_keys().await {
                 Ok(()) => forgotten = Some(Instant::now()),
                 Err(error) => {
-                    tracing::warn!(error = %error.cause(), "old Idempotency-Keys could not be forgotten; trying again")
+                    tracing::warn!(error = %error.cause(), "old Idempotency-Keys could not be deleted; trying again")
                 }
             }
         }

@@ -1,5 +1,5 @@
-//! Signals: workers hear of new jobs and cancellations, long polls and event streams of changes.
-//! A signal only saves waiting. The state is always read from the database, and listeners poll in case a signal is lost.
+//! Signals of new jobs and cancellations to workers, and of changes to long polls and event streams. Signals only shorten waiting: the state is
+//! always read from the database, and listeners also poll, because a signal may be lost.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -9,7 +9,7 @@ use tokio::time::{Instant, timeout_at};
 
 use crate::store::{Engine, JobRow, JobStatus, Result, Store, jobs};
 
-/// Wake-ups within this process; clones share them. A [`super::relay`] passes them on to other processes.
+/// Signals within this process; clones share them. [`super::relay`] sends them to other processes.
 #[derive(Clone, Debug)]
 pub struct JobSignals {
     enqueued: Arc<Notify>,
@@ -25,7 +25,7 @@ pub(super) enum Signal {
     Enqueued,
     Changed(Arc<str>),
     CancelRequested(Arc<str>),
-    /// Unknown: read the database.
+    /// Something may have changed: read the database.
     Anything,
 }
 
@@ -40,7 +40,7 @@ impl Signal {
         }
     }
 
-    /// Parses a text of another process; an unknown one, from a newer version, is [`Signal::Anything`].
+    /// Parses a text of another process. An unknown text, from a newer version, is [`Signal::Anything`].
     pub(super) fn from_text(text: &str) -> Signal {
         match text.split_once(' ') {
             None if text == "enqueued" => Signal::Enqueued,
@@ -51,11 +51,11 @@ impl Signal {
     }
 }
 
-/// Signals kept for a slow listener; one that falls further behind reads the database.
+/// Signals that are buffered for a slow listener. If it falls further behind, it reads the database.
 const SIGNALS_KEPT: usize = 256;
-/// Poll interval of listeners where another process may run the job and its notice may be lost.
+/// Poll interval of listeners on PostgreSQL: another process may run the job, and its notice may be lost.
 const POLL_SHARED: Duration = Duration::from_millis(500);
-/// Poll interval where every job runs in this process.
+/// Poll interval of listeners on SQLite: every job runs in this process.
 const POLL_ALONE: Duration = Duration::from_secs(2);
 
 impl Default for JobSignals {
@@ -95,7 +95,7 @@ impl JobSignals {
         match signal {
             Signal::Enqueued => self.enqueued.notify_one(),
             Signal::Anything => {
-                // All that wait now, and the next one that will.
+                // Wakes all that wait now, and the next one that waits.
                 self.enqueued.notify_waiters();
                 self.enqueued.notify_one();
                 let _ = self.heard.send(signal);
@@ -111,7 +111,7 @@ impl JobSignals {
         self.raised.subscribe()
     }
 
-    /// The job as soon as its status is not `seen` or it is over, at the latest after `timeout`: a long poll.
+    /// Waits until the job's status is not `seen` or the job has ended, at most for `timeout`: a long poll.
     ///
     /// # Errors
     /// Those of [`jobs::get`].
@@ -126,8 +126,8 @@ impl JobSignals {
             .await
     }
 
-    /// The job as soon as its status, attempt or progress is not as in `seen` or it is over, at the latest after `timeout`:
-    /// one step of an event stream.
+    /// Waits until status, attempt or progress of the job differ from `seen` or the job has ended, at most for `timeout`: one step of an event
+    /// stream.
     ///
     /// # Errors
     /// Those of [`jobs::get`].
@@ -155,7 +155,7 @@ impl JobSignals {
             Engine::Postgres => POLL_SHARED,
         };
         let deadline = Instant::now() + timeout;
-        // Before the first read, so that no change is missed.
+        // Subscribes before the first read, so that no change is missed.
         let mut signals = self.heard.subscribe();
         loop {
             let job = jobs::get(store, job_id).await?;
@@ -200,7 +200,7 @@ impl Cancellations {
     }
 }
 
-/// Resolves when this job was signalled, or may have been.
+/// Resolves at a signal about this job, or if such a signal may have been missed.
 async fn concerning(signals: &mut broadcast::Receiver<Signal>, job_id: &str) {
     loop {
         match signals.recv().await {

@@ -7,7 +7,7 @@ use crate::store::{
 };
 use crate::wire::Problem;
 
-/// Jobs of one robot that may wait (api.md): days of work for all workers.
+/// Most waiting jobs of one robot: days of work for all workers.
 pub const MAX_WAITING_JOBS_PER_ROBOT: i64 = 10_000;
 
 /// Posts a job in the caller's transaction. After the commit, call [`JobSignals::job_enqueued`].
@@ -18,7 +18,7 @@ pub async fn enqueue(tx: &mut Tx, new: &NewJob) -> Result<JobRow> {
     jobs::insert(tx, new, Some(MAX_WAITING_JOBS_PER_ROBOT)).await
 }
 
-/// Cancels a job (see [`jobs::cancel`]) and tells its worker and its listeners at once.
+/// Cancels a job (see [`jobs::cancel`]) and signals its worker and its listeners.
 ///
 /// # Errors
 /// Those of [`jobs::cancel`].
@@ -31,15 +31,15 @@ pub async fn cancel(store: &Store, signals: &JobSignals, job_id: &str, by: &str)
     Ok(job)
 }
 
-/// Ends a job and stores its results in one transaction: all of them or, if the lease is lost, nothing. If cancellation was requested, the
-/// job is cancelled and no result is stored.
+/// Ends a job and stores its results in one transaction. If the lease is lost, nothing is stored. If cancellation was requested, the job is
+/// cancelled and no result is stored.
 ///
 /// # Errors
 /// [`crate::store::Conflict::LeaseLost`], [`crate::store::Error::Database`].
 pub async fn finish(store: &Store, lease: &Lease, outcome: &JobOutcome) -> Result<()> {
     let mut tx = store.begin().await?;
     if outcome.verification.is_some() {
-        // Serialises with releases of the same robot, which count its verifications.
+        // Locks the robot, because releases of the same robot count its verifications.
         robots::lock_of_job(&mut tx, &lease.job_id).await?;
     }
     if !leases::succeed(
@@ -59,7 +59,7 @@ pub async fn finish(store: &Store, lease: &Lease, outcome: &JobOutcome) -> Resul
     if let Some(found) = &outcome.verification {
         verifications::insert(&mut tx, &lease.job_id, found).await?;
     }
-    // lists are newest first: the network that `network_id` takes is the first of its job
+    // The residual network is stored first: lists are newest first, and clients take the first network of a job for `network_id`.
     if let Some(network) = &outcome.residual_network {
         networks::insert_residual(&mut tx, &lease.job_id, network).await?;
     }
@@ -89,7 +89,7 @@ pub async fn end_cancelled(store: &Store, lease: &Lease) -> Result<()> {
     tx.commit().await
 }
 
-/// Puts a job back for another worker, without counting this attempt.
+/// Puts a job back into the queue without counting this attempt.
 ///
 /// # Errors
 /// [`crate::store::Conflict::LeaseLost`], [`crate::store::Error::Database`].

@@ -1,4 +1,4 @@
-//! Passes signals between processes that share a PostgreSQL (LISTEN and NOTIFY). Without it they rely on polling.
+//! Sends signals between processes that share a PostgreSQL (LISTEN and NOTIFY). Without it they only poll.
 
 use std::time::Duration;
 
@@ -10,9 +10,9 @@ use super::JobSignals;
 use super::progress::Signal;
 use crate::store::{Engine, Store, notices};
 
-/// Pause before connecting again.
+/// Pause before reconnecting.
 const TRY_AGAIN_AFTER: Duration = Duration::from_millis(200);
-/// Bursts of the same notice (a thousand jobs posted) are sent as one after this.
+/// Time for which equal notices are collected and sent as one (a thousand jobs posted in a burst).
 const GATHER: Duration = Duration::from_millis(5);
 
 /// Starts relaying in both directions until the tasks are dropped. On SQLite there is no other process.
@@ -48,7 +48,7 @@ async fn send(store: Store, mut raised: broadcast::Receiver<Signal>, process: St
             if let Err(error) =
                 notices::send(&store, &format!("{process} {}", signal.to_text())).await
             {
-                tracing::warn!(error = %error.cause(), "the other nodes could not be told; they will find out by polling");
+                tracing::warn!(error = %error.cause(), "signals could not be sent to other nodes; those poll instead");
                 break;
             }
         }
@@ -59,7 +59,7 @@ async fn send(store: Store, mut raised: broadcast::Receiver<Signal>, process: St
 async fn receive(store: Store, signals: JobSignals, process: String) {
     loop {
         if let Err(error) = receive_from_one_connection(&store, &signals, &process).await {
-            tracing::warn!(error = %error.cause(), "the other nodes cannot be heard; polling until they can");
+            tracing::warn!(error = %error.cause(), "signals of other nodes cannot be received; polling meanwhile");
         }
         sleep(TRY_AGAIN_AFTER).await;
         signals.told(Signal::Anything);

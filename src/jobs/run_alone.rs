@@ -6,12 +6,13 @@ use std::time::Duration;
 use tokio::sync::{OwnedRwLockReadGuard, OwnedRwLockWriteGuard, RwLock};
 use tokio::time::{Instant, timeout};
 
-/// Leases for which other jobs go first. Then this process starts no new job, and runs a suspect when its running jobs have ended.
+/// Duration, in leases, for which other jobs run before a suspect. Then this process starts no new job, and runs the suspect when its jobs have
+/// ended.
 const LEASES_TO_WAIT: u32 = 2;
-/// How long to wait for workers that are looking for a job at this moment.
+/// Wait for workers that are claiming a job at this moment.
 const A_MOMENT: Duration = Duration::from_millis(100);
 
-/// Decides which jobs run beside others in this process.
+/// Decides which jobs may run at the same time in this process.
 #[derive(Debug)]
 pub(super) struct RunAlone {
     jobs: Arc<RwLock<()>>,
@@ -22,7 +23,7 @@ pub(super) struct RunAlone {
 /// Permit to run a job in this process.
 #[derive(Debug)]
 pub(super) enum Permit {
-    /// Beside others.
+    /// Beside other jobs.
     Shared(#[allow(dead_code, reason = "held")] OwnedRwLockReadGuard<()>),
     /// Alone.
     Alone(#[allow(dead_code, reason = "held")] OwnedRwLockWriteGuard<()>),
@@ -37,12 +38,12 @@ impl RunAlone {
         }
     }
 
-    /// A permit to run beside others; waits while a suspect runs or is due.
+    /// Waits for a permit to run beside other jobs. There is none while a suspect runs or is due.
     pub(super) async fn shared(&self) -> Permit {
         Permit::Shared(Arc::clone(&self.jobs).read_owned().await)
     }
 
-    /// A permit to run alone; waits until the running jobs have ended, and no other job starts meanwhile.
+    /// Waits for a permit to run alone: until the running jobs have ended. No other job starts meanwhile.
     pub(super) async fn alone(&self) -> Permit {
         Permit::Alone(Arc::clone(&self.jobs).write_owned().await)
     }

@@ -17,18 +17,18 @@ use crate::wire::Problem;
 const UNRESPONSIVE: &str =
     "a computation takes longer than a job may, and does not stop; its thread is left running";
 
-/// How a worker works.
+/// Settings of a worker.
 #[derive(Clone, Debug)]
 pub struct WorkerContext {
-    /// Unique name.
+    /// Unique name of the worker.
     pub owner: String,
-    /// What it computes.
+    /// The computation of a job.
     pub compute: Compute,
     /// Duration of a lease.
     pub lease: Duration,
-    /// How long one attempt may compute.
+    /// Longest duration of one attempt.
     pub longest: Duration,
-    /// Signals that it raises.
+    /// Signals that it sends and receives.
     pub signals: JobSignals,
     pub(super) drain: Arc<watch::Sender<Drain>>,
     /// Shared by the workers of a process.
@@ -63,14 +63,14 @@ enum Ended {
     LeftToItsLease,
 }
 
-/// Time that a computation has to stop after it was asked to.
+/// Time for a computation to stop after it was asked to.
 pub(super) const STOP_WITHIN: Duration = Duration::from_secs(1);
-/// A cancelled job ends after this even if its computation has not stopped.
+/// Time after which a cancelled job ends even if its computation has not stopped.
 const CANCELLED_WITHIN: Duration = Duration::from_millis(250);
 /// Retry interval while the database is unavailable.
 const RETRY_AFTER: Duration = Duration::from_millis(200);
 
-/// A claimed job, the end of its first lease, and the permit to run it beside others or alone.
+/// A claimed job, the end of its first lease, and the permit to run it.
 struct Claimed {
     job: JobRow,
     until: Instant,
@@ -87,7 +87,7 @@ async fn claim_next(store: &Store, context: &WorkerContext) -> Result<Option<Cla
             () = reached(&mut drain, Drain::Finish) => return Ok(None),
             permit = run_alone.alone() => permit,
         };
-        // Another worker of this process may have run it meanwhile.
+        // Checked again: another worker of this process may have run the suspect meanwhile.
         if run_alone.suspect_is_due() {
             run_alone.suspect_had_its_turn();
             let claimed = claim(store, context, Which::Suspect, permit).await?;
@@ -123,7 +123,7 @@ async fn claim(
         return Ok(None);
     };
     let until = Instant::now() + context.lease;
-    // Committed before anything is computed: otherwise a job that kills its process would be tried for ever.
+    // Commits before the computation: otherwise a job that kills its process would be tried again without end.
     tx.commit().await?;
     tracing::info!(
         job_id = job.id,
@@ -199,7 +199,7 @@ struct Attempt<'a> {
     heartbeat: KeptLease,
 }
 
-/// A computation that still runs although its job is over.
+/// A computation that still runs although its job has ended.
 struct Unresponsive {
     thread: JoinHandle<Computed>,
     begun: Instant,
@@ -213,8 +213,8 @@ impl Attempt<'_> {
         self.heartbeat.control()
     }
 
-    /// Reads the job's inputs, and retries for the duration of a lease. If the database stays unavailable, the job is handed back and the attempt
-    /// does not count.
+    /// Reads the job's inputs, with retries for the duration of a lease. If the database stays unavailable, the job goes back to the queue and the
+    /// attempt does not count.
     async fn inputs(&self, job: &JobRow, until: Instant) -> std::result::Result<JobInputs, Ended> {
         let mut drain = self.context.drain.subscribe();
         loop {
@@ -229,7 +229,7 @@ impl Attempt<'_> {
             match self.control().stopped() {
                 Some(Stop::Cancelled) => return Err(Ended::Cancelled),
                 None if Instant::now() < until => {}
-                // If the lease has expired meanwhile, the fencing makes this a no-op.
+                // If the lease has expired meanwhile, the fence makes this a no-op.
                 _ => return Err(Ended::HandedBack),
             }
             tracing::warn!(job_id = job.id, error = %error.cause(), "the job's inputs could not be read; trying again");
@@ -265,7 +265,7 @@ impl Attempt<'_> {
             Ended::GaveUp => tracing::error!(job_id, "{UNRESPONSIVE}"),
             Ended::Cancelled => tracing::info!(
                 job_id,
-                "a cancelled job's computation has not stopped yet; its worker waits for that"
+                "the computation of a cancelled job has not stopped yet; its worker waits for it"
             ),
             _ => {}
         }
@@ -286,7 +286,7 @@ impl Attempt<'_> {
                 Some(Stop::TooLong) => {
                     tracing::error!(
                         job_id,
-                        "a computation was stopped: it took longer than a job may"
+                        "a computation was stopped: it exceeded the longest duration of an attempt"
                     );
                     Ended::GaveUp
                 }
@@ -311,7 +311,7 @@ impl Attempt<'_> {
                         job_id = lease.job_id,
                         owner = lease.owner,
                         attempt = lease.attempt,
-                        "the job is not ours any more; nothing was written"
+                        "the lease was lost; nothing was written"
                     );
                     break;
                 }
@@ -325,7 +325,7 @@ impl Attempt<'_> {
                         Ended::Failed(internal(&lease.job_id, "its result could not be stored"));
                 }
                 Err(error) => {
-                    tracing::error!(job_id = lease.job_id, error = %error.cause(), "the job cannot be ended; its lease will run out");
+                    tracing::error!(job_id = lease.job_id, error = %error.cause(), "the job cannot be ended; its lease will expire");
                     break;
                 }
             }
@@ -336,7 +336,7 @@ impl Attempt<'_> {
 }
 
 impl Unresponsive {
-    /// Waits for the computation, at most its allowed duration: a worker computes one job at a time.
+    /// Waits for the computation, at most until its longest duration: a worker computes one job at a time.
     async fn wait(self, context: &WorkerContext, job_id: &str) {
         let left = context
             .longest
@@ -351,15 +351,15 @@ impl Unresponsive {
     }
 }
 
-/// Tells a computation to stop when its time is over; resolves if it has not stopped shortly afterwards. A thread cannot be ended from
-/// outside, but its job can.
+/// Asks a computation to stop when its time is over; resolves if it has not stopped shortly afterwards. The thread cannot be ended, but the
+/// caller can end the attempt.
 async fn overdue(longest: Duration, control: &Control) {
     tokio::time::sleep(longest).await;
     control.stop(Stop::TooLong);
     tokio::time::sleep(STOP_WITHIN).await;
 }
 
-/// Resolves if a computation whose job was cancelled has not stopped soon afterwards. The client that cancelled it need not wait for that.
+/// Resolves if the computation of a cancelled job has not stopped in time. The job then ends without waiting for it.
 async fn cancelled_and_unresponsive(control: &Control) {
     control.cancelled().await;
     tokio::time::sleep(CANCELLED_WITHIN).await;
@@ -378,7 +378,7 @@ async fn try_to_end(store: &Store, lease: &Lease, ended: &Ended) -> Result<()> {
 
 /// The problem of a computation that failed internally; the cause goes to the log only.
 fn internal(job_id: &str, what: &str) -> String {
-    tracing::error!(job_id, what, "a computation broke");
+    tracing::error!(job_id, what, "a computation failed");
     queue::problem_json(&Problem::new(
         500,
         "internal",

@@ -1,4 +1,4 @@
-//! The facts that gates look at, and those of them that are told by one job.
+//! The facts that the gates read, and how a job's report becomes facts.
 
 use crate::calibration::{
     CalibrationRequest, DOES_NOT_FIT, Judged, SET_FAR_OFF, judged, repeated_rows,
@@ -12,39 +12,39 @@ use crate::wire::report_shape::{Evidence, Report, WRONG_ROBOT};
 use crate::wire::verification::{Fit, Verification};
 use std::collections::BTreeSet;
 
-/// Fewer points than this prove nothing.
+/// Fewest points of a verification; fewer are no evidence.
 pub const MIN_VERIFY_POINTS: usize = 5;
-/// The warning of a report whose points were kept because the uploader insisted: they support nothing.
+/// Warning of a report whose upload was accepted with `insist`: it is no evidence.
 pub const INSISTED: &str = "insisted_upload";
-/// Warning of more outliers than a robust loss may weigh down: somebody has to look at the file.
+/// Warning of more outliers than a robust loss may down-weight: somebody has to check the file.
 const TOO_MANY_OUTLIERS: &str = "outliers_review";
-/// Fewer configurations than this in a session prove nothing, however often each was read.
+/// Fewest configurations of a session; fewer are no evidence, however often each was measured.
 const MIN_CONFIGURATIONS: usize = 5;
-/// A session that repeats more than this share of its rows from uploads before the last one that did not fit is one of those.
+/// Share of rows repeated from earlier uploads above which a session counts as a repeat.
 const MAX_REPEATED: f64 = 0.1;
 
 /// Whether points were measured since the robot's last session that did not fit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Since {
-    /// The number of that session; 0 for none.
+    /// Number of that session in the robot's counter; 0 for none.
     pub check_seq: i64,
-    /// [`repeats`] of what came before it, or it could not be told.
+    /// Whether the points repeat uploads from before that session ([`repeats`]), or this could not be decided.
     pub is_repeat: bool,
 }
 
-/// A job that identified the set, or scored it on a session; sessions are in the order of the robot's counter.
+/// A job that scored the set on another session. Lists are in the order of the robot's counter.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Session {
     /// The job.
     pub job_id: String,
-    /// Its place in the robot's counter.
+    /// Its number in the robot's counter.
     pub seq: i64,
-    /// What it found.
+    /// Its verification facts.
     pub found: Verification,
 }
 
 impl Session {
-    /// Whether it supports a release: another session, measured anew, that fits and in which the set is better than nominal.
+    /// Whether it supports a release: it is another session, measured anew, it fits, and the set is better than nominal in it.
     pub fn supports(&self) -> bool {
         self.found.is_session
             && self.found.evidence == Evidence::IndependentSession
@@ -52,37 +52,37 @@ impl Session {
             && self.found.is_better
     }
 
-    /// Whether it supports the set, and was measured after that number of the robot's counter.
+    /// Whether it supports the set and was measured after this number of the robot's counter.
     pub fn supports_since(&self, seq: i64) -> bool {
         self.seq > seq && self.supports() && !self.found.is_repeat
     }
 }
 
-/// The set and the robot's active one on the same points.
+/// Errors of the set and of the robot's active one on the same points.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Comparison {
-    /// Which points, in words.
+    /// Description of the points.
     pub points: String,
-    /// rms of both, mm: of the set, of the active one; or why that cannot be told.
+    /// rms of the set and of the active one, mm; or the reason why there is none.
     pub rms_mm: Result<(f64, f64), String>,
 }
 
-/// All that the gates look at.
+/// All inputs of the gates.
 #[derive(Clone, Debug)]
 pub struct Facts<'a> {
     /// The robot's nominal model.
     pub robot: &'a Robot,
     /// The session that does not fit the robot, if it is in the state `check_robot`.
     pub check_job_id: Option<&'a str>,
-    /// The last session that did not fit the robot, also when that is over: its number and its job.
+    /// Number and job of the last session that did not fit the robot, even if the state `check_robot` has ended.
     pub last_check: Option<(i64, &'a str)>,
-    /// What was found up to this number was looked at by whoever said last that the robot is well.
+    /// Last number that the last call of `checked` covers.
     pub checked_seq: i64,
-    /// The report of the job that identified the set: whose nominal model it is of.
+    /// Report of the job that identified the set; it has the nominal model of that job.
     pub report: &'a Report,
-    /// What that job found.
+    /// Verification facts of that job.
     pub identification: &'a Verification,
-    /// Its place in the robot's counter.
+    /// Its number in the robot's counter.
     pub identification_seq: i64,
     /// The set's id.
     pub parameter_set_id: &'a str,
@@ -90,13 +90,13 @@ pub struct Facts<'a> {
     pub content: &'a ParameterSetContent,
     /// The active set, if there is one.
     pub active: Option<&'a ParameterSetContent>,
-    /// Every session that it was scored on since.
+    /// Every session on which the set was scored since.
     pub sessions: &'a [Session],
-    /// Against the active set.
+    /// Comparisons with the active set.
     pub comparisons: &'a [Comparison],
-    /// It was taken back for good.
+    /// Whether the set was withdrawn.
     pub is_withdrawn: bool,
-    /// It was released before, and is to come back in the place of what is active, which is withdrawn.
+    /// Whether this is a rollback: the active set is withdrawn, and this set, which was released before, replaces it.
     pub is_rollback: bool,
     /// Serial number of the robot.
     pub serial_number: Option<&'a str>,
@@ -106,14 +106,14 @@ pub struct Facts<'a> {
     pub uploaders: &'a [Option<String>],
     /// The key that releases.
     pub approver: &'a str,
-    /// Why it changed so much.
+    /// Stated reason for a large change.
     pub change_reason: Option<&'a str>,
-    /// What the robot asks.
+    /// The robot's release policy.
     pub policy: &'a PolicyBody,
 }
 
 impl Facts<'_> {
-    /// How strong the verification is.
+    /// Strength of the verification.
     pub fn evidence(&self) -> Evidence {
         let is_independent = |session: &Session| {
             session.found.fit == Fit::Fits && session.found.evidence == Evidence::IndependentSession
@@ -125,7 +125,7 @@ impl Facts<'_> {
         }
     }
 
-    /// The sessions that say something of the set, for or against it.
+    /// The sessions that are evidence for or against the set.
     pub fn telling(&self) -> impl Iterator<Item = &Session> {
         self.sessions
             .iter()
@@ -133,8 +133,8 @@ impl Facts<'_> {
     }
 }
 
-/// What a job says that identified a set, by its report. A set to verify on that does not fit the robot says nothing of the parameter set: then
-/// it is as if nothing was held out.
+/// Facts of a job that identified a set, from its report. If the set to verify on does not fit the robot, it is no evidence, and the job counts as
+/// one without held-out points.
 pub fn of_identification(report: &Report, is_verified_anew: bool, since: Since) -> Verification {
     let is_misfit = has_warning(report, DOES_NOT_FIT);
     let n_points = report.verify.filter(|_| !is_misfit);
@@ -171,7 +171,7 @@ pub fn of_identification(report: &Report, is_verified_anew: bool, since: Since) 
     }
 }
 
-/// What a job of kind `verify` says, by its report.
+/// Facts of a job of kind `verify`, from its report.
 pub fn of_session(request: &CalibrationRequest, report: &Report, since: Since) -> Verification {
     let judged = report.judged();
     let fit = if has_warning(report, DOES_NOT_FIT) {
@@ -183,7 +183,7 @@ pub fn of_session(request: &CalibrationRequest, report: &Report, since: Since) -
     };
     let is_small = request.set.configurations().len() < MIN_CONFIGURATIONS
         || has_warning(report, "few_verify_points");
-    // Without what was found at the identification nobody can tell whether the session fits.
+    // Without the errors at the identification it cannot be decided whether the session fits.
     let counts = request.held_out.is_some()
         && !is_small
         && fit != Fit::DoesNotFit
@@ -207,7 +207,7 @@ pub fn of_session(request: &CalibrationRequest, report: &Report, since: Since) -
     }
 }
 
-/// Whether a session repeats rows of earlier uploads, where nothing shows that they were measured anew.
+/// Whether a session repeats rows of earlier uploads without a sign that they were measured anew.
 pub fn repeats(robot: &Robot, earlier: &[MeasurementSet], session: &MeasurementSet) -> bool {
     let repeated: BTreeSet<usize> = earlier
         .iter()

@@ -1,4 +1,4 @@
-//! The gates a parameter set passes before it may move a robot.
+//! The gates that a parameter set must pass before it may move a robot.
 
 use crate::release::facts::{Facts, INSISTED, MIN_VERIFY_POINTS, Session};
 use crate::release::robot_gates::{change, identity, orientation};
@@ -14,7 +14,7 @@ use std::collections::BTreeSet;
 
 /// Two parameter sets whose errors differ by less are equally good, mm: a tenth of what a laser tracker resolves over an arm's reach.
 const SAME_MM: f64 = 0.001;
-/// The active set's errors on new points, in units of the candidate's, from which on something must have happened to the robot.
+/// Ratio of the active set's errors on new points to the candidate's above which the robot must have changed.
 const CHANGED: f64 = 3.0;
 
 /// Every gate, passed or not.
@@ -100,7 +100,7 @@ fn all_finite(content: &ParameterSetContent) -> Gate {
     Gate::new("all_finite", finite, "every number is finite")
 }
 
-/// The triggers of the schema keep this too.
+/// The triggers of the schema enforce this too.
 fn not_insisted(facts: &Facts<'_>) -> Gate {
     let name = "upload_not_insisted";
     let mut warnings = facts.report.warnings.iter();
@@ -114,7 +114,8 @@ fn not_insisted(facts: &Facts<'_>) -> Gate {
     }
 }
 
-/// Where everything is noise, the identified robot is better than the nominal one half of the time.
+/// Needed besides the comparison with nominal: on points that do not fit any robot, the identified one is better than nominal by chance half of the
+/// time.
 fn fits(facts: &Facts<'_>) -> Gate {
     match facts.identification.fit {
         Fit::Fits => Gate::new("fits", true, "the identified robot comes near the points"),
@@ -220,7 +221,7 @@ fn uncertainty(facts: &Facts<'_>) -> Gate {
     }
 }
 
-/// What was measured has to be within the tolerance too: on the points held out, and in every session, whether or not it was measured anew.
+/// The measured errors must be within the tolerance too: on the held-out points and in every session that fits the robot, measured anew or not.
 fn errors_within_tolerance(facts: &Facts<'_>) -> Gate {
     let name = "verify_errors_within_tolerance";
     let Some(tolerance) = facts.policy.tolerance_mm else {

@@ -1,5 +1,5 @@
-//! What has to hold before a parameter set may move a robot: pure functions over facts. The facts are gathered by `jobs` and kept by `store`; the
-//! schema's triggers keep the most important rules whatever the code does.
+//! Conditions under which a parameter set may move a robot: pure functions over facts. `jobs` gathers the facts, `store` stores them. The schema's
+//! triggers enforce the most important conditions whatever the code does.
 
 pub mod facts;
 mod gates;

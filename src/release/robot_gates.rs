@@ -6,7 +6,7 @@ use crate::release::texts::verify_it;
 use crate::wire::release::Gate;
 use crate::wire::report_shape::Evidence;
 
-/// Nominal values in a report may have gone through degrees and back.
+/// Tolerance for equal nominal values: those in a report may have been converted to degrees and back.
 const SAME_NOMINAL: f64 = 1e-6;
 
 pub fn identity(facts: &Facts<'_>) -> Gate {
@@ -106,13 +106,13 @@ pub fn change(facts: &Facts<'_>) -> Gate {
     }
 }
 
-/// One standard deviation of the flange's rotation, degrees, where it is so large that the orientation counts as not known.
+/// One standard deviation of the flange's rotation, degrees, if it is so large that the orientation counts as unknown.
 fn orientation_unknown_deg(facts: &Facts<'_>) -> Option<f64> {
     let std_deg = facts.report.flange_rotation_std_deg?;
     (std_deg.to_radians() > MAX_FLANGE_ROTATION_STD_RAD).then_some(std_deg)
 }
 
-/// Points of one upload fit as well with the flange turned wrongly. Another session shows at least that the reflector's positions are right.
+/// Points of one upload fit equally well with a wrongly rotated flange. Another session shows at least that the reflector's positions are right.
 pub fn orientation(facts: &Facts<'_>) -> Gate {
     let name = "orientation_known";
     let Some(std_deg) = orientation_unknown_deg(facts) else {

@@ -1,11 +1,11 @@
-//! The gates that other sessions decide, those that fit the robot and those that do not.
+//! The gates that depend on other sessions, both those that fit the robot and those that do not.
 
 use crate::release::facts::{Facts, Session};
 use crate::release::texts::{CHECKED, both, sessions, verify_it};
 use crate::wire::release::Gate;
 use crate::wire::verification::Fit;
 
-/// Until a session fits, or somebody says why, nobody knows what robot a set would move.
+/// After a session that did not fit, it is unknown which robot a set would move, until a session fits or somebody gives a reason.
 pub fn robot_is_well(facts: &Facts<'_>) -> Gate {
     let name = "check_robot";
     match facts.check_job_id {
@@ -22,8 +22,8 @@ pub fn robot_is_well(facts: &Facts<'_>) -> Gate {
     }
 }
 
-/// A session that did not fit the robot may mean that it changed. A set of before, or one that was identified from points of before, speaks of
-/// another robot then: another set that fits the robot since says nothing of this one. The triggers of the schema keep this too.
+/// After a session that did not fit, the robot may have changed. A set identified before, or from points measured before, then needs a later session
+/// of its own: that another set fits a later session is no evidence for this one. The triggers of the schema enforce this too.
 pub fn measured_since_check(facts: &Facts<'_>) -> Gate {
     let name = "measured_since_check";
     let Some((seq, job_id)) = facts.last_check else {
@@ -64,8 +64,8 @@ pub fn measured_since_check(facts: &Facts<'_>) -> Gate {
     }
 }
 
-/// A session that the set missed by far speaks against it until somebody says why, whatever came later. One that did not fit the robot at all
-/// does so until the set fits a later one.
+/// A session in which the set is far off blocks it until somebody gives a reason, whatever came later. A session that did not fit the robot at all
+/// blocks it until the set fits a later one.
 pub fn sessions_fit(facts: &Facts<'_>) -> Gate {
     let name = "sessions_fit";
     let is_answered = |session: &Session| match session.found.fit {
@@ -92,7 +92,7 @@ pub fn sessions_fit(facts: &Facts<'_>) -> Gate {
     }
 }
 
-/// Fails closed: an error that cannot be compared is not smaller.
+/// Fails closed: an error that cannot be compared does not count as smaller.
 pub fn better_than_nominal(facts: &Facts<'_>) -> Gate {
     let name = "sessions_better_than_nominal";
     let n = facts.telling().count();

@@ -3,10 +3,10 @@
 use crate::release::facts::Facts;
 use crate::wire::verification::Verification;
 
-/// How somebody says why a robot is well, as HTTP has it.
+/// The request with which somebody states why a robot is in order.
 pub const CHECKED: &str = "POST /v1/robots/{robot_id}/checked";
 
-/// How the set is scored, as HTTP has it.
+/// The request that scores the set on another session.
 pub fn verify_it(facts: &Facts<'_>) -> String {
     format!(
         "post a job of kind verify with parameter_set_id {}",

@@ -1,15 +1,15 @@
-//! When to calibrate next: the line through the errors of the released parameter set.
+//! Forecast of the next calibration: a straight line through the errors of the released parameter set over time.
 
 use crate::identification::distributions::t_half_width;
 use crate::wire::trend::Trend;
 
-/// Fewest sessions of a trend: the line takes two numbers.
+/// Fewest sessions of a trend: the line has two parameters, and its interval needs more points than that.
 const MIN_SESSIONS: usize = 4;
 /// Shortest time between the first and the last session, days.
 const MIN_DAYS: f64 = 1.0;
 /// Confidence of the stated interval.
 const CONFIDENCE: f64 = 0.95;
-/// Limit where the robot's policy has none: this factor times the first error.
+/// Limit if the robot's policy has none: this factor times the first error.
 const GROWTH: f64 = 1.5;
 /// Longest forecast, days.
 const MAX_DAYS: f64 = 3_650.0;
@@ -17,9 +17,9 @@ const MAX_DAYS: f64 = 3_650.0;
 /// An error at a time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Scored {
-    /// Days since any fixed moment.
+    /// Days since a fixed moment.
     pub day: f64,
-    /// mm.
+    /// The error, mm.
     pub rms_mm: f64,
 }
 

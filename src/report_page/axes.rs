@@ -10,7 +10,7 @@ const RIGHT: f64 = 8.0;
 const TOP: f64 = 18.0;
 const BOTTOM: f64 = 34.0;
 
-/// The values of one direction.
+/// Range of values along one axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Range {
     pub min: f64,
@@ -29,7 +29,7 @@ impl Range {
         }
     }
 
-    /// All values that have a logarithm, with room at both ends.
+    /// All positive values, with a margin at both ends.
     pub fn logarithmic(values: impl Iterator<Item = f64>) -> Self {
         let (min, max) = values
             .filter(|v| v.is_finite() && *v > 0.0)
@@ -48,7 +48,7 @@ impl Range {
         }
     }
 
-    /// All values, with a little room.
+    /// All values, with a small margin.
     pub fn around(values: impl Iterator<Item = f64>) -> Self {
         let (min, max) = values
             .filter(|v| v.is_finite())
@@ -75,7 +75,7 @@ impl Range {
         }
     }
 
-    /// Where a value stands between both ends, 0 to 1; values beyond an end of a logarithmic range stand at it.
+    /// Position of a value between both ends, 0 to 1. Values beyond an end of a logarithmic range get that end.
     pub fn share(&self, value: f64) -> f64 {
         if self.log {
             let (low, high) = (self.min.log10(), self.max.log10());
@@ -157,11 +157,11 @@ pub struct Frame {
     pub height: f64,
 }
 
-/// What stands at an axis.
+/// Labels of the axes.
 pub struct Labels<'a> {
     pub x: &'a str,
     pub y: &'a str,
-    /// False where the places along x have no value.
+    /// False if positions along x have no value.
     pub x_ticks: bool,
 }
 
@@ -182,12 +182,12 @@ impl Frame {
         self.height - BOTTOM
     }
 
-    /// Horizontal place of a value.
+    /// Horizontal position of a value.
     pub fn px(&self, value: f64) -> f64 {
         LEFT + self.x.share(value) * (self.right() - LEFT)
     }
 
-    /// Vertical place of a value.
+    /// Vertical position of a value.
     pub fn py(&self, value: f64) -> f64 {
         self.bottom() - self.y.share(value) * (self.bottom() - TOP)
     }
@@ -216,7 +216,7 @@ impl Frame {
     }
 }
 
-/// A coordinate with as many digits as paper needs.
+/// A coordinate as text, with as many digits as a print needs.
 pub fn place(value: f64) -> String {
     format!("{value:.1}")
 }

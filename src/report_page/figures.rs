@@ -1,4 +1,4 @@
-//! The figures, in SVG: hollow is before, solid is after, so that they also tell without colour.
+//! The figures, in SVG. Hollow marks are before, solid ones after, so that the figures can be read without colour.
 
 use super::axes::{Frame, Labels, Range, WIDTH, place};
 use super::text::{self, SMALLEST_MM};
@@ -6,15 +6,15 @@ use crate::wire::measurement::Subset;
 use crate::wire::report_shape::{Convergence, PointReport};
 use maud::{Markup, html};
 
-/// More bars than this cannot be told apart on paper: neighbours share one.
+/// Most bars that can be distinguished on paper; with more points, neighbours share one.
 const MAX_BARS: usize = 160;
-/// More arrows than this cover each other.
+/// Most arrows; more would cover each other.
 const MAX_ARROWS: usize = 300;
-/// More corners than this do not show in a curve.
+/// Most corners of a curve; more would not be visible.
 const MAX_CORNERS: usize = 500;
 /// Columns of the histogram.
 const COLUMNS: usize = 24;
-/// Where the errors span more than this, small ones would vanish on a linear axis.
+/// Ratio of the errors above which the axis is logarithmic: small ones would vanish on a linear axis.
 const LOG_FROM_RATIO: f64 = 40.0;
 
 fn figure(title: &str, caption: &str, legend: bool, height: f64, content: Markup) -> Markup {
@@ -58,7 +58,7 @@ fn median(values: impl Iterator<Item = f64>) -> f64 {
     sorted.get(sorted.len() / 2).copied().unwrap_or(0.0)
 }
 
-/// A range of errors; a logarithmic one does not go below what can be measured, but far enough that the smallest bar still shows.
+/// Range of errors. A logarithmic one does not go below what can be measured, but low enough that the smallest bar is visible.
 fn error_range(points: &[PointReport], log: bool) -> Range {
     let errors = points.iter().flat_map(|p| [p.before_mm, p.after_mm]);
     if log {
@@ -68,7 +68,7 @@ fn error_range(points: &[PointReport], log: bool) -> Range {
     }
 }
 
-/// One bar per point, or per few neighbours, of which it shows the largest.
+/// A bar for one point, or for some neighbours, of which it shows the largest error.
 struct Bar {
     before_mm: f64,
     after_mm: f64,
@@ -153,7 +153,7 @@ fn per_point_content(frame: &Frame, halves: &[(String, Vec<Bar>)], gap: f64) -> 
     }
 }
 
-/// A column that stands on the axis: from `at`, so wide in units of x, so high in units of y.
+/// A column on the axis, from `at`; `width` is in units of x, `value` in units of y.
 fn column(frame: &Frame, kind: &str, at: f64, width: f64, value: f64) -> Markup {
     let value = if frame.y.log {
         value.max(SMALLEST_MM)
@@ -166,7 +166,7 @@ fn column(frame: &Frame, kind: &str, at: f64, width: f64, value: f64) -> Markup 
     }
 }
 
-/// How many points have which error.
+/// Histogram of the errors.
 pub fn histogram(points: &[PointReport]) -> Markup {
     if points.is_empty() {
         return html! {};
@@ -224,7 +224,7 @@ pub fn histogram(points: &[PointReport]) -> Markup {
     )
 }
 
-/// How the cost fell; nothing where nothing was searched.
+/// Convergence of the cost; empty if the method has no curve.
 pub fn convergence(curve: &Convergence) -> Markup {
     let points: Vec<(f64, f64)> = curve
         .iteration
@@ -267,7 +267,7 @@ pub fn convergence(curve: &Convergence) -> Markup {
     figure("Convergence", &caption, false, frame.height, content)
 }
 
-/// The corners of a curve that never rises: every place where it falls, then as many of those as show.
+/// The corners of a curve that never rises: every place where it falls, thinned to [`MAX_CORNERS`].
 fn thinned(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
     let falls = |i: usize| {
         i == 0
@@ -284,14 +284,14 @@ fn thinned(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
     corners.into_iter().step_by(every).chain(last).collect()
 }
 
-/// One error vector where it was measured.
+/// An error vector at the measured position.
 struct Arrow {
     position_mm: [f64; 3],
     before_mm: [f64; 3],
     after_mm: [f64; 3],
 }
 
-/// The error vectors where they were measured, in two projections; nothing for reports that have no vectors.
+/// The error vectors at the measured positions, in two projections; empty for reports without vectors.
 pub fn positions(points: &[PointReport]) -> Markup {
     let placed: Vec<Arrow> = points
         .iter()
@@ -324,7 +324,7 @@ pub fn positions(points: &[PointReport]) -> Markup {
     }
 }
 
-/// A round factor that makes the longest arrow about a seventh of the extent.
+/// A round factor with which the longest arrow is about a seventh of the extent.
 fn magnification(arrows: &[&Arrow]) -> f64 {
     let extent = (0..3)
         .map(|k| Range::around(arrows.iter().map(|a| a.position_mm[k])))
@@ -358,7 +358,7 @@ fn projection(arrows: &[&Arrow], i: usize, j: usize, names: [&str; 2], factor: f
         width: WIDTH / 2.0,
         height: 300.0,
     };
-    // one scale for both directions
+    // The same scale in both directions.
     let per_unit = ((frame.x.max - frame.x.min) / (frame.right() - frame.left()))
         .max((frame.y.max - frame.y.min) / (frame.bottom() - frame.top()));
     frame.x = widened(frame.x, per_unit * (frame.right() - frame.left()));

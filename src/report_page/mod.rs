@@ -1,7 +1,7 @@
-//! The report as a page to print or to file: one HTML text with everything in it, and nothing in it that asks for anything else.
+//! The report as an HTML page for printing. It is self-contained and requests nothing.
 //!
-//! A pure function from the wire's shapes. Every text goes through maud's escaping; the style is the only thing that is not, and its
-//! hash is in the page's policy, so that no name can become markup, a script or a request.
+//! A pure function from the wire's shapes. maud escapes every text except the style, whose hash is in the page's content security policy. So no name
+//! can become markup, a script or a request.
 
 mod axes;
 mod figures;
@@ -20,7 +20,7 @@ use std::sync::LazyLock;
 
 const STYLE: &str = include_str!("style.css");
 
-/// What the page may do: show itself, with this one style. Sent as a header, and in the page for whoever has it as a file.
+/// Content security policy: allows this one style and nothing else. It is sent as a header, and is in the page for copies in files.
 pub static CONTENT_SECURITY_POLICY: LazyLock<String> = LazyLock::new(|| {
     let hash = BASE64_STANDARD.encode(Sha256::digest(STYLE.as_bytes()));
     format!("default-src 'none'; style-src 'sha256-{hash}'; base-uri 'none'; form-action 'none'")

@@ -1,4 +1,4 @@
-//! The parts of the page that are text and tables.
+//! Text and tables of the page.
 
 use super::Sources;
 use super::text::{error, evidence, number, signed, time, unit};
@@ -8,12 +8,12 @@ use crate::wire::parameter_set::ParameterSetAnswer;
 use crate::wire::report_shape::{ErrorsReport, PriorReport, Report, SubsetReport};
 use maud::{Markup, html};
 
-/// A reduction by less than this is none.
+/// Smallest reduction that is stated.
 const NO_REDUCTION: f64 = 0.001;
-/// More revisited poses than this are not listed: the figures of all of them together stand above the table.
+/// Most revisited poses that are listed. The text above the table covers all of them.
 const MAX_POSES: usize = 40;
 
-/// What came out, in one sentence.
+/// The result in one sentence.
 pub fn verdict(sources: &Sources<'_>) -> Markup {
     let report = sources.report;
     let half = report.verify.as_ref().unwrap_or(&report.identify);
@@ -51,14 +51,14 @@ pub fn verdict(sources: &Sources<'_>) -> Markup {
     }
 }
 
-/// Why nothing is to be done with it.
+/// Why the result cannot be used.
 fn no_use(report: &Report) -> Markup {
     html! {
         @if let Some(code) = report.no_use() { p.warning { strong { (words::no_use(code)) "." } } }
     }
 }
 
-/// What one should know before using it.
+/// Warnings about the result.
 pub fn warnings(warnings: &[Warning]) -> Markup {
     html! {
         @for warning in warnings {
@@ -71,7 +71,7 @@ fn fact(name: &str, value: &str) -> Markup {
     html! { div { dt { (name) } dd { (value) } } }
 }
 
-/// What was measured, and how it was identified.
+/// Measurement set, method and settings.
 pub fn facts(sources: &Sources<'_>) -> Markup {
     let Sources { set, report, .. } = sources;
     let frame = if set.frame == Frame::Base {
@@ -111,7 +111,7 @@ pub fn facts(sources: &Sources<'_>) -> Markup {
     }
 }
 
-/// What the points see: the rank counts combinations, and a parameter may take part in several.
+/// The model and what the points determine. The rank counts combinations of parameters; a parameter may be part of several.
 fn model(report: &Report) -> String {
     let seen = &report.identifiability;
     let n_alone = report
@@ -156,7 +156,7 @@ pub fn errors(sources: &Sources<'_>) -> Markup {
     }
 }
 
-/// The errors of the nominal robot and of the parameters that were verified, on all points.
+/// The errors of the nominal robot and of the verified parameters, on all points.
 fn verified_errors(report: &Report) -> Markup {
     let Some(half) = &report.verify else {
         return html! {};
@@ -200,7 +200,7 @@ fn half_rows(name: &str, half: &SubsetReport) -> Markup {
     }
 }
 
-/// Every free parameter, and what the data could not see.
+/// Every free parameter, and those that the data do not determine.
 pub fn parameters(report: &Report) -> Markup {
     if report.parameters.is_empty() {
         return html! {};
@@ -234,7 +234,7 @@ pub fn parameters(report: &Report) -> Markup {
     }
 }
 
-/// What the data cannot see: some parameters only together with others, some not at all.
+/// Parameters that the data determine only in combination with others, or not at all.
 fn unseen(groups: &[Vec<String>]) -> String {
     let (single, several): (Vec<&Vec<String>>, Vec<&Vec<String>>) =
         groups.iter().partition(|group| group.len() == 1);
@@ -256,7 +256,7 @@ fn unseen(groups: &[Vec<String>]) -> String {
     text + "The positions of the measured reflector are right all the same; of another tool they may not be."
 }
 
-/// What was known beforehand, and what became of it.
+/// Priors and their posteriors.
 pub fn priors(report: &Report) -> Markup {
     let known: Vec<_> = report
         .parameters
@@ -331,7 +331,7 @@ pub fn corrections(report: &Report) -> Markup {
     }
 }
 
-/// How well the robot returns to a pose.
+/// Repeatability of the robot.
 pub fn repeatability(report: &Report) -> Markup {
     let Some(found) = &report.repeatability else {
         return html! {};
@@ -375,7 +375,7 @@ pub fn repeatability(report: &Report) -> Markup {
     }
 }
 
-/// What moved since the session before.
+/// Changes since the session before.
 pub fn changes(report: &Report) -> Markup {
     let Some(rows) = &report.changed else {
         return html! {};

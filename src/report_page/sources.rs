@@ -1,4 +1,4 @@
-//! What the page is made from.
+//! Inputs of the page.
 
 use crate::wire::job::{JobAnswer, Kind};
 use crate::wire::measurement::{Frame, SetSummary};
@@ -6,10 +6,10 @@ use crate::wire::parameter_set::ParameterSetAnswer;
 use crate::wire::report_shape::{Convergence, Report};
 use crate::wire::robot::RobotBody;
 
-/// What was measured.
+/// The measurement set.
 #[derive(Clone, Copy, Debug)]
 pub struct MeasuredSet<'a> {
-    /// What people call it.
+    /// Its name.
     pub name: Option<&'a str>,
     /// The frame of every position.
     pub frame: Frame,
@@ -33,30 +33,30 @@ impl<'a> From<&'a SetSummary> for MeasuredSet<'a> {
     }
 }
 
-/// What the page is made from.
+/// Inputs of the page.
 #[derive(Clone, Copy, Debug)]
 pub struct Sources<'a> {
     /// The robot.
     pub robot: &'a RobotBody,
-    /// The set that it was identified from.
+    /// The measurement set that it was identified from.
     pub set: MeasuredSet<'a>,
     /// The job; none offline.
     pub job: Option<&'a JobAnswer>,
-    /// What was identified, as it stands now; none offline, and where nothing was identified.
+    /// The identified parameter set in its present state; none offline, or if nothing was identified.
     pub parameter_set: Option<&'a ParameterSetAnswer>,
     /// The report.
     pub report: &'a Report,
-    /// How the cost fell.
+    /// The convergence curve.
     pub convergence: &'a Convergence,
 }
 
 impl Sources<'_> {
-    /// True where a parameter set was only scored.
+    /// True if the job only scored a parameter set.
     pub(super) fn is_verification(&self) -> bool {
         self.job.is_some_and(|job| job.kind == Kind::Verify)
     }
 
-    /// Of which parameters a verification speaks.
+    /// The parameters that a verification scored.
     pub(super) fn verified(&self) -> String {
         match &self.report.parameter_set_from {
             Some(id) => format!("parameter set {id}"),
@@ -64,7 +64,7 @@ impl Sources<'_> {
         }
     }
 
-    /// Serial number and id of the robot, as far as there are any.
+    /// Serial number and id of the robot, if there are any.
     pub(super) fn which_robot(&self) -> Option<String> {
         let serial_number = self
             .robot
@@ -78,7 +78,7 @@ impl Sources<'_> {
         (!known.is_empty()).then(|| known.join(" · "))
     }
 
-    /// What the page is called.
+    /// Title of the page.
     pub(super) fn title(&self) -> String {
         let what = if self.is_verification() {
             "Verification"

@@ -1,8 +1,8 @@
-//! Numbers and names as they stand on paper.
+//! Formats numbers and names for the page.
 
 use crate::wire::report_shape::{Evidence, Report};
 
-/// No instrument sees less than a tenth of a micrometre: smaller errors are all the same.
+/// Smallest error that is printed as a number, mm: no instrument resolves a tenth of a micrometre.
 pub const SMALLEST_MM: f64 = 1e-4;
 
 const MINUS: &str = "\u{2212}";
@@ -61,7 +61,7 @@ pub fn error(value: f64) -> String {
     }
 }
 
-/// With a sign and a fixed number of decimals, for columns.
+/// A number with a sign and a fixed number of decimals, for columns.
 pub fn signed(value: f64, decimals: usize) -> String {
     let text = format!("{:.decimals$}", value.abs());
     let sign = match value {
@@ -77,13 +77,13 @@ pub fn unit(unit: &str) -> &str {
     if unit == "deg" { "°" } else { unit }
 }
 
-/// A point in time to the second, UTC, without the T.
+/// A time in UTC to the second, with a space in place of the T.
 pub fn time(rfc3339: &str) -> String {
     let (day, clock) = rfc3339.split_once('T').unwrap_or((rfc3339, ""));
     format!("{day} {} UTC", clock.get(..8).unwrap_or(clock))
 }
 
-/// What a verification is worth.
+/// Strength of the verification.
 pub fn evidence(report: &Report) -> String {
     match report.evidence {
         Evidence::None => format!("none: {}", report.why_no_evidence()),

@@ -1,10 +1,10 @@
-//! Codes in plain words, as the dashboard has them: `web/words.js` is the one place where they stand.
+//! Texts of codes, from `web/words.js`, which the dashboard uses too.
 
 use crate::wire::job::Stage;
 use std::collections::HashMap;
 use std::sync::LazyLock;
 
-/// Read as lines of `name: "words",` within `export const TABLE = {`.
+/// Parsed as lines of `name: "words",` within `export const TABLE = {`.
 const TEXT: &str = include_str!("../../web/words.js");
 
 /// Words by table and code.
@@ -26,7 +26,7 @@ pub fn warning(code: &str) -> String {
     of("WARNINGS", code)
 }
 
-/// Why nothing is to be done with what a report has found, in words.
+/// Why a result cannot be used, in words.
 pub fn no_use(code: &str) -> String {
     of("NO_USE", code)
 }
@@ -43,7 +43,7 @@ pub fn method(method: &str) -> String {
         .map_or_else(|| method.replace('_', " "), |words| (*words).into())
 }
 
-/// What a job is at, in words.
+/// A job's stage in words.
 pub fn stage(stage: Option<Stage>) -> String {
     stage.map_or_else(|| "Computing".into(), |stage| of("STAGES", stage.as_str()))
 }
@@ -53,14 +53,14 @@ pub fn gate(gate: &str) -> String {
     of("GATES", gate)
 }
 
-/// The code itself as the beginning of a sentence where nobody has written words for it, as in a report of another version.
+/// The text of a code. For a code without a text, as in a report of another version, the code itself as the beginning of a sentence.
 fn of(table: &str, code: &str) -> String {
     WORDS
         .get(&(table, code))
         .map_or_else(|| capital(&code.replace('_', " ")), |words| (*words).into())
 }
 
-/// With a capital letter, as a sentence begins.
+/// The text with a capital first letter.
 pub fn capital(text: &str) -> String {
     let mut letters = text.chars();
     letters.next().map_or_else(String::new, |first| {

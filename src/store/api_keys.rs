@@ -1,4 +1,4 @@
-//! API keys: only the SHA-256 of a key is kept.
+//! API keys. The database has only the SHA-256 of a key.
 
 use serde_json::{Value, json};
 
@@ -12,13 +12,13 @@ use super::{Page, PageRequest, Result, Store, Tx};
 pub struct ApiKeyRow {
     /// `key_…`
     pub id: String,
-    /// Whose key it is; need not be unique.
+    /// Name of the holder; need not be unique.
     pub name: String,
-    /// Of the key, hexadecimal.
+    /// SHA-256 of the key, hexadecimal.
     pub key_sha256: String,
-    /// The list of scopes.
+    /// JSON list of scopes.
     pub scopes_json: String,
-    /// The list of the robots it is limited to; none for all.
+    /// JSON list of the robots that it is limited to; none for all.
     pub robots_json: Option<String>,
     /// When it was made.
     pub created_at_ms: i64,
@@ -39,13 +39,13 @@ from_row!(ApiKeyRow {
 /// An API key to be stored.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NewApiKey {
-    /// Whose key it is; need not be unique.
+    /// Name of the holder; need not be unique.
     pub name: String,
-    /// Of the key, hexadecimal.
+    /// SHA-256 of the key, hexadecimal.
     pub key_sha256: String,
-    /// The list of scopes.
+    /// JSON list of scopes.
     pub scopes_json: String,
-    /// The list of the robots it is limited to; none for all.
+    /// JSON list of the robots that it is limited to; none for all.
     pub robots_json: Option<String>,
 }
 
@@ -130,7 +130,7 @@ impl Audited for ApiKeyRow {
 /// Stores a key.
 ///
 /// # Errors
-/// [`super::Conflict::Duplicate`] if this very key is there, [`super::Error::Database`].
+/// [`super::Conflict::Duplicate`] if the key is stored already, [`super::Error::Database`].
 pub async fn insert(tx: &mut Tx, new: &NewApiKey) -> Result<ApiKeyRow> {
     let query = sqlx::query_as(INSERT)
         .bind(new_id("key"))
@@ -143,7 +143,7 @@ pub async fn insert(tx: &mut Tx, new: &NewApiKey) -> Result<ApiKeyRow> {
     Ok(row)
 }
 
-/// The key with this hash, unless it is unknown or revoked.
+/// The key with this hash; none if it is unknown or revoked.
 ///
 /// # Errors
 /// [`super::Error::Database`].
@@ -154,7 +154,7 @@ pub async fn find(store: &Store, key_sha256: &str) -> Result<Option<ApiKeyRow>> 
         .await?)
 }
 
-/// One key, also a revoked one.
+/// One key, revoked or not.
 ///
 /// # Errors
 /// [`super::Error::NotFound`], [`super::Error::Database`].
@@ -165,7 +165,7 @@ pub async fn get(store: &Store, id: &str) -> Result<ApiKeyRow> {
         .await?)
 }
 
-/// All keys, also revoked ones, newest first.
+/// All keys, including revoked ones, newest first.
 ///
 /// # Errors
 /// [`super::Error::Database`].

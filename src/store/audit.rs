@@ -16,7 +16,7 @@ pub(super) trait Audited: for<'r> FromRow<'r, AnyRow> + Send + Unpin {
     /// Subject of the entries: the row's id.
     fn subject(&self) -> &str;
 
-    /// Expected content of the newest entry of each event.
+    /// Expected content of the newest entry of each event about this row.
     fn expected_entries(&self) -> Vec<ExpectedEntry>;
 }
 

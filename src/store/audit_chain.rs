@@ -1,8 +1,8 @@
-//! The audit chain: every creation, release, withdrawal, end of a job and change of a key, in the transaction that did it.
-//! Each entry's hash covers its content and the hash before it, so that an edit, a deletion or another order shows.
+//! The audit chain. Every creation, release, withdrawal, end of a job and change of a key adds an entry, in the transaction that did it.
+//! The hash of an entry covers its content and the hash of the entry before. An edit, a deletion or another order is thus detected.
 //!
-//! A writer of the database can also compute a new chain. To detect that, keep a head elsewhere (`kincal verify-store` prints it) and
-//! compare later (`--known-head`).
+//! Whoever can write to the database can also compute a new chain. To detect that, store a head elsewhere (`kincal verify-store` prints it)
+//! and compare it later (`--known-head`).
 
 use serde_json::Value;
 use sqlx::AnyConnection;
@@ -16,17 +16,17 @@ use crate::wire::canonical;
 pub struct AuditRow {
     /// 1, 2, 3, ….
     pub seq: i64,
-    /// When, by the database's clock.
+    /// Time of the event, by the database's clock.
     pub at_ms: i64,
     /// The id of the key, `worker`, `command line`, ….
     pub actor: String,
     /// `robot_created`, `parameter_set_released`, ….
     pub event: String,
-    /// The id of what it is about.
+    /// Id of the robot, job, set, … that the entry is about.
     pub subject: String,
-    /// What else is worth keeping: hashes, reasons.
+    /// Further facts in JSON: hashes, reasons.
     pub detail_json: String,
-    /// Of this entry and the one before, hexadecimal.
+    /// Hash of this entry and of the hash before, hexadecimal.
     pub sha256: String,
 }
 
@@ -61,7 +61,7 @@ from_row!(AuditHead {
 });
 
 impl AuditHead {
-    /// Moves to the next entry.
+    /// Makes `next` the newest entry.
     fn follow(&mut self, next: &AuditRow) {
         (self.seq, self.sha256) = (next.seq, next.sha256.clone());
     }
@@ -142,7 +142,7 @@ pub(super) async fn append(
     notes: Vec<Note>,
 ) -> Result<()> {
     let head = match engine {
-        // the transaction holds the one write lock
+        // The transaction holds SQLite's only write lock.
         Engine::Sqlite => HEAD,
         Engine::Postgres => HEAD_LOCKED,
     };

@@ -1,4 +1,4 @@
-//! A copy of an embedded database, made while it is served.
+//! A copy of an embedded database, made while a server uses it.
 
 use std::path::Path;
 
@@ -8,13 +8,13 @@ use super::{Engine, Error, Result, Store};
 
 pub(super) const QUERIES_SQLITE: &[&str] = &[INTO];
 
-// One consistent state, without what was deleted; readers and writers go on.
+// Copies one consistent state, without deleted rows. Readers and writers continue meanwhile.
 const INTO: &str = "vacuum into $1";
 
-/// Writes the database into `directory`, which must be new or empty, and waits until it is on the disk.
+/// Copies the database into `directory`, which must be new or empty, and waits until the copy is on the disk.
 ///
 /// # Errors
-/// [`Error::Open`] where the directory will not do or the database is PostgreSQL, [`Error::Database`].
+/// [`Error::Open`] if the directory cannot be used or the database is PostgreSQL, [`Error::Database`].
 pub async fn write(store: &Store, directory: &Path) -> Result<()> {
     if store.engine() == Engine::Postgres {
         return Err(Error::Open {
@@ -43,7 +43,7 @@ pub async fn write(store: &Store, directory: &Path) -> Result<()> {
     let path = file.to_str().ok_or_else(|| Error::Open {
         detail: format!("the directory {} is not UTF-8", directory.display()),
     })?;
-    // SQLite writes a copy into an empty file as into none
+    // `vacuum into` accepts an existing file if it is empty.
     make_private_file(&file).map_err(failed)?;
     sqlx::query(INTO).bind(path).execute(store.pool()).await?;
     let synced = std::fs::File::open(&file).and_then(|file| file.sync_all());

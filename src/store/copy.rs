@@ -1,6 +1,6 @@
-//! A whole database into another, empty one of either engine, for `kincal copy-store`.
+//! Copies a whole database into an empty one of either engine, for `kincal copy-store`.
 //!
-//! Rows are copied column by column as the target's schema names them, so that a later migration needs no change here unless it adds a table.
+//! The columns are read from the target's schema, so only a migration that adds a table needs a change here.
 
 use sqlx::any::AnyArguments;
 use sqlx::query::Query;
@@ -9,7 +9,7 @@ use tokio_stream::StreamExt;
 
 use super::{Engine, Error, Result, Store};
 
-/// Every table, in the order of their references.
+/// Every table; a table comes after those that it references.
 pub const TABLES: &[&str] = &[
     "robot",
     "robot_policy",
@@ -26,14 +26,14 @@ pub const TABLES: &[&str] = &[
     "audit_head",
 ];
 
-/// References of a job to results of other jobs, which are copied later: filled in at the end.
+/// References of a job to results of other jobs. Those rows are copied after the jobs, so these columns are filled at the end.
 const LATER: &[&str] = &[
     "network_input_id",
     "residual_network_input_id",
     "parameter_set_input_id",
 ];
 
-/// Rows copied of one table.
+/// Number of rows copied of one table.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Copied {
     /// The table.
@@ -42,7 +42,7 @@ pub struct Copied {
     pub n_rows: u64,
 }
 
-/// What a column holds.
+/// Type of a column.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Kind {
     Text,
@@ -127,7 +127,7 @@ async fn copy_table(
         columns.retain(|column| !LATER.contains(&column.name.as_str()));
     }
     if table == "audit_head" {
-        // A new database has a head already.
+        // The migrations of a new database have inserted a head.
         sqlx::query("delete from audit_head")
             .execute(&mut *target)
             .await?;
@@ -142,7 +142,7 @@ async fn copy_table(
     let mut n_rows = 0;
     while let Some(row) = rows.next().await {
         let row = row?;
-        // Nulls are left out: a null has no type that both engines agree on.
+        // Nulls are not bound: no type of a null is valid on both engines.
         let mut present = Vec::new();
         for (at, column) in columns.iter().enumerate() {
             if !row.try_get_raw(at)?.is_null() {

@@ -28,7 +28,7 @@ pub(super) struct Inner {
     pub(super) sqlite_writer: Option<AnyPool>,
     /// Limits the PostgreSQL connections that write, and so may wait for locks.
     pub(super) postgres_writers: Option<Arc<Semaphore>>,
-    /// Tells since when no write of this process has succeeded.
+    /// Since when no write of this process has succeeded.
     pub(super) writes: Arc<WriteProgress>,
     pub(super) engine: Engine,
     pub(super) data_dir: Option<PathBuf>,
@@ -45,17 +45,17 @@ pub struct Tx {
     actor: String,
     notes: Vec<Note>,
     store: Store,
-    /// Under way until this transaction is gone.
+    /// Counts as under way until this transaction is dropped.
     write: Write,
     _postgres_permit: Option<OwnedSemaphorePermit>,
 }
 
-/// Disk space kept free: the largest upload, in the WAL and in the database, twice.
+/// Disk space kept free: twice the largest upload, which is written to the WAL and to the database.
 pub(super) const RESERVE_BYTES: u64 = 64 << 20;
 
 /// The database's file in the data directory.
 pub(super) const DATABASE: &str = "kincal.sqlite";
-/// The file whose lock makes the data directory one process's.
+/// File in the data directory that the server locks, so that only one process uses the directory.
 pub(super) const LOCK: &str = "lock";
 
 /// Longest wait for a connection that may write.
@@ -94,7 +94,7 @@ impl Store {
         &self,
     ) -> Result<(Transaction<'static, Any>, Option<OwnedSemaphorePermit>)> {
         match &self.inner.sqlite_writer {
-            // Takes the write lock at once: a transaction that reads first could find it taken when it writes.
+            // Takes the write lock at once. A transaction that read first could fail to get the lock at its first write.
             Some(writer) => Ok((writer.begin_with("begin immediate").await?, None)),
             None => {
                 let permit = self.postgres_permit().await?;
@@ -157,7 +157,7 @@ impl Store {
         &self.inner.pool
     }
 
-    /// The database's clock, ms since the epoch. Answers only if the database does: `/readyz` asks this.
+    /// The database's clock, ms since the epoch. `/readyz` uses it to check that the database answers.
     ///
     /// # Errors
     /// [`Error::Database`].
@@ -181,7 +181,7 @@ impl Store {
             .await?)
     }
 
-    /// Closes all connections, after which SQLite's WAL is folded into the database file.
+    /// Closes all connections. SQLite then moves its WAL into the database file.
     pub async fn close(&self) {
         if let Some(writer) = &self.inner.sqlite_writer {
             writer.close().await;
@@ -196,10 +196,10 @@ impl Tx {
         actor.clone_into(&mut self.actor);
     }
 
-    /// Commits everything done in this transaction, with its entries in the audit chain.
+    /// Commits this transaction and its entries in the audit chain.
     ///
     /// # Errors
-    /// [`Error::Database`]; then it is unknown whether it did, unless the engine says so.
+    /// [`Error::Database`]. Unless the engine reports a rollback, the commit may have happened.
     pub async fn commit(self) -> Result<()> {
         let engine = self.engine();
         let Tx {
@@ -220,7 +220,7 @@ impl Tx {
         committed
     }
 
-    /// Undoes everything done in this transaction, as dropping it does, but waits until that is done.
+    /// Rolls this transaction back and waits for the rollback. Dropping it does not wait.
     ///
     /// # Errors
     /// [`Error::Database`].
@@ -236,7 +236,7 @@ impl Tx {
         self.store.engine()
     }
 
-    /// Fails while the disk is nearly full. Not called by what must still work then: ending jobs, withdrawing.
+    /// Fails while the disk is nearly full. Ending jobs, releasing and withdrawing must still work then and do not call it.
     ///
     /// # Errors
     /// [`Error::NoRoom`].
@@ -253,7 +253,7 @@ impl Tx {
         });
     }
 
-    /// Adds a field to the last of the entries, if there is one.
+    /// Adds a field to the last entry of this transaction, if there is one.
     pub(super) fn note_also(&mut self, field: &str, value: serde_json::Value) {
         if let Some(detail) = self
             .notes
@@ -270,7 +270,7 @@ pub(super) const NOW: &str = "select now_ms from clock";
 pub(super) const SCHEMA_VERSION: &str =
     "select coalesce(max(version), 0) from _sqlx_migrations where success";
 
-/// A new identifier: a prefix that says of what, and a UUID of version 7, so that ids of one process sort by age.
+/// A new identifier: a prefix for the kind and a UUID of version 7. Ids of one process sort by age.
 pub(super) fn new_id(prefix: &str) -> String {
     format!("{prefix}_{}", uuid::Uuid::now_v7().simple())
 }

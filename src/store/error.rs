@@ -19,16 +19,16 @@ pub enum Error {
     /// The database cannot be opened.
     #[error("{detail}")]
     Open {
-        /// What is wrong and how to mend it.
+        /// What is wrong and how to correct it.
         detail: String,
     },
     /// The database failed; see [`Error::is_unavailable`].
     #[error("the database failed")]
     Database(#[source] sqlx::Error),
-    /// The disk is nearly full: what is left is kept for ending and withdrawing what there is.
+    /// The disk is nearly full. The remaining space is reserved for ending jobs, releasing and withdrawing.
     #[error("only {free_mib} MiB are left on the disk")]
     NoRoom {
-        /// What is left.
+        /// Free space, MiB.
         free_mib: u64,
     },
 }
@@ -36,34 +36,34 @@ pub enum Error {
 /// Conflicts with the stored state.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Conflict {
-    /// The job is not this worker's any more: its lease ran out, or it was ended by someone else.
+    /// The worker has lost the job: its lease expired, or somebody else ended the job.
     #[error("the lease on this job is lost")]
     LeaseLost,
-    /// The robot has as many jobs waiting as it may.
+    /// The limit of waiting jobs of the robot is reached.
     #[error("{limit} jobs of this robot are waiting already")]
     QueueFull {
         /// The limit.
         limit: i64,
     },
-    /// The job is not in the state that this needs.
+    /// The job is not in the state that the operation needs.
     #[error("the job is {}", .status.as_str())]
     JobStatus {
-        /// The state it is in.
+        /// Its state.
         status: JobStatus,
     },
     /// A withdrawn parameter set cannot be released.
     #[error("the parameter set was withdrawn")]
     Withdrawn,
-    /// The released set is not the one that the release checks compared with.
+    /// The active set has changed since the release checks.
     #[error("another parameter set was released in the meantime")]
     ActiveChanged,
-    /// The robot's policy, or the sessions that the set was scored on, are not those of the release checks.
+    /// The robot's policy, its state or the sessions of the set have changed since the release checks.
     #[error("the robot's policy or the set's sessions changed in the meantime")]
     ChecksOutdated,
-    /// A trigger of the schema refuses the release, which the release checks should have refused before.
+    /// A trigger of the schema refuses the release. The release checks should have refused it before.
     #[error("{why}")]
     RefusedBySchema {
-        /// The trigger's own words.
+        /// Message of the trigger.
         why: String,
     },
     /// The robot has no set to go back to.
@@ -75,7 +75,7 @@ pub enum Conflict {
 }
 
 impl Error {
-    /// Whether waiting may help (busy, out of connections, disk full, restarting): 503 rather than 500.
+    /// Whether a later attempt may succeed (busy, out of connections, disk full, restarting): 503 instead of 500.
     pub fn is_unavailable(&self) -> bool {
         match self {
             Error::Database(error) => is_unavailable(error),
@@ -92,7 +92,7 @@ impl Error {
         }
     }
 
-    /// The error with what caused it, for the log.
+    /// The error with its cause, for the log.
     pub fn cause(&self) -> String {
         match self {
             Error::Database(source) => format!("{self}: {source}"),
@@ -131,8 +131,8 @@ fn reason(error: &sqlx::Error) -> &'static str {
     }
 }
 
-/// Description of a temporary failure by the engine's code; none if waiting does not help. PostgreSQL's SQLSTATE has five characters; SQLite's extended
-/// result codes are numbers of at most four digits whose low byte is the primary code.
+/// Description of a temporary failure by the engine's code; none if the failure is permanent. PostgreSQL's SQLSTATE has five characters.
+/// SQLite's extended result codes are numbers of at most four digits; the low byte is the primary code.
 fn reason_of_code(code: &str) -> Option<&'static str> {
     if code.len() == 5 {
         let classes = [
@@ -162,7 +162,7 @@ fn reason_of_code(code: &str) -> Option<&'static str> {
     })
 }
 
-/// Message of a trigger that refused: on SQLite `raise(abort)`, on PostgreSQL the exception of `kincal_refuse…`.
+/// Error codes of a trigger that refused: SQLite's `raise(abort)` (1811), PostgreSQL's exceptions of `kincal_refuse…`.
 const BY_TRIGGER: [&str; 3] = ["1811", "23000", "P0001"];
 
 impl Error {

@@ -8,16 +8,16 @@ use super::from_row::from_row;
 use super::{Page, PageRequest, Result, Store, Tx};
 use crate::wire::canonical;
 
-/// What was found from one upload of sweeps.
+/// Frames found from one upload of sweeps.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FramesRow {
     /// `frm_…`
     pub id: String,
     /// Its robot.
     pub robot_id: String,
-    /// The upload's own media type.
+    /// Media type of the upload.
     pub content_type: String,
-    /// The frames and circles.
+    /// Frames and circles in JSON.
     pub result_json: String,
     /// When it was stored.
     pub created_at_ms: i64,
@@ -36,11 +36,11 @@ from_row!(FramesRow {
 pub struct NewFrames {
     /// Its robot.
     pub robot_id: String,
-    /// The upload's own media type.
+    /// Media type of the upload.
     pub content_type: String,
     /// The uploaded bytes.
     pub body: Vec<u8>,
-    /// The frames and circles.
+    /// Frames and circles in JSON.
     pub result_json: String,
 }
 
@@ -67,7 +67,7 @@ const EACH: &str = "
 
 const CREATED: &str = "frames_created";
 
-// The uploaded bytes are not in the row; the entry has their hash besides.
+// The row has no uploaded bytes. `insert` adds their hash to the entry.
 fn as_created(row: &FramesRow) -> Value {
     json!({"robot_id": row.robot_id, "content_type": row.content_type, "created_at_ms": row.created_at_ms,
         "result_sha256": canonical::sha256_hex(row.result_json.as_bytes())})

@@ -1,7 +1,7 @@
 //! `FromRow` without sqlx's derive: its macro crate would build both drivers, SQLite included, a second time.
 
-/// Implements `FromRow` of a struct whose columns have its fields' names. `parsed` fields are read as text and converted by `TryFrom<String>`;
-/// `nested` fields are rows of their own among the same columns.
+/// Implements `FromRow` for a struct. Columns have the names of its fields. `parsed` fields are read as text and converted by
+/// `TryFrom<String>`; `nested` fields are structs that are read from the same row.
 macro_rules! from_row {
     ($row:ident { $($field:ident),* $(,)? } $(parsed { $($parsed:ident),* $(,)? })? $(nested { $($nested:ident),* $(,)? })?) => {
         impl<'r> sqlx::FromRow<'r, sqlx::any::AnyRow> for $row {
@@ -17,10 +17,10 @@ macro_rules! from_row {
 }
 pub(crate) use from_row;
 
-/// A text column that is converted.
+/// Reads a text column and converts it.
 ///
 /// # Errors
-/// If the column is missing, no text, or cannot be converted.
+/// If the column is missing, is no text, or cannot be converted.
 pub(crate) fn parse<T: TryFrom<String, Error = String>>(
     row: &sqlx::any::AnyRow,
     column: &str,

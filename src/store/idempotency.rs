@@ -1,4 +1,4 @@
-//! `Idempotency-Key`: the claim on the key, the effect and the answer are one transaction.
+//! `Idempotency-Key`: one transaction claims the key, runs the effect and stores the answer.
 
 use serde_json::{Value, json};
 use sqlx::any::AnyRow;
@@ -10,7 +10,7 @@ use crate::wire::canonical;
 /// One use of an `Idempotency-Key`.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct IdempotencyScope {
-    /// Whose request it is.
+    /// Who sent the request: the id of an API key.
     pub holder: String,
     /// The request's method.
     pub method: String,
@@ -18,11 +18,11 @@ pub struct IdempotencyScope {
     pub path: String,
     /// The client's key.
     pub key: String,
-    /// Of the request's body, hexadecimal: another body must not use the key again.
+    /// SHA-256 of the request, hexadecimal. Another request must not use the key again.
     pub request_sha256: String,
 }
 
-/// An answer, as it is given again.
+/// An answer that a retry receives again.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct StoredResponse {
     /// The HTTP status.
@@ -40,18 +40,18 @@ pub struct StoredResponse {
 pub enum IdempotentOutcome {
     /// It took effect now.
     Fresh(StoredResponse),
-    /// It had taken effect before; this is the answer of that time.
+    /// It took effect earlier; this is the first answer.
     Replay(StoredResponse),
-    /// The key was used for another body; nothing was done.
+    /// The key was used for another request; nothing was done.
     Reused,
 }
 
-/// Keys are forgotten after a week: long enough for a cell PC that was switched off over a weekend.
+/// Age at which keys are deleted: a week, so that a cell PC can be switched off over a weekend.
 const KEPT_MS: i64 = 7 * 24 * 3600 * 1000;
 
 pub(super) const ALL_QUERIES: &[&str] = &[CLAIM, ANSWER, FIND, FORGET_OLD];
 
-// Waits for another open transaction with the same claim.
+// Waits if another open transaction claims the same key.
 const CLAIM: &str = "
     insert into idempotency (key_holder, method, path, idempotency_key, request_sha256, created_at_ms)
     values ($1, $2, $3, $4, $5, (select now_ms from clock))
@@ -84,13 +84,13 @@ impl Store {
         tx.commit().await
     }
 
-    /// Runs `effect` in a transaction, and with a scope at most once for it: a second request gets the first one's answer.
-    /// If `effect` fails, nothing was done and the key is free.
+    /// Runs `effect` in a transaction. With a scope it runs at most once: a second request gets the first answer.
+    /// If `effect` fails, the transaction is rolled back and the key is free.
     ///
-    /// `effect` must not wait for anything but the database: on SQLite other writers wait for it.
+    /// `effect` may wait for the database only: on SQLite all other writers wait for it.
     ///
     /// # Errors
-    /// What `effect` returns, [`Error::Database`].
+    /// Those of `effect`, [`Error::Database`].
     pub async fn create_idempotent<E, F>(
         &self,
         scope: Option<&IdempotencyScope>,
@@ -157,10 +157,10 @@ async fn answer(tx: &mut Tx, scope: &IdempotencyScope, response: &StoredResponse
     Ok(())
 }
 
-/// Field of the effect's last audit entry that holds the hash of the answer.
+/// Field of the effect's last audit entry with both [`hashes`].
 const NOTED_AS: &str = "answered";
 
-/// Hash of an Idempotency-Key with its request and answer.
+/// Hash of the key with its holder, method and path; hash of the request with its answer.
 pub(super) fn hashes(scope: &IdempotencyScope, response: &StoredResponse) -> (String, String) {
     let request = json!([scope.holder, scope.method, scope.path, scope.key]);
     let body_sha256 = canonical::sha256_hex(&response.body);
@@ -177,13 +177,13 @@ pub(super) fn hashes(scope: &IdempotencyScope, response: &StoredResponse) -> (St
     )
 }
 
-/// Both hashes, as an entry has them.
+/// Both hashes as stored in an audit entry.
 pub(super) fn answer_noted(detail: &Value) -> Option<(String, String)> {
     let hash = |at: usize| detail.get(NOTED_AS)?.get(at)?.as_str().map(str::to_owned);
     Some((hash(0)?, hash(1)?))
 }
 
-/// A key with its answer; none where a request was begun and not answered.
+/// A key with its answer; the answer is none if the request has begun and was not answered.
 #[derive(Debug)]
 pub(super) struct Answered {
     pub(super) scope: IdempotencyScope,
@@ -200,14 +200,14 @@ impl FromRow<'_, AnyRow> for Answered {
             request_sha256: row.try_get("request_sha256")?,
         };
         let answer = match row.try_get::<Option<i64>, _>("status")? {
-            // What is no status at all is not the one that was given.
+            // A number that is no HTTP status differs from the answer that was sent.
             Some(status) => Some(StoredResponse {
                 status: u16::try_from(status).unwrap_or_default(),
                 location: row.try_get("location")?,
                 content_type: row
                     .try_get::<Option<_>, _>("content_type")?
                     .unwrap_or_default(),
-                // SQLite takes text for bytes: not what was given either.
+                // SQLite may hold text in this column: it differs from the bytes that were sent.
                 body: row
                     .try_get::<Option<_>, _>("response_body")
                     .ok()

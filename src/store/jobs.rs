@@ -1,4 +1,4 @@
-//! Jobs: what was asked, how far it is, what came out. How a worker holds one is in [`super::leases`].
+//! Jobs: request, progress and result. [`super::leases`] has what workers do with them.
 
 use serde_json::{Value, json};
 
@@ -24,39 +24,39 @@ pub struct JobRow {
     pub frames_id: Option<String>,
     /// The network to start from, chosen when the job was posted.
     pub network_input_id: Option<String>,
-    /// The residual network whose training its own goes on from, chosen when the job was posted.
+    /// The residual network from which training continues, chosen when the job was posted.
     pub residual_network_input_id: Option<String>,
     /// The parameter set to start from or to verify, chosen when the job was posted.
     pub parameter_set_input_id: Option<String>,
     /// `identify` or `verify`.
     pub kind: String,
-    /// The method asked for.
+    /// The requested method.
     pub method: String,
-    /// The whole request.
+    /// The whole request in JSON.
     pub request_json: String,
-    /// Where it is in its life.
+    /// Its state.
     pub status: JobStatus,
-    /// Higher ones first.
+    /// Jobs with a higher number run first.
     pub priority: i64,
-    /// How often it was begun; attempts handed back do not count, nor those of an embedded server that was restarted.
+    /// Number of attempts. Attempts that were handed back, or ended by a restart of an embedded server, do not count.
     pub attempt: i64,
     /// The worker that has or had it.
     pub owner: Option<String>,
-    /// Until when that worker has it, if it does not renew.
+    /// End of that worker's lease, unless it is renewed.
     pub lease_until_ms: Option<i64>,
-    /// When its cancellation was asked for.
+    /// When its cancellation was requested.
     pub cancel_requested_at_ms: Option<i64>,
-    /// How far this attempt is.
+    /// Progress of this attempt in JSON.
     pub progress_json: Option<String>,
     /// Why it failed.
     pub error_json: Option<String>,
-    /// Of its result.
+    /// Hash of its result.
     pub result_sha256: Option<String>,
-    /// The parameter set that it made.
+    /// The parameter set that it identified.
     pub parameter_set_id: Option<String>,
-    /// The network that it made.
+    /// The network that it trained.
     pub network_id: Option<String>,
-    /// The residual network that it kept.
+    /// The residual network that it trained.
     pub residual_network_id: Option<String>,
     /// When it was posted.
     pub created_at_ms: i64,
@@ -68,7 +68,7 @@ pub struct JobRow {
 
 from_row!(JobRow { id, robot_id, measurement_set_id, verify_set_id, frames_id, network_input_id, residual_network_input_id, parameter_set_input_id, kind, method, request_json, priority, attempt, owner, lease_until_ms, cancel_requested_at_ms, progress_json, error_json, result_sha256, parameter_set_id, network_id, residual_network_id, created_at_ms, started_at_ms, finished_at_ms } parsed { status });
 
-/// A job to be stored. Everything its result depends on is named here, so that every attempt computes the same.
+/// A job to be stored. It names everything that its result depends on, so that every attempt computes the same result.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct NewJob {
     /// Its robot.
@@ -81,19 +81,19 @@ pub struct NewJob {
     pub frames_id: Option<String>,
     /// The network to start from.
     pub network_input_id: Option<String>,
-    /// The residual network whose training its own goes on from.
+    /// The residual network from which training continues.
     pub residual_network_input_id: Option<String>,
     /// The parameter set to start from or to verify.
     pub parameter_set_input_id: Option<String>,
     /// `identify` or `verify`.
     pub kind: String,
-    /// The method asked for.
+    /// The requested method.
     pub method: String,
-    /// The whole request.
+    /// The whole request in JSON.
     pub request_json: String,
-    /// Higher ones first; 0 is usual.
+    /// Jobs with a higher number run first; usually 0.
     pub priority: i64,
-    /// Who posts it: clients are served in turn.
+    /// Who posts it. Clients take turns.
     pub client: String,
 }
 
@@ -123,8 +123,8 @@ pub(super) const ALL_QUERIES: &[&str] = &[
     EACH,
 ];
 
-// Its turn is the one after the client's last that waits, and never before the turn that is being served: who has not posted for a while
-// does not hold back the others now.
+// The turn follows that of the client's last waiting job, and is not before the first waiting turn of all clients. A client that was idle
+// thus does not overtake the others with many jobs.
 const INSERT: &str = concat!(
     "insert into job (id, robot_id, measurement_set_id, verify_set_id, frames_id, network_input_id,
         residual_network_input_id, parameter_set_input_id, kind, method, request_json, priority, client, turn, status, attempt,
@@ -180,7 +180,7 @@ const EACH: &str = concat!(
 const CREATED: &str = "job_created";
 pub(super) const FAILED: &str = "job_failed";
 
-/// A job with who posted it.
+/// A job with the client that posted it.
 #[derive(Debug)]
 pub(super) struct Posted {
     client: String,
@@ -231,11 +231,11 @@ impl Audited for Posted {
     }
 }
 
-/// Stores a job as queued, unless `limit` jobs of its robot wait already; on PostgreSQL those who post at the same moment may go beyond it by
-/// as many as they are. What it names has to be committed: workers read it while they commit their claim of the job.
+/// Stores a job as queued, unless `limit` jobs of its robot wait already. On PostgreSQL clients that post at the same moment may exceed the
+/// limit by one job each. Everything that the job names must be committed, because workers read it while they claim the job.
 ///
 /// # Errors
-/// [`Conflict::QueueFull`], [`Error::NotFound`] if something it names does not exist, [`Error::Database`].
+/// [`Conflict::QueueFull`], [`Error::NotFound`] if something that it names does not exist, [`Error::Database`].
 pub async fn insert(tx: &mut Tx, new: &NewJob, limit: Option<i64>) -> Result<JobRow> {
     tx.needs_room()?;
     let id = new_id("job");
@@ -325,7 +325,7 @@ async fn document(store: &Store, query: &'static str, id: &str) -> Result<String
     document.ok_or(Conflict::JobStatus { status }.into())
 }
 
-/// Whether any job waits.
+/// Whether any job is queued.
 ///
 /// # Errors
 /// [`Error::Database`].
@@ -336,7 +336,7 @@ pub async fn any_queued(store: &Store) -> Result<bool> {
     Ok(one.is_some())
 }
 
-/// Whether a job waits under which a process died.
+/// Whether a suspect is queued: a job during which a process died.
 ///
 /// # Errors
 /// [`Error::Database`].
@@ -364,7 +364,7 @@ pub async fn queued_and_running(store: &Store) -> Result<(i64, i64)> {
     Ok((of(JobStatus::Queued), of(JobStatus::Running)))
 }
 
-/// Cancels a job: at once if it waits; if it runs, its worker is told with its next heartbeat. One that is over stays as it is.
+/// Cancels a job. A queued one is cancelled at once; the worker of a running one sees the request at its next heartbeat. An ended job stays.
 ///
 /// # Errors
 /// [`Error::NotFound`], [`Error::Database`].

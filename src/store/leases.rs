@@ -1,5 +1,5 @@
-//! How a worker holds a job. Every update carries the fencing token (owner, attempt), so that a worker that was stopped
-//! and resumed, or cut off, cannot touch a job that is not its own any more.
+//! Leases of workers on jobs. Every update carries the fencing token (owner, attempt), so a worker that was stopped and resumed, or cut off,
+//! cannot change a job that it has lost.
 
 use std::time::Duration;
 
@@ -8,19 +8,19 @@ use serde_json::json;
 use super::{Conflict, Engine, JobRow, Result, Store, Tx, jobs};
 use crate::wire::canonical;
 
-/// A worker's hold on a job: the fencing token.
+/// A worker's lease on a job: the fencing token.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Lease {
     /// The job.
     pub job_id: String,
-    /// The worker; a new name at every start.
+    /// The worker; it gets a new name at every start.
     pub owner: String,
-    /// Which attempt this is, from 1.
+    /// Number of the attempt, from 1.
     pub attempt: i64,
 }
 
 impl Lease {
-    /// The hold that this claim of the job gives.
+    /// The lease of `owner` on a job that it has claimed.
     pub fn new(job: &JobRow, owner: &str) -> Lease {
         Lease {
             job_id: job.id.clone(),
@@ -30,31 +30,31 @@ impl Lease {
     }
 }
 
-/// What a worker hears when it renews its lease.
+/// Answer to a worker that renews its lease.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Heartbeat {
-    /// Somebody wants the job cancelled.
+    /// Whether cancellation of the job was requested.
     pub cancel_requested: bool,
 }
 
-/// What became of the jobs whose leases ran out.
+/// Ids of the jobs whose leases expired, by their new state.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Expired {
-    /// Waiting again.
+    /// Queued again.
     pub queued: Vec<String>,
-    /// Out of attempts.
+    /// Failed, because they have no attempts left.
     pub failed: Vec<String>,
-    /// Somebody had wanted them cancelled.
+    /// Cancelled, because that was requested.
     pub cancelled: Vec<String>,
 }
 
-/// Which of the waiting jobs to take. A suspect is a job under which a process died. It is only claimed by a process that runs nothing
-/// else beside it, so that the next death blames exactly one job.
+/// Which of the waiting jobs to take. A suspect is a job during which a process died. Only a process that computes nothing else may claim one,
+/// so that the next death blames exactly one job.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Which {
-    /// No process died under it.
+    /// Jobs during which no process died.
     Unsuspected,
-    /// A process died under it, or was cut off from the database for longer than the lease.
+    /// Jobs during which a process died, or was cut off from the database for longer than the lease.
     Suspect,
 }
 
@@ -75,7 +75,7 @@ macro_rules! claim {
     };
 }
 
-/// The fencing condition: this job, if this worker still has it in this attempt.
+/// The fencing condition: the job is still running, with this owner and this attempt.
 macro_rules! fenced {
     ($update:literal) => {
         concat!(
@@ -96,15 +96,15 @@ macro_rules! expired {
     };
 }
 
-/// 1 if the lease ran out by itself: the process died, or was frozen or cut off. [`GIVE_UP`] sets the lease to 0.
+/// 1 if the lease expired because the process died, froze or was cut off. [`GIVE_UP`] sets the lease to 0 instead.
 macro_rules! died {
     () => {
         "(case when lease_until_ms > 0 then 1 else 0 end)"
     };
 }
 
-/// The attempts that count against the limit: those that the job itself ended, by a panic or by taking too long. The number of an attempt under
-/// which a process died stays, as part of the fence against a worker that is only frozen; the deaths are subtracted.
+/// Number of attempts that count against the limit: those that the job itself ended, by a panic or by taking too long. `attempt` also counts
+/// those during which a process died, because a frozen worker may resume and must not have a valid number. So the deaths are subtracted.
 macro_rules! spent {
     () => {
         concat!("(attempt - deaths - ", died!(), ")")
@@ -129,7 +129,7 @@ pub(super) const ALL_QUERIES: &[&str] = &[
 
 const CLAIM_SQLITE: &str = claim!("= 0", "");
 const CLAIM_SUSPECT_SQLITE: &str = claim!("> 0", "");
-// `skip locked`: workers that claim at the same moment do not wait for the same row.
+// `skip locked`: workers that claim at the same moment take different rows instead of waiting.
 const CLAIM_POSTGRES: &str = claim!("= 0", " for update skip locked");
 const CLAIM_SUSPECT_POSTGRES: &str = claim!("> 0", " for update skip locked");
 
@@ -203,17 +203,16 @@ const EXPIRE_QUEUED: &str = expired!(
     concat!(spent!(), " < $1 and deaths + ", died!(), " <= $2")
 );
 
-// The workers are known to be dead, so the numbers of their attempts are given back. The lease is not set to 0: that would say that the jobs
-// gave up.
+// The workers are dead, so the numbers of their attempts can be used again. The lease is set to 1, because 0 means that the worker gave up.
 const END_ALL: &str = "update job set attempt = attempt - 1, lease_until_ms = 1 where status = 'running' and lease_until_ms > 0";
 
-/// How often a process may die under a job that it runs alone, before the job is given up. A death is not the job's fault as a rule, so it uses
-/// up no attempt; but a job that overflows the stack kills every process that computes it, and has to end too. The first death is not
-/// counted: other jobs may have run beside it. Later ones are, as suspects run alone.
+/// Number of deaths of a process that computes only this job, before the job is given up. A death is usually not the job's fault and uses up no
+/// attempt. But a job that overflows the stack kills every process that computes it, and must end too. The first death is not counted, because
+/// other jobs may have run in that process; later ones are, because suspects run alone.
 pub const MAX_DEATHS_ALONE: i64 = 5;
 
-/// Takes the next waiting job: the highest priority, the client whose turn it is; among suspects first those under which fewest processes died.
-/// It is the worker's once the transaction is committed. A suspect may only be asked for by a process that runs nothing else.
+/// Takes the next waiting job: first by priority, then by turn; suspects first by the number of deaths. The worker has the job when the
+/// transaction is committed. Only a process that computes nothing else may ask for a suspect.
 ///
 /// # Errors
 /// [`super::Error::Database`].
@@ -236,7 +235,7 @@ pub async fn claim_in(
         .await?)
 }
 
-/// Takes the next waiting job, suspects last, in a transaction of its own, for those who do not go on with it at once: tests and studies.
+/// Takes the next waiting job, suspects last, in its own transaction. For tests and studies.
 ///
 /// # Errors
 /// [`super::Error::Database`].
@@ -354,7 +353,7 @@ pub async fn hand_back(tx: &mut Tx, lease: &Lease) -> Result<()> {
     Ok(())
 }
 
-/// Ends the lease without a result; the attempt counts.
+/// Ends the lease without a result. The attempt counts.
 ///
 /// # Errors
 /// [`Conflict::LeaseLost`], [`super::Error::Database`].
@@ -371,13 +370,13 @@ fn note(tx: &mut Tx, lease: &Lease, event: &'static str, detail: serde_json::Val
     tx.note(event, &lease.job_id, detail);
 }
 
-/// Takes jobs from workers that did not renew: back into the queue, as suspects, or to their end with `exhausted_json`. They end if they used up
-/// `max_attempts` themselves, or if a process died under them [`MAX_DEATHS_ALONE`] times while it ran nothing else.
+/// Takes jobs from workers that did not renew their leases. A job is queued again as a suspect, or fails with `exhausted_json`: after
+/// `max_attempts` attempts that it ended itself, or [`MAX_DEATHS_ALONE`] deaths of a process that computed only this job.
 ///
 /// # Errors
 /// [`super::Error::Database`].
 pub async fn expire(store: &Store, max_attempts: i64, exhausted_json: &str) -> Result<Expired> {
-    // A read first: usually there are none, and a read needs no write lock.
+    // Usually none has expired, and a read needs no write lock.
     let n_expired: i64 = sqlx::query_scalar(N_EXPIRED)
         .fetch_one(store.reads())
         .await?;
@@ -413,7 +412,7 @@ pub async fn expire(store: &Store, max_attempts: i64, exhausted_json: &str) -> R
     })
 }
 
-/// Ends every lease. For the process that has locked the data directory: earlier workers are dead.
+/// Ends every lease. Only for the process that has locked the data directory: all earlier workers are dead.
 pub(super) async fn end_all(store: &Store) -> Result<()> {
     let mut tx = store.begin().await?;
     sqlx::query(END_ALL).execute(tx.connection()).await?;

@@ -1,4 +1,4 @@
-//! Measurement sets: what was uploaded, byte for byte, and what was found out about it.
+//! Measurement sets: the uploaded bytes and what was computed from them.
 
 use serde_json::{Value, json};
 use sqlx::{FromRow, Row};
@@ -16,29 +16,29 @@ pub struct MeasurementSetRow {
     pub id: String,
     /// Its robot.
     pub robot_id: String,
-    /// Need not be unique.
+    /// Its name; need not be unique.
     pub name: Option<String>,
     /// `base` or `instrument`.
     pub frame: String,
-    /// The upload's own media type.
+    /// Media type of the upload.
     pub content_type: String,
-    /// Of the uploaded bytes, hexadecimal.
+    /// SHA-256 of the uploaded bytes, hexadecimal.
     pub sha256: String,
-    /// How many points.
+    /// Number of points.
     pub n_points: i64,
-    /// How many arm configurations.
+    /// Number of arm configurations.
     pub n_configurations: i64,
-    /// How many targets on the tool.
+    /// Number of targets on the tool.
     pub n_targets: i64,
-    /// The list of warnings.
+    /// JSON list of warnings.
     pub warnings_json: String,
     /// When it was stored.
     pub created_at_ms: i64,
-    /// Who uploaded it: the id of a key.
+    /// Id of the key that uploaded it.
     pub uploaded_by: Option<String>,
     /// The serial number that the uploader stated.
     pub serial_number: Option<String>,
-    /// The code of the suspicion that the uploader insisted on: no release rests on such a set.
+    /// Code of the suspicion that the uploader overrode with `insist`. No release rests on such a set.
     pub insisted_on: Option<String>,
 }
 
@@ -64,29 +64,29 @@ from_row!(MeasurementSetRow {
 pub struct NewMeasurementSet {
     /// Its robot.
     pub robot_id: String,
-    /// Need not be unique.
+    /// Its name; need not be unique.
     pub name: Option<String>,
     /// `base` or `instrument`.
     pub frame: String,
-    /// The upload's own media type.
+    /// Media type of the upload.
     pub content_type: String,
     /// The uploaded bytes.
     pub body: Vec<u8>,
-    /// Of the uploaded bytes, hexadecimal.
+    /// SHA-256 of the uploaded bytes, hexadecimal.
     pub sha256: String,
-    /// How many points.
+    /// Number of points.
     pub n_points: i64,
-    /// How many arm configurations.
+    /// Number of arm configurations.
     pub n_configurations: i64,
-    /// How many targets on the tool.
+    /// Number of targets on the tool.
     pub n_targets: i64,
-    /// The list of warnings.
+    /// JSON list of warnings.
     pub warnings_json: String,
-    /// Who uploads it: the id of a key.
+    /// Id of the key that uploads it.
     pub uploaded_by: Option<String>,
     /// The serial number that the uploader states.
     pub serial_number: Option<String>,
-    /// The code of the suspicion that the uploader insists on.
+    /// Code of the suspicion that the uploader overrides with `insist`.
     pub insisted_on: Option<String>,
 }
 
@@ -109,7 +109,7 @@ const INSERT: &str = concat!(
 
 const GET: &str = concat!("select ", columns!(), " from measurement_set where id = $1");
 
-// Large ones are read apart: see `Store::reads_much`.
+// Leaves out bodies over 1 MiB; `get_with_body` reads them with a second query.
 const GET_WITH_BODY: &str = concat!(
     "select case when length(body) <= 1048576 then body end as body, ",
     columns!(),
@@ -146,7 +146,7 @@ fn as_created(row: &MeasurementSetRow) -> Value {
     ]);
     let mut created = json!({"robot_id": row.robot_id, "sha256": row.sha256, "frame": row.frame, "content_type": row.content_type,
         "serial_number": row.serial_number, "uploaded_by": row.uploaded_by, "rest_sha256": canonical::sha256_hex(rest.to_string().as_bytes())});
-    // entries of sets from before there was insisting have no such field
+    // Entries that are older than `insist` do not have this field.
     if let Some(code) = &row.insisted_on {
         created["insisted_on"] = json!(code);
     }
@@ -161,7 +161,7 @@ impl Audited for MeasurementSetRow {
     }
 
     fn expected_entries(&self) -> Vec<ExpectedEntry> {
-        // The chain is older than the column: sets from between have an entry and no uploader.
+        // The column `uploaded_by` is newer than the chain, so some older sets have an entry and no uploader.
         let by = self.uploaded_by.is_some().then_some("uploaded_by");
         vec![ExpectedEntry {
             by,
@@ -207,7 +207,7 @@ pub async fn get(store: &Store, id: &str) -> Result<MeasurementSetRow> {
         .await?)
 }
 
-/// One measurement set with its bytes.
+/// One measurement set with the uploaded bytes.
 ///
 /// # Errors
 /// [`super::Error::NotFound`], [`super::Error::Database`].

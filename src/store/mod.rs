@@ -1,12 +1,12 @@
-//! Everything that is kept, and all SQL: one file per table, on SQLite or PostgreSQL.
+//! The database, SQLite or PostgreSQL, and all SQL: one file per table.
 //!
-//! Reads take `&Store`. Writes take `&mut Tx`, so that several of them become one effect; [`Store::create_idempotent`]
-//! makes such an effect happen once per `Idempotency-Key`. The store does not look into documents (`*_json`) and keeps
-//! uploads as the bytes that came. Times are epoch milliseconds by the database's clock.
+//! Reads take `&Store`. Writes take `&mut Tx`, so several writes can be one transaction; [`Store::create_idempotent`] runs such a transaction
+//! once per `Idempotency-Key`. The store does not parse documents (`*_json`) and stores uploads byte for byte. Times are epoch milliseconds by
+//! the database's clock.
 //!
-//! SQL is `&'static str`, the same text for both engines wherever possible, and limited to the column types that pass
-//! through sqlx's `Any`: text, bigint, blob. [`all_queries`] lists it so that a test can prepare every one on both. A limit that
-//! is bound is written `limit cast($1 as bigint)`: into a bare one SQLite looks when it plans, and so it plans at every use.
+//! SQL is `&'static str`, the same text for both engines wherever possible. It uses only column types that sqlx's `Any` supports: text, bigint,
+//! double, blob. [`all_queries`] lists all texts, so that a test can prepare each on both engines. A bound limit is written
+//! `limit cast($1 as bigint)`: with a bare `limit $1` SQLite plans the query anew at each use, because the plan depends on the value.
 
 pub mod api_keys;
 pub mod audit;
@@ -56,7 +56,7 @@ pub use verifications::VerificationRow;
 pub use crate::wire::job::JobStatus;
 pub use crate::wire::parameter_set::ParameterSetStatus;
 
-/// Every SQL text of the store that the engine gets to see.
+/// Every SQL text that the store uses on this engine.
 pub fn all_queries(engine: Engine) -> Vec<&'static str> {
     let own = match engine {
         Engine::Sqlite => [

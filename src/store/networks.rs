@@ -1,5 +1,4 @@
-//! Trained networks, at most one of each kind per job. Networks of link parameters and residual networks have tables of their own; lists show
-//! both.
+//! Trained networks, at most one of each kind per job. Networks of link parameters and residual networks are in two tables; lists have both.
 
 use serde_json::{Value, json};
 
@@ -22,9 +21,9 @@ pub struct NetworkRow {
     pub model: String,
     /// The preset of that job.
     pub preset: String,
-    /// What else is known about it, its kind first of all.
+    /// Further facts in JSON, among them its kind.
     pub metadata_json: String,
-    /// Of the weights, hexadecimal.
+    /// SHA-256 of the tensors, hexadecimal.
     pub weights_sha256: String,
     /// When it was stored.
     pub created_at_ms: i64,
@@ -48,11 +47,11 @@ pub struct NewNetwork {
     pub model: String,
     /// The preset of that job.
     pub preset: String,
-    /// What else is known about it, its kind first of all.
+    /// Further facts in JSON, among them its kind.
     pub metadata_json: String,
-    /// Safetensors.
+    /// The weights in safetensors format.
     pub weights: Vec<u8>,
-    /// Of the weights, hexadecimal.
+    /// SHA-256 of the tensors, hexadecimal.
     pub weights_sha256: String,
 }
 
@@ -138,7 +137,7 @@ const EACH: &str = concat!(
 
 const CREATED: &str = "network_created";
 
-// The weights are not in the row; the entry has their hash besides. `weights_sha256` is of the tensors in them.
+// The row has no weights. `insert` adds the hash of the safetensors file to the entry; `weights_sha256` is the hash of the tensors in it.
 fn as_created(row: &NetworkRow) -> Value {
     json!({"robot_id": row.robot_id, "job_id": row.job_id, "model": row.model, "preset": row.preset, "created_at_ms": row.created_at_ms,
         "weights_sha256": row.weights_sha256, "metadata_sha256": canonical::sha256_hex(row.metadata_json.as_bytes())})
@@ -238,7 +237,8 @@ pub async fn newest(
         .await?)
 }
 
-/// Id, weights and set of the robot's newest residual networks that were not trained on the bytes of this hash, newest first, at most `limit`.
+/// Id, weights and measurement set of the robot's newest residual networks, newest first, at most `limit`. Leaves out networks that were
+/// trained on the upload with this hash.
 ///
 /// # Errors
 /// [`super::Error::Database`].
@@ -248,7 +248,7 @@ pub async fn newest_residual(
     set_sha256: &str,
     limit: i64,
 ) -> Result<Vec<(String, Vec<u8>, String)>> {
-    // Most robots have none.
+    // A cheap query first: most robots have no residual network.
     let is_one: Option<i64> = sqlx::query_scalar(IS_RESIDUAL)
         .bind(robot_id)
         .fetch_optional(store.reads())

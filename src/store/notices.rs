@@ -1,4 +1,4 @@
-//! LISTEN and NOTIFY between the processes on one PostgreSQL. A notice only saves waiting: listeners poll in case one is lost.
+//! LISTEN and NOTIFY between the processes on one PostgreSQL. Notices only shorten waiting: listeners also poll, because one may be lost.
 
 use sqlx::postgres::PgListener;
 
@@ -21,7 +21,7 @@ impl Notices {
     /// The next notice; none after a reconnection, when notices may have been missed.
     ///
     /// # Errors
-    /// [`super::Error::Database`] if the connection cannot be made anew.
+    /// [`super::Error::Database`] if it cannot reconnect.
     pub async fn next(&mut self) -> Result<Option<String>> {
         Ok(self
             .listener

@@ -88,7 +88,7 @@ const MIGRATIONS: &[(i64, &str, &str, &str)] = &[
     ),
 ];
 
-/// Version of the migration that rewrites the job table on SQLite.
+/// Version of the migration that rewrites the job table on SQLite, so that reports are the last columns.
 const LAID_OUT: i64 = 7;
 
 pub(super) const QUERIES_SQLITE: &[&str] = &[HAS_JOBS, JOB_BYTES];
@@ -102,40 +102,42 @@ const JOB_BYTES: &str = "
 const PRIVATE_DIR: u32 = 0o700;
 /// Permissions of the files in it.
 const PRIVATE_FILE: u32 = 0o600;
-/// Rights of everybody but the owner.
+/// Permissions of everybody but the owner.
 const OTHERS: u32 = 0o077;
-/// Older ones can corrupt a database in WAL mode.
+/// Oldest version that is accepted: older ones can corrupt a database in WAL mode.
 const OLDEST_SQLITE: (u32, u32, u32) = (3, 51, 3);
-/// SQLite's readers do not wait for each other; more connections than this only cost memory.
+/// Connections that read. SQLite's readers do not wait for each other; more connections only cost memory.
 const SQLITE_READERS: u32 = 8;
-/// Per process; a PostgreSQL server takes 100 connections unless told otherwise.
+/// Connections per process. A PostgreSQL server accepts 100 by default.
 const POSTGRES_CONNECTIONS: u32 = 16;
-/// Connections of these that may write: writers that wait for a lock must leave some to readers.
+/// Connections of these that may write. Writers that wait for a lock must leave some for readers.
 const POSTGRES_WRITERS: usize = 12;
-/// A node that is frozen, paused or cut off must not stop the writes of the others for longer than 10 s.
+/// Timeouts with which a node that is frozen, paused or cut off stops the writes of the other nodes for less than 10 s.
 ///
-/// `lock_timeout` is the longest wait for somebody else's lock: then it is the client's turn to come back. It counts anew for each lock, and who
-/// waits for a row may wait for two: a place in the row's queue, and the row. A frozen node's transactions that waited have therefore ended after
-/// 4 s, before the 5 s after which one that holds the row ends for being idle: none of them takes it over for another 5 s. One that got the row
-/// from another node after 4 s holds it until 9 s. The time for which a transaction may be idle includes that of receiving a statement, so the
-/// network has to carry the largest upload in it: 32 MiB in 5 s. A node that does not take its answer, or whose machine does not answer at all,
-/// is told by TCP: 5 s and three probes 1 s apart, or 8 s for what was sent.
+/// - `lock_timeout`: longest wait for one lock; then the request fails, and the client tries again. A write to a row may wait for two locks, the
+///   place in the row's queue and the row itself: 4 s.
+/// - `idle_in_transaction_session_timeout`: longest time for which a frozen node's transaction keeps its locks. It is longer than 4 s: when the
+///   transaction ends, the others of the frozen node that waited for the row have failed, and none of them takes it for another 5 s. If one of
+///   them gets the row from another node after 4 s, it holds the row until 9 s after the freeze. Receiving a statement counts as idle, so the
+///   network must carry the largest upload, 32 MiB, within 5 s.
+/// - TCP: detects a node that does not read its answer (8 s), or whose machine does not respond (5 s and three probes 1 s apart).
 const POSTGRES_SETTINGS: &str = "set lock_timeout = '2s'; set idle_in_transaction_session_timeout = '5s'; \
     set tcp_keepalives_idle = 5; set tcp_keepalives_interval = 1; set tcp_keepalives_count = 3; set tcp_user_timeout = '8s'";
-/// Longest wait for another node that runs the same migration.
+/// No limits while a node migrates the schema: it may wait for another node that runs the same migration.
 const POSTGRES_SETTINGS_TO_MIGRATE: &str =
     "set lock_timeout = 0; set idle_in_transaction_session_timeout = 0";
-/// Longest wait of a request for a connection; then it is 503.
+/// Longest wait of a request for a connection that reads; then the answer is 503.
 const ACQUIRE_TIMEOUT: Duration = Duration::from_secs(5);
-/// WAL and FULL: what was acknowledged survives power loss. The busy timeout (ms) is for locks of tools beside the server.
+/// WAL and FULL: an acknowledged write survives power loss. The busy timeout (ms) is for locks of other programs, such as `kincal key`: the
+/// server's own writers queue for one connection, for [`WRITER_TIMEOUT`] at most.
 pub(super) const SQLITE_PRAGMAS: &str = "pragma busy_timeout = 3000; pragma journal_mode = wal; pragma synchronous = full; pragma foreign_keys = on";
 
 impl Store {
-    /// Opens the database as a server does: brings its schema up to date and, on SQLite, takes the data directory
-    /// for itself and ends the leases of the process that had it before, which is dead.
+    /// Opens the database for a server: updates its schema and, on SQLite, locks the data directory and ends the leases of the process that had
+    /// it before, which is dead.
     ///
     /// # Errors
-    /// [`Error::Open`] saying what is wrong (data directory in use, SQLite too old, …), [`Error::Database`].
+    /// [`Error::Open`] (data directory in use, SQLite too old, …), [`Error::Database`].
     pub async fn open(location: StoreLocation) -> Result<Store> {
         as_server(location).await
     }
@@ -143,7 +145,7 @@ impl Store {
     /// Opens the database for a short-lived tool (`kincal key …`) that may run beside the server.
     ///
     /// # Errors
-    /// As [`Store::open`], except that a data directory in use is no reason to refuse.
+    /// As [`Store::open`], but a data directory in use is accepted.
     pub async fn open_beside_a_server(location: StoreLocation) -> Result<Store> {
         beside_a_server(location).await
     }
@@ -295,8 +297,8 @@ async fn connect_sqlite(
     let readers = options.clone().max_connections(SQLITE_READERS);
     let pool = connect(readers, &url, SQLITE_PRAGMAS).await?;
     refuse_old_sqlite(&pool).await?;
-    // Where SQLite itself ended a transaction (disk full), sqlx still counts it as open: such a connection is closed. The rollback of a
-    // dropped transaction is queued; the ping waits for it.
+    // If SQLite itself ended a transaction (disk full), sqlx still counts it as open; then this closes the connection. sqlx queues the rollback
+    // of a dropped transaction, and the ping waits for it.
     let writer = options
         .max_connections(1)
         .acquire_timeout(WRITER_TIMEOUT)
@@ -362,7 +364,7 @@ fn make_data_dir(data_dir: &Path) -> Result<PathBuf> {
     data_dir.canonicalize().map_err(failed)
 }
 
-/// Makes a directory that only its owner can read, if it is missing: it holds measurements, reports and hashes of keys.
+/// Makes a directory that only its owner can read, if it is missing. It will hold measurements, reports and hashes of keys.
 pub(super) fn make_private_dir(dir: &Path) -> std::io::Result<()> {
     DirBuilder::new()
         .recursive(true)
@@ -387,7 +389,7 @@ pub(super) fn make_private_file(file: &Path) -> std::io::Result<()> {
     }
 }
 
-/// A directory that was there already, as older versions made it. Only its owner can change its rights.
+/// Removes the permissions of others from a directory that an older version made. Only its owner can do that.
 fn keep_others_out(data_dir: &Path) {
     let mode = std::fs::metadata(data_dir).map_or(0, |data| data.permissions().mode());
     if mode & OTHERS == 0 {
@@ -398,18 +400,18 @@ fn keep_others_out(data_dir: &Path) {
         Ok(()) => tracing::info!(
             %directory,
             %before,
-            "taken the rights of others to the data directory: it holds measurements, reports and the hashes of keys"
+            "removed the permissions of other users from the data directory: it holds measurements, reports and the hashes of keys"
         ),
         Err(error) => tracing::warn!(
             %directory,
             mode = before,
             %error,
-            "other users of this machine may look into the data directory, and it is not this user's: its owner keeps them out by `chmod 0700`"
+            "other users of this machine can read the data directory, and it belongs to another user: its owner should run `chmod 0700`"
         ),
     }
 }
 
-/// Locks the data directory; none if another process has the lock. The lock ends with the process.
+/// Locks the data directory; none if another process has locked it. The lock ends with the process.
 fn lock(data_dir: &Path) -> Result<Option<File>> {
     let path = data_dir.join(LOCK);
     let failed = |e: std::io::Error| Error::Open {
@@ -429,7 +431,7 @@ fn lock(data_dir: &Path) -> Result<Option<File>> {
     }
 }
 
-/// Step 7 writes all jobs anew: twice into the log, and once into the database beside the old ones.
+/// Checks the disk space for migration 7. It rewrites all jobs: twice into the WAL, and once into the database beside the old rows.
 async fn room_to_lay_jobs_out(store: &Store) -> Result<()> {
     let before: Option<i64> = sqlx::query_scalar(HAS_JOBS).fetch_one(store.pool()).await?;
     let is_ahead = before.is_some() && (1..LAID_OUT).contains(&store.schema_version().await?);
@@ -451,7 +453,7 @@ async fn room_to_lay_jobs_out(store: &Store) -> Result<()> {
     }
     tracing::info!(
         mib = bytes >> 20,
-        "the jobs of this database are laid out anew, once; that may take some seconds for each 100 MiB"
+        "rewriting the job table, once; this takes some seconds for each 100 MiB"
     );
     Ok(())
 }

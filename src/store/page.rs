@@ -1,14 +1,14 @@
-//! Lists, page by page, newest first. Items that existed at the first page come exactly once, whatever is added meanwhile.
+//! Pages of lists, newest first. Items that existed at the first page appear exactly once, even if others are added meanwhile.
 
-/// The most items on one page: a page of summaries stays well under a megabyte.
+/// Most items on one page: a page of summaries stays well under a megabyte.
 pub const MAX_PAGE_SIZE: u32 = 200;
 
-/// Which page of a list.
+/// Request for a page of a list.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PageRequest {
-    /// At most so many items; brought into 1..=[`MAX_PAGE_SIZE`].
+    /// Most items on the page; clamped to 1..=[`MAX_PAGE_SIZE`].
     pub limit: u32,
-    /// Where the page before ended; none for the first page.
+    /// End of the page before; none for the first page.
     pub cursor: Option<Cursor>,
 }
 
@@ -17,18 +17,18 @@ pub struct PageRequest {
 pub struct Page<T> {
     /// The items, newest first.
     pub items: Vec<T>,
-    /// Where the next page begins; none on the last page.
+    /// Cursor of the next page; none on the last page.
     pub next_cursor: Option<Cursor>,
 }
 
-/// The last item of a page. Opaque to clients, who get its text and give it back.
+/// The last item of a page. Clients get its text and send it back unread.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Cursor {
     created_at_ms: i64,
     id: String,
 }
 
-/// The text is not a cursor that this service made.
+/// The text is not a cursor of this service.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("this is not a cursor of this service")]
 pub struct InvalidCursor;
@@ -64,7 +64,7 @@ impl Default for PageRequest {
     }
 }
 
-/// Bind values of a list query: rows before (`created_at_ms`, `id`), one more than the page holds.
+/// Bind values of a list query: rows before (`created_at_ms`, `id`), one more than fits on the page.
 pub(crate) struct Keyset {
     pub(crate) created_at_ms: i64,
     pub(crate) id: String,
@@ -92,7 +92,7 @@ impl PageRequest {
         }
     }
 
-    /// The page from the rows that [`PageRequest::keyset`] asked for.
+    /// The page made of the rows of a query with [`PageRequest::keyset`].
     pub(crate) fn page<T>(&self, mut rows: Vec<T>, key: impl Fn(&T) -> (i64, &str)) -> Page<T> {
         let more = rows.len() > self.limit();
         rows.truncate(self.limit());

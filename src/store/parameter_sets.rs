@@ -1,5 +1,5 @@
-//! Parameter sets: at most one per job, at most one released per robot, none released without its checks; the schema
-//! has a constraint for each.
+//! Parameter sets: at most one per job, at most one released per robot, none released without its checks. The schema has a constraint for
+//! each.
 
 use serde_json::{Value, json};
 
@@ -22,39 +22,39 @@ pub struct ParameterSetRow {
     pub robot_id: String,
     /// The job that identified it.
     pub job_id: String,
-    /// Where it is in its life.
+    /// Its state.
     pub status: ParameterSetStatus,
-    /// The parameters.
+    /// The parameters in JSON.
     pub body_json: String,
-    /// Of the parameters, hexadecimal.
+    /// SHA-256 of the parameters, hexadecimal.
     pub sha256: String,
     /// When it was stored.
     pub created_at_ms: i64,
     /// When it was last released.
     pub released_at_ms: Option<i64>,
-    /// Why it was last released.
+    /// Reason of its last release.
     pub release_reason: Option<String>,
-    /// What was checked before that.
+    /// Gates of its last release, in JSON.
     pub release_checks_json: Option<String>,
-    /// How many gates it passed.
+    /// Number of gates that passed.
     pub release_n_passed: Option<i64>,
-    /// How many it did not pass.
+    /// Number of gates that failed.
     pub release_n_failed: Option<i64>,
     /// When it was withdrawn.
     pub withdrawn_at_ms: Option<i64>,
-    /// Why it was withdrawn.
+    /// Reason of the withdrawal.
     pub withdraw_reason: Option<String>,
     /// Who last released it.
     pub released_by: Option<String>,
     /// Who withdrew it.
     pub withdrawn_by: Option<String>,
-    /// How strong the verification was that the last release rests on.
+    /// Strength of the verification behind its last release.
     pub release_evidence: Option<String>,
-    /// The tool's largest uncertainty that the last release rests on, mm.
+    /// The tool's largest uncertainty over the workspace at its last release, mm.
     pub release_uncertainty_mm: Option<f64>,
-    /// Counts the releases of its robot: of its last one.
+    /// Number of its last release in the robot's count of releases.
     pub release_seq: Option<i64>,
-    /// The set whose place it took with its last release.
+    /// The set that its last release superseded.
     pub supersedes_id: Option<String>,
 }
 
@@ -63,46 +63,45 @@ from_row!(ParameterSetRow { id, robot_id, job_id, body_json, sha256, created_at_
 /// A parameter set to be stored with the job that identified it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NewParameterSet {
-    /// The parameters.
+    /// The parameters in JSON.
     pub body_json: String,
-    /// Of the parameters, hexadecimal.
+    /// SHA-256 of the parameters, hexadecimal.
     pub sha256: String,
 }
 
 /// A release to be written.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Release {
-    /// Which.
+    /// Id of the parameter set.
     pub id: String,
-    /// State that the checks looked at.
+    /// State that the checks were made on.
     pub checked: Checked,
-    /// Why.
+    /// Reason of the release.
     pub reason: String,
-    /// What was checked, and how it came out.
+    /// The gates and their results, in JSON.
     pub checks_json: String,
-    /// How many gates were passed.
+    /// Number of gates that passed.
     pub n_passed: i64,
-    /// How many were not.
+    /// Number of gates that failed.
     pub n_failed: i64,
-    /// Who releases: the id of a key.
+    /// Id of the key that releases.
     pub released_by: String,
-    /// How strong the verification is: `none`, `same_upload` or `independent_session`.
+    /// Strength of the verification: `none`, `same_upload` or `independent_session`.
     pub evidence: String,
     /// The tool's largest uncertainty over the workspace, mm.
     pub uncertainty_mm: Option<f64>,
 }
 
-/// State that the checks of a release looked at. If it has changed when the release is written, the checks must run again.
+/// State that the checks of a release were made on. If it has changed when the release is written, the checks must run again.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Checked {
     /// The robot's active set.
     pub active: Option<String>,
     /// Version of the robot's policy.
     pub policy_version: i64,
-    /// How many jobs have identified the set or scored it.
+    /// Number of jobs that have identified or scored the set.
     pub n_verifications: i64,
-    /// The session that does not fit the robot, the number of the last one that did not, and what was looked at when somebody last said that it
-    /// is well.
+    /// `check_job_id`, `check_seq` and `checked_seq` of the robot's row (see [`super::RobotRow`]).
     pub robot: (Option<String>, i64, i64),
 }
 
@@ -144,8 +143,8 @@ const ACTIVE: &str = concat!(
     " from parameter_set where robot_id = $1 and status = 'released'"
 );
 
-// The set that the active one superseded; if that was withdrawn or none is active, the last released of the others. Ordered by the robot's
-// counter, not by a clock.
+// The set that the active one superseded. If that was withdrawn or no set is active: the superseded set that was released last, by the robot's
+// counter and not by a clock.
 const BEFORE_ACTIVE: &str = concat!(
     "select ",
     columns!(),
@@ -156,11 +155,11 @@ const BEFORE_ACTIVE: &str = concat!(
      limit 1"
 );
 
-// Two entries of an index at most: in SQLite hashes stand behind uploads, which would be read on the way to them.
+// Reads at most two entries of an index. Comparing hashes would be slower: in SQLite's rows they come after the uploads, which would be read too.
 const IS_ANOTHER_SET: &str =
     "select cast(1 as bigint) from measurement_set where robot_id = $1 and id <> $2 limit 1";
 
-// Without another upload the limit is 0 and no row is looked at.
+// Without another upload the limit is 0 and no row is read.
 const OF_ANOTHER_SESSION: &str = concat!(
     "select ",
     columns!(),
@@ -184,7 +183,7 @@ const LIST: &str = concat!(
      limit cast($4 as bigint)"
 );
 
-// Changes nothing: locks the robot's row, so that releases and withdrawals of a robot run one after the other.
+// Changes nothing. It locks the robot's row, so that releases and withdrawals of a robot run one after the other.
 const LOCK_ROBOT: &str =
     "update robot set name = name where id = (select robot_id from parameter_set where id = $1)";
 
@@ -219,7 +218,7 @@ fn as_created(row: &ParameterSetRow) -> Value {
 }
 
 fn as_released(row: &ParameterSetRow) -> Option<(i64, Value)> {
-    // They come together: one of them alone was written by somebody else.
+    // A release writes all of these columns. If only some are set, somebody else wrote them, and the comparison with the chain fails.
     let is_said = row.release_reason.is_some() || row.released_by.is_some();
     let is_said = is_said || row.release_evidence.is_some() || row.release_uncertainty_mm.is_some();
     let at_ms = row.released_at_ms.or(is_said.then_some(0))?;
@@ -301,7 +300,7 @@ pub async fn active(store: &Store, robot_id: &str) -> Result<Option<ParameterSet
         .await?)
 }
 
-/// The set that a rollback goes back to: the one that the active set superseded.
+/// The set that a rollback would release: the one that the active set superseded.
 ///
 /// # Errors
 /// [`Conflict::NothingToRollBackTo`], [`super::Error::Database`].
@@ -313,8 +312,8 @@ pub async fn before_active(store: &Store, robot_id: &str) -> Result<ParameterSet
     row.ok_or_else(|| Conflict::NothingToRollBackTo.into())
 }
 
-/// The robot's newest parameter set that was identified from other bytes than those of this measurement set, and fits its own points: another
-/// one says nothing of the robot.
+/// The robot's newest parameter set that was identified from another upload than this measurement set and that fits its own points. A set that
+/// does not fit its own points describes no robot.
 ///
 /// # Errors
 /// [`super::Error::Database`].
@@ -323,7 +322,7 @@ pub async fn of_another_session(
     robot_id: &str,
     measurement_set_id: &str,
 ) -> Result<Option<ParameterSetRow>> {
-    // most robots have one set of measurements and many jobs
+    // A cheap query first: most robots have one measurement set and many jobs.
     let is_another: Option<i64> = sqlx::query_scalar(IS_ANOTHER_SET)
         .bind(robot_id)
         .bind(measurement_set_id)
@@ -420,7 +419,7 @@ pub async fn release(tx: &mut Tx, release: &Release) -> Result<ParameterSetRow> 
     Ok(row)
 }
 
-/// Goes back: the active set is withdrawn, and `release` (a superseded set) takes its place, both or neither.
+/// Rolls back: withdraws the active set and releases a superseded one (`release`), both or neither.
 ///
 /// # Errors
 /// As [`release`].
@@ -434,7 +433,7 @@ pub async fn roll_back(tx: &mut Tx, release: &Release) -> Result<ParameterSetRow
         .bind(&set.robot_id)
         .fetch_optional(tx.connection())
         .await?;
-    // asked again: what was released since this one was looked up has another set before it
+    // Checked again inside the transaction: another release since the lookup changes which set comes before.
     let is_before = before.is_some_and(|before| before.id == release.id);
     if active.as_ref().map(|active| &active.id) != release.checked.active.as_ref() || !is_before {
         return Err(Conflict::ActiveChanged.into());
@@ -456,7 +455,7 @@ pub async fn roll_back(tx: &mut Tx, release: &Release) -> Result<ParameterSetRow
     .await
 }
 
-/// Withdraws a set in whatever state it is; if it was the active one, the robot has none afterwards.
+/// Withdraws a set in any state. If it was the active one, the robot has none afterwards.
 ///
 /// # Errors
 /// [`super::Error::NotFound`], [`super::Error::Database`].

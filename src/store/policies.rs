@@ -1,4 +1,4 @@
-//! Release policies of robots. A robot without a row has only the gates that always hold.
+//! Release policies of robots. For a robot without a row only the gates that always hold are checked.
 
 use serde_json::{Value, json};
 
@@ -13,7 +13,7 @@ pub struct PolicyRow {
     pub tolerance_mm: Option<f64>,
     /// 1: another measuring session must have verified the set.
     pub independent_session_required: i64,
-    /// 1: who releases must not be who uploaded.
+    /// 1: the key that releases must not be the one that uploaded.
     pub second_person_required: i64,
     /// Number of changes; 0 if never set.
     pub version: i64,
@@ -26,8 +26,8 @@ from_row!(PolicyRow {
     version
 });
 
-/// Stands for a number that is not there. `Any` binds an absent double as a float4, which PostgreSQL then refuses where a statement was
-/// prepared for the other of the two.
+/// Bound in place of an absent double. sqlx's `Any` binds an absent double as float4, and PostgreSQL refuses it if the statement was prepared
+/// with float8.
 pub(super) const ABSENT: f64 = -1.0;
 
 pub(super) const ALL_QUERIES: &[&str] = &[GET, PUT, EACH];
@@ -49,7 +49,7 @@ const EACH: &str = "
 
 pub(super) const CHANGED: &str = "robot_policy_changed";
 
-/// A policy with its robot and who set it.
+/// A policy with its robot and the key that set it.
 #[derive(Debug)]
 pub(super) struct Set {
     robot_id: String,
@@ -113,7 +113,7 @@ pub(super) async fn get_in(tx: &mut Tx, robot_id: &str) -> Result<PolicyRow> {
 /// # Errors
 /// [`super::Error::NotFound`] if there is no such robot, [`super::Error::Database`].
 pub async fn put(tx: &mut Tx, robot_id: &str, policy: &PolicyRow, by: &str) -> Result<PolicyRow> {
-    // A release that has read the policy ends first, or sees this one.
+    // A release that is under way ends first; a later one sees this policy.
     robots::lock(tx, robot_id).await?;
     let query = sqlx::query_as(PUT)
         .bind(robot_id)

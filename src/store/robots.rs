@@ -13,23 +13,23 @@ use crate::wire::canonical;
 pub struct RobotRow {
     /// `rob_…`
     pub id: String,
-    /// Need not be unique.
+    /// Its name; need not be unique.
     pub name: String,
-    /// The robot document.
+    /// The robot document in JSON.
     pub body_json: String,
     /// When it was stored.
     pub created_at_ms: i64,
     /// Job of the session that did not fit; set while the robot is in the state `check_robot`.
     pub check_job_id: Option<String>,
-    /// The number in its counter of the last session that did not fit it, also when that is over; 0 for none.
+    /// Number of the last session that did not fit the robot, in the robot's counter; 0 for none. It stays when the state `check_robot` ends.
     pub check_seq: i64,
-    /// What was found up to this number of its counter was looked at by whoever said last that it is well.
+    /// Last number of the robot's counter that the last call of `checked` covers: its reason answers everything found up to then.
     pub checked_seq: i64,
     /// Reason given by `checked`.
     pub checked_reason: Option<String>,
-    /// Who said so.
+    /// Id of the key that called `checked`.
     pub checked_by: Option<String>,
-    /// When.
+    /// When `checked` was called.
     pub checked_at_ms: Option<i64>,
 }
 
@@ -47,7 +47,7 @@ from_row!(RobotRow {
 });
 
 impl RobotRow {
-    /// What releases ask of it: see [`super::Checked`].
+    /// State that a release checks: see [`super::Checked`].
     pub fn check(&self) -> (Option<String>, i64, i64) {
         (self.check_job_id.clone(), self.check_seq, self.checked_seq)
     }
@@ -56,9 +56,9 @@ impl RobotRow {
 /// A robot to be stored.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NewRobot {
-    /// Need not be unique.
+    /// Its name; need not be unique.
     pub name: String,
-    /// The robot document.
+    /// The robot document in JSON.
     pub body_json: String,
 }
 
@@ -89,8 +89,7 @@ const INSERT: &str = concat!(
 
 const GET: &str = concat!("select ", columns!(), " from robot where id = $1");
 
-// $1 is the list of the robots wanted, with commas; '' for all. An id has no other id in it, so taking it out of the
-// list changes the list exactly if it is there.
+// $1 is a comma-separated list of ids; '' for all. No id contains another one, so removing an id changes the list exactly if the list has it.
 const LIST: &str = concat!(
     "select ",
     columns!(),
@@ -100,7 +99,7 @@ const LIST: &str = concat!(
      limit cast($4 as bigint)"
 );
 
-// Changes nothing: locks the robot's row, so that releases, policies and scores of sessions of a robot are written one after the other.
+// Changes nothing. It locks the robot's row, so that releases, policies and scores of a robot are written one after the other.
 const LOCK: &str = "update robot set name = name where id = $1";
 
 const LOCK_OF_JOB: &str =
@@ -159,7 +158,7 @@ impl Audited for RobotRow {
     }
 }
 
-/// As [`lock`], of the robot of a job.
+/// As [`lock`], for the robot of a job.
 pub(crate) async fn lock_of_job(tx: &mut Tx, job_id: &str) -> Result<()> {
     sqlx::query(LOCK_OF_JOB)
         .bind(job_id)
@@ -247,7 +246,7 @@ pub(super) async fn get_in(tx: &mut Tx, id: &str) -> Result<RobotRow> {
         .await?)
 }
 
-/// Robots, newest first; with `only`, of those ids.
+/// Robots, newest first; with `only`, just those.
 ///
 /// # Errors
 /// [`super::Error::Database`].

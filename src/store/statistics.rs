@@ -6,17 +6,17 @@ use super::{Result, Store};
 /// The jobs of one status.
 #[derive(Clone, Debug, PartialEq)]
 pub struct JobStatistics {
-    /// As it is stored.
+    /// The status.
     pub status: String,
-    /// How many.
+    /// Number of jobs.
     pub n_jobs: i64,
-    /// How long ago the oldest was posted, ms.
+    /// Age of the oldest, from its posting, ms.
     pub oldest_age_ms: i64,
-    /// How many of them have begun.
+    /// Number of those that have begun.
     pub n_begun: i64,
-    /// From posting to the (last) beginning, all together, ms.
+    /// Sum of the times from posting to the (last) beginning, ms.
     pub waited_ms: i64,
-    /// From the (last) beginning to the end, all together, ms.
+    /// Sum of the times from the (last) beginning to the end, ms.
     pub ran_ms: i64,
 }
 
@@ -42,7 +42,7 @@ const JOBS: &str = "
     group by status
     order by status";
 
-/// The jobs, status by status; a status without jobs has no row.
+/// Statistics for each status; a status without jobs has no row.
 ///
 /// # Errors
 /// [`super::Error::Database`].

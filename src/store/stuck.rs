@@ -1,4 +1,4 @@
-//! How long writers have been blocked by a lock. Takes no lock that others wait for, and writes nothing.
+//! How long a lock has blocked the writers. Writes nothing.
 
 use std::time::Duration;
 
@@ -8,8 +8,8 @@ use super::{Engine, Result, Store};
 
 pub(super) const QUERIES_POSTGRES: &[&str] = &[HOLDER];
 
-// Sessions that block writers, longest first: a session that others wait for and that waits for nobody itself, or one that holds the end of the audit
-// chain, which every write needs. `state_change` is when it last sent or finished a statement.
+// The session that has blocked writers longest. It does not wait for a lock itself, and either others wait for it, or it holds the head of the
+// audit chain, which every write needs. `state_change` is the time at which it last began or finished a statement.
 const HOLDER: &str = "
     select cast(extract(epoch from clock_timestamp() - holder.state_change) * 1000 as bigint) as held_ms,
         case when holder.state like 'idle in transaction%' then 1 else 0 end as is_idle
@@ -25,7 +25,7 @@ const HOLDER: &str = "
             where waiting.datname = current_database() and waiting.wait_event_type = 'Lock')
     order by holder.state_change limit 1";
 
-/// To take a lock that is free takes less.
+/// Longest wait for the write lock; a free lock is taken in less.
 const A_MOMENT: Duration = Duration::from_millis(200);
 
 /// Blocked writers.
@@ -63,15 +63,15 @@ pub async fn stuck_writers(store: &Store) -> Result<Option<Stuck>> {
     }))
 }
 
-/// Those of this process: nobody else writes. Where all of them have failed and none waits, whether writes get through again is seen by taking
-/// the write lock for a moment. That is not waited for where somebody else has it.
+/// Only this process writes, so only its own writers are looked at. If the last one failed and none is under way, a trial transaction shows
+/// whether writes succeed again. It is waited for [`A_MOMENT`] at most.
 async fn stuck_sqlite_writers(store: &Store) -> Option<Stuck> {
     let writes = &store.inner.writes;
     writes.stuck_for()?;
     if !writes.is_any_under_way() {
         let store = store.clone();
         let look = tokio::spawn(async move { store.begin().await?.rollback().await });
-        // what it finds is in `writes`
+        // The trial records its result in `writes`.
         let _ = timeout(A_MOMENT, look).await;
     }
     writes.stuck_for().map(|duration| Stuck {

@@ -1,5 +1,5 @@
-//! Verification facts: what each succeeded job found about a parameter set, for the gates of a release. Ordered by a counter of the robot,
-//! never by a clock.
+//! Verification facts: what each succeeded job found about a parameter set. The release gates read them. A counter of the robot orders them,
+//! never a clock.
 
 use serde_json::{Value, json};
 
@@ -17,7 +17,7 @@ pub struct VerificationRow {
     pub job_id: String,
     /// Its robot.
     pub robot_id: String,
-    /// The set that it identified or scored; none where the nominal robot was scored.
+    /// The set that it identified or scored; none if it scored the nominal robot.
     pub parameter_set_id: Option<String>,
     /// The points that it was scored on.
     pub measurement_set_id: String,
@@ -25,23 +25,23 @@ pub struct VerificationRow {
     pub created_at_ms: i64,
     /// `identification` or `session`.
     pub kind: String,
-    /// Counts the robot's rows.
+    /// Number of the row in the robot's counter.
     pub seq: i64,
-    /// Points that were not fitted.
+    /// Number of points that were not fitted.
     pub n_points: i64,
     /// rms of the nominal robot, mm.
     pub before_rms_mm: Option<f64>,
     /// rms of the set, mm.
     pub after_rms_mm: Option<f64>,
-    /// 1: the set is nearer than the nominal robot.
+    /// 1: the set's errors are smaller than the nominal robot's.
     pub is_better: i64,
     /// Whether the points fit the robot.
     pub fit: Fit,
-    /// How strong it is as evidence for the set.
+    /// Its strength as evidence for the set.
     pub evidence: Evidence,
     /// 1: the points repeat an earlier upload.
     pub is_repeat: i64,
-    /// The robot's last session that did not fit when the job began; 0 for none.
+    /// The robot's `check_seq` when the job began: the last session that did not fit; 0 for none.
     pub check_seq: i64,
     /// The tool's largest predicted uncertainty over the workspace, mm.
     pub uncertainty_mm: Option<f64>,
@@ -50,7 +50,7 @@ pub struct VerificationRow {
 from_row!(VerificationRow { job_id, robot_id, parameter_set_id, measurement_set_id, created_at_ms, kind, seq, n_points, before_rms_mm, after_rms_mm, is_better, is_repeat, check_seq, uncertainty_mm } parsed { fit, evidence });
 
 impl VerificationRow {
-    /// Whether it supports a release: another session, measured anew, that fits and in which the set is better than nominal.
+    /// Whether it supports a release: it is another session, measured anew, it fits, and the set is better than nominal in it.
     pub fn supports(&self) -> bool {
         self.fit == Fit::Fits
             && self.is_better == 1
@@ -69,23 +69,23 @@ impl VerificationRow {
     }
 }
 
-/// An upload that is older than the one that did not fit the robot.
+/// An upload from before the session that did not fit the robot.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EarlierUpload {
     /// The measurement set.
     pub id: String,
-    /// Its points.
+    /// Number of its points.
     pub n_points: i64,
 }
 
 from_row!(EarlierUpload { id, n_points });
 
-/// The robot's sessions that did not fit, as a job needs them.
+/// The two numbers of a robot's row that a job reads when it begins.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct CheckRow {
-    /// The number of its last session that did not fit it; 0 for none.
+    /// Number of the last session that did not fit the robot; 0 for none.
     pub check_seq: i64,
-    /// What was found up to this number was looked at by whoever said last that it is well.
+    /// Last number that the last call of `checked` covers.
     pub checked_seq: i64,
 }
 
@@ -123,7 +123,7 @@ pub(super) const ALL_QUERIES: &[&str] = &[
     JOBS_WITHOUT,
 ];
 
-// The robot's row is locked: the counter goes up one by one.
+// The caller has locked the robot's row, so the counter has no gaps and no duplicates.
 const INSERT: &str = "
     insert into verification (job_id, robot_id, parameter_set_id, kind, seq, n_points, before_rms_mm, after_rms_mm, is_better, fit, evidence,
         is_repeat, check_seq, uncertainty_mm)
@@ -142,14 +142,14 @@ const OF_SET: &str = concat!(rows!(), " where v.parameter_set_id = $1 order by v
 
 const COUNT: &str = "select count(*) from verification where parameter_set_id = $1";
 
-// Jobs that another version of kincal has ended, and whose facts nobody has gathered yet.
+// Jobs that an older version of kincal ended and that have no facts yet.
 const N_UNKNOWN: &str = "
     select count(*) from job j where j.status = 'succeeded'
         and ((j.kind = 'verify' and j.parameter_set_input_id = $1) or j.id = (select job_id from parameter_set where id = $1))
         and not exists (select 1 from verification v where v.job_id = j.id)";
 
-// Uploads up to the one that did not fit, in the order of the audit chain (those without an entry are older than the chain), but for all that did
-// not fit.
+// Uploads up to the one of the session that did not fit, without those of sessions that did not fit. The order is that of the audit chain;
+// uploads without an entry are older than the chain.
 const EARLIER_UPLOADS: &str = concat!(
     "select m.id as id, m.n_points as n_points from measurement_set m
     where m.robot_id = $1
@@ -172,7 +172,7 @@ const EACH: &str = concat!(
     " where v.job_id > $1 order by v.job_id limit cast($2 as bigint)"
 );
 
-// In the order in which the jobs ended, which the audit chain knows.
+// In the order in which the jobs ended, by the audit chain.
 const JOBS_WITHOUT: &str = "
     select id from (
         select j.id as id, (select min(a.seq) from audit a where a.subject = j.id and a.event = 'job_succeeded') as ended
@@ -198,8 +198,8 @@ impl Audited for VerificationRow {
     }
 }
 
-/// Keeps what a job found, in the transaction that ends it and holds the robot's row, and what follows for the robot: points that do not fit it
-/// put it into the state `check_robot`, a session that fits takes it out.
+/// Stores what a job found, in the transaction that ends the job and has locked the robot's row. It also updates the robot: points that do not fit
+/// begin the state `check_robot`, a session that fits ends it.
 ///
 /// # Errors
 /// [`super::Error::Database`].
@@ -239,7 +239,7 @@ pub async fn insert(tx: &mut Tx, job_id: &str, found: &Verification) -> Result<(
     }
 }
 
-/// None for a number that is not finite.
+/// The number to bind: [`ABSENT`] if there is none or it is not finite.
 fn number(value: Option<f64>) -> f64 {
     value.filter(|value| value.is_finite()).unwrap_or(ABSENT)
 }
@@ -266,7 +266,7 @@ pub async fn of_set(store: &Store, parameter_set_id: &str) -> Result<Vec<Verific
         .await?)
 }
 
-/// Ended jobs of a parameter set without facts.
+/// Number of succeeded jobs of a parameter set without facts.
 ///
 /// # Errors
 /// [`super::Error::Database`].
@@ -284,7 +284,7 @@ pub(super) async fn count_in(tx: &mut Tx, parameter_set_id: &str) -> Result<i64>
         .await?)
 }
 
-/// What a robot's sessions that did not fit say to a job that begins now.
+/// The numbers of a robot that a job reads when it begins.
 ///
 /// # Errors
 /// [`super::Error::NotFound`], [`super::Error::Database`].
@@ -307,7 +307,8 @@ pub async fn job_of(store: &Store, robot_id: &str, seq: i64) -> Result<Option<St
         .await?)
 }
 
-/// The uploads from before the one that did not fit the robot, by the number of that session: what repeats them was not measured since.
+/// The uploads from before the session with number `check_seq`, which did not fit the robot. An upload that repeats one of them was not measured
+/// since.
 ///
 /// # Errors
 /// [`super::Error::Database`].
@@ -325,7 +326,7 @@ pub async fn earlier_uploads(
         .await?)
 }
 
-/// Jobs that ended before their facts were kept, in the order in which they ended.
+/// Jobs without facts, ended by older versions, in the order in which they ended.
 ///
 /// # Errors
 /// [`super::Error::Database`].

@@ -1,4 +1,4 @@
-//! Since when no write has succeeded, on SQLite.
+//! Measures for how long no write has succeeded, on SQLite.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -14,9 +14,9 @@ pub(super) struct WriteProgress(Mutex<State>);
 #[derive(Debug, Default)]
 struct State {
     n_under_way: usize,
-    /// Whether the last one failed.
+    /// Whether the last write failed.
     has_failed: bool,
-    /// Start of the first write that waits or failed since the last success.
+    /// Start of the first write since the last success that still waits or has failed.
     since: Option<Instant>,
 }
 
@@ -24,7 +24,7 @@ struct State {
 #[derive(Debug)]
 pub(super) struct Write {
     progress: Arc<WriteProgress>,
-    /// None if its client went away while it waited.
+    /// Result of the last step; none if the client disconnected while the write waited.
     succeeded: Option<bool>,
 }
 

@@ -1,4 +1,4 @@
-//! The one place where degrees become radians and back.
+//! Conversion between degrees and radians. Nothing else in the project converts them for the wire.
 
 /// Degrees of the wire to radians of the core.
 pub fn to_radians(deg: f64) -> f64 {

@@ -1,4 +1,4 @@
-//! Bounds of request fields that attributes cannot express in the OpenAPI document: of list items, and by the constants of the checks.
+//! Bounds of request fields that attributes cannot add to the OpenAPI document: bounds of list items, and bounds by the constants of the checks.
 //! A test sends values at and beyond every bound of the document.
 
 use crate::kinematics::model::MAX_LINKS;
@@ -20,7 +20,7 @@ use utoipa::Number;
 use utoipa::openapi::schema::{ArrayItems, KnownFormat, Object, SchemaFormat};
 use utoipa::openapi::{OpenApi, RefOr, Schema};
 
-/// One bound; several of a field go from the outer list to the numbers in the inner one.
+/// One bound. Several bounds of a field go from the outermost list inwards.
 enum Bound {
     /// Items of a list, fewest and most.
     Items(usize, usize),
@@ -192,7 +192,7 @@ pub fn write(document: &mut OpenApi) -> Vec<String> {
     absent
 }
 
-/// Finds a field of a type. If the type has variants, of one of them.
+/// Finds a field of a type, or of one of its variants.
 fn field_of<'s>(schema: &'s mut RefOr<Schema>, field: &str) -> Option<&'s mut RefOr<Schema>> {
     match schema {
         RefOr::T(Schema::Object(object)) => object.properties.get_mut(field),
@@ -204,7 +204,7 @@ fn field_of<'s>(schema: &'s mut RefOr<Schema>, field: &str) -> Option<&'s mut Re
     }
 }
 
-/// Returns false if the schema is of another kind than the bounds.
+/// Writes bounds into a schema. Returns false if the schema is of another kind than the bounds.
 fn bound(schema: &mut RefOr<Schema>, bounds: &[Bound]) -> bool {
     let Some((first, rest)) = bounds.split_first() else {
         return true;
@@ -249,7 +249,7 @@ fn bound_scalar(object: &mut Object, bound: &Bound) {
     }
 }
 
-/// Whole numbers without a point.
+/// A JSON number, without a decimal point if it is whole.
 fn number(value: f64) -> Number {
     if value.fract() == 0.0 && value.abs() < 1e15 {
         Number::Int(value as isize)

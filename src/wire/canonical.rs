@@ -1,8 +1,8 @@
-//! Canonical JSON and its hash: the same content has the same bytes, whoever writes it.
+//! Canonical JSON and its hash: the same content has the same bytes in every implementation.
 //!
 //! The form is RFC 8785 (JCS): no white space, keys sorted, numbers as ECMAScript prints them (the shortest text that reads
 //! back as the same 64-bit float; `1.0` is `1`). Libraries for it exist in every language, so a cell PC can check a
-//! parameter set's `sha256` on its own. One deviation: integers beyond 2^53 (seeds) are written exactly.
+//! parameter set's `sha256`. One deviation: integers beyond 2^53 (seeds) are written exactly.
 
 use serde::Serialize;
 use serde_json::{Number, Value};
@@ -21,7 +21,7 @@ pub fn to_canonical_json(value: &impl Serialize) -> Result<String, serde_json::E
 /// As [`to_canonical_json`], for a JSON value.
 ///
 /// # Errors
-/// None in practice: text can always be written to.
+/// None in practice: writing to a `String` does not fail.
 pub fn text_of(value: &Value) -> Result<String, serde_json::Error> {
     text_with(value, write_number)
 }
@@ -121,7 +121,7 @@ fn write_joined<T>(
     Ok(())
 }
 
-/// Text as JSON has it; most needs no escapes.
+/// Writes a JSON string. Most texts need no escapes.
 fn write_text(text: &str, out: &mut String) -> std::fmt::Result {
     if text
         .bytes()
@@ -144,7 +144,8 @@ fn write_number(number: &Number, out: &mut String) -> std::fmt::Result {
     }
 }
 
-/// Uses the digits of the standard library: of two equally near texts the one further from zero.
+/// Writes a number as versions before 22 November 2026 did, with the digits of the standard library: of two equally near texts the one further
+/// from zero.
 fn write_number_as_before(number: &Number, out: &mut String) -> std::fmt::Result {
     match number.as_f64() {
         Some(0.0) if number.is_f64() => write_ecmascript("0.0", out),
@@ -164,7 +165,7 @@ fn write_ecmascript(shortest: &str, out: &mut String) -> std::fmt::Result {
     if unsigned.len() < shortest.len() {
         out.push('-');
     }
-    // The point is in place already, except after a whole number and in d1.d2…dkE(n-1).
+    // The decimal point is in place already, except after a whole number and in d1.d2…dkE(n-1).
     let Some((mantissa, exponent)) = unsigned.split_once('e') else {
         out.push_str(unsigned.strip_suffix(".0").unwrap_or(unsigned));
         return Ok(());

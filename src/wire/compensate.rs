@@ -18,7 +18,7 @@ use utoipa::ToSchema;
 
 /// Most targets of one request: some seconds of one core.
 pub const MAX_TARGETS_PER_REQUEST: usize = 20_000;
-/// How far rows and columns of a rotation may be from unit length and from right angles.
+/// Largest deviation of a rotation's rows and columns from unit length and from right angles.
 pub(super) const ROTATION_TOLERANCE: f64 = 1e-6;
 
 /// Targets to correct. They must have been programmed offline: one that was taught already holds the robot's errors.
@@ -36,29 +36,29 @@ pub struct CompensateBody {
     /// The tool centre point instead of a reflector.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tool: Option<ToolBody>,
-    /// What is kept.
+    /// What of the tool is kept: its pose, or only its position.
     #[serde(default)]
     pub mode: Mode,
-    /// The frame in which targets are met; default: `measured` where positions were measured in the base frame, else `robot`.
+    /// The frame in which targets are reached; default: `measured` if positions were measured in the base frame, else `robot`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub base: Option<Base>,
-    /// What the flange carries at these targets; default: what it carried when the robot was identified. Without corrections it has no effect.
+    /// Payload at these targets; default: the payload at the identification. Without corrections it has no effect.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub payload: Option<PayloadBody>,
 }
 
-/// A tool centre point in the flange frame of the nominal robot, as controllers keep it.
+/// A tool centre point in the flange frame of the nominal robot, as controllers store it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ToolBody {
     /// mm.
     pub translation_mm: [f64; 3],
-    /// Rotation matrix, row by row; the identity where absent.
+    /// Rotation matrix, row by row; default: the identity.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rotation: Option<[[f64; 3]; 3]>,
 }
 
-/// The frame that position and orientation errors are true in.
+/// The frame of position and orientation errors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ErrorFrame {
@@ -73,43 +73,43 @@ pub enum ErrorFrame {
 pub struct CompensateAnswer {
     /// The controller's joint values with which the robot has its tool where the nominal robot would have it, degrees.
     pub q_deg: Vec<Vec<f64>>,
-    /// The frame in which the errors below are true. An answer of an older version has none: it was `robot_base`.
+    /// The frame of the errors below. Answers of older versions do not have this field; their frame is `robot_base`.
     #[serde(default = "ErrorFrame::of_older_versions")]
     pub frame: ErrorFrame,
-    /// How far the tool is off with the joint values as they came, mm.
+    /// Position error of the tool with the requested joint values, mm.
     pub position_error_before_mm: Vec<f64>,
-    /// How far with the corrected ones, by the identified robot, mm.
+    /// Position error of the tool with the corrected joint values, by the identified robot, mm.
     pub position_error_after_mm: Vec<f64>,
-    /// Angle by which the tool is turned with the corrected ones, degrees.
+    /// Orientation error of the tool with the corrected joint values, degrees.
     pub orientation_error_after_deg: Vec<f64>,
-    /// How each came out.
+    /// Status of each target.
     pub status: Vec<Status>,
-    /// True where the corrected target is outside of what was measured, so that corrections fade into the links alone; without corrections
-    /// always false.
+    /// True if the corrected target is outside the measured region, where corrections fade to the links alone; always false without
+    /// corrections.
     pub extrapolated: Vec<bool>,
-    /// What was identified and is not corrected.
+    /// Identified errors that are not corrected.
     #[serde(default)]
     pub left_out: LeftOut,
-    /// What one should know before using them: `pose_not_seen` where the measured positions do not show all of where the flange is, and this
-    /// tool or mode depends on it.
+    /// Warnings: `pose_not_seen` if the measured positions do not determine the flange's pose completely, and this tool or mode depends on
+    /// it.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<Warning>,
 }
 
-/// What counts as where base and tool are. With `base: robot` that is all of link 1, a wrong mastering of joint 1 among it, and
-/// `theta_offset` and `d` of the last link. With `base: measured` the base is corrected and 0 here; of the last link `theta_offset` is left
-/// out, and `d` where it changed by more than robots are off by, so that it holds the length of a tool.
-/// Corrected targets are right in a base frame and on a flange that have moved by as much: measure the work object and the tool with this
-/// robot, or take it into them. All 0 where the set was identified from an instrument, which cannot see it.
+/// Identified errors that count as the pose of base and tool. With `base: robot` these are all of link 1, including a wrong mastering of
+/// joint 1, and `theta_offset` and `d` of the last link. With `base: measured` the base is corrected and 0 here; of the last link
+/// `theta_offset` is left out, and also `d` if it changed by more than robots are usually off, because it then contains the length of a tool.
+/// Corrected targets are right in a base frame and on a flange that have moved by these values: measure the work object and the tool with
+/// this robot, or add the values to them. All are 0 if the set was identified from an instrument, which cannot determine them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct LeftOut {
-    /// How far the base frame is turned from the nominal one, degrees; by a wrong mastering of joint 1, about its axis.
+    /// Rotation of the base frame from the nominal one, degrees. A wrong mastering of joint 1 rotates it about the axis of that joint.
     pub base_turn_deg: f64,
-    /// And shifted, mm.
+    /// Shift of the base frame from the nominal one, mm.
     pub base_shift_mm: f64,
-    /// How far the flange is turned about the last axis, degrees.
+    /// Rotation of the flange about the last axis, degrees.
     pub flange_turn_deg: f64,
-    /// And shifted along it, mm.
+    /// Shift of the flange along the last axis, mm.
     pub flange_shift_mm: f64,
 }
 
@@ -131,10 +131,10 @@ impl CompensateAnswer {
 }
 
 impl LeftOut {
-    /// Smallest turn, degrees, and shift, mm, that are mentioned: smaller ones are below measurement accuracy.
+    /// Smallest rotation, degrees, and shift, mm, that are mentioned: smaller ones are below measurement accuracy.
     const NOTICED: (f64, f64) = (0.001, 0.01);
 
-    /// `t_nominal_base`: the base of the identified links in the nominal base frame, where that is known.
+    /// `t_nominal_base`: the base of the identified links in the nominal base frame, if it is known.
     fn new(anchor: &Anchor, base: Base, t_nominal_base: Option<IsometryMatrix3<f64>>) -> Self {
         let flange = &anchor.t_anchored_flange;
         let base = match (base, t_nominal_base) {
@@ -150,7 +150,7 @@ impl LeftOut {
         }
     }
 
-    /// Remark in words; `None` if all values are negligible.
+    /// Describes what is not corrected; `None` if all values are negligible.
     pub fn remark(&self) -> Option<String> {
         let (turn_deg, shift_mm) = Self::NOTICED;
         let is_noticed = self.base_turn_deg.max(self.flange_turn_deg) > turn_deg
@@ -169,8 +169,8 @@ impl CompensateBody {
     /// The corrected targets.
     ///
     /// # Errors
-    /// [`Invalid`] for joint values that do not fit the robot, a tool that is none, a target that the set does not have, `base: measured`
-    /// where the base was not measured, or a pose or tool where it is not known how the flange is turned.
+    /// [`Invalid`] for joint values that do not fit the robot, an invalid tool, a target that the set does not have, `base: measured` although the
+    /// base was not measured, or a pose or tool although the flange's rotation is unknown.
     pub fn run(
         &self,
         robot: &Robot,
@@ -196,7 +196,7 @@ impl CompensateBody {
         let t_nominal_base = (provenance.measuring_frame == Some(Frame::Base))
             .then(|| identified.model().t_instrument_base);
         answer.left_out = LeftOut::new(compensation.anchor(), base, t_nominal_base);
-        // The measured reflector is right even where positions do not determine the flange.
+        // Positions of the measured reflector are right even if they do not determine the flange's rotation.
         if self.tool.is_some() || self.mode == Mode::Pose {
             answer.warnings = provenance.warnings.clone();
         }
@@ -227,8 +227,8 @@ impl CompensateBody {
         Ok(answer)
     }
 
-    /// A robot that does not fit its own points corrects nothing. The measured reflector is right whatever the positions do not show; its pose
-    /// and other tools are not.
+    /// Refuses a set that does not fit its own points. If the flange's rotation is unknown, only positions of the measured reflector can be
+    /// corrected: refuses poses and other tools.
     fn check_provenance(&self, provenance: &Provenance) -> Result<(), Invalid> {
         if let Some((code, detail)) = provenance.wrong_robot() {
             let detail = format!("no target is corrected with this set: {detail}");

@@ -21,7 +21,7 @@ pub const MAX_PAYLOAD_KG: f64 = 10_000.0;
 /// Farthest centre of a payload from the flange, mm.
 pub const MAX_PAYLOAD_OFFSET_MM: f64 = 10_000.0;
 
-/// What acts beside `links_with_corrections`, and where it holds. With M_i the moment of gravity about the origin of frame i, in that
+/// Corrections beside `links_with_corrections`, and where they hold. With M_i the moment of gravity about the origin of frame i, in that
 /// frame, M_i = R_iᵀ·Σ_{j≥i} [m_j·(o_j − o_i) + R_j·c_j] × g on the links alone (lengths in metres, g a unit vector), and M_0 the same
 /// about the base's origin in the base frame:
 /// T_base_flange = Trans(net(q)) · Rot(B∘M_0) · Π [Rx(alpha)·Dx(a)·Ry(beta)·Rz(q + theta_offset + h(q))·Dz(d)·Rot(K_i∘M_i)].
@@ -39,32 +39,32 @@ pub struct CorrectionsContent {
     pub masses: Vec<f64>,
     /// c: first moment of each link about that origin, in the link's frame, units of mass × metres.
     pub first_moments_m: Vec<[f64; 3]>,
-    /// K: turn of each joint's frame about its x, y and z per unit moment, degrees.
+    /// K: rotation of each joint's frame about its x, y and z per unit moment, degrees.
     pub joint_compliance_deg: Vec<[f64; 3]>,
-    /// B: turn of the base about x, y and z of the base frame per unit moment, degrees.
+    /// B: rotation of the base about x, y and z of the base frame per unit moment, degrees.
     pub base_compliance_deg: [f64; 3],
-    /// What hung on the flange while the robot was measured, where that was said; its mass is not among `masses`.
+    /// Payload on the flange while the robot was measured, if it was stated; its mass is not among `masses`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub payload: Option<PayloadBody>,
-    /// Kilograms that a unit of mass stands for where a payload is weighed against the links.
+    /// Kilograms per unit of mass, for the mass of a payload beside those of the links.
     pub mass_unit_kg: f64,
     /// h(q) = Σ sin_deg · sin(order·q) + cos_deg · cos(order·q), by joint; those that are not listed are 0.
     pub harmonics: Vec<HarmonicContent>,
     /// net(q): displacement of the flange in the base frame.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub residual_network: Option<ResidualNetworkContent>,
-    /// Where the robot was measured. Outside of it the prediction fades into that of `links`.
+    /// The measured region. Outside of it predictions fade to those of `links`.
     pub measured: MeasuredRegionContent,
 }
 
-/// What hangs on the flange.
+/// A payload on the flange.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PayloadBody {
     /// Mass, kg.
     #[schema(minimum = 0, maximum = 10000)]
     pub mass_kg: f64,
-    /// Its centre in the flange frame, mm; the flange's origin where absent.
+    /// Its centre in the flange frame, mm; default: the flange's origin.
     #[serde(default)]
     pub centre_mm: [f64; 3],
 }
@@ -270,7 +270,7 @@ impl CorrectionsContent {
         }
     }
 
-    /// These corrections on these links. `segment`: the segment of targets that moved; default: the last.
+    /// The core's model with these corrections and links. `segment`: the segment of targets that moved; default: the last.
     pub fn corrected_model(&self, links: Vec<Link>, segment: Option<u32>) -> CorrectedModel {
         let n_targets = self.targets.iter().map(|t| t.target + 1).max().unwrap_or(0);
         let target_mm = |target| {

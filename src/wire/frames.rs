@@ -104,7 +104,7 @@ impl FramesAnswer {
 /// Reads sweeps and finds base and tool frame.
 ///
 /// # Errors
-/// [`Invalid`] for a file that cannot be read, or sweeps that do not say enough (parallel axes, too short an arc).
+/// [`Invalid`] for a file that cannot be read, or sweeps that do not determine the frames (parallel axes, too short an arc).
 pub fn from_sweeps(bytes: &[u8], robot: &Robot) -> Result<FramesContent, Invalid> {
     let set = from_csv(bytes, Decimal::Point, Frame::Instrument, robot.links.len())?;
     let frames = preliminary_frames(robot, &set)

@@ -17,7 +17,7 @@ pub struct HistoryAnswer {
     /// For the next page, if there is one.
     #[schema(required)]
     pub next_cursor: Option<String>,
-    /// How the error of the released set grows, and when to calibrate next.
+    /// Growth of the released set's error, and when to calibrate next.
     pub trend: Trend,
 }
 
@@ -28,19 +28,19 @@ pub struct HistoryItem {
     pub parameter_set_id: String,
     /// RFC 3339, UTC.
     pub created_at: String,
-    /// How it stands.
+    /// Its status.
     pub status: ParameterSetStatus,
     /// Every free parameter, with its uncertainty.
     pub parameters: Vec<ParameterReport>,
-    /// Root mean square error of the points that were held out, mm; null where there were none.
+    /// Root mean square error of the held-out points, mm; null if there were none.
     #[schema(required)]
     pub verify_rms_mm: Option<f64>,
-    /// What moved since the session before, in units of its own uncertainty. Empty where nothing moved beyond chance, or there was no
-    /// session before.
+    /// Changes since the session before, in units of their own uncertainty. Empty if nothing changed beyond chance, or there was no session
+    /// before.
     pub changed: Vec<ChangeReport>,
 }
 
-/// What of a stored report the history shows.
+/// The parts of a stored report that the history shows.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 pub struct ReportExcerpt {
     /// Every free parameter.
@@ -50,7 +50,7 @@ pub struct ReportExcerpt {
     /// What changed.
     #[serde(default)]
     pub changed: Option<Vec<ChangeReport>>,
-    /// How strong the verification was.
+    /// Strength of the verification.
     pub evidence: Evidence,
 }
 
@@ -63,7 +63,7 @@ impl ReportExcerpt {
     }
 }
 
-/// What two parameter sets of one robot say differently.
+/// Differences between two parameter sets of one robot.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct CompareAnswer {
     /// The set in the path.
@@ -76,8 +76,8 @@ pub struct CompareAnswer {
     pub max_mm: f64,
     /// The tool at seeded configurations within the joint limits.
     pub map: Vec<MapPoint>,
-    /// Whether the sessions behind the two sets differ beyond chance; null where both come from one upload, or one of the two sessions
-    /// cannot be identified from by itself.
+    /// Whether the sessions of the two sets differ beyond chance; null if both come from one upload, or if one of the sessions alone is too
+    /// small to identify from.
     #[schema(required)]
     pub sessions: Option<SessionTest>,
 }
@@ -87,7 +87,7 @@ pub struct CompareAnswer {
 pub struct MapPoint {
     /// The controller's joint values, degrees.
     pub q_deg: Vec<f64>,
-    /// Where the nominal robot has the tool, base frame, mm.
+    /// Position of the tool by the nominal robot, base frame, mm.
     pub position_mm: [f64; 3],
     /// Tool by the set in the path − tool by the other one, base frame, mm.
     pub difference_mm: [f64; 3],
@@ -96,13 +96,13 @@ pub struct MapPoint {
 /// One test of all link parameters together.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct SessionTest {
-    /// dᵀ·V⁻¹·d of the combinations of link parameters that both sessions see.
+    /// dᵀ·V⁻¹·d of the combinations of link parameters that both sessions determine.
     pub chi_square: f64,
-    /// How many combinations.
+    /// Number of these combinations.
     pub n_combinations: usize,
-    /// Probability that an unchanged robot shows as much.
+    /// Probability of at least this value for an unchanged robot.
     pub probability: f64,
-    /// What differs, base and targets included.
+    /// Differences, including those of base and targets.
     pub changed: Vec<ChangeReport>,
 }
 

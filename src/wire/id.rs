@@ -1,8 +1,8 @@
-//! Ids that clients name.
+//! Ids in requests.
 
 use crate::wire::issue::Invalid;
 
-/// Longest id that is looked up. The service's ids have 36 characters.
+/// Longest text that is looked up as an id. The service's ids have 36 characters.
 pub(super) const MAX_ID: usize = 100;
 
 /// Whether a text may be an id of this service. Other texts are not looked up: PostgreSQL accepts no U+0000, and a long text costs time.

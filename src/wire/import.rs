@@ -16,12 +16,12 @@ use utoipa::ToSchema;
 
 /// Configurations at which an import is compared with its source.
 const N_CONFIGURATIONS: usize = 100;
-/// Largest table, bytes: a dozen rows of nine columns have two KiB.
+/// Largest table, bytes. A dozen rows of nine columns have two KiB.
 const MAX_TABLE_BYTES: usize = 64 * 1024;
 /// Largest allowed difference, mm.
 const SAME_MM: f64 = 1e-9;
 
-/// What a file describes a robot by.
+/// Format of a robot's description.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
 #[serde(rename_all = "snake_case")]
 #[value(rename_all = "snake_case")]
@@ -34,16 +34,16 @@ pub enum ImportFormat {
     Mdh,
 }
 
-/// A robot as `POST /v1/robots` takes it, and what its links cannot hold.
+/// A robot for `POST /v1/robots`, and the transformations that its links cannot represent.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ImportAnswer {
     /// The robot.
     pub robot: RobotBody,
-    /// Names of the joints, where the description has any.
+    /// Names of the joints, if the description has any.
     pub joints: Vec<String>,
-    /// Where the links' base is in the description's root: the identity for most.
+    /// Pose of the links' base in the description's root; usually the identity.
     pub t_root_base: Transform,
-    /// Where the description's tip is on the links' flange: the identity for many.
+    /// Pose of the description's tip on the links' flange; often the identity.
     pub t_flange_tip: Transform,
     /// Largest difference between links and description over random configurations, mm.
     pub largest_difference_mm: f64,
@@ -52,16 +52,16 @@ pub struct ImportAnswer {
 /// A table of links.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Table {
-    /// As they stand, whatever the convention.
+    /// The numbers of the table, in whatever convention it has.
     pub links: Vec<Link>,
     /// Lower and upper limit of each joint, rad, where given.
     pub limits_rad: Vec<Option<(f64, f64)>>,
 }
 
-/// A robot from a description.
+/// Imports a robot from a description.
 ///
 /// # Errors
-/// [`Invalid`] for what cannot be read, with row and column, or cannot be a robot here.
+/// [`Invalid`] with row and column if the description cannot be read, or is of a robot that kincal cannot represent.
 pub fn import(
     bytes: &[u8],
     format: ImportFormat,
@@ -121,7 +121,7 @@ pub fn import(
     }
 }
 
-/// Rz(q + theta)·Dz(d)·Dx(a)·Rx(alpha), row by row.
+/// Pose of the flange in the distal convention: product of Rz(q + theta)·Dz(d)·Dx(a)·Rx(alpha) over the rows.
 fn distal(rows: &[Link], q_rad: &[f64]) -> IsometryMatrix3<f64> {
     use crate::kinematics::forward::t_previous_link;
     rows.iter()
@@ -197,7 +197,7 @@ fn largest_difference(
     let difference = |q: Vec<f64>| {
         let ours = imported.t_root_base * t_base_flange(&robot.links, &q) * imported.t_flange_tip;
         let theirs = described(&q);
-        // a rotation's entries count at a metre
+        // Entries of rotations count as mm at a distance of one metre.
         let turn = (ours.rotation.matrix() - theirs.rotation.matrix()).amax() * 1e3;
         (ours.translation.vector - theirs.translation.vector)
             .norm()
@@ -209,8 +209,8 @@ fn largest_difference(
         .fold(0.0, f64::max)
 }
 
-/// Columns: `a_mm` or `a_m`, `alpha_deg` or `alpha_rad`, `d_mm` or `d_m`, `theta_offset_deg` or `theta_offset_rad`; optional `beta_deg` or
-/// `beta_rad`, `min_deg` and `max_deg` (or `_rad`), `link`. One row per link, base to flange.
+/// Reads a table with one row per link, base to flange. Columns: `a_mm` or `a_m`, `alpha_deg` or `alpha_rad`, `d_mm` or `d_m`,
+/// `theta_offset_deg` or `theta_offset_rad`; optional `beta_deg` or `beta_rad`, `min_deg` and `max_deg` (or `_rad`), `link`.
 ///
 /// # Errors
 /// [`Invalid`] with row and column of everything that is wrong.

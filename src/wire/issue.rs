@@ -1,4 +1,4 @@
-//! Issues of an upload or a request body, each with its place.
+//! Issues of an upload or a request body, each with its position.
 
 use crate::wire::joint_map::JointMapBody;
 use serde::{Deserialize, Serialize};
@@ -7,7 +7,7 @@ use utoipa::ToSchema;
 /// Largest number of issues in one answer: enough to correct a file at once, few enough to read.
 pub const MAX_ISSUES: usize = 100;
 
-/// One thing that is wrong with the input: where, what, and how to mend it.
+/// One fault of the input: where, what, and how to correct it.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct Issue {
     /// 0-based data row of a CSV file (the header is not counted).
@@ -21,7 +21,7 @@ pub struct Issue {
     pub pointer: Option<String>,
     /// Stable, machine-readable reason.
     pub code: String,
-    /// In words: the value found, and a hint.
+    /// Description, with the value found and a hint.
     pub detail: String,
     /// With `joint_map_suspect`: the joint map that the robot should have.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -40,7 +40,7 @@ impl Issue {
         }
     }
 
-    /// Place and detail in words.
+    /// Position and detail as text.
     pub fn in_words(&self) -> String {
         let place = match (&self.pointer, self.row, &self.column) {
             (Some(pointer), _, _) if !pointer.is_empty() => format!("{pointer}: "),
@@ -49,7 +49,7 @@ impl Issue {
             (_, None, Some(column)) => format!("{column}: "),
             _ => String::new(),
         };
-        // many say it themselves
+        // Many details begin with the position.
         if self.detail.starts_with(&place) {
             self.detail.clone()
         } else {
@@ -58,13 +58,13 @@ impl Issue {
     }
 }
 
-/// Input that was understood but cannot be used (422), with every reason found.
+/// Input that was parsed but cannot be used (422), with all reasons.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{}", self.summary())]
 pub struct Invalid {
     /// Code of the problem as a whole.
     pub code: &'static str,
-    /// Every reason; at most [`MAX_ISSUES`].
+    /// The reasons, at most [`MAX_ISSUES`].
     pub issues: Vec<Issue>,
 }
 
@@ -89,21 +89,21 @@ impl Invalid {
     }
 }
 
-/// Collects issues while a document is checked, so that one answer names them all.
+/// Collects issues while a document is checked, so that one answer contains all of them.
 #[derive(Debug, Default)]
 pub struct Checker {
     issues: Vec<Issue>,
 }
 
 impl Checker {
-    /// Notes an issue; past [`MAX_ISSUES`] they are dropped.
+    /// Adds an issue. Issues beyond [`MAX_ISSUES`] are dropped.
     pub fn note(&mut self, pointer: impl Into<String>, code: &str, detail: impl Into<String>) {
         if self.issues.len() < MAX_ISSUES {
             self.issues.push(Issue::at(pointer, code, detail));
         }
     }
 
-    /// Notes an issue unless `value` is finite and within `[-limit, limit]`.
+    /// Adds an issue unless `value` is finite and within `[-limit, limit]`.
     pub fn magnitude(&mut self, pointer: impl Into<String>, value: f64, limit: f64, hint: &str) {
         if value.is_nan() || value.abs() > limit {
             self.note(
@@ -114,7 +114,7 @@ impl Checker {
         }
     }
 
-    /// Notes an issue unless `found` equals `expected`; true when it does.
+    /// Adds an issue unless `found` equals `expected`. Returns true if they are equal.
     pub fn length(
         &mut self,
         pointer: impl Into<String>,
@@ -132,7 +132,7 @@ impl Checker {
         found == expected
     }
 
-    /// Notes an issue unless the text has 1 to `max` characters, none of them NUL.
+    /// Adds an issue unless the text has 1 to `max` characters, none of them NUL.
     pub fn text(&mut self, pointer: &str, text: &str, max: usize) {
         let n = text.chars().count();
         if n == 0 || n > max {
@@ -163,10 +163,10 @@ impl Checker {
         }
     }
 
-    /// `Ok` if nothing was noted.
+    /// `Ok` if there are no issues.
     ///
     /// # Errors
-    /// [`Invalid`] with everything that was.
+    /// [`Invalid`] with all issues.
     pub fn finish(self, code: &'static str) -> Result<(), Invalid> {
         if self.issues.is_empty() {
             Ok(())

@@ -23,7 +23,7 @@ use utoipa::ToSchema;
 /// Highest priority of a job; the lowest is its negative.
 pub const MAX_PRIORITY: i64 = 10;
 
-/// What a job does.
+/// Kind of a job.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Kind {
@@ -34,40 +34,40 @@ pub enum Kind {
     Verify,
 }
 
-/// A calibration to run. All but the set is optional.
+/// A calibration to run. Only the set is required.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct JobRequestBody {
     /// The measured points.
     pub measurement_set_id: String,
-    /// What to do.
+    /// Kind of job.
     #[serde(default)]
     pub kind: Kind,
     /// `kind: verify`: the parameter set to score; default: the active one, else the nominal robot. `kind: identify`: the one whose
     /// session to compare with; default: the robot's last from another upload.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub parameter_set_id: Option<String>,
-    /// How.
+    /// Method of identification.
     #[serde(default)]
     pub method: Method,
     /// Which parameters exist; default: paper for a set in the base frame, else complete.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub model: Option<Model>,
-    /// Where options that are not given come from.
+    /// Default values of options.
     #[serde(default)]
     pub preset: Preset,
-    /// Which of them are free; default: all.
+    /// Choice of free parameters; default: all.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub parameters: Option<ParametersBody>,
     /// Base and tool frame from sweeps.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frames_id: Option<String>,
-    /// The network for `bpnn_pso`, and for `auto` where least squares from nominal does not find the robot; default: the newest of the
-    /// same model, preset and parameters.
+    /// The network for `bpnn_pso`, and for `auto` if least squares from nominal does not find the robot; default: the newest of the same
+    /// model, preset and parameters.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub network_id: Option<String>,
-    /// The residual network whose training goes on, where corrections are looked for; default: the robot's newest that was not trained on
-    /// these points. It is pinned when the job is posted.
+    /// The residual network from which training continues, if corrections are searched; default: the robot's newest that was not trained on
+    /// these points. It is chosen when the job is posted.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub residual_network_id: Option<String>,
     /// Seed of every random number.
@@ -79,14 +79,14 @@ pub struct JobRequestBody {
     /// Where the verify points come from.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub verify: Option<VerifyBody>,
-    /// Jobs of a higher priority go first, -10 to 10; above 0 it takes a key with scope admin.
+    /// Jobs of a higher priority run first, -10 to 10; above 0 requires a key with the scope admin.
     #[serde(default, skip_serializing_if = "is_zero")]
     #[schema(minimum = -10, maximum = 10)]
     pub priority: i64,
-    /// What link parameters cannot say; default: auto, off in preset paper.
+    /// Corrections beyond link parameters; default: auto, off in preset paper.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub corrections: Option<CorrectionsChoice>,
-    /// What the flange carried while the set was measured; with it, corrections hold for other payloads too.
+    /// Payload on the flange while the set was measured; with it, corrections hold for other payloads too.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub payload: Option<PayloadBody>,
     /// Search options.
@@ -107,25 +107,25 @@ pub enum VerifyBody {
     },
     /// Another set of the same robot.
     Set {
-        /// That set.
+        /// Id of that set.
         measurement_set_id: String,
     },
 }
 
-/// The stored things a job refers to, already read.
+/// Parsed documents that a job refers to.
 #[derive(Clone, Debug)]
 pub struct JobParts {
     /// The robot.
     pub robot: Robot,
-    /// The set.
+    /// The measurement set.
     pub set: MeasurementSet,
     /// The set of `verify: {source: "set"}`.
     pub verify_set: Option<MeasurementSet>,
     /// The frames of `frames_id`.
     pub frames: Option<crate::frames::PreliminaryFrames>,
-    /// The network that was pinned when the job was posted.
+    /// The network that was chosen when the job was posted.
     pub network: Option<TrainedNetwork>,
-    /// The residual network that was pinned when the job was posted, where the training of a new one starts.
+    /// The residual network that was chosen when the job was posted; training continues from it.
     pub residual_network: Option<ResidualNetwork>,
     /// The session of the robot's last identification, to compare with.
     pub previous: Option<PreviousSession>,
@@ -158,7 +158,7 @@ impl JobRequestBody {
     /// Checks that need only the request.
     ///
     /// # Errors
-    /// [`Invalid`]: `invalid_job` for values out of range and for what the job would not use, `unknown_reference` for what cannot be an id.
+    /// [`Invalid`]: `invalid_job` for values out of range and for fields that the job would ignore, `unknown_reference` for texts that cannot be ids.
     pub fn check(&self) -> Result<(), Invalid> {
         self.check_ids()?;
         let mut checker = Checker::default();
@@ -281,7 +281,7 @@ impl JobRequestBody {
         checker.finish("invalid_job")
     }
 
-    /// True if the job looks for corrections. The residual network is the last of them.
+    /// True if the job searches for corrections. The last of them is the residual network.
     pub fn may_train_residual_network(&self) -> bool {
         let has_priors = self
             .parameters
@@ -300,13 +300,13 @@ impl JobRequestBody {
                 .is_some_and(|p| p.rest == Some(Rest::ParameterSet))
     }
 
-    /// The model that is identified from a set in this frame: the one asked for, else the default.
+    /// The model that is identified from a set in this frame: the requested one, else the default.
     pub fn model_for(&self, frame: Frame) -> Model {
         self.model
             .unwrap_or_else(|| request::default_model(frame, self.frames_id.is_some()))
     }
 
-    /// The calibration request with the stored things that this body refers to.
+    /// The core's request of this body and the documents that it refers to.
     ///
     /// # Errors
     /// As [`JobRequestBody::check`], and for priors that do not fit robot and model.

@@ -5,24 +5,24 @@ use crate::wire::problem::Problem;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// How a job stands.
+/// Status of a job.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum JobStatus {
     /// Waiting for a worker.
     Queued,
-    /// A worker has it.
+    /// A worker computes it.
     Running,
     /// Done; report and parameter set exist.
     Succeeded,
-    /// Over without a result; `error` says why.
+    /// Ended without a result; `error` has the cause.
     Failed,
     /// Stopped on request.
     Cancelled,
 }
 
 impl JobStatus {
-    /// As it stands on the wire and in the database.
+    /// Its name in JSON and in the database.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Queued => "queued",
@@ -56,7 +56,7 @@ impl TryFrom<String> for JobStatus {
     }
 }
 
-/// What a running job is at.
+/// Stage of a running job.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Stage {
@@ -66,13 +66,13 @@ pub enum Stage {
     LeastSquares,
     /// The main method: a swarm.
     Pso,
-    /// The main method: a swarm that the robot's network begins.
+    /// The main method: a swarm that starts from the robot's network.
     BpnnPso,
     /// A network is trained on the swarm.
     TrainNetwork,
-    /// Least squares ends what the swarm began.
+    /// Least squares refines the swarm's result.
     Refine,
-    /// What links cannot say is looked for.
+    /// Corrections beyond link parameters are searched.
     Corrections,
     /// Least squares on the same points, to compare with.
     CompareLeastSquares,
@@ -80,9 +80,9 @@ pub enum Stage {
     ComparePso,
     /// A swarm from the last answer, to compare with.
     CompareWarmStart,
-    /// Errors and uncertainties are worked out.
+    /// Errors and uncertainties are computed.
     Uncertainty,
-    /// The uncertainty of what a partial recalibration held.
+    /// The uncertainty of the parameters that a partial recalibration holds.
     HeldUncertainty,
     /// The session is compared with the one before.
     CompareSessions,
@@ -91,7 +91,7 @@ pub enum Stage {
 }
 
 impl Stage {
-    /// All of them.
+    /// All stages.
     pub const ALL: [Self; 14] = [
         Self::Screening,
         Self::LeastSquares,
@@ -140,47 +140,47 @@ impl Stage {
     }
 }
 
-/// How far a running job is.
+/// Progress of a running job.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ProgressAnswer {
-    /// What it is at; absent in what an older version wrote.
+    /// Current stage; absent in progress that an older version stored.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub stage: Option<Stage>,
-    /// Iterations of the main method that are done. Other stages follow it, and have none.
+    /// Finished iterations of the main method. Other stages follow it and have none.
     pub iteration: u64,
-    /// The limit, which is seldom reached; 0 before the main method.
+    /// Largest number of iterations, which is seldom reached; 0 before the main method.
     pub n_iterations: u64,
     /// Smallest F so far, mm².
     #[schema(required)]
     pub best_cost_mm2: Option<f64>,
 }
 
-/// A job as the service answers it.
+/// A job.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct JobAnswer {
     /// Opaque identifier.
     pub id: String,
     /// The robot.
     pub robot_id: String,
-    /// The set it identifies from.
+    /// The measurement set.
     pub measurement_set_id: String,
-    /// What it does.
+    /// Its kind.
     pub kind: Kind,
-    /// The method asked for; the report says which one ran.
+    /// The requested method; the report has the one that ran.
     pub method: Method,
-    /// What was asked, as it was understood.
+    /// The request, as it was parsed.
     pub request: JobRequestBody,
-    /// How it stands.
+    /// Its status.
     pub status: JobStatus,
-    /// How often a worker has begun it.
+    /// Number of attempts.
     pub attempt: u32,
-    /// How far it is.
+    /// Its progress.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub progress: Option<ProgressAnswer>,
     /// Why it failed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub error: Option<Problem>,
-    /// The parameter set that it verifies, holds what is not identified at, or compares with, chosen when it was posted.
+    /// The parameter set that it verifies, at which it holds parameters, or with which it is compared; chosen when it was posted.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub parameter_set_from: Option<String>,
     /// Its parameter set, once it has succeeded.
@@ -189,10 +189,10 @@ pub struct JobAnswer {
     /// The network it trained, if it was a swarm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub network_id: Option<String>,
-    /// The residual network that its training began at, chosen when it was posted.
+    /// The residual network from which its training continues, chosen when it was posted.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub residual_network_from: Option<String>,
-    /// The residual network it kept, if one won.
+    /// The residual network of its corrections, if they use one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub residual_network_id: Option<String>,
     /// RFC 3339, UTC.
@@ -208,18 +208,18 @@ pub struct JobAnswer {
 /// One server-sent event of a job.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct JobEvent {
-    /// `progress` whenever the job moves, `finished` once when it is over.
+    /// `progress` at each change of the job, `finished` once when it has ended.
     pub event: JobEventName,
     /// The job, in JSON.
     pub data: String,
 }
 
-/// What a job's event is called.
+/// Name of a job's event.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum JobEventName {
-    /// The job moved.
+    /// The job has changed.
     Progress,
-    /// The job is over; nothing follows.
+    /// The job has ended; no event follows.
     Finished,
 }

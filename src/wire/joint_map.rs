@@ -10,21 +10,21 @@ use utoipa::ToSchema;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct JointMapBody {
-    /// +1 or -1 for each joint; all +1 where absent.
+    /// +1 or -1 for each joint; default: all +1.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sign: Option<Vec<f64>>,
-    /// Added last, degrees; all 0 where absent.
+    /// Added last, degrees; default: all 0.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub offset_deg: Option<Vec<f64>>,
-    /// n rows of n values, invertible; the identity where absent.
+    /// n rows of n values, invertible; default: the identity.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub coupling: Option<Vec<Vec<f64>>>,
 }
 
-/// The map in full, in degrees.
+/// Fills every field; angles in degrees.
 impl From<&JointMap> for JointMapBody {
     fn from(map: &JointMap) -> Self {
-        // radians leave a last digit
+        // Removes the rounding error of radians.
         let rounded_deg = |rad: &f64| (to_degrees(*rad) * 1e9).round() / 1e9;
         Self {
             sign: Some(map.sign.clone()),

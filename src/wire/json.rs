@@ -1,4 +1,4 @@
-//! Request bodies in JSON, with errors that say where.
+//! Parses request bodies in JSON. Errors have a JSON pointer.
 
 use crate::wire::{Invalid, Issue};
 use serde::de::{
@@ -8,10 +8,10 @@ use serde_path_to_error::{Path, Segment};
 use std::fmt;
 use std::marker::PhantomData;
 
-/// Why a body could not be read.
+/// Why a body could not be parsed.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Error {
-    /// Not JSON at all (400).
+    /// Not JSON (400).
     #[error("the body is not JSON: {0}")]
     Syntax(String),
     /// JSON of another shape (422).
@@ -24,7 +24,7 @@ pub enum Error {
 /// # Errors
 /// [`Error::Syntax`] if it is not JSON, [`Error::Shape`] if it is JSON of another shape.
 pub fn parse<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Error> {
-    // serde would read a list as the fields in their order, with missing ones absent.
+    // serde would accept a list as the values of the fields in order.
     if bytes.iter().find(|byte| !byte.is_ascii_whitespace()) == Some(&b'[') {
         return Err(Invalid::at(
             "",
@@ -48,10 +48,10 @@ pub fn parse<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Error> {
     Ok(value)
 }
 
-/// Reads a list of at most `MAX` items and no further: one that is longer is refused before it fills the memory.
+/// Parses a list of at most `MAX` items. It stops at the first item beyond them, so that a longer list does not fill the memory.
 ///
 /// # Errors
-/// Of the reader; or that there are more.
+/// Those of the parser, or that the list is too long.
 pub fn at_most<'de, D: Deserializer<'de>, T: Deserialize<'de>, const MAX: usize>(
     reader: D,
 ) -> Result<Vec<T>, D::Error> {
@@ -126,7 +126,7 @@ fn is_json(bytes: &[u8]) -> bool {
     serde_json::from_slice::<IgnoredAny>(bytes).is_ok()
 }
 
-/// RFC 6901: `~` and `/` inside a key are escaped.
+/// JSON pointer of a path (RFC 6901): `~` and `/` inside a key are escaped.
 fn pointer(path: &Path) -> String {
     let mut pointer = String::new();
     for segment in path.iter() {

@@ -3,10 +3,10 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// The key of a request; never the key itself.
+/// Permissions of a request's key, without the key itself.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct KeyAnswer {
-    /// Its identifier; `anonymous` where no key is needed.
+    /// Its identifier; `anonymous` if no key is needed.
     pub id: String,
     /// `read`, `upload`, `identify`, `release`, `admin`; the last one includes the others.
     pub scopes: Vec<String>,

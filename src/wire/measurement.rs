@@ -1,4 +1,4 @@
-//! Measurement sets: CSV or JSON in, a summary out.
+//! Measurement sets: parsing of CSV and JSON, and their summary.
 
 use crate::calibration::upload;
 use crate::kinematics::Robot;
@@ -50,7 +50,7 @@ pub struct MeasurementSetBody {
     /// The frame of every position; may be given in the query instead.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frame: Option<Frame>,
-    /// What people call it.
+    /// Its name.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(min_length = 1, max_length = 200)]
     pub name: Option<String>,
@@ -67,7 +67,7 @@ pub struct PointBody {
     /// The controller's joint values, degrees.
     #[serde(deserialize_with = "json::at_most::<_, _, MAX_LISTED>")]
     pub q_deg: Vec<f64>,
-    /// Where the target was seen, mm.
+    /// Measured position of the target, mm.
     pub position_mm: [f64; 3],
     /// Points of one arm configuration share this label; default: equal joint values.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -76,7 +76,7 @@ pub struct PointBody {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(maximum = 31)]
     pub target: Option<usize>,
-    /// Which half it belongs to.
+    /// Whether it is fitted (`identify`) or only scored (`verify`).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub subset: Option<Subset>,
     /// Its own standard uncertainty, mm.
@@ -94,19 +94,19 @@ pub struct PointBody {
     /// Air temperature at the robot, °C.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub temperature_c: Option<f64>,
-    /// When it was measured, RFC 3339; kept with the upload.
+    /// When it was measured, RFC 3339; stored with the upload.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub measured_at: Option<String>,
 }
 
-/// What is known of a stored set.
+/// Summary of a stored set.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct SetSummary {
     /// Opaque identifier.
     pub id: String,
     /// The robot it was measured on.
     pub robot_id: String,
-    /// What people call it.
+    /// Its name.
     #[schema(required)]
     pub name: Option<String>,
     /// The frame of every position.
@@ -121,17 +121,17 @@ pub struct SetSummary {
     pub sha256: String,
     /// RFC 3339, UTC.
     pub created_at: String,
-    /// What one should know before using it.
+    /// Warnings.
     pub warnings: Vec<Warning>,
-    /// The suspicion that would have refused it, had the uploader not insisted: no release rests on such a set.
+    /// Code of the suspicion that the uploader overrode with `insist`. No release rests on such a set.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub insisted_on: Option<Insist>,
 }
 
-/// Parameter of a content type that declares decimal commas; stored with the upload, so that it is read again as it was read first.
+/// Parameter of a content type that declares decimal commas. It is stored with the upload, so that the stored bytes are parsed the same way again.
 pub const DECIMAL_COMMA: &str = "decimal=comma";
 
-/// How a file writes its numbers, as its content type declares it.
+/// Decimal mark of a CSV file, from its content type.
 pub fn declared_decimal(content_type: &str) -> Decimal {
     let is_comma = content_type
         .split(';')
@@ -144,7 +144,7 @@ pub fn declared_decimal(content_type: &str) -> Decimal {
     }
 }
 
-/// What `measured_at` may hold: a time in what is uploaded now, any label in what was stored before that was asked for.
+/// Check of `measured_at`: new uploads must have a time, older stored ones may have any label.
 type TimeCheck = fn(&str) -> bool;
 
 /// Reads an uploaded CSV file.
@@ -180,7 +180,7 @@ fn parse_csv(
     })
 }
 
-/// Reads a file that nobody has looked at yet.
+/// Parses a new file.
 ///
 /// # Errors
 /// [`Invalid`] with row, column and value of everything that is wrong.
@@ -193,7 +193,7 @@ pub fn from_file(
     parse_typed(content_type, bytes, frame, n_joints, is_rfc3339)
 }
 
-/// Reads a stored upload again.
+/// Parses a stored upload.
 ///
 /// # Errors
 /// [`Invalid`]; does not happen for bytes that were accepted once.
@@ -300,7 +300,7 @@ impl MeasurementSetBody {
         Ok(MeasurementSet::new(frame, points))
     }
 
-    /// The frame of the body, or else of the query; nothing where neither says it.
+    /// The frame in the body, else that in the query; none if neither has one.
     ///
     /// # Errors
     /// [`Invalid`] if they differ.
@@ -406,7 +406,7 @@ pub fn counts(set: &MeasurementSet) -> (usize, usize) {
     (set.configurations().len(), targets.len())
 }
 
-/// What the uploader should know: the set is kept all the same.
+/// Warnings for the uploader. The set is stored in spite of them.
 pub fn warnings(robot: &Robot, set: &MeasurementSet) -> Vec<Warning> {
     let of_the_set = upload::warnings(robot, set);
     let mut warnings: Vec<Warning> = of_the_set.iter().map(Warning::from).collect();

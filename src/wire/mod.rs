@@ -1,7 +1,7 @@
 //! The JSON shapes of `openapi.yaml` and their conversion to and from the core.
 //!
-//! Angles are in degrees here and in radians in the core; [`angle`] converts them. Fields on the wire end in their unit.
-//! What has been converted to a type of the core is valid by type.
+//! Angles are in degrees here and in radians in the core; [`angle`] converts them. Names of fields end in their unit. The conversions check all
+//! values, so values of the core's types are valid.
 
 pub mod angle;
 pub mod bounds;

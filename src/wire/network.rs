@@ -4,14 +4,14 @@ use crate::wire::job::{Model, Preset};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// What a network says.
+/// Kind of a network.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum NetworkKind {
     /// Link parameters → corrected link parameters: it moves the first swarm of `bpnn_pso` (section 5 of the paper).
     #[default]
     LinkParameters,
-    /// Joints → what links and physics leave of the position: the last of the corrections.
+    /// Joint values → position errors that remain after links and physical corrections: the last of the corrections.
     Residual,
 }
 
@@ -20,7 +20,7 @@ pub enum NetworkKind {
 pub struct NetworkAnswer {
     /// Opaque identifier; a job takes it as `network_id` or, of kind residual, as `residual_network_id`.
     pub id: String,
-    /// What it says.
+    /// Its kind.
     pub kind: NetworkKind,
     /// The robot it was trained for.
     pub robot_id: String,

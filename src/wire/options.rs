@@ -64,7 +64,7 @@ pub struct OptionsBody {
 }
 
 impl OptionsBody {
-    /// Notes every option that is out of its range.
+    /// Reports every option that is out of its range.
     pub fn check(&self, checker: &mut Checker) {
         let within =
             |checker: &mut Checker, name: &str, value: Option<usize>, min: usize, max: usize| {

@@ -24,34 +24,34 @@ use utoipa::ToSchema;
 pub struct ParameterSetContent {
     /// Identified links, base to flange.
     pub links: Vec<IdentifiedLink>,
-    /// Base in the measuring frame; the identity where positions are in the base frame and the model is the paper's.
+    /// Base in the measuring frame; the identity if positions are in the base frame and the model is the paper's.
     pub t_instrument_base: Transform,
-    /// Where the reflectors are, in the flange frame.
+    /// Positions of the reflectors in the flange frame.
     pub targets: Vec<Target>,
-    /// Links identified together with `corrections`; absent where no correction was kept.
+    /// Links identified together with `corrections`; absent if no correction is used.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub links_with_corrections: Option<Vec<IdentifiedLink>>,
-    /// What link parameters cannot say; absent where none was kept.
+    /// Corrections beyond link parameters; absent if none is used.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub corrections: Option<CorrectionsContent>,
 }
 
-/// Where a parameter set comes from, and what one should know before using it.
+/// Provenance of a parameter set, and warnings.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Provenance {
     /// The frame that its positions were measured in; absent in documents of older versions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub measuring_frame: Option<Frame>,
-    /// One standard deviation of the flange's rotation, degrees; absent where it was not computed.
+    /// One standard deviation of the flange's rotation, degrees; absent if it was not computed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub flange_rotation_std_deg: Option<f64>,
-    /// What one should know before using it.
+    /// Warnings.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<Warning>,
 }
 
 impl Provenance {
-    /// Why nothing is corrected with the set: the warning's code, and in words.
+    /// Code and text of the warning with which the set must not correct targets; none if there is no such warning.
     pub fn wrong_robot(&self) -> Option<(&'static str, &str)> {
         WRONG_ROBOT.into_iter().find_map(|code| {
             let warning = self.warnings.iter().find(|warning| warning.code == code)?;
@@ -90,7 +90,7 @@ pub struct IdentifiedLink {
     pub beta_deg: f64,
 }
 
-/// How a parameter set stands.
+/// Status of a parameter set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ParameterSetStatus {
@@ -98,14 +98,14 @@ pub enum ParameterSetStatus {
     Candidate,
     /// The robot's active set.
     Released,
-    /// Was released; another took its place.
+    /// Was released; another set has replaced it.
     Superseded,
-    /// Taken back.
+    /// Withdrawn.
     Withdrawn,
 }
 
 impl ParameterSetStatus {
-    /// As it stands on the wire.
+    /// Its name in JSON.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Candidate => "candidate",
@@ -132,7 +132,7 @@ impl TryFrom<String> for ParameterSetStatus {
     }
 }
 
-/// A parameter set as the service answers it.
+/// A parameter set.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ParameterSetAnswer {
     /// Opaque identifier.
@@ -141,21 +141,22 @@ pub struct ParameterSetAnswer {
     pub robot_id: String,
     /// The job that identified it.
     pub job_id: String,
-    /// How it stands.
+    /// Its status.
     pub status: ParameterSetStatus,
     /// Identified links, base to flange.
     pub links: Vec<IdentifiedLink>,
-    /// Base in the measuring frame; the identity where positions are in the base frame and the model is the paper's.
+    /// Base in the measuring frame; the identity if positions are in the base frame and the model is the paper's.
     pub t_instrument_base: Transform,
-    /// Where the reflectors are, in the flange frame.
+    /// Positions of the reflectors in the flange frame.
     pub targets: Vec<Target>,
-    /// Links identified together with `corrections`; absent where no correction was kept.
+    /// Links identified together with `corrections`; absent if no correction is used.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub links_with_corrections: Option<Vec<IdentifiedLink>>,
-    /// What link parameters cannot say; absent where none was kept.
+    /// Corrections beyond link parameters; absent if none is used.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub corrections: Option<CorrectionsContent>,
-    /// SHA-256 of the canonical JSON (RFC 8785) of {links, t_instrument_base, targets} and, where they are there, {links_with_corrections, corrections}.
+    /// SHA-256 of the canonical JSON (RFC 8785) of {links, t_instrument_base, targets} and, if present, {links_with_corrections,
+    /// corrections}.
     pub sha256: String,
     /// RFC 3339, UTC.
     pub created_at: String,
@@ -177,7 +178,7 @@ pub struct ParameterSetAnswer {
     /// Id of the key that withdrew it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub withdrawn_by: Option<String>,
-    /// The gates of the last release and what they found; look at those with `warning`.
+    /// The gates of the last release and their results; look at those with `warning`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub release_checks: Option<Vec<Gate>>,
 }

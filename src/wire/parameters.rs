@@ -16,15 +16,15 @@ pub struct ParametersBody {
     /// The only names to identify, e.g. `theta_offset_3`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub identify: Option<Vec<String>>,
-    /// What all others stay at, with `identify`; default: nominal.
+    /// Values of all other parameters, with `identify`; default: nominal.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rest: Option<Rest>,
-    /// What is known of free parameters beforehand.
+    /// Priors of free parameters.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub priors: Option<Vec<Prior>>,
 }
 
-/// What parameters stay at that are not identified.
+/// Values of parameters that are not identified.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Rest {

@@ -7,28 +7,28 @@ use utoipa::ToSchema;
 /// Largest tolerance, mm: calibration does not help a robot with larger errors.
 const MAX_TOLERANCE_MM: f64 = 1_000.0;
 
-/// A robot's policy. The gates that always stand are not listed: errors on verify points improved on nominal and on the active set,
-/// no session in which the set was no better than nominal, an identity that is not contradicted, plausible changes.
+/// A robot's policy. Gates that always hold are not part of it: errors on verify points improved on nominal and on the active set, no session
+/// in which the set was no better than nominal, an identity that is not contradicted, plausible changes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PolicyBody {
-    /// Largest predicted uncertainty of the tool over the workspace, and largest rms on verify points, mm; none: not asked.
+    /// Largest predicted uncertainty of the tool over the workspace, and largest rms on verify points, mm; none: no tolerance.
     #[serde(default)]
     #[schema(exclusive_minimum = 0, maximum = 1000)]
     pub tolerance_mm: Option<f64>,
     /// Another measuring session must have verified the set.
     #[serde(default)]
     pub independent_session_required: bool,
-    /// Who releases must not be who uploaded.
+    /// The key that releases must not be the one that uploaded.
     #[serde(default)]
     pub second_person_required: bool,
 }
 
 impl PolicyBody {
-    /// A tolerance is a length above zero.
+    /// Checks that the tolerance is a length above zero.
     ///
     /// # Errors
-    /// [`Invalid`] for any other.
+    /// [`Invalid`] if it is not.
     pub fn check(&self) -> Result<(), Invalid> {
         let mut checker = Checker::default();
         if let Some(tolerance) = self

@@ -18,13 +18,13 @@ use utoipa::ToSchema;
 
 /// Most configurations of a plan; more than anyone measures in a day.
 pub const MAX_PLANNED: usize = 300;
-/// Candidates where none are asked for.
+/// Default number of candidates.
 const DEFAULT_CANDIDATES: usize = 10_000;
 /// Most candidates.
 pub const MAX_CANDIDATES: usize = 50_000;
 /// Most boxes.
 pub const MAX_BOXES: usize = 32;
-/// Most sets that count as measured already.
+/// Most sets that were measured already.
 pub const MAX_MEASURED: usize = 20;
 /// Default noise of one coordinate, mm: tracker and repeatability of the arm.
 const DEFAULT_NOISE_MM: f64 = 0.05;
@@ -35,7 +35,7 @@ const OFF_AXIS_MM: [f64; 3] = [80.0, 0.0, 100.0];
 /// Assumed reflector with `model: paper`: on the flange's axis.
 const ON_AXIS_MM: [f64; 3] = [0.0, 0.0, 100.0];
 
-/// What is to be planned. All but the number is optional.
+/// Request for a pose plan. Only the number is required.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PosePlanBody {
@@ -51,7 +51,7 @@ pub struct PosePlanBody {
     /// The frame that will be measured in; default: instrument.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frame: Option<Frame>,
-    /// Where the reflector will be in the flange frame, mm; default: [80, 0, 100], with model paper [0, 0, 100].
+    /// Position of the reflector in the flange frame, mm; default: [80, 0, 100], with model paper [0, 0, 100].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub target_mm: Option<[f64; 3]>,
     /// Standard deviation of a measured coordinate, mm; default 0.05.
@@ -61,7 +61,7 @@ pub struct PosePlanBody {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(minimum = 1, maximum = 50000)]
     pub n_candidates: Option<usize>,
-    /// How many of the first are measured again at the end, to see drift; default 3, none for plans below 20.
+    /// Number of the first configurations that are repeated at the end, to detect drift; default 3, none for plans below 20.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub n_repeats: Option<usize>,
     /// The reflector stays in one of these boxes, base frame.
@@ -71,7 +71,7 @@ pub struct PosePlanBody {
     /// Reflector, flange, wrist and elbow stay above this, base frame, mm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub floor_z_mm: Option<f64>,
-    /// They stay out of this.
+    /// They stay outside of this cylinder.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub base_cylinder: Option<BaseCylinderBody>,
     /// Sets of this robot that were measured already: the plan adds to them.
@@ -109,7 +109,7 @@ pub struct PosePlanAnswer {
     pub observability_index_o1: f64,
     /// Predicted standard deviation of the tool over the workspace, with what was measured already and the plan.
     pub predicted_std_mm: ToolUncertaintyReport,
-    /// The same with as many random configurations in the plan's place.
+    /// The same with as many random configurations in place of the plan.
     pub predicted_std_mm_random: ToolUncertaintyReport,
 }
 
@@ -124,7 +124,7 @@ pub struct PlannedConfiguration {
 }
 
 impl PosePlanBody {
-    /// A plan of so many configurations, everything else by default.
+    /// The request for a plan of `n_configurations`, everything else by default.
     pub fn new(n_configurations: usize) -> Self {
         Self {
             n_configurations,
@@ -145,7 +145,7 @@ impl PosePlanBody {
     /// The plan. `measured` holds the sets that the request names.
     ///
     /// # Errors
-    /// [`Invalid`] for values out of range, and where the room holds too few configurations.
+    /// [`Invalid`] for values out of range, and if the allowed space has too few configurations.
     pub fn run(
         &self,
         robot: &Robot,

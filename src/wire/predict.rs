@@ -26,10 +26,10 @@ pub struct PredictBody {
     #[serde(default)]
     #[schema(maximum = 31)]
     pub target: usize,
-    /// Which stretch between steps; default: the last.
+    /// Segment of a target that moved; default: the last.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub segment: Option<u32>,
-    /// What the flange carries at these poses; default: what it carried when the robot was identified. Without corrections it has no effect.
+    /// Payload at these poses; default: the payload at the identification. Without corrections it has no effect.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub payload: Option<PayloadBody>,
 }
@@ -39,12 +39,12 @@ pub struct PredictBody {
 pub struct PredictAnswer {
     /// In the parameter set's measuring frame, mm, pose by pose.
     pub position_mm: Vec<[f64; 3]>,
-    /// True where the pose is outside of what was measured, so that corrections fade into the links alone; without corrections always false.
+    /// True if the pose is outside the measured region, where corrections fade to the links alone; always false without corrections.
     pub extrapolated: Vec<bool>,
 }
 
 impl PredictBody {
-    /// Where the identified robot has the target: through the joint map, the identified links, the corrections and the measuring frame.
+    /// Predicts the target's positions with the joint map, the identified links, the corrections and the base's pose in the measuring frame.
     ///
     /// # Errors
     /// [`Invalid`] for poses that do not fit the robot, or a target that the set does not have.
@@ -108,7 +108,7 @@ impl PredictBody {
     }
 }
 
-/// Notes what is wrong with the joint values of pose `i` of `q_deg`.
+/// Reports what is wrong with the joint values of pose `i` of `q_deg`.
 pub fn check_pose(checker: &mut Checker, i: usize, pose: &[f64], n_joints: usize) {
     checker.length(
         format!("/q_deg/{i}"),
@@ -126,7 +126,7 @@ pub fn check_pose(checker: &mut Checker, i: usize, pose: &[f64], n_joints: usize
     }
 }
 
-/// A target that the parameter set does not have.
+/// Refusal of a target that the parameter set does not have.
 pub fn unknown_target() -> Invalid {
     Invalid::at(
         "/target",

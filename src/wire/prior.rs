@@ -12,11 +12,11 @@ pub const MAX_NAMES: usize = 500;
 pub const MAX_PARAMETER_NAME: usize = 64;
 /// Widest standard deviation, and largest value, mm or degrees.
 pub(super) const MAX_VALUE: f64 = 1e6;
-/// Narrowest standard deviation, mm or degrees: a nanometre; what is known better is held.
+/// Narrowest standard deviation, mm or degrees: a nanometre. Hold a parameter that is known better.
 pub(super) const MIN_STD: f64 = 1e-6;
 
-/// What is known of a free parameter beforehand, in the unit that the report has it in (`parameters[].unit`: mm or deg): it is expected at
-/// `mean` ± `std`, and stays between `min` and `max`.
+/// Prior of a free parameter, in the report's unit (`parameters[].unit`: mm or deg): expected value `mean` ± `std`, and bounds `min` and
+/// `max`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Prior {
@@ -24,7 +24,7 @@ pub struct Prior {
     pub name: String,
     /// One standard deviation; above 0.
     pub std: f64,
-    /// Where it is expected; default: what the report calls its nominal value, for base and targets their first estimate.
+    /// Expected value; default: the report's `nominal`, which for base and targets is their first estimate.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mean: Option<f64>,
     /// Smallest value allowed.

@@ -1,4 +1,4 @@
-//! RFC 9457: every answer that is not a success has this shape.
+//! Problem documents (RFC 9457): the shape of every error answer.
 
 use crate::wire::Issue;
 use serde::{Deserialize, Serialize};
@@ -7,30 +7,30 @@ use utoipa::ToSchema;
 /// Media type of a problem.
 pub const PROBLEM_JSON: &str = "application/problem+json";
 
-/// Prefix of every `type`: the `code` follows.
+/// Prefix of every `type`; the `code` follows.
 const TYPE_PREFIX: &str = "urn:kincal:problem:";
 
-/// What went wrong (RFC 9457).
+/// A problem (RFC 9457).
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct Problem {
     /// `urn:kincal:problem:` and the code.
     #[serde(rename = "type")]
     pub kind: String,
-    /// The code in words.
+    /// Text of the code.
     pub title: String,
     /// HTTP status.
     pub status: u16,
-    /// What happened, where, and how to mend it.
+    /// What happened, where, and how to correct it.
     pub detail: String,
     /// Stable, machine-readable reason.
     pub code: String,
-    /// For bad input: every place that is wrong. For a refused release: every gate that failed.
+    /// For bad input: every fault. For a refused release: every gate that failed.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub errors: Vec<Issue>,
 }
 
 impl Problem {
-    /// A problem from its code; type and title follow from it.
+    /// A problem with this code, from which type and title follow.
     pub fn new(status: u16, code: &str, detail: impl Into<String>) -> Self {
         let words = code.replace('_', " ");
         let mut letters = words.chars();

@@ -7,11 +7,11 @@ use utoipa::ToSchema;
 /// Longest reason for a release or withdrawal, characters.
 pub const MAX_REASON: usize = 2_000;
 
-/// Why a set is released or withdrawn.
+/// Reason of a release or withdrawal.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ReasonBody {
-    /// In words, for those who come after.
+    /// The reason.
     #[schema(min_length = 1, max_length = 2000)]
     pub reason: String,
 }

@@ -1,4 +1,4 @@
-//! Shapes of releases: gates as they are answered and kept, and the body of a release.
+//! Shapes of releases: the gates, and the body of a release.
 
 use crate::wire::issue::{Checker, Invalid, Issue};
 use crate::wire::reason::MAX_REASON;
@@ -6,7 +6,7 @@ use crate::wire::report_shape::Evidence;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// One gate and how it came out; kept with the release.
+/// One gate and its result; stored with the release.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct Gate {
     /// Its name.
@@ -15,13 +15,13 @@ pub struct Gate {
     pub passed: bool,
     /// What was found.
     pub detail: String,
-    /// True where it was passed and somebody should look all the same.
+    /// True if it was passed, but somebody should look at it.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub warning: bool,
 }
 
 impl Gate {
-    /// A gate with what was found.
+    /// A gate and its result.
     pub fn new(gate: &str, passed: bool, detail: impl Into<String>) -> Self {
         Self {
             gate: gate.into(),
@@ -31,7 +31,7 @@ impl Gate {
         }
     }
 
-    /// Marks a gate that passed but deserves attention.
+    /// Sets `warning`: the gate passed, but somebody should look at it.
     pub fn warned(self, warning: bool) -> Self {
         Self {
             warning: warning && self.passed,
@@ -39,7 +39,7 @@ impl Gate {
         }
     }
 
-    /// Issue of this gate in a refusal.
+    /// This gate as an issue of a refusal.
     pub fn issue(&self) -> Issue {
         Issue {
             code: self.gate.clone(),
@@ -49,26 +49,26 @@ impl Gate {
     }
 }
 
-/// What a release would find.
+/// The gates as a release would find them now.
 #[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
 pub struct GatesAnswer {
     /// The set.
     pub parameter_set_id: String,
     /// Whether every gate is passed: then a release by the same key succeeds, unless something changes meanwhile.
     pub releasable: bool,
-    /// How strong the verification is.
+    /// Strength of the verification.
     pub evidence: Evidence,
-    /// The tool's largest predicted uncertainty over the workspace, mm; none where it cannot be stated.
+    /// The tool's largest predicted uncertainty over the workspace, mm; none if it cannot be stated.
     pub uncertainty_mm: Option<f64>,
-    /// All of them; with `warning`, passed and worth a look.
+    /// All gates. Those with `warning` passed, but somebody should look at them.
     pub gates: Vec<Gate>,
 }
 
-/// Why a set is released.
+/// Body of a release.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ReleaseBody {
-    /// In words, for those who come after.
+    /// The reason.
     #[schema(min_length = 1, max_length = 2000)]
     pub reason: String,
     /// Why parameters changed by more than can be expected, e.g. `collision on Monday`; needed only then.
@@ -78,7 +78,7 @@ pub struct ReleaseBody {
 }
 
 impl ReleaseBody {
-    /// Reasons are sentences, not nothing and not books.
+    /// Checks the length of the reasons, and that they contain text.
     ///
     /// # Errors
     /// [`Invalid`] for an overlong one, or one without a letter or digit.

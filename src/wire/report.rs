@@ -1,4 +1,4 @@
-//! Conversion of a calibration report, and the hash that tells whether two results are the same.
+//! Conversion of the core's report, and the hash of its result.
 
 use crate::calibration::CalibrationReport;
 use crate::calibration::changes::NamedChange;
@@ -20,7 +20,7 @@ use crate::wire::report_shape::{
 };
 use crate::wire::robot::MAX_LENGTH_MM;
 
-/// What the core cannot know of its own run.
+/// Facts of a run that the core does not know.
 #[derive(Clone, Debug)]
 pub struct RunContext<'a> {
     /// The job.
@@ -35,17 +35,17 @@ pub struct RunContext<'a> {
     pub verify_set_is_another: bool,
     /// SHA-256 of the trained network's tensors.
     pub network_sha256: Option<&'a str>,
-    /// The suspicion that the uploader of the points insisted on.
+    /// Code of the suspicion that the uploader of the points overrode with `insist`.
     pub insisted_on: Option<&'a str>,
 }
 
-/// The version every report names.
+/// Version in every report.
 pub const VERSION: &str = env!("CARGO_PKG_VERSION");
 
 /// Provenance of the parameters of a stored report.
 ///
 /// # Errors
-/// If it is no report.
+/// If the text is no report.
 pub fn provenance(
     report_json: &str,
     measuring_frame: Option<Frame>,
@@ -70,7 +70,7 @@ pub fn provenance(
 /// Codes of warnings that compare with earlier sessions.
 const ABOUT_EARLIER_SESSIONS: [&str; 2] = ["robot_changed", "placement_changed"];
 
-/// The wire's report, hash included.
+/// Builds the wire's report with its hash.
 ///
 /// # Errors
 /// If the content cannot be serialised; does not happen for a report without NaN.
@@ -153,8 +153,8 @@ fn insisted(run: &RunContext<'_>) -> Option<Warning> {
     })
 }
 
-/// SHA-256 over report, parameter set, convergence and the network's hash. Identifiers, times, durations and comparisons with earlier
-/// sessions are removed first: the result does not depend on them.
+/// SHA-256 of report, parameter set, convergence and the network's hash. Identifiers, times, durations and comparisons with earlier sessions are
+/// removed first, because the result does not depend on them.
 fn result_sha256(
     report: &Report,
     core: &CalibrationReport,

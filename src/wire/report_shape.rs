@@ -14,8 +14,8 @@ use utoipa::ToSchema;
 pub struct Report {
     /// The job.
     pub job_id: String,
-    /// The parameter set that was there before: the one that was verified, that what is not identified was held at, or that `changed` compares
-    /// with. Absent where there was none, and where the nominal robot was verified.
+    /// The earlier parameter set: the one that was verified, at which parameters were held, or with which `changed` compares. Absent if there
+    /// was none, or if the nominal robot was verified.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub parameter_set_from: Option<String>,
     /// The method that ran.
@@ -49,42 +49,43 @@ pub struct Report {
     pub per_point: Vec<PointReport>,
     /// Every free parameter.
     pub parameters: Vec<ParameterReport>,
-    /// Predicted uncertainty of the tool's position over the workspace, by the links alone: predictions with corrections have an error of their
-    /// own, which nothing here counts. What corrections that were kept show beyond the links is counted. Null where it cannot be stated.
+    /// Predicted uncertainty of the tool's position over the workspace, by the links alone. The errors that the corrections in use describe
+    /// are counted; the errors of the corrections themselves are not. Null if it cannot be stated.
     #[schema(required)]
     pub tool_uncertainty_mm: Option<ToolUncertaintyReport>,
-    /// Why neither the tool nor any parameter has an uncertainty, in words; absent where they have, and where nothing was identified.
+    /// Reason why neither the tool nor any parameter has an uncertainty; absent if they have one, or if nothing was identified.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tool_uncertainty_absent_because: Option<String>,
-    /// One standard deviation of the flange's rotation in the robot's base over the workspace, degrees, under what is known of robots
-    /// beforehand: what the positions leave open, and how far the identified links are from the best estimate. Above 0.5° corrected poses and
-    /// other tools than a measured reflector are refused (`orientation_not_known`), and no `change_reason` releases implausible changes. Null
-    /// where it cannot be computed, absent in reports of older versions.
+    /// One standard deviation of the flange's rotation in the robot's base over the workspace, degrees, with general priors on robots. It
+    /// contains what the positions do not determine, and the distance of the identified links from the best estimate. Above 0.5°, corrected
+    /// poses and other tools than a measured reflector are refused (`orientation_not_known`), and no `change_reason` releases implausible
+    /// changes. Null if it cannot be computed, absent in reports of older versions.
     #[serde(default)]
     pub flange_rotation_std_deg: Option<f64>,
-    /// How the points scatter about the model; null where it cannot be stated.
+    /// Scatter of the points about the model; null if it cannot be stated.
     #[schema(required)]
     pub error_model: Option<ErrorModelReport>,
-    /// What the data can see.
+    /// Identifiability: what the data determine.
     pub identifiability: IdentifiabilityReport,
     /// Other methods on the same points.
     pub comparison: Vec<ComparisonReport>,
-    /// Corrections that were tried, in order; empty where the links leave nothing to explain or there are too few points to tell, absent where
-    /// none was looked for.
+    /// Corrections that were tried, in order; empty if the links leave no error to explain or there are too few points to decide, absent if
+    /// corrections were not searched.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub corrections: Option<Vec<CorrectionReport>>,
-    /// How well the robot returns to poses that were measured several times; absent where none was.
+    /// Repeatability at poses that were measured several times; absent if there are none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub repeatability: Option<RepeatabilityReport>,
-    /// What moved since the session of the robot's last identification: the robot's parameters, then base and targets. Empty if it was
-    /// compared and nothing moved beyond chance; absent if there was nothing to compare with.
+    /// Changes since the session of the robot's last identification: the robot's parameters, then base and targets. Empty if nothing changed
+    /// beyond chance; absent if there was no session to compare with.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub changed: Option<Vec<ChangeReport>>,
-    /// How strong the verification is.
+    /// Strength of the verification.
     pub evidence: Evidence,
-    /// What one should know before using it.
+    /// Warnings.
     pub warnings: Vec<Warning>,
-    /// SHA-256 over the canonical content without identifiers, times and durations, and without what is said about earlier sessions: equal for the same request, seed and version.
+    /// SHA-256 of the canonical content without identifiers, times, durations and comparisons with earlier sessions: equal for the same
+    /// request, seed and version.
     pub result_sha256: String,
 }
 
@@ -110,7 +111,7 @@ pub struct SubsetReport {
     pub before: ErrorsReport,
     /// Of the identified links.
     pub after: ErrorsReport,
-    /// Of the links with corrections: as `after` where none was kept, absent where none was looked for.
+    /// Of the links with corrections: as `after` if none is used, absent if corrections were not searched.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub corrected: Option<ErrorsReport>,
 }
@@ -128,10 +129,10 @@ pub struct PointReport {
     pub before_mm: f64,
     /// Of the identified robot, mm.
     pub after_mm: f64,
-    /// Of the links with corrections, mm: as `after_mm` where none was kept, absent where none was looked for.
+    /// Of the links with corrections, mm: as `after_mm` if none is used, absent if corrections were not searched.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub corrected_mm: Option<f64>,
-    /// Where it was measured, in the measuring frame, mm. Reports of older versions have no vectors.
+    /// Measured position in the measuring frame, mm. Reports of older versions have no vectors.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub position_mm: Option<[f64; 3]>,
     /// Measured − predicted by the nominal robot, in the measuring frame, mm.
@@ -145,10 +146,10 @@ pub struct PointReport {
     pub corrected_vector_mm: Option<[f64; 3]>,
 }
 
-/// Warnings with which the identified robot is wrong somewhere: nothing is corrected with it, and it is not released.
+/// Warnings that the identified robot is wrong. Such a set corrects no targets and is not released.
 pub const WRONG_ROBOT: [&str; 3] = [MODEL_TOO_SMALL, NO_FIT, JOINT_MAP];
 
-/// Warnings with which nothing that was found is of use; the first that a report has counts.
+/// Warnings with which a result cannot be used. If a report has several, the first in this order counts.
 pub const NO_USE: [&str; 6] = {
     let [model_too_small, no_fit, joint_map] = WRONG_ROBOT;
     [
@@ -162,29 +163,29 @@ pub const NO_USE: [&str; 6] = {
 };
 
 impl Report {
-    /// The code of the warning that says so, where nothing that was found is of use.
+    /// Code of the warning with which the result cannot be used, if there is one.
     pub fn no_use(&self) -> Option<&'static str> {
-        let is_told = |code: &&str| self.warnings.iter().any(|warning| warning.code == *code);
-        NO_USE.into_iter().find(is_told)
+        let has_warning = |code: &&str| self.warnings.iter().any(|warning| warning.code == *code);
+        NO_USE.into_iter().find(has_warning)
     }
 
-    /// Why it is no evidence, in words.
+    /// Reason why the verification is no evidence.
     pub fn why_no_evidence(&self) -> &'static str {
-        let is_told = |code: &str| self.warnings.iter().any(|warning| warning.code == code);
+        let has_warning = |code: &str| self.warnings.iter().any(|warning| warning.code == code);
         if self.verify.is_none_or(|verify| verify.n_points == 0) {
             "no point was held out, these errors are those of the fit itself"
-        } else if is_told(DOES_NOT_FIT) {
+        } else if has_warning(DOES_NOT_FIT) {
             "this file does not fit this robot"
-        } else if is_told(NO_FIT) {
+        } else if has_warning(NO_FIT) {
             "the identified robot does not fit the points"
-        } else if is_told("insisted_upload") {
+        } else if has_warning("insisted_upload") {
             "these points were refused, and kept because the uploader insisted"
         } else {
             "so few configurations prove nothing"
         }
     }
 
-    /// Before and after on the points to verify, without those that are wild for both.
+    /// Robust comparison of the errors before and after on the verify points, without those that are outliers for both robots.
     pub fn judged(&self) -> Judged {
         let to_verify = self
             .per_point
@@ -204,7 +205,7 @@ impl Report {
     }
 }
 
-/// One parameter's outcome.
+/// Result for one parameter.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ParameterReport {
     /// `a_1`, `theta_offset_3`, `base_x`, ….
@@ -220,15 +221,15 @@ pub struct ParameterReport {
     pub identified: f64,
     /// identified − nominal.
     pub delta: f64,
-    /// One standard deviation; null where it cannot be stated.
+    /// One standard deviation; null if it cannot be stated.
     #[schema(required)]
     pub std_uncertainty: Option<f64>,
-    /// The interval that holds the true value with 95 % probability, in the same unit; null where it cannot be stated.
+    /// Interval that contains the true value with 95 % probability, in the same unit; null if it cannot be stated.
     #[schema(required)]
     pub interval_95: Option<[f64; 2]>,
-    /// False where the data cannot see it alone.
+    /// False if the data do not determine it alone.
     pub identifiable: bool,
-    /// What was known of it beforehand, and what became of that.
+    /// Its prior, and how much it decided.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub prior: Option<PriorReport>,
 }
@@ -236,7 +237,7 @@ pub struct ParameterReport {
 /// A prior as it was used, in the parameter's unit.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct PriorReport {
-    /// Where the parameter was expected.
+    /// Expected value.
     pub mean: f64,
     /// One standard deviation.
     pub std: f64,
@@ -246,16 +247,16 @@ pub struct PriorReport {
     /// Largest value allowed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub max: Option<f64>,
-    /// Share of what is known of the parameter now that comes from its prior, 0 to 1; null where no uncertainty can be stated.
+    /// Share of the parameter's information that comes from its prior, 0 to 1; null if no uncertainty can be stated.
     #[schema(required)]
     pub share: Option<f64>,
-    /// `min` or `max` where the fit ended at that bound.
+    /// `min` or `max` if the fit ended at that bound.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub at_bound: Option<String>,
 }
 
-/// One standard deviation of the tool's position (3-D) at random configurations within the joint limits, or where they are unknown over
-/// what was measured and at least half a turn, by the links alone. Noise, combinations that the data do not see, and misfit of the model all count.
+/// One standard deviation of the tool's position (3-D) by the links alone, at random configurations within the joint limits. A joint without
+/// limits covers its measured range, at least half a turn. Noise, combinations that the data do not determine, and misfit of the model count.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ToolUncertaintyReport {
     /// Mean, mm.
@@ -264,33 +265,34 @@ pub struct ToolUncertaintyReport {
     pub max: f64,
 }
 
-/// How the points scatter about the model, one standard deviation each.
+/// Scatter of the points about the model, one standard deviation each.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ErrorModelReport {
     /// White noise of one coordinate, mm.
     pub noise_std_mm: f64,
-    /// What all points of one configuration share, mm; 0 where it does not stand out of the noise.
+    /// Error that all points of one configuration share, mm; 0 if it is not distinguishable from noise.
     pub configuration_std_mm: f64,
-    /// What the model cannot say, as a turning of each joint with its value and with gravity, degrees; 0 where it does not stand out.
+    /// Error that the model cannot describe, as a rotation of each joint that depends on its value and on gravity, degrees; 0 if it is not
+    /// distinguishable from noise.
     pub misfit_std_deg: f64,
 }
 
-/// What the data can see.
+/// Identifiability: what the data determine.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct IdentifiabilityReport {
     /// Free parameters.
     pub n_parameters: usize,
-    /// Rank of the scaled identification Jacobian: what the points see, whatever is known beforehand.
+    /// Rank of the scaled identification Jacobian: the combinations that the points determine, without priors.
     pub rank: usize,
-    /// Combinations that the points do not see and that priors fixed; only where there are priors.
+    /// Combinations that only priors determined; only with priors.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub n_by_priors: Option<usize>,
-    /// Largest over smallest singular value seen; null if it is beyond a float.
+    /// Ratio of the largest to the smallest singular value of these combinations; null if it exceeds a float.
     #[schema(required)]
     pub condition_number: Option<f64>,
-    /// Combinations that cannot be seen, each by the names that take part in it.
+    /// Combinations that the data do not determine, each as the names of its parameters.
     pub unidentifiable: Vec<Vec<String>>,
-    /// O1 of the scaled Jacobian; null if it is beyond a float.
+    /// O1 of the scaled Jacobian; null if it exceeds a float.
     #[schema(required)]
     pub observability_index_o1: Option<f64>,
 }
@@ -319,24 +321,24 @@ pub struct CorrectionReport {
     /// `stiffness_2_3` (the two joints that gravity loads most), `stiffness_all`, `base_compliance`, `link_masses`, `link_centres`,
     /// `joint_harmonics`, `residual_network`: the order in which they are tried, each beside those kept before it; `all_together` at last.
     pub kind: String,
-    /// True if it won: the gain is above its standard error, that of all together above twice its own, and the points to verify had no veto.
+    /// True if it is used: the gain exceeds its standard error (twice for `all_together`), and the verify points did not get worse.
     pub kept: bool,
-    /// Why it was dropped though it won: `worse_on_verify_points` where the robot with all corrections is further from the points to verify
-    /// than its links alone. Absent elsewhere.
+    /// Why it was dropped in spite of its gain: `worse_on_verify_points` if the errors on the verify points are larger with all corrections
+    /// than with the links alone. Absent otherwise.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub dropped_because: Option<String>,
     /// Cross-validated rms without it, mm.
     pub cross_validated_rms_mm_before: f64,
     /// Cross-validated rms with it, mm.
     pub cross_validated_rms_mm_after: f64,
-    /// Mean over configurations of the squared error without it less that with it, mm².
+    /// Mean over configurations of the squared error without it minus that with it, mm².
     pub gain_mm2: f64,
     /// Standard error of that mean, mm².
     pub standard_error_mm2: f64,
 }
 
-/// ISO 9283 figures of the poses that were measured several times (same joint values to 0.05°, same target, wild points left out). The norm
-/// asks for 30 visits; with few, RP comes out too small, and `std_mm` does not.
+/// ISO 9283 figures of the poses that were measured several times (same joint values to 0.05°, same target, without outliers). The standard
+/// asks for 30 visits. With few, RP is too small; `std_mm` is not.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct RepeatabilityReport {
     /// Poses that were visited more than once.
@@ -347,7 +349,7 @@ pub struct RepeatabilityReport {
     pub rp_mm: f64,
     /// Standard deviation of one coordinate about the pose's barycentre, mm.
     pub std_mm: f64,
-    /// Every one of them.
+    /// All of these poses.
     pub poses: Vec<PoseRepeatabilityReport>,
 }
 
@@ -364,27 +366,27 @@ pub struct PoseRepeatabilityReport {
     pub rows: Vec<usize>,
     /// RP of this pose, mm.
     pub rp_mm: f64,
-    /// AP: from the barycentre to where the nominal robot should be, mm.
+    /// AP: distance of the barycentre from the position by the nominal robot, mm.
     pub ap_before_mm: f64,
     /// AP of the identified links, mm.
     pub ap_after_mm: f64,
-    /// AP of the links with corrections, mm, where some were kept.
+    /// AP of the links with corrections, mm, if corrections are used.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ap_corrected_mm: Option<f64>,
 }
 
-/// A parameter that moved since the set before.
+/// A parameter that changed since the set before.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ChangeReport {
-    /// The parameter; several names with "or" between them where positions cannot tell which.
+    /// The parameter; several names with "or" between them if positions cannot decide which.
     pub name: String,
-    /// By how much, mm or degrees: now − then.
+    /// Change, mm or degrees: now − then.
     pub delta: f64,
     /// |delta| in units of its own uncertainty.
     pub sigmas: f64,
 }
 
-/// How strong the verification is.
+/// Strength of the verification.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Evidence {
@@ -397,7 +399,7 @@ pub enum Evidence {
 }
 
 impl Evidence {
-    /// As it stands on the wire.
+    /// Its name in JSON.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::None => "none",
@@ -418,7 +420,7 @@ impl TryFrom<String> for Evidence {
     }
 }
 
-/// How the cost fell.
+/// Convergence of the cost.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Convergence {
     /// 0 is the start.

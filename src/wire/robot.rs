@@ -1,4 +1,4 @@
-//! A robot as the cell PC describes it.
+//! Shapes of robots.
 
 pub use crate::kinematics::Robot;
 use crate::kinematics::model::MAX_LINKS;
@@ -25,9 +25,9 @@ pub const MAX_BETA_DEG: f64 = 45.0;
 pub const MAX_JOINT_DEG: f64 = 3_600.0;
 /// Largest entry of a coupling matrix.
 pub const MAX_COUPLING: f64 = 10.0;
-/// A coupling whose determinant is smaller than this cannot be undone.
+/// Smallest determinant of a coupling; with a smaller one the matrix cannot be inverted.
 const MIN_COUPLING_DETERMINANT: f64 = 1e-6;
-/// How far the length of a gravity direction may be from 1.
+/// Largest deviation of a gravity direction's length from 1.
 pub(super) const GRAVITY_TOLERANCE: f64 = 1e-3;
 /// Standard deviation of the direction of gravity for a robot on a floor, wall or ceiling, degrees.
 const DEFAULT_MOUNTING_STD_DEG: f64 = 2.0;
@@ -36,24 +36,24 @@ const DEFAULT_MOUNTING_STD_DEG: f64 = 2.0;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RobotBody {
-    /// What people call it. Need not be unique.
+    /// Its name. Need not be unique.
     #[schema(min_length = 1, max_length = 200)]
     pub name: String,
     /// The maker's serial number.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(min_length = 1, max_length = 200)]
     pub serial_number: Option<String>,
-    /// Anything else worth knowing.
+    /// Free text.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(min_length = 1, max_length = 10000)]
     pub description: Option<String>,
     /// Links 1..n in order, base to flange; all joints are revolute.
     #[schema(min_items = 1, max_items = 12)]
     pub links: Vec<LinkBody>,
-    /// How the robot stands.
+    /// Mounting of the robot.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mounting: Option<MountingBody>,
-    /// The controller's joint convention, where it differs from the model's.
+    /// The controller's joint convention, if it differs from the model's.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub joint_map: Option<JointMapBody>,
 }
@@ -74,7 +74,7 @@ pub struct LinkBody {
     /// Added to the joint value, degrees.
     #[schema(minimum = -360, maximum = 360)]
     pub theta_offset_deg: f64,
-    /// Hayati's angle for nearly parallel axes, degrees; 0 where absent.
+    /// Hayati's angle for nearly parallel axes, degrees; default 0.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(minimum = -45, maximum = 45)]
     pub beta_deg: Option<f64>,
@@ -83,20 +83,20 @@ pub struct LinkBody {
     pub joint_limits_deg: Option<[f64; 2]>,
 }
 
-/// How the robot stands, which says where gravity pulls.
+/// Mounting of the robot, which determines the direction of gravity.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(
     untagged,
     expecting = "mounting is \"floor\", \"wall\", \"ceiling\" or {gravity_in_base: [x, y, z], std_deg}"
 )]
 pub enum MountingBody {
-    /// One of the usual ways.
+    /// A usual mounting.
     Named(NamedMounting),
     /// Any other direction.
     Direction(GravityDirection),
 }
 
-/// The usual ways to mount a robot.
+/// Usual mountings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum NamedMounting {
@@ -112,73 +112,73 @@ pub enum NamedMounting {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct GravityDirection {
-    /// Unit vector along which things fall, in the base frame.
+    /// Unit vector along gravity, in the base frame.
     pub gravity_in_base: [f64; 3],
     /// One standard deviation of that direction, degrees.
     #[schema(minimum = 0, maximum = 90)]
     pub std_deg: f64,
 }
 
-/// A robot as the service answers it.
+/// A robot.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct RobotAnswer {
     /// Opaque identifier.
     pub id: String,
-    /// What people call it.
+    /// Its name.
     pub name: String,
     /// The maker's serial number.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub serial_number: Option<String>,
-    /// Anything else worth knowing.
+    /// Free text.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub description: Option<String>,
     /// Links 1..n in order, base to flange.
     pub links: Vec<LinkBody>,
-    /// How the robot stands.
+    /// Mounting of the robot.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mounting: Option<MountingBody>,
     /// The controller's joint convention.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub joint_map: Option<JointMapBody>,
-    /// `ok`, or `check_robot`: a session did not fit it, and no release is made until one does or somebody says why all is well.
+    /// `ok`, or `check_robot`: a session did not fit it, and no set is released until a session fits or somebody gives a reason.
     pub state: RobotStateName,
     /// The job of kind `verify` whose file does not fit, in the state `check_robot`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub check_job_id: Option<String>,
-    /// Who last said why all is well.
+    /// The last reason why it is in order.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub checked: Option<CheckedAnswer>,
     /// RFC 3339, UTC.
     pub created_at: String,
 }
 
-/// Whether releases are made for a robot.
+/// Whether sets of a robot can be released.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum RobotStateName {
-    /// Nothing is in doubt.
+    /// No session is in doubt.
     Ok,
     /// A session did not fit.
     CheckRobot,
 }
 
-/// Why a robot is well in spite of a session that did not fit it.
+/// Reason why a robot is in order although a session did not fit it.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct CheckedAnswer {
-    /// In words.
+    /// Description.
     pub reason: String,
-    /// The key that said so.
+    /// Id of the key that gave the reason.
     pub by: String,
     /// RFC 3339, UTC.
     pub at: String,
 }
 
-/// How a robot stands.
+/// State of a robot.
 #[derive(Clone, Debug, Default)]
 pub struct RobotState {
     /// The job whose file does not fit it.
     pub check_job_id: Option<String>,
-    /// Who last said why all is well.
+    /// The last reason why it is in order.
     pub checked: Option<CheckedAnswer>,
 }
 
@@ -212,7 +212,7 @@ impl RobotAnswer {
     }
 }
 
-/// Runs every check. The error names every place that is wrong.
+/// Runs every check. The error names every wrong field.
 impl TryFrom<&RobotBody> for Robot {
     type Error = Invalid;
 

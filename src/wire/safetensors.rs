@@ -1,10 +1,11 @@
-//! Networks on disk: safetensors with 64-bit floats, readable by NumPy and PyTorch.
+//! Files of networks: safetensors with 64-bit floats, readable by NumPy and PyTorch.
 //!
-//! Tensors: `hidden_weights [h, n]`, `hidden_thresholds [h]`, `output_weights [n, h]`, `output_thresholds [n]`, `scale [n]`,
-//! `answer [n]`; of a residual network `centre_rad [n]`, `half_range_rad [n]`, `hidden_weights [h, n]`, `hidden_thresholds [h]`,
-//! `output_weights [3, h]`, `output_thresholds [3]`, `scale_mm [1]`. The metadata has one key, `kincal`, holding canonical JSON, because the format writes a map of several keys
-//! in random order. The hash covers the tensors alone, in the order of their names: name, zero byte, then the data
-//! (little-endian 64-bit floats).
+//! Tensors of a network of link parameters: `hidden_weights [h, n]`, `hidden_thresholds [h]`, `output_weights [n, h]`, `output_thresholds [n]`,
+//! `scale [n]`, `answer [n]`. Of a residual network: `centre_rad [n]`, `half_range_rad [n]`, `hidden_weights [h, n]`, `hidden_thresholds [h]`,
+//! `output_weights [3, h]`, `output_thresholds [3]`, `scale_mm [1]`.
+//!
+//! The metadata has one key, `kincal`, with canonical JSON, because the format writes several keys in random order. The hash covers the tensors
+//! alone, in the order of their names: name, zero byte, then the data (little-endian 64-bit floats).
 
 use crate::identification::TrainedNetwork;
 use crate::kinematics::ResidualNetwork;
@@ -19,15 +20,15 @@ use std::collections::HashMap;
 
 /// The one metadata key.
 const METADATA_KEY: &str = "kincal";
-/// Most inputs a network may have: more than twelve links have parameters.
+/// Most inputs of a network: more than twelve links have parameters.
 const MAX_INPUTS: usize = 500;
 /// Most hidden nodes.
 const MAX_HIDDEN: usize = 1_000;
 
-/// What the metadata key holds.
+/// Content of the metadata key.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct NetworkMetadata {
-    /// What it says.
+    /// Kind of network.
     #[serde(default, skip_serializing_if = "is_usual")]
     pub kind: NetworkKind,
     /// Names of inputs and outputs, in order.
@@ -49,7 +50,7 @@ fn is_usual(kind: &NetworkKind) -> bool {
     *kind == NetworkKind::default()
 }
 
-/// How a residual network was found, beside its weights.
+/// Metadata of a residual network.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ResidualOrigin {
     /// The model that was identified.
@@ -58,7 +59,7 @@ pub struct ResidualOrigin {
     pub preset: Preset,
     /// Mean squared error of the points that it was trained on, with all corrections, mm².
     pub training_error: f64,
-    /// The cross-validated one, mm².
+    /// Cross-validated mean squared error, mm².
     pub validation_error: f64,
 }
 
@@ -76,17 +77,17 @@ pub struct StoredNetwork {
 /// Why bytes are not a network.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Error {
-    /// Not a safetensors file, or one without our metadata.
+    /// Not a safetensors file, or one without kincal's metadata.
     #[error("not a network of kincal: {0}")]
     Format(String),
-    /// A tensor is missing, or of another type or size than the others say.
+    /// A tensor is missing, or its type or size does not match the others.
     #[error("tensor {name} should hold {expected} 64-bit floats in shape {shape:?}")]
     Tensor {
-        /// Which.
+        /// Name of the tensor.
         name: &'static str,
-        /// How many values it should have.
+        /// Number of values that it should have.
         expected: usize,
-        /// In which shape.
+        /// Shape that it should have.
         shape: Vec<usize>,
     },
 }
@@ -94,7 +95,7 @@ pub enum Error {
 /// The file of a network.
 ///
 /// # Errors
-/// [`Error`] if the network's own sizes do not fit together, or it holds numbers that JSON cannot.
+/// [`Error`] if the network's sizes do not match, or it has numbers that JSON cannot represent.
 pub fn write(network: &TrainedNetwork) -> Result<StoredNetwork, Error> {
     let metadata = metadata_of(network);
     let tensors = tensors_of(network, metadata.n_hidden);
@@ -164,10 +165,10 @@ fn file_of(metadata: NetworkMetadata, tensors: &[Named<'_>]) -> Result<StoredNet
     })
 }
 
-/// The network of a file, every size checked.
+/// Reads the network of a file and checks every size.
 ///
 /// # Errors
-/// [`Error`] saying what does not fit.
+/// [`Error`], which says what is wrong.
 pub fn read(bytes: &[u8]) -> Result<TrainedNetwork, Error> {
     let metadata = read_metadata(bytes, NetworkKind::LinkParameters)?;
     let (n, h) = (metadata.parameter_names.len(), metadata.n_hidden);
@@ -187,7 +188,7 @@ pub fn read(bytes: &[u8]) -> Result<TrainedNetwork, Error> {
     })
 }
 
-/// The residual network of a file, every size checked.
+/// Reads the residual network of a file and checks every size.
 ///
 /// # Errors
 /// As [`read`].

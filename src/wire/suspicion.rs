@@ -1,4 +1,4 @@
-//! Suspicions about an upload: the refusal, and how a caller insists on it.
+//! Suspicions about an upload: refusals, and the codes with which a caller overrides them.
 
 use crate::calibration::alignment::Suspicion;
 use crate::wire::issue::Issue;
@@ -7,7 +7,7 @@ use crate::wire::warning::Warning;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// The code of a refusal by suspicion that the caller insists on.
+/// Code of the suspicion that the caller overrides.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
 #[serde(rename_all = "snake_case")]
 #[value(rename_all = "snake_case")]
@@ -18,11 +18,11 @@ pub enum Insist {
     ColumnSuspect,
     /// The positions seem to be in another frame.
     FrameSuspect,
-    /// The controller seems to count its joints otherwise.
+    /// The controller seems to use another joint convention.
     JointMapSuspect,
     /// It seems to have been measured on another robot of this server.
     RobotMismatch,
-    /// The robot does not come near, whatever is tried.
+    /// No hypothesis brings the robot near the points.
     PoorAlignment,
 }
 
@@ -39,13 +39,13 @@ impl Insist {
         }
     }
 
-    /// The suspicion of that code.
+    /// Parses a code.
     pub fn parse(code: &str) -> Option<Self> {
         serde_json::from_value(code.into()).ok()
     }
 }
 
-/// The issue of a refusal.
+/// A suspicion as the issue of a refusal.
 pub fn refusal(suspicion: &Suspicion) -> Issue {
     Issue {
         column: suspicion.columns.clone(),
@@ -59,7 +59,7 @@ pub fn refusal(suspicion: &Suspicion) -> Issue {
     }
 }
 
-/// The warning of a set that was kept because the caller insisted.
+/// A suspicion as the warning of a set that was stored because the caller insisted.
 pub fn insisted(suspicion: &Suspicion) -> Warning {
     Warning {
         code: suspicion.code.into(),

@@ -9,7 +9,7 @@ use utoipa::ToSchema;
 pub struct Target {
     /// 0-based.
     pub target: usize,
-    /// Stretch between steps, where something moved.
+    /// Segment of the measurement, if the target moved.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub segment: Option<u32>,
     /// In the flange frame, mm.

@@ -7,7 +7,7 @@ pub fn rfc3339(epoch_ms: i64) -> String {
     format!("{instant:.3}")
 }
 
-/// Whether a text is a time by RFC 3339: date, time with seconds, and the distance from UTC.
+/// Whether a text is a time by RFC 3339: date, time with seconds, and offset from UTC.
 pub fn is_rfc3339(text: &str) -> bool {
     const SHAPE: &[u8] = b"0000-00-00T00:00:00";
     let Some((head, rest)) = text.as_bytes().split_at_checked(SHAPE.len()) else {

@@ -11,15 +11,15 @@ pub struct Trend {
     /// Growth of the rms error; null without enough data.
     #[schema(required)]
     pub rms_mm_per_day: Option<f64>,
-    /// The interval that holds it with 95 % probability.
+    /// Interval that contains it with 95 % probability.
     #[schema(required)]
     pub interval_95: Option<[f64; 2]>,
     /// The error that counts as too large, mm.
     #[schema(required)]
     pub limit_mm: Option<f64>,
-    /// Days from the last session until the line reaches the limit; null where it does not grow beyond chance, or not within ten years.
+    /// Days from the last session until the line reaches the limit; null if the error does not grow beyond chance, or not within ten years.
     #[schema(required)]
     pub days_to_limit: Option<f64>,
-    /// In words.
+    /// Description.
     pub detail: String,
 }

@@ -1,4 +1,4 @@
-//! URDF: reading the chain of joints that matters, writing one from links, and changing nothing but joint origins in somebody's text.
+//! URDF: reads the chain of joints to a tip, writes a chain, and replaces only the joint origins in an existing text.
 
 use crate::exchange::{Chain, ChainJoint, Origin, origin_of, pose_of};
 use crate::wire::issue::Invalid;
@@ -8,11 +8,11 @@ use roxmltree::{Document, Node, ParsingOptions};
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 
-/// Largest text that is read, bytes; descriptions with meshes beside them have a hundred KiB.
+/// Largest text, bytes. Descriptions whose meshes are in other files have a hundred KiB.
 pub const MAX_URDF_BYTES: usize = 4 * 1024 * 1024;
 /// Most nodes: elements, texts between them, comments.
 const MAX_NODES: u32 = 250_000;
-/// Most joints of a file; whole production cells have some hundred.
+/// Most joints of a file. Whole production cells have some hundred.
 const MAX_JOINTS: usize = 5_000;
 /// Most joints from root to tip.
 const MAX_CHAIN: usize = 200;
@@ -23,13 +23,13 @@ const MAX_DETAIL_CHARS: usize = 500;
 /// Millimetres in a metre.
 const MM: f64 = 1e3;
 
-/// A URDF that was read.
+/// A parsed URDF.
 pub struct Urdf<'t> {
     text: &'t str,
     joints: Vec<UrdfJoint>,
 }
 
-/// A joint, and where its origin stands in the text.
+/// A joint, and the position of its origin in the text.
 struct UrdfJoint {
     name: String,
     kind: String,
@@ -39,12 +39,12 @@ struct UrdfJoint {
     place: OriginPlace,
 }
 
-/// Where an origin is written: the values of its attributes, or where the element or an attribute would go.
+/// Position of an origin in the text: of the values of its attributes, and where an attribute or the element would be inserted.
 #[derive(Clone)]
 struct OriginPlace {
     xyz: Option<Range<usize>>,
     rpy: Option<Range<usize>>,
-    /// In an `<origin`, behind its name; without one, behind the joint's opening tag.
+    /// After the name of the `<origin` element or, without one, after the joint's opening tag.
     insert_at: usize,
     has_element: bool,
 }
@@ -53,7 +53,7 @@ struct OriginPlace {
 pub struct UrdfChain {
     /// Their geometry, mm and rad.
     pub chain: Chain,
-    /// Their places in the file.
+    /// Their indices among the joints of the file.
     indices: Vec<usize>,
 }
 
@@ -69,7 +69,7 @@ fn listed<T: AsRef<str>>(all: &[T]) -> String {
     shown.join(", ") + &tail
 }
 
-/// Names and values may be as long as the file. An answer quotes only the beginning.
+/// The error with a text that is cut to [`MAX_DETAIL_CHARS`]: names and values may be as long as the file.
 fn invalid(code: &'static str, detail: impl Into<String>) -> Invalid {
     let mut detail = detail.into();
     if let Some((end, _)) = detail.char_indices().nth(MAX_DETAIL_CHARS) {
@@ -83,7 +83,7 @@ impl<'t> Urdf<'t> {
     /// Reads a URDF.
     ///
     /// # Errors
-    /// [`Invalid`] for what is no URDF, with what is wrong where.
+    /// [`Invalid`] if it is no URDF, with position and cause.
     pub fn parse(bytes: &'t [u8]) -> Result<Self, Invalid> {
         if bytes.len() > MAX_URDF_BYTES {
             return Err(invalid(
@@ -129,10 +129,11 @@ impl<'t> Urdf<'t> {
         Ok(Self { text, joints })
     }
 
-    /// The joints from the root to `tip` (a link). Without one: to the end with the most joints that move, `n_moving` of them if that is given.
+    /// The joints from the root to the link `tip`. Without `tip`, the chain ends where it has `n_moving` moving joints or, without that number, the
+    /// most.
     ///
     /// # Errors
-    /// [`Invalid`] where there is no such chain, several that differ, or a joint in it that is not revolute.
+    /// [`Invalid`] if there is no such chain, if there are several that differ, or if a moving joint in it is not revolute.
     pub fn chain(&self, tip: Option<&str>, n_moving: Option<usize>) -> Result<UrdfChain, Invalid> {
         let by_child: BTreeMap<&str, usize> = self
             .joints
@@ -242,7 +243,7 @@ impl<'t> Urdf<'t> {
         Ok((*longest).clone())
     }
 
-    /// Text with the origins of the moving joints of `old` replaced by those of `new`. Nothing else changes.
+    /// The text with the origins of the moving joints of `old` replaced by those of `new`. Nothing else changes.
     pub fn with_origins(&self, old: &UrdfChain, new: &Chain) -> String {
         let mut edits: Vec<(Range<usize>, String)> = Vec::new();
         for (index, joint) in old
@@ -362,20 +363,20 @@ fn joint(text: &str, node: Node<'_, '_>) -> Result<UrdfJoint, Invalid> {
     })
 }
 
-/// Where the value of `name="value"` stands. roxmltree's own range is wrong behind very long names and spaces.
+/// Range of the value in `name="value"`. roxmltree's own range is wrong after very long names or spaces.
 fn inside_quotes(text: &str, attribute: Range<usize>) -> Range<usize> {
     let to_quote = text[attribute.clone()].find(['"', '\'']).unwrap_or(0);
     attribute.start + to_quote + 1..attribute.end - 1
 }
 
-/// Behind the name in an element's opening tag; it may have a prefix.
+/// Position after the name in an element's opening tag; the name may have a prefix.
 fn behind_name(text: &str, element: Range<usize>) -> usize {
     let ends = |c: char| c.is_ascii_whitespace() || matches!(c, '/' | '>');
     let length = text[element.clone()].find(ends);
     length.map_or(element.end, |length| element.start + length)
 }
 
-/// Behind the `>` of an element's opening tag: it has children, so the first of them begins there.
+/// Position after the `>` of an element's opening tag. The element has children, and the first of them begins there.
 fn opening_tag_end(text: &str, node: Node<'_, '_>) -> usize {
     node.first_child()
         .map_or_else(|| text.len(), |child| child.range().start)
@@ -388,7 +389,7 @@ fn three_numbers(text: &str) -> Option<[f64; 3]> {
     numbers.collect::<Option<Vec<f64>>>()?.try_into().ok()
 }
 
-/// Three numbers in metres, each with the digits that bring the same number back.
+/// Three numbers in metres, with enough digits to read back the same floats.
 pub fn xyz_text(origin: &Origin) -> String {
     three_text(origin.xyz_mm.map(|mm| mm / MM))
 }
@@ -403,7 +404,7 @@ fn three_text([a, b, c]: [f64; 3]) -> String {
     format!("{} {} {}", a + 0.0, b + 0.0, c + 0.0)
 }
 
-/// Text for between tags and quotes. What XML cannot hold, not even as a reference, becomes U+FFFD.
+/// Escapes text for elements and attributes. Characters that XML cannot represent, not even as references, become U+FFFD.
 pub fn escaped(text: &str) -> String {
     let is_xml = |c: char| matches!(c, '\t' | '\n' | '\r' | ' '..='\u{fffd}' | '\u{10000}'..);
     let text: String = text

@@ -3,20 +3,20 @@
 use crate::wire::report_shape::Evidence;
 use serde::{Deserialize, Serialize};
 
-/// How a session and a parameter set fit together, as [`crate::calibration`] tells it by its warnings.
+/// Whether the points of a job fit the robot and the parameter set. It follows from the warnings of [`crate::calibration`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Fit {
-    /// About as it should.
+    /// The points fit the robot and the set.
     Fits,
-    /// The set is far off: from a file that fits the robot, or from the points that it was identified from.
+    /// The set is far off, from points that fit the robot or from the points that it was identified from.
     SetFarOff,
-    /// The file that was scored does not fit the robot: no evidence for or against any set.
+    /// The points do not fit the robot, so they are no evidence for or against any set.
     DoesNotFit,
 }
 
 impl Fit {
-    /// As it is stored.
+    /// Its name in the database.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Fits => "fits",
@@ -37,29 +37,29 @@ impl TryFrom<String> for Fit {
     }
 }
 
-/// What one job found.
+/// Verification facts of one job.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Verification {
-    /// A job of kind `verify`; otherwise one that identified the set.
+    /// True for a job of kind `verify`, false for one that identified the set.
     pub is_session: bool,
-    /// Points that were not fitted.
+    /// Number of points that were not fitted.
     pub n_points: usize,
-    /// rms of the nominal robot on them, without points that every robot misses, mm; of the fitted points where none was held out.
+    /// rms of the nominal robot on them, without outliers, mm. If no point was held out, it is that of the fitted points.
     pub before_rms_mm: Option<f64>,
-    /// rms of the set, likewise, mm.
+    /// rms of the set on the same points, mm.
     pub after_rms_mm: Option<f64>,
-    /// The set is nearer than the nominal robot.
+    /// Whether the set's errors are smaller than the nominal robot's.
     pub is_better: bool,
     /// Whether the points fit the robot.
     pub fit: Fit,
-    /// How strong it is as evidence for the set: whether the points were measured anew.
+    /// Strength as evidence for the set: whether the points were measured anew.
     pub evidence: Evidence,
-    /// The points (of an identification those that were fitted) repeat an upload from before the last session that did not fit, or it could not
-    /// be told: they are no sign that the robot is well.
+    /// Whether the points (of an identification the fitted ones) repeat an upload from before the last session that did not fit, or this could not be
+    /// decided. Then they do not show that the robot is in order.
     pub is_repeat: bool,
-    /// The number of that session in the robot's counter, 0 for none. Where another one came meanwhile, nobody has compared with what was before
-    /// that.
+    /// Number of that session in the robot's counter; 0 for none. If there is a later one by the time the facts are stored, the points count as a
+    /// repeat, because they were not compared with the uploads before it.
     pub check_seq: i64,
-    /// The tool's largest predicted uncertainty over the workspace, mm, of an identification.
+    /// The tool's largest predicted uncertainty over the workspace, mm; only of an identification.
     pub uncertainty_mm: Option<f64>,
 }

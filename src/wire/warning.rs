@@ -4,12 +4,12 @@ use crate::calibration::report;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// A remark that the reader should not miss.
+/// A warning.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct Warning {
     /// Stable code.
     pub code: String,
-    /// In words.
+    /// Description.
     pub detail: String,
     /// 0-based data rows it is about.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]

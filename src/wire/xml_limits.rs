@@ -1,5 +1,5 @@
-//! Limits on XML, counted in one pass over the text before it is parsed. roxmltree compares each attribute of an element with all others
-//! of it, and looks for the namespace of each name among all that are declared: without limits a short text costs minutes.
+//! Limits on XML, counted in one pass over the text before it is parsed. roxmltree compares each attribute of an element with all others of the
+//! element, and searches all declared namespaces for each name. Without limits a short text can cost minutes.
 
 use crate::wire::issue::Invalid;
 
@@ -9,17 +9,17 @@ pub const MAX_ATTRIBUTES: usize = 64;
 pub const MAX_ALL_ATTRIBUTES: usize = 200_000;
 /// Most namespace declarations of all elements together; a URDF has a handful, all of them at its root.
 pub const MAX_NAMESPACES: usize = 64;
-/// Most elements within one another; a URDF has five, with a simulator's extensions fifteen.
+/// Deepest nesting of elements; a URDF has five levels, with a simulator's extensions fifteen.
 pub const MAX_DEPTH: usize = 100;
 /// Most elements; large descriptions have some thousand.
 pub const MAX_ELEMENTS: usize = 100_000;
 
-/// What a text has of everything that is limited.
+/// Counts of everything that is limited.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
     /// Elements.
     pub n_elements: usize,
-    /// Elements that are open at the same time.
+    /// Deepest nesting of elements.
     pub depth: usize,
     /// Attributes of the element with the most, namespace declarations among them.
     pub most_attributes: usize,
@@ -29,11 +29,10 @@ pub struct Counts {
     pub n_namespaces: usize,
 }
 
-/// Counts, and refuses at the first place where a limit is exceeded. The counts are correct up to the first syntax error, which the parser
-/// reports.
+/// Counts, and fails where a limit is exceeded first. The counts are correct up to the first syntax error, which the parser reports.
 ///
 /// # Errors
-/// [`Invalid`] naming line and limit.
+/// [`Invalid`] with line and limit.
 pub fn check(text: &str) -> Result<Counts, Invalid> {
     let mut counts = Counts::default();
     let mut n_open: usize = 0;
@@ -82,7 +81,7 @@ struct StartTag {
     stays_open: bool,
 }
 
-/// Counts the attributes of the tag at `start`: as many as it has values in quotes.
+/// Counts the attributes of the tag at `start` by their quoted values.
 fn start_tag(text: &str, start: usize, counts: &mut Counts) -> Result<StartTag, Invalid> {
     let rest = &text[start..];
     let (mut at, mut n) = (1, 0);

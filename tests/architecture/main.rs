@@ -659,7 +659,7 @@ fn every_planted_fault_still_finds_its_place() {
     };
     assert!(
         checked.status.success(),
-        "move or mend them in tests/planted_faults.py:\n{}{}",
+        "move or correct them in tests/planted_faults.py:\n{}{}",
         String::from_utf8_lossy(&checked.stdout),
         String::from_utf8_lossy(&checked.stderr)
     );

@@ -1,4 +1,4 @@
-//! Debian's Chromium, driven through WebDriver, with what every page has to keep: a quiet console and no request to another host.
+//! Debian's Chromium, driven through WebDriver. On every page it checks that the console has no errors and that no other host is requested.
 
 use base64::Engine;
 use base64::prelude::BASE64_STANDARD;
@@ -10,20 +10,20 @@ use std::time::{Duration, Instant};
 use thirtyfour::prelude::*;
 
 const AXE: &str = include_str!("../data/axe-core/axe.min.js");
-/// Nothing that a page waits for takes longer, even on a busy machine with an unoptimised build.
+/// Timeout that no page exceeds, even on a busy machine with an unoptimised build.
 const PATIENCE: Duration = Duration::from_secs(60);
-/// Pictures are as wide as a small desktop and a tablet.
+/// Window sizes, and widths of pictures: a small desktop and a tablet.
 pub const DESKTOP: (u32, u32) = (1280, 900);
 pub const TABLET: (u32, u32) = (768, 1024);
 
-/// `chromedriver` on a port of its own choice.
+/// `chromedriver` on a free port.
 pub struct Driver {
     child: Child,
     url: String,
 }
 
 impl Driver {
-    /// Starts it; nothing, said aloud, where Chromium is not installed. KINCAL_EXPECT_BROWSER says that it must be.
+    /// Starts it; `None`, with a message, if Chromium is not installed. KINCAL_EXPECT_BROWSER makes that an error.
     pub fn start() -> Option<Self> {
         let spawned = Command::new("chromedriver")
             .arg("--port=0")
@@ -49,7 +49,7 @@ impl Driver {
             "http://127.0.0.1:{}",
             port.expect("chromedriver names its port")
         );
-        // chromedriver must be able to go on talking
+        // Reads on, so that chromedriver can always write.
         std::thread::spawn(move || lines.for_each(drop));
         Some(Self { child, url })
     }
@@ -62,7 +62,7 @@ impl Drop for Driver {
     }
 }
 
-/// How a browser is set up.
+/// Window size and theme of a browser.
 #[derive(Clone, Copy)]
 pub struct Look {
     pub size: (u32, u32),
@@ -123,7 +123,7 @@ impl Browser {
         browser
     }
 
-    /// Another size or another theme.
+    /// Changes size and theme.
     pub async fn look(&self, look: Look) {
         let metrics = json!({"width": look.size.0, "height": look.size.1, "deviceScaleFactor": 1, "mobile": false});
         self.devtools("Emulation.setDeviceMetricsOverride", metrics)
@@ -144,9 +144,9 @@ impl Browser {
             .unwrap()
     }
 
-    /// Goes to an address of the server, and waits until the page is there.
+    /// Opens an address of the server, and waits until the page is loaded.
     pub async fn go(&self, path: &str) {
-        // an address that differs in its fragment alone would not be loaded anew
+        // Otherwise an address that differs only in its fragment would not be loaded again.
         self.driver.goto("about:blank").await.unwrap();
         self.driver
             .goto(format!("{}{path}", self.server))
@@ -155,7 +155,7 @@ impl Browser {
         self.settled().await;
     }
 
-    /// Goes to a file.
+    /// Opens a file.
     pub async fn go_to_file(&self, path: &Path) {
         self.driver
             .goto(format!("file://{}", path.display()))
@@ -168,7 +168,7 @@ impl Browser {
         self.until("document.readyState === 'complete' && document.querySelector('h1') && !document.querySelector('[aria-busy]')").await;
     }
 
-    /// Runs a script; what it returns.
+    /// Runs a script and returns its result.
     pub async fn run(&self, script: &str) -> Value {
         self.driver
             .execute(script, vec![])
@@ -194,7 +194,7 @@ impl Browser {
         }
     }
 
-    /// Waits until the page says something.
+    /// Waits until the page contains a text.
     pub async fn until_it_says(&self, text: &str) {
         self.until(&format!(
             "document.body.innerText.includes({})",
@@ -203,7 +203,7 @@ impl Browser {
         .await;
     }
 
-    /// All that can be read.
+    /// All visible text.
     pub async fn text(&self) -> String {
         self.run("return document.body.innerText")
             .await
@@ -212,7 +212,7 @@ impl Browser {
             .to_owned()
     }
 
-    /// The button of this name that can be seen.
+    /// The visible button with this name.
     pub async fn button(&self, name: &str) -> WebElement {
         let path =
             format!("//button[normalize-space(.)={name:?} and not(ancestor::dialog[not(@open)])]");
@@ -224,7 +224,7 @@ impl Browser {
             .unwrap_or_else(|e| panic!("no button {name}: {e}"))
     }
 
-    /// What a selector finds first.
+    /// First element that matches a selector.
     pub async fn find(&self, css: &str) -> WebElement {
         self.driver
             .query(By::Css(css))
@@ -245,7 +245,7 @@ impl Browser {
             .unwrap();
     }
 
-    /// Where this window's downloads go from now on.
+    /// Sets the folder of this window's downloads.
     pub async fn download_to(&self, folder: &Path) {
         std::fs::create_dir_all(folder).unwrap();
         self.devtools(
@@ -255,7 +255,7 @@ impl Browser {
         .await;
     }
 
-    /// Waits until a file is there, whole: Chromium gives it its name when it is.
+    /// Waits until a download is complete: Chromium gives the file its name at the end.
     pub async fn until_there_is(&self, file: &Path) {
         let deadline = Instant::now() + PATIENCE;
         while !file.exists() {
@@ -268,7 +268,7 @@ impl Browser {
         }
     }
 
-    /// Keys as a person presses them, to whatever has the focus.
+    /// Presses keys; the focused element receives them.
     pub async fn press(&self, keys: impl Into<TypingData>) {
         self.driver
             .action_chain()
@@ -278,7 +278,7 @@ impl Browser {
             .unwrap();
     }
 
-    /// What axe finds wrong with the page, in words.
+    /// Violations that axe finds on the page.
     pub async fn accessibility(&self) -> Vec<String> {
         self.driver.execute(AXE, vec![]).await.unwrap();
         let run = "const done = arguments[0]; axe.run(document).then((r) => done(r.violations.map((v) => `${v.id}: ${v.nodes.map((n) => \
@@ -293,7 +293,7 @@ impl Browser {
             .collect()
     }
 
-    /// What the console holds since it was asked last.
+    /// Messages of the console since the last call.
     pub async fn console(&self) -> Vec<String> {
         let entries = self.driver.browser_log().await.unwrap();
         entries
@@ -302,7 +302,7 @@ impl Browser {
             .collect()
     }
 
-    /// Every address that was asked for since this was asked last.
+    /// Every address that was requested since the last call.
     pub async fn requests(&self) -> Vec<String> {
         let entries = self.driver.get_log("performance").await.unwrap();
         let messages = entries
@@ -318,7 +318,7 @@ impl Browser {
         .collect()
     }
 
-    /// A quiet console but for answers of these statuses, and no request but to this server.
+    /// Asserts that the console has no messages except for answers of these statuses, and that only this server was requested.
     pub async fn assert_quiet(&self, expected_statuses: &[u16]) {
         let expected = |line: &String| {
             expected_statuses
@@ -342,7 +342,7 @@ impl Browser {
         assert_eq!(requests.iter().find(|url| !own(url)), None);
     }
 
-    /// The page on A4, as PDF.
+    /// Prints the page on A4 as PDF.
     pub async fn printed(&self) -> Vec<u8> {
         let parameters = json!({"preferCSSPageSize": true, "printBackground": false});
         let printed = self.devtools("Page.printToPDF", parameters).await;
@@ -351,8 +351,7 @@ impl Browser {
             .unwrap()
     }
 
-    /// Keeps a picture if somebody asked for it: `KINCAL_SCREENSHOTS` names the folder of those that docs/ show, `KINCAL_PAGES` that of whole
-    /// pages.
+    /// Saves a picture if requested: `KINCAL_SCREENSHOTS` names the folder of those in docs/, `KINCAL_PAGES` that of whole pages.
     pub async fn picture(&self, name: &str, of: Picture<'_>) {
         let variable = if matches!(of, Picture::Whole) {
             "KINCAL_PAGES"
@@ -363,7 +362,7 @@ impl Browser {
             return;
         };
         tokio::time::sleep(Duration::from_millis(250)).await;
-        // what is said in passing would lie over a figure for good
+        // Hides the short notices, which would cover a figure in the picture.
         self.run("document.getElementById('said')?.style.setProperty('display', 'none')")
             .await;
         let clip = match of {
@@ -396,7 +395,7 @@ impl Browser {
                 .unwrap(),
         )
         .unwrap();
-        // the same picture to the eye in a third of the bytes; where it is not installed they stay large
+        // Visually the same picture in a third of the bytes. If pngquant is not installed, the file stays large.
         let _ = Command::new("pngquant")
             .args(["--force", "--speed=1", "--ext=.png", "128"])
             .arg(&file)
@@ -409,9 +408,9 @@ impl Browser {
     }
 }
 
-/// What a picture shows.
+/// Part of a page that a picture shows.
 pub enum Picture<'a> {
-    /// The page from its top, so many pixels at most.
+    /// The top of the page, at most this many pixels high.
     Top(u32),
     /// The whole page.
     Whole,

@@ -1,4 +1,4 @@
-//! A running server with keys and robots, as a plant has it, for the tests in a browser.
+//! A running server with keys and robots for the tests in a browser.
 
 use crate::process::{Server, kincal, run};
 use serde_json::{Value, json};
@@ -12,7 +12,7 @@ pub struct Hall {
 }
 
 impl Hall {
-    /// With one worker.
+    /// Starts a server with one worker.
     pub fn open() -> Self {
         let folder = tempfile::tempdir().unwrap();
         let data = folder.path().join("data");
@@ -36,7 +36,7 @@ impl Hall {
         }
     }
 
-    /// A new key, as the command line makes it.
+    /// Makes a key with the command line.
     pub fn key(&self, scopes: &[&str]) -> String {
         let data = self.folder.path().join("data");
         let mut arguments = vec![
@@ -57,7 +57,7 @@ impl Hall {
         String::from_utf8(output.stdout).unwrap().trim().to_owned()
     }
 
-    /// The paper's robot under a name.
+    /// Stores the paper's robot under a name.
     pub fn robot(&self, name: &str, serial_number: &str) -> String {
         let mut robot: Value =
             serde_json::from_slice(&std::fs::read(data("robot.json")).unwrap()).unwrap();
@@ -69,7 +69,7 @@ impl Hall {
         )
     }
 
-    /// One of the paper's sets, uploaded under a name; its id.
+    /// Uploads one of the paper's sets under a name. Returns its id.
     pub fn set(&self, robot: &str, file: &str, name: &str) -> String {
         let query =
             reqwest::Url::parse_with_params("http://x/", [("frame", "base"), ("name", name)])
@@ -82,7 +82,7 @@ impl Hall {
             .create(&path, "text/csv", std::fs::read(data(file)).unwrap())
     }
 
-    /// A calibration to its end; the job.
+    /// Runs a calibration to its end. Returns the job.
     pub fn calibrated(&self, robot: &str, set: &str, method: &str) -> Value {
         let job = self
             .server
@@ -90,14 +90,14 @@ impl Hall {
         self.server.finished(&job)
     }
 
-    /// A calibration that goes on until it is cancelled.
+    /// Posts a calibration that runs until it is cancelled.
     pub fn long_job(&self, robot: &str, set: &str) -> String {
         let options = json!({"n_particles": 3000, "n_iterations": 10_000, "stop_at_cost_mm2": 0.0});
         let request = json!({"measurement_set_id": set, "method": "pso", "preset": "paper", "options": options});
         self.server.job(robot, &request)
     }
 
-    /// Makes what a job identified the robot's active set.
+    /// Releases the parameter set of a job.
     pub fn release(&self, job: &Value, reason: &str) {
         let path = format!(
             "/v1/parameter-sets/{}/release",
@@ -110,7 +110,7 @@ impl Hall {
         assert_eq!(status, 200, "{answer}");
     }
 
-    /// A file of its own.
+    /// Writes a temporary file.
     pub fn file(&self, name: &str, text: &str) -> PathBuf {
         let path = self.folder.path().join(name);
         std::fs::write(&path, text).unwrap();

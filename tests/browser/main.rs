@@ -1,7 +1,7 @@
-//! The dashboard in a real browser, as the people beside the line use it: Debian's Chromium on a real `kincal serve` with keys.
+//! The dashboard in a real browser: Debian's Chromium on a real `kincal serve` with keys.
 //!
-//! The pictures of docs/ are taken on the way: `KINCAL_SCREENSHOTS=docs/pictures cargo test --test browser`. `KINCAL_PAGES=FOLDER` keeps every
-//! page whole, on a desktop and on a tablet, to be looked at.
+//! `KINCAL_SCREENSHOTS=docs/pictures cargo test --test browser` also takes the pictures of docs/. `KINCAL_PAGES=FOLDER` saves every whole page, on a
+//! desktop and on a tablet, for review.
 
 #[path = "../support/mod.rs"]
 mod support;
@@ -19,16 +19,16 @@ use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use thirtyfour::Key;
 
-/// A name that would run scripts wherever it were taken for markup.
+/// A name that runs a script if a page treats it as markup.
 const HOSTILE: &str =
     "</script><script>alert(1)</script><img src=x onerror=alert(2)> \"' &amp; {{7*7}}";
 
-/// Runs a person's steps in a browser of their own.
+/// Runs a user's steps in a new browser.
 fn in_browser(driver: &Driver, server: &Server, steps: impl AsyncFnOnce(&Browser)) {
     in_browser_at(driver, &server.url, steps);
 }
 
-/// Likewise on a server that may come and go.
+/// As [`in_browser`], on a server that may stop and start.
 fn in_browser_at(driver: &Driver, url: &str, steps: impl AsyncFnOnce(&Browser)) {
     let runtime = tokio::runtime::Runtime::new().unwrap();
     runtime.block_on(async {
@@ -38,7 +38,7 @@ fn in_browser_at(driver: &Driver, url: &str, steps: impl AsyncFnOnce(&Browser)) 
     });
 }
 
-/// Signs in as a person does: types and presses Enter.
+/// Signs in as a user does: types the key and presses Enter.
 async fn sign_in(browser: &Browser, key: &str) {
     browser.go("/").await;
     browser.until("document.activeElement.id === 'key'").await;
@@ -55,7 +55,7 @@ fn a_set_is_uploaded_identified_read_released_and_withdrawn() {
     let robot = hall.robot("Cell 4, welder left", "ER20-0117");
     let key = hall.key(&["read", "upload", "identify", "release"]);
     let faulty = faulty_csv(&hall);
-    // as a spreadsheet saves it: the mark of the byte order is a part of the file
+    // As a spreadsheet saves it, with a byte order mark.
     let with_mark = format!(
         "\u{feff}{}",
         std::fs::read_to_string(data("first_noisy.csv")).unwrap()
@@ -216,7 +216,7 @@ fn what_the_service_says_stands_on_the_pages() {
     in_browser(&driver, &hall.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
 
-        // the drift is that of the comparison, in the list and on the robot's page
+        // List and robot's page show the drift of the comparison.
         browser.until_it_says("newer result to review").await;
         let (_, compared) = in_place(|| {
             hall.server.get(&format!(
@@ -254,7 +254,7 @@ fn what_the_service_says_stands_on_the_pages() {
             compared["sessions"]["probability"]
         );
 
-        // when to calibrate next, in the service's own words
+        // The forecast of the next calibration, with the service's text.
         let (_, history) = in_place(|| {
             hall.server
                 .get(&format!("/v1/robots/{robot}/history?limit=1"))
@@ -271,7 +271,7 @@ fn what_the_service_says_stands_on_the_pages() {
             "{shown}: {detail}"
         );
 
-        // how well the robot returns to a pose
+        // Repeatability of the robot.
         browser
             .run(&format!(
                 "location.hash = '#/jobs/{}'",
@@ -283,7 +283,7 @@ fn what_the_service_says_stands_on_the_pages() {
             .run("return document.querySelectorAll('[aria-label^=\"RP \"] tbody tr').length")
             .await;
         assert_eq!(rows, 3, "three poses were visited several times");
-        // what moved has a unit
+        // Changes have a unit.
         browser.until_it_says("Moved since the set before").await;
         let units = "return [...document.querySelectorAll('[aria-label^=\"Changes that\"] tbody td:nth-child(2)')].map((cell) => cell.innerText)";
         let units = browser.run(units).await;
@@ -298,7 +298,7 @@ fn what_the_service_says_stands_on_the_pages() {
             "{units:?}"
         );
 
-        // the links as other programs read them
+        // Exports of the links.
         let folder = hall.folder.path().join("downloads");
         browser.download_to(&folder).await;
         for (name, format) in [("URDF", "urdf"), ("CSV", "csv"), ("YAML", "yaml")] {
@@ -319,7 +319,7 @@ fn what_the_service_says_stands_on_the_pages() {
         }
         browser.assert_quiet(&[]).await;
 
-        // a release that the robot's policy would refuse says so before anybody writes a reason, and does not happen
+        // If the robot's policy would refuse a release, the dialog says so before a reason is written, and nothing is released.
         let policy = json!({"independent_session_required": true});
         in_place(|| {
             assert_eq!(
@@ -367,12 +367,12 @@ fn what_the_service_says_stands_on_the_pages() {
     assert_eq!(still["id"], active["id"]);
 }
 
-/// Asks the server from within a browser's steps: the client of the tests has a runtime of its own.
+/// Sends a request from within a browser's steps. The tests' client has its own tokio runtime.
 fn in_place<T: Send>(ask: impl FnOnce() -> T + Send) -> T {
     std::thread::scope(|scope| scope.spawn(ask).join().unwrap())
 }
 
-/// Value and remark of one of the large numbers.
+/// Value and note of one of the large numbers.
 async fn fact(browser: &Browser, name: &str) -> String {
     let script = format!(
         "return [...document.querySelectorAll('.fact')].find((f) => f.firstChild.innerText === {}).innerText",
@@ -388,12 +388,12 @@ fn lengths_mm(text: &str) -> Vec<f64> {
         .collect()
 }
 
-/// As the pages show a length.
+/// A length with the digits that the pages show.
 fn three_digits(value: &Value) -> f64 {
     format!("{:.2e}", value.as_f64().unwrap()).parse().unwrap()
 }
 
-/// The drifted robot, three of whose poses were measured four times, to 0.03 mm.
+/// A set of the drifted robot in which three poses were measured four times, to 0.03 mm.
 fn revisited_csv() -> String {
     let text = std::fs::read_to_string(data("followup_drifted.csv")).unwrap();
     let column = text

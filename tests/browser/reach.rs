@@ -1,4 +1,4 @@
-//! Every page for everybody: accessible, on a desktop and on a tablet, in both themes, and by the keyboard alone.
+//! Accessibility of every page: on a desktop and on a tablet, in both themes, and with the keyboard alone.
 
 use crate::browser::{Browser, DESKTOP, Driver, Look, Picture, TABLET};
 use crate::hall::Hall;
@@ -109,7 +109,7 @@ fn everything_is_within_reach_of_the_keyboard() {
             browser.settled().await;
             assert_eq!(out_of_reach(browser).await, Vec::<String>::new(), "{hash}");
         }
-        // released without a mouse: to the button, into the dialog, the reason, the answer
+        // Releases without a mouse: the button, the dialog, the reason, the answer.
         browser.run("[...document.querySelectorAll('button')].find((b) => b.innerText === 'Release …').focus()").await;
         browser.press(Key::Enter).await;
         browser.until("document.querySelector('dialog').open && document.activeElement.tagName === 'TEXTAREA'").await;
@@ -125,7 +125,7 @@ fn everything_is_within_reach_of_the_keyboard() {
     assert_eq!(active["id"], job["parameter_set_id"]);
 }
 
-/// What can be worked with a mouse, but is not reached by Tab or shows no sign of the focus.
+/// Elements that work with a mouse, but cannot be reached by Tab or do not show the focus.
 async fn out_of_reach(browser: &Browser) -> Vec<String> {
     let mark = "document.activeElement?.blur(); window.scrollTo(0, 0); \
         window.waiting = [...document.querySelectorAll('a[href], button, input:not([type=radio]), select, textarea, summary')] \

@@ -1,4 +1,4 @@
-//! The dashboard where something is in the way: another key, a server that is away, large sets and long histories.
+//! The dashboard under difficult conditions: another key, a server that is down, large sets and long histories.
 
 use crate::browser::{Browser, Driver};
 use crate::hall::{Hall, data};
@@ -7,7 +7,7 @@ use crate::{in_browser, in_browser_at, in_place, sign_in};
 use serde_json::{Value, json};
 use thirtyfour::Key;
 
-/// So many parameter sets are listed at once.
+/// Number of parameter sets that the dashboard lists at once.
 const LISTED: usize = 200;
 
 #[test]
@@ -21,7 +21,7 @@ fn a_key_that_opens_nothing_leads_back_to_the_sign_in() {
     in_browser(&driver, &hall.server, async |browser: &Browser| {
         sign_in(browser, &no_reader).await;
         browser.until_it_says("This key may not read").await;
-        // as an editor or a chat makes of a key what looks like one
+        // Keys as an editor or a chat program changes them.
         for (wrong, said) in [
             ("kincal_„ключ“", "This is not a key"),
             ("kincal_é", "This is not a key"),
@@ -52,7 +52,7 @@ fn a_live_job_outlives_a_restart_of_the_server() {
     let key = hall.key(&["read", "identify"]);
     let Hall { server, folder } = hall;
     let url = server.url.clone();
-    // the second is ended after the browser: it cannot be within its steps
+    // The second server ends after the browser, because it cannot end within the browser's steps.
     let (mut server, mut again) = (Some(server), None);
     in_browser_at(&driver, &url, async |browser: &Browser| {
         sign_in(browser, &key).await;
@@ -169,7 +169,7 @@ fn what_cannot_be_fetched_is_said_and_robots_are_listed_once() {
         );
         browser.assert_quiet(&[]).await;
 
-        // as if it had been revoked meanwhile
+        // As if the key had been revoked meanwhile.
         browser
             .run("sessionStorage.setItem('kincal-key', 'kincal_0000')")
             .await;
@@ -216,7 +216,7 @@ fn faults_are_shown_on_the_lines_that_an_editor_has_them_on() {
     let key = hall.key(&["read", "upload"]);
     let lines = lines();
     let of = |i: usize| lines[i].split_once(',').unwrap().1;
-    // line 1 is the header; 2: row 0; 3: empty; 4: row 1, spaces; 5 and 6: row 2, in two lines; 7: row 3
+    // Line 1 is the header, 2 is row 0, 3 is empty, 4 is row 1 (spaces), 5 and 6 are row 2, 7 is row 3.
     let wrong = of(3).replace(lines[3].rsplit(',').next().unwrap(), "12 mm");
     let text = format!(
         "{}\n0,{}\n\n   \n\"one\n two\",{}\n2,{wrong}\n",

@@ -11,7 +11,7 @@ const KILLS: &str = "KINCAL_KILLS";
 const KILLS_BY_DEFAULT: usize = 20;
 /// Longest time from the start of the process to its first answer, recovery included; unoptimised, on a busy machine.
 const READY_AGAIN: Duration = Duration::from_secs(10);
-/// What trust.md promises.
+/// Longest time from SIGTERM to the end of the process (docs/trust.md).
 const STOPPED: Duration = Duration::from_secs(10);
 
 #[test]

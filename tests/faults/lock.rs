@@ -15,11 +15,11 @@ use std::time::{Duration, Instant};
 /// Environment variable with the duration of the lock, s; 30 and more overnight.
 const LOCKED_S: &str = "KINCAL_LOCKED_S";
 const LOCKED_S_BY_DEFAULT: u64 = 6;
-/// Longest time to a refusal: the server waits 5 s for a lock, plus the delays of a busy machine.
+/// Longest time to a refusal: a write waits at most 5 s on SQLite (2 s for its turn, 3 s for the lock), plus the delays of a busy machine.
 const REFUSED_WITHIN: Duration = Duration::from_secs(9);
 /// Longest read; reads do not wait for writers. Unoptimised, on a busy machine.
 const READ_WITHIN: Duration = Duration::from_secs(2);
-/// Writers that wait for less than this are not reported; a busy machine adds to it.
+/// Longest time until stuck writers are reported: the server reports them after 1 s, and a busy machine adds to it.
 const NOTICED_WITHIN_S: f64 = 3.0;
 /// Time from the statement that takes the lock to the first check.
 const LOCK_TAKEN_S: f64 = 2.0;
@@ -198,7 +198,7 @@ fn readyz_tells_how_long_the_writer_has_been_stuck() {
     assert_eq!(server.text("/readyz"), "ready\n");
     let url = format!("sqlite://{}", dir.path().join("kincal.sqlite").display());
     locked(&url, "begin exclusive", || {
-        // One writer gives up after 5 s; none comes after it.
+        // One writer waits and gives up; none comes after it.
         let begun = Instant::now();
         assert_eq!(upload(&server, &robot, 1).0, 503);
         check_reported_duration(&server, begun.elapsed());

@@ -47,7 +47,7 @@ impl Process {
         Self { child, url }
     }
 
-    /// Asks it to stop and waits; how long that took.
+    /// Asks it to stop and waits. Returns the time that this took.
     fn terminate(&mut self) -> (Duration, Option<i32>) {
         let begun = Instant::now();
         assert!(
@@ -113,7 +113,7 @@ async fn everything_is_there_after_sigterm_and_a_new_start() {
         .to_string()
         .into_bytes();
     let posted = server.post(&jobs, "application/json", request).await;
-    // Whether the job is running or waiting by now: it is finished or handed back, and ends once.
+    // Whether the job is running or queued by now: it is finished or handed back, and ends once.
     let (took, code) = server.terminate();
     assert_eq!(code, Some(0));
     assert!(took < Duration::from_secs(10), "{took:?}");
@@ -174,7 +174,7 @@ async fn sigterm_ends_long_polls_and_event_streams_within_ten_seconds() {
     let job = format!("{}/v1/jobs/{}", server.url, text(&job["id"]));
     let events = reqwest::get(format!("{job}/events")).await.unwrap();
     let poll = tokio::spawn(reqwest::get(format!("{job}?wait_s=30")));
-    // Once this answers, the poll before it on the same server has been accepted or will be cut before it is heard.
+    // When this is answered, the server has accepted the poll sent before it, or will close that connection unread.
     reqwest::get(&job).await.unwrap();
     let (took, code) = tokio::task::spawn_blocking(move || server.terminate())
         .await
@@ -187,7 +187,7 @@ async fn sigterm_ends_long_polls_and_event_streams_within_ten_seconds() {
     }
 }
 
-/// Asks until no more connections are taken: how many were answered, and how many were connected and cut off.
+/// Sends requests until no more connections are accepted. Returns how many were answered, and how many were connected and cut off.
 fn ask_until_refused(address: &str) -> (usize, usize) {
     let (begun, mut answered, mut cut_off) = (Instant::now(), 0, 0);
     while begun.elapsed() < Duration::from_secs(10) {
@@ -211,8 +211,9 @@ fn ask_until_refused(address: &str) -> (usize, usize) {
     (answered, cut_off)
 }
 
-/// Of all stops: a socket is closed some microseconds after it was found empty, and at thousands of connections a second one may fall in
-/// between; nothing short of a filter in the kernel prevents that. Without a last call it is several at each stop.
+/// Most requests that are cut off in all stops together. The socket is closed some microseconds after it was found empty, and at thousands of
+/// connections a second one may arrive in between; only a filter in the kernel could prevent that. Without a grace period there are several at each
+/// stop.
 const MOST_CUT_OFF: usize = 2;
 
 #[test]
@@ -240,7 +241,7 @@ fn who_is_connected_when_the_server_stops_is_answered() {
     assert!(all_cut_off <= MOST_CUT_OFF, "{all_cut_off}");
 }
 
-/// How many of these connections get an answer to a request.
+/// Sends a request on each of these connections. Returns the number of answers.
 fn ask_all(mut connections: Vec<TcpStream>) -> usize {
     for connection in &mut connections {
         let _ = connection
@@ -265,7 +266,7 @@ fn who_was_connected_before_the_stop_and_asks_just_after_it_is_answered_without_
             .map(|_| TcpStream::connect(address).unwrap())
             .collect();
         std::thread::sleep(Duration::from_millis(50));
-        // some milliseconds after the signal
+        // Some milliseconds after the signal.
         let asked = std::thread::spawn(move || {
             std::thread::sleep(Duration::from_millis(15));
             ask_all(connections)
@@ -472,13 +473,13 @@ async fn a_data_directory_that_is_removed_takes_nothing_more() {
         .await;
 }
 
-/// The rights of a file or directory.
+/// Permissions of a file or directory.
 fn mode(path: &Path) -> u32 {
     use std::os::unix::fs::PermissionsExt;
     std::fs::metadata(path).unwrap().permissions().mode() & 0o7777
 }
 
-/// The name and the rights of every file in a directory.
+/// Name and permissions of every file in a directory.
 fn modes_within(dir: &Path) -> Vec<(String, u32)> {
     let entries = std::fs::read_dir(dir).unwrap().map(|entry| entry.unwrap());
     let mut modes: Vec<_> = entries
@@ -530,7 +531,7 @@ async fn the_data_directory_and_its_backup_are_their_owners_alone() {
     );
 }
 
-/// The data directory, with the rights that older versions gave it; its server's log.
+/// Runs a server on a data directory with the permissions that older versions gave it. Returns its log.
 fn served_from_an_old_directory(data: &Path, rights: u32, server_uid: Option<u32>) -> String {
     use std::os::unix::fs::PermissionsExt;
     std::fs::create_dir_all(data).unwrap();
@@ -549,7 +550,7 @@ async fn a_data_directory_of_an_older_version_becomes_its_owners_alone() {
         let data = dir.path().join(format!("data-{rights:o}"));
         let said = served_from_an_old_directory(&data, rights, None);
         assert_eq!(mode(&data), 0o700, "{rights:o}: {said}");
-        let told = said.contains("taken the rights of others");
+        let told = said.contains("removed the permissions of other users");
         assert_eq!(told, is_told, "{rights:o}: {said}");
     }
 }
@@ -567,7 +568,7 @@ async fn a_data_directory_of_somebody_else_is_warned_of() {
     std::fs::set_permissions(dir.path(), open).unwrap();
     let data = dir.path().join("data");
     let said = served_from_an_old_directory(&data, 0o777, Some(NOBODY));
-    assert!(said.contains("may look into the data directory"), "{said}");
+    assert!(said.contains("can read the data directory"), "{said}");
     assert_eq!(mode(&data), 0o777);
 }
 

@@ -1,4 +1,5 @@
-//! Ten times as many uploads as docs/trust.md promises: accepted ones are stored, the rest are refused quickly, and jobs can be cancelled meanwhile.
+//! Ten times as many uploads as promised (docs/operations.md, "Load"): accepted ones are stored, the rest are refused quickly, and jobs can be
+//! cancelled meanwhile.
 
 use crate::process::Server;
 use std::path::Path;
@@ -8,7 +9,7 @@ use tokio::net::TcpStream;
 use tokio::task::JoinSet;
 use tokio::time::{Instant, sleep_until};
 
-/// Durable uploads a second that docs/trust.md promises.
+/// Promised durable uploads per second (docs/operations.md, "Load").
 const PROMISED_PER_S: f64 = 150.0;
 /// Ten times the promise.
 const RATE_PER_S: f64 = 10.0 * PROMISED_PER_S;

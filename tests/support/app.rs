@@ -1,4 +1,4 @@
-//! A real server on a free loopback port with a database of its own, and a client for it.
+//! A real server on a free loopback port with its own database, and a client for it.
 
 #![allow(dead_code)] // each test binary uses its part
 
@@ -8,7 +8,7 @@ use reqwest::{Method, RequestBuilder};
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
-/// What came back.
+/// An answer of the server.
 pub struct Answer {
     pub status: u16,
     pub headers: reqwest::header::HeaderMap,
@@ -40,14 +40,14 @@ impl Answer {
         serde_json::from_slice(&self.bytes).unwrap_or_else(|e| panic!("{e}: {}", self.text()))
     }
 
-    /// The body of a success.
+    /// Asserts this status and returns the JSON body.
     #[track_caller]
     pub fn ok(&self, status: u16) -> Value {
         assert_eq!(self.status, status, "{}", self.text());
         self.json()
     }
 
-    /// A problem of this status and code, checked to be one in every respect.
+    /// Asserts a complete problem document with this status and code, and returns it.
     #[track_caller]
     pub fn problem(&self, status: u16, code: &str) -> Value {
         assert_eq!(self.status, status, "{}", self.text());
@@ -101,7 +101,7 @@ impl TestApp {
         }
     }
 
-    /// The same database under a new server.
+    /// Stops the server and starts a new one on the same database.
     pub async fn restart(mut self) -> Self {
         let dir = self._dir.take();
         self.server.shutdown().await;
@@ -138,7 +138,7 @@ impl TestApp {
         self.post(path, "application/json", body.to_string()).await
     }
 
-    /// The paper's robot, stored; its path.
+    /// Stores the paper's robot. Returns its path.
     pub async fn paper_robot(&self) -> String {
         let answer = self
             .post("/v1/robots", "application/json", paper("robot.json"))
@@ -146,14 +146,14 @@ impl TestApp {
         format!("/v1/robots/{}", answer.ok(201)["id"].as_str().unwrap())
     }
 
-    /// A robot and one of the paper's sets for it: (robot path, set id).
+    /// Stores a robot and one of the paper's sets. Returns the robot's path and the set's id.
     pub async fn robot_with_set(&self, file: &str) -> (String, String) {
         let robot = self.paper_robot().await;
         let set = self.upload(&robot, file).await;
         (robot, set)
     }
 
-    /// Uploads one of the paper's sets; its id.
+    /// Uploads one of the paper's sets. Returns its id.
     pub async fn upload(&self, robot: &str, file: &str) -> String {
         let answer = self
             .post(
@@ -165,7 +165,7 @@ impl TestApp {
         answer.ok(201)["id"].as_str().unwrap().into()
     }
 
-    /// Posts a job and waits until it is over.
+    /// Posts a job and waits until it has ended.
     pub async fn run(&self, robot: &str, request: &Value) -> Value {
         let posted = self.post_json(&format!("{robot}/jobs"), request).await;
         let mut job = posted.ok(202);
@@ -182,7 +182,7 @@ impl TestApp {
         job
     }
 
-    /// A least-squares job on the paper's first set that has succeeded: (robot path, job).
+    /// Runs a least-squares job on the paper's first set. Returns the robot's path and the job.
     pub async fn identified(&self) -> (String, Value) {
         let (robot, set) = self.robot_with_set("first.csv").await;
         let job = self

@@ -1,4 +1,4 @@
-//! Test computations whose behaviour is in the job's request, so that one function serves all tests.
+//! Computation of test jobs. The job's request states its behaviour, so one function serves all tests.
 //!
 //! A computation can wait at a gate, which the test opens, so no test depends on durations.
 
@@ -11,9 +11,9 @@ use kincal::jobs::{JobFailure, JobInputs, JobOutcome, JobSignals, Progress, Work
 use kincal::store::{JobRow, NewNetwork, NewParameterSet, Store, jobs};
 use kincal::wire::job::Stage;
 
-/// Lease for all tests that are not about expired leases.
+/// Lease of tests that are not about expired leases.
 pub const LONG: Duration = Duration::from_secs(60);
-/// Timeout: what has not happened by then is a failure.
+/// Timeout after which a test fails.
 const PATIENCE: Duration = Duration::from_secs(30);
 
 pub type Monitor<'a> = &'a mut dyn FnMut(Progress) -> ControlFlow<()>;

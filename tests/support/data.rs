@@ -1,4 +1,4 @@
-//! The data that tests use: the paper's robot and sets (in `data/paper`), and measured sets of real robots where they are.
+//! Data of the tests: the paper's robot and sets (`data/paper`), and measured sets of real robots if they are available.
 
 #![allow(dead_code)] // each test binary uses its part
 
@@ -14,7 +14,7 @@ pub fn paper_path(name: &str) -> PathBuf {
         .join(name)
 }
 
-/// Where measured sets lie, or `None` with one loud line where they are absent.
+/// Folder of the measured sets; `None`, with one message, if it is missing.
 pub fn real_data() -> Option<PathBuf> {
     let root = std::env::var("KINCAL_REAL_DATA").unwrap_or_else(|_| "../shared/data/real".into());
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(root);
@@ -22,7 +22,7 @@ pub fn real_data() -> Option<PathBuf> {
         return Some(path);
     }
     static SAID: std::sync::Once = std::sync::Once::new();
-    // written past the test runner's capture, which would hide it
+    // Written directly to standard error, because the test runner hides captured output.
     SAID.call_once(|| {
         let line = format!("!!! NO REAL DATA at {} (KINCAL_REAL_DATA): the tests on measured robots DID NOT RUN !!!", path.display());
         let _ = writeln!(std::io::stderr(), "{line}");
@@ -30,7 +30,7 @@ pub fn real_data() -> Option<PathBuf> {
     None
 }
 
-/// Descriptions of robots by their makers, which lie beside the measured sets: names and texts, sorted. Empty where they are absent.
+/// Makers' descriptions of robots, in a subfolder of the measured sets: names and texts, sorted. Empty if they are missing.
 pub fn urdfs() -> Vec<(String, String)> {
     let folder = real_data().and_then(|real| Some(real.parent()?.join("urdf")));
     let Some(entries) = folder.and_then(|folder| std::fs::read_dir(folder).ok()) else {
@@ -46,7 +46,7 @@ pub fn urdfs() -> Vec<(String, String)> {
     paths.into_iter().map(read).collect()
 }
 
-/// The python to run oracles with: that of `KINCAL_ORACLES_PYTHON`, which has the libraries that they read with, else any.
+/// The Python for oracles: that of `KINCAL_ORACLES_PYTHON`, which has their libraries, else `python3`.
 pub fn oracles_python() -> String {
     std::env::var("KINCAL_ORACLES_PYTHON").unwrap_or_else(|_| "python3".into())
 }

@@ -1,4 +1,4 @@
-//! A database of its own for each test, on each engine.
+//! A separate database for each test, on each engine.
 
 use std::io::Write;
 use std::sync::Once;
@@ -7,7 +7,7 @@ use kincal::store::{Engine, Store, StoreLocation};
 use sqlx::{AssertSqlSafe, Connection, PgConnection};
 use tempfile::TempDir;
 
-/// Set by CI: `postgres://user@host:port/database`, where databases may be made.
+/// Set by CI: `postgres://user@host:port/database` of a server on which tests may create databases.
 const POSTGRES_VARIABLE: &str = "TEST_POSTGRES_URL";
 
 /// An empty database and the store on it.
@@ -18,7 +18,7 @@ pub struct TestDatabase {
     _home: Home,
 }
 
-/// What goes away with the test.
+/// Resources that are removed with the test.
 enum Home {
     Directory(#[allow(dead_code)] TempDir),
     Database(PostgresDatabase),
@@ -29,7 +29,7 @@ struct PostgresDatabase {
     name: String,
 }
 
-/// Runs a test on SQLite, and on PostgreSQL where there is one.
+/// Runs a test on SQLite, and on PostgreSQL if there is one.
 pub fn for_each_engine(test: impl AsyncFn(&TestDatabase)) {
     on_sqlite(&test);
     match std::env::var(POSTGRES_VARIABLE) {
@@ -38,7 +38,7 @@ pub fn for_each_engine(test: impl AsyncFn(&TestDatabase)) {
     }
 }
 
-/// Once per test binary, and past the test harness, which keeps what a passing test prints to itself.
+/// Prints once per test binary that PostgreSQL is missing, directly to standard error, because the test harness hides the output of passing tests.
 fn say_that_half_is_missing() {
     static SAID: Once = Once::new();
     SAID.call_once(|| {
@@ -119,7 +119,7 @@ impl PostgresDatabase {
 impl Drop for Home {
     fn drop(&mut self) {
         if let Home::Database(database) = self {
-            // Also when the test panics, and there is no waiting in a drop: on a thread of its own.
+            // On a separate thread, because a drop cannot await. Runs even if the test panics.
             std::thread::scope(|scope| {
                 let drop_database = || {
                     let runtime = tokio::runtime::Builder::new_current_thread()

@@ -1,4 +1,4 @@
-//! Rows to begin a test with.
+//! Rows that tests start with.
 
 use kincal::jobs::queue;
 use kincal::store::{
@@ -62,7 +62,7 @@ pub fn new_job(set: &MeasurementSetRow, request_json: &str) -> NewJob {
     }
 }
 
-/// A job whose request tells the computation of the test what to do.
+/// A job whose request states the behaviour of its computation.
 pub async fn a_job(store: &Store, set: &MeasurementSetRow, request_json: &str) -> JobRow {
     in_transaction(store, async |tx| {
         queue::enqueue(tx, &new_job(set, request_json)).await
@@ -70,13 +70,13 @@ pub async fn a_job(store: &Store, set: &MeasurementSetRow, request_json: &str) -
     .await
 }
 
-/// Likewise, of a robot and a set of its own.
+/// As [`a_job`], with its own robot and set.
 pub async fn a_lone_job(store: &Store, request_json: &str) -> JobRow {
     let set = a_set(store, &a_robot(store, "r").await).await;
     a_job(store, &set, request_json).await
 }
 
-/// A candidate with the job that it comes from.
+/// A candidate and the job that identified it.
 #[allow(dead_code, reason = "each test binary uses its part")]
 pub async fn a_candidate(store: &Store, set: &MeasurementSetRow) -> ParameterSetRow {
     let job = a_job(store, set, "{}").await;

@@ -1,4 +1,4 @@
-//! What the test binaries share.
+//! Code that the test binaries share.
 #![allow(dead_code, unused_macros, reason = "each binary uses a part")]
 
 pub mod app;

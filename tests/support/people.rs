@@ -1,4 +1,4 @@
-//! People with keys of their own at one server.
+//! Users of one server, each with a key.
 #![allow(dead_code)] // each test binary uses its part
 
 use super::app::{Answer, TestApp};
@@ -8,7 +8,7 @@ use kincal::store::{NewApiKey, api_keys};
 use reqwest::Method;
 use serde_json::{Value, json};
 
-/// A server that asks for keys; the directory lives as long as the test needs it.
+/// A server that requires keys, and its data directory, which must live as long as the server.
 pub async fn guarded(workers: usize) -> (TestApp, tempfile::TempDir) {
     let dir = tempfile::tempdir().unwrap();
     let config = ServeConfig {
@@ -18,7 +18,7 @@ pub async fn guarded(workers: usize) -> (TestApp, tempfile::TempDir) {
     (TestApp::with_config(config).await, dir)
 }
 
-/// A new key and its id.
+/// Makes a key. Returns it and its id.
 pub async fn key(app: &TestApp, scopes: &[&str], robots: Option<Vec<&str>>) -> (String, String) {
     let (key, key_sha256) = new_key().unwrap();
     let robots_json = robots.map(|robots| json!(robots).to_string());
@@ -34,14 +34,14 @@ pub async fn key(app: &TestApp, scopes: &[&str], robots: Option<Vec<&str>>) -> (
     (key, row.id)
 }
 
-/// The key with this id opens nothing any more.
+/// Revokes the key with this id.
 pub async fn revoke(app: &TestApp, id: &str) {
     let mut tx = app.server.store.begin().await.unwrap();
     api_keys::revoke(&mut tx, id).await.unwrap();
     tx.commit().await.unwrap();
 }
 
-/// The answer to a request with this key and a JSON body.
+/// Sends a request with this key and a JSON body.
 pub async fn with_key(
     app: &TestApp,
     method: Method,
@@ -58,7 +58,7 @@ pub async fn with_key(
     .await
 }
 
-/// Somebody with a key.
+/// A user with a key.
 pub struct Person<'a> {
     pub app: &'a TestApp,
     pub key: String,
@@ -102,7 +102,7 @@ impl<'a> Person<'a> {
             .await
     }
 
-    /// Uploads CSV in the base frame: the set's summary.
+    /// Uploads CSV in the base frame. Returns the set's summary.
     pub async fn upload(&self, robot: &str, csv: &str) -> Value {
         self.send(
             Method::POST,

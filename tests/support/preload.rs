@@ -1,10 +1,10 @@
-//! Libraries that are put before the C library of a process under test.
+//! Libraries that a process under test loads before the C library (LD_PRELOAD).
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// Builds one from its source; none, with one loud line, where there is no C compiler.
+/// Builds a library from its source; none, with a message, if there is no C compiler.
 pub fn build(dir: &Path, name: &str, source: &str) -> Option<PathBuf> {
     let (path, library) = (
         dir.join(format!("{name}.c")),
@@ -20,7 +20,7 @@ pub fn build(dir: &Path, name: &str, source: &str) -> Option<PathBuf> {
     match built {
         Ok(output) if output.status.success() => Some(library),
         other => {
-            // Past the test harness, which keeps what a passing test prints to itself.
+            // Directly to standard error, because the test harness hides the output of passing tests.
             let _ = writeln!(
                 std::io::stderr(),
                 "!!! {name}.c CANNOT BE BUILT, THE TEST THAT NEEDS IT DID NOT RUN: {other:?} !!!"

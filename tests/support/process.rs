@@ -1,4 +1,4 @@
-//! The real binary as a real process, driven over HTTP as a cell PC does.
+//! The real binary as a process, used over HTTP like a cell PC does.
 #![allow(dead_code)] // each test binary uses its part
 
 use serde_json::Value;
@@ -7,7 +7,7 @@ use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-/// No job of these tests takes longer than this, even on a busy machine with an unoptimised build.
+/// Timeout for a job, which no test exceeds even on a busy machine with an unoptimised build.
 const PATIENCE: Duration = Duration::from_secs(120);
 
 /// A running `kincal serve`.
@@ -65,13 +65,13 @@ impl Server {
         Self::of(command)
     }
 
-    /// A server by its command line.
+    /// Starts a server with this command.
     pub fn of(mut command: Command) -> Self {
         command.stdout(Stdio::piped()).stderr(Stdio::null());
         let mut child = command.spawn().unwrap();
         let url = url_of(&mut child);
         kincal::http::tls::use_ring();
-        // a connection that nobody uses is closed by the server after a while: each request takes one of its own
+        // Each request uses a new connection, because the server closes idle ones.
         let http = reqwest::Client::builder()
             .no_proxy()
             .timeout(PATIENCE)
@@ -91,13 +91,13 @@ impl Server {
         }
     }
 
-    /// The same server, asked with a key.
+    /// Sends this key with all further requests.
     pub fn with_key(mut self, key: String) -> Self {
         self.key = Some(key);
         self
     }
 
-    /// The process.
+    /// Id of the process.
     pub fn id(&self) -> u32 {
         self.child.id()
     }
@@ -108,7 +108,7 @@ impl Server {
         self.child.wait().unwrap();
     }
 
-    /// A signal that ends it; how it ended.
+    /// Ends it with a signal. Returns its exit status.
     pub fn end_by(mut self, signal: &str) -> std::process::ExitStatus {
         assert!(
             Command::new("kill")
@@ -120,7 +120,7 @@ impl Server {
         self.child.wait().unwrap()
     }
 
-    /// SIGTERM, and how long it took to end.
+    /// Ends it with SIGTERM. Returns its exit status and the time that this took.
     pub fn terminate(mut self) -> (std::process::ExitStatus, Duration) {
         let since = Instant::now();
         assert!(
@@ -138,7 +138,7 @@ impl Server {
         self.send(self.http.get(format!("{}{path}", self.url)))
     }
 
-    /// GET: the text of a success.
+    /// GET that must succeed: the text.
     pub fn text(&self, path: &str) -> String {
         let request = self.signed(self.http.get(format!("{}{path}", self.url)));
         self.runtime.block_on(async {
@@ -227,7 +227,7 @@ impl Server {
         })
     }
 
-    /// POST that must create; its `id`.
+    /// POST that must create something. Returns its `id`.
     pub fn create(&self, path: &str, content_type: &str, body: Vec<u8>) -> String {
         let (status, answer) = self.post(path, content_type, body);
         assert!(
@@ -237,7 +237,7 @@ impl Server {
         answer["id"].as_str().unwrap().to_string()
     }
 
-    /// A robot from a file.
+    /// Stores a robot from a file.
     pub fn robot(&self, path: &Path) -> String {
         self.create(
             "/v1/robots",
@@ -246,7 +246,7 @@ impl Server {
         )
     }
 
-    /// A set from a CSV file.
+    /// Uploads a set from a CSV file.
     pub fn set(&self, robot: &str, path: &Path, frame: &str) -> String {
         self.create(
             &format!("/v1/robots/{robot}/measurement-sets?frame={frame}"),
@@ -255,7 +255,7 @@ impl Server {
         )
     }
 
-    /// A job, accepted.
+    /// Posts a job, which must be accepted.
     pub fn job(&self, robot: &str, request: &Value) -> String {
         self.create(
             &format!("/v1/robots/{robot}/jobs"),
@@ -264,7 +264,7 @@ impl Server {
         )
     }
 
-    /// Waits until a job is over.
+    /// Waits until a job has ended.
     pub fn finished(&self, job: &str) -> Value {
         let deadline = Instant::now() + PATIENCE;
         while Instant::now() < deadline {
@@ -277,7 +277,7 @@ impl Server {
         panic!("job {job} is not over after {PATIENCE:?}");
     }
 
-    /// Waits until a worker has begun a job and told an iteration.
+    /// Waits until a worker has started a job and reported an iteration.
     pub fn begun(&self, job: &str) -> Value {
         let deadline = Instant::now() + PATIENCE;
         while Instant::now() < deadline {
@@ -295,7 +295,7 @@ impl Server {
         panic!("job {job} has not begun after {PATIENCE:?}");
     }
 
-    /// Runs a job to its success; its report.
+    /// Runs a job, which must succeed. Returns its report.
     pub fn report(&self, robot: &str, request: &Value) -> Value {
         let job = self.job(robot, request);
         let end = self.finished(&job);

@@ -1,4 +1,4 @@
-//! A client that writes bytes as no HTTP library would.
+//! A client that writes bytes that no HTTP library would send.
 #![allow(dead_code)] // each test binary uses its part
 
 use std::time::{Duration, Instant};
@@ -6,7 +6,7 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
 use tokio::time::timeout;
 
-/// Nothing in these tests takes this long, even on a busy machine.
+/// Timeout that no test exceeds, even on a busy machine.
 pub const PATIENCE: Duration = Duration::from_secs(60);
 
 pub struct Raw(pub TcpStream);
@@ -20,12 +20,12 @@ impl Raw {
         )
     }
 
-    /// Sends; whether the server still listens does not matter.
+    /// Sends bytes. Returns false if the server has closed the connection.
     pub async fn send(&mut self, bytes: &[u8]) -> bool {
         self.0.write_all(bytes).await.is_ok()
     }
 
-    /// All that comes until the server closes.
+    /// Reads until the server closes the connection.
     pub async fn rest(&mut self) -> String {
         let mut bytes = Vec::new();
         let end = timeout(PATIENCE, self.0.read_to_end(&mut bytes))
@@ -36,7 +36,7 @@ impl Raw {
         String::from_utf8_lossy(&bytes).into_owned()
     }
 
-    /// Sends one byte every `pause` until the server cuts it off: how long that took, and what it said.
+    /// Sends one byte every `pause` until the server disconnects. Returns the time that this took, and the answer.
     pub async fn dribble(mut self, first: &[u8], byte: u8, pause: Duration) -> (Duration, String) {
         let begun = Instant::now();
         self.send(first).await;

@@ -1,5 +1,5 @@
-//! A robot as it stands in a cell, written without any of kincal's code: links that are not nominal, joints that give under gravity,
-//! transmissions that are eccentric, an instrument somewhere in the room.
+//! A simulated robot in a cell, written without kincal's code: links with errors, joints that sag under gravity, eccentric transmissions, and an
+//! instrument somewhere in the room.
 
 #![allow(dead_code)] // each user takes its part
 
@@ -68,7 +68,7 @@ pub type RealLink = [f64; 5];
 #[derive(Clone)]
 pub struct RealRobot {
     pub links: Vec<RealLink>,
-    /// Turn of each joint about its axis per unit of moment (a unit of mass a metre away, under gravity), rad.
+    /// Rotation of each joint about its axis per unit of moment (a unit of mass at a distance of one metre, under gravity), rad.
     pub give_rad: Vec<f64>,
     /// Masses at the origins of the links' frames.
     pub masses: Vec<f64>,
@@ -122,7 +122,7 @@ impl RealRobot {
         apply(&t, self.target_mm)
     }
 
-    /// The reflector as the instrument sees it, mm.
+    /// The reflector in the instrument's frame, mm.
     pub fn seen(&self, q_rad: &[f64]) -> [f64; 3] {
         apply(&self.t_instrument_base, self.in_base(q_rad))
     }

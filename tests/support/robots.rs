@@ -1,4 +1,4 @@
-//! Robots of several makes, simulated as they are built and measured, and what can be done wrongly with a file of theirs.
+//! Simulated robots of several makes, with errors of manufacture and of measurement.
 #![allow(dead_code)] // each user takes its part
 
 use super::simulation::Normal;
@@ -92,7 +92,7 @@ pub fn models() -> Vec<(&'static str, Robot)> {
     ]
 }
 
-/// How well a robot is built, and how it is measured.
+/// Errors of a robot's manufacture, and of its measurement.
 #[derive(Clone, Copy, Debug)]
 pub struct Making {
     pub length_mm: f64,
@@ -151,7 +151,7 @@ fn reach(joint: usize) -> f64 {
     if joint == 1 || joint == 2 { 1.0 } else { 2.4 }
 }
 
-/// As robots come from the factory.
+/// Typical errors of new robots.
 pub const CLEAN: Making = Making {
     length_mm: 0.5,
     angle_deg: 0.1,
@@ -160,7 +160,7 @@ pub const CLEAN: Making = Making {
     frame: Frame::Instrument,
 };
 
-/// What a study of clean robots found: how many were refused, had a remark, or fitted.
+/// Result of a study of robots without faults: how many were refused, had a warning, or fitted.
 pub fn clean_robots(n: usize, seed: u64) -> Vec<(&'static str, [usize; 3])> {
     use kincal::calibration::alignment::{Finding, Look, explain, look};
     let models = models();

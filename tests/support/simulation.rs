@@ -1,5 +1,5 @@
-//! Simulated robots: random errors of exactly the parameters of the complete model, random poses, normal noise, and sag that no model here
-//! knows of.
+//! Simulated robots: random errors of exactly the parameters of the complete model, random poses, normal noise, and sag, which no model of kincal
+//! has as a parameter.
 
 #![allow(dead_code)] // each user takes its part
 
@@ -40,16 +40,16 @@ impl Normal {
     }
 }
 
-/// How a simulated campaign is measured.
+/// Settings of a simulated measuring campaign.
 #[derive(Clone, Copy, Debug)]
 pub struct Campaign {
     pub n_configurations: usize,
     pub n_targets: usize,
     /// White noise of each coordinate, mm.
     pub noise_mm: f64,
-    /// What the points of one configuration share, each coordinate, mm.
+    /// Error that all points of one configuration share, each coordinate, mm.
     pub shared_mm: f64,
-    /// Stiffness of joints 2 and 3: turning per unit moment (1 kg at 1 m), rad; half of it about the axes across.
+    /// Compliance of joints 2 and 3: rotation per unit moment (1 kg at 1 m), rad; half of it about the other two axes.
     pub sag_rad: f64,
 }
 
@@ -64,8 +64,8 @@ impl Campaign {
     };
 }
 
-/// A robot as it truly is: errors of 0.3 mm and 0.05° (one standard deviation) in every link parameter of the complete model, somewhere
-/// in the room, with targets off the flange's axis.
+/// A true robot: errors of 0.3 mm and 0.05° (one standard deviation) in every link parameter of the complete model, a random placement in the
+/// room, and targets off the flange's axis.
 pub fn true_robot(nominal: &Robot, n_targets: usize, random: &mut Normal) -> KinematicModel {
     let parameters: Vec<Parameter> = complete_parameters(&nominal.links, n_targets)
         .into_iter()
@@ -118,8 +118,8 @@ pub fn limited(mut nominal: Robot) -> Robot {
     nominal
 }
 
-/// Two sessions of one simulated robot, 40 configurations of two targets each: the tracker stands elsewhere and the reflectors are fixed
-/// anew; the second with a change.
+/// Two sessions of one simulated robot, 40 configurations of two targets each. In the second one tracker and reflectors have other positions, and
+/// the robot has a change.
 pub fn two_sessions(
     nominal: &Robot,
     seed: u64,
@@ -165,7 +165,7 @@ pub fn measure(
     MeasurementSet::new(Frame::Instrument, points)
 }
 
-/// Where a target is, mm, when joints 2 and 3 give under masses of 1, 1 and 0.5 kg at the origins of links 3, 5 and 6.
+/// Position of a target, mm, if joints 2 and 3 sag under masses of 1, 1 and 0.5 kg at the origins of links 3, 5 and 6.
 pub fn position_with_sag(
     model: &KinematicModel,
     q_rad: &[f64],
@@ -199,7 +199,7 @@ pub fn position_with_sag(
     t.rotation * model.targets_mm[target] + t.translation.vector
 }
 
-/// The true value of a parameter of the complete model, mm or degrees; `None` for the base's rotation, which is counted from the fit.
+/// The true value of a parameter of the complete model, mm or degrees; `None` for the base's rotation, which is relative to its first estimate.
 pub fn true_value(truth: &KinematicModel, parameter: &Parameter) -> Option<f64> {
     use kincal::identification::parameters::quantity_mut;
     match *parameter {
@@ -217,7 +217,7 @@ pub fn true_value(truth: &KinematicModel, parameter: &Parameter) -> Option<f64> 
     }
 }
 
-/// Of the stated 95 % intervals of a report: how many there are, and how many hold the truth.
+/// Number of 95 % intervals in a report, and of those that contain the true value.
 pub fn intervals_held(
     nominal: &Robot,
     truth: &KinematicModel,
@@ -239,7 +239,7 @@ pub fn intervals_held(
     counts
 }
 
-/// The robot as a report found it.
+/// The identified robot of a report.
 pub fn found(report: &kincal::calibration::CalibrationReport) -> KinematicModel {
     KinematicModel {
         t_instrument_base: report.t_instrument_base,
@@ -248,7 +248,7 @@ pub fn found(report: &kincal::calibration::CalibrationReport) -> KinematicModel 
     }
 }
 
-/// Of the stated 95 % intervals of where target 0 is at some poses, along each axis: how many there are, and how many hold the truth.
+/// Number of 95 % intervals of target 0's position at some poses, along each axis, and of those that contain the true value.
 pub fn tool_intervals_held(
     nominal: &Robot,
     truth: &KinematicModel,
@@ -273,7 +273,7 @@ pub fn tool_intervals_held(
     (3 * poses.len(), poses.iter().map(held).sum())
 }
 
-/// What a simulated robot is beyond links.
+/// Errors of a simulated robot that links do not describe.
 #[derive(Clone, Copy, Debug)]
 pub struct Bent {
     /// As [`Campaign::sag_rad`].
@@ -289,7 +289,7 @@ impl Bent {
     };
 }
 
-/// A robot with what bends it.
+/// A robot with errors that links do not describe.
 pub struct BentRobot {
     pub truth: KinematicModel,
     bent: Bent,
@@ -297,7 +297,7 @@ pub struct BentRobot {
 }
 
 impl BentRobot {
-    /// Where a target truly is, mm.
+    /// True position of a target, mm.
     pub fn position(&self, q_rad: &[f64], target: usize) -> Vector3<f64> {
         let turned = |(q, phase): (&f64, &[f64; 2])| {
             q + self.bent.harmonic_rad * ((q + phase[0]).sin() + 0.5 * (2.0 * q + phase[1]).sin())

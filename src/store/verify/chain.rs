@@ -8,22 +8,22 @@ use crate::store::{AuditRow, Result, Store, audit, audit_chain, idempotency};
 /// Content of the chain, by subject.
 pub(super) struct Chain {
     pub(super) check: Check,
-    /// What is older has no entries.
+    /// Start of the chain; older rows have no entries.
     pub(super) begun_at_ms: i64,
     /// Entries about each subject, in order.
     pub(super) events: BTreeMap<String, Vec<Entry>>,
-    /// The newest answer to each use of an Idempotency-Key that did something: hashes of both.
+    /// For each Idempotency-Key the newest answer: the two hashes of [`idempotency::hashes`].
     pub(super) answers: BTreeMap<String, String>,
 }
 
-/// What one entry says.
+/// Content of one entry.
 pub(super) struct Entry {
     pub(super) event: String,
     pub(super) actor: String,
     pub(super) detail: serde_json::Value,
 }
 
-/// Things that were made after the chain was begun and are not in it.
+/// Rows that were created after the chain began and have no entry.
 pub(super) const MISSING: &str = "
     select id from (
         select id, created_at_ms from robot union all select id, created_at_ms from measurement_set
@@ -35,7 +35,7 @@ pub(super) const MISSING: &str = "
     order by id limit cast($2 as bigint)";
 
 impl Chain {
-    /// The entries of one kind about one thing.
+    /// The entries of one event about one subject.
     pub(super) fn entries<'a>(
         &'a self,
         subject: &str,
@@ -45,12 +45,12 @@ impl Chain {
         entries.iter().filter(move |entry| entry.event == event)
     }
 
-    /// The newest of them.
+    /// The newest entry of one event about one subject.
     pub(super) fn newest<'a>(&'a self, subject: &str, event: &'a str) -> Option<&'a Entry> {
         self.entries(subject, event).next_back()
     }
 
-    /// What the newest entry of this kind says in one field.
+    /// One field of the newest entry of this event.
     pub(super) fn says(&self, subject: &str, event: &str, field: &str) -> Option<String> {
         self.newest(subject, event)?
             .detail
@@ -59,7 +59,7 @@ impl Chain {
             .map(str::to_owned)
     }
 
-    /// Whether all that happened to this has entries.
+    /// Whether the chain has the creation of this subject, and so everything that happened to it.
     pub(super) fn was_created(&self, subject: &str) -> bool {
         self.events.get(subject).is_some_and(|entries| {
             entries
@@ -101,7 +101,7 @@ pub(super) async fn read(store: &Store, options: &Options) -> Result<Chain> {
         }
         debug_assert_eq!(seq, last);
     }
-    // A server beside this one adds to the chain meanwhile; the head read first is then somewhere in it.
+    // A server may have added entries meanwhile, so the head that was read first need not be the last entry.
     check.require(head.seq <= seq, || {
         format!(
             "the chain ends at entry {seq}, but entry {} was the last one",

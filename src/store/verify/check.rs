@@ -5,9 +5,9 @@
 pub struct Check {
     /// `I1` to `I9`.
     pub id: &'static str,
-    /// What is promised.
+    /// Text of the promise.
     pub promise: &'static str,
-    /// How many things were looked at.
+    /// Number of rows that were examined.
     pub n_examined: i64,
     /// Violations, at most [`MAX_LISTED`].
     pub violations: Vec<String>,
@@ -15,7 +15,7 @@ pub struct Check {
     pub n_violations: i64,
 }
 
-/// More violations than this are counted and not listed.
+/// Most violations that are listed; further ones are only counted.
 pub const MAX_LISTED: usize = 100;
 /// Rows read at a time.
 pub(super) const BATCH: i64 = 200;
@@ -23,9 +23,9 @@ pub(super) const BATCH: i64 = 200;
 /// Options of the checks.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Options {
-    /// A head of the audit chain that was kept elsewhere: number and hash.
+    /// A head of the audit chain that was stored elsewhere: number and hash.
     pub known_head: Option<(i64, String)>,
-    /// Whether a worker should be at work, so that a lease that ran out long ago is a fault.
+    /// Whether a server is running: then a lease that expired long ago is a violation.
     pub is_served: bool,
 }
 

@@ -1,4 +1,4 @@
-//! I1 to I7: what the rows say, against their hashes and the audit chain.
+//! I1 to I7: compares rows with their hashes and with the audit chain.
 
 use std::collections::BTreeMap;
 
@@ -45,10 +45,10 @@ pub(super) const RELEASES: &str = "
     select id, status, coalesce(release_checks_json, '') as checks_json, released_at_ms, release_n_passed, release_n_failed from parameter_set
     where released_at_ms is not null order by id";
 
-/// A worker looks at leases every second; this is past any delay of a busy machine, ms.
+/// Age of an expired lease that counts as stuck, ms. Workers check leases every second; a busy machine does not delay that by a minute.
 const STUCK_AFTER_MS: i64 = 60_000;
 
-/// I1: bytes and documents are those whose hash was kept when they were acknowledged.
+/// I1: bytes and documents have the hashes that were stored when they were acknowledged.
 pub(super) async fn uploads_read_back(store: &Store, chain: &Chain) -> Result<Check> {
     let mut check = Check::new(
         "I1",
@@ -111,7 +111,7 @@ pub(super) async fn uploads_read_back(store: &Store, chain: &Chain) -> Result<Ch
     Ok(check)
 }
 
-/// What is older than the chain, or than a field of its entries, is not looked at; what should have an entry and has none is for I8 to tell.
+/// Compares a hash with the chain. Rows that are older than the chain or than this field are skipped; I8 reports missing entries.
 fn noted(check: &mut Check, chain: &Chain, id: &str, event: &str, field: &str, now: &str) {
     if let Some(then) = chain.says(id, event, field) {
         check.require(then == now, || {
@@ -120,7 +120,7 @@ fn noted(check: &mut Check, chain: &Chain, id: &str, event: &str, field: &str, n
     }
 }
 
-/// Everything that the chain says was made is there.
+/// Every row that the chain says was created still exists.
 async fn lost(check: &mut Check, store: &Store, chain: &Chain) -> Result<()> {
     for id in chain.events.keys() {
         if chain.was_created(id) && !is_there(store, id).await? {
@@ -148,7 +148,7 @@ async fn is_there(store: &Store, id: &str) -> Result<bool> {
     Ok(n == 1)
 }
 
-/// I2: a key's answer and its effect were one transaction. That an answer is gone cannot be told: after a week they are forgotten.
+/// I2: the answer to a key and its effect were one transaction. A missing answer cannot be detected: answers are deleted after a week.
 pub(super) async fn answers_have_effects(store: &Store, chain: &Chain) -> Result<Check> {
     let mut check = Check::new(
         "I2",
@@ -196,7 +196,7 @@ pub(super) async fn answers_have_effects(store: &Store, chain: &Chain) -> Result
     }
 }
 
-/// I3: one end per job in the chain, none before the end; nobody holds a job past its lease.
+/// I3: the chain has one end of each ended job and none of others; no job is held past its lease.
 pub(super) async fn jobs_end_once(
     store: &Store,
     chain: &Chain,
@@ -253,7 +253,7 @@ pub(super) async fn jobs_end_once(
     Ok(check)
 }
 
-/// I4.
+/// I4: a job has at most one parameter set.
 pub(super) async fn one_set_per_job(store: &Store) -> Result<Check> {
     let mut check = Check::new("I4", "a job has at most one parameter set");
     let counts: Vec<(String, i64)> = sqlx::query_as(SETS_OF_JOBS)
@@ -280,7 +280,7 @@ type Result5 = (
     String,
 );
 
-/// I5: equal inputs, equal results.
+/// I5: equal inputs gave equal results.
 pub(super) async fn same_request_same_result(store: &Store, chain: &Chain) -> Result<Check> {
     let mut check = Check::new(
         "I5",
@@ -346,7 +346,7 @@ pub(super) async fn same_request_same_result(store: &Store, chain: &Chain) -> Re
     Ok(check)
 }
 
-/// I6.
+/// I6: a robot has at most one released parameter set.
 pub(super) async fn one_released_per_robot(store: &Store) -> Result<Check> {
     let mut check = Check::new("I6", "a robot has at most one released parameter set");
     let counts: Vec<(String, i64)> = sqlx::query_as(RELEASED_OF_ROBOTS)
@@ -359,7 +359,7 @@ pub(super) async fn one_released_per_robot(store: &Store) -> Result<Check> {
     Ok(check)
 }
 
-/// A parameter set that was released once.
+/// A parameter set that was released at least once.
 struct Released {
     id: String,
     status: String,
@@ -378,7 +378,7 @@ from_row!(Released {
     release_n_failed
 });
 
-/// I7: the checks are kept, all passed, and are those of the chain.
+/// I7: the checks of a release are stored, all passed, and are those in the chain.
 pub(super) async fn releases_have_checks(store: &Store, chain: &Chain) -> Result<Check> {
     let mut check = Check::new("I7", "no release without its checks");
     let rows: Vec<Released> = sqlx::query_as(RELEASES).fetch_all(store.reads()).await?;
@@ -404,7 +404,7 @@ pub(super) async fn releases_have_checks(store: &Store, chain: &Chain) -> Result
                 .count() as i64
         };
         let (n_passed, n_failed) = (row.release_n_passed, row.release_n_failed);
-        // Releases of older versions were not counted.
+        // Older versions did not store the counts.
         let is_counted = (n_passed, n_failed) == (Some(n(true)), Some(n(false)))
             || (n_passed, n_failed) == (None, None);
         check.require(is_counted, || {

@@ -1,4 +1,4 @@
-//! Whether what is stored keeps its promises: I1 to I9. Reads only; may run beside a server.
+//! Checks the store's promises I1 to I9. Reads only; may run beside a server.
 
 mod chain;
 mod check;
@@ -10,7 +10,7 @@ pub use check::{Check, MAX_LISTED, Options};
 
 use super::{Result, Store, audit};
 
-/// A database that changes under every look is believed after so many.
+/// Most repetitions while a server changes the database; then the last result counts.
 const MOST_LOOKS: usize = 5;
 
 pub(super) const ALL_QUERIES: &[&str] = &[
@@ -39,7 +39,8 @@ pub(super) const ALL_QUERIES: &[&str] = &[
 pub(super) const QUERIES_SQLITE: &[&str] = schema::QUERIES_SQLITE;
 pub(super) const QUERIES_POSTGRES: &[&str] = schema::QUERIES_POSTGRES;
 
-/// Every check, in order. What a server changes while it is looked at may seem not to fit together: then it is looked at again.
+/// Runs every check, in order. If a check fails and the chain has grown meanwhile, all run again: rows that a server changes between two queries
+/// can look inconsistent.
 ///
 /// # Errors
 /// [`super::Error::Database`] if the database cannot be read at all.

@@ -1,4 +1,4 @@
-//! Of I1: rows are as the newest entries about them say: who did what, to what it refers, what robots ask of a release.
+//! Part of I1: compares the fields of rows with the newest audit entries about them.
 
 use std::collections::BTreeSet;
 
@@ -14,7 +14,7 @@ use crate::store::{
 use crate::store::{robots, verifications};
 use crate::wire::canonical;
 
-/// The entries that move a parameter set, and where to.
+/// The events that change the status of a parameter set, and the status after them.
 const LIFE: &[(&str, &str)] = &[
     (parameter_sets::CREATED, "candidate"),
     (parameter_sets::RELEASED, "released"),
@@ -22,7 +22,7 @@ const LIFE: &[(&str, &str)] = &[
     (parameter_sets::WITHDRAWN, "withdrawn"),
 ];
 
-/// Every kind of row of which the chain tells.
+/// Compares every kind of row that has entries in the chain.
 pub(super) async fn are_as_noted(check: &mut Check, store: &Store, chain: &Chain) -> Result<()> {
     each(check, store, chain, |check, row| robot(check, chain, row)).await?;
     each(check, store, chain, |_, _: &MeasurementSetRow| ()).await?;
@@ -57,7 +57,7 @@ pub(super) async fn are_as_noted(check: &mut Check, store: &Store, chain: &Chain
     Ok(())
 }
 
-/// Compares all rows of a kind with their entries, and has `look` see each.
+/// Compares all rows of a kind with their entries, and calls `look` with each.
 async fn each<T: Audited>(
     check: &mut Check,
     store: &Store,
@@ -85,7 +85,7 @@ async fn each<T: Audited>(
     }
 }
 
-/// A field that the entry does not have is not looked at: older entries lack some.
+/// Compares a row's fields with an entry. Fields that the entry does not have are skipped: older entries lack some.
 fn compare(check: &mut Check, chain: &Chain, id: &str, expected: &ExpectedEntry) {
     let ExpectedEntry { event, now, by } = expected;
     match (chain.newest(id, event), now) {
@@ -103,7 +103,7 @@ fn compare(check: &mut Check, chain: &Chain, id: &str, expected: &ExpectedEntry)
         (Some(_), None) => check.violated(format!(
             "{id}: {event} is in the audit chain, and no longer so"
         )),
-        // What was made without an entry is for I8 to tell.
+        // I8 reports creations without an entry.
         (None, Some((at_ms, _))) if !event.ends_with("_created") => {
             let is_older = *at_ms <= chain.begun_at_ms && !chain.was_created(id);
             check.require(is_older, || {
@@ -114,7 +114,7 @@ fn compare(check: &mut Check, chain: &Chain, id: &str, expected: &ExpectedEntry)
     }
 }
 
-/// The robot is in the state `check_robot` where the newest entry about that says so.
+/// The robot is in the state `check_robot` exactly if the newest entry about that state says so.
 fn robot(check: &mut Check, chain: &Chain, row: &RobotRow) {
     let about = [robots::DOES_NOT_FIT, robots::FITS, robots::CHECKED];
     let entries = chain.events.get(&row.id).map_or(&[][..], Vec::as_slice);

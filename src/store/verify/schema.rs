@@ -26,7 +26,7 @@ const UNIQUE_POSTGRES: &str = "
     from pg_index i join pg_class c on c.oid = i.indrelid join pg_namespace s on s.oid = c.relnamespace
     where i.indisunique and i.indisvalid and s.nspname = current_schema()";
 
-/// Without one of these something is promised that nothing keeps.
+/// Triggers and indexes that enforce the promises. A database without one of them is reported.
 const GUARDS: &[&str] = &[
     "audit_entry_stays",
     "audit_entry_is_kept",

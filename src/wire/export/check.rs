@@ -1,4 +1,4 @@
-//! What was written is read back and moved beside what was meant.
+//! Checks exports: reads each text back and compares the poses of its robot with those of the intended one.
 
 use super::Error;
 use crate::exchange::Chain;
@@ -8,16 +8,16 @@ use crate::kinematics::{Link, Robot, t_base_flange};
 use crate::wire::urdf::Urdf;
 use nalgebra::IsometryMatrix3;
 
-/// Configurations that are compared.
+/// Number of configurations that are compared.
 const N_CONFIGURATIONS: usize = 100;
-/// And their seed.
+/// Seed of these configurations.
 const SEED: u64 = 1;
-/// How far positions may be apart, mm.
+/// Largest difference of positions, mm.
 pub const SAME_MM: f64 = 1e-9;
-/// And entries of rotations: 1e-9 mm at a metre.
+/// Largest difference of the entries of rotations: 1e-9 mm at a distance of one metre.
 const SAME_ROTATION: f64 = 1e-12;
 
-/// Links that were read back.
+/// Compares links that were read back.
 pub fn same_links(
     format: &'static str,
     robot: &Robot,
@@ -33,7 +33,7 @@ pub fn same_links(
     same_poses(format, robot, meant, &|q| t_base_flange(back, q))
 }
 
-/// Flange poses at the model's joint values.
+/// Compares flange poses. `back` takes the model's joint values.
 pub fn same_poses(
     format: &'static str,
     robot: &Robot,
@@ -44,7 +44,7 @@ pub fn same_poses(
     same_at_controller(format, robot, meant, &as_model)
 }
 
-/// Flange poses at the controller's joint values.
+/// Compares flange poses. `back` takes the controller's joint values.
 pub fn same_at_controller(
     format: &'static str,
     robot: &Robot,
@@ -65,8 +65,8 @@ pub fn same_at_controller(
     Ok(())
 }
 
-/// A description of Universal Robots, by the controller's joint values. Its last frame may stand elsewhere on the last link than the flange
-/// does, and always at the same place.
+/// Compares a description of Universal Robots at the controller's joint values. The pose of its last frame on the flange may be any, but must be
+/// the same in all configurations.
 pub fn same_description(
     robot: &Robot,
     meant: &[Link],
@@ -81,7 +81,7 @@ pub fn same_description(
     })
 }
 
-/// A URDF of ours, by the joint values it has.
+/// Compares a URDF that `urdf::written` wrote. Its joint values are the controller's, or the model's if the joint map couples joints.
 pub fn same_chain(
     format: &'static str,
     robot: &Robot,

@@ -1,4 +1,4 @@
-//! The shapes of exports that are documents.
+//! Exports as documents: JSON, YAML, CSV, mastering offsets and UR kinematics.
 
 use super::Source;
 use crate::exchange::refit::Refit;
@@ -19,20 +19,20 @@ use utoipa::ToSchema;
 pub struct ExportDocument {
     /// The parameter set.
     pub parameter_set_id: String,
-    /// The nominal robot, as it was given.
+    /// The nominal robot, as it was uploaded.
     pub robot: RobotBody,
-    /// What was identified.
+    /// The identified parameters.
     #[serde(flatten)]
     pub content: ParameterSetContent,
-    /// With `beta=refit`: how far the tool is off by these links from where the identified ones have it.
+    /// With `beta=refit`: distance of the tool by these links from the tool by the identified ones.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub remaining_error_mm: Option<RemainingError>,
-    /// Where it comes from, and what one should know before using it.
+    /// Its provenance, and warnings.
     #[serde(flatten)]
     pub provenance: Provenance,
 }
 
-/// Distance of points 100 mm from the flange's origin from where the identified links have them, over the workspace.
+/// Distance of points 100 mm from the flange's origin from the same points by the identified links, over the workspace.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct RemainingError {
     /// Mean, mm.
@@ -41,16 +41,16 @@ pub struct RemainingError {
     pub max: f64,
 }
 
-/// Joint offsets for a controller that takes nothing else.
+/// Joint offsets for a controller that accepts nothing else.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct MasteringDocument {
     /// One per joint.
     pub joints: Vec<MasteringOffset>,
-    /// How far the tool still is off with them.
+    /// Error of the tool that remains with them.
     pub remaining_error_mm: RemainingError,
 }
 
-/// What is exported as JSON: by `format=json` the document, by `format=mastering` the offsets.
+/// JSON exports: the document with `format=json`, the offsets with `format=mastering`.
 #[derive(Clone, Debug, Serialize, ToSchema)]
 #[serde(untagged)]
 pub enum ExportAnswer {
@@ -60,19 +60,19 @@ pub enum ExportAnswer {
     Mastering(MasteringDocument),
 }
 
-/// What a joint's value has to be raised by, in the controller's own sign: where the controller shows q, it should show q + offset.
+/// Offset to add to a joint's value, in the controller's own sign: where the controller shows q, it should show q + offset.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct MasteringOffset {
     /// 1-based.
     pub joint: usize,
     /// Degrees.
     pub offset_deg: f64,
-    /// False for the first and the last joint, whose offsets positions cannot tell from where base and tool are.
+    /// False for the first and the last joint: positions cannot distinguish their offsets from the pose of base and tool.
     pub determined: bool,
 }
 
 impl ExportDocument {
-    /// A parameter set with these links.
+    /// The document of a parameter set with these links.
     pub fn new(
         source: &Source<'_>,
         links: &[Link],
@@ -145,8 +145,8 @@ pub fn csv_of(links: &[Link]) -> String {
     text
 }
 
-/// Origins of the joints as `kinematics:` of a UR description: x, y, z in metres, roll, pitch, yaw in rad. The hash is not a controller's:
-/// the driver will say so.
+/// Origins of the joints as `kinematics:` of a UR description: x, y, z in metres, roll, pitch, yaw in rad. The hash is not that of a controller;
+/// the driver will warn about it.
 pub fn ur_kinematics(arm: &UrArm, sha256: &str, base_left_out: Option<&str>) -> String {
     let base_left_out = base_left_out.map_or(String::new(), |remark| format!("# {remark}\n"));
     let mut text = format!(
@@ -197,10 +197,10 @@ enum UrEntry {
     Hash(#[allow(dead_code, reason = "read and left")] String),
 }
 
-/// The chain that such a file describes.
+/// Reads the chain that a file of [`ur_kinematics`] describes.
 ///
 /// # Errors
-/// A sentence, where it is none.
+/// A description, if it is no such file.
 pub fn read_ur_kinematics(text: &str) -> Result<Chain, String> {
     let file: UrFile = yaml_serde::from_str(text).map_err(|e| e.to_string())?;
     let joint = |name: &str| match file.kinematics.get(name) {

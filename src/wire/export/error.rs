@@ -1,19 +1,19 @@
-//! Why there is no export.
+//! Errors of exports.
 
 use crate::wire::issue::Invalid;
 
-/// Why there is no export.
+/// Why an export failed.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// The robot or the URDF cannot be written that way.
+    /// The robot or the URDF cannot be written in this format.
     #[error(transparent)]
     Invalid(#[from] Invalid),
-    /// What was written reads back as another robot: a fault of ours.
+    /// The text reads back as another robot: a defect of kincal.
     #[error("the {format} export does not read back: {cause}")]
     ReadBack {
         /// The format.
         format: &'static str,
-        /// How.
+        /// The difference.
         cause: String,
     },
 }

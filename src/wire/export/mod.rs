@@ -1,4 +1,4 @@
-//! Identified links in the formats of controllers and of other software. Each text is read back and compared before it is handed out.
+//! Exports identified links in the formats of controllers and of other software. Each text is read back and compared before it is returned.
 
 mod check;
 mod documents;
@@ -18,11 +18,11 @@ use crate::wire::issue::Invalid;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// How a parameter set is written.
+/// Format of an export.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ExportFormat {
-    /// The nominal robot and what was identified; `kincal compensate` reads it.
+    /// The nominal robot and the identified parameters; `kincal compensate` reads it.
     #[default]
     Json,
     /// The same.
@@ -33,35 +33,35 @@ pub enum ExportFormat {
     Urdf,
     /// Joint origins as the drivers of Universal Robots read them; six joints.
     UrKinematics,
-    /// Joint offsets for controllers that take nothing else.
+    /// Joint offsets for controllers that accept nothing else.
     Mastering,
 }
 
-/// What becomes of Hayati's beta.
+/// Treatment of Hayati's beta.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum BetaChoice {
-    /// It stays.
+    /// Links with beta.
     #[default]
     Keep,
-    /// The links with beta 0 that come nearest over the workspace, and how far they are off.
+    /// Links with beta 0 that are nearest over the workspace, and their remaining error.
     Refit,
 }
 
-/// A text to hand out.
+/// An exported text.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Exported {
     /// Its media type.
     pub content_type: &'static str,
-    /// Ending of a file name for it.
+    /// Extension of its file name.
     pub extension: &'static str,
     /// The text.
     pub text: String,
-    /// What is lost with it, where something is.
+    /// Error that the format leaves, if there is any.
     pub remaining: Option<RemainingError>,
 }
 
-/// The text of a parameter set.
+/// Exports a parameter set.
 ///
 /// # Errors
 /// [`Error`].
@@ -158,10 +158,10 @@ pub fn export(
     }
 }
 
-/// The user's own URDF with the joint origins of the identified robot.
+/// Writes the joint origins of the identified robot into the user's own URDF.
 ///
 /// # Errors
-/// [`Error`]: the URDF cannot be read, or is not the nominal robot.
+/// [`Error`] if the URDF cannot be read, or is not the nominal robot.
 pub fn patch_urdf(source: &Source<'_>, bytes: &[u8], tip: Option<&str>) -> Result<Exported, Error> {
     let links = source.content.kinematic_links();
     let text = urdf::patched(source, &links, bytes, tip)?;
@@ -173,7 +173,7 @@ pub fn patch_urdf(source: &Source<'_>, bytes: &[u8], tip: Option<&str>) -> Resul
     })
 }
 
-/// The identified links, with or without beta, and what is lost without.
+/// The identified links with or without beta and, without it, the remaining error.
 fn links_of(source: &Source<'_>, beta: BetaChoice) -> (Vec<Link>, Option<RemainingError>) {
     let links = source.content.kinematic_links();
     if beta == BetaChoice::Keep {

@@ -1,4 +1,4 @@
-//! What is exported.
+//! Inputs of an export.
 
 use crate::kinematics::Robot;
 use crate::wire::angle::to_degrees;
@@ -7,27 +7,28 @@ use crate::wire::parameter_set::{ParameterSetContent, Provenance};
 use crate::wire::robot::RobotBody;
 use nalgebra::IsometryMatrix3;
 
-/// What is exported.
+/// Inputs of an export.
 #[derive(Clone, Copy, Debug)]
 pub struct Source<'a> {
     /// The parameter set's id.
     pub id: &'a str,
-    /// The nominal robot as it was given.
+    /// The nominal robot as it was uploaded.
     pub body: &'a RobotBody,
-    /// The same for the core.
+    /// The nominal robot as a type of the core.
     pub robot: &'a Robot,
-    /// What was identified.
+    /// Content of the parameter set.
     pub content: &'a ParameterSetContent,
-    /// Where it comes from, and what one should know before using it.
+    /// Provenance of the set, and its warnings.
     pub provenance: &'a Provenance,
 }
 
-/// A base that is nearer to the frame of the measured positions than this lies in it, mm and rad.
+/// Distance, mm, and angle, rad, below which the base equals the frame of the measured positions.
 const SAME_BASE_MM: f64 = 1e-3;
 const SAME_BASE_RAD: f64 = 1e-6;
 
 impl Source<'_> {
-    /// What joint origins leave out: where the base lies in the base frame that positions were measured in.
+    /// Warning for formats with joint origins only: they leave out the base's pose in the frame that positions were measured in. None if both
+    /// frames are equal, or positions were measured in an instrument's frame.
     pub fn base_left_out(&self) -> Option<String> {
         if self.provenance.measuring_frame != Some(Frame::Base) {
             return None;

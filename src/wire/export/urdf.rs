@@ -1,4 +1,4 @@
-//! A URDF of the identified robot: a new one, or the user's own.
+//! URDF of the identified robot: a new one, or the user's own with other joint origins.
 
 use super::{Error, Source, check};
 use crate::exchange::transplant::transplanted;
@@ -14,7 +14,8 @@ use std::fmt::Write;
 /// Configurations at which a patched URDF is compared.
 const N_CONFIGURATIONS: usize = 50;
 
-/// A new URDF: `base_link`, `link_1` … `link_n` (the flange) and every reflector, at the controller's joint values where they are not coupled.
+/// Writes a new URDF: `base_link`, `link_1` … `link_n` (the flange) and every reflector. Its joint values are the controller's, or the model's if
+/// the joint map couples joints.
 pub fn written(source: &Source<'_>, links: &[Link]) -> String {
     let map = source.robot.joint_map.as_ref();
     let uncoupled = map.filter(|map| map.coupling.is_identity(0.0));
@@ -88,7 +89,7 @@ pub fn written(source: &Source<'_>, links: &[Link]) -> String {
     text
 }
 
-/// The user's URDF with new origins of the joints that move; read back and compared.
+/// Writes new origins of the moving joints into the user's URDF, reads it back and compares.
 pub fn patched(
     source: &Source<'_>,
     links: &[Link],
@@ -141,8 +142,9 @@ fn largest_difference(a: &Chain, b: &Chain, source: &Source<'_>) -> (f64, f64) {
     })
 }
 
-/// How far a chain is from moving as links do, whatever stands before and behind them: between two configurations the tip moves by
-/// Y⁻¹·F(q)⁻¹·F(p)·Y in both, and the turn of that and the distance along its axis do not depend on Y.
+/// Largest difference between the motions of a chain and of links, mm; constant transformations before and behind them (tool Y) do not count.
+/// Between configurations q and p the tip moves by Y⁻¹·F(q)⁻¹·F(p)·Y. The angle of this motion and the distance along its axis do not depend on
+/// Y, so these two are compared.
 fn worst_against_links(chain: &Chain, source: &Source<'_>, links: &[Link]) -> f64 {
     let screw = |a: &IsometryMatrix3<f64>, b: &IsometryMatrix3<f64>| {
         let t = a.inverse() * b;
@@ -162,7 +164,7 @@ fn worst_against_links(chain: &Chain, source: &Source<'_>, links: &[Link]) -> f6
                 &t_base_flange(links, &to_model(&pair[0])),
                 &t_base_flange(links, &to_model(&pair[1])),
             );
-            // a trace of rounding 1e-15 is as much as 1e-12 mm at a metre
+            // times 1000 mm: a rotation error of 1e-15 moves a point at one metre by 1e-12 mm
             ((theirs.0 - ours.0).abs() * 1e3).max((theirs.1 - ours.1).abs())
         };
         configurations.windows(2).map(pair).fold(0.0, f64::max)

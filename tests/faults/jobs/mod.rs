@@ -1,4 +1,4 @@
-//! The pool of workers and its signals, on each engine: what must happen within a time, and at once rather than at the next poll.
+//! The worker pool and its signals, on each engine: events that must happen within a time, and at once instead of at the next poll.
 
 mod pool;
 mod signals;

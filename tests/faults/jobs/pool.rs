@@ -267,7 +267,7 @@ fn a_cancelled_job_is_over_soon_though_its_computation_does_not_look_and_its_wor
         let over = until(store, &deaf.id, |job| job.status.is_over()).await;
         assert_eq!(over.status, JobStatus::Cancelled);
         assert!(started.elapsed() < LONG / 10, "{:?}", started.elapsed());
-        // more than enough time to claim it
+        // More than enough time to claim it.
         tokio::time::sleep(Duration::from_millis(300)).await;
         assert_eq!(
             jobs::get(store, &next.id).await.unwrap().status,

@@ -98,7 +98,7 @@ impl Cluster {
         );
     }
 
-    /// Cuts all connections of the nodes, also during a statement.
+    /// Cuts all connections of the nodes, even during a statement.
     pub fn cut_connections(&self) {
         let sql = "select pg_terminate_backend(pid) from pg_stat_activity where pid <> pg_backend_pid() and backend_type = 'client backend'";
         let psql = self.bin.join("psql");
@@ -175,7 +175,7 @@ impl Cluster {
 
     fn run(&self, program: &str, arguments: &[&str]) {
         let program = self.bin.join(program);
-        // PostgreSQL refuses to run as root
+        // PostgreSQL refuses to run as root.
         let mut command = if is_root() {
             let mut command = Command::new("runuser");
             command.args(["-u", "postgres", "--"]).arg(&program);

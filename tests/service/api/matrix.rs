@@ -1,5 +1,5 @@
-//! Role × route × robot: every documented route, with every scope, by a key for all robots, for the right one and for another one, and by
-//! keys that are no longer or never were any. The routes come from the contract, so a new one is in the matrix without a change here.
+//! Role × route × robot: every documented route with every scope, by a key for all robots, for the right robot and for another one, and by revoked
+//! and unknown keys. The routes come from the contract, so a new route is in the matrix without a change here.
 
 use crate::app::{Answer, TestApp, paper, text};
 use crate::people::{guarded, key, revoke, with_key};
@@ -8,13 +8,13 @@ use reqwest::Method;
 use serde_json::{Value, json};
 
 const SCOPES: [&str; 5] = ["read", "upload", "identify", "release", "admin"];
-/// About all robots: a key that is limited to some is refused, whichever they are.
+/// Routes about all robots: they refuse every key that is limited to some robots.
 const NOT_FOR_LIMITED_KEYS: [(Method, &str); 2] =
     [(Method::POST, "/v1/robots"), (Method::GET, "/metrics")];
-/// Without a robot in them: each key has its own answer.
+/// Routes without a robot in their path: the answer depends on the key.
 const OF_NO_ROBOT: [&str; 3] = ["/v1/robots", "/v1/me", "/v1/robot-imports"];
 
-/// A robot with one of everything.
+/// A robot with one resource of each kind.
 struct Cell {
     robot: String,
     ids: Vec<(&'static str, String)>,
@@ -76,7 +76,7 @@ impl Cell {
         Self { robot, ids }
     }
 
-    /// A route's path for this robot's own things.
+    /// A route's path for this robot's resources.
     fn path(&self, route: &str) -> String {
         let id = self
             .ids
@@ -87,7 +87,7 @@ impl Cell {
             id.is_some() || !route.contains("{id}"),
             "{route}: what is its id? add one to this matrix"
         );
-        // What a query must have comes before what a key may see.
+        // A missing query is reported before the key's robots are checked.
         let query = match route {
             "/v1/parameter-sets/{id}/compare" => format!("?with={}", id.unwrap_or_default()),
             "/v1/parameter-sets/{id}/export" => "?format=urdf".into(),
@@ -177,7 +177,7 @@ async fn every_role_on_every_route_for_every_robot() {
             without_a_key(&app, &method, &path).await,
             with_a_revoked_key(&app, &method, &path).await,
         ] {
-            // An address that tries many keys is told to wait; it is not let in either way.
+            // An address that tries many keys gets 429 instead of 401; it is refused either way.
             assert!(
                 matches!(answer.status, 401 | 429),
                 "{method} {route}: {}",
@@ -192,7 +192,7 @@ async fn every_role_on_every_route_for_every_robot() {
     );
 }
 
-/// What an answer says; weights are no text.
+/// Text of an answer; weights have none.
 fn said_of(answer: &Answer) -> String {
     String::from_utf8_lossy(&answer.bytes)
         .chars()

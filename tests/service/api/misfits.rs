@@ -24,7 +24,7 @@ fn nominal_mm(robot: &Robot, q_deg: &[f64], in_flange_mm: Vector3<f64>) -> Vecto
 fn worse_than_nominal() -> String {
     let robot = paper_robot();
     let file = changed("first.csv", |_, _| {});
-    let mend = |line: &str| {
+    let without_errors = |line: &str| {
         let cells: Vec<&str> = line.split(',').collect();
         if cells[1] != "verify" {
             return line.to_owned();
@@ -33,7 +33,9 @@ fn worse_than_nominal() -> String {
         let p = nominal_mm(&robot, &q_deg, Vector3::zeros());
         format!("{},{},{},{}", cells[..8].join(","), p.x, p.y, p.z)
     };
-    file.lines().map(|line| mend(line) + "\n").collect()
+    file.lines()
+        .map(|line| without_errors(line) + "\n")
+        .collect()
 }
 
 /// A set with a reflector off the flange's axis.
@@ -104,7 +106,7 @@ async fn a_set_that_is_no_better_than_nominal_trains_no_network_and_is_not_relea
         .problem(409, "release_refused");
 }
 
-/// The model cannot fit these points, or fits them with a link turned over: neither a release nor a corrected target comes of it.
+/// The model cannot fit these points, or fits them with a link turned over: the set is not released and corrects no target.
 #[tokio::test]
 async fn an_identified_robot_that_is_wrong_corrects_no_target_and_is_not_released() {
     let app = TestApp::with_workers(1).await;

@@ -1,12 +1,12 @@
-//! Canaries: keys, bodies, headers and queries with marks in them, sent to a server that logs everything it can, and looked for afterwards in
-//! all that it has written.
+//! Canaries: keys, bodies, headers and queries with marks are sent to a server that logs everything. Afterwards the marks are searched in everything
+//! that it has written.
 
 use crate::app::paper;
 use crate::process::url_of;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
-/// In everything that is sent and may be kept nowhere but where it belongs.
+/// The mark. It may be stored only where the data belongs.
 const CANARY: &str = "CANARY7f3a";
 
 struct Loud {
@@ -31,7 +31,7 @@ impl Loud {
         Self { child, url, log }
     }
 
-    /// Ends it; all that it logged.
+    /// Ends the server. Returns its log.
     fn ended(mut self) -> String {
         assert!(
             Command::new("kill")
@@ -113,7 +113,7 @@ async fn no_key_and_no_body_is_in_logs_database_audit_or_metrics() {
     };
     let at = |path: &str| format!("{}{path}", server.url);
     let json = "application/json";
-    // A robot, a set, a job, a release that is refused, by a good key.
+    // A robot, a set, a job and a refused release, with a valid key.
     let body = String::from_utf8(paper("robot.json")).unwrap().replacen(
         "\"name\": \"",
         &format!("\"name\": \"{CANARY} "),
@@ -164,7 +164,7 @@ async fn no_key_and_no_body_is_in_logs_database_audit_or_metrics() {
             .body(format!("{{\"reason\": \"{CANARY}\", \"{CANARY}\": 1}}")),
     )
     .await;
-    // Everything that is refused: wrong cells, wrong JSON, wrong types, wrong keys, wrong schemes, unknown paths, other methods.
+    // Refused requests: wrong cells, wrong JSON, wrong types, wrong keys, wrong schemes, unknown paths, other methods.
     let bad_cell = String::from_utf8(paper("first.csv"))
         .unwrap()
         .replacen("-", CANARY, 3);
@@ -262,7 +262,7 @@ async fn no_key_and_no_body_is_in_logs_database_audit_or_metrics() {
         "{:?}",
         log.lines().find(|line| line.contains(CANARY))
     );
-    // The rows of the set are none of the log's business either.
+    // The rows of the set must not be in the log either.
     let row = String::from_utf8(paper("first.csv"))
         .unwrap()
         .lines()
@@ -274,7 +274,7 @@ async fn no_key_and_no_body_is_in_logs_database_audit_or_metrics() {
         "{:?}",
         log.lines().find(|line| line.contains(&row))
     );
-    // The test can see what it looks for: the name is in the database, where it belongs.
+    // The search works: it finds the name in the database, where it belongs.
     assert!(
         files_below(&data_dir)
             .iter()

@@ -108,8 +108,10 @@ async fn a_controllers_joint_convention_is_refused_and_accepted_on_a_robot_with_
         let mut body: Value = serde_json::from_slice(&paper("robot.json")).unwrap();
         body["joint_map"] = map.clone();
         let created = app.post_json("/v1/robots", &body).await.ok(201);
-        let mended = format!("/v1/robots/{}", text(&created["id"]));
-        let set = upload(&app, &mended, "frame=base", &csv).await.ok(201);
+        let robot_with_map = format!("/v1/robots/{}", text(&created["id"]));
+        let set = upload(&app, &robot_with_map, "frame=base", &csv)
+            .await
+            .ok(201);
         assert_eq!(set["warnings"], json!([]), "{map}");
     }
 }

@@ -161,12 +161,12 @@ fn nothing_is_computed_before_the_claim_is_certain() {
             ),
             (JobStatus::Queued, 0, 0)
         );
-        let mend = if store.engine() == Engine::Sqlite {
+        let undo = if store.engine() == Engine::Sqlite {
             "drop trigger sabotage"
         } else {
             "drop trigger sabotage on job"
         };
-        sqlx::query(mend).execute(store.pool()).await.unwrap();
+        sqlx::query(undo).execute(store.pool()).await.unwrap();
         assert_eq!(
             run_next_job(store, &worker).await.unwrap().as_ref(),
             Some(&job.id)

@@ -50,11 +50,6 @@ const NO_QUERIES: &[&str] = &[
     "CREATED",
     "REVOKED",
     "NOTED_AS",
-    "BEGIN",
-    "NEXT",
-    "UNDO",
-    "NOTE_AND_COMMIT",
-    "COMMIT",
 ];
 
 #[test]
