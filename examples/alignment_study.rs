@@ -48,7 +48,7 @@ fn look_ms(frame: Frame, n_points: usize) -> f64 {
     let nominal = &robots::models()[0].1;
     let set = robots::measured(
         nominal,
-        &robots::Making {
+        &robots::Tolerances {
             n_points,
             frame,
             ..robots::CLEAN

@@ -59,7 +59,7 @@ FAULTS = [
     Fault("old points count as measured since", "service", "keeps_what_speaks_against", [
         ("= $11 then $9 else 1 end", "= $11 then $9 else $9 end")], "src/store"),
     Fault("facts are not in the chain", "service", "each_fault_is_told", [
-        ("tx.note(KEPT, job_id, row.as_kept());", "")], "src/store"),
+        ("tx.note(STORED_EVENT, job_id, row.audit_entry());", "")], "src/store"),
     Fault("a withdrawn set comes back", "service", "keeps_the_life", [
         ("old.status = 'withdrawn' and new.status <> 'withdrawn'", "1 = 0")], "migrations/sqlite"),
     Fault("a policy that only code keeps", "service", "keeps_the_robots_policy", [
@@ -163,9 +163,9 @@ FAULTS = [
     Fault("what is refused unread is not heard", "load", "still_hears", [
         ("Poll::Pending => return idle.as_mut().poll(context).map(Ok)", "Poll::Pending => return Poll::Ready(Ok(()))")]),
     Fault("no last call of who is connected", "faults", "who_was_connected", [
-        ("const LAST_CALL: Duration = Duration::from_millis(100)", "const LAST_CALL: Duration = Duration::from_millis(0)")]),
+        ("const SHUTDOWN_GRACE: Duration = Duration::from_millis(100)", "const SHUTDOWN_GRACE: Duration = Duration::from_millis(0)")]),
     Fault("no last call before the end", "faults", "who_is_connected", [
-        ("const LAST_CALL: Duration = Duration::from_millis(100)", "const LAST_CALL: Duration = Duration::from_millis(0)"),
+        ("const SHUTDOWN_GRACE: Duration = Duration::from_millis(100)", "const SHUTDOWN_GRACE: Duration = Duration::from_millis(0)"),
         ("for _ in 0..MAX_LAST { let Ok(Ok(client))", "for _ in 0..0 { let Ok(Ok(client))"),
         ("for _ in 0..MAX_LAST { let Ok((stream, peer))", "for _ in 0..0 { let Ok((stream, peer))")]),
     Fault("a key is logged", "service", "no_key_and_no_body", [

@@ -34,7 +34,7 @@ pub fn geometric(n: usize, first_seed: u64) {
             let found = simulation::identified(
                 &paper_robot(),
                 &campaign,
-                &simulation::Bent::NONE,
+                &simulation::NonlinearErrors::NONE,
                 seed,
                 UNSEEN,
             );
@@ -67,7 +67,7 @@ pub fn real_robots(n: usize) {
             n_configurations,
             ..Campaign::PLAIN
         };
-        let bent = simulation::Bent {
+        let bent = simulation::NonlinearErrors {
             sag_rad,
             harmonic_rad,
         };
@@ -94,12 +94,12 @@ pub fn time() {
             n_configurations,
             ..Campaign::PLAIN
         };
-        let bent = simulation::Bent {
+        let bent = simulation::NonlinearErrors {
             sag_rad: 1e-3,
             harmonic_rad: 2e-4,
         };
         let (mut random, nominal) = (Normal::new(1), paper_robot());
-        let set = simulation::bent_set(&nominal, &campaign, &bent, &mut random).1;
+        let set = simulation::nonlinear_set(&nominal, &campaign, &bent, &mut random).1;
         let timed = |choice| {
             let request = CalibrationRequest {
                 corrections: Some(choice),

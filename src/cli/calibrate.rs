@@ -175,7 +175,7 @@ fn look<'a>(
 
 /// Fails if the result cannot be used, so that nobody continues with it. `job_id` is the job on a server.
 pub fn is_of_use(report: &Report, job_id: Option<&str>) -> anyhow::Result<()> {
-    let Some(code) = report.no_use() else {
+    let Some(code) = report.unusable_because() else {
         return Ok(());
     };
     let next = match code {

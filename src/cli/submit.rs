@@ -87,7 +87,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         let parsed: Report = serde_json::from_value(report.clone())
             .context("the server's report is of another version of kincal")?;
         arguments.output.print(&report, || {
-            if parsed.no_use().is_some() {
+            if parsed.unusable_because().is_some() {
                 return table::report(&parsed);
             }
             let set_id = job.parameter_set_id.as_ref();

@@ -35,17 +35,17 @@ const MAX_HEADER_BYTES: usize = 32 * 1024;
 /// Pause after a failed `accept` (out of file descriptors).
 const ACCEPT_AGAIN: Duration = Duration::from_millis(50);
 /// Grace period at shutdown: connections and requests that arrive this long after the signal are still accepted and answered.
-const LAST_CALL: Duration = Duration::from_millis(100);
-/// Most connections accepted during [`LAST_CALL`]: as many as the operating system queues.
+const SHUTDOWN_GRACE: Duration = Duration::from_millis(100);
+/// Most connections accepted during [`SHUTDOWN_GRACE`]: as many as the operating system queues.
 const MAX_LAST: usize = 4096;
-/// Most clients that receive [`TURNED_AWAY`] at the same time; the connections of others are closed without an answer.
+/// Most clients that receive [`TOO_MANY_CONNECTIONS_ANSWER`] at the same time; the connections of others are closed without an answer.
 const MAX_TURNED_AWAY: usize = 256;
 /// Longest time for sending that answer.
 const TURN_AWAY_WITHIN: Duration = Duration::from_secs(1);
-/// Code of [`TURNED_AWAY`] and of its counter.
+/// Code of [`TOO_MANY_CONNECTIONS_ANSWER`] and of its counter.
 const TOO_MANY_CONNECTIONS: &str = "too_many_connections";
 /// Answer beyond the connection limit. TLS clients do not get it, because a handshake costs more than the limit saves.
-const TURNED_AWAY: &[u8] = b"HTTP/1.1 503 Service Unavailable\r\ncontent-type: application/problem+json\r\nretry-after: 1\r\n\
+const TOO_MANY_CONNECTIONS_ANSWER: &[u8] = b"HTTP/1.1 503 Service Unavailable\r\ncontent-type: application/problem+json\r\nretry-after: 1\r\n\
 connection: close\r\ncontent-length: 186\r\n\r\n{\"type\":\"urn:kincal:problem:too_many_connections\",\"title\":\"Too many connections\",\"status\":503,\
 \"detail\":\"the server has no room for more clients: try again\",\"code\":\"too_many_connections\"}";
 
@@ -119,7 +119,7 @@ pub async fn accept_all(listener: TcpListener, service: Service) {
             }
         }
     };
-    let stopped = told_to_stop(service.stopping.clone());
+    let stopped = shutdown_begun(service.stopping.clone());
     tokio::pin!(stopped);
     loop {
         let accepted = tokio::select! {
@@ -135,9 +135,9 @@ pub async fn accept_all(listener: TcpListener, service: Service) {
             }
         }
     }
-    let last_call = Instant::now() + LAST_CALL;
+    let grace_end = Instant::now() + SHUTDOWN_GRACE;
     for _ in 0..MAX_LAST {
-        let Ok(Ok(client)) = timeout_at(last_call, listener.accept()).await else {
+        let Ok(Ok(client)) = timeout_at(grace_end, listener.accept()).await else {
             break;
         };
         admit(client, &mut connections);
@@ -159,7 +159,7 @@ pub async fn accept_all(listener: TcpListener, service: Service) {
     while connections.join_next().await.is_some() {}
 }
 
-async fn told_to_stop(mut stopping: watch::Receiver<bool>) {
+async fn shutdown_begun(mut stopping: watch::Receiver<bool>) {
     // If the sender is dropped, nobody can stop the server: it runs until the process ends.
     if stopping.wait_for(|stop| *stop).await.is_err() {
         std::future::pending::<()>().await;
@@ -209,13 +209,13 @@ async fn requests(
     let connection = builder.serve_connection(stream, service_fn(answer));
     tokio::pin!(connection);
     // A request may still be arriving: hyper's graceful shutdown does not wait for a request that it has not read.
-    let last_call = async {
-        told_to_stop(service.stopping.clone()).await;
-        sleep(LAST_CALL).await;
+    let grace_end = async {
+        shutdown_begun(service.stopping.clone()).await;
+        sleep(SHUTDOWN_GRACE).await;
     };
     let ended = tokio::select! {
         ended = &mut connection => ended,
-        () = last_call => {
+        () = grace_end => {
             connection.as_mut().graceful_shutdown();
             connection.await
         }
@@ -226,11 +226,11 @@ async fn requests(
     }
 }
 
-/// Sends [`TURNED_AWAY`], waits until the client has read it, and closes the connection.
+/// Sends [`TOO_MANY_CONNECTIONS_ANSWER`], waits until the client has read it, and closes the connection.
 async fn turn_away(stream: TcpStream, _slot: OwnedSemaphorePermit) {
     let mut stream = Lingering::new(stream);
     let _ = timeout(TURN_AWAY_WITHIN, async {
-        stream.write_all(TURNED_AWAY).await?;
+        stream.write_all(TOO_MANY_CONNECTIONS_ANSWER).await?;
         stream.shutdown().await
     })
     .await;
@@ -238,11 +238,11 @@ async fn turn_away(stream: TcpStream, _slot: OwnedSemaphorePermit) {
 
 #[cfg(test)]
 mod tests {
-    use super::{TOO_MANY_CONNECTIONS, TURNED_AWAY};
+    use super::{TOO_MANY_CONNECTIONS, TOO_MANY_CONNECTIONS_ANSWER};
 
     #[test]
     fn the_answer_to_a_connection_too_many_has_the_length_that_it_says() {
-        let text = std::str::from_utf8(TURNED_AWAY).unwrap();
+        let text = std::str::from_utf8(TOO_MANY_CONNECTIONS_ANSWER).unwrap();
         let (header, body) = text.split_once("\r\n\r\n").unwrap();
         assert!(
             header.contains(&format!("content-length: {}", body.len())),

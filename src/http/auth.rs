@@ -313,7 +313,7 @@ async fn caller_of(app: &App, headers: &HeaderMap, peer: Option<Peer>) -> Result
 }
 
 /// Whether the key of a long request is still valid; false if the database cannot be read.
-pub async fn is_in_force(app: &App, caller: &Caller) -> bool {
+pub async fn is_still_valid(app: &App, caller: &Caller) -> bool {
     app.no_auth
         || api_keys::get(&app.store, &caller.holder)
             .await

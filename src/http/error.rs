@@ -173,7 +173,7 @@ impl From<serde_json::Error> for Error {
 }
 
 /// Status, code and detail of an error of the store.
-fn of_store(error: &store::Error) -> (u16, &'static str, String) {
+fn from_store(error: &store::Error) -> (u16, &'static str, String) {
     use store::{Conflict, Error as E, JobStatus};
     match error {
         E::NotFound => (404, "not_found", "there is nothing with this id".into()),
@@ -275,7 +275,7 @@ impl Error {
             Self::Busy => (503, "overloaded"),
             Self::RateLimited(_) => (429, "rate_limited"),
             Self::NotReady(_) | Self::WritersStuck(_) => (503, "not_ready"),
-            Self::Store(error) => return of_store(error),
+            Self::Store(error) => return from_store(error),
             Self::Internal(_) => return internal(),
         };
         (status, code, self.to_string())

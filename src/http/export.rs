@@ -141,14 +141,14 @@ async fn import_robot(
 }
 
 /// Stored rows that an export needs.
-struct Stored {
+struct ExportRows {
     row: ParameterSetRow,
     body: RobotBody,
     content: ParameterSetContent,
     provenance: Provenance,
 }
 
-impl Stored {
+impl ExportRows {
     fn with(
         &self,
         write: impl Fn(&Source<'_>) -> Result<Exported, export::Error>,
@@ -179,12 +179,12 @@ async fn stored(
     permit: &ComputePermit,
     caller: &Caller,
     id: &str,
-) -> Result<Stored, Error> {
+) -> Result<ExportRows, Error> {
     let row = access::parameter_set(app, caller, id).await?;
     let body = access::robot_body(&access::robot(app, caller, &row.robot_id).await?)?;
     let content = parameter_sets::content(&row)?;
     let provenance = parameter_sets::provenance(app, permit, &row).await?;
-    Ok(Stored {
+    Ok(ExportRows {
         row,
         body,
         content,

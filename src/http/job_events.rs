@@ -76,12 +76,12 @@ async fn follow(app: App, caller: Caller, mut row: JobRow, events: mpsc::Sender<
         }
         let next = tokio::select! {
             next = changed(&app, &row) => next,
-            () = out_of_force(&app, &caller) => None,
+            () = revoked(&app, &caller) => None,
             () = app.stopped() => None,
         };
         // The stream ends on a database error, a shutdown or a revoked key; clients reconnect.
         let Some(next) = next else { return };
-        if !auth::is_in_force(&app, &caller).await {
+        if !auth::is_still_valid(&app, &caller).await {
             return;
         }
         row = next;
@@ -104,8 +104,8 @@ async fn changed(app: &App, seen: &JobRow) -> Option<JobRow> {
 }
 
 /// Resolves when the caller's key is revoked or cannot be read.
-async fn out_of_force(app: &App, caller: &Caller) {
-    while auth::is_in_force(app, caller).await {
+async fn revoked(app: &App, caller: &Caller) {
+    while auth::is_still_valid(app, caller).await {
         tokio::time::sleep(KEY_LOOKED_AT_EVERY).await;
     }
 }

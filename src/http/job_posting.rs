@@ -29,7 +29,7 @@ const MAX_NETWORKS: i64 = 8;
 /// Most residual networks, newest first, among which one is searched that was not trained on these points. Each is read with its measurement set.
 const MAX_RESIDUAL_NETWORKS: i64 = 3;
 /// Longest chain of residual networks of which each continued the training of the one before.
-const LONGEST_LINE: usize = 64;
+const LONGEST_CHAIN: usize = 64;
 
 /// Stored rows that a job refers to.
 struct Sources {
@@ -66,7 +66,7 @@ struct ResidualSource {
     weights: Vec<u8>,
     set: SetSource,
     /// Hashes of the uploads that it and its predecessors were trained on; none if the chain is too long.
-    line_sha256: Option<Vec<String>>,
+    trained_on_sha256: Option<Vec<String>>,
 }
 
 /// The networks that a job starts from.
@@ -324,22 +324,22 @@ async fn residual_networks(
     let mut sources = Vec::with_capacity(found.len());
     for (id, weights, set_id) in found {
         let set = SetSource::read(app, &set_id).await?;
-        let line_sha256 = line_of(app, &id).await?;
+        let trained_on_sha256 = uploads_trained_on(app, &id).await?;
         sources.push(ResidualSource {
             id,
             weights,
             set,
-            line_sha256,
+            trained_on_sha256,
         });
     }
     Ok(sources)
 }
 
 /// Hashes of the uploads that a residual network and its predecessors were trained on; `None` if the chain is too long.
-async fn line_of(app: &App, network_id: &str) -> Result<Option<Vec<String>>, Error> {
+async fn uploads_trained_on(app: &App, network_id: &str) -> Result<Option<Vec<String>>, Error> {
     let (mut line, mut next) = (Vec::new(), Some(network_id.to_owned()));
     while let Some(id) = next {
-        if line.len() == LONGEST_LINE {
+        if line.len() == LONGEST_CHAIN {
             return Ok(None);
         }
         let network = networks::get(&app.store, &id).await?;
@@ -384,7 +384,7 @@ fn choose_residual(
             line.iter()
                 .all(|sha256| !sets_sha256.contains(&sha256.as_str()))
         };
-        if fits && source.line_sha256.as_ref().is_some_and(is_of_others) {
+        if fits && source.trained_on_sha256.as_ref().is_some_and(is_of_others) {
             let trained_on = parse(&source.set)?;
             if is_anew(
                 &calibration_request.robot,

@@ -20,7 +20,7 @@ use tracing::Instrument;
 pub const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
 
 /// Default security headers; a handler may set its own.
-const SAFE: [(HeaderName, HeaderValue); 5] = [
+const SECURITY_HEADERS: [(HeaderName, HeaderValue); 5] = [
     (
         header::X_CONTENT_TYPE_OPTIONS,
         HeaderValue::from_static("nosniff"),
@@ -38,7 +38,7 @@ const SAFE: [(HeaderName, HeaderValue); 5] = [
 ];
 
 /// Adds the middleware to a router.
-pub fn surround<S: Clone + Send + Sync + 'static>(
+pub fn with_middleware<S: Clone + Send + Sync + 'static>(
     router: Router<S>,
     metrics: Metrics,
 ) -> Router<S> {
@@ -85,7 +85,7 @@ fn sign(headers: &mut HeaderMap, request_id: &str) {
             .ok()
             .map(|value| (REQUEST_ID, value)),
     );
-    for (name, value) in SAFE {
+    for (name, value) in SECURITY_HEADERS {
         headers.entry(name).or_insert(value);
     }
 }
@@ -191,7 +191,7 @@ pub async fn method_not_allowed() -> (StatusCode, Error) {
 
 #[cfg(test)]
 mod tests {
-    use super::surround;
+    use super::with_middleware;
     use crate::http::counters::Metrics;
     use crate::wire::Problem;
     use axum::Router;
@@ -220,7 +220,7 @@ mod tests {
                     )
                 }),
             );
-        let response = surround::<()>(router, Metrics::default())
+        let response = with_middleware::<()>(router, Metrics::default())
             .oneshot(Request::get(path).body(Body::empty()).unwrap())
             .await
             .unwrap();

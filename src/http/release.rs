@@ -6,7 +6,7 @@ use crate::http::extract::Id;
 use crate::http::limits::ComputePermit;
 use crate::http::request_class::RequestClass;
 use crate::http::{App, Error, access, policies as policy_answers};
-use crate::jobs::evidence::{self, Weighed};
+use crate::jobs::evidence::{self, ParsedEvidence};
 use crate::release::{Comparison, Facts, gates};
 use crate::store::{
     Checked, MeasurementSetRow, ParameterSetRow, ParameterSetStatus, PolicyRow, Release, RobotRow,
@@ -156,7 +156,7 @@ async fn withdraw(
 }
 
 /// Inputs of the gates besides the evidence.
-struct Around {
+struct GateInputs {
     parameter_set_id: String,
     robot: RobotBody,
     set: MeasurementSetRow,
@@ -243,7 +243,7 @@ async fn check_release(
     if let Some(frames_id) = &job.frames_id {
         uploaders.push(audit::actor(&app.store, frames_id, "frames_created").await?);
     }
-    let around = Around {
+    let inputs = GateInputs {
         parameter_set_id: row.id.clone(),
         robot: access::robot_body(&robot)?,
         set,
@@ -254,7 +254,7 @@ async fn check_release(
         purpose,
     };
     let other = active.as_ref().filter(|active| active.id != row.id);
-    let class = match around.purpose {
+    let class = match inputs.purpose {
         Purpose::Release { .. } => RequestClass::Write,
         Purpose::Rollback => RequestClass::Safety,
     };
@@ -266,13 +266,13 @@ async fn check_release(
         n_verifications: stored.n_verifications(),
         robot: robot.check(),
     };
-    let weigh = move || evidence::weigh(stored).map_err(unreadable);
-    let weighed = Arc::new(permit.run(weigh).await?);
-    let comparisons = match around.purpose {
-        Purpose::Release { .. } => compared(app, &permit, &weighed).await?,
+    let parse = move || evidence::parse(stored).map_err(unreadable);
+    let parsed = Arc::new(permit.run(parse).await?);
+    let comparisons = match inputs.purpose {
+        Purpose::Release { .. } => compared(app, &permit, &parsed).await?,
         Purpose::Rollback => Vec::new(),
     };
-    let run = move || run_gates(&weighed, &comparisons, &around, &robot);
+    let run = move || run_gates(&parsed, &comparisons, &inputs, &robot);
     let (gates, evidence, uncertainty_mm) = permit.run(run).await?;
     Ok(ReleaseCheck {
         id: row.id,
@@ -288,54 +288,54 @@ async fn check_release(
 async fn compared(
     app: &App,
     permit: &ComputePermit,
-    weighed: &Arc<Weighed>,
+    parsed: &Arc<ParsedEvidence>,
 ) -> Result<Vec<Comparison>, Error> {
     let mut comparisons = Vec::new();
-    if weighed.active.is_none() {
+    if parsed.active.is_none() {
         return Ok(comparisons);
     }
-    for (job_id, measurement_set_id) in &weighed.to_compare {
+    for (job_id, measurement_set_id) in &parsed.to_compare {
         let upload = evidence::upload(&app.store, measurement_set_id).await?;
-        let (weighed, job_id) = (Arc::clone(weighed), job_id.clone());
-        let compare = move || evidence::compare_on(&weighed, &job_id, &upload).map_err(unreadable);
+        let (parsed, job_id) = (Arc::clone(parsed), job_id.clone());
+        let compare = move || evidence::compare_on(&parsed, &job_id, &upload).map_err(unreadable);
         comparisons.extend(permit.run(compare).await?);
     }
-    if comparisons.is_empty() && weighed.identification.n_points > 0 {
-        let weighed = Arc::clone(weighed);
-        let compare = move || Ok::<_, Error>(evidence::compare_on_held_out(&weighed));
+    if comparisons.is_empty() && parsed.identification.n_points > 0 {
+        let parsed = Arc::clone(parsed);
+        let compare = move || Ok::<_, Error>(evidence::compare_on_held_out(&parsed));
         comparisons.extend(permit.run(compare).await?);
     }
     Ok(comparisons)
 }
 
 fn run_gates(
-    weighed: &Weighed,
+    parsed: &ParsedEvidence,
     comparisons: &[Comparison],
-    around: &Around,
+    inputs: &GateInputs,
     robot: &RobotRow,
 ) -> Result<(Vec<Gate>, Evidence, Option<f64>), Error> {
-    let last_check = weighed.last_check.as_ref();
+    let last_check = parsed.last_check.as_ref();
     let facts = Facts {
-        robot: &Robot::try_from(&around.robot)?,
+        robot: &Robot::try_from(&inputs.robot)?,
         check_job_id: robot.check_job_id.as_deref(),
         last_check: last_check.map(|(seq, job_id)| (*seq, job_id.as_str())),
         checked_seq: robot.checked_seq,
-        report: &weighed.report,
-        identification: &weighed.identification,
-        identification_seq: weighed.identification_seq,
-        parameter_set_id: &around.parameter_set_id,
-        content: &weighed.content,
-        active: weighed.active.as_ref(),
-        sessions: &weighed.sessions,
+        report: &parsed.report,
+        identification: &parsed.identification,
+        identification_seq: parsed.identification_seq,
+        parameter_set_id: &inputs.parameter_set_id,
+        content: &parsed.content,
+        active: parsed.active.as_ref(),
+        sessions: &parsed.sessions,
         comparisons,
-        is_withdrawn: around.status == ParameterSetStatus::Withdrawn,
-        is_rollback: around.purpose == Purpose::Rollback,
-        serial_number: around.robot.serial_number.as_deref(),
-        stated_serial_number: around.set.serial_number.as_deref(),
-        uploaders: &around.uploaders,
-        approver: &around.approver,
-        change_reason: around.purpose.change_reason(),
-        policy: &policy_answers::body(&around.policy),
+        is_withdrawn: inputs.status == ParameterSetStatus::Withdrawn,
+        is_rollback: inputs.purpose == Purpose::Rollback,
+        serial_number: inputs.robot.serial_number.as_deref(),
+        stated_serial_number: inputs.set.serial_number.as_deref(),
+        uploaders: &inputs.uploaders,
+        approver: &inputs.approver,
+        change_reason: inputs.purpose.change_reason(),
+        policy: &policy_answers::body(&inputs.policy),
     };
     Ok((
         gates(&facts),

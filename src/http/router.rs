@@ -25,5 +25,5 @@ pub fn router(app: App) -> Router {
         .layer(Extension(app.limits.clone()))
         .layer(DefaultBodyLimit::max(MAX_BODY_BYTES))
         .layer(from_fn_with_state(app.clone(), host::check));
-    layers::surround(guarded, app.metrics.clone()).with_state(app)
+    layers::with_middleware(guarded, app.metrics.clone()).with_state(app)
 }

@@ -21,7 +21,7 @@ pub struct WithProblems<S> {
     /// Headers of every answer of this connection.
     headers: HeaderMap,
     /// The last bytes that hyper wrote, if they look like its own answer; held back until it is clear that no more follow.
-    kept_back: Vec<u8>,
+    held: Vec<u8>,
 }
 
 impl<S> WithProblems<S> {
@@ -30,7 +30,7 @@ impl<S> WithProblems<S> {
         Self {
             stream,
             headers,
-            kept_back: Vec::new(),
+            held: Vec::new(),
         }
     }
 }
@@ -91,12 +91,12 @@ fn with_body(written: &[u8], error: &Error, common: &HeaderMap) -> Vec<u8> {
 impl<S: AsyncWrite + Unpin> WithProblems<S> {
     /// Writes the bytes that were held back.
     fn poll_release(&mut self, context: &mut Context<'_>) -> Poll<io::Result<()>> {
-        while !self.kept_back.is_empty() {
-            let n = ready!(Pin::new(&mut self.stream).poll_write(context, &self.kept_back))?;
+        while !self.held.is_empty() {
+            let n = ready!(Pin::new(&mut self.stream).poll_write(context, &self.held))?;
             if n == 0 {
                 return Poll::Ready(Err(io::ErrorKind::WriteZero.into()));
             }
-            self.kept_back.drain(..n);
+            self.held.drain(..n);
         }
         Poll::Ready(Ok(()))
     }
@@ -122,7 +122,7 @@ impl<S: AsyncWrite + Unpin> AsyncWrite for WithProblems<S> {
     ) -> Poll<io::Result<usize>> {
         ready!(self.poll_release(context))?;
         if problem_of(bytes).is_some() {
-            self.kept_back = bytes.to_vec();
+            self.held = bytes.to_vec();
             return Poll::Ready(Ok(bytes.len()));
         }
         Pin::new(&mut self.stream).poll_write(context, bytes)
@@ -149,8 +149,8 @@ impl<S: AsyncWrite + Unpin> AsyncWrite for WithProblems<S> {
     }
 
     fn poll_shutdown(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
-        if let Some(error) = problem_of(&self.kept_back) {
-            self.kept_back = with_body(&self.kept_back, &error, &self.headers);
+        if let Some(error) = problem_of(&self.held) {
+            self.held = with_body(&self.held, &error, &self.headers);
         }
         ready!(self.poll_release(context))?;
         Pin::new(&mut self.stream).poll_shutdown(context)

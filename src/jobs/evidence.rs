@@ -15,7 +15,7 @@ use crate::wire::verification::Verification;
 
 /// Stored rows about a parameter set, not parsed yet.
 #[derive(Debug)]
-pub struct Stored {
+pub struct EvidenceRows {
     rows: Vec<VerificationRow>,
     n_unknown: i64,
     last_check: Option<(i64, String)>,
@@ -26,7 +26,7 @@ pub struct Stored {
 
 /// Parsed evidence for the gates.
 #[derive(Debug)]
-pub struct Weighed {
+pub struct ParsedEvidence {
     /// The identification's report.
     pub report: Report,
     /// Verification facts of the identification.
@@ -54,8 +54,8 @@ pub async fn load(
     store: &Store,
     set: &ParameterSetRow,
     active: Option<&ParameterSetRow>,
-) -> Result<Stored> {
-    Ok(Stored {
+) -> Result<EvidenceRows> {
+    Ok(EvidenceRows {
         // Read first: if a job adds facts after this, the release fails with `ChecksOutdated`.
         rows: verifications::of_set(store, &set.id).await?,
         n_unknown: verifications::n_unknown(store, &set.id).await?,
@@ -75,7 +75,7 @@ async fn last_check(store: &Store, robot_id: &str) -> Result<Option<(i64, String
     Ok(job_id.map(|job_id| (seq, job_id)))
 }
 
-impl Stored {
+impl EvidenceRows {
     /// Number of jobs that have identified or scored the set.
     pub fn n_verifications(&self) -> i64 {
         self.rows.len() as i64
@@ -108,7 +108,7 @@ fn broken(cause: &str) -> Box<Problem> {
 ///
 /// # Errors
 /// A problem if stored documents cannot be parsed.
-pub fn weigh(stored: Stored) -> std::result::Result<Weighed, Box<Problem>> {
+pub fn parse(stored: EvidenceRows) -> std::result::Result<ParsedEvidence, Box<Problem>> {
     let (inputs, report) = &stored.identification;
     if stored.n_unknown > 0 {
         return Err(broken("jobs about this set of which no facts were kept"));
@@ -136,7 +136,7 @@ pub fn weigh(stored: Stored) -> std::result::Result<Weighed, Box<Problem>> {
     }
     let (identification_seq, identification) =
         identification.ok_or_else(|| broken("no facts of the identification"))?;
-    Ok(Weighed {
+    Ok(ParsedEvidence {
         report: parsed(report)?,
         identification,
         identification_seq,
@@ -170,37 +170,33 @@ fn verification(row: &VerificationRow) -> Verification {
 /// # Errors
 /// A problem if the upload cannot be parsed.
 pub fn compare_on(
-    weighed: &Weighed,
+    parsed: &ParsedEvidence,
     job_id: &str,
     upload: &MeasurementSetInput,
 ) -> std::result::Result<Option<Comparison>, Box<Problem>> {
-    let set = set_of(upload, weighed.request.robot.links.len())
+    let set = set_of(upload, parsed.request.robot.links.len())
         .map_err(|_| broken(&format!("the upload {}", upload.row.id)))?;
-    Ok(compare(
-        weighed,
-        format!("session of job {job_id}"),
-        Ok(set),
-    ))
+    Ok(compare(parsed, format!("session of job {job_id}"), Ok(set)))
 }
 
 /// Errors of both on the points that were held out when the set was identified.
-pub fn compare_on_held_out(weighed: &Weighed) -> Option<Comparison> {
-    let set = calibration::verify_points_of(&weighed.request).map_err(|error| error.to_string());
-    compare(weighed, "the points held out".into(), set)
+pub fn compare_on_held_out(parsed: &ParsedEvidence) -> Option<Comparison> {
+    let set = calibration::verify_points_of(&parsed.request).map_err(|error| error.to_string());
+    compare(parsed, "the points held out".into(), set)
 }
 
 fn compare(
-    weighed: &Weighed,
+    parsed: &ParsedEvidence,
     points: String,
     set: std::result::Result<MeasurementSet, String>,
 ) -> Option<Comparison> {
-    let active = weighed.active.as_ref()?;
+    let active = parsed.active.as_ref()?;
     let errors_mm = |set: &MeasurementSet, content: &ParameterSetContent| {
-        calibration::errors_mm(&weighed.request, set, &content.identified_robot(None))
+        calibration::errors_mm(&parsed.request, set, &content.identified_robot(None))
             .map_err(|error| error.to_string())
     };
     let rms_mm = set.and_then(|set| {
-        let (own, active) = (errors_mm(&set, &weighed.content)?, errors_mm(&set, active)?);
+        let (own, active) = (errors_mm(&set, &parsed.content)?, errors_mm(&set, active)?);
         let judged = judged(
             &active
                 .iter()

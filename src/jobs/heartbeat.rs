@@ -91,10 +91,10 @@ pub(super) struct KeptLease {
 }
 
 impl KeptLease {
-    pub(super) fn new(beat: Beat) -> KeptLease {
+    pub(super) fn new(renewal: Renewal) -> KeptLease {
         KeptLease {
-            control: Arc::clone(&beat.control),
-            task: tokio::spawn(beat.run()),
+            control: Arc::clone(&renewal.control),
+            task: tokio::spawn(renewal.run()),
         }
     }
 
@@ -122,7 +122,7 @@ impl Drop for KeptLease {
 }
 
 /// The heartbeat of one attempt.
-pub(super) struct Beat {
+pub(super) struct Renewal {
     pub(super) store: Store,
     pub(super) lease: Lease,
     pub(super) duration: Duration,
@@ -132,7 +132,7 @@ pub(super) struct Beat {
     pub(super) drain: watch::Receiver<Drain>,
 }
 
-impl Beat {
+impl Renewal {
     /// Renews the lease until it is lost. If the database does not answer, retries until the lease has expired.
     async fn run(mut self) {
         let tick = PROGRESS_EVERY.min(self.duration / 4);
@@ -184,14 +184,14 @@ impl Beat {
 
     async fn renew(&self, progress: Option<Progress>) -> Result<(), Error> {
         let progress_json = progress.map(Progress::to_json);
-        let beat = leases::heartbeat(
+        let renewal = leases::heartbeat(
             &self.store,
             &self.lease,
             self.duration,
             progress_json.as_deref(),
         )
         .await?;
-        if beat.cancel_requested {
+        if renewal.cancel_requested {
             self.control.stop(Stop::Cancelled);
         }
         if progress.is_some() {

@@ -87,11 +87,11 @@ impl JobSignals {
     fn raise(&self, signal: Signal) {
         // An error only means that there is no listener.
         let _ = self.raised.send(signal.clone());
-        self.told(signal);
+        self.deliver(signal);
     }
 
     /// Handles a signal of this or another process.
-    pub(super) fn told(&self, signal: Signal) {
+    pub(super) fn deliver(&self, signal: Signal) {
         match signal {
             Signal::Enqueued => self.enqueued.notify_one(),
             Signal::Anything => {

@@ -62,7 +62,7 @@ async fn receive(store: Store, signals: JobSignals, process: String) {
             tracing::warn!(error = %error.cause(), "signals of other nodes cannot be received; polling meanwhile");
         }
         sleep(TRY_AGAIN_AFTER).await;
-        signals.told(Signal::Anything);
+        signals.deliver(Signal::Anything);
     }
 }
 
@@ -76,13 +76,13 @@ async fn receive_from_one_connection(
     };
     loop {
         let Some(notice) = notices.next().await? else {
-            signals.told(Signal::Anything);
+            signals.deliver(Signal::Anything);
             continue;
         };
         match notice.split_once(' ') {
             Some((from, _)) if from == process => {}
-            Some((_, text)) => signals.told(Signal::from_text(text)),
-            None => signals.told(Signal::Anything),
+            Some((_, text)) => signals.deliver(Signal::from_text(text)),
+            None => signals.deliver(Signal::Anything),
         }
     }
 }

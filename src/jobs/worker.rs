@@ -7,7 +7,7 @@ use tokio::sync::watch;
 use tokio::task::{JoinError, JoinHandle};
 use tokio::time::{Instant, timeout};
 
-use super::heartbeat::{Beat, Control, Drain, KeptLease, Stop, reached};
+use super::heartbeat::{Control, Drain, KeptLease, Renewal, Stop, reached};
 use super::run_alone::{Permit, RunAlone};
 use super::{Compute, JobFailure, JobInputs, JobOutcome, JobSignals, queue};
 use crate::store::leases::{self, Which};
@@ -60,7 +60,7 @@ enum Ended {
     /// It panicked, took too long, or its inputs cannot be read: another attempt, if one is left.
     GaveUp,
     /// The lease is lost: nothing is written.
-    LeftToItsLease,
+    LeaseLost,
 }
 
 /// Time for a computation to stop after it was asked to.
@@ -154,7 +154,7 @@ pub async fn run_next_job(store: &Store, context: &WorkerContext) -> Result<Opti
     let attempt = Attempt {
         store,
         context,
-        heartbeat: KeptLease::new(Beat {
+        heartbeat: KeptLease::new(Renewal {
             store: store.clone(),
             lease: lease.clone(),
             duration: context.lease,
@@ -282,7 +282,7 @@ impl Attempt<'_> {
             Ok(Err(JobFailure::Cancelled)) => match self.control().stopped() {
                 Some(Stop::Cancelled) => Ended::Cancelled,
                 Some(Stop::ShuttingDown) => Ended::HandedBack,
-                Some(Stop::LeaseLost) => Ended::LeftToItsLease,
+                Some(Stop::LeaseLost) => Ended::LeaseLost,
                 Some(Stop::TooLong) => {
                     tracing::error!(
                         job_id,
@@ -372,7 +372,7 @@ async fn try_to_end(store: &Store, lease: &Lease, ended: &Ended) -> Result<()> {
         Ended::Cancelled => queue::end_cancelled(store, lease).await,
         Ended::HandedBack => queue::hand_back(store, lease).await,
         Ended::GaveUp => queue::give_up(store, lease).await,
-        Ended::LeftToItsLease => Ok(()),
+        Ended::LeaseLost => Ok(()),
     }
 }
 

@@ -126,7 +126,7 @@ impl Facts<'_> {
     }
 
     /// The sessions that are evidence for or against the set.
-    pub fn telling(&self) -> impl Iterator<Item = &Session> {
+    pub fn sessions_that_count(&self) -> impl Iterator<Item = &Session> {
         self.sessions
             .iter()
             .filter(|session| session.found.fit != Fit::DoesNotFit)
@@ -141,7 +141,7 @@ pub fn of_identification(report: &Report, is_verified_anew: bool, since: Since) 
     let n_points = n_points.map_or(0, |verify| verify.n_points);
     let judged = match n_points {
         0 => judged_on_fitted(report),
-        _ => report.judged(),
+        _ => report.robust_comparison(),
     };
     let is_far_off = has_warning(report, SET_FAR_OFF)
         || WRONG_ROBOT.iter().any(|code| has_warning(report, code));
@@ -173,7 +173,7 @@ pub fn of_identification(report: &Report, is_verified_anew: bool, since: Since) 
 
 /// Facts of a job of kind `verify`, from its report.
 pub fn of_session(request: &CalibrationRequest, report: &Report, since: Since) -> Verification {
-    let judged = report.judged();
+    let judged = report.robust_comparison();
     let fit = if has_warning(report, DOES_NOT_FIT) {
         Fit::DoesNotFit
     } else if has_warning(report, SET_FAR_OFF) {

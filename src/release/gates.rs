@@ -3,7 +3,7 @@
 use crate::release::facts::{Facts, INSISTED, MIN_VERIFY_POINTS, Session};
 use crate::release::robot_gates::{change, identity, orientation};
 use crate::release::session_gates::{
-    better_than_nominal, measured_since_check, robot_is_well, sessions_fit,
+    better_than_nominal, check_robot, measured_since_check, sessions_fit,
 };
 use crate::release::texts::{both, sessions};
 use crate::wire::parameter_set::ParameterSetContent;
@@ -25,7 +25,7 @@ pub fn gates(facts: &Facts<'_>) -> Vec<Gate> {
         all_finite(facts.content),
         not_insisted(facts),
         fits(facts),
-        robot_is_well(facts),
+        check_robot(facts),
         measured_since_check(facts),
         sessions_fit(facts),
         better_than_nominal(facts),
@@ -227,7 +227,7 @@ fn errors_within_tolerance(facts: &Facts<'_>) -> Gate {
     let Some(tolerance) = facts.policy.tolerance_mm else {
         return Gate::new(name, true, "the robot's policy has no tolerance");
     };
-    let sessions = facts.telling().map(|session| &session.found);
+    let sessions = facts.sessions_that_count().map(|session| &session.found);
     let own = Some(facts.identification).filter(|found| found.n_points > 0);
     let found: Vec<f64> = sessions
         .chain(own)

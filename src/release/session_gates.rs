@@ -6,7 +6,7 @@ use crate::wire::release::Gate;
 use crate::wire::verification::Fit;
 
 /// After a session that did not fit, it is unknown which robot a set would move, until a session fits or somebody gives a reason.
-pub fn robot_is_well(facts: &Facts<'_>) -> Gate {
+pub fn check_robot(facts: &Facts<'_>) -> Gate {
     let name = "check_robot";
     match facts.check_job_id {
         None => Gate::new(name, true, "no session is in doubt"),
@@ -95,8 +95,11 @@ pub fn sessions_fit(facts: &Facts<'_>) -> Gate {
 /// Fails closed: an error that cannot be compared does not count as smaller.
 pub fn better_than_nominal(facts: &Facts<'_>) -> Gate {
     let name = "sessions_better_than_nominal";
-    let n = facts.telling().count();
-    match facts.telling().find(|session| !session.found.is_better) {
+    let n = facts.sessions_that_count().count();
+    match facts
+        .sessions_that_count()
+        .find(|session| !session.found.is_better)
+    {
         Some(session) => {
             let detail = format!(
                 "job {} scored the set on another session: {}; it is no better than nominal, so it is never released",

@@ -33,7 +33,7 @@ pub fn verdict(sources: &Sources<'_>) -> Markup {
     } else {
         " points of the fit itself"
     };
-    if report.no_use().is_some() {
+    if report.unusable_because().is_some() {
         return html! {
             (no_use(report))
             p.verdict { "On " (half.n_points) (points) ", the mean position error is " (error(before)) " mm before and " (error(after)) " mm after." }
@@ -54,7 +54,7 @@ pub fn verdict(sources: &Sources<'_>) -> Markup {
 /// Why the result cannot be used.
 fn no_use(report: &Report) -> Markup {
     html! {
-        @if let Some(code) = report.no_use() { p.warning { strong { (words::no_use(code)) "." } } }
+        @if let Some(code) = report.unusable_because() { p.warning { strong { (words::no_use(code)) "." } } }
     }
 }
 

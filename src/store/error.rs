@@ -167,7 +167,7 @@ const BY_TRIGGER: [&str; 3] = ["1811", "23000", "P0001"];
 
 impl Error {
     /// Converts a trigger's refusal of a release to [`Conflict`]; other errors stay.
-    pub(super) fn of_release(error: sqlx::Error) -> Self {
+    pub(super) fn from_release(error: sqlx::Error) -> Self {
         match error.as_database_error() {
             Some(refusal)
                 if refusal

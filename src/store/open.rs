@@ -89,7 +89,7 @@ const MIGRATIONS: &[(i64, &str, &str, &str)] = &[
 ];
 
 /// Version of the migration that rewrites the job table on SQLite, so that reports are the last columns.
-const LAID_OUT: i64 = 7;
+const JOB_TABLE_REWRITE: i64 = 7;
 
 pub(super) const QUERIES_SQLITE: &[&str] = &[HAS_JOBS, JOB_BYTES];
 
@@ -163,7 +163,7 @@ async fn as_server(location: StoreLocation) -> Result<Store> {
     match location {
         StoreLocation::Sqlite { data_dir } => {
             let data_dir = make_data_dir(&data_dir)?;
-            keep_others_out(&data_dir);
+            make_private(&data_dir);
             let lock_file = lock(&data_dir)?.ok_or_else(|| Error::Open {
                 detail: format!(
                     "the data directory {} is in use by another kincal server; stop that one or choose another",
@@ -390,7 +390,7 @@ pub(super) fn make_private_file(file: &Path) -> std::io::Result<()> {
 }
 
 /// Removes the permissions of others from a directory that an older version made. Only its owner can do that.
-fn keep_others_out(data_dir: &Path) {
+fn make_private(data_dir: &Path) {
     let mode = std::fs::metadata(data_dir).map_or(0, |data| data.permissions().mode());
     if mode & OTHERS == 0 {
         return;
@@ -432,9 +432,10 @@ fn lock(data_dir: &Path) -> Result<Option<File>> {
 }
 
 /// Checks the disk space for migration 7. It rewrites all jobs: twice into the WAL, and once into the database beside the old rows.
-async fn room_to_lay_jobs_out(store: &Store) -> Result<()> {
+async fn check_space_for_rewrite(store: &Store) -> Result<()> {
     let before: Option<i64> = sqlx::query_scalar(HAS_JOBS).fetch_one(store.pool()).await?;
-    let is_ahead = before.is_some() && (1..LAID_OUT).contains(&store.schema_version().await?);
+    let is_ahead =
+        before.is_some() && (1..JOB_TABLE_REWRITE).contains(&store.schema_version().await?);
     if !is_ahead {
         return Ok(());
     }
@@ -477,7 +478,7 @@ async fn migrate(store: &Store) -> Result<()> {
         detail: format!("the database's schema: {e}"),
     };
     if store.engine() == Engine::Sqlite {
-        room_to_lay_jobs_out(store).await?;
+        check_space_for_rewrite(store).await?;
         return migrator.run(store.pool()).await.map_err(failed);
     }
     let mut connection = store.pool().acquire().await?.detach();

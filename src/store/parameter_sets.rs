@@ -408,7 +408,7 @@ pub async fn release(tx: &mut Tx, release: &Release) -> Result<ParameterSetRow> 
         .bind(release.n_failed)
         .execute(tx.connection())
         .await
-        .map_err(Error::of_release)?;
+        .map_err(Error::from_release)?;
     if let Some(active) = &active {
         tx.note(SUPERSEDED, active, json!({"by": release.id}));
     }

@@ -174,7 +174,7 @@ pub(super) async fn lock(tx: &mut Tx, id: &str) -> Result<()> {
 }
 
 /// Puts the robot into the state `check_robot`: a session does not fit it.
-pub(super) async fn ask_for_check(tx: &mut Tx, id: &str, job_id: &str, seq: i64) -> Result<()> {
+pub(super) async fn begin_check(tx: &mut Tx, id: &str, job_id: &str, seq: i64) -> Result<()> {
     sqlx::query(ASK_FOR_CHECK)
         .bind(id)
         .bind(job_id)
@@ -190,7 +190,7 @@ pub(super) async fn ask_for_check(tx: &mut Tx, id: &str, job_id: &str, seq: i64)
 }
 
 /// Ends the state `check_robot`: a session fits the robot.
-pub(super) async fn fits_again(tx: &mut Tx, id: &str, job_id: &str) -> Result<()> {
+pub(super) async fn end_check(tx: &mut Tx, id: &str, job_id: &str) -> Result<()> {
     let changed = sqlx::query(FITS_AGAIN)
         .bind(id)
         .execute(tx.connection())

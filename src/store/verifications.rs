@@ -62,7 +62,7 @@ impl VerificationRow {
         self.kind == "session"
     }
 
-    fn as_kept(&self) -> Value {
+    fn audit_entry(&self) -> Value {
         json!({"parameter_set_id": self.parameter_set_id, "kind": self.kind, "seq": self.seq, "n_points": self.n_points,
             "before_rms_mm": self.before_rms_mm, "after_rms_mm": self.after_rms_mm, "is_better": self.is_better, "fit": self.fit.as_str(),
             "evidence": self.evidence.as_str(), "is_repeat": self.is_repeat, "check_seq": self.check_seq, "verified_uncertainty_mm": self.uncertainty_mm})
@@ -180,7 +180,7 @@ const JOBS_WITHOUT: &str = "
             and (j.kind = 'verify' or exists (select 1 from parameter_set p where p.job_id = j.id))) as without
     order by coalesce(ended, 0), id";
 
-pub(super) const KEPT: &str = "verification_kept";
+pub(super) const STORED_EVENT: &str = "verification_kept";
 
 impl Audited for VerificationRow {
     const EACH: &'static str = EACH;
@@ -191,8 +191,8 @@ impl Audited for VerificationRow {
 
     fn expected_entries(&self) -> Vec<ExpectedEntry> {
         vec![ExpectedEntry {
-            event: KEPT,
-            now: Some((self.created_at_ms, self.as_kept())),
+            event: STORED_EVENT,
+            now: Some((self.created_at_ms, self.audit_entry())),
             by: None,
         }]
     }
@@ -229,11 +229,11 @@ pub async fn insert(tx: &mut Tx, job_id: &str, found: &Verification) -> Result<(
         .bind(job_id)
         .fetch_one(tx.connection())
         .await?;
-    tx.note(KEPT, job_id, row.as_kept());
+    tx.note(STORED_EVENT, job_id, row.audit_entry());
     if row.fit == Fit::DoesNotFit {
-        robots::ask_for_check(tx, &row.robot_id, job_id, row.seq).await
+        robots::begin_check(tx, &row.robot_id, job_id, row.seq).await
     } else if row.is_session() && row.supports() && row.is_repeat == 0 {
-        robots::fits_again(tx, &row.robot_id, job_id).await
+        robots::end_check(tx, &row.robot_id, job_id).await
     } else {
         Ok(())
     }

@@ -164,7 +164,7 @@ pub const NO_USE: [&str; 6] = {
 
 impl Report {
     /// Code of the warning with which the result cannot be used, if there is one.
-    pub fn no_use(&self) -> Option<&'static str> {
+    pub fn unusable_because(&self) -> Option<&'static str> {
         let has_warning = |code: &&str| self.warnings.iter().any(|warning| warning.code == *code);
         NO_USE.into_iter().find(has_warning)
     }
@@ -186,7 +186,7 @@ impl Report {
     }
 
     /// Robust comparison of the errors before and after on the verify points, without those that are outliers for both robots.
-    pub fn judged(&self) -> Judged {
+    pub fn robust_comparison(&self) -> Judged {
         let to_verify = self
             .per_point
             .iter()

@@ -1,6 +1,6 @@
 //! The alignment check: files that are wrong as a whole are found by fitting the nominal robot to them, and correct files are not refused.
 
-use crate::robots::{CLEAN, Making, clean_robots, measured, models};
+use crate::robots::{CLEAN, Tolerances, clean_robots, measured, models};
 use crate::simulation::Normal;
 use kincal::calibration::alignment::{BETTER, FITS, Finding, Look, Suspicion, explain, look};
 use kincal::kinematics::{JointMap, Robot};
@@ -65,7 +65,7 @@ fn for_each_make(test: impl Fn(&str, &Robot, &MeasurementSet)) {
         for frame in [Frame::Base, Frame::Instrument] {
             let set = measured(
                 &nominal,
-                &Making { frame, ..CLEAN },
+                &Tolerances { frame, ..CLEAN },
                 &mut Normal::new(seed as u64),
             );
             test(name, &nominal, &set);
@@ -268,7 +268,7 @@ fn reach_mm(robot: &Robot) -> f64 {
 
 #[test]
 fn a_base_frame_file_turned_by_quarter_turns_is_told_as_another_frame_and_not_as_joint_1() {
-    let made = Making {
+    let made = Tolerances {
         frame: Frame::Base,
         ..CLEAN
     };
@@ -297,7 +297,7 @@ fn makers_signs_are_found_on_a_robot_with_unmastered_joints() {
     let kuka = [-1.0, 1.0, 1.0, -1.0, 1.0, -1.0];
     for (seed, (name, robot)) in models().into_iter().take(4).enumerate() {
         for frame in [Frame::Base, Frame::Instrument] {
-            let made = Making { frame, ..CLEAN };
+            let made = Tolerances { frame, ..CLEAN };
             let set = measured(&robot, &made, &mut Normal::new(seed as u64));
             let set = changed(&set, |q, _| {
                 q[2] -= 4.0f64.to_radians();
@@ -328,7 +328,7 @@ fn scaled(robot: &Robot, by: f64) -> Robot {
 #[test]
 fn a_tracker_file_read_as_base_frame_is_refused_in_24_levelled_placements_and_fits_when_it_is_read_as_told()
  {
-    let made = Making {
+    let made = Tolerances {
         frame: Frame::Base,
         ..CLEAN
     };
@@ -360,7 +360,7 @@ fn a_tracker_file_of_a_robot_with_an_unmastered_joint_read_as_base_frame_is_refu
 
 #[test]
 fn a_base_frame_known_to_some_millimetres_and_tenths_of_a_degree_is_not_refused() {
-    let made = Making {
+    let made = Tolerances {
         frame: Frame::Base,
         ..CLEAN
     };
@@ -379,7 +379,7 @@ fn a_base_frame_known_to_some_millimetres_and_tenths_of_a_degree_is_not_refused(
 #[test]
 fn a_turn_about_joint_1_alone_is_an_unmastered_joint_up_to_45_degrees_and_another_frame_beyond() {
     let (_, robot) = models().swap_remove(0);
-    let made = Making {
+    let made = Tolerances {
         frame: Frame::Base,
         ..CLEAN
     };
@@ -475,7 +475,7 @@ fn makers_joint_conventions_are_told_with_the_joint_map_that_mends_them() {
 fn the_joint_map_of_the_papers_arm_is_the_makers_own() {
     let (_, robot) = models().swap_remove(0);
     for frame in [Frame::Base, Frame::Instrument] {
-        let set = measured(&robot, &Making { frame, ..CLEAN }, &mut Normal::new(8));
+        let set = measured(&robot, &Tolerances { frame, ..CLEAN }, &mut Normal::new(8));
         for convention in &CONVENTIONS[..6] {
             let map = joint_map(*convention, 6);
             let found = suspicion(&robot, &as_counted_by(&map, &set));
@@ -545,7 +545,7 @@ fn another_robot_is_refused_whatever_its_frame() {
         for frame in [Frame::Base, Frame::Instrument] {
             let set = measured(
                 measured_on,
-                &Making { frame, ..CLEAN },
+                &Tolerances { frame, ..CLEAN },
                 &mut Normal::new(seed as u64),
             );
             let same_joints =
@@ -567,7 +567,7 @@ fn arms_of_ten_millimetres_and_of_twenty_metres_are_judged_by_their_reach() {
         let robot = scaled(&paper, by);
         for frame in [Frame::Base, Frame::Instrument] {
             let mut random = Normal::new(4);
-            let making = Making { frame, ..CLEAN };
+            let making = Tolerances { frame, ..CLEAN };
             let set = changed(&measured(&paper, &making, &mut random), |_, p| *p *= by);
             assert_eq!(check_upload(&robot, &set, &[]), None, "{by} {frame:?}");
             let kuka = as_counted_by(&joint_map(CONVENTIONS[0], 6), &set);
@@ -586,7 +586,7 @@ fn too_few_points_say_nothing() {
     let (_, robot) = models().swap_remove(0);
     let mut set = measured(
         &robot,
-        &Making {
+        &Tolerances {
             n_points: 8,
             ..CLEAN
         },

@@ -1,7 +1,9 @@
 //! Corrections: derivatives, selection, gain on unseen poses, and the region where they hold. The tables are in `docs/corrections.md`.
 
 use crate::data::{paper_robot, real_data, robot};
-use crate::simulation::{Bent, Campaign, Normal, bent_set, identified, poses, true_robot};
+use crate::simulation::{
+    Campaign, NonlinearErrors, Normal, identified, nonlinear_set, poses, true_robot,
+};
 use kincal::calibration::request::{CorrectionsChoice, VerifySource};
 use kincal::calibration::{CalibrationReport, CalibrationRequest, Preset, calibrate, verify};
 use kincal::identification::KinematicModel;
@@ -137,7 +139,7 @@ fn derivatives_equal_central_differences() {
 
 #[test]
 fn a_simulated_real_robot_is_predicted_to_fifty_micrometres_at_unseen_poses() {
-    let bent = Bent {
+    let bent = NonlinearErrors {
         sag_rad: 1e-3,
         harmonic_rad: 2e-4,
     };
@@ -187,7 +189,13 @@ fn at_most_five_of_a_hundred_geometric_robots_get_worse_by_more_than_five_percen
             noise_mm,
             ..Campaign::PLAIN
         };
-        let found = identified(&paper_robot(), &campaign, &Bent::NONE, 1000 + seed, UNSEEN);
+        let found = identified(
+            &paper_robot(),
+            &campaign,
+            &NonlinearErrors::NONE,
+            1000 + seed,
+            UNSEEN,
+        );
         worse += usize::from(found.corrected_mm > 1.05 * found.links_mm);
     }
     println!("{worse} of 100 worse");
@@ -326,10 +334,10 @@ fn outside_of_what_was_measured_corrections_fade_into_the_links() {
         n_configurations: 80,
         ..Campaign::PLAIN
     };
-    let (_, set) = bent_set(
+    let (_, set) = nonlinear_set(
         &paper_robot(),
         &campaign,
-        &Bent {
+        &NonlinearErrors {
             sag_rad: 1e-3,
             harmonic_rad: 0.0,
         },
@@ -383,13 +391,13 @@ fn outside_of_what_was_measured_corrections_fade_into_the_links() {
 #[test]
 fn nothing_is_looked_for_where_there_is_nothing_to_find() {
     let mut random = Normal::new(7);
-    let (_, mut set) = bent_set(
+    let (_, mut set) = nonlinear_set(
         &paper_robot(),
         &Campaign {
             noise_mm: 0.0,
             ..Campaign::PLAIN
         },
-        &Bent::NONE,
+        &NonlinearErrors::NONE,
         &mut random,
     );
     let exact = run(&CalibrationRequest::new(paper_robot(), set.clone()));
@@ -424,11 +432,11 @@ fn nothing_is_looked_for_where_there_is_nothing_to_find() {
 #[test]
 fn the_same_request_gives_the_same_bits_and_sessions_are_left_out_whole() {
     let mut random = Normal::new(11);
-    let bent = Bent {
+    let bent = NonlinearErrors {
         sag_rad: 1e-3,
         harmonic_rad: 2e-4,
     };
-    let (_, mut set) = bent_set(
+    let (_, mut set) = nonlinear_set(
         &paper_robot(),
         &Campaign {
             n_configurations: 60,

@@ -20,7 +20,7 @@ pub type Monitor<'a> = &'a mut dyn FnMut(Progress) -> ControlFlow<()>;
 pub type Computed = Result<JobOutcome, JobFailure>;
 
 /// Runs the behaviour in the request.
-pub fn obey(inputs: &JobInputs, monitor: Monitor<'_>) -> Computed {
+pub fn run_scripted(inputs: &JobInputs, monitor: Monitor<'_>) -> Computed {
     match inputs.job.request_json.as_str() {
         "succeed" => Ok(outcome(inputs)),
         "fail" => Err(JobFailure::Failed {
@@ -150,5 +150,5 @@ pub async fn until(store: &Store, job_id: &str, wanted: impl Fn(&JobRow) -> bool
 }
 
 pub fn a_worker(lease: Duration) -> WorkerContext {
-    WorkerContext::new(obey, lease, JobSignals::default())
+    WorkerContext::new(run_scripted, lease, JobSignals::default())
 }

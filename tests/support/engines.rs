@@ -34,12 +34,12 @@ pub fn for_each_engine(test: impl AsyncFn(&TestDatabase)) {
     on_sqlite(&test);
     match std::env::var(POSTGRES_VARIABLE) {
         Ok(server) => run(Engine::Postgres, &test, &server),
-        Err(_) => say_that_half_is_missing(),
+        Err(_) => report_missing_postgres(),
     }
 }
 
 /// Prints once per test binary that PostgreSQL is missing, directly to standard error, because the test harness hides the output of passing tests.
-fn say_that_half_is_missing() {
+fn report_missing_postgres() {
     static SAID: Once = Once::new();
     SAID.call_once(|| {
         let _ = writeln!(

@@ -94,7 +94,7 @@ pub fn models() -> Vec<(&'static str, Robot)> {
 
 /// Errors of a robot's manufacture, and of its measurement.
 #[derive(Clone, Copy, Debug)]
-pub struct Making {
+pub struct Tolerances {
     pub length_mm: f64,
     pub angle_deg: f64,
     pub noise_mm: f64,
@@ -103,7 +103,7 @@ pub struct Making {
 }
 
 /// A set measured on a robot of this make.
-pub fn measured(nominal: &Robot, making: &Making, random: &mut Normal) -> MeasurementSet {
+pub fn measured(nominal: &Robot, making: &Tolerances, random: &mut Normal) -> MeasurementSet {
     let parameters: Vec<Parameter> = complete_parameters(&nominal.links, 1)
         .into_iter()
         .filter(Parameter::is_link)
@@ -152,7 +152,7 @@ fn reach(joint: usize) -> f64 {
 }
 
 /// Typical errors of new robots.
-pub const CLEAN: Making = Making {
+pub const CLEAN: Tolerances = Tolerances {
     length_mm: 0.5,
     angle_deg: 0.1,
     noise_mm: 0.05,
@@ -182,7 +182,7 @@ pub fn clean_robots(n: usize, seed: u64) -> Vec<(&'static str, [usize; 3])> {
         };
         let set = measured(
             nominal,
-            &Making {
+            &Tolerances {
                 n_points,
                 frame,
                 ..CLEAN

@@ -275,14 +275,14 @@ pub fn tool_intervals_held(
 
 /// Errors of a simulated robot that links do not describe.
 #[derive(Clone, Copy, Debug)]
-pub struct Bent {
+pub struct NonlinearErrors {
     /// As [`Campaign::sag_rad`].
     pub sag_rad: f64,
     /// Amplitude of each joint's first harmonic, half of it of the second; phases are random.
     pub harmonic_rad: f64,
 }
 
-impl Bent {
+impl NonlinearErrors {
     pub const NONE: Self = Self {
         sag_rad: 0.0,
         harmonic_rad: 0.0,
@@ -290,30 +290,31 @@ impl Bent {
 }
 
 /// A robot with errors that links do not describe.
-pub struct BentRobot {
+pub struct NonlinearRobot {
     pub truth: KinematicModel,
-    bent: Bent,
+    nonlinear: NonlinearErrors,
     phases_rad: Vec<[f64; 2]>,
 }
 
-impl BentRobot {
+impl NonlinearRobot {
     /// True position of a target, mm.
     pub fn position(&self, q_rad: &[f64], target: usize) -> Vector3<f64> {
         let turned = |(q, phase): (&f64, &[f64; 2])| {
-            q + self.bent.harmonic_rad * ((q + phase[0]).sin() + 0.5 * (2.0 * q + phase[1]).sin())
+            q + self.nonlinear.harmonic_rad
+                * ((q + phase[0]).sin() + 0.5 * (2.0 * q + phase[1]).sin())
         };
         let q_rad: Vec<f64> = q_rad.iter().zip(&self.phases_rad).map(turned).collect();
-        position_with_sag(&self.truth, &q_rad, target, self.bent.sag_rad)
+        position_with_sag(&self.truth, &q_rad, target, self.nonlinear.sag_rad)
     }
 }
 
-/// A bent robot and a campaign on it, every point to identify, in the instrument frame.
-pub fn bent_set(
+/// A nonlinear robot and a campaign on it, every point to identify, in the instrument frame.
+pub fn nonlinear_set(
     nominal: &Robot,
     campaign: &Campaign,
-    bent: &Bent,
+    nonlinear: &NonlinearErrors,
     random: &mut Normal,
-) -> (BentRobot, MeasurementSet) {
+) -> (NonlinearRobot, MeasurementSet) {
     let truth = true_robot(nominal, campaign.n_targets, random);
     let phases_rad = nominal
         .links
@@ -325,9 +326,9 @@ pub fn bent_set(
             ]
         })
         .collect();
-    let robot = BentRobot {
+    let robot = NonlinearRobot {
         truth,
-        bent: *bent,
+        nonlinear: *nonlinear,
         phases_rad,
     };
     let poses = poses(campaign.n_configurations, random);
@@ -348,7 +349,7 @@ pub fn bent_set(
     (robot, set)
 }
 
-/// An identified bent robot, scored at unseen poses of the same kind, against the truth without noise.
+/// An identified nonlinear robot, scored at unseen poses of the same kind, against the truth without noise.
 pub struct Scored {
     pub report: kincal::calibration::CalibrationReport,
     /// rms of links alone, mm.
@@ -361,13 +362,13 @@ pub struct Scored {
 pub fn identified(
     nominal: &Robot,
     campaign: &Campaign,
-    bent: &Bent,
+    nonlinear: &NonlinearErrors,
     seed: u64,
     n_unseen: usize,
 ) -> Scored {
     use kincal::identification::corrected::IdentifiedRobot;
     let mut random = Normal::new(seed);
-    let (robot, set) = bent_set(nominal, campaign, bent, &mut random);
+    let (robot, set) = nonlinear_set(nominal, campaign, nonlinear, &mut random);
     let request = kincal::calibration::CalibrationRequest::new(nominal.clone(), set);
     let report =
         kincal::calibration::calibrate(&request, &mut |_| std::ops::ControlFlow::Continue(()))

@@ -46,7 +46,7 @@ pub(super) async fn are_as_noted(check: &mut Check, store: &Store, chain: &Chain
     for id in chain.events.keys() {
         for (event, found, what) in [
             (policies::CHANGED, &policies, "its policy"),
-            (verifications::KEPT, &verifications, "what it found"),
+            (verifications::STORED_EVENT, &verifications, "what it found"),
         ] {
             let was_noted = chain.newest(id, event).is_some();
             check.require(!was_noted || found.contains(id), || {

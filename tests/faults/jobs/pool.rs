@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 use kincal::jobs::{JobSignals, Rules, WorkerPool, queue};
 use kincal::store::{JobStatus, PageRequest, jobs, leases, parameter_sets};
 
-use crate::computations::{LONG, arrived, gate, obey, until};
+use crate::computations::{LONG, arrived, gate, run_scripted, until};
 use crate::engines::for_each_engine;
 use crate::fixtures::{a_job, a_lone_job, a_robot, a_set};
 
@@ -21,7 +21,7 @@ fn a_pool_runs_every_job_once() {
         let store = &database.store;
         let set = a_set(store, &a_robot(store, "r").await).await;
         let signals = JobSignals::default();
-        let pool = WorkerPool::start(store.clone(), obey, 4, RULES, signals.clone());
+        let pool = WorkerPool::start(store.clone(), run_scripted, 4, RULES, signals.clone());
         let mut ids = Vec::new();
         for i in 0..40 {
             let request = if i % 10 == 3 { "panic" } else { "succeed" };
@@ -50,7 +50,7 @@ fn a_pool_runs_every_job_once() {
 fn a_pool_finds_jobs_that_nobody_signalled() {
     for_each_engine(async |database| {
         let store = &database.store;
-        let pool = WorkerPool::start(store.clone(), obey, 1, RULES, JobSignals::default());
+        let pool = WorkerPool::start(store.clone(), run_scripted, 1, RULES, JobSignals::default());
         // Posted as if by another process.
         let job = a_lone_job(store, "succeed").await;
         assert_eq!(
@@ -73,7 +73,7 @@ fn a_worker_goes_on_with_what_waits_without_a_signal_for_each() {
             ids.push(a_job(store, &set, "succeed").await.id);
         }
         let begun = Instant::now();
-        let pool = WorkerPool::start(store.clone(), obey, 1, RULES, JobSignals::default());
+        let pool = WorkerPool::start(store.clone(), run_scripted, 1, RULES, JobSignals::default());
         for id in &ids {
             assert_eq!(
                 until(store, id, |job| job.status.is_over()).await.status,
@@ -104,7 +104,7 @@ fn a_pool_forgets_the_idempotency_keys_of_long_ago_and_no_others() {
                 .await
                 .unwrap();
         }
-        let pool = WorkerPool::start(store.clone(), obey, 0, RULES, JobSignals::default());
+        let pool = WorkerPool::start(store.clone(), run_scripted, 0, RULES, JobSignals::default());
         let remaining = async {
             loop {
                 let remaining: Vec<String> =
@@ -134,7 +134,7 @@ fn a_pool_takes_over_the_job_of_a_worker_that_died() {
             .await
             .unwrap()
             .unwrap();
-        let pool = WorkerPool::start(store.clone(), obey, 1, RULES, JobSignals::default());
+        let pool = WorkerPool::start(store.clone(), run_scripted, 1, RULES, JobSignals::default());
         let done = until(store, &job.id, |job| job.status.is_over()).await;
         assert_eq!((done.status, done.attempt), (JobStatus::Succeeded, 2));
         pool.shutdown(LONG).await;
@@ -150,7 +150,7 @@ fn a_pool_that_shuts_down_lets_computations_finish_in_time() {
         // The lease is shorter than the draining, so it must be renewed.
         let pool = WorkerPool::start(
             store.clone(),
-            obey,
+            run_scripted,
             1,
             Rules {
                 lease: Duration::from_millis(1500),
@@ -182,7 +182,7 @@ fn a_pool_that_shuts_down_hands_unfinished_jobs_back_with_their_attempt() {
     for_each_engine(async |database| {
         let store = &database.store;
         let job = a_lone_job(store, "run until stopped").await;
-        let pool = WorkerPool::start(store.clone(), obey, 2, RULES, JobSignals::default());
+        let pool = WorkerPool::start(store.clone(), run_scripted, 2, RULES, JobSignals::default());
         arrived(&job.id).await;
         let begun = Instant::now();
         pool.shutdown(Duration::from_secs(1)).await;
@@ -205,7 +205,7 @@ fn a_computation_that_does_not_stop_is_handed_back_and_its_late_result_is_not_st
         let store = &database.store;
         let set = a_set(store, &a_robot(store, "r").await).await;
         let job = a_job(store, &set, "report progress, wait at the gate").await;
-        let pool = WorkerPool::start(store.clone(), obey, 1, RULES, JobSignals::default());
+        let pool = WorkerPool::start(store.clone(), run_scripted, 1, RULES, JobSignals::default());
         arrived(&job.id).await;
         pool.shutdown(Duration::from_secs(1)).await;
         assert_eq!(
@@ -214,7 +214,7 @@ fn a_computation_that_does_not_stop_is_handed_back_and_its_late_result_is_not_st
         );
         gate(&job.id).open();
         // Another pool computes the job, once.
-        let pool = WorkerPool::start(store.clone(), obey, 1, RULES, JobSignals::default());
+        let pool = WorkerPool::start(store.clone(), run_scripted, 1, RULES, JobSignals::default());
         let done = until(store, &job.id, |job| job.status.is_over()).await;
         assert_eq!((done.status, done.attempt), (JobStatus::Succeeded, 1));
         pool.shutdown(LONG).await;
@@ -235,7 +235,7 @@ fn a_pool_without_work_shuts_down_at_once() {
         for n_workers in [0, 3] {
             let pool = WorkerPool::start(
                 database.store.clone(),
-                obey,
+                run_scripted,
                 n_workers,
                 RULES,
                 JobSignals::default(),
@@ -254,7 +254,7 @@ fn a_cancelled_job_is_over_soon_though_its_computation_does_not_look_and_its_wor
         let store = &database.store;
         let set = a_set(store, &a_robot(store, "r").await).await;
         let signals = JobSignals::default();
-        let pool = WorkerPool::start(store.clone(), obey, 1, RULES, signals.clone());
+        let pool = WorkerPool::start(store.clone(), run_scripted, 1, RULES, signals.clone());
         let deaf = a_job(store, &set, "report progress, wait at the gate").await;
         signals.job_enqueued();
         arrived(&deaf.id).await;
@@ -311,7 +311,7 @@ fn a_cancelled_computation_without_an_end_keeps_its_worker_no_longer_than_a_job_
             longest: Duration::from_secs(1),
             ..RULES
         };
-        let pool = WorkerPool::start(store.clone(), obey, 1, rules, signals.clone());
+        let pool = WorkerPool::start(store.clone(), run_scripted, 1, rules, signals.clone());
         let deaf = a_job(store, &set, "report progress, wait at the gate").await;
         signals.job_enqueued();
         arrived(&deaf.id).await;
@@ -366,7 +366,7 @@ fn jobs_under_which_a_process_died_run_alone_one_after_the_other_and_after_all_o
         let other = a_job(store, &set, at_the_gate).await.id;
 
         let signals = JobSignals::default();
-        let pool = WorkerPool::start(store.clone(), obey, 4, RULES, signals.clone());
+        let pool = WorkerPool::start(store.clone(), run_scripted, 4, RULES, signals.clone());
         arrived(&other).await;
         let status = async |id: &str| jobs::get(store, id).await.unwrap().status;
         assert_eq!(
@@ -421,7 +421,7 @@ fn a_suspect_has_its_turn_though_other_jobs_keep_coming() {
         for _ in 0..4 {
             others.push_back(a_job(store, &set, "run until stopped").await.id);
         }
-        let pool = WorkerPool::start(store.clone(), obey, 2, rules, signals.clone());
+        let pool = WorkerPool::start(store.clone(), run_scripted, 2, rules, signals.clone());
         arrived(&others[0]).await;
         let has_turn = async {
             while jobs::get(store, &suspect).await.unwrap().status == JobStatus::Queued {

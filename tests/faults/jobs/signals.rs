@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 use kincal::jobs::{JobSignals, WorkerContext, queue, run_next_job};
 use kincal::store::{Error, JobStatus, jobs};
 
-use crate::computations::{LONG, arrived, gate, obey};
+use crate::computations::{LONG, arrived, gate, run_scripted};
 use crate::engines::for_each_engine;
 use crate::fixtures::a_lone_job;
 
@@ -15,7 +15,7 @@ fn an_event_stream_sees_begin_progress_and_end() {
         let store = &database.store;
         let job = a_lone_job(store, "report progress, wait at the gate").await;
         let signals = JobSignals::default();
-        let context = WorkerContext::new(obey, LONG, signals.clone());
+        let context = WorkerContext::new(run_scripted, LONG, signals.clone());
         let worker = tokio::spawn({
             let store = store.clone();
             async move { run_next_job(&store, &context).await.unwrap() }
@@ -47,7 +47,7 @@ fn a_long_poll_does_not_end_for_progress_but_for_a_status() {
         let store = &database.store;
         let job = a_lone_job(store, "report progress, wait at the gate").await;
         let signals = JobSignals::default();
-        let context = WorkerContext::new(obey, LONG, signals.clone());
+        let context = WorkerContext::new(run_scripted, LONG, signals.clone());
         let worker = tokio::spawn({
             let store = store.clone();
             async move { run_next_job(&store, &context).await.unwrap() }

@@ -129,7 +129,7 @@ fn nothing_is_computed_before_the_claim_is_certain() {
         monitor: crate::computations::Monitor<'_>,
     ) -> crate::computations::Computed {
         COMPUTED.fetch_add(1, Ordering::SeqCst);
-        crate::computations::obey(inputs, monitor)
+        crate::computations::run_scripted(inputs, monitor)
     }
     for_each_engine(async |database| {
         let store = &database.store;
