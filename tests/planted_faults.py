@@ -12,6 +12,7 @@ A fault is a text to find and a text to put in its place. It is looked for in al
 found exactly once. Spaces, line breaks and trailing commas do not count, so it survives rustfmt and moves between files.
 """
 
+import json
 import os
 import re
 import shutil
@@ -275,6 +276,7 @@ class Runner:
         self.copy = Path(directory) / "tree"
         self.env = {**os.environ, "CARGO_TARGET_DIR": str(Path(directory) / "target"), "RUST_BACKTRACE": "0"}
         self.output = ""
+        self.executable = ""
 
     def refresh(self):
         """Copies what git knows and what differs, so that a second run builds only what changed."""
@@ -291,9 +293,7 @@ class Runner:
                 if path.is_file() and path.relative_to(self.copy).as_posix() not in known:
                     path.unlink()
 
-    def cargo(self, test, timeout_s, *arguments):
-        # The profile of the tests: without optimisation a build is quicker, but what calibrates takes many times as long.
-        command = ["cargo", "test", "--locked", "--test", test, *arguments]
+    def command(self, timeout_s, command):
         try:
             done = subprocess.run(command, cwd=self.copy, env=self.env, timeout=timeout_s, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
         except subprocess.TimeoutExpired as late:
@@ -303,10 +303,17 @@ class Runner:
         return done.returncode == 0
 
     def build(self, test):
-        return self.cargo(test, LONGEST_BUILD_S, "--no-run")
+        # Only the tests themselves are not optimised: they are built anew for each fault, and calibrations run in the library.
+        profile = ["--profile", "test", "--message-format", "json-render-diagnostics"]
+        command = ["cargo", "rustc", "--locked", *profile, "--test", test, "--", "-C", "opt-level=0", "-C", "debuginfo=0"]
+        built = self.command(LONGEST_BUILD_S, command)
+        for line in self.output.splitlines():
+            if line.startswith("{") and (message := json.loads(line)).get("executable") and message["target"]["name"] == test:
+                self.executable = message["executable"]
+        return built
 
-    def run(self, test, filters):
-        return self.cargo(test, LONGEST_RUN_S, "--", *filters)
+    def run(self, _test, filters):
+        return self.command(LONGEST_RUN_S, [self.executable, *filters])
 
     def failed(self):
         return " ".join(re.findall(r"^test (\S+) \.\.\. FAILED", self.output, re.MULTILINE)) or self.output.strip().splitlines()[-1]
