@@ -64,7 +64,7 @@ FAULTS = [
     Fault("a withdrawn set comes back", "service", "keeps_the_life", [
         ("old.status = 'withdrawn' and new.status <> 'withdrawn'", "1 = 0")], "migrations/sqlite"),
     Fault("a policy that only code keeps", "service", "keeps_the_robots_policy", [
-        ("p.independent_session_required = 1 and", "p.independent_session_required = 2 and")], "migrations/sqlite/0008_verification.sql"),
+        ("p.independent_session_required = 1 and", "p.independent_session_required = 2 and")], "migrations/sqlite/0010_far_off.sql"),
     Fault("a report that may be edited", "service", "keeps_results_and_frames", [
         ("""update of report_json, convergence_json, result_sha256 on job
             when old.status in ('succeeded', 'failed', 'cancelled')""",

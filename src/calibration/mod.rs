@@ -6,6 +6,7 @@ pub mod changes;
 mod check;
 mod choice;
 mod corrections;
+mod coverage;
 mod identify;
 mod judged;
 mod known;

@@ -1,6 +1,7 @@
 //! From an identified model to the report: errors before and after, parameters with their uncertainty, remarks.
 
 use crate::calibration::corrections;
+use crate::calibration::coverage::shows_little;
 use crate::calibration::identify::{Found, Problem};
 use crate::calibration::observe::{Observed, observe_verify_set};
 use crate::calibration::orientation::{self, flange_rotation_std_rad};
@@ -222,7 +223,13 @@ pub fn report(
             })
         });
         per_point.extend(there);
-        of_verify_set = remarks(&layout.screening, &after.observed, None);
+        of_verify_set = match &request.verify {
+            VerifySource::Set(set) => shows_little(&request.robot, set),
+            _ => None,
+        }
+        .into_iter()
+        .chain(remarks(&layout.screening, &after.observed, None))
+        .collect();
     } else {
         verify = both(
             &problem.observed.of(Subset::Verify),

@@ -106,6 +106,8 @@ pub struct CalibrationRequest {
     pub corrections: Option<CorrectionsChoice>,
     /// What the flange carried while the set was measured, where it is known.
     pub payload: Option<Payload>,
+    /// The frame that the parameter set that is verified was measured in; `None` if nothing is verified.
+    pub scored_frame: Option<Frame>,
     /// What the parameter set that is verified missed its own held-out points by: whether a session fits the robot is judged by it.
     pub held_out: Option<HeldOut>,
     /// The residual network of the robot's last identification: where the training of a new one starts.
@@ -142,6 +144,7 @@ impl CalibrationRequest {
             options: SearchOptions::default(),
             corrections: None,
             payload: None,
+            scored_frame: None,
             held_out: None,
             residual_network: None,
             previous: None,

@@ -1,18 +1,13 @@
 //! What can be said of a measurement set when it arrives. Remarks only: a set that is too small to identify from may still verify,
 //! and what is said of that is what a job of kind verify would say.
 
+use crate::calibration::report::FEWEST_TO_PROVE;
 use crate::calibration::report::Warning;
-use crate::calibration::verify::too_small_to_verify;
-use crate::calibration::{CalibrationRequest, Error, check};
+use crate::calibration::verify::{FEW_RESIDUALS, too_small_to_verify};
+use crate::calibration::{CalibrationRequest, Error, check, coverage};
 use crate::kinematics::Robot;
 use crate::measurement::{Frame, MeasurementSet, Point, split};
-use nalgebra::Vector3;
 use std::collections::BTreeSet;
-
-/// A joint that moves less than this over the whole set hardly tells its link from its neighbours, rad (20°).
-const SMALL_JOINT_RANGE_RAD: f64 = 0.349;
-/// Measured points this close together (rms distance from their centre, as a share of the arm's reach) do not show the workspace.
-const SMALL_CLOUD: f64 = 0.1;
 
 /// Remarks on a set of `robot`, for its summary.
 pub fn warnings(robot: &Robot, set: &MeasurementSet) -> Vec<Warning> {
@@ -52,8 +47,21 @@ fn too_small(robot: &Robot, set: &MeasurementSet) -> Option<Warning> {
         return None;
     };
     let serves = match (too_small_to_verify(&request), set.frame) {
-        ([_, None], _) => {
-            "kept: too small to identify from, it can serve to verify (a job of kind verify)".into()
+        ([_, None], frame) => {
+            let n_placed = match frame {
+                Frame::Instrument => 6 + 3 * set.n_targets(),
+                Frame::Base => 0,
+            };
+            let needed = (FEW_RESIDUALS * n_placed).div_ceil(3).max(FEWEST_TO_PROVE);
+            let n_configurations = set.configurations().len();
+            let enough = 3 * set.points.len() >= FEW_RESIDUALS * n_placed && n_configurations >= FEWEST_TO_PROVE;
+            match enough {
+                true => "kept: too small to identify from, it can serve to verify (a job of kind verify)".into(),
+                false => format!(
+                    "kept: too small to identify from; a job of kind verify scores a parameter set on it, but so few points are no evidence for a \
+                     release: {needed} configurations are"
+                ),
+            }
         }
         ([None, Some(_)], Frame::Base) => {
             "kept: too small to identify from, and to verify a parameter set on whose base and target are fitted anew, as those of model \
@@ -97,14 +105,9 @@ fn duplicates(set: &MeasurementSet) -> Option<Warning> {
 }
 
 fn still_joints(set: &MeasurementSet) -> Option<Warning> {
-    let n_joints = set.points.first()?.q_rad.len();
-    let range = |joint: usize| {
-        let values = set.points.iter().map(|p| p.q_rad[joint]);
-        values.clone().fold(f64::MIN, f64::max) - values.fold(f64::MAX, f64::min)
-    };
-    let still: Vec<String> = (0..n_joints)
-        .filter(|joint| range(*joint) < SMALL_JOINT_RANGE_RAD)
-        .map(|joint| format!("{} ({:.1}°)", joint + 1, range(joint).to_degrees()))
+    let still: Vec<String> = coverage::still_joints(set)
+        .into_iter()
+        .map(|(joint, range_rad)| format!("{} ({:.1}°)", joint + 1, range_rad.to_degrees()))
         .collect();
     let detail = format!(
         "joints that move less than 20° over the whole set: {}; their parameters will be uncertain",
@@ -114,27 +117,9 @@ fn still_joints(set: &MeasurementSet) -> Option<Warning> {
 }
 
 fn narrow_cloud(robot: &Robot, set: &MeasurementSet) -> Option<Warning> {
-    let reach: f64 = robot
-        .links
-        .iter()
-        .map(|l| (l.a_mm * l.a_mm + l.d_mm * l.d_mm).sqrt())
-        .sum();
-    let n = set.points.len() as f64;
-    let centre = set
-        .points
-        .iter()
-        .map(|p| p.position_mm)
-        .sum::<Vector3<f64>>()
-        / n;
-    let spread = (set
-        .points
-        .iter()
-        .map(|p| (p.position_mm - centre).norm_squared())
-        .sum::<f64>()
-        / n)
-        .sqrt();
+    let (spread_mm, reach_mm) = coverage::narrow_cloud_mm(robot, set)?;
     let detail = format!(
-        "the points lie within {spread:.0} mm (rms) of their centre, the arm reaches {reach:.0} mm; spread the poses evenly over the workspace"
+        "the points lie within {spread_mm:.0} mm (rms) of their centre, the arm reaches {reach_mm:.0} mm; spread the poses evenly over the workspace"
     );
-    (spread < SMALL_CLOUD * reach).then(|| warning("poses_not_spread", detail))
+    Some(warning("poses_not_spread", detail))
 }

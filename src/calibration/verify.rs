@@ -3,6 +3,7 @@
 
 use crate::calibration::arrangement::FEWEST_OF_SETUP;
 use crate::calibration::check::n_equations;
+use crate::calibration::coverage::shows_little;
 use crate::calibration::identify::stage;
 use crate::calibration::judged::judged;
 use crate::calibration::observe::{observe_to_verify, observe_verify_set};
@@ -10,7 +11,8 @@ use crate::calibration::outcome::{corrected_errors, per_point};
 use crate::calibration::placing::{Layout, Placed, n_stations};
 use crate::calibration::remarks::remarks;
 use crate::calibration::report::{
-    CalibrationReport, Errors, Identifiability, PointErrors, SubsetErrors, Warning,
+    BASE_NOT_CHECKED, CalibrationReport, Errors, FEW_VERIFY_POINTS, Identifiability, PointErrors,
+    SubsetErrors, Warning,
 };
 use crate::calibration::request::{CalibrationRequest, Model};
 use crate::calibration::session_fit::{nominal_fit, own_scatter_mm, session_fit};
@@ -31,7 +33,7 @@ const LEAST_SHARE_SEEN: (usize, usize) = (1, 3);
 /// twice may repeat by chance, a file that was uploaded twice repeats in every row.
 const MAX_SHARED: usize = 10;
 /// Below this many residuals for each number that is refitted, the refit hides a good part of the error.
-const FEW_RESIDUALS: usize = 3;
+pub const FEW_RESIDUALS: usize = 3;
 
 /// A parameter set on a request's points, and the nominal robot beside it.
 struct Scored {
@@ -41,6 +43,8 @@ struct Scored {
     corrected: Option<IdentifiedRobot>,
     /// Numbers of bases and targets that were refitted.
     n_refitted: usize,
+    /// The base is known, and was refitted all the same: an error of the base does not show.
+    is_base_hidden: bool,
     /// What does not belong, and what moved.
     remarks: Vec<Warning>,
 }
@@ -185,24 +189,27 @@ pub fn verify(
     Ok(report(request, identified.is_some(), scored, errors))
 }
 
-/// Positions are in the base frame, so that nothing has to be placed.
+/// Whether the positions are in the base frame, so that nothing has to be placed.
 fn in_base_frame(request: &CalibrationRequest) -> bool {
     request.set.frame == Frame::Base
         || (request.model() == Model::Paper && request.frames.is_some())
 }
 
+/// Whether the base of `identified` is known in the frame of the points: it was measured in the base frame, as they are.
+fn base_is_known(request: &CalibrationRequest, identified: &KinematicModel) -> bool {
+    in_base_frame(request)
+        && (request.scored_frame == Some(Frame::Base)
+            || identified.t_instrument_base == IsometryMatrix3::identity())
+}
+
 fn n_refitted(request: &CalibrationRequest, identified: Option<&KinematicModel>) -> usize {
     let n_targets = request.set.n_targets();
-    let placed = in_base_frame(request)
-        && match identified {
-            // where its base is, or which target is which, is only known in the frame that it was identified in
-            Some(model) => {
-                model.t_instrument_base == IsometryMatrix3::identity()
-                    && n_targets <= model.targets_mm.len()
-            }
-            None => n_targets <= 1,
-        };
-    if placed { 0 } else { 6 + 3 * n_targets }
+    let is_placed = match identified {
+        // which target is which is only known of those that were identified
+        Some(model) => base_is_known(request, model) && n_targets <= model.targets_mm.len(),
+        None => in_base_frame(request) && n_targets <= 1,
+    };
+    if is_placed { 0 } else { 6 + 3 * n_targets }
 }
 
 fn score(request: &CalibrationRequest, robot: Option<&IdentifiedRobot>) -> Result<Scored, Error> {
@@ -212,8 +219,14 @@ fn score(request: &CalibrationRequest, robot: Option<&IdentifiedRobot>) -> Resul
     if let (None, Some(frames)) = (identified, &request.frames) {
         after.targets_mm[0].z = frames.z_tool_mm;
     }
+    // the nominal robot has its base where the base frame is
+    let t_instrument_base = match identified.is_some_and(|model| base_is_known(request, model)) {
+        true => IsometryMatrix3::identity(),
+        false => after.t_instrument_base,
+    };
     let before = KinematicModel {
         links: nominal.links,
+        t_instrument_base,
         ..after.clone()
     };
     let refit = n_refitted(request, identified) > 0;
@@ -232,6 +245,8 @@ fn score(request: &CalibrationRequest, robot: Option<&IdentifiedRobot>) -> Resul
         after,
         corrected,
         n_refitted: layout.n_refitted(),
+        is_base_hidden: layout.is_placed_anew
+            && identified.is_some_and(|model| base_is_known(request, model)),
         remarks,
     })
 }
@@ -308,7 +323,7 @@ fn report(
             observability_index_o1: 0.0,
         },
         comparison: vec![],
-        warnings: warnings(&verdict, &scored, &verify),
+        warnings: warnings(request, &verdict, &scored, &verify),
         links: scored.after.model.links,
         t_instrument_base: scored.after.model.t_instrument_base,
         target_segments: scored.after.segments,
@@ -320,15 +335,31 @@ fn report(
     }
 }
 
-fn warnings(verdict: &Verdict, scored: &Scored, verify: &SubsetErrors) -> Vec<Warning> {
+fn warnings(
+    request: &CalibrationRequest,
+    verdict: &Verdict,
+    scored: &Scored,
+    verify: &SubsetErrors,
+) -> Vec<Warning> {
     let mut warnings: Vec<Warning> = verdict.warning().into_iter().collect();
+    warnings.extend(shows_little(&request.robot, &request.set));
+    if scored.is_base_hidden {
+        let detail = "the positions are in the base frame, but the base was placed anew (several stations, a target that the parameter set does not \
+                      have, or something that moved), so that a wrong base does not show: no evidence. Measure the targets of the parameter set from \
+                      one station";
+        warnings.push(Warning {
+            code: BASE_NOT_CHECKED,
+            detail: detail.into(),
+            rows: vec![],
+        });
+    }
     if 3 * verify.n_points < FEW_RESIDUALS * scored.n_refitted {
         let detail = format!(
             "{} points, from which {} numbers of base and targets were refitted: the errors are smaller than they would be elsewhere",
             verify.n_points, scored.n_refitted
         );
         warnings.push(Warning {
-            code: "few_verify_points",
+            code: FEW_VERIFY_POINTS,
             detail,
             rows: vec![],
         });

@@ -11,6 +11,7 @@ use super::terminal::{Output, in_commands};
 use super::usage::Usage;
 use crate::report_page::words;
 use crate::wire::job::{JobAnswer, JobRequestBody, JobStatus, Kind};
+use crate::wire::release::GatesAnswer;
 use crate::wire::report_shape::Report;
 use crate::wire::robot::MAX_NAME;
 use anyhow::Context;
@@ -86,20 +87,48 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         let report = client.get(&format!("/v1/jobs/{job_id}/report")).await?;
         let parsed: Report = serde_json::from_value(report.clone())
             .context("the server's report is of another version of kincal")?;
+        let next = match job.parameter_set_id.as_deref() {
+            Some(id) if !arguments.output.json => next_step(&client, id, &set).await?,
+            _ => String::new(),
+        };
         arguments.output.print(&report, || {
             if parsed.unusable_because().is_some() {
                 return table::report(&parsed);
             }
-            let set_id = job.parameter_set_id.as_ref();
-            let next = match set_id.filter(|_| set["insisted_on"].is_null()) {
-                Some(id) => format!("next: kincal release {id} --reason \"…\" if it is good; until then the cell does not get it\n"),
-                None if set_id.is_some() => "next: submit a set that need not be insisted on; no release rests on this one\n".into(),
-                None => String::new(),
-            };
-            format!("{}\n{next}to print it: kincal report {job_id} --html report.html", table::report(&parsed))
+            format!(
+                "{}\n{next}to print it: kincal report {job_id} --html report.html",
+                table::report(&parsed)
+            )
         })?;
         is_of_use(&parsed, Some(job_id))
     })
+}
+
+/// What the user can do with a parameter set: release it if every gate is passed, else what stands against that.
+async fn next_step(client: &Client, id: &str, set: &Value) -> anyhow::Result<String> {
+    if !set["insisted_on"].is_null() {
+        return Ok(
+            "next: submit a set that need not be insisted on; no release rests on this one\n"
+                .into(),
+        );
+    }
+    let answer = client
+        .get(&format!("/v1/parameter-sets/{id}/gates"))
+        .await?;
+    let answer: GatesAnswer = serde_json::from_value(answer)
+        .context("the server's gates are of another version of kincal")?;
+    if answer.releasable {
+        return Ok(format!(
+            "next: kincal release {id} --reason \"…\" if it is good; until then the cell does not get it\n"
+        ));
+    }
+    let failed = answer.gates.iter().filter(|gate| !gate.passed);
+    let failed: String = failed
+        .map(|gate| format!("  {}: {}\n", gate.gate, in_commands(&gate.detail)))
+        .collect();
+    Ok(format!(
+        "not releasable yet (kincal params --gates {id}):\n{failed}"
+    ))
 }
 
 async fn upload(

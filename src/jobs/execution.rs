@@ -370,6 +370,8 @@ pub fn request_of(inputs: &JobInputs) -> Result<CalibrationRequest, JobFailure> 
         .calibration_request(parts)
         .map_err(|invalid: Invalid| failed(&Problem::new(422, invalid.code, invalid.summary())))?;
     request.held_out = held_out(inputs);
+    let scored = inputs.parameter_set.as_ref();
+    request.scored_frame = scored.and_then(|input| Frame::parse(&input.set.row.frame));
     Ok(request)
 }
 

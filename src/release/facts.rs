@@ -125,11 +125,21 @@ impl Facts<'_> {
         }
     }
 
-    /// The sessions that are evidence for or against the set.
+    /// The sessions that are evidence for or against the set. One in which the set is far off counts until somebody has given a reason and the
+    /// set has fitted a session measured later: a robot that was repaired. The triggers of the schema enforce this too.
     pub fn sessions_that_count(&self) -> impl Iterator<Item = &Session> {
+        let is_explained = |session: &Session| {
+            let mut sessions = self.sessions.iter();
+            session.seq <= self.checked_seq
+                && sessions.any(|later| later.supports_since(session.seq))
+        };
         self.sessions
             .iter()
-            .filter(|session| session.found.fit != Fit::DoesNotFit)
+            .filter(move |session| match session.found.fit {
+                Fit::Fits => true,
+                Fit::DoesNotFit => false,
+                Fit::SetFarOff => !is_explained(session),
+            })
     }
 }
 
@@ -181,8 +191,7 @@ pub fn of_session(request: &CalibrationRequest, report: &Report, since: Since) -
     } else {
         Fit::Fits
     };
-    let is_small = request.set.configurations().len() < MIN_CONFIGURATIONS
-        || has_warning(report, "few_verify_points");
+    let is_small = request.set.configurations().len() < MIN_CONFIGURATIONS;
     // Without the errors at the identification it cannot be decided whether the session fits.
     let counts = request.held_out.is_some()
         && !is_small

@@ -14,8 +14,8 @@ pub fn check_robot(facts: &Facts<'_>) -> Gate {
             name,
             false,
             format!(
-                "the file of job {job_id} does not fit this robot: was it in another frame, or has the robot changed? Look at the robot, then measure \
-                 a new session and score a set on it: {}, or say why all is well: {CHECKED}",
+                "the file of job {job_id} does not fit this robot as the parameter set has it: was it in another frame, has the robot changed, or is \
+                 that set bad? Look at the robot, then score a set that fits on this or on a new session: {}, or say why all is well: {CHECKED}",
                 verify_it(facts)
             ),
         ),
@@ -102,9 +102,14 @@ pub fn better_than_nominal(facts: &Facts<'_>) -> Gate {
     {
         Some(session) => {
             let detail = format!(
-                "job {} scored the set on another session: {}; it is no better than nominal, so it is never released",
+                "job {} scored the set on another session: {}; it is no better than nominal, so it is {}",
                 session.job_id,
-                both(&session.found)
+                both(&session.found),
+                match session.found.fit {
+                    Fit::SetFarOff =>
+                        "not released until somebody has said why and it has fitted a later session",
+                    _ => "never released",
+                }
             );
             Gate::new(name, false, detail)
         }

@@ -86,6 +86,12 @@ const MIGRATIONS: &[(i64, &str, &str, &str)] = &[
         include_str!("../../migrations/sqlite/0009_insisted.sql"),
         include_str!("../../migrations/postgres/0009_insisted.sql"),
     ),
+    (
+        10,
+        "far_off",
+        include_str!("../../migrations/sqlite/0010_far_off.sql"),
+        include_str!("../../migrations/postgres/0010_far_off.sql"),
+    ),
 ];
 
 /// Version of the migration that rewrites the job table on SQLite, so that reports are the last columns.

@@ -159,7 +159,7 @@ const EARLIER_UPLOADS: &str = concat!(
     " and a.event = 'measurement_set_created' where v.robot_id = $1 and v.seq = $2), 0)
         and m.id not in (select ",
     scored_set!(),
-    " from verification v join job j on j.id = v.job_id where v.robot_id = $1 and v.fit = 'does_not_fit')
+    " from verification v join job j on j.id = v.job_id where v.robot_id = $1 and v.fit <> 'fits')
     order by m.id limit cast($3 as bigint)"
 );
 
@@ -198,8 +198,8 @@ impl Audited for VerificationRow {
     }
 }
 
-/// Stores what a job found, in the transaction that ends the job and has locked the robot's row. It also updates the robot: points that do not fit
-/// begin the state `check_robot`, a session that fits ends it.
+/// Stores what a job found, in the transaction that ends the job and has locked the robot's row. It also updates the robot: points that do not
+/// fit, and a session that the set misses by far, begin the state `check_robot`; a session that fits ends it.
 ///
 /// # Errors
 /// [`super::Error::Database`].
@@ -230,7 +230,7 @@ pub async fn insert(tx: &mut Tx, job_id: &str, found: &Verification) -> Result<(
         .fetch_one(tx.connection())
         .await?;
     tx.note(STORED_EVENT, job_id, row.audit_entry());
-    if row.fit == Fit::DoesNotFit {
+    if row.fit == Fit::DoesNotFit || (row.is_session() && row.fit == Fit::SetFarOff) {
         robots::begin_check(tx, &row.robot_id, job_id, row.seq).await
     } else if row.is_session() && row.supports() && row.is_repeat == 0 {
         robots::end_check(tx, &row.robot_id, job_id).await

@@ -199,6 +199,15 @@ impl CompensateBody {
         // Positions of the measured reflector are right even if they do not determine the flange's rotation.
         if self.tool.is_some() || self.mode == Mode::Pose {
             answer.warnings = provenance.warnings.clone();
+        } else if provenance.orientation_unknown().is_some() {
+            let detail = "the place of the reflector on the flange is known no better than the rotation of the flange: the answer holds for the \
+                          reflector as it was identified (`targets` of the parameter set). If the program's tool has it elsewhere, its position is off \
+                          by the difference";
+            answer.warnings.push(Warning {
+                code: ORIENTATION_NOT_KNOWN.into(),
+                detail: detail.into(),
+                rows: vec![],
+            });
         }
         for q_deg in &self.q_deg {
             let q_rad: Vec<f64> = q_deg.iter().map(|deg| to_radians(*deg)).collect();

@@ -337,6 +337,7 @@ impl JobRequestBody {
             options: self.options.unwrap_or_default().into(),
             corrections: self.corrections,
             payload: self.payload.map(Into::into),
+            scored_frame: None,
             held_out: None,
             residual_network: parts.residual_network,
             previous: parts.previous,

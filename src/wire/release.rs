@@ -50,7 +50,7 @@ impl Gate {
 }
 
 /// The gates as a release would find them now.
-#[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct GatesAnswer {
     /// The set.
     pub parameter_set_id: String,

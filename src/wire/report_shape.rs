@@ -1,5 +1,6 @@
 //! The shape of a report.
 
+use crate::calibration::report::{BASE_NOT_CHECKED, SHOWS_LITTLE};
 use crate::calibration::{
     DOES_NOT_FIT, JOINT_MAP, MODEL_TOO_SMALL, NO_BETTER, NO_FIT, SET_FAR_OFF,
 };
@@ -180,6 +181,10 @@ impl Report {
             "the identified robot does not fit the points"
         } else if has_warning("insisted_upload") {
             "these points were refused, and kept because the uploader insisted"
+        } else if has_warning(SHOWS_LITTLE) {
+            "the poses show too little of the robot"
+        } else if has_warning(BASE_NOT_CHECKED) {
+            "a wrong base would not show in these points"
         } else {
             "so few configurations prove nothing"
         }

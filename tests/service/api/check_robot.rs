@@ -232,6 +232,108 @@ async fn a_session_that_the_set_missed_by_far_stays_until_somebody_says_why() {
 }
 
 #[tokio::test]
+async fn a_base_that_is_off_in_the_base_frame_is_not_verified_away_for_the_complete_model() {
+    let app = TestApp::with_workers(1).await;
+    let robot = app.paper_robot().await;
+    let mut random = ChaCha8Rng::seed_from_u64(27);
+    let points = with_noise(&rows("first.csv"), 0.03, &mut random);
+    let set = upload(&app, &robot, &points).await;
+    let request =
+        json!({"measurement_set_id": set, "model": "complete", "method": "least_squares"});
+    let job = app.run(&robot, &request).await;
+    let parameter_set = &job["parameter_set_id"];
+    let fresh = rows("followup_unchanged.csv");
+    for (shift_mm, expected, expected_state) in [
+        (0.0, "independent_session", "ok"),
+        (5.0, "none", "check_robot"),
+        (40.0, "none", "check_robot"),
+    ] {
+        let mut session = with_noise(&fresh, 0.02, &mut random);
+        session.iter_mut().for_each(|row| row[6] += shift_mm);
+        let session = upload(&app, &robot, &session).await;
+        let (_, report) = scored(&app, &robot, &session, parameter_set).await;
+        let after_mm = report["verify"]["after"]["rms_mm"].as_f64().unwrap();
+        assert!(
+            (after_mm - shift_mm).abs() < 0.5,
+            "{shift_mm}: {}",
+            report["verify"]
+        );
+        let (is_evidence, told) = (report["evidence"] == expected, codes(&report));
+        assert!(
+            is_evidence || told.contains(&"set_far_off"),
+            "{shift_mm}: {told:?} {}",
+            report["evidence"]
+        );
+        assert_eq!(state(&app, &robot).await.0, expected_state, "{shift_mm}");
+    }
+    let (failed, _) = failed_gates(&app, parameter_set).await;
+    assert!(failed.contains(&"check_robot".to_owned()), "{failed:?}");
+}
+
+#[tokio::test]
+async fn poses_that_lie_close_together_end_no_check_and_support_no_release() {
+    let app = TestApp::with_workers(1).await;
+    let (robot, parameter_set) = identified_from_noisy_points(&app).await;
+    let mut random = ChaCha8Rng::seed_from_u64(28);
+    let collided = half("followup_collision.csv", 0, &mut random);
+    let set = upload(&app, &robot, &collided).await;
+    scored(&app, &robot, &set, &parameter_set).await;
+    assert_eq!(state(&app, &robot).await.0, "check_robot");
+    // One pose, nudged: the placement of an instrument takes up whatever has changed.
+    let near: Vec<Row> = (0..12)
+        .map(|i| {
+            let mut row = rows("followup_unchanged.csv")[3];
+            row[i % 6] += 0.02 * f64::from(i32::try_from(i).unwrap());
+            row
+        })
+        .collect();
+    let near = upload(&app, &robot, &with_noise(&near, 0.03, &mut random)).await;
+    let (_, report) = scored(&app, &robot, &near, &parameter_set).await;
+    let told = codes(&report);
+    assert!(
+        told.contains(&"session_shows_little") && report["evidence"] == "none",
+        "{told:?} {}",
+        report["evidence"]
+    );
+    assert_eq!(state(&app, &robot).await.0, "check_robot");
+}
+
+#[tokio::test]
+async fn a_change_that_less_than_doubles_the_nominal_error_stops_every_release_until_it_is_explained()
+ {
+    let app = TestApp::with_workers(1).await;
+    let (robot, first) = identified_from_noisy_points(&app).await;
+    let mut random = ChaCha8Rng::seed_from_u64(29);
+    let set = upload(
+        &app,
+        &robot,
+        &with_noise(&rows("first.csv"), 0.03, &mut random),
+    )
+    .await;
+    let second = identified(&app, &robot, &set, None).await["parameter_set_id"].clone();
+    let fresh = rows("followup_unchanged.csv");
+    // Everything 1.2 mm off: far for both sets, and no more than the nominal robot is off by.
+    let mut changed = with_noise(&fresh, 0.03, &mut random);
+    changed.iter_mut().for_each(|row| row[8] += 1.2);
+    let changed = upload(&app, &robot, &changed).await;
+    scored(&app, &robot, &changed, &first).await;
+    assert_eq!(state(&app, &robot).await.0, "check_robot");
+    for set in [&first, &second] {
+        release(&app, set).await.problem(409, "release_refused");
+    }
+    // Repaired: a session in which the first set holds again, and a reason.
+    let good = upload(&app, &robot, &with_noise(&fresh, 0.03, &mut random)).await;
+    scored(&app, &robot, &good, &first).await;
+    assert_eq!(state(&app, &robot).await.0, "ok");
+    let why = json!({"reason": "the base was loose in that session and is bolted again"});
+    app.post_json(&format!("{robot}/checked"), &why)
+        .await
+        .ok(200);
+    let (failed, _) = failed_gates(&app, &first).await;
+    assert!(failed.is_empty(), "{failed:?}");
+}
+
+#[tokio::test]
 async fn a_reason_in_which_there_is_nothing_to_read_is_none() {
     let app = TestApp::with_workers(1).await;
     let (robot, job) = app.identified().await;

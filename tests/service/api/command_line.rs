@@ -311,7 +311,9 @@ async fn a_terminal_sees_how_far_a_job_is_and_a_file_does_not() {
     assert!(
         seen.contains('█')
             && seen.contains("iterations, F = ")
-            && seen.contains("next: kincal release par_"),
+            && seen.contains("not releasable yet (kincal params --gates par_")
+            && seen.contains("orientation_known: ")
+            && !seen.contains("next: kincal release"),
         "{seen}"
     );
     let (code, stdout, stderr) = kincal(&app, &person.key, &arguments).await;

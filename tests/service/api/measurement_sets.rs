@@ -133,26 +133,36 @@ async fn what_an_upload_says_that_a_small_set_can_serve_for_it_can() {
         let request = json!({"measurement_set_id": set["id"], "kind": "verify"});
         app.post_json(&format!("{robot}/jobs"), &request).await
     };
-    // Five points of one target are enough, wherever the instrument stands.
-    for frame in ["base", "instrument"] {
+    // Five points of one target are enough to score a set. In an instrument's frame, where base and target are placed by them, nine are evidence.
+    for (frame, n) in [("base", 5), ("instrument", 5), ("instrument", 9)] {
         let csv = match frame {
             "base" => String::from_utf8(crate::app::paper("followup_unchanged.csv"))
                 .unwrap()
                 .lines()
-                .take(6)
+                .take(n + 1)
                 .map(|line| format!("{line}\n"))
                 .collect(),
-            _ => five_rows_from_an_instrument(5),
+            _ => five_rows_from_an_instrument(n),
         };
         let set = upload(csv, frame).await;
-        assert!(
-            warning_details(&set).contains("it can serve to verify"),
-            "{}",
-            warning_details(&set)
-        );
+        let is_evidence = frame == "base" || n >= 9;
+        let said = match is_evidence {
+            true => "it can serve to verify",
+            false => "no evidence for a release: 9 configurations are",
+        };
+        let details = warning_details(&set);
+        assert!(details.is_empty() || details.contains(said), "{details}");
+        assert!(frame == "base" || n == 9 || !details.is_empty());
         let request = json!({"measurement_set_id": set["id"], "kind": "verify"});
         let job = app.run(&robot, &request).await;
         assert_eq!(job["status"], "succeeded", "{frame}: {job}");
+        let path = format!("/v1/jobs/{}/report", text(&job["id"]));
+        let report = app.get(&path).await.ok(200);
+        let expected = match is_evidence {
+            true => "independent_session",
+            false => "none",
+        };
+        assert_eq!(report["evidence"], expected, "{frame}, {n}: {report}");
     }
     // Four are not enough, and the upload says the same as the job.
     let four = upload(five_rows_from_an_instrument(4), "instrument").await;

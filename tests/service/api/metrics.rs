@@ -97,7 +97,7 @@ async fn each_series_that_there_is_stands_in_operations_md() {
 async fn each_code_and_status_that_an_alert_waits_for_can_come() {
     let text = scrape().await;
     let alerts = DOCUMENT
-        .split("What is worth an alarm:")
+        .split("Recommended alarms:")
         .nth(1)
         .expect("the alerts")
         .split("\n`")

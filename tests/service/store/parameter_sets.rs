@@ -733,15 +733,38 @@ fn the_schema_itself_keeps_what_speaks_against_a_set_until_it_is_answered() {
             fit: Fit::SetFarOff,
             ..since.clone()
         };
+        let good_since_check = async || {
+            let check = verifications::check(store, &robot.id).await.unwrap();
+            Verification {
+                check_seq: check.check_seq,
+                ..good_session()
+            }
+        };
         scored(store, &set, &old, &since).await;
         scored(store, &set, &old, &far_off).await;
-        scored(store, &set, &old, &since).await;
+        is_refused_by_schema(release_without_checks(store, &old).await, "check_robot");
+        scored(store, &set, &old, &good_since_check().await).await;
         is_refused_by_schema(
             release_without_checks(store, &old).await,
             "none since supports",
         );
         assert!(checked("the tripod was kicked").await > 0);
         release_without_checks(store, &old).await.unwrap();
+        // Where the set was no better than nominal as well, a reason alone is not enough: the set has to fit a later session.
+        withdrawn(store, &old).await;
+        let other = a_candidate(store, &set).await;
+        let no_better = Verification {
+            is_better: false,
+            ..far_off
+        };
+        scored(store, &set, &other, &no_better).await;
+        assert!(checked("joint 3 was mastered again").await > 0);
+        is_refused_by_schema(
+            release_without_checks(store, &other).await,
+            "no better than nominal",
+        );
+        scored(store, &set, &other, &good_since_check().await).await;
+        release_without_checks(store, &other).await.unwrap();
     });
 }
 

@@ -1,0 +1,73 @@
+//! How much of the robot the poses of a set show: how far the joints move, and how far the measured points lie apart.
+
+use crate::calibration::report::{SHOWS_LITTLE, Warning};
+use crate::kinematics::Robot;
+use crate::measurement::MeasurementSet;
+use nalgebra::Vector3;
+
+/// A joint that moves less than this over the whole set hardly tells its link from its neighbours, rad (20°).
+const SMALL_JOINT_RANGE_RAD: f64 = 0.349;
+/// Measured points this close together (rms distance from their centre, as a share of the arm's reach) do not show the workspace.
+const SMALL_CLOUD: f64 = 0.1;
+
+/// Joints that hardly move, from 0, and their ranges, rad.
+pub fn still_joints(set: &MeasurementSet) -> Vec<(usize, f64)> {
+    let n_joints = set.points.first().map_or(0, |point| point.q_rad.len());
+    let range_rad = |joint: usize| {
+        let values = set.points.iter().map(|p| p.q_rad[joint]);
+        values.clone().fold(f64::MIN, f64::max) - values.fold(f64::MAX, f64::min)
+    };
+    (0..n_joints)
+        .map(|joint| (joint, range_rad(joint)))
+        .filter(|(_, range_rad)| *range_rad < SMALL_JOINT_RANGE_RAD)
+        .collect()
+}
+
+/// The rms distance of the points from their centre and the arm's reach, both mm, where the points lie close together.
+pub fn narrow_cloud_mm(robot: &Robot, set: &MeasurementSet) -> Option<(f64, f64)> {
+    let lengths = robot
+        .links
+        .iter()
+        .map(|l| (l.a_mm * l.a_mm + l.d_mm * l.d_mm).sqrt());
+    let reach_mm: f64 = lengths.sum();
+    let n = set.points.len() as f64;
+    let sum: Vector3<f64> = set.points.iter().map(|p| p.position_mm).sum();
+    let centre = sum / n;
+    let squares = set
+        .points
+        .iter()
+        .map(|p| (p.position_mm - centre).norm_squared());
+    let spread_mm = (squares.sum::<f64>() / n).sqrt();
+    (spread_mm < SMALL_CLOUD * reach_mm).then_some((spread_mm, reach_mm))
+}
+
+/// Why a session is no evidence: points that lie close together, or a joint other than the last that hardly moves, fit a robot that has changed as
+/// well as one that has not.
+pub fn shows_little(robot: &Robot, set: &MeasurementSet) -> Option<Warning> {
+    let mut reasons = Vec::new();
+    if let Some((spread_mm, reach_mm)) = narrow_cloud_mm(robot, set) {
+        reasons.push(format!(
+            "its points lie within {spread_mm:.0} mm (rms) of their centre, and the arm reaches {reach_mm:.0} mm"
+        ));
+    }
+    let last = robot.links.len().saturating_sub(1);
+    let still: Vec<String> = still_joints(set)
+        .into_iter()
+        .filter(|(joint, _)| *joint < last)
+        .map(|(joint, range_rad)| format!("{} ({:.1}°)", joint + 1, range_rad.to_degrees()))
+        .collect();
+    if !still.is_empty() {
+        reasons.push(format!(
+            "these joints move less than 20°: {}",
+            still.join(", ")
+        ));
+    }
+    (!reasons.is_empty()).then(|| Warning {
+        code: SHOWS_LITTLE,
+        detail: format!(
+            "the session is no evidence: {}. A robot that has changed may fit it as well: spread the poses over the workspace and move every joint",
+            reasons.join("; ")
+        ),
+        rows: vec![],
+    })
+}
