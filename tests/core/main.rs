@@ -12,6 +12,7 @@ mod identification;
 mod kinematics;
 mod measurement;
 mod numeric_solvers;
+mod paper_pins;
 mod partial;
 mod planning;
 mod priors;
