@@ -11,6 +11,7 @@ mod judged;
 mod known;
 mod larger_model;
 mod method;
+mod most_probable;
 mod observe;
 mod orientation;
 mod outcome;

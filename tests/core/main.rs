@@ -4,6 +4,7 @@ mod alignment;
 mod changes;
 mod compensation;
 mod corrections;
+mod estimate;
 mod exchange;
 mod follow_ups;
 mod frames;
