@@ -33,7 +33,7 @@ fn paper() -> (
 
 /// Base, links and target around the same nominal robot.
 fn complete(paper: &SearchSpace) -> SearchSpace {
-    let parameters = complete_parameters(&paper.reference.links, 1);
+    let parameters = complete_parameters(paper.reference.links.len(), 1);
     let scale = parameters.iter().map(prior_scale).collect();
     SearchSpace::raw(paper.reference.clone(), parameters, scale)
 }

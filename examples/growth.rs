@@ -30,7 +30,7 @@ fn main() -> anyhow::Result<()> {
         std::fs::read(set).context("the measurement set")?,
     );
     let (paper, observations) = throughput::problem(&robot, &set)?;
-    let parameters = complete_parameters(&paper.reference.links, 1);
+    let parameters = complete_parameters(paper.reference.links.len(), 1);
     let scale = parameters.iter().map(prior_scale).collect();
     let complete = SearchSpace::raw(paper.reference.clone(), parameters, scale);
     let n_cores = std::thread::available_parallelism()?.get();

@@ -31,7 +31,7 @@ fn spaces(observations: &[Observation]) -> [SearchSpace; 2] {
     let scale = |n: usize| vec![0.01; n];
     let (paper, complete) = (
         paper_parameters(links.len()),
-        complete_parameters(&links, 1),
+        complete_parameters(links.len(), 1),
     );
     let (of_paper, of_complete) = (scale(paper.len()), scale(complete.len()));
     [

@@ -45,7 +45,7 @@ impl<'a> Tool<'a> {
     fn new(robot: &'a Robot) -> Self {
         let tool = Self {
             robot,
-            parameters: complete_parameters(&robot.links, 1),
+            parameters: complete_parameters(robot.links.len(), 1),
             interest: DMatrix::zeros(0, 0),
         };
         let workspace = tool.rows(&random_configurations(robot, 256, 0), 1.0);

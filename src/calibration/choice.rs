@@ -3,7 +3,7 @@
 use crate::calibration::identify::Problem;
 use crate::calibration::request::{Method, Model};
 use crate::identification::KinematicModel;
-use crate::identification::multistart::{BestStart, FOUND_MM, best_start};
+use crate::identification::multistart::{BestStart, best_start};
 use crate::identification::parameters::apply;
 use crate::identification::start::fit_base_and_targets;
 
@@ -70,13 +70,13 @@ fn evidence(best: &BestStart) -> (Method, String) {
         "least squares from nominal ended with half of the points within {:.3} mm{left_out}",
         best.from_nominal_mm
     );
-    if best.from_nominal_mm <= FOUND_MM && best.is_pulled_away {
+    if best.from_nominal_mm <= best.found_mm && best.is_pulled_away {
         return (
             Method::LeastSquares,
             format!("{from_nominal}: from there it converges. Look for wild points"),
         );
     }
-    if best.from_nominal_mm <= FOUND_MM {
+    if best.from_nominal_mm <= best.found_mm {
         return (
             Method::LeastSquares,
             format!(
@@ -93,7 +93,7 @@ fn evidence(best: &BestStart) -> (Method, String) {
             .unwrap_or_default()
     );
     let (n, best_mm) = (best.n_starts, best.best_mm);
-    match (best_mm <= FOUND_MM, n, best.from_remembered_mm) {
+    match (best_mm <= best.found_mm, n, best.from_remembered_mm) {
         (true, 0, _) => (
             Method::LeastSquares,
             format!("{tried}. Check the mastering of the joints"),

@@ -10,13 +10,11 @@ use crate::calibration::{Event, Monitor};
 use crate::identification::KinematicModel;
 use crate::identification::corrected::{CorrectedModel, IdentifiedRobot};
 use crate::identification::corrections::{Evidence, Fitted, Setting, select};
-use crate::identification::fit::fit_least_squares;
 use crate::identification::objective::{Observation, weighted_residuals};
-use crate::identification::parameters::Parameter;
-use crate::identification::start::fit_base_and_targets;
-use crate::kinematics::{MeasuredRegion, Mounting, t_base_flange};
+use crate::identification::start::{fit_base_and_targets, place};
+use crate::kinematics::{MeasuredRegion, Mounting};
 use crate::measurement::Subset;
-use nalgebra::Vector3;
+use nalgebra::{IsometryMatrix3, Vector3};
 
 /// How well gravity is known where nobody says how the robot stands: on a floor, to 2°.
 const USUAL_MOUNTING_STD_RAD: f64 = 2.0 * std::f64::consts::PI / 180.0;
@@ -24,8 +22,6 @@ const USUAL_MOUNTING_STD_RAD: f64 = 2.0 * std::f64::consts::PI / 180.0;
 const MOST_POINTS: usize = 3_000;
 /// Residuals below this are rounding, rms, mm: there is nothing to explain.
 const EXACT_MM: f64 = 1e-3;
-/// Fits of base and targets to another set, each with the corrections where the one before has put the robot; each leaves a thousandth.
-const PLACEMENTS: usize = 3;
 
 /// What was found, in the frame of the delivered robot.
 pub struct Found {
@@ -213,47 +209,22 @@ fn renumbered(labels: impl Iterator<Item = usize>) -> Vec<usize> {
 /// The robot with base and targets fitted anew to other points, for the links alone and with corrections each for itself.
 pub fn placed_anew(robot: &IdentifiedRobot, observations: &[Observation]) -> IdentifiedRobot {
     let n_targets = observations.iter().map(|o| o.target + 1).max().unwrap_or(0);
-    let plain = fit_base_and_targets(&robot.plain.links, observations, n_targets);
-    let corrected = robot
-        .corrected
-        .as_ref()
-        .map(|corrected| placed_corrected(corrected, observations, n_targets));
-    IdentifiedRobot { plain, corrected }
-}
-
-fn placed_corrected(
-    corrected: &CorrectedModel,
-    observations: &[Observation],
-    n_targets: usize,
-) -> CorrectedModel {
-    let mut placed = corrected.clone();
-    placed.model = fit_base_and_targets(&corrected.model.links, observations, n_targets);
-    let parameters: Vec<Parameter> = (0..3)
-        .map(Parameter::BaseTranslation)
-        .chain((0..3).map(Parameter::BaseRotation))
-        .chain(
-            (0..n_targets)
-                .flat_map(|target| (0..3).map(move |axis| Parameter::Target(target, axis))),
-        )
-        .collect();
-    for _ in 0..PLACEMENTS {
-        // measured less what corrections displace is what the links alone would show
-        let straightened = |o: &Observation| {
-            let target = placed.model.targets_mm[o.target];
-            let (rigid, bent) = (
-                t_base_flange(&placed.model.links, &o.q_rad),
-                placed.t_base_flange(&o.q_rad),
-            );
-            let displaced = (bent.rotation.matrix() - rigid.rotation.matrix()) * target
-                + bent.translation.vector
-                - rigid.translation.vector;
-            Observation {
-                position_mm: o.position_mm - placed.model.t_instrument_base.rotation * displaced,
-                ..o.clone()
-            }
+    let with_corrections = |corrected: &CorrectedModel| {
+        let flange = |o: &Observation| corrected.t_base_flange(&o.q_rad);
+        let flanges: Vec<IsometryMatrix3<f64>> = observations.iter().map(flange).collect();
+        let placement = place(&flanges, observations, n_targets);
+        let model = KinematicModel {
+            t_instrument_base: placement.t_instrument_base,
+            links: corrected.model.links.clone(),
+            targets_mm: placement.targets_mm,
         };
-        let straight: Vec<Observation> = observations.iter().map(straightened).collect();
-        placed.model = fit_least_squares(&placed.model, &parameters, &straight).model;
+        CorrectedModel {
+            model,
+            ..corrected.clone()
+        }
+    };
+    IdentifiedRobot {
+        plain: fit_base_and_targets(&robot.plain.links, observations, n_targets),
+        corrected: robot.corrected.as_ref().map(with_corrections),
     }
-    placed
 }

@@ -9,8 +9,8 @@ use crate::calibration::larger_model;
 use crate::calibration::observe::{Observed, observe};
 use crate::calibration::outcome::report;
 use crate::calibration::report::{CalibrationReport, MethodComparison};
-use crate::calibration::request::{CalibrationRequest, Method, Model, Preset};
-use crate::calibration::robust::{PointLoss, robust_fit};
+use crate::calibration::request::{CalibrationRequest, Method, Model};
+use crate::calibration::robust::PointLoss;
 use crate::calibration::screening::{Screening, parameters_of, screen};
 use crate::calibration::settings::{Settings, settings};
 use crate::calibration::swarms::{Start, swarm};
@@ -21,10 +21,10 @@ use crate::identification::parameters::{Parameter, Quantity, quantity_mut};
 use crate::identification::prior_fit::Fitting;
 use crate::identification::search_space::{SearchSpace, decomposition_at};
 use crate::identification::settle::settle;
-use crate::identification::start::fit_base_and_targets;
+use crate::identification::start::{fit_base_and_targets, fit_targets};
 use crate::identification::{KinematicModel, TrainedNetwork, bpnn_pso};
 use crate::kinematics::Link;
-use crate::measurement::Subset;
+use crate::measurement::{Frame, Subset};
 use crate::solvers::{least_squares, pso};
 use std::collections::BTreeSet;
 use std::f64::consts::TAU;
@@ -121,7 +121,7 @@ pub fn calibrate(
         })?;
         found.model = refined.model;
     }
-    if request.preset == Preset::Default && problem.settings.refine {
+    if problem.is_settled() {
         let counting = problem.loss.reweighted(&found.model, &problem.identify);
         found.model = settle(&found.model, &problem.nominal, problem.fitting(), &counting);
     }
@@ -317,7 +317,10 @@ pub fn nominal_model(
                 .filter(|o| o.weight > 0.0)
                 .cloned()
                 .collect();
-            fit_base_and_targets(links, &counting, n_targets)
+            match request.set.frame {
+                Frame::Instrument => fit_base_and_targets(links, &counting, n_targets),
+                Frame::Base => fit_targets(links, &counting, n_targets),
+            }
         }
         Model::Paper => {
             let mut model = KinematicModel::nominal(links, n_targets);
@@ -359,7 +362,8 @@ pub fn quiet<'m>(monitor: &'m mut Monitor<'_>) -> impl FnMut(Event<'_>) -> Contr
     }
 }
 
-/// Levenberg-Marquardt along the directions that the data see; what they do not see stays at `start`. With another loss than squares,
+/// Least squares: the most probable robot of the complete model; in the paper's, Levenberg-Marquardt along the directions that the data see,
+/// and what they do not see stays at `start`. With another loss than squares,
 /// again and again with the weights that it gives. `stop_at_cost_mm2` is the main method's; to refine and to compare, least squares goes on
 /// to its end.
 pub fn least_squares_from(
@@ -377,17 +381,8 @@ pub fn least_squares_from(
         })
     };
     let fit = match problem.loss {
-        PointLoss::Squares => problem
-            .fitting()
-            .run(start, &problem.identify, stop_at, &mut watch),
-        PointLoss::Bounded { .. } => robust_fit(
-            start,
-            problem.fitting(),
-            &problem.identify,
-            &problem.trusted(),
-            problem.loss,
-            &mut watch,
-        ),
+        PointLoss::Squares => problem.fit(start, stop_at, &mut watch),
+        PointLoss::Bounded { .. } => problem.robust_fit(start, &mut watch),
     };
     if fit.termination == least_squares::Termination::Stopped {
         return Err(Error::Cancelled);

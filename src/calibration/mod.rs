@@ -12,6 +12,7 @@ mod judged;
 mod known;
 mod larger_model;
 mod method;
+mod most_probable;
 mod observe;
 mod orientation;
 mod outcome;

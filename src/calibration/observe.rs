@@ -196,7 +196,7 @@ pub fn model_parameters(request: &CalibrationRequest, n_targets: usize) -> Vec<P
     let links = &request.robot.links;
     match request.model() {
         Model::Paper => paper_parameters(links.len()),
-        Model::Complete => complete_parameters(links, n_targets),
+        Model::Complete => complete_parameters(links.len(), n_targets),
     }
 }
 

@@ -180,12 +180,12 @@ pub fn report(
         robot.as_ref(),
     );
     let identifiability = identifiability(problem);
+    let identifiable = problem.identifiable(model);
     let mut fit = verdict::no_fit(&per_point, &request.robot.links).or_else(|| {
-        let unseen: BTreeSet<&str> = identifiability
-            .unidentifiable
-            .iter()
-            .flatten()
-            .map(String::as_str)
+        let named = problem.parameters.iter().zip(&identifiable);
+        let unseen: BTreeSet<String> = named
+            .filter(|(_, is_seen)| !**is_seen)
+            .map(|(parameter, _)| parameter.name())
             .collect();
         joint_counted_otherwise(&model.links, &request.robot.links, &unseen)
     });
@@ -284,7 +284,7 @@ pub fn report(
         identify,
         verify,
         per_point,
-        parameters: parameters(problem, model, uncertainty.as_ref()),
+        parameters: parameters(problem, model, uncertainty.as_ref(), &identifiable),
         tool_uncertainty: tool.filter(|_| uncertainty.is_some()),
         error_model: uncertainty.as_ref().map(ErrorModel::of),
         uncertainty,
@@ -428,9 +428,9 @@ fn parameters(
     problem: &Problem<'_>,
     model: &KinematicModel,
     uncertainty: Option<&Uncertainty>,
+    identifiable: &[bool],
 ) -> Vec<ParameterOutcome> {
-    let identifiable = problem.decomposition.identifiable();
-    let stated = stated(problem, model, uncertainty);
+    let stated = stated(problem, model, uncertainty, identifiable);
     let outcome = |(i, parameter): (usize, &Parameter)| {
         let (nominal, identified) = (
             problem.reported(&problem.nominal, parameter),
@@ -477,16 +477,22 @@ fn stated(
     problem: &Problem<'_>,
     model: &KinematicModel,
     uncertainty: Option<&Uncertainty>,
+    identifiable: &[bool],
 ) -> Vec<bool> {
     let (Some(known), Some(uncertainty)) = (&problem.priors, uncertainty) else {
-        return problem.decomposition.identifiable();
+        return identifiable.to_vec();
     };
     let at_bounds = known.priors.at_bounds(model);
+    let has_prior = |j: usize| known.priors.all.iter().any(|prior| prior.parameter == j);
     let is_free = |j: &usize| at_bounds.iter().all(|(k, _)| k != j);
     let is_known =
         |j: usize| uncertainty.unseen.row(j).amax() < TAKES_PART * problem.decomposition.scale[j];
+    let is_told = |j: usize| match problem.has_own_priors() {
+        true => identifiable[j] || has_prior(j),
+        false => is_known(j),
+    };
     (0..problem.parameters.len())
-        .map(|j| is_free(&j) && is_known(j))
+        .map(|j| is_free(&j) && is_told(j))
         .collect()
 }
 

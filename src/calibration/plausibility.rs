@@ -61,7 +61,7 @@ pub const JOINT_MAP: &str = "joint_map_suspect";
 pub fn joint_counted_otherwise(
     links: &[Link],
     nominal: &[Link],
-    unseen: &BTreeSet<&str>,
+    unseen: &BTreeSet<String>,
 ) -> Option<Warning> {
     let turned = links
         .iter()
@@ -75,9 +75,7 @@ pub fn joint_counted_otherwise(
             .map(|(name, delta_rad)| (format!("{name}_{i}"), within_half_a_turn(delta_rad)))
         });
     let words: Vec<String> = turned
-        .filter(|(name, delta_rad)| {
-            delta_rad.abs() > UNMASTERED_RAD && !unseen.contains(name.as_str())
-        })
+        .filter(|(name, delta_rad)| delta_rad.abs() > UNMASTERED_RAD && !unseen.contains(name))
         .map(|(name, delta_rad)| format!("{name} by {:.1}°", delta_rad.to_degrees()))
         .collect();
     (!words.is_empty()).then(|| Warning {
@@ -196,7 +194,10 @@ mod tests {
         for degrees in [46.0, -90.0, 180.0, -180.0] {
             assert_eq!(told(degrees).unwrap().code, JOINT_MAP, "{degrees}");
         }
-        assert_eq!(told_but(126.0, BTreeSet::from(["theta_offset_1"])), None);
+        assert_eq!(
+            told_but(126.0, BTreeSet::from(["theta_offset_1".into()])),
+            None
+        );
     }
 
     #[test]

@@ -5,7 +5,6 @@ use crate::calibration::screening::{Screening, loss};
 use crate::identification::KinematicModel;
 use crate::identification::fit::SeenFit;
 use crate::identification::objective::{Observation, residuals};
-use crate::identification::prior_fit::Fitting;
 use crate::kinematics::batch::Bound;
 use crate::solvers::least_squares::{Iteration, Termination};
 use crate::solvers::loss::{self as losses, HUBER_K_95, TUKEY_C_95};
@@ -151,21 +150,30 @@ fn lengths(model: &KinematicModel, observations: &[Observation]) -> Vec<f64> {
         .collect()
 }
 
-/// Iteratively reweighted least squares [Holland & Welsch 1977] along the seen directions. An iteration is a reweighting; F, the sum of the
+/// Least squares, of points with any weights.
+pub struct LeastSquares<'a> {
+    /// Fits the points from a start on.
+    pub fit: &'a dyn Fn(&KinematicModel, &[Observation]) -> SeenFit,
+    /// What the request's priors add to F of a model, mm².
+    pub prior_cost_mm2: &'a dyn Fn(&KinematicModel) -> f64,
+}
+
+/// Iteratively reweighted least squares [Holland & Welsch 1977]. An iteration is a reweighting; F, the sum of the
 /// losses, falls with each. A loss that forgets wild points
 /// altogether has many minima: it begins at the fit to the `trusted` points, those that screening found to belong together.
 pub fn robust_fit(
     start: &KinematicModel,
-    fitting: Fitting<'_>,
+    least_squares: &LeastSquares<'_>,
     observations: &[Observation],
     trusted: &[Observation],
     loss: PointLoss,
     monitor: &mut dyn FnMut(Iteration) -> ControlFlow<()>,
 ) -> SeenFit {
     let mut start = start.clone();
-    let n_evaluations = approach(&mut start, fitting, trusted, loss);
-    let cost_of =
-        |model: &KinematicModel| loss.cost(model, observations) + fitting.prior_cost_mm2(model);
+    let n_evaluations = approach(&mut start, least_squares, trusted, loss);
+    let cost_of = |model: &KinematicModel| {
+        loss.cost(model, observations) + (least_squares.prior_cost_mm2)(model)
+    };
     let cost = cost_of(&start);
     let termination = Termination::IterationLimit;
     let mut found = SeenFit {
@@ -189,9 +197,7 @@ pub fn robust_fit(
             };
         }
         let reweighted = loss.reweighted(&found.model, observations);
-        let fit = fitting.run(&found.model, &reweighted, 0.0, &mut |_| {
-            ControlFlow::Continue(())
-        });
+        let fit = (least_squares.fit)(&found.model, &reweighted);
         let after = cost_of(&fit.model);
         found.n_iterations += 1;
         found.n_evaluations += fit.n_evaluations;
@@ -211,7 +217,7 @@ pub fn robust_fit(
 /// brought down to its value step by step. The evaluations that took.
 fn approach(
     start: &mut KinematicModel,
-    fitting: Fitting<'_>,
+    least_squares: &LeastSquares<'_>,
     observations: &[Observation],
     loss: PointLoss,
 ) -> usize {
@@ -219,7 +225,7 @@ fn approach(
         return 0;
     };
     if matches!(loss, losses::Loss::Tukey { .. }) {
-        let fit = fitting.run(start, observations, 0.0, &mut |_| ControlFlow::Continue(()));
+        let fit = (least_squares.fit)(start, observations);
         *start = fit.model;
         return fit.n_evaluations;
     }
@@ -228,7 +234,7 @@ fn approach(
     let (mut at, mut n_evaluations) = (rms, 1);
     while at > SCALE_STEP * scale_mm && at > 0.0 {
         let reweighted = PointLoss::Bounded { loss, scale_mm: at }.reweighted(start, observations);
-        let fit = fitting.run(start, &reweighted, 0.0, &mut |_| ControlFlow::Continue(()));
+        let fit = (least_squares.fit)(start, &reweighted);
         (*start, n_evaluations) = (fit.model, n_evaluations + fit.n_evaluations);
         at /= SCALE_STEP;
     }

@@ -7,12 +7,14 @@
 
 use crate::calibration::alignment::FITS;
 use crate::identification::KinematicModel;
-use crate::identification::fit::fit_least_squares;
+use crate::identification::estimate::estimate;
 use crate::identification::objective::Observation;
 use crate::identification::parameters::complete_parameters;
+use crate::identification::problem::Problem;
 use crate::identification::start::fit_base_and_targets;
 use crate::kinematics::{Link, Robot, t_base_flange};
 use nalgebra::Vector3;
+use std::ops::ControlFlow;
 
 /// A set that is any good misses another session by less than this many times what it missed its own held-out points by: an order of magnitude.
 const FAR: f64 = 10.0;
@@ -132,7 +134,7 @@ pub fn own_scatter_mm(model: &KinematicModel, observations: &[Observation]) -> f
     )
 }
 
-/// The robot with base and targets fitted, and its links where the points are enough; `None` where there are too few points to tell.
+/// The robot with links, base and targets fitted; `None` where there are too few points to tell.
 pub fn fitted_as_well_as_can_be(
     links: &[Link],
     observations: &[Observation],
@@ -143,11 +145,11 @@ pub fn fitted_as_well_as_can_be(
         return None;
     }
     let fitted = fit_base_and_targets(links, observations, n_targets);
-    let parameters = complete_parameters(links, n_targets);
-    if n_equations < EQUATIONS_PER_NUMBER * parameters.len() {
-        return Some(fitted);
-    }
-    Some(fit_least_squares(&fitted, &parameters, observations).model)
+    let parameters = complete_parameters(links.len(), n_targets);
+    let problem = Problem::new(fitted, &parameters, observations);
+    let start = vec![0.0; parameters.len()];
+    let go_on = &mut |_| ControlFlow::Continue(());
+    Some(estimate(&problem, &start, 0.0, go_on).model)
 }
 
 /// rms of normal errors with this median.

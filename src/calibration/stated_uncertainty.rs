@@ -31,7 +31,7 @@ pub fn estimated(problem: &Problem<'_>, model: &KinematicModel) -> Option<Uncert
     let is_held = |parameter: &Parameter| !problem.parameters.contains(parameter);
     let misfit = Misfit {
         gravity: gravity_directions(robot.mounting.as_ref().map(|m| &m.gravity_in_base)),
-        held: complete_parameters(&robot.links, problem.screening.targets.len())
+        held: complete_parameters(robot.links.len(), problem.screening.targets.len())
             .into_iter()
             .filter(is_held)
             .collect(),
@@ -56,7 +56,9 @@ pub fn estimated(problem: &Problem<'_>, model: &KinematicModel) -> Option<Uncert
         .collect();
     let observations: Vec<Observation> = counting.iter().map(|i| points[*i].clone()).collect();
     let clusters: Vec<usize> = counting.iter().map(|i| clusters[*i]).collect();
-    let priors = problem.fitting().priors;
+    let determined = problem.determined(model, &observations);
+    let own = determined.as_ref().map(|determined| &determined.priors);
+    let priors = own.or(problem.fitting().priors);
     let at_bounds = priors.map_or(vec![], |priors| priors.at_bounds(model));
     let mut decomposition = problem.decomposition.clone();
     if !at_bounds.is_empty() {

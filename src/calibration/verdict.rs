@@ -6,7 +6,6 @@ use crate::calibration::plausibility;
 use crate::calibration::report::{CalibrationReport, PointErrors, SubsetErrors, Warning};
 use crate::calibration::request::Method;
 use crate::calibration::session_fit::{HeldOut, SessionFit, reach_mm, session_fit};
-use crate::identification::multistart::FOUND_MM;
 use crate::kinematics::{Link, Robot};
 use crate::measurement::Subset;
 
@@ -107,13 +106,16 @@ impl Verdict {
     }
 }
 
-/// From this median distance on nothing was found, mm: [`FOUND_MM`], but no more than a hundredth of a small arm's reach, and no less than that
+/// See [`no_fit_mm`], mm: ten times what real arms of a metre or two leave.
+const NO_FIT_MM: f64 = 2.0;
+
+/// From this median distance on nothing was found, mm: [`NO_FIT_MM`], but no more than a hundredth of a small arm's reach, and no less than that
 /// share of a large arm's reach that it is of an arm of 2.5 m.
 pub fn no_fit_mm(nominal: &[Link]) -> f64 {
     let reach_mm = reach_mm(nominal);
-    FOUND_MM
+    NO_FIT_MM
         .min(0.01 * reach_mm)
-        .max(FOUND_MM / 2500.0 * reach_mm)
+        .max(NO_FIT_MM / 2500.0 * reach_mm)
 }
 
 /// Told where the identified robot does not fit the points that it was identified from, or those of the same upload that were held out.

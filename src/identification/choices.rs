@@ -11,7 +11,7 @@ use utoipa::ToSchema;
 pub enum Model {
     /// The paper's: four per link, base known, target on the flange axis.
     Paper,
-    /// Base pose, targets, links and beta, redundancy taken out.
+    /// Base pose, targets, and all five numbers of every link; priors settle what positions cannot tell apart.
     Complete,
 }
 

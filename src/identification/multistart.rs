@@ -4,14 +4,15 @@ use crate::identification::KinematicModel;
 use crate::identification::fit::fit_along_seen;
 use crate::identification::objective::{Observation, residuals};
 use crate::identification::parameters::{Parameter, Quantity};
+use crate::identification::problem::reach_mm;
 use crate::identification::start::fit_base_and_targets;
 use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 use std::ops::ControlFlow;
 
-/// Least squares has found the robot if half of the points fit to this, mm: ten times what real arms leave, and far below what another
-/// valley of joint offsets does.
-pub const FOUND_MM: f64 = 2.0;
+/// Least squares has found the robot if half of the points fit to this share of its reach: five times what real arms leave, and far below
+/// what another valley of joint offsets does.
+const FOUND_PER_REACH: f64 = 1e-3;
 /// Starts with other joint offsets at most.
 const STARTS: usize = 40;
 /// Offsets of a start are drawn up to this to both sides, rad (90°).
@@ -39,6 +40,8 @@ pub struct BestStart {
     pub best_mm: f64,
     /// Starts with other offsets that were tried.
     pub n_starts: usize,
+    /// A median residual up to this is a fit, mm.
+    pub found_mm: f64,
 }
 
 /// Runs least squares from nominal; if it ends far from the points, even from those that fit best, then from what is remembered of the robot,
@@ -57,6 +60,7 @@ pub fn best_start(
     } else {
         compared
     };
+    let found_mm = FOUND_PER_REACH * reach_mm(&nominal.links, compared.iter());
     let end = |start: &KinematicModel| {
         let fit = fit_along_seen(start, parameters, scale, &compared, 0.0, &mut |_| {
             ControlFlow::Continue(())
@@ -66,7 +70,7 @@ pub fn best_start(
     // where the robot should be, whatever a few points say
     let concentrated = |mut median: f64, mut model: KinematicModel| {
         for _ in 0..CONCENTRATIONS {
-            if median <= FOUND_MM {
+            if median <= found_mm {
                 break;
             }
             let core = best_fitting(&model, &compared, LEFT_OUT);
@@ -79,7 +83,7 @@ pub fn best_start(
         (median, model)
     };
     let (mut from_nominal_mm, mut best) = end(nominal);
-    let is_pulled_away = from_nominal_mm > FOUND_MM;
+    let is_pulled_away = from_nominal_mm > found_mm;
     if is_pulled_away {
         (from_nominal_mm, best) = concentrated(from_nominal_mm, best);
     }
@@ -90,8 +94,9 @@ pub fn best_start(
         from_remembered_mm: None,
         best_mm: from_nominal_mm,
         n_starts: 0,
+        found_mm,
     };
-    if let Some(start) = remembered.filter(|_| from_nominal_mm > FOUND_MM) {
+    if let Some(start) = remembered.filter(|_| from_nominal_mm > found_mm) {
         let (median, model) = end(start);
         let (median, model) = concentrated(median, model);
         found.from_remembered_mm = Some(median);
@@ -107,7 +112,7 @@ pub fn best_start(
     } else {
         0
     };
-    while found.best_mm > FOUND_MM && found.n_starts < n_starts {
+    while found.best_mm > found_mm && found.n_starts < n_starts {
         found.n_starts += 1;
         // narrow first: most joints are off by little
         let widest = WIDEST_RAD * found.n_starts as f64 / STARTS as f64;

@@ -2,8 +2,8 @@
 
 use crate::identification::KinematicModel;
 use crate::identification::parameters::{Parameter, Quantity, left_jacobian};
-use crate::kinematics::position_jacobian;
-use nalgebra::{DMatrix, DVector, Vector3};
+use crate::kinematics::{PositionJacobian, position_jacobian};
+use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
 /// One measured pose, ready to fit: joint values in the model's convention, position in the measuring frame.
 #[derive(Clone, Debug, PartialEq)]
@@ -65,21 +65,31 @@ pub fn weighted_jacobian(
         let turned = at.base_rotation * left;
         let root = observation.weight.sqrt();
         for (column, parameter) in parameters.iter().enumerate() {
-            let derivative: Vector3<f64> = match *parameter {
-                Parameter::Link(link, Quantity::A) => at.links[link].a,
-                Parameter::Link(link, Quantity::Alpha) => at.links[link].alpha,
-                Parameter::Link(link, Quantity::D) => at.links[link].d,
-                Parameter::Link(link, Quantity::ThetaOffset) => at.links[link].theta_offset,
-                Parameter::Link(link, Quantity::Beta) => at.links[link].beta,
-                Parameter::BaseTranslation(axis) => Vector3::ith(axis, 1.0),
-                Parameter::BaseRotation(axis) => turned.column(axis).into(),
-                Parameter::Target(target, _) if target != observation.target => continue,
-                Parameter::Target(_, axis) => at.target.column(axis).into(),
-            };
+            let derivative = derivative_by(parameter, &at, &turned, observation.target);
             for axis in 0..3 {
                 jacobian[(3 * row + axis, column)] = root * derivative[axis];
             }
         }
     }
     jacobian
+}
+
+/// ∂(predicted position)/∂(parameter) of one pose that sees `target`, mm per mm or rad. `turned` is the derivative by the base's rotation vector.
+pub fn derivative_by(
+    parameter: &Parameter,
+    at: &PositionJacobian,
+    turned: &Matrix3<f64>,
+    target: usize,
+) -> Vector3<f64> {
+    match *parameter {
+        Parameter::Link(link, Quantity::A) => at.links[link].a,
+        Parameter::Link(link, Quantity::Alpha) => at.links[link].alpha,
+        Parameter::Link(link, Quantity::D) => at.links[link].d,
+        Parameter::Link(link, Quantity::ThetaOffset) => at.links[link].theta_offset,
+        Parameter::Link(link, Quantity::Beta) => at.links[link].beta,
+        Parameter::BaseTranslation(axis) => Vector3::ith(axis, 1.0),
+        Parameter::BaseRotation(axis) => turned.column(axis).into(),
+        Parameter::Target(other, _) if other != target => Vector3::zeros(),
+        Parameter::Target(_, axis) => at.target.column(axis).into(),
+    }
 }

@@ -86,51 +86,36 @@ pub fn paper_parameters(n_links: usize) -> Vec<Parameter> {
         .collect()
 }
 
-/// Base pose, links and targets with the redundancy taken out: link 1 stays nominal (the base carries it), theta_offset and d of the
-/// last link stay nominal (the targets carry them), of each group of parallel axes all d but one stay nominal, and links i ≥ 2 whose
-/// axis is parallel to the one before get Hayati's beta (Hayati & Mirmirani 1985; counting as in Everett, Driels & Mooring 1987).
-pub fn complete_parameters(nominal: &[Link], n_targets: usize) -> Vec<Parameter> {
-    let mut parameters: Vec<Parameter> = (0..3)
+/// Base pose and targets.
+pub fn placement_parameters(n_targets: usize) -> Vec<Parameter> {
+    let base = (0..3)
         .map(Parameter::BaseTranslation)
-        .chain((0..3).map(Parameter::BaseRotation))
-        .collect();
-    let last = nominal.len() - 1;
-    for link in 1..nominal.len() {
-        parameters.push(Parameter::Link(link, Quantity::A));
-        parameters.push(Parameter::Link(link, Quantity::Alpha));
-        if link != last && d_is_free(nominal, link) {
-            parameters.push(Parameter::Link(link, Quantity::D));
-        }
-        if link != last {
-            parameters.push(Parameter::Link(link, Quantity::ThetaOffset));
-        }
-        if is_parallel(&nominal[link]) {
-            parameters.push(Parameter::Link(link, Quantity::Beta));
-        }
-    }
-    parameters.extend(
-        (0..n_targets).flat_map(|target| (0..3).map(move |axis| Parameter::Target(target, axis))),
-    );
-    parameters
+        .chain((0..3).map(Parameter::BaseRotation));
+    let of_target = |target| (0..3).map(move |axis| Parameter::Target(target, axis));
+    base.chain((0..n_targets).flat_map(of_target)).collect()
+}
+
+/// Base pose, all five numbers of every link, and targets. Positions cannot tell all of them apart: what they leave open is settled by the
+/// priors of the numbers.
+pub fn complete_parameters(n_links: usize, n_targets: usize) -> Vec<Parameter> {
+    let quantities = [
+        Quantity::A,
+        Quantity::Alpha,
+        Quantity::D,
+        Quantity::ThetaOffset,
+        Quantity::Beta,
+    ];
+    let (base, targets): (Vec<_>, Vec<_>) = placement_parameters(n_targets)
+        .into_iter()
+        .partition(|p| !matches!(p, Parameter::Target(..)));
+    let links =
+        (0..n_links).flat_map(|link| quantities.map(|quantity| Parameter::Link(link, quantity)));
+    base.into_iter().chain(links).chain(targets).collect()
 }
 
 /// True if the link's axis counts as parallel (or antiparallel) to the one before.
 pub fn is_parallel(link: &Link) -> bool {
     libm::sin(link.alpha_rad).abs() < PARALLEL_SINE
-}
-
-/// d of a link is free if its group of parallel axes holds no end of the chain (whose d the base or a target carries) and it is the
-/// group's first.
-fn d_is_free(nominal: &[Link], link: usize) -> bool {
-    let mut first = link;
-    while first > 0 && is_parallel(&nominal[first]) {
-        first -= 1;
-    }
-    let mut last = link;
-    while last + 1 < nominal.len() && is_parallel(&nominal[last + 1]) {
-        last += 1;
-    }
-    first != 0 && last != nominal.len() - 1 && first == link
 }
 
 /// The reference with each parameter moved by its deviation.

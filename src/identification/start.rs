@@ -1,11 +1,14 @@
 //! Base pose and targets from nominal kinematics, with no starting guess from the user.
 
 use crate::identification::KinematicModel;
-use crate::identification::fit::fit_least_squares;
-use crate::identification::objective::{Observation, cost};
-use crate::identification::parameters::Parameter;
+use crate::identification::objective::Observation;
+use crate::identification::problem::{Placement, Problem};
 use crate::kinematics::{Link, t_base_flange};
-use nalgebra::{DMatrix, DVector, IsometryMatrix3, Matrix3, Rotation3, Translation3, Vector3};
+use crate::solvers::least_squares::{Options, minimize};
+use nalgebra::{
+    DMatrix, DVector, IsometryMatrix3, Matrix3, Point3, Rotation3, Translation3, Vector3,
+};
+use std::ops::ControlFlow;
 
 /// Observations of each target that the closed form takes at most; the least-squares fit after it takes all.
 const START_OBSERVATIONS: usize = 200;
@@ -13,9 +16,6 @@ const START_OBSERVATIONS: usize = 200;
 const SVD_ITERATIONS: usize = 10_000;
 
 /// Base pose and target offsets that fit `observations` best with the links held.
-///
-/// Starts from a closed form (linear in the rotation's entries, then projected onto the rotations), from Kabsch's fit with the targets
-/// at the flange, and from the 24 rotations of the cube; each is polished by least squares, and the lowest cost wins.
 pub fn fit_base_and_targets(
     links: &[Link],
     observations: &[Observation],
@@ -25,18 +25,48 @@ pub fn fit_base_and_targets(
         .iter()
         .map(|o| t_base_flange(links, &o.q_rad))
         .collect();
-    let parameters: Vec<Parameter> = (0..3)
-        .map(Parameter::BaseTranslation)
-        .chain((0..3).map(Parameter::BaseRotation))
-        .chain(
-            (0..n_targets)
-                .flat_map(|target| (0..3).map(move |axis| Parameter::Target(target, axis))),
-        )
-        .collect();
+    let placement = place(&flanges, observations, n_targets);
+    KinematicModel {
+        t_instrument_base: placement.t_instrument_base,
+        links: links.to_vec(),
+        targets_mm: placement.targets_mm,
+    }
+}
+
+/// Target offsets that fit `observations` best with the links held and the base where the points are measured from: the mean of where
+/// each point is in the flange frame. A target without points is at the flange.
+pub fn fit_targets(
+    links: &[Link],
+    observations: &[Observation],
+    n_targets: usize,
+) -> KinematicModel {
+    let mut model = KinematicModel::nominal(links, n_targets);
+    let mut weights = vec![0.0; n_targets];
+    for o in observations {
+        let in_flange = t_base_flange(links, &o.q_rad).inverse() * Point3::from(o.position_mm);
+        model.targets_mm[o.target] += in_flange.coords * o.weight;
+        weights[o.target] += o.weight;
+    }
+    for (target, weight) in model.targets_mm.iter_mut().zip(weights) {
+        if weight > 0.0 {
+            *target /= weight;
+        }
+    }
+    model
+}
+
+/// Base pose and target offsets that fit `observations` best (least squares), of a robot whose flange is known in its base frame at each of them.
+///
+/// Starts from a closed form (linear in the rotation's entries, then projected onto the rotations), from Kabsch's fit with the targets
+/// at the flange, and from the 24 rotations of the cube; each is polished by least squares, and the lowest cost wins.
+pub fn place(
+    flanges: &[IsometryMatrix3<f64>],
+    observations: &[Observation],
+    n_targets: usize,
+) -> Placement {
     let polish = |rotation: Rotation3<f64>| {
-        let start = with_rotation(links, observations, &flanges, n_targets, rotation);
-        let fitted = fit_least_squares(&start, &parameters, observations).model;
-        (cost(&fitted, observations), fitted)
+        let start = with_rotation(observations, flanges, n_targets, rotation);
+        polished(start, flanges, observations)
     };
     let best = |candidates: Vec<Rotation3<f64>>| {
         candidates
@@ -44,27 +74,64 @@ pub fn fit_base_and_targets(
             .map(polish)
             .min_by(|a, b| a.0.total_cmp(&b.0))
     };
-    let (few, few_flanges) = thinned(observations, &flanges, n_targets);
+    let (few, few_flanges) = thinned(observations, flanges, n_targets);
     let direct = [
         linear_rotation(&few, &few_flanges, n_targets),
-        Some(kabsch_rotation(observations, &flanges)),
+        Some(kabsch_rotation(observations, flanges)),
     ];
     let first = best(direct.into_iter().flatten().collect());
-    let rms = |cost: f64| (cost / observations.len() as f64).sqrt();
-    match first {
-        Some((cost, model)) if rms(cost) <= GOOD_START_RMS_MM => model,
+    let found = match first {
+        Some((cost_mm2, placement)) if is_good(cost_mm2, observations) => Some(placement),
         first => {
             let cube = best(cube_rotations());
-            let lower = first
-                .into_iter()
-                .chain(cube)
-                .min_by(|a, b| a.0.total_cmp(&b.0));
-            lower.map_or_else(
-                || KinematicModel::nominal(links, n_targets),
-                |(_, model)| model,
-            )
+            let both = first.into_iter().chain(cube);
+            both.min_by(|a, b| a.0.total_cmp(&b.0))
+                .map(|(_, placement)| placement)
         }
-    }
+    };
+    found.unwrap_or_else(|| Placement {
+        t_instrument_base: IsometryMatrix3::identity(),
+        targets_mm: vec![Vector3::zeros(); n_targets],
+    })
+}
+
+/// Least squares of a placement, and what it leaves, mm².
+fn polished(
+    start: Placement,
+    flanges: &[IsometryMatrix3<f64>],
+    observations: &[Observation],
+) -> (f64, Placement) {
+    let problem = Problem::of_placement(start, flanges, observations);
+    let mut rows =
+        |x: &[f64], residuals: &mut DVector<f64>, jacobian: Option<&mut DMatrix<f64>>| {
+            problem.evaluate(x, residuals.as_mut_slice(), jacobian);
+        };
+    let x0 = vec![0.0; problem.variables.len()];
+    let (n_rows, options) = (problem.n_rows(), Options::default());
+    let fit = minimize(&mut rows, n_rows, &x0, &options, &mut |_| {
+        ControlFlow::Continue(())
+    });
+    let model = problem.model(&fit.x);
+    let placement = Placement {
+        t_instrument_base: model.t_instrument_base,
+        targets_mm: model.targets_mm,
+    };
+    (fit.cost, placement)
+}
+
+/// Whether a placement leaves so little, compared with how far apart the points are, that it cannot be a wrong one.
+fn is_good(cost_mm2: f64, observations: &[Observation]) -> bool {
+    let n = observations.len().max(1) as f64;
+    let centre = observations
+        .iter()
+        .map(|o| o.position_mm)
+        .sum::<Vector3<f64>>()
+        / n;
+    let spread_mm2: f64 = observations
+        .iter()
+        .map(|o| o.weight * (o.position_mm - centre).norm_squared())
+        .sum();
+    cost_mm2 <= GOOD * GOOD * spread_mm2
 }
 
 /// Base pose and targets in closed form, without polish: good to some millimetres where the data are right. With `is_base_known` the base
@@ -84,13 +151,15 @@ pub fn align_in_closed_form(
     } else {
         linear_rotation(observations, &flanges, n_targets)?
     };
-    Some(with_rotation(
-        links,
-        observations,
-        &flanges,
-        n_targets,
-        rotation,
-    ))
+    let Placement {
+        t_instrument_base,
+        targets_mm,
+    } = with_rotation(observations, &flanges, n_targets, rotation);
+    Some(KinematicModel {
+        t_instrument_base,
+        links: links.to_vec(),
+        targets_mm,
+    })
 }
 
 /// What base and target share, along axes that are all parallel, goes to the base: it counts so many times less than a target's offset. Were it
@@ -99,18 +168,17 @@ const BASE_FIRST: f64 = 100.0;
 /// Share of the largest singular value below which there is nothing but rounding.
 const SEEN: f64 = 1e-9;
 
-/// Nominal kinematics fit real robots to some millimetres, with an unmastered joint to some tens; above this a closed form may have
-/// landed in the wrong valley, and the cube's rotations are tried as well.
-const GOOD_START_RMS_MM: f64 = 20.0;
+/// Nominal kinematics leave less than a hundredth of the points' spread, even with a joint that was not mastered. Where a closed form
+/// leaves more, it may be a wrong one, and the cube's rotations are tried as well.
+const GOOD: f64 = 0.01;
 
 /// With the rotation given, base translation and targets are linear: measured = R·A + R·B·target + t.
 fn with_rotation(
-    links: &[Link],
     observations: &[Observation],
     flanges: &[IsometryMatrix3<f64>],
     n_targets: usize,
     rotation: Rotation3<f64>,
-) -> KinematicModel {
+) -> Placement {
     let unknowns = 3 + 3 * n_targets;
     let mut normal = DMatrix::<f64>::zeros(unknowns, unknowns);
     let mut right = DVector::<f64>::zeros(unknowns);
@@ -143,8 +211,7 @@ fn with_rotation(
         });
     let x = solved.unwrap_or_else(|| DVector::zeros(unknowns));
     let vector = |at: usize| Vector3::new(x[at], x[at + 1], x[at + 2]);
-    KinematicModel {
-        links: links.to_vec(),
+    Placement {
         t_instrument_base: IsometryMatrix3::from_parts(
             Translation3::from(vector(0) * BASE_FIRST),
             rotation,

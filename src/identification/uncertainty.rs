@@ -96,7 +96,17 @@ impl Estimator {
             .into_iter()
             .filter(|(j, _)| decomposition.scale[*j] > 0.0)
             .collect();
-        let (directions, unknown) = decomposition.directions_with_priors(&stds);
+        let free: Vec<usize> = (0..decomposition.scale.len())
+            .filter(|j| decomposition.scale[*j] > 0.0)
+            .collect();
+        // with a prior of every parameter, none is unknown
+        let (directions, unknown) = if stds.len() == free.len() {
+            let p = decomposition.scale.len();
+            let all = DMatrix::from_diagonal(&DVector::from_column_slice(&decomposition.scale));
+            (all.select_columns(&free), DMatrix::zeros(p, 0))
+        } else {
+            decomposition.directions_with_priors(&stds)
+        };
         let n = jacobian.nrows();
         let mut rows = (jacobian * &directions).resize_vertically(n + stds.len(), 0.0);
         for (k, (j, std)) in stds.iter().enumerate() {

@@ -55,10 +55,24 @@ pub fn position_jacobian(
         .enumerate()
         .map(|(i, link)| link_columns(link, &chain[i], &chain[i + 1], &p))
         .collect();
+    PositionJacobian {
+        links: columns,
+        ..placement_jacobian(t_instrument_base, &flange, p_flange_target_mm)
+    }
+}
+
+/// As [`position_jacobian`], of a robot whose flange is known in the measuring frame: there are no links to derive by.
+pub fn placement_jacobian(
+    t_instrument_base: &IsometryMatrix3<f64>,
+    t_instrument_flange: &IsometryMatrix3<f64>,
+    p_flange_target_mm: &Vector3<f64>,
+) -> PositionJacobian {
+    let flange = t_instrument_flange;
+    let p = flange.rotation * p_flange_target_mm + flange.translation.vector;
     let lever = p - t_instrument_base.translation.vector;
     PositionJacobian {
         position_mm: p,
-        links: columns,
+        links: vec![],
         base_rotation: -lever.cross_matrix(),
         target: *flange.rotation.matrix(),
     }

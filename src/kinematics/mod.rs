@@ -12,6 +12,6 @@ pub mod rotation;
 
 pub use corrections::{Compliance, Corrections, Harmonic, Payload, ResidualNetwork};
 pub use forward::{forward_kinematics, t_base_flange};
-pub use jacobian::{PositionJacobian, position_jacobian};
+pub use jacobian::{PositionJacobian, placement_jacobian, position_jacobian};
 pub use model::{JointMap, Link, Mounting, Robot};
 pub use region::MeasuredRegion;

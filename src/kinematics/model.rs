@@ -5,7 +5,7 @@ use nalgebra::{DMatrix, Vector3};
 /// Most links a robot may have; more than any industrial arm on a track with a wrist extension.
 pub const MAX_LINKS: usize = 12;
 
-/// One link in modified Denavit-Hartenberg form (Craig), with Hayati's extra angle beta for parallel axes:
+/// One link in modified Denavit-Hartenberg form (Craig), with Hayati's second tilt beta:
 /// `T_{i-1,i} = Rx(alpha) · Dx(a) · Ry(beta) · Rz(q + theta_offset) · Dz(d)`. With beta 0 it is [Gao 2018, eq. 3].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Link {
@@ -17,7 +17,7 @@ pub struct Link {
     pub d_mm: f64,
     /// Offset added to the joint value q_i, rad.
     pub theta_offset_rad: f64,
-    /// Hayati's angle about y after the shift by a, rad; 0 unless axes i-1 and i are nearly parallel.
+    /// Second tilt of the axis: the angle about y after the shift by a, rad; nominally 0.
     pub beta_rad: f64,
 }
 

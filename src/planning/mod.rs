@@ -149,7 +149,7 @@ pub fn plan(request: &PlanRequest<'_>) -> Result<Plan, TooLittleRoom> {
 fn parameters(robot: &Robot, model: Model, n_targets: usize) -> Vec<Parameter> {
     match model {
         Model::Paper => paper_parameters(robot.links.len()),
-        Model::Complete => complete_parameters(&robot.links, n_targets),
+        Model::Complete => complete_parameters(robot.links.len(), n_targets),
     }
 }
 

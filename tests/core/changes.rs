@@ -132,6 +132,12 @@ fn an_arm_whose_axes_are_all_parallel_has_not_changed_either_and_a_change_of_it_
         let (first, second) = of_the_parallel_arm(seed, |_| ());
         let changes = compared(&parallel_arm(), &first, &second);
         alarms += usize::from(changes.kind.is_some());
+        if changes.kind.is_some() {
+            println!(
+                "robot {seed}: {:.1} over {} combinations, {:?}",
+                changes.chi_square, changes.n_combinations, changes.all
+            );
+        }
         // A combination that neither session determines has no size.
         assert!(
             changes

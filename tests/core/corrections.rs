@@ -63,7 +63,7 @@ fn derivatives_equal_central_differences() {
         std_rad: 0.035,
     };
     let model = true_robot(&nominal, 2, &mut random);
-    let (terms, parameters) = (every_term(6), complete_parameters(&nominal.links, 2));
+    let (terms, parameters) = (every_term(6), complete_parameters(nominal.links.len(), 2));
     let values: Vec<f64> = terms
         .iter()
         .map(|t| random.draw() * t.prior(&mounting))

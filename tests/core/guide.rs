@@ -252,7 +252,7 @@ fn auto_starts_from_what_the_robots_network_remembers_where_nominal_is_too_far_o
             n_far += 1;
             assert!(
                 with.method_reason
-                    .contains("from what the robot's network remembers, within 0.0"),
+                    .contains("from what the robot's network remembers, within 0."),
                 "{}",
                 with.method_reason
             );

@@ -36,7 +36,7 @@ fn model_of(robot: &Robot, target_mm: Vector3<f64>) -> KinematicModel {
 
 /// Mean standard deviation of the tool over configurations that the plan did not use: the textbook formula with a plain inverse.
 fn mean_std_mm(request: &PlanRequest<'_>, chosen: &[Vec<f64>]) -> f64 {
-    let parameters = complete_parameters(&request.robot.links, 1);
+    let parameters = complete_parameters(request.robot.links.len(), 1);
     let model = model_of(request.robot, request.target_mm);
     let rows = |q: &[Vec<f64>]| {
         let observation = |q: &Vec<f64>| Observation {

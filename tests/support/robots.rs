@@ -104,7 +104,7 @@ pub struct Tolerances {
 
 /// A set measured on a robot of this make.
 pub fn measured(nominal: &Robot, making: &Tolerances, random: &mut Normal) -> MeasurementSet {
-    let parameters: Vec<Parameter> = complete_parameters(&nominal.links, 1)
+    let parameters: Vec<Parameter> = complete_parameters(nominal.links.len(), 1)
         .into_iter()
         .filter(Parameter::is_link)
         .collect();

@@ -1,10 +1,12 @@
-//! Simulated robots: random errors of exactly the parameters of the complete model, random poses, normal noise, and sag, which no model of kincal
-//! has as a parameter.
+//! Simulated robots: random errors of every number of every link, random poses, normal noise, and sag that no model here
+//! knows of.
 
 #![allow(dead_code)] // each user takes its part
 
 use kincal::identification::KinematicModel;
-use kincal::identification::parameters::{Parameter, apply, complete_parameters};
+use kincal::identification::parameters::{
+    Parameter, Quantity, apply, complete_parameters, is_parallel,
+};
 use kincal::kinematics::Robot;
 use kincal::kinematics::forward::t_previous_link;
 use kincal::measurement::{Frame, MeasurementSet, Point, Subset};
@@ -64,24 +66,77 @@ impl Campaign {
     };
 }
 
-/// A true robot: errors of 0.3 mm and 0.05° (one standard deviation) in every link parameter of the complete model, a random placement in the
-/// room, and targets off the flange's axis.
+/// A robot as it truly is: errors of 0.3 mm and 0.05° (one standard deviation) in every number of every link, somewhere
+/// in the room, with targets off the flange's axis.
 pub fn true_robot(nominal: &Robot, n_targets: usize, random: &mut Normal) -> KinematicModel {
-    let parameters: Vec<Parameter> = complete_parameters(&nominal.links, n_targets)
-        .into_iter()
-        .filter(Parameter::is_link)
-        .collect();
-    let errors: Vec<f64> = parameters
+    robot_with_errors(nominal, n_targets, random, Parameter::is_link, workshop_std)
+}
+
+/// As [`true_robot`], with errors only where neither the base nor a target nor another number says the same: its base is the one of its
+/// axes, and its flange that of its last axis (`compensation::anchor`).
+pub fn anchored_robot(nominal: &Robot, n_targets: usize, random: &mut Normal) -> KinematicModel {
+    let links = &nominal.links;
+    let last = links.len() - 1;
+    let is_parallel = |link: usize| is_parallel(&links[link]);
+    // d of parallel axes slides: one of them is free, and none where they hold the first or the last axis
+    let has_own_d = |link: usize| {
+        let first = (1..=link).rev().take_while(|i| is_parallel(*i)).last();
+        let end = (link + 1..links.len())
+            .take_while(|i| is_parallel(*i))
+            .last();
+        first.is_none() && end != Some(last)
+    };
+    let is_own = |p: &Parameter| match *p {
+        Parameter::Link(0, _) => false,
+        Parameter::Link(_, Quantity::A | Quantity::Alpha) => true,
+        Parameter::Link(link, Quantity::D) => link != last && has_own_d(link),
+        Parameter::Link(link, Quantity::ThetaOffset) => link != last,
+        Parameter::Link(link, Quantity::Beta) => is_parallel(link),
+        _ => false,
+    };
+    robot_with_errors(nominal, n_targets, random, is_own, workshop_std)
+}
+
+fn workshop_std(parameter: &Parameter) -> f64 {
+    if parameter.is_angle() {
+        0.05f64.to_radians()
+    } else {
+        0.3
+    }
+}
+
+/// As [`true_robot`], with errors that are what the priors of the complete model say: 0.5 mm per 1.7 m of reach, 0.05° between axes, 0.3° of
+/// joint offsets.
+pub fn robot_of_the_priors(
+    nominal: &Robot,
+    n_targets: usize,
+    random: &mut Normal,
+) -> KinematicModel {
+    let reach_mm: f64 = nominal
+        .links
         .iter()
-        .map(|p| {
-            random.draw()
-                * if p.is_angle() {
-                    0.05f64.to_radians()
-                } else {
-                    0.3
-                }
-        })
+        .map(|l| l.a_mm.abs() + l.d_mm.abs())
+        .sum();
+    let std = |p: &Parameter| match p {
+        Parameter::Link(_, Quantity::ThetaOffset) => 0.3f64.to_radians(),
+        p if p.is_angle() => 0.05f64.to_radians(),
+        _ => 0.5 / 1700.0 * reach_mm,
+    };
+    robot_with_errors(nominal, n_targets, random, Parameter::is_link, std)
+}
+
+fn robot_with_errors(
+    nominal: &Robot,
+    n_targets: usize,
+    random: &mut Normal,
+    is_off: impl Fn(&Parameter) -> bool,
+    std: impl Fn(&Parameter) -> f64,
+) -> KinematicModel {
+    let parameters: Vec<Parameter> = complete_parameters(nominal.links.len(), n_targets)
+        .into_iter()
+        .filter(is_off)
         .collect();
+    let errors: Vec<f64> = parameters.iter().map(|p| random.draw() * std(p)).collect();
     let mut truth = apply(
         &KinematicModel::nominal(&nominal.links, n_targets),
         &parameters,
@@ -223,7 +278,7 @@ pub fn intervals_held(
     truth: &KinematicModel,
     report: &kincal::calibration::CalibrationReport,
 ) -> (usize, usize) {
-    let parameters = complete_parameters(&nominal.links, truth.targets_mm.len());
+    let parameters = complete_parameters(nominal.links.len(), truth.targets_mm.len());
     let mut counts = (0, 0);
     for parameter in &parameters {
         let stated = report
@@ -260,7 +315,7 @@ pub fn tool_intervals_held(
         return (0, 0);
     };
     let (parameters, found) = (
-        complete_parameters(&nominal.links, truth.targets_mm.len()),
+        complete_parameters(nominal.links.len(), truth.targets_mm.len()),
         found(report),
     );
     let held = |q: &Vec<f64>| {

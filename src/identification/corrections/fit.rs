@@ -9,7 +9,6 @@ use super::{Term, corrections_at};
 use crate::identification::KinematicModel;
 use crate::identification::objective::Observation;
 use crate::identification::parameters::{Parameter, apply, deviation_from};
-use crate::identification::search_space::decomposition_at;
 use crate::identification::settle::prior_widths;
 use crate::kinematics::{Corrections, Mounting, Payload};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
@@ -50,13 +49,13 @@ pub struct Fitted {
 pub struct Linear {
     /// 3·N, weighted.
     pub residuals: DVector<f64>,
-    /// 3·N × m: the combinations of links, base and targets that the data see, then the terms, each in units of its prior.
+    /// 3·N × m: links, base and targets in units of their scales, then the terms in units of their priors.
     pub columns: DMatrix<f64>,
     /// Λ, m × m: Σ (x/S)² = (x − pulled)ᵀ·Λ·(x − pulled) up to a constant.
     pub prior: DMatrix<f64>,
     /// Λ·pulled, m.
     pub pull: DVector<f64>,
-    /// p × seen.
+    /// p × p, the scales.
     directions: DMatrix<f64>,
 }
 
@@ -73,15 +72,10 @@ impl Setting<'_> {
         corrections
     }
 
-    /// The linear problem at a fit, along the combinations that the data see there.
+    /// The linear problem at a fit. Every parameter is free: what the points cannot tell apart is settled by the priors of the links, so that base
+    /// and targets take up what they can, and not by how long the combinations of parameters are.
     pub fn linear(&self, at: &Fitted) -> Linear {
-        let directions =
-            decomposition_at(&at.model, self.parameters, self.scale, self.observations)
-                .seen_directions();
-        self.linear_along(at, directions)
-    }
-
-    fn linear_along(&self, at: &Fitted, directions: DMatrix<f64>) -> Linear {
+        let directions = DMatrix::from_diagonal(&DVector::from_column_slice(self.scale));
         let corrections = self.corrections(at);
         let unknowns = (self.parameters, at.terms.as_slice());
         let (residuals, by_parameter, mut by_term) = linearise(
@@ -167,15 +161,8 @@ pub fn fit(setting: &Setting<'_>, start: &Fitted, terms: &[Term]) -> Option<Fitt
         values: terms.iter().map(known).collect(),
         ..start.clone()
     };
-    let directions = decomposition_at(
-        &at.model,
-        setting.parameters,
-        setting.scale,
-        setting.observations,
-    )
-    .seen_directions();
     for _ in 0..STEPS {
-        let linear = setting.linear_along(&at, directions.clone());
+        let linear = setting.linear(&at);
         let normal = linear.columns.tr_mul(&linear.columns);
         let right = linear.columns.tr_mul(&linear.residuals);
         let (x, cholesky) = linear.solved(normal, right, at.variance)?;

@@ -30,7 +30,7 @@ fn random_case(seed: u64, n_links: usize, moved: (f64, f64)) -> Case {
     let mut reference = random_model(&mut random, n_links, n_targets);
     let parameters = match seed % 3 {
         0 => all_parameters(n_links, n_targets),
-        1 => complete_parameters(&reference.links, n_targets),
+        1 => complete_parameters(reference.links.len(), n_targets),
         _ => {
             reference.t_instrument_base = IsometryMatrix3::identity();
             reference

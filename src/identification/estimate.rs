@@ -1,0 +1,184 @@
+//! The most probable variables of a problem, given its rows and its priors (maximum a posteriori).
+//!
+//! Rows over the noise σ and coordinates over the widths of their priors are one least-squares problem. Nothing is cut off by rank and nothing is held:
+//! what the rows cannot tell apart, the priors settle. σ and the widths are found with it ([`crate::identification::evidence`]): least squares and
+//! noise take turns until neither changes.
+
+use crate::identification::KinematicModel;
+use crate::identification::evidence::{Evidence, Posterior, Triangle};
+use crate::identification::fit::SeenFit;
+use crate::identification::problem::Problem;
+use crate::solvers::least_squares::{Iteration, Options, Termination, minimize};
+use nalgebra::{DMatrix, DVector};
+use std::ops::ControlFlow;
+
+/// σ begins at this share of the reach, far below the noise of any robot.
+const FIRST_SIGMA: f64 = 1e-6;
+/// σ is at least this share of the reach: a picometre on an arm of a metre, the last digit of any file.
+const LEAST_SIGMA: f64 = 1e-12;
+/// Rounds of least squares and noise at most.
+const ROUNDS: usize = 15;
+/// Relative change of σ and widths that ends them.
+const FOUND: f64 = 1e-3;
+/// Least squares of a round ends where a step gains less than this share of the sum of squares: a thousandth of a standard deviation.
+const SMALLEST_GAIN: f64 = 1e-10;
+/// ... or is shorter than this share of the coordinates.
+const SMALLEST_STEP: f64 = 1e-10;
+
+/// What was found.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Estimate {
+    /// The most probable model.
+    pub model: KinematicModel,
+    /// Its coordinates.
+    pub x: Vec<f64>,
+    /// Noise and widths.
+    pub evidence: Evidence,
+    /// The linear problem there.
+    pub posterior: Posterior,
+    /// Sum of squares of rows and priors (those times σ²) at the start and after each step of least squares, the smallest so far, mm².
+    pub convergence_mm2: Vec<f64>,
+    /// Evaluations of the residuals.
+    pub n_evaluations: usize,
+    /// Why the last round ended.
+    pub termination: Termination,
+}
+
+impl Estimate {
+    /// Before the first round: noise and widths as given.
+    fn before(problem: &Problem<'_>, start: &[f64], evidence: Evidence) -> Self {
+        Self {
+            model: problem.model(start),
+            x: start.to_vec(),
+            posterior: Triangle::at(problem, start).solve(start, &evidence),
+            evidence,
+            convergence_mm2: vec![],
+            n_evaluations: 0,
+            termination: Termination::IterationLimit,
+        }
+    }
+
+    /// As the end of a fit.
+    pub fn into_fit(self) -> SeenFit {
+        SeenFit {
+            model: self.model,
+            n_iterations: self.convergence_mm2.len().saturating_sub(1),
+            n_evaluations: self.n_evaluations,
+            convergence: self.convergence_mm2,
+            termination: self.termination,
+        }
+    }
+}
+
+/// The estimate, from `start` on (coordinates), or the first that leaves no more than `stop_at_mm2`. The monitor is told sums of squares, mm².
+pub fn estimate(
+    problem: &Problem<'_>,
+    start: &[f64],
+    stop_at_mm2: f64,
+    monitor: &mut dyn FnMut(Iteration) -> ControlFlow<()>,
+) -> Estimate {
+    let least_sigma_mm = LEAST_SIGMA * problem.reach_mm;
+    let evidence = Evidence::first(problem, FIRST_SIGMA * problem.reach_mm);
+    let mut found = Estimate::before(problem, start, evidence);
+    for _ in 0..ROUNDS {
+        descend(problem, &mut found, stop_at_mm2, monitor);
+        let triangle = Triangle::at(problem, &found.x);
+        let before = found.evidence.clone();
+        found.evidence = triangle.evidence(problem, &found.x, before.clone(), least_sigma_mm);
+        found.posterior = triangle.solve(&found.x, &found.evidence);
+        let is_over = matches!(
+            found.termination,
+            Termination::Stopped | Termination::CostReached
+        );
+        if is_over || found.evidence.is_near(&before, FOUND) {
+            break;
+        }
+    }
+    found
+}
+
+/// The most probable model with noise and widths as they are, from `start` on.
+pub fn most_probable(
+    problem: &Problem<'_>,
+    start: &KinematicModel,
+    evidence: &Evidence,
+) -> SeenFit {
+    let start = problem.coordinates(start);
+    let mut found = Estimate::before(problem, &start, evidence.clone());
+    descend(problem, &mut found, 0.0, &mut |_| ControlFlow::Continue(()));
+    found.into_fit()
+}
+
+/// What the priors add to the sum of squares of a model, mm²: σ²·Σ (x_j/w_j)².
+pub fn prior_cost_mm2(problem: &Problem<'_>, model: &KinematicModel, evidence: &Evidence) -> f64 {
+    let x = problem.coordinates(model);
+    let away = |j: usize| (x[j] - problem.expected(j)) / evidence.widths[j];
+    let squares: f64 = (0..x.len()).map(|j| away(j) * away(j)).sum();
+    evidence.sigma_mm * evidence.sigma_mm * squares
+}
+
+/// Noise, widths and posterior of the linear problem at a model, wherever the model comes from.
+pub fn evidence_at(problem: &Problem<'_>, model: &KinematicModel) -> (Evidence, Posterior) {
+    let x = problem.coordinates(model);
+    let triangle = Triangle::at(problem, &x);
+    let first = Evidence::first(problem, FIRST_SIGMA * problem.reach_mm);
+    let least_sigma_mm = LEAST_SIGMA * problem.reach_mm;
+    let evidence = triangle.evidence(problem, &x, first, least_sigma_mm);
+    let posterior = triangle.solve(&x, &evidence);
+    (evidence, posterior)
+}
+
+/// Least squares of rows and priors from what was found on, with noise and widths as they are.
+fn descend(
+    problem: &Problem<'_>,
+    found: &mut Estimate,
+    stop_at_mm2: f64,
+    monitor: &mut dyn FnMut(Iteration) -> ControlFlow<()>,
+) {
+    let (n_rows, widths) = (problem.n_rows(), &found.evidence.widths);
+    let sigma_mm = found.evidence.sigma_mm;
+    let mut rows =
+        |x: &[f64], residuals: &mut DVector<f64>, mut jacobian: Option<&mut DMatrix<f64>>| {
+            problem.evaluate(x, residuals.as_mut_slice(), jacobian.as_deref_mut());
+            residuals.rows_mut(0, n_rows).scale_mut(1.0 / sigma_mm);
+            for (j, width) in widths.iter().enumerate() {
+                residuals[n_rows + j] = (x[j] - problem.expected(j)) / width;
+            }
+            if let Some(jacobian) = jacobian {
+                jacobian.rows_mut(0, n_rows).scale_mut(1.0 / sigma_mm);
+                jacobian.rows_mut(n_rows, widths.len()).fill(0.0);
+                for (j, width) in widths.iter().enumerate() {
+                    jacobian[(n_rows + j, j)] = 1.0 / width;
+                }
+            }
+        };
+    let options = Options {
+        cost_tolerance: SMALLEST_GAIN,
+        step_tolerance: SMALLEST_STEP,
+        stop_at_cost: Some(stop_at_mm2 / (sigma_mm * sigma_mm)),
+        ..Options::default()
+    };
+    let convergence_mm2 = &mut found.convergence_mm2;
+    let done = convergence_mm2.len().saturating_sub(1);
+    let mut watch = |i: Iteration| {
+        let cost_mm2 = i.cost * sigma_mm * sigma_mm;
+        let least_mm2 = convergence_mm2
+            .last()
+            .map_or(cost_mm2, |before| before.min(cost_mm2));
+        // the first of a later round repeats the last of the round before
+        if i.iteration > 0 || convergence_mm2.is_empty() {
+            convergence_mm2.push(least_mm2);
+        }
+        monitor(Iteration {
+            iteration: done + i.iteration,
+            max_iterations: done + i.max_iterations,
+            cost: least_mm2,
+        })
+    };
+    let n = n_rows + widths.len();
+    let fit = minimize(&mut rows, n, &found.x, &options, &mut watch);
+    found.n_evaluations += fit.n_evaluations;
+    found.termination = fit.termination;
+    found.model = problem.model(&fit.x);
+    found.x = fit.x;
+}

@@ -1,0 +1,339 @@
+//! The least-squares problem that every estimate solves: variables with their priors, and blocks of rows that depend on them.
+//!
+//! Coordinate x_j is the deviation of variable j from the reference in units of its width, so that all coordinates are of the same
+//! size. A block holds the rows of one measurement and knows how many it has; nothing else counts rows. A row is
+//! sqrt(weight) · (measured − predicted), in mm. The priors are rows too, of which [`crate::identification::estimate`] takes care.
+
+use crate::identification::KinematicModel;
+use crate::identification::objective::{Observation, derivative_by};
+use crate::identification::parameters::{
+    Parameter, Quantity, apply_into, deviation_from, left_jacobian, placement_parameters,
+};
+use crate::kinematics::{Link, PositionJacobian, placement_jacobian, position_jacobian};
+use nalgebra::{DMatrix, IsometryMatrix3, Vector3};
+use std::ops::Range;
+
+/// How far a length of a link is off, as a share of the reach (one standard deviation): 0.5 mm on an arm of 1.7 m.
+const LENGTH_PER_REACH: f64 = 0.5 / 1700.0;
+/// How far an angle between two axes is off, rad (0.05°).
+const ANGLE_RAD: f64 = 0.05 * std::f64::consts::PI / 180.0;
+/// How far a joint offset is off, rad (0.3°): joints are mastered on the shop floor.
+const OFFSET_RAD: f64 = 0.3 * std::f64::consts::PI / 180.0;
+
+/// How far a base that was measured in is off, mm (one standard deviation): a frame set up with probes and sweeps.
+const BASE_MM: f64 = 1.0;
+/// See [`BASE_MM`], rad (0.05°).
+const BASE_RAD: f64 = 0.05 * std::f64::consts::PI / 180.0;
+
+/// Numbers of links whose errors are alike, and whose priors therefore widen together.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// a and d.
+    Length,
+    /// alpha and beta.
+    Angle,
+    /// theta_offset.
+    Offset,
+}
+
+/// All kinds, in the order in which their widths are kept.
+pub const KINDS: [Kind; 3] = [Kind::Length, Kind::Angle, Kind::Offset];
+
+/// What is known of a variable before anything is measured.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Prior {
+    /// Normal about the reference, one width wide; widened to what the deviations of its kind show.
+    OfKind(Kind),
+    /// Normal about `mean`, `std` wide, both in units of the width; never widened.
+    Stated {
+        /// Expected coordinate.
+        mean: f64,
+        /// One standard deviation of the coordinate.
+        std: f64,
+    },
+    /// Nothing.
+    Flat,
+}
+
+/// One variable.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Variable {
+    /// The parameter that it moves.
+    pub parameter: Parameter,
+    /// Unit of the coordinate, mm or rad.
+    pub width: f64,
+    /// What is known of it.
+    pub prior: Prior,
+}
+
+/// Where base and targets are: the unknowns of a robot that is otherwise known.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Placement {
+    /// Base in the measuring frame, mm.
+    pub t_instrument_base: IsometryMatrix3<f64>,
+    /// Target offsets in the flange frame, mm.
+    pub targets_mm: Vec<Vector3<f64>>,
+}
+
+/// The rows of one measurement.
+#[derive(Clone, Debug)]
+struct Block<'a> {
+    rows: Range<usize>,
+    measured: &'a Observation,
+    /// Flange in the base frame where it is known; else the links tell.
+    flange: Option<&'a IsometryMatrix3<f64>>,
+}
+
+/// Variables and blocks.
+#[derive(Clone, Debug)]
+pub struct Problem<'a> {
+    /// What deviations are counted from: nominal links, base and targets where they were first placed.
+    pub reference: KinematicModel,
+    /// The variables.
+    pub variables: Vec<Variable>,
+    /// Radius of the workspace, mm.
+    pub reach_mm: f64,
+    parameters: Vec<Parameter>,
+    blocks: Vec<Block<'a>>,
+}
+
+/// Radius of the workspace, mm: the sum of the links' lengths; no less than half of the measured points are away from their middle, for a
+/// robot whose lengths are all in its targets.
+pub fn reach_mm<'a>(
+    links: &[Link],
+    observations: impl Iterator<Item = &'a Observation> + Clone,
+) -> f64 {
+    let of_links: f64 = links.iter().map(|l| l.a_mm.abs() + l.d_mm.abs()).sum();
+    let positions = observations.map(|o| o.position_mm);
+    let middle = Vector3::from_fn(|axis, _| median(positions.clone().map(|p| p[axis]).collect()));
+    let of_points = median(positions.map(|p| (p - middle).norm()).collect());
+    of_links.max(of_points).max(f64::MIN_POSITIVE)
+}
+
+/// The middle one of some values, the upper of two; 0 of none.
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(0.0)
+}
+
+/// A variable with the prior that it has by itself: links by their kind, base and targets flat.
+fn variable(parameter: Parameter, reach_mm: f64) -> Variable {
+    let (width, prior) = match parameter {
+        Parameter::Link(_, Quantity::A | Quantity::D) => {
+            (LENGTH_PER_REACH * reach_mm, Prior::OfKind(Kind::Length))
+        }
+        Parameter::Link(_, Quantity::Alpha | Quantity::Beta) => {
+            (ANGLE_RAD, Prior::OfKind(Kind::Angle))
+        }
+        Parameter::Link(_, Quantity::ThetaOffset) => (OFFSET_RAD, Prior::OfKind(Kind::Offset)),
+        Parameter::BaseRotation(_) => (1.0, Prior::Flat),
+        Parameter::BaseTranslation(_) | Parameter::Target(..) => (reach_mm, Prior::Flat),
+    };
+    Variable {
+        parameter,
+        width,
+        prior,
+    }
+}
+
+impl Block<'_> {
+    /// The predicted position and its derivatives.
+    fn jacobian(&self, model: &KinematicModel, target_mm: &Vector3<f64>) -> PositionJacobian {
+        let base = &model.t_instrument_base;
+        match self.flange {
+            Some(flange) => placement_jacobian(base, &(base * flange), target_mm),
+            None => position_jacobian(base, &model.links, &self.measured.q_rad, target_mm),
+        }
+    }
+
+    /// The rows' residuals, and their derivatives by the coordinates where they are asked for.
+    fn fill(
+        &self,
+        problem: &Problem<'_>,
+        at: &At,
+        residuals: &mut [f64],
+        jacobian: Option<&mut DMatrix<f64>>,
+    ) {
+        let o = self.measured;
+        let model = &at.model;
+        let here = self.jacobian(model, &model.targets_mm[o.target]);
+        let root = o.weight.sqrt();
+        let left = o.position_mm - here.position_mm;
+        fill_rows(&mut residuals[self.rows.clone()], &(left * root));
+        let Some(jacobian) = jacobian else { return };
+        let turned = here.base_rotation * left_jacobian(&at.base_rotation_rad);
+        for (j, variable) in problem.variables.iter().enumerate() {
+            let column = &mut jacobian.column_mut(j);
+            let rows = &mut column.as_mut_slice()[self.rows.clone()];
+            let derivative = derivative_by(&variable.parameter, &here, &turned, o.target);
+            fill_rows(rows, &(derivative * (-root * variable.width)));
+        }
+    }
+}
+
+fn fill_rows(rows: &mut [f64], values: &Vector3<f64>) {
+    rows.copy_from_slice(values.as_slice());
+}
+
+/// A problem's model at some coordinates.
+struct At {
+    model: KinematicModel,
+    base_rotation_rad: Vector3<f64>,
+}
+
+impl<'a> Problem<'a> {
+    /// Of the observations that have weight, with the priors that parameters have by themselves.
+    pub fn new(
+        reference: KinematicModel,
+        parameters: &[Parameter],
+        observations: &'a [Observation],
+    ) -> Self {
+        Self::of_blocks(
+            reference,
+            parameters,
+            observations.iter().map(|o| (o, None)),
+        )
+    }
+
+    /// Base and targets alone, of a robot whose flange is known in its base frame at each observation.
+    pub fn of_placement(
+        start: Placement,
+        flanges: &'a [IsometryMatrix3<f64>],
+        observations: &'a [Observation],
+    ) -> Self {
+        let reference = KinematicModel {
+            t_instrument_base: start.t_instrument_base,
+            links: vec![],
+            targets_mm: start.targets_mm,
+        };
+        let parameters = placement_parameters(reference.targets_mm.len());
+        let known = observations.iter().zip(flanges.iter().map(Some));
+        Self::of_blocks(reference, &parameters, known)
+    }
+
+    fn of_blocks(
+        reference: KinematicModel,
+        parameters: &[Parameter],
+        measured: impl Iterator<Item = (&'a Observation, Option<&'a IsometryMatrix3<f64>>)> + Clone,
+    ) -> Self {
+        let reach_mm = reach_mm(&reference.links, measured.clone().map(|(o, _)| o));
+        let mut first = 0;
+        let block = |(measured, flange): (&'a Observation, _)| {
+            let rows = first..first + measured.position_mm.len();
+            first = rows.end;
+            Block {
+                rows,
+                measured,
+                flange,
+            }
+        };
+        let blocks = measured
+            .filter(|(o, _)| o.weight > 0.0)
+            .map(block)
+            .collect();
+        Self {
+            reference,
+            variables: parameters.iter().map(|p| variable(*p, reach_mm)).collect(),
+            reach_mm,
+            parameters: parameters.to_vec(),
+            blocks,
+        }
+    }
+
+    /// The same with a base that is known to stand where the reference has it, but for 1 mm and 0.05° (one standard deviation).
+    pub fn with_known_base(mut self) -> Self {
+        for variable in &mut self.variables {
+            variable.width = match variable.parameter {
+                Parameter::BaseTranslation(_) => BASE_MM,
+                Parameter::BaseRotation(_) => BASE_RAD,
+                _ => continue,
+            };
+            variable.prior = Prior::Stated {
+                mean: 0.0,
+                std: 1.0,
+            };
+        }
+        self
+    }
+
+    /// States what is known of a variable: its mean as a deviation from the reference, and one standard deviation, mm or rad.
+    pub fn state(&mut self, variable: usize, mean: f64, std: f64) {
+        let variable = &mut self.variables[variable];
+        variable.prior = Prior::Stated {
+            mean: mean / variable.width,
+            std: std / variable.width,
+        };
+    }
+
+    /// Where a coordinate is expected before anything is measured.
+    pub fn expected(&self, variable: usize) -> f64 {
+        match self.variables[variable].prior {
+            Prior::Stated { mean, .. } => mean,
+            Prior::OfKind(_) | Prior::Flat => 0.0,
+        }
+    }
+
+    /// Rows of all blocks.
+    pub fn n_rows(&self) -> usize {
+        self.blocks.last().map_or(0, |block| block.rows.end)
+    }
+
+    /// Coordinates of a model.
+    pub fn coordinates(&self, model: &KinematicModel) -> Vec<f64> {
+        self.variables
+            .iter()
+            .map(|v| deviation_from(&self.reference, model, &v.parameter) / v.width)
+            .collect()
+    }
+
+    /// Deviations from the reference, mm or rad.
+    pub fn deviation(&self, x: &[f64]) -> Vec<f64> {
+        x.iter()
+            .zip(&self.variables)
+            .map(|(x, variable)| x * variable.width)
+            .collect()
+    }
+
+    /// Rows of a matrix, one per coordinate, in the units of the parameters, mm or rad.
+    pub fn in_units(&self, mut of_coordinates: DMatrix<f64>) -> DMatrix<f64> {
+        for (mut row, variable) in of_coordinates.row_iter_mut().zip(&self.variables) {
+            row *= variable.width;
+        }
+        of_coordinates
+    }
+
+    /// The model at some coordinates.
+    pub fn model(&self, x: &[f64]) -> KinematicModel {
+        self.at(x).model
+    }
+
+    fn at(&self, x: &[f64]) -> At {
+        let deviation = self.deviation(x);
+        let mut base_rotation_rad = Vector3::zeros();
+        for (parameter, value) in self.parameters.iter().zip(&deviation) {
+            if let Parameter::BaseRotation(axis) = parameter {
+                base_rotation_rad[*axis] = *value;
+            }
+        }
+        let mut model = self.reference.clone();
+        apply_into(&self.reference, &self.parameters, &deviation, &mut model);
+        At {
+            model,
+            base_rotation_rad,
+        }
+    }
+
+    /// Residuals of all blocks, mm, in the first [`Self::n_rows`] rows; and their derivatives by the coordinates, of which the Jacobian
+    /// has one column each.
+    pub fn evaluate(
+        &self,
+        x: &[f64],
+        residuals: &mut [f64],
+        mut jacobian: Option<&mut DMatrix<f64>>,
+    ) {
+        let at = self.at(x);
+        for block in &self.blocks {
+            block.fill(self, &at, residuals, jacobian.as_deref_mut());
+        }
+    }
+}
