@@ -192,7 +192,7 @@ async fn load(
 }
 
 async fn set(app: &App, robot_id: &str, id: &str, at: &str) -> Result<SetSource, Error> {
-    own(
+    require_own(
         SetSource::read(app, id).await,
         |set| set.row.robot_id == robot_id,
         at,
@@ -226,7 +226,7 @@ async fn frames(
     let Some(id) = &request.frames_id else {
         return Ok(None);
     };
-    let row = own(
+    let row = require_own(
         frames::get(&app.store, id).await,
         |row| row.robot_id == robot_id,
         "/frames_id",
@@ -243,7 +243,7 @@ async fn parameter_set(
     request: &JobRequestBody,
 ) -> Result<Option<ParameterSetRow>, Error> {
     Ok(match (&request.parameter_set_id, request.kind) {
-        (Some(id), _) => Some(own(
+        (Some(id), _) => Some(require_own(
             parameter_sets::get(&app.store, id).await,
             |row| row.robot_id == robot_id,
             "/parameter_set_id",
@@ -265,7 +265,7 @@ async fn networks(
     set: &MeasurementSetRow,
 ) -> Result<Vec<(String, Vec<u8>)>, Error> {
     if let Some(id) = &request.network_id {
-        let row = own(
+        let row = require_own(
             networks::get(&app.store, id).await,
             |row| is_of(row, robot_id, NetworkKind::LinkParameters),
             "/network_id",
@@ -303,7 +303,7 @@ async fn residual_networks(
     let found = match &request.residual_network_id {
         Some(id) => {
             let is_own = |row: &NetworkRow| is_of(row, robot_id, NetworkKind::Residual);
-            let row = own(
+            let row = require_own(
                 networks::get(&app.store, id).await,
                 is_own,
                 "/residual_network_id",
@@ -416,7 +416,7 @@ pub fn frame_of(set: &MeasurementSetRow) -> Result<Frame, Error> {
 }
 
 /// A document that the request names must exist and belong to the robot; both failures give the same error.
-pub fn own<T>(
+pub fn require_own<T>(
     found: Result<T, crate::store::Error>,
     is_own: impl Fn(&T) -> bool,
     at: &str,

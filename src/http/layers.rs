@@ -74,12 +74,12 @@ async fn observe(State(metrics): State<Metrics>, request: Request, next: Next) -
         }
         _ => tracing::info!(status = status.as_u16(), code, duration_ms, "answered"),
     });
-    sign(response.headers_mut(), &id);
+    add_common_headers(response.headers_mut(), &id);
     response
 }
 
 /// The headers that every answer has.
-fn sign(headers: &mut HeaderMap, request_id: &str) {
+fn add_common_headers(headers: &mut HeaderMap, request_id: &str) {
     headers.extend(
         HeaderValue::from_str(request_id)
             .ok()
@@ -109,7 +109,7 @@ pub fn refuse_unrouted(metrics: &Metrics, method: &Method, error: Error) -> Resp
         .get::<Code>()
         .map(|code| code.0.as_str());
     metrics.answered(method, "-", response.status(), code, Duration::ZERO);
-    sign(
+    add_common_headers(
         response.headers_mut(),
         &uuid::Uuid::now_v7().simple().to_string(),
     );
@@ -140,7 +140,7 @@ pub fn unrouted(error: &Error) -> (HeaderMap, Vec<u8>) {
     let body = serde_json::to_vec(&error.problem()).unwrap_or_default();
     let mut headers = HeaderMap::new();
     headers.insert(header::CONTENT_TYPE, HeaderValue::from_static(PROBLEM_JSON));
-    sign(&mut headers, &uuid::Uuid::now_v7().simple().to_string());
+    add_common_headers(&mut headers, &uuid::Uuid::now_v7().simple().to_string());
     (headers, body)
 }
 

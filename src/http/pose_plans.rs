@@ -2,7 +2,7 @@
 
 use crate::http::auth::Caller;
 use crate::http::extract::{Id, json_body, parse_small};
-use crate::http::job_posting::{frame_of, own};
+use crate::http::job_posting::{frame_of, require_own};
 use crate::http::request_class::RequestClass;
 use crate::http::{App, Error, access};
 use crate::store::measurement_sets;
@@ -37,7 +37,7 @@ async fn create(
     let mut measured = Vec::new();
     for (i, id) in body.measured.iter().enumerate() {
         let found = measurement_sets::get(&app.store, id).await; // `check` has looked whether it can be an id
-        measured.push(own(
+        measured.push(require_own(
             found,
             |set| set.robot_id == row.id,
             &format!("/measured/{i}"),

@@ -10,7 +10,7 @@ use tokio::time::{Instant, timeout};
 use super::heartbeat::{Control, Drain, KeptLease, Renewal, Stop, reached};
 use super::run_alone::{Permit, RunAlone};
 use super::{Compute, JobFailure, JobInputs, JobOutcome, JobSignals, queue};
-use crate::store::leases::{self, Which};
+use crate::store::leases::{self, Eligible};
 use crate::store::{Conflict, Error, JobRow, Lease, Result, Store, jobs};
 use crate::wire::Problem;
 
@@ -90,7 +90,7 @@ async fn claim_next(store: &Store, context: &WorkerContext) -> Result<Option<Cla
         // Checked again: another worker of this process may have run the suspect meanwhile.
         if run_alone.suspect_is_due() {
             run_alone.suspect_had_its_turn();
-            let claimed = claim(store, context, Which::Suspect, permit).await?;
+            let claimed = claim(store, context, Eligible::Suspect, permit).await?;
             if claimed.is_some() {
                 return Ok(claimed);
             }
@@ -101,12 +101,12 @@ async fn claim_next(store: &Store, context: &WorkerContext) -> Result<Option<Cla
         () = reached(&mut drain, Drain::Finish) => return Ok(None),
         permit = run_alone.shared() => permit,
     };
-    let claimed = claim(store, context, Which::Unsuspected, permit).await?;
+    let claimed = claim(store, context, Eligible::Unsuspected, permit).await?;
     if claimed.is_some() || !jobs::any_suspect_queued(store).await? {
         return Ok(claimed);
     }
     match run_alone.alone_now().await {
-        Some(permit) => claim(store, context, Which::Suspect, permit).await,
+        Some(permit) => claim(store, context, Eligible::Suspect, permit).await,
         None => Ok(None),
     }
 }
@@ -114,11 +114,12 @@ async fn claim_next(store: &Store, context: &WorkerContext) -> Result<Option<Cla
 async fn claim(
     store: &Store,
     context: &WorkerContext,
-    which: Which,
+    eligible: Eligible,
     permit: Permit,
 ) -> Result<Option<Claimed>> {
     let mut tx = store.begin().await?;
-    let Some(job) = leases::claim_in(&mut tx, which, &context.owner, context.lease).await? else {
+    let Some(job) = leases::claim_in(&mut tx, eligible, &context.owner, context.lease).await?
+    else {
         tx.rollback().await?;
         return Ok(None);
     };

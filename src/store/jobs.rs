@@ -182,12 +182,12 @@ pub(super) const FAILED: &str = "job_failed";
 
 /// A job with the client that posted it.
 #[derive(Debug)]
-pub(super) struct Posted {
+pub(super) struct JobWithClient {
     client: String,
     job: JobRow,
 }
 
-from_row!(Posted { client } nested { job });
+from_row!(JobWithClient { client } nested { job });
 
 fn as_created(row: &JobRow, client: &str) -> Value {
     let rest = json!([
@@ -207,7 +207,7 @@ pub(super) fn as_failed(error_json: &str) -> Value {
     json!({"error_sha256": canonical::sha256_hex(error_json.as_bytes())})
 }
 
-impl Audited for Posted {
+impl Audited for JobWithClient {
     const EACH: &'static str = EACH;
 
     fn subject(&self) -> &str {
@@ -215,7 +215,7 @@ impl Audited for Posted {
     }
 
     fn expected_entries(&self) -> Vec<ExpectedEntry> {
-        let Posted { client, job } = self;
+        let JobWithClient { client, job } = self;
         let failed = job
             .error_json
             .as_deref()

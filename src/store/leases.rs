@@ -51,7 +51,7 @@ pub struct Expired {
 /// Which of the waiting jobs to take. A suspect is a job during which a process died. Only a process that computes nothing else may claim one,
 /// so that the next death blames exactly one job.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Which {
+pub enum Eligible {
     /// Jobs during which no process died.
     Unsuspected,
     /// Jobs during which a process died, or was cut off from the database for longer than the lease.
@@ -218,15 +218,15 @@ pub const MAX_DEATHS_ALONE: i64 = 5;
 /// [`super::Error::Database`].
 pub async fn claim_in(
     tx: &mut Tx,
-    which: Which,
+    eligible: Eligible,
     owner: &str,
     lease: Duration,
 ) -> Result<Option<JobRow>> {
-    let statement = match (tx.engine(), which) {
-        (Engine::Sqlite, Which::Unsuspected) => CLAIM_SQLITE,
-        (Engine::Sqlite, Which::Suspect) => CLAIM_SUSPECT_SQLITE,
-        (Engine::Postgres, Which::Unsuspected) => CLAIM_POSTGRES,
-        (Engine::Postgres, Which::Suspect) => CLAIM_SUSPECT_POSTGRES,
+    let statement = match (tx.engine(), eligible) {
+        (Engine::Sqlite, Eligible::Unsuspected) => CLAIM_SQLITE,
+        (Engine::Sqlite, Eligible::Suspect) => CLAIM_SUSPECT_SQLITE,
+        (Engine::Postgres, Eligible::Unsuspected) => CLAIM_POSTGRES,
+        (Engine::Postgres, Eligible::Suspect) => CLAIM_SUSPECT_POSTGRES,
     };
     Ok(sqlx::query_as(statement)
         .bind(owner)
@@ -240,9 +240,9 @@ pub async fn claim_in(
 /// # Errors
 /// [`super::Error::Database`].
 pub async fn claim(store: &Store, owner: &str, lease: Duration) -> Result<Option<Lease>> {
-    for which in [Which::Unsuspected, Which::Suspect] {
+    for eligible in [Eligible::Unsuspected, Eligible::Suspect] {
         let mut tx = store.begin().await?;
-        let claimed = claim_in(&mut tx, which, owner, lease).await?;
+        let claimed = claim_in(&mut tx, eligible, owner, lease).await?;
         tx.commit().await?;
         if let Some(job) = claimed {
             return Ok(Some(Lease::new(&job, owner)));

@@ -50,7 +50,7 @@ pub use open::StoreLocation;
 pub use page::{Cursor, InvalidCursor, MAX_PAGE_SIZE, Page, PageRequest};
 pub use parameter_sets::{Checked, NewParameterSet, ParameterSetRow, Release};
 pub use policies::PolicyRow;
-pub use robots::{NewRobot, RobotRow};
+pub use robots::{NewRobot, RobotCheck, RobotRow};
 pub use verifications::VerificationRow;
 
 pub use crate::wire::job::JobStatus;

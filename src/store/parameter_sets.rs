@@ -7,6 +7,7 @@ use super::audit::{Audited, ExpectedEntry};
 use super::database::new_id;
 use super::from_row::from_row;
 use super::policies::ABSENT;
+use super::robots::RobotCheck;
 use super::{
     Conflict, Error, Page, PageRequest, Result, Store, Tx, policies, robots, verifications,
 };
@@ -101,8 +102,8 @@ pub struct Checked {
     pub policy_version: i64,
     /// Number of jobs that have identified or scored the set.
     pub n_verifications: i64,
-    /// `check_job_id`, `check_seq` and `checked_seq` of the robot's row (see [`super::RobotRow`]).
-    pub robot: (Option<String>, i64, i64),
+    /// The state of the robot.
+    pub robot: RobotCheck,
 }
 
 macro_rules! columns {

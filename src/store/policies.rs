@@ -51,17 +51,17 @@ pub(super) const CHANGED: &str = "robot_policy_changed";
 
 /// A policy with its robot and the key that set it.
 #[derive(Debug)]
-pub(super) struct Set {
+pub(super) struct PolicyChange {
     robot_id: String,
     policy: PolicyRow,
     changed_by: String,
     changed_at_ms: i64,
 }
 
-from_row!(Set { robot_id, changed_by, changed_at_ms } nested { policy });
+from_row!(PolicyChange { robot_id, changed_by, changed_at_ms } nested { policy });
 
-fn as_changed(set: &Set) -> Value {
-    let Set {
+fn as_changed(set: &PolicyChange) -> Value {
+    let PolicyChange {
         policy,
         changed_by,
         changed_at_ms,
@@ -72,7 +72,7 @@ fn as_changed(set: &Set) -> Value {
         "changed_by": changed_by, "changed_at_ms": changed_at_ms})
 }
 
-impl Audited for Set {
+impl Audited for PolicyChange {
     const EACH: &'static str = EACH;
 
     fn subject(&self) -> &str {
@@ -122,7 +122,7 @@ pub async fn put(tx: &mut Tx, robot_id: &str, policy: &PolicyRow, by: &str) -> R
         .bind(policy.independent_session_required)
         .bind(policy.second_person_required)
         .bind(by);
-    let set: Set = query.fetch_one(tx.connection()).await?;
+    let set: PolicyChange = query.fetch_one(tx.connection()).await?;
     tx.note(CHANGED, robot_id, as_changed(&set));
     Ok(set.policy)
 }

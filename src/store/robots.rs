@@ -48,9 +48,24 @@ from_row!(RobotRow {
 
 impl RobotRow {
     /// State that a release checks: see [`super::Checked`].
-    pub fn check(&self) -> (Option<String>, i64, i64) {
-        (self.check_job_id.clone(), self.check_seq, self.checked_seq)
+    pub fn check(&self) -> RobotCheck {
+        RobotCheck {
+            job_id: self.check_job_id.clone(),
+            check_seq: self.check_seq,
+            checked_seq: self.checked_seq,
+        }
     }
+}
+
+/// What a release rests on of the robot's row: see [`RobotRow`].
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct RobotCheck {
+    /// `check_job_id`.
+    pub job_id: Option<String>,
+    /// `check_seq`.
+    pub check_seq: i64,
+    /// `checked_seq`.
+    pub checked_seq: i64,
 }
 
 /// A robot to be stored.

@@ -6,12 +6,12 @@ use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 
 /// A server with keys, and an administrator's client for it.
-pub struct Hall {
+pub struct Plant {
     pub server: Server,
     pub folder: TempDir,
 }
 
-impl Hall {
+impl Plant {
     /// Starts a server with one worker.
     pub fn open() -> Self {
         let folder = tempfile::tempdir().unwrap();

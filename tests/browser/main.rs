@@ -13,7 +13,7 @@ mod reach;
 mod trouble;
 
 use browser::{Browser, Driver, Look, Picture};
-use hall::{Hall, data};
+use hall::{Plant, data};
 use process::{Server, run};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
@@ -51,7 +51,7 @@ fn a_set_is_uploaded_identified_read_released_and_withdrawn() {
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Hall::open();
+    let hall = Plant::open();
     let robot = hall.robot("Cell 4, welder left", "ER20-0117");
     let key = hall.key(&["read", "upload", "identify", "release"]);
     let faulty = faulty_csv(&hall);
@@ -192,7 +192,7 @@ fn what_the_service_says_stands_on_the_pages() {
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Hall::open();
+    let hall = Plant::open();
     let robot = hall.robot("Cell 9", "ER20-0122");
     hall.release(
         &hall.calibrated(
@@ -417,7 +417,7 @@ fn revisited_csv() -> String {
 }
 
 /// A set whose eighth line has a decimal comma, as a spreadsheet writes it.
-fn faulty_csv(hall: &Hall) -> PathBuf {
+fn faulty_csv(hall: &Plant) -> PathBuf {
     let text = std::fs::read_to_string(data("first.csv")).unwrap();
     let mut lines: Vec<String> = text.lines().map(str::to_owned).collect();
     let column = lines[0].split(',').position(|name| name == "x_mm").unwrap();
@@ -432,7 +432,7 @@ fn a_running_job_is_followed_and_cancelled() {
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Hall::open();
+    let hall = Plant::open();
     let robot = hall.robot("Cell 5", "ER20-0118");
     let set = hall.set(&robot, "first_noisy.csv", "first");
     let job = hall.long_job(&robot, &set);
@@ -473,7 +473,7 @@ fn a_key_opens_what_it_may_and_names_are_only_names() {
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Hall::open();
+    let hall = Plant::open();
     let robot = hall.robot(HOSTILE, HOSTILE);
     let set = hall.set(&robot, "first_noisy.csv", HOSTILE);
     let job = hall.calibrated(&robot, &set, "least_squares");
@@ -536,7 +536,7 @@ fn the_report_is_a_page_that_prints() {
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Hall::open();
+    let hall = Plant::open();
     let page = hall.folder.path().join("report.html");
     let (robot, set) = (data("robot.json"), data("first_noisy.csv"));
     let arguments = [

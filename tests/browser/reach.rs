@@ -1,7 +1,7 @@
 //! Accessibility of every page: on a desktop and on a tablet, in both themes, and with the keyboard alone.
 
 use crate::browser::{Browser, DESKTOP, Driver, Look, Picture, TABLET};
-use crate::hall::Hall;
+use crate::hall::Plant;
 use crate::{in_browser, sign_in};
 use serde_json::{Value, json};
 use thirtyfour::Key;
@@ -11,7 +11,7 @@ fn every_page_is_accessible_in_both_themes_and_fits_a_tablet() {
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Hall::open();
+    let hall = Plant::open();
     let robot = hall.robot("Cell 6, handling", "ER20-0119");
     let mut last = Value::Null;
     for (file, method) in [
@@ -84,7 +84,7 @@ fn everything_is_within_reach_of_the_keyboard() {
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Hall::open();
+    let hall = Plant::open();
     let robot = hall.robot("Cell 8", "ER20-0121");
     let job = hall.calibrated(
         &robot,

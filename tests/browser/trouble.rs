@@ -1,7 +1,7 @@
 //! The dashboard under difficult conditions: another key, a server that is down, large sets and long histories.
 
 use crate::browser::{Browser, Driver};
-use crate::hall::{Hall, data};
+use crate::hall::{Plant, data};
 use crate::process::{Server, kincal};
 use crate::{in_browser, in_browser_at, in_place, sign_in};
 use serde_json::{Value, json};
@@ -15,7 +15,7 @@ fn a_key_that_opens_nothing_leads_back_to_the_sign_in() {
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Hall::open();
+    let hall = Plant::open();
     hall.robot("Cell 1", "ER20-0101");
     let (no_reader, reader) = (hall.key(&["upload"]), hall.key(&["read"]));
     in_browser(&driver, &hall.server, async |browser: &Browser| {
@@ -45,12 +45,12 @@ fn a_live_job_outlives_a_restart_of_the_server() {
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Hall::open();
+    let hall = Plant::open();
     let robot = hall.robot("Cell 2", "ER20-0102");
     let set = hall.set(&robot, "first_noisy.csv", "first");
     let job = hall.long_job(&robot, &set);
     let key = hall.key(&["read", "identify"]);
-    let Hall { server, folder } = hall;
+    let Plant { server, folder } = hall;
     let url = server.url.clone();
     // The second server ends after the browser, because it cannot end within the browser's steps.
     let (mut server, mut again) = (Some(server), None);
@@ -89,7 +89,7 @@ fn the_active_set_is_found_however_many_came_after_it() {
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Hall::open();
+    let hall = Plant::open();
     let robot = hall.robot("Cell 3", "ER20-0103");
     let set = hall.set(&robot, "first_noisy.csv", "first");
     let request =
@@ -129,7 +129,7 @@ fn what_cannot_be_fetched_is_said_and_robots_are_listed_once() {
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Hall::open();
+    let hall = Plant::open();
     let robot = hall.robot("Cell 4", "ER20-0104");
     let text = json_set();
     let path = format!("/v1/robots/{robot}/measurement-sets?frame=base&name=by%20hand");
@@ -211,7 +211,7 @@ fn faults_are_shown_on_the_lines_that_an_editor_has_them_on() {
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Hall::open();
+    let hall = Plant::open();
     let robot = hall.robot("Cell 5", "ER20-0105");
     let key = hall.key(&["read", "upload"]);
     let lines = lines();
@@ -261,7 +261,7 @@ fn a_large_set_is_drawn_with_as_many_arrows_as_can_be_told_apart() {
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Hall::open();
+    let hall = Plant::open();
     let robot = hall.robot("Cell 6", "ER20-0106");
     let lines = lines();
     let rows =

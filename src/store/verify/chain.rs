@@ -51,7 +51,12 @@ impl Chain {
     }
 
     /// One field of the newest entry of this event.
-    pub(super) fn says(&self, subject: &str, event: &str, field: &str) -> Option<String> {
+    pub(super) fn field_of_newest(
+        &self,
+        subject: &str,
+        event: &str,
+        field: &str,
+    ) -> Option<String> {
         self.newest(subject, event)?
             .detail
             .get(field)?

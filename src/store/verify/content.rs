@@ -74,7 +74,7 @@ pub(super) async fn uploads_read_back(store: &Store, chain: &Chain) -> Result<Ch
                 check.require(kept.is_empty() || kept == now, || {
                     format!("{id}: its bytes are not those of its hash")
                 });
-                noted(&mut check, chain, &id, event, "sha256", &now);
+                compare_with_entry(&mut check, chain, &id, event, "sha256", &now);
             }
         }
     }
@@ -94,7 +94,7 @@ pub(super) async fn uploads_read_back(store: &Store, chain: &Chain) -> Result<Ch
             after.clone_from(&last.0);
             for (id, document) in rows {
                 found += 1;
-                noted(
+                compare_with_entry(
                     &mut check,
                     chain,
                     &id,
@@ -106,14 +106,21 @@ pub(super) async fn uploads_read_back(store: &Store, chain: &Chain) -> Result<Ch
         }
     }
     check.n_examined = found;
-    rules::are_as_noted(&mut check, store, chain).await?;
+    rules::match_entries(&mut check, store, chain).await?;
     lost(&mut check, store, chain).await?;
     Ok(check)
 }
 
 /// Compares a hash with the chain. Rows that are older than the chain or than this field are skipped; I8 reports missing entries.
-fn noted(check: &mut Check, chain: &Chain, id: &str, event: &str, field: &str, now: &str) {
-    if let Some(then) = chain.says(id, event, field) {
+fn compare_with_entry(
+    check: &mut Check,
+    chain: &Chain,
+    id: &str,
+    event: &str,
+    field: &str,
+    now: &str,
+) {
+    if let Some(then) = chain.field_of_newest(id, event, field) {
         check.require(then == now, || {
             format!("{id}: it is not what was acknowledged")
         });
@@ -315,7 +322,7 @@ pub(super) async fn same_request_same_result(store: &Store, chain: &Chain) -> Re
             check.require(report["result_sha256"] == *result_sha256, || {
                 format!("{id}: its report is not the one that was hashed")
             });
-            noted(
+            compare_with_entry(
                 &mut check,
                 chain,
                 &id,
@@ -411,8 +418,10 @@ pub(super) async fn releases_have_checks(store: &Store, chain: &Chain) -> Result
             format!("{id}: its gates are not as many as were counted")
         });
         if row.released_at_ms > chain.begun_at_ms {
-            let noted = chain.says(&id, "parameter_set_released", "checks_sha256");
-            let is_noted = noted.as_deref() == Some(sha256_hex(checks_json.as_bytes()).as_str());
+            let compare_with_entry =
+                chain.field_of_newest(&id, "parameter_set_released", "checks_sha256");
+            let is_noted =
+                compare_with_entry.as_deref() == Some(sha256_hex(checks_json.as_bytes()).as_str());
             check.require(is_noted, || {
                 format!("{id} is {status}, but the audit chain does not say so with these checks")
             });

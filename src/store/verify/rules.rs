@@ -5,9 +5,9 @@ use std::collections::BTreeSet;
 use super::chain::Chain;
 use super::check::{BATCH, Check};
 use crate::store::audit::{Audited, ExpectedEntry};
-use crate::store::jobs::Posted;
+use crate::store::jobs::JobWithClient;
 use crate::store::parameter_sets::{self, ParameterSetRow};
-use crate::store::policies::{self, Set};
+use crate::store::policies::{self, PolicyChange};
 use crate::store::{
     ApiKeyRow, FramesRow, MeasurementSetRow, NetworkRow, Result, RobotRow, Store, VerificationRow,
 };
@@ -23,11 +23,11 @@ const LIFE: &[(&str, &str)] = &[
 ];
 
 /// Compares every kind of row that has entries in the chain.
-pub(super) async fn are_as_noted(check: &mut Check, store: &Store, chain: &Chain) -> Result<()> {
+pub(super) async fn match_entries(check: &mut Check, store: &Store, chain: &Chain) -> Result<()> {
     each(check, store, chain, |check, row| robot(check, chain, row)).await?;
     each(check, store, chain, |_, _: &MeasurementSetRow| ()).await?;
     each(check, store, chain, |_, _: &FramesRow| ()).await?;
-    each(check, store, chain, |_, _: &Posted| ()).await?;
+    each(check, store, chain, |_, _: &JobWithClient| ()).await?;
     each(check, store, chain, |_, _: &NetworkRow| ()).await?;
     each(check, store, chain, |_, _: &ApiKeyRow| ()).await?;
     each(check, store, chain, |check, row| {
@@ -35,7 +35,7 @@ pub(super) async fn are_as_noted(check: &mut Check, store: &Store, chain: &Chain
     })
     .await?;
     let (mut policies, mut verifications) = (BTreeSet::new(), BTreeSet::new());
-    each(check, store, chain, |_, row: &Set| {
+    each(check, store, chain, |_, row: &PolicyChange| {
         policies.insert(row.subject().to_owned());
     })
     .await?;
