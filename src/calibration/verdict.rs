@@ -83,17 +83,17 @@ impl Verdict {
                 ),
             ),
             _ if !self.is_identified => return None,
-            _ if !self.judged.is_better() => (
-                "no_better_than_nominal",
-                format!(
-                    "on these points{remark} the calibrated robot ({after:.4} mm rms) is no better than the nominal one ({before:.4} mm rms): do not use it"
-                ),
-            ),
             SessionFit::SetFarOff => (
                 SET_FAR_OFF,
                 format!(
                     "on these points the calibrated robot misses by {after:.4} mm rms while the nominal robot fits ({before:.4} mm){at_identification}: the \
                      robot has changed, or the parameter set holds only near the poses that it was identified from"
+                ),
+            ),
+            _ if !self.judged.is_better() => (
+                "no_better_than_nominal",
+                format!(
+                    "on these points{remark} the calibrated robot ({after:.4} mm rms) is no better than the nominal one ({before:.4} mm rms): do not use it"
                 ),
             ),
             SessionFit::Fits => return None,

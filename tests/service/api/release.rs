@@ -197,6 +197,23 @@ async fn a_set_that_another_session_shows_to_be_no_better_than_nominal_is_never_
         )
         .await
         .problem(409, "release_refused");
+    let in_doubt = ["check_robot", "sessions_fit"];
+    assert!(
+        in_doubt.iter().all(|gate| failed(&refused).contains(gate)),
+        "{refused}"
+    );
+    // A reason alone is not enough: the set has fitted no session since.
+    let why = json!({"reason": "the robot is as it was"});
+    app.post_json(&format!("{robot}/checked"), &why)
+        .await
+        .ok(200);
+    let refused = app
+        .post_json(
+            &format!("{}/release", path(&job)),
+            &json!({"reason": "it fits"}),
+        )
+        .await
+        .problem(409, "release_refused");
     assert_eq!(failed(&refused), ["sessions_better_than_nominal"]);
     assert!(
         refused["errors"][0]["detail"]
