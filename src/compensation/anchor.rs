@@ -20,6 +20,41 @@ pub struct Anchor {
     pub t_anchored_flange: IsometryMatrix3<f64>,
 }
 
+/// The same robot with `beta` of links whose axis is not parallel to the one before at 0. There beta says the same as the numbers around it:
+/// Rx(α)·Dx(a)·Ry(β) = Rz(φ)·Dz(s)·Rx(α′)·Dx(a′)·Rz(ψ)·Dz(t), the common normal of both axes [Denavit & Hartenberg 1955]. φ and s go to
+/// theta_offset and d of the link before, ψ and t to those of the link. Links that are nominally parallel, or have a nominal beta, stay.
+fn without_redundant_beta(identified: &[Link], nominal: &[Link]) -> Vec<Link> {
+    let mut links = identified.to_vec();
+    for i in 1..links.len() {
+        let (link, is_plain) = (links[i], nominal[i].beta_rad == 0.0);
+        if is_parallel(&nominal[i]) || !is_plain || link.beta_rad == 0.0 {
+            continue;
+        }
+        let (sin_alpha, cos_alpha) = libm::sincos(link.alpha_rad);
+        let (sin_beta, cos_beta) = libm::sincos(link.beta_rad);
+        // the second axis is (sin β, −sin α·cos β, cos α·cos β)
+        let across = (sin_beta * sin_beta + (sin_alpha * cos_beta) * (sin_alpha * cos_beta)).sqrt();
+        let sin = across.copysign(sin_alpha);
+        let cos = cos_alpha * cos_beta;
+        let (sin_phi, cos_phi) = (sin_beta / sin, sin_alpha * cos_beta / sin);
+        let t = link.a_mm * sin_phi / sin;
+        // x of the link before its joint turns, seen from the common normal and its perpendicular
+        let along = cos_phi * cos_beta + sin_phi * sin_alpha * sin_beta;
+        let beside = cos * (cos_phi * sin_alpha * sin_beta - sin_phi * cos_beta)
+            - sin * cos_alpha * sin_beta;
+        links[i - 1].theta_offset_rad += libm::atan2(sin_phi, cos_phi);
+        links[i - 1].d_mm -= t * cos;
+        links[i] = Link {
+            a_mm: link.a_mm * cos_phi,
+            alpha_rad: libm::atan2(sin, cos),
+            beta_rad: 0.0,
+            theta_offset_rad: link.theta_offset_rad + libm::atan2(beside, along),
+            d_mm: link.d_mm + t,
+        };
+    }
+    links
+}
+
 /// The anchor of identified links. With link 1 = P·Rz(q + θ)·Dz(d), P = Rx(α)·Dx(a)·Ry(β), it is B·P̂·Rz(q + θ̂)·Dz(d̂) for
 /// B = P·Rz(θ − θ̂)·Dz(d − d̂)·P̂⁻¹, as Rz and Dz commute; the last link likewise with E = Rz(θ − θ̂)·Dz(d − d̂) on its right. The d of links
 /// whose axes are parallel to the first or to the last one slide the same way and are counted there.
@@ -32,6 +67,7 @@ pub fn anchor(identified: &[Link], nominal: &[Link]) -> Anchor {
         nominal.len(),
         "one identified link per nominal link"
     );
+    let identified = without_redundant_beta(identified, nominal);
     let last = nominal.len() - 1;
     let (first_group, last_group) = (first_group_end(nominal), last_group_start(nominal));
     let slide = |link: usize| identified[link].d_mm - nominal[link].d_mm;
