@@ -133,10 +133,13 @@ FAULTS = [
     Fault("a set of before a collision passes its gates", "service", "from_before_a_collision", [
         ("if facts.identification_seq > seq && !facts.identification.is_repeat", "if seq > 0")], "src/release"),
     Fault("a later session outweighs one that missed", "service", "missed_by_far_stays", [
-        ("Fit::SetFarOff => false,", "Fit::SetFarOff => facts.sessions.iter().any(|later| supports_since(later, session.seq)),")], "src/release"),
+        ("Fit::SetFarOff => false,", "Fit::SetFarOff => facts.sessions.iter().any(|later| later.supports_since(session.seq)),")], "src/release"),
     Fault("a blank is a reason", "service", "nothing_to_read", [
         ("!text.is_empty() && !text.chars().any(is_readable)", "text.trim().is_empty() && !text.is_empty()")], "src/wire"),
     Fault("what does not fit is evidence", "service", "session_that_does_not_fit", [
+        ("const FAR: f64 = 10.0", "const FAR: f64 = 1e9"),
+        ("set_mm.min(typical(0)) > farthest_mm", "set_mm.min(typical(0)) > 1e9 * farthest_mm")], "src/calibration/session_fit.rs"),
+    Fault("a robot that has changed is evidence", "service", "a_base_that_is_off_in_the_base_frame", [
         ("const FAR: f64 = 10.0", "const FAR: f64 = 1e9")], "src/calibration/session_fit.rs"),
     Fault("the same points count as a session", "service", "the_same_points_uploaded_again", [
         ("n_repeated as f64 <= MAX_REPEATED", "0.0 <= MAX_REPEATED")]),
@@ -205,7 +208,7 @@ FAULTS = [
     Fault("corrections without a veto", "core", "have_a_veto", [
         ("if corrected_mm <= links_mm || errors_mm.is_empty()", "if corrected_mm <= links_mm + 1e9 || errors_mm.is_empty()")]),
     Fault("uncertainty of what did not converge", "core", "did_not_converge", [
-        ("const SETTLED_STDS: f64 = 3.0", "const SETTLED_STDS: f64 = 1e12")]),
+        ("const AT_MINIMUM_STDS: f64 = 1.0", "const AT_MINIMUM_STDS: f64 = 1e12")]),
     Fault("a lower bound without what is not linear", "core", "never_above_the_cost", [
         ("+ (error[part] + rounding)", "+ rounding")]),
     Fault("a lower bound without its rounding", "core", "never_above_the_cost", [
