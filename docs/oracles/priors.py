@@ -28,7 +28,6 @@ BOUNDED = PRIORS | {
     "theta_offset_3": (0.0, 1.0, -1.0, 0.001),
     "d_5": (0.3, 0.1, 0.0, 0.32),
 }
-FLOOR_MM = 1e-3
 
 
 def positions(links, q):
@@ -59,8 +58,6 @@ def main(folder):
         links[:, 1::2] = np.radians(links[:, 1::2])
         return (measured - positions(links, q)).ravel()
 
-    rank = 20
-    scatter = lambda x: max(np.sqrt(np.sum(residuals(x) ** 2) / (3 * len(q) - rank)), FLOOR_MM)
     print("case,name,deviation")
     for case, priors in [("priors", PRIORS), ("bounds", BOUNDED)]:
         at = [names.index(n) for n in priors]
@@ -72,23 +69,25 @@ def main(folder):
             f = lambda x: np.concatenate([residuals(x), sigma / std * (mean - x[at])])
             return least_squares(f, x, bounds=(lower, upper), jac="3-point", x_scale="jac", xtol=1e-15, ftol=1e-15, gtol=1e-15, max_nfev=500).x
 
-        # from above: first with every such parameter where it is expected
-        x = np.zeros(len(names))
-        x[at] = mean
-        free = [j for j in range(len(names)) if j not in at]
+        def noise(x, sigma):
+            """sigma^2 = F / (rows - gamma) [MacKay 1992]: gamma counts what the rows determine of the parameters beside their priors."""
+            steps = np.full(len(x), 1e-6)
+            columns = [(residuals(x + e) - residuals(x - e)) / 2e-6 for e in np.diag(steps)]
+            at_bound = (x - lower < 1e-7) | (upper - x < 1e-7)
+            free = np.flatnonzero(~at_bound)
+            precision = np.zeros(len(x))
+            precision[at] = 1 / std**2
+            jacobian = np.array(columns).T[:, free]
+            covariance = np.linalg.inv(jacobian.T @ jacobian / sigma**2 + np.diag(precision[free]))
+            gamma = len(free) - np.sum(np.diag(covariance) * precision[free])
+            return np.sqrt(np.sum(residuals(x) ** 2) / (3 * len(q) - gamma))
 
-        def others(y):
-            full = x.copy()
-            full[free] = y
-            return residuals(full)
-
-        held = x.copy()
-        held[free] = least_squares(others, x[free], jac="3-point", x_scale="jac", xtol=1e-14, ftol=1e-14, gtol=1e-14).x
-        sigma = scatter(held)
+        # from below
+        x, sigma = np.zeros(len(names)), 1e-3
         for _ in range(50):
             x = fit(np.clip(x, lower + 1e-9, upper - 1e-9), sigma)
-            following = min(scatter(x), sigma)
-            if sigma - following <= 1e-9 * following:
+            following = noise(x, sigma)
+            if abs(sigma - following) <= 1e-9 * following:
                 break
             sigma = following
         print(f"{case},sigma_mm,{sigma!r}".replace("np.float64(", "").replace(")", ""))

@@ -8,7 +8,7 @@ use crate::calibration::request::{CalibrationRequest, Model};
 use crate::identification::KinematicModel;
 use crate::identification::objective::Observation;
 use crate::identification::parameters::{Parameter, rotation_exp};
-use crate::measurement::Subset;
+use crate::measurement::{Frame, Subset};
 use nalgebra::{IsometryMatrix3, Point3, Translation3, Vector3};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -80,7 +80,8 @@ impl Arrangement {
             segments: vec![0; points.len()],
             setups,
             motions,
-            rests_on_last: request.model() == Model::Complete,
+            rests_on_last: request.model() == Model::Complete
+                && request.set.frame == Frame::Instrument,
             n_targets: request.set.n_targets(),
         }
     }

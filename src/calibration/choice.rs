@@ -1,11 +1,11 @@
 //! Which method runs, from where, and why.
 
-use crate::calibration::identify::Problem;
-use crate::calibration::request::{Method, Model};
+use crate::calibration::identify::{Problem, placed};
+use crate::calibration::request::Method;
 use crate::identification::KinematicModel;
 use crate::identification::multistart::{BestStart, best_start};
+use crate::identification::objective::Observation;
 use crate::identification::parameters::apply;
-use crate::identification::start::fit_base_and_targets;
 
 /// What runs, from where, and why.
 pub struct Choice {
@@ -39,7 +39,8 @@ pub fn choose(problem: &Problem<'_>) -> Choice {
 }
 
 fn by_evidence(problem: &Problem<'_>) -> Choice {
-    let is_known = problem.request.model() == Model::Paper;
+    let n_targets = problem.screening.targets.len();
+    let placed = |links, points: &[Observation]| placed(problem.request, links, points, n_targets);
     let network = problem.network().map(|_| remembered(problem));
     let scale = &problem.decomposition.scale;
     let best = best_start(
@@ -48,7 +49,7 @@ fn by_evidence(problem: &Problem<'_>) -> Choice {
         &problem.parameters,
         scale,
         &problem.identify,
-        is_known,
+        &placed,
     );
     let (method, reason) = evidence(&best);
     Choice {
@@ -134,11 +135,9 @@ fn remembered(problem: &Problem<'_>) -> KinematicModel {
         &problem.parameters,
         &problem.answer_deviation(),
     );
-    if problem.request.model() == Model::Paper {
-        return remembered;
-    }
-    fit_base_and_targets(
-        &remembered.links,
+    placed(
+        problem.request,
+        remembered.links,
         &problem.identify,
         problem.screening.targets.len(),
     )

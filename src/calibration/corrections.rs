@@ -157,6 +157,7 @@ pub fn corrections(
         payload: request.payload,
         parameters: &problem.parameters,
         scale: &problem.decomposition.scale,
+        widths: &problem.determined(model, &observations).widths,
         observations: &observations,
     };
     let clusters = renumbered(taken.iter().map(|(_, cluster, _)| *cluster));

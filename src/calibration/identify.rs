@@ -6,21 +6,20 @@ use crate::calibration::choice::{Choice, choose};
 use crate::calibration::corrections;
 use crate::calibration::known::{KnownBefore, known_before};
 use crate::calibration::larger_model;
+use crate::calibration::motions::parameters_of;
 use crate::calibration::observe::{Observed, observe};
 use crate::calibration::outcome::report;
 use crate::calibration::report::{CalibrationReport, MethodComparison};
 use crate::calibration::request::{CalibrationRequest, Method, Model};
 use crate::calibration::robust::PointLoss;
-use crate::calibration::screening::{Screening, parameters_of, screen};
+use crate::calibration::screening::{Screening, screen};
 use crate::calibration::settings::{Settings, settings};
 use crate::calibration::swarms::{Start, swarm};
 use crate::calibration::{Error, Event, Monitor, unusable};
 use crate::identification::identifiability::{Decomposition, prior_scale};
 use crate::identification::objective::Observation;
 use crate::identification::parameters::{Parameter, Quantity, quantity_mut};
-use crate::identification::prior_fit::Fitting;
 use crate::identification::search_space::{SearchSpace, decomposition_at};
-use crate::identification::settle::settle;
 use crate::identification::start::{fit_base_and_targets, fit_targets};
 use crate::identification::{KinematicModel, TrainedNetwork, bpnn_pso};
 use crate::kinematics::Link;
@@ -120,10 +119,6 @@ pub fn calibrate(
             least_squares_from(&problem, &found.model, None, &mut quiet(monitor))
         })?;
         found.model = refined.model;
-    }
-    if problem.is_settled() {
-        let counting = problem.loss.reweighted(&found.model, &problem.identify);
-        found.model = settle(&found.model, &problem.nominal, problem.fitting(), &counting);
     }
     found.model.links = unwound(found.model.links, &problem.nominal.links);
     let too_small = larger_model::remark(&problem, &found.model, &mut quiet(monitor))?;
@@ -247,19 +242,13 @@ impl<'a> Problem<'a> {
         Ok(problem)
     }
 
-    /// What least squares fits.
-    pub fn fitting(&self) -> Fitting<'_> {
-        let priors = self.priors.as_ref().map(|known| &known.priors);
-        Fitting {
-            parameters: &self.parameters,
-            scale: &self.decomposition.scale,
-            priors,
-        }
-    }
-
-    /// F of a model, that of the priors included, mm².
+    /// F of a model, that of the request's priors included, mm².
     pub fn cost(&self, model: &KinematicModel) -> f64 {
-        self.loss.cost(model, &self.identify) + self.fitting().prior_cost_mm2(model)
+        let of_priors = self
+            .priors
+            .as_ref()
+            .map_or(0.0, |known| known.priors.cost_mm2(model));
+        self.loss.cost(model, &self.identify) + of_priors
     }
 
     /// The points to identify, those that do not belong without weight.
@@ -309,27 +298,31 @@ pub fn nominal_model(
     identify: &[Observation],
     n_targets: usize,
 ) -> KinematicModel {
-    let links = &request.robot.links;
-    match request.model() {
-        Model::Complete => {
-            let counting: Vec<Observation> = identify
-                .iter()
-                .filter(|o| o.weight > 0.0)
-                .cloned()
-                .collect();
-            match request.set.frame {
-                Frame::Instrument => fit_base_and_targets(links, &counting, n_targets),
-                Frame::Base => fit_targets(links, &counting, n_targets),
-            }
-        }
-        Model::Paper => {
-            let mut model = KinematicModel::nominal(links, n_targets);
-            let last = model.links.len() - 1;
-            model.links[last].d_mm += request
-                .frames
-                .as_ref()
-                .map_or(0.0, |frames| frames.z_tool_mm);
-            model
+    let mut links = request.robot.links.clone();
+    let frames = request.frames.as_ref();
+    if let (Model::Paper, Some(frames), Some(last)) = (request.model(), frames, links.last_mut()) {
+        last.d_mm += frames.z_tool_mm;
+    }
+    let counting: Vec<Observation> = identify
+        .iter()
+        .filter(|o| o.weight > 0.0)
+        .cloned()
+        .collect();
+    placed(request, links, &counting, n_targets)
+}
+
+/// A robot with these links: base and targets fitted where the request's model and frame leave them unknown.
+pub fn placed(
+    request: &CalibrationRequest,
+    links: Vec<Link>,
+    observations: &[Observation],
+    n_targets: usize,
+) -> KinematicModel {
+    match (request.model(), request.set.frame) {
+        (Model::Paper, _) => KinematicModel::nominal(&links, n_targets),
+        (Model::Complete, Frame::Base) => fit_targets(&links, observations, n_targets),
+        (Model::Complete, Frame::Instrument) => {
+            fit_base_and_targets(&links, observations, n_targets)
         }
     }
 }
@@ -362,10 +355,8 @@ pub fn quiet<'m>(monitor: &'m mut Monitor<'_>) -> impl FnMut(Event<'_>) -> Contr
     }
 }
 
-/// Least squares: the most probable robot of the complete model; in the paper's, Levenberg-Marquardt along the directions that the data see,
-/// and what they do not see stays at `start`. With another loss than squares,
-/// again and again with the weights that it gives. `stop_at_cost_mm2` is the main method's; to refine and to compare, least squares goes on
-/// to its end.
+/// Least squares: the most probable robot. With another loss than squares, again and again with the weights that it gives.
+/// `stop_at_cost_mm2` is the main method's; to refine and to compare, least squares goes on to its end.
 pub fn least_squares_from(
     problem: &Problem<'_>,
     start: &KinematicModel,

@@ -1,21 +1,23 @@
 //! Priors and bounds of a request: whether they can be used, what they are to the fit, and what became of them.
 
 use crate::calibration::Error;
-use crate::calibration::identify::Problem;
+use crate::calibration::identify::{Problem, placed};
 use crate::calibration::observe::{free_parameters, model_parameters};
-use crate::calibration::outcome::value_of;
+use crate::calibration::parameter_outcomes::value_of;
 use crate::calibration::report::{PriorOutcome, Warning};
-use crate::calibration::request::{CalibrationRequest, Model, ParameterPrior};
+use crate::calibration::request::{CalibrationRequest, ParameterPrior};
 use crate::calibration::unusable;
 use crate::identification::KinematicModel;
 use crate::identification::distributions::f_tail;
+use crate::identification::estimate::estimate;
 use crate::identification::identifiability::VISIBLE_EFFECT_MM;
 use crate::identification::multistart::best_start;
 use crate::identification::objective::cost;
 use crate::identification::parameters::Parameter;
-use crate::identification::prior_fit::weighed;
 use crate::identification::priors::{Prior, Priors};
 use crate::identification::uncertainty::Uncertainty;
+use crate::solvers::least_squares::Iteration;
+use std::ops::ControlFlow;
 
 /// Points contradict the priors if they would fit so much worse with them in at most so many cases.
 const CONTRADICTED: f64 = 1e-4;
@@ -192,7 +194,7 @@ pub fn known_before(problem: &Problem<'_>) -> Result<Option<KnownBefore>, Error>
         })
     };
     let all: Vec<Prior> = request.priors.iter().filter_map(one).collect();
-    let priors = Priors::new(&problem.nominal, &problem.parameters, all);
+    let mut priors = Priors::new(&problem.nominal, &problem.parameters, all);
     let (parameters, scale, trusted) = (
         &problem.parameters,
         &problem.decomposition.scale,
@@ -204,10 +206,17 @@ pub fn known_before(problem: &Problem<'_>) -> Result<Option<KnownBefore>, Error>
         parameters,
         scale,
         &trusted,
-        request.model() == Model::Paper,
+        &|links, points| placed(request, links, points, problem.screening.targets.len()),
     )
     .model;
-    let (priors, alone) = weighed(priors, &start, parameters, scale, &trusted);
+    let mut rows = problem.rows(&trusted, &[]);
+    let mut go_on = |_: Iteration| ControlFlow::Continue(());
+    let alone = estimate(&rows, &rows.coordinates(&start), 0.0, &mut go_on);
+    for prior in &priors.all {
+        rows.state(prior.parameter, prior.mean, prior.std);
+    }
+    let with = estimate(&rows, &alone.x, 0.0, &mut go_on);
+    priors.scale_mm = with.evidence.sigma_mm;
     Ok(Some(KnownBefore {
         priors,
         alone: alone.model,

@@ -5,6 +5,7 @@ use crate::calibration::coverage::shows_little;
 use crate::calibration::identify::{Found, Problem};
 use crate::calibration::observe::{Observed, observe_verify_set};
 use crate::calibration::orientation::{self, flange_rotation_std_rad};
+use crate::calibration::parameter_outcomes::{identifiability, parameters};
 use crate::calibration::placing::Layout;
 use crate::calibration::plausibility::{JOINT_MAP, joint_counted_otherwise};
 use crate::calibration::remarks::{extrapolated, of_the_verify_set, remarks};
@@ -19,20 +20,12 @@ use crate::calibration::verify::refits;
 use crate::calibration::{Error, known, unseen, verdict};
 use crate::identification::corrected::{CorrectedModel, IdentifiedRobot};
 use crate::identification::objective::{Observation, residuals};
-use crate::identification::parameters::{Parameter, Quantity, deviation_from, quantity_mut};
-use crate::identification::uncertainty::Uncertainty;
 use crate::identification::workspace::tool_uncertainty;
 use crate::identification::{KinematicModel, TrainedNetwork};
 use crate::kinematics::Link;
 use crate::measurement::{Frame, Subset};
 use nalgebra::{IsometryMatrix3, Vector3};
 use std::collections::BTreeSet;
-
-/// Probability with which a parameter's stated interval holds the truth.
-const CONFIDENCE: f64 = 0.95;
-
-/// A parameter whose part in the combinations that nothing is known of is below this, in priors, is known.
-const TAKES_PART: f64 = 1e-3;
 
 /// Mean, standard deviation, rms and largest of |residual|; `None` for no points.
 pub fn errors(model: &KinematicModel, observations: &[Observation]) -> Option<Errors> {
@@ -421,134 +414,4 @@ pub fn delivered(problem: &Problem<'_>, model: &KinematicModel) -> KinematicMode
             .for_each(|target| target.z += frames.z_tool_mm);
     }
     model
-}
-
-/// Nominal and identified value of each free parameter, in mm and degrees.
-fn parameters(
-    problem: &Problem<'_>,
-    model: &KinematicModel,
-    uncertainty: Option<&Uncertainty>,
-    identifiable: &[bool],
-) -> Vec<ParameterOutcome> {
-    let stated = stated(problem, model, uncertainty, identifiable);
-    let outcome = |(i, parameter): (usize, &Parameter)| {
-        let (nominal, identified) = (
-            problem.reported(&problem.nominal, parameter),
-            problem.reported(model, parameter),
-        );
-        let to_wire = |value: f64| {
-            if parameter.is_angle() {
-                value.to_degrees()
-            } else {
-                value
-            }
-        };
-        let known = uncertainty.filter(|_| stated[i]);
-        let interval = |u: &Uncertainty| {
-            let half_width = u.half_width(i, CONFIDENCE);
-            [
-                to_wire(identified - half_width),
-                to_wire(identified + half_width),
-            ]
-        };
-        ParameterOutcome {
-            name: problem.screening.targets.name(parameter),
-            link: if let Parameter::Link(link, _) = parameter {
-                Some(link + 1)
-            } else {
-                None
-            },
-            unit: if parameter.is_angle() { "deg" } else { "mm" },
-            nominal: to_wire(nominal),
-            identified: to_wire(identified),
-            delta: to_wire(identified - nominal),
-            std_uncertainty: known.map(|u| to_wire(u.std(i))),
-            interval_95: known.map(interval),
-            identifiable: identifiable[i],
-            prior: known::outcome_of(problem, model, i, uncertainty),
-        }
-    };
-    problem.parameters.iter().enumerate().map(outcome).collect()
-}
-
-/// For each parameter: true if its uncertainty can be stated. Where nothing is known beforehand that is what the data see alone; a prior
-/// may say what they do not, and where a bound ended the fit there is no interval.
-fn stated(
-    problem: &Problem<'_>,
-    model: &KinematicModel,
-    uncertainty: Option<&Uncertainty>,
-    identifiable: &[bool],
-) -> Vec<bool> {
-    let (Some(known), Some(uncertainty)) = (&problem.priors, uncertainty) else {
-        return identifiable.to_vec();
-    };
-    let at_bounds = known.priors.at_bounds(model);
-    let has_prior = |j: usize| known.priors.all.iter().any(|prior| prior.parameter == j);
-    let is_free = |j: &usize| at_bounds.iter().all(|(k, _)| k != j);
-    let is_known =
-        |j: usize| uncertainty.unseen.row(j).amax() < TAKES_PART * problem.decomposition.scale[j];
-    let is_told = |j: usize| match problem.has_own_priors() {
-        true => identifiable[j] || has_prior(j),
-        false => is_known(j),
-    };
-    (0..problem.parameters.len())
-        .map(|j| is_free(&j) && is_told(j))
-        .collect()
-}
-
-/// A parameter's value in a model, mm or rad.
-pub fn value_of(model: &KinematicModel, parameter: &Parameter) -> f64 {
-    match *parameter {
-        Parameter::Link(link, quantity) => *quantity_mut(&mut model.links[link].clone(), quantity),
-        Parameter::BaseTranslation(axis) => model.t_instrument_base.translation.vector[axis],
-        Parameter::BaseRotation(_) => 0.0,
-        Parameter::Target(target, axis) => model.targets_mm[target][axis],
-    }
-}
-
-impl Problem<'_> {
-    /// A parameter's value as the report has it, mm or rad: the base's turn from its first estimate, and d of the last link without the
-    /// tool that sweeps merged into it.
-    pub fn reported(&self, model: &KinematicModel, parameter: &Parameter) -> f64 {
-        let last_d = Parameter::Link(model.links.len() - 1, Quantity::D);
-        match parameter {
-            Parameter::BaseRotation(_) => deviation_from(&self.nominal, model, parameter),
-            p if *p == last_d => {
-                let frames = self
-                    .request
-                    .frames
-                    .as_ref()
-                    .filter(|_| self.request.model() == Model::Paper);
-                value_of(model, p) - frames.map_or(0.0, |frames| frames.z_tool_mm)
-            }
-            p => value_of(model, p),
-        }
-    }
-}
-
-fn identifiability(problem: &Problem<'_>) -> Identifiability {
-    let names = |group: Vec<usize>| {
-        group
-            .into_iter()
-            .map(|i| problem.screening.targets.name(&problem.parameters[i]))
-            .collect()
-    };
-    Identifiability {
-        n_parameters: problem.parameters.len(),
-        rank: problem.decomposition.rank(),
-        n_by_priors: problem.priors.as_ref().map(|known| {
-            let (with, _) = problem
-                .decomposition
-                .directions_with_priors(&known.priors.stds());
-            with.ncols() - problem.decomposition.rank()
-        }),
-        condition_number: problem.decomposition.condition_number(),
-        unidentifiable: problem
-            .decomposition
-            .unseen_groups()
-            .into_iter()
-            .map(names)
-            .collect(),
-        observability_index_o1: problem.decomposition.observability_index_o1(),
-    }
 }

@@ -144,11 +144,7 @@ fn widened(
     let directions = problem.decomposition.seen_directions();
     let (q, r) = (jacobian(&problem.parameters) * &directions).qr().unpack();
     let inverse = directions * r.try_inverse()? * q.transpose();
-    let roots = [
-        &earlier.uncertainty.noise,
-        &earlier.uncertainty.misfit,
-        &earlier.uncertainty.unseen,
-    ];
+    let roots = [&earlier.uncertainty.noise, &earlier.uncertainty.misfit];
     let n_causes: usize = roots.iter().map(|root| root.ncols()).sum();
     let mut causes = DMatrix::zeros(held.len(), n_causes);
     let mut column = 0;
@@ -175,10 +171,6 @@ fn widened(
         .copy_from(&causes);
     both.misfit = own
         .misfit
-        .clone()
-        .resize_vertically(n_free + held.len(), 0.0);
-    both.unseen = own
-        .unseen
         .clone()
         .resize_vertically(n_free + held.len(), 0.0);
     both.noise.iter().all(|v| v.is_finite()).then(|| {

@@ -6,11 +6,12 @@
 use crate::calibration::Error;
 use crate::calibration::arrangement::Arrangement;
 use crate::calibration::corrections::placed_anew;
+use crate::calibration::motions::fit_motions;
 use crate::calibration::observe::Observed;
 use crate::calibration::outcome::errors;
 use crate::calibration::report::Errors;
 use crate::calibration::request::{CalibrationRequest, Model, ParameterChoice};
-use crate::calibration::screening::{Screening, fit_motions, screen_arranged};
+use crate::calibration::screening::{Screening, screen_arranged};
 use crate::identification::KinematicModel;
 use crate::identification::corrected::IdentifiedRobot;
 use crate::identification::objective::Observation;

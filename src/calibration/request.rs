@@ -151,16 +151,16 @@ impl CalibrationRequest {
         }
     }
 
-    /// The model that is identified: the one asked for, else paper where positions are in the base frame, else complete.
+    /// The model that is identified: the one asked for, else [`default_model`].
     pub fn model(&self) -> Model {
-        self.model
-            .unwrap_or(default_model(self.set.frame, self.frames.is_some()))
+        let default = default_model(self.preset, self.set.frame, self.frames.is_some());
+        self.model.unwrap_or(default)
     }
 }
 
-/// The model where none is asked for: the paper's where positions are in the base frame, as measured or by sweeps, else the complete one.
-pub fn default_model(frame: Frame, has_frames: bool) -> Model {
-    if frame == Frame::Base || has_frames {
+/// The model where none is asked for: the paper's by sweeps, and in the base frame with the paper's preset; else the complete one.
+pub fn default_model(preset: Preset, frame: Frame, has_frames: bool) -> Model {
+    if has_frames || (preset == Preset::Paper && frame == Frame::Base) {
         Model::Paper
     } else {
         Model::Complete

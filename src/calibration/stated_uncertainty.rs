@@ -3,7 +3,6 @@
 use crate::calibration::check::n_equations;
 use crate::calibration::identify::Problem;
 use crate::calibration::report::{SubsetErrors, Warning};
-use crate::calibration::request::Preset;
 use crate::identification::KinematicModel;
 use crate::identification::misfit::{Misfit, gravity_directions};
 use crate::identification::objective::{Observation, residuals};
@@ -18,9 +17,6 @@ use std::collections::BTreeSet;
 
 /// The covariance is that of the minimum of the cost. An answer further off than its own standard deviation is not that minimum.
 const AT_MINIMUM_STDS: f64 = 1.0;
-/// The last step of least squares draws the answer towards nominal as far as noise would move it; it goes no further than this
-/// ([`crate::identification::settle`]), and what it leaves is nearer to the truth than the minimum.
-const SETTLED_STDS: f64 = 3.0;
 
 /// What the residuals say about the errors of parameters and tool, whether or not it can be stated.
 pub fn estimated(problem: &Problem<'_>, model: &KinematicModel) -> Option<Uncertainty> {
@@ -56,10 +52,8 @@ pub fn estimated(problem: &Problem<'_>, model: &KinematicModel) -> Option<Uncert
         .collect();
     let observations: Vec<Observation> = counting.iter().map(|i| points[*i].clone()).collect();
     let clusters: Vec<usize> = counting.iter().map(|i| clusters[*i]).collect();
-    let determined = problem.determined(model, &observations);
-    let own = determined.as_ref().map(|determined| &determined.priors);
-    let priors = own.or(problem.fitting().priors);
-    let at_bounds = priors.map_or(vec![], |priors| priors.at_bounds(model));
+    let priors = problem.determined(model, &observations).priors;
+    let at_bounds = priors.at_bounds(model);
     let mut decomposition = problem.decomposition.clone();
     if !at_bounds.is_empty() {
         at_bounds
@@ -75,7 +69,7 @@ pub fn estimated(problem: &Problem<'_>, model: &KinematicModel) -> Option<Uncert
     uncertainty(
         model,
         &problem.parameters,
-        (&decomposition, priors),
+        (&decomposition, &priors),
         &observations,
         &clusters,
         misfit,
@@ -91,14 +85,8 @@ pub fn why_not_stated(problem: &Problem<'_>, estimated: Option<&Uncertainty>) ->
         };
         return Some(why.into());
     };
-    let is_settled = problem.request.preset == Preset::Default && problem.settings.refine;
-    let limit = if is_settled {
-        SETTLED_STDS
-    } else {
-        AT_MINIMUM_STDS
-    };
     let stds = estimated.stds_from_minimum;
-    if stds > limit || stds.is_nan() {
+    if stds > AT_MINIMUM_STDS || stds.is_nan() {
         return Some(format!(
             "the method did not converge: the answer is {stds:.1} standard deviations away from the minimum of the cost, and the uncertainty \
              of that minimum is not that of this answer. Ask for `refine: true`, or for method auto"

@@ -101,7 +101,7 @@ fn search_space(problem: &Problem<'_>, reference: &KinematicModel) -> SearchSpac
     let reference = reference.clone();
     match (
         problem.settings.singular_directions,
-        problem.fitting().priors,
+        problem.priors.as_ref().map(|known| &known.priors),
     ) {
         (true, None) => SearchSpace::singular(reference, parameters, scale, &problem.identify),
         (true, Some(priors)) => {

@@ -40,17 +40,18 @@ pub fn remark(
     uncertainty: Option<&Uncertainty>,
     scatter_mm: f64,
 ) -> Option<Warning> {
-    let unseen = uncertainty.map_or_else(
-        || problem.decomposition.unseen_directions(),
-        |u| u.unseen.clone(),
-    );
     let flange = |roots: &[&DMatrix<f64>]| {
         at_flange(&problem.request.robot, model, &problem.parameters, roots)
     };
-    let not_seen = flange(&[&unseen]);
-    let all = uncertainty.map_or(not_seen, |u| flange(&[&unseen, &u.noise, &u.misfit]));
-    let is_seen = not_seen.shift_mm < NOTICED_MM && not_seen.turn_rad < NOTICED_RAD;
-    if is_seen && TOOL_MM * all.turn_rad < UNCERTAIN * scatter_mm {
+    let all = match uncertainty {
+        Some(found) => flange(&[&found.noise, &found.misfit]),
+        None => flange(&[&problem.decomposition.unseen_directions()]),
+    };
+    let is_seen = match uncertainty {
+        Some(_) => TOOL_MM * all.turn_rad < UNCERTAIN * scatter_mm,
+        None => all.shift_mm < NOTICED_MM && all.turn_rad < NOTICED_RAD,
+    };
+    if is_seen {
         return None;
     }
     let detail = format!(

@@ -146,7 +146,7 @@ impl Demo<'_> {
                 (labels[1], "bpnn_pso", &follow_up),
             ] {
                 let request = json!({
-                    "measurement_set_id": set, "method": method, "preset": preset, "seed": self.arguments.seed, "refine": false,
+                    "measurement_set_id": set, "method": method, "model": "paper", "preset": preset, "seed": self.arguments.seed, "refine": false,
                     "options": {"n_iterations": ITERATIONS}
                 });
                 done.push(self.calibration(&robot, label, &request).await?);

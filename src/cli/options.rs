@@ -21,7 +21,7 @@ pub struct IdentifyOptions {
     /// Method of identification.
     #[arg(long, env = "KINCAL_METHOD", value_enum, default_value_t = Method::Auto)]
     pub method: Method,
-    /// Model whose parameters are identified [default: paper for frame base, else complete].
+    /// Model whose parameters are identified [default: complete; paper with frames, and with preset paper].
     #[arg(long, env = "KINCAL_MODEL", value_enum)]
     pub model: Option<Model>,
     /// Default values of the method's options.

@@ -40,7 +40,7 @@ pub struct Arguments {
     /// Frame of the measurement [default: that of --request, else instrument; required with --measured].
     #[arg(long, env = "KINCAL_FRAME", value_enum)]
     frame: Option<Frame>,
-    /// The model that will be identified [default: complete; paper for frame base].
+    /// The model that will be identified [default: complete].
     #[arg(long, env = "KINCAL_MODEL", value_enum)]
     model: Option<Model>,
     /// Seed of the random candidates [default: that of --request, else 0].

@@ -40,6 +40,8 @@ struct Sources {
     networks: Vec<(String, Vec<u8>)>,
     residual_networks: Vec<ResidualSource>,
     parameter_set: Option<ParameterSetRow>,
+    /// The frame that a verify job's parameter set was identified in.
+    scored_frame: Option<Frame>,
 }
 
 /// A stored set and its bytes.
@@ -176,9 +178,10 @@ async fn load(
     );
     let (robot, set, verify_set, frames, parameter_set) =
         (robot?, set?, verify_set?, frames?, parameter_set?);
-    let (networks, residual_networks) = tokio::join!(
+    let (networks, residual_networks, scored_frame) = tokio::join!(
         networks(app, robot_id, request, &set.row),
-        residual_networks(app, robot_id, request, &set.row)
+        residual_networks(app, robot_id, request, &set.row),
+        scored_frame(app, request, parameter_set.as_ref())
     );
     Ok(Sources {
         set,
@@ -187,6 +190,7 @@ async fn load(
         networks: networks?,
         residual_networks: residual_networks?,
         parameter_set,
+        scored_frame: scored_frame?,
         robot,
     })
 }
@@ -255,6 +259,20 @@ async fn parameter_set(
                 .await?
         }
     })
+}
+
+/// The frame of the upload that a verify job's parameter set was identified from.
+async fn scored_frame(
+    app: &App,
+    request: &JobRequestBody,
+    scored: Option<&ParameterSetRow>,
+) -> Result<Option<Frame>, Error> {
+    let Some(set) = scored.filter(|_| request.kind == Kind::Verify) else {
+        return Ok(None);
+    };
+    let job = stored::get(&app.store, &set.job_id).await?;
+    let upload = measurement_sets::get(&app.store, &job.measurement_set_id).await?;
+    Ok(Some(frame_of(&upload)?))
 }
 
 /// The networks that the job may start from: the one that the request names, or for `bpnn_pso` and `auto` the newest.
@@ -468,12 +486,9 @@ fn check(request: &JobRequestBody, sources: Sources) -> Result<Chosen, Error> {
         Kind::Verify => {
             let parse =
                 |row: &ParameterSetRow| serde_json::from_str::<ParameterSetContent>(&row.body_json);
-            let identified = sources
-                .parameter_set
-                .as_ref()
-                .map(parse)
-                .transpose()?
-                .map(|content| (&content).into());
+            let content = sources.parameter_set.as_ref().map(parse).transpose()?;
+            calibration_request.scored_frame = sources.scored_frame;
+            let identified = content.map(|content| (&content).into());
             calibration::check_verify(&calibration_request, identified.as_ref())?;
         }
     }

@@ -18,8 +18,6 @@ pub const FALSE_ALARMS: f64 = 0.01;
 /// What displaces the points by less than this, rms, mm, is no change however exact the data: a tenth of what counts as seen. Two
 /// sessions are compared along derivatives, and those are not exact.
 const RESOLUTION_MM: f64 = 0.1 * VISIBLE_EFFECT_MM;
-/// A direction whose part in the unseen combinations is below this (squared) is seen by both.
-const UNSEEN_PART: f64 = 1e-6;
 /// Parameters whose effects on what both see have at least this cosine cannot be told apart.
 const SAME_EFFECT: f64 = 0.9999;
 /// What the chosen parameters leave of another one's effect, at least, for it to be a choice of its own: the sine to [`SAME_EFFECT`].
@@ -217,18 +215,11 @@ fn whitened(
             of[(at[row], column)] / scale[row]
         })
     };
-    let seen = seen_by_both(&[
-        rows(&before.uncertainty.unseen, &at_before),
-        rows(&after.uncertainty.unseen, &at_after),
-    ])?;
-    let through = |root: DMatrix<f64>| {
-        let root = seen.transpose() * root;
-        &root * root.transpose()
-    };
+    let covariance = |root: DMatrix<f64>| &root * root.transpose();
     let (u, v) = (&before.uncertainty, &after.uncertainty);
     let noise = [
-        through(rows(&u.noise, &at_before)),
-        through(rows(&v.noise, &at_after)),
+        covariance(rows(&u.noise, &at_before)),
+        covariance(rows(&v.noise, &at_after)),
     ];
     let bent = bent(
         rows(&u.misfit, &at_before),
@@ -238,12 +229,12 @@ fn whitened(
     );
     let bent = bent
         .into_iter()
-        .map(through)
-        .fold(DMatrix::zeros(seen.ncols(), seen.ncols()), |sum, part| {
+        .map(covariance)
+        .fold(DMatrix::zeros(common.len(), common.len()), |sum, part| {
             sum + part
         });
-    let unresolved = through(rows(&resolution(before), &at_before))
-        + through(rows(&resolution(after), &at_after));
+    let unresolved = covariance(rows(&resolution(before), &at_before))
+        + covariance(rows(&resolution(after), &at_after));
     let variance = &noise[0] + &noise[1] + &bent + unresolved;
     let root = variance.cholesky()?;
     let whiten = |m: &DMatrix<f64>| root.l().solve_lower_triangular(m);
@@ -256,7 +247,7 @@ fn whitened(
             .map(|(c, s)| deviation_from(&before.model, &after.model, &c.parameter) / s),
     );
     // Satterthwaite (1946): each part's share of the variance, averaged over the combinations
-    let share = |part: &DMatrix<f64>| root.solve(part).trace() / seen.ncols() as f64;
+    let share = |part: &DMatrix<f64>| root.solve(part).trace() / common.len() as f64;
     let parts = [
         (&noise[0], u.freedom_of(1.0, 0.0)),
         (&noise[1], v.freedom_of(1.0, 0.0)),
@@ -267,8 +258,8 @@ fn whitened(
         .map(|(part, freedom)| share(part) * share(part) / freedom)
         .sum();
     Some(Whitened {
-        difference: whiten(&(seen.transpose() * difference))?.column(0).into(),
-        effects: whiten(&seen.transpose())?,
+        difference: whiten(&difference)?.column(0).into(),
+        effects: whiten(&DMatrix::identity(common.len(), common.len()))?,
         scale,
         freedom: 1.0 / spread.max(1.0 / MOST_FREEDOM),
     })
@@ -276,17 +267,6 @@ fn whitened(
 
 /// Stands for a variance that is known.
 const MOST_FREEDOM: f64 = 1e6;
-
-/// Orthonormal basis of the scaled combinations that none of the unseen ones has a part in; `None` where there are none.
-fn seen_by_both(unseen: &[DMatrix<f64>; 2]) -> Option<DMatrix<f64>> {
-    let blind = &unseen[0] * unseen[0].transpose() + &unseen[1] * unseen[1].transpose();
-    let eigen = blind.try_symmetric_eigen(f64::EPSILON, EIGEN_ITERATIONS)?;
-    let columns: Vec<_> = (0..eigen.eigenvalues.len())
-        .filter(|k| eigen.eigenvalues[*k] < UNSEEN_PART)
-        .map(|k| eigen.eigenvectors.column(k).clone_owned())
-        .collect();
-    (!columns.is_empty()).then(|| DMatrix::from_columns(&columns))
-}
 
 /// The roots of the misfit's covariance: of the difference of both where features are the same, else of each.
 fn bent(

@@ -8,8 +8,9 @@ use crate::identification::KinematicModel;
 use crate::identification::evidence::{Evidence, Posterior, Triangle};
 use crate::identification::fit::SeenFit;
 use crate::identification::problem::Problem;
-use crate::solvers::least_squares::{Iteration, Options, Termination, minimize};
+use crate::solvers::least_squares::{Iteration, Options, Termination, minimize, sum_of_squares};
 use nalgebra::{DMatrix, DVector};
+use std::cell::RefCell;
 use std::ops::ControlFlow;
 
 /// σ begins at this share of the reach, far below the noise of any robot.
@@ -36,8 +37,11 @@ pub struct Estimate {
     pub evidence: Evidence,
     /// The linear problem there.
     pub posterior: Posterior,
-    /// Sum of squares of rows and priors (those times σ²) at the start and after each step of least squares, the smallest so far, mm².
+    /// Sum of squares of rows and priors (those times σ²) at the start and after each step of least squares, the smallest so far, mm². σ and
+    /// the widths are those that were found: with them the estimate is the least there is.
     pub convergence_mm2: Vec<f64>,
+    /// Coordinates at the start and after each step, with the sum of squares of their rows, mm².
+    steps: Vec<(Vec<f64>, f64)>,
     /// Evaluations of the residuals.
     pub n_evaluations: usize,
     /// Why the last round ended.
@@ -53,9 +57,22 @@ impl Estimate {
             posterior: Triangle::at(problem, start).solve(start, &evidence),
             evidence,
             convergence_mm2: vec![],
+            steps: vec![],
             n_evaluations: 0,
             termination: Termination::IterationLimit,
         }
+    }
+
+    /// With the curve for the noise and the widths that were found.
+    fn with_curve(mut self, problem: &Problem<'_>) -> Self {
+        let mut least = f64::INFINITY;
+        self.convergence_mm2.clear();
+        for (x, rows_mm2) in &self.steps {
+            let sum = rows_mm2 + prior_sum_mm2(problem, x, &self.evidence);
+            least = least.min(sum);
+            self.convergence_mm2.push(least);
+        }
+        self
     }
 
     /// As the end of a fit.
@@ -94,7 +111,7 @@ pub fn estimate(
             break;
         }
     }
-    found
+    found.with_curve(problem)
 }
 
 /// The most probable model with noise and widths as they are, from `start` on.
@@ -106,12 +123,15 @@ pub fn most_probable(
     let start = problem.coordinates(start);
     let mut found = Estimate::before(problem, &start, evidence.clone());
     descend(problem, &mut found, 0.0, &mut |_| ControlFlow::Continue(()));
-    found.into_fit()
+    found.with_curve(problem).into_fit()
 }
 
 /// What the priors add to the sum of squares of a model, mm²: σ²·Σ (x_j/w_j)².
 pub fn prior_cost_mm2(problem: &Problem<'_>, model: &KinematicModel, evidence: &Evidence) -> f64 {
-    let x = problem.coordinates(model);
+    prior_sum_mm2(problem, &problem.coordinates(model), evidence)
+}
+
+fn prior_sum_mm2(problem: &Problem<'_>, x: &[f64], evidence: &Evidence) -> f64 {
     let away = |j: usize| (x[j] - problem.expected(j)) / evidence.widths[j];
     let squares: f64 = (0..x.len()).map(|j| away(j) * away(j)).sum();
     evidence.sigma_mm * evidence.sigma_mm * squares
@@ -137,13 +157,18 @@ fn descend(
 ) {
     let (n_rows, widths) = (problem.n_rows(), &found.evidence.widths);
     let sigma_mm = found.evidence.sigma_mm;
+    // what was evaluated since the last step: sum of squares that is minimised, coordinates, sum of squares of the rows
+    let evaluated: RefCell<Vec<(f64, Vec<f64>, f64)>> = RefCell::default();
     let mut rows =
         |x: &[f64], residuals: &mut DVector<f64>, mut jacobian: Option<&mut DMatrix<f64>>| {
             problem.evaluate(x, residuals.as_mut_slice(), jacobian.as_deref_mut());
+            let rows_mm2 = residuals.rows(0, n_rows).norm_squared();
             residuals.rows_mut(0, n_rows).scale_mut(1.0 / sigma_mm);
             for (j, width) in widths.iter().enumerate() {
                 residuals[n_rows + j] = (x[j] - problem.expected(j)) / width;
             }
+            let sum = sum_of_squares(residuals.as_slice());
+            evaluated.borrow_mut().push((sum, x.to_vec(), rows_mm2));
             if let Some(jacobian) = jacobian {
                 jacobian.rows_mut(0, n_rows).scale_mut(1.0 / sigma_mm);
                 jacobian.rows_mut(n_rows, widths.len()).fill(0.0);
@@ -158,17 +183,21 @@ fn descend(
         stop_at_cost: Some(stop_at_mm2 / (sigma_mm * sigma_mm)),
         ..Options::default()
     };
-    let convergence_mm2 = &mut found.convergence_mm2;
-    let done = convergence_mm2.len().saturating_sub(1);
+    let (steps, told_mm2) = (&mut found.steps, &mut found.convergence_mm2);
+    let done = steps.len().saturating_sub(1);
     let mut watch = |i: Iteration| {
-        let cost_mm2 = i.cost * sigma_mm * sigma_mm;
-        let least_mm2 = convergence_mm2
-            .last()
-            .map_or(cost_mm2, |before| before.min(cost_mm2));
+        let mut since = evaluated.borrow_mut();
+        let here = since.iter().rposition(|(sum, ..)| *sum == i.cost);
+        let here = here.map(|k| since.swap_remove(k));
         // the first of a later round repeats the last of the round before
-        if i.iteration > 0 || convergence_mm2.is_empty() {
-            convergence_mm2.push(least_mm2);
+        if let Some((_, x, rows_mm2)) = here.as_ref().filter(|_| i.iteration > 0 || done == 0) {
+            steps.push((x.clone(), *rows_mm2));
         }
+        since.clear();
+        since.extend(here);
+        let cost_mm2 = i.cost * sigma_mm * sigma_mm;
+        let least_mm2 = told_mm2.last().map_or(cost_mm2, |told| told.min(cost_mm2));
+        told_mm2.push(least_mm2);
         monitor(Iteration {
             iteration: done + i.iteration,
             max_iterations: done + i.max_iterations,

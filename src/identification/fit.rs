@@ -28,47 +28,22 @@ pub fn fit_in_space(
     monitor: &mut dyn FnMut(Iteration) -> ControlFlow<()>,
 ) -> Fit {
     let mut linearisation = Linearisation::new(space, observations);
-    let (n_rows, n_pulls) = (linearisation.n_rows(), space.known().pulls.len());
-    let mut of_points = DMatrix::zeros(if n_pulls > 0 { n_rows } else { 0 }, space.n_coordinates());
+    let n_rows = linearisation.n_rows();
     let mut problem =
         |z: &[f64], residuals: &mut DVector<f64>, jacobian: Option<&mut DMatrix<f64>>| {
-            let (points, pulls) = residuals.as_mut_slice().split_at_mut(n_rows);
+            let residuals = residuals.as_mut_slice();
             match jacobian {
-                Some(jacobian) if n_pulls == 0 => {
-                    linearisation.linearise(z, points, jacobian.as_mut_slice())
-                }
-                Some(jacobian) => {
-                    linearisation.linearise(z, points, of_points.as_mut_slice());
-                    jacobian.rows_mut(0, n_rows).copy_from(&of_points);
-                    jacobian
-                        .rows_mut(n_rows, n_pulls)
-                        .copy_from(&pull_rows(space));
-                }
-                None => linearisation.residuals(z, points),
-            }
-            if n_pulls > 0 {
-                let deviation = space.deviation(z);
-                pulls
-                    .iter_mut()
-                    .zip(space.known().residuals(&deviation))
-                    .for_each(|(to, r)| *to = r);
+                Some(jacobian) => linearisation.linearise(z, residuals, jacobian.as_mut_slice()),
+                None => linearisation.residuals(z, residuals),
             }
         };
     let start = vec![0.0; space.n_coordinates()];
-    let summary = minimize(&mut problem, n_rows + n_pulls, &start, options, monitor);
+    let summary = minimize(&mut problem, n_rows, &start, options, monitor);
     Fit {
         model: space.model(&summary.x),
         deviation: space.deviation(&summary.x),
         summary,
     }
-}
-
-/// Derivatives of the priors' residuals with respect to the coordinates.
-fn pull_rows(space: &SearchSpace) -> DMatrix<f64> {
-    let pulls = &space.known().pulls;
-    DMatrix::from_fn(pulls.len(), space.n_coordinates(), |row, k| {
-        -pulls[row].weight * space.directions()[(pulls[row].parameter, k)]
-    })
 }
 
 /// Least squares on raw parameters from `start`, to the end, without a monitor: for base and targets, where all are seen.
@@ -128,17 +103,6 @@ pub fn fit_along_seen(
             directions,
         )
     };
-    fit_in_rounds(start, along_seen, observations, stop_at_cost, monitor)
-}
-
-/// Levenberg-Marquardt from `start`, in the space that `around` gives at it, and again in that at its answer.
-pub fn fit_in_rounds(
-    start: &KinematicModel,
-    around: impl Fn(&KinematicModel) -> SearchSpace,
-    observations: &[Observation],
-    stop_at_cost: f64,
-    monitor: &mut dyn FnMut(Iteration) -> ControlFlow<()>,
-) -> SeenFit {
     let exact = observations.len() as f64 * EXACT_MM * EXACT_MM;
     let options = Options {
         stop_at_cost: Some(stop_at_cost.max(exact)),
@@ -153,7 +117,7 @@ pub fn fit_in_rounds(
         termination,
     };
     for round in 0..MAX_ROUNDS {
-        let space = around(&found.model);
+        let space = along_seen(&found.model);
         let done = found.n_iterations;
         let mut watch = |i: Iteration| {
             monitor(Iteration {

@@ -175,15 +175,6 @@ impl Decomposition {
         (known, turned.columns_range(n_said..).into_owned())
     }
 
-    /// For each parameter: false if it takes part in a combination that the data cannot see.
-    pub fn identifiable(&self) -> Vec<bool> {
-        let rank = self.rank();
-        let p = self.scale.len();
-        (0..p)
-            .map(|row| (rank..p).all(|k| self.directions[(row, k)].abs() < TAKES_PART))
-            .collect()
-    }
-
     /// The unseen combinations, each by the indices of the parameters that take part in it. The null space is brought to reduced
     /// echelon form first, so that each combination names as few parameters as it can.
     pub fn unseen_groups(&self) -> Vec<Vec<usize>> {

@@ -5,7 +5,7 @@ use crate::identification::fit::fit_along_seen;
 use crate::identification::objective::{Observation, residuals};
 use crate::identification::parameters::{Parameter, Quantity};
 use crate::identification::problem::reach_mm;
-use crate::identification::start::fit_base_and_targets;
+use crate::kinematics::Link;
 use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 use std::ops::ControlFlow;
@@ -45,14 +45,14 @@ pub struct BestStart {
 }
 
 /// Runs least squares from nominal; if it ends far from the points, even from those that fit best, then from what is remembered of the robot,
-/// then from random joint offsets of up to 90°, base and targets placed anew for each, until one of them fits.
+/// then from random joint offsets of up to 90°, each `placed` anew on the points, until one of them fits.
 pub fn best_start(
     nominal: &KinematicModel,
     remembered: Option<&KinematicModel>,
     parameters: &[Parameter],
     scale: &[f64],
     observations: &[Observation],
-    base_is_known: bool,
+    placed: &dyn Fn(Vec<Link>, &[Observation]) -> KinematicModel,
 ) -> BestStart {
     let compared = evenly_taken(observations, nominal.targets_mm.len());
     let compared = if 3 * compared.len() < 2 * parameters.len() {
@@ -122,14 +122,7 @@ pub fn best_start(
                 links[*link].theta_offset_rad += widest * (2.0 * random.random::<f64>() - 1.0);
             }
         }
-        let start = match base_is_known {
-            true => KinematicModel {
-                links,
-                ..nominal.clone()
-            },
-            false => fit_base_and_targets(&links, &compared, nominal.targets_mm.len()),
-        };
-        let (median, model) = end(&start);
+        let (median, model) = end(&placed(links, &compared));
         if median < found.best_mm {
             (found.best_mm, best) = (median, model);
         }

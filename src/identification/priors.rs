@@ -153,16 +153,6 @@ impl Priors {
         self.moved(model, |limit| limit.within(0.0))
     }
 
-    /// The model with every parameter of which something is known where it is expected.
-    pub fn at_means(&self, model: &KinematicModel) -> KinematicModel {
-        let mut deviation = vec![0.0; self.parameters.len()];
-        self.from(model)
-            .pulls
-            .iter()
-            .for_each(|pull| deviation[pull.parameter] = pull.away);
-        apply(model, &self.parameters, &deviation)
-    }
-
     fn moved(&self, model: &KinematicModel, by: impl Fn(&Limit) -> f64) -> KinematicModel {
         let mut deviation = vec![0.0; self.parameters.len()];
         self.from(model)

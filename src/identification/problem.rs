@@ -256,6 +256,23 @@ impl<'a> Problem<'a> {
         self
     }
 
+    /// Takes away what is known of links by themselves: plain least squares, where what no row sees stays at the reference.
+    pub fn without_own_priors(&mut self) {
+        for variable in &mut self.variables {
+            if let Prior::OfKind(_) = variable.prior {
+                variable.prior = Prior::Flat;
+            }
+        }
+    }
+
+    /// Takes away what is known of a parameter: in the paper's model the last d contains the reflector's height above the flange.
+    pub fn free(&mut self, parameter: Parameter) {
+        let found = self.variables.iter_mut().find(|v| v.parameter == parameter);
+        if let Some(variable) = found {
+            (variable.width, variable.prior) = (self.reach_mm, Prior::Flat);
+        }
+    }
+
     /// States what is known of a variable: its mean as a deviation from the reference, and one standard deviation, mm or rad.
     pub fn state(&mut self, variable: usize, mean: f64, std: f64) {
         let variable = &mut self.variables[variable];

@@ -37,8 +37,6 @@ pub struct Uncertainty {
     pub noise: DMatrix<f64>,
     /// p × m, mm or rad: what comes from the misfit, by feature; sessions of one robot share the features' values. No columns without.
     pub misfit: DMatrix<f64>,
-    /// p × (p − rank): S·V of the combinations that the data do not see, which are off by their prior.
-    pub unseen: DMatrix<f64>,
     /// What the features were made of.
     pub features: Misfit,
     /// Residuals less fitted combinations; where points of a configuration share errors, of the configurations' means alone, for those
@@ -61,12 +59,10 @@ struct Estimator {
     q: DMatrix<f64>,
     /// Qᵀ·y of points and priors: the step to the minimum, in units of the standard deviation of a residual.
     step: DVector<f64>,
-    /// Root of QᵀQ, r × r; `None` where it is one.
-    root: Option<DMatrix<f64>>,
+    /// Root of QᵀQ, r × r.
+    root: DMatrix<f64>,
     /// Root of what the errors of the priors leave, p × k.
     of_priors: DMatrix<f64>,
-    /// What neither points nor priors say anything of.
-    unknown: DMatrix<f64>,
 }
 
 impl Estimator {
@@ -75,21 +71,8 @@ impl Estimator {
         (model, linear): (&KinematicModel, &Linear),
         jacobian: &DMatrix<f64>,
         decomposition: &Decomposition,
-        priors: Option<&Priors>,
+        priors: &Priors,
     ) -> Option<Self> {
-        let Some(priors) = priors else {
-            let (q, r) = linear.a.clone().qr().unpack();
-            let per_score = decomposition.seen_directions() * r.try_inverse()?;
-            let of_priors = DMatrix::zeros(per_score.nrows(), 0);
-            return Some(Self {
-                per_score,
-                step: q.tr_mul(&linear.y),
-                q,
-                root: None,
-                of_priors,
-                unknown: decomposition.unseen_directions(),
-            });
-        };
         // a parameter that is held at a bound has scale 0
         let stds: Vec<(usize, f64)> = priors
             .stds()
@@ -99,14 +82,8 @@ impl Estimator {
         let free: Vec<usize> = (0..decomposition.scale.len())
             .filter(|j| decomposition.scale[*j] > 0.0)
             .collect();
-        // with a prior of every parameter, none is unknown
-        let (directions, unknown) = if stds.len() == free.len() {
-            let p = decomposition.scale.len();
-            let all = DMatrix::from_diagonal(&DVector::from_column_slice(&decomposition.scale));
-            (all.select_columns(&free), DMatrix::zeros(p, 0))
-        } else {
-            decomposition.directions_with_priors(&stds)
-        };
+        let all = DMatrix::from_diagonal(&DVector::from_column_slice(&decomposition.scale));
+        let directions = all.select_columns(&free);
         let n = jacobian.nrows();
         let mut rows = (jacobian * &directions).resize_vertically(n + stds.len(), 0.0);
         for (k, (j, std)) in stds.iter().enumerate() {
@@ -131,17 +108,14 @@ impl Estimator {
             per_score,
             q,
             step,
-            root: Some(root),
+            root,
             of_priors,
-            unknown,
         })
     }
 
     /// Root of the covariance that white noise of unit variance leaves.
     fn noise(&self) -> DMatrix<f64> {
-        self.root
-            .as_ref()
-            .map_or_else(|| self.per_score.clone(), |root| &self.per_score * root)
+        &self.per_score * &self.root
     }
 }
 
@@ -150,7 +124,7 @@ impl Estimator {
 pub fn uncertainty(
     model: &KinematicModel,
     parameters: &[Parameter],
-    (decomposition, priors): (&Decomposition, Option<&Priors>),
+    (decomposition, priors): (&Decomposition, &Priors),
     observations: &[Observation],
     clusters: &[usize],
     misfit: Misfit,
@@ -203,7 +177,6 @@ pub fn uncertainty(
         misfit_std_rad,
         noise,
         misfit: of_misfit,
-        unseen: estimator.unknown,
         features: misfit,
         freedom,
         stds_from_minimum,
@@ -268,7 +241,7 @@ impl Uncertainty {
     }
 
     /// One standard deviation (3-D: the root of the three variances' sum) of where `model` predicts a target, mm: J·C·Jᵀ with C of
-    /// noise, of the combinations that the data do not see, and of the misfit both at the measured poses and at this one.
+    /// noise and priors, and of the misfit both at the measured poses and at this one.
     pub fn position_std_mm(
         &self,
         model: &KinematicModel,
@@ -299,7 +272,7 @@ impl Uncertainty {
             .map(half_width)
     }
 
-    /// Variances along each axis of the measuring frame: from noise and the unseen, and from the misfit.
+    /// Variances along each axis of the measuring frame: from noise and priors, and from the misfit.
     fn position_variances_mm2(
         &self,
         model: &KinematicModel,
@@ -314,7 +287,7 @@ impl Uncertainty {
             weight: 1.0,
         }];
         let jacobian = weighted_jacobian(model, parameters, &here, &Vector3::zeros());
-        let (noise, unseen) = (&jacobian * &self.noise, &jacobian * &self.unseen);
+        let noise = &jacobian * &self.noise;
         let mut misfit = &jacobian * &self.misfit;
         if misfit.ncols() > 0 {
             misfit -= self
@@ -324,7 +297,7 @@ impl Uncertainty {
         }
         let along = |axis: usize| {
             [
-                noise.row(axis).norm_squared() + unseen.row(axis).norm_squared(),
+                noise.row(axis).norm_squared(),
                 misfit.row(axis).norm_squared(),
             ]
         };

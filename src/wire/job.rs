@@ -50,7 +50,7 @@ pub struct JobRequestBody {
     /// Method of identification.
     #[serde(default)]
     pub method: Method,
-    /// Which parameters exist; default: paper for a set in the base frame, else complete.
+    /// Which parameters exist; default: complete; paper with `frames_id`, and for a set in the base frame with preset paper.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub model: Option<Model>,
     /// Default values of options.
@@ -303,7 +303,7 @@ impl JobRequestBody {
     /// The model that is identified from a set in this frame: the requested one, else the default.
     pub fn model_for(&self, frame: Frame) -> Model {
         self.model
-            .unwrap_or_else(|| request::default_model(frame, self.frames_id.is_some()))
+            .unwrap_or_else(|| request::default_model(self.preset, frame, self.frames_id.is_some()))
     }
 
     /// The core's request of this body and the documents that it refers to.

@@ -45,7 +45,7 @@ pub struct PosePlanBody {
     /// Seed of the random candidates.
     #[serde(default)]
     pub seed: u64,
-    /// The model that will be identified; default: as for a job on a set in this frame.
+    /// The model that will be identified; default: complete.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub model: Option<Model>,
     /// The frame that will be measured in; default: instrument.
@@ -152,11 +152,7 @@ impl PosePlanBody {
         measured: &[MeasurementSet],
     ) -> Result<PosePlanAnswer, Invalid> {
         self.check()?;
-        let model = self.model.unwrap_or(if self.frame == Some(Frame::Base) {
-            Model::Paper
-        } else {
-            Model::Complete
-        });
+        let model = self.model.unwrap_or(Model::Complete);
         let target_mm = self.target_mm.unwrap_or(if model == Model::Paper {
             ON_AXIS_MM
         } else {

@@ -3,14 +3,19 @@
 use crate::data::{paper_robot, paper_set};
 use crate::simulation::{Campaign, Normal, measure, poses, true_robot};
 use kincal::calibration::request::Loss;
-use kincal::calibration::{CalibrationReport, CalibrationRequest, Method, calibrate};
+use kincal::calibration::{CalibrationReport, CalibrationRequest, Method, Model, calibrate};
 use kincal::identification::{KinematicModel, TrainedNetwork};
-use kincal::measurement::{MeasurementSet, Subset};
+use kincal::measurement::{Frame, MeasurementSet, Subset};
 use rand::RngExt;
 use std::ops::ControlFlow;
 
 /// Final F of the paper's PSO in its simulation, mm² [Gao 2018, section 4.1].
 const PRINTED_COST_MM2: f64 = 5.5519e-5;
+
+/// The paper's model where the base is known.
+fn model_in(frame: Frame) -> Option<Model> {
+    (frame == Frame::Base).then_some(Model::Paper)
+}
 
 fn run(
     set: MeasurementSet,
@@ -20,6 +25,7 @@ fn run(
     network: Option<&TrainedNetwork>,
 ) -> CalibrationReport {
     let mut request = CalibrationRequest::new(paper_robot(), set);
+    request.model = model_in(request.set.frame);
     (
         request.method,
         request.seed,
@@ -103,6 +109,7 @@ fn a_network_of_another_robot_ends_no_worse_than_a_cold_start() {
 fn a_swarm_too_small_to_learn_from_is_moved_by_the_stored_network_alone() {
     let network = trained_on(paper_set("first.csv"), 0);
     let mut request = CalibrationRequest::new(paper_robot(), paper_set("followup_unchanged.csv"));
+    request.model = model_in(request.set.frame);
     (request.method, request.refine, request.network) =
         (Method::BpnnPso, Some(false), Some(network));
     (request.options.n_particles, request.options.n_iterations) = (Some(12), Some(10));
@@ -133,6 +140,7 @@ fn a_follow_up_with_a_robust_loss_is_moved_by_the_network_and_not_by_wild_points
     for loss in [Loss::Huber, Loss::Tukey] {
         let [clean, outlying] = [paper_set("first_noisy.csv"), outlying.clone()].map(|set| {
             let mut request = CalibrationRequest::new(paper_robot(), set);
+            request.model = model_in(request.set.frame);
             (request.method, request.network, request.options.loss) =
                 (Method::BpnnPso, Some(network.clone()), Some(loss));
             calibrate(&request, &mut |_| ControlFlow::Continue(())).unwrap()
@@ -173,6 +181,7 @@ fn unmastered(seed: u64) -> (KinematicModel, Normal) {
 
 fn automatic(set: MeasurementSet, network: Option<&TrainedNetwork>) -> CalibrationReport {
     let request = CalibrationRequest {
+        model: model_in(set.frame),
         network: network.cloned(),
         ..CalibrationRequest::new(paper_robot(), set)
     };

@@ -75,7 +75,7 @@ fn dangerous() -> Vec<(&'static str, String)> {
         ..truth.clone()
     };
     // Each repetition has its own label, so that the pose is on both sides of the split.
-    let few = poses(7, &mut Normal::new(4));
+    let few = poses(9, &mut Normal::new(4));
     let repeated: Vec<Vec<f64>> = (0..POINTS).map(|i| few[i % few.len()].clone()).collect();
     let frozen: Vec<Vec<f64>> = spread(5)
         .into_iter()
@@ -260,10 +260,8 @@ async fn each_dangerous_upload_carries_a_warning_under_the_normal_policy() {
         ("stale base", &["improved_on_active"]),
         ("another robot of the same model", &["improved_on_active"]),
         ("a scale of 0.1 %", &["scale_suspect", "improved_on_active"]),
-        (
-            "wrong tool",
-            &["implausible_parameters", "change_plausible"],
-        ),
+        // where the reflector stands is identified: a longer tool is no error of the robot
+        ("wrong tool", &["placement_changed"]),
         ("duplicate poses", &["duplicate_poses"]),
         ("frozen wrist", &["joint_hardly_moves", "tool_uncertain"]),
         ("narrow cloud", &["poses_not_spread", "tool_uncertain"]),

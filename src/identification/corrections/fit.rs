@@ -1,15 +1,14 @@
 //! Links and corrections together: the most probable answer, with each number's prior, by Gauss-Newton steps.
 //!
-//! F + σ²·Σ (x/S)² is minimised, as in [`settle`](crate::identification::settle): x runs over the corrections and over the deviations of link
-//! parameters from nominal, S is how far each is expected to be off, and σ² the variance of a coordinate about the model, taken from the
-//! fit with as many degrees of freedom as it has used up.
+//! F + σ²·Σ (x/S)² is minimised: x runs over the corrections and over the deviations of parameters from nominal, S is how far each is
+//! expected to be off, as the fit of the links alone has found it, and σ² the variance of a coordinate about the model, taken from the fit with as
+//! many degrees of freedom as it has used up.
 
 use super::linear::linearise;
 use super::{Term, corrections_at};
 use crate::identification::KinematicModel;
 use crate::identification::objective::Observation;
 use crate::identification::parameters::{Parameter, apply, deviation_from};
-use crate::identification::settle::prior_widths;
 use crate::kinematics::{Corrections, Mounting, Payload};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
@@ -26,8 +25,10 @@ pub struct Setting<'a> {
     pub payload: Option<Payload>,
     /// The free parameters of links, base and targets.
     pub parameters: &'a [Parameter],
-    /// Their prior scales.
+    /// Their scales, mm or rad.
     pub scale: &'a [f64],
+    /// How far each may be off from nominal, one standard deviation, mm or rad; infinite where nothing is known.
+    pub widths: &'a [f64],
     /// The points, every one with some weight.
     pub observations: &'a [Observation],
 }
@@ -95,18 +96,14 @@ impl Setting<'_> {
             DMatrix::<f64>::identity(seen + k, seen + k),
             DVector::<f64>::zeros(seen + k),
         );
-        let widths = prior_widths(&at.model, self.nominal, self.parameters, self.scale);
-        for (j, parameter) in self.parameters.iter().enumerate() {
-            if !parameter.is_link() {
-                continue;
-            }
+        for ((j, parameter), width) in self.parameters.iter().enumerate().zip(self.widths) {
             let delta = deviation_from(self.nominal, &at.model, parameter);
-            let row = directions.row(j) / widths[j];
+            let row = directions.row(j) / *width;
             prior
                 .view_mut((0, 0), (seen, seen))
                 .ger(1.0, &row.transpose(), &row.transpose(), 1.0);
             pull.rows_mut(0, seen)
-                .axpy(-delta / widths[j], &row.transpose(), 1.0);
+                .axpy(-delta / width, &row.transpose(), 1.0);
         }
         for (j, (term, value)) in at.terms.iter().zip(&at.values).enumerate() {
             let width = term.prior(&self.mounting);

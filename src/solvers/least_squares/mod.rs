@@ -371,7 +371,8 @@ impl Search {
     }
 }
 
-fn sum_of_squares(residuals: &[f64]) -> f64 {
+/// Sum of squares; infinite where it is no number.
+pub fn sum_of_squares(residuals: &[f64]) -> f64 {
     let sum = squares(residuals);
     if sum.is_finite() { sum } else { f64::INFINITY }
 }

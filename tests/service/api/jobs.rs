@@ -39,7 +39,7 @@ async fn a_job_is_queued_at_once_and_succeeds_with_a_report() {
             &report["seed"],
             &report["model"]
         ),
-        (&job["id"], &json!("pso"), &json!(7), &json!("paper"))
+        (&job["id"], &json!("pso"), &json!(7), &json!("complete"))
     );
     assert_eq!(
         (
@@ -148,7 +148,7 @@ async fn a_swarms_network_is_stored_and_moves_the_next_swarm() {
         .ok(200);
     assert_eq!(
         (&network["job_id"], &network["model"], &network["preset"]),
-        (&trained["id"], &json!("paper"), &json!("default"))
+        (&trained["id"], &json!("complete"), &json!("default"))
     );
     assert_eq!(
         app.get(&format!("{robot}/networks")).await.ok(200)["items"],
@@ -178,17 +178,17 @@ async fn a_swarms_network_is_stored_and_moves_the_next_swarm() {
     )
     .await
     .problem(409, "no_network");
-    let other = json!({"measurement_set_id": follow_up, "method": "bpnn_pso", "model": "complete", "network_id": trained["network_id"]});
+    let other = json!({"measurement_set_id": follow_up, "method": "bpnn_pso", "model": "paper", "network_id": trained["network_id"]});
     app.post_json(&format!("{robot}/jobs"), &other)
         .await
         .problem(409, "network_mismatch");
     // If least squares converges, a network changes nothing. A requested network that does not fit the job is refused.
     assert_eq!(result(&app).await, before);
-    let other = json!({"measurement_set_id": follow_up, "method": "auto", "model": "complete", "network_id": trained["network_id"]});
+    let other = json!({"measurement_set_id": follow_up, "method": "auto", "model": "paper", "network_id": trained["network_id"]});
     app.post_json(&format!("{robot}/jobs"), &other)
         .await
         .problem(409, "network_mismatch");
-    let without = json!({"measurement_set_id": follow_up, "method": "auto", "model": "complete"});
+    let without = json!({"measurement_set_id": follow_up, "method": "auto", "model": "paper"});
     assert_eq!(app.run(&robot, &without).await["status"], "succeeded");
 }
 
@@ -443,7 +443,9 @@ async fn a_verify_job_scores_the_named_set_else_the_active_one_else_the_nominal_
         "{}",
         scored["verify"]
     );
-    assert_eq!(scored["verify"]["before"], nominal["verify"]["before"]);
+    // the nominal links with the reflector where it was identified
+    let before = |report: &Value| report["verify"]["before"]["rms_mm"].as_f64().unwrap();
+    assert!((before(&scored) / before(&nominal) - 1.0).abs() < 0.01);
     assert_eq!(scored["warnings"], json!([]));
     named["measurement_set_id"] = identified["measurement_set_id"].clone();
     assert_eq!(report(&named).await["evidence"], "same_upload");
@@ -517,7 +519,7 @@ async fn priors_and_bounds_are_kept_and_stand_in_the_report() {
                 &report["identifiability"]["rank"],
                 &report["identifiability"]["n_by_priors"]
             ),
-            (&json!(19), &json!(1))
+            (&json!(25), &json!(1))
         );
         assert!(
             report["parameters"]

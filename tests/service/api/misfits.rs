@@ -170,7 +170,8 @@ async fn in_a_terminal_the_remedy_is_named_where_one_fits_and_nothing_invites_to
                 let all = command.iter().cloned().chain([path.clone()]).chain(more);
                 kincal(all.collect(), environment.clone()).await
             };
-            let (code, told, complaints) = run(&["--method", "least_squares"]).await;
+            let (code, told, complaints) =
+                run(&["--method", "least_squares", "--model", "paper"]).await;
             assert_eq!(code, Some(1), "{name}: {told} {complaints}");
             assert!(
                 !told.contains("kincal release") && !complaints.contains("kincal release"),
