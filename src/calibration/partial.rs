@@ -3,7 +3,7 @@
 
 use crate::calibration::changes::estimate;
 use crate::calibration::corrections;
-use crate::calibration::identify::{Problem, calibrate, quiet, stage};
+use crate::calibration::identify::{Problem, calibrate, placed, quiet, stage};
 use crate::calibration::orientation::{self, flange_rotation_std_rad};
 use crate::calibration::report::{CalibrationReport, Warning};
 use crate::calibration::request::{CalibrationRequest, CorrectionsChoice, PreviousSession};
@@ -12,7 +12,6 @@ use crate::identification::KinematicModel;
 use crate::identification::changes::Estimate;
 use crate::identification::objective::weighted_jacobian;
 use crate::identification::parameters::{Parameter, quantity_mut};
-use crate::identification::start::fit_base_and_targets;
 use crate::identification::uncertainty::Uncertainty;
 use crate::identification::workspace::tool_uncertainty;
 use crate::kinematics::{Link, Robot};
@@ -76,7 +75,8 @@ pub fn calibrate_partially(
     // what the earlier session shows of the held robot's flange, and what this one says against the held robot
     let of_held = Problem::new(&whole).ok().and_then(|problem| {
         let n_targets = problem.screening.targets.len();
-        let model = fit_base_and_targets(&held.links, &problem.identify, n_targets);
+        let links = held.links.clone();
+        let model = placed(problem.request, links, &problem.identify, n_targets);
         flange_rotation_std_rad(&problem, &model, &[held.links.as_slice()])
     });
     report.flange_rotation_std_rad = of_held
