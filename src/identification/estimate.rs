@@ -190,7 +190,10 @@ fn descend(
         let here = since.iter().rposition(|(sum, ..)| *sum == i.cost);
         let here = here.map(|k| since.swap_remove(k));
         // the first of a later round repeats the last of the round before
-        if let Some((_, x, rows_mm2)) = here.as_ref().filter(|_| i.iteration > 0 || done == 0) {
+        if let Some((_, x, rows_mm2)) = here
+            .as_ref()
+            .filter(|_| i.iteration > 0 || steps.is_empty())
+        {
             steps.push((x.clone(), *rows_mm2));
         }
         since.clear();
