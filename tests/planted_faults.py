@@ -113,8 +113,10 @@ FAULTS = [
         ("set idle_in_transaction_session_timeout = '5s'", "set idle_in_transaction_session_timeout = 0")]),
     Fault("/readyz does not look for stuck writers", "faults", "readyz_tells", [
         ("stuck.filter(|stuck| stuck.duration >= STUCK).map(", "stuck.filter(|stuck| stuck.duration >= STUCK_TOO_LONG).map(")]),
-    Fault("a job without end", "faults", "without_an_end", [
+    Fault("a job without end", "service", "a_computation_without_an_end", [
         ("tokio::time::sleep(longest)", "tokio::time::sleep(longest.max(Duration::from_secs(3600)))")]),
+    Fault("a cancelled job without end", "faults", "a_cancelled_computation_without_an_end", [
+        ("tokio::time::sleep(left)", "tokio::time::sleep(left.max(Duration::from_secs(3600)))")]),
     Fault("cancelled: over with its thread only", "faults", "a_cancelled_job_is_over_soon", [
         ("sleep(CANCELLED_WITHIN)", "sleep(CANCELLED_WITHIN * 1000)")]),
     Fault("cancelled: two threads of one worker", "faults", "a_cancelled_job_is_over_soon", [
