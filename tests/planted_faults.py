@@ -120,7 +120,7 @@ FAULTS = [
     Fault("cancelled: over with its thread only", "faults", "a_cancelled_job_is_over_soon", [
         ("sleep(CANCELLED_WITHIN)", "sleep(CANCELLED_WITHIN * 1000)")]),
     Fault("cancelled: two threads of one worker", "faults", "a_cancelled_job_is_over_soon", [
-        ("computation.wait(context, &job_id).await;", "drop(deaf);")]),
+        ("computation.wait(context, &job_id).await;", "drop(computation);")]),
     Fault("cancelled: a worker waits for ever", "faults", "a_cancelled_computation_without", [
         ("tokio::time::sleep(left)", "tokio::time::sleep(left * 1000)")]),
     Fault("a cancellation that comes too late", "service", "a_waiting_job_is_cancelled", [
