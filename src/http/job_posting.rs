@@ -2,74 +2,21 @@
 
 use crate::calibration::request::VerifySource;
 use crate::calibration::{self, CalibrationRequest, is_anew};
-use crate::http::auth::{Caller, Scope};
+use crate::http::auth::Scope;
 use crate::http::creation::{Submission, stored_json};
 use crate::http::extract::Id;
+use crate::http::job_sources::{ResidualSource, SetSource, Sources, load};
 use crate::http::request_class::RequestClass;
 use crate::http::{App, Error, access};
 use crate::jobs::queue;
-use crate::store::jobs as stored;
-use crate::store::{
-    self, MeasurementSetRow, NetworkRow, NewJob, ParameterSetRow, RobotRow, Tx, frames,
-    measurement_sets, networks, parameter_sets,
-};
-use crate::wire::frames::FramesContent;
-use crate::wire::id;
-use crate::wire::job::{JobAnswer, JobParts, JobRequestBody, Kind, Method, VerifyBody};
-use crate::wire::measurement::{Frame, MeasurementSet, from_upload};
-use crate::wire::network::NetworkKind;
+use crate::store::{NewJob, ParameterSetRow, Tx};
+use crate::wire::job::{JobAnswer, JobParts, JobRequestBody, Kind, Method};
+use crate::wire::measurement::MeasurementSet;
 use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::robot::Robot;
-use crate::wire::safetensors::{self, NetworkMetadata};
+use crate::wire::safetensors;
 use axum::extract::State;
 use axum::response::Response;
-
-/// Most networks, newest first, among which one with the same parameters is searched.
-const MAX_NETWORKS: i64 = 8;
-/// Most residual networks, newest first, among which one is searched that was not trained on these points. Each is read with its measurement set.
-const MAX_RESIDUAL_NETWORKS: i64 = 3;
-/// Longest chain of residual networks of which each continued the training of the one before.
-const LONGEST_CHAIN: usize = 64;
-
-/// Stored rows that a job refers to.
-struct Sources {
-    robot: RobotRow,
-    set: SetSource,
-    verify_set: Option<SetSource>,
-    frames: Option<FramesContent>,
-    networks: Vec<(String, Vec<u8>)>,
-    residual_networks: Vec<ResidualSource>,
-    parameter_set: Option<ParameterSetRow>,
-    /// The frame that a verify job's parameter set was identified in.
-    scored_frame: Option<Frame>,
-}
-
-/// A stored set and its bytes.
-struct SetSource {
-    row: MeasurementSetRow,
-    bytes: Vec<u8>,
-}
-
-impl SetSource {
-    async fn read(app: &App, id: &str) -> Result<Self, store::Error> {
-        let (row, bytes) = measurement_sets::get_with_body(&app.store, id).await?;
-        Ok(Self { row, bytes })
-    }
-
-    fn set(&self, n_joints: usize) -> Result<MeasurementSet, Error> {
-        let frame = frame_of(&self.row)?;
-        from_upload(&self.row.content_type, &self.bytes, frame, n_joints).map_err(Error::Invalid)
-    }
-}
-
-/// A residual network with the uploads that it was trained on.
-struct ResidualSource {
-    id: String,
-    weights: Vec<u8>,
-    set: SetSource,
-    /// Hashes of the uploads that it and its predecessors were trained on; none if the chain is too long.
-    trained_on_sha256: Option<Vec<String>>,
-}
 
 /// The networks that a job starts from.
 struct Chosen {
@@ -157,227 +104,6 @@ fn new_job(request: &JobRequestBody, sources: &Sources, client: &str) -> Result<
     })
 }
 
-async fn load(
-    app: &App,
-    caller: &Caller,
-    robot_id: &str,
-    request: &JobRequestBody,
-) -> Result<Sources, Error> {
-    // Concurrently; of several errors the first in this order is returned.
-    let (robot, set, verify_set, frames, parameter_set) = tokio::join!(
-        access::robot(app, caller, robot_id),
-        set(
-            app,
-            robot_id,
-            &request.measurement_set_id,
-            "/measurement_set_id"
-        ),
-        verify_set(app, robot_id, request),
-        frames(app, robot_id, request),
-        parameter_set(app, robot_id, request),
-    );
-    let (robot, set, verify_set, frames, parameter_set) =
-        (robot?, set?, verify_set?, frames?, parameter_set?);
-    let (networks, residual_networks, scored_frame) = tokio::join!(
-        networks(app, robot_id, request, &set.row),
-        residual_networks(app, robot_id, request, &set.row),
-        scored_frame(app, request, parameter_set.as_ref())
-    );
-    Ok(Sources {
-        set,
-        verify_set,
-        frames,
-        networks: networks?,
-        residual_networks: residual_networks?,
-        parameter_set,
-        scored_frame: scored_frame?,
-        robot,
-    })
-}
-
-async fn set(app: &App, robot_id: &str, id: &str, at: &str) -> Result<SetSource, Error> {
-    require_own(
-        SetSource::read(app, id).await,
-        |set| set.row.robot_id == robot_id,
-        at,
-        "measurement set",
-    )
-}
-
-async fn verify_set(
-    app: &App,
-    robot_id: &str,
-    request: &JobRequestBody,
-) -> Result<Option<SetSource>, Error> {
-    match &request.verify {
-        Some(VerifyBody::Set { measurement_set_id }) => set(
-            app,
-            robot_id,
-            measurement_set_id,
-            "/verify/measurement_set_id",
-        )
-        .await
-        .map(Some),
-        _ => Ok(None),
-    }
-}
-
-async fn frames(
-    app: &App,
-    robot_id: &str,
-    request: &JobRequestBody,
-) -> Result<Option<FramesContent>, Error> {
-    let Some(id) = &request.frames_id else {
-        return Ok(None);
-    };
-    let row = require_own(
-        frames::get(&app.store, id).await,
-        |row| row.robot_id == robot_id,
-        "/frames_id",
-        "frames",
-    )?;
-    Ok(Some(serde_json::from_str(&row.result_json)?))
-}
-
-/// Chooses the parameter set of the job now, so that every attempt uses the same. It is the one that the request names. By default a `verify` job
-/// scores the active set, and an `identify` job is compared with the robot's last set from another upload.
-async fn parameter_set(
-    app: &App,
-    robot_id: &str,
-    request: &JobRequestBody,
-) -> Result<Option<ParameterSetRow>, Error> {
-    Ok(match (&request.parameter_set_id, request.kind) {
-        (Some(id), _) => Some(require_own(
-            parameter_sets::get(&app.store, id).await,
-            |row| row.robot_id == robot_id,
-            "/parameter_set_id",
-            "parameter set",
-        )?),
-        (None, Kind::Verify) => parameter_sets::active(&app.store, robot_id).await?,
-        (None, Kind::Identify) => {
-            parameter_sets::of_another_session(&app.store, robot_id, &request.measurement_set_id)
-                .await?
-        }
-    })
-}
-
-/// The frame of the upload that a verify job's parameter set was identified from.
-async fn scored_frame(
-    app: &App,
-    request: &JobRequestBody,
-    scored: Option<&ParameterSetRow>,
-) -> Result<Option<Frame>, Error> {
-    let Some(set) = scored.filter(|_| request.kind == Kind::Verify) else {
-        return Ok(None);
-    };
-    let job = stored::get(&app.store, &set.job_id).await?;
-    let upload = measurement_sets::get(&app.store, &job.measurement_set_id).await?;
-    Ok(Some(frame_of(&upload)?))
-}
-
-/// The networks that the job may start from: the one that the request names, or for `bpnn_pso` and `auto` the newest.
-async fn networks(
-    app: &App,
-    robot_id: &str,
-    request: &JobRequestBody,
-    set: &MeasurementSetRow,
-) -> Result<Vec<(String, Vec<u8>)>, Error> {
-    if let Some(id) = &request.network_id {
-        let row = require_own(
-            networks::get(&app.store, id).await,
-            |row| is_of(row, robot_id, NetworkKind::LinkParameters),
-            "/network_id",
-            "network",
-        )?;
-        return Ok(vec![(
-            row.id.clone(),
-            networks::weights(&app.store, &row.id).await?,
-        )]);
-    }
-    if !matches!(request.method, Method::BpnnPso | Method::Auto) || request.kind == Kind::Verify {
-        return Ok(vec![]);
-    }
-    let model = request.model_for(frame_of(set)?);
-    Ok(networks::newest(
-        &app.store,
-        robot_id,
-        model.as_str(),
-        request.preset.as_str(),
-        MAX_NETWORKS,
-    )
-    .await?)
-}
-
-/// The residual networks from which training may continue, with the points that they were trained on.
-async fn residual_networks(
-    app: &App,
-    robot_id: &str,
-    request: &JobRequestBody,
-    set: &MeasurementSetRow,
-) -> Result<Vec<ResidualSource>, Error> {
-    if !request.may_train_residual_network() {
-        return Ok(vec![]);
-    }
-    let found = match &request.residual_network_id {
-        Some(id) => {
-            let is_own = |row: &NetworkRow| is_of(row, robot_id, NetworkKind::Residual);
-            let row = require_own(
-                networks::get(&app.store, id).await,
-                is_own,
-                "/residual_network_id",
-                "residual network",
-            )?;
-            let job = stored::get(&app.store, &row.job_id).await?;
-            vec![(
-                row.id,
-                networks::weights(&app.store, id).await?,
-                job.measurement_set_id,
-            )]
-        }
-        None => {
-            networks::newest_residual(&app.store, robot_id, &set.sha256, MAX_RESIDUAL_NETWORKS)
-                .await?
-        }
-    };
-    let mut sources = Vec::with_capacity(found.len());
-    for (id, weights, set_id) in found {
-        let set = SetSource::read(app, &set_id).await?;
-        let trained_on_sha256 = uploads_trained_on(app, &id).await?;
-        sources.push(ResidualSource {
-            id,
-            weights,
-            set,
-            trained_on_sha256,
-        });
-    }
-    Ok(sources)
-}
-
-/// Hashes of the uploads that a residual network and its predecessors were trained on; `None` if the chain is too long.
-async fn uploads_trained_on(app: &App, network_id: &str) -> Result<Option<Vec<String>>, Error> {
-    let (mut line, mut next) = (Vec::new(), Some(network_id.to_owned()));
-    while let Some(id) = next {
-        if line.len() == LONGEST_CHAIN {
-            return Ok(None);
-        }
-        let network = networks::get(&app.store, &id).await?;
-        let job = stored::get(&app.store, &network.job_id).await?;
-        line.push(
-            measurement_sets::get(&app.store, &job.measurement_set_id)
-                .await?
-                .sha256,
-        );
-        next = job.residual_network_input_id;
-    }
-    Ok(Some(line))
-}
-
-fn is_of(row: &NetworkRow, robot_id: &str, kind: NetworkKind) -> bool {
-    row.robot_id == robot_id
-        && serde_json::from_str::<NetworkMetadata>(&row.metadata_json)
-            .is_ok_and(|metadata| metadata.kind == kind)
-}
-
 /// The newest residual network for this robot that was trained, predecessors included, on no point that is fitted or verified here. Otherwise
 /// cross-validation and verification would prove nothing.
 fn choose_residual(
@@ -425,26 +151,6 @@ fn choose_residual(
         .into());
     }
     Ok(None)
-}
-
-/// The frame of a stored set.
-pub fn frame_of(set: &MeasurementSetRow) -> Result<Frame, Error> {
-    Frame::parse(&set.frame)
-        .ok_or_else(|| Error::Internal(format!("set {} has frame {:?}", set.id, set.frame)))
-}
-
-/// A document that the request names must exist and belong to the robot; both failures give the same error.
-pub fn require_own<T>(
-    found: Result<T, crate::store::Error>,
-    is_own: impl Fn(&T) -> bool,
-    at: &str,
-    what: &str,
-) -> Result<T, Error> {
-    match found {
-        Ok(row) if is_own(&row) => Ok(row),
-        Ok(_) | Err(crate::store::Error::NotFound) => Err(id::unknown(at, what).into()),
-        Err(error) => Err(error.into()),
-    }
 }
 
 /// Runs every check of the core, and chooses the networks that the job starts from.

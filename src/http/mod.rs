@@ -20,6 +20,7 @@ mod index;
 mod job_answer;
 mod job_events;
 mod job_posting;
+mod job_sources;
 mod jobs;
 mod layers;
 mod limits;

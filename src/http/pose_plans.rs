@@ -2,7 +2,7 @@
 
 use crate::http::auth::Caller;
 use crate::http::extract::{Id, json_body, parse_small};
-use crate::http::job_posting::{frame_of, require_own};
+use crate::http::job_sources::{frame_of, require_own};
 use crate::http::request_class::RequestClass;
 use crate::http::{App, Error, access};
 use crate::store::measurement_sets;

@@ -1,15 +1,16 @@
 //! Measurement sets as CSV: header with units, one row per measured point. Parses bytes, never corrects silently.
 
 use crate::measurement::conventions::{Decimal, Frame, Subset};
+use crate::measurement::csv_columns::{Column, parse_header};
+use crate::measurement::csv_issue::whole;
 use crate::measurement::csv_text::{decode, refuse_endless_rows};
 use crate::measurement::set::{MeasurementSet, Point};
 use std::borrow::Cow;
-use std::collections::BTreeMap;
+
+pub use crate::measurement::csv_issue::{Issue, MAX_ISSUES, ParseError};
 
 /// Most rows a set may have: a hundred times the largest campaign we know of; half a minute to identify from.
 pub const MAX_ROWS: usize = 100_000;
-/// Most errors reported at once; a wrong column makes one per row.
-pub const MAX_ISSUES: usize = 20;
 /// Farthest a measured coordinate may be from the instrument or base, mm: trackers reach 80 m.
 pub const MAX_COORDINATE_MM: f64 = 100_000.0;
 /// Largest joint value, rad: ten turns.
@@ -24,51 +25,6 @@ pub const MAX_STD_MM: f64 = 1000.0;
 pub const MAX_TEMPERATURE_C: f64 = 1000.0;
 /// Longest label (configuration, station, session).
 pub const MAX_LABEL_LENGTH: usize = 200;
-
-/// One thing that is wrong with a file.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Issue {
-    /// 0-based data row (the header is not counted), where it is about a row.
-    pub row: Option<usize>,
-    /// Column name, where it is about a column.
-    pub column: Option<String>,
-    /// Stable code.
-    pub code: &'static str,
-    /// What is wrong and how to mend it.
-    pub detail: String,
-}
-
-/// Why a file was refused.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("the measurement file cannot be used: {} problem(s), the first: {}", .issues.len(), .issues.first().map_or("", |i| &i.detail))]
-pub struct ParseError {
-    /// What is wrong, at most [`MAX_ISSUES`].
-    pub issues: Vec<Issue>,
-}
-
-impl ParseError {
-    pub(super) fn new(mut issues: Vec<Issue>) -> Self {
-        issues.truncate(MAX_ISSUES);
-        Self { issues }
-    }
-}
-
-/// What a column holds, and the factor from its unit to mm or rad.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Column {
-    Joint(usize, f64),
-    Position(usize, f64),
-    Configuration,
-    Target,
-    Subset,
-    MeasuredAt,
-    StdMm,
-    Station,
-    Session,
-    Sequence,
-    TemperatureC,
-    SweepJoint,
-}
 
 /// RFC 3339, with its distance from UTC.
 pub const EXAMPLE_OF_A_TIME: &str = "2026-03-01T08:15:30Z or 2026-03-01T09:15:30+01:00 (RFC 3339)";
@@ -172,187 +128,6 @@ pub fn parse_with_times(
         Ok(MeasurementSet::new(frame, points))
     } else {
         Err(ParseError::new(issues))
-    }
-}
-
-pub(super) fn whole(code: &'static str, detail: String) -> ParseError {
-    ParseError {
-        issues: vec![Issue {
-            row: None,
-            column: None,
-            code,
-            detail,
-        }],
-    }
-}
-
-fn parse_header(header: &csv::StringRecord, n_joints: usize) -> Result<Vec<Column>, ParseError> {
-    let mut issues = Vec::new();
-    let mut seen: BTreeMap<String, usize> = BTreeMap::new();
-    let mut columns = Vec::new();
-    for (index, name) in header.iter().enumerate() {
-        if seen.insert(name.to_string(), index).is_some() {
-            issues.push(column_issue(
-                name,
-                "duplicate_column",
-                format!("column {name} appears twice"),
-            ));
-        }
-        match column_of(name, n_joints) {
-            Ok(column) => columns.push(column),
-            Err(issue) => issues.push(issue),
-        }
-        if issues.len() >= MAX_ISSUES {
-            break;
-        }
-    }
-    if issues.is_empty() {
-        issues = missing_columns(&columns, n_joints);
-    }
-    if issues.is_empty() {
-        Ok(columns)
-    } else {
-        Err(ParseError::new(issues))
-    }
-}
-
-fn column_of(name: &str, n_joints: usize) -> Result<Column, Issue> {
-    let plain = match name {
-        "x_mm" => Column::Position(0, 1.0),
-        "y_mm" => Column::Position(1, 1.0),
-        "z_mm" => Column::Position(2, 1.0),
-        "x_m" => Column::Position(0, 1000.0),
-        "y_m" => Column::Position(1, 1000.0),
-        "z_m" => Column::Position(2, 1000.0),
-        "configuration" => Column::Configuration,
-        "target" => Column::Target,
-        "subset" => Column::Subset,
-        "measured_at" => Column::MeasuredAt,
-        "std_mm" => Column::StdMm,
-        "station" => Column::Station,
-        "session" => Column::Session,
-        "sequence" => Column::Sequence,
-        "temperature_c" => Column::TemperatureC,
-        "sweep_joint" => Column::SweepJoint,
-        _ => return joint_column(name, n_joints),
-    };
-    Ok(plain)
-}
-
-fn joint_column(name: &str, n_joints: usize) -> Result<Column, Issue> {
-    let unitless = matches!(name, "x" | "y" | "z");
-    let Some(rest) = name.strip_prefix('q') else {
-        let detail = if unitless {
-            format!("column {name} has no unit; name it {name}_mm or {name}_m")
-        } else {
-            format!(
-                "column {name:?} is not known; known are q1_deg … or q1_rad …, x_mm y_mm z_mm or x_m y_m z_m, configuration, target, subset, \
-                 measured_at, std_mm, station, session, sequence, temperature_c, sweep_joint"
-            )
-        };
-        return Err(column_issue(
-            name,
-            if unitless {
-                "missing_unit"
-            } else {
-                "unknown_column"
-            },
-            detail,
-        ));
-    };
-    let (number, unit) = rest.split_once('_').unwrap_or((rest, ""));
-    let joint: usize = number
-        .parse()
-        .ok()
-        .filter(|j| *j >= 1 && number == format!("{j}"))
-        .ok_or_else(|| {
-            column_issue(
-                name,
-                "unknown_column",
-                format!("column {name:?} is not known; joints are q1_deg, q2_deg, …"),
-            )
-        })?;
-    if joint > n_joints {
-        return Err(column_issue(
-            name,
-            "wrong_joint_count",
-            format!("column {name} is for joint {joint}, but the robot has {n_joints} joints"),
-        ));
-    }
-    match unit {
-        "deg" => Ok(Column::Joint(joint - 1, std::f64::consts::PI / 180.0)),
-        "rad" => Ok(Column::Joint(joint - 1, 1.0)),
-        _ => Err(column_issue(
-            name,
-            "missing_unit",
-            format!("column {name} has no unit; name it q{joint}_deg or q{joint}_rad"),
-        )),
-    }
-}
-
-fn missing_columns(columns: &[Column], n_joints: usize) -> Vec<Issue> {
-    let mut issues = Vec::new();
-    for joint in 0..n_joints {
-        if columns
-            .iter()
-            .filter(|c| matches!(c, Column::Joint(j, _) if *j == joint))
-            .count()
-            != 1
-        {
-            let name = format!("q{}_deg", joint + 1);
-            let detail = format!(
-                "joint {} needs exactly one column, {name} or q{}_rad; the robot has {n_joints} joints",
-                joint + 1,
-                joint + 1
-            );
-            issues.push(column_issue(&name, "wrong_joint_count", detail));
-        }
-    }
-    for (axis, name) in ["x_mm", "y_mm", "z_mm"].into_iter().enumerate() {
-        if columns
-            .iter()
-            .filter(|c| matches!(c, Column::Position(a, _) if *a == axis))
-            .count()
-            != 1
-        {
-            let detail = format!(
-                "the position needs exactly one column {name} (or {}_m)",
-                &name[..1]
-            );
-            issues.push(column_issue(name, "missing_column", detail));
-        }
-    }
-    let deg = columns
-        .iter()
-        .any(|c| matches!(c, Column::Joint(_, f) if *f != 1.0));
-    let rad = columns
-        .iter()
-        .any(|c| matches!(c, Column::Joint(_, f) if *f == 1.0));
-    let mm = columns
-        .iter()
-        .any(|c| matches!(c, Column::Position(_, f) if *f == 1.0));
-    let m = columns
-        .iter()
-        .any(|c| matches!(c, Column::Position(_, f) if *f != 1.0));
-    if issues.is_empty() && ((deg && rad) || (mm && m)) {
-        issues.push(Issue {
-            row: None,
-            column: None,
-            code: "mixed_units",
-            detail:
-                "joints (or coordinates) are in two different units; use one unit for all of them"
-                    .into(),
-        });
-    }
-    issues
-}
-
-fn column_issue(name: &str, code: &'static str, detail: String) -> Issue {
-    Issue {
-        row: None,
-        column: Some(name.to_string()),
-        code,
-        detail,
     }
 }
 

@@ -1,7 +1,7 @@
 //! A file of measurements as text, before anything is made of it: is it one, and does it have an end of line now and then?
 
 use crate::measurement::conventions::Decimal;
-use crate::measurement::csv::{Issue, ParseError, whole};
+use crate::measurement::csv_issue::{Issue, ParseError, whole};
 
 /// Longest row, bytes, a hundred times what one has: one that never ends would be held in memory several times over.
 const MAX_ROW_BYTES: usize = 64 * 1024;

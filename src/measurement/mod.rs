@@ -2,6 +2,8 @@
 
 mod conventions;
 pub mod csv;
+mod csv_columns;
+mod csv_issue;
 mod csv_text;
 pub mod repeatability;
 pub mod set;

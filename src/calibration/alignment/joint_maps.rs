@@ -2,6 +2,7 @@
 //! zeros are quarter turns away. All sign patterns are tried with each coupling and with up to three turned zeros, on some of the points; the
 //! simplest convention of those that fit best is then fitted to all of them.
 
+use super::affine::{LinkFrame, affine_cost_mm2, beyond_affine, scatter_mm2};
 use super::convention::{Convention, MAKERS};
 use super::fitting::{
     Fitted, Zeroed, placed, quickly_placed, quickly_with_free_zeros, with_free_zeros,
@@ -11,7 +12,7 @@ use crate::kinematics::Link;
 use crate::kinematics::forward::t_previous_link;
 use crate::kinematics::model::MAX_LINKS;
 use crate::measurement::Frame;
-use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
+use nalgebra::{DMatrix, Matrix3, Vector3};
 
 /// Points that conventions are compared on.
 const COMPARED_POINTS: usize = 18;
@@ -19,8 +20,6 @@ const COMPARED_POINTS: usize = 18;
 const FEWEST_POINTS: usize = 12;
 /// Disjoint choices of points, tried in turn: a gross row spoils those that hold it.
 const CHOICES: usize = 2;
-/// Of so many compared points one is left out where the base is known, for gross rows.
-const LEFT_OUT: usize = 5;
 /// Joints whose zero is quarter turns away at the same time, at most: the first and the last are often not seen, and the number of
 /// conventions grows with each.
 const MOST_TURNED: usize = 3;
@@ -30,8 +29,6 @@ const ONE_TURNED_FROM: usize = 8;
 const NONE_TURNED_FROM: usize = 10;
 /// Conventions whose rms is within this factor of the best one's fit as well: symmetric arms have several that are the same.
 const AS_GOOD: f64 = 2.0;
-/// Share of a vector's length below which there is nothing but rounding.
-const SEEN: f64 = 1e-9;
 /// Conventions that are fitted to all points, at most.
 const FITTED: usize = 40;
 /// ... and without gross rows.
@@ -42,9 +39,6 @@ const WITH_ZEROS: usize = 12;
 const WORTH_A_SEARCH: f64 = 5.0;
 /// What joint 2's value may be multiplied by before it is added to joint 3's.
 const COUPLINGS: [f64; 3] = [0.0, 1.0, -1.0];
-
-/// Rotation and origin of a link's frame, mm.
-type LinkFrame = (Matrix3<f64>, Vector3<f64>);
 
 /// What a joint's turning looks like in a convention, at each of the compared points.
 struct Turning {
@@ -454,76 +448,4 @@ fn turnings(links: &[Link], compared: &[Observation], joint: usize) -> Vec<Turni
         .flat_map(|reversed| couplings.iter().map(move |coupling| (reversed, *coupling)))
         .map(|(reversed, coupling)| turning(reversed, coupling))
         .collect()
-}
-
-/// Squared distances from their centre, mm², without the points that lie farthest from the centre of all.
-fn scatter_mm2(points: &[Vector3<f64>]) -> f64 {
-    let sum: Vector3<f64> = points.iter().sum();
-    let centre = sum / points.len() as f64;
-    let mut kept: Vec<(f64, &Vector3<f64>)> = points
-        .iter()
-        .map(|p| ((p - centre).norm_squared(), p))
-        .collect();
-    kept.sort_by(|a, b| a.0.total_cmp(&b.0));
-    kept.truncate(points.len() - points.len() / LEFT_OUT);
-    let sum: Vector3<f64> = kept.iter().map(|(_, p)| *p).sum();
-    let centre = sum / kept.len() as f64;
-    kept.iter().map(|(_, p)| (*p - centre).norm_squared()).sum()
-}
-
-/// An orthonormal basis, in rows, of what is orthogonal to the measured coordinates and to a constant: the rest that is left of anything when
-/// its best affine image of the measured positions is taken away.
-fn beyond_affine(positions: &[Vector3<f64>]) -> DMatrix<f64> {
-    let n = positions.len();
-    let columns = DMatrix::from_fn(n, 4, |row, column| {
-        if column == 3 {
-            1.0
-        } else {
-            positions[row][column]
-        }
-    });
-    let mut basis: Vec<DVector<f64>> = Vec::new();
-    let seeds = columns.column_iter().map(|c| c.into_owned()).rev();
-    let units = (0..n).map(|i| DVector::from_fn(n, |row, _| if row == i { 1.0 } else { 0.0 }));
-    let mut n_affine = 0;
-    for (i, seed) in seeds.chain(units).enumerate() {
-        let length = seed.norm();
-        let mut rest = seed;
-        // twice is enough [Giraud 2005]
-        for _ in 0..2 {
-            for known in &basis {
-                let along = known.dot(&rest);
-                rest.axpy(-along, known, 1.0);
-            }
-        }
-        let left = rest.norm();
-        if left > SEEN * length && basis.len() < n {
-            basis.push(rest / left);
-            n_affine += usize::from(i < 4);
-        }
-    }
-    let rows: Vec<_> = basis[n_affine..].iter().map(|v| v.transpose()).collect();
-    DMatrix::from_rows(&rows)
-}
-
-/// Σ |t + R·x − affine image of the measured positions|² with the best target x and the best affine image, mm². The right base is such an
-/// image; a wrong one may be too, so what is near is fitted afterwards.
-fn affine_cost_mm2(beyond_affine: &DMatrix<f64>, frames: &[LinkFrame]) -> f64 {
-    let (mut normal, mut right, mut squares) = (Matrix3::zeros(), Vector3::zeros(), 0.0);
-    for row in beyond_affine.row_iter() {
-        let (mut r, mut t) = (Matrix3::<f64>::zeros(), Vector3::<f64>::zeros());
-        for (weight, (rotation, origin)) in row.iter().zip(frames) {
-            r += rotation * *weight;
-            t += origin * *weight;
-        }
-        normal += r.tr_mul(&r);
-        right += r.tr_mul(&t);
-        squares += t.norm_squared();
-    }
-    // so little that it only keeps what is not seen from growing
-    let ridge = normal.trace() * SEEN + f64::MIN_POSITIVE;
-    let along = (normal + Matrix3::identity() * ridge)
-        .cholesky()
-        .map_or(0.0, |decomposed| right.dot(&decomposed.solve(&right)));
-    (squares - along).max(0.0)
 }

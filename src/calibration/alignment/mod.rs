@@ -2,6 +2,7 @@
 //! does not fit, another frame, makers' joint conventions, wrong units, columns, rows and robots are tried. A set is refused where one of
 //! these fits several times better, or where nothing comes near; an unmastered joint alone is no reason to refuse.
 
+mod affine;
 mod convention;
 mod fitting;
 mod hypotheses;

@@ -18,6 +18,16 @@ fn path(job: &Value) -> String {
     format!("/v1/parameter-sets/{}", text(&job["parameter_set_id"]))
 }
 
+/// The refusal of a release of a job's parameter set.
+async fn refused_release(app: &TestApp, job: &Value) -> Value {
+    app.post_json(
+        &format!("{}/release", path(job)),
+        &json!({"reason": "it fits"}),
+    )
+    .await
+    .problem(409, "release_refused")
+}
+
 #[tokio::test]
 async fn one_call_goes_back_to_the_set_before_and_a_second_one_further() {
     let app = TestApp::with_workers(1).await;
@@ -98,10 +108,7 @@ async fn the_gates_are_told_beforehand_as_a_release_will_find_them_and_nothing_c
     Answer::of(put).await.ok(200);
     let found = gates_now().await;
     assert_eq!(found["releasable"], false);
-    let refused = app
-        .post_json(&format!("{}/release", path(&job)), &json!({"reason": "r"}))
-        .await
-        .problem(409, "release_refused");
+    let refused = refused_release(&app, &job).await;
     assert_eq!(names(&found, false), failed(&refused));
     assert!(
         names(&found, false).contains(&"second_person".to_owned()),
@@ -163,13 +170,7 @@ async fn a_set_that_another_session_shows_to_be_no_better_than_nominal_is_never_
         (&scored["parameter_set_from"], &report["parameter_set_from"]),
         (&verify["parameter_set_id"], &verify["parameter_set_id"])
     );
-    let refused = app
-        .post_json(
-            &format!("{}/release", path(&job)),
-            &json!({"reason": "it fits"}),
-        )
-        .await
-        .problem(409, "release_refused");
+    let refused = refused_release(&app, &job).await;
     assert!(
         failed(&refused).contains(&"sessions_better_than_nominal"),
         "{refused}"
@@ -190,13 +191,7 @@ async fn a_set_that_another_session_shows_to_be_no_better_than_nominal_is_never_
     }
     let gates_now = app.get(&format!("{}/gates", path(&job))).await.ok(200);
     assert_eq!(gates_now["releasable"], false, "{gates_now}");
-    let refused = app
-        .post_json(
-            &format!("{}/release", path(&job)),
-            &json!({"reason": "it fits"}),
-        )
-        .await
-        .problem(409, "release_refused");
+    let refused = refused_release(&app, &job).await;
     let in_doubt = ["check_robot", "sessions_fit"];
     assert!(
         in_doubt.iter().all(|gate| failed(&refused).contains(gate)),
@@ -207,13 +202,7 @@ async fn a_set_that_another_session_shows_to_be_no_better_than_nominal_is_never_
     app.post_json(&format!("{robot}/checked"), &why)
         .await
         .ok(200);
-    let refused = app
-        .post_json(
-            &format!("{}/release", path(&job)),
-            &json!({"reason": "it fits"}),
-        )
-        .await
-        .problem(409, "release_refused");
+    let refused = refused_release(&app, &job).await;
     assert_eq!(failed(&refused), ["sessions_better_than_nominal"]);
     assert!(
         refused["errors"][0]["detail"]

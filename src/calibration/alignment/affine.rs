@@ -1,0 +1,83 @@
+//! How near predicted points come to measured ones, before base and target are fitted: their scatter, and what no affine image explains.
+
+use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
+
+/// Of so many compared points one is left out where the base is known, for gross rows.
+const LEFT_OUT: usize = 5;
+/// Share of a vector's length below which there is nothing but rounding.
+const SEEN: f64 = 1e-9;
+
+/// Rotation and origin of a link's frame, mm.
+pub(super) type LinkFrame = (Matrix3<f64>, Vector3<f64>);
+
+/// Squared distances from their centre, mm², without the points that lie farthest from the centre of all.
+pub(super) fn scatter_mm2(points: &[Vector3<f64>]) -> f64 {
+    let sum: Vector3<f64> = points.iter().sum();
+    let centre = sum / points.len() as f64;
+    let mut kept: Vec<(f64, &Vector3<f64>)> = points
+        .iter()
+        .map(|p| ((p - centre).norm_squared(), p))
+        .collect();
+    kept.sort_by(|a, b| a.0.total_cmp(&b.0));
+    kept.truncate(points.len() - points.len() / LEFT_OUT);
+    let sum: Vector3<f64> = kept.iter().map(|(_, p)| *p).sum();
+    let centre = sum / kept.len() as f64;
+    kept.iter().map(|(_, p)| (*p - centre).norm_squared()).sum()
+}
+
+/// An orthonormal basis, in rows, of what is orthogonal to the measured coordinates and to a constant: the rest that is left of anything when
+/// its best affine image of the measured positions is taken away.
+pub(super) fn beyond_affine(positions: &[Vector3<f64>]) -> DMatrix<f64> {
+    let n = positions.len();
+    let columns = DMatrix::from_fn(n, 4, |row, column| {
+        if column == 3 {
+            1.0
+        } else {
+            positions[row][column]
+        }
+    });
+    let mut basis: Vec<DVector<f64>> = Vec::new();
+    let seeds = columns.column_iter().map(|c| c.into_owned()).rev();
+    let units = (0..n).map(|i| DVector::from_fn(n, |row, _| if row == i { 1.0 } else { 0.0 }));
+    let mut n_affine = 0;
+    for (i, seed) in seeds.chain(units).enumerate() {
+        let length = seed.norm();
+        let mut rest = seed;
+        // twice is enough [Giraud 2005]
+        for _ in 0..2 {
+            for known in &basis {
+                let along = known.dot(&rest);
+                rest.axpy(-along, known, 1.0);
+            }
+        }
+        let left = rest.norm();
+        if left > SEEN * length && basis.len() < n {
+            basis.push(rest / left);
+            n_affine += usize::from(i < 4);
+        }
+    }
+    let rows: Vec<_> = basis[n_affine..].iter().map(|v| v.transpose()).collect();
+    DMatrix::from_rows(&rows)
+}
+
+/// Σ |t + R·x − affine image of the measured positions|² with the best target x and the best affine image, mm². The right base is such an
+/// image; a wrong one may be too, so what is near is fitted afterwards.
+pub(super) fn affine_cost_mm2(beyond_affine: &DMatrix<f64>, frames: &[LinkFrame]) -> f64 {
+    let (mut normal, mut right, mut squares) = (Matrix3::zeros(), Vector3::zeros(), 0.0);
+    for row in beyond_affine.row_iter() {
+        let (mut r, mut t) = (Matrix3::<f64>::zeros(), Vector3::<f64>::zeros());
+        for (weight, (rotation, origin)) in row.iter().zip(frames) {
+            r += rotation * *weight;
+            t += origin * *weight;
+        }
+        normal += r.tr_mul(&r);
+        right += r.tr_mul(&t);
+        squares += t.norm_squared();
+    }
+    // so little that it only keeps what is not seen from growing
+    let ridge = normal.trace() * SEEN + f64::MIN_POSITIVE;
+    let along = (normal + Matrix3::identity() * ridge)
+        .cholesky()
+        .map_or(0.0, |decomposed| right.dot(&decomposed.solve(&right)));
+    (squares - along).max(0.0)
+}

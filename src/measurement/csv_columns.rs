@@ -1,0 +1,195 @@
+//! The header of a file of measurements: which columns there are, and in which unit.
+
+use crate::measurement::csv_issue::{Issue, MAX_ISSUES, ParseError};
+use std::collections::BTreeMap;
+
+/// What a column holds, and the factor from its unit to mm or rad.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Column {
+    Joint(usize, f64),
+    Position(usize, f64),
+    Configuration,
+    Target,
+    Subset,
+    MeasuredAt,
+    StdMm,
+    Station,
+    Session,
+    Sequence,
+    TemperatureC,
+    SweepJoint,
+}
+
+/// What each column of a header holds; refused where one is unknown, missing or in two units.
+pub(super) fn parse_header(
+    header: &csv::StringRecord,
+    n_joints: usize,
+) -> Result<Vec<Column>, ParseError> {
+    let mut issues = Vec::new();
+    let mut seen: BTreeMap<String, usize> = BTreeMap::new();
+    let mut columns = Vec::new();
+    for (index, name) in header.iter().enumerate() {
+        if seen.insert(name.to_string(), index).is_some() {
+            issues.push(column_issue(
+                name,
+                "duplicate_column",
+                format!("column {name} appears twice"),
+            ));
+        }
+        match column_of(name, n_joints) {
+            Ok(column) => columns.push(column),
+            Err(issue) => issues.push(issue),
+        }
+        if issues.len() >= MAX_ISSUES {
+            break;
+        }
+    }
+    if issues.is_empty() {
+        issues = missing_columns(&columns, n_joints);
+    }
+    if issues.is_empty() {
+        Ok(columns)
+    } else {
+        Err(ParseError::new(issues))
+    }
+}
+
+fn column_of(name: &str, n_joints: usize) -> Result<Column, Issue> {
+    let plain = match name {
+        "x_mm" => Column::Position(0, 1.0),
+        "y_mm" => Column::Position(1, 1.0),
+        "z_mm" => Column::Position(2, 1.0),
+        "x_m" => Column::Position(0, 1000.0),
+        "y_m" => Column::Position(1, 1000.0),
+        "z_m" => Column::Position(2, 1000.0),
+        "configuration" => Column::Configuration,
+        "target" => Column::Target,
+        "subset" => Column::Subset,
+        "measured_at" => Column::MeasuredAt,
+        "std_mm" => Column::StdMm,
+        "station" => Column::Station,
+        "session" => Column::Session,
+        "sequence" => Column::Sequence,
+        "temperature_c" => Column::TemperatureC,
+        "sweep_joint" => Column::SweepJoint,
+        _ => return joint_column(name, n_joints),
+    };
+    Ok(plain)
+}
+
+fn joint_column(name: &str, n_joints: usize) -> Result<Column, Issue> {
+    let unitless = matches!(name, "x" | "y" | "z");
+    let Some(rest) = name.strip_prefix('q') else {
+        let detail = if unitless {
+            format!("column {name} has no unit; name it {name}_mm or {name}_m")
+        } else {
+            format!(
+                "column {name:?} is not known; known are q1_deg … or q1_rad …, x_mm y_mm z_mm or x_m y_m z_m, configuration, target, subset, \
+                 measured_at, std_mm, station, session, sequence, temperature_c, sweep_joint"
+            )
+        };
+        return Err(column_issue(
+            name,
+            if unitless {
+                "missing_unit"
+            } else {
+                "unknown_column"
+            },
+            detail,
+        ));
+    };
+    let (number, unit) = rest.split_once('_').unwrap_or((rest, ""));
+    let joint: usize = number
+        .parse()
+        .ok()
+        .filter(|j| *j >= 1 && number == format!("{j}"))
+        .ok_or_else(|| {
+            column_issue(
+                name,
+                "unknown_column",
+                format!("column {name:?} is not known; joints are q1_deg, q2_deg, …"),
+            )
+        })?;
+    if joint > n_joints {
+        return Err(column_issue(
+            name,
+            "wrong_joint_count",
+            format!("column {name} is for joint {joint}, but the robot has {n_joints} joints"),
+        ));
+    }
+    match unit {
+        "deg" => Ok(Column::Joint(joint - 1, std::f64::consts::PI / 180.0)),
+        "rad" => Ok(Column::Joint(joint - 1, 1.0)),
+        _ => Err(column_issue(
+            name,
+            "missing_unit",
+            format!("column {name} has no unit; name it q{joint}_deg or q{joint}_rad"),
+        )),
+    }
+}
+
+fn missing_columns(columns: &[Column], n_joints: usize) -> Vec<Issue> {
+    let mut issues = Vec::new();
+    for joint in 0..n_joints {
+        if columns
+            .iter()
+            .filter(|c| matches!(c, Column::Joint(j, _) if *j == joint))
+            .count()
+            != 1
+        {
+            let name = format!("q{}_deg", joint + 1);
+            let detail = format!(
+                "joint {} needs exactly one column, {name} or q{}_rad; the robot has {n_joints} joints",
+                joint + 1,
+                joint + 1
+            );
+            issues.push(column_issue(&name, "wrong_joint_count", detail));
+        }
+    }
+    for (axis, name) in ["x_mm", "y_mm", "z_mm"].into_iter().enumerate() {
+        if columns
+            .iter()
+            .filter(|c| matches!(c, Column::Position(a, _) if *a == axis))
+            .count()
+            != 1
+        {
+            let detail = format!(
+                "the position needs exactly one column {name} (or {}_m)",
+                &name[..1]
+            );
+            issues.push(column_issue(name, "missing_column", detail));
+        }
+    }
+    let deg = columns
+        .iter()
+        .any(|c| matches!(c, Column::Joint(_, f) if *f != 1.0));
+    let rad = columns
+        .iter()
+        .any(|c| matches!(c, Column::Joint(_, f) if *f == 1.0));
+    let mm = columns
+        .iter()
+        .any(|c| matches!(c, Column::Position(_, f) if *f == 1.0));
+    let m = columns
+        .iter()
+        .any(|c| matches!(c, Column::Position(_, f) if *f != 1.0));
+    if issues.is_empty() && ((deg && rad) || (mm && m)) {
+        issues.push(Issue {
+            row: None,
+            column: None,
+            code: "mixed_units",
+            detail:
+                "joints (or coordinates) are in two different units; use one unit for all of them"
+                    .into(),
+        });
+    }
+    issues
+}
+
+fn column_issue(name: &str, code: &'static str, detail: String) -> Issue {
+    Issue {
+        row: None,
+        column: Some(name.to_string()),
+        code,
+        detail,
+    }
+}
