@@ -171,7 +171,8 @@ function errorTable(report, job) {
   const flat = rows.flatMap(([, name, half]) => [[`${name} (${half.n_points})`, before, half.before], ["", after, half.after], ...(isCorrected(half) ? [["", `${after}, with corrections`, half.corrected]] : [])]);
   const columns = [["Points", ([name]) => name], ["Robot", ([, stage]) => stage], ...["mean", "std", "rms", "max"].map((name) => [name, ([, , e]) => error(e[`${name}_mm`]), "n"])];
   return el("section.card", {}, el("h2", {}, verifies ? "Errors beside the nominal robot" : "Errors before and after"),
-    table(verifies ? "Position errors in mm, on all points of the set." : "Position errors in mm. Identify: the points of the fit. Verify: points kept aside.", columns, flat, ""));
+    table(verifies ? "Position errors in mm, on all points of the set." : "Position errors in mm. Identify: the points of the fit. Verify: points kept aside.", columns, flat, ""),
+    report.final && el("p.note", {}, `The delivered parameters were then fitted to all ${report.final.n_points} points (${mm(report.final.rms_mm)} rms there): the tool is ${mm(report.final.moved_mm)} on average from where the verified fit has it, over the workspace.`));
 }
 
 function parameterTable(report) {

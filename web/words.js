@@ -114,6 +114,7 @@ export const STAGES = {
   compare_least_squares: "Least squares on the same points, to compare",
   compare_pso: "Cold swarm on the same points, to compare",
   compare_warm_start: "Warm start on the same points, to compare",
+  final_fit: "Fitting all points",
   uncertainty: "Working out errors and uncertainties",
   held_uncertainty: "Working out how sure the held parameters are",
   compare_sessions: "Comparing with the session before",

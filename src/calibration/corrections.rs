@@ -7,11 +7,12 @@ use crate::calibration::outcome::delivered;
 use crate::calibration::report::Warning;
 use crate::calibration::request::{CorrectionsChoice, Preset};
 use crate::calibration::{Event, Monitor};
-use crate::identification::KinematicModel;
 use crate::identification::corrected::{CorrectedModel, IdentifiedRobot};
 use crate::identification::corrections::{Evidence, Fitted, Setting, select};
 use crate::identification::objective::{Observation, weighted_residuals};
+use crate::identification::priors::Prior;
 use crate::identification::start::{fit_base_and_targets, place};
+use crate::identification::{self, KinematicModel};
 use crate::kinematics::{MeasuredRegion, Mounting};
 use crate::measurement::Subset;
 use nalgebra::{IsometryMatrix3, Vector3};
@@ -29,6 +30,70 @@ pub struct Found {
     pub evidence: Vec<Evidence>,
     /// The robot with what was kept, in the frame of the fit.
     pub corrected: Option<CorrectedModel>,
+    /// The fit behind it.
+    pub fitted: Option<Fitted>,
+}
+
+/// Points that count, at a fit.
+struct Points {
+    observations: Vec<Observation>,
+    /// The number of each point's configuration, from 0.
+    clusters: Vec<usize>,
+    sessions: Vec<Option<String>>,
+}
+
+impl Points {
+    /// The points to identify from, with the weights of the request's loss, and not more of them than are needed.
+    fn new(problem: &Problem<'_>, model: &KinematicModel) -> Self {
+        let weighted = problem.loss.reweighted(model, &problem.identify);
+        let clusters = problem.observed.clusters(Subset::Identify);
+        let rows = (0..problem.observed.all.len())
+            .filter(|row| problem.observed.subsets[*row] == Subset::Identify);
+        let all = weighted.into_iter().zip(clusters).zip(rows);
+        let counting: Vec<_> = all.filter(|((o, _), _)| o.weight > 0.0).collect();
+        let step = counting.len().div_ceil(MOST_POINTS).max(1);
+        let taken: Vec<_> = counting.into_iter().step_by(step).collect();
+        let session = |row: usize| problem.request.set.points[row].session.clone();
+        Self {
+            clusters: renumbered(taken.iter().map(|((_, cluster), _)| *cluster)),
+            sessions: taken.iter().map(|(_, row)| session(*row)).collect(),
+            observations: taken.into_iter().map(|((o, _), _)| o).collect(),
+        }
+    }
+
+    /// σ² of the links alone, mm²; `None` where nothing is left to explain.
+    fn variance(&self, problem: &Problem<'_>, model: &KinematicModel) -> Option<f64> {
+        let freedom = 3.0 * self.observations.len() as f64 - problem.decomposition.rank() as f64;
+        let variance = weighted_residuals(model, &self.observations).norm_squared() / freedom;
+        let noise_mm = stated_scale_mm(&problem.request.set).max(EXACT_MM);
+        (freedom > 0.0 && variance > noise_mm * noise_mm).then_some(variance)
+    }
+}
+
+/// What does not change from fit to fit of corrections.
+fn setting<'a>(
+    problem: &'a Problem<'_>,
+    nominal: &'a KinematicModel,
+    priors: &'a [Prior],
+    observations: &'a [Observation],
+) -> Setting<'a> {
+    let request = problem.request;
+    Setting {
+        nominal,
+        mounting: request.robot.mounting.unwrap_or(Mounting {
+            gravity_in_base: -Vector3::z(),
+            std_rad: USUAL_MOUNTING_STD_RAD,
+        }),
+        payload: request.payload,
+        parameters: &problem.parameters,
+        scale: &problem.decomposition.scale,
+        priors,
+        observations,
+    }
+}
+
+fn region(observations: &[Observation], n_joints: usize) -> MeasuredRegion {
+    MeasuredRegion::of(observations.iter().map(|o| o.q_rad.as_slice()), n_joints)
 }
 
 /// Whether corrections are looked for: by default not in the paper's preset.
@@ -95,6 +160,7 @@ pub fn veto(
     let found = Found {
         evidence: found.evidence.into_iter().map(drop).collect(),
         corrected: None,
+        fitted: None,
     };
     let detail = format!(
         "corrections won on the identify points, but on the {} points to verify{} the robot is {corrected_mm:.4} mm rms off with them and {links_mm:.4} mm \
@@ -121,80 +187,71 @@ pub fn corrections(
     let nothing = Found {
         evidence: vec![],
         corrected: None,
+        fitted: None,
     };
-    let counting: Vec<(Observation, usize, Option<String>)> = {
-        let weighted = problem.loss.reweighted(model, &problem.identify);
-        let clusters = problem.observed.clusters(Subset::Identify);
-        let rows = (0..problem.observed.all.len())
-            .filter(|row| problem.observed.subsets[*row] == Subset::Identify);
-        let sessions = rows.map(|row| request.set.points[row].session.clone());
-        let all = weighted
-            .into_iter()
-            .zip(clusters)
-            .zip(sessions)
-            .map(|((o, cluster), session)| (o, cluster, session));
-        all.filter(|(o, ..)| o.weight > 0.0).collect()
-    };
-    let step = counting.len().div_ceil(MOST_POINTS).max(1);
-    let taken: Vec<_> = counting.into_iter().step_by(step).collect();
-    let observations: Vec<Observation> = taken.iter().map(|(o, ..)| o.clone()).collect();
-    let freedom = 3.0 * observations.len() as f64 - problem.decomposition.rank() as f64;
-    let variance = weighted_residuals(model, &observations).norm_squared() / freedom;
-    let noise_mm = stated_scale_mm(&request.set).max(EXACT_MM);
-    if freedom <= 0.0 || variance <= noise_mm * noise_mm {
+    let points = Points::new(problem, model);
+    let observations = &points.observations;
+    let Some(variance) = points.variance(problem, model) else {
         return nothing;
-    }
-    let (links, nominal) = (
-        delivered(problem, model),
-        delivered(problem, &problem.nominal),
-    );
-    let setting = Setting {
-        nominal: &nominal,
-        mounting: request.robot.mounting.unwrap_or(Mounting {
-            gravity_in_base: -Vector3::z(),
-            std_rad: USUAL_MOUNTING_STD_RAD,
-        }),
-        payload: request.payload,
-        parameters: &problem.parameters,
-        scale: &problem.decomposition.scale,
-        widths: &problem.determined(model, &observations).widths,
-        observations: &observations,
     };
-    let clusters = renumbered(taken.iter().map(|(_, cluster, _)| *cluster));
-    let sessions: Vec<Option<String>> = taken.iter().map(|(.., session)| session.clone()).collect();
+    let nominal = delivered(problem, &problem.nominal);
+    let priors = problem.determined(model, observations).priors;
+    let setting = setting(problem, &nominal, &priors.all, observations);
     let start = Fitted {
-        model: links,
+        model: delivered(problem, model),
         terms: vec![],
         values: vec![],
         variance,
     };
     let mut go_on = || monitor(Event::Heartbeat).is_continue();
-    let earlier = request.residual_network.as_ref();
     let Some(selected) = select(
         &setting,
         &start,
-        &clusters,
-        &sessions,
-        earlier,
+        &points.clusters,
+        &points.sessions,
+        request.residual_network.as_ref(),
         request.seed,
         &mut go_on,
     ) else {
         return nothing;
     };
     let is_kept = selected.evidence.last().is_some_and(|all| all.kept);
-    let region = MeasuredRegion::of(
-        observations.iter().map(|o| o.q_rad.as_slice()),
-        nominal.links.len(),
-    );
-    let corrected = is_kept.then_some(CorrectedModel {
-        model: selected.fitted.model,
+    let corrected = is_kept.then(|| CorrectedModel {
+        model: selected.fitted.model.clone(),
         corrections: selected.corrections,
-        region,
+        region: region(observations, nominal.links.len()),
     });
     Found {
         evidence: selected.evidence,
         corrected,
+        fitted: is_kept.then_some(selected.fitted),
     }
+}
+
+/// The corrections that were kept, fitted to all points to identify from of another problem, beside its `model`. `None` if none was kept, or
+/// if the equations cannot be solved.
+pub fn refit(
+    problem: &Problem<'_>,
+    model: &KinematicModel,
+    found: &Found,
+) -> Option<CorrectedModel> {
+    let (fitted, kept) = (found.fitted.as_ref()?, found.corrected.as_ref()?);
+    let points = Points::new(problem, model);
+    let observations = &points.observations;
+    let nominal = delivered(problem, &problem.nominal);
+    let priors = problem.determined(model, observations).priors;
+    let (fitted, corrections) = identification::corrections::refit(
+        &setting(problem, &nominal, &priors.all, observations),
+        fitted,
+        kept.corrections.residual.is_some(),
+        problem.request.residual_network.as_ref(),
+        problem.request.seed,
+    )?;
+    Some(CorrectedModel {
+        model: fitted.model,
+        corrections,
+        region: region(observations, nominal.links.len()),
+    })
 }
 
 /// Numbers from 0 in order of first appearance.

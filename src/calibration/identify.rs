@@ -1,14 +1,16 @@
 //! The flow chart of a calibration, stage by stage.
 
+use crate::calibration::arrangement::Arrangement;
 use crate::calibration::changes::changes;
 use crate::calibration::check::check;
 use crate::calibration::choice::{Choice, choose};
 use crate::calibration::corrections;
+use crate::calibration::final_fit::{self, final_fit};
 use crate::calibration::known::{KnownBefore, known_before};
 use crate::calibration::larger_model;
 use crate::calibration::motions::parameters_of;
 use crate::calibration::observe::{Observed, observe};
-use crate::calibration::outcome::report;
+use crate::calibration::outcome::{Answer, report, verify_layout, vetoed};
 use crate::calibration::report::{CalibrationReport, MethodComparison};
 use crate::calibration::request::{CalibrationRequest, Method, Model};
 use crate::calibration::robust::PointLoss;
@@ -39,6 +41,8 @@ pub struct Problem<'a> {
     pub observed: Observed,
     /// Which points do not belong, and what moved.
     pub screening: Screening,
+    /// Segments and set-ups of the points.
+    pub arrangement: Arrangement,
     /// How a residual counts.
     pub loss: PointLoss,
     /// What is fitted.
@@ -135,17 +139,30 @@ pub fn calibrate(
     };
     let comparison = compare(&problem, &choice, own, monitor)?;
     let problem = problem.with_tool_of(&found.model);
+    let layout = verify_layout(&problem, &found.model)?;
+    let (corrections, vetoed) = vetoed(&problem, &found.model, layout.as_ref(), corrections)?;
+    let delivered = match final_fit::is_wanted(&problem) {
+        true => Some(stage(monitor, "final_fit", |monitor| {
+            final_fit(&problem, &found.model, corrections.as_ref(), monitor)
+        })?),
+        false => None,
+    };
     let mut report = stage(monitor, "uncertainty", |_| {
         report(
             &problem,
-            method,
-            choice.reason,
-            found,
-            comparison,
-            network,
-            corrections,
+            Answer {
+                method,
+                method_reason: choice.reason,
+                found,
+                comparison,
+                network,
+                corrections,
+                delivered,
+            },
+            layout.as_ref(),
         )
     })?;
+    report.warnings.extend(vetoed);
     report.warnings.extend(too_small);
     report
         .warnings
@@ -183,16 +200,18 @@ impl<'a> Problem<'a> {
     /// The same with what the points see taken at the nominal robot with its tool: in the paper's model the reflector's height is part of
     /// the last d, of which nominal values know nothing, and on it depends what a reflector shows.
     pub fn with_tool_of(self, model: &KinematicModel) -> Self {
-        let Some(last) = model
-            .links
-            .len()
-            .checked_sub(1)
-            .filter(|_| self.request.model() == Model::Paper)
-        else {
-            return self;
-        };
+        match self.request.model() {
+            Model::Complete => self,
+            Model::Paper => self.decomposed_with_tool_of(model),
+        }
+    }
+
+    /// The same for any model: the complete one has its tool in the targets.
+    pub fn decomposed_with_tool_of(self, model: &KinematicModel) -> Self {
         let mut tooled = self.nominal.clone();
-        tooled.links[last].d_mm = model.links[last].d_mm;
+        if let (Model::Paper, Some(last)) = (self.request.model(), tooled.links.last_mut()) {
+            last.d_mm = model.links[model.links.len() - 1].d_mm;
+        }
         let decomposition = decomposition_at(
             &tooled,
             &self.parameters,
@@ -212,7 +231,7 @@ impl<'a> Problem<'a> {
 
     /// The problem of a request whose points are already split: screened, and arranged for the fit.
     pub fn of(request: &'a CalibrationRequest, mut observed: Observed) -> Result<Self, Error> {
-        let screening = screen(request, &mut observed)?;
+        let (screening, arrangement) = screen(request, &mut observed)?;
         let identify = observed.of(Subset::Identify);
         let parameters = parameters_of(request, &screening.targets)?;
         let nominal = nominal_model(request, &identify, screening.targets.len());
@@ -231,6 +250,7 @@ impl<'a> Problem<'a> {
             settings,
             observed,
             screening,
+            arrangement,
             loss,
             identify,
             parameters,

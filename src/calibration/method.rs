@@ -46,6 +46,17 @@ pub enum Loss {
     Tukey,
 }
 
+/// Which points the delivered parameters are fitted to, after the held-out points were verified on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema, ValueEnum)]
+#[serde(rename_all = "snake_case")]
+#[value(rename_all = "snake_case")]
+pub enum FinalFit {
+    /// All points of the upload.
+    All,
+    /// The identify subset alone: the delivered parameters are those that were verified.
+    IdentifySubset,
+}
+
 /// What link parameters cannot say.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[schema(as = Corrections)]

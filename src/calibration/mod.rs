@@ -7,6 +7,7 @@ mod check;
 mod choice;
 mod corrections;
 mod coverage;
+mod final_fit;
 mod identify;
 mod judged;
 mod known;
@@ -50,7 +51,7 @@ pub use plausibility::{JOINT_MAP, implausible_changes};
 pub use repeated_rows::{is_anew, repeated_rows};
 pub use report::{CalibrationReport, Errors};
 pub use request::{CalibrationRequest, Method, Model, Preset};
-pub use rescoring::{errors_mm, verify_points_of};
+pub use rescoring::{errors_mm, errors_on_verify_subset_mm};
 pub use session_fit::{HeldOut, SessionFit, session_fit};
 pub use verdict::{DOES_NOT_FIT, NO_BETTER, NO_FIT, SET_FAR_OFF};
 pub use verify::{check_verify, verify};
@@ -61,7 +62,7 @@ use std::ops::ControlFlow;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Event<'a> {
     /// A named stage begins: `screening`, then `least_squares`, `pso` or `bpnn_pso` for the main method, then `train_network`, `refine`,
-    /// `corrections`, `compare_least_squares`, `compare_pso`, `compare_warm_start`, `uncertainty`, `compare_sessions`. A job of kind verify has
+    /// `corrections`, `compare_least_squares`, `compare_pso`, `compare_warm_start`, `final_fit`, `uncertainty`, `compare_sessions`. A job of kind verify has
     /// `verify` alone, a partial recalibration ends with `held_uncertainty`.
     StageStarted(&'a str),
     /// Nothing to report: a stage other than the main method is at work and asks whether to stop.

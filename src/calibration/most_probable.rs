@@ -6,9 +6,8 @@ use crate::calibration::robust::{LeastSquares, robust_fit};
 use crate::identification::estimate::{estimate, evidence_at, most_probable, prior_cost_mm2};
 use crate::identification::fit::SeenFit;
 use crate::identification::objective::Observation;
-use crate::identification::parameters::{Parameter, Quantity, deviation_from, quantity_mut};
+use crate::identification::parameters::{Parameter, Quantity, copy_parameter, deviation_from};
 use crate::identification::priors::{Prior, Priors};
-use crate::identification::problem::Variable;
 use crate::identification::{KinematicModel, problem};
 use crate::measurement::Frame;
 use crate::solvers::least_squares::Iteration;
@@ -28,26 +27,6 @@ pub struct Determined {
     pub priors: Priors,
     /// Of each parameter: 1 − posterior variance / prior variance.
     pub data_share: Vec<f64>,
-    /// Of each parameter: one standard deviation of its prior, mm or rad; infinite where nothing is known of it.
-    pub widths: Vec<f64>,
-}
-
-/// Gives a parameter of `to` the value that it has in `from`, to the last bit. The base's turn has no value of its own.
-fn take_over(parameter: &Parameter, from: &KinematicModel, to: &mut KinematicModel) {
-    match *parameter {
-        Parameter::Link(link, quantity) => {
-            *quantity_mut(&mut to.links[link], quantity) =
-                *quantity_mut(&mut from.links[link].clone(), quantity);
-        }
-        Parameter::BaseTranslation(axis) => {
-            to.t_instrument_base.translation.vector[axis] =
-                from.t_instrument_base.translation.vector[axis];
-        }
-        Parameter::BaseRotation(_) => {}
-        Parameter::Target(target, axis) => {
-            to.targets_mm[target][axis] = from.targets_mm[target][axis];
-        }
-    }
 }
 
 fn go_on(_: Iteration) -> ControlFlow<()> {
@@ -109,7 +88,7 @@ impl Problem<'_> {
         let mut fit_with = |held: &[Held], start: &KinematicModel| {
             let mut fit = fit_with(held, start);
             for (parameter, _) in held {
-                take_over(&self.parameters[*parameter], start, &mut fit.model);
+                copy_parameter(&self.parameters[*parameter], start, &mut fit.model);
             }
             fit
         };
@@ -187,18 +166,11 @@ impl Problem<'_> {
                 });
             }
         }
-        let in_units = |(variable, width): (&Variable, &f64)| match variable.prior {
-            problem::Prior::Flat => f64::INFINITY,
-            _ => width * variable.width,
-        };
-        let widths = rows.variables.iter().zip(&evidence.widths);
-        let widths = widths.map(in_units).collect();
         let mut priors = Priors::new(&self.nominal, &self.parameters, all);
         priors.scale_mm = evidence.sigma_mm;
         Determined {
             priors,
             data_share: posterior.data_share,
-            widths,
         }
     }
 }

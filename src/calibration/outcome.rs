@@ -2,6 +2,7 @@
 
 use crate::calibration::corrections;
 use crate::calibration::coverage::shows_little;
+use crate::calibration::final_fit::Final;
 use crate::calibration::identify::{Found, Problem};
 use crate::calibration::observe::{Observed, observe_verify_set};
 use crate::calibration::orientation::{self, flange_rotation_std_rad};
@@ -14,7 +15,7 @@ use crate::calibration::report::*;
 use crate::calibration::request::{Method, Model, VerifySource};
 use crate::calibration::session_fit::own_scatter_mm;
 use crate::calibration::stated_uncertainty::{
-    estimated, nothing_left, why_it_says_nothing, why_not_stated, with_found_misfit,
+    estimated, nothing_left, stated, why_it_says_nothing, why_not_stated, with_found_misfit,
 };
 use crate::calibration::verify::refits;
 use crate::calibration::{Error, known, unseen, verdict};
@@ -65,7 +66,7 @@ fn statistics(sizes: &[f64]) -> Option<Errors> {
 }
 
 /// Another set to verify on, laid out for the robot that was identified; `None` where the points are of the fit's own set.
-fn verify_layout<'a>(
+pub fn verify_layout<'a>(
     problem: &'a Problem<'_>,
     model: &KinematicModel,
 ) -> Result<Option<Layout<'a>>, Error> {
@@ -86,26 +87,31 @@ fn verify_layout<'a>(
 }
 
 /// Corrections after the veto of the points to verify, and what is said of it.
-fn vetoed(
+pub fn vetoed(
     problem: &Problem<'_>,
     model: &KinematicModel,
     layout: Option<&Layout<'_>>,
-    found: corrections::Found,
-) -> Result<(corrections::Found, Option<Warning>), Error> {
+    found: Option<corrections::Found>,
+) -> Result<(Option<corrections::Found>, Option<Warning>), Error> {
+    let Some(found) = found else {
+        return Ok((None, None));
+    };
     let robot = IdentifiedRobot {
         plain: delivered(problem, model),
         corrected: found.corrected.clone(),
     };
-    let Some(layout) = layout else {
-        let points = problem.observed.of(Subset::Verify);
-        return Ok(corrections::veto(found, &robot, &points));
+    let (found, warning) = match layout {
+        None => corrections::veto(found, &robot, &problem.observed.of(Subset::Verify)),
+        Some(layout) => {
+            let after = layout.place(model)?;
+            let there = IdentifiedRobot {
+                plain: after.model.clone(),
+                ..layout.place_corrected(&robot, &after)
+            };
+            corrections::veto(found, &there, &after.observed.all)
+        }
     };
-    let after = layout.place(model)?;
-    let there = IdentifiedRobot {
-        plain: after.model.clone(),
-        ..layout.place_corrected(&robot, &after)
-    };
-    Ok(corrections::veto(found, &there, &after.observed.all))
+    Ok((Some(found), warning))
 }
 
 /// Errors of a model on the verify points.
@@ -116,26 +122,38 @@ pub fn verify_errors(problem: &Problem<'_>, model: &KinematicModel) -> Option<Er
     }
 }
 
-/// The report of a finished calibration.
+/// What a calibration found.
+pub struct Answer<'a> {
+    /// The method that ran.
+    pub method: Method,
+    /// Why that method.
+    pub method_reason: String,
+    /// Its answer.
+    pub found: Found,
+    /// The other methods.
+    pub comparison: Vec<MethodComparison>,
+    /// The network trained on the run.
+    pub network: Option<TrainedNetwork>,
+    /// Corrections after the veto of the verify points, where they were searched.
+    pub corrections: Option<corrections::Found>,
+    /// The fit to all points; `None` if the parameters that were verified are delivered.
+    pub delivered: Option<Final<'a>>,
+}
+
+/// The report of a finished calibration. `layout` is that of another set to verify on.
 pub fn report(
     problem: &Problem<'_>,
-    method: Method,
-    method_reason: String,
-    found: Found,
-    comparison: Vec<MethodComparison>,
-    network: Option<TrainedNetwork>,
-    corrections: Option<corrections::Found>,
+    answer: Answer<'_>,
+    layout: Option<&Layout<'_>>,
 ) -> Result<CalibrationReport, Error> {
+    let Answer {
+        found,
+        corrections,
+        delivered: final_fit,
+        ..
+    } = answer;
     let request = problem.request;
     let model = &found.model;
-    let layout = verify_layout(problem, model)?;
-    let (corrections, vetoed) = match corrections {
-        Some(found) => {
-            let (found, vetoed) = vetoed(problem, model, layout.as_ref(), found)?;
-            (Some(found), vetoed)
-        }
-        None => (None, None),
-    };
     // in the frame of the fit
     let robot = corrections.as_ref().map(|c| IdentifiedRobot {
         plain: delivered(problem, model),
@@ -172,8 +190,13 @@ pub fn report(
         (&problem.observed, model),
         robot.as_ref(),
     );
-    let identifiability = identifiability(problem);
-    let identifiable = problem.identifiable(model);
+    // errors are those of the fit that was verified, all else is said of the delivered one
+    let (delivered_problem, delivered_model) = match &final_fit {
+        Some(last) => (&last.problem, &last.model),
+        None => (problem, model),
+    };
+    let identifiability = identifiability(delivered_problem);
+    let identifiable = delivered_problem.identifiable(delivered_model);
     let mut fit = verdict::no_fit(&per_point, &request.robot.links).or_else(|| {
         let named = problem.parameters.iter().zip(&identifiable);
         let unseen: BTreeSet<String> = named
@@ -183,7 +206,7 @@ pub fn report(
         joint_counted_otherwise(&model.links, &request.robot.links, &unseen)
     });
     let (verify, of_verify_set);
-    if let Some(layout) = &layout {
+    if let Some(layout) = layout {
         let (before, after) = (layout.place(&problem.nominal)?, layout.place(model)?);
         let robot_there = robot
             .as_ref()
@@ -232,16 +255,17 @@ pub fn report(
         );
         of_verify_set = vec![];
     }
-    let (links, t_instrument_base, targets_mm) = as_delivered(problem, model);
+    let (links, t_instrument_base, targets_mm) = as_delivered(problem, delivered_model);
     let misfit = fit
         .as_ref()
         .map(|told| told.code)
         .filter(|code| [verdict::NO_FIT, JOINT_MAP].contains(code));
     let fits = misfit.is_none();
-    let estimated = estimated(problem, model);
+    let estimated = estimated(delivered_problem, delivered_model);
     let tool = estimated.as_ref().map(|estimated| {
-        let (robot, points) = (&request.robot, &problem.identify);
-        let of_links = tool_uncertainty(robot, model, &problem.parameters, points, estimated);
+        let (robot, points) = (&request.robot, &delivered_problem.identify);
+        let parameters = &problem.parameters;
+        let of_links = tool_uncertainty(robot, delivered_model, parameters, points, estimated);
         with_found_misfit(of_links, &identify)
     });
     let mut not_determined = None;
@@ -249,23 +273,30 @@ pub fn report(
         Some(code) => Some(format!(
             "the identified robot does not fit the points ({code})"
         )),
-        None => why_not_stated(problem, estimated.as_ref()).or_else(|| {
-            not_determined = why_it_says_nothing(problem, tool.as_ref()?);
+        None => why_not_stated(delivered_problem, estimated.as_ref()).or_else(|| {
+            not_determined = why_it_says_nothing(delivered_problem, tool.as_ref()?);
             not_determined.clone()
         }),
     };
     let uncertainty = estimated.filter(|_| why_not_stated.is_none());
-    let beyond = uncertainty
+    let of_verified = match final_fit {
+        Some(_) => stated(problem, model),
+        None => uncertainty.clone(),
+    };
+    let beyond = of_verified
         .as_ref()
         .and_then(|u| extrapolated(problem, model, u, identify.after.rms_mm));
-    let with_corrections = corrections.as_ref().and_then(|c| c.corrected.as_ref());
-    let of_both: Vec<&[Link]> = std::iter::once(&model.links)
-        .chain(with_corrections.map(|corrected| &corrected.model.links))
+    let corrected = match &final_fit {
+        Some(last) => last.corrected.as_ref(),
+        None => corrections.as_ref().and_then(|c| c.corrected.as_ref()),
+    };
+    let of_both: Vec<&[Link]> = std::iter::once(&delivered_model.links)
+        .chain(corrected.map(|corrected| &corrected.model.links))
         .map(Vec::as_slice)
         .collect();
     let mut report = CalibrationReport {
-        method,
-        method_reason,
+        method: answer.method,
+        method_reason: answer.method_reason,
         model: request.model(),
         preset: request.preset,
         seed: request.seed,
@@ -276,30 +307,33 @@ pub fn report(
         convergence_mm2: found.convergence,
         identify,
         verify,
+        final_fit: final_fit.as_ref().map(|last| last.errors),
         per_point,
-        parameters: parameters(problem, model, uncertainty.as_ref(), &identifiable),
+        parameters: parameters(
+            delivered_problem,
+            delivered_model,
+            uncertainty.as_ref(),
+            &identifiable,
+        ),
         tool_uncertainty: tool.filter(|_| uncertainty.is_some()),
         error_model: uncertainty.as_ref().map(ErrorModel::of),
         uncertainty,
         uncertainty_absent_because: why_not_stated,
         changes: None,
         flange_rotation_std_rad: fits
-            .then(|| flange_rotation_std_rad(problem, model, &of_both))
+            .then(|| flange_rotation_std_rad(delivered_problem, delivered_model, &of_both))
             .flatten(),
         identifiability,
-        comparison,
+        comparison: answer.comparison,
         warnings: vec![],
         links,
         t_instrument_base,
         targets_mm,
         target_segments: problem.screening.targets.segments.clone(),
-        corrected: corrections
-            .as_ref()
-            .and_then(|c| c.corrected.as_ref())
-            .map(|c| corrected_as_delivered(problem, c)),
+        corrected: corrected.map(|c| corrected_as_delivered(problem, c)),
         corrections: corrections.map(|c| c.evidence),
         repeatability,
-        network,
+        network: answer.network,
     };
     report.warnings = verdict::warnings(&report, &problem.request.robot.links, fit);
     report.warnings.extend(not_determined.map(|detail| Warning {
@@ -307,12 +341,11 @@ pub fn report(
         detail,
         rows: vec![],
     }));
-    report.warnings.extend(vetoed);
-    report.warnings.extend(nothing_left(problem));
+    report.warnings.extend(nothing_left(delivered_problem));
     if fits {
         report.warnings.extend(unseen::remark(
-            problem,
-            model,
+            delivered_problem,
+            delivered_model,
             report.uncertainty.as_ref(),
             report.identify.after.rms_mm,
         ));
@@ -320,7 +353,9 @@ pub fn report(
     report
         .warnings
         .extend(orientation::remark(report.flange_rotation_std_rad));
-    report.warnings.extend(known::remarks(problem, model));
+    report
+        .warnings
+        .extend(known::remarks(delivered_problem, delivered_model));
     report.warnings.extend(remarks(
         &problem.screening,
         &problem.observed,

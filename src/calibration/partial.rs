@@ -58,7 +58,10 @@ pub fn calibrate_partially(
         frames: held.session.frames.clone(),
         ..CalibrationRequest::new(request.robot.clone(), held.session.set.clone())
     };
-    let problem = Problem::new(&from_held)?;
+    let mut problem = Problem::new(&from_held)?;
+    if report.final_fit.is_some() {
+        problem = problem.over_all_points(&model_of(&report))?;
+    }
     let earlier = stage(monitor, "held_uncertainty", |monitor| {
         estimate(&whole, &mut quiet(monitor))
     })?;

@@ -11,7 +11,7 @@ use crate::calibration::observe::Observed;
 use crate::calibration::outcome::errors;
 use crate::calibration::report::Errors;
 use crate::calibration::request::{CalibrationRequest, Model, ParameterChoice};
-use crate::calibration::screening::{Screening, screen_arranged};
+use crate::calibration::screening::{Screening, screen};
 use crate::identification::KinematicModel;
 use crate::identification::corrected::IdentifiedRobot;
 use crate::identification::objective::Observation;
@@ -79,7 +79,7 @@ impl<'a> Layout<'a> {
         fitted.subsets.fill(Subset::Identify);
         let (screening, arrangement) =
             match 3 * set.points.len() > PER_NUMBER * (6 * n_stations(set) + 3 * set.n_targets()) {
-                true => screen_arranged(&placing, &mut fitted)?,
+                true => screen(&placing, &mut fitted)?,
                 false => {
                     let arrangement = Arrangement::of(&placing);
                     (

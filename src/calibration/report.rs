@@ -49,6 +49,17 @@ impl SubsetErrors {
     }
 }
 
+/// The delivered fit, to all points.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FinalErrors {
+    /// Points that it was fitted to.
+    pub n_points: usize,
+    /// Root mean square of their |residual| by the links alone, mm.
+    pub rms_mm: f64,
+    /// Mean distance of the tool from where the verified fit has it, at 200 configurations over the workspace, mm.
+    pub moved_mm: f64,
+}
+
 /// One point's error before and after.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PointErrors {
@@ -227,6 +238,8 @@ pub struct CalibrationReport {
     pub identify: SubsetErrors,
     /// The verify half, if there is one.
     pub verify: Option<SubsetErrors>,
+    /// The delivered fit; `None` if the parameters that were verified are delivered.
+    pub final_fit: Option<FinalErrors>,
     /// Every point of the set (and of the verify set, after them), in order.
     pub per_point: Vec<PointErrors>,
     /// Every free parameter.

@@ -1,6 +1,6 @@
 //! What a calibration needs: everything, and nothing that is not plain data.
 
-pub use crate::calibration::method::{CorrectionsChoice, Loss, Method};
+pub use crate::calibration::method::{CorrectionsChoice, FinalFit, Loss, Method};
 use crate::calibration::session_fit::HeldOut;
 use crate::frames::PreliminaryFrames;
 pub use crate::identification::{Model, Preset};
@@ -102,6 +102,9 @@ pub struct CalibrationRequest {
     pub verify: VerifySource,
     /// Search options.
     pub options: SearchOptions,
+    /// Which points the delivered parameters are fitted to; `None`: all, but the identify subset in the paper's preset and for a swarm that
+    /// is not refined.
+    pub final_fit: Option<FinalFit>,
     /// What links cannot say; `None`: looked for, but not in the paper's preset.
     pub corrections: Option<CorrectionsChoice>,
     /// What the flange carried while the set was measured, where it is known.
@@ -142,6 +145,7 @@ impl CalibrationRequest {
             refine: None,
             verify: VerifySource::Default,
             options: SearchOptions::default(),
+            final_fit: None,
             corrections: None,
             payload: None,
             scored_frame: None,

@@ -9,25 +9,19 @@ use crate::identification::corrected::IdentifiedRobot;
 use crate::measurement::{MeasurementSet, Subset};
 use std::ops::ControlFlow;
 
-/// The points that a request keeps to verify: another set, or its own verify subset.
+/// Each verify point's error of another robot, mm, for a request whose verify points are of its own upload. As for the robot that the request
+/// identified, base and targets are not placed by the verify points alone: here by all points of the upload.
 ///
 /// # Errors
-/// [`Error::Unusable`] for a set whose split cannot be made.
-pub fn verify_points_of(request: &CalibrationRequest) -> Result<MeasurementSet, Error> {
-    if let VerifySource::Set(set) = &request.verify {
-        return Ok(set.clone());
-    }
+/// As [`verify`].
+pub fn errors_on_verify_subset_mm(
+    request: &CalibrationRequest,
+    robot: &IdentifiedRobot,
+) -> Result<Vec<f64>, Error> {
     let subsets = observe(request)?.subsets;
-    let kept = request
-        .set
-        .points
-        .iter()
-        .zip(subsets)
-        .filter(|(_, subset)| *subset == Subset::Verify);
-    Ok(MeasurementSet {
-        frame: request.set.frame,
-        points: kept.map(|(point, _)| point.clone()).collect(),
-    })
+    let errors = errors_mm(request, &request.set, robot)?.into_iter();
+    let of_verify = errors.zip(subsets).filter(|(_, s)| *s == Subset::Verify);
+    Ok(of_verify.map(|(error, _)| error).collect())
 }
 
 /// Each point's error, mm, of a robot on all points of `set`, base and targets placed anew as [`verify`] does it: of links alone or with

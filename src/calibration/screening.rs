@@ -79,12 +79,7 @@ struct AllFit {
 }
 
 /// Screens the points, and arranges them for the fit: wild points lose their weight, what moved is taken apart.
-pub fn screen(request: &CalibrationRequest, observed: &mut Observed) -> Result<Screening, Error> {
-    screen_arranged(request, observed).map(|(screening, _)| screening)
-}
-
-/// As [`screen`], with the arrangement that was found.
-pub fn screen_arranged(
+pub fn screen(
     request: &CalibrationRequest,
     observed: &mut Observed,
 ) -> Result<(Screening, Arrangement), Error> {

@@ -306,6 +306,7 @@ fn report(
             corrected: None,
         },
         verify: Some(verify),
+        final_fit: None,
         per_point,
         parameters: vec![],
         tool_uncertainty: None,

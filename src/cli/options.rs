@@ -1,6 +1,6 @@
 //! Options that several commands share.
 
-use crate::wire::job::{JobRequestBody, Method, Model, Preset};
+use crate::wire::job::{FinalFit, JobRequestBody, Method, Model, Preset};
 use crate::wire::measurement::Frame;
 use crate::wire::suspicion::Insist;
 
@@ -27,6 +27,9 @@ pub struct IdentifyOptions {
     /// Default values of the method's options.
     #[arg(long, env = "KINCAL_PRESET", value_enum, default_value_t = Preset::Default)]
     pub preset: Preset,
+    /// Points to which the delivered parameters are fitted after the verification [default: all; identify_subset with preset paper].
+    #[arg(long, env = "KINCAL_FINAL_FIT", value_enum)]
+    pub final_fit: Option<FinalFit>,
     /// Seed of every random number.
     #[arg(long, env = "KINCAL_SEED", default_value_t = 0)]
     pub seed: u64,
@@ -39,6 +42,7 @@ impl IdentifyOptions {
             method: self.method,
             model: self.model,
             preset: self.preset,
+            final_fit: self.final_fit,
             seed: self.seed,
             ..JobRequestBody::for_set(measurement_set_id)
         }

@@ -107,6 +107,16 @@ fn identified(report: &Report) -> String {
     line(&mut text, columns());
     subset(&mut text, "identify", Some(&report.identify));
     subset(&mut text, "verify", report.verify.as_ref());
+    if let Some(last) = &report.final_fit {
+        let (n, rms) = (last.n_points, error(last.rms_mm));
+        let moved = error(last.moved_mm);
+        line(
+            &mut text,
+            format!(
+                "delivered: fitted to all {n} points ({rms} mm rms there), {moved} mm on average from the verified fit over the workspace"
+            ),
+        );
+    }
     line(&mut text, format!("evidence: {}", evidence(report)));
     if let Some(tool) = report.tool_uncertainty_mm {
         let (mean, max) = (number(tool.mean), number(tool.max));

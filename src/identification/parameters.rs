@@ -178,6 +178,25 @@ pub fn deviation_from(
     }
 }
 
+/// Gives a parameter of `to` the value that it has in `from`, to the last bit. A rotation vector of the base is no number of the model, and is
+/// left as it is.
+pub fn copy_parameter(parameter: &Parameter, from: &KinematicModel, to: &mut KinematicModel) {
+    match *parameter {
+        Parameter::Link(link, quantity) => {
+            let value = *quantity_mut(&mut from.links[link].clone(), quantity);
+            *quantity_mut(&mut to.links[link], quantity) = value;
+        }
+        Parameter::BaseTranslation(axis) => {
+            let value = from.t_instrument_base.translation.vector[axis];
+            to.t_instrument_base.translation.vector[axis] = value;
+        }
+        Parameter::BaseRotation(_) => {}
+        Parameter::Target(target, axis) => {
+            to.targets_mm[target][axis] = from.targets_mm[target][axis];
+        }
+    }
+}
+
 /// One quantity of a link.
 pub fn quantity_mut(link: &mut Link, quantity: Quantity) -> &mut f64 {
     match quantity {

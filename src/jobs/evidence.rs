@@ -1,5 +1,6 @@
 //! Evidence for a release: reads the facts of every job about a parameter set, and compares the set with the active one on the same points.
 
+use crate::calibration::request::VerifySource;
 use crate::calibration::{self, CalibrationRequest, judged};
 use crate::jobs::execution::{request_of, set_of};
 use crate::jobs::{JobInputs, MeasurementSetInput};
@@ -176,35 +177,45 @@ pub fn compare_on(
 ) -> std::result::Result<Option<Comparison>, Box<Problem>> {
     let set = set_of(upload, parsed.request.robot.links.len())
         .map_err(|_| broken(&format!("the upload {}", upload.row.id)))?;
-    Ok(compare(parsed, format!("session of job {job_id}"), Ok(set)))
+    Ok(compare(parsed, format!("session of job {job_id}"), &set))
 }
 
-/// Errors of both on the points that were held out when the set was identified.
+/// Errors of both on the points that were held out when the set was identified: of the fit that had not seen them, where they are of the same upload.
 pub fn compare_on_held_out(parsed: &ParsedEvidence) -> Option<Comparison> {
-    let set = calibration::verify_points_of(&parsed.request).map_err(|error| error.to_string());
-    compare(parsed, "the points held out".into(), set)
+    let points = "the points held out".to_string();
+    if let VerifySource::Set(set) = &parsed.request.verify {
+        return compare(parsed, points, set);
+    }
+    let active = parsed.active.as_ref()?.identified_robot(None);
+    let rms_mm = calibration::errors_on_verify_subset_mm(&parsed.request, &active)
+        .map(|active_mm| {
+            let own = parsed.report.verify_errors_mm().into_iter();
+            let both = active_mm.into_iter().zip(own);
+            let both = both.map(|(active, [_, links, corrected])| [active, links, corrected]);
+            rms_mm_of(both)
+        })
+        .map_err(|error| error.to_string());
+    Some(Comparison { points, rms_mm })
 }
 
-fn compare(
-    parsed: &ParsedEvidence,
-    points: String,
-    set: std::result::Result<MeasurementSet, String>,
-) -> Option<Comparison> {
+fn compare(parsed: &ParsedEvidence, points: String, set: &MeasurementSet) -> Option<Comparison> {
     let active = parsed.active.as_ref()?;
-    let errors_mm = |set: &MeasurementSet, content: &ParameterSetContent| {
+    let errors_mm = |content: &ParameterSetContent| {
         calibration::errors_mm(&parsed.request, set, &content.identified_robot(None))
             .map_err(|error| error.to_string())
     };
-    let rms_mm = set.and_then(|set| {
-        let (own, active) = (errors_mm(&set, &parsed.content)?, errors_mm(&set, active)?);
-        let judged = judged(
-            &active
-                .iter()
-                .zip(&own)
-                .map(|(active, own)| [*active, *own, *own])
-                .collect::<Vec<_>>(),
-        );
-        Ok((judged.after_rms_mm, judged.before_rms_mm))
-    });
+    let both = || {
+        let errors_mm = errors_mm(active)?
+            .into_iter()
+            .zip(errors_mm(&parsed.content)?);
+        Ok(rms_mm_of(errors_mm.map(|(active, own)| [active, own, own])))
+    };
+    let rms_mm = both();
     Some(Comparison { points, rms_mm })
+}
+
+/// rms of the set and of the active one, mm, from each point's errors: of the active set, of the set's links, and of those with corrections.
+fn rms_mm_of(errors_mm: impl Iterator<Item = [f64; 3]>) -> (f64, f64) {
+    let judged = judged(&errors_mm.collect::<Vec<_>>());
+    (judged.after_rms_mm, judged.before_rms_mm)
 }

@@ -152,6 +152,12 @@ pub fn errors(sources: &Sources<'_>) -> Markup {
                 tbody { @for (name, half) in halves { @if let Some(half) = half.filter(|half| half.n_points > 0) { (half_rows(name, half)) } } }
             }
             p.note { "Identify: the points of the fit. Verify: points kept aside. Before: the nominal robot." }
+            @if let Some(last) = &report.final_fit {
+                p.note {
+                    "The delivered parameters were then fitted to all " (last.n_points) " points (" (error(last.rms_mm))
+                    " mm rms there): the tool is " (error(last.moved_mm)) " mm on average from where the verified fit has it, over the workspace."
+                }
+            }
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::calibration::corrections_are_wanted;
 use crate::calibration::request::{self, CalibrationRequest, PreviousSession, VerifySource};
-pub use crate::calibration::request::{CorrectionsChoice, Method, Model, Preset};
+pub use crate::calibration::request::{CorrectionsChoice, FinalFit, Method, Model, Preset};
 use crate::identification::TrainedNetwork;
 use crate::kinematics::{ResidualNetwork, Robot};
 use crate::measurement::MeasurementSet;
@@ -79,6 +79,10 @@ pub struct JobRequestBody {
     /// Where the verify points come from.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub verify: Option<VerifyBody>,
+    /// Points to which the delivered parameters are fitted after the verification; default: all, identify_subset in preset paper and with
+    /// `refine: false`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub final_fit: Option<FinalFit>,
     /// Jobs of a higher priority run first, -10 to 10; above 0 requires a key with the scope admin.
     #[serde(default, skip_serializing_if = "is_zero")]
     #[schema(minimum = -10, maximum = 10)]
@@ -148,6 +152,7 @@ impl JobRequestBody {
             seed: 0,
             refine: None,
             verify: None,
+            final_fit: None,
             priority: 0,
             corrections: None,
             payload: None,
@@ -335,6 +340,7 @@ impl JobRequestBody {
                 _ => VerifySource::Default,
             },
             options: self.options.unwrap_or_default().into(),
+            final_fit: self.final_fit,
             corrections: self.corrections,
             payload: self.payload.map(Into::into),
             scored_frame: None,

@@ -80,6 +80,8 @@ pub enum Stage {
     ComparePso,
     /// A swarm from the last answer, to compare with.
     CompareWarmStart,
+    /// The delivered parameters are fitted to all points of the upload.
+    FinalFit,
     /// Errors and uncertainties are computed.
     Uncertainty,
     /// The uncertainty of the parameters that a partial recalibration holds.
@@ -92,7 +94,7 @@ pub enum Stage {
 
 impl Stage {
     /// All stages.
-    pub const ALL: [Self; 14] = [
+    pub const ALL: [Self; 15] = [
         Self::Screening,
         Self::LeastSquares,
         Self::Pso,
@@ -103,6 +105,7 @@ impl Stage {
         Self::CompareLeastSquares,
         Self::ComparePso,
         Self::CompareWarmStart,
+        Self::FinalFit,
         Self::Uncertainty,
         Self::HeldUncertainty,
         Self::CompareSessions,
@@ -122,6 +125,7 @@ impl Stage {
             Self::CompareLeastSquares => "compare_least_squares",
             Self::ComparePso => "compare_pso",
             Self::CompareWarmStart => "compare_warm_start",
+            Self::FinalFit => "final_fit",
             Self::Uncertainty => "uncertainty",
             Self::HeldUncertainty => "held_uncertainty",
             Self::CompareSessions => "compare_sessions",

@@ -3,8 +3,8 @@
 use crate::calibration::CalibrationReport;
 use crate::calibration::changes::NamedChange;
 use crate::calibration::report::{
-    ErrorModel, Errors, MethodComparison, ParameterOutcome, PointErrors, PoseRepeatability,
-    PriorOutcome, Repeatability, SubsetErrors,
+    ErrorModel, Errors, FinalErrors, MethodComparison, ParameterOutcome, PointErrors,
+    PoseRepeatability, PriorOutcome, Repeatability, SubsetErrors,
 };
 use crate::identification::corrections::Evidence;
 use crate::identification::workspace::ToolUncertainty;
@@ -14,8 +14,8 @@ use crate::wire::measurement::{Frame, Warning};
 use crate::wire::parameter_set::{ParameterSetContent, Provenance};
 use crate::wire::report_shape::{
     ChangeReport, ComparisonReport, Convergence, CorrectionReport, ErrorModelReport, ErrorsReport,
-    Evidence as VerifyEvidence, IdentifiabilityReport, ParameterReport, PointReport,
-    PoseRepeatabilityReport, PriorReport, RepeatabilityReport, Report, SubsetReport,
+    Evidence as VerifyEvidence, FinalFitReport, IdentifiabilityReport, ParameterReport,
+    PointReport, PoseRepeatabilityReport, PriorReport, RepeatabilityReport, Report, SubsetReport,
     ToolUncertaintyReport, WRONG_ROBOT,
 };
 use crate::wire::robot::MAX_LENGTH_MM;
@@ -97,6 +97,7 @@ fn without_hash(core: &CalibrationReport, run: &RunContext<'_>) -> Report {
         cost_mm2: core.cost_mm2,
         identify: (&core.identify).into(),
         verify: core.verify.as_ref().map(Into::into),
+        final_fit: core.final_fit.map(Into::into),
         per_point: core.per_point.iter().map(Into::into).collect(),
         parameters: core.parameters.iter().map(Into::into).collect(),
         tool_uncertainty_mm: core
@@ -269,6 +270,16 @@ pub fn is_finite(core: &CalibrationReport) -> bool {
 
 fn finite(value: f64) -> Option<f64> {
     value.is_finite().then_some(value)
+}
+
+impl From<FinalErrors> for FinalFitReport {
+    fn from(core: FinalErrors) -> Self {
+        Self {
+            n_points: core.n_points,
+            rms_mm: core.rms_mm,
+            moved_mm: core.moved_mm,
+        }
+    }
 }
 
 impl From<&Errors> for ErrorsReport {

@@ -41,11 +41,14 @@ pub struct Report {
     pub duration_ms: f64,
     /// F on the identify subset after everything, mm².
     pub cost_mm2: f64,
-    /// Errors on the points it was fitted to.
+    /// Errors of the verified parameters on the points to which they were fitted.
     pub identify: SubsetReport,
-    /// Errors on the points it was not fitted to; null if there are none.
+    /// Their errors on points to which they were not fitted; null if there are none.
     #[schema(required)]
     pub verify: Option<SubsetReport>,
+    /// The fit of the delivered parameters to all points of the upload; absent if the parameters that were verified are delivered.
+    #[serde(rename = "final", default, skip_serializing_if = "Option::is_none")]
+    pub final_fit: Option<FinalFitReport>,
     /// Every point of the set, then of the verify set, in order.
     pub per_point: Vec<PointReport>,
     /// Every free parameter.
@@ -115,6 +118,17 @@ pub struct SubsetReport {
     /// Of the links with corrections: as `after` if none is used, absent if corrections were not searched.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub corrected: Option<ErrorsReport>,
+}
+
+/// The delivered parameters beside those that were verified.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct FinalFitReport {
+    /// Points to which they were fitted.
+    pub n_points: usize,
+    /// Root mean square of the errors of these points, by the links alone, mm.
+    pub rms_mm: f64,
+    /// Mean distance of the tool from its position by the verified parameters, at 200 configurations over the workspace, mm.
+    pub moved_mm: f64,
 }
 
 /// One point's error.
@@ -192,21 +206,19 @@ impl Report {
 
     /// Robust comparison of the errors before and after on the verify points, without those that are outliers for both robots.
     pub fn robust_comparison(&self) -> Judged {
-        let to_verify = self
-            .per_point
-            .iter()
-            .filter(|point| point.subset == Subset::Verify);
-        judged(
-            &to_verify
-                .map(|p| {
-                    [
-                        p.before_mm,
-                        p.after_mm,
-                        p.corrected_mm.unwrap_or(p.after_mm),
-                    ]
-                })
-                .collect::<Vec<_>>(),
-        )
+        judged(&self.verify_errors_mm())
+    }
+
+    /// Errors of each verify point, mm: of the nominal robot, of the links, and with corrections (of the links if none is used).
+    pub fn verify_errors_mm(&self) -> Vec<[f64; 3]> {
+        let is_verify = |point: &&PointReport| point.subset == Subset::Verify;
+        let points = self.per_point.iter().filter(is_verify);
+        points
+            .map(|p| {
+                let corrected_mm = p.corrected_mm.unwrap_or(p.after_mm);
+                [p.before_mm, p.after_mm, corrected_mm]
+            })
+            .collect()
     }
 }
 

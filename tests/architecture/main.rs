@@ -102,7 +102,6 @@ const CIRCLES_ALLOWED: &[&str] = &[
     "frames",
     "identification",
     "kinematics",
-    "measurement",
     "planning",
     "solvers",
 ];

@@ -9,6 +9,7 @@ use super::{Term, corrections_at};
 use crate::identification::KinematicModel;
 use crate::identification::objective::Observation;
 use crate::identification::parameters::{Parameter, apply, deviation_from};
+use crate::identification::priors::Prior;
 use crate::kinematics::{Corrections, Mounting, Payload};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
@@ -27,8 +28,8 @@ pub struct Setting<'a> {
     pub parameters: &'a [Parameter],
     /// Their scales, mm or rad.
     pub scale: &'a [f64],
-    /// How far each may be off from nominal, one standard deviation, mm or rad; infinite where nothing is known.
-    pub widths: &'a [f64],
+    /// What is known of each parameter beside the points.
+    pub priors: &'a [Prior],
     /// The points, every one with some weight.
     pub observations: &'a [Observation],
 }
@@ -52,12 +53,10 @@ pub struct Linear {
     pub residuals: DVector<f64>,
     /// 3·N × m: links, base and targets in units of their scales, then the terms in units of their priors.
     pub columns: DMatrix<f64>,
-    /// Λ, m × m: Σ (x/S)² = (x − pulled)ᵀ·Λ·(x − pulled) up to a constant.
-    pub prior: DMatrix<f64>,
+    /// The diagonal of Λ, m: Σ (x/S)² = (x − pulled)ᵀ·Λ·(x − pulled) up to a constant.
+    pub prior: DVector<f64>,
     /// Λ·pulled, m.
     pub pull: DVector<f64>,
-    /// p × p, the scales.
-    directions: DMatrix<f64>,
 }
 
 impl Setting<'_> {
@@ -76,47 +75,44 @@ impl Setting<'_> {
     /// The linear problem at a fit. Every parameter is free: what the points cannot tell apart is settled by the priors of the links, so that base
     /// and targets take up what they can, and not by how long the combinations of parameters are.
     pub fn linear(&self, at: &Fitted) -> Linear {
-        let directions = DMatrix::from_diagonal(&DVector::from_column_slice(self.scale));
         let corrections = self.corrections(at);
         let unknowns = (self.parameters, at.terms.as_slice());
-        let (residuals, by_parameter, mut by_term) = linearise(
+        let (residuals, mut by_parameter, mut by_term) = linearise(
             &at.model,
             &corrections,
             &self.mounting,
             unknowns,
             self.observations,
         );
-        let (seen, k) = (directions.ncols(), at.terms.len());
-        let mut columns = DMatrix::zeros(residuals.len(), seen + k);
-        columns
-            .columns_mut(0, seen)
-            .copy_from(&(by_parameter * &directions));
+        let (p, k) = (self.parameters.len(), at.terms.len());
+        for (j, scale) in self.scale.iter().enumerate() {
+            by_parameter.column_mut(j).scale_mut(*scale);
+        }
         // what the points at hand hardly see moves no further than its scale in one step
         let (mut prior, mut pull) = (
-            DMatrix::<f64>::identity(seen + k, seen + k),
-            DVector::<f64>::zeros(seen + k),
+            DVector::<f64>::repeat(p + k, 1.0),
+            DVector::<f64>::zeros(p + k),
         );
-        for ((j, parameter), width) in self.parameters.iter().enumerate().zip(self.widths) {
-            let delta = deviation_from(self.nominal, &at.model, parameter);
-            let row = directions.row(j) / *width;
-            prior
-                .view_mut((0, 0), (seen, seen))
-                .ger(1.0, &row.transpose(), &row.transpose(), 1.0);
-            pull.rows_mut(0, seen)
-                .axpy(-delta / width, &row.transpose(), 1.0);
+        for known in self.priors {
+            let j = known.parameter;
+            let deviation = deviation_from(self.nominal, &at.model, &self.parameters[j]);
+            let scale = self.scale[j] / known.std;
+            prior[j] += scale * scale;
+            pull[j] += scale * (known.mean - deviation) / known.std;
         }
         for (j, (term, value)) in at.terms.iter().zip(&at.values).enumerate() {
             let width = term.prior(&self.mounting);
             by_term.column_mut(j).scale_mut(width);
-            pull[seen + j] = -value / width;
+            pull[p + j] = -value / width;
         }
-        columns.columns_mut(seen, k).copy_from(&by_term);
+        let mut columns = DMatrix::zeros(residuals.len(), p + k);
+        columns.columns_mut(0, p).copy_from(&by_parameter);
+        columns.columns_mut(p, k).copy_from(&by_term);
         Linear {
             residuals,
             columns,
             prior,
             pull,
-            directions,
         }
     }
 }
@@ -138,7 +134,9 @@ impl Linear {
         right: DVector<f64>,
         variance: f64,
     ) -> Option<(DVector<f64>, Cholesky<f64, Dyn>)> {
-        let cholesky = (normal + &self.prior * variance).cholesky()?;
+        let mut posterior = normal;
+        posterior.set_diagonal(&(posterior.diagonal() + &self.prior * variance));
+        let cholesky = posterior.cholesky()?;
         let x = cholesky.solve(&(right + &self.pull * variance));
         x.iter().all(|v| v.is_finite()).then_some((x, cholesky))
     }
@@ -163,15 +161,15 @@ pub fn fit(setting: &Setting<'_>, start: &Fitted, terms: &[Term]) -> Option<Fitt
         let normal = linear.columns.tr_mul(&linear.columns);
         let right = linear.columns.tr_mul(&linear.residuals);
         let (x, cholesky) = linear.solved(normal, right, at.variance)?;
-        let seen = linear.directions.ncols();
-        let deviation = &linear.directions * x.rows(0, seen);
-        at.model = apply(&at.model, setting.parameters, deviation.as_slice());
+        let p = setting.parameters.len();
+        let deviations = setting.scale.iter().zip(&x).map(|(scale, x)| scale * x);
+        let deviations: Vec<f64> = deviations.collect();
+        at.model = apply(&at.model, setting.parameters, &deviations);
         for (j, term) in terms.iter().enumerate() {
-            at.values[j] += x[seen + j] * term.prior(&setting.mounting);
+            at.values[j] += x[p + j] * term.prior(&setting.mounting);
         }
         // degrees of freedom used up: trace((AᵀA + σ²Λ)⁻¹·AᵀA)
-        let used =
-            x.len() as f64 - at.variance * cholesky.inverse().component_mul(&linear.prior).sum();
+        let used = x.len() as f64 - at.variance * cholesky.inverse().diagonal().dot(&linear.prior);
         let left = (&linear.residuals - &linear.columns * &x).norm_squared();
         at.variance = left / (linear.residuals.len() as f64 - used).max(1.0);
     }

@@ -8,7 +8,7 @@ mod selection;
 
 pub use fit::{Fitted, Setting, fit};
 pub use linear::linearise;
-pub use selection::{Evidence, Selected, select};
+pub use selection::{Evidence, Selected, refit, select};
 
 use crate::kinematics::{Corrections, Mounting};
 use nalgebra::{Unit, Vector3};

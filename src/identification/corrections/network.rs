@@ -56,10 +56,8 @@ pub(super) fn choose_network(
     if folded.n_configurations < FEWEST_CONFIGURATIONS || !neighbours_agree(setting, fitted) {
         return None;
     }
-    let to_base = fitted.model.t_instrument_base.rotation.inverse();
-    let left = |residuals: &DVector<f64>, point: usize| -> Vector3<f64> {
-        to_base * residuals.fixed_rows::<3>(3 * point) / setting.observations[point].weight.sqrt()
-    };
+    let left =
+        |residuals: &DVector<f64>, point: usize| left_in_base(setting, fitted, residuals, point);
     let mut errors = vec![0.0; setting.observations.len()];
     for fold in 0..folds.n_folds {
         if !go_on() {
@@ -95,19 +93,36 @@ pub(super) fn choose_network(
             network: None,
         });
     }
-    let residuals = setting.linear(fitted).residuals;
-    let all: Vec<usize> = (0..errors.len()).collect();
-    let network = train_residual_network(
-        &samples(setting, &all, |point| left(&residuals, point)),
-        earlier,
-        seed,
-    )?;
     Some(Tried {
         evidence,
         before,
         after,
-        network: Some(network),
+        network: Some(train_network(setting, fitted, earlier, seed)?),
     })
+}
+
+/// The network of all points.
+pub(super) fn train_network(
+    setting: &Setting<'_>,
+    fitted: &Fitted,
+    earlier: Option<&ResidualNetwork>,
+    seed: u64,
+) -> Option<ResidualNetwork> {
+    let residuals = setting.linear(fitted).residuals;
+    let all: Vec<usize> = (0..setting.observations.len()).collect();
+    let left = |point| left_in_base(setting, fitted, &residuals, point);
+    train_residual_network(&samples(setting, &all, left), earlier, seed)
+}
+
+/// The residual of a point in the base frame, mm.
+fn left_in_base(
+    setting: &Setting<'_>,
+    fitted: &Fitted,
+    residuals: &DVector<f64>,
+    point: usize,
+) -> Vector3<f64> {
+    let to_base = fitted.model.t_instrument_base.rotation.inverse();
+    to_base * residuals.fixed_rows::<3>(3 * point) / setting.observations[point].weight.sqrt()
 }
 
 /// A cheap look before anything is trained: a smooth function of the joints makes the residuals of neighbouring poses alike. True if their

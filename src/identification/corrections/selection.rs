@@ -6,7 +6,7 @@
 //! fit to all: both differ by noise, over which the robot is linear to a ten-thousandth.
 
 use super::fit::{Fitted, Linear, Setting, fit};
-use super::network::{FoldedResiduals, choose_network};
+use super::network::{FoldedResiduals, choose_network, train_network};
 use super::{Term, corrections_at};
 use crate::kinematics::compliance::{moments, rigid_chain};
 use crate::kinematics::corrections::HARMONIC_ORDERS;
@@ -310,6 +310,23 @@ pub fn select(
         corrections,
         evidence,
     })
+}
+
+/// What was selected, fitted to the points of another setting: the same terms, and a network if one was kept. `None` if the equations cannot
+/// be solved.
+pub fn refit(
+    setting: &Setting<'_>,
+    selected: &Fitted,
+    has_network: bool,
+    earlier: Option<&ResidualNetwork>,
+    seed: u64,
+) -> Option<(Fitted, Corrections)> {
+    let fitted = fit(setting, selected, &selected.terms)?;
+    let mut corrections = setting.corrections(&fitted);
+    if has_network {
+        corrections.residual = Some(train_network(setting, &fitted, earlier, seed)?);
+    }
+    Some((fitted, corrections))
 }
 
 /// The corrections in the order in which they are tried, with the numbers that each adds.
