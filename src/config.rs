@@ -13,7 +13,7 @@ const MAX_WORKERS: usize = 256;
 
 /// Longest timeout for silent clients.
 const MAX_CLIENT_TIMEOUT_S: u64 = 600;
-/// Most connections; by default no system allows as many open files.
+/// Most connections. No system allows as many open files by default.
 const MAX_CONNECTIONS: usize = 100_000;
 
 /// Where the database is.
@@ -37,7 +37,7 @@ pub struct DatabaseConfig {
     pub database_url: Option<String>,
 }
 
-/// Limits on clients. Each has a default that a factory need not touch.
+/// Limits on clients. The defaults suit a factory.
 #[derive(Clone, Debug, PartialEq, Eq, clap::Args)]
 pub struct LimitsConfig {
     /// Clients connected at the same time; one more is answered 503.

@@ -1,8 +1,8 @@
 //! kincal: kinematic calibration of industrial robots, as a pure numeric core and a thin service around it.
 //!
 //! Core (no IO, no async, no clock, no unseeded randomness): [`kinematics`], [`solvers`], [`measurement`],
-//! [`frames`], [`identification`], [`compensation`], [`planning`], [`exchange`], [`calibration`]. Service: [`wire`], [`store`], [`jobs`],
-//! [`report_page`], [`http`], [`cli`].
+//! [`frames`], [`identification`], [`compensation`], [`planning`], [`exchange`], [`calibration`]. Service: [`wire`], [`store`], [`release`],
+//! [`jobs`], [`report_page`], [`http`], [`cli`], [`config`], [`telemetry`].
 //! `ARCHITECTURE.md` has the map and the reasons; `tests/architecture/main.rs` checks which module may use which.
 
 // The core: clippy.toml lists the float functions that it may not use.

@@ -7,14 +7,14 @@ export const key = () => sessionStorage.getItem(STORED);
 export const keepKey = (text) => sessionStorage.setItem(STORED, text);
 export const dropKey = () => sessionStorage.removeItem(STORED);
 export const signedIn = () => noAuth || key() !== null;
-/** What a header can carry: a browser sends nothing at all with any other character. */
+/** Characters that a header can carry. A browser sends no request with other characters. */
 export const isKey = (text) => /^[\x21-\x7e]+$/.test(text);
 
 function headers(more = {}) {
   return key() ? { ...more, Authorization: `Bearer ${key()}` } : more;
 }
 
-/** The service's problem, thrown. */
+/** Error with the problem document of the service. */
 export class Refused extends Error {
   constructor(status, body) {
     super(body.detail ?? `the server answered ${status}`);
@@ -23,9 +23,9 @@ export class Refused extends Error {
 }
 
 const NO_ANSWER = { title: "No answer", detail: "The server does not answer. Is it running, and is this computer on its network?" };
-/** A server that is busy is asked again so often by what only reads, */
+/** Most attempts of a read while the server is busy. */
 const MAX_TRIES = 4;
-/** and never waited for longer than this. */
+/** Longest pause before the next attempt. */
 const LONGEST_PAUSE_S = 5;
 
 /** Resolves after a while; rejects when the page is left. */
@@ -91,11 +91,11 @@ export async function list(path, limit = 50, signal) {
   return items;
 }
 
-/** A server that is restarted or out of reach is looked for so often, some ten minutes long. */
+/** Most attempts to reconnect to a server that is restarted or unreachable: about ten minutes. */
 const MAX_LOST = 120;
 const mayComeBack = (error) => error instanceof Refused && (error.status === 0 || error.status === 429 || error.status >= 500);
 
-/** A job's server-sent events, read by fetch because EventSource cannot send a key. Ends with `finished`; reconnects. `lost` is told when the server is away. */
+/** A job's server-sent events, read by fetch because EventSource cannot send a key. Ends with `finished`; reconnects. `lost` is called when the server does not answer. */
 export async function follow(jobId, { moved, lost }, signal) {
   for (let failures = 0; ;) {
     try {
@@ -108,7 +108,7 @@ export async function follow(jobId, { moved, lost }, signal) {
     } catch (error) {
       if (!mayComeBack(error)) throw error;
     }
-    // The stream ended early (a restart, a proxy): a long poll waits for the next change, and a pause for the server.
+    // The stream ended early (a restart, a proxy). A long poll waits for the next change; if it fails, a pause waits for the server.
     try {
       const job = await get(`/v1/jobs/${jobId}?wait_s=5`, signal);
       failures = 0;

@@ -43,7 +43,7 @@ async function show(moveFocus) {
   } catch (error) {
     if (error.name === "AbortError") return;
     if (error.status === 401) return signIn(error);
-    // nobody is signed in yet, so there is no page to go back to
+    // Nobody is signed in yet, so there is no previous page.
     if (error.status === 403 && me === null) return signIn({ ...error, ...READS_NOTHING });
     const ways = me === null ? [el("button.primary", { type: "button", click: () => show(true) }, "Try again"), !noAuth && el("button", { type: "button", click: () => signIn() }, "Another key")] : el("a", { href: "#/" }, "All robots");
     fill(main, el("h1", {}, "This page cannot be shown"), problem(error), el("div.actions", {}, ways));

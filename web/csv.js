@@ -23,7 +23,7 @@ export function rowsOf(text, separator) {
   return rows;
 }
 
-/** How many characters an end of line has here: none where there is none. */
+/** Number of characters of the line ending at this position; 0 if there is none. */
 function breakAt(text, at) {
   if (text[at] === "\r") return text[at + 1] === "\n" ? 2 : 1;
   return text[at] === "\n" ? 1 : 0;

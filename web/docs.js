@@ -83,7 +83,7 @@ function type(api, schema) {
   return [names.join(" or "), inner, limits.length > 0 ? ` (${limits.join(", ")})` : ""];
 }
 
-/** The fields of an object; nothing for what has none. */
+/** The fields of an object; empty for other types. */
 function fields(api, schema, depth) {
   const real = resolve(api, schema);
   const options = real?.oneOf ?? real?.anyOf;

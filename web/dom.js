@@ -50,7 +50,7 @@ export function table(caption, columns, rows, empty) {
     el("table", { "aria-label": caption }, el("thead", {}, head), el("tbody", {}, body)))];
 }
 
-/** Says something to everyone, also to those who listen. */
+/** Shows a notice, which screen readers also read out. */
 export function say(text) {
   const place = document.getElementById("said");
   fill(place, text);
@@ -58,7 +58,7 @@ export function say(text) {
   saying = setTimeout(() => fill(place), SAID_MS);
 }
 
-/** How long it stays to be seen. */
+/** Time for which a notice is visible. */
 const SAID_MS = 6_000;
 let saying;
 
@@ -69,7 +69,7 @@ export function problem(error) {
     reasons.length > 0 && el("ul", {}, reasons));
 }
 
-/** A sentence whose long lists of names are cut, and below it the whole one for those who ask. */
+/** A sentence with long lists of names cut, and the whole sentence below it, folded. */
 export function brief(text) {
   const short = text.replace(LONG_LIST, (list) => {
     const names = list.split(", ");
@@ -78,7 +78,7 @@ export function brief(text) {
   return short === text ? [text, false] : [short, el("details", {}, el("summary", {}, "In full"), el("p.note", {}, `${capital(text)}.`))];
 }
 
-/** More names than this one after the other are cut. */
+/** Longest list of names that is not cut. */
 const MAX_NAMES = 6;
 const LONG_LIST = /\w+(?:, \w+){6,}/g;
 
@@ -89,5 +89,5 @@ export function warning({ code, detail, rows = [] }) {
   return el("div.warning", {}, el("p", {}, el("strong", {}, warningTitle(code), ". "), capital(short), rows.length > 0 && !/\brows? \d/.test(detail) && ` (rows ${some} of the file)`, "."), whole);
 }
 
-/** More rows than this are counted, not named. */
+/** Most rows that are named; further rows are counted. */
 const MAX_ROWS = 12;

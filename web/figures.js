@@ -4,17 +4,17 @@ import { axes, figure, legend, polyline, range, ticks } from "./charts.js";
 import { svg } from "./dom.js";
 import { mm, number, SMALLEST_MM } from "./format.js";
 
-/** What the two robots of a calibration are called. */
+/** Names of the two robots of a calibration. */
 export const IDENTIFIED = { before: "before", after: "after", remains: "after calibration", legend: [["before", "before: nominal robot"], ["after", "after: identified robot"]],
   note: "The verify points were not fitted: their bars tell how good the robot is now." };
-/** And those of a verification, which changes neither. */
+/** Names of the two robots of a verification. */
 export const VERIFIED = { before: "with the nominal robot", after: "with these parameters", remains: "with these parameters", legend: [["before", "nominal robot"], ["after", "these parameters"]],
   note: "This job fitted no link to them." };
 /** More bars than this cannot be told apart: neighbours share one, which shows the largest of them. */
 const MAX_BARS = 240;
 /** More arrows than this hide each other, and ten times as many would stop the page. */
 const MAX_ARROWS = 2000;
-/** Where the errors span more than this, small ones would vanish on a linear axis. */
+/** Ratio of the largest to the smallest error from which on the axis is logarithmic. */
 const LOG_FROM_RATIO = 40;
 
 const largest = (values) => values.reduce((a, b) => Math.max(a, b), 0);
@@ -27,7 +27,7 @@ function median(values) {
   return sorted[Math.floor(sorted.length / 2)] ?? 0;
 }
 
-/** How the cost fell. */
+/** Convergence of the cost. */
 export function convergence(curve, note) {
   const { iteration, best_cost_mm2: cost } = curve;
   const caption = note ?? `The cost F, the sum of the squared position errors on the identify points, from ${number(cost[0])} to ${number(cost.at(-1))} mm² in ${iteration.at(-1)} iterations.`;
@@ -87,7 +87,7 @@ function bars(width, height, groups, y, names) {
   return nodes;
 }
 
-/** How many points have which error. */
+/** Histogram of the errors. */
 export function histogram(points, names) {
   const log = spansMuch(points);
   const [before, after] = [points.map((p) => p.before_mm), points.map((p) => p.after_mm)];
@@ -128,7 +128,7 @@ export function arrows(points, names) {
   });
 }
 
-/** The point of each few that is farthest off after the calibration: a wild one must not vanish. */
+/** The point with the largest error after the calibration of each group of neighbours, so that no outlier is hidden. */
 function farthest(points, share) {
   const found = [];
   for (let i = 0; i < points.length; i += share) found.push(points.slice(i, i + share).reduce((a, b) => (b.after_mm > a.after_mm ? b : a)));

@@ -29,7 +29,7 @@ function superscript(exponent) {
   return String(exponent).replace(/./g, (c) => (c === "-" ? "⁻" : "⁰¹²³⁴⁵⁶⁷⁸⁹"[Number(c)]));
 }
 
-/** No instrument sees less than a tenth of a micrometre: smaller errors are all the same. */
+/** Smallest error that is shown as a number, mm: no instrument resolves a tenth of a micrometre. */
 export const SMALLEST_MM = 1e-4;
 
 /** A position error, in mm. */
@@ -57,7 +57,7 @@ export function when(text) {
   return new Date(text).toLocaleString("en-GB", { year: "numeric", month: "short", day: "numeric", hour: "2-digit", minute: "2-digit" });
 }
 
-/** How long ago. */
+/** Time since an instant. */
 export function age(text) {
   if (!text) return "–";
   const seconds = (Date.now() - new Date(text)) / 1000;
@@ -73,7 +73,7 @@ export function span(seconds) {
   return seconds < 10 ? `${seconds.toFixed(1)}${THIN}s` : `${Math.round(seconds)}${THIN}s`;
 }
 
-/** How long a job ran from start to end; null before that. */
+/** Duration of a job; null until it has ended. */
 export const ran = ({ started_at: from, finished_at: to }) => (from && to ? (new Date(to) - new Date(from)) / 1000 : null);
 
 export const method = (name) => METHODS[name] ?? name.replaceAll("_", " ");

@@ -5,12 +5,12 @@ import { axes, figure, legend, range, ticks } from "./charts.js";
 import { el, svg } from "./dom.js";
 import { mm, parameter, signed, SMALLEST_MM, when } from "./format.js";
 
-/** More parameter sets than this are not drawn, but the active one always is. */
+/** Most parameter sets that are drawn. The active one is always drawn. */
 const MAX_SETS = 30;
-/** And not more are listed. */
+/** Most parameter sets that are listed. */
 const MAX_LISTED = 200;
 
-/** How a robot stands: its sets, newest first, the active one, the last job, and what is known of the error. */
+/** State of a robot: its sets, newest first, the active one, the last job, and the error. */
 export async function state(robot, signal) {
   const [sets, jobs] = await Promise.all([
     list(`/v1/robots/${robot.id}/parameter-sets`, MAX_LISTED, signal),
@@ -24,7 +24,7 @@ export async function state(robot, signal) {
   return { sets, active, newest, lastJob: jobs.items[0] ?? null, report, since, drift: since && (await drift(active, since, signal)) };
 }
 
-/** The active set where it is older than all that are listed; it comes after them. */
+/** The active set if it is older than all listed sets; it is added after them. */
 async function olderActive(robot, sets, signal) {
   try {
     const active = await get(`/v1/robots/${robot.id}/parameter-sets/active`, signal);
@@ -36,7 +36,7 @@ async function olderActive(robot, sets, signal) {
   }
 }
 
-/** How far the newer set puts the tool from the active one, as the service compares them; null where it cannot say. */
+/** Distance of the tool between the newer set and the active one, computed by the service; null if it cannot be computed. */
 function drift(active, since, signal) {
   return get(`/v1/parameter-sets/${since.id}/compare?with=${active.id}`, signal).catch((error) => {
     if (error.name === "AbortError" || error.status === 401) throw error;
@@ -51,7 +51,7 @@ export async function past({ sets, active }, signal) {
   return shown.map((set, i) => ({ set, report: reports[i] }));
 }
 
-/** Half after where there is one, else the fit itself. */
+/** Errors on the verify points or, if there are none, on the fitted points. */
 export const best = (report) => report.verify ?? report.identify;
 
 /** Error over time: nominal robot and each set on its own points. */

@@ -1,4 +1,4 @@
-// One job: live while it runs, then what came out.
+// One job: its progress while it runs, then its result.
 
 import { follow, get, post } from "./api.js";
 import { convergence } from "./figures.js";
@@ -39,7 +39,7 @@ function scoredSet(job, signal) {
   return id ? get(`/v1/parameter-sets/${id}`, signal) : null;
 }
 
-/** What was asked of the points. */
+/** The request of the job. */
 function asked(job, verified) {
   if (job.kind !== "verify") return `method: ${method(job.method)}`;
   if (!verified) return "nothing is identified";
@@ -61,7 +61,7 @@ function ending(job, robot) {
 
 const WAITING = "Waiting for a worker …";
 
-/** What it is at, in words. Only the main method has iterations, and its limit is seldom reached: no time is promised. */
+/** The current stage in words. No remaining time is shown: only the main method has iterations, and it seldom reaches their limit. */
 function at({ stage, iteration, n_iterations, best_cost_mm2 }) {
   const words = STAGES[stage] ?? "Computing";
   if (!iterates(stage) || n_iterations === 0) return `${words} …`;
@@ -95,7 +95,7 @@ function watch(first, may) {
     if (job.status === "queued") fill(text, WAITING);
     if (job.status === "running") fill(text, progress ? at(progress) : "A worker has begun …");
     if (job.status === "queued" || !progress || !iterates(progress.stage) || progress.n_iterations === 0) {
-      // how far such a stage is cannot be told
+      // Such a stage has no measurable progress.
       bar.removeAttribute("value");
       return;
     }

@@ -1,4 +1,4 @@
-// What came out of a calibration, in the order in which a person asks: is it good, may I use it, what changed, how was it found.
+// Result of a calibration, in this order: errors, release, changes, method.
 
 import { get, noAuth, post } from "./api.js";
 import { arrows, convergence, histogram, IDENTIFIED, interval, perPoint, VERIFIED } from "./figures.js";
@@ -9,7 +9,7 @@ import { facts } from "./robots.js";
 import { saveButton, savePoints } from "./save.js";
 import { NO_USE } from "./words.js";
 
-/** Points were held out, and prove nothing. */
+/** Points were held out, but they are no evidence. */
 const NO_EVIDENCE = "These points are no evidence: they are too few, or somebody insisted on them.";
 
 /** Draws a finished job. */
@@ -29,10 +29,10 @@ export async function result(body, context, { job, robot, set, verified }) {
 
 const pairs = (figures) => figures.length > 0 && el("div.two", {}, figures);
 
-/** True where a correction was kept; else the errors with corrections are those without. */
+/** Whether a correction was kept. If not, the errors with corrections equal those without. */
 const isCorrected = (half) => half.corrected && half.corrected.rms_mm !== half.after.rms_mm;
 
-/** Why nothing is to be done with what was found, in words; undefined where there is no reason. */
+/** Reason why the result cannot be used, in words; undefined if it can. */
 function noUse(report) {
   const code = Object.keys(NO_USE).find((known) => report.warnings.some((remark) => remark.code === known));
   return NO_USE[code];
@@ -51,7 +51,7 @@ function verdict(report, half) {
   return el(share > 0.001 && report.evidence !== "none" ? "div.done" : "div.warning", {}, el("p", {}, el("strong", {}, `${where}, the mean position error ${better}.`), " ", why));
 }
 
-/** What a verification found. Where no set was scored, that was the nominal robot. */
+/** Result of a verification. If no set was scored, the nominal robot was. */
 function score(report, half, verified) {
   if (noUse(report)) return useless(report, half);
   if (!verified && !half.corrected) return el(report.evidence === "none" ? "div.warning" : "div.done", {}, el("p", {}, el("strong", {}, `On ${half.n_points} points, the nominal robot has a mean position error of ${mm(half.after.mean_mm)}.`), " No identified parameters were verified."));
@@ -220,7 +220,7 @@ function corrections(report) {
   return el("section.card", {}, el("h2", {}, "What links cannot say"), table("Rms on points that were left out in turn. Each is kept only where it gains more than its standard error; all of them together must gain twice that, else none is kept; and all are dropped where the points to verify are further from the robot with corrections than from its links alone.", columns, report.corrections, ""));
 }
 
-/** How well the robot returns to poses that were measured several times. */
+/** Repeatability at poses that were measured several times. */
 function repeatability({ repeatability: found }) {
   if (!found) return [];
   const columns = [["Configuration", (p) => p.configuration, "name"], ["Target", (p) => p.target, "n"], ["Visits", (p) => p.n, "n"], ["RP", (p) => mm(p.rp_mm), "n"],
@@ -234,7 +234,7 @@ function repeatability({ repeatability: found }) {
 /** More revisited poses than this are not listed. */
 const MAX_POSES = 40;
 
-/** What was known of parameters beforehand, and what became of it. */
+/** Priors of parameters, and how much they decided. */
 function priors(report) {
   const rows = report.parameters.filter((p) => p.prior);
   if (rows.length === 0) return [];

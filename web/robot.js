@@ -1,4 +1,4 @@
-// One robot: how it stands, its history, and everything stored of it.
+// One robot: its state, its history, and its stored documents.
 
 import { get, list, post } from "./api.js";
 import { brief, el, fill, problem, table } from "./dom.js";
@@ -57,7 +57,7 @@ function checkRobot(robot, may) {
       el("div.fields", {}, reason, el("div", {}, el("button", { type: "submit" }, "Say so"))), out));
 }
 
-/** So seldom may an unchanged robot be called changed: as the service's own test has it. */
+/** Probability of calling an unchanged robot changed, as in the service's test. */
 const FALSE_ALARMS = 0.01;
 
 /** Whether the two sessions themselves differ: a drift that chance explains is none. */
@@ -92,7 +92,7 @@ export function statusBadge(status) {
   return el(kinds[status] ? `span.badge.${kinds[status]}` : "span.badge", {}, status);
 }
 
-/** What moved beyond chance, the surest first. */
+/** Significant changes, the most significant first. */
 function moved({ changed }) {
   if (!changed) return "–";
   if (changed.length === 0) return "nothing beyond chance";
@@ -100,10 +100,10 @@ function moved({ changed }) {
   return changed.length > surest.length ? `${surest.join(", ")} and ${changed.length - surest.length} more` : surest.join(", ");
 }
 
-/** A longer reason is cut here; the set's own page has it whole. */
+/** Longest reason that is not cut here; the page of the set shows the whole reason. */
 const MAX_REASON = 80;
 
-/** What somebody decided of a set last, and why. */
+/** Last decision about a set, and its reason. */
 function decided(set) {
   const said = decisions(set, MAX_REASON).at(-1);
   return said && el("small.quiet", {}, said);

@@ -1,4 +1,4 @@
-// All robots and how each stands.
+// All robots and their states.
 
 import { each, get, post } from "./api.js";
 import { el, fill, problem, say, table } from "./dom.js";
@@ -37,7 +37,7 @@ export async function robotsPage({ main, signal, may }) {
   fill(main, el("div.head", {}, el("div", {}, el("h1", {}, "Robots"))), el("section.card", {}, rows, more), may("upload") && newRobot());
 }
 
-/** How a robot stands, as a badge. */
+/** State of a robot, as a badge. */
 export function standing({ robot, active, since, newest, lastJob }) {
   if (robot.state === "check_robot") return el("span.badge.bad", {}, "check this robot");
   if (lastJob && ["queued", "running"].includes(lastJob.status)) return el("span.badge.wait", {}, "calibrating");

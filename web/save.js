@@ -3,7 +3,7 @@
 import { blob } from "./api.js";
 import { el, say } from "./dom.js";
 
-/** What a file is called by its type, where that is known only when it comes. */
+/** File name extension by media type, for files whose type is known only from the answer. */
 const ENDINGS = { "application/json": ".json", "text/csv": ".csv" };
 
 /** A button that saves what a path answers; `ending` null stands for that of the answer's type. What goes wrong is said. */

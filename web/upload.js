@@ -1,4 +1,4 @@
-// Bringing measured points, and asking for a calibration of them or a verification on them.
+// Uploads measured points, and posts a calibration or a verification with them.
 
 import { post } from "./api.js";
 import { rowsOf } from "./csv.js";
@@ -80,7 +80,7 @@ async function upload(context, file, query, out) {
   }
 }
 
-/** What one click can do about an upload that was refused by suspicion. A JSON file says its frame itself. */
+/** Remedies that one click applies to a refused upload. A JSON file states its frame itself. */
 function remedies({ code, errors }, isJson, retry) {
   if (!SUSPICIONS.includes(code)) return [];
   const map = (errors ?? []).map((issue) => issue.joint_map).find(Boolean);
@@ -141,10 +141,10 @@ function choice(id, label, options) {
 /** What a job may do, where the robot has parameters to verify. */
 const KINDS = [["identify", "Identify parameters"], ["verify", "Only verify the robot's parameters (identifies nothing)"]];
 
-/** True for a set that is too small for anything else. */
+/** Whether a set is large enough only for a verification. */
 const onlyVerifies = (set) => set.warnings.some((remark) => remark.code === "under_determined");
 
-/** The active set first, then the newest; one that was withdrawn is of no use any more. */
+/** Parameter sets that can be verified: the active one first, then the newest. Withdrawn sets are left out. */
 function verifiable(parameterSets) {
   const usable = parameterSets.filter((set) => set.status !== "withdrawn");
   return [...usable.filter((set) => set.status === "released"), ...usable.filter((set) => set.status !== "released")];

@@ -21,7 +21,7 @@ pub struct Arguments {
     output: Output,
 }
 
-/// Copies and checks.
+/// Copies the database and checks the copy.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     block_on(async {
         let store = Store::open_as_it_is(location(&arguments.database)).await?;

@@ -22,7 +22,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
-/// Stands in place of the job's id in an offline report.
+/// Job id in an offline report.
 const OFFLINE: &str = "offline";
 
 /// Identify a robot from two files.
@@ -52,7 +52,7 @@ pub struct Arguments {
     html: Option<PathBuf>,
 }
 
-/// Runs it.
+/// Runs the command.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if arguments.identify.method == Method::BpnnPso {
         let text = "bpnn_pso starts from a network, and networks are kept by a server: kincal submit --method bpnn_pso";
@@ -70,7 +70,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         robot.links.len(),
     )
     .map_err(|invalid| Usage(cannot_be_used(&arguments.set, &bytes, &invalid.issues)))?;
-    // The calibration itself reports too few poses; offline there is no stored set that could still verify.
+    // Leaves out `under_determined`: the calibration itself reports too few poses, and offline the set is not stored for a later verification.
     for warning in measurement::warnings(&robot, &set)
         .into_iter()
         .filter(|warning| warning.code != "under_determined")
@@ -245,7 +245,7 @@ pub fn progress_bar() -> ProgressBar {
     bar
 }
 
-/// Updates the bar. It predicts no time: only the main method has iterations, and it seldom reaches their limit.
+/// Updates the bar. No remaining time is predicted: only the main method has iterations, and it seldom reaches their limit.
 pub fn show(bar: &ProgressBar, progress: &ProgressAnswer) {
     bar.set_length(progress.n_iterations);
     bar.set_position(progress.iteration);

@@ -97,7 +97,7 @@ impl Client {
             .no_proxy();
         let http = match ca_cert {
             Some(file) => http.tls_certs_only(authorities(file)?),
-            // Plain HTTP needs no certificates: also works on a machine that has none.
+            // Plain HTTP needs no certificates, so it also works on a machine that has none.
             None if !url.starts_with("https:") => http.tls_certs_only([]),
             None => http,
         };

@@ -251,7 +251,7 @@ impl Program {
         self.rows.iter().enumerate().map(row).collect()
     }
 
-    /// An error in terms of the program's own rows and columns and of options. `first` is the first row of the request.
+    /// Rewrites an error in terms of the program's rows and columns, and of options. `first` is the first row of the request.
     fn explained(&self, error: anyhow::Error, path: &Path, first: usize) -> anyhow::Error {
         let issues = match (
             error.downcast_ref::<Refused>(),

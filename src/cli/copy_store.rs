@@ -31,7 +31,7 @@ pub struct Arguments {
     output: Output,
 }
 
-/// Copies and checks.
+/// Copies the database and checks the copy.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let (from, to) = (location(&arguments.from), location(&arguments.to));
     if from == to {

@@ -91,7 +91,7 @@ const EXPERIMENT: [Printed; 2] = [
     },
 ];
 
-/// Runs it.
+/// Runs the command.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let data_dir =
         tempfile::tempdir().context("cannot make a temporary folder for the database")?;

@@ -9,7 +9,7 @@ pub struct Arguments {
     output: Output,
 }
 
-/// Prints it.
+/// Prints the document.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let text = if arguments.output.json {
         crate::http::json()

@@ -28,7 +28,7 @@ pub struct Arguments {
     output: Output,
 }
 
-/// Shows it.
+/// Prints the report, or writes it as a page.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let path = format!("/v1/jobs/{}/report", arguments.id);
     if let Some(file) = &arguments.html {

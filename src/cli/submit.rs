@@ -104,7 +104,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     })
 }
 
-/// What the user can do with a parameter set: release it if every gate is passed, else what stands against that.
+/// The next step for a parameter set: its release if every gate is passed, otherwise the gates that failed.
 async fn next_step(client: &Client, id: &str, set: &Value) -> anyhow::Result<String> {
     if !set["insisted_on"].is_null() {
         return Ok(

@@ -21,7 +21,7 @@ pub struct Arguments {
     output: Output,
 }
 
-/// Checks and prints.
+/// Runs the checks and prints their results.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let known_head = arguments
         .known_head

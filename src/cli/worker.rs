@@ -49,7 +49,7 @@ pub struct MigrateArguments {
     output: Output,
 }
 
-/// Migrates.
+/// Updates the schema and prints its version.
 pub fn migrate(arguments: &MigrateArguments) -> anyhow::Result<()> {
     block_on(async {
         let store = Store::open(location(&arguments.database)).await?;

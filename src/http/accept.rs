@@ -36,15 +36,15 @@ const MAX_HEADER_BYTES: usize = 32 * 1024;
 const ACCEPT_AGAIN: Duration = Duration::from_millis(50);
 /// Grace period at shutdown: connections and requests that arrive this long after the signal are still accepted and answered.
 const SHUTDOWN_GRACE: Duration = Duration::from_millis(100);
-/// Most connections accepted during [`SHUTDOWN_GRACE`]: as many as the operating system queues.
+/// Most connections accepted during [`SHUTDOWN_GRACE`], and once more from the queue of the operating system, which is not longer.
 const MAX_LAST: usize = 4096;
 /// Most clients that receive [`TOO_MANY_CONNECTIONS_ANSWER`] at the same time; the connections of others are closed without an answer.
 const MAX_TURNED_AWAY: usize = 256;
-/// Longest time for sending that answer.
+/// Longest time for sending [`TOO_MANY_CONNECTIONS_ANSWER`] and for the client to read it.
 const TURN_AWAY_WITHIN: Duration = Duration::from_secs(1);
 /// Code of [`TOO_MANY_CONNECTIONS_ANSWER`] and of its counter.
 const TOO_MANY_CONNECTIONS: &str = "too_many_connections";
-/// Answer beyond the connection limit. TLS clients do not get it, because a handshake costs more than the limit saves.
+/// Answer to a client beyond the connection limit. A TLS client is disconnected without it, because a handshake costs more than the limit saves.
 const TOO_MANY_CONNECTIONS_ANSWER: &[u8] = b"HTTP/1.1 503 Service Unavailable\r\ncontent-type: application/problem+json\r\nretry-after: 1\r\n\
 connection: close\r\ncontent-length: 186\r\n\r\n{\"type\":\"urn:kincal:problem:too_many_connections\",\"title\":\"Too many connections\",\"status\":503,\
 \"detail\":\"the server has no room for more clients: try again\",\"code\":\"too_many_connections\"}";
@@ -65,7 +65,7 @@ pub struct Service {
 }
 
 impl Service {
-    /// The service of one server.
+    /// Creates the state of one server.
     pub fn new(app: App, config: &LimitsConfig, tls: Option<Tls>) -> Self {
         Self {
             limits: app.limits.clone(),
@@ -102,7 +102,7 @@ impl Service {
     }
 }
 
-/// Accepts and answers clients until shutdown begins, then until the last request under way is answered.
+/// Accepts clients until shutdown has begun and its grace period is over. Returns when the last request under way is answered.
 pub async fn accept_all(listener: TcpListener, service: Service) {
     let slots = Arc::new(Semaphore::new(service.max_connections));
     let slots_to_turn_away = Arc::new(Semaphore::new(MAX_TURNED_AWAY));
@@ -142,7 +142,7 @@ pub async fn accept_all(listener: TcpListener, service: Service) {
         };
         admit(client, &mut connections);
     }
-    // Connections that the operating system has queued and tokio has not reported yet: accept them from the socket, then close it.
+    // Accepts the connections that the operating system has queued and tokio has not reported yet. Then the socket is closed.
     if let Ok(listener) = listener.into_std() {
         for _ in 0..MAX_LAST {
             let Ok((stream, peer)) = listener.accept() else {
@@ -208,7 +208,7 @@ async fn requests(
     let stream = TokioIo::new(WithProblems::new(stream, service.headers()));
     let connection = builder.serve_connection(stream, service_fn(answer));
     tokio::pin!(connection);
-    // A request may still be arriving: hyper's graceful shutdown does not wait for a request that it has not read.
+    // Waits for requests that are still arriving: hyper's graceful shutdown drops a request that it has not read.
     let grace_end = async {
         shutdown_begun(service.stopping.clone()).await;
         sleep(SHUTDOWN_GRACE).await;

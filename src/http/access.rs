@@ -1,4 +1,4 @@
-//! Reads of rows that the key may see. For a robot that the key may not see the answer is 404, as for one that does not exist.
+//! Reads rows that the key may see. Rows of other robots are 404, as if they did not exist.
 
 use crate::http::auth::Caller;
 use crate::http::{App, Error};

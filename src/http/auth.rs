@@ -58,7 +58,8 @@ impl Scope {
     }
 }
 
-/// Every route that requires a key, with its scope. A route in neither list is refused. A test compares the lists with the contract.
+/// Every route that requires a key, with its scope. A route that is neither here nor in [`OPEN`] is refused. A test compares both lists
+/// with the contract.
 pub const POLICY: &[(Method, &str, Scope)] = &[
     (Method::GET, "/v1/me", Scope::Read),
     (Method::GET, "/metrics", Scope::Read),
@@ -161,7 +162,7 @@ pub struct Caller {
     pub holder: String,
     /// What the key may do.
     pub scopes: Vec<Scope>,
-    /// The robots it is limited to; none for all.
+    /// The robots that the key is limited to; `None` for all robots.
     pub robots: Option<Vec<String>>,
 }
 
@@ -196,7 +197,7 @@ impl Caller {
         self.scopes.contains(&scope) || self.scopes.contains(&Scope::Admin)
     }
 
-    /// Whether this key may see that robot. If not, its ids answer 404.
+    /// Whether the key may see this robot. If it may not, every id of the robot answers 404.
     pub fn may_see(&self, robot_id: &str) -> bool {
         self.robots
             .as_ref()

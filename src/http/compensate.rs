@@ -16,7 +16,8 @@ pub fn router() -> OpenApiRouter<App> {
     OpenApiRouter::new().routes(routes!(compensate))
 }
 
-/// Joint values with which the robot has its tool where the nominal robot would have it. For targets programmed offline, not for taught ones.
+/// Corrects joint targets: with the answered joint values the real robot has its tool where the nominal robot has it with the requested ones.
+/// Send only targets that were programmed offline: taught targets already contain the robot's errors.
 #[utoipa::path(
     post, path = "/v1/parameter-sets/{id}/compensate", tag = "parameter sets", operation_id = "compensate",
     params(("id" = String, Path, description = "The parameter set")), request_body = CompensateBody,

@@ -1,4 +1,4 @@
-//! POSTs that create: the body, and an `Idempotency-Key` that makes a retry harmless.
+//! Extractor for requests that create something: the body, and an `Idempotency-Key` that makes a retry harmless.
 
 use crate::http::auth::Caller;
 use crate::http::error::Error;
@@ -21,7 +21,7 @@ const IDEMPOTENCY_REPLAYED: HeaderName = HeaderName::from_static("idempotency-re
 
 /// A request that creates something.
 pub struct Submission {
-    /// Who sent it.
+    /// The key that sent the request.
     pub caller: Caller,
     /// Its media type, without parameters.
     pub media_type: String,
@@ -137,7 +137,7 @@ impl Submission {
         Error::UnsupportedMediaType { found, expected }
     }
 
-    /// Whether it has an Idempotency-Key.
+    /// Whether the request has an Idempotency-Key.
     pub fn has_key(&self) -> bool {
         self.scope.is_some()
     }

@@ -16,7 +16,7 @@ const CSS: &str = "text/css; charset=utf-8";
 const JAVASCRIPT: &str = "text/javascript; charset=utf-8";
 const SVG: &str = "image/svg+xml";
 
-/// Attribute of the start page with which it knows that a key is needed.
+/// Attribute of the start page that tells its scripts that the server requires a key.
 const AUTH_MARK: &str = "data-auth=\"key\"";
 const NO_AUTH_MARK: &str = "data-auth=\"none\"";
 

@@ -114,7 +114,7 @@ fn operations(item: &mut PathItem) -> impl Iterator<Item = (Method, &mut Operati
         .filter_map(|(method, operation)| Some((method, operation.as_mut()?)))
 }
 
-/// Documents for an operation what layers and extractors do.
+/// Adds to an operation the answers, headers and scope that come from layers and extractors.
 fn complete(method: &Method, path: &str, operation: &mut Operation) {
     let id = operation.operation_id.clone().unwrap_or_default();
     let takes_body = operation.request_body.is_some();

@@ -17,7 +17,7 @@ const RETRY_AFTER_S: &str = "1";
 /// Errors of the service.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// It does not exist, or this key may not see it.
+    /// The row does not exist, or this key may not see it.
     #[error("there is no {0} with this id")]
     NotFound(&'static str),
     /// The robot has no released parameter set.
@@ -28,7 +28,7 @@ pub enum Error {
     /// The contract has no such path.
     #[error("there is nothing at this path; /openapi.yaml lists what there is")]
     NoSuchRoute,
-    /// The path takes other methods.
+    /// The path exists, but takes other methods.
     #[error("this path does not take this method; see the Allow header")]
     MethodNotAllowed,
     /// The body is not JSON.
@@ -48,7 +48,7 @@ pub enum Error {
     /// The core cannot use the request.
     #[error("{detail}")]
     Unusable {
-        /// The core's reason.
+        /// Stable reason, from the core.
         code: &'static str,
         /// Description.
         detail: String,
@@ -79,7 +79,7 @@ pub enum Error {
         "{0}. This server takes no keys (--no-auth), so it does nothing for other sites' pages: use its own page, or serve without --no-auth and give clients keys"
     )]
     ForeignOrigin(String),
-    /// hyper could not read the request. It gives no details.
+    /// hyper could not read the request, and gives no details.
     #[error(
         "the request is not HTTP/1.1 as it should be: look at its first line, its header, Content-Length and Transfer-Encoding"
     )]
@@ -100,7 +100,7 @@ pub enum Error {
     TooLarge {
         /// The limit.
         limit: usize,
-        /// Kind of job.
+        /// What the client can do instead.
         advice: &'static str,
     },
     /// The route does not accept the body's media type.

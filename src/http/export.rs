@@ -1,4 +1,4 @@
-//! Parameter sets in other formats, and robots from other formats.
+//! Exports parameter sets to other formats, and imports robots from other formats.
 
 use crate::http::auth::Caller;
 use crate::http::extract::{Id, Query, whole_body};
@@ -18,7 +18,7 @@ use serde::Deserialize;
 use utoipa::IntoParams;
 use utoipa_axum::{router::OpenApiRouter, routes};
 
-/// Header with the error that the format leaves, mm.
+/// Header with the error that remains when only this format's parameters are used, mm.
 const REMAINING_ERROR: HeaderName = HeaderName::from_static("kincal-remaining-error-mm");
 
 /// Routes of exports and imports.

@@ -24,7 +24,7 @@ pub const MIN_BYTES_PER_S: f64 = 16.0 * 1024.0;
 /// Largest JSON document that is parsed without a permit to compute. Measurement sets may be larger and are parsed with one.
 pub const MAX_JSON_BYTES: usize = 4 * 1024 * 1024;
 
-/// The id in a path. A text that cannot be an id is 404 without a query.
+/// The id in a path. A text that cannot be an id answers 404 without a query to the database.
 pub struct Id(pub String);
 
 impl<S: Send + Sync> FromRequestParts<S> for Id {

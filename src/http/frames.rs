@@ -64,7 +64,7 @@ async fn create(
     submission.create(&app.store, effect).await
 }
 
-/// Frames found before.
+/// Stored frames.
 #[utoipa::path(
     get, path = "/v1/frames/{id}", tag = "frames", operation_id = "getFrames", params(("id" = String, Path, description = "The frames")),
     responses((status = 200, description = "Base and tool frame", body = FramesAnswer))

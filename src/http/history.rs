@@ -27,7 +27,7 @@ use std::ops::ControlFlow;
 use utoipa::IntoParams;
 use utoipa_axum::{router::OpenApiRouter, routes};
 
-/// Most sessions in a trend: the newest.
+/// Most sessions in a trend; older ones are left out.
 const MAX_SESSIONS: usize = 200;
 /// Milliseconds of a day.
 const DAY_MS: f64 = 86_400_000.0;
@@ -90,7 +90,7 @@ async fn history(
     }))
 }
 
-/// The parts of a report that the history shows. Reports are read one at a time: one of 20,000 points has 9 MB.
+/// Reads the parts of a report that the history shows. Call it for one report at a time: a report of 20,000 points has 9 MB.
 async fn excerpt(app: &App, permit: &ComputePermit, job_id: &str) -> Result<ReportExcerpt, Error> {
     let report = jobs::report(&app.store, job_id).await?;
     permit.run(move || serde_json::from_str(&report)).await

@@ -9,7 +9,7 @@ use axum::response::{IntoResponse, Response};
 use std::time::Duration;
 use utoipa_axum::{router::OpenApiRouter, routes};
 
-/// Functions that return the contract. It is generated from all routes, including these, so the router passes the functions in.
+/// Functions that return the contract. The contract is generated from all routes, including those below, so the router passes the functions in.
 #[derive(Clone, Copy, Debug)]
 pub struct Contract {
     /// In YAML.
@@ -33,9 +33,9 @@ async fn healthz() -> &'static str {
     "ok\n"
 }
 
-/// Shortest time without a write that is reported.
+/// Shortest time without a successful write that is reported.
 const STUCK: Duration = Duration::from_secs(1);
-/// Time without a write after which the node is not ready. Until then it is, because reads are answered.
+/// Time without a successful write after which the node is not ready. Until then it is ready, because it answers reads.
 const STUCK_TOO_LONG: Duration = Duration::from_secs(60);
 
 /// The database answers. If part of the service is not available, the text says which part, and for how long writers have been stuck.
@@ -73,7 +73,7 @@ async fn openapi_yaml(Extension(contract): Extension<Contract>) -> Result<Respon
     Ok(([(header::CONTENT_TYPE, "application/yaml")], text).into_response())
 }
 
-/// The contract, for readers of JSON.
+/// The contract in JSON.
 #[utoipa::path(get, path = "/openapi.json", tag = "service", operation_id = "openapiJson", responses((status = 200, description = "OpenAPI 3.1", body = serde_json::Value)))]
 async fn openapi_json(Extension(contract): Extension<Contract>) -> Result<Response, Error> {
     let text = (contract.json)().map_err(|error| Error::Internal(error.into()))?;

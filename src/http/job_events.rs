@@ -43,7 +43,7 @@ async fn events(
     )
 }
 
-/// Passes events to the connection. Another task reads the database; it ends with the stream.
+/// Passes events to the connection. Another task reads the database; this task ends with the stream.
 fn stream(
     app: App,
     caller: Caller,
@@ -88,7 +88,7 @@ async fn follow(app: App, caller: Caller, mut row: JobRow, events: mpsc::Sender<
     }
 }
 
-/// Waits until status, attempt or progress of the job has changed; none if the database fails.
+/// Waits until status, attempt or progress of the job has changed. Returns `None` if the database fails.
 async fn changed(app: &App, seen: &JobRow) -> Option<JobRow> {
     loop {
         let row = app

@@ -51,7 +51,7 @@ pub async fn create(
             return Err(refusal);
         }
     };
-    // Before the uploads are read, so that waiting requests hold none in memory.
+    // The permit is taken before the uploads are read, so that waiting requests hold no upload in memory.
     let permit = app.compute_permit(RequestClass::Write).await?;
     let sources = load(&app, &submission.caller, &robot_id, &request).await?;
     let mut new = new_job(&request, &sources, &submission.caller.holder)?;
@@ -104,8 +104,8 @@ fn new_job(request: &JobRequestBody, sources: &Sources, client: &str) -> Result<
     })
 }
 
-/// The newest residual network for this robot that was trained, predecessors included, on no point that is fitted or verified here. Otherwise
-/// cross-validation and verification would prove nothing.
+/// Chooses the newest residual network that was trained on no point that this job fits or verifies; the training of its predecessors counts too.
+/// With a network that has seen these points, cross-validation and verification would prove nothing.
 fn choose_residual(
     request: &JobRequestBody,
     calibration_request: &CalibrationRequest,

@@ -14,28 +14,28 @@ use crate::wire::measurement::{Frame, MeasurementSet, from_upload};
 use crate::wire::network::NetworkKind;
 use crate::wire::safetensors::NetworkMetadata;
 
-/// Most networks, newest first, among which one with the same parameters is searched.
+/// Most networks that are searched for one with the same parameters, newest first.
 const MAX_NETWORKS: i64 = 8;
-/// Most residual networks, newest first, among which one is searched that was not trained on these points. Each is read with its measurement set.
+/// Most residual networks that are searched for one that was not trained on these points, newest first. Each is read with its measurement set.
 const MAX_RESIDUAL_NETWORKS: i64 = 3;
-/// Longest chain of residual networks of which each continued the training of the one before.
+/// Longest chain of residual networks in which each continues the training of the previous one.
 const LONGEST_CHAIN: usize = 64;
 
 /// Stored rows that a job refers to.
 pub struct Sources {
     /// The robot.
     pub robot: RobotRow,
-    /// What it identifies from, or scores.
+    /// The measurement set to identify from, or to score.
     pub set: SetSource,
     /// Another upload to verify on.
     pub verify_set: Option<SetSource>,
     /// Frames by sweeps.
     pub frames: Option<FramesContent>,
-    /// Networks that it may start from, newest first: id and weights.
+    /// Networks that the job may start from, newest first: id and weights.
     pub networks: Vec<(String, Vec<u8>)>,
     /// Residual networks whose training may go on, newest first.
     pub residual_networks: Vec<ResidualSource>,
-    /// What a verify job scores, and what an identify job is compared with.
+    /// The parameter set that a `verify` job scores, or with which an `identify` job is compared.
     pub parameter_set: Option<ParameterSetRow>,
     /// The frame that a verify job's parameter set was identified in.
     pub scored_frame: Option<Frame>,
@@ -43,9 +43,9 @@ pub struct Sources {
 
 /// A stored set and its bytes.
 pub struct SetSource {
-    /// Its row.
+    /// The stored row.
     pub row: MeasurementSetRow,
-    /// As uploaded.
+    /// The uploaded bytes.
     pub bytes: Vec<u8>,
 }
 
@@ -59,10 +59,10 @@ impl SetSource {
         Ok(Self { row, bytes })
     }
 
-    /// The points.
+    /// Parses the points.
     ///
     /// # Errors
-    /// [`Error::Invalid`] for bytes that cannot be read, which were accepted once.
+    /// [`Error::Invalid`] if the bytes cannot be read. This does not happen, because they were accepted once.
     pub fn set(&self, n_joints: usize) -> Result<MeasurementSet, Error> {
         let frame = frame_of(&self.row)?;
         from_upload(&self.row.content_type, &self.bytes, frame, n_joints).map_err(Error::Invalid)
@@ -73,9 +73,9 @@ impl SetSource {
 pub struct ResidualSource {
     /// `net_…`
     pub id: String,
-    /// In safetensors.
+    /// The weights in safetensors format.
     pub weights: Vec<u8>,
-    /// What it was trained on.
+    /// The measurement set that it was trained on.
     pub set: SetSource,
     /// Hashes of the uploads that it and its predecessors were trained on; none if the chain is too long.
     pub trained_on_sha256: Option<Vec<String>>,
@@ -84,14 +84,14 @@ pub struct ResidualSource {
 /// Reads what a request refers to.
 ///
 /// # Errors
-/// A pointer to what does not exist or is of another robot; those of the store.
+/// [`Error::Invalid`] with a pointer to a document that does not exist or belongs to another robot; those of the store.
 pub async fn load(
     app: &App,
     caller: &Caller,
     robot_id: &str,
     request: &JobRequestBody,
 ) -> Result<Sources, Error> {
-    // Concurrently; of several errors the first in this order is returned.
+    // Reads concurrently. Of several errors the first in this order is returned.
     let (robot, set, verify_set, frames, parameter_set) = tokio::join!(
         access::robot(app, caller, robot_id),
         set(

@@ -17,7 +17,7 @@ use std::time::Duration;
 use utoipa::IntoParams;
 use utoipa_axum::{router::OpenApiRouter, routes};
 
-/// Longest long poll, seconds; proxies cut connections after 60.
+/// Longest long poll, seconds. Proxies close silent connections after 60.
 const MAX_WAIT_S: u64 = 30;
 
 /// Routes of jobs.

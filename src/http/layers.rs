@@ -90,7 +90,7 @@ fn add_common_headers(headers: &mut HeaderMap, request_id: &str) {
     }
 }
 
-/// Whether a request takes no permit: health and metrics must answer under load.
+/// Whether a request takes no permit before routing. Health and metrics must answer under load, and a long poll takes a permit to wait later.
 pub fn is_unlimited(uri: &Uri) -> bool {
     matches!(uri.path(), "/healthz" | "/readyz" | "/metrics") || may_wait(uri)
 }
@@ -101,7 +101,7 @@ fn may_wait(uri: &Uri) -> bool {
     job.is_some_and(|id| !id.contains('/')) && uri.query().is_some()
 }
 
-/// Answers a request that is refused before routing, authentication and reading its body, like most requests of a flood.
+/// Answers a refused request without routing it, authenticating it or reading its body. In a flood most requests end here.
 pub fn refuse_unrouted(metrics: &Metrics, method: &Method, error: Error) -> Response {
     let mut response = error.into_response();
     let code = response

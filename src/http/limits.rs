@@ -14,12 +14,12 @@ use tokio::time::timeout;
 
 /// Largest request body, bytes: ten times the largest campaign.
 pub const MAX_BODY_BYTES: usize = 32 * 1024 * 1024;
-/// Concurrent reads. At 0.1 ms each on two cores, the last one waits some 15 ms.
+/// Concurrent reads. A read takes 0.1 ms of one of two cores, so the last one waits some 15 ms.
 const MAX_READS: usize = 256;
 /// Concurrent requests that compute or read a whole document, and store nothing. Cheap reads have their own permits.
 const MAX_CALCULATIONS: usize = 64;
-/// Concurrent writes; one counts from the arrival of its body. SQLite has one writer, so the last of them, or a withdrawal behind them, waits for
-/// all the others.
+/// Concurrent writes. A write counts from the moment when its body has arrived. SQLite has one writer: the last write, or a withdrawal behind it,
+/// waits for all the others.
 const MAX_WRITES: usize = 64;
 /// Further permits for [`RequestClass::Safety`], used when no permit of [`MAX_WRITES`] is free.
 const SAFETY_RESERVE: usize = 16;
@@ -35,7 +35,7 @@ const SMALL_BODIES_KIB: usize = 64 * 1024;
 const LARGE_BODIES: usize = 2;
 /// Memory of all large answers that are not sent yet, KiB. A report of 100,000 points has 45 MiB.
 const ANSWERS_KIB: usize = 64 * 1024;
-/// Whole documents (reports, uploads, weights) that are read from the database at once. Each takes three times its size meanwhile.
+/// Whole documents (reports, uploads, weights) that are read from the database at once. Reading one takes three times its size in memory.
 const DOCUMENTS: usize = 2;
 /// Concurrent computations for reads, for writes, and for [`RequestClass::Safety`]. More would be slower each and take more memory.
 const COMPUTING: [usize; 3] = [4, 8, 2];
@@ -59,14 +59,14 @@ struct Inner {
     large_bodies: Arc<Semaphore>,
     answers_kib: Arc<Semaphore>,
     documents: Arc<Semaphore>,
-    /// As [`COMPUTING`].
+    /// Permits to compute for reads, for writes and for [`RequestClass::Safety`], in this order.
     computing: [Arc<Semaphore>; 3],
     client_timeout: Duration,
     requests_per_key: Option<TokenBuckets<String>>,
     failed_attempts: TokenBuckets<IpAddr>,
 }
 
-/// Takes `n` permits that are free now.
+/// Takes `n` permits, or fails at once if fewer are free.
 fn take(semaphore: &Arc<Semaphore>, n: usize) -> Result<OwnedSemaphorePermit, Error> {
     let n = u32::try_from(n).unwrap_or(u32::MAX);
     Arc::clone(semaphore)
@@ -83,7 +83,7 @@ async fn wait_for(semaphore: &Arc<Semaphore>) -> Result<OwnedSemaphorePermit, Er
 }
 
 impl Limits {
-    /// All permits free. With `no_auth` there is no rate per key.
+    /// Creates the limits, with all permits free. With `no_auth` there is no rate per key.
     pub fn new(config: &LimitsConfig, no_auth: bool) -> Self {
         let rate = f64::from(config.rate_per_key);
         let permits = |n| Arc::new(Semaphore::new(n));
@@ -224,7 +224,7 @@ impl Limits {
         }
     }
 
-    /// The memory of a body that begins to arrive. A body that is announced as large takes its permit at once.
+    /// Reserves memory for a body that begins to arrive. A body that is announced as large takes its permit at once.
     ///
     /// # Errors
     /// [`Error::Busy`].
@@ -253,7 +253,7 @@ impl ComputePermit {
     /// Runs `work` on a blocking thread.
     ///
     /// # Errors
-    /// Those of `work`; [`Error::Internal`] if the server stops before it began.
+    /// Those of `work`; [`Error::Internal`] if the server stops before `work` begins.
     ///
     /// # Panics
     /// If `work` does.
@@ -326,7 +326,7 @@ impl BodyBudget {
         Ok(())
     }
 
-    /// The body has arrived: takes the request's permit. The caller keeps all permits as long as the bytes.
+    /// Takes the request's permit, once the whole body has arrived. The caller keeps all permits as long as the bytes.
     ///
     /// # Errors
     /// [`Error::Busy`].

@@ -1,4 +1,4 @@
-//! Whose key this is, so that a page can show what its user may do.
+//! Permissions of the request's key, so that a page can show what its user may do.
 
 use crate::http::auth::{Caller, Scope};
 use crate::http::{App, Error};

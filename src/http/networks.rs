@@ -60,7 +60,7 @@ async fn get(
     Ok(Json(access::network(&app, &caller, &id).await?.try_into()?))
 }
 
-/// Its weights, in the safetensors format.
+/// A network's weights, in the safetensors format.
 #[utoipa::path(
     get, path = "/v1/networks/{id}/weights", tag = "networks", operation_id = "getNetworkWeights", params(("id" = String, Path, description = "The network")),
     responses((status = 200, description = "safetensors, 64-bit floats", body = Vec<u8>, content_type = "application/octet-stream"))

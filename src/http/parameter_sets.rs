@@ -1,4 +1,4 @@
-//! Parameter sets: what the controller needs.
+//! Parameter sets: the identified parameters for the controller.
 
 use crate::http::auth::Caller;
 use crate::http::extract::{Id, ListQuery, Query};
@@ -116,7 +116,7 @@ async fn covered(State(app): State<App>, caller: Caller, Id(id): Id) -> Result<R
     let content = content(&row)?;
     let text = match canonical::text_of_hash(&content, &row.sha256)? {
         Some(text) => text,
-        // Edited outside the service: the client's comparison of the hash will fail.
+        // The row was edited outside the service. The client will find that the hash differs.
         None => canonical::to_canonical_json(&content)?,
     };
     Ok(([(header::CONTENT_TYPE, "application/json")], text).into_response())

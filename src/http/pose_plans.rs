@@ -1,4 +1,4 @@
-//! Which poses to measure next.
+//! Pose plans: the poses to measure next.
 
 use crate::http::auth::Caller;
 use crate::http::extract::{Id, json_body, parse_small};
@@ -36,7 +36,7 @@ async fn create(
     body.check()?;
     let mut measured = Vec::new();
     for (i, id) in body.measured.iter().enumerate() {
-        let found = measurement_sets::get(&app.store, id).await; // `check` has looked whether it can be an id
+        let found = measurement_sets::get(&app.store, id).await; // `check` has verified that it can be an id
         measured.push(require_own(
             found,
             |set| set.robot_id == row.id,

@@ -1,4 +1,4 @@
-//! Releasing and withdrawing parameter sets, and going back to the one before.
+//! Release, withdrawal and rollback of parameter sets.
 
 use crate::http::auth::Caller;
 use crate::http::creation::{Submission, stored_json};
@@ -34,7 +34,7 @@ pub fn router() -> OpenApiRouter<App> {
         .routes(routes!(roll_back))
 }
 
-/// The gates as a release by this key would find them now. Changes nothing.
+/// Checks the gates as a release by this key would, and changes nothing.
 #[utoipa::path(
     get, path = "/v1/parameter-sets/{id}/gates", tag = "parameter sets", operation_id = "getReleaseGates",
     params(("id" = String, Path, description = "The parameter set")),
@@ -160,7 +160,7 @@ struct GateInputs {
     parameter_set_id: String,
     robot: RobotBody,
     set: MeasurementSetRow,
-    /// Keys that uploaded the points from which the set was identified and, if the job used them, the sweeps.
+    /// Keys that uploaded the points of the identification and, if its job used sweeps, the sweeps. `None` for an unknown key.
     uploaders: Vec<Option<String>>,
     policy: PolicyRow,
     status: ParameterSetStatus,
@@ -284,7 +284,7 @@ async fn check_release(
     })
 }
 
-/// Compares the set with the active one, on every session; without sessions on the held-out points. Reads one upload at a time.
+/// Compares the set with the active one on every session or, if there is no session, on the held-out points. Reads one upload at a time.
 async fn compared(
     app: &App,
     permit: &ComputePermit,

@@ -15,7 +15,7 @@ use tokio::sync::OwnedSemaphorePermit;
 
 /// Answers up to this size are not counted: 4096 clients that do not read hold at most 256 MiB, for ten seconds.
 const LARGE_ANSWER_BYTES: u64 = 64 * 1024;
-/// Size of the chunks that hyper gets. It asks for the next one when it has sent enough of the last.
+/// Size of the chunks for hyper, which asks for the next chunk when it has sent most of the last one.
 const CHUNK_BYTES: usize = 32 * 1024;
 
 /// Counts an answer if it is large, until it is sent or its client disconnects. Beyond the limit the answer is 503.

@@ -20,13 +20,13 @@ pub enum Error {
     /// The settings cannot be used together.
     #[error(transparent)]
     Config(#[from] config::Error),
-    /// The database.
+    /// The database cannot be opened.
     #[error(transparent)]
     Store(#[from] store::Error),
-    /// Certificate or key.
+    /// The certificate or its key cannot be used.
     #[error("TLS: {0}")]
     Tls(std::io::Error),
-    /// The address.
+    /// The address cannot be listened on.
     #[error(
         "cannot listen on {address}: {cause}; is another server running there? choose another with --listen"
     )]
@@ -41,7 +41,7 @@ pub enum Error {
 /// A server that answers. Dropping it leaves it running; [`RunningServer::shutdown`] ends it.
 #[derive(Debug)]
 pub struct RunningServer {
-    /// Where it listens; never port 0.
+    /// The address that it listens on, with the actual port.
     pub address: SocketAddr,
     /// Its database.
     pub store: Store,
@@ -70,7 +70,7 @@ pub fn rules(queue: &config::QueueConfig) -> Rules {
     }
 }
 
-/// Opens the database, starts the workers, and answers.
+/// Opens the database, starts the workers, and accepts requests.
 ///
 /// # Errors
 /// [`Error`], which says what is wrong and how to correct it.
@@ -78,7 +78,7 @@ pub async fn start(config: &ServeConfig) -> Result<RunningServer, Error> {
     start_with(config, execution::compute).await
 }
 
-/// As [`start`], with another function for what the workers compute. Studies use it to measure [`execution::compute`].
+/// As [`start`], with another function for the workers' computation. Studies pass a function that measures [`execution::compute`].
 ///
 /// # Errors
 /// As [`start`].

@@ -1,4 +1,4 @@
-//! TLS by option: a certificate chain and its key in PEM files, read once at start.
+//! Optional TLS. Certificate chain and key are PEM files that are read once at start.
 
 use std::io;
 use std::path::Path;
@@ -9,7 +9,7 @@ use tokio_rustls::rustls::crypto::ring;
 use tokio_rustls::rustls::pki_types::pem::PemObject;
 use tokio_rustls::rustls::pki_types::{CertificateDer, PrivateKeyDer};
 
-/// Turns accepted connections into TLS ones.
+/// Does the TLS handshake on accepted connections.
 pub type Tls = TlsAcceptor;
 
 /// Makes ring the TLS provider of this process. Call it before building an HTTP client; a second call changes nothing.
@@ -18,7 +18,7 @@ pub fn use_ring() {
     let _ = ring::default_provider().install_default();
 }
 
-/// The acceptor of these files.
+/// Reads the files and creates the acceptor.
 ///
 /// # Errors
 /// If a file cannot be read, contains no certificate or key, or key and certificate do not match.

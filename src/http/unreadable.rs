@@ -1,6 +1,6 @@
 //! Problem documents in place of hyper's own answers. A request that hyper cannot parse never reaches the router: hyper writes a 400, 414 or
-//! 431 without a body and closes the connection. It has no hook for that answer, so this stream recognises it while it is written: it has no
-//! `x-request-id`, which all other answers have, and it is the last on its connection.
+//! 431 without a body and closes the connection. hyper has no hook for that answer, so this stream recognises it among the written bytes: it lacks
+//! the header `x-request-id`, which all other answers have, and it is the last answer on its connection.
 
 use crate::http::Error;
 use crate::http::layers;
@@ -10,7 +10,7 @@ use std::pin::Pin;
 use std::task::{Context, Poll, ready};
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 
-/// Largest answer of hyper's own: a status line, `connection`, `content-length` and `date`.
+/// Largest answer that hyper writes by itself: a status line, `connection`, `content-length` and `date`.
 const LONGEST_OWN_ANSWER: usize = 256;
 const NO_BODY: &str = "content-length: 0\r\n";
 

@@ -11,7 +11,7 @@ use crate::wire::measurement::{MeasurementSet, Warning};
 use crate::wire::robot::{Robot, RobotBody};
 use crate::wire::suspicion::{Insist, insisted, refusal};
 
-/// Most other robots that are tried as the one that was measured.
+/// Most other robots for which the upload is tried.
 const MAX_OTHERS: u32 = 50;
 
 /// A measurement set that does not fit the nominal robot.

@@ -21,7 +21,7 @@ pub type Compute = fn(
 /// Everything a job's result depends on.
 #[derive(Clone, Debug, PartialEq)]
 pub struct JobInputs {
-    /// The job, running.
+    /// The running job.
     pub job: JobRow,
     /// Its robot.
     pub robot: RobotRow,
@@ -48,7 +48,7 @@ pub struct Earlier {
     pub check_seq: i64,
     /// The uploads.
     pub sets: Vec<MeasurementSetInput>,
-    /// True if there are more uploads or points than the limits below; the others are not compared.
+    /// True if there are more uploads or points than the limits below. Then `sets` is empty and nothing is compared.
     pub is_cut_short: bool,
 }
 
@@ -125,7 +125,7 @@ pub struct JobOutcome {
 pub enum JobFailure {
     /// The monitor returned `Break`.
     Cancelled,
-    /// It cannot be computed, and trying again would not help.
+    /// The job cannot be computed, and another attempt would not help.
     Failed {
         /// Problem details for the client.
         problem_json: String,
@@ -154,7 +154,7 @@ impl JobInputs {
 
     /// Reads everything that the job names.
     pub async fn load_for(store: &Store, job: JobRow) -> Result<JobInputs> {
-        // Concurrently; each read takes its own connection.
+        // Reads concurrently; each read takes its own connection.
         let (robot, set, verify_set, frames, network, residual_network, parameter_set, earlier) = tokio::try_join!(
             robots::get(store, &job.robot_id),
             load_set(store, &job.measurement_set_id),

@@ -180,7 +180,7 @@ pub fn compare_on(
     Ok(compare(parsed, format!("session of job {job_id}"), &set))
 }
 
-/// Errors of both on the points that were held out when the set was identified: of the fit that had not seen them, where they are of the same upload.
+/// Held-out errors of the set and of the active one; of the same upload, those of the fit without the held-out points.
 pub fn compare_on_held_out(parsed: &ParsedEvidence) -> Option<Comparison> {
     let points = "the points held out".to_string();
     if let VerifySource::Set(set) = &parsed.request.verify {

@@ -78,7 +78,7 @@ pub fn compute(
     })
 }
 
-/// The earlier identification. A partial recalibration keeps its values for the parameters that the request does not name.
+/// The earlier identification, for a partial recalibration: the parameters that the request does not name keep its values.
 fn held_of(
     body: &JobRequestBody,
     request: &CalibrationRequest,
@@ -258,7 +258,7 @@ fn timed(
                       together";
         return Err(failed(&Problem::new(422, "fit_diverged", detail)));
     }
-    // Trains no network on a result that cannot be used.
+    // The network of a result that cannot be used is not stored.
     let network = core
         .network
         .as_ref()

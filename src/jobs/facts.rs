@@ -1,4 +1,4 @@
-//! Computes the verification facts of jobs that an older version of kincal has ended. Runs once at start, before the server listens.
+//! Computes the verification facts of jobs that an older version of kincal has ended. Runs once at start, before the server accepts requests.
 
 use crate::calibration::request::VerifySource;
 use crate::calibration::{
@@ -47,7 +47,7 @@ async fn keep(store: &Store, job_id: &str, found: &Verification) -> Result<()> {
     tx.commit().await
 }
 
-/// Facts of one job. A session is scored again, which is quick; those of an identification are in its report.
+/// Facts of one job. A session is scored again, which is quick. The facts of an identification are taken from its report.
 fn found(inputs: &JobInputs, report: &str) -> Option<Verification> {
     let request = request_of(inputs).ok()?;
     if inputs.job.kind == "verify" {
@@ -63,8 +63,8 @@ fn found(inputs: &JobInputs, report: &str) -> Option<Verification> {
     Some(of_identification(&report, is_verified_anew, since))
 }
 
-/// Warning if the set to verify on does not fit the robot: reports of older versions do not have it. Their points' own scatter is not stored either
-/// and counts as 0.
+/// Warning if the set to verify on does not fit the robot. Reports of older versions lack this warning. They also lack the scatter of the points,
+/// which counts as 0.
 fn verify_set_fit(request: &CalibrationRequest, report: &Report) -> Option<Warning> {
     let points = report.per_point.iter();
     let points = points.filter(|point| point.subset == Subset::Verify);

@@ -21,7 +21,7 @@ pub(super) enum Drain {
     Finish,
     /// Computations are told to stop.
     Stop,
-    /// Computations that did not stop are no longer waited for.
+    /// The pool no longer waits for computations that did not stop.
     Abandon,
 }
 
@@ -34,11 +34,11 @@ pub(super) enum Stop {
     ShuttingDown,
     /// The lease is lost.
     LeaseLost,
-    /// It exceeded the longest time of an attempt.
+    /// The attempt exceeded its longest duration.
     TooLong,
 }
 
-/// Shared state of a computing thread and its heartbeat: progress one way, the reason to stop the other.
+/// Shared state of a computing thread and its heartbeat. The thread writes its progress, the heartbeat writes the reason to stop.
 #[derive(Debug, Default)]
 pub(super) struct Control {
     progress: Mutex<Option<Progress>>,
@@ -98,7 +98,7 @@ impl KeptLease {
         }
     }
 
-    /// Shared with the computation.
+    /// The state that is shared with the computation.
     pub(super) fn control(&self) -> &Arc<Control> {
         &self.control
     }
@@ -149,7 +149,7 @@ impl Renewal {
                 continue;
             }
             let begun = Instant::now();
-            // If the whole process was paused, it still tries once; that fails if another worker has the job.
+            // After a pause of the whole process the renewal is still tried once. It fails if another worker has the job.
             let until = (renewed + self.duration).max(begun + self.duration / 4);
             match timeout_at(until, self.renew(progress)).await {
                 Ok(Ok(())) => (renewed, written) = (begun, progress.or(written)),

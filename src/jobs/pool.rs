@@ -22,12 +22,12 @@ pub struct WorkerPool {
     _relays: JoinSet<()>,
 }
 
-/// How often a worker polls for jobs whose signal was lost.
+/// Interval at which an idle worker polls for jobs whose signal was lost.
 const POLL: Duration = Duration::from_secs(1);
 /// Longest interval between two searches for expired leases; it is shorter if leases are shorter.
 const SWEEP: Duration = Duration::from_secs(1);
 
-/// How often Idempotency-Keys older than a week are deleted.
+/// Interval at which Idempotency-Keys that are older than a week are deleted.
 const FORGET_EVERY: Duration = Duration::from_secs(3600);
 
 /// Limits on a job's attempts.
@@ -122,7 +122,7 @@ async fn work(store: Store, context: WorkerContext) {
     let mut drain = context.drain.subscribe();
     while *drain.borrow() == Drain::No {
         match run_next_job(&store, &context).await {
-            // Reads first: a claim takes the database's writer even if there is no job.
+            // Reads before the next claim, because a claim takes the database's writer even if there is no job.
             Ok(Some(_)) if jobs::any_queued(&store).await.unwrap_or(true) => {}
             Ok(_) => {
                 tokio::select! {

@@ -51,7 +51,7 @@ impl Signal {
     }
 }
 
-/// Signals that are buffered for a slow listener. If it falls further behind, it reads the database.
+/// Number of signals that are buffered for a slow listener. A listener that falls further behind reads the database.
 const SIGNALS_KEPT: usize = 256;
 /// Poll interval of listeners on PostgreSQL: another process may run the job, and its notice may be lost.
 const POLL_SHARED: Duration = Duration::from_millis(500);
@@ -95,7 +95,7 @@ impl JobSignals {
         match signal {
             Signal::Enqueued => self.enqueued.notify_one(),
             Signal::Anything => {
-                // Wakes all that wait now, and the next one that waits.
+                // Wakes all workers that wait now, and the next one that will wait.
                 self.enqueued.notify_waiters();
                 self.enqueued.notify_one();
                 let _ = self.heard.send(signal);

@@ -69,7 +69,7 @@ pub async fn finish(store: &Store, lease: &Lease, outcome: &JobOutcome) -> Resul
     tx.commit().await
 }
 
-/// Ends a job with problem details.
+/// Ends a job as failed, with problem details.
 ///
 /// # Errors
 /// [`crate::store::Conflict::LeaseLost`], [`crate::store::Error::Database`].

@@ -1,4 +1,4 @@
-//! Sends signals between processes that share a PostgreSQL (LISTEN and NOTIFY). Without it they only poll.
+//! Sends signals between processes that share a PostgreSQL (LISTEN and NOTIFY). Without these signals the processes only poll.
 
 use std::time::Duration;
 

@@ -6,10 +6,10 @@ use std::time::Duration;
 use tokio::sync::{OwnedRwLockReadGuard, OwnedRwLockWriteGuard, RwLock};
 use tokio::time::{Instant, timeout};
 
-/// Duration, in leases, for which other jobs run before a suspect. Then this process starts no new job, and runs the suspect when its jobs have
-/// ended.
+/// Time that a suspect waits while other jobs run, in leases. After that this process starts no new job, lets the running ones end, and runs the
+/// suspect.
 const LEASES_TO_WAIT: u32 = 2;
-/// Wait for workers that are claiming a job at this moment.
+/// Longest wait for workers that are claiming a job at this moment.
 const A_MOMENT: Duration = Duration::from_millis(100);
 
 /// Decides which jobs may run at the same time in this process.
@@ -23,9 +23,9 @@ pub(super) struct RunAlone {
 /// Permit to run a job in this process.
 #[derive(Debug)]
 pub(super) enum Permit {
-    /// Beside other jobs.
+    /// The job runs beside other jobs.
     Shared(#[allow(dead_code, reason = "held")] OwnedRwLockReadGuard<()>),
-    /// Alone.
+    /// The job runs alone.
     Alone(#[allow(dead_code, reason = "held")] OwnedRwLockWriteGuard<()>),
 }
 
@@ -38,7 +38,7 @@ impl RunAlone {
         }
     }
 
-    /// Waits for a permit to run beside other jobs. There is none while a suspect runs or is due.
+    /// Waits for a permit to run beside other jobs. While a suspect runs or is due, no such permit is given.
     pub(super) async fn shared(&self) -> Permit {
         Permit::Shared(Arc::clone(&self.jobs).read_owned().await)
     }

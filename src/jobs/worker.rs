@@ -28,7 +28,7 @@ pub struct WorkerContext {
     pub lease: Duration,
     /// Longest duration of one attempt.
     pub longest: Duration,
-    /// Signals that it sends and receives.
+    /// Signals that the worker sends and receives.
     pub signals: JobSignals,
     pub(super) drain: Arc<watch::Sender<Drain>>,
     /// Shared by the workers of a process.
@@ -57,7 +57,7 @@ enum Ended {
     Failed(String),
     Cancelled,
     HandedBack,
-    /// It panicked, took too long, or its inputs cannot be read: another attempt, if one is left.
+    /// The computation panicked or took too long, or the inputs cannot be read. The job gets another attempt, if one is left.
     GaveUp,
     /// The lease is lost: nothing is written.
     LeaseLost,

@@ -14,7 +14,7 @@ use std::collections::BTreeSet;
 
 /// Fewest points of a verification; fewer are no evidence.
 pub const MIN_VERIFY_POINTS: usize = 5;
-/// Warning of a report whose upload was accepted with `insist`: it is no evidence.
+/// Warning of a report whose upload was accepted with `insist`. Such a report is no evidence.
 pub const INSISTED: &str = "insisted_upload";
 /// Warning of more outliers than a robust loss may down-weight: somebody has to check the file.
 const TOO_MANY_OUTLIERS: &str = "outliers_review";
@@ -44,7 +44,7 @@ pub struct Session {
 }
 
 impl Session {
-    /// Whether it supports a release: it is another session, measured anew, it fits, and the set is better than nominal in it.
+    /// Whether the session supports a release: its points were measured anew and fit the robot, and the set is better than nominal on them.
     pub fn supports(&self) -> bool {
         self.found.is_session
             && self.found.evidence == Evidence::IndependentSession
@@ -52,7 +52,7 @@ impl Session {
             && self.found.is_better
     }
 
-    /// Whether it supports the set and was measured after this number of the robot's counter.
+    /// Whether the session supports the set, comes after this number of the robot's counter, and repeats no earlier upload.
     pub fn supports_since(&self, seq: i64) -> bool {
         self.seq > seq && self.supports() && !self.found.is_repeat
     }
@@ -72,11 +72,11 @@ pub struct Comparison {
 pub struct Facts<'a> {
     /// The robot's nominal model.
     pub robot: &'a Robot,
-    /// The session that does not fit the robot, if it is in the state `check_robot`.
+    /// Job of the session that does not fit the robot, while the robot is in the state `check_robot`.
     pub check_job_id: Option<&'a str>,
     /// Number and job of the last session that did not fit the robot, even if the state `check_robot` has ended.
     pub last_check: Option<(i64, &'a str)>,
-    /// Last number that the last call of `checked` covers.
+    /// Number of the robot's counter at its last `checked` request, whose reason explains all sessions up to then; 0 for none.
     pub checked_seq: i64,
     /// Report of the job that identified the set; it has the nominal model of that job.
     pub report: &'a Report,
@@ -90,7 +90,7 @@ pub struct Facts<'a> {
     pub content: &'a ParameterSetContent,
     /// The active set, if there is one.
     pub active: Option<&'a ParameterSetContent>,
-    /// Every session on which the set was scored since.
+    /// Every session on which the set was scored after its identification, in order.
     pub sessions: &'a [Session],
     /// Comparisons with the active set.
     pub comparisons: &'a [Comparison],
@@ -125,8 +125,8 @@ impl Facts<'_> {
         }
     }
 
-    /// The sessions that are evidence for or against the set. One in which the set is far off counts until somebody has given a reason and the
-    /// set has fitted a session measured later: a robot that was repaired. The triggers of the schema enforce this too.
+    /// The sessions that are evidence for or against the set. A session in which the set is far off counts until somebody has given a reason and
+    /// the set has fitted a session measured later, as after a repair. The schema's triggers enforce this too.
     pub fn sessions_that_count(&self) -> impl Iterator<Item = &Session> {
         let is_explained = |session: &Session| {
             let mut sessions = self.sessions.iter();
@@ -143,8 +143,8 @@ impl Facts<'_> {
     }
 }
 
-/// Facts of a job that identified a set, from its report. If the set to verify on does not fit the robot, it is no evidence, and the job counts as
-/// one without held-out points.
+/// Facts of a job that identified a set, from its report. If the set to verify on does not fit the robot, its points are no evidence, and the job
+/// counts as one without held-out points.
 pub fn of_identification(report: &Report, is_verified_anew: bool, since: Since) -> Verification {
     let is_misfit = has_warning(report, DOES_NOT_FIT);
     let n_points = report.verify.filter(|_| !is_misfit);

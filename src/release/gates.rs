@@ -12,7 +12,7 @@ use crate::wire::report_shape::Evidence;
 use crate::wire::verification::Fit;
 use std::collections::BTreeSet;
 
-/// Two parameter sets whose errors differ by less are equally good, mm: a tenth of what a laser tracker resolves over an arm's reach.
+/// Difference of errors below which two parameter sets are equally good, mm: a tenth of a laser tracker's resolution over an arm's reach.
 const SAME_MM: f64 = 0.001;
 /// Ratio of the active set's errors on new points to the candidate's above which the robot must have changed.
 const CHANGED: f64 = 3.0;
@@ -100,7 +100,7 @@ fn all_finite(content: &ParameterSetContent) -> Gate {
     Gate::new("all_finite", finite, "every number is finite")
 }
 
-/// The triggers of the schema enforce this too.
+/// Refuses a set whose upload was accepted with `insist`. The schema's triggers enforce this too.
 fn not_insisted(facts: &Facts<'_>) -> Gate {
     let name = "upload_not_insisted";
     let mut warnings = facts.report.warnings.iter();
@@ -114,8 +114,8 @@ fn not_insisted(facts: &Facts<'_>) -> Gate {
     }
 }
 
-/// Needed besides the comparison with nominal: on points that do not fit any robot, the identified one is better than nominal by chance half of the
-/// time.
+/// Refuses a set that does not fit its points. The comparison with nominal is not enough: on points that fit no robot, the identified robot is
+/// better than nominal half of the time, by chance.
 fn fits(facts: &Facts<'_>) -> Gate {
     match facts.identification.fit {
         Fit::Fits => Gate::new("fits", true, "the identified robot comes near the points"),

@@ -5,7 +5,7 @@ use crate::release::texts::{CHECKED, both, sessions, verify_it};
 use crate::wire::release::Gate;
 use crate::wire::verification::Fit;
 
-/// After a session that did not fit, it is unknown which robot a set would move, until a session fits or somebody gives a reason.
+/// Refuses every set while a session is in doubt: until a session fits or somebody gives a reason, it is unknown which robot the set would move.
 pub fn check_robot(facts: &Facts<'_>) -> Gate {
     let name = "check_robot";
     match facts.check_job_id {
@@ -22,8 +22,8 @@ pub fn check_robot(facts: &Facts<'_>) -> Gate {
     }
 }
 
-/// After a session that did not fit, the robot may have changed. A set identified before, or from points measured before, then needs a later session
-/// of its own: that another set fits a later session is no evidence for this one. The triggers of the schema enforce this too.
+/// After a session that did not fit, the robot may have changed. A set that was identified before, or from points measured before, needs a later
+/// session of its own; a later session that fits another set is no evidence for it. The schema's triggers enforce this too.
 pub fn measured_since_check(facts: &Facts<'_>) -> Gate {
     let name = "measured_since_check";
     let Some((seq, job_id)) = facts.last_check else {
@@ -64,8 +64,8 @@ pub fn measured_since_check(facts: &Facts<'_>) -> Gate {
     }
 }
 
-/// A session in which the set is far off blocks it until somebody gives a reason, whatever came later. A session that did not fit the robot at all
-/// blocks it until the set fits a later one.
+/// A session in which the set is far off blocks the set until somebody gives a reason, whatever sessions follow. A session that did not fit the
+/// robot at all blocks the set until the set fits a later session.
 pub fn sessions_fit(facts: &Facts<'_>) -> Gate {
     let name = "sessions_fit";
     let is_answered = |session: &Session| match session.found.fit {
@@ -92,7 +92,7 @@ pub fn sessions_fit(facts: &Facts<'_>) -> Gate {
     }
 }
 
-/// Fails closed: an error that cannot be compared does not count as smaller.
+/// Refuses a set that was no better than nominal in a session. The gate fails closed: an error that cannot be compared does not count as smaller.
 pub fn better_than_nominal(facts: &Facts<'_>) -> Gate {
     let name = "sessions_better_than_nominal";
     let n = facts.sessions_that_count().count();

@@ -14,7 +14,7 @@ const GROWTH: f64 = 1.5;
 /// Longest forecast, days.
 const MAX_DAYS: f64 = 3_650.0;
 
-/// An error at a time.
+/// The error of a session and its day.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Scored {
     /// Days since a fixed moment.

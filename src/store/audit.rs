@@ -10,7 +10,7 @@ use super::{Result, Store};
 /// Rows with entries in the audit chain. The same function computes an entry's content when it is written and when `verify-store` compares
 /// it with the row.
 pub(super) trait Audited: for<'r> FromRow<'r, AnyRow> + Send + Unpin {
-    /// The rows with an id after $1 by id, at most $2.
+    /// Query for the rows with an id above $1, ordered by id, at most $2.
     const EACH: &'static str;
 
     /// Subject of the entries: the row's id.
@@ -27,7 +27,7 @@ pub(super) struct ExpectedEntry {
     /// Time and fields; none if the event has not happened. The meaning of a field never changes, because old entries stay: new facts get new
     /// fields.
     pub(super) now: Option<(i64, Value)>,
-    /// Field with the actor; entries older than the field have it as their actor only.
+    /// Field of the row that names the actor. Entries that are older than this field name the actor only as their own `actor`.
     pub(super) by: Option<&'static str>,
 }
 

@@ -40,7 +40,7 @@ from_row!(AuditRow {
     sha256
 });
 
-/// The chain's newest entry; 0 and empty before the first.
+/// The chain's newest entry; number 0 and an empty hash if there is none.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct AuditHead {
     /// Its number.

@@ -22,7 +22,7 @@ pub struct Store {
 
 #[derive(Debug)]
 pub(super) struct Inner {
-    /// Reads; on PostgreSQL it also writes.
+    /// Connections that read; on PostgreSQL they also write.
     pub(super) pool: AnyPool,
     /// SQLite has one writer at a time: a pool of one connection, in which writers queue.
     pub(super) sqlite_writer: Option<AnyPool>,
@@ -34,7 +34,7 @@ pub(super) struct Inner {
     pub(super) data_dir: Option<PathBuf>,
     pub(super) is_served: bool,
     pub(super) postgres_url: Option<String>,
-    /// Held as long as the store is open, so that two servers never share a data directory.
+    /// Lock on the data directory, held as long as the store is open, so that two servers never share the directory.
     pub(super) lock_file: Option<File>,
 }
 
@@ -45,7 +45,7 @@ pub struct Tx {
     actor: String,
     notes: Vec<Note>,
     store: Store,
-    /// Counts as under way until this transaction is dropped.
+    /// Counts this transaction as a write under way until it is dropped.
     write: Write,
     _postgres_permit: Option<OwnedSemaphorePermit>,
 }
@@ -147,7 +147,7 @@ impl Store {
         self.inner.engine
     }
 
-    /// For statements that only read.
+    /// The connections for statements that only read.
     pub(crate) fn reads(&self) -> &AnyPool {
         &self.inner.pool
     }
@@ -236,7 +236,7 @@ impl Tx {
         self.store.engine()
     }
 
-    /// Fails while the disk is nearly full. Ending jobs, releasing and withdrawing must still work then and do not call it.
+    /// Fails while the disk is nearly full. Ending jobs, releasing and withdrawing must still work then, so they do not call this function.
     ///
     /// # Errors
     /// [`Error::NoRoom`].

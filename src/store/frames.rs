@@ -107,7 +107,7 @@ pub async fn insert(tx: &mut Tx, new: &NewFrames) -> Result<FramesRow> {
     Ok(row)
 }
 
-/// One result.
+/// The frames with this id.
 ///
 /// # Errors
 /// [`super::Error::NotFound`], [`super::Error::Database`].

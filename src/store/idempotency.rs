@@ -14,7 +14,7 @@ pub struct IdempotencyScope {
     pub holder: String,
     /// The request's method.
     pub method: String,
-    /// The request's path and query.
+    /// The request's path. The query is covered by `request_sha256`.
     pub path: String,
     /// The client's key.
     pub key: String,
@@ -38,9 +38,9 @@ pub struct StoredResponse {
 /// Result of an idempotent request.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum IdempotentOutcome {
-    /// It took effect now.
+    /// The request took effect now.
     Fresh(StoredResponse),
-    /// It took effect earlier; this is the first answer.
+    /// The request took effect earlier; this is the first answer.
     Replay(StoredResponse),
     /// The key was used for another request; nothing was done.
     Reused,
@@ -87,7 +87,7 @@ impl Store {
     /// Runs `effect` in a transaction. With a scope it runs at most once: a second request gets the first answer.
     /// If `effect` fails, the transaction is rolled back and the key is free.
     ///
-    /// `effect` may wait for the database only: on SQLite all other writers wait for it.
+    /// `effect` must wait for nothing but the database, because on SQLite all other writers wait meanwhile.
     ///
     /// # Errors
     /// Those of `effect`, [`Error::Database`].
@@ -157,7 +157,7 @@ async fn answer(tx: &mut Tx, scope: &IdempotencyScope, response: &StoredResponse
     Ok(())
 }
 
-/// Field of the effect's last audit entry with both [`hashes`].
+/// Field of the effect's last audit entry that holds both [`hashes`].
 const NOTED_AS: &str = "answered";
 
 /// Hash of the key with its holder, method and path; hash of the request with its answer.
@@ -200,14 +200,14 @@ impl FromRow<'_, AnyRow> for Answered {
             request_sha256: row.try_get("request_sha256")?,
         };
         let answer = match row.try_get::<Option<i64>, _>("status")? {
-            // A number that is no HTTP status differs from the answer that was sent.
+            // A number that is no HTTP status becomes 0, so that the hash differs from that of the answer that was sent.
             Some(status) => Some(StoredResponse {
                 status: u16::try_from(status).unwrap_or_default(),
                 location: row.try_get("location")?,
                 content_type: row
                     .try_get::<Option<_>, _>("content_type")?
                     .unwrap_or_default(),
-                // SQLite may hold text in this column: it differs from the bytes that were sent.
+                // SQLite may hold text in this column. Text is read as an empty body, which differs from the bytes that were sent.
                 body: row
                     .try_get::<Option<_>, _>("response_body")
                     .ok()

@@ -1,4 +1,4 @@
-//! Jobs: request, progress and result. [`super::leases`] has what workers do with them.
+//! Jobs: request, progress and result. [`super::leases`] has the statements of the workers.
 
 use serde_json::{Value, json};
 
@@ -40,7 +40,7 @@ pub struct JobRow {
     pub priority: i64,
     /// Number of attempts. Attempts that were handed back, or ended by a restart of an embedded server, do not count.
     pub attempt: i64,
-    /// The worker that has or had it.
+    /// The worker that runs or ran the job.
     pub owner: Option<String>,
     /// End of that worker's lease, unless it is renewed.
     pub lease_until_ms: Option<i64>,
@@ -232,7 +232,7 @@ impl Audited for JobWithClient {
 }
 
 /// Stores a job as queued, unless `limit` jobs of its robot wait already. On PostgreSQL clients that post at the same moment may exceed the
-/// limit by one job each. Everything that the job names must be committed, because workers read it while they claim the job.
+/// limit by one job each. Everything that the job names must be committed already, because workers read it as soon as they have the job.
 ///
 /// # Errors
 /// [`Conflict::QueueFull`], [`Error::NotFound`] if something that it names does not exist, [`Error::Database`].

@@ -116,15 +116,15 @@ const OLDEST_SQLITE: (u32, u32, u32) = (3, 51, 3);
 const SQLITE_READERS: u32 = 8;
 /// Connections per process. A PostgreSQL server accepts 100 by default.
 const POSTGRES_CONNECTIONS: u32 = 16;
-/// Connections of these that may write. Writers that wait for a lock must leave some for readers.
+/// Most connections that write at once, so that writers that wait for a lock leave some connections for readers.
 const POSTGRES_WRITERS: usize = 12;
 /// Timeouts with which a node that is frozen, paused or cut off stops the writes of the other nodes for less than 10 s.
 ///
 /// - `lock_timeout`: longest wait for one lock; then the request fails, and the client tries again. A write to a row may wait for two locks, the
-///   place in the row's queue and the row itself: 4 s.
+///   row's queue and the row itself: 4 s in all.
 /// - `idle_in_transaction_session_timeout`: longest time for which a frozen node's transaction keeps its locks. It is longer than 4 s: when the
-///   transaction ends, the others of the frozen node that waited for the row have failed, and none of them takes it for another 5 s. If one of
-///   them gets the row from another node after 4 s, it holds the row until 9 s after the freeze. Receiving a statement counts as idle, so the
+///   transaction ends, the frozen node's other requests for the same row have failed, so none of them holds the row for another 5 s. If one of
+///   them gets the row from another node just before 4 s are over, the row is locked until 9 s after the freeze. Receiving counts as idle, so the
 ///   network must carry the largest upload, 32 MiB, within 5 s.
 /// - TCP: detects a node that does not read its answer (8 s), or whose machine does not respond (5 s and three probes 1 s apart).
 const POSTGRES_SETTINGS: &str = "set lock_timeout = '2s'; set idle_in_transaction_session_timeout = '5s'; \
@@ -139,8 +139,8 @@ const ACQUIRE_TIMEOUT: Duration = Duration::from_secs(5);
 pub(super) const SQLITE_PRAGMAS: &str = "pragma busy_timeout = 3000; pragma journal_mode = wal; pragma synchronous = full; pragma foreign_keys = on";
 
 impl Store {
-    /// Opens the database for a server: updates its schema and, on SQLite, locks the data directory and ends the leases of the process that had
-    /// it before, which is dead.
+    /// Opens the database for a server: updates its schema and, on SQLite, locks the data directory and ends the leases of the previous process,
+    /// which is dead.
     ///
     /// # Errors
     /// [`Error::Open`] (data directory in use, SQLite too old, …), [`Error::Database`].
@@ -303,8 +303,8 @@ async fn connect_sqlite(
     let readers = options.clone().max_connections(SQLITE_READERS);
     let pool = connect(readers, &url, SQLITE_PRAGMAS).await?;
     refuse_old_sqlite(&pool).await?;
-    // If SQLite itself ended a transaction (disk full), sqlx still counts it as open; then this closes the connection. sqlx queues the rollback
-    // of a dropped transaction, and the ping waits for it.
+    // Closes the connection if SQLite itself ended the transaction (disk full), because sqlx still counts it as open. The ping first waits for the
+    // rollback of a dropped transaction, which sqlx has queued.
     let writer = options
         .max_connections(1)
         .acquire_timeout(WRITER_TIMEOUT)

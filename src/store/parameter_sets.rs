@@ -75,7 +75,7 @@ pub struct NewParameterSet {
 pub struct Release {
     /// Id of the parameter set.
     pub id: String,
-    /// State that the checks were made on.
+    /// State of the database for which the checks were made.
     pub checked: Checked,
     /// Reason of the release.
     pub reason: String,
@@ -93,7 +93,7 @@ pub struct Release {
     pub uncertainty_mm: Option<f64>,
 }
 
-/// State that the checks of a release were made on. If it has changed when the release is written, the checks must run again.
+/// State of the database for which the checks of a release were made. If it has changed when the release is written, the checks must run again.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Checked {
     /// The robot's active set.
@@ -144,7 +144,7 @@ const ACTIVE: &str = concat!(
     " from parameter_set where robot_id = $1 and status = 'released'"
 );
 
-// The set that the active one superseded. If that was withdrawn or no set is active: the superseded set that was released last, by the robot's
+// The set that the active one superseded. If that set was withdrawn, or no set is active, the superseded set that was released last, by the robot's
 // counter and not by a clock.
 const BEFORE_ACTIVE: &str = concat!(
     "select ",

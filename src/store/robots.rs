@@ -23,7 +23,7 @@ pub struct RobotRow {
     pub check_job_id: Option<String>,
     /// Number of the last session that did not fit the robot, in the robot's counter; 0 for none. It stays when the state `check_robot` ends.
     pub check_seq: i64,
-    /// Last number of the robot's counter that the last call of `checked` covers: its reason answers everything found up to then.
+    /// Number of the robot's counter at the last `checked` request, whose reason explains all sessions up to then; 0 for none.
     pub checked_seq: i64,
     /// Reason given by `checked`.
     pub checked_reason: Option<String>,
@@ -47,7 +47,7 @@ from_row!(RobotRow {
 });
 
 impl RobotRow {
-    /// State that a release checks: see [`super::Checked`].
+    /// The part of the row that a release depends on: see [`super::Checked`].
     pub fn check(&self) -> RobotCheck {
         RobotCheck {
             job_id: self.check_job_id.clone(),
@@ -57,7 +57,7 @@ impl RobotRow {
     }
 }
 
-/// What a release rests on of the robot's row: see [`RobotRow`].
+/// The part of the robot's row that a release depends on; fields as in [`RobotRow`].
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct RobotCheck {
     /// `check_job_id`.

@@ -25,15 +25,15 @@ const HOLDER: &str = "
             where waiting.datname = current_database() and waiting.wait_event_type = 'Lock')
     order by holder.state_change limit 1";
 
-/// Longest wait for the write lock; a free lock is taken in less.
+/// Longest wait of the trial transaction for the write lock. A free lock is taken in less time.
 const A_MOMENT: Duration = Duration::from_millis(200);
 
 /// Blocked writers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Stuck {
-    /// For how long.
+    /// Time for which no write has succeeded.
     pub duration: Duration,
-    /// What they wait for, without internals.
+    /// What the writers wait for, without internals.
     pub reason: &'static str,
 }
 
@@ -63,8 +63,8 @@ pub async fn stuck_writers(store: &Store) -> Result<Option<Stuck>> {
     }))
 }
 
-/// Only this process writes, so only its own writers are looked at. If the last one failed and none is under way, a trial transaction shows
-/// whether writes succeed again. It is waited for [`A_MOMENT`] at most.
+/// Only this process writes, so only its own writes count. If the last write failed and none is under way, a trial transaction shows
+/// whether writes succeed again. It gets [`A_MOMENT`] at most.
 async fn stuck_sqlite_writers(store: &Store) -> Option<Stuck> {
     let writes = &store.inner.writes;
     writes.stuck_for()?;

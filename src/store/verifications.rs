@@ -10,7 +10,7 @@ use super::{Result, Store, Tx, robots};
 use crate::wire::report_shape::Evidence;
 use crate::wire::verification::{Fit, Verification};
 
-/// What one job found.
+/// Verification facts of one job.
 #[derive(Clone, Debug, PartialEq)]
 pub struct VerificationRow {
     /// The job.
@@ -19,7 +19,7 @@ pub struct VerificationRow {
     pub robot_id: String,
     /// The set that it identified or scored; none if it scored the nominal robot.
     pub parameter_set_id: Option<String>,
-    /// The points that it was scored on.
+    /// The job's measurement set: fitted by an identification, scored by a session.
     pub measurement_set_id: String,
     /// When the job was posted.
     pub created_at_ms: i64,
@@ -50,14 +50,14 @@ pub struct VerificationRow {
 from_row!(VerificationRow { job_id, robot_id, parameter_set_id, measurement_set_id, created_at_ms, kind, seq, n_points, before_rms_mm, after_rms_mm, is_better, is_repeat, check_seq, uncertainty_mm } parsed { fit, evidence });
 
 impl VerificationRow {
-    /// Whether it supports a release: it is another session, measured anew, it fits, and the set is better than nominal in it.
+    /// Whether the session supports a release: its points were measured anew and fit the robot, and the set is better than nominal on them.
     pub fn supports(&self) -> bool {
         self.fit == Fit::Fits
             && self.is_better == 1
             && self.evidence == Evidence::IndependentSession
     }
 
-    /// A job of kind `verify`.
+    /// Whether the job is of kind `verify`.
     pub fn is_session(&self) -> bool {
         self.kind == "session"
     }
@@ -85,7 +85,7 @@ from_row!(EarlierUpload { id, n_points });
 pub struct CheckRow {
     /// Number of the last session that did not fit the robot; 0 for none.
     pub check_seq: i64,
-    /// Last number that the last call of `checked` covers.
+    /// Number of the robot's counter at its last `checked` request; 0 for none.
     pub checked_seq: i64,
 }
 
@@ -148,8 +148,8 @@ const N_UNKNOWN: &str = "
         and ((j.kind = 'verify' and j.parameter_set_input_id = $1) or j.id = (select job_id from parameter_set where id = $1))
         and not exists (select 1 from verification v where v.job_id = j.id)";
 
-// Uploads up to the one of the session that did not fit, without those of sessions that did not fit. The order is that of the audit chain;
-// uploads without an entry are older than the chain.
+// Uploads from before the session that did not fit, in the order of the audit chain. Uploads of sessions that did not fit are left out. An upload
+// without an entry is older than the chain.
 const EARLIER_UPLOADS: &str = concat!(
     "select m.id as id, m.n_points as n_points from measurement_set m
     where m.robot_id = $1

@@ -26,8 +26,8 @@ pub fn text_of(value: &Value) -> Result<String, serde_json::Error> {
     text_with(value, write_number)
 }
 
-/// Canonical JSON with this hash: as written now, or as written by versions before 22 November 2026. Of two texts
-/// equally near to a number, those took the one further from zero. Returns none if neither text has the hash.
+/// Canonical JSON with this hash: as written now, or as written by versions before 22 November 2026, which wrote the text further
+/// from zero where two texts are equally near to a number. Returns `None` if neither text has the hash.
 ///
 /// # Errors
 /// As [`to_canonical_json`].
@@ -144,8 +144,8 @@ fn write_number(number: &Number, out: &mut String) -> std::fmt::Result {
     }
 }
 
-/// Writes a number as versions before 22 November 2026 did, with the digits of the standard library: of two equally near texts the one further
-/// from zero.
+/// Writes a number as versions before 22 November 2026 did, with the digits of the standard library: where two texts are equally near, the one
+/// further from zero.
 fn write_number_as_before(number: &Number, out: &mut String) -> std::fmt::Result {
     match number.as_f64() {
         Some(0.0) if number.is_f64() => write_ecmascript("0.0", out),
@@ -154,8 +154,8 @@ fn write_number_as_before(number: &Number, out: &mut String) -> std::fmt::Result
     }
 }
 
-/// Number::toString of ECMAScript: digits d1…dk and n such that the value is 0.d1…dk × 10^n. `shortest` must have these digits: of
-/// two equally near texts the even one, as ECMAScript requires. `{:e}` of the standard library does not do that.
+/// Number::toString of ECMAScript: digits d1…dk and n such that the value is 0.d1…dk × 10^n. `shortest` must have these digits. Where
+/// two texts are equally near, ECMAScript requires the even one, which `{:e}` of the standard library does not give.
 fn write_ecmascript(shortest: &str, out: &mut String) -> std::fmt::Result {
     let unsigned = shortest.strip_prefix('-').unwrap_or(shortest);
     if unsigned == "0.0" {

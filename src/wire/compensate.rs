@@ -21,7 +21,7 @@ pub const MAX_TARGETS_PER_REQUEST: usize = 20_000;
 /// Largest deviation of a rotation's rows and columns from unit length and from right angles.
 pub(super) const ROTATION_TOLERANCE: f64 = 1e-6;
 
-/// Targets to correct. They must have been programmed offline: one that was taught already holds the robot's errors.
+/// Targets to correct. They must have been programmed offline: taught targets already contain the robot's errors.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CompensateBody {
@@ -36,7 +36,7 @@ pub struct CompensateBody {
     /// The tool centre point instead of a reflector.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tool: Option<ToolBody>,
-    /// What of the tool is kept: its pose, or only its position.
+    /// Whether the tool's pose is corrected, or only its position.
     #[serde(default)]
     pub mode: Mode,
     /// The frame in which targets are reached; default: `measured` if positions were measured in the base frame, else `robot`.
@@ -96,9 +96,9 @@ pub struct CompensateAnswer {
     pub warnings: Vec<Warning>,
 }
 
-/// Identified errors that count as the pose of base and tool. With `base: robot` these are all of link 1, including a wrong mastering of
-/// joint 1, and `theta_offset` and `d` of the last link. With `base: measured` the base is corrected and 0 here; of the last link
-/// `theta_offset` is left out, and also `d` if it changed by more than robots are usually off, because it then contains the length of a tool.
+/// Identified errors that are not corrected, because they count as the pose of base and tool. With `base: robot` these are all errors of
+/// link 1 (also a wrong mastering of joint 1), and `theta_offset` and `d` of the last link. With `base: measured` the base is corrected and its
+/// values are 0. Of the last link `theta_offset` is not corrected, nor `d` if it changed so much that it contains the length of a tool.
 /// Corrected targets are right in a base frame and on a flange that have moved by these values: measure the work object and the tool with
 /// this robot, or add the values to them. All are 0 if the set was identified from an instrument, which cannot determine them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -196,7 +196,7 @@ impl CompensateBody {
         let t_nominal_base = (provenance.measuring_frame == Some(Frame::Base))
             .then(|| identified.model().t_instrument_base);
         answer.left_out = LeftOut::new(compensation.anchor(), base, t_nominal_base);
-        // Positions of the measured reflector are right even if they do not determine the flange's rotation.
+        // Positions of the measured reflector are right even if the flange's rotation is unknown.
         if self.tool.is_some() || self.mode == Mode::Pose {
             answer.warnings = provenance.warnings.clone();
         } else if provenance.orientation_unknown().is_some() {

@@ -28,7 +28,7 @@ impl From<&IsometryMatrix3<f64>> for Transform {
     }
 }
 
-/// Bit for bit the transformation that the shape was made from.
+/// Restores the transformation bit for bit.
 impl From<&Transform> for IsometryMatrix3<f64> {
     fn from(transform: &Transform) -> Self {
         let matrix = Matrix3::from_fn(|i, j| transform.rotation[i][j]);

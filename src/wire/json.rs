@@ -106,7 +106,7 @@ fn explain(pointer: String, error: &serde_json::Error, bytes: &[u8]) -> Error {
                 issues: vec![Issue::at(pointer, "invalid_body", detail)],
             })
         }
-        // The same holds for a list that is too long.
+        // serde_json also reports a list that is too long as a syntax error.
         Category::Syntax if text.starts_with("trailing characters") && is_json(bytes) => {
             let detail = format!("this list has more items than belong here ({text})");
             Error::Shape(Invalid {

@@ -51,7 +51,7 @@ pub struct Provenance {
 }
 
 impl Provenance {
-    /// Code and text of the warning with which the set must not correct targets; none if there is no such warning.
+    /// Code and text of the warning because of which the set must not correct targets, if there is one.
     pub fn wrong_robot(&self) -> Option<(&'static str, &str)> {
         WRONG_ROBOT.into_iter().find_map(|code| {
             let warning = self.warnings.iter().find(|warning| warning.code == code)?;

@@ -20,7 +20,7 @@ use std::collections::HashMap;
 
 /// The one metadata key.
 const METADATA_KEY: &str = "kincal";
-/// Most inputs of a network: more than twelve links have parameters.
+/// Most inputs of a network. Twelve links have fewer parameters.
 const MAX_INPUTS: usize = 500;
 /// Most hidden nodes.
 const MAX_HIDDEN: usize = 1_000;

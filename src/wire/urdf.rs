@@ -129,8 +129,8 @@ impl<'t> Urdf<'t> {
         Ok(Self { text, joints })
     }
 
-    /// The joints from the root to the link `tip`. Without `tip`, the chain ends where it has `n_moving` moving joints or, without that number, the
-    /// most.
+    /// The joints from the root to the link `tip`. Without `tip` it is the chain with `n_moving` moving joints or, without that number, the chain
+    /// with the most.
     ///
     /// # Errors
     /// [`Invalid`] if there is no such chain, if there are several that differ, or if a moving joint in it is not revolute.

@@ -54,11 +54,11 @@ pub struct Verification {
     pub fit: Fit,
     /// Strength as evidence for the set: whether the points were measured anew.
     pub evidence: Evidence,
-    /// Whether the points (of an identification the fitted ones) repeat an upload from before the last session that did not fit, or this could not be
-    /// decided. Then they do not show that the robot is in order.
+    /// Whether the points repeat an upload from before the last session that did not fit, or this could not be decided. For an identification the
+    /// fitted points count. Repeated points do not show that the robot is in order.
     pub is_repeat: bool,
-    /// Number of that session in the robot's counter; 0 for none. If there is a later one by the time the facts are stored, the points count as a
-    /// repeat, because they were not compared with the uploads before it.
+    /// Number of that session in the robot's counter; 0 for none. If a later session does not fit either before the facts are stored, the points
+    /// count as a repeat, because they were not compared with the uploads from before the later session.
     pub check_seq: i64,
     /// The tool's largest predicted uncertainty over the workspace, mm; only of an identification.
     pub uncertainty_mm: Option<f64>,

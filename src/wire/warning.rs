@@ -1,4 +1,4 @@
-//! Warnings: what a reader should know of a set, a report or an answer.
+//! Warnings about a set, a report or an answer.
 
 use crate::calibration::report;
 use serde::{Deserialize, Serialize};

@@ -29,7 +29,8 @@ pub struct Counts {
     pub n_namespaces: usize,
 }
 
-/// Counts, and fails where a limit is exceeded first. The counts are correct up to the first syntax error, which the parser reports.
+/// Counts elements and attributes. Fails at the first place where a limit is exceeded. Counts are correct up to the first syntax error, which the
+/// parser reports.
 ///
 /// # Errors
 /// [`Invalid`] with line and limit.
@@ -104,7 +105,7 @@ fn start_tag(text: &str, start: usize, counts: &mut Counts) -> Result<StartTag, 
         n += 1;
         counts.n_attributes += 1;
         counts.most_attributes = counts.most_attributes.max(n);
-        // ` xmlns:name = `, or with the element's name before it
+        // The text before the quote: the name of an attribute and `=`, perhaps after the name of the element.
         let name = before.trim_end().trim_end_matches('=').trim_end();
         let name = name.rsplit(|c: char| c.is_ascii_whitespace()).next();
         // roxmltree takes `x:xmlns` for a declaration as well.

@@ -47,7 +47,7 @@ impl Process {
         Self { child, url }
     }
 
-    /// Asks it to stop and waits. Returns the time that this took.
+    /// Asks the process to stop and waits until it has ended. Returns the time that it took.
     fn terminate(&mut self) -> (Duration, Option<i32>) {
         let begun = Instant::now();
         assert!(

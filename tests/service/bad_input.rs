@@ -24,7 +24,7 @@ fn csv(cells: &[Vec<String>]) -> Vec<u8> {
         .into_bytes()
 }
 
-/// One bad file and the expected answer.
+/// One bad file and its expected answer.
 struct Bad {
     body: Vec<u8>,
     code: &'static str,

@@ -260,7 +260,7 @@ async fn each_dangerous_upload_carries_a_warning_under_the_normal_policy() {
         ("stale base", &["improved_on_active"]),
         ("another robot of the same model", &["improved_on_active"]),
         ("a scale of 0.1 %", &["scale_suspect", "improved_on_active"]),
-        // where the reflector stands is identified: a longer tool is no error of the robot
+        // The position of the reflector is identified, so a longer tool is no error of the robot.
         ("wrong tool", &["placement_changed"]),
         ("duplicate poses", &["duplicate_poses"]),
         ("frozen wrist", &["joint_hardly_moves", "tool_uncertain"]),

@@ -108,7 +108,7 @@ impl Server {
         self.child.wait().unwrap();
     }
 
-    /// Ends it with a signal. Returns its exit status.
+    /// Ends the process with a signal. Returns its exit status.
     pub fn end_by(mut self, signal: &str) -> std::process::ExitStatus {
         assert!(
             Command::new("kill")
@@ -120,7 +120,7 @@ impl Server {
         self.child.wait().unwrap()
     }
 
-    /// Ends it with SIGTERM. Returns its exit status and the time that this took.
+    /// Ends the process with SIGTERM. Returns its exit status and the time that it took to end.
     pub fn terminate(mut self) -> (std::process::ExitStatus, Duration) {
         let since = Instant::now();
         assert!(

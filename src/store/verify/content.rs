@@ -203,7 +203,7 @@ pub(super) async fn answers_have_effects(store: &Store, chain: &Chain) -> Result
     }
 }
 
-/// I3: the chain has one end of each ended job and none of others; no job is held past its lease.
+/// I3: the chain has exactly one end of each job that has ended, and none of other jobs. No job runs long past its lease.
 pub(super) async fn jobs_end_once(
     store: &Store,
     chain: &Chain,

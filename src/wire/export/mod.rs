@@ -25,7 +25,7 @@ pub enum ExportFormat {
     /// The nominal robot and the identified parameters; `kincal compensate` reads it.
     #[default]
     Json,
-    /// The same.
+    /// The same document in YAML.
     Yaml,
     /// One row per link.
     Csv,

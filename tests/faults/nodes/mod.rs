@@ -33,12 +33,12 @@ fn robot_and_set(node: &Server) -> (String, String) {
     (robot, set)
 }
 
-/// A swarm of minutes, unless it is cancelled.
+/// A job that computes for minutes unless it is cancelled.
 fn long(set: &str) -> Value {
     json!({"measurement_set_id": set, "method": "pso", "preset": "paper", "options": {"n_particles": 2000, "n_iterations": 20000}})
 }
 
-/// A swarm of some seconds.
+/// A job that computes for some seconds.
 fn some_seconds(set: &str) -> Value {
     json!({"measurement_set_id": set, "method": "pso", "preset": "paper", "options": {"n_particles": 1000, "n_iterations": 1500}})
 }

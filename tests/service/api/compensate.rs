@@ -202,7 +202,7 @@ async fn where_it_is_not_known_how_the_flange_is_turned_poses_are_refused_and_po
     // The exported document states it too, so `kincal compensate` refuses.
     let document = app.get(&format!("{set}/export")).await.ok(200);
     assert_eq!(document["flange_rotation_std_deg"], std_deg);
-    // no reason releases it, however plausible its parameters
+    // No reason releases the set, however plausible its parameters are.
     let why = json!({"reason": "trial", "change_reason": "trial"});
     let refused = app.post_json(&format!("{set}/release"), &why).await;
     let refused = refused.problem(409, "release_refused");
@@ -370,7 +370,7 @@ async fn a_wrong_mastering_of_the_first_joint_is_corrected_in_the_measuring_fram
             )
             .await
             .ok(201);
-        // in the paper's model the base stands where it is said to, and joint 1 takes the whole turn
+        // In the paper's model the base is where the file states it, and joint 1 takes the whole rotation.
         let model = if frame == "base" { "paper" } else { "complete" };
         let job = app.run(&robot, &json!({"measurement_set_id": set["id"], "method": "least_squares", "corrections": "off", "model": model})).await;
         assert_eq!(job["status"], "succeeded", "{job}");

@@ -2,7 +2,7 @@ use crate::app::{Answer, TestApp};
 use serde_json::Value;
 use std::collections::BTreeSet;
 
-/// The fields and the values of a schema, each as a line; what it takes over whole (`allOf`) is its own.
+/// The fields and values of a schema, one per line. Fields of a schema that it includes (`allOf`) count as its own.
 fn fields(document: &Value, schema: &Value, name: &str, lines: &mut BTreeSet<String>) {
     for (field, of_field) in schema["properties"].as_object().into_iter().flatten() {
         let name = format!("{name}.{field}");
@@ -63,7 +63,7 @@ fn the_contract_keeps_every_route_field_and_value_that_it_had() {
         .skip(1);
     let missing: Vec<&str> = before.filter(|line| !now.contains(*line)).collect();
     assert!(missing.is_empty(), "gone from the contract: {missing:?}");
-    // The check sees a field, a value and a route that go.
+    // The check detects a removed field, a removed value and a removed route.
     for gone in [
         "/paths/~1v1~1robots/post",
         "/components/schemas/RobotAnswer/properties",

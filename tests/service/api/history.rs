@@ -135,7 +135,7 @@ fn a_trend_is_a_line_with_its_interval_or_says_what_is_missing() {
     );
     near(line.days_to_limit, (0.2 - 0.156) / 0.0019);
     assert!(line.detail.contains("23 days"), "{}", line.detail);
-    // Only noise.
+    // The sessions differ by noise alone.
     let flat: Vec<Scored> = [(0.0, 0.10), (10.0, 0.12), (20.0, 0.09), (30.0, 0.11)]
         .map(|(day, rms_mm)| Scored { day, rms_mm })
         .to_vec();
@@ -204,7 +204,7 @@ async fn after_a_collision_only_what_is_named_is_identified_anew() {
         .get(&format!("/v1/jobs/{}/report", text(&job["id"])))
         .await
         .ok(200);
-    // base and target are identified with whatever is named
+    // Base and target are identified together with the named parameters.
     let parameters = report["parameters"].as_array().unwrap();
     let parameters: Vec<_> = parameters
         .iter()

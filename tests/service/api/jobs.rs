@@ -443,7 +443,7 @@ async fn a_verify_job_scores_the_named_set_else_the_active_one_else_the_nominal_
         "{}",
         scored["verify"]
     );
-    // the nominal links with the reflector where it was identified
+    // The nominal links, with the reflector at its identified position.
     let before = |report: &Value| report["verify"]["before"]["rms_mm"].as_f64().unwrap();
     assert!((before(&scored) / before(&nominal) - 1.0).abs() < 0.01);
     assert_eq!(scored["warnings"], json!([]));

@@ -22,7 +22,7 @@ async fn a_parameter_set_says_what_the_controller_needs() {
         (&json!("candidate"), &job["id"])
     );
     assert_eq!(set["links"].as_array().unwrap().len(), 6);
-    // positions in the base frame: the base is where it is said to be, to what its prior allows
+    // Positions in the base frame: the base is where the file states it, within its prior.
     let base = &set["t_instrument_base"];
     for row in 0..3 {
         for column in 0..3 {

@@ -596,7 +596,7 @@ fn a_death_uses_up_no_attempt_and_an_attempt_counts_as_no_death() {
     for_each_engine(async |database| {
         let store = &database.store;
         let job = a_lone_job(&database.store, "{}").await;
-        // of the job's own three attempts
+        // Three attempts of the job itself.
         for used_up in 1..=3 {
             let lease = claim(store, "its process dies").await;
             wait_until_expired(store, &lease).await;

@@ -88,7 +88,7 @@ fn a_database_of_d61237a_gets_its_facts_as_columns_once() {
     let id = |scene: &str, name: &str| made["scenes"][scene][name].as_str().unwrap().to_owned();
     for_each_engine(async |database| {
         let engine = database.store.engine();
-        // beside the test's database, which has the current version
+        // This database is separate from the test's, which has the current version.
         let (location, url) = match &database.location {
             StoreLocation::Sqlite { data_dir } => {
                 let data_dir = data_dir.parent().unwrap().join("of_d61237a");
