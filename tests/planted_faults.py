@@ -60,7 +60,7 @@ FAULTS = [
     Fault("old points count as measured since", "service", "keeps_what_speaks_against", [
         ("= $11 then $9 else 1 end", "= $11 then $9 else $9 end")], "src/store"),
     Fault("facts are not in the chain", "service", "each_fault_is_told", [
-        ("tx.note(STORED_EVENT, job_id, row.audit_entry());", "")], "src/store"),
+        ("tx.audit(STORED_EVENT, job_id, row.audit_entry());", "")], "src/store"),
     Fault("a withdrawn set comes back", "service", "keeps_the_life", [
         ("old.status = 'withdrawn' and new.status <> 'withdrawn'", "1 = 0")], "migrations/sqlite"),
     Fault("a policy that only code keeps", "service", "keeps_the_robots_policy", [
@@ -108,17 +108,17 @@ FAULTS = [
             impl PipeWrite for RwLock<()> { async fn pipe_write(self) -> OwnedRwLockWriteGuard<()> { Arc::new(self).write_owned().await } }
             impl RunAlone {""")]),
     Fault("suspects starve", "faults", "has_its_turn", [
-        ("since.elapsed() >= self.patience", "since.elapsed() >= self.patience * 10_000")]),
+        ("since.elapsed() >= self.suspect_wait", "since.elapsed() >= self.suspect_wait * 10_000")]),
     Fault("a frozen node keeps its lock", "faults", "a_frozen_node", [
         ("set idle_in_transaction_session_timeout = '5s'", "set idle_in_transaction_session_timeout = 0")]),
     Fault("/readyz does not look for stuck writers", "faults", "readyz_tells", [
         ("stuck.filter(|stuck| stuck.duration >= STUCK).map(", "stuck.filter(|stuck| stuck.duration >= STUCK_TOO_LONG).map(")]),
     Fault("a job without end", "service", "a_computation_without_an_end", [
-        ("tokio::time::sleep(longest)", "tokio::time::sleep(longest.max(Duration::from_secs(3600)))")]),
+        ("tokio::time::sleep(max_duration)", "tokio::time::sleep(max_duration.max(Duration::from_secs(3600)))")]),
     Fault("a cancelled job without end", "faults", "a_cancelled_computation_without_an_end", [
         ("tokio::time::sleep(left)", "tokio::time::sleep(left.max(Duration::from_secs(3600)))")]),
     Fault("cancelled: over with its thread only", "faults", "a_cancelled_job_is_over_soon", [
-        ("sleep(CANCELLED_WITHIN)", "sleep(CANCELLED_WITHIN * 1000)")]),
+        ("sleep(CANCEL_TIMEOUT)", "sleep(CANCEL_TIMEOUT * 1000)")]),
     Fault("cancelled: two threads of one worker", "faults", "a_cancelled_job_is_over_soon", [
         ("computation.wait(context, &job_id).await;", "drop(computation);")]),
     Fault("cancelled: a worker waits for ever", "faults", "a_cancelled_computation_without", [
@@ -129,7 +129,7 @@ FAULTS = [
     Fault("a broken beam decides a release", "core", "one_wild_point", [
         ("let n_set_aside = if points", "let n_set_aside = if points.is_empty() && points")]),
     Fault("a gate that fails open", "service", "no_better_than_nominal", [
-        ("find(|session| !session.found.is_better)", "find(|session| session.seq == -1)")]),
+        ("find(|session| !session.verification.is_better)", "find(|session| session.seq == -1)")]),
     Fault("a copy with noise is a session", "core", "a_second_visit", [
         ("pair.reading_rad <= SAME_READING_RAD", "pair.reading_rad < 0.0"), ("slope >= FOLLOWS && slope", "true || slope")]),
     Fault("a set of before a collision passes its gates", "service", "from_before_a_collision", [
@@ -152,7 +152,7 @@ FAULTS = [
     # HTTP
     Fault("pages of other sites may release", "service", "without_keys", [
         ("if app.no_auth {", "if false {")], "src/http/host.rs"),
-    Fault("hyper's own answers forget TLS", "service", "no_route_gets_to_see", [
+    Fault("hyper's own answers forget TLS", "service", "answers_without_a_route_carry_hsts", [
         ("headers.extend(common.clone());", "")], "src/http"),
     Fault("remedies of HTTP in a terminal", "service", "remedies_in_a_terminal", [
         ("COMMANDS.iter().fold(text.to_owned(), replace)", "COMMANDS.iter().take(0).fold(text.to_owned(), replace)")], "src/cli"),
@@ -166,19 +166,19 @@ FAULTS = [
         ("if caller.has(*scope) => Ok", "if caller.has(*scope) || true => Ok")]),
     Fault("other robots' things are seen", "service", "every_role_on_every_route", [
         ("if caller.may_see(robot_id) { Ok", "if true || caller.may_see(robot_id) { Ok")]),
-    Fault("what is refused unread is not heard", "load", "still_hears", [
+    Fault("what is refused unread is not heard", "load", "still_sending", [
         ("Poll::Pending => return idle.as_mut().poll(context).map(Ok)", "Poll::Pending => return Poll::Ready(Ok(()))")]),
-    Fault("no last call of who is connected", "faults", "who_was_connected", [
+    Fault("no last call of who is connected", "faults", "open_connections_are_answered", [
         ("const SHUTDOWN_GRACE: Duration = Duration::from_millis(100)", "const SHUTDOWN_GRACE: Duration = Duration::from_millis(0)")]),
     Fault("no last call before the end", "faults", "who_is_connected", [
         ("const SHUTDOWN_GRACE: Duration = Duration::from_millis(100)", "const SHUTDOWN_GRACE: Duration = Duration::from_millis(0)"),
-        ("for _ in 0..MAX_LAST { let Ok(Ok(client))", "for _ in 0..0 { let Ok(Ok(client))"),
-        ("for _ in 0..MAX_LAST { let Ok((stream, peer))", "for _ in 0..0 { let Ok((stream, peer))")]),
+        ("for _ in 0..MAX_ACCEPTED_AT_SHUTDOWN { let Ok(Ok(client))", "for _ in 0..0 { let Ok(Ok(client))"),
+        ("for _ in 0..MAX_ACCEPTED_AT_SHUTDOWN { let Ok((stream, peer))", "for _ in 0..0 { let Ok((stream, peer))")]),
     Fault("a key is logged", "service", "no_key_and_no_body", [
         ("let key = value.to_str().ok().and_then", 'tracing::debug!(?value, "a key"); let key = value.to_str().ok().and_then')]),
     # What is uploaded and asked
     Fault("calibrate takes any file", "service", "calibrate_refuses", [
-        ("let insisted_on = look(&robot, &set, arguments)?;", "let insisted_on: Option<&str> = None;")]),
+        ("let insisted_on = check_upload(&robot, &set, arguments)?;", "let insisted_on: Option<&str> = None;")]),
     Fault("jitter makes equations", "core", "poses_repeated", [
         ("configurations.first_row_like(&o.q_rad, row)", "configurations.first_row_like(&[row as f64], row)")]),
     Fault("targets that no pose has looked at", "core", "with_nothing_to_identify", [
@@ -197,7 +197,7 @@ FAULTS = [
          "Some(Base::Measured) => Ok(Base::Measured), None => Ok(Base::Robot)")], "src/wire"),
     Fault("a flange turned as nobody knows", "service", "how_the_flange_is_turned", [
         ("MAX_FLANGE_ROTATION_STD_RAD: f64 = 0.5 *", "MAX_FLANGE_ROTATION_STD_RAD: f64 = 500.0 *")], "src/calibration"),
-    Fault("an orientation that nobody knows is released", "service", "where_it_is_not_known_how", [
+    Fault("an orientation that nobody knows is released", "service", "poses_are_refused_if_the_flange", [
         ("(std_deg.to_radians() > MAX_FLANGE_ROTATION_STD_RAD).then_some(std_deg)", "(std_deg > 1e9).then_some(std_deg)")], "src/release"),
     Fault("a joint that counts the other way is no misfit", "service", "an_identified_robot_that_is_wrong", [
         ("delta_rad.abs() > UNMASTERED_RAD &&", "delta_rad.abs() > 100.0 &&")], "src/calibration"),

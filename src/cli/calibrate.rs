@@ -1,6 +1,6 @@
 //! `kincal calibrate`: identifies a robot offline, without server and database.
 
-use super::files::{Numbers, cannot_be_used, fault, read, read_json};
+use super::files::{NumberFormat, cannot_be_used, fault, read, read_json};
 use super::options::{IdentifyOptions, SetOptions};
 use super::table;
 use super::terminal::{Output, in_commands};
@@ -37,9 +37,9 @@ pub struct Arguments {
     #[arg(value_name = "SET.csv")]
     set: PathBuf,
     #[command(flatten)]
-    of_set: SetOptions,
+    set_options: SetOptions,
     #[command(flatten)]
-    numbers: Numbers,
+    numbers: NumberFormat,
     #[command(flatten)]
     identify: IdentifyOptions,
     /// Refine the swarm's result with least squares [default: true, false in preset paper].
@@ -61,7 +61,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let robot_body = read_robot_body(&arguments.robot)?;
     let robot = Robot::try_from(&robot_body)
         .map_err(|invalid| Usage(cannot_be_used(&arguments.robot, &[], &invalid.issues)))?;
-    let frame = arguments.of_set.frame;
+    let frame = arguments.set_options.frame;
     let bytes = read(&arguments.set)?;
     let set = measurement::from_file(
         &arguments.numbers.content_type(&arguments.set),
@@ -82,7 +82,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             in_commands(&warning.detail)
         );
     }
-    let insisted_on = look(&robot, &set, arguments)?;
+    let insisted_on = check_upload(&robot, &set, arguments)?;
     let measured = MeasuredSet {
         name: arguments.set.file_name().and_then(|name| name.to_str()),
         frame,
@@ -124,7 +124,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         }
         ControlFlow::Continue(())
     };
-    let calibrated = execution::calibrated(&request, &mut monitor).map_err(failure)?;
+    let calibrated = execution::run_calibration(&request, &mut monitor).map_err(failure)?;
     if let Some(bar) = bar {
         bar.finish_and_clear();
     }
@@ -143,12 +143,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             .with_context(|| format!("cannot write {}", path.display()))?;
     }
     print(arguments, &report)?;
-    is_of_use(&report, None)
+    refuse_unusable(&report, None)
 }
 
 /// Checks the set like a server checks an upload, because the fit can look perfect with wrong units, columns or joints. Returns the code that was
 /// overridden with `--insist`.
-fn look<'a>(
+fn check_upload<'a>(
     robot: &Robot,
     set: &MeasurementSet,
     arguments: &'a Arguments,
@@ -156,7 +156,7 @@ fn look<'a>(
     let Look::Off(rms_mm) = alignment::look(robot, set) else {
         return Ok(None);
     };
-    let insist = arguments.of_set.insist.map(Insist::as_str);
+    let insist = arguments.set_options.insist.map(Insist::as_str);
     let (code, detail, insisted_on) = match alignment::explain(robot, set, rms_mm, &[]) {
         Finding::Odd { code, detail } => (code.to_owned(), detail, None),
         Finding::Wrong(suspicion) if insist == Some(suspicion.code) => {
@@ -174,7 +174,7 @@ fn look<'a>(
 }
 
 /// Fails if the result cannot be used, so that nobody continues with it. `job_id` is the job on a server.
-pub fn is_of_use(report: &Report, job_id: Option<&str>) -> anyhow::Result<()> {
+pub fn refuse_unusable(report: &Report, job_id: Option<&str>) -> anyhow::Result<()> {
     let Some(code) = report.unusable_because() else {
         return Ok(());
     };

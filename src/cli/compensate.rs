@@ -87,7 +87,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         .map_err(|error| Usage(format!("{}: {error}", path.display())))?;
     let part = |(i, part): (usize, &[_])| {
         correct(arguments, part)
-            .map_err(|error| program.explained(error, path, i * MAX_TARGETS_PER_REQUEST))
+            .map_err(|error| program.with_file_rows(error, path, i * MAX_TARGETS_PER_REQUEST))
     };
     let mut parts = targets
         .chunks(MAX_TARGETS_PER_REQUEST)
@@ -252,7 +252,7 @@ impl Program {
     }
 
     /// Rewrites an error in terms of the program's rows and columns, and of options. `first` is the first row of the request.
-    fn explained(&self, error: anyhow::Error, path: &Path, first: usize) -> anyhow::Error {
+    fn with_file_rows(&self, error: anyhow::Error, path: &Path, first: usize) -> anyhow::Error {
         let issues = match (
             error.downcast_ref::<Refused>(),
             error.downcast_ref::<Invalid>(),

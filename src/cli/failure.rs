@@ -152,12 +152,12 @@ impl Refused {
             .map(|issue| files::fault(issue, None))
             .collect();
         let more: String = faults.iter().map(|fault| format!("\n  {fault}")).collect();
-        let is_said = errors
+        let is_repeated = errors
             .first()
             .is_some_and(|first| detail.starts_with(&first.in_words()));
         let text = match faults.as_slice() {
-            [fault] if is_said => format!("{fault} ({code})"),
-            several if is_said => format!("{} faults ({code}){more}", several.len()),
+            [fault] if is_repeated => format!("{fault} ({code})"),
+            several if is_repeated => format!("{} faults ({code}){more}", several.len()),
             _ => format!("{detail} ({code}){more}"),
         };
         let next = match self.status {

@@ -13,13 +13,13 @@ const BYTE_ORDER_MARK: &[u8] = b"\xEF\xBB\xBF";
 
 /// Number format of a measurement set.
 #[derive(Clone, Copy, Debug, clap::Args)]
-pub struct Numbers {
+pub struct NumberFormat {
     /// The CSV has decimal commas, and semicolons between its columns.
     #[arg(long, env = "KINCAL_DECIMAL_COMMA", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue)]
     pub decimal_comma: bool,
 }
 
-impl Numbers {
+impl NumberFormat {
     /// The content type of a measurement set.
     pub fn content_type(self, set: &Path) -> String {
         match (is_json(set), self.decimal_comma) {
@@ -128,7 +128,7 @@ pub fn row(row: usize, bytes: Option<&[u8]>) -> String {
 
 /// State of the parser within a cell.
 #[derive(Clone, Copy, PartialEq)]
-enum At {
+enum CellState {
     Start,
     Unquoted,
     Quoted,
@@ -148,7 +148,7 @@ fn line_of(bytes: &[u8], row: usize) -> Option<usize> {
     } else {
         b','
     };
-    let (mut at, mut line, mut n_rows, mut is_begun) = (At::Start, 1, 0, false);
+    let (mut at, mut line, mut n_rows, mut is_begun) = (CellState::Start, 1, 0, false);
     for (i, &byte) in bytes.iter().enumerate() {
         // \r\n is a single line ending
         let ends_line = byte == b'\r' || byte == b'\n' && (i == 0 || bytes[i - 1] != b'\r');
@@ -161,14 +161,16 @@ fn line_of(bytes: &[u8], row: usize) -> Option<usize> {
             (n_rows, is_begun) = (n_rows + 1, true);
         }
         at = match (at, byte) {
-            (At::Quoted, b'"') => At::Closed,
-            (At::Quoted, _) | (At::Start | At::Closed, b'"') => At::Quoted,
+            (CellState::Quoted, b'"') => CellState::Closed,
+            (CellState::Quoted, _) | (CellState::Start | CellState::Closed, b'"') => {
+                CellState::Quoted
+            }
             _ if is_break => {
                 is_begun = false;
-                At::Start
+                CellState::Start
             }
-            (_, byte) if byte == separator => At::Start,
-            _ => At::Unquoted,
+            (_, byte) if byte == separator => CellState::Start,
+            _ => CellState::Unquoted,
         };
         line += usize::from(ends_line);
     }

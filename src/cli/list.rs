@@ -10,7 +10,7 @@ use serde_json::Value;
 const MAX_ROWS: usize = 100;
 
 /// A kind of item: its paths, and the fields that are the columns of its list.
-struct Kind {
+struct Listing {
     /// Path of the list, for a robot's id.
     list: fn(&str) -> String,
     /// Path of one item, without its id.
@@ -20,13 +20,13 @@ struct Kind {
     empty: &'static str,
 }
 
-const ROBOTS: Kind = Kind {
+const ROBOTS: Listing = Listing {
     list: |_| "/v1/robots".into(),
     one: "/v1/robots",
     columns: &["id", "name", "serial_number", "state"],
     empty: "there is no robot yet; next: POST /v1/robots, or add its file on the dashboard",
 };
-const SETS: Kind = Kind {
+const SETS: Listing = Listing {
     list: |robot| format!("/v1/robots/{robot}/measurement-sets"),
     one: "/v1/measurement-sets",
     columns: &[
@@ -40,7 +40,7 @@ const SETS: Kind = Kind {
     ],
     empty: "this robot has no measurement set yet; next: kincal submit --robot ID SET.csv",
 };
-const JOBS: Kind = Kind {
+const JOBS: Listing = Listing {
     list: |robot| format!("/v1/robots/{robot}/jobs"),
     one: "/v1/jobs",
     columns: &[
@@ -54,7 +54,7 @@ const JOBS: Kind = Kind {
     ],
     empty: "this robot has no job yet; next: kincal submit --robot ID SET.csv --wait",
 };
-const PARAMETER_SETS: Kind = Kind {
+const PARAMETER_SETS: Listing = Listing {
     list: |robot| format!("/v1/robots/{robot}/parameter-sets"),
     one: "/v1/parameter-sets",
     columns: &["id", "status", "job_id", "created_at", "released_at"],
@@ -194,7 +194,7 @@ fn gate_lines(found: &Value) -> String {
         .collect()
 }
 
-fn of_robot(arguments: &OfRobot, kind: &Kind) -> anyhow::Result<()> {
+fn of_robot(arguments: &OfRobot, kind: &Listing) -> anyhow::Result<()> {
     list_or_show(
         &arguments.server,
         kind,
@@ -206,7 +206,7 @@ fn of_robot(arguments: &OfRobot, kind: &Kind) -> anyhow::Result<()> {
 
 fn list_or_show(
     server: &ServerArguments,
-    kind: &Kind,
+    kind: &Listing,
     robot: &str,
     id: Option<&str>,
     output: &Output,

@@ -1,7 +1,7 @@
 //! `kincal plan`: plans which configurations to measure, offline.
 
 use super::calibrate::read_robot;
-use super::files::{Numbers, cannot_be_used, fault, parse_json, read};
+use super::files::{NumberFormat, cannot_be_used, fault, parse_json, read};
 use super::terminal::Output;
 use super::usage::Usage;
 use crate::kinematics::Robot;
@@ -36,7 +36,7 @@ pub struct Arguments {
     )]
     measured: Vec<PathBuf>,
     #[command(flatten)]
-    numbers: Numbers,
+    numbers: NumberFormat,
     /// Frame of the measurement [default: that of --request, else instrument; required with --measured].
     #[arg(long, env = "KINCAL_FRAME", value_enum)]
     frame: Option<Frame>,

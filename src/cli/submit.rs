@@ -1,9 +1,9 @@
 //! `kincal submit`: uploads a measurement set to a server and has it calibrated.
 
-use super::calibrate::{is_of_use, progress_bar, show};
+use super::calibrate::{progress_bar, refuse_unusable, show};
 use super::client::{Client, ServerArguments};
 use super::failure::Refused;
-use super::files::{Numbers, cannot_be_used, is_json, read};
+use super::files::{NumberFormat, cannot_be_used, is_json, read};
 use super::options::{IdentifyOptions, SetOptions};
 use super::runtime::block_on;
 use super::table;
@@ -32,9 +32,9 @@ pub struct Arguments {
     #[arg(value_name = "SET.csv")]
     set: PathBuf,
     #[command(flatten)]
-    of_set: SetOptions,
+    set_options: SetOptions,
     #[command(flatten)]
-    numbers: Numbers,
+    numbers: NumberFormat,
     /// Identify nothing; score a parameter set on these points.
     #[arg(
         long, env = "KINCAL_VERIFY", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue,
@@ -100,7 +100,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
                 table::report(&parsed)
             )
         })?;
-        is_of_use(&parsed, Some(job_id))
+        refuse_unusable(&parsed, Some(job_id))
     })
 }
 
@@ -142,8 +142,8 @@ async fn upload(
     } else {
         "text/csv"
     };
-    let mut parameters = vec![("frame", arguments.of_set.frame.as_str().to_owned())];
-    let insist = arguments.of_set.insist;
+    let mut parameters = vec![("frame", arguments.set_options.frame.as_str().to_owned())];
+    let insist = arguments.set_options.insist;
     parameters.extend(insist.map(|code| ("insist", code.as_str().to_owned())));
     if content_type == "text/csv" {
         // A CSV has no name field; its file name is used.
@@ -161,7 +161,7 @@ async fn upload(
     let set = client
         .create(&path, content_type, bytes.clone())
         .await
-        .map_err(|error| explained(error, arguments, &bytes))?;
+        .map_err(|error| with_file_rows(error, arguments, &bytes))?;
     for warning in set["warnings"].as_array().into_iter().flatten() {
         let (code, detail) = (
             warning["code"].as_str().unwrap_or_default(),
@@ -182,7 +182,7 @@ async fn upload(
 }
 
 /// The server's refusal of the file, with its rows and lines.
-fn explained(error: anyhow::Error, arguments: &Arguments, bytes: &[u8]) -> anyhow::Error {
+fn with_file_rows(error: anyhow::Error, arguments: &Arguments, bytes: &[u8]) -> anyhow::Error {
     match error.downcast::<Refused>() {
         Ok(refused) if refused.is_usage() && !refused.problem.errors.is_empty() => Usage(
             cannot_be_used(&arguments.set, bytes, &refused.problem.errors),

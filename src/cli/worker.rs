@@ -22,7 +22,7 @@ pub fn run(config: &WorkerConfig) -> anyhow::Result<()> {
         // Installed before the first job: the default action of a signal would kill the process.
         let stop_signal = stop_signal()?;
         let store = Store::open(location(&config.database)).await?;
-        facts::gather_missing(&store).await?;
+        facts::backfill_missing(&store).await?;
         let queue = config.queue;
         let pool = WorkerPool::start(
             store.clone(),
@@ -53,7 +53,7 @@ pub struct MigrateArguments {
 pub fn migrate(arguments: &MigrateArguments) -> anyhow::Result<()> {
     block_on(async {
         let store = Store::open(location(&arguments.database)).await?;
-        facts::gather_missing(&store).await?;
+        facts::backfill_missing(&store).await?;
         let version = store.schema_version().await?;
         store.close().await;
         arguments

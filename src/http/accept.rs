@@ -33,15 +33,15 @@ use tower::ServiceExt;
 /// Size of hyper's read buffer, which bounds the header. Cell PCs send headers under a kilobyte.
 const MAX_HEADER_BYTES: usize = 32 * 1024;
 /// Pause after a failed `accept` (out of file descriptors).
-const ACCEPT_AGAIN: Duration = Duration::from_millis(50);
+const ACCEPT_RETRY_DELAY: Duration = Duration::from_millis(50);
 /// Grace period at shutdown: connections and requests that arrive this long after the signal are still accepted and answered.
 const SHUTDOWN_GRACE: Duration = Duration::from_millis(100);
 /// Most connections accepted during [`SHUTDOWN_GRACE`], and once more from the queue of the operating system, which is not longer.
-const MAX_LAST: usize = 4096;
+const MAX_ACCEPTED_AT_SHUTDOWN: usize = 4096;
 /// Most clients that receive [`TOO_MANY_CONNECTIONS_ANSWER`] at the same time; the connections of others are closed without an answer.
 const MAX_TURNED_AWAY: usize = 256;
 /// Longest time for sending [`TOO_MANY_CONNECTIONS_ANSWER`] and for the client to read it.
-const TURN_AWAY_WITHIN: Duration = Duration::from_secs(1);
+const TURN_AWAY_TIMEOUT: Duration = Duration::from_secs(1);
 /// Code of [`TOO_MANY_CONNECTIONS_ANSWER`] and of its counter.
 const TOO_MANY_CONNECTIONS: &str = "too_many_connections";
 /// Answer to a client beyond the connection limit. A TLS client is disconnected without it, because a handshake costs more than the limit saves.
@@ -50,11 +50,11 @@ connection: close\r\ncontent-length: 186\r\n\r\n{\"type\":\"urn:kincal:problem:t
 \"detail\":\"the server has no room for more clients: try again\",\"code\":\"too_many_connections\"}";
 
 /// HSTS for a year (RFC 6797).
-const ALWAYS_TLS: HeaderValue = HeaderValue::from_static("max-age=31536000");
+const HSTS_ONE_YEAR: HeaderValue = HeaderValue::from_static("max-age=31536000");
 
 /// State that all connections share.
 #[derive(Clone)]
-pub struct Service {
+pub struct ConnectionContext {
     router: Router,
     limits: Limits,
     metrics: Metrics,
@@ -64,7 +64,7 @@ pub struct Service {
     stopping: watch::Receiver<bool>,
 }
 
-impl Service {
+impl ConnectionContext {
     /// Creates the state of one server.
     pub fn new(app: App, config: &LimitsConfig, tls: Option<Tls>) -> Self {
         Self {
@@ -97,13 +97,13 @@ impl Service {
 
     /// Headers of every answer, including hyper's own.
     fn headers(&self) -> HeaderMap {
-        let hsts = (header::STRICT_TRANSPORT_SECURITY, ALWAYS_TLS);
+        let hsts = (header::STRICT_TRANSPORT_SECURITY, HSTS_ONE_YEAR);
         self.tls.iter().map(|_| hsts.clone()).collect()
     }
 }
 
 /// Accepts clients until shutdown has begun and its grace period is over. Returns when the last request under way is answered.
-pub async fn accept_all(listener: TcpListener, service: Service) {
+pub async fn accept_all(listener: TcpListener, service: ConnectionContext) {
     let slots = Arc::new(Semaphore::new(service.max_connections));
     let slots_to_turn_away = Arc::new(Semaphore::new(MAX_TURNED_AWAY));
     let mut connections = JoinSet::new();
@@ -112,7 +112,7 @@ pub async fn accept_all(listener: TcpListener, service: Service) {
     {
         Ok(slot) => drop(connections.spawn(connection(stream, peer, service.clone(), slot))),
         Err(_) => {
-            service.metrics.turned_away(TOO_MANY_CONNECTIONS);
+            service.metrics.refused_connection(TOO_MANY_CONNECTIONS);
             let slot = Arc::clone(&slots_to_turn_away).try_acquire_owned();
             if let (Ok(slot), None) = (slot, &service.tls) {
                 connections.spawn(turn_away(stream, slot));
@@ -131,12 +131,12 @@ pub async fn accept_all(listener: TcpListener, service: Service) {
             Ok(client) => admit(client, &mut connections),
             Err(error) => {
                 tracing::warn!(%error, "a client could not be accepted");
-                sleep(ACCEPT_AGAIN).await;
+                sleep(ACCEPT_RETRY_DELAY).await;
             }
         }
     }
     let grace_end = Instant::now() + SHUTDOWN_GRACE;
-    for _ in 0..MAX_LAST {
+    for _ in 0..MAX_ACCEPTED_AT_SHUTDOWN {
         let Ok(Ok(client)) = timeout_at(grace_end, listener.accept()).await else {
             break;
         };
@@ -144,7 +144,7 @@ pub async fn accept_all(listener: TcpListener, service: Service) {
     }
     // Accepts the connections that the operating system has queued and tokio has not reported yet. Then the socket is closed.
     if let Ok(listener) = listener.into_std() {
-        for _ in 0..MAX_LAST {
+        for _ in 0..MAX_ACCEPTED_AT_SHUTDOWN {
             let Ok((stream, peer)) = listener.accept() else {
                 break;
             };
@@ -169,7 +169,7 @@ async fn shutdown_begun(mut stopping: watch::Receiver<bool>) {
 async fn connection(
     stream: TcpStream,
     peer: SocketAddr,
-    service: Service,
+    service: ConnectionContext,
     _slot: OwnedSemaphorePermit,
 ) {
     // Answers are small; do not delay them.
@@ -193,7 +193,7 @@ async fn connection(
 async fn requests(
     stream: impl AsyncRead + AsyncWrite + Unpin + Send + 'static,
     peer: SocketAddr,
-    service: &Service,
+    service: &ConnectionContext,
 ) {
     let answer = |mut request: hyper::Request<hyper::body::Incoming>| {
         request.extensions_mut().insert(Peer(peer.ip()));
@@ -221,15 +221,15 @@ async fn requests(
         }
     };
     // Only unreadable requests are counted; other errors of a connection are the client's.
-    if let Some(code) = ended.err().as_ref().and_then(unreadable::code) {
-        service.metrics.turned_away(code);
+    if let Some(code) = ended.err().as_ref().and_then(unreadable::problem_code) {
+        service.metrics.refused_connection(code);
     }
 }
 
 /// Sends [`TOO_MANY_CONNECTIONS_ANSWER`], waits until the client has read it, and closes the connection.
 async fn turn_away(stream: TcpStream, _slot: OwnedSemaphorePermit) {
     let mut stream = Lingering::new(stream);
-    let _ = timeout(TURN_AWAY_WITHIN, async {
+    let _ = timeout(TURN_AWAY_TIMEOUT, async {
         stream.write_all(TOO_MANY_CONNECTIONS_ANSWER).await?;
         stream.shutdown().await
     })

@@ -58,9 +58,9 @@ impl Scope {
     }
 }
 
-/// Every route that requires a key, with its scope. A route that is neither here nor in [`OPEN`] is refused. A test compares both lists
+/// Every route that requires a key, with its scope. A route that is neither here nor in [`PUBLIC_ROUTES`] is refused. A test compares both lists
 /// with the contract.
-pub const POLICY: &[(Method, &str, Scope)] = &[
+pub const REQUIRED_SCOPES: &[(Method, &str, Scope)] = &[
     (Method::GET, "/v1/me", Scope::Read),
     (Method::GET, "/metrics", Scope::Read),
     (Method::POST, "/v1/robots", Scope::Upload),
@@ -145,7 +145,7 @@ pub const POLICY: &[(Method, &str, Scope)] = &[
 ];
 
 /// Routes that need no key.
-pub const OPEN: &[&str] = &[
+pub const PUBLIC_ROUTES: &[&str] = &[
     "/",
     "/docs",
     "/assets/{file}",
@@ -243,7 +243,7 @@ async fn admit(
     headers: &HeaderMap,
     peer: Option<Peer>,
 ) -> Result<Caller, Refusal> {
-    let Some(template) = template.filter(|template| !OPEN.contains(template)) else {
+    let Some(template) = template.filter(|template| !PUBLIC_ROUTES.contains(template)) else {
         return Ok(Caller::anonymous());
     };
     let caller = if app.no_auth {
@@ -261,7 +261,7 @@ async fn admit(
     } else {
         method
     };
-    match POLICY
+    match REQUIRED_SCOPES
         .iter()
         .find(|(m, path, _)| m == method && *path == template)
     {
@@ -278,7 +278,9 @@ async fn admit(
 }
 
 fn allowed_methods(template: &str) -> Option<String> {
-    let methods = POLICY.iter().filter(|(_, path, _)| *path == template);
+    let methods = REQUIRED_SCOPES
+        .iter()
+        .filter(|(_, path, _)| *path == template);
     let methods: Vec<&str> = methods
         .flat_map(|(m, _, _)| {
             if m == Method::GET {

@@ -59,7 +59,7 @@ impl Metrics {
     }
 
     /// Counts a connection that was refused, or whose request could not be read.
-    pub fn turned_away(&self, code: &str) {
+    pub fn refused_connection(&self, code: &str) {
         let mut counts = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         *counts.errors.entry(code.to_owned()).or_default() += 1;
     }

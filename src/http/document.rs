@@ -1,6 +1,6 @@
 //! The OpenAPI document: the documentation of each route, and what all routes have in common.
 
-use crate::http::auth::{OPEN, POLICY};
+use crate::http::auth::{PUBLIC_ROUTES, REQUIRED_SCOPES};
 use crate::http::routes::routes;
 use crate::wire::problem::PROBLEM_JSON;
 use crate::wire::{Problem, bounds};
@@ -126,7 +126,7 @@ fn complete(method: &Method, path: &str, operation: &mut Operation) {
             .or_insert_with(|| RefOr::T(problem(status, description)));
     };
     add("500", "Something went wrong inside");
-    if OPEN.contains(&path) {
+    if PUBLIC_ROUTES.contains(&path) {
         return;
     }
     add("400", "Path, query, header or body cannot be read");
@@ -158,7 +158,7 @@ fn complete(method: &Method, path: &str, operation: &mut Operation) {
             .push(RefOr::T(idempotency_key()));
         replayed(operation);
     }
-    let scope = POLICY
+    let scope = REQUIRED_SCOPES
         .iter()
         .find(|(m, route, _)| m == method && *route == path)
         .map(|(_, _, scope)| scope.as_str())

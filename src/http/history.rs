@@ -10,7 +10,7 @@ use crate::http::request_class::RequestClass;
 use crate::http::{App, Error, access, parameter_sets as answers};
 use crate::jobs::JobInputs;
 use crate::jobs::execution::request_of;
-use crate::release::{self, Scored};
+use crate::release::{self, ScoredSession};
 use crate::store::{ParameterSetRow, jobs, parameter_sets, policies, verifications};
 use crate::wire::Invalid;
 use crate::wire::history::{
@@ -112,10 +112,14 @@ async fn trend(app: &App, robot_id: &str) -> Result<Trend, Error> {
             continue;
         }
         let fits = row.fit != Fit::DoesNotFit && row.n_points > 0;
-        scored.extend(row.after_rms_mm.filter(|_| fits).map(|rms_mm| Scored {
-            day: row.created_at_ms as f64 / DAY_MS,
-            rms_mm,
-        }));
+        scored.extend(
+            row.after_rms_mm
+                .filter(|_| fits)
+                .map(|rms_mm| ScoredSession {
+                    day: row.created_at_ms as f64 / DAY_MS,
+                    rms_mm,
+                }),
+        );
     }
     let newest = scored.len().saturating_sub(MAX_SESSIONS);
     Ok(release::trend(&scored[newest..], limit_mm))

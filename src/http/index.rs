@@ -52,7 +52,7 @@ async fn readyz(State(app): State<App>) -> Result<String, Error> {
     if let Some(stuck) = stuck.filter(|stuck| stuck.duration >= STUCK_TOO_LONG) {
         return Err(Error::WritersStuck(stuck));
     }
-    let buts = [
+    let limitations = [
         app.store
             .short_of_room()
             .map(|short| format!(", but new robots, uploads and jobs are refused: {short}")),
@@ -62,7 +62,7 @@ async fn readyz(State(app): State<App>) -> Result<String, Error> {
     ];
     Ok(format!(
         "ready{}\n",
-        buts.into_iter().flatten().collect::<String>()
+        limitations.into_iter().flatten().collect::<String>()
     ))
 }
 

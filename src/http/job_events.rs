@@ -18,7 +18,7 @@ use utoipa_axum::{router::OpenApiRouter, routes};
 /// Interval of comments that keep the connection open at proxies.
 const KEEP_ALIVE: Duration = Duration::from_secs(15);
 /// Interval of the check that the key is still valid.
-const KEY_LOOKED_AT_EVERY: Duration = Duration::from_secs(1);
+const KEY_CHECK_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Routes of events.
 pub fn router() -> OpenApiRouter<App> {
@@ -50,10 +50,10 @@ fn stream(
     row: JobRow,
     permit: OwnedSemaphorePermit,
 ) -> impl Stream<Item = Result<Event, Infallible>> {
-    let (events, to_pass_on) = mpsc::channel(1);
+    let (events, receiver) = mpsc::channel(1);
     let mut work = JoinSet::new();
     work.spawn(follow(app, caller, row, events));
-    ReceiverStream::new(to_pass_on).map(move |event| {
+    ReceiverStream::new(receiver).map(move |event| {
         // Moves both into the closure, so that they live as long as the stream.
         let _held = (&permit, &work);
         Ok(event)
@@ -106,7 +106,7 @@ async fn changed(app: &App, seen: &JobRow) -> Option<JobRow> {
 /// Resolves when the caller's key is revoked or cannot be read.
 async fn revoked(app: &App, caller: &Caller) {
     while auth::is_still_valid(app, caller).await {
-        tokio::time::sleep(KEY_LOOKED_AT_EVERY).await;
+        tokio::time::sleep(KEY_CHECK_INTERVAL).await;
     }
 }
 

@@ -43,7 +43,7 @@ pub async fn create(
         }
     }
     access::visible_robot(&submission.caller, &robot_id)?;
-    let request = match asked(&submission) {
+    let request = match parse_request(&submission) {
         Ok(request) => request,
         Err(refusal) => {
             // A missing robot is reported before other errors.
@@ -72,7 +72,7 @@ pub async fn create(
 }
 
 /// Parses and checks the request body.
-fn asked(submission: &Submission) -> Result<JobRequestBody, Error> {
+fn parse_request(submission: &Submission) -> Result<JobRequestBody, Error> {
     let request: JobRequestBody = submission.json()?;
     request.check()?;
     if request.priority > 0 && !submission.caller.has(Scope::Admin) {

@@ -283,21 +283,21 @@ async fn residual_networks(
 
 /// Hashes of the uploads that a residual network and its predecessors were trained on; `None` if the chain is too long.
 async fn uploads_trained_on(app: &App, network_id: &str) -> Result<Option<Vec<String>>, Error> {
-    let (mut line, mut next) = (Vec::new(), Some(network_id.to_owned()));
+    let (mut hashes, mut next) = (Vec::new(), Some(network_id.to_owned()));
     while let Some(id) = next {
-        if line.len() == LONGEST_CHAIN {
+        if hashes.len() == LONGEST_CHAIN {
             return Ok(None);
         }
         let network = networks::get(&app.store, &id).await?;
         let job = stored::get(&app.store, &network.job_id).await?;
-        line.push(
+        hashes.push(
             measurement_sets::get(&app.store, &job.measurement_set_id)
                 .await?
                 .sha256,
         );
         next = job.residual_network_input_id;
     }
-    Ok(Some(line))
+    Ok(Some(hashes))
 }
 
 fn is_of(row: &NetworkRow, robot_id: &str, kind: NetworkKind) -> bool {

@@ -40,7 +40,7 @@ const DOCUMENTS: usize = 2;
 /// Concurrent computations for reads, for writes, and for [`RequestClass::Safety`]. More would be slower each and take more memory.
 const COMPUTING: [usize; 3] = [4, 8, 2];
 /// Longest wait for a permit to compute or to read a document; then the request is refused, and clients retry.
-const BEGIN_WITHIN: Duration = Duration::from_secs(10);
+const PERMIT_TIMEOUT: Duration = Duration::from_secs(10);
 /// Attempts with unknown keys per address before the answer is 429 instead of 401: burst, and rate per second.
 const FAILED_ATTEMPTS: (f64, f64) = (20.0, 0.5);
 
@@ -74,9 +74,9 @@ fn take(semaphore: &Arc<Semaphore>, n: usize) -> Result<OwnedSemaphorePermit, Er
         .map_err(|_| Error::Busy)
 }
 
-/// Waits for one permit, at most [`BEGIN_WITHIN`].
+/// Waits for one permit, at most [`PERMIT_TIMEOUT`].
 async fn wait_for(semaphore: &Arc<Semaphore>) -> Result<OwnedSemaphorePermit, Error> {
-    match timeout(BEGIN_WITHIN, Arc::clone(semaphore).acquire_owned()).await {
+    match timeout(PERMIT_TIMEOUT, Arc::clone(semaphore).acquire_owned()).await {
         Ok(Ok(permit)) => Ok(permit),
         Ok(Err(_)) | Err(_) => Err(Error::Busy),
     }
@@ -137,13 +137,16 @@ impl Limits {
         match class {
             RequestClass::Read => take(&self.0.reads, 1).map(Some),
             RequestClass::CostlyRead => take(&self.0.calculations, 1).map(Some),
-            RequestClass::Calculation => self.has_free(&self.0.calculations),
-            RequestClass::Write => self.has_free(&self.0.writes),
+            RequestClass::Calculation => self.refuse_if_none_free(&self.0.calculations),
+            RequestClass::Write => self.refuse_if_none_free(&self.0.writes),
             RequestClass::Safety => Ok(None),
         }
     }
 
-    fn has_free(&self, semaphore: &Semaphore) -> Result<Option<OwnedSemaphorePermit>, Error> {
+    fn refuse_if_none_free(
+        &self,
+        semaphore: &Semaphore,
+    ) -> Result<Option<OwnedSemaphorePermit>, Error> {
         if semaphore.available_permits() > 0 {
             Ok(None)
         } else {

@@ -4,7 +4,7 @@ use crate::http::auth::Caller;
 use crate::http::creation::{Submission, stored_json};
 use crate::http::extract::{Id, ListQuery, Query};
 use crate::http::request_class::RequestClass;
-use crate::http::upload_check::{self, Off};
+use crate::http::upload_check::{self, Misfit};
 use crate::http::{App, Error, access};
 use crate::store::{MeasurementSetRow, NewMeasurementSet, Tx, measurement_sets};
 use crate::wire::issue::Checker;
@@ -65,7 +65,7 @@ struct Upload {
     n_targets: usize,
     warnings: Vec<Warning>,
     sha256: String,
-    off: Option<Off>,
+    misfit: Option<Misfit>,
 }
 
 /// Uploads a measurement set, as CSV (a header row with units) or JSON.
@@ -95,13 +95,13 @@ async fn create(
     let insist = query.insist;
     let mut upload = app
         .compute(RequestClass::Write, move || {
-            understand(&robot, &bytes, kind, query)
+            parse_upload(&robot, &bytes, kind, query)
         })
         .await?;
     let mut insisted_on = None;
-    if let Some(off) = upload.off.take() {
+    if let Some(misfit) = upload.misfit.take() {
         let (warning, insisted) =
-            upload_check::explain(&app, &submission.caller, &robot_id, off, insist).await?;
+            upload_check::diagnose(&app, &submission.caller, &robot_id, misfit, insist).await?;
         upload.warnings.push(warning);
         insisted_on = insisted.map(|insist| insist.as_str().to_owned());
     }
@@ -132,10 +132,10 @@ async fn create(
 }
 
 /// First bytes of archives (xlsx is one) and of old workbooks.
-const NO_TEXT: [&[u8]; 2] = [b"PK\x03\x04", b"\xD0\xCF\x11\xE0"];
+const BINARY_SIGNATURES: [&[u8]; 2] = [b"PK\x03\x04", b"\xD0\xCF\x11\xE0"];
 
 fn is_json(submission: &Submission) -> Result<bool, Error> {
-    if NO_TEXT
+    if BINARY_SIGNATURES
         .iter()
         .any(|magic| submission.body.starts_with(magic))
     {
@@ -171,7 +171,7 @@ fn declared_csv(decimal: Option<Decimal>) -> String {
 }
 
 /// Parses an upload. `csv` is the number format of a CSV file; none for JSON.
-fn understand(
+fn parse_upload(
     body: &RobotBody,
     bytes: &Bytes,
     csv: Option<Decimal>,
@@ -181,7 +181,7 @@ fn understand(
     check_serial_number(body, serial_number.as_deref())?;
     let robot = Robot::try_from(body)?;
     let n_joints = robot.links.len();
-    let (said, name, set) = if let Some(decimal) = csv {
+    let (stated_frame, name, set) = if let Some(decimal) = csv {
         (
             query.frame,
             query.name,
@@ -204,10 +204,10 @@ fn understand(
     checker.finish("invalid_name")?;
     let (n_configurations, n_targets) = measurement::counts(&set);
     let mut warnings = measurement::warnings(&robot, &set);
-    if said.is_none() {
+    if stated_frame.is_none() {
         warnings.push(measurement::frame_assumed());
     }
-    let frame = said.unwrap_or(DEFAULT_FRAME);
+    let frame = stated_frame.unwrap_or(DEFAULT_FRAME);
     Ok(Upload {
         frame,
         name,
@@ -217,7 +217,7 @@ fn understand(
         n_targets,
         warnings,
         sha256: canonical::sha256_hex(bytes),
-        off: upload_check::look(body, set)?,
+        misfit: upload_check::check_fit(body, set)?,
     })
 }
 

@@ -114,7 +114,7 @@ async fn active(
 async fn covered(State(app): State<App>, caller: Caller, Id(id): Id) -> Result<Response, Error> {
     let row = access::parameter_set(&app, &caller, &id).await?;
     let content = content(&row)?;
-    let text = match canonical::text_of_hash(&content, &row.sha256)? {
+    let text = match canonical::text_with_hash(&content, &row.sha256)? {
         Some(text) => text,
         // The row was edited outside the service. The client will find that the hash differs.
         None => canonical::to_canonical_json(&content)?,

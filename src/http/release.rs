@@ -9,8 +9,8 @@ use crate::http::{App, Error, access, policies as policy_answers};
 use crate::jobs::evidence::{self, ParsedEvidence};
 use crate::release::{Comparison, Facts, gates};
 use crate::store::{
-    Checked, MeasurementSetRow, ParameterSetRow, ParameterSetStatus, PolicyRow, Release, RobotRow,
-    Tx,
+    CheckedState, MeasurementSetRow, ParameterSetRow, ParameterSetStatus, PolicyRow, Release,
+    RobotRow, Tx,
 };
 use crate::store::{audit, jobs, measurement_sets, parameter_sets, policies, robots};
 use crate::wire::parameter_set::{ParameterSetAnswer, ReasonBody};
@@ -188,7 +188,7 @@ impl Purpose {
 /// Result of the gates: everything that a release writes, except its reason.
 struct ReleaseCheck {
     id: String,
-    checked: Checked,
+    checked: CheckedState,
     gates: Vec<Gate>,
     evidence: Evidence,
     uncertainty_mm: Option<f64>,
@@ -260,7 +260,7 @@ async fn check_release(
     };
     let permit = app.compute_permit(class).await?;
     let stored = evidence::load(&app.store, &row, other).await?;
-    let checked = Checked {
+    let checked = CheckedState {
         active: active.as_ref().map(|active| active.id.clone()),
         policy_version: policy.version,
         n_verifications: stored.n_verifications(),

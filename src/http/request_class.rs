@@ -60,12 +60,12 @@ impl RequestClass {
 #[cfg(test)]
 mod tests {
     use super::{CALCULATIONS, COMPUTED_READS, DOCUMENT_READS, RequestClass, SAFETY};
-    use crate::http::auth::{POLICY, Scope};
+    use crate::http::auth::{REQUIRED_SCOPES, Scope};
     use axum::http::Method;
 
     #[test]
     fn requests_of_the_scope_read_take_no_permits_of_writes() {
-        for (method, path, scope) in POLICY {
+        for (method, path, scope) in REQUIRED_SCOPES {
             let class = RequestClass::new(method, path);
             // An import reads its body and stores nothing.
             let only_reads = *scope == Scope::Read || *path == "/v1/robot-imports";
@@ -94,7 +94,7 @@ mod tests {
             let is_routes = |(m, path, _): &(Method, &str, Scope)| {
                 *m == method && path.ends_with(&format!("/{name}"))
             };
-            assert!(POLICY.iter().any(is_routes), "{name}");
+            assert!(REQUIRED_SCOPES.iter().any(is_routes), "{name}");
         }
     }
 }

@@ -1,9 +1,9 @@
 //! Starts and stops the service, for `kincal serve`, `kincal demo` and the tests.
 
 use crate::config::{self, ServeConfig};
-use crate::http::accept::{self, Service};
+use crate::http::accept::{self, ConnectionContext};
 use crate::http::{App, tls};
-use crate::jobs::{Compute, JobSignals, Rules, WorkerPool, execution, facts};
+use crate::jobs::{AttemptLimits, Compute, JobSignals, WorkerPool, execution, facts};
 use crate::store::{self, Store, StoreLocation};
 use std::net::SocketAddr;
 use std::time::Duration;
@@ -62,11 +62,11 @@ pub fn location(database: &config::DatabaseConfig) -> StoreLocation {
 }
 
 /// Rules of the queue in these settings.
-pub fn rules(queue: &config::QueueConfig) -> Rules {
-    Rules {
+pub fn rules(queue: &config::QueueConfig) -> AttemptLimits {
+    AttemptLimits {
         lease: queue.lease(),
         max_attempts: queue.max_attempts,
-        longest: Duration::from_secs(queue.max_job_s),
+        max_duration: Duration::from_secs(queue.max_job_s),
     }
 }
 
@@ -99,7 +99,7 @@ pub async fn start_with(config: &ServeConfig, compute: Compute) -> Result<Runnin
         .map_err(listen_error)?;
     let address = listener.local_addr().map_err(listen_error)?;
     let store = Store::open(location(&config.database)).await?;
-    facts::gather_missing(&store).await?;
+    facts::backfill_missing(&store).await?;
     let signals = JobSignals::default();
     let workers = WorkerPool::start(
         store.clone(),
@@ -111,7 +111,7 @@ pub async fn start_with(config: &ServeConfig, compute: Compute) -> Result<Runnin
     let (stop, stopping) = watch::channel(false);
     let scheme = if tls.is_some() { "https" } else { "http" };
     let app = App::new(store.clone(), config, stopping, signals);
-    let service = Service::new(app, &config.limits, tls);
+    let service = ConnectionContext::new(app, &config.limits, tls);
     Ok(RunningServer {
         address,
         store,

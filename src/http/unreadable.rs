@@ -36,7 +36,7 @@ impl<S> WithProblems<S> {
 }
 
 /// The problem for one of hyper's own answers; none for other bytes.
-fn problem_of(written: &[u8]) -> Option<Error> {
+fn problem_for(written: &[u8]) -> Option<Error> {
     if written.len() > LONGEST_OWN_ANSWER {
         return None;
     }
@@ -59,7 +59,7 @@ fn problem_of(written: &[u8]) -> Option<Error> {
 }
 
 /// The problem's code for hyper's error on a connection.
-pub fn code(error: &hyper::Error) -> Option<&'static str> {
+pub fn problem_code(error: &hyper::Error) -> Option<&'static str> {
     if error.is_parse_too_large() {
         Some("header_too_large")
     } else {
@@ -121,7 +121,7 @@ impl<S: AsyncWrite + Unpin> AsyncWrite for WithProblems<S> {
         bytes: &[u8],
     ) -> Poll<io::Result<usize>> {
         ready!(self.poll_release(context))?;
-        if problem_of(bytes).is_some() {
+        if problem_for(bytes).is_some() {
             self.held = bytes.to_vec();
             return Poll::Ready(Ok(bytes.len()));
         }
@@ -149,7 +149,7 @@ impl<S: AsyncWrite + Unpin> AsyncWrite for WithProblems<S> {
     }
 
     fn poll_shutdown(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
-        if let Some(error) = problem_of(&self.held) {
+        if let Some(error) = problem_for(&self.held) {
             self.held = with_body(&self.held, &error, &self.headers);
         }
         ready!(self.poll_release(context))?;

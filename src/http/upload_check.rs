@@ -15,16 +15,16 @@ use crate::wire::suspicion::{Insist, insisted, refusal};
 const MAX_OTHERS: u32 = 50;
 
 /// A measurement set that does not fit the nominal robot.
-pub struct Off {
+pub struct Misfit {
     robot: RobotBody,
     set: MeasurementSet,
     rms_mm: f64,
 }
 
 /// Compares an upload with the nominal robot; `None` if it fits or is too small to decide.
-pub fn look(robot: &RobotBody, set: MeasurementSet) -> Result<Option<Off>, Error> {
+pub fn check_fit(robot: &RobotBody, set: MeasurementSet) -> Result<Option<Misfit>, Error> {
     Ok(match alignment::look(&Robot::try_from(robot)?, &set) {
-        Look::Off(rms_mm) => Some(Off {
+        Look::Off(rms_mm) => Some(Misfit {
             robot: robot.clone(),
             set,
             rms_mm,
@@ -34,11 +34,11 @@ pub fn look(robot: &RobotBody, set: MeasurementSet) -> Result<Option<Off>, Error
 }
 
 /// Searches for the cause. Returns a warning and, if the caller insisted on the code with which the upload would be refused, that code.
-pub async fn explain(
+pub async fn diagnose(
     app: &App,
     caller: &Caller,
     robot_id: &str,
-    off: Off,
+    misfit: Misfit,
     insist: Option<Insist>,
 ) -> Result<(Warning, Option<Insist>), Error> {
     let newest = robots::list(
@@ -57,14 +57,14 @@ pub async fn explain(
         .filter(|row| row.id != robot_id)
         .filter_map(|row| access::robot_body(row).ok())
     {
-        let is_new =
-            body.links != off.robot.links && others.iter().all(|known| known.links != body.links);
-        if is_new && body.links.len() == off.robot.links.len() {
+        let is_new = body.links != misfit.robot.links
+            && others.iter().all(|known| known.links != body.links);
+        if is_new && body.links.len() == misfit.robot.links.len() {
             others.push(body);
         }
     }
     match app
-        .compute(RequestClass::Write, move || finding(&off, &others))
+        .compute(RequestClass::Write, move || finding(&misfit, &others))
         .await?
     {
         Finding::Odd { code, detail } => {
@@ -88,15 +88,15 @@ pub async fn explain(
     }
 }
 
-fn finding(off: &Off, others: &[RobotBody]) -> Result<Finding, Error> {
+fn finding(misfit: &Misfit, others: &[RobotBody]) -> Result<Finding, Error> {
     let named = others
         .iter()
         .map(|body| Ok((body.name.clone(), Robot::try_from(body)?)));
     let others: Vec<_> = named.collect::<Result<_, Error>>()?;
     Ok(alignment::explain(
-        &Robot::try_from(&off.robot)?,
-        &off.set,
-        off.rms_mm,
+        &Robot::try_from(&misfit.robot)?,
+        &misfit.set,
+        misfit.rms_mm,
         &others,
     ))
 }

@@ -38,18 +38,18 @@ pub struct JobInputs {
     /// The parameter set to verify, or the robot's last one, with which an identification is compared.
     pub parameter_set: Option<ParameterSetInput>,
     /// Earlier uploads that the points are compared with: points that repeat them do not show that the robot is in order.
-    pub earlier: Earlier,
+    pub earlier: EarlierUploads,
 }
 
 /// Uploads from before the robot's last session that did not fit.
 #[derive(Clone, Debug, PartialEq, Default)]
-pub struct Earlier {
+pub struct EarlierUploads {
     /// Number of that session in the robot's counter; 0 for none.
     pub check_seq: i64,
     /// The uploads.
     pub sets: Vec<MeasurementSetInput>,
     /// True if there are more uploads or points than the limits below. Then `sets` is empty and nothing is compared.
-    pub is_cut_short: bool,
+    pub exceeds_limits: bool,
 }
 
 /// Limits on the earlier uploads that a session is compared with, and on their points: some hundred MB. If there are more, no session can end the
@@ -216,11 +216,11 @@ async fn load_parameter_set(store: &Store, id: &str) -> Result<ParameterSetInput
 }
 
 /// Earlier uploads to compare a verification with; empty unless a session of the robot did not fit.
-async fn load_earlier(store: &Store, job: &JobRow) -> Result<Earlier> {
+async fn load_earlier(store: &Store, job: &JobRow) -> Result<EarlierUploads> {
     let check = verifications::check(store, &job.robot_id).await?;
-    let mut earlier = Earlier {
+    let mut earlier = EarlierUploads {
         check_seq: check.check_seq,
-        ..Earlier::default()
+        ..EarlierUploads::default()
     };
     if check.check_seq <= check.checked_seq {
         return Ok(earlier);
@@ -229,7 +229,7 @@ async fn load_earlier(store: &Store, job: &JobRow) -> Result<Earlier> {
     let uploads = verifications::earlier_uploads(store, robot_id, check.check_seq, limit).await?;
     let n_points: i64 = uploads.iter().map(|upload| upload.n_points).sum();
     if uploads.len() as i64 > MAX_EARLIER || n_points > MAX_EARLIER_POINTS {
-        earlier.is_cut_short = true;
+        earlier.exceeds_limits = true;
         return Ok(earlier);
     }
     for upload in uploads {

@@ -18,7 +18,7 @@ use crate::wire::verification::Verification;
 #[derive(Debug)]
 pub struct EvidenceRows {
     rows: Vec<VerificationRow>,
-    n_unknown: i64,
+    n_without_facts: i64,
     last_check: Option<(i64, String)>,
     identification: (JobInputs, String),
     content: String,
@@ -59,7 +59,7 @@ pub async fn load(
     Ok(EvidenceRows {
         // Read first: if a job adds facts after this, the release fails with `ChecksOutdated`.
         rows: verifications::of_set(store, &set.id).await?,
-        n_unknown: verifications::n_unknown(store, &set.id).await?,
+        n_without_facts: verifications::n_without_facts(store, &set.id).await?,
         last_check: last_check(store, &set.robot_id).await?,
         identification: (
             JobInputs::load(store, &set.job_id).await?,
@@ -111,7 +111,7 @@ fn broken(cause: &str) -> Box<Problem> {
 /// A problem if stored documents cannot be parsed.
 pub fn parse(stored: EvidenceRows) -> std::result::Result<ParsedEvidence, Box<Problem>> {
     let (inputs, report) = &stored.identification;
-    if stored.n_unknown > 0 {
+    if stored.n_without_facts > 0 {
         return Err(broken("jobs about this set of which no facts were kept"));
     }
     let mut identification = None;
@@ -132,7 +132,7 @@ pub fn parse(stored: EvidenceRows) -> std::result::Result<ParsedEvidence, Box<Pr
         sessions.push(Session {
             job_id: row.job_id.clone(),
             seq: row.seq,
-            found,
+            verification: found,
         });
     }
     let (identification_seq, identification) =
@@ -192,7 +192,7 @@ pub fn compare_on_held_out(parsed: &ParsedEvidence) -> Option<Comparison> {
             let own = parsed.report.verify_errors_mm().into_iter();
             let both = active_mm.into_iter().zip(own);
             let both = both.map(|(active, [_, links, corrected])| [active, links, corrected]);
-            rms_mm_of(both)
+            robust_rms_mm(both)
         })
         .map_err(|error| error.to_string());
     Some(Comparison { points, rms_mm })
@@ -208,14 +208,16 @@ fn compare(parsed: &ParsedEvidence, points: String, set: &MeasurementSet) -> Opt
         let errors_mm = errors_mm(active)?
             .into_iter()
             .zip(errors_mm(&parsed.content)?);
-        Ok(rms_mm_of(errors_mm.map(|(active, own)| [active, own, own])))
+        Ok(robust_rms_mm(
+            errors_mm.map(|(active, own)| [active, own, own]),
+        ))
     };
     let rms_mm = both();
     Some(Comparison { points, rms_mm })
 }
 
 /// rms of the set and of the active one, mm, from each point's errors: of the active set, of the set's links, and of those with corrections.
-fn rms_mm_of(errors_mm: impl Iterator<Item = [f64; 3]>) -> (f64, f64) {
+fn robust_rms_mm(errors_mm: impl Iterator<Item = [f64; 3]>) -> (f64, f64) {
     let judged = judged(&errors_mm.collect::<Vec<_>>());
     (judged.after_rms_mm, judged.before_rms_mm)
 }

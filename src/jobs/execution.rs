@@ -9,7 +9,7 @@ use crate::calibration::{
 use crate::jobs::{
     JobFailure, JobInputs, JobOutcome, MeasurementSetInput, ParameterSetInput, Progress,
 };
-use crate::release::facts::{Since, of_identification, of_session, repeats};
+use crate::release::facts::{MeasuredSince, identification_facts, repeats, session_facts};
 use crate::store::{NewNetwork, NewParameterSet};
 use crate::wire::frames::FramesContent;
 use crate::wire::job::{JobParts, JobRequestBody, Kind, Stage};
@@ -37,14 +37,14 @@ pub fn compute(
     let body: JobRequestBody = json::parse(inputs.job.request_json.as_bytes()).map_err(broken)?;
     let request = request_of(inputs)?;
     if body.kind == Kind::Verify {
-        return verified(&request, inputs, progress);
+        return run_verification(&request, inputs, progress);
     }
-    let calibrated = match held_of(&body, &request, inputs)? {
-        Some(held) => timed(
+    let calibrated = match held_values(&body, &request, inputs)? {
+        Some(held) => run_timed(
             &|monitor| calibrate_partially(&request, &held, monitor),
             progress,
         )?,
-        None => calibrated(&request, progress)?,
+        None => run_calibration(&request, progress)?,
     };
     // The same points uploaded again count as the same session.
     let another = matches!(&request.verify, VerifySource::Set(set) if is_anew(&request.robot, &request.set, set));
@@ -58,7 +58,7 @@ pub fn compute(
         .map_err(broken)?;
     let content = ParameterSetContent::from(&calibrated.core);
     Ok(JobOutcome {
-        verification: Some(of_identification(
+        verification: Some(identification_facts(
             &report,
             another,
             since(inputs, &request)?,
@@ -70,7 +70,7 @@ pub fn compute(
             body_json: serde_json::to_string(&content).map_err(broken)?,
             sha256: content.sha256().map_err(broken)?,
         }),
-        residual_network: residual_of(&calibrated.core)?
+        residual_network: residual_network_file(&calibrated.core)?
             .map(new_network)
             .transpose()?,
         network: calibrated.network.map(new_network).transpose()?,
@@ -79,7 +79,7 @@ pub fn compute(
 }
 
 /// The earlier identification, for a partial recalibration: the parameters that the request does not name keep its values.
-fn held_of(
+fn held_values(
     body: &JobRequestBody,
     request: &CalibrationRequest,
     inputs: &JobInputs,
@@ -99,7 +99,7 @@ fn held_of(
 }
 
 /// Verifies a parameter set, or the nominal robot; identifies nothing.
-pub(super) fn verified(
+pub(super) fn run_verification(
     request: &CalibrationRequest,
     inputs: &JobInputs,
     progress: &mut dyn FnMut(Progress) -> ControlFlow<()>,
@@ -117,7 +117,7 @@ pub(super) fn verified(
     let scored = |monitor: &mut calibration::Monitor<'_>| {
         calibration::verify(request, identified.as_ref(), monitor)
     };
-    let calibrated = timed(&scored, progress)?;
+    let calibrated = run_timed(&scored, progress)?;
     let identified_from = inputs
         .parameter_set
         .as_ref()
@@ -136,7 +136,7 @@ pub(super) fn verified(
         report_json: serde_json::to_string(&report).map_err(broken)?,
         convergence_json: serde_json::to_string(&report::convergence(&calibrated.core))
             .map_err(broken)?,
-        verification: Some(of_session(request, &report, since(inputs, request)?)),
+        verification: Some(session_facts(request, &report, since(inputs, request)?)),
         parameter_set: None,
         network: None,
         residual_network: None,
@@ -145,14 +145,17 @@ pub(super) fn verified(
 }
 
 /// Whether a job's own points were measured since the robot's last session that did not fit.
-pub(super) fn since(inputs: &JobInputs, request: &CalibrationRequest) -> Result<Since, JobFailure> {
+pub(super) fn since(
+    inputs: &JobInputs,
+    request: &CalibrationRequest,
+) -> Result<MeasuredSince, JobFailure> {
     let earlier = inputs.earlier.sets.iter();
     let earlier: Vec<MeasurementSet> = earlier
         .map(|input| set_of(input, request.robot.links.len()))
         .collect::<Result<_, _>>()?;
-    Ok(Since {
+    Ok(MeasuredSince {
         check_seq: inputs.earlier.check_seq,
-        is_repeat: inputs.earlier.is_cut_short || repeats(&request.robot, &earlier, &request.set),
+        is_repeat: inputs.earlier.exceeds_limits || repeats(&request.robot, &earlier, &request.set),
     })
 }
 
@@ -202,18 +205,18 @@ impl Calibrated {
 ///
 /// # Errors
 /// As [`compute`].
-pub fn calibrated(
+pub fn run_calibration(
     request: &CalibrationRequest,
     progress: &mut dyn FnMut(Progress) -> ControlFlow<()>,
 ) -> Result<Calibrated, JobFailure> {
-    timed(&|monitor| calibrate(request, monitor), progress)
+    run_timed(&|monitor| calibrate(request, monitor), progress)
 }
 
 /// A computation of the core that reports to a monitor.
 type Computation<'a> =
     dyn Fn(&mut calibration::Monitor<'_>) -> Result<CalibrationReport, calibration::Error> + 'a;
 
-fn timed(
+fn run_timed(
     computation: &Computation<'_>,
     progress: &mut dyn FnMut(Progress) -> ControlFlow<()>,
 ) -> Result<Calibrated, JobFailure> {
@@ -253,7 +256,7 @@ fn timed(
         let detail = "the result holds a number that is not finite; nothing was kept. Look for a row with a wild value in the set";
         return Err(failed(&Problem::new(422, "result_not_finite", detail)));
     }
-    if !report::is_of_a_size(&core) {
+    if !report::has_plausible_size(&core) {
         let detail = "the fit ran away to links or targets of more than 10 m; nothing was kept. Look for rows whose joints and position do not belong \
                       together";
         return Err(failed(&Problem::new(422, "fit_diverged", detail)));
@@ -262,7 +265,7 @@ fn timed(
     let network = core
         .network
         .as_ref()
-        .filter(|_| is_of_use(&core))
+        .filter(|_| is_usable(&core))
         .map(safetensors::write)
         .transpose()
         .map_err(broken)?;
@@ -274,7 +277,7 @@ fn timed(
 }
 
 /// Whether the result fits and is better than nominal.
-fn is_of_use(core: &CalibrationReport) -> bool {
+fn is_usable(core: &CalibrationReport) -> bool {
     core.warnings
         .iter()
         .all(|warning| !NO_USE.contains(&warning.code))
@@ -289,11 +292,11 @@ fn insisted_on(inputs: &JobInputs) -> Option<&str> {
 }
 
 /// The safetensors file of the residual network, if the corrections use one.
-fn residual_of(core: &CalibrationReport) -> Result<Option<StoredNetwork>, JobFailure> {
+fn residual_network_file(core: &CalibrationReport) -> Result<Option<StoredNetwork>, JobFailure> {
     let Some(network) = core
         .corrected
         .as_ref()
-        .filter(|_| is_of_use(core))
+        .filter(|_| is_usable(core))
         .and_then(|corrected| corrected.corrections.residual.as_ref())
     else {
         return Ok(None);
@@ -363,7 +366,7 @@ pub fn request_of(inputs: &JobInputs) -> Result<CalibrationRequest, JobFailure> 
             .map(|content| (&content).into()),
         network: network.transpose().map_err(broken)?,
         residual_network: residual_network.transpose().map_err(broken)?,
-        previous: previous_of(&request, inputs, n_joints),
+        previous: previous_session(&request, inputs, n_joints),
         robot,
     };
     let mut request = request
@@ -385,7 +388,7 @@ fn held_out(inputs: &JobInputs) -> Option<HeldOut> {
 }
 
 /// The session that the robot was last identified from; none if it cannot be read.
-fn previous_of(
+fn previous_session(
     request: &JobRequestBody,
     inputs: &JobInputs,
     n_joints: usize,

@@ -5,8 +5,8 @@ use crate::calibration::{
     CalibrationRequest, DOES_NOT_FIT, HeldOut, SET_FAR_OFF, SessionFit, is_anew, session_fit,
 };
 use crate::jobs::JobInputs;
-use crate::jobs::execution::{request_of, since, verified};
-use crate::release::facts::of_identification;
+use crate::jobs::execution::{request_of, run_verification, since};
+use crate::release::facts::identification_facts;
 use crate::store::{Result, Store, jobs, robots, verifications};
 use crate::wire::measurement::{Subset, Warning};
 use crate::wire::report_shape::Report;
@@ -17,8 +17,8 @@ use std::ops::ControlFlow;
 ///
 /// # Errors
 /// [`crate::store::Error::Database`].
-pub async fn gather_missing(store: &Store) -> Result<()> {
-    let without = verifications::jobs_without(store).await?;
+pub async fn backfill_missing(store: &Store) -> Result<()> {
+    let without = verifications::jobs_without_facts(store).await?;
     if !without.is_empty() {
         tracing::info!(
             n_jobs = without.len(),
@@ -28,9 +28,9 @@ pub async fn gather_missing(store: &Store) -> Result<()> {
     for job_id in without {
         let inputs = JobInputs::load(store, &job_id).await?;
         let report = jobs::report(store, &job_id).await?;
-        let found = tokio::task::spawn_blocking(move || found(&inputs, &report));
+        let found = tokio::task::spawn_blocking(move || compute_facts(&inputs, &report));
         match found.await {
-            Ok(Some(found)) => keep(store, &job_id, &found).await?,
+            Ok(Some(found)) => store_facts(store, &job_id, &found).await?,
             Ok(None) | Err(_) => tracing::error!(
                 job_id,
                 "the verification facts of this job cannot be computed; its parameter set cannot be released"
@@ -40,7 +40,7 @@ pub async fn gather_missing(store: &Store) -> Result<()> {
     Ok(())
 }
 
-async fn keep(store: &Store, job_id: &str, found: &Verification) -> Result<()> {
+async fn store_facts(store: &Store, job_id: &str, found: &Verification) -> Result<()> {
     let mut tx = store.begin().await?;
     robots::lock_of_job(&mut tx, job_id).await?;
     verifications::insert(&mut tx, job_id, found).await?;
@@ -48,10 +48,10 @@ async fn keep(store: &Store, job_id: &str, found: &Verification) -> Result<()> {
 }
 
 /// Facts of one job. A session is scored again, which is quick. The facts of an identification are taken from its report.
-fn found(inputs: &JobInputs, report: &str) -> Option<Verification> {
+fn compute_facts(inputs: &JobInputs, report: &str) -> Option<Verification> {
     let request = request_of(inputs).ok()?;
     if inputs.job.kind == "verify" {
-        let outcome = verified(&request, inputs, &mut |_| ControlFlow::Continue(()));
+        let outcome = run_verification(&request, inputs, &mut |_| ControlFlow::Continue(()));
         return outcome.ok()?.verification;
     }
     let mut report: Report = serde_json::from_str(report).ok()?;
@@ -60,7 +60,7 @@ fn found(inputs: &JobInputs, report: &str) -> Option<Verification> {
     }
     let is_verified_anew = matches!(&request.verify, VerifySource::Set(set) if is_anew(&request.robot, &request.set, set));
     let since = since(inputs, &request).ok()?;
-    Some(of_identification(&report, is_verified_anew, since))
+    Some(identification_facts(&report, is_verified_anew, since))
 }
 
 /// Warning if the set to verify on does not fit the robot. Reports of older versions lack this warning. They also lack the scatter of the points,

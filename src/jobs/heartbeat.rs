@@ -14,13 +14,13 @@ use crate::store::{Conflict, Error, Lease, Store, leases};
 
 /// Stage of a pool's shutdown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) enum Drain {
+pub(super) enum ShutdownStage {
     /// Not shutting down.
-    No,
+    Running,
     /// No new job is claimed.
-    Finish,
+    StopClaiming,
     /// Computations are told to stop.
-    Stop,
+    StopComputing,
     /// The pool no longer waits for computations that did not stop.
     Abandon,
 }
@@ -85,14 +85,14 @@ const PROGRESS_EVERY: Duration = Duration::from_millis(300);
 const RENEW_EVERY: Duration = Duration::from_secs(1);
 
 /// A lease that is being renewed. Dropping it ends the renewal and asks the computation to stop.
-pub(super) struct KeptLease {
+pub(super) struct RenewedLease {
     control: Arc<Control>,
     task: JoinHandle<()>,
 }
 
-impl KeptLease {
-    pub(super) fn new(renewal: Renewal) -> KeptLease {
-        KeptLease {
+impl RenewedLease {
+    pub(super) fn new(renewal: Renewal) -> RenewedLease {
+        RenewedLease {
             control: Arc::clone(&renewal.control),
             task: tokio::spawn(renewal.run()),
         }
@@ -114,7 +114,7 @@ impl KeptLease {
     }
 }
 
-impl Drop for KeptLease {
+impl Drop for RenewedLease {
     fn drop(&mut self) {
         self.control.stop(Stop::LeaseLost);
         self.task.abort();
@@ -129,7 +129,7 @@ pub(super) struct Renewal {
     pub(super) control: Arc<Control>,
     pub(super) signals: JobSignals,
     pub(super) cancellations: Cancellations,
-    pub(super) drain: watch::Receiver<Drain>,
+    pub(super) drain: watch::Receiver<ShutdownStage>,
 }
 
 impl Renewal {
@@ -175,7 +175,7 @@ impl Renewal {
         tokio::select! {
             () = sleep(tick) => false,
             () = self.cancellations.next() => true,
-            () = reached(&mut self.drain, Drain::Stop), if !stopping => {
+            () = reached(&mut self.drain, ShutdownStage::StopComputing), if !stopping => {
                 self.control.stop(Stop::ShuttingDown);
                 false
             }
@@ -202,7 +202,7 @@ impl Renewal {
 }
 
 /// Resolves when the shutdown has reached this stage.
-pub(super) async fn reached(drain: &mut watch::Receiver<Drain>, stage: Drain) {
+pub(super) async fn reached(drain: &mut watch::Receiver<ShutdownStage>, stage: ShutdownStage) {
     if drain.wait_for(|now| *now >= stage).await.is_err() {
         std::future::pending().await
     }

@@ -17,9 +17,9 @@ mod run_alone;
 mod worker;
 
 pub use compute::{
-    Compute, Earlier, JobFailure, JobInputs, JobOutcome, MeasurementSetInput, NetworkInput,
+    Compute, EarlierUploads, JobFailure, JobInputs, JobOutcome, MeasurementSetInput, NetworkInput,
     ParameterSetInput, Progress,
 };
-pub use pool::{Rules, WorkerPool};
+pub use pool::{AttemptLimits, WorkerPool};
 pub use progress::JobSignals;
 pub use worker::{WorkerContext, run_next_job, run_pending_jobs};

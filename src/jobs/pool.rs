@@ -7,7 +7,7 @@ use tokio::sync::watch;
 use tokio::task::JoinSet;
 use tokio::time::{Instant, MissedTickBehavior, interval, sleep, timeout, timeout_at};
 
-use super::heartbeat::{Drain, reached};
+use super::heartbeat::{ShutdownStage, reached};
 use super::run_alone::RunAlone;
 use super::worker::STOP_WITHIN;
 use super::{Compute, JobSignals, WorkerContext, queue, relay, run_next_job};
@@ -17,28 +17,28 @@ use crate::store::{Store, jobs};
 /// expired.
 #[derive(Debug)]
 pub struct WorkerPool {
-    drain: Arc<watch::Sender<Drain>>,
+    drain: Arc<watch::Sender<ShutdownStage>>,
     tasks: JoinSet<()>,
     _relays: JoinSet<()>,
 }
 
 /// Interval at which an idle worker polls for jobs whose signal was lost.
-const POLL: Duration = Duration::from_secs(1);
+const POLL_INTERVAL: Duration = Duration::from_secs(1);
 /// Longest interval between two searches for expired leases; it is shorter if leases are shorter.
-const SWEEP: Duration = Duration::from_secs(1);
+const SWEEP_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Interval at which Idempotency-Keys that are older than a week are deleted.
-const FORGET_EVERY: Duration = Duration::from_secs(3600);
+const KEY_CLEANUP_INTERVAL: Duration = Duration::from_secs(3600);
 
 /// Limits on a job's attempts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Rules {
+pub struct AttemptLimits {
     /// Duration of a lease.
     pub lease: Duration,
     /// Attempts before a job fails with `attempts_exhausted`.
     pub max_attempts: u32,
     /// Longest duration of one attempt.
-    pub longest: Duration,
+    pub max_duration: Duration,
 }
 
 impl WorkerPool {
@@ -47,28 +47,28 @@ impl WorkerPool {
         store: Store,
         compute: Compute,
         n_workers: usize,
-        rules: Rules,
+        rules: AttemptLimits,
         signals: JobSignals,
     ) -> WorkerPool {
-        let Rules {
+        let AttemptLimits {
             lease,
             max_attempts,
-            longest,
+            max_duration,
         } = rules;
         let relays = relay::start(&store, &signals);
-        let drain = Arc::new(watch::Sender::new(Drain::No));
+        let drain = Arc::new(watch::Sender::new(ShutdownStage::Running));
         let run_alone = Arc::new(RunAlone::new(lease));
         let mut tasks = JoinSet::new();
         for _ in 0..n_workers {
             let context = WorkerContext {
                 drain: Arc::clone(&drain),
                 run_alone: Arc::clone(&run_alone),
-                longest,
+                max_duration,
                 ..WorkerContext::new(compute, lease, signals.clone())
             };
             tasks.spawn(work(store.clone(), context));
         }
-        let every = SWEEP.min(lease / 2).max(Duration::from_millis(1));
+        let every = SWEEP_INTERVAL.min(lease / 2).max(Duration::from_millis(1));
         tasks.spawn(sweep(
             store,
             max_attempts,
@@ -90,17 +90,20 @@ impl WorkerPool {
         let deadline = Instant::now() + deadline;
         let stages = [
             (
-                Drain::Finish,
+                ShutdownStage::StopClaiming,
                 deadline.checked_sub(2 * STOP_WITHIN).unwrap_or(deadline),
             ),
             (
-                Drain::Stop,
+                ShutdownStage::StopComputing,
                 deadline
                     .checked_sub(STOP_WITHIN)
                     .unwrap_or(deadline)
                     .max(Instant::now() + STOP_WITHIN / 2),
             ),
-            (Drain::Abandon, deadline.max(Instant::now() + STOP_WITHIN)),
+            (
+                ShutdownStage::Abandon,
+                deadline.max(Instant::now() + STOP_WITHIN),
+            ),
         ];
         for (stage, until) in stages {
             self.drain.send_replace(stage);
@@ -120,20 +123,24 @@ impl WorkerPool {
 
 async fn work(store: Store, context: WorkerContext) {
     let mut drain = context.drain.subscribe();
-    while *drain.borrow() == Drain::No {
+    while *drain.borrow() == ShutdownStage::Running {
         match run_next_job(&store, &context).await {
             // Reads before the next claim, because a claim takes the database's writer even if there is no job.
             Ok(Some(_)) if jobs::any_queued(&store).await.unwrap_or(true) => {}
             Ok(_) => {
                 tokio::select! {
                     () = context.signals.enqueued() => {}
-                    () = sleep(POLL) => {}
-                    () = reached(&mut drain, Drain::Finish) => {}
+                    () = sleep(POLL_INTERVAL) => {}
+                    () = reached(&mut drain, ShutdownStage::StopClaiming) => {}
                 }
             }
             Err(error) => {
                 tracing::warn!(error = %error.cause(), "no job could be claimed; trying again");
-                let _ = timeout(POLL, reached(&mut drain, Drain::Finish)).await;
+                let _ = timeout(
+                    POLL_INTERVAL,
+                    reached(&mut drain, ShutdownStage::StopClaiming),
+                )
+                .await;
             }
         }
     }
@@ -145,15 +152,15 @@ async fn sweep(
     signals: JobSignals,
     every: Duration,
     run_alone: Option<Arc<RunAlone>>,
-    mut drain: watch::Receiver<Drain>,
+    mut drain: watch::Receiver<ShutdownStage>,
 ) {
     let mut ticks = interval(every);
     ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
-    let mut forgotten: Option<Instant> = None;
+    let mut cleaned_up: Option<Instant> = None;
     loop {
         tokio::select! {
             _ = ticks.tick() => {}
-            () = reached(&mut drain, Drain::Finish) => return,
+            () = reached(&mut drain, ShutdownStage::StopClaiming) => return,
         }
         if let Err(error) = queue::expire(&store, max_attempts, &signals).await {
             tracing::warn!(error = %error.cause(), "expired leases could not be searched for; trying again");
@@ -164,9 +171,9 @@ async fn sweep(
                 run_alone.suspects_wait(any);
             }
         }
-        if forgotten.is_none_or(|at| at.elapsed() >= FORGET_EVERY) {
+        if cleaned_up.is_none_or(|at| at.elapsed() >= KEY_CLEANUP_INTERVAL) {
             match store.forget_old_keys().await {
-                Ok(()) => forgotten = Some(Instant::now()),
+                Ok(()) => cleaned_up = Some(Instant::now()),
                 Err(error) => {
                     tracing::warn!(error = %error.cause(), "old Idempotency-Keys could not be deleted; trying again")
                 }

@@ -14,9 +14,9 @@ use crate::store::{Engine, JobRow, JobStatus, Result, Store, jobs};
 pub struct JobSignals {
     enqueued: Arc<Notify>,
     /// Signals of this and other processes.
-    heard: broadcast::Sender<Signal>,
+    received: broadcast::Sender<Signal>,
     /// Signals of this process, for the relay.
-    raised: broadcast::Sender<Signal>,
+    sent: broadcast::Sender<Signal>,
 }
 
 /// A change that somebody may wait for.
@@ -26,7 +26,7 @@ pub(super) enum Signal {
     Changed(Arc<str>),
     CancelRequested(Arc<str>),
     /// Something may have changed: read the database.
-    Anything,
+    Unknown,
 }
 
 impl Signal {
@@ -36,34 +36,34 @@ impl Signal {
             Signal::Enqueued => "enqueued".into(),
             Signal::Changed(id) => format!("changed {id}"),
             Signal::CancelRequested(id) => format!("cancel {id}"),
-            Signal::Anything => "anything".into(),
+            Signal::Unknown => "anything".into(),
         }
     }
 
-    /// Parses a text of another process. An unknown text, from a newer version, is [`Signal::Anything`].
+    /// Parses a text of another process. An unknown text, from a newer version, is [`Signal::Unknown`].
     pub(super) fn from_text(text: &str) -> Signal {
         match text.split_once(' ') {
             None if text == "enqueued" => Signal::Enqueued,
             Some(("changed", id)) => Signal::Changed(id.into()),
             Some(("cancel", id)) => Signal::CancelRequested(id.into()),
-            _ => Signal::Anything,
+            _ => Signal::Unknown,
         }
     }
 }
 
 /// Number of signals that are buffered for a slow listener. A listener that falls further behind reads the database.
-const SIGNALS_KEPT: usize = 256;
+const SIGNAL_BUFFER: usize = 256;
 /// Poll interval of listeners on PostgreSQL: another process may run the job, and its notice may be lost.
-const POLL_SHARED: Duration = Duration::from_millis(500);
+const POLL_POSTGRES: Duration = Duration::from_millis(500);
 /// Poll interval of listeners on SQLite: every job runs in this process.
-const POLL_ALONE: Duration = Duration::from_secs(2);
+const POLL_SQLITE: Duration = Duration::from_secs(2);
 
 impl Default for JobSignals {
     fn default() -> Self {
         JobSignals {
             enqueued: Arc::default(),
-            heard: broadcast::Sender::new(SIGNALS_KEPT),
-            raised: broadcast::Sender::new(SIGNALS_KEPT),
+            received: broadcast::Sender::new(SIGNAL_BUFFER),
+            sent: broadcast::Sender::new(SIGNAL_BUFFER),
         }
     }
 }
@@ -86,7 +86,7 @@ impl JobSignals {
 
     fn raise(&self, signal: Signal) {
         // An error only means that there is no listener.
-        let _ = self.raised.send(signal.clone());
+        let _ = self.sent.send(signal.clone());
         self.deliver(signal);
     }
 
@@ -94,21 +94,21 @@ impl JobSignals {
     pub(super) fn deliver(&self, signal: Signal) {
         match signal {
             Signal::Enqueued => self.enqueued.notify_one(),
-            Signal::Anything => {
+            Signal::Unknown => {
                 // Wakes all workers that wait now, and the next one that will wait.
                 self.enqueued.notify_waiters();
                 self.enqueued.notify_one();
-                let _ = self.heard.send(signal);
+                let _ = self.received.send(signal);
             }
             Signal::Changed(_) | Signal::CancelRequested(_) => {
-                let _ = self.heard.send(signal);
+                let _ = self.received.send(signal);
             }
         }
     }
 
     /// Subscribes to the signals of this process.
-    pub(super) fn raised(&self) -> broadcast::Receiver<Signal> {
-        self.raised.subscribe()
+    pub(super) fn sent(&self) -> broadcast::Receiver<Signal> {
+        self.sent.subscribe()
     }
 
     /// Waits until the job's status is not `seen` or the job has ended, at most for `timeout`: a long poll.
@@ -148,22 +148,22 @@ impl JobSignals {
         store: &Store,
         job_id: &str,
         timeout: Duration,
-        is_news: impl Fn(&JobRow) -> bool,
+        has_changed: impl Fn(&JobRow) -> bool,
     ) -> Result<JobRow> {
         let poll = match store.engine() {
-            Engine::Sqlite => POLL_ALONE,
-            Engine::Postgres => POLL_SHARED,
+            Engine::Sqlite => POLL_SQLITE,
+            Engine::Postgres => POLL_POSTGRES,
         };
         let deadline = Instant::now() + timeout;
         // Subscribes before the first read, so that no change is missed.
-        let mut signals = self.heard.subscribe();
+        let mut signals = self.received.subscribe();
         loop {
             let job = jobs::get(store, job_id).await?;
-            if job.status.is_over() || is_news(&job) || Instant::now() >= deadline {
+            if job.status.is_over() || has_changed(&job) || Instant::now() >= deadline {
                 return Ok(job);
             }
-            let look_again = deadline.min(Instant::now() + poll);
-            let _ = timeout_at(look_again, concerning(&mut signals, job_id)).await;
+            let next_poll = deadline.min(Instant::now() + poll);
+            let _ = timeout_at(next_poll, next_signal_about(&mut signals, job_id)).await;
         }
     }
 
@@ -175,7 +175,7 @@ impl JobSignals {
     pub(super) fn cancellations(&self, job_id: &str) -> Cancellations {
         Cancellations {
             job_id: job_id.to_owned(),
-            signals: self.heard.subscribe(),
+            signals: self.received.subscribe(),
         }
     }
 }
@@ -191,7 +191,7 @@ impl Cancellations {
         loop {
             match self.signals.recv().await {
                 Ok(Signal::CancelRequested(id)) if *id == *self.job_id => return,
-                Ok(Signal::Anything) => return,
+                Ok(Signal::Unknown) => return,
                 Ok(_) => {}
                 Err(broadcast::error::RecvError::Lagged(_)) => return,
                 Err(broadcast::error::RecvError::Closed) => std::future::pending().await,
@@ -201,11 +201,11 @@ impl Cancellations {
 }
 
 /// Resolves at a signal about this job, or if such a signal may have been missed.
-async fn concerning(signals: &mut broadcast::Receiver<Signal>, job_id: &str) {
+async fn next_signal_about(signals: &mut broadcast::Receiver<Signal>, job_id: &str) {
     loop {
         match signals.recv().await {
             Ok(Signal::Changed(id) | Signal::CancelRequested(id)) if *id == *job_id => return,
-            Ok(Signal::Anything) => return,
+            Ok(Signal::Unknown) => return,
             Ok(_) => {}
             Err(broadcast::error::RecvError::Lagged(_)) => return,
             Err(broadcast::error::RecvError::Closed) => std::future::pending().await,

@@ -11,36 +11,36 @@ use super::progress::Signal;
 use crate::store::{Engine, Store, notices};
 
 /// Pause before reconnecting.
-const TRY_AGAIN_AFTER: Duration = Duration::from_millis(200);
+const RECONNECT_DELAY: Duration = Duration::from_millis(200);
 /// Time for which equal notices are collected and sent as one (a thousand jobs posted in a burst).
-const GATHER: Duration = Duration::from_millis(5);
+const BATCH_WINDOW: Duration = Duration::from_millis(5);
 
 /// Starts relaying in both directions until the tasks are dropped. On SQLite there is no other process.
 pub(super) fn start(store: &Store, signals: &JobSignals) -> JoinSet<()> {
     let mut tasks = JoinSet::new();
     if store.engine() == Engine::Postgres {
         let process = uuid::Uuid::now_v7().simple().to_string();
-        tasks.spawn(send(store.clone(), signals.raised(), process.clone()));
+        tasks.spawn(send(store.clone(), signals.sent(), process.clone()));
         tasks.spawn(receive(store.clone(), signals.clone(), process));
     }
     tasks
 }
 
 /// Sends the signals of this process.
-async fn send(store: Store, mut raised: broadcast::Receiver<Signal>, process: String) {
+async fn send(store: Store, mut sent: broadcast::Receiver<Signal>, process: String) {
     loop {
-        let first = match raised.recv().await {
+        let first = match sent.recv().await {
             Ok(signal) => signal,
-            Err(broadcast::error::RecvError::Lagged(_)) => Signal::Anything,
+            Err(broadcast::error::RecvError::Lagged(_)) => Signal::Unknown,
             Err(broadcast::error::RecvError::Closed) => return,
         };
-        sleep(GATHER).await;
+        sleep(BATCH_WINDOW).await;
         let mut batch = vec![first];
         loop {
-            match raised.try_recv() {
+            match sent.try_recv() {
                 Ok(signal) if !batch.contains(&signal) => batch.push(signal),
                 Ok(_) => {}
-                Err(broadcast::error::TryRecvError::Lagged(_)) => batch = vec![Signal::Anything],
+                Err(broadcast::error::TryRecvError::Lagged(_)) => batch = vec![Signal::Unknown],
                 Err(_) => break,
             }
         }
@@ -61,8 +61,8 @@ async fn receive(store: Store, signals: JobSignals, process: String) {
         if let Err(error) = receive_from_one_connection(&store, &signals, &process).await {
             tracing::warn!(error = %error.cause(), "signals of other nodes cannot be received; polling meanwhile");
         }
-        sleep(TRY_AGAIN_AFTER).await;
-        signals.deliver(Signal::Anything);
+        sleep(RECONNECT_DELAY).await;
+        signals.deliver(Signal::Unknown);
     }
 }
 
@@ -76,13 +76,13 @@ async fn receive_from_one_connection(
     };
     loop {
         let Some(notice) = notices.next().await? else {
-            signals.deliver(Signal::Anything);
+            signals.deliver(Signal::Unknown);
             continue;
         };
         match notice.split_once(' ') {
             Some((from, _)) if from == process => {}
             Some((_, text)) => signals.deliver(Signal::from_text(text)),
-            None => signals.deliver(Signal::Anything),
+            None => signals.deliver(Signal::Unknown),
         }
     }
 }

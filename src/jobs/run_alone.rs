@@ -10,13 +10,13 @@ use tokio::time::{Instant, timeout};
 /// suspect.
 const LEASES_TO_WAIT: u32 = 2;
 /// Longest wait for workers that are claiming a job at this moment.
-const A_MOMENT: Duration = Duration::from_millis(100);
+const CLAIM_TIMEOUT: Duration = Duration::from_millis(100);
 
 /// Decides which jobs may run at the same time in this process.
 #[derive(Debug)]
 pub(super) struct RunAlone {
     jobs: Arc<RwLock<()>>,
-    patience: Duration,
+    suspect_wait: Duration,
     suspects_since: Mutex<Option<Instant>>,
 }
 
@@ -33,7 +33,7 @@ impl RunAlone {
     pub(super) fn new(lease: Duration) -> Self {
         RunAlone {
             jobs: Arc::default(),
-            patience: lease * LEASES_TO_WAIT,
+            suspect_wait: lease * LEASES_TO_WAIT,
             suspects_since: Mutex::default(),
         }
     }
@@ -50,7 +50,7 @@ impl RunAlone {
 
     /// A permit to run alone if no job runs now.
     pub(super) async fn alone_now(&self) -> Option<Permit> {
-        timeout(A_MOMENT, self.alone()).await.ok()
+        timeout(CLAIM_TIMEOUT, self.alone()).await.ok()
     }
 
     /// Records whether suspects are queued.
@@ -62,11 +62,11 @@ impl RunAlone {
     /// Whether a suspect has waited long enough.
     pub(super) fn suspect_is_due(&self) -> bool {
         self.since()
-            .is_some_and(|since| since.elapsed() >= self.patience)
+            .is_some_and(|since| since.elapsed() >= self.suspect_wait)
     }
 
     /// Records that a suspect was run.
-    pub(super) fn suspect_had_its_turn(&self) {
+    pub(super) fn suspect_was_run(&self) {
         *self.since() = None;
     }
 

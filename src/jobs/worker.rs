@@ -7,7 +7,7 @@ use tokio::sync::watch;
 use tokio::task::{JoinError, JoinHandle};
 use tokio::time::{Instant, timeout};
 
-use super::heartbeat::{Control, Drain, KeptLease, Renewal, Stop, reached};
+use super::heartbeat::{Control, Renewal, RenewedLease, ShutdownStage, Stop, reached};
 use super::run_alone::{Permit, RunAlone};
 use super::{Compute, JobFailure, JobInputs, JobOutcome, JobSignals, queue};
 use crate::store::leases::{self, Eligible};
@@ -27,10 +27,10 @@ pub struct WorkerContext {
     /// Duration of a lease.
     pub lease: Duration,
     /// Longest duration of one attempt.
-    pub longest: Duration,
+    pub max_duration: Duration,
     /// Signals that the worker sends and receives.
     pub signals: JobSignals,
-    pub(super) drain: Arc<watch::Sender<Drain>>,
+    pub(super) drain: Arc<watch::Sender<ShutdownStage>>,
     /// Shared by the workers of a process.
     pub(super) run_alone: Arc<RunAlone>,
 }
@@ -43,16 +43,16 @@ impl WorkerContext {
             owner,
             compute,
             lease,
-            longest: Duration::MAX,
+            max_duration: Duration::MAX,
             signals,
-            drain: Arc::new(watch::Sender::new(Drain::No)),
+            drain: Arc::new(watch::Sender::new(ShutdownStage::Running)),
             run_alone: Arc::new(RunAlone::new(lease)),
         }
     }
 }
 
 /// How an attempt ended.
-enum Ended {
+enum AttemptEnd {
     Finished(Box<JobOutcome>),
     Failed(String),
     Cancelled,
@@ -66,7 +66,7 @@ enum Ended {
 /// Time for a computation to stop after it was asked to.
 pub(super) const STOP_WITHIN: Duration = Duration::from_secs(1);
 /// Time after which a cancelled job ends even if its computation has not stopped.
-const CANCELLED_WITHIN: Duration = Duration::from_millis(250);
+const CANCEL_TIMEOUT: Duration = Duration::from_millis(250);
 /// Retry interval while the database is unavailable.
 const RETRY_AFTER: Duration = Duration::from_millis(200);
 
@@ -84,12 +84,12 @@ async fn claim_next(store: &Store, context: &WorkerContext) -> Result<Option<Cla
     if run_alone.suspect_is_due() {
         let permit = tokio::select! {
             biased;
-            () = reached(&mut drain, Drain::Finish) => return Ok(None),
+            () = reached(&mut drain, ShutdownStage::StopClaiming) => return Ok(None),
             permit = run_alone.alone() => permit,
         };
         // Checked again: another worker of this process may have run the suspect meanwhile.
         if run_alone.suspect_is_due() {
-            run_alone.suspect_had_its_turn();
+            run_alone.suspect_was_run();
             let claimed = claim(store, context, Eligible::Suspect, permit).await?;
             if claimed.is_some() {
                 return Ok(claimed);
@@ -98,7 +98,7 @@ async fn claim_next(store: &Store, context: &WorkerContext) -> Result<Option<Cla
     }
     let permit = tokio::select! {
         biased;
-        () = reached(&mut drain, Drain::Finish) => return Ok(None),
+        () = reached(&mut drain, ShutdownStage::StopClaiming) => return Ok(None),
         permit = run_alone.shared() => permit,
     };
     let claimed = claim(store, context, Eligible::Unsuspected, permit).await?;
@@ -155,7 +155,7 @@ pub async fn run_next_job(store: &Store, context: &WorkerContext) -> Result<Opti
     let attempt = Attempt {
         store,
         context,
-        heartbeat: KeptLease::new(Renewal {
+        heartbeat: RenewedLease::new(Renewal {
             store: store.clone(),
             lease: lease.clone(),
             duration: context.lease,
@@ -197,7 +197,7 @@ struct Attempt<'a> {
     store: &'a Store,
     context: &'a WorkerContext,
     lease: Lease,
-    heartbeat: KeptLease,
+    heartbeat: RenewedLease,
 }
 
 /// A computation that still runs although its job has ended.
@@ -216,7 +216,11 @@ impl Attempt<'_> {
 
     /// Reads the job's inputs, with retries for the duration of a lease. If the database stays unavailable, the job goes back to the queue and the
     /// attempt does not count.
-    async fn inputs(&self, job: &JobRow, until: Instant) -> std::result::Result<JobInputs, Ended> {
+    async fn inputs(
+        &self,
+        job: &JobRow,
+        until: Instant,
+    ) -> std::result::Result<JobInputs, AttemptEnd> {
         let mut drain = self.context.drain.subscribe();
         loop {
             let error = match JobInputs::load_for(self.store, job.clone()).await {
@@ -225,20 +229,23 @@ impl Attempt<'_> {
             };
             if !error.is_unavailable() {
                 tracing::error!(job_id = job.id, error = %error.cause(), "the job's inputs cannot be read");
-                return Err(Ended::GaveUp);
+                return Err(AttemptEnd::GaveUp);
             }
             match self.control().stopped() {
-                Some(Stop::Cancelled) => return Err(Ended::Cancelled),
+                Some(Stop::Cancelled) => return Err(AttemptEnd::Cancelled),
                 None if Instant::now() < until => {}
                 // If the lease has expired meanwhile, the fence makes this a no-op.
-                _ => return Err(Ended::HandedBack),
+                _ => return Err(AttemptEnd::HandedBack),
             }
             tracing::warn!(job_id = job.id, error = %error.cause(), "the job's inputs could not be read; trying again");
-            if timeout(RETRY_AFTER, reached(&mut drain, Drain::Stop))
-                .await
-                .is_ok()
+            if timeout(
+                RETRY_AFTER,
+                reached(&mut drain, ShutdownStage::StopComputing),
+            )
+            .await
+            .is_ok()
             {
-                return Err(Ended::HandedBack);
+                return Err(AttemptEnd::HandedBack);
             }
         }
     }
@@ -246,9 +253,9 @@ impl Attempt<'_> {
     /// Computes the job and ends it. Returns the computation of a cancelled job that has not stopped yet.
     async fn compute(&self, inputs: JobInputs) -> Option<Unresponsive> {
         let (begun, control) = (Instant::now(), self.control());
-        let (function, theirs) = (self.context.compute, Arc::clone(control));
+        let (function, thread_control) = (self.context.compute, Arc::clone(control));
         let mut thread = tokio::task::spawn_blocking(move || {
-            function(&inputs, &mut |progress| theirs.report(progress))
+            function(&inputs, &mut |progress| thread_control.report(progress))
         });
         let mut drain = self.context.drain.subscribe();
         let ended = tokio::select! {
@@ -256,15 +263,15 @@ impl Attempt<'_> {
                 self.end(self.ended(result)).await;
                 return None;
             }
-            () = reached(&mut drain, Drain::Abandon) => Ended::HandedBack,
-            () = overdue(self.context.longest, control) => Ended::GaveUp,
-            () = cancelled_and_unresponsive(control) => Ended::Cancelled,
+            () = reached(&mut drain, ShutdownStage::Abandon) => AttemptEnd::HandedBack,
+            () = overdue(self.context.max_duration, control) => AttemptEnd::GaveUp,
+            () = cancelled_and_unresponsive(control) => AttemptEnd::Cancelled,
         };
         let job_id = &self.lease.job_id;
-        let is_waited_for = matches!(ended, Ended::Cancelled);
+        let is_waited_for = matches!(ended, AttemptEnd::Cancelled);
         match ended {
-            Ended::GaveUp => tracing::error!(job_id, "{UNRESPONSIVE}"),
-            Ended::Cancelled => tracing::info!(
+            AttemptEnd::GaveUp => tracing::error!(job_id, "{UNRESPONSIVE}"),
+            AttemptEnd::Cancelled => tracing::info!(
                 job_id,
                 "the computation of a cancelled job has not stopped yet; its worker waits for it"
             ),
@@ -275,35 +282,35 @@ impl Attempt<'_> {
     }
 
     /// Maps the computation's result to the end of the job.
-    fn ended(&self, result: std::result::Result<Computed, JoinError>) -> Ended {
+    fn ended(&self, result: std::result::Result<Computed, JoinError>) -> AttemptEnd {
         let job_id = &self.lease.job_id;
         match result {
-            Ok(Ok(outcome)) => Ended::Finished(Box::new(outcome)),
-            Ok(Err(JobFailure::Failed { problem_json })) => Ended::Failed(problem_json),
+            Ok(Ok(outcome)) => AttemptEnd::Finished(Box::new(outcome)),
+            Ok(Err(JobFailure::Failed { problem_json })) => AttemptEnd::Failed(problem_json),
             Ok(Err(JobFailure::Cancelled)) => match self.control().stopped() {
-                Some(Stop::Cancelled) => Ended::Cancelled,
-                Some(Stop::ShuttingDown) => Ended::HandedBack,
-                Some(Stop::LeaseLost) => Ended::LeaseLost,
+                Some(Stop::Cancelled) => AttemptEnd::Cancelled,
+                Some(Stop::ShuttingDown) => AttemptEnd::HandedBack,
+                Some(Stop::LeaseLost) => AttemptEnd::LeaseLost,
                 Some(Stop::TooLong) => {
                     tracing::error!(
                         job_id,
                         "a computation was stopped: it exceeded the longest duration of an attempt"
                     );
-                    Ended::GaveUp
+                    AttemptEnd::GaveUp
                 }
-                None => Ended::Failed(internal(job_id, "it stopped without being told to")),
+                None => AttemptEnd::Failed(internal(job_id, "it stopped without being told to")),
             },
             Err(error) => {
                 log_panic(job_id, error);
-                Ended::GaveUp
+                AttemptEnd::GaveUp
             }
         }
     }
 
     /// Ends the job, with retries while the lease holds, and signals its listeners.
-    async fn end(&self, mut ended: Ended) {
+    async fn end(&self, mut ended: AttemptEnd) {
         let (store, lease) = (self.store, &self.lease);
-        let is_ours = || !self.heartbeat.is_lost();
+        let lease_holds = || !self.heartbeat.is_lost();
         loop {
             match try_to_end(store, lease, &ended).await {
                 Ok(()) => break,
@@ -316,14 +323,16 @@ impl Attempt<'_> {
                     );
                     break;
                 }
-                Err(error) if error.is_unavailable() && is_ours() => {
+                Err(error) if error.is_unavailable() && lease_holds() => {
                     tracing::warn!(job_id = lease.job_id, error = %error.cause(), "the job could not be ended; trying again");
                     tokio::time::sleep(RETRY_AFTER).await;
                 }
-                Err(error) if matches!(ended, Ended::Finished(_)) && is_ours() => {
+                Err(error) if matches!(ended, AttemptEnd::Finished(_)) && lease_holds() => {
                     tracing::error!(job_id = lease.job_id, error = %error.cause(), "the result cannot be stored");
-                    ended =
-                        Ended::Failed(internal(&lease.job_id, "its result could not be stored"));
+                    ended = AttemptEnd::Failed(internal(
+                        &lease.job_id,
+                        "its result could not be stored",
+                    ));
                 }
                 Err(error) => {
                     tracing::error!(job_id = lease.job_id, error = %error.cause(), "the job cannot be ended; its lease will expire");
@@ -340,13 +349,13 @@ impl Unresponsive {
     /// Waits for the computation, at most until its longest duration: a worker computes one job at a time.
     async fn wait(self, context: &WorkerContext, job_id: &str) {
         let left = context
-            .longest
+            .max_duration
             .saturating_sub(self.begun.elapsed())
             .saturating_add(STOP_WITHIN);
         let mut drain = context.drain.subscribe();
         tokio::select! {
             _ = self.thread => {}
-            () = reached(&mut drain, Drain::Finish) => {}
+            () = reached(&mut drain, ShutdownStage::StopClaiming) => {}
             () = tokio::time::sleep(left) => tracing::error!(job_id, "{UNRESPONSIVE}"),
         }
     }
@@ -354,8 +363,8 @@ impl Unresponsive {
 
 /// Asks a computation to stop when its time is over; resolves if it has not stopped shortly afterwards. The thread cannot be ended, but the
 /// caller can end the attempt.
-async fn overdue(longest: Duration, control: &Control) {
-    tokio::time::sleep(longest).await;
+async fn overdue(max_duration: Duration, control: &Control) {
+    tokio::time::sleep(max_duration).await;
     control.stop(Stop::TooLong);
     tokio::time::sleep(STOP_WITHIN).await;
 }
@@ -363,17 +372,17 @@ async fn overdue(longest: Duration, control: &Control) {
 /// Resolves if the computation of a cancelled job has not stopped in time. The job then ends without waiting for it.
 async fn cancelled_and_unresponsive(control: &Control) {
     control.cancelled().await;
-    tokio::time::sleep(CANCELLED_WITHIN).await;
+    tokio::time::sleep(CANCEL_TIMEOUT).await;
 }
 
-async fn try_to_end(store: &Store, lease: &Lease, ended: &Ended) -> Result<()> {
+async fn try_to_end(store: &Store, lease: &Lease, ended: &AttemptEnd) -> Result<()> {
     match ended {
-        Ended::Finished(outcome) => queue::finish(store, lease, outcome).await,
-        Ended::Failed(problem_json) => queue::fail(store, lease, problem_json).await,
-        Ended::Cancelled => queue::end_cancelled(store, lease).await,
-        Ended::HandedBack => queue::hand_back(store, lease).await,
-        Ended::GaveUp => queue::give_up(store, lease).await,
-        Ended::LeaseLost => Ok(()),
+        AttemptEnd::Finished(outcome) => queue::finish(store, lease, outcome).await,
+        AttemptEnd::Failed(problem_json) => queue::fail(store, lease, problem_json).await,
+        AttemptEnd::Cancelled => queue::end_cancelled(store, lease).await,
+        AttemptEnd::HandedBack => queue::hand_back(store, lease).await,
+        AttemptEnd::GaveUp => queue::give_up(store, lease).await,
+        AttemptEnd::LeaseLost => Ok(()),
     }
 }
 

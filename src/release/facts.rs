@@ -25,7 +25,7 @@ const MAX_REPEATED: f64 = 0.1;
 
 /// Whether points were measured since the robot's last session that did not fit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Since {
+pub struct MeasuredSince {
     /// Number of that session in the robot's counter; 0 for none.
     pub check_seq: i64,
     /// Whether the points repeat uploads from before that session ([`repeats`]), or this could not be decided.
@@ -40,21 +40,21 @@ pub struct Session {
     /// Its number in the robot's counter.
     pub seq: i64,
     /// Its verification facts.
-    pub found: Verification,
+    pub verification: Verification,
 }
 
 impl Session {
     /// Whether the session supports a release: its points were measured anew and fit the robot, and the set is better than nominal on them.
     pub fn supports(&self) -> bool {
-        self.found.is_session
-            && self.found.evidence == Evidence::IndependentSession
-            && self.found.fit == Fit::Fits
-            && self.found.is_better
+        self.verification.is_session
+            && self.verification.evidence == Evidence::IndependentSession
+            && self.verification.fit == Fit::Fits
+            && self.verification.is_better
     }
 
     /// Whether the session supports the set, comes after this number of the robot's counter, and repeats no earlier upload.
     pub fn supports_since(&self, seq: i64) -> bool {
-        self.seq > seq && self.supports() && !self.found.is_repeat
+        self.seq > seq && self.supports() && !self.verification.is_repeat
     }
 }
 
@@ -116,7 +116,8 @@ impl Facts<'_> {
     /// Strength of the verification.
     pub fn evidence(&self) -> Evidence {
         let is_independent = |session: &Session| {
-            session.found.fit == Fit::Fits && session.found.evidence == Evidence::IndependentSession
+            session.verification.fit == Fit::Fits
+                && session.verification.evidence == Evidence::IndependentSession
         };
         if self.sessions.iter().any(is_independent) {
             Evidence::IndependentSession
@@ -127,7 +128,7 @@ impl Facts<'_> {
 
     /// The sessions that are evidence for or against the set. A session in which the set is far off counts until somebody has given a reason and
     /// the set has fitted a session measured later, as after a repair. The schema's triggers enforce this too.
-    pub fn sessions_that_count(&self) -> impl Iterator<Item = &Session> {
+    pub fn counted_sessions(&self) -> impl Iterator<Item = &Session> {
         let is_explained = |session: &Session| {
             let mut sessions = self.sessions.iter();
             session.seq <= self.checked_seq
@@ -135,7 +136,7 @@ impl Facts<'_> {
         };
         self.sessions
             .iter()
-            .filter(move |session| match session.found.fit {
+            .filter(move |session| match session.verification.fit {
                 Fit::Fits => true,
                 Fit::DoesNotFit => false,
                 Fit::SetFarOff => !is_explained(session),
@@ -145,7 +146,11 @@ impl Facts<'_> {
 
 /// Facts of a job that identified a set, from its report. If the set to verify on does not fit the robot, its points are no evidence, and the job
 /// counts as one without held-out points.
-pub fn of_identification(report: &Report, is_verified_anew: bool, since: Since) -> Verification {
+pub fn identification_facts(
+    report: &Report,
+    is_verified_anew: bool,
+    since: MeasuredSince,
+) -> Verification {
     let is_misfit = has_warning(report, DOES_NOT_FIT);
     let n_points = report.verify.filter(|_| !is_misfit);
     let n_points = n_points.map_or(0, |verify| verify.n_points);
@@ -182,7 +187,11 @@ pub fn of_identification(report: &Report, is_verified_anew: bool, since: Since) 
 }
 
 /// Facts of a job of kind `verify`, from its report.
-pub fn of_session(request: &CalibrationRequest, report: &Report, since: Since) -> Verification {
+pub fn session_facts(
+    request: &CalibrationRequest,
+    report: &Report,
+    since: MeasuredSince,
+) -> Verification {
     let judged = report.robust_comparison();
     let fit = if has_warning(report, DOES_NOT_FIT) {
         Fit::DoesNotFit

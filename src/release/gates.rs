@@ -5,7 +5,7 @@ use crate::release::robot_gates::{change, identity, orientation};
 use crate::release::session_gates::{
     better_than_nominal, check_robot, measured_since_check, sessions_fit,
 };
-use crate::release::texts::{both, sessions};
+use crate::release::texts::{errors_in_words, sessions};
 use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::release::Gate;
 use crate::wire::report_shape::Evidence;
@@ -73,7 +73,10 @@ fn verified(facts: &Facts<'_>) -> Gate {
 fn errors_improved(facts: &Facts<'_>) -> Gate {
     let name = "verify_errors_improved";
     if facts.identification.n_points > 0 {
-        let detail = format!("rms on the verify points: {}", both(facts.identification));
+        let detail = format!(
+            "rms on the verify points: {}",
+            errors_in_words(facts.identification)
+        );
         return Gate::new(name, facts.identification.is_better, detail);
     }
     match facts.sessions.iter().any(Session::supports) {
@@ -141,21 +144,21 @@ fn better_than_active(facts: &Facts<'_>) -> Gate {
     if facts.is_rollback {
         return Gate::new(name, true, "not compared: the set was active before").warned(true);
     }
-    let mut said = Vec::new();
+    let mut details = Vec::new();
     let (mut passed, mut changed) = (!facts.comparisons.is_empty(), false);
     for comparison in facts.comparisons {
         match &comparison.rms_mm {
             Ok((own, active)) => {
                 passed &= *own <= active + SAME_MM;
                 changed |= *active > CHANGED * own + SAME_MM;
-                said.push(format!(
+                details.push(format!(
                     "{}: {own:.4} mm rms, the active set {active:.4} mm",
                     comparison.points
                 ));
             }
             Err(why) => {
                 passed = false;
-                said.push(format!(
+                details.push(format!(
                     "{}: cannot be compared with the active set: {why}",
                     comparison.points
                 ));
@@ -163,12 +166,12 @@ fn better_than_active(facts: &Facts<'_>) -> Gate {
         }
     }
     if changed {
-        said.push("the active set is far off on these points: the robot, its tool or its base changed, or it is another robot".into());
+        details.push("the active set is far off on these points: the robot, its tool or its base changed, or it is another robot".into());
     }
-    if said.is_empty() {
-        said.push("without verify points it cannot be compared with the active set".into());
+    if details.is_empty() {
+        details.push("without verify points it cannot be compared with the active set".into());
     }
-    Gate::new(name, passed, said.join("; ")).warned(changed)
+    Gate::new(name, passed, details.join("; ")).warned(changed)
 }
 
 fn evidence(facts: &Facts<'_>) -> Gate {
@@ -207,14 +210,14 @@ fn uncertainty(facts: &Facts<'_>) -> Gate {
             format!("no uncertainty is stated, and the tolerance is {tolerance} mm: {why}"),
         ),
         (found, None) => {
-            let said = found.map_or_else(
+            let details = found.map_or_else(
                 || format!("is not stated: {why}"),
                 |found| format!("is {found:.4} mm"),
             );
             Gate::new(
                 name,
                 true,
-                format!("the robot's policy has no tolerance; the uncertainty {said}"),
+                format!("the robot's policy has no tolerance; the uncertainty {details}"),
             )
             .warned(found.is_none())
         }
@@ -227,7 +230,9 @@ fn errors_within_tolerance(facts: &Facts<'_>) -> Gate {
     let Some(tolerance) = facts.policy.tolerance_mm else {
         return Gate::new(name, true, "the robot's policy has no tolerance");
     };
-    let sessions = facts.sessions_that_count().map(|session| &session.found);
+    let sessions = facts
+        .counted_sessions()
+        .map(|session| &session.verification);
     let own = Some(facts.identification).filter(|found| found.n_points > 0);
     let found: Vec<f64> = sessions
         .chain(own)

@@ -10,4 +10,4 @@ mod trend;
 
 pub use facts::{Comparison, Facts, Session};
 pub use gates::gates;
-pub use trend::{Scored, trend};
+pub use trend::{ScoredSession, trend};

@@ -2,7 +2,7 @@
 
 use crate::calibration::{MAX_FLANGE_ROTATION_STD_RAD, implausible_changes};
 use crate::release::facts::Facts;
-use crate::release::texts::verify_it;
+use crate::release::texts::verify_request;
 use crate::wire::release::Gate;
 use crate::wire::report_shape::Evidence;
 
@@ -135,7 +135,7 @@ pub fn orientation(facts: &Facts<'_>) -> Gate {
             let detail = format!(
                 "{found}: identify from a reflector off the last axis, or from two, or show by another session that the reflector's positions \
                  are right: {}",
-                verify_it(facts)
+                verify_request(facts)
             );
             Gate::new(name, false, detail)
         }

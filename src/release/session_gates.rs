@@ -1,7 +1,7 @@
 //! The gates that depend on other sessions, both those that fit the robot and those that do not.
 
 use crate::release::facts::{Facts, Session};
-use crate::release::texts::{CHECKED, both, sessions, verify_it};
+use crate::release::texts::{CHECKED, errors_in_words, sessions, verify_request};
 use crate::wire::release::Gate;
 use crate::wire::verification::Fit;
 
@@ -16,7 +16,7 @@ pub fn check_robot(facts: &Facts<'_>) -> Gate {
             format!(
                 "the file of job {job_id} does not fit this robot as the parameter set has it: was it in another frame, has the robot changed, or is \
                  that set bad? Look at the robot, then score a set that fits on this or on a new session: {}, or say why all is well: {CHECKED}",
-                verify_it(facts)
+                verify_request(facts)
             ),
         ),
     }
@@ -58,7 +58,7 @@ pub fn measured_since_check(facts: &Facts<'_>) -> Gate {
             format!(
                 "the set was identified from points of before the file of job {job_id} did not fit the robot, and no session since shows that it \
                  still holds: measure one, and score it: {}, or say why the set still holds: {CHECKED}",
-                verify_it(facts)
+                verify_request(facts)
             ),
         ),
     }
@@ -68,7 +68,7 @@ pub fn measured_since_check(facts: &Facts<'_>) -> Gate {
 /// robot at all blocks the set until the set fits a later session.
 pub fn sessions_fit(facts: &Facts<'_>) -> Gate {
     let name = "sessions_fit";
-    let is_answered = |session: &Session| match session.found.fit {
+    let is_answered = |session: &Session| match session.verification.fit {
         Fit::Fits => true,
         Fit::SetFarOff => false,
         Fit::DoesNotFit => {
@@ -85,8 +85,8 @@ pub fn sessions_fit(facts: &Facts<'_>) -> Gate {
             format!(
                 "in the session of job {} rms on its points: {}; when the set was identified: {}. Identify anew, or say why all is well: {CHECKED}",
                 session.job_id,
-                both(&session.found),
-                both(facts.identification)
+                errors_in_words(&session.verification),
+                errors_in_words(facts.identification)
             ),
         ),
     }
@@ -95,17 +95,17 @@ pub fn sessions_fit(facts: &Facts<'_>) -> Gate {
 /// Refuses a set that was no better than nominal in a session. The gate fails closed: an error that cannot be compared does not count as smaller.
 pub fn better_than_nominal(facts: &Facts<'_>) -> Gate {
     let name = "sessions_better_than_nominal";
-    let n = facts.sessions_that_count().count();
+    let n = facts.counted_sessions().count();
     match facts
-        .sessions_that_count()
-        .find(|session| !session.found.is_better)
+        .counted_sessions()
+        .find(|session| !session.verification.is_better)
     {
         Some(session) => {
             let detail = format!(
                 "job {} scored the set on another session: {}; it is no better than nominal, so it is {}",
                 session.job_id,
-                both(&session.found),
-                match session.found.fit {
+                errors_in_words(&session.verification),
+                match session.verification.fit {
                     Fit::SetFarOff =>
                         "not released until somebody has said why and it has fitted a later session",
                     _ => "never released",

@@ -7,7 +7,7 @@ use crate::wire::verification::Verification;
 pub const CHECKED: &str = "POST /v1/robots/{robot_id}/checked";
 
 /// The request that scores the set on another session.
-pub fn verify_it(facts: &Facts<'_>) -> String {
+pub fn verify_request(facts: &Facts<'_>) -> String {
     format!(
         "post a job of kind verify with parameter_set_id {}",
         facts.parameter_set_id
@@ -15,7 +15,7 @@ pub fn verify_it(facts: &Facts<'_>) -> String {
 }
 
 /// Errors of the nominal robot and of the set, in words.
-pub fn both(found: &Verification) -> String {
+pub fn errors_in_words(found: &Verification) -> String {
     let mm = |rms_mm: Option<f64>| rms_mm.map_or("unknown".into(), |rms| format!("{rms:.4} mm"));
     format!(
         "{} before, {} after",

@@ -16,7 +16,7 @@ const MAX_DAYS: f64 = 3_650.0;
 
 /// The error of a session and its day.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Scored {
+pub struct ScoredSession {
     /// Days since a fixed moment.
     pub day: f64,
     /// The error, mm.
@@ -24,7 +24,7 @@ pub struct Scored {
 }
 
 /// The straight line through the errors by least squares. `limit_mm` comes from the robot's policy, if it has one.
-pub fn trend(scored: &[Scored], limit_mm: Option<f64>) -> Trend {
+pub fn trend(scored: &[ScoredSession], limit_mm: Option<f64>) -> Trend {
     let mut scored = scored.to_vec();
     scored.sort_by(|a, b| a.day.total_cmp(&b.day));
     let n = scored.len() as f64;
@@ -64,8 +64,12 @@ pub fn trend(scored: &[Scored], limit_mm: Option<f64>) -> Trend {
         .map(|s| (s.day - mean_day) * (s.rms_mm - mean_mm))
         .sum::<f64>()
         / spread;
-    let off = |s: &Scored| s.rms_mm - mean_mm - slope * (s.day - mean_day);
-    let variance = scored.iter().map(|s| off(s) * off(s)).sum::<f64>() / (n - 2.0);
+    let residual = |s: &ScoredSession| s.rms_mm - mean_mm - slope * (s.day - mean_day);
+    let variance = scored
+        .iter()
+        .map(|s| residual(s) * residual(s))
+        .sum::<f64>()
+        / (n - 2.0);
     let half_width = t_half_width(CONFIDENCE, n - 2.0) * (variance / spread).sqrt();
     let at_last = mean_mm + slope * (last.day - mean_day);
     let days = ((limit - at_last) / slope).max(0.0);

@@ -55,7 +55,7 @@ macro_rules! columns {
     };
 }
 
-pub(super) const ALL_QUERIES: &[&str] = &[INSERT, FIND, GET, LIST, REVOKE, EACH];
+pub(super) const ALL_QUERIES: &[&str] = &[INSERT, FIND, GET, LIST, REVOKE, BY_ID];
 
 const INSERT: &str = concat!(
     "insert into api_key (id, name, key_sha256, scopes_json, robots_json, created_at_ms)
@@ -88,7 +88,7 @@ const REVOKE: &str = concat!(
     columns!()
 );
 
-const EACH: &str = concat!(
+const BY_ID: &str = concat!(
     "select ",
     columns!(),
     " from api_key where id > $1 order by id limit cast($2 as bigint)"
@@ -108,7 +108,7 @@ fn as_revoked(row: &ApiKeyRow) -> Option<(i64, Value)> {
 }
 
 impl Audited for ApiKeyRow {
-    const EACH: &'static str = EACH;
+    const BY_ID: &'static str = BY_ID;
 
     fn subject(&self) -> &str {
         &self.id
@@ -139,7 +139,7 @@ pub async fn insert(tx: &mut Tx, new: &NewApiKey) -> Result<ApiKeyRow> {
         .bind(&new.scopes_json)
         .bind(new.robots_json.as_deref());
     let row: ApiKeyRow = query.fetch_one(tx.connection()).await?;
-    tx.note(CREATED, &row.id, as_created(&row));
+    tx.audit(CREATED, &row.id, as_created(&row));
     Ok(row)
 }
 
@@ -189,7 +189,7 @@ pub async fn revoke(tx: &mut Tx, id: &str) -> Result<ApiKeyRow> {
         .fetch_one(tx.connection())
         .await?;
     if let Some((_, detail)) = as_revoked(&row) {
-        tx.note(REVOKED, &row.id, detail);
+        tx.audit(REVOKED, &row.id, detail);
     }
     Ok(row)
 }

@@ -11,7 +11,7 @@ use super::{Result, Store};
 /// it with the row.
 pub(super) trait Audited: for<'r> FromRow<'r, AnyRow> + Send + Unpin {
     /// Query for the rows with an id above $1, ordered by id, at most $2.
-    const EACH: &'static str;
+    const BY_ID: &'static str;
 
     /// Subject of the entries: the row's id.
     fn subject(&self) -> &str;

@@ -69,7 +69,7 @@ impl AuditHead {
 
 /// An entry that a transaction adds to the chain when it is committed.
 #[derive(Clone, Debug)]
-pub(super) struct Note {
+pub(super) struct AuditNote {
     pub(super) event: &'static str,
     pub(super) subject: String,
     pub(super) detail: Value,
@@ -110,9 +110,9 @@ pub(super) fn hash(before: &str, row: &AuditRow) -> String {
 }
 
 /// The entries that follow `head`.
-fn entries(head: &AuditHead, actor: &str, notes: Vec<Note>) -> Vec<AuditRow> {
+fn entries(head: &AuditHead, actor: &str, notes: Vec<AuditNote>) -> Vec<AuditRow> {
     let mut head = head.clone();
-    let entry = |Note {
+    let entry = |AuditNote {
                      event,
                      subject,
                      detail,
@@ -139,7 +139,7 @@ pub(super) async fn append(
     connection: &mut AnyConnection,
     engine: Engine,
     actor: &str,
-    notes: Vec<Note>,
+    notes: Vec<AuditNote>,
 ) -> Result<()> {
     let head = match engine {
         // The transaction holds SQLite's only write lock.

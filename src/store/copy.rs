@@ -27,7 +27,7 @@ pub const TABLES: &[&str] = &[
 ];
 
 /// References of a job to results of other jobs. Those rows are copied after the jobs, so these columns are filled at the end.
-const LATER: &[&str] = &[
+const RESULT_REFERENCES: &[&str] = &[
     "network_input_id",
     "residual_network_input_id",
     "parameter_set_input_id",
@@ -44,7 +44,7 @@ pub struct Copied {
 
 /// Type of a column.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Kind {
+enum ColumnType {
     Text,
     BigInt,
     Double,
@@ -53,7 +53,7 @@ enum Kind {
 
 struct Column {
     name: String,
-    kind: Kind,
+    kind: ColumnType,
 }
 
 /// Copies one store into another in one transaction of the target. Nobody may write to the source meanwhile. `moved` is called at the start
@@ -124,7 +124,7 @@ async fn copy_table(
 ) -> Result<u64> {
     let mut columns = columns(target, engine, table).await?;
     if table == "job" {
-        columns.retain(|column| !LATER.contains(&column.name.as_str()));
+        columns.retain(|column| !RESULT_REFERENCES.contains(&column.name.as_str()));
     }
     if table == "audit_head" {
         // The migrations of a new database have inserted a head.
@@ -174,19 +174,19 @@ fn bind<'q>(
     query: Query<'q, Any, AnyArguments>,
     row: &sqlx::any::AnyRow,
     at: usize,
-    kind: Kind,
+    kind: ColumnType,
 ) -> Result<Query<'q, Any, AnyArguments>> {
     Ok(match kind {
-        Kind::Text => query.bind(row.try_get::<String, _>(at)?),
-        Kind::BigInt => query.bind(row.try_get::<i64, _>(at)?),
-        Kind::Double => query.bind(row.try_get::<f64, _>(at)?),
-        Kind::Bytes => query.bind(row.try_get::<Vec<u8>, _>(at)?),
+        ColumnType::Text => query.bind(row.try_get::<String, _>(at)?),
+        ColumnType::BigInt => query.bind(row.try_get::<i64, _>(at)?),
+        ColumnType::Double => query.bind(row.try_get::<f64, _>(at)?),
+        ColumnType::Bytes => query.bind(row.try_get::<Vec<u8>, _>(at)?),
     })
 }
 
 /// Copies the references of jobs to results of other jobs.
 async fn link_jobs(source: &mut AnyConnection, target: &mut AnyConnection) -> Result<()> {
-    for column in LATER {
+    for column in RESULT_REFERENCES {
         let select = format!("select id, {column} from job where {column} is not null");
         let update = format!("update job set {column} = $2 where id = $1");
         let mut rows =
@@ -217,10 +217,10 @@ async fn columns(target: &mut AnyConnection, engine: Engine, table: &str) -> Res
         .await?;
     let column = |(name, kind): (String, String)| {
         let kind = match kind.as_str() {
-            "text" => Kind::Text,
-            "bigint" => Kind::BigInt,
-            "double precision" => Kind::Double,
-            "blob" | "bytea" => Kind::Bytes,
+            "text" => ColumnType::Text,
+            "bigint" => ColumnType::BigInt,
+            "double precision" => ColumnType::Double,
+            "blob" | "bytea" => ColumnType::Bytes,
             other => {
                 return Err(Error::Open {
                     detail: format!(

@@ -10,7 +10,7 @@ use sqlx::{Any, AnyConnection, AnyPool, Transaction};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tokio::time::timeout;
 
-use super::audit_chain::{self, Note};
+use super::audit_chain::{self, AuditNote};
 use super::write_progress::{Write, WriteProgress};
 use super::{Engine, Error, Result};
 
@@ -43,7 +43,7 @@ pub(super) struct Inner {
 pub struct Tx {
     transaction: Transaction<'static, Any>,
     actor: String,
-    notes: Vec<Note>,
+    notes: Vec<AuditNote>,
     store: Store,
     /// Counts this transaction as a write under way until it is dropped.
     write: Write,
@@ -62,7 +62,7 @@ pub(super) const LOCK: &str = "lock";
 pub(super) const WRITER_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// Default actor: the process itself.
-const NOBODY: &str = "kincal";
+const DEFAULT_ACTOR: &str = "kincal";
 
 impl Store {
     /// Whether a server uses this database; always assumed on PostgreSQL.
@@ -78,11 +78,11 @@ impl Store {
         self.is_in_place()?;
         let mut write = Write::begin(&self.inner.writes);
         let begun = self.begin_to_write().await;
-        write.note(&begun);
+        write.record(&begun);
         let (transaction, permit) = begun?;
         Ok(Tx {
             transaction,
-            actor: NOBODY.into(),
+            actor: DEFAULT_ACTOR.into(),
             notes: Vec::new(),
             store: self.clone(),
             write,
@@ -216,7 +216,7 @@ impl Tx {
             Ok(transaction.commit().await?)
         };
         let committed = committed.await;
-        write.note(&committed);
+        write.record(&committed);
         committed
     }
 
@@ -245,8 +245,8 @@ impl Tx {
     }
 
     /// Adds an entry to the audit chain, if this transaction is committed.
-    pub(super) fn note(&mut self, event: &'static str, subject: &str, detail: serde_json::Value) {
-        self.notes.push(Note {
+    pub(super) fn audit(&mut self, event: &'static str, subject: &str, detail: serde_json::Value) {
+        self.notes.push(AuditNote {
             event,
             subject: subject.into(),
             detail,
@@ -254,7 +254,7 @@ impl Tx {
     }
 
     /// Adds a field to the last entry of this transaction, if there is one.
-    pub(super) fn note_also(&mut self, field: &str, value: serde_json::Value) {
+    pub(super) fn audit_field(&mut self, field: &str, value: serde_json::Value) {
         if let Some(detail) = self
             .notes
             .last_mut()

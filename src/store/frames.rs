@@ -44,7 +44,7 @@ pub struct NewFrames {
     pub result_json: String,
 }
 
-pub(super) const ALL_QUERIES: &[&str] = &[INSERT, GET, BODY, LIST, EACH];
+pub(super) const ALL_QUERIES: &[&str] = &[INSERT, GET, BODY, LIST, BY_ID];
 
 const INSERT: &str = "
     insert into frames (id, robot_id, content_type, body, result_json, created_at_ms)
@@ -62,7 +62,7 @@ const LIST: &str = "
     order by created_at_ms desc, id desc
     limit cast($4 as bigint)";
 
-const EACH: &str = "
+const BY_ID: &str = "
     select id, robot_id, content_type, result_json, created_at_ms from frames where id > $1 order by id limit cast($2 as bigint)";
 
 const CREATED: &str = "frames_created";
@@ -74,7 +74,7 @@ fn as_created(row: &FramesRow) -> Value {
 }
 
 impl Audited for FramesRow {
-    const EACH: &'static str = EACH;
+    const BY_ID: &'static str = BY_ID;
 
     fn subject(&self) -> &str {
         &self.id
@@ -102,8 +102,8 @@ pub async fn insert(tx: &mut Tx, new: &NewFrames) -> Result<FramesRow> {
         .bind(&new.result_json);
     tx.needs_room()?;
     let row: FramesRow = query.fetch_one(tx.connection()).await?;
-    tx.note(CREATED, &row.id, as_created(&row));
-    tx.note_also("sha256", canonical::sha256_hex(&new.body).into());
+    tx.audit(CREATED, &row.id, as_created(&row));
+    tx.audit_field("sha256", canonical::sha256_hex(&new.body).into());
     Ok(row)
 }
 

@@ -153,12 +153,12 @@ async fn answer(tx: &mut Tx, scope: &IdempotencyScope, response: &StoredResponse
         .execute(tx.connection())
         .await?;
     let (request, answer) = hashes(scope, response);
-    tx.note_also(NOTED_AS, json!([request, answer]));
+    tx.audit_field(ANSWER_HASHES_FIELD, json!([request, answer]));
     Ok(())
 }
 
 /// Field of the effect's last audit entry that holds both [`hashes`].
-const NOTED_AS: &str = "answered";
+const ANSWER_HASHES_FIELD: &str = "answered";
 
 /// Hash of the key with its holder, method and path; hash of the request with its answer.
 pub(super) fn hashes(scope: &IdempotencyScope, response: &StoredResponse) -> (String, String) {
@@ -178,8 +178,14 @@ pub(super) fn hashes(scope: &IdempotencyScope, response: &StoredResponse) -> (St
 }
 
 /// Both hashes as stored in an audit entry.
-pub(super) fn answer_noted(detail: &Value) -> Option<(String, String)> {
-    let hash = |at: usize| detail.get(NOTED_AS)?.get(at)?.as_str().map(str::to_owned);
+pub(super) fn answer_hashes(detail: &Value) -> Option<(String, String)> {
+    let hash = |at: usize| {
+        detail
+            .get(ANSWER_HASHES_FIELD)?
+            .get(at)?
+            .as_str()
+            .map(str::to_owned)
+    };
     Some((hash(0)?, hash(1)?))
 }
 

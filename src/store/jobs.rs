@@ -120,7 +120,7 @@ pub(super) const ALL_QUERIES: &[&str] = &[
     ANY_SUSPECT_QUEUED,
     CANCEL,
     COUNT_BY_STATUS,
-    EACH,
+    BY_ID,
 ];
 
 // The turn follows that of the client's last waiting job, and is not before the first waiting turn of all clients. A client that was idle
@@ -171,7 +171,7 @@ const CANCEL: &str = "
 const COUNT_BY_STATUS: &str =
     "select status, count(*) from job where status in ('queued', 'running') group by status";
 
-const EACH: &str = concat!(
+const BY_ID: &str = concat!(
     "select client, ",
     columns!(),
     " from job where id > $1 order by id limit cast($2 as bigint)"
@@ -208,7 +208,7 @@ pub(super) fn as_failed(error_json: &str) -> Value {
 }
 
 impl Audited for JobWithClient {
-    const EACH: &'static str = EACH;
+    const BY_ID: &'static str = BY_ID;
 
     fn subject(&self) -> &str {
         &self.job.id
@@ -258,7 +258,7 @@ pub async fn insert(tx: &mut Tx, new: &NewJob, limit: Option<i64>) -> Result<Job
     let row = row.ok_or(Conflict::QueueFull {
         limit: limit.unwrap_or_default(),
     })?;
-    tx.note(CREATED, &id, as_created(&row, &new.client));
+    tx.audit(CREATED, &id, as_created(&row, &new.client));
     Ok(row)
 }
 
@@ -381,7 +381,7 @@ pub async fn cancel(tx: &mut Tx, id: &str) -> Result<JobRow> {
         } else {
             "job_cancel_requested"
         };
-        tx.note(event, id, json!({}));
+        tx.audit(event, id, json!({}));
     }
     Ok(row)
 }

@@ -367,7 +367,7 @@ pub async fn give_up(tx: &mut Tx, lease: &Lease) -> Result<()> {
 
 fn note(tx: &mut Tx, lease: &Lease, event: &'static str, detail: serde_json::Value) {
     tx.act_as(&lease.owner);
-    tx.note(event, &lease.job_id, detail);
+    tx.audit(event, &lease.job_id, detail);
 }
 
 /// Takes jobs from workers that did not renew their leases. A job is queued again as a suspect, or fails with `exhausted_json`: after
@@ -399,10 +399,10 @@ pub async fn expire(store: &Store, max_attempts: i64, exhausted_json: &str) -> R
         .await?;
     cancelled
         .iter()
-        .for_each(|id: &String| tx.note("job_cancelled", id, json!({})));
+        .for_each(|id: &String| tx.audit("job_cancelled", id, json!({})));
     for id in &failed {
-        tx.note(jobs::FAILED, id, jobs::as_failed(exhausted_json));
-        tx.note_also("code", "attempts_exhausted".into());
+        tx.audit(jobs::FAILED, id, jobs::as_failed(exhausted_json));
+        tx.audit_field("code", "attempts_exhausted".into());
     }
     tx.commit().await?;
     Ok(Expired {

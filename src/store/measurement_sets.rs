@@ -97,7 +97,7 @@ macro_rules! columns {
     };
 }
 
-pub(super) const ALL_QUERIES: &[&str] = &[INSERT, GET, GET_WITH_BODY, BODY, LIST, EACH];
+pub(super) const ALL_QUERIES: &[&str] = &[INSERT, GET, GET_WITH_BODY, BODY, LIST, BY_ID];
 
 const INSERT: &str = concat!(
     "insert into measurement_set (id, robot_id, name, frame, content_type, body, sha256,
@@ -127,7 +127,7 @@ const LIST: &str = concat!(
      limit cast($4 as bigint)"
 );
 
-const EACH: &str = concat!(
+const BY_ID: &str = concat!(
     "select ",
     columns!(),
     " from measurement_set where id > $1 order by id limit cast($2 as bigint)"
@@ -154,7 +154,7 @@ fn as_created(row: &MeasurementSetRow) -> Value {
 }
 
 impl Audited for MeasurementSetRow {
-    const EACH: &'static str = EACH;
+    const BY_ID: &'static str = BY_ID;
 
     fn subject(&self) -> &str {
         &self.id
@@ -192,7 +192,7 @@ pub async fn insert(tx: &mut Tx, new: &NewMeasurementSet) -> Result<MeasurementS
         .bind(new.insisted_on.as_deref());
     tx.needs_room()?;
     let row: MeasurementSetRow = query.fetch_one(tx.connection()).await?;
-    tx.note(CREATED, &row.id, as_created(&row));
+    tx.audit(CREATED, &row.id, as_created(&row));
     Ok(row)
 }
 

@@ -70,7 +70,7 @@ pub(super) const ALL_QUERIES: &[&str] = &[
     IS_RESIDUAL,
     NEWEST_RESIDUAL,
     LIST,
-    EACH,
+    BY_ID,
 ];
 
 const INSERT: &str = concat!(
@@ -124,7 +124,7 @@ const LIST: &str = concat!(
      limit cast($4 as bigint)"
 );
 
-const EACH: &str = concat!(
+const BY_ID: &str = concat!(
     "select ",
     columns!(),
     " from (select ",
@@ -144,7 +144,7 @@ fn as_created(row: &NetworkRow) -> Value {
 }
 
 impl Audited for NetworkRow {
-    const EACH: &'static str = EACH;
+    const BY_ID: &'static str = BY_ID;
 
     fn subject(&self) -> &str {
         &self.id
@@ -190,8 +190,8 @@ async fn insert_by(
         .bind(new.weights.as_slice())
         .bind(&new.weights_sha256);
     let row: NetworkRow = query.fetch_one(tx.connection()).await?;
-    tx.note(CREATED, &row.id, as_created(&row));
-    tx.note_also("sha256", canonical::sha256_hex(&new.weights).into());
+    tx.audit(CREATED, &row.id, as_created(&row));
+    tx.audit_field("sha256", canonical::sha256_hex(&new.weights).into());
     Ok(row)
 }
 

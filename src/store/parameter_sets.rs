@@ -76,7 +76,7 @@ pub struct Release {
     /// Id of the parameter set.
     pub id: String,
     /// State of the database for which the checks were made.
-    pub checked: Checked,
+    pub checked: CheckedState,
     /// Reason of the release.
     pub reason: String,
     /// The gates and their results, in JSON.
@@ -95,7 +95,7 @@ pub struct Release {
 
 /// State of the database for which the checks of a release were made. If it has changed when the release is written, the checks must run again.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Checked {
+pub struct CheckedState {
     /// The robot's active set.
     pub active: Option<String>,
     /// Version of the robot's policy.
@@ -126,7 +126,7 @@ pub(super) const ALL_QUERIES: &[&str] = &[
     SUPERSEDE,
     RELEASE,
     WITHDRAW,
-    EACH,
+    BY_ID,
 ];
 
 const INSERT: &str = concat!(
@@ -202,7 +202,7 @@ const WITHDRAW: &str = "
     update parameter_set set status = 'withdrawn', withdrawn_at_ms = (select now_ms from clock), withdraw_reason = $2, withdrawn_by = $3
     where id = $1 and status <> 'withdrawn'";
 
-const EACH: &str = concat!(
+const BY_ID: &str = concat!(
     "select ",
     columns!(),
     " from parameter_set where id > $1 order by id limit cast($2 as bigint)"
@@ -220,9 +220,9 @@ fn as_created(row: &ParameterSetRow) -> Value {
 
 fn as_released(row: &ParameterSetRow) -> Option<(i64, Value)> {
     // A release writes all of these columns. If only some are set, somebody else wrote them, and the comparison with the chain fails.
-    let is_said = row.release_reason.is_some() || row.released_by.is_some();
-    let is_said = is_said || row.release_evidence.is_some() || row.release_uncertainty_mm.is_some();
-    let at_ms = row.released_at_ms.or(is_said.then_some(0))?;
+    let is_set = row.release_reason.is_some() || row.released_by.is_some();
+    let is_set = is_set || row.release_evidence.is_some() || row.release_uncertainty_mm.is_some();
+    let at_ms = row.released_at_ms.or(is_set.then_some(0))?;
     let checks_sha256 = row
         .release_checks_json
         .as_ref()
@@ -234,14 +234,14 @@ fn as_released(row: &ParameterSetRow) -> Option<(i64, Value)> {
 }
 
 fn as_withdrawn(row: &ParameterSetRow) -> Option<(i64, Value)> {
-    let is_said = row.withdraw_reason.is_some() || row.withdrawn_by.is_some();
-    let at_ms = row.withdrawn_at_ms.or(is_said.then_some(0))?;
+    let is_set = row.withdraw_reason.is_some() || row.withdrawn_by.is_some();
+    let at_ms = row.withdrawn_at_ms.or(is_set.then_some(0))?;
     let detail = json!({"reason": row.withdraw_reason, "withdrawn_by": row.withdrawn_by, "withdrawn_at_ms": row.withdrawn_at_ms});
     Some((at_ms, detail))
 }
 
 impl Audited for ParameterSetRow {
-    const EACH: &'static str = EACH;
+    const BY_ID: &'static str = BY_ID;
 
     fn subject(&self) -> &str {
         &self.id
@@ -275,7 +275,7 @@ pub async fn insert(tx: &mut Tx, job_id: &str, new: &NewParameterSet) -> Result<
         .bind(&new.body_json)
         .bind(&new.sha256);
     let row: ParameterSetRow = query.fetch_one(tx.connection()).await?;
-    tx.note(CREATED, &row.id, as_created(&row));
+    tx.audit(CREATED, &row.id, as_created(&row));
     Ok(row)
 }
 
@@ -382,7 +382,7 @@ pub async fn release(tx: &mut Tx, release: &Release) -> Result<ParameterSetRow> 
     }
     let policy = policies::get_in(tx, &set.robot_id).await?;
     let robot = robots::get_in(tx, &set.robot_id).await?;
-    let now = Checked {
+    let now = CheckedState {
         active,
         policy_version: policy.version,
         n_verifications: verifications::count_in(tx, &release.id).await?,
@@ -411,11 +411,11 @@ pub async fn release(tx: &mut Tx, release: &Release) -> Result<ParameterSetRow> 
         .await
         .map_err(Error::from_release)?;
     if let Some(active) = &active {
-        tx.note(SUPERSEDED, active, json!({"by": release.id}));
+        tx.audit(SUPERSEDED, active, json!({"by": release.id}));
     }
     let row = get_in(tx, &release.id).await?;
     if let Some((_, detail)) = as_released(&row) {
-        tx.note(RELEASED, &row.id, detail);
+        tx.audit(RELEASED, &row.id, detail);
     }
     Ok(row)
 }
@@ -442,7 +442,7 @@ pub async fn roll_back(tx: &mut Tx, release: &Release) -> Result<ParameterSetRow
     if let Some(active) = active {
         withdraw(tx, &active.id, &release.reason, &release.released_by).await?;
     }
-    let checked = Checked {
+    let checked = CheckedState {
         active: None,
         ..release.checked.clone()
     };
@@ -471,7 +471,7 @@ pub async fn withdraw(tx: &mut Tx, id: &str, reason: &str, by: &str) -> Result<P
         .rows_affected();
     let row = get_in(tx, id).await?;
     if let Some((_, detail)) = as_withdrawn(&row).filter(|_| changed > 0) {
-        tx.note(WITHDRAWN, id, detail);
+        tx.audit(WITHDRAWN, id, detail);
     }
     Ok(row)
 }

@@ -30,7 +30,7 @@ from_row!(PolicyRow {
 /// with float8.
 pub(super) const ABSENT: f64 = -1.0;
 
-pub(super) const ALL_QUERIES: &[&str] = &[GET, PUT, EACH];
+pub(super) const ALL_QUERIES: &[&str] = &[GET, PUT, BY_ID];
 
 const GET: &str = "
     select tolerance_mm, independent_session_required, second_person_required, version from robot_policy where robot_id = $1";
@@ -43,7 +43,7 @@ const PUT: &str = "
         version = robot_policy.version + 1, changed_by = excluded.changed_by, changed_at_ms = excluded.changed_at_ms
     returning robot_id, tolerance_mm, independent_session_required, second_person_required, version, changed_by, changed_at_ms";
 
-const EACH: &str = "
+const BY_ID: &str = "
     select robot_id, tolerance_mm, independent_session_required, second_person_required, version, changed_by, changed_at_ms
     from robot_policy where robot_id > $1 order by robot_id limit cast($2 as bigint)";
 
@@ -73,7 +73,7 @@ fn as_changed(set: &PolicyChange) -> Value {
 }
 
 impl Audited for PolicyChange {
-    const EACH: &'static str = EACH;
+    const BY_ID: &'static str = BY_ID;
 
     fn subject(&self) -> &str {
         &self.robot_id
@@ -123,6 +123,6 @@ pub async fn put(tx: &mut Tx, robot_id: &str, policy: &PolicyRow, by: &str) -> R
         .bind(policy.second_person_required)
         .bind(by);
     let set: PolicyChange = query.fetch_one(tx.connection()).await?;
-    tx.note(CHANGED, robot_id, as_changed(&set));
+    tx.audit(CHANGED, robot_id, as_changed(&set));
     Ok(set.policy)
 }

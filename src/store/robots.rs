@@ -47,7 +47,7 @@ from_row!(RobotRow {
 });
 
 impl RobotRow {
-    /// The part of the row that a release depends on: see [`super::Checked`].
+    /// The part of the row that a release depends on: see [`super::CheckedState`].
     pub fn check(&self) -> RobotCheck {
         RobotCheck {
             job_id: self.check_job_id.clone(),
@@ -89,7 +89,7 @@ pub(super) const ALL_QUERIES: &[&str] = &[
     LIST,
     LOCK,
     LOCK_OF_JOB,
-    EACH,
+    BY_ID,
     ASK_FOR_CHECK,
     FITS_AGAIN,
     CHECKED_NOW,
@@ -120,7 +120,7 @@ const LOCK: &str = "update robot set name = name where id = $1";
 const LOCK_OF_JOB: &str =
     "update robot set name = name where id = (select robot_id from job where id = $1)";
 
-const EACH: &str = concat!(
+const BY_ID: &str = concat!(
     "select ",
     columns!(),
     " from robot where id > $1 order by id limit cast($2 as bigint)"
@@ -154,7 +154,7 @@ fn as_checked(row: &RobotRow) -> Value {
 }
 
 impl Audited for RobotRow {
-    const EACH: &'static str = EACH;
+    const BY_ID: &'static str = BY_ID;
 
     fn subject(&self) -> &str {
         &self.id
@@ -196,7 +196,7 @@ pub(super) async fn begin_check(tx: &mut Tx, id: &str, job_id: &str, seq: i64) -
         .bind(seq)
         .execute(tx.connection())
         .await?;
-    tx.note(
+    tx.audit(
         DOES_NOT_FIT,
         id,
         json!({"job_id": job_id, "check_seq": seq}),
@@ -211,7 +211,7 @@ pub(super) async fn end_check(tx: &mut Tx, id: &str, job_id: &str) -> Result<()>
         .execute(tx.connection())
         .await?;
     if changed.rows_affected() > 0 {
-        tx.note(FITS, id, json!({"job_id": job_id}));
+        tx.audit(FITS, id, json!({"job_id": job_id}));
     }
     Ok(())
 }
@@ -224,7 +224,7 @@ pub async fn checked(tx: &mut Tx, id: &str, reason: &str, by: &str) -> Result<Ro
     lock(tx, id).await?;
     let query = sqlx::query_as(CHECKED_NOW).bind(id).bind(reason).bind(by);
     let row: RobotRow = query.fetch_one(tx.connection()).await?;
-    tx.note(CHECKED, id, as_checked(&row));
+    tx.audit(CHECKED, id, as_checked(&row));
     Ok(row)
 }
 
@@ -239,7 +239,7 @@ pub async fn insert(tx: &mut Tx, new: &NewRobot) -> Result<RobotRow> {
         .bind(&new.body_json);
     tx.needs_room()?;
     let row: RobotRow = query.fetch_one(tx.connection()).await?;
-    tx.note(CREATED, &row.id, as_created(&row));
+    tx.audit(CREATED, &row.id, as_created(&row));
     Ok(row)
 }
 

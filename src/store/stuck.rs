@@ -26,7 +26,7 @@ const HOLDER: &str = "
     order by holder.state_change limit 1";
 
 /// Longest wait of the trial transaction for the write lock. A free lock is taken in less time.
-const A_MOMENT: Duration = Duration::from_millis(200);
+const TRIAL_TIMEOUT: Duration = Duration::from_millis(200);
 
 /// Blocked writers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -64,7 +64,7 @@ pub async fn stuck_writers(store: &Store) -> Result<Option<Stuck>> {
 }
 
 /// Only this process writes, so only its own writes count. If the last write failed and none is under way, a trial transaction shows
-/// whether writes succeed again. It gets [`A_MOMENT`] at most.
+/// whether writes succeed again. It gets [`TRIAL_TIMEOUT`] at most.
 async fn stuck_sqlite_writers(store: &Store) -> Option<Stuck> {
     let writes = &store.inner.writes;
     writes.stuck_for()?;
@@ -72,7 +72,7 @@ async fn stuck_sqlite_writers(store: &Store) -> Option<Stuck> {
         let store = store.clone();
         let look = tokio::spawn(async move { store.begin().await?.rollback().await });
         // The trial records its result in `writes`.
-        let _ = timeout(A_MOMENT, look).await;
+        let _ = timeout(TRIAL_TIMEOUT, look).await;
     }
     writes.stuck_for().map(|duration| Stuck {
         duration,

@@ -119,7 +119,7 @@ pub(super) const ALL_QUERIES: &[&str] = &[
     EARLIER_UPLOADS,
     CHECK,
     JOB_OF,
-    EACH,
+    BY_ID,
     JOBS_WITHOUT,
 ];
 
@@ -167,7 +167,7 @@ const CHECK: &str = "select check_seq, checked_seq from robot where id = $1";
 
 const JOB_OF: &str = "select job_id from verification where robot_id = $1 and seq = $2";
 
-const EACH: &str = concat!(
+const BY_ID: &str = concat!(
     rows!(),
     " where v.job_id > $1 order by v.job_id limit cast($2 as bigint)"
 );
@@ -183,7 +183,7 @@ const JOBS_WITHOUT: &str = "
 pub(super) const STORED_EVENT: &str = "verification_kept";
 
 impl Audited for VerificationRow {
-    const EACH: &'static str = EACH;
+    const BY_ID: &'static str = BY_ID;
 
     fn subject(&self) -> &str {
         &self.job_id
@@ -229,7 +229,7 @@ pub async fn insert(tx: &mut Tx, job_id: &str, found: &Verification) -> Result<(
         .bind(job_id)
         .fetch_one(tx.connection())
         .await?;
-    tx.note(STORED_EVENT, job_id, row.audit_entry());
+    tx.audit(STORED_EVENT, job_id, row.audit_entry());
     if row.fit == Fit::DoesNotFit || (row.is_session() && row.fit == Fit::SetFarOff) {
         robots::begin_check(tx, &row.robot_id, job_id, row.seq).await
     } else if row.is_session() && row.supports() && row.is_repeat == 0 {
@@ -270,7 +270,7 @@ pub async fn of_set(store: &Store, parameter_set_id: &str) -> Result<Vec<Verific
 ///
 /// # Errors
 /// [`super::Error::Database`].
-pub async fn n_unknown(store: &Store, parameter_set_id: &str) -> Result<i64> {
+pub async fn n_without_facts(store: &Store, parameter_set_id: &str) -> Result<i64> {
     Ok(sqlx::query_scalar(N_UNKNOWN)
         .bind(parameter_set_id)
         .fetch_one(store.reads())
@@ -330,7 +330,7 @@ pub async fn earlier_uploads(
 ///
 /// # Errors
 /// [`super::Error::Database`].
-pub async fn jobs_without(store: &Store) -> Result<Vec<String>> {
+pub async fn jobs_without_facts(store: &Store) -> Result<Vec<String>> {
     Ok(sqlx::query_scalar(JOBS_WITHOUT)
         .fetch_all(store.reads())
         .await?)

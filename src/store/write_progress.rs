@@ -55,7 +55,7 @@ impl Write {
     }
 
     /// Records the result of a step: the start of the transaction, or its commit.
-    pub(super) fn note<T>(&mut self, result: &Result<T>) {
+    pub(super) fn record<T>(&mut self, result: &Result<T>) {
         self.succeeded = Some(result.is_ok());
     }
 }

@@ -15,14 +15,14 @@ use std::fmt::Write;
 /// # Errors
 /// If the value cannot be JSON at all (a map with keys that are not text).
 pub fn to_canonical_json(value: &impl Serialize) -> Result<String, serde_json::Error> {
-    text_of(&serde_json::to_value(value)?)
+    canonical_text(&serde_json::to_value(value)?)
 }
 
 /// As [`to_canonical_json`], for a JSON value.
 ///
 /// # Errors
 /// None in practice: writing to a `String` does not fail.
-pub fn text_of(value: &Value) -> Result<String, serde_json::Error> {
+pub fn canonical_text(value: &Value) -> Result<String, serde_json::Error> {
     text_with(value, write_number)
 }
 
@@ -31,7 +31,7 @@ pub fn text_of(value: &Value) -> Result<String, serde_json::Error> {
 ///
 /// # Errors
 /// As [`to_canonical_json`].
-pub fn text_of_hash(
+pub fn text_with_hash(
     value: &impl Serialize,
     sha256: &str,
 ) -> Result<Option<String>, serde_json::Error> {
@@ -57,7 +57,7 @@ fn text_with(value: &Value, number: WriteNumber) -> Result<String, serde_json::E
 ///
 /// # Errors
 /// As [`to_canonical_json`].
-pub fn sha256_of(value: &impl Serialize) -> Result<String, serde_json::Error> {
+pub fn canonical_sha256(value: &impl Serialize) -> Result<String, serde_json::Error> {
     Ok(sha256_hex(to_canonical_json(value)?.as_bytes()))
 }
 
@@ -191,7 +191,7 @@ fn write_ecmascript(shortest: &str, out: &mut String) -> std::fmt::Result {
 
 #[cfg(test)]
 mod tests {
-    use super::{sha256_hex, text_of_hash, to_canonical_json, write_number};
+    use super::{sha256_hex, text_with_hash, to_canonical_json, write_number};
     use serde_json::json;
 
     #[test]
@@ -241,13 +241,16 @@ mod tests {
         assert_eq!(to_canonical_json(&content).unwrap(), now);
         for text in [now, &before] {
             assert_eq!(
-                text_of_hash(&content, &sha256_hex(text.as_bytes()))
+                text_with_hash(&content, &sha256_hex(text.as_bytes()))
                     .unwrap()
                     .as_deref(),
                 Some(text)
             );
         }
-        assert_eq!(text_of_hash(&content, &sha256_hex(b"other")).unwrap(), None);
+        assert_eq!(
+            text_with_hash(&content, &sha256_hex(b"other")).unwrap(),
+            None
+        );
     }
 
     #[test]

@@ -74,7 +74,7 @@ pub struct CompensateAnswer {
     /// The controller's joint values with which the robot has its tool where the nominal robot would have it, degrees.
     pub q_deg: Vec<Vec<f64>>,
     /// The frame of the errors below. Answers of older versions do not have this field; their frame is `robot_base`.
-    #[serde(default = "ErrorFrame::of_older_versions")]
+    #[serde(default = "ErrorFrame::default_robot_base")]
     pub frame: ErrorFrame,
     /// Position error of the tool with the requested joint values, mm.
     pub position_error_before_mm: Vec<f64>,
@@ -352,7 +352,7 @@ impl From<Base> for ErrorFrame {
 }
 
 impl ErrorFrame {
-    fn of_older_versions() -> Self {
+    fn default_robot_base() -> Self {
         Self::RobotBase
     }
 }

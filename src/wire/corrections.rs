@@ -9,7 +9,7 @@ use crate::kinematics::{
 use crate::wire::angle::{to_degrees, to_radians};
 use crate::wire::frames::Transform;
 use crate::wire::issue::{Checker, Invalid};
-use crate::wire::target::{Target, of_target};
+use crate::wire::target::{Target, target_position};
 use nalgebra::{IsometryMatrix3, Vector3};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -274,8 +274,8 @@ impl CorrectionsContent {
     pub fn corrected_model(&self, links: Vec<Link>, segment: Option<u32>) -> CorrectedModel {
         let n_targets = self.targets.iter().map(|t| t.target + 1).max().unwrap_or(0);
         let target_mm = |target| {
-            of_target(&self.targets, target, segment)
-                .or_else(|| of_target(&self.targets, target, None))
+            target_position(&self.targets, target, segment)
+                .or_else(|| target_position(&self.targets, target, None))
         };
         let mut harmonics = vec![vec![Harmonic::default(); HARMONIC_ORDERS]; links.len()];
         for h in &self.harmonics {

@@ -14,7 +14,7 @@ pub use crate::wire::reason::{MAX_REASON, ReasonBody};
 use crate::wire::release::Gate;
 use crate::wire::report_shape::WRONG_ROBOT;
 pub use crate::wire::target::Target;
-use crate::wire::target::of_target;
+use crate::wire::target::target_position;
 use nalgebra::{IsometryMatrix3, Vector3};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -276,7 +276,7 @@ impl ParameterSetContent {
     /// # Errors
     /// If it cannot be serialised; does not happen for finite numbers.
     pub fn sha256(&self) -> Result<String, serde_json::Error> {
-        canonical::sha256_of(self)
+        canonical::canonical_sha256(self)
     }
 
     /// The identified links, angles in radians.
@@ -286,7 +286,7 @@ impl ParameterSetContent {
 
     /// Offset of a target in the flange frame: in this segment, else in the last one.
     pub fn target_mm(&self, target: usize, segment: Option<u32>) -> Option<Vector3<f64>> {
-        of_target(&self.targets, target, segment)
+        target_position(&self.targets, target, segment)
     }
 }
 

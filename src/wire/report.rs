@@ -204,7 +204,7 @@ fn result_sha256(
         ),
     ]);
     Ok(canonical::sha256_hex(
-        canonical::text_of(&content.into())?.as_bytes(),
+        canonical::canonical_text(&content.into())?.as_bytes(),
     ))
 }
 
@@ -217,7 +217,7 @@ pub fn convergence(core: &CalibrationReport) -> Convergence {
 }
 
 /// Whether links and targets have plausible sizes. A fit to rows that do not belong together may diverge.
-pub fn is_of_a_size(core: &CalibrationReport) -> bool {
+pub fn has_plausible_size(core: &CalibrationReport) -> bool {
     let links = core.links.iter().flat_map(|l| [l.a_mm, l.d_mm]);
     let targets = core.targets_mm.iter().flat_map(|t| [t.x, t.y, t.z]);
     links.chain(targets).all(|mm| mm.abs() <= MAX_LENGTH_MM)

@@ -17,7 +17,7 @@ pub struct Target {
 }
 
 /// Offset of a target among `targets`: in this segment, else in the last one.
-pub(super) fn of_target(
+pub(super) fn target_position(
     targets: &[Target],
     target: usize,
     segment: Option<u32>,

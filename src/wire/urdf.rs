@@ -344,7 +344,7 @@ fn joint(text: &str, node: Node<'_, '_>) -> Result<UrdfJoint, Invalid> {
             .map(|attribute| inside_quotes(text, attribute.range()))
     };
     let insert_at = match origin {
-        Some(element) => behind_name(text, element.range()),
+        Some(element) => after_name(text, element.range()),
         None => opening_tag_end(text, node),
     };
     let place = OriginPlace {
@@ -370,7 +370,7 @@ fn inside_quotes(text: &str, attribute: Range<usize>) -> Range<usize> {
 }
 
 /// Position after the name in an element's opening tag; the name may have a prefix.
-fn behind_name(text: &str, element: Range<usize>) -> usize {
+fn after_name(text: &str, element: Range<usize>) -> usize {
     let ends = |c: char| c.is_ascii_whitespace() || matches!(c, '/' | '>');
     let length = text[element.clone()].find(ends);
     length.map_or(element.end, |length| element.start + length)

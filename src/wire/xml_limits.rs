@@ -41,11 +41,11 @@ pub fn check(text: &str) -> Result<Counts, Invalid> {
     while let Some(start) = text[at..].find('<').map(|found| at + found) {
         let rest = &text[start..];
         let end = if rest.starts_with("<!--") {
-            behind(rest, "<!--".len(), "-->")
+            index_after(rest, "<!--".len(), "-->")
         } else if rest.starts_with("<![CDATA[") {
-            behind(rest, "<![CDATA[".len(), "]]>")
+            index_after(rest, "<![CDATA[".len(), "]]>")
         } else if rest.starts_with("<?") {
-            behind(rest, "<?".len(), "?>")
+            index_after(rest, "<?".len(), "?>")
         } else if rest.starts_with("<!") {
             return Err(too_much(
                 text,
@@ -55,7 +55,7 @@ pub fn check(text: &str) -> Result<Counts, Invalid> {
             ));
         } else if rest.starts_with("</") {
             n_open = n_open.saturating_sub(1);
-            behind(rest, "</".len(), ">")
+            index_after(rest, "</".len(), ">")
         } else {
             let tag = start_tag(text, start, &mut counts)?;
             counts.n_elements += 1;
@@ -72,7 +72,7 @@ pub fn check(text: &str) -> Result<Counts, Invalid> {
 }
 
 /// Index after the next `mark` at or after `from`.
-fn behind(text: &str, from: usize, mark: &str) -> Option<usize> {
+fn index_after(text: &str, from: usize, mark: &str) -> Option<usize> {
     Some(from + text[from..].find(mark)? + mark.len())
 }
 

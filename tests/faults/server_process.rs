@@ -257,7 +257,7 @@ fn ask_all(mut connections: Vec<TcpStream>) -> usize {
 }
 
 #[test]
-fn who_was_connected_before_the_stop_and_asks_just_after_it_is_answered_without_exception() {
+fn open_connections_are_answered_during_shutdown() {
     for _ in 0..5 {
         let dir = tempfile::tempdir().unwrap();
         let mut server = Process::serve(dir.path(), "0", &["--no-auth"]);
@@ -558,7 +558,7 @@ async fn a_data_directory_of_an_older_version_becomes_its_owners_alone() {
 #[tokio::test]
 async fn a_data_directory_of_somebody_else_is_warned_of() {
     use std::os::unix::fs::{MetadataExt, PermissionsExt};
-    const NOBODY: u32 = 65534;
+    const DEFAULT_ACTOR: u32 = 65534;
     let dir = tempfile::tempdir().unwrap();
     if dir.path().metadata().unwrap().uid() != 0 {
         eprintln!("not looked at: only root can be somebody else");
@@ -567,7 +567,7 @@ async fn a_data_directory_of_somebody_else_is_warned_of() {
     let open = std::fs::Permissions::from_mode(0o755);
     std::fs::set_permissions(dir.path(), open).unwrap();
     let data = dir.path().join("data");
-    let said = served_from_an_old_directory(&data, 0o777, Some(NOBODY));
+    let said = served_from_an_old_directory(&data, 0o777, Some(DEFAULT_ACTOR));
     assert!(said.contains("can read the data directory"), "{said}");
     assert_eq!(mode(&data), 0o777);
 }

@@ -88,7 +88,7 @@ async fn a_dribbling_body_is_cut_off_with_408_and_nothing_is_stored() {
 }
 
 #[tokio::test]
-async fn a_client_that_sends_on_after_its_refusal_still_hears_it() {
+async fn a_refusal_reaches_a_client_that_is_still_sending() {
     let (app, _dir) = impatient(LimitsConfig::default()).await;
     let robot = app.paper_robot().await;
     let too_large = 33 << 20;

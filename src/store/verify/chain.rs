@@ -90,12 +90,12 @@ pub(super) async fn read(store: &Store, options: &Options) -> Result<Chain> {
             break;
         };
         for row in rows {
-            look_at(&mut check, &row, seq, &sha256);
+            check_entry(&mut check, &row, seq, &sha256);
             known = known.filter(|(n, hash)| (*n, hash) != (row.seq, &row.sha256));
             (seq, sha256) = (row.seq, row.sha256.clone());
             let detail: serde_json::Value =
                 serde_json::from_str(&row.detail_json).unwrap_or_default();
-            if let Some((request, answer)) = idempotency::answer_noted(&detail) {
+            if let Some((request, answer)) = idempotency::answer_hashes(&detail) {
                 answers.insert(request, answer);
             }
             events.entry(row.subject).or_default().push(Entry {
@@ -137,7 +137,7 @@ pub(super) async fn read(store: &Store, options: &Options) -> Result<Chain> {
     })
 }
 
-fn look_at(check: &mut Check, row: &AuditRow, seq_before: i64, sha256_before: &str) {
+fn check_entry(check: &mut Check, row: &AuditRow, seq_before: i64, sha256_before: &str) {
     check.n_examined += 1;
     check.require(row.seq == seq_before + 1, || {
         format!("after entry {seq_before} comes entry {}", row.seq)

@@ -107,7 +107,7 @@ pub(super) async fn uploads_read_back(store: &Store, chain: &Chain) -> Result<Ch
     }
     check.n_examined = found;
     rules::match_entries(&mut check, store, chain).await?;
-    lost(&mut check, store, chain).await?;
+    check_lost_rows(&mut check, store, chain).await?;
     Ok(check)
 }
 
@@ -128,7 +128,7 @@ fn compare_with_entry(
 }
 
 /// Every row that the chain says was created still exists.
-async fn lost(check: &mut Check, store: &Store, chain: &Chain) -> Result<()> {
+async fn check_lost_rows(check: &mut Check, store: &Store, chain: &Chain) -> Result<()> {
     for id in chain.events.keys() {
         if chain.was_created(id) && !is_there(store, id).await? {
             check.violated(format!("{id} was acknowledged and is gone"));

@@ -11,7 +11,7 @@ pub use check::{Check, MAX_LISTED, Options};
 use super::{Result, Store, audit};
 
 /// Most repetitions while a server changes the database; then the last result counts.
-const MOST_LOOKS: usize = 5;
+const MAX_RUNS: usize = 5;
 
 pub(super) const ALL_QUERIES: &[&str] = &[
     content::SETS,
@@ -45,7 +45,7 @@ pub(super) const QUERIES_POSTGRES: &[&str] = schema::QUERIES_POSTGRES;
 /// # Errors
 /// [`super::Error::Database`] if the database cannot be read at all.
 pub async fn verify(store: &Store, options: &Options) -> Result<Vec<Check>> {
-    for _ in 1..MOST_LOOKS {
+    for _ in 1..MAX_RUNS {
         let head = audit::head(store).await?;
         let checks = look(store, options).await?;
         if checks.iter().all(|check| check.n_violations == 0)

@@ -15,7 +15,7 @@ use crate::store::{robots, verifications};
 use crate::wire::canonical;
 
 /// The events that change the status of a parameter set, and the status after them.
-const LIFE: &[(&str, &str)] = &[
+const STATUS_AFTER_EVENT: &[(&str, &str)] = &[
     (parameter_sets::CREATED, "candidate"),
     (parameter_sets::RELEASED, "released"),
     (parameter_sets::SUPERSEDED, "superseded"),
@@ -66,7 +66,7 @@ async fn each<T: Audited>(
 ) -> Result<()> {
     let mut after = String::new();
     loop {
-        let rows: Vec<T> = sqlx::query_as(T::EACH)
+        let rows: Vec<T> = sqlx::query_as(T::BY_ID)
             .bind(&after)
             .bind(BATCH)
             .fetch_all(store.reads())
@@ -139,7 +139,7 @@ fn robot(check: &mut Check, chain: &Chain, row: &RobotRow) {
 fn parameter_set(check: &mut Check, chain: &Chain, row: &ParameterSetRow) {
     let content: Option<serde_json::Value> = serde_json::from_str(&row.body_json).ok();
     let text = content.and_then(|content| {
-        canonical::text_of_hash(&content, &row.sha256)
+        canonical::text_with_hash(&content, &row.sha256)
             .ok()
             .flatten()
     });
@@ -147,10 +147,11 @@ fn parameter_set(check: &mut Check, chain: &Chain, row: &ParameterSetRow) {
         format!("{}: its content is not that of its hash", row.id)
     });
     let entries = chain.events.get(&row.id).map_or(&[][..], Vec::as_slice);
-    let then = entries
-        .iter()
-        .rev()
-        .find_map(|entry| LIFE.iter().find(|(event, _)| *event == entry.event));
+    let then = entries.iter().rev().find_map(|entry| {
+        STATUS_AFTER_EVENT
+            .iter()
+            .find(|(event, _)| *event == entry.event)
+    });
     if let Some((_, then)) = then {
         check.require(*then == row.status.as_str(), || {
             format!(

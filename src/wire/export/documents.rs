@@ -126,7 +126,7 @@ impl MasteringDocument {
 }
 
 /// One row per link; `kincal import` reads it as a table of Craig's convention.
-pub fn csv_of(links: &[Link]) -> String {
+pub fn csv_text(links: &[Link]) -> String {
     let mut text = String::from("link,a_mm,alpha_deg,d_mm,theta_offset_deg,beta_deg\n");
     for (i, link) in links.iter().map(IdentifiedLink::from).enumerate() {
         let IdentifiedLink {

@@ -70,7 +70,7 @@ pub fn export(
     format: ExportFormat,
     beta: BetaChoice,
 ) -> Result<Exported, Error> {
-    let (links, remaining) = links_of(source, beta);
+    let (links, remaining) = exported_links(source, beta);
     match format {
         ExportFormat::Json => {
             let document = ExportDocument::new(source, &links, remaining);
@@ -110,7 +110,7 @@ pub fn export(
             })
         }
         ExportFormat::Csv => {
-            let text = documents::csv_of(&links);
+            let text = documents::csv_text(&links);
             let table = crate::wire::import::table(text.as_bytes())
                 .map_err(|e| unreadable("csv", e.summary()))?;
             check::same_links("csv", source.robot, &links, &table.links)?;
@@ -122,7 +122,7 @@ pub fn export(
             })
         }
         ExportFormat::Urdf => {
-            let text = urdf::written(source, &links);
+            let text = urdf::written_text(source, &links);
             check::same_chain("urdf", source.robot, &links, text.as_bytes())?;
             Ok(Exported {
                 content_type: "application/xml",
@@ -164,7 +164,7 @@ pub fn export(
 /// [`Error`] if the URDF cannot be read, or is not the nominal robot.
 pub fn patch_urdf(source: &Source<'_>, bytes: &[u8], tip: Option<&str>) -> Result<Exported, Error> {
     let links = source.content.kinematic_links();
-    let text = urdf::patched(source, &links, bytes, tip)?;
+    let text = urdf::patched_text(source, &links, bytes, tip)?;
     Ok(Exported {
         content_type: "application/xml",
         extension: "urdf",
@@ -174,7 +174,7 @@ pub fn patch_urdf(source: &Source<'_>, bytes: &[u8], tip: Option<&str>) -> Resul
 }
 
 /// The identified links with or without beta and, without it, the remaining error.
-fn links_of(source: &Source<'_>, beta: BetaChoice) -> (Vec<Link>, Option<RemainingError>) {
+fn exported_links(source: &Source<'_>, beta: BetaChoice) -> (Vec<Link>, Option<RemainingError>) {
     let links = source.content.kinematic_links();
     if beta == BetaChoice::Keep {
         return (links, None);

@@ -16,7 +16,7 @@ const N_CONFIGURATIONS: usize = 50;
 
 /// Writes a new URDF: `base_link`, `link_1` … `link_n` (the flange) and every reflector. Its joint values are the controller's, or the model's if
 /// the joint map couples joints.
-pub fn written(source: &Source<'_>, links: &[Link]) -> String {
+pub fn written_text(source: &Source<'_>, links: &[Link]) -> String {
     let map = source.robot.joint_map.as_ref();
     let uncoupled = map.filter(|map| map.coupling.is_identity(0.0));
     let is_controllers = map.is_none() || uncoupled.is_some();
@@ -90,7 +90,7 @@ pub fn written(source: &Source<'_>, links: &[Link]) -> String {
 }
 
 /// Writes new origins of the moving joints into the user's URDF, reads it back and compares.
-pub fn patched(
+pub fn patched_text(
     source: &Source<'_>,
     links: &[Link],
     bytes: &[u8],

@@ -2,17 +2,17 @@
 
 use std::time::{Duration, Instant};
 
-use kincal::jobs::{JobSignals, Rules, WorkerPool, queue};
+use kincal::jobs::{AttemptLimits, JobSignals, WorkerPool, queue};
 use kincal::store::{JobStatus, PageRequest, jobs, leases, parameter_sets};
 
 use crate::computations::{LONG, arrived, gate, run_scripted, until};
 use crate::engines::for_each_engine;
 use crate::fixtures::{a_job, a_lone_job, a_robot, a_set};
 
-const RULES: Rules = Rules {
+const RULES: AttemptLimits = AttemptLimits {
     lease: LONG,
     max_attempts: 3,
-    longest: LONG,
+    max_duration: LONG,
 };
 
 #[test]
@@ -152,7 +152,7 @@ fn a_pool_that_shuts_down_lets_computations_finish_in_time() {
             store.clone(),
             run_scripted,
             1,
-            Rules {
+            AttemptLimits {
                 lease: Duration::from_millis(1500),
                 ..RULES
             },
@@ -307,8 +307,8 @@ fn a_cancelled_computation_without_an_end_keeps_its_worker_no_longer_than_a_job_
         let store = &database.store;
         let set = a_set(store, &a_robot(store, "r").await).await;
         let signals = JobSignals::default();
-        let rules = Rules {
-            longest: Duration::from_secs(1),
+        let rules = AttemptLimits {
+            max_duration: Duration::from_secs(1),
             ..RULES
         };
         let pool = WorkerPool::start(store.clone(), run_scripted, 1, rules, signals.clone());
@@ -412,7 +412,7 @@ fn a_suspect_has_its_turn_though_other_jobs_keep_coming() {
         leases::claim(store, "dead", LONG).await.unwrap().unwrap();
         expire_leases_of(store, &[&suspect]).await;
         let signals = JobSignals::default();
-        let rules = Rules {
+        let rules = AttemptLimits {
             lease: Duration::from_secs(1),
             ..RULES
         };

@@ -1,6 +1,6 @@
 use crate::app::{Answer, paper, text};
 use crate::people::{guarded, key, revoke, with_key};
-use kincal::http::auth::{OPEN, POLICY, Scope, new_key};
+use kincal::http::auth::{PUBLIC_ROUTES, REQUIRED_SCOPES, Scope, new_key};
 use reqwest::Method;
 use serde_json::json;
 use std::time::Duration;
@@ -8,14 +8,14 @@ use std::time::Duration;
 #[tokio::test]
 async fn without_a_key_nothing_but_health_and_contract_answers() {
     let (app, _dir) = guarded(0).await;
-    for path in OPEN {
+    for path in PUBLIC_ROUTES {
         assert_eq!(
             app.get(&path.replace("{file}", "app.js")).await.status,
             200,
             "{path}"
         );
     }
-    for (method, path, _) in POLICY {
+    for (method, path, _) in REQUIRED_SCOPES {
         let path = path.replace("{robot_id}", "rob_1").replace("{id}", "x_1");
         let answer = Answer::of(app.request(method.clone(), &path)).await;
         answer.problem(401, "unauthorized");
@@ -39,7 +39,7 @@ async fn without_a_key_nothing_but_health_and_contract_answers() {
 async fn each_route_takes_its_scope_and_no_other() {
     let (app, _dir) = guarded(0).await;
     let all = ["read", "upload", "identify", "release"];
-    for (method, path, scope) in POLICY {
+    for (method, path, scope) in REQUIRED_SCOPES {
         let path = path.replace("{robot_id}", "rob_1").replace("{id}", "x_1");
         for name in all.into_iter().chain(["admin"]) {
             let (key, _) = key(&app, &[name], None).await;
@@ -112,16 +112,16 @@ async fn every_documented_route_has_a_policy() {
             .into_iter()
             .filter(|(_, operation)| operation.is_some())
         {
-            let has_policy = POLICY
+            let has_policy = REQUIRED_SCOPES
                 .iter()
                 .any(|(m, route, _)| *m == method && route == path);
             assert!(
-                has_policy || OPEN.contains(&path.as_str()),
+                has_policy || PUBLIC_ROUTES.contains(&path.as_str()),
                 "{method} {path} has no policy"
             );
         }
     }
-    for (method, route, _) in POLICY {
+    for (method, route, _) in REQUIRED_SCOPES {
         assert!(
             document.paths.paths.contains_key(*route),
             "{method} {route} is in the policy but not in the contract"

@@ -156,8 +156,7 @@ async fn identified_by_one_reflector(
 }
 
 #[tokio::test]
-async fn where_it_is_not_known_how_the_flange_is_turned_poses_are_refused_and_positions_are_given()
-{
+async fn poses_are_refused_if_the_flange_orientation_is_unknown() {
     let Some(urdf) = crate::api::export::ur10e_description() else {
         return;
     };

@@ -116,9 +116,9 @@ async fn history_tells_what_moved_and_comparison_where_the_tool_did() {
 
 #[test]
 fn a_trend_is_a_line_with_its_interval_or_says_what_is_missing() {
-    use kincal::release::{Scored, trend};
-    let scored: Vec<Scored> = [(0.0, 0.10), (10.0, 0.12), (20.0, 0.13), (30.0, 0.16)]
-        .map(|(day, rms_mm)| Scored { day, rms_mm })
+    use kincal::release::{ScoredSession, trend};
+    let scored: Vec<ScoredSession> = [(0.0, 0.10), (10.0, 0.12), (20.0, 0.13), (30.0, 0.16)]
+        .map(|(day, rms_mm)| ScoredSession { day, rms_mm })
         .to_vec();
     let line = trend(&scored, Some(0.2));
     // by hand: Sxx = 500, Sxy = 0.95, residual variance 3.5e-5 with 2 degrees of freedom, t = 4.30265
@@ -136,8 +136,8 @@ fn a_trend_is_a_line_with_its_interval_or_says_what_is_missing() {
     near(line.days_to_limit, (0.2 - 0.156) / 0.0019);
     assert!(line.detail.contains("23 days"), "{}", line.detail);
     // The sessions differ by noise alone.
-    let flat: Vec<Scored> = [(0.0, 0.10), (10.0, 0.12), (20.0, 0.09), (30.0, 0.11)]
-        .map(|(day, rms_mm)| Scored { day, rms_mm })
+    let flat: Vec<ScoredSession> = [(0.0, 0.10), (10.0, 0.12), (20.0, 0.09), (30.0, 0.11)]
+        .map(|(day, rms_mm)| ScoredSession { day, rms_mm })
         .to_vec();
     assert_eq!(trend(&flat, Some(0.2)).days_to_limit, None);
     assert!(
@@ -146,9 +146,9 @@ fn a_trend_is_a_line_with_its_interval_or_says_what_is_missing() {
             .starts_with("not enough data: 3 sessions")
     );
     assert!(trend(&[], None).detail.starts_with("not enough data"));
-    let over: Vec<Scored> = scored
+    let over: Vec<ScoredSession> = scored
         .iter()
-        .map(|s| Scored {
+        .map(|s| ScoredSession {
             rms_mm: s.rms_mm + 0.1,
             ..*s
         })

@@ -249,7 +249,7 @@ async fn a_host_that_is_missing_doubled_or_none_is_400() {
 }
 
 #[tokio::test]
-async fn what_hyper_refuses_by_itself_is_a_problem_too() {
+async fn requests_refused_by_hyper_answer_a_problem() {
     let app = TestApp::spawn().await;
     let many = (0..101)
         .map(|i| format!("x-{i}: a\r\n"))

@@ -3,7 +3,7 @@
 
 use crate::app::{Answer, TestApp, paper, text};
 use crate::people::{guarded, key, revoke, with_key};
-use kincal::http::auth::{OPEN, POLICY, Scope};
+use kincal::http::auth::{PUBLIC_ROUTES, REQUIRED_SCOPES, Scope};
 use reqwest::Method;
 use serde_json::{Value, json};
 
@@ -111,9 +111,9 @@ fn documented() -> Vec<(Method, String, Scope)> {
         ];
         for (method, _) in all
             .into_iter()
-            .filter(|(_, operation)| operation.is_some() && !OPEN.contains(&path.as_str()))
+            .filter(|(_, operation)| operation.is_some() && !PUBLIC_ROUTES.contains(&path.as_str()))
         {
-            let (_, _, scope) = POLICY
+            let (_, _, scope) = REQUIRED_SCOPES
                 .iter()
                 .find(|(m, route, _)| *m == method && *route == path)
                 .unwrap_or_else(|| panic!("{path}"));

@@ -262,7 +262,7 @@ async fn a_few_points_are_no_evidence_and_a_wrong_file_is_told_however_few_they_
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn what_is_said_of_a_collision_is_true_in_the_terminal_and_of_every_gate() {
+async fn collision_texts_name_every_gate() {
     let dir = tempfile::tempdir().unwrap();
     let app = TestApp::with_workers(1).await;
     let (robot, job) = app.identified().await;

@@ -29,7 +29,7 @@ async fn refused_release(app: &TestApp, job: &Value) -> Value {
 }
 
 #[tokio::test]
-async fn one_call_goes_back_to_the_set_before_and_a_second_one_further() {
+async fn each_rollback_goes_back_one_set() {
     let app = TestApp::with_workers(1).await;
     let (robot, first) = app.identified().await;
     let rollback = format!("{robot}/parameter-sets/rollback");
@@ -444,7 +444,7 @@ fn rows_of(name: &str, change: impl FnOnce(&mut Vec<Vec<String>>)) -> String {
 }
 
 #[tokio::test]
-async fn a_bad_session_is_not_pushed_out_by_scoring_a_good_one_again_and_again() {
+async fn repeats_of_a_good_session_do_not_displace_a_bad_one() {
     let app = TestApp::with_workers(1).await;
     // From points with noise: a session is compared with the set's errors on its held-out points.
     let (robot, set) = app.robot_with_set("first_noisy.csv").await;
@@ -552,7 +552,7 @@ async fn an_upload_for_another_serial_number_is_refused() {
 }
 
 #[tokio::test]
-async fn who_measured_the_sweeps_is_no_second_person() {
+async fn the_uploader_of_the_sweeps_cannot_be_the_second_person() {
     let (app, _dir) = guarded(1).await;
     let scopes = ["read", "upload", "identify", "release"];
     let (a, b, c) = (

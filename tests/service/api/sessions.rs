@@ -218,7 +218,7 @@ async fn a_session_that_scatters_more_than_the_set_could_miss_is_no_evidence() {
 }
 
 #[tokio::test]
-async fn a_robot_in_doubt_is_released_to_again_when_somebody_says_why() {
+async fn a_robot_under_check_is_released_with_a_reason() {
     let app = TestApp::with_workers(1).await;
     let (robot, parameter_set) = identified_from_noisy_points(&app).await;
     // The robot after a collision.

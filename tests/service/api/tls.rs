@@ -303,7 +303,7 @@ async fn plain_http_is_not_answered_on_the_port_of_tls() {
 }
 
 #[tokio::test]
-async fn what_no_route_gets_to_see_says_that_this_host_speaks_tls_too() {
+async fn answers_without_a_route_carry_hsts() {
     let (app, certificate, _dir) = server().await;
     let many: Vec<String> = (0..101).map(|i| format!("x-{i}: a")).collect();
     let many = many.iter().flat_map(|header| ["--header", header]);

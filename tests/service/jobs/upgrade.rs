@@ -1,9 +1,9 @@
 //! Upgrade of a database from commit d61237a, with a clock that was 30 days ahead and a tracker's file read as base frame: `data/d61237a.json`.
 
-use kincal::jobs::facts::gather_missing;
+use kincal::jobs::facts::backfill_missing;
 use kincal::store::verify::{Options, verify};
 use kincal::store::{
-    Checked, Engine, Release, Store, StoreLocation, parameter_sets, robots, verifications,
+    CheckedState, Engine, Release, Store, StoreLocation, parameter_sets, robots, verifications,
 };
 use kincal::wire::report_shape::Evidence;
 use kincal::wire::verification::Fit;
@@ -108,9 +108,9 @@ fn a_database_of_d61237a_gets_its_facts_as_columns_once() {
         create_old_database(engine, &url, &made).await;
         let store = Store::open(location).await.unwrap();
         assert!(store.schema_version().await.unwrap() > VERSION);
-        gather_missing(&store).await.unwrap();
+        backfill_missing(&store).await.unwrap();
         assert!(
-            verifications::jobs_without(&store)
+            verifications::jobs_without_facts(&store)
                 .await
                 .unwrap()
                 .is_empty()
@@ -156,10 +156,10 @@ fn a_database_of_d61237a_gets_its_facts_as_columns_once() {
         .await;
         let release = Release {
             id: id("frames", "parameter_set_id"),
-            checked: Checked {
+            checked: CheckedState {
                 n_verifications: 3,
                 robot: checked.check(),
-                ..Checked::default()
+                ..CheckedState::default()
             },
             reason: "it fits".into(),
             checks_json: r#"[{"gate":"x","passed":true}]"#.into(),

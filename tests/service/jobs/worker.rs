@@ -298,7 +298,7 @@ fn a_computation_without_an_end_is_tried_as_often_as_allowed_and_others_go_on() 
                 a_job(store, &set, "succeed").await,
             );
             let mut context = a_worker(LONG);
-            context.longest = Duration::from_millis(50);
+            context.max_duration = Duration::from_millis(50);
             for attempt in 1..=3 {
                 let ran = tokio::time::timeout(LONG / 4, run_pending_jobs(store, &context)).await;
                 ran.expect("a computation without an end is given up")

@@ -1,8 +1,8 @@
 //! The promises of the store, on each engine.
 
 mod audit;
+mod audited_fields;
 mod idempotency;
-mod noted;
 mod opening;
 mod parameter_sets;
 mod rows;

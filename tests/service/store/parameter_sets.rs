@@ -1,9 +1,9 @@
 //! Release and withdrawal of parameter sets.
 
 use kincal::store::{
-    Checked, Conflict, Engine, Error, MeasurementSetRow, NewJob, NewParameterSet, ParameterSetRow,
-    ParameterSetStatus, PolicyRow, Release, Result, Store, jobs, leases, measurement_sets,
-    parameter_sets, policies, robots, verifications,
+    CheckedState, Conflict, Engine, Error, MeasurementSetRow, NewJob, NewParameterSet,
+    ParameterSetRow, ParameterSetStatus, PolicyRow, Release, Result, Store, jobs, leases,
+    measurement_sets, parameter_sets, policies, robots, verifications,
 };
 use kincal::wire::report_shape::Evidence;
 use kincal::wire::verification::{Fit, Verification};
@@ -24,9 +24,9 @@ async fn release(
 ) -> Result<ParameterSetRow> {
     let release = Release {
         id: set.id.clone(),
-        checked: Checked {
+        checked: CheckedState {
             active: active.map(|active| active.id.clone()),
-            ..Checked::default()
+            ..CheckedState::default()
         },
         reason: "after the collision".into(),
         checks_json: PASSED.into(),
@@ -529,10 +529,10 @@ async fn release_without_checks(
     let rows = verifications::of_set(store, &candidate.id).await?;
     let release = Release {
         id: candidate.id.clone(),
-        checked: Checked {
+        checked: CheckedState {
             n_verifications: rows.len() as i64,
             robot: robot.check(),
-            ..Checked::default()
+            ..CheckedState::default()
         },
         reason: "it fits".into(),
         checks_json: PASSED.into(),
@@ -824,9 +824,9 @@ fn a_rollback_follows_what_a_release_superseded_and_no_clock() {
             let active = parameter_sets::active(store, &set.robot_id).await.unwrap();
             let release = Release {
                 id: back_to.id.clone(),
-                checked: Checked {
+                checked: CheckedState {
                     active: active.map(|active| active.id),
-                    ..Checked::default()
+                    ..CheckedState::default()
                 },
                 reason: "scrap".into(),
                 checks_json: PASSED.into(),

@@ -2,9 +2,9 @@
 
 use kincal::store::verify::{Options, verify};
 use kincal::store::{
-    Checked, Engine, Lease, MeasurementSetRow, NewApiKey, NewFrames, NewNetwork, NewParameterSet,
-    ParameterSetRow, PolicyRow, Release, Store, api_keys, frames, leases, networks, parameter_sets,
-    policies, verifications,
+    CheckedState, Engine, Lease, MeasurementSetRow, NewApiKey, NewFrames, NewNetwork,
+    NewParameterSet, ParameterSetRow, PolicyRow, Release, Store, api_keys, frames, leases,
+    networks, parameter_sets, policies, verifications,
 };
 use kincal::wire::canonical::sha256_hex;
 use kincal::wire::report_shape::Evidence;
@@ -92,10 +92,10 @@ async fn insert_history(store: &Store, set: &MeasurementSetRow) {
         let id = an_identified_set(store, set).await.id;
         let release = Release {
             id: id.clone(),
-            checked: Checked {
+            checked: CheckedState {
                 active: active.replace(id),
                 n_verifications: 1,
-                ..Checked::default()
+                ..CheckedState::default()
             },
             reason: "better".into(),
             checks_json: r#"[{"passed":true}]"#.into(),
