@@ -3,7 +3,7 @@
 use super::failure::Failed;
 use super::usage::Usage;
 use crate::http::tls;
-use crate::wire::job::JobAnswer;
+use crate::wire::job_answer::JobAnswer;
 use anyhow::{Context, bail};
 use serde_json::Value;
 use std::path::{Path, PathBuf};

@@ -7,7 +7,7 @@ use super::table;
 use super::terminal::Output;
 use crate::config::ServeConfig;
 use crate::http::server;
-use crate::wire::job::JobAnswer;
+use crate::wire::job_answer::JobAnswer;
 use crate::wire::report_shape::{ErrorsReport, Report};
 use anyhow::Context;
 use serde_json::{Value, json};

@@ -2,7 +2,8 @@
 
 use crate::http::Error;
 use crate::store::JobRow;
-use crate::wire::job::{JobAnswer, JobRequestBody};
+use crate::wire::job::JobRequestBody;
+use crate::wire::job_answer::JobAnswer;
 use crate::wire::time::rfc3339;
 
 impl TryFrom<&JobRow> for JobAnswer {

@@ -4,7 +4,7 @@ use crate::http::auth::{self, Caller};
 use crate::http::extract::Id;
 use crate::http::{App, Error, access};
 use crate::store::JobRow;
-use crate::wire::job::{JobAnswer, JobEvent};
+use crate::wire::job_answer::{JobAnswer, JobEvent};
 use axum::extract::State;
 use axum::response::sse::{Event, KeepAlive, Sse};
 use std::convert::Infallible;

@@ -5,7 +5,7 @@ use crate::http::extract::{Id, ListQuery, Query};
 use crate::http::{App, Error, access, job_posting};
 use crate::jobs::queue;
 use crate::store::{self, JobRow, jobs};
-use crate::wire::job::JobAnswer;
+use crate::wire::job_answer::JobAnswer;
 use crate::wire::page::Page;
 use crate::wire::report_shape::{Convergence, Report};
 use axum::Json;

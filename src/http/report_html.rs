@@ -6,7 +6,7 @@ use crate::http::request_class::RequestClass;
 use crate::http::{App, Error, access};
 use crate::report_page::{self, Sources};
 use crate::store::jobs;
-use crate::wire::job::JobAnswer;
+use crate::wire::job_answer::JobAnswer;
 use crate::wire::measurement::SetSummary;
 use crate::wire::parameter_set::ParameterSetAnswer;
 use axum::extract::State;

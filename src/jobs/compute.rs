@@ -9,7 +9,7 @@ use crate::store::{
 };
 use crate::wire::verification::Verification;
 
-use crate::wire::job::Stage;
+use crate::wire::job_answer::Stage;
 
 /// Computes a job from its inputs alone. It reports progress at least once per iteration, and stops with [`JobFailure::Cancelled`] when the monitor
 /// returns `Break`. It runs on a blocking thread and may panic.

@@ -12,7 +12,8 @@ use crate::jobs::{
 use crate::release::facts::{MeasuredSince, identification_facts, repeats, session_facts};
 use crate::store::{NewNetwork, NewParameterSet};
 use crate::wire::frames::FramesContent;
-use crate::wire::job::{JobParts, JobRequestBody, Kind, Stage};
+use crate::wire::job::{JobParts, JobRequestBody, Kind};
+use crate::wire::job_answer::Stage;
 use crate::wire::measurement::{Frame, MeasurementSet, from_upload};
 use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::report::{self, RunContext};

@@ -1,6 +1,7 @@
 //! Inputs of the page.
 
-use crate::wire::job::{JobAnswer, Kind};
+use crate::wire::job::Kind;
+use crate::wire::job_answer::JobAnswer;
 use crate::wire::measurement::{Frame, SetSummary};
 use crate::wire::parameter_set::ParameterSetAnswer;
 use crate::wire::report_shape::{Convergence, Report};

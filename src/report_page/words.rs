@@ -1,6 +1,6 @@
 //! Texts of codes, from `web/words.js`, which the dashboard uses too.
 
-use crate::wire::job::Stage;
+use crate::wire::job_answer::Stage;
 use std::collections::HashMap;
 use std::sync::LazyLock;
 
@@ -71,7 +71,7 @@ pub fn capital(text: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::{WORDS, correction, gate, method, stage, warning};
-    use crate::wire::job::Stage;
+    use crate::wire::job_answer::Stage;
 
     #[test]
     fn every_stage_has_its_words_and_its_name_on_the_wire() {

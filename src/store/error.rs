@@ -2,7 +2,7 @@
 
 use sqlx::error::ErrorKind;
 
-use crate::wire::job::JobStatus;
+use crate::wire::job_answer::JobStatus;
 
 /// The store's result.
 pub type Result<T, E = Error> = std::result::Result<T, E>;

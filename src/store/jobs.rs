@@ -7,7 +7,7 @@ use super::database::new_id;
 use super::from_row::from_row;
 use super::{Conflict, Error, Page, PageRequest, Result, Store, Tx};
 use crate::wire::canonical;
-use crate::wire::job::JobStatus;
+use crate::wire::job_answer::JobStatus;
 
 /// A job without its report and convergence curve.
 #[derive(Clone, Debug, PartialEq)]

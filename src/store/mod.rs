@@ -53,7 +53,7 @@ pub use policies::PolicyRow;
 pub use robots::{NewRobot, RobotCheck, RobotRow};
 pub use verifications::VerificationRow;
 
-pub use crate::wire::job::JobStatus;
+pub use crate::wire::job_answer::JobStatus;
 pub use crate::wire::parameter_set::ParameterSetStatus;
 
 /// Every SQL text that the store uses on this engine.

@@ -9,9 +9,6 @@ use crate::measurement::MeasurementSet;
 use crate::wire::corrections::PayloadBody;
 use crate::wire::id;
 use crate::wire::issue::{Checker, Invalid};
-pub use crate::wire::job_answer::{
-    JobAnswer, JobEvent, JobEventName, JobStatus, ProgressAnswer, Stage,
-};
 use crate::wire::measurement::Frame;
 use crate::wire::options::OptionsBody;
 pub use crate::wire::parameters::{ParametersBody, Rest};

@@ -15,7 +15,7 @@ pub mod id;
 pub mod import;
 pub mod issue;
 pub mod job;
-mod job_answer;
+pub mod job_answer;
 mod joint_map;
 pub mod json;
 pub mod key;

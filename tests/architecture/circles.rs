@@ -17,7 +17,11 @@ pub fn circles(files: &[(String, String)]) -> Vec<Vec<String>> {
     let modules = Modules::new(files);
     let mut imports: BTreeMap<&str, BTreeSet<&str>> = BTreeMap::new();
     for (path, text) in files {
-        let (own, _) = split_re_exports(&production_tokens(text));
+        let tokens = production_tokens(text);
+        let own = match path.ends_with("/mod.rs") {
+            true => split_re_exports(&tokens).0,
+            false => tokens,
+        };
         let targets = imports.entry(path).or_default();
         for used in used_paths(&own) {
             let mut module = module_path(path);

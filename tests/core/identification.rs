@@ -747,7 +747,7 @@ fn progress_tells_every_stage_and_iterations_are_those_of_the_main_method() {
         calibrate(&request, &mut monitor).unwrap();
         let unknown: Vec<&String> = stages
             .iter()
-            .filter(|name| kincal::wire::job::Stage::parse(name).is_none())
+            .filter(|name| kincal::wire::job_answer::Stage::parse(name).is_none())
             .collect();
         assert!(unknown.is_empty(), "without words: {unknown:?}");
         // From the first stage that takes time to the last.

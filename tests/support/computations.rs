@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use kincal::jobs::{JobFailure, JobInputs, JobOutcome, JobSignals, Progress, WorkerContext};
 use kincal::store::{JobRow, NewNetwork, NewParameterSet, Store, jobs};
-use kincal::wire::job::Stage;
+use kincal::wire::job_answer::Stage;
 
 /// Lease of tests that are not about expired leases.
 pub const LONG: Duration = Duration::from_secs(60);

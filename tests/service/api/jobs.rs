@@ -1,6 +1,6 @@
 use crate::app::{TestApp, paper, text};
 use kincal::kinematics::{Link, t_base_flange};
-use kincal::wire::job::Stage;
+use kincal::wire::job_answer::Stage;
 use nalgebra::{Matrix3, Point3, Vector3};
 use serde_json::{Value, json};
 
