@@ -18,8 +18,9 @@ pub(super) const REPORTS: &str = "select id, report_json from job where status =
 pub(super) const CONVERGENCES: &str = "
     select id, coalesce(convergence_json, '') from job where status = 'succeeded' and id > $1 order by id limit cast($2 as bigint)";
 pub(super) const JOBS: &str = "
-    select id, robot_id, measurement_set_id, coalesce(verify_set_id, ''), coalesce(frames_id, ''), coalesce(network_input_id, ''),
-        coalesce(residual_network_input_id, ''), coalesce(parameter_set_input_id, ''), request_json, report_json, coalesce(result_sha256, '')
+    select id, robot_id, measurement_set_id, coalesce(verify_set_id, '') as verify_set_id, coalesce(frames_id, '') as frames_id,
+        coalesce(network_input_id, '') as network_input_id, coalesce(residual_network_input_id, '') as residual_network_input_id,
+        coalesce(parameter_set_input_id, '') as parameter_set_input_id, request_json, report_json, coalesce(result_sha256, '') as result_sha256
     from job where status = 'succeeded' and id > $1 order by id limit cast($2 as bigint)";
 pub(super) const ANSWERS: &str = "
     select key_holder, method, path, idempotency_key, request_sha256, status, location, content_type, response_body from idempotency
@@ -273,19 +274,34 @@ pub(super) async fn one_set_per_job(store: &Store) -> Result<Check> {
     Ok(check)
 }
 
-type Result5 = (
-    String,
-    String,
-    String,
-    String,
-    String,
-    String,
-    String,
-    String,
-    String,
-    String,
-    String,
-);
+/// A succeeded job: what determines its result, and the result. Empty texts for absent inputs.
+struct SucceededJob {
+    id: String,
+    robot_id: String,
+    measurement_set_id: String,
+    verify_set_id: String,
+    frames_id: String,
+    network_input_id: String,
+    residual_network_input_id: String,
+    parameter_set_input_id: String,
+    request_json: String,
+    report_json: String,
+    result_sha256: String,
+}
+
+from_row!(SucceededJob {
+    id,
+    robot_id,
+    measurement_set_id,
+    verify_set_id,
+    frames_id,
+    network_input_id,
+    residual_network_input_id,
+    parameter_set_input_id,
+    request_json,
+    report_json,
+    result_sha256
+});
 
 /// I5: equal inputs gave equal results.
 pub(super) async fn same_request_same_result(store: &Store, chain: &Chain) -> Result<Check> {
@@ -296,29 +312,20 @@ pub(super) async fn same_request_same_result(store: &Store, chain: &Chain) -> Re
     let mut results: BTreeMap<String, (String, String)> = BTreeMap::new();
     let mut after = String::new();
     loop {
-        let rows: Vec<Result5> = sqlx::query_as(JOBS)
+        let rows: Vec<SucceededJob> = sqlx::query_as(JOBS)
             .bind(&after)
             .bind(BATCH)
             .fetch_all(store.reads())
             .await?;
         let Some(last) = rows.last() else { break };
-        after.clone_from(&last.0);
-        for (
-            id,
-            robot,
-            set,
-            verify,
-            frames,
-            network,
-            residual,
-            parameters,
-            request,
-            report,
-            result_sha256,
-        ) in rows
-        {
+        after.clone_from(&last.id);
+        for job in rows {
+            let SucceededJob {
+                id, result_sha256, ..
+            } = job;
             check.n_examined += 1;
-            let report: serde_json::Value = serde_json::from_str(&report).unwrap_or_default();
+            let report: serde_json::Value =
+                serde_json::from_str(&job.report_json).unwrap_or_default();
             check.require(report["result_sha256"] == *result_sha256, || {
                 format!("{id}: its report is not the one that was hashed")
             });
@@ -331,14 +338,14 @@ pub(super) async fn same_request_same_result(store: &Store, chain: &Chain) -> Re
                 &result_sha256,
             );
             let inputs = serde_json::json!([
-                robot,
-                set,
-                verify,
-                frames,
-                network,
-                residual,
-                parameters,
-                request,
+                job.robot_id,
+                job.measurement_set_id,
+                job.verify_set_id,
+                job.frames_id,
+                job.network_input_id,
+                job.residual_network_input_id,
+                job.parameter_set_input_id,
+                job.request_json,
                 report["version"]
             ])
             .to_string();
@@ -418,10 +425,8 @@ pub(super) async fn releases_have_checks(store: &Store, chain: &Chain) -> Result
             format!("{id}: its gates are not as many as were counted")
         });
         if row.released_at_ms > chain.begun_at_ms {
-            let compare_with_entry =
-                chain.field_of_newest(&id, "parameter_set_released", "checks_sha256");
-            let is_noted =
-                compare_with_entry.as_deref() == Some(sha256_hex(checks_json.as_bytes()).as_str());
+            let in_chain = chain.field_of_newest(&id, "parameter_set_released", "checks_sha256");
+            let is_noted = in_chain.as_deref() == Some(sha256_hex(checks_json.as_bytes()).as_str());
             check.require(is_noted, || {
                 format!("{id} is {status}, but the audit chain does not say so with these checks")
             });
