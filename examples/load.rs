@@ -379,7 +379,7 @@ async fn claims(data_dir: &std::path::Path) -> anyhow::Result<()> {
     let set = NewMeasurementSet {
         robot_id: robot.id.clone(),
         name: None,
-        frame: "base".into(),
+        frame: kincal::wire::measurement::Frame::Base,
         content_type: "text/csv".into(),
         body: vec![0],
         sha256: String::new(),
@@ -396,7 +396,7 @@ async fn claims(data_dir: &std::path::Path) -> anyhow::Result<()> {
     let new = NewJob {
         robot_id: robot.id,
         measurement_set_id: set.id,
-        kind: "identify".into(),
+        kind: kincal::wire::job::Kind::Identify,
         method: "auto".into(),
         request_json: "{}".into(),
         ..NewJob::default()

@@ -69,7 +69,7 @@ async fn main() {
     let new = NewJob {
         robot_id: robot.clone(),
         measurement_set_id: set.id.clone(),
-        kind: "identify".into(),
+        kind: kincal::wire::job::Kind::Identify,
         method: "least_squares".into(),
         request_json: serde_json::to_string(&JobRequestBody::for_set(&set.id)).expect("JSON"),
         client: "study".into(),
@@ -210,7 +210,7 @@ fn papers_set(robot_id: &str) -> NewMeasurementSet {
     NewMeasurementSet {
         robot_id: robot_id.into(),
         name: None,
-        frame: "base".into(),
+        frame: kincal::wire::measurement::Frame::Base,
         content_type: "text/csv".into(),
         sha256: sha256_hex(&body),
         body,
@@ -248,7 +248,7 @@ async fn workers(store: &Store, url: &str) {
             let new = NewJob {
                 robot_id: robot.id.clone(),
                 measurement_set_id: set.id.clone(),
-                kind: "identify".into(),
+                kind: kincal::wire::job::Kind::Identify,
                 method: "least_squares".into(),
                 request_json: serde_json::to_string(&JobRequestBody::for_set(&set.id))
                     .expect("JSON"),
@@ -304,7 +304,7 @@ async fn another_client(store: &Store, url: &str) {
         let new = NewJob {
             robot_id: of.0.clone(),
             measurement_set_id: of.1.clone(),
-            kind: "identify".into(),
+            kind: kincal::wire::job::Kind::Identify,
             method: "least_squares".into(),
             request_json: of.2.clone(),
             client: format!("newcomer {n}"),

@@ -1,6 +1,7 @@
 //! The accept loop, with a limit on connections and timeouts for slow clients; `axum::serve` has neither.
 
 use crate::config::LimitsConfig;
+use crate::http::app::shutdown_begun;
 use crate::http::counters::Metrics;
 use crate::http::limits::Limits;
 use crate::http::lingering::Lingering;
@@ -157,13 +158,6 @@ pub async fn accept_all(listener: TcpListener, service: ConnectionContext) {
         }
     }
     while connections.join_next().await.is_some() {}
-}
-
-async fn shutdown_begun(mut stopping: watch::Receiver<bool>) {
-    // If the sender is dropped, nobody can stop the server: it runs until the process ends.
-    if stopping.wait_for(|stop| *stop).await.is_err() {
-        std::future::pending::<()>().await;
-    }
 }
 
 async fn connection(

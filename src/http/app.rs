@@ -24,6 +24,13 @@ pub struct App {
     pub(super) metrics: Metrics,
 }
 
+/// Resolves when shutdown begins. If the sender is dropped, nobody can stop the server: it runs until the process ends.
+pub(super) async fn shutdown_begun(mut stopping: watch::Receiver<bool>) {
+    if stopping.wait_for(|stop| *stop).await.is_err() {
+        std::future::pending::<()>().await;
+    }
+}
+
 impl App {
     /// The state of a server on this store.
     pub fn new(
@@ -45,12 +52,7 @@ impl App {
 
     /// Resolves when shutdown begins.
     pub async fn stopped(&self) {
-        let mut stopping = self.stopping.clone();
-        // If the sender is dropped, nobody can stop the server: it runs until the process ends.
-        let is_stopping = stopping.wait_for(|stop| *stop).await.is_ok();
-        if !is_stopping {
-            std::future::pending::<()>().await;
-        }
+        shutdown_begun(self.stopping.clone()).await;
     }
 
     /// Waits for a permit to compute for a request of this class.

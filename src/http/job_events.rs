@@ -96,8 +96,7 @@ async fn changed(app: &App, seen: &JobRow) -> Option<JobRow> {
             .wait_for_change(&app.store, seen, KEEP_ALIVE)
             .await
             .ok()?;
-        let what = |row: &JobRow| (row.status, row.attempt, row.progress_json.clone());
-        if what(&row) != what(seen) {
+        if row.has_moved_on(seen) {
             return Some(row);
         }
     }

@@ -5,10 +5,10 @@ use crate::calibration::{self, CalibrationRequest, is_anew};
 use crate::http::auth::Scope;
 use crate::http::creation::{Submission, stored_json};
 use crate::http::extract::Id;
-use crate::http::job_sources::{ResidualSource, SetSource, Sources, load};
+use crate::http::job_sources::{ResidualSource, Sources, load};
 use crate::http::request_class::RequestClass;
 use crate::http::{App, Error, access};
-use crate::jobs::queue;
+use crate::jobs::{MeasurementSetInput, queue};
 use crate::store::{NewJob, ParameterSetRow, Tx};
 use crate::wire::job::{JobParts, JobRequestBody, Kind, Method};
 use crate::wire::job_answer::JobAnswer;
@@ -94,10 +94,7 @@ fn new_job(request: &JobRequestBody, sources: &Sources, client: &str) -> Result<
         network_input_id: None,
         residual_network_input_id: None,
         parameter_set_input_id: sources.parameter_set.as_ref().map(|row| row.id.clone()),
-        kind: match request.kind {
-            Kind::Identify => "identify".into(),
-            Kind::Verify => "verify".into(),
-        },
+        kind: request.kind,
         method: request.method.as_str().into(),
         request_json: serde_json::to_string(request)?,
         priority: request.priority,
@@ -111,7 +108,7 @@ fn choose_residual(
     request: &JobRequestBody,
     calibration_request: &CalibrationRequest,
     (sources, sets_sha256): (&[ResidualSource], &[&str]),
-    parse: impl Fn(&SetSource) -> Result<MeasurementSet, Error>,
+    parse: impl Fn(&MeasurementSetInput) -> Result<MeasurementSet, Error>,
 ) -> Result<Option<String>, Error> {
     let to_verify = match &calibration_request.verify {
         VerifySource::Set(set) => Some(set),
@@ -158,7 +155,7 @@ fn choose_residual(
 fn check(request: &JobRequestBody, sources: Sources) -> Result<Chosen, Error> {
     let robot = Robot::try_from(&access::robot_body(&sources.robot)?)?;
     let n_joints = robot.links.len();
-    let parse = |source: &SetSource| source.set(n_joints);
+    let parse = |source: &MeasurementSetInput| source.parse(n_joints).map_err(Error::Invalid);
     let parts = JobParts {
         set: parse(&sources.set)?,
         verify_set: sources.verify_set.as_ref().map(parse).transpose()?,

@@ -2,15 +2,16 @@
 
 use crate::http::auth::Caller;
 use crate::http::{App, Error, access};
+use crate::jobs::MeasurementSetInput;
 use crate::store::jobs as stored;
 use crate::store::{
-    self, MeasurementSetRow, NetworkRow, ParameterSetRow, RobotRow, frames, measurement_sets,
-    networks, parameter_sets,
+    MeasurementSetRow, NetworkRow, ParameterSetRow, RobotRow, frames, measurement_sets, networks,
+    parameter_sets,
 };
 use crate::wire::frames::FramesContent;
 use crate::wire::id;
 use crate::wire::job::{JobRequestBody, Kind, Method, VerifyBody};
-use crate::wire::measurement::{Frame, MeasurementSet, from_upload};
+use crate::wire::measurement::Frame;
 use crate::wire::network::NetworkKind;
 use crate::wire::safetensors::NetworkMetadata;
 
@@ -26,9 +27,9 @@ pub struct Sources {
     /// The robot.
     pub robot: RobotRow,
     /// The measurement set to identify from, or to score.
-    pub set: SetSource,
+    pub set: MeasurementSetInput,
     /// Another upload to verify on.
-    pub verify_set: Option<SetSource>,
+    pub verify_set: Option<MeasurementSetInput>,
     /// Frames by sweeps.
     pub frames: Option<FramesContent>,
     /// Networks that the job may start from, newest first: id and weights.
@@ -41,34 +42,6 @@ pub struct Sources {
     pub scored_frame: Option<Frame>,
 }
 
-/// A stored set and its bytes.
-pub struct SetSource {
-    /// The stored row.
-    pub row: MeasurementSetRow,
-    /// The uploaded bytes.
-    pub bytes: Vec<u8>,
-}
-
-impl SetSource {
-    /// Reads a set.
-    ///
-    /// # Errors
-    /// Those of the store.
-    async fn read(app: &App, id: &str) -> Result<Self, store::Error> {
-        let (row, bytes) = measurement_sets::get_with_body(&app.store, id).await?;
-        Ok(Self { row, bytes })
-    }
-
-    /// Parses the points.
-    ///
-    /// # Errors
-    /// [`Error::Invalid`] if the bytes cannot be read. This does not happen, because they were accepted once.
-    pub fn set(&self, n_joints: usize) -> Result<MeasurementSet, Error> {
-        let frame = frame_of(&self.row)?;
-        from_upload(&self.row.content_type, &self.bytes, frame, n_joints).map_err(Error::Invalid)
-    }
-}
-
 /// A residual network with the uploads that it was trained on.
 pub struct ResidualSource {
     /// `net_…`
@@ -76,7 +49,7 @@ pub struct ResidualSource {
     /// The weights in safetensors format.
     pub weights: Vec<u8>,
     /// The measurement set that it was trained on.
-    pub set: SetSource,
+    pub set: MeasurementSetInput,
     /// Hashes of the uploads that it and its predecessors were trained on; none if the chain is too long.
     pub trained_on_sha256: Option<Vec<String>>,
 }
@@ -123,9 +96,9 @@ pub async fn load(
     })
 }
 
-async fn set(app: &App, robot_id: &str, id: &str, at: &str) -> Result<SetSource, Error> {
+async fn set(app: &App, robot_id: &str, id: &str, at: &str) -> Result<MeasurementSetInput, Error> {
     require_own(
-        SetSource::read(app, id).await,
+        MeasurementSetInput::read(&app.store, id).await,
         |set| set.row.robot_id == robot_id,
         at,
         "measurement set",
@@ -136,7 +109,7 @@ async fn verify_set(
     app: &App,
     robot_id: &str,
     request: &JobRequestBody,
-) -> Result<Option<SetSource>, Error> {
+) -> Result<Option<MeasurementSetInput>, Error> {
     match &request.verify {
         Some(VerifyBody::Set { measurement_set_id }) => set(
             app,
@@ -200,7 +173,7 @@ async fn scored_frame(
     };
     let job = stored::get(&app.store, &set.job_id).await?;
     let upload = measurement_sets::get(&app.store, &job.measurement_set_id).await?;
-    Ok(Some(frame_of(&upload)?))
+    Ok(Some(upload.frame))
 }
 
 /// The networks that the job may start from: the one that the request names, or for `bpnn_pso` and `auto` the newest.
@@ -225,7 +198,7 @@ async fn networks(
     if !matches!(request.method, Method::BpnnPso | Method::Auto) || request.kind == Kind::Verify {
         return Ok(vec![]);
     }
-    let model = request.model_for(frame_of(set)?);
+    let model = request.model_for(set.frame);
     Ok(networks::newest(
         &app.store,
         robot_id,
@@ -269,7 +242,7 @@ async fn residual_networks(
     };
     let mut sources = Vec::with_capacity(found.len());
     for (id, weights, set_id) in found {
-        let set = SetSource::read(app, &set_id).await?;
+        let set = MeasurementSetInput::read(&app.store, &set_id).await?;
         let trained_on_sha256 = uploads_trained_on(app, &id).await?;
         sources.push(ResidualSource {
             id,
@@ -304,12 +277,6 @@ fn is_of(row: &NetworkRow, robot_id: &str, kind: NetworkKind) -> bool {
     row.robot_id == robot_id
         && serde_json::from_str::<NetworkMetadata>(&row.metadata_json)
             .is_ok_and(|metadata| metadata.kind == kind)
-}
-
-/// The frame of a stored set.
-pub fn frame_of(set: &MeasurementSetRow) -> Result<Frame, Error> {
-    Frame::parse(&set.frame)
-        .ok_or_else(|| Error::Internal(format!("set {} has frame {:?}", set.id, set.frame)))
 }
 
 /// A document that the request names must exist and belong to the robot; both failures give the same error.

@@ -54,15 +54,7 @@ async fn list(
 ) -> Result<Json<Page<JobAnswer>>, Error> {
     access::robot(&app, &caller, &robot_id).await?;
     let page = jobs::list(&app.store, &robot_id, &query.page()?).await?;
-    let items = page
-        .items
-        .iter()
-        .map(JobAnswer::try_from)
-        .collect::<Result<_, _>>()?;
-    Ok(Json(Page {
-        items,
-        next_cursor: page.next_cursor.map(|cursor| cursor.to_string()),
-    }))
+    Ok(Json(page.into_answer(|row| JobAnswer::try_from(&row))?))
 }
 
 /// A job. With `wait_s` it answers when the status changes or the job has ended, at the latest after that time.

@@ -108,7 +108,7 @@ async fn create(
     let new = NewMeasurementSet {
         robot_id,
         name: upload.name,
-        frame: upload.frame.as_str().into(),
+        frame: upload.frame,
         content_type,
         body: submission.body.to_vec(),
         sha256: upload.sha256,
@@ -252,15 +252,7 @@ async fn list(
 ) -> Result<Json<Page<SetSummary>>, Error> {
     access::robot(&app, &caller, &robot_id).await?;
     let page = measurement_sets::list(&app.store, &robot_id, &query.page()?).await?;
-    let items = page
-        .items
-        .iter()
-        .map(SetSummary::try_from)
-        .collect::<Result<_, _>>()?;
-    Ok(Json(Page {
-        items,
-        next_cursor: page.next_cursor.map(|cursor| cursor.to_string()),
-    }))
+    Ok(Json(page.into_answer(|row| SetSummary::try_from(&row))?))
 }
 
 /// A measurement set.
@@ -295,13 +287,11 @@ impl TryFrom<&MeasurementSetRow> for SetSummary {
     type Error = Error;
 
     fn try_from(row: &MeasurementSetRow) -> Result<Self, Error> {
-        let frame = Frame::parse(&row.frame)
-            .ok_or_else(|| Error::Internal(format!("set {} has frame {:?}", row.id, row.frame)))?;
         Ok(Self {
             id: row.id.clone(),
             robot_id: row.robot_id.clone(),
             name: row.name.clone(),
-            frame,
+            frame: row.frame,
             n_points: row.n_points.unsigned_abs() as usize,
             n_configurations: row.n_configurations.unsigned_abs() as usize,
             n_targets: row.n_targets.unsigned_abs() as usize,

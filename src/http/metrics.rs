@@ -4,13 +4,12 @@ use crate::http::auth::Caller;
 use crate::http::counters::Text;
 use crate::http::{App, Error};
 use crate::store::statistics::{self, JobStatistics};
+use crate::wire::job_answer::JobStatus;
 use axum::extract::State;
 use axum::http::header;
 use axum::response::{IntoResponse, Response};
 use utoipa_axum::{router::OpenApiRouter, routes};
 
-/// Statuses that are always listed, even without jobs.
-const JOB_STATUSES: [&str; 5] = ["queued", "running", "succeeded", "failed", "cancelled"];
 const TEXT_FORMAT: &str = "text/plain; version=0.0.4; charset=utf-8";
 
 /// Route of the metrics.
@@ -70,7 +69,8 @@ async fn metrics(State(app): State<App>, caller: Caller) -> Result<Response, Err
 fn write_jobs(out: &mut Text, jobs: &[JobStatistics]) {
     let of = |status: &str| jobs.iter().find(|row| row.status == status);
     out.family("kincal_jobs", "gauge", "Jobs by status.");
-    for status in JOB_STATUSES {
+    // Every status is listed, even without jobs.
+    for status in JobStatus::ALL.map(JobStatus::as_str) {
         out.sample(
             "kincal_jobs",
             &[("status", status)],

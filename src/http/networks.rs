@@ -36,15 +36,7 @@ async fn list(
 ) -> Result<Json<Page<NetworkAnswer>>, Error> {
     access::robot(&app, &caller, &robot_id).await?;
     let page = networks::list(&app.store, &robot_id, &query.page()?).await?;
-    let items = page
-        .items
-        .into_iter()
-        .map(NetworkAnswer::try_from)
-        .collect::<Result<_, _>>()?;
-    Ok(Json(Page {
-        items,
-        next_cursor: page.next_cursor.map(|cursor| cursor.to_string()),
-    }))
+    Ok(Json(page.into_answer(NetworkAnswer::try_from)?))
 }
 
 /// Metadata of a network.

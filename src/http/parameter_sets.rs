@@ -6,7 +6,6 @@ use crate::http::limits::ComputePermit;
 use crate::http::{App, Error, access};
 use crate::store::{ParameterSetRow, jobs, measurement_sets, parameter_sets};
 use crate::wire::canonical;
-use crate::wire::measurement::Frame;
 use crate::wire::page::Page;
 use crate::wire::parameter_set::{ParameterSetAnswer, ParameterSetContent, Provenance};
 use crate::wire::report;
@@ -40,15 +39,7 @@ async fn list(
 ) -> Result<Json<Page<ParameterSetAnswer>>, Error> {
     access::robot(&app, &caller, &robot_id).await?;
     let page = parameter_sets::list(&app.store, &robot_id, &query.page()?).await?;
-    let items = page
-        .items
-        .into_iter()
-        .map(ParameterSetAnswer::try_from)
-        .collect::<Result<_, _>>()?;
-    Ok(Json(Page {
-        items,
-        next_cursor: page.next_cursor.map(|cursor| cursor.to_string()),
-    }))
+    Ok(Json(page.into_answer(ParameterSetAnswer::try_from)?))
 }
 
 /// One parameter set.
@@ -137,7 +128,7 @@ pub async fn provenance(
     let job = jobs::get(&app.store, &row.job_id).await?;
     let measured = measurement_sets::get(&app.store, &job.measurement_set_id).await?;
     permit
-        .run(move || report::provenance(&report, Frame::parse(&measured.frame)))
+        .run(move || report::provenance(&report, Some(measured.frame)))
         .await
 }
 

@@ -2,7 +2,7 @@
 
 use crate::http::auth::Caller;
 use crate::http::extract::{Id, json_body, parse_small};
-use crate::http::job_sources::{frame_of, require_own};
+use crate::http::job_sources::require_own;
 use crate::http::request_class::RequestClass;
 use crate::http::{App, Error, access};
 use crate::store::measurement_sets;
@@ -52,8 +52,7 @@ async fn create(
         // One after the other, because the bytes are much larger than the parsed points.
         let points = measurement_sets::body(&app.store, &set.id).await?;
         let parse = move || {
-            from_upload(&set.content_type, &points, frame_of(&set)?, n_joints)
-                .map_err(Error::Invalid)
+            from_upload(&set.content_type, &points, set.frame, n_joints).map_err(Error::Invalid)
         };
         sets.push(permit.run(parse).await?);
     }

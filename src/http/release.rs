@@ -6,6 +6,7 @@ use crate::http::extract::Id;
 use crate::http::limits::ComputePermit;
 use crate::http::request_class::RequestClass;
 use crate::http::{App, Error, access, policies as policy_answers};
+use crate::jobs::MeasurementSetInput;
 use crate::jobs::evidence::{self, ParsedEvidence};
 use crate::release::{Comparison, Facts, gates};
 use crate::store::{
@@ -295,7 +296,7 @@ async fn compared(
         return Ok(comparisons);
     }
     for (job_id, measurement_set_id) in &parsed.to_compare {
-        let upload = evidence::upload(&app.store, measurement_set_id).await?;
+        let upload = MeasurementSetInput::read(&app.store, measurement_set_id).await?;
         let (parsed, job_id) = (Arc::clone(parsed), job_id.clone());
         let compare = move || evidence::compare_on(&parsed, &job_id, &upload).map_err(unreadable);
         comparisons.extend(permit.run(compare).await?);

@@ -65,15 +65,7 @@ async fn list(
     Query(query): Query<ListQuery>,
 ) -> Result<Json<Page<RobotAnswer>>, Error> {
     let page = robots::list(&app.store, caller.robots.as_deref(), &query.page()?).await?;
-    let items = page
-        .items
-        .iter()
-        .map(RobotAnswer::try_from)
-        .collect::<Result<_, _>>()?;
-    Ok(Json(Page {
-        items,
-        next_cursor: page.next_cursor.map(|cursor| cursor.to_string()),
-    }))
+    Ok(Json(page.into_answer(|row| RobotAnswer::try_from(&row))?))
 }
 
 /// One robot.

@@ -9,7 +9,9 @@ use crate::store::{
 };
 use crate::wire::verification::Verification;
 
+use crate::wire::Invalid;
 use crate::wire::job_answer::Stage;
+use crate::wire::measurement::{MeasurementSet, from_upload};
 
 /// Computes a job from its inputs alone. It reports progress at least once per iteration, and stops with [`JobFailure::Cancelled`] when the monitor
 /// returns `Break`. It runs on a blocking thread and may panic.
@@ -77,6 +79,25 @@ pub struct MeasurementSetInput {
     pub row: MeasurementSetRow,
     /// The uploaded bytes.
     pub body: Vec<u8>,
+}
+
+impl MeasurementSetInput {
+    /// Reads a stored set.
+    ///
+    /// # Errors
+    /// [`crate::store::Error`].
+    pub async fn read(store: &Store, id: &str) -> Result<Self> {
+        let (row, body) = measurement_sets::get_with_body(store, id).await?;
+        Ok(Self { row, body })
+    }
+
+    /// Parses the points.
+    ///
+    /// # Errors
+    /// If the bytes cannot be read. This does not happen, because they were accepted once.
+    pub fn parse(&self, n_joints: usize) -> std::result::Result<MeasurementSet, Invalid> {
+        from_upload(&self.row.content_type, &self.body, self.row.frame, n_joints)
+    }
 }
 
 /// A network with its weights.
@@ -157,8 +178,11 @@ impl JobInputs {
         // Reads concurrently; each read takes its own connection.
         let (robot, set, verify_set, frames, network, residual_network, parameter_set, earlier) = tokio::try_join!(
             robots::get(store, &job.robot_id),
-            load_set(store, &job.measurement_set_id),
-            load(job.verify_set_id.as_deref(), |id| load_set(store, id)),
+            MeasurementSetInput::read(store, &job.measurement_set_id),
+            load(
+                job.verify_set_id.as_deref(),
+                |id| MeasurementSetInput::read(store, id)
+            ),
             load(job.frames_id.as_deref(), |id| frames::get(store, id)),
             load(job.network_input_id.as_deref(), |id| load_network(
                 store, id
@@ -210,7 +234,7 @@ async fn load_parameter_set(store: &Store, id: &str) -> Result<ParameterSetInput
     Ok(ParameterSetInput {
         verification: verifications::of_job(store, &row.job_id).await?,
         row,
-        set: load_set(store, &job.measurement_set_id).await?,
+        set: MeasurementSetInput::read(store, &job.measurement_set_id).await?,
         frames,
     })
 }
@@ -233,12 +257,9 @@ async fn load_earlier(store: &Store, job: &JobRow) -> Result<EarlierUploads> {
         return Ok(earlier);
     }
     for upload in uploads {
-        earlier.sets.push(load_set(store, &upload.id).await?);
+        earlier
+            .sets
+            .push(MeasurementSetInput::read(store, &upload.id).await?);
     }
     Ok(earlier)
-}
-
-async fn load_set(store: &Store, id: &str) -> Result<MeasurementSetInput> {
-    let (row, body) = measurement_sets::get_with_body(store, id).await?;
-    Ok(MeasurementSetInput { row, body })
 }

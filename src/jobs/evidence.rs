@@ -2,12 +2,10 @@
 
 use crate::calibration::request::VerifySource;
 use crate::calibration::{self, CalibrationRequest, judged};
-use crate::jobs::execution::{request_of, set_of};
+use crate::jobs::execution::request_of;
 use crate::jobs::{JobInputs, MeasurementSetInput};
 use crate::release::{Comparison, Session};
-use crate::store::{
-    ParameterSetRow, Result, Store, VerificationRow, jobs, measurement_sets, verifications,
-};
+use crate::store::{ParameterSetRow, Result, Store, VerificationRow, jobs, verifications};
 use crate::wire::Problem;
 use crate::wire::measurement::MeasurementSet;
 use crate::wire::parameter_set::ParameterSetContent;
@@ -81,15 +79,6 @@ impl EvidenceRows {
     pub fn n_verifications(&self) -> i64 {
         self.rows.len() as i64
     }
-}
-
-/// The upload of a session.
-///
-/// # Errors
-/// [`crate::store::Error`].
-pub async fn upload(store: &Store, measurement_set_id: &str) -> Result<MeasurementSetInput> {
-    let (row, body) = measurement_sets::get_with_body(store, measurement_set_id).await?;
-    Ok(MeasurementSetInput { row, body })
 }
 
 fn parsed<T: serde::de::DeserializeOwned>(json: &str) -> std::result::Result<T, Box<Problem>> {
@@ -175,7 +164,8 @@ pub fn compare_on(
     job_id: &str,
     upload: &MeasurementSetInput,
 ) -> std::result::Result<Option<Comparison>, Box<Problem>> {
-    let set = set_of(upload, parsed.request.robot.links.len())
+    let set = upload
+        .parse(parsed.request.robot.links.len())
         .map_err(|_| broken(&format!("the upload {}", upload.row.id)))?;
     Ok(compare(parsed, format!("session of job {job_id}"), &set))
 }

@@ -6,15 +6,13 @@ use crate::calibration::request::{PreviousSession, VerifySource};
 use crate::calibration::{
     self, CalibrationReport, CalibrationRequest, Event, HeldOut, calibrate, is_anew,
 };
-use crate::jobs::{
-    JobFailure, JobInputs, JobOutcome, MeasurementSetInput, ParameterSetInput, Progress,
-};
+use crate::jobs::{JobFailure, JobInputs, JobOutcome, ParameterSetInput, Progress};
 use crate::release::facts::{MeasuredSince, identification_facts, repeats, session_facts};
 use crate::store::{NewNetwork, NewParameterSet};
 use crate::wire::frames::FramesContent;
 use crate::wire::job::{JobParts, JobRequestBody, Kind};
 use crate::wire::job_answer::Stage;
-use crate::wire::measurement::{Frame, MeasurementSet, from_upload};
+use crate::wire::measurement::MeasurementSet;
 use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::report::{self, RunContext};
 use crate::wire::report_shape::{Convergence, NO_USE, Report};
@@ -122,7 +120,7 @@ pub(super) fn run_verification(
     let identified_from = inputs
         .parameter_set
         .as_ref()
-        .map(|input| set_of(&input.set, request.robot.links.len()))
+        .map(|input| input.set.parse(request.robot.links.len()).map_err(broken))
         .transpose()?;
     let another = identified_from.is_none_or(|from| is_anew(&request.robot, &from, &request.set));
     let report = calibrated
@@ -152,7 +150,7 @@ pub(super) fn since(
 ) -> Result<MeasuredSince, JobFailure> {
     let earlier = inputs.earlier.sets.iter();
     let earlier: Vec<MeasurementSet> = earlier
-        .map(|input| set_of(input, request.robot.links.len()))
+        .map(|input| input.parse(request.robot.links.len()).map_err(broken))
         .collect::<Result<_, _>>()?;
     Ok(MeasuredSince {
         check_seq: inputs.earlier.check_seq,
@@ -355,12 +353,13 @@ pub fn request_of(inputs: &JobInputs) -> Result<CalibrationRequest, JobFailure> 
         .as_ref()
         .map(|network| safetensors::read_residual(&network.weights));
     let parts = JobParts {
-        set: set_of(&inputs.set, n_joints)?,
+        set: inputs.set.parse(n_joints).map_err(broken)?,
         verify_set: inputs
             .verify_set
             .as_ref()
-            .map(|set| set_of(set, n_joints))
-            .transpose()?,
+            .map(|set| set.parse(n_joints))
+            .transpose()
+            .map_err(broken)?,
         frames: frames
             .transpose()
             .map_err(broken)?
@@ -375,7 +374,7 @@ pub fn request_of(inputs: &JobInputs) -> Result<CalibrationRequest, JobFailure> 
         .map_err(|invalid: Invalid| failed(&Problem::new(422, invalid.code, invalid.summary())))?;
     request.held_out = held_out(inputs);
     let scored = inputs.parameter_set.as_ref();
-    request.scored_frame = scored.and_then(|input| Frame::parse(&input.set.row.frame));
+    request.scored_frame = scored.map(|input| input.set.row.frame);
     Ok(request)
 }
 
@@ -404,20 +403,11 @@ fn previous_session(
         .map(|row| serde_json::from_str::<FramesContent>(&row.result_json))
         .transpose()
         .ok()?;
-    let set = set_of(&input.set, n_joints).ok()?;
+    let set = input.set.parse(n_joints).ok()?;
     Some(PreviousSession {
         set,
         frames: frames.map(|content| (&content).into()),
     })
-}
-
-pub(super) fn set_of(
-    input: &MeasurementSetInput,
-    n_joints: usize,
-) -> Result<MeasurementSet, JobFailure> {
-    let frame = Frame::parse(&input.row.frame)
-        .ok_or_else(|| broken(format!("unknown frame {:?}", input.row.frame)))?;
-    from_upload(&input.row.content_type, &input.body, frame, n_joints).map_err(broken)
 }
 
 /// Failure for a stored document that cannot be read or written: an internal error, not the client's.

@@ -8,6 +8,7 @@ use crate::jobs::JobInputs;
 use crate::jobs::execution::{request_of, run_verification, since};
 use crate::release::facts::identification_facts;
 use crate::store::{Result, Store, jobs, robots, verifications};
+use crate::wire::job::Kind;
 use crate::wire::measurement::{Subset, Warning};
 use crate::wire::report_shape::Report;
 use crate::wire::verification::Verification;
@@ -50,7 +51,7 @@ async fn store_facts(store: &Store, job_id: &str, found: &Verification) -> Resul
 /// Facts of one job. A session is scored again, which is quick. The facts of an identification are taken from its report.
 fn compute_facts(inputs: &JobInputs, report: &str) -> Option<Verification> {
     let request = request_of(inputs).ok()?;
-    if inputs.job.kind == "verify" {
+    if inputs.job.kind == Kind::Verify {
         let outcome = run_verification(&request, inputs, &mut |_| ControlFlow::Continue(()));
         return outcome.ok()?.verification;
     }

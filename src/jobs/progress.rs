@@ -137,9 +137,7 @@ impl JobSignals {
         seen: &JobRow,
         timeout: Duration,
     ) -> Result<JobRow> {
-        let what = |job: &JobRow| (job.status, job.attempt, job.progress_json.clone());
-        let seen_what = what(seen);
-        self.wait(store, &seen.id, timeout, |job| what(job) != seen_what)
+        self.wait(store, &seen.id, timeout, |job| job.has_moved_on(seen))
             .await
     }
 

@@ -23,12 +23,16 @@ impl Frame {
             Self::Instrument => "instrument",
         }
     }
+}
 
-    /// The frame with this spelling.
-    pub fn parse(text: &str) -> Option<Self> {
+impl TryFrom<String> for Frame {
+    type Error = String;
+
+    fn try_from(text: String) -> Result<Self, String> {
         [Self::Base, Self::Instrument]
             .into_iter()
             .find(|frame| frame.as_str() == text)
+            .ok_or_else(|| format!("unknown frame {text:?}"))
     }
 }
 

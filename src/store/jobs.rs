@@ -7,6 +7,7 @@ use super::database::new_id;
 use super::from_row::from_row;
 use super::{Conflict, Error, Page, PageRequest, Result, Store, Tx};
 use crate::wire::canonical;
+use crate::wire::job::Kind;
 use crate::wire::job_answer::JobStatus;
 
 /// A job without its report and convergence curve.
@@ -29,7 +30,7 @@ pub struct JobRow {
     /// The parameter set to start from or to verify, chosen when the job was posted.
     pub parameter_set_input_id: Option<String>,
     /// `identify` or `verify`.
-    pub kind: String,
+    pub kind: Kind,
     /// The requested method.
     pub method: String,
     /// The whole request in JSON.
@@ -66,7 +67,15 @@ pub struct JobRow {
     pub finished_at_ms: Option<i64>,
 }
 
-from_row!(JobRow { id, robot_id, measurement_set_id, verify_set_id, frames_id, network_input_id, residual_network_input_id, parameter_set_input_id, kind, method, request_json, priority, attempt, owner, lease_until_ms, cancel_requested_at_ms, progress_json, error_json, result_sha256, parameter_set_id, network_id, residual_network_id, created_at_ms, started_at_ms, finished_at_ms } parsed { status });
+from_row!(JobRow { id, robot_id, measurement_set_id, verify_set_id, frames_id, network_input_id, residual_network_input_id, parameter_set_input_id, method, request_json, priority, attempt, owner, lease_until_ms, cancel_requested_at_ms, progress_json, error_json, result_sha256, parameter_set_id, network_id, residual_network_id, created_at_ms, started_at_ms, finished_at_ms } parsed { status, kind });
+
+impl JobRow {
+    /// Whether status, attempt or progress differ from an earlier state of the job.
+    pub fn has_moved_on(&self, earlier: &JobRow) -> bool {
+        (self.status, self.attempt) != (earlier.status, earlier.attempt)
+            || self.progress_json != earlier.progress_json
+    }
+}
 
 /// A job to be stored. It names everything that its result depends on, so that every attempt computes the same result.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -86,7 +95,7 @@ pub struct NewJob {
     /// The parameter set to start from or to verify.
     pub parameter_set_input_id: Option<String>,
     /// `identify` or `verify`.
-    pub kind: String,
+    pub kind: Kind,
     /// The requested method.
     pub method: String,
     /// The whole request in JSON.
@@ -248,7 +257,7 @@ pub async fn insert(tx: &mut Tx, new: &NewJob, limit: Option<i64>) -> Result<Job
         .bind(new.network_input_id.as_deref())
         .bind(new.residual_network_input_id.as_deref())
         .bind(new.parameter_set_input_id.as_deref())
-        .bind(&new.kind)
+        .bind(new.kind.as_str())
         .bind(&new.method)
         .bind(&new.request_json)
         .bind(new.priority)

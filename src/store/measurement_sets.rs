@@ -8,6 +8,7 @@ use super::database::new_id;
 use super::from_row::from_row;
 use super::{Page, PageRequest, Result, Store, Tx};
 use crate::wire::canonical;
+use crate::wire::measurement::Frame;
 
 /// A measurement set without its bytes.
 #[derive(Clone, Debug, PartialEq)]
@@ -19,7 +20,7 @@ pub struct MeasurementSetRow {
     /// Its name; need not be unique.
     pub name: Option<String>,
     /// `base` or `instrument`.
-    pub frame: String,
+    pub frame: Frame,
     /// Media type of the upload.
     pub content_type: String,
     /// SHA-256 of the uploaded bytes, hexadecimal.
@@ -46,7 +47,6 @@ from_row!(MeasurementSetRow {
     id,
     robot_id,
     name,
-    frame,
     content_type,
     sha256,
     n_points,
@@ -57,7 +57,7 @@ from_row!(MeasurementSetRow {
     uploaded_by,
     serial_number,
     insisted_on
-});
+} parsed { frame });
 
 /// A measurement set to be stored.
 #[derive(Clone, Debug, PartialEq)]
@@ -67,7 +67,7 @@ pub struct NewMeasurementSet {
     /// Its name; need not be unique.
     pub name: Option<String>,
     /// `base` or `instrument`.
-    pub frame: String,
+    pub frame: Frame,
     /// Media type of the upload.
     pub content_type: String,
     /// The uploaded bytes.
@@ -179,7 +179,7 @@ pub async fn insert(tx: &mut Tx, new: &NewMeasurementSet) -> Result<MeasurementS
         .bind(new_id("set"))
         .bind(&new.robot_id)
         .bind(new.name.as_deref())
-        .bind(&new.frame)
+        .bind(new.frame.as_str())
         .bind(&new.content_type)
         .bind(new.body.as_slice())
         .bind(&new.sha256)

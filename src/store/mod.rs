@@ -47,7 +47,7 @@ pub use leases::{Expired, Heartbeat, Lease};
 pub use measurement_sets::{MeasurementSetRow, NewMeasurementSet};
 pub use networks::{NetworkRow, NewNetwork};
 pub use open::StoreLocation;
-pub use page::{Cursor, InvalidCursor, MAX_PAGE_SIZE, Page, PageRequest};
+pub use page::{Cursor, InvalidCursor, Page, PageRequest};
 pub use parameter_sets::{CheckedState, NewParameterSet, ParameterSetRow, Release};
 pub use policies::PolicyRow;
 pub use robots::{NewRobot, RobotCheck, RobotRow};

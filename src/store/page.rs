@@ -1,12 +1,11 @@
 //! Pages of lists, newest first. Items that existed at the first page appear exactly once, even if others are added meanwhile.
 
-/// Most items on one page: a page of summaries stays well under a megabyte.
-pub const MAX_PAGE_SIZE: u32 = 200;
+use crate::wire::page::{self, MAX_PAGE};
 
 /// Request for a page of a list.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PageRequest {
-    /// Most items on the page; clamped to 1..=[`MAX_PAGE_SIZE`].
+    /// Most items on the page; clamped to 1..=[`MAX_PAGE`].
     pub limit: u32,
     /// End of the page before; none for the first page.
     pub cursor: Option<Cursor>,
@@ -19,6 +18,26 @@ pub struct Page<T> {
     pub items: Vec<T>,
     /// Cursor of the next page; none on the last page.
     pub next_cursor: Option<Cursor>,
+}
+
+impl<T> Page<T> {
+    /// The page as an answer.
+    ///
+    /// # Errors
+    /// Those of `convert`.
+    pub fn into_answer<U, E>(
+        self,
+        convert: impl FnMut(T) -> Result<U, E>,
+    ) -> Result<page::Page<U>, E> {
+        Ok(page::Page {
+            items: self
+                .items
+                .into_iter()
+                .map(convert)
+                .collect::<Result<_, _>>()?,
+            next_cursor: self.next_cursor.map(|cursor| cursor.to_string()),
+        })
+    }
 }
 
 /// The last item of a page. Clients get its text and send it back unread.
@@ -58,7 +77,7 @@ impl std::str::FromStr for Cursor {
 impl Default for PageRequest {
     fn default() -> Self {
         PageRequest {
-            limit: MAX_PAGE_SIZE,
+            limit: MAX_PAGE,
             cursor: None,
         }
     }
@@ -73,7 +92,7 @@ pub(crate) struct Keyset {
 
 impl PageRequest {
     fn limit(&self) -> usize {
-        self.limit.clamp(1, MAX_PAGE_SIZE) as usize
+        self.limit.clamp(1, MAX_PAGE) as usize
     }
 
     pub(crate) fn keyset(&self) -> Keyset {

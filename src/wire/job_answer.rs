@@ -22,6 +22,15 @@ pub enum JobStatus {
 }
 
 impl JobStatus {
+    /// Every status.
+    pub const ALL: [Self; 5] = [
+        Self::Queued,
+        Self::Running,
+        Self::Succeeded,
+        Self::Failed,
+        Self::Cancelled,
+    ];
+
     /// Its name in JSON and in the database.
     pub fn as_str(self) -> &'static str {
         match self {
@@ -43,16 +52,10 @@ impl TryFrom<String> for JobStatus {
     type Error = String;
 
     fn try_from(text: String) -> Result<Self, String> {
-        [
-            Self::Queued,
-            Self::Running,
-            Self::Succeeded,
-            Self::Failed,
-            Self::Cancelled,
-        ]
-        .into_iter()
-        .find(|status| status.as_str() == text)
-        .ok_or_else(|| format!("unknown job status {text:?}"))
+        Self::ALL
+            .into_iter()
+            .find(|status| status.as_str() == text)
+            .ok_or_else(|| format!("unknown job status {text:?}"))
     }
 }
 

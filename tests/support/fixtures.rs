@@ -29,7 +29,7 @@ pub fn new_set(robot: &RobotRow, body: &[u8]) -> NewMeasurementSet {
     NewMeasurementSet {
         robot_id: robot.id.clone(),
         name: None,
-        frame: "base".into(),
+        frame: kincal::wire::measurement::Frame::Base,
         content_type: "text/csv".into(),
         body: body.to_vec(),
         sha256: canonical::sha256_hex(body),
@@ -55,7 +55,7 @@ pub fn new_job(set: &MeasurementSetRow, request_json: &str) -> NewJob {
     NewJob {
         robot_id: set.robot_id.clone(),
         measurement_set_id: set.id.clone(),
-        kind: "identify".into(),
+        kind: kincal::wire::job::Kind::Identify,
         method: "auto".into(),
         request_json: request_json.into(),
         ..NewJob::default()

@@ -337,7 +337,7 @@ async fn a_set_that_was_stored_with_another_measured_at_stays_readable() {
         insisted_on: None,
         robot_id: robot.rsplit('/').next().unwrap().into(),
         name: None,
-        frame: "base".into(),
+        frame: kincal::wire::measurement::Frame::Base,
         content_type: "text/csv".into(),
         body: csv.clone().into_bytes(),
         sha256: kincal::wire::canonical::sha256_hex(csv.as_bytes()),

@@ -539,7 +539,7 @@ fn a_robot_has_ten_thousand_jobs_waiting_and_no_more() {
 
 fn some_new_job() -> NewJob {
     NewJob {
-        kind: "identify".into(),
+        kind: kincal::wire::job::Kind::Identify,
         method: "auto".into(),
         request_json: "{}".into(),
         ..NewJob::default()

@@ -502,7 +502,7 @@ async fn scored(
     found: &Verification,
 ) -> String {
     let new = NewJob {
-        kind: "verify".into(),
+        kind: kincal::wire::job::Kind::Verify,
         parameter_set_input_id: Some(candidate.id.clone()),
         priority: 1,
         ..new_job(set, "{}")
