@@ -4,6 +4,9 @@ use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+/// Longest time for requests and running jobs to end when a process stops. It is below the 10 s after which service managers kill a process.
+pub const STOP_WITHIN: Duration = Duration::from_secs(8);
+
 /// Longest lease: the job of a dead worker waits this long.
 const MAX_LEASE_S: u64 = 3_600;
 /// Longest attempt at a job: a week.
@@ -44,7 +47,7 @@ pub struct LimitsConfig {
     #[arg(
         long,
         env = "KINCAL_MAX_CONNECTIONS",
-        default_value_t = 4096,
+        default_value_t = LimitsConfig::default().max_connections,
         value_name = "N"
     )]
     pub max_connections: usize,
@@ -52,7 +55,7 @@ pub struct LimitsConfig {
     #[arg(
         long,
         env = "KINCAL_CLIENT_TIMEOUT_S",
-        default_value_t = 10,
+        default_value_t = LimitsConfig::default().client_timeout_s,
         value_name = "SECONDS"
     )]
     pub client_timeout_s: u64,
@@ -60,7 +63,7 @@ pub struct LimitsConfig {
     #[arg(
         long,
         env = "KINCAL_RATE_PER_KEY",
-        default_value_t = 500,
+        default_value_t = LimitsConfig::default().rate_per_key,
         value_name = "N"
     )]
     pub rate_per_key: u32,
@@ -121,7 +124,7 @@ pub struct QueueConfig {
     #[arg(
         long,
         env = "KINCAL_LEASE_S",
-        default_value_t = 15,
+        default_value_t = QueueConfig::default().lease_s,
         value_name = "SECONDS"
     )]
     pub lease_s: u64,
@@ -129,7 +132,7 @@ pub struct QueueConfig {
     #[arg(
         long,
         env = "KINCAL_MAX_ATTEMPTS",
-        default_value_t = 3,
+        default_value_t = QueueConfig::default().max_attempts,
         value_name = "N"
     )]
     pub max_attempts: u32,
@@ -137,7 +140,7 @@ pub struct QueueConfig {
     #[arg(
         long,
         env = "KINCAL_MAX_JOB_S",
-        default_value_t = 21_600,
+        default_value_t = QueueConfig::default().max_job_s,
         value_name = "SECONDS"
     )]
     pub max_job_s: u64,

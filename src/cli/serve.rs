@@ -54,7 +54,6 @@ async fn announce(config: &ServeConfig, server: &RunningServer) -> anyhow::Resul
 }
 
 /// Resolves on SIGTERM or SIGINT (ctrl-c).
-#[cfg(unix)]
 pub fn stop_signal() -> anyhow::Result<impl Future<Output = ()>> {
     use tokio::signal::unix::{SignalKind, signal};
     let (mut terminate, mut interrupt) = (
@@ -66,13 +65,5 @@ pub fn stop_signal() -> anyhow::Result<impl Future<Output = ()>> {
             _ = terminate.recv() => {}
             _ = interrupt.recv() => {}
         }
-    })
-}
-
-/// Resolves on ctrl-c.
-#[cfg(not(unix))]
-pub fn stop_signal() -> anyhow::Result<impl Future<Output = ()>> {
-    Ok(async {
-        let _ = tokio::signal::ctrl_c().await;
     })
 }

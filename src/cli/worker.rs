@@ -4,15 +4,12 @@ use super::runtime::block_on;
 use super::serve::stop_signal;
 use super::terminal::Output;
 use super::usage::Usage;
-use crate::config::{DatabaseConfig, WorkerConfig};
+use crate::config::{DatabaseConfig, STOP_WITHIN, WorkerConfig};
 use crate::http::server::{location, rules};
 use crate::jobs::{JobSignals, WorkerPool, execution, facts};
 use crate::store::Store;
 use crate::telemetry;
 use std::time::Duration;
-
-/// Time for running jobs to end when the node stops; service managers kill it after 10 s.
-const STOP_WITHIN: Duration = Duration::from_secs(8);
 
 /// Computes until a stop signal.
 pub fn run(config: &WorkerConfig) -> anyhow::Result<()> {

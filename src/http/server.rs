@@ -1,6 +1,6 @@
 //! Starts and stops the service, for `kincal serve`, `kincal demo` and the tests.
 
-use crate::config::{self, ServeConfig};
+use crate::config::{self, STOP_WITHIN, ServeConfig};
 use crate::http::accept::{self, ConnectionContext};
 use crate::http::{App, tls};
 use crate::jobs::{AttemptLimits, Compute, JobSignals, WorkerPool, execution, facts};
@@ -10,9 +10,6 @@ use std::time::Duration;
 use tokio::net::TcpListener;
 use tokio::sync::watch;
 use tokio::task::JoinHandle;
-
-/// Longest time for requests and running jobs to end when the server stops. It is below the 10 s after which service managers kill a process.
-const STOP_WITHIN: Duration = Duration::from_secs(8);
 
 /// Why a server did not start.
 #[derive(Debug, thiserror::Error)]
