@@ -22,4 +22,4 @@ pub use compute::{
 };
 pub use pool::{AttemptLimits, WorkerPool};
 pub use progress::JobSignals;
-pub use worker::{WorkerContext, run_next_job, run_pending_jobs};
+pub use worker::{WorkerContext, run_next_job};

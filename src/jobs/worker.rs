@@ -180,18 +180,6 @@ pub async fn run_next_job(store: &Store, context: &WorkerContext) -> Result<Opti
     Ok(Some(job_id))
 }
 
-/// Runs jobs until the queue is empty; for tests.
-///
-/// # Errors
-/// As [`run_next_job`].
-pub async fn run_pending_jobs(store: &Store, context: &WorkerContext) -> Result<Vec<String>> {
-    let mut done = Vec::new();
-    while let Some(job_id) = run_next_job(store, context).await? {
-        done.push(job_id);
-    }
-    Ok(done)
-}
-
 /// One attempt at a job. If it is dropped before its end, the lease expires.
 struct Attempt<'a> {
     store: &'a Store,

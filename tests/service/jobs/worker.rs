@@ -2,10 +2,10 @@
 
 use std::time::Duration;
 
-use kincal::jobs::{JobSignals, WorkerContext, queue, run_next_job, run_pending_jobs};
+use kincal::jobs::{JobSignals, WorkerContext, queue, run_next_job};
 use kincal::store::{
-    Engine, JobRow, JobStatus, MeasurementSetRow, NewJob, NewParameterSet, PageRequest, Store,
-    frames, jobs, networks, parameter_sets,
+    Engine, Error, JobRow, JobStatus, MeasurementSetRow, NewJob, NewParameterSet, PageRequest,
+    Store, frames, jobs, networks, parameter_sets,
 };
 
 use crate::computations::{LONG, a_worker, arrived, gate, until};
@@ -25,6 +25,15 @@ fn begin(store: &Store, context: &WorkerContext) -> tokio::task::JoinHandle<()> 
             .unwrap()
             .expect("a job waits");
     })
+}
+
+/// Runs jobs until the queue is empty.
+async fn run_pending_jobs(store: &Store, context: &WorkerContext) -> Result<Vec<String>, Error> {
+    let mut done = Vec::new();
+    while let Some(job_id) = run_next_job(store, context).await? {
+        done.push(job_id);
+    }
+    Ok(done)
 }
 
 fn code(job: &JobRow) -> String {
