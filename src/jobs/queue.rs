@@ -1,6 +1,7 @@
 //! The queue's rules on top of the job table.
 
 use super::{JobOutcome, JobSignals};
+use crate::release;
 use crate::store::{
     Expired, JobRow, Lease, NewJob, Result, Store, Tx, jobs, leases, networks, parameter_sets,
     robots, verifications,
@@ -57,7 +58,7 @@ pub async fn finish(store: &Store, lease: &Lease, outcome: &JobOutcome) -> Resul
         parameter_sets::insert(&mut tx, &lease.job_id, parameter_set).await?;
     }
     if let Some(found) = &outcome.verification {
-        verifications::insert(&mut tx, &lease.job_id, found).await?;
+        verifications::insert(&mut tx, &lease.job_id, found, release::supports(found)).await?;
     }
     // The residual network is stored first: lists are newest first, and clients take the first network of a job for `network_id`.
     if let Some(network) = &outcome.residual_network {

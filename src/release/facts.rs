@@ -43,18 +43,18 @@ pub struct Session {
     pub verification: Verification,
 }
 
-impl Session {
-    /// Whether the session supports a release: its points were measured anew and fit the robot, and the set is better than nominal on them.
-    pub fn supports(&self) -> bool {
-        self.verification.is_session
-            && self.verification.evidence == Evidence::IndependentSession
-            && self.verification.fit == Fit::Fits
-            && self.verification.is_better
-    }
+/// Whether a session supports a release: its points were measured anew and fit the robot, and the set is better than nominal on them.
+pub fn supports(session: &Verification) -> bool {
+    session.is_session
+        && session.evidence == Evidence::IndependentSession
+        && session.fit == Fit::Fits
+        && session.is_better
+}
 
+impl Session {
     /// Whether the session supports the set, comes after this number of the robot's counter, and repeats no earlier upload.
     pub fn supports_since(&self, seq: i64) -> bool {
-        self.seq > seq && self.supports() && !self.verification.is_repeat
+        self.seq > seq && supports(&self.verification) && !self.verification.is_repeat
     }
 }
 

@@ -1,6 +1,6 @@
 //! The gates that a parameter set must pass before it may move a robot.
 
-use crate::release::facts::{Facts, INSISTED, MIN_VERIFY_POINTS, Session};
+use crate::release::facts::{Facts, INSISTED, MIN_VERIFY_POINTS, supports};
 use crate::release::robot_gates::{change, identity, orientation};
 use crate::release::session_gates::{
     better_than_nominal, check_robot, measured_since_check, sessions_fit,
@@ -79,7 +79,11 @@ fn errors_improved(facts: &Facts<'_>) -> Gate {
         );
         return Gate::new(name, facts.identification.is_better, detail);
     }
-    match facts.sessions.iter().any(Session::supports) {
+    match facts
+        .sessions
+        .iter()
+        .any(|session| supports(&session.verification))
+    {
         true => Gate::new(name, true, "see the sessions"),
         false => Gate::new(name, false, "without verify points nobody knows"),
     }

@@ -8,6 +8,6 @@ mod session_gates;
 mod texts;
 mod trend;
 
-pub use facts::{Comparison, Facts, Session};
+pub use facts::{Comparison, Facts, Session, supports};
 pub use gates::gates;
 pub use trend::{ScoredSession, trend};

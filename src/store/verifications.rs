@@ -50,13 +50,6 @@ pub struct VerificationRow {
 from_row!(VerificationRow { job_id, robot_id, parameter_set_id, measurement_set_id, created_at_ms, kind, seq, n_points, before_rms_mm, after_rms_mm, is_better, is_repeat, check_seq, uncertainty_mm } parsed { fit, evidence });
 
 impl VerificationRow {
-    /// Whether the session supports a release: its points were measured anew and fit the robot, and the set is better than nominal on them.
-    pub fn supports(&self) -> bool {
-        self.fit == Fit::Fits
-            && self.is_better == 1
-            && self.evidence == Evidence::IndependentSession
-    }
-
     /// Whether the job is of kind `verify`.
     pub fn is_session(&self) -> bool {
         self.kind == "session"
@@ -199,11 +192,11 @@ impl Audited for VerificationRow {
 }
 
 /// Stores what a job found, in the transaction that ends the job and has locked the robot's row. It also updates the robot: points that do not
-/// fit, and a session that the set misses by far, begin the state `check_robot`; a session that fits ends it.
+/// fit, and a session that the set misses by far, begin the state `check_robot`; a session that `supports` a release (`release::supports`) ends it.
 ///
 /// # Errors
 /// [`super::Error::Database`].
-pub async fn insert(tx: &mut Tx, job_id: &str, found: &Verification) -> Result<()> {
+pub async fn insert(tx: &mut Tx, job_id: &str, found: &Verification, supports: bool) -> Result<()> {
     let kind = if found.is_session {
         "session"
     } else {
@@ -232,7 +225,7 @@ pub async fn insert(tx: &mut Tx, job_id: &str, found: &Verification) -> Result<(
     tx.audit(STORED_EVENT, job_id, row.audit_entry());
     if row.fit == Fit::DoesNotFit || (row.is_session() && row.fit == Fit::SetFarOff) {
         robots::begin_check(tx, &row.robot_id, job_id, row.seq).await
-    } else if row.is_session() && row.supports() && row.is_repeat == 0 {
+    } else if supports && row.is_repeat == 0 {
         robots::end_check(tx, &row.robot_id, job_id).await
     } else {
         Ok(())

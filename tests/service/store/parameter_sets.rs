@@ -514,7 +514,7 @@ async fn scored(
         .unwrap();
     in_transaction(store, async |tx| {
         leases::succeed(tx, &lease, "{}", "{}", "00").await?;
-        verifications::insert(tx, &lease.job_id, found).await
+        verifications::insert(tx, &lease.job_id, found, kincal::release::supports(found)).await
     })
     .await;
     lease.job_id
@@ -788,7 +788,7 @@ async fn an_identified(
     };
     in_transaction(store, async |tx| {
         let row = parameter_sets::insert(tx, &job.id, &candidate).await?;
-        verifications::insert(tx, &job.id, found).await?;
+        verifications::insert(tx, &job.id, found, kincal::release::supports(found)).await?;
         Ok(row)
     })
     .await

@@ -63,7 +63,7 @@ async fn an_identified_set(store: &Store, set: &MeasurementSetRow) -> ParameterS
         )
         .await?;
         let row = parameter_sets::insert(tx, &lease.job_id, &new).await?;
-        verifications::insert(tx, &lease.job_id, &as_identified()).await?;
+        verifications::insert(tx, &lease.job_id, &as_identified(), false).await?;
         Ok(row)
     })
     .await
