@@ -18,13 +18,9 @@ const PRINTED_COST_MM2: f64 = 5.5519e-5;
 const PRINTED_ITERATIONS: (usize, usize) = (404, 71);
 
 /// What is to be known about the follow-ups' rows.
-const GUIDE: &str = "\
-A follow-up of the default preset has two networks. The stored one, the paper's, remembers where the robot was and moves a quarter of the
-particles there. The second is trained in the run, by back-propagation, on what its own swarm saw (positions and mixtures of residuals of
-pairs of particles; `src/identification/guide.rs`), and moves half of the particles the way it has learnt, anew whenever they stop coming
-nearer; the others search as a cold swarm does. It is the second that makes the difference: without the stored answer the three
-follow-ups take 2, 4 and 4 iterations. Its trainings are part of the time. Noise costs it a part of F in the end (its view of the
-residuals is narrower than theirs), which the swarm and `refine` take back.
+const FOLLOW_UPS: &str = "\
+A follow-up of the default preset starts as the paper's does: the network that the robot's last swarm trained moves every particle before the
+first evaluation. Only the search differs: along singular directions, in a narrower box.
 ";
 
 struct Run {
@@ -219,7 +215,7 @@ fn default_preset(n_seeds: u64) {
     println!(
         "Iterations to the paper's F = {PRINTED_COST_MM2:e} mm² (the paper: 404 cold, 71 to its own 6.6e-5 warm).\n"
     );
-    println!("{GUIDE}");
+    println!("{FOLLOW_UPS}");
     println!(
         "| set | method | iterations to that F | F after {n} | time, s |\n|---|---|---|---|---|"
     );

@@ -4,12 +4,11 @@ use crate::calibration::identify::{Found, Problem};
 use crate::calibration::settings::Settings;
 use crate::calibration::{Error, Event, Monitor, unusable};
 use crate::identification::bpnn_pso::links_from_nominal;
-use crate::identification::guide::GuidedSwarm;
 use crate::identification::identifiability::{PRIOR_LENGTH_MM, VISIBLE_EFFECT_MM, prior_scale};
 use crate::identification::parameters::Parameter;
-use crate::identification::search_space::{SearchSpace, decomposition_at};
+use crate::identification::search_space::SearchSpace;
 use crate::identification::swarm::run_bounded_swarm;
-use crate::identification::{KinematicModel, TrainedNetwork, bpnn_pso};
+use crate::identification::{KinematicModel, bpnn_pso};
 use crate::solvers::pso;
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 
@@ -21,8 +20,7 @@ const WARM_START_SPREAD: f64 = 0.05;
 pub enum Start {
     /// Uniform in the box.
     Cold,
-    /// The stored network moves the particles once, before the first evaluation (our reading of figure 5); in the default preset a part
-    /// of them, and the network of `guide` moves them on.
+    /// The stored network moves the particles once, before the first evaluation (our reading of figure 5).
     Network,
     /// A Gaussian ball around the last answer, for comparison.
     WarmBall,
@@ -42,20 +40,11 @@ pub fn swarm(
     if space.n_coordinates() == 0 {
         return Err(box_too_small());
     }
-    let mut guided = guided_swarm(problem, &space).filter(|_| start == Start::Network);
     let mut move_particles = |iteration: usize, positions: &mut pso::Positions| match (
         iteration,
         start,
         problem.network(),
     ) {
-        (_, Start::Network, Some(network)) if guided.is_some() => {
-            if iteration == 0 {
-                remember(problem, &space, network, positions);
-            }
-            guided
-                .iter_mut()
-                .for_each(|guided| guided.move_particles(positions));
-        }
         (0, Start::Network, Some(network)) => {
             bpnn_pso::move_particles(&space, &problem.nominal, network, positions)
         }
@@ -133,46 +122,6 @@ pub fn box_too_small() -> Error {
          make them larger, or leave them out"
     );
     unusable("search_box_too_small", detail)
-}
-
-/// In the default preset a second network, trained on what the swarm sees, shows a part of it the way.
-fn guided_swarm<'s>(problem: &Problem<'_>, space: &'s SearchSpace) -> Option<GuidedSwarm<'s>> {
-    let n_particles = problem.settings.pso.n_particles;
-    if !problem.settings.singular_directions || !GuidedSwarm::is_possible(space, n_particles) {
-        return None;
-    }
-    let effects_mm = match problem.priors {
-        None => {
-            let decomposition = decomposition_at(
-                &space.reference,
-                &space.parameters,
-                &space.scale,
-                &problem.identify,
-            );
-            decomposition.singular_values[..space.n_coordinates()].to_vec()
-        }
-        Some(_) => space.effects_mm(&problem.identify),
-    };
-    Some(GuidedSwarm::new(
-        space,
-        &problem.identify,
-        &effects_mm,
-        problem.request.seed,
-    ))
-}
-
-/// The stored network moves the particles that remember; the others stay where they were drawn.
-fn remember(
-    problem: &Problem<'_>,
-    space: &SearchSpace,
-    network: &TrainedNetwork,
-    positions: &mut pso::Positions,
-) {
-    let mut predicted = positions.clone();
-    bpnn_pso::move_particles(space, &problem.nominal, network, &mut predicted);
-    for particle in GuidedSwarm::remembering(positions.n_particles) {
-        positions.set_particle(particle, &predicted.particle(particle));
-    }
 }
 
 /// Normal numbers around the last answer (Box and Muller 1958).

@@ -10,7 +10,6 @@ pub mod distributions;
 pub mod estimate;
 pub mod evidence;
 pub mod fit;
-pub mod guide;
 pub mod identifiability;
 pub mod linearisation;
 pub mod misfit;

@@ -6,12 +6,14 @@ mod compensation;
 mod corrections;
 mod estimate;
 mod exchange;
+mod final_fit;
 mod follow_ups;
 mod frames;
-mod guide;
+
 mod identification;
 mod kinematics;
 mod measurement;
+mod network_starts;
 mod numeric_solvers;
 mod paper_pins;
 mod partial;

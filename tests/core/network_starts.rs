@@ -1,4 +1,4 @@
-//! Follow-ups by BPNN-PSO in the default preset: the network that is trained on what the swarm computed.
+//! Follow-ups by BPNN-PSO in the default preset: the paper's network in our search space.
 
 use crate::data::{paper_robot, paper_set};
 use crate::simulation::{Campaign, Normal, measure, poses, true_robot};
@@ -50,30 +50,37 @@ fn cost_of(report: &CalibrationReport, method: &str) -> f64 {
 }
 
 #[test]
-fn a_follow_up_reaches_the_papers_cost_in_a_few_iterations_whatever_happened_to_the_robot() {
+fn a_follow_up_reaches_the_papers_cost_sooner_than_a_cold_swarm_unless_the_robot_collided() {
     for seed in 0..3 {
-        let network = trained_on(paper_set("first.csv"), seed);
-        // The paper: 71 for an unchanged robot. Required: 10, 25, 50. Observed over 20 seeds: at most 2, 4, 5.
-        for (set, at_most) in [
-            ("followup_unchanged.csv", 4),
-            ("followup_drifted.csv", 8),
-            ("followup_collision.csv", 10),
-        ] {
-            let report = run(paper_set(set), Method::BpnnPso, seed, 20, Some(&network));
-            let reached = report
-                .convergence_mm2
-                .iter()
-                .position(|f| *f <= PRINTED_COST_MM2);
+        let first = run(paper_set("first.csv"), Method::Pso, seed, 300, None);
+        let network = first.network.clone().unwrap();
+        let iterations = |report: &CalibrationReport| {
+            let mut costs = report.convergence_mm2.iter();
+            costs.position(|f| *f <= PRINTED_COST_MM2)
+        };
+        let reached = |set: &str, network: Option<&TrainedNetwork>| {
+            let method = network.map_or(Method::Pso, |_| Method::BpnnPso);
+            iterations(&run(paper_set(set), method, seed, 300, network)).unwrap()
+        };
+        for set in ["unchanged", "drifted", "collision"] {
+            let set = format!("followup_{set}.csv");
+            let (warm, cold) = (reached(&set, Some(&network)), reached(&set, None));
+            println!("{set}, seed {seed}: {warm} iterations, a cold swarm {cold}");
+            match set.contains("collision") {
+                true => assert!(warm < 2 * cold, "{set}, seed {seed}: {warm} {cold}"),
+                false => assert!(warm < cold, "{set}, seed {seed}: {warm} {cold}"),
+            }
+            // the paper has 71 for an unchanged robot
             assert!(
-                reached.is_some_and(|n| n <= at_most),
-                "{set}, seed {seed}: {reached:?}"
+                warm <= 71 || !set.contains("unchanged"),
+                "{set}, seed {seed}: {warm}"
             );
         }
     }
 }
 
 #[test]
-fn a_network_of_another_robot_ends_no_worse_than_a_cold_start() {
+fn a_refined_follow_up_from_another_robots_network_ends_where_least_squares_does() {
     // Errors of 0.3 mm and 0.05° in every parameter, different from the measured robot's.
     let campaign = Campaign {
         n_configurations: 50,
@@ -89,24 +96,21 @@ fn a_network_of_another_robot_ends_no_worse_than_a_cold_start() {
     let stale = trained_on(session(other.links, &mut random), 0);
     for seed in 0..3 {
         let links = true_robot(&paper_robot(), 1, &mut random).links;
-        let report = run(
-            session(links, &mut random),
-            Method::BpnnPso,
-            seed,
-            60,
-            Some(&stale),
-        );
+        let mut request = CalibrationRequest::new(paper_robot(), session(links, &mut random));
+        (request.method, request.seed, request.network) =
+            (Method::BpnnPso, seed, Some(stale.clone()));
+        let report = calibrate(&request, &mut |_| ControlFlow::Continue(())).unwrap();
         let (cold, least) = (cost_of(&report, "pso"), cost_of(&report, "least_squares"));
         println!(
             "seed {seed}: F {} against {cold} of the cold swarm and {least} of least squares",
             report.cost_mm2
         );
-        assert!(report.cost_mm2 <= cold);
+        assert!(report.cost_mm2 <= least * 1.001);
     }
 }
 
 #[test]
-fn a_swarm_too_small_to_learn_from_is_moved_by_the_stored_network_alone() {
+fn a_small_swarm_starts_where_the_robot_was() {
     let network = trained_on(paper_set("first.csv"), 0);
     let mut request = CalibrationRequest::new(paper_robot(), paper_set("followup_unchanged.csv"));
     request.model = model_in(request.set.frame);
