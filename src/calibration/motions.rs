@@ -36,7 +36,26 @@ pub fn parameters_of(
     ))
 }
 
-/// Derivatives along the seen combinations, and along the motion of every set-up that does not rest.
+fn n_of(arrangement: &Arrangement, points: &[usize], setup: usize) -> usize {
+    let is_of_setup = |point: &&usize| arrangement.setups[**point] == setup;
+    points.iter().filter(is_of_setup).count()
+}
+
+/// The set-ups among some points whose motions are fitted: all but one, because the base moves with all of them. That one is the set-up that the
+/// others are carried into, or, if it has too few of these points, the last one that has enough.
+fn moving(arrangement: &Arrangement, points: &[usize]) -> Vec<usize> {
+    let n_of = |setup: usize| n_of(arrangement, points, setup);
+    let in_reverse = arrangement.order.iter().rev();
+    let held = std::iter::once(arrangement.resting())
+        .chain(in_reverse.map(|point| arrangement.setups[*point]))
+        .find(|setup| n_of(*setup) >= FEWEST_OF_SETUP)
+        .unwrap_or(arrangement.resting());
+    (0..arrangement.motions.len())
+        .filter(|setup| *setup != held && n_of(*setup) > 0)
+        .collect()
+}
+
+/// Derivatives along the seen combinations, and along the motions of the set-ups that are fitted.
 pub fn derivatives(
     model: &KinematicModel,
     parameters: &[Parameter],
@@ -48,9 +67,7 @@ pub fn derivatives(
     let scale: Vec<f64> = parameters.iter().map(prior_scale).collect();
     let directions = decomposition_at(model, parameters, &scale, observations).seen_directions();
     let seen = weighted_jacobian(model, parameters, observations, &Vector3::zeros()) * directions;
-    let moving: Vec<usize> = (0..arrangement.motions.len())
-        .filter(|s| *s != arrangement.resting())
-        .collect();
+    let moving = moving(arrangement, points);
     let mut all = DMatrix::zeros(seen.nrows(), seen.ncols() + 6 * moving.len());
     all.columns_mut(0, seen.ncols()).copy_from(&seen);
     for (k, setup) in moving.iter().enumerate() {
@@ -159,9 +176,7 @@ fn move_setups(
     let columns = Columns::new(model, &observed.all);
     let fitted: Vec<Observation> = points.iter().map(|p| observed.all[*p].clone()).collect();
     let derivatives = derivatives(model, parameters, &fitted, &columns, arrangement, points);
-    let moving: Vec<usize> = (0..arrangement.motions.len())
-        .filter(|s| *s != arrangement.resting())
-        .collect();
+    let moving = moving(arrangement, points);
     let n_seen = derivatives.ncols() - 6 * moving.len();
     let Some(solution) = least_squares_solution(derivatives, &weighted_residuals(model, &fitted))
     else {
@@ -169,12 +184,7 @@ fn move_setups(
     };
     let mut largest = 0.0f64;
     for (k, setup) in moving.into_iter().enumerate() {
-        if points
-            .iter()
-            .filter(|p| arrangement.setups[**p] == setup)
-            .count()
-            < FEWEST_OF_SETUP
-        {
+        if n_of(arrangement, points, setup) < FEWEST_OF_SETUP {
             continue;
         }
         let (shift_mm, turn_rad) = columns.motion(&solution[n_seen + 6 * k..n_seen + 6 * k + 6]);

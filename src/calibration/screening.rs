@@ -23,6 +23,8 @@ const STANDS_OUT: f64 = 2.0;
 /// If this share of the points on the smaller side of a step is wild with it, it is no step: two or three wild points are explained by one
 /// but for as many coordinates, and one of two, or two of three, stays wild.
 const SCATTERED: f64 = 0.25;
+/// Searches for wild points at most, each from the fit without those found before.
+const MAX_SEARCHES: usize = 4;
 /// Steps at most; a campaign with more is not worth fitting.
 const MAX_STEPS: usize = 4;
 
@@ -87,7 +89,15 @@ pub fn screen(
     let mut screening = Screening::default();
     place_setups(request, observed, &mut arrangement)?;
     if request.preset == Preset::Default {
-        let wild = search(request, observed, &mut arrangement, &mut screening)?;
+        let mut wild = search(request, observed, &mut arrangement, &mut screening)?;
+        for _ in 0..MAX_SEARCHES {
+            let again = search_again(request, observed, &mut arrangement, wild.as_ref())?;
+            let same = |again: &Wild| wild.as_ref().is_some_and(|w| w.points == again.points);
+            if again.as_ref().is_none_or(same) {
+                break;
+            }
+            wild = again;
+        }
         screening.unfitted_rows = arrangement.join_unfitted(observed);
         if let Some(wild) = wild {
             judge(request, observed, &mut screening, &wild);
@@ -106,7 +116,7 @@ fn search(
     arrangement: &mut Arrangement,
     screening: &mut Screening,
 ) -> Result<Option<Wild>, Error> {
-    let mut fit = fit_all(request, observed, arrangement)?;
+    let mut fit = fit_all(request, observed, arrangement, &[])?;
     let mut wild = fit.linear.wild(fit.least_scale_mm);
     while screening.steps.len() < MAX_STEPS {
         let suspects = wild.as_ref().map_or(vec![], |w| w.points.clone());
@@ -145,7 +155,7 @@ fn search(
                 continue;
             };
             let mut trial = split(observed, &fit, arrangement, step);
-            let refit = fit_all(request, observed, &mut trial)?;
+            let refit = fit_all(request, observed, &mut trial, &[])?;
             let left = refit.linear.wild(refit.least_scale_mm);
             if left
                 .as_ref()
@@ -183,6 +193,21 @@ fn search(
     }
     screening.steps.sort_by_key(|s| s.row);
     Ok(wild)
+}
+
+/// Points that are off by metres pull the fit so far that the problem is linear about the wrong place, and hide others there. Looks again from the
+/// fit without them; `None` if there were none.
+fn search_again(
+    request: &CalibrationRequest,
+    observed: &mut Observed,
+    arrangement: &mut Arrangement,
+    wild: Option<&Wild>,
+) -> Result<Option<Wild>, Error> {
+    let Some(wild) = wild.filter(|wild| !wild.points.is_empty()) else {
+        return Ok(None);
+    };
+    let fit = fit_all(request, observed, arrangement, &wild.points)?;
+    Ok(fit.linear.wild(fit.least_scale_mm))
 }
 
 /// The points on the smaller side of a step.
@@ -344,13 +369,18 @@ pub fn loss(request: &CalibrationRequest, screening: &Screening) -> Loss {
     request.options.loss.unwrap_or(ours)
 }
 
-/// Least squares on all points, with the motions between set-ups.
+/// Least squares on all points but a few, with the motions between set-ups; and the linear problem of all points there.
 fn fit_all(
     request: &CalibrationRequest,
     observed: &mut Observed,
     arrangement: &mut Arrangement,
+    without: &[usize],
 ) -> Result<AllFit, Error> {
+    let weights: Vec<f64> = observed.all.iter().map(|o| o.weight).collect();
+    without.iter().for_each(|p| observed.all[*p].weight = 0.0);
     let model = fit_motions(request, observed, arrangement, None)?;
+    let all = observed.all.iter_mut().zip(weights);
+    all.for_each(|(o, weight)| o.weight = weight);
     arrangement.apply(observed);
     let parameters = parameters_of(request, &arrangement.fitted_targets(observed))?;
     let columns = Columns::new(&model, &observed.all);
