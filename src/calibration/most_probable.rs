@@ -14,7 +14,7 @@ use crate::solvers::least_squares::Iteration;
 use std::ops::ControlFlow;
 
 /// A parameter counts as identifiable from this share of its prior variance on that the points take away.
-const DETERMINED: f64 = 0.5;
+pub const DETERMINED: f64 = 0.5;
 /// Width of a parameter that is held at a bound, in units of its own: as good as none, and far above rounding.
 const HELD: f64 = 1e-6;
 
@@ -141,11 +141,10 @@ impl Problem<'_> {
         rows
     }
 
-    /// For each parameter: true if the points say at least as much of it as its prior does.
-    pub fn identifiable(&self, model: &KinematicModel) -> Vec<bool> {
+    /// For each parameter: the share of its prior variance that the points to identify from take away.
+    pub fn data_share(&self, model: &KinematicModel) -> Vec<f64> {
         let points = self.loss.as_squares(model, &self.identify);
-        let shares = self.determined(model, &points).data_share;
-        shares.iter().map(|share| *share >= DETERMINED).collect()
+        self.determined(model, &points).data_share
     }
 
     /// What some points determine of each parameter, and the priors beside which they do.

@@ -1,7 +1,9 @@
 //! The parameters of a report: values, uncertainties, and what the points can see of them.
 
+use crate::calibration::check::model_rank;
 use crate::calibration::identify::Problem;
 use crate::calibration::known;
+use crate::calibration::most_probable::DETERMINED;
 use crate::calibration::report::{Identifiability, ParameterOutcome};
 use crate::calibration::request::Model;
 use crate::identification::KinematicModel;
@@ -16,9 +18,13 @@ pub fn parameters(
     problem: &Problem<'_>,
     model: &KinematicModel,
     uncertainty: Option<&Uncertainty>,
-    identifiable: &[bool],
+    data_share: &[f64],
 ) -> Vec<ParameterOutcome> {
-    let stated = stated(problem, model, identifiable);
+    let identifiable: Vec<bool> = data_share
+        .iter()
+        .map(|share| *share >= DETERMINED)
+        .collect();
+    let stated = stated(problem, model, &identifiable);
     let outcome = |(i, parameter): (usize, &Parameter)| {
         let (nominal, identified) = (
             problem.reported(&problem.nominal, parameter),
@@ -52,6 +58,7 @@ pub fn parameters(
             delta: to_wire(identified - nominal),
             std_uncertainty: known.map(|u| to_wire(u.std(i))),
             interval_95: known.map(interval),
+            data_share: data_share[i].clamp(0.0, 1.0),
             identifiable: identifiable[i],
             prior: known::outcome_of(problem, model, i, uncertainty),
         }
@@ -113,6 +120,11 @@ pub fn identifiability(problem: &Problem<'_>) -> Identifiability {
     Identifiability {
         n_parameters: problem.parameters.len(),
         rank: problem.decomposition.rank(),
+        model_rank: model_rank(
+            &problem.request.robot,
+            &problem.parameters,
+            problem.screening.targets.len(),
+        ),
         n_by_priors: problem.priors.as_ref().map(|known| {
             let (with, _) = problem
                 .decomposition

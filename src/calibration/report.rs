@@ -114,7 +114,9 @@ pub struct ParameterOutcome {
     pub std_uncertainty: Option<f64>,
     /// The interval that holds the true value with 95 % probability, in the same unit, where it can be stated.
     pub interval_95: Option<[f64; 2]>,
-    /// False where the data cannot see it (alone).
+    /// 1 − posterior variance / prior variance: how much of what is known comes from the points; 0 to 1.
+    pub data_share: f64,
+    /// Whether that is at least half.
     pub identifiable: bool,
     /// What was known of it beforehand, and what became of that.
     pub prior: Option<PriorOutcome>,
@@ -173,6 +175,8 @@ pub struct Identifiability {
     pub n_parameters: usize,
     /// Rank of the scaled identification Jacobian.
     pub rank: usize,
+    /// The rank that generic poses would have; more is not to be had from positions.
+    pub model_rank: usize,
     /// Combinations that the data do not see but priors say something of; `None` without priors.
     pub n_by_priors: Option<usize>,
     /// Largest over smallest seen singular value of the scaled Jacobian.

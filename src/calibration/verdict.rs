@@ -207,11 +207,14 @@ pub fn warnings(
         Some(_) => {}
     }
     let unseen = &report.identifiability.unidentifiable;
-    if !unseen.is_empty() {
+    // what no pose could show, the complete model has by construction: that is no remark about these points
+    if report.identifiability.rank < report.identifiability.model_rank {
         let groups: Vec<String> = unseen.iter().map(|group| group.join(" with ")).collect();
         let detail = format!(
-            "these cannot be told apart or seen from the measured positions; only combinations of them were identified, and the value of a single \
-             one says nothing by itself: {}",
+            "the measured poses show {} combinations of parameters, and other poses of this robot {}. These cannot be told apart or seen from the measured \
+             positions, and the value of a single one says nothing by itself: {}",
+            report.identifiability.rank,
+            report.identifiability.model_rank,
             groups.join("; ")
         );
         warnings.push(warning("unidentifiable_parameters", detail));

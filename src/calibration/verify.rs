@@ -318,6 +318,7 @@ fn report(
         identifiability: Identifiability {
             n_parameters: 0,
             rank: 0,
+            model_rank: 0,
             n_by_priors: None,
             condition_number: f64::INFINITY,
             unidentifiable: vec![],

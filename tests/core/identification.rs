@@ -5,7 +5,8 @@
 mod throughput;
 
 use crate::data::{paper_path, paper_robot, paper_set, real_data};
-use kincal::calibration::request::{ParameterChoice, VerifySource};
+use crate::simulation::{Campaign, Normal, measure, poses, true_robot};
+use kincal::calibration::request::{FinalFit, ParameterChoice, VerifySource};
 use kincal::calibration::upload;
 use kincal::calibration::{
     CalibrationReport, CalibrationRequest, Error, Event, Method, Model, Preset, calibrate, check,
@@ -702,8 +703,25 @@ fn with_nothing_to_identify_from_a_job_is_refused_whichever_of_many_targets_is_f
 
 #[test]
 fn what_is_said_of_parameters_that_cannot_be_told_apart_holds_of_their_values() {
-    let request = CalibrationRequest::new(paper_robot(), paper_set("first_noisy.csv"));
-    let report = calibrate(&request, &mut |_| ControlFlow::Continue(())).unwrap();
+    let campaign = Campaign::PLAIN;
+    let measured = |freeze: &dyn Fn(&mut Vec<f64>)| {
+        let mut random = Normal::new(77);
+        let truth = true_robot(&paper_robot(), 1, &mut random);
+        let mut poses = poses(50, &mut random);
+        poses.iter_mut().for_each(freeze);
+        let set = measure(&truth, &poses, &campaign, &mut random);
+        let request = CalibrationRequest::new(paper_robot(), set);
+        calibrate(&request, &mut |_| ControlFlow::Continue(())).unwrap()
+    };
+    let is_told = |report: &CalibrationReport| {
+        let mut warnings = report.warnings.iter();
+        warnings.any(|w| w.code == "unidentifiable_parameters")
+    };
+    // what no pose could show is no remark about these poses
+    let generic = measured(&|_| ());
+    assert!(!is_told(&generic) && !generic.identifiability.unidentifiable.is_empty());
+    let report = measured(&|q| q[3] = 0.3);
+    assert!(is_told(&report) && report.identifiability.rank < report.identifiability.model_rank);
     let groups = &report.identifiability.unidentifiable;
     let change = |name: &String| {
         let mut all = report.parameters.iter();
@@ -888,6 +906,7 @@ fn as_many_equations_as_unknowns_are_said_to_leave_nothing_to_judge_by() {
     for (n_points, is_said) in [(7, false), (6, true)] {
         let mut custom_request = request("first_noisy.csv", Method::LeastSquares, Preset::Default);
         custom_request.parameters = ParameterChoice::Hold(vec!["a_1".into(), "alpha_2".into()]);
+        custom_request.final_fit = Some(FinalFit::IdentifySubset);
         let mut n_kept = 0;
         custom_request.set.points.retain(|p| {
             n_kept += usize::from(p.subset == Some(Subset::Identify));

@@ -144,10 +144,7 @@ async fn calibrates_and_fetches(example: &Example) {
             .await;
         assert_eq!(code, Some(0), "{stderr}");
         assert!(stdout.contains("verify: 50 points, rms 1.0"), "{stdout}");
-        assert!(
-            stderr.contains("warning (unidentifiable_parameters): "),
-            "{stderr}"
-        );
+        assert!(stderr.contains("warning (pose_not_seen): "), "{stderr}");
         let sets = cell
             .get(&format!("/v1/robots/{robot}/parameter-sets"))
             .await
