@@ -46,6 +46,16 @@ FAULTS = [
          """create table parameter_set (
                 id text not null primary key, robot_id text not null references robot (id), job_id text not null references job (id)""")],
         "migrations/sqlite"),
+    Fault("an outlier is in the delivered fit", "core", "rows_that_do_not_belong_and_segments", [
+        ("for row in without_weight.chain(unfitted) {", "for row in without_weight.chain(unfitted).take(0) {")], "src/calibration"),
+    Fault("motions of set-ups without points", "core", "a_base_that_moved_after_the_last", [
+        (".find(|setup| n_of(*setup) >= FEWEST_OF_SETUP)", ".find(|_| true)")], "src/calibration"),
+    Fault("outliers are searched once", "core", "a_session_that_ends_badly", [
+        ("const MAX_SEARCHES: usize = 4;", "const MAX_SEARCHES: usize = 0;")], "src/calibration"),
+    Fault("the active set has seen the points", "service", "calibrates_and_fetches_what_was_released", [
+        ("repeats(&request.robot, &[earlier], &request.set)", "repeats(&request.robot, &[earlier], &request.set) && false")], "src/jobs"),
+    Fault("the delivered fit is far from the verified", "service", "each_dangerous_upload_carries", [
+        ("moved_mm <= MAX_MOVED * verified_mm + SAME_MM", "moved_mm >= 0.0")], "src/release"),
     Fault("no UNIQUE on the released set", "service", "the_schema_itself_refuses_a_second", [
         ("create unique index parameter_set_one_released", "create index parameter_set_one_released")], "migrations/sqlite"),
     Fault("a release in spite of a failed gate", "service", "in_spite_of_a_failed_gate", [

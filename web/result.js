@@ -80,7 +80,7 @@ function summary(report, half, job, verified) {
     ["Largest error", mm(half.after.max_mm), `${before} ${mm(half.before.max_mm)}`],
     report.tool_uncertainty_mm && ["Uncertainty at the tool", mm(report.tool_uncertainty_mm.mean), `at worst ${mm(report.tool_uncertainty_mm.max)}; one standard deviation, by the links alone, not of predictions with corrections`],
     report.tool_uncertainty_absent_because && ["Uncertainty at the tool", "not stated", report.tool_uncertainty_absent_because],
-    report.flange_rotation_std_deg != null && ["Flange's rotation known to", `${number(report.flange_rotation_std_deg)}°`, report.flange_rotation_std_deg > 0.5 ? "one standard deviation under what is known of robots beforehand: corrected poses are refused, positions of a measured reflector are not" : "one standard deviation under what is known of robots beforehand"],
+    report.flange_rotation_std_deg != null && ["Flange's rotation known to", `${number(report.flange_rotation_std_deg)}°`, report.flange_rotation_std_deg > 0.5 ? "one standard deviation under what is known of robots beforehand: corrected poses are refused, positions of a measured reflector are not" : "one standard deviation under what is known of robots beforehand; without the zero of the last joint, which positions cannot tell from a turned tool"],
     ["Evidence", evidence, `${half.n_points} points`],
     n > 0 && ["Identified", `${alone} of ${n}`, alone < n || rank < n ? `parameters alone, ${rank} independent combinations` : "all parameters were seen"],
     ["Took", span(whole), `from start to end, computed for ${span(report.duration_ms / 1000)}; ${how}`],

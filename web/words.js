@@ -37,6 +37,7 @@ export const WARNINGS = {
   session_shows_little: "These poses show too little of the robot to be evidence",
   set_far_off: "The parameter set misses this session by far",
   scale_suspect: "All lengths are off by the same share",
+  subsets_differ: "Points to verify do not belong to the others",
   stretch_without_identify_points: "A stretch without points to identify from",
   target_moved: "The reflector moved while measuring",
   nothing_left_to_judge: "As many equations as unknowns: nothing says how good the fit is",
@@ -79,6 +80,7 @@ export const GATES = {
   uncertainty_within_tolerance: "Its uncertainty is within the robot's tolerance",
   verified: "Points were held out to verify",
   verify_errors_improved: "The errors on them became smaller",
+  final_fit_near_verified: "The delivered parameters are near the verified ones",
   verify_errors_within_tolerance: "Its errors are within the robot's tolerance",
   withdrawn: "It was not withdrawn",
 };

@@ -1,6 +1,7 @@
 //! What changed since the robot's last identification: both sessions fitted alike, on all of their points, and compared.
 
 use crate::calibration::check::check;
+use crate::calibration::final_fit::Final;
 use crate::calibration::identify::{Problem, least_squares_from};
 use crate::calibration::observe::observe;
 use crate::calibration::report::Warning;
@@ -62,12 +63,13 @@ pub struct NamedChange {
 }
 
 /// Compares the request's session with the one that it names as previous. `None` where there is none, or where one of them cannot be
-/// identified from by itself.
+/// identified from by itself. The fit to all points of the request's session may be known already (`fitted`).
 ///
 /// # Errors
 /// [`Error::Cancelled`].
 pub fn changes(
     request: &CalibrationRequest,
+    fitted: Option<&Final<'_>>,
     monitor: &mut Monitor<'_>,
 ) -> Result<Option<Changes>, Error> {
     let Some(previous) = &request.previous else {
@@ -80,9 +82,14 @@ pub fn changes(
         ..CalibrationRequest::new(request.robot.clone(), set)
     };
     let before = alike(previous.set.clone(), previous.frames.clone());
-    let after = alike(request.set.clone(), request.frames.clone());
-    let (Some(before), Some(after)) = (estimate(&before, monitor)?, estimate(&after, monitor)?)
-    else {
+    let after = match fitted {
+        Some(fitted) => fitted.estimate(),
+        None => estimate(&alike(request.set.clone(), request.frames.clone()), monitor)?,
+    };
+    let Some(after) = after else {
+        return Ok(None);
+    };
+    let Some(before) = estimate(&before, monitor)? else {
         return Ok(None);
     };
     Ok(compare(&before, &after).map(|comparison| in_words(&comparison)))

@@ -229,12 +229,12 @@ pub fn corrections(
 }
 
 /// The corrections that were kept, fitted to all points to identify from of another problem, beside its `model`. `None` if none was kept, or
-/// if the equations cannot be solved.
+/// if the equations cannot be solved. With σ² of a coordinate, mm².
 pub fn refit(
     problem: &Problem<'_>,
     model: &KinematicModel,
     found: &Found,
-) -> Option<CorrectedModel> {
+) -> Option<(CorrectedModel, f64)> {
     let (fitted, kept) = (found.fitted.as_ref()?, found.corrected.as_ref()?);
     let points = Points::new(problem, model);
     let observations = &points.observations;
@@ -247,11 +247,12 @@ pub fn refit(
         problem.request.residual_network.as_ref(),
         problem.request.seed,
     )?;
-    Some(CorrectedModel {
+    let corrected = CorrectedModel {
         model: fitted.model,
         corrections,
         region: region(observations, nominal.links.len()),
-    })
+    };
+    Some((corrected, fitted.variance))
 }
 
 /// Numbers from 0 in order of first appearance.

@@ -9,13 +9,17 @@ use crate::calibration::identify::{Problem, least_squares_from, quiet};
 use crate::calibration::known::known_before;
 use crate::calibration::motions::fit_motions;
 use crate::calibration::outcome::delivered;
-use crate::calibration::report::FinalErrors;
+use crate::calibration::report::{FinalErrors, Warning};
 use crate::calibration::request::{FinalFit, Preset};
+use crate::calibration::stated_uncertainty::{estimated, why_not_stated};
 use crate::calibration::{Error, Monitor};
 use crate::compensation::tool_differences;
 use crate::identification::KinematicModel;
+use crate::identification::changes::Estimate;
 use crate::identification::corrected::{CorrectedModel, IdentifiedRobot};
+use crate::identification::estimate::evidence_at;
 use crate::identification::objective::residuals;
+use crate::identification::uncertainty::Uncertainty;
 use crate::measurement::Subset;
 use nalgebra::Vector3;
 
@@ -27,21 +31,44 @@ pub struct Final<'a> {
     pub model: KinematicModel,
     /// The same with corrections, if any was kept.
     pub corrected: Option<CorrectedModel>,
+    /// How far it may be off, whether or not that can be stated.
+    pub uncertainty: Option<Uncertainty>,
     /// For the report.
     pub errors: FinalErrors,
 }
 
-/// True if the delivered parameters are fitted to all points.
+impl Final<'_> {
+    /// The session as it is compared with others, where its uncertainty can be stated.
+    pub fn estimate(&self) -> Option<Estimate> {
+        let uncertainty = self.uncertainty.as_ref();
+        let is_stated = why_not_stated(&self.problem, uncertainty).is_none();
+        Some(Estimate {
+            parameters: self.problem.parameters.clone(),
+            model: self.model.clone(),
+            uncertainty: uncertainty.filter(|_| is_stated)?.clone(),
+            decomposition: self.problem.decomposition.clone(),
+        })
+    }
+}
+
+/// True if the delivered parameters are fitted to all points. With more outliers than may be left out, somebody has to look first.
 pub fn is_wanted(problem: &Problem<'_>) -> bool {
     let request = problem.request;
     let default = match request.preset == Preset::Default && problem.settings.refine {
         true => FinalFit::All,
         false => FinalFit::IdentifySubset,
     };
-    request.final_fit.unwrap_or(default) == FinalFit::All
+    request.final_fit.unwrap_or(default) == FinalFit::All && !problem.screening.is_for_review
 }
 
-/// Fits all points, from the verified fit on.
+/// Standard deviation of a coordinate in the fit to all points over that in the fit to the identify subset, from which on the two subsets do not
+/// belong together. Both count the degrees of freedom that their fits take.
+const MAX_SCATTER: f64 = 3.0;
+/// Less than this share of the robot's reach is rounding.
+const ROUNDING_PER_REACH: f64 = 1e-6;
+
+/// Fits all points, from the verified fit on. `None`, and why, if the points to verify do not belong to the others: then a fit to both would be
+/// that of no robot.
 ///
 /// # Errors
 /// [`Error::Cancelled`].
@@ -50,7 +77,7 @@ pub fn final_fit<'a>(
     model: &KinematicModel,
     corrections: Option<&corrections::Found>,
     monitor: &mut Monitor<'_>,
-) -> Result<Final<'a>, Error> {
+) -> Result<(Option<Final<'a>>, Option<Warning>), Error> {
     let before = IdentifiedRobot {
         plain: delivered(verified, model),
         corrected: corrections.and_then(|found| found.corrected.clone()),
@@ -61,7 +88,18 @@ pub fn final_fit<'a>(
         true => {
             let fit = least_squares_from(&problem, model, None, &mut quiet(monitor))?;
             let refit = |found| corrections::refit(&problem, &fit.model, found);
-            let corrected = corrections.and_then(refit);
+            let (corrected, std_mm) = match corrections.and_then(refit) {
+                Some((corrected, variance)) => (Some(corrected), variance.sqrt()),
+                None => (None, problem.noise_std_mm(&fit.model)),
+            };
+            let of_corrections = corrections.and_then(|found| found.fitted.as_ref());
+            let verified_std_mm = match of_corrections {
+                Some(fitted) => fitted.variance.sqrt(),
+                None => verified.noise_std_mm(model),
+            };
+            if std_mm > MAX_SCATTER * verified_std_mm + ROUNDING_PER_REACH * reach_mm(verified) {
+                return Ok((None, Some(subsets_differ(std_mm, verified_std_mm))));
+            }
             (fit.model, corrected)
         }
     };
@@ -79,15 +117,43 @@ pub fn final_fit<'a>(
         rms_mm: (sum / counting.len().max(1) as f64).sqrt(),
         moved_mm: moved.mean_mm,
     };
-    Ok(Final {
+    let fit = Final {
+        uncertainty: estimated(&problem, &model),
         problem,
         model,
         corrected: after.corrected,
         errors,
-    })
+    };
+    Ok((Some(fit), None))
+}
+
+fn reach_mm(problem: &Problem<'_>) -> f64 {
+    let links = problem.request.robot.links.iter();
+    links.map(|link| link.a_mm.abs() + link.d_mm.abs()).sum()
+}
+
+fn subsets_differ(all_mm: f64, identify_mm: f64) -> Warning {
+    let detail = format!(
+        "points to identify from and points to verify do not belong together: fitted together they scatter by {all_mm:.4} mm (one standard deviation of \
+         a coordinate), those to identify from alone by {identify_mm:.4} mm. Something may have changed between them (tool, base, a joint), or the points \
+         to identify from show too little of the robot. The verified parameters are delivered as they are; see the errors on the points to verify, and \
+         measure again, with the subsets mixed"
+    );
+    Warning {
+        code: "subsets_differ",
+        detail,
+        rows: vec![],
+    }
 }
 
 impl<'a> Problem<'a> {
+    /// Noise of a coordinate of a point to identify from, about a model of links alone, mm.
+    fn noise_std_mm(&self, model: &KinematicModel) -> f64 {
+        let points = self.loss.as_squares(model, &self.identify);
+        let (evidence, _) = evidence_at(&self.rows(&points, &[]), model);
+        evidence.sigma_mm
+    }
+
     /// The same problem with all points of the upload to identify from, but those that do not count or stand in a segment without points to
     /// identify from. Motions between set-ups are fitted to all points.
     pub fn over_all_points(&self, model: &KinematicModel) -> Result<Self, Error> {

@@ -141,11 +141,11 @@ pub fn calibrate(
     let problem = problem.with_tool_of(&found.model);
     let layout = verify_layout(&problem, &found.model)?;
     let (corrections, vetoed) = vetoed(&problem, &found.model, layout.as_ref(), corrections)?;
-    let delivered = match final_fit::is_wanted(&problem) {
-        true => Some(stage(monitor, "final_fit", |monitor| {
+    let (delivered, subsets_differ) = match final_fit::is_wanted(&problem) {
+        true => stage(monitor, "final_fit", |monitor| {
             final_fit(&problem, &found.model, corrections.as_ref(), monitor)
-        })?),
-        false => None,
+        })?,
+        false => (None, None),
     };
     let mut report = stage(monitor, "uncertainty", |_| {
         report(
@@ -157,19 +157,21 @@ pub fn calibrate(
                 comparison,
                 network,
                 corrections,
-                delivered,
+                delivered: delivered.as_ref(),
             },
             layout.as_ref(),
         )
     })?;
     report.warnings.extend(vetoed);
+    report.warnings.extend(subsets_differ);
     report.warnings.extend(too_small);
     report
         .warnings
         .extend((are_wanted && problem.priors.is_some()).then(corrections::left_out_for_priors));
     if request.previous.is_some() {
         report.changes = stage(monitor, "compare_sessions", |monitor| {
-            changes(request, &mut quiet(monitor))
+            let fitted = delivered.as_ref().filter(|_| request.priors.is_empty());
+            changes(request, fitted, &mut quiet(monitor))
         })?;
         report.warnings.extend(
             report

@@ -4,6 +4,7 @@ use crate::calibration::corrections;
 use crate::calibration::coverage::shows_little;
 use crate::calibration::final_fit::Final;
 use crate::calibration::identify::{Found, Problem};
+use crate::calibration::most_probable::DETERMINED;
 use crate::calibration::observe::{Observed, observe_verify_set};
 use crate::calibration::orientation::{self, flange_rotation_std_rad};
 use crate::calibration::parameter_outcomes::{identifiability, parameters};
@@ -137,7 +138,7 @@ pub struct Answer<'a> {
     /// Corrections after the veto of the verify points, where they were searched.
     pub corrections: Option<corrections::Found>,
     /// The fit to all points; `None` if the parameters that were verified are delivered.
-    pub delivered: Option<Final<'a>>,
+    pub delivered: Option<&'a Final<'a>>,
 }
 
 /// The report of a finished calibration. `layout` is that of another set to verify on.
@@ -191,16 +192,16 @@ pub fn report(
         robot.as_ref(),
     );
     // errors are those of the fit that was verified, all else is said of the delivered one
-    let (delivered_problem, delivered_model) = match &final_fit {
+    let (delivered_problem, delivered_model) = match final_fit {
         Some(last) => (&last.problem, &last.model),
         None => (problem, model),
     };
     let identifiability = identifiability(delivered_problem);
-    let identifiable = delivered_problem.identifiable(delivered_model);
+    let data_share = delivered_problem.data_share(delivered_model);
     let mut fit = verdict::no_fit(&per_point, &request.robot.links).or_else(|| {
-        let named = problem.parameters.iter().zip(&identifiable);
+        let named = problem.parameters.iter().zip(&data_share);
         let unseen: BTreeSet<String> = named
-            .filter(|(_, is_seen)| !**is_seen)
+            .filter(|(_, share)| **share < DETERMINED)
             .map(|(parameter, _)| parameter.name())
             .collect();
         joint_counted_otherwise(&model.links, &request.robot.links, &unseen)
@@ -261,7 +262,10 @@ pub fn report(
         .map(|told| told.code)
         .filter(|code| [verdict::NO_FIT, JOINT_MAP].contains(code));
     let fits = misfit.is_none();
-    let estimated = estimated(delivered_problem, delivered_model);
+    let estimated = match final_fit {
+        Some(last) => last.uncertainty.clone(),
+        None => estimated(problem, model),
+    };
     let tool = estimated.as_ref().map(|estimated| {
         let (robot, points) = (&request.robot, &delivered_problem.identify);
         let parameters = &problem.parameters;
@@ -286,7 +290,7 @@ pub fn report(
     let beyond = of_verified
         .as_ref()
         .and_then(|u| extrapolated(problem, model, u, identify.after.rms_mm));
-    let corrected = match &final_fit {
+    let corrected = match final_fit {
         Some(last) => last.corrected.as_ref(),
         None => corrections.as_ref().and_then(|c| c.corrected.as_ref()),
     };
@@ -307,13 +311,13 @@ pub fn report(
         convergence_mm2: found.convergence,
         identify,
         verify,
-        final_fit: final_fit.as_ref().map(|last| last.errors),
+        final_fit: final_fit.map(|last| last.errors),
         per_point,
         parameters: parameters(
             delivered_problem,
             delivered_model,
             uncertainty.as_ref(),
-            &identifiable,
+            &data_share,
         ),
         tool_uncertainty: tool.filter(|_| uncertainty.is_some()),
         error_model: uncertainty.as_ref().map(ErrorModel::of),

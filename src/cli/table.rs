@@ -136,7 +136,8 @@ fn identified(report: &Report) -> String {
         line(
             &mut text,
             format!(
-                "the flange's rotation is known to {std_deg}° (one standard deviation, under what is known of robots beforehand)"
+                "the flange's rotation is known to {std_deg}° (one standard deviation, under what is known of robots beforehand; without the zero \
+                 of the last joint, which positions cannot tell from a turned tool)"
             ),
         );
     }

@@ -180,7 +180,7 @@ fn compared(
         set: other_request.set,
         frames: other_request.frames,
     });
-    let changes = changes(&request, &mut |_| ControlFlow::Continue(()))?;
+    let changes = changes(&request, None, &mut |_| ControlFlow::Continue(()))?;
     Ok(CompareAnswer {
         parameter_set_id: row.id.clone(),
         with: other.id.clone(),

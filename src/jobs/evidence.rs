@@ -4,6 +4,7 @@ use crate::calibration::request::VerifySource;
 use crate::calibration::{self, CalibrationRequest, judged};
 use crate::jobs::execution::request_of;
 use crate::jobs::{JobInputs, MeasurementSetInput};
+use crate::release::facts::repeats;
 use crate::release::{Comparison, Session};
 use crate::store::{ParameterSetRow, Result, Store, VerificationRow, jobs, verifications};
 use crate::wire::Problem;
@@ -20,7 +21,14 @@ pub struct EvidenceRows {
     last_check: Option<(i64, String)>,
     identification: (JobInputs, String),
     content: String,
-    active: Option<String>,
+    active: Option<ActiveSet>,
+}
+
+/// The active set: its content, and the upload that it was identified from.
+#[derive(Debug)]
+struct ActiveSet {
+    content: String,
+    upload: MeasurementSetInput,
 }
 
 /// Parsed evidence for the gates.
@@ -38,6 +46,8 @@ pub struct ParsedEvidence {
     pub content: ParameterSetContent,
     /// Content of the active set.
     pub active: Option<ParameterSetContent>,
+    /// Whether the active set was identified from the same points, as far as can be told: those held out here may have been fitted there.
+    is_active_of_same_points: bool,
     /// Every session on which the set was scored, in order.
     pub sessions: Vec<Session>,
     /// Job and measurement set of each upload on which the set is compared with the active one.
@@ -64,7 +74,16 @@ pub async fn load(
             jobs::report(store, &set.job_id).await?,
         ),
         content: set.body_json.clone(),
-        active: active.map(|active| active.body_json.clone()),
+        active: match active {
+            None => None,
+            Some(active) => {
+                let job = jobs::get(store, &active.job_id).await?;
+                Some(ActiveSet {
+                    content: active.body_json.clone(),
+                    upload: MeasurementSetInput::read(store, &job.measurement_set_id).await?,
+                })
+            }
+        },
     })
 }
 
@@ -126,17 +145,32 @@ pub fn parse(stored: EvidenceRows) -> std::result::Result<ParsedEvidence, Box<Pr
     }
     let (identification_seq, identification) =
         identification.ok_or_else(|| broken("no facts of the identification"))?;
+    let request =
+        request_of(inputs).map_err(|_| broken(&format!("the inputs of {}", inputs.job.id)))?;
+    let is_active_of_same_points = match &stored.active {
+        None => false,
+        Some(active) => {
+            let earlier = active
+                .upload
+                .parse(request.robot.links.len())
+                .map_err(|_| broken(&format!("the upload {}", active.upload.row.id)))?;
+            repeats(&request.robot, &[earlier], &request.set)
+        }
+    };
     Ok(ParsedEvidence {
         report: parsed(report)?,
         identification,
         identification_seq,
         last_check: stored.last_check,
         content: parsed(&stored.content)?,
-        active: stored.active.as_deref().map(parsed).transpose()?,
+        is_active_of_same_points,
+        active: stored
+            .active
+            .map(|active| parsed(&active.content))
+            .transpose()?,
         sessions,
         to_compare,
-        request: request_of(inputs)
-            .map_err(|_| broken(&format!("the inputs of {}", inputs.job.id)))?,
+        request,
     })
 }
 
@@ -170,21 +204,39 @@ pub fn compare_on(
     Ok(compare(parsed, format!("session of job {job_id}"), &set))
 }
 
-/// Held-out errors of the set and of the active one; of the same upload, those of the fit without the held-out points.
+/// Errors of both on the points that were held out when the set was identified. If these are of the same upload, the set's are those of the fit
+/// that had not seen them; unless the active set was identified from these points too: then each is scored as it is delivered.
 pub fn compare_on_held_out(parsed: &ParsedEvidence) -> Option<Comparison> {
     let points = "the points held out".to_string();
     if let VerifySource::Set(set) = &parsed.request.verify {
         return compare(parsed, points, set);
     }
-    let active = parsed.active.as_ref()?.identified_robot(None);
-    let rms_mm = calibration::errors_on_verify_subset_mm(&parsed.request, &active)
-        .map(|active_mm| {
-            let own = parsed.report.verify_errors_mm().into_iter();
-            let both = active_mm.into_iter().zip(own);
-            let both = both.map(|(active, [_, links, corrected])| [active, links, corrected]);
-            robust_rms_mm(both)
-        })
-        .map_err(|error| error.to_string());
+    let active = parsed.active.as_ref()?;
+    let errors_mm = |content: &ParameterSetContent| {
+        let robot = content.identified_robot(None);
+        calibration::errors_on_verify_subset_mm(&parsed.request, &robot)
+            .map_err(|error| error.to_string())
+    };
+    let both = || {
+        let active_mm = errors_mm(active)?;
+        let own_mm = match parsed.is_active_of_same_points {
+            true => errors_mm(&parsed.content)?
+                .into_iter()
+                .map(|e| [e, e])
+                .collect(),
+            false => parsed
+                .report
+                .verify_errors_mm()
+                .into_iter()
+                .map(|[_, links, corrected]| [links, corrected])
+                .collect::<Vec<_>>(),
+        };
+        let pairs = active_mm.into_iter().zip(own_mm);
+        Ok(robust_rms_mm(pairs.map(|(active, [links, corrected])| {
+            [active, links, corrected]
+        })))
+    };
+    let rms_mm = both();
     Some(Comparison { points, rms_mm })
 }
 

@@ -100,7 +100,7 @@ pub fn facts(sources: &Sources<'_>) -> Markup {
             }
             @if let Some(why) = &report.tool_uncertainty_absent_because { (fact("Uncertainty", &format!("not stated: {why}"))) }
             @if let Some(std_deg) = report.flange_rotation_std_deg {
-                (fact("Rotation of the flange", &format!("known to {}° (one standard deviation over the workspace, under what is known of robots beforehand)", number(std_deg))))
+                (fact("Rotation of the flange", &format!("known to {}° (one standard deviation over the workspace, under what is known of robots beforehand; without the zero of the last joint, which positions cannot tell from a turned tool)", number(std_deg))))
             }
             @if let Some(error_model) = report.error_model {
                 (fact("Scatter of the points", &format!("{} mm (one standard deviation of a coordinate)", number(error_model.noise_std_mm))))

@@ -334,6 +334,7 @@ impl From<&ParameterOutcome> for ParameterReport {
             interval_95: p
                 .interval_95
                 .filter(|[low, high]| low.is_finite() && high.is_finite()),
+            data_share: Some(p.data_share),
             identifiable: p.identifiable,
             prior: p.prior.as_ref().map(Into::into),
         }

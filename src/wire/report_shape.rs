@@ -60,8 +60,8 @@ pub struct Report {
     /// Reason why neither the tool nor any parameter has an uncertainty; absent if they have one, or if nothing was identified.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tool_uncertainty_absent_because: Option<String>,
-    /// One standard deviation of the flange's rotation in the robot's base over the workspace, degrees, with general priors on robots. It
-    /// contains what the positions do not determine, and the distance of the identified links from the best estimate. Above 0.5°, corrected
+    /// One standard deviation of the flange's rotation in the robot's base over the workspace, degrees, with general priors on robots. The
+    /// zero of the last joint is not counted: positions cannot tell it from a turned tool. It contains what the positions do not determine, and the distance of the identified links from the best estimate. Above 0.5°, corrected
     /// poses and other tools than a measured reflector are refused (`orientation_not_known`), and no `change_reason` releases implausible
     /// changes. Null if it cannot be computed, absent in reports of older versions.
     #[serde(default)]
@@ -244,7 +244,11 @@ pub struct ParameterReport {
     /// Interval that contains the true value with 95 % probability, in the same unit; null if it cannot be stated.
     #[schema(required)]
     pub interval_95: Option<[f64; 2]>,
-    /// False if the data do not determine it alone.
+    /// 1 − posterior variance / prior variance: the share of what is known of it that comes from the data. Absent in reports of older versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(minimum = 0, maximum = 1)]
+    pub data_share: Option<f64>,
+    /// True if `data_share` is at least half.
     pub identifiable: bool,
     /// Its prior, and how much it decided.
     #[serde(default, skip_serializing_if = "Option::is_none")]
