@@ -318,7 +318,11 @@ async fn each_dangerous_upload_carries_a_warning_under_the_normal_policy() {
     let (set, _, codes) = users
         .identified(&robot, &csv(&true_robot(1), &spread(2), 11, same))
         .await;
-    assert_eq!(codes, ["pose_not_seen"], "one reflector on the last axis");
+    assert_eq!(
+        codes,
+        ["unidentifiable_parameters", "pose_not_seen"],
+        "one reflector on the last axis"
+    );
     let checks = users
         .cell
         .post(&format!("{set}/release"), &json!({"reason": "first"}))
