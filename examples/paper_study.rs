@@ -7,7 +7,7 @@ mod data;
 
 use data::{paper_robot, paper_set};
 use kincal::calibration::{
-    CalibrationReport, CalibrationRequest, Event, Method, Preset, calibrate,
+    CalibrationReport, CalibrationRequest, Event, Method, Model, Preset, calibrate,
 };
 use std::ops::ControlFlow;
 use std::time::Instant;
@@ -37,6 +37,7 @@ fn run(
     before: Option<&CalibrationReport>,
 ) -> Run {
     let mut request = CalibrationRequest::new(paper_robot(), paper_set(set));
+    request.model = Some(Model::Paper);
     (request.method, request.preset, request.seed, request.refine) =
         (method, preset, seed, Some(false));
     request.options.n_iterations = Some(n_iterations);
