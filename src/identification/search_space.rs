@@ -73,20 +73,6 @@ impl SearchSpace {
         Self::along(reference, parameters, scale, turned).knowing(known)
     }
 
-    /// How far each coordinate displaces the points (and pulls at the priors), rms, mm.
-    pub fn effects_mm(&self, observations: &[Observation]) -> Vec<f64> {
-        let rows = rows_along(
-            &self.reference,
-            &self.parameters,
-            &self.directions,
-            observations,
-            &self.known,
-        );
-        rows.column_iter()
-            .map(|column| column.norm() / (observations.len().max(1) as f64).sqrt())
-            .collect()
-    }
-
     /// As [`Self::singular`], along directions that were found elsewhere, p × r: their columns, each parameter divided by its scale, are
     /// orthonormal.
     pub fn along(
