@@ -5,7 +5,7 @@ mod robots;
 #[path = "../tests/support/simulation.rs"]
 mod simulation;
 
-use kincal::calibration::alignment::{Look, look};
+use kincal::calibration::upload_checks::alignment::{Look, look};
 use kincal::measurement::Frame;
 use std::time::Instant;
 

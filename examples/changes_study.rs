@@ -8,7 +8,7 @@ mod data;
 mod simulation;
 
 use data::{paper_robot, real_data};
-use kincal::calibration::changes::{Changes, Kind};
+use kincal::calibration::report::{ChangeKind, Changes};
 use kincal::calibration::request::PreviousSession;
 use kincal::calibration::{CalibrationRequest, Method, calibrate};
 use kincal::identification::KinematicModel;
@@ -145,7 +145,7 @@ fn detection(n_pairs: u64) {
         for seed in 0..n_pairs {
             let changes = pair(seed, &Campaign::PLAIN, change);
             alarms += u64::from(changes.kind.is_some());
-            collisions += u64::from(changes.kind == Some(Kind::Collision));
+            collisions += u64::from(changes.kind == Some(ChangeKind::Collision));
             let is_link = |name: &&str| !name.starts_with("base") && !name.starts_with("target");
             let mut names: Vec<&str> = changes
                 .all

@@ -397,7 +397,7 @@ async fn claims(data_dir: &std::path::Path) -> anyhow::Result<()> {
         robot_id: robot.id,
         measurement_set_id: set.id,
         kind: kincal::wire::job::Kind::Identify,
-        method: "auto".into(),
+        method: kincal::wire::job::Method::Auto,
         request_json: "{}".into(),
         ..NewJob::default()
     };

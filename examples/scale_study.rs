@@ -14,7 +14,7 @@ use kincal::store::{
     measurement_sets, robots,
 };
 use kincal::wire::canonical::sha256_hex;
-use kincal::wire::job::JobRequestBody;
+use kincal::wire::job::{JobRequestBody, Method};
 
 /// Robots that the rows belong to.
 const N_ROBOTS: usize = 1000;
@@ -70,7 +70,7 @@ async fn main() {
         robot_id: robot.clone(),
         measurement_set_id: set.id.clone(),
         kind: kincal::wire::job::Kind::Identify,
-        method: "least_squares".into(),
+        method: Method::LeastSquares,
         request_json: serde_json::to_string(&JobRequestBody::for_set(&set.id)).expect("JSON"),
         client: "study".into(),
         ..NewJob::default()
@@ -249,7 +249,7 @@ async fn workers(store: &Store, url: &str) {
                 robot_id: robot.id.clone(),
                 measurement_set_id: set.id.clone(),
                 kind: kincal::wire::job::Kind::Identify,
-                method: "least_squares".into(),
+                method: Method::LeastSquares,
                 request_json: serde_json::to_string(&JobRequestBody::for_set(&set.id))
                     .expect("JSON"),
                 ..NewJob::default()
@@ -305,7 +305,7 @@ async fn another_client(store: &Store, url: &str) {
             robot_id: of.0.clone(),
             measurement_set_id: of.1.clone(),
             kind: kincal::wire::job::Kind::Identify,
-            method: "least_squares".into(),
+            method: Method::LeastSquares,
             request_json: of.2.clone(),
             client: format!("newcomer {n}"),
             ..NewJob::default()

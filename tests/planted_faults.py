@@ -52,6 +52,16 @@ FAULTS = [
         (".find(|setup| n_of(*setup) >= FEWEST_OF_SETUP)", ".find(|_| true)")], "src/calibration"),
     Fault("outliers are searched once", "core", "a_session_that_ends_badly", [
         ("const MAX_SEARCHES: usize = 4;", "const MAX_SEARCHES: usize = 0;")], "src/calibration"),
+    Fault("a knocked tool is one target", "core", "reflectors_that_were_knocked_at_once", [
+        ("2 => self.changes_of_targets::<6>(places, tried),", "2 => {}")], "src/identification"),
+    Fault("a wrong base frame is believed", "core", "a_base_frame_that_was_set_up_wrongly", [
+        ("(variable.width, variable.prior) = (width, Prior::OfKind(kind));",
+         "let _ = kind; (variable.width, variable.prior) = (width, Prior::Stated { mean: 0.0, std: 1.0 });")], "src/identification"),
+    Fault("the last joint's zero is known", "core", "the_zero_of_the_last_joint_counts", [
+        ("libm::hypot(self.by_positions_rad, self.last_joint_zero_rad)", "self.by_positions_rad")], "src/calibration"),
+    Fault("what was held has not changed", "core", "a_partial_recalibration_of_the_wrong_joint", [
+        ("match (others_changed, of_held, report.uncertainty.clone()) {", "match (others_changed.filter(|_| false), of_held, report.uncertainty.clone()) {")],
+        "src/calibration"),
     Fault("the active set has seen the points", "service", "calibrates_and_fetches_what_was_released", [
         ("repeats(&request.robot, &[earlier], &request.set)", "repeats(&request.robot, &[earlier], &request.set) && false")], "src/jobs"),
     Fault("the delivered fit is far from the verified", "service", "each_dangerous_upload_carries", [
@@ -70,7 +80,7 @@ FAULTS = [
     Fault("old points count as measured since", "service", "keeps_what_speaks_against", [
         ("= $11 then $9 else 1 end", "= $11 then $9 else $9 end")], "src/store"),
     Fault("facts are not in the chain", "service", "each_fault_is_told", [
-        ("tx.audit(STORED_EVENT, job_id, row.audit_entry());", "")], "src/store"),
+        ("tx.audit(AuditEvent::VerificationKept, job_id, row.audit_entry());", "")], "src/store"),
     Fault("a withdrawn set comes back", "service", "keeps_the_life", [
         ("old.status = 'withdrawn' and new.status <> 'withdrawn'", "1 = 0")], "migrations/sqlite"),
     Fault("a policy that only code keeps", "service", "keeps_the_robots_policy", [
@@ -94,7 +104,7 @@ FAULTS = [
         ("kept.is_empty() || kept == now", "true || kept == now"),
         ("require(then == now,", "require(true || then == now,")]),
     Fault("documents are not compared", "service", "each_fault_is_told", [
-        ('(REPORTS, "job_succeeded", "report_sha256")', '(REPORTS, "job_succeeded", "no_such_field")')]),
+        ('(REPORTS, AuditEvent::JobSucceeded, "report_sha256")', '(REPORTS, AuditEvent::JobSucceeded, "no_such_field")')]),
     Fault("fields of rows are not compared", "service", "each_fault_is_told", [
         ("Some(then) => then == now,", "Some(_) => true,")]),
     Fault("who did it is not compared", "service", "databases_from_before", [
@@ -150,9 +160,9 @@ FAULTS = [
         ("!text.is_empty() && !text.chars().any(is_readable)", "text.trim().is_empty() && !text.is_empty()")], "src/wire"),
     Fault("what does not fit is evidence", "service", "session_that_does_not_fit", [
         ("const FAR: f64 = 10.0", "const FAR: f64 = 1e9"),
-        ("set_mm.min(typical(0)) > farthest_mm", "set_mm.min(typical(0)) > 1e9 * farthest_mm")], "src/calibration/session_fit.rs"),
+        ("set_mm.min(typical(0)) > farthest_mm", "set_mm.min(typical(0)) > 1e9 * farthest_mm")], "src/calibration/validation/session_fit.rs"),
     Fault("a robot that has changed is evidence", "service", "a_base_that_is_off_in_the_base_frame", [
-        ("const FAR: f64 = 10.0", "const FAR: f64 = 1e9")], "src/calibration/session_fit.rs"),
+        ("const FAR: f64 = 10.0", "const FAR: f64 = 1e9")], "src/calibration/validation/session_fit.rs"),
     Fault("the same points count as a session", "service", "the_same_points_uploaded_again", [
         ("n_repeated as f64 <= MAX_REPEATED", "0.0 <= MAX_REPEATED")]),
     Fault("no look at the active set", "service", "worse_than_the_active_one", [
@@ -163,7 +173,7 @@ FAULTS = [
     Fault("pages of other sites may release", "service", "without_keys", [
         ("if app.no_auth {", "if false {")], "src/http/host.rs"),
     Fault("hyper's own answers forget TLS", "service", "answers_without_a_route_carry_hsts", [
-        ("headers.extend(common.clone());", "")], "src/http"),
+        ("problem.headers_mut().extend(common.clone());", "")], "src/http"),
     Fault("remedies of HTTP in a terminal", "service", "remedies_in_a_terminal", [
         ("COMMANDS.iter().fold(text.to_owned(), replace)", "COMMANDS.iter().take(0).fold(text.to_owned(), replace)")], "src/cli"),
     Fault("an old data directory stays open", "faults", "of_an_older_version", [
@@ -182,7 +192,7 @@ FAULTS = [
         ("const SHUTDOWN_GRACE: Duration = Duration::from_millis(100)", "const SHUTDOWN_GRACE: Duration = Duration::from_millis(0)")]),
     Fault("no last call before the end", "faults", "who_is_connected", [
         ("const SHUTDOWN_GRACE: Duration = Duration::from_millis(100)", "const SHUTDOWN_GRACE: Duration = Duration::from_millis(0)"),
-        ("for _ in 0..MAX_ACCEPTED_AT_SHUTDOWN { let Ok(Ok(client))", "for _ in 0..0 { let Ok(Ok(client))"),
+        ("for _ in 0..MAX_ACCEPTED_AT_SHUTDOWN { let Ok(Ok((stream, peer)))", "for _ in 0..0 { let Ok(Ok((stream, peer)))"),
         ("for _ in 0..MAX_ACCEPTED_AT_SHUTDOWN { let Ok((stream, peer))", "for _ in 0..0 { let Ok((stream, peer))")]),
     Fault("a key is logged", "service", "no_key_and_no_body", [
         ("let key = value.to_str().ok().and_then", 'tracing::debug!(?value, "a key"); let key = value.to_str().ok().and_then')]),
@@ -204,7 +214,7 @@ FAULTS = [
         ("rpy_rad: [0.0, 0.0, if self == Self::Base { 0.0 } else { PI }]", "rpy_rad: [0.0, 0.0, 0.0 * PI]")], "src/exchange"),
     Fault("compensate forgets where the base is", "service", "a_wrong_mastering_of_the_first_joint", [
         ("Some(Base::Measured) | None => Ok(Base::Measured)",
-         "Some(Base::Measured) => Ok(Base::Measured), None => Ok(Base::Robot)")], "src/wire"),
+         "Some(Base::Measured) => Ok(Base::Measured), None => Ok(Base::Robot)")], "src/operations"),
     Fault("a flange turned as nobody knows", "service", "how_the_flange_is_turned", [
         ("MAX_FLANGE_ROTATION_STD_RAD: f64 = 0.5 *", "MAX_FLANGE_ROTATION_STD_RAD: f64 = 500.0 *")], "src/calibration"),
     Fault("an orientation that nobody knows is released", "service", "poses_are_refused_if_the_flange", [
@@ -212,9 +222,9 @@ FAULTS = [
     Fault("a joint that counts the other way is no misfit", "service", "an_identified_robot_that_is_wrong", [
         ("delta_rad.abs() > UNMASTERED_RAD &&", "delta_rad.abs() > 100.0 &&")], "src/calibration"),
     Fault("a robot that does not fit corrects targets", "service", "an_identified_robot_that_is_wrong", [
-        ("= provenance.wrong_robot()", "= provenance.wrong_robot().filter(|_| false)")], "src/wire"),
+        ("= provenance.wrong_robot()", "= provenance.wrong_robot().filter(|_| false)")], "src/operations"),
     Fault("a misfit is compared with", "service", "a_job_whose_points_do_not_fit", [
-        ("and v.fit = 'set_far_off') order by coalesce", "and v.fit = 'no such fit') order by coalesce")], "src/store"),
+        ("DESCRIBES_NO_ROBOT: Fit = Fit::SetFarOff", "DESCRIBES_NO_ROBOT: Fit = Fit::DoesNotFit")], "src/release"),
     Fault("five points cannot serve as they are told", "service", "a_small_set_can_serve", [
         ("[false, true].map(|refit| { check_enough(", "[false, false].map(|refit| { check_enough(")], "src/calibration"),
     Fault("corrections without a veto", "core", "have_a_veto", [

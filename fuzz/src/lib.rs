@@ -15,6 +15,8 @@ pub mod identification;
 pub mod kinematics;
 #[path = "../../src/measurement/mod.rs"]
 pub mod measurement;
+#[path = "../../src/operations/mod.rs"]
+pub mod operations;
 #[path = "../../src/planning/mod.rs"]
 pub mod planning;
 #[path = "../../src/solvers/mod.rs"]
@@ -24,9 +26,11 @@ pub mod wire;
 
 use measurement::csv::{MAX_COORDINATE_MM, MAX_ISSUES, MAX_JOINT_RAD, MAX_ROWS, ParseError};
 use measurement::{Decimal, Frame, MeasurementSet, csv};
-use wire::import::{ImportFormat, import};
-use wire::urdf::Urdf;
-use wire::{Invalid, xml_limits};
+use operations::import::import;
+use operations::urdf::Urdf;
+use operations::xml_limits;
+use wire::Invalid;
+use wire::import::ImportFormat;
 
 /// Longest text of one issue, bytes: whatever the file holds, an answer stays short.
 const LONGEST_DETAIL: usize = 70_000;

@@ -1,17 +1,21 @@
 //! Partial recalibration, as after a collision: only what is named is identified anew. The rest stays as an earlier identification has it,
 //! and its uncertainty goes into what is named and into the tool.
 
-use crate::calibration::changes::estimate;
-use crate::calibration::corrections;
-use crate::calibration::identify::{Problem, calibrate, placed, quiet, stage};
-use crate::calibration::orientation::{self, flange_rotation_std_rad};
-use crate::calibration::report::{CalibrationReport, Warning};
+use crate::calibration::calibrate::calibrate;
+use crate::calibration::preparation::placement::placed;
+use crate::calibration::problem::Problem;
+use crate::calibration::report::{CalibrationReport, FlangeRotation, Warning};
 use crate::calibration::request::{CalibrationRequest, CorrectionsChoice, PreviousSession};
+use crate::calibration::session_comparison::{estimate, list};
+use crate::calibration::solve::corrections;
+use crate::calibration::stages::{quiet, stage};
+use crate::calibration::warnings::orientation::{self, flange_rotation};
 use crate::calibration::{Error, Monitor};
 use crate::identification::KinematicModel;
-use crate::identification::changes::Estimate;
+use crate::identification::changes::{Change, Estimate, compare};
+use crate::identification::evidence::Noise;
 use crate::identification::objective::weighted_jacobian;
-use crate::identification::parameters::{Parameter, quantity_mut};
+use crate::identification::parameters::{Parameter, Quantity, quantity_mut};
 use crate::identification::uncertainty::Uncertainty;
 use crate::identification::workspace::tool_uncertainty;
 use crate::kinematics::{Link, Robot};
@@ -19,6 +23,11 @@ use nalgebra::{DMatrix, Vector3};
 
 /// Probability with which a parameter's stated interval holds the truth.
 const CONFIDENCE: f64 = 0.95;
+
+/// Scatter of the points over what is expected, from which on other parameters have changed as well; and the probability of so much by chance.
+const MORE: f64 = 1.5;
+/// See [`MORE`].
+const CHANCE: f64 = 1e-3;
 
 /// An earlier identification.
 #[derive(Clone, Debug, PartialEq)]
@@ -62,49 +71,125 @@ pub fn calibrate_partially(
     if report.final_fit.is_some() {
         problem = problem.over_all_points(&model_of(&report))?;
     }
-    let earlier = stage(monitor, "held_uncertainty", |monitor| {
-        estimate(&whole, &mut quiet(monitor))
+    let of_all_parameters = CalibrationRequest {
+        set: request.set.clone(),
+        frames: request.frames.clone(),
+        ..whole.clone()
+    };
+    // both sessions with all parameters
+    let (earlier, anew) = stage(monitor, "held_uncertainty", |monitor| {
+        let earlier = estimate(&whole, &mut quiet(monitor))?;
+        Ok((earlier, estimate(&of_all_parameters, &mut quiet(monitor))?))
     })?;
-    let widened = earlier
+    let of_held = earlier
         .as_ref()
-        .zip(report.uncertainty.as_ref())
-        .and_then(|(earlier, own)| widened(&problem, &report, earlier, own));
-    match widened {
-        Some((parameters, uncertainty)) => state(&mut report, &problem, &parameters, uncertainty),
+        .and_then(|earlier| held_errors(&problem, &report, earlier));
+    let others_changed = earlier.as_ref().and_then(|earlier| {
+        let own = problem.noise(&model_of(&report));
+        others_changed(&problem, &own, earlier, anew.as_ref(), of_held.as_ref())
+    });
+    match (others_changed, of_held, report.uncertainty.clone()) {
+        (Some(warning), ..) => withhold(&mut report, warning),
         // where the part itself has no uncertainty, the report says why already
-        None if report.uncertainty.is_none() => {}
-        None => withhold(&mut report),
+        (None, _, None) => {}
+        (None, None, Some(_)) => withhold(&mut report, held_uncertainty_unknown()),
+        (None, Some(of_held), Some(own)) => {
+            let parameters = [problem.parameters.clone(), of_held.held.clone()].concat();
+            state(&mut report, &problem, &parameters, of_both(&own, &of_held));
+        }
     }
     // what the earlier session shows of the held robot's flange, and what this one says against the held robot
     let of_held = Problem::new(&whole).ok().and_then(|problem| {
         let n_targets = problem.screening.targets.len();
         let links = held.links.clone();
         let model = placed(problem.request, links, &problem.identify, n_targets);
-        flange_rotation_std_rad(&problem, &model, &[held.links.as_slice()])
+        flange_rotation(&problem, &model, &[held.links.as_slice()])
     });
-    report.flange_rotation_std_rad = of_held
-        .zip(report.flange_rotation_std_rad)
-        .map(|(held, own)| libm::hypot(held, own));
+    let n_links = request.robot.links.len();
+    let last_zero = Parameter::Link(n_links - 1, Quantity::ThetaOffset);
+    let is_last_zero_free = problem.parameters.contains(&last_zero);
+    report.flange_rotation =
+        of_held
+            .zip(report.flange_rotation)
+            .map(|(held, own)| FlangeRotation {
+                by_positions_rad: libm::hypot(held.by_positions_rad, own.by_positions_rad),
+                // a zero that is held has not moved since the earlier session
+                last_joint_zero_rad: match is_last_zero_free {
+                    true => libm::hypot(held.last_joint_zero_rad, own.last_joint_zero_rad),
+                    false => held.last_joint_zero_rad,
+                },
+            });
     report
         .warnings
         .retain(|warning| warning.code != orientation::NOT_KNOWN);
     report
         .warnings
-        .extend(orientation::remark(report.flange_rotation_std_rad));
+        .extend(orientation::warning(report.flange_rotation, n_links));
     from_catalogue(&mut report, &problem.parameters, &request.robot.links);
     Ok(report)
 }
 
-/// States none: with what was held counted as exact, each would be too small.
-fn withhold(report: &mut CalibrationReport) {
+/// With what was held counted as exact, each uncertainty would be too small.
+fn held_uncertainty_unknown() -> Warning {
     let detail = "how uncertain the parameters are that were held cannot be told from the session that they were identified from, so no \
                   uncertainty is stated";
-    report.warnings.push(Warning {
+    Warning {
         code: "held_uncertainty_unknown",
         detail: detail.into(),
         rows: vec![],
-    });
-    report.uncertainty_absent_because = Some(detail.into());
+    }
+}
+
+/// Told where something else has changed than what was identified: parameters that were held differ between the sessions, by their comparison; or,
+/// where the new session does not determine all parameters, the points scatter more than the earlier session and the uncertainty of what was
+/// held explain.
+fn others_changed(
+    problem: &Problem<'_>,
+    own: &Noise,
+    earlier: &Estimate,
+    anew: Option<&Estimate>,
+    of_held: Option<&HeldErrors>,
+) -> Option<Warning> {
+    let found = match anew {
+        Some(anew) => {
+            let was_held = |change: &&Change| {
+                let mut may_be = change.parameters.iter();
+                !may_be.any(|parameter| problem.parameters.contains(parameter))
+            };
+            let changes = compare(earlier, anew)?.robot.changes;
+            let others: Vec<&Change> = changes.iter().filter(was_held).collect();
+            (!others.is_empty()).then(|| list(&others))?
+        }
+        None => {
+            let expected = Noise {
+                std_mm: libm::hypot(earlier.noise.std_mm, of_held?.scatter_mm),
+                ..earlier.noise
+            };
+            let is_more =
+                own.std_mm > MORE * expected.std_mm && own.chance_of_more(&expected) < CHANCE;
+            is_more.then(|| {
+                format!(
+                    "the points scatter by {:.4} mm (one standard deviation of a coordinate), where {:.4} mm are expected",
+                    own.std_mm, expected.std_mm
+                )
+            })?
+        }
+    };
+    let detail = format!(
+        "other parameters have changed than those that were identified: {found}. The identified values make up for what was held, so no \
+         uncertainty is stated. Identify what has changed, or leave `parameters` out"
+    );
+    Some(Warning {
+        code: "other_parameters_changed",
+        detail,
+        rows: vec![],
+    })
+}
+
+/// States no uncertainty, and why.
+fn withhold(report: &mut CalibrationReport, why: Warning) {
+    report.uncertainty_absent_because = Some(why.detail.clone());
+    report.warnings.push(why);
     for outcome in &mut report.parameters {
         (outcome.std_uncertainty, outcome.interval_95) = (None, None);
         if let Some(prior) = &mut outcome.prior {
@@ -127,14 +212,24 @@ fn model_of(report: &CalibrationReport) -> KinematicModel {
     }
 }
 
-/// Free and held parameters with the uncertainty of both: with δ_free = −E·J_held·δ_held, E the least-squares inverse of J_free along what
-/// the points see, each cause of an error of what is held also moves what is free.
-fn widened(
+/// What errors of the held parameters do, one standard deviation per column.
+struct HeldErrors {
+    held: Vec<Parameter>,
+    /// The errors, a row for each held parameter.
+    errors: DMatrix<f64>,
+    /// How they move what is free, a row for each free parameter.
+    moved: DMatrix<f64>,
+    /// What they leave of the points' residuals, one standard deviation of a coordinate, mm.
+    scatter_mm: f64,
+}
+
+/// With δ_free = −E·J_held·δ_held, E the least-squares inverse of J_free along what the points see, each cause of an error of what is held also
+/// moves what is free.
+fn held_errors(
     problem: &Problem<'_>,
     report: &CalibrationReport,
     earlier: &Estimate,
-    own: &Uncertainty,
-) -> Option<(Vec<Parameter>, Uncertainty)> {
+) -> Option<HeldErrors> {
     let is_held = |i: &usize| {
         earlier.parameters[*i].is_link() && !problem.parameters.contains(&earlier.parameters[*i])
     };
@@ -144,44 +239,46 @@ fn widened(
     let jacobian = |parameters: &[Parameter]| {
         weighted_jacobian(&model, parameters, &problem.identify, &at_fit)
     };
-    let directions = problem.decomposition.seen_directions();
-    let (q, r) = (jacobian(&problem.parameters) * &directions).qr().unpack();
-    let inverse = directions * r.try_inverse()? * q.transpose();
     let roots = [&earlier.uncertainty.noise, &earlier.uncertainty.misfit];
-    let n_causes: usize = roots.iter().map(|root| root.ncols()).sum();
-    let mut causes = DMatrix::zeros(held.len(), n_causes);
-    let mut column = 0;
-    for root in roots {
-        for k in 0..root.ncols() {
-            at.iter()
-                .enumerate()
-                .for_each(|(row, i)| causes[(row, column)] = root[(*i, k)]);
-            column += 1;
-        }
-    }
-    let moved = inverse * (jacobian(&held) * &causes) * -1.0;
-    let (n_free, n_own) = (problem.parameters.len(), own.noise.ncols());
+    let columns: Vec<_> = roots.iter().flat_map(|root| root.column_iter()).collect();
+    let errors = DMatrix::from_fn(held.len(), columns.len(), |i, k| columns[k][at[i]]);
+    let directions = problem.decomposition.seen_directions();
+    let of_free = jacobian(&problem.parameters);
+    let (q, r) = (&of_free * &directions).qr().unpack();
+    let inverse = directions * r.try_inverse()? * q.transpose();
+    let at_points = jacobian(&held) * &errors;
+    let moved = inverse * &at_points * -1.0;
+    let left = at_points + of_free * &moved;
+    let scatter_mm = (left.norm_squared() / left.nrows().max(1) as f64).sqrt();
+    moved
+        .iter()
+        .chain(&errors)
+        .all(|v| v.is_finite())
+        .then_some(HeldErrors {
+            held,
+            errors,
+            moved,
+            scatter_mm,
+        })
+}
+
+/// Uncertainty of the free parameters, and below them of the held ones.
+fn of_both(own: &Uncertainty, of_held: &HeldErrors) -> Uncertainty {
+    let (n_free, n_own) = own.noise.shape();
+    let (n_held, n_errors) = of_held.errors.shape();
     let mut both = own.clone();
-    both.noise = DMatrix::zeros(n_free + held.len(), n_own + n_causes);
+    both.noise = DMatrix::zeros(n_free + n_held, n_own + n_errors);
     both.noise
         .view_mut((0, 0), (n_free, n_own))
         .copy_from(&own.noise);
     both.noise
-        .view_mut((0, n_own), (n_free, n_causes))
-        .copy_from(&moved);
+        .view_mut((0, n_own), (n_free, n_errors))
+        .copy_from(&of_held.moved);
     both.noise
-        .view_mut((n_free, n_own), (held.len(), n_causes))
-        .copy_from(&causes);
-    both.misfit = own
-        .misfit
-        .clone()
-        .resize_vertically(n_free + held.len(), 0.0);
-    both.noise.iter().all(|v| v.is_finite()).then(|| {
-        (
-            problem.parameters.iter().copied().chain(held).collect(),
-            both,
-        )
-    })
+        .view_mut((n_free, n_own), (n_held, n_errors))
+        .copy_from(&of_held.errors);
+    both.misfit = own.misfit.clone().resize_vertically(n_free + n_held, 0.0);
+    both
 }
 
 /// States it: parameter by parameter, and of the tool.

@@ -1,9 +1,6 @@
 //! What a calibration answers: plain data; `wire::report` gives it its JSON shape.
 
-use crate::calibration::changes::Changes;
-pub use crate::calibration::repeatability::{PoseRepeatability, Repeatability};
 use crate::calibration::request::{Method, Model, Preset};
-use crate::calibration::verdict::{DOES_NOT_FIT, NO_FIT};
 use crate::identification::TrainedNetwork;
 use crate::identification::corrected::CorrectedModel;
 use crate::identification::corrections::Evidence;
@@ -215,6 +212,22 @@ pub struct Warning {
     pub rows: Vec<usize>,
 }
 
+/// How well the flange's rotation in the robot's base is known, over the workspace: one standard deviation each, rad.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FlangeRotation {
+    /// Without the zero of the last joint: what a reflector off the last axis, and poses that move every joint, would show.
+    pub by_positions_rad: f64,
+    /// The zero of the last joint, about the last axis.
+    pub last_joint_zero_rad: f64,
+}
+
+impl FlangeRotation {
+    /// Both together.
+    pub fn std_rad(&self) -> f64 {
+        libm::hypot(self.by_positions_rad, self.last_joint_zero_rad)
+    }
+}
+
 /// The outcome of one calibration.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CalibrationReport {
@@ -258,8 +271,8 @@ pub struct CalibrationReport {
     pub uncertainty_absent_because: Option<String>,
     /// What changed since the robot's last identification, where that was given.
     pub changes: Option<Changes>,
-    /// How far the flange may be turned in the robot's base from where the links have it, rad; `None` where it cannot be computed.
-    pub flange_rotation_std_rad: Option<f64>,
+    /// How well it is known how the flange is turned in the robot's base; `None` where it cannot be computed.
+    pub flange_rotation: Option<FlangeRotation>,
     /// What the data can see.
     pub identifiability: Identifiability,
     /// Other methods on the same points.
@@ -315,3 +328,78 @@ impl CalibrationReport {
                 .all(|warning| !says_nothing.contains(&warning.code))
     }
 }
+
+/// ISO 9283 figures of a set's revisited poses.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Repeatability {
+    /// RP over all poses together, mm.
+    pub rp_mm: f64,
+    /// Standard deviation of one coordinate about its pose's barycentre, mm.
+    pub std_mm: f64,
+    /// Every pose, in order of its first row.
+    pub poses: Vec<PoseRepeatability>,
+}
+
+/// One revisited pose of one target.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PoseRepeatability {
+    /// Its configuration.
+    pub configuration: String,
+    /// Its target.
+    pub target: usize,
+    /// Its rows.
+    pub rows: Vec<usize>,
+    /// RP, mm.
+    pub rp_mm: f64,
+    /// AP: from the barycentre to where the nominal robot should be, mm.
+    pub ap_before_mm: f64,
+    /// And to where the identified links put it, mm.
+    pub ap_after_mm: f64,
+    /// And to where links with corrections put it, mm, where there are some.
+    pub ap_corrected_mm: Option<f64>,
+}
+
+/// How a robot changed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ChangeKind {
+    /// Small changes: wear, temperature, settling.
+    Drift,
+    /// A jump in few parameters.
+    Collision,
+    /// Jumps in many parameters: parts exchanged, or another robot.
+    Rebuilt,
+}
+
+/// What changed, for the report.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Changes {
+    /// The robot's parameters first, then base and targets.
+    pub all: Vec<NamedChange>,
+    /// Of the robot; `None` where it has not changed.
+    pub kind: Option<ChangeKind>,
+    /// In words.
+    pub warnings: Vec<Warning>,
+    /// dᵀ·V⁻¹·d of the robot's own parameters.
+    pub chi_square: f64,
+    /// Combinations of them that both sessions see.
+    pub n_combinations: usize,
+    /// Probability that an unchanged robot shows as much.
+    pub probability: f64,
+}
+
+/// One change, in the unit of the wire (mm or deg).
+#[derive(Clone, Debug, PartialEq)]
+pub struct NamedChange {
+    /// Its name; `d_2 or d_3` where positions cannot tell which.
+    pub name: String,
+    /// By how much: of the first name.
+    pub delta: f64,
+    /// |delta| in units of its standard deviation.
+    pub sigmas: f64,
+}
+
+/// Warning that a file does not fit the robot.
+pub const DOES_NOT_FIT: &str = "session_does_not_fit";
+
+/// Warning that the identified robot does not fit its own points.
+pub const NO_FIT: &str = "no_fit";

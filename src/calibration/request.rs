@@ -1,7 +1,7 @@
 //! What a calibration needs: everything, and nothing that is not plain data.
 
 pub use crate::calibration::method::{CorrectionsChoice, FinalFit, Loss, Method};
-use crate::calibration::session_fit::HeldOut;
+use crate::calibration::validation::session_fit::HeldOut;
 use crate::frames::PreliminaryFrames;
 pub use crate::identification::{Model, Preset};
 

@@ -1,6 +1,9 @@
 //! The presets: every choice that the paper leaves open, resolved. Explicit options win.
 
 use crate::calibration::request::{CalibrationRequest, Preset};
+use crate::calibration::{Error, unusable};
+use crate::identification::identifiability::{PRIOR_LENGTH_MM, VISIBLE_EFFECT_MM, prior_scale};
+use crate::identification::parameters::Parameter;
 use crate::solvers::pso;
 
 /// All choices of one run, resolved.
@@ -74,4 +77,23 @@ pub fn settings(request: &CalibrationRequest) -> Settings {
         .map_or(settings.half_width_rad, f64::to_radians);
     settings.refine = request.refine.unwrap_or(settings.refine);
     settings
+}
+
+/// Half-width of the search box of each parameter; base and targets get as much more as their prior is wider.
+pub fn half_widths(settings: &Settings, parameters: &[Parameter]) -> Vec<f64> {
+    let half_width = |p: &Parameter| match (p.is_angle(), p.is_link()) {
+        (true, _) => settings.half_width_rad,
+        (false, true) => settings.half_width_mm,
+        (false, false) => settings.half_width_mm * prior_scale(p) / PRIOR_LENGTH_MM,
+    };
+    parameters.iter().map(half_width).collect()
+}
+
+/// The refusal of a box in which nothing moves a measured point far enough to be seen.
+pub fn box_too_small() -> Error {
+    let detail = format!(
+        "search_half_width_mm and search_half_width_deg are so small that nothing in the box moves the measured points by {VISIBLE_EFFECT_MM} mm: \
+         make them larger, or leave them out"
+    );
+    unusable("search_box_too_small", detail)
 }

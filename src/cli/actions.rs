@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 
 /// The parameter set, and the reason for the decision.
 #[derive(Debug, clap::Args)]
-struct Decision {
+struct DecisionArguments {
     #[command(flatten)]
     server: ServerArguments,
     /// The parameter set, as `kincal params` lists it.
@@ -22,9 +22,9 @@ struct Decision {
 
 /// Make a parameter set the robot's active one.
 #[derive(Debug, clap::Args)]
-pub struct Release {
+pub struct ReleaseArguments {
     #[command(flatten)]
-    decision: Decision,
+    decision: DecisionArguments,
     /// Why the parameters changed that much, if the gate change_plausible asks for it.
     #[arg(long, value_name = "TEXT")]
     change_reason: Option<String>,
@@ -32,14 +32,14 @@ pub struct Release {
 
 /// Withdraw a parameter set: the cell no longer gets it.
 #[derive(Debug, clap::Args)]
-pub struct Withdraw {
+pub struct WithdrawArguments {
     #[command(flatten)]
-    decision: Decision,
+    decision: DecisionArguments,
 }
 
 /// State why a robot in the state `check_robot` is in order.
 #[derive(Debug, clap::Args)]
-pub struct Checked {
+pub struct CheckedArguments {
     #[command(flatten)]
     server: ServerArguments,
     /// The robot, as `kincal robots` lists it.
@@ -54,7 +54,7 @@ pub struct Checked {
 
 /// Cancel a job.
 #[derive(Debug, clap::Args)]
-pub struct Cancel {
+pub struct CancelArguments {
     #[command(flatten)]
     server: ServerArguments,
     /// The job, as `kincal jobs` lists it.
@@ -65,8 +65,8 @@ pub struct Cancel {
 }
 
 /// `kincal release`.
-pub fn release(arguments: &Release) -> anyhow::Result<()> {
-    let Decision {
+pub fn release(arguments: &ReleaseArguments) -> anyhow::Result<()> {
+    let DecisionArguments {
         server,
         id,
         reason,
@@ -91,8 +91,8 @@ pub fn release(arguments: &Release) -> anyhow::Result<()> {
 }
 
 /// `kincal withdraw`.
-pub fn withdraw(arguments: &Withdraw) -> anyhow::Result<()> {
-    let Decision {
+pub fn withdraw(arguments: &WithdrawArguments) -> anyhow::Result<()> {
+    let DecisionArguments {
         server,
         id,
         reason,
@@ -128,7 +128,7 @@ async fn post_decision(
 }
 
 /// `kincal checked`.
-pub fn checked(arguments: &Checked) -> anyhow::Result<()> {
+pub fn checked(arguments: &CheckedArguments) -> anyhow::Result<()> {
     let path = format!("/v1/robots/{}/checked", arguments.id);
     let body = serde_json::to_vec(&json!({"reason": arguments.reason}))?;
     let robot = block_on(async {
@@ -141,7 +141,7 @@ pub fn checked(arguments: &Checked) -> anyhow::Result<()> {
 }
 
 /// `kincal cancel`.
-pub fn cancel(arguments: &Cancel) -> anyhow::Result<()> {
+pub fn cancel(arguments: &CancelArguments) -> anyhow::Result<()> {
     let path = format!("/v1/jobs/{}/cancel", arguments.id);
     let job = block_on(async {
         arguments

@@ -3,7 +3,6 @@
 use super::runtime::block_on;
 use super::terminal::Output;
 use crate::config::DatabaseConfig;
-use crate::http::server::location;
 use crate::store::verify::{self, Options};
 use crate::store::{Store, StoreLocation, audit, backup};
 use serde_json::json;
@@ -24,7 +23,7 @@ pub struct Arguments {
 /// Copies the database and checks the copy.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     block_on(async {
-        let store = Store::open_as_it_is(location(&arguments.database)).await?;
+        let store = Store::open_as_it_is(StoreLocation::from(&arguments.database)).await?;
         let written = backup::write(&store, &arguments.to).await;
         store.close().await;
         written?;

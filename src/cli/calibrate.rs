@@ -5,7 +5,7 @@ use super::options::{IdentifyOptions, SetOptions};
 use super::table;
 use super::terminal::{Output, in_commands};
 use super::usage::Usage;
-use crate::calibration::alignment::{self, Finding, Look};
+use crate::calibration::upload_checks::alignment::{self, Finding, Look};
 use crate::jobs::JobFailure;
 use crate::jobs::execution;
 use crate::kinematics::Robot;
@@ -239,7 +239,7 @@ fn failure(failure: JobFailure) -> anyhow::Error {
 
 /// A progress bar with a message; it is drawn only on a terminal.
 pub fn progress_bar() -> ProgressBar {
-    let bar = ProgressBar::new(0);
+    let bar = ProgressBar::no_length();
     let style = ProgressStyle::with_template("{bar:32} {msg}")
         .unwrap_or_else(|_| ProgressStyle::default_bar());
     bar.set_style(style);
@@ -248,18 +248,25 @@ pub fn progress_bar() -> ProgressBar {
 
 /// Updates the bar. No remaining time is predicted: only the main method has iterations, and it seldom reaches their limit.
 pub fn show(bar: &ProgressBar, progress: &ProgressAnswer) {
-    bar.set_length(progress.n_iterations);
+    match iterates(progress) {
+        true => bar.set_length(progress.n_iterations),
+        // drawn empty; a bar at its length, or of length 0, is drawn full
+        false => bar.unset_length(),
+    }
     bar.set_position(progress.iteration);
     bar.set_message(in_words(progress));
+}
+
+/// Whether the stage has iterations to show. An older server does not name its stages.
+fn iterates(progress: &ProgressAnswer) -> bool {
+    progress.stage.is_none_or(Stage::has_iterations) && progress.n_iterations > 0
 }
 
 /// The stage; in the main method with the iteration and the smallest F so far.
 fn in_words(progress: &ProgressAnswer) -> String {
     let stage = words::stage(progress.stage);
-    // An older server does not name its stages.
-    let iterates = progress.stage.is_none_or(Stage::has_iterations) && progress.n_iterations > 0;
     let cost = progress.best_cost_mm2.filter(|cost| cost.is_finite());
-    match (iterates, cost) {
+    match (iterates(progress), cost) {
         (false, _) => format!("{stage} …"),
         (true, cost) => {
             let cost = cost.map_or(String::new(), |cost| {
@@ -275,7 +282,27 @@ fn in_words(progress: &ProgressAnswer) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::{ProgressAnswer, Stage, in_words};
+    use super::{ProgressAnswer, Stage, in_words, progress_bar, show};
+
+    #[test]
+    fn the_bar_shows_the_iterations_of_the_main_method_and_is_empty_else() {
+        let bar = progress_bar();
+        assert_eq!(bar.length(), None);
+        let at = |stage| {
+            show(
+                &bar,
+                &ProgressAnswer {
+                    stage: Some(stage),
+                    iteration: 20,
+                    n_iterations: 500,
+                    best_cost_mm2: None,
+                },
+            );
+            (bar.length(), bar.position())
+        };
+        assert_eq!(at(Stage::Pso), (Some(500), 20));
+        assert_eq!(at(Stage::Corrections).0, None);
+    }
 
     #[test]
     fn a_stage_without_iterations_promises_nothing() {

@@ -7,6 +7,7 @@ use super::runtime::block_on;
 use super::terminal;
 use super::terminal::Output;
 use super::usage::Usage;
+use crate::operations;
 use crate::wire::compensate::{
     Base, CompensateAnswer, CompensateBody, ErrorFrame, MAX_TARGETS_PER_REQUEST, Mode, Status,
 };
@@ -105,8 +106,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             ErrorFrame::RobotBase => "the robot's own base frame, wherever it stands",
         }
     );
-    if let Some(remark) = answer.left_out.remark() {
-        eprintln!("warning (base_and_tool): {remark}");
+    if let Some(warning) = answer.left_out.description() {
+        eprintln!("warning (base_and_tool): {warning}");
     }
     for warning in &answer.warnings {
         eprintln!("warning ({}): {}", warning.code, warning.detail);
@@ -181,7 +182,12 @@ fn correct(arguments: &Arguments, q_deg: &[Vec<f64>]) -> anyhow::Result<Compensa
                 .content
                 .check(robot.links.len())
                 .map_err(unusable)?;
-            Ok(body.run(&robot, &document.content, &document.provenance)?)
+            Ok(operations::compensate(
+                &body,
+                &robot,
+                &document.content,
+                &document.provenance,
+            )?)
         }
         (Some(_), _) => Err(Usage("with --parameters only PROGRAM.csv is given".into()).into()),
         (None, _) => Err(Usage(

@@ -4,9 +4,8 @@ use super::runtime::block_on;
 use super::terminal::Output;
 use super::usage::Usage;
 use crate::store::verify::{self, Options};
-use crate::store::{Store, StoreLocation, copy};
+use crate::store::{Store, StoreLocation, audit, copy};
 use serde_json::{Value, json};
-use std::path::PathBuf;
 
 /// Copy a whole database into an empty one, and check the copy as `verify-store` does. Stop all servers and workers first.
 #[derive(Debug, clap::Args)]
@@ -18,7 +17,7 @@ pub struct Arguments {
         value_name = "DIR|URL",
         hide_env_values = true
     )]
-    from: String,
+    from: StoreLocation,
     /// Destination: a new data directory, or the URL of an empty PostgreSQL database.
     #[arg(
         long,
@@ -26,14 +25,14 @@ pub struct Arguments {
         value_name = "DIR|URL",
         hide_env_values = true
     )]
-    to: String,
+    to: StoreLocation,
     #[command(flatten)]
     output: Output,
 }
 
 /// Copies the database and checks the copy.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
-    let (from, to) = (location(&arguments.from), location(&arguments.to));
+    let (from, to) = (arguments.from.clone(), arguments.to.clone());
     if from == to {
         return Err(Usage("--from and --to are the same database".into()).into());
     }
@@ -60,19 +59,16 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         )
         .await?;
         let n_violations: i64 = checks.iter().map(|check| check.n_violations).sum();
-        let heads = (
-            crate::store::audit::head(&from).await?,
-            crate::store::audit::head(&to).await?,
-        );
+        let head_from = audit::head(&from).await?.entry();
+        let head = audit::head(&to).await?.entry();
         from.close().await;
         to.close().await;
         anyhow::ensure!(
             n_violations == 0,
             "the copy breaks {n_violations} promises; `kincal verify-store` on it says which"
         );
-        let same_head = (heads.0.seq, &heads.0.sha256) == (heads.1.seq, &heads.1.sha256);
         anyhow::ensure!(
-            same_head,
+            head == head_from,
             "the copy's audit chain ends elsewhere: somebody wrote to the source meanwhile; copy again"
         );
         let tables: Vec<Value> = copied
@@ -80,25 +76,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             .map(|copied| json!({"table": copied.table, "n_rows": copied.n_rows}))
             .collect();
         let answer =
-            json!({"tables": tables, "audit_head": {"seq": heads.1.seq, "sha256": heads.1.sha256}});
+            json!({"tables": tables, "audit_head": {"seq": head.seq, "sha256": head.sha256}});
         arguments.output.print(&answer, || {
             let rows: String = copied
                 .iter()
                 .map(|copied| format!("{:>10} rows of {}\n", copied.n_rows, copied.table))
                 .collect();
-            format!(
-                "{rows}the copy keeps all promises; head of the audit chain: {}:{}",
-                heads.1.seq, heads.1.sha256
-            )
+            format!("{rows}the copy keeps all promises; head of the audit chain: {head}")
         })
     })
-}
-
-fn location(text: &str) -> StoreLocation {
-    match text.starts_with("postgres://") || text.starts_with("postgresql://") {
-        true => StoreLocation::Postgres { url: text.into() },
-        false => StoreLocation::Sqlite {
-            data_dir: PathBuf::from(text),
-        },
-    }
 }

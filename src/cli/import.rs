@@ -2,8 +2,9 @@
 
 use super::files::{cannot_be_used, read, refuse_semicolons};
 use super::usage::Usage;
+use crate::operations::import::import;
 use crate::wire::frames::Transform;
-use crate::wire::import::{ImportFormat, import};
+use crate::wire::import::ImportFormat;
 use nalgebra::{Matrix3, Rotation3};
 use std::path::PathBuf;
 

@@ -5,9 +5,9 @@ use super::runtime::block_on;
 use super::terminal::{self, Output};
 use super::usage::Usage;
 use crate::config::DatabaseConfig;
-use crate::http::auth::{Scope, new_key};
-use crate::http::server::location;
-use crate::store::{ApiKeyRow, NewApiKey, PageRequest, Store, api_keys, robots};
+use crate::http::auth::new_key;
+use crate::store::{ApiKeyRow, NewApiKey, PageRequest, Store, StoreLocation, api_keys, robots};
+use crate::wire::key::Scope;
 use crate::wire::time::rfc3339;
 use anyhow::Context;
 use clap::Subcommand;
@@ -84,12 +84,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
 }
 
 async fn open(database: &DatabaseConfig) -> anyhow::Result<Store> {
-    Ok(Store::open_beside_a_server(location(database)).await?)
+    Ok(Store::open_beside_a_server(StoreLocation::from(database)).await?)
 }
 
 /// Opens an existing database: a wrong --data-dir creates none.
 async fn open_as_it_is(database: &DatabaseConfig) -> anyhow::Result<Store> {
-    Ok(Store::open_as_it_is(location(database)).await?)
+    Ok(Store::open_as_it_is(StoreLocation::from(database)).await?)
 }
 
 /// Parses the holder of a key.
@@ -117,24 +117,24 @@ async fn create(
         }
     }
     let names: Vec<&str> = scopes.iter().map(|scope| scope.as_str()).collect();
-    let (key, key_sha256) = new_key()?;
+    let key = new_key()?;
     let robots_json = (!robot_ids.is_empty())
         .then(|| serde_json::to_string(robot_ids))
         .transpose()?;
     let new = NewApiKey {
         name: name.into(),
-        key_sha256,
-        scopes_json: serde_json::to_string(&names)?,
+        key_sha256: key.sha256,
+        scopes_json: serde_json::to_string(scopes)?,
         robots_json,
     };
     let mut tx = store.begin().await?;
     tx.act_as(COMMAND_LINE);
     let row = api_keys::insert(&mut tx, &new).await?;
     tx.commit().await?;
-    let mut shown = key.clone();
+    let mut shown = key.text.clone();
     if output.json {
         let mut made = described(&row)?;
-        made["key"] = key.into();
+        made["key"] = key.text.into();
         shown = serde_json::to_string_pretty(&made)?;
     } else {
         eprintln!(

@@ -63,7 +63,7 @@ const PARAMETER_SETS: Listing = Listing {
 
 /// Robots of a server.
 #[derive(Debug, clap::Args)]
-pub struct Robots {
+pub struct RobotArguments {
     #[command(flatten)]
     server: ServerArguments,
     /// Show this one in full.
@@ -75,7 +75,7 @@ pub struct Robots {
 
 /// A list of one robot, or one item by its own id.
 #[derive(Debug, clap::Args)]
-pub struct OfRobot {
+pub struct RobotListArguments {
     #[command(flatten)]
     server: ServerArguments,
     /// The robot: its id, name or serial number.
@@ -94,7 +94,7 @@ pub struct OfRobot {
 }
 
 /// `kincal robots`.
-pub fn robots(arguments: &Robots) -> anyhow::Result<()> {
+pub fn robots(arguments: &RobotArguments) -> anyhow::Result<()> {
     list_or_show(
         &arguments.server,
         &ROBOTS,
@@ -105,18 +105,18 @@ pub fn robots(arguments: &Robots) -> anyhow::Result<()> {
 }
 
 /// `kincal sets`.
-pub fn sets(arguments: &OfRobot) -> anyhow::Result<()> {
-    of_robot(arguments, &SETS)
+pub fn sets(arguments: &RobotListArguments) -> anyhow::Result<()> {
+    list_of_robot(arguments, &SETS)
 }
 
 /// `kincal jobs`.
-pub fn jobs(arguments: &OfRobot) -> anyhow::Result<()> {
-    of_robot(arguments, &JOBS)
+pub fn jobs(arguments: &RobotListArguments) -> anyhow::Result<()> {
+    list_of_robot(arguments, &JOBS)
 }
 
 /// Parameter sets of one robot, or one of them.
 #[derive(Debug, clap::Args)]
-pub struct Params {
+pub struct ParameterSetArguments {
     #[command(flatten)]
     server: ServerArguments,
     /// The robot: its id, name or serial number.
@@ -135,8 +135,8 @@ pub struct Params {
 }
 
 /// `kincal params`.
-pub fn parameter_sets(arguments: &Params) -> anyhow::Result<()> {
-    let Params {
+pub fn parameter_sets(arguments: &ParameterSetArguments) -> anyhow::Result<()> {
+    let ParameterSetArguments {
         server,
         robot,
         id,
@@ -194,7 +194,7 @@ fn gate_lines(found: &Value) -> String {
         .collect()
 }
 
-fn of_robot(arguments: &OfRobot, kind: &Listing) -> anyhow::Result<()> {
+fn list_of_robot(arguments: &RobotListArguments, kind: &Listing) -> anyhow::Result<()> {
     list_or_show(
         &arguments.server,
         kind,

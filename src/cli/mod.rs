@@ -85,23 +85,23 @@ enum Command {
     /// Make a robot file from a URDF or a table of Denavit-Hartenberg parameters.
     Import(import::Arguments),
     /// List a server's robots, or show one.
-    Robots(list::Robots),
+    Robots(list::RobotArguments),
     /// List a robot's measurement sets, or show one.
-    Sets(list::OfRobot),
+    Sets(list::RobotListArguments),
     /// List a robot's jobs, or show one.
-    Jobs(list::OfRobot),
+    Jobs(list::RobotListArguments),
     /// List a robot's parameter sets, or show one.
-    Params(list::Params),
+    Params(list::ParameterSetArguments),
     /// Show the report of a job, or write it as a printable page.
     Report(report::Arguments),
     /// Make a parameter set the robot's active one.
-    Release(actions::Release),
+    Release(actions::ReleaseArguments),
     /// Withdraw a parameter set: the cell no longer gets it.
-    Withdraw(actions::Withdraw),
+    Withdraw(actions::WithdrawArguments),
     /// State why a robot is in order although a session did not fit it.
-    Checked(actions::Checked),
+    Checked(actions::CheckedArguments),
     /// Cancel a job.
-    Cancel(actions::Cancel),
+    Cancel(actions::CancelArguments),
     /// Run the paper's calibrations through a real server with a temporary database, and compare with the paper's tables.
     Demo(demo::Arguments),
     /// Print the OpenAPI document.

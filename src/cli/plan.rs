@@ -5,6 +5,7 @@ use super::files::{NumberFormat, cannot_be_used, fault, parse_json, read};
 use super::terminal::Output;
 use super::usage::Usage;
 use crate::kinematics::Robot;
+use crate::operations::plan_poses;
 use crate::wire::issue::Issue;
 use crate::wire::job::Model;
 use crate::wire::measurement::{Frame, from_file};
@@ -72,7 +73,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         );
         measured.push(set.map_err(|invalid| Usage(cannot_be_used(path, &bytes, &invalid.issues)))?);
     }
-    let plan = body.run(&robot, &measured).map_err(|invalid| {
+    let plan = plan_poses(&body, &robot, &measured).map_err(|invalid| {
         let faults: Vec<String> = invalid
             .issues
             .iter()

@@ -133,11 +133,18 @@ fn identified(report: &Report) -> String {
     }
     if let Some(std_deg) = report.flange_rotation_std_deg {
         let std_deg = number(std_deg);
+        let last_zero = report
+            .last_joint_zero_std_deg
+            .map_or(String::new(), |zero| {
+                format!(
+                    "; {}° of it is the zero of the last joint, which positions never show",
+                    number(zero)
+                )
+            });
         line(
             &mut text,
             format!(
-                "the flange's rotation is known to {std_deg}° (one standard deviation, under what is known of robots beforehand; without the zero \
-                 of the last joint, which positions cannot tell from a turned tool)"
+                "the flange's rotation is known to {std_deg}° (one standard deviation, under what is known of robots beforehand{last_zero})"
             ),
         );
     }

@@ -4,9 +4,8 @@ use super::runtime::block_on;
 use super::terminal::Output;
 use super::usage::Usage;
 use crate::config::DatabaseConfig;
-use crate::http::server::location;
 use crate::store::verify::{self, Check, Options};
-use crate::store::{Store, audit};
+use crate::store::{AuditEntryId, NoAuditEntryId, Store, StoreLocation, audit};
 use std::io::Write;
 
 /// Check the database; may run while a server uses it. Exit code 1 if a promise is broken.
@@ -26,23 +25,29 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let known_head = arguments
         .known_head
         .as_deref()
-        .map(parse_head)
-        .transpose()?;
+        .map(str::parse)
+        .transpose()
+        .map_err(|_: NoAuditEntryId| {
+            Usage(
+                "--known-head is a number, a colon and a hash, as `kincal verify-store` prints it"
+                    .into(),
+            )
+        })?;
     block_on(async {
-        let store = Store::open_as_it_is(location(&arguments.database)).await?;
+        let store = Store::open_as_it_is(StoreLocation::from(&arguments.database)).await?;
         let options = Options {
             known_head,
             is_served: store.is_served(),
         };
         let checks = verify::verify(&store, &options).await?;
-        let head = audit::head(&store).await?;
+        let head = audit::head(&store).await?.entry();
         let n_violations: i64 = checks.iter().map(|check| check.n_violations).sum();
         let mut out = std::io::stdout().lock();
         if arguments.output.json {
             writeln!(out, "{}", json(&checks, &head, n_violations))?;
         } else {
             table(&mut out, &checks)?;
-            writeln!(out, "head of the audit chain: {}:{}", head.seq, head.sha256)?;
+            writeln!(out, "head of the audit chain: {head}")?;
         }
         drop(out);
         store.close().await;
@@ -51,33 +56,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     })
 }
 
-fn parse_head(text: &str) -> Result<(i64, String), Usage> {
-    let parsed = text
-        .split_once(':')
-        .and_then(|(seq, hash)| Some((seq.parse().ok()?, hash.to_owned())));
-    let is_hash = |hash: &str| {
-        hash.len() == 64
-            && hash
-                .bytes()
-                .all(|byte| matches!(byte, b'0'..=b'9' | b'a'..=b'f'))
-    };
-    let parsed = parsed
-        .filter(|(seq, hash): &(i64, String)| is_hash(hash) || (*seq == 0 && hash.is_empty()));
-    parsed.ok_or_else(|| {
-        Usage(
-            "--known-head is a number, a colon and a hash, as `kincal verify-store` prints it"
-                .into(),
-        )
-    })
-}
-
-fn json(checks: &[Check], head: &crate::store::AuditHead, n_violations: i64) -> serde_json::Value {
+fn json(checks: &[Check], head: &AuditEntryId, n_violations: i64) -> serde_json::Value {
     let one = |check: &Check| {
         serde_json::json!({"id": check.id, "promise": check.promise, "n_examined": check.n_examined,
             "n_violations": check.n_violations, "violations": check.violations})
     };
     serde_json::json!({"ok": n_violations == 0, "n_violations": n_violations, "checks": checks.iter().map(one).collect::<Vec<_>>(),
-        "audit_head": format!("{}:{}", head.seq, head.sha256)})
+        "audit_head": head.to_string()})
 }
 
 fn table(out: &mut impl Write, checks: &[Check]) -> std::io::Result<()> {

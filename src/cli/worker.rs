@@ -5,9 +5,9 @@ use super::serve::stop_signal;
 use super::terminal::Output;
 use super::usage::Usage;
 use crate::config::{DatabaseConfig, STOP_WITHIN, WorkerConfig};
-use crate::http::server::{location, rules};
+use crate::http::server::rules;
 use crate::jobs::{JobSignals, WorkerPool, execution, facts};
-use crate::store::Store;
+use crate::store::{Store, StoreLocation};
 use crate::telemetry;
 use std::time::Duration;
 
@@ -18,7 +18,7 @@ pub fn run(config: &WorkerConfig) -> anyhow::Result<()> {
     block_on(async {
         // Installed before the first job: the default action of a signal would kill the process.
         let stop_signal = stop_signal()?;
-        let store = Store::open(location(&config.database)).await?;
+        let store = Store::open(StoreLocation::from(&config.database)).await?;
         facts::backfill_missing(&store).await?;
         let queue = config.queue;
         let pool = WorkerPool::start(
@@ -49,7 +49,7 @@ pub struct MigrateArguments {
 /// Updates the schema and prints its version.
 pub fn migrate(arguments: &MigrateArguments) -> anyhow::Result<()> {
     block_on(async {
-        let store = Store::open(location(&arguments.database)).await?;
+        let store = Store::open(StoreLocation::from(&arguments.database)).await?;
         facts::backfill_missing(&store).await?;
         let version = store.schema_version().await?;
         store.close().await;

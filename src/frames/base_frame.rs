@@ -1,6 +1,6 @@
 //! The robot's base in the instrument frame, from the axes of joints 1 and 2 [Gao 2018, section 2.2].
 
-use crate::frames::Error;
+use crate::frames::error::Error;
 use crate::frames::sweep::Sweep;
 use crate::kinematics::Robot;
 use crate::kinematics::forward::t_previous_link;

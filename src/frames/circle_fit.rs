@@ -1,6 +1,6 @@
 //! A circle in space through the points of one sweep.
 
-use crate::frames::Error;
+use crate::frames::error::Error;
 use nalgebra::{DMatrix, Matrix3, Vector3};
 
 /// Gauss-Newton steps of the plane circle fit; it converges quadratically from the algebraic fit.

@@ -1,7 +1,7 @@
 //! One joint's sweep: its points, checked, and the axis they turn about.
 
 use crate::frames::circle_fit::fit_circle;
-use crate::frames::{Error, SweepCircle};
+use crate::frames::error::Error;
 use crate::kinematics::Robot;
 use crate::measurement::{MeasurementSet, Point};
 use nalgebra::Vector3;
@@ -125,4 +125,19 @@ fn oriented(
     } else {
         (*normal, turn)
     }
+}
+
+/// A circle fitted to one sweep.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SweepCircle {
+    /// The joint that moved, 1-based.
+    pub joint: usize,
+    /// Centre in the instrument frame, mm.
+    pub centre_mm: Vector3<f64>,
+    /// Unit normal, along the joint's positive axis, instrument frame.
+    pub normal: Vector3<f64>,
+    /// Radius, mm.
+    pub radius_mm: f64,
+    /// Root mean square distance of the points from the circle, mm.
+    pub rms_mm: f64,
 }

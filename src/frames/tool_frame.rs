@@ -1,6 +1,6 @@
 //! The target's distance along the flange axis, from a sweep of the last joint but one [Gao 2018, section 2.2].
 
-use crate::frames::Error;
+use crate::frames::error::Error;
 use crate::frames::sweep::Sweep;
 use crate::kinematics::Robot;
 

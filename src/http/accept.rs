@@ -21,11 +21,10 @@ use hyper::service::service_fn;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use std::convert::Infallible;
 use std::net::SocketAddr;
-use std::sync::Arc;
 use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncWrite, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpStream};
-use tokio::sync::{OwnedSemaphorePermit, Semaphore, watch};
+use tokio::sync::watch;
 use tokio::task::JoinSet;
 use tokio::time::{Instant, sleep, timeout, timeout_at};
 use tokio_io_timeout::TimeoutStream;
@@ -105,31 +104,16 @@ impl ConnectionContext {
 
 /// Accepts clients until shutdown has begun and its grace period is over. Returns when the last request under way is answered.
 pub async fn accept_all(listener: TcpListener, service: ConnectionContext) {
-    let slots = Arc::new(Semaphore::new(service.max_connections));
-    let slots_to_turn_away = Arc::new(Semaphore::new(MAX_TURNED_AWAY));
-    let mut connections = JoinSet::new();
-    let admit = |(stream, peer), connections: &mut JoinSet<()>| match Arc::clone(&slots)
-        .try_acquire_owned()
-    {
-        Ok(slot) => drop(connections.spawn(connection(stream, peer, service.clone(), slot))),
-        Err(_) => {
-            service.metrics.refused_connection(TOO_MANY_CONNECTIONS);
-            let slot = Arc::clone(&slots_to_turn_away).try_acquire_owned();
-            if let (Ok(slot), None) = (slot, &service.tls) {
-                connections.spawn(turn_away(stream, slot));
-            }
-        }
-    };
+    let mut connections = Connections::default();
     let stopped = shutdown_begun(service.stopping.clone());
     tokio::pin!(stopped);
     loop {
         let accepted = tokio::select! {
             accepted = listener.accept() => accepted,
-            Some(_) = connections.join_next(), if !connections.is_empty() => continue,
             () = &mut stopped => break,
         };
         match accepted {
-            Ok(client) => admit(client, &mut connections),
+            Ok((stream, peer)) => connections.admit(stream, peer, &service),
             Err(error) => {
                 tracing::warn!(%error, "a client could not be accepted");
                 sleep(ACCEPT_RETRY_DELAY).await;
@@ -138,10 +122,10 @@ pub async fn accept_all(listener: TcpListener, service: ConnectionContext) {
     }
     let grace_end = Instant::now() + SHUTDOWN_GRACE;
     for _ in 0..MAX_ACCEPTED_AT_SHUTDOWN {
-        let Ok(Ok(client)) = timeout_at(grace_end, listener.accept()).await else {
+        let Ok(Ok((stream, peer))) = timeout_at(grace_end, listener.accept()).await else {
             break;
         };
-        admit(client, &mut connections);
+        connections.admit(stream, peer, &service);
     }
     // Accepts the connections that the operating system has queued and tokio has not reported yet. Then the socket is closed.
     if let Ok(listener) = listener.into_std() {
@@ -153,19 +137,44 @@ pub async fn accept_all(listener: TcpListener, service: ConnectionContext) {
                 .set_nonblocking(true)
                 .and_then(|()| TcpStream::from_std(stream))
             {
-                admit((stream, peer), &mut connections);
+                connections.admit(stream, peer, &service);
             }
         }
     }
-    while connections.join_next().await.is_some() {}
+    connections.end().await;
 }
 
-async fn connection(
-    stream: TcpStream,
-    peer: SocketAddr,
-    service: ConnectionContext,
-    _slot: OwnedSemaphorePermit,
-) {
+/// The open connections, which are counted by their tasks.
+#[derive(Default)]
+struct Connections {
+    served: JoinSet<()>,
+    turned_away: JoinSet<()>,
+}
+
+impl Connections {
+    /// Serves a client, or turns it away if too many are connected.
+    fn admit(&mut self, stream: TcpStream, peer: SocketAddr, service: &ConnectionContext) {
+        for tasks in [&mut self.served, &mut self.turned_away] {
+            while tasks.try_join_next().is_some() {}
+        }
+        if self.served.len() < service.max_connections {
+            self.served.spawn(connection(stream, peer, service.clone()));
+            return;
+        }
+        service.metrics.refused_connection(TOO_MANY_CONNECTIONS);
+        if self.turned_away.len() < MAX_TURNED_AWAY && service.tls.is_none() {
+            self.turned_away.spawn(turn_away(stream));
+        }
+    }
+
+    /// Returns when every connection has ended.
+    async fn end(mut self) {
+        while self.served.join_next().await.is_some() {}
+        while self.turned_away.join_next().await.is_some() {}
+    }
+}
+
+async fn connection(stream: TcpStream, peer: SocketAddr, service: ConnectionContext) {
     // Answers are small; do not delay them.
     let _ = stream.set_nodelay(true);
     let mut stream = TimeoutStream::new(stream);
@@ -221,7 +230,7 @@ async fn requests(
 }
 
 /// Sends [`TOO_MANY_CONNECTIONS_ANSWER`], waits until the client has read it, and closes the connection.
-async fn turn_away(stream: TcpStream, _slot: OwnedSemaphorePermit) {
+async fn turn_away(stream: TcpStream) {
     let mut stream = Lingering::new(stream);
     let _ = timeout(TURN_AWAY_TIMEOUT, async {
         stream.write_all(TOO_MANY_CONNECTIONS_ANSWER).await?;

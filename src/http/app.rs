@@ -3,7 +3,7 @@
 use crate::config::ServeConfig;
 use crate::http::Error;
 use crate::http::counters::Metrics;
-use crate::http::limits::{ComputePermit, Limits};
+use crate::http::limits::Limits;
 use crate::http::request_class::RequestClass;
 use crate::jobs::JobSignals;
 use crate::store::Store;
@@ -55,14 +55,6 @@ impl App {
         shutdown_begun(self.stopping.clone()).await;
     }
 
-    /// Waits for a permit to compute for a request of this class.
-    ///
-    /// # Errors
-    /// [`Error::Busy`] if none is free in time.
-    pub(super) async fn compute_permit(&self, class: RequestClass) -> Result<ComputePermit, Error> {
-        self.limits.compute(class).await
-    }
-
     /// Waits for a permit and runs `work` on a blocking thread.
     ///
     /// # Errors
@@ -72,6 +64,6 @@ impl App {
         class: RequestClass,
         work: impl FnOnce() -> Result<T, Error> + Send + 'static,
     ) -> Result<T, Error> {
-        self.compute_permit(class).await?.run(work).await
+        self.limits.compute(class).await?.run(work).await
     }
 }

@@ -4,6 +4,7 @@ use crate::http::peer::Peer;
 use crate::http::{App, Error};
 use crate::store::{ApiKeyRow, api_keys};
 use crate::wire::canonical;
+use crate::wire::key::Scope;
 use axum::extract::{MatchedPath, Request, State};
 use axum::http::{HeaderMap, HeaderValue, Method, header};
 use axum::middleware::Next;
@@ -16,47 +17,6 @@ const KEY_BYTES: usize = 32;
 
 const UNKNOWN_KEY: &str =
     "this key is not known or was revoked; `kincal key create` makes a new one";
-
-/// What a key may do.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-pub enum Scope {
-    /// Read everything but keys, and predict.
-    Read,
-    /// Store robots, measurement sets and frames.
-    Upload,
-    /// Post and cancel jobs.
-    Identify,
-    /// Release and withdraw parameter sets.
-    Release,
-    /// Everything.
-    Admin,
-}
-
-impl Scope {
-    /// Name of the scope in keys and problems.
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Self::Read => "read",
-            Self::Upload => "upload",
-            Self::Identify => "identify",
-            Self::Release => "release",
-            Self::Admin => "admin",
-        }
-    }
-
-    /// Parses the name.
-    pub fn parse(text: &str) -> Option<Self> {
-        [
-            Self::Read,
-            Self::Upload,
-            Self::Identify,
-            Self::Release,
-            Self::Admin,
-        ]
-        .into_iter()
-        .find(|scope| scope.as_str() == text)
-    }
-}
 
 /// Every route that requires a key, with its scope. A route that is neither here nor in [`PUBLIC_ROUTES`] is refused. A test compares both lists
 /// with the contract.
@@ -175,23 +135,6 @@ impl Caller {
         }
     }
 
-    fn of_key(row: ApiKeyRow) -> Result<Self, Error> {
-        let scopes: Vec<String> = serde_json::from_str(&row.scopes_json)?;
-        let robots = row
-            .robots_json
-            .as_deref()
-            .map(serde_json::from_str)
-            .transpose()?;
-        Ok(Self {
-            holder: row.id,
-            scopes: scopes
-                .iter()
-                .filter_map(|scope| Scope::parse(scope))
-                .collect(),
-            robots,
-        })
-    }
-
     /// Whether the key has this scope.
     pub fn has(&self, scope: Scope) -> bool {
         self.scopes.contains(&scope) || self.scopes.contains(&Scope::Admin)
@@ -202,6 +145,22 @@ impl Caller {
         self.robots
             .as_ref()
             .is_none_or(|robots| robots.iter().any(|id| id == robot_id))
+    }
+}
+
+impl TryFrom<ApiKeyRow> for Caller {
+    type Error = Error;
+
+    fn try_from(row: ApiKeyRow) -> Result<Self, Error> {
+        Ok(Self {
+            scopes: serde_json::from_str(&row.scopes_json)?,
+            robots: row
+                .robots_json
+                .as_deref()
+                .map(serde_json::from_str)
+                .transpose()?,
+            holder: row.id,
+        })
     }
 }
 
@@ -306,7 +265,7 @@ async fn caller_of(app: &App, headers: &HeaderMap, peer: Option<Peer>) -> Result
         ));
     };
     match api_keys::find(&app.store, &canonical::sha256_hex(key.trim().as_bytes())).await? {
-        Some(row) => Caller::of_key(row),
+        Some(row) => Caller::try_from(row),
         None => Err(app
             .limits
             .count_failed_attempt(peer.map(|peer| peer.0))
@@ -323,15 +282,23 @@ pub async fn is_still_valid(app: &App, caller: &Caller) -> bool {
             .is_ok_and(|row| row.revoked_at_ms.is_none())
 }
 
-/// A new key: its text, shown once, and its stored hash.
+/// A key that was just made.
+pub struct NewKey {
+    /// Its text, which is shown once.
+    pub text: String,
+    /// Its hash, which is stored.
+    pub sha256: String,
+}
+
+/// Makes a key.
 ///
 /// # Errors
 /// If the operating system has no random numbers.
-pub fn new_key() -> Result<(String, String), Error> {
+pub fn new_key() -> Result<NewKey, Error> {
     let mut random = [0_u8; KEY_BYTES];
     getrandom::fill(&mut random)
         .map_err(|error| Error::Internal(format!("no random numbers: {error}")))?;
-    let key = format!("{KEY_PREFIX}{}", canonical::hex(&random));
-    let hash = canonical::sha256_hex(key.as_bytes());
-    Ok((key, hash))
+    let text = format!("{KEY_PREFIX}{}", canonical::hex(&random));
+    let sha256 = canonical::sha256_hex(text.as_bytes());
+    Ok(NewKey { text, sha256 })
 }

@@ -4,6 +4,7 @@ use crate::http::auth::Caller;
 use crate::http::extract::{Id, json_body};
 use crate::http::request_class::RequestClass;
 use crate::http::{App, Error, access, parameter_sets};
+use crate::operations;
 use crate::wire::compensate::{CompensateAnswer, CompensateBody};
 use crate::wire::json;
 use crate::wire::robot::Robot;
@@ -33,11 +34,17 @@ async fn compensate(
     let robot = access::robot(&app, &caller, &row.robot_id).await?;
     let bytes = json_body(request, &app).await?;
     let (robot, content) = (access::robot_body(&robot)?, parameter_sets::content(&row)?);
-    let permit = app.compute_permit(RequestClass::Calculation).await?;
+    let permit = app.limits.compute(RequestClass::Calculation).await?;
     let provenance = parameter_sets::provenance(&app, &permit, &row).await?;
     let answer = permit.run(move || {
         let body: CompensateBody = json::parse(&bytes)?;
-        Ok::<_, Error>(body.run(&Robot::try_from(&robot)?, &content, &provenance)?)
+        let robot = Robot::try_from(&robot)?;
+        Ok::<_, Error>(operations::compensate(
+            &body,
+            &robot,
+            &content,
+            &provenance,
+        )?)
     });
     Ok(Json(answer.await?))
 }

@@ -172,10 +172,9 @@ impl From<serde_json::Error> for Error {
     }
 }
 
-/// Status, code and detail of an error of the store.
-fn from_store(error: &store::Error) -> (u16, &'static str, String) {
+fn from_store(error: &store::Error) -> Problem {
     use store::{Conflict, Error as E, JobStatus};
-    match error {
+    let (status, code, detail) = match error {
         E::NotFound => (404, "not_found", "there is nothing with this id".into()),
         E::Conflict(Conflict::QueueFull { .. }) => (
             429,
@@ -236,16 +235,18 @@ fn from_store(error: &store::Error) -> (u16, &'static str, String) {
                 error.reason()
             ),
         ),
-        E::Open { .. } | E::Database(_) => internal(),
-    }
+        E::Open { .. } | E::Database(_) => return internal(),
+    };
+    Problem::new(status, code, detail)
 }
 
-fn internal() -> (u16, &'static str, String) {
-    (500, "internal", "something went wrong inside kincal; the log has the cause under this answer's X-Request-Id".into())
+fn internal() -> Problem {
+    let detail = "something went wrong inside kincal; the log has the cause under this answer's X-Request-Id";
+    Problem::new(500, "internal", detail)
 }
 
 impl Error {
-    fn status_code_detail(&self) -> (u16, &'static str, String) {
+    fn without_errors(&self) -> Problem {
         let (status, code) = match self {
             Self::NotFound(_) => (404, "not_found"),
             Self::NoActiveParameterSet => (404, "no_active_parameter_set"),
@@ -278,12 +279,11 @@ impl Error {
             Self::Store(error) => return from_store(error),
             Self::Internal(_) => return internal(),
         };
-        (status, code, self.to_string())
+        Problem::new(status, code, self.to_string())
     }
 
     /// The problem that the client gets.
     pub fn problem(&self) -> Problem {
-        let (status, code, detail) = self.status_code_detail();
         let errors = match self {
             Self::Invalid(invalid) => invalid.issues.clone(),
             Self::Conflict { errors, .. } => errors.clone(),
@@ -291,7 +291,7 @@ impl Error {
         };
         Problem {
             errors,
-            ..Problem::new(status, code, detail)
+            ..self.without_errors()
         }
     }
 

@@ -5,9 +5,11 @@ use crate::http::extract::{Id, Query, whole_body};
 use crate::http::limits::ComputePermit;
 use crate::http::request_class::RequestClass;
 use crate::http::{App, Error, access, parameter_sets};
+use crate::operations::export::{self, Exported, Source};
+use crate::operations::import::import;
 use crate::store::ParameterSetRow;
-use crate::wire::export::{self, BetaChoice, ExportFormat, Exported, Source};
-use crate::wire::import::{ImportAnswer, ImportFormat, import};
+use crate::wire::export::{BetaChoice, ExportAnswer, ExportFormat};
+use crate::wire::import::{ImportAnswer, ImportFormat};
 use crate::wire::parameter_set::{ParameterSetContent, Provenance};
 use crate::wire::robot::{Robot, RobotBody};
 use axum::Json;
@@ -75,7 +77,7 @@ struct ImportQuery {
     get, path = "/v1/parameter-sets/{id}/export", tag = "parameter sets", operation_id = "exportParameterSet",
     params(("id" = String, Path, description = "The parameter set"), ExportQuery),
     responses((status = 200, description = "The text; json and yaml are the same document, ur_kinematics is YAML of its own shape", content(
-        (export::ExportAnswer = "application/json"), (serde_json::Value = "application/yaml"), (String = "text/csv"), (String = "application/xml")
+        (ExportAnswer = "application/json"), (serde_json::Value = "application/yaml"), (String = "text/csv"), (String = "application/xml")
     ), headers(("Kincal-Remaining-Error-Mm" = String, description = "What is lost with beta=refit or format=mastering: mean and max"))))
 )]
 async fn get(
@@ -85,7 +87,7 @@ async fn get(
     Query(query): Query<ExportQuery>,
 ) -> Result<Response, Error> {
     access::parameter_set(&app, &caller, &id).await?;
-    let permit = app.compute_permit(RequestClass::CostlyRead).await?;
+    let permit = app.limits.compute(RequestClass::CostlyRead).await?;
     let stored = stored(&app, &permit, &caller, &id).await?;
     let ExportQuery { format, beta } = query;
     let export = move || stored.with(|source| export::export(source, format, beta));
@@ -114,7 +116,7 @@ async fn patch_urdf(
         });
     }
     let bytes = whole_body(request, &app).await?;
-    let permit = app.compute_permit(RequestClass::Calculation).await?;
+    let permit = app.limits.compute(RequestClass::Calculation).await?;
     let stored = stored(&app, &permit, &caller, &id).await?;
     let patch =
         move || stored.with(|source| export::patch_urdf(source, &bytes, query.tip.as_deref()));

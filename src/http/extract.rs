@@ -2,7 +2,7 @@
 
 use crate::http::Error;
 use crate::http::auth::Caller;
-use crate::http::limits::{BodyBudget, LARGE_BODY_BYTES, Limits, MAX_BODY_BYTES};
+use crate::http::limits::{BodyBudget, LARGE_BODY_BYTES, Limits, MAX_BODY_BYTES, MIN_BYTES_PER_S};
 use crate::http::request_class::RequestClass;
 use crate::store::{Cursor, PageRequest};
 use crate::wire::page::{DEFAULT_PAGE, MAX_PAGE};
@@ -19,8 +19,6 @@ use tokio::sync::OwnedSemaphorePermit;
 use tokio::time::{Instant, timeout_at};
 use utoipa::IntoParams;
 
-/// Lowest average rate at which a body must arrive, or a large answer must be read, after the client timeout. Slower clients are disconnected.
-pub const MIN_BYTES_PER_S: f64 = 16.0 * 1024.0;
 /// Largest JSON document that is parsed without a permit to compute. Measurement sets may be larger and are parsed with one.
 pub const MAX_JSON_BYTES: usize = 4 * 1024 * 1024;
 

@@ -5,8 +5,9 @@ use crate::http::creation::{Submission, stored_json};
 use crate::http::extract::Id;
 use crate::http::request_class::RequestClass;
 use crate::http::{App, Error, access};
+use crate::operations::frames_from_sweeps;
 use crate::store::{FramesRow, NewFrames, Tx, frames};
-use crate::wire::frames::{FramesAnswer, from_sweeps};
+use crate::wire::frames::FramesAnswer;
 use crate::wire::robot::Robot;
 use crate::wire::time::rfc3339;
 use axum::Json;
@@ -43,7 +44,7 @@ async fn create(
     let (robot, bytes) = (access::robot_body(&robot)?, submission.body.clone());
     let content = app
         .compute(RequestClass::Write, move || {
-            Ok(from_sweeps(&bytes, &Robot::try_from(&robot)?)?)
+            Ok(frames_from_sweeps(&bytes, &Robot::try_from(&robot)?)?)
         })
         .await?;
     let result_json = serde_json::to_string(&content)?;

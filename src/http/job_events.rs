@@ -4,7 +4,7 @@ use crate::http::auth::{self, Caller};
 use crate::http::extract::Id;
 use crate::http::{App, Error, access};
 use crate::store::JobRow;
-use crate::wire::job_answer::{JobAnswer, JobEvent};
+use crate::wire::job_answer::{JobAnswer, JobEvent, JobEventName};
 use axum::extract::State;
 use axum::response::sse::{Event, KeepAlive, Sse};
 use std::convert::Infallible;
@@ -66,7 +66,11 @@ async fn follow(app: App, caller: Caller, mut row: JobRow, events: mpsc::Sender<
         let Ok(answer) = JobAnswer::try_from(&row) else {
             return;
         };
-        if let Some(event) = event(if is_over { "finished" } else { "progress" }, &answer)
+        let name = match is_over {
+            true => JobEventName::Finished,
+            false => JobEventName::Progress,
+        };
+        if let Some(event) = event(name, &answer)
             && events.send(event).await.is_err()
         {
             return;
@@ -109,6 +113,6 @@ async fn revoked(app: &App, caller: &Caller) {
     }
 }
 
-fn event(name: &str, job: &JobAnswer) -> Option<Event> {
-    Event::default().event(name).json_data(job).ok()
+fn event(name: JobEventName, job: &JobAnswer) -> Option<Event> {
+    Event::default().event(name.as_str()).json_data(job).ok()
 }

@@ -2,7 +2,6 @@
 
 use crate::calibration::request::VerifySource;
 use crate::calibration::{self, CalibrationRequest, is_anew};
-use crate::http::auth::Scope;
 use crate::http::creation::{Submission, stored_json};
 use crate::http::extract::Id;
 use crate::http::job_sources::{ResidualSource, Sources, load};
@@ -12,6 +11,7 @@ use crate::jobs::{MeasurementSetInput, queue};
 use crate::store::{NewJob, ParameterSetRow, Tx};
 use crate::wire::job::{JobParts, JobRequestBody, Kind, Method};
 use crate::wire::job_answer::JobAnswer;
+use crate::wire::key::Scope;
 use crate::wire::measurement::MeasurementSet;
 use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::robot::Robot;
@@ -53,7 +53,7 @@ pub async fn create(
         }
     };
     // The permit is taken before the uploads are read, so that waiting requests hold no upload in memory.
-    let permit = app.compute_permit(RequestClass::Write).await?;
+    let permit = app.limits.compute(RequestClass::Write).await?;
     let sources = load(&app, &submission.caller, &robot_id, &request).await?;
     let mut new = new_job(&request, &sources, &submission.caller.holder)?;
     let chosen = permit.run(move || check(&request, sources)).await?;
@@ -95,7 +95,7 @@ fn new_job(request: &JobRequestBody, sources: &Sources, client: &str) -> Result<
         residual_network_input_id: None,
         parameter_set_input_id: sources.parameter_set.as_ref().map(|row| row.id.clone()),
         kind: request.kind,
-        method: request.method.as_str().into(),
+        method: request.method,
         request_json: serde_json::to_string(request)?,
         priority: request.priority,
         client: client.into(),
@@ -107,7 +107,8 @@ fn new_job(request: &JobRequestBody, sources: &Sources, client: &str) -> Result<
 fn choose_residual(
     request: &JobRequestBody,
     calibration_request: &CalibrationRequest,
-    (sources, sets_sha256): (&[ResidualSource], &[&str]),
+    sources: &[ResidualSource],
+    sets_sha256: &[&str],
     parse: impl Fn(&MeasurementSetInput) -> Result<MeasurementSet, Error>,
 ) -> Result<Option<String>, Error> {
     let to_verify = match &calibration_request.verify {
@@ -122,8 +123,9 @@ fn choose_residual(
                 false
             }
         };
-        let is_of_others = |line: &Vec<String>| {
-            line.iter()
+        let is_of_others = |trained_on: &Vec<String>| {
+            trained_on
+                .iter()
                 .all(|sha256| !sets_sha256.contains(&sha256.as_str()))
         };
         if fits && source.trained_on_sha256.as_ref().is_some_and(is_of_others) {
@@ -203,7 +205,8 @@ fn check(request: &JobRequestBody, sources: Sources) -> Result<Chosen, Error> {
     let residual_network_id = choose_residual(
         request,
         &calibration_request,
-        (&sources.residual_networks, &sets_sha256),
+        &sources.residual_networks,
+        &sets_sha256,
         parse,
     )?;
     Ok(Chosen {

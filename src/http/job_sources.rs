@@ -3,6 +3,7 @@
 use crate::http::auth::Caller;
 use crate::http::{App, Error, access};
 use crate::jobs::MeasurementSetInput;
+use crate::release::facts::DESCRIBES_NO_ROBOT;
 use crate::store::jobs as stored;
 use crate::store::{
     MeasurementSetRow, NetworkRow, ParameterSetRow, RobotRow, frames, measurement_sets, networks,
@@ -156,8 +157,13 @@ async fn parameter_set(
         )?),
         (None, Kind::Verify) => parameter_sets::active(&app.store, robot_id).await?,
         (None, Kind::Identify) => {
-            parameter_sets::of_another_session(&app.store, robot_id, &request.measurement_set_id)
-                .await?
+            parameter_sets::of_another_upload(
+                &app.store,
+                robot_id,
+                &request.measurement_set_id,
+                DESCRIBES_NO_ROBOT,
+            )
+            .await?
         }
     })
 }
@@ -199,14 +205,7 @@ async fn networks(
         return Ok(vec![]);
     }
     let model = request.model_for(set.frame);
-    Ok(networks::newest(
-        &app.store,
-        robot_id,
-        model.as_str(),
-        request.preset.as_str(),
-        MAX_NETWORKS,
-    )
-    .await?)
+    Ok(networks::newest(&app.store, robot_id, model, request.preset, MAX_NETWORKS).await?)
 }
 
 /// The residual networks from which training may continue, with the points that they were trained on.

@@ -2,6 +2,7 @@
 
 use crate::http::auth::Caller;
 use crate::http::extract::{Id, ListQuery, Query};
+use crate::http::request_class::RequestClass;
 use crate::http::{App, Error, access, job_posting};
 use crate::jobs::queue;
 use crate::store::{self, JobRow, jobs};
@@ -77,6 +78,7 @@ async fn get(
     }
     let row = access::job(&app, &caller, &id).await?;
     let row = if wait_s > 0 && !row.status.is_over() {
+        let _permit = app.limits.waiting()?;
         wait(&app, row, Duration::from_secs(wait_s)).await?
     } else {
         row
@@ -103,6 +105,7 @@ async fn cancel(
     Id(id): Id,
 ) -> Result<Json<JobAnswer>, Error> {
     access::job(&app, &caller, &id).await?;
+    let _permit = app.limits.safety().await?;
     Ok(Json(JobAnswer::try_from(
         &queue::cancel(&app.store, &app.signals, &id, &caller.holder).await?,
     )?))
@@ -114,6 +117,7 @@ async fn cancel(
     responses((status = 200, description = "The report", body = Report))
 )]
 async fn report(State(app): State<App>, caller: Caller, Id(id): Id) -> Result<Response, Error> {
+    let _permit = app.limits.compute(RequestClass::CostlyRead).await?;
     access::job(&app, &caller, &id).await?;
     Ok(stored(jobs::report(&app.store, &id).await?))
 }
@@ -128,6 +132,7 @@ async fn convergence(
     caller: Caller,
     Id(id): Id,
 ) -> Result<Response, Error> {
+    let _permit = app.limits.compute(RequestClass::CostlyRead).await?;
     access::job(&app, &caller, &id).await?;
     Ok(stored(jobs::convergence(&app.store, &id).await?))
 }

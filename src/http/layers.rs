@@ -1,9 +1,7 @@
-//! Middleware of every request: an id, a log line, limits after authentication, and problem documents for errors of other layers.
+//! Middleware of every request: an id, a log line, and problem documents for errors of other layers.
 
 use crate::http::counters::Metrics;
 use crate::http::error::{self, Code, Error};
-use crate::http::request_class::RequestClass;
-use crate::http::{App, response_memory};
 use crate::wire::Problem;
 use crate::wire::problem::PROBLEM_JSON;
 use axum::Router;
@@ -116,32 +114,14 @@ pub fn refuse_unrouted(metrics: &Metrics, method: &Method, error: Error) -> Resp
     response
 }
 
-/// Takes the permits that only requests with a known key may have, and counts the memory of large answers. Runs after authentication.
-pub async fn limit(State(app): State<App>, request: Request, next: Next) -> Response {
-    let limits = &app.limits;
-    let class = RequestClass::new(request.method(), request.uri().path());
-    let permit = if class == RequestClass::Safety {
-        limits.safety().map(Some)
-    } else if may_wait(request.uri()) {
-        limits.waiting().map(Some)
-    } else if class.answers_document(request.uri().path()) {
-        limits.document().await.map(Some)
-    } else {
-        Ok(None)
-    };
-    match permit {
-        Ok(_permit) => response_memory::account(next.run(request).await, limits).await,
-        Err(busy) => busy.into_response(),
-    }
-}
-
-/// Headers and body of the problem for a request that hyper refuses before routing.
-pub fn unrouted(error: &Error) -> (HeaderMap, Vec<u8>) {
+/// The problem for a request that hyper refuses before routing. hyper writes its status.
+pub fn unrouted(error: &Error) -> Response<Vec<u8>> {
     let body = serde_json::to_vec(&error.problem()).unwrap_or_default();
-    let mut headers = HeaderMap::new();
+    let mut response = Response::new(body);
+    let headers = response.headers_mut();
     headers.insert(header::CONTENT_TYPE, HeaderValue::from_static(PROBLEM_JSON));
-    add_common_headers(&mut headers, &uuid::Uuid::now_v7().simple().to_string());
-    (headers, body)
+    add_common_headers(headers, &uuid::Uuid::now_v7().simple().to_string());
+    response
 }
 
 /// Converts error answers of other layers and extractors to problems. Their headers (`Allow`, …) stay.

@@ -1,5 +1,15 @@
-//! Limits of one server: concurrent requests, memory of bodies and answers, and the rate per key and per address. A request over a limit is
-//! refused at once with 503 or 429 and `Retry-After`.
+//! Every limit of one server. A request over a limit is refused with 503 or 429 and `Retry-After`: at once or, where it waits, after ten seconds.
+//!
+//! A request needs, in this order:
+//!
+//! 1. a permit of its class, or it is refused before routing ([`Limits::admit`]). If it has a body, it takes the permit when the body has arrived,
+//!    so that slow clients hold none;
+//! 2. a token of its key, or of its address if the key is unknown ([`TokenBuckets`]);
+//! 3. memory for its body as it arrives ([`BodyBudget`]);
+//! 4. a permit to compute or to read a whole document ([`Limits::compute`]), for which it waits;
+//! 5. memory for a large answer until it is sent ([`Limits::answer`]).
+//!
+//! Withdraw, rollback and cancel have permits of their own ([`Limits::safety`]), so that no flood of other requests keeps them out.
 
 use crate::config::LimitsConfig;
 use crate::http::Error;
@@ -14,32 +24,38 @@ use tokio::time::timeout;
 
 /// Largest request body, bytes: ten times the largest campaign.
 pub const MAX_BODY_BYTES: usize = 32 * 1024 * 1024;
+/// Lowest average rate at which a body must arrive, or a large answer must be read, after the client timeout. Slower clients are disconnected.
+pub const MIN_BYTES_PER_S: f64 = 16.0 * 1024.0;
 /// Concurrent reads. A read takes 0.1 ms of one of two cores, so the last one waits some 15 ms.
 const MAX_READS: usize = 256;
-/// Concurrent requests that compute or read a whole document, and store nothing. Cheap reads have their own permits.
+/// Concurrent requests that compute or read a whole document, and store nothing. Cheap reads and writes have their own permits: a key that only
+/// reads must not keep them out.
 const MAX_CALCULATIONS: usize = 64;
-/// Concurrent writes. A write counts from the moment when its body has arrived. SQLite has one writer: the last write, or a withdrawal behind it,
-/// waits for all the others.
+/// Concurrent writes. SQLite has one writer: the last write, or a withdrawal behind it, waits for all the others.
 const MAX_WRITES: usize = 64;
-/// Further permits for [`RequestClass::Safety`], used when no permit of [`MAX_WRITES`] is free.
-const SAFETY_RESERVE: usize = 16;
+/// Concurrent requests of [`RequestClass::Safety`]. They wait for a permit.
+const MAX_SAFETY: usize = 8;
 /// Longest body of [`RequestClass::Safety`]: a reason of 2,000 characters, each of them escaped. It is so small that it needs no memory permit.
 const MAX_SAFETY_BYTES: usize = 64 * 1024;
-/// Long polls and event streams that wait at the same time.
+/// Long polls and event streams that wait at the same time. The other connections are left for other requests.
 const MAX_WAITING: usize = 2_048;
-/// Bodies above this size need one of [`LARGE_BODIES`]; smaller ones share [`SMALL_BODIES_KIB`]. A set of 60 poses has 6 KiB.
-pub const LARGE_BODY_BYTES: usize = 1024 * 1024;
-/// Memory of all small bodies together.
+/// Memory of all bodies.
+const BODIES_KIB: usize = 192 * 1024;
+/// Part of [`BODIES_KIB`] that large bodies leave to small ones.
 const SMALL_BODIES_KIB: usize = 64 * 1024;
-/// Large bodies in memory at once, each up to [`MAX_BODY_BYTES`]. Parsing one takes several times its size.
-const LARGE_BODIES: usize = 2;
-/// Memory of all large answers that are not sent yet, KiB. A report of 100,000 points has 45 MiB.
+/// Bodies above this size are large. A set of 60 poses has 6 KiB.
+pub const LARGE_BODY_BYTES: usize = 1024 * 1024;
+/// Memory of a large body, as a multiple of its size: parsing it takes more than the bytes.
+const LARGE_BODY_FACTOR: usize = 2;
+/// Memory of all large answers that are not sent yet. It is apart from that of bodies, so that clients that do not read their answers keep nobody
+/// from writing. A report of 100,000 points has 45 MiB.
 const ANSWERS_KIB: usize = 64 * 1024;
-/// Whole documents (reports, uploads, weights) that are read from the database at once. Reading one takes three times its size in memory.
-const DOCUMENTS: usize = 2;
-/// Concurrent computations for reads, for writes, and for [`RequestClass::Safety`]. More would be slower each and take more memory.
-const COMPUTING: [usize; 3] = [4, 8, 2];
-/// Longest wait for a permit to compute or to read a document; then the request is refused, and clients retry.
+/// Computations for requests that store nothing, and whole documents (reports, uploads, weights) that are read from the database. Reading a document
+/// takes several times its size in memory.
+const MAX_COMPUTING_READS: usize = 2;
+/// Computations for writes. They are apart from those for reads, behind which an upload would wait for dozens of plans.
+const MAX_COMPUTING_WRITES: usize = 8;
+/// Longest wait for a permit, where requests wait; then the request is refused, and clients retry.
 const PERMIT_TIMEOUT: Duration = Duration::from_secs(10);
 /// Attempts with unknown keys per address before the answer is 429 instead of 401: burst, and rate per second.
 const FAILED_ATTEMPTS: (f64, f64) = (20.0, 0.5);
@@ -53,14 +69,12 @@ struct Inner {
     reads: Arc<Semaphore>,
     calculations: Arc<Semaphore>,
     writes: Arc<Semaphore>,
-    safety_reserve: Arc<Semaphore>,
+    safety: Arc<Semaphore>,
     waiting: Arc<Semaphore>,
-    small_bodies_kib: Arc<Semaphore>,
-    large_bodies: Arc<Semaphore>,
+    bodies_kib: Arc<Semaphore>,
     answers_kib: Arc<Semaphore>,
-    documents: Arc<Semaphore>,
-    /// Permits to compute for reads, for writes and for [`RequestClass::Safety`], in this order.
-    computing: [Arc<Semaphore>; 3],
+    computing_reads: Arc<Semaphore>,
+    computing_writes: Arc<Semaphore>,
     client_timeout: Duration,
     requests_per_key: Option<TokenBuckets<String>>,
     failed_attempts: TokenBuckets<IpAddr>,
@@ -74,10 +88,10 @@ fn take(semaphore: &Arc<Semaphore>, n: usize) -> Result<OwnedSemaphorePermit, Er
         .map_err(|_| Error::Busy)
 }
 
-/// Waits for one permit, at most [`PERMIT_TIMEOUT`].
-async fn wait_for(semaphore: &Arc<Semaphore>) -> Result<OwnedSemaphorePermit, Error> {
+/// Waits for a permit, at most [`PERMIT_TIMEOUT`].
+async fn wait_for(semaphore: &Arc<Semaphore>) -> Result<ComputePermit, Error> {
     match timeout(PERMIT_TIMEOUT, Arc::clone(semaphore).acquire_owned()).await {
-        Ok(Ok(permit)) => Ok(permit),
+        Ok(Ok(permit)) => Ok(ComputePermit(Arc::new(permit))),
         Ok(Err(_)) | Err(_) => Err(Error::Busy),
     }
 }
@@ -91,13 +105,12 @@ impl Limits {
             reads: permits(MAX_READS),
             calculations: permits(MAX_CALCULATIONS),
             writes: permits(MAX_WRITES),
-            safety_reserve: permits(SAFETY_RESERVE),
+            safety: permits(MAX_SAFETY),
             waiting: permits(MAX_WAITING),
-            small_bodies_kib: permits(SMALL_BODIES_KIB),
-            large_bodies: permits(LARGE_BODIES),
+            bodies_kib: permits(BODIES_KIB),
             answers_kib: permits(ANSWERS_KIB),
-            documents: permits(DOCUMENTS),
-            computing: COMPUTING.map(permits),
+            computing_reads: permits(MAX_COMPUTING_READS),
+            computing_writes: permits(MAX_COMPUTING_WRITES),
             client_timeout: config.client_timeout(),
             requests_per_key: (!no_auth && config.rate_per_key > 0)
                 .then(|| TokenBuckets::new(2.0 * rate, rate)),
@@ -110,56 +123,49 @@ impl Limits {
         self.0.client_timeout
     }
 
-    /// Free permits by kind: requests, and KiB of bodies and answers.
+    /// Free permits by kind.
     pub fn free(&self) -> [(&'static str, usize); 9] {
         let all = &self.0;
         [
             ("reads", &all.reads),
             ("calculations", &all.calculations),
             ("writes", &all.writes),
-            ("safety_reserve", &all.safety_reserve),
+            ("safety", &all.safety),
             ("waiting", &all.waiting),
-            ("small_bodies_kib", &all.small_bodies_kib),
-            ("large_bodies", &all.large_bodies),
+            ("bodies_kib", &all.bodies_kib),
             ("answers_kib", &all.answers_kib),
-            ("documents", &all.documents),
+            ("computing_reads", &all.computing_reads),
+            ("computing_writes", &all.computing_writes),
         ]
         .map(|(kind, semaphore)| (kind, semaphore.available_permits()))
     }
 
     /// Admits a request before it is routed. A read takes its permit now. A request with a body takes it when the body has arrived
     /// ([`BodyBudget::arrived`]), but is refused now if none is free. [`RequestClass::Safety`] takes its permit when its key is known
-    /// ([`Limits::safety`]), so that nobody without a key can use up the reserve.
+    /// ([`Limits::safety`]), so that nobody without a key can use them up.
     ///
     /// # Errors
     /// [`Error::Busy`].
     pub fn admit(&self, class: RequestClass) -> Result<Option<OwnedSemaphorePermit>, Error> {
+        let refuse_if_none_free = |semaphore: &Semaphore| match semaphore.available_permits() {
+            0 => Err(Error::Busy),
+            _ => Ok(None),
+        };
         match class {
             RequestClass::Read => take(&self.0.reads, 1).map(Some),
             RequestClass::CostlyRead => take(&self.0.calculations, 1).map(Some),
-            RequestClass::Calculation => self.refuse_if_none_free(&self.0.calculations),
-            RequestClass::Write => self.refuse_if_none_free(&self.0.writes),
+            RequestClass::Calculation => refuse_if_none_free(&self.0.calculations),
+            RequestClass::Write => refuse_if_none_free(&self.0.writes),
             RequestClass::Safety => Ok(None),
         }
     }
 
-    fn refuse_if_none_free(
-        &self,
-        semaphore: &Semaphore,
-    ) -> Result<Option<OwnedSemaphorePermit>, Error> {
-        if semaphore.available_permits() > 0 {
-            Ok(None)
-        } else {
-            Err(Error::Busy)
-        }
-    }
-
-    /// A permit for [`RequestClass::Safety`]: one for writes, or else one of the reserve.
+    /// Waits for a permit of [`RequestClass::Safety`]. It is a permit to compute as well.
     ///
     /// # Errors
     /// [`Error::Busy`].
-    pub fn safety(&self) -> Result<OwnedSemaphorePermit, Error> {
-        take(&self.0.writes, 1).or_else(|_| take(&self.0.safety_reserve, 1))
+    pub async fn safety(&self) -> Result<ComputePermit, Error> {
+        wait_for(&self.0.safety).await
     }
 
     /// A permit to wait for a job, for a long poll or an event stream.
@@ -170,35 +176,29 @@ impl Limits {
         take(&self.0.waiting, 1)
     }
 
-    /// Waits for a permit to read a whole document from the database.
+    /// Waits for a permit to compute, or to read a whole document from the database. Take it before reading large inputs, so that waiting requests
+    /// hold none in memory, and before any row if a document is the answer: then few connections read documents, and only these keep memory for them
+    /// (40 clients took the process to 340 MiB instead of 470).
     ///
     /// # Errors
     /// [`Error::Busy`].
-    pub async fn document(&self) -> Result<OwnedSemaphorePermit, Error> {
-        wait_for(&self.0.documents).await
+    pub async fn compute(&self, class: RequestClass) -> Result<ComputePermit, Error> {
+        match class {
+            RequestClass::Read | RequestClass::CostlyRead | RequestClass::Calculation => {
+                wait_for(&self.0.computing_reads).await
+            }
+            RequestClass::Write => wait_for(&self.0.computing_writes).await,
+            RequestClass::Safety => self.safety().await,
+        }
     }
 
-    /// A permit for the memory of an answer of this size until it is sent.
+    /// A permit for the memory of a large answer until it is sent. A single answer beyond the budget takes all of it.
     ///
     /// # Errors
     /// [`Error::Busy`].
     pub fn answer(&self, bytes: u64) -> Result<OwnedSemaphorePermit, Error> {
         let kib = usize::try_from(bytes.div_ceil(1024)).unwrap_or(usize::MAX);
         take(&self.0.answers_kib, kib.min(ANSWERS_KIB))
-    }
-
-    /// Waits for a permit to compute. Take it before reading large inputs from the database, so that waiting requests hold none in memory.
-    ///
-    /// # Errors
-    /// [`Error::Busy`].
-    pub async fn compute(&self, class: RequestClass) -> Result<ComputePermit, Error> {
-        let [reads, writes, safety] = &self.0.computing;
-        let semaphore = match class {
-            RequestClass::Read | RequestClass::CostlyRead | RequestClass::Calculation => reads,
-            RequestClass::Write => writes,
-            RequestClass::Safety => safety,
-        };
-        Ok(ComputePermit(Arc::new(wait_for(semaphore).await?)))
     }
 
     /// Counts one more request of this key.
@@ -227,7 +227,7 @@ impl Limits {
         }
     }
 
-    /// Reserves memory for a body that begins to arrive. A body that is announced as large takes its permit at once.
+    /// Reserves memory for a body that begins to arrive. A body that is announced as large takes all of it at once.
     ///
     /// # Errors
     /// [`Error::Busy`].
@@ -240,6 +240,7 @@ impl Limits {
             limits: self.clone(),
             class,
             reserved_bytes: 0,
+            reserved_kib: 0,
             permits: Vec::new(),
         };
         let large = announced_bytes.filter(|bytes| *bytes > LARGE_BODY_BYTES);
@@ -248,7 +249,7 @@ impl Limits {
     }
 }
 
-/// A permit to compute. The computation keeps it even if its client disconnects.
+/// A permit to compute. A computation keeps it even if its client disconnects.
 #[derive(Clone, Debug)]
 pub struct ComputePermit(Arc<OwnedSemaphorePermit>);
 
@@ -290,6 +291,7 @@ pub struct BodyBudget {
     limits: Limits,
     class: RequestClass,
     reserved_bytes: usize,
+    reserved_kib: usize,
     permits: Vec<OwnedSemaphorePermit>,
 }
 
@@ -312,20 +314,21 @@ impl BodyBudget {
         if to_bytes <= self.reserved_bytes {
             return Ok(());
         }
-        let limits = &self.limits.0;
-        if to_bytes > LARGE_BODY_BYTES {
-            self.permits = vec![take(&limits.large_bodies, 1)?];
-            self.reserved_bytes = MAX_BODY_BYTES;
-            return Ok(());
-        }
         // Doubles, so that a body takes few permits.
-        let size = to_bytes
+        let bytes = to_bytes
             .max(2 * self.reserved_bytes)
             .next_multiple_of(8 * 1024)
-            .min(LARGE_BODY_BYTES);
-        let more_kib = (size - self.reserved_bytes).div_ceil(1024);
-        self.permits.push(take(&limits.small_bodies_kib, more_kib)?);
-        self.reserved_bytes = size;
+            .min(MAX_BODY_BYTES);
+        let is_large = bytes > LARGE_BODY_BYTES;
+        let kib = bytes.div_ceil(1024) * if is_large { LARGE_BODY_FACTOR } else { 1 };
+        let more_kib = kib - self.reserved_kib;
+        let all = &self.limits.0.bodies_kib;
+        if is_large && all.available_permits() < more_kib + SMALL_BODIES_KIB {
+            return Err(Error::Busy);
+        }
+        self.permits.push(take(all, more_kib)?);
+        self.reserved_bytes = bytes;
+        self.reserved_kib = kib;
         Ok(())
     }
 
@@ -347,8 +350,8 @@ impl BodyBudget {
 #[cfg(test)]
 mod tests {
     use super::{
-        LARGE_BODIES, LARGE_BODY_BYTES, Limits, MAX_BODY_BYTES, MAX_SAFETY_BYTES, MAX_WRITES,
-        RequestClass, SAFETY_RESERVE, take,
+        BODIES_KIB, LARGE_BODY_BYTES, LARGE_BODY_FACTOR, Limits, MAX_BODY_BYTES, MAX_SAFETY,
+        MAX_SAFETY_BYTES, MAX_WRITES, RequestClass, SMALL_BODIES_KIB, take,
     };
     use crate::config::LimitsConfig;
     use crate::http::Error;
@@ -357,42 +360,51 @@ mod tests {
         Limits::new(&LimitsConfig::default(), false)
     }
 
+    fn used_kib(limits: &Limits) -> usize {
+        BODIES_KIB - limits.0.bodies_kib.available_permits()
+    }
+
     #[test]
     fn bodies_take_memory_as_they_grow_and_give_it_back() {
         let limits = limits();
-        let before = limits.free();
-        let small = &limits.0.small_bodies_kib;
-        let free = small.available_permits();
+        let large_kib = |bytes: usize| LARGE_BODY_FACTOR * bytes / 1024;
         let mut budget = limits
             .body(RequestClass::Write, Some(MAX_BODY_BYTES))
             .unwrap();
         assert_eq!(
-            limits.0.large_bodies.available_permits(),
-            LARGE_BODIES - 1,
-            "an announced large body takes its permit at once"
+            used_kib(&limits),
+            large_kib(MAX_BODY_BYTES),
+            "an announced large body takes its memory at once"
         );
         budget.grow(MAX_BODY_BYTES).unwrap();
+        assert_eq!(used_kib(&limits), large_kib(MAX_BODY_BYTES));
         drop(budget);
+        assert_eq!(used_kib(&limits), 0);
         let mut budget = limits.body(RequestClass::Write, None).unwrap();
         budget.grow(LARGE_BODY_BYTES).unwrap();
-        assert_eq!(free - small.available_permits(), LARGE_BODY_BYTES / 1024);
+        assert_eq!(used_kib(&limits), LARGE_BODY_BYTES / 1024);
         budget.grow(LARGE_BODY_BYTES + 1).unwrap();
-        assert_eq!(small.available_permits(), free);
+        assert_eq!(used_kib(&limits), large_kib(2 * LARGE_BODY_BYTES));
         drop(budget);
-        assert_eq!(limits.free(), before);
+        assert_eq!(used_kib(&limits), 0);
     }
 
     #[test]
     fn a_large_body_too_many_is_refused_and_small_ones_go_on() {
         let limits = limits();
         let large = || limits.body(RequestClass::Write, Some(MAX_BODY_BYTES));
-        let _held: Vec<_> = (0..LARGE_BODIES).map(|_| large().unwrap()).collect();
+        let held: Vec<_> = (0..2).map(|_| large().unwrap()).collect();
         assert!(matches!(large(), Err(Error::Busy)));
         assert!(limits.body(RequestClass::Write, Some(6_000)).is_ok());
+        assert!(
+            BODIES_KIB - used_kib(&limits) >= SMALL_BODIES_KIB,
+            "large bodies leave memory for small ones"
+        );
+        drop(held);
     }
 
-    #[test]
-    fn withdraw_rollback_and_cancel_have_a_reserve_where_writes_have_nothing() {
+    #[tokio::test]
+    async fn withdraw_rollback_and_cancel_have_a_reserve_where_writes_have_nothing() {
         let limits = limits();
         let write = || limits.body(RequestClass::Write, None).unwrap().arrived();
         let held: Vec<_> = (0..MAX_WRITES).map(|_| write().unwrap()).collect();
@@ -402,10 +414,8 @@ mod tests {
             Err(Error::Busy)
         ));
         assert!(limits.admit(RequestClass::Safety).is_ok());
-        let all_memory = take(
-            &limits.0.small_bodies_kib,
-            limits.0.small_bodies_kib.available_permits(),
-        );
+        let free_kib = limits.0.bodies_kib.available_permits();
+        let all_memory = take(&limits.0.bodies_kib, free_kib);
         assert!(matches!(
             limits.body(RequestClass::Read, None),
             Err(Error::Busy)
@@ -417,10 +427,11 @@ mod tests {
             Err(Error::TooLarge { .. })
         ));
         drop(all_memory);
-        let reserve: Vec<_> = (0..SAFETY_RESERVE)
-            .map(|_| limits.safety().unwrap())
-            .collect();
-        assert!(matches!(limits.safety(), Err(Error::Busy)));
+        let mut reserve = Vec::new();
+        for _ in 0..MAX_SAFETY {
+            reserve.push(limits.safety().await.unwrap());
+        }
+        assert_eq!(limits.0.safety.available_permits(), 0);
         assert!(
             limits.admit(RequestClass::Read).is_ok()
                 && limits.admit(RequestClass::Calculation).is_ok(),
@@ -433,11 +444,10 @@ mod tests {
     #[tokio::test]
     async fn a_computation_keeps_its_permit_when_its_client_goes_away() {
         let limits = limits();
-        let semaphore = &limits.0.computing[2];
-        let all = semaphore.available_permits();
+        let semaphore = &limits.0.safety;
         let (begun, has_begun) = tokio::sync::oneshot::channel();
         let (end, ends) = std::sync::mpsc::channel::<()>();
-        let permit = limits.compute(RequestClass::Safety).await.unwrap();
+        let permit = limits.safety().await.unwrap();
         let request = tokio::spawn(async move {
             permit
                 .run(move || {
@@ -450,9 +460,9 @@ mod tests {
         has_begun.await.unwrap();
         request.abort();
         assert!(request.await.unwrap_err().is_cancelled());
-        assert_eq!(semaphore.available_permits(), all - 1);
+        assert_eq!(semaphore.available_permits(), MAX_SAFETY - 1);
         drop(end);
-        let _all_again = semaphore.acquire_many(all as u32).await.unwrap();
+        let _all_again = semaphore.acquire_many(MAX_SAFETY as u32).await.unwrap();
         assert!(take(semaphore, 1).is_err());
     }
 }

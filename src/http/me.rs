@@ -1,6 +1,6 @@
 //! Permissions of the request's key, so that a page can show what its user may do.
 
-use crate::http::auth::{Caller, Scope};
+use crate::http::auth::Caller;
 use crate::http::{App, Error};
 use crate::wire::key::KeyAnswer;
 use axum::Json;
@@ -14,16 +14,9 @@ pub fn router() -> OpenApiRouter<App> {
 /// Permissions of this request's key.
 #[utoipa::path(get, path = "/v1/me", tag = "service", operation_id = "getMe", responses((status = 200, description = "The key", body = KeyAnswer)))]
 async fn me(caller: Caller) -> Result<Json<KeyAnswer>, Error> {
-    let scopes = caller
-        .scopes
-        .iter()
-        .copied()
-        .map(Scope::as_str)
-        .map(String::from)
-        .collect();
     Ok(Json(KeyAnswer {
         id: caller.holder,
-        scopes,
+        scopes: caller.scopes,
         robots: caller.robots,
     }))
 }

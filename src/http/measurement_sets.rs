@@ -100,10 +100,10 @@ async fn create(
         .await?;
     let mut insisted_on = None;
     if let Some(misfit) = upload.misfit.take() {
-        let (warning, insisted) =
+        let diagnosis =
             upload_check::diagnose(&app, &submission.caller, &robot_id, misfit, insist).await?;
-        upload.warnings.push(warning);
-        insisted_on = insisted.map(|insist| insist.as_str().to_owned());
+        upload.warnings.push(diagnosis.warning);
+        insisted_on = diagnosis.insisted_on.map(|code| code.as_str().to_owned());
     }
     let new = NewMeasurementSet {
         robot_id,
@@ -278,6 +278,7 @@ async fn get(
     responses((status = 200, description = "What was uploaded, byte for byte", content((String = "text/csv"), (MeasurementSetBody = "application/json"))))
 )]
 async fn points(State(app): State<App>, caller: Caller, Id(id): Id) -> Result<Response, Error> {
+    let _permit = app.limits.compute(RequestClass::CostlyRead).await?;
     let row = access::measurement_set(&app, &caller, &id).await?;
     let body = measurement_sets::body(&app.store, &id).await?;
     Ok(([(header::CONTENT_TYPE, row.content_type)], body).into_response())

@@ -2,6 +2,7 @@
 
 use crate::http::auth::Caller;
 use crate::http::extract::{Id, ListQuery, Query};
+use crate::http::request_class::RequestClass;
 use crate::http::{App, Error, access};
 use crate::store::{NetworkRow, networks};
 use crate::wire::network::NetworkAnswer;
@@ -58,6 +59,7 @@ async fn get(
     responses((status = 200, description = "safetensors, 64-bit floats", body = Vec<u8>, content_type = "application/octet-stream"))
 )]
 async fn weights(State(app): State<App>, caller: Caller, Id(id): Id) -> Result<Response, Error> {
+    let _permit = app.limits.compute(RequestClass::CostlyRead).await?;
     access::network(&app, &caller, &id).await?;
     let disposition = format!("attachment; filename=\"{id}.safetensors\"");
     let headers = [

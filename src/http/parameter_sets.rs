@@ -79,11 +79,11 @@ async fn active(
         .ok_or(Error::NoActiveParameterSet)?;
     let body = serde_json::to_vec(&ParameterSetAnswer::try_from(row)?)?;
     let etag = format!("\"{}\"", canonical::sha256_hex(&body));
-    let known = headers
+    let known_etags = headers
         .get(header::IF_NONE_MATCH)
         .and_then(|value| value.to_str().ok())
         .unwrap_or_default();
-    if known
+    if known_etags
         .split(',')
         .any(|tag| tag.trim() == "*" || tag.trim().trim_start_matches("W/") == etag)
     {

@@ -28,7 +28,8 @@ async fn get(
     Id(robot_id): Id,
 ) -> Result<Json<PolicyBody>, Error> {
     access::robot(&app, &caller, &robot_id).await?;
-    Ok(Json(body(&policies::get(&app.store, &robot_id).await?)))
+    let row = policies::get(&app.store, &robot_id).await?;
+    Ok(Json(PolicyBody::from(&row)))
 }
 
 /// Sets the robot's release policy; requires the scope `admin`.
@@ -45,28 +46,14 @@ async fn put(
     access::robot(&app, &submission.caller, &robot_id).await?;
     let policy: PolicyBody = submission.json()?;
     policy.check()?;
-    let row = PolicyRow {
-        tolerance_mm: policy.tolerance_mm,
-        independent_session_required: policy.independent_session_required.into(),
-        second_person_required: policy.second_person_required.into(),
-        version: 0,
-    };
+    let row = PolicyRow::from(&policy);
     let by = &submission.caller.holder;
     let effect = async |tx: &mut Tx| {
         stored_json(
             200,
             None,
-            &body(&policies::put(tx, &robot_id, &row, by).await?),
+            &PolicyBody::from(&policies::put(tx, &robot_id, &row, by).await?),
         )
     };
     submission.create(&app.store, effect).await
-}
-
-/// Converts a stored policy to its answer.
-pub fn body(row: &PolicyRow) -> PolicyBody {
-    PolicyBody {
-        tolerance_mm: row.tolerance_mm,
-        independent_session_required: row.independent_session_required == 1,
-        second_person_required: row.second_person_required == 1,
-    }
 }

@@ -5,6 +5,7 @@ use crate::http::extract::{Id, json_body, parse_small};
 use crate::http::job_sources::require_own;
 use crate::http::request_class::RequestClass;
 use crate::http::{App, Error, access};
+use crate::operations::plan_poses;
 use crate::store::measurement_sets;
 use crate::wire::measurement::from_upload;
 use crate::wire::pose_plan::{PosePlanAnswer, PosePlanBody};
@@ -46,7 +47,7 @@ async fn create(
     }
     let robot = Robot::try_from(&access::robot_body(&row)?)?;
     let n_joints = robot.links.len();
-    let permit = app.compute_permit(RequestClass::Calculation).await?;
+    let permit = app.limits.compute(RequestClass::Calculation).await?;
     let mut sets = Vec::new();
     for set in measured {
         // One after the other, because the bytes are much larger than the parsed points.
@@ -56,5 +57,7 @@ async fn create(
         };
         sets.push(permit.run(parse).await?);
     }
-    Ok(Json(permit.run(move || body.run(&robot, &sets)).await?))
+    Ok(Json(
+        permit.run(move || plan_poses(&body, &robot, &sets)).await?,
+    ))
 }

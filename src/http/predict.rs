@@ -4,6 +4,7 @@ use crate::http::auth::Caller;
 use crate::http::extract::{Id, json_body};
 use crate::http::request_class::RequestClass;
 use crate::http::{App, Error, access, parameter_sets};
+use crate::operations;
 use crate::wire::json;
 use crate::wire::predict::{PredictAnswer, PredictBody};
 use crate::wire::robot::Robot;
@@ -34,7 +35,8 @@ async fn predict(
     let (robot, content) = (access::robot_body(&robot)?, parameter_sets::content(&row)?);
     let answer = app.compute(RequestClass::Calculation, move || {
         let body: PredictBody = json::parse(&bytes)?;
-        Ok(body.run(&Robot::try_from(&robot)?, &content)?)
+        let robot = Robot::try_from(&robot)?;
+        Ok(operations::predict(&body, &robot, &content)?)
     });
     Ok(Json(answer.await?))
 }

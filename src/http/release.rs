@@ -5,18 +5,19 @@ use crate::http::creation::{Submission, stored_json};
 use crate::http::extract::Id;
 use crate::http::limits::ComputePermit;
 use crate::http::request_class::RequestClass;
-use crate::http::{App, Error, access, policies as policy_answers};
+use crate::http::{App, Error, access};
 use crate::jobs::MeasurementSetInput;
 use crate::jobs::evidence::{self, ParsedEvidence};
-use crate::release::{Comparison, Facts, gates};
+use crate::release::comparison::PointsToCompare;
+use crate::release::{Comparison, Decision, Facts, decide};
 use crate::store::{
-    CheckedState, MeasurementSetRow, ParameterSetRow, ParameterSetStatus, PolicyRow, Release,
-    RobotRow, Tx,
+    AuditEvent, CheckedState, MeasurementSetRow, ParameterSetRow, ParameterSetStatus, PolicyRow,
+    Release, RobotRow, Tx,
 };
 use crate::store::{audit, jobs, measurement_sets, parameter_sets, policies, robots};
 use crate::wire::parameter_set::{ParameterSetAnswer, ReasonBody};
+use crate::wire::policy::PolicyBody;
 use crate::wire::release::{Gate, GatesAnswer, ReleaseBody};
-use crate::wire::report_shape::Evidence;
 use crate::wire::robot::{Robot, RobotBody};
 use crate::wire::{Issue, Problem};
 use axum::Json;
@@ -47,21 +48,19 @@ async fn gates_now(
     Id(id): Id,
 ) -> Result<Json<GatesAnswer>, Error> {
     let row = access::parameter_set(&app, &caller, &id).await?;
-    let check = check_release(
-        &app,
-        &caller,
-        row,
-        Purpose::Release {
-            change_reason: None,
-        },
-    )
-    .await?;
+    let permit = app.limits.compute(RequestClass::CostlyRead).await?;
+    let purpose = Purpose::Release {
+        change_reason: None,
+    };
+    let decision = check_release(&app, &permit, &caller, row, purpose)
+        .await?
+        .decision;
     Ok(Json(GatesAnswer {
         parameter_set_id: id,
-        releasable: check.gates.iter().all(|gate| gate.passed),
-        evidence: check.evidence,
-        uncertainty_mm: check.uncertainty_mm,
-        gates: check.gates,
+        releasable: decision.is_releasable(),
+        evidence: decision.evidence,
+        uncertainty_mm: decision.uncertainty_mm,
+        gates: decision.gates,
     }))
 }
 
@@ -85,7 +84,8 @@ async fn release(
     let purpose = Purpose::Release {
         change_reason: body.change_reason,
     };
-    let release = check_release(&app, &submission.caller, row, purpose)
+    let permit = app.limits.compute(RequestClass::Write).await?;
+    let release = check_release(&app, &permit, &submission.caller, row, purpose)
         .await?
         .release(body.reason)?;
     let effect = async |tx: &mut Tx| {
@@ -110,12 +110,14 @@ async fn roll_back(
     submission: Submission,
 ) -> Result<Response, Error> {
     access::robot(&app, &submission.caller, &robot_id).await?;
+    let permit = app.limits.safety().await?;
     let reason = match submission.reason(&app.store).await? {
         ControlFlow::Break(answer) => return Ok(answer),
         ControlFlow::Continue(reason) => reason,
     };
     let row = parameter_sets::before_active(&app.store, &robot_id).await?;
-    let release = check_release(&app, &submission.caller, row, Purpose::Rollback)
+    let purpose = Purpose::Rollback;
+    let release = check_release(&app, &permit, &submission.caller, row, purpose)
         .await?
         .release(reason)?;
     let effect = async |tx: &mut Tx| {
@@ -140,6 +142,7 @@ async fn withdraw(
     submission: Submission,
 ) -> Result<Response, Error> {
     access::parameter_set(&app, &submission.caller, &id).await?;
+    let _permit = app.limits.safety().await?;
     let reason = match submission.reason(&app.store).await? {
         ControlFlow::Break(answer) => return Ok(answer),
         ControlFlow::Continue(reason) => reason,
@@ -186,44 +189,35 @@ impl Purpose {
     }
 }
 
-/// Result of the gates: everything that a release writes, except its reason.
+/// The decision, and everything else that a release writes except its reason.
 struct ReleaseCheck {
     id: String,
     checked: CheckedState,
-    gates: Vec<Gate>,
-    evidence: Evidence,
-    uncertainty_mm: Option<f64>,
+    decision: Decision,
     approver: String,
 }
 
 impl ReleaseCheck {
-    fn n_gates(&self, passed: bool) -> i64 {
-        let gates = self.gates.iter().filter(|gate| gate.passed == passed);
-        i64::try_from(gates.count()).unwrap_or(i64::MAX)
-    }
-
     /// The release to be written, if every gate is passed.
     fn release(self, reason: String) -> Result<Release, Error> {
-        let failed: Vec<Issue> = self
-            .gates
-            .iter()
-            .filter(|gate| !gate.passed)
-            .map(Gate::issue)
-            .collect();
-        if !failed.is_empty() {
-            return Err(refused(failed));
+        if !self.decision.is_releasable() {
+            return Err(refused(self.decision.failed().map(Gate::issue).collect()));
         }
-        let (n_passed, n_failed) = (self.n_gates(true), self.n_gates(false));
+        // Counted again, because the schema refuses a release with a failed gate whatever the code above does.
+        let n_gates = |passed: bool| {
+            let gates = self.decision.gates.iter();
+            i64::try_from(gates.filter(|gate| gate.passed == passed).count()).unwrap_or(i64::MAX)
+        };
         Ok(Release {
             id: self.id,
             checked: self.checked,
             reason,
-            checks_json: serde_json::to_string(&self.gates)?,
-            n_passed,
-            n_failed,
+            checks_json: serde_json::to_string(&self.decision.gates)?,
+            n_passed: n_gates(true),
+            n_failed: n_gates(false),
             released_by: self.approver,
-            evidence: self.evidence.as_str().into(),
-            uncertainty_mm: self.uncertainty_mm,
+            evidence: self.decision.evidence,
+            uncertainty_mm: self.decision.uncertainty_mm,
         })
     }
 }
@@ -231,6 +225,7 @@ impl ReleaseCheck {
 /// Reads the evidence of a release and runs the gates on it.
 async fn check_release(
     app: &App,
+    permit: &ComputePermit,
     caller: &Caller,
     row: ParameterSetRow,
     purpose: Purpose,
@@ -242,7 +237,7 @@ async fn check_release(
     let set = measurement_sets::get(&app.store, &job.measurement_set_id).await?;
     let mut uploaders = vec![set.uploaded_by.clone()];
     if let Some(frames_id) = &job.frames_id {
-        uploaders.push(audit::actor(&app.store, frames_id, "frames_created").await?);
+        uploaders.push(audit::actor(&app.store, frames_id, AuditEvent::FramesCreated).await?);
     }
     let inputs = GateInputs {
         parameter_set_id: row.id.clone(),
@@ -255,11 +250,6 @@ async fn check_release(
         purpose,
     };
     let other = active.as_ref().filter(|active| active.id != row.id);
-    let class = match inputs.purpose {
-        Purpose::Release { .. } => RequestClass::Write,
-        Purpose::Rollback => RequestClass::Safety,
-    };
-    let permit = app.compute_permit(class).await?;
     let stored = evidence::load(&app.store, &row, other).await?;
     let checked = CheckedState {
         active: active.as_ref().map(|active| active.id.clone()),
@@ -270,41 +260,43 @@ async fn check_release(
     let parse = move || evidence::parse(stored).map_err(unreadable);
     let parsed = Arc::new(permit.run(parse).await?);
     let comparisons = match inputs.purpose {
-        Purpose::Release { .. } => compared(app, &permit, &parsed).await?,
+        Purpose::Release { .. } => compared(app, permit, &parsed).await?,
         Purpose::Rollback => Vec::new(),
     };
     let run = move || run_gates(&parsed, &comparisons, &inputs, &robot);
-    let (gates, evidence, uncertainty_mm) = permit.run(run).await?;
     Ok(ReleaseCheck {
         id: row.id,
         checked,
-        gates,
-        evidence,
-        uncertainty_mm,
+        decision: permit.run(run).await?,
         approver: caller.holder.clone(),
     })
 }
 
-/// Compares the set with the active one on every session or, if there is no session, on the held-out points. Reads one upload at a time.
+/// Compares the set with the active one. Reads one upload at a time.
 async fn compared(
     app: &App,
     permit: &ComputePermit,
     parsed: &Arc<ParsedEvidence>,
 ) -> Result<Vec<Comparison>, Error> {
     let mut comparisons = Vec::new();
-    if parsed.active.is_none() {
-        return Ok(comparisons);
-    }
-    for (job_id, measurement_set_id) in &parsed.to_compare {
-        let upload = MeasurementSetInput::read(&app.store, measurement_set_id).await?;
-        let (parsed, job_id) = (Arc::clone(parsed), job_id.clone());
-        let compare = move || evidence::compare_on(&parsed, &job_id, &upload).map_err(unreadable);
-        comparisons.extend(permit.run(compare).await?);
-    }
-    if comparisons.is_empty() && parsed.identification.n_points > 0 {
-        let parsed = Arc::clone(parsed);
-        let compare = move || Ok::<_, Error>(evidence::compare_on_held_out(&parsed));
-        comparisons.extend(permit.run(compare).await?);
+    match parsed.points_to_compare() {
+        PointsToCompare::Sessions(sessions) => {
+            for session in sessions {
+                let set_id = &session.measurement_set_id;
+                let upload = MeasurementSetInput::read(&app.store, set_id).await?;
+                let parsed = Arc::clone(parsed);
+                let compare = move || {
+                    evidence::compare_on_session(&parsed, &session, &upload).map_err(unreadable)
+                };
+                comparisons.extend(permit.run(compare).await?);
+            }
+        }
+        PointsToCompare::HeldOut => {
+            let parsed = Arc::clone(parsed);
+            let compare = move || Ok::<_, Error>(evidence::compare_on_held_out(&parsed));
+            comparisons.extend(permit.run(compare).await?);
+        }
+        PointsToCompare::None => {}
     }
     Ok(comparisons)
 }
@@ -314,9 +306,9 @@ fn run_gates(
     comparisons: &[Comparison],
     inputs: &GateInputs,
     robot: &RobotRow,
-) -> Result<(Vec<Gate>, Evidence, Option<f64>), Error> {
+) -> Result<Decision, Error> {
     let last_check = parsed.last_check.as_ref();
-    let facts = Facts {
+    Ok(decide(&Facts {
         robot: &Robot::try_from(&inputs.robot)?,
         check_job_id: robot.check_job_id.as_deref(),
         last_check: last_check.map(|(seq, job_id)| (*seq, job_id.as_str())),
@@ -336,13 +328,8 @@ fn run_gates(
         uploaders: &inputs.uploaders,
         approver: &inputs.approver,
         change_reason: inputs.purpose.change_reason(),
-        policy: &policy_answers::body(&inputs.policy),
-    };
-    Ok((
-        gates(&facts),
-        facts.evidence(),
-        facts.identification.uncertainty_mm,
-    ))
+        policy: &PolicyBody::from(&inputs.policy),
+    }))
 }
 
 fn unreadable(problem: impl AsRef<Problem>) -> Error {

@@ -36,7 +36,7 @@ async fn report_html(
         Some(id) => Some(access::parameter_set(&app, &caller, id).await?),
         None => None,
     };
-    let permit = app.compute_permit(RequestClass::CostlyRead).await?;
+    let permit = app.limits.compute(RequestClass::CostlyRead).await?;
     let (report, convergence) = (
         jobs::report(&app.store, &id).await?,
         jobs::convergence(&app.store, &id).await?,

@@ -12,21 +12,29 @@ const CALCULATIONS: [&str; 5] = [
 ];
 /// Last path segments of [`RequestClass::Safety`].
 const SAFETY: [&str; 3] = ["withdraw", "rollback", "cancel"];
-/// Last path segments of [`RequestClass::CostlyRead`] that answer one whole document.
-const DOCUMENT_READS: [&str; 4] = ["points", "weights", "report", "convergence"];
-/// Last path segments of [`RequestClass::CostlyRead`] that compute.
-const COMPUTED_READS: [&str; 5] = ["report.html", "history", "compare", "export", "gates"];
+/// Last path segments of [`RequestClass::CostlyRead`].
+const COSTLY_READS: [&str; 9] = [
+    "points",
+    "weights",
+    "report",
+    "convergence",
+    "report.html",
+    "history",
+    "compare",
+    "export",
+    "gates",
+];
 
 /// Class of a request for limits. It follows from method and path alone, so that a flood can be refused before routing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RequestClass {
-    /// Reads what is stored.
+    /// Reads some rows.
     Read,
     /// Reads a whole document, or computes from what is stored.
     CostlyRead,
     /// Computes from its body and stores nothing.
     Calculation,
-    /// Withdraw, rollback and cancel, which have a reserve.
+    /// Withdraw, rollback and cancel, which have permits of their own.
     Safety,
     /// All other requests that are not reads.
     Write,
@@ -38,7 +46,7 @@ impl RequestClass {
         let last = path.rsplit('/').next().unwrap_or_default();
         match *method {
             Method::GET | Method::HEAD | Method::OPTIONS => {
-                if DOCUMENT_READS.contains(&last) || COMPUTED_READS.contains(&last) {
+                if COSTLY_READS.contains(&last) {
                     Self::CostlyRead
                 } else {
                     Self::Read
@@ -49,18 +57,13 @@ impl RequestClass {
             _ => Self::Write,
         }
     }
-
-    /// Whether a request of this class and path answers one whole document.
-    pub fn answers_document(self, path: &str) -> bool {
-        let last = path.rsplit('/').next().unwrap_or_default();
-        self == Self::CostlyRead && DOCUMENT_READS.contains(&last)
-    }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{CALCULATIONS, COMPUTED_READS, DOCUMENT_READS, RequestClass, SAFETY};
-    use crate::http::auth::{REQUIRED_SCOPES, Scope};
+    use super::{CALCULATIONS, COSTLY_READS, RequestClass, SAFETY};
+    use crate::http::auth::REQUIRED_SCOPES;
+    use crate::wire::key::Scope;
     use axum::http::Method;
 
     #[test]
@@ -86,10 +89,7 @@ mod tests {
             .iter()
             .chain(&SAFETY)
             .map(|name| (Method::POST, name));
-        let gets = DOCUMENT_READS
-            .iter()
-            .chain(&COMPUTED_READS)
-            .map(|name| (Method::GET, name));
+        let gets = COSTLY_READS.iter().map(|name| (Method::GET, name));
         for (method, name) in posts.chain(gets) {
             let is_routes = |(m, path, _): &(Method, &str, Scope)| {
                 *m == method && path.ends_with(&format!("/{name}"))

@@ -1,9 +1,9 @@
 //! Counts the memory of large answers until they are sent. Otherwise a client that requests many and reads none would fill the memory.
 
-use crate::http::Error;
-use crate::http::extract::MIN_BYTES_PER_S;
-use crate::http::limits::Limits;
+use crate::http::limits::{Limits, MIN_BYTES_PER_S};
+use crate::http::{App, Error};
 use axum::body::{Body, Bytes, HttpBody};
+use axum::extract::State;
 use axum::response::{IntoResponse, Response};
 use http_body_util::BodyExt;
 use hyper::body::{Frame, SizeHint};
@@ -18,8 +18,12 @@ const LARGE_ANSWER_BYTES: u64 = 64 * 1024;
 /// Size of the chunks for hyper, which asks for the next chunk when it has sent most of the last one.
 const CHUNK_BYTES: usize = 32 * 1024;
 
-/// Counts an answer if it is large, until it is sent or its client disconnects. Beyond the limit the answer is 503.
-pub async fn account(response: Response, limits: &Limits) -> Response {
+/// Middleware: counts an answer if it is large, until it is sent or its client disconnects. Beyond the limit the answer is 503.
+pub async fn count(State(app): State<App>, response: Response) -> Response {
+    account(response, &app.limits).await
+}
+
+async fn account(response: Response, limits: &Limits) -> Response {
     // An answer without a length is a stream and not in memory.
     let bytes = response.body().size_hint().exact();
     let Some(bytes) = bytes.filter(|bytes| *bytes > LARGE_ANSWER_BYTES) else {

@@ -3,9 +3,9 @@
 use crate::http::index::Contract;
 use crate::http::limits::MAX_BODY_BYTES;
 use crate::http::routes::routes;
-use crate::http::{App, auth, document, host, layers};
+use crate::http::{App, auth, document, host, layers, response_memory};
 use axum::extract::DefaultBodyLimit;
-use axum::middleware::from_fn_with_state;
+use axum::middleware::{from_fn_with_state, map_response_with_state};
 use axum::{Extension, Router};
 
 /// The routes with their middleware.
@@ -20,7 +20,7 @@ pub fn router(app: App) -> Router {
     };
     let guarded = router
         .layer(Extension(contract))
-        .layer(from_fn_with_state(app.clone(), layers::limit))
+        .layer(map_response_with_state(app.clone(), response_memory::count))
         .layer(from_fn_with_state(app.clone(), auth::authorize))
         .layer(Extension(app.limits.clone()))
         .layer(DefaultBodyLimit::max(MAX_BODY_BYTES))

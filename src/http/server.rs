@@ -48,13 +48,14 @@ pub struct RunningServer {
     workers: WorkerPool,
 }
 
-/// Location of the database in these settings.
-pub fn location(database: &config::DatabaseConfig) -> StoreLocation {
-    match &database.database_url {
-        Some(url) => StoreLocation::Postgres { url: url.clone() },
-        None => StoreLocation::Sqlite {
-            data_dir: database.data_dir.clone(),
-        },
+impl From<&config::DatabaseConfig> for StoreLocation {
+    fn from(database: &config::DatabaseConfig) -> Self {
+        match &database.database_url {
+            Some(url) => Self::Postgres { url: url.clone() },
+            None => Self::Sqlite {
+                data_dir: database.data_dir.clone(),
+            },
+        }
     }
 }
 
@@ -95,7 +96,7 @@ pub async fn start_with(config: &ServeConfig, compute: Compute) -> Result<Runnin
         .await
         .map_err(listen_error)?;
     let address = listener.local_addr().map_err(listen_error)?;
-    let store = Store::open(location(&config.database)).await?;
+    let store = Store::open((&config.database).into()).await?;
     facts::backfill_missing(&store).await?;
     let signals = JobSignals::default();
     let workers = WorkerPool::start(

@@ -69,14 +69,14 @@ pub fn problem_code(error: &hyper::Error) -> Option<&'static str> {
 
 /// hyper's answer with the headers and the body of a problem.
 fn with_body(written: &[u8], error: &Error, common: &HeaderMap) -> Vec<u8> {
-    let (mut headers, body) = layers::unrouted(error);
-    headers.extend(common.clone());
+    let mut problem = layers::unrouted(error);
+    problem.headers_mut().extend(common.clone());
     let mut text = String::from_utf8_lossy(written).into_owned();
-    let mut more = format!("content-length: {}\r\n", body.len());
+    let mut more = format!("content-length: {}\r\n", problem.body().len());
     if !text.contains("connection: close") {
         more.push_str("connection: close\r\n");
     }
-    for (name, value) in &headers {
+    for (name, value) in problem.headers() {
         more.push_str(&format!(
             "{name}: {}\r\n",
             value.to_str().unwrap_or_default()
@@ -84,7 +84,7 @@ fn with_body(written: &[u8], error: &Error, common: &HeaderMap) -> Vec<u8> {
     }
     text = text.replace(NO_BODY, &more);
     let mut answer = text.into_bytes();
-    answer.extend(body);
+    answer.extend(problem.body());
     answer
 }
 

@@ -1,7 +1,7 @@
 //! Checks whether an upload can have been measured on its robot. If it does not fit and the cause is clear, it is refused; otherwise it gets a
 //! warning.
 
-use crate::calibration::alignment::{self, Finding, Look};
+use crate::calibration::upload_checks::alignment::{self, Finding, Look};
 use crate::http::auth::Caller;
 use crate::http::request_class::RequestClass;
 use crate::http::{App, Error, access};
@@ -33,14 +33,25 @@ pub fn check_fit(robot: &RobotBody, set: MeasurementSet) -> Result<Option<Misfit
     })
 }
 
-/// Searches for the cause. Returns a warning and, if the caller insisted on the code with which the upload would be refused, that code.
+/// Why an upload that does not fit is stored all the same.
+pub struct Diagnosis {
+    /// The warning that the set keeps.
+    pub warning: Warning,
+    /// The code with which the upload would have been refused, if the caller insisted on it.
+    pub insisted_on: Option<Insist>,
+}
+
+/// Searches for the cause.
+///
+/// # Errors
+/// The cause, if it is clear and the caller did not insist on it.
 pub async fn diagnose(
     app: &App,
     caller: &Caller,
     robot_id: &str,
     misfit: Misfit,
     insist: Option<Insist>,
-) -> Result<(Warning, Option<Insist>), Error> {
+) -> Result<Diagnosis, Error> {
     let newest = robots::list(
         &app.store,
         caller.robots.as_deref(),
@@ -73,12 +84,18 @@ pub async fn diagnose(
                 detail,
                 rows: Vec::new(),
             };
-            Ok((warning, None))
+            Ok(Diagnosis {
+                warning,
+                insisted_on: None,
+            })
         }
         Finding::Wrong(suspicion)
             if insist.is_some_and(|insist| insist.as_str() == suspicion.code) =>
         {
-            Ok((insisted(&suspicion), insist))
+            Ok(Diagnosis {
+                warning: insisted(&suspicion),
+                insisted_on: insist,
+            })
         }
         Finding::Wrong(suspicion) => Err(Invalid {
             code: suspicion.code,

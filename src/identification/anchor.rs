@@ -2,8 +2,8 @@
 
 use crate::identification::linearisation::Linearisation;
 use crate::identification::objective::Observation;
+use crate::identification::parameters::moved;
 use crate::identification::search_space::SearchSpace;
-use crate::identification::swarm::moved;
 use crate::kinematics::batch::{Anchored, InstructionSet, LowerBound, Moved};
 use crate::solvers::qr::triangularise;
 use nalgebra::Vector3;

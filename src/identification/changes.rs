@@ -8,6 +8,7 @@
 
 use crate::identification::KinematicModel;
 use crate::identification::distributions::{f_tail, t_half_width};
+use crate::identification::evidence::Noise;
 use crate::identification::identifiability::{Decomposition, VISIBLE_EFFECT_MM, prior_scale};
 use crate::identification::parameters::{Parameter, deviation_from};
 use crate::identification::uncertainty::Uncertainty;
@@ -38,6 +39,8 @@ pub struct Estimate {
     pub uncertainty: Uncertainty,
     /// What the session sees.
     pub decomposition: Decomposition,
+    /// What the model leaves over of the session.
+    pub noise: Noise,
 }
 
 /// One thing that changed.

@@ -12,6 +12,7 @@
 //!
 //! σ comes from below. At first it is far below the noise, so that the priors settle only what the rows cannot tell apart.
 
+use crate::identification::distributions::f_tail;
 use crate::identification::problem::{KINDS, Prior, Problem};
 use crate::solvers::qr::triangularise;
 use nalgebra::DMatrix;
@@ -37,6 +38,23 @@ pub struct Evidence {
     pub widened: [f64; KINDS.len()],
     /// One standard deviation of each coordinate before anything is measured.
     pub widths: Vec<f64>,
+}
+
+/// What a fit leaves over.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Noise {
+    /// Standard deviation of a coordinate of a point of weight 1, mm; the degrees of freedom that the fit takes are counted.
+    pub std_mm: f64,
+    /// Rows less the coordinates that they determine.
+    pub freedom: f64,
+}
+
+impl Noise {
+    /// Probability that the noise of two fits to samples of the same noise differs as much, or more.
+    pub fn chance_of_more(&self, other: &Self) -> f64 {
+        let ratio = self.std_mm / other.std_mm;
+        f_tail(ratio * ratio, self.freedom, other.freedom)
+    }
 }
 
 /// The rows of a problem at a fit, reduced to a triangle: |residuals + J·step|² = |right + R·step|² + rest.

@@ -2,9 +2,10 @@
 
 use crate::identification::KinematicModel;
 use crate::identification::linearisation::Linearisation;
+use crate::identification::linearisation::decomposition_at;
 use crate::identification::objective::Observation;
 use crate::identification::parameters::Parameter;
-use crate::identification::search_space::{SearchSpace, decomposition_at};
+use crate::identification::search_space::SearchSpace;
 use crate::solvers::least_squares::{Iteration, Options, Summary, Termination, minimize};
 use nalgebra::{DMatrix, DVector};
 use std::ops::ControlFlow;

@@ -1,11 +1,16 @@
 //! Residuals and their derivatives in a search space, for least squares: prepared once per fit, evaluated without allocating.
 
 use crate::identification::KinematicModel;
+use crate::identification::identifiability::{Decomposition, decompose};
 use crate::identification::objective::Observation;
+use crate::identification::objective::weighted_jacobian;
+use crate::identification::parameters::Parameter;
+use crate::identification::parameters::moved;
 use crate::identification::parameters::{apply_into, left_jacobian};
+use crate::identification::priors::{Known, Priors};
 use crate::identification::search_space::SearchSpace;
-use crate::identification::swarm::moved;
 use crate::kinematics::batch::{Along, InstructionSet, Lanes, Moved, OneRobot, PoseLanes};
+use nalgebra::{DMatrix, Vector3};
 use std::borrow::Cow;
 
 /// The residuals of some observations as a function of a space's coordinates. Rows are in the order of [`PoseLanes`], and those of
@@ -105,4 +110,92 @@ impl<'a> Linearisation<'a> {
             &self.model.targets_mm,
         );
     }
+}
+
+/// The scaled identification Jacobian at a model, taken apart.
+pub fn decomposition_at(
+    model: &KinematicModel,
+    parameters: &[Parameter],
+    scale: &[f64],
+    observations: &[Observation],
+) -> Decomposition {
+    decompose(
+        scaled_jacobian_at(model, parameters, scale, observations),
+        scale,
+    )
+}
+
+/// The identification Jacobian at a model: mm that points move for one scale of each parameter, over sqrt(N points).
+pub fn scaled_jacobian_at(
+    model: &KinematicModel,
+    parameters: &[Parameter],
+    scale: &[f64],
+    observations: &[Observation],
+) -> DMatrix<f64> {
+    let per_point = 1.0 / (observations.len().max(1) as f64).sqrt();
+    let shares = scale.iter().map(|s| s * per_point).collect();
+    let space = SearchSpace::raw(model.clone(), parameters.to_vec(), shares);
+    let mut linearisation = Linearisation::new(&space, observations);
+    let n_rows = linearisation.n_rows();
+    let mut scaled = DMatrix::zeros(n_rows, parameters.len());
+    linearisation.linearise(
+        &vec![0.0; parameters.len()],
+        &mut vec![0.0; n_rows],
+        scaled.as_mut_slice(),
+    );
+    scaled
+}
+
+impl SearchSpace {
+    /// One coordinate per combination that the data see: deviation = S·V·coordinate, with J·S = U·Σ·Vᵀ at the reference. The box of
+    /// these coordinates is the parameters' box turned (a uniform cube's spread is the same in every direction).
+    pub fn singular(
+        reference: KinematicModel,
+        parameters: Vec<Parameter>,
+        scale: Vec<f64>,
+        observations: &[Observation],
+    ) -> Self {
+        let decomposition = decomposition_at(&reference, &parameters, &scale, observations);
+        Self::along(
+            reference,
+            parameters,
+            scale,
+            decomposition.seen_directions(),
+        )
+    }
+
+    /// As [`Self::singular`], of the points and the priors together: one coordinate per combination that either says something of.
+    pub fn singular_knowing(
+        reference: KinematicModel,
+        parameters: Vec<Parameter>,
+        scale: Vec<f64>,
+        observations: &[Observation],
+        priors: &Priors,
+    ) -> Self {
+        let decomposition = decomposition_at(&reference, &parameters, &scale, observations);
+        let (directions, _) = decomposition.directions_with_priors(&priors.stds());
+        let known = priors.from(&reference);
+        let rows = rows_along(&reference, &parameters, &directions, observations, &known);
+        let turned = &directions * decompose(rows, &vec![1.0; directions.ncols()]).directions;
+        Self::along(reference, parameters, scale, turned).knowing(known)
+    }
+}
+
+/// Derivatives of points and priors along some directions, weighted, mm.
+fn rows_along(
+    reference: &KinematicModel,
+    parameters: &[Parameter],
+    directions: &DMatrix<f64>,
+    observations: &[Observation],
+    known: &Known,
+) -> DMatrix<f64> {
+    let of_points =
+        weighted_jacobian(reference, parameters, observations, &Vector3::zeros()) * directions;
+    let n = of_points.nrows();
+    let mut rows = of_points.resize_vertically(n + known.pulls.len(), 0.0);
+    for (k, pull) in known.pulls.iter().enumerate() {
+        rows.row_mut(n + k)
+            .copy_from(&(directions.row(pull.parameter) * pull.weight));
+    }
+    rows
 }

@@ -164,7 +164,8 @@ pub fn best_fitting(
         .collect()
 }
 
-fn median_mm(model: &KinematicModel, observations: &[Observation]) -> f64 {
+/// Median length of the residuals, mm; 0 without points.
+pub fn median_mm(model: &KinematicModel, observations: &[Observation]) -> f64 {
     let mut lengths: Vec<f64> = residuals(model, observations)
         .iter()
         .map(Vector3::norm)

@@ -2,6 +2,7 @@
 
 use crate::identification::KinematicModel;
 use crate::kinematics::Link;
+use crate::kinematics::batch::Moved;
 pub use crate::kinematics::rotation::{left_jacobian, rotation_exp, rotation_log};
 use nalgebra::{IsometryMatrix3, Translation3, Vector3};
 
@@ -221,4 +222,18 @@ fn moved_base(
         Translation3::from(base.translation.vector + translation),
         turned,
     )
+}
+
+/// A parameter as the kernels know it.
+pub fn moved(parameter: &Parameter) -> Moved {
+    match *parameter {
+        Parameter::Link(link, Quantity::A) => Moved::A(link),
+        Parameter::Link(link, Quantity::Alpha) => Moved::Alpha(link),
+        Parameter::Link(link, Quantity::D) => Moved::D(link),
+        Parameter::Link(link, Quantity::ThetaOffset) => Moved::ThetaOffset(link),
+        Parameter::Link(link, Quantity::Beta) => Moved::Beta(link),
+        Parameter::BaseTranslation(axis) => Moved::BaseTranslation(axis),
+        Parameter::BaseRotation(axis) => Moved::BaseRotation(axis),
+        Parameter::Target(target, axis) => Moved::Target(target, axis),
+    }
 }

@@ -21,11 +21,11 @@ const ANGLE_RAD: f64 = 0.05 * std::f64::consts::PI / 180.0;
 const OFFSET_RAD: f64 = 0.3 * std::f64::consts::PI / 180.0;
 
 /// How far a base that was measured in is off, mm (one standard deviation): a frame set up with probes and sweeps.
-const BASE_MM: f64 = 1.0;
+pub const BASE_MM: f64 = 1.0;
 /// See [`BASE_MM`], rad (0.05°).
-const BASE_RAD: f64 = 0.05 * std::f64::consts::PI / 180.0;
+pub const BASE_RAD: f64 = 0.05 * std::f64::consts::PI / 180.0;
 
-/// Numbers of links whose errors are alike, and whose priors therefore widen together.
+/// Numbers whose errors are alike, and whose priors therefore widen together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     /// a and d.
@@ -34,10 +34,20 @@ pub enum Kind {
     Angle,
     /// theta_offset.
     Offset,
+    /// Where a base stands that was measured in.
+    BasePosition,
+    /// How it is turned.
+    BaseRotation,
 }
 
 /// All kinds, in the order in which their widths are kept.
-pub const KINDS: [Kind; 3] = [Kind::Length, Kind::Angle, Kind::Offset];
+pub const KINDS: [Kind; 5] = [
+    Kind::Length,
+    Kind::Angle,
+    Kind::Offset,
+    Kind::BasePosition,
+    Kind::BaseRotation,
+];
 
 /// What is known of a variable before anything is measured.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -240,18 +250,16 @@ impl<'a> Problem<'a> {
         }
     }
 
-    /// The same with a base that is known to stand where the reference has it, but for 1 mm and 0.05° (one standard deviation).
+    /// The same with a base that is known to stand where the reference has it, but for 1 mm and 0.05° (one standard deviation). As with links, the
+    /// tails are heavy: a base frame that was set up badly is off by centimetres, and link 1 must not take that.
     pub fn with_known_base(mut self) -> Self {
         for variable in &mut self.variables {
-            variable.width = match variable.parameter {
-                Parameter::BaseTranslation(_) => BASE_MM,
-                Parameter::BaseRotation(_) => BASE_RAD,
+            let (width, kind) = match variable.parameter {
+                Parameter::BaseTranslation(_) => (BASE_MM, Kind::BasePosition),
+                Parameter::BaseRotation(_) => (BASE_RAD, Kind::BaseRotation),
                 _ => continue,
             };
-            variable.prior = Prior::Stated {
-                mean: 0.0,
-                std: 1.0,
-            };
+            (variable.width, variable.prior) = (width, Prior::OfKind(kind));
         }
         self
     }
@@ -259,7 +267,7 @@ impl<'a> Problem<'a> {
     /// Takes away what is known of links by themselves: plain least squares, where what no row sees stays at the reference.
     pub fn without_own_priors(&mut self) {
         for variable in &mut self.variables {
-            if let Prior::OfKind(_) = variable.prior {
+            if variable.parameter.is_link() {
                 variable.prior = Prior::Flat;
             }
         }

@@ -54,6 +54,8 @@ const FEWEST_TARGET_POINTS: usize = 2;
 pub enum Moved {
     /// One target on the flange.
     Target(usize),
+    /// All targets at once, each by a vector of its own: the tool was knocked.
+    AllTargets,
     /// The base, or the instrument.
     Base,
 }
@@ -67,10 +69,23 @@ pub struct Step {
     pub first: usize,
     /// Points on its smaller side (of that target).
     pub n_minor: usize,
-    /// Shift of a target in the flange frame, or of the base in the measuring frame, mm.
+    /// What each target moved by; empty where the base moved.
+    pub of_targets: Vec<TargetShift>,
+    /// Shift of the base in the measuring frame, mm.
     pub shift_mm: Vector3<f64>,
     /// Turn of the base about [`Columns::centre`], in the measuring frame, rad.
     pub turn_rad: Vector3<f64>,
+}
+
+/// What one target moved by.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TargetShift {
+    /// The target.
+    pub target: usize,
+    /// Index of its first point after the step.
+    pub first: usize,
+    /// In the flange frame, mm.
+    pub shift_mm: Vector3<f64>,
 }
 
 /// What a change of a target or of the base does to each point, weighted.
@@ -252,7 +267,7 @@ impl Campaign<'_> {
         let tried = self.all_changes(&places);
         let n_tried = tried.len();
         let rows = 3.0 * n as f64;
-        // both kinds of a step: the better explanation for its number of unknowns [Schwarz 1978]
+        // all kinds of a step: the better explanation for its number of unknowns [Schwarz 1978]
         let criterion = |t: &Tried| {
             rows * libm::log((left - t.gain).max(f64::MIN_POSITIVE))
                 + t.n_numbers as f64 * libm::log(rows)
@@ -275,22 +290,65 @@ impl Campaign<'_> {
             return None;
         }
         let (shift_mm, turn_rad) = match best.moved {
-            Moved::Target(_) => (Vector3::from_column_slice(&best.solution), Vector3::zeros()),
             Moved::Base => self.columns.motion(&best.solution),
+            Moved::Target(_) | Moved::AllTargets => (Vector3::zeros(), Vector3::zeros()),
+        };
+        let targets = match best.moved {
+            Moved::Target(target) => target..target + 1,
+            Moved::AllTargets => 0..best.n_numbers / 3,
+            Moved::Base => 0..0,
+        };
+        let shift = |(target, vector): (usize, &[f64])| {
+            let mut after = self.order[best.place..].iter().copied();
+            Some(TargetShift {
+                target,
+                first: after.find(|point| self.targets[*point] == target)?,
+                shift_mm: Vector3::from_column_slice(vector),
+            })
         };
         Some(Step {
             moved: best.moved,
             first: self.order[best.place],
             n_minor: best.n_minor,
+            of_targets: targets
+                .zip(best.solution.chunks(3))
+                .filter_map(shift)
+                .collect(),
             shift_mm,
             turn_rad,
         })
     }
 
+    /// All targets at once, for up to four of them.
+    fn changes_of_all_targets(&self, places: &[usize], tried: &mut Vec<Tried>) {
+        match self.n_targets() {
+            2 => self.changes_of_targets::<6>(places, tried),
+            3 => self.changes_of_targets::<9>(places, tried),
+            4 => self.changes_of_targets::<12>(places, tried),
+            _ => {}
+        }
+    }
+
+    /// D is three times the number of targets.
+    fn changes_of_targets<const D: usize>(&self, places: &[usize], tried: &mut Vec<Tried>) {
+        let block = |point: usize| {
+            let mut block = SMatrix::<f64, 3, D>::zeros();
+            block
+                .fixed_view_mut::<3, 3>(0, 3 * self.targets[point])
+                .copy_from(&self.columns.target[point]);
+            block
+        };
+        let fewest = FEWEST_TARGET_POINTS * D / 3;
+        self.changes(Moved::AllTargets, places, (fewest, false), block, tried);
+    }
+
+    fn n_targets(&self) -> usize {
+        self.targets.iter().map(|t| t + 1).max().unwrap_or(0)
+    }
+
     fn all_changes(&self, places: &[usize]) -> Vec<Tried> {
-        let n_targets = self.targets.iter().map(|t| t + 1).max().unwrap_or(0);
         let mut tried = Vec::new();
-        for target in 0..n_targets {
+        for target in 0..self.n_targets() {
             let members: Vec<usize> = places
                 .iter()
                 .copied()
@@ -311,6 +369,7 @@ impl Campaign<'_> {
             |point| self.columns.base[point],
             &mut tried,
         );
+        self.changes_of_all_targets(places, &mut tried);
         tried
     }
 
@@ -406,6 +465,7 @@ impl Campaign<'_> {
                         &mut tried,
                     );
                 }
+                Moved::AllTargets => self.changes_of_all_targets(&places, &mut tried),
                 Moved::Base => self.changes(
                     best.moved,
                     &places,

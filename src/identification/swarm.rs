@@ -3,7 +3,7 @@
 use crate::identification::anchor::Anchor;
 use crate::identification::objective::Observation;
 use crate::identification::parallel::{in_parallel, n_cores};
-use crate::identification::parameters::{Parameter, Quantity};
+use crate::identification::parameters::moved;
 use crate::identification::search_space::SearchSpace;
 use crate::kinematics::batch::{
     Bound, Elimination, LANES, LaneRobots, Lanes, LowerBound, Moved, PreparedPoses,
@@ -278,20 +278,6 @@ pub fn lane_robots(space: &SearchSpace) -> LaneRobots {
         &reference.targets_mm,
         &moved,
     )
-}
-
-/// A parameter as the kernels know it.
-pub fn moved(parameter: &Parameter) -> Moved {
-    match *parameter {
-        Parameter::Link(link, Quantity::A) => Moved::A(link),
-        Parameter::Link(link, Quantity::Alpha) => Moved::Alpha(link),
-        Parameter::Link(link, Quantity::D) => Moved::D(link),
-        Parameter::Link(link, Quantity::ThetaOffset) => Moved::ThetaOffset(link),
-        Parameter::Link(link, Quantity::Beta) => Moved::Beta(link),
-        Parameter::BaseTranslation(axis) => Moved::BaseTranslation(axis),
-        Parameter::BaseRotation(axis) => Moved::BaseRotation(axis),
-        Parameter::Target(target, axis) => Moved::Target(target, axis),
-    }
 }
 
 impl SearchSpace {

@@ -87,8 +87,10 @@ impl MeasurementSetInput {
     /// # Errors
     /// [`crate::store::Error`].
     pub async fn read(store: &Store, id: &str) -> Result<Self> {
-        let (row, body) = measurement_sets::get_with_body(store, id).await?;
-        Ok(Self { row, body })
+        Ok(Self {
+            row: measurement_sets::get(store, id).await?,
+            body: measurement_sets::body(store, id).await?,
+        })
     }
 
     /// Parses the points.

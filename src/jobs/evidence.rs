@@ -1,17 +1,19 @@
-//! Evidence for a release: reads the facts of every job about a parameter set, and compares the set with the active one on the same points.
+//! Gathers the evidence for a release: the facts of every job about a parameter set, and the points to compare it with the active one.
 
+use crate::calibration::CalibrationRequest;
 use crate::calibration::request::VerifySource;
-use crate::calibration::{self, CalibrationRequest, judged};
 use crate::jobs::execution::request_of;
 use crate::jobs::{JobInputs, MeasurementSetInput};
+use crate::release::comparison::{
+    Compared, PointsToCompare, compare_on_set, compare_on_verify_subset, points_to_compare,
+};
 use crate::release::facts::repeats;
 use crate::release::{Comparison, Session};
 use crate::store::{ParameterSetRow, Result, Store, VerificationRow, jobs, verifications};
 use crate::wire::Problem;
-use crate::wire::measurement::MeasurementSet;
 use crate::wire::parameter_set::ParameterSetContent;
-use crate::wire::report_shape::{Evidence, Report};
-use crate::wire::verification::Verification;
+use crate::wire::report_excerpts::ReleaseExcerpt;
+use crate::wire::verification::{Verification, VerificationKind};
 
 /// Stored rows about a parameter set, not parsed yet.
 #[derive(Debug)]
@@ -34,8 +36,8 @@ struct ActiveSet {
 /// Parsed evidence for the gates.
 #[derive(Debug)]
 pub struct ParsedEvidence {
-    /// The identification's report.
-    pub report: Report,
+    /// What the gates read of the identification's report.
+    pub report: ReleaseExcerpt,
     /// Verification facts of the identification.
     pub identification: Verification,
     /// Number of the identification in the robot's counter.
@@ -50,8 +52,6 @@ pub struct ParsedEvidence {
     is_active_of_same_points: bool,
     /// Every session on which the set was scored, in order.
     pub sessions: Vec<Session>,
-    /// Job and measurement set of each upload on which the set is compared with the active one.
-    pub to_compare: Vec<(String, String)>,
     request: CalibrationRequest,
 }
 
@@ -124,24 +124,17 @@ pub fn parse(stored: EvidenceRows) -> std::result::Result<ParsedEvidence, Box<Pr
     }
     let mut identification = None;
     let mut sessions: Vec<Session> = Vec::new();
-    let mut to_compare: Vec<(String, String)> = Vec::new();
     for row in &stored.rows {
-        let found = verification(row);
-        if !found.is_session {
-            identification = Some((row.seq, found));
-            continue;
+        let verification = Verification::from(row);
+        match verification.kind {
+            VerificationKind::Identification => identification = Some((row.seq, verification)),
+            VerificationKind::Session => sessions.push(Session {
+                job_id: row.job_id.clone(),
+                measurement_set_id: row.measurement_set_id.clone(),
+                seq: row.seq,
+                verification,
+            }),
         }
-        let is_new = to_compare
-            .iter()
-            .all(|(_, set)| *set != row.measurement_set_id);
-        if found.evidence != Evidence::None && is_new {
-            to_compare.push((row.job_id.clone(), row.measurement_set_id.clone()));
-        }
-        sessions.push(Session {
-            job_id: row.job_id.clone(),
-            seq: row.seq,
-            verification: found,
-        });
     }
     let (identification_seq, identification) =
         identification.ok_or_else(|| broken("no facts of the identification"))?;
@@ -169,23 +162,26 @@ pub fn parse(stored: EvidenceRows) -> std::result::Result<ParsedEvidence, Box<Pr
             .map(|active| parsed(&active.content))
             .transpose()?,
         sessions,
-        to_compare,
         request,
     })
 }
 
-fn verification(row: &VerificationRow) -> Verification {
-    Verification {
-        is_session: row.is_session(),
-        n_points: usize::try_from(row.n_points).unwrap_or(0),
-        before_rms_mm: row.before_rms_mm,
-        after_rms_mm: row.after_rms_mm,
-        is_better: row.is_better == 1,
-        fit: row.fit,
-        evidence: row.evidence,
-        is_repeat: row.is_repeat == 1,
-        check_seq: row.check_seq,
-        uncertainty_mm: row.uncertainty_mm,
+impl ParsedEvidence {
+    /// The points on which the set is compared with the active one.
+    pub fn points_to_compare(&self) -> PointsToCompare {
+        match self.active {
+            Some(_) => points_to_compare(&self.sessions, &self.identification),
+            None => PointsToCompare::None,
+        }
+    }
+
+    /// The set and the active one, if there is one.
+    fn compared(&self) -> Option<Compared<'_>> {
+        Some(Compared {
+            request: &self.request,
+            content: &self.content,
+            active: self.active.as_ref()?,
+        })
     }
 }
 
@@ -193,73 +189,30 @@ fn verification(row: &VerificationRow) -> Verification {
 ///
 /// # Errors
 /// A problem if the upload cannot be parsed.
-pub fn compare_on(
+pub fn compare_on_session(
     parsed: &ParsedEvidence,
-    job_id: &str,
+    session: &Session,
     upload: &MeasurementSetInput,
 ) -> std::result::Result<Option<Comparison>, Box<Problem>> {
     let set = upload
         .parse(parsed.request.robot.links.len())
         .map_err(|_| broken(&format!("the upload {}", upload.row.id)))?;
-    Ok(compare(parsed, format!("session of job {job_id}"), &set))
+    let points = format!("session of job {}", session.job_id);
+    Ok(parsed
+        .compared()
+        .map(|compared| compare_on_set(compared, points, &set)))
 }
 
-/// Errors of both on the points that were held out when the set was identified. If these are of the same upload, the set's are those of the fit
-/// that had not seen them; unless the active set was identified from these points too: then each is scored as it is delivered.
+/// Errors of both on the points that were held out when the set was identified; `None` if no other set is active.
 pub fn compare_on_held_out(parsed: &ParsedEvidence) -> Option<Comparison> {
-    let points = "the points held out".to_string();
+    let (compared, points) = (parsed.compared()?, "the points held out".to_owned());
     if let VerifySource::Set(set) = &parsed.request.verify {
-        return compare(parsed, points, set);
+        return Some(compare_on_set(compared, points, set));
     }
-    let active = parsed.active.as_ref()?;
-    let errors_mm = |content: &ParameterSetContent| {
-        let robot = content.identified_robot(None);
-        calibration::errors_on_verify_subset_mm(&parsed.request, &robot)
-            .map_err(|error| error.to_string())
-    };
-    let both = || {
-        let active_mm = errors_mm(active)?;
-        let own_mm = match parsed.is_active_of_same_points {
-            true => errors_mm(&parsed.content)?
-                .into_iter()
-                .map(|e| [e, e])
-                .collect(),
-            false => parsed
-                .report
-                .verify_errors_mm()
-                .into_iter()
-                .map(|[_, links, corrected]| [links, corrected])
-                .collect::<Vec<_>>(),
-        };
-        let pairs = active_mm.into_iter().zip(own_mm);
-        Ok(robust_rms_mm(pairs.map(|(active, [links, corrected])| {
-            [active, links, corrected]
-        })))
-    };
-    let rms_mm = both();
-    Some(Comparison { points, rms_mm })
-}
-
-fn compare(parsed: &ParsedEvidence, points: String, set: &MeasurementSet) -> Option<Comparison> {
-    let active = parsed.active.as_ref()?;
-    let errors_mm = |content: &ParameterSetContent| {
-        calibration::errors_mm(&parsed.request, set, &content.identified_robot(None))
-            .map_err(|error| error.to_string())
-    };
-    let both = || {
-        let errors_mm = errors_mm(active)?
-            .into_iter()
-            .zip(errors_mm(&parsed.content)?);
-        Ok(robust_rms_mm(
-            errors_mm.map(|(active, own)| [active, own, own]),
-        ))
-    };
-    let rms_mm = both();
-    Some(Comparison { points, rms_mm })
-}
-
-/// rms of the set and of the active one, mm, from each point's errors: of the active set, of the set's links, and of those with corrections.
-fn robust_rms_mm(errors_mm: impl Iterator<Item = [f64; 3]>) -> (f64, f64) {
-    let judged = judged(&errors_mm.collect::<Vec<_>>());
-    (judged.after_rms_mm, judged.before_rms_mm)
+    let verified_mm = (!parsed.is_active_of_same_points).then(|| {
+        let errors_mm = parsed.report.verify_errors_mm();
+        let without_nominal = |[_, links, corrected]: [f64; 3]| [links, corrected];
+        errors_mm.into_iter().map(without_nominal).collect()
+    });
+    Some(compare_on_verify_subset(compared, points, verified_mm))
 }

@@ -6,8 +6,11 @@ use crate::calibration::request::{PreviousSession, VerifySource};
 use crate::calibration::{
     self, CalibrationReport, CalibrationRequest, Event, HeldOut, calibrate, is_anew,
 };
+use crate::jobs::result_check;
 use crate::jobs::{JobFailure, JobInputs, JobOutcome, ParameterSetInput, Progress};
-use crate::release::facts::{MeasuredSince, identification_facts, repeats, session_facts};
+use crate::release::facts::{
+    MeasuredSince, evidence_of, identification_facts, repeats, session_facts,
+};
 use crate::store::{NewNetwork, NewParameterSet};
 use crate::wire::frames::FramesContent;
 use crate::wire::job::{JobParts, JobRequestBody, Kind};
@@ -70,9 +73,14 @@ pub fn compute(
             sha256: content.sha256().map_err(broken)?,
         }),
         residual_network: residual_network_file(&calibrated.core)?
-            .map(new_network)
-            .transpose()?,
-        network: calibrated.network.map(new_network).transpose()?,
+            .map(NewNetwork::try_from)
+            .transpose()
+            .map_err(broken)?,
+        network: calibrated
+            .network
+            .map(NewNetwork::try_from)
+            .transpose()
+            .map_err(broken)?,
         result_sha256: report.result_sha256,
     })
 }
@@ -174,7 +182,7 @@ impl Calibrated {
         &self,
         job_id: &str,
         parameter_set_from: Option<&str>,
-        verify_set_is_another: bool,
+        is_another_session: bool,
         insisted_on: Option<&str>,
     ) -> Result<Report, serde_json::Error> {
         let run = RunContext {
@@ -187,7 +195,7 @@ impl Calibrated {
                 .iter()
                 .map(|other| self.clock.stage_ms(other.stage))
                 .collect(),
-            verify_set_is_another,
+            evidence: evidence_of(&self.core, insisted_on.is_some(), is_another_session),
             network_sha256: self.network.as_ref().map(|network| network.sha256.as_str()),
             insisted_on,
         };
@@ -251,11 +259,11 @@ fn run_timed(
         calibration::Error::Unusable { code, detail } => failed(&Problem::new(422, code, detail)),
     })?;
     clock.stop();
-    if !report::is_finite(&core) {
+    if !result_check::is_finite(&core) {
         let detail = "the result holds a number that is not finite; nothing was kept. Look for a row with a wild value in the set";
         return Err(failed(&Problem::new(422, "result_not_finite", detail)));
     }
-    if !report::has_plausible_size(&core) {
+    if !result_check::has_plausible_size(&core) {
         let detail = "the fit ran away to links or targets of more than 10 m; nothing was kept. Look for rows whose joints and position do not belong \
                       together";
         return Err(failed(&Problem::new(422, "fit_diverged", detail)));
@@ -318,16 +326,6 @@ fn residual_network_file(core: &CalibrationReport) -> Result<Option<StoredNetwor
     safetensors::write_residual(network, origin)
         .map(Some)
         .map_err(broken)
-}
-
-fn new_network(network: StoredNetwork) -> Result<NewNetwork, JobFailure> {
-    Ok(NewNetwork {
-        model: network.metadata.model.as_str().into(),
-        preset: network.metadata.preset.as_str().into(),
-        metadata_json: serde_json::to_string(&network.metadata).map_err(broken)?,
-        weights: network.bytes,
-        weights_sha256: network.sha256,
-    })
 }
 
 /// Converts stored inputs to the core's request.

@@ -6,7 +6,8 @@ use crate::calibration::{
 };
 use crate::jobs::JobInputs;
 use crate::jobs::execution::{request_of, run_verification, since};
-use crate::release::{self, facts::identification_facts};
+use crate::jobs::queue;
+use crate::release::facts::identification_facts;
 use crate::store::{Result, Store, jobs, robots, verifications};
 use crate::wire::job::Kind;
 use crate::wire::measurement::{Subset, Warning};
@@ -44,7 +45,7 @@ pub async fn backfill_missing(store: &Store) -> Result<()> {
 async fn store_facts(store: &Store, job_id: &str, found: &Verification) -> Result<()> {
     let mut tx = store.begin().await?;
     robots::lock_of_job(&mut tx, job_id).await?;
-    verifications::insert(&mut tx, job_id, found, release::supports(found)).await?;
+    queue::record_facts(&mut tx, job_id, found).await?;
     tx.commit().await
 }
 

@@ -13,6 +13,7 @@ mod pool;
 mod progress;
 pub mod queue;
 mod relay;
+mod result_check;
 mod run_alone;
 mod worker;
 

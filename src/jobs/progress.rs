@@ -1,6 +1,7 @@
 //! Signals of new jobs and cancellations to workers, and of changes to long polls and event streams. Signals only shorten waiting: the state is
 //! always read from the database, and listeners also poll, because a signal may be lost.
 
+use std::fmt;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -29,19 +30,21 @@ pub(super) enum Signal {
     Unknown,
 }
 
-impl Signal {
-    /// The text sent to other processes.
-    pub(super) fn to_text(&self) -> String {
+/// The text sent to other processes.
+impl fmt::Display for Signal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Signal::Enqueued => "enqueued".into(),
-            Signal::Changed(id) => format!("changed {id}"),
-            Signal::CancelRequested(id) => format!("cancel {id}"),
-            Signal::Unknown => "anything".into(),
+            Signal::Enqueued => f.write_str("enqueued"),
+            Signal::Changed(id) => write!(f, "changed {id}"),
+            Signal::CancelRequested(id) => write!(f, "cancel {id}"),
+            Signal::Unknown => f.write_str("anything"),
         }
     }
+}
 
-    /// Parses a text of another process. An unknown text, from a newer version, is [`Signal::Unknown`].
-    pub(super) fn from_text(text: &str) -> Signal {
+/// A text of another process. An unknown text, from a newer version, is [`Signal::Unknown`].
+impl From<&str> for Signal {
+    fn from(text: &str) -> Self {
         match text.split_once(' ') {
             None if text == "enqueued" => Signal::Enqueued,
             Some(("changed", id)) => Signal::Changed(id.into()),

@@ -1,12 +1,13 @@
 //! The queue's rules on top of the job table.
 
 use super::{JobOutcome, JobSignals};
-use crate::release;
+use crate::release::{self, CheckStateChange};
 use crate::store::{
     Expired, JobRow, Lease, NewJob, Result, Store, Tx, jobs, leases, networks, parameter_sets,
     robots, verifications,
 };
 use crate::wire::Problem;
+use crate::wire::verification::Verification;
 
 /// Most waiting jobs of one robot: days of work for all workers.
 pub const MAX_WAITING_JOBS_PER_ROBOT: i64 = 10_000;
@@ -58,7 +59,7 @@ pub async fn finish(store: &Store, lease: &Lease, outcome: &JobOutcome) -> Resul
         parameter_sets::insert(&mut tx, &lease.job_id, parameter_set).await?;
     }
     if let Some(found) = &outcome.verification {
-        verifications::insert(&mut tx, &lease.job_id, found, release::supports(found)).await?;
+        record_facts(&mut tx, &lease.job_id, found).await?;
     }
     // The residual network is stored first: lists are newest first, and clients take the first network of a job for `network_id`.
     if let Some(network) = &outcome.residual_network {
@@ -68,6 +69,23 @@ pub async fn finish(store: &Store, lease: &Lease, outcome: &JobOutcome) -> Resul
         networks::insert(&mut tx, &lease.job_id, network).await?;
     }
     tx.commit().await
+}
+
+/// Stores what a job found about a parameter set, and what follows for the robot's state. The transaction has locked the robot's row.
+///
+/// # Errors
+/// [`crate::store::Error::Database`].
+pub async fn record_facts(tx: &mut Tx, job_id: &str, found: &Verification) -> Result<()> {
+    let Some(row) = verifications::insert(tx, job_id, found).await? else {
+        return Ok(());
+    };
+    match release::check_state_change(&Verification::from(&row)) {
+        Some(CheckStateChange::Begins) => {
+            robots::begin_check(tx, &row.robot_id, job_id, row.seq).await
+        }
+        Some(CheckStateChange::Ends) => robots::end_check(tx, &row.robot_id, job_id).await,
+        None => Ok(()),
+    }
 }
 
 /// Ends a job as failed, with problem details.

@@ -45,9 +45,7 @@ async fn send(store: Store, mut sent: broadcast::Receiver<Signal>, process: Stri
             }
         }
         for signal in batch {
-            if let Err(error) =
-                notices::send(&store, &format!("{process} {}", signal.to_text())).await
-            {
+            if let Err(error) = notices::send(&store, &format!("{process} {signal}")).await {
                 tracing::warn!(error = %error.cause(), "signals could not be sent to other nodes; those poll instead");
                 break;
             }
@@ -81,7 +79,7 @@ async fn receive_from_one_connection(
         };
         match notice.split_once(' ') {
             Some((from, _)) if from == process => {}
-            Some((_, text)) => signals.deliver(Signal::from_text(text)),
+            Some((_, text)) => signals.deliver(text.into()),
             None => signals.deliver(Signal::Unknown),
         }
     }

@@ -25,17 +25,6 @@ impl Frame {
     }
 }
 
-impl TryFrom<String> for Frame {
-    type Error = String;
-
-    fn try_from(text: String) -> Result<Self, String> {
-        [Self::Base, Self::Instrument]
-            .into_iter()
-            .find(|frame| frame.as_str() == text)
-            .ok_or_else(|| format!("unknown frame {text:?}"))
-    }
-}
-
 /// Which half of a set a point belongs to.
 #[derive(
     Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize, ToSchema,

@@ -5,7 +5,7 @@ use crate::identification::identifiability::prior_scale;
 use crate::identification::objective::{Observation, weighted_jacobian};
 use crate::identification::parameters::Parameter;
 use crate::identification::workspace::ToolUncertainty;
-use crate::planning::{PlanRequest, nominal, parameters};
+use crate::planning::request::{PlanRequest, nominal, parameters};
 use nalgebra::{DMatrix, Vector3};
 
 /// The reflector on the nominal robot, and the parameters that decide where it is.

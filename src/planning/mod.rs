@@ -3,16 +3,15 @@
 mod design;
 mod information;
 mod order;
+mod request;
 mod room;
 
+pub use request::PlanRequest;
 pub use room::{BaseCylinder, Room};
 
 use crate::identification::identifiability::{decompose, prior_scale};
 use crate::identification::objective::{Observation, weighted_jacobian};
-use crate::identification::parameters::{Parameter, complete_parameters, paper_parameters};
 use crate::identification::workspace::{ToolUncertainty, random_configurations};
-use crate::identification::{KinematicModel, Model};
-use crate::kinematics::Robot;
 use design::Design;
 use information::{Tool, of_measured};
 use nalgebra::{DMatrix, Vector3};
@@ -23,31 +22,6 @@ const N_WORKSPACE: usize = 256;
 const WORKSPACE_SEED: u64 = 0;
 /// Random configurations that are tried for each candidate that is wanted.
 const TRIES: usize = 20;
-
-/// What is to be planned.
-#[derive(Clone, Debug, PartialEq)]
-pub struct PlanRequest<'a> {
-    /// The robot with its nominal links and joint limits.
-    pub robot: &'a Robot,
-    /// The model that will be identified.
-    pub model: Model,
-    /// Where the reflector will be, in the flange frame, mm.
-    pub target_mm: Vector3<f64>,
-    /// Configurations in the plan, repeats included.
-    pub n_configurations: usize,
-    /// Of them, how many of the first are measured again at the end.
-    pub n_repeats: usize,
-    /// Random configurations to choose from.
-    pub n_candidates: usize,
-    /// Standard deviation of a measured coordinate, mm.
-    pub noise_std_mm: f64,
-    /// Seed of the candidates.
-    pub seed: u64,
-    /// Where the robot may go.
-    pub room: Room,
-    /// What was measured already: each session's points.
-    pub measured: Vec<Vec<Observation>>,
-}
 
 /// One configuration of a plan.
 #[derive(Clone, Debug, PartialEq)]
@@ -145,14 +119,6 @@ pub fn plan(request: &PlanRequest<'_>) -> Result<Plan, TooLittleRoom> {
     })
 }
 
-/// The free parameters of a model with some targets.
-fn parameters(robot: &Robot, model: Model, n_targets: usize) -> Vec<Parameter> {
-    match model {
-        Model::Paper => paper_parameters(robot.links.len()),
-        Model::Complete => complete_parameters(robot.links.len(), n_targets),
-    }
-}
-
 /// Random configurations that keep to the room, the controller's joint values, rad.
 struct Candidates {
     q: Vec<Vec<f64>>,
@@ -226,12 +192,4 @@ fn observability(
         .zip(&scale)
         .for_each(|(mut column, s)| column *= s / root);
     decompose(jacobian, &scale).observability_index_o1()
-}
-
-/// The nominal robot at its base, with one target.
-fn nominal(robot: &Robot, targets_mm: Vec<Vector3<f64>>) -> KinematicModel {
-    KinematicModel {
-        targets_mm,
-        ..KinematicModel::nominal(&robot.links, 0)
-    }
 }

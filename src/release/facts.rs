@@ -1,15 +1,18 @@
 //! The facts that the gates read, and how a job's report becomes facts.
 
 use crate::calibration::{
-    CalibrationRequest, DOES_NOT_FIT, Judged, SET_FAR_OFF, judged, repeated_rows,
+    CalibrationReport, CalibrationRequest, DOES_NOT_FIT, Judged, SET_FAR_OFF, judged, repeated_rows,
 };
 use crate::kinematics::Robot;
 use crate::measurement::MeasurementSet;
+use crate::release::comparison::Comparison;
+use crate::release::sessions::Session;
 use crate::wire::measurement::Subset;
 use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::policy::PolicyBody;
+use crate::wire::report_excerpts::ReleaseExcerpt;
 use crate::wire::report_shape::{Evidence, Report, WRONG_ROBOT};
-use crate::wire::verification::{Fit, Verification};
+use crate::wire::verification::{Fit, Verification, VerificationKind};
 use std::collections::BTreeSet;
 
 /// Fewest points of a verification; fewer are no evidence.
@@ -23,6 +26,9 @@ const MIN_CONFIGURATIONS: usize = 5;
 /// Share of rows repeated from earlier uploads above which a session counts as a repeat.
 const MAX_REPEATED: f64 = 0.1;
 
+/// Fit of an identification whose set describes no robot. Later sessions are not compared with such a set.
+pub const DESCRIBES_NO_ROBOT: Fit = Fit::SetFarOff;
+
 /// Whether points were measured since the robot's last session that did not fit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MeasuredSince {
@@ -30,41 +36,6 @@ pub struct MeasuredSince {
     pub check_seq: i64,
     /// Whether the points repeat uploads from before that session ([`repeats`]), or this could not be decided.
     pub is_repeat: bool,
-}
-
-/// A job that scored the set on another session. Lists are in the order of the robot's counter.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Session {
-    /// The job.
-    pub job_id: String,
-    /// Its number in the robot's counter.
-    pub seq: i64,
-    /// Its verification facts.
-    pub verification: Verification,
-}
-
-/// Whether a session supports a release: its points were measured anew and fit the robot, and the set is better than nominal on them.
-pub fn supports(session: &Verification) -> bool {
-    session.is_session
-        && session.evidence == Evidence::IndependentSession
-        && session.fit == Fit::Fits
-        && session.is_better
-}
-
-impl Session {
-    /// Whether the session supports the set, comes after this number of the robot's counter, and repeats no earlier upload.
-    pub fn supports_since(&self, seq: i64) -> bool {
-        self.seq > seq && supports(&self.verification) && !self.verification.is_repeat
-    }
-}
-
-/// Errors of the set and of the robot's active one on the same points.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Comparison {
-    /// Description of the points.
-    pub points: String,
-    /// rms of the set and of the active one, mm; or the reason why there is none.
-    pub rms_mm: Result<(f64, f64), String>,
 }
 
 /// All inputs of the gates.
@@ -79,7 +50,7 @@ pub struct Facts<'a> {
     /// Number of the robot's counter at its last `checked` request, whose reason explains all sessions up to then; 0 for none.
     pub checked_seq: i64,
     /// Report of the job that identified the set; it has the nominal model of that job.
-    pub report: &'a Report,
+    pub report: &'a ReleaseExcerpt,
     /// Verification facts of that job.
     pub identification: &'a Verification,
     /// Its number in the robot's counter.
@@ -144,6 +115,22 @@ impl Facts<'_> {
     }
 }
 
+/// Strength of a report's verification: whether its points to verify say anything of the robot, nobody overrode a refusal of its uploads, and the
+/// points come from another session.
+pub fn evidence_of(
+    core: &CalibrationReport,
+    is_insisted_on: bool,
+    is_another_session: bool,
+) -> Evidence {
+    if is_insisted_on || !core.is_evidence() {
+        Evidence::None
+    } else if is_another_session {
+        Evidence::IndependentSession
+    } else {
+        Evidence::SameUpload
+    }
+}
+
 /// Facts of a job that identified a set, from its report. If the set to verify on does not fit the robot, its points are no evidence, and the job
 /// counts as one without held-out points.
 pub fn identification_facts(
@@ -154,18 +141,18 @@ pub fn identification_facts(
     let is_misfit = has_warning(report, DOES_NOT_FIT);
     let n_points = report.verify.filter(|_| !is_misfit);
     let n_points = n_points.map_or(0, |verify| verify.n_points);
-    let judged = match n_points {
-        0 => judged_on_fitted(report),
+    let comparison = match n_points {
+        0 => comparison_on_fitted(report),
         _ => report.robust_comparison(),
     };
     let is_far_off = has_warning(report, SET_FAR_OFF)
         || WRONG_ROBOT.iter().any(|code| has_warning(report, code));
     Verification {
-        is_session: false,
+        kind: VerificationKind::Identification,
         n_points,
-        before_rms_mm: Some(judged.before_rms_mm),
-        after_rms_mm: Some(judged.after_rms_mm),
-        is_better: n_points > 0 && judged.is_better(),
+        before_rms_mm: Some(comparison.before_rms_mm),
+        after_rms_mm: Some(comparison.after_rms_mm),
+        is_better: n_points > 0 && comparison.is_better(),
         fit: if is_misfit {
             Fit::DoesNotFit
         } else if is_far_off {
@@ -192,7 +179,7 @@ pub fn session_facts(
     report: &Report,
     since: MeasuredSince,
 ) -> Verification {
-    let judged = report.robust_comparison();
+    let comparison = report.robust_comparison();
     let fit = if has_warning(report, DOES_NOT_FIT) {
         Fit::DoesNotFit
     } else if has_warning(report, SET_FAR_OFF) {
@@ -208,11 +195,11 @@ pub fn session_facts(
         && !has_warning(report, INSISTED)
         && !has_warning(report, TOO_MANY_OUTLIERS);
     Verification {
-        is_session: true,
+        kind: VerificationKind::Session,
         n_points: report.verify.map_or(0, |verify| verify.n_points),
-        before_rms_mm: Some(judged.before_rms_mm),
-        after_rms_mm: Some(judged.after_rms_mm),
-        is_better: judged.is_better(),
+        before_rms_mm: Some(comparison.before_rms_mm),
+        after_rms_mm: Some(comparison.after_rms_mm),
+        is_better: comparison.is_better(),
         fit,
         evidence: if counts {
             report.evidence
@@ -234,7 +221,7 @@ pub fn repeats(robot: &Robot, earlier: &[MeasurementSet], session: &MeasurementS
     repeated.len() as f64 > MAX_REPEATED * session.points.len() as f64
 }
 
-fn judged_on_fitted(report: &Report) -> Judged {
+fn comparison_on_fitted(report: &Report) -> Judged {
     let fitted = report
         .per_point
         .iter()

@@ -1,10 +1,12 @@
 //! The gates that a parameter set must pass before it may move a robot.
 
-use crate::release::facts::{Facts, INSISTED, MIN_VERIFY_POINTS, supports};
+use crate::release::comparison::ComparedRms;
+use crate::release::facts::{Facts, INSISTED, MIN_VERIFY_POINTS};
 use crate::release::robot_gates::{change, identity, orientation};
 use crate::release::session_gates::{
     better_than_nominal, check_robot, measured_since_check, sessions_fit,
 };
+use crate::release::sessions::supports;
 use crate::release::texts::{errors_in_words, sessions};
 use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::release::Gate;
@@ -191,8 +193,11 @@ fn better_than_active(facts: &Facts<'_>) -> Gate {
     let mut details = Vec::new();
     let (mut passed, mut changed) = (!facts.comparisons.is_empty(), false);
     for comparison in facts.comparisons {
-        match &comparison.rms_mm {
-            Ok((own, active)) => {
+        match &comparison.rms {
+            Ok(ComparedRms {
+                set_mm: own,
+                active_mm: active,
+            }) => {
                 passed &= *own <= active + SAME_MM;
                 changed |= *active > CHANGED * own + SAME_MM;
                 details.push(format!(

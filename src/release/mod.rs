@@ -1,13 +1,20 @@
 //! Conditions under which a parameter set may move a robot: pure functions over facts. `jobs` gathers the facts, `store` stores them. The schema's
 //! triggers enforce the most important conditions whatever the code does.
 
+mod check_state;
+pub mod comparison;
+mod decision;
 pub mod facts;
 mod gates;
 mod robot_gates;
 mod session_gates;
+mod sessions;
 mod texts;
 mod trend;
 
-pub use facts::{Comparison, Facts, Session, supports};
-pub use gates::gates;
-pub use trend::{ScoredSession, trend};
+pub use check_state::{CheckStateChange, check_state_change};
+pub use comparison::Comparison;
+pub use decision::{Decision, decide};
+pub use facts::Facts;
+pub use sessions::Session;
+pub use trend::{ScoredJob, ScoredSession, scored_sessions, trend};

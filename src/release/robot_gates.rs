@@ -1,8 +1,9 @@
 //! The gates that compare a set with the robot: its identity, how much the parameters change, and whether its orientation is known.
 
-use crate::calibration::{MAX_FLANGE_ROTATION_STD_RAD, implausible_changes};
+use crate::calibration::{BASE_FRAME_OFF, MAX_FLANGE_ROTATION_STD_RAD, implausible_changes};
 use crate::release::facts::Facts;
 use crate::release::texts::verify_request;
+use crate::wire::parameter_set::shown_by_positions;
 use crate::wire::release::Gate;
 use crate::wire::report_shape::Evidence;
 
@@ -69,14 +70,22 @@ pub fn change(facts: &Facts<'_>) -> Gate {
         None => (facts.robot.links.clone(), "the nominal robot"),
     };
     let changes = implausible_changes(&facts.content.kinematic_links(), &reference);
-    if changes.is_empty() {
+    let mut warnings = facts.report.warnings.iter();
+    let base = warnings.find(|warning| warning.code == BASE_FRAME_OFF);
+    let of_links =
+        (!changes.is_empty()).then(|| format!("against {name} it changes {}", changes.join(", ")));
+    let found: Vec<String> = of_links
+        .into_iter()
+        .chain(base.map(|warning| warning.detail.clone()))
+        .collect();
+    if found.is_empty() {
         return Gate::new(
             "change_plausible",
             true,
             format!("no parameter is far from {name}"),
         );
     }
-    let found = format!("against {name} it changes {}", changes.join(", "));
+    let found = found.join("; ");
     if let Some(std_deg) = orientation_unknown_deg(facts).filter(|_| !facts.is_rollback) {
         let detail = format!(
             "{found}, and the measured positions do not show how the flange is turned ({std_deg:.1}°, one standard deviation): no reason \
@@ -106,21 +115,37 @@ pub fn change(facts: &Facts<'_>) -> Gate {
     }
 }
 
-/// One standard deviation of the flange's rotation, degrees, if it is so large that the orientation counts as unknown.
+/// One standard deviation of the flange's rotation, degrees, if it is so large that the orientation counts as unknown. The zero of the last joint
+/// is not counted: it turns the tool about the last axis and says nothing against the other links.
 fn orientation_unknown_deg(facts: &Facts<'_>) -> Option<f64> {
-    let std_deg = facts.report.flange_rotation_std_deg?;
+    let report = &facts.report;
+    let std_deg = shown_by_positions(
+        report.flange_rotation_std_deg?,
+        report.last_joint_zero_std_deg,
+    );
     (std_deg.to_radians() > MAX_FLANGE_ROTATION_STD_RAD).then_some(std_deg)
 }
 
 /// Points of one upload fit equally well with a wrongly rotated flange. Another session shows at least that the reflector's positions are right.
 pub fn orientation(facts: &Facts<'_>) -> Gate {
     let name = "orientation_known";
-    let Some(std_deg) = orientation_unknown_deg(facts) else {
+    let most_deg = MAX_FLANGE_ROTATION_STD_RAD.to_degrees();
+    let Some(std_deg) = facts
+        .report
+        .flange_rotation_std_deg
+        .filter(|std_deg| *std_deg > most_deg)
+    else {
         return Gate::new(name, true, "the orientation of the flange is not in doubt");
     };
-    let found = format!(
-        "the measured positions do not show how the flange is turned ({std_deg:.1}°, one standard deviation)"
-    );
+    let found = match orientation_unknown_deg(facts) {
+        Some(_) => format!(
+            "the measured positions do not show how the flange is turned ({std_deg:.1}°, one standard deviation)"
+        ),
+        None => format!(
+            "positions never show the zero of the last joint, and the zeros of the other joints are off so far that the flange may be turned by \
+             {std_deg:.1}° (one standard deviation); a prior on its theta_offset would say more"
+        ),
+    };
     if facts.is_rollback {
         return Gate::new(name, true, format!("{found}; the set was active before")).warned(true);
     }

@@ -1,6 +1,7 @@
 //! The gates that depend on other sessions, both those that fit the robot and those that do not.
 
-use crate::release::facts::{Facts, Session};
+use crate::release::facts::Facts;
+use crate::release::sessions::Session;
 use crate::release::texts::{CHECKED, errors_in_words, sessions, verify_request};
 use crate::wire::release::Gate;
 use crate::wire::verification::Fit;

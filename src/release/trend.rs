@@ -2,7 +2,13 @@
 
 use crate::identification::distributions::t_half_width;
 use crate::wire::trend::Trend;
+use crate::wire::verification::{Fit, Verification, VerificationKind};
+use std::collections::BTreeSet;
 
+/// Most sessions in a trend; older ones are left out.
+const MAX_SESSIONS: usize = 200;
+/// Milliseconds of a day.
+const DAY_MS: f64 = 86_400_000.0;
 /// Fewest sessions of a trend: the line has two parameters, and its interval needs more points than that.
 const MIN_SESSIONS: usize = 4;
 /// Shortest time between the first and the last session, days.
@@ -21,6 +27,39 @@ pub struct ScoredSession {
     pub day: f64,
     /// The error, mm.
     pub rms_mm: f64,
+}
+
+/// What one job found about the released set.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ScoredJob {
+    /// When it was posted, in milliseconds since a fixed moment.
+    pub created_at_ms: i64,
+    /// Its measurement set.
+    pub measurement_set_id: String,
+    /// What it found.
+    pub verification: Verification,
+}
+
+/// The errors of the released set on its own held-out points and on later sessions; the newest, if there are many. `own_uploads` are those that the
+/// set was identified and verified with. Each upload counts once, with its first score, which is nearest to the time of measurement. Points that do
+/// not fit the robot do not count.
+pub fn scored_sessions(jobs: &[ScoredJob], own_uploads: &[String]) -> Vec<ScoredSession> {
+    let mut uploads: BTreeSet<&str> = own_uploads.iter().map(String::as_str).collect();
+    let mut scored = Vec::new();
+    for job in jobs {
+        let found = &job.verification;
+        if found.kind == VerificationKind::Session && !uploads.insert(&job.measurement_set_id) {
+            continue;
+        }
+        let counts = found.fit != Fit::DoesNotFit && found.n_points > 0;
+        let rms_mm = found.after_rms_mm.filter(|_| counts);
+        scored.extend(rms_mm.map(|rms_mm| ScoredSession {
+            day: job.created_at_ms as f64 / DAY_MS,
+            rms_mm,
+        }));
+    }
+    let newest = scored.len().saturating_sub(MAX_SESSIONS);
+    scored.split_off(newest)
 }
 
 /// The straight line through the errors by least squares. `limit_mm` comes from the robot's policy, if it has one.

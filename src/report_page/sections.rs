@@ -100,7 +100,7 @@ pub fn facts(sources: &Sources<'_>) -> Markup {
             }
             @if let Some(why) = &report.tool_uncertainty_absent_because { (fact("Uncertainty", &format!("not stated: {why}"))) }
             @if let Some(std_deg) = report.flange_rotation_std_deg {
-                (fact("Rotation of the flange", &format!("known to {}° (one standard deviation over the workspace, under what is known of robots beforehand; without the zero of the last joint, which positions cannot tell from a turned tool)", number(std_deg))))
+                (fact("Rotation of the flange", &format!("known to {}° (one standard deviation over the workspace, under what is known of robots beforehand{})", number(std_deg), last_joint_zero(report))))
             }
             @if let Some(error_model) = report.error_model {
                 (fact("Scatter of the points", &format!("{} mm (one standard deviation of a coordinate)", number(error_model.noise_std_mm))))
@@ -109,6 +109,16 @@ pub fn facts(sources: &Sources<'_>) -> Markup {
             @if let Some(finished_at) = sources.job.and_then(|job| job.finished_at.as_deref()) { (fact("Finished", &time(finished_at))) }
         }
     }
+}
+
+fn last_joint_zero(report: &Report) -> String {
+    let Some(std_deg) = report.last_joint_zero_std_deg else {
+        return String::new();
+    };
+    format!(
+        "; {}° of it is the zero of the last joint, which positions never show",
+        number(std_deg)
+    )
 }
 
 /// The model and what the points determine. The rank counts combinations of parameters; a parameter may be part of several.

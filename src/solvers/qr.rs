@@ -65,6 +65,17 @@ pub fn triangularise(matrix: &mut [f64], n_rows: usize, rhs: &mut [f64]) {
     }
 }
 
+/// Length of a vector.
+pub fn norm(x: &[f64]) -> f64 {
+    squares(x).sqrt()
+}
+
+/// Sum of squares.
+#[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl+fma", "x86_64+avx2+fma"))]
+pub fn squares(x: &[f64]) -> f64 {
+    dot(x, x)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 use super::audit::{Audited, ExpectedEntry};
 use super::database::new_id;
 use super::from_row::from_row;
-use super::{Page, PageRequest, Result, Store, Tx};
+use super::{AuditEvent, Page, PageRequest, Result, Store, Tx};
 
 /// An API key.
 #[derive(Clone, Debug, PartialEq)]
@@ -94,9 +94,6 @@ const BY_ID: &str = concat!(
     " from api_key where id > $1 order by id limit cast($2 as bigint)"
 );
 
-const CREATED: &str = "key_created";
-const REVOKED: &str = "key_revoked";
-
 fn as_created(row: &ApiKeyRow) -> Value {
     json!({"name": row.name, "scopes": row.scopes_json, "robots": row.robots_json, "key_sha256": row.key_sha256,
         "created_at_ms": row.created_at_ms})
@@ -115,11 +112,12 @@ impl Audited for ApiKeyRow {
     }
 
     fn expected_entries(&self) -> Vec<ExpectedEntry> {
-        let created = ExpectedEntry::created(CREATED, self.created_at_ms, as_created(self));
+        let created =
+            ExpectedEntry::created(AuditEvent::KeyCreated, self.created_at_ms, as_created(self));
         vec![
             created,
             ExpectedEntry {
-                event: REVOKED,
+                event: AuditEvent::KeyRevoked,
                 now: as_revoked(self),
                 by: None,
             },
@@ -139,7 +137,7 @@ pub async fn insert(tx: &mut Tx, new: &NewApiKey) -> Result<ApiKeyRow> {
         .bind(&new.scopes_json)
         .bind(new.robots_json.as_deref());
     let row: ApiKeyRow = query.fetch_one(tx.connection()).await?;
-    tx.audit(CREATED, &row.id, as_created(&row));
+    tx.audit(AuditEvent::KeyCreated, &row.id, as_created(&row));
     Ok(row)
 }
 
@@ -189,7 +187,7 @@ pub async fn revoke(tx: &mut Tx, id: &str) -> Result<ApiKeyRow> {
         .fetch_one(tx.connection())
         .await?;
     if let Some((_, detail)) = as_revoked(&row) {
-        tx.audit(REVOKED, &row.id, detail);
+        tx.audit(AuditEvent::KeyRevoked, &row.id, detail);
     }
     Ok(row)
 }

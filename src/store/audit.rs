@@ -5,7 +5,7 @@ use sqlx::FromRow;
 use sqlx::any::AnyRow;
 
 use super::audit_chain::{AuditHead, AuditRow, HEAD};
-use super::{Result, Store};
+use super::{AuditEvent, Result, Store};
 
 /// Rows with entries in the audit chain. The same function computes an entry's content when it is written and when `verify-store` compares
 /// it with the row.
@@ -23,7 +23,7 @@ pub(super) trait Audited: for<'r> FromRow<'r, AnyRow> + Send + Unpin {
 /// Expected content of an entry.
 #[derive(Debug)]
 pub(super) struct ExpectedEntry {
-    pub(super) event: &'static str,
+    pub(super) event: AuditEvent,
     /// Time and fields; none if the event has not happened. The meaning of a field never changes, because old entries stay: new facts get new
     /// fields.
     pub(super) now: Option<(i64, Value)>,
@@ -32,7 +32,7 @@ pub(super) struct ExpectedEntry {
 }
 
 impl ExpectedEntry {
-    pub(super) fn created(event: &'static str, at_ms: i64, detail: Value) -> Self {
+    pub(super) fn created(event: AuditEvent, at_ms: i64, detail: Value) -> Self {
         ExpectedEntry {
             event,
             now: Some((at_ms, detail)),
@@ -41,16 +41,13 @@ impl ExpectedEntry {
     }
 }
 
-pub(super) const ALL_QUERIES: &[&str] = &[LIST, ACTOR, DETAIL];
+pub(super) const ALL_QUERIES: &[&str] = &[LIST, ACTOR];
 
 const LIST: &str = "
     select seq, at_ms, actor, event, subject, detail_json, sha256 from audit where seq > $1 order by seq limit cast($2 as bigint)";
 
 const ACTOR: &str =
     "select actor from audit where subject = $1 and event = $2 order by seq limit 1";
-
-const DETAIL: &str =
-    "select detail_json from audit where subject = $1 and event = $2 order by seq limit 1";
 
 /// The end of the chain.
 ///
@@ -76,22 +73,10 @@ pub async fn list(store: &Store, after: i64, limit: i64) -> Result<Vec<AuditRow>
 ///
 /// # Errors
 /// [`super::Error::Database`].
-pub async fn actor(store: &Store, subject: &str, event: &str) -> Result<Option<String>> {
+pub async fn actor(store: &Store, subject: &str, event: AuditEvent) -> Result<Option<String>> {
     Ok(sqlx::query_scalar(ACTOR)
         .bind(subject)
-        .bind(event)
-        .fetch_optional(store.reads())
-        .await?)
-}
-
-/// Detail of the first entry of this event and subject.
-///
-/// # Errors
-/// [`super::Error::Database`].
-pub async fn detail(store: &Store, subject: &str, event: &str) -> Result<Option<String>> {
-    Ok(sqlx::query_scalar(DETAIL)
-        .bind(subject)
-        .bind(event)
+        .bind(event.as_str())
         .fetch_optional(store.reads())
         .await?)
 }

@@ -4,11 +4,14 @@
 //! Whoever can write to the database can also compute a new chain. To detect that, store a head elsewhere (`kincal verify-store` prints it)
 //! and compare it later (`--known-head`).
 
+use std::fmt;
+use std::str::FromStr;
+
 use serde_json::Value;
 use sqlx::AnyConnection;
 
 use super::from_row::from_row;
-use super::{Engine, Result};
+use super::{AuditEvent, Engine, Result};
 use crate::wire::canonical;
 
 /// One entry of the chain.
@@ -61,16 +64,65 @@ from_row!(AuditHead {
 });
 
 impl AuditHead {
+    /// Its number and hash.
+    pub fn entry(&self) -> AuditEntryId {
+        AuditEntryId {
+            seq: self.seq,
+            sha256: self.sha256.clone(),
+        }
+    }
+
     /// Makes `next` the newest entry.
     fn follow(&mut self, next: &AuditRow) {
         (self.seq, self.sha256) = (next.seq, next.sha256.clone());
     }
 }
 
+/// Number and hash of an entry: NUMBER:HASH. Of an empty chain 0 and no hash.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct AuditEntryId {
+    /// Number.
+    pub seq: i64,
+    /// Hash of the entry, hexadecimal.
+    pub sha256: String,
+}
+
+/// The text is no [`AuditEntryId`].
+#[derive(Debug, thiserror::Error)]
+#[error("not a number, a colon and a hash")]
+pub struct NoAuditEntryId;
+
+impl fmt::Display for AuditEntryId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}:{}", self.seq, self.sha256)
+    }
+}
+
+impl FromStr for AuditEntryId {
+    type Err = NoAuditEntryId;
+
+    fn from_str(text: &str) -> std::result::Result<Self, NoAuditEntryId> {
+        let (seq, sha256) = text.split_once(':').ok_or(NoAuditEntryId)?;
+        let seq = seq.parse().map_err(|_| NoAuditEntryId)?;
+        let is_hexadecimal = sha256
+            .bytes()
+            .all(|byte| matches!(byte, b'0'..=b'9' | b'a'..=b'f'));
+        let is_of_empty_chain = seq == 0 && sha256.is_empty();
+        if is_of_empty_chain || (sha256.len() == 64 && is_hexadecimal) {
+            Ok(Self {
+                seq,
+                sha256: sha256.into(),
+            })
+        } else {
+            Err(NoAuditEntryId)
+        }
+    }
+}
+
 /// An entry that a transaction adds to the chain when it is committed.
 #[derive(Clone, Debug)]
 pub(super) struct AuditNote {
-    pub(super) event: &'static str,
+    pub(super) event: AuditEvent,
     pub(super) subject: String,
     pub(super) detail: Value,
 }
@@ -122,7 +174,7 @@ fn entries(head: &AuditHead, actor: &str, notes: Vec<AuditNote>) -> Vec<AuditRow
             seq: head.seq + 1,
             at_ms,
             actor: actor.into(),
-            event: event.into(),
+            event: event.as_str().into(),
             subject,
             detail_json,
             sha256: String::new(),

@@ -7,12 +7,10 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use sqlx::{Any, AnyConnection, AnyPool, Transaction};
-use tokio::sync::{OwnedSemaphorePermit, Semaphore};
-use tokio::time::timeout;
 
 use super::audit_chain::{self, AuditNote};
 use super::write_progress::{Write, WriteProgress};
-use super::{Engine, Error, Result};
+use super::{AuditEvent, Engine, Error, Result};
 
 /// A handle on the database; clones share its connections.
 #[derive(Clone, Debug)]
@@ -22,12 +20,10 @@ pub struct Store {
 
 #[derive(Debug)]
 pub(super) struct Inner {
-    /// Connections that read; on PostgreSQL they also write.
-    pub(super) pool: AnyPool,
-    /// SQLite has one writer at a time: a pool of one connection, in which writers queue.
-    pub(super) sqlite_writer: Option<AnyPool>,
-    /// Limits the PostgreSQL connections that write, and so may wait for locks.
-    pub(super) postgres_writers: Option<Arc<Semaphore>>,
+    /// Connections that read.
+    pub(super) readers: AnyPool,
+    /// Connections that write, and so may wait for locks. SQLite has one writer at a time: a pool of one connection, in which writers queue.
+    pub(super) writers: AnyPool,
     /// Since when no write of this process has succeeded.
     pub(super) writes: Arc<WriteProgress>,
     pub(super) engine: Engine,
@@ -47,7 +43,6 @@ pub struct Tx {
     store: Store,
     /// Counts this transaction as a write under way until it is dropped.
     write: Write,
-    _postgres_permit: Option<OwnedSemaphorePermit>,
 }
 
 /// Disk space kept free: twice the largest upload, which is written to the WAL and to the database.
@@ -79,39 +74,22 @@ impl Store {
         let mut write = Write::begin(&self.inner.writes);
         let begun = self.begin_to_write().await;
         write.record(&begun);
-        let (transaction, permit) = begun?;
         Ok(Tx {
-            transaction,
+            transaction: begun?,
             actor: DEFAULT_ACTOR.into(),
             notes: Vec::new(),
             store: self.clone(),
             write,
-            _postgres_permit: permit,
         })
     }
 
-    async fn begin_to_write(
-        &self,
-    ) -> Result<(Transaction<'static, Any>, Option<OwnedSemaphorePermit>)> {
-        match &self.inner.sqlite_writer {
+    async fn begin_to_write(&self) -> Result<Transaction<'static, Any>> {
+        let writers = &self.inner.writers;
+        Ok(match self.inner.engine {
             // Takes the write lock at once. A transaction that read first could fail to get the lock at its first write.
-            Some(writer) => Ok((writer.begin_with("begin immediate").await?, None)),
-            None => {
-                let permit = self.postgres_permit().await?;
-                Ok((self.inner.pool.begin().await?, permit))
-            }
-        }
-    }
-
-    async fn postgres_permit(&self) -> Result<Option<OwnedSemaphorePermit>> {
-        let Some(writers) = &self.inner.postgres_writers else {
-            return Ok(None);
-        };
-        let permit = timeout(WRITER_TIMEOUT, Arc::clone(writers).acquire_owned()).await;
-        permit
-            .map_err(|_| sqlx::Error::PoolTimedOut)?
-            .map(Some)
-            .map_err(|_| sqlx::Error::PoolClosed.into())
+            Engine::Sqlite => writers.begin_with("begin immediate").await?,
+            Engine::Postgres => writers.begin().await?,
+        })
     }
 
     /// The error if the disk is nearly full and new data is refused.
@@ -149,12 +127,12 @@ impl Store {
 
     /// The connections for statements that only read.
     pub(crate) fn reads(&self) -> &AnyPool {
-        &self.inner.pool
+        &self.inner.readers
     }
 
     /// The connections, for tests and tools. Reads only; writes go through [`Store::begin`].
     pub fn pool(&self) -> &AnyPool {
-        &self.inner.pool
+        &self.inner.readers
     }
 
     /// The database's clock, ms since the epoch. `/readyz` uses it to check that the database answers.
@@ -183,10 +161,8 @@ impl Store {
 
     /// Closes all connections. SQLite then moves its WAL into the database file.
     pub async fn close(&self) {
-        if let Some(writer) = &self.inner.sqlite_writer {
-            writer.close().await;
-        }
-        self.inner.pool.close().await;
+        self.inner.writers.close().await;
+        self.inner.readers.close().await;
     }
 }
 
@@ -245,7 +221,7 @@ impl Tx {
     }
 
     /// Adds an entry to the audit chain, if this transaction is committed.
-    pub(super) fn audit(&mut self, event: &'static str, subject: &str, detail: serde_json::Value) {
+    pub(super) fn audit(&mut self, event: AuditEvent, subject: &str, detail: serde_json::Value) {
         self.notes.push(AuditNote {
             event,
             subject: subject.into(),

@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 use super::audit::{Audited, ExpectedEntry};
 use super::database::new_id;
 use super::from_row::from_row;
-use super::{Page, PageRequest, Result, Store, Tx};
+use super::{AuditEvent, Page, PageRequest, Result, Store, Tx};
 use crate::wire::canonical;
 
 /// Frames found from one upload of sweeps.
@@ -65,8 +65,6 @@ const LIST: &str = "
 const BY_ID: &str = "
     select id, robot_id, content_type, result_json, created_at_ms from frames where id > $1 order by id limit cast($2 as bigint)";
 
-const CREATED: &str = "frames_created";
-
 // The row has no uploaded bytes. `insert` adds their hash to the entry.
 fn as_created(row: &FramesRow) -> Value {
     json!({"robot_id": row.robot_id, "content_type": row.content_type, "created_at_ms": row.created_at_ms,
@@ -82,7 +80,7 @@ impl Audited for FramesRow {
 
     fn expected_entries(&self) -> Vec<ExpectedEntry> {
         vec![ExpectedEntry::created(
-            CREATED,
+            AuditEvent::FramesCreated,
             self.created_at_ms,
             as_created(self),
         )]
@@ -102,7 +100,7 @@ pub async fn insert(tx: &mut Tx, new: &NewFrames) -> Result<FramesRow> {
         .bind(&new.result_json);
     tx.needs_room()?;
     let row: FramesRow = query.fetch_one(tx.connection()).await?;
-    tx.audit(CREATED, &row.id, as_created(&row));
+    tx.audit(AuditEvent::FramesCreated, &row.id, as_created(&row));
     tx.audit_field("sha256", canonical::sha256_hex(&new.body).into());
     Ok(row)
 }

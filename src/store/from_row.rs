@@ -1,14 +1,19 @@
 //! `FromRow` without sqlx's derive: its macro crate would build both drivers, SQLite included, a second time.
 
-/// Implements `FromRow` for a struct. Columns have the names of its fields. `parsed` fields are read as text and converted by
-/// `TryFrom<String>`; `nested` fields are structs that are read from the same row.
+use serde::Deserialize;
+use serde::de::IntoDeserializer;
+use serde::de::value::Error as NotAName;
+
+/// Implements `FromRow` for a struct. Columns have the names of its fields. `parsed` fields are enums that are stored by their names and held to them
+/// by the schema, `optional` ones may be null; `nested` fields are structs that are read from the same row.
 macro_rules! from_row {
-    ($row:ident { $($field:ident),* $(,)? } $(parsed { $($parsed:ident),* $(,)? })? $(nested { $($nested:ident),* $(,)? })?) => {
+    ($row:ident { $($field:ident),* $(,)? } $(parsed { $($parsed:ident),* $(,)? })? $(optional { $($optional:ident),* $(,)? })? $(nested { $($nested:ident),* $(,)? })?) => {
         impl<'r> sqlx::FromRow<'r, sqlx::any::AnyRow> for $row {
             fn from_row(row: &'r sqlx::any::AnyRow) -> sqlx::Result<Self> {
                 Ok($row {
                     $($field: sqlx::Row::try_get(row, stringify!($field))?,)*
                     $($($parsed: $crate::store::from_row::parse(row, stringify!($parsed))?,)*)?
+                    $($($optional: $crate::store::from_row::parse_optional(row, stringify!($optional))?,)*)?
                     $($($nested: sqlx::FromRow::from_row(row)?,)*)?
                 })
             }
@@ -17,17 +22,66 @@ macro_rules! from_row {
 }
 pub(crate) use from_row;
 
-/// Reads a text column and converts it.
+/// Reads a text column that holds the name of an enum's variant, as in JSON.
 ///
 /// # Errors
-/// If the column is missing, is no text, or cannot be converted.
-pub(crate) fn parse<T: TryFrom<String, Error = String>>(
+/// If the column is missing, is no text, or holds another name.
+pub(crate) fn parse<T: for<'de> Deserialize<'de>>(
     row: &sqlx::any::AnyRow,
     column: &str,
 ) -> sqlx::Result<T> {
-    let text: String = sqlx::Row::try_get(row, column)?;
-    T::try_from(text).map_err(|source| sqlx::Error::ColumnDecode {
+    variant(sqlx::Row::try_get(row, column)?, column)
+}
+
+/// As [`parse`], for a column that may be null.
+///
+/// # Errors
+/// As [`parse`].
+pub(crate) fn parse_optional<T: for<'de> Deserialize<'de>>(
+    row: &sqlx::any::AnyRow,
+    column: &str,
+) -> sqlx::Result<Option<T>> {
+    let name: Option<String> = sqlx::Row::try_get(row, column)?;
+    name.map(|name| variant(name, column)).transpose()
+}
+
+fn variant<T: for<'de> Deserialize<'de>>(name: String, column: &str) -> sqlx::Result<T> {
+    T::deserialize(name.into_deserializer()).map_err(|source: NotAName| sqlx::Error::ColumnDecode {
         index: column.into(),
         source: source.into(),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::wire::job::Kind;
+    use crate::wire::job_answer::JobStatus;
+    use crate::wire::measurement::Frame;
+    use crate::wire::parameter_set::ParameterSetStatus;
+    use crate::wire::report_shape::Evidence;
+    use crate::wire::verification::{Fit, VerificationKind};
+
+    /// Rows are written with `as_str` and read by serde.
+    #[test]
+    fn every_enum_of_a_row_is_read_by_the_name_that_is_written() {
+        macro_rules! check {
+            ($($name:ident: $($variant:ident)*;)*) => {
+                $($(
+                    let value = $name::$variant;
+                    let read: $name = super::variant(value.as_str().to_owned(), "column").unwrap();
+                    assert_eq!(read, value);
+                )*)*
+            };
+        }
+        check! {
+            Kind: Identify Verify;
+            JobStatus: Queued Running Succeeded Failed Cancelled;
+            Frame: Base Instrument;
+            ParameterSetStatus: Candidate Released Superseded Withdrawn;
+            Evidence: None SameUpload IndependentSession;
+            Fit: Fits SetFarOff DoesNotFit;
+            VerificationKind: Identification Session;
+        }
+        assert!(super::variant::<Fit>("not_thought_of".into(), "fit").is_err());
+    }
 }

@@ -5,9 +5,9 @@ use serde_json::{Value, json};
 use super::audit::{Audited, ExpectedEntry};
 use super::database::new_id;
 use super::from_row::from_row;
-use super::{Conflict, Error, Page, PageRequest, Result, Store, Tx};
+use super::{AuditEvent, Conflict, Page, PageRequest, Result, Store, Tx};
 use crate::wire::canonical;
-use crate::wire::job::Kind;
+use crate::wire::job::{Kind, Method};
 use crate::wire::job_answer::JobStatus;
 
 /// A job without its report and convergence curve.
@@ -31,7 +31,7 @@ pub struct JobRow {
     pub parameter_set_input_id: Option<String>,
     /// `identify` or `verify`.
     pub kind: Kind,
-    /// The requested method.
+    /// The requested method. No constraint of the schema holds it to the names of methods, and `verify` has to read any text.
     pub method: String,
     /// The whole request in JSON.
     pub request_json: String,
@@ -77,6 +77,14 @@ impl JobRow {
     }
 }
 
+/// A document of a job, which exists if the job succeeded.
+struct DocumentRow {
+    status: JobStatus,
+    document: Option<String>,
+}
+
+from_row!(DocumentRow { document } parsed { status });
+
 /// A job to be stored. It names everything that its result depends on, so that every attempt computes the same result.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct NewJob {
@@ -97,7 +105,7 @@ pub struct NewJob {
     /// `identify` or `verify`.
     pub kind: Kind,
     /// The requested method.
-    pub method: String,
+    pub method: Method,
     /// The whole request in JSON.
     pub request_json: String,
     /// Jobs with a higher number run first; usually 0.
@@ -161,9 +169,9 @@ const LIST: &str = concat!(
      limit cast($4 as bigint)"
 );
 
-const REPORT: &str = "select status, report_json from job where id = $1";
+const REPORT: &str = "select status, report_json as document from job where id = $1";
 
-const CONVERGENCE: &str = "select status, convergence_json from job where id = $1";
+const CONVERGENCE: &str = "select status, convergence_json as document from job where id = $1";
 
 const ANY_QUEUED: &str = "select cast(1 as bigint) from job where status = 'queued' limit 1";
 
@@ -185,9 +193,6 @@ const BY_ID: &str = concat!(
     columns!(),
     " from job where id > $1 order by id limit cast($2 as bigint)"
 );
-
-const CREATED: &str = "job_created";
-pub(super) const FAILED: &str = "job_failed";
 
 /// A job with the client that posted it.
 #[derive(Debug)]
@@ -230,9 +235,13 @@ impl Audited for JobWithClient {
             .as_deref()
             .map(|error| (job.finished_at_ms.unwrap_or_default(), as_failed(error)));
         vec![
-            ExpectedEntry::created(CREATED, job.created_at_ms, as_created(job, client)),
+            ExpectedEntry::created(
+                AuditEvent::JobCreated,
+                job.created_at_ms,
+                as_created(job, client),
+            ),
             ExpectedEntry {
-                event: FAILED,
+                event: AuditEvent::JobFailed,
                 now: failed,
                 by: None,
             },
@@ -244,7 +253,7 @@ impl Audited for JobWithClient {
 /// limit by one job each. Everything that the job names must be committed already, because workers read it as soon as they have the job.
 ///
 /// # Errors
-/// [`Conflict::QueueFull`], [`Error::NotFound`] if something that it names does not exist, [`Error::Database`].
+/// [`Conflict::QueueFull`], [`super::Error::NotFound`] if something that it names does not exist, [`super::Error::Database`].
 pub async fn insert(tx: &mut Tx, new: &NewJob, limit: Option<i64>) -> Result<JobRow> {
     tx.needs_room()?;
     let id = new_id("job");
@@ -258,7 +267,7 @@ pub async fn insert(tx: &mut Tx, new: &NewJob, limit: Option<i64>) -> Result<Job
         .bind(new.residual_network_input_id.as_deref())
         .bind(new.parameter_set_input_id.as_deref())
         .bind(new.kind.as_str())
-        .bind(&new.method)
+        .bind(new.method.as_str())
         .bind(&new.request_json)
         .bind(new.priority)
         .bind(&new.client)
@@ -267,14 +276,14 @@ pub async fn insert(tx: &mut Tx, new: &NewJob, limit: Option<i64>) -> Result<Job
     let row = row.ok_or(Conflict::QueueFull {
         limit: limit.unwrap_or_default(),
     })?;
-    tx.audit(CREATED, &id, as_created(&row, &new.client));
+    tx.audit(AuditEvent::JobCreated, &id, as_created(&row, &new.client));
     Ok(row)
 }
 
 /// One job.
 ///
 /// # Errors
-/// [`Error::NotFound`], [`Error::Database`].
+/// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn get(store: &Store, id: &str) -> Result<JobRow> {
     Ok(sqlx::query_as(GET)
         .bind(id)
@@ -285,7 +294,7 @@ pub async fn get(store: &Store, id: &str) -> Result<JobRow> {
 /// One job, as this transaction sees it.
 ///
 /// # Errors
-/// [`Error::NotFound`], [`Error::Database`].
+/// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn get_in(tx: &mut Tx, id: &str) -> Result<JobRow> {
     Ok(sqlx::query_as(GET)
         .bind(id)
@@ -296,7 +305,7 @@ pub async fn get_in(tx: &mut Tx, id: &str) -> Result<JobRow> {
 /// A robot's jobs, newest first.
 ///
 /// # Errors
-/// [`Error::Database`].
+/// [`super::Error::Database`].
 pub async fn list(store: &Store, robot_id: &str, request: &PageRequest) -> Result<Page<JobRow>> {
     let keyset = request.keyset();
     let query = sqlx::query_as(LIST)
@@ -311,7 +320,7 @@ pub async fn list(store: &Store, robot_id: &str, request: &PageRequest) -> Resul
 /// The report of a job that succeeded.
 ///
 /// # Errors
-/// [`Error::NotFound`], [`Conflict::JobStatus`] if it did not succeed (yet), [`Error::Database`].
+/// [`super::Error::NotFound`], [`Conflict::JobStatus`] if it did not succeed (yet), [`super::Error::Database`].
 pub async fn report(store: &Store, id: &str) -> Result<String> {
     document(store, REPORT, id).await
 }
@@ -319,25 +328,24 @@ pub async fn report(store: &Store, id: &str) -> Result<String> {
 /// The convergence curve of a job that succeeded.
 ///
 /// # Errors
-/// [`Error::NotFound`], [`Conflict::JobStatus`] if it did not succeed (yet), [`Error::Database`].
+/// [`super::Error::NotFound`], [`Conflict::JobStatus`] if it did not succeed (yet), [`super::Error::Database`].
 pub async fn convergence(store: &Store, id: &str) -> Result<String> {
     document(store, CONVERGENCE, id).await
 }
 
 async fn document(store: &Store, query: &'static str, id: &str) -> Result<String> {
-    let (status, document): (String, Option<String>) = sqlx::query_as(query)
+    let row: DocumentRow = sqlx::query_as(query)
         .bind(id)
         .fetch_one(store.reads())
         .await?;
-    let status =
-        JobStatus::try_from(status).map_err(|e| Error::Database(sqlx::Error::Decode(e.into())))?;
-    document.ok_or(Conflict::JobStatus { status }.into())
+    let status = row.status;
+    row.document.ok_or(Conflict::JobStatus { status }.into())
 }
 
 /// Whether any job is queued.
 ///
 /// # Errors
-/// [`Error::Database`].
+/// [`super::Error::Database`].
 pub async fn any_queued(store: &Store) -> Result<bool> {
     let one: Option<i64> = sqlx::query_scalar(ANY_QUEUED)
         .fetch_optional(store.reads())
@@ -348,7 +356,7 @@ pub async fn any_queued(store: &Store) -> Result<bool> {
 /// Whether a suspect is queued: a job during which a process died.
 ///
 /// # Errors
-/// [`Error::Database`].
+/// [`super::Error::Database`].
 pub async fn any_suspect_queued(store: &Store) -> Result<bool> {
     let one: Option<i64> = sqlx::query_scalar(ANY_SUSPECT_QUEUED)
         .fetch_optional(store.reads())
@@ -359,7 +367,7 @@ pub async fn any_suspect_queued(store: &Store) -> Result<bool> {
 /// How many jobs of all robots are queued, and how many are running.
 ///
 /// # Errors
-/// [`Error::Database`].
+/// [`super::Error::Database`].
 pub async fn queued_and_running(store: &Store) -> Result<(i64, i64)> {
     let counts: Vec<(String, i64)> = sqlx::query_as(COUNT_BY_STATUS)
         .fetch_all(store.reads())
@@ -376,7 +384,7 @@ pub async fn queued_and_running(store: &Store) -> Result<(i64, i64)> {
 /// Cancels a job. A queued one is cancelled at once; the worker of a running one sees the request at its next heartbeat. An ended job stays.
 ///
 /// # Errors
-/// [`Error::NotFound`], [`Error::Database`].
+/// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn cancel(tx: &mut Tx, id: &str) -> Result<JobRow> {
     let changed = sqlx::query(CANCEL)
         .bind(id)
@@ -386,9 +394,9 @@ pub async fn cancel(tx: &mut Tx, id: &str) -> Result<JobRow> {
     let row = get_in(tx, id).await?;
     if changed > 0 {
         let event = if row.status == JobStatus::Cancelled {
-            "job_cancelled"
+            AuditEvent::JobCancelled
         } else {
-            "job_cancel_requested"
+            AuditEvent::JobCancelRequested
         };
         tx.audit(event, id, json!({}));
     }

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use serde_json::json;
 
-use super::{Conflict, Engine, JobRow, Result, Store, Tx, jobs};
+use super::{AuditEvent, Conflict, Engine, JobRow, Result, Store, Tx, jobs};
 use crate::wire::canonical;
 
 /// A worker's lease on a job: the fencing token.
@@ -296,12 +296,12 @@ pub async fn succeed(
         .bind(result_sha256);
     let status: Option<String> = query.fetch_optional(tx.connection()).await?;
     if status.ok_or(Conflict::LeaseLost)? == "cancelled" {
-        note(tx, lease, "job_cancelled", json!({}));
+        note(tx, lease, AuditEvent::JobCancelled, json!({}));
         return Ok(false);
     }
     let detail = json!({"result_sha256": result_sha256, "report_sha256": canonical::sha256_hex(report_json.as_bytes()),
         "convergence_sha256": canonical::sha256_hex(convergence_json.as_bytes())});
-    note(tx, lease, "job_succeeded", detail);
+    note(tx, lease, AuditEvent::JobSucceeded, detail);
     Ok(true)
 }
 
@@ -317,8 +317,13 @@ pub async fn fail(tx: &mut Tx, lease: &Lease, error_json: &str) -> Result<()> {
         .bind(error_json);
     let status: Option<String> = query.fetch_optional(tx.connection()).await?;
     match status.ok_or(Conflict::LeaseLost)?.as_str() {
-        "cancelled" => note(tx, lease, "job_cancelled", json!({})),
-        _ => note(tx, lease, jobs::FAILED, jobs::as_failed(error_json)),
+        "cancelled" => note(tx, lease, AuditEvent::JobCancelled, json!({})),
+        _ => note(
+            tx,
+            lease,
+            AuditEvent::JobFailed,
+            jobs::as_failed(error_json),
+        ),
     }
     Ok(())
 }
@@ -333,7 +338,7 @@ pub async fn cancelled(tx: &mut Tx, lease: &Lease) -> Result<()> {
         .bind(&lease.owner)
         .bind(lease.attempt);
     held(query.execute(tx.connection()).await?.rows_affected())?;
-    note(tx, lease, "job_cancelled", json!({}));
+    note(tx, lease, AuditEvent::JobCancelled, json!({}));
     Ok(())
 }
 
@@ -348,7 +353,7 @@ pub async fn hand_back(tx: &mut Tx, lease: &Lease) -> Result<()> {
         .bind(lease.attempt);
     let status: Option<String> = query.fetch_optional(tx.connection()).await?;
     if status.ok_or(Conflict::LeaseLost)? == "cancelled" {
-        note(tx, lease, "job_cancelled", json!({}));
+        note(tx, lease, AuditEvent::JobCancelled, json!({}));
     }
     Ok(())
 }
@@ -365,7 +370,7 @@ pub async fn give_up(tx: &mut Tx, lease: &Lease) -> Result<()> {
     held(query.execute(tx.connection()).await?.rows_affected())
 }
 
-fn note(tx: &mut Tx, lease: &Lease, event: &'static str, detail: serde_json::Value) {
+fn note(tx: &mut Tx, lease: &Lease, event: AuditEvent, detail: serde_json::Value) {
     tx.act_as(&lease.owner);
     tx.audit(event, &lease.job_id, detail);
 }
@@ -399,9 +404,9 @@ pub async fn expire(store: &Store, max_attempts: i64, exhausted_json: &str) -> R
         .await?;
     cancelled
         .iter()
-        .for_each(|id: &String| tx.audit("job_cancelled", id, json!({})));
+        .for_each(|id: &String| tx.audit(AuditEvent::JobCancelled, id, json!({})));
     for id in &failed {
-        tx.audit(jobs::FAILED, id, jobs::as_failed(exhausted_json));
+        tx.audit(AuditEvent::JobFailed, id, jobs::as_failed(exhausted_json));
         tx.audit_field("code", "attempts_exhausted".into());
     }
     tx.commit().await?;

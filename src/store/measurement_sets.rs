@@ -1,12 +1,11 @@
 //! Measurement sets: the uploaded bytes and what was computed from them.
 
 use serde_json::{Value, json};
-use sqlx::{FromRow, Row};
 
 use super::audit::{Audited, ExpectedEntry};
 use super::database::new_id;
 use super::from_row::from_row;
-use super::{Page, PageRequest, Result, Store, Tx};
+use super::{AuditEvent, Page, PageRequest, Result, Store, Tx};
 use crate::wire::canonical;
 use crate::wire::measurement::Frame;
 
@@ -97,7 +96,7 @@ macro_rules! columns {
     };
 }
 
-pub(super) const ALL_QUERIES: &[&str] = &[INSERT, GET, GET_WITH_BODY, BODY, LIST, BY_ID];
+pub(super) const ALL_QUERIES: &[&str] = &[INSERT, GET, BODY, LIST, BY_ID];
 
 const INSERT: &str = concat!(
     "insert into measurement_set (id, robot_id, name, frame, content_type, body, sha256,
@@ -108,13 +107,6 @@ const INSERT: &str = concat!(
 );
 
 const GET: &str = concat!("select ", columns!(), " from measurement_set where id = $1");
-
-// Leaves out bodies over 1 MiB; `get_with_body` reads them with a second query.
-const GET_WITH_BODY: &str = concat!(
-    "select case when length(body) <= 1048576 then body end as body, ",
-    columns!(),
-    " from measurement_set where id = $1"
-);
 
 const BODY: &str = "select body from measurement_set where id = $1";
 
@@ -132,8 +124,6 @@ const BY_ID: &str = concat!(
     columns!(),
     " from measurement_set where id > $1 order by id limit cast($2 as bigint)"
 );
-
-const CREATED: &str = "measurement_set_created";
 
 fn as_created(row: &MeasurementSetRow) -> Value {
     let rest = json!([
@@ -165,7 +155,11 @@ impl Audited for MeasurementSetRow {
         let by = self.uploaded_by.is_some().then_some("uploaded_by");
         vec![ExpectedEntry {
             by,
-            ..ExpectedEntry::created(CREATED, self.created_at_ms, as_created(self))
+            ..ExpectedEntry::created(
+                AuditEvent::MeasurementSetCreated,
+                self.created_at_ms,
+                as_created(self),
+            )
         }]
     }
 }
@@ -192,7 +186,7 @@ pub async fn insert(tx: &mut Tx, new: &NewMeasurementSet) -> Result<MeasurementS
         .bind(new.insisted_on.as_deref());
     tx.needs_room()?;
     let row: MeasurementSetRow = query.fetch_one(tx.connection()).await?;
-    tx.audit(CREATED, &row.id, as_created(&row));
+    tx.audit(AuditEvent::MeasurementSetCreated, &row.id, as_created(&row));
     Ok(row)
 }
 
@@ -205,23 +199,6 @@ pub async fn get(store: &Store, id: &str) -> Result<MeasurementSetRow> {
         .bind(id)
         .fetch_one(store.reads())
         .await?)
-}
-
-/// One measurement set with the uploaded bytes.
-///
-/// # Errors
-/// [`super::Error::NotFound`], [`super::Error::Database`].
-pub async fn get_with_body(store: &Store, id: &str) -> Result<(MeasurementSetRow, Vec<u8>)> {
-    let row = sqlx::query(GET_WITH_BODY)
-        .bind(id)
-        .fetch_one(store.reads())
-        .await?;
-    let small: Option<Vec<u8>> = row.try_get("body")?;
-    let body = match small {
-        Some(body) => body,
-        None => body(store, id).await?,
-    };
-    Ok((MeasurementSetRow::from_row(&row)?, body))
 }
 
 /// The uploaded bytes of one measurement set.

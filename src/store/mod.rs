@@ -11,6 +11,7 @@
 pub mod api_keys;
 pub mod audit;
 mod audit_chain;
+mod audit_event;
 pub mod backup;
 pub mod copy;
 mod database;
@@ -22,6 +23,7 @@ mod idempotency;
 pub mod jobs;
 pub mod leases;
 pub mod measurement_sets;
+mod migration;
 pub mod networks;
 pub mod notices;
 mod open;
@@ -36,7 +38,8 @@ pub mod verify;
 mod write_progress;
 
 pub use api_keys::{ApiKeyRow, NewApiKey};
-pub use audit_chain::{AuditHead, AuditRow};
+pub use audit_chain::{AuditEntryId, AuditHead, AuditRow, NoAuditEntryId};
+pub use audit_event::AuditEvent;
 pub use database::{Store, Tx};
 pub use engine::Engine;
 pub use error::{Conflict, Error, Result};
@@ -62,7 +65,7 @@ pub fn all_queries(engine: Engine) -> Vec<&'static str> {
         Engine::Sqlite => [
             leases::QUERIES_SQLITE,
             backup::QUERIES_SQLITE,
-            open::QUERIES_SQLITE,
+            migration::QUERIES_SQLITE,
             verify::QUERIES_SQLITE,
         ]
         .concat(),

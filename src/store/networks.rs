@@ -5,8 +5,10 @@ use serde_json::{Value, json};
 use super::audit::{Audited, ExpectedEntry};
 use super::database::new_id;
 use super::from_row::from_row;
-use super::{Page, PageRequest, Result, Store, Tx};
+use super::{AuditEvent, Page, PageRequest, Result, Store, Tx};
 use crate::wire::canonical;
+use crate::wire::job::{Model, Preset};
+use crate::wire::safetensors::StoredNetwork;
 
 /// A network without its weights.
 #[derive(Clone, Debug, PartialEq)]
@@ -17,9 +19,9 @@ pub struct NetworkRow {
     pub robot_id: String,
     /// The job that trained it.
     pub job_id: String,
-    /// The model of that job.
+    /// The model of that job, as text: `verify` has to read any.
     pub model: String,
-    /// The preset of that job.
+    /// The preset of that job, as text like the model.
     pub preset: String,
     /// Further facts in JSON, among them its kind.
     pub metadata_json: String,
@@ -44,15 +46,29 @@ from_row!(NetworkRow {
 #[derive(Clone, Debug, PartialEq)]
 pub struct NewNetwork {
     /// The model of that job.
-    pub model: String,
+    pub model: Model,
     /// The preset of that job.
-    pub preset: String,
+    pub preset: Preset,
     /// Further facts in JSON, among them its kind.
     pub metadata_json: String,
     /// The weights in safetensors format.
     pub weights: Vec<u8>,
     /// SHA-256 of the tensors, hexadecimal.
     pub weights_sha256: String,
+}
+
+impl TryFrom<StoredNetwork> for NewNetwork {
+    type Error = serde_json::Error;
+
+    fn try_from(network: StoredNetwork) -> std::result::Result<Self, serde_json::Error> {
+        Ok(Self {
+            model: network.metadata.model,
+            preset: network.metadata.preset,
+            metadata_json: serde_json::to_string(&network.metadata)?,
+            weights: network.bytes,
+            weights_sha256: network.sha256,
+        })
+    }
 }
 
 macro_rules! columns {
@@ -67,7 +83,6 @@ pub(super) const ALL_QUERIES: &[&str] = &[
     GET,
     WEIGHTS,
     NEWEST,
-    IS_RESIDUAL,
     NEWEST_RESIDUAL,
     LIST,
     BY_ID,
@@ -102,9 +117,6 @@ const NEWEST: &str = "select id, weights from network
      order by coalesce((select v.seq from verification v where v.job_id = network.job_id), 0) desc, id desc
      limit cast($4 as bigint)";
 
-const IS_RESIDUAL: &str =
-    "select cast(1 as bigint) from residual_network where robot_id = $1 limit 1";
-
 const NEWEST_RESIDUAL: &str = "select n.id, n.weights, j.measurement_set_id from residual_network n
      join job j on j.id = n.job_id join measurement_set m on m.id = j.measurement_set_id
      where n.robot_id = $1 and m.sha256 <> $2
@@ -135,8 +147,6 @@ const BY_ID: &str = concat!(
      where id > $1 order by id limit cast($2 as bigint)"
 );
 
-const CREATED: &str = "network_created";
-
 // The row has no weights. `insert` adds the hash of the safetensors file to the entry; `weights_sha256` is the hash of the tensors in it.
 fn as_created(row: &NetworkRow) -> Value {
     json!({"robot_id": row.robot_id, "job_id": row.job_id, "model": row.model, "preset": row.preset, "created_at_ms": row.created_at_ms,
@@ -152,7 +162,7 @@ impl Audited for NetworkRow {
 
     fn expected_entries(&self) -> Vec<ExpectedEntry> {
         vec![ExpectedEntry::created(
-            CREATED,
+            AuditEvent::NetworkCreated,
             self.created_at_ms,
             as_created(self),
         )]
@@ -184,13 +194,13 @@ async fn insert_by(
     let query = sqlx::query_as(sql)
         .bind(new_id("net"))
         .bind(job_id)
-        .bind(&new.model)
-        .bind(&new.preset)
+        .bind(new.model.as_str())
+        .bind(new.preset.as_str())
         .bind(&new.metadata_json)
         .bind(new.weights.as_slice())
         .bind(&new.weights_sha256);
     let row: NetworkRow = query.fetch_one(tx.connection()).await?;
-    tx.audit(CREATED, &row.id, as_created(&row));
+    tx.audit(AuditEvent::NetworkCreated, &row.id, as_created(&row));
     tx.audit_field("sha256", canonical::sha256_hex(&new.weights).into());
     Ok(row)
 }
@@ -224,14 +234,14 @@ pub async fn weights(store: &Store, id: &str) -> Result<Vec<u8>> {
 pub async fn newest(
     store: &Store,
     robot_id: &str,
-    model: &str,
-    preset: &str,
+    model: Model,
+    preset: Preset,
     limit: i64,
 ) -> Result<Vec<(String, Vec<u8>)>> {
     Ok(sqlx::query_as(NEWEST)
         .bind(robot_id)
-        .bind(model)
-        .bind(preset)
+        .bind(model.as_str())
+        .bind(preset.as_str())
         .bind(limit)
         .fetch_all(store.reads())
         .await?)
@@ -248,14 +258,6 @@ pub async fn newest_residual(
     set_sha256: &str,
     limit: i64,
 ) -> Result<Vec<(String, Vec<u8>, String)>> {
-    // A cheap query first: most robots have no residual network.
-    let is_one: Option<i64> = sqlx::query_scalar(IS_RESIDUAL)
-        .bind(robot_id)
-        .fetch_optional(store.reads())
-        .await?;
-    if is_one.is_none() {
-        return Ok(vec![]);
-    }
     Ok(sqlx::query_as(NEWEST_RESIDUAL)
         .bind(robot_id)
         .bind(set_sha256)

@@ -1,5 +1,6 @@
-//! Opening the database: where it is, its settings, its lock and its schema.
+//! Opening the database: where it is, its settings and its lock.
 
+use std::convert::Infallible;
 use std::fs::{DirBuilder, File, Permissions, TryLockError};
 use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
@@ -8,11 +9,10 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use sqlx::any::{AnyConnectOptions, AnyPoolOptions};
-use sqlx::migrate::{MigrateError, Migration, MigrationType, Migrator};
-use sqlx::{AnyConnection, AnyPool, Connection, Executor, SqlSafeStr};
-use tokio::sync::Semaphore;
+use sqlx::{AnyConnection, AnyPool, Connection, Executor};
 
-use super::database::{DATABASE, Inner, LOCK, RESERVE_BYTES, WRITER_TIMEOUT};
+use super::database::{DATABASE, Inner, LOCK, WRITER_TIMEOUT};
+use super::migration::migrate;
 use super::{Engine, Error, Result, Store, leases};
 
 /// Where the database is.
@@ -30,79 +30,21 @@ pub enum StoreLocation {
     },
 }
 
-/// The schema's steps, the same numbers on both engines: (version, name, SQLite, PostgreSQL).
-const MIGRATIONS: &[(i64, &str, &str, &str)] = &[
-    (
-        1,
-        "initial",
-        include_str!("../../migrations/sqlite/0001_initial.sql"),
-        include_str!("../../migrations/postgres/0001_initial.sql"),
-    ),
-    (
-        2,
-        "trust",
-        include_str!("../../migrations/sqlite/0002_trust.sql"),
-        include_str!("../../migrations/postgres/0002_trust.sql"),
-    ),
-    (
-        3,
-        "turns",
-        include_str!("../../migrations/sqlite/0003_turns.sql"),
-        include_str!("../../migrations/postgres/0003_turns.sql"),
-    ),
-    (
-        4,
-        "release",
-        include_str!("../../migrations/sqlite/0004_release.sql"),
-        include_str!("../../migrations/postgres/0004_release.sql"),
-    ),
-    (
-        5,
-        "residual_networks",
-        include_str!("../../migrations/sqlite/0005_residual_networks.sql"),
-        include_str!("../../migrations/postgres/0005_residual_networks.sql"),
-    ),
-    (
-        6,
-        "results",
-        include_str!("../../migrations/sqlite/0006_results.sql"),
-        include_str!("../../migrations/postgres/0006_results.sql"),
-    ),
-    (
-        7,
-        "documents_last",
-        include_str!("../../migrations/sqlite/0007_documents_last.sql"),
-        include_str!("../../migrations/postgres/0007_documents_last.sql"),
-    ),
-    (
-        8,
-        "verification",
-        include_str!("../../migrations/sqlite/0008_verification.sql"),
-        include_str!("../../migrations/postgres/0008_verification.sql"),
-    ),
-    (
-        9,
-        "insisted",
-        include_str!("../../migrations/sqlite/0009_insisted.sql"),
-        include_str!("../../migrations/postgres/0009_insisted.sql"),
-    ),
-    (
-        10,
-        "far_off",
-        include_str!("../../migrations/sqlite/0010_far_off.sql"),
-        include_str!("../../migrations/postgres/0010_far_off.sql"),
-    ),
-];
+/// A URL of PostgreSQL, or else a data directory.
+impl FromStr for StoreLocation {
+    type Err = Infallible;
 
-/// Version of the migration that rewrites the job table on SQLite, so that reports are the last columns.
-const JOB_TABLE_REWRITE: i64 = 7;
-
-pub(super) const QUERIES_SQLITE: &[&str] = &[HAS_JOBS, JOB_BYTES];
-
-const HAS_JOBS: &str = "select max(rootpage) from sqlite_master where name = 'job'";
-const JOB_BYTES: &str = "
-    select coalesce(sum(1024 + octet_length(request_json) + coalesce(octet_length(report_json), 0) + coalesce(octet_length(convergence_json), 0)), 0)
-    from job";
+    fn from_str(text: &str) -> std::result::Result<Self, Infallible> {
+        Ok(
+            match text.starts_with("postgres://") || text.starts_with("postgresql://") {
+                true => StoreLocation::Postgres { url: text.into() },
+                false => StoreLocation::Sqlite {
+                    data_dir: text.into(),
+                },
+            },
+        )
+    }
+}
 
 /// Permissions of the data directory: the owner's only.
 const PRIVATE_DIR: u32 = 0o700;
@@ -114,10 +56,10 @@ const OTHERS: u32 = 0o077;
 const OLDEST_SQLITE: (u32, u32, u32) = (3, 51, 3);
 /// Connections that read. SQLite's readers do not wait for each other; more connections only cost memory.
 const SQLITE_READERS: u32 = 8;
-/// Connections per process. A PostgreSQL server accepts 100 by default.
-const POSTGRES_CONNECTIONS: u32 = 16;
-/// Most connections that write at once, so that writers that wait for a lock leave some connections for readers.
-const POSTGRES_WRITERS: usize = 12;
+/// Connections that read, per process. A PostgreSQL server accepts 100 connections by default.
+const POSTGRES_READERS: u32 = 8;
+/// Connections that write, per process. They are apart from the others, so that writers that wait for a lock leave the readers alone.
+const POSTGRES_WRITERS: u32 = 8;
 /// Timeouts with which a node that is frozen, paused or cut off stops the writes of the other nodes for less than 10 s.
 ///
 /// - `lock_timeout`: longest wait for one lock; then the request fails, and the client tries again. A write to a row may wait for two locks, the
@@ -129,9 +71,7 @@ const POSTGRES_WRITERS: usize = 12;
 /// - TCP: detects a node that does not read its answer (8 s), or whose machine does not respond (5 s and three probes 1 s apart).
 const POSTGRES_SETTINGS: &str = "set lock_timeout = '2s'; set idle_in_transaction_session_timeout = '5s'; \
     set tcp_keepalives_idle = 5; set tcp_keepalives_interval = 1; set tcp_keepalives_count = 3; set tcp_user_timeout = '8s'";
-/// No limits while a node migrates the schema: it may wait for another node that runs the same migration.
-const POSTGRES_SETTINGS_TO_MIGRATE: &str =
-    "set lock_timeout = 0; set idle_in_transaction_session_timeout = 0";
+
 /// Longest wait of a request for a connection that reads; then the answer is 503.
 const ACQUIRE_TIMEOUT: Duration = Duration::from_secs(5);
 /// WAL and FULL: an acknowledged write survives power loss. The busy timeout (ms) is for locks of other programs, such as `kincal key`: the
@@ -227,17 +167,19 @@ async fn connect_postgres(url: &str) -> Result<Store> {
             detail: "the database URL must begin with postgres://".into(),
         });
     }
-    let options = AnyPoolOptions::new()
-        .max_connections(POSTGRES_CONNECTIONS)
-        .acquire_timeout(ACQUIRE_TIMEOUT)
-        .after_connect(|connection, _| {
-            Box::pin(async move { connection.execute(POSTGRES_SETTINGS).await.map(drop) })
-        });
-    let pool = connect(options, url, POSTGRES_SETTINGS).await?;
+    let options = AnyPoolOptions::new().after_connect(|connection, _| {
+        Box::pin(async move { connection.execute(POSTGRES_SETTINGS).await.map(drop) })
+    });
+    let readers = options
+        .clone()
+        .max_connections(POSTGRES_READERS)
+        .acquire_timeout(ACQUIRE_TIMEOUT);
+    let writers = options
+        .max_connections(POSTGRES_WRITERS)
+        .acquire_timeout(WRITER_TIMEOUT);
     let inner = Inner {
-        pool,
-        sqlite_writer: None,
-        postgres_writers: Some(Arc::new(Semaphore::new(POSTGRES_WRITERS))),
+        readers: connect(readers, url, POSTGRES_SETTINGS).await?,
+        writers: connect(writers, url, POSTGRES_SETTINGS).await?,
         writes: Arc::default(),
         engine: Engine::Postgres,
         data_dir: None,
@@ -301,8 +243,8 @@ async fn connect_sqlite(
     })?;
     let url = sqlite_url(data_dir)?;
     let readers = options.clone().max_connections(SQLITE_READERS);
-    let pool = connect(readers, &url, SQLITE_PRAGMAS).await?;
-    refuse_old_sqlite(&pool).await?;
+    let readers = connect(readers, &url, SQLITE_PRAGMAS).await?;
+    refuse_old_sqlite(&readers).await?;
     // Closes the connection if SQLite itself ended the transaction (disk full), because sqlx still counts it as open. The ping first waits for the
     // rollback of a dropped transaction, which sqlx has queued.
     let writer = options
@@ -314,11 +256,9 @@ async fn connect_sqlite(
                 Ok(!connection.is_in_transaction())
             })
         });
-    let sqlite_writer = connect(writer, &url, SQLITE_PRAGMAS).await?;
     let inner = Inner {
-        pool,
-        sqlite_writer: Some(sqlite_writer),
-        postgres_writers: None,
+        readers,
+        writers: connect(writer, &url, SQLITE_PRAGMAS).await?,
         writes: Arc::default(),
         engine: Engine::Sqlite,
         data_dir: Some(data_dir.to_owned()),
@@ -435,60 +375,4 @@ fn lock(data_dir: &Path) -> Result<Option<File>> {
         Err(TryLockError::WouldBlock) => Ok(None),
         Err(TryLockError::Error(e)) => Err(failed(e)),
     }
-}
-
-/// Checks the disk space for migration 7. It rewrites all jobs: twice into the WAL, and once into the database beside the old rows.
-async fn check_space_for_rewrite(store: &Store) -> Result<()> {
-    let before: Option<i64> = sqlx::query_scalar(HAS_JOBS).fetch_one(store.pool()).await?;
-    let is_ahead =
-        before.is_some() && (1..JOB_TABLE_REWRITE).contains(&store.schema_version().await?);
-    if !is_ahead {
-        return Ok(());
-    }
-    let bytes: i64 = sqlx::query_scalar(JOB_BYTES)
-        .fetch_one(store.pool())
-        .await?;
-    let needed_bytes = u64::try_from(bytes).unwrap_or(0).saturating_mul(3) + RESERVE_BYTES;
-    if let Some(free_bytes) = store.free_bytes().filter(|free| *free < needed_bytes) {
-        let (needed_mib, free_mib) = (needed_bytes >> 20, free_bytes >> 20);
-        return Err(Error::Open {
-            detail: format!(
-                "the jobs in the database are to be laid out anew, which needs {needed_mib} MiB free on the disk of the data directory, and there are \
-                 {free_mib}; nothing was changed: make room and start again"
-            ),
-        });
-    }
-    tracing::info!(
-        mib = bytes >> 20,
-        "rewriting the job table, once; this takes some seconds for each 100 MiB"
-    );
-    Ok(())
-}
-
-async fn migrate(store: &Store) -> Result<()> {
-    let migrations = MIGRATIONS.iter().map(|&(version, name, sqlite, postgres)| {
-        let sql = match store.engine() {
-            Engine::Sqlite => sqlite,
-            Engine::Postgres => postgres,
-        };
-        Migration::new(
-            version,
-            name.into(),
-            MigrationType::Simple,
-            sql.into_sql_str(),
-            false,
-        )
-    });
-    let migrator = Migrator::with_migrations(migrations.collect());
-    let failed = |e: MigrateError| Error::Open {
-        detail: format!("the database's schema: {e}"),
-    };
-    if store.engine() == Engine::Sqlite {
-        check_space_for_rewrite(store).await?;
-        return migrator.run(store.pool()).await.map_err(failed);
-    }
-    let mut connection = store.pool().acquire().await?.detach();
-    connection.execute(POSTGRES_SETTINGS_TO_MIGRATE).await?;
-    migrator.run(&mut connection).await.map_err(failed)?;
-    Ok(connection.close().await?)
 }

@@ -9,10 +9,13 @@ use super::from_row::from_row;
 use super::policies::ABSENT;
 use super::robots::RobotCheck;
 use super::{
-    Conflict, Error, Page, PageRequest, Result, Store, Tx, policies, robots, verifications,
+    AuditEvent, Conflict, Error, Page, PageRequest, Result, Store, Tx, policies, robots,
+    verifications,
 };
 use crate::wire::canonical;
 use crate::wire::parameter_set::ParameterSetStatus;
+use crate::wire::report_shape::Evidence;
+use crate::wire::verification::Fit;
 
 /// A parameter set.
 #[derive(Clone, Debug, PartialEq)]
@@ -50,7 +53,7 @@ pub struct ParameterSetRow {
     /// Who withdrew it.
     pub withdrawn_by: Option<String>,
     /// Strength of the verification behind its last release.
-    pub release_evidence: Option<String>,
+    pub release_evidence: Option<Evidence>,
     /// The tool's largest uncertainty over the workspace at its last release, mm.
     pub release_uncertainty_mm: Option<f64>,
     /// Number of its last release in the robot's count of releases.
@@ -59,7 +62,7 @@ pub struct ParameterSetRow {
     pub supersedes_id: Option<String>,
 }
 
-from_row!(ParameterSetRow { id, robot_id, job_id, body_json, sha256, created_at_ms, released_at_ms, release_reason, release_checks_json, release_n_passed, release_n_failed, withdrawn_at_ms, withdraw_reason, released_by, withdrawn_by, release_evidence, release_uncertainty_mm, release_seq, supersedes_id } parsed { status });
+from_row!(ParameterSetRow { id, robot_id, job_id, body_json, sha256, created_at_ms, released_at_ms, release_reason, release_checks_json, release_n_passed, release_n_failed, withdrawn_at_ms, withdraw_reason, released_by, withdrawn_by, release_uncertainty_mm, release_seq, supersedes_id } parsed { status } optional { release_evidence });
 
 /// A parameter set to be stored with the job that identified it.
 #[derive(Clone, Debug, PartialEq)]
@@ -87,8 +90,8 @@ pub struct Release {
     pub n_failed: i64,
     /// Id of the key that releases.
     pub released_by: String,
-    /// Strength of the verification: `none`, `same_upload` or `independent_session`.
-    pub evidence: String,
+    /// Strength of the verification.
+    pub evidence: Evidence,
     /// The tool's largest uncertainty over the workspace, mm.
     pub uncertainty_mm: Option<f64>,
 }
@@ -119,8 +122,7 @@ pub(super) const ALL_QUERIES: &[&str] = &[
     GET,
     ACTIVE,
     BEFORE_ACTIVE,
-    IS_ANOTHER_SET,
-    OF_ANOTHER_SESSION,
+    OF_ANOTHER_UPLOAD,
     LIST,
     LOCK_ROBOT,
     SUPERSEDE,
@@ -156,23 +158,16 @@ const BEFORE_ACTIVE: &str = concat!(
      limit 1"
 );
 
-// Reads at most two entries of an index. Comparing hashes would be slower: in SQLite's rows they come after the uploads, which would be read too.
-const IS_ANOTHER_SET: &str =
-    "select cast(1 as bigint) from measurement_set where robot_id = $1 and id <> $2 limit 1";
-
-// Without another upload the limit is 0 and no row is read.
-const OF_ANOTHER_SESSION: &str = concat!(
+const OF_ANOTHER_UPLOAD: &str = concat!(
     "select ",
     columns!(),
     " from parameter_set
      where robot_id = $1 and exists (
          select 1 from job join measurement_set on measurement_set.id = job.measurement_set_id
          where job.id = parameter_set.job_id and measurement_set.sha256 <> (select sha256 from measurement_set where id = $2))
-         and not exists (select 1 from verification v where v.job_id = parameter_set.job_id and v.fit = 'set_far_off')
+         and not exists (select 1 from verification v where v.job_id = parameter_set.job_id and v.fit = $3)
      order by coalesce((select v.seq from verification v where v.job_id = parameter_set.job_id), 0) desc, id desc
-     limit (select count(*) from (
-         select 1 from measurement_set
-         where robot_id = $1 and sha256 <> (select sha256 from measurement_set where id = $2) limit 1) as other)"
+     limit 1"
 );
 
 const LIST: &str = concat!(
@@ -208,11 +203,6 @@ const BY_ID: &str = concat!(
     " from parameter_set where id > $1 order by id limit cast($2 as bigint)"
 );
 
-pub(super) const CREATED: &str = "parameter_set_created";
-pub(super) const RELEASED: &str = "parameter_set_released";
-pub(super) const SUPERSEDED: &str = "parameter_set_superseded";
-pub(super) const WITHDRAWN: &str = "parameter_set_withdrawn";
-
 fn as_created(row: &ParameterSetRow) -> Value {
     json!({"robot_id": row.robot_id, "job_id": row.job_id, "sha256": row.sha256, "created_at_ms": row.created_at_ms,
         "body_sha256": canonical::sha256_hex(row.body_json.as_bytes())})
@@ -227,7 +217,7 @@ fn as_released(row: &ParameterSetRow) -> Option<(i64, Value)> {
         .release_checks_json
         .as_ref()
         .map(|checks| canonical::sha256_hex(checks.as_bytes()));
-    let detail = json!({"reason": row.release_reason, "sha256": row.sha256, "checks_sha256": checks_sha256, "evidence": row.release_evidence,
+    let detail = json!({"reason": row.release_reason, "sha256": row.sha256, "checks_sha256": checks_sha256, "evidence": row.release_evidence.map(Evidence::as_str),
         "uncertainty_mm": row.release_uncertainty_mm, "released_by": row.released_by, "released_at_ms": row.released_at_ms,
         "n_passed": row.release_n_passed, "n_failed": row.release_n_failed, "release_seq": row.release_seq, "supersedes_id": row.supersedes_id});
     Some((at_ms, detail))
@@ -249,14 +239,18 @@ impl Audited for ParameterSetRow {
 
     fn expected_entries(&self) -> Vec<ExpectedEntry> {
         vec![
-            ExpectedEntry::created(CREATED, self.created_at_ms, as_created(self)),
+            ExpectedEntry::created(
+                AuditEvent::ParameterSetCreated,
+                self.created_at_ms,
+                as_created(self),
+            ),
             ExpectedEntry {
-                event: RELEASED,
+                event: AuditEvent::ParameterSetReleased,
                 now: as_released(self),
                 by: Some("released_by"),
             },
             ExpectedEntry {
-                event: WITHDRAWN,
+                event: AuditEvent::ParameterSetWithdrawn,
                 now: as_withdrawn(self),
                 by: Some("withdrawn_by"),
             },
@@ -275,7 +269,7 @@ pub async fn insert(tx: &mut Tx, job_id: &str, new: &NewParameterSet) -> Result<
         .bind(&new.body_json)
         .bind(&new.sha256);
     let row: ParameterSetRow = query.fetch_one(tx.connection()).await?;
-    tx.audit(CREATED, &row.id, as_created(&row));
+    tx.audit(AuditEvent::ParameterSetCreated, &row.id, as_created(&row));
     Ok(row)
 }
 
@@ -313,28 +307,21 @@ pub async fn before_active(store: &Store, robot_id: &str) -> Result<ParameterSet
     row.ok_or_else(|| Conflict::NothingToRollBackTo.into())
 }
 
-/// The robot's newest parameter set that was identified from another upload than this measurement set and that fits its own points. A set that
-/// does not fit its own points describes no robot.
+/// The robot's newest parameter set that was identified from another upload than this measurement set, without those whose identification found
+/// the fit `except`.
 ///
 /// # Errors
 /// [`super::Error::Database`].
-pub async fn of_another_session(
+pub async fn of_another_upload(
     store: &Store,
     robot_id: &str,
     measurement_set_id: &str,
+    except: Fit,
 ) -> Result<Option<ParameterSetRow>> {
-    // A cheap query first: most robots have one measurement set and many jobs.
-    let is_another: Option<i64> = sqlx::query_scalar(IS_ANOTHER_SET)
+    Ok(sqlx::query_as(OF_ANOTHER_UPLOAD)
         .bind(robot_id)
         .bind(measurement_set_id)
-        .fetch_optional(store.reads())
-        .await?;
-    if is_another.is_none() {
-        return Ok(None);
-    }
-    Ok(sqlx::query_as(OF_ANOTHER_SESSION)
-        .bind(robot_id)
-        .bind(measurement_set_id)
+        .bind(except.as_str())
         .fetch_optional(store.reads())
         .await?)
 }
@@ -402,7 +389,7 @@ pub async fn release(tx: &mut Tx, release: &Release) -> Result<ParameterSetRow> 
         .bind(&release.checks_json);
     query
         .bind(&release.released_by)
-        .bind(&release.evidence)
+        .bind(release.evidence.as_str())
         .bind(release.uncertainty_mm.unwrap_or(ABSENT))
         .bind(active.as_deref().unwrap_or_default())
         .bind(release.n_passed)
@@ -411,11 +398,15 @@ pub async fn release(tx: &mut Tx, release: &Release) -> Result<ParameterSetRow> 
         .await
         .map_err(Error::from_release)?;
     if let Some(active) = &active {
-        tx.audit(SUPERSEDED, active, json!({"by": release.id}));
+        tx.audit(
+            AuditEvent::ParameterSetSuperseded,
+            active,
+            json!({"by": release.id}),
+        );
     }
     let row = get_in(tx, &release.id).await?;
     if let Some((_, detail)) = as_released(&row) {
-        tx.audit(RELEASED, &row.id, detail);
+        tx.audit(AuditEvent::ParameterSetReleased, &row.id, detail);
     }
     Ok(row)
 }
@@ -471,7 +462,7 @@ pub async fn withdraw(tx: &mut Tx, id: &str, reason: &str, by: &str) -> Result<P
         .rows_affected();
     let row = get_in(tx, id).await?;
     if let Some((_, detail)) = as_withdrawn(&row).filter(|_| changed > 0) {
-        tx.audit(WITHDRAWN, id, detail);
+        tx.audit(AuditEvent::ParameterSetWithdrawn, id, detail);
     }
     Ok(row)
 }

@@ -4,7 +4,8 @@ use serde_json::{Value, json};
 
 use super::audit::{Audited, ExpectedEntry};
 use super::from_row::from_row;
-use super::{Result, Store, Tx, robots};
+use super::{AuditEvent, Result, Store, Tx, robots};
+use crate::wire::policy::PolicyBody;
 
 /// Release policy of a robot.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -26,6 +27,28 @@ from_row!(PolicyRow {
     version
 });
 
+impl From<&PolicyRow> for PolicyBody {
+    fn from(row: &PolicyRow) -> Self {
+        Self {
+            tolerance_mm: row.tolerance_mm,
+            independent_session_required: row.independent_session_required == 1,
+            second_person_required: row.second_person_required == 1,
+        }
+    }
+}
+
+/// A policy that was never stored.
+impl From<&PolicyBody> for PolicyRow {
+    fn from(body: &PolicyBody) -> Self {
+        Self {
+            tolerance_mm: body.tolerance_mm,
+            independent_session_required: body.independent_session_required.into(),
+            second_person_required: body.second_person_required.into(),
+            version: 0,
+        }
+    }
+}
+
 /// Bound in place of an absent double. sqlx's `Any` binds an absent double as float4, and PostgreSQL refuses it if the statement was prepared
 /// with float8.
 pub(super) const ABSENT: f64 = -1.0;
@@ -46,8 +69,6 @@ const PUT: &str = "
 const BY_ID: &str = "
     select robot_id, tolerance_mm, independent_session_required, second_person_required, version, changed_by, changed_at_ms
     from robot_policy where robot_id > $1 order by robot_id limit cast($2 as bigint)";
-
-pub(super) const CHANGED: &str = "robot_policy_changed";
 
 /// A policy with its robot and the key that set it.
 #[derive(Debug)]
@@ -81,7 +102,7 @@ impl Audited for PolicyChange {
 
     fn expected_entries(&self) -> Vec<ExpectedEntry> {
         vec![ExpectedEntry {
-            event: CHANGED,
+            event: AuditEvent::RobotPolicyChanged,
             now: Some((self.changed_at_ms, as_changed(self))),
             by: Some("changed_by"),
         }]
@@ -123,6 +144,6 @@ pub async fn put(tx: &mut Tx, robot_id: &str, policy: &PolicyRow, by: &str) -> R
         .bind(policy.second_person_required)
         .bind(by);
     let set: PolicyChange = query.fetch_one(tx.connection()).await?;
-    tx.audit(CHANGED, robot_id, as_changed(&set));
+    tx.audit(AuditEvent::RobotPolicyChanged, robot_id, as_changed(&set));
     Ok(set.policy)
 }

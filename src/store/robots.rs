@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 use super::audit::{Audited, ExpectedEntry};
 use super::database::new_id;
 use super::from_row::from_row;
-use super::{Page, PageRequest, Result, Store, Tx};
+use super::{AuditEvent, Page, PageRequest, Result, Store, Tx};
 use crate::wire::canonical;
 
 /// A robot.
@@ -139,11 +139,6 @@ const CHECKED_NOW: &str = concat!(
     columns!()
 );
 
-const CREATED: &str = "robot_created";
-pub(super) const DOES_NOT_FIT: &str = "robot_does_not_fit";
-pub(super) const FITS: &str = "robot_fits_again";
-pub(super) const CHECKED: &str = "robot_checked";
-
 fn as_created(row: &RobotRow) -> Value {
     let sha256 = canonical::sha256_hex(row.body_json.as_bytes());
     json!({"sha256": sha256, "name": row.name, "created_at_ms": row.created_at_ms})
@@ -163,9 +158,13 @@ impl Audited for RobotRow {
     fn expected_entries(&self) -> Vec<ExpectedEntry> {
         let checked = self.checked_at_ms.map(|at_ms| (at_ms, as_checked(self)));
         vec![
-            ExpectedEntry::created(CREATED, self.created_at_ms, as_created(self)),
+            ExpectedEntry::created(
+                AuditEvent::RobotCreated,
+                self.created_at_ms,
+                as_created(self),
+            ),
             ExpectedEntry {
-                event: CHECKED,
+                event: AuditEvent::RobotChecked,
                 now: checked,
                 by: Some("checked_by"),
             },
@@ -189,7 +188,10 @@ pub(super) async fn lock(tx: &mut Tx, id: &str) -> Result<()> {
 }
 
 /// Puts the robot into the state `check_robot`: a session does not fit it.
-pub(super) async fn begin_check(tx: &mut Tx, id: &str, job_id: &str, seq: i64) -> Result<()> {
+///
+/// # Errors
+/// [`super::Error::Database`].
+pub async fn begin_check(tx: &mut Tx, id: &str, job_id: &str, seq: i64) -> Result<()> {
     sqlx::query(ASK_FOR_CHECK)
         .bind(id)
         .bind(job_id)
@@ -197,7 +199,7 @@ pub(super) async fn begin_check(tx: &mut Tx, id: &str, job_id: &str, seq: i64) -
         .execute(tx.connection())
         .await?;
     tx.audit(
-        DOES_NOT_FIT,
+        AuditEvent::RobotDoesNotFit,
         id,
         json!({"job_id": job_id, "check_seq": seq}),
     );
@@ -205,13 +207,16 @@ pub(super) async fn begin_check(tx: &mut Tx, id: &str, job_id: &str, seq: i64) -
 }
 
 /// Ends the state `check_robot`: a session fits the robot.
-pub(super) async fn end_check(tx: &mut Tx, id: &str, job_id: &str) -> Result<()> {
+///
+/// # Errors
+/// [`super::Error::Database`].
+pub async fn end_check(tx: &mut Tx, id: &str, job_id: &str) -> Result<()> {
     let changed = sqlx::query(FITS_AGAIN)
         .bind(id)
         .execute(tx.connection())
         .await?;
     if changed.rows_affected() > 0 {
-        tx.audit(FITS, id, json!({"job_id": job_id}));
+        tx.audit(AuditEvent::RobotFitsAgain, id, json!({"job_id": job_id}));
     }
     Ok(())
 }
@@ -224,7 +229,7 @@ pub async fn checked(tx: &mut Tx, id: &str, reason: &str, by: &str) -> Result<Ro
     lock(tx, id).await?;
     let query = sqlx::query_as(CHECKED_NOW).bind(id).bind(reason).bind(by);
     let row: RobotRow = query.fetch_one(tx.connection()).await?;
-    tx.audit(CHECKED, id, as_checked(&row));
+    tx.audit(AuditEvent::RobotChecked, id, as_checked(&row));
     Ok(row)
 }
 
@@ -239,7 +244,7 @@ pub async fn insert(tx: &mut Tx, new: &NewRobot) -> Result<RobotRow> {
         .bind(&new.body_json);
     tx.needs_room()?;
     let row: RobotRow = query.fetch_one(tx.connection()).await?;
-    tx.audit(CREATED, &row.id, as_created(&row));
+    tx.audit(AuditEvent::RobotCreated, &row.id, as_created(&row));
     Ok(row)
 }
 

@@ -6,9 +6,9 @@ use serde_json::{Value, json};
 use super::audit::{Audited, ExpectedEntry};
 use super::from_row::from_row;
 use super::policies::ABSENT;
-use super::{Result, Store, Tx, robots};
+use super::{AuditEvent, Result, Store, Tx};
 use crate::wire::report_shape::Evidence;
-use crate::wire::verification::{Fit, Verification};
+use crate::wire::verification::{Fit, Verification, VerificationKind};
 
 /// Verification facts of one job.
 #[derive(Clone, Debug, PartialEq)]
@@ -23,8 +23,8 @@ pub struct VerificationRow {
     pub measurement_set_id: String,
     /// When the job was posted.
     pub created_at_ms: i64,
-    /// `identification` or `session`.
-    pub kind: String,
+    /// Whether the job identified the set or scored it.
+    pub kind: VerificationKind,
     /// Number of the row in the robot's counter.
     pub seq: i64,
     /// Number of points that were not fitted.
@@ -47,18 +47,30 @@ pub struct VerificationRow {
     pub uncertainty_mm: Option<f64>,
 }
 
-from_row!(VerificationRow { job_id, robot_id, parameter_set_id, measurement_set_id, created_at_ms, kind, seq, n_points, before_rms_mm, after_rms_mm, is_better, is_repeat, check_seq, uncertainty_mm } parsed { fit, evidence });
+from_row!(VerificationRow { job_id, robot_id, parameter_set_id, measurement_set_id, created_at_ms, seq, n_points, before_rms_mm, after_rms_mm, is_better, is_repeat, check_seq, uncertainty_mm } parsed { kind, fit, evidence });
 
 impl VerificationRow {
-    /// Whether the job is of kind `verify`.
-    pub fn is_session(&self) -> bool {
-        self.kind == "session"
-    }
-
     fn audit_entry(&self) -> Value {
-        json!({"parameter_set_id": self.parameter_set_id, "kind": self.kind, "seq": self.seq, "n_points": self.n_points,
+        json!({"parameter_set_id": self.parameter_set_id, "kind": self.kind.as_str(), "seq": self.seq, "n_points": self.n_points,
             "before_rms_mm": self.before_rms_mm, "after_rms_mm": self.after_rms_mm, "is_better": self.is_better, "fit": self.fit.as_str(),
             "evidence": self.evidence.as_str(), "is_repeat": self.is_repeat, "check_seq": self.check_seq, "verified_uncertainty_mm": self.uncertainty_mm})
+    }
+}
+
+impl From<&VerificationRow> for Verification {
+    fn from(row: &VerificationRow) -> Self {
+        Self {
+            kind: row.kind,
+            n_points: usize::try_from(row.n_points).unwrap_or(0),
+            before_rms_mm: row.before_rms_mm,
+            after_rms_mm: row.after_rms_mm,
+            is_better: row.is_better == 1,
+            fit: row.fit,
+            evidence: row.evidence,
+            is_repeat: row.is_repeat == 1,
+            check_seq: row.check_seq,
+            uncertainty_mm: row.uncertainty_mm,
+        }
     }
 }
 
@@ -173,8 +185,6 @@ const JOBS_WITHOUT: &str = "
             and (j.kind = 'verify' or exists (select 1 from parameter_set p where p.job_id = j.id))) as without
     order by coalesce(ended, 0), id";
 
-pub(super) const STORED_EVENT: &str = "verification_kept";
-
 impl Audited for VerificationRow {
     const BY_ID: &'static str = BY_ID;
 
@@ -184,27 +194,26 @@ impl Audited for VerificationRow {
 
     fn expected_entries(&self) -> Vec<ExpectedEntry> {
         vec![ExpectedEntry {
-            event: STORED_EVENT,
+            event: AuditEvent::VerificationKept,
             now: Some((self.created_at_ms, self.audit_entry())),
             by: None,
         }]
     }
 }
 
-/// Stores what a job found, in the transaction that ends the job and has locked the robot's row. It also updates the robot: points that do not
-/// fit, and a session that the set misses by far, begin the state `check_robot`; a session that `supports` a release (`release::supports`) ends it.
+/// Stores what a job found, in the transaction that ends the job and has locked the robot's row. Returns the stored row, whose `is_repeat` counts
+/// sessions that did not fit since the job began; `None` if the job has facts already.
 ///
 /// # Errors
 /// [`super::Error::Database`].
-pub async fn insert(tx: &mut Tx, job_id: &str, found: &Verification, supports: bool) -> Result<()> {
-    let kind = if found.is_session {
-        "session"
-    } else {
-        "identification"
-    };
+pub async fn insert(
+    tx: &mut Tx,
+    job_id: &str,
+    found: &Verification,
+) -> Result<Option<VerificationRow>> {
     let query = sqlx::query(INSERT)
         .bind(job_id)
-        .bind(kind)
+        .bind(found.kind.as_str())
         .bind(i64::try_from(found.n_points).unwrap_or(i64::MAX))
         .bind(number(found.before_rms_mm))
         .bind(number(found.after_rms_mm));
@@ -216,20 +225,14 @@ pub async fn insert(tx: &mut Tx, job_id: &str, found: &Verification, supports: b
         .bind(number(found.uncertainty_mm))
         .bind(found.check_seq);
     if query.execute(tx.connection()).await?.rows_affected() == 0 {
-        return Ok(());
+        return Ok(None);
     }
     let row: VerificationRow = sqlx::query_as(OF_JOB)
         .bind(job_id)
         .fetch_one(tx.connection())
         .await?;
-    tx.audit(STORED_EVENT, job_id, row.audit_entry());
-    if row.fit == Fit::DoesNotFit || (row.is_session() && row.fit == Fit::SetFarOff) {
-        robots::begin_check(tx, &row.robot_id, job_id, row.seq).await
-    } else if supports && row.is_repeat == 0 {
-        robots::end_check(tx, &row.robot_id, job_id).await
-    } else {
-        Ok(())
-    }
+    tx.audit(AuditEvent::VerificationKept, job_id, row.audit_entry());
+    Ok(Some(row))
 }
 
 /// The number to bind: [`ABSENT`] if there is none or it is not finite.

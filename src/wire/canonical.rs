@@ -95,13 +95,9 @@ fn write_value(value: &Value, number: WriteNumber, out: &mut String) -> std::fmt
     }
 }
 
-/// The order of keys: by UTF-16 units, which for ASCII are the bytes.
+/// The order of keys: by UTF-16 units.
 fn in_utf16(a: &str, b: &str) -> Ordering {
-    if a.is_ascii() && b.is_ascii() {
-        a.cmp(b)
-    } else {
-        a.encode_utf16().cmp(b.encode_utf16())
-    }
+    a.encode_utf16().cmp(b.encode_utf16())
 }
 
 fn write_joined<T>(
@@ -121,19 +117,9 @@ fn write_joined<T>(
     Ok(())
 }
 
-/// Writes a JSON string. Most texts need no escapes.
+/// Writes a JSON string.
 fn write_text(text: &str, out: &mut String) -> std::fmt::Result {
-    if text
-        .bytes()
-        .all(|byte| byte >= b' ' && byte != b'"' && byte != b'\\')
-    {
-        out.push('"');
-        out.push_str(text);
-        out.push('"');
-        Ok(())
-    } else {
-        write!(out, "{}", Value::from(text))
-    }
+    write!(out, "{}", Value::from(text))
 }
 
 fn write_number(number: &Number, out: &mut String) -> std::fmt::Result {

@@ -1,16 +1,11 @@
 //! Corrected joint targets.
 
-use crate::calibration::ORIENTATION_NOT_KNOWN;
-use crate::compensation::{Anchor, Compensation, Tool};
 pub use crate::compensation::{Base, Mode, Status};
-use crate::kinematics::{Payload, Robot};
-use crate::wire::angle::{to_degrees, to_radians};
 use crate::wire::corrections::PayloadBody;
 use crate::wire::issue::{Checker, Invalid};
 use crate::wire::json;
-use crate::wire::measurement::{Frame, Warning};
-use crate::wire::parameter_set::{ParameterSetContent, Provenance};
-use crate::wire::predict::{check_pose, unknown_target};
+use crate::wire::measurement::Warning;
+use crate::wire::predict::check_pose;
 use crate::wire::robot::MAX_LENGTH_MM;
 use nalgebra::{IsometryMatrix3, Matrix3, Rotation3, Translation3, Vector3};
 use serde::{Deserialize, Serialize};
@@ -134,24 +129,8 @@ impl LeftOut {
     /// Smallest rotation, degrees, and shift, mm, that are mentioned: smaller ones are below measurement accuracy.
     const NOTICED: (f64, f64) = (0.001, 0.01);
 
-    /// `t_nominal_base`: the base of the identified links in the nominal base frame, if it is known.
-    fn new(anchor: &Anchor, base: Base, t_nominal_base: Option<IsometryMatrix3<f64>>) -> Self {
-        let flange = &anchor.t_anchored_flange;
-        let base = match (base, t_nominal_base) {
-            (Base::Measured, _) => IsometryMatrix3::identity(),
-            (Base::Robot, Some(t_nominal_base)) => t_nominal_base * anchor.t_base_anchored,
-            (Base::Robot, None) => anchor.t_base_anchored,
-        };
-        Self {
-            base_turn_deg: to_degrees(base.rotation.angle()),
-            base_shift_mm: base.translation.vector.norm(),
-            flange_turn_deg: to_degrees(flange.rotation.angle()),
-            flange_shift_mm: flange.translation.vector.norm(),
-        }
-    }
-
     /// Describes what is not corrected; `None` if all values are negligible.
-    pub fn remark(&self) -> Option<String> {
+    pub fn description(&self) -> Option<String> {
         let (turn_deg, shift_mm) = Self::NOTICED;
         let is_noticed = self.base_turn_deg.max(self.flange_turn_deg) > turn_deg
             || self.base_shift_mm.max(self.flange_shift_mm) > shift_mm;
@@ -166,114 +145,6 @@ impl LeftOut {
 }
 
 impl CompensateBody {
-    /// The corrected targets.
-    ///
-    /// # Errors
-    /// [`Invalid`] for joint values that do not fit the robot, an invalid tool, a target that the set does not have, `base: measured` although the
-    /// base was not measured, or a pose or tool although the flange's rotation is unknown.
-    pub fn run(
-        &self,
-        robot: &Robot,
-        content: &ParameterSetContent,
-        provenance: &Provenance,
-    ) -> Result<CompensateAnswer, Invalid> {
-        self.check(robot.links.len())?;
-        let base = self.base_in(provenance)?;
-        self.check_provenance(provenance)?;
-        let target = self.target.unwrap_or(0);
-        if self.tool.is_none() && content.target_mm(target, None).is_none() {
-            return Err(unknown_target());
-        }
-        let identified = content
-            .identified_robot(None)
-            .carrying(self.payload.map(Payload::from));
-        let compensation = Compensation::of(robot, &identified, base);
-        let tool = self.tool.map_or_else(
-            || Tool::Target(identified.target_mm(target)),
-            |tool| Tool::Tcp(IsometryMatrix3::from(tool)),
-        );
-        let mut answer = CompensateAnswer::with_capacity(self.q_deg.len(), ErrorFrame::from(base));
-        let t_nominal_base = (provenance.measuring_frame == Some(Frame::Base))
-            .then(|| identified.model().t_instrument_base);
-        answer.left_out = LeftOut::new(compensation.anchor(), base, t_nominal_base);
-        // Positions of the measured reflector are right even if the flange's rotation is unknown.
-        if self.tool.is_some() || self.mode == Mode::Pose {
-            answer.warnings = provenance.warnings.clone();
-        } else if provenance.orientation_unknown().is_some() {
-            let detail = "the place of the reflector on the flange is known no better than the rotation of the flange: the answer holds for the \
-                          reflector as it was identified (`targets` of the parameter set). If the program's tool has it elsewhere, its position is off \
-                          by the difference";
-            answer.warnings.push(Warning {
-                code: ORIENTATION_NOT_KNOWN.into(),
-                detail: detail.into(),
-                rows: vec![],
-            });
-        }
-        for q_deg in &self.q_deg {
-            let q_rad: Vec<f64> = q_deg.iter().map(|deg| to_radians(*deg)).collect();
-            let corrected = compensation.correct(&q_rad, &tool, self.mode);
-            answer.q_deg.push(
-                corrected
-                    .q_controller_rad
-                    .iter()
-                    .map(|rad| to_degrees(*rad))
-                    .collect(),
-            );
-            answer
-                .position_error_before_mm
-                .push(corrected.position_error_before_mm);
-            answer
-                .position_error_after_mm
-                .push(corrected.position_error_after_mm);
-            answer
-                .orientation_error_after_deg
-                .push(to_degrees(corrected.orientation_error_after_rad));
-            answer.status.push(corrected.status);
-            answer
-                .extrapolated
-                .push(identified.is_extrapolated(&robot.q_model_rad(&corrected.q_controller_rad)));
-        }
-        Ok(answer)
-    }
-
-    /// Refuses a set that does not fit its own points. If the flange's rotation is unknown, only positions of the measured reflector can be
-    /// corrected: refuses poses and other tools.
-    fn check_provenance(&self, provenance: &Provenance) -> Result<(), Invalid> {
-        if let Some((code, detail)) = provenance.wrong_robot() {
-            let detail = format!("no target is corrected with this set: {detail}");
-            return Err(Invalid::at("", code, detail));
-        }
-        if self.tool.is_none() && self.mode == Mode::Position {
-            return Ok(());
-        }
-        let pointer = if self.tool.is_some() {
-            "/tool"
-        } else {
-            "/mode"
-        };
-        provenance.orientation_unknown().map_or(Ok(()), |why| {
-            let detail =
-                format!("{why}; mode position of a measured reflector is given all the same");
-            Err(Invalid::at(pointer, ORIENTATION_NOT_KNOWN, detail))
-        })
-    }
-
-    /// Requested base, or the default for the frame of the measured positions.
-    fn base_in(&self, provenance: &Provenance) -> Result<Base, Invalid> {
-        let is_measured = provenance.measuring_frame == Some(Frame::Base);
-        match self.base {
-            Some(Base::Robot) => Ok(Base::Robot),
-            Some(Base::Measured) if !is_measured => Err(Invalid::at(
-                "/base",
-                "base_not_measured",
-                "the positions of this set were not measured in the base frame, so that nothing is known of where the nominal base is in it: \
-                 take base robot, or identify from positions in the base frame",
-            )),
-            None if !is_measured => Ok(Base::Robot),
-            Some(Base::Measured) | None => Ok(Base::Measured),
-        }
-    }
-
     /// Checks that need only the request and the number of joints.
     ///
     /// # Errors
@@ -358,7 +229,8 @@ impl ErrorFrame {
 }
 
 impl CompensateAnswer {
-    fn with_capacity(n: usize, frame: ErrorFrame) -> Self {
+    /// An answer without targets yet, with room for `n`.
+    pub fn with_capacity(n: usize, frame: ErrorFrame) -> Self {
         Self {
             q_deg: Vec::with_capacity(n),
             frame,

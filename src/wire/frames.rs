@@ -1,9 +1,6 @@
 //! Preliminary frames from sweeps (section 2.2 of the paper).
 
-use crate::frames::{PreliminaryFrames, SweepCircle, preliminary_frames};
-use crate::kinematics::Robot;
-use crate::wire::issue::Invalid;
-use crate::wire::measurement::{Decimal, Frame, from_csv};
+use crate::frames::{PreliminaryFrames, SweepCircle};
 use nalgebra::{IsometryMatrix3, Matrix3, Rotation3, Translation3, Vector3};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -99,17 +96,6 @@ impl FramesAnswer {
             created_at,
         }
     }
-}
-
-/// Reads sweeps and finds base and tool frame.
-///
-/// # Errors
-/// [`Invalid`] for a file that cannot be read, or sweeps that do not determine the frames (parallel axes, too short an arc).
-pub fn from_sweeps(bytes: &[u8], robot: &Robot) -> Result<FramesContent, Invalid> {
-    let set = from_csv(bytes, Decimal::Point, Frame::Instrument, robot.links.len())?;
-    let frames = preliminary_frames(robot, &set)
-        .map_err(|error| Invalid::at("", error.code(), error.to_string()))?;
-    Ok(FramesContent::from(&frames))
 }
 
 impl From<&PreliminaryFrames> for FramesContent {

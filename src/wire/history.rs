@@ -1,10 +1,10 @@
 //! History of a robot's parameters, and the comparison of two parameter sets.
 
-use crate::calibration::changes::Changes;
+use crate::calibration::report::Changes;
 use crate::compensation::ToolDifference;
 use crate::wire::angle::to_degrees;
 use crate::wire::parameter_set::ParameterSetStatus;
-use crate::wire::report_shape::{ChangeReport, Evidence, ParameterReport, SubsetReport};
+use crate::wire::report_shape::{ChangeReport, ParameterReport};
 use crate::wire::trend::Trend;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -38,29 +38,6 @@ pub struct HistoryItem {
     /// Changes since the session before, in units of their own uncertainty. Empty if nothing changed beyond chance, or there was no session
     /// before.
     pub changed: Vec<ChangeReport>,
-}
-
-/// The parts of a stored report that the history shows.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
-pub struct ReportExcerpt {
-    /// Every free parameter.
-    pub parameters: Vec<ParameterReport>,
-    /// The held-out points.
-    pub verify: Option<SubsetReport>,
-    /// What changed.
-    #[serde(default)]
-    pub changed: Option<Vec<ChangeReport>>,
-    /// Strength of the verification.
-    pub evidence: Evidence,
-}
-
-impl ReportExcerpt {
-    /// rms error of the held-out points, with corrections if there are any, mm.
-    pub fn verify_rms_mm(&self) -> Option<f64> {
-        self.verify
-            .as_ref()
-            .map(|verify| verify.corrected.unwrap_or(verify.after).rms_mm)
-    }
 }
 
 /// Differences between two parameter sets of one robot.

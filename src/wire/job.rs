@@ -41,17 +41,6 @@ impl Kind {
     }
 }
 
-impl TryFrom<String> for Kind {
-    type Error = String;
-
-    fn try_from(text: String) -> Result<Self, String> {
-        [Self::Identify, Self::Verify]
-            .into_iter()
-            .find(|kind| kind.as_str() == text)
-            .ok_or_else(|| format!("unknown kind of job {text:?}"))
-    }
-}
-
 /// A calibration to run. Only the set is required.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]

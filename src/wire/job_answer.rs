@@ -48,17 +48,6 @@ impl JobStatus {
     }
 }
 
-impl TryFrom<String> for JobStatus {
-    type Error = String;
-
-    fn try_from(text: String) -> Result<Self, String> {
-        Self::ALL
-            .into_iter()
-            .find(|status| status.as_str() == text)
-            .ok_or_else(|| format!("unknown job status {text:?}"))
-    }
-}
-
 /// Stage of a running job.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
@@ -229,4 +218,14 @@ pub enum JobEventName {
     Progress,
     /// The job has ended; no event follows.
     Finished,
+}
+
+impl JobEventName {
+    /// Its name in the stream.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Progress => "progress",
+            Self::Finished => "finished",
+        }
+    }
 }

@@ -3,13 +3,43 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+/// Something that a key may do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "snake_case")]
+pub enum Scope {
+    /// Read everything but keys, and predict.
+    Read,
+    /// Store robots, measurement sets and frames.
+    Upload,
+    /// Post and cancel jobs.
+    Identify,
+    /// Release and withdraw parameter sets.
+    Release,
+    /// Everything.
+    Admin,
+}
+
+impl Scope {
+    /// Name of the scope in keys and problems.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Read => "read",
+            Self::Upload => "upload",
+            Self::Identify => "identify",
+            Self::Release => "release",
+            Self::Admin => "admin",
+        }
+    }
+}
+
 /// Permissions of a request's key, without the key itself.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct KeyAnswer {
     /// Its identifier; `anonymous` if no key is needed.
     pub id: String,
     /// `read`, `upload`, `identify`, `release`, `admin`; the last one includes the others.
-    pub scopes: Vec<String>,
+    #[schema(value_type = Vec<String>)]
+    pub scopes: Vec<Scope>,
     /// The robots it is limited to; null for all.
     #[schema(required)]
     pub robots: Option<Vec<String>>,

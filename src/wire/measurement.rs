@@ -1,6 +1,6 @@
 //! Measurement sets: parsing of CSV and JSON, and their summary.
 
-use crate::calibration::upload;
+use crate::calibration::upload_checks;
 use crate::kinematics::Robot;
 use crate::measurement::csv::{
     EXAMPLE_OF_A_TIME, MAX_COORDINATE_MM, MAX_STD_MM, MAX_TARGETS, MAX_TEMPERATURE_C, MIN_STD_MM,
@@ -408,7 +408,7 @@ pub fn counts(set: &MeasurementSet) -> (usize, usize) {
 
 /// Warnings for the uploader. The set is stored in spite of them.
 pub fn warnings(robot: &Robot, set: &MeasurementSet) -> Vec<Warning> {
-    let of_the_set = upload::warnings(robot, set);
+    let of_the_set = upload_checks::warnings(robot, set);
     let mut warnings: Vec<Warning> = of_the_set.iter().map(Warning::from).collect();
     warnings
         .iter_mut()

@@ -33,6 +33,7 @@ pub mod problem;
 mod reason;
 pub mod release;
 pub mod report;
+pub mod report_excerpts;
 pub mod report_shape;
 pub mod robot;
 pub mod safetensors;
@@ -40,10 +41,8 @@ pub mod suspicion;
 mod target;
 pub mod time;
 pub mod trend;
-pub mod urdf;
 pub mod verification;
 pub mod warning;
-pub mod xml_limits;
 
 pub use issue::{Invalid, Issue};
 pub use problem::Problem;

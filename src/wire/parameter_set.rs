@@ -45,6 +45,9 @@ pub struct Provenance {
     /// One standard deviation of the flange's rotation, degrees; absent if it was not computed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub flange_rotation_std_deg: Option<f64>,
+    /// The part of it that positions never show: the zero of the last joint, degrees; absent in documents of older versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub last_joint_zero_std_deg: Option<f64>,
     /// Warnings.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<Warning>,
@@ -62,8 +65,17 @@ impl Provenance {
     /// Reason why the flange's rotation is unknown; `None` if it is known. Reports of older versions have only a warning for it.
     pub fn orientation_unknown(&self) -> Option<String> {
         let remedy = "identify from a reflector off the last axis, or from two, at poses that move every joint";
+        let most = to_degrees(MAX_FLANGE_ROTATION_STD_RAD);
         match self.flange_rotation_std_deg {
-            Some(std) if std > to_degrees(MAX_FLANGE_ROTATION_STD_RAD) => Some(format!(
+            Some(std)
+                if std > most && shown_by_positions(std, self.last_joint_zero_std_deg) <= most =>
+            {
+                Some(format!(
+                    "the flange may be turned by {std:.2}° about its last axis, one standard deviation: positions never show the zero of the last joint, and \
+                 the zeros of the other joints are off by as much. If the last joint was mastered by its marks, identify with a prior on its theta_offset"
+                ))
+            }
+            Some(std) if std > most => Some(format!(
                 "the measured positions do not show how the flange is turned: it may be off by {std:.2}°, one standard deviation: {remedy}"
             )),
             None if self.warnings.iter().any(|w| w.code == "pose_not_seen") => Some(format!(
@@ -73,6 +85,17 @@ impl Provenance {
             _ => None,
         }
     }
+}
+
+/// One standard deviation of the flange's rotation without the zero of the last joint, degrees.
+pub fn shown_by_positions(
+    flange_rotation_std_deg: f64,
+    last_joint_zero_std_deg: Option<f64>,
+) -> f64 {
+    let zero = last_joint_zero_std_deg.unwrap_or(0.0);
+    (flange_rotation_std_deg * flange_rotation_std_deg - zero * zero)
+        .max(0.0)
+        .sqrt()
 }
 
 /// One identified link: Rx(alpha) · Dx(a) · Ry(beta) · Rz(q + theta_offset) · Dz(d).
@@ -113,22 +136,6 @@ impl ParameterSetStatus {
             Self::Superseded => "superseded",
             Self::Withdrawn => "withdrawn",
         }
-    }
-}
-
-impl TryFrom<String> for ParameterSetStatus {
-    type Error = String;
-
-    fn try_from(text: String) -> Result<Self, String> {
-        [
-            Self::Candidate,
-            Self::Released,
-            Self::Superseded,
-            Self::Withdrawn,
-        ]
-        .into_iter()
-        .find(|status| status.as_str() == text)
-        .ok_or_else(|| format!("unknown parameter set status {text:?}"))
     }
 }
 

@@ -1,10 +1,6 @@
 //! Pose plans: the poses to measure next.
 
-use crate::identification::objective::Observation;
-use crate::identification::workspace::ToolUncertainty;
-use crate::kinematics::Robot;
-use crate::measurement::MeasurementSet;
-use crate::planning::{BaseCylinder, PlanRequest, Room, plan};
+use crate::planning::{BaseCylinder, Planned, Room};
 use crate::wire::angle::to_degrees;
 use crate::wire::id;
 use crate::wire::issue::{Checker, Invalid};
@@ -19,21 +15,15 @@ use utoipa::ToSchema;
 /// Most configurations of a plan; more than anyone measures in a day.
 pub const MAX_PLANNED: usize = 300;
 /// Default number of candidates.
-const DEFAULT_CANDIDATES: usize = 10_000;
+pub const DEFAULT_CANDIDATES: usize = 10_000;
 /// Most candidates.
 pub const MAX_CANDIDATES: usize = 50_000;
 /// Most boxes.
 pub const MAX_BOXES: usize = 32;
 /// Most sets that were measured already.
 pub const MAX_MEASURED: usize = 20;
-/// Default noise of one coordinate, mm: tracker and repeatability of the arm.
-const DEFAULT_NOISE_MM: f64 = 0.05;
 /// Allowed range of the noise, mm.
 pub(super) const NOISE_MM: (f64, f64) = (1e-4, 10.0);
-/// Assumed reflector with `model: complete`: off the flange's axis, so that its position depends on all joints.
-const OFF_AXIS_MM: [f64; 3] = [80.0, 0.0, 100.0];
-/// Assumed reflector with `model: paper`: on the flange's axis.
-const ON_AXIS_MM: [f64; 3] = [0.0, 0.0, 100.0];
 
 /// Request for a pose plan. Only the number is required.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -139,77 +129,6 @@ impl PosePlanBody {
             floor_z_mm: None,
             base_cylinder: None,
             measured: vec![],
-        }
-    }
-
-    /// The plan. `measured` holds the sets that the request names.
-    ///
-    /// # Errors
-    /// [`Invalid`] for values out of range, and if the allowed space has too few configurations.
-    pub fn run(
-        &self,
-        robot: &Robot,
-        measured: &[MeasurementSet],
-    ) -> Result<PosePlanAnswer, Invalid> {
-        self.check()?;
-        let model = self.model.unwrap_or(Model::Complete);
-        let target_mm = self.target_mm.unwrap_or(if model == Model::Paper {
-            ON_AXIS_MM
-        } else {
-            OFF_AXIS_MM
-        });
-        let request = PlanRequest {
-            robot,
-            model,
-            target_mm: Vector3::from(target_mm),
-            n_configurations: self.n_configurations,
-            n_repeats: self.n_repeats.unwrap_or(match self.n_configurations {
-                0..20 => 0,
-                _ => 3,
-            }),
-            n_candidates: self.n_candidates.unwrap_or(DEFAULT_CANDIDATES),
-            noise_std_mm: self.noise_std_mm.unwrap_or(DEFAULT_NOISE_MM),
-            seed: self.seed,
-            room: self.room(),
-            measured: measured
-                .iter()
-                .map(|set| observations(robot, set))
-                .collect(),
-        };
-        let plan = plan(&request)
-            .map_err(|error| Invalid::at("/boxes", "too_little_room", error.to_string()))?;
-        let uncertainty = |u: ToolUncertainty| ToolUncertaintyReport {
-            mean: u.mean_mm,
-            max: u.max_mm,
-        };
-        let configuration = |planned: &crate::planning::Planned| PlannedConfiguration {
-            q_deg: planned
-                .q_controller_rad
-                .iter()
-                .map(|rad| to_degrees(*rad))
-                .collect(),
-            repeats: planned.repeats,
-        };
-        Ok(PosePlanAnswer {
-            configurations: plan.configurations.iter().map(configuration).collect(),
-            observability_index_o1: plan.observability_index_o1,
-            predicted_std_mm: uncertainty(plan.predicted),
-            predicted_std_mm_random: uncertainty(plan.predicted_random),
-        })
-    }
-
-    fn room(&self) -> Room {
-        Room {
-            boxes_mm: self
-                .boxes
-                .iter()
-                .map(|b| (Vector3::from(b.min_mm), Vector3::from(b.max_mm)))
-                .collect(),
-            floor_z_mm: self.floor_z_mm,
-            base_cylinder: self.base_cylinder.map(|c| BaseCylinder {
-                radius_mm: c.radius_mm,
-                height_mm: c.height_mm,
-            }),
         }
     }
 
@@ -329,12 +248,27 @@ impl PosePlanBody {
     }
 }
 
-fn observations(robot: &Robot, set: &MeasurementSet) -> Vec<Observation> {
-    let observation = |point: &crate::measurement::Point| Observation {
-        q_rad: robot.q_model_rad(&point.q_rad),
-        position_mm: point.position_mm,
-        target: point.target,
-        weight: 1.0,
-    };
-    set.points.iter().map(observation).collect()
+/// The space in which the robot may move.
+impl From<&PosePlanBody> for Room {
+    fn from(body: &PosePlanBody) -> Self {
+        let corners = |b: &BoxBody| (Vector3::from(b.min_mm), Vector3::from(b.max_mm));
+        Self {
+            boxes_mm: body.boxes.iter().map(corners).collect(),
+            floor_z_mm: body.floor_z_mm,
+            base_cylinder: body.base_cylinder.map(|c| BaseCylinder {
+                radius_mm: c.radius_mm,
+                height_mm: c.height_mm,
+            }),
+        }
+    }
+}
+
+impl From<&Planned> for PlannedConfiguration {
+    fn from(planned: &Planned) -> Self {
+        let q_deg = planned.q_controller_rad.iter().map(|rad| to_degrees(*rad));
+        Self {
+            q_deg: q_deg.collect(),
+            repeats: planned.repeats,
+        }
+    }
 }

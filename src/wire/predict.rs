@@ -1,13 +1,10 @@
 //! Predicted positions of a target on an identified robot.
 
-use crate::kinematics::{Payload, Robot};
 use crate::measurement::csv::MAX_TARGETS;
-use crate::wire::angle::to_radians;
 use crate::wire::corrections::PayloadBody;
 use crate::wire::issue::{Checker, Invalid};
 use crate::wire::json;
 use crate::wire::measurement::MAX_JOINT_VALUE_DEG;
-use crate::wire::parameter_set::ParameterSetContent;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -44,37 +41,6 @@ pub struct PredictAnswer {
 }
 
 impl PredictBody {
-    /// Predicts the target's positions with the joint map, the identified links, the corrections and the base's pose in the measuring frame.
-    ///
-    /// # Errors
-    /// [`Invalid`] for poses that do not fit the robot, or a target that the set does not have.
-    pub fn run(
-        &self,
-        robot: &Robot,
-        content: &ParameterSetContent,
-    ) -> Result<PredictAnswer, Invalid> {
-        self.check(robot.links.len())?;
-        if content.target_mm(self.target, self.segment).is_none() {
-            return Err(unknown_target());
-        }
-        let identified = content
-            .identified_robot(self.segment)
-            .carrying(self.payload.map(Payload::from));
-        let predicted = |q_deg: &Vec<f64>| -> ([f64; 3], bool) {
-            let q_rad: Vec<f64> = q_deg.iter().map(|deg| to_radians(*deg)).collect();
-            let q_rad = robot.q_model_rad(&q_rad);
-            (
-                identified.position(&q_rad, self.target).into(),
-                identified.is_extrapolated(&q_rad),
-            )
-        };
-        let (position_mm, extrapolated) = self.q_deg.iter().map(predicted).unzip();
-        Ok(PredictAnswer {
-            position_mm,
-            extrapolated,
-        })
-    }
-
     /// Checks that need only the request and the number of joints.
     ///
     /// # Errors

@@ -1,7 +1,7 @@
 //! Conversion of the core's report, and the hash of its result.
 
 use crate::calibration::CalibrationReport;
-use crate::calibration::changes::NamedChange;
+use crate::calibration::report::NamedChange;
 use crate::calibration::report::{
     ErrorModel, Errors, FinalErrors, MethodComparison, ParameterOutcome, PointErrors,
     PoseRepeatability, PriorOutcome, Repeatability, SubsetErrors,
@@ -18,7 +18,6 @@ use crate::wire::report_shape::{
     PointReport, PoseRepeatabilityReport, PriorReport, RepeatabilityReport, Report, SubsetReport,
     ToolUncertaintyReport, WRONG_ROBOT,
 };
-use crate::wire::robot::MAX_LENGTH_MM;
 
 /// Facts of a run that the core does not know.
 #[derive(Clone, Debug)]
@@ -31,8 +30,8 @@ pub struct RunContext<'a> {
     pub duration_ms: f64,
     /// Wall time of each compared method, in the order of `comparison`, ms.
     pub comparison_ms: Vec<f64>,
-    /// True if the verify points come from another set.
-    pub verify_set_is_another: bool,
+    /// Strength of the verification.
+    pub evidence: VerifyEvidence,
     /// SHA-256 of the trained network's tensors.
     pub network_sha256: Option<&'a str>,
     /// Code of the suspicion that the uploader of the points overrode with `insist`.
@@ -55,6 +54,8 @@ pub fn provenance(
         warnings: Vec<Warning>,
         #[serde(default)]
         flange_rotation_std_deg: Option<f64>,
+        #[serde(default)]
+        last_joint_zero_std_deg: Option<f64>,
     }
     let mut found: Excerpt = serde_json::from_str(report_json)?;
     found.warnings.retain(|warning| {
@@ -63,6 +64,7 @@ pub fn provenance(
     Ok(Provenance {
         measuring_frame,
         flange_rotation_std_deg: found.flange_rotation_std_deg,
+        last_joint_zero_std_deg: found.last_joint_zero_std_deg,
         warnings: found.warnings,
     })
 }
@@ -105,7 +107,12 @@ fn without_hash(core: &CalibrationReport, run: &RunContext<'_>) -> Report {
             .filter(|t| t.max_mm.is_finite())
             .map(Into::into),
         tool_uncertainty_absent_because: core.uncertainty_absent_because.clone(),
-        flange_rotation_std_deg: core.flange_rotation_std_rad.map(to_degrees),
+        flange_rotation_std_deg: core
+            .flange_rotation
+            .map(|found| to_degrees(found.std_rad())),
+        last_joint_zero_std_deg: core
+            .flange_rotation
+            .map(|found| to_degrees(found.last_joint_zero_rad)),
         error_model: core.error_model.map(Into::into),
         identifiability: IdentifiabilityReport {
             n_parameters: core.identifiability.n_parameters,
@@ -130,11 +137,7 @@ fn without_hash(core: &CalibrationReport, run: &RunContext<'_>) -> Report {
             .changes
             .as_ref()
             .map(|changes| changes.all.iter().map(Into::into).collect()),
-        evidence: match run.verify_set_is_another {
-            _ if run.insisted_on.is_some() || !core.is_evidence() => VerifyEvidence::None,
-            false => VerifyEvidence::SameUpload,
-            true => VerifyEvidence::IndependentSession,
-        },
+        evidence: run.evidence,
         warnings: insisted(run)
             .into_iter()
             .chain(core.warnings.iter().map(Warning::from))
@@ -214,58 +217,6 @@ pub fn convergence(core: &CalibrationReport) -> Convergence {
         iteration: (0..core.convergence_mm2.len()).collect(),
         best_cost_mm2: core.convergence_mm2.clone(),
     }
-}
-
-/// Whether links and targets have plausible sizes. A fit to rows that do not belong together may diverge.
-pub fn has_plausible_size(core: &CalibrationReport) -> bool {
-    let links = core.links.iter().flat_map(|l| [l.a_mm, l.d_mm]);
-    let targets = core.targets_mm.iter().flat_map(|t| [t.x, t.y, t.z]);
-    links.chain(targets).all(|mm| mm.abs() <= MAX_LENGTH_MM)
-}
-
-/// Whether all numbers of the result are finite. JSON has no others.
-pub fn is_finite(core: &CalibrationReport) -> bool {
-    let subsets = [Some(&core.identify), core.verify.as_ref()];
-    let errors = subsets
-        .into_iter()
-        .flatten()
-        .flat_map(|s| [Some(s.before), Some(s.after), s.corrected])
-        .flatten();
-    let compared = core.comparison.iter().filter_map(|c| c.verify_after);
-    let statistics = errors
-        .chain(compared)
-        .flat_map(|e| [e.mean_mm, e.std_mm, e.rms_mm, e.max_mm]);
-    let parameters = core
-        .parameters
-        .iter()
-        .flat_map(|p| [p.nominal, p.identified, p.delta]);
-    let points = core.per_point.iter().flat_map(|p| {
-        [
-            p.before_mm,
-            p.after_mm,
-            p.corrected_vector_mm.map_or(0.0, |v| v.norm()),
-        ]
-    });
-    let links = core
-        .links
-        .iter()
-        .flat_map(|l| [l.a_mm, l.alpha_rad, l.d_mm, l.theta_offset_rad, l.beta_rad]);
-    let base = core.t_instrument_base.to_homogeneous();
-    let targets = core.targets_mm.iter().flat_map(|t| [t.x, t.y, t.z]);
-    let costs = core
-        .comparison
-        .iter()
-        .map(|c| c.cost_mm2)
-        .chain(core.convergence_mm2.iter().copied())
-        .chain([core.cost_mm2]);
-    statistics
-        .chain(parameters)
-        .chain(points)
-        .chain(links)
-        .chain(base.iter().copied())
-        .chain(targets)
-        .chain(costs)
-        .all(f64::is_finite)
 }
 
 fn finite(value: f64) -> Option<f64> {

@@ -60,12 +60,17 @@ pub struct Report {
     /// Reason why neither the tool nor any parameter has an uncertainty; absent if they have one, or if nothing was identified.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tool_uncertainty_absent_because: Option<String>,
-    /// One standard deviation of the flange's rotation in the robot's base over the workspace, degrees, with general priors on robots. The
-    /// zero of the last joint is not counted: positions cannot tell it from a turned tool. It contains what the positions do not determine, and the distance of the identified links from the best estimate. Above 0.5°, corrected
-    /// poses and other tools than a measured reflector are refused (`orientation_not_known`), and no `change_reason` releases implausible
-    /// changes. Null if it cannot be computed, absent in reports of older versions.
+    /// One standard deviation of the flange's rotation in the robot's base over the workspace, degrees, with general priors on robots. It
+    /// contains what the positions do not determine, the distance of the identified links from the best estimate, and the zero of the last
+    /// joint. Above 0.5°, corrected poses and other tools than a measured reflector are refused (`orientation_not_known`). Null if it cannot be
+    /// computed, absent in reports of older versions.
     #[serde(default)]
     pub flange_rotation_std_deg: Option<f64>,
+    /// The part of `flange_rotation_std_deg` about the last axis that positions never show: the zero of the last joint, degrees. It is known as
+    /// well as the zeros of the other joints turned out to be, or as a prior on it states. If the rest of the rotation is above 0.5°, no
+    /// `change_reason` releases implausible changes. Null if it cannot be computed, absent in reports of older versions.
+    #[serde(default)]
+    pub last_joint_zero_std_deg: Option<f64>,
     /// Scatter of the points about the model; null if it cannot be stated.
     #[schema(required)]
     pub error_model: Option<ErrorModelReport>,
@@ -206,20 +211,20 @@ impl Report {
 
     /// Robust comparison of the errors before and after on the verify points, without those that are outliers for both robots.
     pub fn robust_comparison(&self) -> Judged {
-        judged(&self.verify_errors_mm())
+        judged(&verify_errors_mm(&self.per_point))
     }
+}
 
-    /// Errors of each verify point, mm: of the nominal robot, of the links, and with corrections (of the links if none is used).
-    pub fn verify_errors_mm(&self) -> Vec<[f64; 3]> {
-        let is_verify = |point: &&PointReport| point.subset == Subset::Verify;
-        let points = self.per_point.iter().filter(is_verify);
-        points
-            .map(|p| {
-                let corrected_mm = p.corrected_mm.unwrap_or(p.after_mm);
-                [p.before_mm, p.after_mm, corrected_mm]
-            })
-            .collect()
-    }
+/// Errors of each verify point, mm: of the nominal robot, of the links, and with corrections (of the links if none is used).
+pub fn verify_errors_mm(per_point: &[PointReport]) -> Vec<[f64; 3]> {
+    let is_verify = |point: &&PointReport| point.subset == Subset::Verify;
+    let points = per_point.iter().filter(is_verify);
+    points
+        .map(|p| {
+            let corrected_mm = p.corrected_mm.unwrap_or(p.after_mm);
+            [p.before_mm, p.after_mm, corrected_mm]
+        })
+        .collect()
 }
 
 /// Result for one parameter.
@@ -427,17 +432,6 @@ impl Evidence {
             Self::SameUpload => "same_upload",
             Self::IndependentSession => "independent_session",
         }
-    }
-}
-
-impl TryFrom<String> for Evidence {
-    type Error = String;
-
-    fn try_from(text: String) -> Result<Self, String> {
-        [Self::None, Self::SameUpload, Self::IndependentSession]
-            .into_iter()
-            .find(|evidence| evidence.as_str() == text)
-            .ok_or_else(|| format!("unknown evidence {text:?}"))
     }
 }
 

@@ -1,6 +1,6 @@
 //! Suspicions about an upload: refusals, and the codes with which a caller overrides them.
 
-use crate::calibration::alignment::Suspicion;
+use crate::calibration::upload_checks::alignment::Suspicion;
 use crate::wire::issue::Issue;
 use crate::wire::robot::JointMapBody;
 use crate::wire::warning::Warning;

@@ -26,22 +26,31 @@ impl Fit {
     }
 }
 
-impl TryFrom<String> for Fit {
-    type Error = String;
+/// What a job did with the set.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum VerificationKind {
+    /// It identified the set.
+    Identification,
+    /// It scored the set on another session: a job of kind `verify`.
+    Session,
+}
 
-    fn try_from(text: String) -> Result<Self, String> {
-        [Self::Fits, Self::SetFarOff, Self::DoesNotFit]
-            .into_iter()
-            .find(|fit| fit.as_str() == text)
-            .ok_or_else(|| format!("unknown fit {text:?}"))
+impl VerificationKind {
+    /// Its name in the database.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Identification => "identification",
+            Self::Session => "session",
+        }
     }
 }
 
 /// Verification facts of one job.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Verification {
-    /// True for a job of kind `verify`, false for one that identified the set.
-    pub is_session: bool,
+    /// Whether the job identified the set or scored it.
+    pub kind: VerificationKind,
     /// Number of points that were not fitted.
     pub n_points: usize,
     /// rms of the nominal robot on them, without outliers, mm. If no point was held out, it is that of the fitted points.

@@ -2,7 +2,9 @@
 
 use crate::robots::{CLEAN, Tolerances, clean_robots, measured, models};
 use crate::simulation::Normal;
-use kincal::calibration::alignment::{BETTER, FITS, Finding, Look, Suspicion, explain, look};
+use kincal::calibration::upload_checks::alignment::{
+    BETTER, FITS, Finding, Look, Suspicion, explain, look,
+};
 use kincal::kinematics::{JointMap, Robot};
 use kincal::measurement::{Frame, MeasurementSet, csv};
 use nalgebra::{DMatrix, DVector, IsometryMatrix3, Rotation3, Translation3, Vector3};

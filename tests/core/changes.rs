@@ -2,7 +2,7 @@
 
 use crate::data::{paper_robot, paper_set};
 use crate::simulation::{Normal, true_robot};
-use kincal::calibration::changes::{Changes, Kind};
+use kincal::calibration::report::{ChangeKind, Changes};
 use kincal::calibration::request::PreviousSession;
 use kincal::calibration::{CalibrationRequest, Method, calibrate};
 use kincal::identification::KinematicModel;
@@ -172,7 +172,7 @@ fn a_collision_is_found_and_the_parameters_that_jumped_are_named() {
             robot.links[3].a_mm -= 0.3;
         });
         let changes = compared(&paper_robot(), &first, &second);
-        assert_eq!(changes.kind, Some(Kind::Collision));
+        assert_eq!(changes.kind, Some(ChangeKind::Collision));
         let warning = &changes.warnings[0];
         assert!(
             warning.code == "robot_changed" && warning.detail.contains("collision"),
@@ -208,9 +208,9 @@ fn what_happened_to_the_papers_robot_between_its_sessions_is_told_apart() {
         (None, 0, 0)
     );
     let drifted = against_first("followup_drifted.csv");
-    assert_eq!(drifted.kind, Some(Kind::Drift));
+    assert_eq!(drifted.kind, Some(ChangeKind::Drift));
     let collision = against_first("followup_collision.csv");
-    assert_eq!(collision.kind, Some(Kind::Collision));
+    assert_eq!(collision.kind, Some(ChangeKind::Collision));
     assert_eq!(
         of_the_robot(&names(&collision)[..3]),
         ["a_3", "theta_offset_2", "theta_offset_3"]

@@ -9,11 +9,13 @@ use kincal::exchange::{
 };
 use kincal::identification::parameters::rotation_exp;
 use kincal::kinematics::{JointMap, Link, Robot, t_base_flange};
-use kincal::wire::export::{self, BetaChoice, ExportFormat, Source};
-use kincal::wire::import::{ImportFormat, import};
+use kincal::operations::export::{self, Source};
+use kincal::operations::import::import;
+use kincal::operations::urdf::Urdf;
+use kincal::wire::export::{BetaChoice, ExportFormat};
+use kincal::wire::import::ImportFormat;
 use kincal::wire::parameter_set::{IdentifiedLink, ParameterSetContent, Provenance};
 use kincal::wire::robot::RobotBody;
-use kincal::wire::urdf::Urdf;
 use nalgebra::{
     DMatrix, IsometryMatrix3, Matrix4, Rotation3, Translation3, Unit, Vector3, Vector4,
 };
@@ -736,7 +738,7 @@ fn planted_mastering_errors_come_out_in_the_controllers_sign_and_coupling() {
         .zip(planted_deg)
         .for_each(|(link, deg)| link.theta_offset_rad += f64::to_radians(deg));
     let refit = mastering(&robot, &identified);
-    let document = kincal::wire::export::MasteringDocument::new(&robot, &refit);
+    let document = export::mastering_document(&robot, &refit);
     for (joint, expected) in document.joints.iter().zip(expected_deg) {
         assert!((joint.offset_deg - expected).abs() < 1e-7, "{document:?}");
     }
@@ -758,8 +760,7 @@ fn of_two_joints_none_has_an_offset_that_can_be_told_from_base_and_tool() {
     robot.joint_limits_rad.truncate(2);
     let mut identified = robot.links.clone();
     identified[1].theta_offset_rad += 0.01;
-    let document =
-        kincal::wire::export::MasteringDocument::new(&robot, &mastering(&robot, &identified));
+    let document = export::mastering_document(&robot, &mastering(&robot, &identified));
     assert!(
         document
             .joints

@@ -7,16 +7,17 @@ mod throughput;
 use crate::data::{paper_path, paper_robot, paper_set, real_data};
 use crate::simulation::{Campaign, Normal, measure, poses, true_robot};
 use kincal::calibration::request::{FinalFit, ParameterChoice, VerifySource};
-use kincal::calibration::upload;
+use kincal::calibration::upload_checks;
 use kincal::calibration::{
     CalibrationReport, CalibrationRequest, Error, Event, Method, Model, Preset, calibrate, check,
 };
 use kincal::identification::identifiability::prior_scale;
+use kincal::identification::linearisation::decomposition_at;
 use kincal::identification::objective::{Observation, cost};
 use kincal::identification::parameters::{
     Parameter, Quantity, complete_parameters, paper_parameters,
 };
-use kincal::identification::search_space::{SearchSpace, decomposition_at};
+use kincal::identification::search_space::SearchSpace;
 use kincal::identification::swarm::{SwarmCost, run_swarm};
 use kincal::identification::{KinematicModel, start};
 use kincal::kinematics::{JointMap, Link, Robot};
@@ -894,7 +895,7 @@ fn poses_repeated_with_the_jitter_of_encoders_are_no_new_equations() {
         "{refused}"
     );
     assert!(
-        upload::warnings(&custom_request.robot, &custom_request.set)
+        upload_checks::warnings(&custom_request.robot, &custom_request.set)
             .iter()
             .any(|w| w.code == "duplicate_poses" && w.rows.len() == 42)
     );
@@ -1113,6 +1114,45 @@ fn a_swarm_in_any_space_finds_the_same_with_the_lower_bound_of_its_costs_as_with
                 );
                 assert!(share > 0.5, "{share}");
             }
+        }
+    }
+}
+
+/// A base frame that was set up 5 or 15 mm off: the base is found there, the links as without the shift, and the report says so.
+#[test]
+fn a_base_frame_that_was_set_up_wrongly_is_no_error_of_link_1() {
+    let robot = paper_robot();
+    let identified = |shift_mm: Vector3<f64>| {
+        let mut set = paper_set("first_noisy.csv");
+        for point in &mut set.points {
+            point.position_mm += shift_mm;
+        }
+        let request = CalibrationRequest::new(robot.clone(), set);
+        run(&request)
+    };
+    let straight = identified(Vector3::zeros());
+    let is_told = |report: &CalibrationReport| {
+        let mut codes = report.warnings.iter().map(|warning| warning.code);
+        codes.any(|code| code == "base_frame_off")
+    };
+    assert!(!is_told(&straight), "{:?}", straight.warnings);
+    for shift_mm in [
+        Vector3::new(15.0, 0.0, 0.0),
+        Vector3::new(0.0, -6.0, 0.0),
+        Vector3::new(4.0, 9.0, 5.0),
+    ] {
+        let report = identified(shift_mm);
+        let found_mm = report.t_instrument_base.translation.vector
+            - straight.t_instrument_base.translation.vector;
+        println!("base shifted by {shift_mm:?}: found {found_mm:?}");
+        assert!(is_told(&report), "{:?}", report.warnings);
+        // along z the base and d_1 say the same: they share it
+        assert!((found_mm - shift_mm).xy().norm() < 0.5, "{found_mm}");
+        for (link, expected) in report.links.iter().zip(&straight.links) {
+            assert!(
+                (link.a_mm - expected.a_mm).abs() < 0.5,
+                "{link:?} {expected:?}"
+            );
         }
     }
 }

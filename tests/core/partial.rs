@@ -98,3 +98,58 @@ fn stated_intervals_hold_the_truth_as_often_as_they_say() {
     assert!(stated >= 26, "{stated}");
     assert!(exact < stated, "{exact} {stated}");
 }
+
+/// Joint 5 moved by 0.3°, and somebody identifies another joint: what is stated of that joint would not be true.
+#[test]
+fn a_partial_recalibration_of_the_wrong_joint_states_no_uncertainty() {
+    let nominal = limited(paper_robot());
+    let mut random = Normal::new(77);
+    let mut truth = true_robot(&nominal, 1, &mut random);
+    let campaign = |n_configurations| Campaign {
+        n_configurations,
+        noise_mm: 0.05,
+        ..Campaign::PLAIN
+    };
+    let first = measure(&truth, &poses(40, &mut random), &campaign(40), &mut random);
+    let whole = CalibrationRequest {
+        corrections: Some(CorrectionsChoice::Off),
+        ..CalibrationRequest::new(nominal.clone(), first.clone())
+    };
+    let before = calibrate(&whole, &mut |_| ControlFlow::Continue(())).unwrap();
+    truth.links[4].theta_offset_rad += 0.3f64.to_radians();
+    // with 30 configurations all parameters can be identified from the new session; with 7 the earlier session is the measure
+    for n_configurations in [30, 7] {
+        let poses = poses(n_configurations, &mut random);
+        let second = measure(&truth, &poses, &campaign(n_configurations), &mut random);
+        for named in 1..=6 {
+            let name = format!("theta_offset_{named}");
+            let request = CalibrationRequest {
+                parameters: ParameterChoice::Identify(vec![name.clone()]),
+                ..CalibrationRequest::new(nominal.clone(), second.clone())
+            };
+            let held = Held {
+                links: before.links.clone(),
+                session: PreviousSession {
+                    set: first.clone(),
+                    frames: None,
+                },
+            };
+            let report =
+                calibrate_partially(&request, &held, &mut |_| ControlFlow::Continue(())).unwrap();
+            let told: Vec<&str> = report
+                .warnings
+                .iter()
+                .filter(|warning| warning.code == "other_parameters_changed")
+                .map(|warning| warning.detail.as_str())
+                .collect();
+            println!("{n_configurations} configurations, {name}: {told:?}");
+            let is_right = named == 5;
+            assert_eq!(told.is_empty(), is_right, "{name}: {told:?}");
+            assert_eq!(report.uncertainty.is_some(), is_right, "{name}");
+            assert_eq!(report.tool_uncertainty.is_some(), is_right, "{name}");
+            if n_configurations == 30 && !is_right {
+                assert!(told[0].contains("theta_offset_5 by 0.3"), "{told:?}");
+            }
+        }
+    }
+}

@@ -266,6 +266,53 @@ fn a_slipped_reflector_is_found_at_its_row_and_fitted_as_two() {
     }
 }
 
+/// The tool is knocked between two configurations, so that both reflectors move at once, each by its own vector. In the middle of the file, either
+/// reflector alone would explain little of it.
+#[test]
+fn reflectors_that_were_knocked_at_once_are_found_wherever_in_the_file() {
+    let shape = Campaign {
+        n_configurations: 60,
+        n_targets: 2,
+        noise_mm: 0.04,
+        ..Campaign::PLAIN
+    };
+    for (seed, first) in [8, 18, 24, 27, 30, 33, 36, 42, 52].into_iter().enumerate() {
+        for size_mm in [0.5, 1.0, 3.0] {
+            let (robot, truth, mut set, mut random) = campaign(300 + seed as u64, shape);
+            let mut knocked = truth.clone();
+            for target in &mut knocked.targets_mm {
+                *target += random.vector().normalize() * size_mm;
+            }
+            for (row, p) in set.points.iter_mut().enumerate() {
+                // without a column the job divides the points itself
+                p.subset = None;
+                if row >= 2 * first {
+                    p.position_mm +=
+                        knocked.position(&p.q_rad, p.target) - truth.position(&p.q_rad, p.target);
+                }
+            }
+            let report = run(&CalibrationRequest::new(robot, set));
+            let told: Vec<&Warning> = report
+                .warnings
+                .iter()
+                .filter(|w| w.code == "target_moved")
+                .collect();
+            let rms_mm = report.verify.unwrap().after.rms_mm;
+            println!(
+                "knocked by {size_mm} mm before configuration {first}: {} told, verify rms {rms_mm:.3} mm",
+                told.len()
+            );
+            assert_eq!(told.len(), 2, "{first} {size_mm}: {:?}", report.warnings);
+            let rows: Vec<usize> = told.iter().map(|w| w.rows[0]).collect();
+            assert!(
+                rows.iter().all(|row| row.abs_diff(2 * first) <= 3),
+                "{rows:?}: {told:?}"
+            );
+            assert!(rms_mm < 0.15, "{first} {size_mm}: {rms_mm}");
+        }
+    }
+}
+
 #[test]
 fn wild_points_do_not_hide_the_slip_of_one_reflector_of_several() {
     let of = |n_configurations, n_targets| Campaign {

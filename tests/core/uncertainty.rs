@@ -326,6 +326,14 @@ fn of_an_answer_that_did_not_converge_no_uncertainty_is_stated() {
         swarm.uncertainty_absent_because
     );
     assert_nothing_is_stated(&swarm, "did not converge");
+    // A swarm of ours that is near the minimum, but not there: the weakest combinations are the furthest from it.
+    let mut unrefined = CalibrationRequest {
+        preset: Preset::Default,
+        refine: Some(false),
+        ..request.clone()
+    };
+    unrefined.options.n_particles = Some(60);
+    assert_nothing_is_stated(&run(&unrefined), "did not converge");
     // Least squares from there ends at the minimum.
     request.refine = Some(true);
     let refined = run(&request);

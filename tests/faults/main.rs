@@ -4,7 +4,7 @@ mod jobs;
 mod nodes;
 #[path = "../support/mod.rs"]
 mod support;
-use support::{app, computations, data, engines, fixtures, preload, process};
+use support::{computations, data, engines, fixtures, preload, process};
 
 mod clock;
 mod death;

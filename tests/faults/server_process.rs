@@ -1,190 +1,76 @@
 //! The released binary as a process.
 
-use crate::app::{paper, text};
-use crate::process::{run as kincal, url_of};
+use crate::process::{Server, run as kincal, serve};
 use serde_json::{Value, json};
 use std::io::{Read, Write};
 use std::net::TcpStream;
-use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::os::unix::process::CommandExt;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-struct Process {
-    child: Child,
-    url: String,
+/// Files of the paper's robot and of its first measurement set.
+fn data(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("data/paper")
+        .join(name)
 }
 
-impl Process {
-    fn serve(data_dir: &Path, workers: &str, extra: &[&str]) -> Self {
-        Self::serve_with_log(data_dir, workers, extra, Stdio::null(), None)
-    }
-
-    fn serve_with_log(
-        data_dir: &Path,
-        workers: &str,
-        extra: &[&str],
-        log: Stdio,
-        uid: Option<u32>,
-    ) -> Self {
-        kincal::http::tls::use_ring();
-        let mut command = Command::new(env!("CARGO_BIN_EXE_kincal"));
-        command
-            .args([
-                "serve",
-                "--listen",
-                "127.0.0.1:0",
-                "--workers",
-                workers,
-                "--data-dir",
-            ])
-            .arg(data_dir)
-            .args(extra);
-        if let Some(uid) = uid {
-            std::os::unix::process::CommandExt::uid(&mut command, uid);
-        }
-        let mut child = command.stdout(Stdio::piped()).stderr(log).spawn().unwrap();
-        let url = url_of(&mut child);
-        Self { child, url }
-    }
-
-    /// Asks the process to stop and waits until it has ended. Returns the time that it took.
-    fn terminate(&mut self) -> (Duration, Option<i32>) {
-        let begun = Instant::now();
-        assert!(
-            Command::new("kill")
-                .arg(self.child.id().to_string())
-                .status()
-                .unwrap()
-                .success()
-        );
-        let status = self.child.wait().unwrap();
-        (begun.elapsed(), status.code())
-    }
-
-    async fn post(&self, path: &str, content_type: &str, body: Vec<u8>) -> Value {
-        let request = reqwest::Client::new()
-            .post(format!("{}{path}", self.url))
-            .header("content-type", content_type)
-            .body(body);
-        request
-            .send()
-            .await
-            .unwrap()
-            .error_for_status()
-            .unwrap()
-            .json()
-            .await
-            .unwrap()
-    }
-
-    async fn get(&self, path: &str) -> Value {
-        reqwest::get(format!("{}{path}", self.url))
-            .await
-            .unwrap()
-            .error_for_status()
-            .unwrap()
-            .json()
-            .await
-            .unwrap()
-    }
-}
-
-impl Drop for Process {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
-}
-
-#[tokio::test]
-async fn everything_is_there_after_sigterm_and_a_new_start() {
+#[test]
+fn everything_is_there_after_sigterm_and_a_new_start() {
     let dir = tempfile::tempdir().unwrap();
-    let mut server = Process::serve(dir.path(), "1", &["--no-auth"]);
-    let robot = server
-        .post("/v1/robots", "application/json", paper("robot.json"))
-        .await;
-    let sets = format!(
-        "/v1/robots/{}/measurement-sets?frame=base",
-        text(&robot["id"])
-    );
-    let set = server.post(&sets, "text/csv", paper("first.csv")).await;
-    let jobs = format!("/v1/robots/{}/jobs", text(&robot["id"]));
-    let request = json!({"measurement_set_id": set["id"], "method": "pso"})
-        .to_string()
-        .into_bytes();
-    let posted = server.post(&jobs, "application/json", request).await;
+    let server = Server::start(dir.path(), 1);
+    let robot = server.robot(&data("robot.json"));
+    let set = server.set(&robot, &data("first.csv"), "base");
+    let job = server.job(&robot, &json!({"measurement_set_id": set, "method": "pso"}));
+    let stored = |server: &Server| {
+        [
+            server.get(&format!("/v1/robots/{robot}")),
+            server.get(&format!("/v1/measurement-sets/{set}")),
+        ]
+    };
+    let before = stored(&server);
+    assert_eq!([before[0].0, before[1].0], [200, 200]);
     // Whether the job is running or queued by now: it is finished or handed back, and ends once.
-    let (took, code) = server.terminate();
-    assert_eq!(code, Some(0));
+    let (status, took) = server.terminate();
+    assert_eq!(status.code(), Some(0));
     assert!(took < Duration::from_secs(10), "{took:?}");
-    let server = Process::serve(dir.path(), "1", &["--no-auth"]);
-    assert_eq!(
-        server
-            .get(&format!("/v1/robots/{}", text(&robot["id"])))
-            .await,
-        robot
-    );
-    assert_eq!(
-        server
-            .get(&format!("/v1/measurement-sets/{}", text(&set["id"])))
-            .await,
-        set
-    );
-    let mut job = posted.clone();
-    while ["queued", "running"].contains(&text(&job["status"])) {
-        job = server
-            .get(&format!("/v1/jobs/{}?wait_s=30", text(&posted["id"])))
-            .await;
-    }
+    let server = Server::start(dir.path(), 1);
+    assert_eq!(stored(&server), before);
+    let job = server.finished(&job);
     assert_eq!(
         (&job["status"], &job["attempt"]),
         (&json!("succeeded"), &json!(1)),
         "{job}"
     );
-    let sets = server
-        .get(&format!("/v1/robots/{}/parameter-sets", text(&robot["id"])))
-        .await;
+    let (_, sets) = server.get(&format!("/v1/robots/{robot}/parameter-sets"));
     assert_eq!(sets["items"].as_array().unwrap().len(), 1);
 }
 
-#[tokio::test]
-async fn sigterm_ends_long_polls_and_event_streams_within_ten_seconds() {
+#[test]
+fn sigterm_ends_long_polls_and_event_streams_within_ten_seconds() {
     let dir = tempfile::tempdir().unwrap();
-    let mut server = Process::serve(dir.path(), "0", &["--no-auth"]);
-    let robot = server
-        .post("/v1/robots", "application/json", paper("robot.json"))
-        .await;
-    let set = server
-        .post(
-            &format!("/v1/robots/{}/measurement-sets", text(&robot["id"])),
-            "text/csv",
-            paper("first.csv"),
-        )
-        .await;
-    let request = json!({"measurement_set_id": set["id"]})
-        .to_string()
-        .into_bytes();
-    let job = server
-        .post(
-            &format!("/v1/robots/{}/jobs", text(&robot["id"])),
-            "application/json",
-            request,
-        )
-        .await;
-    let job = format!("{}/v1/jobs/{}", server.url, text(&job["id"]));
-    let events = reqwest::get(format!("{job}/events")).await.unwrap();
-    let poll = tokio::spawn(reqwest::get(format!("{job}?wait_s=30")));
-    // When this is answered, the server has accepted the poll sent before it, or will close that connection unread.
-    reqwest::get(&job).await.unwrap();
-    let (took, code) = tokio::task::spawn_blocking(move || server.terminate())
-        .await
-        .unwrap();
-    assert_eq!(code, Some(0));
+    let server = Server::start(dir.path(), 0);
+    let robot = server.robot(&data("robot.json"));
+    let set = server.set(&robot, &data("first.csv"), "base");
+    let job = server.job(&robot, &json!({"measurement_set_id": set}));
+    let job = format!("{}/v1/jobs/{job}", server.url);
+    let runtime = tokio::runtime::Runtime::new().unwrap();
+    let (events, poll) = runtime.block_on(async {
+        let events = reqwest::get(format!("{job}/events")).await.unwrap();
+        let poll = tokio::spawn(reqwest::get(format!("{job}?wait_s=30")));
+        // When this is answered, the server has accepted the poll sent before it, or will close that connection unread.
+        reqwest::get(&job).await.unwrap();
+        (events, poll)
+    });
+    let (status, took) = server.terminate();
+    assert_eq!(status.code(), Some(0));
     assert!(took < Duration::from_secs(10), "{took:?}");
-    assert!(events.text().await.unwrap().starts_with("event: progress"));
-    if let Ok(answer) = poll.await.unwrap() {
-        assert_eq!(answer.json::<Value>().await.unwrap()["status"], "queued");
-    }
+    runtime.block_on(async {
+        assert!(events.text().await.unwrap().starts_with("event: progress"));
+        if let Ok(answer) = poll.await.unwrap() {
+            assert_eq!(answer.json::<Value>().await.unwrap()["status"], "queued");
+        }
+    });
 }
 
 /// Sends requests until no more connections are accepted. Returns how many were answered, and how many were connected and cut off.
@@ -221,15 +107,15 @@ fn who_is_connected_when_the_server_stops_is_answered() {
     let mut all_cut_off = 0;
     for _ in 0..5 {
         let dir = tempfile::tempdir().unwrap();
-        let mut server = Process::serve(dir.path(), "0", &["--no-auth"]);
+        let server = Server::start(dir.path(), 0);
         let address = server.url.strip_prefix("http://").unwrap().to_owned();
         let clients: Vec<_> = (0..16)
             .map(|_| address.clone())
             .map(|address| std::thread::spawn(move || ask_until_refused(&address)))
             .collect();
         std::thread::sleep(Duration::from_millis(200));
-        let (took, code) = server.terminate();
-        assert_eq!(code, Some(0));
+        let (status, took) = server.terminate();
+        assert_eq!(status.code(), Some(0));
         assert!(took < Duration::from_secs(10), "{took:?}");
         let (answered, cut_off) = clients
             .into_iter()
@@ -260,7 +146,7 @@ fn ask_all(mut connections: Vec<TcpStream>) -> usize {
 fn open_connections_are_answered_during_shutdown() {
     for _ in 0..5 {
         let dir = tempfile::tempdir().unwrap();
-        let mut server = Process::serve(dir.path(), "0", &["--no-auth"]);
+        let server = Server::start(dir.path(), 0);
         let address = server.url.strip_prefix("http://").unwrap();
         let connections: Vec<TcpStream> = (0..32)
             .map(|_| TcpStream::connect(address).unwrap())
@@ -271,7 +157,7 @@ fn open_connections_are_answered_during_shutdown() {
             std::thread::sleep(Duration::from_millis(15));
             ask_all(connections)
         });
-        assert_eq!(server.terminate().1, Some(0));
+        assert_eq!(server.terminate().0.code(), Some(0));
         assert_eq!(asked.join().unwrap(), 32);
     }
 }
@@ -313,18 +199,12 @@ fn an_address_in_use_is_a_failure_that_says_so() {
     );
 }
 
-#[tokio::test]
-async fn a_key_made_beside_the_server_opens_it_until_it_is_revoked() {
+#[test]
+fn a_key_made_beside_the_server_opens_it_until_it_is_revoked() {
     let dir = tempfile::tempdir().unwrap();
     let data_dir = dir.path().to_str().unwrap().to_owned();
-    let server = Process::serve(dir.path(), "0", &[]);
-    let get = |key: String| {
-        reqwest::Client::new()
-            .get(format!("{}/v1/robots", server.url))
-            .bearer_auth(key)
-            .send()
-    };
-    assert_eq!(get("wrong".into()).await.unwrap().status(), 401);
+    let server = Server::of(serve(dir.path(), 0)).with_key("wrong".into());
+    assert_eq!(server.get("/v1/robots").0, 401);
     let create = [
         "key",
         "create",
@@ -341,7 +221,8 @@ async fn a_key_made_beside_the_server_opens_it_until_it_is_revoked() {
         .unwrap()
         .trim()
         .to_owned();
-    assert_eq!(get(key.clone()).await.unwrap().status(), 200);
+    let server = server.with_key(key.clone());
+    assert_eq!(server.get("/v1/robots").0, 200);
     let list = String::from_utf8(kincal(&["key", "list", "--data-dir", &data_dir]).stdout).unwrap();
     assert!(
         list.contains("cell-4") && list.contains("upload") && !list.contains(&key),
@@ -349,7 +230,7 @@ async fn a_key_made_beside_the_server_opens_it_until_it_is_revoked() {
     );
     let revoked = kincal(&["key", "revoke", "--data-dir", &data_dir, "--name", "cell-4"]);
     assert_eq!(revoked.status.code(), Some(0));
-    assert_eq!(get(key).await.unwrap().status(), 401);
+    assert_eq!(server.get("/v1/robots").0, 401);
     assert_eq!(
         kincal(&["key", "revoke", "--data-dir", &data_dir, "--name", "cell-4"])
             .status
@@ -398,79 +279,47 @@ fn openapi_prints_the_checked_in_document() {
     );
 }
 
-#[tokio::test]
-async fn a_log_that_cannot_be_written_ends_nothing() {
+#[test]
+fn a_log_that_cannot_be_written_ends_nothing() {
     let dir = tempfile::tempdir().unwrap();
     let full = std::fs::File::options()
         .write(true)
         .open("/dev/full")
         .unwrap();
-    let mut server = Process::serve_with_log(dir.path(), "1", &["--no-auth"], full.into(), None);
-    let robot = server
-        .post("/v1/robots", "application/json", paper("robot.json"))
-        .await;
-    let robot = format!("/v1/robots/{}", text(&robot["id"]));
-    let set = server
-        .post(
-            &format!("{robot}/measurement-sets?frame=base"),
-            "text/csv",
-            paper("first.csv"),
-        )
-        .await;
-    let request = serde_json::json!({"measurement_set_id": set["id"], "method": "least_squares"});
-    let job = server
-        .post(
-            &format!("{robot}/jobs"),
-            "application/json",
-            request.to_string().into_bytes(),
-        )
-        .await;
-    let path = format!("/v1/jobs/{}?wait_s=10", text(&job["id"]));
-    let deadline = Instant::now() + Duration::from_secs(60);
-    while server.get(&path).await["status"] != "succeeded" {
-        assert!(Instant::now() < deadline);
-    }
+    let mut command = serve(dir.path(), 1);
+    command.arg("--no-auth");
+    let server = Server::with_log(command, full.into());
+    let robot = server.robot(&data("robot.json"));
+    let set = server.set(&robot, &data("first.csv"), "base");
+    server.report(
+        &robot,
+        &json!({"measurement_set_id": set, "method": "least_squares"}),
+    );
     assert_eq!(
-        reqwest::get(format!("{}/v1/robots/rob_0", server.url))
-            .await
-            .unwrap()
-            .status(),
+        server.get("/v1/robots/rob_0").0,
         404,
         "what is refused is logged, too"
     );
-    assert_eq!(server.terminate().1, Some(0));
+    assert_eq!(server.terminate().0.code(), Some(0));
 }
 
-#[tokio::test]
-async fn a_data_directory_that_is_removed_takes_nothing_more() {
+#[test]
+fn a_data_directory_that_is_removed_takes_nothing_more() {
     let dir = tempfile::tempdir().unwrap();
-    let data = dir.path().join("data");
-    let server = Process::serve(&data, "0", &["--no-auth"]);
-    server
-        .post("/v1/robots", "application/json", paper("robot.json"))
-        .await;
-    std::fs::rename(&data, dir.path().join("elsewhere")).unwrap();
-    let ready = reqwest::get(format!("{}/readyz", server.url))
-        .await
-        .unwrap();
-    assert_eq!(ready.status(), 503);
-    assert!(ready.text().await.unwrap().contains("moved or removed"));
-    let request = reqwest::Client::new()
-        .post(format!("{}/v1/robots", server.url))
-        .header("content-type", "application/json");
-    assert_eq!(
-        request
-            .body(paper("robot.json"))
-            .send()
-            .await
-            .unwrap()
-            .status(),
-        503
-    );
-    std::fs::rename(dir.path().join("elsewhere"), &data).unwrap();
-    server
-        .post("/v1/robots", "application/json", paper("robot.json"))
-        .await;
+    let data_dir = dir.path().join("data");
+    let server = Server::start(&data_dir, 0);
+    let post = || {
+        let robot = std::fs::read(data("robot.json")).unwrap();
+        server.post("/v1/robots", "application/json", robot).0
+    };
+    assert_eq!(post(), 201);
+    std::fs::rename(&data_dir, dir.path().join("elsewhere")).unwrap();
+    let (status, why) = server.status_and_text("/readyz");
+    assert_eq!(status, 503);
+    assert!(why.contains("moved or removed"), "{why}");
+    assert_eq!(post(), 503);
+    std::fs::rename(dir.path().join("elsewhere"), &data_dir).unwrap();
+    assert_eq!(post(), 201);
 }
 
 /// Permissions of a file or directory.
@@ -494,16 +343,14 @@ fn modes_within(dir: &Path) -> Vec<(String, u32)> {
     modes
 }
 
-#[tokio::test]
-async fn the_data_directory_and_its_backup_are_their_owners_alone() {
+#[test]
+fn the_data_directory_and_its_backup_are_their_owners_alone() {
     let dir = tempfile::tempdir().unwrap();
-    let (data, copy) = (dir.path().join("new/data"), dir.path().join("copy"));
-    let server = Process::serve(&data, "0", &["--no-auth"]);
-    server
-        .post("/v1/robots", "application/json", paper("robot.json"))
-        .await;
-    assert_eq!(mode(&data), 0o700);
-    let files = modes_within(&data);
+    let (data_dir, copy) = (dir.path().join("new/data"), dir.path().join("copy"));
+    let server = Server::start(&data_dir, 0);
+    server.robot(&data("robot.json"));
+    assert_eq!(mode(&data_dir), 0o700);
+    let files = modes_within(&data_dir);
     let names: Vec<&str> = files.iter().map(|(name, _)| name.as_str()).collect();
     assert_eq!(
         names,
@@ -518,7 +365,7 @@ async fn the_data_directory_and_its_backup_are_their_owners_alone() {
     let arguments = [
         "backup",
         "--data-dir",
-        data.to_str().unwrap(),
+        data_dir.to_str().unwrap(),
         copy.to_str().unwrap(),
     ];
     let made = kincal(&arguments);
@@ -538,13 +385,17 @@ fn served_from_an_old_directory(data: &Path, rights: u32, server_uid: Option<u32
     std::fs::set_permissions(data, std::fs::Permissions::from_mode(rights)).unwrap();
     let log = data.with_extension("log");
     let to = std::fs::File::create(&log).unwrap();
-    let mut server = Process::serve_with_log(data, "0", &["--no-auth"], to.into(), server_uid);
-    server.terminate();
+    let mut command = serve(data, 0);
+    command.arg("--no-auth");
+    if let Some(uid) = server_uid {
+        command.uid(uid);
+    }
+    Server::with_log(command, to.into()).terminate();
     std::fs::read_to_string(&log).unwrap()
 }
 
-#[tokio::test]
-async fn a_data_directory_of_an_older_version_becomes_its_owners_alone() {
+#[test]
+fn a_data_directory_of_an_older_version_becomes_its_owners_alone() {
     let dir = tempfile::tempdir().unwrap();
     for (rights, is_told) in [(0o755, true), (0o700, false), (0o710, true)] {
         let data = dir.path().join(format!("data-{rights:o}"));
@@ -555,8 +406,8 @@ async fn a_data_directory_of_an_older_version_becomes_its_owners_alone() {
     }
 }
 
-#[tokio::test]
-async fn a_data_directory_of_somebody_else_is_warned_of() {
+#[test]
+fn a_data_directory_of_somebody_else_is_warned_of() {
     use std::os::unix::fs::{MetadataExt, PermissionsExt};
     const DEFAULT_ACTOR: u32 = 65534;
     let dir = tempfile::tempdir().unwrap();

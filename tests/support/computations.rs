@@ -9,6 +9,7 @@ use std::time::Duration;
 
 use kincal::jobs::{JobFailure, JobInputs, JobOutcome, JobSignals, Progress, WorkerContext};
 use kincal::store::{JobRow, NewNetwork, NewParameterSet, Store, jobs};
+use kincal::wire::job::{Model, Preset};
 use kincal::wire::job_answer::Stage;
 
 /// Lease of tests that are not about expired leases.
@@ -69,8 +70,8 @@ fn outcome(inputs: &JobInputs) -> JobOutcome {
             sha256: "ef".into(),
         }),
         network: Some(NewNetwork {
-            model: "paper".into(),
-            preset: "paper".into(),
+            model: Model::Paper,
+            preset: Preset::Paper,
             metadata_json: "{}".into(),
             weights: vec![0, 1, 255],
             weights_sha256: "01".into(),

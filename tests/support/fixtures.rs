@@ -6,6 +6,7 @@ use kincal::store::{
     Store, Tx, measurement_sets, parameter_sets, robots,
 };
 use kincal::wire::canonical;
+use kincal::wire::job::Method;
 
 pub async fn in_transaction<T>(
     store: &Store,
@@ -56,7 +57,7 @@ pub fn new_job(set: &MeasurementSetRow, request_json: &str) -> NewJob {
         robot_id: set.robot_id.clone(),
         measurement_set_id: set.id.clone(),
         kind: kincal::wire::job::Kind::Identify,
-        method: "auto".into(),
+        method: Method::Auto,
         request_json: request_json.into(),
         ..NewJob::default()
     }

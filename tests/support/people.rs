@@ -20,18 +20,18 @@ pub async fn guarded(workers: usize) -> (TestApp, tempfile::TempDir) {
 
 /// Makes a key. Returns it and its id.
 pub async fn key(app: &TestApp, scopes: &[&str], robots: Option<Vec<&str>>) -> (String, String) {
-    let (key, key_sha256) = new_key().unwrap();
+    let key = new_key().unwrap();
     let robots_json = robots.map(|robots| json!(robots).to_string());
     let new = NewApiKey {
         name: "test".into(),
-        key_sha256,
+        key_sha256: key.sha256,
         scopes_json: json!(scopes).to_string(),
         robots_json,
     };
     let mut tx = app.server.store.begin().await.unwrap();
     let row = api_keys::insert(&mut tx, &new).await.unwrap();
     tx.commit().await.unwrap();
-    (key, row.id)
+    (key.text, row.id)
 }
 
 /// Revokes the key with this id.

@@ -32,6 +32,14 @@ pub fn run(arguments: &[&str]) -> Output {
     kincal(arguments).output().unwrap()
 }
 
+/// `kincal serve` on a free port over the database in `data_dir`.
+pub fn serve(data_dir: &Path, workers: usize) -> Command {
+    let workers = workers.to_string();
+    let mut command = kincal(&["serve", "--listen", "127.0.0.1:0", "--workers", &workers]);
+    command.arg("--data-dir").arg(data_dir);
+    command
+}
+
 /// Address of a server that has just started, read from its first line. Its standard output must be a pipe.
 pub fn url_of(child: &mut Child) -> String {
     let mut line = String::new();
@@ -52,22 +60,19 @@ impl Server {
 
     /// As [`Self::start`], with more environment.
     pub fn start_with(data_dir: &Path, workers: usize, environment: &[(&str, &str)]) -> Self {
-        let mut command = kincal(&[
-            "serve",
-            "--listen",
-            "127.0.0.1:0",
-            "--no-auth",
-            "--workers",
-            &workers.to_string(),
-            "--data-dir",
-        ]);
-        command.arg(data_dir).envs(environment.iter().copied());
+        let mut command = serve(data_dir, workers);
+        command.arg("--no-auth").envs(environment.iter().copied());
         Self::of(command)
     }
 
-    /// Starts a server with this command.
-    pub fn of(mut command: Command) -> Self {
-        command.stdout(Stdio::piped()).stderr(Stdio::null());
+    /// Starts a server with this command, without its log.
+    pub fn of(command: Command) -> Self {
+        Self::with_log(command, Stdio::null())
+    }
+
+    /// Starts a server with this command, which writes its log there.
+    pub fn with_log(mut command: Command, log: Stdio) -> Self {
+        command.stdout(Stdio::piped()).stderr(log);
         let mut child = command.spawn().unwrap();
         let url = url_of(&mut child);
         kincal::http::tls::use_ring();

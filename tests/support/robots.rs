@@ -162,7 +162,7 @@ pub const CLEAN: Tolerances = Tolerances {
 
 /// Result of a study of robots without faults: how many were refused, had a warning, or fitted.
 pub fn clean_robots(n: usize, seed: u64) -> Vec<(&'static str, [usize; 3])> {
-    use kincal::calibration::alignment::{Finding, Look, explain, look};
+    use kincal::calibration::upload_checks::alignment::{Finding, Look, explain, look};
     let models = models();
     let others: Vec<(String, Robot)> = models
         .iter()

@@ -40,6 +40,14 @@ impl Normal {
     pub fn vector(&mut self) -> Vector3<f64> {
         Vector3::new(self.draw(), self.draw(), self.draw())
     }
+
+    /// Joint values, rad, anywhere between these limits and their negatives.
+    pub fn pose(&mut self, limits_deg: &[f64; 6]) -> Vec<f64> {
+        limits_deg
+            .iter()
+            .map(|limit| (limit * (2.0 * self.0.random::<f64>() - 1.0)).to_radians())
+            .collect()
+    }
 }
 
 /// Settings of a simulated measuring campaign.

@@ -2,13 +2,15 @@
 //! from zero, how they are fitted together with the links, and which of them are kept.
 
 mod fit;
+mod folds;
 mod linear;
 mod network;
 mod selection;
 
 pub use fit::{Fitted, Setting, fit};
+pub use folds::Evidence;
 pub use linear::linearise;
-pub use selection::{Evidence, Selected, refit, select};
+pub use selection::{Selected, refit, select};
 
 use crate::kinematics::{Corrections, Mounting};
 use nalgebra::{Unit, Vector3};

@@ -4,7 +4,7 @@
 //! back by a prior as wide as one (weight decay), and it is kept only where it wins on configurations that it has not seen.
 
 use super::fit::{Fitted, Setting};
-use super::selection::{Evidence, Folds, Unseen};
+use super::folds::{Evidence, Folds, Unseen};
 use crate::kinematics::ResidualNetwork;
 use crate::solvers::bpnn::{self, Activation, Network};
 use nalgebra::{DVector, Vector3};

@@ -1,7 +1,7 @@
 //! What lies between two commanded rotations, for as many robots as a register holds.
 
+use super::lane_link::{Between, Circle, LaneLink};
 use super::lanes::{LANES, Lanes, Vector};
-use super::robots::{Between, Circle, LaneLink};
 use nalgebra::Matrix3;
 
 /// Rotation and translation of as many robots as a register holds.

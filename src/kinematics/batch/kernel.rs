@@ -3,9 +3,10 @@
 //! Several poses are pushed through one stage before the next stage begins: each multiply-add waits some cycles for the one
 //! before, and the other poses fill that time. As many poses as the registers hold without spilling.
 
+use super::lane_link::{Between, Circle};
 use super::lanes::{InstructionSet, Lanes, Vector};
 use super::poses::PreparedPoses;
-use super::robots::{BaseStage, Between, Circle, LaneRobots};
+use super::robots::{BaseStage, LaneRobots};
 use multiversion::multiversion;
 use nalgebra::Vector3;
 use std::ops::Range;

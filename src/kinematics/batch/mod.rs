@@ -19,6 +19,7 @@ mod along;
 mod bound;
 mod elimination;
 mod kernel;
+mod lane_link;
 mod lanes;
 mod lower_bound;
 mod one_robot;

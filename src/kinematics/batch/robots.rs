@@ -1,6 +1,7 @@
 //! Eight particles' robots, as the kernel wants them: what lies between two commanded rotations, multiplied out.
 
 use super::affine::{Affine, before_joint, between, store_exponential, store_untilted};
+use super::lane_link::{Angle, Between, Circle, LaneLink};
 use super::lanes::{InstructionSet, LANES, Lanes, Vector};
 use super::sincos::{LARGEST_RAD, rotation_terms, sin_cos};
 use crate::kinematics::model::Link;
@@ -26,43 +27,6 @@ pub enum Moved {
     BaseRotation(usize),
     /// A target along an axis of the flange frame, mm.
     Target(usize, usize),
-}
-
-/// An angle: the reference's and the particles' deviations from it.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Angle {
-    /// (sin, cos) of the reference.
-    reference: (f64, f64),
-    deviation_rad: Lanes,
-    is_moved: bool,
-    pub sin: Lanes,
-    pub cos: Lanes,
-}
-
-/// One link of eight particles, lengths in mm.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct LaneLink {
-    pub a: Lanes,
-    pub d: Lanes,
-    pub alpha: Angle,
-    pub theta: Angle,
-    pub beta: Angle,
-}
-
-/// M_i: rotation (row-major) and translation. With beta 0 the rotation's r20 is 0 too.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Between {
-    pub rotation: [[Lanes; 3]; 3],
-    pub translation: [Lanes; 3],
-    pub is_tilted: bool,
-}
-
-/// The point behind the first commanded rotation: K + cos q · A + sin q · B.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Circle {
-    pub centre: [Lanes; 3],
-    pub cos: [Lanes; 3],
-    pub sin: [Lanes; 3],
 }
 
 /// How the chain ends at the base.

@@ -1,8 +1,8 @@
 //! Forward pass and back-propagation over all samples. Lanes hold samples; every sum runs in a fixed order, so that the
 //! bits depend neither on the CPU nor on the width of its registers.
 
+use super::network::{Activation, Network};
 use super::tanh::tanh;
-use super::{Activation, Network};
 use multiversion::multiversion;
 
 /// Samples side by side.

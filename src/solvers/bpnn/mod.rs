@@ -4,10 +4,12 @@
 //! scaled (positions by the half width of their search box), one row per sample.
 
 mod kernel;
+mod network;
 mod size;
 mod tanh;
 mod training;
 
+pub use network::{Activation, Network};
 pub use size::{Candidate, SizeChoice, choose_size_and_train, hidden_size_candidates};
 pub use training::{
     Termination, TrainingSummary, error_and_gradient, initial_network, mean_squared_error, train,
@@ -15,36 +17,6 @@ pub use training::{
 };
 
 use kernel::{Pass, Samples};
-
-/// f of the output neurons.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Activation {
-    /// f(x) = x: answers may lie outside ±1. Our default: targets are scaled by a search box that the swarm may leave.
-    Identity,
-    /// f(x) = tanh x: [Gao 2018, eq. 12] to the letter, the same f on every neuron.
-    Tanh,
-}
-
-/// A trained or untrained network.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Network {
-    /// Number of inputs.
-    pub n_inputs: usize,
-    /// Number of hidden neurons.
-    pub n_hidden: usize,
-    /// Number of outputs.
-    pub n_outputs: usize,
-    /// Weights of the hidden layer, `n_hidden` × `n_inputs`, row-major.
-    pub hidden_weights: Vec<f64>,
-    /// Thresholds T of the hidden layer.
-    pub hidden_thresholds: Vec<f64>,
-    /// Weights of the output layer, `n_outputs` × `n_hidden`, row-major.
-    pub output_weights: Vec<f64>,
-    /// Thresholds T of the output layer.
-    pub output_thresholds: Vec<f64>,
-    /// f of the output neurons.
-    pub output_activation: Activation,
-}
 
 impl Network {
     /// The answer to one input [Gao 2018, eq. 12].

@@ -1,7 +1,7 @@
 //! Uncertainty of the parameters at a minimum.
 
 use super::directions::{SMALLEST_SINGULAR_VALUE, SVD_ITERATIONS_PER_PARAMETER};
-use super::norm;
+use crate::solvers::qr::norm;
 use crate::solvers::qr::triangularise;
 use nalgebra::DMatrix;
 

@@ -1,7 +1,7 @@
 //! The trust region's step, along the singular directions of the scaled Jacobian.
 
-use super::norm;
 use crate::solvers::qr::dot;
+use crate::solvers::qr::norm;
 use nalgebra::DMatrix;
 
 /// Singular values of R·D⁻¹, relative to the largest, that count as zero. Jacobians are right to about 1e-15 of their

@@ -2,7 +2,7 @@
 
 use super::directions::{Directions, RADIUS_TOLERANCE, SMALLEST_SINGULAR_VALUE};
 use super::minimum_norm::MinimumNorm;
-use super::norm;
+use crate::solvers::qr::norm;
 use crate::solvers::qr::triangularise;
 use multiversion::multiversion;
 use nalgebra::DMatrix;

@@ -16,7 +16,7 @@ mod minimum_norm;
 
 pub use covariance::{Covariance, covariance};
 
-use super::qr::dot;
+use super::qr::{dot, squares};
 use linear_model::{LinearModel, Step};
 use multiversion::multiversion;
 use nalgebra::{DMatrix, DVector};
@@ -375,15 +375,6 @@ impl Search {
 pub fn sum_of_squares(residuals: &[f64]) -> f64 {
     let sum = squares(residuals);
     if sum.is_finite() { sum } else { f64::INFINITY }
-}
-
-fn norm(x: &[f64]) -> f64 {
-    squares(x).sqrt()
-}
-
-#[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl+fma", "x86_64+avx2+fma"))]
-fn squares(x: &[f64]) -> f64 {
-    dot(x, x)
 }
 
 /// Norms of the columns, and the largest cosine of the angle between the residuals and a column.

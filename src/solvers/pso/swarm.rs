@@ -1,7 +1,9 @@
 //! The moving swarm: update [Gao 2018, eq. 9, 10], evaluation, best-keeping. Nothing in here allocates after `new`,
 //! and every inner loop runs over particles, which lie side by side in memory.
 
-use super::{Boundary, Cost, InitialVelocity, Options, Positions, RandomNumbers, SearchBox};
+use super::options::{
+    Boundary, Cost, InitialVelocity, Options, Positions, RandomNumbers, SearchBox,
+};
 use crate::solvers::random::{LANES, LaneRandom};
 use multiversion::multiversion;
 

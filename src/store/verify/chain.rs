@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::check::{BATCH, Check, MAX_LISTED, Options};
-use crate::store::{AuditRow, Result, Store, audit, audit_chain, idempotency};
+use crate::store::{AuditEvent, AuditRow, Result, Store, audit, audit_chain, idempotency};
 
 /// Content of the chain, by subject.
 pub(super) struct Chain {
@@ -39,14 +39,16 @@ impl Chain {
     pub(super) fn entries<'a>(
         &'a self,
         subject: &str,
-        event: &'a str,
+        event: AuditEvent,
     ) -> impl DoubleEndedIterator<Item = &'a Entry> {
         let entries = self.events.get(subject).map_or(&[][..], Vec::as_slice);
-        entries.iter().filter(move |entry| entry.event == event)
+        entries
+            .iter()
+            .filter(move |entry| entry.event == event.as_str())
     }
 
     /// The newest entry of one event about one subject.
-    pub(super) fn newest<'a>(&'a self, subject: &str, event: &'a str) -> Option<&'a Entry> {
+    pub(super) fn newest(&self, subject: &str, event: AuditEvent) -> Option<&Entry> {
         self.entries(subject, event).next_back()
     }
 
@@ -54,7 +56,7 @@ impl Chain {
     pub(super) fn field_of_newest(
         &self,
         subject: &str,
-        event: &str,
+        event: AuditEvent,
         field: &str,
     ) -> Option<String> {
         self.newest(subject, event)?
@@ -83,7 +85,7 @@ pub(super) async fn read(store: &Store, options: &Options) -> Result<Chain> {
     let mut events: BTreeMap<String, Vec<_>> = BTreeMap::new();
     let mut answers = BTreeMap::new();
     let (mut seq, mut sha256) = (0, String::new());
-    let mut known = options.known_head.clone();
+    let mut missing_head = options.known_head.clone();
     loop {
         let rows = audit::list(store, seq, BATCH).await?;
         let Some(last) = rows.last().map(|row| row.seq) else {
@@ -91,7 +93,8 @@ pub(super) async fn read(store: &Store, options: &Options) -> Result<Chain> {
         };
         for row in rows {
             check_entry(&mut check, &row, seq, &sha256);
-            known = known.filter(|(n, hash)| (*n, hash) != (row.seq, &row.sha256));
+            missing_head =
+                missing_head.filter(|head| (head.seq, &head.sha256) != (row.seq, &row.sha256));
             (seq, sha256) = (row.seq, row.sha256.clone());
             let detail: serde_json::Value =
                 serde_json::from_str(&row.detail_json).unwrap_or_default();
@@ -116,9 +119,10 @@ pub(super) async fn read(store: &Store, options: &Options) -> Result<Chain> {
     check.require(head.seq != seq || head.sha256 == sha256, || {
         format!("entry {seq} is not the one that was last")
     });
-    if let Some((n, _)) = known {
+    if let Some(head) = missing_head {
         check.violated(format!(
-            "the head kept elsewhere, entry {n}, is not in the chain"
+            "the head kept elsewhere, entry {}, is not in the chain",
+            head.seq
         ));
     }
     let missing: Vec<String> = sqlx::query_scalar(MISSING)

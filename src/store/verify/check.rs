@@ -1,5 +1,7 @@
 //! One promise of the store, and its violations.
 
+use crate::store::AuditEntryId;
+
 /// A promise and the result of its check.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Check {
@@ -23,8 +25,8 @@ pub(super) const BATCH: i64 = 200;
 /// Options of the checks.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Options {
-    /// A head of the audit chain that was stored elsewhere: number and hash.
-    pub known_head: Option<(i64, String)>,
+    /// A head of the audit chain that was stored elsewhere.
+    pub known_head: Option<AuditEntryId>,
     /// Whether a server is running: then a lease that expired long ago is a violation.
     pub is_served: bool,
 }

@@ -7,7 +7,7 @@ use super::check::{BATCH, Check, Options};
 use super::rules;
 use crate::store::from_row::from_row;
 use crate::store::idempotency::{self, Answered, IdempotencyScope};
-use crate::store::{Result, Store};
+use crate::store::{AuditEvent, Result, Store};
 use crate::wire::canonical::sha256_hex;
 
 pub(super) const SETS: &str = "select id, sha256, body from measurement_set where id > $1 order by id limit cast($2 as bigint)";
@@ -57,10 +57,10 @@ pub(super) async fn uploads_read_back(store: &Store, chain: &Chain) -> Result<Ch
     );
     let mut found = 0;
     let kept = [
-        (SETS, "measurement_set_created"),
-        (FRAMES, "frames_created"),
-        (NETWORKS, "network_created"),
-        (RESIDUAL_NETWORKS, "network_created"),
+        (SETS, AuditEvent::MeasurementSetCreated),
+        (FRAMES, AuditEvent::FramesCreated),
+        (NETWORKS, AuditEvent::NetworkCreated),
+        (RESIDUAL_NETWORKS, AuditEvent::NetworkCreated),
     ];
     for (query, event) in kept {
         let mut after = String::new();
@@ -80,8 +80,8 @@ pub(super) async fn uploads_read_back(store: &Store, chain: &Chain) -> Result<Ch
         }
     }
     let documents = [
-        (REPORTS, "job_succeeded", "report_sha256"),
-        (CONVERGENCES, "job_succeeded", "convergence_sha256"),
+        (REPORTS, AuditEvent::JobSucceeded, "report_sha256"),
+        (CONVERGENCES, AuditEvent::JobSucceeded, "convergence_sha256"),
     ];
     for (query, event, field) in documents {
         let mut after = String::new();
@@ -117,7 +117,7 @@ fn compare_with_entry(
     check: &mut Check,
     chain: &Chain,
     id: &str,
-    event: &str,
+    event: AuditEvent,
     field: &str,
     now: &str,
 ) {
@@ -225,11 +225,11 @@ pub(super) async fn jobs_end_once(
         after.clone_from(&last.0);
         for (id, status, created_at_ms, n_sets) in rows {
             check.n_examined += 1;
-            let ended = |event: &'static str| chain.entries(&id, event).count();
+            let ended = |event: AuditEvent| chain.entries(&id, event).count();
             let ends = [
-                ("succeeded", ended("job_succeeded")),
-                ("failed", ended("job_failed")),
-                ("cancelled", ended("job_cancelled")),
+                ("succeeded", ended(AuditEvent::JobSucceeded)),
+                ("failed", ended(AuditEvent::JobFailed)),
+                ("cancelled", ended(AuditEvent::JobCancelled)),
             ];
             let n_ends: usize = ends.iter().map(|(_, n)| n).sum();
             let is_over = ends.iter().any(|(end, _)| *end == status);
@@ -333,7 +333,7 @@ pub(super) async fn same_request_same_result(store: &Store, chain: &Chain) -> Re
                 &mut check,
                 chain,
                 &id,
-                "job_succeeded",
+                AuditEvent::JobSucceeded,
                 "result_sha256",
                 &result_sha256,
             );
@@ -425,7 +425,8 @@ pub(super) async fn releases_have_checks(store: &Store, chain: &Chain) -> Result
             format!("{id}: its gates are not as many as were counted")
         });
         if row.released_at_ms > chain.begun_at_ms {
-            let in_chain = chain.field_of_newest(&id, "parameter_set_released", "checks_sha256");
+            let in_chain =
+                chain.field_of_newest(&id, AuditEvent::ParameterSetReleased, "checks_sha256");
             let is_noted = in_chain.as_deref() == Some(sha256_hex(checks_json.as_bytes()).as_str());
             check.require(is_noted, || {
                 format!("{id} is {status}, but the audit chain does not say so with these checks")

@@ -6,20 +6,32 @@ use super::chain::Chain;
 use super::check::{BATCH, Check};
 use crate::store::audit::{Audited, ExpectedEntry};
 use crate::store::jobs::JobWithClient;
-use crate::store::parameter_sets::{self, ParameterSetRow};
-use crate::store::policies::{self, PolicyChange};
+use crate::store::parameter_sets::ParameterSetRow;
+use crate::store::policies::PolicyChange;
 use crate::store::{
-    ApiKeyRow, FramesRow, MeasurementSetRow, NetworkRow, Result, RobotRow, Store, VerificationRow,
+    ApiKeyRow, AuditEvent, FramesRow, MeasurementSetRow, NetworkRow, ParameterSetStatus, Result,
+    RobotRow, Store, VerificationRow,
 };
-use crate::store::{robots, verifications};
 use crate::wire::canonical;
 
 /// The events that change the status of a parameter set, and the status after them.
-const STATUS_AFTER_EVENT: &[(&str, &str)] = &[
-    (parameter_sets::CREATED, "candidate"),
-    (parameter_sets::RELEASED, "released"),
-    (parameter_sets::SUPERSEDED, "superseded"),
-    (parameter_sets::WITHDRAWN, "withdrawn"),
+const STATUS_AFTER_EVENT: &[(AuditEvent, ParameterSetStatus)] = &[
+    (
+        AuditEvent::ParameterSetCreated,
+        ParameterSetStatus::Candidate,
+    ),
+    (
+        AuditEvent::ParameterSetReleased,
+        ParameterSetStatus::Released,
+    ),
+    (
+        AuditEvent::ParameterSetSuperseded,
+        ParameterSetStatus::Superseded,
+    ),
+    (
+        AuditEvent::ParameterSetWithdrawn,
+        ParameterSetStatus::Withdrawn,
+    ),
 ];
 
 /// Compares every kind of row that has entries in the chain.
@@ -45,8 +57,12 @@ pub(super) async fn match_entries(check: &mut Check, store: &Store, chain: &Chai
     .await?;
     for id in chain.events.keys() {
         for (event, found, what) in [
-            (policies::CHANGED, &policies, "its policy"),
-            (verifications::STORED_EVENT, &verifications, "what it found"),
+            (AuditEvent::RobotPolicyChanged, &policies, "its policy"),
+            (
+                AuditEvent::VerificationKept,
+                &verifications,
+                "what it found",
+            ),
         ] {
             let was_noted = chain.newest(id, event).is_some();
             check.require(!was_noted || found.contains(id), || {
@@ -88,7 +104,7 @@ async fn each<T: Audited>(
 /// Compares a row's fields with an entry. Fields that the entry does not have are skipped: older entries lack some.
 fn compare(check: &mut Check, chain: &Chain, id: &str, expected: &ExpectedEntry) {
     let ExpectedEntry { event, now, by } = expected;
-    match (chain.newest(id, event), now) {
+    match (chain.newest(id, *event), now) {
         (Some(then), Some((_, now))) => {
             for (field, now) in now.as_object().into_iter().flatten() {
                 let is_so = match then.detail.get(field) {
@@ -104,7 +120,7 @@ fn compare(check: &mut Check, chain: &Chain, id: &str, expected: &ExpectedEntry)
             "{id}: {event} is in the audit chain, and no longer so"
         )),
         // I8 reports creations without an entry.
-        (None, Some((at_ms, _))) if !event.ends_with("_created") => {
+        (None, Some((at_ms, _))) if !event.is_creation() => {
             let is_older = *at_ms <= chain.begun_at_ms && !chain.was_created(id);
             check.require(is_older, || {
                 format!("{id}: {event} is not in the audit chain")
@@ -116,16 +132,20 @@ fn compare(check: &mut Check, chain: &Chain, id: &str, expected: &ExpectedEntry)
 
 /// The robot is in the state `check_robot` exactly if the newest entry about that state says so.
 fn robot(check: &mut Check, chain: &Chain, row: &RobotRow) {
-    let about = [robots::DOES_NOT_FIT, robots::FITS, robots::CHECKED];
+    let about = [
+        AuditEvent::RobotDoesNotFit,
+        AuditEvent::RobotFitsAgain,
+        AuditEvent::RobotChecked,
+    ];
     let entries = chain.events.get(&row.id).map_or(&[][..], Vec::as_slice);
     let newest = entries
         .iter()
         .rev()
-        .find(|entry| about.contains(&entry.event.as_str()));
+        .find(|entry| about.iter().any(|event| event.as_str() == entry.event));
     let asks = newest
-        .filter(|entry| entry.event == robots::DOES_NOT_FIT)
+        .filter(|entry| entry.event == AuditEvent::RobotDoesNotFit.as_str())
         .and_then(|entry| entry.detail["job_id"].as_str());
-    let last = chain.newest(&row.id, robots::DOES_NOT_FIT);
+    let last = chain.newest(&row.id, AuditEvent::RobotDoesNotFit);
     let seq = last.map_or(Some(0), |last| last.detail["check_seq"].as_i64());
     let is_so = asks == row.check_job_id.as_deref() && seq == Some(row.check_seq);
     check.require(is_so, || {
@@ -150,14 +170,15 @@ fn parameter_set(check: &mut Check, chain: &Chain, row: &ParameterSetRow) {
     let then = entries.iter().rev().find_map(|entry| {
         STATUS_AFTER_EVENT
             .iter()
-            .find(|(event, _)| *event == entry.event)
+            .find(|(event, _)| event.as_str() == entry.event)
     });
     if let Some((_, then)) = then {
-        check.require(*then == row.status.as_str(), || {
+        check.require(*then == row.status, || {
             format!(
-                "{} is {}, the audit chain says {then}",
+                "{} is {}, the audit chain says {}",
                 row.id,
-                row.status.as_str()
+                row.status.as_str(),
+                then.as_str()
             )
         });
     }

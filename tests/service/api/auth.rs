@@ -1,6 +1,7 @@
 use crate::app::{Answer, paper, text};
 use crate::people::{guarded, key, revoke, with_key};
-use kincal::http::auth::{PUBLIC_ROUTES, REQUIRED_SCOPES, Scope, new_key};
+use kincal::http::auth::{PUBLIC_ROUTES, REQUIRED_SCOPES, new_key};
+use kincal::wire::key::Scope;
 use reqwest::Method;
 use serde_json::json;
 use std::time::Duration;
@@ -307,9 +308,10 @@ async fn one_holders_idempotency_keys_are_not_anothers() {
 
 #[test]
 fn a_key_has_256_random_bits() {
-    let (key, hash) = new_key().unwrap();
-    assert_eq!(key.len(), "kincal_".len() + 64);
-    assert_eq!(hash, kincal::wire::canonical::sha256_hex(key.as_bytes()));
-    assert_ne!(new_key().unwrap().0, key);
-    assert_eq!(Scope::parse("upload"), Some(Scope::Upload));
+    let key = new_key().unwrap();
+    assert_eq!(key.text.len(), "kincal_".len() + 64);
+    let hash = kincal::wire::canonical::sha256_hex(key.text.as_bytes());
+    assert_eq!(key.sha256, hash);
+    assert_ne!(new_key().unwrap().text, key.text);
+    assert_eq!(serde_json::json!(Scope::Upload), Scope::Upload.as_str());
 }

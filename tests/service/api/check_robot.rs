@@ -5,7 +5,7 @@ use crate::api::sessions::{
     upload, with_noise,
 };
 use crate::app::{Answer, TestApp, text};
-use rand::{SeedableRng, rngs::ChaCha8Rng};
+use crate::simulation::Normal;
 use serde_json::{Value, json};
 
 /// Texts without readable characters.
@@ -20,7 +20,7 @@ const BLANKS: [&str; 7] = [
 ];
 
 /// Every other row of one of the paper's files, unchanged.
-fn half(name: &str, which: usize, random: &mut ChaCha8Rng) -> Vec<Row> {
+fn half(name: &str, which: usize, random: &mut Normal) -> Vec<Row> {
     let half: Vec<Row> = rows(name).into_iter().skip(which).step_by(2).collect();
     with_noise(&half, 0.03, random)
 }
@@ -52,7 +52,7 @@ async fn state(app: &TestApp, robot: &str) -> (String, Value) {
 #[tokio::test]
 async fn a_set_to_verify_on_that_does_not_fit_asks_for_a_look_at_the_robot() {
     let app = TestApp::with_workers(1).await;
-    let mut random = ChaCha8Rng::seed_from_u64(23);
+    let mut random = Normal::new(23);
     let fresh = rows("followup_unchanged.csv");
     let collided = half("followup_collision.csv", 0, &mut random);
     let misplaced = seen_by_a_tracker(&fresh[..40], &mut random);
@@ -93,7 +93,7 @@ async fn a_set_to_verify_on_that_does_not_fit_asks_for_a_look_at_the_robot() {
 #[tokio::test]
 async fn a_misplaced_file_scored_on_the_nominal_robot_is_no_evidence() {
     let app = TestApp::with_workers(1).await;
-    let mut random = ChaCha8Rng::seed_from_u64(24);
+    let mut random = Normal::new(24);
     let points = with_noise(&rows("first.csv")[..40], 0.03, &mut random);
     for n_points in [40, 6] {
         let robot = app.paper_robot().await;
@@ -124,7 +124,7 @@ async fn a_set_from_before_a_collision_takes_a_session_since_or_somebody_who_say
     release(&app, &first).await.ok(200);
     release(&app, second).await.ok(200);
     // The robot collides. A session of the first set shows it; a set that is identified afterwards ends the state.
-    let mut random = ChaCha8Rng::seed_from_u64(25);
+    let mut random = Normal::new(25);
     let collided = upload(
         &app,
         &robot,
@@ -205,7 +205,7 @@ fn codes_of(problem: &Value) -> Vec<String> {
 async fn a_session_that_the_set_missed_by_far_stays_until_somebody_says_why() {
     let app = TestApp::with_workers(1).await;
     let (robot, parameter_set) = identified_from_noisy_points(&app).await;
-    let mut random = ChaCha8Rng::seed_from_u64(26);
+    let mut random = Normal::new(26);
     let fresh = rows("followup_unchanged.csv");
     let mut shifted = with_noise(&fresh, 0.03, &mut random);
     shifted.iter_mut().for_each(|row| row[6] += 1.0);
@@ -235,7 +235,7 @@ async fn a_session_that_the_set_missed_by_far_stays_until_somebody_says_why() {
 async fn a_base_that_is_off_in_the_base_frame_is_not_verified_away_for_the_complete_model() {
     let app = TestApp::with_workers(1).await;
     let robot = app.paper_robot().await;
-    let mut random = ChaCha8Rng::seed_from_u64(27);
+    let mut random = Normal::new(27);
     let points = with_noise(&rows("first.csv"), 0.03, &mut random);
     let set = upload(&app, &robot, &points).await;
     let request =
@@ -274,7 +274,7 @@ async fn a_base_that_is_off_in_the_base_frame_is_not_verified_away_for_the_compl
 async fn poses_that_lie_close_together_end_no_check_and_support_no_release() {
     let app = TestApp::with_workers(1).await;
     let (robot, parameter_set) = identified_from_noisy_points(&app).await;
-    let mut random = ChaCha8Rng::seed_from_u64(28);
+    let mut random = Normal::new(28);
     let collided = half("followup_collision.csv", 0, &mut random);
     let set = upload(&app, &robot, &collided).await;
     scored(&app, &robot, &set, &parameter_set).await;
@@ -303,7 +303,7 @@ async fn a_change_that_less_than_doubles_the_nominal_error_stops_every_release_u
  {
     let app = TestApp::with_workers(1).await;
     let (robot, first) = identified_from_noisy_points(&app).await;
-    let mut random = ChaCha8Rng::seed_from_u64(29);
+    let mut random = Normal::new(29);
     let set = upload(
         &app,
         &robot,

@@ -2,30 +2,8 @@
 
 use crate::app::{TestApp, paper, text};
 use crate::real_robot::{RealRobot, apply, rigid, shift, times, turn};
-use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
+use crate::simulation::Normal;
 use serde_json::{Value, json};
-use std::f64::consts::TAU;
-
-pub struct Draw(ChaCha8Rng);
-
-impl Draw {
-    pub fn new(seed: u64) -> Self {
-        Self(ChaCha8Rng::seed_from_u64(seed))
-    }
-
-    /// Normal random numbers (Box and Muller 1958).
-    pub fn normal(&mut self) -> f64 {
-        let (u, v): (f64, f64) = (1.0 - self.0.random::<f64>(), self.0.random());
-        (-2.0 * u.ln()).sqrt() * (TAU * v).cos()
-    }
-
-    pub fn pose(&mut self, limits_deg: &[f64; 6]) -> Vec<f64> {
-        limits_deg
-            .iter()
-            .map(|limit| (limit * (2.0 * self.0.random::<f64>() - 1.0)).to_radians())
-            .collect()
-    }
-}
 
 pub const LIMITS_DEG: [f64; 6] = [150.0, 55.0, 60.0, 160.0, 100.0, 170.0];
 pub const NOISE_MM: f64 = 0.03;
@@ -48,17 +26,17 @@ pub fn nominal(robot: &Value) -> Vec<[f64; 5]> {
 }
 
 /// The robot with errors of 0.3 mm and 0.05° in every link between the first and the last, sag of joints 2 and 3, and eccentric transmissions.
-pub fn real_robot(nominal: &[[f64; 5]], draw: &mut Draw) -> RealRobot {
+pub fn real_robot(nominal: &[[f64; 5]], random: &mut Normal) -> RealRobot {
     let mut links = nominal.to_vec();
     for (i, link) in links.iter_mut().enumerate().skip(1) {
-        link[0] += 0.3 * draw.normal();
-        link[1] += 0.05f64.to_radians() * draw.normal();
+        link[0] += 0.3 * random.draw();
+        link[1] += 0.05f64.to_radians() * random.draw();
         if i < 5 {
-            link[2] += 0.3 * draw.normal();
-            link[3] += 0.05f64.to_radians() * draw.normal();
+            link[2] += 0.3 * random.draw();
+            link[3] += 0.05f64.to_radians() * random.draw();
         }
     }
-    links[2][4] = 0.05f64.to_radians() * draw.normal();
+    links[2][4] = 0.05f64.to_radians() * random.draw();
     let mut eccentric_rad = vec![[0.0; 4]; 6];
     eccentric_rad[1] = [8e-5, -5e-5, 4e-5, 0.0];
     eccentric_rad[2] = [-6e-5, 7e-5, 0.0, 3e-5];
@@ -83,30 +61,30 @@ pub struct Cell {
     pub robot: String,
     nominal: Vec<[f64; 5]>,
     pub truth: RealRobot,
-    pub draw: Draw,
+    pub random: Normal,
 }
 
 impl Cell {
     pub async fn registered(app: &TestApp) -> Self {
         let body = arm();
         let nominal = nominal(&body);
-        let mut draw = Draw::new(77);
-        let truth = real_robot(&nominal, &mut draw);
+        let mut random = Normal::new(77);
+        let truth = real_robot(&nominal, &mut random);
         let robot = app.post_json("/v1/robots", &body).await.ok(201);
         Self {
             robot: format!("/v1/robots/{}", text(&robot["id"])),
             nominal,
             truth,
-            draw,
+            random,
         }
     }
 }
 
 /// The instrument's measurements at these poses.
-pub fn csv(truth: &RealRobot, poses_rad: &[Vec<f64>], draw: &mut Draw) -> String {
+pub fn csv(truth: &RealRobot, poses_rad: &[Vec<f64>], random: &mut Normal) -> String {
     let mut csv = String::from("q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,x_mm,y_mm,z_mm\n");
     for q in poses_rad {
-        let seen = truth.seen(q).map(|mm| mm + NOISE_MM * draw.normal());
+        let seen = truth.seen(q).map(|mm| mm + NOISE_MM * random.draw());
         let cells: Vec<String> = q
             .iter()
             .map(|q| q.to_degrees().to_string())
@@ -141,9 +119,9 @@ pub fn arm() -> Value {
 }
 
 /// A robot measured from its instrument at random poses, with noise.
-pub fn campaign(truth: &RealRobot, n: usize, draw: &mut Draw) -> String {
-    let poses: Vec<Vec<f64>> = (0..n).map(|_| draw.pose(&LIMITS_DEG)).collect();
-    csv(truth, &poses, draw)
+pub fn campaign(truth: &RealRobot, n: usize, random: &mut Normal) -> String {
+    let poses: Vec<Vec<f64>> = (0..n).map(|_| random.pose(&LIMITS_DEG)).collect();
+    csv(truth, &poses, random)
 }
 
 #[tokio::test]
@@ -153,10 +131,10 @@ async fn a_real_robot_lands_where_the_nominal_one_would() {
         robot,
         nominal,
         truth,
-        mut draw,
+        mut random,
     } = Cell::registered(&app).await;
-    let poses: Vec<Vec<f64>> = (0..150).map(|_| draw.pose(&LIMITS_DEG)).collect();
-    let csv = csv(&truth, &poses, &mut draw);
+    let poses: Vec<Vec<f64>> = (0..150).map(|_| random.pose(&LIMITS_DEG)).collect();
+    let csv = csv(&truth, &poses, &mut random);
     let set = app
         .post(
             &format!("{robot}/measurement-sets?frame=instrument"),
@@ -177,7 +155,7 @@ async fn a_real_robot_lands_where_the_nominal_one_would() {
     );
 
     // targets that were programmed offline, away from the wrist's singularity
-    let programmed: Vec<Vec<f64>> = std::iter::repeat_with(|| draw.pose(&LIMITS_DEG))
+    let programmed: Vec<Vec<f64>> = std::iter::repeat_with(|| random.pose(&LIMITS_DEG))
         .filter(|q| q[4].abs() > 0.15)
         .take(200)
         .collect();

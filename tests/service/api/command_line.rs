@@ -3,9 +3,11 @@
 use crate::api::sessions::{csv, rows, seen_by_a_tracker};
 use crate::app::{TestApp, paper, text};
 use crate::people::{Person, guarded};
-use rand::{SeedableRng, rngs::ChaCha8Rng};
+use crate::simulation::Normal;
 use serde_json::{Value, json};
-use std::process::{Command, Output};
+use std::io::Read;
+use std::process::{Command, Output, Stdio};
+use std::time::Duration;
 
 /// Runs the binary against a server with a key, without blocking the server's threads.
 async fn kincal(app: &TestApp, key: &str, arguments: &[&str]) -> (Option<i32>, String, String) {
@@ -278,13 +280,20 @@ async fn what_goes_wrong_says_what_to_do_next() {
 async fn a_terminal_sees_how_far_a_job_is_and_a_file_does_not() {
     let (app, _dir) = guarded(1).await;
     let person = Person::new(&app, &["read", "upload", "identify"]).await;
-    person
+    let robot: Value = serde_json::from_slice(&paper("robot.json")).unwrap();
+    let robot = person.post("/v1/robots", &robot).await.ok(201);
+    let robot = format!("/v1/robots/{}", text(&robot["id"]));
+    let csv = String::from_utf8(paper("first.csv")).unwrap();
+    let set = person.upload(&robot, &csv).await;
+    // The only worker computes this job until the terminal has been seen to wait.
+    let other_job = person
         .post(
-            "/v1/robots",
-            &serde_json::from_slice(&paper("robot.json")).unwrap(),
+            &format!("{robot}/jobs"),
+            &json!({"measurement_set_id": set["id"], "method": "pso", "preset": "paper",
+                "options": {"n_particles": 3000, "n_iterations": 10_000, "stop_at_cost_mm2": 0.0}}),
         )
         .await
-        .ok(201);
+        .ok(202);
     let arguments = [
         "submit",
         "--robot",
@@ -297,20 +306,44 @@ async fn a_terminal_sees_how_far_a_job_is_and_a_file_does_not() {
         "--wait",
     ];
     let line = format!("{} {}", env!("CARGO_BIN_EXE_kincal"), arguments.join(" "));
-    let mut command = Command::new("script");
     // script(1) runs it on its own terminal.
-    command
+    let mut terminal = Command::new("script")
         .args(["-qefc", &line, "/dev/null"])
         .env("KINCAL_SERVER", app.server.url())
-        .env("KINCAL_KEY", &person.key);
-    let output = tokio::task::spawn_blocking(move || command.output().expect("script is there"))
-        .await
+        .env("KINCAL_KEY", &person.key)
+        .stdout(Stdio::piped())
+        .spawn()
+        .expect("script is there");
+    let mut stdout = terminal.stdout.take().unwrap();
+    let waiting = tokio::task::spawn_blocking(move || {
+        let (mut seen, mut part) = (Vec::new(), [0; 4096]);
+        while !String::from_utf8_lossy(&seen).contains("░ waiting for a worker") {
+            match stdout.read(&mut part).unwrap() {
+                0 => break,
+                n => seen.extend_from_slice(&part[..n]),
+            }
+        }
+        (stdout, seen)
+    });
+    let waited = tokio::time::timeout(Duration::from_secs(60), waiting).await;
+    if waited.is_err() {
+        terminal.kill().unwrap();
+    }
+    let (mut stdout, mut seen) = waited
+        .expect("the terminal says within 60 s that the job waits")
         .unwrap();
-    let seen = String::from_utf8_lossy(&output.stdout).into_owned();
-    assert!(output.status.success(), "{seen}");
+    let cancel = format!("/v1/jobs/{}/cancel", text(&other_job["id"]));
+    person.post(&cancel, &json!({})).await.ok(200);
+    let (seen, status) = tokio::task::spawn_blocking(move || {
+        stdout.read_to_end(&mut seen).unwrap();
+        (seen, terminal.wait().unwrap())
+    })
+    .await
+    .unwrap();
+    let seen = String::from_utf8_lossy(&seen);
+    assert!(status.success(), "{seen}");
     assert!(
-        seen.contains('█')
-            && seen.contains("iterations, F = ")
+        seen.contains("iterations, F = ")
             && seen.contains("not releasable yet (kincal params --gates par_")
             && seen.contains("orientation_known: ")
             && !seen.contains("next: kincal release"),
@@ -319,7 +352,9 @@ async fn a_terminal_sees_how_far_a_job_is_and_a_file_does_not() {
     let (code, stdout, stderr) = kincal(&app, &person.key, &arguments).await;
     assert_eq!(code, Some(0), "{stderr}");
     assert!(
-        !stdout.contains('█') && !stderr.contains('█') && stdout.contains("verify (50), after"),
+        !stdout.contains(['█', '░'])
+            && !stderr.contains(['█', '░'])
+            && stdout.contains("verify (50), after"),
         "{stdout}{stderr}"
     );
 }
@@ -568,7 +603,7 @@ async fn remedies_in_a_terminal_are_commands_and_options() {
     let body: Value = serde_json::from_slice(&paper("robot.json")).unwrap();
     let robot = person.post("/v1/robots", &body).await.ok(201);
     let robot = text(&robot["id"]);
-    let mut random = ChaCha8Rng::seed_from_u64(27);
+    let mut random = Normal::new(27);
     let misplaced = dir.path().join("misplaced.csv");
     let seen = seen_by_a_tracker(&rows("first_noisy.csv"), &mut random);
     std::fs::write(&misplaced, csv(&seen)).unwrap();

@@ -142,10 +142,10 @@ async fn identified_by_one_reflector(
     target_mm: [f64; 3],
     seed: u64,
 ) -> (Value, String) {
-    let mut draw = crate::api::closed_loop::Draw::new(seed);
-    let (robot, truth) = crate::api::export::ur10e(app, urdf, target_mm, &mut draw).await;
-    let poses: Vec<Vec<f64>> = (0..60).map(|_| draw.pose(&[170.0; 6])).collect();
-    let csv = crate::api::closed_loop::csv(&truth, &poses, &mut draw);
+    let mut random = crate::simulation::Normal::new(seed);
+    let (robot, truth) = crate::api::export::ur10e(app, urdf, target_mm, &mut random).await;
+    let poses: Vec<Vec<f64>> = (0..60).map(|_| random.pose(&[170.0; 6])).collect();
+    let csv = crate::api::closed_loop::csv(&truth, &poses, &mut random);
     let path = format!("{robot}/measurement-sets?frame=instrument");
     let set = app.post(&path, "text/csv", csv).await.ok(201);
     let body = json!({"measurement_set_id": set["id"], "corrections": "off"});
@@ -338,10 +338,10 @@ async fn a_wrong_mastering_of_the_first_joint_is_corrected_in_the_measuring_fram
     let body = crate::api::closed_loop::arm();
     let mut links = crate::api::closed_loop::nominal(&body);
     (links[0][2], links[0][3]) = (links[0][2] + 0.5, links[0][3] + 0.2f64.to_radians());
-    let mut draw = crate::api::closed_loop::Draw::new(12);
+    let mut random = crate::simulation::Normal::new(12);
     let mut csv = String::from("q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,x_mm,y_mm,z_mm\n");
     for _ in 0..60 {
-        let q = draw.pose(&crate::api::closed_loop::LIMITS_DEG);
+        let q = random.pose(&crate::api::closed_loop::LIMITS_DEG);
         let flange = links
             .iter()
             .zip(&q)

@@ -1,10 +1,9 @@
 //! Corrections from a job to a prediction: a simulated robot that sags, measured with ten kilograms on its flange.
 
-use crate::api::closed_loop::{
-    Draw, LIMITS_DEG, arm, campaign, distance, nominal, real_robot, rms,
-};
+use crate::api::closed_loop::{LIMITS_DEG, arm, campaign, distance, nominal, real_robot, rms};
 use crate::app::{TestApp, text};
 use crate::real_robot::{RealRobot, apply, rigid, shift, times};
+use crate::simulation::Normal;
 use serde_json::{Value, json};
 
 /// Default of `mass_unit_kg`.
@@ -34,13 +33,13 @@ struct Measured {
 async fn measured(seed: u64) -> Measured {
     let app = TestApp::with_workers(1).await;
     let body = arm();
-    let mut draw = Draw::new(seed);
-    let truth = real_robot(&nominal(&body), &mut draw);
+    let mut random = Normal::new(seed);
+    let truth = real_robot(&nominal(&body), &mut random);
     let robot = format!(
         "/v1/robots/{}",
         text(&app.post_json("/v1/robots", &body).await.ok(201)["id"])
     );
-    let csv = campaign(&with_payload(&truth, MEASURED_WITH_KG), 120, &mut draw);
+    let csv = campaign(&with_payload(&truth, MEASURED_WITH_KG), 120, &mut random);
     let set = app
         .post(
             &format!("{robot}/measurement-sets?frame=instrument"),
@@ -49,7 +48,7 @@ async fn measured(seed: u64) -> Measured {
         )
         .await
         .ok(201);
-    let unseen = (0..100).map(|_| draw.pose(&LIMITS_DEG)).collect();
+    let unseen = (0..100).map(|_| random.pose(&LIMITS_DEG)).collect();
     Measured {
         app,
         robot,
@@ -427,19 +426,22 @@ async fn beside_priors_corrections_are_left_out_and_the_report_says_so() {
 
 /// Groups of neighbouring poses, each group with its own error: neighbours predict a pose well, so corrections win
 /// the cross-validation, but do not hold at the verify poses.
-fn misleading_groups(draw: &mut Draw) -> String {
+fn misleading_groups(random: &mut Normal) -> String {
     const GROUPS: usize = 20;
-    let truth = real_robot(&nominal(&arm()), draw);
+    let truth = real_robot(&nominal(&arm()), random);
     let mut csv = String::from("subset,q1_rad,q2_rad,q3_rad,q4_rad,q5_rad,q6_rad,x_mm,y_mm,z_mm\n");
     for group in 0..GROUPS + 40 {
-        let (middle, own_mm) = (draw.pose(&LIMITS_DEG), [0; 3].map(|_| 0.3 * draw.normal()));
+        let (middle, own_mm) = (
+            random.pose(&LIMITS_DEG),
+            [0; 3].map(|_| 0.3 * random.draw()),
+        );
         let (n, subset) = if group < GROUPS {
             (5, "identify")
         } else {
             (1, "verify")
         };
         for _ in 0..n {
-            let q: Vec<f64> = middle.iter().map(|q| q + 0.02 * draw.normal()).collect();
+            let q: Vec<f64> = middle.iter().map(|q| q + 0.02 * random.draw()).collect();
             let seen = truth.seen(&q);
             let cells = q.iter().copied().chain((0..3).map(|k| seen[k] + own_mm[k]));
             let cells: Vec<String> = cells.map(|value| value.to_string()).collect();
@@ -457,7 +459,7 @@ async fn corrections_that_are_worse_than_the_links_on_the_verify_points_are_drop
         "/v1/robots/{}",
         text(&app.post_json("/v1/robots", &arm()).await.ok(201)["id"])
     );
-    let csv = misleading_groups(&mut Draw::new(5));
+    let csv = misleading_groups(&mut Normal::new(5));
     let set = app
         .post(
             &format!("{robot}/measurement-sets?frame=instrument"),

@@ -1,7 +1,8 @@
-use crate::api::closed_loop::{Draw, arm, campaign, nominal, real_robot};
+use crate::api::closed_loop::{arm, campaign, nominal, real_robot};
 use crate::api::compensate::parameter_set;
 use crate::app::{Answer, TestApp, text};
 use crate::real_robot::RealRobot;
+use crate::simulation::Normal;
 use reqwest::Method;
 use serde_json::{Value, json};
 use std::path::PathBuf;
@@ -186,7 +187,7 @@ pub async fn ur10e(
     app: &TestApp,
     urdf: &str,
     target_mm: [f64; 3],
-    draw: &mut Draw,
+    random: &mut Normal,
 ) -> (String, RealRobot) {
     let path = "/v1/robot-imports?format=urdf&name=UR10e";
     let imported = app
@@ -210,12 +211,12 @@ pub async fn ur10e(
     let nominal = imported["robot"]["links"].as_array().unwrap();
     let mut links: Vec<[f64; 5]> = nominal.iter().map(as_row).collect();
     for (i, link) in links.iter_mut().enumerate() {
-        link[0] += 0.3 * draw.normal();
-        link[1] += 1e-3 * draw.normal();
+        link[0] += 0.3 * random.draw();
+        link[1] += 1e-3 * random.draw();
         if i < 5 {
             // For the last link these describe the position of the reflector.
-            link[2] += 0.3 * draw.normal();
-            link[3] += 5e-3 * draw.normal();
+            link[2] += 0.3 * random.draw();
+            link[3] += 5e-3 * random.draw();
         }
     }
     let truth = RealRobot {
@@ -237,12 +238,13 @@ async fn a_universal_robot_from_its_makers_description_points_where_it_should() 
         return;
     };
     let app = TestApp::with_workers(1).await;
-    let mut draw = Draw::new(15);
-    let (robot, truth) = ur10e(&app, &urdf, [60.0, -20.0, 80.0], &mut draw).await;
-    let poses =
-        |draw: &mut Draw, n| -> Vec<Vec<f64>> { (0..n).map(|_| draw.pose(&[170.0; 6])).collect() };
-    let measured = poses(&mut draw, 80);
-    let csv = crate::api::closed_loop::csv(&truth, &measured, &mut draw);
+    let mut random = Normal::new(15);
+    let (robot, truth) = ur10e(&app, &urdf, [60.0, -20.0, 80.0], &mut random).await;
+    let poses = |random: &mut Normal, n| -> Vec<Vec<f64>> {
+        (0..n).map(|_| random.pose(&[170.0; 6])).collect()
+    };
+    let measured = poses(&mut random, 80);
+    let csv = crate::api::closed_loop::csv(&truth, &measured, &mut random);
     let path = format!("{robot}/measurement-sets?frame=base");
     let set = app.post(&path, "text/csv", csv).await.ok(201);
     let job = app
@@ -261,7 +263,7 @@ async fn a_universal_robot_from_its_makers_description_points_where_it_should() 
         printed.contains("# The measured positions place the robot's base at"),
         "{printed}"
     );
-    let q = poses(&mut draw, 30);
+    let q = poses(&mut random, 30);
     let folder = tempfile::tempdir().unwrap();
     let file = |name: &str, text: &str| {
         let path = folder.path().join(name);
@@ -314,15 +316,15 @@ async fn a_universal_robot_from_its_makers_description_points_where_it_should() 
 #[tokio::test]
 async fn a_reader_in_another_language_moves_every_export_alike() {
     let app = TestApp::with_workers(1).await;
-    let mut draw = Draw::new(9);
+    let mut random = Normal::new(9);
     let robot = format!(
         "/v1/robots/{}",
         text(&app.post_json("/v1/robots", &arm()).await.ok(201)["id"])
     );
-    let truth = real_robot(&nominal(&arm()), &mut draw);
+    let truth = real_robot(&nominal(&arm()), &mut random);
     let path = format!("{robot}/measurement-sets?frame=instrument");
     let uploaded = app
-        .post(&path, "text/csv", campaign(&truth, 60, &mut draw))
+        .post(&path, "text/csv", campaign(&truth, 60, &mut random))
         .await
         .ok(201);
     let job = app

@@ -3,7 +3,8 @@
 
 use crate::app::{Answer, TestApp, paper, text};
 use crate::people::{guarded, key, revoke, with_key};
-use kincal::http::auth::{PUBLIC_ROUTES, REQUIRED_SCOPES, Scope};
+use kincal::http::auth::{PUBLIC_ROUTES, REQUIRED_SCOPES};
+use kincal::wire::key::Scope;
 use reqwest::Method;
 use serde_json::{Value, json};
 

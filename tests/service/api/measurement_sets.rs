@@ -164,6 +164,25 @@ async fn what_an_upload_says_that_a_small_set_can_serve_for_it_can() {
         };
         assert_eq!(report["evidence"], expected, "{frame}, {n}: {report}");
     }
+    // Five points that are 4 m off serve for nothing, whatever their number.
+    let file = String::from_utf8(crate::app::paper("followup_unchanged.csv")).unwrap();
+    let shifted = |(row, line): (usize, &str)| {
+        let (rest, z) = line.rsplit_once(',').unwrap();
+        match (row, z.parse::<f64>()) {
+            (1.., Ok(z_mm)) => format!("{rest},{}\n", z_mm + 4000.0),
+            _ => format!("{line}\n"),
+        }
+    };
+    let set = upload(
+        file.lines().take(6).enumerate().map(shifted).collect(),
+        "base",
+    )
+    .await;
+    let details = warning_details(&set);
+    assert!(
+        details.contains("does not fit this robot") && !details.contains("serve"),
+        "{details}"
+    );
     // Four are not enough, and the upload says the same as the job.
     let four = upload(five_rows_from_an_instrument(4), "instrument").await;
     let why = verify(&four).await.problem(422, "under_determined");

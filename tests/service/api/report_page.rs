@@ -124,13 +124,13 @@ async fn the_page_has_corrections_with_their_standard_errors_repeatability_and_w
     let Cell {
         robot,
         truth,
-        mut draw,
+        mut random,
         ..
     } = Cell::registered(&app).await;
     // A hundred poses, three of which have five more measurements.
-    let mut poses: Vec<Vec<f64>> = (0..100).map(|_| draw.pose(&LIMITS_DEG)).collect();
+    let mut poses: Vec<Vec<f64>> = (0..100).map(|_| random.pose(&LIMITS_DEG)).collect();
     (0..5).for_each(|_| poses.extend_from_within(..3));
-    let csv = csv(&truth, &poses, &mut draw);
+    let csv = csv(&truth, &poses, &mut random);
     let set = app
         .post(
             &format!("{robot}/measurement-sets?frame=instrument"),

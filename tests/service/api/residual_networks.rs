@@ -1,8 +1,9 @@
 //! The residual network of a robot: storage, lists, and the start of the next network's training.
 
-use crate::api::closed_loop::{Draw, LIMITS_DEG, NOISE_MM, arm, nominal, real_robot};
+use crate::api::closed_loop::{LIMITS_DEG, NOISE_MM, arm, nominal, real_robot};
 use crate::app::{TestApp, text};
 use crate::real_robot::RealRobot;
+use crate::simulation::Normal;
 use serde_json::{Value, json};
 
 /// An error that links, gravity and harmonics of single joints cannot describe: it depends on sums of joints.
@@ -15,15 +16,15 @@ fn drift_mm(q: &[f64]) -> [f64; 3] {
 }
 
 /// A session at random poses, in the base frame.
-fn session(truth: &RealRobot, drifts: bool, n: usize, draw: &mut Draw) -> String {
+fn session(truth: &RealRobot, drifts: bool, n: usize, random: &mut Normal) -> String {
     let mut csv = String::from("q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,x_mm,y_mm,z_mm\n");
     for _ in 0..n {
-        let q = draw.pose(&LIMITS_DEG);
+        let q = random.pose(&LIMITS_DEG);
         let (rigid, off) = (
             truth.in_base(&q),
             if drifts { drift_mm(&q) } else { [0.0; 3] },
         );
-        let seen = (0..3).map(|k| rigid[k] + off[k] + NOISE_MM * draw.normal());
+        let seen = (0..3).map(|k| rigid[k] + off[k] + NOISE_MM * random.draw());
         let cells: Vec<String> = q
             .iter()
             .map(|q| q.to_degrees())
@@ -87,11 +88,11 @@ fn tensor(file: &[u8], name: &str) -> Vec<f64> {
 #[tokio::test]
 async fn a_residual_network_is_stored_like_the_papers_and_the_next_one_goes_on_from_it() {
     let app = TestApp::with_workers(1).await;
-    let mut draw = Draw::new(5);
-    let truth = real_robot(&nominal(&arm()), &mut draw);
+    let mut random = Normal::new(5);
+    let truth = real_robot(&nominal(&arm()), &mut random);
     let (first_csv, second_csv) = (
-        session(&truth, true, 120, &mut draw),
-        session(&truth, true, 120, &mut draw),
+        session(&truth, true, 120, &mut random),
+        session(&truth, true, 120, &mut random),
     );
     let cell = robot(&app).await;
     let first_set = upload(&app, &cell, &first_csv).await;
@@ -231,14 +232,14 @@ async fn a_residual_network_is_stored_like_the_papers_and_the_next_one_goes_on_f
 #[tokio::test]
 async fn where_links_say_everything_no_residual_network_is_kept() {
     let app = TestApp::with_workers(1).await;
-    let mut draw = Draw::new(6);
+    let mut random = Normal::new(6);
     let stiff = RealRobot {
         give_rad: vec![0.0; 6],
         eccentric_rad: vec![[0.0; 4]; 6],
-        ..real_robot(&nominal(&arm()), &mut draw)
+        ..real_robot(&nominal(&arm()), &mut random)
     };
     let cell = robot(&app).await;
-    let set = upload(&app, &cell, &session(&stiff, false, 60, &mut draw)).await;
+    let set = upload(&app, &cell, &session(&stiff, false, 60, &mut random)).await;
     let (job, tried) = identified(&app, &cell, &set).await;
     println!("a robot of links alone: {tried}");
     assert!(tried.is_null() || tried["kept"] == false, "{tried}");

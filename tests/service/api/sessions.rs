@@ -1,7 +1,8 @@
 //! Sessions as evidence about a parameter set and about the robot.
 
 use crate::app::{Answer, TestApp, paper, text};
-use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
+use crate::simulation::Normal;
+use rand::RngExt;
 use reqwest::Method;
 use serde_json::{Value, json};
 use std::f64::consts::TAU;
@@ -35,20 +36,20 @@ pub fn csv(rows: &[Row]) -> String {
     HEADER.to_owned() + &lines.collect::<String>()
 }
 
-/// Normal noise on every coordinate (Box and Muller 1958).
-pub fn with_noise(rows: &[Row], std_mm: f64, random: &mut ChaCha8Rng) -> Vec<Row> {
+/// Normal noise on every coordinate.
+pub fn with_noise(rows: &[Row], std_mm: f64, random: &mut Normal) -> Vec<Row> {
     let mut rows = rows.to_vec();
     for p in rows.iter_mut().flat_map(|row| &mut row[6..]) {
-        let (u, v): (f64, f64) = (1.0 - random.random::<f64>(), random.random());
-        *p += std_mm * (-2.0 * u.ln()).sqrt() * (TAU * v).cos();
+        *p += std_mm * random.draw();
     }
     rows
 }
 
 /// Positions in the frame of a levelled tracker that stands somewhere in the cell.
-pub fn seen_by_a_tracker(rows: &[Row], random: &mut ChaCha8Rng) -> Vec<Row> {
-    let (sin, cos) = (TAU * random.random::<f64>()).sin_cos();
-    let shift: [f64; 3] = std::array::from_fn(|_| 3000.0 * (random.random::<f64>() - 0.5));
+pub fn seen_by_a_tracker(rows: &[Row], random: &mut Normal) -> Vec<Row> {
+    let mut share = || random.0.random::<f64>();
+    let (sin, cos) = (TAU * share()).sin_cos();
+    let shift: [f64; 3] = std::array::from_fn(|_| 3000.0 * (share() - 0.5));
     let seen = |row: &Row| {
         let [.., x, y, z] = *row;
         let mut row = *row;
@@ -125,7 +126,7 @@ async fn a_session_that_does_not_fit_is_no_evidence() {
     let app = TestApp::with_workers(1).await;
     let (robot, parameter_set) = identified_from_noisy_points(&app).await;
     set_policy(&app, &robot, json!({"independent_session_required": true})).await;
-    let mut random = ChaCha8Rng::seed_from_u64(20);
+    let mut random = Normal::new(20);
     let fresh = &rows("followup_unchanged.csv")[..N_POSES];
     let release = format!("/v1/parameter-sets/{}/release", text(&parameter_set));
     for placement in 0..N_PLACEMENTS {
@@ -181,7 +182,7 @@ async fn a_session_that_scatters_more_than_the_set_could_miss_is_no_evidence() {
     let app = TestApp::with_workers(1).await;
     let (robot, parameter_set) = identified_from_noisy_points(&app).await;
     set_policy(&app, &robot, json!({"independent_session_required": true})).await;
-    let mut random = ChaCha8Rng::seed_from_u64(21);
+    let mut random = Normal::new(21);
     let fresh = with_noise(&rows("followup_unchanged.csv"), 0.03, &mut random);
     let whole_degrees = fresh.iter().map(|row| {
         let mut row = *row;
@@ -222,7 +223,7 @@ async fn a_robot_under_check_is_released_with_a_reason() {
     let app = TestApp::with_workers(1).await;
     let (robot, parameter_set) = identified_from_noisy_points(&app).await;
     // The robot after a collision.
-    let mut random = ChaCha8Rng::seed_from_u64(21);
+    let mut random = Normal::new(21);
     let collided = with_noise(&rows("followup_collision.csv"), 0.03, &mut random);
     let set = upload(&app, &robot, &collided).await;
     let (_, report) = scored(&app, &robot, &set, &parameter_set).await;
@@ -261,7 +262,7 @@ async fn every_session_counts_and_a_copy_with_noise_is_no_other_session() {
     let (robot, parameter_set) = identified_from_noisy_points(&app).await;
     let policy = json!({"tolerance_mm": 0.3, "independent_session_required": true});
     set_policy(&app, &robot, policy).await;
-    let mut random = ChaCha8Rng::seed_from_u64(22);
+    let mut random = Normal::new(22);
     // Copies of the identified upload, with noise of any size, support nothing.
     let first = rows("first_noisy.csv");
     for std_mm in [0.005, 0.02, 0.05, 0.1] {

@@ -8,6 +8,7 @@ use kincal::store::{
     Conflict, Error, JobStatus, Lease, NewJob, NewParameterSet, PageRequest, Result, Store, jobs,
     leases, parameter_sets,
 };
+use kincal::wire::job::Method;
 
 use crate::computations::LONG;
 use crate::engines::for_each_engine;
@@ -540,7 +541,7 @@ fn a_robot_has_ten_thousand_jobs_waiting_and_no_more() {
 fn some_new_job() -> NewJob {
     NewJob {
         kind: kincal::wire::job::Kind::Identify,
-        method: "auto".into(),
+        method: Method::Auto,
         request_json: "{}".into(),
         ..NewJob::default()
     }

@@ -166,7 +166,7 @@ fn a_database_of_d61237a_gets_its_facts_as_columns_once() {
             n_passed: 1,
             n_failed: 0,
             released_by: "key_1".into(),
-            evidence: "same_upload".into(),
+            evidence: Evidence::SameUpload,
             uncertainty_mm: None,
         };
         in_transaction(&store, async |tx| {

@@ -1,7 +1,10 @@
 //! The audit chain: it has every action, and an edit, a deletion or a changed order is detected.
 
 use kincal::store::verify::{Check, Options, verify};
-use kincal::store::{AuditRow, Engine, NewApiKey, Store, api_keys, audit, jobs, parameter_sets};
+use kincal::store::{
+    AuditEntryId, AuditEvent, AuditRow, Engine, NewApiKey, Store, api_keys, audit, jobs,
+    parameter_sets,
+};
 use kincal::wire::canonical::sha256_hex;
 use serde_json::json;
 use sqlx::AssertSqlSafe;
@@ -13,7 +16,7 @@ async fn entries(store: &Store) -> Vec<AuditRow> {
     audit::list(store, 0, 1000).await.unwrap()
 }
 
-async fn chain(store: &Store, known_head: Option<(i64, String)>) -> Check {
+async fn chain(store: &Store, known_head: Option<AuditEntryId>) -> Check {
     let checks = verify(
         store,
         &Options {
@@ -98,7 +101,7 @@ fn what_is_done_is_in_the_chain_with_who_did_it() {
         assert_eq!(found, expected);
         assert_eq!(chain(store, None).await.violations, [""; 0]);
         assert_eq!(
-            audit::actor(store, &set.id, "measurement_set_created")
+            audit::actor(store, &set.id, AuditEvent::MeasurementSetCreated)
                 .await
                 .unwrap()
                 .as_deref(),
@@ -203,26 +206,19 @@ fn a_chain_computed_anew_does_not_have_the_head_that_was_kept_elsewhere() {
     for_each_engine(async |database| {
         let store = &database.store;
         a_robot(store, "r").await;
-        let known_head = audit::head(store).await.unwrap();
+        let known_head = audit::head(store).await.unwrap().entry();
         a_robot(store, "r").await;
-        assert_eq!(
-            chain(store, Some((known_head.seq, known_head.sha256.clone())))
-                .await
-                .n_violations,
-            0
-        );
-        assert_eq!(
-            chain(store, Some((known_head.seq, "00".into())))
-                .await
-                .n_violations,
-            1
-        );
-        assert_eq!(
-            chain(store, Some((9, known_head.sha256)))
-                .await
-                .n_violations,
-            1
-        );
+        assert_eq!(chain(store, Some(known_head.clone())).await.n_violations, 0);
+        let other_hash = AuditEntryId {
+            sha256: "00".into(),
+            ..known_head.clone()
+        };
+        assert_eq!(chain(store, Some(other_hash)).await.n_violations, 1);
+        let other_number = AuditEntryId {
+            seq: 9,
+            ..known_head
+        };
+        assert_eq!(chain(store, Some(other_number)).await.n_violations, 1);
     });
 }
 

@@ -1,12 +1,14 @@
 //! Release and withdrawal of parameter sets.
 
+use kincal::jobs::queue;
+use kincal::release::facts::DESCRIBES_NO_ROBOT;
 use kincal::store::{
     CheckedState, Conflict, Engine, Error, MeasurementSetRow, NewJob, NewParameterSet,
     ParameterSetRow, ParameterSetStatus, PolicyRow, Release, Result, Store, jobs, leases,
     measurement_sets, parameter_sets, policies, robots, verifications,
 };
 use kincal::wire::report_shape::Evidence;
-use kincal::wire::verification::{Fit, Verification};
+use kincal::wire::verification::{Fit, Verification, VerificationKind};
 use std::time::Duration;
 
 use crate::engines::for_each_engine;
@@ -33,7 +35,7 @@ async fn release(
         n_passed: 1,
         n_failed: 0,
         released_by: "key_1".into(),
-        evidence: "same_upload".into(),
+        evidence: Evidence::SameUpload,
         uncertainty_mm: Some(0.1),
     };
     let mut tx = store.begin().await?;
@@ -442,7 +444,7 @@ fn the_set_to_compare_with_is_the_newest_from_another_upload() {
             .await
         };
         let other = async |set: &MeasurementSetRow| {
-            parameter_sets::of_another_session(store, &robot.id, &set.id)
+            parameter_sets::of_another_upload(store, &robot.id, &set.id, DESCRIBES_NO_ROBOT)
                 .await
                 .unwrap()
                 .map(|found| found.id)
@@ -470,9 +472,14 @@ fn the_set_to_compare_with_is_the_newest_from_another_upload() {
         // Sets of another robot do not count.
         let strange = a_set(store, &a_robot(store, "s").await).await;
         assert_eq!(
-            parameter_sets::of_another_session(store, &strange.robot_id, &strange.id)
-                .await
-                .unwrap(),
+            parameter_sets::of_another_upload(
+                store,
+                &strange.robot_id,
+                &strange.id,
+                DESCRIBES_NO_ROBOT
+            )
+            .await
+            .unwrap(),
             None
         );
     });
@@ -481,7 +488,7 @@ fn the_set_to_compare_with_is_the_newest_from_another_upload() {
 /// A new session that fits, in which the set is better than nominal.
 fn good_session() -> Verification {
     Verification {
-        is_session: true,
+        kind: VerificationKind::Session,
         n_points: 50,
         before_rms_mm: Some(1.0),
         after_rms_mm: Some(0.1),
@@ -514,7 +521,7 @@ async fn scored(
         .unwrap();
     in_transaction(store, async |tx| {
         leases::succeed(tx, &lease, "{}", "{}", "00").await?;
-        verifications::insert(tx, &lease.job_id, found, kincal::release::supports(found)).await
+        queue::record_facts(tx, &lease.job_id, found).await
     })
     .await;
     lease.job_id
@@ -539,7 +546,7 @@ async fn release_without_checks(
         n_passed: 1,
         n_failed: 0,
         released_by: "key_1".into(),
-        evidence: "same_upload".into(),
+        evidence: Evidence::SameUpload,
         uncertainty_mm: None,
     };
     let mut tx = store.begin().await?;
@@ -715,7 +722,7 @@ fn the_schema_itself_keeps_what_speaks_against_a_set_until_it_is_answered() {
         // A set from points measured since needs no session; a set from earlier points does.
         for (is_repeat, is_refused) in [(true, true), (false, false)] {
             let identified = Verification {
-                is_session: false,
+                kind: VerificationKind::Identification,
                 is_repeat,
                 evidence: Evidence::SameUpload,
                 ..since.clone()
@@ -788,7 +795,7 @@ async fn an_identified(
     };
     in_transaction(store, async |tx| {
         let row = parameter_sets::insert(tx, &job.id, &candidate).await?;
-        verifications::insert(tx, &job.id, found, kincal::release::supports(found)).await?;
+        queue::record_facts(tx, &job.id, found).await?;
         Ok(row)
     })
     .await
@@ -833,7 +840,7 @@ fn a_rollback_follows_what_a_release_superseded_and_no_clock() {
                 n_passed: 1,
                 n_failed: 0,
                 released_by: "key_1".into(),
-                evidence: "same_upload".into(),
+                evidence: Evidence::SameUpload,
                 uncertainty_mm: None,
             };
             in_transaction(store, async |tx| {

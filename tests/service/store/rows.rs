@@ -6,6 +6,7 @@ use kincal::store::{
     Conflict, Cursor, Error, NewApiKey, NewFrames, NewMeasurementSet, NewNetwork, NewRobot, Page,
     PageRequest, api_keys, frames, jobs, measurement_sets, networks, robots,
 };
+use kincal::wire::job::{Model, Preset};
 
 use crate::engines::for_each_engine;
 use crate::fixtures::{a_job, a_robot, a_set, in_transaction, new_job, new_set};
@@ -69,15 +70,15 @@ fn a_network_reads_back_and_the_newest_of_its_kind_is_found() {
         let set = a_set(store, &robot).await;
         let mut rows = Vec::new();
         for (model, preset) in [
-            ("paper", "paper"),
-            ("paper", "default"),
-            ("paper", "paper"),
-            ("complete", "paper"),
+            (Model::Paper, Preset::Paper),
+            (Model::Paper, Preset::Default),
+            (Model::Paper, Preset::Paper),
+            (Model::Complete, Preset::Paper),
         ] {
             let job = a_job(store, &set, "{}").await;
             let new = NewNetwork {
-                model: model.into(),
-                preset: preset.into(),
+                model,
+                preset,
                 metadata_json: "{}".into(),
                 weights: every_byte(),
                 weights_sha256: "00".into(),
@@ -99,7 +100,7 @@ fn a_network_reads_back_and_the_newest_of_its_kind_is_found() {
             tx.rollback().await.unwrap();
             rows.push(row);
         }
-        let newest = networks::newest(store, &robot.id, "paper", "paper", 2)
+        let newest = networks::newest(store, &robot.id, Model::Paper, Preset::Paper, 2)
             .await
             .unwrap();
         let ids: Vec<&str> = newest.iter().map(|(id, _)| id.as_str()).collect();
@@ -109,7 +110,7 @@ fn a_network_reads_back_and_the_newest_of_its_kind_is_found() {
             "newest first, of this model and preset"
         );
         assert_eq!(
-            networks::newest(store, &robot.id, "complete", "default", 9)
+            networks::newest(store, &robot.id, Model::Complete, Preset::Default, 9)
                 .await
                 .unwrap(),
             []

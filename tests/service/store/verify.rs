@@ -7,8 +7,9 @@ use kincal::store::{
     networks, parameter_sets, policies, verifications,
 };
 use kincal::wire::canonical::sha256_hex;
+use kincal::wire::job::{Model, Preset};
 use kincal::wire::report_shape::Evidence;
-use kincal::wire::verification::{Fit, Verification};
+use kincal::wire::verification::{Fit, Verification, VerificationKind};
 use sqlx::AssertSqlSafe;
 use std::time::Duration;
 
@@ -63,7 +64,7 @@ async fn an_identified_set(store: &Store, set: &MeasurementSetRow) -> ParameterS
         )
         .await?;
         let row = parameter_sets::insert(tx, &lease.job_id, &new).await?;
-        verifications::insert(tx, &lease.job_id, &as_identified(), false).await?;
+        verifications::insert(tx, &lease.job_id, &as_identified()).await?;
         Ok(row)
     })
     .await
@@ -72,7 +73,7 @@ async fn an_identified_set(store: &Store, set: &MeasurementSetRow) -> ParameterS
 /// The findings of a job that identified a set.
 fn as_identified() -> Verification {
     Verification {
-        is_session: false,
+        kind: VerificationKind::Identification,
         n_points: 50,
         before_rms_mm: Some(1.0),
         after_rms_mm: Some(0.1),
@@ -102,7 +103,7 @@ async fn insert_history(store: &Store, set: &MeasurementSetRow) {
             n_passed: 1,
             n_failed: 0,
             released_by: "key_1".into(),
-            evidence: "same_upload".into(),
+            evidence: Evidence::SameUpload,
             uncertainty_mm: Some(0.1),
         };
         in_transaction(store, async |tx| {
@@ -133,8 +134,8 @@ pub async fn insert_examples(store: &Store, set: &MeasurementSetRow) {
     in_transaction(store, async |tx| leases::fail(tx, &failed, "{}").await).await;
     let lease = a_running_job(store, set).await;
     let network = NewNetwork {
-        model: "paper".into(),
-        preset: "paper".into(),
+        model: Model::Paper,
+        preset: Preset::Paper,
         metadata_json: "{}".into(),
         weights: vec![1],
         weights_sha256: "00".into(),

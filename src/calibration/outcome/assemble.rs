@@ -1,0 +1,360 @@
+//! From an identified model to the report: errors before and after, parameters with their uncertainty, remarks.
+
+use crate::calibration::Error;
+use crate::calibration::outcome::delivery::{as_delivered, corrected_as_delivered, delivered};
+use crate::calibration::outcome::parameters::{identifiability, parameters};
+use crate::calibration::outcome::stated_uncertainty::{
+    estimated, nothing_left, stated, why_it_says_nothing, why_not_stated, with_found_misfit,
+};
+use crate::calibration::preparation::observe::observe_verify_set;
+use crate::calibration::preparation::stated_priors;
+use crate::calibration::problem::Problem;
+use crate::calibration::report::*;
+use crate::calibration::request::{Method, VerifySource};
+use crate::calibration::solve::corrections;
+use crate::calibration::solve::final_fit::Final;
+use crate::calibration::solve::most_probable::DETERMINED;
+use crate::calibration::solve::solution::Found;
+use crate::calibration::validation::coverage::shows_little;
+use crate::calibration::validation::errors::{self, corrected_errors, errors};
+use crate::calibration::validation::repeatability::repeatability;
+use crate::calibration::validation::session_fit::own_scatter_mm;
+use crate::calibration::validation::verdict;
+use crate::calibration::validation::verification_set::Layout;
+use crate::calibration::validation::verification_set::refits;
+use crate::calibration::warnings::orientation::{self, flange_rotation};
+use crate::calibration::warnings::plausibility::{
+    JOINT_MAP, base_frame_off, joint_counted_otherwise,
+};
+use crate::calibration::warnings::screening::{
+    extrapolated, of_the_verify_set, screening_warnings,
+};
+use crate::calibration::warnings::unobservable;
+use crate::identification::corrected::IdentifiedRobot;
+use crate::identification::objective::Observation;
+use crate::identification::workspace::tool_uncertainty;
+use crate::identification::{KinematicModel, TrainedNetwork};
+use crate::kinematics::Link;
+use crate::measurement::{Frame, Subset};
+use std::collections::BTreeSet;
+
+/// Another set to verify on, laid out for the robot that was identified; `None` where the points are of the fit's own set.
+pub fn verify_layout<'a>(
+    problem: &'a Problem<'_>,
+    model: &KinematicModel,
+) -> Result<Option<Layout<'a>>, Error> {
+    match &problem.request.verify {
+        VerifySource::Set(set) => {
+            let observed = observe_verify_set(problem.request, set);
+            Layout::new(
+                problem.request,
+                set,
+                observed,
+                model,
+                refits(problem.request, set),
+            )
+            .map(Some)
+        }
+        _ => Ok(None),
+    }
+}
+
+/// Corrections after the veto of the points to verify, and what is said of it.
+pub fn vetoed(
+    problem: &Problem<'_>,
+    model: &KinematicModel,
+    layout: Option<&Layout<'_>>,
+    found: Option<corrections::Found>,
+) -> Result<(Option<corrections::Found>, Option<Warning>), Error> {
+    let Some(found) = found else {
+        return Ok((None, None));
+    };
+    let robot = IdentifiedRobot {
+        plain: delivered(problem, model),
+        corrected: found.corrected.clone(),
+    };
+    let (found, warning) = match layout {
+        None => corrections::veto(found, &robot, &problem.observed.of(Subset::Verify)),
+        Some(layout) => {
+            let after = layout.place(model)?;
+            let there = IdentifiedRobot {
+                plain: after.model.clone(),
+                ..layout.place_corrected(&robot, &after)
+            };
+            corrections::veto(found, &there, &after.observed.all)
+        }
+    };
+    Ok((Some(found), warning))
+}
+
+/// Errors of a model on the verify points.
+pub fn verify_errors(problem: &Problem<'_>, model: &KinematicModel) -> Option<Errors> {
+    match verify_layout(problem, model).ok()? {
+        Some(layout) => layout.place(model).ok()?.errors(),
+        None => errors(model, &problem.observed.of(Subset::Verify)),
+    }
+}
+
+/// Why nothing is stated of a swarm that was stopped.
+const UNFINISHED: &str = "the method did not converge: the swarm ended at its limit of iterations, and nothing refined its answer. Ask for \
+                          `refine: true`, or for method auto";
+
+/// What a calibration found.
+pub struct Answer<'a> {
+    /// The method that ran.
+    pub method: Method,
+    /// Why that method.
+    pub method_reason: String,
+    /// Its answer.
+    pub found: Found,
+    /// The other methods.
+    pub comparison: Vec<MethodComparison>,
+    /// The network trained on the run.
+    pub network: Option<TrainedNetwork>,
+    /// Corrections after the veto of the verify points, where they were searched.
+    pub corrections: Option<corrections::Found>,
+    /// The fit to all points; `None` if the parameters that were verified are delivered.
+    pub delivered: Option<&'a Final<'a>>,
+}
+
+/// The report of a finished calibration. `layout` is that of another set to verify on.
+pub fn report(
+    problem: &Problem<'_>,
+    answer: Answer<'_>,
+    layout: Option<&Layout<'_>>,
+) -> Result<CalibrationReport, Error> {
+    let Answer {
+        found,
+        corrections,
+        delivered: final_fit,
+        ..
+    } = answer;
+    let request = problem.request;
+    let model = &found.model;
+    // in the frame of the fit
+    let robot = corrections.as_ref().map(|c| IdentifiedRobot {
+        plain: delivered(problem, model),
+        corrected: c.corrected.clone(),
+    });
+    let both = |points: &[Observation],
+                before: &KinematicModel,
+                after: &KinematicModel,
+                robot: Option<&IdentifiedRobot>| {
+        let (before, after) = (errors(before, points)?, errors(after, points)?);
+        let corrected = robot.and_then(|robot| {
+            if robot.corrected.is_some() {
+                corrected_errors(robot, points)
+            } else {
+                Some(after)
+            }
+        });
+        Some(SubsetErrors {
+            n_points: points.len(),
+            before,
+            after,
+            corrected,
+        })
+    };
+    let Some(identify) = both(&problem.identify, &problem.nominal, model, robot.as_ref()) else {
+        return Err(crate::calibration::unusable(
+            "under_determined",
+            "the identify subset has no points",
+        ));
+    };
+    let repeatability = repeatability(problem, model, robot.as_ref());
+    let mut per_point = errors::per_point(
+        (&problem.observed, &problem.nominal),
+        (&problem.observed, model),
+        robot.as_ref(),
+    );
+    // errors are those of the fit that was verified, all else is said of the delivered one
+    let (delivered_problem, delivered_model) = match final_fit {
+        Some(last) => (&last.problem, &last.model),
+        None => (problem, model),
+    };
+    let identifiability = identifiability(delivered_problem);
+    let data_share = delivered_problem.data_share(delivered_model);
+    let mut fit = verdict::no_fit(&per_point, &request.robot.links).or_else(|| {
+        let named = problem.parameters.iter().zip(&data_share);
+        let unseen: BTreeSet<String> = named
+            .filter(|(_, share)| **share < DETERMINED)
+            .map(|(parameter, _)| parameter.name())
+            .collect();
+        joint_counted_otherwise(&model.links, &request.robot.links, &unseen)
+    });
+    let (verify, of_verify_set);
+    if let Some(layout) = layout {
+        let (before, after) = (layout.place(&problem.nominal)?, layout.place(model)?);
+        let robot_there = robot
+            .as_ref()
+            .map(|robot| layout.place_corrected(robot, &after));
+        let corrected = robot_there
+            .as_ref()
+            .and_then(|robot| match robot.corrected {
+                Some(_) => corrected_errors(robot, &after.observed.all),
+                None => after.errors(),
+            });
+        let n_points = after.observed.all.len();
+        verify = before
+            .errors()
+            .zip(after.errors())
+            .map(|(before, after)| SubsetErrors {
+                n_points,
+                before,
+                after,
+                corrected,
+            });
+        let there = errors::per_point(
+            (&before.observed, &before.model),
+            (&after.observed, &after.model),
+            robot_there.as_ref(),
+        );
+        let errors_mm: Vec<[f64; 3]> = there.iter().map(PointErrors::to_judge).collect();
+        fit = fit.or_else(|| {
+            verdict::of_another_session(&errors_mm, &identify, &request.robot, || {
+                own_scatter_mm(&after.model, &after.observed.all)
+            })
+        });
+        per_point.extend(there);
+        of_verify_set = match &request.verify {
+            VerifySource::Set(set) => shows_little(&request.robot, set),
+            _ => None,
+        }
+        .into_iter()
+        .chain(screening_warnings(&layout.screening, &after.observed, None))
+        .collect();
+    } else {
+        verify = both(
+            &problem.observed.of(Subset::Verify),
+            &problem.nominal,
+            model,
+            robot.as_ref(),
+        );
+        of_verify_set = vec![];
+    }
+    let (links, t_instrument_base, targets_mm) = as_delivered(problem, delivered_model);
+    let misfit = fit
+        .as_ref()
+        .map(|told| told.code)
+        .filter(|code| [NO_FIT, JOINT_MAP].contains(code));
+    let fits = misfit.is_none();
+    let estimated = match final_fit {
+        Some(last) => last.uncertainty.clone(),
+        None => estimated(problem, model),
+    };
+    let tool = estimated.as_ref().map(|estimated| {
+        let (robot, points) = (&request.robot, &delivered_problem.identify);
+        let parameters = &problem.parameters;
+        let of_links = tool_uncertainty(robot, delivered_model, parameters, points, estimated);
+        with_found_misfit(of_links, &identify)
+    });
+    let mut not_determined = None;
+    // no least squares followed that swarm: its answer is on the way to a minimum, and the weakest combinations are the furthest from it
+    let is_unfinished = answer.method != Method::LeastSquares
+        && !problem.settings.refine
+        && found.termination == "iteration_limit";
+    let why_not_stated = match misfit {
+        Some(code) => Some(format!(
+            "the identified robot does not fit the points ({code})"
+        )),
+        None => why_not_stated(delivered_problem, estimated.as_ref())
+            .or_else(|| is_unfinished.then(|| UNFINISHED.into()))
+            .or_else(|| {
+                not_determined = why_it_says_nothing(delivered_problem, tool.as_ref()?);
+                not_determined.clone()
+            }),
+    };
+    let uncertainty = estimated.filter(|_| why_not_stated.is_none());
+    let of_verified = match final_fit {
+        Some(_) => stated(problem, model),
+        None => uncertainty.clone(),
+    };
+    let beyond = of_verified
+        .as_ref()
+        .and_then(|u| extrapolated(problem, model, u, identify.after.rms_mm));
+    let corrected = match final_fit {
+        Some(last) => last.corrected.as_ref(),
+        None => corrections.as_ref().and_then(|c| c.corrected.as_ref()),
+    };
+    let of_both: Vec<&[Link]> = std::iter::once(&delivered_model.links)
+        .chain(corrected.map(|corrected| &corrected.model.links))
+        .map(Vec::as_slice)
+        .collect();
+    let mut report = CalibrationReport {
+        method: answer.method,
+        method_reason: answer.method_reason,
+        model: request.model(),
+        preset: request.preset,
+        seed: request.seed,
+        termination: found.termination,
+        n_iterations: found.n_iterations,
+        n_evaluations: found.n_evaluations,
+        cost_mm2: problem.cost(model),
+        convergence_mm2: found.convergence,
+        identify,
+        verify,
+        final_fit: final_fit.map(|last| last.errors),
+        per_point,
+        parameters: parameters(
+            delivered_problem,
+            delivered_model,
+            uncertainty.as_ref(),
+            &data_share,
+        ),
+        tool_uncertainty: tool.filter(|_| uncertainty.is_some()),
+        error_model: uncertainty.as_ref().map(ErrorModel::of),
+        uncertainty,
+        uncertainty_absent_because: why_not_stated,
+        changes: None,
+        flange_rotation: fits
+            .then(|| flange_rotation(delivered_problem, delivered_model, &of_both))
+            .flatten(),
+        identifiability,
+        comparison: answer.comparison,
+        warnings: vec![],
+        links,
+        t_instrument_base,
+        targets_mm,
+        target_segments: problem.screening.targets.segments.clone(),
+        corrected: corrected.map(|c| corrected_as_delivered(problem, c)),
+        corrections: corrections.map(|c| c.evidence),
+        repeatability,
+        network: answer.network,
+    };
+    report.warnings = verdict::warnings(&report, &problem.request.robot.links, fit);
+    report.warnings.extend(not_determined.map(|detail| Warning {
+        code: "tool_uncertain",
+        detail,
+        rows: vec![],
+    }));
+    report.warnings.extend(nothing_left(delivered_problem));
+    if fits {
+        report.warnings.extend(unobservable::warning(
+            delivered_problem,
+            delivered_model,
+            report.uncertainty.as_ref(),
+            report.identify.after.rms_mm,
+        ));
+    }
+    report.warnings.extend(orientation::warning(
+        report.flange_rotation,
+        request.robot.links.len(),
+    ));
+    let is_base_frame = request.set.frame == Frame::Base;
+    report.warnings.extend(
+        is_base_frame
+            .then(|| base_frame_off(&report.t_instrument_base))
+            .flatten(),
+    );
+    report
+        .warnings
+        .extend(stated_priors::warnings(delivered_problem, delivered_model));
+    report.warnings.extend(screening_warnings(
+        &problem.screening,
+        &problem.observed,
+        request.options.loss,
+    ));
+    report.warnings.extend(beyond);
+    report.warnings.extend(of_the_verify_set(of_verify_set));
+    Ok(report)
+}

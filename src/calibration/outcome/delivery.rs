@@ -1,0 +1,59 @@
+//! The identified robot as the cell gets it. With sweeps the fit runs on d of the last link with z_t in it.
+
+use crate::calibration::problem::Problem;
+use crate::calibration::request::Model;
+use crate::identification::KinematicModel;
+use crate::identification::corrected::CorrectedModel;
+use crate::kinematics::Link;
+use crate::measurement::Frame;
+use nalgebra::{IsometryMatrix3, Vector3};
+
+/// Links, base and targets as the cell gets them: with sweeps, z_t is taken out of d of the last link again and becomes the target.
+pub fn as_delivered(
+    problem: &Problem<'_>,
+    model: &KinematicModel,
+) -> (Vec<Link>, IsometryMatrix3<f64>, Vec<Vector3<f64>>) {
+    let KinematicModel {
+        links,
+        t_instrument_base,
+        targets_mm,
+    } = delivered(problem, model);
+    (
+        links,
+        base_as_delivered(problem, &t_instrument_base),
+        targets_mm,
+    )
+}
+
+/// Links and base of a robot with corrections as the cell gets them.
+pub fn corrected_as_delivered(problem: &Problem<'_>, corrected: &CorrectedModel) -> CorrectedModel {
+    let mut corrected = corrected.clone();
+    corrected.model.t_instrument_base =
+        base_as_delivered(problem, &corrected.model.t_instrument_base);
+    corrected
+}
+
+fn base_as_delivered(problem: &Problem<'_>, fitted: &IsometryMatrix3<f64>) -> IsometryMatrix3<f64> {
+    match (
+        problem.request.model(),
+        &problem.request.frames,
+        problem.request.set.frame,
+    ) {
+        (Model::Paper, Some(frames), Frame::Instrument) => frames.t_instrument_base,
+        _ => *fitted,
+    }
+}
+
+/// The model with z_t of the sweeps taken out of the last link and put into the targets, in the frame of the fit: positions stay.
+pub fn delivered(problem: &Problem<'_>, model: &KinematicModel) -> KinematicModel {
+    let mut model = model.clone();
+    if let (Model::Paper, Some(frames)) = (problem.request.model(), &problem.request.frames) {
+        let last = model.links.len() - 1;
+        model.links[last].d_mm -= frames.z_tool_mm;
+        model
+            .targets_mm
+            .iter_mut()
+            .for_each(|target| target.z += frames.z_tool_mm);
+    }
+    model
+}

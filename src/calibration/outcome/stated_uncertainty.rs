@@ -1,0 +1,205 @@
+//! How sure the answer is, as far as that can be said: an uncertainty that is not true is not stated, and the report says why.
+
+use crate::calibration::preparation::equations::n_equations;
+use crate::calibration::problem::Problem;
+use crate::calibration::report::{SubsetErrors, Warning};
+use crate::identification::KinematicModel;
+use crate::identification::linearisation::decomposition_at;
+use crate::identification::misfit::{Misfit, gravity_directions};
+use crate::identification::objective::{Observation, residuals};
+use crate::identification::parameters::{Parameter, complete_parameters};
+use crate::identification::start::fit_base_and_targets;
+use crate::identification::uncertainty::{Uncertainty, uncertainty};
+use crate::identification::workspace::ToolUncertainty;
+use crate::measurement::Subset;
+use nalgebra::Vector3;
+use std::collections::BTreeSet;
+
+/// The covariance is that of the minimum of the cost. An answer further off than its own standard deviation is not that minimum.
+const AT_MINIMUM_STDS: f64 = 1.0;
+
+/// What the residuals say about the errors of parameters and tool, whether or not it can be stated.
+pub fn estimated(problem: &Problem<'_>, model: &KinematicModel) -> Option<Uncertainty> {
+    if without_redundancy(problem).is_some() {
+        return None;
+    }
+    let robot = &problem.request.robot;
+    let is_held = |parameter: &Parameter| !problem.parameters.contains(parameter);
+    let misfit = Misfit {
+        gravity: gravity_directions(robot.mounting.as_ref().map(|m| &m.gravity_in_base)),
+        held: complete_parameters(robot.links.len(), problem.screening.targets.len())
+            .into_iter()
+            .filter(is_held)
+            .collect(),
+    };
+    let clusters = problem.observed.clusters(Subset::Identify);
+    let counting: Vec<usize> = (0..clusters.len())
+        .filter(|i| problem.identify[*i].weight > 0.0)
+        .collect();
+    let points = problem.loss.as_squares(model, &problem.identify);
+    let mut known = BTreeSet::new();
+    // a row that stands in the file twice, to the last digit, was measured once
+    let bits = |o: &Observation| -> Vec<u64> {
+        o.q_rad
+            .iter()
+            .chain(o.position_mm.iter())
+            .map(|x| x.to_bits())
+            .collect()
+    };
+    let counting: Vec<usize> = counting
+        .into_iter()
+        .filter(|i| known.insert((problem.identify[*i].target, bits(&problem.identify[*i]))))
+        .collect();
+    let observations: Vec<Observation> = counting.iter().map(|i| points[*i].clone()).collect();
+    let clusters: Vec<usize> = counting.iter().map(|i| clusters[*i]).collect();
+    let priors = problem.determined(model, &observations).priors;
+    let at_bounds = priors.at_bounds(model);
+    let mut decomposition = problem.decomposition.clone();
+    if !at_bounds.is_empty() {
+        at_bounds
+            .iter()
+            .for_each(|(parameter, _)| decomposition.scale[*parameter] = 0.0);
+        decomposition = decomposition_at(
+            &problem.nominal,
+            &problem.parameters,
+            &decomposition.scale,
+            &problem.identify,
+        );
+    }
+    uncertainty(
+        model,
+        &problem.parameters,
+        (&decomposition, &priors),
+        &observations,
+        &clusters,
+        misfit,
+    )
+}
+
+/// Why no uncertainty is stated; `None` where it is.
+pub fn why_not_stated(problem: &Problem<'_>, estimated: Option<&Uncertainty>) -> Option<String> {
+    let Some(estimated) = estimated else {
+        let why = match without_redundancy(problem) {
+            Some(_) => "no more equations than unknowns: nothing says how good the fit is",
+            None => "the equations cannot be solved for it",
+        };
+        return Some(why.into());
+    };
+    let stds = estimated.stds_from_minimum;
+    if stds > AT_MINIMUM_STDS || stds.is_nan() {
+        return Some(format!(
+            "the method did not converge: the answer is {stds:.1} standard deviations away from the minimum of the cost, and the uncertainty \
+             of that minimum is not that of this answer. Ask for `refine: true`, or for method auto"
+        ));
+    }
+    let misfit = estimated.undetermined_misfit?;
+    Some(format!(
+        "how much the model cannot say is not determined by these points: at its likeliest size it would leave {:.3} mm rms, and {:.3} mm are \
+         left. Poses that differ more, above all in the tool's orientation, tell more",
+        misfit.predicted_mm, misfit.found_mm
+    ))
+}
+
+/// Corrections that were kept show that the links cannot say everything. By how much they bring the points nearer, sqrt(after² − corrected²), is
+/// an error of the links wherever they are used: no less is stated of them.
+pub fn with_found_misfit(of_links: ToolUncertainty, identify: &SubsetErrors) -> ToolUncertainty {
+    let Some(corrected) = identify.corrected else {
+        return of_links;
+    };
+    let (after_mm, corrected_mm) = (identify.after.rms_mm, corrected.rms_mm);
+    let misfit_mm = (after_mm * after_mm - corrected_mm * corrected_mm)
+        .max(0.0)
+        .sqrt();
+    ToolUncertainty {
+        mean_mm: of_links.mean_mm.max(misfit_mm),
+        max_mm: of_links.max_mm.max(misfit_mm),
+    }
+}
+
+/// Why the tool's uncertainty says nothing: the nominal robot, laid onto the points as well as can be, is nearer than that.
+pub fn why_it_says_nothing(problem: &Problem<'_>, tool: &ToolUncertainty) -> Option<String> {
+    let n_targets = problem.screening.targets.len();
+    let points: Vec<Observation> = problem.trusted();
+    let points: Vec<Observation> = points.into_iter().filter(|o| o.weight > 0.0).collect();
+    let links = &problem.request.robot.links;
+    let nominal = fit_base_and_targets(links, &points, n_targets);
+    let nominal_mm = (residuals(&nominal, &points)
+        .iter()
+        .map(Vector3::norm_squared)
+        .sum::<f64>()
+        / points.len().max(1) as f64)
+        .sqrt();
+    // not a number, too
+    if tool.mean_mm <= nominal_mm {
+        return None;
+    }
+    Some(format!(
+        "these points do not determine the robot over its workspace: by them its tool would be known to {:.3} mm, and the nominal robot is off by {nominal_mm:.3} \
+         mm (rms, on these points). Measure poses spread over the workspace, with every joint moving",
+        tool.mean_mm
+    ))
+}
+
+/// As [`estimated`], where it can be stated.
+pub fn stated(problem: &Problem<'_>, model: &KinematicModel) -> Option<Uncertainty> {
+    estimated(problem, model).filter(|found| why_not_stated(problem, Some(found)).is_none())
+}
+
+/// Told where the fit can follow any error of the points.
+pub fn nothing_left(problem: &Problem<'_>) -> Option<Warning> {
+    let (equations, rank) = without_redundancy(problem)?;
+    let detail = format!(
+        "{equations} equations from distinct configurations to identify from fix {rank} combinations of parameters: the fit can follow any error \
+         of the points, and what is left of them says nothing of how far the robot is off. Measure more configurations, or hold parameters"
+    );
+    Some(Warning {
+        code: "nothing_left_to_judge",
+        detail,
+        rows: vec![],
+    })
+}
+
+/// Equations and rank where there are no more of the former. Poses that are repeated say how well they repeat, and no more.
+fn without_redundancy(problem: &Problem<'_>) -> Option<(usize, usize)> {
+    let counting: Vec<Observation> = problem
+        .identify
+        .iter()
+        .filter(|o| o.weight > 0.0)
+        .cloned()
+        .collect();
+    let rank = problem.decomposition.rank();
+    let equations = n_equations(&counting, rank + 1);
+    (equations <= rank).then_some((equations, rank))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::calibration::report::Errors;
+
+    #[test]
+    fn no_less_is_stated_of_the_links_than_kept_corrections_bring_the_points_nearer() {
+        let errors = |rms_mm| Errors {
+            mean_mm: rms_mm,
+            std_mm: 0.0,
+            rms_mm,
+            max_mm: rms_mm,
+        };
+        let identify = |corrected| SubsetErrors {
+            n_points: 10,
+            before: errors(2.0),
+            after: errors(0.5),
+            corrected,
+        };
+        let of_links = ToolUncertainty {
+            mean_mm: 0.1,
+            max_mm: 0.45,
+        };
+        assert_eq!(with_found_misfit(of_links, &identify(None)), of_links);
+        // none was kept
+        let same = identify(Some(errors(0.5)));
+        assert_eq!(with_found_misfit(of_links, &same), of_links);
+        let stated = with_found_misfit(of_links, &identify(Some(errors(0.3))));
+        assert!((stated.mean_mm - 0.4).abs() < 1e-12 && stated.max_mm == 0.45);
+    }
+}

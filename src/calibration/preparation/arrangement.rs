@@ -1,0 +1,257 @@
+//! What stayed where it was: each point's stretch between steps of its target, and its set-up of the instrument.
+//!
+//! A target that moved is several targets to the fit, one per stretch. A base that moved (or an instrument that was set up anew) is a rigid
+//! motion: the points of the other set-ups are carried into the frame of one of them, and the motions are fitted along.
+
+use crate::calibration::preparation::observe::Observed;
+use crate::calibration::request::{CalibrationRequest, Model};
+use crate::identification::KinematicModel;
+use crate::identification::objective::Observation;
+use crate::identification::parameters::{Parameter, rotation_exp};
+use crate::measurement::{Frame, Subset};
+use nalgebra::{IsometryMatrix3, Point3, Translation3, Vector3};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Identify points from which a set-up's motion is fitted; with fewer it stays as it was found from all points.
+pub const FEWEST_OF_SETUP: usize = 3;
+
+/// The arrangement of a set's points.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Arrangement {
+    /// Points in measuring order.
+    pub order: Vec<usize>,
+    /// Stretch of each point's target, counted from 0.
+    pub segments: Vec<usize>,
+    /// Set-up of each point.
+    pub setups: Vec<usize>,
+    /// Carries each set-up's positions into the frame of the set-up that all rest on.
+    pub motions: Vec<IsometryMatrix3<f64>>,
+    /// All rest on the last set-up, as it stands now; where the base is known, on the first, which it is known for.
+    pub rests_on_last: bool,
+    n_targets: usize,
+}
+
+/// Targets as the fit counts them: first every target as it is last, then the earlier stretches.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct FittedTargets {
+    /// (target, segment) of each fitted target.
+    pub segments: Vec<(usize, usize)>,
+    /// Targets of the set.
+    pub n_targets: usize,
+}
+
+impl FittedTargets {
+    /// Number of fitted targets.
+    pub fn len(&self) -> usize {
+        self.segments.len()
+    }
+
+    /// The name of a parameter: of an earlier stretch, `target_0_segment_0_x`.
+    pub fn name(&self, parameter: &Parameter) -> String {
+        match *parameter {
+            Parameter::Target(fitted, _) if fitted >= self.n_targets => {
+                let (target, segment) = self.segments[fitted];
+                let name = parameter.name();
+                format!(
+                    "target_{target}_segment_{segment}_{}",
+                    &name[name.len() - 1..]
+                )
+            }
+            _ => parameter.name(),
+        }
+    }
+}
+
+impl Arrangement {
+    /// Nothing moved but what the file says: one set-up per station.
+    pub fn of(request: &CalibrationRequest) -> Self {
+        let points = &request.set.points;
+        let mut order: Vec<usize> = (0..points.len()).collect();
+        order.sort_by_key(|i| (points[*i].sequence, *i));
+        let mut number: BTreeMap<&Option<String>, usize> = BTreeMap::new();
+        let mut setups = vec![0; points.len()];
+        for i in &order {
+            let next = number.len();
+            setups[*i] = *number.entry(&points[*i].station).or_insert(next);
+        }
+        let motions = vec![IsometryMatrix3::identity(); number.len().max(1)];
+        Self {
+            order,
+            segments: vec![0; points.len()],
+            setups,
+            motions,
+            rests_on_last: request.model() == Model::Complete
+                && request.set.frame == Frame::Instrument,
+            n_targets: request.set.n_targets(),
+        }
+    }
+
+    /// The targets of the fit.
+    pub fn fitted_targets(&self, observed: &Observed) -> FittedTargets {
+        let mut last = vec![0; self.n_targets];
+        for (point, segment) in self.segments.iter().enumerate() {
+            let of_target = &mut last[observed.targets[point]];
+            *of_target = (*of_target).max(*segment);
+        }
+        let mut segments: Vec<(usize, usize)> = last.iter().copied().enumerate().collect();
+        segments.extend(
+            last.iter()
+                .enumerate()
+                .flat_map(|(target, last)| (0..*last).map(move |segment| (target, segment))),
+        );
+        FittedTargets {
+            segments,
+            n_targets: self.n_targets,
+        }
+    }
+
+    /// Writes the arrangement into the observations that are fitted.
+    pub fn apply(&self, observed: &mut Observed) {
+        let fitted = self.fitted_targets(observed);
+        let at: BTreeMap<(usize, usize), usize> = fitted
+            .segments
+            .iter()
+            .enumerate()
+            .map(|(i, key)| (*key, i))
+            .collect();
+        for point in 0..observed.all.len() {
+            let motion = &self.motions[self.setups[point]];
+            let o = &mut observed.all[point];
+            o.target = at[&(observed.targets[point], self.segments[point])];
+            o.position_mm = (motion * Point3::from(observed.positions_mm[point])).coords;
+        }
+    }
+
+    /// From `first` on, its target is another one.
+    pub fn split_target(&mut self, observed: &Observed, first: usize) {
+        let target = observed.targets[first];
+        let of_target = |point: &&usize| observed.targets[**point] == target;
+        let from = self
+            .order
+            .iter()
+            .position(|point| *point == first)
+            .unwrap_or(0);
+        // a break within an earlier stretch moves the later ones on
+        let points: Vec<usize> = self.order[from..]
+            .iter()
+            .filter(of_target)
+            .copied()
+            .collect();
+        points.iter().for_each(|point| self.segments[*point] += 1);
+    }
+
+    /// From `first` on, the base stands elsewhere: what stood before is carried by a motion.
+    pub fn split_base(&mut self, first: usize, motion: &IsometryMatrix3<f64>) {
+        let from = self
+            .order
+            .iter()
+            .position(|point| *point == first)
+            .unwrap_or(0);
+        let mut number: BTreeMap<(usize, bool), usize> = BTreeMap::new();
+        let mut motions = Vec::new();
+        let mut setups = vec![0; self.setups.len()];
+        for (place, point) in self.order.iter().enumerate() {
+            let key = (self.setups[*point], place >= from);
+            setups[*point] = *number.entry(key).or_insert_with(|| {
+                let before = self.motions[key.0];
+                motions.push(if key.1 { before } else { motion * before });
+                motions.len() - 1
+            });
+        }
+        (self.setups, self.motions) = (setups, motions);
+        self.rest();
+    }
+
+    /// The motion of the set-up that all rest on becomes none.
+    pub fn rest(&mut self) {
+        let at = self.resting();
+        let back = self.motions[at].inverse();
+        self.motions.iter_mut().enumerate().for_each(|(i, m)| {
+            *m = if i == at {
+                IsometryMatrix3::identity()
+            } else {
+                back * *m
+            }
+        });
+    }
+
+    /// The set-up that the others are carried into.
+    pub fn resting(&self) -> usize {
+        let point = if self.rests_on_last {
+            self.order.last()
+        } else {
+            self.order.first()
+        };
+        point.map_or(0, |point| self.setups[*point])
+    }
+
+    /// Stretches without an identify point cannot be fitted: they join the one before (or after). The points that did.
+    pub fn join_unfitted(&mut self, observed: &Observed) -> Vec<usize> {
+        let mut joined = Vec::new();
+        for target in 0..self.n_targets {
+            let points: Vec<usize> = self
+                .order
+                .iter()
+                .copied()
+                .filter(|p| observed.targets[*p] == target)
+                .collect();
+            let fitted: BTreeSet<usize> = points
+                .iter()
+                .filter(|p| observed.subsets[**p] == Subset::Identify)
+                .map(|p| self.segments[*p])
+                .collect();
+            let Some(first) = fitted.first().copied() else {
+                continue;
+            };
+            for point in points {
+                let own = self.segments[point];
+                let nearest = fitted.range(..=own).next_back().copied().unwrap_or(first);
+                if nearest != own {
+                    joined.push(point);
+                }
+                self.segments[point] = fitted.iter().position(|s| *s == nearest).unwrap_or(0);
+            }
+        }
+        joined.sort_unstable();
+        joined
+    }
+}
+
+/// A motion of the base: about a point, in the measuring frame.
+pub fn motion(
+    shift_mm: &Vector3<f64>,
+    turn_rad: &Vector3<f64>,
+    centre: &Vector3<f64>,
+) -> IsometryMatrix3<f64> {
+    let turn = rotation_exp(turn_rad);
+    IsometryMatrix3::from_parts(Translation3::from(centre + shift_mm - turn * centre), turn)
+}
+
+/// What the first stretch of a target holds nominal in the paper's model, the others cannot: their targets are free.
+pub fn with_moved_targets(
+    request: &CalibrationRequest,
+    mut parameters: Vec<Parameter>,
+    targets: &FittedTargets,
+) -> Vec<Parameter> {
+    if request.model() == Model::Paper {
+        let moved = targets
+            .segments
+            .iter()
+            .enumerate()
+            .filter(|(_, (_, segment))| *segment > 0);
+        parameters.extend(
+            moved.flat_map(|(fitted, _)| (0..3).map(move |axis| Parameter::Target(fitted, axis))),
+        );
+    }
+    parameters
+}
+
+/// Rigid motion that takes predicted points to measured ones best, for where a set-up stands.
+pub fn standing(model: &KinematicModel, observations: &[Observation]) -> IsometryMatrix3<f64> {
+    let predicted: Vec<Vector3<f64>> = observations
+        .iter()
+        .map(|o| model.position(&o.q_rad, o.target))
+        .collect();
+    let measured: Vec<Vector3<f64>> = observations.iter().map(|o| o.position_mm).collect();
+    crate::identification::start::rigid_motion(&predicted, &measured)
+}

@@ -1,0 +1,245 @@
+//! What can be said about a request before anything is computed.
+
+use crate::calibration::preparation::arrangement::Arrangement;
+use crate::calibration::preparation::equations::{generic_jacobian, model_rank, n_equations};
+use crate::calibration::preparation::observe::{free_parameters, observe};
+use crate::calibration::preparation::placement::nominal_model;
+use crate::calibration::request::{CalibrationRequest, Method, Model, VerifySource};
+use crate::calibration::settings::settings;
+use crate::calibration::settings::{box_too_small, half_widths};
+use crate::calibration::validation::verify::check_verify_set;
+use crate::calibration::{Error, unusable};
+use crate::identification::TrainedNetwork;
+use crate::identification::bpnn_pso::fits;
+use crate::identification::linearisation::decomposition_at;
+use crate::identification::objective::Observation;
+use crate::identification::parameters::Parameter;
+use crate::measurement::{Frame, Subset};
+use std::collections::BTreeSet;
+
+/// What moves by less is not moved: sines of half turns are not quite zero, mm.
+const UNMOVED_MM: f64 = 1e-9;
+
+/// Most evaluations of one particle at one point that a job may ask of the swarm: some minutes of one core.
+const MAX_POINT_EVALUATIONS: usize = 100_000_000_000;
+/// Configurations to identify from that the station needs on which all rest.
+const FEWEST_AT_REST: usize = 6;
+
+/// The checks of `calibrate` that need no fit, for the moment a job is posted.
+///
+/// # Errors
+/// [`Error::Unusable`] with code `frames_required`, `model_mismatch`, `no_network`, `network_mismatch`,
+/// `unknown_parameter`, `bad_subset`, `target_without_identify_points`, `under_determined`, `nothing_to_identify`, `too_much_work`,
+/// `search_box_too_small`, `verify_overlaps_identify`.
+pub fn check(request: &CalibrationRequest) -> Result<(), Error> {
+    check_model(request)?;
+    let observed = observe(request)?;
+    let n_targets = n_targets(request);
+    let parameters = free_parameters(request, n_targets)?;
+    check_network(request, &parameters)?;
+    let identify = observed.of(Subset::Identify);
+    check_targets(request, &identify, n_targets)?;
+    check_determined(request, &identify, &parameters)?;
+    check_stations(request, &observed.subsets)?;
+    check_work(request, identify.len())?;
+    check_search_box(request, &identify, &parameters)?;
+    match &request.verify {
+        VerifySource::Set(set) => check_verify_set(request, set),
+        _ => Ok(()),
+    }
+}
+
+/// Targets of the request: those of its set; the verify set's own are fitted to it.
+pub fn n_targets(request: &CalibrationRequest) -> usize {
+    request.set.n_targets()
+}
+
+fn check_model(request: &CalibrationRequest) -> Result<(), Error> {
+    if request.model() != Model::Paper {
+        return Ok(());
+    }
+    if request.set.frame == Frame::Instrument && request.frames.is_none() {
+        let detail = "model \"paper\" needs positions in the base frame: upload sweeps of joints 1, 2 and 5 to the robot's frames and name frames_id, \
+                      upload the set with frame=base, or ask for model \"complete\"";
+        return Err(unusable("frames_required", detail));
+    }
+    if request.set.n_targets() > 1 {
+        let detail = "model \"paper\" has one target on the flange axis, the set has several; ask for model \"complete\"";
+        return Err(unusable("model_mismatch", detail));
+    }
+    Ok(())
+}
+
+/// True if the request may start from this network: trained on the same model and link parameters.
+pub fn network_fits(request: &CalibrationRequest, network: &TrainedNetwork) -> bool {
+    let parameters = free_parameters(request, n_targets(request));
+    network.model == request.model()
+        && parameters.is_ok_and(|parameters| fits(network, &parameters))
+}
+
+fn check_network(request: &CalibrationRequest, parameters: &[Parameter]) -> Result<(), Error> {
+    match (&request.network, request.method) {
+        (None, Method::BpnnPso) => {
+            let detail = "the robot has no trained network of this model and preset; run a job with method \"pso\" first";
+            Err(unusable("no_network", detail))
+        }
+        (Some(network), Method::BpnnPso | Method::Auto)
+            if !fits(network, parameters) || network.model != request.model() =>
+        {
+            let detail = "the network was trained on other parameters than this job identifies; run a job with method \"pso\" and the same model, preset and \
+                          parameters first, or name a network_id that fits";
+            Err(unusable("network_mismatch", detail))
+        }
+        _ => Ok(()),
+    }
+}
+
+fn check_targets(
+    request: &CalibrationRequest,
+    identify: &[Observation],
+    n_targets: usize,
+) -> Result<(), Error> {
+    // No identify rows at all is a matter of equations, which is checked next.
+    if request.model() == Model::Paper || identify.is_empty() {
+        return Ok(());
+    }
+    match (0..n_targets).find(|target| !identify.iter().any(|o| o.target == *target)) {
+        Some(target) => {
+            let detail = format!(
+                "target {target} has no row in the identify subset, so its offset cannot be identified; number targets from 0 without gaps"
+            );
+            Err(unusable("target_without_identify_points", detail))
+        }
+        None => Ok(()),
+    }
+}
+
+/// Refuses sets with fewer equations from distinct configurations than the model's rank.
+fn check_determined(
+    request: &CalibrationRequest,
+    identify: &[Observation],
+    parameters: &[Parameter],
+) -> Result<(), Error> {
+    let names = || {
+        parameters
+            .iter()
+            .map(Parameter::name)
+            .collect::<Vec<_>>()
+            .join(", ")
+    };
+    let n_targets = n_targets(request);
+    // one pose for each target shows whether anything is seen at all
+    let seen = generic_jacobian(&request.robot, parameters, n_targets, n_targets.max(1));
+    if seen.iter().all(|moved| moved.abs() < UNMOVED_MM) {
+        let detail = format!(
+            "no measured position depends on {} in this model: free other parameters as well",
+            names()
+        );
+        return Err(unusable("nothing_to_identify", detail));
+    }
+    // no rank is above the number of parameters
+    let found = n_equations(identify, parameters.len());
+    if found >= parameters.len() {
+        return Ok(());
+    }
+    let needed = model_rank(&request.robot, parameters, n_targets);
+    if found < needed {
+        let more = (needed - found).div_ceil(3);
+        let detail = format!(
+            "{found} equations from distinct configurations in the identify subset cannot fix {needed} independent parameters ({}); measure at least {more} more \
+             configurations, spread over the workspace, or hold parameters",
+            names()
+        );
+        return Err(unusable("under_determined", detail));
+    }
+    Ok(())
+}
+
+/// Refuses sets that rest on a station which hardly stands: what its base is off by goes into every link, and shows at no point.
+fn check_stations(request: &CalibrationRequest, subsets: &[Subset]) -> Result<(), Error> {
+    let arrangement = Arrangement::of(request);
+    let resting = arrangement.resting();
+    let is_fitted = |point: &usize| {
+        arrangement.setups[*point] == resting && subsets[*point] == Subset::Identify
+    };
+    let fitted = (0..subsets.len())
+        .filter(is_fitted)
+        .map(|point| request.set.points[point].configuration.as_str());
+    let n = fitted.collect::<BTreeSet<_>>().len();
+    if arrangement.motions.len() < 2 || n >= FEWEST_AT_REST {
+        return Ok(());
+    }
+    let (place, frame) = if arrangement.rests_on_last {
+        ("last", "the instrument")
+    } else {
+        ("first", "the base")
+    };
+    let station = arrangement
+        .setups
+        .iter()
+        .position(|setup| *setup == resting)
+        .and_then(|point| request.set.points[point].station.as_deref());
+    let detail = format!(
+        "positions of all stations are brought into the frame of {frame} as the {place} station, {:?}, has it, and that one has {n} configurations to \
+         identify from; it takes {FEWEST_AT_REST}: measure more there, or leave its rows out",
+        station.unwrap_or("")
+    );
+    Err(unusable("under_determined", detail))
+}
+
+/// Particles, iterations and points each have their limit; so has their product.
+fn check_work(request: &CalibrationRequest, n_points: usize) -> Result<(), Error> {
+    // least squares needs tens of evaluations; bpnn_pso runs three swarms, two of them to compare with
+    let n_swarms = match request.method {
+        Method::Auto | Method::LeastSquares => return Ok(()),
+        Method::Pso => 1,
+        Method::BpnnPso => 3,
+    };
+    let pso = settings(request).pso;
+    let work = [pso.n_particles, pso.n_iterations + 1, n_points]
+        .into_iter()
+        .fold(n_swarms, usize::saturating_mul);
+    if work > MAX_POINT_EVALUATIONS {
+        let detail = format!(
+            "{} particles × {} iterations × {n_points} points × {n_swarms} swarms are {work:.1e} evaluations; at most {MAX_POINT_EVALUATIONS:.0e} \
+             are allowed: take fewer particles or iterations, or identify from fewer points",
+            pso.n_particles,
+            pso.n_iterations,
+            work = work as f64,
+            MAX_POINT_EVALUATIONS = MAX_POINT_EVALUATIONS as f64
+        );
+        return Err(unusable("too_much_work", detail));
+    }
+    Ok(())
+}
+
+/// A swarm along what the data see needs a box that is large enough to be seen.
+fn check_search_box(
+    request: &CalibrationRequest,
+    identify: &[Observation],
+    parameters: &[Parameter],
+) -> Result<(), Error> {
+    let (settings, options) = (settings(request), &request.options);
+    let is_asked_for =
+        options.search_half_width_mm.is_some() || options.search_half_width_deg.is_some();
+    // priors have directions of their own
+    if !is_asked_for
+        || !request.priors.is_empty()
+        || !settings.singular_directions
+        || !matches!(request.method, Method::Pso | Method::BpnnPso)
+    {
+        return Ok(());
+    }
+    let model = nominal_model(request, identify, n_targets(request));
+    let decomposition = decomposition_at(
+        &model,
+        parameters,
+        &half_widths(&settings, parameters),
+        identify,
+    );
+    if decomposition.rank() == 0 {
+        Err(box_too_small())
+    } else {
+        Ok(())
+    }
+}

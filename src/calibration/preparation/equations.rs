@@ -1,0 +1,85 @@
+//! How many equations points give, and how many combinations of parameters a model has.
+
+use crate::identification::KinematicModel;
+use crate::identification::identifiability::{decompose, prior_scale};
+use crate::identification::linearisation::scaled_jacobian_at;
+use crate::identification::objective::Observation;
+use crate::identification::parameters::Parameter;
+use crate::kinematics::Robot;
+use crate::measurement::set::Configurations;
+use nalgebra::{DMatrix, Vector3};
+use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Random poses that show a model's rank, beyond one for each parameter: three times as many equations as there can be combinations.
+const MORE_POSES: usize = 10;
+
+/// A singular value this small, relative to the largest, is zero.
+const ZERO: f64 = 1e-9;
+
+/// Positions of three and more points on a rigid flange fix six numbers, however many points there are.
+const EQUATIONS_PER_CONFIGURATION: usize = 6;
+
+/// Equations from distinct configurations: three for each target seen there, six at most. Counted until there are `enough`.
+pub fn n_equations(observations: &[Observation], enough: usize) -> usize {
+    let mut configurations = Configurations::default();
+    let mut targets_at: BTreeMap<usize, BTreeSet<usize>> = BTreeMap::new();
+    let mut found = 0;
+    for (row, o) in observations.iter().enumerate() {
+        if found >= enough {
+            break;
+        }
+        let targets = targets_at
+            .entry(configurations.first_row_like(&o.q_rad, row))
+            .or_default();
+        let of = |n_targets: usize| (3 * n_targets).min(EQUATIONS_PER_CONFIGURATION);
+        let before = of(targets.len());
+        targets.insert(o.target);
+        found += of(targets.len()) - before;
+    }
+    found
+}
+
+/// Rank of the model: what positions at generic poses can see, whatever the measured poses are.
+pub fn model_rank(robot: &Robot, parameters: &[Parameter], n_targets: usize) -> usize {
+    let scale: Vec<f64> = parameters.iter().map(prior_scale).collect();
+    let n_poses = (parameters.len() + MORE_POSES).max(n_targets);
+    decompose(
+        generic_jacobian(robot, parameters, n_targets, n_poses),
+        &scale,
+    )
+    .rank_relative(ZERO)
+}
+
+/// What this many random poses see of the parameters, the targets in turn.
+pub fn generic_jacobian(
+    robot: &Robot,
+    parameters: &[Parameter],
+    n_targets: usize,
+    n_poses: usize,
+) -> DMatrix<f64> {
+    let mut random = ChaCha8Rng::seed_from_u64(0);
+    let mut angle = || random.random_range(-std::f64::consts::PI..std::f64::consts::PI);
+    let observations: Vec<Observation> = (0..n_poses)
+        .map(|i| Observation {
+            q_rad: (0..robot.links.len()).map(|_| angle()).collect(),
+            position_mm: Vector3::zeros(),
+            target: i % n_targets.max(1),
+            weight: 1.0,
+        })
+        .collect();
+    let mut model = KinematicModel::nominal(&robot.links, n_targets.max(1));
+    if parameters
+        .iter()
+        .any(|p| matches!(p, Parameter::Target(..)))
+    {
+        // off every axis of the robot, where a target is generic
+        model
+            .targets_mm
+            .iter_mut()
+            .enumerate()
+            .for_each(|(i, t)| *t = Vector3::new(61.0 + 17.0 * i as f64, -43.0, 97.0));
+    }
+    let scale: Vec<f64> = parameters.iter().map(prior_scale).collect();
+    scaled_jacobian_at(&model, parameters, &scale, &observations)
+}

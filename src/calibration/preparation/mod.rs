@@ -1,0 +1,12 @@
+//! From a request to the problem that is solved: checks, screening, segments and set-ups, priors.
+
+pub mod arrangement;
+pub mod check;
+pub mod equations;
+pub mod loss;
+pub mod motions;
+pub mod observe;
+pub mod placement;
+pub mod prepare;
+pub mod screening;
+pub mod stated_priors;

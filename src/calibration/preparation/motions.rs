@@ -1,0 +1,206 @@
+//! Fits of robot, placement and the motions between set-ups: stations, and what stood before and after a step.
+
+use crate::calibration::Error;
+use crate::calibration::preparation::arrangement::{
+    Arrangement, FEWEST_OF_SETUP, FittedTargets, motion, standing, with_moved_targets,
+};
+use crate::calibration::preparation::observe::{Observed, free_parameters};
+use crate::calibration::preparation::placement::{nominal_model, placed};
+use crate::calibration::request::CalibrationRequest;
+use crate::identification::KinematicModel;
+use crate::identification::fit::fit_along_seen;
+use crate::identification::identifiability::prior_scale;
+use crate::identification::linearisation::decomposition_at;
+use crate::identification::multistart::best_start;
+use crate::identification::objective::{Observation, weighted_jacobian, weighted_residuals};
+use crate::identification::parameters::Parameter;
+use crate::identification::steps::Columns;
+use crate::measurement::Subset;
+use nalgebra::{DMatrix, Vector3};
+use std::ops::ControlFlow;
+
+/// Fits of the motions between set-ups; each is a Gauss-Newton step, two are usual.
+const MOTION_FITS: usize = 6;
+/// Motions that change the points by less are found, mm.
+const MOTION_FOUND_MM: f64 = 1e-6;
+
+/// The free parameters of the request as its points are arranged.
+pub fn parameters_of(
+    request: &CalibrationRequest,
+    targets: &FittedTargets,
+) -> Result<Vec<Parameter>, Error> {
+    Ok(with_moved_targets(
+        request,
+        free_parameters(request, targets.len())?,
+        targets,
+    ))
+}
+
+fn n_of(arrangement: &Arrangement, points: &[usize], setup: usize) -> usize {
+    let is_of_setup = |point: &&usize| arrangement.setups[**point] == setup;
+    points.iter().filter(is_of_setup).count()
+}
+
+/// The set-ups among some points whose motions are fitted: all but one, because the base moves with all of them. That one is the set-up that the
+/// others are carried into, or, if it has too few of these points, the last one that has enough.
+fn moving(arrangement: &Arrangement, points: &[usize]) -> Vec<usize> {
+    let n_of = |setup: usize| n_of(arrangement, points, setup);
+    let in_reverse = arrangement.order.iter().rev();
+    let held = std::iter::once(arrangement.resting())
+        .chain(in_reverse.map(|point| arrangement.setups[*point]))
+        .find(|setup| n_of(*setup) >= FEWEST_OF_SETUP)
+        .unwrap_or(arrangement.resting());
+    (0..arrangement.motions.len())
+        .filter(|setup| *setup != held && n_of(*setup) > 0)
+        .collect()
+}
+
+/// Derivatives along the seen combinations, and along the motions of the set-ups that are fitted.
+pub fn derivatives(
+    model: &KinematicModel,
+    parameters: &[Parameter],
+    observations: &[Observation],
+    columns: &Columns,
+    arrangement: &Arrangement,
+    points: &[usize],
+) -> DMatrix<f64> {
+    let scale: Vec<f64> = parameters.iter().map(prior_scale).collect();
+    let directions = decomposition_at(model, parameters, &scale, observations).seen_directions();
+    let seen = weighted_jacobian(model, parameters, observations, &Vector3::zeros()) * directions;
+    let moving = moving(arrangement, points);
+    let mut all = DMatrix::zeros(seen.nrows(), seen.ncols() + 6 * moving.len());
+    all.columns_mut(0, seen.ncols()).copy_from(&seen);
+    for (k, setup) in moving.iter().enumerate() {
+        for (row, point) in points
+            .iter()
+            .enumerate()
+            .filter(|(_, point)| arrangement.setups[**point] == *setup)
+        {
+            all.fixed_view_mut::<3, 6>(3 * row, seen.ncols() + 6 * k)
+                .copy_from(columns.base(*point));
+        }
+    }
+    all
+}
+
+/// First estimate of where the stations stood: each by Kabsch's fit to the robot as the station of most points sees it.
+pub fn place_setups(
+    request: &CalibrationRequest,
+    observed: &mut Observed,
+    arrangement: &mut Arrangement,
+) -> Result<(), Error> {
+    if arrangement.motions.len() < 2 {
+        return Ok(());
+    }
+    let of = |setup: usize| -> Vec<Observation> {
+        observed
+            .all
+            .iter()
+            .zip(&arrangement.setups)
+            .filter(|(_, s)| **s == setup)
+            .map(|(o, _)| o.clone())
+            .collect()
+    };
+    let n_setups = arrangement.motions.len();
+    let largest = (0..n_setups)
+        .max_by_key(|setup| (of(*setup).len(), std::cmp::Reverse(*setup)))
+        .unwrap_or(0);
+    let model = nominal_model(request, &of(largest), request.set.n_targets());
+    let motions: Vec<_> = (0..n_setups)
+        .map(|setup| standing(&model, &of(setup)).inverse())
+        .collect();
+    arrangement.motions = motions;
+    arrangement.rest();
+    fit_motions(request, observed, arrangement, None).map(|_| ())
+}
+
+/// Fits robot, placement and the motions between set-ups: least squares with the motions held, and Gauss-Newton steps of both together.
+/// Without motions it is least squares alone. Set-ups with too few points keep their motion.
+pub fn fit_motions(
+    request: &CalibrationRequest,
+    observed: &mut Observed,
+    arrangement: &mut Arrangement,
+    subset: Option<Subset>,
+) -> Result<KinematicModel, Error> {
+    let targets = arrangement.fitted_targets(observed);
+    let parameters = parameters_of(request, &targets)?;
+    let scale: Vec<f64> = parameters.iter().map(prior_scale).collect();
+    let points: Vec<usize> = (0..observed.all.len())
+        .filter(|p| {
+            subset.is_none_or(|s| observed.subsets[*p] == s) && observed.all[*p].weight > 0.0
+        })
+        .collect();
+    let mut model = None;
+    for _ in 0..MOTION_FITS {
+        arrangement.apply(observed);
+        let fitted: Vec<Observation> = points.iter().map(|p| observed.all[*p].clone()).collect();
+        if subset.is_some() && arrangement.motions.len() < 2 {
+            break;
+        }
+        let start = model.take().unwrap_or_else(|| {
+            let nominal = nominal_model(request, &fitted, targets.len());
+            best_start(
+                &nominal,
+                None,
+                &parameters,
+                &scale,
+                &fitted,
+                &|links, points| placed(request, links, points, targets.len()),
+            )
+            .model
+        });
+        let fit = fit_along_seen(&start, &parameters, &scale, &fitted, 0.0, &mut |_| {
+            ControlFlow::Continue(())
+        });
+        let found = if arrangement.motions.len() < 2 {
+            true
+        } else {
+            move_setups(&fit.model, &parameters, observed, arrangement, &points)
+        };
+        model = Some(fit.model);
+        if found {
+            break;
+        }
+    }
+    Ok(model.unwrap_or_else(|| KinematicModel::nominal(&request.robot.links, targets.len())))
+}
+
+/// One Gauss-Newton step of the motions, together with everything else; true once it is small.
+fn move_setups(
+    model: &KinematicModel,
+    parameters: &[Parameter],
+    observed: &Observed,
+    arrangement: &mut Arrangement,
+    points: &[usize],
+) -> bool {
+    let columns = Columns::new(model, &observed.all);
+    let fitted: Vec<Observation> = points.iter().map(|p| observed.all[*p].clone()).collect();
+    let derivatives = derivatives(model, parameters, &fitted, &columns, arrangement, points);
+    let moving = moving(arrangement, points);
+    let n_seen = derivatives.ncols() - 6 * moving.len();
+    let Some(solution) = least_squares_solution(derivatives, &weighted_residuals(model, &fitted))
+    else {
+        return true;
+    };
+    let mut largest = 0.0f64;
+    for (k, setup) in moving.into_iter().enumerate() {
+        if n_of(arrangement, points, setup) < FEWEST_OF_SETUP {
+            continue;
+        }
+        let (shift_mm, turn_rad) = columns.motion(&solution[n_seen + 6 * k..n_seen + 6 * k + 6]);
+        largest = largest.max(shift_mm.norm() + turn_rad.norm() * columns.size_mm());
+        // measured = moved by this; carried back
+        arrangement.motions[setup] =
+            motion(&shift_mm, &turn_rad, &columns.centre).inverse() * arrangement.motions[setup];
+    }
+    largest <= MOTION_FOUND_MM
+}
+
+fn least_squares_solution(
+    derivatives: DMatrix<f64>,
+    residuals: &nalgebra::DVector<f64>,
+) -> Option<Vec<f64>> {
+    let (q, r) = derivatives.qr().unpack();
+    r.solve_upper_triangular(&q.tr_mul(residuals))
+        .map(|x| x.iter().copied().collect())
+}

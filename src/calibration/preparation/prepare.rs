@@ -1,0 +1,55 @@
+//! From a request to its problem: points are screened, parameters chosen, and priors weighed.
+
+use crate::calibration::preparation::loss::PointLoss;
+use crate::calibration::preparation::motions::parameters_of;
+use crate::calibration::preparation::observe::{Observed, observe};
+use crate::calibration::preparation::placement::nominal_model;
+use crate::calibration::preparation::screening::screen;
+use crate::calibration::preparation::stated_priors::known_before;
+use crate::calibration::problem::Problem;
+use crate::calibration::request::CalibrationRequest;
+use crate::calibration::settings::settings;
+use crate::calibration::{Error, unusable};
+use crate::identification::identifiability::prior_scale;
+use crate::identification::linearisation::decomposition_at;
+use crate::measurement::Subset;
+
+impl<'a> Problem<'a> {
+    /// The problem of a request.
+    pub fn new(request: &'a CalibrationRequest) -> Result<Self, Error> {
+        Self::of(request, observe(request)?)
+    }
+
+    /// The problem of a request whose points are already split: screened, and arranged for the fit.
+    pub fn of(request: &'a CalibrationRequest, mut observed: Observed) -> Result<Self, Error> {
+        let (screening, arrangement) = screen(request, &mut observed)?;
+        let identify = observed.of(Subset::Identify);
+        let parameters = parameters_of(request, &screening.targets)?;
+        let nominal = nominal_model(request, &identify, screening.targets.len());
+        let scale: Vec<f64> = parameters.iter().map(prior_scale).collect();
+        let decomposition = decomposition_at(&nominal, &parameters, &scale, &identify);
+        if decomposition.rank() == 0 {
+            return Err(unusable(
+                "nothing_to_identify",
+                "the measured positions depend on none of the free parameters: free others as well",
+            ));
+        }
+        let loss = PointLoss::of(request, &screening);
+        let (settings, priors) = (settings(request), None);
+        let mut problem = Self {
+            request,
+            settings,
+            observed,
+            screening,
+            arrangement,
+            loss,
+            identify,
+            parameters,
+            nominal,
+            decomposition,
+            priors,
+        };
+        problem.priors = known_before(&problem)?;
+        Ok(problem)
+    }
+}

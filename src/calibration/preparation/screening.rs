@@ -1,0 +1,436 @@
+//! Before anything is identified: which points do not belong, and did anything move while it was measured?
+//!
+//! Both are asked of all points of the upload, those to verify included: they are questions about the measurement. No parameter of the
+//! robot is taken from the fits made here.
+
+use crate::calibration::Error;
+use crate::calibration::preparation::arrangement::{Arrangement, FittedTargets, motion};
+use crate::calibration::preparation::motions::{
+    derivatives, fit_motions, parameters_of, place_setups,
+};
+use crate::calibration::preparation::observe::{Observed, stated_scale_mm};
+use crate::calibration::request::{CalibrationRequest, Loss, Model, Preset};
+use crate::identification::misfit::{features, gravity_directions};
+use crate::identification::objective::weighted_residuals;
+use crate::identification::steps::{Campaign, Columns, Moved, Step, TargetShift, Whitened};
+use crate::identification::wild::{Linearised, ROUNDING_MM, Wild};
+use crate::measurement::Subset;
+use nalgebra::{DMatrix, Vector3};
+use std::collections::BTreeMap;
+
+/// Share of all points that may be left out of the fit; where more are wild, a person has to look.
+const DOWN_WEIGHTED_SHARE: f64 = 0.05;
+/// A wild point in a stretch of suspects is this many times as far off as half of them.
+const STANDS_OUT: f64 = 2.0;
+/// If this share of the points on the smaller side of a step is wild with it, it is no step: two or three wild points are explained by one
+/// but for as many coordinates, and one of two, or two of three, stays wild.
+const SCATTERED: f64 = 0.25;
+/// Searches for wild points at most, each from the fit without those found before.
+const MAX_SEARCHES: usize = 4;
+/// Steps at most; a campaign with more is not worth fitting.
+const MAX_STEPS: usize = 4;
+
+/// A point that does not belong.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct WildPoint {
+    /// 0-based data row.
+    pub row: usize,
+    /// How far it lies from where the others put it, mm.
+    pub size_mm: f64,
+}
+
+/// What moved in a step.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum WhatMoved {
+    /// A target on the flange.
+    Target(usize),
+    /// The base, or the instrument.
+    Base,
+}
+
+/// Something that moved.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FoundStep {
+    /// What.
+    pub moved: WhatMoved,
+    /// First data row after it.
+    pub row: usize,
+    /// By how much: a target in the flange frame, the base (and the instrument the other way) in the measuring frame, mm.
+    pub vector_mm: Vector3<f64>,
+    /// Turn of the base, rad.
+    pub turn_rad: Vector3<f64>,
+    /// One point alone at an end: it may as well be wild, and is treated so.
+    pub is_one_point: bool,
+}
+
+/// What was found.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Screening {
+    /// Points that do not belong, by row.
+    pub wild: Vec<WildPoint>,
+    /// Standard deviation of one coordinate of the others, mm.
+    pub scale_mm: f64,
+    /// The wild points are few enough, and the loss is ours to choose: those to identify count nothing.
+    pub is_down_weighted: bool,
+    /// More points are wild than may be left out.
+    pub is_for_review: bool,
+    /// Steps, by row.
+    pub steps: Vec<FoundStep>,
+    /// Rows of stretches without identify points: they are scored with the stretch before.
+    pub unfitted_rows: Vec<usize>,
+    /// The targets of the fit.
+    pub targets: FittedTargets,
+}
+
+/// A fit to all points, and the linear problem there.
+struct AllFit {
+    linear: Linearised,
+    least_scale_mm: f64,
+    /// What the misfit of a robot looks like, 3·N × m.
+    features: DMatrix<f64>,
+    columns: Columns,
+}
+
+/// Screens the points, and arranges them for the fit: wild points lose their weight, what moved is taken apart.
+pub fn screen(
+    request: &CalibrationRequest,
+    observed: &mut Observed,
+) -> Result<(Screening, Arrangement), Error> {
+    let mut arrangement = Arrangement::of(request);
+    let mut screening = Screening::default();
+    place_setups(request, observed, &mut arrangement)?;
+    if request.preset == Preset::Default {
+        let mut wild = search(request, observed, &mut arrangement, &mut screening)?;
+        for _ in 0..MAX_SEARCHES {
+            let again = search_again(request, observed, &mut arrangement, wild.as_ref())?;
+            let same = |again: &Wild| wild.as_ref().is_some_and(|w| w.points == again.points);
+            if again.as_ref().is_none_or(same) {
+                break;
+            }
+            wild = again;
+        }
+        screening.unfitted_rows = arrangement.join_unfitted(observed);
+        if let Some(wild) = wild {
+            judge(request, observed, &mut screening, &wild);
+        }
+    }
+    fit_motions(request, observed, &mut arrangement, Some(Subset::Identify))?;
+    arrangement.apply(observed);
+    screening.targets = arrangement.fitted_targets(observed);
+    Ok((screening, arrangement))
+}
+
+/// Finds steps one after another, and what is wild beside them.
+fn search(
+    request: &CalibrationRequest,
+    observed: &mut Observed,
+    arrangement: &mut Arrangement,
+    screening: &mut Screening,
+) -> Result<Option<Wild>, Error> {
+    let mut fit = fit_all(request, observed, arrangement, &[])?;
+    let mut wild = fit.linear.wild(fit.least_scale_mm);
+    while screening.steps.len() < MAX_STEPS {
+        let suspects = wild.as_ref().map_or(vec![], |w| w.points.clone());
+        let belonging: Vec<usize> = arrangement
+            .order
+            .iter()
+            .copied()
+            .filter(|p| !suspects.contains(p))
+            .collect();
+        let with_all = find(observed, &fit, &arrangement.order);
+        let lone = lone_suspects(observed, arrangement, wild.as_ref());
+        let without_lone = (!lone.is_empty() && lone.len() < suspects.len()).then(|| {
+            let rest: Vec<usize> = arrangement
+                .order
+                .iter()
+                .copied()
+                .filter(|p| !lone.contains(p))
+                .collect();
+            find(observed, &fit, &rest)
+        });
+        let without = if suspects.is_empty() {
+            None
+        } else {
+            find(observed, &fit, &belonging)
+        };
+        let mut accepted = false;
+        // with wild points in the fit, a step has to explain some of them; with stretches of them, at least half of these
+        let in_stretches = suspects.len() - lone.len();
+        let tried = [
+            (&with_all, suspects.len().min(1)),
+            (&without_lone.flatten(), in_stretches.div_ceil(2)),
+            (&without, 0),
+        ];
+        for (step, n_to_explain) in tried {
+            let Some(step) = step.as_ref().filter(|s| s.n_minor > 1) else {
+                continue;
+            };
+            let mut trial = split(observed, &fit, arrangement, step);
+            let refit = fit_all(request, observed, &mut trial, &[])?;
+            let left = refit.linear.wild(refit.least_scale_mm);
+            if left
+                .as_ref()
+                .is_some_and(|w| n_to_explain > 0 && w.points.len() + n_to_explain > suspects.len())
+            {
+                continue;
+            }
+            // what moved takes its points along: where many of them stay wild, they are no stretch
+            let minor = minor_side(observed, arrangement, step);
+            let still_wild = left
+                .as_ref()
+                .map_or(0, |w| minor.iter().filter(|p| w.points.contains(p)).count());
+            if still_wild as f64 >= SCATTERED * minor.len() as f64 {
+                continue;
+            }
+            screening.steps.extend(found(step, false));
+            (*arrangement, fit, wild, accepted) = (trial, refit, left, true);
+            break;
+        }
+        if !accepted {
+            // the paper's model knows where the target is at first, and frees it after a step: with the target elsewhere, any step is a gain
+            let frees_all = |s: &Step| {
+                request.model() == Model::Paper && lone_point(observed, arrangement, s) != s.first
+            };
+            let is_lone = |s: &Step| {
+                s.n_minor == 1
+                    && suspects
+                        .iter()
+                        .all(|p| *p == lone_point(observed, arrangement, s))
+            };
+            let lone = with_all.filter(|s| is_lone(s) && !frees_all(s));
+            screening
+                .steps
+                .extend(lone.iter().flat_map(|step| found(step, true)));
+            break;
+        }
+    }
+    screening.steps.sort_by_key(|s| s.row);
+    Ok(wild)
+}
+
+/// Points that are off by metres pull the fit so far that the problem is linear about the wrong place, and hide others there. Looks again from the
+/// fit without them; `None` if there were none.
+fn search_again(
+    request: &CalibrationRequest,
+    observed: &mut Observed,
+    arrangement: &mut Arrangement,
+    wild: Option<&Wild>,
+) -> Result<Option<Wild>, Error> {
+    let Some(wild) = wild.filter(|wild| !wild.points.is_empty()) else {
+        return Ok(None);
+    };
+    let fit = fit_all(request, observed, arrangement, &wild.points)?;
+    Ok(fit.linear.wild(fit.least_scale_mm))
+}
+
+/// The points on the smaller side of a step.
+fn minor_side(observed: &Observed, arrangement: &Arrangement, step: &Step) -> Vec<usize> {
+    let moves = |p: &&usize| match step.moved {
+        Moved::Target(target) => observed.targets[**p] == target,
+        Moved::AllTargets | Moved::Base => true,
+    };
+    let at = arrangement
+        .order
+        .iter()
+        .position(|p| *p == step.first)
+        .unwrap_or(0);
+    let (before, after) = arrangement.order.split_at(at);
+    let side = |points: &[usize]| -> Vec<usize> { points.iter().filter(moves).copied().collect() };
+    let (before, after) = (side(before), side(after));
+    if before.len() < after.len() {
+        before
+    } else {
+        after
+    }
+}
+
+/// The suspects that stand alone among the points of their target, in measuring order, or out of the stretch that they stand in: twice as
+/// far off as half of it. A reflector that slipped makes a stretch of suspects, where the other reflectors hold the fit, and all by as much; a
+/// wild point would hide the step.
+fn lone_suspects(
+    observed: &Observed,
+    arrangement: &Arrangement,
+    wild: Option<&Wild>,
+) -> Vec<usize> {
+    let sizes: BTreeMap<usize, f64> = wild
+        .iter()
+        .flat_map(|w| w.points.iter().copied().zip(w.sizes_mm.iter().copied()))
+        .collect();
+    let mut lone = Vec::new();
+    for target in 0..observed
+        .targets
+        .iter()
+        .map(|target| target + 1)
+        .max()
+        .unwrap_or(0)
+    {
+        let of_target: Vec<usize> = arrangement
+            .order
+            .iter()
+            .copied()
+            .filter(|p| observed.targets[*p] == target)
+            .collect();
+        for stretch in of_target.chunk_by(|a, b| sizes.contains_key(a) == sizes.contains_key(b)) {
+            let mut by_size: Vec<f64> = stretch
+                .iter()
+                .filter_map(|p| sizes.get(p).copied())
+                .collect();
+            by_size.sort_by(f64::total_cmp);
+            let Some(median) = by_size.get(by_size.len() / 2) else {
+                continue;
+            };
+            let stands_out = |p: &usize| {
+                stretch.len() == 1 || sizes.get(p).is_some_and(|size| *size > STANDS_OUT * median)
+            };
+            lone.extend(stretch.iter().copied().filter(stands_out));
+        }
+    }
+    lone
+}
+
+fn find(observed: &Observed, fit: &AllFit, order: &[usize]) -> Option<Step> {
+    let rows: Vec<usize> = order.iter().flat_map(|p| 3 * p..3 * p + 3).collect();
+    let problem = Whitened::new(&fit.linear.of(order), &fit.features.select_rows(&rows));
+    let clusters = observed.all_clusters();
+    let least_scale_mm = fit.least_scale_mm;
+    let campaign = Campaign {
+        problem: &problem,
+        columns: &fit.columns,
+        order,
+        targets: &observed.targets,
+        clusters: &clusters,
+        least_scale_mm,
+    };
+    campaign.step()
+}
+
+fn split(observed: &Observed, fit: &AllFit, arrangement: &Arrangement, step: &Step) -> Arrangement {
+    let mut trial = arrangement.clone();
+    match step.moved {
+        Moved::Target(_) | Moved::AllTargets => {
+            let firsts = step.of_targets.iter().map(|shift| shift.first);
+            firsts.for_each(|first| trial.split_target(observed, first));
+        }
+        Moved::Base => trial.split_base(
+            step.first,
+            &motion(&step.shift_mm, &step.turn_rad, &fit.columns.centre),
+        ),
+    }
+    trial
+}
+
+/// What is told of a step: of each target, or of the base.
+fn found(step: &Step, is_one_point: bool) -> Vec<FoundStep> {
+    if step.moved == Moved::Base {
+        return vec![FoundStep {
+            moved: WhatMoved::Base,
+            row: step.first,
+            vector_mm: step.shift_mm,
+            turn_rad: step.turn_rad,
+            is_one_point,
+        }];
+    }
+    let of_target = |shift: &TargetShift| FoundStep {
+        moved: WhatMoved::Target(shift.target),
+        row: shift.first,
+        vector_mm: shift.shift_mm,
+        turn_rad: Vector3::zeros(),
+        is_one_point,
+    };
+    step.of_targets.iter().map(of_target).collect()
+}
+
+/// The point that a step at an end cuts off.
+fn lone_point(observed: &Observed, arrangement: &Arrangement, step: &Step) -> usize {
+    let of_target = |p: &&usize| observed.targets[**p] == observed.targets[step.first];
+    let last = arrangement
+        .order
+        .iter()
+        .rfind(of_target)
+        .copied()
+        .unwrap_or(step.first);
+    if last == step.first {
+        last
+    } else {
+        arrangement
+            .order
+            .iter()
+            .find(of_target)
+            .copied()
+            .unwrap_or(last)
+    }
+}
+
+/// What the wild points are to the fit.
+fn judge(
+    request: &CalibrationRequest,
+    observed: &mut Observed,
+    screening: &mut Screening,
+    wild: &Wild,
+) {
+    let size = |(point, size): (&usize, &f64)| WildPoint {
+        row: *point,
+        size_mm: size / observed.all[*point].weight.sqrt(),
+    };
+    screening.wild = wild.points.iter().zip(&wild.sizes_mm).map(size).collect();
+    screening.scale_mm = wild.scale_mm;
+    let most = (DOWN_WEIGHTED_SHARE * observed.all.len() as f64).ceil() as usize;
+    screening.is_for_review = wild.points.len() > most;
+    screening.is_down_weighted = request.options.loss.is_none() && !screening.is_for_review;
+    if screening.is_down_weighted {
+        let to_identify = |point: &&usize| observed.subsets[**point] == Subset::Identify;
+        let down: Vec<usize> = wild.points.iter().filter(to_identify).copied().collect();
+        down.iter()
+            .for_each(|point| observed.all[*point].weight = 0.0);
+    }
+}
+
+/// The loss that the fit takes: the one asked for, else squares; with too many wild points to leave out, Huber's, which keeps them all and
+/// lets none pull hard.
+pub fn loss(request: &CalibrationRequest, screening: &Screening) -> Loss {
+    let ours = if screening.is_for_review {
+        Loss::Huber
+    } else {
+        Loss::Squares
+    };
+    request.options.loss.unwrap_or(ours)
+}
+
+/// Least squares on all points but a few, with the motions between set-ups; and the linear problem of all points there.
+fn fit_all(
+    request: &CalibrationRequest,
+    observed: &mut Observed,
+    arrangement: &mut Arrangement,
+    without: &[usize],
+) -> Result<AllFit, Error> {
+    let weights: Vec<f64> = observed.all.iter().map(|o| o.weight).collect();
+    without.iter().for_each(|p| observed.all[*p].weight = 0.0);
+    let model = fit_motions(request, observed, arrangement, None)?;
+    let all = observed.all.iter_mut().zip(weights);
+    all.for_each(|(o, weight)| o.weight = weight);
+    arrangement.apply(observed);
+    let parameters = parameters_of(request, &arrangement.fitted_targets(observed))?;
+    let columns = Columns::new(&model, &observed.all);
+    let everything: Vec<usize> = (0..observed.all.len()).collect();
+    let derivatives = derivatives(
+        &model,
+        &parameters,
+        &observed.all,
+        &columns,
+        arrangement,
+        &everything,
+    );
+    let linear = Linearised::new(&weighted_residuals(&model, &observed.all), derivatives);
+    let gravity = gravity_directions(request.robot.mounting.as_ref().map(|m| &m.gravity_in_base));
+    let poses = observed
+        .all
+        .iter()
+        .map(|o| (o.q_rad.as_slice(), o.target, o.weight));
+    let features = features(&model, poses, &gravity);
+    Ok(AllFit {
+        linear,
+        columns,
+        features,
+        least_scale_mm: stated_scale_mm(&request.set).max(ROUNDING_MM),
+    })
+}

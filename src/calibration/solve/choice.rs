@@ -1,0 +1,145 @@
+//! Which method runs, from where, and why.
+
+use crate::calibration::preparation::placement::placed;
+use crate::calibration::problem::Problem;
+use crate::calibration::request::Method;
+use crate::identification::KinematicModel;
+use crate::identification::multistart::{BestStart, best_start};
+use crate::identification::objective::Observation;
+use crate::identification::parameters::apply;
+
+/// What runs, from where, and why.
+pub struct Choice {
+    /// The method; never `Auto`.
+    pub method: Method,
+    /// What least squares starts from, and the middle of a swarm's box.
+    pub start: KinematicModel,
+    /// The same for a swarm that knows no network, for comparison.
+    pub cold_start: KinematicModel,
+    /// In words.
+    pub reason: String,
+}
+
+/// For `auto`: least squares where it finds the robot, from nominal or, where joints are far off, from what the robot's network remembers
+/// or the best of other joint offsets; a swarm around that where it does not, moved by the network where there is one.
+pub fn choose(problem: &Problem<'_>) -> Choice {
+    let asked_for = |start: KinematicModel| Choice {
+        method: problem.request.method,
+        start,
+        cold_start: problem.nominal.clone(),
+        reason: "asked for".into(),
+    };
+    match problem.request.method {
+        Method::Auto => by_evidence(problem),
+        Method::BpnnPso => asked_for(KinematicModel {
+            links: problem.nominal.links.clone(),
+            ..remembered(problem)
+        }),
+        Method::LeastSquares | Method::Pso => asked_for(problem.nominal.clone()),
+    }
+}
+
+fn by_evidence(problem: &Problem<'_>) -> Choice {
+    let n_targets = problem.screening.targets.len();
+    let placed = |links, points: &[Observation]| placed(problem.request, links, points, n_targets);
+    let network = problem.network().map(|_| remembered(problem));
+    let scale = &problem.decomposition.scale;
+    let best = best_start(
+        &problem.nominal,
+        network.as_ref(),
+        &problem.parameters,
+        scale,
+        &problem.identify,
+        &placed,
+    );
+    let (method, reason) = evidence(&best);
+    Choice {
+        method,
+        cold_start: best.model.clone(),
+        start: best.model,
+        reason,
+    }
+}
+
+/// What is said where least squares from nominal converges does not depend on whether there is a network: neither does the result.
+fn evidence(best: &BestStart) -> (Method, String) {
+    let left_out = if best.is_pulled_away {
+        ", the quarter of them left out that fits worst"
+    } else {
+        ""
+    };
+    let from_nominal = format!(
+        "least squares from nominal ended with half of the points within {:.3} mm{left_out}",
+        best.from_nominal_mm
+    );
+    if best.from_nominal_mm <= best.found_mm && best.is_pulled_away {
+        return (
+            Method::LeastSquares,
+            format!("{from_nominal}: from there it converges. Look for wild points"),
+        );
+    }
+    if best.from_nominal_mm <= best.found_mm {
+        return (
+            Method::LeastSquares,
+            format!(
+                "{from_nominal}: it converges, in a few steps and to the same answer every time"
+            ),
+        );
+    }
+    let from_network =
+        |mm: f64| format!("; from what the robot's network remembers, within {mm:.3} mm");
+    let tried = format!(
+        "{from_nominal}, which is no fit{}",
+        best.from_remembered_mm
+            .map(from_network)
+            .unwrap_or_default()
+    );
+    let (n, best_mm) = (best.n_starts, best.best_mm);
+    match (best_mm <= best.found_mm, n, best.from_remembered_mm) {
+        (true, 0, _) => (
+            Method::LeastSquares,
+            format!("{tried}. Check the mastering of the joints"),
+        ),
+        (true, _, _) => {
+            let others = format!(
+                "with other joint offsets, placed anew, the {n}th start reached {best_mm:.3} mm"
+            );
+            (
+                Method::LeastSquares,
+                format!("{tried}; {others}. Check the mastering of the joints"),
+            )
+        }
+        (false, 0, _) => (
+            Method::LeastSquares,
+            format!("{tried}, and no joint offset is free: there is nowhere else to start from"),
+        ),
+        (false, _, remembered) => {
+            let others =
+                format!("{n} starts with other joint offsets came no nearer than {best_mm:.3} mm");
+            let (method, swarm) = match remembered {
+                Some(_) => (Method::BpnnPso, "a swarm that the network moves searches"),
+                None => (Method::Pso, "a swarm searches"),
+            };
+            (
+                method,
+                format!("{tried}, and {others}: {swarm} around the best of them"),
+            )
+        }
+    }
+}
+
+/// The links that the network was trained on, base and targets fitted with them: the nominal robot would place them wrongly by as much as
+/// the robot errs.
+fn remembered(problem: &Problem<'_>) -> KinematicModel {
+    let remembered = apply(
+        &problem.nominal,
+        &problem.parameters,
+        &problem.answer_deviation(),
+    );
+    placed(
+        problem.request,
+        remembered.links,
+        &problem.identify,
+        problem.screening.targets.len(),
+    )
+}

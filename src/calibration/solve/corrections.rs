@@ -1,0 +1,289 @@
+//! The stage of a calibration that looks for what links cannot say, after the links are found. It changes nothing about them.
+
+use crate::calibration::outcome::delivery::delivered;
+use crate::calibration::preparation::observe::stated_scale_mm;
+use crate::calibration::problem::Problem;
+use crate::calibration::report::Warning;
+use crate::calibration::request::{CorrectionsChoice, Preset};
+use crate::calibration::validation::robust_comparison::judged;
+use crate::calibration::{Event, Monitor};
+use crate::identification::corrected::{CorrectedModel, IdentifiedRobot};
+use crate::identification::corrections::{Evidence, Fitted, Setting, select};
+use crate::identification::objective::{Observation, weighted_residuals};
+use crate::identification::priors::Prior;
+use crate::identification::start::{fit_base_and_targets, place};
+use crate::identification::{self, KinematicModel};
+use crate::kinematics::{MeasuredRegion, Mounting};
+use crate::measurement::Subset;
+use nalgebra::{IsometryMatrix3, Vector3};
+
+/// How well gravity is known where nobody says how the robot stands: on a floor, to 2°.
+const USUAL_MOUNTING_STD_RAD: f64 = 2.0 * std::f64::consts::PI / 180.0;
+/// Points that corrections are identified from at most, evenly taken: many more than there are numbers.
+const MOST_POINTS: usize = 3_000;
+/// Residuals below this are rounding, rms, mm: there is nothing to explain.
+const EXACT_MM: f64 = 1e-3;
+
+/// What was found, in the frame of the delivered robot.
+pub struct Found {
+    /// What was tried.
+    pub evidence: Vec<Evidence>,
+    /// The robot with what was kept, in the frame of the fit.
+    pub corrected: Option<CorrectedModel>,
+    /// The fit behind it.
+    pub fitted: Option<Fitted>,
+}
+
+/// Points that count, at a fit.
+struct Points {
+    observations: Vec<Observation>,
+    /// The number of each point's configuration, from 0.
+    clusters: Vec<usize>,
+    sessions: Vec<Option<String>>,
+}
+
+impl Points {
+    /// The points to identify from, with the weights of the request's loss, and not more of them than are needed.
+    fn new(problem: &Problem<'_>, model: &KinematicModel) -> Self {
+        let weighted = problem.loss.reweighted(model, &problem.identify);
+        let clusters = problem.observed.clusters(Subset::Identify);
+        let rows = (0..problem.observed.all.len())
+            .filter(|row| problem.observed.subsets[*row] == Subset::Identify);
+        let all = weighted.into_iter().zip(clusters).zip(rows);
+        let counting: Vec<_> = all.filter(|((o, _), _)| o.weight > 0.0).collect();
+        let step = counting.len().div_ceil(MOST_POINTS).max(1);
+        let taken: Vec<_> = counting.into_iter().step_by(step).collect();
+        let session = |row: usize| problem.request.set.points[row].session.clone();
+        Self {
+            clusters: renumbered(taken.iter().map(|((_, cluster), _)| *cluster)),
+            sessions: taken.iter().map(|(_, row)| session(*row)).collect(),
+            observations: taken.into_iter().map(|((o, _), _)| o).collect(),
+        }
+    }
+
+    /// σ² of the links alone, mm²; `None` where nothing is left to explain.
+    fn variance(&self, problem: &Problem<'_>, model: &KinematicModel) -> Option<f64> {
+        let freedom = 3.0 * self.observations.len() as f64 - problem.decomposition.rank() as f64;
+        let variance = weighted_residuals(model, &self.observations).norm_squared() / freedom;
+        let noise_mm = stated_scale_mm(&problem.request.set).max(EXACT_MM);
+        (freedom > 0.0 && variance > noise_mm * noise_mm).then_some(variance)
+    }
+}
+
+/// What does not change from fit to fit of corrections.
+fn setting<'a>(
+    problem: &'a Problem<'_>,
+    nominal: &'a KinematicModel,
+    priors: &'a [Prior],
+    observations: &'a [Observation],
+) -> Setting<'a> {
+    let request = problem.request;
+    Setting {
+        nominal,
+        mounting: request.robot.mounting.unwrap_or(Mounting {
+            gravity_in_base: -Vector3::z(),
+            std_rad: USUAL_MOUNTING_STD_RAD,
+        }),
+        payload: request.payload,
+        parameters: &problem.parameters,
+        scale: &problem.decomposition.scale,
+        priors,
+        observations,
+    }
+}
+
+fn region(observations: &[Observation], n_joints: usize) -> MeasuredRegion {
+    MeasuredRegion::of(observations.iter().map(|o| o.q_rad.as_slice()), n_joints)
+}
+
+/// Whether corrections are looked for: by default not in the paper's preset.
+pub fn are_wanted(choice: Option<CorrectionsChoice>, preset: Preset) -> bool {
+    match choice {
+        Some(choice) => choice == CorrectionsChoice::Auto,
+        None => preset == Preset::Default,
+    }
+}
+
+/// That none were looked for beside stated priors.
+pub fn left_out_for_priors() -> Warning {
+    // what the bounds and means of links are worth beside corrections was never tried on a measured robot
+    let detail = "what links cannot say (sag, harmonics, the residual network) was not looked for, because parameters have priors: \
+                  `links_with_corrections` would not keep to them. The set predicts by its links alone; leave `priors` out to have corrections";
+    Warning {
+        code: "corrections_left_out",
+        detail: detail.into(),
+        rows: vec![],
+    }
+}
+
+/// That none were looked for in a partial recalibration.
+pub fn left_out_of_a_part() -> Warning {
+    let detail = "what links cannot say (sag, harmonics, the residual network) was not looked for, because most parameters were held: \
+                  corrections would say what those leave over. The set predicts by its links alone; identify all parameters to have corrections";
+    Warning {
+        code: "corrections_left_out",
+        detail: detail.into(),
+        rows: vec![],
+    }
+}
+
+/// The veto of the points to verify. It selects nothing: either all corrections stay, or, where the robot with corrections is further from
+/// these points than its links alone, none. `robot` is as it stands at `points`.
+pub fn veto(
+    found: Found,
+    robot: &IdentifiedRobot,
+    points: &[Observation],
+) -> (Found, Option<Warning>) {
+    if robot.corrected.is_none() {
+        return (found, None);
+    }
+    let size = |predicted_mm: Vector3<f64>, o: &Observation| (o.position_mm - predicted_mm).norm();
+    let errors_mm: Vec<[f64; 3]> = points
+        .iter()
+        .map(|o| {
+            let links_mm = size(robot.plain.position(&o.q_rad, o.target), o);
+            let corrected_mm = size(robot.position(&o.q_rad, o.target), o);
+            [links_mm, corrected_mm, corrected_mm]
+        })
+        .collect();
+    // points that both miss wildly do not count
+    let judged = judged(&errors_mm);
+    let (links_mm, corrected_mm) = (judged.before_rms_mm, judged.after_rms_mm);
+    if corrected_mm <= links_mm || errors_mm.is_empty() {
+        return (found, None);
+    }
+    let drop = |tried: Evidence| Evidence {
+        kept: false,
+        is_vetoed: tried.kept,
+        ..tried
+    };
+    let found = Found {
+        evidence: found.evidence.into_iter().map(drop).collect(),
+        corrected: None,
+        fitted: None,
+    };
+    let detail = format!(
+        "corrections won on the identify points, but on the {} points to verify{} the robot is {corrected_mm:.4} mm rms off with them and {links_mm:.4} mm \
+         with its links alone: all were dropped, and the set predicts by its links alone. Identify from poses that cover the workspace of \
+         the points to verify, and check that payload and mounting are as stated",
+        points.len(),
+        judged.remark()
+    );
+    let warning = Warning {
+        code: "corrections_worse_on_verify_points",
+        detail,
+        rows: vec![],
+    };
+    (found, Some(warning))
+}
+
+/// Looks for corrections beside the identified `model`; nothing once the monitor breaks.
+pub fn corrections(
+    problem: &Problem<'_>,
+    model: &KinematicModel,
+    monitor: &mut Monitor<'_>,
+) -> Found {
+    let request = problem.request;
+    let nothing = Found {
+        evidence: vec![],
+        corrected: None,
+        fitted: None,
+    };
+    let points = Points::new(problem, model);
+    let observations = &points.observations;
+    let Some(variance) = points.variance(problem, model) else {
+        return nothing;
+    };
+    let nominal = delivered(problem, &problem.nominal);
+    let priors = problem.determined(model, observations).priors;
+    let setting = setting(problem, &nominal, &priors.all, observations);
+    let start = Fitted {
+        model: delivered(problem, model),
+        terms: vec![],
+        values: vec![],
+        variance,
+    };
+    let mut go_on = || monitor(Event::Heartbeat).is_continue();
+    let Some(selected) = select(
+        &setting,
+        &start,
+        &points.clusters,
+        &points.sessions,
+        request.residual_network.as_ref(),
+        request.seed,
+        &mut go_on,
+    ) else {
+        return nothing;
+    };
+    let is_kept = selected.evidence.last().is_some_and(|all| all.kept);
+    let corrected = is_kept.then(|| CorrectedModel {
+        model: selected.fitted.model.clone(),
+        corrections: selected.corrections,
+        region: region(observations, nominal.links.len()),
+    });
+    Found {
+        evidence: selected.evidence,
+        corrected,
+        fitted: is_kept.then_some(selected.fitted),
+    }
+}
+
+/// The corrections that were kept, fitted to all points to identify from of another problem, beside its `model`. `None` if none was kept, or
+/// if the equations cannot be solved. With σ² of a coordinate, mm².
+pub fn refit(
+    problem: &Problem<'_>,
+    model: &KinematicModel,
+    found: &Found,
+) -> Option<(CorrectedModel, f64)> {
+    let (fitted, kept) = (found.fitted.as_ref()?, found.corrected.as_ref()?);
+    let points = Points::new(problem, model);
+    let observations = &points.observations;
+    let nominal = delivered(problem, &problem.nominal);
+    let priors = problem.determined(model, observations).priors;
+    let (fitted, corrections) = identification::corrections::refit(
+        &setting(problem, &nominal, &priors.all, observations),
+        fitted,
+        kept.corrections.residual.is_some(),
+        problem.request.residual_network.as_ref(),
+        problem.request.seed,
+    )?;
+    let corrected = CorrectedModel {
+        model: fitted.model,
+        corrections,
+        region: region(observations, nominal.links.len()),
+    };
+    Some((corrected, fitted.variance))
+}
+
+/// Numbers from 0 in order of first appearance.
+fn renumbered(labels: impl Iterator<Item = usize>) -> Vec<usize> {
+    let mut known = std::collections::BTreeMap::new();
+    let mut number = |label| {
+        let next = known.len();
+        *known.entry(label).or_insert(next)
+    };
+    labels.map(&mut number).collect()
+}
+
+/// The robot with base and targets fitted anew to other points, for the links alone and with corrections each for itself.
+pub fn placed_anew(robot: &IdentifiedRobot, observations: &[Observation]) -> IdentifiedRobot {
+    let n_targets = observations.iter().map(|o| o.target + 1).max().unwrap_or(0);
+    let with_corrections = |corrected: &CorrectedModel| {
+        let flange = |o: &Observation| corrected.t_base_flange(&o.q_rad);
+        let flanges: Vec<IsometryMatrix3<f64>> = observations.iter().map(flange).collect();
+        let placement = place(&flanges, observations, n_targets);
+        let model = KinematicModel {
+            t_instrument_base: placement.t_instrument_base,
+            links: corrected.model.links.clone(),
+            targets_mm: placement.targets_mm,
+        };
+        CorrectedModel {
+            model,
+            ..corrected.clone()
+        }
+    };
+    IdentifiedRobot {
+        plain: fit_base_and_targets(&robot.plain.links, observations, n_targets),
+        corrected: robot.corrected.as_ref().map(with_corrections),
+    }
+}

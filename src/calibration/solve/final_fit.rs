@@ -1,0 +1,186 @@
+//! The delivered fit: links, base, targets and corrections fitted to all points of the upload, after the fit to the identify subset was verified.
+//!
+//! Half of the points is not needed any more to tell how good the answer is, and makes it better. Nothing is chosen again: free parameters,
+//! segments, points that do not count, loss and kinds of corrections stay as they are. What the report says of errors is that of the verified fit.
+
+use crate::calibration::outcome::delivery::delivered;
+use crate::calibration::outcome::stated_uncertainty::{estimated, why_not_stated};
+use crate::calibration::preparation::arrangement::Arrangement;
+use crate::calibration::preparation::motions::fit_motions;
+use crate::calibration::preparation::stated_priors::known_before;
+use crate::calibration::problem::Problem;
+use crate::calibration::report::{FinalErrors, Warning};
+use crate::calibration::request::{FinalFit, Preset};
+use crate::calibration::solve::corrections;
+use crate::calibration::solve::solution::least_squares_from;
+use crate::calibration::stages::quiet;
+use crate::calibration::{Error, Monitor};
+use crate::compensation::tool_differences;
+use crate::identification::KinematicModel;
+use crate::identification::changes::Estimate;
+use crate::identification::corrected::{CorrectedModel, IdentifiedRobot};
+use crate::identification::objective::residuals;
+use crate::identification::uncertainty::Uncertainty;
+use crate::measurement::Subset;
+use nalgebra::Vector3;
+
+/// The delivered robot, in the frame of the fit.
+pub struct Final<'a> {
+    /// The problem with all points to identify from.
+    pub problem: Problem<'a>,
+    /// Base, links and targets.
+    pub model: KinematicModel,
+    /// The same with corrections, if any was kept.
+    pub corrected: Option<CorrectedModel>,
+    /// How far it may be off, whether or not that can be stated.
+    pub uncertainty: Option<Uncertainty>,
+    /// For the report.
+    pub errors: FinalErrors,
+}
+
+impl Final<'_> {
+    /// The session as it is compared with others, where its uncertainty can be stated.
+    pub fn estimate(&self) -> Option<Estimate> {
+        let uncertainty = self.uncertainty.as_ref();
+        let is_stated = why_not_stated(&self.problem, uncertainty).is_none();
+        Some(Estimate {
+            parameters: self.problem.parameters.clone(),
+            model: self.model.clone(),
+            uncertainty: uncertainty.filter(|_| is_stated)?.clone(),
+            decomposition: self.problem.decomposition.clone(),
+            noise: self.problem.noise(&self.model),
+        })
+    }
+}
+
+/// True if the delivered parameters are fitted to all points. With more outliers than may be left out, somebody has to look first.
+pub fn is_wanted(problem: &Problem<'_>) -> bool {
+    let request = problem.request;
+    let default = match request.preset == Preset::Default && problem.settings.refine {
+        true => FinalFit::All,
+        false => FinalFit::IdentifySubset,
+    };
+    request.final_fit.unwrap_or(default) == FinalFit::All && !problem.screening.is_for_review
+}
+
+/// Standard deviation of a coordinate in the fit to all points over that in the fit to the identify subset, from which on the two subsets do not
+/// belong together. Both count the degrees of freedom that their fits take.
+const MAX_SCATTER: f64 = 3.0;
+/// Less than this share of the robot's reach is rounding.
+const ROUNDING_PER_REACH: f64 = 1e-6;
+
+/// Fits all points, from the verified fit on. `None`, and why, if the points to verify do not belong to the others: then a fit to both would be
+/// that of no robot.
+///
+/// # Errors
+/// [`Error::Cancelled`].
+pub fn final_fit<'a>(
+    verified: &Problem<'a>,
+    model: &KinematicModel,
+    corrections: Option<&corrections::Found>,
+    monitor: &mut Monitor<'_>,
+) -> Result<(Option<Final<'a>>, Option<Warning>), Error> {
+    let before = IdentifiedRobot {
+        plain: delivered(verified, model),
+        corrected: corrections.and_then(|found| found.corrected.clone()),
+    };
+    let problem = verified.over_all_points(model)?;
+    let (model, corrected) = match verified.observed.subsets.contains(&Subset::Verify) {
+        false => (model.clone(), before.corrected.clone()),
+        true => {
+            let fit = least_squares_from(&problem, model, None, &mut quiet(monitor))?;
+            let refit = |found| corrections::refit(&problem, &fit.model, found);
+            let refitted = corrections.and_then(refit);
+            let fitted = corrections.and_then(|found| found.fitted.as_ref());
+            // what both fits have: corrections that cannot be fitted again are compared by the links alone
+            let (std_mm, verified_std_mm) = match (&refitted, fitted) {
+                (Some((_, variance)), Some(fitted)) => (variance.sqrt(), fitted.variance.sqrt()),
+                _ => (
+                    problem.noise(&fit.model).std_mm,
+                    verified.noise(model).std_mm,
+                ),
+            };
+            let corrected = refitted.map(|(corrected, _)| corrected);
+            if std_mm > MAX_SCATTER * verified_std_mm + ROUNDING_PER_REACH * reach_mm(verified) {
+                return Ok((None, Some(subsets_differ(std_mm, verified_std_mm))));
+            }
+            (fit.model, corrected)
+        }
+    };
+    let after = IdentifiedRobot {
+        plain: delivered(&problem, &model),
+        corrected,
+    };
+    let counting: Vec<_> = problem.trusted();
+    let counting: Vec<_> = counting.into_iter().filter(|o| o.weight > 0.0).collect();
+    let squares = residuals(&model, &counting);
+    let sum: f64 = squares.iter().map(Vector3::norm_squared).sum();
+    let moved = tool_differences(&verified.request.robot, &before, &after);
+    let errors = FinalErrors {
+        n_points: counting.len(),
+        rms_mm: (sum / counting.len().max(1) as f64).sqrt(),
+        moved_mm: moved.mean_mm,
+    };
+    let fit = Final {
+        uncertainty: estimated(&problem, &model),
+        problem,
+        model,
+        corrected: after.corrected,
+        errors,
+    };
+    Ok((Some(fit), None))
+}
+
+fn reach_mm(problem: &Problem<'_>) -> f64 {
+    let links = problem.request.robot.links.iter();
+    links.map(|link| link.a_mm.abs() + link.d_mm.abs()).sum()
+}
+
+fn subsets_differ(all_mm: f64, identify_mm: f64) -> Warning {
+    let detail = format!(
+        "points to identify from and points to verify do not belong together: fitted together they scatter by {all_mm:.4} mm (one standard deviation of \
+         a coordinate), those to identify from alone by {identify_mm:.4} mm. Something may have changed between them (tool, base, a joint), or the points \
+         to identify from show too little of the robot. The verified parameters are delivered as they are; see the errors on the points to verify, and \
+         measure again, with the subsets mixed"
+    );
+    Warning {
+        code: "subsets_differ",
+        detail,
+        rows: vec![],
+    }
+}
+
+impl<'a> Problem<'a> {
+    /// The same problem with all points of the upload to identify from, but those that do not count or stand in a segment without points to
+    /// identify from. Motions between set-ups are fitted to all points.
+    pub fn over_all_points(&self, model: &KinematicModel) -> Result<Self, Error> {
+        let mut observed = self.observed.clone();
+        observed.subsets.fill(Subset::Identify);
+        let wild = self.screening.wild.iter().map(|wild| wild.row);
+        let without_weight = wild.filter(|_| self.screening.is_down_weighted);
+        let unfitted = self.screening.unfitted_rows.iter().copied();
+        for row in without_weight.chain(unfitted) {
+            observed.all[row].weight = 0.0;
+        }
+        let mut arrangement: Arrangement = self.arrangement.clone();
+        if arrangement.motions.len() > 1 {
+            fit_motions(self.request, &mut observed, &mut arrangement, None)?;
+            arrangement.apply(&mut observed);
+        }
+        let mut problem = Self {
+            request: self.request,
+            settings: self.settings.clone(),
+            screening: self.screening.clone(),
+            arrangement,
+            loss: self.loss,
+            identify: observed.all.clone(),
+            observed,
+            parameters: self.parameters.clone(),
+            nominal: self.nominal.clone(),
+            decomposition: self.decomposition.clone(),
+            priors: None,
+        };
+        problem.priors = known_before(&problem)?;
+        Ok(problem.decomposed_with_tool_of(model))
+    }
+}

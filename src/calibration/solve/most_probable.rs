@@ -1,0 +1,187 @@
+//! The most probable robot of a request, and what its points determine of it beside the priors.
+
+use crate::calibration::preparation::loss::{LeastSquares, robust_fit};
+use crate::calibration::problem::Problem;
+use crate::calibration::request::{Model, Preset};
+use crate::identification::estimate::{estimate, evidence_at, most_probable, prior_cost_mm2};
+use crate::identification::evidence::Noise;
+use crate::identification::fit::SeenFit;
+use crate::identification::objective::Observation;
+use crate::identification::parameters::{Parameter, Quantity, copy_parameter, deviation_from};
+use crate::identification::priors::{Prior, Priors};
+use crate::identification::{KinematicModel, problem};
+use crate::measurement::Frame;
+use crate::solvers::least_squares::Iteration;
+use std::ops::ControlFlow;
+
+/// A parameter counts as identifiable from this share of its prior variance on that the points take away.
+pub const DETERMINED: f64 = 0.5;
+/// Width of a parameter that is held at a bound, in units of its own: as good as none, and far above rounding.
+const HELD: f64 = 1e-6;
+
+/// A parameter that is held, by its index, with its deviation from nominal, mm or rad.
+type Held = (usize, f64);
+
+/// What points determine beside the priors that parameters have by themselves.
+pub struct Determined {
+    /// The priors, as wide as the points show them to be, beside the noise of the points.
+    pub priors: Priors,
+    /// Of each parameter: 1 − posterior variance / prior variance.
+    pub data_share: Vec<f64>,
+}
+
+fn go_on(_: Iteration) -> ControlFlow<()> {
+    ControlFlow::Continue(())
+}
+
+impl Problem<'_> {
+    /// The estimate of the points to identify from `start` on.
+    pub fn fit(
+        &self,
+        start: &KinematicModel,
+        stop_at_mm2: f64,
+        monitor: &mut dyn FnMut(Iteration) -> ControlFlow<()>,
+    ) -> SeenFit {
+        self.within_bounds(start, &mut |held, start| {
+            let rows = self.rows(&self.identify, held);
+            estimate(&rows, &rows.coordinates(start), stop_at_mm2, monitor).into_fit()
+        })
+    }
+
+    /// The estimate with the request's loss. Noise and widths are those of the points that belong together: wild ones would tell of neither.
+    pub fn robust_fit(
+        &self,
+        start: &KinematicModel,
+        monitor: &mut dyn FnMut(Iteration) -> ControlFlow<()>,
+    ) -> SeenFit {
+        let (points, trusted) = (&self.identify, self.trusted());
+        let alone = self.within_bounds(start, &mut |held, start| {
+            let rows = self.rows(&trusted, held);
+            estimate(&rows, &rows.coordinates(start), 0.0, &mut go_on).into_fit()
+        });
+        let rows = self.rows(&trusted, &[]);
+        let (evidence, _) = evidence_at(&rows, &alone.model);
+        let of_points = LeastSquares {
+            fit: &|start, points| {
+                self.within_bounds(start, &mut |held, start| {
+                    let mut evidence = evidence.clone();
+                    held.iter().for_each(|(j, _)| evidence.widths[*j] = HELD);
+                    most_probable(&self.rows(points, held), start, &evidence)
+                })
+            },
+            prior_cost_mm2: &|model| prior_cost_mm2(&rows, model, &evidence),
+        };
+        let (start, loss) = (&alone.model, self.loss);
+        robust_fit(start, &of_points, points, &trusted, loss, monitor)
+    }
+
+    /// A fit inside the bounds that the request states. `fit_with` fits with some parameters held (by index, with their deviations from nominal).
+    /// Where it leaves a bound, it goes as far as the bounds allow, the parameter whose bound ended the step is held there, and the others are
+    /// fitted again. A parameter that would come back inside by itself is let go.
+    fn within_bounds(
+        &self,
+        start: &KinematicModel,
+        fit_with: &mut dyn FnMut(&[Held], &KinematicModel) -> SeenFit,
+    ) -> SeenFit {
+        let Some(known) = self.priors.as_ref().map(|known| &known.priors) else {
+            return fit_with(&[], start);
+        };
+        let mut fit_with = |held: &[Held], start: &KinematicModel| {
+            let mut fit = fit_with(held, start);
+            for (parameter, _) in held {
+                copy_parameter(&self.parameters[*parameter], start, &mut fit.model);
+            }
+            fit
+        };
+        let mut held: Vec<Held> = Vec::new();
+        let mut inside = known.within_bounds(start);
+        let mut fit = loop {
+            let fit = fit_with(&held, &inside);
+            let (model, ended_by) = known.towards(&inside, &fit.model);
+            inside = model;
+            let Some(parameter) = ended_by else { break fit };
+            let at = deviation_from(&self.nominal, &inside, &self.parameters[parameter]);
+            held.push((parameter, at));
+        };
+        for (parameter, _) in held.clone() {
+            let mut others = held.clone();
+            others.retain(|(j, _)| *j != parameter);
+            let without = fit_with(&others, &inside);
+            if let (model, None) = known.towards(&inside, &without.model) {
+                (held, inside, fit) = (others, model, without);
+            }
+        }
+        SeenFit {
+            model: inside,
+            ..fit
+        }
+    }
+
+    /// Some points, the priors that the parameters have by themselves or by the request, and the deviations of those that are held.
+    pub fn rows<'p>(&self, observations: &'p [Observation], held: &[Held]) -> problem::Problem<'p> {
+        let mut rows = problem::Problem::new(self.nominal.clone(), &self.parameters, observations);
+        if self.request.set.frame == Frame::Base {
+            rows = rows.with_known_base();
+        }
+        // the paper's least squares has no priors
+        if self.request.preset == Preset::Paper {
+            rows.without_own_priors();
+        }
+        if self.request.model() == Model::Paper {
+            rows.free(Parameter::Link(self.nominal.links.len() - 1, Quantity::D));
+        }
+        let stated = self.priors.iter().flat_map(|known| &known.priors.all);
+        stated.for_each(|prior| rows.state(prior.parameter, prior.mean, prior.std));
+        for (parameter, deviation) in held {
+            rows.state(
+                *parameter,
+                *deviation,
+                HELD * rows.variables[*parameter].width,
+            );
+        }
+        rows
+    }
+
+    /// What a model of links alone leaves over of the points to identify from.
+    pub fn noise(&self, model: &KinematicModel) -> Noise {
+        let points = self.loss.as_squares(model, &self.identify);
+        let rows = self.rows(&points, &[]);
+        let (evidence, posterior) = evidence_at(&rows, model);
+        Noise {
+            std_mm: evidence.sigma_mm,
+            freedom: (rows.n_rows() as f64 - posterior.n_determined).max(1.0),
+        }
+    }
+
+    /// For each parameter: the share of its prior variance that the points to identify from take away.
+    pub fn data_share(&self, model: &KinematicModel) -> Vec<f64> {
+        let points = self.loss.as_squares(model, &self.identify);
+        self.determined(model, &points).data_share
+    }
+
+    /// What some points determine of each parameter, and the priors beside which they do.
+    pub fn determined(&self, model: &KinematicModel, observations: &[Observation]) -> Determined {
+        let rows = self.rows(observations, &[]);
+        let (evidence, posterior) = evidence_at(&rows, model);
+        let stated = self.priors.iter().flat_map(|known| &known.priors.all);
+        let mut all: Vec<Prior> = stated.copied().collect();
+        for (parameter, variable) in rows.variables.iter().enumerate() {
+            let is_stated = all.iter().any(|prior| prior.parameter == parameter);
+            if !is_stated {
+                all.push(Prior {
+                    parameter,
+                    mean: 0.0,
+                    std: evidence.widths[parameter] * variable.width,
+                    min: f64::NEG_INFINITY,
+                    max: f64::INFINITY,
+                });
+            }
+        }
+        let mut priors = Priors::new(&self.nominal, &self.parameters, all);
+        priors.scale_mm = evidence.sigma_mm;
+        Determined {
+            priors,
+            data_share: posterior.data_share,
+        }
+    }
+}

@@ -1,0 +1,67 @@
+//! A method's answer, and the answer of least squares.
+
+use crate::calibration::preparation::loss::PointLoss;
+use crate::calibration::problem::Problem;
+use crate::calibration::{Error, Event, Monitor};
+use crate::identification::KinematicModel;
+use crate::identification::search_space::SearchSpace;
+use crate::solvers::{least_squares, pso};
+
+/// A method's answer.
+pub struct Found {
+    /// The identified model.
+    pub model: KinematicModel,
+    /// Iterations done.
+    pub n_iterations: usize,
+    /// Cost evaluations done.
+    pub n_evaluations: usize,
+    /// Smallest F after each iteration.
+    pub convergence: Vec<f64>,
+    /// Why it stopped.
+    pub termination: &'static str,
+    /// The swarm behind it and the space it ran in, for the network.
+    pub swarm: Option<(SearchSpace, pso::Summary)>,
+}
+
+/// Least squares: the most probable robot. With another loss than squares, again and again with the weights that it gives.
+/// `stop_at_cost_mm2` is the main method's; to refine and to compare, least squares goes on to its end.
+pub fn least_squares_from(
+    problem: &Problem<'_>,
+    start: &KinematicModel,
+    stop_at_cost_mm2: Option<f64>,
+    monitor: &mut Monitor<'_>,
+) -> Result<Found, Error> {
+    let stop_at = stop_at_cost_mm2.unwrap_or(0.0);
+    let mut watch = |i: least_squares::Iteration| {
+        monitor(Event::Iteration {
+            iteration: i.iteration,
+            n_iterations: i.max_iterations,
+            best_cost_mm2: i.cost,
+        })
+    };
+    let fit = match problem.loss {
+        PointLoss::Squares => problem.fit(start, stop_at, &mut watch),
+        PointLoss::Bounded { .. } => problem.robust_fit(start, &mut watch),
+    };
+    if fit.termination == least_squares::Termination::Stopped {
+        return Err(Error::Cancelled);
+    }
+    Ok(Found {
+        model: fit.model,
+        n_iterations: fit.n_iterations,
+        n_evaluations: fit.n_evaluations,
+        convergence: fit.convergence,
+        termination: least_squares_termination(fit.termination),
+        swarm: None,
+    })
+}
+
+fn least_squares_termination(termination: least_squares::Termination) -> &'static str {
+    match termination {
+        least_squares::Termination::CostReached => "cost_reached",
+        least_squares::Termination::IterationLimit => "iteration_limit",
+        least_squares::Termination::NotFinite => "not_finite",
+        t if t.converged() => "converged",
+        _ => "stopped",
+    }
+}

@@ -1,0 +1,129 @@
+//! A calibration's swarms: what they start from, and the box that they search.
+
+use crate::calibration::problem::Problem;
+use crate::calibration::settings::{box_too_small, half_widths};
+use crate::calibration::solve::solution::Found;
+use crate::calibration::{Error, Event, Monitor};
+use crate::identification::bpnn_pso::links_from_nominal;
+use crate::identification::search_space::SearchSpace;
+use crate::identification::swarm::run_bounded_swarm;
+use crate::identification::{KinematicModel, bpnn_pso};
+use crate::solvers::pso;
+use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
+
+/// The plain warm start draws its particles around the last answer with this standard deviation, as a share of the half-width.
+const WARM_START_SPREAD: f64 = 0.05;
+
+/// What a swarm starts from.
+#[derive(Clone, Copy, PartialEq)]
+pub enum Start {
+    /// Uniform in the box.
+    Cold,
+    /// The stored network moves the particles once, before the first evaluation (our reading of figure 5).
+    Network,
+    /// A Gaussian ball around the last answer, for comparison.
+    WarmBall,
+}
+
+/// Runs a swarm in the box around a reference.
+///
+/// # Errors
+/// [`Error::Cancelled`].
+pub fn swarm(
+    problem: &Problem<'_>,
+    reference: &KinematicModel,
+    start: Start,
+    monitor: &mut Monitor<'_>,
+) -> Result<Found, Error> {
+    let space = search_space(problem, reference);
+    if space.n_coordinates() == 0 {
+        return Err(box_too_small());
+    }
+    let mut move_particles = |iteration: usize, positions: &mut pso::Positions| match (
+        iteration,
+        start,
+        problem.network(),
+    ) {
+        (0, Start::Network, Some(network)) => {
+            bpnn_pso::move_particles(&space, &problem.nominal, network, positions)
+        }
+        (0, Start::WarmBall, Some(_)) => warm_ball(problem, &space, positions),
+        _ => {}
+    };
+    let mut watch = |i: pso::Iteration| {
+        monitor(Event::Iteration {
+            iteration: i.iteration,
+            n_iterations: i.n_iterations,
+            best_cost_mm2: i.best_cost,
+        })
+    };
+    let summary = run_bounded_swarm(
+        &space,
+        &problem.identify,
+        problem.loss.bound(),
+        &problem.settings.pso,
+        Some(&mut move_particles),
+        &mut watch,
+    );
+    let termination = match summary.termination {
+        pso::Termination::Stopped => return Err(Error::Cancelled),
+        pso::Termination::CostReached => "cost_reached",
+        pso::Termination::IterationLimit => "iteration_limit",
+    };
+    Ok(Found {
+        model: space.model(&summary.best_position),
+        n_iterations: summary.n_iterations,
+        n_evaluations: summary.n_evaluations,
+        convergence: summary.convergence.clone(),
+        termination,
+        swarm: Some((space, summary)),
+    })
+}
+
+/// The space around a reference: along what the points see, or the priors say something of, or of raw parameters.
+fn search_space(problem: &Problem<'_>, reference: &KinematicModel) -> SearchSpace {
+    let (parameters, scale) = (
+        problem.parameters.clone(),
+        half_widths(&problem.settings, &problem.parameters),
+    );
+    let reference = reference.clone();
+    match (
+        problem.settings.singular_directions,
+        problem.priors.as_ref().map(|known| &known.priors),
+    ) {
+        (true, None) => SearchSpace::singular(reference, parameters, scale, &problem.identify),
+        (true, Some(priors)) => {
+            SearchSpace::singular_knowing(reference, parameters, scale, &problem.identify, priors)
+        }
+        (false, priors) => {
+            let known = priors
+                .map(|priors| priors.from(&reference))
+                .unwrap_or_default();
+            SearchSpace::raw(reference, parameters, scale).knowing(known)
+        }
+    }
+}
+
+/// Normal numbers around the last answer (Box and Muller 1958).
+fn warm_ball(problem: &Problem<'_>, space: &SearchSpace, positions: &mut pso::Positions) {
+    let middle = links_from_nominal(space, &problem.nominal);
+    let answer: Vec<f64> = problem
+        .answer_deviation()
+        .iter()
+        .zip(&middle)
+        .map(|(answer, middle)| answer - middle)
+        .collect();
+    let centre = space.coordinates(&answer);
+    let mut random = ChaCha8Rng::seed_from_u64(problem.request.seed);
+    let mut normal = || {
+        let (u, v): (f64, f64) = (1.0 - random.random::<f64>(), random.random());
+        (-2.0 * libm::log(u)).sqrt() * libm::cos(std::f64::consts::TAU * v)
+    };
+    for particle in 0..positions.n_particles {
+        let position: Vec<f64> = centre
+            .iter()
+            .map(|c| c + WARM_START_SPREAD * normal())
+            .collect();
+        positions.set_particle(particle, &position);
+    }
+}

@@ -1,0 +1,32 @@
+//! Stages of a calibration, as the monitor sees them.
+
+use crate::calibration::{Error, Event, Monitor};
+use std::ops::ControlFlow;
+
+/// Runs one stage between its two events.
+pub fn stage<T>(
+    monitor: &mut Monitor<'_>,
+    name: &str,
+    run: impl FnOnce(&mut Monitor<'_>) -> Result<T, Error>,
+) -> Result<T, Error> {
+    tell(monitor, Event::StageStarted(name))?;
+    let result = run(monitor)?;
+    tell(monitor, Event::StageEnded(name))?;
+    Ok(result)
+}
+
+fn tell(monitor: &mut Monitor<'_>, event: Event<'_>) -> Result<(), Error> {
+    if monitor(event).is_break() {
+        Err(Error::Cancelled)
+    } else {
+        Ok(())
+    }
+}
+
+/// Passes on nothing but the question whether to stop: iterations of later stages are not the main method's progress.
+pub fn quiet<'m>(monitor: &'m mut Monitor<'_>) -> impl FnMut(Event<'_>) -> ControlFlow<()> + 'm {
+    |event| match event {
+        Event::Iteration { .. } => monitor(Event::Heartbeat),
+        event => monitor(event),
+    }
+}

@@ -1,0 +1,334 @@
+//! How near the nominal robot comes to measured points, its base, target and joint zeros placed as well as can be. Gross rows do not decide:
+//! the rows that fit worst are left out of the fit and of its rms.
+
+use crate::identification::KinematicModel;
+use crate::identification::fit::fit_least_squares;
+use crate::identification::multistart::{best_fitting, median_mm};
+use crate::identification::objective::{Observation, cost};
+use crate::identification::parameters::{Parameter, Quantity};
+use crate::identification::start::{align_in_closed_form, fit_base_and_targets};
+use crate::kinematics::{Link, t_base_flange};
+use crate::measurement::Frame;
+use nalgebra::Vector3;
+use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
+use std::f64::consts::{PI, TAU};
+
+/// Equations beyond the unknowns that are needed before anything is said.
+const SPARE_EQUATIONS: usize = 12;
+/// Numbers of a free base and one target in closed form: nine of its rotation, three of its translation, three of the target.
+const CLOSED_FORM_UNKNOWNS: usize = 15;
+/// One row of so many may be gross and is left out: files with a tenth of gross rows happen.
+const LEFT_OUT: usize = 5;
+/// Concentration steps at most [Rousseeuw & Van Driessen 2006]; they settle in a few.
+const CONCENTRATIONS: usize = 6;
+/// Small subsets that a placement starts from: with a tenth of gross rows, eight rows hold none with probability 0.43.
+const SUBSETS: usize = 8;
+/// Rows of such a subset: three equations each for the fifteen unknowns of the closed form.
+const SUBSET_ROWS: usize = 8;
+/// Starts with other joint zeros, how many of their ends are gone on from without the gross rows, and how far the widest are off, rad (45°).
+const ZERO_STARTS: usize = 10;
+const ZERO_ENDS: usize = 3;
+const WIDEST_RAD: f64 = PI / 4.0;
+/// Two fits whose rms differ by less than this factor are equally good.
+const EQUALLY_GOOD: f64 = 1.5;
+/// Points this close together, as a share of the arm's reach, may be in a larger unit than they seem.
+const SMALL_SPREAD: f64 = 0.02;
+
+/// A robot laid onto points.
+#[derive(Clone, Debug)]
+pub(super) struct Fitted {
+    /// rms of the distances, mm, by the degrees of freedom that are left.
+    pub rms_mm: f64,
+    /// The robot as it lies.
+    pub model: KinematicModel,
+}
+
+/// The robot's length along its links; no less than how far the points lie apart, for an arm without lengths.
+pub(super) fn reach_mm(links: &[Link], observations: &[Observation]) -> f64 {
+    length_mm(links).max(spread_mm(observations))
+}
+
+fn length_mm(links: &[Link]) -> f64 {
+    links
+        .iter()
+        .map(|l| (l.a_mm * l.a_mm + l.d_mm * l.d_mm).sqrt())
+        .sum()
+}
+
+/// rms distance of the points from their centre, mm.
+fn spread_mm(observations: &[Observation]) -> f64 {
+    let n = observations.len() as f64;
+    let sum: Vector3<f64> = observations.iter().map(|o| o.position_mm).sum();
+    let centre = sum / n;
+    let squares: f64 = observations
+        .iter()
+        .map(|o| (o.position_mm - centre).norm_squared())
+        .sum();
+    (squares / n).sqrt()
+}
+
+/// The parameters that place a robot: its target, and its base where it is not known.
+fn placing(frame: Frame) -> Vec<Parameter> {
+    let n_base = if frame == Frame::Instrument { 3 } else { 0 };
+    let base = (0..n_base)
+        .map(Parameter::BaseTranslation)
+        .chain((0..n_base).map(Parameter::BaseRotation));
+    base.chain((0..3).map(|axis| Parameter::Target(0, axis)))
+        .collect()
+}
+
+/// rms by the degrees of freedom that are left; more where the points hardly differ in position, which any robot fits that hardly moves:
+/// metres taken for millimetres. `None` where too few equations are left to tell.
+fn fitted(model: KinematicModel, observations: &[Observation], n_free: usize) -> Option<Fitted> {
+    let spare = (3 * observations.len()).checked_sub(n_free)?;
+    if spare < SPARE_EQUATIONS {
+        return None;
+    }
+    let apart = spread_mm(observations);
+    let unlike = (SMALL_SPREAD * length_mm(&model.links) / apart).max(1.0);
+    let rms_mm = (3.0 * cost(&model, observations) / spare as f64).sqrt() * unlike;
+    rms_mm.is_finite().then_some(Fitted { rms_mm, model })
+}
+
+/// All rows, in closed form: quick, and good to some millimetres where the file is right.
+pub(super) fn quickly_placed(
+    links: &[Link],
+    observations: &[Observation],
+    frame: Frame,
+) -> Option<Fitted> {
+    let is_enough = |n: usize| 3 * n >= CLOSED_FORM_UNKNOWNS + SPARE_EQUATIONS;
+    if frame == Frame::Instrument && !is_enough(observations.len()) {
+        return None;
+    }
+    let model = closed_form(links, observations, frame)?;
+    fitted(model, observations, placing(frame).len())
+}
+
+fn closed_form(
+    links: &[Link],
+    observations: &[Observation],
+    frame: Frame,
+) -> Option<KinematicModel> {
+    match frame {
+        Frame::Base if observations.is_empty() => None,
+        Frame::Base => {
+            let in_flange = targets_in_flange(links, observations);
+            let sum: Vector3<f64> = in_flange.iter().sum();
+            Some(with_target(links, sum / in_flange.len() as f64))
+        }
+        Frame::Instrument if 3 * observations.len() < CLOSED_FORM_UNKNOWNS => None,
+        Frame::Instrument => align_in_closed_form(links, observations, 1, false),
+    }
+}
+
+/// Where each measured point lies in the flange's frame; the same for all of them if the robot is right.
+fn targets_in_flange(links: &[Link], observations: &[Observation]) -> Vec<Vector3<f64>> {
+    observations
+        .iter()
+        .map(|o| {
+            let flange = t_base_flange(links, &o.q_rad);
+            flange
+                .rotation
+                .inverse_transform_vector(&(o.position_mm - flange.translation.vector))
+        })
+        .collect()
+}
+
+fn with_target(links: &[Link], target_mm: Vector3<f64>) -> KinematicModel {
+    let mut model = KinematicModel::nominal(links, 1);
+    model.targets_mm[0] = target_mm;
+    model
+}
+
+/// With the gross rows left out.
+pub(super) fn placed(links: &[Link], observations: &[Observation], frame: Frame) -> Option<Fitted> {
+    let parameters = placing(frame);
+    let concentrate = |start| concentrated(start, &parameters, observations);
+    best(
+        starts(links, observations, frame)
+            .into_iter()
+            .filter_map(concentrate),
+    )
+}
+
+/// Likewise, from bases in all directions: before a set is said not to fit.
+pub(super) fn placed_thoroughly(
+    links: &[Link],
+    observations: &[Observation],
+    frame: Frame,
+) -> Option<Fitted> {
+    let from_everywhere = (frame == Frame::Instrument)
+        .then(|| fit_base_and_targets(links, observations, 1))
+        .and_then(|start| concentrated(start, &placing(frame), observations));
+    best(
+        placed(links, observations, frame)
+            .into_iter()
+            .chain(from_everywhere),
+    )
+}
+
+/// Places to begin at, some of them found without the gross rows.
+fn starts(links: &[Link], observations: &[Observation], frame: Frame) -> Vec<KinematicModel> {
+    if frame == Frame::Base {
+        let in_flange = targets_in_flange(links, observations);
+        return vec![with_target(links, median(&in_flange))];
+    }
+    let n = observations.len();
+    let mut random = ChaCha8Rng::seed_from_u64(0);
+    let mut subset = || -> Vec<Observation> {
+        (0..SUBSET_ROWS)
+            .map(|_| {
+                observations[((random.random::<f64>() * n as f64) as usize).min(n - 1)].clone()
+            })
+            .collect()
+    };
+    let of_subsets = (0..SUBSETS).filter_map(|_| closed_form(links, &subset(), frame));
+    let nearest =
+        of_subsets.min_by(|a, b| median_mm(a, observations).total_cmp(&median_mm(b, observations)));
+    closed_form(links, observations, frame)
+        .into_iter()
+        .chain(nearest)
+        .collect()
+}
+
+/// The median along each axis.
+fn median(vectors: &[Vector3<f64>]) -> Vector3<f64> {
+    Vector3::from_fn(|axis, _| {
+        let mut values: Vec<f64> = vectors.iter().map(|v| v[axis]).collect();
+        values.sort_by(f64::total_cmp);
+        values[values.len() / 2]
+    })
+}
+
+fn best(fits: impl Iterator<Item = Fitted>) -> Option<Fitted> {
+    fits.min_by(|a, b| a.rms_mm.total_cmp(&b.rms_mm))
+}
+
+/// Fits again and again the rows that fit best.
+fn concentrated(
+    start: KinematicModel,
+    parameters: &[Parameter],
+    observations: &[Observation],
+) -> Option<Fitted> {
+    let mut model = start;
+    let mut found: Option<Fitted> = None;
+    for _ in 0..CONCENTRATIONS {
+        let kept = best_fitting(&model, observations, LEFT_OUT);
+        model = fit_least_squares(&model, parameters, &kept).model;
+        let next = fitted(model.clone(), &kept, parameters.len())?;
+        // a rms that falls by less than a hundredth has settled
+        let is_settled = found
+            .as_ref()
+            .is_some_and(|last| next.rms_mm > 0.99 * last.rms_mm);
+        found = best(found.into_iter().chain([next]));
+        if is_settled {
+            break;
+        }
+    }
+    found
+}
+
+/// The robot with every joint's zero free.
+#[derive(Clone, Debug)]
+pub(super) struct Zeroed {
+    /// How near it comes.
+    pub rms_mm: f64,
+    /// By how much each joint's zero is off, rad, within half a turn.
+    pub offsets_rad: Vec<f64>,
+}
+
+impl Zeroed {
+    /// The largest offset, rad.
+    pub fn largest_rad(&self) -> f64 {
+        self.offsets_rad
+            .iter()
+            .fold(0.0, |largest, o| o.abs().max(largest))
+    }
+}
+
+/// With every joint's zero free, from the robot as it stands.
+pub(super) fn quickly_with_free_zeros(
+    links: &[Link],
+    observations: &[Observation],
+    frame: Frame,
+) -> Option<Zeroed> {
+    with_zeros_from(links, observations, frame, 0, 0.0)
+}
+
+/// Thoroughly, with every joint's zero free; `enough_mm` ends the search for a better start. The last joint's zero is the target's turn, and
+/// the first one's is the base's where that is free: neither can be seen.
+pub(super) fn with_free_zeros(
+    links: &[Link],
+    observations: &[Observation],
+    frame: Frame,
+    enough_mm: f64,
+) -> Option<Zeroed> {
+    with_zeros_from(links, observations, frame, ZERO_STARTS, enough_mm)
+}
+
+fn with_zeros_from(
+    links: &[Link],
+    observations: &[Observation],
+    frame: Frame,
+    n_starts: usize,
+    enough_mm: f64,
+) -> Option<Zeroed> {
+    let first = usize::from(frame == Frame::Instrument);
+    let free = first..links.len().saturating_sub(1).max(first);
+    let mut parameters: Vec<Parameter> = free
+        .clone()
+        .map(|link| Parameter::Link(link, Quantity::ThetaOffset))
+        .collect();
+    parameters.extend(placing(frame));
+    let offset = |model: &KinematicModel, link: usize| {
+        let offset = model.links[link].theta_offset_rad - links[link].theta_offset_rad;
+        offset - TAU * (offset / TAU).round()
+    };
+    let zeroed = |fit: Fitted| Zeroed {
+        rms_mm: fit.rms_mm,
+        offsets_rad: (0..links.len())
+            .map(|link| offset(&fit.model, link))
+            .collect(),
+    };
+    let mut random = ChaCha8Rng::seed_from_u64(1);
+    let mut ends: Vec<(f64, KinematicModel)> = Vec::new();
+    for start in 0..=n_starts {
+        let widest_rad = WIDEST_RAD * start as f64 / ZERO_STARTS as f64;
+        let mut turned = links.to_vec();
+        for link in free.clone() {
+            turned[link].theta_offset_rad += widest_rad * (2.0 * random.random::<f64>() - 1.0);
+        }
+        let placed = if start == 0 {
+            starts(&turned, observations, frame)
+        } else {
+            closed_form(&turned, observations, frame)
+                .into_iter()
+                .collect()
+        };
+        for start in placed {
+            let end = fit_least_squares(&start, &parameters, observations).model;
+            ends.push((median_mm(&end, observations), end));
+        }
+        if ends.iter().any(|(median_mm, _)| *median_mm <= enough_mm) {
+            break;
+        }
+    }
+    ends.sort_by(|a, b| a.0.total_cmp(&b.0));
+    ends.truncate(ZERO_ENDS);
+    ends.into_iter()
+        .map(|(_, end)| concentrated(end, &parameters, observations).map(zeroed))
+        .fold(None, better)
+}
+
+/// The one that comes nearer; of two that come equally near, the one whose zeros are less off.
+fn better(a: Option<Zeroed>, b: Option<Zeroed>) -> Option<Zeroed> {
+    let (Some(a), Some(b)) = (&a, &b) else {
+        return a.or(b);
+    };
+    let is_b = if a.rms_mm.max(b.rms_mm) <= EQUALLY_GOOD * a.rms_mm.min(b.rms_mm) {
+        b.largest_rad() < a.largest_rad()
+    } else {
+        b.rms_mm < a.rms_mm
+    };
+    Some(if is_b { b.clone() } else { a.clone() })
+}

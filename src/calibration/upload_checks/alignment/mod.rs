@@ -1,0 +1,116 @@
+//! Whether a measurement set can have been measured on this robot as it says: the nominal robot is laid onto the points, and where it
+//! does not fit, another frame, makers' joint conventions, wrong units, columns, rows and robots are tried. A set is refused where one of
+//! these fits several times better, or where nothing comes near; an unmastered joint alone is no reason to refuse.
+
+mod affine;
+mod convention;
+mod finding;
+mod fitting;
+mod hypotheses;
+mod joint_maps;
+mod suspect;
+
+pub use finding::{BETTER, COMES_NEAR, FITS, Finding, Suspicion, UNMASTERED_RAD};
+pub use hypotheses::{Hypothesis, hypotheses};
+
+use crate::kinematics::Robot;
+use crate::measurement::{Frame, MeasurementSet};
+use finding::{observations, of_one_target_and_station};
+use fitting::{placed_thoroughly, quickly_placed, reach_mm};
+use suspect::Suspect;
+
+/// How a set looks when it arrives.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Look {
+    /// The nominal robot fits, or there are too few points to tell.
+    Fine,
+    /// It does not: rms with the best alignment, mm.
+    Off(f64),
+}
+
+/// Codes of refusals by suspicion: a caller may insist on the upload all the same.
+pub const SUSPICIONS: [&str; 6] = [
+    "unit_suspect",
+    "column_suspect",
+    "frame_suspect",
+    "joint_map_suspect",
+    "robot_mismatch",
+    "poor_alignment",
+];
+
+/// The check of every upload.
+pub fn look(robot: &Robot, set: &MeasurementSet) -> Look {
+    let observations = observations(robot, &of_one_target_and_station(set));
+    let Some(quick) = quickly_placed(&robot.links, &observations, set.frame) else {
+        return Look::Fine;
+    };
+    let fits_mm = FITS * reach_mm(&robot.links, &observations);
+    if quick.rms_mm <= fits_mm {
+        return Look::Fine;
+    }
+    match placed_thoroughly(&robot.links, &observations, set.frame) {
+        Some(found) if found.rms_mm <= fits_mm => Look::Fine,
+        Some(found) => Look::Off(found.rms_mm),
+        None => Look::Off(quick.rms_mm),
+    }
+}
+
+/// What explains a set that fits only to `off_mm`. `others` are robots that the set may have been measured on instead.
+pub fn explain(
+    robot: &Robot,
+    set: &MeasurementSet,
+    off_mm: f64,
+    others: &[(String, Robot)],
+) -> Finding {
+    let suspect = Suspect::new(robot, set, off_mm);
+    let zeros = suspect.zeros(set.frame);
+    let best = suspect.best_hypothesis(others);
+    // whatever joints that were never mastered explain nearly as well is none of the others' fault
+    let is_unmastered = |rms_mm: f64| {
+        zeros.as_ref().is_some_and(|zeros| {
+            zeros.rms_mm <= suspect.fits_mm
+                && zeros.largest_rad() <= UNMASTERED_RAD
+                && zeros.rms_mm < BETTER * rms_mm
+        })
+    };
+    let explains = |rms_mm: f64| BETTER * rms_mm <= off_mm && !is_unmastered(rms_mm);
+    let best = best.filter(|best| explains(best.rms_mm));
+    // joint 1's zero, quarter turns away, looks like a frame that is turned: frames go before zeros
+    if let Some(best) = best.as_ref().filter(|best| best.rms_mm <= suspect.fits_mm)
+        && !best.what.is_turned()
+    {
+        return Finding::Wrong(suspect.told(best, others));
+    }
+    if set.frame == Frame::Base
+        && let Some(free) = suspect
+            .in_another_frame()
+            .filter(|free| explains(free.rms_mm))
+    {
+        return suspect.frame(&free, "");
+    }
+    if let Some(best) = best.as_ref().filter(|best| best.rms_mm <= suspect.fits_mm) {
+        return Finding::Wrong(suspect.told(best, others));
+    }
+    if let Some(found) = suspect
+        .convention_and_zeros(set.frame)
+        .filter(|found| explains(found.rms_mm))
+    {
+        return Finding::Wrong(suspect.told(&found, others));
+    }
+    if let Some(best) = best.filter(|best| best.rms_mm <= suspect.near_mm) {
+        return Finding::Wrong(suspect.told(&best, others));
+    }
+    if let Some(zeros) = zeros
+        .as_ref()
+        .filter(|zeros| zeros.rms_mm <= suspect.near_mm && BETTER * zeros.rms_mm <= off_mm)
+        && let Some(finding) = suspect.unmastered(zeros)
+    {
+        return finding;
+    }
+    if set.frame == Frame::Base
+        && let Some(finding) = suspect.frame_and_joints()
+    {
+        return finding;
+    }
+    suspect.poor(zeros.as_ref())
+}

@@ -1,0 +1,412 @@
+//! A set that the nominal robot does not fit: what may be the case, how near the robot then comes, and how it is told.
+
+use super::convention::Convention;
+use super::finding::{
+    BETTER, COMES_NEAR, FITS, Finding, Suspicion, UNMASTERED_RAD, observations,
+    of_one_target_and_station,
+};
+use super::fitting::{
+    Fitted, Zeroed, placed, placed_thoroughly, quickly_placed, reach_mm, with_free_zeros,
+};
+use super::hypotheses::{Hypothesis, hypotheses};
+use super::joint_maps;
+use crate::identification::objective::Observation;
+use crate::kinematics::{JointMap, Robot};
+use crate::measurement::{Frame, MeasurementSet, Point};
+use std::collections::BTreeSet;
+
+/// Hypotheses whose rms differ by less than this factor fit equally well: the likelier one is told.
+const EQUALLY_GOOD: f64 = 2.0;
+/// Hypotheses that are fitted thoroughly, at most.
+const TRIED_THOROUGHLY: usize = 8;
+/// Fewer distinct poses than this are no reason to refuse where nothing explains a set.
+const FEWEST_POSES: usize = 5;
+/// Smaller offsets of a joint's zero are not worth naming, degrees.
+const OFFSET_DEG: f64 = 0.3;
+
+/// A set that the nominal robot does not fit.
+pub(super) struct Suspect<'a> {
+    robot: &'a Robot,
+    frame: Frame,
+    points: Vec<Point>,
+    observations: Vec<Observation>,
+    off_mm: f64,
+    /// [`FITS`] and [`COMES_NEAR`], mm.
+    pub fits_mm: f64,
+    /// See `fits_mm`.
+    pub near_mm: f64,
+}
+
+/// What may be the case, and how near the robot then comes.
+pub(super) struct Supposed {
+    pub what: What,
+    pub rms_mm: f64,
+    /// What would look the same.
+    or: Option<Hypothesis>,
+    /// With joint zeros that are off as well.
+    zeros: Option<Zeroed>,
+}
+
+pub(super) enum What {
+    File(Hypothesis),
+    Joints(Box<Convention>),
+}
+
+impl What {
+    /// True for joint zeros that are quarter turns away.
+    pub fn is_turned(&self) -> bool {
+        matches!(self, Self::Joints(convention) if convention.is_turned())
+    }
+
+    /// Of those that fit equally well the first one is told. A left-handed frame and a maker's signs look the same on most arms, and makers
+    /// count so; turned zeros are rarer than columns in another order.
+    fn rank(&self, frame: Frame) -> usize {
+        match self {
+            Self::File(Hypothesis::Units { .. }) => 0,
+            Self::File(Hypothesis::Robot(_)) => 5,
+            Self::File(Hypothesis::PositionColumns(_)) if frame == Frame::Base => 1,
+            Self::File(file) if file.is_left_handed() => 3,
+            Self::File(_) => 1,
+            Self::Joints(_) if frame == Frame::Base && self.is_turned() => 4,
+            Self::Joints(_) => 2,
+        }
+    }
+}
+
+impl<'a> Suspect<'a> {
+    pub fn new(robot: &'a Robot, set: &MeasurementSet, off_mm: f64) -> Self {
+        let points = of_one_target_and_station(set);
+        let observations = observations(robot, &points);
+        let reach_mm = reach_mm(&robot.links, &observations);
+        Self {
+            robot,
+            frame: set.frame,
+            points,
+            observations,
+            off_mm,
+            fits_mm: FITS * reach_mm,
+            near_mm: COMES_NEAR * reach_mm,
+        }
+    }
+
+    pub fn zeros(&self, frame: Frame) -> Option<Zeroed> {
+        // half of what fits: nearer than that, no other start is needed
+        with_free_zeros(
+            &self.robot.links,
+            &self.observations,
+            frame,
+            0.5 * self.fits_mm,
+        )
+    }
+
+    /// The points as they would be in an instrument's frame.
+    pub fn in_another_frame(&self) -> Option<Fitted> {
+        placed_thoroughly(&self.robot.links, &self.observations, Frame::Instrument)
+            .filter(|free| free.rms_mm <= self.fits_mm)
+    }
+
+    fn convention(&self, frame: Frame) -> Option<Supposed> {
+        let (convention, fitted) =
+            joint_maps::search(&self.robot.links, &self.observations, frame, self.fits_mm)?;
+        Some(Supposed {
+            what: What::Joints(Box::new(convention)),
+            rms_mm: fitted.rms_mm,
+            or: None,
+            zeros: None,
+        })
+    }
+
+    /// A convention that fits where joints that were never mastered are allowed for.
+    pub fn convention_and_zeros(&self, frame: Frame) -> Option<Supposed> {
+        let links = &self.robot.links;
+        let (convention, zeros) =
+            joint_maps::search_with_zeros(links, &self.observations, frame, self.fits_mm)
+                .filter(|(_, zeros)| zeros.largest_rad() <= UNMASTERED_RAD)?;
+        Some(Supposed {
+            what: What::Joints(Box::new(convention)),
+            rms_mm: zeros.rms_mm,
+            or: None,
+            zeros: Some(zeros),
+        })
+    }
+
+    /// The likeliest of those that fit best.
+    pub fn best_hypothesis(&self, others: &[(String, Robot)]) -> Option<Supposed> {
+        let mut quick: Vec<(f64, Hypothesis)> = hypotheses(self.robot.links.len(), others.len())
+            .into_iter()
+            .filter_map(|hypothesis| {
+                let (robot, observations) = self.under(&hypothesis, others);
+                Some((
+                    quickly_placed(&robot.links, &observations, self.frame)?.rms_mm,
+                    hypothesis,
+                ))
+            })
+            .collect();
+        quick.sort_by(|a, b| a.0.total_cmp(&b.0));
+        quick.truncate(TRIED_THOROUGHLY);
+        let thoroughly = |(_, hypothesis): (f64, Hypothesis)| {
+            let (robot, observations) = self.under(&hypothesis, others);
+            let rms_mm = placed(&robot.links, &observations, self.frame)?.rms_mm;
+            Some(Supposed {
+                what: What::File(hypothesis),
+                rms_mm,
+                or: None,
+                zeros: None,
+            })
+        };
+        let mut all: Vec<Supposed> = quick.into_iter().filter_map(thoroughly).collect();
+        all.extend(self.convention(self.frame));
+        let best_mm = all.iter().map(|s| s.rms_mm).fold(f64::INFINITY, f64::min);
+        all.retain(|supposed| supposed.rms_mm <= EQUALLY_GOOD * best_mm);
+        all.sort_by(|a, b| {
+            let order = a.what.rank(self.frame).cmp(&b.what.rank(self.frame));
+            order.then(a.rms_mm.total_cmp(&b.rms_mm))
+        });
+        let left_handed = all.iter().find_map(|supposed| match supposed.what {
+            What::File(file) if file.is_left_handed() => Some(file),
+            _ => None,
+        });
+        let mut likeliest = all.into_iter().next()?;
+        if matches!(likeliest.what, What::Joints(_)) {
+            likeliest.or = left_handed;
+        }
+        Some(likeliest)
+    }
+
+    fn under<'b>(
+        &'b self,
+        hypothesis: &Hypothesis,
+        others: &'b [(String, Robot)],
+    ) -> (&'b Robot, Vec<Observation>) {
+        let robot = hypothesis
+            .robot()
+            .map_or(self.robot, |index| &others[index].1);
+        (
+            robot,
+            observations(robot, &hypothesis.applied(&self.points)),
+        )
+    }
+
+    /// In words.
+    pub fn told(&self, supposed: &Supposed, others: &[(String, Robot)]) -> Suspicion {
+        let (off_mm, found_mm) = (mm(self.off_mm), mm(supposed.rms_mm));
+        let as_it_is = format!(
+            "as it is, the nominal robot fits these points only to {off_mm} mm (rms, best alignment)"
+        );
+        match &supposed.what {
+            What::File(hypothesis) => {
+                let names: Vec<&str> = others.iter().map(|(name, _)| name.as_str()).collect();
+                let (words, hint) = (hypothesis.words(&names), hypothesis.hint());
+                suspicion(
+                    hypothesis.code(),
+                    hypothesis.columns(),
+                    format!("{as_it_is}; if {words}, it fits to {found_mm} mm: {hint}"),
+                )
+            }
+            What::Joints(convention) => {
+                let map = convention.joint_map(self.robot);
+                let map_text = in_words(&map);
+                let off = supposed.zeros.as_ref().and_then(offsets);
+                let also = off.map_or(String::new(), |off| {
+                    format!(" and joint values are off by {off}")
+                });
+                let words = convention.words() + &also;
+                let or = supposed.or.map_or(String::new(), |or| {
+                    let words = match self.frame {
+                        Frame::Base => or.words(&[]),
+                        Frame::Instrument => "the file's frame is left-handed".into(),
+                    };
+                    format!(". It fits as well if {words}: then export in a right-handed frame")
+                });
+                let sees_last_direction = supposed.zeros.is_some()
+                    || self.sees_last_direction(convention, supposed.rms_mm);
+                let unseen = match sees_last_direction {
+                    true => String::new(),
+                    false => format!(
+                        ". Which way joint {} counts cannot be seen in these points: look at the controller",
+                        self.robot.links.len()
+                    ),
+                };
+                let detail = format!(
+                    "{as_it_is}; if {words}, it fits to {found_mm} mm: if the controller counts so, the robot's joint_map is {map_text}{unseen}{or}"
+                );
+                Suspicion {
+                    joint_map: Some(map),
+                    ..suspicion("joint_map_suspect", Some(convention.columns()), detail)
+                }
+            }
+        }
+    }
+
+    /// Whether the points would fit worse if the last joint counted the other way round.
+    fn sees_last_direction(&self, convention: &Convention, rms_mm: f64) -> bool {
+        let other = convention
+            .with_last_reversed()
+            .observations(&self.observations);
+        placed(&self.robot.links, &other, self.frame)
+            .is_none_or(|other| other.rms_mm > EQUALLY_GOOD * rms_mm)
+    }
+
+    /// Positions in another frame: refused where they are far off, else the base frame is known badly.
+    pub fn frame(&self, free: &Fitted, also: &str) -> Finding {
+        let base = &free.model.t_instrument_base;
+        let (at, turned_deg) = (base.translation.vector, base.rotation.angle().to_degrees());
+        let detail = format!(
+            "read in the robot's base frame, the nominal robot fits these points only to {} mm (rms); in another frame{also} it fits to {} mm, \
+             with the robot's base at ({:.0}, {:.0}, {:.0}) mm, turned by {turned_deg:.1}°",
+            mm(self.off_mm),
+            mm(free.rms_mm),
+            at.x,
+            at.y,
+            at.z
+        );
+        if self.off_mm <= self.near_mm {
+            return Finding::Odd {
+                code: "frame_suspect",
+                detail: format!(
+                    "{detail}: check the base frame, or read them with ?frame=instrument"
+                ),
+            };
+        }
+        let detail = format!(
+            "{detail}: these are positions in the instrument's frame; read them with ?frame=instrument"
+        );
+        Finding::Wrong(suspicion("frame_suspect", None, detail))
+    }
+
+    /// Another frame, and joints that are off or counted otherwise as well.
+    pub fn frame_and_joints(&self) -> Option<Finding> {
+        let free = placed(&self.robot.links, &self.observations, Frame::Instrument)?;
+        let with = |rms_mm: f64| Fitted {
+            rms_mm,
+            model: free.model.clone(),
+        };
+        let fits = |rms_mm: f64| rms_mm <= self.fits_mm && BETTER * rms_mm <= self.off_mm;
+        if let Some(zeros) = self
+            .zeros(Frame::Instrument)
+            .filter(|zeros| fits(zeros.rms_mm))
+        {
+            let also = format!(
+                ", and with joint values that are off by {}",
+                offsets(&zeros)?
+            );
+            return Some(self.frame(&with(zeros.rms_mm), &also));
+        }
+        let supposed = self
+            .convention(Frame::Instrument)
+            .filter(|found| fits(found.rms_mm))
+            .or_else(|| self.convention_and_zeros(Frame::Instrument))
+            .filter(|found| fits(found.rms_mm))?;
+        let What::Joints(convention) = &supposed.what else {
+            return None;
+        };
+        let off = supposed.zeros.as_ref().and_then(offsets);
+        let off = off.map_or(String::new(), |off| {
+            format!(", with joint values that are off by {off}")
+        });
+        let also = format!(", and if {}{off}", convention.words());
+        Some(self.frame(&with(supposed.rms_mm), &also))
+    }
+
+    /// Joints that were never mastered: a remark that names them.
+    pub fn unmastered(&self, zeros: &Zeroed) -> Option<Finding> {
+        let detail = format!(
+            "the nominal robot fits these points only to {} mm; with joint values that are off by {} it fits to {} mm: an unmastered joint?",
+            mm(self.off_mm),
+            offsets(zeros)?,
+            mm(zeros.rms_mm)
+        );
+        Some(Finding::Odd {
+            code: "joint_offset_suspect",
+            detail,
+        })
+    }
+
+    /// Distinct poses of the arm: what repeats one says nothing more of the robot.
+    fn n_poses(&self) -> usize {
+        let poses: BTreeSet<Vec<u64>> = self
+            .observations
+            .iter()
+            .map(|o| o.q_rad.iter().map(|q| q.to_bits()).collect())
+            .collect();
+        poses.len()
+    }
+
+    /// Nothing explains it.
+    pub fn poor(&self, zeros: Option<&Zeroed>) -> Finding {
+        let nearest_mm = zeros.map_or(self.off_mm, |zeros| zeros.rms_mm.min(self.off_mm));
+        let detail = format!(
+            "the nominal robot fits these points only to {} mm (rms, best alignment), with other joint zeros to {} mm; right data fit \
+             to {} mm",
+            mm(self.off_mm),
+            mm(nearest_mm),
+            mm(self.fits_mm)
+        );
+        if zeros.is_none() || nearest_mm <= self.fits_mm || self.n_poses() < FEWEST_POSES {
+            return Finding::Odd {
+                code: "poor_alignment",
+                detail,
+            };
+        }
+        let detail = format!(
+            "{detail}, and no other frame, unit, order of columns or joint convention does better: is it this robot, and do the joint values and \
+             the position of each row belong together?"
+        );
+        Finding::Wrong(suspicion("poor_alignment", None, detail))
+    }
+}
+
+fn suspicion(code: &'static str, columns: Option<String>, detail: String) -> Suspicion {
+    Suspicion {
+        code,
+        columns,
+        detail,
+        joint_map: None,
+    }
+}
+
+/// A length in words: a tenth of a millimetre, or three digits of what is smaller.
+fn mm(length_mm: f64) -> String {
+    let digits = [10.0, 1.0, 0.1, 0.01]
+        .iter()
+        .filter(|from| length_mm < **from)
+        .count();
+    format!("{length_mm:.0$}", digits + 1)
+}
+
+/// The joints whose zeros are off, with by how much.
+fn offsets(zeros: &Zeroed) -> Option<String> {
+    let words: Vec<String> = zeros
+        .offsets_rad
+        .iter()
+        .zip(1..)
+        .map(|(offset_rad, joint)| (offset_rad.to_degrees(), joint))
+        .filter(|(offset_deg, _)| offset_deg.abs() > OFFSET_DEG)
+        .map(|(offset_deg, joint)| format!("{offset_deg:+.2}° (joint {joint})"))
+        .collect();
+    (!words.is_empty()).then(|| words.join(", "))
+}
+
+/// A joint map as it stands in a robot's JSON.
+fn in_words(map: &JointMap) -> String {
+    let list = |values: &mut dyn Iterator<Item = f64>| {
+        let numbers: Vec<String> = values.map(|value| format!("{value}")).collect();
+        format!("[{}]", numbers.join(", "))
+    };
+    let rows: Vec<String> = map
+        .coupling
+        .row_iter()
+        .map(|row| list(&mut row.iter().copied()))
+        .collect();
+    format!(
+        "{{\"sign\": {}, \"offset_deg\": {}, \"coupling\": [{}]}}",
+        list(&mut map.sign.iter().copied()),
+        list(&mut map.offset_rad.iter().map(|offset| rounded_deg(*offset))),
+        rows.join(", ")
+    )
+}
+
+/// Degrees, without the last digits that radians leave.
+fn rounded_deg(rad: f64) -> f64 {
+    (rad.to_degrees() * 1e9).round() / 1e9
+}

@@ -1,0 +1,136 @@
+//! What can be said of a measurement set when it arrives. Remarks only: a set that is too small to identify from may still verify,
+//! and what is said of that is what a job of kind verify would say.
+
+pub mod alignment;
+
+use crate::calibration::report::FEWEST_TO_PROVE;
+use crate::calibration::report::Warning;
+use crate::calibration::upload_checks::alignment::{Look, look};
+use crate::calibration::validation::coverage;
+use crate::calibration::validation::verify::{FEW_RESIDUALS, too_small_to_verify};
+use crate::calibration::{CalibrationRequest, Error, check};
+use crate::kinematics::Robot;
+use crate::measurement::{Frame, MeasurementSet, Point, split};
+use std::collections::BTreeSet;
+
+/// Remarks on a set of `robot`, for its summary.
+pub fn warnings(robot: &Robot, set: &MeasurementSet) -> Vec<Warning> {
+    let mut warnings = Vec::new();
+    warnings.extend(too_small(robot, set));
+    warnings.extend(duplicates(set));
+    warnings.extend(still_joints(set));
+    warnings.extend(narrow_cloud(robot, set));
+    if split::has_column(set)
+        && let Err(error) = split::by_column(set)
+    {
+        warnings.push(Warning {
+            code: "bad_subset",
+            detail: error.to_string(),
+            rows: vec![],
+        });
+    }
+    warnings
+}
+
+fn warning(code: &'static str, detail: String) -> Warning {
+    Warning {
+        code,
+        detail,
+        rows: vec![],
+    }
+}
+
+/// What a default job would be refused for, if it is a lack of equations, and what the set can serve for all the same.
+fn too_small(robot: &Robot, set: &MeasurementSet) -> Option<Warning> {
+    let request = CalibrationRequest::new(robot.clone(), set.clone());
+    let Err(Error::Unusable {
+        code: "under_determined",
+        detail,
+    }) = check(&request)
+    else {
+        return None;
+    };
+    if let Look::Off(rms_mm) = look(robot, set) {
+        let detail = format!(
+            "kept, but too small to identify from, and as it was read it does not fit this robot ({rms_mm:.1} mm rms): a job of kind verify would find \
+             that, and the robot would have to be checked: {detail}"
+        );
+        return Some(warning("under_determined", detail));
+    }
+    let serves = match (too_small_to_verify(&request), set.frame) {
+        ([_, None], frame) => {
+            let n_placed = match frame {
+                Frame::Instrument => 6 + 3 * set.n_targets(),
+                Frame::Base => 0,
+            };
+            let needed = (FEW_RESIDUALS * n_placed).div_ceil(3).max(FEWEST_TO_PROVE);
+            let n_configurations = set.configurations().len();
+            let enough = 3 * set.points.len() >= FEW_RESIDUALS * n_placed && n_configurations >= FEWEST_TO_PROVE;
+            match enough {
+                true => "kept: too small to identify from, it can serve to verify (a job of kind verify)".into(),
+                false => format!(
+                    "kept: too small to identify from; a job of kind verify scores a parameter set on it, but so few points are no evidence for a \
+                     release: {needed} configurations are"
+                ),
+            }
+        }
+        ([None, Some(_)], Frame::Base) => {
+            "kept: too small to identify from, and to verify a parameter set on whose base and target are fitted anew, as those of model \
+             complete are; it can serve to verify one of model paper that was identified in the base frame (a job of kind verify)"
+                .into()
+        }
+        ([_, Some(why)], _) => {
+            format!("kept, but too small to identify from and to verify on: to verify, {why}; to identify")
+        }
+    };
+    Some(warning("under_determined", format!("{serves}: {detail}")))
+}
+
+fn duplicates(set: &MeasurementSet) -> Option<Warning> {
+    // one pose of the arm is one configuration, by the file or by joint values that agree; and who labels equal poses apart repeats them too
+    let (mut poses, mut values) = (BTreeSet::new(), BTreeSet::new());
+    let mut is_new = |p: &Point| {
+        let value: Vec<i64> = p.q_rad.iter().map(|q| (q * 1e5).round() as i64).collect();
+        let (pose, value) = (
+            poses.insert((p.target, p.configuration.clone())),
+            values.insert((p.target, value)),
+        );
+        pose && value
+    };
+    let rows: Vec<usize> = set
+        .points
+        .iter()
+        .enumerate()
+        .filter(|(_, p)| !is_new(p))
+        .map(|(row, _)| row)
+        .collect();
+    let detail = format!(
+        "{} rows repeat the joint values of an earlier row; they tell about repeatability, not about the robot's geometry",
+        rows.len()
+    );
+    (!rows.is_empty()).then_some(Warning {
+        code: "duplicate_poses",
+        detail,
+        rows,
+    })
+}
+
+fn still_joints(set: &MeasurementSet) -> Option<Warning> {
+    let still: Vec<String> = coverage::still_joints(set)
+        .into_iter()
+        .map(|(joint, range_rad)| format!("{} ({:.1}°)", joint + 1, range_rad.to_degrees()))
+        .collect();
+    let detail = format!(
+        "joints that move less than 20° over the whole set: {}; their parameters will be uncertain",
+        still.join(", ")
+    );
+    (!still.is_empty()).then(|| warning("joint_hardly_moves", detail))
+}
+
+fn narrow_cloud(robot: &Robot, set: &MeasurementSet) -> Option<Warning> {
+    let (spread_mm, reach_mm) = coverage::narrow_cloud_mm(robot, set)?;
+    let detail = format!(
+        "the points lie within {spread_mm:.0} mm (rms) of their centre, the arm reaches {reach_mm:.0} mm; spread the poses evenly over the workspace"
+    );
+    Some(warning("poses_not_spread", detail))
+}

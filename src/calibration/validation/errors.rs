@@ -1,0 +1,81 @@
+//! Position errors of a robot at measured points.
+
+use crate::calibration::preparation::observe::Observed;
+use crate::calibration::report::{Errors, PointErrors};
+use crate::identification::KinematicModel;
+use crate::identification::corrected::IdentifiedRobot;
+use crate::identification::objective::{Observation, residuals};
+use nalgebra::Vector3;
+
+/// Mean, standard deviation, rms and largest of |residual|; `None` for no points.
+pub fn errors(model: &KinematicModel, observations: &[Observation]) -> Option<Errors> {
+    statistics(
+        &residuals(model, observations)
+            .iter()
+            .map(Vector3::norm)
+            .collect::<Vec<f64>>(),
+    )
+}
+
+/// As [`errors`], of a robot with corrections.
+pub fn corrected_errors(robot: &IdentifiedRobot, observations: &[Observation]) -> Option<Errors> {
+    let size = |o: &Observation| (o.position_mm - robot.position(&o.q_rad, o.target)).norm();
+    statistics(&observations.iter().map(size).collect::<Vec<f64>>())
+}
+
+fn statistics(sizes: &[f64]) -> Option<Errors> {
+    if sizes.is_empty() {
+        return None;
+    }
+    let n = sizes.len() as f64;
+    let mean_mm = sizes.iter().sum::<f64>() / n;
+    let rms_mm = (sizes.iter().map(|e| e * e).sum::<f64>() / n).sqrt();
+    let std_mm = (sizes
+        .iter()
+        .map(|e| (e - mean_mm) * (e - mean_mm))
+        .sum::<f64>()
+        / n)
+        .sqrt();
+    Some(Errors {
+        mean_mm,
+        std_mm,
+        rms_mm,
+        max_mm: sizes.iter().fold(0.0, |m, e| m.max(*e)),
+    })
+}
+
+/// Every point's error before and after: of two robots, each with the points as they are laid out for it; and with corrections, of the second
+/// robot with those that it has.
+pub fn per_point(
+    (observed, before): (&Observed, &KinematicModel),
+    (observed_after, after): (&Observed, &KinematicModel),
+    robot: Option<&IdentifiedRobot>,
+) -> Vec<PointErrors> {
+    let (before, after) = (
+        residuals(before, &observed.all),
+        residuals(after, &observed_after.all),
+    );
+    let corrected = |i: usize| {
+        let o = &observed_after.all[i];
+        robot.map(|robot| {
+            if robot.corrected.is_some() {
+                o.position_mm - robot.position(&o.q_rad, o.target)
+            } else {
+                after[i]
+            }
+        })
+    };
+    (0..observed.all.len())
+        .map(|i| PointErrors {
+            configuration: observed.configurations[i].clone(),
+            target: observed.targets[i],
+            subset: observed.subsets[i],
+            before_mm: before[i].norm(),
+            after_mm: after[i].norm(),
+            position_mm: observed.positions_mm[i],
+            before_vector_mm: before[i],
+            after_vector_mm: after[i],
+            corrected_vector_mm: corrected(i),
+        })
+        .collect()
+}

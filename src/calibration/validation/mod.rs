@@ -1,0 +1,12 @@
+//! What points that were not fitted say: errors, verification, sessions, repeated rows.
+
+pub mod coverage;
+pub mod errors;
+pub mod repeatability;
+pub mod repeated_rows;
+pub mod rescoring;
+pub mod robust_comparison;
+pub mod session_fit;
+pub mod verdict;
+pub mod verification_set;
+pub mod verify;

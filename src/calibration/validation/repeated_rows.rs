@@ -1,0 +1,259 @@
+//! Which rows of an upload repeat an earlier upload, and so are no new measurement: a file that is uploaded again, rounded, carried into another
+//! frame, or with a little noise added.
+//!
+//! Rows that repeat an earlier row's pose are a new measurement only where the noise shows it. What a rigid motion explains is taken away first:
+//! an instrument that stands elsewhere shows nothing, for a file is as easily moved.
+//! - The noise of the joint readings: a robot that returns to a pose reads a few thousandths of a degree otherwise, and its positions follow
+//!   these readings. Noise that is added to a file does not.
+//! - The noise of the positions: a point that was off by chance is nearer the next time, so that what changed between two measurements runs
+//!   against the residuals of each. Noise that is added to a copy has nothing to do with the residuals of the original, and a copy that is only
+//!   moved has none.
+//!
+//! Where neither shows, the two cannot be told apart, and the rows count as repeated.
+
+use crate::calibration::validation::session_fit::{fitted_as_well_as_can_be, reach_mm};
+use crate::identification::KinematicModel;
+use crate::identification::objective::Observation;
+use crate::identification::start::align_in_closed_form;
+use crate::kinematics::Robot;
+use crate::measurement::{Frame, MeasurementSet, Point};
+use nalgebra::{IsometryMatrix3, Matrix3, Point3, Rotation3, Translation3, Vector3};
+use std::f64::consts::TAU;
+
+/// Joint values closer than this in every joint are the same pose, rad (0.02°): controllers return to a pose and read it to 0.01°. A joint near the
+/// reflector may differ by more, as long as it moves the reflector no further than this turns the whole arm.
+const SAME_POSE_RAD: f64 = 3.5e-4;
+/// Joint readings closer than this are the same reading, written down once more, rad.
+const SAME_READING_RAD: f64 = 1e-9;
+/// A session that repeats more than this share of its rows is not measured anew: a home pose may recur.
+const MAX_REPEATED: f64 = 0.1;
+/// Fewer repeated rows show no noise.
+const FEWEST_ROWS: usize = 10;
+/// Rows that the robot is laid onto, at most, evenly from the whole set.
+const MAX_FITTED: usize = 2_000;
+/// A joint is turned by this to see how far it moves the reflector, rad.
+const STEP_RAD: f64 = 1e-4;
+/// Positions follow the readings: the regression of the one on the other has at least this slope (1 were the readings free of noise).
+const FOLLOWS: f64 = 0.5;
+/// What shows is so many standard errors from nothing: by chance once in some millions.
+const SIGNIFICANT: f64 = 5.0;
+/// A row counts for no more than this many times the median: one outlier that was measured again does not show that all were.
+const CLIPPED: f64 = 3.0;
+
+/// Whether `later` was measured anew, and is not `earlier` once more: at most one row in ten repeats it.
+pub fn is_anew(robot: &Robot, earlier: &MeasurementSet, later: &MeasurementSet) -> bool {
+    let n_repeated = repeated_rows(robot, earlier, later).len();
+    n_repeated as f64 <= MAX_REPEATED * later.points.len() as f64
+}
+
+/// The rows of `later` that repeat a row of `earlier`, where nothing shows that they were measured anew.
+pub fn repeated_rows(
+    robot: &Robot,
+    earlier: &MeasurementSet,
+    later: &MeasurementSet,
+) -> Vec<usize> {
+    let Some(placed) = placed(robot, later) else {
+        return Vec::new(); // too few rows to lay the robot onto
+    };
+    let mut pairs = same_poses(robot, &placed, earlier, later);
+    if pairs.len() >= FEWEST_ROWS {
+        let t_later_earlier = rigid_motion(&pairs);
+        for pair in &mut pairs {
+            let moved = t_later_earlier * Point3::from(pair.earlier.position_mm);
+            pair.difference_mm = pair.later.position_mm - moved.coords;
+        }
+        let (same, reread): (Vec<Pair<'_>>, Vec<Pair<'_>>) = pairs
+            .into_iter()
+            .partition(|pair| pair.reading_rad <= SAME_READING_RAD);
+        let is_reread = positions_follow_readings(&reread);
+        pairs = same;
+        pairs.extend(reread.into_iter().filter(|_| !is_reread));
+        if noise_is_new(robot, (earlier, later), &t_later_earlier.rotation, &pairs) {
+            return Vec::new();
+        }
+    }
+    let mut rows: Vec<usize> = pairs.iter().map(|pair| pair.row).collect();
+    rows.sort_unstable();
+    rows
+}
+
+/// A row and the earlier one whose pose it repeats.
+struct Pair<'a> {
+    row: usize,
+    earlier: &'a Point,
+    later: &'a Point,
+    /// Largest difference of a joint value.
+    reading_rad: f64,
+    /// How far the difference of the joint values moves the reflector.
+    predicted_mm: Vector3<f64>,
+    /// How far it moved, without the rigid motion.
+    difference_mm: Vector3<f64>,
+}
+
+fn observations(robot: &Robot, set: &MeasurementSet) -> Vec<Observation> {
+    let step = set.points.len().div_ceil(MAX_FITTED).max(1);
+    let observation = |p: &Point| Observation {
+        q_rad: robot.q_model_rad(&p.q_rad),
+        position_mm: p.position_mm,
+        target: p.target,
+        weight: 1.0,
+    };
+    set.points.iter().step_by(step).map(observation).collect()
+}
+
+/// The nominal robot on the set.
+fn placed(robot: &Robot, set: &MeasurementSet) -> Option<KinematicModel> {
+    let is_base_known = set.frame == Frame::Base;
+    let observations = observations(robot, set);
+    align_in_closed_form(&robot.links, &observations, set.n_targets(), is_base_known)
+}
+
+/// Each row of `later` with the nearest earlier row of the same target and the same pose, where there is one.
+fn same_poses<'a>(
+    robot: &Robot,
+    placed: &KinematicModel,
+    earlier: &'a MeasurementSet,
+    later: &'a MeasurementSet,
+) -> Vec<Pair<'a>> {
+    let same_mm = SAME_POSE_RAD * reach_mm(&robot.links);
+    let position = |q_rad: &[f64], target| placed.position(&robot.q_model_rad(q_rad), target);
+    let known = earlier
+        .points
+        .iter()
+        .filter(|p| p.target < placed.targets_mm.len());
+    // by where the reflector is along one axis: a joint that is off by what counts as the same moves it by no more than that
+    let mut known: Vec<(f64, &Point)> =
+        known.map(|p| (position(&p.q_rad, p.target).x, p)).collect();
+    known.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let mut pairs = Vec::new();
+    for (row, point) in later.points.iter().enumerate() {
+        let here = position(&point.q_rad, point.target);
+        let lever_mm = |joint: usize| {
+            let mut q_rad = point.q_rad.clone();
+            q_rad[joint] += STEP_RAD;
+            (position(&q_rad, point.target) - here).norm() / STEP_RAD
+        };
+        let levers_mm: Vec<f64> = (0..point.q_rad.len()).map(lever_mm).collect();
+        let width_mm = 2.0 * same_mm * levers_mm.len() as f64;
+        let begin = known.partition_point(|(x, _)| *x < here.x - width_mm);
+        let nearest = known[begin..]
+            .iter()
+            .take_while(|(x, _)| *x <= here.x + width_mm)
+            .filter(|(_, other)| other.target == point.target)
+            .map(|(_, other)| {
+                let apart = apart_rad(&other.q_rad, &point.q_rad);
+                let moved = apart.iter().zip(&levers_mm).map(|(rad, mm)| rad * mm);
+                (moved.fold(0.0, f64::max), apart, *other)
+            })
+            .min_by(|a, b| a.0.total_cmp(&b.0));
+        if let Some((_, apart, earlier)) = nearest.filter(|(moved_mm, ..)| *moved_mm <= same_mm) {
+            pairs.push(Pair {
+                row,
+                earlier,
+                later: point,
+                reading_rad: apart.into_iter().fold(0.0, f64::max),
+                predicted_mm: here - position(&earlier.q_rad, point.target),
+                difference_mm: Vector3::zeros(),
+            });
+        }
+    }
+    pairs
+}
+
+/// Difference of each joint, whole turns apart.
+fn apart_rad(a: &[f64], b: &[f64]) -> Vec<f64> {
+    let apart = |(a, b): (&f64, &f64)| {
+        let difference = (a - b).abs();
+        (difference - TAU * (difference / TAU).round()).abs()
+    };
+    a.iter().zip(b).map(apart).collect()
+}
+
+/// The rotation and shift of the earlier positions that leave the smallest sum of squares [Arun 1987; Kabsch 1978].
+fn rigid_motion(pairs: &[Pair<'_>]) -> IsometryMatrix3<f64> {
+    let n = pairs.len() as f64;
+    let centre =
+        |of: &dyn Fn(&Pair<'_>) -> Vector3<f64>| pairs.iter().map(of).sum::<Vector3<f64>>() / n;
+    let from = centre(&|pair| pair.earlier.position_mm);
+    let to = centre(&|pair| pair.later.position_mm);
+    let correlation: Matrix3<f64> = pairs
+        .iter()
+        .map(|pair| (pair.later.position_mm - to) * (pair.earlier.position_mm - from).transpose())
+        .sum();
+    let svd = correlation.svd(true, true);
+    let rotation = match (svd.u, svd.v_t) {
+        (Some(u), Some(v_t)) => {
+            let signs = Vector3::new(1.0, 1.0, (u * v_t).determinant().signum());
+            Rotation3::from_matrix_unchecked(u * Matrix3::from_diagonal(&signs) * v_t)
+        }
+        _ => Rotation3::identity(),
+    };
+    IsometryMatrix3::from_parts(Translation3::from(to - rotation * from), rotation)
+}
+
+/// Whether the positions follow the joint readings from one visit of a pose to the next.
+fn positions_follow_readings(pairs: &[Pair<'_>]) -> bool {
+    if pairs.len() < FEWEST_ROWS {
+        return false;
+    }
+    let vectors: Vec<(Vector3<f64>, Vector3<f64>)> = pairs
+        .iter()
+        .map(|pair| (pair.predicted_mm, pair.difference_mm))
+        .collect();
+    let (slope, standard_error) = regression(&vectors);
+    slope >= FOLLOWS && slope >= SIGNIFICANT * standard_error
+}
+
+/// Whether what changed runs against the residuals of both measurements. `r_later_earlier` turns from the earlier frame to the later one.
+fn noise_is_new(
+    robot: &Robot,
+    (earlier, later): (&MeasurementSet, &MeasurementSet),
+    r_later_earlier: &Rotation3<f64>,
+    pairs: &[Pair<'_>],
+) -> bool {
+    if pairs.len() < FEWEST_ROWS {
+        return false;
+    }
+    let fitted = |set| fitted_as_well_as_can_be(&robot.links, &observations(robot, set));
+    let (Some(before), Some(after)) = (fitted(earlier), fitted(later)) else {
+        return false;
+    };
+    let residual = |model: &KinematicModel, point: &Point| {
+        point.position_mm - model.position(&robot.q_model_rad(&point.q_rad), point.target)
+    };
+    let of_pairs =
+        |vector: &dyn Fn(&Pair<'_>) -> Vector3<f64>| clipped(pairs.iter().map(vector).collect());
+    let before = of_pairs(&|pair| r_later_earlier * residual(&before, pair.earlier));
+    let after = of_pairs(&|pair| residual(&after, pair.later));
+    let change = of_pairs(&|pair| pair.difference_mm - pair.predicted_mm);
+    let runs_against = |residuals: Vec<Vector3<f64>>, sign: f64| {
+        let change = change.iter().map(|v| v * sign);
+        let (slope, standard_error) =
+            regression(&residuals.into_iter().zip(change).collect::<Vec<_>>());
+        slope <= -SIGNIFICANT * standard_error
+    };
+    runs_against(before, 1.0) && runs_against(after, -1.0)
+}
+
+/// No vector longer than [`CLIPPED`] times the median.
+fn clipped(vectors: Vec<Vector3<f64>>) -> Vec<Vector3<f64>> {
+    let mut lengths: Vec<f64> = vectors.iter().map(Vector3::norm).collect();
+    lengths.sort_by(f64::total_cmp);
+    let longest = CLIPPED * lengths[lengths.len() / 2];
+    vectors
+        .into_iter()
+        .map(|v| v * (longest / v.norm()).min(1.0))
+        .collect()
+}
+
+/// Slope of the second vectors on the first ones, and its standard error; not numbers where the first ones are zero.
+fn regression(vectors: &[(Vector3<f64>, Vector3<f64>)]) -> (f64, f64) {
+    let squares: f64 = vectors.iter().map(|(x, _)| x.norm_squared()).sum();
+    let slope = vectors.iter().map(|(x, y)| x.dot(y)).sum::<f64>() / squares;
+    let left: f64 = vectors
+        .iter()
+        .map(|(x, y)| (y - x * slope).norm_squared())
+        .sum();
+    let degrees_of_freedom = (3 * vectors.len() - 1) as f64;
+    (slope, (left / degrees_of_freedom / squares).sqrt())
+}

@@ -1,0 +1,53 @@
+//! A parameter set on the points that another one was verified on: what a release compares.
+
+use crate::calibration::preparation::observe::observe;
+use crate::calibration::report::PointErrors;
+use crate::calibration::request::{CalibrationRequest, VerifySource};
+use crate::calibration::validation::verify::verify;
+use crate::calibration::{Error, unusable};
+use crate::identification::corrected::IdentifiedRobot;
+use crate::measurement::{MeasurementSet, Subset};
+use std::ops::ControlFlow;
+
+/// Each verify point's error of another robot, mm, for a request whose verify points are of its own upload. As for the robot that the request
+/// identified, base and targets are not placed by the verify points alone: here by all points of the upload.
+///
+/// # Errors
+/// As [`verify`].
+pub fn errors_on_verify_subset_mm(
+    request: &CalibrationRequest,
+    robot: &IdentifiedRobot,
+) -> Result<Vec<f64>, Error> {
+    let subsets = observe(request)?.subsets;
+    let errors = errors_mm(request, &request.set, robot)?.into_iter();
+    let of_verify = errors.zip(subsets).filter(|(_, s)| *s == Subset::Verify);
+    Ok(of_verify.map(|(error, _)| error).collect())
+}
+
+/// Each point's error, mm, of a robot on all points of `set`, base and targets placed anew as [`verify`] does it: of links alone or with
+/// corrections, whichever are larger.
+///
+/// # Errors
+/// As [`verify`].
+pub fn errors_mm(
+    request: &CalibrationRequest,
+    set: &MeasurementSet,
+    robot: &IdentifiedRobot,
+) -> Result<Vec<f64>, Error> {
+    let request = CalibrationRequest {
+        set: set.clone(),
+        verify: VerifySource::Default,
+        ..request.clone()
+    };
+    let report = verify(&request, Some(robot), &mut |_| ControlFlow::Continue(()))?;
+    let verify = report
+        .verify
+        .ok_or_else(|| unusable("under_determined", "there are no points to verify on"))?;
+    let is_links = verify.worse() == verify.after;
+    Ok(report
+        .per_point
+        .iter()
+        .map(PointErrors::to_judge)
+        .map(|[_, links, corrected]| if is_links { links } else { corrected })
+        .collect())
+}

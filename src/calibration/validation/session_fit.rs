@@ -1,0 +1,219 @@
+//! Whether a session fits the robot at all, before anything is said of the parameter set that is scored on it.
+//!
+//! A file in a wrong frame, of another robot, or measured after a collision says nothing about a parameter set: which of two errors of metres is
+//! the smaller one is chance. What a robot that fits may miss is known from the set's own identification: both the set and the nominal robot
+//! were scored there on points that were held out. Whatever is known of the set, and however few the points are: what misses by more than a
+//! share of the robot's reach ([`FITS`]) does not fit.
+
+use crate::calibration::upload_checks::alignment::FITS;
+use crate::identification::KinematicModel;
+use crate::identification::estimate::estimate;
+use crate::identification::objective::Observation;
+use crate::identification::parameters::complete_parameters;
+use crate::identification::problem::Problem;
+use crate::identification::start::fit_base_and_targets;
+use crate::kinematics::{Link, Robot, t_base_flange};
+use nalgebra::Vector3;
+use std::ops::ControlFlow;
+
+/// A set that is any good misses another session by less than this many times what it missed its own held-out points by: an order of magnitude.
+const FAR: f64 = 10.0;
+/// What the nominal robot misses depends on the poses; between two sessions of one robot by less than this factor.
+const AS_BEFORE: f64 = 2.0;
+/// No robot returns to a pose, and no tracker measures it, to better than this share of the robot's reach: what is smaller is no yardstick.
+const FINEST: f64 = 1e-5;
+/// rms over median of the length of a 3-D normal error: √3 over 1.5382. A median is not moved by a few outliers.
+const RMS_OVER_MEDIAN: f64 = 1.126;
+/// Equations for each number, below which a fit of the session says nothing of its scatter.
+const EQUATIONS_PER_NUMBER: usize = 2;
+
+/// What a parameter set missed the points by that it was verified on when it was identified, rms, mm.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HeldOut {
+    /// Of the nominal robot.
+    pub nominal_rms_mm: f64,
+    /// Of the parameter set.
+    pub identified_rms_mm: f64,
+}
+
+/// How a session and a parameter set fit together.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SessionFit {
+    /// The set fits the session about as it should.
+    Fits,
+    /// The set is far off, and the nominal robot fits as before: this speaks against the set.
+    SetFarOff,
+    /// Neither fits: this speaks about the file or the robot, and not about the set.
+    DoesNotFit,
+}
+
+/// How they fit. `errors_mm` are each point's errors of the nominal robot, of the set's links, and of its links with corrections.
+pub fn session_fit(
+    errors_mm: &[[f64; 3]],
+    held_out: Option<&HeldOut>,
+    robot: &Robot,
+    own_scatter_mm: impl FnOnce() -> f64,
+) -> SessionFit {
+    let typical = |of: usize| typical_mm(errors_mm.iter().map(|errors| errors[of]));
+    let set_mm = typical(1).max(typical(2));
+    let farthest_mm = FITS * reach_mm(&robot.links);
+    if set_mm.min(typical(0)) > farthest_mm {
+        return SessionFit::DoesNotFit;
+    }
+    let Some(held_out) = held_out else {
+        return match set_mm > farthest_mm {
+            true => SessionFit::SetFarOff,
+            false => SessionFit::Fits,
+        };
+    };
+    let finest_mm = FINEST * reach_mm(&robot.links);
+    let nominal_mm = held_out.nominal_rms_mm.max(finest_mm);
+    let expected_mm = held_out.identified_rms_mm.max(finest_mm);
+    if set_mm <= FAR * expected_mm {
+        return SessionFit::Fits;
+    }
+    // A session that scatters by far more than the set missed its held-out points by cannot tell a good set from a bad one: a coarse
+    // instrument, rounded joint values or play. A file that nothing fits has no scatter of its own that could explain it.
+    let scatter_mm = own_scatter_mm().min(nominal_mm);
+    if set_mm <= FAR * scatter_mm {
+        SessionFit::DoesNotFit
+    } else if typical(0) <= AS_BEFORE * nominal_mm {
+        SessionFit::SetFarOff
+    } else {
+        SessionFit::DoesNotFit
+    }
+}
+
+/// Whether the nominal robot fits the points, its targets placed anew where they are in its base frame. `n_refitted` numbers of base and targets
+/// were already fitted to them.
+pub fn nominal_fit(
+    robot: &Robot,
+    nominal: &KinematicModel,
+    observations: &[Observation],
+    n_refitted: usize,
+) -> SessionFit {
+    let (mut model, mut n_fitted) = (nominal.clone(), n_refitted);
+    if n_refitted == 0 {
+        for (target, position_mm) in model.targets_mm.iter_mut().enumerate() {
+            let of_target = observations.iter().filter(|o| o.target == target);
+            let in_flange: Vec<Vector3<f64>> = of_target
+                .map(|o| {
+                    let t_measuring_flange =
+                        nominal.t_instrument_base * t_base_flange(&nominal.links, &o.q_rad);
+                    let t = t_measuring_flange.translation.vector;
+                    t_measuring_flange
+                        .rotation
+                        .inverse_transform_vector(&(o.position_mm - t))
+                })
+                .collect();
+            if !in_flange.is_empty() {
+                *position_mm = in_flange.iter().sum::<Vector3<f64>>() / in_flange.len() as f64;
+                n_fitted += 3;
+            }
+        }
+    }
+    let n_equations = 3 * observations.len();
+    // what was fitted to few points takes a good part of their errors
+    let shrunk = (n_equations as f64 / n_equations.saturating_sub(n_fitted).max(1) as f64).sqrt();
+    let errors_mm: Vec<[f64; 3]> = observations
+        .iter()
+        .map(|o| [shrunk * (o.position_mm - model.position(&o.q_rad, o.target)).norm(); 3])
+        .collect();
+    session_fit(&errors_mm, None, robot, || 0.0)
+}
+
+/// The session's own scatter, rms, mm: what is left when links, base and targets are all fitted to it. 0 where there are too few points to tell.
+pub fn own_scatter_mm(model: &KinematicModel, observations: &[Observation]) -> f64 {
+    let Some(fitted) = fitted_as_well_as_can_be(&model.links, observations) else {
+        return 0.0;
+    };
+    typical_mm(
+        observations
+            .iter()
+            .map(|o| (o.position_mm - fitted.position(&o.q_rad, o.target)).norm()),
+    )
+}
+
+/// The robot with links, base and targets fitted; `None` where there are too few points to tell.
+pub fn fitted_as_well_as_can_be(
+    links: &[Link],
+    observations: &[Observation],
+) -> Option<KinematicModel> {
+    let n_targets = observations.iter().map(|o| o.target + 1).max().unwrap_or(0);
+    let n_equations = 3 * observations.len();
+    if n_equations < EQUATIONS_PER_NUMBER * (6 + 3 * n_targets) {
+        return None;
+    }
+    let fitted = fit_base_and_targets(links, observations, n_targets);
+    let parameters = complete_parameters(links.len(), n_targets);
+    let problem = Problem::new(fitted, &parameters, observations);
+    let start = vec![0.0; parameters.len()];
+    let go_on = &mut |_| ControlFlow::Continue(());
+    Some(estimate(&problem, &start, 0.0, go_on).model)
+}
+
+/// rms of normal errors with this median.
+fn typical_mm(errors_mm: impl Iterator<Item = f64>) -> f64 {
+    let mut sorted: Vec<f64> = errors_mm.collect();
+    sorted.sort_by(f64::total_cmp);
+    let median = sorted
+        .get(sorted.len() / 2)
+        .copied()
+        .unwrap_or(f64::INFINITY);
+    RMS_OVER_MEDIAN * median
+}
+
+/// The arm's length along its links, mm.
+pub fn reach_mm(links: &[Link]) -> f64 {
+    links
+        .iter()
+        .map(|l| (l.a_mm * l.a_mm + l.d_mm * l.d_mm).sqrt())
+        .sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{HeldOut, SessionFit, session_fit};
+    use crate::kinematics::{Link, Robot};
+
+    fn robot() -> Robot {
+        let link = Link {
+            a_mm: 300.0,
+            alpha_rad: 1.5,
+            d_mm: 400.0,
+            theta_offset_rad: 0.0,
+            beta_rad: 0.0,
+        };
+        Robot {
+            links: vec![link; 6],
+            joint_limits_rad: vec![None; 6],
+            joint_map: None,
+            mounting: None,
+        }
+    }
+
+    const HELD_OUT: HeldOut = HeldOut {
+        nominal_rms_mm: 1.1,
+        identified_rms_mm: 0.05,
+    };
+
+    fn fit(nominal_mm: f64, set_mm: f64, scatter_mm: f64) -> SessionFit {
+        let errors = vec![[nominal_mm, set_mm, set_mm]; 20];
+        session_fit(&errors, Some(&HELD_OUT), &robot(), || scatter_mm)
+    }
+
+    #[test]
+    fn a_session_fits_by_what_the_set_missed_before_and_by_its_own_scatter() {
+        assert_eq!(fit(1.1, 0.06, 0.05), SessionFit::Fits);
+        assert_eq!(fit(2634.2, 2634.0, 0.1), SessionFit::DoesNotFit, "a frame");
+        assert_eq!(fit(3.4, 2.9, 0.05), SessionFit::DoesNotFit, "a collision");
+        assert_eq!(fit(1.1, 0.95, 0.9), SessionFit::DoesNotFit, "a coarse file");
+        assert_eq!(fit(230.0, 230.0, 200.0), SessionFit::DoesNotFit, "garbage");
+        assert_eq!(fit(0.0, 1.1, 0.0), SessionFit::SetFarOff, "a bad set");
+        assert_eq!(fit(1.1, 1.9, 0.05), SessionFit::SetFarOff, "a bad set");
+        let mut errors = vec![[1.1, 0.06, 0.06]; 20];
+        errors[..4].fill([90.0; 3]);
+        let fit = session_fit(&errors, Some(&HELD_OUT), &robot(), || 0.0);
+        assert_eq!(fit, SessionFit::Fits, "a few outliers");
+    }
+}

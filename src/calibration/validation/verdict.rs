@@ -1,0 +1,230 @@
+//! What the points say of a robot that was identified, or scored: whether it fits them, and whether it is better than the nominal one.
+
+use crate::calibration::report::{
+    CalibrationReport, DOES_NOT_FIT, PointErrors, SubsetErrors, Warning,
+};
+use crate::calibration::request::Method;
+use crate::calibration::upload_checks::alignment::FITS;
+use crate::calibration::validation::robust_comparison::{Judged, judged};
+use crate::calibration::validation::session_fit::{HeldOut, SessionFit, reach_mm, session_fit};
+use crate::calibration::warnings::plausibility;
+use crate::kinematics::{Link, Robot};
+use crate::measurement::Subset;
+
+/// Warning that a parameter set misses points by far which fit the nominal robot.
+pub const SET_FAR_OFF: &str = "set_far_off";
+/// Warning that the nominal robot is as good on the points to verify.
+pub const NO_BETTER: &str = "no_better_than_nominal";
+const WHY_NOT: &str = "Is it in another frame (a tracker's own frame is frame=instrument), with joints counted otherwise, or of another robot";
+
+/// What the points say of the parameter set.
+pub struct Verdict {
+    /// A parameter set was scored, and not the nominal robot alone.
+    pub is_identified: bool,
+    /// The errors of both robots.
+    pub judged: Judged,
+    /// How they fit together.
+    pub fit: SessionFit,
+    /// What was found when the set was identified.
+    pub held_out: Option<HeldOut>,
+}
+
+impl Verdict {
+    /// In one sentence.
+    pub fn in_words(&self) -> String {
+        let (before, after) = (self.judged.before_rms_mm, self.judged.after_rms_mm);
+        let remark = self.judged.remark();
+        let said = match (self.is_identified, self.fit, self.judged.is_better()) {
+            (false, SessionFit::DoesNotFit, _) => format!(
+                "this file does not fit this robot ({before:.4} mm rms of the nominal robot{remark})"
+            ),
+            (false, ..) => format!(
+                "the nominal robot was scored, {before:.4} mm rms{remark}; no parameter set was named and none is released"
+            ),
+            (true, SessionFit::DoesNotFit, _) => format!(
+                "this file does not fit this robot ({after:.4} mm rms, the nominal robot {before:.4} mm{remark}), so nothing is said of the parameter set"
+            ),
+            (true, _, true) => format!(
+                "the parameter set was scored, {after:.4} mm rms against {before:.4} mm of the nominal robot{remark}"
+            ),
+            (true, _, false) => format!(
+                "the parameter set was scored, and with {after:.4} mm rms the calibrated robot is no better than the nominal one ({before:.4} mm{remark})"
+            ),
+        };
+        format!("nothing was identified: {said}")
+    }
+
+    /// What one should know before a release.
+    pub fn warning(&self) -> Option<Warning> {
+        let (before, after) = (self.judged.before_rms_mm, self.judged.after_rms_mm);
+        let remark = self.judged.remark();
+        let at_identification = self.held_out.map_or(String::new(), |held_out| {
+            format!(
+                "; when the parameter set was identified it was {:.4} mm and {:.4} mm",
+                held_out.identified_rms_mm, held_out.nominal_rms_mm
+            )
+        });
+        let (code, detail) = match self.fit {
+            SessionFit::DoesNotFit if !self.is_identified => (
+                "session_does_not_fit",
+                format!(
+                    "this file does not fit this robot: the nominal robot misses its points by {before:.4} mm rms, and with base and tool placed as well \
+                     as can be by more than {} % of its reach, twice what robots from the factory do. {WHY_NOT}? It is no evidence for anything",
+                    100.0 * FITS
+                ),
+            ),
+            SessionFit::DoesNotFit => (
+                "session_does_not_fit",
+                format!(
+                    "this file does not fit this robot: the calibrated robot misses its points by {after:.4} mm rms and the nominal one by {before:.4} \
+                     mm{at_identification}. {WHY_NOT}, or did the robot collide? It is no evidence for or against the parameter set"
+                ),
+            ),
+            _ if !self.is_identified => return None,
+            SessionFit::SetFarOff => (
+                SET_FAR_OFF,
+                format!(
+                    "on these points the calibrated robot misses by {after:.4} mm rms while the nominal robot fits ({before:.4} mm){at_identification}: the \
+                     robot has changed, or the parameter set holds only near the poses that it was identified from"
+                ),
+            ),
+            _ if !self.judged.is_better() => (
+                "no_better_than_nominal",
+                format!(
+                    "on these points{remark} the calibrated robot ({after:.4} mm rms) is no better than the nominal one ({before:.4} mm rms): do not use it"
+                ),
+            ),
+            SessionFit::Fits => return None,
+        };
+        Some(Warning {
+            code,
+            detail,
+            rows: vec![],
+        })
+    }
+}
+
+/// See [`no_fit_mm`], mm: ten times what real arms of a metre or two leave.
+const NO_FIT_MM: f64 = 2.0;
+
+/// From this median distance on nothing was found, mm: [`NO_FIT_MM`], but no more than a hundredth of a small arm's reach, and no less than that
+/// share of a large arm's reach that it is of an arm of 2.5 m.
+pub fn no_fit_mm(nominal: &[Link]) -> f64 {
+    let reach_mm = reach_mm(nominal);
+    NO_FIT_MM
+        .min(0.01 * reach_mm)
+        .max(NO_FIT_MM / 2500.0 * reach_mm)
+}
+
+/// Told where the identified robot does not fit the points that it was identified from, or those of the same upload that were held out.
+pub fn no_fit(per_point: &[PointErrors], nominal: &[Link]) -> Option<Warning> {
+    let limit_mm = no_fit_mm(nominal);
+    let missed_mm = |subset: Subset| {
+        let of_subset = per_point.iter().filter(|point| point.subset == subset);
+        let mut after_mm: Vec<f64> = of_subset.map(|point| point.after_mm).collect();
+        after_mm.sort_by(f64::total_cmp);
+        let median_mm = after_mm.get(after_mm.len() / 2).copied();
+        median_mm.filter(|mm| *mm > limit_mm)
+    };
+    let (which, median_mm) = match missed_mm(Subset::Identify) {
+        Some(median_mm) => ("the points that it was identified from", median_mm),
+        None => ("the points to verify", missed_mm(Subset::Verify)?),
+    };
+    let detail = format!(
+        "half of {which} are {median_mm:.3} mm or more from where the identified robot has them: that is no fit. Do joints and positions of a \
+         row belong together, is it this robot, and is the model large enough? It cannot be released"
+    );
+    Some(Warning {
+        code: "no_fit",
+        detail,
+        rows: vec![],
+    })
+}
+
+/// What another session says of the robot that was identified: `errors_mm` are as [`session_fit`] has them, `fitted` those of the points that it
+/// was identified from. Told where the session does not fit the robot, and where it fits and the set misses it by far.
+pub fn of_another_session(
+    errors_mm: &[[f64; 3]],
+    fitted: &SubsetErrors,
+    robot: &Robot,
+    own_scatter_mm: impl FnOnce() -> f64,
+) -> Option<Warning> {
+    let held_out = HeldOut {
+        nominal_rms_mm: fitted.before.rms_mm,
+        identified_rms_mm: fitted.after.rms_mm,
+    };
+    let verdict = Verdict {
+        is_identified: true,
+        judged: judged(errors_mm),
+        fit: session_fit(errors_mm, Some(&held_out), robot, own_scatter_mm),
+        held_out: Some(held_out),
+    };
+    verdict.warning().filter(|told| told.code != NO_BETTER)
+}
+
+/// What is said of a finished identification; `fit` was said already of how it fits.
+pub fn warnings(
+    report: &CalibrationReport,
+    nominal: &[Link],
+    fit: Option<Warning>,
+) -> Vec<Warning> {
+    let warning = |code, detail: String| Warning {
+        code,
+        detail,
+        rows: vec![],
+    };
+    let mut warnings = Vec::new();
+    let is_evidence = fit.as_ref().is_none_or(|told| told.code != DOES_NOT_FIT);
+    warnings.extend(fit);
+    match &report.verify {
+        None => warnings.push(warning(
+            "no_verify_points",
+            "no points were kept to verify: the errors after are those of the fit itself".into(),
+        )),
+        Some(_) if is_evidence => {
+            let to_verify = report
+                .per_point
+                .iter()
+                .filter(|point| point.subset == Subset::Verify);
+            let judged = judged(
+                &to_verify
+                    .map(|point| [point.before_mm, point.after_mm, point.after_mm])
+                    .collect::<Vec<_>>(),
+            );
+            if !judged.is_better() {
+                let detail = format!(
+                    "on points that the fit has not seen{} the identified robot ({:.4} mm rms) is no better than the nominal one ({:.4} mm rms): do \
+                     not use it",
+                    judged.remark(),
+                    judged.after_rms_mm,
+                    judged.before_rms_mm
+                );
+                warnings.push(warning("no_better_than_nominal", detail));
+            }
+        }
+        Some(_) => {}
+    }
+    let unseen = &report.identifiability.unidentifiable;
+    // what no pose could show, the complete model has by construction: that is no remark about these points
+    if report.identifiability.rank < report.identifiability.model_rank {
+        let groups: Vec<String> = unseen.iter().map(|group| group.join(" with ")).collect();
+        let detail = format!(
+            "the measured poses show {} combinations of parameters, and other poses of this robot {}. These cannot be told apart or seen from the measured \
+             positions, and the value of a single one says nothing by itself: {}",
+            report.identifiability.rank,
+            report.identifiability.model_rank,
+            groups.join("; ")
+        );
+        warnings.push(warning("unidentifiable_parameters", detail));
+    }
+    warnings.extend(plausibility::warnings(report, nominal));
+    if report.method == Method::LeastSquares
+        && matches!(report.termination, "iteration_limit" | "not_finite")
+    {
+        warnings.push(warning(
+            "not_converged",
+            "least squares did not converge; check joint offsets and wild points, or try method \"pso\"".into(),
+        ));
+    }
+    warnings
+}

@@ -1,0 +1,207 @@
+//! Points to verify on, as they are scored: base and targets placed anew for each robot that is compared; stations, and what moved while
+//! the points were measured, apart; wild points named.
+//!
+//! What moved is looked for with the links held at the robot that fits best: nothing of the robot is taken from these points.
+
+use crate::calibration::Error;
+use crate::calibration::preparation::arrangement::Arrangement;
+use crate::calibration::preparation::motions::fit_motions;
+use crate::calibration::preparation::observe::Observed;
+use crate::calibration::preparation::screening::{Screening, screen};
+use crate::calibration::report::Errors;
+use crate::calibration::request::{CalibrationRequest, Model, ParameterChoice};
+use crate::calibration::solve::corrections::placed_anew;
+use crate::calibration::validation::errors::errors;
+use crate::identification::KinematicModel;
+use crate::identification::corrected::IdentifiedRobot;
+use crate::identification::objective::Observation;
+use crate::identification::start::fit_base_and_targets;
+use crate::measurement::Frame;
+use crate::measurement::{MeasurementSet, Subset};
+
+/// Fewer residuals for each number that is placed say nothing of single points.
+const PER_NUMBER: usize = 2;
+
+/// The points of a verify set, laid out for scoring.
+pub struct Layout<'a> {
+    request: &'a CalibrationRequest,
+    set: &'a MeasurementSet,
+    /// As they were measured.
+    measured: Observed,
+    arrangement: Arrangement,
+    /// What was found.
+    pub screening: Screening,
+    /// Base and targets are placed anew.
+    pub is_placed_anew: bool,
+}
+
+/// A robot on some points.
+pub struct Placed {
+    /// With base and targets where they fit best.
+    pub model: KinematicModel,
+    /// The points, carried into one frame, each with the target of its stretch.
+    pub observed: Observed,
+    /// (target, stretch) of each of the model's targets; stretches count from 0.
+    pub segments: Vec<(usize, usize)>,
+}
+
+impl Placed {
+    /// Its errors on all of the points; `None` where there are none.
+    pub fn errors(&self) -> Option<Errors> {
+        errors(&self.model, &self.observed.all)
+    }
+
+    /// The points that base and targets are placed by.
+    fn counting(&self) -> Vec<Observation> {
+        self.observed
+            .all
+            .iter()
+            .filter(|o| o.weight > 0.0)
+            .cloned()
+            .collect()
+    }
+}
+
+impl<'a> Layout<'a> {
+    /// `observed` are the points of `set`, `model` the robot that is expected to fit them best. `refit`: base and targets are not known for
+    /// these points. Several stations, and steps, are placed anew whatever is known.
+    ///
+    /// # Errors
+    /// [`Error::Unusable`] where the points cannot be placed.
+    pub fn new(
+        request: &'a CalibrationRequest,
+        set: &'a MeasurementSet,
+        observed: Observed,
+        model: &KinematicModel,
+        refit: bool,
+    ) -> Result<Self, Error> {
+        let placing = placing(request, set, model);
+        let mut fitted = observed.clone();
+        fitted.subsets.fill(Subset::Identify);
+        let (screening, arrangement) =
+            match 3 * set.points.len() > PER_NUMBER * (6 * n_stations(set) + 3 * set.n_targets()) {
+                true => screen(&placing, &mut fitted)?,
+                false => {
+                    let arrangement = Arrangement::of(&placing);
+                    (
+                        Screening {
+                            targets: arrangement.fitted_targets(&fitted),
+                            ..Screening::default()
+                        },
+                        arrangement,
+                    )
+                }
+            };
+        let is_placed_anew =
+            refit || n_stations(set) > 1 || screening.steps.iter().any(|step| !step.is_one_point);
+        let mut measured = observed;
+        for (row, weight) in fitted.all.iter().map(|o| o.weight).enumerate() {
+            measured.all[row].weight = weight;
+        }
+        Ok(Self {
+            request,
+            set,
+            measured,
+            arrangement,
+            screening,
+            is_placed_anew,
+        })
+    }
+
+    /// A robot on these points: its links as they are; base and targets as they are, or placed anew.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn place(&self, model: &KinematicModel) -> Result<Placed, Error> {
+        let mut observed = self.measured.clone();
+        if !self.is_placed_anew {
+            let segments = (0..model.targets_mm.len())
+                .map(|target| (target, 0))
+                .collect();
+            return Ok(Placed {
+                model: model.clone(),
+                observed,
+                segments,
+            });
+        }
+        let (placing, mut arrangement) = (
+            placing(self.request, self.set, model),
+            self.arrangement.clone(),
+        );
+        observed.subsets.fill(Subset::Identify);
+        fit_motions(
+            &placing,
+            &mut observed,
+            &mut arrangement,
+            Some(Subset::Identify),
+        )?;
+        arrangement.apply(&mut observed);
+        observed.subsets.fill(Subset::Verify);
+        let segments = arrangement.fitted_targets(&observed).segments;
+        let mut placed = Placed {
+            model: model.clone(),
+            observed,
+            segments,
+        };
+        placed.model =
+            fit_base_and_targets(&model.links, &placed.counting(), placed.segments.len());
+        Ok(placed)
+    }
+
+    /// A robot with corrections, beside its links alone as they were placed.
+    pub fn place_corrected(
+        &self,
+        robot: &IdentifiedRobot,
+        links_alone: &Placed,
+    ) -> IdentifiedRobot {
+        match self.is_placed_anew {
+            true => placed_anew(robot, &links_alone.counting()),
+            false => robot.clone(),
+        }
+    }
+
+    /// Numbers of bases and targets that are placed anew.
+    pub fn n_refitted(&self) -> usize {
+        if !self.is_placed_anew {
+            return 0;
+        }
+        let n_targets = self.screening.targets.len().max(self.set.n_targets());
+        6 * self.arrangement.motions.len() + 3 * n_targets
+    }
+}
+
+/// Stations that a set was measured from.
+pub fn n_stations(set: &MeasurementSet) -> usize {
+    set.points
+        .iter()
+        .map(|p| &p.station)
+        .collect::<std::collections::BTreeSet<_>>()
+        .len()
+}
+
+/// The request that identifies nothing but where base and targets are, with the links of a model.
+fn placing(
+    request: &CalibrationRequest,
+    set: &MeasurementSet,
+    model: &KinematicModel,
+) -> CalibrationRequest {
+    let mut robot = request.robot.clone();
+    robot.links.clone_from(&model.links);
+    CalibrationRequest {
+        model: Some(Model::Complete),
+        parameters: ParameterChoice::Identify(vec![]),
+        ..CalibrationRequest::new(robot, set.clone())
+    }
+}
+
+/// True if base and targets are fitted anew to another set: unless both are in the base frame and the targets are the ones identified.
+pub fn refits(request: &CalibrationRequest, set: &MeasurementSet) -> bool {
+    let same_frame = set.frame == Frame::Base && in_base_frame(request);
+    !same_frame || set.n_targets() > request.set.n_targets()
+}
+
+/// Whether the positions are in the base frame, so that nothing has to be placed.
+pub fn in_base_frame(request: &CalibrationRequest) -> bool {
+    request.set.frame == Frame::Base
+        || (request.model() == Model::Paper && request.frames.is_some())
+}

@@ -1,0 +1,360 @@
+//! `kind: "verify"`: how well a parameter set predicts points that it was not identified from. Nothing of the robot is fitted; where the
+//! points do not come in the base frame, base and targets are, for the nominal robot and for the identified one each for itself.
+
+use crate::calibration::preparation::arrangement::FEWEST_OF_SETUP;
+use crate::calibration::preparation::equations::n_equations;
+use crate::calibration::preparation::observe::{observe_to_verify, observe_verify_set};
+use crate::calibration::report::{
+    BASE_NOT_CHECKED, CalibrationReport, Errors, FEW_VERIFY_POINTS, Identifiability, PointErrors,
+    SubsetErrors, Warning,
+};
+use crate::calibration::request::CalibrationRequest;
+use crate::calibration::stages::stage;
+use crate::calibration::validation::coverage::shows_little;
+use crate::calibration::validation::errors::{corrected_errors, per_point};
+use crate::calibration::validation::robust_comparison::judged;
+use crate::calibration::validation::session_fit::{nominal_fit, own_scatter_mm, session_fit};
+use crate::calibration::validation::verdict::Verdict;
+use crate::calibration::validation::verification_set::{Layout, Placed, n_stations};
+use crate::calibration::validation::verification_set::{in_base_frame, refits};
+use crate::calibration::warnings::screening::screening_warnings;
+use crate::calibration::{Error, Monitor, unusable};
+use crate::identification::KinematicModel;
+use crate::identification::corrected::IdentifiedRobot;
+use crate::identification::objective::{Observation, cost};
+use crate::measurement::set::n_shared_points;
+use crate::measurement::{Frame, MeasurementSet};
+use nalgebra::IsometryMatrix3;
+
+/// Of m equations from which p numbers are refitted, the refit leaves the share 1 − p/m of the squared error to be seen, on average. Less than a
+/// third of it is refused: with as many equations as numbers every robot fits. A position alone is placed by nine numbers, so that five points
+/// (15 equations) are enough.
+const LEAST_SHARE_SEEN: (usize, usize) = (1, 3);
+/// At most one in this many points of a verify set may be, bit for bit, a point of the set to identify from: a pose that was measured
+/// twice may repeat by chance, a file that was uploaded twice repeats in every row.
+const MAX_SHARED: usize = 10;
+/// Below this many residuals for each number that is refitted, the refit hides a good part of the error.
+pub const FEW_RESIDUALS: usize = 3;
+
+/// A parameter set on a request's points, and the nominal robot beside it.
+struct Scored {
+    before: Placed,
+    after: Placed,
+    /// With corrections, where a parameter set was scored.
+    corrected: Option<IdentifiedRobot>,
+    /// Numbers of bases and targets that were refitted.
+    n_refitted: usize,
+    /// The base is known, and was refitted all the same: an error of the base does not show.
+    is_base_hidden: bool,
+    /// What does not belong, and what moved.
+    remarks: Vec<Warning>,
+}
+
+/// The checks of [`verify`] that need no fit.
+///
+/// # Errors
+/// [`Error::Unusable`] with code `under_determined` or `model_mismatch`.
+pub fn check_verify(
+    request: &CalibrationRequest,
+    identified: Option<&KinematicModel>,
+) -> Result<(), Error> {
+    let n_links = request.robot.links.len();
+    if identified.is_some_and(|model| model.links.len() != n_links) {
+        return Err(unusable(
+            "model_mismatch",
+            format!("the parameter set is not of this robot: the robot has {n_links} links"),
+        ));
+    }
+    check_enough(
+        &observe_to_verify(request).all,
+        &request.set,
+        n_refitted(request, identified) > 0,
+    )
+}
+
+/// Why a set is too small to verify on: where its points are taken as they stand, and where base and targets are placed anew. `None` where it
+/// is large enough.
+pub fn too_small_to_verify(request: &CalibrationRequest) -> [Option<String>; 2] {
+    let observations = observe_to_verify(request).all;
+    [false, true].map(|refit| {
+        check_enough(&observations, &request.set, refit)
+            .err()
+            .map(|error| error.to_string())
+    })
+}
+
+/// The checks of a second set to verify on: it may be scored by the job, and what it says is about the robot.
+///
+/// # Errors
+/// [`Error::Unusable`] with code `under_determined` or `verify_overlaps_identify`.
+pub fn check_verify_set(request: &CalibrationRequest, set: &MeasurementSet) -> Result<(), Error> {
+    let n_same = n_shared_points(&request.set, set);
+    if MAX_SHARED * n_same > set.points.len() {
+        let detail = format!(
+            "{n_same} of the verify set's {} points are in the set to identify from as well, joints and positions: that proves nothing. Upload \
+             points that were measured anew",
+            set.points.len()
+        );
+        return Err(unusable("verify_overlaps_identify", detail));
+    }
+    check_enough(
+        &observe_verify_set(request, set).all,
+        set,
+        refits(request, set),
+    )
+}
+
+/// Refuses points that leave too little to verify once base and targets are fitted to them: a base for every station.
+fn check_enough(
+    observations: &[Observation],
+    set: &MeasurementSet,
+    refit: bool,
+) -> Result<(), Error> {
+    let (n_targets, n_stations) = (set.n_targets(), n_stations(set));
+    let n_refitted = if refit || n_stations > 1 {
+        6 * n_stations + 3 * n_targets
+    } else {
+        0
+    };
+    if let Some(target) = (0..n_targets)
+        .find(|target| n_refitted > 0 && !observations.iter().any(|o| o.target == *target))
+    {
+        let detail = format!(
+            "target {target} has no row among the points to verify on; number targets from 0 without gaps"
+        );
+        return Err(unusable("under_determined", detail));
+    }
+    let of_station =
+        |station: &Option<String>| set.points.iter().filter(|p| p.station == *station).count();
+    let small = set
+        .points
+        .iter()
+        .map(|p| &p.station)
+        .find(|station| n_stations > 1 && of_station(station) < FEWEST_OF_SETUP);
+    if let Some(station) = small {
+        let detail = format!(
+            "station {:?} has {} points to verify on, its base takes at least {FEWEST_OF_SETUP}: measure more there, or leave it out",
+            station.as_deref().unwrap_or(""),
+            of_station(station)
+        );
+        return Err(unusable("under_determined", detail));
+    }
+    // 1 − p/m ≥ a/b, in whole numbers
+    let (a, b) = LEAST_SHARE_SEEN;
+    let needed = (b * n_refitted).div_ceil(b - a).max(1);
+    let found = n_equations(observations, needed);
+    if found < needed {
+        let detail = format!(
+            "{found} equations from distinct configurations cannot place base and targets anew ({n_refitted} numbers) and still verify; measure at \
+             least {} more configurations",
+            (needed - found).div_ceil(3)
+        );
+        return Err(unusable("under_determined", detail));
+    }
+    Ok(())
+}
+
+/// Scores `identified` (the nominal robot where there is none) on all points of the request's set.
+///
+/// # Errors
+/// As [`check_verify`], and [`Error::Cancelled`].
+pub fn verify(
+    request: &CalibrationRequest,
+    identified: Option<&IdentifiedRobot>,
+    monitor: &mut Monitor<'_>,
+) -> Result<CalibrationReport, Error> {
+    check_verify(request, identified.map(|robot| &robot.plain))?;
+    let scored = stage(monitor, "verify", |_| score(request, identified))?;
+    let (Some(before), Some(after)) = (scored.before.errors(), scored.after.errors()) else {
+        return Err(unusable("under_determined", "the set has no points"));
+    };
+    let corrected = match &scored.corrected {
+        Some(robot) if robot.corrected.is_some() => {
+            corrected_errors(robot, &scored.after.observed.all)
+        }
+        Some(_) => Some(after),
+        None => None,
+    };
+    let errors = SubsetErrors {
+        n_points: request.set.points.len(),
+        before,
+        after,
+        corrected,
+    };
+    Ok(report(request, identified.is_some(), scored, errors))
+}
+
+/// Whether the base of `identified` is known in the frame of the points: it was measured in the base frame, as they are.
+fn base_is_known(request: &CalibrationRequest, identified: &KinematicModel) -> bool {
+    in_base_frame(request)
+        && (request.scored_frame == Some(Frame::Base)
+            || identified.t_instrument_base == IsometryMatrix3::identity())
+}
+
+fn n_refitted(request: &CalibrationRequest, identified: Option<&KinematicModel>) -> usize {
+    let n_targets = request.set.n_targets();
+    let is_placed = match identified {
+        // which target is which is only known of those that were identified
+        Some(model) => base_is_known(request, model) && n_targets <= model.targets_mm.len(),
+        None => in_base_frame(request) && n_targets <= 1,
+    };
+    if is_placed { 0 } else { 6 + 3 * n_targets }
+}
+
+fn score(request: &CalibrationRequest, robot: Option<&IdentifiedRobot>) -> Result<Scored, Error> {
+    let identified = robot.map(|robot| &robot.plain);
+    let nominal = KinematicModel::nominal(&request.robot.links, request.set.n_targets());
+    let mut after = identified.cloned().unwrap_or_else(|| nominal.clone());
+    if let (None, Some(frames)) = (identified, &request.frames) {
+        after.targets_mm[0].z = frames.z_tool_mm;
+    }
+    // the nominal robot has its base where the base frame is
+    let t_instrument_base = match identified.is_some_and(|model| base_is_known(request, model)) {
+        true => IsometryMatrix3::identity(),
+        false => after.t_instrument_base,
+    };
+    let before = KinematicModel {
+        links: nominal.links,
+        t_instrument_base,
+        ..after.clone()
+    };
+    let refit = n_refitted(request, identified) > 0;
+    let layout = Layout::new(
+        request,
+        &request.set,
+        observe_to_verify(request),
+        &after,
+        refit,
+    )?;
+    let (before, after) = (layout.place(&before)?, layout.place(&after)?);
+    let corrected = robot.map(|robot| layout.place_corrected(robot, &after));
+    let remarks = screening_warnings(&layout.screening, &after.observed, None);
+    Ok(Scored {
+        before,
+        after,
+        corrected,
+        n_refitted: layout.n_refitted(),
+        is_base_hidden: layout.is_placed_anew
+            && identified.is_some_and(|model| base_is_known(request, model)),
+        remarks,
+    })
+}
+
+fn report(
+    request: &CalibrationRequest,
+    is_identified: bool,
+    scored: Scored,
+    verify: SubsetErrors,
+) -> CalibrationReport {
+    let per_point = per_point(
+        (&scored.before.observed, &scored.before.model),
+        (&scored.after.observed, &scored.after.model),
+        scored.corrected.as_ref(),
+    );
+    let errors_mm: Vec<[f64; 3]> = per_point.iter().map(PointErrors::to_judge).collect();
+    let verdict = Verdict {
+        is_identified,
+        judged: judged(&errors_mm),
+        fit: match is_identified {
+            true => session_fit(
+                &errors_mm,
+                request.held_out.as_ref(),
+                &request.robot,
+                || own_scatter_mm(&scored.after.model, &scored.after.observed.all),
+            ),
+            false => nominal_fit(
+                &request.robot,
+                &scored.after.model,
+                &scored.after.observed.all,
+                scored.n_refitted,
+            ),
+        },
+        held_out: request.held_out,
+    };
+    let none = Errors {
+        mean_mm: 0.0,
+        std_mm: 0.0,
+        rms_mm: 0.0,
+        max_mm: 0.0,
+    };
+    CalibrationReport {
+        method: request.method,
+        method_reason: verdict.in_words(),
+        model: request.model(),
+        preset: request.preset,
+        seed: request.seed,
+        termination: "verified",
+        n_iterations: 0,
+        n_evaluations: 0,
+        cost_mm2: cost(&scored.after.model, &scored.after.observed.all),
+        convergence_mm2: vec![],
+        identify: SubsetErrors {
+            n_points: 0,
+            before: none,
+            after: none,
+            corrected: None,
+        },
+        verify: Some(verify),
+        final_fit: None,
+        per_point,
+        parameters: vec![],
+        tool_uncertainty: None,
+        error_model: None,
+        uncertainty: None,
+        uncertainty_absent_because: None,
+        changes: None,
+        flange_rotation: None,
+        identifiability: Identifiability {
+            n_parameters: 0,
+            rank: 0,
+            model_rank: 0,
+            n_by_priors: None,
+            condition_number: f64::INFINITY,
+            unidentifiable: vec![],
+            observability_index_o1: 0.0,
+        },
+        comparison: vec![],
+        warnings: warnings(request, &verdict, &scored, &verify),
+        links: scored.after.model.links,
+        t_instrument_base: scored.after.model.t_instrument_base,
+        target_segments: scored.after.segments,
+        targets_mm: scored.after.model.targets_mm,
+        corrected: scored.corrected.and_then(|robot| robot.corrected),
+        corrections: None,
+        repeatability: None,
+        network: None,
+    }
+}
+
+fn warnings(
+    request: &CalibrationRequest,
+    verdict: &Verdict,
+    scored: &Scored,
+    verify: &SubsetErrors,
+) -> Vec<Warning> {
+    let mut warnings: Vec<Warning> = verdict.warning().into_iter().collect();
+    warnings.extend(shows_little(&request.robot, &request.set));
+    if scored.is_base_hidden {
+        let detail = "the positions are in the base frame, but the base was placed anew (several stations, a target that the parameter set does not \
+                      have, or something that moved), so that a wrong base does not show: no evidence. Measure the targets of the parameter set from \
+                      one station";
+        warnings.push(Warning {
+            code: BASE_NOT_CHECKED,
+            detail: detail.into(),
+            rows: vec![],
+        });
+    }
+    if 3 * verify.n_points < FEW_RESIDUALS * scored.n_refitted {
+        let detail = format!(
+            "{} points, from which {} numbers of base and targets were refitted: the errors are smaller than they would be elsewhere",
+            verify.n_points, scored.n_refitted
+        );
+        warnings.push(Warning {
+            code: FEW_VERIFY_POINTS,
+            detail,
+            rows: vec![],
+        });
+    }
+    warnings.extend(scored.remarks.iter().cloned());
+    warnings
+}

@@ -1,0 +1,134 @@
+//! How far the flange may be turned from where the identified robot has it, under what is known of robots beforehand.
+//!
+//! Positions of one reflector on the last axis hardly show how the flange is turned under it. What they leave open is settled by priors: the
+//! estimate of maximum a posteriori from the nominal robot, with base and targets free. The expected square of the error of the identified
+//! robot is then the posterior variance, and the square of how far the identified robot is from that estimate:
+//! E|R_identified − R_true|² = E|R_posterior − R_true|² + |R_identified − R_posterior|².
+//! The second part counts what an identification made of combinations that the positions do not show.
+//!
+//! Positions never show the zero of the last joint: a reflector that sits elsewhere on the flange explains them as well. It is as well known as
+//! its prior says, which is as wide as the zeros of the other joints show, or as the request states.
+
+use crate::calibration::problem;
+use crate::calibration::report::{FlangeRotation, Warning};
+use crate::calibration::warnings::unobservable::{N_CONFIGURATIONS, at_flange};
+use crate::compensation::anchor;
+use crate::identification::KinematicModel;
+use crate::identification::estimate::estimate;
+use crate::identification::objective::Observation;
+use crate::identification::parameters::{Parameter, Quantity, complete_parameters};
+use crate::identification::problem::Problem;
+use crate::identification::start::fit_base_and_targets;
+use crate::identification::workspace::random_configurations;
+use crate::kinematics::rotation::rotation_log;
+use crate::kinematics::{Link, t_base_flange};
+use std::ops::ControlFlow;
+
+/// More points than this are thinned out: they could only make the uncertainty smaller.
+const MAX_POINTS: usize = 2_000;
+
+/// How well the flange's rotation is known: the largest of those of the given links, each identified from the points of the problem. `None` where it cannot be computed.
+pub fn flange_rotation(
+    problem: &problem::Problem<'_>,
+    model: &KinematicModel,
+    links: &[&[Link]],
+) -> Option<FlangeRotation> {
+    let robot = &problem.request.robot;
+    let n_targets = problem.screening.targets.len();
+    let observations = thinned(problem.loss.reweighted(model, &problem.identify));
+    if observations.is_empty() {
+        return None;
+    }
+    let parameters = complete_parameters(robot.links.len(), n_targets);
+    let nominal = fit_base_and_targets(&robot.links, &observations, n_targets);
+    let mut points = Problem::new(nominal, &parameters, &observations);
+    state_priors_of_links(problem, &parameters, &mut points);
+    let start = vec![0.0; parameters.len()];
+    let found = estimate(&points, &start, 0.0, &mut |_| ControlFlow::Continue(()));
+    let root = points.in_units(found.posterior.root);
+    let estimate = found.model;
+    let posterior_rad = at_flange(robot, &estimate, &parameters, &[&root]).turn_rad;
+    let away_rad = links
+        .iter()
+        .map(|links| turned_rad(problem, links, &estimate.links))
+        .fold(0.0, f64::max);
+    let last_zero = Parameter::Link(robot.links.len() - 1, Quantity::ThetaOffset);
+    let last_zero = parameters.iter().position(|p| *p == last_zero)?;
+    let found = FlangeRotation {
+        by_positions_rad: libm::hypot(posterior_rad, away_rad),
+        last_joint_zero_rad: root.row(last_zero).norm(),
+    };
+    found.std_rad().is_finite().then_some(found)
+}
+
+/// States the request's priors of links in a problem with other parameters.
+fn state_priors_of_links(
+    problem: &problem::Problem<'_>,
+    parameters: &[Parameter],
+    points: &mut Problem<'_>,
+) {
+    for prior in problem.priors.iter().flat_map(|known| &known.priors.all) {
+        let stated = &problem.parameters[prior.parameter];
+        if let Some(at) = parameters
+            .iter()
+            .position(|p| p == stated && stated.is_link())
+        {
+            points.state(at, prior.mean, prior.std);
+        }
+    }
+}
+
+/// Code of the refusals, and of the warning.
+pub const NOT_KNOWN: &str = "orientation_not_known";
+/// Larger and the orientation counts as not known: 0.5°.
+pub const MAX_FLANGE_ROTATION_STD_RAD: f64 = 0.5 * std::f64::consts::PI / 180.0;
+
+/// Told where the orientation is not known.
+pub fn warning(flange_rotation: Option<FlangeRotation>, n_links: usize) -> Option<Warning> {
+    let found = flange_rotation.filter(|found| found.std_rad() > MAX_FLANGE_ROTATION_STD_RAD)?;
+    let std_deg = found.std_rad().to_degrees();
+    let detail = if found.by_positions_rad > MAX_FLANGE_ROTATION_STD_RAD {
+        format!(
+            "the flange may be turned by {std_deg:.2}° (one standard deviation under what is known of robots beforehand: flange_rotation_std_deg) \
+             from where the identified robot has it, and the measured positions do not show it. Corrected targets are given for the position of a \
+             measured reflector alone, and no reason releases changes that are implausible. Measure a reflector off the last axis, or two, at poses \
+             that move every joint"
+        )
+    } else {
+        format!(
+            "the flange may be turned by {std_deg:.2}° (one standard deviation: flange_rotation_std_deg) from where the identified robot has it, above \
+             all about its last axis: positions never show the zero of joint {n_links}, and the zeros of the other joints of this robot are off by as \
+             much. Corrected targets are given for the position of a measured reflector alone. If that joint was mastered by its marks, identify with \
+             the prior {{\"name\": \"theta_offset_{n_links}\", \"std\": …}}"
+        )
+    };
+    Some(Warning {
+        code: NOT_KNOWN,
+        detail,
+        rows: vec![],
+    })
+}
+
+/// Points that count, no more than [`MAX_POINTS`] of them.
+fn thinned(observations: Vec<Observation>) -> Vec<Observation> {
+    let counting: Vec<Observation> = observations
+        .into_iter()
+        .filter(|o| o.weight > 0.0)
+        .collect();
+    let every = counting.len().div_ceil(MAX_POINTS).max(1);
+    counting.into_iter().step_by(every).collect()
+}
+
+/// Root mean square of the angle between the flanges of two robots on their anchored bases, over the workspace.
+fn turned_rad(problem: &problem::Problem<'_>, one: &[Link], other: &[Link]) -> f64 {
+    let robot = &problem.request.robot;
+    let anchors = [one, other].map(|links| anchor(links, &robot.links));
+    let square = |q_controller_rad: Vec<f64>| {
+        let q_rad = robot.q_model_rad(&q_controller_rad);
+        let a = anchors[0].anchored(&t_base_flange(one, &q_rad));
+        let b = anchors[1].anchored(&t_base_flange(other, &q_rad));
+        rotation_log(&(b.rotation * a.rotation.inverse())).norm_squared()
+    };
+    let configurations = random_configurations(robot, N_CONFIGURATIONS, 0);
+    (configurations.into_iter().map(square).sum::<f64>() / N_CONFIGURATIONS as f64).sqrt()
+}

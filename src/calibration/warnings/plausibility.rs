@@ -1,0 +1,322 @@
+//! Whether what was identified can be true of a robot that was built to its drawing.
+
+use crate::calibration::report::{CalibrationReport, Warning};
+use crate::calibration::upload_checks::alignment::UNMASTERED_RAD;
+use crate::identification::problem::{BASE_MM, BASE_RAD};
+use crate::kinematics::Link;
+use nalgebra::IsometryMatrix3;
+use std::collections::BTreeSet;
+use std::f64::consts::{PI, TAU};
+
+/// Makers hold lengths to some tenths of a millimetre, and a hard collision bends by a few millimetres. More is rather a wrong tool,
+/// another robot, or a wrong model, mm.
+const PLAUSIBLE_MM: f64 = 5.0;
+/// Mastering errs by some tenths of a degree, a slipped belt by one or two, rad (2°).
+const PLAUSIBLE_RAD: f64 = 2.0 * PI / 180.0;
+
+/// What differs between two robots of the same make by more than can be expected, in words.
+pub fn implausible_changes(links: &[Link], reference: &[Link]) -> Vec<String> {
+    let mut changes = Vec::new();
+    for (i, (now, then)) in links.iter().zip(reference).enumerate() {
+        let lengths = [("a", now.a_mm - then.a_mm), ("d", now.d_mm - then.d_mm)];
+        for (name, delta_mm) in lengths
+            .into_iter()
+            .filter(|(_, delta)| delta.is_nan() || delta.abs() > PLAUSIBLE_MM)
+        {
+            changes.push(format!("{name}_{} by {delta_mm:.3} mm", i + 1));
+        }
+        let angles = [
+            ("alpha", now.alpha_rad - then.alpha_rad),
+            ("theta_offset", now.theta_offset_rad - then.theta_offset_rad),
+            ("beta", now.beta_rad - then.beta_rad),
+        ];
+        for (name, delta_rad) in angles.map(|(name, delta)| (name, within_half_a_turn(delta))) {
+            if delta_rad.is_nan() || delta_rad.abs() > PLAUSIBLE_RAD {
+                changes.push(format!(
+                    "{name}_{} by {:.4}°",
+                    i + 1,
+                    delta_rad.to_degrees()
+                ));
+            }
+        }
+    }
+    if links.len() != reference.len() {
+        changes.push(format!(
+            "{} links instead of {}",
+            links.len(),
+            reference.len()
+        ));
+    }
+    changes
+}
+
+fn within_half_a_turn(angle_rad: f64) -> f64 {
+    angle_rad - TAU * (angle_rad / TAU).round()
+}
+
+/// Code of the warning that the base stands elsewhere than its frame says.
+pub const BASE_FRAME_OFF: &str = "base_frame_off";
+/// Told from so many standard deviations of a base frame on: 5 mm, 0.25°.
+const BASE_FRAME_STDS: f64 = 5.0;
+
+/// Told where the positions are in the base frame, and the identified robot stands far from that frame.
+pub fn base_frame_off(t_measuring_base: &IsometryMatrix3<f64>) -> Option<Warning> {
+    let at_mm = t_measuring_base.translation.vector;
+    let turned_rad = t_measuring_base.rotation.angle();
+    let is_off =
+        at_mm.norm() > BASE_FRAME_STDS * BASE_MM || turned_rad > BASE_FRAME_STDS * BASE_RAD;
+    let detail = format!(
+        "the robot's base is at ({:.2}, {:.2}, {:.2}) mm in the base frame that was measured in, turned by {:.3}°: was the frame set up wrongly? Set it \
+         up again, or read the positions with frame=instrument",
+        at_mm.x,
+        at_mm.y,
+        at_mm.z,
+        turned_rad.to_degrees()
+    );
+    is_off.then_some(Warning {
+        code: BASE_FRAME_OFF,
+        detail,
+        rows: vec![],
+    })
+}
+
+/// Code of the warning that the links only fit with a joint counted in another way.
+pub const JOINT_MAP: &str = "joint_map_suspect";
+
+/// Told where a joint's zero or an axis is turned by more than a joint that was never mastered. A reflector near the last axis fits as well with
+/// that joint counted the other way round: then another link is turned by half a turn, and the flange is turned wrongly. What the points cannot
+/// see or tell apart (`unseen`, by name) says nothing: a swarm leaves it anywhere.
+pub fn joint_counted_otherwise(
+    links: &[Link],
+    nominal: &[Link],
+    unseen: &BTreeSet<String>,
+) -> Option<Warning> {
+    let turned = links
+        .iter()
+        .zip(nominal)
+        .zip(1..)
+        .flat_map(|((now, then), i)| {
+            [
+                ("theta_offset", now.theta_offset_rad - then.theta_offset_rad),
+                ("alpha", now.alpha_rad - then.alpha_rad),
+            ]
+            .map(|(name, delta_rad)| (format!("{name}_{i}"), within_half_a_turn(delta_rad)))
+        });
+    let words: Vec<String> = turned
+        .filter(|(name, delta_rad)| delta_rad.abs() > UNMASTERED_RAD && !unseen.contains(name))
+        .map(|(name, delta_rad)| format!("{name} by {:.1}°", delta_rad.to_degrees()))
+        .collect();
+    (!words.is_empty()).then(|| Warning {
+        code: JOINT_MAP,
+        detail: format!(
+            "the points fit only with {}: a joint that counts the other way round, from another zero, or together with another joint looks \
+             like that, and then the flange is turned wrongly. Compare the controller's joint values with the nominal robot, correct the \
+             robot's joint_map, and upload the file again. It cannot be released",
+            words.join(", ")
+        ),
+        rows: vec![],
+    })
+}
+
+/// The tool's uncertainty somewhere in the workspace, in units of the error found where it was measured, from which on it is worth a word.
+const UNCERTAIN: f64 = 5.0;
+/// ... and no less than this, mm: what the best trackers are certain of.
+const LEAST_UNCERTAIN_MM: f64 = 0.01;
+/// Lengths that all are off by the same share, from this share on: steel that is warmer by 20 K grows by this.
+const SCALE: f64 = 2e-4;
+/// ... and by as many standard deviations of that share.
+const SCALE_SIGMAS: f64 = 4.0;
+
+/// Remarks on a finished identification, for its report.
+pub fn warnings(report: &CalibrationReport, nominal: &[Link]) -> Vec<Warning> {
+    let warning = |code, detail| Warning {
+        code,
+        detail,
+        rows: vec![],
+    };
+    let mut warnings = Vec::new();
+    let changes = implausible_changes(&report.links, nominal);
+    if !changes.is_empty() {
+        let detail = format!(
+            "against the nominal robot {}: a wrong tool or base, a slipped joint, another robot?",
+            changes.join(", ")
+        );
+        warnings.push(warning("implausible_parameters", detail));
+    }
+    let measured_mm = report
+        .verify
+        .map_or(report.identify.after.rms_mm, |verify| verify.after.rms_mm);
+    if let Some(tool) = report
+        .tool_uncertainty
+        .filter(|tool| tool.max_mm > (UNCERTAIN * measured_mm).max(LEAST_UNCERTAIN_MM))
+    {
+        let detail = format!(
+            "elsewhere in the workspace the tool may be off by {:.3} mm (one standard deviation) though the points fit to {measured_mm:.3} mm: measure poses \
+             spread over the workspace, with every joint moving",
+            tool.max_mm
+        );
+        warnings.push(warning("tool_uncertain", detail));
+    }
+    if let Some(scale) = common_scale(&report.links, nominal) {
+        let detail = format!(
+            "all lengths are {:+.3} % off by the same share: a wrong scale or temperature compensation of the instrument, rather than the robot",
+            100.0 * scale
+        );
+        warnings.push(warning("scale_suspect", detail));
+    }
+    warnings
+}
+
+/// The share by which all identified lengths are longer, where it stands out of their scatter. Lengths that were not identified say nothing.
+fn common_scale(links: &[Link], nominal: &[Link]) -> Option<f64> {
+    let lengths = links.iter().zip(nominal).flat_map(|(now, then)| {
+        [
+            (then.a_mm, now.a_mm - then.a_mm),
+            (then.d_mm, now.d_mm - then.d_mm),
+        ]
+    });
+    let lengths: Vec<(f64, f64)> = lengths
+        .filter(|(length, delta)| *length != 0.0 && *delta != 0.0)
+        .collect();
+    let squares: f64 = lengths.iter().map(|(length, _)| length * length).sum();
+    if lengths.len() < 3 {
+        return None;
+    }
+    let scale = lengths
+        .iter()
+        .map(|(length, delta)| length * delta)
+        .sum::<f64>()
+        / squares;
+    let scatter: f64 = lengths
+        .iter()
+        .map(|(length, delta)| (delta - scale * length) * (delta - scale * length))
+        .sum();
+    let std = (scatter / (lengths.len() - 1) as f64 / squares).sqrt();
+    (scale.abs() > SCALE && scale.abs() > SCALE_SIGMAS * std).then_some(scale)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LINK: Link = Link {
+        a_mm: 100.0,
+        alpha_rad: PI / 2.0,
+        d_mm: 300.0,
+        theta_offset_rad: 0.0,
+        beta_rad: 0.0,
+    };
+
+    #[test]
+    fn an_unmastered_joint_is_counted_as_it_should_be_and_half_a_turn_is_not() {
+        let turned_by = |degrees: f64| Link {
+            theta_offset_rad: degrees.to_radians(),
+            ..LINK
+        };
+        let told_but =
+            |degrees: f64, unseen| joint_counted_otherwise(&[turned_by(degrees)], &[LINK], &unseen);
+        let told = |degrees: f64| told_but(degrees, BTreeSet::new());
+        for degrees in [0.0, 20.0, -44.0, 360.0, 340.0] {
+            assert_eq!(told(degrees), None, "{degrees}");
+        }
+        for degrees in [46.0, -90.0, 180.0, -180.0] {
+            assert_eq!(told(degrees).unwrap().code, JOINT_MAP, "{degrees}");
+        }
+        assert_eq!(
+            told_but(126.0, BTreeSet::from(["theta_offset_1".into()])),
+            None
+        );
+    }
+
+    #[test]
+    fn tenths_of_a_millimetre_are_plausible_and_a_wrong_tool_is_not() {
+        let near = Link {
+            a_mm: 100.4,
+            alpha_rad: PI / 2.0 + 0.001,
+            d_mm: 299.2,
+            theta_offset_rad: -0.01,
+            beta_rad: 0.0,
+        };
+        assert_eq!(implausible_changes(&[near], &[LINK]), Vec::<String>::new());
+        let longer = Link {
+            d_mm: 310.0,
+            ..LINK
+        };
+        assert_eq!(
+            implausible_changes(&[longer], &[LINK]),
+            ["d_1 by 10.000 mm"]
+        );
+        let turned = Link {
+            theta_offset_rad: 0.05,
+            ..LINK
+        };
+        assert_eq!(
+            implausible_changes(&[turned], &[LINK]),
+            ["theta_offset_1 by 2.8648°"]
+        );
+        assert_eq!(
+            implausible_changes(&[LINK], &[LINK, LINK]),
+            ["1 links instead of 2"]
+        );
+    }
+
+    #[test]
+    fn a_full_turn_is_no_change_and_what_is_not_a_number_is_one() {
+        let turned = Link {
+            theta_offset_rad: TAU,
+            ..LINK
+        };
+        assert!(implausible_changes(&[turned], &[LINK]).is_empty());
+        assert_eq!(
+            implausible_changes(
+                &[Link {
+                    a_mm: f64::NAN,
+                    ..LINK
+                }],
+                &[LINK]
+            )
+            .len(),
+            1
+        );
+    }
+
+    #[test]
+    fn lengths_that_are_all_off_by_the_same_share_show_a_wrong_scale() {
+        let arm = |scale: f64, scatter: f64| -> Vec<Link> {
+            let lengths: [(f64, f64); 3] = [(0.0, 504.0), (166.0, 0.0), (782.0, 761.0)];
+            let one = |i: usize, length: f64| {
+                if length == 0.0 {
+                    0.0
+                } else {
+                    length * scale
+                        + if i.is_multiple_of(2) {
+                            scatter
+                        } else {
+                            -scatter
+                        }
+                }
+            };
+            lengths
+                .iter()
+                .enumerate()
+                .map(|(i, (a, d))| Link {
+                    a_mm: one(i, *a),
+                    d_mm: one(i + 1, *d),
+                    ..LINK
+                })
+                .collect()
+        };
+        let scale = common_scale(&arm(1.001, 0.05), &arm(1.0, 0.0)).unwrap();
+        assert!((scale - 1e-3).abs() < 1e-4, "{scale}");
+        assert_eq!(
+            common_scale(&arm(1.0, 0.3), &arm(1.0, 0.0)),
+            None,
+            "a robot's own errors have no common sign"
+        );
+        assert_eq!(
+            common_scale(&arm(1.0001, 0.0), &arm(1.0, 0.0)),
+            None,
+            "a warm robot is no wrong scale"
+        );
+    }
+}

@@ -1,0 +1,174 @@
+//! What screening found, in words.
+
+use crate::calibration::preparation::observe::Observed;
+use crate::calibration::preparation::screening::{FoundStep, Screening, WhatMoved, WildPoint};
+use crate::calibration::problem::Problem;
+use crate::calibration::report::Warning;
+use crate::calibration::request::Loss;
+use crate::identification::KinematicModel;
+use crate::identification::objective::Observation;
+use crate::identification::uncertainty::Uncertainty;
+use crate::measurement::Subset;
+
+/// Points listed by their size in a detail; `rows` has them all.
+const LISTED: usize = 20;
+/// A point lies beyond what was measured to identify if the identified robot is so much less certain there than at any point of the fit.
+const BEYOND: f64 = 2.0;
+/// It is worth a word if this share of the points to verify lies there.
+const MANY_BEYOND: f64 = 0.1;
+
+/// The warnings about wild points and about what moved. `asked` is the loss that the request asks for.
+pub fn screening_warnings(
+    screening: &Screening,
+    observed: &Observed,
+    asked: Option<Loss>,
+) -> Vec<Warning> {
+    let mut warnings: Vec<Warning> = screening.steps.iter().map(moved).collect();
+    if !screening.unfitted_rows.is_empty() {
+        let detail = "no point to identify lies in the stretch after a step: these rows are scored as if nothing had moved";
+        warnings.push(Warning {
+            code: "stretch_without_identify_points",
+            detail: detail.into(),
+            rows: screening.unfitted_rows.clone(),
+        });
+    }
+    warnings.extend(outliers(screening, observed, asked.is_some()));
+    warnings
+}
+
+/// Points to verify where the identified robot is far less certain than at any point of the fit, and by more than the points scatter: what
+/// was measured to identify does not fix it there. `scatter_mm` is the rms length of the residuals in the fit.
+pub fn extrapolated(
+    problem: &Problem<'_>,
+    model: &KinematicModel,
+    uncertainty: &Uncertainty,
+    scatter_mm: f64,
+) -> Option<Warning> {
+    let observed = &problem.observed;
+    let stds = |subset: Subset| -> Vec<(usize, f64)> {
+        let rows = (0..observed.all.len())
+            .filter(|row| observed.subsets[*row] == subset && observed.all[*row].weight > 0.0);
+        let at = |o: &Observation| {
+            uncertainty.position_std_mm(model, &problem.parameters, &o.q_rad, o.target)
+        };
+        rows.map(|row| (row, at(&observed.all[row]))).collect()
+    };
+    let largest = |stds: &[(usize, f64)]| stds.iter().map(|(_, std)| *std).fold(0.0, f64::max);
+    let (fitted, to_verify) = (largest(&stds(Subset::Identify)), stds(Subset::Verify));
+    let limit_mm = (BEYOND * fitted).max(scatter_mm);
+    let beyond: Vec<(usize, f64)> = to_verify
+        .iter()
+        .copied()
+        .filter(|(_, std)| *std > limit_mm)
+        .collect();
+    let detail = format!(
+        "{} of {} points to verify lie beyond what the identify subset fixes: the identified robot is uncertain there by up to {:.3} mm (one standard \
+         deviation), at the fitted points by {fitted:.3} mm at most. Their errors are those of an extrapolation; identify from points of \
+         that part of the workspace as well, or use the robot only where it was measured",
+        beyond.len(),
+        to_verify.len(),
+        largest(&beyond),
+    );
+    let rows: Vec<usize> = beyond.iter().map(|(row, _)| *row).collect();
+    let are_many = rows.len() as f64 > MANY_BEYOND * to_verify.len() as f64;
+    are_many.then_some(Warning {
+        code: "verify_extrapolates",
+        detail,
+        rows,
+    })
+}
+
+/// The same about a set of its own, said so.
+pub fn of_the_verify_set(warnings: Vec<Warning>) -> impl Iterator<Item = Warning> {
+    warnings.into_iter().map(|w| Warning {
+        detail: format!("in the verify set: {}", w.detail),
+        ..w
+    })
+}
+
+fn moved(step: &FoundStep) -> Warning {
+    let v = step.vector_mm;
+    let vector = format!(
+        "({:.3}, {:.3}, {:.3}) mm, {:.3} mm long",
+        v.x,
+        v.y,
+        v.z,
+        v.norm()
+    );
+    let (code, what) = match step.moved {
+        WhatMoved::Target(target) => (
+            "target_moved",
+            format!("target {target} moved by {vector}, in the flange frame"),
+        ),
+        WhatMoved::Base => {
+            let turn = step.turn_rad.norm().to_degrees();
+            (
+                "base_moved",
+                format!(
+                    "the base moved against the instrument by {vector}, and by {turn:.4}\u{b0}, in the measuring frame"
+                ),
+            )
+        }
+    };
+    let consequence = match step.is_one_point {
+        true => {
+            "it is one point alone, which may have slipped or may be wild: it was left out where it was to be fitted"
+        }
+        false => "the stretches before and after it were fitted apart",
+    };
+    Warning {
+        code,
+        detail: format!("before row {}, {what}; {consequence}", step.row),
+        rows: vec![step.row],
+    }
+}
+
+fn outliers(screening: &Screening, observed: &Observed, asked: bool) -> Option<Warning> {
+    if screening.wild.is_empty() {
+        return None;
+    }
+    let rows: Vec<usize> = screening.wild.iter().map(|w| w.row).collect();
+    let n_fitted = rows
+        .iter()
+        .filter(|row| observed.subsets[**row] == Subset::Identify)
+        .count();
+    let what = format!(
+        "{} of {} points do not belong to the others, which scatter by {:.4} mm (one standard deviation of a coordinate): {}",
+        rows.len(),
+        observed.all.len(),
+        screening.scale_mm,
+        listed(&screening.wild)
+    );
+    let (code, consequence) = match (screening.is_for_review, asked) {
+        (false, false) if n_fitted == 0 => {
+            ("outliers", "base and targets were placed without them; all stay in the statistics, as measured".into())
+        }
+        (false, false) => {
+            let counts = if n_fitted == 1 { "the one of them that was to be fitted counts" } else { "those that were to be fitted count" };
+            ("outliers", format!("{counts} nothing; all stay in the statistics, as measured"))
+        }
+        (false, true) => ("outliers", "they count as the loss that was asked for has it".into()),
+        (true, true) => ("outliers_review", "look at them: more than a twentieth; they count as the loss that was asked for has it".into()),
+        (true, false) => (
+            "outliers_review",
+            "look at them: more than a twentieth, so none was left out; Huber's loss keeps them from pulling hard".into(),
+        ),
+    };
+    Some(Warning {
+        code,
+        detail: format!("{what}; {consequence}"),
+        rows,
+    })
+}
+
+fn listed(wild: &[WildPoint]) -> String {
+    let mut names: Vec<String> = wild
+        .iter()
+        .take(LISTED)
+        .map(|w| format!("row {} by {:.3} mm", w.row, w.size_mm))
+        .collect();
+    if wild.len() > LISTED {
+        names.push(format!("and {} more", wild.len() - LISTED));
+    }
+    names.join(", ")
+}

@@ -1,0 +1,101 @@
+//! What the measured positions do not show of the flange. The measured reflector is where the identified robot has it whatever the positions
+//! do not show; another tool, or a turn of the flange, need not be.
+
+use crate::calibration::problem::Problem;
+use crate::calibration::report::Warning;
+use crate::compensation::anchor;
+use crate::identification::KinematicModel;
+use crate::identification::parameters::{Parameter, apply};
+use crate::identification::uncertainty::Uncertainty;
+use crate::identification::workspace::random_configurations;
+use crate::kinematics::rotation::rotation_log;
+use crate::kinematics::{Robot, t_base_flange};
+use nalgebra::DMatrix;
+
+/// Configurations that stand for the workspace.
+pub const N_CONFIGURATIONS: usize = 64;
+/// Less is what parameters do that the model has twice, such as d of links with parallel axes: nothing but rounding.
+const NOTICED_MM: f64 = 1e-3;
+/// See [`NOTICED_MM`]; 0.001°.
+const NOTICED_RAD: f64 = 1e-3 * std::f64::consts::PI / 180.0;
+/// A point of the tool this far from the reflector, mm, should be no less certain than
+const TOOL_MM: f64 = 100.0;
+/// ... so many times what the points scatter by.
+const UNCERTAIN: f64 = 5.0;
+
+/// How far the flange may be from where the identified robot has it, one standard deviation.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct AtFlange {
+    /// Its origin, mm.
+    pub shift_mm: f64,
+    /// And how far it may be turned, rad.
+    pub turn_rad: f64,
+}
+
+/// The warning, where what is not seen, or hardly seen, moves the flange on its anchored base (see [`anchor`]). `scatter_mm` is the rms length
+/// of the residuals.
+pub fn warning(
+    problem: &Problem<'_>,
+    model: &KinematicModel,
+    uncertainty: Option<&Uncertainty>,
+    scatter_mm: f64,
+) -> Option<Warning> {
+    let flange = |roots: &[&DMatrix<f64>]| {
+        at_flange(&problem.request.robot, model, &problem.parameters, roots)
+    };
+    let all = match uncertainty {
+        Some(found) => flange(&[&found.noise, &found.misfit]),
+        None => flange(&[&problem.decomposition.unseen_directions()]),
+    };
+    let is_seen = match uncertainty {
+        Some(_) => TOOL_MM * all.turn_rad < UNCERTAIN * scatter_mm,
+        None => all.shift_mm < NOTICED_MM && all.turn_rad < NOTICED_RAD,
+    };
+    if is_seen {
+        return None;
+    }
+    let detail = format!(
+        "the measured positions hardly show how the flange stands: it may be turned by {:.3}° and shifted by {:.3} mm (one standard deviation; what the \
+         positions do not show at all counts as off by 1 mm or 0.3°) from where the identified robot has it. The measured reflector is right all the same; corrected poses, and another tool than that \
+         reflector, need not be. Measure a reflector off the last axis, or two, at poses that move every joint",
+        all.turn_rad.to_degrees(),
+        all.shift_mm
+    );
+    Some(Warning {
+        code: "pose_not_seen",
+        detail,
+        rows: vec![],
+    })
+}
+
+/// Root of the sum over the columns of `roots`, parameter deviations of one standard deviation each, of what they do to the anchored
+/// flange: root mean square over random configurations of the joint space.
+pub fn at_flange(
+    robot: &Robot,
+    model: &KinematicModel,
+    parameters: &[Parameter],
+    roots: &[&DMatrix<f64>],
+) -> AtFlange {
+    let (mut shift_mm2, mut turn_rad2) = (0.0, 0.0);
+    let configurations = random_configurations(robot, N_CONFIGURATIONS, 0);
+    let here = anchor(&model.links, &robot.links);
+    for deviation in roots.iter().flat_map(|root| root.column_iter()) {
+        let deviation: Vec<f64> = deviation.iter().copied().collect();
+        let moved = apply(model, parameters, &deviation);
+        let there = anchor(&moved.links, &robot.links);
+        for q_controller_rad in &configurations {
+            let q_rad = robot.q_model_rad(q_controller_rad);
+            let (a, b) = (
+                here.anchored(&t_base_flange(&model.links, &q_rad)),
+                there.anchored(&t_base_flange(&moved.links, &q_rad)),
+            );
+            shift_mm2 += (b.translation.vector - a.translation.vector).norm_squared();
+            turn_rad2 += rotation_log(&(b.rotation * a.rotation.inverse())).norm_squared();
+        }
+    }
+    let n = N_CONFIGURATIONS as f64;
+    AtFlange {
+        shift_mm: (shift_mm2 / n).sqrt(),
+        turn_rad: (turn_rad2 / n).sqrt(),
+    }
+}

@@ -1,0 +1,51 @@
+//! Compares two parameter sets of a robot.
+
+use crate::calibration::request::PreviousSession;
+use crate::calibration::session_comparison::changes;
+use crate::calibration::{self, CalibrationRequest, tool_differences};
+use crate::wire::history::{CompareAnswer, MapPoint, SessionTest};
+use crate::wire::parameter_set::ParameterSetContent;
+use std::ops::ControlFlow;
+
+/// A parameter set, and how it was identified.
+#[derive(Clone, Debug)]
+pub struct IdentifiedSet {
+    /// `par_…`
+    pub id: String,
+    /// The set.
+    pub content: ParameterSetContent,
+    /// Request of its job.
+    pub request: CalibrationRequest,
+    /// Hash of its upload.
+    pub upload_sha256: String,
+}
+
+/// Differences of the tool over the workspace, and a test of both sessions if they are two.
+///
+/// # Errors
+/// [`calibration::Error`] if the sessions cannot be compared.
+pub fn compare(
+    own: IdentifiedSet,
+    with: IdentifiedSet,
+) -> Result<CompareAnswer, calibration::Error> {
+    let differences = tool_differences(
+        &own.request.robot,
+        &own.content.identified_robot(None),
+        &with.content.identified_robot(None),
+    );
+    let same_upload = own.upload_sha256 == with.upload_sha256;
+    let mut request = own.request;
+    request.previous = (!same_upload).then_some(PreviousSession {
+        set: with.request.set,
+        frames: with.request.frames,
+    });
+    let changes = changes(&request, None, &mut |_| ControlFlow::Continue(()))?;
+    Ok(CompareAnswer {
+        parameter_set_id: own.id,
+        with: with.id,
+        mean_mm: differences.mean_mm,
+        max_mm: differences.max_mm,
+        map: differences.points.iter().map(MapPoint::from).collect(),
+        sessions: changes.as_ref().map(SessionTest::from),
+    })
+}

@@ -1,0 +1,186 @@
+//! Exports identified links in the formats of controllers and of other software. Each text is read back and compared before it is returned.
+
+mod check;
+mod documents;
+mod error;
+mod source;
+mod urdf;
+
+pub use documents::mastering_document;
+pub use error::Error;
+pub use source::Source;
+
+use crate::exchange::{refit, universal_robots};
+use crate::kinematics::Link;
+use crate::operations::import;
+use crate::wire::export::{BetaChoice, ExportDocument, ExportFormat, RemainingError};
+use crate::wire::issue::Invalid;
+
+/// An exported text.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Exported {
+    /// Its media type.
+    pub content_type: &'static str,
+    /// Extension of its file name.
+    pub extension: &'static str,
+    /// The text.
+    pub text: String,
+    /// Error that the format leaves, if there is any.
+    pub remaining: Option<RemainingError>,
+}
+
+/// Exports a parameter set.
+///
+/// # Errors
+/// [`Error`].
+pub fn export(
+    source: &Source<'_>,
+    format: ExportFormat,
+    beta: BetaChoice,
+) -> Result<Exported, Error> {
+    let (links, remaining) = exported_links(source, beta);
+    match format {
+        ExportFormat::Json => {
+            let document = documents::export_document(source, &links, remaining);
+            let text =
+                serde_json::to_string_pretty(&document).map_err(|e| unreadable("json", e))?;
+            let back: ExportDocument =
+                serde_json::from_str(&text).map_err(|e| unreadable("json", e))?;
+            check::same_links(
+                "json",
+                source.robot,
+                &links,
+                &back.content.kinematic_links(),
+            )?;
+            Ok(Exported {
+                content_type: "application/json",
+                extension: "json",
+                text,
+                remaining,
+            })
+        }
+        ExportFormat::Yaml => {
+            let document = documents::export_document(source, &links, remaining);
+            let text = yaml_serde::to_string(&document).map_err(|e| unreadable("yaml", e))?;
+            let back: ExportDocument =
+                yaml_serde::from_str(&text).map_err(|e| unreadable("yaml", e))?;
+            check::same_links(
+                "yaml",
+                source.robot,
+                &links,
+                &back.content.kinematic_links(),
+            )?;
+            Ok(Exported {
+                content_type: "application/yaml",
+                extension: "yaml",
+                text,
+                remaining,
+            })
+        }
+        ExportFormat::Csv => {
+            let text = documents::csv_text(&links);
+            let table =
+                import::table(text.as_bytes()).map_err(|e| unreadable("csv", e.summary()))?;
+            check::same_links("csv", source.robot, &links, &table.links)?;
+            Ok(Exported {
+                content_type: "text/csv",
+                extension: "csv",
+                text,
+                remaining,
+            })
+        }
+        ExportFormat::Urdf => {
+            let text = urdf::written_text(source, &links);
+            check::same_chain("urdf", source.robot, &links, text.as_bytes())?;
+            Ok(Exported {
+                content_type: "application/xml",
+                extension: "urdf",
+                text,
+                remaining,
+            })
+        }
+        ExportFormat::UrKinematics => {
+            let arm = universal_robots::described(source.robot, &links).map_err(|reason| {
+                let detail = format!(
+                    "ur_kinematics is for the robots of Universal Robots, with links that begin in the robot's own Base or in base_link of its \
+                     description, and this robot is none: {reason}. Take format=urdf, or post the URDF that you use to this path with format=urdf"
+                );
+                Invalid::at("/format", "not_a_universal_robot", detail)
+            })?;
+            let sha256 = source
+                .content
+                .sha256()
+                .map_err(|e| unreadable("ur_kinematics", e))?;
+            let text = documents::ur_kinematics(&arm, &sha256, source.base_left_out().as_deref());
+            let back =
+                documents::read_ur_kinematics(&text).map_err(|e| unreadable("ur_kinematics", e))?;
+            check::same_description(source.robot, &links, &back, arm.base)?;
+            Ok(Exported {
+                content_type: "application/yaml",
+                extension: "yaml",
+                text,
+                remaining,
+            })
+        }
+        ExportFormat::Mastering => mastering(source),
+    }
+}
+
+/// Writes the joint origins of the identified robot into the user's own URDF.
+///
+/// # Errors
+/// [`Error`] if the URDF cannot be read, or is not the nominal robot.
+pub fn patch_urdf(source: &Source<'_>, bytes: &[u8], tip: Option<&str>) -> Result<Exported, Error> {
+    let links = source.content.kinematic_links();
+    let text = urdf::patched_text(source, &links, bytes, tip)?;
+    Ok(Exported {
+        content_type: "application/xml",
+        extension: "urdf",
+        text,
+        remaining: None,
+    })
+}
+
+/// The identified links with or without beta and, without it, the remaining error.
+fn exported_links(source: &Source<'_>, beta: BetaChoice) -> (Vec<Link>, Option<RemainingError>) {
+    let links = source.content.kinematic_links();
+    if beta == BetaChoice::Keep {
+        return (links, None);
+    }
+    let refit = refit::without_beta(source.robot, &links);
+    let remaining = RemainingError::from(&refit);
+    (refit.links, Some(remaining))
+}
+
+fn mastering(source: &Source<'_>) -> Result<Exported, Error> {
+    let refit = refit::mastering(source.robot, &source.content.kinematic_links());
+    let document = mastering_document(source.robot, &refit);
+    let offsets_rad = document.offsets_rad();
+    let shifted = |q: &[f64]| -> Vec<f64> {
+        q.iter()
+            .zip(&offsets_rad)
+            .map(|(q, offset)| q + offset)
+            .collect()
+    };
+    let nominal = |q_controller: &[f64]| {
+        crate::kinematics::t_base_flange(
+            &source.robot.links,
+            &source.robot.q_model_rad(&shifted(q_controller)),
+        )
+    };
+    check::same_at_controller("mastering", source.robot, &refit.links, &nominal)?;
+    let text = serde_json::to_string_pretty(&document).map_err(|e| unreadable("mastering", e))?;
+    Ok(Exported {
+        content_type: "application/json",
+        extension: "json",
+        text,
+        remaining: Some(document.remaining_error_mm),
+    })
+}
+
+fn unreadable(format: &'static str, cause: impl std::fmt::Display) -> Error {
+    Error::ReadBack {
+        format,
+        cause: cause.to_string(),
+    }
+}

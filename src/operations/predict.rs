@@ -1,0 +1,38 @@
+//! Predicts positions of a target on an identified robot.
+
+use crate::kinematics::{Payload, Robot};
+use crate::wire::angle::to_radians;
+use crate::wire::issue::Invalid;
+use crate::wire::parameter_set::ParameterSetContent;
+use crate::wire::predict::{PredictAnswer, PredictBody, unknown_target};
+
+/// Predicts the target's positions with the joint map, the identified links, the corrections and the base's pose in the measuring frame.
+///
+/// # Errors
+/// [`Invalid`] for poses that do not fit the robot, or a target that the set does not have.
+pub fn predict(
+    request: &PredictBody,
+    robot: &Robot,
+    content: &ParameterSetContent,
+) -> Result<PredictAnswer, Invalid> {
+    request.check(robot.links.len())?;
+    if content.target_mm(request.target, request.segment).is_none() {
+        return Err(unknown_target());
+    }
+    let identified = content
+        .identified_robot(request.segment)
+        .carrying(request.payload.map(Payload::from));
+    let predicted = |q_deg: &Vec<f64>| -> ([f64; 3], bool) {
+        let q_rad: Vec<f64> = q_deg.iter().map(|deg| to_radians(*deg)).collect();
+        let q_rad = robot.q_model_rad(&q_rad);
+        (
+            identified.position(&q_rad, request.target).into(),
+            identified.is_extrapolated(&q_rad),
+        )
+    };
+    let (position_mm, extrapolated) = request.q_deg.iter().map(predicted).unzip();
+    Ok(PredictAnswer {
+        position_mm,
+        extrapolated,
+    })
+}

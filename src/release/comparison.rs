@@ -1,0 +1,129 @@
+//! Comparison of a set with the robot's active one on the same points.
+
+use crate::calibration::{self, CalibrationRequest, judged};
+use crate::measurement::MeasurementSet;
+use crate::release::sessions::Session;
+use crate::wire::parameter_set::ParameterSetContent;
+use crate::wire::report_shape::Evidence;
+use crate::wire::verification::Verification;
+
+/// Errors of the set and of the robot's active one on the same points.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Comparison {
+    /// Description of the points.
+    pub points: String,
+    /// Errors of both on these points, or the reason why there are none.
+    pub rms: Result<ComparedRms, String>,
+}
+
+/// rms of the errors of two parameter sets on the same points.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ComparedRms {
+    /// Of the set that may be released, mm.
+    pub set_mm: f64,
+    /// Of the robot's active one, mm.
+    pub active_mm: f64,
+}
+
+/// The points on which a set is compared with the active one.
+#[derive(Clone, Debug, PartialEq)]
+pub enum PointsToCompare {
+    /// The points of these sessions.
+    Sessions(Vec<Session>),
+    /// The points that were held out when the set was identified.
+    HeldOut,
+    /// There are none.
+    None,
+}
+
+/// Sessions that are evidence show most, each upload once. Without any, the held-out points have to do.
+pub fn points_to_compare(sessions: &[Session], identification: &Verification) -> PointsToCompare {
+    let mut chosen: Vec<Session> = Vec::new();
+    for session in sessions {
+        let is_new = chosen
+            .iter()
+            .all(|other| other.measurement_set_id != session.measurement_set_id);
+        if session.verification.evidence != Evidence::None && is_new {
+            chosen.push(session.clone());
+        }
+    }
+    if !chosen.is_empty() {
+        PointsToCompare::Sessions(chosen)
+    } else if identification.n_points > 0 {
+        PointsToCompare::HeldOut
+    } else {
+        PointsToCompare::None
+    }
+}
+
+/// A set and the robot's active one.
+#[derive(Clone, Copy, Debug)]
+pub struct Compared<'a> {
+    /// The request of the job that identified the set.
+    pub request: &'a CalibrationRequest,
+    /// The set.
+    pub content: &'a ParameterSetContent,
+    /// The active set.
+    pub active: &'a ParameterSetContent,
+}
+
+/// Compares both on the points of an upload. `points` describes them.
+pub fn compare_on_set(compared: Compared<'_>, points: String, set: &MeasurementSet) -> Comparison {
+    let errors_mm = |content: &ParameterSetContent| {
+        calibration::errors_mm(compared.request, set, &content.identified_robot(None))
+            .map_err(|error| error.to_string())
+    };
+    let both = || {
+        let errors_mm = errors_mm(compared.active)?
+            .into_iter()
+            .zip(errors_mm(compared.content)?);
+        Ok(robust_rms(
+            errors_mm.map(|(active, own)| [active, own, own]),
+        ))
+    };
+    Comparison {
+        points,
+        rms: both(),
+    }
+}
+
+/// Compares both on the verify subset of the set's own upload. `verified_mm` are the errors of the fit that had not seen these points, of the links
+/// and with corrections. `None` if the active set was identified from these points too: then each is scored as it is delivered.
+pub fn compare_on_verify_subset(
+    compared: Compared<'_>,
+    points: String,
+    verified_mm: Option<Vec<[f64; 2]>>,
+) -> Comparison {
+    let errors_mm = |content: &ParameterSetContent| {
+        let robot = content.identified_robot(None);
+        calibration::errors_on_verify_subset_mm(compared.request, &robot)
+            .map_err(|error| error.to_string())
+    };
+    let both = || {
+        let active_mm = errors_mm(compared.active)?;
+        let own_mm = match verified_mm {
+            Some(verified_mm) => verified_mm,
+            None => errors_mm(compared.content)?
+                .into_iter()
+                .map(|e| [e, e])
+                .collect(),
+        };
+        let pairs = active_mm.into_iter().zip(own_mm);
+        Ok(robust_rms(pairs.map(|(active, [links, corrected])| {
+            [active, links, corrected]
+        })))
+    };
+    Comparison {
+        points,
+        rms: both(),
+    }
+}
+
+/// From each point's errors: of the active set, of the set's links, and of those with corrections.
+fn robust_rms(errors_mm: impl Iterator<Item = [f64; 3]>) -> ComparedRms {
+    let comparison = judged(&errors_mm.collect::<Vec<_>>());
+    ComparedRms {
+        set_mm: comparison.after_rms_mm,
+        active_mm: comparison.before_rms_mm,
+    }
+}

@@ -1,0 +1,38 @@
+//! The decision whether a parameter set may be released.
+
+use crate::release::facts::Facts;
+use crate::release::gates::gates;
+use crate::wire::release::Gate;
+use crate::wire::report_shape::Evidence;
+
+/// What the gates found.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Decision {
+    /// Every gate, passed or not.
+    pub gates: Vec<Gate>,
+    /// Strength of the verification.
+    pub evidence: Evidence,
+    /// The tool's largest predicted uncertainty over the workspace, mm.
+    pub uncertainty_mm: Option<f64>,
+}
+
+impl Decision {
+    /// Whether every gate is passed.
+    pub fn is_releasable(&self) -> bool {
+        self.failed().next().is_none()
+    }
+
+    /// The gates that failed.
+    pub fn failed(&self) -> impl Iterator<Item = &Gate> {
+        self.gates.iter().filter(|gate| !gate.passed)
+    }
+}
+
+/// Runs the gates.
+pub fn decide(facts: &Facts<'_>) -> Decision {
+    Decision {
+        gates: gates(facts),
+        evidence: facts.evidence(),
+        uncertainty_mm: facts.identification.uncertainty_mm,
+    }
+}

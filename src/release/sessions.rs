@@ -1,0 +1,32 @@
+//! Sessions on which a set was scored after its identification.
+
+use crate::wire::report_shape::Evidence;
+use crate::wire::verification::{Fit, Verification, VerificationKind};
+
+/// A job that scored the set on another session. Lists are in the order of the robot's counter.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Session {
+    /// The job.
+    pub job_id: String,
+    /// Its upload.
+    pub measurement_set_id: String,
+    /// Its number in the robot's counter.
+    pub seq: i64,
+    /// Its verification facts.
+    pub verification: Verification,
+}
+
+/// Whether a session supports a release: its points were measured anew and fit the robot, and the set is better than nominal on them.
+pub fn supports(session: &Verification) -> bool {
+    session.kind == VerificationKind::Session
+        && session.evidence == Evidence::IndependentSession
+        && session.fit == Fit::Fits
+        && session.is_better
+}
+
+impl Session {
+    /// Whether the session supports the set, comes after this number of the robot's counter, and repeats no earlier upload.
+    pub fn supports_since(&self, seq: i64) -> bool {
+        self.seq > seq && supports(&self.verification) && !self.verification.is_repeat
+    }
+}

@@ -1,0 +1,156 @@
+//! Particles, their box, and every choice that the paper leaves open.
+
+/// Positions of a swarm, coordinate-major: all particles' first coordinate, then all particles' second, …
+#[derive(Clone, Debug, PartialEq)]
+pub struct Positions {
+    /// Number of particles.
+    pub n_particles: usize,
+    /// Number of coordinates of each.
+    pub n_coordinates: usize,
+    /// Coordinate j of particle i is `values[j * n_particles + i]`.
+    pub values: Vec<f64>,
+}
+
+impl Positions {
+    /// All zero.
+    pub fn zeros(n_particles: usize, n_coordinates: usize) -> Self {
+        Self {
+            n_particles,
+            n_coordinates,
+            values: vec![0.0; n_particles * n_coordinates],
+        }
+    }
+
+    /// Coordinate j of all particles.
+    pub fn coordinate(&self, j: usize) -> &[f64] {
+        &self.values[j * self.n_particles..(j + 1) * self.n_particles]
+    }
+
+    /// Coordinate j of all particles, to be changed.
+    pub fn coordinate_mut(&mut self, j: usize) -> &mut [f64] {
+        &mut self.values[j * self.n_particles..(j + 1) * self.n_particles]
+    }
+
+    /// Coordinate j of particle i.
+    pub fn get(&self, i: usize, j: usize) -> f64 {
+        self.coordinate(j)[i]
+    }
+
+    /// Sets coordinate j of particle i.
+    pub fn set(&mut self, i: usize, j: usize, value: f64) {
+        self.coordinate_mut(j)[i] = value;
+    }
+
+    /// All coordinates of particle i, gathered.
+    pub fn particle(&self, i: usize) -> Vec<f64> {
+        (0..self.n_coordinates).map(|j| self.get(i, j)).collect()
+    }
+
+    /// Sets all coordinates of particle i.
+    ///
+    /// # Panics
+    /// When `position` has another number of coordinates.
+    pub fn set_particle(&mut self, i: usize, position: &[f64]) {
+        assert_eq!(
+            position.len(),
+            self.n_coordinates,
+            "one value per coordinate"
+        );
+        for (j, &value) in position.iter().enumerate() {
+            self.set(i, j, value);
+        }
+    }
+}
+
+/// Where the first positions are drawn, uniformly: centre ± half width. Whether the swarm may leave it is
+/// [`Options::boundary`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct SearchBox {
+    /// Centre, one value per coordinate.
+    pub centre: Vec<f64>,
+    /// Half width, one value per coordinate, not negative.
+    pub half_width: Vec<f64>,
+}
+
+/// How r1 and r2 of [Gao 2018, eq. 9] are drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RandomNumbers {
+    /// Anew for every coordinate of every particle: the usual reading of the formula.
+    PerCoordinate,
+    /// Once per particle and iteration: each pull is then along a straight line.
+    PerParticle,
+}
+
+/// First velocities.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum InitialVelocity {
+    /// All zero.
+    Zero,
+    /// Uniform within ± `fraction` of the half width.
+    Uniform {
+        /// Fraction of the half width.
+        fraction: f64,
+    },
+}
+
+/// What happens to a particle that would leave the box.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Boundary {
+    /// Nothing: the box only says where the swarm starts.
+    None,
+    /// The coordinate is set to the wall and its velocity to zero. With an answer at a corner of the box this looks
+    /// like very fast convergence and is an artefact.
+    Clamp,
+    /// The coordinate is mirrored at the wall and its velocity reversed; what overshoots by more than the whole box
+    /// ends at the wall.
+    Reflect,
+}
+
+/// How to search. The default is the closest reading of the paper.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Options {
+    /// Number of particles n: 200 [Gao 2018, section 3.1].
+    pub n_particles: usize,
+    /// Swarm updates at most: 492, what the paper's experiment took [Gao 2018, section 4].
+    pub n_iterations: usize,
+    /// Inertia weight w: 0.9 [Gao 2018, eq. 9].
+    pub inertia_weight: f64,
+    /// Cognitive factor c1, the pull to the particle's own best: 0.5 [Gao 2018, eq. 9].
+    pub cognitive: f64,
+    /// Social factor c2, the pull to the swarm's best: 1.25 [Gao 2018, eq. 9].
+    pub social: f64,
+    /// How r1 and r2 are drawn: per coordinate (not printed in the paper).
+    pub random_numbers: RandomNumbers,
+    /// First velocities: zero (not printed).
+    pub initial_velocity: InitialVelocity,
+    /// What happens at the walls of the box: nothing (not printed).
+    pub boundary: Boundary,
+    /// Largest velocity per coordinate, as a fraction of the half width: no limit (not printed).
+    pub velocity_limit: Option<f64>,
+    /// Stops as soon as the best cost is at or below this: never (not printed).
+    pub stop_at_cost: Option<f64>,
+    /// Seed of all random numbers: 0.
+    pub seed: u64,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            n_particles: 200,
+            n_iterations: 492,
+            inertia_weight: 0.9,
+            cognitive: 0.5,
+            social: 1.25,
+            random_numbers: RandomNumbers::PerCoordinate,
+            initial_velocity: InitialVelocity::Zero,
+            boundary: Boundary::None,
+            velocity_limit: None,
+            stop_at_cost: None,
+            seed: 0,
+        }
+    }
+}
+
+/// The cost of all positions at once: fills one cost per particle. A cost that is not finite counts as +∞. What comes in is each
+/// particle's own best cost so far: a cost that is not below it may be left unfinished, with anything that is not below it either.
+pub type Cost<'a> = dyn FnMut(&Positions, &mut [f64]) + 'a;

@@ -1,0 +1,96 @@
+//! Events of the audit chain.
+
+use std::fmt;
+
+/// What an entry of the audit chain says. Old entries stay, so a name never changes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum AuditEvent {
+    /// A robot was stored.
+    RobotCreated,
+    /// A session did not fit the robot: the state `check_robot` began.
+    RobotDoesNotFit,
+    /// A session ended that state.
+    RobotFitsAgain,
+    /// Somebody gave a reason that ended that state.
+    RobotChecked,
+    /// The release policy of a robot was set.
+    RobotPolicyChanged,
+    /// An upload was stored.
+    MeasurementSetCreated,
+    /// Sweeps were stored.
+    FramesCreated,
+    /// A job was posted.
+    JobCreated,
+    /// A job ended with a report.
+    JobSucceeded,
+    /// A job ended with an error.
+    JobFailed,
+    /// Cancellation of a running job was requested.
+    JobCancelRequested,
+    /// A job was cancelled.
+    JobCancelled,
+    /// The verification facts of a job were stored.
+    VerificationKept,
+    /// A network was stored.
+    NetworkCreated,
+    /// A parameter set was stored.
+    ParameterSetCreated,
+    /// A parameter set was released.
+    ParameterSetReleased,
+    /// Another release superseded the set.
+    ParameterSetSuperseded,
+    /// A parameter set was withdrawn.
+    ParameterSetWithdrawn,
+    /// A key was made.
+    KeyCreated,
+    /// A key was revoked.
+    KeyRevoked,
+}
+
+impl AuditEvent {
+    /// Its name in the chain.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::RobotCreated => "robot_created",
+            Self::RobotDoesNotFit => "robot_does_not_fit",
+            Self::RobotFitsAgain => "robot_fits_again",
+            Self::RobotChecked => "robot_checked",
+            Self::RobotPolicyChanged => "robot_policy_changed",
+            Self::MeasurementSetCreated => "measurement_set_created",
+            Self::FramesCreated => "frames_created",
+            Self::JobCreated => "job_created",
+            Self::JobSucceeded => "job_succeeded",
+            Self::JobFailed => "job_failed",
+            Self::JobCancelRequested => "job_cancel_requested",
+            Self::JobCancelled => "job_cancelled",
+            Self::VerificationKept => "verification_kept",
+            Self::NetworkCreated => "network_created",
+            Self::ParameterSetCreated => "parameter_set_created",
+            Self::ParameterSetReleased => "parameter_set_released",
+            Self::ParameterSetSuperseded => "parameter_set_superseded",
+            Self::ParameterSetWithdrawn => "parameter_set_withdrawn",
+            Self::KeyCreated => "key_created",
+            Self::KeyRevoked => "key_revoked",
+        }
+    }
+
+    /// Whether it is the first entry about its subject.
+    pub(super) fn is_creation(self) -> bool {
+        matches!(
+            self,
+            Self::RobotCreated
+                | Self::MeasurementSetCreated
+                | Self::FramesCreated
+                | Self::JobCreated
+                | Self::NetworkCreated
+                | Self::ParameterSetCreated
+                | Self::KeyCreated
+        )
+    }
+}
+
+impl fmt::Display for AuditEvent {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.as_str())
+    }
+}
