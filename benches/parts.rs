@@ -6,13 +6,14 @@ mod throughput;
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use kincal::identification::fit::fit_in_space;
-use kincal::identification::identifiability::prior_scale;
+use kincal::identification::identifiability::prior_scales;
 use kincal::identification::linearisation::Linearisation;
 use kincal::identification::linearisation::decomposition_at;
 use kincal::identification::parameters::complete_parameters;
 use kincal::identification::search_space::SearchSpace;
 use kincal::identification::swarm::{lane_robots, prepared_poses, run_swarm};
 use kincal::kinematics::batch::{InstructionSet, Lanes, sum_of_squares};
+use kincal::kinematics::reach_mm;
 use kincal::solvers::random::LaneRandom;
 use kincal::solvers::{least_squares, pso};
 use std::hint::black_box;
@@ -35,7 +36,7 @@ fn paper() -> (
 /// Base, links and target around the same nominal robot.
 fn complete(paper: &SearchSpace) -> SearchSpace {
     let parameters = complete_parameters(paper.reference.links.len(), 1);
-    let scale = parameters.iter().map(prior_scale).collect();
+    let scale = prior_scales(&parameters, reach_mm(&paper.reference.links));
     SearchSpace::raw(paper.reference.clone(), parameters, scale)
 }
 
@@ -95,7 +96,7 @@ fn swarm(criterion: &mut Criterion) {
 
 fn fits(criterion: &mut Criterion) {
     let (space, observations) = paper();
-    let scale: Vec<f64> = space.parameters.iter().map(prior_scale).collect();
+    let scale = prior_scales(&space.parameters, reach_mm(&space.reference.links));
     let options = least_squares::Options {
         stop_at_cost: Some(1e-15),
         ..least_squares::Options::default()

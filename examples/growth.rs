@@ -7,11 +7,12 @@
 mod throughput;
 
 use anyhow::{Context, bail};
-use kincal::identification::identifiability::prior_scale;
+use kincal::identification::identifiability::prior_scales;
 use kincal::identification::objective::Observation;
 use kincal::identification::parameters::complete_parameters;
 use kincal::identification::search_space::SearchSpace;
 use kincal::identification::swarm::SwarmCost;
+use kincal::kinematics::reach_mm;
 use kincal::solvers::pso;
 use std::hint::black_box;
 use std::time::Instant;
@@ -31,7 +32,7 @@ fn main() -> anyhow::Result<()> {
     );
     let (paper, observations) = throughput::problem(&robot, &set)?;
     let parameters = complete_parameters(paper.reference.links.len(), 1);
-    let scale = parameters.iter().map(prior_scale).collect();
+    let scale = prior_scales(&parameters, reach_mm(&paper.reference.links));
     let complete = SearchSpace::raw(paper.reference.clone(), parameters, scale);
     let n_cores = std::thread::available_parallelism()?.get();
     println!(

@@ -2,12 +2,12 @@
 
 use crate::robots;
 use crate::simulation::Normal;
-use kincal::identification::identifiability::prior_scale;
+use kincal::identification::identifiability::prior_scales;
 use kincal::identification::objective::{Observation, weighted_jacobian};
 use kincal::identification::parameters::{Parameter, complete_parameters};
 use kincal::identification::workspace::random_configurations;
 use kincal::identification::{KinematicModel, Model};
-use kincal::kinematics::{Link, Robot};
+use kincal::kinematics::{Link, Robot, reach_mm};
 use kincal::planning::{PlanRequest, Room, plan};
 use nalgebra::{DMatrix, Vector3};
 use rand::RngExt;
@@ -73,9 +73,10 @@ impl<'a> Tool<'a> {
             &q.iter().map(seen).collect::<Vec<_>>(),
             &Vector3::zeros(),
         );
+        let scales = prior_scales(&self.parameters, reach_mm(&model.links));
         rows.column_iter_mut()
-            .zip(&self.parameters)
-            .for_each(|(mut column, p)| column *= prior_scale(p) / std_mm);
+            .zip(scales)
+            .for_each(|(mut column, scale)| column *= scale / std_mm);
         rows
     }
 

@@ -12,6 +12,7 @@ use crate::calibration::{Error, Monitor};
 use crate::identification::changes::{Change, Comparison, Estimate, FALSE_ALARMS, compare};
 use crate::identification::identifiability::prior_scale;
 use crate::identification::parameters::Parameter;
+use crate::kinematics::reach_mm;
 use crate::measurement::Subset;
 
 /// A change by more than this share of what a fresh robot is expected to be off (1 mm, 0.3°) is a jump.
@@ -54,7 +55,8 @@ pub fn changes(
     let Some(before) = estimate(&before, monitor)? else {
         return Ok(None);
     };
-    Ok(compare(&before, &after).map(|comparison| in_words(&comparison)))
+    Ok(compare(&before, &after)
+        .map(|comparison| in_words(&comparison, reach_mm(&request.robot.links))))
 }
 
 /// What a session says of its own, from all its points; `None` where it cannot be said how sure that is.
@@ -94,7 +96,7 @@ pub fn estimate(
     }))
 }
 
-fn in_words(comparison: &Comparison) -> Changes {
+fn in_words(comparison: &Comparison, reach_mm: f64) -> Changes {
     let robot = &comparison.robot;
     let placement: Vec<&Change> = comparison
         .placement
@@ -102,8 +104,8 @@ fn in_words(comparison: &Comparison) -> Changes {
         .flat_map(|tested| &tested.changes)
         .collect();
     let mut warnings = Vec::new();
-    let kind =
-        (robot.probability < FALSE_ALARMS).then(|| kind(&robot.changes, robot.n_combinations));
+    let kind = (robot.probability < FALSE_ALARMS)
+        .then(|| kind(&robot.changes, robot.n_combinations, reach_mm));
     if let Some(kind) = kind {
         let detail = format!(
             "since its last identification the robot has changed: {}: {} (chi-square {:.1} of {} combinations that both sessions see; an unchanged \
@@ -151,10 +153,10 @@ fn in_words(comparison: &Comparison) -> Changes {
     }
 }
 
-fn kind(changes: &[Change], n_combinations: usize) -> ChangeKind {
+fn kind(changes: &[Change], n_combinations: usize, reach_mm: f64) -> ChangeKind {
     let jumps = changes
         .iter()
-        .any(|c| c.delta.abs() > JUMP * prior_scale(&c.parameters[0]));
+        .any(|c| c.delta.abs() > JUMP * prior_scale(&c.parameters[0], reach_mm));
     match (jumps, changes.len() as f64 <= FEW * n_combinations as f64) {
         (false, _) => ChangeKind::Drift,
         (true, true) => ChangeKind::Collision,

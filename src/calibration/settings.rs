@@ -2,7 +2,7 @@
 
 use crate::calibration::request::{CalibrationRequest, Preset};
 use crate::calibration::{Error, unusable};
-use crate::identification::identifiability::{PRIOR_LENGTH_MM, VISIBLE_EFFECT_MM, prior_scale};
+use crate::identification::identifiability::PLACEMENT_PER_LENGTH;
 use crate::identification::parameters::Parameter;
 use crate::solvers::pso;
 
@@ -84,15 +84,15 @@ pub fn half_widths(settings: &Settings, parameters: &[Parameter]) -> Vec<f64> {
     let half_width = |p: &Parameter| match (p.is_angle(), p.is_link()) {
         (true, _) => settings.half_width_rad,
         (false, true) => settings.half_width_mm,
-        (false, false) => settings.half_width_mm * prior_scale(p) / PRIOR_LENGTH_MM,
+        (false, false) => settings.half_width_mm * PLACEMENT_PER_LENGTH,
     };
     parameters.iter().map(half_width).collect()
 }
 
 /// The refusal of a box in which nothing moves a measured point far enough to be seen.
-pub fn box_too_small() -> Error {
+pub fn box_too_small(visible_mm: f64) -> Error {
     let detail = format!(
-        "search_half_width_mm and search_half_width_deg are so small that nothing in the box moves the measured points by {VISIBLE_EFFECT_MM} mm: \
+        "search_half_width_mm and search_half_width_deg are so small that nothing in the box moves the measured points by {visible_mm:.1e} mm: \
          make them larger, or leave them out"
     );
     unusable("search_box_too_small", detail)

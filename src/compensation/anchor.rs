@@ -6,8 +6,8 @@
 
 use crate::identification::KinematicModel;
 use crate::identification::parameters::is_parallel;
-use crate::kinematics::Link;
 use crate::kinematics::forward::t_previous_link;
+use crate::kinematics::{Link, reach_mm};
 use nalgebra::IsometryMatrix3;
 
 /// T_identified(q) = `t_base_anchored` · T_anchored(q) · `t_anchored_flange`, with T the flange in the base frame. Two identifications of one
@@ -133,7 +133,7 @@ const PLAUSIBLE_D_PER_REACH: f64 = 10.0 * 0.5 / 1700.0;
 /// If the robots have not the same number of links.
 pub fn anchor_in_measuring_frame(identified: &KinematicModel, nominal: &[Link]) -> Anchor {
     let of_axes = anchor(&identified.links, nominal);
-    let reach_mm: f64 = nominal.iter().map(|l| l.a_mm.abs() + l.d_mm.abs()).sum();
+    let reach_mm = reach_mm(nominal);
     let mut t_anchored_flange = of_axes.t_anchored_flange;
     if t_anchored_flange.translation.vector.norm() <= PLAUSIBLE_D_PER_REACH * reach_mm {
         t_anchored_flange.translation.vector.fill(0.0);

@@ -3,11 +3,11 @@
 use crate::compensation::anchor;
 use crate::identification::KinematicModel;
 use crate::identification::fit::fit_along_seen;
-use crate::identification::identifiability::prior_scale;
+use crate::identification::identifiability::prior_scales;
 use crate::identification::objective::{Observation, residuals};
 use crate::identification::parameters::{Parameter, Quantity, paper_parameters};
 use crate::identification::workspace::random_configurations;
-use crate::kinematics::{Link, Robot, t_base_flange};
+use crate::kinematics::{Link, Robot, reach_mm, t_base_flange};
 use nalgebra::{IsometryMatrix3, Point3, Vector3};
 use std::ops::ControlFlow;
 
@@ -67,7 +67,7 @@ fn refit(
         links: start,
         targets_mm,
     };
-    let scale: Vec<f64> = parameters.iter().map(prior_scale).collect();
+    let scale = prior_scales(parameters, reach_mm(&robot.links));
     let fitted = observations(robot, &start.targets_mm, truth, SEEDS.0);
     let model = if parameters.is_empty() {
         start

@@ -9,16 +9,17 @@
 use crate::identification::KinematicModel;
 use crate::identification::distributions::{f_tail, t_half_width};
 use crate::identification::evidence::Noise;
-use crate::identification::identifiability::{Decomposition, VISIBLE_EFFECT_MM, prior_scale};
+use crate::identification::identifiability::{Decomposition, prior_scales};
 use crate::identification::parameters::{Parameter, deviation_from};
 use crate::identification::uncertainty::Uncertainty;
+use crate::kinematics::reach_mm;
 use nalgebra::{DMatrix, DVector};
 
 /// Share of unchanged robots that are called changed.
 pub const FALSE_ALARMS: f64 = 0.01;
-/// What displaces the points by less than this, rms, mm, is no change however exact the data: a tenth of what counts as seen. Two
-/// sessions are compared along derivatives, and those are not exact.
-const RESOLUTION_MM: f64 = 0.1 * VISIBLE_EFFECT_MM;
+/// What displaces the points by less than this share of what counts as seen, rms, is no change however exact the data. Two sessions are compared
+/// along derivatives, and those are not exact.
+const RESOLUTION: f64 = 0.1;
 /// Parameters whose effects on what both see have at least this cosine cannot be told apart.
 const SAME_EFFECT: f64 = 0.9999;
 /// What the chosen parameters leave of another one's effect, at least, for it to be a choice of its own: the sine to [`SAME_EFFECT`].
@@ -210,7 +211,8 @@ fn whitened(
     if common.is_empty() {
         return None;
     }
-    let scale: Vec<f64> = common.iter().map(|c| prior_scale(&c.parameter)).collect();
+    let parameters: Vec<Parameter> = common.iter().map(|c| c.parameter).collect();
+    let scale = prior_scales(&parameters, reach_mm(&before.model.links));
     let at_before: Vec<usize> = common.iter().map(|c| c.before).collect();
     let at_after: Vec<usize> = common.iter().map(|c| c.after).collect();
     let rows = |of: &DMatrix<f64>, at: &[usize]| {
@@ -296,14 +298,14 @@ fn misfit_freedom(before: &Uncertainty, after: &Uncertainty) -> f64 {
     (of(before) + of(after)).max(1.0)
 }
 
-/// The combinations that a session sees, each by as much as displaces its points by [`RESOLUTION_MM`].
+/// The combinations that a session sees, each by as much as displaces its points by [`RESOLUTION`].
 fn resolution(estimate: &Estimate) -> DMatrix<f64> {
     let mut directions = estimate.decomposition.seen_directions();
     for (mut column, sigma) in directions
         .column_iter_mut()
         .zip(&estimate.decomposition.singular_values)
     {
-        column *= RESOLUTION_MM / sigma;
+        column *= RESOLUTION * estimate.decomposition.visible_mm / sigma;
     }
     directions
 }

@@ -4,9 +4,9 @@ use crate::identification::parameters::Parameter;
 use crate::solvers::qr::triangularise;
 use nalgebra::{DMatrix, DVector};
 
-/// A combination is seen if moving it by its prior scale displaces the measured points by at least this, rms, mm: 1 µm, a tenth of
-/// what the best trackers resolve. Below it, data only add noise to it.
-pub const VISIBLE_EFFECT_MM: f64 = 1e-3;
+/// A combination is seen if moving it by its prior scale displaces the measured points by at least this share of the reach, rms: 1 µm on an arm
+/// of 1.7 m, a tenth of what the best trackers resolve. Below it, data only add noise to it.
+pub const VISIBLE_PER_REACH: f64 = 1e-3 / 1700.0;
 /// A parameter takes part in an unseen combination if its share is at least this (of the largest).
 const TAKES_PART: f64 = 1e-3;
 /// Priors say something of a combination if they are at most a thousand times wider than robots are by themselves, and the parameter has at
@@ -15,20 +15,28 @@ const SAID: f64 = 1e-3;
 /// Iteration limit of the singular value decomposition.
 const SVD_ITERATIONS: usize = 10_000;
 
-/// How far a length is expected to be off, mm (one standard deviation of a robot fresh from the factory).
-pub const PRIOR_LENGTH_MM: f64 = 1.0;
+/// How far a length is expected to be off, as a share of the reach: 1 mm on an arm of 1.7 m (one standard deviation of a robot fresh from
+/// the factory).
+const LENGTH_PER_REACH: f64 = 1.0 / 1700.0;
 /// How far an angle is expected to be off, rad (0.3°).
 pub const PRIOR_ANGLE_RAD: f64 = 0.3 * std::f64::consts::PI / 180.0;
-/// How far base and targets are expected to be off after the first estimate, mm.
-pub const PRIOR_PLACEMENT_MM: f64 = 10.0;
+/// Base and targets are expected to be off by so many times as much as a length of the links, after their first estimate.
+pub const PLACEMENT_PER_LENGTH: f64 = 10.0;
 
-/// Prior scale of a parameter, mm or rad.
-pub fn prior_scale(parameter: &Parameter) -> f64 {
+/// Prior scale of a parameter of an arm of this reach, mm or rad.
+pub fn prior_scale(parameter: &Parameter, reach_mm: f64) -> f64 {
+    let length_mm = LENGTH_PER_REACH * reach_mm;
     match parameter {
         _ if parameter.is_angle() => PRIOR_ANGLE_RAD,
-        Parameter::Link(..) => PRIOR_LENGTH_MM,
-        _ => PRIOR_PLACEMENT_MM,
+        Parameter::Link(..) => length_mm,
+        _ => PLACEMENT_PER_LENGTH * length_mm,
     }
+}
+
+/// [`prior_scale`] of each parameter.
+pub fn prior_scales(parameters: &[Parameter], reach_mm: f64) -> Vec<f64> {
+    let scale = |parameter| prior_scale(parameter, reach_mm);
+    parameters.iter().map(scale).collect()
 }
 
 /// The scaled Jacobian taken apart: J·S = U·Σ·Vᵀ.
@@ -40,10 +48,12 @@ pub struct Decomposition {
     pub directions: DMatrix<f64>,
     /// S: the scale of each parameter.
     pub scale: Vec<f64>,
+    /// Singular value from which on a combination is seen, mm: [`VISIBLE_PER_REACH`].
+    pub visible_mm: f64,
 }
 
 /// Takes J·S / sqrt(N points) apart; its rows in any order.
-pub fn decompose(mut scaled: DMatrix<f64>, scale: &[f64]) -> Decomposition {
+pub fn decompose(mut scaled: DMatrix<f64>, scale: &[f64], visible_mm: f64) -> Decomposition {
     let p = scale.len();
     if scaled.nrows() < p {
         scaled = scaled.resize_vertically(p, 0.0);
@@ -74,6 +84,7 @@ pub fn decompose(mut scaled: DMatrix<f64>, scale: &[f64]) -> Decomposition {
         singular_values: order.iter().map(|k| values[*k]).collect(),
         directions: with_fixed_signs(directions),
         scale: scale.to_vec(),
+        visible_mm,
     }
 }
 
@@ -92,7 +103,7 @@ impl Decomposition {
     pub fn rank(&self) -> usize {
         self.singular_values
             .iter()
-            .filter(|s| **s >= VISIBLE_EFFECT_MM)
+            .filter(|s| **s >= self.visible_mm)
             .count()
     }
 
@@ -161,7 +172,7 @@ impl Decomposition {
                     .max(f64::MIN_POSITIVE)
         };
         let said = DMatrix::from_fn(stds.len(), unseen.ncols(), said);
-        let parted = decompose(said, &vec![1.0; unseen.ncols()]);
+        let parted = decompose(said, &vec![1.0; unseen.ncols()], 0.0);
         let n_said = parted
             .singular_values
             .iter()

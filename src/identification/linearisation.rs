@@ -1,13 +1,14 @@
 //! Residuals and their derivatives in a search space, for least squares: prepared once per fit, evaluated without allocating.
 
 use crate::identification::KinematicModel;
-use crate::identification::identifiability::{Decomposition, decompose};
+use crate::identification::identifiability::{Decomposition, VISIBLE_PER_REACH, decompose};
 use crate::identification::objective::Observation;
 use crate::identification::objective::weighted_jacobian;
 use crate::identification::parameters::Parameter;
 use crate::identification::parameters::moved;
 use crate::identification::parameters::{apply_into, left_jacobian};
 use crate::identification::priors::{Known, Priors};
+use crate::identification::problem::reach_mm;
 use crate::identification::search_space::SearchSpace;
 use crate::kinematics::batch::{Along, InstructionSet, Lanes, Moved, OneRobot, PoseLanes};
 use nalgebra::{DMatrix, Vector3};
@@ -122,6 +123,7 @@ pub fn decomposition_at(
     decompose(
         scaled_jacobian_at(model, parameters, scale, observations),
         scale,
+        VISIBLE_PER_REACH * reach_mm(&model.links, observations.iter()),
     )
 }
 
@@ -176,7 +178,7 @@ impl SearchSpace {
         let (directions, _) = decomposition.directions_with_priors(&priors.stds());
         let known = priors.from(&reference);
         let rows = rows_along(&reference, &parameters, &directions, observations, &known);
-        let turned = &directions * decompose(rows, &vec![1.0; directions.ncols()]).directions;
+        let turned = &directions * decompose(rows, &vec![1.0; directions.ncols()], 0.0).directions;
         Self::along(reference, parameters, scale, turned).knowing(known)
     }
 }

@@ -3,10 +3,11 @@
 //! and by how much parameters that were fitted without it are wrong.
 
 use crate::identification::KinematicModel;
-use crate::identification::identifiability::{PRIOR_ANGLE_RAD, prior_scale};
+use crate::identification::identifiability::{PRIOR_ANGLE_RAD, prior_scales};
 use crate::identification::objective::{Observation, weighted_jacobian};
 use crate::identification::parameters::Parameter;
 use crate::kinematics::forward::t_previous_link;
+use crate::kinematics::reach_mm;
 use nalgebra::{DMatrix, IsometryMatrix3, Vector3};
 
 /// What a misfit is made of.
@@ -39,8 +40,9 @@ impl Misfit {
             })
             .collect();
         let mut of_held = weighted_jacobian(model, &self.held, &poses, &Vector3::zeros());
-        for (mut column, parameter) in of_held.column_iter_mut().zip(&self.held) {
-            column *= prior_scale(parameter) / PRIOR_ANGLE_RAD;
+        let scales = prior_scales(&self.held, reach_mm(&model.links));
+        for (mut column, scale) in of_held.column_iter_mut().zip(scales) {
+            column *= scale / PRIOR_ANGLE_RAD;
         }
         let n_of_joints = of_joints.ncols();
         let mut all = of_joints.resize_horizontally(n_of_joints + self.held.len(), 0.0);
@@ -59,12 +61,7 @@ pub fn features<'a>(
     poses: impl ExactSizeIterator<Item = (&'a [f64], usize, f64)>,
     gravity: &[Vector3<f64>],
 ) -> DMatrix<f64> {
-    let reach_mm = model
-        .links
-        .iter()
-        .map(|l| libm::hypot(l.a_mm, l.d_mm))
-        .sum::<f64>()
-        .max(f64::MIN_POSITIVE);
+    let reach_mm = reach_mm(&model.links).max(f64::MIN_POSITIVE);
     let n_features = count(model.links.len(), gravity.len());
     let mut all = DMatrix::zeros(3 * poses.len(), n_features);
     for (row, (q_rad, target, weight)) in poses.enumerate() {

@@ -18,6 +18,7 @@ use crate::identification::misfit::Misfit;
 use crate::identification::objective::{Observation, weighted_jacobian, weighted_residuals};
 use crate::identification::parameters::Parameter;
 use crate::identification::priors::Priors;
+use crate::identification::problem::reach_mm;
 use crate::identification::shared::Shared;
 use crate::identification::variance::{
     Linear, UndeterminedMisfit, freedom, misfit_components, shared_ratio, whitened,
@@ -146,7 +147,8 @@ pub fn uncertainty(
     };
     let ratio = shared_ratio(&linear)?;
     let estimator = Estimator::new((model, &linear), &jacobian, decomposition, priors)?;
-    let stds_from_minimum = stds_from_minimum(&linear, &estimator.step, n_free as f64);
+    let rounding_mm = ROUNDING_PER_REACH * reach_mm(&model.links, observations.iter());
+    let stds_from_minimum = stds_from_minimum(&linear, &estimator.step, n_free as f64, rounding_mm);
     let freedom = freedom(&linear, ratio);
     let Estimator { per_score, q, .. } = &estimator;
     let through_shared = per_score * linear.shared.transpose_times(q).transpose();
@@ -182,22 +184,22 @@ pub fn uncertainty(
         stds_from_minimum,
         undetermined_misfit: components
             .undetermined
-            .filter(|misfit| misfit.found_mm > ROUNDING_MM),
+            .filter(|misfit| misfit.found_mm > rounding_mm),
         variance_of_variances,
     })
 }
 
 /// Length of a Gauss-Newton step in units of its own standard deviation, per combination. The variance of a coordinate is that of the residuals
 /// at the minimum.
-fn stds_from_minimum(linear: &Linear, step: &DVector<f64>, n_free: f64) -> f64 {
+fn stds_from_minimum(linear: &Linear, step: &DVector<f64>, n_free: f64, rounding_mm: f64) -> f64 {
     let q = linear.a.clone().qr().q();
     let left = linear.y.norm_squared() - q.tr_mul(&linear.y).norm_squared();
-    let variance = (left / n_free).max(ROUNDING_MM * ROUNDING_MM);
+    let variance = (left / n_free).max(rounding_mm * rounding_mm);
     (step.norm_squared() / variance / step.len() as f64).sqrt()
 }
 
-/// Residuals below a nanometre are rounding, and a step of their size is none.
-const ROUNDING_MM: f64 = 1e-6;
+/// Residuals below this share of the reach are rounding, and a step of their size is none: a nanometre on an arm of 1.7 m.
+const ROUNDING_PER_REACH: f64 = 1e-6 / 1700.0;
 
 fn beside(left: &DMatrix<f64>, right: &DMatrix<f64>) -> DMatrix<f64> {
     let mut both = DMatrix::zeros(left.nrows(), left.ncols() + right.ncols());

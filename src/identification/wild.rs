@@ -28,8 +28,8 @@ const MOST_WILD: f64 = 0.1;
 const MOST_KEPT: usize = 8 << 20;
 /// Median of the length of three standard normal numbers.
 const MEDIAN_LENGTH: f64 = 1.538_17;
-/// Residuals below this tell nothing, mm: a nanometre, what files and iterations are rounded to.
-pub const ROUNDING_MM: f64 = 1e-6;
+/// Residuals below this share of the reach tell nothing: a nanometre on an arm of 1.7 m, what files and iterations are rounded to.
+pub const ROUNDING_PER_REACH: f64 = 1e-6 / 1700.0;
 
 /// The linear problem at a fit: residuals, and an orthonormal basis of what the parameters can change. Three rows a point, weighted.
 #[derive(Clone, Debug, PartialEq)]
@@ -38,6 +38,8 @@ pub struct Linearised {
     pub residuals: DVector<f64>,
     /// 3·N × r, orthonormal columns.
     pub basis: DMatrix<f64>,
+    /// Residuals below this tell nothing, mm.
+    pub rounding_mm: f64,
 }
 
 /// What does not belong.
@@ -75,11 +77,12 @@ struct Kept {
 
 impl Linearised {
     /// From weighted residuals and the weighted derivatives along the seen combinations.
-    pub fn new(residuals: &DVector<f64>, derivatives: DMatrix<f64>) -> Self {
+    pub fn new(residuals: &DVector<f64>, derivatives: DMatrix<f64>, rounding_mm: f64) -> Self {
         let basis = derivatives.qr().q();
         Self {
             residuals: residuals - &basis * basis.tr_mul(residuals),
             basis,
+            rounding_mm,
         }
     }
 
@@ -92,6 +95,7 @@ impl Linearised {
         Self::new(
             &DVector::from_fn(3 * points.len(), |r, _| self.residuals[row(r)]),
             basis,
+            self.rounding_mm,
         )
     }
 
@@ -119,7 +123,7 @@ impl Linearised {
         lengths.sort_by(f64::total_cmp);
         let through = (self.basis.ncols() / 3).min(lengths.len().saturating_sub(1));
         let rest = &lengths[through..];
-        (rest[rest.len() / 2] / MEDIAN_LENGTH).max(ROUNDING_MM)
+        (rest[rest.len() / 2] / MEDIAN_LENGTH).max(self.rounding_mm)
     }
 
     /// The robust fit's residuals, one per point, and the standard deviation of a coordinate; `None` where there are too few points.
@@ -132,7 +136,7 @@ impl Linearised {
     /// A coordinate's standard deviation counts as at least `least_scale_mm`.
     pub fn wild(&self, least_scale_mm: f64) -> Option<Wild> {
         self.is_overdetermined()
-            .then(|| Blocks::new(self).wild(least_scale_mm.max(ROUNDING_MM)))?
+            .then(|| Blocks::new(self).wild(least_scale_mm.max(self.rounding_mm)))?
     }
 }
 

@@ -13,5 +13,5 @@ pub mod rotation;
 pub use corrections::{Compliance, Corrections, Harmonic, Payload, ResidualNetwork};
 pub use forward::{forward_kinematics, t_base_flange};
 pub use jacobian::{PositionJacobian, placement_jacobian, position_jacobian};
-pub use model::{JointMap, Link, Mounting, Robot};
+pub use model::{JointMap, Link, Mounting, Robot, reach_mm};
 pub use region::MeasuredRegion;

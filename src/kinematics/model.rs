@@ -76,6 +76,11 @@ pub struct Robot {
     pub mounting: Option<Mounting>,
 }
 
+/// Length of an arm along its links, mm: sum of |a| + |d|. The unit of every length that decides something.
+pub fn reach_mm(links: &[Link]) -> f64 {
+    links.iter().map(|l| l.a_mm.abs() + l.d_mm.abs()).sum()
+}
+
 impl Robot {
     /// The model's joint values for the controller's, rad: through the joint map where there is one.
     pub fn q_model_rad(&self, q_controller_rad: &[f64]) -> Vec<f64> {

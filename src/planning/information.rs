@@ -1,10 +1,11 @@
 //! What configurations tell of the parameters, and how well the tool is known then. Parameters are in units of their prior scale.
 
 use crate::identification::KinematicModel;
-use crate::identification::identifiability::prior_scale;
+use crate::identification::identifiability::prior_scales;
 use crate::identification::objective::{Observation, weighted_jacobian};
 use crate::identification::parameters::Parameter;
 use crate::identification::workspace::ToolUncertainty;
+use crate::kinematics::reach_mm;
 use crate::planning::request::{PlanRequest, nominal, parameters};
 use nalgebra::{DMatrix, Vector3};
 
@@ -87,9 +88,10 @@ fn scaled_rows(
     std_mm: f64,
 ) -> DMatrix<f64> {
     let mut rows = weighted_jacobian(model, parameters, observations, &Vector3::zeros());
+    let scales = prior_scales(parameters, reach_mm(&model.links));
     rows.column_iter_mut()
-        .zip(parameters)
-        .for_each(|(mut column, parameter)| column *= prior_scale(parameter) / std_mm);
+        .zip(scales)
+        .for_each(|(mut column, scale)| column *= scale / std_mm);
     rows
 }
 

@@ -9,9 +9,10 @@ mod room;
 pub use request::PlanRequest;
 pub use room::{BaseCylinder, Room};
 
-use crate::identification::identifiability::{decompose, prior_scale};
+use crate::identification::identifiability::{VISIBLE_PER_REACH, decompose, prior_scales};
 use crate::identification::objective::{Observation, weighted_jacobian};
 use crate::identification::workspace::{ToolUncertainty, random_configurations};
+use crate::kinematics::reach_mm;
 use design::Design;
 use information::{Tool, of_measured};
 use nalgebra::{DMatrix, Vector3};
@@ -175,7 +176,7 @@ fn observability(
     chosen: &[usize],
     q_model: &[Vec<f64>],
 ) -> f64 {
-    let scale: Vec<f64> = tool.parameters.iter().map(prior_scale).collect();
+    let scale = prior_scales(&tool.parameters, reach_mm(&request.robot.links));
     let observations: Vec<Observation> = chosen
         .iter()
         .map(|i| tool.observation(&q_model[*i], 0))
@@ -191,5 +192,6 @@ fn observability(
         .column_iter_mut()
         .zip(&scale)
         .for_each(|(mut column, s)| column *= s / root);
-    decompose(jacobian, &scale).observability_index_o1()
+    let visible_mm = VISIBLE_PER_REACH * reach_mm(&request.robot.links);
+    decompose(jacobian, &scale, visible_mm).observability_index_o1()
 }

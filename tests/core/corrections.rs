@@ -11,7 +11,7 @@ use kincal::identification::corrected::IdentifiedRobot;
 use kincal::identification::corrections::{Term, corrections_at, linearise};
 use kincal::identification::objective::Observation;
 use kincal::identification::parameters::{Parameter, apply, complete_parameters};
-use kincal::kinematics::{Mounting, ResidualNetwork};
+use kincal::kinematics::{Mounting, ResidualNetwork, reach_mm};
 use kincal::measurement::{Frame, MeasurementSet, Point, Subset, csv};
 use nalgebra::Vector3;
 use std::ops::ControlFlow;
@@ -66,7 +66,7 @@ fn derivatives_equal_central_differences() {
     let (terms, parameters) = (every_term(6), complete_parameters(nominal.links.len(), 2));
     let values: Vec<f64> = terms
         .iter()
-        .map(|t| random.draw() * t.prior(&mounting))
+        .map(|t| random.draw() * t.prior(&mounting, reach_mm(&nominal.links)))
         .collect();
     let observations: Vec<Observation> = poses(8, &mut random)
         .into_iter()
@@ -101,7 +101,7 @@ fn derivatives_equal_central_differences() {
     let (residuals, by_parameter, by_term) = at(&model, &values);
     assert!(residuals.norm() > 1.0);
     for (j, term) in terms.iter().enumerate() {
-        let step = 1e-3 * term.prior(&mounting);
+        let step = 1e-3 * term.prior(&mounting, reach_mm(&nominal.links));
         let moved = |sign: f64| {
             let mut values = values.clone();
             values[j] += sign * step;

@@ -11,7 +11,7 @@ use kincal::calibration::upload_checks;
 use kincal::calibration::{
     CalibrationReport, CalibrationRequest, Error, Event, Method, Model, Preset, calibrate, check,
 };
-use kincal::identification::identifiability::prior_scale;
+use kincal::identification::identifiability::prior_scales;
 use kincal::identification::linearisation::decomposition_at;
 use kincal::identification::objective::{Observation, cost};
 use kincal::identification::parameters::{
@@ -20,7 +20,7 @@ use kincal::identification::parameters::{
 use kincal::identification::search_space::SearchSpace;
 use kincal::identification::swarm::{SwarmCost, run_swarm};
 use kincal::identification::{KinematicModel, start};
-use kincal::kinematics::{JointMap, Link, Robot};
+use kincal::kinematics::{JointMap, Link, Robot, reach_mm};
 use kincal::measurement::{Frame, MeasurementSet, Point, Subset, csv};
 use kincal::solvers::pso;
 use nalgebra::{DMatrix, IsometryMatrix3, Rotation3, Translation3, Vector3};
@@ -158,7 +158,7 @@ fn the_ranks_of_the_identification_jacobian_are_the_stated_ones() {
     let rank = |target: Vector3<f64>, parameters: &[Parameter]| {
         let mut model = KinematicModel::nominal(&robot.links, 1);
         model.targets_mm[0] = target;
-        let scale: Vec<f64> = parameters.iter().map(prior_scale).collect();
+        let scale = prior_scales(parameters, reach_mm(&model.links));
         decomposition_at(&model, parameters, &scale, &observations).rank_relative(1e-9)
     };
     let links = paper_parameters(6);

@@ -2,12 +2,12 @@
 
 use crate::data::paper_robot;
 use crate::simulation::{Normal, limited, poses};
-use kincal::identification::identifiability::prior_scale;
+use kincal::identification::identifiability::prior_scales;
 use kincal::identification::objective::{Observation, weighted_jacobian};
 use kincal::identification::parameters::complete_parameters;
 use kincal::identification::workspace::random_configurations;
 use kincal::identification::{KinematicModel, Model};
-use kincal::kinematics::{Robot, t_base_flange};
+use kincal::kinematics::{Robot, reach_mm, t_base_flange};
 use kincal::planning::{BaseCylinder, Plan, PlanRequest, Room, plan};
 use nalgebra::{DMatrix, IsometryMatrix3, Vector3};
 
@@ -55,9 +55,9 @@ fn mean_std_mm(request: &PlanRequest<'_>, chosen: &[Vec<f64>]) -> f64 {
     let measured = rows(chosen) / request.noise_std_mm;
     let prior = DMatrix::from_diagonal(&nalgebra::DVector::from_iterator(
         parameters.len(),
-        parameters
+        prior_scales(&parameters, reach_mm(&request.robot.links))
             .iter()
-            .map(|p| 1.0 / (prior_scale(p) * prior_scale(p))),
+            .map(|scale| 1.0 / (scale * scale)),
     ));
     let covariance = (measured.transpose() * measured + prior)
         .try_inverse()

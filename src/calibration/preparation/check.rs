@@ -238,7 +238,7 @@ fn check_search_box(
         identify,
     );
     if decomposition.rank() == 0 {
-        Err(box_too_small())
+        Err(box_too_small(decomposition.visible_mm))
     } else {
         Ok(())
     }

@@ -1,11 +1,11 @@
 //! How many equations points give, and how many combinations of parameters a model has.
 
 use crate::identification::KinematicModel;
-use crate::identification::identifiability::{decompose, prior_scale};
+use crate::identification::identifiability::{decompose, prior_scales};
 use crate::identification::linearisation::scaled_jacobian_at;
 use crate::identification::objective::Observation;
 use crate::identification::parameters::Parameter;
-use crate::kinematics::Robot;
+use crate::kinematics::{Robot, reach_mm};
 use crate::measurement::set::Configurations;
 use nalgebra::{DMatrix, Vector3};
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
@@ -42,11 +42,12 @@ pub fn n_equations(observations: &[Observation], enough: usize) -> usize {
 
 /// Rank of the model: what positions at generic poses can see, whatever the measured poses are.
 pub fn model_rank(robot: &Robot, parameters: &[Parameter], n_targets: usize) -> usize {
-    let scale: Vec<f64> = parameters.iter().map(prior_scale).collect();
+    let scale = prior_scales(parameters, reach_mm(&robot.links));
     let n_poses = (parameters.len() + MORE_POSES).max(n_targets);
     decompose(
         generic_jacobian(robot, parameters, n_targets, n_poses),
         &scale,
+        0.0,
     )
     .rank_relative(ZERO)
 }
@@ -69,17 +70,16 @@ pub fn generic_jacobian(
         })
         .collect();
     let mut model = KinematicModel::nominal(&robot.links, n_targets.max(1));
+    let reach_mm = reach_mm(&robot.links);
     if parameters
         .iter()
         .any(|p| matches!(p, Parameter::Target(..)))
     {
         // off every axis of the robot, where a target is generic
-        model
-            .targets_mm
-            .iter_mut()
-            .enumerate()
-            .for_each(|(i, t)| *t = Vector3::new(61.0 + 17.0 * i as f64, -43.0, 97.0));
+        for (i, target) in model.targets_mm.iter_mut().enumerate() {
+            *target = Vector3::new(0.036 + 0.01 * i as f64, -0.025, 0.057) * reach_mm;
+        }
     }
-    let scale: Vec<f64> = parameters.iter().map(prior_scale).collect();
+    let scale = prior_scales(parameters, reach_mm);
     scaled_jacobian_at(&model, parameters, &scale, &observations)
 }

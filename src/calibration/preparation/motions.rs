@@ -9,11 +9,12 @@ use crate::calibration::preparation::placement::{nominal_model, placed};
 use crate::calibration::request::CalibrationRequest;
 use crate::identification::KinematicModel;
 use crate::identification::fit::fit_along_seen;
-use crate::identification::identifiability::prior_scale;
+use crate::identification::identifiability::prior_scales;
 use crate::identification::linearisation::decomposition_at;
 use crate::identification::multistart::best_start;
 use crate::identification::objective::{Observation, weighted_jacobian, weighted_residuals};
 use crate::identification::parameters::Parameter;
+use crate::identification::problem::reach_mm;
 use crate::identification::steps::Columns;
 use crate::measurement::Subset;
 use nalgebra::{DMatrix, Vector3};
@@ -21,8 +22,8 @@ use std::ops::ControlFlow;
 
 /// Fits of the motions between set-ups; each is a Gauss-Newton step, two are usual.
 const MOTION_FITS: usize = 6;
-/// Motions that change the points by less are found, mm.
-const MOTION_FOUND_MM: f64 = 1e-6;
+/// Motions that change the points by less than this share of the reach are found: a nanometre on an arm of 1.7 m.
+const MOTION_FOUND_PER_REACH: f64 = 1e-6 / 1700.0;
 
 /// The free parameters of the request as its points are arranged.
 pub fn parameters_of(
@@ -64,7 +65,7 @@ pub fn derivatives(
     arrangement: &Arrangement,
     points: &[usize],
 ) -> DMatrix<f64> {
-    let scale: Vec<f64> = parameters.iter().map(prior_scale).collect();
+    let scale = prior_scales(parameters, reach_mm(&model.links, observations.iter()));
     let directions = decomposition_at(model, parameters, &scale, observations).seen_directions();
     let seen = weighted_jacobian(model, parameters, observations, &Vector3::zeros()) * directions;
     let moving = moving(arrangement, points);
@@ -124,7 +125,10 @@ pub fn fit_motions(
 ) -> Result<KinematicModel, Error> {
     let targets = arrangement.fitted_targets(observed);
     let parameters = parameters_of(request, &targets)?;
-    let scale: Vec<f64> = parameters.iter().map(prior_scale).collect();
+    let scale = prior_scales(
+        &parameters,
+        reach_mm(&request.robot.links, observed.all.iter()),
+    );
     let points: Vec<usize> = (0..observed.all.len())
         .filter(|p| {
             subset.is_none_or(|s| observed.subsets[*p] == s) && observed.all[*p].weight > 0.0
@@ -193,7 +197,7 @@ fn move_setups(
         arrangement.motions[setup] =
             motion(&shift_mm, &turn_rad, &columns.centre).inverse() * arrangement.motions[setup];
     }
-    largest <= MOTION_FOUND_MM
+    largest <= MOTION_FOUND_PER_REACH * reach_mm(&model.links, observed.all.iter())
 }
 
 fn least_squares_solution(

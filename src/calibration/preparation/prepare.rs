@@ -10,8 +10,9 @@ use crate::calibration::problem::Problem;
 use crate::calibration::request::CalibrationRequest;
 use crate::calibration::settings::settings;
 use crate::calibration::{Error, unusable};
-use crate::identification::identifiability::prior_scale;
+use crate::identification::identifiability::prior_scales;
 use crate::identification::linearisation::decomposition_at;
+use crate::identification::problem::reach_mm;
 use crate::measurement::Subset;
 
 impl<'a> Problem<'a> {
@@ -26,7 +27,7 @@ impl<'a> Problem<'a> {
         let identify = observed.of(Subset::Identify);
         let parameters = parameters_of(request, &screening.targets)?;
         let nominal = nominal_model(request, &identify, screening.targets.len());
-        let scale: Vec<f64> = parameters.iter().map(prior_scale).collect();
+        let scale = prior_scales(&parameters, reach_mm(&nominal.links, identify.iter()));
         let decomposition = decomposition_at(&nominal, &parameters, &scale, &identify);
         if decomposition.rank() == 0 {
             return Err(unusable(

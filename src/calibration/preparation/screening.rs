@@ -12,8 +12,9 @@ use crate::calibration::preparation::observe::{Observed, stated_scale_mm};
 use crate::calibration::request::{CalibrationRequest, Loss, Model, Preset};
 use crate::identification::misfit::{features, gravity_directions};
 use crate::identification::objective::weighted_residuals;
+use crate::identification::problem::reach_mm;
 use crate::identification::steps::{Campaign, Columns, Moved, Step, TargetShift, Whitened};
-use crate::identification::wild::{Linearised, ROUNDING_MM, Wild};
+use crate::identification::wild::{Linearised, ROUNDING_PER_REACH, Wild};
 use crate::measurement::Subset;
 use nalgebra::{DMatrix, Vector3};
 use std::collections::BTreeMap;
@@ -420,7 +421,9 @@ fn fit_all(
         arrangement,
         &everything,
     );
-    let linear = Linearised::new(&weighted_residuals(&model, &observed.all), derivatives);
+    let rounding_mm = ROUNDING_PER_REACH * reach_mm(&model.links, observed.all.iter());
+    let residuals = weighted_residuals(&model, &observed.all);
+    let linear = Linearised::new(&residuals, derivatives, rounding_mm);
     let gravity = gravity_directions(request.robot.mounting.as_ref().map(|m| &m.gravity_in_base));
     let poses = observed
         .all
@@ -431,6 +434,6 @@ fn fit_all(
         linear,
         columns,
         features,
-        least_scale_mm: stated_scale_mm(&request.set).max(ROUNDING_MM),
+        least_scale_mm: stated_scale_mm(&request.set).max(rounding_mm),
     })
 }

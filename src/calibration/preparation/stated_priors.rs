@@ -12,7 +12,6 @@ use crate::calibration::unusable;
 use crate::identification::KinematicModel;
 use crate::identification::distributions::f_tail;
 use crate::identification::estimate::estimate;
-use crate::identification::identifiability::VISIBLE_EFFECT_MM;
 use crate::identification::multistart::best_start;
 use crate::identification::objective::cost;
 use crate::identification::parameters::Parameter;
@@ -289,7 +288,8 @@ pub fn warnings(problem: &Problem<'_>, model: &KinematicModel) -> Vec<Warning> {
         return warnings;
     }
     let n = known.priors.all.len() as f64;
-    let variance = (without / freedom).max(VISIBLE_EFFECT_MM * VISIBLE_EFFECT_MM);
+    let visible_mm = problem.decomposition.visible_mm;
+    let variance = (without / freedom).max(visible_mm * visible_mm);
     if f_tail((with - without).max(0.0) / n / variance, n, freedom) < CONTRADICTED {
         let says = |prior: &Prior| {
             let parameter = &problem.parameters[prior.parameter];

@@ -13,7 +13,7 @@ use crate::identification::objective::{Observation, weighted_residuals};
 use crate::identification::priors::Prior;
 use crate::identification::start::{fit_base_and_targets, place};
 use crate::identification::{self, KinematicModel};
-use crate::kinematics::{MeasuredRegion, Mounting};
+use crate::kinematics::{MeasuredRegion, Mounting, reach_mm};
 use crate::measurement::Subset;
 use nalgebra::{IsometryMatrix3, Vector3};
 
@@ -21,8 +21,8 @@ use nalgebra::{IsometryMatrix3, Vector3};
 const USUAL_MOUNTING_STD_RAD: f64 = 2.0 * std::f64::consts::PI / 180.0;
 /// Points that corrections are identified from at most, evenly taken: many more than there are numbers.
 const MOST_POINTS: usize = 3_000;
-/// Residuals below this are rounding, rms, mm: there is nothing to explain.
-const EXACT_MM: f64 = 1e-3;
+/// Residuals below this share of the reach are rounding, rms: there is nothing to explain. 1 µm on an arm of 1.7 m.
+const EXACT_PER_REACH: f64 = 1e-3 / 1700.0;
 
 /// What was found, in the frame of the delivered robot.
 pub struct Found {
@@ -65,7 +65,8 @@ impl Points {
     fn variance(&self, problem: &Problem<'_>, model: &KinematicModel) -> Option<f64> {
         let freedom = 3.0 * self.observations.len() as f64 - problem.decomposition.rank() as f64;
         let variance = weighted_residuals(model, &self.observations).norm_squared() / freedom;
-        let noise_mm = stated_scale_mm(&problem.request.set).max(EXACT_MM);
+        let noise_mm =
+            stated_scale_mm(&problem.request.set).max(EXACT_PER_REACH * reach_mm(&model.links));
         (freedom > 0.0 && variance > noise_mm * noise_mm).then_some(variance)
     }
 }

@@ -21,6 +21,7 @@ use crate::identification::changes::Estimate;
 use crate::identification::corrected::{CorrectedModel, IdentifiedRobot};
 use crate::identification::objective::residuals;
 use crate::identification::uncertainty::Uncertainty;
+use crate::kinematics::reach_mm;
 use crate::measurement::Subset;
 use nalgebra::Vector3;
 
@@ -101,7 +102,10 @@ pub fn final_fit<'a>(
                 ),
             };
             let corrected = refitted.map(|(corrected, _)| corrected);
-            if std_mm > MAX_SCATTER * verified_std_mm + ROUNDING_PER_REACH * reach_mm(verified) {
+            if std_mm
+                > MAX_SCATTER * verified_std_mm
+                    + ROUNDING_PER_REACH * reach_mm(&verified.request.robot.links)
+            {
                 return Ok((None, Some(subsets_differ(std_mm, verified_std_mm))));
             }
             (fit.model, corrected)
@@ -129,11 +133,6 @@ pub fn final_fit<'a>(
         errors,
     };
     Ok((Some(fit), None))
-}
-
-fn reach_mm(problem: &Problem<'_>) -> f64 {
-    let links = problem.request.robot.links.iter();
-    links.map(|link| link.a_mm.abs() + link.d_mm.abs()).sum()
 }
 
 fn subsets_differ(all_mm: f64, identify_mm: f64) -> Warning {

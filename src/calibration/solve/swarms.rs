@@ -37,7 +37,7 @@ pub fn swarm(
 ) -> Result<Found, Error> {
     let space = search_space(problem, reference);
     if space.n_coordinates() == 0 {
-        return Err(box_too_small());
+        return Err(box_too_small(problem.decomposition.visible_mm));
     }
     let mut move_particles = |iteration: usize, positions: &mut pso::Positions| match (
         iteration,

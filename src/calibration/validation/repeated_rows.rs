@@ -11,11 +11,11 @@
 //!
 //! Where neither shows, the two cannot be told apart, and the rows count as repeated.
 
-use crate::calibration::validation::session_fit::{fitted_as_well_as_can_be, reach_mm};
+use crate::calibration::validation::session_fit::fitted_as_well_as_can_be;
 use crate::identification::KinematicModel;
 use crate::identification::objective::Observation;
 use crate::identification::start::align_in_closed_form;
-use crate::kinematics::Robot;
+use crate::kinematics::{Robot, reach_mm};
 use crate::measurement::{Frame, MeasurementSet, Point};
 use nalgebra::{IsometryMatrix3, Matrix3, Point3, Rotation3, Translation3, Vector3};
 use std::f64::consts::TAU;

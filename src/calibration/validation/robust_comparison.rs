@@ -6,8 +6,8 @@
 /// Wild is what each misses by more than this many times what it misses half of the points by; of noise alike in all directions one point in
 /// ten thousand is.
 const WILD: f64 = 3.0;
-/// Nearer than this, mm, nothing is wild: half of the points may be met by chance, or by a simulation.
-const NEVER_WILD_MM: f64 = 0.25;
+/// Nearer than this share of what the one misses half of the points by, nothing is wild: the other may meet half of them by chance, or in a simulation.
+const NEVER_WILD: f64 = 0.25;
 /// One point in this many, and one of fewer, may be set aside; more are no accident, and all count.
 const ONE_IN: usize = 20;
 /// Of fewer points none is.
@@ -43,8 +43,8 @@ impl Judged {
 /// Judges by each point's errors, mm: of the one robot; of the other's links, and of those with corrections (again of the links where it has
 /// none).
 pub fn judged(points: &[[f64; 3]]) -> Judged {
-    let limits_mm = [0, 1, 2]
-        .map(|of| (WILD * median(points.iter().map(|point| point[of]))).max(NEVER_WILD_MM));
+    let medians_mm = [0, 1, 2].map(|of| median(points.iter().map(|point| point[of])));
+    let limits_mm = medians_mm.map(|mm| (WILD * mm).max(NEVER_WILD * medians_mm[0]));
     let is_wild = |point: &&[f64; 3]| point.iter().zip(limits_mm).all(|(mm, limit)| *mm > limit);
     let n_wild = points.iter().filter(is_wild).count();
     let n_set_aside = if points.len() >= FEWEST && n_wild <= points.len().div_ceil(ONE_IN) {

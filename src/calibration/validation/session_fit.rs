@@ -12,7 +12,7 @@ use crate::identification::objective::Observation;
 use crate::identification::parameters::complete_parameters;
 use crate::identification::problem::Problem;
 use crate::identification::start::fit_base_and_targets;
-use crate::kinematics::{Link, Robot, t_base_flange};
+use crate::kinematics::{Link, Robot, reach_mm, t_base_flange};
 use nalgebra::Vector3;
 use std::ops::ControlFlow;
 
@@ -161,14 +161,6 @@ fn typical_mm(errors_mm: impl Iterator<Item = f64>) -> f64 {
         .copied()
         .unwrap_or(f64::INFINITY);
     RMS_OVER_MEDIAN * median
-}
-
-/// The arm's length along its links, mm.
-pub fn reach_mm(links: &[Link]) -> f64 {
-    links
-        .iter()
-        .map(|l| (l.a_mm * l.a_mm + l.d_mm * l.d_mm).sqrt())
-        .sum()
 }
 
 #[cfg(test)]

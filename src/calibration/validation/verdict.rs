@@ -6,9 +6,9 @@ use crate::calibration::report::{
 use crate::calibration::request::Method;
 use crate::calibration::upload_checks::alignment::FITS;
 use crate::calibration::validation::robust_comparison::{Judged, judged};
-use crate::calibration::validation::session_fit::{HeldOut, SessionFit, reach_mm, session_fit};
+use crate::calibration::validation::session_fit::{HeldOut, SessionFit, session_fit};
 use crate::calibration::warnings::plausibility;
-use crate::kinematics::{Link, Robot};
+use crate::kinematics::{Link, Robot, reach_mm};
 use crate::measurement::Subset;
 
 /// Warning that a parameter set misses points by far which fit the nominal robot.
@@ -104,16 +104,12 @@ impl Verdict {
     }
 }
 
-/// See [`no_fit_mm`], mm: ten times what real arms of a metre or two leave.
-const NO_FIT_MM: f64 = 2.0;
+/// See [`no_fit_mm`]: ten times what real arms leave, as a share of the reach.
+const NO_FIT_PER_REACH: f64 = 1.5e-3;
 
-/// From this median distance on nothing was found, mm: [`NO_FIT_MM`], but no more than a hundredth of a small arm's reach, and no less than that
-/// share of a large arm's reach that it is of an arm of 2.5 m.
+/// From this median distance on nothing was found, mm.
 pub fn no_fit_mm(nominal: &[Link]) -> f64 {
-    let reach_mm = reach_mm(nominal);
-    NO_FIT_MM
-        .min(0.01 * reach_mm)
-        .max(NO_FIT_MM / 2500.0 * reach_mm)
+    NO_FIT_PER_REACH * reach_mm(nominal)
 }
 
 /// Told where the identified robot does not fit the points that it was identified from, or those of the same upload that were held out.

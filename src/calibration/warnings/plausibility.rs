@@ -3,25 +3,26 @@
 use crate::calibration::report::{CalibrationReport, Warning};
 use crate::calibration::upload_checks::alignment::UNMASTERED_RAD;
 use crate::identification::problem::{BASE_MM, BASE_RAD};
-use crate::kinematics::Link;
+use crate::kinematics::{Link, reach_mm};
 use nalgebra::IsometryMatrix3;
 use std::collections::BTreeSet;
 use std::f64::consts::{PI, TAU};
 
 /// Makers hold lengths to some tenths of a millimetre, and a hard collision bends by a few millimetres. More is rather a wrong tool,
-/// another robot, or a wrong model, mm.
-const PLAUSIBLE_MM: f64 = 5.0;
+/// another robot, or a wrong model: 5 mm on an arm of 1.7 m, as a share of the reach.
+const PLAUSIBLE_PER_REACH: f64 = 5.0 / 1700.0;
 /// Mastering errs by some tenths of a degree, a slipped belt by one or two, rad (2°).
 const PLAUSIBLE_RAD: f64 = 2.0 * PI / 180.0;
 
 /// What differs between two robots of the same make by more than can be expected, in words.
 pub fn implausible_changes(links: &[Link], reference: &[Link]) -> Vec<String> {
+    let plausible_mm = PLAUSIBLE_PER_REACH * reach_mm(reference);
     let mut changes = Vec::new();
     for (i, (now, then)) in links.iter().zip(reference).enumerate() {
         let lengths = [("a", now.a_mm - then.a_mm), ("d", now.d_mm - then.d_mm)];
         for (name, delta_mm) in lengths
             .into_iter()
-            .filter(|(_, delta)| delta.is_nan() || delta.abs() > PLAUSIBLE_MM)
+            .filter(|(_, delta)| delta.is_nan() || delta.abs() > plausible_mm)
         {
             changes.push(format!("{name}_{} by {delta_mm:.3} mm", i + 1));
         }
@@ -120,8 +121,8 @@ pub fn joint_counted_otherwise(
 
 /// The tool's uncertainty somewhere in the workspace, in units of the error found where it was measured, from which on it is worth a word.
 const UNCERTAIN: f64 = 5.0;
-/// ... and no less than this, mm: what the best trackers are certain of.
-const LEAST_UNCERTAIN_MM: f64 = 0.01;
+/// ... and no less than this share of the reach: 0.01 mm on an arm of 1.7 m, what the best trackers are certain of.
+const LEAST_UNCERTAIN_PER_REACH: f64 = 0.01 / 1700.0;
 /// Lengths that all are off by the same share, from this share on: steel that is warmer by 20 K grows by this.
 const SCALE: f64 = 2e-4;
 /// ... and by as many standard deviations of that share.
@@ -146,10 +147,9 @@ pub fn warnings(report: &CalibrationReport, nominal: &[Link]) -> Vec<Warning> {
     let measured_mm = report
         .verify
         .map_or(report.identify.after.rms_mm, |verify| verify.after.rms_mm);
-    if let Some(tool) = report
-        .tool_uncertainty
-        .filter(|tool| tool.max_mm > (UNCERTAIN * measured_mm).max(LEAST_UNCERTAIN_MM))
-    {
+    if let Some(tool) = report.tool_uncertainty.filter(|tool| {
+        tool.max_mm > (UNCERTAIN * measured_mm).max(LEAST_UNCERTAIN_PER_REACH * reach_mm(nominal))
+    }) {
         let detail = format!(
             "elsewhere in the workspace the tool may be off by {:.3} mm (one standard deviation) though the points fit to {measured_mm:.3} mm: measure poses \
              spread over the workspace, with every joint moving",

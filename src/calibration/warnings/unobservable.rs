@@ -9,17 +9,18 @@ use crate::identification::parameters::{Parameter, apply};
 use crate::identification::uncertainty::Uncertainty;
 use crate::identification::workspace::random_configurations;
 use crate::kinematics::rotation::rotation_log;
-use crate::kinematics::{Robot, t_base_flange};
+use crate::kinematics::{Robot, reach_mm, t_base_flange};
 use nalgebra::DMatrix;
 
 /// Configurations that stand for the workspace.
 pub const N_CONFIGURATIONS: usize = 64;
-/// Less is what parameters do that the model has twice, such as d of links with parallel axes: nothing but rounding.
-const NOTICED_MM: f64 = 1e-3;
-/// See [`NOTICED_MM`]; 0.001°.
+/// Less is what parameters do that the model has twice, such as d of links with parallel axes: nothing but rounding. As a share of the reach: 1 µm
+/// on an arm of 1.7 m.
+const NOTICED_PER_REACH: f64 = 1e-3 / 1700.0;
+/// See [`NOTICED_PER_REACH`]; 0.001°.
 const NOTICED_RAD: f64 = 1e-3 * std::f64::consts::PI / 180.0;
-/// A point of the tool this far from the reflector, mm, should be no less certain than
-const TOOL_MM: f64 = 100.0;
+/// A point of the tool this far from the reflector, as a share of the reach (100 mm of 1.7 m), should be no less certain than
+const TOOL_PER_REACH: f64 = 100.0 / 1700.0;
 /// ... so many times what the points scatter by.
 const UNCERTAIN: f64 = 5.0;
 
@@ -47,9 +48,10 @@ pub fn warning(
         Some(found) => flange(&[&found.noise, &found.misfit]),
         None => flange(&[&problem.decomposition.unseen_directions()]),
     };
+    let reach_mm = reach_mm(&problem.request.robot.links);
     let is_seen = match uncertainty {
-        Some(_) => TOOL_MM * all.turn_rad < UNCERTAIN * scatter_mm,
-        None => all.shift_mm < NOTICED_MM && all.turn_rad < NOTICED_RAD,
+        Some(_) => TOOL_PER_REACH * reach_mm * all.turn_rad < UNCERTAIN * scatter_mm,
+        None => all.shift_mm < NOTICED_PER_REACH * reach_mm && all.turn_rad < NOTICED_RAD,
     };
     if is_seen {
         return None;

@@ -10,7 +10,7 @@ use crate::identification::KinematicModel;
 use crate::identification::objective::Observation;
 use crate::identification::parameters::{Parameter, apply, deviation_from};
 use crate::identification::priors::Prior;
-use crate::kinematics::{Corrections, Mounting, Payload};
+use crate::kinematics::{Corrections, Mounting, Payload, reach_mm};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 /// Gauss-Newton steps: the links are found already, corrections are nearly linear, and each step leaves a thousandth.
@@ -100,8 +100,9 @@ impl Setting<'_> {
             prior[j] += scale * scale;
             pull[j] += scale * (known.mean - deviation) / known.std;
         }
+        let reach_mm = reach_mm(&self.nominal.links);
         for (j, (term, value)) in at.terms.iter().zip(&at.values).enumerate() {
-            let width = term.prior(&self.mounting);
+            let width = term.prior(&self.mounting, reach_mm);
             by_term.column_mut(j).scale_mut(width);
             pull[p + j] = -value / width;
         }
@@ -166,7 +167,8 @@ pub fn fit(setting: &Setting<'_>, start: &Fitted, terms: &[Term]) -> Option<Fitt
         let deviations: Vec<f64> = deviations.collect();
         at.model = apply(&at.model, setting.parameters, &deviations);
         for (j, term) in terms.iter().enumerate() {
-            at.values[j] += x[p + j] * term.prior(&setting.mounting);
+            at.values[j] +=
+                x[p + j] * term.prior(&setting.mounting, reach_mm(&setting.nominal.links));
         }
         // degrees of freedom used up: trace((AᵀA + σ²Λ)⁻¹·AᵀA)
         let used = x.len() as f64 - at.variance * cholesky.inverse().diagonal().dot(&linear.prior);

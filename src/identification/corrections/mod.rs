@@ -32,28 +32,30 @@ pub enum Term {
     Harmonic(usize, usize, usize),
 }
 
-/// Compliance of a joint about its own axis, rad per unit moment (one standard deviation).
-const PRIOR_JOINT_RAD: f64 = 1e-3;
+/// Compliance of a joint about its own axis (one standard deviation): how far a unit mass at the end of the reach turns it, rad. 1 mrad for each metre
+/// of an arm of 1.7 m.
+const PRIOR_JOINT_RAD: f64 = 1.7e-3;
 /// And across it: bearings are stiffer than gears.
-const PRIOR_ACROSS_RAD: f64 = 0.5e-3;
-/// Compliance of the base, rad per unit moment.
-const PRIOR_BASE_RAD: f64 = 0.3e-3;
+const PRIOR_ACROSS_RAD: f64 = 0.85e-3;
+/// Compliance of the base, likewise.
+const PRIOR_BASE_RAD: f64 = 0.51e-3;
 /// Mass of a link beyond the first guess.
 const PRIOR_MASS: f64 = 0.2;
-/// First moment of a link: such a mass, a quarter of a metre off its frame's origin.
-const PRIOR_FIRST_MOMENT_M: f64 = 0.05;
+/// First moment of a link, as a share of the reach: such a mass, a quarter of a metre off its frame's origin on an arm of 1.7 m.
+const PRIOR_FIRST_MOMENT: f64 = 0.05 / 1.7;
 /// Amplitude of a harmonic, rad (0.01°): what eccentric gears and encoders show.
 const PRIOR_HARMONIC_RAD: f64 = 2e-4;
 
 impl Term {
-    /// How far it is expected to be from zero, one standard deviation.
-    pub fn prior(&self, mounting: &Mounting) -> f64 {
+    /// How far it is expected to be from zero on an arm of this reach, one standard deviation.
+    pub fn prior(&self, mounting: &Mounting, reach_mm: f64) -> f64 {
+        let reach_m = 1e-3 * reach_mm.max(f64::MIN_POSITIVE);
         match self {
-            Self::Joint(_, 2) => PRIOR_JOINT_RAD,
-            Self::Joint(..) => PRIOR_ACROSS_RAD,
-            Self::Base(_) => PRIOR_BASE_RAD,
+            Self::Joint(_, 2) => PRIOR_JOINT_RAD / reach_m,
+            Self::Joint(..) => PRIOR_ACROSS_RAD / reach_m,
+            Self::Base(_) => PRIOR_BASE_RAD / reach_m,
             Self::Mass(_) => PRIOR_MASS,
-            Self::FirstMoment(..) => PRIOR_FIRST_MOMENT_M,
+            Self::FirstMoment(..) => PRIOR_FIRST_MOMENT * reach_m,
             // a direction that is stated to be exact stays, but for rounding
             Self::Gravity(_) => mounting.std_rad.max(1e-9),
             Self::Harmonic(..) => PRIOR_HARMONIC_RAD,

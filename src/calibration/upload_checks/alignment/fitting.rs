@@ -7,7 +7,7 @@ use crate::identification::multistart::{best_fitting, median_mm};
 use crate::identification::objective::{Observation, cost};
 use crate::identification::parameters::{Parameter, Quantity};
 use crate::identification::start::{align_in_closed_form, fit_base_and_targets};
-use crate::kinematics::{Link, t_base_flange};
+use crate::kinematics::{self, Link, t_base_flange};
 use crate::measurement::Frame;
 use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
@@ -45,14 +45,7 @@ pub(super) struct Fitted {
 
 /// The robot's length along its links; no less than how far the points lie apart, for an arm without lengths.
 pub(super) fn reach_mm(links: &[Link], observations: &[Observation]) -> f64 {
-    length_mm(links).max(spread_mm(observations))
-}
-
-fn length_mm(links: &[Link]) -> f64 {
-    links
-        .iter()
-        .map(|l| (l.a_mm * l.a_mm + l.d_mm * l.d_mm).sqrt())
-        .sum()
+    kinematics::reach_mm(links).max(spread_mm(observations))
 }
 
 /// rms distance of the points from their centre, mm.
@@ -85,7 +78,7 @@ fn fitted(model: KinematicModel, observations: &[Observation], n_free: usize) ->
         return None;
     }
     let apart = spread_mm(observations);
-    let unlike = (SMALL_SPREAD * length_mm(&model.links) / apart).max(1.0);
+    let unlike = (SMALL_SPREAD * kinematics::reach_mm(&model.links) / apart).max(1.0);
     let rms_mm = (3.0 * cost(&model, observations) / spare as f64).sqrt() * unlike;
     rms_mm.is_finite().then_some(Fitted { rms_mm, model })
 }
