@@ -2,14 +2,13 @@
 
 use crate::compensation::anchor;
 use crate::identification::KinematicModel;
-use crate::identification::fit::fit_along_seen;
-use crate::identification::identifiability::prior_scales;
+use crate::identification::estimate::least_squares;
 use crate::identification::objective::{Observation, residuals};
 use crate::identification::parameters::{Parameter, Quantity, paper_parameters};
+use crate::identification::problem::Problem;
 use crate::identification::workspace::random_configurations;
-use crate::kinematics::{Link, Robot, reach_mm, t_base_flange};
+use crate::kinematics::{Link, Robot, t_base_flange};
 use nalgebra::{IsometryMatrix3, Point3, Vector3};
-use std::ops::ControlFlow;
 
 /// Configurations that stand for the workspace.
 const N_CONFIGURATIONS: usize = 256;
@@ -67,15 +66,11 @@ fn refit(
         links: start,
         targets_mm,
     };
-    let scale = prior_scales(parameters, reach_mm(&robot.links));
     let fitted = observations(robot, &start.targets_mm, truth, SEEDS.0);
     let model = if parameters.is_empty() {
         start
     } else {
-        fit_along_seen(&start, parameters, &scale, &fitted, 0.0, &mut |_| {
-            ControlFlow::Continue(())
-        })
-        .model
+        least_squares(&Problem::new(start.clone(), parameters, &fitted), &start)
     };
     let others = observations(robot, &model.targets_mm, truth, SEEDS.1);
     let missed: Vec<f64> = residuals(&model, &others)

@@ -6,7 +6,6 @@
 
 use crate::identification::KinematicModel;
 use crate::identification::evidence::{Evidence, Posterior, Triangle};
-use crate::identification::fit::SeenFit;
 use crate::identification::problem::Problem;
 use crate::solvers::least_squares::{Iteration, Options, Termination, minimize, sum_of_squares};
 use nalgebra::{DMatrix, DVector};
@@ -48,6 +47,21 @@ pub struct Estimate {
     pub termination: Termination,
 }
 
+/// How a fit ended.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FitSummary {
+    /// The fitted model.
+    pub model: KinematicModel,
+    /// Steps, over all rounds.
+    pub n_iterations: usize,
+    /// Evaluations of the residuals.
+    pub n_evaluations: usize,
+    /// Sum of squares at the start and after each step, mm²; never rises.
+    pub convergence_mm2: Vec<f64>,
+    /// Why it ended.
+    pub termination: Termination,
+}
+
 impl Estimate {
     /// Before the first round: noise and widths as given.
     fn before(problem: &Problem<'_>, start: &[f64], evidence: Evidence) -> Self {
@@ -75,13 +89,13 @@ impl Estimate {
         self
     }
 
-    /// As the end of a fit.
-    pub fn into_fit(self) -> SeenFit {
-        SeenFit {
+    /// How the fit ended.
+    pub fn into_summary(self) -> FitSummary {
+        FitSummary {
             model: self.model,
             n_iterations: self.convergence_mm2.len().saturating_sub(1),
             n_evaluations: self.n_evaluations,
-            convergence: self.convergence_mm2,
+            convergence_mm2: self.convergence_mm2,
             termination: self.termination,
         }
     }
@@ -114,16 +128,22 @@ pub fn estimate(
     found.with_curve(problem)
 }
 
+/// Least squares of the rows from `start` on. σ is far below the noise, so the priors settle only what the rows cannot tell apart.
+pub fn least_squares(problem: &Problem<'_>, start: &KinematicModel) -> KinematicModel {
+    let evidence = Evidence::first(problem, FIRST_SIGMA * problem.reach_mm);
+    most_probable(problem, start, &evidence).model
+}
+
 /// The most probable model with noise and widths as they are, from `start` on.
 pub fn most_probable(
     problem: &Problem<'_>,
     start: &KinematicModel,
     evidence: &Evidence,
-) -> SeenFit {
+) -> FitSummary {
     let start = problem.coordinates(start);
     let mut found = Estimate::before(problem, &start, evidence.clone());
     descend(problem, &mut found, 0.0, &mut |_| ControlFlow::Continue(()));
-    found.with_curve(problem).into_fit()
+    found.with_curve(problem).into_summary()
 }
 
 /// What the priors add to the sum of squares of a model, mm²: σ²·Σ (x_j/w_j)².

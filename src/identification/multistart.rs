@@ -1,14 +1,13 @@
 //! A start for least squares where nominal kinematics are too far off: joints that were never mastered.
 
 use crate::identification::KinematicModel;
-use crate::identification::fit::fit_along_seen;
+use crate::identification::estimate::least_squares;
 use crate::identification::objective::{Observation, residuals};
 use crate::identification::parameters::{Parameter, Quantity};
-use crate::identification::problem::reach_mm;
+use crate::identification::problem::{Problem, reach_mm};
 use crate::kinematics::Link;
 use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
-use std::ops::ControlFlow;
 
 /// Least squares has found the robot if half of the points fit to this share of its reach: five times what real arms leave, and far below
 /// what another valley of joint offsets does.
@@ -50,7 +49,6 @@ pub fn best_start(
     nominal: &KinematicModel,
     remembered: Option<&KinematicModel>,
     parameters: &[Parameter],
-    scale: &[f64],
     observations: &[Observation],
     placed: &dyn Fn(Vec<Link>, &[Observation]) -> KinematicModel,
 ) -> BestStart {
@@ -61,11 +59,13 @@ pub fn best_start(
         compared
     };
     let found_mm = FOUND_PER_REACH * reach_mm(&nominal.links, compared.iter());
+    let fitted = |start: &KinematicModel, points: &[Observation]| {
+        let problem = Problem::new(nominal.clone(), parameters, points);
+        least_squares(&problem, start)
+    };
     let end = |start: &KinematicModel| {
-        let fit = fit_along_seen(start, parameters, scale, &compared, 0.0, &mut |_| {
-            ControlFlow::Continue(())
-        });
-        (median_mm(&fit.model, &compared), fit.model)
+        let model = fitted(start, &compared);
+        (median_mm(&model, &compared), model)
     };
     // where the robot should be, whatever a few points say
     let concentrated = |mut median: f64, mut model: KinematicModel| {
@@ -74,10 +74,7 @@ pub fn best_start(
                 break;
             }
             let core = best_fitting(&model, &compared, LEFT_OUT);
-            model = fit_along_seen(&model, parameters, scale, &core, 0.0, &mut |_| {
-                ControlFlow::Continue(())
-            })
-            .model;
+            model = fitted(&model, &core);
             median = median_mm(&model, &compared);
         }
         (median, model)

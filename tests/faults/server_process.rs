@@ -97,14 +97,11 @@ fn ask_until_refused(address: &str) -> (usize, usize) {
     (answered, cut_off)
 }
 
-/// Most requests that are cut off in all stops together. The socket is closed some microseconds after it was found empty, and at thousands of
-/// connections a second one may arrive in between; only a filter in the kernel could prevent that. Without a grace period there are several at each
-/// stop.
-const MOST_CUT_OFF: usize = 2;
-
+/// The socket is closed some microseconds after it was found empty. If the server loses its processor in between, clients that connect meanwhile are
+/// cut off; only a filter in the kernel could prevent that. It is rare, so that most stops cut nobody off. Without a grace period each stop does.
 #[test]
 fn who_is_connected_when_the_server_stops_is_answered() {
-    let mut all_cut_off = 0;
+    let mut cut_off_by_stop = Vec::new();
     for _ in 0..5 {
         let dir = tempfile::tempdir().unwrap();
         let server = Server::start(dir.path(), 0);
@@ -122,9 +119,10 @@ fn who_is_connected_when_the_server_stops_is_answered() {
             .map(|client| client.join().unwrap())
             .fold((0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
         assert!(answered > 16, "{answered}");
-        all_cut_off += cut_off;
+        cut_off_by_stop.push(cut_off);
     }
-    assert!(all_cut_off <= MOST_CUT_OFF, "{all_cut_off}");
+    cut_off_by_stop.sort_unstable();
+    assert_eq!(cut_off_by_stop[2], 0, "{cut_off_by_stop:?}");
 }
 
 /// Sends a request on each of these connections. Returns the number of answers.

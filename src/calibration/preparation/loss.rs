@@ -3,7 +3,7 @@
 use crate::calibration::preparation::screening::{Screening, loss};
 use crate::calibration::request::{CalibrationRequest, Loss};
 use crate::identification::KinematicModel;
-use crate::identification::fit::SeenFit;
+use crate::identification::estimate::FitSummary;
 use crate::identification::objective::{Observation, residuals};
 use crate::kinematics::batch::Bound;
 use crate::solvers::least_squares::{Iteration, Termination};
@@ -153,7 +153,7 @@ fn lengths(model: &KinematicModel, observations: &[Observation]) -> Vec<f64> {
 /// Least squares, of points with any weights.
 pub struct LeastSquares<'a> {
     /// Fits the points from a start on.
-    pub fit: &'a dyn Fn(&KinematicModel, &[Observation]) -> SeenFit,
+    pub fit: &'a dyn Fn(&KinematicModel, &[Observation]) -> FitSummary,
     /// What the request's priors add to F of a model, mm².
     pub prior_cost_mm2: &'a dyn Fn(&KinematicModel) -> f64,
 }
@@ -168,7 +168,7 @@ pub fn robust_fit(
     trusted: &[Observation],
     loss: PointLoss,
     monitor: &mut dyn FnMut(Iteration) -> ControlFlow<()>,
-) -> SeenFit {
+) -> FitSummary {
     let mut start = start.clone();
     let n_evaluations = approach(&mut start, least_squares, trusted, loss);
     let cost_of = |model: &KinematicModel| {
@@ -176,22 +176,22 @@ pub fn robust_fit(
     };
     let cost = cost_of(&start);
     let termination = Termination::IterationLimit;
-    let mut found = SeenFit {
+    let mut found = FitSummary {
         model: start,
         n_iterations: 0,
         n_evaluations,
-        convergence: vec![cost],
+        convergence_mm2: vec![cost],
         termination,
     };
     while found.n_iterations < MAX_REWEIGHTINGS {
-        let before = found.convergence[found.n_iterations];
+        let before = found.convergence_mm2[found.n_iterations];
         let told = Iteration {
             iteration: found.n_iterations,
             max_iterations: MAX_REWEIGHTINGS,
             cost: before,
         };
         if monitor(told).is_break() {
-            return SeenFit {
+            return FitSummary {
                 termination: Termination::Stopped,
                 ..found
             };
@@ -201,7 +201,7 @@ pub fn robust_fit(
         let after = cost_of(&fit.model);
         found.n_iterations += 1;
         found.n_evaluations += fit.n_evaluations;
-        found.convergence.push(before.min(after));
+        found.convergence_mm2.push(before.min(after));
         if after < before {
             found.model = fit.model;
         }

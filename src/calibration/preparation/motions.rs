@@ -8,17 +8,16 @@ use crate::calibration::preparation::observe::{Observed, free_parameters};
 use crate::calibration::preparation::placement::{nominal_model, placed};
 use crate::calibration::request::CalibrationRequest;
 use crate::identification::KinematicModel;
-use crate::identification::fit::fit_along_seen;
+use crate::identification::estimate::least_squares;
 use crate::identification::identifiability::prior_scales;
 use crate::identification::linearisation::decomposition_at;
 use crate::identification::multistart::best_start;
 use crate::identification::objective::{Observation, weighted_jacobian, weighted_residuals};
 use crate::identification::parameters::Parameter;
-use crate::identification::problem::reach_mm;
+use crate::identification::problem::{Problem, reach_mm};
 use crate::identification::steps::Columns;
 use crate::measurement::Subset;
 use nalgebra::{DMatrix, Vector3};
-use std::ops::ControlFlow;
 
 /// Fits of the motions between set-ups; each is a Gauss-Newton step, two are usual.
 const MOTION_FITS: usize = 6;
@@ -125,10 +124,6 @@ pub fn fit_motions(
 ) -> Result<KinematicModel, Error> {
     let targets = arrangement.fitted_targets(observed);
     let parameters = parameters_of(request, &targets)?;
-    let scale = prior_scales(
-        &parameters,
-        reach_mm(&request.robot.links, observed.all.iter()),
-    );
     let points: Vec<usize> = (0..observed.all.len())
         .filter(|p| {
             subset.is_none_or(|s| observed.subsets[*p] == s) && observed.all[*p].weight > 0.0
@@ -143,25 +138,19 @@ pub fn fit_motions(
         }
         let start = model.take().unwrap_or_else(|| {
             let nominal = nominal_model(request, &fitted, targets.len());
-            best_start(
-                &nominal,
-                None,
-                &parameters,
-                &scale,
-                &fitted,
-                &|links, points| placed(request, links, points, targets.len()),
-            )
+            best_start(&nominal, None, &parameters, &fitted, &|links, points| {
+                placed(request, links, points, targets.len())
+            })
             .model
         });
-        let fit = fit_along_seen(&start, &parameters, &scale, &fitted, 0.0, &mut |_| {
-            ControlFlow::Continue(())
-        });
+        let rows = Problem::new(start.clone(), &parameters, &fitted);
+        let fit = least_squares(&rows, &start);
         let found = if arrangement.motions.len() < 2 {
             true
         } else {
-            move_setups(&fit.model, &parameters, observed, arrangement, &points)
+            move_setups(&fit, &parameters, observed, arrangement, &points)
         };
-        model = Some(fit.model);
+        model = Some(fit);
         if found {
             break;
         }

@@ -188,16 +188,11 @@ pub fn known_before(problem: &Problem<'_>) -> Result<Option<KnownBefore>, Error>
     };
     let all: Vec<Prior> = request.priors.iter().filter_map(one).collect();
     let mut priors = Priors::new(&problem.nominal, &problem.parameters, all);
-    let (parameters, scale, trusted) = (
-        &problem.parameters,
-        &problem.decomposition.scale,
-        problem.trusted(),
-    );
+    let (parameters, trusted) = (&problem.parameters, problem.trusted());
     let start = best_start(
         &problem.nominal,
         None,
         parameters,
-        scale,
         &trusted,
         &|links, points| placed(request, links, points, problem.screening.targets.len()),
     )

@@ -43,12 +43,10 @@ fn by_evidence(problem: &Problem<'_>) -> Choice {
     let n_targets = problem.screening.targets.len();
     let placed = |links, points: &[Observation]| placed(problem.request, links, points, n_targets);
     let network = problem.network().map(|_| remembered(problem));
-    let scale = &problem.decomposition.scale;
     let best = best_start(
         &problem.nominal,
         network.as_ref(),
         &problem.parameters,
-        scale,
         &problem.identify,
         &placed,
     );

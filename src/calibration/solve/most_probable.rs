@@ -3,9 +3,10 @@
 use crate::calibration::preparation::loss::{LeastSquares, robust_fit};
 use crate::calibration::problem::Problem;
 use crate::calibration::request::{Model, Preset};
-use crate::identification::estimate::{estimate, evidence_at, most_probable, prior_cost_mm2};
+use crate::identification::estimate::{
+    FitSummary, estimate, evidence_at, most_probable, prior_cost_mm2,
+};
 use crate::identification::evidence::Noise;
-use crate::identification::fit::SeenFit;
 use crate::identification::objective::Observation;
 use crate::identification::parameters::{Parameter, Quantity, copy_parameter, deviation_from};
 use crate::identification::priors::{Prior, Priors};
@@ -41,10 +42,10 @@ impl Problem<'_> {
         start: &KinematicModel,
         stop_at_mm2: f64,
         monitor: &mut dyn FnMut(Iteration) -> ControlFlow<()>,
-    ) -> SeenFit {
+    ) -> FitSummary {
         self.within_bounds(start, &mut |held, start| {
             let rows = self.rows(&self.identify, held);
-            estimate(&rows, &rows.coordinates(start), stop_at_mm2, monitor).into_fit()
+            estimate(&rows, &rows.coordinates(start), stop_at_mm2, monitor).into_summary()
         })
     }
 
@@ -53,11 +54,11 @@ impl Problem<'_> {
         &self,
         start: &KinematicModel,
         monitor: &mut dyn FnMut(Iteration) -> ControlFlow<()>,
-    ) -> SeenFit {
+    ) -> FitSummary {
         let (points, trusted) = (&self.identify, self.trusted());
         let alone = self.within_bounds(start, &mut |held, start| {
             let rows = self.rows(&trusted, held);
-            estimate(&rows, &rows.coordinates(start), 0.0, &mut go_on).into_fit()
+            estimate(&rows, &rows.coordinates(start), 0.0, &mut go_on).into_summary()
         });
         let rows = self.rows(&trusted, &[]);
         let (evidence, _) = evidence_at(&rows, &alone.model);
@@ -81,8 +82,8 @@ impl Problem<'_> {
     fn within_bounds(
         &self,
         start: &KinematicModel,
-        fit_with: &mut dyn FnMut(&[Held], &KinematicModel) -> SeenFit,
-    ) -> SeenFit {
+        fit_with: &mut dyn FnMut(&[Held], &KinematicModel) -> FitSummary,
+    ) -> FitSummary {
         let Some(known) = self.priors.as_ref().map(|known| &known.priors) else {
             return fit_with(&[], start);
         };
@@ -111,7 +112,7 @@ impl Problem<'_> {
                 (held, inside, fit) = (others, model, without);
             }
         }
-        SeenFit {
+        FitSummary {
             model: inside,
             ..fit
         }

@@ -50,7 +50,7 @@ pub fn least_squares_from(
         model: fit.model,
         n_iterations: fit.n_iterations,
         n_evaluations: fit.n_evaluations,
-        convergence: fit.convergence,
+        convergence: fit.convergence_mm2,
         termination: least_squares_termination(fit.termination),
         swarm: None,
     })
