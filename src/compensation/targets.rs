@@ -7,24 +7,24 @@ use crate::identification::corrected::{CorrectedModel, IdentifiedRobot};
 use crate::kinematics::forward::t_previous_link;
 use crate::kinematics::model::MAX_LINKS;
 use crate::kinematics::rotation::{between, rotation_log};
-use crate::kinematics::{Link, Robot, t_base_flange};
+use crate::kinematics::{Link, Robot, reach_mm, t_base_flange};
 use nalgebra::{
     DMatrix, IsometryMatrix3, Matrix6, Point3, Rotation3, SMatrix, SVector, Translation3, Vector3,
     Vector6,
 };
 
-/// A turn of the tool counts as the displacement that it makes at this distance, mm.
-const LEVER_MM: f64 = 500.0;
-/// Directions in which the tool moves by less than this per rad of all joints, mm, are damped: about 1.6° from a wrist's singularity. They
-/// could amplify the error of 1 mm into more than 6° of joint motion.
-const SINGULAR_MM: f64 = 10.0;
-/// Damping where the tool does not move at all, mm per rad.
-const MAX_DAMPING_MM: f64 = 10.0;
+/// A turn of the tool counts as the displacement that it makes at this distance, as a share of the reach: 0.5 m on an arm of 2.5 m.
+const LEVER: f64 = 0.2;
+/// Directions in which the tool moves by less than this share of the reach per rad of all joints are damped: about 1.6° from a wrist's
+/// singularity. On an arm of 2.5 m they could amplify the error of 1 mm into more than 6° of joint motion.
+const SINGULAR: f64 = 4e-3;
+/// Damping where the tool does not move at all, share of the reach per rad.
+const MAX_DAMPING: f64 = 4e-3;
 /// No joint is moved by more than this, beyond the largest joint offset that was identified: 10°.
 const MAX_CHANGE_RAD: f64 = 10.0 * std::f64::consts::PI / 180.0;
-/// Counts as reached: 1 µm and 0.0001°.
-const REACHED_MM: f64 = 1e-3;
-/// See [`REACHED_MM`].
+/// Counts as reached: this share of the reach, 1 µm on an arm of 2.5 m, and 0.0001°.
+const REACHED: f64 = 4e-7;
+/// See [`REACHED`].
 const REACHED_RAD: f64 = 1e-4 * std::f64::consts::PI / 180.0;
 /// Steps below this end the iteration.
 const STEP_RAD: f64 = 1e-12;
@@ -33,7 +33,8 @@ const MAX_STEPS: usize = 40;
 /// Iteration limit of an eigenvalue decomposition.
 const EIGEN_ITERATIONS: usize = 1_000;
 
-/// ∂(tool)/∂(controller's joint values): displacement in mm, then rotation times [`LEVER_MM`], per rad; columns beyond the last joint are 0.
+/// ∂(tool)/∂(controller's joint values): displacement as a share of the reach, then rotation times [`LEVER`], per rad; columns beyond the last joint
+/// are 0.
 type Jacobian = SMatrix<f64, 6, MAX_LINKS>;
 type Joints = SVector<f64, MAX_LINKS>;
 
@@ -73,6 +74,8 @@ pub struct Compensation<'a> {
     fading: Option<(&'a IdentifiedRobot, Anchor)>,
     joint_rates: DMatrix<f64>,
     max_change_rad: f64,
+    /// The unit of lengths in the Jacobian.
+    reach_mm: f64,
 }
 
 /// Where the tool has to go, and from which joint values.
@@ -87,6 +90,7 @@ struct Goal<'g> {
 struct Miss {
     translation_mm: Vector3<f64>,
     rotation_rad: Vector3<f64>,
+    reach_mm: f64,
 }
 
 impl<'a> Compensation<'a> {
@@ -110,6 +114,7 @@ impl<'a> Compensation<'a> {
             fading: None,
             joint_rates: nominal.joint_rates(),
             max_change_rad: MAX_CHANGE_RAD + worst,
+            reach_mm: reach_mm(&nominal.links).max(f64::MIN_POSITIVE),
         }
     }
 
@@ -307,6 +312,7 @@ impl<'a> Compensation<'a> {
         Miss {
             translation_mm: goal.t_base_tool.translation.vector - t.translation.vector,
             rotation_rad: rotation_log(&(goal.t_base_tool.rotation * t.rotation.inverse())),
+            reach_mm: self.reach_mm,
         }
     }
 
@@ -330,11 +336,13 @@ impl<'a> Compensation<'a> {
         for (joint, t_base_link) in chain[..n].iter().enumerate() {
             let axis: Vector3<f64> = t_base_link.rotation.matrix().column(2).into();
             let along = axis.cross(&(tool.translation.vector - t_base_link.translation.vector));
-            by_model.fixed_view_mut::<3, 1>(0, joint).copy_from(&along);
+            by_model
+                .fixed_view_mut::<3, 1>(0, joint)
+                .copy_from(&(along / self.reach_mm));
             if goal.mode == Mode::Pose {
                 by_model
                     .fixed_view_mut::<3, 1>(3, joint)
-                    .copy_from(&(axis * LEVER_MM));
+                    .copy_from(&(axis * LEVER));
             }
         }
         let mut by_controller = Jacobian::zeros();
@@ -355,9 +363,9 @@ impl<'a> Compensation<'a> {
 impl Miss {
     fn weighted(&self, mode: Mode) -> Vector6<f64> {
         let (t, r) = (
-            self.translation_mm,
+            self.translation_mm / self.reach_mm,
             if mode == Mode::Pose {
-                self.rotation_rad * LEVER_MM
+                self.rotation_rad * LEVER
             } else {
                 Vector3::zeros()
             },
@@ -366,7 +374,7 @@ impl Miss {
     }
 
     fn is_reached(&self, mode: Mode) -> bool {
-        self.translation_mm.norm() <= REACHED_MM
+        self.translation_mm.norm() <= REACHED * self.reach_mm
             && (mode == Mode::Position || self.rotation_rad.norm() <= REACHED_RAD)
     }
 }
@@ -382,9 +390,9 @@ fn damped_solution(
     let mut scaled = eigen.eigenvectors.transpose() * wanted;
     for k in 0..6 {
         let square = eigen.eigenvalues[k].max(0.0);
-        let nearness = 1.0 - square / (SINGULAR_MM * SINGULAR_MM);
+        let nearness = 1.0 - square / (SINGULAR * SINGULAR);
         let damping = if nearness > 0.0 {
-            MAX_DAMPING_MM * MAX_DAMPING_MM * nearness
+            MAX_DAMPING * MAX_DAMPING * nearness
         } else {
             0.0
         };
@@ -393,7 +401,7 @@ fn damped_solution(
     let n_free = eigen
         .eigenvalues
         .iter()
-        .filter(|e| **e > SINGULAR_MM * SINGULAR_MM)
+        .filter(|e| **e > SINGULAR * SINGULAR)
         .count();
     Some((
         jacobian.transpose() * (eigen.eigenvectors * scaled),

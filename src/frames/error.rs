@@ -98,7 +98,7 @@ pub enum Error {
     },
     /// The robot does not come near its sweeps, base and tool placed by them.
     #[error(
-        "the points lie {rms_mm:.1} mm rms from where the nominal robot would be with the base and the tool found from them, at most {limit_mm} mm are \
+        "the points lie {rms_mm:.1} mm rms from where the nominal robot would be with the base and the tool found from them, at most {limit_mm:.1} mm are \
          allowed: check the unit and the axes of the positions, the mastering of the joints, and that it is this robot"
     )]
     FarFromNominal {

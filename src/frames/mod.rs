@@ -9,8 +9,8 @@ pub mod tool_frame;
 pub use error::Error;
 pub use sweep::SweepCircle;
 
-use crate::kinematics::Robot;
 use crate::kinematics::forward::forward_kinematics;
+use crate::kinematics::{Robot, reach_mm};
 use crate::measurement::{MeasurementSet, Point};
 use nalgebra::{IsometryMatrix3, Point3, Vector3};
 use std::collections::BTreeSet;
@@ -74,11 +74,9 @@ pub fn preliminary_frames(
             .is_some_and(|joint| [1, 2, n_joints - 1].contains(&joint))
     });
     let rms_mm = rms_from_nominal_mm(robot, swept, &t_instrument_base, z_tool_mm);
-    if rms_mm.is_nan() || rms_mm > NEAR_MM {
-        return Err(Error::FarFromNominal {
-            rms_mm,
-            limit_mm: NEAR_MM,
-        });
+    let limit_mm = NEAR_PER_REACH * reach_mm(&robot.links);
+    if rms_mm.is_nan() || rms_mm > limit_mm {
+        return Err(Error::FarFromNominal { rms_mm, limit_mm });
     }
     Ok(PreliminaryFrames {
         t_instrument_base,
@@ -87,9 +85,9 @@ pub fn preliminary_frames(
     })
 }
 
-/// How far points may lie from where the nominal robot would be, rms, mm: several times what robots are off, and far below what a wrong unit,
-/// axis or robot does.
-const NEAR_MM: f64 = 20.0;
+/// How far points may lie from where the nominal robot would be, rms, as a share of the reach (20 mm on an arm of 2 m): several times what robots
+/// are off, and far below what a wrong unit, axis or robot does.
+const NEAR_PER_REACH: f64 = 0.01;
 
 fn rms_from_nominal_mm<'a>(
     robot: &Robot,

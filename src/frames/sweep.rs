@@ -2,7 +2,7 @@
 
 use crate::frames::circle_fit::fit_circle;
 use crate::frames::error::Error;
-use crate::kinematics::Robot;
+use crate::kinematics::{Robot, reach_mm};
 use crate::measurement::{MeasurementSet, Point};
 use nalgebra::Vector3;
 
@@ -13,9 +13,9 @@ pub const MIN_ARC_RAD: f64 = std::f64::consts::FRAC_PI_4;
 pub const MIN_SWEEP_POINTS: usize = 5;
 /// Joints that should stand still may move by this much, rad (0.05°).
 const STILL_RAD: f64 = 8.7e-4;
-/// Points farther than this off one circle, rms, mm, were not made by one joint: trackers repeat to some hundredths, and a joint that is
-/// moved alone to some tenths.
-const MAX_CIRCLE_RMS_MM: f64 = 0.5;
+/// Points farther than this off one circle, rms, as a share of the reach (0.5 mm on an arm of 2 m), were not made by one joint: trackers repeat
+/// to some hundredths of a millimetre, and a joint that is moved alone to some tenths.
+const MAX_CIRCLE_RMS_PER_REACH: f64 = 2.5e-4;
 /// The measured arc may differ from the joint's by this much, rad (3°): an unmastered joint shifts an arc, it does not stretch it.
 const ARC_MISMATCH_RAD: f64 = 0.052;
 
@@ -65,11 +65,12 @@ pub fn fit_sweep(robot: &Robot, set: &MeasurementSet, joint: usize) -> Result<Sw
     }
     let positions: Vec<Vector3<f64>> = swept.iter().map(|(_, p)| *p).collect();
     let circle = fit_circle(joint, &positions)?;
-    if circle.rms_mm > MAX_CIRCLE_RMS_MM {
+    let limit_mm = MAX_CIRCLE_RMS_PER_REACH * reach_mm(&robot.links);
+    if circle.rms_mm > limit_mm {
         return Err(Error::PoorCircle {
             joint,
             rms_mm: circle.rms_mm,
-            limit_mm: MAX_CIRCLE_RMS_MM,
+            limit_mm,
         });
     }
     let (normal, measured_arc_rad) = oriented(&positions, &circle.centre_mm, &circle.normal);

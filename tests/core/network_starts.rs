@@ -196,7 +196,7 @@ fn automatic(set: MeasurementSet, network: Option<&TrainedNetwork>) -> Calibrati
 fn auto_starts_from_what_the_robots_network_remembers_where_nominal_is_too_far_off() {
     let (mut n_found, mut n_far) = (0, 0);
     // One robot that least squares finds from nominal, and one that it does not.
-    for seed in [2, 3] {
+    for seed in [3, 26] {
         let (truth, mut random) = unmastered(seed);
         let mut session = |noise_mm| {
             measure(

@@ -4,10 +4,11 @@
 use crate::data::paper_robot;
 use crate::simulation::{Campaign, Normal, limited, measure, poses, true_robot};
 use kincal::calibration::{CalibrationReport, CalibrationRequest, calibrate};
+use kincal::compensation::{Compensation, Mode, Tool};
 use kincal::identification::KinematicModel;
 use kincal::kinematics::Robot;
 use kincal::measurement::{MeasurementSet, Subset};
-use nalgebra::{Rotation3, Vector3};
+use nalgebra::{IsometryMatrix3, Rotation3, Vector3};
 use rand::RngExt;
 use std::ops::ControlFlow;
 
@@ -127,6 +128,39 @@ fn an_arm_of_30_mm_and_one_of_30_m_are_identified_alike() {
         point.position_mm = noiseless.truth.position(&point.q_rad, 0);
     }
     assert_alike_at_every_size("without noise", &noiseless);
+}
+
+/// Targets near a singularity, where lengths and angles are weighed against each other, among them.
+#[test]
+fn targets_are_corrected_alike_at_every_size() {
+    let made = Made::new(940, 1, 0.0);
+    let mut random = Normal::new(941);
+    let mut targets = poses(20, &mut random);
+    for (target, bend_deg) in targets.iter_mut().zip([0.1f64, 0.5, 1.0, 1.6, 2.0]) {
+        target[4] = made.robot.links[4].theta_offset_rad - bend_deg.to_radians();
+    }
+    let corrected = |size: f64| {
+        let robot = made.request(size).robot;
+        let mut links = made.truth.links.clone();
+        links.iter_mut().for_each(|link| {
+            link.a_mm *= size;
+            link.d_mm *= size;
+        });
+        let mut tool = IsometryMatrix3::translation(40.0 * size, 10.0 * size, 150.0 * size);
+        tool.append_rotation_wrt_center_mut(&Rotation3::new(Vector3::new(0.3, 0.2, -0.4)));
+        let compensation = Compensation::new(&robot, &links);
+        let correct = |q: &Vec<f64>| compensation.correct(q, &Tool::Tcp(tool), Mode::Pose);
+        targets.iter().map(correct).collect::<Vec<_>>()
+    };
+    let one = corrected(1.0);
+    for size in SIZES {
+        for (k, (a, b)) in one.iter().zip(corrected(size)).enumerate() {
+            assert_eq!(a.status, b.status, "target {k}, {size}");
+            for (a, b) in a.q_controller_rad.iter().zip(&b.q_controller_rad) {
+                assert_alike(&format!("target {k}, {size}"), *a, *b, 1.0);
+            }
+        }
+    }
 }
 
 #[test]
