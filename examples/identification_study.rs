@@ -1,10 +1,14 @@
 //! How well robots are identified: measured ones, and simulated ones with what goes wrong in a cell. Prints `docs/identification.md`.
 //!
-//! `cargo run --release --example identification_study [all|real|wild|steps|starts|swarm] [n] > docs/identification.md`
+//! `cargo run --release --example identification_study [all|real|outliers|campaigns|steps|starts|swarm] [n] > docs/identification.md`
 //! `cargo run --release --example identification_study splits DIR` writes the splits that `docs/oracles/scipy_least_squares.py` reads.
 
+#[path = "identification_study/campaigns.rs"]
+mod campaigns;
 #[path = "../tests/support/data.rs"]
 mod data;
+#[path = "identification_study/outliers.rs"]
+mod outliers;
 #[path = "identification_study/real.rs"]
 mod real;
 #[path = "../tests/support/simulation.rs"]
@@ -15,8 +19,6 @@ mod starts;
 mod steps;
 #[path = "identification_study/swarm.rs"]
 mod swarm;
-#[path = "identification_study/wild.rs"]
-mod wild;
 
 fn main() {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
@@ -36,8 +38,11 @@ fn main() {
     if wanted("swarm") {
         swarm::table(n.unwrap_or(50));
     }
-    if wanted("wild") {
-        wild::table(n.unwrap_or(100));
+    if wanted("outliers") {
+        outliers::table(n.unwrap_or(100));
+    }
+    if wanted("campaigns") {
+        campaigns::table(n.unwrap_or(100));
     }
     if wanted("steps") {
         steps::table(n.unwrap_or(1000));

@@ -167,7 +167,7 @@ function refusal({ errors, detail }) {
 function errorTable(report, job) {
   const verifies = job.kind === "verify";
   const [before, after] = verifies ? ["nominal robot", "these parameters"] : ["before", "after"];
-  const rows = [["identify", "Identify", report.identify], ["verify", "Verify", report.verify]].filter(([, , half]) => half?.n_points > 0);
+  const rows = [["identify", "Identify", report.identify], ["verify", "Verify", report.verify], ["without", "Verify, without outliers", report.verify_without_outliers]].filter(([, , half]) => half?.n_points > 0);
   const flat = rows.flatMap(([, name, half]) => [[`${name} (${half.n_points})`, before, half.before], ["", after, half.after], ...(isCorrected(half) ? [["", `${after}, with corrections`, half.corrected]] : [])]);
   const columns = [["Points", ([name]) => name], ["Robot", ([, stage]) => stage], ...["mean", "std", "rms", "max"].map((name) => [name, ([, , e]) => error(e[`${name}_mm`]), "n"])];
   return el("section.card", {}, el("h2", {}, verifies ? "Errors beside the nominal robot" : "Errors before and after"),

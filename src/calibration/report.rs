@@ -255,6 +255,8 @@ pub struct CalibrationReport {
     pub identify: SubsetErrors,
     /// The verify half, if there is one.
     pub verify: Option<SubsetErrors>,
+    /// The same without the points that are named as outliers; `None` if none of them is.
+    pub verify_without_outliers: Option<SubsetErrors>,
     /// The delivered fit; `None` if the parameters that were verified are delivered.
     pub final_fit: Option<FinalErrors>,
     /// Every point of the set (and of the verify set, after them), in order.

@@ -73,6 +73,11 @@ fn verified(report: &Report) -> String {
             line(&mut text, row("with their corrections", corrected));
         }
     }
+    subset(
+        &mut text,
+        WITHOUT_OUTLIERS,
+        report.verify_without_outliers.as_ref(),
+    );
     line(&mut text, format!("evidence: {}", evidence(report)));
     text
 }
@@ -107,6 +112,11 @@ fn identified(report: &Report) -> String {
     line(&mut text, columns());
     subset(&mut text, "identify", Some(&report.identify));
     subset(&mut text, "verify", report.verify.as_ref());
+    subset(
+        &mut text,
+        WITHOUT_OUTLIERS,
+        report.verify_without_outliers.as_ref(),
+    );
     if let Some(last) = &report.final_fit {
         let (n, rms) = (last.n_points, error(last.rms_mm));
         let moved = error(last.moved_mm);
@@ -166,6 +176,9 @@ fn line(text: &mut String, line: String) {
     // Writing to a String cannot fail.
     let _ = writeln!(text, "{line}");
 }
+
+/// Name of the errors without the points that a warning names as outliers.
+const WITHOUT_OUTLIERS: &str = "without outliers";
 
 fn subset(text: &mut String, name: &str, half: Option<&SubsetReport>) {
     let Some(half) = half.filter(|half| half.n_points > 0) else {

@@ -153,6 +153,7 @@ pub fn errors(sources: &Sources<'_>) -> Markup {
     let halves = [
         ("Identify", Some(&report.identify)),
         ("Verify", report.verify.as_ref()),
+        (WITHOUT_OUTLIERS, report.verify_without_outliers.as_ref()),
     ];
     html! {
         section {
@@ -172,6 +173,9 @@ pub fn errors(sources: &Sources<'_>) -> Markup {
     }
 }
 
+/// Name of the errors without the points that a warning names as outliers.
+const WITHOUT_OUTLIERS: &str = "Verify, without outliers";
+
 /// The errors of the nominal robot and of the verified parameters, on all points.
 fn verified_errors(report: &Report) -> Markup {
     let Some(half) = &report.verify else {
@@ -186,6 +190,12 @@ fn verified_errors(report: &Report) -> Markup {
             .filter(|corrected| **corrected != half.after)
             .map(|e| ("these parameters, with corrections", e)),
     );
+    let without = report.verify_without_outliers.as_ref();
+    if let Some(without) = without {
+        rows.push(("nominal robot, without outliers", &without.before));
+        let after = without.corrected.as_ref().unwrap_or(&without.after);
+        rows.extend(is_another.then_some(("these parameters, without outliers", after)));
+    }
     html! {
         section {
             h2 { "Position errors of the nominal robot" @if is_another { " and with these parameters" } ", mm" }

@@ -99,6 +99,7 @@ fn without_hash(core: &CalibrationReport, run: &RunContext<'_>) -> Report {
         cost_mm2: core.cost_mm2,
         identify: (&core.identify).into(),
         verify: core.verify.as_ref().map(Into::into),
+        verify_without_outliers: core.verify_without_outliers.as_ref().map(Into::into),
         final_fit: core.final_fit.map(Into::into),
         per_point: core.per_point.iter().map(Into::into).collect(),
         parameters: core.parameters.iter().map(Into::into).collect(),

@@ -46,6 +46,9 @@ pub struct Report {
     /// Their errors on points to which they were not fitted; null if there are none.
     #[schema(required)]
     pub verify: Option<SubsetReport>,
+    /// The same without the points that a warning names as outliers; absent if none of them is. `verify` counts them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub verify_without_outliers: Option<SubsetReport>,
     /// The fit of the delivered parameters to all points of the upload; absent if the parameters that were verified are delivered.
     #[serde(rename = "final", default, skip_serializing_if = "Option::is_none")]
     pub final_fit: Option<FinalFitReport>,

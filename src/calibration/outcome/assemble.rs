@@ -183,6 +183,7 @@ pub fn report(
         joint_counted_otherwise(&model.links, &request.robot.links, &unseen)
     });
     let (verify, of_verify_set);
+    let mut outliers: BTreeSet<usize> = problem.screening.wild.iter().map(|w| w.row).collect();
     if let Some(layout) = layout {
         let (before, after) = (layout.place(&problem.nominal)?, layout.place(model)?);
         let robot_there = robot
@@ -215,6 +216,8 @@ pub fn report(
                 own_scatter_mm(&after.model, &after.observed.all)
             })
         });
+        let of_set = layout.screening.wild.iter();
+        outliers.extend(of_set.map(|wild| per_point.len() + wild.row));
         per_point.extend(there);
         of_verify_set = match &request.verify {
             VerifySource::Set(set) => shows_little(&request.robot, set),
@@ -293,6 +296,7 @@ pub fn report(
         convergence_mm2: found.convergence,
         identify,
         verify,
+        verify_without_outliers: errors::verify_without(&per_point, &outliers),
         final_fit: final_fit.map(|last| last.errors),
         per_point,
         parameters: parameters(

@@ -1,11 +1,13 @@
 //! Position errors of a robot at measured points.
 
 use crate::calibration::preparation::observe::Observed;
-use crate::calibration::report::{Errors, PointErrors};
+use crate::calibration::report::{Errors, PointErrors, SubsetErrors};
 use crate::identification::KinematicModel;
 use crate::identification::corrected::IdentifiedRobot;
 use crate::identification::objective::{Observation, residuals};
+use crate::measurement::Subset;
 use nalgebra::Vector3;
+use std::collections::BTreeSet;
 
 /// Mean, standard deviation, rms and largest of |residual|; `None` for no points.
 pub fn errors(model: &KinematicModel, observations: &[Observation]) -> Option<Errors> {
@@ -21,6 +23,28 @@ pub fn errors(model: &KinematicModel, observations: &[Observation]) -> Option<Er
 pub fn corrected_errors(robot: &IdentifiedRobot, observations: &[Observation]) -> Option<Errors> {
     let size = |o: &Observation| (o.position_mm - robot.position(&o.q_rad, o.target)).norm();
     statistics(&observations.iter().map(size).collect::<Vec<f64>>())
+}
+
+/// Errors of the points to verify without those that are named as outliers, by their index in `per_point`; `None` if none of them is.
+pub fn verify_without(
+    per_point: &[PointErrors],
+    outliers: &BTreeSet<usize>,
+) -> Option<SubsetErrors> {
+    let verify = (0..per_point.len()).filter(|i| per_point[*i].subset == Subset::Verify);
+    let (named, others): (Vec<usize>, Vec<usize>) = verify.partition(|i| outliers.contains(i));
+    if named.is_empty() {
+        return None;
+    }
+    let sizes = |of: fn(&PointErrors) -> Option<f64>| -> Option<Errors> {
+        let sizes: Option<Vec<f64>> = others.iter().map(|i| of(&per_point[*i])).collect();
+        statistics(&sizes?)
+    };
+    Some(SubsetErrors {
+        n_points: others.len(),
+        before: sizes(|point| Some(point.before_mm))?,
+        after: sizes(|point| Some(point.after_mm))?,
+        corrected: sizes(|point| point.corrected_vector_mm.map(|v| v.norm())),
+    })
 }
 
 fn statistics(sizes: &[f64]) -> Option<Errors> {

@@ -11,7 +11,7 @@ use crate::calibration::report::{
 use crate::calibration::request::CalibrationRequest;
 use crate::calibration::stages::stage;
 use crate::calibration::validation::coverage::shows_little;
-use crate::calibration::validation::errors::{corrected_errors, per_point};
+use crate::calibration::validation::errors::{corrected_errors, per_point, verify_without};
 use crate::calibration::validation::robust_comparison::judged;
 use crate::calibration::validation::session_fit::{nominal_fit, own_scatter_mm, session_fit};
 use crate::calibration::validation::verdict::Verdict;
@@ -25,6 +25,7 @@ use crate::identification::objective::{Observation, cost};
 use crate::measurement::set::n_shared_points;
 use crate::measurement::{Frame, MeasurementSet};
 use nalgebra::IsometryMatrix3;
+use std::collections::BTreeSet;
 
 /// Of m equations from which p numbers are refitted, the refit leaves the share 1 − p/m of the squared error to be seen, on average. Less than a
 /// third of it is refused: with as many equations as numbers every robot fits. A position alone is placed by nine numbers, so that five points
@@ -48,6 +49,8 @@ struct Scored {
     is_base_hidden: bool,
     /// What does not belong, and what moved.
     remarks: Vec<Warning>,
+    /// Rows that are named as outliers.
+    outliers: BTreeSet<usize>,
 }
 
 /// The checks of [`verify`] that need no fit.
@@ -229,6 +232,7 @@ fn score(request: &CalibrationRequest, robot: Option<&IdentifiedRobot>) -> Resul
     let (before, after) = (layout.place(&before)?, layout.place(&after)?);
     let corrected = robot.map(|robot| layout.place_corrected(robot, &after));
     let remarks = screening_warnings(&layout.screening, &after.observed, None);
+    let outliers = layout.screening.wild.iter().map(|wild| wild.row).collect();
     Ok(Scored {
         before,
         after,
@@ -237,6 +241,7 @@ fn score(request: &CalibrationRequest, robot: Option<&IdentifiedRobot>) -> Resul
         is_base_hidden: layout.is_placed_anew
             && identified.is_some_and(|model| base_is_known(request, model)),
         remarks,
+        outliers,
     })
 }
 
@@ -295,6 +300,7 @@ fn report(
             corrected: None,
         },
         verify: Some(verify),
+        verify_without_outliers: verify_without(&per_point, &scored.outliers),
         final_fit: None,
         per_point,
         parameters: vec![],

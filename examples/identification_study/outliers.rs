@@ -10,12 +10,12 @@ use std::collections::BTreeSet;
 use std::ops::ControlFlow;
 
 /// What a fit left on the clean points to verify, mm rms.
-fn clean_verify_rms(report: &CalibrationReport, wild: &BTreeSet<usize>) -> f64 {
+fn clean_verify_rms(report: &CalibrationReport, outliers: &BTreeSet<usize>) -> f64 {
     let clean = report
         .per_point
         .iter()
         .enumerate()
-        .filter(|(row, p)| p.subset == Subset::Verify && !wild.contains(row));
+        .filter(|(row, p)| p.subset == Subset::Verify && !outliers.contains(row));
     let errors: Vec<f64> = clean.map(|(_, p)| p.after_mm * p.after_mm).collect();
     (errors.iter().sum::<f64>() / errors.len() as f64).sqrt()
 }
