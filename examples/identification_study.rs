@@ -3,6 +3,8 @@
 //! `cargo run --release --example identification_study [all|real|outliers|campaigns|steps|starts|swarm] [n] > docs/identification.md`
 //! `cargo run --release --example identification_study splits DIR` writes the splits that `docs/oracles/scipy_least_squares.py` reads.
 
+#[path = "../tests/support/bad_campaigns.rs"]
+mod bad_campaigns;
 #[path = "identification_study/campaigns.rs"]
 mod campaigns;
 #[path = "../tests/support/data.rs"]

@@ -27,4 +27,4 @@ mod screening;
 mod support;
 mod uncertainty;
 
-use support::{data, real_robot, robots, simulation};
+use support::{bad_campaigns, data, real_robot, robots, simulation};

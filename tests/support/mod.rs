@@ -2,6 +2,7 @@
 #![allow(dead_code, unused_macros, reason = "each binary uses a part")]
 
 pub mod app;
+pub mod bad_campaigns;
 pub mod computations;
 pub mod data;
 pub mod engines;

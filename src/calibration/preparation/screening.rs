@@ -19,8 +19,15 @@ use crate::measurement::Subset;
 use nalgebra::{DMatrix, Vector3};
 use std::collections::BTreeMap;
 
-/// Share of all points that may be left out of the fit; where more are wild, a person has to look.
-const DOWN_WEIGHTED_SHARE: f64 = 0.05;
+/// Share of all points from which on a person has to look at the outliers.
+const REVIEW_SHARE: f64 = 0.05;
+/// Share of all points that may be left out of the fit.
+const LEFT_OUT_SHARE: f64 = 0.1;
+/// Fewer rows in a row that are far off are gross errors; as many may be those of a target that moved.
+const FEWEST_MOVED: usize = 3;
+/// A row that stands alone and is this share of the reach from where the others put it is a gross error, not something that moved: 8 mm on an arm of
+/// 1.7 m.
+const GROSS_PER_REACH: f64 = 5e-3;
 /// A wild point in a stretch of suspects is this many times as far off as half of them.
 const STANDS_OUT: f64 = 2.0;
 /// If this share of the points on the smaller side of a step is wild with it, it is no step: two or three wild points are explained by one
@@ -71,9 +78,9 @@ pub struct Screening {
     pub wild: Vec<WildPoint>,
     /// Standard deviation of one coordinate of the others, mm.
     pub scale_mm: f64,
-    /// The wild points are few enough, and the loss is ours to choose: those to identify count nothing.
+    /// The outliers are few enough to be left out, and the loss is ours to choose: those to identify count nothing.
     pub is_down_weighted: bool,
-    /// More points are wild than may be left out.
+    /// So many points are outliers that a person has to look.
     pub is_for_review: bool,
     /// Steps, by row.
     pub steps: Vec<FoundStep>,
@@ -90,6 +97,7 @@ struct AllFit {
     /// What the misfit of a robot looks like, 3·N × m.
     features: DMatrix<f64>,
     columns: Columns,
+    reach_mm: f64,
 }
 
 /// Screens the points, and arranges them for the fit: wild points lose their weight, what moved is taken apart.
@@ -128,27 +136,23 @@ fn search(
     arrangement: &mut Arrangement,
     screening: &mut Screening,
 ) -> Result<Option<Wild>, Error> {
-    let mut fit = fit_all(request, observed, arrangement, &[])?;
-    let mut wild = fit.linear.wild(fit.least_scale_mm);
+    let WithoutGross {
+        gross,
+        mut fit,
+        mut wild,
+    } = without_gross(request, observed, arrangement)?;
+    let others = |points: &[usize], left_out: &[usize]| -> Vec<usize> {
+        let is_other = |p: &&usize| !left_out.contains(p);
+        points.iter().filter(is_other).copied().collect()
+    };
     while screening.steps.len() < MAX_STEPS {
-        let suspects = wild.as_ref().map_or(vec![], |w| w.points.clone());
-        let belonging: Vec<usize> = arrangement
-            .order
-            .iter()
-            .copied()
-            .filter(|p| !suspects.contains(p))
-            .collect();
-        let with_all = find(observed, &fit, &arrangement.order);
-        let lone = lone_suspects(observed, arrangement, wild.as_ref());
-        let without_lone = (!lone.is_empty() && lone.len() < suspects.len()).then(|| {
-            let rest: Vec<usize> = arrangement
-                .order
-                .iter()
-                .copied()
-                .filter(|p| !lone.contains(p))
-                .collect();
-            find(observed, &fit, &rest)
-        });
+        let suspects = wild.as_ref().map_or(vec![], |w| others(&w.points, &gross));
+        let order = others(&arrangement.order, &gross);
+        let belonging = others(&order, &suspects);
+        let with_all = find(observed, &fit, &order);
+        let lone = lone_suspects(observed, &order, wild.as_ref(), 2);
+        let without_lone = (!lone.is_empty() && lone.len() < suspects.len())
+            .then(|| find(observed, &fit, &others(&order, &lone)));
         let without = if suspects.is_empty() {
             None
         } else {
@@ -167,16 +171,14 @@ fn search(
                 continue;
             };
             let mut trial = split(observed, &fit, arrangement, step);
-            let refit = fit_all(request, observed, &mut trial, &[])?;
+            let refit = fit_all(request, observed, &mut trial, &gross)?;
             let left = refit.linear.wild(refit.least_scale_mm);
-            if left
-                .as_ref()
-                .is_some_and(|w| n_to_explain > 0 && w.points.len() + n_to_explain > suspects.len())
-            {
+            let n_left = left.as_ref().map(|w| others(&w.points, &gross).len());
+            if n_left.is_some_and(|n| n_to_explain > 0 && n + n_to_explain > suspects.len()) {
                 continue;
             }
             // what moved takes its points along: where many of them stay wild, they are no stretch
-            let minor = minor_side(observed, arrangement, step);
+            let minor = others(&minor_side(observed, arrangement, step), &gross);
             let still_wild = left
                 .as_ref()
                 .map_or(0, |w| minor.iter().filter(|p| w.points.contains(p)).count());
@@ -198,7 +200,8 @@ fn search(
                         .iter()
                         .all(|p| *p == lone_point(observed, arrangement, s))
             };
-            let lone = with_all.filter(|s| is_lone(s) && !frees_all(s));
+            // one point beside gross errors is one more of them
+            let lone = with_all.filter(|s| gross.is_empty() && is_lone(s) && !frees_all(s));
             screening
                 .steps
                 .extend(lone.iter().flat_map(|step| found(step, true)));
@@ -207,6 +210,48 @@ fn search(
     }
     screening.steps.sort_by_key(|s| s.row);
     Ok(wild)
+}
+
+/// All points fitted but the gross errors.
+struct WithoutGross {
+    /// The gross errors: rows that stand alone, and are further off than anything that moves in a cell.
+    gross: Vec<usize>,
+    fit: AllFit,
+    /// All outliers, the gross errors among them.
+    wild: Option<Wild>,
+}
+
+/// Rows that are off by metres pull the fit so far that the problem is linear about the wrong place, and hide there what moved. They are left out before
+/// anything is searched for, again from each fit without those found.
+fn without_gross(
+    request: &CalibrationRequest,
+    observed: &mut Observed,
+    arrangement: &mut Arrangement,
+) -> Result<WithoutGross, Error> {
+    let mut gross: Vec<usize> = Vec::new();
+    let mut n_searches = 0;
+    loop {
+        let fit = fit_all(request, observed, arrangement, &gross)?;
+        let wild = fit.linear.wild(fit.least_scale_mm);
+        let limit_mm = GROSS_PER_REACH * fit.reach_mm;
+        let rest = arrangement.order.iter().filter(|p| !gross.contains(p));
+        let rest: Vec<usize> = rest.copied().collect();
+        let lone = lone_suspects(observed, &rest, wild.as_ref(), FEWEST_MOVED);
+        let is_alone = |point: &usize| gross.contains(point) || lone.contains(point);
+        let sizes = wild.iter().flat_map(|w| w.points.iter().zip(&w.sizes_mm));
+        let found: Vec<usize> = sizes
+            .filter(|(point, size_mm)| {
+                let weight = observed.all[**point].weight;
+                is_alone(point) && **size_mm > limit_mm * weight.sqrt()
+            })
+            .map(|(point, _)| *point)
+            .collect();
+        n_searches += 1;
+        if found == gross || n_searches == MAX_SEARCHES {
+            return Ok(WithoutGross { gross, fit, wild });
+        }
+        gross = found;
+    }
 }
 
 /// Points that are off by metres pull the fit so far that the problem is linear about the wrong place, and hide others there. Looks again from the
@@ -250,8 +295,9 @@ fn minor_side(observed: &Observed, arrangement: &Arrangement, step: &Step) -> Ve
 /// wild point would hide the step.
 fn lone_suspects(
     observed: &Observed,
-    arrangement: &Arrangement,
+    order: &[usize],
     wild: Option<&Wild>,
+    shortest_stretch: usize,
 ) -> Vec<usize> {
     let sizes: BTreeMap<usize, f64> = wild
         .iter()
@@ -265,12 +311,8 @@ fn lone_suspects(
         .max()
         .unwrap_or(0)
     {
-        let of_target: Vec<usize> = arrangement
-            .order
-            .iter()
-            .copied()
-            .filter(|p| observed.targets[*p] == target)
-            .collect();
+        let is_of_target = |p: &&usize| observed.targets[**p] == target;
+        let of_target: Vec<usize> = order.iter().filter(is_of_target).copied().collect();
         for stretch in of_target.chunk_by(|a, b| sizes.contains_key(a) == sizes.contains_key(b)) {
             let mut by_size: Vec<f64> = stretch
                 .iter()
@@ -281,7 +323,8 @@ fn lone_suspects(
                 continue;
             };
             let stands_out = |p: &usize| {
-                stretch.len() == 1 || sizes.get(p).is_some_and(|size| *size > STANDS_OUT * median)
+                stretch.len() < shortest_stretch
+                    || sizes.get(p).is_some_and(|size| *size > STANDS_OUT * median)
             };
             lone.extend(stretch.iter().copied().filter(stands_out));
         }
@@ -375,9 +418,10 @@ fn judge(
     };
     screening.wild = wild.points.iter().zip(&wild.sizes_mm).map(size).collect();
     screening.scale_mm = wild.scale_mm;
-    let most = (DOWN_WEIGHTED_SHARE * observed.all.len() as f64).ceil() as usize;
-    screening.is_for_review = wild.points.len() > most;
-    screening.is_down_weighted = request.options.loss.is_none() && !screening.is_for_review;
+    let is_more_than =
+        |share: f64| wild.points.len() > (share * observed.all.len() as f64).ceil() as usize;
+    screening.is_for_review = is_more_than(REVIEW_SHARE);
+    screening.is_down_weighted = request.options.loss.is_none() && !is_more_than(LEFT_OUT_SHARE);
     if screening.is_down_weighted {
         let to_identify = |point: &&usize| observed.subsets[**point] == Subset::Identify;
         let down: Vec<usize> = wild.points.iter().filter(to_identify).copied().collect();
@@ -386,10 +430,10 @@ fn judge(
     }
 }
 
-/// The loss that the fit takes: the one asked for, else squares; with too many wild points to leave out, Huber's, which keeps them all and
+/// The loss that the fit takes: the one asked for, else squares; with too many outliers to leave out, Huber's, which keeps them all and
 /// lets none pull hard.
 pub fn loss(request: &CalibrationRequest, screening: &Screening) -> Loss {
-    let ours = if screening.is_for_review {
+    let ours = if screening.is_for_review && !screening.is_down_weighted {
         Loss::Huber
     } else {
         Loss::Squares
@@ -421,7 +465,8 @@ fn fit_all(
         arrangement,
         &everything,
     );
-    let rounding_mm = ROUNDING_PER_REACH * reach_mm(&model.links, observed.all.iter());
+    let reach_mm = reach_mm(&model.links, observed.all.iter());
+    let rounding_mm = ROUNDING_PER_REACH * reach_mm;
     let residuals = weighted_residuals(&model, &observed.all);
     let linear = Linearised::new(&residuals, derivatives, rounding_mm);
     let gravity = gravity_directions(request.robot.mounting.as_ref().map(|m| &m.gravity_in_base));
@@ -435,5 +480,6 @@ fn fit_all(
         columns,
         features,
         least_scale_mm: stated_scale_mm(&request.set).max(rounding_mm),
+        reach_mm,
     })
 }

@@ -54,14 +54,16 @@ impl Final<'_> {
     }
 }
 
-/// True if the delivered parameters are fitted to all points. With more outliers than may be left out, somebody has to look first.
+/// True if the delivered parameters are fitted to all points. With more outliers than were left out, somebody has to look first.
 pub fn is_wanted(problem: &Problem<'_>) -> bool {
     let request = problem.request;
     let default = match request.preset == Preset::Default && problem.settings.refine {
         true => FinalFit::All,
         false => FinalFit::IdentifySubset,
     };
-    request.final_fit.unwrap_or(default) == FinalFit::All && !problem.screening.is_for_review
+    let screening = &problem.screening;
+    request.final_fit.unwrap_or(default) == FinalFit::All
+        && (screening.is_down_weighted || !screening.is_for_review)
 }
 
 /// Standard deviation of a coordinate in the fit to all points over that in the fit to the identify subset, from which on the two subsets do not

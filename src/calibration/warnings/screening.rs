@@ -139,6 +139,7 @@ fn outliers(screening: &Screening, observed: &Observed, asked: bool) -> Option<W
         screening.scale_mm,
         listed(&screening.wild)
     );
+    let is_left_out = screening.is_down_weighted;
     let (code, consequence) = match (screening.is_for_review, asked) {
         (false, false) if n_fitted == 0 => {
             ("outliers", "base and targets were placed without them; all stay in the statistics, as measured".into())
@@ -149,9 +150,14 @@ fn outliers(screening: &Screening, observed: &Observed, asked: bool) -> Option<W
         }
         (false, true) => ("outliers", "they count as the loss that was asked for has it".into()),
         (true, true) => ("outliers_review", "look at them: more than a twentieth; they count as the loss that was asked for has it".into()),
+        (true, false) if is_left_out => (
+            "outliers_review",
+            "look at them: they are more than a twentieth of the points. Those that were to be fitted count nothing; all stay in the statistics, as measured"
+                .into(),
+        ),
         (true, false) => (
             "outliers_review",
-            "look at them: more than a twentieth, so none was left out; Huber's loss keeps them from pulling hard".into(),
+            "look at them: they are more than a tenth of the points, so none was left out; Huber's loss keeps them from pulling hard".into(),
         ),
     };
     Some(Warning {
