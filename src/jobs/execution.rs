@@ -19,6 +19,7 @@ use crate::wire::measurement::MeasurementSet;
 use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::report::{self, RunContext};
 use crate::wire::report_shape::{Convergence, NO_USE, Report};
+use crate::wire::report_summary::summary_json;
 use crate::wire::robot::{Robot, RobotBody};
 use crate::wire::safetensors::{self, ResidualOrigin, StoredNetwork};
 use crate::wire::{Invalid, Problem, json};
@@ -59,13 +60,15 @@ pub fn compute(
         )
         .map_err(broken)?;
     let content = ParameterSetContent::from(&calibrated.core);
+    let report_json = serde_json::to_string(&report).map_err(broken)?;
     Ok(JobOutcome {
         verification: Some(identification_facts(
             &report,
             another,
             since(inputs, &request)?,
         )),
-        report_json: serde_json::to_string(&report).map_err(broken)?,
+        summary_json: summary_json(&report_json).map_err(broken)?,
+        report_json,
         convergence_json: serde_json::to_string(&report::convergence(&calibrated.core))
             .map_err(broken)?,
         parameter_set: Some(NewParameterSet {
@@ -139,8 +142,10 @@ pub(super) fn run_verification(
             insisted_on(inputs),
         )
         .map_err(broken)?;
+    let report_json = serde_json::to_string(&report).map_err(broken)?;
     Ok(JobOutcome {
-        report_json: serde_json::to_string(&report).map_err(broken)?,
+        summary_json: summary_json(&report_json).map_err(broken)?,
+        report_json,
         convergence_json: serde_json::to_string(&report::convergence(&calibrated.core))
             .map_err(broken)?,
         verification: Some(session_facts(request, &report, since(inputs, request)?)),

@@ -10,8 +10,8 @@ use crate::release::sessions::Session;
 use crate::wire::measurement::Subset;
 use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::policy::PolicyBody;
-use crate::wire::report_excerpts::ReleaseExcerpt;
 use crate::wire::report_shape::{Evidence, Report, WRONG_ROBOT};
+use crate::wire::report_summary::ReportSummary;
 use crate::wire::verification::{Fit, Verification, VerificationKind};
 use std::collections::BTreeSet;
 
@@ -38,6 +38,15 @@ pub struct MeasuredSince {
     pub is_repeat: bool,
 }
 
+/// A robot's last session that did not fit it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct LastCheck {
+    /// Its number in the robot's counter.
+    pub seq: i64,
+    /// Its job.
+    pub job_id: String,
+}
+
 /// All inputs of the gates.
 #[derive(Clone, Debug)]
 pub struct Facts<'a> {
@@ -45,12 +54,12 @@ pub struct Facts<'a> {
     pub robot: &'a Robot,
     /// Job of the session that does not fit the robot, while the robot is in the state `check_robot`.
     pub check_job_id: Option<&'a str>,
-    /// Number and job of the last session that did not fit the robot, even if the state `check_robot` has ended.
-    pub last_check: Option<(i64, &'a str)>,
+    /// The last session that did not fit the robot, even if the state `check_robot` has ended.
+    pub last_check: Option<&'a LastCheck>,
     /// Number of the robot's counter at its last `checked` request, whose reason explains all sessions up to then; 0 for none.
     pub checked_seq: i64,
-    /// Report of the job that identified the set; it has the nominal model of that job.
-    pub report: &'a ReleaseExcerpt,
+    /// Summary of the report of the job that identified the set; it has the nominal model of that job.
+    pub report: &'a ReportSummary,
     /// Verification facts of that job.
     pub identification: &'a Verification,
     /// Its number in the robot's counter.

@@ -10,13 +10,13 @@ use crate::identification::corrections::Evidence;
 use crate::identification::workspace::ToolUncertainty;
 use crate::wire::angle::to_degrees;
 use crate::wire::canonical;
-use crate::wire::measurement::{Frame, Warning};
-use crate::wire::parameter_set::{ParameterSetContent, Provenance};
+use crate::wire::measurement::Warning;
+use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::report_shape::{
     ChangeReport, ComparisonReport, Convergence, CorrectionReport, ErrorModelReport, ErrorsReport,
     Evidence as VerifyEvidence, FinalFitReport, IdentifiabilityReport, ParameterReport,
     PointReport, PoseRepeatabilityReport, PriorReport, RepeatabilityReport, Report, SubsetReport,
-    ToolUncertaintyReport, WRONG_ROBOT,
+    ToolUncertaintyReport,
 };
 
 /// Facts of a run that the core does not know.
@@ -40,34 +40,6 @@ pub struct RunContext<'a> {
 
 /// Version in every report.
 pub const VERSION: &str = env!("CARGO_PKG_VERSION");
-
-/// Provenance of the parameters of a stored report.
-///
-/// # Errors
-/// If the text is no report.
-pub fn provenance(
-    report_json: &str,
-    measuring_frame: Option<Frame>,
-) -> Result<Provenance, serde_json::Error> {
-    #[derive(serde::Deserialize)]
-    struct Excerpt {
-        warnings: Vec<Warning>,
-        #[serde(default)]
-        flange_rotation_std_deg: Option<f64>,
-        #[serde(default)]
-        last_joint_zero_std_deg: Option<f64>,
-    }
-    let mut found: Excerpt = serde_json::from_str(report_json)?;
-    found.warnings.retain(|warning| {
-        warning.code == "pose_not_seen" || WRONG_ROBOT.contains(&warning.code.as_str())
-    });
-    Ok(Provenance {
-        measuring_frame,
-        flange_rotation_std_deg: found.flange_rotation_std_deg,
-        last_joint_zero_std_deg: found.last_joint_zero_std_deg,
-        warnings: found.warnings,
-    })
-}
 
 /// Codes of warnings that compare with earlier sessions.
 const ABOUT_EARLIER_SESSIONS: [&str; 2] = ["robot_changed", "placement_changed"];

@@ -7,8 +7,9 @@ use super::check::{BATCH, Check, Options};
 use super::rules;
 use crate::store::from_row::from_row;
 use crate::store::idempotency::{self, Answered, IdempotencyScope};
-use crate::store::{AuditEvent, Result, Store};
+use crate::store::{AuditEvent, Result, Store, report_summaries};
 use crate::wire::canonical::sha256_hex;
+use crate::wire::report_summary::summary_json;
 
 pub(super) const SETS: &str = "select id, sha256, body from measurement_set where id > $1 order by id limit cast($2 as bigint)";
 pub(super) const FRAMES: &str = "select id, cast('' as text), body from frames where id > $1 order by id limit cast($2 as bigint)";
@@ -107,9 +108,29 @@ pub(super) async fn uploads_read_back(store: &Store, chain: &Chain) -> Result<Ch
         }
     }
     check.n_examined = found;
+    summaries_say_the_same(&mut check, store).await?;
     rules::match_entries(&mut check, store, chain).await?;
     check_lost_rows(&mut check, store, chain).await?;
     Ok(check)
+}
+
+/// Compares each summary with its report.
+async fn summaries_say_the_same(check: &mut Check, store: &Store) -> Result<()> {
+    let mut after = String::new();
+    loop {
+        let rows = report_summaries::with_reports(store, &after, BATCH).await?;
+        let Some(last) = rows.last() else {
+            return Ok(());
+        };
+        after.clone_from(&last.job_id);
+        for row in rows {
+            check.n_examined += 1;
+            let expected = summary_json(&row.report_json).ok();
+            check.require(expected == Some(row.summary_json), || {
+                format!("{}: its summary is not that of its report", row.job_id)
+            });
+        }
+    }
 }
 
 /// Compares a hash with the chain. Rows that are older than the chain or than this field are skipped; I8 reports missing entries.
