@@ -7,14 +7,13 @@ use crate::jobs::{JobInputs, MeasurementSetInput};
 use crate::release::comparison::{
     Compared, PointsToCompare, compare_on_set, compare_on_verify_subset, points_to_compare,
 };
-use crate::release::facts::{LastCheck, repeats};
+use crate::release::facts::{LastCheck, repeats, verify_errors_mm};
 use crate::release::{Comparison, Session};
 use crate::store::{
     ParameterSetRow, Result, Store, VerificationRow, jobs, report_summaries, verifications,
 };
 use crate::wire::Problem;
 use crate::wire::parameter_set::ParameterSetContent;
-use crate::wire::report_shape::verify_errors_mm;
 use crate::wire::report_summary::{ReportPoints, ReportSummary};
 use crate::wire::verification::{Verification, VerificationKind};
 

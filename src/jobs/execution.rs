@@ -11,6 +11,7 @@ use crate::jobs::{JobFailure, JobInputs, JobOutcome, ParameterSetInput, Progress
 use crate::release::facts::{
     MeasuredSince, evidence_of, identification_facts, repeats, session_facts,
 };
+use crate::release::{NO_USE, insisted_warning};
 use crate::store::{NewNetwork, NewParameterSet};
 use crate::wire::frames::FramesContent;
 use crate::wire::job::{JobParts, JobRequestBody, Kind};
@@ -18,7 +19,7 @@ use crate::wire::job_answer::Stage;
 use crate::wire::measurement::MeasurementSet;
 use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::report::{self, RunContext};
-use crate::wire::report_shape::{Convergence, NO_USE, Report};
+use crate::wire::report_shape::{Convergence, Report};
 use crate::wire::report_summary::summary_json;
 use crate::wire::robot::{Robot, RobotBody};
 use crate::wire::safetensors::{self, ResidualOrigin, StoredNetwork};
@@ -202,7 +203,7 @@ impl Calibrated {
                 .collect(),
             evidence: evidence_of(&self.core, insisted_on.is_some(), is_another_session),
             network_sha256: self.network.as_ref().map(|network| network.sha256.as_str()),
-            insisted_on,
+            insisted: insisted_on.map(insisted_warning),
         };
         report::build(&self.core, &run)
     }

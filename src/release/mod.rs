@@ -12,11 +12,13 @@ mod session_gates;
 mod sessions;
 mod texts;
 mod trend;
+mod verdict;
 
 pub use check_state::{CheckStateChange, check_state_change};
 pub use comparison::Comparison;
 pub use decision::{Decision, decide};
 pub use facts::{Facts, LastCheck};
-pub use provenance::provenance;
+pub use provenance::{orientation_unknown, provenance, wrong_robot};
 pub use sessions::Session;
 pub use trend::{ScoredJob, ScoredSession, scored_sessions, trend};
+pub use verdict::{NO_USE, insisted_warning, unusable_because, why_no_evidence};

@@ -34,8 +34,8 @@ pub struct RunContext<'a> {
     pub evidence: VerifyEvidence,
     /// SHA-256 of the trained network's tensors.
     pub network_sha256: Option<&'a str>,
-    /// Code of the suspicion that the uploader of the points overrode with `insist`.
-    pub insisted_on: Option<&'a str>,
+    /// The warning that the uploader of the points insisted on them.
+    pub insisted: Option<Warning>,
 }
 
 /// Version in every report.
@@ -110,23 +110,14 @@ fn without_hash(core: &CalibrationReport, run: &RunContext<'_>) -> Report {
             .as_ref()
             .map(|changes| changes.all.iter().map(Into::into).collect()),
         evidence: run.evidence,
-        warnings: insisted(run)
-            .into_iter()
+        warnings: run
+            .insisted
+            .iter()
+            .cloned()
             .chain(core.warnings.iter().map(Warning::from))
             .collect(),
         result_sha256: String::new(),
     }
-}
-
-fn insisted(run: &RunContext<'_>) -> Option<Warning> {
-    let code = run.insisted_on?;
-    Some(Warning {
-        code: "insisted_upload".into(),
-        detail: format!(
-            "the points were refused as {code} and kept because the uploader insisted: no release rests on them"
-        ),
-        rows: Vec::new(),
-    })
 }
 
 /// SHA-256 of report, parameter set, convergence and the network's hash. Identifiers, times, durations and comparisons with earlier sessions are
