@@ -49,7 +49,7 @@ pub use idempotency::{IdempotencyScope, IdempotentOutcome, StoredResponse};
 pub use jobs::{JobRow, NewJob};
 pub use leases::{Expired, Heartbeat, JobResult, Lease};
 pub use measurement_sets::{MeasurementSetRow, NewMeasurementSet};
-pub use networks::{NetworkRow, NewNetwork};
+pub use networks::{NetworkRow, NetworkWeights, NewNetwork, ResidualWeights};
 pub use open::StoreLocation;
 pub use page::{Cursor, InvalidCursor, Page, PageRequest};
 pub use parameter_sets::{CheckedState, NewParameterSet, ParameterSetRow, Release};
