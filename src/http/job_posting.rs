@@ -5,7 +5,7 @@ use crate::calibration::{self, CalibrationRequest, is_anew};
 use crate::http::creation::{Submission, stored_json};
 use crate::http::extract::Id;
 use crate::http::job_sources::{ResidualSource, Sources, load};
-use crate::http::request_class::RequestClass;
+use crate::http::limits::RequestClass;
 use crate::http::{App, Error, access};
 use crate::jobs::{MeasurementSetInput, queue};
 use crate::store::{NetworkWeights, NewJob, ParameterSetRow, Tx};

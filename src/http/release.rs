@@ -3,8 +3,7 @@
 use crate::http::auth::Caller;
 use crate::http::creation::{Submission, stored_json};
 use crate::http::extract::Id;
-use crate::http::limits::ComputePermit;
-use crate::http::request_class::RequestClass;
+use crate::http::limits::{ComputePermit, RequestClass};
 use crate::http::{App, Error, access};
 use crate::jobs::MeasurementSetInput;
 use crate::jobs::evidence::{self, ParsedEvidence};
