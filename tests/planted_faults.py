@@ -104,7 +104,9 @@ FAULTS = [
         ("kept.is_empty() || kept == now", "true || kept == now"),
         ("require(then == now,", "require(true || then == now,")]),
     Fault("documents are not compared", "service", "each_fault_is_told", [
-        ('(REPORTS, AuditEvent::JobSucceeded, "report_sha256")', '(REPORTS, AuditEvent::JobSucceeded, "no_such_field")')]),
+        ('(REPORTS, "report_sha256")', '(REPORTS, "no_such_field")')]),
+    Fault("summaries are not compared", "service", "each_fault_is_told", [
+        ("(Ok(expected), Ok(found)) if expected == found)", "(Ok(_), Ok(_)))")]),
     Fault("fields of rows are not compared", "service", "each_fault_is_told", [
         ("Some(then) => then == now,", "Some(_) => true,")]),
     Fault("who did it is not compared", "service", "databases_from_before", [
@@ -153,7 +155,7 @@ FAULTS = [
     Fault("a copy with noise is a session", "core", "a_second_visit", [
         ("pair.reading_rad <= SAME_READING_RAD", "pair.reading_rad < 0.0"), ("slope >= FOLLOWS && slope", "true || slope")]),
     Fault("a set of before a collision passes its gates", "service", "from_before_a_collision", [
-        ("if facts.identification_seq > seq && !facts.identification.is_repeat", "if seq > 0")], "src/release"),
+        ("if facts.identification_seq > *seq && !facts.identification.is_repeat", "if *seq > 0")], "src/release"),
     Fault("a later session outweighs one that missed", "service", "missed_by_far_stays", [
         ("Fit::SetFarOff => false,", "Fit::SetFarOff => facts.sessions.iter().any(|later| later.supports_since(session.seq)),")], "src/release"),
     Fault("a blank is a reason", "service", "nothing_to_read", [
@@ -222,7 +224,7 @@ FAULTS = [
     Fault("a joint that counts the other way is no misfit", "service", "an_identified_robot_that_is_wrong", [
         ("delta_rad.abs() > UNMASTERED_RAD &&", "delta_rad.abs() > 100.0 &&")], "src/calibration"),
     Fault("a robot that does not fit corrects targets", "service", "an_identified_robot_that_is_wrong", [
-        ("= provenance.wrong_robot()", "= provenance.wrong_robot().filter(|_| false)")], "src/operations"),
+        ("= wrong_robot(provenance)", "= wrong_robot(provenance).filter(|_| false)")], "src/operations"),
     Fault("a misfit is compared with", "service", "a_job_whose_points_do_not_fit", [
         ("DESCRIBES_NO_ROBOT: Fit = Fit::SetFarOff", "DESCRIBES_NO_ROBOT: Fit = Fit::DoesNotFit")], "src/release"),
     Fault("five points cannot serve as they are told", "service", "a_small_set_can_serve", [

@@ -19,6 +19,8 @@ pub mod measurement;
 pub mod operations;
 #[path = "../../src/planning/mod.rs"]
 pub mod planning;
+#[path = "../../src/release/mod.rs"]
+pub mod release;
 #[path = "../../src/solvers/mod.rs"]
 pub mod solvers;
 #[path = "../../src/wire/mod.rs"]

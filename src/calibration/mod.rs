@@ -31,6 +31,7 @@ pub use validation::session_fit::{HeldOut, SessionFit, session_fit};
 pub use validation::verdict::{NO_BETTER, SET_FAR_OFF};
 pub use validation::verify::{check_verify, verify};
 pub use warnings::orientation::{MAX_FLANGE_ROTATION_STD_RAD, NOT_KNOWN as ORIENTATION_NOT_KNOWN};
+pub use warnings::orientation::{last_joint_zero_remedy, last_joint_zero_unknown};
 pub use warnings::plausibility::BASE_FRAME_OFF;
 pub use warnings::plausibility::{JOINT_MAP, implausible_changes};
 

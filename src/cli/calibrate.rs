@@ -9,6 +9,7 @@ use crate::calibration::upload_checks::alignment::{self, Finding, Look};
 use crate::jobs::JobFailure;
 use crate::jobs::execution;
 use crate::kinematics::Robot;
+use crate::release::unusable_because;
 use crate::report_page::words;
 use crate::report_page::{self, MeasuredSet, Sources};
 use crate::wire::job::{JobParts, JobRequestBody, Method};
@@ -176,7 +177,7 @@ fn check_upload<'a>(
 
 /// Fails if the result cannot be used, so that nobody continues with it. `job_id` is the job on a server.
 pub fn refuse_unusable(report: &Report, job_id: Option<&str>) -> anyhow::Result<()> {
-    let Some(code) = report.unusable_because() else {
+    let Some(code) = unusable_because(report) else {
         return Ok(());
     };
     let next = match code {

@@ -9,7 +9,8 @@ use super::terminal::Output;
 use super::usage::Usage;
 use crate::operations;
 use crate::wire::compensate::{
-    Base, CompensateAnswer, CompensateBody, ErrorFrame, MAX_TARGETS_PER_REQUEST, Mode, Status,
+    Base, CompensateAnswer, CompensateBody, ErrorFrame, LeftOut, MAX_TARGETS_PER_REQUEST, Mode,
+    Status,
 };
 use crate::wire::export::ExportDocument;
 use crate::wire::issue::{Invalid, Issue};
@@ -106,7 +107,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             ErrorFrame::RobotBase => "the robot's own base frame, wherever it stands",
         }
     );
-    if let Some(warning) = answer.left_out.description() {
+    if let Some(warning) = left_out_in_words(&answer.left_out) {
         eprintln!("warning (base_and_tool): {warning}");
     }
     for warning in &answer.warnings {
@@ -144,6 +145,27 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         }
     }
     Ok(())
+}
+
+/// Smallest rotation, degrees, that is mentioned: smaller ones are below measurement accuracy.
+const NOTICED_DEG: f64 = 0.001;
+/// Smallest shift that is mentioned, mm.
+const NOTICED_MM: f64 = 0.01;
+
+/// What is not corrected, in words; `None` if it is negligible.
+fn left_out_in_words(left_out: &LeftOut) -> Option<String> {
+    let is_noticed = left_out.base_turn_deg.max(left_out.flange_turn_deg) > NOTICED_DEG
+        || left_out.base_shift_mm.max(left_out.flange_shift_mm) > NOTICED_MM;
+    is_noticed.then(|| {
+        format!(
+            "not corrected: the base frame is turned by {:.4}° and shifted by {:.3} mm from the nominal one (link 1, mastering of joint 1), the \
+             flange by {:.4}° and {:.3} mm (last joint): measure the work object and the tool with this robot, or take it into them",
+            left_out.base_turn_deg,
+            left_out.base_shift_mm,
+            left_out.flange_turn_deg,
+            left_out.flange_shift_mm
+        )
+    })
 }
 
 fn correct(arguments: &Arguments, q_deg: &[Vec<f64>]) -> anyhow::Result<CompensateAnswer> {

@@ -9,6 +9,7 @@ use super::runtime::block_on;
 use super::table;
 use super::terminal::{Output, in_commands};
 use super::usage::Usage;
+use crate::release::unusable_because;
 use crate::report_page::words;
 use crate::wire::job::{JobRequestBody, Kind};
 use crate::wire::job_answer::{JobAnswer, JobStatus};
@@ -93,7 +94,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             _ => String::new(),
         };
         arguments.output.print(&report, || {
-            if parsed.unusable_because().is_some() {
+            if unusable_because(&parsed).is_some() {
                 return table::report(&parsed);
             }
             format!(

@@ -6,7 +6,7 @@ use super::terminal::Output;
 use super::usage::Usage;
 use crate::config::{DatabaseConfig, STOP_WITHIN, WorkerConfig};
 use crate::http::server::rules;
-use crate::jobs::{JobSignals, WorkerPool, execution, facts};
+use crate::jobs::{JobSignals, WorkerPool, backfill, execution};
 use crate::store::{Store, StoreLocation};
 use crate::telemetry;
 use std::time::Duration;
@@ -19,7 +19,7 @@ pub fn run(config: &WorkerConfig) -> anyhow::Result<()> {
         // Installed before the first job: the default action of a signal would kill the process.
         let stop_signal = stop_signal()?;
         let store = Store::open(StoreLocation::from(&config.database)).await?;
-        facts::backfill_missing(&store).await?;
+        backfill::backfill_missing(&store).await?;
         let queue = config.queue;
         let pool = WorkerPool::start(
             store.clone(),
@@ -50,7 +50,7 @@ pub struct MigrateArguments {
 pub fn migrate(arguments: &MigrateArguments) -> anyhow::Result<()> {
     block_on(async {
         let store = Store::open(StoreLocation::from(&arguments.database)).await?;
-        facts::backfill_missing(&store).await?;
+        backfill::backfill_missing(&store).await?;
         let version = store.schema_version().await?;
         store.close().await;
         arguments

@@ -3,10 +3,9 @@
 use crate::config::LimitsConfig;
 use crate::http::app::shutdown_begun;
 use crate::http::counters::Metrics;
-use crate::http::limits::Limits;
+use crate::http::limits::{Limits, RequestClass};
 use crate::http::lingering::Lingering;
 use crate::http::peer::Peer;
-use crate::http::request_class::RequestClass;
 use crate::http::router::router;
 use crate::http::tls::Tls;
 use crate::http::unreadable::{self, WithProblems};

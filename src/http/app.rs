@@ -3,8 +3,7 @@
 use crate::config::ServeConfig;
 use crate::http::Error;
 use crate::http::counters::Metrics;
-use crate::http::limits::Limits;
-use crate::http::request_class::RequestClass;
+use crate::http::limits::{Limits, RequestClass};
 use crate::jobs::JobSignals;
 use crate::store::Store;
 use tokio::sync::watch;

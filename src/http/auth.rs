@@ -153,7 +153,7 @@ impl TryFrom<ApiKeyRow> for Caller {
 
     fn try_from(row: ApiKeyRow) -> Result<Self, Error> {
         Ok(Self {
-            scopes: serde_json::from_str(&row.scopes_json)?,
+            scopes: known_scopes(&row)?,
             robots: row
                 .robots_json
                 .as_deref()
@@ -162,6 +162,23 @@ impl TryFrom<ApiKeyRow> for Caller {
             holder: row.id,
         })
     }
+}
+
+/// The scopes of a key. A scope that this version does not know, as of a key that a newer version made, gives no right.
+fn known_scopes(row: &ApiKeyRow) -> Result<Vec<Scope>, Error> {
+    let names: Vec<String> = serde_json::from_str(&row.scopes_json)?;
+    let mut scopes = Vec::with_capacity(names.len());
+    for name in names {
+        match Scope::parse(&name) {
+            Some(scope) => scopes.push(scope),
+            None => tracing::warn!(
+                key_id = row.id,
+                scope = name,
+                "a key has a scope that this version does not know; it is ignored"
+            ),
+        }
+    }
+    Ok(scopes)
 }
 
 /// Lets a request through if its key has the route's scope.

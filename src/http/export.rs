@@ -2,8 +2,7 @@
 
 use crate::http::auth::Caller;
 use crate::http::extract::{Id, Query, whole_body};
-use crate::http::limits::ComputePermit;
-use crate::http::request_class::RequestClass;
+use crate::http::limits::{ComputePermit, RequestClass};
 use crate::http::{App, Error, access, parameter_sets};
 use crate::operations::export::{self, Exported, Source};
 use crate::operations::import::import;

@@ -2,8 +2,9 @@
 
 use crate::http::Error;
 use crate::http::auth::Caller;
-use crate::http::limits::{BodyBudget, LARGE_BODY_BYTES, Limits, MAX_BODY_BYTES, MIN_BYTES_PER_S};
-use crate::http::request_class::RequestClass;
+use crate::http::limits::{
+    BodyBudget, LARGE_BODY_BYTES, Limits, MAX_BODY_BYTES, MIN_BYTES_PER_S, RequestClass,
+};
 use crate::store::{Cursor, PageRequest};
 use crate::wire::page::{DEFAULT_PAGE, MAX_PAGE};
 use crate::wire::{id, json};

@@ -3,7 +3,7 @@
 use crate::http::auth::Caller;
 use crate::http::creation::{Submission, stored_json};
 use crate::http::extract::Id;
-use crate::http::request_class::RequestClass;
+use crate::http::limits::RequestClass;
 use crate::http::{App, Error, access};
 use crate::operations::frames_from_sweeps;
 use crate::store::{FramesRow, NewFrames, Tx, frames};

@@ -2,8 +2,7 @@
 
 use crate::http::auth::Caller;
 use crate::http::extract::{Id, ListQuery, Query};
-use crate::http::limits::ComputePermit;
-use crate::http::request_class::RequestClass;
+use crate::http::limits::RequestClass;
 use crate::http::{App, Error, access, parameter_sets as answers};
 use crate::jobs::JobInputs;
 use crate::jobs::execution::request_of;
@@ -13,7 +12,7 @@ use crate::store::{ParameterSetRow, jobs, parameter_sets, policies, verification
 use crate::wire::Invalid;
 use crate::wire::history::{CompareAnswer, HistoryAnswer, HistoryItem};
 use crate::wire::parameter_set::ParameterSetAnswer;
-use crate::wire::report_excerpts::HistoryExcerpt;
+use crate::wire::report_summary::ReportSummary;
 use crate::wire::trend::Trend;
 use axum::Json;
 use axum::extract::State;
@@ -54,20 +53,19 @@ async fn history(
     let permit = app.limits.compute(RequestClass::CostlyRead).await?;
     let mut items = Vec::with_capacity(page.items.len());
     for row in page.items {
-        let report = excerpt(&app, &permit, &row.job_id).await?;
-        let verify_rms_mm = report.verify_rms_mm();
-        let HistoryExcerpt {
+        let ReportSummary {
             parameters,
             changed,
+            verify,
             ..
-        } = report;
+        } = answers::report_summary(&app, &permit, &row.job_id).await?;
         let answer = ParameterSetAnswer::try_from(row)?;
         items.push(HistoryItem {
             parameter_set_id: answer.id,
             created_at: answer.created_at,
             status: answer.status,
             parameters,
-            verify_rms_mm,
+            verify_rms_mm: verify.map(|verify| verify.corrected.unwrap_or(verify.after).rms_mm),
             changed: changed.unwrap_or_default(),
         });
     }
@@ -77,12 +75,6 @@ async fn history(
         next_cursor: page.next_cursor.map(|cursor| cursor.to_string()),
         trend,
     }))
-}
-
-/// Reads the parts of a report that the history shows. Call it for one report at a time: a report of 20,000 points has 9 MB.
-async fn excerpt(app: &App, permit: &ComputePermit, job_id: &str) -> Result<HistoryExcerpt, Error> {
-    let report = jobs::report(&app.store, job_id).await?;
-    permit.run(move || serde_json::from_str(&report)).await
 }
 
 /// The trend of the released set's errors over the jobs that scored it.

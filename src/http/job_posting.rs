@@ -5,10 +5,10 @@ use crate::calibration::{self, CalibrationRequest, is_anew};
 use crate::http::creation::{Submission, stored_json};
 use crate::http::extract::Id;
 use crate::http::job_sources::{ResidualSource, Sources, load};
-use crate::http::request_class::RequestClass;
+use crate::http::limits::RequestClass;
 use crate::http::{App, Error, access};
 use crate::jobs::{MeasurementSetInput, queue};
-use crate::store::{NewJob, ParameterSetRow, Tx};
+use crate::store::{NetworkWeights, NewJob, ParameterSetRow, Tx};
 use crate::wire::job::{JobParts, JobRequestBody, Kind, Method};
 use crate::wire::job_answer::JobAnswer;
 use crate::wire::key::Scope;
@@ -168,10 +168,10 @@ fn check(request: &JobRequestBody, sources: Sources) -> Result<Chosen, Error> {
         robot,
     };
     let mut calibration_request = request.calibration_request(parts)?;
-    let readable = |(id, bytes): (String, Vec<u8>)| match safetensors::read(&bytes) {
-        Ok(network) => Some((id, network)),
+    let readable = |stored: NetworkWeights| match safetensors::read(&stored.weights) {
+        Ok(network) => Some((stored.id, network)),
         Err(error) => {
-            tracing::error!(network_id = id, %error, "a stored network cannot be read; it is skipped");
+            tracing::error!(network_id = stored.id, %error, "a stored network cannot be read; it is skipped");
             None
         }
     };

@@ -6,8 +6,8 @@ use crate::jobs::MeasurementSetInput;
 use crate::release::facts::DESCRIBES_NO_ROBOT;
 use crate::store::jobs as stored;
 use crate::store::{
-    MeasurementSetRow, NetworkRow, ParameterSetRow, RobotRow, frames, measurement_sets, networks,
-    parameter_sets,
+    MeasurementSetRow, NetworkRow, NetworkWeights, ParameterSetRow, ResidualWeights, RobotRow,
+    frames, measurement_sets, networks, parameter_sets,
 };
 use crate::wire::frames::FramesContent;
 use crate::wire::id;
@@ -33,8 +33,8 @@ pub struct Sources {
     pub verify_set: Option<MeasurementSetInput>,
     /// Frames by sweeps.
     pub frames: Option<FramesContent>,
-    /// Networks that the job may start from, newest first: id and weights.
-    pub networks: Vec<(String, Vec<u8>)>,
+    /// Networks that the job may start from, newest first.
+    pub networks: Vec<NetworkWeights>,
     /// Residual networks whose training may go on, newest first.
     pub residual_networks: Vec<ResidualSource>,
     /// The parameter set that a `verify` job scores, or with which an `identify` job is compared.
@@ -188,7 +188,7 @@ async fn networks(
     robot_id: &str,
     request: &JobRequestBody,
     set: &MeasurementSetRow,
-) -> Result<Vec<(String, Vec<u8>)>, Error> {
+) -> Result<Vec<NetworkWeights>, Error> {
     if let Some(id) = &request.network_id {
         let row = require_own(
             networks::get(&app.store, id).await,
@@ -196,10 +196,10 @@ async fn networks(
             "/network_id",
             "network",
         )?;
-        return Ok(vec![(
-            row.id.clone(),
-            networks::weights(&app.store, &row.id).await?,
-        )]);
+        return Ok(vec![NetworkWeights {
+            weights: networks::weights(&app.store, &row.id).await?,
+            id: row.id,
+        }]);
     }
     if !matches!(request.method, Method::BpnnPso | Method::Auto) || request.kind == Kind::Verify {
         return Ok(vec![]);
@@ -228,11 +228,11 @@ async fn residual_networks(
                 "residual network",
             )?;
             let job = stored::get(&app.store, &row.job_id).await?;
-            vec![(
-                row.id,
-                networks::weights(&app.store, id).await?,
-                job.measurement_set_id,
-            )]
+            vec![ResidualWeights {
+                id: row.id,
+                weights: networks::weights(&app.store, id).await?,
+                measurement_set_id: job.measurement_set_id,
+            }]
         }
         None => {
             networks::newest_residual(&app.store, robot_id, &set.sha256, MAX_RESIDUAL_NETWORKS)
@@ -240,14 +240,12 @@ async fn residual_networks(
         }
     };
     let mut sources = Vec::with_capacity(found.len());
-    for (id, weights, set_id) in found {
-        let set = MeasurementSetInput::read(&app.store, &set_id).await?;
-        let trained_on_sha256 = uploads_trained_on(app, &id).await?;
+    for network in found {
         sources.push(ResidualSource {
-            id,
-            weights,
-            set,
-            trained_on_sha256,
+            set: MeasurementSetInput::read(&app.store, &network.measurement_set_id).await?,
+            trained_on_sha256: uploads_trained_on(app, &network.id).await?,
+            id: network.id,
+            weights: network.weights,
         });
     }
     Ok(sources)

@@ -2,7 +2,7 @@
 
 use crate::http::auth::Caller;
 use crate::http::extract::{Id, ListQuery, Query};
-use crate::http::request_class::RequestClass;
+use crate::http::limits::RequestClass;
 use crate::http::{App, Error, access, job_posting};
 use crate::jobs::queue;
 use crate::store::{self, JobRow, jobs};

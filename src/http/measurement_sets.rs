@@ -3,7 +3,7 @@
 use crate::http::auth::Caller;
 use crate::http::creation::{Submission, stored_json};
 use crate::http::extract::{Id, ListQuery, Query};
-use crate::http::request_class::RequestClass;
+use crate::http::limits::RequestClass;
 use crate::http::upload_check::{self, Misfit};
 use crate::http::{App, Error, access};
 use crate::store::{MeasurementSetRow, NewMeasurementSet, Tx, measurement_sets};

@@ -4,11 +4,12 @@ use crate::http::auth::Caller;
 use crate::http::extract::{Id, ListQuery, Query};
 use crate::http::limits::ComputePermit;
 use crate::http::{App, Error, access};
-use crate::store::{ParameterSetRow, jobs, measurement_sets, parameter_sets};
+use crate::release;
+use crate::store::{ParameterSetRow, jobs, measurement_sets, parameter_sets, report_summaries};
 use crate::wire::canonical;
 use crate::wire::page::Page;
 use crate::wire::parameter_set::{ParameterSetAnswer, ParameterSetContent, Provenance};
-use crate::wire::report;
+use crate::wire::report_summary::ReportSummary;
 use crate::wire::time::rfc3339;
 use axum::Json;
 use axum::extract::State;
@@ -124,12 +125,20 @@ pub async fn provenance(
     permit: &ComputePermit,
     row: &ParameterSetRow,
 ) -> Result<Provenance, Error> {
-    let report = jobs::report(&app.store, &row.job_id).await?;
+    let summary = report_summary(app, permit, &row.job_id).await?;
     let job = jobs::get(&app.store, &row.job_id).await?;
     let measured = measurement_sets::get(&app.store, &job.measurement_set_id).await?;
-    permit
-        .run(move || report::provenance(&report, Some(measured.frame)))
-        .await
+    Ok(release::provenance(summary, Some(measured.frame)))
+}
+
+/// The summary of a job's report.
+pub async fn report_summary(
+    app: &App,
+    permit: &ComputePermit,
+    job_id: &str,
+) -> Result<ReportSummary, Error> {
+    let summary = report_summaries::of_job(&app.store, job_id).await?;
+    permit.run(move || serde_json::from_str(&summary)).await
 }
 
 impl TryFrom<ParameterSetRow> for ParameterSetAnswer {

@@ -3,7 +3,7 @@
 use crate::http::auth::Caller;
 use crate::http::extract::{Id, json_body, parse_small};
 use crate::http::job_sources::require_own;
-use crate::http::request_class::RequestClass;
+use crate::http::limits::RequestClass;
 use crate::http::{App, Error, access};
 use crate::operations::plan_poses;
 use crate::store::measurement_sets;

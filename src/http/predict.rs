@@ -2,7 +2,7 @@
 
 use crate::http::auth::Caller;
 use crate::http::extract::{Id, json_body};
-use crate::http::request_class::RequestClass;
+use crate::http::limits::RequestClass;
 use crate::http::{App, Error, access, parameter_sets};
 use crate::operations;
 use crate::wire::json;

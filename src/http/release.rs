@@ -3,8 +3,7 @@
 use crate::http::auth::Caller;
 use crate::http::creation::{Submission, stored_json};
 use crate::http::extract::Id;
-use crate::http::limits::ComputePermit;
-use crate::http::request_class::RequestClass;
+use crate::http::limits::{ComputePermit, RequestClass};
 use crate::http::{App, Error, access};
 use crate::jobs::MeasurementSetInput;
 use crate::jobs::evidence::{self, ParsedEvidence};
@@ -272,7 +271,7 @@ async fn check_release(
     })
 }
 
-/// Compares the set with the active one. Reads one upload at a time.
+/// Compares the set with the active one. Reads one upload or one report at a time.
 async fn compared(
     app: &App,
     permit: &ComputePermit,
@@ -292,8 +291,11 @@ async fn compared(
             }
         }
         PointsToCompare::HeldOut => {
+            let report = evidence::held_out_report(&app.store, parsed).await?;
             let parsed = Arc::clone(parsed);
-            let compare = move || Ok::<_, Error>(evidence::compare_on_held_out(&parsed));
+            let compare = move || {
+                evidence::compare_on_held_out(&parsed, report.as_deref()).map_err(unreadable)
+            };
             comparisons.extend(permit.run(compare).await?);
         }
         PointsToCompare::None => {}
@@ -307,11 +309,10 @@ fn run_gates(
     inputs: &GateInputs,
     robot: &RobotRow,
 ) -> Result<Decision, Error> {
-    let last_check = parsed.last_check.as_ref();
     Ok(decide(&Facts {
         robot: &Robot::try_from(&inputs.robot)?,
         check_job_id: robot.check_job_id.as_deref(),
-        last_check: last_check.map(|(seq, job_id)| (*seq, job_id.as_str())),
+        last_check: parsed.last_check.as_ref(),
         checked_seq: robot.checked_seq,
         report: &parsed.report,
         identification: &parsed.identification,

@@ -2,7 +2,7 @@
 
 use crate::http::auth::Caller;
 use crate::http::extract::Id;
-use crate::http::request_class::RequestClass;
+use crate::http::limits::RequestClass;
 use crate::http::{App, Error, access};
 use crate::report_page::{self, Sources};
 use crate::store::jobs;

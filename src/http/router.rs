@@ -1,9 +1,9 @@
 //! The whole service: the routes and the middleware around them.
 
 use crate::http::index::Contract;
-use crate::http::limits::MAX_BODY_BYTES;
+use crate::http::limits::{MAX_BODY_BYTES, response_memory};
 use crate::http::routes::routes;
-use crate::http::{App, auth, document, host, layers, response_memory};
+use crate::http::{App, auth, document, host, layers};
 use axum::extract::DefaultBodyLimit;
 use axum::middleware::{from_fn_with_state, map_response_with_state};
 use axum::{Extension, Router};

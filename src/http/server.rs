@@ -3,7 +3,7 @@
 use crate::config::{self, STOP_WITHIN, ServeConfig};
 use crate::http::accept::{self, ConnectionContext};
 use crate::http::{App, tls};
-use crate::jobs::{AttemptLimits, Compute, JobSignals, WorkerPool, execution, facts};
+use crate::jobs::{AttemptLimits, Compute, JobSignals, WorkerPool, backfill, execution};
 use crate::store::{self, Store, StoreLocation};
 use std::net::SocketAddr;
 use std::time::Duration;
@@ -97,7 +97,7 @@ pub async fn start_with(config: &ServeConfig, compute: Compute) -> Result<Runnin
         .map_err(listen_error)?;
     let address = listener.local_addr().map_err(listen_error)?;
     let store = Store::open((&config.database).into()).await?;
-    facts::backfill_missing(&store).await?;
+    backfill::backfill_missing(&store).await?;
     let signals = JobSignals::default();
     let workers = WorkerPool::start(
         store.clone(),

@@ -3,7 +3,7 @@
 
 use crate::calibration::upload_checks::alignment::{self, Finding, Look};
 use crate::http::auth::Caller;
-use crate::http::request_class::RequestClass;
+use crate::http::limits::RequestClass;
 use crate::http::{App, Error, access};
 use crate::store::{PageRequest, robots};
 use crate::wire::Invalid;

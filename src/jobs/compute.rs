@@ -129,6 +129,8 @@ pub struct Progress {
 pub struct JobOutcome {
     /// The whole report.
     pub report_json: String,
+    /// Its summary, `wire::report_summary`.
+    pub summary_json: String,
     /// The convergence curve.
     pub convergence_json: String,
     /// SHA-256 of the result, hexadecimal.

@@ -7,12 +7,14 @@ use crate::jobs::{JobInputs, MeasurementSetInput};
 use crate::release::comparison::{
     Compared, PointsToCompare, compare_on_set, compare_on_verify_subset, points_to_compare,
 };
-use crate::release::facts::repeats;
+use crate::release::facts::{LastCheck, repeats, verify_errors_mm};
 use crate::release::{Comparison, Session};
-use crate::store::{ParameterSetRow, Result, Store, VerificationRow, jobs, verifications};
+use crate::store::{
+    ParameterSetRow, Result, Store, VerificationRow, jobs, report_summaries, verifications,
+};
 use crate::wire::Problem;
 use crate::wire::parameter_set::ParameterSetContent;
-use crate::wire::report_excerpts::ReleaseExcerpt;
+use crate::wire::report_summary::{ReportPoints, ReportSummary};
 use crate::wire::verification::{Verification, VerificationKind};
 
 /// Stored rows about a parameter set, not parsed yet.
@@ -20,8 +22,9 @@ use crate::wire::verification::{Verification, VerificationKind};
 pub struct EvidenceRows {
     rows: Vec<VerificationRow>,
     n_without_facts: i64,
-    last_check: Option<(i64, String)>,
-    identification: (JobInputs, String),
+    last_check: Option<LastCheck>,
+    inputs: JobInputs,
+    summary: String,
     content: String,
     active: Option<ActiveSet>,
 }
@@ -36,14 +39,16 @@ struct ActiveSet {
 /// Parsed evidence for the gates.
 #[derive(Debug)]
 pub struct ParsedEvidence {
-    /// What the gates read of the identification's report.
-    pub report: ReleaseExcerpt,
+    /// The job that identified the set.
+    job_id: String,
+    /// The summary of the identification's report.
+    pub report: ReportSummary,
     /// Verification facts of the identification.
     pub identification: Verification,
     /// Number of the identification in the robot's counter.
     pub identification_seq: i64,
-    /// Number and job of the robot's last session that did not fit.
-    pub last_check: Option<(i64, String)>,
+    /// The robot's last session that did not fit.
+    pub last_check: Option<LastCheck>,
     /// Content of the set.
     pub content: ParameterSetContent,
     /// Content of the active set.
@@ -55,7 +60,7 @@ pub struct ParsedEvidence {
     request: CalibrationRequest,
 }
 
-/// Reads the rows. They contain one report and one upload, so the caller needs a permit to compute.
+/// Reads the rows. They contain uploads, so the caller needs a permit to compute.
 ///
 /// # Errors
 /// [`crate::store::Error`].
@@ -69,10 +74,8 @@ pub async fn load(
         rows: verifications::of_set(store, &set.id).await?,
         n_without_facts: verifications::n_without_facts(store, &set.id).await?,
         last_check: last_check(store, &set.robot_id).await?,
-        identification: (
-            JobInputs::load(store, &set.job_id).await?,
-            jobs::report(store, &set.job_id).await?,
-        ),
+        inputs: JobInputs::load(store, &set.job_id).await?,
+        summary: report_summaries::of_job(store, &set.job_id).await?,
         content: set.body_json.clone(),
         active: match active {
             None => None,
@@ -87,10 +90,10 @@ pub async fn load(
     })
 }
 
-async fn last_check(store: &Store, robot_id: &str) -> Result<Option<(i64, String)>> {
+async fn last_check(store: &Store, robot_id: &str) -> Result<Option<LastCheck>> {
     let seq = verifications::check(store, robot_id).await?.check_seq;
     let job_id = verifications::job_of(store, robot_id, seq).await?;
-    Ok(job_id.map(|job_id| (seq, job_id)))
+    Ok(job_id.map(|job_id| LastCheck { seq, job_id }))
 }
 
 impl EvidenceRows {
@@ -118,7 +121,6 @@ fn broken(cause: &str) -> Box<Problem> {
 /// # Errors
 /// A problem if stored documents cannot be parsed.
 pub fn parse(stored: EvidenceRows) -> std::result::Result<ParsedEvidence, Box<Problem>> {
-    let (inputs, report) = &stored.identification;
     if stored.n_without_facts > 0 {
         return Err(broken("jobs about this set of which no facts were kept"));
     }
@@ -138,8 +140,8 @@ pub fn parse(stored: EvidenceRows) -> std::result::Result<ParsedEvidence, Box<Pr
     }
     let (identification_seq, identification) =
         identification.ok_or_else(|| broken("no facts of the identification"))?;
-    let request =
-        request_of(inputs).map_err(|_| broken(&format!("the inputs of {}", inputs.job.id)))?;
+    let request = request_of(&stored.inputs)
+        .map_err(|_| broken(&format!("the inputs of {}", stored.inputs.job.id)))?;
     let is_active_of_same_points = match &stored.active {
         None => false,
         Some(active) => {
@@ -151,7 +153,8 @@ pub fn parse(stored: EvidenceRows) -> std::result::Result<ParsedEvidence, Box<Pr
         }
     };
     Ok(ParsedEvidence {
-        report: parsed(report)?,
+        job_id: stored.inputs.job.id,
+        report: parsed(&stored.summary)?,
         identification,
         identification_seq,
         last_check: stored.last_check,
@@ -203,16 +206,42 @@ pub fn compare_on_session(
         .map(|compared| compare_on_set(compared, points, &set)))
 }
 
-/// Errors of both on the points that were held out when the set was identified; `None` if no other set is active.
-pub fn compare_on_held_out(parsed: &ParsedEvidence) -> Option<Comparison> {
-    let (compared, points) = (parsed.compared()?, "the points held out".to_owned());
-    if let VerifySource::Set(set) = &parsed.request.verify {
-        return Some(compare_on_set(compared, points, set));
+/// The report of the identification, if the comparison on the points that were held out needs the errors of each of them.
+///
+/// # Errors
+/// [`crate::store::Error`].
+pub async fn held_out_report(store: &Store, parsed: &ParsedEvidence) -> Result<Option<String>> {
+    let is_of_own_upload = !matches!(parsed.request.verify, VerifySource::Set(_));
+    if parsed.active.is_none() || parsed.is_active_of_same_points || !is_of_own_upload {
+        return Ok(None);
     }
-    let verified_mm = (!parsed.is_active_of_same_points).then(|| {
-        let errors_mm = parsed.report.verify_errors_mm();
+    Ok(Some(jobs::report(store, &parsed.job_id).await?))
+}
+
+/// Errors of both on the points that were held out when the set was identified, with their [`held_out_report`]; `None` if no other set is active.
+///
+/// # Errors
+/// A problem if the report cannot be parsed.
+pub fn compare_on_held_out(
+    evidence: &ParsedEvidence,
+    report: Option<&str>,
+) -> std::result::Result<Option<Comparison>, Box<Problem>> {
+    let points = "the points held out".to_owned();
+    let Some(compared) = evidence.compared() else {
+        return Ok(None);
+    };
+    if let VerifySource::Set(set) = &evidence.request.verify {
+        return Ok(Some(compare_on_set(compared, points, set)));
+    }
+    let report: Option<ReportPoints> = report.map(parsed).transpose()?;
+    let verified_mm = report.map(|report| {
+        let errors_mm = verify_errors_mm(&report.per_point);
         let without_nominal = |[_, links, corrected]: [f64; 3]| [links, corrected];
         errors_mm.into_iter().map(without_nominal).collect()
     });
-    Some(compare_on_verify_subset(compared, points, verified_mm))
+    Ok(Some(compare_on_verify_subset(
+        compared,
+        points,
+        verified_mm,
+    )))
 }

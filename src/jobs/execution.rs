@@ -11,6 +11,7 @@ use crate::jobs::{JobFailure, JobInputs, JobOutcome, ParameterSetInput, Progress
 use crate::release::facts::{
     MeasuredSince, evidence_of, identification_facts, repeats, session_facts,
 };
+use crate::release::{NO_USE, insisted_warning};
 use crate::store::{NewNetwork, NewParameterSet};
 use crate::wire::frames::FramesContent;
 use crate::wire::job::{JobParts, JobRequestBody, Kind};
@@ -18,7 +19,8 @@ use crate::wire::job_answer::Stage;
 use crate::wire::measurement::MeasurementSet;
 use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::report::{self, RunContext};
-use crate::wire::report_shape::{Convergence, NO_USE, Report};
+use crate::wire::report_shape::{Convergence, Report};
+use crate::wire::report_summary::summary_json;
 use crate::wire::robot::{Robot, RobotBody};
 use crate::wire::safetensors::{self, ResidualOrigin, StoredNetwork};
 use crate::wire::{Invalid, Problem, json};
@@ -59,13 +61,15 @@ pub fn compute(
         )
         .map_err(broken)?;
     let content = ParameterSetContent::from(&calibrated.core);
+    let report_json = serde_json::to_string(&report).map_err(broken)?;
     Ok(JobOutcome {
         verification: Some(identification_facts(
             &report,
             another,
             since(inputs, &request)?,
         )),
-        report_json: serde_json::to_string(&report).map_err(broken)?,
+        summary_json: summary_json(&report_json).map_err(broken)?,
+        report_json,
         convergence_json: serde_json::to_string(&report::convergence(&calibrated.core))
             .map_err(broken)?,
         parameter_set: Some(NewParameterSet {
@@ -139,8 +143,10 @@ pub(super) fn run_verification(
             insisted_on(inputs),
         )
         .map_err(broken)?;
+    let report_json = serde_json::to_string(&report).map_err(broken)?;
     Ok(JobOutcome {
-        report_json: serde_json::to_string(&report).map_err(broken)?,
+        summary_json: summary_json(&report_json).map_err(broken)?,
+        report_json,
         convergence_json: serde_json::to_string(&report::convergence(&calibrated.core))
             .map_err(broken)?,
         verification: Some(session_facts(request, &report, since(inputs, request)?)),
@@ -197,7 +203,7 @@ impl Calibrated {
                 .collect(),
             evidence: evidence_of(&self.core, insisted_on.is_some(), is_another_session),
             network_sha256: self.network.as_ref().map(|network| network.sha256.as_str()),
-            insisted_on,
+            insisted: insisted_on.map(insisted_warning),
         };
         report::build(&self.core, &run)
     }

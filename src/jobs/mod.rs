@@ -4,10 +4,10 @@
 //! [`WorkerPool`] claims it with a lease, computes it on a blocking thread while another task renews the lease, and ends it. All these writes are
 //! fenced by (owner, attempt). If the worker dies, the lease expires and the job is computed again.
 
+pub mod backfill;
 mod compute;
 pub mod evidence;
 pub mod execution;
-pub mod facts;
 mod heartbeat;
 mod pool;
 mod progress;

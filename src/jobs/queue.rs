@@ -3,8 +3,8 @@
 use super::{JobOutcome, JobSignals};
 use crate::release::{self, CheckStateChange};
 use crate::store::{
-    Expired, JobRow, Lease, NewJob, Result, Store, Tx, jobs, leases, networks, parameter_sets,
-    robots, verifications,
+    Expired, JobResult, JobRow, Lease, NewJob, Result, Store, Tx, jobs, leases, networks,
+    parameter_sets, robots, verifications,
 };
 use crate::wire::Problem;
 use crate::wire::verification::Verification;
@@ -44,15 +44,13 @@ pub async fn finish(store: &Store, lease: &Lease, outcome: &JobOutcome) -> Resul
         // Locks the robot, because releases of the same robot count its verifications.
         robots::lock_of_job(&mut tx, &lease.job_id).await?;
     }
-    if !leases::succeed(
-        &mut tx,
-        lease,
-        &outcome.report_json,
-        &outcome.convergence_json,
-        &outcome.result_sha256,
-    )
-    .await?
-    {
+    let result = JobResult {
+        report_json: &outcome.report_json,
+        summary_json: &outcome.summary_json,
+        convergence_json: &outcome.convergence_json,
+        result_sha256: &outcome.result_sha256,
+    };
+    if !leases::succeed(&mut tx, lease, &result).await? {
         return tx.commit().await;
     }
     if let Some(parameter_set) = &outcome.parameter_set {

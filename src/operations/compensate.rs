@@ -3,6 +3,7 @@
 use crate::calibration::ORIENTATION_NOT_KNOWN;
 use crate::compensation::{Anchor, Base, Compensation, Mode, Tool};
 use crate::kinematics::{Payload, Robot};
+use crate::release::{orientation_unknown, wrong_robot};
 use crate::wire::angle::{to_degrees, to_radians};
 use crate::wire::compensate::{CompensateAnswer, CompensateBody, ErrorFrame, LeftOut};
 use crate::wire::issue::Invalid;
@@ -24,7 +25,7 @@ pub fn compensate(
 ) -> Result<CompensateAnswer, Invalid> {
     request.check(robot.links.len())?;
     let base = chosen_base(request, provenance)?;
-    check_provenance(request, provenance)?;
+    check_provenance(request, provenance, robot.links.len())?;
     let target = request.target.unwrap_or(0);
     if request.tool.is_none() && content.target_mm(target, None).is_none() {
         return Err(unknown_target());
@@ -44,7 +45,7 @@ pub fn compensate(
     // Positions of the measured reflector are right even if the flange's rotation is unknown.
     if request.tool.is_some() || request.mode == Mode::Pose {
         answer.warnings = provenance.warnings.clone();
-    } else if provenance.orientation_unknown().is_some() {
+    } else if orientation_unknown(provenance, robot.links.len()).is_some() {
         let detail = "the place of the reflector on the flange is known no better than the rotation of the flange: the answer holds for the \
                       reflector as it was identified (`targets` of the parameter set). If the program's tool has it elsewhere, its position is off \
                       by the difference";
@@ -83,8 +84,12 @@ pub fn compensate(
 
 /// Refuses a set that does not fit its own points. If the flange's rotation is unknown, only positions of the measured reflector can be
 /// corrected: refuses poses and other tools.
-fn check_provenance(request: &CompensateBody, provenance: &Provenance) -> Result<(), Invalid> {
-    if let Some((code, detail)) = provenance.wrong_robot() {
+fn check_provenance(
+    request: &CompensateBody,
+    provenance: &Provenance,
+    n_links: usize,
+) -> Result<(), Invalid> {
+    if let Some((code, detail)) = wrong_robot(provenance) {
         let detail = format!("no target is corrected with this set: {detail}");
         return Err(Invalid::at("", code, detail));
     }
@@ -96,7 +101,7 @@ fn check_provenance(request: &CompensateBody, provenance: &Provenance) -> Result
     } else {
         "/mode"
     };
-    provenance.orientation_unknown().map_or(Ok(()), |why| {
+    orientation_unknown(provenance, n_links).map_or(Ok(()), |why| {
         let detail = format!("{why}; mode position of a measured reflector is given all the same");
         Err(Invalid::at(pointer, ORIENTATION_NOT_KNOWN, detail))
     })

@@ -7,18 +7,17 @@ use crate::kinematics::Robot;
 use crate::measurement::MeasurementSet;
 use crate::release::comparison::Comparison;
 use crate::release::sessions::Session;
+use crate::release::verdict::{INSISTED, WRONG_ROBOT, has_warning};
 use crate::wire::measurement::Subset;
 use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::policy::PolicyBody;
-use crate::wire::report_excerpts::ReleaseExcerpt;
-use crate::wire::report_shape::{Evidence, Report, WRONG_ROBOT};
+use crate::wire::report_shape::{Evidence, PointReport, Report};
+use crate::wire::report_summary::ReportSummary;
 use crate::wire::verification::{Fit, Verification, VerificationKind};
 use std::collections::BTreeSet;
 
 /// Fewest points of a verification; fewer are no evidence.
 pub const MIN_VERIFY_POINTS: usize = 5;
-/// Warning of a report whose upload was accepted with `insist`. Such a report is no evidence.
-pub const INSISTED: &str = "insisted_upload";
 /// Warning of more outliers than a robust loss may down-weight: somebody has to check the file.
 const TOO_MANY_OUTLIERS: &str = "outliers_review";
 /// Fewest configurations of a session; fewer are no evidence, however often each was measured.
@@ -38,6 +37,15 @@ pub struct MeasuredSince {
     pub is_repeat: bool,
 }
 
+/// A robot's last session that did not fit it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct LastCheck {
+    /// Its number in the robot's counter.
+    pub seq: i64,
+    /// Its job.
+    pub job_id: String,
+}
+
 /// All inputs of the gates.
 #[derive(Clone, Debug)]
 pub struct Facts<'a> {
@@ -45,12 +53,12 @@ pub struct Facts<'a> {
     pub robot: &'a Robot,
     /// Job of the session that does not fit the robot, while the robot is in the state `check_robot`.
     pub check_job_id: Option<&'a str>,
-    /// Number and job of the last session that did not fit the robot, even if the state `check_robot` has ended.
-    pub last_check: Option<(i64, &'a str)>,
+    /// The last session that did not fit the robot, even if the state `check_robot` has ended.
+    pub last_check: Option<&'a LastCheck>,
     /// Number of the robot's counter at its last `checked` request, whose reason explains all sessions up to then; 0 for none.
     pub checked_seq: i64,
-    /// Report of the job that identified the set; it has the nominal model of that job.
-    pub report: &'a ReleaseExcerpt,
+    /// Summary of the report of the job that identified the set; it has the nominal model of that job.
+    pub report: &'a ReportSummary,
     /// Verification facts of that job.
     pub identification: &'a Verification,
     /// Its number in the robot's counter.
@@ -142,8 +150,8 @@ pub fn identification_facts(
     let n_points = report.verify.filter(|_| !is_misfit);
     let n_points = n_points.map_or(0, |verify| verify.n_points);
     let comparison = match n_points {
-        0 => comparison_on_fitted(report),
-        _ => report.robust_comparison(),
+        0 => robust_comparison(report, Subset::Identify),
+        _ => robust_comparison(report, Subset::Verify),
     };
     let is_far_off = has_warning(report, SET_FAR_OFF)
         || WRONG_ROBOT.iter().any(|code| has_warning(report, code));
@@ -179,7 +187,7 @@ pub fn session_facts(
     report: &Report,
     since: MeasuredSince,
 ) -> Verification {
-    let comparison = report.robust_comparison();
+    let comparison = robust_comparison(report, Subset::Verify);
     let fit = if has_warning(report, DOES_NOT_FIT) {
         Fit::DoesNotFit
     } else if has_warning(report, SET_FAR_OFF) {
@@ -221,20 +229,22 @@ pub fn repeats(robot: &Robot, earlier: &[MeasurementSet], session: &MeasurementS
     repeated.len() as f64 > MAX_REPEATED * session.points.len() as f64
 }
 
-fn comparison_on_fitted(report: &Report) -> Judged {
-    let fitted = report
-        .per_point
-        .iter()
-        .filter(|p| p.subset == Subset::Identify);
-    let errors_mm: Vec<[f64; 3]> = fitted
+/// Errors of each verify point, mm: of the nominal robot, of the links, and with corrections (of the links if none is used).
+pub fn verify_errors_mm(per_point: &[PointReport]) -> Vec<[f64; 3]> {
+    errors_mm(per_point, Subset::Verify)
+}
+
+fn errors_mm(per_point: &[PointReport], subset: Subset) -> Vec<[f64; 3]> {
+    let points = per_point.iter().filter(|point| point.subset == subset);
+    points
         .map(|p| {
             let corrected_mm = p.corrected_mm.unwrap_or(p.after_mm);
             [p.before_mm, p.after_mm, corrected_mm]
         })
-        .collect();
-    judged(&errors_mm)
+        .collect()
 }
 
-fn has_warning(report: &Report, code: &str) -> bool {
-    report.warnings.iter().any(|warning| warning.code == code)
+/// Robust comparison of the errors before and after on these points, without those that are outliers for both robots.
+fn robust_comparison(report: &Report, subset: Subset) -> Judged {
+    judged(&errors_mm(&report.per_point, subset))
 }

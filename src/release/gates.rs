@@ -1,13 +1,14 @@
 //! The gates that a parameter set must pass before it may move a robot.
 
 use crate::release::comparison::ComparedRms;
-use crate::release::facts::{Facts, INSISTED, MIN_VERIFY_POINTS};
+use crate::release::facts::{Facts, MIN_VERIFY_POINTS};
 use crate::release::robot_gates::{change, identity, orientation};
 use crate::release::session_gates::{
     better_than_nominal, check_robot, measured_since_check, sessions_fit,
 };
 use crate::release::sessions::supports;
 use crate::release::texts::{errors_in_words, sessions};
+use crate::release::verdict::INSISTED;
 use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::release::Gate;
 use crate::wire::report_shape::Evidence;

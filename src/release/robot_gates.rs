@@ -1,9 +1,12 @@
 //! The gates that compare a set with the robot: its identity, how much the parameters change, and whether its orientation is known.
 
-use crate::calibration::{BASE_FRAME_OFF, MAX_FLANGE_ROTATION_STD_RAD, implausible_changes};
+use crate::calibration::{
+    BASE_FRAME_OFF, MAX_FLANGE_ROTATION_STD_RAD, implausible_changes, last_joint_zero_remedy,
+    last_joint_zero_unknown,
+};
 use crate::release::facts::Facts;
+use crate::release::provenance::shown_by_positions;
 use crate::release::texts::verify_request;
-use crate::wire::parameter_set::shown_by_positions;
 use crate::wire::release::Gate;
 use crate::wire::report_shape::Evidence;
 
@@ -137,29 +140,34 @@ pub fn orientation(facts: &Facts<'_>) -> Gate {
     else {
         return Gate::new(name, true, "the orientation of the flange is not in doubt");
     };
-    let found = match orientation_unknown_deg(facts) {
-        Some(_) => format!(
-            "the measured positions do not show how the flange is turned ({std_deg:.1}°, one standard deviation)"
-        ),
-        None => format!(
-            "positions never show the zero of the last joint, and the zeros of the other joints are off so far that the flange may be turned by \
-             {std_deg:.1}° (one standard deviation); a prior on its theta_offset would say more"
+    let n_links = facts.robot.links.len();
+    let (found, remedy) = match orientation_unknown_deg(facts) {
+        Some(_) => {
+            let found = format!(
+                "the measured positions do not show how the flange is turned ({std_deg:.1}°, one standard deviation)"
+            );
+            (found, String::new())
+        }
+        None => (
+            last_joint_zero_unknown(std_deg, n_links),
+            format!(". {}", last_joint_zero_remedy(n_links)),
         ),
     };
     if facts.is_rollback {
-        return Gate::new(name, true, format!("{found}; the set was active before")).warned(true);
+        let detail = format!("{found}; the set was active before{remedy}");
+        return Gate::new(name, true, detail).warned(true);
     }
     match facts.evidence() {
         Evidence::IndependentSession => {
             let detail = format!(
-                "{found}; another session shows that the position of the measured reflector is right: use the set for that alone"
+                "{found}; another session shows that the position of the measured reflector is right: use the set for that alone{remedy}"
             );
             Gate::new(name, true, detail).warned(true)
         }
         _ => {
             let detail = format!(
                 "{found}: identify from a reflector off the last axis, or from two, or show by another session that the reflector's positions \
-                 are right: {}",
+                 are right: {}{remedy}",
                 verify_request(facts)
             );
             Gate::new(name, false, detail)

@@ -1,6 +1,6 @@
 //! The gates that depend on other sessions, both those that fit the robot and those that do not.
 
-use crate::release::facts::Facts;
+use crate::release::facts::{Facts, LastCheck};
 use crate::release::sessions::Session;
 use crate::release::texts::{CHECKED, errors_in_words, sessions, verify_request};
 use crate::wire::release::Gate;
@@ -27,24 +27,24 @@ pub fn check_robot(facts: &Facts<'_>) -> Gate {
 /// session of its own; a later session that fits another set is no evidence for it. The schema's triggers enforce this too.
 pub fn measured_since_check(facts: &Facts<'_>) -> Gate {
     let name = "measured_since_check";
-    let Some((seq, job_id)) = facts.last_check else {
+    let Some(LastCheck { seq, job_id }) = facts.last_check else {
         return Gate::new(name, true, "no session did not fit the robot");
     };
-    if seq <= facts.checked_seq {
+    if *seq <= facts.checked_seq {
         let detail = "somebody has said why a session did not fit the robot";
         return Gate::new(name, true, detail);
     }
     if facts.check_job_id.is_some() {
         return Gate::new(name, true, "see check_robot");
     }
-    if facts.identification_seq > seq && !facts.identification.is_repeat {
+    if facts.identification_seq > *seq && !facts.identification.is_repeat {
         let detail = format!(
             "identified from what was measured since the file of job {job_id} did not fit the robot"
         );
         return Gate::new(name, true, detail);
     }
     let mut sessions = facts.sessions.iter();
-    match sessions.find(|session| session.supports_since(seq)) {
+    match sessions.find(|session| session.supports_since(*seq)) {
         Some(session) => Gate::new(
             name,
             true,

@@ -2,6 +2,7 @@
 
 use super::Sources;
 use super::text::{error, evidence, number, signed, time, unit};
+use crate::release::unusable_because;
 use crate::report_page::words;
 use crate::wire::measurement::{Frame, Warning};
 use crate::wire::parameter_set::ParameterSetAnswer;
@@ -33,7 +34,7 @@ pub fn verdict(sources: &Sources<'_>) -> Markup {
     } else {
         " points of the fit itself"
     };
-    if report.unusable_because().is_some() {
+    if unusable_because(report).is_some() {
         return html! {
             (no_use(report))
             p.verdict { "On " (half.n_points) (points) ", the mean position error is " (error(before)) " mm before and " (error(after)) " mm after." }
@@ -54,7 +55,7 @@ pub fn verdict(sources: &Sources<'_>) -> Markup {
 /// Why the result cannot be used.
 fn no_use(report: &Report) -> Markup {
     html! {
-        @if let Some(code) = report.unusable_because() { p.warning { strong { (words::no_use(code)) "." } } }
+        @if let Some(code) = unusable_because(report) { p.warning { strong { (words::no_use(code)) "." } } }
     }
 }
 

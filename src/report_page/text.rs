@@ -1,5 +1,6 @@
 //! Formats numbers and names for the page.
 
+use crate::release::why_no_evidence;
 use crate::wire::report_shape::{Evidence, Report};
 
 /// Smallest error that is printed as a number, mm: no instrument resolves a tenth of a micrometre.
@@ -86,7 +87,7 @@ pub fn time(rfc3339: &str) -> String {
 /// Strength of the verification.
 pub fn evidence(report: &Report) -> String {
     match report.evidence {
-        Evidence::None => format!("none: {}", report.why_no_evidence()),
+        Evidence::None => format!("none: {}", why_no_evidence(report)),
         Evidence::SameUpload => {
             "same upload: checked on points that were not fitted but measured in the same session; a wrong tool, base or scale would not show".into()
         }

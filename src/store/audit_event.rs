@@ -2,6 +2,9 @@
 
 use std::fmt;
 
+/// End of the names of those events that are the first about their subject.
+pub(super) const CREATION: &str = "_created";
+
 /// What an entry of the audit chain says. Old entries stay, so a name never changes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum AuditEvent {
@@ -76,16 +79,7 @@ impl AuditEvent {
 
     /// Whether it is the first entry about its subject.
     pub(super) fn is_creation(self) -> bool {
-        matches!(
-            self,
-            Self::RobotCreated
-                | Self::MeasurementSetCreated
-                | Self::FramesCreated
-                | Self::JobCreated
-                | Self::NetworkCreated
-                | Self::ParameterSetCreated
-                | Self::KeyCreated
-        )
+        self.as_str().ends_with(CREATION)
     }
 }
 

@@ -16,6 +16,7 @@ pub const TABLES: &[&str] = &[
     "measurement_set",
     "frames",
     "job",
+    "report_summary",
     "network",
     "residual_network",
     "parameter_set",

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use serde_json::json;
 
-use super::{AuditEvent, Conflict, Engine, JobRow, Result, Store, Tx, jobs};
+use super::{AuditEvent, Conflict, Engine, JobRow, Result, Store, Tx, jobs, report_summaries};
 use crate::wire::canonical;
 
 /// A worker's lease on a job: the fencing token.
@@ -28,6 +28,19 @@ impl Lease {
             attempt: job.attempt,
         }
     }
+}
+
+/// The documents of a job that succeeded.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct JobResult<'a> {
+    /// The whole report.
+    pub report_json: &'a str,
+    /// Its summary, `wire::report_summary`.
+    pub summary_json: &'a str,
+    /// The convergence curve.
+    pub convergence_json: &'a str,
+    /// SHA-256 of the result, hexadecimal.
+    pub result_sha256: &'a str,
 }
 
 /// Answer to a worker that renews its lease.
@@ -279,28 +292,23 @@ pub async fn heartbeat(
 ///
 /// # Errors
 /// [`Conflict::LeaseLost`], [`super::Error::Database`]; the transaction must then not be committed.
-pub async fn succeed(
-    tx: &mut Tx,
-    lease: &Lease,
-    report_json: &str,
-    convergence_json: &str,
-    result_sha256: &str,
-) -> Result<bool> {
+pub async fn succeed(tx: &mut Tx, lease: &Lease, result: &JobResult<'_>) -> Result<bool> {
     let query = sqlx::query_scalar(SUCCEED)
         .bind(&lease.job_id)
         .bind(&lease.owner)
         .bind(lease.attempt);
     let query = query
-        .bind(report_json)
-        .bind(convergence_json)
-        .bind(result_sha256);
+        .bind(result.report_json)
+        .bind(result.convergence_json)
+        .bind(result.result_sha256);
     let status: Option<String> = query.fetch_optional(tx.connection()).await?;
     if status.ok_or(Conflict::LeaseLost)? == "cancelled" {
         note(tx, lease, AuditEvent::JobCancelled, json!({}));
         return Ok(false);
     }
-    let detail = json!({"result_sha256": result_sha256, "report_sha256": canonical::sha256_hex(report_json.as_bytes()),
-        "convergence_sha256": canonical::sha256_hex(convergence_json.as_bytes())});
+    report_summaries::insert(tx, &lease.job_id, result.summary_json).await?;
+    let detail = json!({"result_sha256": result.result_sha256, "report_sha256": canonical::sha256_hex(result.report_json.as_bytes()),
+        "convergence_sha256": canonical::sha256_hex(result.convergence_json.as_bytes())});
     note(tx, lease, AuditEvent::JobSucceeded, detail);
     Ok(true)
 }

@@ -68,6 +68,12 @@ const MIGRATIONS: &[(i64, &str, &str, &str)] = &[
         include_str!("../../migrations/sqlite/0010_far_off.sql"),
         include_str!("../../migrations/postgres/0010_far_off.sql"),
     ),
+    (
+        11,
+        "report_summary",
+        include_str!("../../migrations/sqlite/0011_report_summary.sql"),
+        include_str!("../../migrations/postgres/0011_report_summary.sql"),
+    ),
 ];
 
 /// Version of the migration that rewrites the job table on SQLite, so that reports are the last columns.

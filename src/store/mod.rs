@@ -30,6 +30,7 @@ mod open;
 mod page;
 pub mod parameter_sets;
 pub mod policies;
+pub mod report_summaries;
 pub mod robots;
 pub mod statistics;
 pub mod stuck;
@@ -46,9 +47,9 @@ pub use error::{Conflict, Error, Result};
 pub use frames::{FramesRow, NewFrames};
 pub use idempotency::{IdempotencyScope, IdempotentOutcome, StoredResponse};
 pub use jobs::{JobRow, NewJob};
-pub use leases::{Expired, Heartbeat, Lease};
+pub use leases::{Expired, Heartbeat, JobResult, Lease};
 pub use measurement_sets::{MeasurementSetRow, NewMeasurementSet};
-pub use networks::{NetworkRow, NewNetwork};
+pub use networks::{NetworkRow, NetworkWeights, NewNetwork, ResidualWeights};
 pub use open::StoreLocation;
 pub use page::{Cursor, InvalidCursor, Page, PageRequest};
 pub use parameter_sets::{CheckedState, NewParameterSet, ParameterSetRow, Release};
@@ -92,6 +93,7 @@ pub fn all_queries(engine: Engine) -> Vec<&'static str> {
         networks::ALL_QUERIES,
         parameter_sets::ALL_QUERIES,
         policies::ALL_QUERIES,
+        report_summaries::ALL_QUERIES,
         robots::ALL_QUERIES,
         statistics::ALL_QUERIES,
         verifications::ALL_QUERIES,

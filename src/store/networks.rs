@@ -42,6 +42,34 @@ from_row!(NetworkRow {
     created_at_ms
 });
 
+/// A network of link parameters and its weights.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NetworkWeights {
+    /// `net_…`
+    pub id: String,
+    /// The weights in safetensors format.
+    pub weights: Vec<u8>,
+}
+
+from_row!(NetworkWeights { id, weights });
+
+/// A residual network, its weights and what it was trained on.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ResidualWeights {
+    /// `net_…`
+    pub id: String,
+    /// The weights in safetensors format.
+    pub weights: Vec<u8>,
+    /// The measurement set that it was trained on.
+    pub measurement_set_id: String,
+}
+
+from_row!(ResidualWeights {
+    id,
+    weights,
+    measurement_set_id
+});
+
 /// A network to be stored with the job that trained it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NewNetwork {
@@ -117,7 +145,7 @@ const NEWEST: &str = "select id, weights from network
      order by coalesce((select v.seq from verification v where v.job_id = network.job_id), 0) desc, id desc
      limit cast($4 as bigint)";
 
-const NEWEST_RESIDUAL: &str = "select n.id, n.weights, j.measurement_set_id from residual_network n
+const NEWEST_RESIDUAL: &str = "select n.id as id, n.weights as weights, j.measurement_set_id as measurement_set_id from residual_network n
      join job j on j.id = n.job_id join measurement_set m on m.id = j.measurement_set_id
      where n.robot_id = $1 and m.sha256 <> $2
      order by coalesce((select v.seq from verification v where v.job_id = n.job_id), 0) desc, n.id desc
@@ -227,7 +255,7 @@ pub async fn weights(store: &Store, id: &str) -> Result<Vec<u8>> {
         .await?)
 }
 
-/// Id and weights of the robot's newest networks of this model and preset, newest first, at most `limit`.
+/// The robot's newest networks of this model and preset, newest first, at most `limit`.
 ///
 /// # Errors
 /// [`super::Error::Database`].
@@ -237,7 +265,7 @@ pub async fn newest(
     model: Model,
     preset: Preset,
     limit: i64,
-) -> Result<Vec<(String, Vec<u8>)>> {
+) -> Result<Vec<NetworkWeights>> {
     Ok(sqlx::query_as(NEWEST)
         .bind(robot_id)
         .bind(model.as_str())
@@ -247,7 +275,7 @@ pub async fn newest(
         .await?)
 }
 
-/// Id, weights and measurement set of the robot's newest residual networks, newest first, at most `limit`. Leaves out networks that were
+/// The robot's newest residual networks, newest first, at most `limit`. Leaves out networks that were
 /// trained on the upload with this hash.
 ///
 /// # Errors
@@ -257,7 +285,7 @@ pub async fn newest_residual(
     robot_id: &str,
     set_sha256: &str,
     limit: i64,
-) -> Result<Vec<(String, Vec<u8>, String)>> {
+) -> Result<Vec<ResidualWeights>> {
     Ok(sqlx::query_as(NEWEST_RESIDUAL)
         .bind(robot_id)
         .bind(set_sha256)

@@ -158,10 +158,10 @@ const N_UNKNOWN: &str = "
 const EARLIER_UPLOADS: &str = concat!(
     "select m.id as id, m.n_points as n_points from measurement_set m
     where m.robot_id = $1
-        and coalesce((select max(a.seq) from audit a where a.subject = m.id and a.event = 'measurement_set_created'), 0)
+        and coalesce((select max(a.seq) from audit a where a.subject = m.id and a.event = $4), 0)
             <= coalesce((select max(a.seq) from verification v join job j on j.id = v.job_id join audit a on a.subject = ",
     scored_set!(),
-    " and a.event = 'measurement_set_created' where v.robot_id = $1 and v.seq = $2), 0)
+    " and a.event = $4 where v.robot_id = $1 and v.seq = $2), 0)
         and m.id not in (select ",
     scored_set!(),
     " from verification v join job j on j.id = v.job_id where v.robot_id = $1 and v.fit <> 'fits')
@@ -180,7 +180,7 @@ const BY_ID: &str = concat!(
 // In the order in which the jobs ended, by the audit chain.
 const JOBS_WITHOUT: &str = "
     select id from (
-        select j.id as id, (select min(a.seq) from audit a where a.subject = j.id and a.event = 'job_succeeded') as ended
+        select j.id as id, (select min(a.seq) from audit a where a.subject = j.id and a.event = $1) as ended
         from job j where j.status = 'succeeded' and not exists (select 1 from verification v where v.job_id = j.id)
             and (j.kind = 'verify' or exists (select 1 from parameter_set p where p.job_id = j.id))) as without
     order by coalesce(ended, 0), id";
@@ -318,6 +318,7 @@ pub async fn earlier_uploads(
         .bind(robot_id)
         .bind(check_seq)
         .bind(limit)
+        .bind(AuditEvent::MeasurementSetCreated.as_str())
         .fetch_all(store.reads())
         .await?)
 }
@@ -328,6 +329,7 @@ pub async fn earlier_uploads(
 /// [`super::Error::Database`].
 pub async fn jobs_without_facts(store: &Store) -> Result<Vec<String>> {
     Ok(sqlx::query_scalar(JOBS_WITHOUT)
+        .bind(AuditEvent::JobSucceeded.as_str())
         .fetch_all(store.reads())
         .await?)
 }

@@ -125,25 +125,6 @@ impl CompensateAnswer {
     }
 }
 
-impl LeftOut {
-    /// Smallest rotation, degrees, and shift, mm, that are mentioned: smaller ones are below measurement accuracy.
-    const NOTICED: (f64, f64) = (0.001, 0.01);
-
-    /// Describes what is not corrected; `None` if all values are negligible.
-    pub fn description(&self) -> Option<String> {
-        let (turn_deg, shift_mm) = Self::NOTICED;
-        let is_noticed = self.base_turn_deg.max(self.flange_turn_deg) > turn_deg
-            || self.base_shift_mm.max(self.flange_shift_mm) > shift_mm;
-        is_noticed.then(|| {
-            format!(
-                "not corrected: the base frame is turned by {:.4}° and shifted by {:.3} mm from the nominal one (link 1, mastering of joint 1), the \
-                 flange by {:.4}° and {:.3} mm (last joint): measure the work object and the tool with this robot, or take it into them",
-                self.base_turn_deg, self.base_shift_mm, self.flange_turn_deg, self.flange_shift_mm
-            )
-        })
-    }
-}
-
 impl CompensateBody {
     /// Checks that need only the request and the number of joints.
     ///

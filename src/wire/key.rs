@@ -30,6 +30,11 @@ impl Scope {
             Self::Admin => "admin",
         }
     }
+
+    /// The scope of this name.
+    pub fn parse(name: &str) -> Option<Self> {
+        serde_json::from_value(name.into()).ok()
+    }
 }
 
 /// Permissions of a request's key, without the key itself.

@@ -1,6 +1,6 @@
 //! A parameter set: what the controller needs, with a hash it can check.
 
-use crate::calibration::{CalibrationReport, MAX_FLANGE_ROTATION_STD_RAD};
+use crate::calibration::CalibrationReport;
 use crate::identification::KinematicModel;
 use crate::identification::corrected::IdentifiedRobot;
 use crate::kinematics::Link;
@@ -12,7 +12,6 @@ use crate::wire::issue::{Checker, Invalid};
 use crate::wire::measurement::{Frame, Warning};
 pub use crate::wire::reason::{MAX_REASON, ReasonBody};
 use crate::wire::release::Gate;
-use crate::wire::report_shape::WRONG_ROBOT;
 pub use crate::wire::target::Target;
 use crate::wire::target::target_position;
 use nalgebra::{IsometryMatrix3, Vector3};
@@ -51,51 +50,6 @@ pub struct Provenance {
     /// Warnings.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<Warning>,
-}
-
-impl Provenance {
-    /// Code and text of the warning because of which the set must not correct targets, if there is one.
-    pub fn wrong_robot(&self) -> Option<(&'static str, &str)> {
-        WRONG_ROBOT.into_iter().find_map(|code| {
-            let warning = self.warnings.iter().find(|warning| warning.code == code)?;
-            Some((code, warning.detail.as_str()))
-        })
-    }
-
-    /// Reason why the flange's rotation is unknown; `None` if it is known. Reports of older versions have only a warning for it.
-    pub fn orientation_unknown(&self) -> Option<String> {
-        let remedy = "identify from a reflector off the last axis, or from two, at poses that move every joint";
-        let most = to_degrees(MAX_FLANGE_ROTATION_STD_RAD);
-        match self.flange_rotation_std_deg {
-            Some(std)
-                if std > most && shown_by_positions(std, self.last_joint_zero_std_deg) <= most =>
-            {
-                Some(format!(
-                    "the flange may be turned by {std:.2}° about its last axis, one standard deviation: positions never show the zero of the last joint, and \
-                 the zeros of the other joints are off by as much. If the last joint was mastered by its marks, identify with a prior on its theta_offset"
-                ))
-            }
-            Some(std) if std > most => Some(format!(
-                "the measured positions do not show how the flange is turned: it may be off by {std:.2}°, one standard deviation: {remedy}"
-            )),
-            None if self.warnings.iter().any(|w| w.code == "pose_not_seen") => Some(format!(
-                "the measured positions hardly show how the flange is turned, and by how much it may be off was not computed by the version \
-                 that identified this set: identify it again, or {remedy}"
-            )),
-            _ => None,
-        }
-    }
-}
-
-/// One standard deviation of the flange's rotation without the zero of the last joint, degrees.
-pub fn shown_by_positions(
-    flange_rotation_std_deg: f64,
-    last_joint_zero_std_deg: Option<f64>,
-) -> f64 {
-    let zero = last_joint_zero_std_deg.unwrap_or(0.0);
-    (flange_rotation_std_deg * flange_rotation_std_deg - zero * zero)
-        .max(0.0)
-        .sqrt()
 }
 
 /// One identified link: Rx(alpha) · Dx(a) · Ry(beta) · Rz(q + theta_offset) · Dz(d).

@@ -10,13 +10,13 @@ use crate::identification::corrections::Evidence;
 use crate::identification::workspace::ToolUncertainty;
 use crate::wire::angle::to_degrees;
 use crate::wire::canonical;
-use crate::wire::measurement::{Frame, Warning};
-use crate::wire::parameter_set::{ParameterSetContent, Provenance};
+use crate::wire::measurement::Warning;
+use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::report_shape::{
     ChangeReport, ComparisonReport, Convergence, CorrectionReport, ErrorModelReport, ErrorsReport,
     Evidence as VerifyEvidence, FinalFitReport, IdentifiabilityReport, ParameterReport,
     PointReport, PoseRepeatabilityReport, PriorReport, RepeatabilityReport, Report, SubsetReport,
-    ToolUncertaintyReport, WRONG_ROBOT,
+    ToolUncertaintyReport,
 };
 
 /// Facts of a run that the core does not know.
@@ -34,40 +34,12 @@ pub struct RunContext<'a> {
     pub evidence: VerifyEvidence,
     /// SHA-256 of the trained network's tensors.
     pub network_sha256: Option<&'a str>,
-    /// Code of the suspicion that the uploader of the points overrode with `insist`.
-    pub insisted_on: Option<&'a str>,
+    /// The warning that the uploader of the points insisted on them.
+    pub insisted: Option<Warning>,
 }
 
 /// Version in every report.
 pub const VERSION: &str = env!("CARGO_PKG_VERSION");
-
-/// Provenance of the parameters of a stored report.
-///
-/// # Errors
-/// If the text is no report.
-pub fn provenance(
-    report_json: &str,
-    measuring_frame: Option<Frame>,
-) -> Result<Provenance, serde_json::Error> {
-    #[derive(serde::Deserialize)]
-    struct Excerpt {
-        warnings: Vec<Warning>,
-        #[serde(default)]
-        flange_rotation_std_deg: Option<f64>,
-        #[serde(default)]
-        last_joint_zero_std_deg: Option<f64>,
-    }
-    let mut found: Excerpt = serde_json::from_str(report_json)?;
-    found.warnings.retain(|warning| {
-        warning.code == "pose_not_seen" || WRONG_ROBOT.contains(&warning.code.as_str())
-    });
-    Ok(Provenance {
-        measuring_frame,
-        flange_rotation_std_deg: found.flange_rotation_std_deg,
-        last_joint_zero_std_deg: found.last_joint_zero_std_deg,
-        warnings: found.warnings,
-    })
-}
 
 /// Codes of warnings that compare with earlier sessions.
 const ABOUT_EARLIER_SESSIONS: [&str; 2] = ["robot_changed", "placement_changed"];
@@ -139,23 +111,14 @@ fn without_hash(core: &CalibrationReport, run: &RunContext<'_>) -> Report {
             .as_ref()
             .map(|changes| changes.all.iter().map(Into::into).collect()),
         evidence: run.evidence,
-        warnings: insisted(run)
-            .into_iter()
+        warnings: run
+            .insisted
+            .iter()
+            .cloned()
             .chain(core.warnings.iter().map(Warning::from))
             .collect(),
         result_sha256: String::new(),
     }
-}
-
-fn insisted(run: &RunContext<'_>) -> Option<Warning> {
-    let code = run.insisted_on?;
-    Some(Warning {
-        code: "insisted_upload".into(),
-        detail: format!(
-            "the points were refused as {code} and kept because the uploader insisted: no release rests on them"
-        ),
-        rows: Vec::new(),
-    })
 }
 
 /// SHA-256 of report, parameter set, convergence and the network's hash. Identifiers, times, durations and comparisons with earlier sessions are

@@ -1,10 +1,5 @@
 //! The shape of a report.
 
-use crate::calibration::report::{BASE_NOT_CHECKED, SHOWS_LITTLE};
-use crate::calibration::{
-    DOES_NOT_FIT, JOINT_MAP, MODEL_TOO_SMALL, NO_BETTER, NO_FIT, SET_FAR_OFF,
-};
-use crate::calibration::{Judged, judged};
 use crate::wire::job::{Method, Model, Preset};
 use crate::wire::measurement::{Subset, Warning};
 use serde::{Deserialize, Serialize};
@@ -167,67 +162,6 @@ pub struct PointReport {
     /// Measured − predicted by the links with corrections, in the measuring frame, mm; as `corrected_mm`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub corrected_vector_mm: Option<[f64; 3]>,
-}
-
-/// Warnings that the identified robot is wrong. Such a set corrects no targets and is not released.
-pub const WRONG_ROBOT: [&str; 3] = [MODEL_TOO_SMALL, NO_FIT, JOINT_MAP];
-
-/// Warnings with which a result cannot be used. If a report has several, the first in this order counts.
-pub const NO_USE: [&str; 6] = {
-    let [model_too_small, no_fit, joint_map] = WRONG_ROBOT;
-    [
-        model_too_small,
-        no_fit,
-        joint_map,
-        DOES_NOT_FIT,
-        SET_FAR_OFF,
-        NO_BETTER,
-    ]
-};
-
-impl Report {
-    /// Code of the warning with which the result cannot be used, if there is one.
-    pub fn unusable_because(&self) -> Option<&'static str> {
-        let has_warning = |code: &&str| self.warnings.iter().any(|warning| warning.code == *code);
-        NO_USE.into_iter().find(has_warning)
-    }
-
-    /// Reason why the verification is no evidence.
-    pub fn why_no_evidence(&self) -> &'static str {
-        let has_warning = |code: &str| self.warnings.iter().any(|warning| warning.code == code);
-        if self.verify.is_none_or(|verify| verify.n_points == 0) {
-            "no point was held out, these errors are those of the fit itself"
-        } else if has_warning(DOES_NOT_FIT) {
-            "this file does not fit this robot"
-        } else if has_warning(NO_FIT) {
-            "the identified robot does not fit the points"
-        } else if has_warning("insisted_upload") {
-            "these points were refused, and kept because the uploader insisted"
-        } else if has_warning(SHOWS_LITTLE) {
-            "the poses show too little of the robot"
-        } else if has_warning(BASE_NOT_CHECKED) {
-            "a wrong base would not show in these points"
-        } else {
-            "so few configurations prove nothing"
-        }
-    }
-
-    /// Robust comparison of the errors before and after on the verify points, without those that are outliers for both robots.
-    pub fn robust_comparison(&self) -> Judged {
-        judged(&verify_errors_mm(&self.per_point))
-    }
-}
-
-/// Errors of each verify point, mm: of the nominal robot, of the links, and with corrections (of the links if none is used).
-pub fn verify_errors_mm(per_point: &[PointReport]) -> Vec<[f64; 3]> {
-    let is_verify = |point: &&PointReport| point.subset == Subset::Verify;
-    let points = per_point.iter().filter(is_verify);
-    points
-        .map(|p| {
-            let corrected_mm = p.corrected_mm.unwrap_or(p.after_mm);
-            [p.before_mm, p.after_mm, corrected_mm]
-        })
-        .collect()
 }
 
 /// Result for one parameter.

@@ -3,18 +3,26 @@
 use crate::source::{Token, UsedPath, production_tokens, starts_with, used_paths};
 use std::fmt;
 
-/// The numeric core, in the order of its dependencies.
-pub const CORE: &[&str] = &[
-    "kinematics",
-    "solvers",
-    "measurement",
-    "frames",
-    "identification",
-    "compensation",
-    "planning",
-    "exchange",
-    "calibration",
-];
+/// The modules of the numeric core, in the order of their dependencies, and others after them.
+macro_rules! core_and {
+    ($($other:literal),*) => {
+        &[
+            "kinematics",
+            "solvers",
+            "measurement",
+            "frames",
+            "identification",
+            "compensation",
+            "planning",
+            "exchange",
+            "calibration",
+            $($other),*
+        ]
+    };
+}
+
+/// The numeric core.
+pub const CORE: &[&str] = core_and![];
 
 /// Which modules each module may use besides itself (ARCHITECTURE.md, "Who may use whom").
 pub const MAY_USE: &[(&str, &[&str])] = &[
@@ -33,21 +41,6 @@ pub const MAY_USE: &[(&str, &[&str])] = &[
     ("config", &[]),
     ("telemetry", &["config"]),
     ("wire", CORE),
-    (
-        "operations",
-        &[
-            "kinematics",
-            "solvers",
-            "measurement",
-            "frames",
-            "identification",
-            "compensation",
-            "planning",
-            "exchange",
-            "calibration",
-            "wire",
-        ],
-    ),
     ("store", &["wire"]),
     (
         "release",
@@ -59,8 +52,9 @@ pub const MAY_USE: &[(&str, &[&str])] = &[
             "wire",
         ],
     ),
+    ("operations", core_and!["release", "wire"]),
     ("jobs", &["release", "store", "wire", "calibration"]),
-    ("report_page", &["wire"]),
+    ("report_page", &["release", "wire"]),
     (
         "http",
         &[

@@ -61,8 +61,10 @@ pub fn run_scripted(inputs: &JobInputs, monitor: Monitor<'_>) -> Computed {
 
 /// Result of a successful computation; it depends on the inputs alone.
 fn outcome(inputs: &JobInputs) -> JobOutcome {
+    let report_json = format!(r#"{{"n_bytes":{}}}"#, inputs.set.body.len());
     JobOutcome {
-        report_json: format!(r#"{{"n_bytes":{}}}"#, inputs.set.body.len()),
+        summary_json: report_json.clone(),
+        report_json,
         convergence_json: r#"{"iteration":[0],"best_cost_mm2":[1.5]}"#.into(),
         result_sha256: "abcd".into(),
         parameter_set: Some(NewParameterSet {

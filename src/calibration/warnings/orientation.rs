@@ -96,10 +96,9 @@ pub fn warning(flange_rotation: Option<FlangeRotation>, n_links: usize) -> Optio
         )
     } else {
         format!(
-            "the flange may be turned by {std_deg:.2}° (one standard deviation: flange_rotation_std_deg) from where the identified robot has it, above \
-             all about its last axis: positions never show the zero of joint {n_links}, and the zeros of the other joints of this robot are off by as \
-             much. Corrected targets are given for the position of a measured reflector alone. If that joint was mastered by its marks, identify with \
-             the prior {{\"name\": \"theta_offset_{n_links}\", \"std\": …}}"
+            "{}. Corrected targets are given for the position of a measured reflector alone. {}",
+            last_joint_zero_unknown(std_deg, n_links),
+            last_joint_zero_remedy(n_links)
         )
     };
     Some(Warning {
@@ -107,6 +106,22 @@ pub fn warning(flange_rotation: Option<FlangeRotation>, n_links: usize) -> Optio
         detail,
         rows: vec![],
     })
+}
+
+/// Why the flange's rotation is not known if the measured positions show it but for the zero of the last joint.
+pub fn last_joint_zero_unknown(std_deg: f64, n_links: usize) -> String {
+    format!(
+        "the flange may be turned by {std_deg:.2}° (one standard deviation: flange_rotation_std_deg) from where the identified robot has it, above \
+         all about its last axis: positions never show the zero of joint {n_links}, and the zeros of the other joints of this robot are off by as \
+         much"
+    )
+}
+
+/// What makes the zero of the last joint known.
+pub fn last_joint_zero_remedy(n_links: usize) -> String {
+    format!(
+        "If that joint was mastered by its marks, identify with the prior {{\"name\": \"theta_offset_{n_links}\", \"std\": …}}"
+    )
 }
 
 /// Points that count, no more than [`MAX_POINTS`] of them.

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::check::{BATCH, Check, MAX_LISTED, Options};
+use crate::store::audit_event::CREATION;
 use crate::store::{AuditEvent, AuditRow, Result, Store, audit, audit_chain, idempotency};
 
 /// Content of the chain, by subject.
@@ -31,7 +32,7 @@ pub(super) const MISSING: &str = "
         union all select id, created_at_ms from network union all select id, created_at_ms from residual_network
         union all select id, created_at_ms from parameter_set
         union all select id, created_at_ms from api_key) as things
-    where created_at_ms > $1 and not exists (select 1 from audit where subject = id and event like '%_created')
+    where created_at_ms > $1 and not exists (select 1 from audit where subject = id and event like $3)
     order by id limit cast($2 as bigint)";
 
 impl Chain {
@@ -68,11 +69,9 @@ impl Chain {
 
     /// Whether the chain has the creation of this subject, and so everything that happened to it.
     pub(super) fn was_created(&self, subject: &str) -> bool {
-        self.events.get(subject).is_some_and(|entries| {
-            entries
-                .iter()
-                .any(|entry| entry.event.ends_with("_created"))
-        })
+        self.events
+            .get(subject)
+            .is_some_and(|entries| entries.iter().any(|entry| entry.event.ends_with(CREATION)))
     }
 }
 
@@ -128,6 +127,7 @@ pub(super) async fn read(store: &Store, options: &Options) -> Result<Chain> {
     let missing: Vec<String> = sqlx::query_scalar(MISSING)
         .bind(head.begun_at_ms)
         .bind(MAX_LISTED as i64)
+        .bind(format!("%{CREATION}"))
         .fetch_all(store.reads())
         .await?;
     missing

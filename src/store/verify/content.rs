@@ -7,8 +7,10 @@ use super::check::{BATCH, Check, Options};
 use super::rules;
 use crate::store::from_row::from_row;
 use crate::store::idempotency::{self, Answered, IdempotencyScope};
-use crate::store::{AuditEvent, Result, Store};
+use crate::store::{AuditEvent, Result, Store, report_summaries};
 use crate::wire::canonical::sha256_hex;
+use crate::wire::report_summary::summary_json;
+use serde_json::Value;
 
 pub(super) const SETS: &str = "select id, sha256, body from measurement_set where id > $1 order by id limit cast($2 as bigint)";
 pub(super) const FRAMES: &str = "select id, cast('' as text), body from frames where id > $1 order by id limit cast($2 as bigint)";
@@ -63,6 +65,10 @@ pub(super) async fn uploads_read_back(store: &Store, chain: &Chain) -> Result<Ch
         (RESIDUAL_NETWORKS, AuditEvent::NetworkCreated),
     ];
     for (query, event) in kept {
+        let field = EntryField {
+            event,
+            name: "sha256",
+        };
         let mut after = String::new();
         loop {
             let query = sqlx::query_as(query).bind(&after).bind(BATCH);
@@ -75,15 +81,19 @@ pub(super) async fn uploads_read_back(store: &Store, chain: &Chain) -> Result<Ch
                 check.require(kept.is_empty() || kept == now, || {
                     format!("{id}: its bytes are not those of its hash")
                 });
-                compare_with_entry(&mut check, chain, &id, event, "sha256", &now);
+                compare_with_entry(&mut check, chain, &id, field, &now);
             }
         }
     }
     let documents = [
-        (REPORTS, AuditEvent::JobSucceeded, "report_sha256"),
-        (CONVERGENCES, AuditEvent::JobSucceeded, "convergence_sha256"),
+        (REPORTS, "report_sha256"),
+        (CONVERGENCES, "convergence_sha256"),
     ];
-    for (query, event, field) in documents {
+    for (query, name) in documents {
+        let field = EntryField {
+            event: AuditEvent::JobSucceeded,
+            name,
+        };
         let mut after = String::new();
         loop {
             let rows: Vec<(String, String)> = sqlx::query_as(query)
@@ -95,33 +105,52 @@ pub(super) async fn uploads_read_back(store: &Store, chain: &Chain) -> Result<Ch
             after.clone_from(&last.0);
             for (id, document) in rows {
                 found += 1;
-                compare_with_entry(
-                    &mut check,
-                    chain,
-                    &id,
-                    event,
-                    field,
-                    &sha256_hex(document.as_bytes()),
-                );
+                let now = sha256_hex(document.as_bytes());
+                compare_with_entry(&mut check, chain, &id, field, &now);
             }
         }
     }
     check.n_examined = found;
+    summaries_say_the_same(&mut check, store).await?;
     rules::match_entries(&mut check, store, chain).await?;
     check_lost_rows(&mut check, store, chain).await?;
     Ok(check)
 }
 
-/// Compares a hash with the chain. Rows that are older than the chain or than this field are skipped; I8 reports missing entries.
-fn compare_with_entry(
-    check: &mut Check,
-    chain: &Chain,
-    id: &str,
+/// Compares each summary with its report. The order of fields does not count.
+async fn summaries_say_the_same(check: &mut Check, store: &Store) -> Result<()> {
+    let mut after = String::new();
+    loop {
+        let rows = report_summaries::with_reports(store, &after, BATCH).await?;
+        let Some(last) = rows.last() else {
+            return Ok(());
+        };
+        after.clone_from(&last.job_id);
+        for row in rows {
+            check.n_examined += 1;
+            let expected = summary_json(&row.report_json).ok();
+            let says_the_same = expected.is_some_and(|expected| {
+                let [expected, found] =
+                    [&expected, &row.summary_json].map(|text| serde_json::from_str::<Value>(text));
+                matches!((expected, found), (Ok(expected), Ok(found)) if expected == found)
+            });
+            check.require(says_the_same, || {
+                format!("{}: its summary is not that of its report", row.job_id)
+            });
+        }
+    }
+}
+
+/// A field of the newest entry of an event.
+#[derive(Clone, Copy)]
+struct EntryField {
     event: AuditEvent,
-    field: &str,
-    now: &str,
-) {
-    if let Some(then) = chain.field_of_newest(id, event, field) {
+    name: &'static str,
+}
+
+/// Compares a hash with the chain. Rows that are older than the chain or than this field are skipped; I8 reports missing entries.
+fn compare_with_entry(check: &mut Check, chain: &Chain, id: &str, field: EntryField, now: &str) {
+    if let Some(then) = chain.field_of_newest(id, field.event, field.name) {
         check.require(then == now, || {
             format!("{id}: it is not what was acknowledged")
         });
@@ -324,19 +353,15 @@ pub(super) async fn same_request_same_result(store: &Store, chain: &Chain) -> Re
                 id, result_sha256, ..
             } = job;
             check.n_examined += 1;
-            let report: serde_json::Value =
-                serde_json::from_str(&job.report_json).unwrap_or_default();
+            let report: Value = serde_json::from_str(&job.report_json).unwrap_or_default();
             check.require(report["result_sha256"] == *result_sha256, || {
                 format!("{id}: its report is not the one that was hashed")
             });
-            compare_with_entry(
-                &mut check,
-                chain,
-                &id,
-                AuditEvent::JobSucceeded,
-                "result_sha256",
-                &result_sha256,
-            );
+            let field = EntryField {
+                event: AuditEvent::JobSucceeded,
+                name: "result_sha256",
+            };
+            compare_with_entry(&mut check, chain, &id, field, &result_sha256);
             let inputs = serde_json::json!([
                 job.robot_id,
                 job.measurement_set_id,
@@ -404,7 +429,7 @@ pub(super) async fn releases_have_checks(store: &Store, chain: &Chain) -> Result
             ..
         } = row;
         check.n_examined += 1;
-        let checks: Vec<serde_json::Value> = serde_json::from_str(&checks_json).unwrap_or_default();
+        let checks: Vec<Value> = serde_json::from_str(&checks_json).unwrap_or_default();
         check.require(!checks.is_empty(), || {
             format!("{id} is {status} without checks")
         });

@@ -48,6 +48,8 @@ const GUARDS: &[&str] = &[
     "robot_stays",
     "job_stays_over",
     "job_report_stays",
+    "report_summary_stays",
+    "report_summary_is_kept",
     "frames_stay",
 ];
 const UNIQUE: &[&str] = &[

@@ -131,6 +131,24 @@ async fn every_documented_route_has_a_policy() {
 }
 
 #[tokio::test]
+async fn a_scope_that_this_version_does_not_know_gives_no_right_and_takes_none() {
+    let (app, _dir) = guarded(0).await;
+    let (reader, _) = key(&app, &["of_a_newer_version", "read"], None).await;
+    let me = with_key(&app, Method::GET, "/v1/me", &reader, vec![])
+        .await
+        .ok(200);
+    assert_eq!(me["scopes"], json!(["read"]));
+    let robot = || paper("robot.json");
+    with_key(&app, Method::POST, "/v1/robots", &reader, robot())
+        .await
+        .problem(403, "insufficient_scope");
+    let (nothing, _) = key(&app, &["of_a_newer_version"], None).await;
+    with_key(&app, Method::GET, "/v1/robots", &nothing, vec![])
+        .await
+        .problem(403, "insufficient_scope");
+}
+
+#[tokio::test]
 async fn a_key_limited_to_a_robot_sees_no_other() {
     let (app, _dir) = guarded(0).await;
     let (admin, _) = key(&app, &["admin"], None).await;

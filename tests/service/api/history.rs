@@ -228,3 +228,31 @@ async fn after_a_collision_only_what_is_named_is_identified_anew() {
         rms(&from_nominal)
     );
 }
+
+/// Whoever changes a report outside the service does not change these answers: they do not read it.
+#[tokio::test]
+async fn history_gates_and_export_read_a_reports_summary_and_not_the_report() {
+    let app = TestApp::with_workers(1).await;
+    let (robot, job) = app.identified().await;
+    let set = format!("/v1/parameter-sets/{}", text(&job["parameter_set_id"]));
+    let answers = async || {
+        let mut answers = Vec::new();
+        for path in [
+            format!("{robot}/history"),
+            format!("{set}/gates"),
+            format!("{set}/export"),
+        ] {
+            answers.push(app.get(&path).await.ok(200));
+        }
+        answers
+    };
+    let before = answers().await;
+    for sql in [
+        "drop trigger job_report_stays",
+        "update job set report_json = 'no report'",
+    ] {
+        let done = sqlx::query(sql).execute(app.server.store.pool()).await;
+        done.unwrap();
+    }
+    assert_eq!(answers().await, before);
+}

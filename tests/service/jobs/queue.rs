@@ -40,6 +40,7 @@ async fn expire(store: &Store) -> (Vec<String>, Vec<String>, Vec<String>) {
 fn an_outcome(report_json: &str) -> JobOutcome {
     JobOutcome {
         report_json: report_json.into(),
+        summary_json: "{}".into(),
         convergence_json: "{}".into(),
         result_sha256: "ab".into(),
         parameter_set: Some(NewParameterSet {

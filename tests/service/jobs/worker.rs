@@ -5,7 +5,7 @@ use std::time::Duration;
 use kincal::jobs::{JobSignals, WorkerContext, queue, run_next_job};
 use kincal::store::{
     Engine, Error, JobRow, JobStatus, MeasurementSetRow, NewJob, NewParameterSet, PageRequest,
-    Store, frames, jobs, networks, parameter_sets,
+    Store, frames, jobs, networks, parameter_sets, report_summaries,
 };
 
 use crate::computations::{LONG, a_worker, arrived, gate, until};
@@ -59,6 +59,10 @@ fn a_job_leaves_its_report_its_curve_its_parameter_set_and_its_network() {
         assert!(done.started_at_ms.unwrap() <= done.finished_at_ms.unwrap());
         assert_eq!(
             jobs::report(store, &job.id).await.unwrap(),
+            r#"{"n_bytes":9}"#
+        );
+        assert_eq!(
+            report_summaries::of_job(store, &job.id).await.unwrap(),
             r#"{"n_bytes":9}"#
         );
         assert_eq!(

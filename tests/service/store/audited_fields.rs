@@ -70,6 +70,7 @@ const KNOWN: &str = "
     parameter_set | status | case when status = 'superseded' then 'candidate' else status end | superseded
     job | measurement_set_id | (select max(id) from measurement_set)
     job | request_json | '[]' | request_sha256
+    report_summary | summary_json | '[]' | summary
     robot_policy | changed_by | 'key_9'
     robot_policy | tolerance_mm | 9.5
     api_key | name | 'other'
@@ -192,7 +193,7 @@ async fn violations_of(store: &Store, edit: &Edit) -> Vec<String> {
     } = edit;
     let id = match *table {
         "robot_policy" => "robot_id",
-        "verification" => "job_id",
+        "verification" | "report_summary" => "job_id",
         _ => "id",
     };
     run(

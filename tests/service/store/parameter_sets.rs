@@ -3,7 +3,7 @@
 use kincal::jobs::queue;
 use kincal::release::facts::DESCRIBES_NO_ROBOT;
 use kincal::store::{
-    CheckedState, Conflict, Engine, Error, MeasurementSetRow, NewJob, NewParameterSet,
+    CheckedState, Conflict, Engine, Error, JobResult, MeasurementSetRow, NewJob, NewParameterSet,
     ParameterSetRow, ParameterSetStatus, PolicyRow, Release, Result, Store, jobs, leases,
     measurement_sets, parameter_sets, policies, robots, verifications,
 };
@@ -520,7 +520,13 @@ async fn scored(
         .unwrap()
         .unwrap();
     in_transaction(store, async |tx| {
-        leases::succeed(tx, &lease, "{}", "{}", "00").await?;
+        let result = JobResult {
+            report_json: "{}",
+            summary_json: "{}",
+            convergence_json: "{}",
+            result_sha256: "00",
+        };
+        leases::succeed(tx, &lease, &result).await?;
         queue::record_facts(tx, &lease.job_id, found).await
     })
     .await;

@@ -103,7 +103,7 @@ fn a_network_reads_back_and_the_newest_of_its_kind_is_found() {
         let newest = networks::newest(store, &robot.id, Model::Paper, Preset::Paper, 2)
             .await
             .unwrap();
-        let ids: Vec<&str> = newest.iter().map(|(id, _)| id.as_str()).collect();
+        let ids: Vec<&str> = newest.iter().map(|network| network.id.as_str()).collect();
         assert_eq!(
             ids,
             [&rows[2].id, &rows[0].id],

@@ -2,7 +2,7 @@
 
 use kincal::store::verify::{Options, verify};
 use kincal::store::{
-    CheckedState, Engine, Lease, MeasurementSetRow, NewApiKey, NewFrames, NewNetwork,
+    CheckedState, Engine, JobResult, Lease, MeasurementSetRow, NewApiKey, NewFrames, NewNetwork,
     NewParameterSet, ParameterSetRow, PolicyRow, Release, Store, api_keys, frames, leases,
     networks, parameter_sets, policies, verifications,
 };
@@ -38,6 +38,14 @@ pub async fn broken(store: &Store) -> Vec<&'static str> {
         .collect()
 }
 
+/// The documents of a job.
+const A_RESULT: JobResult<'_> = JobResult {
+    report_json: r#"{"per_point":[1],"result_sha256":"r","version":"1"}"#,
+    summary_json: r#"{"result_sha256":"r","version":"1"}"#,
+    convergence_json: "{}",
+    result_sha256: "r",
+};
+
 /// A running job.
 async fn a_running_job(store: &Store, set: &MeasurementSetRow) -> Lease {
     a_job(store, set, "{}").await;
@@ -55,14 +63,7 @@ async fn an_identified_set(store: &Store, set: &MeasurementSetRow) -> ParameterS
         sha256: sha256_hex(b"{}"),
     };
     in_transaction(store, async |tx| {
-        leases::succeed(
-            tx,
-            &lease,
-            r#"{"result_sha256":"r","version":"1"}"#,
-            "{}",
-            "r",
-        )
-        .await?;
+        leases::succeed(tx, &lease, &A_RESULT).await?;
         let row = parameter_sets::insert(tx, &lease.job_id, &new).await?;
         verifications::insert(tx, &lease.job_id, &as_identified()).await?;
         Ok(row)
@@ -141,14 +142,7 @@ pub async fn insert_examples(store: &Store, set: &MeasurementSetRow) {
         weights_sha256: "00".into(),
     };
     in_transaction(store, async |tx| {
-        leases::succeed(
-            tx,
-            &lease,
-            r#"{"result_sha256":"r","version":"1"}"#,
-            "{}",
-            "r",
-        )
-        .await?;
+        leases::succeed(tx, &lease, &A_RESULT).await?;
         networks::insert_residual(tx, &lease.job_id, &network).await?;
         networks::insert(tx, &lease.job_id, &network).await
     })
@@ -207,8 +201,8 @@ const FAULTS: &[(&str, &[&str])] = &[
     ("drop trigger measurement_set_stays; update measurement_set set body = x'00'", &["I1", "I9"]),
     ("drop trigger robot_stays; update robot set body_json = '[]'", &["I1", "I9"]),
     (
-        "drop trigger parameter_set_is_kept; drop trigger verification_is_kept; delete from verification; delete from network; \
-         delete from residual_network; delete from parameter_set; delete from job",
+        "drop trigger parameter_set_is_kept; drop trigger verification_is_kept; drop trigger report_summary_is_kept; \
+         delete from report_summary; delete from verification; delete from network; delete from residual_network; delete from parameter_set; delete from job",
         &["I1"],
     ),
     ("delete from network", &["I1"]),
@@ -221,9 +215,14 @@ const FAULTS: &[(&str, &[&str])] = &[
     ("drop trigger frames_stay; update frames set result_json = '[]'", &["I1", "I9"]),
     ("update job set request_json = '{\"seed\":1}' where status = 'succeeded'", &["I1"]),
     (
-        "drop trigger job_report_stays; update job set report_json = '{\"result_sha256\":\"r\",\"version\":\"1\",\"verify\":null}' where status = 'succeeded'",
+        "drop trigger job_report_stays; update job set report_json = '{\"per_point\":[2],\"result_sha256\":\"r\",\"version\":\"1\"}' where status = 'succeeded'",
         &["I1", "I9"],
     ),
+    (
+        "drop trigger report_summary_stays; update report_summary set summary_json = '{\"result_sha256\":\"r\",\"version\":\"1\",\"verify\":null}'",
+        &["I1", "I9"],
+    ),
+    ("drop trigger report_summary_is_kept", &["I9"]),
     ("drop trigger job_report_stays; update job set convergence_json = '[]' where status = 'succeeded'", &["I1", "I9"]),
     (
         "drop trigger job_report_stays; update job set report_json = '{\"result_sha256\":\"x\"}', result_sha256 = 'x' where status = 'succeeded'",
@@ -309,6 +308,7 @@ fn the_schema_itself_keeps_results_and_frames_as_they_were_found() {
             "update job set report_json = '{}'",
             "update job set convergence_json = null",
             "update job set result_sha256 = 'x'",
+            "update report_summary set summary_json = '{}'",
             "update frames set result_json = '[]'",
             "update frames set body = x'00'",
         ] {
@@ -339,6 +339,7 @@ fn sql_for(engine: Engine, sql: &str) -> String {
                 "frames",
                 "job",
                 "verification",
+                "report_summary",
             ]
             .into_iter()
             .find(|table| name.starts_with(table));

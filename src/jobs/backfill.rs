@@ -1,4 +1,5 @@
-//! Computes the verification facts of jobs that an older version of kincal has ended. Runs once at start, before the server accepts requests.
+//! Computes what older versions of kincal did not store when a job ended: the summaries of reports, and verification facts. Runs once at start,
+//! before the server accepts requests.
 
 use crate::calibration::request::VerifySource;
 use crate::calibration::{
@@ -8,18 +9,57 @@ use crate::jobs::JobInputs;
 use crate::jobs::execution::{request_of, run_verification, since};
 use crate::jobs::queue;
 use crate::release::facts::identification_facts;
-use crate::store::{Result, Store, jobs, robots, verifications};
+use crate::store::{Result, Store, jobs, report_summaries, robots, verifications};
 use crate::wire::job::Kind;
 use crate::wire::measurement::{Subset, Warning};
 use crate::wire::report_shape::Report;
+use crate::wire::report_summary::summary_json;
 use crate::wire::verification::Verification;
 use std::ops::ControlFlow;
 
-/// Stores all missing facts, in the order in which the jobs ended. A job that cannot be read is skipped and logged; its set cannot be released.
+/// Most summaries that are stored in one transaction.
+const SUMMARIES: i64 = 100;
+
+/// Stores everything that is missing.
 ///
 /// # Errors
 /// [`crate::store::Error::Database`].
 pub async fn backfill_missing(store: &Store) -> Result<()> {
+    backfill_summaries(store).await?;
+    backfill_facts(store).await
+}
+
+/// Stores all missing summaries. A report that cannot be read gets none, and is logged.
+async fn backfill_summaries(store: &Store) -> Result<()> {
+    let mut after = String::new();
+    loop {
+        let without = report_summaries::jobs_without(store, &after, SUMMARIES).await?;
+        let Some(last) = without.last() else {
+            return Ok(());
+        };
+        after.clone_from(last);
+        tracing::info!(
+            n_jobs = without.len(),
+            "summarising reports of an older version, once"
+        );
+        let mut summaries: Vec<(String, String)> = Vec::new();
+        for job_id in without {
+            let report = jobs::report(store, &job_id).await?;
+            match tokio::task::spawn_blocking(move || summary_json(&report)).await {
+                Ok(Ok(summary)) => summaries.push((job_id, summary)),
+                Ok(Err(_)) | Err(_) => tracing::error!(job_id, "this report cannot be read"),
+            }
+        }
+        let mut tx = store.begin().await?;
+        for (job_id, summary) in &summaries {
+            report_summaries::insert(&mut tx, job_id, summary).await?;
+        }
+        tx.commit().await?;
+    }
+}
+
+/// Stores all missing facts, in the order in which the jobs ended. A job that cannot be read is skipped and logged; its set cannot be released.
+async fn backfill_facts(store: &Store) -> Result<()> {
     let without = verifications::jobs_without_facts(store).await?;
     if !without.is_empty() {
         tracing::info!(

@@ -13,8 +13,8 @@
 
 use crate::config::LimitsConfig;
 use crate::http::Error;
-use crate::http::rate::TokenBuckets;
-use crate::http::request_class::RequestClass;
+use crate::http::limits::rate::TokenBuckets;
+use crate::http::limits::request_class::RequestClass;
 use std::net::{IpAddr, Ipv4Addr};
 use std::sync::Arc;
 use std::time::Duration;

@@ -1,6 +1,6 @@
 //! Counts the memory of large answers until they are sent. Otherwise a client that requests many and reads none would fill the memory.
 
-use crate::http::limits::{Limits, MIN_BYTES_PER_S};
+use crate::http::limits::permits::{Limits, MIN_BYTES_PER_S};
 use crate::http::{App, Error};
 use axum::body::{Body, Bytes, HttpBody};
 use axum::extract::State;
@@ -109,7 +109,7 @@ impl HttpBody for TimedBody {
 mod tests {
     use super::{CHUNK_BYTES, LARGE_ANSWER_BYTES, TimedBody, account};
     use crate::config::LimitsConfig;
-    use crate::http::limits::Limits;
+    use crate::http::limits::permits::Limits;
     use axum::body::{Bytes, HttpBody};
     use axum::response::{IntoResponse, Response};
     use http_body_util::BodyExt;

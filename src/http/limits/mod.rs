@@ -1,0 +1,11 @@
+//! Every limit on requests, memory and rate: [`permits`] has their numbers and hands them out, by the class of a request ([`request_class`]).
+
+mod permits;
+mod rate;
+mod request_class;
+pub mod response_memory;
+
+pub use permits::{
+    BodyBudget, ComputePermit, LARGE_BODY_BYTES, Limits, MAX_BODY_BYTES, MIN_BYTES_PER_S,
+};
+pub use request_class::RequestClass;

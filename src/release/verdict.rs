@@ -1,0 +1,67 @@
+//! Whether the result of a report can be used, and why its verification is no evidence.
+
+use crate::calibration::report::{BASE_NOT_CHECKED, SHOWS_LITTLE};
+use crate::calibration::{
+    DOES_NOT_FIT, JOINT_MAP, MODEL_TOO_SMALL, NO_BETTER, NO_FIT, SET_FAR_OFF,
+};
+use crate::wire::report_shape::Report;
+use crate::wire::warning::Warning;
+
+/// Warnings that the identified robot is wrong. Such a set corrects no targets and is not released.
+pub const WRONG_ROBOT: [&str; 3] = [MODEL_TOO_SMALL, NO_FIT, JOINT_MAP];
+
+/// Warnings with which a result cannot be used. If a report has several, the first in this order counts.
+pub const NO_USE: [&str; 6] = {
+    let [model_too_small, no_fit, joint_map] = WRONG_ROBOT;
+    [
+        model_too_small,
+        no_fit,
+        joint_map,
+        DOES_NOT_FIT,
+        SET_FAR_OFF,
+        NO_BETTER,
+    ]
+};
+
+/// Warning of a report whose upload was accepted with `insist`. Such a report is no evidence.
+pub const INSISTED: &str = "insisted_upload";
+
+/// The warning [`INSISTED`]; `code` is that of the suspicion that the uploader overrode.
+pub fn insisted_warning(code: &str) -> Warning {
+    Warning {
+        code: INSISTED.into(),
+        detail: format!(
+            "the points were refused as {code} and kept because the uploader insisted: no release rests on them"
+        ),
+        rows: Vec::new(),
+    }
+}
+
+/// Whether a report has this warning.
+pub fn has_warning(report: &Report, code: &str) -> bool {
+    report.warnings.iter().any(|warning| warning.code == code)
+}
+
+/// Code of the warning with which the result cannot be used, if there is one.
+pub fn unusable_because(report: &Report) -> Option<&'static str> {
+    NO_USE.into_iter().find(|code| has_warning(report, code))
+}
+
+/// Reason why the verification is no evidence.
+pub fn why_no_evidence(report: &Report) -> &'static str {
+    if report.verify.is_none_or(|verify| verify.n_points == 0) {
+        "no point was held out, these errors are those of the fit itself"
+    } else if has_warning(report, DOES_NOT_FIT) {
+        "this file does not fit this robot"
+    } else if has_warning(report, NO_FIT) {
+        "the identified robot does not fit the points"
+    } else if has_warning(report, INSISTED) {
+        "these points were refused, and kept because the uploader insisted"
+    } else if has_warning(report, SHOWS_LITTLE) {
+        "the poses show too little of the robot"
+    } else if has_warning(report, BASE_NOT_CHECKED) {
+        "a wrong base would not show in these points"
+    } else {
+        "so few configurations prove nothing"
+    }
+}

@@ -1,0 +1,99 @@
+//! The summary of each job's report: `wire::report_summary`.
+
+use super::from_row::from_row;
+use super::{Conflict, JobStatus, Result, Store, Tx};
+
+pub(super) const ALL_QUERIES: &[&str] = &[INSERT, OF_JOB, JOBS_WITHOUT, BY_ID];
+
+const INSERT: &str = "
+    insert into report_summary (job_id, summary_json) values ($1, $2) on conflict (job_id) do nothing";
+
+// A job that a node of an older version ended beside this one has no summary before the next start. Its report says the same at greater length.
+const OF_JOB: &str = "
+    select j.status as status, coalesce(s.summary_json, j.report_json) as summary_json
+    from job j left join report_summary s on s.job_id = j.id where j.id = $1";
+
+const JOBS_WITHOUT: &str = "
+    select j.id from job j where j.status = 'succeeded' and j.id > $1
+        and not exists (select 1 from report_summary s where s.job_id = j.id)
+    order by j.id limit cast($2 as bigint)";
+
+const BY_ID: &str = "
+    select s.job_id as job_id, s.summary_json as summary_json, coalesce(j.report_json, '') as report_json
+    from report_summary s join job j on j.id = s.job_id where s.job_id > $1 order by s.job_id limit cast($2 as bigint)";
+
+/// A job that has a summary if it succeeded.
+struct OfJob {
+    status: JobStatus,
+    summary_json: Option<String>,
+}
+
+from_row!(OfJob { summary_json } parsed { status });
+
+/// A summary beside the report that it was made of.
+pub(super) struct SummaryOfReport {
+    /// The job.
+    pub job_id: String,
+    /// The summary.
+    pub summary_json: String,
+    /// The report.
+    pub report_json: String,
+}
+
+from_row!(SummaryOfReport {
+    job_id,
+    summary_json,
+    report_json
+});
+
+/// Stores a summary, unless the job has one.
+///
+/// # Errors
+/// [`super::Error::NotFound`] if there is no such job, [`super::Error::Database`].
+pub async fn insert(tx: &mut Tx, job_id: &str, summary_json: &str) -> Result<()> {
+    sqlx::query(INSERT)
+        .bind(job_id)
+        .bind(summary_json)
+        .execute(tx.connection())
+        .await?;
+    Ok(())
+}
+
+/// The summary of a job that succeeded.
+///
+/// # Errors
+/// [`super::Error::NotFound`], [`Conflict::JobStatus`] if it did not succeed (yet), [`super::Error::Database`].
+pub async fn of_job(store: &Store, job_id: &str) -> Result<String> {
+    let row: OfJob = sqlx::query_as(OF_JOB)
+        .bind(job_id)
+        .fetch_one(store.reads())
+        .await?;
+    let status = row.status;
+    row.summary_json
+        .ok_or(Conflict::JobStatus { status }.into())
+}
+
+/// Succeeded jobs without a summary, which an older version ended, in the order of their ids: at most `limit` after this one.
+///
+/// # Errors
+/// [`super::Error::Database`].
+pub async fn jobs_without(store: &Store, after: &str, limit: i64) -> Result<Vec<String>> {
+    Ok(sqlx::query_scalar(JOBS_WITHOUT)
+        .bind(after)
+        .bind(limit)
+        .fetch_all(store.reads())
+        .await?)
+}
+
+/// Summaries with their reports, in the order of their jobs' ids: at most `limit` after this one.
+pub(super) async fn with_reports(
+    store: &Store,
+    after: &str,
+    limit: i64,
+) -> Result<Vec<SummaryOfReport>> {
+    Ok(sqlx::query_as(BY_ID)
+        .bind(after)
+        .bind(limit)
+        .fetch_all(store.reads())
+        .await?)
+}

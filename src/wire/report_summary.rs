@@ -1,0 +1,110 @@
+//! The summary of a report: the report without its lists over points. A report of 20,000 points has 9 MB, its summary a few KB. It is stored beside
+//! the report, for everything that needs only some of its facts.
+
+use crate::wire::measurement::Warning;
+use crate::wire::report_shape::{
+    ChangeReport, FinalFitReport, ParameterReport, PointReport, SubsetReport,
+};
+use serde::de::IgnoredAny;
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
+
+/// The facts of a report that are read from its summary; fields as in [`crate::wire::report_shape::Report`]. A whole report can be read as its
+/// summary too.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+pub struct ReportSummary {
+    /// The held-out points.
+    pub verify: Option<SubsetReport>,
+    /// The fit to all points.
+    #[serde(rename = "final", default)]
+    pub final_fit: Option<FinalFitReport>,
+    /// Every free parameter.
+    pub parameters: Vec<ParameterReport>,
+    /// Why there is no uncertainty.
+    #[serde(default)]
+    pub tool_uncertainty_absent_because: Option<String>,
+    /// One standard deviation of the flange's rotation, degrees.
+    #[serde(default)]
+    pub flange_rotation_std_deg: Option<f64>,
+    /// The part of it that is the zero of the last joint, degrees.
+    #[serde(default)]
+    pub last_joint_zero_std_deg: Option<f64>,
+    /// What changed.
+    #[serde(default)]
+    pub changed: Option<Vec<ChangeReport>>,
+    /// Warnings, without their rows.
+    pub warnings: Vec<Warning>,
+}
+
+/// What a summary lacks and only a comparison with the active set reads.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+pub struct ReportPoints {
+    /// Every point.
+    pub per_point: Vec<PointReport>,
+}
+
+/// Every field of a report. The points are passed over as they are read, not collected.
+#[derive(Deserialize, Serialize)]
+struct Fields {
+    #[serde(default, skip_serializing)]
+    #[allow(dead_code)]
+    per_point: IgnoredAny,
+    #[serde(flatten)]
+    rest: Map<String, Value>,
+}
+
+/// The summary of a stored report: all its fields except `per_point`, the poses of `repeatability` and the rows of `warnings`.
+///
+/// # Errors
+/// If the text is no JSON object.
+pub fn summary_json(report_json: &str) -> Result<String, serde_json::Error> {
+    let mut fields: Fields = serde_json::from_str(report_json)?;
+    let repeatability = fields.rest.get_mut("repeatability");
+    if let Some(repeatability) = repeatability.and_then(Value::as_object_mut) {
+        repeatability.remove("poses");
+    }
+    let warnings = fields.rest.get_mut("warnings");
+    let warnings = warnings.and_then(Value::as_array_mut);
+    for warning in warnings.into_iter().flatten() {
+        warning
+            .as_object_mut()
+            .map(|warning| warning.remove("rows"));
+    }
+    serde_json::to_string(&fields)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::summary_json;
+    use serde_json::{Value, json};
+
+    #[test]
+    fn a_summary_has_every_field_but_lists_over_points_and_every_number_bit_for_bit() {
+        let whole = json!({
+            "job_id": "job_1", "seed": u64::MAX, "cost_mm2": 1e-300, "verify": null,
+            "identify": {"rms_mm": 0.1 + 0.2, "worst": -0.0, "n_points": 2},
+            "per_point": [{"before_mm": 1.0}, {"before_mm": 2.0}],
+            "repeatability": {"n_poses": 1, "rp_mm": 0.30000000000000004, "poses": [{"rows": [0, 1]}]},
+            "warnings": [{"code": "outliers", "detail": "two", "rows": [0, 1]}, {"code": "other", "detail": "none"}],
+        });
+        let expected = json!({
+            "job_id": "job_1", "seed": u64::MAX, "cost_mm2": 1e-300, "verify": null,
+            "identify": {"rms_mm": 0.1 + 0.2, "worst": -0.0, "n_points": 2},
+            "repeatability": {"n_poses": 1, "rp_mm": 0.30000000000000004},
+            "warnings": [{"code": "outliers", "detail": "two"}, {"code": "other", "detail": "none"}],
+        });
+        let summary = summary_json(&whole.to_string()).unwrap();
+        assert_eq!(
+            serde_json::from_str::<Value>(&summary).unwrap().to_string(),
+            expected.to_string()
+        );
+    }
+
+    #[test]
+    fn the_summary_of_a_summary_is_itself() {
+        let summary = summary_json(r#"{"per_point":[1],"seed":1,"warnings":[]}"#).unwrap();
+        assert_eq!(summary, r#"{"seed":1,"warnings":[]}"#);
+        assert_eq!(summary_json(&summary).unwrap(), summary);
+        assert!(summary_json("no report").is_err());
+    }
+}
