@@ -11,7 +11,7 @@ use crate::release::texts::{errors_in_words, sessions};
 use crate::release::verdict::INSISTED;
 use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::release::Gate;
-use crate::wire::report_shape::Evidence;
+use crate::wire::report_shape::{Evidence, SubsetReport};
 use crate::wire::verification::Fit;
 use std::collections::BTreeSet;
 
@@ -82,8 +82,9 @@ fn errors_improved(facts: &Facts<'_>) -> Gate {
     let name = "verify_errors_improved";
     if facts.identification.n_points > 0 {
         let detail = format!(
-            "rms on the verify points: {}",
-            errors_in_words(facts.identification)
+            "rms on the verify points: {}{}",
+            errors_in_words(facts.identification),
+            with_and_without_outliers(facts)
         );
         return Gate::new(name, facts.identification.is_better, detail);
     }
@@ -95,6 +96,24 @@ fn errors_improved(facts: &Facts<'_>) -> Gate {
         true => Gate::new(name, true, "see the sessions"),
         false => Gate::new(name, false, "without verify points nobody knows"),
     }
+}
+
+/// Both errors of the verify points, where a warning names some of them as outliers.
+fn with_and_without_outliers(facts: &Facts<'_>) -> String {
+    let (Some(all), Some(without)) = (facts.report.verify, facts.report.verify_without_outliers)
+    else {
+        return String::new();
+    };
+    let after_mm = |half: &SubsetReport| half.corrected.unwrap_or(half.after).rms_mm;
+    format!(
+        "; all {} points: {:.4} mm before, {:.4} mm after; without the {} that a warning names as outliers: {:.4} mm before, {:.4} mm after",
+        all.n_points,
+        all.before.rms_mm,
+        after_mm(&all),
+        all.n_points - without.n_points,
+        without.before.rms_mm,
+        after_mm(&without)
+    )
 }
 
 /// The verified errors are those of the fit to the identify subset. They say something of the delivered parameters only if these have the tool near

@@ -15,6 +15,9 @@ use serde_json::{Map, Value};
 pub struct ReportSummary {
     /// The held-out points.
     pub verify: Option<SubsetReport>,
+    /// The same without the points that are named as outliers.
+    #[serde(default)]
+    pub verify_without_outliers: Option<SubsetReport>,
     /// The fit to all points.
     #[serde(rename = "final", default)]
     pub final_fit: Option<FinalFitReport>,

@@ -145,6 +145,50 @@ async fn the_gates_are_told_beforehand_as_a_release_will_find_them_and_nothing_c
         .problem(404, "not_found");
 }
 
+/// A gross error among the points to verify stands in the figure of all points, and not in the one beside it.
+#[tokio::test(flavor = "multi_thread")]
+async fn both_errors_of_the_verify_points_are_told() {
+    let app = TestApp::with_workers(1).await;
+    let robot = app.paper_robot().await;
+    let file = String::from_utf8(paper("first_noisy.csv")).unwrap();
+    let mut lines: Vec<String> = file.lines().map(Into::into).collect();
+    let row = lines.iter_mut().find(|line| line.contains(",verify,"));
+    let row = row.unwrap();
+    *row = format!("{}9.0", row.rsplit_once(',').unwrap().0.to_owned() + ",");
+    let answer = app
+        .post(
+            &format!("{robot}/measurement-sets?frame=base"),
+            "text/csv",
+            lines.join("\n"),
+        )
+        .await
+        .ok(201);
+    let job = app
+        .run(&robot, &json!({"measurement_set_id": answer["id"]}))
+        .await;
+    let report = format!("/v1/jobs/{}/report", text(&job["id"]));
+    let report = app.get(&report).await.ok(200);
+    let (all, without) = (&report["verify"], &report["verify_without_outliers"]);
+    assert_eq!(
+        (&all["n_points"], &without["n_points"]),
+        (&json!(50), &json!(49))
+    );
+    assert!(all["after"]["max_mm"].as_f64().unwrap() > 100.0);
+    assert!(
+        without["after"]["rms_mm"].as_f64().unwrap() < 0.2,
+        "{without}"
+    );
+    let gates = app.get(&format!("{}/gates", path(&job))).await.ok(200);
+    let mut gates = gates["gates"].as_array().unwrap().iter();
+    let improved = gates.find(|gate| gate["gate"] == "verify_errors_improved");
+    let detail = text(&improved.unwrap()["detail"]);
+    assert!(
+        detail.contains("all 50 points: ")
+            && detail.contains("without the 1 that a warning names as outliers: "),
+        "{detail}"
+    );
+}
+
 #[tokio::test]
 async fn a_set_that_another_session_shows_to_be_no_better_than_nominal_is_never_released() {
     let app = TestApp::with_workers(1).await;
